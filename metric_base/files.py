@@ -19,15 +19,7 @@ from metric_base.errors import InputError
 from metric_base.locks import hold
 from metric_base.outputs import ANY_SCHEMA, check_output, is_special, stamp_file
 
-__all__ = [
-    "WRITE_ERRORS",
-    "OutputNames",
-    "inside",
-    "output_file",
-    "output_names",
-    "whole_file",
-    "whole_folder",
-]
+__all__ = ["WRITE_ERRORS", "OutputNames", "inside", "output_file", "output_names", "whole_file", "whole_folder"]
 
 #: What a system says about a place that cannot be written, as against an internal error.
 WRITE_ERRORS = frozenset({

@@ -36,10 +36,7 @@ def gaussian_log_densities(
 
 
 def mixture_log_density(
-    x: NDArray[np.float64],
-    weights: NDArray[np.float64],
-    means: NDArray[np.float64],
-    covariances: NDArray[np.float64],
+    x: NDArray[np.float64], weights: NDArray[np.float64], means: NDArray[np.float64], covariances: NDArray[np.float64]
 ) -> NDArray[np.float64]:
     """Log density of a Gaussian mixture at each row, (n,); weights (k,), the rest as in `gaussian_log_densities`."""
     with np.errstate(divide="ignore"):  # a component of weight zero counts for nothing

@@ -92,11 +92,7 @@ PRIORS = pa.schema(
         _column("n_sources", pa.int64(), "sources of these items"),
         _column("share_by_kind", _SHARES, "share of the fit's weight by kind, null of none"),
         _column("borrowed", pa.float64(), "share taken from the parent, 0 to 1"),
-        _column(
-            "heldout_log_density",
-            pa.float64(),
-            "mean held-out log density over log mm, or null",
-        ),
+        _column("heldout_log_density", pa.float64(), "mean held-out log density over log mm, or null"),
         _column("sameness", pa.float64(), "share of the variance within a source that one room shares, or null"),
         _column("sameness_sd", pa.float64(), "standard deviation of that share, or null"),
         _column("contexts", _CONTEXTS, "offsets from the class's centre by source, region and years", "ln mm"),

@@ -45,12 +45,7 @@ class SiteSpider(scrapy.Spider):
     site: ClassVar[Site]
 
     def __init__(
-        self,
-        start: Iterable[str] = (),
-        query: str = "",
-        category: str = "",
-        pictures: Any = None,
-        **named: Any,
+        self, start: Iterable[str] = (), query: str = "", category: str = "", pictures: Any = None, **named: Any
     ) -> None:
         super().__init__(**named)
         self._start = self.origins(start, query, category)

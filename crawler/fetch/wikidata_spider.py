@@ -77,13 +77,7 @@ class WikidataSpider(scrapy.Spider):
 
     name = "wikidata"
 
-    def __init__(
-        self,
-        start: Iterable[str] = (),
-        category: str = "",
-        query: str = "",
-        **named: Any,
-    ) -> None:
+    def __init__(self, start: Iterable[str] = (), category: str = "", query: str = "", **named: Any) -> None:
         named.pop("pictures", None)  # Wikidata is asked for sizes alone
         super().__init__(**named)
         self._endpoint = next(iter(start), ENDPOINT)

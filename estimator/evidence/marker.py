@@ -163,10 +163,7 @@ def _board_corners(detector: Any, picture: Any) -> list[tuple[str, int, FloatArr
 
 
 def _row(
-    name: str,
-    shape: Mapping[int, FloatArray],
-    corners: Mapping[int, Sequence[tuple[int, FloatArray]]],
-    scene: Scene,
+    name: str, shape: Mapping[int, FloatArray], corners: Mapping[int, Sequence[tuple[int, FloatArray]]], scene: Scene
 ) -> ScaleEvidence | None:
     """The evidence of one marker, or None where too few of its corners are in two views.
 

@@ -134,12 +134,7 @@ def level_below(
 
 
 def foot_on(
-    level: Level | None,
-    low: FloatArray,
-    high: FloatArray,
-    roughness: float,
-    stands: bool | None,
-    reach: float,
+    level: Level | None, low: FloatArray, high: FloatArray, roughness: float, stands: bool | None, reach: float
 ) -> Foot:
     """The foot of an object above a level.
 

@@ -11,14 +11,7 @@ from pathlib import Path
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from estimator.other_programs.posed_views import (
-    FLIP,
-    brown_camera,
-    number_of,
-    picture_size,
-    points_beside,
-    posed_view,
-)
+from estimator.other_programs.posed_views import FLIP, brown_camera, number_of, picture_size, points_beside, posed_view
 from estimator.reconstructions.csv_records import csv_records
 from estimator.records.scene import Scene, View
 from metric_base.errors import FieldError, at_field, in_file

@@ -92,10 +92,7 @@ def _doubts(
     if weight is not None and len(weight) >= LEAST_JUDGED_OBJECTS and weight.mean() < LEAST_MEAN_WEIGHT:
         outliers = int((weight < 0.5).sum())
         yield "unresolved", f"{outliers} of {len(weight)} objects are outliers: their labels or masks are wrong"
-    far = max(
-        (mode.mass for mode in modes[1:] if max(mode.scale / best, best / mode.scale) > FAR_MODE),
-        default=0.0,
-    )
+    far = max((mode.mass for mode in modes[1:] if max(mode.scale / best, best / mode.scale) > FAR_MODE), default=0.0)
     if far >= CONTRADICTING_MASS:
         yield "unresolved", f"modes over {FAR_MODE - 1:.0%} apart contradict each other, one with mass {far:.2g}"
     if high / low > RATIO_LIMIT:

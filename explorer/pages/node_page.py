@@ -10,16 +10,7 @@ from urllib.parse import quote
 import numpy as np
 from markupsafe import Markup
 
-from explorer.content.addresses import (
-    LEAST_PARQUET,
-    LISTED_LEVEL,
-    csv_of,
-    json_of,
-    page_of,
-    parquet_of,
-    prior_of,
-    slug,
-)
+from explorer.content.addresses import LEAST_PARQUET, LISTED_LEVEL, csv_of, json_of, page_of, parquet_of, prior_of, slug
 from explorer.content.answers import node_answer, outside_links, shown_name
 from explorer.content.release_catalogue import AXES, QUANTILES, ReleaseCatalogue
 from explorer.content.units import length_text

@@ -66,10 +66,7 @@ class Candidates:
 
 
 def candidates_in(
-    patches: Patches,
-    up: FloatArray,
-    impossible: Callable[[FloatArray], BoolArray] | None,
-    occupancy: Occupancy | None,
+    patches: Patches, up: FloatArray, impossible: Callable[[FloatArray], BoolArray] | None, occupancy: Occupancy | None
 ) -> Candidates:
     """Lamps all over the room; up : (3,) unit vector; impossible : which of (n, 3) places no lamp is at, (n,)."""
     basis = _basis(patches, up)

@@ -63,10 +63,7 @@ def environment_lights(environment: Environment, cuts: int) -> Lights:
     """At most 2 ** cuts lights with the energy of the environment, and half as many for its lamps where it has any."""
     if environment.lamps is None or environment.rest is None:
         return _cut(environment, environment.radiance, cuts)
-    lamps, rest = (
-        _points(environment.lamps, 2 ** (cuts - 1)),
-        _cut(environment, environment.rest, cuts),
-    )
+    lamps, rest = (_points(environment.lamps, 2 ** (cuts - 1)), _cut(environment, environment.rest, cuts))
     pairs = [(getattr(lamps, k), getattr(rest, k)) for k in ("directions", "power", "near", "angle")]
     return Lights(*(np.concatenate(pair) for pair in pairs))
 

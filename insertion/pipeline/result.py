@@ -70,9 +70,4 @@ def _frame(frame: FrameReport) -> dict[str, Any]:
     box = None
     if frame.silhouette is not None:
         box = dict(zip(("x", "y", "width", "height"), frame.silhouette, strict=True))
-    return {
-        "image": frame.image,
-        "time_s": frame.time_s,
-        "silhouette": box,
-        "visible": round(frame.visible, 4),
-    }
+    return {"image": frame.image, "time_s": frame.time_s, "silhouette": box, "visible": round(frame.visible, 4)}

@@ -74,8 +74,7 @@ class ObjectRenderer:
         number = len(_local_lights(environment, body, OBJECT_CUTS, middle, 0.0).power)
         others = {"OTHERS": 1} if any(moves or body.near(other) for other in shading) else {}
         self._program = self._context.program(
-            vertex_shader=shader("surface.vert"),
-            fragment_shader=self._lit_shader("surface.frag", number, **others),
+            vertex_shader=shader("surface.vert"), fragment_shader=self._lit_shader("surface.frag", number, **others)
         )
         self._receive = self._context.program(
             vertex_shader=shader("full.vert"), fragment_shader=self._lit_shader("receive.frag", number)

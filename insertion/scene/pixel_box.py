@@ -45,10 +45,7 @@ class PixelBox:
 
     def within(self, outer: PixelBox) -> tuple[slice, slice]:
         """Slices of this box in an array over `outer`, which contains it."""
-        return (
-            slice(self.y0 - outer.y0, self.y1 - outer.y0),
-            slice(self.x0 - outer.x0, self.x1 - outer.x0),
-        )
+        return (slice(self.y0 - outer.y0, self.y1 - outer.y0), slice(self.x0 - outer.x0, self.x1 - outer.x0))
 
 
 def mask_in_box(item: Instance, box: PixelBox) -> NDArray[np.bool_] | None:

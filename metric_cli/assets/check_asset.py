@@ -12,6 +12,7 @@ from typing import TYPE_CHECKING, Any
 from metric_base.errors import InputError
 from metric_base.files import OutputNames
 from metric_cli.arguments import OutputFile, input_path
+from metric_cli.parsers import add_tree
 from metric_cli.progress import with_bar
 from metric_cli.terminal import print_table, warn
 
@@ -60,7 +61,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     )
     add("--bake", action="store_true", help="with --fix: change the vertices of glTF, not a node above them")
     add("--strict", action="store_true", help="exit 3 also for what is not known")
-    add("--tree", metavar="REF", help="version or folder of a release (default: the shipped one)")
+    add_tree(parser)
 
 
 def run(arguments: argparse.Namespace) -> int:

@@ -6,6 +6,7 @@ import argparse
 
 from metric_base.errors import InputError
 from metric_cli.arguments import OutputFile, input_path
+from metric_cli.parsers import add_tree
 from metric_cli.terminal import print_json, print_table
 
 __all__ = ["HELP", "add_arguments", "run"]
@@ -26,7 +27,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         "--out", metavar="FILE", type=OutputFile(), help="write the model at the median of its true size"
     )
     parser.add_argument("--bake", action="store_true", help="with --out: change the vertices of glTF")
-    parser.add_argument("--tree", metavar="REF", help="version or folder of a release (default: the shipped one)")
+    add_tree(parser)
 
 
 def run(arguments: argparse.Namespace) -> int:

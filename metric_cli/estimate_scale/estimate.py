@@ -3,18 +3,21 @@
 from __future__ import annotations
 
 import argparse
+import json
 import os
 import sys
 from collections.abc import Sequence
 from dataclasses import replace
+from pathlib import Path
 from typing import TYPE_CHECKING
 
 from metric_base.errors import InputError
 from metric_base.escaping import visible_json
 from metric_base.outputs import is_own_output
-from metric_cli.estimate_scale.options import PROGRAM, RESULT, parse_options, parser
+from metric_cli.estimate_scale.options import PROGRAM, RESULT, has_capture, parse_options, parser
 
 if TYPE_CHECKING:
+    from estimator.capture.mapping.failures import Failure
     from estimator.records.result import ScaleResult
     from estimator.records.scene import Scene
     from estimator.results.reports import EstimateOptions
@@ -46,11 +49,12 @@ def _use_one_thread() -> None:
 
 
 def _run(words: Sequence[str]) -> int:
-    from metric_cli.estimate_scale.preparation import check_capture, work_lock
-
     options = parse_options(words)
-    check_capture(options)
-    with work_lock(options):  # until the answer is written: a second run would exchange the masks under this one
+    if not has_capture(options):
+        return _answer(options)
+    from estimator.capture.work_folder import WorkFolder
+
+    with WorkFolder(options.work).lock():  # until the answer is written: a second run would exchange the masks under it
         return _answer(options)
 
 
@@ -58,8 +62,8 @@ def _answer(options: argparse.Namespace) -> int:
     """Estimate, write and print; the exit status."""
     from metric_cli.terminal import warn
 
-    if (status := _capture_status(options)) is not None:
-        return status
+    if (failure := _prepare_scene(options)) is not None:
+        return _report_failure(failure, options)
     result = _objects_result(options) if options.objects is not None else _scene_result(options)
     result = replace(result, warnings=(*_cautions(options), *result.warnings))
     for line in () if options.quiet else result.warnings:
@@ -84,19 +88,58 @@ def _withhold_files(options: argparse.Namespace) -> None:
     asked = [name for name in ("output", "write_scaled") if getattr(options, name) is not None]
     if asked and not options.quiet:
         names = ", ".join(f"--{name.replace('_', '-')}" for name in asked)
-        warn(f"{names}: nothing is written of an unresolved scale", PROGRAM)
+        warn(f"{names}: not written: the scale is unresolved", PROGRAM)
 
 
-def _capture_status(options: argparse.Namespace) -> int | None:
-    """The exit status of a video or pictures that cannot be used; None where there is a scene to go on with."""
-    from metric_cli.estimate_scale.preparation import failure_json, prepare_capture
+def _prepare_scene(options: argparse.Namespace) -> Failure | None:
+    """Make a scene of a video or of pictures: `options` then names the work folder as SCENE.
 
-    failure = prepare_capture(options, _preview)
-    if failure is None:
+    Options of a reconstruction are left as they are. A capture that cannot be used gives its failure. The caller holds
+    the lock of the work folder.
+    """
+    if not has_capture(options):
+        options.dense = _dense_of(options)
         return None
+    from estimator.capture.capture import CaptureOptions, reconstruct
+    from estimator.capture.mapping.failures import CaptureFailure
+    from estimator.capture.work_folder import WorkFolder
+    from metric_cli.estimate_scale.masks import notice, prepare_masks
+    from metric_cli.progress import progress_bars
+
+    dense = options.dense == "auto"
+    capture = CaptureOptions(options.frames, options.focal, options.camera_model, dense, options.max_time)
+    work = WorkFolder(options.work)
+    with progress_bars() as shown:
+        try:
+            reconstruct(options.scene, work, capture, shown, notice)
+        except CaptureFailure as refusal:
+            return refusal.failure
+    prepare_masks(options, work, _preview)
+    options.scene = work.path
+    options.dense = _dense_of(options)
+    return None
+
+
+def _dense_of(options: argparse.Namespace) -> str | None:
+    """The cloud to measure from: in a work folder none but one that is named.
+
+    The dense points of a work folder are for what is drawn. They have been better and worse than the sparse ones
+    (docs/evidence/videos.md), on too few scenes to be the default.
+    """
+    if options.dense not in (None, "auto"):
+        return str(options.dense)
+    from estimator.capture.frames import FRAMES_FILE
+
+    is_work_folder = options.scene is not None and (options.scene / FRAMES_FILE).is_file()
+    return "none" if is_work_folder else None
+
+
+def _report_failure(failure: Failure, options: argparse.Namespace) -> int:
+    """Say why a capture cannot be used; the exit status."""
     sys.stderr.write(f"{PROGRAM}: {failure.code}: {failure.message}\n")
     if options.json:
-        sys.stdout.write(failure_json(failure) + "\n")
+        record = {"schema": "metric-tree/scale/1", "status": "unresolved", "failure": failure.json()}
+        sys.stdout.write(json.dumps(record, indent=1, ensure_ascii=False) + "\n")
     return UNRESOLVED
 
 
@@ -117,7 +160,9 @@ def _objects_result(options: argparse.Namespace) -> ScaleResult:
         raise InputError("--method sucar: expected a SCENE (it needs boxes in frames); found --objects")
     asked = _estimate_options(options)
     result = objects_result(read_objects(options.objects), _tree(options), asked, options.paper_lists)
-    if options.figure is not None and _is_drawable(result, options):
+    from metric_cli.estimate_scale.pictures import is_drawable
+
+    if options.figure is not None and is_drawable(result, options):
         from estimator.outputs.figure import write_figure
 
         write_figure(result, options.figure)
@@ -137,7 +182,9 @@ def _scene_result(options: argparse.Namespace) -> ScaleResult:
 
         view_pictures(scene, options.images)  # said before the work is done, not after
     estimate = _scene_estimate(options, scene)
-    _write_pictures(options, estimate)
+    from metric_cli.estimate_scale.pictures import write_pictures
+
+    write_pictures(options, estimate)
     return estimate.result
 
 
@@ -163,69 +210,15 @@ def _scene_estimate(options: argparse.Namespace, scene: Scene) -> SceneEstimate:
     )
 
 
-def _preview(options: argparse.Namespace) -> tuple[dict[str, object], bytes]:
-    """What the drawing page shows of the work folder's scene: the record, and the figure as PNG."""
+def _preview(options: argparse.Namespace, scene: Path) -> tuple[dict[str, object], bytes]:
+    """What the drawing page shows of a work folder's scene: the record, and the figure as PNG."""
     from estimator.outputs.figure import figure_png
     from estimator.reading import read_scene
     from metric_cli.estimate_scale.result_table import page_record
 
-    estimate = _scene_estimate(options, read_scene(options.scene, options.dense))
+    asked = argparse.Namespace(**{**vars(options), "scene": scene})
+    estimate = _scene_estimate(asked, read_scene(scene, _dense_of(asked)))
     return page_record(estimate.result), figure_png(estimate) if estimate.result.curve is not None else b""
-
-
-def _write_pictures(options: argparse.Namespace, estimate: SceneEstimate) -> None:
-    """Figure and overlay, marked where the scale is not resolved, and the scaled model of one that is stated.
-
-    Of a scene that contradicts itself nothing is drawn.
-    """
-    scale = estimate.result.scale
-    if not _is_drawable(estimate.result, options):
-        return
-    if options.figure is not None:
-        from estimator.outputs.figure import write_figure
-
-        write_figure(estimate, options.figure)
-    if options.overlay is not None:
-        from estimator.outputs.overlay import write_overlays
-
-        write_overlays(estimate, options.overlay, options.images)
-    if options.view or options.view_png is not None or options.view_glb is not None:
-        _write_views(options, estimate)
-    if options.write_scaled is not None and scale is not None:
-        from estimator.outputs.rescaled import write_scaled
-
-        write_scaled(estimate.scene, scale, options.write_scaled)
-
-
-def _write_views(options: argparse.Namespace, estimate: SceneEstimate) -> None:
-    """The estimate in three dimensions, as files and in a window, which is open until the user closes it."""
-    from estimator.views.scene_view import scene_view
-
-    view = scene_view(estimate)
-    if options.view_png is not None:
-        from estimator.views.picture import write_view
-
-        write_view(view, options.view_png)
-    if options.view_glb is not None:
-        from estimator.views.glb import write_glb
-
-        write_glb(view, options.view_glb)
-    if options.view:
-        from estimator.views.window import show
-
-        show(view)
-
-
-def _is_drawable(result: ScaleResult, options: argparse.Namespace) -> bool:
-    """Whether there is a posterior to draw; says so where there is none."""
-    drawable = result.curve is not None or result.status != "unresolved"
-    names = ("figure", "overlay", "view", "view_png", "view_glb")
-    asked = [f"--{name.replace('_', '-')}" for name in names if getattr(options, name)]
-    if asked and not drawable and not options.quiet:
-        from metric_cli.terminal import warn
-
-        warn(f"{', '.join(asked)}: there is nothing to draw", PROGRAM)
-    return drawable
 
 
 def _tree(options: argparse.Namespace) -> Tree:

@@ -7,17 +7,22 @@ from collections.abc import Sequence
 from pathlib import Path
 
 from estimator.records import METHODS
-from metric_base.errors import InputError
-from metric_cli.arguments import OutputFile, add_overwrite, input_path, new_folder, output_folder
-from metric_cli.completion import SHELLS, PrintCompletion
+from metric_base.errors import InputError, Unquoted
+from metric_base.outputs import check_output
+from metric_cli.arguments import OutputFile, input_path, new_folder, output_folder
 from metric_cli.estimate_scale.evidence_options import add_evidence_options, evidence_sources, up_direction
+from metric_cli.parsers import add_program_options, program_parser
 from metric_cli.terminal import OneLineParser
 
-__all__ = ["PROGRAM", "RESULT", "parse_options", "parser"]
+__all__ = ["DRAFT", "PROGRAM", "RESULT", "has_capture", "parse_options", "parser"]
 
 PROGRAM = "estimate-scale"
 #: The answer in a work folder.
 RESULT = "result.json"
+#: What was drawn so far, kept over an interruption.
+DRAFT, DRAWING_SCHEMA = "drawing.json", "metric-tree/drawing/1"
+#: Options that mean something only for a video or pictures.
+_CAPTURE_OPTIONS = ("--work", "--frames", "--focal", "--camera-model", "--max-time", "--draw")
 
 #: The baselines know objects alone.
 WITHOUT_LENGTHS = ("paper", "sucar")
@@ -40,40 +45,29 @@ def parse_options(words: Sequence[str]) -> argparse.Namespace:
     """
     options: argparse.Namespace = parser().parse_args(words)
     _check(options)
+    _check_capture(options)
     return options
+
+
+def has_capture(options: argparse.Namespace) -> bool:
+    """Whether SCENE is a video or a folder of pictures."""
+    from estimator.capture.frames import is_capture
+
+    return options.scene is not None and is_capture(options.scene)
 
 
 def parser() -> OneLineParser:
     """The argument parser; `docs/reference/commands.md` shows its help."""
-    from metric_cli.terminal import version
-
-    root = OneLineParser(
-        prog=PROGRAM,
-        description="The metric scale of a reconstruction from the sizes of the objects in it.",
-        epilog=EPILOG,
-        formatter_class=argparse.RawDescriptionHelpFormatter,
-        allow_abbrev=False,
-    )
+    root = program_parser(PROGRAM, "The metric scale of a reconstruction from the sizes of the objects in it.", EPILOG)
     add = root.add_argument
-    add(
-        "scene",
-        metavar="SCENE",
-        nargs="?",
-        type=input_path,
-        help="reconstruction, a video, or pictures",
-    )
+    add("scene", metavar="SCENE", nargs="?", type=input_path, help="reconstruction, a video, or pictures")
     add(
         "--objects",
         metavar="FILE",
         type=input_path,
         help="sizes measured elsewhere (metric-tree/objects/1; - is stdin)",
     )
-    add(
-        "--instances",
-        metavar="FILE",
-        type=input_path,
-        help="masks: COCO, label images, YOLO, labelme, NumPy",
-    )
+    add("--instances", metavar="FILE", type=input_path, help="masks: COCO, label images, YOLO, labelme, NumPy")
     add("--categories", metavar="FILE", type=input_path, help="file that names categories, for masks that lack them")
     add(
         "--images",
@@ -140,10 +134,8 @@ def parser() -> OneLineParser:
     add("--csv", action="store_true", help="print the objects as CSV")
     add("--wide", action="store_true", help="print the node, the units and the weight of each object too")
     add("--quiet", action="store_true", help="print the scale alone, and no warnings")
-    add("--completion", choices=SHELLS, action=PrintCompletion, help="print the completion script of a shell")
-    add("--version", action="version", version=f"{PROGRAM} {version()}")
     add_evidence_options(root)
-    add_overwrite(root)
+    add_program_options(root)
     return root
 
 
@@ -224,3 +216,23 @@ def _check_detector(options: argparse.Namespace) -> None:
     for name, value in others.items():
         if options.detector is not None and value is not None:
             raise InputError(f"--detector: expected no {name}; found both")
+
+
+def _check_capture(options: argparse.Namespace) -> None:
+    """InputError for options that do not go with the SCENE: said before any work."""
+    if not has_capture(options):
+        for name in _CAPTURE_OPTIONS:
+            if getattr(options, name.strip("-").replace("-", "_")) is not None:
+                words = Unquoted(str(options.scene or options.objects))
+                raise InputError.at("arguments", name, "a video or a folder of pictures as SCENE", words)
+        return
+    if options.draw is not None and not 0 <= options.draw < 1 << 16:
+        raise InputError.at("--draw", "port", "a number from 0 to 65535", options.draw)
+    if options.work is None:
+        raise InputError.at(options.scene, "--work", "a folder for frames, reconstruction and result", Unquoted("none"))
+    # said before the reconstruction, not after
+    check_output(options.work / RESULT, "--work", "metric-tree/scale/")
+    check_output(options.work / DRAFT, "--work", DRAWING_SCHEMA)
+    for file in (options.instances, options.categories, options.detector_labels):
+        if file is not None and not file.exists():
+            raise InputError.at(file, "file", "a readable file", Unquoted("no such file"))

@@ -9,6 +9,7 @@ from metric_base.errors import InputError
 from metric_base.files import output_file, whole_file
 from metric_base.outputs import STAMP
 from metric_cli.arguments import OutputFile
+from metric_cli.parsers import add_tree
 from metric_cli.terminal import print_json, print_table
 from metric_tree.tree import open_tree
 
@@ -25,7 +26,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     form = parser.add_mutually_exclusive_group()
     form.add_argument("--csv", action="store_true", help="print it as CSV")
     form.add_argument("--parquet", metavar="FILE", type=OutputFile(), help="write it as Parquet")
-    parser.add_argument("--tree", metavar="REF", help="version or folder of a release (default: the shipped one)")
+    add_tree(parser)
 
 
 def run(arguments: argparse.Namespace) -> int:

@@ -5,6 +5,7 @@ from __future__ import annotations
 import argparse
 
 from metric_base.errors import InputError
+from metric_cli.parsers import add_tree
 from metric_cli.terminal import print_json, print_table
 from metric_tree.tree import open_tree
 
@@ -17,7 +18,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Declare the verb's arguments."""
     parser.add_argument("text", metavar="TEXT", help="a name, or part of one")
     parser.add_argument("--limit", metavar="N", type=int, default=10, help="most rows (10)")
-    parser.add_argument("--tree", metavar="REF", help="version or folder of a release (default: the shipped one)")
+    add_tree(parser)
 
 
 def run(arguments: argparse.Namespace) -> int:

@@ -9,7 +9,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from metric_base.errors import InputError
-from metric_cli.arguments import OutputFile, add_overwrite, new_folder
+from metric_cli.arguments import OutputFile, new_folder
 from metric_cli.insert_object.scene_arguments import add_scene_arguments, requests_of, stage_of, tree_of
 
 if TYPE_CHECKING:
@@ -47,16 +47,10 @@ def main(argv: Sequence[str] | None = None) -> int:
 
 def parser() -> argparse.ArgumentParser:
     """The argument parser."""
-    from metric_cli.completion import SHELLS, PrintCompletion
-    from metric_cli.terminal import OneLineParser, version
+    from metric_cli.parsers import add_program_options, program_parser
 
-    root = OneLineParser(
-        prog=PROGRAM,
-        description="Insert glTF models into the pictures of a reconstruction, or into its video, at their true size.",
-        epilog=EPILOG,
-        formatter_class=argparse.RawDescriptionHelpFormatter,
-        allow_abbrev=False,
-    )
+    description = "Insert glTF models into the pictures of a reconstruction, or into its video, at their true size."
+    root = program_parser(PROGRAM, description, EPILOG)
     add_scene_arguments(root)
     add = root.add_argument
     add("--out", metavar="OUT", type=OutputFile(), help="a video (OUT.mp4), or a new folder for one PNG a frame")
@@ -86,9 +80,7 @@ def parser() -> argparse.ArgumentParser:
     place = "open a page to drag and turn the object in the pictures; it says the command to repeat; needs no --out"
     add("--place", metavar="PORT", type=int, nargs="?", const=0, help=place)
     add("--json", action="store_true", help="print the result as JSON (metric-tree/insertion/1)")
-    add("--completion", choices=SHELLS, action=PrintCompletion, help="print the completion script of a shell")
-    add("--version", action="version", version=f"{PROGRAM} {version()}")
-    add_overwrite(root)
+    add_program_options(root)
     return root
 
 

@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Any
 from metric_base.errors import InputError
 from metric_base.input_files import read_text
 from metric_cli.arguments import input_path
+from metric_cli.parsers import add_tree
 from metric_cli.terminal import print_json, print_table
 from metric_tree.tree import Tree, open_tree
 
@@ -30,7 +31,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--log", metavar="DIR", type=input_path, help="log of the build (DIR.build): why it refused the item"
     )
-    parser.add_argument("--tree", metavar="REF", help="version or folder of a release (default: the shipped one)")
+    add_tree(parser)
 
 
 def run(arguments: argparse.Namespace) -> int:

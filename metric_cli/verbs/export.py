@@ -10,6 +10,7 @@ from typing import Any
 
 from metric_base.errors import InputError
 from metric_cli.arguments import input_path, new_folder
+from metric_cli.parsers import add_tree
 from metric_cli.progress import with_bar
 from metric_cli.terminal import print_json, print_table
 from metric_tree.tree import Node, Tree, open_tree
@@ -37,7 +38,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     )
     add("--seed", type=int, default=0, help="the same seed and input give the same bytes (default: %(default)s)")
     add("--jobs", type=int, default=1, help="processes; they change nothing but the time (default: %(default)s)")
-    add("--tree", metavar="REF", help="version or folder of a release (default: the shipped one)")
+    add_tree(parser)
 
 
 def run(arguments: argparse.Namespace) -> int:

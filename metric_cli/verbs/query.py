@@ -8,6 +8,7 @@ from typing import Any
 
 from metric_base.errors import InputError
 from metric_cli.arguments import OutputFile
+from metric_cli.parsers import add_tree
 from metric_cli.terminal import print_json, print_table
 from metric_tree.context import Where, where_of
 from metric_tree.description import is_mixed, item_quantiles, node_sentence, shipped_evidence
@@ -38,7 +39,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--sheet", metavar="FILE.png", type=OutputFile(), help="draw them to one scale (12 unless --images)"
     )
-    parser.add_argument("--tree", metavar="REF", help="version or folder of a release (default: the shipped one)")
+    add_tree(parser)
 
 
 def run(arguments: argparse.Namespace) -> int:

@@ -14,6 +14,7 @@ from metric_base.errors import InputError, in_file
 from metric_base.files import whole_file
 from metric_base.spelling import near_spellings
 from metric_cli.arguments import OutputFile, input_path, output_folder
+from metric_cli.parsers import add_tree
 from metric_cli.terminal import print_json, print_table
 
 if TYPE_CHECKING:
@@ -82,7 +83,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     proof = actions.add_parser("proof", help="a page for proofreading the most used sizes that rest on little")
     proof.add_argument("--out", type=OutputFile(), metavar="FILE.html", required=True, help="the page")
     proof.add_argument("--limit", type=int, default=PROOFREAD, metavar="N", help="nodes on it (default: %(default)s)")
-    proof.add_argument("--tree", metavar="REF", help="version or folder of a release (default: the shipped one)")
+    add_tree(proof)
     for action in actions.choices.values():
         kind = output_folder if action is record else input_path
         action.add_argument("--folder", type=kind, metavar="DIR", help=f"folder of the decisions ({DEFAULT_FOLDER})")

@@ -12,6 +12,7 @@ from typing import Any
 from metric_base.errors import InputError
 from metric_base.files import output_file, whole_file
 from metric_cli.arguments import OutputFile
+from metric_cli.parsers import add_tree
 from metric_cli.terminal import print_json, print_table
 from metric_tree.training.selection import (
     TRAINING_LISTS,
@@ -56,7 +57,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--figure", type=OutputFile(), metavar="FILE", help="draw the figure of each rule (.png, .svg, .pdf)"
     )
-    parser.add_argument("--tree", metavar="REF", help="version or folder of a release (default: the shipped one)")
+    add_tree(parser)
 
 
 def run(arguments: argparse.Namespace) -> int:

@@ -80,10 +80,7 @@ class Cleaned:
 
 
 def clean_shard(
-    shard: bytes,
-    licences: Mapping[str, str],
-    siblings: Mapping[str, Reference],
-    carried: frozenset[str] | None = None,
+    shard: bytes, licences: Mapping[str, str], siblings: Mapping[str, Reference], carried: frozenset[str] | None = None
 ) -> Cleaned:
     """A shard without repeats and slips.
 
@@ -114,12 +111,7 @@ def clean_shard(
 
 
 def class_priors(
-    rows: bytes,
-    beliefs: Mapping[str, Belief],
-    families: Mapping[str, str],
-    model: KindModel,
-    seed: int,
-    heldout: bool,
+    rows: bytes, beliefs: Mapping[str, Belief], families: Mapping[str, str], model: KindModel, seed: int, heldout: bool
 ) -> list[Prior]:
     """The priors of the classes of one shard, in their order; `rows` as in `Cleaned`."""
     classes: list[ClassRows] = pickle.loads(rows)  # noqa: S301 - made by `cleaned` in this build

@@ -220,10 +220,7 @@ def items_of(block: Block) -> Iterator[RawItem]:
 
 
 def _row(
-    item: RawItem,
-    taxonomy: Callable[[], Taxonomy],
-    fold_out: tuple[int, int] | None,
-    left_out: frozenset[str],
+    item: RawItem, taxonomy: Callable[[], Taxonomy], fold_out: tuple[int, int] | None, left_out: frozenset[str]
 ) -> tuple[dict[str, Any] | None, str]:
     """The row of an item, or None and the reason."""
     item_id = f"{item.source}:{item.source_id}"

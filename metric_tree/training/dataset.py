@@ -210,11 +210,7 @@ def _match(
             )
     if not annotations or not picture.file.is_file():
         return None
-    return {
-        "file_name": str(picture.file.resolve()),
-        "width": picture.width,
-        "height": picture.height,
-    }, annotations
+    return {"file_name": str(picture.file.resolve()), "width": picture.width, "height": picture.height}, annotations
 
 
 def _write(

@@ -67,11 +67,7 @@ def write_figure(
 def _groups(
     ranked: Sequence[CategoryCandidate], taken: Sequence[CategoryCandidate], paper: Collection[str]
 ) -> dict[str, Sequence[CategoryCandidate]]:
-    return {
-        "candidates": ranked,
-        "the paper's": [one for one in ranked if one.node.node_id in paper],
-        "ours": taken,
-    }
+    return {"candidates": ranked, "the paper's": [one for one in ranked if one.node.node_id in paper], "ours": taken}
 
 
 def _panel(

@@ -23,11 +23,7 @@ THREADS = 2
 
 
 def make_dense_points(
-    model: Path,
-    pictures: Path,
-    file: Path,
-    progress: ProgressCallback = silent,
-    notice: NoticeCallback = no_notice,
+    model: Path, pictures: Path, file: Path, progress: ProgressCallback = silent, notice: NoticeCallback = no_notice
 ) -> int:
     """Write `file` and `file.vis` of a COLMAP model and the folder of its pictures; how many points there are.
 

@@ -135,7 +135,7 @@ def test_an_unresolved_scale_writes_nothing_and_says_so(
     words = ["--objects", str(file), "--tree", str(tree), "--output", str(tmp_path / "out.json")]
     assert main([*words, "--figure", str(tmp_path / "figure.png")]) == 3
     said = capsys.readouterr().err
-    assert "--output: nothing is written of an unresolved scale" in said
+    assert "--output: not written: the scale is unresolved" in said
     assert "--figure: there is nothing to draw" in said
     assert [entry.name for entry in tmp_path.iterdir() if entry.is_file()] == ["objects.json"]
 

@@ -13,7 +13,7 @@ import numpy as np
 from explorer.content.units import length_text
 from metric_base.arrays import FloatArray
 
-__all__ = ["LogAxis", "path_data", "svg"]
+__all__ = ["LEAST_GAP", "LogAxis", "path_data", "svg"]
 
 #: Ticks of an axis at most: more would meet at the width of a telephone.
 MOST_TICKS = 6
@@ -37,9 +37,9 @@ class LogAxis:
         return self.start + min(max(share, 0.0), 1.0) * (self.end - self.start)
 
     def along(self, sizes: FloatArray) -> FloatArray:
-        """The same of many lengths in mm, an array of any shape."""
+        """The pixels of many lengths in mm, an array of any shape; one outside the axis is drawn beyond its end."""
         share = np.log(sizes / self.low) / math.log(self.high / self.low)
-        return np.asarray(self.start + np.clip(share, 0, 1) * (self.end - self.start))
+        return np.asarray(self.start + share * (self.end - self.start))
 
     def ticks(self) -> list[float]:
         """Round lengths in mm that do not meet: the roundest first, others between them where there is room."""

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from explorer.content.units import length_text, range_text
-from explorer.drawings.axis import LogAxis, path_data, svg
+from explorer.drawings.axis import LEAST_GAP, LogAxis, path_data, svg
 from metric_base.arrays import FloatArray
 from metric_tree.prior import Prior
 
@@ -14,7 +14,10 @@ __all__ = ["KINDS", "distribution", "length_axis"]
 #: Kinds of evidence in the order in which they are stacked: the strongest at the bottom.
 KINDS = ("measured", "product", "standard", "norm", "statistic", "museum", "asset", "curated", "judged", "default")
 
-WIDTH, TOP, BOTTOM, MARGIN = 340, 8, 118, 14
+WIDTH, TOP, BOTTOM = 340, 8, 118
+
+#: Half of the widest length in words stands beside the ends of the axis.
+MARGIN = LEAST_GAP / 2
 
 #: Points of the curve and bins of the histogram.
 POINTS, BINS = 49, 24

@@ -44,8 +44,11 @@ def scatter(prior: Prior, sizes: FloatArray, kinds: FloatArray) -> str:
         for k in range(len(prior.weights))
         if prior.weights[k] >= 0.05
     )
+    window = f'x="{LEFT}" y="{TOP}" width="{RIGHT - LEFT}" height="{BOTTOM - TOP}"'
+    view = f'viewBox="{LEFT} {TOP} {RIGHT - LEFT} {BOTTOM - TOP}"'  # what leaves the axes is cut off at their frame
+    inside = f"<svg {window} {view}>{points}{curves}</svg>"
     title = f"{prior.dims[0]} (across) against {prior.dims[1]} (up), {len(chosen)} of {len(sizes)} items"
-    return svg(WIDTH, HEIGHT, title, right.svg(BOTTOM, TOP) + side + points + curves, "scatter")
+    return svg(WIDTH, HEIGHT, title, right.svg(BOTTOM, TOP) + side + inside, "scatter")
 
 
 def _points(kind: str, sizes: FloatArray, right: LogAxis, up: LogAxis) -> str:

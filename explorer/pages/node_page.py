@@ -211,10 +211,16 @@ def _pictures(catalogue: ReleaseCatalogue, node: Node) -> list[dict[str, Any]]:
             continue
         (item,) = catalogue.items.slice(row, 1).to_pylist()
         if item["extents_mm"]:
-            found.append((image, item, path, max(item["extents_mm"])))
+            found.append((image, item, path, _longest_side_mm(image, item)))
     chosen = [found[k] for k in np.linspace(0, len(found) - 1, min(len(found), SHOWN_PICTURES)).astype(int)]
     largest = max((longest for *_, longest in chosen), default=1.0)
     return [_picture(image, item, path, longest / largest) for image, item, path, longest in chosen]
+
+
+def _longest_side_mm(image: dict[str, Any], item: dict[str, Any]) -> float:
+    """How long the longer side of a picture is: by its own scale if it states one, else as long as the item."""
+    side, scale = max(image["width_px"], image["height_px"]), image["pixels_per_metre"]
+    return float(1000 * side / scale if scale else max(item["extents_mm"]))
 
 
 def _picture(image: dict[str, Any], item: dict[str, Any], path: str, share: float) -> dict[str, Any]:

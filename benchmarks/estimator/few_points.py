@@ -15,7 +15,7 @@ import numpy as np
 from estimator.geometry.measurement import MeasurementOptions
 from estimator.pipeline import measure_objects
 from metric_base.arrays import FloatArray
-from tests.synthetic.rooms.few_points import PATHS, few_points_world
+from tests.synthetic.rooms.few_points import MAX_POINTS, PATHS, few_points_world
 
 __all__ = ["main"]
 
@@ -41,8 +41,11 @@ def main() -> None:
     """The command."""
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--seeds", type=int, nargs=2, default=(0, 5), metavar=("FIRST", "END"))
+    parser.add_argument("--points", type=int, nargs=2, default=(1, MAX_POINTS), metavar=("FEWEST", "MOST"))
+    parser.add_argument("--paths", nargs="+", choices=PATHS, default=PATHS)
     options = parser.parse_args()
-    rows = [row for seed in range(*options.seeds) for path in PATHS for row in world_rows(seed, path)]
+    ends = tuple(options.points)
+    rows = [row for seed in range(*options.seeds) for path in options.paths for row in world_rows(seed, path, ends)]
     measured = [row for row in rows if row.error is not None]
     print(f"{len(rows)} objects, {len(measured)} measured")
     print("| class | objects | error of length, width, height | inside the stated 90 % |\n|---|---|---|---|")
@@ -55,9 +58,9 @@ def main() -> None:
         _print_class(_range(low + 1, high, POINTS, "points"), [row for row in measured if low < row.points <= high])
 
 
-def world_rows(seed: int, path: str) -> Iterator[Row]:
+def world_rows(seed: int, path: str, points: tuple[int, int] = (1, MAX_POINTS)) -> Iterator[Row]:
     """The objects of one world; those that are truncated on a side are left out there."""
-    world = few_points_world(seed, path)
+    world = few_points_world(seed, path, points)
     up = (0.0, 0.0, 1.0) if path == "above" else None
     options = MeasurementOptions(standing=STANDING.get, up=up)
     for item in measure_objects(world.scene, world.instances, options).objects:

@@ -52,6 +52,11 @@ class Outlines:
         across = not (left and right)
         return np.array([across, across, not (top and (bottom or standing))])
 
+    def size_at(self, place: FloatArray) -> float:
+        """How wide or tall an object at `place` (3,) of the level basis looks, whichever is more, scene units."""
+        depth = (self.rotation @ place + self.translation)[:, 2]
+        return float(np.median((self.reach[:, :2] + self.reach[:, 2:4]).max(axis=1) * depth))
+
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Reaches:

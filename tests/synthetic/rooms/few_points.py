@@ -1,9 +1,9 @@
 """A test world of small, far, half-hidden objects on each of which structure from motion has 1 to 30 points.
 
 Upright solids stand on a ground with texture: boxes, cylinders, cars (body and cabin), chairs (seat, back, legs). A
-camera walks past, pans with a short baseline, flies above, or walks round. Rays give exact masks with true occlusion;
-their border is then off by a pixel or two. Points are seen on the visible surface and triangulated from noisy pixels,
-so that their errors are those of the rays and the baseline.
+camera walks past, pans with a short baseline, flies above, walks round, or walks along a lawn that falls away from its
+path. Rays give exact masks with true occlusion; their border is then off by a pixel or two. Points are seen on the
+visible surface and triangulated from noisy pixels, so that their errors are those of the rays and the baseline.
 """
 
 from __future__ import annotations
@@ -17,12 +17,14 @@ from estimator.records.scene import Instance, Scene, View
 from metric_base.arrays import FloatArray, IntArray
 from tests.synthetic.shapes import Shape, Solid, _maps, view_at, yaw
 
-__all__ = ["PATHS", "FewPointsWorld", "few_points_world"]
+__all__ = ["MAX_POINTS", "PATHS", "FewPointsWorld", "few_points_world"]
 
-PATHS = ("walk", "pan", "above", "round")
+PATHS = ("walk", "pan", "above", "round", "lawn")
 SIZE, FOCAL = (640, 480), 520.0
 #: One sigma of a keypoint and of a mask's border, in pixels.
 KEYPOINT_PX, BORDER_PX = 0.7, 1.2
+#: Beside a lawn the ground falls by this share beyond y = `LAWN_Y`; the camera's own path is level.
+FALL, LAWN_Y = 0.05, -5.0
 #: Objects of a world, points of the ground, least pixels of a mask.
 OBJECTS, GROUND_POINTS, LEAST_PIXELS = 10, 400, 60
 MAX_POINTS = 30
@@ -40,15 +42,16 @@ class FewPointsWorld:
     path: str
 
 
-def few_points_world(seed: int, path: str) -> FewPointsWorld:
-    """The world of a seed along one of the `PATHS`."""
+def few_points_world(seed: int, path: str, points: tuple[int, int] = (1, MAX_POINTS)) -> FewPointsWorld:
+    """The world of a seed along one of the `PATHS`; points : fewest and most on an object, before
+    triangulation."""
     random = np.random.default_rng([seed, PATHS.index(path), 71])
     views = _path(path, random)
     objects, sizes = _objects(path, random)
-    ground = Shape(None, (Solid("box", np.array([200.0, 200.0, 0.1]), np.array([0.0, 0.0, -0.05])),))
+    ground = _ground(path)
     maps = [_maps([*objects, ground], view) for view in views]
-    points, owner = _surface_points(views, maps, len(objects), random)
-    seen = _triangulated(views, maps, points, owner, random)
+    places, owner = _surface_points(views, maps, len(objects), points, random)
+    seen = _triangulated(views, maps, places, owner, random)
     instances = tuple(
         instance for k, (_, ids) in enumerate(maps) for instance in _masks(k, ids[: SIZE[1]], objects, random)
     )
@@ -56,10 +59,26 @@ def few_points_world(seed: int, path: str) -> FewPointsWorld:
     return FewPointsWorld(scene, instances, sizes, path)
 
 
+def _ground(path: str) -> Shape:
+    """What the camera and the objects stand on."""
+    if path != "lawn":
+        return Shape(None, (Solid("box", np.array([200.0, 200.0, 0.1]), np.array([0.0, 0.0, -0.05])),))
+    tilt = np.arctan(FALL)
+    turned = np.array([[1, 0, 0], [0, np.cos(tilt), np.sin(tilt)], [0, -np.sin(tilt), np.cos(tilt)]])
+    fallen = Solid("box", np.array([200.0, 100.0, 0.1]), turned @ [0, 50.0, -0.05] + [0, LAWN_Y, 0], turned)
+    level = Solid("box", np.array([200.0, 100.0, 0.1]), np.array([0.0, LAWN_Y - 50, -0.05]))
+    return Shape(None, (level, fallen))
+
+
+def _ground_height(path: str, y: float) -> float:
+    """The height of the ground at y, which is 0 on the path."""
+    return -FALL * max(y - LAWN_Y, 0.0) if path == "lawn" else 0.0
+
+
 def _path(path: str, random: np.random.Generator) -> list[View]:
     count = int(random.integers(6, 12))
     steps = np.linspace(0, 1, count)
-    if path == "walk":
+    if path in ("walk", "lawn"):
         eyes = [np.array([-4 + 8 * t, -12 + 5 * t, 1.6 + 0.03 * random.normal()]) for t in steps]
         targets = [np.array([0.0, 3.0, 0.8])] * count
     elif path == "pan":
@@ -100,7 +119,8 @@ def _objects(path: str, random: np.random.Generator) -> tuple[list[Shape], Float
                 places.clear()
             continue
         places.append(np.array([*place, size[0]]))
-        objects.append(Shape(kind, tuple(_solids(kind, size, place, float(random.uniform(0, 180))))))
+        foot = np.array([*place, _ground_height(path, float(place[1]))])
+        objects.append(Shape(kind, tuple(_solids(kind, size, foot, float(random.uniform(0, 180))))))
         sizes.append(np.array([*sorted(size[:2], reverse=True), size[2]]))
     return objects, np.array(sizes)
 
@@ -117,18 +137,23 @@ def _solids(kind: str, size: FloatArray, place: FloatArray, turn: float) -> list
         parts = [(kind, (1, 1, 1), (0, 0, 0.5))]
     rotation = yaw(turn)
     return [
-        Solid(shape, np.array(own) * size, rotation @ (np.array(at) * size) + [*place, 0.0], rotation)
+        Solid(shape, np.array(own) * size, rotation @ (np.array(at) * size) + place, rotation)
         for shape, own, at in parts
     ]
 
 
 def _surface_points(
-    views: list[View], maps: list[tuple[FloatArray, IntArray]], count: int, random: np.random.Generator
+    views: list[View],
+    maps: list[tuple[FloatArray, IntArray]],
+    count: int,
+    ends: tuple[int, int],
+    random: np.random.Generator,
 ) -> tuple[FloatArray, IntArray]:
-    """1 to `MAX_POINTS` points of each object that is seen, and points of the ground; with the object of each."""
+    """As many points of each object that is seen as `ends` allow, and points of the ground; with the object of each."""
     points, owner = [], []
+    few, most = np.log(ends[0]), np.log(ends[1] + 1)
     for number in range(count + 1):
-        wanted = GROUND_POINTS if number == count else int(np.exp(random.uniform(0, np.log(MAX_POINTS + 1))))
+        wanted = GROUND_POINTS if number == count else int(np.exp(random.uniform(few, most)))
         by_view = [np.argwhere(ids == number) for _, ids in maps]
         total = np.array([len(own) for own in by_view])
         if not total.sum():

@@ -238,6 +238,7 @@ def sensor_rows(place: Path) -> list[tuple[str, ScaleEvidence]]:
     from estimator.evidence.camera_path import CameraPath
     from estimator.evidence.gps import VideoGps
     from estimator.evidence.imu import Imu
+    from estimator.pipeline import measure_objects
     from estimator.reconstructions.colmap import read_colmap
     from estimator.telemetry.recordings import read_telemetry
 
@@ -249,11 +250,11 @@ def sensor_rows(place: Path) -> list[tuple[str, ScaleEvidence]]:
     order = np.argsort(numbers)
     times, centres = numbers[order] * FRAME_S, np.array([view.centre for view in scene.views])[order]
     half = len(times) // 2
-    rows = []
+    rows, measurements = [], measure_objects(scene, ())
     for part, some in {"whole": slice(None), "first half": slice(0, half), "second half": slice(half, None)}.items():
         path = CameraPath(times[some], centres[some])
         for source in (Imu(telemetry, path, video.name), VideoGps(telemetry.positions, path, video.name)):
-            (row,) = source.observe(scene, None)  # type: ignore[arg-type]  # neither looks at objects
+            (row,) = source.observe(scene, measurements)
             rows.append((part, row))
     return rows
 

@@ -9,7 +9,7 @@ import numpy as np
 
 from metric_base.arrays import BoolArray, FloatArray, IntArray
 
-__all__ = ["Alignment", "align"]
+__all__ = ["Alignment", "align", "least_squares"]
 
 #: Minimal samples that are tried, and the seed that makes an answer the same every time.
 TRIALS, SEED = 500, 0
@@ -26,7 +26,8 @@ class Alignment:
     """target ~ scale rotation source + translation over the inliers.
 
     scale : target units per source unit; sd_log : its standard deviation; residual : standard deviation of a target
-    coordinate; extent : root mean square distance of the target's inliers from their middle; inliers : (n,) bool.
+    coordinate; extent : root mean square distance of the target's inliers from their middle; inliers : (n,) bool;
+    rotation : (3, 3).
     """
 
     scale: float
@@ -34,6 +35,7 @@ class Alignment:
     residual: float
     extent: float
     inliers: BoolArray
+    rotation: FloatArray
 
 
 def align(source: FloatArray, target: FloatArray) -> Alignment | None:
@@ -60,7 +62,7 @@ def align(source: FloatArray, target: FloatArray) -> Alignment | None:
         return None
     floor = 1e-6 * float(np.ptp(target, axis=0).max())
     inliers = np.sqrt(best) <= max(INLIER_TIMES * math.sqrt(least), floor)
-    return _refine(source, target, inliers)
+    return least_squares(source, target, inliers)
 
 
 def _samples(n: int) -> IntArray:
@@ -72,20 +74,20 @@ def _samples(n: int) -> IntArray:
     return np.asarray(drawn[(one != two) & (two != three) & (one != three)])
 
 
-def _refine(source: FloatArray, target: FloatArray, inliers: BoolArray) -> Alignment | None:
+def least_squares(source: FloatArray, target: FloatArray, inliers: BoolArray) -> Alignment | None:
     """The alignment of source (n, 3) with target (n, 3) by least squares over the inliers (n,); None of under three."""
     own, aim = source[inliers], target[inliers]
     m = len(own)
     if m < 3:
         return None
-    (scale,), _, _ = _similarities(own[None], aim[None])
+    (scale,), (rotation,), _ = _similarities(own[None], aim[None])
     if not scale > 0:
         return None
     residual = math.sqrt(float(_residuals(own, aim, own[None], aim[None]).sum()) / max(3 * m - 7, 1))
     centred = aim - aim.mean(axis=0)
     extent = math.sqrt(float((centred**2).sum()) / m)
     # d ln(scale) = sum(x . noise) / sum(|x|^2) over the centred points
-    return Alignment(float(scale), residual / (extent * math.sqrt(m)), residual, extent, inliers)
+    return Alignment(float(scale), residual / (extent * math.sqrt(m)), residual, extent, inliers, rotation)
 
 
 def _residuals(source: FloatArray, target: FloatArray, fit_source: FloatArray, fit_target: FloatArray) -> FloatArray:

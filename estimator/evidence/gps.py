@@ -11,9 +11,10 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from estimator.evidence.alignment import align
+from estimator.evidence.alignment import Alignment, align, least_squares
 from estimator.evidence.camera_path import CameraPath
 from estimator.evidence.source import silent
+from estimator.geometry.up import BELIEVED_SIGMAS, OBSERVED_METHODS, WRONG_UP_DEG, Up
 from estimator.instances.crops import ViewNames
 from estimator.instances.image_files import image_file, image_folders
 from estimator.reconstructions.csv_records import csv_records
@@ -79,18 +80,19 @@ class Gps:
     source: str | Path
     images: Path | None = None
 
-    def observe(self, scene: Scene, measurements: Measurements) -> tuple[ScaleEvidence, ...]:  # noqa: ARG002
+    def observe(self, scene: Scene, measurements: Measurements) -> tuple[ScaleEvidence, ...]:
         """The scale of the similarity from the cameras to their positions; silent where the path is too short."""
         if self.source == "exif":
-            positions, accuracy = _exif_positions(scene, self.images)
+            (positions, accuracy), geodetic = _exif_positions(scene, self.images), True
             name = "exif"
         else:
-            positions, accuracy = _table_positions(Path(self.source), scene), None
+            (positions, geodetic), accuracy = _table_positions(Path(self.source), scene), None
             name = Path(self.source).name
         if len(positions) < LEAST_POSITIONS:
             return silent(KIND, name, f"{len(positions)} views have a position, {LEAST_POSITIONS} needed")
         centres = np.array([scene.views[row].centre for row in positions])
-        return _aligned_scale(KIND, name, centres, np.array(list(positions.values())), accuracy)
+        up = measurements.up if geodetic else None
+        return _aligned_scale(KIND, name, centres, np.array(list(positions.values())), accuracy, up)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -101,14 +103,16 @@ class VideoGps:
     path: CameraPath
     name: str
 
-    def observe(self, scene: Scene, measurements: Measurements) -> tuple[ScaleEvidence, ...]:  # noqa: ARG002
+    def observe(self, scene: Scene, measurements: Measurements) -> tuple[ScaleEvidence, ...]:
         """The scale of the similarity from the path to the positions; silent where the path is too short."""
         centres, rows = self.path.at(self.positions.times_s, LONGEST_GAP_S)
         if len(rows) < LEAST_POSITIONS:
             return silent(VIDEO_KIND, self.name, f"{len(rows)} positions along the path, {LEAST_POSITIONS} needed")
         places = self.positions.places[rows]
         metres = local_metres(places) if self.positions.geodetic else places
-        return _aligned_scale(VIDEO_KIND, self.name, centres, metres, self.positions.accuracy_m or USUAL_ACCURACY_M)
+        up = measurements.up if self.positions.geodetic else None
+        accuracy = self.positions.accuracy_m or USUAL_ACCURACY_M
+        return _aligned_scale(VIDEO_KIND, self.name, centres, metres, accuracy, up)
 
 
 def pictures_have_gps(scene: Scene, images: Path | None) -> bool:
@@ -118,11 +122,11 @@ def pictures_have_gps(scene: Scene, images: Path | None) -> bool:
 
 
 def _aligned_scale(
-    kind: str, name: str, centres: FloatArray, metres: FloatArray, accuracy_m: float | None
+    kind: str, name: str, centres: FloatArray, metres: FloatArray, accuracy_m: float | None, up: Up | None
 ) -> tuple[ScaleEvidence, ...]:
     """The scale from centres (n, 3) to positions (n, 3) in metres, or why there is none.
 
-    accuracy_m : of a receiver's position, None for a table, whose errors are independent. A receiver's drift along the
+    up : of the scene, where the third coordinate of the positions is known to be the height; accuracy_m : of a receiver's position, None for a table, whose errors are independent. A receiver's drift along the
     path, and then its length is as wrong as its ends, however many positions there are.
     """
     alignment = align(centres, metres)
@@ -133,10 +137,9 @@ def _aligned_scale(
         return silent(kind, name, f"the path is too short for its positions: {extent}")
     if 2 * np.count_nonzero(alignment.inliers) <= len(metres):
         return silent(kind, name, "most positions contradict the reconstruction")
-    stretch = _stretch(centres[alignment.inliers], metres[alignment.inliers], alignment.residual)
-    if stretch is not None:
-        reason = f"the positions are stretched by {stretch:.2f} in one direction against the cameras"
-        return silent(kind, name, f"{reason}: latitude and longitude exchanged, or not in degrees?")
+    damage = _damage(alignment, centres, metres, up)
+    if damage is not None:
+        return silent(kind, name, f"{damage}: latitude and longitude exchanged, a lost sign, or not in degrees?")
     sd = math.hypot(alignment.sd_log, LEAST_SD)
     if accuracy_m is not None:
         drift = END_TO_END * math.hypot(alignment.residual, DRIFT_SHARE * accuracy_m) / alignment.extent
@@ -145,6 +148,36 @@ def _aligned_scale(
         extent = f"{alignment.extent:.2g} m with receivers good to {accuracy_m or 0:.2g} m"
         return silent(kind, name, f"the path is too short for its positions: {extent}")
     return (ScaleEvidence(kind, name, alignment.scale, sd),)
+
+
+def _damage(alignment: Alignment, centres: FloatArray, metres: FloatArray, up: Up | None) -> str | None:
+    """What shows that positions (n, 3) are no similar copy of centres (n, 3), though a similarity fits most of them.
+
+    A robust similarity fits a part of a stretched path well, so that a stretch is looked for in all positions too. A
+    level path without its third direction is also its mirror image turned over, and then up is down.
+    """
+    whole = least_squares(centres, metres, np.ones(len(centres), dtype=bool))
+    for fit in (alignment, whole):
+        stretch = None if fit is None else _stretch(centres[fit.inliers], metres[fit.inliers], fit.residual)
+        if stretch is not None:
+            return f"the positions are stretched by {stretch:.2f} in one direction against the cameras"
+    if up is None or not up.method.startswith(OBSERVED_METHODS):
+        return None
+    tilt = float(np.degrees(np.arccos(np.clip((alignment.rotation @ up.vector)[2], -1, 1))))
+    limit = WRONG_UP_DEG + BELIEVED_SIGMAS * math.hypot(up.sigma_deg, _tilt_sigma(metres[alignment.inliers], alignment))
+    return f"their up is {tilt:.0f}° from that of the cameras" if tilt > limit else None
+
+
+def _tilt_sigma(metres: FloatArray, alignment: Alignment) -> float:
+    """Standard deviation in degrees of the up of positions (n, 3) whose path the cameras are turned onto.
+
+    Equation: a turn w moves a position x by w x x, so that its information is sum(|x|^2 I - x x') / residual^2.
+    """
+    own = metres - metres.mean(axis=0)
+    information = float((own**2).sum()) * np.eye(3) - own.T @ own
+    turns = np.linalg.pinv(information, rcond=1e-9, hermitian=True)
+    about_level = float(np.trace(turns[:2, :2])) * alignment.residual**2
+    return math.degrees(math.sqrt(max(about_level, 0.0)))
 
 
 def _stretch(centres: FloatArray, metres: FloatArray, residual: float) -> float | None:
@@ -181,8 +214,8 @@ def local_metres(degrees: FloatArray) -> FloatArray:
     return np.column_stack([east, (meridian + height[0]) * (lat - lat[0]), height - height[0]])
 
 
-def _table_positions(file: Path, scene: Scene) -> dict[int, FloatArray]:
-    """Metres (3,) by row of the view."""
+def _table_positions(file: Path, scene: Scene) -> tuple[dict[int, FloatArray], bool]:
+    """Metres (3,) by row of the view, and whether the third of them is a height."""
     rows = ViewNames(scene)
     fields, records = csv_records(file)
     names = {field.strip().lower() for field in fields}
@@ -199,7 +232,8 @@ def _table_positions(file: Path, scene: Scene) -> dict[int, FloatArray]:
                 values[row] = _numbers([cells[column] for column in columns])
                 if columns[0] == "lat" and abs(values[row][0]) > POLE_DEG:
                     raise FieldError("lat", "degrees from -90 to 90; is it the longitude?", values[row][0])
-    return _in_metres(values, geodetic=columns[0] == "lat")
+    geodetic = columns[0] == "lat"
+    return _in_metres(values, geodetic), geodetic
 
 
 def _numbers(cells: Iterable[Any]) -> list[float]:

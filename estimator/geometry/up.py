@@ -16,7 +16,17 @@ from estimator.records.scene import View
 from metric_base.arrays import FloatArray
 from metric_base.errors import InputError
 
-__all__ = ["BELIEVED_SIGMAS", "Up", "camera_up", "combine_up", "given_up", "tilts", "up_contradiction"]
+__all__ = [
+    "BELIEVED_SIGMAS",
+    "OBSERVED_METHODS",
+    "WRONG_UP_DEG",
+    "Up",
+    "camera_up",
+    "combine_up",
+    "given_up",
+    "tilts",
+    "up_contradiction",
+]
 
 # People hold a camera level within about two degrees from frame to frame; fewer views than would show that
 # spread cannot prove a better one.
@@ -36,6 +46,8 @@ GIVEN_DEG = 1.0
 # Two verticals within this tilt, in their standard deviations, are believed to be one.
 BELIEVED_SIGMAS = 3.0
 
+#: How the methods begin by which the vertical is observed, or given: not guessed from how people hold cameras.
+OBSERVED_METHODS = ("camera-x-axes", "given")
 #: Heights along an up that is so far off are a seventh short, or take in the sides: no scale follows from them.
 WRONG_UP_DEG = 30.0
 

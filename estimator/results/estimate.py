@@ -15,7 +15,7 @@ from estimator.records.measured_object import MeasuredObject
 from estimator.records.result import Alternative, ScaleResult, UpReport
 from estimator.records.scale_evidence import EvidenceReport, ScaleEvidence
 from estimator.results.categories import BROADER_SCORE, LabelMeaning, meanings
-from estimator.results.contradiction import Contradiction, contradiction_of
+from estimator.results.contradiction import Contradiction, contradiction_of, doubt_of_one_name
 from estimator.results.narrowing import helps
 from estimator.results.reports import EstimateOptions, ScaleAnswer, names_of, result_of
 from metric_base.arrays import FloatArray
@@ -66,6 +66,9 @@ def scale_of_objects(
     clash = contradiction_of(estimate, evidence, lines) if estimate is not None else None
     if estimate is not None and clash is not None and clash.most and not options.trust_known_length:
         estimate = replace(estimate, status="unresolved", doubt=None)
+    if estimate is not None and not lines:
+        doubt = doubt_of_one_name(estimate, evidence)
+        estimate = estimate if doubt is None else replace(estimate, status="unresolved", doubt=doubt)
     elapsed = {**(seconds or {}), "posterior": time.perf_counter() - started}
     rows = _evidence_rows(options, estimate, lines, clash)
     answer = ScaleAnswer(estimate, places, _used_dimensions(evidence), reasons, rows)

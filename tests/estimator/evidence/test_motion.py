@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
@@ -17,13 +19,14 @@ from tests.synthetic.walk import Walk
 
 #: Metres per scene unit.
 SCALE = 0.37
+#: From the walk's frame to the scene's.
+TURN = Rotation.from_euler("xyz", [0.3, -1.1, 2.0]).as_matrix()
 
 
 def _path(times: np.ndarray, centres: np.ndarray, every: int = 8, noise_m: float = 0.001) -> CameraPath:
     """The camera's path in another frame and unit, with the noise of a reconstruction."""
-    turn = Rotation.from_euler("xyz", [0.3, -1.1, 2.0]).as_matrix()
     noisy = centres + np.random.default_rng(1).normal(0, noise_m, centres.shape)
-    return CameraPath(times[::every], noisy[::every] @ turn.T / SCALE + [3.0, -2.0, 7.0])
+    return CameraPath(times[::every], noisy[::every] @ TURN.T / SCALE + [3.0, -2.0, 7.0])
 
 
 @pytest.mark.parametrize(("seconds", "mirrored"), [(9.0, True), (26.0, False)])
@@ -83,6 +86,7 @@ def test_positions_of_a_video(walk: Walk, nothing: Measurements) -> None:
     times, centres, _, _ = walk_readings(20.0, 30.0, 0.02)
     drift = np.cumsum(np.random.default_rng(3).normal(0, 0.01, centres.shape), axis=0)
     positions = Positions(times[::3], degrees_of((centres + drift)[::3]), geodetic=True, accuracy_m=4.0)
+    nothing = replace(nothing, up=replace(nothing.up, vector=TURN[:, 2]))
     row = one(VideoGps(positions, _path(times, centres, 1), "clip.mp4").observe(walk.scene, nothing))
     assert row.kind == "gps_video"
     assert row.scale == pytest.approx(SCALE, rel=0.05)

@@ -140,3 +140,14 @@ def test_the_chance_of_a_contradiction_is_that_of_the_nearer_tail(known: float) 
     found = contradiction_of(posterior([item]), [item], (length(known),))
     assert found is not None
     assert 0 < found.chance < 0.05
+
+
+def test_objects_of_all_sizes_under_one_name_are_unresolved(mini: Tree) -> None:
+    """Swivel chairs at half a metre a unit, and what is no chair; one odd object among many is an outlier as ever."""
+    chairs = [("swivel chair", CHAIR)] * 4
+    others = [("swivel chair", (0.2, 0.2, 0.3)), ("swivel chair", (9.0, 5.0, 1.0))]
+    result = answer(mini, None, *chairs, *others)
+    assert (result.status, result.scale) == ("unresolved", None)
+    assert result.warnings[-1].startswith("unresolved: 2 of 6 objects are outliers, and all are called 'swivel chair'")
+    assert answer(mini, None, *chairs, others[0]).scale == pytest.approx(0.5, rel=0.1)
+    assert answer(mini, 0.5, *chairs, *others).scale == pytest.approx(0.5, rel=0.1)

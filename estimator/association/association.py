@@ -12,6 +12,7 @@ from estimator.association.mask_agreement import (
     track_agreement,
     track_contradictions,
 )
+from estimator.association.mask_rims import rim_agreement, rim_doubts
 from estimator.association.point_labels import PointLabels, dense_labels, point_votes, sparse_labels
 from estimator.association.tracks import Track, incremental_tracks, shared_tracks
 from estimator.records.scene import Instance, Scene
@@ -62,6 +63,8 @@ def associate(
         members = [track.members for track in tracks]
         if not (doubts or errors):
             doubts, errors = track_contradictions(track_agreement(clouds[0], instances, members))
+        if not (doubts or errors):
+            doubts = rim_doubts(rim_agreement(scene.views, clouds[0], instances, members))
     with stopwatch(seconds, "votes"):
         votes = tuple(point_votes(cloud, instances, members) for cloud in clouds)
     return Association(tuple(clouds), tracks, votes, doubts, errors)

@@ -103,7 +103,7 @@ class VideoGps:
     path: CameraPath
     name: str
 
-    def observe(self, scene: Scene, measurements: Measurements) -> tuple[ScaleEvidence, ...]:
+    def observe(self, scene: Scene, measurements: Measurements) -> tuple[ScaleEvidence, ...]:  # noqa: ARG002
         """The scale of the similarity from the path to the positions; silent where the path is too short."""
         centres, rows = self.path.at(self.positions.times_s, LONGEST_GAP_S)
         if len(rows) < LEAST_POSITIONS:
@@ -126,8 +126,9 @@ def _aligned_scale(
 ) -> tuple[ScaleEvidence, ...]:
     """The scale from centres (n, 3) to positions (n, 3) in metres, or why there is none.
 
-    up : of the scene, where the third coordinate of the positions is known to be the height; accuracy_m : of a receiver's position, None for a table, whose errors are independent. A receiver's drift along the
-    path, and then its length is as wrong as its ends, however many positions there are.
+    up : of the scene, where the third coordinate of the positions is known to be the height; accuracy_m : of a
+    receiver's position, None for a table, whose errors are independent. A receiver's drift along the path, and then its
+    length is as wrong as its ends, however many positions there are.
     """
     alignment = align(centres, metres)
     if alignment is None:

@@ -20,8 +20,8 @@ MIN_KEPT_WEIGHT = 0.5
 #: They also do where the objects alone leave this little of their posterior at the length's scale or further out.
 MIN_TAIL_MASS = 1e-4
 
-#: Objects of one name contradict each other where this share of them are outliers, and so many. In synthetic rooms whose
-#: masks are all called "person" it is .31 to 1; among the objects that do have one name, at most .2.
+#: Objects of one name contradict each other where this share of them are outliers, and so many. In synthetic rooms
+#: whose masks are all called "person" it is .31 to 1; among the objects that do have one name, at most .2.
 LEAST_ALIKE_OUTLIERS, MIN_ALIKE_OUTLIERS = 0.3, 2
 
 

@@ -1,0 +1,42 @@
+"""Masks that are larger than their objects, by the points of their rims."""
+
+from dataclasses import replace
+
+import cv2
+import numpy as np
+import pytest
+
+from estimator.association.mask_rims import rim_agreement, rim_doubts
+from estimator.association.point_labels import sparse_labels
+from estimator.association.tracks import shared_tracks
+from tests.synthetic.rooms.furnish import furnished_room
+from tests.synthetic.rooms.quick import quick_scene
+
+
+def wider(mask, pixels):
+    """The mask of an instance with so many pixels more on each side."""
+    grown = cv2.dilate(np.pad(mask.mask, pixels).astype(np.uint8), np.ones((2 * pixels + 1,) * 2, np.uint8)) > 0
+    return replace(mask, mask=grown, origin=tuple(edge - pixels for edge in mask.origin))
+
+
+@pytest.fixture(scope="module")
+def room():
+    return quick_scene(furnished_room("kitchen", 44), seed=44, dense_a_frame=0)
+
+
+@pytest.mark.parametrize(("share", "doubtful"), [(0.0, False), (0.02, False), (0.1, True)])
+def test_masks_grown_by_a_fifth_are_doubtful(room, share, doubtful):
+    masks = [wider(mask, round(share * np.sqrt(mask.mask.sum()))) for mask in room.instances]
+    labels = sparse_labels(room.scene, masks)
+    tracks = [track.members for track in shared_tracks(masks, [labels])]
+    doubts = rim_doubts(rim_agreement(room.scene.views, labels, masks, tracks))
+    assert len(doubts) == doubtful
+    if doubtful:
+        assert "larger than their objects" in doubts[0]
+
+
+def test_boxes_and_lone_masks_say_nothing(room):
+    labels = sparse_labels(room.scene, room.instances)
+    boxes = [replace(mask, from_box=True) for mask in room.instances]
+    assert rim_doubts(rim_agreement(room.scene.views, labels, boxes, [range(len(boxes))])) == ()
+    assert rim_doubts(rim_agreement(room.scene.views, labels, room.instances, [(0,), (1,)])) == ()

@@ -32,7 +32,7 @@ class LocalPage(ABC):
 
     def __init__(self, option: str, port: int = 0) -> None:
         """Option : that names the port, in messages; port : 0 takes a free one. Raises InputError for one in use."""
-        self._finished = threading.Event()
+        self._finished, self._is_last = threading.Event(), False
         self._secret = secrets.token_urlsafe(12)
         try:
             self._server = _QuietServer((LOOPBACK, port), _handler(self))
@@ -53,8 +53,13 @@ class LocalPage(ABC):
             self._server.server_close()
 
     def finish(self) -> None:
-        """End the page."""
-        self._finished.set()
+        """End the page with the request at hand, when its answer is sent: the program may be gone a moment later."""
+        self._is_last = True
+
+    def end_if_last(self) -> None:
+        """End the page if the request that was just answered is the last one."""
+        if self._is_last:
+            self._finished.set()
 
     @abstractmethod
     def answer(self, path: str) -> tuple[str, bytes] | None:
@@ -103,7 +108,10 @@ def _handler(page: LocalPage) -> Callable[..., BaseHTTPRequestHandler]:
             known = path is not None and is_count(length) and int(length) <= MOST_BYTES
             answer = page.receive(path or "", self.rfile.read(int(length))) if known else None
             status, words = (404, {"error": "no such page"}) if answer is None else answer
-            self._send(status, "application/json", json.dumps(words).encode())
+            try:
+                self._send(status, "application/json", json.dumps(words).encode())
+            finally:
+                page.end_if_last()
 
         def _send(self, status: int, kind: str, body: bytes) -> None:
             self.send_response(status)

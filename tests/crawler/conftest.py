@@ -16,18 +16,21 @@ class RedisServer:
     """A server on loopback that can be stopped, and started again with the data it had or without."""
 
     def __init__(self, folder: Path) -> None:
-        with socket.socket() as probe:
-            probe.bind(("127.0.0.1", 0))
-            self._port = int(probe.getsockname()[1])
         self._folder = folder
-        self.url = f"redis://127.0.0.1:{self._port}/0"
-        self.start()
+        for _ in range(10):  # another program may take the port between the two steps
+            with socket.socket() as probe:
+                probe.bind(("127.0.0.1", 0))
+                self._port = int(probe.getsockname()[1])
+            self.url = f"redis://127.0.0.1:{self._port}/0"
+            if self.start():
+                return
+        raise AssertionError("redis-server finds no port")
 
-    def start(self) -> None:
-        """Start it with what its last stop kept."""
+    def start(self) -> bool:
+        """Start it with what its last stop kept; whether it could have its port."""
         words = ["redis-server", "--port", str(self._port), "--save", "", "--dir", str(self._folder)]
         self._process = subprocess.Popen(words, stdout=subprocess.DEVNULL)
-        _wait(self._port)
+        return _answers(self._process, self._port)
 
     def stop(self, keep: bool = False) -> None:
         """Stop it, with its data on the disk or without."""
@@ -59,14 +62,16 @@ def redis_url(redis_server: RedisServer) -> str:
     return redis_server.url
 
 
-def _wait(port: int) -> None:
+def _answers(process: subprocess.Popen[bytes], port: int) -> bool:
+    """Wait until the server answers; False if it ended."""
     import redis
 
-    for _ in range(200):
+    end = time.monotonic() + 120
+    while process.poll() is None:
         try:
-            redis.Redis(port=port).ping()
+            if redis.Redis(port=port).info("server")["process_id"] == process.pid:
+                return True
         except redis.RedisError:
-            time.sleep(0.05)
-        else:
-            return
-    raise AssertionError("redis-server does not answer")
+            assert time.monotonic() < end, "redis-server does not answer"
+        time.sleep(0.05)
+    return False

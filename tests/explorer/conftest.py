@@ -7,6 +7,7 @@ import time
 from collections.abc import Iterator
 from pathlib import Path
 
+import httpx
 import pytest
 import uvicorn
 
@@ -15,6 +16,9 @@ from explorer.server.application import application
 from explorer.site import write_site
 from metric_tree.tree import Tree, open_tree
 from tests.synthetic import minitree
+
+#: Patient on a slow machine, and without connections that the server may close meanwhile.
+WEB = httpx.Client(timeout=300, limits=httpx.Limits(max_keepalive_connections=0))
 
 
 def two_releases(folder: Path) -> list[Tree]:

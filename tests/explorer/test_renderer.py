@@ -7,7 +7,6 @@ import json
 import re
 from pathlib import Path
 
-import httpx
 import pytest
 
 from explorer.content.release_catalogue import ReleaseCatalogue
@@ -15,6 +14,7 @@ from explorer.renderer import answer, site_addresses
 from explorer.site import write_site
 from metric_base.errors import InputError
 from metric_tree.tree import Tree
+from tests.explorer.conftest import WEB
 
 #: One address of each kind.
 KINDS = [
@@ -32,7 +32,7 @@ KINDS = [
 def test_site_and_server_have_the_same_bytes(base: str, site: Path, address: str, prefix: str) -> None:
     if prefix and address.startswith("changes"):
         address = "changes/0.0.2.html"
-    served = httpx.get(f"{base}/{prefix}{address}")
+    served = WEB.get(f"{base}/{prefix}{address}")
     assert served.status_code == 200
     assert served.content == (site / prefix / address).read_bytes()
 

@@ -36,8 +36,8 @@ def test_answers_are_saved_and_reported(tmp_path: Path, capsys: pytest.CaptureFi
             else:
                 browser.run(f"document.querySelectorAll('.choices button')[{choice}].click()")
         browser.wait("document.querySelector('h1').textContent === 'Thank you'")
-        until = time.monotonic() + 30
-        while not list(saved.glob("*.json")):
+        until = time.monotonic() + 180
+        while not any(file.stat().st_size for file in saved.glob("*.json")):
             assert time.monotonic() < until, "the file never came"
             time.sleep(0.05)
     (file,) = saved.glob("*.json")

@@ -15,7 +15,8 @@ from metric_base.errors import InputError
 from metric_base.input_files import folder_entries, read_bytes, read_json
 
 
-def test_a_pipe_is_read_while_it_is_written(tmp_path: Path) -> None:
+def test_a_pipe_is_read_while_it_is_written(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(input_files, "PIPE_SECONDS", 300.0)  # until the thread opens it
     pipe = tmp_path / "pipe"
     os.mkfifo(pipe)
 

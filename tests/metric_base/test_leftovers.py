@@ -20,7 +20,7 @@ from metric_base.files import whole_file, whole_folder
 with {"file": whole_file, "folder": whole_folder}[sys.argv[1]](Path(sys.argv[2])) as work:
     (work if work.is_dir() else work.parent).joinpath(work.name if not work.is_dir() else "a").write_text("half")
     print("half-way", flush=True)
-    time.sleep(60)
+    time.sleep(600)
 """
 
 

@@ -148,7 +148,7 @@ if __name__ == "__main__":
     raise SystemExit(exit_status("x", run))
 """
     done = subprocess.run(
-        [sys.executable, "-c", code], capture_output=True, text=True, check=False, timeout=120, start_new_session=True
+        [sys.executable, "-c", code], capture_output=True, text=True, check=False, timeout=300, start_new_session=True
     )
     assert (done.returncode, done.stderr) == (130, "x: interrupted\n")
 

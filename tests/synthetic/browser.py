@@ -14,9 +14,10 @@ from typing import Any
 
 import pytest
 
-__all__ = ["Browser", "chromium"]
+__all__ = ["Browser", "PageError", "chromium"]
 
-TIMEOUT_S = 60.0
+#: How long a condition may take to hold: an error ends a test that waits, not the load of the machine.
+TIMEOUT_S = 180.0
 
 
 def chromium() -> str:
@@ -25,6 +26,10 @@ def chromium() -> str:
     if path is None:
         pytest.skip("no chromium; .ci/system-packages says how to install it")
     return path
+
+
+class PageError(AssertionError):
+    """The page or the browser refused: an expression threw, or its page was left meanwhile."""
 
 
 class Browser:
@@ -62,9 +67,18 @@ class Browser:
         os.close(to_browser)
         os.close(from_browser)
         self._session: str | None = None
-        targets = self.call("Target.getTargets")["targetInfos"]
-        page = next(target["targetId"] for target in targets if target["type"] == "page")
-        self._session = self.call("Target.attachToTarget", targetId=page, flatten=True)["sessionId"]
+        self._session = self.call("Target.attachToTarget", targetId=self._first_page(), flatten=True)["sessionId"]
+
+    def _first_page(self) -> str:
+        """The id of the page, which may open after the browser answers."""
+        until = time.monotonic() + TIMEOUT_S
+        while True:
+            targets = self.call("Target.getTargets")["targetInfos"]
+            pages = [str(target["targetId"]) for target in targets if target["type"] == "page"]
+            if pages:
+                return pages[0]
+            assert time.monotonic() < until, "the browser opens no page"
+            time.sleep(0.05)
 
     def __enter__(self) -> Browser:
         return self
@@ -78,21 +92,30 @@ class Browser:
         os.close(self._read)
 
     def open(self, url: str, ready: str = "document.readyState === 'complete'") -> None:
-        """Go to an address and wait until an expression holds there."""
-        self.call("Page.navigate", url=url)
-        self.wait(ready)
+        """Go to an address and wait until an expression holds there, and not on the page that was shown before."""
+        self.run("window.isLeft = true")
+        answer = self.call("Page.navigate", url=url)
+        assert "errorText" not in answer, answer
+        self.wait(f"!window.isLeft && ({ready})" if "loaderId" in answer else ready)
 
     def run(self, expression: str) -> Any:
         """The value of a JavaScript expression on the page; promises are awaited."""
         answer = self.call("Runtime.evaluate", expression=expression, returnByValue=True, awaitPromise=True)
-        assert "exceptionDetails" not in answer, answer["exceptionDetails"]
+        if "exceptionDetails" in answer:
+            raise PageError(answer["exceptionDetails"])
         return answer["result"].get("value")
 
     def wait(self, expression: str) -> None:
-        """Wait until an expression holds."""
+        """Wait until an expression holds; it may fail while a page is loaded or left."""
         until = time.monotonic() + TIMEOUT_S
-        while not self.run(f"Boolean({expression})"):
-            assert time.monotonic() < until, f"never: {expression}"
+        while True:
+            try:
+                seen = self.run(f"Boolean({expression})")
+            except PageError as error:
+                seen = error
+            if seen is True:
+                return
+            assert time.monotonic() < until, f"never: {expression}; last: {seen}"
             time.sleep(0.05)
 
     def drag(self, start: tuple[float, float], end: tuple[float, float]) -> None:
@@ -129,7 +152,8 @@ class Browser:
         while True:
             answer = self._message(until)
             if answer.get("id") == self._number:
-                assert "error" not in answer, (method, answer)
+                if "error" in answer:
+                    raise PageError(method, answer["error"])
                 result: dict[str, Any] = answer["result"]
                 return result
 

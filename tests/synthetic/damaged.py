@@ -54,9 +54,9 @@ class Outcome:
 def outcome(case: Case, folder: Path) -> Outcome:
     """Read a damaged copy of the small scene in `folder`, once for the time and once for the memory."""
     case.damage(folder / case.form)
-    start = time.perf_counter()
+    start = time.process_time()  # whatever else the machine does
     message, error = _answer(case, folder / case.form)
-    seconds = time.perf_counter() - start
+    seconds = time.process_time() - start
     tracemalloc.start()
     _answer(case, folder / case.form)
     peak = tracemalloc.get_traced_memory()[1]

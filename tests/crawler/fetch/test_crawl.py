@@ -10,6 +10,7 @@ import sqlite3
 import subprocess
 import sys
 import time
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -82,7 +83,7 @@ def test_a_shop_with_errors_is_brought_home(tmp_path: Path) -> None:
 @pytest.mark.slow
 def test_kills_lose_nothing_and_repeat_nothing(tmp_path: Path) -> None:
     kills = 3  # ten are a command of their own: python -m benchmarks.kills crawl
-    shop = Shop(products=80 * kills, errors=False, delay=0.1)
+    shop = Shop(products=80 * kills, errors=False, delay=0.5)
     generator = random.Random(4)
     with SyntheticSite(shop) as site:
         for number in range(kills):
@@ -94,6 +95,7 @@ def test_kills_lose_nothing_and_repeat_nothing(tmp_path: Path) -> None:
             assert process.poll() is None  # a kill finds the crawl at work
             process.send_signal(signal.SIGKILL)
             process.wait()
+        site.shop = replace(shop, delay=0.0)
         crawl(site, tmp_path / "out", "--resume")
         found = items(tmp_path / "out")
         assert len(found) == len({item["title"] for item in found}) == shop.products
@@ -155,7 +157,7 @@ def test_pictures_are_stored_once_and_named_by_their_items(tmp_path: Path) -> No
 @pytest.mark.slow
 def test_two_workers_share_a_frontier_and_one_is_killed(tmp_path: Path, redis_url: str) -> None:
     environment = os.environ | {"METRIC_TREE_LEASE_SECONDS": "3"}
-    shop = Shop(products=120, errors=False, delay=0.2)
+    shop = Shop(products=120, errors=False, delay=1.0)  # one worker alone needs 8 s: the other has started by then
     with SyntheticSite(shop) as site:
         words = ["--redis", redis_url]
         one, two = (
@@ -168,6 +170,7 @@ def test_two_workers_share_a_frontier_and_one_is_killed(tmp_path: Path, redis_ur
         _until(lambda: all(_stored(tmp_path / "out" / name) > 5 for name in ("one", "two")))
         one.send_signal(signal.SIGKILL)
         one.wait()
+        site.shop = replace(shop, delay=0.0)
         assert two.wait(timeout=180) == 0
         crawl_again = command(site, tmp_path / "out", *words, "--worker", "one", "--resume")
         subprocess.run(crawl_again, cwd=ROOT, capture_output=True, env=environment, timeout=180, check=True)

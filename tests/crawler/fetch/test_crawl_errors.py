@@ -9,6 +9,7 @@ import sqlite3
 import subprocess
 import sys
 import time
+from dataclasses import replace
 from pathlib import Path
 from types import SimpleNamespace
 from typing import Any
@@ -65,10 +66,11 @@ def test_a_resume_knows_where_the_crawl_began(
     monkeypatch.setenv("METRIC_TREE_LEASE_SECONDS", "3")
     more = ["--redis", request.getfixturevalue("redis_url"), "--worker", "one"] if shared else []
     out, database = tmp_path / "out", tmp_path / "out" / ("one" if shared else "") / "frontier.sqlite"
-    with SyntheticSite(Shop(products=24, errors=False, delay=0.3)) as site:
+    with SyntheticSite(Shop(products=24, errors=False, delay=1.0)) as site:
         start = ["--private", "--start-url", f"{site.base}/list/0"]
         process = subprocess.Popen(words("generic", out, *more, *start), cwd=ROOT, stdout=subprocess.DEVNULL)
         killed(process, database)
+        site.shop = replace(site.shop, delay=0.0)
         status, _, message = ran("generic", out, *more, "--resume")
         assert (status, message.count("\n")) == (2, 1)
         assert "private address" in message

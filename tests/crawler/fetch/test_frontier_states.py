@@ -3,9 +3,7 @@
 from __future__ import annotations
 
 import shutil
-import socket
 import sqlite3
-import subprocess
 import tempfile
 from collections.abc import Iterator
 from contextlib import contextmanager, suppress
@@ -20,7 +18,7 @@ from hypothesis.stateful import RuleBasedStateMachine, invariant, precondition, 
 from crawler.fetch.frontier import Outcome, Task, task_key
 from crawler.fetch.frontier_redis import RedisFrontier
 from crawler.fetch.frontier_sqlite import SqliteFrontier
-from tests.crawler.conftest import _wait
+from tests.crawler.conftest import RedisServer
 
 NUMBERS = st.integers(0, 12)
 QUICK = settings(max_examples=25, stateful_step_count=30, deadline=None, suppress_health_check=list(HealthCheck))
@@ -236,18 +234,9 @@ def redis_server(tmp_path_factory: pytest.TempPathFactory) -> Iterator[str]:
     """The address of a server for all examples."""
     if shutil.which("redis-server") is None:
         pytest.skip("redis-server is not installed")
-    with socket.socket() as probe:
-        probe.bind(("127.0.0.1", 0))
-        port = int(probe.getsockname()[1])
-    folder = tmp_path_factory.mktemp("redis")
-    words = ["redis-server", "--port", str(port), "--save", "", "--dir", str(folder)]
-    server = subprocess.Popen(words, stdout=subprocess.DEVNULL)
-    try:
-        _wait(port)
-        yield f"redis://127.0.0.1:{port}/0"
-    finally:
-        server.terminate()
-        server.wait()
+    server = RedisServer(tmp_path_factory.mktemp("redis"))
+    yield server.url
+    server.stop()
 
 
 def test_the_shared_frontier_loses_nothing(redis_server: str) -> None:

@@ -9,6 +9,7 @@ import signal
 import subprocess
 import time
 from collections.abc import AsyncIterator, Iterator
+from dataclasses import replace
 from pathlib import Path
 from types import SimpleNamespace
 from typing import Any
@@ -136,7 +137,7 @@ def test_a_crawl_whose_server_is_stopped_ends_with_one_line_and_goes_on_when_it_
     import redis
 
     out = tmp_path / "out"
-    with SyntheticSite(Shop(products=150, errors=False, delay=0.05)) as site:
+    with SyntheticSite(Shop(products=150, errors=False, delay=0.5)) as site:
         more = ["--private", "--redis", redis_server.url, "--worker", "one"]
         begin = words("generic", out, *more, "--start-url", f"{site.base}/list/0")
         process = subprocess.Popen(begin, cwd=ROOT, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True)
@@ -146,6 +147,7 @@ def test_a_crawl_whose_server_is_stopped_ends_with_one_line_and_goes_on_when_it_
             assert time.monotonic() < end
             time.sleep(0.05)
         redis_server.stop(keep=True)
+        site.shop = replace(site.shop, delay=0.0)
         output, message = process.communicate(timeout=180)
         assert (process.returncode, message.count("\n"), output) == (2, 1, ""), message
         assert f"{redis_server.url}: expected a frontier that can be written and asked" in message

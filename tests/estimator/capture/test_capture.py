@@ -7,7 +7,6 @@ import shutil
 import signal
 import subprocess
 import sys
-import time
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
@@ -33,7 +32,20 @@ LENS = Lens(320, 240, 250.0, k=-0.06)
 FRAMES = 26
 #: A third of the frames is reconstructed from, so that the others have to be localised.
 CHOSEN = 11
-COMMAND = "import sys; from metric_cli.estimate_scale.estimate import main; sys.exit(main(sys.argv[1:]))"
+#: The command, killed as the stage of its first word begins.
+KILLED = """
+import os, signal, sys
+from estimator.capture.work_folder import WorkFolder
+from metric_cli.estimate_scale.estimate import main
+
+last, stage = sys.argv.pop(1), WorkFolder.stage
+
+def killed(work, name, inputs, outputs, make):
+    return stage(work, name, inputs, outputs, make if name != last else lambda _: os.kill(os.getpid(), signal.SIGKILL))
+
+WorkFolder.stage = killed
+sys.exit(main(sys.argv[1:]))
+"""
 STAGES = ("frames", "features", "matches", "mapping", "model", "poses")
 
 
@@ -68,14 +80,11 @@ def video(tmp_path_factory: pytest.TempPathFactory) -> Video:
 def work(video: Video, tmp_path_factory: pytest.TempPathFactory) -> Path:
     """The work folder of a run that was killed with SIGKILL as each stage began, and then left alone."""
     folder = tmp_path_factory.mktemp("work") / "w"
-    command = [sys.executable, "-c", COMMAND, *_words(video, folder)]
     for stage in STAGES:
-        if stage == "model":  # it copies the files of one rung in some milliseconds: nobody can hit that
-            continue
-        process = subprocess.Popen(command, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL)
-        _wait_for(process, folder / f".metric-tree.{stage}.part")
-        process.send_signal(signal.SIGKILL)
-        process.wait()
+        command = [sys.executable, "-c", KILLED, stage, *_words(video, folder)]
+        done = subprocess.run(command, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL, check=False)
+        assert done.returncode == -signal.SIGKILL
+        assert (folder / f".metric-tree.{stage}.part").is_dir()
         assert not (folder / "stamps" / f"{stage}.json").exists()
     assert main(_words(video, folder)) == 0
     return folder
@@ -84,14 +93,6 @@ def work(video: Video, tmp_path_factory: pytest.TempPathFactory) -> Path:
 def _words(video: Video, folder: Path) -> list[str]:
     words = [video.file, "--work", folder, "--instances", video.instances, "--frames", CHOSEN, "--json"]
     return [str(word) for word in words]
-
-
-def _wait_for(process: subprocess.Popen[bytes], place: Path) -> None:
-    until = time.monotonic() + 120
-    while not place.exists():
-        assert process.poll() is None, f"it ended before {place.name}"
-        assert time.monotonic() < until, f"{place.name} never came"
-        time.sleep(0.005)
 
 
 @pytest.mark.slow

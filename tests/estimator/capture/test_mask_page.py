@@ -52,14 +52,14 @@ class _Served:
         self.document = self.page.collect()
 
     def result(self) -> dict[str, Any]:
-        self._thread.join(30)
+        self._thread.join(300)
         assert self.document is not None
         return self.document
 
     def request(self, path: str, body: str | None = None, host: str | None = None) -> tuple[int, str]:
         url = urlsplit(self.page.url)
         assert url.hostname is not None
-        connection = http.client.HTTPConnection(url.hostname, url.port, timeout=10)
+        connection = http.client.HTTPConnection(url.hostname, url.port, timeout=120)
         headers = {} if host is None else {"Host": host}
         connection.request("GET" if body is None else "POST", path, body=body, headers=headers)
         answer = connection.getresponse()
@@ -270,7 +270,7 @@ def test_a_browser_that_hangs_up_is_not_heard_in_the_terminal(
     url = urlsplit(served.page.url)
     head, _, rest = request_lines.format(at=url.path).partition("\r\n")
     text = f"{head} HTTP/1.1\r\nHost: {url.netloc}\r\n{rest}\r\n\r\n"
-    with socket.create_connection((str(url.hostname), int(url.port or 0)), timeout=10) as connection:
+    with socket.create_connection((str(url.hostname), int(url.port or 0)), timeout=120) as connection:
         connection.setsockopt(socket.SOL_SOCKET, socket.SO_LINGER, struct.pack("ii", 1, 0))  # hang up with a reset
         connection.sendall(text.encode())
     assert served.request(served.at(""))[0] == 200

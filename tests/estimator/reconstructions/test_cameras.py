@@ -116,7 +116,7 @@ def run():
     from estimator.reconstructions.pycolmap_library import pycolmap
     with whole_folder(Path({str(tmp_path / "out")!r})):
         print(pycolmap.__version__, flush=True)
-        time.sleep(60)
+        time.sleep(600)
 
 sys.exit(exit_status("x", run))
 """
@@ -124,6 +124,6 @@ sys.exit(exit_status("x", run))
     assert process.stdout is not None
     assert process.stdout.readline()
     process.send_signal(signal.SIGTERM)
-    _, message = process.communicate(timeout=60)
+    _, message = process.communicate(timeout=300)
     assert (process.returncode, message) == (143, "x: terminated\n")
     assert not list(tmp_path.iterdir())

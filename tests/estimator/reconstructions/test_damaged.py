@@ -37,7 +37,7 @@ def warm(small: Path) -> Path:
 
 
 @pytest.mark.parametrize("case", CASES, ids=[case.name for case in CASES])
-def test_one_line_within_a_second(case: Case, warm: Path, tmp_path: Path) -> None:
+def test_one_line_within_a_second_of_the_processor(case: Case, warm: Path, tmp_path: Path) -> None:
     shutil.copytree(warm, tmp_path / "copy")
     result = outcome(case, tmp_path / "copy")
     assert result.error is None

@@ -18,9 +18,10 @@ from estimator.capture.frames import FRAMES_FILE, Frames, Source, make_frames, r
 from estimator.capture.localisation import localised_frames
 from estimator.capture.mapping.evidence import CaptureEvidence, Pair
 from estimator.capture.mapping.failures import CaptureFailure, Failure, after_all, failure
+from estimator.capture.mapping.gates import WHOLE_SHARE
 from estimator.capture.mapping.lens import Lens
 from estimator.capture.mapping.reconstruction import make_features, make_matches, make_model
-from estimator.capture.mapping.rungs import RUNGS, WHOLE_SHARE, Rung, next_rungs, predicted_s
+from estimator.capture.mapping.rungs import RUNGS, Rung, next_rungs, predicted_s
 from estimator.capture.mapping.time_limit import OutOfTime, TimeLimit, limit_of
 from estimator.capture.video import Video
 from estimator.capture.work_folder import WorkFolder, content_digest
@@ -58,7 +59,7 @@ class CaptureOptions:
 
     frames : how many to choose, None for as many as the motion asks for; focal_px : in pixels of the source;
     camera_model : COLMAP's name, None for the one that fits; dense : whether to make `dense.ply`; max_time_s : wall
-    time for the reconstruction of the frames, None for as long as `TimeLimit` has it.
+    time for the reconstruction of the frames, None for as much processor time as `limit_of` has it.
     """
 
     frames: int | None = None
@@ -115,7 +116,7 @@ def capture_video(
     focal_px : focal length in pixels of the source, which is then not refined
     camera_model : COLMAP's name, by default the one that fits
     dense : whether to make dense points, too
-    max_time_s : wall time for the reconstruction, by default a quarter of an hour, or 6 s a frame if that is more
+    max_time_s : wall time for the reconstruction, by default 900 s of processor time, or 6 s a frame if that is more
     progress : is called with the name of a step, how much of it is done, and of how much or None
     notice : is called with a sentence on how the dense points are made
 
@@ -214,7 +215,7 @@ class _Climb:
         left = list[str]()
         while above:
             rung, *others = above
-            if tried and self._predicted_s(rung, tried[-1][0]) > limit.left_s:
+            if tried and self._predicted_s(rung, tried[-1][0], limit) > limit.left_s:
                 left, above = [*left, rung.name], tuple(others)
                 continue
             try:
@@ -230,8 +231,9 @@ class _Climb:
             above = next_rungs(rung, seen, _placed_count(report), self._evidence(rung))
         return self._chosen(tried, left)
 
-    def _predicted_s(self, rung: Rung, done: Rung) -> float:
-        return predicted_s(rung, done, self.work.seconds, len(self.frames.names), self.in_order)
+    def _predicted_s(self, rung: Rung, done: Rung, limit: TimeLimit) -> float:
+        spent = self.work.processor_s if limit.of_processor else self.work.seconds
+        return predicted_s(rung, done, spent, len(self.frames.names), self.in_order)
 
     def _chosen(self, tried: list[tuple[Rung, str, dict[str, Any]]], left: list[str]) -> str:
         """The stage `model` of the best of the rungs, rows of rung, digest and report; left : for lack of time."""

@@ -30,12 +30,13 @@ _CHUNK = 1 << 22
 class WorkFolder:
     """A folder that one run at a time works in; a run that was killed leaves nothing half-made behind.
 
-    path : the folder; seconds : wall time of each stage that this run made, by name.
+    path : the folder; seconds, processor_s : wall and processor time of each stage that this run made, by name.
     """
 
     def __init__(self, path: Path) -> None:
         self.path = path
         self.seconds: dict[str, float] = {}
+        self.processor_s: dict[str, float] = {}
 
     @contextmanager
     def lock(self) -> Iterator[None]:
@@ -91,7 +92,9 @@ class WorkFolder:
         self.seconds[name] = round(time.perf_counter() - started, 3)
         row = {"key": key, "outputs": made, "digest": digest, "seconds": self.seconds[name]}
         row["owned"] = {output: [value] for output, value in digests.items()}
-        row["cpu_seconds"] = round(sum(os.times()[:4]) - cpu, 3)  # of all threads and processes that it started
+        cpu_s = round(sum(os.times()[:4]) - cpu, 3)  # of all threads and processes that it started
+        row["cpu_seconds"] = cpu_s
+        self.processor_s[name] = cpu_s
         self._write_stamp(name, row)
         return digest
 

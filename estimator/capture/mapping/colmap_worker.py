@@ -20,9 +20,10 @@ from numpy.typing import NDArray
 
 from estimator.capture.mapping.lens_choice import chosen_lens, lens_scores
 from estimator.capture.mapping.pair_choice import all_pairs, chosen_pairs, coarse_scores
+from estimator.capture.mapping.triplets import agreement, model_triplets
 from estimator.reconstructions.pycolmap_library import pycolmap
 
-__all__ = ["Request", "run_step", "say"]
+__all__ = ["Request", "keep_largest_piece", "run_step", "say"]
 
 Request = dict[str, Any]
 
@@ -34,9 +35,14 @@ _PARENT_DEATH_SIGNAL = 1
 
 
 def run_step(words: Sequence[str], steps: Mapping[str, Callable[[Request], dict[str, Any]]]) -> None:
-    """Run the step that is named on its request; words : step, file of the request, id of the parent process."""
-    step, file, parent = words
+    """Run the step that is named on its request.
+
+    words : step, file of the request, id of the parent process, and the seconds of processor that it may use, if any.
+    """
+    step, file, parent, *seconds = words
     _end_with_parent(int(parent))
+    for limit_s in seconds:
+        _end_after(int(limit_s))
     request: Request = json.loads(Path(file).read_text(encoding="utf-8"))
     pycolmap.logging.minloglevel = 1
     result = steps[step](request)
@@ -139,8 +145,8 @@ def verification(request: Request) -> dict[str, Any]:
 def incremental(request: Request) -> dict[str, Any]:
     """COLMAP's incremental mapper; the models are written to folders 0, 1, ... of the output, largest first.
 
-    The result also states how well the largest determines its focal length. With `focal_last` the focal length, and
-    of a lens that is `held` every parameter, is held until all frames have a place, and adjusted then.
+    With `focal_last` the focal length, and of a lens that is `held` every parameter, is held until all frames have a
+    place, and adjusted then.
     """
     held = request["held"]
     refine = request["refine_focal"] and not request["focal_last"] and not held
@@ -171,10 +177,7 @@ def incremental(request: Request) -> dict[str, Any]:
     if request["focal_last"] or held:
         for model in models.values():
             pycolmap.bundle_adjustment(model)
-    largest = max(models.values(), key=lambda model: model.num_reg_images(), default=None)
-    deviation = None if largest is None else focal_deviation(largest)
-    params = [] if largest is None else [float(value) for value in min(largest.cameras.items())[1].params]
-    return _write_models(models, request) | {"focal_deviation": deviation, "camera": params}
+    return _write_models(models, request)
 
 
 def global_(request: Request) -> dict[str, Any]:
@@ -206,7 +209,12 @@ STEPS: dict[str, Callable[[Request], dict[str, Any]]] = {
 
 
 def _write_models(models: dict[int, Any], request: Request) -> dict[str, Any]:
+    """The models as folders, largest first; of that one its camera, how sure its focal length is, and its triplets.
+
+    Of the largest only the largest piece is kept that triplets hold together.
+    """
     ordered = sorted(models.values(), key=lambda model: -model.num_reg_images())
+    agreed = None if not ordered else keep_largest_piece(ordered[0], request)
     rows = []
     for number, model in enumerate(ordered):
         if request["colours"]:
@@ -215,7 +223,24 @@ def _write_models(models: dict[int, Any], request: Request) -> dict[str, Any]:
         place.mkdir(parents=True)
         model.write_binary(str(place))
         rows.append({"images": model.num_reg_images(), "points": model.num_points3D()})
-    return {"models": rows}
+    result: dict[str, Any] = {"models": rows, "camera": [], "focal_deviation": None, "agreement": agreed}
+    if ordered:
+        result["camera"] = [float(value) for value in min(ordered[0].cameras.items())[1].params]
+        result["focal_deviation"] = focal_deviation(ordered[0])
+    return result
+
+
+def keep_largest_piece(model: Any, request: Request) -> dict[str, Any]:
+    """Take the frames of smaller pieces out of a model; how it agreed with its triplets before, as JSON."""
+    agreed = agreement(model_triplets(model, request["database"]), model.num_reg_images())
+    loose = set().union(*agreed.pieces[1:]) - set(agreed.pieces[0] if agreed.pieces else ())
+    if loose:
+        for image in [image for image in model.images.values() if image.has_pose and image.name in loose]:
+            model.deregister_frame(image.frame_id)
+        options = pycolmap.BundleAdjustmentOptions(print_summary=False)
+        options.refine_focal_length = bool(request["refine_focal"])
+        pycolmap.bundle_adjustment(model, options)
+    return agreed.json()
 
 
 def _strongest(database: Any, image_id: int) -> NDArray[np.float32]:
@@ -270,6 +295,17 @@ def _end_with_parent(parent: int) -> None:
         return
     if os.getppid() != parent:  # it was killed before the line above: nobody else would end this process
         sys.exit(1)
+
+
+def _end_after(seconds: int) -> None:
+    """End when so many seconds of processor are used."""
+    try:
+        import resource
+    except ImportError:  # not POSIX: the wall time of the waiting process counts
+        return
+    hard = resource.getrlimit(resource.RLIMIT_CPU)[1]
+    if hard == resource.RLIM_INFINITY or seconds < hard:
+        resource.setrlimit(resource.RLIMIT_CPU, (seconds, hard))
 
 
 def focal_deviation(model: Any) -> float | None:

@@ -15,9 +15,11 @@ from estimator.records.scene import Scene
 from metric_base.arrays import FloatArray, IntArray
 
 __all__ = [
+    "Agreement",
     "CaptureEvidence",
     "ModelShape",
     "Pair",
+    "agreement_of",
     "aligned_centres",
     "model_disagreement",
     "model_shape",
@@ -85,6 +87,14 @@ class CaptureEvidence:
             members.setdefault(root(frame), []).append(frame)
         return sorted(members.values(), key=len, reverse=True)
 
+    def most_steps(self) -> int:
+        """Linked pairs from one frame to another, at most, within the largest group; an orbit or a room has few."""
+        near: dict[int, set[int]] = {}
+        for pair in self.linked_pairs:
+            near.setdefault(pair.first, set()).add(pair.second)
+            near.setdefault(pair.second, set()).add(pair.first)
+        return max((_steps_from(frame, near) for frame in self.groups()[0]), default=0)
+
     def rotation_share(self) -> float:
         """Share of the linked pairs that move by a tenth of the picture or more and that a rotation alone explains."""
         side = max(self.size)
@@ -125,6 +135,41 @@ class CaptureEvidence:
         }
 
 
+@dataclass(frozen=True, slots=True)
+class Agreement:
+    """How well a model agrees with the verified matches of three frames at a time.
+
+    frames : of the model; triplets : how many were looked at; contradicted : how many of them the model contradicts;
+    residual_px : their median residual; pieces : frames that triplets hold together, largest piece first.
+    """
+
+    frames: int = 0
+    triplets: int = 0
+    contradicted: int = 0
+    residual_px: float = 0.0
+    pieces: tuple[tuple[str, ...], ...] = ()
+
+    @property
+    def share(self) -> float:
+        """Share of the triplets that the model contradicts."""
+        return self.contradicted / max(self.triplets, 1)
+
+    def json(self) -> dict[str, Any]:
+        """For a line of JSON; `agreement_of` reads it."""
+        return {
+            "frames": self.frames,
+            "triplets": self.triplets,
+            "contradicted": self.contradicted,
+            "residual_px": self.residual_px,
+            "pieces": [list(piece) for piece in self.pieces],
+        }
+
+
+def agreement_of(row: dict[str, Any] | None) -> Agreement | None:
+    """What `Agreement.json` wrote."""
+    return None if row is None else Agreement(**row | {"pieces": tuple(tuple(piece) for piece in row["pieces"])})
+
+
 @dataclass(frozen=True, slots=True, eq=False)
 class ModelShape:
     """A model as the gates see it.
@@ -133,7 +178,7 @@ class ModelShape:
     points of the widest angle between two views of it; error_px : median reprojection error; focal : over the longer
     side; lens_bend : largest displacement by the lens within the picture, as a share of the longer side;
     focal_deviation : of `focal_deviation`, None where it could not be computed; focal_spread : of `focal_spread`;
-    pattern : of `residual_pattern`; camera : COLMAP's camera model.
+    pattern : of `residual_pattern`; camera : COLMAP's camera model; agreement : with the matches of three frames.
     """
 
     names: tuple[str, ...]
@@ -147,6 +192,7 @@ class ModelShape:
     focal_spread: float | None = None
     pattern: float = 0.0
     camera: str = "SIMPLE_RADIAL"
+    agreement: Agreement = Agreement()
 
     def summary(self) -> dict[str, Any]:
         """Figures for the report."""
@@ -161,11 +207,16 @@ class ModelShape:
             "focal_spread": self.focal_spread,
             "pattern": self.pattern,
             "camera": self.camera,
+            "triplets": self.agreement.triplets,
+            "contradicted": self.agreement.contradicted,
+            "pieces": [len(piece) for piece in self.agreement.pieces],
         }
 
 
-def model_shape(folder: Path, focal_deviation: float | None = None) -> ModelShape | None:
-    """The shape of a model on disk, None where there is none or it has no point; focal_deviation : of that model."""
+def model_shape(
+    folder: Path, focal_deviation: float | None = None, agreement: Agreement | None = None
+) -> ModelShape | None:
+    """The shape of a model on disk, None where there is none or it has no point; the others are of that model."""
     if not (folder / "images.bin").is_file():
         return None
     scene = read_colmap(folder)
@@ -186,6 +237,7 @@ def model_shape(folder: Path, focal_deviation: float | None = None) -> ModelShap
         focal_spread(scene),
         residual_pattern(residuals, pixels, (camera.width, camera.height)),
         camera.model,
+        agreement or Agreement(),
     )
 
 
@@ -215,6 +267,15 @@ def aligned_centres(source: FloatArray, target: FloatArray) -> FloatArray:
     scale = float((d * sign).sum() / max((a**2).sum(axis=1).mean(), 1e-30))
     aligned: FloatArray = scale * a @ rotation.T + target.mean(axis=0)
     return aligned
+
+
+def _steps_from(frame: int, near: dict[int, set[int]]) -> int:
+    """Steps from a frame to the one that is farthest from it."""
+    reached, border, steps = {frame}, {frame}, 0
+    while border := {other for one in border for other in near.get(one, ())} - reached:
+        reached |= border
+        steps += 1
+    return steps
 
 
 def _median_angle(scene: Scene) -> float:

@@ -54,7 +54,7 @@ def with_other_lens(task: MappingTask, lens: Lens, mapped: Mapped) -> Mapped:
 
 
 def other_mapping_s(mapped: Mapped) -> float:
-    """Seconds that another mapping of the same matches may take."""
+    """Seconds, on the clock of the limit, that another mapping of the same matches may take."""
     return TIMES_THE_FIRST * mapped.seconds + SECONDS_MORE
 
 
@@ -87,7 +87,7 @@ def _choice(task: MappingTask, mapped: Mapped) -> dict[str, Any] | None:
     if mapped.shape is None or len(mapped.shape.names) < LEAST_FRAMES or mapped.model is None:
         return None
     below = task.below("lenses", other_mapping_s(mapped))
-    process = start_worker("lenses", {"model": str(mapped.model)}, below.part)
+    process = start_worker("lenses", {"model": str(mapped.model)}, below.part, limit=below.limit)
     try:
         choice: dict[str, Any] = wait_for_worker(process, "lenses", below.part / "lenses.log", limit=below.limit)
     except OutOfTime:

@@ -1,37 +1,54 @@
-"""The two mappers, which must agree, run on the matches through one lens."""
+"""The mapper, and another one that checks it where its model is not sure, run on the matches through one lens."""
 
 from __future__ import annotations
 
+import contextlib
 import shutil
-import time
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
-from estimator.capture.mapping.evidence import CaptureEvidence, ModelShape, model_disagreement, model_shape
+from estimator.capture.mapping.evidence import (
+    CaptureEvidence,
+    ModelShape,
+    agreement_of,
+    model_disagreement,
+    model_shape,
+)
 from estimator.capture.mapping.failures import Failure
-from estimator.capture.mapping.gates import model_failure
+from estimator.capture.mapping.gates import (
+    MOST_DISAGREEMENT,
+    can_answer,
+    contradiction,
+    drift,
+    is_usable,
+    is_whole,
+    model_failure,
+    needs_check,
+)
 from estimator.capture.mapping.lens import Lens
-from estimator.capture.mapping.time_limit import TimeLimit
-from estimator.capture.mapping.worker_process import start_worker, wait_for_worker
+from estimator.capture.mapping.time_limit import OutOfTime, TimeLimit, processor_s
+from estimator.capture.mapping.worker_process import WorkerError, start_worker, wait_for_worker
 from metric_base.progress import ProgressCallback
 
 __all__ = ["Mapped", "MappingTask", "mapped_frames"]
 
-#: Threads of each of the two mappers, which run at once. With one the same matches give the same model; with more the
+#: Threads of a mapper. With one the same matches give the same model; with more the
 #: sums of the adjustment are added in another order each time, which moves a focal length by up to 1 %.
 MAPPING_THREADS = 1
-#: Frames that the global mapper checks the incremental one on; it takes twice as long for as many.
+#: Frames that the global mapper checks a usable model on; it takes twice as long for as many.
 CHECKED = 50
+#: A model of the global mapper is preferred where it places so many times as many frames.
+MORE_FRAMES = 1.2
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Mapped:
-    """What the two mappers made.
+    """What a mapper made.
 
     A failure that it shows, its shape and folder, whether the focal length was held; params : of its camera;
-    seconds : that it took; lens_choice : the scores of camera models and the one that was chosen, where several were
-    compared.
+    seconds : of processor that it took; mapper : `incremental` or `global`; lens_choice : the scores of camera models
+    and the one that was chosen, where several were compared.
     """
 
     failure: Failure | None = None
@@ -41,6 +58,7 @@ class Mapped:
     focal_held: bool = False
     params: tuple[float, ...] = ()
     seconds: float = 0.0
+    mapper: str = "incremental"
     lens_choice: dict[str, Any] | None = None
 
 
@@ -67,7 +85,7 @@ class MappingTask:
 
 
 def mapped_frames(task: MappingTask, lens: Lens, focal_last: bool = False) -> Mapped:
-    """Both mappers at once, and whether what they made can be used.
+    """What the incremental mapper makes, checked by the global one where its model is not sure; the better of the two.
 
     focal_last : the focal length is held until all frames have a place. A lens that differs from the one that the
     matches were verified with verifies them again: what an uncalibrated fisheye picture shows at its border fits no
@@ -76,38 +94,59 @@ def mapped_frames(task: MappingTask, lens: Lens, focal_last: bool = False) -> Ma
     Raises
     ------
     OutOfTime
-        They had not ended at the task's limit.
+        The incremental mapper had not ended at the task's limit.
     """
-    part, evidence, started = task.part, task.evidence, time.monotonic()
+    started = processor_s()
     matches = task.matches
     if lens.start is not None:
-        matches = part / "verified.db"
+        matches = task.part / "verified.db"
         shutil.copyfile(task.matches, matches)
-        process = start_worker("verification", {"database": str(matches), "lens": _lens_request(lens)}, part)
-        wait_for_worker(process, "verification", part / "verification.log", limit=task.limit)
-    requests = {
-        step: _request(task, step, lens, matches) | {"focal_last": focal_last} for step in ("incremental", "global")
-    }
-    requests["global"]["names"] = evidence.names[:: max(1, len(evidence.names) // CHECKED)]
-    processes = {step: start_worker(step, request, part) for step, request in requests.items()}
-    try:
-        log, n = part / "incremental.log", len(evidence.names)
-        result = wait_for_worker(processes["incremental"], "incremental", log, task.progress, n, task.limit)
-        model = part / "incremental" / "0"
-        shape = model_shape(model, result["focal_deviation"])
-        wait_for_worker(processes["global"], "global", part / "global.log", limit=task.limit)
-    finally:
-        for process in processes.values():
-            if process.poll() is None:
-                process.kill()
+        request = {"database": str(matches), "lens": _lens_request(lens)}
+        process = start_worker("verification", request, task.part, limit=task.limit)
+        wait_for_worker(process, "verification", task.part / "verification.log", limit=task.limit)
+    one = _mapped_by("incremental", task, lens, matches, focal_last)
+    if needs_check(task.evidence, one.shape, one.failure):
+        with contextlib.suppress(OutOfTime, WorkerError):  # what there is counts
+            one = _better_of_both(one, task, lens, matches)
+    return replace(one, failure=one.failure or contradiction(one.shape), seconds=processor_s() - started)
+
+
+def _better_of_both(one: Mapped, task: MappingTask, lens: Lens, matches: Path) -> Mapped:
+    """The better of what the incremental mapper made and what the global one makes of the same matches.
+
+    A model that can be used is checked on some of the frames alone.
+    """
+    names = task.evidence.names
+    thinned = is_usable(one.shape, one.failure) and len(names) > CHECKED
+    two = _mapped_by("global", task, lens, matches, names=names[:: len(names) // CHECKED] if thinned else names)
+    disagreement = None if one.shape is None else model_disagreement(one.shape, two.shape)
+    one, two = replace(one, disagreement=disagreement), replace(two, disagreement=disagreement)
+    if not is_usable(one.shape, one.failure):
+        return two if can_answer(two.shape, two.failure) else one
+    if disagreement is None or disagreement <= MOST_DISAGREEMENT:
+        more = not thinned and can_answer(two.shape, two.failure) and _n_placed(two) > MORE_FRAMES * _n_placed(one)
+        return two if more else one
+    return replace(one, failure=drift(disagreement)) if two.shape is not None and is_whole(two.shape) else one
+
+
+def _n_placed(mapped: Mapped) -> int:
+    return 0 if mapped.shape is None else len(mapped.shape.names)
+
+
+def _mapped_by(
+    step: str, task: MappingTask, lens: Lens, matches: Path, focal_last: bool = False, names: list[str] | None = None
+) -> Mapped:
+    """What one mapper makes of the named frames, or of all."""
+    request = _request(task, step, lens, matches) | {"focal_last": focal_last}
+    request["names"] = names or task.evidence.names
+    process = start_worker(step, request, task.part, limit=task.limit)
+    log = task.part / f"{step}.log"
+    result = wait_for_worker(process, step, log, task.progress, len(request["names"]), task.limit)
+    model = task.part / step / "0"
+    shape = model_shape(model, result["focal_deviation"], agreement_of(result["agreement"]))
     stated = None if lens.focal_px is None else lens.focal_px / max(lens.width, lens.height)
-    failure = model_failure(evidence, shape, None, lens.fixed, stated)
-    disagreement = None
-    if failure is None and shape is not None:
-        disagreement = model_disagreement(shape, model_shape(part / "global" / "0"))
-        failure = model_failure(evidence, shape, disagreement, lens.fixed, stated)
-    seconds = time.monotonic() - started
-    return Mapped(failure, shape, disagreement, model, lens.fixed, tuple(result["camera"]), seconds)
+    failure = model_failure(task.evidence, shape, lens.fixed, stated)
+    return Mapped(failure, shape, None, model, lens.fixed, tuple(result["camera"]), mapper=step)
 
 
 def _request(task: MappingTask, step: str, lens: Lens, matches: Path) -> dict[str, Any]:
@@ -121,12 +160,11 @@ def _request(task: MappingTask, step: str, lens: Lens, matches: Path) -> dict[st
         "pictures": str(task.pictures),
         "scratch": str(scratch),
         "output": str(output),
-        "names": task.evidence.names,
         "threads": MAPPING_THREADS,
         "seed": 0,
         "refine_focal": not lens.fixed,
         "held": lens.held,
-        "colours": step == "incremental",
+        "colours": True,
     }
 
 

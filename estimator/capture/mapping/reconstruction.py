@@ -1,4 +1,4 @@
-"""Structure from motion over the chosen frames: features, matches, and two mappers that must agree."""
+"""Structure from motion over the chosen frames: features, matches, and a mapper that another one may check."""
 
 from __future__ import annotations
 
@@ -10,6 +10,7 @@ from pathlib import Path
 from estimator.capture.mapping.evidence import CaptureEvidence
 from estimator.capture.mapping.failures import TYPICAL_FOCAL
 from estimator.capture.mapping.gates import (
+    UNSURE,
     early_failure,
     focal_is_determined,
     focal_undetermined,
@@ -56,7 +57,7 @@ def make_features(
         "max_side": rung.max_side,
         "threads": THREADS,
     }
-    process = start_worker("features", request, part)
+    process = start_worker("features", request, part, limit=limit)
     result = wait_for_worker(process, "features", part / "features.log", progress, n, limit)
     (part / f"features{rung.suffix}.json").write_text(json.dumps(result), encoding="utf-8")
 
@@ -78,7 +79,7 @@ def make_matches(
     database = part / f"matches{rung.suffix}.db"
     shutil.copyfile(features / f"features{rung.suffix}.db", database)
     request = {"database": str(database), "names": names, "in_order": in_order, "threads": THREADS, **rung.matching}
-    process = start_worker("matches", request, part)
+    process = start_worker("matches", request, part, limit=limit)
     result = wait_for_worker(process, "matches", part / "matches.log", progress, limit=limit)
     (part / f"matches{rung.suffix}.json").write_text(json.dumps(result), encoding="utf-8")
 
@@ -95,8 +96,7 @@ def make_model(
 ) -> None:
     """A model as the folder `output`, and its report beside it, of the same name; of a failure only the latter.
 
-    matches : the database of the matches; limit : when all must have ended. The incremental mapper makes the model; the
-    global one, which turns pure rotation into a convincing false model, only checks its shape. Where the lens is
+    matches : the database of the matches; limit : when all must have ended. Where the lens is
     doubtful, other lenses are tried. Where most frames cannot be placed, the mappers run again and adjust the focal
     length last. Where the frames leave the focal length open, one that is stated is held and the mappers run again.
 
@@ -125,7 +125,7 @@ def _mended_mapping(task: MappingTask, lens: Lens, mapped: Mapped) -> Mapped:
     if mapped.failure is not None and mapped.failure.code == "too_few_frames" and not most_are_linked(task.evidence):
         return mapped  # no lens links them
     if lens.free and lens_is_doubtful(mapped.shape, mapped.failure):
-        mapped = with_other_lens(task, lens, mapped)
+        mapped = _surer(mapped, with_other_lens(task, lens, mapped))
     try:
         if mapped.failure is not None and mapped.failure.code == "too_few_frames":
             mapped = _map_with_focal_last(task, lens, mapped)
@@ -134,6 +134,18 @@ def _mended_mapping(task: MappingTask, lens: Lens, mapped: Mapped) -> Mapped:
     except OutOfTime:
         pass
     return mapped
+
+
+def _surer(first: Mapped, other: Mapped) -> Mapped:
+    """The mapping through another lens, unless the first was refused because of the motion and this one hardly passes.
+
+    The motion leaves the focal length as open through any lens: of several mappings one may pass by chance.
+    """
+    of_the_motion = first.failure is not None and first.failure.code == "focal_length_undetermined"
+    if of_the_motion and other.failure is None and other.shape is not None:
+        deviation = other.shape.focal_deviation
+        return first if deviation is None or deviation > UNSURE else other
+    return other
 
 
 def _map_with_focal_last(task: MappingTask, lens: Lens, mapped: Mapped) -> Mapped:
@@ -165,6 +177,7 @@ def _write_report(file: Path, mapped: Mapped, evidence: CaptureEvidence) -> None
         "failure": None if mapped.failure is None else mapped.failure.json(),
         "pairs": evidence.summary(),
         "model": None if shape is None else shape.summary() | {"left_out": left_out},
+        "mapper": mapped.mapper,
         "disagreement": mapped.disagreement,
         "focal_held": mapped.focal_held,
         "lenses": mapped.lens_choice,

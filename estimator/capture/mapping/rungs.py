@@ -10,13 +10,10 @@ import numpy as np
 
 from estimator.capture.mapping.evidence import CaptureEvidence
 from estimator.capture.mapping.failures import Failure
-from estimator.capture.mapping.gates import LEAST_FRAMES
+from estimator.capture.mapping.gates import LEAST_FRAMES, WHOLE_SHARE
 from estimator.capture.mapping.pair_choice import pair_count
 
-__all__ = ["RUNGS", "WHOLE_SHARE", "Rung", "next_rungs", "predicted_s"]
-
-#: Share of the frames from which a model that can be used ends the climb; of smaller ones the largest is taken.
-WHOLE_SHARE = 0.8
+__all__ = ["RUNGS", "Rung", "next_rungs", "predicted_s"]
 
 #: Failures that are of the camera's motion: other features show the same motion.
 OF_THE_MOTION = frozenset({"static_camera", "pure_rotation"})

@@ -23,6 +23,9 @@ __all__ = ["WorkerError", "start_worker", "wait_for_worker"]
 _FULL = re.compile(r"no space left|disk is full|disk i/o error|file too large|quota exceeded", re.IGNORECASE)
 LEAST_FREE_BYTES = 1 << 16
 
+#: The signal that ends a process whose processor time is used up.
+OVER_TIME = int(getattr(signal, "SIGXCPU", 0)) or 10**6
+
 COLMAP_WORKER = "estimator.capture.mapping.colmap_worker"
 
 
@@ -31,15 +34,20 @@ class WorkerError(RuntimeError):
 
 
 def start_worker(
-    step: str, request: dict[str, Any], scratch: Path, module: str = COLMAP_WORKER
+    step: str,
+    request: dict[str, Any],
+    scratch: Path,
+    module: str = COLMAP_WORKER,
+    limit: TimeLimit | None = None,
 ) -> subprocess.Popen[str]:
-    """Start a step of a module; its request and its log are in `scratch`."""
+    """Start a step of a module; its request and its log are in `scratch`; limit : of its processor time."""
     file = scratch / f"{step}.request.json"
     file.write_text(json.dumps(request), encoding="utf-8")
     environment = {**os.environ, "OMP_NUM_THREADS": "1", "OPENBLAS_NUM_THREADS": "1"}
+    seconds = [] if limit is None or limit.worker_s is None else [str(limit.worker_s)]
     with (scratch / f"{step}.log").open("w") as log:
         return subprocess.Popen(
-            [sys.executable, "-m", module, step, str(file), str(os.getpid())],
+            [sys.executable, "-m", module, step, str(file), str(os.getpid()), *seconds],
             stdout=subprocess.PIPE,
             stderr=log,
             text=True,
@@ -67,7 +75,7 @@ def wait_for_worker(
         It did because the disk is full (ENOSPC).
     """
     result: Any = None
-    timer = None if limit is None else threading.Timer(limit.left_s, process.kill)
+    timer = None if limit is None else threading.Timer(limit.wall_left_s, process.kill)
     if timer is not None:
         timer.daemon = True
         timer.start()
@@ -86,7 +94,7 @@ def wait_for_worker(
         if process.poll() is None:
             process.kill()
             process.wait()
-    if result is None and limit is not None and not limit.left_s:
+    if result is None and limit is not None and (not limit.left_s or status == -OVER_TIME):
         raise OutOfTime(step)
     if (status != 0 or result is None) and _disk_is_full(log):
         raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC), str(log.parent))

@@ -12,9 +12,18 @@ import pytest
 
 from estimator.capture.cautions import capture_cautions, read_cautions
 from estimator.capture.frames import Frames
-from estimator.capture.mapping.evidence import CaptureEvidence, ModelShape, Pair
+from estimator.capture.mapping.evidence import Agreement, CaptureEvidence, ModelShape, Pair
 from estimator.capture.mapping.failures import CODES, failure
-from estimator.capture.mapping.gates import UNDETERMINED, early_failure, lens_is_doubtful, model_failure
+from estimator.capture.mapping.gates import (
+    UNDETERMINED,
+    can_answer,
+    contradiction,
+    early_failure,
+    lens_is_doubtful,
+    model_failure,
+    needs_check,
+)
+from estimator.capture.mapping.pair_choice import all_pairs
 from estimator.capture.mapping.rungs import RUNGS, next_rungs
 from metric_cli.estimate_scale.estimate import main
 from tests.synthetic.refused_videos import FRAMES, LENS, RARE_VIDEOS, REFUSED_VIDEOS
@@ -85,31 +94,47 @@ def _shape(evidence: CaptureEvidence) -> ModelShape:
 def test_a_good_capture_passes() -> None:
     evidence = _evidence()
     assert early_failure(evidence) is None
-    assert model_failure(evidence, _shape(evidence), 0.002, focal_held=False) is None
+    assert model_failure(evidence, _shape(evidence), focal_held=False) is None
 
 
 def test_what_the_model_shows() -> None:
     evidence = _evidence()
     shape = _shape(evidence)
     refusals = {
-        "pure_rotation": model_failure(evidence, replace(shape, angle_deg=0.8), 0.002, focal_held=False),
-        "drift": model_failure(evidence, shape, 0.3, focal_held=False),
-        "implausible_focal_length": model_failure(evidence, replace(shape, focal=9.0), 0.002, focal_held=False),
-        "focal_length_changes": model_failure(evidence, replace(shape, focal_spread=0.01), 0.002, focal_held=True),
-        "focal_length_undetermined": model_failure(
-            evidence, replace(shape, focal_deviation=0.6), 0.002, focal_held=False
-        ),
-        "too_few_frames": model_failure(evidence, None, None, focal_held=False),
+        "pure_rotation": model_failure(evidence, replace(shape, angle_deg=0.8), focal_held=False),
+        "drift": contradiction(replace(shape, agreement=Agreement(20, 40, 3))),
+        "implausible_focal_length": model_failure(evidence, replace(shape, focal=9.0), focal_held=False),
+        "focal_length_changes": model_failure(evidence, replace(shape, focal_spread=0.01), focal_held=True),
+        "focal_length_undetermined": model_failure(evidence, replace(shape, focal_deviation=0.6), focal_held=False),
+        "too_few_frames": model_failure(evidence, None, focal_held=False),
     }
     assert {code: refusal and refusal.code for code, refusal in refusals.items()} == {code: code for code in refusals}
-    assert model_failure(evidence, replace(shape, focal=9.0, focal_deviation=0.6), 0.002, focal_held=True) is None
-    assert model_failure(evidence, replace(shape, focal=9.0), 0.002, focal_held=False, stated_focal=8.8) is None
-    assert model_failure(evidence, replace(shape, focal=0.34), 0.002, focal_held=False) is None  # a wide lens
-    bent = model_failure(evidence, replace(shape, lens_bend=0.4), 0.002, focal_held=True)
+    assert model_failure(evidence, replace(shape, focal=9.0, focal_deviation=0.6), focal_held=True) is None
+    assert model_failure(evidence, replace(shape, focal=9.0), focal_held=False, stated_focal=8.8) is None
+    assert model_failure(evidence, replace(shape, focal=0.34), focal_held=False) is None  # a wide lens
+    bent = model_failure(evidence, replace(shape, lens_bend=0.4), focal_held=True)
     assert bent is not None
     assert bent.code == "implausible_focal_length"
     fisheye = replace(shape, lens_bend=0.4, camera="OPENCV_FISHEYE")
-    assert model_failure(evidence, fisheye, 0.002, focal_held=True) is None
+    assert model_failure(evidence, fisheye, focal_held=True) is None
+
+
+def test_when_the_other_mapper_is_asked_and_when_it_may_answer() -> None:
+    evidence = replace(_evidence(), pairs=tuple(Pair(a, b, 300, 200, 0.4, 60.0, None) for a, b in all_pairs(20)))
+    assert evidence.most_steps() == 1
+    assert _evidence().most_steps() == 7  # 19 frames on, in steps of up to three
+    whole = replace(_shape(evidence), agreement=Agreement(20, 60, 2, 0.4, (tuple(evidence.names),)))
+    torn = replace(whole, agreement=replace(whole.agreement, pieces=(whole.names[:9], whole.names[9:])))
+    contradicted = replace(whole, agreement=replace(whole.agreement, contradicted=9))
+    assert not needs_check(evidence, whole, None)
+    assert needs_check(_evidence(), whole, None)  # a long chain may drift
+    for shape in (torn, contradicted, replace(whole, angle_deg=2.0), replace(whole, names=whole.names[:12])):
+        assert needs_check(evidence, shape, None)
+    for shape in (torn, contradicted, replace(whole, angle_deg=2.0)):
+        assert not can_answer(shape, None)
+    assert needs_check(evidence, None, failure("too_few_frames", "two of twenty"))
+    assert not needs_check(evidence, whole, failure("focal_length_undetermined", "straight ahead"))
+    assert not needs_check(evidence, None, failure("pure_rotation", "it turns"))
 
 
 @pytest.mark.parametrize(
@@ -155,8 +180,8 @@ def test_a_lens_that_no_model_describes_is_said() -> None:
 def test_a_group_of_more_than_half_of_the_frames_is_used() -> None:
     evidence = _evidence()
     shape = replace(_shape(evidence), names=tuple(evidence.names[:11]))
-    assert model_failure(evidence, shape, 0.002, focal_held=False) is None
-    half = model_failure(evidence, replace(shape, names=tuple(evidence.names[:10])), 0.002, focal_held=False)
+    assert model_failure(evidence, shape, focal_held=False) is None
+    half = model_failure(evidence, replace(shape, names=tuple(evidence.names[:10])), focal_held=False)
     assert half is not None
     assert half.code == "too_few_frames"
 
@@ -166,7 +191,7 @@ def test_when_other_lenses_and_features_are_tried() -> None:
     shape = _shape(evidence)
     assert not lens_is_doubtful(shape, None)
     assert lens_is_doubtful(replace(shape, pattern=0.16), None)
-    spread = model_failure(evidence, replace(shape, focal_spread=0.01), 0.002, focal_held=False)
+    spread = model_failure(evidence, replace(shape, focal_spread=0.01), focal_held=False)
     assert spread is not None
     assert lens_is_doubtful(shape, spread)
     assert next_rungs(RUNGS[0], spread, 20, evidence) == RUNGS[1:]

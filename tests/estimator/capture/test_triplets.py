@@ -1,0 +1,93 @@
+"""Frames taken three at a time: they agree with a right model and contradict one with a wrong piece."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from scipy.spatial.transform import Rotation
+
+from estimator.capture.mapping.colmap_worker import keep_largest_piece
+from estimator.capture.mapping.evidence import agreement_of
+from estimator.capture.mapping.triplets import (
+    MOST_RESIDUAL_PX,
+    Triplet,
+    agreement,
+    model_triplets,
+    triplet_residuals,
+)
+from estimator.reconstructions.pycolmap_library import pycolmap
+from tests.synthetic.wrong_pieces import move_frames
+
+
+@pytest.fixture
+def made(tmp_path: Path) -> tuple[Any, str]:
+    """A model of ten frames and the database of its exact matches."""
+    options = pycolmap.SyntheticDatasetOptions(num_rigs=10, num_cameras_per_rig=1, num_frames_per_rig=1)
+    options.num_points3D = 200
+    pycolmap.set_random_seed(0)
+    file = str(tmp_path / "matches.db")
+    with pycolmap.Database.open(file) as database:
+        return pycolmap.synthesize_dataset(options, database), file
+
+
+def test_a_right_model_is_one_piece(made: tuple[Any, str]) -> None:
+    model, file = made
+    agreed = agreement(model_triplets(model, file), 10)
+    assert agreed.triplets >= 10
+    assert (agreed.contradicted, len(agreed.pieces), len(agreed.pieces[0])) == (0, 1, 10)
+    assert agreed.residual_px < 0.01
+    assert agreement_of(agreed.json()) == agreed
+    assert agreement_of(None) is None
+
+
+@pytest.mark.parametrize(
+    ("turn_deg", "shift", "factor", "right"),
+    [(0.0, 0.5, 1.0, 7), (4.0, 0.0, 1.0, 7), (0.0, 0.0, 1.3, 8)],  # the frame that it grows about stays right
+    ids=["moved", "turned", "grown"],
+)
+def test_a_wrong_piece_is_taken_out(
+    made: tuple[Any, str], turn_deg: float, shift: float, factor: float, right: int
+) -> None:
+    model, file = made
+    names = sorted(image.name for image in model.images.values())
+    move_frames(model, set(names[7:]), Rotation.from_euler("y", turn_deg, degrees=True).as_matrix(), shift, factor)
+    agreed = agreement(model_triplets(model, file), 10)
+    assert agreed.contradicted > 0
+    assert agreed.pieces[0] == tuple(names[:right])
+    request = {"database": file, "refine_focal": True}
+    assert agreement_of(keep_largest_piece(model, request)) == agreed
+    assert sorted(image.name for image in model.images.values() if image.has_pose) == names[:right]
+
+
+def test_pieces_are_joined_by_two_frames_and_not_by_one() -> None:
+    def fitting(*names: str) -> Triplet:
+        return Triplet((names[0], names[1], names[2]), 20, 0.5)
+
+    chain = [fitting(*"abc"), fitting(*"bcd"), fitting(*"def"), fitting(*"efg")]
+    assert agreement(chain, 7).pieces == (("a", "b", "c", "d"), ("d", "e", "f", "g"))
+    assert len(agreement([*chain, fitting(*"cde")], 7).pieces) == 1
+    against = agreement([*chain, Triplet(("c", "d", "e"), 20, MOST_RESIDUAL_PX + 1)], 7)
+    assert (against.contradicted, len(against.pieces)) == (1, 2)
+    assert against.share == pytest.approx(0.2)
+    assert agreement([], 0).share == 0
+
+
+@settings(max_examples=50, deadline=None)
+@given(st.integers(0, 2**32 - 1), st.floats(0.5, 1e6))
+def test_exact_rays_leave_nothing_at_any_distance(seed: int, distance: float) -> None:
+    generator = np.random.default_rng(seed)
+    rotations = Rotation.from_rotvec(generator.normal(0, 0.2, (3, 3))).as_matrix()
+    poses = np.concatenate([rotations, generator.normal(0, 0.1, (3, 3, 1))], axis=2)
+    points = generator.normal(0, 0.2, (12, 3)) * distance + [0, 0, 2 * distance]
+    seen = np.einsum("kij,nj->nki", poses[:, :, :3], points) + poses[:, :, 3]
+    rays = seen / np.linalg.norm(seen, axis=2, keepdims=True)
+    assert triplet_residuals(poses, rays).max() < 1e-6
+    turned = poses.copy()
+    turned[2, :, :3] = Rotation.from_euler("x", 5, degrees=True).as_matrix() @ turned[2, :, :3]
+    assert np.median(triplet_residuals(turned, rays)) > 1e-3
+    assert triplet_residuals(poses, rays[:0]).shape == (0,)

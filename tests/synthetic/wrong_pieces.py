@@ -1,0 +1,32 @@
+"""Models with a wrong piece: what a mapper makes of frames that it attached in the wrong place."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+
+from estimator.reconstructions.pycolmap_library import pycolmap
+from metric_base.arrays import FloatArray
+
+__all__ = ["move_frames"]
+
+
+def move_frames(model: Any, names: set[str], turn: FloatArray, shift: float, factor: float) -> None:
+    """Move frames of a model, all as one, and leave the points where they are: a model with a wrong piece.
+
+    turn : (3, 3), and factor : of size, both about the centre of the first of them; shift : along its view, as a share
+    of the extent of all camera centres.
+    """
+    moved = sorted((image for image in model.images.values() if image.name in names), key=lambda image: image.name)
+    centres = np.array([image.projection_center() for image in model.images.values() if image.has_pose])
+    extent = float(np.sqrt(((centres - centres.mean(axis=0)) ** 2).sum(axis=1).mean()))
+    hub, ahead = moved[0].projection_center(), moved[0].cam_from_world().matrix()[2, :3]
+    for image in moved:
+        pose = image.cam_from_world().matrix()
+        rotation = pose[:, :3] @ turn.T
+        centre = hub + factor * turn @ (image.projection_center() - hub) + shift * extent * ahead
+        image.frame.set_cam_from_world(
+            image.camera_id,
+            pycolmap.Rigid3d(np.column_stack([rotation, -rotation @ centre])),
+        )

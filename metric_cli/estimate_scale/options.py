@@ -92,7 +92,10 @@ def parser() -> OneLineParser:
         metavar="M",
         help="for a video or pictures: COLMAP's camera model (default: the one that fits)",
     )
-    slowest = "for a video or pictures: seconds for the reconstruction (default: 900, or 6 a frame if that is more)"
+    slowest = (
+        "for a video or pictures: wall seconds for the reconstruction (default: 900 of processor time, or 6 a frame "
+        "if that is more)"
+    )
     add("--max-time", metavar="S", type=float, help=slowest)
     draw = "for a video or pictures: draw the instances on a page that is served on loopback"
     add("--draw", metavar="PORT", nargs="?", const=0, type=int, help=draw)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import sys
 import time
 from pathlib import Path
 from types import SimpleNamespace
@@ -13,7 +14,7 @@ from estimator.capture.mapping import time_limit
 from estimator.capture.mapping.failures import CaptureFailure
 from estimator.capture.mapping.pair_choice import all_pairs, pair_count
 from estimator.capture.mapping.rungs import RUNGS, predicted_s
-from estimator.capture.mapping.time_limit import MAX_TIME_S, OutOfTime, TimeLimit, limit_of
+from estimator.capture.mapping.time_limit import MAX_TIME_S, OutOfTime, TimeLimit, limit_of, processor_s
 from estimator.capture.mapping.worker_process import start_worker, wait_for_worker
 from metric_base.errors import InputError
 
@@ -24,6 +25,17 @@ def test_a_worker_is_ended_at_its_limit(tmp_path: Path) -> None:
     process = start_worker("features", {"cameras": []}, tmp_path)
     with pytest.raises(OutOfTime):
         wait_for_worker(process, "features", tmp_path / "features.log", limit=TimeLimit(time.monotonic()))
+    assert process.poll() is not None
+
+
+@pytest.mark.skipif(sys.platform == "win32", reason="a process has no limit of processor time there")
+def test_a_worker_is_ended_when_its_processor_time_is_used_up(tmp_path: Path) -> None:
+    limit = TimeLimit(processor_s() + 0.5, of_processor=True)
+    process = start_worker("busy", {}, tmp_path, "tests.synthetic.busy_worker", limit)
+    before = processor_s()
+    with pytest.raises(OutOfTime):
+        wait_for_worker(process, "busy", tmp_path / "busy.log", limit=TimeLimit(before + 600, of_processor=True))
+    assert processor_s() - before > 0.5
     assert process.poll() is not None
 
 
@@ -41,10 +53,13 @@ def test_a_capture_ends_in_time_and_says_what_was_left(tmp_path: Path) -> None:
 
 def test_the_limit_grows_with_the_frames(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(time_limit, "time", SimpleNamespace(monotonic=lambda: 1000.0))
-    assert limit_of(10).left_s == MAX_TIME_S
-    assert limit_of(1000).left_s == 6000
-    assert limit_of(1000, 30).left_s == 30
-    assert limit_of(10).within(5).left_s == 5
+    monkeypatch.setattr(time_limit, "processor_s", lambda: 50.0)
+    by_default, stated = limit_of(10), limit_of(1000, 30)
+    assert (by_default.of_processor, stated.of_processor) == (True, False)
+    assert (by_default.left_s, limit_of(1000).left_s, stated.left_s) == (MAX_TIME_S, 6000, 30)
+    assert (by_default.within(5).left_s, stated.within(5).left_s) == (5, 5)
+    assert by_default.within(5).wall_left_s > stated.within(5).wall_left_s == 5
+    assert (by_default.within(5).worker_s, stated.worker_s) == (6, None)
 
 
 def test_a_rung_costs_by_its_frames_and_pairs() -> None:

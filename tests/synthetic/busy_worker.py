@@ -1,0 +1,18 @@
+"""A worker that never ends of itself: `python -m tests.synthetic.busy_worker busy REQUEST PARENT SECONDS`."""
+
+from __future__ import annotations
+
+import sys
+from typing import Any
+
+from estimator.capture.mapping.colmap_worker import Request, run_step
+
+
+def busy(request: Request) -> dict[str, Any]:
+    """Use the processor for ever."""
+    while True:
+        pass
+
+
+if __name__ == "__main__":
+    run_step(sys.argv[1:], {"busy": busy})

@@ -140,7 +140,13 @@ def _outcome(
         status = _run_tests(["-x", *names], copy, limit) if names else 0
     finally:
         source.write_text(whole, encoding="utf-8")
-    return {"mutant": mutant, "killed": status != 0, "line": (changed or [""])[0].strip(), "tests": names}
+    return {
+        "mutant": mutant,
+        "killed": status != 0,
+        "late": status is None,
+        "line": (changed or [""])[0].strip(),
+        "tests": names,
+    }
 
 
 def _run_tests(words: list[str], copy: Path, limit: float | None) -> int | None:
@@ -159,11 +165,14 @@ def _rows(path: Path) -> list[dict[str, Any]]:
 
 
 def _print(folders: list[str], rows: list[dict[str, Any]]) -> None:
-    print("| folder | tried | killed | share |\n|---|---|---|---|")
+    print("| folder | tried | killed | of them by time | share |\n|---|---|---|---|---|")
     for folder in folders:
-        counts = Counter(row["killed"] for row in rows if str(row["mutant"][0]).startswith(f"{folder}/"))
+        own = [row for row in rows if str(row["mutant"][0]).startswith(f"{folder}/")]
+        counts = Counter(row["killed"] for row in own)
         share = f"{counts[True] / counts.total():.2f}" if counts else "–"
-        print(f"| `{folder}` | {counts.total()} | {counts[True]} | {share} |")
+        print(
+            f"| `{folder}` | {counts.total()} | {counts[True]} | {sum(row.get('late', False) for row in own)} | {share} |"
+        )
     for row in rows:
         if not row["killed"]:
             print(f"- survived: `{row['mutant'][0]}:{row['mutant'][3]}` {row['mutant'][1]}: `{row['line']}`")

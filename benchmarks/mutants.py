@@ -170,9 +170,8 @@ def _print(folders: list[str], rows: list[dict[str, Any]]) -> None:
         own = [row for row in rows if str(row["mutant"][0]).startswith(f"{folder}/")]
         counts = Counter(row["killed"] for row in own)
         share = f"{counts[True] / counts.total():.2f}" if counts else "–"
-        print(
-            f"| `{folder}` | {counts.total()} | {counts[True]} | {sum(row.get('late', False) for row in own)} | {share} |"
-        )
+        late = sum(row.get("late", False) for row in own)
+        print(f"| `{folder}` | {counts.total()} | {counts[True]} | {late} | {share} |")
     for row in rows:
         if not row["killed"]:
             print(f"- survived: `{row['mutant'][0]}:{row['mutant'][3]}` {row['mutant'][1]}: `{row['line']}`")

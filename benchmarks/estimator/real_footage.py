@@ -21,6 +21,7 @@ from typing import Any
 import numpy as np
 
 from benchmarks.child import run_child
+from estimator.capture.mapping.gates import MOST_CONTRADICTED
 from estimator.records.scale_evidence import ScaleEvidence
 from metric_base.arrays import FloatArray
 
@@ -84,6 +85,7 @@ def main() -> None:
     parser.add_argument("--limit-s", type=float, default=1800, help="seconds for one set (default: %(default)s)")
     parser.add_argument("--before", type=Path, metavar="DIR", help="results of another version")
     parser.add_argument("--write", action="store_true", help=f"write the tables of {PAGE} from the results")
+    parser.add_argument("--planted", action="store_true", help="a wrong piece in every model that --out holds")
     parser.add_argument("--sensors", action="store_true", help="the inertial unit and GPS of walk_carpark alone")
     parser.add_argument("--one", action="store_true", help=argparse.SUPPRESS)
     options = parser.parse_args()
@@ -94,6 +96,9 @@ def main() -> None:
         return
     if options.sensors:
         write_between(PAGE, "sensors", _sensors(options.data / "scenes" / "walk_carpark"))
+        return
+    if options.planted:
+        write_between(PAGE, "planted", _planted(options.out))
         return
     for row in chosen:
         if not options.write or not (options.out / f"{row.name}.json").is_file():
@@ -268,6 +273,51 @@ def _sensors(place: Path) -> str:
         low, high = row.scale * np.exp(np.array([-1.645, 1.645]) * row.sd_log)
         lines.append(f"| `{row.kind}` | {part} | {row.scale:.3f} | {low:.3f} to {high:.3f} | |")
     return "\n".join(lines)
+
+
+#: Wrong pieces: a turn in degrees, a shift as a share of the path's extent, and a factor of size.
+PLANTS = {"moved by .3": (0.0, 0.3, 1.0), "turned by 5 degrees": (5.0, 0.0, 1.0), "grown by .3": (0.0, 0.0, 1.3)}
+
+
+def _planted(out: Path) -> str:
+    """Rows of the models as they are, and with their last third as a wrong piece."""
+    from estimator.capture.mapping.rungs import RUNGS
+
+    suffixes = {rung.name: rung.suffix for rung in RUNGS}
+    head = ["set", "frames", "triplets", "largest residual, px", "largest stretch", "contradicted", "pieces", *PLANTS]
+    lines = ["| " + " | ".join(head) + " |", "|---" * len(head) + "|"]
+    for row in SETS:
+        result = _result(out, row)
+        if result and result["failure"] is None:
+            database = out / row.name / "databases" / f"matches{suffixes[result['rung']]}.db"
+            lines.append(f"| `{row.name}` | " + " | ".join(_planted_cells(out / row.name, str(database))) + " |")
+    return "\n".join(lines)
+
+
+def _planted_cells(folder: Path, database: str) -> list[str]:
+    from scipy.spatial.transform import Rotation
+
+    from estimator.capture.mapping.triplets import agreement, model_triplets
+    from estimator.reconstructions.pycolmap_library import pycolmap
+    from tests.synthetic.wrong_pieces import move_frames
+
+    model = pycolmap.Reconstruction(folder / "sparse" / "0")
+    triplets = model_triplets(model, database)
+    agreed = agreement(triplets, model.num_reg_images())
+    worst, stretch = max(row.residual_px for row in triplets), max(abs(row.stretch) for row in triplets)
+    cells = [str(agreed.frames), str(agreed.triplets), f"{worst:.1f}", f"{stretch:.2f}", str(agreed.contradicted)]
+    cells.append(", ".join(str(len(piece)) for piece in agreed.pieces))
+    names = sorted(image.name for image in model.images.values() if image.has_pose)
+    wrong = set(names[len(names) - len(names) // 3 :])
+    for turn_deg, shift, factor in PLANTS.values():
+        planted = pycolmap.Reconstruction(folder / "sparse" / "0")
+        move_frames(planted, wrong, Rotation.from_euler("y", turn_deg, degrees=True).as_matrix(), shift, factor)
+        found = agreement(model_triplets(planted, database), len(names))
+        kept = set(found.pieces[0]) if found.pieces else set()
+        mixed = min(len(kept & wrong), len(kept - wrong))
+        refused = "refused, " if found.share > MOST_CONTRADICTED else ""
+        cells.append(f"{refused}{len(kept)} kept, {mixed} mixed")
+    return cells
 
 
 def write_between(page: Path, name: str, table: str) -> None:

@@ -23,7 +23,7 @@ from estimator.capture.mapping.pair_choice import all_pairs, chosen_pairs, coars
 from estimator.capture.mapping.triplets import agreement, model_triplets
 from estimator.reconstructions.pycolmap_library import pycolmap
 
-__all__ = ["Request", "keep_largest_piece", "run_step", "say"]
+__all__ = ["Request", "features", "incremental_options", "keep_largest_piece", "run_step", "say"]
 
 Request = dict[str, Any]
 
@@ -148,6 +148,24 @@ def incremental(request: Request) -> dict[str, Any]:
     With `focal_last` the focal length, and of a lens that is `held` every parameter, is held until all frames have a
     place, and adjusted then.
     """
+    options, held = incremental_options(request), request["held"]
+    total, placed = len(request["names"]), [2]
+
+    def count_image() -> None:
+        placed[0] = min(placed[0] + 1, total)
+        say({"done": placed[0], "of": total})
+
+    models = pycolmap.incremental_mapping(
+        request["database"], request["pictures"], request["scratch"], options=options, next_image_callback=count_image
+    )
+    if request["focal_last"] or held:
+        for model in models.values():
+            pycolmap.bundle_adjustment(model)
+    return _write_models(models, request)
+
+
+def incremental_options(request: Request) -> Any:
+    """COLMAP's options of the incremental mapper."""
     held = request["held"]
     refine = request["refine_focal"] and not request["focal_last"] and not held
     options = pycolmap.IncrementalPipelineOptions(
@@ -165,19 +183,7 @@ def incremental(request: Request) -> dict[str, Any]:
     options.mapper.init_min_tri_angle = 6.0
     options.mapper.abs_pose_refine_focal_length = refine
     options.mapper.abs_pose_refine_extra_params = not held
-    total, placed = len(request["names"]), [2]
-
-    def count_image() -> None:
-        placed[0] = min(placed[0] + 1, total)
-        say({"done": placed[0], "of": total})
-
-    models = pycolmap.incremental_mapping(
-        request["database"], request["pictures"], request["scratch"], options=options, next_image_callback=count_image
-    )
-    if request["focal_last"] or held:
-        for model in models.values():
-            pycolmap.bundle_adjustment(model)
-    return _write_models(models, request)
+    return options
 
 
 def global_(request: Request) -> dict[str, Any]:

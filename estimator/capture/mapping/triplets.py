@@ -12,26 +12,42 @@ from estimator.capture.mapping.evidence import Agreement
 from estimator.reconstructions.pycolmap_library import pycolmap
 from metric_base.arrays import FloatArray, IntArray
 
-__all__ = ["Triplet", "agreement", "model_triplets", "triplet_residuals"]
+__all__ = ["Triplet", "agreement", "model_triplets", "triplet_residuals", "triplet_stretch"]
 
 #: A triplet agrees with the model up to this median residual: on nine real sets right models stay below 2 px,
 #: models with a wrong piece reach 4 to 50.
 MOST_RESIDUAL_PX = 2.5
+#: ... and the two pairs of frames may differ in size by this much, beyond three times what the noise explains. Along a
+#: walk straight ahead a piece that is too large leaves small residuals, and its steps alone are too long.
+MOST_STRETCH = 0.1
+#: Depths are compared of features that move by so many pixels against each other from frame to frame, and of so many.
+LEAST_PARALLAX_PX, LEAST_DEPTHS = 8.0, 8
 #: Larger pictures are reduced to this longer side before features are looked for, and residuals are in its pixels.
 FEATURE_SIDE = 1000
 #: Features that three frames must have in common, and the most that are looked at.
 LEAST_COMMON, MOST_COMMON = 8, 200
-#: Triplets that each frame is the middle of: with its neighbours in order, and with those it shares most matches with.
-STRONGEST = 4
+#: Triplets that each frame is the middle of: with frames so far before and after it, and with those that it shares
+#: most matches with. Neighbours alone move too little on a walk straight ahead for their depths to be compared.
+STEPS, STRONGEST = (1, 4), 4
 
 
 @dataclass(frozen=True, slots=True)
 class Triplet:
-    """Three frames by name, how many features they have in common, and the median residual of these in pixels."""
+    """Three frames by name, the middle one second.
+
+    common : how many features they have in common; residual_px : median residual of these; stretch : logarithm of the
+    factor between their depths by the first two frames and by the last two, as far as it is beyond its noise.
+    """
 
     names: tuple[str, str, str]
     common: int
     residual_px: float
+    stretch: float = 0.0
+
+    @property
+    def fits(self) -> bool:
+        """Whether the model agrees with the three frames."""
+        return self.residual_px <= MOST_RESIDUAL_PX and abs(self.stretch) <= MOST_STRETCH
 
 
 def agreement(triplets: list[Triplet], frames: int) -> Agreement:
@@ -40,7 +56,7 @@ def agreement(triplets: list[Triplet], frames: int) -> Agreement:
     Frames of triplets that agree belong to one piece where two triplets share two frames: one frame alone passes on no
     size, and two pieces that share no more may have any size against each other.
     """
-    fitting = [row for row in triplets if row.residual_px <= MOST_RESIDUAL_PX]
+    fitting = [row for row in triplets if row.fits]
     joined: list[tuple[set[frozenset[str]], set[str]]] = []
     for row in fitting:
         sides, held = {frozenset(pair) for pair in itertools.combinations(row.names, 2)}, set(row.names)
@@ -84,10 +100,14 @@ def model_triplets(model: Any, database: str) -> list[Triplet]:
                 continue
             poses = np.array([posed[names[key]].cam_from_world().matrix() for key in (a, b, c)])
             seen = np.stack([rays[key][rows] for key, rows in zip((a, b, c), features.T, strict=True)], axis=1)
-            angles = triplet_residuals(poses, seen[np.isfinite(seen).all(axis=(1, 2))])
+            seen = seen[np.isfinite(seen).all(axis=(1, 2))]
+            angles = triplet_residuals(poses, seen)
             camera = model.cameras[posed[names[b]].camera_id]
             focal = camera.params[0] / max(1.0, max(camera.width, camera.height) / FEATURE_SIDE)
-            triplets.append(Triplet((names[a], names[b], names[c]), len(angles), float(np.median(angles) * focal)))
+            stretch = triplet_stretch(poses, seen, LEAST_PARALLAX_PX / focal)
+            triplets.append(
+                Triplet((names[a], names[b], names[c]), len(angles), float(np.median(angles) * focal), stretch)
+            )
     return triplets
 
 
@@ -114,6 +134,31 @@ def triplet_residuals(poses: FloatArray, rays: FloatArray) -> FloatArray:
     return np.asarray(2 * np.arcsin(np.clip(np.linalg.norm(seen - rays, axis=2) / 2, 0, 1)).max(axis=1))
 
 
+def triplet_stretch(poses: FloatArray, rays: FloatArray, least_parallax: float) -> float:
+    """Logarithm of the factor between the depths of features by frames two and three and by frames one and two.
+
+    poses : (3, 3, 4); rays : (n, 3, 3), as for `triplet_residuals`; least_parallax : radians. What is within three
+    standard errors of the median is taken off; 0 where too few features move enough.
+    """
+    world = np.einsum("kji,nkj->nki", poses[:, :, :3], rays)
+    centres = -np.einsum("kji,kj->ki", poses[:, :, :3], poses[:, :, 3])
+    depths = []
+    for other in (0, 2):
+        across = (world[:, 1] * world[:, other]).sum(axis=1)  # cosine of the parallax
+        base = centres[other] - centres[1]
+        along, beyond = world[:, 1] @ base, world[:, other] @ base
+        sine2 = 1 - across**2
+        depth = (along - across * beyond) / np.maximum(sine2, 1e-12)
+        depths.append(np.where((depth > 0) & (sine2 > np.sin(least_parallax) ** 2), depth, np.nan))
+    ratio = np.log(depths[1] / depths[0])
+    ratio = ratio[np.isfinite(ratio)]
+    if len(ratio) < LEAST_DEPTHS:
+        return 0.0
+    middle = float(np.median(ratio))
+    noise = 3 * 1.4826 * float(np.median(np.abs(ratio - middle))) / np.sqrt(len(ratio))
+    return float(np.sign(middle) * max(abs(middle) - noise, 0.0))
+
+
 def _chosen_triples(ids: list[int], known: dict[tuple[int, int], int]) -> list[tuple[int, int, int]]:
     """Triples (a, b, c) of frames, b the middle one, whose pairs (a, b) and (b, c) are known; ids : in order."""
     near: dict[int, dict[int, int]] = {key: {} for key in ids}
@@ -123,9 +168,11 @@ def _chosen_triples(ids: list[int], known: dict[tuple[int, int], int]) -> list[t
     for place, b in enumerate(ids):
         strongest = sorted(near[b], key=lambda key: (-near[b][key], key))[:STRONGEST]
         pairs = {(a, c) for k, a in enumerate(strongest) for c in strongest[k + 1 :]}
-        if 0 < place < len(ids) - 1 and {ids[place - 1], ids[place + 1]} <= near[b].keys():
-            before, after = ids[place - 1], ids[place + 1]
-            pairs = {pair for pair in pairs if set(pair) != {before, after}} | {(before, after)}
+        for step in STEPS:
+            if step <= place < len(ids) - step:
+                before, after = ids[place - step], ids[place + step]
+                if {before, after} <= near[b].keys():
+                    pairs = {pair for pair in pairs if set(pair) != {before, after}} | {(before, after)}
         chosen += [(a, b, c) for a, c in sorted(pairs)]
     return chosen
 

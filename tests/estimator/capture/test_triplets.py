@@ -19,6 +19,7 @@ from estimator.capture.mapping.triplets import (
     agreement,
     model_triplets,
     triplet_residuals,
+    triplet_stretch,
 )
 from estimator.reconstructions.pycolmap_library import pycolmap
 from tests.synthetic.wrong_pieces import move_frames
@@ -75,6 +76,20 @@ def test_pieces_are_joined_by_two_frames_and_not_by_one() -> None:
     assert (against.contradicted, len(against.pieces)) == (1, 2)
     assert against.share == pytest.approx(0.2)
     assert agreement([], 0).share == 0
+
+
+@pytest.mark.parametrize(("factor", "shown"), [(1.0, 0.0), (1.3, np.log(1.3)), (0.8, np.log(0.8))])
+def test_a_step_that_is_too_long_straight_ahead_is_seen_by_the_depths(factor: float, shown: float) -> None:
+    generator = np.random.default_rng(0)
+    points = generator.uniform([-3, -2, 6], [3, 2, 12], (60, 3))
+    poses = np.tile(np.eye(3, 4), (3, 1, 1))
+    poses[:, 2, 3] = [0, -1, -2]
+    seen = points[:, None] + poses[:, :, 3]
+    rays = seen / np.linalg.norm(seen, axis=2, keepdims=True) + generator.normal(0, 1e-4, seen.shape)
+    poses[2, 2, 3] = -1 - factor
+    stretch = triplet_stretch(poses, rays / np.linalg.norm(rays, axis=2, keepdims=True), np.radians(0.8))
+    assert stretch == pytest.approx(shown, abs=0.01)
+    assert triplet_stretch(poses, rays[:5], np.radians(0.8)) == 0  # too few
 
 
 @settings(max_examples=50, deadline=None)

@@ -4,15 +4,17 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
-from typing import Any, Protocol
+from typing import TYPE_CHECKING, Any, Protocol
 
 import pyarrow as pa
 
 from metric_base.errors import InputError
-from metric_tree.context import ContextModel, KnownContexts, Where, known_contexts, where_of
 from metric_tree.prior import Prior
 from metric_tree.release import Release
 from metric_tree.tiers import at_least as is_at_least
+
+if TYPE_CHECKING:
+    from metric_tree.context import ContextModel, KnownContexts, Where
 
 __all__ = ["AmbiguousName", "Meaning", "NoPrior", "Node", "ThinEvidence", "UnknownName", "node_of", "see_tier"]
 
@@ -152,6 +154,8 @@ class Node:
         >>> "IN" in metric_tree.open().find("car").contexts.regions
         True
         """
+        from metric_tree.context import known_contexts
+
         rows = self.prior_dims
         return known_contexts(self.tree.prior(self.node_id, max(rows, key=len)).contexts if rows else ())
 
@@ -177,7 +181,11 @@ class Node:
         if isinstance(dims, str):  # a sequence of letters, which nobody means
             dims = (dims,)
         prior = self.tree.prior(self.node_id, tuple(dims) if dims is not None else self.dims)
-        return prior if where is None else prior.in_context(where_of(where), self.tree.context_model)
+        if where is None:
+            return prior
+        from metric_tree.context import where_of
+
+        return prior.in_context(where_of(where), self.tree.context_model)
 
     @property
     def tier(self) -> str | None:

@@ -13,16 +13,17 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
-from statistics import NormalDist
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from metric_base.arrays import FloatArray
 from metric_base.errors import InputError
 from metric_base.statistics import mixture_log_density
-from metric_tree.context import Context, ContextModel, Where, context_effect, known_contexts
 from metric_tree.tiers import TIERS, Evidence, tier_of_shares
+
+if TYPE_CHECKING:
+    from metric_tree.context import Context, ContextModel, Where
 
 __all__ = ["FAMILY", "SHARED_KINDS", "Prior", "UnknownDimension"]
 
@@ -52,8 +53,6 @@ LONE_COMMON_SD, LONE_OWN_SD = 0.08, 0.05
 SHARED_KINDS = (
     "product", "measured", "standard", "norm", "statistic", "asset", "museum", "default", "judged",
 )  # fmt: skip
-
-_STANDARD = NormalDist()
 
 
 class UnknownDimension(InputError, KeyError):
@@ -153,6 +152,8 @@ class Prior:
         """
         if not self.contexts or model is None:
             return replace(self, note=f"{where}: nothing known by region or year, so that the plain prior holds")
+        from metric_tree.context import context_effect, known_contexts
+
         known = known_contexts(self.contexts)
         if not known.covers(where, model.years):
             return replace(self, note=f"{where}: nothing known, so that the plain prior holds; known: {known}")
@@ -177,9 +178,6 @@ class Prior:
         if wrong := [q for q in levels if not 0 < q < 1]:
             raise InputError(f"quantile: expected a number between 0 and 1; found {wrong[0]!r}")
         sd = np.sqrt(np.diagonal(self._covariances, axis1=1, axis2=2))  # (k, d)
-        if len(self.weights) == 1:
-            z = np.array([_STANDARD.inv_cdf(q) for q in levels])
-            return np.asarray(np.exp(self.means[0] + z[:, None] * sd[0]))
         return np.asarray(np.exp(_mixture_quantiles(levels, self.weights, self.means, sd)))
 
     def interval(self, level: float) -> FloatArray:
@@ -283,7 +281,7 @@ class Prior:
             heldout_log_density=row["heldout_log_density"],
             sameness=row.get("sameness"),
             sameness_sd=row.get("sameness_sd"),
-            contexts=tuple(map(Context.of_row, row.get("contexts") or ())),
+            contexts=_contexts(row.get("contexts") or ()),
             tier=row.get("tier") or "",
             evidence=Evidence.of_record(row["evidence"]) if row.get("evidence") else None,
             norm=row.get("norm"),
@@ -293,6 +291,14 @@ class Prior:
     def _covariances(self) -> FloatArray:
         """Component covariances of an object of unknown source, (k, d, d)."""
         return self.covariances + self.shared_covariance
+
+
+def _contexts(rows: Sequence[Mapping[str, Any]]) -> tuple[Context, ...]:
+    if not rows:
+        return ()
+    from metric_tree.context import Context  # several milliseconds of a query that asks for no context
+
+    return tuple(map(Context.of_row, rows))
 
 
 def _mixture_quantiles(levels: Sequence[float], weights: FloatArray, means: FloatArray, sd: FloatArray) -> FloatArray:

@@ -15,8 +15,6 @@ import os
 import re
 from pathlib import Path
 from typing import Any
-from urllib.error import URLError
-from urllib.request import Request, urlopen
 
 from metric_base.errors import InputError
 from metric_tree.release import sha256
@@ -94,7 +92,7 @@ def _fetch_file(address: str, target: Path, checksum: str) -> None:
     target.parent.mkdir(parents=True, exist_ok=True)
     try:
         pooch.retrieve(address, f"sha256:{checksum}", target.name, target.parent, downloader=_continue_download)
-    except (OSError, URLError) as error:
+    except OSError as error:
         raise InputError(f"{address}: expected the file; found {error}; what came so far is kept") from None
     except ValueError:
         raise InputError(f"{address}: sha256: expected {checksum}; found another file") from None
@@ -129,6 +127,8 @@ def _byte_stream(address: str, start: int = 0) -> Any:
     if not re.match(r"https?://", address):
         return Path(address).open("rb")
     headers = {"Range": f"bytes={start}-"} if start else {}
+    from urllib.request import Request, urlopen  # loads ssl and email, which a query of a release at hand needs not
+
     return urlopen(Request(address, headers=headers), timeout=TIMEOUT_S)  # noqa: S310 - http and https alone
 
 

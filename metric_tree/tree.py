@@ -6,13 +6,12 @@ import math
 from collections.abc import Iterator
 from functools import cached_property
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import pyarrow as pa
 import pyarrow.parquet as pq
 
 from metric_base import spelling
-from metric_tree.context import ContextModel
 from metric_tree.node import AmbiguousName, Meaning, Node, NoPrior, ThinEvidence, UnknownName, node_of, see_tier
 from metric_tree.prior import Prior
 from metric_tree.release import BadRelease, Release, first_in_circle, open_release
@@ -20,6 +19,9 @@ from metric_tree.releases import release_directory
 from taxonomy.naming.nodes import Names
 from taxonomy.naming.resolver import Resolver
 from taxonomy.words.senses import label_votes
+
+if TYPE_CHECKING:
+    from metric_tree.context import ContextModel
 
 __all__ = [
     "DETECTORS",
@@ -92,6 +94,8 @@ class Tree:
     @property
     def context_model(self) -> ContextModel | None:
         """What the release knows of regions and years; None of an older one."""
+        from metric_tree.context import ContextModel
+
         record = self.release.manifest.get("context_model")
         return ContextModel(**record) if record else None
 

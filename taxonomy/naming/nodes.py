@@ -105,7 +105,7 @@ class Names:
         for node_id, name, words in zip(ids, names, aliases, strict=True):
             for word in words or ():
                 self._forms[plain_fold(word)].setdefault(node_id, False)
-            for own in own_names(node_id, name):
+            for own in dict.fromkeys(own_names(node_id, name)):
                 self._forms[plain_fold(own)][node_id] = True
 
     def __contains__(self, node_id: object) -> bool:

@@ -134,8 +134,8 @@ def _other_names() -> Mapping[str, Mapping[str, str]]:
         node_id, *cells = line.split(",")
         for language, words in zip(languages, cells, strict=True):
             for word in filter(None, words.split("; ")):
-                named[plain_fold(word)].setdefault(node_id, language)
-                named[plain_fold(word.translate(_UMLAUTS))].setdefault(node_id, language)
+                for spelling in (word,) if word.isascii() else (word, word.translate(_UMLAUTS)):
+                    named[plain_fold(spelling)].setdefault(node_id, language)
     return named
 
 

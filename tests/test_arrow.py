@@ -115,7 +115,7 @@ HEAVY = [
     "jinja2",
     "starlette",
     "mcp",
-    "ssl",
+    "urllib.request",
 ]
 
 

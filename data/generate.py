@@ -254,7 +254,7 @@ def write_reliability() -> None:
     record = json.loads(file.read_text(encoding="utf-8"))
     titles = {rule: tuple(counts) for rule, counts in record["counts"].items() if rule.startswith("title ")}
     own = counts_by_rule(development, matcher_without(development, default_rulings(), {}))
-    record["counts"] = dict(sorted((titles | own).items()))
+    record["counts"] = dict(sorted((own | titles).items()))
     record["reliability"] = reliabilities(record["counts"])
     _write(file, [json.dumps(record, indent=1)])
 

@@ -42,7 +42,10 @@ def test_links_that_leave_the_pages_lead_to_the_repository(hooks: ModuleType) ->
         hooks.repository_links("[a](nowhere.md)", folder)
 
 
-@pytest.mark.skipif(importlib.util.find_spec("latex2mathml") is None, reason="`make docs` brings it")
+@pytest.mark.skipif(
+    importlib.util.find_spec("latex2mathml") is None,
+    reason="latex2mathml is not installed; it is of the extra `docs`, in the environment of `make docs`",
+)
 def test_formulas_are_mathml(hooks: ModuleType) -> None:
     page = hooks.on_page_content('<span class="arithmatex">\\(a &lt; b_1\\)</span>')
     assert page.startswith("<math")

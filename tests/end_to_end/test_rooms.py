@@ -18,6 +18,7 @@ from tests.synthetic.rooms.quick import quick_scene
 from tests.synthetic.rooms.reconstruct import reconstruct
 from tests.synthetic.rooms.render import NoOpenGL
 from tests.synthetic.rooms.scene_files import write_scene
+from tests.synthetic.skips import skip_without
 
 #: An answer further off than this is no estimate of anything: the true interval's own half width is 20 % or so.
 ROUGH = 0.35
@@ -45,10 +46,8 @@ def check(scene: Path, capsys: pytest.CaptureFixture[str]) -> None:
 
 @pytest.mark.slow
 def test_a_room_through_pycolmap(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    try:
+    with skip_without(NoOpenGL):
         truth = reconstruct(furnished_room("study", 1004, Knobs(views=12, coverage=0.6)), tmp_path, 1004, features=1500)
-    except NoOpenGL as missing:
-        pytest.skip(str(missing))
     assert truth.rms_m < 0.05
     check(tmp_path, capsys)
 
@@ -56,10 +55,8 @@ def test_a_room_through_pycolmap(tmp_path: Path, capsys: pytest.CaptureFixture[s
 @pytest.mark.parametrize("kind", KINDS)
 def test_a_quick_room(kind: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     world = furnished_room(kind, 1005, Knobs(views=12))
-    try:
+    with skip_without(NoOpenGL):
         made = quick_scene(world, seed=1005)
-    except NoOpenGL as missing:
-        pytest.skip(str(missing))
     write_scene(made, world, tmp_path)
     check(tmp_path, capsys)
 
@@ -69,10 +66,8 @@ def test_the_scale_follows_the_scenes_unit(tmp_path: Path, capsys: pytest.Captur
     world = furnished_room("sitting room", 1006, Knobs(views=10))
     ratios = []
     for seed in (1, 2):
-        try:
+        with skip_without(NoOpenGL):
             made = quick_scene(world, Knobs(depth_noise=0.0, stray=0.0, keypoint_noise=0.0), seed=seed)
-        except NoOpenGL as missing:
-            pytest.skip(str(missing))
         folder = tmp_path / str(seed)
         write_scene(made, world, folder)
         status, found = answer(folder, capsys)
@@ -87,10 +82,8 @@ def test_a_cloud_without_observations_gives_the_scale_of_one_with_them(
     """Splats and plain clouds: with every point seen by every view this room moves by 12 %."""
     knobs = with_knobs(HARD, views=16)
     world = furnished_room("study", 1100, knobs)
-    try:
+    with skip_without(NoOpenGL):
         made = quick_scene(world, knobs, seed=1100)
-    except NoOpenGL as missing:
-        pytest.skip(str(missing))
     assert made.scene.dense is not None
     write_scene(made, world, tmp_path)
     write_export(replace(made.scene, points=made.scene.dense.points), "nerfstudio", tmp_path / "plain")

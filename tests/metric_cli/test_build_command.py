@@ -132,24 +132,8 @@ def test_a_build_of_nothing_but_curated_ranges_says_so(raw, tmp_path, capsys, mo
 
 def test_an_interrupt_ends_the_workers_in_silence():
     """Both the parent and its workers get it, as from a terminal; one of them is at work."""
-    code = """
-import os, signal, time
-from metric_cli.verbs.build import executor_of
-from metric_cli.terminal import exit_status
-
-def run():
-    with executor_of(2, None) as pool:
-        pool.submit(os.getpid).result()
-        pool.submit(time.sleep, 600)
-        os.killpg(0, signal.SIGINT)
-        time.sleep(600)
-
-if __name__ == "__main__":
-    raise SystemExit(exit_status("x", run))
-"""
-    done = subprocess.run(
-        [sys.executable, "-c", code], capture_output=True, text=True, check=False, timeout=300, start_new_session=True
-    )
+    program = [sys.executable, "-m", "tests.synthetic.interrupted_pool"]
+    done = subprocess.run(program, capture_output=True, text=True, check=False, timeout=300, start_new_session=True)
     assert (done.returncode, done.stderr) == (130, "x: interrupted\n")
 
 

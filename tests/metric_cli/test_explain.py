@@ -9,6 +9,7 @@ from crawler.items import RawItem
 from metric_cli.verbs import main
 from metric_tree.tree import Tree
 from taxonomy.wordnet import NoWordNet, default_wordnet
+from tests.synthetic.skips import skip_without
 
 
 def test_an_item_is_explained_from_its_words_to_its_node(mini: Tree, shown: Any, tmp_path: Path) -> None:
@@ -23,10 +24,8 @@ def test_an_item_is_explained_from_its_words_to_its_node(mini: Tree, shown: Any,
     )
     file = tmp_path / "raw.jsonl"
     file.write_text(raw.line() + "\n", encoding="utf-8")
-    try:
+    with skip_without(NoWordNet):
         default_wordnet()
-    except NoWordNet as missing:
-        pytest.skip(str(missing))
     status, found = shown("explain", item["item_id"], str(file), "--tree", str(mini.release.directory))
     assert status == 0
     assert found["words"]["category_path"] == "Office > Swivel chairs"

@@ -106,7 +106,7 @@ for name in {hidden!r}:
 from metric_cli.verbs import main
 from metric_cli.estimate_scale.estimate import main as estimate
 assert main(["query", "chair", "--images", "2"]) == 0
-assert estimate(["--objects", {str(tmp_path / "objects.json")!r}]) in (0, 3)
+assert estimate(["--objects", {str(tmp_path / "objects.json")!r}]) == 0
 raise SystemExit(estimate([{str(ROOT / "data/scenes/demo_room")!r}]))
 """
     done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, cwd=ROOT, check=False)

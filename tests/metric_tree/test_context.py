@@ -55,6 +55,8 @@ def test_what_is_known_narrows_b_and_never_beyond_what_other_sources_may_say(con
     assert np.all(after >= before * (1 - MODEL.region - MODEL.year) * (1 - 1e-9))
     assert np.all(np.linalg.eigvalsh(there.shared_covariance) >= -1e-12)
     assert there.covariances is plain.covariances
+    if where.region is not None and any(one.region == where.region for one in contexts):
+        assert np.all(after < before)
 
 
 @settings(max_examples=20)

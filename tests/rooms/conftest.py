@@ -6,6 +6,7 @@ from tests.synthetic.rooms.furnish import furnished_room
 from tests.synthetic.rooms.quick import SyntheticScene, quick_scene
 from tests.synthetic.rooms.render import NoOpenGL
 from tests.synthetic.rooms.world import World
+from tests.synthetic.skips import skip_without
 
 
 @pytest.fixture(scope="session")
@@ -15,7 +16,5 @@ def room() -> World:
 
 @pytest.fixture(scope="session")
 def made(room: World) -> SyntheticScene:
-    try:
+    with skip_without(NoOpenGL):
         return quick_scene(room, seed=1003)
-    except NoOpenGL as missing:
-        pytest.skip(str(missing))

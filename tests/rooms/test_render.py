@@ -9,14 +9,12 @@ from tests.synthetic.rooms.masks import coco_dataset, instances_of
 from tests.synthetic.rooms.render import Frame, NoOpenGL, Renderer
 from tests.synthetic.rooms.solids import box, join
 from tests.synthetic.rooms.world import Placed, World, pose_towards
+from tests.synthetic.skips import skip_without
 
 
 def frames(world: World, *indices: int, colour: bool = False) -> list[Frame]:
-    try:
-        with Renderer(world) as renderer:
-            return [renderer.frame(index, colour) for index in indices]
-    except NoOpenGL as missing:
-        pytest.skip(str(missing))
+    with skip_without(NoOpenGL), Renderer(world) as renderer:
+        return [renderer.frame(index, colour) for index in indices]
 
 
 def entry(name: str, x: tuple[float, float], y: tuple[float, float], z: tuple[float, float]) -> Placed:

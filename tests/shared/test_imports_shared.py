@@ -13,6 +13,7 @@ import pytest
 from crawler.imports import Import, import_items, readings
 from crawler.imports.sources import source, sources
 from crawler.items import RawItem
+from tests.synthetic.skips import skip_without
 
 pytestmark = pytest.mark.shared
 
@@ -265,10 +266,8 @@ def test_assets_have_their_up_axis(imports: Imports) -> None:
 def test_the_synsets_of_tdw_are_those_of_its_offsets() -> None:
     from taxonomy.wordnet import NoWordNet, WordNet
 
-    try:
+    with skip_without(NoWordNet):
         wordnet = WordNet()
-    except NoWordNet as error:
-        pytest.skip(str(error))
     names = source("tdw_models").tables[0].names["wnid"]
     assert len(names) > 110
     assert all(wordnet.knows(name) for name in names.values())

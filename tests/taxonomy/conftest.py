@@ -8,6 +8,7 @@ import pytest
 
 from taxonomy.wordnet import NoWordNet, WordNet, default_wordnet
 from tests.synthetic.miniwordnet import write_wordnet
+from tests.synthetic.skips import skip_without
 
 
 @pytest.fixture(scope="session")
@@ -19,10 +20,8 @@ def mini_wordnet(tmp_path_factory: pytest.TempPathFactory) -> WordNet:
 @pytest.fixture(scope="session")
 def wordnet() -> WordNet:
     """The whole of WordNet 3.0, or a skip that says how to get it."""
-    try:
+    with skip_without(NoWordNet):
         return default_wordnet()
-    except NoWordNet as missing:
-        pytest.skip(str(missing))
 
 
 @pytest.fixture

@@ -16,6 +16,7 @@ from estimator.reconstructions.ply import read_dense_cloud
 from estimator.records.scene import Camera, Scene, View
 from metric_base.arrays import FloatArray
 from tests.synthetic.rooms.render import NoOpenGL
+from tests.synthetic.skips import skip_without
 from tests.synthetic.videos import Lens, SyntheticFrame, orbit, recorded, room
 
 LENS = Lens(240, 180, 190.0, k=-0.05)
@@ -41,10 +42,8 @@ def _points(frame: SyntheticFrame, step: int) -> FloatArray:
 def made(tmp_path_factory: pytest.TempPathFactory) -> tuple[Scene, Path, list[SyntheticFrame]]:
     """Five views with their true poses, and sparse points from the true depth of the middle one."""
     folder = tmp_path_factory.mktemp("dense")
-    try:
+    with skip_without(NoOpenGL):
         frames = list(recorded(room("sitting room", 7, orbit(2.05, VIEWS, 7, degrees=22.0)), LENS))
-    except NoOpenGL as error:
-        pytest.skip(str(error))
     points = _points(frames[2], 12)
     points = points[np.isfinite(points).all(axis=1)]
     camera = Camera(

@@ -17,6 +17,7 @@ from estimator.reconstructions.ply import read_dense_cloud
 from estimator.records.scene import Camera, Scene, View
 from metric_base.arrays import FloatArray
 from tests.synthetic.rooms.render import NoOpenGL
+from tests.synthetic.skips import skip_without
 from tests.synthetic.videos import Lens, SyntheticFrame, orbit, recorded, room
 
 LENS = Lens(240, 180, 190.0)
@@ -65,10 +66,8 @@ def made(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, list[Synthetic
     folder = tmp_path_factory.mktemp("stereo")
     (folder / "model").mkdir()
     (folder / "pictures").mkdir()
-    try:
+    with skip_without(NoOpenGL):
         frames = list(recorded(room("sitting room", 7, orbit(2.05, len(NAMES), 7, degrees=22.0)), LENS, noise=0.0))
-    except NoOpenGL as error:
-        pytest.skip(str(error))
     middle = frames[2]
     local = (_rays() * middle.depth[:, :, None])[2::12, 2::12].reshape(-1, 3)
     points = (local[np.isfinite(local).all(axis=1)] - middle.pose.translation) @ middle.pose.rotation

@@ -28,16 +28,15 @@ from estimator.capture.mapping.rungs import RUNGS, next_rungs
 from metric_cli.estimate_scale.estimate import main
 from tests.synthetic.refused_videos import FRAMES, LENS, RARE_VIDEOS, REFUSED_VIDEOS
 from tests.synthetic.rooms.render import NoOpenGL
+from tests.synthetic.skips import skip_without
 from tests.synthetic.videos import SyntheticFrame, recorded, room, straight_ahead, times_of, write_video
 
 
 @pytest.mark.slow
 @pytest.mark.parametrize("code", REFUSED_VIDEOS)
 def test_a_capture_that_cannot_be_used_is_named(code: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    try:
+    with skip_without(NoOpenGL):
         _film(REFUSED_VIDEOS[code](), tmp_path / "video.mp4")
-    except NoOpenGL as error:
-        pytest.skip(str(error))
     words = [str(tmp_path / "video.mp4"), "--work", str(tmp_path / "w"), "--json"]
     for _ in range(2):  # a refusal is kept, too
         assert main(words) == 3
@@ -54,10 +53,8 @@ def test_a_capture_that_cannot_be_used_is_named(code: str, tmp_path: Path, capsy
 
 def test_a_focal_length_that_is_given_is_held(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     """Straight ahead no video determines it; with it, the video is used, and the result says what rests on it."""
-    try:
+    with skip_without(NoOpenGL):
         _film(recorded(room("sitting room", 7, straight_ahead(FRAMES, 0.9)), LENS), tmp_path / "video.mp4")
-    except NoOpenGL as error:
-        pytest.skip(str(error))
     assert main([str(tmp_path / "video.mp4"), "--work", str(tmp_path / "w"), "--focal", "250"]) == 2
     assert "--instances FILE, --detector MODEL, or --draw" in capsys.readouterr().err
     report = json.loads((tmp_path / "w" / "reconstruction.json").read_text())

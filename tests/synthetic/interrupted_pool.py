@@ -1,0 +1,25 @@
+"""A build's pool of processes that is interrupted at work, as from a terminal: the parent and its workers alike."""
+
+from __future__ import annotations
+
+import os
+import signal
+import time
+
+from metric_cli.terminal import exit_status
+from metric_cli.verbs.build import executor_of
+
+
+def run() -> int:
+    """Work without an end, until the interrupt."""
+    with executor_of(2, None) as pool:
+        assert pool is not None
+        pool.submit(os.getpid).result()
+        pool.submit(time.sleep, 600)
+        os.killpg(0, signal.SIGINT)
+        time.sleep(600)
+    return 0
+
+
+if __name__ == "__main__":
+    raise SystemExit(exit_status("x", run))

@@ -6,11 +6,9 @@ import json
 import math
 import warnings
 from collections.abc import Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, fields, is_dataclass
 from pathlib import Path
 from typing import Any, Literal
-
-import numpy as np
 
 from estimator.records.curve import Curve, Mode
 from estimator.records.scale_evidence import EvidenceReport
@@ -129,10 +127,10 @@ class ScaleResult:
             "schema": SCHEMA,
             "status": self.status,
             "method": self.method,
-            "scale": _round(self.scale),
-            "interval": None if self.interval is None else _interval(self.interval),
-            "modes": [{"scale": _round(mode.scale), "mass": round(mode.mass, 4)} for mode in self.modes],
-            "up": None if self.up is None else _up(self.up),
+            "scale": _plain(self.scale),
+            "interval": _plain(self.interval),
+            "modes": [_plain(mode) | {"mass": round(mode.mass, 4)} for mode in self.modes],
+            "up": self.up and _plain(self.up) | {"sigma_deg": _plain(round(self.up.sigma_deg, 2))},
             "tree": {"name": self.tree[0], "version": self.tree[1]},
             "objects": [self._object(item) for item in self.objects],
             "warnings": list(self.warnings),
@@ -141,20 +139,16 @@ class ScaleResult:
         if self.of:
             record["of"] = dict(self.of)
         if self.without_support is not None:
-            record["without_support"] = _alternative(self.without_support)
+            record["without_support"] = _plain(self.without_support)
         if self.leave_one_class_out is not None:
-            record["leave_one_class_out"] = [_alternative(left) for left in self.leave_one_class_out]
+            record["leave_one_class_out"] = _plain(self.leave_one_class_out)
         if self.status != "resolved":
-            record["would_help"] = [
-                {"what": item.what, "object": item.object, "narrows_by": item.narrows_by} for item in self.would_help
-            ]
+            record["would_help"] = [_plain(item) | {"narrows_by": item.narrows_by} for item in self.would_help]
         if self.evidence:
-            record["evidence"] = [_evidence(item) for item in self.evidence]
+            record["evidence"] = [_plain(item) | {"weight": round(item.weight, 3)} for item in self.evidence]
         lengths = [item for item in self.evidence if item.kind == "known_length"]
         if lengths:
-            record["known_lengths"] = [
-                {"scale": _round(item.scale), "relative_sigma": _round(item.sd_log)} for item in lengths
-            ]
+            record["known_lengths"] = [_plain({"scale": one.scale, "relative_sigma": one.sd_log}) for one in lengths]
         return record
 
     def json(self) -> str:
@@ -177,63 +171,18 @@ class ScaleResult:
     def _object(self, item: ObjectReport) -> dict[str, Any]:
         metres = None
         if self.scale is not None:
-            metres = {name: _round(value * self.scale) for name, value in item.dimensions.items()}
-        return {
-            "id": item.id,
-            "category": item.category,
-            "node": item.node,
-            "points": item.points,
-            "views": item.views,
-            "tier": item.tier,
-            "score": _round(item.score),
-            "dimensions": {name: _round(value) for name, value in item.dimensions.items()},
-            "dimensions_m": metres,
-            "confidence": {name: _round(value) for name, value in item.confidence.items()},
-            "truncated": list(item.truncated),
-            "used": list(item.used),
-            "scale": _round(item.scale),
-            "weight": round(item.weight, 3),
-            "verdict": item.verdict,
-            "reason": item.reason,
-            "notes": list(item.notes),
-        }
+            metres = {name: value * self.scale for name, value in item.dimensions.items()}
+        return _plain(item) | {"dimensions_m": _plain(metres), "weight": round(item.weight, 3)}
 
 
-def _interval(interval: Interval) -> dict[str, float | None]:
-    return {"level": interval.level, "low": _round(interval.low), "high": _round(interval.high)}
-
-
-def _up(up: UpReport) -> dict[str, Any]:
-    return {
-        "vector": [_round(value) for value in up.vector],
-        "method": up.method,
-        "sigma_deg": round(up.sigma_deg, 2) if math.isfinite(up.sigma_deg) else None,
-    }
-
-
-def _evidence(item: EvidenceReport) -> dict[str, Any]:
-    return {
-        "kind": item.kind,
-        "id": item.id,
-        "scale": _round(item.scale),
-        "sd_log": _round(item.sd_log),
-        "weight": round(item.weight, 3),
-        "verdict": item.verdict,
-        "reason": item.reason,
-    }
-
-
-def _alternative(other: Alternative) -> dict[str, Any]:
-    return {
-        "name": other.name,
-        "objects": other.objects,
-        "scale": _round(other.scale),
-        "low": _round(other.low),
-        "high": _round(other.high),
-    }
-
-
-def _round(value: float | None) -> float | None:
-    if value is None or not np.isfinite(value):
-        return None
-    return float(f"{value:.{DIGITS}g}")
+def _plain(value: Any) -> Any:
+    """A record or a value as JSON has it: numbers rounded to `DIGITS`, None for those that are not finite."""
+    if is_dataclass(value):
+        return {one.name: _plain(getattr(value, one.name)) for one in fields(value)}
+    if isinstance(value, Mapping):
+        return {name: _plain(one) for name, one in value.items()}
+    if isinstance(value, tuple | list):
+        return [_plain(one) for one in value]
+    if isinstance(value, float):
+        return float(f"{value:.{DIGITS}g}") if math.isfinite(value) else None
+    return value

@@ -15,7 +15,7 @@ from crawler.imports.sources import Source
 from crawler.text.catalogue_lengths import Measure, UnreadableLength, extents_mm, length_mm, measures, words_mm
 from crawler.text.units import millimetres
 
-__all__ = ["fill_template", "table_categories", "table_readings"]
+__all__ = ["fill_template", "table_readings"]
 
 _CAMEL = re.compile(r"(?<=[a-z0-9])(?=[A-Z])|[_|\s]+")
 
@@ -51,16 +51,6 @@ def table_readings(source: Source, folder: Path) -> Iterator[Reading]:
                 named = _rename_values(table, row | {"file": stem, "row": str(number)})
                 if all(_holds(rule, named) for rule in table.only):
                     yield _reading(source, table, named)
-
-
-def table_categories(source: Source, folder: Path) -> Iterator[tuple[str, ...]]:
-    """The category path of every row of the source's tables, whether the row has a size or not."""
-    for table in source.tables:
-        for stem, lines in _row_files(source, table, folder):
-            for number, row in enumerate(lines, start=1):
-                named = _rename_values(table, row | {"file": stem, "row": str(number)})
-                if all(_holds(rule, named) for rule in table.only):
-                    yield tuple(word for part in _category(table, named) if (word := " ".join(part.split())))
 
 
 def _row_files(source: Source, table: Table, folder: Path) -> Iterator[tuple[str, Iterator[Row]]]:

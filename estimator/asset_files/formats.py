@@ -20,6 +20,7 @@ __all__ = ["SUFFIXES", "asset_files", "read_asset", "read_assets", "read_boxes"]
 
 GLTF_SUFFIXES = (".gltf", ".glb")
 ROBOT_SUFFIXES = (".urdf", ".sdf", ".xml", ".mjcf")
+#: What trimesh reads here; none of them states a unit or what is up.
 MESH = (".obj", ".stl", ".ply", ".off")
 USD = (".usd", ".usda", ".usdc", ".usdz")
 #: The files that are read, by their ending.

@@ -12,10 +12,8 @@ from metric_base.errors import FieldError, Unquoted, in_file
 from metric_base.input_files import read_bytes
 from metric_base.schema import expect
 
-__all__ = ["MESH_SUFFIXES", "read_collada", "read_mesh"]
+__all__ = ["read_collada", "read_mesh"]
 
-#: What trimesh reads here; none of them states a unit or what is up.
-MESH_SUFFIXES = (".obj", ".stl", ".ply", ".off")
 #: Largest file of a mesh.
 MAX_BYTES = 1 << 29
 #: Up axes of COLLADA's `asset`.

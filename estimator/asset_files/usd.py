@@ -12,9 +12,8 @@ from estimator.asset_files.asset import Asset, AssetBody, Up, Word, body_of
 from metric_base.errors import FieldError, Unquoted, in_file
 from metric_base.schema import expect
 
-__all__ = ["USD_SUFFIXES", "read_usd"]
+__all__ = ["read_usd"]
 
-USD_SUFFIXES = (".usd", ".usda", ".usdc", ".usdz")
 #: Largest file, most files that it may be composed of, most prims.
 MAX_BYTES, MAX_LAYERS, MAX_PRIMS = 1 << 29, 500, 200_000
 

@@ -15,7 +15,7 @@ import numpy as np
 
 from estimator.asset_files.asset import AXES, AssetBody, Up
 from estimator.assets.size_model import SizeModel
-from metric_base.arrays import FloatArray, IntArray
+from metric_base.arrays import FloatArray
 
 __all__ = [
     "CHANCE",
@@ -24,7 +24,6 @@ __all__ = [
     "UNIT_FACTORS",
     "ScaleHypothesis",
     "What",
-    "axis_order",
     "hypotheses",
     "ordered_sizes",
 ]
@@ -162,12 +161,3 @@ def _log_round(body: AssetBody) -> float:
     share_of_line = 2 * NORMALISED_SD * longest / step  # of all sizes, how many are as near to a round one
     is_round = off < NORMALISED_SD
     return float(np.log((1 - ROUND_SHARE) + (ROUND_SHARE / share_of_line if is_round else 0.0)))
-
-
-def axis_order(extents_m: FloatArray, up: Up, is_sorted: bool) -> IntArray:
-    """(3,) which axis of the file is length, width and height (or extent 1, 2, 3)."""
-    if is_sorted:
-        return np.asarray(np.argsort(-extents_m, kind="stable"))
-    vertical = AXES.index(up)
-    sides = [axis for axis in np.argsort(-extents_m, kind="stable") if axis != vertical]
-    return np.array([*sides, vertical])

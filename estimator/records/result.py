@@ -172,7 +172,8 @@ class ScaleResult:
         metres = None
         if self.scale is not None:
             metres = {name: value * self.scale for name, value in item.dimensions.items()}
-        return _plain(item) | {"dimensions_m": _plain(metres), "weight": round(item.weight, 3)}
+        row: dict[str, Any] = _plain(item)
+        return row | {"dimensions_m": _plain(metres), "weight": round(item.weight, 3)}
 
 
 def _plain(value: Any) -> Any:

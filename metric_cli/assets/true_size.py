@@ -16,17 +16,12 @@ HELP = "The true size of a generated or normalised model, from its shape and its
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Declare the verb's arguments."""
-    parser.add_argument(
-        "model", metavar="MODEL", type=input_path, nargs="?", help="glTF, USD, OBJ, STL, PLY, DAE, URDF, SDF or MJCF"
-    )
-    parser.add_argument("--category", metavar="NAME", help="what it is")
-    parser.add_argument(
-        "--batch", metavar="TABLE", type=input_path, help="boxes of one scene (CSV or Parquet): one factor for all"
-    )
-    parser.add_argument(
-        "--out", metavar="FILE", type=OutputFile(), help="write the model at the median of its true size"
-    )
-    parser.add_argument("--bake", action="store_true", help="with --out: change the vertices of glTF")
+    add = parser.add_argument
+    add("model", metavar="MODEL", type=input_path, nargs="?", help="glTF, USD, OBJ, STL, PLY, DAE, URDF, SDF or MJCF")
+    add("--category", metavar="NAME", help="what it is")
+    add("--batch", metavar="TABLE", type=input_path, help="boxes of one scene (CSV or Parquet): one factor for all")
+    add("--out", metavar="FILE", type=OutputFile(), help="write the model at the median of its true size")
+    add("--bake", action="store_true", help="with --out: change the vertices of glTF")
     add_tree(parser)
 
 

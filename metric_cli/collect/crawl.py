@@ -28,28 +28,27 @@ _CONTACT = re.compile(r".*(?:[^@\s]+@[^@\s]+|https?://[^\s/]+).*")
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Declare the verb's arguments."""
-    parser.add_argument("spider", metavar="SPIDER", help="amazon, ikea, ..., wikidata, or generic for any site")
-    parser.add_argument("--site", type=input_path, metavar="FILE.toml", help="a site of your own; SPIDER is its name")
-    parser.add_argument("--out", type=output_folder, required=True, metavar="DIR", help="folder of the data set")
-    parser.add_argument(
-        "--start-url", action="append", default=[], metavar="URL", help="where to begin; may be repeated"
-    )
-    parser.add_argument("--query", default="", help="begin with a search of the site")
-    parser.add_argument("--category", default="", help="begin with a category of the site")
-    parser.add_argument("--limit", type=int, metavar="N", help="stop after N new items (default: no limit)")
-    parser.add_argument("--resume", action="store_true", help="continue the crawl in DIR")
-    parser.add_argument("--pictures", action="store_true", help="download pictures where the site's terms allow it")
-    parser.add_argument(
+    add = parser.add_argument
+    add("spider", metavar="SPIDER", help="amazon, ikea, ..., wikidata, or generic for any site")
+    add("--site", type=input_path, metavar="FILE.toml", help="a site of your own; SPIDER is its name")
+    add("--out", type=output_folder, required=True, metavar="DIR", help="folder of the data set")
+    add("--start-url", action="append", default=[], metavar="URL", help="where to begin; may be repeated")
+    add("--query", default="", help="begin with a search of the site")
+    add("--category", default="", help="begin with a category of the site")
+    add("--limit", type=int, metavar="N", help="stop after N new items (default: no limit)")
+    add("--resume", action="store_true", help="continue the crawl in DIR")
+    add("--pictures", action="store_true", help="download pictures where the site's terms allow it")
+    add(
         "--contact",
         default=os.environ.get(CONTACT_VARIABLE),
         help=f"your e-mail address or page (default: {CONTACT_VARIABLE})",
     )
     delay = "between requests to one site (default: %(default)s)"
-    parser.add_argument("--delay", type=float, default=DELAY_SECONDS, metavar="SECONDS", help=delay)
-    parser.add_argument("--cache", type=output_folder, metavar="DIR", help="HTTP cache for conditional requests")
-    parser.add_argument("--redis", default="", metavar="URL", help="share the frontier with other workers")
-    parser.add_argument("--worker", default="", metavar="NAME", help="this worker's folder in DIR, with --redis")
-    parser.add_argument("--private", action="store_true", help="allow addresses of this machine and its network")
+    add("--delay", type=float, default=DELAY_SECONDS, metavar="SECONDS", help=delay)
+    add("--cache", type=output_folder, metavar="DIR", help="HTTP cache for conditional requests")
+    add("--redis", default="", metavar="URL", help="share the frontier with other workers")
+    add("--worker", default="", metavar="NAME", help="this worker's folder in DIR, with --redis")
+    add("--private", action="store_true", help="allow addresses of this machine and its network")
 
 
 def run(arguments: argparse.Namespace) -> int:

@@ -25,34 +25,31 @@ SCHEMA = "metric-tree/import/1"
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Declare the verb's arguments."""
-    parser.add_argument("source", nargs="?", metavar="SOURCE", help="id of a declared source; --list names them")
-    parser.add_argument("--all", action="store_true", help="every declared source")
-    parser.add_argument("--list", action="store_true", help="list the declared sources, with terms and addresses")
-    parser.add_argument(
+    add = parser.add_argument
+    add("source", nargs="?", metavar="SOURCE", help="id of a declared source; --list names them")
+    add("--all", action="store_true", help="every declared source")
+    add("--list", action="store_true", help="list the declared sources, with terms and addresses")
+    add(
         "--sources",
         type=input_path,
         metavar="DIR",
         help="declarations of your own, SOURCE.toml each, in place of the package's",
     )
-    parser.add_argument(
+    add(
         "--input",
         type=input_path,
         metavar="PATH",
         help="the source's folder or its one file, or a folder that holds such folders (default: download)",
     )
-    parser.add_argument(
+    add(
         "--out",
         type=OutputFile("metric-tree/raw/"),
         metavar="PATH",
         help="FILE.jsonl, FILE.jsonl.gz, or a folder (default: none)",
     )
-    parser.add_argument(
-        "--ship", type=output_folder, metavar="DIR", help="DIR/<source>.jsonl.gz of the sources whose terms allow it"
-    )
-    parser.add_argument("--verbose", action="store_true", help="with --list: why a source can be downloaded or not")
-    parser.add_argument(
-        "--summary", type=OutputFile(), metavar="FILE.md", help="write the table of the sources imported"
-    )
+    add("--ship", type=output_folder, metavar="DIR", help="DIR/<source>.jsonl.gz of the sources whose terms allow it")
+    add("--verbose", action="store_true", help="with --list: why a source can be downloaded or not")
+    add("--summary", type=OutputFile(), metavar="FILE.md", help="write the table of the sources imported")
 
 
 def run(arguments: argparse.Namespace) -> int:

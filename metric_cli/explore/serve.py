@@ -19,16 +19,17 @@ GRACE_S = 10
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Declare the verb's arguments."""
-    parser.add_argument("--host", default="127.0.0.1", help="address to listen at (127.0.0.1: this machine alone)")
-    parser.add_argument("--port", type=int, default=8000, help="port (8000; 0 takes a free one)")
-    parser.add_argument(
+    add = parser.add_argument
+    add("--host", default="127.0.0.1", help="address to listen at (127.0.0.1: this machine alone)")
+    add("--port", type=int, default=8000, help="port (8000; 0 takes a free one)")
+    add(
         "--tree",
         metavar="REF",
         action="append",
         help="version or folder of a release; may be repeated (default: shipped)",
     )
-    parser.add_argument("--mcp", action="store_true", help="serve the Model Context Protocol in place of HTTP")
-    parser.add_argument("--quiet", action="store_true", help="no line for each request")
+    add("--mcp", action="store_true", help="serve the Model Context Protocol in place of HTTP")
+    add("--quiet", action="store_true", help="no line for each request")
 
 
 def run(arguments: argparse.Namespace) -> int:

@@ -45,19 +45,16 @@ SCHEDULER_TIMEOUT = 10
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Declare the verb's arguments."""
-    parser.add_argument(
-        "raw", metavar="RAW", nargs="+", type=input_path, help="*.jsonl, *.jsonl.gz, or folders of them"
-    )
-    parser.add_argument(
-        "--out", metavar="DIR", type=new_folder, required=True, help="the release; it must not exist yet"
-    )
-    parser.add_argument("--version", default="0.1.0", help="semantic version of the release (default: %(default)s)")
-    parser.add_argument("--name", default="metric-tree", help="name of the release (default: %(default)s)")
-    parser.add_argument("--created", metavar="DATE", help=f"ISO date (default: ${DATE_VARIABLE}, else today)")
-    parser.add_argument("--log", metavar="DIR", type=output_folder, help="quarantine and report (default: DIR.build)")
-    parser.add_argument("--fold-out", metavar="I/N", type=_fold, help="leave out fold I (from 0) of N, by item id")
-    parser.add_argument("--without-noncommercial", action="store_true", help="leave out non-commercial sources")
-    parser.add_argument(
+    add = parser.add_argument
+    add("raw", metavar="RAW", nargs="+", type=input_path, help="*.jsonl, *.jsonl.gz, or folders of them")
+    add("--out", metavar="DIR", type=new_folder, required=True, help="the release; it must not exist yet")
+    add("--version", default="0.1.0", help="semantic version of the release (default: %(default)s)")
+    add("--name", default="metric-tree", help="name of the release (default: %(default)s)")
+    add("--created", metavar="DATE", help=f"ISO date (default: ${DATE_VARIABLE}, else today)")
+    add("--log", metavar="DIR", type=output_folder, help="quarantine and report (default: DIR.build)")
+    add("--fold-out", metavar="I/N", type=_fold, help="leave out fold I (from 0) of N, by item id")
+    add("--without-noncommercial", action="store_true", help="leave out non-commercial sources")
+    add(
         "--include-withheld",
         dest="private",
         metavar="SOURCE",
@@ -66,27 +63,23 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         help="keep this source's rows and pictures, though"
         " no open licence lets you give them on: the release is for your own use (may be repeated)",
     )
-    parser.add_argument("--own-use", dest="private", action="append", help=argparse.SUPPRESS)  # its old name
-    parser.add_argument(
+    add("--own-use", dest="private", action="append", help=argparse.SUPPRESS)  # its old name
+    add(
         "--sources",
         metavar="DIR",
         type=input_path,
         help="declarations of your own, SOURCE.toml each, beside the package's, for the terms and kinds of RAW",
     )
-    parser.add_argument(
-        "--without-curated", action="store_true", help="leave out the project's norms and judged ranges"
-    )
-    parser.add_argument(
-        "--carry", metavar="DIR", type=input_path, help="take nodes, priors and the choice of rows from this release"
-    )
-    parser.add_argument(
+    add("--without-curated", action="store_true", help="leave out the project's norms and judged ranges")
+    add("--carry", metavar="DIR", type=input_path, help="take nodes, priors and the choice of rows from this release")
+    add(
         "--without-pictures",
         action="store_true",
         help="leave out the pictures beside RAW: a twin of a release that has them",
     )
-    parser.add_argument("--no-heldout", action="store_true", help="skip the held-out scores of the priors (faster)")
-    parser.add_argument("--workers", type=int, default=os.cpu_count() or 1, help="processes (default: %(default)s)")
-    parser.add_argument("--scheduler", metavar="ADDRESS", help="a Dask scheduler, in place of processes")
+    add("--no-heldout", action="store_true", help="skip the held-out scores of the priors (faster)")
+    add("--workers", type=int, default=os.cpu_count() or 1, help="processes (default: %(default)s)")
+    add("--scheduler", metavar="ADDRESS", help="a Dask scheduler, in place of processes")
 
 
 def run(arguments: argparse.Namespace) -> int:

@@ -26,21 +26,16 @@ HELP = "Foreground cut-outs of a release's pictures, as a new release; the old o
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Declare the verb's arguments."""
-    parser.add_argument("release", metavar="RELEASE", help="folder or version of a release with pictures")
-    parser.add_argument(
-        "--out", metavar="DIR", type=new_folder, required=True, help="the new release; it must not exist yet"
-    )
-    parser.add_argument("--backend", choices=BACKENDS, default="auto", help="how to cut (default: %(default)s)")
-    parser.add_argument(
-        "--model", default="u2net", help="open model that rembg knows, or an ONNX file (default: %(default)s)"
-    )
-    parser.add_argument("--download", action="store_true", help="fetch the model's weights if the cache lacks them")
-    parser.add_argument(
-        "--guide", type=input_path, metavar="FILE", help="boxes, polygons and scribbles of persons, JSON lines"
-    )
-    parser.add_argument("--version", help="version of the new release (default: the old one's, with +cutouts)")
-    parser.add_argument("--workers", type=int, default=os.cpu_count() or 1, help="processes (default: %(default)s)")
-    parser.add_argument("--scheduler", metavar="ADDRESS", help="a Dask scheduler, in place of processes")
+    add = parser.add_argument
+    add("release", metavar="RELEASE", help="folder or version of a release with pictures")
+    add("--out", metavar="DIR", type=new_folder, required=True, help="the new release; it must not exist yet")
+    add("--backend", choices=BACKENDS, default="auto", help="how to cut (default: %(default)s)")
+    add("--model", default="u2net", help="open model that rembg knows, or an ONNX file (default: %(default)s)")
+    add("--download", action="store_true", help="fetch the model's weights if the cache lacks them")
+    add("--guide", type=input_path, metavar="FILE", help="boxes, polygons and scribbles of persons, JSON lines")
+    add("--version", help="version of the new release (default: the old one's, with +cutouts)")
+    add("--workers", type=int, default=os.cpu_count() or 1, help="processes (default: %(default)s)")
+    add("--scheduler", metavar="ADDRESS", help="a Dask scheduler, in place of processes")
 
 
 def run(arguments: argparse.Namespace) -> int:

@@ -29,16 +29,15 @@ SHEET_IMAGES = 12
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Declare the verb's arguments."""
-    parser.add_argument("name", metavar="NAME", help="name, synset, alias or detector label")
-    parser.add_argument("--dims", help="dimensions, with commas: length,width,height or extent1,extent2,extent3")
-    parser.add_argument("--where", metavar="PLACE,YEAR", help="for a place and a year: germany, europe,2011")
-    parser.add_argument("--vocabulary", help="read NAME as this label list does (coco_80, lvis_v1, ...)")
-    parser.add_argument("--at-least", metavar="TIER", help="refuse a size that rests on less: norm, measured, few, ...")
-    parser.add_argument("--kind", help="also the sizes of the shipped items of this kind: product, measured, ...")
-    parser.add_argument("--images", metavar="N", type=int, help="name N pictures, spread over the sizes")
-    parser.add_argument(
-        "--sheet", metavar="FILE.png", type=OutputFile(), help="draw them to one scale (12 unless --images)"
-    )
+    add = parser.add_argument
+    add("name", metavar="NAME", help="name, synset, alias or detector label")
+    add("--dims", help="dimensions, with commas: length,width,height or extent1,extent2,extent3")
+    add("--where", metavar="PLACE,YEAR", help="for a place and a year: germany, europe,2011")
+    add("--vocabulary", help="read NAME as this label list does (coco_80, lvis_v1, ...)")
+    add("--at-least", metavar="TIER", help="refuse a size that rests on less: norm, measured, few, ...")
+    add("--kind", help="also the sizes of the shipped items of this kind: product, measured, ...")
+    add("--images", metavar="N", type=int, help="name N pictures, spread over the sizes")
+    add("--sheet", metavar="FILE.png", type=OutputFile(), help="draw them to one scale (12 unless --images)")
     add_tree(parser)
 
 

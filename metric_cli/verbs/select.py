@@ -34,29 +34,20 @@ _COLUMNS = ("node", "name", "divergence", "samples", "sources", "lists", "sd", "
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Declare the verb's arguments."""
+    add = parser.add_argument
     rules = Rules()
-    parser.add_argument("--count", type=int, default=rules.count, help="how many (default: %(default)s, as the paper)")
-    parser.add_argument(
-        "--most-divergence", type=float, default=rules.most_divergence, help="sd of log size (default: %(default)s)"
-    )
-    parser.add_argument(
-        "--least-samples", type=int, default=rules.least_samples, help="items of the fit (default: %(default)s)"
-    )
-    parser.add_argument(
-        "--least-sources", type=int, default=rules.least_sources, help="sources of these (default: %(default)s)"
-    )
-    parser.add_argument(
+    add("--count", type=int, default=rules.count, help="how many (default: %(default)s, as the paper)")
+    add("--most-divergence", type=float, default=rules.most_divergence, help="sd of log size (default: %(default)s)")
+    add("--least-samples", type=int, default=rules.least_samples, help="items of the fit (default: %(default)s)")
+    add("--least-sources", type=int, default=rules.least_sources, help="sources of these (default: %(default)s)")
+    add(
         "--least-lists",
         type=int,
         default=rules.least_lists,
         help=f"of the training sets {', '.join(TRAINING_LISTS)} (default: %(default)s)",
     )
-    parser.add_argument(
-        "--out", type=OutputFile(), metavar="FILE.csv", help="write the chosen categories, for `export`"
-    )
-    parser.add_argument(
-        "--figure", type=OutputFile(), metavar="FILE", help="draw the figure of each rule (.png, .svg, .pdf)"
-    )
+    add("--out", type=OutputFile(), metavar="FILE.csv", help="write the chosen categories, for `export`")
+    add("--figure", type=OutputFile(), metavar="FILE", help="draw the figure of each rule (.png, .svg, .pdf)")
     add_tree(parser)
 
 

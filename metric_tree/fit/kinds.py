@@ -26,12 +26,10 @@ from metric_base.arrays import FloatArray, IntArray
 from metric_base.folders import taxonomy_directory
 from metric_tree.fit.disagreement import Disagreement
 
-__all__ = ["TARGET_KINDS", "KindModel", "learn_kinds", "shipped_model"]
+__all__ = ["KindModel", "learn_kinds", "shipped_model"]
 
-#: Kinds that are sizes of objects in the world: they define the target and have no bias.
-TARGET_KINDS = frozenset({"measured", "standard", "statistic", "norm"})
-
-#: Prior standard deviation of a kind's bias (ln size). A shop's figure is of a real object and may differ from the
+#: Prior standard deviation of a kind's bias (ln size). Kinds that are not here are of objects in the world: they define
+#: the target and have no bias. A shop's figure is of a real object and may differ from the
 #: objects in use by what people buy and keep, a few per cent; the others may be anything within a third.
 BIAS_SD: Mapping[str, float] = {"product": 0.05, "asset": 0.3, "museum": 0.3, "judged": 0.2, "default": 0.3}
 

@@ -50,7 +50,7 @@ def registry_of(address: str) -> dict[str, dict[str, str]]:
     try:
         with _byte_stream(address) as stream:
             record: Any = json.loads(stream.read(MAX_REGISTRY))
-    except (OSError, ValueError) as error:
+    except (OSError, ValueError, RecursionError) as error:
         raise InputError(f"{address}: expected a registry of releases; found {error}") from None
     releases = record.get("releases") if isinstance(record, dict) and record.get("schema") == SCHEMA else None
     if not isinstance(releases, dict) or not all(map(_is_release, releases.values())):

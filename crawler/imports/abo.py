@@ -9,7 +9,6 @@ from __future__ import annotations
 
 import gzip
 import io
-import json
 import tarfile
 from collections.abc import Iterable, Iterator, Mapping
 from contextlib import contextmanager
@@ -17,7 +16,7 @@ from pathlib import Path
 from typing import IO, Any
 
 from crawler.imports.row_outcomes import Reading, Refused, item
-from crawler.imports.rows import BadTable
+from crawler.imports.rows import BadTable, whole_json
 from crawler.imports.sources import Source
 from crawler.text.units import millimetres, unit
 
@@ -38,6 +37,9 @@ _NOT_AN_OBJECT = frozenset(
 
 #: A seller who fills three fields with 1 has measured nothing.
 _UNFILLED = 1.0
+
+#: No number of a size is larger, in any unit; JSON has integers that no float holds.
+_LARGEST = 1e9
 
 #: Longest line that is read: a listing has some kilobytes.
 _LONGEST = 1 << 22
@@ -103,8 +105,8 @@ def _readable(path: Path | str) -> Iterator[None]:
 
 def _listing(line: bytes, place: str) -> Mapping[str, Any]:
     try:
-        listing = json.loads(line)
-    except ValueError as error:
+        listing = whole_json(line)
+    except (ValueError, RecursionError) as error:
         raise BadTable(f"{place}: expected a JSON object; found {str(error)[:200]}") from None
     if not isinstance(listing, dict):
         raise BadTable(f"{place}: expected a JSON object; found {type(listing).__name__}")
@@ -150,6 +152,8 @@ def _length(axis: str, stated: Any) -> float:
             key = unit(str(one.get("unit") or ""))
             if key is None:
                 raise Refused("unreadable", f"item_dimensions.{axis}", one)
+            if not -_LARGEST < one["value"] < _LARGEST:
+                break
             return millimetres(float(one["value"]), key)
     raise Refused("unreadable", f"item_dimensions.{axis}", stated)
 

@@ -69,9 +69,17 @@ def record_rows(table: Table, folder: Path) -> Iterator[Row]:
     for path in paths:
         _see_file(path)
         try:
-            yield flat(json.loads(path.read_text(encoding=table.encoding)))
+            yield flat(whole_json(path.read_text(encoding=table.encoding)))
         except (ValueError, LookupError, RecursionError) as error:
             raise BadTable(f"{path}: expected json in {table.encoding}; found {_one_line(error)}") from None
+
+
+def whole_json(text: str | bytes) -> Any:
+    r"""What a JSON text holds. Raises ValueError, also for half characters (`\ud800`), which no file can hold."""
+    document = json.loads(text)
+    if (b"\\ud" if isinstance(text, bytes) else "\\ud") in text.lower():  # type: ignore[operator]  # of one type
+        json.dumps(document, ensure_ascii=False).encode()
+    return document
 
 
 def yaml_document(path: Path, encoding: str = "utf-8") -> Any:
@@ -138,14 +146,14 @@ def _csv(table: Table, path: Path) -> Iterator[Row]:
 
 
 def _json(table: Table, path: Path) -> Iterator[Row]:
-    yield from _records(json.loads(path.read_text(encoding=table.encoding)), table.each)
+    yield from _records(whole_json(path.read_text(encoding=table.encoding)), table.each)
 
 
 def _jsonl(table: Table, path: Path) -> Iterator[Row]:
     with path.open(encoding=table.encoding) as lines:
         for line in lines:
             if line.strip():
-                yield flat(json.loads(line))
+                yield flat(whole_json(line))
 
 
 def _yaml(table: Table, path: Path) -> Iterator[Row]:

@@ -51,7 +51,7 @@ def read_exr(file: Path) -> FloatArray:
     data = file.read_bytes() if file.stat().st_size <= MOST_BYTES else b""
     try:
         return _depth(data, _header(data))
-    except (struct.error, ValueError, KeyError, IndexError, UnicodeDecodeError, zlib.error) as error:
+    except (struct.error, ValueError, KeyError, IndexError, OverflowError, zlib.error) as error:
         expected = "an OpenEXR picture in scan lines, uncompressed or ZIP, with one depth channel"
         raise InputError.at(file, "picture", expected, Unquoted(str(error) or type(error).__name__)) from None
 
@@ -82,7 +82,7 @@ def _channels(data: bytes) -> tuple[tuple[str, np.dtype[np.generic]], ...]:
     channels, place = [], 0
     while data[place]:
         name, place = _text(data, place)
-        kind, _, step_x, step_y = struct.unpack_from("<iIii", data, place)
+        kind, _, step_x, step_y = struct.unpack_from("<IIii", data, place)
         if (step_x, step_y) != (1, 1):
             raise ValueError(f"channel {name} has a coarser grid")
         channels.append((name, TYPES[kind]))

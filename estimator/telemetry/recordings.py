@@ -144,7 +144,8 @@ def _csv_telemetry(file: Path) -> Telemetry:
         raise InputError.at(file, "header", expected, Unquoted(", ".join(sorted(names)) or "none"))
     rows: dict[tuple[str, ...], list[list[float]]] = {kind: [] for kind in kinds}
     for number, record in records:
-        cells = {(key or "").strip().lower(): (value or "").strip() for key, value in record.items()}
+        # what is too much in a row is under the key None
+        cells = {key.strip().lower(): (value or "").strip() for key, value in record.items() if key is not None}
         for kind in kinds:
             if any(cells[column] for column in kind):
                 with in_file(file), at_field(f"line {number}"):
@@ -180,7 +181,7 @@ def _record3d_telemetry(file: Path) -> Telemetry:
     rate = document.get("fps") if isinstance(document, dict) else None
     try:
         table = np.array(poses, dtype=np.float64)
-    except (TypeError, ValueError):
+    except (TypeError, ValueError, OverflowError):
         table = np.empty(0)
     if table.ndim != 2 or table.shape[1] != 7 or not np.isfinite(table).all():
         words = Unquoted(json.dumps(poses)[:40])

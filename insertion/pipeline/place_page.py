@@ -100,7 +100,7 @@ class PlacePage(LocalPage):
                 int(stated["frame"]), (float(stated["x"]), float(stated["y"])), int(stated["facing"])
             )
             self._place(asked)
-        except (InputError, ValueError, TypeError, KeyError, LookupError) as error:
+        except (InputError, ValueError, TypeError, LookupError, ArithmeticError, RecursionError) as error:
             return 400, {"error": str(error)}
         self.chosen = asked
         self.finish()

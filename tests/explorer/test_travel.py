@@ -146,6 +146,12 @@ def test_a_registry_leads_nowhere_else(tmp_path: Path, name: str) -> None:
         fetch_release("1.0.0-x", str(file))
 
 
+def test_a_registry_without_end_is_one_line(tmp_path: Path) -> None:
+    (tmp_path / "registry.json").write_text("[" * 200_000)
+    with pytest.raises(InputError, match="expected a registry of releases"):
+        fetch_release("1.0.0-x", str(tmp_path / "registry.json"))
+
+
 def test_a_publication_is_read_by_the_tools_of_data_hubs(trees: list[Tree], tmp_path: Path) -> None:
     out = tmp_path / "publication"
     assert main(["publish", str(out), "--tree", str(trees[0].release.directory)]) == 0

@@ -92,9 +92,20 @@ def test_the_published_archive_and_damaged_files(tmp_path: Path) -> None:
             entry.size = len(lines)
             tar.addfile(entry, io.BytesIO(lines))
     assert [one.source_id for one in import_items(declared, readings(declared, archive)).items] == ["C1"]
-    for name, data in (("listings_1.json.gz", lines[:-9]), ("listings_2.json", b"[1]\n"), ("listings_3.json", b"{\n")):
+    deep, half = b'{"a":' + b"[" * 200_000, b'{"item_id": "\\ud800"}\n'
+    broken = (lines[:-9], b"[1]\n", b"{\n", deep, half)
+    for name, data in zip(("listings_0.json.gz", *(f"listings_{k}.json" for k in range(1, 5))), broken, strict=True):
         (damaged := tmp_path / name).write_bytes(data)
         with pytest.raises(BadTable):
             list(readings(declared, damaged))
     with pytest.raises(BadTable, match="no such file"):
         list(readings(declared, tmp_path / "none"))
+
+
+@pytest.mark.parametrize("value", ["NaN", "Infinity", "-1e308", "1" + "0" * 400])
+def test_a_number_that_is_no_length_is_a_refused_row(tmp_path: Path, value: str) -> None:
+    lines = [json.dumps(listing("A1")), json.dumps(listing("A2")).replace('"value": 30', f'"value": {value}')]
+    (tmp_path / "listings_1.json").write_text("\n".join(lines))
+    result = import_items(source("abo"), readings(source("abo"), tmp_path))
+    assert [one.source_id for one in result.items] == ["A1"]
+    assert [reason for reason, _ in reasons(result)] == ["unreadable"]

@@ -190,3 +190,16 @@ def test_the_depth_among_other_channels(compression: int, tmp_path: Path) -> Non
     channels = {name: generator.normal(5, 1, (19, 7)).astype(np.float32) for name in ("A", "B", "Z")}
     (tmp_path / "a.exr").write_bytes(_exr_file(channels, compression))
     assert np.array_equal(read_depth(tmp_path / "a.exr"), channels["Z"])
+
+
+@pytest.mark.parametrize("damage", ["far offset", "type below none"])
+def test_an_exr_that_points_elsewhere_is_one_line(damage: str, tmp_path: Path) -> None:
+    data = _exr_file({"Z": np.ones((2, 3), dtype=np.float32)}, 0)
+    blocks = len(data) - 2 * (8 + 4 * 3) - 2 * 8
+    broken = {
+        "far offset": data[:blocks] + struct.pack("<2Q", 2**64 - 1, 2**64 - 1) + data[blocks + 16 :],
+        "type below none": data.replace(struct.pack("<iIii", 2, 0, 1, 1), struct.pack("<iIii", -1, 0, 1, 1)),
+    }[damage]
+    (tmp_path / "a.exr").write_bytes(broken)
+    with pytest.raises(InputError, match="OpenEXR"):
+        read_depth(tmp_path / "a.exr")

@@ -128,9 +128,11 @@ def test_logs(tmp_path: Path) -> None:
         ("log.csv", "time_s,ax,ay\n0,1,2\n"),
         ("log.csv", "time_s,ax,ay,az\n0,1,2,x\n"),
         ("log.csv", "time_s,ax,ay,az\n0,1,2,nan\n"),
+        ("log.csv", "time_s,ax,ay,az\n0,1,2,x,5,6\n"),
         ("metadata.json", '{"fps": 60, "poses": [[1, 2]]}'),
         ("metadata.json", '{"fps": 0, "poses": [[0, 0, 0, 1, 1, 2, 3]]}'),
         ("metadata.json", "[]"),
+        ("metadata.json", f'{{"fps": 60, "poses": [[0, 0, 0, 1, 1, 2, {"9" * 400}]]}}'),
     ],
 )
 def test_a_damaged_log_is_one_line(tmp_path: Path, name: str, text: str) -> None:

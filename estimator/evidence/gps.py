@@ -138,7 +138,7 @@ def _aligned_scale(
         return silent(kind, name, f"the path is too short for its positions: {extent}")
     if 2 * np.count_nonzero(alignment.inliers) <= len(metres):
         return silent(kind, name, "most positions contradict the reconstruction")
-    damage = _damage(alignment, centres, metres, up)
+    damage = _damage(alignment, centres, metres, up, accuracy_m)
     if damage is not None:
         return silent(kind, name, f"{damage}: latitude and longitude exchanged, a lost sign, or not in degrees?")
     sd = math.hypot(alignment.sd_log, LEAST_SD)
@@ -151,7 +151,9 @@ def _aligned_scale(
     return (ScaleEvidence(kind, name, alignment.scale, sd),)
 
 
-def _damage(alignment: Alignment, centres: FloatArray, metres: FloatArray, up: Up | None) -> str | None:
+def _damage(
+    alignment: Alignment, centres: FloatArray, metres: FloatArray, up: Up | None, accuracy_m: float | None
+) -> str | None:
     """What shows that positions (n, 3) are no similar copy of centres (n, 3), though a similarity fits most of them.
 
     A robust similarity fits a part of a stretched path well, so that a stretch is looked for in all positions too. A
@@ -165,19 +167,25 @@ def _damage(alignment: Alignment, centres: FloatArray, metres: FloatArray, up: U
     if up is None or not up.method.startswith(OBSERVED_METHODS):
         return None
     tilt = float(np.degrees(np.arccos(np.clip((alignment.rotation @ up.vector)[2], -1, 1))))
-    limit = WRONG_UP_DEG + BELIEVED_SIGMAS * math.hypot(up.sigma_deg, _tilt_sigma(metres[alignment.inliers], alignment))
+    sigma_deg = _tilt_sigma(centres[alignment.inliers], alignment, accuracy_m)
+    limit = WRONG_UP_DEG + BELIEVED_SIGMAS * math.hypot(up.sigma_deg, sigma_deg)
     return f"their up is {tilt:.0f}° from that of the cameras" if tilt > limit else None
 
 
-def _tilt_sigma(metres: FloatArray, alignment: Alignment) -> float:
-    """Standard deviation in degrees of the up of positions (n, 3) whose path the cameras are turned onto.
+def _tilt_sigma(centres: FloatArray, alignment: Alignment, accuracy_m: float | None) -> float:
+    """Standard deviation in degrees of the up of the positions, by which the cameras (n, 3) are turned onto them.
 
-    Equation: a turn w moves a position x by w x x, so that its information is sum(|x|^2 I - x x') / residual^2.
+    Equation: a turn w moves a position x by w x x, so that its information is sum(|x|^2 I - x x') / error^2. The x are
+    those of the cameras, in metres: on a straight walk the positions beside the line are noise, and about the line any
+    turn fits. A receiver's errors drift together, so that many positions count as one.
     """
-    own = metres - metres.mean(axis=0)
+    own = alignment.scale * (centres - centres.mean(axis=0)) @ alignment.rotation.T
     information = float((own**2).sum()) * np.eye(3) - own.T @ own
+    error2 = alignment.residual**2
+    if accuracy_m is not None:
+        error2 = len(own) * math.hypot(alignment.residual, DRIFT_SHARE * accuracy_m) ** 2
     turns = np.linalg.pinv(information, rcond=1e-9, hermitian=True)
-    about_level = float(np.trace(turns[:2, :2])) * alignment.residual**2
+    about_level = float(np.trace(turns[:2, :2])) * error2
     return math.degrees(math.sqrt(max(about_level, 0.0)))
 
 

@@ -14,9 +14,10 @@ from hypothesis import strategies as st
 
 from estimator.evidence import gps
 from estimator.evidence.alignment import align
-from estimator.evidence.gps import Gps, local_metres
+from estimator.evidence.gps import Gps, _aligned_scale, local_metres
 from estimator.evidence.marker import Marker
 from estimator.geometry.measurement import Measurements
+from estimator.geometry.up import OBSERVED_METHODS, Up
 from metric_base.arrays import FloatArray
 from metric_base.errors import InputError
 from metric_cli.estimate_scale.evidence_options import add_evidence_options, automatic_sources
@@ -70,6 +71,19 @@ def test_positions_that_are_stretched_or_mirrored_are_left_out(
     row = one(Gps(file).observe(walk.scene, nothing))
     assert row.scale is None
     assert reason in str(row.reason)
+
+
+def test_a_receiver_that_drifts_along_a_straight_walk_says_nothing_of_up() -> None:
+    """About the line any turn fits: what the receiver has beside it is its drift, however many positions there are."""
+    along = np.linspace(0, 14, 180)
+    cameras = np.column_stack([along, 0.04 * np.sin(along), 0.01 * np.cos(3 * along)]) / 1.1
+    drift = np.column_stack([0.3 * np.sin(along / 5), 0.08 * np.sin(along / 3), -0.08 * np.sin(along / 4)])
+    up = Up(np.array([0.0, 0.0, -1.0]), OBSERVED_METHODS[0], 0.7)  # the other way round, by the positions
+    row = one(_aligned_scale("gps_video", "walk", cameras, 1.1 * cameras + drift, 5.0, up))
+    assert row.scale == pytest.approx(1.1, rel=0.05)
+    wide = np.column_stack([cameras[:, 0], np.cos(along), 0.2 * np.sin(3 * along)])
+    exact = _aligned_scale("gps", "table", wide, 1.1 * wide, None, up)
+    assert "their up is 180" in str(one(exact).reason)
 
 
 def test_a_latitude_beyond_the_pole_is_refused(walk: Walk, nothing: Measurements, tmp_path: Path) -> None:

@@ -75,7 +75,7 @@ def scale_of_objects(
     warnings = (*warnings, *_context_warnings(by_name, options))
     heard = (*warnings, *_evidence_warnings(rows), *([] if clash is None else [clash.line(options.trust_known_length)]))
     result = result_of(objects, tree, by_name, answer, options, up, heard, elapsed)
-    if result.status != "resolved" and objects and clash is None:
+    if result.status != "resolved" and (objects or options.evidence) and clash is None:
         advice = helps(objects, stated, by_name, tree, _table(lines), estimate, options.level)
         result = replace(result, would_help=advice)
     if estimate is None or not places:

@@ -162,7 +162,11 @@ def _warnings(
     unknown = sorted({item.category for item in objects if by_name[item.category].prior is None})
     lines = [_reason_with_name(name, by_name[name].reason) for name in unknown]
     if estimate is None:
-        lines.append("unresolved: no usable object" if objects else "unresolved: no object")
+        lines.append(
+            "unresolved: no usable object"
+            if objects
+            else "unresolved: no object, and no other evidence that could be used"
+        )
     elif estimate.doubt is not None:
         lines.append(f"{estimate.status}: {estimate.doubt}")
     return lines

@@ -57,6 +57,16 @@ def test_truncated_and_unmeasured_objects_are_named(tree: Tree) -> None:
     assert [one.object for one in nothing.would_help if "could not be measured" in one.what] == ["toilet 9"]
 
 
+def test_evidence_without_objects_says_what_would_help(tree: Tree) -> None:
+    mute = ScaleEvidence("camera_height", "floor", None, None, reason="no floor was found under the cameras")
+    rough = ScaleEvidence("camera_height", "floor", 0.5, 0.6)
+    for line, status in ((mute, "unresolved"), (rough, "uncertain")):
+        result = scale_of_objects([], tree, EstimateOptions(evidence=(line,)))
+        assert result.status == status
+        assert [one.what for one in result.would_help if "if there is one" in one.what]
+    assert scale_of_objects([], tree).would_help == ()
+
+
 def test_errors_that_go_together_end_with_the_sides_that_are_supposed(tree: Tree) -> None:
     together = 0.09 * np.full((3, 3), 0.95) + 0.0045 * np.eye(3)
     cut = replace(DESK, truncated=np.array([True, True, False]), sigma=np.full(3, 0.3), covariance=together)

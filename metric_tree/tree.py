@@ -14,6 +14,7 @@ import pyarrow.parquet as pq
 from metric_base import spelling
 from metric_tree.node import AmbiguousName, Meaning, Node, NoPrior, ThinEvidence, UnknownName, node_of, see_tier
 from metric_tree.prior import Prior
+from metric_tree.prior_rows import PriorRows
 from metric_tree.release import BadRelease, Release, first_in_circle, open_release
 from metric_tree.releases import release_directory
 from taxonomy.naming.nodes import Names
@@ -57,6 +58,7 @@ class Tree:
         self._table = release.table("nodes")
         self._places = {node_id: place for place, node_id in enumerate(self._table["node_id"].to_pylist())}
         self._nodes: dict[str, Node] = {}
+        self._prior_rows = PriorRows(release)
         if (one := first_in_circle(self._table["parent_id"].to_pylist(), self._places)) is not None:
             raise BadRelease(f"{release.directory}: {one}: parent_id: expected a tree; found a circle")
 
@@ -270,35 +272,18 @@ class Tree:
 
     def prior_dims(self, node_id: str) -> tuple[tuple[str, ...], ...]:
         """The sets of dimensions for which a node has a fitted row."""
-        return tuple(dims for dims, _ in self._prior_rows(node_id))
+        return self._prior_rows.dims(node_id)
 
     def prior(self, node_id: str, dims: tuple[str, ...]) -> Prior:
         """The prior of a node over `dims`; see `Node.prior`."""
-        key = (node_id, dims)
-        if key not in self._priors:
-            self._priors[key] = self._read_prior(node_id, dims)
-        return self._priors[key]
+        return self._prior_rows.prior(node_id, dims)
 
     def tier(self, node_id: str) -> str | None:
         """The tier of a node's main prior; None of a node without one."""
         if (tier := self._tiers.get(node_id)) is not None:
             return tier
-        rows = self._prior_rows(node_id)  # a release before 3.0.0
-        return self.prior(node_id, rows[0][0]).tier if rows else None
-
-    def _read_prior(self, node_id: str, dims: tuple[str, ...]) -> Prior:
-        rows = self._prior_rows(node_id)
-        containing = [(len(had), row) for had, row in rows if set(dims) <= set(had)]
-        if not containing or not dims:
-            exists = "; ".join(", ".join(had) for had, _ in rows) or "none"
-            wanted = ", ".join(dims) or "no dimension"
-            raise NoPrior(f"{node_id}: dims: expected a prior that holds {wanted}; found {exists}")
-        prior: Prior = Prior.of_row(self._prior_table.slice(min(containing)[1], 1).to_pylist()[0])
-        return prior if prior.dims == dims else prior.marginal(dims)
-
-    @cached_property
-    def _priors(self) -> dict[tuple[str, tuple[str, ...]], Prior]:
-        return {}
+        dims = self.prior_dims(node_id)  # a release before 3.0.0
+        return self.prior(node_id, dims[0]).tier if dims else None
 
     @cached_property
     def _successors(self) -> dict[str, str]:
@@ -315,23 +300,6 @@ class Tree:
         if "tier" not in self._table.column_names:
             return {}
         return dict(zip(self._places, self._table["tier"].to_pylist(), strict=True))
-
-    @cached_property
-    def _prior_table(self) -> pa.Table:
-        return self.release.table("priors")
-
-    def _prior_rows(self, node_id: str) -> list[tuple[tuple[str, ...], int]]:
-        """Dimensions and rows of the priors of a node."""
-        dims, places = self._prior_table["dims"], self._prior_places.get(node_id, ())
-        return [(tuple(dims[place].as_py()), place) for place in places]
-
-    @cached_property
-    def _prior_places(self) -> dict[str, list[int]]:
-        """Rows of the table of priors by node."""
-        places: dict[str, list[int]] = {}
-        for place, node_id in enumerate(self._prior_table["node_id"].to_pylist()):
-            places.setdefault(node_id, []).append(place)
-        return places
 
     @cached_property
     def _below(self) -> dict[str | None, list[str]]:

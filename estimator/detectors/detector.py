@@ -8,12 +8,7 @@ are small pictures of the boxes (n, 1, 28, 28). Other detectors hand over COCO r
 
 from __future__ import annotations
 
-import os
-import resource
-import sys
-import threading
-from collections.abc import Iterator, Sequence
-from contextlib import contextmanager
+from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
@@ -29,6 +24,7 @@ from estimator.detectors.one_stage import (
     one_stage_form,
     one_stage_inputs,
 )
+from estimator.detectors.onnx_graph import graph_answers, load_graph
 from estimator.detectors.open_detectors import RegisteredDetector, download, registry_entry, registry_entry_of
 from estimator.instances.label_names import label_names
 from estimator.instances.masks import box_mask
@@ -59,16 +55,8 @@ MAX_LABELS, MAX_LABEL_BYTES = 100_000, 1 << 24
 MAX_GRAPH_BYTES = 1 << 31
 #: How far a score may be outside 0 to 1.
 SCORE_SLACK = 1e-3
-#: Bytes of address space that a run may add: the largest Mask R-CNN takes 4 GB for a large picture.
-RUN_BYTES = 12 << 30
 #: Longest side of a picture that a graph was traced for.
 MAX_SIDE = 10_000
-#: Seconds that a detector may take for one picture; a large Mask R-CNN takes ten.
-PICTURE_SECONDS = 300.0
-#: Of onnxruntime's five levels of messages the last: its warnings quote names of the graph as they are.
-FATAL = 4
-#: onnxruntime writes a device id under the user's cache unless this is set before its import.
-TELEMETRY_VARIABLE = "ORT_DISABLE_TELEMETRY"
 
 Picture = NDArray[np.uint8]
 FloatPicture = NDArray[np.float32]
@@ -107,7 +95,7 @@ class Detector:
 
     def __init__(self, path: Path, labels: Sequence[str], form: InputForm = "torchvision") -> None:
         self.path, self.labels, self.form = path, tuple(labels), form
-        self._session = _session(path)
+        self._session = load_graph(path)
         for node in self._session.get_inputs():
             sides = [side for side in node.shape if isinstance(side, int)]
             if not all(0 < side <= MAX_SIDE for side in sides):
@@ -158,7 +146,7 @@ class Detector:
 
         feeds, factor, shift = one_stage_inputs(self._session.get_inputs(), form, picture)
         fed = next(value for value in feeds.values() if value.ndim == 4)
-        answers = self._answers(None, feeds)
+        answers = graph_answers(self._session, self.path, None, feeds)
         height, width = picture.shape[:2]
         try:
             boxes, labels, scores, masks = one_stage_detections(
@@ -190,28 +178,9 @@ class Detector:
         if wrong.any():
             raise InputError.at(self.path, "scores", "numbers from 0 to 1", float(scores[wrong][0]))
 
-    def _answers(self, outputs: list[str] | None, feeds: dict[str, Any]) -> list[NDArray[Any]]:
-        """What the graph answers, arrays of any shape; its error is the file's. feeds : arrays by input name."""
-        import onnxruntime
-
-        options = onnxruntime.RunOptions()
-        options.log_severity_level = FATAL
-        limit = threading.Timer(PICTURE_SECONDS, setattr, (options, "terminate", True))
-        limit.daemon = True
-        limit.start()
-        try:
-            with _bounded_memory():
-                return [np.asarray(answer) for answer in self._session.run(outputs, feeds, options)]
-        except Exception as error:  # noqa: BLE001 - onnxruntime's errors have no common base that it exports
-            line = (str(error).splitlines() or ["an error"])[0]
-            shape = next(iter(feeds.values())).shape
-            raise InputError.at(self.path, "run", f"an answer to a picture of shape {shape}", Unquoted(line)) from None
-        finally:
-            limit.cancel()
-
     def _run(self, fed: FloatPicture) -> tuple[NDArray[Any], NDArray[Any], NDArray[Any], NDArray[Any]]:
         """Boxes (n, 4), labels (n,), scores (n,) and masks (n, 1, H, W) of a picture (3, H, W) as it is fed."""
-        boxes, labels, scores, masks = self._answers(self._outputs, {self._input.name: fed})
+        boxes, labels, scores, masks = graph_answers(self._session, self.path, self._outputs, {self._input.name: fed})
         n = len(boxes)
         shapes = (boxes.shape, labels.shape, scores.shape, masks.shape)
         if boxes.shape != (n, 4) or labels.shape != (n,) or scores.shape != (n,) or masks.shape[:2] != (n, 1):
@@ -271,22 +240,6 @@ def load_detector(ref: str | Path, labels: Path | None = None) -> Detector:
     return Detector(path, names, _form(entry))
 
 
-@contextmanager
-def _bounded_memory() -> Iterator[None]:
-    """Within the block the process may grow by `RUN_BYTES`: a graph of a hundred bytes can ask for terabytes."""
-    if not sys.platform.startswith("linux"):  # the size of the process is read where Linux tells it
-        yield
-        return
-    pages = int(Path("/proc/self/statm").read_text(encoding="ascii").split()[0])
-    soft, hard = resource.getrlimit(resource.RLIMIT_AS)
-    limits = [limit for limit in (soft, hard) if limit != resource.RLIM_INFINITY]
-    resource.setrlimit(resource.RLIMIT_AS, (min([pages * resource.getpagesize() + RUN_BYTES, *limits]), hard))
-    try:
-        yield
-    finally:
-        resource.setrlimit(resource.RLIMIT_AS, (soft, hard))
-
-
 def _names(file: Path) -> tuple[str, ...]:
     """The names of a file of labels, one a line, behind that of the background."""
     lines = read_text(file, MAX_LABEL_BYTES).splitlines()
@@ -320,22 +273,6 @@ def _pasted_mask(masks: NDArray[Any], boxes: FloatArray, row: int, width: int, h
         stretched = cv2.resize(small, (int(right - left), int(bottom - top)), interpolation=cv2.INTER_LINEAR)
         whole[y0:y1, x0:x1] = stretched[y0 - top : y1 - top, x0 - left : x1 - left] >= MASK_THRESHOLD
     return whole
-
-
-def _session(path: Path) -> Any:
-    os.environ.setdefault(TELEMETRY_VARIABLE, "1")
-    try:
-        import onnxruntime
-    except ImportError:
-        expected = "onnxruntime (pip install 'metric-tree[images]')"
-        raise InputError.at(path, "detector", expected, Unquoted("not installed")) from None
-    options = onnxruntime.SessionOptions()
-    options.log_severity_level = FATAL
-    try:
-        return onnxruntime.InferenceSession(str(path), options, providers=onnxruntime.get_available_providers())
-    except Exception as error:  # noqa: BLE001 - its errors have no common base that it exports
-        line = (str(error).splitlines() or ["an error"])[0]
-        raise InputError.at(path, "detector", "an ONNX graph that onnxruntime loads", Unquoted(line)) from None
 
 
 def _output_names(outputs: Sequence[Any]) -> list[str]:

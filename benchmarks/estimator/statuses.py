@@ -46,10 +46,10 @@ def main() -> None:
     file = arguments.tables / "scannet18_boxes" / "scannet18_boxes.csv"
     print("| labels | rooms refused, as most objects are outliers | off by more than 15 % |\n|---|---|---|")
     for shift in SHIFTS:
-        told = list(_rooms(file, tree, (None,), shift))
-        most = [row for row in told if _calls_most_outliers(row[2])]
+        rows = list(_rooms(file, tree, (None,), shift))
+        most = [row for row in rows if _calls_most_outliers(row[2])]
         print(
-            f"| {f'of the list {shift} further' if shift else 'right'} | {len(most) / len(told):.1%} | {_share(most)} |"
+            f"| {f'of the list {shift} further' if shift else 'right'} | {len(most) / len(rows):.1%} | {_share(most)} |"
         )
     print()
     rows = [*_rooms(file, tree), *_simulations()]

@@ -79,21 +79,21 @@ def simulated_answers(
 
 def _row(name: str, observer: Observer | None, curves: list[StudyCurve]) -> str:
     flat = sum(curve.flat for curve in curves)
-    told = [curve for curve in curves if not curve.flat]
-    if observer is None or not told:
+    peaked = [curve for curve in curves if not curve.flat]
+    if observer is None or not peaked:
         return f"| {name} | {flat} of {len(curves)} | | | | | |"
     # over people, sigma and their own biases add
     noticeable = Observer(0, float(np.hypot(observer.sigma, BIAS_SPREAD)), 1).noticeable
-    peak = float(np.median([curve.observer.peak for curve in told])) - observer.peak
-    step = float(np.median([curve.observer.noticeable for curve in told]))
-    held = [sum(_holds(getattr(c, field), true) for c in told) for field, true in
+    peak = float(np.median([curve.observer.peak for curve in peaked])) - observer.peak
+    step = float(np.median([curve.observer.noticeable for curve in peaked]))
+    held = [sum(_holds(getattr(c, field), true) for c in peaked) for field, true in
             (("peak_interval", observer.peak), ("noticeable_interval", noticeable))]  # fmt: skip
-    widths = np.median([np.ptp(c.peak_interval) for c in told if c.peak_interval])
-    careless = np.mean([curve.careless for curve in told])
+    widths = np.median([np.ptp(c.peak_interval) for c in peaked if c.peak_interval])
+    careless = np.mean([curve.careless for curve in peaked])
     return (
         f"| {name} | {flat} of {len(curves)} | {careless:.1f} | {peak:+.1f} % "
-        f"| {held[0]} of {len(told)}, {widths:.0f} % wide "
-        f"| {step:.1f} % (true {noticeable:.1f}) | {held[1]} of {len(told)} |"
+        f"| {held[0]} of {len(peaked)}, {widths:.0f} % wide "
+        f"| {step:.1f} % (true {noticeable:.1f}) | {held[1]} of {len(peaked)} |"
     )
 
 

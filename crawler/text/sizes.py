@@ -205,7 +205,7 @@ _BRACKETED = re.compile(r"[(\[]\s*(?:in\s+)?([^\W\d_]{2,12})\.?\s*[)\]]")
 def _header_in(run: Sequence[Token], group: Sequence[Quantity]) -> tuple[str, ...]:
     """An order of axes right before or right behind a group: `W x H x D 3 x 4 x 5 cm`, `3 x 4 x 5 cm (WxHxD)`.
 
-    Of several the text's own order tells which is meant: the last one before the group where the first number has one
+    Of several the text's own order decides which is meant: the last one before the group where the first number has one
     before it, else the first one behind the group.
     """
     headers = [token for token in run if token.kind == "header"]

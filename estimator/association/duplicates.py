@@ -54,5 +54,5 @@ def overlap(one: Instance, two: Instance) -> float:
 def _worse(instances: Sequence[Instance], better: int, other: int) -> set[int]:
     """Which of two masks of one object go, `better` having the better score or an equal one."""
     alike = instances[better].category == instances[other].category
-    sure = instances[better].score > instances[other].score
-    return {other} if alike or sure else {better, other}
+    scored_higher = instances[better].score > instances[other].score
+    return {other} if alike or scored_higher else {better, other}

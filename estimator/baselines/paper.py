@@ -67,12 +67,12 @@ def paper_result(
     options: EstimateOptions,
     lists: Path | None = None,
     up: UpReport | None = None,
-    heard: Sequence[str] = (),
+    warnings: Sequence[str] = (),
     seconds: Mapping[str, float] | None = None,
 ) -> ScaleResult:
     """The scale by the paper's method; `lists` is the authors' folder `scale_metrics` for the second arm.
 
-    up, heard, seconds : what the geometry found, its warnings and times, handed on.
+    up, warnings, seconds : what the geometry found, its warnings and times, handed on.
     """
     by_name = meanings(tree, {item.category for item in objects})
     authors = authors_lists(lists, tree) if lists is not None else None
@@ -82,7 +82,7 @@ def paper_result(
     started = time.perf_counter()
     answer = _answer(objects, by_name, mixtures, options)
     elapsed = {**(seconds or {}), "fit": fitting, "posterior": time.perf_counter() - started}
-    return result_of(objects, tree, by_name, answer, options, up, (*heard, *notes), elapsed)
+    return result_of(objects, tree, by_name, answer, options, up, (*warnings, *notes), elapsed)
 
 
 def fit_mixture(dims: tuple[str, ...], sizes_mm: FloatArray) -> PaperMixture:

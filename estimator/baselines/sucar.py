@@ -40,7 +40,7 @@ def sucar_result(
     instances: Sequence[Instance],
     tree: Tree,
     options: EstimateOptions,
-    heard: Sequence[str] = (),
+    warnings: Sequence[str] = (),
     seconds: Mapping[str, float] | None = None,
 ) -> ScaleResult:
     """The scale by every detection's box; each row of the result is one detection."""
@@ -55,7 +55,7 @@ def sucar_result(
     how = "prescribed: first camera" if options.up is None else "given"
     up = UpReport((float(-down[0]), float(-down[1]), float(-down[2])), how, 0.0)
     elapsed = {**(seconds or {}), "posterior": time.perf_counter() - started}
-    return result_of(boxes, tree, by_name, answer, options, up, heard, elapsed)
+    return result_of(boxes, tree, by_name, answer, options, up, warnings, elapsed)
 
 
 def prescribed_down(scene: Scene) -> FloatArray:
@@ -73,7 +73,7 @@ def box_heights(scene: Scene, instances: Sequence[Instance], down: FloatArray) -
 
 
 def _box_height(scene: Scene, item: Instance, down: FloatArray) -> float:
-    """Height of the mask's box along `down` (3,), in scene units; NaN where it cannot be told."""
+    """Height of the mask's box along `down` (3,), in scene units; NaN where it is not known."""
     view = scene.views[item.view]
     columns, rows = np.flatnonzero(item.mask.any(axis=0)), np.flatnonzero(item.mask.any(axis=1))
     if not len(columns):

@@ -300,6 +300,6 @@ def _foot(box: Dimensions, sides: Sides, ground: Ground | None, basis: FloatArra
     if level is not None and box.low[2] > level.height:
         gap = float(box.low[2] - level.height)
         # the masks, or the few outermost points that the extent rule cut off
-        told, own = sides.beyond[2, 0] * box.extents[2] / gap, (box.low[2] - box.lowest) / gap
-        reach = own if own > REACH_SHARE else told
+        by_masks, own = sides.beyond[2, 0] * box.extents[2] / gap, (box.low[2] - box.lowest) / gap
+        reach = own if own > REACH_SHARE else by_masks
     return foot_on(level, box.low, box.high, ground.bin, standing, float(reach))

@@ -1,6 +1,6 @@
 """Depth noise of a cloud, read where it is plain: in the pictures, not in space.
 
-Dense points err along their lines of sight by a share of their distance. In space that noise cannot be told from shape
+Dense points err along their lines of sight by a share of their distance. In space that noise looks like shape
 once it is as thick as the neighbourhood it is looked for in; in a picture, neighbours stay neighbours whatever their
 depths, and the inverse depth of a plane is linear in the pixel.
 """
@@ -33,7 +33,7 @@ FLAT_CELLS, FLAT_SHARE = 0.15, 0.86
 
 
 def depth_noise(views: Sequence[View], labels: PointLabels) -> float:
-    """Standard deviation of the points along their lines of sight as a share of the distance, 0 where none can be told.
+    """Standard deviation of the points along their lines of sight as a share of the distance, 0 where unknown.
 
     Equation: per cell of a picture, 1 / z = a + b x + c y by least squares; the 15 % quantile over all cells of the
     residual's standard deviation over the mean of 1 / z, over 0.86.

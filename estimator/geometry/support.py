@@ -140,7 +140,7 @@ def foot_on(
 
     low, high : (3,) extents along length, width, up; roughness : of the cloud, scene units; stands : whether its
     category stands on the floor, None unknown; reach : how far its masks, or stray points of its
-    own, go down to the level: 0 where they end with the extent, 1 where they end at it, NaN where none tells.
+    own, go down to the level: 0 where they end with the extent, 1 where they end at it, NaN where none says.
     """
     bottom, height = float(low[2]), float(high[2] - low[2])
     slab = _is_slab(low, high, stands)

@@ -73,9 +73,9 @@ class Sides:
     @property
     def beyond(self) -> FloatArray:
         """(3, 2) median excess over the views; NaN where fewer than two tell."""
-        told = np.isfinite(self.excess).sum(axis=0) >= VIEWS_NEEDED
-        filled = np.where(told, self.excess, 0.0)
-        return np.where(told, np.nanmedian(filled, axis=0), np.nan)
+        is_known = np.isfinite(self.excess).sum(axis=0) >= VIEWS_NEEDED
+        filled = np.where(is_known, self.excess, 0.0)
+        return np.where(is_known, np.nanmedian(filled, axis=0), np.nan)
 
     @property
     def truncated(self) -> BoolArray:

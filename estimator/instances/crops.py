@@ -66,8 +66,8 @@ def joined_instances(
             file, "image names", expected, Unquoted(f"{lost[0]!r} and {len(lost) - 1} others, none of them")
         )
     instances = tuple(instance for instance in entries if instance is not None)
-    told_lost = (f"{file}: {len(lost)} of {len(names)} images match no view, such as {lost[0]!r}",) if lost else ()
-    return instances, (*warnings, *told_lost)
+    about_lost = (f"{file}: {len(lost)} of {len(names)} images match no view, such as {lost[0]!r}",) if lost else ()
+    return instances, (*warnings, *about_lost)
 
 
 def mask_crop(mask: BoolArray, camera: Camera) -> tuple[BoolArray, tuple[int, int]] | None:

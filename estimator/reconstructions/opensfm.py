@@ -72,8 +72,8 @@ def largest_reconstruction(file: Path) -> tuple[dict[str, Any], tuple[str, ...]]
     row = max(range(len(documents)), key=sizes.__getitem__)
     if len(documents) == 1:
         return documents[0], ()
-    told_sizes = ", ".join(str(shots) for shots, _ in sizes[:10])
-    return documents[row], (f"{file}: {len(documents)} reconstructions of {told_sizes} shots, the largest is used",)
+    largest_sizes = ", ".join(str(shots) for shots, _ in sizes[:10])
+    return documents[row], (f"{file}: {len(documents)} reconstructions of {largest_sizes} shots, the largest is used",)
 
 
 def _length(value: object) -> int:

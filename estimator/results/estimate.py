@@ -73,8 +73,12 @@ def scale_of_objects(
     rows = _evidence_rows(options, estimate, lines, clash)
     answer = ScaleAnswer(estimate, places, _used_dimensions(evidence), reasons, rows)
     warnings = (*warnings, *_context_warnings(by_name, options))
-    heard = (*warnings, *_evidence_warnings(rows), *([] if clash is None else [clash.line(options.trust_known_length)]))
-    result = result_of(objects, tree, by_name, answer, options, up, heard, elapsed)
+    all_warnings = (
+        *warnings,
+        *_evidence_warnings(rows),
+        *([] if clash is None else [clash.line(options.trust_known_length)]),
+    )
+    result = result_of(objects, tree, by_name, answer, options, up, all_warnings, elapsed)
     if result.status != "resolved" and (objects or options.evidence) and clash is None:
         advice = helps(objects, stated, by_name, tree, _table(lines), estimate, options.level)
         result = replace(result, would_help=advice)

@@ -206,5 +206,5 @@ def _headline(result: ScaleResult) -> str:
     if result.scale is None or result.interval is None:
         return "unresolved" + ("; sizes are those of the likeliest scale" if result.best_scale else "")
     low, high = result.interval.low, result.interval.high
-    sure = f"{100 * result.interval.level:g} % {low:.4g} to {high:.4g}"
-    return f"{result.status}: {result.scale:.4g} metres per unit, {sure}"
+    interval = f"{100 * result.interval.level:g} % {low:.4g} to {high:.4g}"
+    return f"{result.status}: {result.scale:.4g} metres per unit, {interval}"

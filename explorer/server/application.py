@@ -226,7 +226,7 @@ class Logged:
         self._app = app
 
     async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
-        """Answer, then log; a preflight of another origin is told what it may do."""
+        """Answer, then log; a preflight of another origin is answered with what it may do."""
         if scope["type"] != "http":
             await self._app(scope, receive, send)
             return

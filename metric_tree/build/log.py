@@ -1,4 +1,4 @@
-"""What a build tells its maintainer: sources that disagree, classes that look mixed, what was refused."""
+"""What a build reports to its maintainer: sources that disagree, classes that look mixed, what was refused."""
 
 from __future__ import annotations
 

@@ -32,7 +32,7 @@ class Foreground:
 
 
 class Backend(Protocol):
-    """Anything that tells the foreground of a picture."""
+    """Anything that separates the foreground of a picture."""
 
     def foreground(self, picture: RGB) -> Foreground:
         """The foreground of a picture, (h, w, 3) uint8 in RGB."""

@@ -1,4 +1,4 @@
-"""How far a mask can be trusted, told from the picture and the mask alone, and why one is set aside."""
+"""How far a mask can be trusted, judged by the picture and the mask alone, and why one is set aside."""
 
 from __future__ import annotations
 

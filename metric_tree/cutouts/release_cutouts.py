@@ -122,8 +122,8 @@ def cut(image_id: str, body: bytes, settings: Settings) -> Cut:
         foreground = Foreground(own, "alpha")
     else:
         foreground = backend(settings).foreground(picture)
-    told = assessment(picture, foreground.alpha)
-    reason = foreground.refused or told.reason
+    assessed = assessment(picture, foreground.alpha)
+    reason = foreground.refused or assessed.reason
     if guide is not None and reason == "doubtful":  # an orange among oranges has no edge of colour: its reviewer saw it
         reason = None
     row = Cut(
@@ -135,8 +135,8 @@ def cut(image_id: str, body: bytes, settings: Settings) -> Cut:
     )
     if foreground.refused:
         return row
-    row = replace(row, box_px=told.box, foreground_share=told.share, quality=told.quality)
-    return row if reason else replace(row, png=_png(np.dstack([picture, foreground.alpha]), told.box))
+    row = replace(row, box_px=assessed.box, foreground_share=assessed.share, quality=assessed.quality)
+    return row if reason else replace(row, png=_png(np.dstack([picture, foreground.alpha]), assessed.box))
 
 
 def cut_release(

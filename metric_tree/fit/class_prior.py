@@ -52,7 +52,7 @@ GAUSSIAN_FREEDOM = 30.0
 #: Normal components that stand for a Student's t.
 T_COMPONENTS = 3
 
-#: Least standard deviation of ln size of a norm: a thousandth, what a tape measure tells.
+#: Least standard deviation of ln size of a norm: a thousandth, the precision of a tape measure.
 NORM_FLOOR = 0.001
 
 #: Folds of the published held-out log density, the complete rows below which none is published, and the rows that take

@@ -141,13 +141,13 @@ def inner_contexts(
     plain : the prior of the leaf of objects called by the plain name alone, over the node's dimensions
     """
     whole = plain.contexts if plain is not None else ()
-    told = {(one.source, one.region) for one in whole}
+    covered = {(one.source, one.region) for one in whole}
     parts = [
         (child, part)
         for child, part in zip(children, share.tolist(), strict=True)
         if plain is None or child.node_id != plain.node_id
     ]
-    rest = [one for one in _contexts_by_source(parts, shared) if (one.source, one.region) not in told]
+    rest = [one for one in _contexts_by_source(parts, shared) if (one.source, one.region) not in covered]
     return (*whole, *rest)
 
 

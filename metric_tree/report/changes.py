@@ -23,7 +23,7 @@ __all__ = [
     "source_changes",
 ]
 
-#: Points at which the distribution of changes is told: of sizes, most of which stay, the far end; of spreads both.
+#: Points at which the distribution of changes is reported: of sizes, most of which stay, the far end; of spreads both.
 SIZE_QUANTILES = (0.5, 0.75, 0.95, 0.99)
 SPREAD_QUANTILES = (0.05, 0.5, 0.95)
 

@@ -44,7 +44,7 @@ class RedisServer:
 
 @pytest.fixture
 def redis_server(tmp_path: Path) -> Iterator[RedisServer]:
-    """A server that keeps nothing unless it is told to."""
+    """A server that keeps nothing unless it is asked to."""
     if shutil.which("redis-server") is None:
         pytest.skip("redis-server is not installed")
     folder = tmp_path / "redis"

@@ -40,7 +40,7 @@ def test_no_such_folder(tmp_path: Path) -> None:
         read_scene(tmp_path / "file")
 
 
-def test_what_is_in_a_folder_without_a_model_is_told(tmp_path: Path) -> None:
+def test_what_is_in_a_folder_without_a_model_is_reported(tmp_path: Path) -> None:
     (tmp_path / "holiday.mp4").write_bytes(b"x")
     with pytest.raises(InputError, match=r"found holiday\.mp4$"):
         read_scene(tmp_path)

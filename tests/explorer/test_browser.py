@@ -71,10 +71,10 @@ def test_no_page_has_an_error_or_an_obstacle(base: str, browser: Browser, scheme
         see(browser, f"{base}/{page}")
         browser.run(source + ";0")
         asked = "axe.run({resultTypes: ['violations']}).then(r => r.violations.filter(v => ['serious', 'critical']"
-        told = browser.run(asked + ".includes(v.impact)).map(v => v.id + ' ' + v.nodes[0].html.slice(0, 120)))")
-        told += browser.run("problems")
-        if told:
-            found[page] = told
+        obstacles = browser.run(asked + ".includes(v.impact)).map(v => v.id + ' ' + v.nodes[0].html.slice(0, 120)))")
+        obstacles += browser.run("problems")
+        if obstacles:
+            found[page] = obstacles
     assert found == {}
 
 

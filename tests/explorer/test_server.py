@@ -194,11 +194,11 @@ def test_tools_of_the_model_context_protocol(catalogue: ReleaseCatalogue) -> Non
             refused = await session.call_tool("node", {"name": "no such thing"})
             return {"tools": tools, "answers": answers, "refused": refused}
 
-    told = asyncio.run(ask())
-    assert told["tools"] == {"search", "node", "prior", "compare", "vocabulary", "scale"}
-    records = {name: json.loads(answer.content[0].text) for name, answer in told["answers"].items()}
+    replies = asyncio.run(ask())
+    assert replies["tools"] == {"search", "node", "prior", "compare", "vocabulary", "scale"}
+    records = {name: json.loads(answer.content[0].text) for name, answer in replies["answers"].items()}
     assert records["node"]["node"] == "mouse.n.04"
     assert list(records["prior"]["quantiles_mm"]) == ["height"]
     assert [row["node"] for row in records["compare"]["nodes"]] == ["rat.n.01", "trackball.n.01"]
     assert records["scale"]["scale"] == pytest.approx(2, rel=0.1)
-    assert "no such thing" in told["refused"].content[0].text
+    assert "no such thing" in replies["refused"].content[0].text

@@ -70,7 +70,7 @@ def test_an_outline_in_between_changes_nothing(renderer: ObjectRenderer) -> None
     np.testing.assert_array_equal(renderer.image(WINDOW, *VIEW).colour, before.colour)
 
 
-def test_a_machine_without_opengl_is_told_the_package(tmp_path: Path) -> None:
+def test_a_machine_without_opengl_is_named_the_package(tmp_path: Path) -> None:
     words = [str(tmp_path), "--model", "m.glb", "--out", str(tmp_path / "o.mp4")]
     code = "import sys; from metric_cli.insert_object.insert import main; sys.exit(main(sys.argv[1:]))"
     hidden = os.environ | {"__EGL_VENDOR_LIBRARY_FILENAMES": str(tmp_path / "no.json")}

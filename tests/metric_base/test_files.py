@@ -52,13 +52,13 @@ def test_a_link_stays_and_its_file_is_replaced(tmp_path: Path) -> None:
 def test_a_pipe_is_written_in_place(tmp_path: Path) -> None:
     pipe = tmp_path / "pipe"
     os.mkfifo(pipe)
-    heard: list[str] = []
-    listener = threading.Thread(target=lambda: heard.append(pipe.read_text()))
-    listener.start()
+    received: list[str] = []
+    reader = threading.Thread(target=lambda: received.append(pipe.read_text()))
+    reader.start()
     with whole_file(pipe) as work:
         work.write_text("said")
-    listener.join(timeout=10)
-    assert heard == ["said"]
+    reader.join(timeout=10)
+    assert received == ["said"]
     assert stat.S_ISFIFO(pipe.stat().st_mode)
 
 

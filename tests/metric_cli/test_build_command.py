@@ -95,7 +95,7 @@ def test_a_private_source_without_raw_items_is_refused(raw, tmp_path, capsys):
     assert not (tmp_path / "release").exists()
 
 
-def test_withheld_rows_of_an_undeclared_source_are_told(raw, tmp_path, capsys):
+def test_withheld_rows_of_an_undeclared_source_are_reported(raw, tmp_path, capsys):
     raw.write_text(raw.read_text().replace('"source": "shop"', '"source": "mine"'))
     words = ("--workers", 1, "--no-heldout")
     assert run(raw, "--out", tmp_path / "public", *words) == 0

@@ -105,7 +105,7 @@ def main() -> None:
     if len(sys.argv) > 1:
         _measure(Path(sys.argv[1]), sys.argv[2])
         return
-    print("| file | bytes | told | seconds of processor | peak MB of the process |")
+    print("| file | bytes | result | seconds of processor | peak MB of the process |")
     print("|---|---|---|---|---|")
     with tempfile.TemporaryDirectory() as folder:
         file = Path(folder) / "picture.jpg"
@@ -122,10 +122,10 @@ def _measure(file: Path, name: str) -> None:
     cut("warm", shop_picture(), Settings("plain"))
     body = file.read_bytes()
     started = time.process_time()
-    told = cut("x", body, Settings("plain"))
+    result = cut("x", body, Settings("plain"))
     seconds = time.process_time() - started
     peak = next(int(line.split()[1]) for line in STATUS.read_text().splitlines() if line.startswith("VmHWM")) / 1024
-    said = f"set aside: {', '.join(filter(None, (told.set_aside, told.detail)))}" if told.set_aside else "cut"
+    said = f"set aside: {', '.join(filter(None, (result.set_aside, result.detail)))}" if result.set_aside else "cut"
     print(f"| {name} | {len(body):,} | {said} | {seconds:.2f} | {peak:.0f} |")
 
 

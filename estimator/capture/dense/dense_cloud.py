@@ -30,10 +30,10 @@ STRIDE = 2
 THREADS = 2
 
 
-def make_dense_cloud(scene: Scene, pictures: Path, file: Path, told: Callable[[int, int | None], None]) -> int:
+def make_dense_cloud(scene: Scene, pictures: Path, file: Path, progress: Callable[[int, int | None], None]) -> int:
     """Write `file` (PLY with colours) and `file.vis` (COLMAP's layout); how many points there are.
 
-    With no point nothing is written. told : is called with how many views are done, of how many.
+    With no point nothing is written. progress : is called with how many views are done, of how many.
     """
     count = min(MOST_VIEWS, len(scene.views))
     chosen = np.unique(np.linspace(0, len(scene.views) - 1, count).astype(int)).tolist()
@@ -49,7 +49,7 @@ def make_dense_cloud(scene: Scene, pictures: Path, file: Path, told: Callable[[i
     with ThreadPoolExecutor(THREADS) as pool:
         for done, (row, depth) in enumerate(zip(chosen, pool.map(depth_of, chosen), strict=True)):
             depths[row] = depth
-            told(done + 1, len(chosen))
+            progress(done + 1, len(chosen))
     points, colours, seen = _fuse(views, depths)
     if len(points):
         _write(points, colours, seen, np.array(sorted(depths)), file)

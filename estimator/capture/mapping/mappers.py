@@ -1,4 +1,4 @@
-"""The mapper, and another one that checks it where its model is not sure, run on the matches through one lens."""
+"""The mapper, and another one that checks it where its model is doubtful, run on the matches through one lens."""
 
 from __future__ import annotations
 
@@ -85,7 +85,7 @@ class MappingTask:
 
 
 def mapped_frames(task: MappingTask, lens: Lens, focal_last: bool = False) -> Mapped:
-    """What the incremental mapper makes, checked by the global one where its model is not sure; the better of the two.
+    """What the incremental mapper makes, checked by the global one where its model is doubtful; the better of the two.
 
     focal_last : the focal length is held until all frames have a place. A lens that differs from the one that the
     matches were verified with verifies them again: what an uncalibrated fisheye picture shows at its border fits no

@@ -125,7 +125,7 @@ def _mended_mapping(task: MappingTask, lens: Lens, mapped: Mapped) -> Mapped:
     if mapped.failure is not None and mapped.failure.code == "too_few_frames" and not most_are_linked(task.evidence):
         return mapped  # no lens links them
     if lens.free and lens_is_doubtful(mapped.shape, mapped.failure):
-        mapped = _surer(mapped, with_other_lens(task, lens, mapped))
+        mapped = _better_supported(mapped, with_other_lens(task, lens, mapped))
     try:
         if mapped.failure is not None and mapped.failure.code == "too_few_frames":
             mapped = _map_with_focal_last(task, lens, mapped)
@@ -136,7 +136,7 @@ def _mended_mapping(task: MappingTask, lens: Lens, mapped: Mapped) -> Mapped:
     return mapped
 
 
-def _surer(first: Mapped, other: Mapped) -> Mapped:
+def _better_supported(first: Mapped, other: Mapped) -> Mapped:
     """The mapping through another lens, unless the first was refused because of the motion and this one hardly passes.
 
     The motion leaves the focal length as open through any lens: of several mappings one may pass by chance.

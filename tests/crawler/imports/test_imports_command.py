@@ -143,7 +143,7 @@ def test_out_may_be_a_folder_that_is_there(world: Path, shown: Any) -> None:
 
 
 @pytest.mark.parametrize("option", ["--out", "--ship"])
-def test_a_file_where_a_folder_should_be_is_told_before_the_work(
+def test_a_file_where_a_folder_should_be_is_reported_before_the_work(
     world: Path, option: str, capsys: pytest.CaptureFixture[str]
 ) -> None:
     (world / "raw").write_text("mine")
@@ -153,7 +153,7 @@ def test_a_file_where_a_folder_should_be_is_told_before_the_work(
     assert (world / "raw").read_text() == "mine"
 
 
-def test_a_file_on_the_way_to_out_is_told(world: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_a_file_on_the_way_to_out_is_reported(world: Path, capsys: pytest.CaptureFixture[str]) -> None:
     (world / "raw").write_text("mine")
     words = ["import", "open_set", "--input", str(world / "data"), "--out", str(world / "raw" / "x.jsonl")]
     assert main(words) == 2

@@ -27,7 +27,7 @@ def test_of_two_names_with_equal_scores_neither_stays():
     assert distinct_rows([mask(0, 0, 20, 20), mask(0, 0, 20, 20, "couch")]).tolist() == []
 
 
-def test_of_two_names_the_surer_one_stays():
+def test_of_two_names_the_one_of_the_higher_score_stays():
     assert distinct_rows([mask(0, 0, 20, 20), mask(0, 0, 20, 20, "couch", 0.95)]).tolist() == [1]
 
 

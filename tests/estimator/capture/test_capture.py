@@ -258,7 +258,7 @@ def _copy_with_focal(file: Path, folder: Path, millimetres: int) -> None:
 
 
 @pytest.mark.parametrize(
-    ("words", "told"),
+    ("words", "message"),
     [
         (["room.mp4"], "--work"),
         (["room.mp4", "--work", "w", "--frames", "1"], "--frames"),
@@ -275,7 +275,7 @@ def test_what_does_not_fit_is_named(
     capsys: pytest.CaptureFixture[str],
     monkeypatch: pytest.MonkeyPatch,
     words: list[str],
-    told: str,
+    message: str,
 ) -> None:
     monkeypatch.chdir(tmp_path)
     Path("room.mp4").symlink_to(video.file)
@@ -283,7 +283,7 @@ def test_what_does_not_fit_is_named(
     assert main(words) == 2
     captured = capsys.readouterr()
     assert captured.out == ""
-    assert told in captured.err
+    assert message in captured.err
     assert len(captured.err.splitlines()) == 1
 
 

@@ -205,7 +205,7 @@ def test_every_code_of_the_contract_is_there() -> None:
     assert set(CODES) == {*REFUSED_VIDEOS, *RARE_VIDEOS, "out_of_time"}
 
 
-def test_a_pattern_is_told_unless_the_camera_model_was_found_best() -> None:
+def test_a_pattern_is_reported_unless_the_camera_model_was_found_best() -> None:
     frames = Frames(["a.jpg"], [0], None, np.zeros((1, 2)), [(320, 240)], [None], (320, 240), 0, None, [])
     model = {"focal": 0.8, "focal_deviation": 0.01, "focal_spread": 0.0, "left_out": [], "pattern": 0.15}
     report = {"pairs": {"edges": [0.2, 0.2]}, "model": model | {"camera": "SIMPLE_RADIAL"}, "focal_held": False}

@@ -130,7 +130,7 @@ def test_papers_rectangle_is_the_smallest():
     assert np.prod(np.ptp(points @ axes.T, axis=0)) <= min(areas) * 1.001
 
 
-def test_no_edge_is_surer_than_the_rule_of_quantiles_and_more_points_never_make_it_less_sure() -> None:
+def test_no_edge_has_less_noise_than_the_rule_of_quantiles_and_more_points_never_give_it_more() -> None:
     """Two bare faces have no fade: the rule's own error is left, and less of sampling with more points."""
     faces = np.repeat([[0.0, 0, 0], [1, 1, 1]], 5000, axis=0)
     sigmas = [extent_sigma(faces[:: 10_000 // n], np.ones(3), 0.0).max() for n in (10, 100, 1000, 10_000)]

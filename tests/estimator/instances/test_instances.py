@@ -136,7 +136,7 @@ def test_joined_by_name_then_base_name_never_by_id(tmp_path: Path) -> None:
     assert any("2 of 5 images match no view, such as 'a.png'" in warning for warning in warnings)
 
 
-def test_crowds_and_empty_masks_are_left_out_and_told(tmp_path: Path) -> None:
+def test_crowds_and_empty_masks_are_left_out_and_reported(tmp_path: Path) -> None:
     scene = scene_of(tmp_path, "a.png")
     empty = {"size": [30, 40], "counts": [1200]}
     crowd = {"size": [30, 40], "counts": [0, 1200]}
@@ -165,7 +165,7 @@ def test_another_size_is_resampled_at_pixel_centres(mask: np.ndarray, width: int
         np.testing.assert_array_equal(pasted(Instance("1", 0, "mug", *crop), camera), expected)
 
 
-def test_a_turned_picture_is_told(tmp_path: Path) -> None:
+def test_a_turned_picture_is_reported(tmp_path: Path) -> None:
     scene = scene_of(tmp_path, "a.png")
     written(tmp_path, dataset([{"bbox": [1, 1, 9, 9]}], "a.png", size=(42, 30)))
     assert any("another shape" in warning for warning in read_instances_and_warnings(scene)[1])
@@ -202,7 +202,7 @@ def test_results_take_names_from_beside_or_from_categories(tmp_path: Path) -> No
     assert len(read_instances(results, scene)) == 1
 
 
-def test_categories_beside_a_dataset_are_told_not_read(tmp_path: Path) -> None:
+def test_categories_beside_a_dataset_are_reported_not_read(tmp_path: Path) -> None:
     scene = scene_of(tmp_path, "a.png")
     annotation = {"id": 1, "image_id": 10, "category_id": 3, "bbox": [1, 2, 3, 4]}
     whole = written(tmp_path, dataset([annotation], "a.png"), "whole.json")

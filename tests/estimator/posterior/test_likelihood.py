@@ -51,7 +51,7 @@ def _density(of: Prior, y: FloatArray, u: float, order: tuple[int, ...], sigma: 
 def test_curve_is_the_mixture_on_the_line(u: float, stretch: list[float], sigma: float) -> None:
     sizes = np.array([0.6, 0.55, 1.0]) * stretch
     sizes[:2] = np.sort(sizes[:2])[::-1]
-    # far from equal sides, so that one order is sure
+    # far from equal sides, so that one order is certain
     sizes[0] = max(sizes[0], sizes[1] * 2.4)
     item = evidence(CHAIR, sizes, sigma=sigma)
     found = object_curves([item], np.array([u, u + 1e-3]))[0, 0]
@@ -167,9 +167,9 @@ def test_shifts_sum_to_one() -> None:
 
 
 def test_a_low_score_makes_an_outlier_likelier() -> None:
-    sure = rows(measurement_arrays([evidence(CHAIR, (0.6, 0.5, 1.0))]))
-    unsure = rows(measurement_arrays([evidence(CHAIR, (0.6, 0.5, 1.0), score=0.3)]))
-    assert unsure.log_floor[0] > sure.log_floor[0]
+    clear = rows(measurement_arrays([evidence(CHAIR, (0.6, 0.5, 1.0))]))
+    close = rows(measurement_arrays([evidence(CHAIR, (0.6, 0.5, 1.0), score=0.3)]))
+    assert close.log_floor[0] > clear.log_floor[0]
 
 
 def test_usable_dimensions_are_those_of_the_prior() -> None:

@@ -121,7 +121,7 @@ def small(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return folder
 
 
-def test_a_cloud_beside_the_model_is_taken_unless_told_otherwise(small: Path) -> None:
+def test_a_cloud_beside_the_model_is_taken_unless_another_is_asked_for(small: Path) -> None:
     assert read_scene(small / "colmap").dense is not None
     assert read_scene(small / "colmap", "none").dense is None
     assert read_scene(small / "text").dense is None

@@ -10,7 +10,7 @@ import pytest
 from estimator.reconstructions.truth import SceneTruth, read_truth
 
 
-def told(**sizes: float) -> dict[str, object]:
+def sizes_of(**sizes: float) -> dict[str, object]:
     return {name: {"value": value, "plus_minus": 0.01} for name, value in sizes.items()}
 
 
@@ -33,7 +33,7 @@ def told(**sizes: float) -> dict[str, object]:
 def test_words_of_people_become_dimensions(
     sizes: dict[str, float], expected: tuple[float | None, ...], tmp_path: Path
 ) -> None:
-    document = {"metres_per_unit": 0.4, "objects": [{"track_id": 7, "truth_m": told(**sizes) | {"note": "seen"}}]}
+    document = {"metres_per_unit": 0.4, "objects": [{"track_id": 7, "truth_m": sizes_of(**sizes) | {"note": "seen"}}]}
     (tmp_path / "truth.json").write_text(json.dumps(document), encoding="utf-8")
     truth = read_truth(tmp_path)
     assert truth.scale == 0.4

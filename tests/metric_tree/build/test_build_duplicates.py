@@ -39,7 +39,7 @@ def test_one_number_alone_needs_the_same_title():
     assert repeats(*rows, ("a", "product", "token", [20.0, 20.0])) == [-1, 0, -1]
 
 
-def test_one_product_in_two_shops_is_told_by_a_word_of_its_name():
+def test_one_product_in_two_shops_is_recognized_by_a_word_of_its_name():
     rows = [("a", "product", "Sofa EKTORP grey", SIZES), ("b", "product", "Ektorp", SIZES)]
     assert repeats(*rows, ("c", "product", "sofa Klippan", SIZES)) == [-1, 0, -1]
 

@@ -63,7 +63,7 @@ def test_a_wide_class_refuses_nothing():
     assert (slip_factors(sizes, reference(sizes)) != 1.0).sum() <= 1
 
 
-def test_far_out_and_unexplained_is_told_as_such():
+def test_far_out_and_unexplained_is_reported_as_such():
     sizes = extents()
     sizes[7] *= 60.0
     assert np.isinf(slip_factors(sizes, reference(sizes))[7])

@@ -77,23 +77,23 @@ def test_hostile_files_cost_one_picture_each(tmp_path):
 
 
 @pytest.mark.parametrize("name", HOSTILE)
-def test_each_hostile_file_is_told(name):
+def test_each_hostile_file_is_reported(name):
     body, refusal = HOSTILE[name]
-    told = cut("x", body, PLAIN)
-    assert (told.set_aside, told.detail, told.png) == ("unreadable", refusal, b"")
+    result = cut("x", body, PLAIN)
+    assert (result.set_aside, result.detail, result.png) == ("unreadable", refusal, b"")
 
 
 @pytest.mark.parametrize("name", [name for name, (_, said) in MAKERS.items() if said is None])
 def test_a_picture_that_only_looks_wrong_is_cut(name):
-    told = cut("x", MAKERS[name][0](), PLAIN)
-    assert (told.method, told.set_aside) == ("plain", None)
+    result = cut("x", MAKERS[name][0](), PLAIN)
+    assert (result.method, result.set_aside) == ("plain", None)
 
 
 def test_a_picture_with_its_own_transparency_needs_no_backend():
     rgba = np.zeros((100, 120, 4), np.uint8)
     rgba[30:70, 40:90] = (200, 30, 30, 255)
-    told = cut("x", encoded(Image.fromarray(rgba)), PLAIN)
-    assert (told.method, told.box_px, told.set_aside) == ("alpha", (40, 30, 50, 40), None)
+    result = cut("x", encoded(Image.fromarray(rgba)), PLAIN)
+    assert (result.method, result.box_px, result.set_aside) == ("alpha", (40, 30, 50, 40), None)
 
 
 def test_a_picture_lying_on_its_side_is_cut_upright():
@@ -102,9 +102,9 @@ def test_a_picture_lying_on_its_side_is_cut_upright():
     exif[0x0112] = 6  # a quarter turn
     sink = BytesIO()
     image.save(sink, "JPEG", exif=exif)
-    told = cut("x", sink.getvalue(), PLAIN)
-    assert (told.cut_width_px, told.cut_height_px) == (200, 240)
-    assert told.box_px[2] < told.box_px[3]
+    result = cut("x", sink.getvalue(), PLAIN)
+    assert (result.cut_width_px, result.cut_height_px) == (200, 240)
+    assert result.box_px[2] < result.box_px[3]
 
 
 def test_an_interrupted_run_takes_up_what_it_had(tmp_path, monkeypatch):

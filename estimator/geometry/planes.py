@@ -89,7 +89,7 @@ def level_basis(up: FloatArray) -> FloatArray:
 
 
 def refine_up(up: Up, points: FloatArray) -> Up:
-    """Up after the level surfaces of the cloud (n, 3) are taken into account; the same where there is none to believe."""
+    """Up after the level surfaces of the cloud (n, 3); the same where there is none to believe."""
     thin = one_per_cell(points)
     if len(thin) < MIN_POINTS or up.method == "none":
         return up

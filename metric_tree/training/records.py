@@ -61,8 +61,8 @@ def coded_picture(path: Path, size: tuple[int, int] | None = None) -> IntArray:
 
     pixels = read_picture(path, cv2.IMREAD_UNCHANGED)
     if pixels is None or pixels.ndim != 3 or pixels.shape[2] != 3 or pixels.dtype != np.uint8:
-        found = "no picture" if pixels is None else f"shape {pixels.shape}, {pixels.dtype}"
-        raise BadAnnotations.at(path, "picture", "three channels of 8 bits", found)
+        actual = "no picture" if pixels is None else f"shape {pixels.shape}, {pixels.dtype}"
+        raise BadAnnotations.at(path, "picture", "three channels of 8 bits", actual)
     if size is not None and pixels.shape[:2] != size:
         raise BadAnnotations.at(path, "size", f"{size} (height, width), as the picture's", f"{pixels.shape[:2]}")
     return np.asarray(pixels[:, :, ::-1], dtype=np.int64)

@@ -59,7 +59,7 @@ def test_truncated_and_unmeasured_objects_are_named(tree: Tree) -> None:
 
 def test_evidence_without_objects_says_what_would_help(tree: Tree) -> None:
     mute = ScaleEvidence("camera_height", "floor", None, None, reason="no floor was found under the cameras")
-    rough = ScaleEvidence("camera_height", "floor", 0.5, 0.6)
+    rough = ScaleEvidence("camera_height", "floor", 0.5, 0.22)
     for line, status in ((mute, "unresolved"), (rough, "uncertain")):
         result = scale_of_objects([], tree, EstimateOptions(evidence=(line,)))
         assert result.status == status

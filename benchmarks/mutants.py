@@ -4,9 +4,9 @@
 
 Cosmic Ray lists the mutants of the folders (a changed operator, constant or branch) and applies them, one at a time,
 in a copy of the last commit. Each is tried against the tests nearest to its module: those with the module's name,
-then those that import it, until their processor seconds without a mutant reach `--seconds`. Results are a line of JSON each in
-DIR; a run on the same DIR continues it. `--cosmic-ray` names the program; it is not a dependency, so it is
-run from an environment of its own: `uv tool install cosmic-ray==8.7.0`.
+then those that import it, until their processor seconds without a mutant reach `--seconds`. Results are a line of
+JSON each in DIR; a run on the same DIR continues it. `--cosmic-ray` names the program; it is not a dependency, so it
+is run from an environment of its own: `uv tool install cosmic-ray==8.7.0`.
 """
 
 from __future__ import annotations

@@ -1,0 +1,59 @@
+"""A place on a surface without points of its own: at the height that most points around the click share."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from estimator.geometry.up import Up
+from estimator.records.scene import Camera, Scene, View
+from insertion.placement.free_space import Space
+from insertion.placement.locate import place_at_point
+from insertion.placement.place import NoPlace
+from insertion.placement.surface import Supports
+from insertion.scene.cloud import Cloud
+from metric_base.arrays import FloatArray
+
+FOCAL, WIDTH, HEIGHT = 500.0, 640, 480
+EYE = np.array([0.0, 0.0, 3.0])
+#: The camera looks down: columns grow along x, rows against y.
+ROTATION = np.diag([1.0, -1.0, -1.0])
+CAMERA = Camera("PINHOLE", WIDTH, HEIGHT, np.array([FOCAL, FOCAL, WIDTH / 2, HEIGHT / 2]))
+VIEW = View("0.png", CAMERA, ROTATION, -ROTATION @ EYE, np.empty((0, 2)), np.empty(0, dtype=np.int64))
+
+
+def _ring(height: float, count: int, turn: float = 0.0) -> FloatArray:
+    """(count, 3) level points on a circle of 40 pixels around the middle of the picture."""
+    angle = turn + np.linspace(0, 2 * np.pi, count, endpoint=False)
+    reach = 40 / FOCAL * (EYE[2] - height)
+    return np.column_stack([reach * np.cos(angle), reach * np.sin(angle), np.full(count, height)])
+
+
+def _space(points: FloatArray) -> Space:
+    cloud = Cloud(points, np.zeros((len(points), 3), np.float32), False)
+    scene = Scene(Path("memory"), "memory", (VIEW,), points)
+    return Space(scene, cloud, Supports(Up(np.array([0.0, 0.0, 1.0]), "cameras", 0.0), ()), 0.1, 0.2)
+
+
+@pytest.mark.parametrize("others", [0, 8])
+def test_the_place_is_at_the_height_of_most_points_around_it(others: int) -> None:
+    """Twelve points share a height; up to eight others, each at one of its own, are lower or higher."""
+    heights = np.array([-0.9, -0.7, -0.5, -0.3, 1.0, 1.1, 1.2, 1.3])[:others]
+    points = np.vstack([_ring(0.0, 12), *(_ring(one, 1, turn=k + 0.3) for k, one in enumerate(heights))])
+    place = place_at_point(_space(points), VIEW, WIDTH / 2, HEIGHT / 2)
+    assert place.support == "bare surface"
+    np.testing.assert_allclose(place.position, [0, 0, 0], atol=1e-6)
+
+
+def test_without_a_common_height_there_is_no_place() -> None:
+    points = np.vstack([_ring(-1.0 + 0.2 * k, 1, turn=0.5 * k) for k in range(10)])
+    with pytest.raises(NoPlace, match="no level surface was reconstructed"):
+        place_at_point(_space(points), VIEW, WIDTH / 2, HEIGHT / 2)
+
+
+def test_what_is_nearer_at_the_click_hides_the_surface() -> None:
+    points = np.vstack([_ring(0.0, 12), [[0.001 * k, 0.0, 1.5] for k in range(3)]])
+    with pytest.raises(NoPlace, match="no level surface was reconstructed"):
+        place_at_point(_space(points), VIEW, WIDTH / 2, HEIGHT / 2)

@@ -5,7 +5,6 @@ from __future__ import annotations
 import hashlib
 import json
 import os
-import shutil
 from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass
 from functools import lru_cache
@@ -17,7 +16,6 @@ import pyarrow as pa
 import pyarrow.parquet as pq
 
 from metric_base.errors import InputError
-from metric_base.files import whole_folder
 from metric_tree.schema import ADDED_COLUMNS, FORMER_TYPES, SCHEMA, TABLES
 
 __all__ = [
@@ -109,6 +107,10 @@ def publish_release(
     """
     if directory.exists():
         raise BadRelease(f"{directory}: expected a free path for a new release; found an existing one")
+    import shutil
+
+    from metric_base.files import whole_folder  # with what a query needs not
+
     with whole_folder(directory) as work:
         files = {name: _write_table(work / name, tables[name].cast(schema)) for name, schema in TABLES.items()}
         if extras is not None:
@@ -229,6 +231,8 @@ def link_file(source: str | Path, target: str | Path) -> None:
     try:
         os.link(source, target)
     except OSError:
+        import shutil
+
         shutil.copy2(source, target)
 
 

@@ -150,7 +150,7 @@ def insert_into(
     codec: str | None = None,
     progress: ProgressCallback = silent,
 ) -> Insertion:
-    """As `insert_objects`, into a prepared."""
+    """As `insert_objects`, into a prepared scene."""
     from insertion.blender.tracing import export_blend, traced_layers
     from insertion.exports.compositing import CompositingLayers
     from insertion.exports.write import LayerWriter, write_exports

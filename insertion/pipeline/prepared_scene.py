@@ -80,7 +80,7 @@ def prepare_scene(
     scale: ScaleUsed,
     up: Up | None = None,
 ) -> PreparedScene:
-    """The prepared scene of a scene; reads the stills once for the cloud's colours. up : if it is known."""
+    """A scene prepared for insertion; reads the stills once for the cloud's colours. up : if it is known."""
     by_view: dict[int, list[Instance]] = defaultdict(list)
     for item in instances:
         if not item.from_box:  # a box has no edge to hide behind

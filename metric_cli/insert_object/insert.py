@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING
 
 from metric_base.errors import InputError
 from metric_cli.arguments import OutputFile, new_folder
-from metric_cli.insert_object.scene_arguments import add_scene_arguments, requests_of, stage_of, tree_of
+from metric_cli.insert_object.scene_arguments import add_scene_arguments, prepared_scene_of, requests_of, tree_of
 
 if TYPE_CHECKING:
     from insertion.pipeline.prepared_scene import PreparedScene
@@ -92,7 +92,7 @@ def _run(options: argparse.Namespace, words: Sequence[str]) -> int:
 
     _check_outputs(options)
     requests = requests_of(options)
-    prepared = stage_of(options)
+    prepared = prepared_scene_of(options)
     tree = tree_of(options)
     if options.preview is not None:
         _preview(prepared, requests[0], tree, options)

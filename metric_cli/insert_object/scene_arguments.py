@@ -15,7 +15,7 @@ if TYPE_CHECKING:
     from insertion.pipeline.prepared_scene import PreparedScene
     from insertion.pipeline.request import ObjectRequest
 
-__all__ = ["add_scene_arguments", "requests_of", "stage_of", "tree_of"]
+__all__ = ["add_scene_arguments", "prepared_scene_of", "requests_of", "tree_of"]
 
 
 #: Metres beyond which no plane of a scene reaches.
@@ -80,7 +80,7 @@ def requests_of(options: argparse.Namespace) -> list[ObjectRequest]:
     return [_request(stated) for stated in options.objects]
 
 
-def stage_of(options: argparse.Namespace) -> PreparedScene:
+def prepared_scene_of(options: argparse.Namespace) -> PreparedScene:
     """The scene of the arguments, ready for insertion."""
     from insertion.insert import open_prepared_scene
     from insertion.scene.scale import read_scale

@@ -62,13 +62,13 @@ def _make(options: argparse.Namespace) -> int:
     from insertion.study.page import study_page
     from insertion.study.plan import plan_text
     from metric_base.files import output_file, whole_file
-    from metric_cli.insert_object.scene_arguments import requests_of, stage_of, tree_of
+    from metric_cli.insert_object.scene_arguments import prepared_scene_of, requests_of, tree_of
 
     output_file(options.out)
     if not 1 <= options.repeats <= MAX_REPEATS:
         raise InputError(f"--repeats: expected 1 to {MAX_REPEATS}; found {options.repeats}")
     requests = requests_of(options)
-    prepared = stage_of(options)
+    prepared = prepared_scene_of(options)
     placed = place_objects(prepared, requests, tree_of(options))
     pictures = _pictures(prepared, placed, options.frame)
     with whole_file(options.out, "--out") as file:

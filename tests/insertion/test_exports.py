@@ -28,7 +28,7 @@ from insertion.pipeline.objects import Placed, place_objects
 from insertion.pipeline.prepared_scene import PreparedScene
 from insertion.pipeline.request import ObjectRequest
 from insertion.render.studio import _camera_axes
-from tests.synthetic.insertions import stage_of, video_room, write_glb
+from tests.synthetic.insertions import prepared_scene_of, video_room, write_glb
 from tests.synthetic.rooms.shapes import solid
 
 HEIGHT = 0.8
@@ -37,7 +37,7 @@ HEIGHT = 0.8
 @pytest.fixture(scope="module")
 def scene(tmp_path_factory: pytest.TempPathFactory) -> tuple[PreparedScene, Placed]:
     room = video_room("bedroom", 1001, tmp_path_factory.mktemp("room"), views=4)
-    prepared = stage_of(room)
+    prepared = prepared_scene_of(room)
     model = write_glb(solid("chair", np.array([0.4, 0.4, HEIGHT])), room.folder / "chair.glb")
     return prepared, place_objects(prepared, [ObjectRequest(model, facing=30.0)])[0]
 

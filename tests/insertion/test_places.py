@@ -20,9 +20,9 @@ from insertion.placement.on_objects import instances_named
 from insertion.placement.place import NoPlace
 from metric_base.errors import InputError
 from metric_cli.insert_object.insert import parser
+from metric_cli.insert_object.scene_arguments import prepared_scene_of as stage_of_arguments
 from metric_cli.insert_object.scene_arguments import requests_of
-from metric_cli.insert_object.scene_arguments import stage_of as stage_of_arguments
-from tests.synthetic.insertions import RecordedRoom, stage_of, video_room, write_glb
+from tests.synthetic.insertions import RecordedRoom, prepared_scene_of, video_room, write_glb
 from tests.synthetic.minitree import release
 from tests.synthetic.rooms.kinds import KINDS
 from tests.synthetic.rooms.shapes import solid
@@ -37,7 +37,7 @@ def room(tmp_path_factory: pytest.TempPathFactory) -> RecordedRoom:
 
 @pytest.fixture(scope="module")
 def prepared(room: RecordedRoom) -> PreparedScene:
-    return stage_of(room)
+    return prepared_scene_of(room)
 
 
 @pytest.fixture(scope="module")

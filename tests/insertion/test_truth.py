@@ -15,7 +15,7 @@ from insertion.pipeline.objects import Placed, place_objects, space_for
 from insertion.pipeline.request import ObjectRequest
 from insertion.pipeline.result import InsertionResult
 from insertion.placement.locate import plane_coordinates
-from tests.synthetic.insertions import RecordedRoom, added, stage_of, video_room, write_glb
+from tests.synthetic.insertions import RecordedRoom, added, prepared_scene_of, video_room, write_glb
 from tests.synthetic.rooms.render import Renderer
 from tests.synthetic.rooms.shapes import solid
 
@@ -36,7 +36,7 @@ def room(tmp_path_factory: pytest.TempPathFactory) -> RecordedRoom:
 
 
 def _insert(room: RecordedRoom, scale_error: float = 1.0) -> Inserted:
-    prepared = stage_of(room, scale_error)
+    prepared = prepared_scene_of(room, scale_error)
     model = write_glb(solid("chair", SIZE), room.folder / "chair.glb")
     (placed,) = place_objects(prepared, [ObjectRequest(model)])
     pictures: dict[str, np.ndarray] = {}
@@ -51,7 +51,7 @@ def inserted(room: RecordedRoom) -> Inserted:
 
 def test_a_model_that_walks_has_its_true_size_all_along(room: RecordedRoom) -> None:
     """A chair drawn across the floor: in each picture it is where the way says, as the same chair would stand there."""
-    prepared = stage_of(room)
+    prepared = prepared_scene_of(room)
     model = write_glb(solid("chair", SIZE), room.folder / "walks.glb")
     (stands,) = place_objects(prepared, [ObjectRequest(model)])
     assert stands.place.plane is not None
@@ -115,7 +115,7 @@ def test_the_silhouette_is_as_high_as_the_true_one(inserted: Inserted) -> None:
 
 @pytest.mark.parametrize("error", [0.8, 1.25])
 def test_a_wrong_scale_shows_in_full(room: RecordedRoom, inserted: Inserted, error: float) -> None:
-    prepared = stage_of(room, error)
+    prepared = prepared_scene_of(room, error)
     placed = place_objects(prepared, [inserted.placed.request])[0]
     assert placed.body.unit * error == pytest.approx(inserted.placed.body.unit)
     assert placed.size_m == inserted.placed.size_m
@@ -139,7 +139,7 @@ def test_far_pixels_do_not_change(inserted: Inserted) -> None:
 
 
 def test_twice_the_same(inserted: Inserted) -> None:
-    prepared = stage_of(inserted.room)
+    prepared = prepared_scene_of(inserted.room)
     (placed,) = place_objects(prepared, [inserted.placed.request])
     shot = prepared.footage.shots[2]
     (again,) = single_pictures(prepared, [[placed]], shot)
@@ -155,7 +155,7 @@ def test_sizes_are_metres_over_scale(inserted: Inserted, tmp_path: Path) -> None
 
 def test_who_walks_before_an_object_hides_it(room: RecordedRoom) -> None:
     """A mask all over the picture whose feet are below it: somebody right before the camera."""
-    prepared = stage_of(room)
+    prepared = prepared_scene_of(room)
     model = write_glb(solid("chair", SIZE), room.folder / "chair.glb")
     placed = place_objects(prepared, [ObjectRequest(model)])
     assert prepared.ground() is not None

@@ -20,7 +20,7 @@ from tests.synthetic.rooms.similarity import Similarity, similarity_between
 from tests.synthetic.rooms.solids import Mesh, rotate
 from tests.synthetic.rooms.world import Placed, World
 
-__all__ = ["RecordedRoom", "added", "stage_of", "video_room", "write_glb"]
+__all__ = ["RecordedRoom", "added", "prepared_scene_of", "video_room", "write_glb"]
 
 TRACK = "inserted"
 
@@ -57,7 +57,7 @@ def video_room(kind: str, seed: int, folder: Path, views: int = 6, noise: float 
     )
 
 
-def stage_of(room: RecordedRoom, scale_error: float = 1.0, dense: bool = True) -> PreparedScene:
+def prepared_scene_of(room: RecordedRoom, scale_error: float = 1.0, dense: bool = True) -> PreparedScene:
     """The prepared scene at the true scale times `scale_error`."""
     scene = room.scene
     if not dense:

@@ -19,7 +19,7 @@ from insertion.models.model import Model
 from insertion.pipeline.objects import Placed, place_objects
 from metric_base.arrays import BoolArray
 from metric_cli.insert_object.insert import parser
-from metric_cli.insert_object.scene_arguments import requests_of, stage_of
+from metric_cli.insert_object.scene_arguments import prepared_scene_of, requests_of
 from tests.synthetic.insertions import RecordedRoom, added
 from tests.synthetic.rooms.render import Renderer
 from tests.synthetic.rooms.similarity import Similarity
@@ -188,7 +188,7 @@ def _whole_height(mask: BoolArray) -> int | None:
 def _placed_object(words: list[Any]) -> Placed:
     """The object as the command placed it."""
     options = parser().parse_args([str(word) for word in words])
-    return place_objects(stage_of(options), requests_of(options))[0]
+    return place_objects(prepared_scene_of(options), requests_of(options))[0]
 
 
 def _scale_errors(record: dict[str, Any], true: float) -> tuple[float, tuple[float, float]]:

@@ -10,7 +10,7 @@ import numpy as np
 from estimator.records.curve import Curve, Mode
 from metric_base.arrays import FloatArray, IntArray
 
-__all__ = ["PRIOR_MARGIN_LOG", "curve", "evidence_grid", "interval", "line_weights", "log_lines", "modes"]
+__all__ = ["PRIOR_MARGIN_LOG", "curve", "evidence_grid", "interval", "line_weights", "log_lines", "modes", "tempered"]
 
 #: The prior on u is flat from so far below what any object or length speaks for to so far above it, natural log: a
 #: factor of e. It follows the evidence, so that the unit of the scene has no part in the answer, and is proper, as the
@@ -81,6 +81,18 @@ def curve(grid: FloatArray, log_density: FloatArray, lines: FloatArray) -> Curve
     inside = float(density.sum() - 0.5 * (density[0] + density[-1])) * step / factor
     total = inside + float(rest.sum())
     return Curve(fine, density / total, float(rest[0]) / total, float(rest[1]) / total)
+
+
+def tempered(posterior: Curve, power: float) -> Curve:
+    """The posterior with its logarithm times `power`: as if all that was said were said by so much less."""
+    top = float(posterior.density.max())
+    density = (posterior.density / top) ** power
+    below, above = (
+        PRIOR_MARGIN_LOG * (mass / PRIOR_MARGIN_LOG / top) ** power for mass in (posterior.below, posterior.above)
+    )
+    step = float(posterior.log_scale[1] - posterior.log_scale[0])
+    total = float(density.sum() - 0.5 * (density[0] + density[-1])) * step + below + above
+    return Curve(posterior.log_scale, density / total, below / total, above / total)
 
 
 def log_lines(u: FloatArray, lines: FloatArray) -> FloatArray:

@@ -26,7 +26,7 @@ from estimator.posterior.likelihood import (
     rows,
 )
 from estimator.posterior.sameness import hypotheses
-from estimator.posterior.status import doubt_of
+from estimator.posterior.status import CONTRADICTED_POWER, contradicts, doubt_of
 from estimator.records.curve import Curve, Mode
 from estimator.records.result import Status
 from metric_base.arrays import FloatArray, IntArray
@@ -106,11 +106,14 @@ def posterior(evidence: Sequence[ObjectEvidence], lines: FloatArray | None = Non
     classes = _classes(evidence, lines) if evidence else _no_classes(lines)
     total = classes.log_likelihood.sum(axis=0)
     answer = grid.curve(classes.grid, total, lines)
-    modes, bounds = grid.modes(answer), grid.interval(answer, level)
     # beyond the grid every object is an outlier
     weight = _weights(classes, _mass(classes.grid, total, lines), len(evidence)) * (1 - answer.below - answer.above)
     line_weight = grid.line_weights(answer, lines)
-    doubt = doubt_of(modes, bounds, answer, None if (line_weight > MIN_BELIEVED).any() else weight)
+    alone = not (line_weight > MIN_BELIEVED).any()
+    if alone and contradicts(weight):
+        answer = grid.tempered(answer, CONTRADICTED_POWER)
+    modes, bounds = grid.modes(answer), grid.interval(answer, level)
+    doubt = doubt_of(modes, bounds, answer, weight if alone else None)
     return Posterior(
         curve=answer,
         modes=modes,

@@ -62,7 +62,9 @@ def main() -> None:
 
 def _contradicted_table(file: Path, tree: Tree) -> None:
     """Odd rooms, and 3 and 5 objects of them, of which most objects are outliers: what the widened posterior says."""
-    print("| labels | most are outliers | unresolved, off by more than 15 % | uncertain, off | coverage | not widened |")
+    print(
+        "| labels | most are outliers | unresolved, off by over 15 % | uncertain, off | coverage | not widened |"
+    )
     print("|---|---|---|---|---|---|")
     for shift in SHIFTS:
         runs = []

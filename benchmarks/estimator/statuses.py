@@ -8,6 +8,7 @@ simulated scenes of one or two classes. The limit was chosen on the simulations 
 from __future__ import annotations
 
 import argparse
+import math
 from collections.abc import Iterator, Sequence
 from pathlib import Path
 
@@ -62,9 +63,7 @@ def main() -> None:
 
 def _contradicted_table(file: Path, tree: Tree) -> None:
     """Odd rooms, and 3 and 5 objects of them, of which most objects are outliers: what the widened posterior says."""
-    print(
-        "| labels | most are outliers | unresolved, off by over 15 % | uncertain, off | coverage | not widened |"
-    )
+    print("| labels | most are outliers | unresolved, off by over 15 % | uncertain, off | coverage | not widened |")
     print("|---|---|---|---|---|---|")
     for shift in SHIFTS:
         runs = []
@@ -87,7 +86,8 @@ def _contradicted_table(file: Path, tree: Tree) -> None:
 
 def _holds(row: Row) -> bool:
     """Whether the interval holds the truth."""
-    return row[2].interval[0] <= np.exp(row[3]) <= row[2].interval[1]
+    low, high = row[2].interval
+    return low <= math.exp(row[3]) <= high
 
 
 def _rooms(file: Path, tree: Tree, subsets: Sequence[int | None] = SUBSETS, shift: int = 0) -> Iterator[Row]:

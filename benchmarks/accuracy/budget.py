@@ -23,15 +23,17 @@ _WHOLE = np.zeros(3, dtype=bool)
 #: What is done to a measured object, given its true extents (3,) in scene units, in the order of the table.
 STAGES: dict[str, Callable[[MeasuredObject, FloatArray], MeasuredObject]] = {
     "true sizes of the objects measured": lambda item, true: replace(
-        item, extents=true, sigma=np.full(3, TRUE_SIGMA), truncated=_WHOLE
+        item, extents=true, sigma=np.full(3, TRUE_SIGMA), truncated=_WHOLE, covariance=None
     ),
-    "with the spread that their measurement states": lambda item, true: replace(item, extents=true, truncated=_WHOLE),
-    "with their flags as well": lambda item, true: replace(item, extents=true),
+    "with the spread that their measurement states": lambda item, true: replace(
+        item, extents=true, truncated=_WHOLE, covariance=None
+    ),
+    "with their flags as well": lambda item, true: replace(item, extents=true, covariance=None),
     "measured heights, true sides": lambda item, true: replace(
-        item, extents=np.append(true[:2], item.extents[2]), truncated=_WHOLE
+        item, extents=np.append(true[:2], item.extents[2]), truncated=_WHOLE, covariance=None
     ),
     "measured sides, true heights": lambda item, true: replace(
-        item, extents=np.append(item.extents[:2], true[2]), truncated=_WHOLE
+        item, extents=np.append(item.extents[:2], true[2]), truncated=_WHOLE, covariance=None
     ),
     "measured, no side flagged": lambda item, _: replace(item, truncated=_WHOLE),
     "measured, flags as they are": lambda item, _: item,

@@ -10,7 +10,16 @@ import numpy as np
 from estimator.records.curve import Curve, Mode
 from metric_base.arrays import FloatArray, IntArray
 
-__all__ = ["PRIOR_MARGIN_LOG", "curve", "evidence_grid", "interval", "line_weights", "log_lines", "modes", "tempered"]
+__all__ = [
+    "PRIOR_MARGIN_LOG",
+    "curve",
+    "evidence_grid",
+    "interval",
+    "line_weights",
+    "log_lines",
+    "modes",
+    "wider_curve",
+]
 
 #: The prior on u is flat from so far below what any object or length speaks for to so far above it, natural log: a
 #: factor of e. It follows the evidence, so that the unit of the scene has no part in the answer, and is proper, as the
@@ -83,7 +92,7 @@ def curve(grid: FloatArray, log_density: FloatArray, lines: FloatArray) -> Curve
     return Curve(fine, density / total, float(rest[0]) / total, float(rest[1]) / total)
 
 
-def tempered(posterior: Curve, power: float) -> Curve:
+def wider_curve(posterior: Curve, power: float) -> Curve:
     """The posterior with its logarithm times `power`: as if all that was said were said by so much less."""
     top = float(posterior.density.max())
     density = (posterior.density / top) ** power

@@ -111,7 +111,7 @@ def posterior(evidence: Sequence[ObjectEvidence], lines: FloatArray | None = Non
     line_weight = grid.line_weights(answer, lines)
     alone = not (line_weight > MIN_BELIEVED).any()
     if alone and contradicts(weight):
-        answer = grid.tempered(answer, CONTRADICTED_POWER)
+        answer = grid.wider_curve(answer, CONTRADICTED_POWER)
     modes, bounds = grid.modes(answer), grid.interval(answer, level)
     doubt = doubt_of(modes, bounds, answer, weight if alone else None)
     return Posterior(

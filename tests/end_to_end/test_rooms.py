@@ -33,7 +33,7 @@ def true_scale(scene: Path) -> float:
     return float(json.loads((scene / "truth.json").read_text())["metres_per_unit"])
 
 
-def check(scene: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def assert_scale_is_true(scene: Path, capsys: pytest.CaptureFixture[str]) -> None:
     status, found = answer(scene, capsys)
     assert found["schema"] == "metric-tree/scale/1"
     assert status == {"resolved": 0, "unresolved": 3}[found["status"]]
@@ -49,7 +49,7 @@ def test_a_room_through_pycolmap(tmp_path: Path, capsys: pytest.CaptureFixture[s
     with skip_without(NoOpenGL):
         truth = reconstruct(furnished_room("study", 1004, Knobs(views=12, coverage=0.6)), tmp_path, 1004, features=1500)
     assert truth.rms_m < 0.05
-    check(tmp_path, capsys)
+    assert_scale_is_true(tmp_path, capsys)
 
 
 @pytest.mark.parametrize("kind", KINDS)
@@ -58,7 +58,7 @@ def test_a_quick_room(kind: str, tmp_path: Path, capsys: pytest.CaptureFixture[s
     with skip_without(NoOpenGL):
         made = quick_scene(world, seed=1005)
     write_scene(made, world, tmp_path)
-    check(tmp_path, capsys)
+    assert_scale_is_true(tmp_path, capsys)
 
 
 def test_the_scale_follows_the_scenes_unit(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
@@ -93,4 +93,4 @@ def test_a_cloud_without_observations_gives_the_scale_of_one_with_them(
 
 
 def test_the_demo_scene_is_what_its_truth_says(capsys: pytest.CaptureFixture[str]) -> None:
-    check(Path(__file__).parents[2] / "data" / "scenes" / "demo_room", capsys)
+    assert_scale_is_true(Path(__file__).parents[2] / "data" / "scenes" / "demo_room", capsys)

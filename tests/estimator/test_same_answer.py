@@ -28,7 +28,7 @@ def demo() -> tuple[Scene, tuple[Instance, ...], ScaleResult]:
     return scene, instances, estimate_scale(scene, instances)
 
 
-def expect_same(result: ScaleResult, factor: float, most: float) -> None:
+def assert_same_answer(result: ScaleResult, factor: float, most: float) -> None:
     """The answer, its interval and its standing are those of the demo, scaled."""
     _, _, whole = demo()
     assert whole.scale is not None
@@ -53,7 +53,7 @@ def test_units_axes_and_origin_of_the_world_are_free(exponent: float, seed: int)
     rotation = Rotation.random(random_state=generator).as_matrix()
     shift = generator.normal(0, 3, 3)
     factor = 10.0**exponent
-    expect_same(estimate_scale(moved_scene(scene, factor, rotation, shift), instances), factor, TURNED)
+    assert_same_answer(estimate_scale(moved_scene(scene, factor, rotation, shift), instances), factor, TURNED)
 
 
 @settings(max_examples=2)
@@ -61,21 +61,21 @@ def test_units_axes_and_origin_of_the_world_are_free(exponent: float, seed: int)
 def test_the_unit_alone_moves_the_answer_less(exponent: float) -> None:
     scene, instances, _ = demo()
     moved = moved_scene(scene, 10.0**exponent, np.eye(3), np.zeros(3))
-    expect_same(estimate_scale(moved, instances), 10.0**exponent, MOVED)
+    assert_same_answer(estimate_scale(moved, instances), 10.0**exponent, MOVED)
 
 
 @settings(max_examples=3)
 @given(seed=SEEDS)
 def test_orders_say_nothing(seed: int) -> None:
     scene, instances, _ = demo()
-    expect_same(estimate_scale(*shuffled(scene, instances, seed)), 1.0, MOVED)
+    assert_same_answer(estimate_scale(*shuffled(scene, instances, seed)), 1.0, MOVED)
 
 
 def test_points_that_are_there_twice_say_no_more() -> None:
     scene, instances, _ = demo()
-    expect_same(estimate_scale(points_twice(scene), instances), 1.0, MOVED)
+    assert_same_answer(estimate_scale(points_twice(scene), instances), 1.0, MOVED)
 
 
 def test_annotations_that_are_there_twice_say_no_more() -> None:
     scene, instances, _ = demo()
-    expect_same(estimate_scale(scene, annotated_twice(instances)), 1.0, MOVED)
+    assert_same_answer(estimate_scale(scene, annotated_twice(instances)), 1.0, MOVED)

@@ -5,9 +5,6 @@ from __future__ import annotations
 import csv
 import io
 import json
-import os
-import subprocess
-import sys
 from pathlib import Path
 from typing import Any
 
@@ -15,40 +12,33 @@ import pytest
 
 from estimator.reconstructions.objects_file import SCHEMA
 from metric_cli.estimate_scale.estimate import main
-from metric_tree.tree import Tree
 from tests.synthetic.small_scene import small_model
 
 CHAIR = {"length": 1.24, "width": 1.20, "height": 2.10}  # half a metre a unit
 STOOL = {"length": 0.84, "width": 0.80, "height": 1.52}
 
 
-def _file(tmp_path: Path, *objects: dict[str, Any]) -> Path:
+def objects_file(tmp_path: Path, *objects: dict[str, Any]) -> Path:
     path = tmp_path / "objects.json"
     path.write_text(json.dumps({"schema": SCHEMA, "objects": list(objects)}), encoding="utf-8")
     return path
 
 
-def _run(capsys: pytest.CaptureFixture[str], *words: object) -> tuple[int, str, str]:
+def estimate(capsys: pytest.CaptureFixture[str], *words: object) -> tuple[int, str, str]:
     status = main([str(word) for word in words])
     captured = capsys.readouterr()
     return status, captured.out, captured.err
 
 
-@pytest.fixture
-def tree(mini: Tree) -> Path:
-    """The folder of the small release."""
-    return Path(mini.release.directory)
-
-
 def test_json_is_the_contract(tmp_path: Path, tree: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    objects = _file(
+    objects = objects_file(
         tmp_path,
         {"id": "a", "category": "swivel chair", "dimensions": CHAIR, "confidence": {"length": 0.9}},
         {"id": "b", "category": "bar_stools", "dimensions": STOOL, "truncated": ["height"]},
         {"id": "c", "category": "unicorn", "dimensions": STOOL},
         {"id": "d", "category": "bar stool", "dimensions": {"height": 9.0, "length": 9.0, "width": 9.0}},
     )
-    status, out, err = _run(capsys, "--objects", objects, "--tree", tree, "--json")
+    status, out, err = estimate(capsys, "--objects", objects, "--tree", tree, "--json")
     assert status == 0
     record = json.loads(out)
     assert record["schema"] == "metric-tree/scale/1"
@@ -80,8 +70,8 @@ def test_json_is_the_contract(tmp_path: Path, tree: Path, capsys: pytest.Capture
 
 
 def test_table_for_a_person(tmp_path: Path, tree: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    objects = _file(tmp_path, {"id": "[red]a[/red]", "category": "swivel chair", "dimensions": CHAIR})
-    status, out, _ = _run(capsys, "--objects", objects, "--tree", tree)
+    objects = objects_file(tmp_path, {"id": "[red]a[/red]", "category": "swivel chair", "dimensions": CHAIR})
+    status, out, _ = estimate(capsys, "--objects", objects, "--tree", tree)
     assert status == 0
     assert out.startswith("scale 0.")
     assert "90% interval" in out
@@ -95,7 +85,9 @@ def test_unresolved_without_objects(
     tmp_path: Path, tree: Path, capsys: pytest.CaptureFixture[str], objects: list[dict[str, Any]]
 ) -> None:
     output = tmp_path / "result.json"
-    status, out, _ = _run(capsys, "--objects", _file(tmp_path, *objects), "--tree", tree, "--json", "--output", output)
+    status, out, _ = estimate(
+        capsys, "--objects", objects_file(tmp_path, *objects), "--tree", tree, "--json", "--output", output
+    )
     record = json.loads(out)
     assert status == 3
     assert record["status"] == "unresolved"
@@ -106,10 +98,10 @@ def test_unresolved_without_objects(
 
 def test_unresolved_when_modes_contradict(tmp_path: Path, tree: Path, capsys: pytest.CaptureFixture[str]) -> None:
     twice = {name: 2 * value for name, value in STOOL.items()}
-    objects = _file(
+    objects = objects_file(
         tmp_path, {"category": "swivel chair", "dimensions": CHAIR}, {"category": "bar stool", "dimensions": twice}
     )
-    status, out, err = _run(capsys, "--objects", objects, "--tree", tree, "--json")
+    status, out, err = estimate(capsys, "--objects", objects, "--tree", tree, "--json")
     record = json.loads(out)
     assert status == 3
     likely = [mode["scale"] for mode in record["modes"] if mode["mass"] > 0.25]
@@ -119,9 +111,9 @@ def test_unresolved_when_modes_contradict(tmp_path: Path, tree: Path, capsys: py
 
 
 def test_output_is_the_same_json(tmp_path: Path, tree: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    objects = _file(tmp_path, {"category": "swivel chair", "dimensions": CHAIR})
+    objects = objects_file(tmp_path, {"category": "swivel chair", "dimensions": CHAIR})
     output = tmp_path / "result.json"
-    status, out, _ = _run(capsys, "--objects", objects, "--tree", tree, "--json", "--output", output)
+    status, out, _ = estimate(capsys, "--objects", objects, "--tree", tree, "--json", "--output", output)
     assert status == 0
     assert json.loads(output.read_text(encoding="utf-8")) == json.loads(out)
     assert [path.name for path in tmp_path.iterdir() if path.name.endswith(".tmp")] == []
@@ -157,9 +149,9 @@ def test_a_crowd_of_objects_and_a_name_of_pages_are_bounded(
 
 
 def test_known_length_with_negative_coordinates(tmp_path: Path, tree: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    objects = _file(tmp_path, {"category": "swivel chair", "dimensions": CHAIR})
+    objects = objects_file(tmp_path, {"category": "swivel chair", "dimensions": CHAIR})
     words = ("--known-length", "0,0,0", "-1,-2,-2", "1.53")
-    status, out, _ = _run(capsys, "--objects", objects, "--tree", tree, "--json", *words)
+    status, out, _ = estimate(capsys, "--objects", objects, "--tree", tree, "--json", *words)
     record = json.loads(out)
     assert status == 0
     assert record["scale"] == pytest.approx(0.51, rel=0.01)
@@ -167,20 +159,20 @@ def test_known_length_with_negative_coordinates(tmp_path: Path, tree: Path, caps
 
 
 def test_a_figure_needs_no_scene(tmp_path: Path, tree: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    objects = _file(tmp_path, {"category": "swivel chair", "dimensions": CHAIR})
-    status, _, _ = _run(capsys, "--objects", objects, "--tree", tree, "--figure", tmp_path / "f.png")
+    objects = objects_file(tmp_path, {"category": "swivel chair", "dimensions": CHAIR})
+    status, _, _ = estimate(capsys, "--objects", objects, "--tree", tree, "--figure", tmp_path / "f.png")
     assert status == 0
     assert (tmp_path / "f.png").read_bytes()[:4] == b"\x89PNG"
 
 
 def test_leave_one_class_out(tmp_path: Path, tree: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    objects = _file(
+    objects = objects_file(
         tmp_path, {"category": "swivel chair", "dimensions": CHAIR}, {"category": "bar stool", "dimensions": STOOL}
     )
-    status, out, _ = _run(capsys, "--objects", objects, "--tree", tree, "--json", "--leave-one-class-out")
+    status, out, _ = estimate(capsys, "--objects", objects, "--tree", tree, "--json", "--leave-one-class-out")
     assert status == 0
     assert {row["name"] for row in json.loads(out)["leave_one_class_out"]} == {"swivel_chair.n.01", "mt:bar_stool"}
-    _, out, _ = _run(capsys, "--objects", objects, "--tree", tree, "--leave-one-class-out")
+    _, out, _ = estimate(capsys, "--objects", objects, "--tree", tree, "--leave-one-class-out")
     assert "left out" in out
 
 
@@ -207,7 +199,7 @@ def test_leave_one_class_out(tmp_path: Path, tree: Path, capsys: pytest.CaptureF
 def test_an_error_of_the_input_is_one_line(
     words: list[str], expected: str, tree: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    status, out, err = _run(capsys, *words, "--tree", tree)
+    status, out, err = estimate(capsys, *words, "--tree", tree)
     assert status == 2
     assert out == ""
     assert expected in err
@@ -216,8 +208,8 @@ def test_an_error_of_the_input_is_one_line(
 
 
 def test_a_missing_release_is_one_line(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    objects = _file(tmp_path, {"category": "swivel chair", "dimensions": CHAIR})
-    status, out, err = _run(capsys, "--objects", objects, "--tree", tmp_path / "no-such")
+    objects = objects_file(tmp_path, {"category": "swivel chair", "dimensions": CHAIR})
+    status, out, err = estimate(capsys, "--objects", objects, "--tree", tmp_path / "no-such")
     assert (status, out) == (2, "")
     assert err.count("\n") == 1
 
@@ -229,152 +221,31 @@ def test_an_error_of_the_program_is_one(
         raise RuntimeError("from within")
 
     monkeypatch.setattr("estimator.pipeline.scale_of_objects", broken)
-    objects = _file(tmp_path, {"category": "swivel chair", "dimensions": CHAIR})
-    status, out, err = _run(capsys, "--objects", objects, "--tree", tree)
+    objects = objects_file(tmp_path, {"category": "swivel chair", "dimensions": CHAIR})
+    status, out, err = estimate(capsys, "--objects", objects, "--tree", tree)
     assert (status, out) == (1, "")
     assert "RuntimeError" in err
     assert "Traceback" not in err
 
 
-def test_help_names_every_option_of_the_contract(capsys: pytest.CaptureFixture[str]) -> None:
-    with pytest.raises(SystemExit) as stop:
-        main(["--help"])
-    shown = capsys.readouterr().out
-    assert stop.value.code == 0
-    options = "SCENE --instances --categories --dense --tree --method --known-length --level --json --output --figure"
-    for option in [*options.split(), "--overlay", "--write-scaled", "--objects"]:
-        assert option in shown
-
-
-def test_a_reader_may_leave(tmp_path: Path, tree: Path) -> None:
-    """`estimate-scale ... | head -1` ends quietly."""
-    objects = _file(tmp_path, *({"category": "swivel chair", "dimensions": CHAIR} for _ in range(400)))
-    code = "import sys; from metric_cli.estimate_scale.estimate import main; sys.exit(main())"
-    words = [sys.executable, "-c", code, "--objects", str(objects), "--tree", str(tree), "--json"]
-    with subprocess.Popen(words, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True) as process:
-        assert process.stdout is not None
-        assert process.stderr is not None
-        process.stdout.readline()
-        process.stdout.close()
-        err = process.stderr.read()
-        process.wait(timeout=300)
-    assert "Traceback" not in err
-    assert "BrokenPipe" not in err
-
-
-@pytest.mark.parametrize(("given", "expected"), [({}, "1"), ({"OMP_NUM_THREADS": "2"}, None)])
-def test_one_thread_unless_the_user_says_otherwise(
-    tmp_path: Path, tree: Path, given: dict[str, str], expected: str | None
-) -> None:
-    """The variable is set before NumPy is loaded, and only where none of its kind is set.
-
-    Nor does `--objects` load cv2, pycolmap, SciPy, scikit-learn or matplotlib.
-    """
-    objects = _file(tmp_path, {"category": "swivel chair", "dimensions": CHAIR})
-    code = (
-        "import os, sys; from metric_cli.estimate_scale.estimate import main;"
-        "early = 'numpy' in sys.modules; main(sys.argv[1:]);"
-        "heavy = {'cv2', 'pycolmap', 'scipy', 'sklearn', 'matplotlib', 'nltk', 'scrapy', 'open3d', 'pandas'};"
-        "loaded = sorted(heavy & set(sys.modules));"
-        "sys.stderr.write(repr((early, os.environ.get('OPENBLAS_NUM_THREADS'), loaded)))"
-    )
-    clean = {name: value for name, value in os.environ.items() if not name.endswith("_NUM_THREADS")}
-    words = [sys.executable, "-c", code, "--objects", str(objects), "--tree", str(tree)]
-    done = subprocess.run(words, capture_output=True, text=True, check=False, timeout=300, env=clean | given)
-    assert (done.returncode, done.stderr) == (0, repr((False, expected, [])))
-
-
-@pytest.mark.parametrize("columns", [80, 100, 120])
-def test_the_table_fits_and_loses_no_word(
-    columns: int, tmp_path: Path, tree: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
-) -> None:
-    monkeypatch.setenv("COLUMNS", str(columns))
-    giant = {name: 40 * value for name, value in STOOL.items()}
-    objects = _file(
-        tmp_path,
-        {"id": "the one by the window on the left", "category": "swivel chair", "dimensions": CHAIR},
-        {"id": "b", "category": "bar stool", "dimensions": STOOL},
-        {"id": "c", "category": "bar stool", "dimensions": giant},
-        {"id": "d", "category": "unicorn", "dimensions": STOOL},
-    )
-    status, out, _ = _run(capsys, "--objects", objects, "--tree", tree)
-    assert status == 0
-    assert max(map(len, out.splitlines())) <= columns
-    record = json.loads(_run(capsys, "--objects", objects, "--tree", tree, "--json")[1])
-    shown = out.split()
-    for item in record["objects"]:
-        assert item["verdict"] in {word.strip(":") for word in shown}
-        words = f"{item['id']} {item['category']} {item['reason'] or ''}".split()
-        assert [word for word in words if word not in shown] == []
-    assert "swivel_chair.n.01" not in out
-    head = next(line.split() for line in out.splitlines() if line.split()[:1] == ["object"])
-    assert head.index("tier") < head.index("metres"), "what a size rests on stands before the number"
-    assert {item["tier"] for item in record["objects"] if item["verdict"] == "used"} <= set(shown)
-    assert "swivel_chair.n.01" in _run(capsys, "--objects", objects, "--tree", tree, "--wide")[1]
-
-
 def test_quiet_and_csv(tmp_path: Path, tree: Path, capsys: pytest.CaptureFixture[str]) -> None:
     formula = "=cmd|' /C calc'!A0"
-    objects = _file(
+    objects = objects_file(
         tmp_path,
         {"id": formula, "category": "swivel chair", "dimensions": CHAIR},
         {"id": "b", "category": "unicorn", "dimensions": CHAIR},
     )
-    status, out, err = _run(capsys, "--objects", objects, "--tree", tree, "--quiet")
+    status, out, err = estimate(capsys, "--objects", objects, "--tree", tree, "--quiet")
     assert (status, len(out.splitlines()), err) == (0, 1, "")
-    _, out, _ = _run(capsys, "--objects", objects, "--tree", tree, "--csv")
+    _, out, _ = estimate(capsys, "--objects", objects, "--tree", tree, "--csv")
     rows = list(csv.DictReader(io.StringIO(out)))
     assert rows[0]["id"] == f"'{formula}"
     assert float(rows[0]["height_m"]) == pytest.approx(1.05, rel=0.1)
     assert rows[1]["verdict"] == "skipped"
     assert (
         rows[0]["tier"]
-        == json.loads(_run(capsys, "--objects", objects, "--tree", tree, "--json")[1])["objects"][0]["tier"]
+        == json.loads(estimate(capsys, "--objects", objects, "--tree", tree, "--json")[1])["objects"][0]["tier"]
     )
-
-
-def test_objects_from_standard_input(tmp_path: Path, tree: Path) -> None:
-    objects = _file(tmp_path, {"id": "a", "category": "swivel chair", "dimensions": CHAIR})
-    body = "import sys; from metric_cli.estimate_scale.estimate import main; sys.exit(main(sys.argv[1:]))"
-    command = [sys.executable, "-c", body, "--objects", "-", "--tree", str(tree), "--quiet"]
-    done = subprocess.run(command, input=objects.read_bytes(), capture_output=True, timeout=120, check=False)
-    assert (done.returncode, done.stderr) == (0, b"")
-    assert done.stdout.startswith(b"scale 0.")
-
-
-@pytest.mark.parametrize(
-    ("words", "line"),
-    [
-        (
-            ["--instnces", "x"],
-            "estimate-scale: arguments: no option is called --instnces; did you mean '--instances'?\n",
-        ),
-        (["--zzzz"], "estimate-scale: arguments: no option is called --zzzz; --help lists them\n"),
-        (
-            ["SCENE", "--detector", "x.onnx", "--images", "/dev/null"],
-            "estimate-scale: --images: expected a folder of pictures; found no folder /dev/null\n",
-        ),
-        (["--level"], "estimate-scale: arguments: argument --level: expected one argument (--help lists them)\n"),
-    ],
-)
-def test_wrong_options_are_one_line(words: list[str], line: str, capsys: pytest.CaptureFixture[str]) -> None:
-    status, out, err = _run(capsys, *words)
-    assert (status, out, err) == (2, "", line)
-
-
-@pytest.mark.parametrize("shell", ["bash", "zsh", "fish"])
-def test_completion_names_every_option(shell: str, capsys: pytest.CaptureFixture[str]) -> None:
-    with pytest.raises(SystemExit) as leave:
-        main(["--completion", shell])
-    assert leave.value.code == 0
-    out = capsys.readouterr().out
-    assert ("-l write-scaled" if shell == "fish" else "--write-scaled") in out
-    if shell == "bash":
-        check = f"{out}\nCOMP_WORDS=(estimate-scale --write); COMP_CWORD=1; _estimate_scale; echo ${{COMPREPLY[@]}}"
-        done = subprocess.run(["bash", "-c", check], capture_output=True, text=True, timeout=300, check=True)
-        assert done.stdout == "--write-scaled\n"
-    if shell == "fish":
-        assert "-d '" in out
 
 
 def test_missing_pictures_are_found_out_before_the_work(
@@ -382,7 +253,7 @@ def test_missing_pictures_are_found_out_before_the_work(
 ) -> None:
     small_model().write_binary(str(tmp_path))
     monkeypatch.setattr("estimator.pipeline.scene_estimate", lambda *_, **__: pytest.fail("the work was done"))
-    status, _, err = _run(capsys, tmp_path, "--overlay", tmp_path / "out")
+    status, _, err = estimate(capsys, tmp_path, "--overlay", tmp_path / "out")
     assert status == 2
     assert "the pictures of the views (name their folder with --images)" in err
 
@@ -390,19 +261,19 @@ def test_missing_pictures_are_found_out_before_the_work(
 def test_a_known_length_needs_no_masks(tmp_path: Path, tree: Path, capsys: pytest.CaptureFixture[str]) -> None:
     small_model().write_binary(str(tmp_path))
     words = (tmp_path, "--tree", tree, "--json", "--known-length", "0,0,0", "0,0,2", "1.0")
-    status, out, err = _run(capsys, *words)
+    status, out, err = estimate(capsys, *words)
     assert status == 0, err
     assert json.loads(out)["scale"] == pytest.approx(0.5, rel=0.01)
     assert "no instances" in err
 
 
 def test_an_input_is_never_an_output(tmp_path: Path, tree: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    objects = _file(tmp_path, {"category": "swivel chair", "dimensions": CHAIR})
+    objects = objects_file(tmp_path, {"category": "swivel chair", "dimensions": CHAIR})
     before = objects.read_bytes()
-    status, out, err = _run(capsys, "--objects", objects, "--tree", tree, "--output", objects)
+    status, out, err = estimate(capsys, "--objects", objects, "--tree", tree, "--output", objects)
     assert (status, out, err.count("\n")) == (2, "", 1)
     assert "is read in this run" in err
-    status, _, err = _run(
+    status, _, err = estimate(
         capsys, "--objects", objects, "--tree", tree, "--output", tmp_path / "a.png", "--figure", tmp_path / "a.png"
     )
     assert (status, err.count("\n")) == (2, 1)

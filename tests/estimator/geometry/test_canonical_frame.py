@@ -41,7 +41,7 @@ def sizes(scene, instances):
     return {frozenset(instances[row].id for row in item.members): item.extents for item in objects}
 
 
-def same(plain, other, scale=1.0, most=REORDERED):
+def assert_same_sizes(plain, other, scale=1.0, most=REORDERED):
     assert set(plain) == set(other)
     for name, extents in plain.items():
         assert np.nanmax(np.abs(np.log(other[name] / scale / extents))) < most
@@ -71,7 +71,7 @@ def test_unit_and_frame_change_nothing(room, plain, exponent, seed, shift):
     )
     place = lambda points: scale * (points @ turn.T + shift)  # noqa: E731
     moved = replace(scene, views=views, points=place(scene.points), dense=DenseCloud(place(scene.dense.points)))
-    same(plain, sizes(moved, room.instances), scale, MOVED)
+    assert_same_sizes(plain, sizes(moved, room.instances), scale, MOVED)
 
 
 @given(seed=st.integers(0, 1000))
@@ -86,7 +86,7 @@ def test_the_order_of_images_points_and_annotations_changes_nothing(room, plain,
         replace(room.instances[k], view=int(rank[room.instances[k].view]))
         for k in random.permutation(len(room.instances))
     ]
-    same(plain, sizes(scene, masks))
+    assert_same_sizes(plain, sizes(scene, masks))
 
 
 def test_points_listed_twice_count_once(room, plain):
@@ -100,18 +100,20 @@ def test_points_listed_twice_count_once(room, plain):
         for v in scene.views
     )
     dense = DenseCloud(np.tile(scene.dense.points, (2, 1)))
-    same(plain, sizes(replace(scene, points=np.tile(scene.points, (2, 1)), views=views, dense=dense), room.instances))
+    assert_same_sizes(
+        plain, sizes(replace(scene, points=np.tile(scene.points, (2, 1)), views=views, dense=dense), room.instances)
+    )
 
 
 def test_annotations_listed_twice_count_once(room, plain):
-    same(plain, sizes(room.scene, [*room.instances, *room.instances]))
+    assert_same_sizes(plain, sizes(room.scene, [*room.instances, *room.instances]))
 
 
 def test_images_listed_twice_count_once(room):
     count = len(room.scene.views)
     again = [replace(mask, view=mask.view + count) for mask in room.instances]
     scene = replace(room.scene, views=room.scene.views * 2)
-    same(sizes(room.scene, room.instances), sizes(scene, [*room.instances, *again]))
+    assert_same_sizes(sizes(room.scene, room.instances), sizes(scene, [*room.instances, *again]))
 
 
 def test_images_listed_twice_count_once_in_a_visibility_file(room):
@@ -121,7 +123,7 @@ def test_images_listed_twice_count_once_in_a_visibility_file(room):
     twice = DenseCloud(scene.dense.points, np.arange(count + 1) * 2 * views, np.tile(np.arange(2 * views), count))
     again = [replace(mask, view=mask.view + views) for mask in room.instances]
     once = sizes(replace(scene, dense=everywhere), room.instances)
-    same(once, sizes(replace(scene, views=scene.views * 2, dense=twice), [*room.instances, *again]))
+    assert_same_sizes(once, sizes(replace(scene, views=scene.views * 2, dense=twice), [*room.instances, *again]))
 
 
 def test_rows_and_boxes_are_those_of_the_given_scene(room):

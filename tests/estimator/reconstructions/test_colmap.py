@@ -18,7 +18,7 @@ from tests.estimator.reconstructions.test_cameras import mild_params
 from tests.synthetic.small_scene import small_model
 
 
-def check_equal(scene: Scene, reconstruction: pycolmap.Reconstruction) -> None:
+def assert_same_scene(scene: Scene, reconstruction: pycolmap.Reconstruction) -> None:
     """Every number of the scene is pycolmap's."""
     assert sorted(view.name for view in scene.views) == sorted(image.name for image in reconstruction.images.values())
     assert len(scene.points) == len(reconstruction.points3D)
@@ -46,7 +46,7 @@ def test_every_camera_model(model: str, tmp_path: Path) -> None:
     reconstruction.write_text(str(tmp_path / "txt"))
     for form in ("bin", "txt"):
         scene = read_scene(tmp_path / form)
-        check_equal(scene, reconstruction)
+        assert_same_scene(scene, reconstruction)
         for view in scene.views:
             pixels = project(view.camera, scene.points[view.point_index] @ view.rotation.T + view.translation)
             np.testing.assert_allclose(pixels, view.keypoints, atol=1e-6)
@@ -58,7 +58,7 @@ def test_random_models_with_gaps_in_the_ids(seed: int, tmp_path: Path) -> None:
     for point in sorted(reconstruction.points3D)[::3]:
         reconstruction.delete_point3D(point)
     reconstruction.write_binary(str(tmp_path))
-    check_equal(read_colmap(tmp_path), reconstruction)
+    assert_same_scene(read_colmap(tmp_path), reconstruction)
 
 
 def test_far_apart_ids_are_found_by_search(tmp_path: Path) -> None:
@@ -66,7 +66,7 @@ def test_far_apart_ids_are_found_by_search(tmp_path: Path) -> None:
     point = reconstruction.points3D[min(reconstruction.points3D)]
     reconstruction.add_point3D_with_id(2**40, pycolmap.Point3D(xyz=point.xyz, track=pycolmap.Track()))
     reconstruction.write_binary(str(tmp_path))
-    check_equal(read_colmap(tmp_path), reconstruction)
+    assert_same_scene(read_colmap(tmp_path), reconstruction)
 
 
 @pytest.mark.parametrize("place", ["", "sparse", "sparse/0", "0"])

@@ -23,7 +23,7 @@ from estimator.capture.mapping.pair_choice import all_pairs, chosen_pairs, coars
 from estimator.capture.mapping.triplets import agreement, model_triplets
 from estimator.reconstructions.pycolmap_library import pycolmap
 
-__all__ = ["Request", "features", "incremental_options", "keep_largest_piece", "run_step", "say"]
+__all__ = ["Request", "features", "incremental_options", "run_step", "say", "write_models"]
 
 Request = dict[str, Any]
 
@@ -161,7 +161,7 @@ def incremental(request: Request) -> dict[str, Any]:
     if request["focal_last"] or held:
         for model in models.values():
             pycolmap.bundle_adjustment(model)
-    return _write_models(models, request)
+    return write_models(models, request)
 
 
 def incremental_options(request: Request) -> Any:
@@ -195,7 +195,7 @@ def global_(request: Request) -> dict[str, Any]:
     options.mapper.bundle_adjustment.refine_focal_length = request["refine_focal"] and not held
     options.mapper.bundle_adjustment.refine_extra_params = not held
     models = pycolmap.global_mapping(request["database"], request["pictures"], request["scratch"], options=options)
-    return _write_models(models, request)
+    return write_models(models, request)
 
 
 def lenses(request: Request) -> dict[str, Any]:
@@ -214,13 +214,13 @@ STEPS: dict[str, Callable[[Request], dict[str, Any]]] = {
 }
 
 
-def _write_models(models: dict[int, Any], request: Request) -> dict[str, Any]:
+def write_models(models: dict[int, Any], request: Request) -> dict[str, Any]:
     """The models as folders, largest first; of that one its camera, how sure its focal length is, and its triplets.
 
     Of the largest only the largest piece is kept that triplets hold together.
     """
     ordered = sorted(models.values(), key=lambda model: -model.num_reg_images())
-    agreed = None if not ordered else keep_largest_piece(ordered[0], request)
+    agreed = None if not ordered else _keep_largest_piece(ordered[0], request)
     rows = []
     for number, model in enumerate(ordered):
         if request["colours"]:
@@ -232,11 +232,12 @@ def _write_models(models: dict[int, Any], request: Request) -> dict[str, Any]:
     result: dict[str, Any] = {"models": rows, "camera": [], "focal_deviation": None, "agreement": agreed}
     if ordered:
         result["camera"] = [float(value) for value in min(ordered[0].cameras.items())[1].params]
-        result["focal_deviation"] = focal_deviation(ordered[0])
+        # read again: the covariance also looks at frames that were taken out, and these have no pose
+        result["focal_deviation"] = focal_deviation(pycolmap.Reconstruction(Path(request["output"]) / "0"))
     return result
 
 
-def keep_largest_piece(model: Any, request: Request) -> dict[str, Any]:
+def _keep_largest_piece(model: Any, request: Request) -> dict[str, Any]:
     """Take the frames of smaller pieces out of a model; how it agreed with its triplets before, as JSON."""
     agreed = agreement(model_triplets(model, request["database"]), model.num_reg_images())
     loose = set().union(*agreed.pieces[1:]) - set(agreed.pieces[0] if agreed.pieces else ())

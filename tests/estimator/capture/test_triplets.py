@@ -11,7 +11,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
-from estimator.capture.mapping.colmap_worker import keep_largest_piece
+from estimator.capture.mapping.colmap_worker import write_models
 from estimator.capture.mapping.evidence import agreement_of
 from estimator.capture.mapping.triplets import (
     MOST_RESIDUAL_PX,
@@ -60,9 +60,14 @@ def test_a_wrong_piece_is_taken_out(
     agreed = agreement(model_triplets(model, file), 10)
     assert agreed.contradicted > 0
     assert agreed.pieces[0] == tuple(names[:right])
-    request = {"database": file, "refine_focal": True}
-    assert agreement_of(keep_largest_piece(model, request)) == agreed
-    assert sorted(image.name for image in model.images.values() if image.has_pose) == names[:right]
+    output = Path(file).parent / "models"
+    request = {"database": file, "refine_focal": True, "colours": False, "output": str(output)}
+    written = write_models({0: model}, request)
+    assert agreement_of(written["agreement"]) == agreed
+    assert written["focal_deviation"] is not None
+    assert written["models"][0]["images"] == right
+    kept = pycolmap.Reconstruction(output / "0")
+    assert sorted(image.name for image in kept.images.values()) == names[:right]
 
 
 def test_pieces_are_joined_by_two_frames_and_not_by_one() -> None:

@@ -152,7 +152,8 @@ def _with_observations(scene: Scene) -> Scene:
     if not len(scene.points) or any(len(view.point_index) for view in scene.views):
         return scene
     warning = f"{scene.path}: it states no observations, so points are projected where no nearer point hides them"
-    return replace(scene, views=views_by_depth(scene.views, scene.points), warnings=(*scene.warnings, warning))
+    views = views_by_depth(scene.views, scene.points)
+    return replace(scene, views=views, warnings=(*scene.warnings, warning), observed=False)
 
 
 def default_instances(scene: Scene) -> Path | None:

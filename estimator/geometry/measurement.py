@@ -34,6 +34,9 @@ __all__ = ["PAPER", "MeasurementOptions", "Measurements", "in_world", "measure_t
 MIN_OBJECT_POINTS = 16
 # Points this many height bins below the floor are not on an object: twice the half thickness of a level surface.
 BELOW_FLOOR_BINS = 5.0
+# Root mean square by which log length, width and height of an object move when depth order replaces the observations,
+# in hard synthetic rooms, seeds 1100 and 1101, moves over 0.3 counting as 0.3.
+GUESSED_SIGMA = (0.08, 0.08, 0.07)
 
 
 @dataclass(frozen=True, slots=True)
@@ -131,8 +134,13 @@ def measure_tracks(
             for track, shape, seen in zip(tracks, shapes, sides, strict=True)
         )
         if options.cuboids:
-            data = outline_data(scene, instances, clouds, covariances, noise[-1], basis, up, planes, options.standing)
+            near = np.empty((0, 3)) if ground is None else ground.local
+            data = outline_data(
+                scene, instances, clouds, covariances, noise[-1], basis, up, planes, near, options.standing
+            )
             objects = tuple(outlined_object(item, data) for item in objects)
+        if not scene.observed:
+            objects = tuple(_guessed(item) for item in objects)
         if not options.fragments:
             objects = without_fragments(objects)
     warnings, errors = (*association.doubts, *tilted), (*association.errors, *fallen)
@@ -280,6 +288,15 @@ def _object(
         box=Box((low + box.high) / 2 @ box.axes, box.axes, box.high - low),
         notes=("reaches down to the surface below it",) if foot.filled else (),
     )
+
+
+def _guessed(item: MeasuredObject) -> MeasuredObject:
+    """The object with what it adds to its errors that depth order alone says which views see its sparse points."""
+    if item.cloud != "sparse":
+        return item
+    added = np.square(GUESSED_SIGMA)
+    joint = None if item.covariance is None else item.covariance + np.diag(added)
+    return replace(item, sigma=np.sqrt(item.sigma**2 + added), covariance=joint)
 
 
 def _score(masks: Sequence[Instance], category: str) -> float:

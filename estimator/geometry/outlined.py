@@ -12,7 +12,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from estimator.association.point_labels import PointLabels
-from estimator.geometry.planes import BELOW_FLOOR_SHARE, SupportPlane, floor_of, one_per_cell
+from estimator.geometry.planes import BELOW_FLOOR_SHARE, SupportPlane, floor_of
 from estimator.geometry.up import Up
 from estimator.outlines.cuboid_fit import Cuboid, Sightings, fit_cuboid
 from estimator.outlines.object_outlines import Outlines, Reaches, mask_reaches
@@ -87,13 +87,20 @@ def outline_data(
     basis: FloatArray,
     up: Up,
     planes: Sequence[SupportPlane],
+    around: FloatArray,
     standing: Callable[[str], bool | None],
 ) -> OutlineData:
-    """The data of the fits, with the outlines of all masks; arrays as in `OutlineData`, covariances (n, 3, 3)."""
+    """The data of the fits, with the outlines of all masks; as in `OutlineData`.
+
+    Parameters
+    ----------
+    covariances : (n, 3, 3) of the sparse points
+    basis : (3, 3)
+    around : (k, 3) thinned points of the cloud in the level basis
+    """
     depths = np.array([_median_depth(scene, instance, labels, row) for row, instance in enumerate(instances)])
     reaches = mask_reaches(scene, instances, depths)
     floor = floor_of(planes, labels[-1].points)
-    around = one_per_cell(labels[-1].points) @ basis.T
     return OutlineData(
         scene, instances, labels, reaches, covariances, noise, basis, up, planes, floor, around, standing
     )

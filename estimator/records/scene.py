@@ -130,7 +130,8 @@ class Scene:
     """A reconstruction.
 
     path : the folder that was named; points : (n, 3) sparse points; views in the order of the model file;
-    model_path : the folder of the model's own files, which may lie below `path` (`sparse/0`).
+    model_path : the folder of the model's own files, which may lie below `path` (`sparse/0`); observed : whether the
+    model says which view sees which sparse point, rather than their order in depth.
     """
 
     path: Path
@@ -140,6 +141,7 @@ class Scene:
     dense: DenseCloud | None = None
     warnings: tuple[str, ...] = ()
     model_path: Path | None = None
+    observed: bool = True
 
     def __post_init__(self) -> None:
         if self.points.ndim != 2 or self.points.shape[1] != 3:

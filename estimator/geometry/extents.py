@@ -11,7 +11,7 @@ import numpy as np
 
 from metric_base.arrays import BoolArray, FloatArray, IntArray
 
-__all__ = ["edges", "end_quantiles", "extent_sigma", "quantiles", "surface_cells"]
+__all__ = ["TOP_SIGMA", "edges", "end_quantiles", "extent_sigma", "level_top", "quantiles", "surface_cells"]
 
 # The share cut off at either end: enough to lose flying points, and little against any face.
 TRIM = 0.015
@@ -40,6 +40,14 @@ SAMPLING_SIGMA = 0.25
 STRAY_SIGMA = 3.0
 # ... and that a fading edge is placed half a fade beyond its outer quantile, and is off by about as much.
 FADE_SIGMA = 0.6
+# A level top is a window of this share of the height, in its upper part, with so many of the points and so many times
+# what they have elsewhere. Without a peak the quantile stays.
+TOP_WINDOW, LOWEST_TOP, TOP_SHARE, TOP_POINTS, TOP_TIMES = 0.06, 0.5, 0.2, 6, 2.5
+# The window takes in the rim of a table's top too, whose upper end is the top.
+TOP_QUANTILE = 0.75
+# One standard deviation of the log height that a level top ends, from hard synthetic rooms with clutter, seeds 1100 and
+# 1101: what lies on a small table may be larger than its top.
+TOP_SIGMA = 0.08
 
 
 def end_quantiles(points: FloatArray) -> FloatArray:
@@ -94,6 +102,26 @@ def extent_sigma(
     count = max(len(points), 1)
     common = RULE_SIGMA**2 + SAMPLING_SIGMA**2 / count + (STRAY_SIGMA / count) ** 2 + (noise / safe) ** 2 / 2
     return np.asarray(np.sqrt(common + (FADE_SIGMA * fade / safe) ** 2))
+
+
+def level_top(heights: FloatArray, low: float, high: float) -> float | None:
+    """Height of the level top of points whose heights (n,) are between `low` and `high`, by and large.
+
+    It is the fullest window of heights; None where no window stands out, or where the top is not below `high`.
+    """
+    size = high - low
+    near = np.sort(heights[(heights > low + LOWEST_TOP * size) & (heights <= high + TOP_WINDOW * size)])
+    if len(near) < TOP_POINTS:
+        return None
+    counts = np.searchsorted(near, near + TOP_WINDOW * size, side="right") - np.arange(len(near))
+    first = int(counts.argmax())
+    most = int(counts[first])
+    even = TOP_WINDOW / (1 - LOWEST_TOP) * len(near)
+    if most < max(TOP_POINTS, TOP_SHARE * len(heights), TOP_TIMES * even):
+        return None
+    inside = near[first : first + most]
+    top = float(np.quantile(inside, TOP_QUANTILE))
+    return top if top < high else None
 
 
 def surface_cells(points: FloatArray, per_cell: int, most: int) -> tuple[IntArray, BoolArray]:

@@ -12,11 +12,12 @@ from estimator.association.association import Association, Joining
 from estimator.association.point_labels import PointLabels
 from estimator.association.tracks import Track
 from estimator.geometry.canonical_frame import SortedScene
+from estimator.geometry.extents import TOP_SIGMA, level_top
 from estimator.geometry.fragments import without_fragments
 from estimator.geometry.noise import depth_noise, sight_moment
 from estimator.geometry.outlined import MIN_BOX_VIEWS, MIN_DENSE_POINTS, outline_data, outlined_object
 from estimator.geometry.planes import SupportPlane, level_basis, refine_up, support_planes
-from estimator.geometry.standing import stands
+from estimator.geometry.standing import has_level_top, stands
 from estimator.geometry.support import REACH_SHARE, Foot, Ground, foot_on, ground_of, level_below
 from estimator.geometry.truncation import Outline, Sides, outline, side_evidence
 from estimator.geometry.up import Up, camera_up, up_contradiction
@@ -34,6 +35,8 @@ __all__ = ["PAPER", "MeasurementOptions", "Measurements", "in_world", "measure_t
 MIN_OBJECT_POINTS = 16
 # Points this many height bins below the floor are not on an object: twice the half thickness of a level surface.
 BELOW_FLOOR_BINS = 5.0
+# Points that reach less than this share of the height above a level top are its own roughness, and the quantile stays.
+CLUTTER_SHARE = 0.1
 # Root mean square by which log length, width and height of an object move when depth order replaces the observations,
 # in hard synthetic rooms, seeds 1100 and 1101, moves over 0.3 counting as 0.3.
 GUESSED_SIGMA = (0.08, 0.08, 0.07)
@@ -45,7 +48,8 @@ class MeasurementOptions:
 
     supports : objects reach down to the plane they stand on; cuboids : objects known by boxes or with few points have
     the sizes of the cuboid that their outlines frame; stated_tracks : masks that the file gives one track show one
-    object, unless their views contradict it; fragments : parts of objects count as objects; standing : whether a
+    object, unless their views contradict it; fragments : parts of objects count as objects; level_tops : tables end
+    at the peak of their heights, not with what lies on them; standing : whether a
     category stands on the floor (True), hangs (False), or may do either (None).
     """
 
@@ -58,6 +62,7 @@ class MeasurementOptions:
     cuboids: bool = True
     stated_tracks: bool = True
     fragments: bool = False
+    level_tops: bool = True
     standing: Callable[[str], bool | None] = stands
     up: Sequence[float] | None = None
 
@@ -71,6 +76,7 @@ PAPER = MeasurementOptions(
     cuboids=False,
     stated_tracks=False,
     fragments=True,
+    level_tops=False,
 )
 
 
@@ -270,8 +276,15 @@ def _object(
     if box is None or sides is None:
         return replace(record, skipped=f"{len(shape.points)} points, {MIN_OBJECT_POINTS} needed")
     foot = _foot(box, sides, ground, basis, options.standing(track.category))
-    low = np.array([*box.low[:2], foot.bottom])
+    low, high = np.array([*box.low[:2], foot.bottom]), box.high
     edge_sigma = box.edge_sigma.copy()
+    notes = ["reaches down to the surface below it"] if foot.filled else []
+    if options.level_tops and has_level_top(track.category):
+        top = level_top(shape.points[box.rows] @ basis[2], float(low[2]), float(high[2]))
+        if top is not None and high[2] - top > max(float(edge_sigma[1, 2]), CLUTTER_SHARE) * (high[2] - low[2]):
+            high = np.array([*high[:2], top])
+            edge_sigma[1, 2] = TOP_SIGMA
+            notes.append("ends at its level top")
     if foot.standing:
         edge_sigma[0, 2] = foot.sigma
     cut = sides.truncated
@@ -279,14 +292,14 @@ def _object(
     truncated = np.array([cut[0].any(), cut[1].any(), cut[2, 1] or foot_cut])
     return replace(
         record,
-        extents=box.high - low,
+        extents=high - low,
         sigma=np.linalg.norm(edge_sigma, axis=0),
         confidence=box.eta,
         beyond=sides.beyond,
         truncated=truncated,
         unsupported_height=float(box.extents[2]) if foot.standing else None,
-        box=Box((low + box.high) / 2 @ box.axes, box.axes, box.high - low),
-        notes=("reaches down to the surface below it",) if foot.filled else (),
+        box=Box((low + high) / 2 @ box.axes, box.axes, high - low),
+        notes=tuple(notes),
     )
 
 

@@ -1,4 +1,4 @@
-"""Which categories stand on the floor, and which hang: only where the name alone settles it.
+"""Which categories stand on the floor, which hang, and which end at a level top: where the name alone settles it.
 
 The tree's hypernyms do not say this, so that the lists are here: a mirror and a wardrobe are both furniture, a wall
 clock and a washing machine both devices. The answer decides how far an object whose foot is not reconstructed may
@@ -8,7 +8,7 @@ the tree's hypernyms, passes its own function to `measure_objects`.
 
 from __future__ import annotations
 
-__all__ = ["stands"]
+__all__ = ["has_level_top", "stands"]
 
 # Objects whose foot is on the floor or the road whenever they are in use; "cabinet", "lamp" and "plant" may be either.
 _FLOOR = frozenset(
@@ -26,6 +26,8 @@ _HUNG = frozenset(
     poster radiator sconce shower sink tapestry towel washbasin whiteboard window
     """.split()  # noqa: SIM905
 )
+# What ends at a level top on which other objects lie. Beds have headboards, benches backs; cabinets may hang.
+_LEVEL = frozenset(["counter", "desk", "nightstand", "ottoman", "sideboard", "stand", "stool", "table"])
 _PHRASES = {
     "ceiling lamp": False,
     "pendant lamp": False,
@@ -56,3 +58,9 @@ def stands(category: str) -> bool | None:
             return _PHRASES[phrase]
     last = words[-1] if words else ""
     return True if last in _FLOOR else False if last in _HUNG else None
+
+
+def has_level_top(category: str) -> bool:
+    """Whether the category's own height is that of a level top."""
+    words = category.lower().replace("_", " ").replace("-", " ").split()
+    return bool(words) and words[-1] in _LEVEL

@@ -5,7 +5,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from estimator.geometry.extents import edges, extent_sigma
+from estimator.geometry.extents import edges, extent_sigma, level_top
 from estimator.geometry.footprint import footprint_axes, smallest_rectangle_axes
 from tests.synthetic.shapes import sampled_box, sampled_cylinder
 
@@ -137,3 +137,12 @@ def test_no_edge_has_less_noise_than_the_rule_of_quantiles_and_more_points_never
     assert all(sigma > 0.015 for sigma in sigmas)
     assert sigmas == sorted(sigmas, reverse=True)
     assert sigmas[-1] == pytest.approx(0.015, rel=0.05)
+
+
+def test_a_table_ends_at_its_top_and_not_with_what_lies_on_it() -> None:
+    random = np.random.default_rng(3)
+    legs, top, books = random.uniform(0, 0.7, 60), random.normal(0.74, 0.004, 100), random.uniform(0.75, 0.95, 40)
+    assert level_top(np.concatenate([legs, top, books]), 0.0, 0.95) == pytest.approx(0.74, abs=0.01)
+    # a front without a top has no peak
+    assert level_top(random.uniform(0, 0.95, 200), 0.0, 0.95) is None
+    assert level_top(top[:3], 0.0, 0.95) is None

@@ -67,3 +67,14 @@ def test_an_edge_behind_a_nearer_mask_is_not_free(world: FewPointsWorld) -> None
         covered = mask_reaches(world.scene, [solid, beside], np.array([5.0, depth]))
         assert covered.free[0, 2] == (free and alone.free[0, 2])
         assert covered.free[0, 0] == alone.free[0, 0]
+
+
+def test_many_points_of_a_short_baseline_do_not_stretch_an_object() -> None:
+    """A slow pan leaves depths open by half an object; the box of the points is up to three times too long."""
+    pan = few_points_world(1001, "pan", (150, 400))
+    objects = measure_objects(pan.scene, pan.instances, MeasurementOptions(standing={"car": True}.get)).objects
+    sizes = np.array([pan.sizes[int(pan.instances[item.members[0]].track or 0)] for item in objects])
+    error = np.log(np.array([item.extents for item in objects]) / sizes)
+    assert np.median([item.points for item in objects]) > 150
+    assert np.median(np.abs(error[:, 2])) < 0.06
+    assert (np.abs(error) < 2 * np.array([item.sigma for item in objects])).mean() > 0.85

@@ -20,7 +20,8 @@ class Knobs:
     points that lie nowhere. smear : how much of real depth's errors there is, 0 to 1: points between two surfaces at
     outlines, more noise at grazing angles, heavy tails. gloss : share of the floor's points that are mirror images of
     what stands on it. bare_faces : share of the faces of objects that have no texture. mask_error_px : one sigma of the
-    masks' border, in pixels. texture : contrast of all textures (1 ordinary). views : frames.
+    masks' border, in pixels. clutter : share of what stands on another object that is in that one's masks and has
+    none of its own, as books on a table are. texture : contrast of all textures (1 ordinary). views : frames.
     """
 
     objects: int | None = None
@@ -37,11 +38,22 @@ class Knobs:
     gloss: float = 0.0
     bare_faces: float = 0.0
     mask_error_px: float = 0.0
+    clutter: float = 0.0
     texture: float = 1.0
     views: int = 24
 
     def __post_init__(self) -> None:
-        for name in ("coverage", "tilted", "mislabelled", "missing_feet", "stray", "smear", "gloss", "bare_faces"):
+        for name in (
+            "coverage",
+            "tilted",
+            "mislabelled",
+            "missing_feet",
+            "stray",
+            "smear",
+            "gloss",
+            "bare_faces",
+            "clutter",
+        ):
             if not 0 <= getattr(self, name) <= 1:
                 msg = f"{name}: expected a share from 0 to 1, found {getattr(self, name)}"
                 raise ValueError(msg)

@@ -146,7 +146,7 @@ def measure_tracks(
             )
             objects = tuple(outlined_object(item, data) for item in objects)
         if not scene.observed:
-            objects = tuple(_guessed(item) for item in objects)
+            objects = tuple(_with_guess(item) for item in objects)
         if not options.fragments:
             objects = without_fragments(objects)
     warnings, errors = (*association.doubts, *tilted), (*association.errors, *fallen)
@@ -303,7 +303,7 @@ def _object(
     )
 
 
-def _guessed(item: MeasuredObject) -> MeasuredObject:
+def _with_guess(item: MeasuredObject) -> MeasuredObject:
     """The object with what it adds to its errors that depth order alone says which views see its sparse points."""
     if item.cloud != "sparse":
         return item

@@ -76,14 +76,14 @@ def quick_scene(
     cloud = _dense(world, frames, dense_a_frame, knobs, to_scene, generator) if dense_a_frame else None
     ids = tuple(frame.ids for frame in frames)
     scene = Scene(Path(f"{world.kind}-{world.seed}"), "memory", views, points, cloud)
-    instances = instances_of(world, _cluttered(world, ids, knobs.clutter, seed))
+    instances = instances_of(world, _ids_with_clutter(world, ids, knobs.clutter, seed))
     if knobs.mask_error_px:
         size = (world.camera.width, world.camera.height)
         instances = blurred_masks(instances, size, knobs.mask_error_px, generator)
     return SyntheticScene(scene, instances, truth_of(world, to_scene), ids)
 
 
-def _cluttered(world: World, ids: tuple[IntArray, ...], share: float, seed: int) -> tuple[IntArray, ...]:
+def _ids_with_clutter(world: World, ids: tuple[IntArray, ...], share: float, seed: int) -> tuple[IntArray, ...]:
     """The frames' object numbers (h, w) with a share of what stands on an object counted as that object."""
     tracks = [item.track for item in world.objects]
     chosen = np.random.default_rng([seed, world.seed, 29]).random(len(tracks)) < share

@@ -108,13 +108,13 @@ def _left_over(case: Case, place: Path) -> list[str]:
 def main() -> None:
     """Print the table."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("commands", nargs="*", choices=[*CASES, []], metavar="COMMAND", default=list(CASES))
+    parser.add_argument("commands", nargs="*", choices=[*CASES, []], metavar="COMMAND")
     parser.add_argument("--kills", type=int, default=10)
     parser.add_argument("--in-a-row", type=int, default=2, help="kills of one output (default: %(default)s)")
     parser.add_argument("--seed", type=int, default=1)
     arguments = parser.parse_args()
     rows = []
-    for name in arguments.commands:
+    for name in arguments.commands or CASES:
         with tempfile.TemporaryDirectory(prefix="kills-") as folder:
             draw = random.Random(f"{name} {arguments.seed}")  # noqa: S311
             rows.append(measure_case(CASES[name], Path(folder), arguments.kills, arguments.in_a_row, draw))

@@ -28,7 +28,7 @@ class Insertion:
     """What was inserted.
 
     objects : one result for each object, with its place and its silhouette in each frame; out : the video or the
-    folder that was written; warnings : what of the export could not be written.
+    folder that was written; warnings : what could not be checked or written.
     """
 
     objects: tuple[InsertionResult, ...]
@@ -189,9 +189,9 @@ def insert_into(
             tracer=traced_layers if renderer == "blender" else None,
             progress=progress,
         )
-        warnings: list[str] = []
+        warnings = list(prepared.scale.doubts())
         if folder is not None:
-            warnings = [*write_exports(folder, prepared, placed, results), *export_blend(folder, prepared, placed)]
+            warnings += [*write_exports(folder, prepared, placed, results), *export_blend(folder, prepared, placed)]
             warnings += [f"{item.model.name}: stands in the export as at first" for item in placed if item.moves]
     return Insertion(tuple(results), out, tuple(warnings))
 

@@ -212,10 +212,10 @@ def _retry_after(response: Response) -> float | None:
     if after.isdigit():
         return float(after)
     try:
-        until = parsedate_to_datetime(after.decode("latin-1"))
+        until = parsedate_to_datetime(after.decode("latin-1")).timestamp()
     except (ValueError, TypeError, OverflowError):
         return None
-    return max(0.0, until.timestamp() - time.time())
+    return max(0.0, until - time.time())
 
 
 class BoundedRobotParser(ProtegoRobotParser):

@@ -14,7 +14,7 @@ from estimator.gltf.accessors import Accessors
 from estimator.gltf.gltf_files import MAX_BYTES, FolderResolver, buffers_of, check_header, gltf_header
 from estimator.gltf.nodes import joint_transforms, root_nodes, skin_transforms, world_transforms
 from metric_base.arrays import FloatArray
-from metric_base.errors import Unquoted, in_file
+from metric_base.errors import FieldError, Unquoted, in_file
 from metric_base.input_files import read_bytes
 from metric_base.schema import expect
 
@@ -109,8 +109,13 @@ def read_gltf(path: Path) -> Asset:
         header, binary = gltf_header(read_bytes(path, limit=MAX_BYTES), compressed=True)
         check_header(header)
         buffers = buffers_of(header, binary[8:], FolderResolver(path))
-        document = _GltfDocument(header, buffers)
-        bodies = tuple(_bodies(document))
+        try:
+            bodies = tuple(_bodies(_GltfDocument(header, buffers)))
+        except FieldError:
+            raise
+        except (ValueError, LookupError, TypeError, AttributeError, ArithmeticError) as error:
+            damage = Unquoted(f"{type(error).__name__}: {error}")
+            raise FieldError("content", "nodes, meshes and skins that refer to what is there", damage) from None
     return Asset(path, "gltf", 1.0, "y", bodies, _asset_words(header))
 
 

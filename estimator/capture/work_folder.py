@@ -56,6 +56,9 @@ class WorkFolder:
             in_use = Unquoted("one in use by another run")
             raise InputError.at(self.path, "--work", "a folder of its own", in_use) from None
         except OSError as error:
+            file = Path(os.fsdecode(error.filename)) if isinstance(error.filename, str | bytes) else self.path
+            if not file.absolute().is_relative_to(self.path.absolute()):
+                raise  # of an input or another output
             words = error.strerror or "an error"
             raise InputError.at(self.path, "--work", "a folder that can be written", Unquoted(words)) from None
 

@@ -53,6 +53,13 @@ class ScaleUsed:
         if beside and self.of.get("masks") != masks_digest(scene, masks or ()):
             raise InputError.at(file, "of.masks", f"the result of the masks of {scene.path}", Unquoted("one of others"))
 
+    def doubts(self) -> tuple[str, ...]:
+        """What cannot be checked, as sentences: a result of an earlier version does not say what it is of."""
+        if self.source != "result" or self.of.get("model"):
+            return ()
+        name = self.of.get("file") or "the result"
+        return (f"{name} does not say which model it is of: see that it is of this scene, or run estimate-scale again",)
+
 
 class _Interval(msgspec.Struct):
     low: float | None = None

@@ -71,3 +71,13 @@ def test_a_folder_that_was_exchanged_is_not_written_at_scale(estimated: Path, tm
     with pytest.raises(InputError, match="exchanged since it was read"):
         write_scaled(earlier, 0.3, tmp_path / "metric")
     assert not list(tmp_path.iterdir())
+
+
+def test_a_result_that_does_not_say_what_it_is_of_is_used_with_a_warning(estimated: Path, tmp_path: Path) -> None:
+    record = json.loads((estimated / "result.json").read_text())
+    assert read_scale(estimated, None).doubts() == ()
+    assert read_scale(estimated, 0.3).doubts() == ()
+    old = tmp_path / "old.json"
+    old.write_text(json.dumps({name: value for name, value in record.items() if name != "of"}))
+    (line,) = read_scale(estimated, old).doubts()
+    assert "old.json does not say which model it is of" in line

@@ -180,6 +180,8 @@ def test_the_true_size_of_a_generated_mesh(tmp_path: Path) -> None:
         ("a.urdf", LEADS_OUT, "mesh"),
         ("a.urdf", b'<!DOCTYPE r [<!ENTITY a "aaaa">]><robot>&a;</robot>', "content"),
         ("a.xml", b"<html/>", "content"),
+        ("a.gltf", b'{"asset": {"version": "2.0"}, "scenes": [{"nodes": [0]}], "scene": 7, "nodes": [{}]}', "content"),
+        ("b.gltf", b'{"asset": {"version": "2.0"}, "nodes": [{"mesh": 0, "skin": 0}], "meshes": [{}]}', "content"),
         ("a.blend", b"BLENDER", "file"),
     ],
 )  # fmt: skip

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import errno
 import signal
 import subprocess
 import sys
@@ -137,3 +138,12 @@ def test_what_was_made_of_other_inputs_is_discarded(tmp_path: Path) -> None:
         work.discard_stale("dense", {"model": "two"}, ["d.txt"])
         assert not (tmp_path / "w" / "d.txt").exists()
         assert list((tmp_path / "w" / "stamps").iterdir()) == []
+
+
+def test_an_error_is_of_the_file_that_it_names(tmp_path: Path) -> None:
+    work = tmp_path / "w"
+    with pytest.raises(InputError, match="--work"), WorkFolder(work).lock():
+        raise OSError(errno.ENOSPC, "No space left on device", str(work / "frames" / "a.jpg"))
+    with pytest.raises(OSError, match="No space left") as error, WorkFolder(work).lock():
+        raise OSError(errno.ENOSPC, "No space left on device", str(tmp_path / "figure.png"))
+    assert error.value.filename == str(tmp_path / "figure.png")

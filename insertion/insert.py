@@ -151,6 +151,7 @@ def insert_into(
     progress: ProgressCallback = silent,
 ) -> Insertion:
     """As `insert_objects`, into a prepared scene."""
+    from insertion.blender.layer_scene import write_layer_scene
     from insertion.blender.tracing import export_blend, traced_layers
     from insertion.exports.compositing import CompositingLayers
     from insertion.exports.write import LayerWriter, write_exports
@@ -190,6 +191,8 @@ def insert_into(
             progress=progress,
         )
         warnings = list(prepared.scale.doubts())
+        if compositing is not None and any(shot.view is not None for shot in prepared.footage.shots):
+            write_layer_scene(compositing, prepared, placed)
         if folder is not None:
             warnings += [*write_exports(folder, prepared, placed, results), *export_blend(folder, prepared, placed)]
             warnings += [f"{item.model.name}: stands in the export as at first" for item in placed if item.moves]

@@ -97,6 +97,7 @@ TERMINAL = re.compile(r"\b(print\(|argparse\b|sys\.std(out|err|in)\b|sys\.exit\b
 WORKERS = {
     "estimator/capture/mapping/colmap_worker.py",
     "estimator/capture/dense/patch_match_worker.py",
+    "insertion/blender/layer_script.py",
     "insertion/blender/script.py",
 }
 #: What a query never loads.

@@ -17,8 +17,10 @@ from estimator.reading import read_instances, read_scene
 from estimator.records.scene import Instance
 from insertion.colour.encoding import linear_to_srgb
 from insertion.composite.match import look_of
+from insertion.insert import open_prepared_scene
 from insertion.scene.cloud import Cloud, FrontPoints
 from insertion.scene.pixel_box import PixelBox, mask_in_box
+from insertion.scene.scale import read_scale
 
 #: A mask is in front where it hides this share of the object's own pixels in it.
 IN_FRONT = 0.97
@@ -45,12 +47,22 @@ def main() -> None:
     parser.add_argument("out", type=Path)
     parser.add_argument("layers", type=Path)
     parser.add_argument("scene", type=Path)
+    parser.add_argument("--moving", type=Path, help="masks of what moves, as insert-object took them")
     options = parser.parse_args()
-    scene = read_scene(options.scene)
-    views = {view.name: row for row, view in enumerate(scene.views)}
-    instances = read_instances(None, scene)
+    masks = _masks_by_picture(options.scene, options.moving)
     for name, layer in json.loads((options.layers / "layers.json").read_text())["pictures"].items():
-        print(name, json.dumps(_frame(options, name, layer, [i for i in instances if i.view == views.get(name)])))
+        print(name, json.dumps(_frame(options, name, layer, masks.get(name, []))))
+
+
+def _masks_by_picture(folder: Path, moving: Path | None) -> dict[str, list[Instance]]:
+    """The masks of each picture: of what moves where its file is stated, else those of the scene."""
+    if moving is not None:
+        prepared = open_prepared_scene(folder, read_scale(folder, None), moving=moving)
+        return {shot.name: list(prepared.moving.get(shot.index, ())) for shot in prepared.footage.shots}
+    scene = read_scene(folder)
+    known = any((folder / name).exists() for name in ("instances.json", "instances"))
+    instances = read_instances(None, scene) if known else ()
+    return {view.name: [i for i in instances if i.view == row] for row, view in enumerate(scene.views)}
 
 
 def _frame(options: argparse.Namespace, name: str, layer: str, masks: list[Instance]) -> dict[str, float]:

@@ -82,7 +82,7 @@ def _catchers(objects: Sequence[Placed], frame: MetricFrame) -> list[FloatArray]
     axes = objects[0].place.basis
     for item in objects:
         x, y, height = axes @ item.place.position
-        reach = CATCHER_SIZES * item.body.unit
+        reach = min([CATCHER_SIZES * item.body.unit, *(_as_far_as(item, other, axes) for other in objects)])
         low, high = np.array([x, y]) - reach, np.array([x, y]) + reach
         if item.place.plane != 0 and item.surface is not None and item.surface.solid.any():
             cells = np.argwhere(item.surface.solid)
@@ -92,6 +92,17 @@ def _catchers(objects: Sequence[Placed], frame: MetricFrame) -> list[FloatArray]
         old = levels.get(key, np.array([*low, *high, height]))
         levels[key] = np.array([*np.minimum(old[:2], low), *np.maximum(old[2:4], high), old[4]])
     return [frame(np.array([[a, b, h], [c, b, h], [c, d, h], [a, d, h]]) @ axes) for a, b, c, d, h in levels.values()]
+
+
+def _as_far_as(item: Placed, other: Placed, axes: FloatArray) -> float:
+    """How far the catcher under an object may reach, so that it does not cut into another that stands lower by little.
+
+    axes : (3, 3) rows two horizontal axes and up. The result is in scene units.
+    """
+    way = axes @ (other.place.position - item.place.position)
+    if not 0 < -way[2] < other.body.unit:
+        return np.inf
+    return max(float(np.abs(way[:2]).max()) - other.body.unit / 2, item.body.unit / 2)
 
 
 def _window(window: Window) -> dict[str, float]:

@@ -24,8 +24,9 @@ from metric_base.arrays import BoolArray, FloatArray
 
 __all__ = ["Receivers", "light_share", "receivers_of"]
 
-#: A pixel shows the plane if its depth is that of the plane within this share; the cloud is no better.
-SAME_DEPTH = 0.045
+#: A pixel shows the plane if its depth is that of the plane within this share; the cloud is no better. What rises or
+#: falls by no more than this share of the object's size (a cobbled street) has the plane's shadow, hardly moved.
+SAME_DEPTH, UNEVEN = 0.045, 0.06
 #: A point is on the plane within so many sigmas of it, this share of its depth and of the object's size.
 PLANE_SIGMAS, PLANE_NOISE, PLANE_SHARE = 3.0, 0.012, 0.02
 #: An object lies on the plane as a whole (a rug, the desk itself) if this share of its points is on the plane; of the
@@ -79,7 +80,7 @@ def receivers_of(
     box = layers.box
     step = max(LEAST_STEP, round(view.camera.width / PER_WIDTH))
     labels = labels_in_box(instances, box)
-    inside = front.inside(box.x0, box.y0, box.x1, box.y1)
+    inside = front.inside(box.x0, box.y0, box.x1, box.y1).seen_points()
     own = labels[tuple((inside.pixels - [box.x0, box.y0]).astype(np.int64).T[::-1])]
     flat = _labels_of_plane(labels, own, inside, layers, body, view, plane)
     cells = (slice(step // 2, None, step),) * 2
@@ -87,10 +88,13 @@ def receivers_of(
     depth = _depths(coarse, own, inside, box, view, step)
     rays = camera_rays(view.camera)[box.slices][cells]
     with np.errstate(invalid="ignore"):
-        same = np.abs(depth / plane_depth - 1) < SAME_DEPTH
+        farther = np.abs(depth / plane_depth - 1)
+    rise = float((view.centre - body.position) @ body.basis[2])
+    same = (farther < SAME_DEPTH) | (farther * rise < UNEVEN * body.unit)
     bare = ~np.isfinite(depth) & np.isfinite(plane_depth)
     if bare.any():
-        bare &= _not_nearer(bare, plane_depth, inside, own, box, step)
+        share = max(SAME_DEPTH, UNEVEN * body.unit / max(rise, 1e-9))
+        bare &= _not_nearer(bare, plane_depth * (1 - share), inside, own, box, step)
         if plane is not None:
             flat_places = _scene_places(view, rays, plane_depth) @ plane.plane.basis[:2].T
             bare &= plane.holds(flat_places.reshape(-1, 2)).reshape(bare.shape)
@@ -197,13 +201,13 @@ def _nearest(where: BoolArray, pixels: FloatArray, depths: FloatArray, reach: fl
 
 def _not_nearer(
     where: BoolArray,
-    plane_depth: NDArray[np.float32],
+    least: NDArray[np.float32],
     inside: FrontPoints,
     own: NDArray[np.int32],
     box: PixelBox,
     step: int,
 ) -> BoolArray:
-    """(a, b) whether the points around the cells `where` (a, b) are not mostly nearer than the plane there."""
+    """(a, b) whether the points around the cells `where` (a, b) are not mostly nearer than `least` (a, b)."""
     from scipy.spatial import cKDTree
 
     result = np.ones(where.shape, dtype=bool)
@@ -212,7 +216,7 @@ def _not_nearer(
         return result
     pixels = (inside.pixels[some] - [box.x0, box.y0]) / step
     at = pixels.astype(np.int64).clip(0, np.array(where.shape[::-1]) - 1)
-    nearer = inside.depths[some] < plane_depth[at[:, 1], at[:, 0]] * (1 - SAME_DEPTH)
+    nearer = inside.depths[some] < least[at[:, 1], at[:, 0]]
     rows, columns = np.nonzero(where)
     nearest = cKDTree(pixels).query(np.column_stack([columns, rows]) + 0.5, k=AROUND_POINTS)[1]
     result[rows, columns] = nearer[nearest].mean(axis=1) <= 0.5

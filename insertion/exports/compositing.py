@@ -24,7 +24,7 @@ from insertion.pipeline.prepared_scene import PreparedScene
 from insertion.render.boxes import window_behind
 from insertion.scene.pixel_box import PixelBox
 from insertion.scene.rays import camera_rays
-from metric_base.files import OutputNames
+from metric_base.arrays import FloatArray
 from metric_base.pictures import write_picture
 
 __all__ = ["SCHEMA", "CompositingLayers", "exr_bytes"]
@@ -42,6 +42,7 @@ LAYERS = {
     "normal": "geometric normal of the nearest object in the camera (x right, y down, z ahead); half",
     "id": "number of the nearest object from 1, 0 without one; 8 bits",
     "undistorted": "the plate without the lens; half",
+    "matte": "occlusion without the lens; half",
     "distortion": "for each pixel of the picture, x and y in the undistorted plate (first pixel 0.5), 0; float",
 }
 
@@ -51,12 +52,10 @@ class CompositingLayers:
 
     def __init__(self, folder: Path, prepared: PreparedScene, objects: Sequence[Placed]) -> None:
         self._folder, self._metres = folder, prepared.scale.metres_per_unit
-        names = OutputNames(Path())
-        self._names = {
-            shot.name: names.path(f"{Path(shot.name).with_suffix('')}.exr") for shot in prepared.footage.shots
-        }
+        # numbered from 1 without gaps, as programs read a sequence
+        self._names = {shot.name: Path(f"{shot.index + 1:06d}.exr") for shot in prepared.footage.shots}
         self._joined: dict[int, Joined] = {}
-        self._cameras: dict[bytes, str] = {}
+        self._cameras: dict[bytes, tuple[str, NDArray[np.float32]]] = {}
         self._plate: NDArray[np.uint8] = np.zeros((0, 0, 3), np.uint8)
         record = {
             "schema": SCHEMA,
@@ -97,6 +96,7 @@ class CompositingLayers:
         self._write("depth", shot, np.nan_to_num(depth * self._metres, posinf=0.0), half=False)
         self._write("occlusion", shot, hidden)
         if shot.view is not None:
+            self._write("matte", shot, self._straight(shot.view.camera, hidden))
             self._write("normal", shot, _normals(depth, camera_rays(shot.view.camera)))
         name = self._names[shot.name].with_suffix(".png")
         write_picture(self._folder / "id" / name, number)
@@ -113,33 +113,36 @@ class CompositingLayers:
             number[part][nearer] = own + 1
         return depth, hidden, number
 
-    def _straight(self, camera: Camera, light: NDArray[np.float32]) -> NDArray[np.float32]:
-        """The plate (h, w, 3) without its lens; the map of a camera is written once."""
+    def _straight(self, camera: Camera, layer: NDArray[np.float32]) -> NDArray[np.float32]:
+        """A layer (h, w) or (h, w, 3) without the lens; the map of a camera is written once."""
         import cv2
 
-        window = window_behind(camera, PixelBox(0, 0, camera.width, camera.height))
-        rays = camera_rays(camera)
-        there = np.dstack([
-            rays[..., 0] * window.fx + (window.cx - window.x0),
-            rays[..., 1] * window.fy + (window.cy - window.y0),
-            np.zeros(rays.shape[:2]),
-        ])  # fmt: skip
         key = camera.model.encode() + camera.params.tobytes()
         if key not in self._cameras:
-            self._cameras[key] = f"distortion/{len(self._cameras)}.exr"
-            _save(self._folder / self._cameras[key], exr_bytes(there, half=False))
-        # the way back: where each pixel of the straight picture is in the bent one
-        x, y = np.meshgrid(np.arange(window.width) + 0.5, np.arange(window.height) + 0.5)
-        flat = np.stack(
-            [(x + window.x0 - window.cx) / window.fx, (y + window.y0 - window.cy) / window.fy, 0 * x + 1], -1
-        )
-        at = project(camera, flat.reshape(-1, 3)).reshape(*x.shape, 2)
-        at = np.nan_to_num(at - 0.5, nan=-9.0).astype(np.float32)
-        return np.asarray(cv2.remap(light, at[..., 0], at[..., 1], cv2.INTER_LINEAR), dtype=np.float32)
+            there, back = _lens_maps(camera)
+            self._cameras[key] = f"distortion/{len(self._cameras)}.exr", back
+            _save(self._folder / self._cameras[key][0], exr_bytes(there, half=False))
+        back = self._cameras[key][1]
+        return np.asarray(cv2.remap(layer, back[..., 0], back[..., 1], cv2.INTER_LINEAR), dtype=np.float32)
 
     def _write(self, layer: str, shot: Shot, pixels: NDArray[np.float32], half: bool = True) -> None:
         """Write a layer (h, w) or (h, w, c) of a picture."""
         _save(self._folder / layer / self._names[shot.name], exr_bytes(pixels, half=half))
+
+
+def _lens_maps(camera: Camera) -> tuple[FloatArray, NDArray[np.float32]]:
+    """(h, w, 3) where each pixel of the picture is in the straight one, and (a, b, 2) the way back, for OpenCV."""
+    window = window_behind(camera, PixelBox(0, 0, camera.width, camera.height))
+    rays = camera_rays(camera)
+    there = np.dstack([
+        rays[..., 0] * window.fx + (window.cx - window.x0),
+        rays[..., 1] * window.fy + (window.cy - window.y0),
+        np.zeros(rays.shape[:2]),
+    ])  # fmt: skip
+    x, y = np.meshgrid(np.arange(window.width) + 0.5, np.arange(window.height) + 0.5)
+    flat = np.stack([(x + window.x0 - window.cx) / window.fx, (y + window.y0 - window.cy) / window.fy, 0 * x + 1], -1)
+    at = project(camera, flat.reshape(-1, 3)).reshape(*x.shape, 2)
+    return there, np.nan_to_num(at - 0.5, nan=-9.0).astype(np.float32)
 
 
 def exr_bytes(pixels: NDArray[np.floating], half: bool = True) -> bytes:

@@ -18,6 +18,7 @@ __all__ = [
     "Candidates",
     "candidates_in",
     "candidates_near",
+    "ceiling_patches",
     "lamp_irradiance",
     "open_share",
 ]
@@ -30,6 +31,8 @@ OVERHEAD, STANDING = 0.8, -4.0
 BEYOND = 0.12
 #: The ceiling is higher than what the pictures show of the walls, by this share of it.
 ABOVE = 0.2
+#: Cells of the ceiling along each side.
+CEILING_CELLS = 8
 #: A room whose ceiling is not seen is taken to be this high, in longer sides.
 HEIGHT_SHARE = 0.55
 #: A plane is upright if its normal's cosine with up is below this.
@@ -111,6 +114,16 @@ def candidates_near(
     places, directions = np.tile(places, (len(ways), 1)), np.concatenate(ways)
     light = lamp_irradiance(patches, places, directions, occupancy, SPOTS_NEAR)
     return Candidates(places, directions, light, odds, all_over.spacing, all_over.basis, all_over.barred)
+
+
+def ceiling_patches(patches: Patches, candidates: Candidates) -> Patches:
+    """Cells of the ceiling over the patches, as high as the highest candidate; their brightness is not known."""
+    local = patches.places @ candidates.basis.T
+    top = float((candidates.places @ candidates.basis[2]).max())
+    sides = [np.linspace(local[:, k].min(), local[:, k].max(), CEILING_CELLS) for k in range(2)]
+    places = np.stack(np.meshgrid(*sides, [top], indexing="ij"), axis=-1).reshape(-1, 3) @ candidates.basis
+    downward = np.broadcast_to(-candidates.basis[2], places.shape)
+    return Patches(places, downward, np.zeros(len(places)), np.zeros(len(places), dtype=np.int64), patches.diagonal)
 
 
 def _where_barred(candidates: Candidates, places: FloatArray) -> BoolArray:

@@ -10,7 +10,7 @@ pictures, and most of the unseen light comes from where lamps are: high above th
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -19,9 +19,11 @@ from estimator.visibility.depth_buffer import unhidden
 from insertion.colour.encoding import luminance, srgb_to_linear
 from insertion.footage.footage import Stills
 from insertion.light.environment import HEIGHT, WIDTH, Environment, LampSpots, map_directions, solid_angles
+from insertion.light.lights import LAMP_SIGMA
 from insertion.light.shading import WHITE_ALBEDO, Lamp, Shading
 from insertion.placement.place import Place
 from insertion.scene.cloud import Cloud, even_rows
+from insertion.scene.occupancy import Occupancy
 from insertion.scene.rays import camera_rays
 from metric_base.arrays import FloatArray
 
@@ -37,6 +39,8 @@ LAMP_SHARE, LAMP_POWER = 0.6, 12
 UNSEEN = (0.3, 8.0)
 #: A value at this level is clipped: the lamp behind it is brighter by an unknown factor.
 CLIPPED, CLIPPED_TIMES = 0.96, 6.0
+#: Places up the object that are asked whether they see a lamp, and points of the lamp.
+SEEN_FROM, SPREAD = 6, 4
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -60,7 +64,11 @@ def environment_at(
         lit = _raise_top(_fill(shown, seen), seen, _white_level(samples), toward)
     else:
         rest = _with_unseen(_fill(shown, seen), seen, shading.unseen)
-        return _with_lamps(rest, seen, place.basis, _spots(shading.lamps, middle))
+        spots = _spots(shading.lamps, middle)
+        if shading.occupancy is not None:
+            share = _share_reaching(spots, shading.occupancy, place, height)
+            spots = replace(spots, power=spots.power * share[:, None])
+        return _with_lamps(rest, seen, place.basis, spots)
     return Environment(lit.astype(np.float32), place.basis, seen.astype(np.float32))
 
 
@@ -75,6 +83,16 @@ def _spots(lamps: Sequence[Lamp], middle: FloatArray) -> LampSpots:
     sizes = [np.full(len(lamp.places), lamp.size) for lamp in lamps]
     places = np.concatenate([lamp.places for lamp in lamps])
     return LampSpots(places, np.concatenate(powers), np.concatenate(sizes), middle)
+
+
+def _share_reaching(lamps: LampSpots, occupancy: Occupancy, place: Place, height: float) -> FloatArray:
+    """(k,) share of the light of each spot that reaches an upright line at the place past what the cloud shows."""
+    heights = height * (np.arange(SEEN_FROM) + 0.5) / SEEN_FROM
+    line = place.position + heights[:, None] * place.basis[2]
+    offsets = np.random.default_rng(0).normal(0.0, LAMP_SIGMA, (SPREAD, 1, 3)) * lamps.size[:, None]
+    ends = (lamps.places + offsets).reshape(-1, 3)
+    opened = occupancy.open_segments(line, np.tile(place.basis[2], (SEEN_FROM, 1)), ends)
+    return np.asarray(opened.reshape(SPREAD, -1, SEEN_FROM).mean(axis=(0, 2)))
 
 
 def _with_lamps(rest: FloatArray, seen: FloatArray, basis: FloatArray, lamps: LampSpots) -> Environment:
@@ -140,7 +158,10 @@ def _splat(samples: _Samples) -> tuple[FloatArray, FloatArray]:
 
 
 def _fill(shown: FloatArray, seen: FloatArray) -> FloatArray:
-    """(h, w, 3) what is not seen, (h, w), from ever wider neighbourhoods of what is (push and pull), half grey."""
+    """(h, w, 3) what is not seen, (h, w), from ever wider neighbourhoods of what is (push and pull).
+
+    A white ceiling has the colour of the light of the room.
+    """
     from scipy.ndimage import gaussian_filter
 
     area = solid_angles()[:, None]
@@ -154,9 +175,8 @@ def _fill(shown: FloatArray, seen: FloatArray) -> FloatArray:
             )
             / np.maximum(weight, 1e-12)[..., None]
         )
-        grey = luminance(colour)[..., None]
         share = np.clip(weight / area * 4, 0, 1) * (1 - known)
-        result += share[..., None] * (0.5 * colour + 0.5 * grey)
+        result += share[..., None] * colour
         known += share
     return np.asarray(result / np.maximum(known, 1e-6)[..., None])
 

@@ -16,7 +16,7 @@ from insertion.colour.encoding import LUMINANCE, luminance
 from insertion.light.environment import Environment, LampSpots, map_directions, solid_angles
 from metric_base.arrays import BoolArray, FloatArray
 
-__all__ = ["Lights", "environment_lights"]
+__all__ = ["LAMP_SIGMA", "Lights", "environment_lights"]
 
 #: One sigma of the points of a lamp about its middle, in its diameters.
 LAMP_SIGMA = 0.35

@@ -21,6 +21,8 @@ __all__ = ["level_point", "place_at_point", "place_on_plane", "plane_coordinates
 NEAR_PX = 14.0
 #: Points within this share of their depth of a plane are on it: the noise of a cloud.
 SAME_HEIGHT = 0.012
+#: An object stands on a plane if the points around it are at the plane's height within so many times that.
+FLUSH_HEIGHTS = 1.5
 #: A small level patch: its points rise and fall by no more than this share of their distance from the camera.
 LEVEL_SHARE = 0.008
 #: A bare surface is made of what is around the click: within so many pixels at a width of 640, wider each time, of so
@@ -44,6 +46,9 @@ def place_at_point(space: Space, view: View, x: float, y: float) -> Place:
     hits = [hit for number in numbers if (hit := _hit(space, number, view, ray)) is not None]
     if len(points) >= NEAR_POINTS:
         # what the pixel shows decides between planes, and against all of them
+        crossed, hits = hits, [hit for hit in hits if _flush(space, hit[1], points, hit[0])]
+        if crossed and not hits:
+            return _made_surface(space, view, x, y, ray)
         shares = {hit: _share_on(space, hit[1], points, hit[0]) for hit in hits}
         # of two planes at nearly one height, the one that more of the points are on
         most = max(shares.values(), default=0.0)
@@ -115,6 +120,14 @@ def _share_on(space: Space, number: int, points: FloatArray, depth: float) -> fl
     plane = space.supports.surfaces[number].plane
     rise = points @ plane.basis[2] - plane.height
     return float(np.mean(np.abs(rise) < max(3 * plane.sigma, SAME_HEIGHT * depth)))
+
+
+def _flush(space: Space, number: int, points: FloatArray, depth: float) -> bool:
+    """Whether a plane that the points (n, 3) are on is at their height: a street slopes, and its plane does not."""
+    plane = space.supports.surfaces[number].plane
+    rise = points @ plane.basis[2] - plane.height
+    on_plane = np.abs(rise) < max(3 * plane.sigma, SAME_HEIGHT * depth)
+    return not on_plane.any() or abs(float(np.median(rise[on_plane]))) < FLUSH_HEIGHTS * SAME_HEIGHT * depth
 
 
 def _near(cloud: Cloud, view: View, x: float, y: float) -> tuple[FloatArray, FloatArray]:

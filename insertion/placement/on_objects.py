@@ -11,11 +11,10 @@ import numpy as np
 
 from estimator.geometry.planes import SupportPlane, level_basis
 from estimator.records.scene import Instance
-from estimator.visibility.depth_buffer import unhidden
-from estimator.visibility.sights import Sight
 from insertion.placement.free_space import NEAR_POINTS, Space, free_places
 from insertion.placement.place import NoPlace, Place
 from insertion.placement.surface import Surface, surface_of
+from insertion.scene.cloud import FrontPoints, front_points
 from metric_base.arrays import BoolArray, FloatArray, IntArray
 from metric_base.statistics import robust_sigma
 
@@ -113,7 +112,7 @@ def _points_of_objects(space: Space, instances: Sequence[Instance]) -> list[Floa
     """For each object the (n, 3) points of the cloud that most views see in its masks."""
     views = sorted({item.view for item in instances})
     views = views[:: -(-len(views) // MAX_VIEWS)]
-    seen = {view: unhidden(space.scene.views[view], space.cloud.points) for view in views}
+    seen = {view: front_points(space.scene.views[view], space.cloud, view) for view in views}
     masks = [(item.view, _rows_in(item, seen[item.view])) for item in instances if item.view in seen]
     objects: list[tuple[set[int], list[tuple[int, IntArray]]]] = []
     for view, rows in sorted(masks, key=lambda mask: -len(mask[1])):
@@ -129,14 +128,14 @@ def _points_of_objects(space: Space, instances: Sequence[Instance]) -> list[Floa
     return [space.cloud.points[_own_points(parts, seen, n)] for _, parts in objects]
 
 
-def _rows_in(item: Instance, sight: Sight) -> IntArray:
+def _rows_in(item: Instance, sight: FrontPoints) -> IntArray:
     """Rows (m,) of the points in sight that are in the mask."""
     at = np.floor(sight.pixels - item.origin).astype(np.int64)
     within = np.flatnonzero(((at >= 0) & (at < item.mask.shape[::-1])).all(axis=1))
     return np.asarray(sight.rows[within[item.mask[at[within, 1], at[within, 0]]]])
 
 
-def _own_points(parts: Sequence[tuple[int, IntArray]], seen: Mapping[int, Sight], count: int) -> BoolArray:
+def _own_points(parts: Sequence[tuple[int, IntArray]], seen: Mapping[int, FrontPoints], count: int) -> BoolArray:
     """(count,) points in most of the masks of one object, among the views that see both.
 
     parts : view and rows (m,) of each mask; seen : the sight of each view.

@@ -60,6 +60,13 @@ class FrontPoints:
         observed = None if self.observed is None else self.observed[kept]
         return FrontPoints(self.rows[kept], self.pixels[kept], self.depths[kept], self.dense, observed)
 
+    def seen_points(self) -> FrontPoints:
+        """Those that the view is known to see, all where nothing is known: sparse points show what is behind others."""
+        if self.observed is None:
+            return self
+        kept = self.observed
+        return FrontPoints(self.rows[kept], self.pixels[kept], self.depths[kept], self.dense, self.observed[kept])
+
     def marks_inside(self, marks: BoolArray, x0: int, y0: int, x1: int, y1: int) -> BoolArray:
         """The marks (m,) of the points that `inside` keeps."""
         return marks[self._within(x0, y0, x1, y1)]

@@ -23,6 +23,7 @@ from insertion.exports.gltf_scene import write_gltf_scene
 from insertion.exports.metric_frame import camera_keys, metric_frame, object_matrix
 from insertion.exports.nerfstudio import write_transforms
 from insertion.exports.usd_scene import write_usd_scene
+from insertion.insert import insert_into
 from insertion.light.estimate import environment_at
 from insertion.pipeline.objects import Placed, place_objects
 from insertion.pipeline.prepared_scene import PreparedScene
@@ -227,6 +228,28 @@ def test_the_real_blender_saves_the_object_in_metres(scene: tuple[PreparedScene,
     assert saw["height"] == pytest.approx(placed.size_m["height"], rel=1e-4)
     assert saw["lowest"] == pytest.approx(0.0, abs=1e-5)
     assert (saw["packed"], saw["catchers"], saw["moves"]) == ([True], 1, True)
+
+
+def test_blender_joins_the_layers_to_our_frame(scene: tuple[PreparedScene, Placed], tmp_path: Path) -> None:
+    import cv2
+
+    prepared, placed = scene
+    out, layers = tmp_path / "out", tmp_path / "layers"
+    insert_into(prepared, [placed.request], out, layers=layers, frames=(1, 1))
+    job = json.loads((layers / "blender" / "job.json").read_text())
+    assert (job["first"], job["last"], [key["frame"] for key in job["keys"]]) == (2, 2, [2])
+    assert all((layers / name / "000002.exr").is_file() for name in ("plate", "object", "shadow", "matte"))
+    program = os.environ.get("METRIC_TREE_BLENDER", "")
+    if "python" not in Path(program).name:
+        pytest.skip("METRIC_TREE_BLENDER names no Python with bpy (pip install bpy)")
+    clean = {name: value for name, value in os.environ.items() if name != "PYTHONPATH"}
+    words = [program, str(layers / "blender" / "scene.py"), "--render", str(tmp_path / "again"), "--only", "joined"]
+    subprocess.run(words, capture_output=True, env=clean, check=True)
+    assert (layers / "scene.blend").is_file()
+    (ours,) = out.iterdir()
+    frame, again = (cv2.imread(str(file)).astype(int) for file in (ours, tmp_path / "again" / "joined" / "000002.png"))
+    assert np.abs(frame - again).max() <= 1
+    assert (frame == again).mean() > 0.98
 
 
 def test_what_blender_draws_is_in_the_picture(scene: tuple[PreparedScene, Placed], blender: Path) -> None:

@@ -31,7 +31,7 @@ VIEW = View(
 NEAR, OBJECT, FAR = 2.0, 3.0, 4.0
 
 
-def _object() -> ObjectImage:
+def _image() -> ObjectImage:
     return ObjectImage(
         np.ones((*BOX.shape, 3), np.float32), np.ones(BOX.shape, np.float32), np.full(BOX.shape, OBJECT, np.float32)
     )
@@ -53,7 +53,7 @@ def _points(*parts: tuple[tuple[int, int, int, int], float], count: int = 25) ->
 
 
 def _hidden(objects: Sequence[Instance], points: FrontPoints) -> np.ndarray:
-    return hidden_share(_object(), BOX, VIEW, objects, points, np.zeros(len(points.rows), bool)).share > 0.5
+    return hidden_share(_image(), BOX, VIEW, objects, points, np.zeros(len(points.rows), bool)).share > 0.5
 
 
 def test_the_near_leg_of_a_table_hides_and_the_far_one_does_not() -> None:

@@ -1,0 +1,204 @@
+"""Run by the user's Blender, never imported: `blender -b -P scene.py`, or `python scene.py` where `bpy` is installed.
+
+Writes `scene.blend` into the folder of the layers (`insert-object --layers`), with two scenes. `joined` joins the
+layers in the compositor and renders the same frame. `objects` has the camera, the plate without its lens, the objects,
+what catches their shadows, and a card before the camera that cuts out what hides them. Frame k is file k of each layer.
+`--render FOLDER` renders every frame of both. Needs Blender 5.0.
+"""
+
+import argparse
+import json
+import sys
+from pathlib import Path
+from typing import Any
+
+import bpy
+import numpy as np
+from mathutils import Matrix
+
+HERE = Path(__file__).resolve().parent
+sys.path.insert(0, str(HERE))
+import script  # type: ignore[import-not-found]  # noqa: E402  (beside this file)
+
+#: Metres from the camera to the card that hides objects.
+CARD_M = 0.05
+
+
+def main(words: list[str]) -> None:
+    """Build both scenes, save them, and render them if it is asked for."""
+    parser = argparse.ArgumentParser(prog="scene.py", description=__doc__)
+    parser.add_argument("--render", metavar="FOLDER", type=Path, help="render every frame of both scenes into it")
+    parser.add_argument("--only", choices=("joined", "objects"), help="render this scene alone")
+    options = parser.parse_args(words)
+    job = json.loads((HERE / "job.json").read_text(encoding="utf-8"))
+    bpy.ops.wm.read_factory_settings(use_empty=True)
+    objects = bpy.context.scene
+    objects.name = "objects"
+    for item in job["objects"]:
+        script.add_model(item | {"file": str(HERE / item["file"])})
+    for catcher in job["catchers"]:
+        script.add_catcher(catcher)
+    script.set_world(objects, str(HERE / job["environment"]))
+    camera = add_camera(objects, job)
+    add_card(objects, camera, job)
+    over_plate(objects, job)
+    joined = bpy.data.scenes.new("joined")
+    join_layers(joined, job)
+    for scene in (objects, joined):
+        set_output(scene, job)
+    bpy.ops.wm.save_as_mainfile(filepath=str(HERE.parent / "scene.blend"), compress=True, relative_remap=True)
+    if options.render is not None:
+        for scene in (scene for scene in (joined, objects) if options.only in (None, scene.name)):
+            render(scene, options.render.resolve() / scene.name, job)
+
+
+def add_camera(scene: Any, job: dict[str, Any]) -> Any:
+    """The ideal camera behind the picture, with a key for each frame and the plate behind it."""
+    data = bpy.data.cameras.new("recovered camera")
+    data.sensor_fit, data.sensor_width = "HORIZONTAL", 36.0
+    data.clip_start, data.clip_end = 0.01, 1000.0
+    camera = bpy.data.objects.new("recovered camera", data)
+    camera.rotation_mode = "QUATERNION"
+    scene.collection.objects.link(camera)
+    scene.camera = camera
+    script.set_lens(scene, data, job["window"])
+    turn = None
+    for key in job["keys"]:
+        camera.matrix_world = Matrix((script.TURN @ np.array(key["matrix"])).tolist())
+        if turn is not None:
+            camera.rotation_quaternion.make_compatible(turn)
+        turn = camera.rotation_quaternion.copy()
+        camera.keyframe_insert("location", frame=key["frame"])
+        camera.keyframe_insert("rotation_quaternion", frame=key["frame"])
+    data.show_background_images = True
+    background = data.background_images.new()
+    background.image = sequence("undistorted", job)
+    play(background.image_user, job)
+    return camera
+
+
+def add_card(scene: Any, camera: Any, job: dict[str, Any]) -> None:
+    """A card that fills the camera's picture and cuts out what the matte covers; light does not see it."""
+    window = job["window"]
+    half = np.array([window["width"] / window["fx"], window["height"] / window["fy"]]) * CARD_M / 2
+    x = CARD_M * (window["width"] / 2 - window["cx"]) / window["fx"]
+    y = CARD_M * (window["cy"] - window["height"] / 2) / window["fy"]
+    mesh = bpy.data.meshes.new("what hides the objects")
+    corners = [(x + i * half[0], y + k * half[1], -CARD_M) for i, k in ((-1, -1), (1, -1), (1, 1), (-1, 1))]
+    mesh.from_pydata(corners, [], [(0, 1, 2, 3)])
+    across = mesh.uv_layers.new(name="picture")
+    for row, at in enumerate(((0, 0), (1, 0), (1, 1), (0, 1))):
+        across.data[row].uv = at
+    mesh.materials.append(card_material(job))
+    card = bpy.data.objects.new("what hides the objects", mesh)
+    card.parent = camera
+    for ray in ("diffuse", "glossy", "transmission", "volume_scatter", "shadow"):
+        setattr(card, f"visible_{ray}", False)
+    scene.collection.objects.link(card)
+
+
+def card_material(job: dict[str, Any]) -> Any:
+    """Holdout where the matte is 1, nothing where it is 0."""
+    material = bpy.data.materials.new("matte")
+    material.use_nodes = True
+    nodes, links = material.node_tree.nodes, material.node_tree.links
+    nodes.clear()
+    matte = nodes.new("ShaderNodeTexImage")
+    matte.image, matte.interpolation, matte.extension = sequence("matte", job), "Linear", "EXTEND"
+    matte.image.colorspace_settings.name = "Non-Color"
+    play(matte.image_user, job)
+    mix = nodes.new("ShaderNodeMixShader")
+    links.new(matte.outputs["Color"], mix.inputs[0])
+    links.new(nodes.new("ShaderNodeBsdfTransparent").outputs[0], mix.inputs[1])
+    links.new(nodes.new("ShaderNodeHoldout").outputs[0], mix.inputs[2])
+    links.new(mix.outputs[0], nodes.new("ShaderNodeOutputMaterial").inputs["Surface"])
+    return material
+
+
+def over_plate(scene: Any, job: dict[str, Any]) -> None:
+    """What Cycles renders, over the plate without its lens."""
+    tree, output = compositor(scene)
+    rendered = tree.nodes.new("CompositorNodeRLayers")
+    rendered.scene = scene
+    over = tree.nodes.new("CompositorNodeAlphaOver")
+    tree.links.new(layer(tree, "undistorted", job).outputs["Image"], over.inputs["Background"])
+    tree.links.new(rendered.outputs["Image"], over.inputs["Foreground"])
+    tree.links.new(over.outputs[0], output.inputs[0])
+
+
+def join_layers(scene: Any, job: dict[str, Any]) -> None:
+    """Join plate * shadow * (1 - A) + RGB, as `layers.json` has it."""
+    scene.camera = bpy.data.objects.new("no camera", bpy.data.cameras.new("no camera"))
+    scene.collection.objects.link(scene.camera)
+    scene.render.resolution_x, scene.render.resolution_y = job["size"]
+    tree, output = compositor(scene)
+    dimmed = tree.nodes.new("ShaderNodeMix")
+    dimmed.data_type, dimmed.blend_type = "RGBA", "MULTIPLY"
+    dimmed.inputs["Factor"].default_value = 1.0
+    colours = [entry for entry in dimmed.inputs if entry.type == "RGBA"]
+    tree.links.new(layer(tree, "plate", job).outputs["Image"], colours[0])
+    tree.links.new(layer(tree, "shadow", job).outputs["Image"], colours[1])
+    over = tree.nodes.new("CompositorNodeAlphaOver")
+    result = next(entry for entry in dimmed.outputs if entry.type == "RGBA")
+    tree.links.new(result, over.inputs["Background"])
+    tree.links.new(layer(tree, "object", job).outputs["Image"], over.inputs["Foreground"])
+    tree.links.new(over.outputs[0], output.inputs[0])
+
+
+def compositor(scene: Any) -> tuple[Any, Any]:
+    """An empty compositor of a scene, and its output node."""
+    tree = bpy.data.node_groups.new(scene.name, "CompositorNodeTree")
+    tree.interface.new_socket(name="Image", in_out="OUTPUT", socket_type="NodeSocketColor")
+    scene.compositing_node_group = tree
+    return tree, tree.nodes.new("NodeGroupOutput")
+
+
+def layer(tree: Any, name: str, job: dict[str, Any]) -> Any:
+    """A node that plays a layer."""
+    node = tree.nodes.new("CompositorNodeImage")
+    node.image, node.label = sequence(name, job), name
+    play(node, job)
+    return node
+
+
+def sequence(name: str, job: dict[str, Any]) -> Any:
+    """The files of a layer as one image that plays."""
+    image = bpy.data.images.load(str(HERE.parent / name / f"{job['first']:06d}.exr"))
+    image.name, image.source = name, "SEQUENCE"
+    image.alpha_mode = "PREMUL"
+    return image
+
+
+def play(user: Any, job: dict[str, Any]) -> None:
+    """Make frame k show file k."""
+    user.frame_start, user.frame_offset, user.frame_duration = 1, 0, job["last"]
+    user.use_auto_refresh = True
+
+
+def set_output(scene: Any, job: dict[str, Any]) -> None:
+    """Frames, rate and colours; nothing is added to what the layers say."""
+    scene.frame_start, scene.frame_end = job["first"], job["last"]
+    scene.frame_current = job["first"]
+    render = scene.render
+    render.engine, render.film_transparent = "CYCLES", True
+    render.resolution_percentage, render.dither_intensity = 100, 0.0
+    render.compositor_precision, render.compositor_device = "FULL", "CPU"
+    render.fps = max(round(job["rate"]), 1)
+    render.fps_base = render.fps / job["rate"]
+    scene.cycles.device, scene.cycles.use_denoising = "CPU", scene.name == "objects"
+    scene.cycles.samples = job["samples"] if scene.name == "objects" else 1
+    scene.view_settings.view_transform, scene.view_settings.look = "Standard", "None"
+    settings = render.image_settings
+    settings.file_format, settings.color_mode, settings.color_depth = "PNG", "RGB", "8"
+
+
+def render(scene: Any, folder: Path, job: dict[str, Any]) -> None:
+    """One PNG for each frame that has a camera."""
+    for key in job["keys"]:
+        scene.frame_set(key["frame"])
+        scene.render.filepath = str(folder / f"{key['frame']:06d}.png")
+        bpy.ops.render.render(write_still=True, scene=scene.name)
+
+
+if __name__ == "__main__":
+    main(sys.argv[sys.argv.index("--") + 1 :] if "--" in sys.argv else [w for w in sys.argv[1:] if w != "-b"])

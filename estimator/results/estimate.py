@@ -17,6 +17,7 @@ from estimator.records.scale_evidence import EvidenceReport, ScaleEvidence
 from estimator.results.categories import BROADER_SCORE, LabelMeaning, meanings
 from estimator.results.contradiction import Contradiction, contradiction_of, doubt_of_one_name
 from estimator.results.narrowing import helps
+from estimator.results.places import place_shares, prior_in_place
 from estimator.results.reports import EstimateOptions, ScaleAnswer, names_of, result_of
 from metric_base.arrays import FloatArray
 from metric_tree.tree import Tree
@@ -96,14 +97,19 @@ def scale_of_objects(
 def evidence_of(
     objects: Sequence[MeasuredObject], by_name: Mapping[str, LabelMeaning]
 ) -> tuple[dict[int, ObjectEvidence], list[str | None]]:
-    """The objects that can speak, by place, and per object the reason why it cannot, or None."""
+    """The objects that can speak, by place in the list, and per object the reason why it cannot, or None.
+
+    Their priors are those of the type of place that the classes speak for (`places`).
+    """
     reasons = [item.skipped or by_name[item.category].error for item in objects]
     stated: dict[int, ObjectEvidence] = {}
+    share = place_shares([node for item in objects if (node := by_name[item.category].node) is not None])
     for place, item in enumerate(objects):
         meaning = by_name[item.category]
         if reasons[place] is None and meaning.node is not None and meaning.prior is not None:
             score = BROADER_SCORE * item.score if meaning.broader else item.score
-            stated[place] = ObjectEvidence(replace(item, score=score), meaning.prior, meaning.node.pose)
+            prior = meaning.prior if share is None else prior_in_place(meaning.prior, share)
+            stated[place] = ObjectEvidence(replace(item, score=score), prior, meaning.node.pose)
     for place, there in zip(list(stated), usable(list(stated.values())).tolist(), strict=True):
         if not any(there):
             reasons[place] = f"none of its extents is among {', '.join(stated.pop(place).prior.dims)}"

@@ -2,7 +2,7 @@
 
 `python -m benchmarks.estimator.places --raw RAW --cache DIR [--tables DIR] [--write]`. Rooms are those of ScanNet's
 boxes, judged by a tree without ScanNet (`benchmarks.accuracy.unseen`). Each half is judged with what the other says;
---write learns from all and writes `estimator/results/places.json`.
+--write learns from the even rooms, which no report on unseen rooms has, and writes `estimator/results/places.json`.
 """
 
 from __future__ import annotations
@@ -48,14 +48,14 @@ def main() -> None:
     parser.add_argument("--raw", type=Path, required=True, help="folder of raw items")
     parser.add_argument("--cache", type=Path, required=True, help="what is built of them")
     parser.add_argument("--tables", type=Path, default=TABLES, help="folder of the tables of boxes")
-    parser.add_argument("--write", action="store_true", help="learn from all rooms and write the shipped table")
+    parser.add_argument("--write", action="store_true", help="learn from the even rooms and write the shipped table")
     arguments = parser.parse_args()
     tree, _ = unseen_tree(arguments.raw, arguments.cache)
     rooms = [room for _, room in sorted(rooms_of(arguments.tables / "scannet18_boxes" / "scannet18_boxes.csv").items())]
     by_name = meanings(tree, {label for room in rooms for label, _ in room})
     if arguments.write:
         with whole_file(OUT) as target:
-            target.write_text(json.dumps(_record(learned(rooms, by_name, IN_USE))) + "\n", encoding="utf-8")
+            target.write_text(json.dumps(_record(learned(rooms[::2], by_name, IN_USE))) + "\n", encoding="utf-8")
         return
     plain = _judged(rooms, by_name, None)
     print("| places | error | difference, 95 % | CRPS | difference, 95 % | coverage |\n|---|---|---|---|---|---|")

@@ -5,6 +5,7 @@ from __future__ import annotations
 import gzip
 import json
 import signal
+import socket
 import sqlite3
 import subprocess
 import sys
@@ -95,9 +96,10 @@ def test_a_crawl_that_came_to_nothing_says_why_and_leaves_its_folder_usable(tmp_
 
 
 def test_a_dead_host_is_an_error(tmp_path: Path) -> None:
-    with SyntheticSite(Shop(products=1, errors=False)) as site:
-        gone = site.base
-    status, summary, message = ran("generic", tmp_path / "out", "--private", "--start-url", f"{gone}/list/0")
+    with socket.socket() as silent:  # a port that nobody listens on, and that nobody else takes
+        silent.bind(("127.0.0.1", 0))
+        start = f"http://127.0.0.1:{silent.getsockname()[1]}/list/0"
+        status, summary, message = ran("generic", tmp_path / "out", "--private", "--start-url", start)
     assert (status, summary["pages"], message.count("\n")) == (2, 0, 1)
     assert "expected pages; found none (" in message
 

@@ -57,6 +57,10 @@ def answer(text: str) -> NameAnswer:
     return found
 
 
+def test_the_form_of_an_answer_is_the_name_as_the_tree_writes_it() -> None:
+    assert (answer("chair").form, answer("chairs").form, answer("desk chairs").form) == ("chair", "chair", "desk chair")
+
+
 @pytest.mark.parametrize(
     ("text", "node", "how"),
     [

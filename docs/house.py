@@ -1,4 +1,7 @@
-"""Draws the packages and their rooms: `docs/pictures/architecture.svg`, written by `make reference`."""
+"""Draws the packages and their rooms: `docs/pictures/architecture.svg`, written by `make reference`.
+
+python docs/house.py --lines    # files, lines, and what the lines hold, by package
+"""
 
 from __future__ import annotations
 
@@ -87,5 +90,36 @@ def _purpose(room: str) -> str:
     return re.sub(r"\s+", " ", first.replace("`", ""))
 
 
+def line_counts(package: str) -> tuple[int, int, int, int, int]:
+    """Files of a package, their lines, and how many are code, docstrings, and comments or blank."""
+    files = sorted((ROOT / package).rglob("*.py"))
+    lines = docstrings = others = 0
+    for file in files:
+        text = file.read_text(encoding="utf-8")
+        rows, documented = text.splitlines(), set[int]()
+        for node in ast.walk(ast.parse(text)):
+            body = getattr(node, "body", None)
+            first = body[0] if isinstance(body, list) and body else None
+            if isinstance(first, ast.Expr) and isinstance(getattr(first.value, "value", None), str):
+                documented |= set(range(first.lineno, (first.end_lineno or first.lineno) + 1))
+        lines, docstrings = lines + len(rows), docstrings + len(documented)
+        others += sum(
+            number not in documented and (not row.strip() or row.lstrip().startswith("#"))
+            for number, row in enumerate(rows, 1)
+        )
+    return len(files), lines, lines - docstrings - others, docstrings, others
+
+
+def lines_table() -> str:
+    """The counts of every package and their sum, as a table of Markdown."""
+    counts = {package: line_counts(package) for package in PACKAGES}
+    counts["all"] = tuple(map(sum, zip(*counts.values(), strict=True)))  # type: ignore[assignment]
+    head = "| package | files | lines | code | docstrings | comments, blank |\n|---|---:|---:|---:|---:|---:|"
+    return "\n".join([head, *(f"| {name} | {' | '.join(f'{n:,}' for n in row)} |" for name, row in counts.items())])
+
+
 if __name__ == "__main__":
-    PICTURE.write_text(drawing(), encoding="utf-8")
+    if "--lines" in sys.argv[1:]:
+        sys.stdout.write(f"{lines_table()}\n")
+    else:
+        PICTURE.write_text(drawing(), encoding="utf-8")

@@ -31,7 +31,7 @@ from metric_cli.terminal import print_table
 
 CASE = CASES["estimate-scale"]
 KINDS = ("kills", "disks")
-INSIDE = "METRIC_TREE_STAGES_INSIDE"
+INSIDE = "STAGES_INSIDE"
 #: A run that takes longer hangs; seconds between two looks at the work folder; the room of a whole run.
 LIMIT_S, POLL_S, ROOMY = 900, 0.01, 1 << 30
 COLUMNS = ("stage", "what", "trials", "met the stage", "not one line and exit 2", "halves left", "differs at the end")

@@ -44,6 +44,8 @@ OBJECTS = 50
 #: Simulated objects, one side in five cut, for the posterior alone (the goal: 3 ms of a processor for 50).
 COUNTS = (5, 20, 50, 200)
 DEMO = ROOT / "data" / "scenes" / "demo_room"
+#: What a query cannot do without.
+LIBRARIES = "import numpy, pyarrow.parquet"
 QUERY = "import metric_tree; metric_tree.open().find('swivel chair').prior().quantile(0.5)"
 
 
@@ -77,7 +79,9 @@ def main() -> None:
         (f"posterior, {OBJECTS} objects", "4 ms", fifty),
         *((f"posterior, {count} simulated objects", "4 ms", _simulated(classes, count)) for count in COUNTS),
         ("start to answer, demo scene (new process)", "-", _processes(ours("estimate-scale", DEMO))),
+        ("import numpy and pyarrow.parquet (new process)", "-", _processes([sys.executable, "-c", LIBRARIES])),
         ("import metric_tree and one query (new process)", "-", _processes([sys.executable, "-c", QUERY])),
+        ("metric-tree query chair (new process)", "-", _processes(ours("metric-tree", "query", "chair"))),
     ]  # fmt: skip
     where = f"{platform.machine()}, {os.cpu_count()} cores, Python {platform.python_version()}"
     print(f"{where}, load {os.getloadavg()[0]:.1f}\n\n| what | paper | here, median | here, least |\n|---|---|---|---|")

@@ -21,6 +21,7 @@ from insertion.exports.glb import Glb
 from insertion.models.gltf import read_model
 from insertion.models.model import Model
 from insertion.models.size import model_size
+from metric_base.arrays import FloatArray
 from metric_base.errors import FieldError, InputError
 from tests.synthetic.insertions import write_glb
 from tests.synthetic.rooms.shapes import solid
@@ -153,6 +154,16 @@ def test_a_strip_is_two_triangles_that_look_the_same_way(tmp_path: Path) -> None
     (part,) = _square(tmp_path / "a.glb", lambda *_: None).parts
     assert len(part.faces) == 2
     np.testing.assert_allclose(part.normals, np.tile([0, 0, 1.0], (6, 1)))
+
+
+@pytest.mark.parametrize("name", ["POSITION", "NORMAL"])
+@pytest.mark.parametrize("added", [SQUARE[:3], np.vstack([SQUARE, SQUARE[:1]]), np.full((4, 3), np.nan)])
+def test_a_morph_target_has_a_finite_value_for_every_vertex(tmp_path: Path, added: FloatArray, name: str) -> None:
+    def morph(primitive: dict[str, Any], document: Glb) -> None:
+        primitive["targets"] = [{name: document.add_values(added)}]
+
+    with pytest.raises(InputError, match="targets: expected 4 finite values"):
+        _square(tmp_path / "a.glb", morph)
 
 
 @pytest.mark.parametrize("scale", [[2.0, 1.0, 1.0], [-2.0, 1.0, 1.0]])

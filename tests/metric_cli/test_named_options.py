@@ -18,6 +18,8 @@ ROOT = Path(__file__).resolve().parents[2]
 PACKAGES = ("metric_base", "crawler", "taxonomy", "metric_tree", "estimator", "insertion", "explorer", "metric_cli")
 #: Options of other programs, of an example of a misspelling, and half of a pattern.
 OTHERS = {"--background", "--factory-startup", "--python", "--workspace", "--instnces", "--ade"}
+#: Scripts that another program runs, with options of their own.
+SCRIPTS = {"layer_script.py"}
 NAMED = re.compile(r"(?<![\w-])(--[a-z][a-z-]+[a-z])(?: ([A-Z]{2,}))?")
 #: A verb before its option: `build --include-withheld`, `metric-tree review record ... --why`.
 OF_VERB = re.compile(rf"\b({'|'.join(name.split()[-1] for name in PARSERS if ' ' in name)}) (--[a-z][a-z-]+[a-z])")
@@ -40,7 +42,8 @@ def _options(command: str) -> set[str]:
 def _texts() -> Iterator[tuple[str, str]]:
     for package in PACKAGES:
         for file in sorted((ROOT / package).rglob("*.py")):
-            for node in ast.walk(ast.parse(file.read_text(encoding="utf-8"))):
+            nodes = ast.walk(ast.parse(file.read_text(encoding="utf-8"))) if file.name not in SCRIPTS else ()
+            for node in nodes:
                 if isinstance(node, ast.Constant) and isinstance(node.value, str):
                     yield str(file.relative_to(ROOT)), node.value
 

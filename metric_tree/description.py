@@ -20,6 +20,12 @@ KINDS = ("measured", "product", "standard", "norm", "statistic", "judged", "cura
 #: Items of one node are mixed where the 95th of a hundred is so many times the 5th.
 MIXED_RATIO = 10.0
 
+#: A height under this part of the longest axis is no size that people name: a rug is 2 m long, and not 1 cm high.
+FLAT = 0.25
+
+#: Ends of the 90 % interval under this ratio take more digits, as of a size that a norm fixes.
+NARROW = 1.1
+
 #: As many children as the sentence of a mixed node names.
 MOST_CHILDREN = 8
 
@@ -37,19 +43,18 @@ _COLUMNS = ("length_mm", "width_mm", "height_mm")
 def everyday_sentence(name: str, prior: Prior) -> str:
     """The median and the 90 % interval of the main axis in words.
 
-    `A mug is about 9.5 cm high; nine of ten are 8 to 12 cm.` The axis is the
-    height where the prior has one, else the first of its dimensions. What the size rests on stands before it, unless
-    it is measured.
+    `A mug is about 9.5 cm high; nine of ten are 8 to 12 cm.` The axis is the height where the prior has one, else the
+    first of its dimensions; of what is flat or long (a disc, a train), the longest. What the size rests on stands
+    before it, unless it is measured.
 
     Parameters
     ----------
     name : what the object is called.
     prior : its sizes in mm.
     """
-    axis = "height" if "height" in prior.dims else prior.dims[0]
-    place = prior.dims.index(axis)
-    middle, (low, high) = float(prior.quantile(0.5)[place]), prior.interval(0.9)[place]
-    how = _AXES.get(axis, "across")
+    place = _main_axis(prior)
+    low, middle, high = prior.quantiles((0.05, 0.5, 0.95))[:, place].tolist()
+    how = _AXES.get(prior.dims[place], "across")
     article = "An" if name[:1].lower() in "aeiou" else "A"
     plural = name.rpartition(" ")[2].lower() in _PLURALS.split()
     subject = f"{name[:1].upper()}{name[1:]} are" if plural else f"{article} {name} is"
@@ -57,10 +62,16 @@ def everyday_sentence(name: str, prior: Prior) -> str:
     ground = "" if prior.tier == "measured" else f"{tier_words(prior.tier, prior.norm)}: "
     if ground and not name[:2].isupper():
         subject = subject[:1].lower() + subject[1:]
-    return (
-        f"{ground}{subject} about {_number(middle / factor)} {unit} {how}; "
-        f"nine of ten are {_number(float(low) / factor)} to {_number(float(high) / factor)} {unit}."
-    )
+    digits = 4 if high < NARROW * low else 2
+    sizes = [_number(size / factor, digits) for size in (middle, low, high)]
+    return f"{ground}{subject} about {sizes[0]} {unit} {how}; nine of ten are {sizes[1]} to {sizes[2]} {unit}."
+
+
+def _main_axis(prior: Prior) -> int:
+    """The number of the axis that a sentence is about."""
+    medians = prior.quantile(0.5)
+    place = prior.dims.index("height") if "height" in prior.dims else 0
+    return place if medians[place] >= FLAT * medians.max() else int(np.argmax(medians))
 
 
 def is_mixed(node: Node, prior: Prior) -> bool:
@@ -123,5 +134,6 @@ def _unit(mm: float) -> tuple[str, float]:
     return ("m", 1000.0) if mm >= 1000 else ("cm", 10.0) if mm >= 20 else ("mm", 1.0)
 
 
-def _number(value: float) -> str:
-    return f"{value:.0f}" if value >= 20 else f"{value:.2g}"
+def _number(value: float, digits: int) -> str:
+    """At least so many digits, and no fewer than the whole units."""
+    return f"{value:.0f}" if value >= 20 and digits == 2 else f"{value:.{digits}g}"

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from metric_tree.axes import AXES, axis_assignments
-from metric_tree.fit.class_prior import class_prior
+from metric_tree.fit.class_prior import class_prior, new_source_factor
 from metric_tree.fit.class_rows import ClassRows, without_museums, without_open_numbers
 from metric_tree.fit.em import SPREAD_FLOOR, Belief, Rows, fit_mixture
 from metric_tree.fit.kinds import KindModel
@@ -133,10 +133,11 @@ def with_range(x, sources, kinds) -> ClassRows:
     return class_rows(np.concatenate([TYPICAL, x]), sources=["judged", *sources], kinds=["judged", *kinds], range_sd=sd)
 
 
-def test_a_range_alone_is_published_as_it_is_stated():
+def test_a_range_alone_is_published_as_wide_as_ranges_are_off():
     prior = class_prior(class_rows(TYPICAL, kinds=["judged"], range_sd=RANGE_SD), VAGUE, NONE)
     assert prior.quantile(0.5) == pytest.approx([1000, 500, 700])
-    assert prior.log_sd() == pytest.approx(RANGE_SD[0])  # within and between sources together, below the floor too
+    # within and between sources together, below the floor too
+    assert prior.log_sd() == pytest.approx(np.sqrt(new_source_factor(0)) * RANGE_SD[0])
     assert prior.share_by_kind == {"judged": 1.0}
 
 

@@ -18,6 +18,8 @@ columns are read, its traps and what is done about each. `crawler/imports/source
 `crawler/imports/declaration.py`
 those of a plain table. Where `--input` is missing, a source's files are downloaded, checked against their sha256 and
 cached; the last table says of which sources that holds, and what to fetch and to pass by `--input` for the others.
+Where two statements of a licence differ, the narrower one is taken until the publisher's own is known: such rows are
+used in the fit and not given on.
 
 The terms of crawled sites, as far as they are known, are in [SITES.md](SITES.md).
 
@@ -73,9 +75,12 @@ def summary(result: Import) -> dict[str, Any]:
     }
 
 
-def overview(summaries: Sequence[dict[str, Any]]) -> str:
-    """A Markdown page: the table of the summaries, the reason codes, why sources are left out whole."""
-    lines = [_HEAD, _line(_COLUMNS), _line("---" for _ in _COLUMNS)]
+def overview(summaries: Sequence[dict[str, Any]], absent: Sequence[Source] = ()) -> str:
+    """A Markdown page: the table of the summaries, the reason codes, why sources are left out whole.
+
+    absent : sources whose files were not at hand
+    """
+    lines = [_HEAD, *map(_absence, absent), _line(_COLUMNS), _line("---" for _ in _COLUMNS)]
     lines += [_line(_cells(entry)) for entry in summaries]
     totals = {key: sum(entry[key] for entry in summaries) for key in ("rows", "items", "sampled_out", "refused")}
     lines.append(_line([f"**{len(summaries)} sources**", "", *(f"**{n}**" for n in totals.values()), "", "", ""]))
@@ -90,6 +95,14 @@ def overview(summaries: Sequence[dict[str, Any]]) -> str:
     lines += [_WHERE, _line(columns), _line("---" for _ in columns)]
     lines += [_line(_where(entry)) for entry in summaries]
     return "\n".join(lines) + "\n"
+
+
+def _absence(source: Source) -> str:
+    return (
+        f"[{source.id}]({source.url}) ({source.title}) is declared and has no row below: its files were not at hand."
+        f" `metric-tree import {source.id} --input PATH --out {source.id}.jsonl` reads them; its licence:"
+        f" {source.licence_basis}.\n"
+    )
 
 
 def _cells(entry: dict[str, Any]) -> list[object]:

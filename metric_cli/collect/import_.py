@@ -67,7 +67,7 @@ def run(arguments: argparse.Namespace) -> int:
         _write(result, arguments)
         summaries.append({"schema": SCHEMA, **summary(result)})
     if arguments.summary:
-        write_lines(arguments.summary, overview(summaries).splitlines(), "--summary")
+        write_lines(arguments.summary, overview(summaries, _absent(arguments, chosen)).splitlines(), "--summary")
     if arguments.json:
         print_json(summaries if arguments.all else summaries[0])
     else:
@@ -84,6 +84,12 @@ def _chosen_sources(arguments: argparse.Namespace) -> Sequence[Source]:
     if not arguments.all:
         return [source(arguments.source, arguments.sources)]
     return [one for one in _declared_sources(arguments) if _is_at_hand(one, arguments.input)]
+
+
+def _absent(arguments: argparse.Namespace, chosen: Sequence[Source]) -> list[Source]:
+    """Sources that --all asked for, and whose files are not there."""
+    known = {one.id for one in chosen}
+    return [one for one in _declared_sources(arguments) if one.id not in known] if arguments.all else []
 
 
 def _is_at_hand(declared: Source, folder: Path | None) -> bool:

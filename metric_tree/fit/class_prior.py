@@ -57,7 +57,7 @@ NORM_FLOOR = 0.001
 
 #: A source that the fit has not seen lies further off than the known ones say, and spreads differently: of S sources of
 #: real objects, all covariances are multiplied by 1 + NEW_SOURCE / (S + 1). Chosen on half of the sources, each left
-#: out in turn, and looked at on the other half (`python -m benchmarks.metric_tree.coverage`).
+#: out in turn; the other half agrees (`python -m benchmarks.metric_tree.coverage`).
 NEW_SOURCE = 1.25
 
 #: Folds of the published held-out log density, the complete rows below which none is published, and the rows that take

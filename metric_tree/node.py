@@ -11,6 +11,7 @@ import pyarrow as pa
 from metric_base.errors import InputError
 from metric_tree.prior import Prior
 from metric_tree.release import Release
+from metric_tree.states import state_priors
 from metric_tree.tiers import at_least as is_at_least
 
 if TYPE_CHECKING:
@@ -186,6 +187,18 @@ class Node:
         from metric_tree.context import where_of
 
         return prior.in_context(where_of(where), self.tree.context_model)
+
+    @property
+    def states(self) -> dict[str, Prior]:
+        """The sizes of such a thing by its states, where it has some: a language model's judgement.
+
+        >>> import metric_tree
+        >>> sorted(metric_tree.open().find("umbrella").states)
+        ['folded', 'open']
+        """
+        known = self.tree.release.manifest.get("states", {})
+        plain = self.node_id.removesuffix("/other")
+        return state_priors(self.node_id, known.get(plain, ()))
 
     @property
     def tier(self) -> str | None:

@@ -28,10 +28,12 @@ __all__ = [
     "SOURCE",
     "BadRange",
     "CuratedRange",
+    "CuratedState",
     "Norm",
     "Triple",
     "blind_ranges",
     "curated_ranges",
+    "curated_states",
     "judged_items",
     "norm_items",
     "norms",
@@ -48,6 +50,8 @@ _COLUMNS = ("node_id", *(f"{axis}_{end}" for axis in _AXES for end in _ENDS), "r
 _NORM_COLUMNS = (
     "node_id", "size", *_COLUMNS[1:-3], "document", "clause", "region", "reviewer", "written",
 )  # fmt: skip
+
+_STATE_COLUMNS = ("node_id", "state", *_COLUMNS[1:])
 
 #: A comma that nobody quoted moves the cells: the last one is then no date.
 _DATE = re.compile(r"\d{4}(-\d\d){0,2}")
@@ -81,6 +85,13 @@ class CuratedRange:
     def is_programs(self) -> bool:
         """Whether a program wrote it: it yields to a person's."""
         return self.reviewer.startswith("program")
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class CuratedState(CuratedRange):
+    """Sizes of a node in a state that is not its ordinary one, or one of several (folded, open, lying, mounted)."""
+
+    state: str
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -125,6 +136,17 @@ def curated_ranges(path: Path | None = None) -> tuple[CuratedRange, ...]:
         A cell is no positive number, an axis is half filled, or low, typical and high are out of order.
     """
     return _ranges(path or _directory() / "ranges.csv")
+
+
+def curated_states(path: Path | None = None) -> tuple[CuratedState, ...]:
+    """Sizes of things in their states, as the project's table has them; a taxonomy of one's own has none.
+
+    Raises
+    ------
+    BadRange
+        As of a range, or a state is not named, or named twice.
+    """
+    return _states(path or _directory() / "states.csv")
 
 
 def blind_ranges(table: str = "blind") -> tuple[CuratedRange, ...]:
@@ -217,6 +239,21 @@ def _ranges(file: Path) -> tuple[CuratedRange, ...]:
         if before is None or before.is_programs or not one.is_programs:
             chosen[one.node_id] = one
     return tuple(chosen.values())
+
+
+@cache
+def _states(file: Path) -> tuple[CuratedState, ...]:
+    if not file.is_file():
+        return ()
+    states: dict[tuple[str, str], CuratedState] = {}
+    for place, row in table_rows(file, _STATE_COLUMNS):
+        with in_file(place, BadRange):
+            one, state = _range(row), row["state"]
+            expect(bool(state) and (one.node_id, state) not in states, "state", "a name, once for each node", state)
+            texts = {name: getattr(one, name) for name in ("reason", "reviewer", "written")}
+            sizes = {name: getattr(one, name) for name in ("low", "typical", "high")}
+            states[one.node_id, state] = CuratedState(node_id=one.node_id, state=state, **sizes, **texts)
+    return tuple(states.values())
 
 
 def _range(row: dict[str, str]) -> CuratedRange:

@@ -86,6 +86,7 @@ def summary(node: Node, dims: tuple[str, ...] | None = None, where: Where | None
         "sentence": node_sentence(node, node.name.partition(" (")[0], prior) if prior else None,
         "mixed": is_mixed(node, prior) if prior else None,
         "shipped": shipped_evidence(node),
+        "states_mm": {name: _quantiles(state) for name, state in node.states.items()},
         "quantiles_mm": _quantiles(prior) if prior else None,
         "prior": _prior_record(prior) if prior else None,
     }
@@ -137,6 +138,7 @@ def _print(description: dict[str, Any]) -> None:
             *((("norm", one) for one in description["norm"].split("; ")) if description["norm"] else ()),
             ("in words", description["sentence"] or "nothing is known of its size"),
             *([("where", description["where"])] if description["where"] else []),
+            *((name, _state(sizes)) for name, sizes in description["states_mm"].items()),
             ("evidence", _shares(description)),
             ("licences", ", ".join(f"{name} ({n})" for name, n in description["shipped"]["licence"].items()) or "none"),
             ("children", ", ".join(description["children"]) or "none"),
@@ -165,6 +167,11 @@ def _print_quantiles(quantiles: dict[str, dict[str, float]], title: str) -> None
         for dim, q in quantiles.items()
     ]
     print_table(["dimension", *(f"{q:.0%}" for q in QUANTILES)], rows, title=title)
+
+
+def _state(sizes: dict[str, dict[str, float]]) -> str:
+    """The median size of a state by its axes."""
+    return "judged: " + " x ".join(f"{q['0.5']:.3g}" for q in sizes.values()) + f" mm ({', '.join(sizes)})"
 
 
 def _shares(description: dict[str, Any]) -> str:

@@ -6,22 +6,26 @@ its rows (`data/curated/settled.csv`), and what is not yet settled is listed by 
 
 from __future__ import annotations
 
+import re
 from collections import defaultdict
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
+import pyarrow as pa
 
 from metric_base.arrays import FloatArray
 from metric_tree.axes import AXES
+from metric_tree.fit.evidence import JUDGED, NORM
 
-__all__ = ["CODES", "FACTOR", "LeafFinding", "LeafSize", "leaf_findings"]
+__all__ = ["CODES", "FACTOR", "LeafFinding", "LeafSize", "leaf_findings", "titles"]
 
 CODES = {
     "W411": "a leaf whose median is off by more than 2 from an independent range of it",
     "W412": "a leaf far from its siblings, by more than 2 and by more than they scatter",
     "W413": "a leaf with its axes out of order: wider than long, or an object that lies and is higher than wide",
     "W414": "a source of a leaf that is off by more than 2 from all its others",
+    "W415": "toys or miniatures in a class of real objects: by a title, or a source that is small on every axis",
 }
 
 #: A size beyond this factor is not a matter of taste.
@@ -32,6 +36,17 @@ SIBLINGS, SIBLING_SD = 5, 3.5
 
 #: The median absolute deviation of a normal distribution, as a part of its standard deviation.
 NORMAL_MAD = 0.6745
+
+#: A source whose objects are under this part of the median on every axis has likenesses, parts or another object.
+MINIATURE = 0.4
+
+#: Families (nodes of level 2) whose objects are likenesses themselves.
+LIKENESSES = frozenset({"art.n.01", "plaything.n.01"})
+
+#: Words of a title that say so. A maker's model number and the files of an artist's collection say "model", too.
+_TOY = re.compile(
+    r"\b(toys?|miniatures?|doll'?s?[ -]?house|figurines?|1[:/](?:12|18|24|32|43|48|72|87))\b", re.IGNORECASE
+)
 
 #: Rounding: a median drawn from two marginals.
 ORDER_SLACK = 1.02
@@ -45,7 +60,8 @@ class LeafSize:
     """A leaf's published sizes, and what stands beside them.
 
     median : (d,) mm over `dims`; typical : (3,) mm that an independent range calls typical, NaN unstated, None of no
-    range; sources : mean size (3,) in mm by source, in the frame of `dims`.
+    range; sources : mean size (3,) in mm by source, in the frame of `dims`; family : node of level 2; titles : of the
+    shipped items.
     """
 
     node_id: str
@@ -55,6 +71,8 @@ class LeafSize:
     median: FloatArray
     typical: FloatArray | None = None
     sources: Mapping[str, FloatArray] | None = None
+    family: str = ""
+    titles: Sequence[str] = ()
 
 
 @dataclass(frozen=True, slots=True, order=True)
@@ -69,8 +87,26 @@ class LeafFinding:
 def leaf_findings(leaves: Sequence[LeafSize], accepted: Iterable[tuple[str, str]] = ()) -> list[LeafFinding]:
     """All findings on the leaves of a tree, less those that are `accepted` (code, node id)."""
     known = set(accepted)
-    own = [one for leaf in leaves for one in (*_range_findings(leaf), *_order_findings(leaf), *_source_findings(leaf))]
+    own = [one for leaf in leaves for one in _own_findings(leaf)]
     return sorted(one for one in (*own, *_sibling_findings(leaves)) if (one.code, one.node_id) not in known)
+
+
+def titles(items: pa.Table) -> dict[str, list[str]]:
+    """The titles of the shipped items by leaf; of norms and ranges there is none."""
+    named: defaultdict[str, list[str]] = defaultdict(list)
+    columns = (items[name].to_pylist() for name in ("node_id", "title", "kind"))
+    for node_id, title, kind in zip(*columns, strict=True):
+        if title and kind not in {JUDGED, NORM}:
+            named[node_id].append(title)
+    return named
+
+
+def _own_findings(leaf: LeafSize) -> Iterator[LeafFinding]:
+    yield from _range_findings(leaf)
+    yield from _order_findings(leaf)
+    yield from _source_findings(leaf)
+    if leaf.family not in LIKENESSES:
+        yield from _toy_findings(leaf)
 
 
 def _range_findings(leaf: LeafSize) -> Iterator[LeafFinding]:
@@ -100,6 +136,19 @@ def _source_findings(leaf: LeafSize) -> Iterator[LeafFinding]:
         if len(others) >= OTHER_SOURCES and np.abs(own - others).min() > np.log(FACTOR):
             middle = np.exp(np.median(others))
             yield LeafFinding("W414", leaf.node_id, f"{name}: expected about {middle:.4g} mm; found {np.exp(own):.4g}")
+
+
+def _toy_findings(leaf: LeafSize) -> Iterator[LeafFinding]:
+    named = next((title for title in leaf.titles if _TOY.search(title)), None)
+    if named is not None:
+        yield LeafFinding("W415", leaf.node_id, f"expected titles of real objects; found {named!r}")
+    names = AXES if leaf.dims[0] in AXES else tuple(f"extent{number}" for number in (1, 2, 3))
+    places = [names.index(dim) for dim in leaf.dims]
+    for name, mean in (leaf.sources or {}).items():
+        part = mean[places] / leaf.median
+        if np.isfinite(part).sum() > 1 and np.nanmax(part) < MINIATURE:
+            found = f"found {np.nanmax(part):.2f} of it on every axis"
+            yield LeafFinding("W415", leaf.node_id, f"{name}: expected objects of about the class's size; {found}")
 
 
 def _whole(mean: FloatArray) -> bool:

@@ -7,9 +7,11 @@ from collections.abc import Iterator, Mapping, Sequence
 from typing import Any
 
 import numpy as np
+import pyarrow as pa
 
 from metric_tree.build.clean import NodeClass
-from metric_tree.build.leaf_findings import LeafSize, leaf_findings
+from metric_tree.build.leaf_findings import LeafSize, leaf_findings, titles
+from metric_tree.build.tables import Hierarchy
 from metric_tree.fit.evidence import JUDGED
 from metric_tree.fit.kinds import KindModel
 from metric_tree.prior import Prior
@@ -34,9 +36,14 @@ def report(
     model: KindModel,
     counts: Counter[str],
     categories: Sequence[Category] = (),
+    items: pa.Table | None = None,
 ) -> dict[str, Any]:
-    """The report of a build, as it is written to `report.json`; the leaves' findings are those not yet settled."""
-    findings = leaf_findings(list(leaf_sizes(classes, priors, categories)), settled_findings())
+    """The report of a build, as it is written to `report.json`; the leaves' findings are those not yet settled.
+
+    items : the items that ship, whose titles are read
+    """
+    sizes = list(leaf_sizes(classes, priors, categories, titles(items) if items is not None else {}))
+    findings = leaf_findings(sizes, settled_findings())
     return {
         "schema": "metric-tree/build-report/1",
         "raw": dict(sorted(counts.items())),
@@ -48,10 +55,17 @@ def report(
 
 
 def leaf_sizes(
-    classes: Sequence[NodeClass], priors: Mapping[str, Prior], categories: Sequence[Category]
+    classes: Sequence[NodeClass],
+    priors: Mapping[str, Prior],
+    categories: Sequence[Category],
+    named: Mapping[str, Sequence[str]],
 ) -> Iterator[LeafSize]:
-    """The sizes of the leaves with what every source says of them, those whose rows are withheld too."""
+    """The sizes of the leaves with what every source says of them, those whose rows are withheld too.
+
+    named : titles of items by leaf
+    """
     places = {category.node_id: category for category in categories}
+    families = Hierarchy.of(categories).families()
     for one in classes:
         place, prior = places.get(one.node_id), priors.get(one.node_id)
         own = one.moments[0].disagreement
@@ -66,6 +80,8 @@ def leaf_sizes(
             prior.quantile(0.5),
             next((mean for _, kind, mean in said if kind == JUDGED), None),
             {name: mean for name, kind, mean in said if kind != JUDGED},
+            families[one.node_id],
+            named.get(one.node_id, ()),
         )
 
 

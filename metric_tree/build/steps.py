@@ -30,7 +30,7 @@ from crawler.items import RawItem
 from metric_base.errors import InputError
 from metric_base.progress import ProgressCallback, silent
 from metric_tree.build.clean import Cleaned, NodeClass, class_priors, clean_shard
-from metric_tree.build.companions import add_pictures, write_log, write_texts, writers
+from metric_tree.build.companions import add_pictures, state_records, write_log, write_texts, writers
 from metric_tree.build.frequencies import stated_frequencies
 from metric_tree.build.ingest import SHARDS, Block, Ingested, block_of, blocks, ingest_block, items_of, raw_files
 from metric_tree.build.log import report
@@ -261,7 +261,7 @@ class Steps:
         }
         manifest = self._manifest(tables, classes, counts)
         manifest |= {"evidence_model": model.record(), "context_model": contexts.record()}
-        return report(classes, leaves, model, counts, hierarchy.categories), tables, manifest
+        return report(classes, leaves, model, counts, hierarchy.categories, tables["items.parquet"]), tables, manifest
 
     def carry(
         self, classes: Sequence[NodeClass], counts: Counter[str]
@@ -318,6 +318,7 @@ class Steps:
             "evidence": evidence_counts(classes),
             "tiers": tier_counts(tables["nodes.parquet"]),
             "judged_by": writers(),
+            "states": state_records(set(tables["nodes.parquet"]["node_id"].to_pylist())),
             "noncommercial": self.options.noncommercial,
             "private": sorted(self.options.private),
             "fold_out": list(self.options.fold_out) if self.options.fold_out else None,

@@ -1,4 +1,4 @@
-"""Checks on the sizes of leaves beside ranges, siblings and sources (codes W411 to W414)."""
+"""Checks on the sizes of leaves beside ranges, siblings and sources (codes W411 to W415)."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ import pyarrow as pa
 from metric_base.arrays import FloatArray
 from metric_tree.axes import AXES, EXTENTS
 from metric_tree.build.clean import extents_of
-from metric_tree.build.leaf_findings import CODES, LeafSize, leaf_findings
+from metric_tree.build.leaf_findings import CODES, LeafSize, leaf_findings, titles
 from metric_tree.checks.finding import Finding
 from metric_tree.fit.evidence import JUDGED, NORM
 from metric_tree.prior import Prior
@@ -36,10 +36,11 @@ def _leaf_sizes(nodes: pa.Table, items: pa.Table, priors: pa.Table) -> Iterator[
     fitted: dict[str, Mapping[str, Any]] = {}
     for row in priors.to_pylist():
         fitted.setdefault(row["node_id"], row)
-    parents = set(nodes["parent_id"].to_pylist())
+    above = dict(zip(nodes["node_id"].to_pylist(), nodes["parent_id"].to_pylist(), strict=True))
+    inner, named = set(above.values()), titles(items)
     for node in nodes.to_pylist():
         node_id = node["node_id"]
-        if node_id in parents or node_id not in fitted:
+        if node_id in inner or node_id not in fitted:
             continue
         prior = Prior.of_row(fitted[node_id])
         frame = int(prior.dims[0] in EXTENTS)
@@ -47,8 +48,24 @@ def _leaf_sizes(nodes: pa.Table, items: pa.Table, priors: pa.Table) -> Iterator[
         typical = next((mean for (_, kind), mean in said.items() if kind == JUDGED), None)
         sources = {name: mean for (name, kind), mean in said.items() if kind not in {JUDGED, NORM}}
         yield LeafSize(
-            node_id, node["parent_id"] or "", node["pose"], prior.dims, prior.quantile(0.5), typical, sources
+            node_id,
+            node["parent_id"] or "",
+            node["pose"],
+            prior.dims,
+            prior.quantile(0.5),
+            typical,
+            sources,
+            _family(node_id, above),
+            named.get(node_id, ()),
         )
+
+
+def _family(node_id: str, above: Mapping[str, str | None]) -> str:
+    """The node of level 2 that a node is in, below the root."""
+    path = [node_id]
+    while (parent := above.get(path[-1])) is not None and parent not in path:
+        path.append(parent)
+    return path[-2] if len(path) > 1 else node_id
 
 
 def _source_means(items: pa.Table) -> dict[str, dict[tuple[str, str], tuple[FloatArray, FloatArray]]]:

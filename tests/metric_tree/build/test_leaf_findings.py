@@ -35,8 +35,14 @@ def test_each_finding_and_its_settlement() -> None:
     assert codes(leaf(pose="any", typical=np.array([200, 310, 390.0]))) == []
     assert codes(leaf(size=(300, 400, 200)), leaf("b", (400, 100, 200), "flat")) == [("W413", "a"), ("W413", "b")]
     same = {name: np.array([400, 300, 200.0]) for name in ("x", "y")}
-    assert codes(leaf(sources=same | {"toys": np.array([40, 30, 20.0])})) == [("W414", "a")]
-    assert codes(leaf(sources={"x": same["x"], "toys": np.array([40, 30, 20.0])})) == []  # which of two is right?
+    assert codes(leaf(sources=same | {"toys": np.array([40, 30, 20.0])})) == [("W414", "a"), ("W415", "a")]
+    halves = {"x": same["x"], "halves": 0.45 * same["x"]}
+    assert codes(leaf(sources=halves)) == []  # which of two is right?
+    small = {"shop": same["x"], "toys": np.array([100, 90, 70.0])}
+    assert codes(leaf(sources=small)) == codes(leaf(titles=["Toy locomotive"])) == [("W415", "a")]
+    assert codes(leaf(sources=small, titles=["Toy locomotive"], family="plaything.n.01")) == []
+    thin = {"x": same["x"], "thin": np.array([410, 90, 70.0])}
+    assert codes(leaf(titles=["Clock, model 500"], sources=thin)) == []
     odd = [*(leaf(str(n), (400 + n, 300, 200)) for n in range(5)), leaf("toy", (40, 30, 20))]
     assert codes(*odd) == [("W412", "toy")]
     assert leaf_findings(odd, {("W412", "toy")}) == []

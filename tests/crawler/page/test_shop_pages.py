@@ -10,9 +10,10 @@ from tests.crawler.page.shop_pages import MADE, Made, document
 from tests.crawler.page.shop_pages_fifty import FIFTY
 from tests.crawler.page.shop_pages_found import FOUND
 from tests.crawler.page.shop_pages_later import LATER, THIRD
+from tests.crawler.page.shop_pages_more import MORE
 from tests.crawler.page.shop_pages_stated import STATED
 
-PAGES = [*MADE, *LATER, *THIRD, *FOUND, *STATED, *FIFTY]
+PAGES = [*MADE, *LATER, *THIRD, *FOUND, *STATED, *FIFTY, *MORE]
 
 #: Flags that say how far a size may be trusted; a page states them or not.
 TRUST = {"low_trust", "from_script", "contradicts_itself", "range", "no_size", "absurd_size", "placeholder"}

@@ -12,6 +12,7 @@ from metric_tree.axes import AXES
 from metric_tree.report.html import plain, whole_page
 from metric_tree.tiers import TIERS, tier_words
 from metric_tree.tree import Node, Tree
+from taxonomy.curated import curated_ranges
 from taxonomy.words.senses import node_uses
 
 __all__ = ["proofreading_page", "thin_nodes"]
@@ -88,7 +89,15 @@ def _row(node: Node) -> str:
 
 
 def _ranges(node: Node) -> Sequence[tuple[str, ...]]:
-    """Low, typical and high of length, width and height as text; empty where the node has no such axis."""
+    """Low, typical and high of length, width and height as text; empty where the node has no such axis.
+
+    A range that was written is shown as it was: the published interval is wider, as written ranges turned out too
+    narrow, and a reader's word is a range again.
+    """
+    written = next((one for one in curated_ranges() if one.node_id == node.node_id), None)
+    if written is not None:
+        ends = zip(written.low, written.typical, written.high, strict=True)
+        return [tuple("" if end is None else f"{end:.4g}" for end in axis) for axis in ends]
     prior = node.prior(node.prior_dims[0])
     quantiles = [prior.quantile(q) for q in _QUANTILES]
     names = AXES if prior.dims[0] in AXES else tuple(f"extent{number}" for number in (1, 2, 3))

@@ -8,7 +8,7 @@ from hypothesis import strategies as st
 
 from crawler.items import RawItem
 from taxonomy.catalogue import default_catalogue
-from taxonomy.curated import BadRange, blind_ranges, curated_ranges, judged_items, norm_items, norms
+from taxonomy.curated import BadRange, blind_ranges, curated_ranges, curated_states, judged_items, norm_items, norms
 
 HEADER = (
     "node_id,length_low,length_typical,length_high,width_low,width_typical,width_high,"
@@ -101,6 +101,20 @@ def test_a_persons_range_outranks_a_programs(tmp_path: Path) -> None:
     ]
     (file := tmp_path / "ranges.csv").write_text(HEADER + "\n".join([*lines, ""]))
     assert [(one.typical[0], one.reviewer) for one in curated_ranges(file)] == [(99.0, "Grace")]
+
+
+def test_a_state_is_named_once_for_each_node(tmp_path: Path) -> None:
+    header = HEADER.replace("node_id,", "node_id,state,")
+    row = "chair.n.01,{},400,490,600,,,,,,,leans,program: x,2026-11-22"
+    (file := tmp_path / "states.csv").write_text(header + "\n".join([row.format("folded"), row.format("stacked"), ""]))
+    assert [(one.state, one.typical[0]) for one in curated_states(file)] == [("folded", 490.0), ("stacked", 490.0)]
+    assert curated_states(tmp_path / "none.csv") == ()
+    for name in ("folded", ""):
+        (wrong := tmp_path / f"wrong{name}.csv").write_text(
+            header + "\n".join([row.format("folded"), row.format(name)])
+        )
+        with pytest.raises(BadRange, match=r":3: state: expected a name, once"):
+            curated_states(wrong)
 
 
 def test_a_comma_that_nobody_quoted_is_found(tmp_path: Path) -> None:

@@ -1,0 +1,26 @@
+"""States of things: read from the manifest, judged, refused where they are damaged."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from metric_base.errors import InputError
+from metric_tree.states import state_priors
+
+SIZE_MM = {"length": 490, "width": 90, "height": 900}
+FOLDED = {"state": "folded", "size_mm": SIZE_MM, "sd_log": dict.fromkeys(SIZE_MM, 0.2)}
+
+
+def test_a_state_is_a_judged_prior_of_the_stated_size_and_spread() -> None:
+    [(name, prior)] = state_priors("chair", [FOLDED]).items()
+    assert (name, prior.tier, prior.dims) == ("folded", "judged", ("length", "width", "height"))
+    assert prior.quantile(0.5) == pytest.approx([490, 90, 900])
+    assert prior.log_sd() == pytest.approx([0.2] * 3)  # within and between sources together
+    assert np.linalg.eigvalsh(prior.shared_covariance).min() > 0
+
+
+@pytest.mark.parametrize("wrong", [{}, {"size_mm": {}}, {"sd_log": {"length": 0.2}}, {"state": ""}])
+def test_a_damaged_state_is_one_line(wrong: dict[str, object]) -> None:
+    with pytest.raises(InputError, match="chair: states: expected a name, sizes and spreads"):
+        state_priors("chair", [{**FOLDED, **wrong} if wrong else {}])

@@ -162,16 +162,17 @@ def _print(description: dict[str, Any]) -> None:
 
 
 def _print_quantiles(quantiles: dict[str, dict[str, float]], title: str) -> None:
-    rows = [
-        (dim, *(f"{value:.0f}" if value >= 100 else f"{value:.3g}" for value in q.values()))
-        for dim, q in quantiles.items()
-    ]
+    rows = [(dim, *map(_mm, q.values())) for dim, q in quantiles.items()]
     print_table(["dimension", *(f"{q:.0%}" for q in QUANTILES)], rows, title=title)
+
+
+def _mm(value: float) -> str:
+    return f"{value:.0f}" if value >= 100 else f"{value:.3g}"
 
 
 def _state(sizes: dict[str, dict[str, float]]) -> str:
     """The median size of a state by its axes."""
-    return "judged: " + " x ".join(f"{q['0.5']:.3g}" for q in sizes.values()) + f" mm ({', '.join(sizes)})"
+    return "judged: " + " x ".join(_mm(q["0.5"]) for q in sizes.values()) + f" mm ({', '.join(sizes)})"
 
 
 def _shares(description: dict[str, Any]) -> str:

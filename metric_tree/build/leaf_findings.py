@@ -147,8 +147,8 @@ def _toy_findings(leaf: LeafSize) -> Iterator[LeafFinding]:
     for name, mean in (leaf.sources or {}).items():
         part = mean[places] / leaf.median
         if np.isfinite(part).sum() > 1 and np.nanmax(part) < MINIATURE:
-            found = f"found {np.nanmax(part):.2f} of it on every axis"
-            yield LeafFinding("W415", leaf.node_id, f"{name}: expected objects of about the class's size; {found}")
+            size = f"expected objects of about the class's size; found {np.nanmax(part):.2f} of it on every axis"
+            yield LeafFinding("W415", leaf.node_id, f"{name}: {size}")
 
 
 def _whole(mean: FloatArray) -> bool:

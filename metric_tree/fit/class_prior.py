@@ -84,7 +84,7 @@ def class_prior(
     belief = own_belief(belief, statements)
     belief = replace(belief, covariance_rows=belief.covariance_rows / rows.worth)
     if rows.is_stated:
-        return _published(_stated_prior(rows, statements, belief, model, family), evidence)
+        return _published_prior(_stated_prior(rows, statements, belief, model, family), evidence)
     weighed, sources, kinds = weighted_rows(rows)
     single = fit_mixture(weighed, 1, belief)
     x, known = complete_rows(weighed, single.mixture)
@@ -105,7 +105,7 @@ def class_prior(
     prior = _prior(
         rows, best, total, mass, 0.0 if stated else borrowed, len(between.sources), _shares(rows, statements, borrowed)
     )
-    prior = _published(prior, evidence)
+    prior = _published_prior(prior, evidence)
     if not heldout:
         return prior
     axes, widened = published_axes(mass), new_source_factor(evidence.sources)
@@ -232,7 +232,7 @@ def _norm_prior(rows: ClassRows, evidence: Evidence) -> Prior:
     return replace(prior, tier="norm", evidence=evidence)
 
 
-def _published(prior: Prior, evidence: Evidence) -> Prior:
+def _published_prior(prior: Prior, evidence: Evidence) -> Prior:
     """The prior with its counts and its tier, as wide as its sources of real objects are few."""
     judged = prior.share_by_kind.get(JUDGED, 0.0)
     factor = new_source_factor(evidence.sources)

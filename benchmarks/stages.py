@@ -1,6 +1,6 @@
 """Kills and full disks in every stage of a video, several in a row, and then a run to the end.
 
-    python -m benchmarks.stages [kills] [disks] [--trials 10] [--stages NAME ...] [--seed 1]
+    python -m benchmarks.stages [kills] [disks] [--trials 10] [--stages NAME ...] [--whole DIR] [--seed 1]
 
 An undisturbed `estimate-scale VIDEO --work` says which stages there are, how long each takes and what it writes. For
 each stage a work folder with the stages before it is continued. A kill is SIGKILL to the process group, at a moment
@@ -128,10 +128,11 @@ def resize(place: Path, size: int) -> None:
 
 def undisturbed(whole: Path) -> list[Stage]:
     """The stages of a whole run, in their order."""
-    whole.mkdir()
-    run = run_child(command(whole), LIMIT_S)
-    if run.status != 0:
-        raise SystemExit(run.errors)
+    if not whole.exists():
+        whole.mkdir(parents=True)
+        run = run_child(command(whole), LIMIT_S)
+        if run.status != 0:
+            raise SystemExit(run.errors)
     stamps = sorted((whole / "work" / "stamps").glob("*.json"), key=lambda file: file.stat().st_mtime_ns)
     rows: list[tuple[str, dict[str, Any]]] = [(file.stem, json.loads(file.read_text())) for file in stamps]
     return [
@@ -150,6 +151,7 @@ def main() -> int:
     parser.add_argument("kinds", nargs="*", choices=["kills", "disks", []], metavar="KIND")
     parser.add_argument("--trials", type=int, default=10)
     parser.add_argument("--stages", nargs="*", default=[], metavar="NAME")
+    parser.add_argument("--whole", type=Path, metavar="DIR", help="keep the undisturbed run there, and use it again")
     parser.add_argument("--seed", type=int, default=1)
     options = parser.parse_args()
     if INSIDE not in os.environ:
@@ -157,7 +159,7 @@ def main() -> int:
         return subprocess.run(words, env=os.environ | {INSIDE: "1"}, check=False).returncode
     rows = []
     with tempfile.TemporaryDirectory(prefix="stages-") as folder:
-        whole, place = Path(folder) / "whole", Path(folder) / "disk"
+        whole, place = options.whole or Path(folder) / "whole", Path(folder) / "disk"
         place.mkdir()
         subprocess.run(["mount", "-t", "tmpfs", "-o", f"size={ROOMY}", "tmpfs", str(place)], check=True)
         stages = undisturbed(whole)

@@ -8,7 +8,9 @@ on each axis: Gaussian, with the shares `region`, `year`, `own` and the rest of 
 B. r is shared within a country wholly, within a region by the part `kin`; t is that of years by exp(-apart / `years`);
 c is of one context alone, for the models of a maker's list are no independent draws. The
 effect of a context that is asked for is the conditional mean of r + t; what that leaves of their variance stays in B
-(simple kriging; Cressie 1993, 3.2). Without data near the context the effect is nothing and B stays what it was.
+(simple kriging; Cressie 1993, 3.2). The mean of a population, such as registered cars, has neither c nor e: what is
+left of B is then its own, shared with the years near it, so that it outranks catalogues. Without data near the context
+the effect is nothing and B stays what it was.
 
 Importing this module needs NumPy alone.
 """
@@ -21,7 +23,7 @@ from typing import Any
 
 import numpy as np
 
-from metric_base.arrays import FloatArray
+from metric_base.arrays import BoolArray, FloatArray
 from metric_base.errors import InputError
 from metric_base.regions import REGIONS, country_of, region_of
 
@@ -36,6 +38,14 @@ __all__ = [
     "known_contexts",
     "where_of",
 ]
+
+#: A mean whose sampling error is no larger (variance of ln size, as published) is that of a whole population, such as
+#: registered cars. It has no error of its source, and a definition's at most, one standard deviation of ln size: which
+#: vehicles are cars, with mirrors or without.
+POPULATION_VARIANCE, DEFINITION_SD = 1.5e-6, 0.01
+
+#: What the population of a region and that of one of its countries have in common of their own effect.
+POPULATION_KIN = 0.7
 
 #: Years that are no mistyping.
 YEARS = (1000, 2100)
@@ -113,6 +123,11 @@ class Context:
     year: float | None
     offset: FloatArray
     variance: FloatArray
+
+    @property
+    def key(self) -> tuple[object, ...]:
+        """What a copy of the context has in common with it."""
+        return self.source, self.region, self.year, self.offset.tobytes()
 
     def axes(self, chosen: Sequence[int]) -> Context:
         """The same on some of the axes."""
@@ -201,19 +216,24 @@ def context_effect(contexts: Sequence[Context], shared: FloatArray, where: Where
         if not stated or between <= 0:
             continue
         noise = np.array([one.variance[axis] for one in stated])
-        whole = between * _likeness(stated).covariance(model) + np.diag(noise)
-        near = between * _nearness(stated, where, model)
+        population = noise <= POPULATION_VARIANCE
+        noise[population] = DEFINITION_SD**2
+        own = (1 - model.region - model.year) * population * _common_population(stated, where, model)
+        whole = between * _likeness(stated).covariance(model, population) + np.diag(noise)
+        near = between * (_nearness(stated, where, model) + own)
         solved = np.linalg.solve(whole, near)
         effect.offset[axis] = solved @ [one.offset[axis] for one in stated]
-        effect.factor[axis] = 1 - min(float(solved @ near) / between, model.region + model.year)
+        most = model.region + model.year + (own.max() if len(own) else 0.0)
+        effect.factor[axis] = 1 - min(float(solved @ near) / between, most)
     return effect
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Likeness:
-    """What pairs of contexts have in common, (n, n) each: source, country, region alone (0 or 1), years apart."""
+    """What pairs of contexts have in common, (n, n): source, place, country, region alone (0 or 1), years apart."""
 
     source: FloatArray
+    place: FloatArray
     country: FloatArray
     region: FloatArray
     apart: FloatArray
@@ -227,13 +247,40 @@ class Likeness:
         places = [(region or f"unknown {row}") for row, region in enumerate(regions)]
         country, region = _kinship(places, places)
         same = (np.asarray(sources)[:, None] == np.asarray(sources)).astype(float)
-        return cls(same, country, region, np.where(np.isnan(apart), unlike, apart))
+        return cls(same, _population_kinship(places, places), country, region, np.where(np.isnan(apart), unlike, apart))
 
-    def covariance(self, model: ContextModel) -> FloatArray:
-        """Covariance (n, n) of r + t + c + e, in parts of B."""
+    def covariance(self, model: ContextModel, population: BoolArray | None = None) -> FloatArray:
+        """Covariance (n, n) of r + t + c + e, in parts of B; without c and e for the means of populations, (n,)."""
         source = (1 - model.region - model.year - model.own) * self.source + model.own * np.eye(len(self.source))
+        if population is not None:
+            common = (1 - model.region - model.year) * self.place * np.exp(-self.apart / model.years)
+            source = np.where(np.logical_or.outer(population, population), 0.0, source)
+            source = source + np.outer(population, population) * common
         region = model.region * (self.country + model.kin * self.region)
         return np.asarray(source + region + model.year * np.exp(-self.apart / model.years))
+
+
+def _common_population(contexts: Sequence[Context], where: Where, model: ContextModel) -> FloatArray:
+    """(n,) what the populations of contexts have in common with that of `where`, 0 to 1, beside r and t."""
+    place = _population_kinship([where.region or "nowhere"], [one.region or "unknown" for one in contexts])[0]
+    # without a year it may be any
+    apart = np.array([
+        model.years / 2 if one.year is None or where.year is None else abs(one.year - where.year) for one in contexts
+    ])  # fmt: skip
+    return np.asarray(place * np.exp(-apart / model.years))
+
+
+def _population_kinship(a: Sequence[str], b: Sequence[str]) -> FloatArray:
+    """(n, m) what the populations of places have in common: of two countries, what both have with their region."""
+
+    def kinship(one: str, other: str) -> float:
+        if one == other:
+            return 1.0
+        regions = {region_of(one) or one, region_of(other) or other}
+        steps = 2 - (one in REGIONS) - (other in REGIONS)
+        return 0.0 if len(regions) > 1 or "world" in regions else POPULATION_KIN**steps
+
+    return np.array([[kinship(one, other) for other in b] for one in a])
 
 
 def _likeness(contexts: Sequence[Context]) -> Likeness:

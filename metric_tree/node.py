@@ -3,11 +3,12 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Any, Protocol
 
 import pyarrow as pa
 
+from metric_base.arrays import FloatArray
 from metric_base.errors import InputError
 from metric_tree.prior import Prior
 from metric_tree.release import Release
@@ -186,7 +187,22 @@ class Node:
             return prior
         from metric_tree.context import where_of
 
-        return prior.in_context(where_of(where), self.tree.context_model)
+        return self._with_own_centre(prior).in_context(where_of(where), self.tree.context_model)
+
+    def _with_own_centre(self, prior: Prior) -> Prior:
+        """The prior with every context as an offset from its own centre.
+
+        What a source says of objects called by the node's plain name is copied from the leaf of these, as an offset
+        from the centre of that leaf.
+        """
+        moved: dict[tuple[object, ...], FloatArray] = {}
+        for child in self.children if prior.contexts else ():
+            if any(set(prior.dims) <= set(dims) for dims in child.prior_dims):
+                leaf = self.tree.prior(child.node_id, prior.dims)
+                apart = leaf.weights @ leaf.means - prior.weights @ prior.means
+                moved |= {one.key: apart for one in leaf.contexts}
+        contexts = (replace(one, offset=one.offset + moved.get(one.key, 0.0)) for one in prior.contexts)
+        return replace(prior, contexts=tuple(contexts))
 
     @property
     def states(self) -> dict[str, Prior]:

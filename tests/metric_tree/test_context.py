@@ -38,7 +38,7 @@ CONTEXTS = st.lists(
         st.sampled_from([None, "world", "europe", "DE", "FR", "US", "IN"]),
         st.none() | st.floats(1950, 2026),
         SIZES,
-        st.floats(0.001, 0.3),
+        st.floats(0.002, 0.3),
     ),
     max_size=8,
 )
@@ -70,13 +70,31 @@ def test_a_year_far_from_all_that_is_known_gives_the_plain_prior(contexts) -> No
 
 def test_what_is_known_of_a_region_moves_the_prior_and_explains_a_part_of_b() -> None:
     """Data of the very country, many sources: the centre moves most of the way, B loses the region's share."""
-    plain = prior(*(context(name, "DE", 2011, 0.2, 0.001) for name in "abcdefgh"))
+    plain = prior(*(context(name, "DE", 2011, 0.2, 0.002) for name in "abcdefgh"))
     there = plain.in_context(Where("DE", 2011), MODEL)
     effect = context_effect(plain.contexts, np.diagonal(SHARED), Where("DE", 2011), MODEL)
     assert np.all(there.means - plain.means > 0.05)
     np.testing.assert_allclose(there.shared_covariance, SHARED * effect.factor.mean(), rtol=0.05)
     assert np.all(np.diagonal(there.shared_covariance) < 0.9 * np.diagonal(SHARED))
     assert "length +" in str(there.note)
+
+
+def test_registered_fleets_outrank_catalogues_and_are_interpolated_in_time() -> None:
+    fleets = [context("register", "europe", year, by, 0.001) for year, by in ((2000, -0.1), (2022, 0.0))]
+    catalogue, then = context("list", "europe", 2011, 0.1), Where("europe", 2011)
+    assert np.all(context_effect([catalogue], np.diagonal(SHARED), then, MODEL).offset > 0.02)
+    assert np.all(context_effect([*fleets, catalogue], np.diagonal(SHARED), then, MODEL).offset < -0.005)
+    effect = context_effect(fleets, np.diagonal(SHARED), then, MODEL)
+    assert effect.offset == pytest.approx([-0.05, -0.05], abs=0.02)
+    known = context_effect(fleets, np.diagonal(SHARED), Where("europe", 2000), MODEL)
+    assert np.all(known.factor < 1 - MODEL.region - MODEL.year)
+    near, later, country, other = (
+        prior(*fleets).in_context(where, MODEL).means[0, 0] - prior().means[0, 0]
+        for where in (Where("europe", 2000), Where("europe", 2022), Where("DE", 2000), Where("US", 2000))
+    )
+    assert near == pytest.approx(-0.1, abs=0.02)
+    assert abs(later) < 0.02
+    assert near < country < other
 
 
 def test_without_contexts_or_without_a_model_the_plain_prior_holds_and_the_note_says_so() -> None:

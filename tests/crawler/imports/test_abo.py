@@ -61,7 +61,7 @@ def test_sizes_titles_and_categories_in_every_language(tmp_path: Path) -> None:
     assert [one.title for one in result.items] == ["Oak chair", "Office chair", "Bürostuhl", "Oak chair"]
     assert [one.category_path for one in result.items][1:3] == [("chair",), ("cellular phone case",)]
     assert result.items[1].url == "https://www.amazon.de/dp/A2"
-    assert (result.items[1].region, result.items[1].licence) == ("DE", "CC-BY-4.0")
+    assert (result.items[1].region, result.items[1].licence) == ("DE", "CC-BY-NC-4.0")
 
 
 def test_what_is_no_objects_size_is_refused(tmp_path: Path) -> None:

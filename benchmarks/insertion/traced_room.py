@@ -1,8 +1,8 @@
-"""Insertion against a path tracer's truth: `python -m benchmarks.insertion.traced_room --set tune|held --out DIR`.
+"""Insertion against a path tracer's truth: `python -m benchmarks.insertion.traced_room --set held --out DIR`.
 
-Blender's Cycles renders ten furnished rooms without an object and with it, five to tune with and five that are held
-out. We insert the same object into the pictures without it, and compare colour and shadow with those in which it really
-stands. Needs Blender (`METRIC_TREE_BLENDER`).
+Blender's Cycles renders furnished rooms without an object and with it: fifteen to tune with (sets `train` and `tune`)
+and five that are held out (`held`). We insert the same object into the pictures without it, and compare colour and
+shadow with those in which it really stands. Needs Blender (`METRIC_TREE_BLENDER`).
 """
 
 from __future__ import annotations
@@ -74,6 +74,31 @@ class TracedRoom:
 
 
 ROOMS = {
+    "train": (
+        TracedRoom("bedroom", 3301, (("bulb", WHITE),), "suitcase", (0.5, 0.3, 0.6), (0.45, 0.4, 0.35), "plain"),
+        TracedRoom(
+            "study", 3302, (("window", COOL), ("bulb", WARM)), "chair", (0.45, 0.45, 0.85), (0.3, 0.3, 0.32), "checks"
+        ),
+        TracedRoom(
+            "sitting room", 3303, (("panel", WHITE), ("panel", WHITE)), "stool", (0.4, 0.4, 0.5), (0.5, 0.15, 0.1),
+            "stripes",
+        ),
+        TracedRoom("kitchen", 3304, (("bulb", WARM),), "book", (0.35, 0.35, 0.35), (0.6, 0.6, 0.6), "grain"),
+        TracedRoom("sitting room", 3305, (("floor lamp", WHITE),), "vase", (0.3, 0.3, 0.5), (0.2, 0.3, 0.5), "checks"),
+        TracedRoom(
+            "bedroom", 3306, (("window", WHITE), ("uplight", WARM)), "office chair", (0.6, 0.6, 0.95), (0.1, 0.1, 0.12),
+            "plain",
+        ),
+        TracedRoom(
+            "study", 3307, (("panel", COOL), ("bulb", WHITE)), "bowl", (0.5, 0.5, 0.3), (0.6, 0.55, 0.5), "grain"
+        ),
+        TracedRoom("kitchen", 3308, (("window", WHITE),), "stool", (0.4, 0.4, 0.5), (0.5, 0.4, 0.15), "stripes"),
+        TracedRoom(
+            "bedroom", 3309, (("bulb", WHITE), ("bulb", WHITE), ("floor lamp", WARM)), "chair", (0.42, 0.38, 0.75),
+            (0.2, 0.4, 0.2), "stripes",
+        ),
+        TracedRoom("sitting room", 3310, (("panel", WARM),), "suitcase", (0.5, 0.25, 0.7), (0.5, 0.5, 0.48), "checks"),
+    ),
     "tune": (
         TracedRoom(
             "sitting room", 2101, (("bulb", WHITE),), "chair", (0.42, 0.38, 0.75), (0.6, 0.25, 0.12), "plain"

@@ -79,17 +79,17 @@ class WorkFolder:
         part.mkdir()
         try:
             make(part)
+            made = [output for output in outputs if (part / output).exists()]
+            digests = {output: content_digest(part / output) for output in made}
+            # a kill from here on leaves a stamp without a key: what stands there is ours, and is made again
+            before = {output: {*owned} for output, owned in self._own_digests(name).items()}
+            both = {output: sorted(before.get(output, set()) | {digest}) for output, digest in digests.items()}
+            self._write_stamp(name, {"key": None, "outputs": [], "owned": {**self._own_digests(name), **both}})
+            for output in outputs:
+                self._publish(part / output, self.path / output)
         except BaseException:
             shutil.rmtree(part, ignore_errors=True)  # half a stage is nobody's
             raise
-        made = [output for output in outputs if (part / output).exists()]
-        digests = {output: content_digest(part / output) for output in made}
-        # a kill from here on leaves a stamp without a key: what stands there is ours, and is made again
-        before = {output: {*owned} for output, owned in self._own_digests(name).items()}
-        both = {output: sorted(before.get(output, set()) | {digest}) for output, digest in digests.items()}
-        self._write_stamp(name, {"key": None, "outputs": [], "owned": {**self._own_digests(name), **both}})
-        for output in outputs:
-            self._publish(part / output, self.path / output)
         shutil.rmtree(part, ignore_errors=True)
         digest = _digest_of(b"".join(digests[output].encode() for output in made))
         self.seconds[name] = round(time.perf_counter() - started, 3)

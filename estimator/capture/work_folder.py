@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import errno
 import hashlib
 import json
 import os
@@ -25,6 +26,8 @@ _LOCK = ".lock"
 #: What the names of our temporary files and folders begin with.
 _PART = ".metric-tree."
 _CHUNK = 1 << 22
+#: Bytes free on a disk that is full: less than a block or two is left over.
+_NO_ROOM = 1 << 16
 
 
 class WorkFolder:
@@ -87,8 +90,11 @@ class WorkFolder:
             self._write_stamp(name, {"key": None, "outputs": [], "owned": {**self._own_digests(name), **both}})
             for output in outputs:
                 self._publish(part / output, self.path / output)
-        except BaseException:
+        except BaseException as error:
+            full = shutil.disk_usage(self.path).free < _NO_ROOM
             shutil.rmtree(part, ignore_errors=True)  # half a stage is nobody's
+            if full and isinstance(error, OSError) and error.errno is None:  # COLMAP's writers do not say why
+                raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC), str(self.path)) from error
             raise
         shutil.rmtree(part, ignore_errors=True)
         digest = _digest_of(b"".join(digests[output].encode() for output in made))

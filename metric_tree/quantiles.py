@@ -7,15 +7,12 @@ from typing import Any
 
 import pyarrow as pa
 
-from metric_tree.prior import Prior
+from metric_tree.prior import QUANTILES, Prior
 
-__all__ = ["DIMS", "QUANTILES", "quantile_columns", "quantile_table"]
+__all__ = ["DIMS", "quantile_columns", "quantile_table"]
 
 #: Dimensions of the columns.
 DIMS = ("length", "width", "height", "extent1", "extent2", "extent3")
-
-#: The ends of the 90 % interval, the quartiles and the median.
-QUANTILES = (0.05, 0.25, 0.5, 0.75, 0.95)
 
 
 def quantile_columns() -> list[str]:

@@ -35,11 +35,11 @@ from explorer.content.records import (
     VocabularyAnswer,
     VocabularyRow,
 )
-from explorer.content.release_catalogue import QUANTILES, ReleaseCatalogue
+from explorer.content.release_catalogue import ReleaseCatalogue
 from metric_base.arrays import FloatArray
 from metric_base.errors import InputError
 from metric_tree.description import node_sentence
-from metric_tree.prior import FAMILY, Prior
+from metric_tree.prior import FAMILY, QUANTILES, Prior
 from metric_tree.tree import Node, Tree
 
 __all__ = [

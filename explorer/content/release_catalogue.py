@@ -17,17 +17,14 @@ from explorer.content.tiers import UNKNOWN
 from metric_base.arrays import FloatArray, IntArray
 from metric_base.errors import InputError
 from metric_base.folders import taxonomy_directory
-from metric_tree.prior import Prior
+from metric_tree.prior import QUANTILES, Prior
 from metric_tree.tree import Node, NoPrior, Tree, UnknownName
 from taxonomy.label_lists import Label, vocabularies, vocabulary
 
-__all__ = ["AXES", "QUANTILES", "ReleaseCatalogue"]
+__all__ = ["AXES", "ReleaseCatalogue"]
 
 #: Columns of `ReleaseCatalogue.sizes`.
 AXES = ("length", "width", "height", "extent1", "extent2", "extent3")
-
-#: The quantiles that every page and answer has: the ends of the 90 % interval, the quartiles and the median.
-QUANTILES = (0.05, 0.25, 0.5, 0.75, 0.95)
 
 
 class ReleaseCatalogue:

@@ -12,7 +12,7 @@ from markupsafe import Markup
 
 from explorer.content.addresses import LEAST_PARQUET, LISTED_LEVEL, csv_of, json_of, page_of, parquet_of, prior_of, slug
 from explorer.content.answers import node_answer, outside_links, shown_name
-from explorer.content.release_catalogue import AXES, QUANTILES, ReleaseCatalogue
+from explorer.content.release_catalogue import AXES, ReleaseCatalogue
 from explorer.content.units import length_text
 from explorer.drawings.distributions import KINDS, distribution
 from explorer.drawings.scatter import scatter
@@ -22,7 +22,7 @@ from explorer.pages.templating import page_bytes, web_address
 from metric_base.arrays import FloatArray, IntArray
 from metric_base.regions import region_of
 from metric_tree.context import Where
-from metric_tree.prior import Prior
+from metric_tree.prior import QUANTILES, Prior
 from metric_tree.tree import Node
 
 __all__ = ["node_page"]

@@ -22,7 +22,7 @@ from starlette.routing import Route
 from starlette.types import ASGIApp, Message, Receive, Scope, Send
 
 from explorer.content.addresses import slug
-from explorer.content.release_catalogue import QUANTILES, ReleaseCatalogue
+from explorer.content.release_catalogue import ReleaseCatalogue
 from explorer.renderer import Answer, answer
 from explorer.server.delivery import Delivered, Shelf, problem, response_of
 from explorer.server.openapi import description
@@ -30,6 +30,7 @@ from explorer.server.questions import asked_items, asked_prior, asked_search, nu
 from explorer.server.scale_jobs import Busy, ScaleJobs
 from metric_base.errors import InputError
 from metric_tree.pictures import FOLDER
+from metric_tree.prior import QUANTILES
 from metric_tree.tree import NoPrior, Tree, UnknownName
 
 __all__ = ["application"]

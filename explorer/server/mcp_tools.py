@@ -13,10 +13,11 @@ from mcp.server.mcpserver.exceptions import ToolError
 
 from explorer.content.answers import node_answer
 from explorer.content.records import ScaleRequest
-from explorer.content.release_catalogue import QUANTILES, ReleaseCatalogue
+from explorer.content.release_catalogue import ReleaseCatalogue
 from explorer.server.questions import asked_prior, asked_search, comparison, found_node, listed_labels
 from explorer.server.scale_jobs import scale_record
 from metric_base.errors import InputError
+from metric_tree.prior import QUANTILES
 from metric_tree.tree import Tree
 
 __all__ = ["tool_server"]

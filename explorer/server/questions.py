@@ -18,8 +18,9 @@ from explorer.content.answers import (
     search_answer,
     vocabulary_answer,
 )
-from explorer.content.release_catalogue import QUANTILES, ReleaseCatalogue
+from explorer.content.release_catalogue import ReleaseCatalogue
 from metric_base.errors import InputError
+from metric_tree.prior import QUANTILES
 from metric_tree.tree import LONGEST_NAME, Node
 
 __all__ = ["asked_items", "asked_prior", "asked_search", "comparison", "found_node", "listed_labels", "numbers"]

@@ -12,16 +12,13 @@ from metric_cli.parsers import add_tree
 from metric_cli.terminal import print_json, print_table
 from metric_tree.context import Where, where_of
 from metric_tree.description import is_mixed, item_quantiles, node_sentence, shipped_evidence
-from metric_tree.prior import Prior
+from metric_tree.prior import QUANTILES, Prior
 from metric_tree.schema import IMAGES
 from metric_tree.tree import Node, NoPrior, open_tree
 
 __all__ = ["HELP", "add_arguments", "run", "summary"]
 
 HELP = "A category: its node, path, counts, evidence, quantiles in millimetres and prior."
-
-#: The quantiles that are shown: the ends of the 90 % interval, the quartiles and the median.
-QUANTILES = (0.05, 0.25, 0.5, 0.75, 0.95)
 
 #: Pictures of a sheet where no number is given.
 SHEET_IMAGES = 12

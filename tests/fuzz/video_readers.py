@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 from functools import cache
 from pathlib import Path
+from types import SimpleNamespace
 from typing import Any
 
 import cv2
@@ -67,7 +68,7 @@ def _scene(folder: Path) -> Scene:
 
 def _gps(folder: Path, seeds: Path) -> None:
     scene = _scene(seeds / "small" / "colmap")
-    unmeasured: Any = None
+    unmeasured: Any = SimpleNamespace(up=None)  # that the scene says nothing of up
     for source in (Gps(folder / "metres.csv"), Gps(folder / "degrees.csv"), Gps("exif", folder / "images")):
         for row in source.observe(scene, unmeasured):
             assert row.scale is None or (np.isfinite(row.scale) and row.scale > 0), "a scale that is none"

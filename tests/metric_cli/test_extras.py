@@ -18,8 +18,8 @@ from metric_cli.terminal import exit_status
 ROOT = Path(__file__).resolve().parents[2]
 PACKAGES = [path.parent.name for path in sorted(ROOT.glob("*/py.typed"))]
 #: `mpl_toolkits` is part of matplotlib; Blender brings its own Python with the next two; `omni` is the validator that
-#: asks for our rule.
-FROM_ELSEWHERE = {"mpl_toolkits", "bpy", "mathutils", "omni"}
+#: asks for our rule; `script` lies beside `layer_script` in the folder of layers that Blender opens.
+FROM_ELSEWHERE = {"mpl_toolkits", "bpy", "mathutils", "omni", "script"}
 DECLARED = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))["project"]
 
 

@@ -22,6 +22,7 @@ from urllib.parse import quote
 
 import metric_tree
 from explorer.content.addresses import slug
+from metric_cli.threads import use_one_thread
 
 #: Turns that each kind has.
 TURNS = 40
@@ -41,6 +42,7 @@ def main() -> None:
     parser.add_argument("--mixed", type=int, default=100_000, help="mixed requests of the test of memory (100000)")
     arguments = parser.parse_args()
     count, mixed = arguments.requests, arguments.mixed
+    use_one_thread()  # as `metric-tree serve` does; the server's process inherits it
     here, there = multiprocessing.Pipe()
     server = multiprocessing.get_context("spawn").Process(target=serve, args=(there,))
     server.start()

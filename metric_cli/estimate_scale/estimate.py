@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import argparse
 import json
-import os
 import sys
 from collections.abc import Sequence
 from dataclasses import replace
@@ -15,6 +14,7 @@ from metric_base.errors import InputError
 from metric_base.escaping import visible_json
 from metric_base.outputs import is_own_output
 from metric_cli.estimate_scale.options import PROGRAM, RESULT, has_capture, parse_options, parser
+from metric_cli.threads import use_one_thread
 
 if TYPE_CHECKING:
     from estimator.capture.mapping.failures import Failure
@@ -29,23 +29,14 @@ __all__ = ["main", "parser"]
 #: The exit status of a scale that is unresolved, with `--strict` of an uncertain one, and of a capture without a model.
 UNRESOLVED = 3
 
-#: Where a user says how many threads NumPy's BLAS takes.
-THREAD_VARIABLES = ("OPENBLAS_NUM_THREADS", "OMP_NUM_THREADS", "MKL_NUM_THREADS")
-
 
 def main(argv: Sequence[str] | None = None) -> int:
     """Run `estimate-scale`; the exit status is 0, 2, 3 or 1 (docs/reference/formats.md)."""
-    _use_one_thread()
+    use_one_thread()
     from metric_cli.terminal import exit_status
 
     words = list(sys.argv[1:] if argv is None else argv)
     return exit_status(PROGRAM, lambda: _run(words))
-
-
-def _use_one_thread() -> None:
-    """Before NumPy is loaded: its products are small here, and threads that wait for them cost more than they do."""
-    if not any(name in os.environ for name in THREAD_VARIABLES):
-        os.environ[THREAD_VARIABLES[0]] = "1"
 
 
 def _run(words: Sequence[str]) -> int:

@@ -13,6 +13,7 @@ from importlib import import_module
 from metric_cli.arguments import add_overwrite
 from metric_cli.completion import SHELLS, completion_script, option_helps
 from metric_cli.terminal import OneLineParser, exit_status, version
+from metric_cli.threads import use_one_thread
 
 __all__ = ["VERBS", "main", "parser_of"]
 
@@ -55,6 +56,7 @@ _MODULES = {"import": "import_", "list": "list_"}
 
 def main(argv: Sequence[str] | None = None) -> int:
     """Run `metric-tree`; the exit status is 0 done, 2 the input is invalid, 1 the program is."""
+    use_one_thread()
     words = list(sys.argv[1:] if argv is None else argv)
     if len(words) == 2 and words[0] == "--completion" and words[1] in SHELLS:
         options = {"--completion": "", "--help": "", "--version": ""}

@@ -1,6 +1,6 @@
 """Heights of objects with a level top and clutter on it: `python -m benchmarks.estimator.level_tops`.
 
-Most of what stands on tables, desks and cabinets of hard synthetic rooms is in their masks here. Prints the error of
+In these hard synthetic rooms the masks of tables, desks and cabinets include most objects on them. Prints the error of
 their heights with dense and with sparse points, and of all other heights. Seeds 1100 and 1101 are for development.
 """
 
@@ -20,7 +20,7 @@ from tests.synthetic.rooms.quick import quick_scene
 
 __all__ = ["main"]
 
-#: Most that stands on a table is in its mask.
+#: The share of the objects on a table that its mask includes.
 CLUTTER = 0.8
 VIEWS = 12
 #: Standard deviations that hold the middle 90 % of a Gaussian.

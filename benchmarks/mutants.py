@@ -1,12 +1,12 @@
-"""How many small errors the nearest tests notice.
+"""How many small errors the tests notice.
 
     python -m benchmarks.mutants [FOLDER ...] --work DIR [--sample 120] [--seed 1] [--minutes 60]
 
 Cosmic Ray lists the mutants of the folders (a changed operator, constant or branch) and applies them, one at a time,
-in a copy of the last commit. Each is tried against the tests nearest to its module: those with the module's name,
-then those that import it, until their processor seconds without a mutant reach `--seconds`. Results are a line of
-JSON each in DIR; a run on the same DIR continues it. `--cosmic-ray` names the program; it is not a dependency, so it
-is run from an environment of its own: `uv tool install cosmic-ray==8.7.0`.
+in a copy of the last commit. Each is tried against the tests that run its line, the quickest first, until their
+seconds without a mutant reach `--seconds`. Results are a line of JSON each in DIR; a run on the same DIR continues it.
+`--cosmic-ray` names the program; it is not a dependency, so it is run from an environment of its own:
+`uv tool install cosmic-ray==8.7.0`.
 """
 
 from __future__ import annotations
@@ -20,14 +20,18 @@ import subprocess
 import sys
 import time
 from collections import Counter
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Any, TypeAlias
+from xml.etree import ElementTree as ET
+
+from coverage import CoverageData
 
 ROOT = Path(__file__).resolve().parents[1]
 FOLDERS = ("insertion", "taxonomy", "metric_tree/fit", "estimator/evidence")
 #: `int | None` of an annotation is no code that runs; a mutant of it survives by its nature.
 ANNOTATIONS = "%BinaryOperator_BitOr%"
-#: A mutant whose tests take so many times their processor seconds, on the wall, counts as killed.
+#: A mutant whose tests take so many times their seconds counts as killed.
 HANG_FACTOR = 12
 CONFIG = '[cosmic-ray]\nmodule-path = {folders}\ntimeout = 60\nexcluded-modules = []\ntest-command = "true"\n'
 PYTEST = [sys.executable, "-m", "pytest", "-q", "-p", "no:cacheprovider"]
@@ -43,9 +47,7 @@ def main() -> None:
     parser.add_argument("--sample", type=int, default=120, help="mutants of all folders (default: %(default)s)")
     parser.add_argument("--seed", type=int, default=1)
     parser.add_argument("--minutes", type=float, default=60, help="what is not tried then is left for the next run")
-    parser.add_argument(
-        "--seconds", type=float, default=10, help="of the processor, for the tests of a mutant (default: %(default)s)"
-    )
+    parser.add_argument("--seconds", type=float, default=10, help="for the tests of a mutant (default: %(default)s)")
     parser.add_argument("--cosmic-ray", default="cosmic-ray", help="the program (default: the one on PATH)")
     arguments = parser.parse_args()
     end = time.monotonic() + 60 * arguments.minutes
@@ -54,10 +56,10 @@ def main() -> None:
         _copy_repository(copy)
     mutants = _mutants(copy, arguments)
     tried = {tuple(row["mutant"]) for row in _rows(results)}
-    seconds = Seconds(arguments.work / "seconds.json", copy)
+    covering = Covering(copy, arguments.folders)
     for mutant in mutants:
         if time.monotonic() < end and mutant not in tried:
-            row = _outcome(mutant, copy, seconds.within(nearest_tests(mutant[0], copy), arguments.seconds), arguments)
+            row = _outcome(mutant, copy, covering.within(mutant[0], mutant[3], arguments.seconds), arguments)
             with results.open("a", encoding="utf-8") as file:
                 file.write(json.dumps(row) + "\n")
     _print(arguments.folders, [row for row in _rows(results) if tuple(row["mutant"]) in mutants])
@@ -82,52 +84,47 @@ def _mutants(copy: Path, arguments: argparse.Namespace) -> list[Mutant]:
     return random.Random(arguments.seed).sample(rows, min(arguments.sample, len(rows)))  # noqa: S311
 
 
-def nearest_tests(module: str, copy: Path) -> list[str]:
-    """The test files of a module, nearest first: of its name, that import it, that import a module which does."""
-    package, stem = module.split("/", maxsplit=1)[0], Path(module).stem
-    name = module.removesuffix(".py").replace("/", ".")
-    importers = {name} | {
-        str(path.relative_to(copy).with_suffix("")).replace("/", ".")
-        for path in (copy / package).rglob("*.py")
-        if name in path.read_text(encoding="utf-8")
-    }
-    ranked = []
-    for path in sorted((copy / "tests" / package).rglob("test_*.py")):
-        text = path.read_text(encoding="utf-8")
-        ranks = [path.stem == f"test_{stem}", name in text, any(importer in text for importer in importers)]
-        if any(ranks):
-            ranked.append((ranks.index(True), str(path.relative_to(copy))))
-    return [path for _, path in sorted(ranked)]
+class Covering:
+    """The tests that run a line, quickest first.
 
+    They are known from one run of all tests without a mutant, which takes as long as they do; programs that a test
+    starts do not count.
+    """
 
-class Seconds:
-    """Processor seconds of each test file without a mutant, measured once; a file that fails is left out."""
+    def __init__(self, copy: Path, folders: Sequence[str]) -> None:
+        data, times = copy / "covering.sqlite", copy / "covering.xml"
+        if not times.exists():
+            rooms = [f"--cov={folder}" for folder in folders]
+            words = [*rooms, "--cov-context=test", "--cov-report=", "--cov-config=covering.toml", "-n", "2"]
+            (copy / "covering.toml").write_text(f'[tool.coverage.run]\ndata_file = "{data.name}"\n')
+            _run_tests([*words, "--dist", "loadfile", f"--junitxml={times.name}"], copy, None)
+        self._copy, self._data = copy, CoverageData(str(data))
+        self._data.read()
+        self._seconds = {
+            f"{case.get('classname')}.{case.get('name')}": float(case.get("time", 0))
+            for case in ET.parse(times).iter("testcase")  # noqa: S314 - written above
+            if not len(case)  # neither failed nor skipped
+        }
 
-    def __init__(self, path: Path, copy: Path) -> None:
-        self._path, self._copy = path, copy
-        self._known: dict[str, float | None] = json.loads(path.read_text()) if path.exists() else {}
-
-    def within(self, tests: list[str], limit: float) -> list[tuple[str, float]]:
-        """The first tests that take at most `limit` seconds together, and at least one."""
+    def within(self, module: str, row: int, limit: float) -> list[tuple[str, float]]:
+        """The quickest tests of a line that take at most `limit` seconds together, and at least one."""
+        by_line = self._data.contexts_by_lineno(str(self._copy.resolve() / module))
+        # Of a statement over several lines the first is known.
+        line = max((known for known in by_line if known <= row), default=0)
+        names = {context.partition("|")[0] for context in by_line.get(line, ())} - {""}
+        timed = sorted((seconds, name) for name in names if (seconds := self._seconds.get(_case(name))) is not None)
         chosen: list[tuple[str, float]] = []
-        for test in tests:
-            seconds = self._measured(test)
-            if seconds is not None and (not chosen or sum(s for _, s in chosen) + seconds <= limit):
-                chosen.append((test, seconds))
+        for seconds, name in timed:
+            if chosen and sum(s for _, s in chosen) + seconds > limit:
+                break
+            chosen.append((name, seconds))
         return chosen
 
-    def _measured(self, test: str) -> float | None:
-        if test not in self._known:
-            before = _children_seconds()
-            done = _run_tests([test], self._copy, None)
-            self._known[test] = round(_children_seconds() - before, 1) if done == 0 else None
-            self._path.write_text(json.dumps(self._known, indent=1), encoding="utf-8")
-        return self._known[test]
 
-
-def _children_seconds() -> float:
-    used = os.times()
-    return used.children_user + used.children_system
+def _case(name: str) -> str:
+    """A test's name in JUnit's XML, from that of pytest."""
+    path, _, test = name.partition("::")
+    return f"{path.removesuffix('.py').replace('/', '.')}.{test.replace('::', '.')}"
 
 
 def _outcome(

@@ -97,6 +97,7 @@ def settings(
     bounds = {
         "DOWNLOAD_TIMEOUT": DOWNLOAD_SECONDS,
         "DOWNLOAD_MAXSIZE": MAXIMUM_BYTES,
+        "DOWNLOAD_HANDLERS": dict.fromkeys(("http", "https"), "crawler.fetch.header_limit.HeaderLimitHandler"),
         "DOWNLOAD_WARNSIZE": 0,
         "DEPTH_LIMIT": DEEPEST_LINK,
         "URLLENGTH_LIMIT": 2000,

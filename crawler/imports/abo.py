@@ -44,6 +44,9 @@ _LARGEST = 1e9
 #: Longest line that is read: a listing has some kilobytes.
 _LONGEST = 1 << 22
 
+#: Empty lines in a row that are passed over; a gzip file of 0.3 MB can hold 300 MB of them.
+_EMPTY_LINES = 1000
+
 
 def readings(source: Source, folder: Path) -> Iterator[Reading]:
     """A reading per listing: of the folder `listings/metadata`, one of its files, or `abo-listings.tar`.
@@ -89,9 +92,13 @@ def _files(folder: Path) -> Iterator[tuple[str, Iterable[bytes]]]:
 
 def _lines(data: IO[bytes], name: str) -> Iterator[bytes]:
     lines = io.BufferedReader(gzip.GzipFile(fileobj=data)) if name.endswith(".gz") else data
+    empty = 0
     with _readable(name):
         while line := lines.readline(_LONGEST):
-            if line.strip():
+            empty = 0 if line.strip() else empty + 1
+            if empty > _EMPTY_LINES:
+                raise BadTable(f"{name}: expected a listing in each line; found {_EMPTY_LINES} empty lines in a row")
+            if not empty:
                 yield line
 
 

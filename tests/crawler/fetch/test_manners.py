@@ -9,8 +9,12 @@ from typing import Any
 
 import pytest
 from scrapy.http import Response
+from twisted.internet.testing import StringTransport
+from twisted.web._newclient import Request
+from twisted.web.http_headers import Headers
 
-from crawler.fetch.manners import ROBOTS_BYTES, BoundedRobotParser, _retry_after
+from crawler.fetch.header_limit import HEADER_BYTES, HeaderLimitFactory
+from crawler.fetch.manners import ROBOTS_BYTES, BoundedRobotParser, _retry_after, settings
 
 
 @pytest.mark.parametrize(
@@ -34,3 +38,22 @@ def test_half_a_megabyte_of_rules_is_read() -> None:
     assert not parser.allowed("https://shop.example/7", "metric-tree")
     assert parser.allowed("https://shop.example/public", "metric-tree")
     assert time.process_time() - started < 10
+
+
+@pytest.mark.parametrize("lines", [100, HEADER_BYTES])
+def test_headers_without_end_end_the_connection(lines: int) -> None:
+    connection = HeaderLimitFactory(lambda _: None, "test").buildProtocol(None)
+    transport = StringTransport()
+    connection.makeConnection(transport)
+    answers: list[Any] = []
+    asked = connection.request(Request(b"GET", b"/", Headers({b"host": [b"shop.example"]}), None))
+    asked.addBoth(answers.append)
+    connection.dataReceived(b"HTTP/1.1 200 OK\r\n")
+    piece = b"x: y\r\n" * 100
+    for _ in range(lines // 100):
+        connection.dataReceived(piece)
+    many = lines > 100
+    assert transport.disconnecting or transport.disconnected if many else not transport.disconnecting
+    connection.dataReceived(b"content-length: 0\r\n\r\n")
+    assert many or answers[0].code == 200
+    assert "HeaderLimitHandler" in settings(contact="tests@example.org")["DOWNLOAD_HANDLERS"]["https"]

@@ -98,6 +98,9 @@ def test_the_published_archive_and_damaged_files(tmp_path: Path) -> None:
         (damaged := tmp_path / name).write_bytes(data)
         with pytest.raises(BadTable):
             list(readings(declared, damaged))
+    (empty := tmp_path / "listings_6.json.gz").write_bytes(gzip.compress(b"\n" * 1_000_000 + lines))
+    with pytest.raises(BadTable, match="1000 empty lines in a row"):
+        list(readings(declared, empty))
     with pytest.raises(BadTable, match="no such file"):
         list(readings(declared, tmp_path / "none"))
 

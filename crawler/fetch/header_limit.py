@@ -36,7 +36,7 @@ class HeaderLimitFactory(_LenientHTTP11ClientFactory):
         received, parser = connection.dataReceived, None
         count = 0
 
-        def counted(data: bytes) -> None:
+        def receive(data: bytes) -> None:
             nonlocal count, parser
             if connection._parser is not parser:  # of the next answer on this connection
                 count, parser = 0, connection._parser
@@ -47,5 +47,5 @@ class HeaderLimitFactory(_LenientHTTP11ClientFactory):
                     return
             received(data)
 
-        connection.dataReceived = counted
+        connection.dataReceived = receive
         return connection

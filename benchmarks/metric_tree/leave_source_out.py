@@ -36,7 +36,7 @@ from metric_tree.build.ingest import block_of, blocks, raw_files
 from metric_tree.build.steps import BuildOptions, Steps, shipped_curated, shipped_taxonomy
 from metric_tree.build.tables import Hierarchy, kept_categories
 from metric_tree.build.work_folder import BuildFolder
-from metric_tree.fit.class_prior import class_prior
+from metric_tree.fit.class_prior import NEW_SOURCE, NewSource, class_prior
 from metric_tree.fit.class_rows import ClassRows, take_rows
 from metric_tree.fit.evidence import KIND_WEIGHT, STRONG
 from metric_tree.fit.kinds import learn_kinds
@@ -84,8 +84,8 @@ class Rows:
         rows = {one.node_id: one for path in sorted(work.glob("clean-*.classes")) for one in _unpickled(path)}
         return cls(rows, classes, Hierarchy.of(kept_categories(shipped_taxonomy().categories(), classes)))
 
-    def without(self, source: str) -> Iterator[tuple[ClassRows, Prior]]:
-        """Each class that the source has rows of, with its prior from all others' rows."""
+    def without(self, source: str, new_source: NewSource = NEW_SOURCE) -> Iterator[tuple[ClassRows, Prior]]:
+        """Each class that the source has rows of, with its prior from all others' rows, widened by `new_source`."""
         families = self.hierarchy.families()
         seen: dict[str, ClassRows] = {}
         known = {node_id: list(one.moments) for node_id, one in self.classes.items()}
@@ -105,7 +105,8 @@ class Rows:
         for node_id, own in seen.items():
             belief = beliefs[parents[node_id], own.axes]
             if source in self.rows[node_id].sources:
-                yield self.rows[node_id], class_prior(own, belief, model, families[node_id], heldout=False)
+                prior = class_prior(own, belief, model, families[node_id], heldout=False, new_source=new_source)
+                yield self.rows[node_id], prior
 
 
 @dataclass(frozen=True, slots=True)

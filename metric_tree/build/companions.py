@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import json
-import math
 import shutil
 from collections import Counter
 from collections.abc import Container, Mapping, Sequence
@@ -18,7 +17,7 @@ from metric_tree.axes import AXES
 from metric_tree.build.ingest import believed_spread
 from metric_tree.build.successors import former_nodes, successor_table
 from metric_tree.build.texts import licence_text, readme_text
-from metric_tree.fit.class_prior import new_source_factor
+from metric_tree.fit.class_prior import NEW_SOURCE
 from metric_tree.pictures import collect_pictures, picture_files
 from taxonomy.curated import curated_ranges, curated_states, norms
 from taxonomy.levels import replaced_ids
@@ -29,11 +28,11 @@ __all__ = ["add_pictures", "state_records", "write_log", "write_texts", "writers
 def state_records(nodes: Container[str]) -> dict[str, list[dict[str, Any]]]:
     """The states of the release's nodes, as the manifest has them (`metric_tree.states`)."""
     records: dict[str, list[dict[str, Any]]] = {}
-    widened = math.sqrt(new_source_factor(0))
     for one in curated_states():
         ends = dict(zip(AXES, zip(one.low, one.typical, one.high, strict=True), strict=True))
         known = {axis: (low, mid, high) for axis, (low, mid, high) in ends.items() if low and mid and high}
-        spreads = {axis: round(widened * believed_spread(low, high), 4) for axis, (low, _, high) in known.items()}
+        believed = {axis: believed_spread(low, high) for axis, (low, _, high) in known.items()}
+        spreads = {axis: round(sd * float(NEW_SOURCE.factor(0, sd)) ** 0.5, 4) for axis, sd in believed.items()}
         sizes = {axis: typical for axis, (_, typical, _) in known.items()}
         record = {"state": one.state, "size_mm": sizes, "sd_log": spreads, "reason": one.reason}
         if one.node_id in nodes:

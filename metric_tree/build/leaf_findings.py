@@ -23,7 +23,7 @@ __all__ = ["CODES", "FACTOR", "LeafFinding", "LeafSize", "leaf_findings", "title
 CODES = {
     "W411": "a leaf whose median is off by more than 2 from an independent range of it",
     "W412": "a leaf far from its siblings, by more than 2 and by more than they scatter",
-    "W413": "a leaf with its axes out of order: wider than long, or an object that lies and is higher than wide",
+    "W413": "a leaf with its axes out of order: wider than long, lying and higher than wide, or upright and flat",
     "W414": "a source of a leaf that is off by more than 2 from all its others",
     "W415": "toys or miniatures in a class of real objects: by a title, or a source that is small on every axis",
 }
@@ -47,6 +47,10 @@ LIKENESSES = frozenset({"art.n.01", "plaything.n.01"})
 _TOY = re.compile(
     r"\b(toys?|miniatures?|doll'?s?[ -]?house|figurines?|1[:/](?:12|18|24|32|43|48|72|87))\b", re.IGNORECASE
 )
+
+#: An upright object whose depth is so many times its height seems to lie: two of its axes may be exchanged. So does one
+#: that is deeper than high by `FACTOR`, and by this much more than its siblings are.
+LYING = 5.0
 
 #: Rounding: a median drawn from two marginals.
 ORDER_SLACK = 1.02
@@ -88,7 +92,8 @@ def leaf_findings(leaves: Sequence[LeafSize], accepted: Iterable[tuple[str, str]
     """All findings on the leaves of a tree, less those that are `accepted` (code, node id)."""
     known = set(accepted)
     own = [one for leaf in leaves for one in _own_findings(leaf)]
-    return sorted(one for one in (*own, *_sibling_findings(leaves)) if (one.code, one.node_id) not in known)
+    among = (*_sibling_findings(leaves), *_lying_findings(leaves))
+    return sorted(one for one in (*own, *among) if (one.code, one.node_id) not in known)
 
 
 def titles(items: pa.Table) -> dict[str, list[str]]:
@@ -172,3 +177,25 @@ def _sibling_findings(leaves: Sequence[LeafSize]) -> Iterator[LeafFinding]:
                 yield LeafFinding(
                     "W412", leaf.node_id, f"expected about {np.exp(middle):.4g} mm; found {np.exp(size):.4g}"
                 )
+
+
+def _lying_findings(leaves: Sequence[LeafSize]) -> Iterator[LeafFinding]:
+    upright = [(leaf, _depth_over_height(leaf)) for leaf in leaves if leaf.pose == "upright"]
+    families: defaultdict[str, list[float]] = defaultdict(list)
+    for leaf, ratio in upright:
+        if np.isfinite(ratio):
+            families[leaf.parent_id].append(ratio)
+    for leaf, ratio in upright:
+        siblings = families[leaf.parent_id]
+        usual = float(np.median(siblings)) if len(siblings) > SIBLINGS else 1.0
+        if ratio > max(FACTOR, LYING * min(usual, 1.0)):
+            message = f"stands, and is {ratio:.3g} times as deep as high; {usual:.3g} times is usual there"
+            yield LeafFinding("W413", leaf.node_id, message)
+
+
+def _depth_over_height(leaf: LeafSize) -> float:
+    """Width over height, of the range where it states both, else of the medians; NaN unstated."""
+    size = dict(zip(leaf.dims, leaf.median.tolist(), strict=True))
+    if leaf.typical is not None and not np.isnan(leaf.typical[1:]).any():
+        size = dict(zip(AXES, leaf.typical.tolist(), strict=True))
+    return float(size.get("width", np.nan) / size.get("height", np.nan))

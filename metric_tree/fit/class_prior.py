@@ -9,7 +9,7 @@ centre, and their spread takes the place of what is believed of the parent's chi
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import replace
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -34,7 +34,7 @@ from metric_tree.fit.moments import correlated_covariance
 from metric_tree.prior import Prior
 from metric_tree.tiers import Evidence, leaf_tier
 
-__all__ = ["class_prior", "heldout_log_density", "new_source_factor"]
+__all__ = ["NEW_SOURCE", "NewSource", "class_prior", "heldout_log_density"]
 
 #: Largest number of components: sizes of one category fall into a few kinds (a hatchback, a saloon, a van).
 MAX_COMPONENTS = 4
@@ -55,26 +55,54 @@ T_COMPONENTS = 3
 #: Least standard deviation of ln size of a norm: a thousandth, the precision of a tape measure.
 NORM_FLOOR = 0.001
 
-#: A source that the fit has not seen lies further off than the known ones say, and spreads differently: of S sources of
-#: real objects, all covariances are multiplied by 1 + NEW_SOURCE / (S + 1). Chosen on half of the sources, each left
-#: out in turn; the other half agrees (`python -m benchmarks.metric_tree.coverage`).
-NEW_SOURCE = 1.25
-
 #: Folds of the published held-out log density, the complete rows below which none is published, and the rows that take
 #: part at most: a hundred tell the mean log density to a tenth, and the score is of no fit.
 FOLDS = 3
 HELDOUT_ROWS, HELDOUT_MOST = 10, 100
 
 
+@dataclass(frozen=True, slots=True)
+class NewSource:
+    """How far a source that the fit has not seen lies off, beyond what the known ones say.
+
+    The variance of ln size along each axis grows by min(sd^2, most * variance) / (S + 1) of S sources of real objects:
+    `sd` is the offset of a source, and `most` keeps it in proportion where a class is narrow. Both were chosen on half
+    of the sources, each left out in turn, and on one list of everyday objects (docs/evidence/release_3.md).
+    """
+
+    sd: float = 0.25
+    most: float = 2.0
+
+    def factor(self, sources: int, sd: FloatArray | float) -> FloatArray:
+        """By what the variance of each axis grows, (d,), 1 or more; sd : (d,) of ln size as fitted."""
+        return np.asarray(1 + np.minimum(self.most, np.square(self.sd / sd)) / (sources + 1))
+
+    def widen(self, prior: Prior) -> Prior:
+        """The prior as wide as its sources of real objects are few; its components stay where they are."""
+        factor = self.factor(prior.evidence.sources if prior.evidence else 0, prior.log_sd())
+        scale = np.sqrt(np.outer(factor, factor))
+        return replace(prior, covariances=scale * prior.covariances, shared_covariance=scale * prior.shared_covariance)
+
+
+#: The offset of a source that the fit has not seen, as published.
+NEW_SOURCE = NewSource()
+
+
 def class_prior(
-    rows: ClassRows, belief: Belief, model: KindModel, family: str = "", seed: int = 0, heldout: bool = True
+    rows: ClassRows,
+    belief: Belief,
+    model: KindModel,
+    family: str = "",
+    seed: int = 0,
+    heldout: bool = True,
+    new_source: NewSource = NEW_SOURCE,
 ) -> Prior:
     """The prior of a class over the axes that its rows state.
 
     Parameters
     ----------
     belief : the parent's moments; model : what kinds of evidence are worth; family : of the class; heldout : whether to
-        score it
+        score it; new_source : by what it is widened
     """
     evidence = rows.evidence
     if NORM in rows.kinds:
@@ -84,7 +112,7 @@ def class_prior(
     belief = own_belief(belief, statements)
     belief = replace(belief, covariance_rows=belief.covariance_rows / rows.worth)
     if rows.is_stated:
-        return _published_prior(_stated_prior(rows, statements, belief, model, family), evidence)
+        return new_source.widen(_with_tier(_stated_prior(rows, statements, belief, model, family), evidence))
     weighed, sources, kinds = weighted_rows(rows)
     single = fit_mixture(weighed, 1, belief)
     x, known = complete_rows(weighed, single.mixture)
@@ -105,17 +133,13 @@ def class_prior(
     prior = _prior(
         rows, best, total, mass, 0.0 if stated else borrowed, len(between.sources), _shares(rows, statements, borrowed)
     )
-    prior = _published_prior(prior, evidence)
+    prior = _with_tier(prior, evidence)
+    published = new_source.widen(prior)
     if not heldout:
-        return prior
-    axes, widened = published_axes(mass), new_source_factor(evidence.sources)
-    score = heldout_log_density(centred, components, placed, shared, axes, seed, widened)
-    return replace(prior, heldout_log_density=score)
-
-
-def new_source_factor(sources: int, new_source: float = NEW_SOURCE) -> float:
-    """By what the covariances of a class of so many sources of real objects are multiplied, 1 or more."""
-    return 1 + new_source / (sources + 1)
+        return published
+    factor = new_source.factor(evidence.sources, prior.log_sd())
+    score = heldout_log_density(centred, components, placed, shared, published_axes(mass), seed, factor)
+    return replace(published, heldout_log_density=score)
 
 
 def heldout_log_density(
@@ -125,12 +149,12 @@ def heldout_log_density(
     shared: FloatArray,
     axes: NDArray[np.intp],
     seed: int,
-    widened: float = 1.0,
+    widened: FloatArray | float = 1.0,
 ) -> float | None:
     """Mean log density over log mm of rows that the fit did not see, by cross-validation; None of too few.
 
-    shared : B (d, d); widened : by what all covariances are multiplied. The rows that state all of `axes` (k,) are
-    scored, as of an object of unknown source.
+    shared : B (d, d); widened : by what the variances of the axes are multiplied, (k,). The rows that state all of
+    `axes` (k,) are scored, as of an object of unknown source.
     """
     if len(rows) > HELDOUT_MOST:
         chosen = np.random.default_rng(seed).permutation(len(rows))[:HELDOUT_MOST]
@@ -145,7 +169,8 @@ def heldout_log_density(
         seen = rows.subset(np.flatnonzero(fold != held))
         mixture = _predictive(fit_mixture(seen, components, belief, seed), belief, seen.effective)
         means, covariances, between = _marginal(mixture, shared, axes)
-        spreads = (widened * covariances, widened * between)
+        scale = np.sqrt(np.multiply.outer(widened, widened))
+        spreads = (scale * covariances, scale * between)
         prior = Prior("", _placeholders(axes), mixture.weights, means, *spreads, 0, 0, {}, 0.0)
         scored = np.flatnonzero(complete & (fold == held))
         if len(scored):
@@ -232,17 +257,10 @@ def _norm_prior(rows: ClassRows, evidence: Evidence) -> Prior:
     return replace(prior, tier="norm", evidence=evidence)
 
 
-def _published_prior(prior: Prior, evidence: Evidence) -> Prior:
-    """The prior with its counts and its tier, as wide as its sources of real objects are few."""
+def _with_tier(prior: Prior, evidence: Evidence) -> Prior:
+    """The prior with its counts and its tier."""
     judged = prior.share_by_kind.get(JUDGED, 0.0)
-    factor = new_source_factor(evidence.sources)
-    return replace(
-        prior,
-        covariances=factor * prior.covariances,
-        shared_covariance=factor * prior.shared_covariance,
-        tier=leaf_tier(evidence, prior.borrowed, judged),
-        evidence=evidence,
-    )
+    return replace(prior, tier=leaf_tier(evidence, prior.borrowed, judged), evidence=evidence)
 
 
 def _scale_spread(rows: Rows, mean: FloatArray, kinds: Sequence[str], model: KindModel) -> Rows:

@@ -18,7 +18,7 @@ from metric_tree.build.ingest import believed_spread, is_held_out
 from metric_tree.build.steps import BuildOptions, build_release
 from metric_tree.build.work_folder import sole_writer
 from metric_tree.checks.release_files import findings
-from metric_tree.fit.class_prior import new_source_factor
+from metric_tree.fit.class_prior import NEW_SOURCE
 from metric_tree.fit.evidence import EVIDENCE
 from metric_tree.tree import open_tree
 from tests.synthetic.raw_fixture import SOURCES, TYPICAL, synthetic_items, written
@@ -166,9 +166,9 @@ def test_curated_ranges_give_a_prior_where_there_is_nothing_else(tmp_path):
     assert prior.share_by_kind == {"judged": 1.0}
     assert prior.quantile(0.5) == pytest.approx([400, 350, 450], rel=0.04)  # the bias of a range in the shipped model
     spread = prior.log_sd()
-    widened = new_source_factor(0) ** 0.5
-    assert spread[0] == pytest.approx(widened * believed_spread(350, 450), rel=0.01)
-    assert spread[2] == pytest.approx(widened * believed_spread(400, 700), rel=0.01)
+    for axis, low, high in ((0, 350, 450), (2, 400, 700)):
+        believed = believed_spread(low, high)
+        assert spread[axis] == pytest.approx(believed * NEW_SOURCE.factor(0, believed) ** 0.5, rel=0.01)
     sofa = tree.find("sofa").prior()  # a range far off counts as one source of five
     assert 0 < sofa.share_by_kind["judged"] < 0.5
     assert 1000 < sofa.quantile(0.5)[0] < 2000  # the shipped model trusts a range more than this build's own would

@@ -34,6 +34,9 @@ def test_each_finding_and_its_settlement() -> None:
     assert codes(leaf(typical=np.array([410, np.nan, 190.0]))) == []
     assert codes(leaf(pose="any", typical=np.array([200, 310, 390.0]))) == []
     assert codes(leaf(size=(300, 400, 200)), leaf("b", (400, 100, 200), "flat")) == [("W413", "a"), ("W413", "b")]
+    doors = [leaf(str(n), (900, 50, 2000)) for n in range(6)]
+    assert codes(leaf(size=(900, 600, 110))) == codes(leaf(size=(900, 400, 150)), *doors) == [("W413", "a")]
+    assert codes(leaf(size=(900, 400, 150))) == codes(*doors) == []
     same = {name: np.array([400, 300, 200.0]) for name in ("x", "y")}
     assert codes(leaf(sources=same | {"toys": np.array([40, 30, 20.0])})) == [("W414", "a"), ("W415", "a")]
     halves = {"x": same["x"], "halves": 0.45 * same["x"]}

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from metric_tree.axes import AXES, axis_assignments
-from metric_tree.fit.class_prior import class_prior, new_source_factor
+from metric_tree.fit.class_prior import NEW_SOURCE, NewSource, class_prior
 from metric_tree.fit.class_rows import ClassRows, without_museums, without_open_numbers
 from metric_tree.fit.em import SPREAD_FLOOR, Belief, Rows, fit_mixture
 from metric_tree.fit.kinds import KindModel
@@ -137,8 +137,17 @@ def test_a_range_alone_is_published_as_wide_as_ranges_are_off():
     prior = class_prior(class_rows(TYPICAL, kinds=["judged"], range_sd=RANGE_SD), VAGUE, NONE)
     assert prior.quantile(0.5) == pytest.approx([1000, 500, 700])
     # within and between sources together, below the floor too
-    assert prior.log_sd() == pytest.approx(np.sqrt(new_source_factor(0)) * RANGE_SD[0])
+    assert prior.log_sd() == pytest.approx(np.sqrt(NEW_SOURCE.factor(0, RANGE_SD[0])) * RANGE_SD[0])
     assert prior.share_by_kind == {"judged": 1.0}
+
+
+def test_a_source_never_seen_widens_a_narrow_class_in_proportion_and_a_wide_one_by_its_offset():
+    offset = NewSource(sd=0.25, most=2.0)
+    assert offset.factor(0, np.array([0.01, 0.25, 1.0])) == pytest.approx([3.0, 2.0, 1.0625])
+    factors = [offset.factor(sources, 0.1) for sources in range(9)]
+    assert factors == sorted(factors, reverse=True)
+    assert factors[8] == pytest.approx(1 + 2 / 9)
+    assert NewSource(0.0).factor(0, 0.3) == 1
 
 
 def test_two_museum_pieces_do_not_discard_a_range():
@@ -164,7 +173,7 @@ def test_a_weak_row_does_not_draw_a_norm_to_its_parent():
         kinds=["judged", "asset"],
         range_sd=np.array([[0.02] * 3, [np.nan] * 3]),
     )
-    prior = class_prior(rows, wide, KindModel(0.3, 0.05), heldout=False)
+    prior = class_prior(rows, wide, KindModel(0.3, 0.05), heldout=False, new_source=NewSource(0.0))
     assert prior.quantile(0.5) == pytest.approx([57, 57, 57], rel=0.02)
     assert np.all(prior.log_sd() < 0.03)
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from metric_tree.fit.class_prior import class_prior
+from metric_tree.fit.class_prior import NewSource, class_prior
 from metric_tree.fit.moments import VAGUE, extent_moments
 from tests.metric_tree.fit.test_fit import MEANS, NONE, class_rows
 
@@ -19,7 +19,7 @@ def one_kind(n: int, seed: int = 3) -> np.ndarray:
 @pytest.mark.parametrize("n", [150, 400])
 def test_the_held_out_score_is_the_entropy_of_what_the_rows_are_drawn_from(n: int) -> None:
     """Each row is scored once, by a fit that did not see it: -E ln p is 3/2 ln(2 pi e) + 3 ln sd, and a little more."""
-    prior = class_prior(class_rows(one_kind(n)), VAGUE, NONE, seed=0)
+    prior = class_prior(class_rows(one_kind(n)), VAGUE, NONE, seed=0, new_source=NewSource(0.0))
     entropy = 1.5 * np.log(2 * np.pi * np.e) + 3 * np.log(SD)
     assert prior.heldout_log_density is not None
     assert -0.25 < prior.heldout_log_density + entropy < 0.15

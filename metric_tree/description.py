@@ -34,8 +34,12 @@ _AXES = {"height": "high", "length": "long", "width": "wide"}
 #: Last words of names that have no singular: a pair of scissors is one object.
 _PLURALS = (
     "binoculars bellows earbuds earphones glasses goggles handcuffs headphones jeans leggings loppers pajamas pants "
-    "pliers scales scissors shears shorts skis spectacles stairs sunglasses suspenders tights tongs trousers tweezers"
+    "pliers scales scissors shears shorts skis spectacles stairs sunglasses suspenders tights tongs trousers trunks "
+    "tweezers"
 )
+
+#: Beginnings with a vowel that are said as "you": a Euro pallet, a unicycle, a utensil.
+_SAID_AS_YOU = ("eu", "uni", "use", "ute")
 
 _COLUMNS = ("length_mm", "width_mm", "height_mm")
 
@@ -55,12 +59,12 @@ def everyday_sentence(name: str, prior: Prior) -> str:
     place = _main_axis(prior)
     low, middle, high = prior.quantiles((0.05, 0.5, 0.95))[:, place].tolist()
     how = _AXES.get(prior.dims[place], "across")
-    article = "An" if name[:1].lower() in "aeiou" else "A"
+    article = "An" if name[:1].lower() in "aeiou" and not name.lower().startswith(_SAID_AS_YOU) else "A"
     plural = name.rpartition(" ")[2].lower() in _PLURALS.split()
     subject = f"{name[:1].upper()}{name[1:]} are" if plural else f"{article} {name} is"
     unit, factor = _unit(middle)
     ground = "" if prior.tier == "measured" else f"{tier_words(prior.tier, prior.norm)}: "
-    if ground and not name[:2].isupper():
+    if ground and not (plural and name[:2].isupper()):
         subject = subject[:1].lower() + subject[1:]
     digits = 4 if high < NARROW * low else 2
     sizes = [_number(size / factor, digits) for size in (middle, low, high)]

@@ -212,9 +212,22 @@ class Node:
         >>> sorted(metric_tree.open().find("umbrella").states)
         ['folded', 'open']
         """
+        return state_priors(self.node_id, self._state_records())
+
+    @property
+    def plain_state(self) -> str | None:
+        """The state that the prior is of, or `mixed: ` and what it holds; None of what has no states.
+
+        >>> import metric_tree
+        >>> tree = metric_tree.open()
+        >>> tree.find("umbrella").plain_state, tree.find("television").plain_state
+        ('folded', 'mixed: shops do not say whether with the stand')
+        """
+        return next((str(one["plain"]) for one in self._state_records() if one.get("plain")), None)
+
+    def _state_records(self) -> Sequence[Mapping[str, Any]]:
         known = self.tree.release.manifest.get("states", {})
-        plain = self.node_id.removesuffix("/other")
-        return state_priors(self.node_id, known.get(plain, ()))
+        return known.get(self.node_id.removesuffix("/other"), ())  # type: ignore[no-any-return]
 
     @property
     def tier(self) -> str | None:

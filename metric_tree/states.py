@@ -1,8 +1,8 @@
 """The sizes of a thing in its states: an umbrella open and folded, a book that stands, a person who sits.
 
-The prior of a node is of its ordinary pose, or of all states where its rows do not say which. A release has the states
-of its nodes in the manifest (`states`): by node the name of each, its sizes in mm and the standard deviation of ln
-size. They are judged, and as wide as judged ranges turned out to be.
+The prior of a node is of its usual state, or of several where its rows do not say which; `plain` says so. A release has
+the states of its nodes in the manifest (`states`): by node the name of each, its sizes in mm and the standard deviation
+of ln size. They are judged, and as wide as judged ranges turned out to be.
 """
 
 from __future__ import annotations

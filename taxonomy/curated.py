@@ -9,6 +9,7 @@ written for classes that have measured items before these were opened, to see ho
 
 from __future__ import annotations
 
+import dataclasses
 import re
 from collections.abc import Iterator
 from dataclasses import dataclass
@@ -51,7 +52,7 @@ _NORM_COLUMNS = (
     "node_id", "size", *_COLUMNS[1:-3], "document", "clause", "region", "reviewer", "written",
 )  # fmt: skip
 
-_STATE_COLUMNS = ("node_id", "state", *_COLUMNS[1:])
+_STATE_COLUMNS = ("node_id", "state", "plain", *_COLUMNS[1:])
 
 #: A comma that nobody quoted moves the cells: the last one is then no date.
 _DATE = re.compile(r"\d{4}(-\d\d){0,2}")
@@ -89,9 +90,13 @@ class CuratedRange:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class CuratedState(CuratedRange):
-    """Sizes of a node in a state that is not its ordinary one, or one of several (folded, open, lying, mounted)."""
+    """Sizes of a node in a state that is not its ordinary one, or one of several (folded, open, lying, mounted).
+
+    `plain` is the state that the plain prior is of, or `mixed: ` and what it holds.
+    """
 
     state: str
+    plain: str
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -205,6 +210,7 @@ def _norms(file: Path) -> tuple[Norm, ...]:
             low, typical, high = _triples(row)
             for column in ("size", "document", "clause", "reviewer", "written"):
                 expect(bool(row[column]), column, "a text", Unquoted("none"))
+            expect(";" not in row["clause"], "clause", "no semicolon, which parts norms", row["clause"])
             stated = tuple(value is not None for value in typical)
             expect(
                 axes.setdefault(row["node_id"], stated) == stated, "axes", "those of the class's other sizes", stated
@@ -250,9 +256,9 @@ def _states(file: Path) -> tuple[CuratedState, ...]:
         with in_file(place, BadRange):
             one, state = _range(row), row["state"]
             expect(bool(state) and (one.node_id, state) not in states, "state", "a name, once for each node", state)
-            texts = {name: getattr(one, name) for name in ("reason", "reviewer", "written")}
-            sizes = {name: getattr(one, name) for name in ("low", "typical", "high")}
-            states[one.node_id, state] = CuratedState(node_id=one.node_id, state=state, **sizes, **texts)
+            expect(bool(row["plain"]), "plain", "the state of the plain prior", Unquoted("none"))
+            fields = {field.name: getattr(one, field.name) for field in dataclasses.fields(one)}
+            states[one.node_id, state] = CuratedState(state=state, plain=row["plain"], **fields)
     return tuple(states.values())
 
 

@@ -34,7 +34,7 @@ def state_records(nodes: Container[str]) -> dict[str, list[dict[str, Any]]]:
         believed = {axis: believed_spread(low, high) for axis, (low, _, high) in known.items()}
         spreads = {axis: round(sd * float(NEW_SOURCE.factor(0, sd)) ** 0.5, 4) for axis, sd in believed.items()}
         sizes = {axis: typical for axis, (_, typical, _) in known.items()}
-        record = {"state": one.state, "size_mm": sizes, "sd_log": spreads, "reason": one.reason}
+        record = {"state": one.state, "plain": one.plain, "size_mm": sizes, "sd_log": spreads, "reason": one.reason}
         if one.node_id in nodes:
             records.setdefault(one.node_id, []).append(record)
     return dict(sorted(records.items()))

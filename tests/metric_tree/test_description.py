@@ -1,5 +1,7 @@
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -28,6 +30,12 @@ def test_a_pair_of_one_object_is_plural(mini: Tree) -> None:
     prior = mini.find("swivel chair").prior(("length",))
     assert everyday_sentence("over-ear headphones", prior).startswith("Over-ear headphones are about 62 cm")
     assert everyday_sentence("bus", prior).startswith("A bus is")
+
+
+@pytest.mark.parametrize(("name", "subject"), [("Euro pallet", "a Euro pallet"), ("AA battery", "an AA battery")])
+def test_the_article_follows_the_sound_and_is_small_within_the_sentence(mini: Tree, name: str, subject: str) -> None:
+    prior = replace(mini.find("swivel chair").prior(), tier="norm", norm="ISO 1, clause 2: any")
+    assert everyday_sentence(name, prior).startswith(f"By ISO 1, clause 2: any: {subject} is about")
 
 
 def test_evidence_counts_the_items_below(mini: Tree) -> None:

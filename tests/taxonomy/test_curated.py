@@ -104,10 +104,11 @@ def test_a_persons_range_outranks_a_programs(tmp_path: Path) -> None:
 
 
 def test_a_state_is_named_once_for_each_node(tmp_path: Path) -> None:
-    header = HEADER.replace("node_id,", "node_id,state,")
-    row = "chair.n.01,{},400,490,600,,,,,,,leans,program: x,2026-11-22"
+    header = HEADER.replace("node_id,", "node_id,state,plain,")
+    row = "chair.n.01,{},open,400,490,600,,,,,,,leans,program: x,2026-11-22"
     (file := tmp_path / "states.csv").write_text(header + "\n".join([row.format("folded"), row.format("stacked"), ""]))
     assert [(one.state, one.typical[0]) for one in curated_states(file)] == [("folded", 490.0), ("stacked", 490.0)]
+    assert len({(one.node_id, one.plain) for one in curated_states()}) == len({one.node_id for one in curated_states()})
     assert curated_states(tmp_path / "none.csv") == ()
     for name in ("folded", ""):
         (wrong := tmp_path / f"wrong{name}.csv").write_text(

@@ -1,1 +1,0 @@
-"""Ten videos from the file to the inserted object, against the truth."""

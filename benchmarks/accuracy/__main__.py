@@ -91,9 +91,7 @@ def _arguments(argv: Sequence[str] | None) -> argparse.Namespace:
     parser.add_argument("--scenes", type=Path, action="append", default=[], help="folder of scenes with a truth.json")
     parser.add_argument("--raw", type=Path, help="folder of raw items")
     parser.add_argument("--cache", type=Path, default=Path("/tmp/accuracy"), help="what is built of them")  # noqa: S108
-    parser.add_argument(
-        "--tables", type=Path, default=ROOT.parent.parent / "shared" / "data" / "sizes", help="real rooms"
-    )
+    parser.add_argument("--tables", type=Path, default=ROOT.parent / "shared" / "data" / "sizes", help="real rooms")
     parser.add_argument("--rooms", type=int, nargs="+", default=[0, 1, 2, 3], help="seeds of each kind of room")
     parser.add_argument("--streets", type=int, nargs="+", default=list(range(8)), help="seeds of streets")
     parser.add_argument(

@@ -10,9 +10,12 @@ from pathlib import Path
 import numpy as np
 
 from benchmarks.accuracy.methods import object_outcomes
-from benchmarks.accuracy.outcomes import Outcome
+from benchmarks.accuracy.outcomes import LEVEL, Outcome, outcome_of
 from estimator.records.measured_object import MeasuredObject
+from estimator.results.estimate import scale_of_objects
+from estimator.results.reports import EstimateOptions
 from metric_base.arrays import FloatArray
+from metric_tree.context import where_of
 from metric_tree.tree import Tree
 
 __all__ = ["MEASURED", "streets_outcomes"]
@@ -32,12 +35,14 @@ LONGEST_CAR, HIGHEST_CAR = 5600.0, 2100.0
 DRAWN, OBJECTS = 60, (3, 11)
 #: Standard deviation of the log extents, stated and drawn.
 NOISE = 0.05
+#: Where and when the streets are, as one would say it with `--where`.
+WHERE = {"Boston": "US, 2018", "Singapore": "SG, 2018", "waymo": "US, 2020", "apolloscape": "CN, 2018"}
 
 StreetObject = tuple[str, FloatArray]
 
 
 def streets_outcomes(tables: Path, tree: Tree, seed: int) -> Iterator[Outcome]:
-    """Every scene by the methods `default` and `height`, under a random scale."""
+    """Every scene by the methods `default`, also with where it is, and `height`, under a random scale."""
     generator = np.random.default_rng([seed, 47])
     for number, (group, members) in enumerate(_scenes(tables, generator)):
         scale = float(np.exp(generator.uniform(-3, 3)))
@@ -48,6 +53,9 @@ def streets_outcomes(tables: Path, tree: Tree, seed: int) -> Iterator[Outcome]:
             for row, (label, sizes) in enumerate(members)
         ]
         yield from object_outcomes("streets", group, str(number), objects, scale, tree, ("default", "height"))
+        for place in (where_of(text) for word, text in WHERE.items() if word in group):
+            there = scale_of_objects(objects, tree, EstimateOptions(level=LEVEL, where=place))
+            yield outcome_of("streets", group, str(number), "default, with --where", there, scale)
 
 
 def _scenes(tables: Path, generator: np.random.Generator) -> Iterator[tuple[str, list[StreetObject]]]:

@@ -16,12 +16,13 @@ from estimator.geometry.extents import TOP_SIGMA, level_top
 from estimator.geometry.fragments import without_fragments
 from estimator.geometry.noise import depth_noise, sight_moment
 from estimator.geometry.outlined import MIN_BOX_VIEWS, MIN_DENSE_POINTS, outline_data, outlined_object
-from estimator.geometry.planes import SupportPlane, level_basis, refine_up, support_planes
+from estimator.geometry.planes import SupportPlane, level_basis, support_planes
 from estimator.geometry.standing import has_level_top, stands
 from estimator.geometry.support import REACH_SHARE, Foot, Ground, foot_on, ground_of, level_below
 from estimator.geometry.truncation import Outline, Sides, outline, side_evidence
 from estimator.geometry.up import Up, camera_up, up_contradiction
 from estimator.geometry.upright_box import Dimensions, dimensions, inliers
+from estimator.geometry.vertical import refine_up
 from estimator.outlines.sight_errors import point_covariances
 from estimator.records.measured_object import Box, MeasuredObject
 from estimator.records.scene import Instance, Scene
@@ -40,6 +41,7 @@ CLUTTER_SHARE = 0.1
 # Root mean square by which log length, width and height of an object move when depth order replaces the observations,
 # in hard synthetic rooms, seeds 1100 and 1101, moves over 0.3 counting as 0.3.
 GUESSED_SIGMA = (0.08, 0.08, 0.07)
+TINY = np.finfo(float).tiny
 
 
 @dataclass(frozen=True, slots=True)
@@ -285,6 +287,9 @@ def _object(
             high = np.array([*high[:2], top])
             edge_sigma[1, 2] = TOP_SIGMA
             notes.append("ends at its level top")
+    # along a vertical that is off, the outermost points of an end are off by that tilt over half a side
+    leaning = np.radians(up.sigma_deg) * float(box.extents[:2].mean()) / 2 / max(float(high[2] - low[2]), TINY)
+    edge_sigma[:, 2] = np.hypot(edge_sigma[:, 2], leaning)
     if foot.standing:
         edge_sigma[0, 2] = foot.sigma
     cut = sides.truncated

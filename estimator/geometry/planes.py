@@ -1,8 +1,7 @@
-"""Support planes: the level surfaces that objects stand on (floor, desk tops, road), found together with up.
+"""Support planes: the level surfaces that objects stand on (floor, desk tops, road), peaks of the heights of a cloud.
 
-Walls spread evenly over heights, level surfaces pile up at one: the right vertical is the one whose histogram of
-heights is most peaked, and its peaks are the planes. Points are first thinned to one per cell of space, so that a
-surface counts by its area and not by how richly it was reconstructed.
+Points are first thinned to one per cell of space, so that a surface counts by its area and not by how richly it was
+reconstructed.
 """
 
 from __future__ import annotations
@@ -13,18 +12,27 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.ndimage import binary_dilation, gaussian_filter1d, median_filter
 
-from estimator.geometry.up import BELIEVED_SIGMAS, Up, combine_up, tilts
 from metric_base.arrays import BoolArray, FloatArray, IntArray
 from metric_base.statistics import robust_sigma
 
-__all__ = ["SupportPlane", "floor_of", "height_bin", "level_basis", "one_per_cell", "refine_up", "support_planes"]
+__all__ = [
+    "HALF_THICKNESS_BINS",
+    "MIN_POINTS",
+    "SMOOTHING_BINS",
+    "SupportPlane",
+    "floor_of",
+    "height_bin",
+    "level_basis",
+    "one_per_cell",
+    "peaks",
+    "support_planes",
+]
 
 # Height bins over the middle 96 % of heights: 2 cm in a room, twice the noise of an ordinary dense cloud.
 HEIGHT_BINS = 150
 # Cells of space along the cloud's diagonal when thinning: 3 cm in a room of six metres.
 THINNING_CELLS = 200
 MAX_POINTS = 40_000
-MAX_SEARCH_POINTS = 6_000
 # A plane's bin holds this many times the bins around it; clutter varies by less.
 PEAK_RATIO = 2.0
 # Bins around a peak that say what is ordinary there: a third of all heights, so that a thick noisy floor is a minority.
@@ -45,12 +53,8 @@ BELOW_FLOOR_SHARE = 0.05
 # ... but below a glossy floor are mirror images of what stands on it: one point in seven. Only a plane that is as wide
 # as this share of the widest may have as many.
 BELOW_GLOSSY_SHARE, WIDE_SHARE = 0.15, 0.5
-# The window about a plane cuts a tilted surface short, so each fit goes part of the way.
-ROUNDS = 12
 # Beyond this part along x a vertical counts as near the x axis.
 NEAR_X = 0.9
-# A peak twice as sharp outweighs a tilt of two and a half standard deviations.
-BELIEF_WEIGHT = 0.2
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -88,22 +92,6 @@ def level_basis(up: FloatArray) -> FloatArray:
     return np.stack([one, np.cross(up, one), up])
 
 
-def refine_up(up: Up, points: FloatArray) -> Up:
-    """Up after the level surfaces of the cloud (n, 3); the same where there is none to believe."""
-    thin = one_per_cell(points)
-    if len(thin) < MIN_POINTS or up.method == "none":
-        return up
-    bin_width = height_bin(thin @ up.vector)
-    start = _most_peaked(up, thin[:: -(-len(thin) // MAX_SEARCH_POINTS)], bin_width)
-    normal, sigma = _common_normal(start, thin, bin_width)
-    if normal is None:
-        return up
-    off = np.degrees(np.arccos(np.clip(normal @ up.vector, -1, 1)))
-    if off > BELIEVED_SIGMAS * np.hypot(up.sigma_deg, sigma):
-        return up
-    return combine_up(up, normal, sigma)
-
-
 def support_planes(up: FloatArray, points: FloatArray) -> tuple[SupportPlane, ...]:
     """Level surfaces of the cloud (n, 3), lowest first."""
     thin = one_per_cell(points)
@@ -113,7 +101,7 @@ def support_planes(up: FloatArray, points: FloatArray) -> tuple[SupportPlane, ..
     local = thin @ basis.T
     bin_width = height_bin(local[:, 2])
     planes = []
-    for height in _peaks(local[:, 2], bin_width):
+    for height in peaks(local[:, 2], bin_width):
         near = np.abs(local[:, 2] - height) < HALF_THICKNESS_BINS * bin_width
         inliers = local[near]
         planes.append(_plane(basis, inliers, bin_width))
@@ -133,6 +121,20 @@ def floor_of(planes: Sequence[SupportPlane], points: FloatArray) -> SupportPlane
         if np.count_nonzero(below) <= (BELOW_GLOSSY_SHARE if wide else BELOW_FLOOR_SHARE) * len(points):
             return plane if wide or plane is planes[0] else None
     return None
+
+
+def peaks(heights: FloatArray, bin_width: float) -> list[float]:
+    """Heights of the level surfaces in heights (n,), lowest first: bins that stand out, strongest kept."""
+    counts, low = _histogram(heights, bin_width)
+    smooth = gaussian_filter1d(counts, SMOOTHING_BINS, mode="constant")
+    around = np.maximum(median_filter(smooth, SURROUNDING_BINS, mode="reflect"), 1.0)
+    held = np.convolve(counts, np.ones(2 * int(HALF_THICKNESS_BINS) + 1), mode="same")
+    strong = (smooth >= PEAK_RATIO * around) & (held >= max(MIN_POINTS, MIN_SHARE * len(heights)))
+    kept: list[int] = []
+    for index in np.argsort(-smooth):
+        if strong[index] and all(abs(int(index) - other) >= MIN_BINS_APART for other in kept):
+            kept.append(int(index))
+    return sorted(low + (index + 0.5) * bin_width for index in kept)
 
 
 def _plane(basis: FloatArray, inliers: FloatArray, bin_width: float) -> SupportPlane:
@@ -173,61 +175,3 @@ def _histogram(heights: FloatArray, bin_width: float) -> tuple[FloatArray, float
     bins = int((high - low) // bin_width) + 1
     inside = (index >= 0) & (index < bins)
     return np.bincount(index[inside], minlength=bins).astype(float), float(low)
-
-
-def _peaks(heights: FloatArray, bin_width: float) -> list[float]:
-    """Heights of the level surfaces in heights (n,), lowest first: bins that stand out, strongest kept."""
-    counts, low = _histogram(heights, bin_width)
-    smooth = gaussian_filter1d(counts, SMOOTHING_BINS, mode="constant")
-    around = np.maximum(median_filter(smooth, SURROUNDING_BINS, mode="reflect"), 1.0)
-    held = np.convolve(counts, np.ones(2 * int(HALF_THICKNESS_BINS) + 1), mode="same")
-    strong = (smooth >= PEAK_RATIO * around) & (held >= max(MIN_POINTS, MIN_SHARE * len(heights)))
-    kept: list[int] = []
-    for index in np.argsort(-smooth):
-        if strong[index] and all(abs(int(index) - other) >= MIN_BINS_APART for other in kept):
-            kept.append(int(index))
-    return sorted(low + (index + 0.5) * bin_width for index in kept)
-
-
-def _most_peaked(up: Up, points: FloatArray, bin_width: float) -> FloatArray:
-    """(3,) the vertical near `up` whose histogram of heights is most peaked, the cameras' own belief counted in."""
-    basis = level_basis(up.vector)
-    known = up.known if up.known is not None else basis[0]
-    known = known - (known @ up.vector) * up.vector
-    known /= np.linalg.norm(known)
-    # the tilt about the known axis is open by sigma, the other one by the roll of a hand-held camera
-    reach = BELIEVED_SIGMAS * up.sigma_deg
-    about_known = np.arange(-reach, reach + 1e-9, max(reach / 20, 0.5))
-    other = 3.0 if up.known is not None else reach
-    about_other = np.arange(-other, other + 1e-9, max(other / 6, 0.5))
-    best, best_score = up.vector, -np.inf
-    for vector, pitch in zip(tilts(up.vector, known, about_known), about_known, strict=True):
-        axis = np.cross(known, vector)
-        for candidate, roll in zip(tilts(vector, axis, about_other), about_other, strict=True):
-            counts, _ = _histogram(points @ candidate, bin_width)
-            belief = -0.5 * ((pitch / up.sigma_deg) ** 2 + (roll / (other / BELIEVED_SIGMAS)) ** 2)
-            score = np.log((gaussian_filter1d(counts, SMOOTHING_BINS) ** 2).sum()) + BELIEF_WEIGHT * belief
-            if score > best_score:
-                best, best_score = candidate, score
-    return np.asarray(best)
-
-
-def _common_normal(up: FloatArray, points: FloatArray, bin_width: float) -> tuple[FloatArray | None, float]:
-    """Normal (3,) of the level surfaces near `up` (3,) and its sigma in degrees; None without a surface."""
-    normal = up
-    sigma = np.inf
-    for _ in range(ROUNDS):
-        heights = points @ normal
-        scatter, inliers = np.zeros((3, 3)), 0
-        for height in _peaks(heights, bin_width):
-            near = points[np.abs(heights - height) < HALF_THICKNESS_BINS * bin_width]
-            centred = near - near.mean(axis=0)
-            scatter += centred.T @ centred
-            inliers += len(near)
-        if inliers < MIN_POINTS:
-            return None, np.inf
-        values, vectors = np.linalg.eigh(scatter)
-        normal = vectors[:, 0] * np.sign(vectors[:, 0] @ up)
-        # errors of neighbouring points go together: every tenth counts as one of its own
-        sigma = float(np.degrees(np.sqrt(values[0] / max(values[1], 1e-12) / max(inliers / 10, 1))))
-    return normal, sigma

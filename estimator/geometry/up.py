@@ -22,9 +22,7 @@ __all__ = [
     "WRONG_UP_DEG",
     "Up",
     "camera_up",
-    "combine_up",
     "given_up",
-    "tilts",
     "up_contradiction",
 ]
 
@@ -38,9 +36,6 @@ FRAMES_PER_READING = 4.0
 OBSERVABLE_DEG = 6.0
 # Pitch of hand-held cameras: they look down on objects by some 15 degrees, and the mean camera up leans by as much.
 PITCH_DEG = 15.0
-# However many points a level surface has, reconstructions bend by about a hundredth of their width, and floors slope a
-# little.
-PLANE_FLOOR_DEG = 0.7
 # Gravity by an inertial unit is good to some tenths of a degree at rest, and to about this on a moving hand.
 GIVEN_DEG = 1.0
 # Two verticals within this tilt, in their standard deviations, are believed to be one.
@@ -86,14 +81,6 @@ def camera_up(views: Sequence[View]) -> Up:
     return _mean_up(mean_up, vectors[:, 2])
 
 
-def combine_up(camera: Up, normal: FloatArray, sigma_deg: float) -> Up:
-    """Up from the cameras and a level surface with the unit `normal` (3,), weighted by their variances."""
-    sigma_deg = max(sigma_deg, PLANE_FLOOR_DEG)
-    weights = np.array([camera.sigma_deg, sigma_deg]) ** -2
-    vector = weights[0] * camera.vector + weights[1] * normal
-    return Up(vector / np.linalg.norm(vector), f"{camera.method}+plane", float(weights.sum() ** -0.5))
-
-
 def given_up(vector: Sequence[float] | FloatArray) -> Up:
     """Up that is known from outside, such as from an inertial unit: a vector (3,) of any length but 0.
 
@@ -121,12 +108,6 @@ def up_contradiction(given: Up, seen: Up) -> tuple[tuple[str, ...], tuple[str, .
         return (f"the given up points down ({seen.method}): gravity points down, up is its opposite",), ()
     sentence = f"the given up is {angle:.0f}° from what the scene shows ({seen.method}, ±{seen.sigma_deg:.1f}°)"
     return ((), (sentence,)) if min(angle, 180 - angle) > WRONG_UP_DEG + limit else ((sentence,), ())
-
-
-def tilts(up: FloatArray, axis: FloatArray, degrees: FloatArray) -> FloatArray:
-    """(k, 3) `up` turned about the unit `axis` orthogonal to it by each of the (k,) angles."""
-    angles = np.radians(degrees)[:, None]
-    return np.asarray(np.cos(angles) * up + np.sin(angles) * np.cross(axis, up))
 
 
 def _mean_up(mean_up: FloatArray, x_axis: FloatArray) -> Up:

@@ -135,12 +135,11 @@ def _box(prior: Prior, table: FloatArray) -> DrawnBox:
 
 def _context(node: Node, prior: Prior) -> dict[str, Any] | None:
     """Quantiles by region and year, where the contexts of the prior state some; None where they do not."""
-    model = node.tree.context_model
     regions = sorted(
         {region for one in prior.contexts if (region := region_of(one.region or "world")) and region != "world"}
     )
     years = [one.year for one in prior.contexts if one.year is not None]
-    if model is None or not (regions or years):
+    if node.tree.context_model is None or not (regions or years):
         return None
     steps = _year_steps(min(years), max(years)) if years else []
     asked: list[float | None] = [*steps] or [None]
@@ -150,7 +149,7 @@ def _context(node: Node, prior: Prior) -> dict[str, Any] | None:
         for year in asked:
             where = Where(None if region == "world" else region, year)
             plain = where.region is None and where.year is None
-            moved = prior if plain else prior.in_context(where, model)
+            moved = prior if plain else node.prior(prior.dims, where)
             rows = moved.quantiles((0.05, 0.5, 0.95)).T
             table[region].append([[float(f"{mm:.4g}") for mm in row] for row in rows])
     return {"regions": list(table), "years": [round(year) for year in steps], "table": table}

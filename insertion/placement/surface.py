@@ -14,8 +14,9 @@ import numpy as np
 from scipy.ndimage import binary_erosion
 from scipy.spatial import cKDTree
 
-from estimator.geometry.planes import SupportPlane, refine_up, support_planes
+from estimator.geometry.planes import SupportPlane, support_planes
 from estimator.geometry.up import Up, camera_up
+from estimator.geometry.vertical import refine_up
 from estimator.records.scene import Scene, View
 from insertion.scene.cloud import Cloud, front_points
 from metric_base.arrays import BoolArray, FloatArray

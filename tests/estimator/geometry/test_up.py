@@ -6,8 +6,9 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
-from estimator.geometry.planes import refine_up, support_planes
-from estimator.geometry.up import camera_up, combine_up, given_up, up_contradiction
+from estimator.geometry.planes import support_planes
+from estimator.geometry.up import camera_up, given_up, up_contradiction
+from estimator.geometry.vertical import refine_up
 from estimator.records.scene import View
 from metric_base.errors import InputError
 from tests.synthetic.shapes import box, floor, synthetic_scene, view_at
@@ -130,11 +131,30 @@ def test_walls_alone_do_not_pass_for_level_surfaces():
     assert support_planes(refined.vector, points) == ()
 
 
-def test_joining_weighs_by_variance():
-    camera = camera_up(panned(np.linspace(-90, 90, 20), np.zeros(20)))
-    leaning = np.array([np.sin(0.1), 0, np.cos(0.1)])
-    assert off_deg(combine_up(camera, leaning, 10.0).vector) < off_deg(combine_up(camera, leaning, 1.0).vector)
-    assert combine_up(camera, leaning, 0.0).sigma_deg < camera.sigma_deg
+def _surface(random, half, height, slope):
+    """Points (n, 3) of a square surface that leans about a random horizontal axis by a slope in degrees."""
+    across = random.uniform(-half, half, (int(900 * half), 2))
+    turn = random.uniform(0, 2 * np.pi)
+    heights = height + np.tan(np.radians(slope)) * (across @ [np.cos(turn), np.sin(turn)])
+    return np.column_stack([across, heights + random.normal(0, 0.004, len(across))])
+
+
+def _room_of_tables(seed, slope):
+    """Up of a room without a floor, with three tables that lean by `slope` degrees, each its own way, and walls."""
+    random = np.random.default_rng(seed)
+    walls = random.uniform([-2, 2, 0], [2, 2.01, 2.4], (1500, 3))
+    tables = [_surface(random, half, height, slope) for half, height in ((0.9, 0.3), (0.8, 0.7), (0.7, 1.1))]
+    up = camera_up(panned(np.linspace(-60, 60, 12), random.normal(0, 2, 12)))
+    return refine_up(up, np.concatenate([*tables, walls]))
+
+
+def test_sigma_widens_where_levels_disagree():
+    """Tables that lean by three degrees leave up within two standard deviations in eight rooms of ten (two before)."""
+    level = [_room_of_tables(seed, 0.2) for seed in range(3)]
+    leaning = [_room_of_tables(seed, 3.0) for seed in range(12)]
+    assert max(off_deg(up.vector) for up in level) < 0.5
+    assert np.mean([off_deg(up.vector) < 2 * up.sigma_deg for up in leaning]) >= 0.8
+    assert np.median([up.sigma_deg for up in leaning]) > 1.4 * max(up.sigma_deg for up in level)
 
 
 @pytest.mark.parametrize(

@@ -39,10 +39,10 @@ __all__ = [
     "where_of",
 ]
 
-#: A mean whose sampling error is no larger (variance of ln size, as published) is that of a whole population, such as
-#: registered cars. It has no error of its source, and a definition's at most, one standard deviation of ln size: which
-#: vehicles are cars, with mirrors or without.
-POPULATION_VARIANCE, DEFINITION_SD = 1.5e-6, 0.01
+#: Sources whose means are of whole populations, such as registered cars. They have no error of their own, and a
+#: definition's at most, one standard deviation of ln size: which vehicles are cars, with mirrors or without. A mean over
+#: many boxes of a data set is as precise and is none.
+POPULATIONS, DEFINITION_SD = frozenset({"car_fleet_context"}), 0.01
 
 #: What the population of a region and that of one of its countries have in common of their own effect.
 POPULATION_KIN = 0.7
@@ -216,7 +216,7 @@ def context_effect(contexts: Sequence[Context], shared: FloatArray, where: Where
         if not stated or between <= 0:
             continue
         noise = np.array([one.variance[axis] for one in stated])
-        population = noise <= POPULATION_VARIANCE
+        population = np.array([one.source in POPULATIONS for one in stated])
         noise[population] = DEFINITION_SD**2
         own = (1 - model.region - model.year) * population * _common_population(stated, where, model)
         whole = between * _likeness(stated).covariance(model, population) + np.diag(noise)

@@ -80,7 +80,7 @@ def test_what_is_known_of_a_region_moves_the_prior_and_explains_a_part_of_b() ->
 
 
 def test_registered_fleets_outrank_catalogues_and_are_interpolated_in_time() -> None:
-    fleets = [context("register", "europe", year, by, 0.001) for year, by in ((2000, -0.1), (2022, 0.0))]
+    fleets = [context("car_fleet_context", "europe", year, by, 0.001) for year, by in ((2000, -0.1), (2022, 0.0))]
     catalogue, then = context("list", "europe", 2011, 0.1), Where("europe", 2011)
     assert np.all(context_effect([catalogue], np.diagonal(SHARED), then, MODEL).offset > 0.02)
     assert np.all(context_effect([*fleets, catalogue], np.diagonal(SHARED), then, MODEL).offset < -0.005)
@@ -95,6 +95,10 @@ def test_registered_fleets_outrank_catalogues_and_are_interpolated_in_time() -> 
     assert near == pytest.approx(-0.1, abs=0.02)
     assert abs(later) < 0.02
     assert near < country < other
+    # a mean over a data set's boxes is as precise, and is no population
+    boxes = [replace(one, source="boxes") for one in fleets]
+    assert np.all(context_effect(boxes, np.diagonal(SHARED), Where("europe", 2000), MODEL).factor > 0.5)
+    assert np.all(context_effect([*boxes, catalogue], np.diagonal(SHARED), then, MODEL).offset > -0.005)
 
 
 def test_without_contexts_or_without_a_model_the_plain_prior_holds_and_the_note_says_so() -> None:

@@ -39,9 +39,9 @@ __all__ = [
     "where_of",
 ]
 
-#: Sources whose means are of whole populations, such as registered cars. They have no error of their own, and a
-#: definition's at most, one standard deviation of ln size: which vehicles are cars, with mirrors or without. A mean over
-#: many boxes of a data set is as precise and is none.
+#: Sources whose means are of whole populations, such as registered cars. They have no error of their own, and at most
+#: a definition's, one standard deviation of ln size: which vehicles are cars, with mirrors or without. A mean over many
+#: boxes of a data set is as precise and is none.
 POPULATIONS, DEFINITION_SD = frozenset({"car_fleet_context"}), 0.01
 
 #: What the population of a region and that of one of its countries have in common of their own effect.

@@ -101,10 +101,10 @@ def _most_peaked(up: Up, points: FloatArray, bin_width: float) -> FloatArray:
         around = middle + step * np.array([[0, 0], [1, 0], [-1, 0], [0, 1], [0, -1]])
         best = int(_sharpness(around, sigma, up.vector, axes, points, FINE_BIN * bin_width).argmax())
         middle, step = around[best], step / (1 if best else 2)
-    return np.asarray(_tilted(up.vector, axes, middle[None])[0])
+    return np.asarray(_directions(up.vector, axes, middle[None])[0])
 
 
-def _tilted(up: FloatArray, axes: FloatArray, degrees: FloatArray) -> FloatArray:
+def _directions(up: FloatArray, axes: FloatArray, degrees: FloatArray) -> FloatArray:
     """(k, 3) unit vectors that lean from `up` along the two `axes` (2, 3) by angles (k, 2)."""
     leaning = up + np.tan(np.radians(degrees)) @ axes
     return np.asarray(leaning / np.linalg.norm(leaning, axis=1, keepdims=True))
@@ -115,7 +115,7 @@ def _sharpness(
 ) -> FloatArray:
     """(k,) how peaked the heights of the points (n, 3) are along each of the tilts (k, 2), and how likely these are."""
     score = np.empty(len(degrees))
-    for row, vector in enumerate(_tilted(up, axes, degrees)):
+    for row, vector in enumerate(_directions(up, axes, degrees)):
         heights = points @ vector
         ends = len(heights) // STRAYS
         heights = np.partition(heights, (ends, -1 - ends))[ends : len(heights) - ends]
@@ -185,5 +185,5 @@ def _combine(up: Up, start: FloatArray, surfaces: list[_Surface], points: FloatA
     tilt = covariance @ sum(own @ x for own, x in zip(precisions, tilts, strict=True))
     scatter = sum(float((x - tilt) @ own @ (x - tilt)) for own, x in zip(precisions, tilts, strict=True))
     variance = np.trace(covariance) / 2 * max(scatter / (2 * len(surfaces)), 1.0)
-    vector = _tilted(start, basis[:2], tilt[None])[0]
+    vector = _directions(start, basis[:2], tilt[None])[0]
     return Up(vector, f"{up.method}+plane", float(np.sqrt(variance + COMMON_DEG**2)))

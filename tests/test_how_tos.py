@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import re
 import shlex
 import shutil
@@ -9,19 +10,61 @@ from collections.abc import Callable
 from pathlib import Path
 
 import pytest
+from starlette.testclient import TestClient
 
+import metric_tree
+from explorer.server.application import application
+from insertion.study.page import ANSWERS_SCHEMA
+from metric_cli.estimate_scale.estimate import main as estimate_scale
 from tests.metric_cli.test_paths import _command
 from tests.synthetic.insertions import write_glb
+from tests.synthetic.minitree import release
 from tests.synthetic.rooms.solids import box
 
 ROOT = Path(__file__).resolve().parents[1]
 BLOCK = re.compile(r"^```(?:sh|console)\n(.*?)^```", re.MULTILINE | re.DOTALL)
 PROGRAM = re.compile(r"(?:\$ )?(metric-tree|estimate-scale|insert-object) ")
+ADDRESS = re.compile(r"^curl .*?http://127\.0\.0\.1:8000([^'\s]*)", re.MULTILINE)
+#: The reader's own video, which another page's test reconstructs; a place in it; the shipped release, which is slow to
+#: write out; a server, which does not end.
+STAND_INS = {
+    r"^estimate-scale video\.mp4 .*": "",
+    "frame=12,x=640,y=500": "frame=1,x=320,y=400",
+    r"^metric-tree site out/site +#": "metric-tree site out/site --tree 2.0.0 #",
+    r"--tree (\d)": r"--tree releases/\1",
+    r"^metric-tree serve .*": "",
+}
 
 
 def _scene(place: Path) -> None:
     (place / "SCENE").symlink_to(ROOT / "data" / "scenes" / "demo_room")
     (place / "pictures").symlink_to(ROOT / "data" / "scenes" / "demo_room" / "images")
+
+
+def _insertions(place: Path) -> None:
+    """Two views of the demo room, with its scale, as a scene and as a work folder; one person's answers."""
+    import pycolmap
+
+    work = place / "work"
+    shutil.copytree(ROOT / "data" / "scenes" / "demo_room", work)
+    (model,) = {path.parent for path in work.rglob("images.bin")}
+    reconstruction = pycolmap.Reconstruction(str(model))
+    for image in sorted(reconstruction.images.values(), key=lambda image: image.name)[2:]:
+        reconstruction.deregister_frame(image.frame_id)
+    reconstruction.write(str(model))
+    (place / "SCENE").symlink_to(work)
+    assert estimate_scale([str(work), "--output", str(work / "result.json"), "--quiet"]) == 0
+    write_glb(box((-0.25, 0.25), (-0.25, 0.25), (0, 0.9), "wood"), place / "chair.glb")
+    write_glb(box((-0.02, 0.02), (-0.02, 0.02), (0, 0.05), "wood"), place / "cushion.glb")
+    rows = [{"step": step, "answer": answer} for step, answer in ((-30, "too small"), (0, "right"), (30, "too large"))]
+    answers = {"schema": ANSWERS_SCHEMA, "participant": "p", "study": "s", "object": "chair", "answers": rows}
+    (place / "ANSWERS").write_text(json.dumps(answers))
+
+
+def _releases(place: Path) -> None:
+    """Two small releases under the names of the page."""
+    for version in ("1.0.0", "2.0.0"):
+        release(place / "releases" / version, manifest=lambda fields, version=version: fields.update(version=version))
 
 
 def _models(place: Path) -> None:
@@ -36,6 +79,8 @@ def _models(place: Path) -> None:
 RUNS: dict[str, tuple[Callable[[Path], None], set[int]]] = {
     "check-a-model": (_models, {0, 3}),
     "evidence": (_scene, {0}),
+    "explorer": (_releases, {0}),
+    "insert-an-object": (_insertions, {0}),
     "releases": (lambda _: None, {0}),
 }
 
@@ -47,6 +92,8 @@ def test_the_commands_of_a_how_to_run(name: str, tmp_path: Path, monkeypatch: py
     prepare(tmp_path)
     monkeypatch.chdir(tmp_path)
     page = (ROOT / "docs" / "how-to" / f"{name}.md").read_text(encoding="utf-8")
+    for pattern, stand_in in STAND_INS.items():
+        page = re.sub(pattern, stand_in, page, flags=re.MULTILINE)
     lines = [line for block in BLOCK.findall(page) for line in block.splitlines() if PROGRAM.match(line)]
     assert lines
     for line in lines:
@@ -54,3 +101,11 @@ def test_the_commands_of_a_how_to_run(name: str, tmp_path: Path, monkeypatch: py
         verb = 2 if words[0] == "metric-tree" else 1
         status = _command(" ".join(words[:verb]))(words[verb:])
         assert status in (statuses | {1} if "--fail-over" in line else statuses), line
+
+
+def test_the_addresses_of_the_explorers_page_answer() -> None:
+    page = (ROOT / "docs" / "how-to" / "explorer.md").read_text(encoding="utf-8")
+    client = TestClient(application([metric_tree.open()]))
+    assert len(addresses := ADDRESS.findall(page)) == 3
+    for address in addresses:
+        assert client.get(address).status_code == 200, address

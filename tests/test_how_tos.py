@@ -106,6 +106,7 @@ def test_the_commands_of_a_how_to_run(name: str, tmp_path: Path, monkeypatch: py
 def test_the_addresses_of_the_explorers_page_answer() -> None:
     page = (ROOT / "docs" / "how-to" / "explorer.md").read_text(encoding="utf-8")
     client = TestClient(application([metric_tree.open()]))
-    assert len(addresses := ADDRESS.findall(page)) == 3
+    addresses = ADDRESS.findall(page)
+    assert len(addresses) == 3
     for address in addresses:
         assert client.get(address).status_code == 200, address

@@ -2,7 +2,10 @@
 
 from __future__ import annotations
 
-from taxonomy.categories import Taxonomy
+from typing import TYPE_CHECKING
+
+if TYPE_CHECKING:
+    from taxonomy.categories import Taxonomy
 
 __all__ = ["default_taxonomy"]
 

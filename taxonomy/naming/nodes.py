@@ -9,7 +9,7 @@ from dataclasses import dataclass
 from functools import cached_property
 
 from taxonomy.words.senses import Sense, label_votes, reviewed_meanings, senses
-from taxonomy.words.spelling import by_letters, fold_text, plain_fold
+from taxonomy.words.spelling import by_letters, fold_text, passed_initials, plain_fold
 
 __all__ = ["NEAR_RATIO", "PERSON", "Candidate", "NameAnswer", "Names", "folded_forms", "own_names"]
 
@@ -34,6 +34,9 @@ MOST_LABEL_WEIGHT = 5.0
 
 #: What the first of a reviewed order has before the next, where the reviewer calls it clear.
 CLEAR_RATIO = 2.0
+
+#: Initials of which names are folded by themselves: three take as long as all at once.
+MOST_INITIALS = 3
 
 #: An alias of WordNet that is used so rarely in this sense, while an item is meant more often, leads astray.
 LEAST_SHARE = 0.1
@@ -101,15 +104,36 @@ class Names:
         self._names = dict(zip(ids, names, strict=True))
         self._hypernyms = hypernyms
         self._labels = labels
-        self._forms: defaultdict[str, dict[str, bool]] = defaultdict(dict)
-        for node_id, name, words in zip(ids, names, aliases, strict=True):
-            for word in words or ():
-                self._forms[plain_fold(word)].setdefault(node_id, False)
-            for own in dict.fromkeys(own_names(node_id, name)):
-                self._forms[plain_fold(own)][node_id] = True
+        self._given = (ids, names, aliases)
+        self._by_initial: dict[str, Mapping[str, Mapping[str, bool]]] = {}
 
     def __contains__(self, node_id: object) -> bool:
         return node_id in self._items
+
+    @cached_property
+    def _forms(self) -> Mapping[str, Mapping[str, bool]]:
+        """By folded name: its nodes, and whether it is their own name or a further word."""
+        return self._names_folded("")
+
+    def _meant(self, form: str) -> Mapping[str, bool]:
+        """The same of one folded name: of the first names those with its initial are folded, later all at once."""
+        initial = form[:1]
+        if initial not in self._by_initial:
+            few = len(self._by_initial) < MOST_INITIALS
+            self._by_initial[initial] = self._names_folded(passed_initials(initial)) if few else self._forms
+        return self._by_initial[initial].get(form, {})
+
+    def _names_folded(self, passed: str) -> Mapping[str, Mapping[str, bool]]:
+        """All folded names but those of words that begin with one of the letters `passed`."""
+        forms: defaultdict[str, dict[str, bool]] = defaultdict(dict)
+        for node_id, name, words in zip(*self._given, strict=True):
+            for word in words or ():
+                if word[:1] not in passed:
+                    forms[plain_fold(word)].setdefault(node_id, False)
+            if name[:1] not in passed or node_id[:1] not in passed:
+                for own in dict.fromkeys(own_names(node_id, name)):
+                    forms[plain_fold(own)][node_id] = True
+        return forms
 
     @property
     def forms(self) -> Iterable[str]:
@@ -136,7 +160,7 @@ class Names:
 
     def owners(self, form: str) -> tuple[str, ...]:
         """The nodes that have a folded form among their names, those with most items first."""
-        return tuple(sorted(self._forms.get(form, ()), key=lambda node: -self._items[node]))
+        return tuple(sorted(self._meant(form), key=lambda node: -self._items[node]))
 
     def hypernyms(self, node_id: str) -> tuple[str, ...]:
         """Synsets above a node."""
@@ -163,7 +187,7 @@ class Names:
 
     def candidates(self, form: str) -> list[Candidate]:
         """The nodes that a folded form may mean, the likeliest first."""
-        owners = self._forms.get(form, {})
+        owners = self._meant(form)
         votes: Mapping[str, float] = {}
         known = senses(form) if owners and (len(owners) > 1 or not all(owners.values())) else ()
         if len(owners) != 1 or known:

@@ -93,15 +93,21 @@ class Resolver:
         name = self._names.shown(answer.node_id)
         if not answer.form:
             return f"taken as {name}, the nearest kind in the tree"
-        elsewhere = next((node for node in other_names(answer.form) if node in self._names), None)
-        if answer.form == plain_fold(text) and elsewhere and not self._same(elsewhere, answer.node_id):
-            language = _LANGUAGES.get(other_names(answer.form)[elsewhere])
-            return f"in {language} also {self._names.shown(elsewhere)}" if language else None
+        if answer.form == plain_fold(text):
+            return self._in_another_language(answer)
         if _ALTERNATIVES.search(text) or container_and_content(text):
             return None
         left = _left_out(after_counts(text) or text, answer.form)
         verb = "is" if len(left) == 1 else "are"
         return f"taken as {name}: {', '.join(map(repr, left))} {verb} not in the tree" if left else None
+
+    def _in_another_language(self, answer: NameAnswer) -> str | None:
+        """What the name means in another language, where that is another item."""
+        named = other_names(answer.form)
+        elsewhere = next((node for node in named if node in self._names), None)
+        if elsewhere is None or self._same(elsewhere, answer.node_id) or named[elsewhere] not in _LANGUAGES:
+            return None
+        return f"in {_LANGUAGES[named[elsewhere]]} also {self._names.shown(elsewhere)}"
 
     def _answer(self, text: str) -> NameAnswer | None:
         if text in self._names:

@@ -22,41 +22,39 @@ __all__ = [
     "word_list",
 ]
 
-_ASIDES = re.compile(r"\([^()]*\)|\[[^\[\]]*\]")
-_QUOTED = re.compile(r"[\"“”][^\"“”]*[\"“”]|(?<!\w)['‘][^'’]+['’](?!\w)")
-_ARTICLES = re.compile(r"^(?:an?|the|his|her|one)\s+", re.IGNORECASE)
+# patterns are texts, which `re` compiles when one is first used and keeps: most names need none of them
+_ASIDES = r"\([^()]*\)|\[[^\[\]]*\]"
+_QUOTED = r"[\"“”][^\"“”]*[\"“”]|(?<!\w)['‘][^'’]+['’](?!\w)"
+_ARTICLES = r"(?i)^(?:an?|the|his|her|one)\s+"
 #: In the words of people and detectors a number is a count; in a catalogue it may be the name's (a two-handled cup).
-_COUNTED = re.compile(r"^(?:an?|the|one|two|three|four|five|six|several|many|some|few|multiple)\s+", re.IGNORECASE)
+_COUNTED = r"(?i)^(?:an?|the|one|two|three|four|five|six|several|many|some|few|multiple)\s+"
 
 _FOLLOWING = "with|without|in|on|at|by|from|for"
 #: Begins what a source says of an item after its name: how it looks, what it shows, what it is made of.
-_AFTER_NOUN = re.compile(
-    rf"\s*(?:[,;:|]|\s[-–—]\s|\s(?:{_FOLLOWING}|w|f|depicting|showing|containing|representing|decorated|inscribed|"
-    r"commemorating|made|used|including|incl|based|after|to)\b|(?<=[a-z])\+|/(?=\s))",
-    re.IGNORECASE,
+_AFTER_NOUN = (
+    rf"(?i)\s*(?:[,;:|]|\s[-–—]\s|\s(?:{_FOLLOWING}|w|f|depicting|showing|containing|representing|decorated|inscribed|"
+    r"commemorating|made|used|including|incl|based|after|to)\b|(?<=[a-z])\+|/(?=\s))"
 )
 #: Begins what a picture shows an item do, or where it is: `man riding a bike`.
-_AFTER_NAME = re.compile(
-    rf"\s+(?:{_FOLLOWING}|near|next|beside|behind|under|against|above|below|inside|who|that|which|wearing|riding|"
+_AFTER_NAME = (
+    rf"(?i)\s+(?:{_FOLLOWING}|near|next|beside|behind|under|against|above|below|inside|who|that|which|wearing|riding|"
     r"holding|carrying|sitting|standing|lying|walking|running|driving|parked|made|using|playing|eating|looking|"
-    r"leaning|hanging|mounted|covered|filled|full|and)\b.*$",
-    re.IGNORECASE,
+    r"leaning|hanging|mounted|covered|filled|full|and)\b.*$"
 )
 
 _FEW = r"an?|the|one|two|three|four|five|six|eight|ten|twelve|\d+"
 #: Words before `of` that count or show the item named after it.
-_COUNTS = re.compile(
-    r"^(?:(?:one|two|three|part|half|each)\s+of\s+)?(?:an?\s+)?(?:the\s+)?"
+_COUNTS = (
+    r"(?i)^(?:(?:one|two|three|part|half|each)\s+of\s+)?(?:an?\s+)?(?:the\s+)?"
     r"(?:close[- ]?up|photo|picture|image|view|pair|set|nest|group|stack|pile|bunch|row|herd|flock|pack|piece|"
     r"collection|lot|roll|couple|heap|crowd|type|kind|part|cluster|number|slice)s?\s+of\s+"
-    rf"(?:(?:{_FEW})\s+)?(?P<rest>.+)$",
-    re.IGNORECASE,
+    rf"(?:(?:{_FEW})\s+)?(?P<rest>.+)$"
 )
-_ONE_OF_A_PAIR = re.compile(r"^one\s+of\s+(?:an?|the)\s+(?:pair|set)\s+of\s+", re.IGNORECASE)
-_LEADING_NUMBER = re.compile(r"^\d[\d.,/xX]*\s*(?:(?:cm|mm|m|in|inch|inches|ft|oz|ml|l)\b)?\s+(?=[A-Za-z])")
-_NUMBER = re.compile(r"(?<![\w/])[#(]?\d+(?:[.,x×]\d+)*(?:-|\s)?(?:inch|inches|in|cm|mm|m|ft|l|ml|oz)?\)?(?![\w/])")
+_ONE_OF_A_PAIR = r"(?i)^one\s+of\s+(?:an?|the)\s+(?:pair|set)\s+of\s+"
+_LEADING_NUMBER = r"^\d[\d.,/xX]*\s*(?:(?:cm|mm|m|in|inch|inches|ft|oz|ml|l)\b)?\s+(?=[A-Za-z])"
+_NUMBER = r"(?<![\w/])[#(]?\d+(?:[.,x×]\d+)*(?:-|\s)?(?:inch|inches|in|cm|mm|m|ft|l|ml|oz)?\)?(?![\w/])"
 # nothing is given back once it is taken: digits can be parted in more ways than there is time to try
-_SUFFIX = re.compile(r"(?:\s*+[#(]\d++\)?+|[._ #-]*+\d++)++$")
+_SUFFIX = r"(?:\s*+[#(]\d++\)?+|[._ #-]*+\d++)++$"
 
 _MODIFYING = ("colours", "materials", "sizes", "shapes", "states", "patterns", "places")
 
@@ -83,11 +81,11 @@ def noun_phrase(text: str) -> str:
     >>> noun_phrase('One of a pair of candlesticks, "Raleigh" pattern (frosted)')
     'candlesticks'
     """
-    plain = _QUOTED.sub(" ", _ASIDES.sub(" ", text.replace("™", " ").replace("®", " "))).strip(" ,;:-–—")
-    cut = _AFTER_NOUN.split(" " + plain, maxsplit=1)[0].strip() or plain.strip()
-    cut = _ONE_OF_A_PAIR.sub("", cut)
-    cut = _LEADING_NUMBER.sub("", after_counts(cut) or cut)
-    return _ARTICLES.sub("", cut).strip() or cut
+    plain = re.sub(_QUOTED, " ", re.sub(_ASIDES, " ", text.replace("™", " ").replace("®", " "))).strip(" ,;:-–—")
+    cut = re.split(_AFTER_NOUN, " " + plain, maxsplit=1)[0].strip() or plain.strip()
+    cut = re.sub(_ONE_OF_A_PAIR, "", cut)
+    cut = re.sub(_LEADING_NUMBER, "", after_counts(cut) or cut)
+    return re.sub(_ARTICLES, "", cut).strip() or cut
 
 
 def leading_phrase(text: str) -> str | None:
@@ -96,13 +94,13 @@ def leading_phrase(text: str) -> str | None:
     >>> leading_phrase("woman with umbrella")
     'woman'
     """
-    cut = _AFTER_NAME.sub("", text).strip()
+    cut = re.sub(_AFTER_NAME, "", text).strip()
     return cut if cut and cut != text.strip() else None
 
 
 def after_counts(text: str) -> str | None:
     """What a count names: `scissors` of `pair of scissors`; None where nothing is counted."""
-    counted = _COUNTS.match(text)
+    counted = re.match(_COUNTS, text)
     return counted["rest"] if counted else None
 
 
@@ -112,10 +110,10 @@ def without_numbers(text: str) -> str:
     >>> without_numbers("chair.001"), without_numbers("the 55-inch tv")
     ('chair', 'tv')
     """
-    plain = _SUFFIX.sub("", text.strip()) or text
-    plain = _COUNTED.sub("", plain.strip())
-    bare = " ".join(_NUMBER.sub(" ", plain).split())
-    return _COUNTED.sub("", bare).strip() or plain
+    plain = re.sub(_SUFFIX, "", text.strip()) or text
+    plain = re.sub(_COUNTED, "", plain.strip())
+    bare = " ".join(re.sub(_NUMBER, " ", plain).split())
+    return re.sub(_COUNTED, "", bare).strip() or plain
 
 
 def container_and_content(text: str) -> tuple[str, str] | None:
@@ -124,7 +122,7 @@ def container_and_content(text: str) -> tuple[str, str] | None:
     >>> container_and_content("a glass of red wine")
     ('glass', 'red wine')
     """
-    first, of, rest = _COUNTED.sub("", text.strip()).partition(" of ")
+    first, of, rest = re.sub(_COUNTED, "", text.strip()).partition(" of ")
     container = first.strip().lower()
     return (container, rest.strip()) if of and container in word_list("containers") and rest.strip() else None
 

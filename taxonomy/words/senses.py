@@ -16,8 +16,7 @@ from functools import cache
 from pathlib import Path
 
 from metric_base.folders import taxonomy_directory
-from taxonomy.label_lists import vocabularies, vocabulary
-from taxonomy.words.spelling import plain_fold
+from taxonomy.words.spelling import is_american, plain_fold, without_accents
 
 __all__ = [
     "Meanings",
@@ -121,14 +120,31 @@ def is_english(word: str) -> bool:
 
 def other_names(form: str) -> Mapping[str, str]:
     """By node: the language (`de`, `fr`, `es`, `it`) in which a folded word names it, or `norm` of a norm's name."""
-    return _other_names().get(form, {})
+    return _other_names().get(form, {}) if _may_be_other_name(form) else {}
+
+
+def _may_be_other_name(form: str) -> bool:
+    """Whether the table has the letters of its longest word; folding it all takes as long as the rest of an answer."""
+    word = max(form.split(), key=len, default="")
+    return _without_umlauts(word) in _other_letters() or is_american(word)
+
+
+@cache
+def _other_letters() -> str:
+    cells = "\n".join(line.partition(",")[2] for line in _text("other_names.csv").split("\n"))
+    plain = without_accents(cells).encode("ascii", "ignore").decode()
+    return _without_umlauts(plain.replace("'", "").replace("`", ""))
+
+
+def _without_umlauts(text: str) -> str:
+    """The same text for either way to write an umlaut."""
+    return text.replace("ae", "a").replace("oe", "o").replace("ue", "u")
 
 
 @cache
 def _other_names() -> Mapping[str, Mapping[str, str]]:
     named: defaultdict[str, dict[str, str]] = defaultdict(dict)
-    file = taxonomy_directory() / "other_names.csv"
-    lines = file.read_text(encoding="utf-8").splitlines() if file.is_file() else ["node_id"]
+    lines = _text("other_names.csv").split("\n")[1:-1] or ["node_id"]
     _, *languages = lines[0].split(",")
     for line in lines[1:]:
         node_id, *cells = line.split(",")
@@ -160,6 +176,8 @@ def listed_nodes(text: str) -> tuple[str, ...]:
 
 @cache
 def _votes() -> Mapping[str, dict[str, float]]:
+    from taxonomy.label_lists import vocabularies  # most names need no list
+
     votes: defaultdict[str, dict[str, float]] = defaultdict(dict)
     by_list = {name: _nodes_of_list(name) for name in DETECTOR_LISTS if name in vocabularies()}
     for name, nodes in by_list.items():
@@ -174,6 +192,8 @@ def _votes() -> Mapping[str, dict[str, float]]:
 
 def _nodes_of_list(name: str) -> Mapping[str, set[str]]:
     """Nodes of each folded word of a list; two where it has the word twice and means two items (ImageNet's crane)."""
+    from taxonomy.label_lists import vocabulary
+
     nodes: defaultdict[str, set[str]] = defaultdict(set)
     for label in vocabulary(name):
         if label.node_id is not None:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import re
+import string
 import unicodedata
 from collections import defaultdict
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
@@ -11,11 +12,14 @@ from functools import lru_cache
 __all__ = [
     "by_letters",
     "fold_text",
+    "is_american",
     "one_edit",
+    "passed_initials",
     "plain_fold",
     "singular_phrases",
     "singulars",
     "spelling_of",
+    "without_accents",
     "written_forms",
 ]
 
@@ -30,6 +34,9 @@ _SPELLINGS = {
 }  # fmt: skip
 
 _SPELLINGS |= {f"{british}s": f"{american}s" for british, american in _SPELLINGS.items()}
+
+#: First letters that the American spelling changes: of `kerb`.
+_CHANGED = {american[0]: british[0] for british, american in _SPELLINGS.items() if british[0] != american[0]}
 
 #: Plurals that no rule forms.
 _IRREGULAR_WORDS = {
@@ -73,10 +80,29 @@ def plain_fold(text: str) -> str:
     """
     if text.isascii():
         return " ".join([_SPELLINGS.get(word, word) for word in text.translate(_ASCII).split()])
-    plain = unicodedata.normalize("NFKD", text.replace("ß", "ss").replace("ø", "o").replace("Ø", "O")).casefold()
-    letters = "".join(c for c in plain if not unicodedata.combining(c) and c not in "'’‘`´")
+    letters = "".join(c for c in without_accents(text) if not unicodedata.combining(c) and c not in "'’‘`´")
     words = _SEPARATORS.sub(" ", letters.replace("&", " and ")).split()
     return " ".join(spelling_of(word) for word in words)
+
+
+def without_accents(text: str) -> str:
+    """Lower case, each accent a character of its own behind its letter."""
+    return unicodedata.normalize("NFKD", text.replace("ß", "ss").replace("ø", "o").replace("Ø", "O")).casefold()
+
+
+def is_american(word: str) -> bool:
+    """Whether a folded word may have been spelt otherwise before it was folded."""
+    return word in _SPELLINGS.values()
+
+
+def passed_initials(initial: str) -> str:
+    """The letters and digits that no text begins with whose folded form has this first letter.
+
+    >>> "k" in passed_initials("t"), "k" in passed_initials("c"), "é" in passed_initials("t")
+    (True, False, False)
+    """
+    kept = {initial, _CHANGED.get(initial, initial)}
+    return "".join(c for c in string.ascii_letters + string.digits if c.lower() not in kept)
 
 
 def spelling_of(word: str) -> str:

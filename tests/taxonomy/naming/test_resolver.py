@@ -267,3 +267,24 @@ def test_a_word_means_the_same_however_often_the_table_was_asked(monkeypatch: py
     monkeypatch.setattr(tables, "_ASKED", Counter({"senses.tsv": tables.MAX_SCANS}))
     assert [tables.senses(word) for word in words] == scanned
     assert any(scanned)
+
+
+def test_names_asked_one_by_one_are_those_folded_at_once() -> None:
+    ids = ["kerb.n.01", "tea_cup.n.01", "mt:etagere", "t.n.02"]
+    words = [["Kerbs"], ["cup of tea", "'tasse"], ["Étagère"], ["2-seater"]]
+    names = ["kerb", "Teacup (china)", "shelf", "T"]
+    given = (ids, names, words, [1] * 4, [None] * 4, lambda _: ())
+    whole = Names(*given)
+    forms = dict.fromkeys(whole.forms)
+    assert {"curb", "teacup", "tea cup", "etagere", "tasse", "2 seater"} <= set(forms)
+    for form in forms:
+        assert Names(*given).owners(form) == whole.owners(form) != ()
+    one_by_one = Names(*given)
+    assert [one_by_one.owners(form) for form in forms] == [whole.owners(form) for form in forms]
+
+
+def test_no_other_name_is_lost_unread(monkeypatch: pytest.MonkeyPatch) -> None:
+    table = tables._other_names()
+    assert all(tables.other_names(form) == named for form, named in table.items())
+    monkeypatch.setattr(tables, "_other_names", lambda: pytest.fail("the table is folded"))
+    assert not tables.other_names("swivel chair")

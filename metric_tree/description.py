@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 
 from metric_base.errors import InputError
-from metric_tree.prior import Prior
+from metric_tree.prior import INTERVAL_QUANTILES, Prior
 from metric_tree.tiers import tier_words
 from metric_tree.tree import Node
 
@@ -57,7 +57,7 @@ def everyday_sentence(name: str, prior: Prior) -> str:
     prior : its sizes in mm.
     """
     place = _main_axis(prior)
-    low, middle, high = prior.quantiles((0.05, 0.5, 0.95))[:, place].tolist()
+    low, middle, high = prior.quantiles(INTERVAL_QUANTILES)[:, place].tolist()
     how = _AXES.get(prior.dims[place], "across")
     article = "An" if name[:1].lower() in "aeiou" and not name.lower().startswith(_SAID_AS_YOU) else "A"
     plural = name.rpartition(" ")[2].lower() in _PLURALS.split()

@@ -10,6 +10,7 @@ from typing import Any
 
 import numpy as np
 
+from metric_tree.prior import INTERVAL_QUANTILES
 from metric_tree.tree import Node, NoPrior, Tree, UnknownName
 
 __all__ = ["MEDIAN_MOVED", "SPREAD_MOVED", "MovedPrior", "ReleaseDiff", "release_diff"]
@@ -148,7 +149,7 @@ def _moved_priors(pairs: list[tuple[Node, Node]], gains: dict[str, Counter[str]]
             then, now = (node.prior(dims) for node in (a, b))
         except NoPrior:
             continue
-        old, new = (prior.quantiles((0.05, 0.5, 0.95)) for prior in (then, now))  # (3, d)
+        old, new = (prior.quantiles(INTERVAL_QUANTILES) for prior in (then, now))  # (3, d)
         median = new[1] / old[1] - 1
         spread = np.log(new[2] / new[0]) / np.log(old[2] / old[0]) - 1
         moved = (np.abs(median) >= MEDIAN_MOVED) | (np.abs(spread) >= SPREAD_MOVED)

@@ -25,12 +25,15 @@ from metric_tree.tiers import TIERS, Evidence, tier_of_shares
 if TYPE_CHECKING:
     from metric_tree.context import Context, ContextModel, Where
 
-__all__ = ["FAMILY", "QUANTILES", "SHARED_KINDS", "Prior", "UnknownDimension"]
+__all__ = ["FAMILY", "INTERVAL_QUANTILES", "MEDIAN", "QUANTILES", "SHARED_KINDS", "Prior", "UnknownDimension"]
 
 FAMILY = "lognormal-mixture"
 
 #: What every table, page and answer shows: the ends of the 90 % interval, the quartiles and the median.
 QUANTILES = (0.05, 0.25, 0.5, 0.75, 0.95)
+
+#: Those of a table without room for the quartiles, and the place of the median among all.
+INTERVAL_QUANTILES, MEDIAN = QUANTILES[::2], QUANTILES.index(0.5)
 
 #: Half-width of the bracket of a quantile in component standard deviations: holds all but 2e-19 of a Gaussian.
 BRACKET_SD = 9.0

@@ -39,7 +39,7 @@ from explorer.content.release_catalogue import ReleaseCatalogue
 from metric_base.arrays import FloatArray
 from metric_base.errors import InputError
 from metric_tree.description import node_sentence
-from metric_tree.prior import FAMILY, QUANTILES, Prior
+from metric_tree.prior import FAMILY, MEDIAN, QUANTILES, Prior
 from metric_tree.tree import Node, Tree
 
 __all__ = [
@@ -76,7 +76,7 @@ def shown_name(node: Node) -> str:
 
 def reference(catalogue: ReleaseCatalogue, node: Node) -> NodeRef:
     """A node as it is in lists."""
-    medians = catalogue.quantiles(node)[2]
+    medians = catalogue.quantiles(node)[MEDIAN]
     sizes = {dim: _rounded(value) for dim, value in zip(catalogue.dims(node), medians, strict=True)}
     return NodeRef(node.node_id, node.name, node.level, catalogue.tier(node), node.n_items, sizes)
 

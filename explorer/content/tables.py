@@ -11,6 +11,7 @@ import pyarrow.parquet as pq
 
 from explorer.content.answers import vocabulary_answer
 from explorer.content.release_catalogue import ReleaseCatalogue
+from metric_tree.prior import INTERVAL_QUANTILES
 from metric_tree.tree import Node
 
 __all__ = ["csv_text", "items_csv", "items_parquet", "vocabulary_csv"]
@@ -32,11 +33,11 @@ def items_parquet(catalogue: ReleaseCatalogue, node: Node) -> bytes:
 def vocabulary_csv(catalogue: ReleaseCatalogue, name: str) -> bytes:
     """A label list: label, node, tier, items, and for each dimension the 5 %, 50 % and 95 % quantile in mm."""
     dims = ("length", "width", "height", "extent1", "extent2", "extent3")
-    columns = [f"{dim}_q{q}_mm" for dim in dims for q in ("05", "50", "95")]
+    columns = [f"{dim}_q{round(100 * q):02d}_mm" for dim in dims for q in INTERVAL_QUANTILES]
     rows: list[list[Any]] = []
     for row in vocabulary_answer(catalogue, name).labels:
         sizes = row.quantiles_mm or {}
-        figures = [sizes.get(dim, {}).get(q) for dim in dims for q in ("0.05", "0.5", "0.95")]
+        figures = [sizes.get(dim, {}).get(f"{q:g}") for dim in dims for q in INTERVAL_QUANTILES]
         rows.append([row.label, row.node, row.name, row.tier, row.n_items, *figures])
     return csv_text(["label", "node_id", "name", "tier", "n_items", *columns], rows)
 

@@ -13,6 +13,7 @@ from explorer.content.release_catalogue import AXES, ReleaseCatalogue
 from explorer.content.tiers import TIERS
 from explorer.pages.templating import page_bytes, web_address
 from metric_base.arrays import IntArray
+from metric_tree.prior import MEDIAN
 from metric_tree.tree import Node
 
 __all__ = ["source_page", "sources_page", "vocabularies_page", "vocabulary_page"]
@@ -82,7 +83,7 @@ def _off(catalogue: ReleaseCatalogue, node: Node, rows: IntArray) -> float | Non
     known = [k for k in range(len(dims)) if (~np.isnan(sizes[:, k])).sum() >= LEAST_ROWS]
     if not known:
         return None
-    ratios = np.nanmedian(sizes[:, known], axis=0) / catalogue.quantiles(node)[2][known]
+    ratios = np.nanmedian(sizes[:, known], axis=0) / catalogue.quantiles(node)[MEDIAN][known]
     return round(float(np.exp(np.log(ratios).mean()) - 1), 4)
 
 

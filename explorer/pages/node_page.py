@@ -22,7 +22,7 @@ from explorer.pages.templating import page_bytes, web_address
 from metric_base.arrays import FloatArray, IntArray
 from metric_base.regions import region_of
 from metric_tree.context import Where
-from metric_tree.prior import QUANTILES, Prior
+from metric_tree.prior import INTERVAL_QUANTILES, QUANTILES, Prior
 from metric_tree.tree import Node
 
 __all__ = ["node_page"]
@@ -67,7 +67,7 @@ def node_page(catalogue: ReleaseCatalogue, node: Node) -> bytes:
         sizes=list(zip(answer.dims, table.T.tolist(), strict=True)),
         drawing=Markup(to_scale(shown_name(node), _box(prior, table))) if prior else "",
         distributions=[
-            (dim, Markup(_distribution(dim, prior, table[[0, 2, 4], place], sizes, kinds)))
+            (dim, Markup(_distribution(dim, prior, table[::2, place], sizes, kinds)))
             for place, dim in enumerate(prior.dims)
         ]
         if prior
@@ -122,7 +122,7 @@ def _scatter(prior: Prior, sizes: FloatArray, kinds: Any) -> tuple[str, str]:
 
 def _box(prior: Prior, table: FloatArray) -> DrawnBox:
     """What is drawn to scale: length across, height up and width deep; a dimension that is not known is another's."""
-    spans = {dim: tuple(float(v) for v in table[[0, 2, 4], k]) for k, dim in enumerate(prior.dims)}
+    spans = {dim: tuple(float(v) for v in table[::2, k]) for k, dim in enumerate(prior.dims)}
     names = list(spans)
     across = next((dim for dim in ("length", "extent1", "width", *names) if dim in spans), names[0])
     up = next(
@@ -150,7 +150,7 @@ def _context(node: Node, prior: Prior) -> dict[str, Any] | None:
             where = Where(None if region == "world" else region, year)
             plain = where.region is None and where.year is None
             moved = prior if plain else node.prior(prior.dims, where)
-            rows = moved.quantiles((0.05, 0.5, 0.95)).T
+            rows = moved.quantiles(INTERVAL_QUANTILES).T
             table[region].append([[float(f"{mm:.4g}") for mm in row] for row in rows])
     return {"regions": list(table), "years": [round(year) for year in steps], "table": table}
 

@@ -62,7 +62,7 @@ def _span(catalogue: ReleaseCatalogue, node: Node, dim: str) -> tuple[float, flo
     if dim not in dims:
         return None
     table = catalogue.quantiles(node)
-    low, middle, high = table[[0, 2, 4], dims.index(dim)]
+    low, middle, high = table[::2, dims.index(dim)]
     return float(low), float(middle), float(high)
 
 

@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 
 from metric_base.arrays import FloatArray
+from metric_tree.prior import INTERVAL_QUANTILES
 from metric_tree.tree import Node, Tree
 
 __all__ = [
@@ -25,7 +26,7 @@ __all__ = [
 
 #: Points at which the distribution of changes is reported: of sizes, most of which stay, the far end; of spreads both.
 SIZE_QUANTILES = (0.5, 0.75, 0.95, 0.99)
-SPREAD_QUANTILES = (0.05, 0.5, 0.95)
+SPREAD_QUANTILES = INTERVAL_QUANTILES
 
 #: Change of ln size that is rounding: a tenth of a per mille, far below what any source states.
 ROUNDING = 1e-4

@@ -9,6 +9,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 from metric_tree.axes import AXES
+from metric_tree.prior import INTERVAL_QUANTILES
 from metric_tree.report.html import plain, whole_page
 from metric_tree.tiers import TIERS, tier_words
 from metric_tree.tree import Node, Tree
@@ -21,7 +22,6 @@ __all__ = ["proofreading_page", "thin_nodes"]
 SOUND = ("norm", "measured")
 
 #: The quantiles that a range is: nine of ten lie between the outer two.
-_QUANTILES = (0.05, 0.5, 0.95)
 
 _ENDS = ("low", "typical", "high")
 
@@ -99,7 +99,7 @@ def _ranges(node: Node) -> Sequence[tuple[str, ...]]:
         ends = zip(written.low, written.typical, written.high, strict=True)
         return [tuple("" if end is None else f"{end:.4g}" for end in axis) for axis in ends]
     prior = node.prior(node.prior_dims[0])
-    quantiles = [prior.quantile(q) for q in _QUANTILES]
+    quantiles = [prior.quantile(q) for q in INTERVAL_QUANTILES]
     names = AXES if prior.dims[0] in AXES else tuple(f"extent{number}" for number in (1, 2, 3))
     places = {dim: place for place, dim in enumerate(prior.dims)}
     return [

@@ -18,7 +18,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from estimator.capture.mapping.lens_choice import chosen_lens, lens_scores
+from estimator.capture.mapping.camera_model_choice import chosen_model, model_scores
 from estimator.capture.mapping.pair_choice import all_pairs, chosen_pairs, coarse_scores
 from estimator.capture.mapping.triplets import agreement, model_triplets
 from estimator.reconstructions.pycolmap_library import pycolmap
@@ -200,8 +200,8 @@ def global_(request: Request) -> dict[str, Any]:
 
 def lenses(request: Request) -> dict[str, Any]:
     """How well each camera model does on observations that it was not fitted to, and the best of them."""
-    scores = lens_scores(request["model"])
-    return {"scores": scores, "chosen": chosen_lens(scores)}
+    scores = model_scores(request["model"])
+    return {"scores": scores, "chosen": chosen_model(scores)}
 
 
 STEPS: dict[str, Callable[[Request], dict[str, Any]]] = {

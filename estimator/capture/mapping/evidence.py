@@ -15,10 +15,10 @@ from estimator.records.scene import Scene
 from metric_base.arrays import FloatArray, IntArray
 
 __all__ = [
-    "Agreement",
     "CaptureEvidence",
     "ModelShape",
     "Pair",
+    "TripletAgreement",
     "agreement_of",
     "aligned_centres",
     "model_disagreement",
@@ -136,7 +136,7 @@ class CaptureEvidence:
 
 
 @dataclass(frozen=True, slots=True)
-class Agreement:
+class TripletAgreement:
     """How well a model agrees with the verified matches of three frames at a time.
 
     frames : of the model; triplets : how many were looked at; contradicted : how many of them the model contradicts;
@@ -165,9 +165,9 @@ class Agreement:
         }
 
 
-def agreement_of(row: dict[str, Any] | None) -> Agreement | None:
-    """What `Agreement.json` wrote."""
-    return None if row is None else Agreement(**row | {"pieces": tuple(tuple(piece) for piece in row["pieces"])})
+def agreement_of(row: dict[str, Any] | None) -> TripletAgreement | None:
+    """What `TripletAgreement.json` wrote."""
+    return None if row is None else TripletAgreement(**row | {"pieces": tuple(tuple(piece) for piece in row["pieces"])})
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -192,7 +192,7 @@ class ModelShape:
     focal_spread: float | None = None
     pattern: float = 0.0
     camera: str = "SIMPLE_RADIAL"
-    agreement: Agreement = Agreement()
+    agreement: TripletAgreement = TripletAgreement()
 
     def summary(self) -> dict[str, Any]:
         """Figures for the report."""
@@ -214,7 +214,7 @@ class ModelShape:
 
 
 def model_shape(
-    folder: Path, focal_deviation: float | None = None, agreement: Agreement | None = None
+    folder: Path, focal_deviation: float | None = None, agreement: TripletAgreement | None = None
 ) -> ModelShape | None:
     """The shape of a model on disk, None where there is none or it has no point; the others are of that model."""
     if not (folder / "images.bin").is_file():
@@ -237,7 +237,7 @@ def model_shape(
         focal_spread(scene),
         residual_pattern(residuals, pixels, (camera.width, camera.height)),
         camera.model,
-        agreement or Agreement(),
+        agreement or TripletAgreement(),
     )
 
 

@@ -47,7 +47,7 @@ class Mapped:
     """What a mapper made.
 
     A failure that it shows, its shape and folder, whether the focal length was held; params : of its camera;
-    seconds : of processor that it took; mapper : `incremental` or `global`; lens_choice : the scores of camera models
+    seconds : of processor that it took; mapper : `incremental` or `global`; model_choice : the scores of camera models
     and the one that was chosen, where several were compared.
     """
 
@@ -59,7 +59,7 @@ class Mapped:
     params: tuple[float, ...] = ()
     seconds: float = 0.0
     mapper: str = "incremental"
-    lens_choice: dict[str, Any] | None = None
+    model_choice: dict[str, Any] | None = None
 
 
 @dataclass(frozen=True, slots=True, eq=False)

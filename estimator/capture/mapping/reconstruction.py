@@ -7,6 +7,7 @@ import shutil
 from dataclasses import replace
 from pathlib import Path
 
+from estimator.capture.mapping.camera_model_search import other_mapping_s, with_other_camera_model
 from estimator.capture.mapping.evidence import CaptureEvidence
 from estimator.capture.mapping.failures import TYPICAL_FOCAL
 from estimator.capture.mapping.gates import (
@@ -18,7 +19,6 @@ from estimator.capture.mapping.gates import (
     most_are_linked,
 )
 from estimator.capture.mapping.lens import Lens
-from estimator.capture.mapping.lens_search import other_mapping_s, with_other_lens
 from estimator.capture.mapping.mappers import Mapped, MappingTask, mapped_frames
 from estimator.capture.mapping.rungs import RUNGS, Rung
 from estimator.capture.mapping.time_limit import OutOfTime, TimeLimit
@@ -125,7 +125,7 @@ def _mended_mapping(task: MappingTask, lens: Lens, mapped: Mapped) -> Mapped:
     if mapped.failure is not None and mapped.failure.code == "too_few_frames" and not most_are_linked(task.evidence):
         return mapped  # no lens links them
     if lens.free and lens_is_doubtful(mapped.shape, mapped.failure):
-        mapped = _better_supported(mapped, with_other_lens(task, lens, mapped))
+        mapped = _better_supported(mapped, with_other_camera_model(task, lens, mapped))
     try:
         if mapped.failure is not None and mapped.failure.code == "too_few_frames":
             mapped = _map_with_focal_last(task, lens, mapped)
@@ -180,6 +180,6 @@ def _write_report(file: Path, mapped: Mapped, evidence: CaptureEvidence) -> None
         "mapper": mapped.mapper,
         "disagreement": mapped.disagreement,
         "focal_held": mapped.focal_held,
-        "lenses": mapped.lens_choice,
+        "lenses": mapped.model_choice,
     }
     file.write_text(json.dumps(report, indent=1) + "\n", encoding="utf-8")

@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from estimator.capture.mapping.evidence import Agreement
+from estimator.capture.mapping.evidence import TripletAgreement
 from estimator.reconstructions.pycolmap_library import pycolmap
 from metric_base.arrays import FloatArray, IntArray
 
@@ -50,7 +50,7 @@ class Triplet:
         return self.residual_px <= MOST_RESIDUAL_PX and abs(self.stretch) <= MOST_STRETCH
 
 
-def agreement(triplets: list[Triplet], frames: int) -> Agreement:
+def agreement(triplets: list[Triplet], frames: int) -> TripletAgreement:
     """Whether the triplets of a model of so many frames agree with it, and into which pieces its frames fall.
 
     Frames of triplets that agree belong to one piece where two triplets share two frames: one frame alone passes on no
@@ -69,7 +69,7 @@ def agreement(triplets: list[Triplet], frames: int) -> Agreement:
         joined = [*apart, (sides, held)]
     pieces = sorted((tuple(sorted(held)) for _, held in joined), key=lambda names: (-len(names), names))
     residual = float(np.median([row.residual_px for row in triplets])) if triplets else 0.0
-    return Agreement(frames, len(triplets), len(triplets) - len(fitting), residual, tuple(pieces))
+    return TripletAgreement(frames, len(triplets), len(triplets) - len(fitting), residual, tuple(pieces))
 
 
 def model_triplets(model: Any, database: str) -> list[Triplet]:

@@ -12,7 +12,7 @@ import pytest
 
 from estimator.capture.cautions import capture_cautions, read_cautions
 from estimator.capture.frames import Frames
-from estimator.capture.mapping.evidence import Agreement, CaptureEvidence, ModelShape, Pair
+from estimator.capture.mapping.evidence import TripletAgreement, CaptureEvidence, ModelShape, Pair
 from estimator.capture.mapping.failures import CODES, failure
 from estimator.capture.mapping.gates import (
     UNDETERMINED,
@@ -99,7 +99,7 @@ def test_what_the_model_shows() -> None:
     shape = _shape(evidence)
     refusals = {
         "pure_rotation": model_failure(evidence, replace(shape, angle_deg=0.8), focal_held=False),
-        "drift": contradiction(replace(shape, agreement=Agreement(20, 40, 3))),
+        "drift": contradiction(replace(shape, agreement=TripletAgreement(20, 40, 3))),
         "implausible_focal_length": model_failure(evidence, replace(shape, focal=9.0), focal_held=False),
         "focal_length_changes": model_failure(evidence, replace(shape, focal_spread=0.01), focal_held=True),
         "focal_length_undetermined": model_failure(evidence, replace(shape, focal_deviation=0.6), focal_held=False),
@@ -120,7 +120,7 @@ def test_when_the_other_mapper_is_asked_and_when_it_may_answer() -> None:
     evidence = replace(_evidence(), pairs=tuple(Pair(a, b, 300, 200, 0.4, 60.0, None) for a, b in all_pairs(20)))
     assert evidence.most_steps() == 1
     assert _evidence().most_steps() == 7  # 19 frames on, in steps of up to three
-    whole = replace(_shape(evidence), agreement=Agreement(20, 60, 2, 0.4, (tuple(evidence.names),)))
+    whole = replace(_shape(evidence), agreement=TripletAgreement(20, 60, 2, 0.4, (tuple(evidence.names),)))
     torn = replace(whole, agreement=replace(whole.agreement, pieces=(whole.names[:9], whole.names[9:])))
     contradicted = replace(whole, agreement=replace(whole.agreement, contradicted=9))
     assert not needs_check(evidence, whole, None)

@@ -1,4 +1,4 @@
-"""Other lenses for frames that one lens explains badly: by held out observations, by the file, by usual wide ones."""
+"""Other camera models for frames that one explains badly: by held out observations, by the file, usual wide ones."""
 
 from __future__ import annotations
 
@@ -12,22 +12,22 @@ from estimator.capture.mapping.mappers import Mapped, MappingTask, mapped_frames
 from estimator.capture.mapping.time_limit import OutOfTime
 from estimator.capture.mapping.worker_process import WorkerError, start_worker, wait_for_worker
 
-__all__ = ["better_mapping", "other_mapping_s", "with_other_lens"]
+__all__ = ["better_mapping", "other_mapping_s", "with_other_camera_model"]
 
 FISHEYE = "OPENCV_FISHEYE"
 #: Wide lenses by camera model and usual focal length over the longer side: a telephone's second camera, which corrects
 #: its distortion, and an action camera's. From a fisheye focal length within a fifth of the true one the mapping
 #: settles.
 WIDE_STARTS = (("SIMPLE_RADIAL", 0.4), (FISHEYE, 0.48), (FISHEYE, 0.34))
-#: A mapping through another lens may take so many times as long as the first, and so many seconds more: it also
-#: verifies the matches; the adjustment of a wrong lens may take for ever.
+#: A mapping with another camera model may take so many times as long as the first, and so many seconds more: it also
+#: verifies the matches; the adjustment of a wrong one may take for ever.
 TIMES_THE_FIRST, SECONDS_MORE = 3.0, 30.0
-#: A fisheye lens is mapped with again until its focal length changes by less than this share, so many times at most.
+#: A fisheye model is mapped with again until its focal length changes by less than this share, so many times at most.
 SETTLED, MOST_ROUNDS = 0.01, 2
 
 
-def with_other_lens(task: MappingTask, lens: Lens, mapped: Mapped) -> Mapped:
-    """The best mapping through other lenses, or the first where none is better.
+def with_other_camera_model(task: MappingTask, lens: Lens, mapped: Mapped) -> Mapped:
+    """The best mapping with other camera models, or the first where none is better.
 
     lens : of the first mapping, `mapped`. Where that can be used, other camera models are tried only if they explain
     held out observations better. Where it cannot be used, they are tried all the same: few frames say too little about
@@ -35,12 +35,12 @@ def with_other_lens(task: MappingTask, lens: Lens, mapped: Mapped) -> Mapped:
     """
     choice = _choice(task, mapped)
     if mapped.failure is None and (choice is None or choice["chosen"] == lens.model):
-        return replace(mapped, lens_choice=choice)
+        return replace(mapped, model_choice=choice)
     best, seconds = mapped, other_mapping_s(mapped)
-    for number, other in enumerate(_other_lenses(lens, choice)):
+    for number, other in enumerate(_other_starts(lens, choice)):
         try:
             other_mapped = mapped_frames(task.below(f"lens_{number}", seconds), other)
-        except (OutOfTime, WorkerError):  # a lens that fits nothing may also break the mapper
+        except (OutOfTime, WorkerError):  # a model that fits nothing may also break the mapper
             continue
         if better_mapping(other_mapped, best) is other_mapped:
             best = (
@@ -50,7 +50,7 @@ def with_other_lens(task: MappingTask, lens: Lens, mapped: Mapped) -> Mapped:
             )
         if best.failure is None and best is not mapped:
             break
-    return replace(best, lens_choice=choice)
+    return replace(best, model_choice=choice)
 
 
 def other_mapping_s(mapped: Mapped) -> float:
@@ -69,7 +69,7 @@ def better_mapping(one: Mapped, two: Mapped) -> Mapped:
 
 
 def _settled_mapping(task: MappingTask, lens: Lens, mapped: Mapped, number: int, seconds: float) -> Mapped:
-    """The mapping again from the lens that it ended with, until that stays."""
+    """The mapping again from the parameters that it ended with, until that stays."""
     for turn in range(MOST_ROUNDS):
         before = mapped.params[0]
         again = task.below(f"lens_{number}_again_{turn}", seconds)
@@ -95,8 +95,8 @@ def _choice(task: MappingTask, mapped: Mapped) -> dict[str, Any] | None:
     return choice
 
 
-def _other_lenses(lens: Lens, choice: dict[str, Any] | None) -> Iterator[Lens]:
-    """Lenses to begin with, most likely first."""
+def _other_starts(lens: Lens, choice: dict[str, Any] | None) -> Iterator[Lens]:
+    """Camera models and their parameters to begin with, most likely first."""
     side = max(lens.width, lens.height)
     if choice is not None:
         name = choice["chosen"]

@@ -8,9 +8,9 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
+from estimator.capture.mapping.camera_model_choice import chosen_model, model_scores, start_params
 from estimator.capture.mapping.evidence import model_shape, residual_pattern
 from estimator.capture.mapping.gates import PATTERN
-from estimator.capture.mapping.lens_choice import chosen_lens, lens_scores, start_params
 from estimator.reconstructions.pycolmap_library import pycolmap
 
 WIDE = [375.0, 375.0, 424.0, 240.0, 0.043, 0.041, -0.037, 0.01]
@@ -62,8 +62,8 @@ def test_a_fisheye_lens_under_a_radial_model_is_found(tmp_path: Path) -> None:
     shape = model_shape(folder)
     assert shape is not None
     assert shape.pattern > PATTERN
-    scores = lens_scores(str(folder))
-    assert chosen_lens(scores) == "OPENCV_FISHEYE"
+    scores = model_scores(str(folder))
+    assert chosen_model(scores) == "OPENCV_FISHEYE"
     assert scores["OPENCV_FISHEYE"]["params"][0] == pytest.approx(375, rel=0.03)
 
 
@@ -72,7 +72,7 @@ def test_a_plain_lens_keeps_the_simple_model(tmp_path: Path) -> None:
     shape = model_shape(folder)
     assert shape is not None
     assert shape.pattern < PATTERN
-    assert chosen_lens(lens_scores(str(folder), ("SIMPLE_RADIAL", "OPENCV_FISHEYE"))) == "SIMPLE_RADIAL"
+    assert chosen_model(model_scores(str(folder), ("SIMPLE_RADIAL", "OPENCV_FISHEYE"))) == "SIMPLE_RADIAL"
 
 
 @pytest.mark.parametrize("model", ["OPENCV", "OPENCV_FISHEYE", "THIN_PRISM_FISHEYE", "SIMPLE_RADIAL"])

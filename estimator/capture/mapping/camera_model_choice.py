@@ -10,10 +10,10 @@ from estimator.reconstructions.cameras import CAMERA_MODELS
 from estimator.reconstructions.pycolmap_library import pycolmap
 from metric_base.arrays import FloatArray
 
-__all__ = ["LENSES", "chosen_lens", "lens_scores", "start_params"]
+__all__ = ["TRIED_MODELS", "chosen_model", "model_scores", "start_params"]
 
 #: Models that are tried, simplest first. A telephone's lens is the first or second, an action camera's the third.
-LENSES = ("SIMPLE_RADIAL", "OPENCV", "OPENCV_FISHEYE", "THIN_PRISM_FISHEYE")
+TRIED_MODELS = ("SIMPLE_RADIAL", "OPENCV", "OPENCV_FISHEYE", "THIN_PRISM_FISHEYE")
 #: Only points that so many views see lose one of their observations.
 LEAST_TRACK = 4
 #: Share of such points that lose one.
@@ -24,7 +24,7 @@ MOST_ERROR_PX = 3.0
 LEAST_GAIN = 0.03
 
 
-def lens_scores(folder: str, models: tuple[str, ...] = LENSES) -> dict[str, dict[str, Any]]:
+def model_scores(folder: str, models: tuple[str, ...] = TRIED_MODELS) -> dict[str, dict[str, Any]]:
     """Per camera model: root mean square residual in pixels of what was held out, and the fitted parameters.
 
     folder : of a model whose frames share a camera.
@@ -32,12 +32,12 @@ def lens_scores(folder: str, models: tuple[str, ...] = LENSES) -> dict[str, dict
     return {model: _score(pycolmap.Reconstruction(folder), model) for model in models}
 
 
-def chosen_lens(scores: dict[str, dict[str, Any]]) -> str:
+def chosen_model(scores: dict[str, dict[str, Any]]) -> str:
     """The model that does best; one with more parameters than another has to beat it by `LEAST_GAIN`.
 
-    >>> chosen_lens({"SIMPLE_RADIAL": {"error_px": 1.0}, "OPENCV": {"error_px": 0.98}})
+    >>> chosen_model({"SIMPLE_RADIAL": {"error_px": 1.0}, "OPENCV": {"error_px": 0.98}})
     'SIMPLE_RADIAL'
-    >>> chosen_lens({"OPENCV": {"error_px": 1.0}, "OPENCV_FISHEYE": {"error_px": 0.98}})
+    >>> chosen_model({"OPENCV": {"error_px": 1.0}, "OPENCV_FISHEYE": {"error_px": 0.98}})
     'OPENCV_FISHEYE'
     """
     best, *others = sorted(scores, key=lambda name: len(CAMERA_MODELS[name][1]))

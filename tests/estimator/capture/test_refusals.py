@@ -12,7 +12,7 @@ import pytest
 
 from estimator.capture.cautions import capture_cautions, read_cautions
 from estimator.capture.frames import Frames
-from estimator.capture.mapping.evidence import TripletAgreement, CaptureEvidence, ModelShape, Pair
+from estimator.capture.mapping.evidence import CaptureEvidence, ModelShape, Pair, TripletAgreement
 from estimator.capture.mapping.failures import CODES, failure
 from estimator.capture.mapping.gates import (
     UNDETERMINED,

@@ -10,6 +10,7 @@ import os
 import re
 import shutil
 import sys
+import textwrap
 import traceback
 from collections.abc import Callable, Collection, Iterable, Sequence
 from contextlib import suppress
@@ -33,6 +34,7 @@ __all__ = [
     "output_width",
     "print_json",
     "print_table",
+    "statuses_text",
     "style_text",
     "table_text",
     "version",
@@ -47,6 +49,9 @@ DEBUG_VARIABLE = "METRIC_TREE_DEBUG"
 #: Columns of a table that no terminal bounds: room for the longest row on one line.
 PIPE_WIDTH = 100_000
 
+#: Columns of the paragraphs below the options of a help.
+HELP_WIDTH = 120
+
 #: What a path should have been where the system refuses it.
 _PATH_ERRORS: dict[type[OSError], str] = {
     FileNotFoundError: "an existing file or folder; found none",
@@ -59,7 +64,8 @@ _PATH_ERRORS: dict[type[OSError], str] = {
 #: Select Graphic Rendition of ECMA-48.
 _STYLES = {"bold": 1, "dim": 2, "red": 31, "green": 32}
 
-DONE, INTERNAL_ERROR, INPUT_ERROR, TERMINATED = 0, 1, 2, 143
+#: Exit statuses. UNUSABLE: the run went well and its answer is no, such as an unresolved scale or a wrong model.
+DONE, INTERNAL_ERROR, INPUT_ERROR, UNUSABLE, TERMINATED = 0, 1, 2, 3, 143
 
 
 #: A replacement for each of our signs in an encoding that lacks it; anything else is written as an escape.
@@ -115,6 +121,13 @@ def exit_status(program: str, run: Callable[[], int]) -> int:
             status = _error_status(program, error)
     flush_or_silence(sys.stdout)
     return status
+
+
+def statuses_text(done: str = "", input_error: str = "", unusable: str = "") -> str:
+    """The end of a program's help: what its exit statuses say, in lines of its width."""
+    parts = [f"{DONE} done{done}", f"{INPUT_ERROR} the input is invalid (one line says where){input_error}"]
+    parts += [f"{UNUSABLE} {unusable}"] if unusable else []
+    return textwrap.fill(f"Exit status: {'; '.join(parts)}; {INTERNAL_ERROR} an internal error.", HELP_WIDTH) + "\n"
 
 
 def warn(message: str, program: str | None = None) -> None:

@@ -14,7 +14,7 @@ from metric_base.files import OutputNames
 from metric_cli.arguments import OutputFile, input_path
 from metric_cli.parsers import add_tree
 from metric_cli.progress import with_bar
-from metric_cli.terminal import print_table, warn
+from metric_cli.terminal import DONE, INPUT_ERROR, UNUSABLE, print_table, warn
 
 if TYPE_CHECKING:
     from estimator.asset_files.asset import Asset
@@ -23,9 +23,7 @@ if TYPE_CHECKING:
 
 __all__ = ["HELP", "add_arguments", "run"]
 
-HELP = "Whether 3-D models are at true size: one line a model; exit 3 if any is wrong."
-
-ALL_RIGHT, INPUT_ERROR, SOME_WRONG = 0, 2, 3
+HELP = f"Whether 3-D models are at true size: one line a model; exit {UNUSABLE} if any is wrong."
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -60,7 +58,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         help="write what is wrong at its true size: a file, or a folder for many",
     )
     add("--bake", action="store_true", help="with --fix: change the vertices of glTF, not a node above them")
-    add("--strict", action="store_true", help="exit 3 also for what is not known")
+    add("--strict", action="store_true", help=f"exit {UNUSABLE} also for what is not known")
     add_tree(parser)
 
 
@@ -92,7 +90,7 @@ def run(arguments: argparse.Namespace) -> int:
     if not arguments.json and len(checks) > 1:
         _print_counts(checks)
     wrong = any(check.is_wrong or (arguments.strict and check.verdict == "not known") for check in checks)
-    return SOME_WRONG if wrong else INPUT_ERROR if unread else ALL_RIGHT
+    return UNUSABLE if wrong else INPUT_ERROR if unread else DONE
 
 
 def _outcomes(arguments: argparse.Namespace, tree: Tree, done: set[str]) -> Iterator[AssetCheck | InputError]:

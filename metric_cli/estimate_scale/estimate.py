@@ -14,6 +14,7 @@ from metric_base.errors import InputError
 from metric_base.escaping import visible_json
 from metric_base.outputs import is_own_output
 from metric_cli.estimate_scale.options import PROGRAM, RESULT, has_capture, parse_options, parser
+from metric_cli.terminal import UNUSABLE
 from metric_cli.threads import use_one_thread
 
 if TYPE_CHECKING:
@@ -25,9 +26,6 @@ if TYPE_CHECKING:
     from metric_tree.tree import Tree
 
 __all__ = ["main", "parser"]
-
-#: The exit status of a scale that is unresolved, with `--strict` of an uncertain one, and of a capture without a model.
-UNRESOLVED = 3
 
 
 def main(argv: Sequence[str] | None = None) -> int:
@@ -67,7 +65,7 @@ def _answer(options: argparse.Namespace) -> int:
         _withhold_files(options)
     _print(result, options)
     refused = {"unresolved", "uncertain"} if options.strict else {"unresolved"}
-    return UNRESOLVED if result.status in refused else 0
+    return UNUSABLE if result.status in refused else 0
 
 
 def _withhold_files(options: argparse.Namespace) -> None:
@@ -131,7 +129,7 @@ def _report_failure(failure: Failure, options: argparse.Namespace) -> int:
     if options.json:
         record = {"schema": "metric-tree/scale/1", "status": "unresolved", "failure": failure.json()}
         sys.stdout.write(json.dumps(record, indent=1, ensure_ascii=False) + "\n")
-    return UNRESOLVED
+    return UNUSABLE
 
 
 def _cautions(options: argparse.Namespace) -> tuple[str, ...]:

@@ -12,7 +12,7 @@ from metric_base.outputs import check_output
 from metric_cli.arguments import OutputFile, input_path, new_folder, output_folder
 from metric_cli.estimate_scale.evidence_options import add_evidence_options, evidence_sources, up_direction
 from metric_cli.parsers import add_program_options, program_parser
-from metric_cli.terminal import OneLineParser
+from metric_cli.terminal import UNUSABLE, OneLineParser, statuses_text
 
 __all__ = ["DRAFT", "PROGRAM", "RESULT", "has_capture", "parse_options", "parser"]
 
@@ -27,12 +27,12 @@ _CAPTURE_OPTIONS = ("--work", "--frames", "--focal", "--camera-model", "--max-ti
 #: The baselines know objects alone.
 WITHOUT_LENGTHS = ("paper", "sucar")
 
-EPILOG = """\
-Exit status: 0 done, with a warning where the scale is uncertain: the interval's high/low exceeds 1.8, or a mode more
-than 25 % away has mass of 0.1 or more (--strict: 3); 2 the input is invalid (one line says where); 3 unresolved: no
-usable object, or less than 40 % of the posterior is within 15 % of its highest mode, or a known length contradicts the
-objects, or the reconstruction or the masks contradict themselves; 1 an internal error.
-"""
+EPILOG = statuses_text(
+    done=", with a warning where the scale is uncertain: the interval's high/low exceeds 1.8, or a mode more than 25 % "
+    f"away has mass of 0.1 or more (--strict: {UNUSABLE})",
+    unusable="unresolved: no usable object, or less than 40 % of the posterior is within 15 % of its highest mode, or "
+    "a known length contradicts the objects, or the reconstruction or the masks contradict themselves",
+)
 
 
 def parse_options(words: Sequence[str]) -> argparse.Namespace:
@@ -112,7 +112,7 @@ def parser() -> OneLineParser:
     )
     trust = "use a known length even if it contradicts most objects (otherwise unresolved)"
     add("--trust-known-length", action="store_true", help=trust)
-    add("--strict", action="store_true", help="exit 3 of an uncertain scale too")
+    add("--strict", action="store_true", help=f"exit {UNUSABLE} of an uncertain scale too")
     add("--level", type=float, default=0.9, help="mass of the interval (default: %(default)s)")
     add("--leave-one-class-out", action="store_true", help="the scale without each class in turn")
     add(

@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING
 from metric_base.errors import InputError
 from metric_cli.arguments import OutputFile, new_folder
 from metric_cli.insert_object.scene_arguments import add_scene_arguments, prepared_scene_of, requests_of, tree_of
+from metric_cli.terminal import statuses_text
 
 if TYPE_CHECKING:
     from insertion.pipeline.prepared_scene import PreparedScene
@@ -24,12 +25,11 @@ PROGRAM = "insert-object"
 #: What says where an object stands, which the page replaces.
 PLACE_OPTIONS = ("--place", "--at", "--on", "--plane", "--xy", "--facing")
 
-EPILOG = """\
+EPILOG = f"""\
 Several objects: repeat --model; --size, --at, --on, --plane, --xy, --facing and --category belong to the --model before
 them. The object's metres are divided by the scale, and nothing else. `insert-object study --help` makes the paper's
-user study. Exit status: 0 done; 2 the input is invalid (one line says where), or there is no level surface at the
-place; 1 an internal error.
-"""
+user study.
+{statuses_text(input_error=", or there is no level surface at the place")}"""
 
 
 def main(argv: Sequence[str] | None = None) -> int:

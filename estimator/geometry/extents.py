@@ -11,7 +11,16 @@ import numpy as np
 
 from metric_base.arrays import BoolArray, FloatArray, IntArray
 
-__all__ = ["TOP_SIGMA", "edges", "end_quantiles", "extent_sigma", "level_top", "quantiles", "surface_cells"]
+__all__ = [
+    "HIDDEN_TOP_SIGMA",
+    "TOP_SIGMA",
+    "edges",
+    "end_quantiles",
+    "extent_sigma",
+    "level_top",
+    "quantiles",
+    "surface_cells",
+]
 
 # The share cut off at either end: enough to lose flying points, and little against any face.
 TRIM = 0.015
@@ -48,6 +57,9 @@ TOP_QUANTILE = 0.75
 # One standard deviation of the log height that a level top ends, from hard synthetic rooms with clutter, seeds 1100 and
 # 1101: what lies on a small table may be larger than its top.
 TOP_SIGMA = 0.08
+# ... and of one whose level top cannot be seen: where things on it were in its masks, and there alone, heights there
+# are half as large again to twice as large.
+HIDDEN_TOP_SIGMA = 0.5
 
 
 def end_quantiles(points: FloatArray) -> FloatArray:

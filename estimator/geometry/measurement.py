@@ -12,7 +12,7 @@ from estimator.association.association import Association, Joining
 from estimator.association.point_labels import PointLabels
 from estimator.association.tracks import Track
 from estimator.geometry.canonical_frame import SortedScene
-from estimator.geometry.extents import TOP_SIGMA, level_top
+from estimator.geometry.extents import HIDDEN_TOP_SIGMA, TOP_SIGMA, level_top
 from estimator.geometry.fragments import without_fragments
 from estimator.geometry.noise import depth_noise, sight_moment
 from estimator.geometry.outlined import MIN_BOX_VIEWS, MIN_DENSE_POINTS, outline_data, outlined_object
@@ -36,7 +36,8 @@ __all__ = ["PAPER", "MeasurementOptions", "Measurements", "in_world", "measure_t
 MIN_OBJECT_POINTS = 16
 # Points this many height bins below the floor are not on an object: twice the half thickness of a level surface.
 BELOW_FLOOR_BINS = 5.0
-# Points that reach less than this share of the height above a level top are its own roughness, and the quantile stays.
+# Points that reach less than this share of the height above a level top are its own roughness: the quantile stays, and
+# is in doubt by as much.
 CLUTTER_SHARE = 0.1
 # Root mean square by which log length, width and height of an object move when depth order replaces the observations,
 # in hard synthetic rooms, seeds 1100 and 1101, moves over 0.3 counting as 0.3.
@@ -283,10 +284,13 @@ def _object(
     notes = ["reaches down to the surface below it"] if foot.filled else []
     if options.level_tops and has_level_top(track.category):
         top = level_top(shape.points[box.rows] @ basis[2], float(low[2]), float(high[2]))
-        if top is not None and high[2] - top > max(float(edge_sigma[1, 2]), CLUTTER_SHARE) * (high[2] - low[2]):
+        above = HIDDEN_TOP_SIGMA if top is None else float(high[2] - top) / max(float(high[2] - low[2]), TINY)
+        if top is not None and above > max(float(edge_sigma[1, 2]), CLUTTER_SHARE):
             high = np.array([*high[:2], top])
             edge_sigma[1, 2] = TOP_SIGMA
             notes.append("ends at its level top")
+        else:
+            edge_sigma[1, 2] = max(float(edge_sigma[1, 2]), above)
     # along a vertical that is off, the outermost points of an end are off by that tilt over half a side
     leaning = np.radians(up.sigma_deg) * float(box.extents[:2].mean()) / 2 / max(float(high[2] - low[2]), TINY)
     edge_sigma[:, 2] = np.hypot(edge_sigma[:, 2], leaning)

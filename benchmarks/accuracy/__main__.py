@@ -137,8 +137,8 @@ def _outcomes(
 
 def _by_method(arguments: argparse.Namespace, tree: Tree, sizes: Sizes) -> Iterator[Outcome]:
     """Table 1 on synthetic scenes, by the tree that has not seen their sizes."""
-    for made in (synthetic_rooms(arguments.rooms, sizes), synthetic_streets(arguments.streets, sizes)):
-        for case in made:
+    for synthetic in (synthetic_rooms(arguments.rooms, sizes), synthetic_streets(arguments.streets, sizes)):
+        for case in synthetic:
             yield from scene_outcomes("methods", case, tree)
 
 

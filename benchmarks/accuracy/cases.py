@@ -27,12 +27,12 @@ def synthetic_rooms(seeds: Sequence[int], sizes: Sizes) -> Iterator[Case]:
     for kind in KINDS:
         for seed in seeds:
             world = furnished_room(kind, seed, HARD, sizes)
-            made = quick_scene(world, HARD, seed)
-            case = _case("synthetic rooms, masks", f"{kind} {seed}", made)
+            synthetic = quick_scene(world, HARD, seed)
+            case = _case("synthetic rooms, masks", f"{kind} {seed}", synthetic)
             yield case
             yield replace(case, group="synthetic rooms, sparse points", scene=replace(case.scene, dense=None))
             size = (world.camera.width, world.camera.height)
-            boxes = detections_of(made.instances, size, seed)
+            boxes = detections_of(synthetic.instances, size, seed)
             yield replace(case, group="synthetic rooms, boxes", instances=boxes)
 
 
@@ -48,8 +48,8 @@ def tilted_rooms(shares: Sequence[float], seeds: Sequence[int], sizes: Sizes) ->
         knobs = Knobs(tilted=share, tilt_deg=30.0)
         for kind in KINDS:
             for seed in seeds:
-                made = quick_scene(furnished_room(kind, seed, knobs, sizes), knobs, seed)
-                yield _case(f"tilted {share:.0%}", f"{kind} {seed}", made)
+                synthetic = quick_scene(furnished_room(kind, seed, knobs, sizes), knobs, seed)
+                yield _case(f"tilted {share:.0%}", f"{kind} {seed}", synthetic)
 
 
 def scenes_on_disk(folder: Path) -> Iterator[Case]:
@@ -75,10 +75,12 @@ def scenes_on_disk(folder: Path) -> Iterator[Case]:
                 yield replace(case, group=f"{path.name}, boxes", instances=found)
 
 
-def _case(group: str, name: str, made: SyntheticScene) -> Case:
+def _case(group: str, name: str, synthetic: SyntheticScene) -> Case:
     """A synthetic scene; tilted and moving objects have no height of their own."""
-    entries = made.truth.objects.items()
+    entries = synthetic.truth.objects.items()
     upright = {track: float(item.size[2]) for track, item in entries if not (item.tilt_deg or np.any(item.velocity))}
     sizes = {track: np.append(np.sort(item.size[:2])[::-1], item.size[2]) for track, item in entries}
     categories = {track: item.category for track, item in entries}
-    return Case(group, name, made.scene, made.instances, made.truth.metres_per_unit, upright, sizes, categories)
+    return Case(
+        group, name, synthetic.scene, synthetic.instances, synthetic.truth.metres_per_unit, upright, sizes, categories
+    )

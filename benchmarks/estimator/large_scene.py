@@ -29,11 +29,11 @@ VIEWS, POINTS = 125, 500_000
 SEEN, OBSERVATIONS = 12, 3000
 
 
-def repeated(made: SyntheticScene, times: int) -> SyntheticScene:
+def repeated(synthetic: SyntheticScene, times: int) -> SyntheticScene:
     """The scene with its views, masks and points so many times."""
-    scene, generator = made.scene, np.random.default_rng(0)
+    scene, generator = synthetic.scene, np.random.default_rng(0)
     assert scene.dense is not None
-    unit = 0.001 / made.truth.metres_per_unit
+    unit = 0.001 / synthetic.truth.metres_per_unit
     views: list[View] = []
     for copy in range(times):
         views += [
@@ -48,7 +48,9 @@ def repeated(made: SyntheticScene, times: int) -> SyntheticScene:
         ]
     dense = _repeated_cloud(scene.dense, times, len(scene.views), unit, generator)
     points = np.tile(scene.points, (times, 1)) + generator.normal(0, unit, (times * len(scene.points), 3))
-    return replace(made, scene=replace(scene, views=tuple(views), points=points, dense=dense), ids=(*made.ids,) * times)
+    return replace(
+        synthetic, scene=replace(scene, views=tuple(views), points=points, dense=dense), ids=(*synthetic.ids,) * times
+    )
 
 
 def _repeated_cloud(
@@ -86,17 +88,19 @@ def main() -> None:
     parser.add_argument("--times", type=int, nargs="+", default=[1, 2, 4])
     given = parser.parse_args()
     world = furnished_room("sitting room", 7, Knobs(views=VIEWS))
-    made = quick_scene(world, Knobs(views=VIEWS), 7, dense_a_frame=POINTS // VIEWS)
-    assert made.scene.dense is not None
-    sparse = tuple(_with_fewer(view, OBSERVATIONS) for view in made.scene.views)
-    made = replace(made, scene=replace(made.scene, views=sparse, dense=_thinned(made.scene.dense, SEEN)))
+    synthetic = quick_scene(world, Knobs(views=VIEWS), 7, dense_a_frame=POINTS // VIEWS)
+    assert synthetic.scene.dense is not None
+    sparse = tuple(_with_fewer(view, OBSERVATIONS) for view in synthetic.scene.views)
+    synthetic = replace(
+        synthetic, scene=replace(synthetic.scene, views=sparse, dense=_thinned(synthetic.scene.dense, SEEN))
+    )
     print("| views | dense points | masks | processor s | peak MiB | exit | scale over true |")
     print("|---|---|---|---|---|---|---|")
     for times in given.times:
         with tempfile.TemporaryDirectory() as folder:
-            large = repeated(made, times)
+            large = repeated(synthetic, times)
             write_scene(large, world, Path(folder))
-            print(f"| {_row(large, Path(folder), made.truth.metres_per_unit)} |", flush=True)
+            print(f"| {_row(large, Path(folder), synthetic.truth.metres_per_unit)} |", flush=True)
 
 
 def _row(large: SyntheticScene, folder: Path, true: float) -> str:

@@ -54,15 +54,15 @@ def main() -> None:
     parser.add_argument("--tree", help="release, version or path; the shipped one by default")
     arguments = parser.parse_args()
     tree = metric_tree.open(arguments.tree) if arguments.tree else metric_tree.open()
-    made = quick_scene(furnished_room("sitting room", 0), dense_a_frame=DENSE_POINTS // 24 + 1)
-    views = len(made.scene.views)
-    few = _masks_a_frame(made, MASKS)
-    dense = made.scene.dense
+    synthetic = quick_scene(furnished_room("sitting room", 0), dense_a_frame=DENSE_POINTS // 24 + 1)
+    views = len(synthetic.scene.views)
+    few = _masks_a_frame(synthetic, MASKS)
+    dense = synthetic.scene.dense
     assert dense is not None  # asked for
-    blind = replace(made.scene, dense=replace(dense, visible_offsets=None, visible_views=None))
-    measurements = measure_objects(made.scene, made.instances)
+    blind = replace(synthetic.scene, dense=replace(dense, visible_offsets=None, visible_views=None))
+    measurements = measure_objects(synthetic.scene, synthetic.instances)
     objects = _objects(OBJECTS)
-    dimensions = [measure_objects(made.scene, made.instances).timings["dimensions"] for _ in range(RUNS)]
+    dimensions = [measure_objects(synthetic.scene, synthetic.instances).timings["dimensions"] for _ in range(RUNS)]
     scale_of_objects(objects, tree)  # the first call loads what every later one shares
     fifty = [scale_of_objects(objects, tree).seconds["posterior"] for _ in range(SHORT_RUNS)]
     scene_posterior = [scale_of_objects(measurements.objects, tree).seconds["posterior"] for _ in range(SHORT_RUNS)]
@@ -71,9 +71,9 @@ def main() -> None:
         (f"labels, a frame ({len(dense.points):,} dense points, {MASKS} masks, depth test)", "200 ms",
          _a_frame(lambda: dense_labels(blind, few), views)),
         ("labels, a frame (the same with the cloud's visibility file)", "200 ms",
-         _a_frame(lambda: dense_labels(made.scene, few), views)),
-        (f"labels, a frame ({len(made.scene.points):,} sparse points)", "200 ms",
-         _a_frame(lambda: sparse_labels(made.scene, few), views)),
+         _a_frame(lambda: dense_labels(synthetic.scene, few), views)),
+        (f"labels, a frame ({len(synthetic.scene.points):,} sparse points)", "200 ms",
+         _a_frame(lambda: sparse_labels(synthetic.scene, few), views)),
         (f"dimensions, a scene ({len(measurements.objects)} objects)", "20 ms", dimensions),
         (f"posterior, a scene ({len(measurements.objects)} objects)", "4 ms", scene_posterior),
         (f"posterior, {OBJECTS} objects", "4 ms", fifty),
@@ -119,9 +119,9 @@ def _simulated(classes: World, count: int) -> list[float]:
     return _timed(lambda: posterior(evidence), SHORT_RUNS, time.process_time)
 
 
-def _masks_a_frame(made: SyntheticScene, most: int) -> list[Instance]:
+def _masks_a_frame(synthetic: SyntheticScene, most: int) -> list[Instance]:
     """The `most` largest masks of every frame."""
-    largest = sorted(made.instances, key=lambda item: -int(item.mask.sum()))
+    largest = sorted(synthetic.instances, key=lambda item: -int(item.mask.sum()))
     kept: dict[int, list[Instance]] = {}
     for item in largest:
         if len(kept.setdefault(item.view, [])) < most:
@@ -136,10 +136,12 @@ def _objects(count: int) -> list[MeasuredObject]:
         for kind in KINDS:
             if len(gathered) >= count:
                 return gathered[:count]
-            made = quick_scene(furnished_room(kind, seed), seed=seed)
-            for entry in measure_objects(made.scene, made.instances).objects:
+            synthetic = quick_scene(furnished_room(kind, seed), seed=seed)
+            for entry in measure_objects(synthetic.scene, synthetic.instances).objects:
                 if entry.skipped is None:
-                    unit = replace(entry, id=str(len(gathered)), extents=entry.extents * made.truth.metres_per_unit)
+                    unit = replace(
+                        entry, id=str(len(gathered)), extents=entry.extents * synthetic.truth.metres_per_unit
+                    )
                     gathered.append(unit)
     return gathered[:count]
 

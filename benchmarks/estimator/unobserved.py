@@ -67,8 +67,8 @@ def _rooms(first: int, end: int) -> Iterator[tuple[str, Scene, tuple[Instance, .
     knobs = with_knobs(HARD, views=VIEWS)
     for seed in range(first, end):
         for kind in KINDS:
-            made = quick_scene(furnished_room(kind, seed, knobs), knobs, seed=seed)
-            yield f"{kind} {seed}", made.scene, made.instances
+            synthetic = quick_scene(furnished_room(kind, seed, knobs), knobs, seed=seed)
+            yield f"{kind} {seed}", synthetic.scene, synthetic.instances
 
 
 def _clouds(scene: Scene) -> Iterator[tuple[str, Scene]]:

@@ -77,11 +77,11 @@ def synthetic_work(world: World, lens: Lens, length: int, folder: Path) -> None:
     seen = replace(
         world, camera=Pinhole(lens.width, lens.height, lens.focal), poses=tuple(world.poses[k] for k in kept)
     )
-    made = quick_scene(seen, Knobs(), 3)
+    synthetic = quick_scene(seen, Knobs(), 3)
     names = [f"{k:06d}.png" for k in kept]
-    views = tuple(replace(view, name=name) for view, name in zip(made.scene.views, names, strict=True))
-    scene = replace(made.scene, views=views, dense=None)
-    write_scene(replace(made, scene=scene), seen, folder)
+    views = tuple(replace(view, name=name) for view, name in zip(synthetic.scene.views, names, strict=True))
+    scene = replace(synthetic.scene, views=views, dense=None)
+    write_scene(replace(synthetic, scene=scene), seen, folder)
     _write_stills(folder / "frames", [pictures[k] for k in kept], names)
     to_scene = similarity_between(
         np.array([pose.centre for pose in seen.poses]), np.array([view.centre for view in views])

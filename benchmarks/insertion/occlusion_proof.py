@@ -86,7 +86,7 @@ class HiddenObject:
     """
 
     world: World
-    made: SyntheticScene
+    synthetic: SyntheticScene
     to_scene: Similarity
     body: Body
     whole: tuple[BoolArray, ...]
@@ -96,11 +96,11 @@ class HiddenObject:
     def view(self, index: int) -> tuple[View, int | None]:
         """The view of a frame of the walk, and its row in the model."""
         if index % 2 == 0:
-            return self.made.scene.views[index // 2], index // 2
+            return self.synthetic.scene.views[index // 2], index // 2
         pose = self.world.poses[index]
         rotation = pose.rotation @ self.to_scene.rotation.T
         centre = self.to_scene(pose.centre[None])[0]
-        camera = self.made.scene.views[0].camera
+        camera = self.synthetic.scene.views[0].camera
         return View(
             f"{index:06d}.png", camera, rotation, -rotation @ centre, np.zeros((0, 2)), np.zeros(0, np.int64)
         ), None
@@ -162,9 +162,9 @@ def hidden_object(kind: str, seed: int, what: str, size: Sequence[float]) -> Hid
     mesh = solid(what, np.array(size))
     few = replace(world, poses=world.poses[::2])
     place, front, _ = hiding_place(few, mesh)
-    made = quick_scene(few, Knobs(depth_noise=DEPTH_NOISE, stray=0.01, mask_error_px=MASK_PX), seed)
+    synthetic = quick_scene(few, Knobs(depth_noise=DEPTH_NOISE, stray=0.01, mask_error_px=MASK_PX), seed)
     true = np.array([pose.centre for pose in few.poses])
-    to_scene = similarity_between(true, np.array([view.centre for view in made.scene.views]))
+    to_scene = similarity_between(true, np.array([view.centre for view in synthetic.scene.views]))
     with tempfile.TemporaryDirectory() as folder:
         model = read_model(write_glb(mesh, Path(folder) / "model.glb"))
     up = to_scene.rotation[:, 2]
@@ -174,7 +174,7 @@ def hidden_object(kind: str, seed: int, what: str, size: Sequence[float]) -> Hid
     with Renderer(world) as bare:
         colours = [bare.frame(k).colour for k in range(len(world.poses))]
     pictures = tuple(colour for colour in colours if colour is not None)
-    return HiddenObject(world, made, to_scene, body, whole, seen, pictures)
+    return HiddenObject(world, synthetic, to_scene, body, whole, seen, pictures)
 
 
 def _true_outlines(world: World) -> tuple[tuple[BoolArray, ...], tuple[BoolArray, ...]]:
@@ -194,13 +194,13 @@ class Known:
 
 
 def _known(hidden: HiddenObject, setting: Setting) -> Known:
-    scene = hidden.made.scene
+    scene = hidden.synthetic.scene
     dense = scene.dense if setting.dense else None
     points = scene.points if dense is None else np.concatenate([scene.points, dense.points])
     known = scene_visibility(replace(scene, dense=None)) if dense is None else None
     cloud = Cloud(points, np.zeros((len(points), 3), np.float32), dense is not None, visibility=known)
     by_view = {
-        row: [item for item in hidden.made.instances if item.view == row]
+        row: [item for item in hidden.synthetic.instances if item.view == row]
         for row in (range(0, len(scene.views), setting.masks) if setting.masks else ())
     }
     return Known(cloud, MaskCarrier(scene, by_view, cloud))

@@ -31,7 +31,7 @@ ARC_DEG = 60.0
 
 @dataclass(frozen=True, slots=True)
 class Condition:
-    """How a video is made. turned_deg : the rotation in its container; blur : length of the smear in pixels.
+    """How a video is synthetic. turned_deg : the rotation in its container; blur : length of the smear in pixels.
 
     noise : one sigma in grey levels; hidden : the object stands where furniture hides a part of it.
     """
@@ -86,9 +86,9 @@ def synthetic_video(kind: str, seed: int, frames: int, condition: Condition, fil
     """A room recorded along an arc; the file is written anew."""
     world = room(kind, seed, orbit(KINDS[kind].radius, frames, seed, ARC_DEG))
     times = times_of(frames, 20.0, condition.variable, seed)
-    made = list(recorded(world, condition.lens, condition.noise, blur=condition.blur))
-    write_video(file, [frame.colour for frame in made], times, condition.turned_deg)
-    return SyntheticVideo(world, condition, file, times, tuple(frame.ids for frame in made))
+    synthetic = list(recorded(world, condition.lens, condition.noise, blur=condition.blur))
+    write_video(file, [frame.colour for frame in synthetic], times, condition.turned_deg)
+    return SyntheticVideo(world, condition, file, times, tuple(frame.ids for frame in synthetic))
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -116,11 +116,11 @@ def true_video(video: SyntheticVideo, world: World, file: Path) -> Standing:
     """The same video of `world`, which is the video's with one object more."""
     alone = replace(world, objects=_faces(world.objects[-1]))
     number, condition = len(world.objects), video.condition
-    made = list(recorded(world, condition.lens, condition.noise, blur=condition.blur))
-    write_video(file, [frame.colour for frame in made], video.times, condition.turned_deg)
+    synthetic = list(recorded(world, condition.lens, condition.noise, blur=condition.blur))
+    write_video(file, [frame.colour for frame in synthetic], video.times, condition.turned_deg)
     faces = tuple(frame.ids for frame in recorded(alone, condition.lens, 0.0))
     whole = tuple(ids > 0 for ids in faces)
-    return Standing(pictures_of(file), whole, tuple(frame.ids == number for frame in made), faces)
+    return Standing(pictures_of(file), whole, tuple(frame.ids == number for frame in synthetic), faces)
 
 
 def _faces(item: Placed) -> tuple[Placed, ...]:

@@ -69,9 +69,9 @@ def judge(room: TracedRoom, out: Path, trace_only: bool) -> dict[str, Any]:
     world = replace(
         furnished_room(room.kind, room.seed, Knobs(views=VIEWS, coverage=0.5)), camera=Pinhole(*SIZE, FOCAL)
     )
-    made = quick_scene(world, Knobs(depth_noise=0.004), room.seed)
+    synthetic = quick_scene(world, Knobs(depth_noise=0.004), room.seed)
     to_scene = similarity_between(
-        np.array([pose.centre for pose in world.poses]), np.array([view.centre for view in made.scene.views])
+        np.array([pose.centre for pose in world.poses]), np.array([view.centre for view in synthetic.scene.views])
     )
     images = out / "images"
     images.mkdir(exist_ok=True)
@@ -79,7 +79,7 @@ def judge(room: TracedRoom, out: Path, trace_only: bool) -> dict[str, Any]:
         cv2.imwrite(str(images / f"frame{row:03d}.png"), picture[..., ::-1])
     if trace_only:
         return {}
-    prepared = _prepared(made, to_scene, out)
+    prepared = _prepared(synthetic, to_scene, out)
     placed = _placed(prepared, write_glb(solid(room.category, np.array(room.size)), out / "object.glb", room.colour))
     ours: list[NDArray[np.uint8]] = []
     results = insert_objects(prepared, [placed], lambda _, picture: ours.append(picture))
@@ -92,12 +92,12 @@ def judge(room: TracedRoom, out: Path, trace_only: bool) -> dict[str, Any]:
     return _compared(prepared, placed, judged, [ours[row] for row in judged], truth, out)
 
 
-def _prepared(made: SyntheticScene, to_scene: Similarity, out: Path) -> PreparedScene:
-    views = tuple(_named(view) for view in made.scene.views)
-    scene = replace(made.scene, path=out, views=views)
+def _prepared(synthetic: SyntheticScene, to_scene: Similarity, out: Path) -> PreparedScene:
+    views = tuple(_named(view) for view in synthetic.scene.views)
+    scene = replace(synthetic.scene, path=out, views=views)
     stills = Stills(scene)
     scale = ScaleUsed(1 / to_scene.scale, None, None, "option")
-    return prepare_scene(scene, stills, PictureFootage(stills), made.instances, scale)
+    return prepare_scene(scene, stills, PictureFootage(stills), synthetic.instances, scale)
 
 
 def _placed(prepared: PreparedScene, model: Path) -> Placed:

@@ -56,8 +56,8 @@ def test_a_room_through_pycolmap(tmp_path: Path, capsys: pytest.CaptureFixture[s
 def test_a_quick_room(kind: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     world = furnished_room(kind, 1005, Knobs(views=12))
     with skip_without(NoOpenGL):
-        made = quick_scene(world, seed=1005)
-    write_scene(made, world, tmp_path)
+        synthetic = quick_scene(world, seed=1005)
+    write_scene(synthetic, world, tmp_path)
     assert_scale_is_true(tmp_path, capsys)
 
 
@@ -67,9 +67,9 @@ def test_the_scale_follows_the_scenes_unit(tmp_path: Path, capsys: pytest.Captur
     ratios = []
     for seed in (1, 2):
         with skip_without(NoOpenGL):
-            made = quick_scene(world, Knobs(depth_noise=0.0, stray=0.0, keypoint_noise=0.0), seed=seed)
+            synthetic = quick_scene(world, Knobs(depth_noise=0.0, stray=0.0, keypoint_noise=0.0), seed=seed)
         folder = tmp_path / str(seed)
-        write_scene(made, world, folder)
+        write_scene(synthetic, world, folder)
         status, found = answer(folder, capsys)
         assert status == 0
         ratios.append(found["scale"] / true_scale(folder))
@@ -83,10 +83,10 @@ def test_a_cloud_without_observations_gives_the_scale_of_one_with_them(
     knobs = with_knobs(HARD, views=16)
     world = furnished_room("study", 1100, knobs)
     with skip_without(NoOpenGL):
-        made = quick_scene(world, knobs, seed=1100)
-    assert made.scene.dense is not None
-    write_scene(made, world, tmp_path)
-    write_export(replace(made.scene, points=made.scene.dense.points), "nerfstudio", tmp_path / "plain")
+        synthetic = quick_scene(world, knobs, seed=1100)
+    assert synthetic.scene.dense is not None
+    write_scene(synthetic, world, tmp_path)
+    write_export(replace(synthetic.scene, points=synthetic.scene.dense.points), "nerfstudio", tmp_path / "plain")
     _, observed = answer(tmp_path, capsys)
     _, plain = answer(tmp_path / "plain", capsys, "--instances", str(tmp_path / "instances.json"))
     assert plain["scale"] == pytest.approx(observed["scale"], rel=0.03)

@@ -81,9 +81,9 @@ def test_a_page_says_the_tier_then_the_size(catalogue: ReleaseCatalogue) -> None
 
 
 def test_the_index_of_names_means_what_the_resolver_means(catalogue: ReleaseCatalogue) -> None:
-    made = answer(catalogue, "assets/names.js")
-    assert made is not None
-    content = json.loads(made.body.decode().removeprefix("var MT_NAMES=").rstrip(";\n"))
+    synthetic = answer(catalogue, "assets/names.js")
+    assert synthetic is not None
+    content = json.loads(synthetic.body.decode().removeprefix("var MT_NAMES=").rstrip(";\n"))
     nodes = [line.split("\t")[0] for line in content["nodes"].split("\n")]
     shared = dict(line.split("\t") for line in content["shared"].split("\n"))
     owners = [nodes[int(place)] for place in shared["mouse"].split(",")]

@@ -49,7 +49,7 @@ def _add_sound(file: Path) -> None:
 def work(tmp_path_factory: pytest.TempPathFactory) -> Path:
     folder = tmp_path_factory.mktemp("work")
     world = room("kitchen", 1002, frames=FRAMES)
-    made = quick_scene(world, Knobs(depth_noise=0.002, stray=0.0), 3)
+    synthetic = quick_scene(world, Knobs(depth_noise=0.002, stray=0.0), 3)
     frames = list(recorded(world, LENS))
     times = times_of(FRAMES, variable=True, seed=4)
     write_video(folder / "video.mp4", [frame.colour for frame in frames], times, turned_deg=TURNED)
@@ -59,16 +59,16 @@ def work(tmp_path_factory: pytest.TempPathFactory) -> Path:
         FramePose(
             k, float(times[k]), f"{k:06d}.png" if k % 2 == 0 else None, "reconstructed", v.rotation, v.translation
         )
-        for k, v in enumerate(made.scene.views)
+        for k, v in enumerate(synthetic.scene.views)
     ]
     # one frame has no pose, as after a blur that nothing survives
     poses[3] = FramePose(3, float(times[3]), None, "none")
     write_frame_poses(FramePoses(folder / "video.mp4", stored, TURNED, tuple(poses)), folder / FILE_NAME)
-    named = tuple(replace(v, name=f"{k:06d}.png", camera=stored) for k, v in enumerate(made.scene.views))
-    write_scene(replace(made, scene=replace(made.scene, views=named)), world, folder)
+    named = tuple(replace(v, name=f"{k:06d}.png", camera=stored) for k, v in enumerate(synthetic.scene.views))
+    write_scene(replace(synthetic, scene=replace(synthetic.scene, views=named)), world, folder)
     _write_stills(folder / "frames", [frames[k].colour for k in range(0, FRAMES, 2)])
     true = np.array([pose.centre for pose in world.poses])
-    scale = similarity_between(true, np.array([v.centre for v in made.scene.views])).scale
+    scale = similarity_between(true, np.array([v.centre for v in synthetic.scene.views])).scale
     (folder / "result.json").write_text(
         f'{{"schema": "metric-tree/scale/1", "status": "resolved", "scale": {1 / scale}, '
         f'"interval": {{"level": 0.9, "low": {0.9 / scale}, "high": {1.15 / scale}}}}}'

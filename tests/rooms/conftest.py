@@ -15,6 +15,6 @@ def room() -> World:
 
 
 @pytest.fixture(scope="session")
-def made(room: World) -> SyntheticScene:
+def synthetic(room: World) -> SyntheticScene:
     with skip_without(NoOpenGL):
         return quick_scene(room, seed=1003)

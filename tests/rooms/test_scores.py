@@ -20,28 +20,28 @@ def test_rand_index_is_sklearns(pairs: list[tuple[str, str]]) -> None:
     assert adjusted_rand_index(first, second) == pytest.approx(adjusted_rand_score(first, second), abs=1e-9)
 
 
-def true_tracks(made: SyntheticScene) -> list[Track]:
+def true_tracks(synthetic: SyntheticScene) -> list[Track]:
     rows: dict[str, list[int]] = {}
-    for row, instance in enumerate(made.instances):
+    for row, instance in enumerate(synthetic.instances):
         rows.setdefault(str(instance.track), []).append(row)
     return [Track(tuple(members), name) for name, members in rows.items()]
 
 
-def test_true_tracks_score_full_and_a_split_and_a_merge_are_counted(made: SyntheticScene) -> None:
-    tracks = true_tracks(made)
-    assert association_score(made.instances, tracks).ari == 1
+def test_true_tracks_score_full_and_a_split_and_a_merge_are_counted(synthetic: SyntheticScene) -> None:
+    tracks = true_tracks(synthetic)
+    assert association_score(synthetic.instances, tracks).ari == 1
     long = max(tracks, key=lambda track: len(track.members))
     rest = [track for track in tracks if track is not long]
     split = [*rest, Track(long.members[:5], "a"), Track(long.members[5:], "b")]
-    assert association_score(made.instances, split).splits == 1
+    assert association_score(synthetic.instances, split).splits == 1
     merged = [*rest[1:], Track(long.members + rest[0].members, "a")]
-    found = association_score(made.instances, merged)
+    found = association_score(synthetic.instances, merged)
     assert (found.merges, found.splits) == (1, 0)
     assert found.ari < 1
 
 
-def test_heights_at_the_true_scale_have_no_error(made: SyntheticScene) -> None:
-    true = made.truth
+def test_heights_at_the_true_scale_have_no_error(synthetic: SyntheticScene) -> None:
+    true = synthetic.truth
     heights = [item.size[2] / true.metres_per_unit for item in true.objects.values()]
     assert height_error(true.metres_per_unit, heights, list(true.objects), true) == pytest.approx(0, abs=1e-12)
     assert height_error(1.1 * true.metres_per_unit, heights, list(true.objects), true) == pytest.approx(0.1)

@@ -41,19 +41,19 @@ def video_room(kind: str, seed: int, folder: Path, views: int = 6, noise: float 
     import cv2
 
     world = furnished_room(kind, seed, Knobs(views=views, coverage=0.6))
-    made = quick_scene(world, Knobs(depth_noise=noise, stray=0.0), seed)
+    synthetic = quick_scene(world, Knobs(depth_noise=noise, stray=0.0), seed)
     images = folder / "images"
     images.mkdir(parents=True, exist_ok=True)
     with Renderer(world) as renderer:
-        for index, view in enumerate(made.scene.views):
+        for index, view in enumerate(synthetic.scene.views):
             colour = renderer.frame(index).colour
             assert colour is not None
             cv2.imwrite(str((images / view.name).with_suffix(".png")), colour[..., ::-1])
-    named = tuple(replace(view, name=f"{Path(view.name).stem}.png") for view in made.scene.views)
-    scene = replace(made.scene, path=folder, views=named)
+    named = tuple(replace(view, name=f"{Path(view.name).stem}.png") for view in synthetic.scene.views)
+    scene = replace(synthetic.scene, path=folder, views=named)
     true = np.array([pose.centre for pose in world.poses])
     return RecordedRoom(
-        world, scene, made.instances, folder, similarity_between(true, np.array([v.centre for v in named]))
+        world, scene, synthetic.instances, folder, similarity_between(true, np.array([v.centre for v in named]))
     )
 
 

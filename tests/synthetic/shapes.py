@@ -15,8 +15,8 @@ from estimator.records.scene import Camera, DenseCloud, Instance, Scene, View
 from metric_base.arrays import FloatArray, IntArray
 
 __all__ = [
-    "Made",
     "Shape",
+    "ShapeScene",
     "Solid",
     "box",
     "cylinder",
@@ -49,7 +49,7 @@ class Shape:
 
 
 @dataclass(frozen=True)
-class Made:
+class ShapeScene:
     """A synthetic scene; `owner` (n,) is the object that each dense point was taken from, in the order of `objects`."""
 
     scene: Scene
@@ -143,7 +143,7 @@ def synthetic_scene(
     noise: float = 0.002,
     sparse: int = 800,
     seed: int = 0,
-) -> Made:
+) -> ShapeScene:
     """The scene the cameras would see: masks from rays, `dense` points from all depth maps, `sparse` with observations.
 
     noise : standard deviation of a dense point along its ray, as a share of depth.
@@ -159,7 +159,7 @@ def synthetic_scene(
     )
     instances = tuple(instance for k, (_, identity) in enumerate(maps) for instance in _instances(objects, k, identity))
     scene = Scene(Path("made"), "memory", observed, points[chosen], DenseCloud(points))
-    return Made(scene, instances, tuple(objects), owner)
+    return ShapeScene(scene, instances, tuple(objects), owner)
 
 
 def _instances(objects: list[Shape], view: int, identity: IntArray) -> list[Instance]:

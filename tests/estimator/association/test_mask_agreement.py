@@ -17,7 +17,7 @@ from tests.synthetic.shapes import box, floor, orbit, synthetic_scene
 
 
 @pytest.fixture(scope="module")
-def made():
+def synthetic():
     objects = [
         floor(6),
         box("cabinet", (0.6, 0.4, 0.8), (-0.9, 0, 0)),
@@ -28,38 +28,38 @@ def made():
     return synthetic_scene(objects, orbit(8, 3.0, 1.6, size=(200, 150), focal=150.0), dense=1500, sparse=1500)
 
 
-def verdict(made, instances):
-    doubts, errors = mask_contradictions(mask_agreement(sparse_labels(made.scene, instances), instances))
+def verdict(synthetic, instances):
+    doubts, errors = mask_contradictions(mask_agreement(sparse_labels(synthetic.scene, instances), instances))
     return len(doubts), len(errors)
 
 
-def test_masks_of_the_views_agree(made):
-    agreement = mask_agreement(sparse_labels(made.scene, made.instances), made.instances)
+def test_masks_of_the_views_agree(synthetic):
+    agreement = mask_agreement(sparse_labels(synthetic.scene, synthetic.instances), synthetic.instances)
     assert agreement.cover > 0.9
     assert agreement.names > 0.95
-    assert verdict(made, made.instances) == (0, 0)
+    assert verdict(synthetic, synthetic.instances) == (0, 0)
 
 
 @pytest.mark.parametrize("other", [[3, 4, 5, 6, 7, 0, 1, 2], [5, 6, 7, 0, 1, 2, 3, 4]])
-def test_masks_of_other_frames_are_ruled_out(made, other):
-    assert verdict(made, [replace(mask, view=other[mask.view]) for mask in made.instances]) == (0, 1)
+def test_masks_of_other_frames_are_ruled_out(synthetic, other):
+    assert verdict(synthetic, [replace(mask, view=other[mask.view]) for mask in synthetic.instances]) == (0, 1)
 
 
-def test_a_detector_that_misses_most_objects_is_not_doubted(made):
+def test_a_detector_that_misses_most_objects_is_not_doubted(synthetic):
     random = np.random.default_rng(1)
-    seen = [mask for mask in made.instances if random.random() < 0.4]
-    assert verdict(made, seen) == (0, 0)
+    seen = [mask for mask in synthetic.instances if random.random() < 0.4]
+    assert verdict(synthetic, seen) == (0, 0)
 
 
-def test_boxes_and_one_category_say_nothing(made):
-    boxes = [replace(mask, from_box=True) for mask in made.instances]
-    assert mask_agreement(sparse_labels(made.scene, boxes), boxes).pairs == 0
-    same = [replace(mask, category="chair", view=(mask.view + 3) % 8) for mask in made.instances]
-    assert np.isnan(mask_agreement(sparse_labels(made.scene, same), same).names)
-    assert verdict(made, same) == (0, 0)
+def test_boxes_and_one_category_say_nothing(synthetic):
+    boxes = [replace(mask, from_box=True) for mask in synthetic.instances]
+    assert mask_agreement(sparse_labels(synthetic.scene, boxes), boxes).pairs == 0
+    same = [replace(mask, category="chair", view=(mask.view + 3) % 8) for mask in synthetic.instances]
+    assert np.isnan(mask_agreement(sparse_labels(synthetic.scene, same), same).names)
+    assert verdict(synthetic, same) == (0, 0)
 
 
-def test_masks_of_a_crop_hold_few_of_each_other_s_points(made):
+def test_masks_of_a_crop_hold_few_of_each_other_s_points(synthetic):
     """The middle four fifths of each picture, said of the whole."""
 
     def cropped(item):
@@ -70,16 +70,16 @@ def test_masks_of_a_crop_hold_few_of_each_other_s_points(made):
         rows, columns = (np.arange(150) * 0.8).astype(int), (np.arange(200) * 0.8).astype(int)
         return replace(item, mask=inner[np.ix_(rows, columns)], origin=(0, 0))
 
-    for instances, wrong in ((made.instances, False), ([cropped(item) for item in made.instances], True)):
+    for instances, wrong in ((synthetic.instances, False), ([cropped(item) for item in synthetic.instances], True)):
         tracks: dict[str, list[int]] = {}
         for row, item in enumerate(instances):
             tracks.setdefault(item.category, []).append(row)
-        share = track_agreement(sparse_labels(made.scene, instances), instances, tracks.values())
+        share = track_agreement(sparse_labels(synthetic.scene, instances), instances, tracks.values())
         assert any(track_contradictions(share)) == wrong, share
 
 
-def test_masks_that_stand_twice_under_two_categories_are_said(made):
-    twice = [*made.instances, *(replace(mask, category="lamp", id=f"{mask.id}b") for mask in made.instances)]
-    found = measure_objects(made.scene, twice)
+def test_masks_that_stand_twice_under_two_categories_are_said(synthetic):
+    twice = [*synthetic.instances, *(replace(mask, category="lamp", id=f"{mask.id}b") for mask in synthetic.instances)]
+    found = measure_objects(synthetic.scene, twice)
     assert found.objects == ()
     assert any("in pairs on the same pixels" in line for line in found.warnings)

@@ -19,7 +19,7 @@ from tests.synthetic.shapes import box, floor, orbit, synthetic_scene
 
 
 @pytest.fixture(scope="module")
-def made():
+def synthetic():
     objects = [
         floor(6),
         box("cabinet", (0.6, 0.4, 1.0), (0, 0, 0)),
@@ -31,9 +31,9 @@ def made():
     )
 
 
-def tracks_of(made):
-    names = sorted({instance.track for instance in made.instances})
-    return {name: [k for k, i in enumerate(made.instances) if i.track == name] for name in names}
+def tracks_of(synthetic):
+    names = sorted({instance.track for instance in synthetic.instances})
+    return {name: [k for k, i in enumerate(synthetic.instances) if i.track == name] for name in names}
 
 
 def test_pixel_belongs_to_the_mask_cell_it_lies_in():
@@ -51,81 +51,81 @@ def test_overlapping_masks_both_label():
     assert poster.tolist() == [1]
 
 
-def test_the_wall_behind_is_not_taken(made):
-    labels = dense_labels(made.scene, made.instances)
-    for name, members in tracks_of(made).items():
-        rows = point_votes(labels, made.instances, [members])[0]
-        owner = made.owner[rows]
+def test_the_wall_behind_is_not_taken(synthetic):
+    labels = dense_labels(synthetic.scene, synthetic.instances)
+    for name, members in tracks_of(synthetic).items():
+        rows = point_votes(labels, synthetic.instances, [members])[0]
+        owner = synthetic.owner[rows]
         assert (owner == int(name)).mean() > 0.97
-        assert (owner == int(name)).sum() > 0.9 * (made.owner == int(name)).sum()
+        assert (owner == int(name)).sum() > 0.9 * (synthetic.owner == int(name)).sum()
 
 
-def test_projection_without_visibility_would_take_the_wall(made):
+def test_projection_without_visibility_would_take_the_wall(synthetic):
     """The depth test is what keeps it out: with every point declared visible everywhere the wall comes in."""
-    count, views = len(made.scene.dense.points), len(made.scene.views)
+    count, views = len(synthetic.scene.dense.points), len(synthetic.scene.views)
     everywhere = DenseCloud(
-        made.scene.dense.points, np.arange(0, count * views + 1, views), np.tile(np.arange(views), count)
+        synthetic.scene.dense.points, np.arange(0, count * views + 1, views), np.tile(np.arange(views), count)
     )
-    labels = dense_labels(replace(made.scene, dense=everywhere), made.instances)
-    cabinet = tracks_of(made)["1"][0]
+    labels = dense_labels(replace(synthetic.scene, dense=everywhere), synthetic.instances)
+    cabinet = tracks_of(synthetic)["1"][0]
     members = labels.membership[[cabinet]].indices
-    assert (made.owner[members] == 3).mean() > 0.1
+    assert (synthetic.owner[members] == 3).mean() > 0.1
 
 
-def test_visibility_file_is_believed(made):
+def test_visibility_file_is_believed(synthetic):
     """A point listed in no view is seen by none, however it projects."""
-    count = len(made.scene.dense.points)
-    nowhere = DenseCloud(made.scene.dense.points, np.zeros(count + 1, dtype=np.int64), np.empty(0, dtype=np.int64))
-    labels = dense_labels(replace(made.scene, dense=nowhere), made.instances)
+    count = len(synthetic.scene.dense.points)
+    nowhere = DenseCloud(synthetic.scene.dense.points, np.zeros(count + 1, dtype=np.int64), np.empty(0, dtype=np.int64))
+    labels = dense_labels(replace(synthetic.scene, dense=nowhere), synthetic.instances)
     assert labels.visibility.nnz == 0
     assert labels.membership.nnz == 0
 
 
-def test_sparse_points_count_only_where_they_were_observed(made):
-    labels = sparse_labels(made.scene, made.instances)
-    observed = sum(len(view.point_index) for view in made.scene.views)
+def test_sparse_points_count_only_where_they_were_observed(synthetic):
+    labels = sparse_labels(synthetic.scene, synthetic.instances)
+    observed = sum(len(view.point_index) for view in synthetic.scene.views)
     assert labels.visibility.nnz == observed
     assert 0 < labels.membership.nnz < observed
 
 
-def test_a_missed_detection_is_no_vote_against(made):
-    labels = dense_labels(made.scene, made.instances)
-    members = tracks_of(made)["1"]
-    kept = [k for k in members if made.instances[k].view % 2 == 0]
-    fewer = [instance for k, instance in enumerate(made.instances) if k not in set(members) - set(kept)]
-    labels_fewer = dense_labels(made.scene, fewer)
-    rows = point_votes(labels, made.instances, [members])[0]
+def test_a_missed_detection_is_no_vote_against(synthetic):
+    labels = dense_labels(synthetic.scene, synthetic.instances)
+    members = tracks_of(synthetic)["1"]
+    kept = [k for k in members if synthetic.instances[k].view % 2 == 0]
+    fewer = [instance for k, instance in enumerate(synthetic.instances) if k not in set(members) - set(kept)]
+    labels_fewer = dense_labels(synthetic.scene, fewer)
+    rows = point_votes(labels, synthetic.instances, [members])[0]
     rows_fewer = point_votes(labels_fewer, fewer, [[k for k, i in enumerate(fewer) if i.track == "1"]])[0]
     assert len(rows_fewer) > 0.85 * len(rows)
 
 
-def test_points_behind_the_camera_are_not_seen(made):
-    view = made.scene.views[0]
+def test_points_behind_the_camera_are_not_seen(synthetic):
+    view = synthetic.scene.views[0]
     behind = view.centre - 2.0 * view.rotation[2] + np.random.default_rng(0).normal(0, 0.1, (50, 3))
     sight = unhidden(view, behind)
     assert sight.rows.size == 0
     assert sight.pixels.shape == (0, 2)
 
 
-def test_no_instances_and_no_points(made):
-    assert dense_labels(made.scene, []).membership.shape == (0, len(made.scene.dense.points))
-    bare = replace(made.scene, dense=DenseCloud(np.empty((0, 3))))
-    assert dense_labels(bare, made.instances).membership.nnz == 0
+def test_no_instances_and_no_points(synthetic):
+    assert dense_labels(synthetic.scene, []).membership.shape == (0, len(synthetic.scene.dense.points))
+    bare = replace(synthetic.scene, dense=DenseCloud(np.empty((0, 3))))
+    assert dense_labels(bare, synthetic.instances).membership.nnz == 0
     with pytest.raises(ValueError, match="no dense cloud"):
-        dense_labels(replace(made.scene, dense=None), made.instances)
+        dense_labels(replace(synthetic.scene, dense=None), synthetic.instances)
 
 
 def test_a_stray_far_behind_its_mask_is_left_out():
     """A point three mask diagonals behind the rest, seen in the mask, is not of the object."""
-    made = synthetic_scene(
+    synthetic = synthetic_scene(
         [box("cup", (0.3, 0.3, 0.3), (0, 0, 0))], orbit(2, 2.0, 0.8, arc=20, size=(160, 120), focal=120.0), 2000
     )
-    view, instance = made.scene.views[0], made.instances[0]
+    view, instance = synthetic.scene.views[0], synthetic.instances[0]
     centre = view.rotation.T @ (np.array([0, 0, 6.0]) - view.translation)
-    points = np.vstack([made.scene.dense.points, centre])
+    points = np.vstack([synthetic.scene.dense.points, centre])
     offsets = np.arange(0, 2 * len(points) + 1, 2)
     cloud = DenseCloud(points, offsets, np.tile([0, 1], len(points)))
-    labels = dense_labels(replace(made.scene, dense=cloud), [instance])
+    labels = dense_labels(replace(synthetic.scene, dense=cloud), [instance])
     assert len(points) - 1 not in labels.membership.indices
     assert labels.membership.nnz > 500
 

@@ -39,7 +39,7 @@ def _points(frame: SyntheticFrame, step: int) -> FloatArray:
 
 
 @pytest.fixture(scope="module")
-def made(tmp_path_factory: pytest.TempPathFactory) -> tuple[Scene, Path, list[SyntheticFrame]]:
+def synthetic(tmp_path_factory: pytest.TempPathFactory) -> tuple[Scene, Path, list[SyntheticFrame]]:
     """Five views with their true poses, and sparse points from the true depth of the middle one."""
     folder = tmp_path_factory.mktemp("dense")
     with skip_without(NoOpenGL):
@@ -59,8 +59,8 @@ def made(tmp_path_factory: pytest.TempPathFactory) -> tuple[Scene, Path, list[Sy
 
 
 @pytest.mark.slow
-def test_dense_points_lie_on_the_room(made: tuple[Scene, Path, list[SyntheticFrame]]) -> None:
-    scene, folder, frames = made
+def test_dense_points_lie_on_the_room(synthetic: tuple[Scene, Path, list[SyntheticFrame]]) -> None:
+    scene, folder, frames = synthetic
     count = make_dense_cloud(scene, folder, folder / "dense.ply", lambda _done, _of: None)
     assert b"property uchar red" in (folder / "dense.ply").read_bytes()[:200]
     cloud, warnings = read_dense_cloud(folder / "dense.ply", VIEWS)
@@ -83,8 +83,10 @@ def test_dense_points_lie_on_the_room(made: tuple[Scene, Path, list[SyntheticFra
     assert np.quantile(error, 0.9) < 0.03
 
 
-def test_views_without_detail_give_no_cloud(made: tuple[Scene, Path, list[SyntheticFrame]], tmp_path: Path) -> None:
-    scene, _, _ = made
+def test_views_without_detail_give_no_cloud(
+    synthetic: tuple[Scene, Path, list[SyntheticFrame]], tmp_path: Path
+) -> None:
+    scene, _, _ = synthetic
     small = Camera("PINHOLE", 60, 45, np.array([47.5, 47.5, 30.0, 22.5]))
     scene = replace(scene, views=tuple(replace(view, camera=small) for view in scene.views[1:4]))
     for k in range(VIEWS):

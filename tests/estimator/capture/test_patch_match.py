@@ -61,7 +61,7 @@ def _maps(frame: SyntheticFrame) -> tuple[NDArray[np.float32], NDArray[np.float3
 
 
 @pytest.fixture(scope="module")
-def made(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, list[SyntheticFrame]]:
+def synthetic(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, list[SyntheticFrame]]:
     """A COLMAP model of five views in `model`, their pictures and true maps in `pictures`."""
     folder = tmp_path_factory.mktemp("stereo")
     (folder / "model").mkdir()
@@ -84,20 +84,20 @@ def made(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, list[Synthetic
 
 
 @pytest.fixture
-def program(made: tuple[Path, list[SyntheticFrame]], monkeypatch: pytest.MonkeyPatch) -> Path:
+def program(synthetic: tuple[Path, list[SyntheticFrame]], monkeypatch: pytest.MonkeyPatch) -> Path:
     """The program, first on the path, on a machine whose CUDA driver answers."""
-    file = made[0] / "colmap"
+    file = synthetic[0] / "colmap"
     file.write_text(PROGRAM.format(python=sys.executable, built="with"))
     file.chmod(0o755)
-    monkeypatch.setenv("PATH", str(made[0]), prepend=":")
+    monkeypatch.setenv("PATH", str(synthetic[0]), prepend=":")
     monkeypatch.setattr(cuda, "cuda_devices", lambda: 1)
     return file
 
 
 def test_fused_points_lie_on_the_room_and_name_their_views(
-    made: tuple[Path, list[SyntheticFrame]], program: Path, tmp_path: Path
+    synthetic: tuple[Path, list[SyntheticFrame]], program: Path, tmp_path: Path
 ) -> None:
-    folder, frames = made
+    folder, frames = synthetic
     notices: list[str] = []
     count = dense_points.make_dense_points(
         folder / "model", folder / "pictures", tmp_path / "dense.ply", notice=notices.append
@@ -124,7 +124,7 @@ def test_fused_points_lie_on_the_room_and_name_their_views(
 
 
 def test_a_device_that_fails_leaves_the_work_to_the_plane_sweep(
-    made: tuple[Path, list[SyntheticFrame]],
+    synthetic: tuple[Path, list[SyntheticFrame]],
     program: Path,
     tmp_path: Path,
     monkeypatch: pytest.MonkeyPatch,
@@ -132,7 +132,7 @@ def test_a_device_that_fails_leaves_the_work_to_the_plane_sweep(
     program.write_text(program.read_text().replace("stereo = ", "sys.exit('out of memory')\nstereo = "))
     monkeypatch.setattr(dense_points, "make_dense_cloud", lambda *_: 7)
     notices: list[str] = []
-    words = (made[0] / "model", made[0] / "pictures", tmp_path / "dense.ply")
+    words = (synthetic[0] / "model", synthetic[0] / "pictures", tmp_path / "dense.ply")
     assert dense_points.make_dense_points(*words, notice=notices.append) == 7
     assert "PatchMatch failed, and the plane sweep on the CPU is used" in notices[1]
 

@@ -19,8 +19,8 @@ def good():
 @pytest.fixture(scope="module")
 def good_scene():
     objects = [floor(4), box("chair", (0.6, 0.4, 0.8), (0, 0, 0))]
-    made = synthetic_scene(objects, orbit(5, 2.5, 1.4, size=(200, 150), focal=160.0), dense=400, sparse=400)
-    return made.scene, made.instances
+    synthetic = synthetic_scene(objects, orbit(5, 2.5, 1.4, size=(200, 150), focal=160.0), dense=400, sparse=400)
+    return synthetic.scene, synthetic.instances
 
 
 def shaken(scene, pixels):

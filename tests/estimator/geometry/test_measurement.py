@@ -9,7 +9,7 @@ from scipy.spatial.transform import Rotation
 from estimator.geometry.measurement import PAPER, MeasurementOptions
 from estimator.pipeline import measure_objects
 from estimator.records.scene import DenseCloud, Scene, View
-from tests.synthetic.shapes import Made, Shape, Solid, box, cylinder, floor, orbit, synthetic_scene
+from tests.synthetic.shapes import Shape, ShapeScene, Solid, box, cylinder, floor, orbit, synthetic_scene
 
 SIZES = {"cabinet": (0.8, 0.4, 0.9), "chair": (0.45, 0.4, 0.8), "bottle": (0.1, 0.1, 0.32)}
 
@@ -27,18 +27,22 @@ def room():
     return synthetic_scene(objects, views, dense=40_000, noise=0.001, sparse=3000)
 
 
-def moved(made, scale, turn, shift):
+def moved(synthetic, scale, turn, shift):
     """The same scene under a similarity: x' = scale turn x + shift."""
     views = []
-    for view in made.scene.views:
+    for view in synthetic.scene.views:
         rotation = view.rotation @ turn.T
         centre = scale * turn @ view.centre + shift
         views.append(View(view.name, view.camera, rotation, -rotation @ centre, view.keypoints, view.point_index))
     place = lambda points: scale * points @ turn.T + shift  # noqa: E731
     scene = Scene(
-        made.scene.path, "memory", tuple(views), place(made.scene.points), DenseCloud(place(made.scene.dense.points))
+        synthetic.scene.path,
+        "memory",
+        tuple(views),
+        place(synthetic.scene.points),
+        DenseCloud(place(synthetic.scene.dense.points)),
     )
-    return Made(scene, made.instances, made.objects, made.owner)
+    return ShapeScene(scene, synthetic.instances, synthetic.objects, synthetic.owner)
 
 
 def by_category(found):
@@ -48,8 +52,8 @@ def by_category(found):
 def test_sizes_of_a_room_under_any_similarity(room):
     turn = Rotation.from_euler("zyx", [40, 70, -20], degrees=True).as_matrix()
     for scale, rotation in ((1.0, np.eye(3)), (0.31, turn), (57.0, turn.T)):
-        made = moved(room, scale, rotation, np.array([3.0, -1.0, 2.0]))
-        found = measure_objects(made.scene, made.instances)
+        synthetic = moved(room, scale, rotation, np.array([3.0, -1.0, 2.0]))
+        found = measure_objects(synthetic.scene, synthetic.instances)
         assert len(found.objects) == 3
         assert np.degrees(np.arccos(np.clip(found.up.vector @ rotation[:, 2], -1, 1))) < 1.0
         assert len(found.planes) >= 1
@@ -95,26 +99,26 @@ def test_the_papers_arm_runs_and_never_reaches_down(room):
         assert np.isfinite(item.confidence).all()
 
 
-def without_feet(made, category, share):
+def without_feet(synthetic, category, share):
     """The scene without the dense points in the lowest share of the objects of a category."""
-    points = made.scene.dense.points
+    points = synthetic.scene.dense.points
     keep = np.ones(len(points), dtype=bool)
-    for number, item in enumerate(made.objects):
+    for number, item in enumerate(synthetic.objects):
         if item.category == category:
-            own = made.owner == number
+            own = synthetic.owner == number
             low, high = points[own, 2].min(), points[own, 2].max()
             keep &= ~(own & (points[:, 2] < low + share * (high - low)))
-    scene = replace(made.scene, dense=DenseCloud(points[keep]))
-    return Made(scene, made.instances, made.objects, made.owner[keep])
+    scene = replace(synthetic.scene, dense=DenseCloud(points[keep]))
+    return ShapeScene(scene, synthetic.instances, synthetic.objects, synthetic.owner[keep])
 
 
 @pytest.mark.parametrize(("category", "share"), [("chair", 0.4), ("cabinet", 0.25)])
 def test_an_unseen_foot_reaches_down_to_what_it_stands_on(room, category, share):
-    made = without_feet(room, category, share)
-    bare = by_category(measure_objects(made.scene, made.instances, MeasurementOptions(supports=False, cuboids=False)))[
-        category
-    ]
-    found = by_category(measure_objects(made.scene, made.instances))[category]
+    synthetic = without_feet(room, category, share)
+    bare = by_category(
+        measure_objects(synthetic.scene, synthetic.instances, MeasurementOptions(supports=False, cuboids=False))
+    )[category]
+    found = by_category(measure_objects(synthetic.scene, synthetic.instances))[category]
     assert np.log(bare.extents[2] / SIZES[category][2]) < np.log(1 - share) + 0.06
     assert abs(np.log(found.extents[2] / SIZES[category][2])) < 0.05
     assert found.unsupported_height == pytest.approx(bare.extents[2], rel=0.02)
@@ -140,10 +144,10 @@ def test_a_clock_on_the_wall_stays_there():
     wall = box(None, (5, 0.1, 2.4), (0, 1.0, 0))
     clock = Shape("clock", (Solid("box", np.array([0.3, 0.04, 0.3]), np.array([0, 0.93, 1.5])),))
     views = orbit(8, 2.4, 1.5, arc=70, target=(0, 0.9, 1.2), size=(240, 180), focal=180.0)
-    made = synthetic_scene([floor(5), wall, clock], views, dense=24_000, noise=0.001)
+    synthetic = synthetic_scene([floor(5), wall, clock], views, dense=24_000, noise=0.001)
     for category in ("clock", "object of no known name"):
-        named = tuple(replace(instance, category=category) for instance in made.instances)
-        item = measure_objects(made.scene, named).objects[0]
+        named = tuple(replace(instance, category=category) for instance in synthetic.instances)
+        item = measure_objects(synthetic.scene, named).objects[0]
         assert item.unsupported_height is None
         assert abs(np.log(item.extents[2] / 0.3)) < 0.08
 

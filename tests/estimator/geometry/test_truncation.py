@@ -15,14 +15,14 @@ UP = np.array([0, 0, 1.0])
 LOW_END, HIGH_END = 0, 1
 
 
-def sides_of(made, number, axes, low, high, instances=None):
+def sides_of(synthetic, number, axes, low, high, instances=None):
     """How the masks of object number `number` show the sides of the given true box."""
-    instances = made.instances if instances is None else instances
-    labels = dense_labels(made.scene, instances)
+    instances = synthetic.instances if instances is None else instances
+    labels = dense_labels(synthetic.scene, instances)
     masks = [instance for instance in instances if instance.track == str(number)]
     borders = [outline(mask, 200, 150) for mask in masks]
-    points = made.scene.dense.points[made.owner == number]
-    around = Surroundings(made.scene, labels.points, labels.visibility, UP)
+    points = synthetic.scene.dense.points[synthetic.owner == number]
+    around = Surroundings(synthetic.scene, labels.points, labels.visibility, UP)
     return side_evidence(masks, borders, around, (axes, np.asarray(low, float), np.asarray(high, float)), points)
 
 
@@ -31,8 +31,8 @@ def views_around(radius=2.5, height=1.4, count=8, arc=360.0):
 
 
 def test_an_object_seen_whole_from_all_around_is_cut_nowhere():
-    made = synthetic_scene([floor(6), box("cabinet", (0.6, 0.4, 0.8), (0, 0, 0))], views_around(), dense=8000)
-    sides = sides_of(made, 1, np.eye(3), [-0.3, -0.2, 0], [0.3, 0.2, 0.8])
+    synthetic = synthetic_scene([floor(6), box("cabinet", (0.6, 0.4, 0.8), (0, 0, 0))], views_around(), dense=8000)
+    sides = sides_of(synthetic, 1, np.eye(3), [-0.3, -0.2, 0], [0.3, 0.2, 0.8])
     assert not sides.truncated.any()
     assert sides.shown.shape == (8, 3, 2)
 
@@ -41,9 +41,9 @@ def test_the_image_border_cuts_the_side_towards_it():
     """A long bench that leaves the picture at +x in every view."""
     eyes = [np.array([-1.2 + 0.05 * k, -2.2, 1.3]) for k in range(4)]
     views = [view_at(eye, np.add(eye, [0.1, 2.2, -0.9]), "v", size=(200, 150), focal=160.0) for eye in eyes]
-    made = synthetic_scene([floor(8), box("bench", (4.0, 0.4, 0.45), (0.8, 0, 0))], views, dense=8000)
-    found = made.scene.dense.points[made.owner == 1]
-    sides = sides_of(made, 1, np.eye(3), found.min(axis=0), found.max(axis=0))
+    synthetic = synthetic_scene([floor(8), box("bench", (4.0, 0.4, 0.45), (0.8, 0, 0))], views, dense=8000)
+    found = synthetic.scene.dense.points[synthetic.owner == 1]
+    sides = sides_of(synthetic, 1, np.eye(3), found.min(axis=0), found.max(axis=0))
     assert sides.truncated[0, HIGH_END]
     assert not sides.truncated[2].any()
 
@@ -55,8 +55,8 @@ def test_two_clean_views_undo_the_cut_and_one_does_not(clean, truncated):
     eyes = near + far
     targets = [np.add(eye, [0.1, 2.2, -0.9]) for eye in near] + [np.array([0.8, 0, 0.2])] * clean
     views = [view_at(e, t, "v", size=(200, 150), focal=160.0) for e, t in zip(eyes, targets, strict=True)]
-    made = synthetic_scene([floor(9), box("bench", (4.0, 0.4, 0.45), (0.8, 0, 0))], views, dense=8000)
-    sides = sides_of(made, 1, np.eye(3), [-1.2, -0.2, 0], [2.8, 0.2, 0.45])
+    synthetic = synthetic_scene([floor(9), box("bench", (4.0, 0.4, 0.45), (0.8, 0, 0))], views, dense=8000)
+    sides = sides_of(synthetic, 1, np.eye(3), [-1.2, -0.2, 0], [2.8, 0.2, 0.45])
     assert sides.truncated[0, HIGH_END] == truncated
 
 
@@ -65,11 +65,11 @@ def test_something_nearer_cuts_and_the_table_it_stands_on_does_not():
     board = box(None, (0.6, 0.03, 1.2), (0.55, -0.6, 0))
     eyes = [np.array([x, -3.0, 1.0]) for x in (-0.1, 0.0, 0.1)]
     views = [view_at(eye, np.array([0, 0, 0.4]), "v", size=(200, 150), focal=180.0) for eye in eyes]
-    made = synthetic_scene(
+    synthetic = synthetic_scene(
         [floor(8), box("cabinet", (1.0, 0.4, 0.7), (0, 0, 0)), board], views, dense=20_000, noise=0.001
     )
-    found = made.scene.dense.points[made.owner == 1]
-    sides = sides_of(made, 1, np.eye(3), found.min(axis=0), found.max(axis=0))
+    found = synthetic.scene.dense.points[synthetic.owner == 1]
+    sides = sides_of(synthetic, 1, np.eye(3), found.min(axis=0), found.max(axis=0))
     assert sides.truncated[0, HIGH_END]
     assert not sides.truncated[0, LOW_END]
     assert not sides.truncated[2, LOW_END]
@@ -78,34 +78,42 @@ def test_something_nearer_cuts_and_the_table_it_stands_on_does_not():
 def test_the_back_of_a_round_object_seen_from_one_side_is_cut():
     """A bottle from the front shows half its wall: nothing says how deep it is."""
     views = orbit(6, 1.0, 0.2, arc=40, target=(0, 0, 0.15), size=(200, 150), focal=220.0)
-    made = synthetic_scene(
+    synthetic = synthetic_scene(
         [floor(3), cylinder("bottle", (0.09, 0.09, 0.3), (0, 0, 0))], views, dense=12_000, noise=0.0005
     )
-    found = made.scene.dense.points[made.owner == 1]
-    sides = sides_of(made, 1, np.eye(3), found.min(axis=0), found.max(axis=0))
+    found = synthetic.scene.dense.points[synthetic.owner == 1]
+    sides = sides_of(synthetic, 1, np.eye(3), found.min(axis=0), found.max(axis=0))
     assert sides.truncated[1, HIGH_END]
     assert not sides.truncated[0].any()
 
 
 def test_the_back_of_a_table_is_outlined_by_its_top():
     views = orbit(6, 2.6, 2.0, arc=40, target=(0, 0, 0.5), size=(200, 150), focal=160.0)
-    made = synthetic_scene([floor(6), box("table", (1.2, 0.7, 0.05), (0, 0, 0.7))], views, dense=12_000, noise=0.001)
-    sides = sides_of(made, 1, np.eye(3), [-0.6, -0.35, 0.7], [0.6, 0.35, 0.75])
+    synthetic = synthetic_scene(
+        [floor(6), box("table", (1.2, 0.7, 0.05), (0, 0, 0.7))], views, dense=12_000, noise=0.001
+    )
+    sides = sides_of(synthetic, 1, np.eye(3), [-0.6, -0.35, 0.7], [0.6, 0.35, 0.75])
     assert not sides.truncated[:2].any()
 
 
 def test_a_mask_that_goes_further_than_the_points_says_so():
     """The top third of a cabinet left no points: its masks show it, its cloud does not."""
-    made = synthetic_scene([floor(6), box("cabinet", (0.6, 0.4, 0.9), (0, 0, 0))], views_around(height=0.6), dense=8000)
-    points = made.scene.dense.points
-    keep = ~((made.owner == 1) & (points[:, 2] > 0.6))
-    bare = type(made)(
-        type(made.scene)(
-            made.scene.path, "memory", made.scene.views, made.scene.points, type(made.scene.dense)(points[keep])
+    synthetic = synthetic_scene(
+        [floor(6), box("cabinet", (0.6, 0.4, 0.9), (0, 0, 0))], views_around(height=0.6), dense=8000
+    )
+    points = synthetic.scene.dense.points
+    keep = ~((synthetic.owner == 1) & (points[:, 2] > 0.6))
+    bare = type(synthetic)(
+        type(synthetic.scene)(
+            synthetic.scene.path,
+            "memory",
+            synthetic.scene.views,
+            synthetic.scene.points,
+            type(synthetic.scene.dense)(points[keep]),
         ),
-        made.instances,
-        made.objects,
-        made.owner[keep],
+        synthetic.instances,
+        synthetic.objects,
+        synthetic.owner[keep],
     )
     sides = sides_of(bare, 1, np.eye(3), [-0.3, -0.2, 0], [0.3, 0.2, 0.6])
     assert sides.truncated[2, HIGH_END]
@@ -114,12 +122,12 @@ def test_a_mask_that_goes_further_than_the_points_says_so():
 
 
 def test_a_boxs_border_says_nothing_about_the_outline():
-    made = synthetic_scene([floor(6), cylinder("bin", (0.5, 0.5, 0.7), (0, 0, 0))], views_around(), dense=6000)
+    synthetic = synthetic_scene([floor(6), cylinder("bin", (0.5, 0.5, 0.7), (0, 0, 0))], views_around(), dense=6000)
     boxes = tuple(
         Instance(i.id, i.view, i.category, np.ones_like(i.mask), i.origin, i.score, True, i.track)
-        for i in made.instances
+        for i in synthetic.instances
     )
-    sides = sides_of(made, 1, np.eye(3), [-0.25, -0.25, 0], [0.25, 0.25, 0.5], boxes)
+    sides = sides_of(synthetic, 1, np.eye(3), [-0.25, -0.25, 0], [0.25, 0.25, 0.5], boxes)
     assert np.isnan(sides.beyond).all()
 
 

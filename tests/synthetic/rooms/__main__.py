@@ -23,9 +23,9 @@ parser.add_argument("--quality", type=int, default=QUALITY, help="JPEG quality")
 arguments = parser.parse_args()
 world = street(arguments.seed) if arguments.kind == "street" else furnished_room(arguments.kind, arguments.seed)
 if arguments.quick:
-    made = quick_scene(world, Knobs(), arguments.seed)
-    write_scene(made, world, arguments.out)
-    truth = made.truth
+    synthetic = quick_scene(world, Knobs(), arguments.seed)
+    write_scene(synthetic, world, arguments.out)
+    truth = synthetic.truth
 else:
     truth = reconstruct(world, arguments.out, arguments.seed, features=arguments.features, quality=arguments.quality)
 print(f"{arguments.out}: {len(world.objects)} objects, {truth.metres_per_unit:.6g} metres per unit")

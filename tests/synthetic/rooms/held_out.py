@@ -55,11 +55,11 @@ def held_out_pool(
     return {category: np.unique(own.round(1), axis=0) for category, own in pool.items() if len(own)}
 
 
-def pool_at(path: Path, made: Callable[[], dict[str, FloatArray]]) -> dict[str, FloatArray]:
+def pool_at(path: Path, synthetic: Callable[[], dict[str, FloatArray]]) -> dict[str, FloatArray]:
     """The pool kept in a file, made where the file is not there."""
     if not path.exists():
         path.parent.mkdir(parents=True, exist_ok=True)
-        path.write_text(json.dumps({name: rows.tolist() for name, rows in made().items()}))
+        path.write_text(json.dumps({name: rows.tolist() for name, rows in synthetic().items()}))
     return {name: np.array(rows) for name, rows in json.loads(path.read_text()).items()}
 
 

@@ -16,18 +16,18 @@ from tests.synthetic.rooms.world import World
 __all__ = ["write_scene"]
 
 
-def write_scene(made: SyntheticScene, world: World, folder: Path) -> None:
+def write_scene(synthetic: SyntheticScene, world: World, folder: Path) -> None:
     """`sparse/0/*.txt`, `dense.ply` and `.vis` where there is a dense cloud, `instances.json` and `truth.json`."""
     model = folder / "sparse" / "0"
     model.mkdir(parents=True, exist_ok=True)
-    (model / "cameras.txt").write_text(_cameras(made.scene))
-    (model / "images.txt").write_text("".join(_image(made.scene, k) for k in range(len(made.scene.views))))
-    (model / "points3D.txt").write_text(_points(made.scene))
-    if made.scene.dense is not None:
-        _write_dense(made.scene.dense, folder / "dense.ply")
-    names = [view.name for view in made.scene.views]
-    (folder / "instances.json").write_text(json.dumps(coco_dataset(world, made.ids, names)) + "\n")
-    (folder / "truth.json").write_text(json.dumps(made.truth.json(), indent=1) + "\n")
+    (model / "cameras.txt").write_text(_cameras(synthetic.scene))
+    (model / "images.txt").write_text("".join(_image(synthetic.scene, k) for k in range(len(synthetic.scene.views))))
+    (model / "points3D.txt").write_text(_points(synthetic.scene))
+    if synthetic.scene.dense is not None:
+        _write_dense(synthetic.scene.dense, folder / "dense.ply")
+    names = [view.name for view in synthetic.scene.views]
+    (folder / "instances.json").write_text(json.dumps(coco_dataset(world, synthetic.ids, names)) + "\n")
+    (folder / "truth.json").write_text(json.dumps(synthetic.truth.json(), indent=1) + "\n")
 
 
 def _cameras(scene: Scene) -> str:

@@ -1,4 +1,4 @@
-"""How like the truth an inserted object is: outline, hiding edge, colour, grain, flicker."""
+"""How like the truth an inserted object is: outline, hiding edge, flicker."""
 
 from __future__ import annotations
 
@@ -8,9 +8,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from metric_base.arrays import BoolArray, FloatArray, IntArray
-from metric_base.statistics import robust_sigma
 
-__all__ = ["LEAST_PIXELS", "colour_error", "detail", "edge_errors", "flicker", "height_inside", "inner"]
+__all__ = ["LEAST_PIXELS", "edge_errors", "flicker", "height_inside", "inner"]
 
 Picture = NDArray[np.uint8]
 #: An object of fewer pixels says little about its outline.
@@ -37,21 +36,6 @@ def inner(mask: BoolArray, pixels: int = INSIDE_PX) -> BoolArray:
 
     kernel = np.ones((2 * pixels + 1, 2 * pixels + 1), np.uint8)
     return np.asarray(cv2.erode(mask.astype(np.uint8), kernel) > 0)
-
-
-def colour_error(ours: Picture, true: Picture, mask: BoolArray) -> tuple[float, float]:
-    """Difference of the mean colours in grey levels, and ours over the true brightness; the pictures are (h, w, 3)."""
-    means = [picture[mask].astype(np.float64).mean(axis=0) for picture in (ours, true)]
-    return float(np.abs(means[0] - means[1]).mean()), float(means[0].mean() / means[1].mean())
-
-
-def detail(picture: Picture, mask: BoolArray) -> float:
-    """Robust sigma of what is finer than two pixels inside a mask (h, w): grain and texture, less the blur."""
-    import cv2
-
-    grey = cv2.cvtColor(picture, cv2.COLOR_RGB2GRAY).astype(np.float32)
-    fine = grey - cv2.GaussianBlur(grey, (0, 0), 1.0)
-    return float(robust_sigma(fine[mask]))
 
 
 def flicker(

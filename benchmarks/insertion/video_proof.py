@@ -18,7 +18,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from benchmarks.insertion.hiding_places import hiding_place
-from benchmarks.insertion.likeness import colour_error, detail, edge_errors, flicker, height_inside, inner
+from benchmarks.insertion.likeness import LEAST_PIXELS, flicker, height_inside, inner
 from benchmarks.insertion.pose_errors import pose_errors
 from benchmarks.insertion.synthetic_videos import (
     CONDITIONS,
@@ -59,10 +59,9 @@ SCALE_ERRORS = (0.9, 1.1)
 
 @dataclass(eq=False)
 class Layers:
-    """Takes the visible coverage of every frame, and the outline without what hides it."""
+    """Takes the visible coverage of every frame."""
 
     visible: dict[int, BoolArray] = field(default_factory=dict)
-    whole: dict[int, BoolArray] = field(default_factory=dict)
     _shape: tuple[int, ...] = ()
 
     def picture(self, shot: Shot, picture: NDArray[np.uint8]) -> None:
@@ -71,10 +70,10 @@ class Layers:
         self._shape = picture.shape
 
     def layers(self, shot: Shot, number: int, joined: Joined) -> None:
-        """Visible coverage of the one object, and where its depth is known."""
+        """Visible coverage of the one object."""
         del number
-        alpha, depth = joined.whole(self._shape)
-        self.visible[shot.index], self.whole[shot.index] = alpha > 0.5, np.isfinite(depth)
+        alpha, _ = joined.whole(self._shape)
+        self.visible[shot.index] = alpha > 0.5
 
     def composite(self, shot: Shot, composite: Composite) -> None:
         """The picture with the object is not kept."""
@@ -181,23 +180,12 @@ def _height_ratio(frames: Sequence[FrameReport], truth: Standing) -> float:
 
 def _figures(ours: Sequence[NDArray[np.uint8]], truth: Standing, layers: Layers) -> dict[str, Any]:
     both = [inner(seen & layers.visible[k]) for k, seen in enumerate(truth.seen)]
-    large = [k for k, mask in enumerate(both) if mask.sum() > 400]
-    colours = [colour_error(ours[k], truth.pictures[k], both[k]) for k in large]
-    details = [detail(ours[k], both[k]) / detail(truth.pictures[k], both[k]) for k in large]
-    edges = [edge_errors(layers.visible[k], layers.whole[k], truth.seen[k], truth.whole[k]) for k in layers.visible]
-    pixels = np.concatenate([*edges, np.zeros(0)])
     whole, faces = flicker(ours, truth.pictures, truth.faces, both)
     return {
-        "frames": len(large),
+        "frames": sum(int(mask.sum()) > LEAST_PIXELS for mask in both),
         "whole": sum(height_inside(mask) is not None for mask in truth.whole),
-        "colour": round(float(np.mean([error for error, _ in colours])), 1),
-        "brightness": round(float(np.mean([ratio for _, ratio in colours])), 3),
-        "detail": round(float(np.mean(details)), 2),
         "flicker": round(whole, 2),
         "flicker_faces": round(faces, 2),
-        "hidden": round(1 - sum(m.sum() for m in truth.seen) / sum(m.sum() for m in truth.whole), 2),
-        "edge_px": round(float(pixels.mean()), 2) if len(pixels) else None,
-        "edge_p90_px": round(float(np.quantile(pixels, 0.9)), 2) if len(pixels) else None,
     }
 
 

@@ -2,10 +2,11 @@
 
 from __future__ import annotations
 
+import math
 from collections import Counter
 from collections.abc import Iterator
 from contextlib import suppress
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -64,6 +65,11 @@ class ReleaseDiff:
         """Share of the nodes of both releases whose prior moved."""
         both = self.nodes_before - len(self.removed)
         return len(self.priors) / both if both else 0.0
+
+    def of_leaves(self, after: Tree, factor: float) -> ReleaseDiff:
+        """The diff with the priors of leaves alone whose median moved by more than `factor`."""
+        moved = [one for one in self.priors if abs(math.log1p(one.median)) > math.log(factor)]
+        return replace(self, priors=[one for one in moved if not after.node(one.node).children])
 
     def record(self) -> dict[str, Any]:
         """The diff as a JSON object (`metric-tree/diff/1`)."""
@@ -142,7 +148,7 @@ def _tiers(pairs: list[tuple[Node, Node]]) -> Iterator[tuple[str, tuple[str, str
 
 
 def _moved_priors(pairs: list[tuple[Node, Node]], gains: dict[str, Counter[str]]) -> Iterator[MovedPrior]:
-    """Of each node of both releases whose prior moved, the dimension that moved most."""
+    """Of each node of both releases whose prior moved, the dimension whose median did most, else whose interval did."""
     for a, b in pairs:
         dims = tuple(dim for dim in b.dims if dim in a.dims)
         try:
@@ -152,9 +158,9 @@ def _moved_priors(pairs: list[tuple[Node, Node]], gains: dict[str, Counter[str]]
         old, new = (prior.quantiles(INTERVAL_QUANTILES) for prior in (then, now))  # (3, d)
         median = new[1] / old[1] - 1
         spread = np.log(new[2] / new[0]) / np.log(old[2] / old[0]) - 1
-        moved = (np.abs(median) >= MEDIAN_MOVED) | (np.abs(spread) >= SPREAD_MOVED)
-        if moved.any():
-            k = int(np.argmax(np.maximum(np.abs(np.log1p(median)) / MEDIAN_MOVED, np.abs(spread) / SPREAD_MOVED)))
+        by_median = bool((np.abs(median) >= MEDIAN_MOVED).any())
+        if by_median or (np.abs(spread) >= SPREAD_MOVED).any():
+            k = int(np.argmax(np.abs(np.log1p(median) if by_median else spread)))
             then_mm, now_mm, by, wider = (float(f"{v:.4g}") for v in (old[1, k], new[1, k], median[k], spread[k]))
             yield MovedPrior(b.node_id, dims[k], then_mm, now_mm, by, wider, _blame(b, gains))
 

@@ -3,11 +3,12 @@
 from __future__ import annotations
 
 import argparse
+from collections import Counter
 
 from metric_base.errors import InputError
 from metric_cli.terminal import print_json, print_table
 from metric_tree.diff import ReleaseDiff, release_diff
-from metric_tree.tree import open_tree
+from metric_tree.tree import Tree, open_tree
 
 __all__ = ["HELP", "add_arguments", "run"]
 
@@ -24,6 +25,9 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--fail-over", metavar="RATIO", type=float, help="exit 1 if more than this share of the priors moved, 0 to 1"
     )
+    parser.add_argument(
+        "--factor", type=float, help="print, and nothing else, the leaves whose median moved by more than this factor"
+    )
 
 
 def run(arguments: argparse.Namespace) -> int:
@@ -31,9 +35,16 @@ def run(arguments: argparse.Namespace) -> int:
     limit = arguments.fail_over
     if limit is not None and not 0 <= limit <= 1:
         raise InputError(f"--fail-over: expected a share from 0 to 1; found {limit:g}")
-    diff = release_diff(open_tree(arguments.before), open_tree(arguments.after))
+    if arguments.factor is not None and not arguments.factor > 1:
+        raise InputError(f"--factor: expected a number over 1; found {arguments.factor:g}")
+    before, after = open_tree(arguments.before), open_tree(arguments.after)
+    diff = release_diff(before, after)
+    if arguments.factor is not None:
+        diff = diff.of_leaves(after, arguments.factor)
     if arguments.json:
         print_json(diff.record())
+    elif arguments.factor is not None:
+        _print_leaves(diff, before, after)
     else:
         _print(diff)
     return 1 if limit is not None and diff.share_moved > limit else 0
@@ -61,6 +72,17 @@ def _print(diff: ReleaseDiff) -> None:
     for title, table in (("shipped items by source", diff.items), ("shipped items by licence", diff.licences)):
         if table:
             print_table([title, "before", "now"], [(name, *pair) for name, pair in table.items()])
+
+
+def _print_leaves(diff: ReleaseDiff, before: Tree, after: Tree) -> None:
+    """Count the leaves that moved by their tiers before and after, and print each."""
+    tiers = [f"{before.tier(one.node)} to {after.tier(one.node)}" for one in diff.priors]
+    print_table(["tiers", "leaves"], Counter(tiers).most_common(), title=f"{len(tiers):,} leaves moved")
+    rows = [
+        (one.node, one.dim, one.before_mm, one.after_mm, tier, _blame(one.blame))
+        for one, tier in zip(diff.priors, tiers, strict=True)
+    ]
+    print_table(["leaf", "dimension", "median mm", "now", "tiers", "items that moved it"], rows)
 
 
 def _blame(blame: dict[str, int]) -> str:

@@ -29,6 +29,9 @@ __all__ = ["FAMILY", "INTERVAL_QUANTILES", "MEDIAN", "QUANTILES", "SHARED_KINDS"
 
 FAMILY = "lognormal-mixture"
 
+#: Largest |ln mm| of a mean: ten thousand kilometres, and a billionth of a millimetre.
+LARGEST_LOG_MM = 23.0
+
 #: What every table, page and answer shows: the ends of the 90 % interval, the quartiles and the median.
 QUANTILES = (0.05, 0.25, 0.5, 0.75, 0.95)
 
@@ -266,6 +269,8 @@ class Prior:
         for name in ("weights", "means", "covariances", "shared_covariance"):
             values = getattr(prior, name)
             _expect(node_id, name, bool(np.isfinite(values).all()), "finite numbers", values)
+        within = bool((np.abs(prior.means) <= LARGEST_LOG_MM).all())
+        _expect(node_id, "means", within, f"ln mm from -{LARGEST_LOG_MM:g} to {LARGEST_LOG_MM:g}", prior.means)
         spreads = np.linalg.eigvalsh(prior._covariances)
         _expect(node_id, "covariances", bool((spreads > 0).all()), "positive definite ones", prior.covariances)
         return prior

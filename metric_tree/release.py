@@ -5,6 +5,7 @@ from __future__ import annotations
 import hashlib
 import json
 import os
+import re
 from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass
 from functools import lru_cache
@@ -16,16 +17,17 @@ import pyarrow as pa
 import pyarrow.parquet as pq
 
 from metric_base.errors import InputError
+from metric_base.escaping import visible
 from metric_tree.schema import ADDED_COLUMNS, FORMER_TYPES, SCHEMA, TABLES
 
 __all__ = [
     "MANIFEST",
     "BadRelease",
     "Release",
-    "first_in_circle",
     "link_file",
     "open_release",
     "publish_release",
+    "see_nodes",
     "sha256",
 ]
 
@@ -35,6 +37,9 @@ MANIFEST = "manifest.json"
 MANIFEST_FIELDS: Mapping[str, type] = {
     "schema": str, "name": str, "version": str, "created": str, "sources": list, "files": dict, "counts": dict,
 }  # fmt: skip
+_COUNTS = ("nodes", "n_fit", "n_rows")
+#: A source's id names files.
+_SOURCE_ID = re.compile(r"\w[\w.-]*")
 _KINDS: Mapping[type, str] = {str: "text", list: "an array", dict: "an object"}
 
 #: Most rows of a table that is read: a hundred times what ships.
@@ -197,8 +202,12 @@ def _manifest(path: Path) -> dict[str, Any]:
             raise BadRelease(f"{path}: {field}: expected a value; found none")
         if not isinstance(manifest[field], kind):
             raise BadRelease(f"{path}: {field}: expected {_KINDS[kind]}; found {type(manifest[field]).__name__}")
-    if not all(isinstance(one, dict) and isinstance(one.get("id"), str) for one in manifest["sources"]):
-        raise BadRelease(f"{path}: sources: expected objects with an id; found others")
+    if not all(isinstance(one, dict) and _SOURCE_ID.fullmatch(str(one.get("id"))) for one in manifest["sources"]):
+        raise BadRelease(f"{path}: sources: expected objects with an id of letters, digits, _, - and .; found others")
+    for field in _COUNTS:
+        if not isinstance(manifest["counts"].get(field), int):
+            found = manifest["counts"].get(field)
+            raise BadRelease(f"{path}: counts.{field}: expected a whole number; found {visible(str(found))}")
     return dict(manifest)
 
 
@@ -240,7 +249,27 @@ def _first_line(error: BaseException) -> str:
     return (str(error).splitlines() or [type(error).__name__])[0]
 
 
-def first_in_circle(parents: Sequence[str | None], places: Mapping[str, int]) -> str | None:
+def see_nodes(ids: Sequence[str], parents: Sequence[str | None], directory: Path) -> None:
+    """Refuse a table of nodes, ids and parents by row, that is no tree.
+
+    Raises
+    ------
+    BadRelease
+        There are none, two have one id, an id has control characters, or a parent is missing or below its child.
+    """
+    places = {node_id: place for place, node_id in enumerate(ids)}
+    where = f"{directory}/nodes.parquet"
+    if not ids or not "".join(ids).isprintable():
+        raise BadRelease(f"{where}: node_id: expected printable ids; found {'others' if ids else 'no node'}")
+    if len(places) < len(ids):
+        raise BadRelease(f"{where}: node_id: expected ids that differ; found {len(ids) - len(places)} twice")
+    if missing := next((one for one in parents if one is not None and one not in places), None):
+        raise BadRelease(f"{where}: parent_id: expected the id of a node; found {visible(missing)!r}")
+    if (one := _first_in_circle(parents, places)) is not None:
+        raise BadRelease(f"{where}: {visible(one)}: parent_id: expected a tree; found a circle")
+
+
+def _first_in_circle(parents: Sequence[str | None], places: Mapping[str, int]) -> str | None:
     """The first node that is above itself: what walks such a tree does not end. None where there is none.
 
     parents : ids by row; places : row by id.

@@ -15,7 +15,7 @@ from metric_base import spelling
 from metric_tree.node import AmbiguousName, Meaning, Node, NoPrior, ThinEvidence, UnknownName, node_of, see_tier
 from metric_tree.prior import Prior
 from metric_tree.prior_rows import PriorRows
-from metric_tree.release import BadRelease, Release, first_in_circle, open_release
+from metric_tree.release import Release, open_release, see_nodes
 from metric_tree.releases import release_directory
 from taxonomy.naming.nodes import Names
 from taxonomy.naming.resolver import Resolver
@@ -56,11 +56,11 @@ class Tree:
     def __init__(self, release: Release) -> None:
         self.release: Release = release
         self._table = release.table("nodes")
-        self._places = {node_id: place for place, node_id in enumerate(self._table["node_id"].to_pylist())}
+        ids = self._table["node_id"].to_pylist()
+        see_nodes(ids, self._table["parent_id"].to_pylist(), release.directory)
+        self._places = {node_id: place for place, node_id in enumerate(ids)}
         self._nodes: dict[str, Node] = {}
         self._prior_rows = PriorRows(release)
-        if (one := first_in_circle(self._table["parent_id"].to_pylist(), self._places)) is not None:
-            raise BadRelease(f"{release.directory}: {one}: parent_id: expected a tree; found a circle")
 
     def __repr__(self) -> str:
         return f"<Tree {self.name} {self.version}: {len(self)} nodes>"

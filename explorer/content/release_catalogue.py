@@ -16,6 +16,7 @@ from explorer.content.addresses import slug
 from explorer.content.tiers import UNKNOWN
 from metric_base.arrays import FloatArray, IntArray
 from metric_base.errors import InputError
+from metric_base.escaping import visible
 from metric_base.folders import taxonomy_directory
 from metric_tree.prior import QUANTILES, Prior
 from metric_tree.tree import Node, NoPrior, Tree, UnknownName
@@ -97,8 +98,11 @@ class ReleaseCatalogue:
 
     @cached_property
     def items(self) -> pa.Table:
-        """All shipped items."""
-        return self.tree.release.table("items")
+        """All shipped items; InputError where one is of no node."""
+        table = self.tree.release.table("items")
+        if strays := set(table["node_id"].unique().to_pylist()) - set(self.nodes):
+            raise InputError(self._refusal("node_id", "ids of nodes", min(strays)))
+        return table
 
     @cached_property
     def sizes(self) -> FloatArray:
@@ -109,7 +113,12 @@ class ReleaseCatalogue:
         for row, extents in enumerate(self.items["extents_mm"].to_pylist()):
             for column, value in enumerate((extents or ())[:3]):
                 table[row, 3 + column] = value
+        if len(bad := table[~np.isnan(table) & ~((table > 0) & (table < np.inf))]):
+            raise InputError(self._refusal("length_mm, width_mm, height_mm, extents_mm", "positive sizes", str(bad[0])))
         return table
+
+    def _refusal(self, field: str, expected: str, found: str) -> str:
+        return f"{self.tree.release.directory}/items.parquet: {field}: expected {expected}; found {visible(found)}"
 
     @cached_property
     def kinds(self) -> Any:

@@ -15,6 +15,7 @@ from explorer.site import write_site
 from metric_base.errors import InputError
 from metric_tree.tree import Tree
 from tests.explorer.conftest import WEB
+from tests.synthetic import minitree
 
 #: One address of each kind.
 KINDS = [
@@ -122,3 +123,17 @@ def test_spreadsheets_run_no_cell() -> None:
     from explorer.content.tables import csv_text
 
     assert csv_text(["a"], [["=1+1"], ["plain"], [None], [[1.5, 2.0]]]) == b'a\n\'=1+1\nplain\n""\n1.5 2.0\n'
+
+
+@pytest.mark.parametrize(
+    ("field", "value", "message"),
+    [("node_id", "nobody", "ids of nodes; found nobody"), ("length_mm", -5.0, "positive sizes; found -5"),
+     ("height_mm", float("inf"), "positive sizes; found inf")],
+)  # fmt: skip
+def test_items_of_no_node_or_no_size_have_no_site(field: str, value: object, message: str, tmp_path: Path) -> None:
+    content = minitree.rows()
+    content["items.parquet"][3][field] = value
+    tree = Tree(minitree.release(tmp_path / "r", content))
+    with pytest.raises(InputError, match=message):
+        write_site(tmp_path / "site", [tree], workers=1)
+    assert not (tmp_path / "site").exists()

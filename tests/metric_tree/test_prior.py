@@ -132,9 +132,10 @@ def test_levels_outside_zero_and_one_are_refused(level):
         random_prior(1).quantile(level)
 
 
-def test_a_prior_of_no_numbers_is_refused(tmp_path: Path) -> None:
+@pytest.mark.parametrize("value", [float("nan"), 1e300])
+def test_a_prior_of_no_size_is_refused(value: float, tmp_path: Path) -> None:
     content = minitree.rows()
-    content["priors.parquet"][0]["means"] = [[float("nan")] * len(content["priors.parquet"][0]["dims"])]
+    content["priors.parquet"][0]["means"] = [[value] * len(content["priors.parquet"][0]["dims"])]
     row = content["priors.parquet"][0]
     tree = Tree(minitree.release(tmp_path / "release", content))
     with pytest.raises(InputError, match="means"):

@@ -54,6 +54,23 @@ def _change(directory: Path, **values: object) -> None:
     (directory / MANIFEST).write_text(json.dumps(manifest | values))
 
 
+@pytest.mark.parametrize(
+    ("change", "message"),
+    [
+        (lambda nodes: nodes.clear(), "found no node"),
+        (lambda nodes: nodes.append(dict(nodes[-1])), "expected ids that differ; found 1 twice"),
+        (lambda nodes: nodes[-1].update(node_id="a\0b"), "expected printable ids"),
+        (lambda nodes: nodes[-1].update(parent_id="a\x1b[2J"), r"expected the id of a node; found 'a\\x1b"),
+    ],
+)
+def test_a_table_of_nodes_that_is_no_tree_is_one_line(change, message: str, tmp_path: Path) -> None:
+    content = minitree.rows()
+    change(content["nodes.parquet"])
+    minitree.release(tmp_path / "r", content)
+    with pytest.raises(BadRelease, match=message):
+        open_tree(tmp_path / "r")
+
+
 def test_a_tree_that_is_a_circle_is_one_line(tmp_path: Path) -> None:
     content = minitree.rows()
     nodes = {node["node_id"]: node for node in content["nodes.parquet"]}
@@ -72,6 +89,8 @@ def test_a_tree_that_is_a_circle_is_one_line(tmp_path: Path) -> None:
         (lambda d: (d / MANIFEST).write_text(json.dumps({"schema": "metric-tree/2"})), "found 'metric-tree/2'"),
         (lambda d: (d / MANIFEST).write_text(json.dumps({"schema": "metric-tree/1"})), "name: expected a value"),
         (lambda d: _change(d, counts="x"), "counts: expected an object; found str"),
+        (lambda d: _change(d, counts={"nodes": float("nan")}), "counts.nodes: expected a whole number; found nan"),
+        (lambda d: _change(d, sources=[{"id": "../../up"}]), "sources: expected objects with an id of letters"),
         (lambda d: _change(d, sources=["x"]), "sources: expected objects"),
         (lambda d: _change(d, name=5), "name: expected text; found int"),
         (lambda d: (d / "nodes.parquet").unlink(), "found no file"),

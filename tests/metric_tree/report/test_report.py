@@ -107,7 +107,7 @@ def test_a_tree_that_is_none_has_no_page(tmp_path, capsys):
     content["nodes.parquet"][-1]["parent_id"] = "nowhere"
     minitree.release(tmp_path / "r", content)
     assert main(["report", str(tmp_path / "r"), "--out", str(tmp_path / "page.html")]) == 2
-    assert "E202" in capsys.readouterr().err
+    assert "parent_id: expected the id of a node; found 'nowhere'" in capsys.readouterr().err
     assert not (tmp_path / "page.html").exists()
 
 

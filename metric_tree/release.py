@@ -205,9 +205,8 @@ def _manifest(path: Path) -> dict[str, Any]:
     if not all(isinstance(one, dict) and _SOURCE_ID.fullmatch(str(one.get("id"))) for one in manifest["sources"]):
         raise BadRelease(f"{path}: sources: expected objects with an id of letters, digits, _, - and .; found others")
     for field in _COUNTS:
-        if not isinstance(manifest["counts"].get(field), int):
-            found = manifest["counts"].get(field)
-            raise BadRelease(f"{path}: counts.{field}: expected a whole number; found {visible(str(found))}")
+        if not isinstance(count := manifest["counts"].get(field), int):
+            raise BadRelease(f"{path}: counts.{field}: expected a whole number; found {visible(str(count))}")
     return dict(manifest)
 
 
@@ -264,7 +263,7 @@ def see_nodes(ids: Sequence[str], parents: Sequence[str | None], directory: Path
     if len(places) < len(ids):
         raise BadRelease(f"{where}: node_id: expected ids that differ; found {len(ids) - len(places)} twice")
     if missing := next((one for one in parents if one is not None and one not in places), None):
-        raise BadRelease(f"{where}: parent_id: expected the id of a node; found {visible(missing)!r}")
+        raise BadRelease(f"{where}: parent_id: expected the id of a node; found '{visible(missing)}'")
     if (one := _first_in_circle(parents, places)) is not None:
         raise BadRelease(f"{where}: {visible(one)}: parent_id: expected a tree; found a circle")
 

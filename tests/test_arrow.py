@@ -57,6 +57,7 @@ ROOMS = [
     "estimator.views",
     "estimator.asset_files",
     "estimator.assets",
+    "estimator.capture.cameras",
     "estimator.capture.mapping",
     "estimator.capture.dense",
     "estimator.capture",

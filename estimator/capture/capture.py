@@ -12,6 +12,7 @@ from typing import Any
 
 import numpy as np
 
+from estimator.capture.cameras.lens import Lens
 from estimator.capture.cautions import capture_cautions, read_cautions, write_cautions
 from estimator.capture.frame_poses import FILE_NAME, FramePose, FramePoses, write_frame_poses
 from estimator.capture.frames import FRAMES_FILE, Frames, Source, make_frames, read_frames, source_of
@@ -19,7 +20,6 @@ from estimator.capture.localisation import localised_frames
 from estimator.capture.mapping.evidence import CaptureEvidence, Pair
 from estimator.capture.mapping.failures import CaptureFailure, Failure, after_all, failure
 from estimator.capture.mapping.gates import WHOLE_SHARE
-from estimator.capture.mapping.lens import Lens
 from estimator.capture.mapping.reconstruction import make_features, make_matches, make_model
 from estimator.capture.mapping.rungs import RUNGS, Rung, next_rungs, predicted_s
 from estimator.capture.mapping.time_limit import OutOfTime, TimeLimit, limit_of

@@ -8,8 +8,8 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
+from estimator.capture.cameras.absolute_pose import PosePoints, rays_of, refined_pose, residuals_px
 from estimator.capture.frame_poses import FramePose
-from estimator.capture.mapping.absolute_pose import PosePoints, rays_of, refined_pose, residuals_px
 from estimator.capture.video import VideoFrame
 from estimator.records.scene import Scene, View
 from metric_base.arrays import FloatArray, IntArray

@@ -6,8 +6,8 @@ from collections.abc import Iterator
 from dataclasses import replace
 from typing import Any
 
+from estimator.capture.cameras.lens import Lens, is_fisheye
 from estimator.capture.mapping.gates import LEAST_FRAMES
-from estimator.capture.mapping.lens import Lens, is_fisheye
 from estimator.capture.mapping.mappers import Mapped, MappingTask, mapped_frames
 from estimator.capture.mapping.time_limit import OutOfTime
 from estimator.capture.mapping.worker_process import WorkerError, start_worker, wait_for_worker

@@ -18,7 +18,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from estimator.capture.mapping.camera_model_choice import chosen_model, model_scores
+from estimator.capture.cameras.camera_model_choice import chosen_model, model_scores
 from estimator.capture.mapping.pair_choice import all_pairs, chosen_pairs, coarse_scores
 from estimator.capture.mapping.triplets import agreement, model_triplets
 from estimator.reconstructions.pycolmap_library import pycolmap

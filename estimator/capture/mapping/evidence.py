@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from estimator.capture.mapping.focal_spread import focal_spread
+from estimator.capture.cameras.focal_spread import focal_spread
 from estimator.reconstructions.cameras import project
 from estimator.reconstructions.colmap import read_colmap
 from estimator.records.scene import Scene

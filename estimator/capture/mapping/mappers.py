@@ -8,6 +8,7 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
+from estimator.capture.cameras.lens import Lens
 from estimator.capture.mapping.evidence import (
     CaptureEvidence,
     ModelShape,
@@ -26,7 +27,6 @@ from estimator.capture.mapping.gates import (
     model_failure,
     needs_check,
 )
-from estimator.capture.mapping.lens import Lens
 from estimator.capture.mapping.time_limit import OutOfTime, TimeLimit, processor_s
 from estimator.capture.mapping.worker_process import WorkerError, start_worker, wait_for_worker
 from metric_base.progress import ProgressCallback

@@ -7,6 +7,7 @@ import shutil
 from dataclasses import replace
 from pathlib import Path
 
+from estimator.capture.cameras.lens import Lens
 from estimator.capture.mapping.camera_model_search import other_mapping_s, with_other_camera_model
 from estimator.capture.mapping.evidence import CaptureEvidence
 from estimator.capture.mapping.failures import TYPICAL_FOCAL
@@ -18,7 +19,6 @@ from estimator.capture.mapping.gates import (
     lens_is_doubtful,
     most_are_linked,
 )
-from estimator.capture.mapping.lens import Lens
 from estimator.capture.mapping.mappers import Mapped, MappingTask, mapped_frames
 from estimator.capture.mapping.rungs import RUNGS, Rung
 from estimator.capture.mapping.time_limit import OutOfTime, TimeLimit

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from estimator.capture.mapping.camera_model_choice import chosen_model, model_scores, start_params
+from estimator.capture.cameras.camera_model_choice import chosen_model, model_scores, start_params
 from estimator.capture.mapping.evidence import model_shape, residual_pattern
 from estimator.capture.mapping.gates import PATTERN
 from estimator.reconstructions.pycolmap_library import pycolmap

@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from estimator.capture.mapping.focal_spread import focal_spread
+from estimator.capture.cameras.focal_spread import focal_spread
 from estimator.capture.mapping.gates import UNSTEADY
 from estimator.reconstructions.cameras import project
 from estimator.records.scene import Scene

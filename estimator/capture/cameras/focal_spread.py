@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from estimator.capture.mapping.absolute_pose import rays_of
+from estimator.capture.cameras.absolute_pose import rays_of
 from estimator.records.scene import Scene, View
 from metric_base.arrays import FloatArray
 

@@ -235,9 +235,9 @@ def test_blender_joins_the_layers_to_our_frame(scene: tuple[PreparedScene, Place
 
     prepared, placed = scene
     out, layers = tmp_path / "out", tmp_path / "layers"
-    insert_into(prepared, [placed.request], out, layers=layers, frames=(1, 1))
+    insert_into(prepared, [placed.request], out, layers=layers, frames=(1, 2))
     job = json.loads((layers / "blender" / "job.json").read_text())
-    assert (job["first"], job["last"], [key["frame"] for key in job["keys"]]) == (2, 2, [2])
+    assert (job["first"], job["last"], [key["frame"] for key in job["keys"]]) == (2, 3, [2, 3])
     assert all((layers / name / "000002.exr").is_file() for name in ("plate", "object", "shadow", "matte"))
     program = os.environ.get("METRIC_TREE_BLENDER", "")
     if "python" not in Path(program).name:
@@ -246,7 +246,7 @@ def test_blender_joins_the_layers_to_our_frame(scene: tuple[PreparedScene, Place
     words = [program, str(layers / "blender" / "scene.py"), "--render", str(tmp_path / "again"), "--only", "joined"]
     subprocess.run(words, capture_output=True, env=clean, check=True)
     assert (layers / "scene.blend").is_file()
-    (ours,) = out.iterdir()
+    ours = min(out.iterdir())
     frame, again = (cv2.imread(str(file)).astype(int) for file in (ours, tmp_path / "again" / "joined" / "000002.png"))
     assert np.abs(frame - again).max() <= 1
     assert (frame == again).mean() > 0.98

@@ -14,7 +14,7 @@ from estimator.geometry.planes import SupportPlane
 from estimator.records.scene import Camera, Instance, Scene, View
 from estimator.visibility.sights import Visibility
 from insertion.composite.compose import Joined, behind_each_other
-from insertion.composite.occlusion import _without_gaps, hidden_share
+from insertion.composite.occlusion import _without_gaps, hidden_share, matte
 from insertion.footage.footage import Shot
 from insertion.render.layers import ObjectLayers
 from insertion.render.renderer import ObjectImage
@@ -218,3 +218,14 @@ def test_masks_of_frames_are_read_by_the_names_of_the_frames(tmp_path: Path) -> 
     read = moving_masks(file, Scene(tmp_path, "memory", (VIEW,), np.zeros((0, 3))), shots)
     assert list(read) == [2]
     assert read[2][0].mask.sum() == pytest.approx(8000, rel=0.05)
+
+
+def test_an_edge_goes_to_the_picture_s_edge_where_it_shows_one() -> None:
+    hidden = np.zeros((80, 120), bool)
+    hidden[:, :59] = True
+    picture = np.full((80, 120, 3), 40, np.uint8)
+    stays = matte(hidden, picture, 6)[40]
+    picture[:, 60:] = 200
+    moved = matte(hidden, picture, 6)[40]
+    assert moved[59] > 0.7 > 0.3 > stays[59]
+    assert moved[58] > 0.9 > 0.1 > moved[60]

@@ -7,6 +7,7 @@ import re
 from dataclasses import replace
 from pathlib import Path
 
+import matplotlib as mpl
 import numpy as np
 import pytest
 from hypothesis import given
@@ -16,7 +17,7 @@ from insertion.study.answers import ANSWERS, StudyAnswer, read_answers
 from insertion.study.curve import Observer, curve_of, wilson
 from insertion.study.page import ANSWERS_SCHEMA, STEPS, study_page
 from insertion.study.plan import FLAT, expected_intervals, plan_text
-from insertion.study.report import report_text
+from insertion.study.report import report_text, write_curve
 from metric_base.errors import InputError
 from metric_cli.insert_object.insert import main
 from metric_cli.insert_object.study import run_study
@@ -142,6 +143,15 @@ def test_the_report_is_printed(tmp_path: Path, capsys: pytest.CaptureFixture[str
     assert run_study(["report", str(tmp_path), "--figure", str(figure)]) == 0
     assert "just-noticeable step" in capsys.readouterr().out
     assert figure.stat().st_size > 5000
+
+
+def test_a_flat_curve_is_drawn_without_an_observer(tmp_path: Path) -> None:
+    curve, lines = curve_of(_answers(Observer(0, 0.1, 0.1), 3, 3, 0)), []
+    with mpl.rc_context({"svg.fonttype": "none"}):
+        for flat in (False, True):
+            write_curve(replace(curve, flat=flat), tmp_path / "curve.svg")
+            lines.append(">observer<" in (tmp_path / "curve.svg").read_text())
+    assert lines == [True, False]
 
 
 def test_a_scene_folder_may_be_called_study(

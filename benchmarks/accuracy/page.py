@@ -89,7 +89,8 @@ def _methods_table(outcomes: Sequence[Outcome]) -> str:
         _line(group, method, chosen)
         for group in groups
         for method in METHODS
-        if (chosen := select(outcomes, group=group, method=method))
+        # of one scene the arms without dimensions say next to nothing
+        if (chosen := select(outcomes, group=group, method=method)) and ("all" not in method or len(chosen) > 1)
     ]
     return "\n".join([_HEAD, *rows]) if rows else "Not run."
 
@@ -107,7 +108,7 @@ def _differences_table(outcomes: Sequence[Outcome]) -> str:
     lines = ["| setting | against | scenes | mean difference of the error | 95 % |", "|---|---|---|---|---|"]
     for group in _groups(outcomes):
         ours = select(outcomes, group=group, method="default")
-        for method in METHODS[1:]:
+        for method in dict.fromkeys(one.method for one in select(outcomes, group=group) if one.method != "default"):
             mean, low, high, count = difference(ours, select(outcomes, group=group, method=method))
             if count > 1:
                 ends = f"{_share(low, '+')} to {_share(high, '+')}"
@@ -173,9 +174,8 @@ def _errors_table(outcomes: Sequence[Outcome]) -> str:
     rows = []
     for error, settings in FAULTS.items():
         for value, _ in settings:
-            for method in ("default", "paper"):
-                chosen = select(outcomes, group=f"{error}: {value}", method=method)
-                rows += [_line(f"{error}: {value}", method, chosen)] if chosen else []
+            chosen = select(outcomes, group=f"{error}: {value}", method="default")
+            rows += [_line(f"{error}: {value}", "default", chosen)] if chosen else []
     return "\n".join([_HEAD, *rows]) if rows else "Not run."
 
 

@@ -62,9 +62,14 @@ LARGEST_PX = 512
 
 #: Nodes of the photographs' categories.
 KINDS = {
-    "orange": "orange.n.01", "red grapefruit": "grapefruit.n.02", "melon": "melon.n.01", "papaya": "papaya.n.02",
-    "cabbage": "head_cabbage.n.02", "potato": "potato.n.01", "tomato": "tomato.n.01", "plum": "plum.n.02",
-    "milk": "mt:milk_carton", "soy milk": "mt:milk_carton",
+    "apple": "apple.n.01", "aubergine": "eggplant.n.01", "avocado": "avocado.n.01", "banana": "banana.n.02",
+    "cabbage": "head_cabbage.n.02", "carrots": "carrot.n.03", "cucumber": "cucumber.n.02", "kiwi": "kiwi.n.03",
+    "lemon": "lemon.n.01", "lime": "lime.n.06", "mango": "mango.n.02", "melon": "melon.n.01", "milk": "mt:milk_carton",
+    "mushroom": "mushroom.n.05", "onion": "onion.n.01", "orange": "orange.n.01", "papaya": "papaya.n.02",
+    "peach": "peach.n.03", "pear": "pear.n.01", "pepper": "bell_pepper.n.02", "plum": "plum.n.02",
+    "pomegranate": "pomegranate.n.02", "potato": "potato.n.01", "red beet": "beet.n.02",
+    "red grapefruit": "grapefruit.n.02", "satsumas": "mandarin.n.05", "soy milk": "mt:milk_carton",
+    "tomato": "tomato.n.01", "yoghurt": "carton.n.02", "zucchini": "zucchini.n.02",
 }  # fmt: skip
 
 SOURCES = Path(__file__).with_name("sources")

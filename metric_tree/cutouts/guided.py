@@ -30,6 +30,8 @@ def guided_foreground(picture: RGB, guide: Guide) -> Foreground:
     A guide that lies outside the picture finds nothing.
     """
     refused = "poor" if guide.verdict == "poor" else None
+    if guide.undrawn:
+        return Foreground(np.zeros(picture.shape[:2], np.uint8), METHOD, refused)
     state = _state(guide, picture.shape[:2])
     known = set(np.unique(state).tolist())
     if not {cv2.GC_FGD, cv2.GC_PR_FGD} & known or cv2.GC_BGD not in known:

@@ -2,7 +2,7 @@
 
 A file of guides has one JSON object a line: `picture` (sha256), one of `polygon` ([[x, y], ...]) and `box` ([x, y,
 width, height]), and `object` and `ground` (strokes, lists of points), in pixels of the upright picture; `verdict` is
-what its reviewer says of the cut: `good`, or `poor` with `why`.
+what its reviewer says of the cut: `good`, or `poor` with `why`. A poor one needs no outline: no object is whole.
 """
 
 from __future__ import annotations
@@ -39,9 +39,15 @@ class Guide(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=Tru
             warnings.warn("the field 'thing' of a guide is called 'object'", DeprecationWarning, stacklevel=2)
             msgspec.structs.force_setattr(self, "object", self.object + self.thing)
         expect(len(self.picture) == 64, "picture", "a sha256", self.picture)
-        expect((len(self.polygon) >= 3) != (self.box is not None), "polygon, box", "three points or a box", "neither")
+        drawn = (len(self.polygon) >= 3) + (self.box is not None)
+        expect(drawn == 1 or self.undrawn, "polygon, box", "three points or a box", "neither")
         expect(bool(self.reviewer.strip()), "reviewer", "a name", self.reviewer)
         expect(self.verdict == "good" or bool(self.why), "why", "a reason of a poor cut", self.why)
+
+    @property
+    def undrawn(self) -> bool:
+        """Whether its reviewer found nothing in the picture to draw round."""
+        return self.verdict == "poor" and not self.polygon and self.box is None
 
 
 def guides(path: Path) -> dict[str, Guide]:

@@ -59,6 +59,8 @@ def test_a_cut_that_its_reviewer_finds_poor_is_set_aside_and_an_orange_among_ora
     assert cut(ID, png, Settings("plain", drawn=(good,))).method == "guided"
     assert cut(ID, png, Settings("plain", drawn=(good,))).set_aside is None
     assert cut(ID, png, Settings("plain", drawn=(poor,))).set_aside == "poor"
+    undrawn = Guide(picture=ID, reviewer="Ada", verdict="poor", why="a heap")
+    assert cut(ID, png, Settings("plain", drawn=(undrawn,))).set_aside == "poor"
     outside = Guide(picture=ID, box=(900, 900, 5, 5), reviewer="Ada")
     assert cut(ID, png, Settings("plain", drawn=(outside,))).set_aside == "empty"
 

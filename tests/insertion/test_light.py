@@ -9,7 +9,7 @@ from insertion.light.candidates import open_share
 from insertion.light.environment import HEIGHT, WIDTH, Environment, LampSpots, map_directions, solid_angles
 from insertion.light.estimate import _raise_top, _Samples, _splat
 from insertion.light.lights import environment_lights
-from insertion.light.shading import WHITE_ALBEDO, Shading, fit_shading
+from insertion.light.shading import RATIO_MIDDLE, RATIO_SIGMA, WHITE_ALBEDO, Shading, _ratio_prior, fit_shading
 from insertion.scene.occupancy import Occupancy
 from insertion.scene.patches import Patches
 from metric_base.arrays import FloatArray
@@ -133,3 +133,8 @@ def test_the_unseen_part_makes_white_white() -> None:
     weight = np.maximum(map_directions()[..., 2], 0) * solid_angles()[:, None]
     irradiance = float((weight * raised[..., 0]).sum())
     assert irradiance == pytest.approx(np.pi * 0.12 / WHITE_ALBEDO, rel=1e-6)
+
+
+def test_the_ratio_of_lamps_is_lognormal_a_priori() -> None:
+    ratios = RATIO_MIDDLE * np.exp(RATIO_SIGMA * np.array([-2.0, 0.0, 1.0]))
+    assert _ratio_prior(ratios) == pytest.approx([-2.0, 0.0, -0.5])

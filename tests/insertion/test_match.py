@@ -5,8 +5,9 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
+from insertion.colour.encoding import srgb_to_linear
 from insertion.composite.blur import blur_layer, blur_of
-from insertion.composite.match import Look, _blend, grain, look_of
+from insertion.composite.match import Look, _blend, _gain, grain, look_of
 from insertion.scene.cloud import Cloud, FrontPoints
 from insertion.scene.pixel_box import PixelBox
 
@@ -93,3 +94,13 @@ def test_looks_of_neighbouring_frames_blend() -> None:
     between = _blend(old, new)
     assert old.grain_px < between.grain_px < new.grain_px
     assert old.common < between.common < new.common
+
+
+def test_the_gain_is_that_of_the_colours_at_the_points() -> None:
+    generator = np.random.default_rng(5)
+    picture = np.repeat(generator.integers(80, 180, (1, SHAPE[1], 3)), SHAPE[0], axis=0).astype(np.uint8)
+    at = np.stack([generator.integers(0, SHAPE[1], 400), generator.integers(0, SHAPE[0], 400)], axis=1)
+    linear = srgb_to_linear(picture[at[:, 1], at[:, 0]])
+    cloud = Cloud(np.zeros((400, 3)), (linear / [1.2, 1.0, 0.8]).astype(np.float32), False)
+    gain = _gain(picture, FrontPoints(np.arange(400), at.astype(float), np.ones(400), False), cloud)
+    assert gain == pytest.approx([1.2, 1.0, 0.8], rel=1e-3)

@@ -1,17 +1,12 @@
-"""What several benchmarks share: options, tables in Markdown, synthetic rooms, where the data lie."""
+"""What several benchmarks share: options, tables in Markdown, where the data lie."""
 
 from __future__ import annotations
 
 import argparse
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Iterable, Sequence
 from pathlib import Path
 
-from tests.synthetic.rooms.furnish import furnished_room
-from tests.synthetic.rooms.kinds import KINDS
-from tests.synthetic.rooms.knobs import Knobs
-from tests.synthetic.rooms.quick import SyntheticScene, quick_scene
-
-__all__ = ["ROOT", "SHARED", "options_parser", "print_rows", "rooms", "row_text", "table_head", "write_between"]
+__all__ = ["ROOT", "SHARED", "options_parser", "print_rows", "row_text", "table_head", "write_between"]
 
 ROOT = Path(__file__).resolve().parents[1]
 #: Real scenes, tables and models beside the repository.
@@ -38,13 +33,6 @@ def print_rows(columns: Sequence[str], rows: Iterable[Iterable[object]]) -> None
     print(table_head(columns), flush=True)
     for row in rows:
         print(row_text(row), flush=True)
-
-
-def rooms(first: int, end: int, knobs: Knobs) -> Iterator[tuple[str, SyntheticScene]]:
-    """The name and the scene of a furnished room of each kind and seed."""
-    for seed in range(first, end):
-        for kind in KINDS:
-            yield f"{kind} {seed}", quick_scene(furnished_room(kind, seed, knobs), knobs, seed=seed)
 
 
 def write_between(page: Path, name: str, table: str) -> None:

@@ -21,7 +21,8 @@ import cv2
 import numpy as np
 
 from benchmarks.child import run_child
-from benchmarks.estimator.real_footage import PAGE, path_error, write_between
+from benchmarks.common import write_between
+from benchmarks.estimator.real_footage import PAGE, path_error
 
 #: Largest error of a right path, as a share of its extent, and least share of the pictures that a model places.
 RIGHT_PATH, LEAST_PLACED = 0.03, 0.9

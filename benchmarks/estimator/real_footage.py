@@ -22,11 +22,12 @@ from typing import Any
 import numpy as np
 
 from benchmarks.child import run_child
+from benchmarks.common import write_between
 from estimator.capture.mapping.gates import MOST_CONTRADICTED
 from estimator.records.scale_evidence import ScaleEvidence
 from metric_base.arrays import FloatArray
 
-__all__ = ["SETS", "FootageSet", "main", "path_error", "sensor_rows", "write_between"]
+__all__ = ["SETS", "FootageSet", "main", "path_error", "sensor_rows"]
 
 #: Seconds between the frames of `walk_carpark/video.mp4`.
 FRAME_S = 1001 / 30000
@@ -321,14 +322,6 @@ def _planted_cells(folder: Path, database: str) -> list[str]:
         refused = "refused, " if found.share > MOST_CONTRADICTED else ""
         cells.append(f"{refused}{len(kept)} kept, {mixed} mixed")
     return cells
-
-
-def write_between(page: Path, name: str, table: str) -> None:
-    """Put a table between the comments `<!-- NAME -->` and `<!-- /NAME -->` of a page."""
-    text = page.read_text(encoding="utf-8")
-    head, rest = text.split(f"<!-- {name} -->\n", 1)
-    _, tail = rest.split(f"<!-- /{name} -->", 1)
-    page.write_text(f"{head}<!-- {name} -->\n\n{table}\n\n<!-- /{name} -->{tail}", encoding="utf-8")
 
 
 def _result(folder: Path, row: FootageSet) -> dict[str, Any]:

@@ -13,7 +13,8 @@ from pathlib import Path
 
 import numpy as np
 
-from benchmarks.estimator.real_footage import PAGE, path_error, write_between
+from benchmarks.common import write_between
+from benchmarks.estimator.real_footage import PAGE, path_error
 from estimator.capture.capture import CaptureOptions, reconstruct
 from estimator.capture.mapping.failures import CaptureFailure
 from estimator.capture.work_folder import WorkFolder

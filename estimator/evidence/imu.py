@@ -6,7 +6,8 @@ R' = R [w]. Twice integrated it is the unit's path, up to a polynomial: initial 
 polynomials over windows of ten seconds; what is left, q(t) and p(t), is the swing of the walk. The rotation Q makes
 sum |q(t + d) - s Q p(t)|^2 least (Umeyama 1991), for the offset d of the clocks that fits best. The scale s is that of
 the components along gravity: a tilt of the estimated attitude by an angle e adds g e to the horizontal ones, and g e^2
-to this one.
+to this one. It is sum q q / sum q p, the regression of the camera's path on the unit's: the camera's has millimetres of
+noise, which the ratio of the two swings would take for swing, and the unit's has hardly any at the rate of steps.
 
 The rotation of the camera is not used: videos are stabilised, and then it is not that of the unit.
 """
@@ -236,15 +237,15 @@ def _fit(swings: list[tuple[FloatArray, FloatArray]], up: list[FloatArray]) -> _
             products = (aligned[rows] * unit[rows]).sum(), (aligned[rows] ** 2).sum(), (unit[rows] ** 2).sum()
             sums.append(np.array([*along, *products]))
     total = np.sum(sums, axis=0)
-    if min(total) <= 0:
-        return _Fit(1.0, math.inf, 0.0, 0.0, 1.0)
-    left_out = np.array([0.5 * math.log((total - part)[2] / (total - part)[1]) for part in sums])
-    spread = math.sqrt((len(sums) - 1) * float(left_out.var()))
-    scale, of_all = math.sqrt(total[2] / total[1]), math.sqrt(total[5] / total[4])
+    rest = total - np.array(sums)
+    swing = math.sqrt(float(total[2]) / sum(len(unit) for _, unit in swings))
+    if min(total) <= 0 or rest.min() <= 0:
+        return _Fit(1.0, math.inf, 0.0, swing, 1.0)
+    spread = math.sqrt((len(sums) - 1) * float(np.log(rest[:, 2] / rest[:, 0]).var()))
+    scale, of_all = float(total[2] / total[0]), float(total[5] / total[3])
     correlation = float(total[3] / math.sqrt(total[4] * total[5]))
     lost = 1 - float(total[0] / math.sqrt(total[1] * total[2]))
     sd_log = math.hypot(spread, 0.5 * lost, 0.5 * math.log(scale / of_all))
-    swing = math.sqrt(float(total[2]) / sum(len(unit) for _, unit in swings))
     return _Fit(scale, sd_log, correlation, swing, of_all)
 
 

@@ -46,6 +46,13 @@ def test_the_swing_of_a_walk_gives_the_scale(seconds: float, mirrored: bool) -> 
     assert found.offset_s == pytest.approx(late, abs=0.011)
 
 
+def test_noise_of_the_cameras_path_is_no_swing() -> None:
+    times, centres, force, rate = walk_readings(26.0, 200.0, 0.02)
+    found = inertial_scale(force, rate, _path(times, centres, noise_m=0.003))
+    assert isinstance(found, Inertial)
+    assert found.scale == pytest.approx(SCALE, rel=0.012)
+
+
 def test_readings_in_units_of_gravity() -> None:
     times, centres, force, rate = walk_readings(10.0, 100.0, 0.02)
     found = inertial_scale(Samples(force.times_s, force.values / 9.80665), rate, _path(times, centres, 4))

@@ -202,12 +202,16 @@ def _manifest(path: Path) -> dict[str, Any]:
             raise BadRelease(f"{path}: {field}: expected a value; found none")
         if not isinstance(manifest[field], kind):
             raise BadRelease(f"{path}: {field}: expected {_KINDS[kind]}; found {type(manifest[field]).__name__}")
-    if not all(isinstance(one, dict) and _SOURCE_ID.fullmatch(str(one.get("id"))) for one in manifest["sources"]):
+    if not all(isinstance(one, dict) and _is_source_id(one.get("id")) for one in manifest["sources"]):
         raise BadRelease(f"{path}: sources: expected objects with an id of letters, digits, _, - and .; found others")
     for field in _COUNTS:
         if not isinstance(count := manifest["counts"].get(field), int):
             raise BadRelease(f"{path}: counts.{field}: expected a whole number; found {visible(str(count))}")
     return dict(manifest)
+
+
+def _is_source_id(value: object) -> bool:
+    return isinstance(value, str) and _SOURCE_ID.fullmatch(value) is not None
 
 
 def _write_table(path: Path, table: pa.Table) -> dict[str, Any]:

@@ -44,7 +44,7 @@ CONTRADICTING_MASS = 0.35
 #: Unresolved when less than this mass is within this ratio of the highest mode. Chosen on simulated scenes and one half
 #: of the rooms of ScanNet so that seven of ten refused scales are off by more than that ratio
 #: (docs/evidence/results.md).
-NEAR, LEAST_NEAR_MASS = 1.15, 0.4
+NEAR, LEAST_NEAR_MASS = 1.15, 0.35
 
 #: Three objects or more that are what their labels say with less probability than this, on average, contradict the
 #: model: the logarithm of the posterior is then multiplied by `CONTRADICTED_POWER`, which widens it, and the scale is

@@ -30,7 +30,7 @@ WITHOUT_LENGTHS = ("paper", "sucar")
 EPILOG = statuses_text(
     done=", with a warning where the scale is uncertain: the interval's high/low exceeds 1.8, or a mode more than 25 % "
     f"away has mass of 0.1 or more (--strict: {UNUSABLE})",
-    unusable="unresolved: no usable object, or less than 40 % of the posterior is within 15 % of its highest mode, or "
+    unusable="unresolved: no usable object, or less than 35 % of the posterior is within 15 % of its highest mode, or "
     "a known length contradicts the objects, or the reconstruction or the masks contradict themselves",
 )
 

@@ -53,6 +53,8 @@ EDGE_PX = 0.6
 MATTE_PX = 4.0
 #: What the guided filter takes for texture: a variance of the colours in 0 to 1. How much steeper its edges are made.
 MATTE_SMOOTH, MATTE_CONTRAST = 2e-4, 2.5
+#: Shares this near to 0 or 1 are a remainder of the filter, not an edge: a soft edge has passed them within a pixel.
+MATTE_REMAINDER = 0.05
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -182,7 +184,9 @@ def _matte_in_band(
     strength = mean((slope * along).sum(axis=-1)) / np.maximum(mean(level * (1 - level)), 1e-3)
     weight = np.clip((strength - 0.3) / 0.4, 0.0, 1.0)
     plain = cv2.GaussianBlur(rough, (0, 0), EDGE_PX)
-    return np.asarray(np.where(band, weight * shown + (1 - weight) * plain, rough), dtype=np.float32)
+    mixed = weight * shown + (1 - weight) * plain
+    whole = np.clip((mixed - MATTE_REMAINDER) / (1 - 2 * MATTE_REMAINDER), 0.0, 1.0)
+    return np.asarray(np.where(band, whole, rough), dtype=np.float32)
 
 
 def _object_depth(layer: ObjectImage) -> NDArray[np.float32]:

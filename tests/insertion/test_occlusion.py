@@ -229,3 +229,15 @@ def test_an_edge_goes_to_the_picture_s_edge_where_it_shows_one() -> None:
     moved = matte(hidden, picture, 6)[40]
     assert moved[59] > 0.7 > 0.3 > stays[59]
     assert moved[58] > 0.9 > 0.1 > moved[60]
+
+
+def test_nothing_shines_through_a_mask_beyond_its_edge() -> None:
+    """A mask three pixels too wide, over an occluder that is hardly darker: the filter alone leaves 3 % inside."""
+    picture = np.full((80, 120, 3), 120.0)
+    picture[:, 60:] = 110
+    noisy = np.clip(picture + np.random.default_rng(3).normal(0, 1.0, picture.shape), 0, 255).astype(np.uint8)
+    hidden = np.zeros((80, 120), bool)
+    hidden[:, 57:] = True
+    share = matte(hidden, noisy, 8)
+    assert (share[:, 59:] == 1).all()
+    assert (share[:, :55] == 0).all()

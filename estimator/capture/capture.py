@@ -19,9 +19,9 @@ from estimator.capture.frames import FRAMES_FILE, Frames, Source, make_frames, r
 from estimator.capture.localisation import localised_frames
 from estimator.capture.mapping.evidence import CaptureEvidence, Pair
 from estimator.capture.mapping.failures import CaptureFailure, Failure, after_all, failure
-from estimator.capture.mapping.gates import WHOLE_SHARE
+from estimator.capture.mapping.gates import is_disputed
 from estimator.capture.mapping.reconstruction import make_features, make_matches, make_model
-from estimator.capture.mapping.rungs import RUNGS, Rung, next_rungs, predicted_s
+from estimator.capture.mapping.rungs import RUNGS, Rung, model_rank, next_rungs, predicted_s
 from estimator.capture.mapping.time_limit import OutOfTime, TimeLimit, limit_of
 from estimator.capture.video import Video
 from estimator.capture.work_folder import WorkFolder, content_digest
@@ -201,7 +201,7 @@ class _Climb:
     def make_sparse(self) -> str:
         """`sparse/0` by the first rung of the ladder that places nearly all frames, or the one that places most.
 
-        Returns the digest of the stage.
+        Where the path of the global mapper is disputed, the next rung is tried too. Returns the digest of the stage.
 
         Raises
         ------
@@ -226,9 +226,7 @@ class _Climb:
             report = read_json(self.work.path / DATABASES / f"model{rung.suffix}.json")
             tried.append((rung, digest, report))
             seen = None if report["failure"] is None else Failure(**report["failure"])
-            if seen is None and _placed_count(report) >= WHOLE_SHARE * len(self.frames.names):
-                break
-            above = next_rungs(rung, seen, _placed_count(report), self._evidence(rung))
+            above = next_rungs(rung, seen, _placed_count(report), self._evidence(rung), _disputed(report))
         return self._chosen(tried, left)
 
     def _predicted_s(self, rung: Rung, done: Rung, limit: TimeLimit) -> float:
@@ -239,7 +237,7 @@ class _Climb:
         """The stage `model` of the best of the rungs, rows of rung, digest and report; left : for lack of time."""
         if not tried:
             raise CaptureFailure(after_all(failure("out_of_time", "the frames could not be placed in time"), [], left))
-        rung, digest, report = max(tried, key=lambda row: (row[2]["failure"] is None, _placed_count(row[2])))
+        rung, digest, report = max(tried, key=lambda row: self._rank(row[2]))
         ended = [{"rung": row.name, "code": _code(result), "placed": _placed_count(result)} for row, _, result in tried]
         report |= {"rung": rung.name if report["failure"] is None else None, "tried": ended, "left": left}
         digest = self.work.stage(
@@ -251,6 +249,10 @@ class _Climb:
         if report["failure"] is not None:
             raise CaptureFailure(after_all(Failure(**report["failure"]), [row.name for row, _, _ in tried], left))
         return digest
+
+    def _rank(self, report: dict[str, Any]) -> tuple[bool, bool, int]:
+        failed = report["failure"] is not None
+        return model_rank(failed, _placed_count(report), len(self.frames.names), _disputed(report))
 
     def _rung_digest(self, rung: Rung, limit: TimeLimit) -> str:
         """The stages of one rung: features, matches and, if they can be used, a model; the digest of the last."""
@@ -291,6 +293,10 @@ class _Climb:
 
 def _placed_count(report: dict[str, Any]) -> int:
     return 0 if report["model"] is None else int(report["model"]["registered"])
+
+
+def _disputed(report: dict[str, Any]) -> bool:
+    return is_disputed(report.get("mapper", ""), report.get("disagreement"))
 
 
 def _code(report: dict[str, Any]) -> str | None:

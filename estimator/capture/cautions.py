@@ -7,7 +7,7 @@ from pathlib import Path
 from typing import Any
 
 from estimator.capture.frames import Frames
-from estimator.capture.mapping.gates import DOUBTFUL_PATTERN, SMEARED, UNDETERMINED, UNSTEADY, UNSURE
+from estimator.capture.mapping.gates import DOUBTFUL_PATTERN, SMEARED, UNDETERMINED, UNSTEADY, UNSURE, is_disputed
 from estimator.reconstructions.checked_files import json_array
 from metric_base.errors import InputError, in_file
 from metric_base.files import whole_file
@@ -102,6 +102,11 @@ def _of_the_focal_length(report: dict[str, Any], stated_by: str) -> list[str]:
 
 def _of_the_motion(report: dict[str, Any]) -> list[str]:
     """What a smear, or objects that move, leave in a model that can be used."""
+    if is_disputed(report.get("mapper", ""), report.get("disagreement")):
+        return [
+            f"two ways of computing the camera's path differ by {100 * report['disagreement']:.0f} % of its extent; "
+            "that which the matches of three frames agree with is used; more frames would settle it"
+        ]
     low, high = report["pairs"]["edges"]
     if low is not None and low < SMEARED[0] and high < SMEARED[1]:
         return ["the frames are smeared, and lengths may be wrong by some per cent; move more slowly, in more light"]

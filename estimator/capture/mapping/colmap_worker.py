@@ -187,7 +187,7 @@ def incremental_options(request: Request) -> Any:
 
 
 def global_(request: Request) -> dict[str, Any]:
-    """COLMAP's global mapper, on the named pictures."""
+    """COLMAP's global mapper, on the named pictures; a lens that is `held` is adjusted at the end."""
     held = request["held"]
     options = pycolmap.GlobalPipelineOptions(
         num_threads=request["threads"], random_seed=request["seed"], image_names=request["names"]
@@ -195,6 +195,9 @@ def global_(request: Request) -> dict[str, Any]:
     options.mapper.bundle_adjustment.refine_focal_length = request["refine_focal"] and not held
     options.mapper.bundle_adjustment.refine_extra_params = not held
     models = pycolmap.global_mapping(request["database"], request["pictures"], request["scratch"], options=options)
+    if held:
+        for model in models.values():
+            pycolmap.bundle_adjustment(model)
     return write_models(models, request)
 
 

@@ -9,9 +9,9 @@ from typing import Any
 import numpy as np
 
 from estimator.capture.cameras.focal_spread import focal_spread
-from estimator.reconstructions.cameras import project
+from estimator.reconstructions.cameras import CAMERA_MODELS, project
 from estimator.reconstructions.colmap import read_colmap
-from estimator.records.scene import Scene
+from estimator.records.scene import Camera, Scene
 from metric_base.arrays import FloatArray, IntArray
 
 __all__ = [
@@ -178,7 +178,8 @@ class ModelShape:
     points of the widest angle between two views of it; error_px : median reprojection error; focal : over the longer
     side; lens_bend : largest displacement by the lens within the picture, as a share of the longer side;
     focal_deviation : of `focal_deviation`, None where it could not be computed; focal_spread : of `focal_spread`;
-    pattern : of `residual_pattern`; camera : COLMAP's camera model; agreement : with the matches of three frames.
+    pattern : of `residual_pattern`; camera : COLMAP's camera model; agreement : with the matches of three frames;
+    aspect : how far pixels come out from square, fy over fx or its inverse.
     """
 
     names: tuple[str, ...]
@@ -193,6 +194,7 @@ class ModelShape:
     pattern: float = 0.0
     camera: str = "SIMPLE_RADIAL"
     agreement: TripletAgreement = TripletAgreement()
+    aspect: float = 1.0
 
     def summary(self) -> dict[str, Any]:
         """Figures for the report."""
@@ -207,6 +209,7 @@ class ModelShape:
             "focal_spread": self.focal_spread,
             "pattern": self.pattern,
             "camera": self.camera,
+            "aspect": self.aspect,
             "triplets": self.agreement.triplets,
             "contradicted": self.agreement.contradicted,
             "pieces": [len(piece) for piece in self.agreement.pieces],
@@ -238,7 +241,15 @@ def model_shape(
         residual_pattern(residuals, pixels, (camera.width, camera.height)),
         camera.model,
         agreement or TripletAgreement(),
+        _aspect(camera),
     )
+
+
+def _aspect(camera: Camera) -> float:
+    """The larger of fy / fx and its inverse; 1 of a model with one focal length."""
+    values = dict(zip(CAMERA_MODELS[camera.model][1], camera.params, strict=True))
+    ratio = float(values["fy"] / values["fx"]) if "fy" in values else 1.0
+    return max(ratio, 1 / ratio) if ratio > 0 else float("inf")
 
 
 def model_disagreement(one: ModelShape, two: ModelShape | None) -> float | None:

@@ -23,6 +23,7 @@ __all__ = [
     "early_failure",
     "focal_is_determined",
     "focal_undetermined",
+    "is_disputed",
     "is_usable",
     "is_whole",
     "lens_is_doubtful",
@@ -65,6 +66,9 @@ UNSTEADY = 0.0015
 UNSURE = 0.05
 #: A lens that moves the corners by more than this share of the side was invented to explain a wrong focal length.
 MOST_BEND = 0.2
+#: Pixels of a camera are square; fitted ones differ by up to 3 %. A fisheye lens that was fitted to thirty frames of a
+#: walk (`snow_walk`) through an ordinary one had pixels 25 % wider than high, and its path was 17 % off.
+MOST_ASPECT = 1.1
 #: `residual_pattern` from which other camera models are tried: a wide lens under SIMPLE_RADIAL 0.16, telephones 0.02.
 PATTERN = 0.06
 #: ... and from which the result says so: the right model leaves up to 0.09 in short rendered videos of few frames.
@@ -152,6 +156,11 @@ def contradiction(shape: ModelShape | None) -> Failure | None:
     return failure("drift", seen)
 
 
+def is_disputed(mapper: str, disagreement: float | None) -> bool:
+    """Whether the global mapper answers and the incremental one's model, which cannot be used, has another path."""
+    return mapper == "global" and disagreement is not None and disagreement > MOST_DISAGREEMENT
+
+
 def drift(disagreement: float) -> Failure:
     """The refusal of two models that differ by this share of the path's extent."""
     seen = f"two ways of computing the camera's path differ by {100 * disagreement:.0f} % of its extent"
@@ -197,6 +206,9 @@ def _lens_failure(shape: ModelShape, focal_held: bool, stated: float | None) -> 
         return failure("focal_length_changes", seen)
     if shape.lens_bend > MOST_BEND and "FISHEYE" not in shape.camera:
         seen = f"the lens came out so bent that it moves the corners by {100 * shape.lens_bend:.0f} % of the picture"
+        return failure("implausible_focal_length", seen)
+    if not focal_held and shape.aspect > MOST_ASPECT:
+        seen = f"the focal lengths across and down came out {100 * (shape.aspect - 1):.0f} % apart"
         return failure("implausible_focal_length", seen)
     return None
 

@@ -13,7 +13,7 @@ from estimator.capture.mapping.failures import Failure
 from estimator.capture.mapping.gates import LEAST_FRAMES, WHOLE_SHARE
 from estimator.capture.mapping.pair_choice import pair_count
 
-__all__ = ["RUNGS", "Rung", "next_rungs", "predicted_s"]
+__all__ = ["RUNGS", "Rung", "model_rank", "next_rungs", "predicted_s"]
 
 #: Failures that are of the camera's motion: other features show the same motion.
 OF_THE_MOTION = frozenset({"static_camera", "pure_rotation"})
@@ -87,9 +87,16 @@ RUNGS = (
 )
 
 
-def next_rungs(rung: Rung, failure: Failure | None, placed: int, evidence: CaptureEvidence) -> tuple[Rung, ...]:
-    """The rungs above this one that may mend the failure it ended with, or place more than so many of the frames."""
+def next_rungs(
+    rung: Rung, failure: Failure | None, placed: int, evidence: CaptureEvidence, disputed: bool = False
+) -> tuple[Rung, ...]:
+    """The rungs above this one that may mend the failure it ended with, or place more than so many of the frames.
+
+    disputed : the mappers' paths differ; where nothing else is wrong, one more rung may settle which is right.
+    """
     n = len(evidence.names)
+    if failure is None and placed >= WHOLE_SHARE * n:
+        return RUNGS[RUNGS.index(rung) + 1 :][:1] if disputed else ()
     if failure is not None and failure.code == "focal_length_undetermined" and placed >= WHOLE_SHARE * n:
         return ()  # it is the motion of the camera, which more points do not change
     if n < LEAST_FRAMES or (failure is not None and failure.code in OF_THE_MOTION):
@@ -97,6 +104,11 @@ def next_rungs(rung: Rung, failure: Failure | None, placed: int, evidence: Captu
     if failure is not None and failure.code in OF_THE_PICTURES and np.median(evidence.keypoints) < FEW_KEYPOINTS:
         return ()
     return RUNGS[RUNGS.index(rung) + 1 :]
+
+
+def model_rank(failed: bool, placed: int, n_frames: int, disputed: bool) -> tuple[bool, bool, int]:
+    """What of the models of several rungs counts: that one can be used, is whole and not disputed, what it places."""
+    return not failed, placed >= WHOLE_SHARE * n_frames and not disputed, placed
 
 
 def predicted_s(rung: Rung, done: Rung, spent: Mapping[str, float], n_frames: int, in_order: bool) -> float:

@@ -19,12 +19,13 @@ from estimator.capture.mapping.gates import (
     can_answer,
     contradiction,
     early_failure,
+    is_disputed,
     lens_is_doubtful,
     model_failure,
     needs_check,
 )
 from estimator.capture.mapping.pair_choice import all_pairs
-from estimator.capture.mapping.rungs import RUNGS, next_rungs
+from estimator.capture.mapping.rungs import RUNGS, model_rank, next_rungs
 from metric_cli.estimate_scale.estimate import main
 from tests.synthetic.refused_videos import FRAMES, LENS, RARE_VIDEOS, REFUSED_VIDEOS
 from tests.synthetic.rooms.render import NoOpenGL
@@ -112,6 +113,10 @@ def test_what_the_model_shows() -> None:
     bent = model_failure(evidence, replace(shape, lens_bend=0.4), focal_held=True)
     assert bent is not None
     assert bent.code == "implausible_focal_length"
+    oblong = model_failure(evidence, replace(shape, aspect=1.2), focal_held=False)
+    assert oblong is not None
+    assert "20 % apart" in oblong.message
+    assert model_failure(evidence, replace(shape, aspect=1.04), focal_held=False) is None
     fisheye = replace(shape, lens_bend=0.4, camera="OPENCV_FISHEYE")
     assert model_failure(evidence, fisheye, focal_held=True) is None
 
@@ -199,6 +204,16 @@ def test_when_other_lenses_and_features_are_tried() -> None:
     assert next_rungs(RUNGS[0], open_focal, 20, evidence) == ()
     assert next_rungs(RUNGS[0], open_focal, 12, evidence) == RUNGS[1:]
     assert next_rungs(RUNGS[0], None, 12, evidence) == RUNGS[1:]  # more frames may be placed
+    assert next_rungs(RUNGS[0], None, 20, evidence) == ()
+    assert next_rungs(RUNGS[0], None, 20, evidence, disputed=True) == RUNGS[1:2]
+
+
+def test_a_path_that_the_other_mapper_disputes_counts_less_than_one_that_it_does_not() -> None:
+    assert is_disputed("global", 0.5)
+    assert not any((is_disputed("global", None), is_disputed("global", 0.01), is_disputed("incremental", 0.5)))
+    settled, disputed = model_rank(False, 18, 20, False), model_rank(False, 20, 20, True)
+    part, failed = model_rank(False, 12, 20, False), model_rank(True, 20, 20, False)
+    assert settled > disputed > part > failed
 
 
 def test_every_code_of_the_contract_is_there() -> None:

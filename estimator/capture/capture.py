@@ -250,9 +250,9 @@ class _Climb:
             raise CaptureFailure(after_all(Failure(**report["failure"]), [row.name for row, _, _ in tried], left))
         return digest
 
-    def _rank(self, report: dict[str, Any]) -> tuple[bool, bool, int]:
-        failed = report["failure"] is not None
-        return model_rank(failed, _placed_count(report), len(self.frames.names), _disputed(report))
+    def _rank(self, report: dict[str, Any]) -> tuple[bool, bool, int, float]:
+        failed, dispute = report["failure"] is not None, report["disagreement"] if _disputed(report) else 0.0
+        return model_rank(failed, _placed_count(report), len(self.frames.names), dispute)
 
     def _rung_digest(self, rung: Rung, limit: TimeLimit) -> str:
         """The stages of one rung: features, matches and, if they can be used, a model; the digest of the last."""

@@ -92,11 +92,11 @@ def next_rungs(
 ) -> tuple[Rung, ...]:
     """The rungs above this one that may mend the failure it ended with, or place more than so many of the frames.
 
-    disputed : the mappers' paths differ; where nothing else is wrong, one more rung may settle which is right.
+    disputed : the mappers' paths differ; where nothing else is wrong, the second rung may settle which is right.
     """
     n = len(evidence.names)
     if failure is None and placed >= WHOLE_SHARE * n:
-        return RUNGS[RUNGS.index(rung) + 1 :][:1] if disputed else ()
+        return RUNGS[1:2] if disputed and rung == RUNGS[0] else ()
     if failure is not None and failure.code == "focal_length_undetermined" and placed >= WHOLE_SHARE * n:
         return ()  # it is the motion of the camera, which more points do not change
     if n < LEAST_FRAMES or (failure is not None and failure.code in OF_THE_MOTION):
@@ -106,9 +106,12 @@ def next_rungs(
     return RUNGS[RUNGS.index(rung) + 1 :]
 
 
-def model_rank(failed: bool, placed: int, n_frames: int, disputed: bool) -> tuple[bool, bool, int]:
-    """What of the models of several rungs counts: that one can be used, is whole and not disputed, what it places."""
-    return not failed, placed >= WHOLE_SHARE * n_frames and not disputed, placed
+def model_rank(failed: bool, placed: int, n_frames: int, dispute: float) -> tuple[bool, bool, int, float]:
+    """What of the models of several rungs counts: that one can be used, is whole and not disputed, what it places.
+
+    dispute : by how much of the path's extent the mappers differ, 0 where that is too little to count.
+    """
+    return not failed, placed >= WHOLE_SHARE * n_frames and not dispute, placed, -dispute
 
 
 def predicted_s(rung: Rung, done: Rung, spent: Mapping[str, float], n_frames: int, in_order: bool) -> float:

@@ -206,14 +206,19 @@ def test_when_other_lenses_and_features_are_tried() -> None:
     assert next_rungs(RUNGS[0], None, 12, evidence) == RUNGS[1:]  # more frames may be placed
     assert next_rungs(RUNGS[0], None, 20, evidence) == ()
     assert next_rungs(RUNGS[0], None, 20, evidence, disputed=True) == RUNGS[1:2]
+    assert next_rungs(RUNGS[1], None, 20, evidence, disputed=True) == ()
 
 
 def test_a_path_that_the_other_mapper_disputes_counts_less_than_one_that_it_does_not() -> None:
     assert is_disputed("global", 0.5)
     assert not any((is_disputed("global", None), is_disputed("global", 0.01), is_disputed("incremental", 0.5)))
-    settled, disputed = model_rank(False, 18, 20, False), model_rank(False, 20, 20, True)
-    part, failed = model_rank(False, 12, 20, False), model_rank(True, 20, 20, False)
-    assert settled > disputed > part > failed
+    settled, disputed, more = (
+        model_rank(False, 18, 20, 0),
+        model_rank(False, 20, 20, 0.3),
+        model_rank(False, 20, 20, 0.5),
+    )
+    part, failed = model_rank(False, 12, 20, 0), model_rank(True, 20, 20, 0)
+    assert settled > disputed > more > part > failed
 
 
 def test_every_code_of_the_contract_is_there() -> None:

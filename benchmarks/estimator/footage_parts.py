@@ -1,8 +1,8 @@
 """Parts of real sets through the capture: `python -m benchmarks.estimator.footage_parts DATA --out DIR [--write]`.
 
 A set is one case; its parts are several, and harder ones: fewer pictures, a shorter path, less detail. Of every set of
-pictures with a reference model: the first half, the second half, every second picture, and all of them shrunk to 640
-pixels without their EXIF; of long walks three windows of thirty. What comes through is right if its path is within 3 %
+pictures with a reference model: the first, second and middle half, every second picture and the others, and all of them
+shrunk to 640 pixels without their EXIF; of long walks six windows of thirty. What comes through is right if its path is within 3 %
 of the reference's. A refusal is wrong if pycolmap alone, with the reference's camera given, places nine in ten of the
 pictures that rightly. `--write` makes the table of docs/evidence/real_footage.md.
 """
@@ -26,8 +26,8 @@ from benchmarks.estimator.real_footage import PAGE, path_error
 
 #: Largest error of a right path, as a share of its extent, and least share of the pictures that a model places.
 RIGHT_PATH, LEAST_PLACED = 0.03, 0.9
-#: Longer side of shrunk pictures; pictures of a window; a set is cut into windows from so many pictures.
-SHRUNK_PX, WINDOW, LONG = 640, 30, 100
+#: Longer side of shrunk pictures; pictures of a window, and windows; a set is cut into them from so many pictures.
+SHRUNK_PX, WINDOW, WINDOWS, LONG = 640, 30, 6, 100
 LIMIT_S = 1800.0
 
 
@@ -64,12 +64,14 @@ def _parts(data: Path) -> Iterator[tuple[Path, str, list[str]]]:
         names = sorted(path.name for path in (place / "images").iterdir())
         half = (len(names) + 1) // 2
         if len(names) >= LONG:
-            for start in (0, len(names) // 3, 2 * len(names) // 3):
+            for start in (sixth * len(names) // WINDOWS for sixth in range(WINDOWS)):
                 yield place, f"{WINDOW} from {start}", names[start : start + WINDOW]
             continue
         yield place, "first half", names[:half]
         yield place, "second half", names[half:]
+        yield place, "middle half", names[half // 2 : half // 2 + half]
         yield place, "every second", names[::2]
+        yield place, "the others", names[1::2]
         yield place, f"shrunk to {SHRUNK_PX} px", names
 
 

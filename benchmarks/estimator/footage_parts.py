@@ -2,9 +2,9 @@
 
 A set is one case; its parts are several, and harder ones: fewer pictures, a shorter path, less detail. Of every set of
 pictures with a reference model: the first, second and middle half, every second picture and the others, and all of them
-shrunk to 640 pixels without their EXIF; of long walks six windows of thirty. What comes through is right if its path is within 3 %
-of the reference's. A refusal is wrong if pycolmap alone, with the reference's camera given, places nine in ten of the
-pictures that rightly. `--write` makes the table of docs/evidence/real_footage.md.
+shrunk to 640 pixels without their EXIF; of long walks six windows of thirty. What comes through is right if its path is
+within 3 % of the reference's. A refusal is wrong if pycolmap alone, with the reference's camera given, places nine in
+ten of the pictures that rightly. `--write` makes the table of docs/evidence/real_footage.md.
 """
 
 from __future__ import annotations

@@ -226,7 +226,7 @@ class _Climb:
             report = read_json(self.work.path / DATABASES / f"model{rung.suffix}.json")
             tried.append((rung, digest, report))
             seen = None if report["failure"] is None else Failure(**report["failure"])
-            above = next_rungs(rung, seen, _placed_count(report), self._evidence(rung), _disputed(report))
+            above = next_rungs(rung, seen, _placed_count(report), self._evidence(rung), _is_disputed(report))
         return self._chosen(tried, left)
 
     def _predicted_s(self, rung: Rung, done: Rung, limit: TimeLimit) -> float:
@@ -251,7 +251,7 @@ class _Climb:
         return digest
 
     def _rank(self, report: dict[str, Any]) -> tuple[bool, bool, int, float]:
-        failed, dispute = report["failure"] is not None, report["disagreement"] if _disputed(report) else 0.0
+        failed, dispute = report["failure"] is not None, report["disagreement"] if _is_disputed(report) else 0.0
         return model_rank(failed, _placed_count(report), len(self.frames.names), dispute)
 
     def _rung_digest(self, rung: Rung, limit: TimeLimit) -> str:
@@ -295,7 +295,7 @@ def _placed_count(report: dict[str, Any]) -> int:
     return 0 if report["model"] is None else int(report["model"]["registered"])
 
 
-def _disputed(report: dict[str, Any]) -> bool:
+def _is_disputed(report: dict[str, Any]) -> bool:
     return is_disputed(report.get("mapper", ""), report.get("disagreement"))
 
 

@@ -5,12 +5,10 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from insertion.light.candidates import open_share
 from insertion.light.environment import HEIGHT, WIDTH, Environment, LampSpots, map_directions, solid_angles
-from insertion.light.estimate import _raise_top, _Samples, _splat
+from insertion.light.estimate import _raise_top
 from insertion.light.lights import environment_lights
 from insertion.light.shading import RATIO_MIDDLE, RATIO_SIGMA, WHITE_ALBEDO, Shading, _ratio_prior, fit_shading
-from insertion.scene.occupancy import Occupancy
 from insertion.scene.patches import Patches
 from metric_base.arrays import FloatArray
 
@@ -99,30 +97,6 @@ def test_a_lamp_is_brighter_nearby() -> None:
         points, away = moved.rows(moved.near > 0), place - offset
         assert points.power.sum(axis=0) == pytest.approx(power / (away @ away), rel=0.02)
         assert (points.directions @ away / np.linalg.norm(away)).min() > 0.999
-
-
-def test_cells_of_the_last_planes_may_all_go() -> None:
-    patches = _room(None, 0.0)
-    kept = patches.cells(patches.plane < 2)
-    assert sorted(set(kept.plane.tolist())) == [0, 1]
-    assert len(kept.places) == 120
-
-
-def test_a_lamp_in_the_open_reaches_every_cell() -> None:
-    patches = _room((0.5, 0.3, 2.2), 2.0)
-    empty = Occupancy(
-        np.full((40, 40, 40), 60, np.float32), np.zeros((40, 40, 40, 3), np.float32), -4 * np.ones(3), 0.2
-    )
-    for spots in (1, 2, 4):
-        assert open_share(patches, empty, np.array([[0.5, 0.3, 2.2]]), spots) == pytest.approx(1)
-
-
-def test_samples_are_where_they_look() -> None:
-    directions = np.array([[1.0, 0, 0], [0.6, 0, 0.8], [0.6, 0, -0.8]])
-    _, counts = _splat(_Samples(directions, np.ones((3, 3), np.float32)))
-    rows = np.flatnonzero(counts.any(axis=1))
-    tops = np.arccos(directions[[1, 0, 2], 2]) / np.pi * HEIGHT
-    assert rows.tolist() == np.floor(tops).astype(int).tolist()
 
 
 def test_the_unseen_part_makes_white_white() -> None:

@@ -1,0 +1,253 @@
+"""Maps of light and the lights that stand in for them: energies, directions and distances by formula."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from insertion.light import estimate
+from insertion.light.environment import (
+    HEIGHT,
+    LEVELS,
+    WIDTH,
+    Environment,
+    LampSpots,
+    _lobe,
+    _shrink,
+    map_directions,
+    reflection_levels,
+    solid_angles,
+)
+from insertion.light.lights import LAMP_SIGMA, LEAST_RADII, Lights, _cut, _half, _halves, _points, environment_lights
+from insertion.light.shading import Lamp
+from insertion.placement.place import Place
+from insertion.scene.cloud import Cloud
+from insertion.scene.occupancy import Occupancy
+
+#: Axes of a map that is turned against the scene: its up is the scene's +y.
+TURNED = np.array([[0.0, 0.0, 1.0], [1.0, 0.0, 0.0], [0.0, 1.0, 0.0]])
+SEEN = np.ones((HEIGHT, WIDTH), np.float32)
+
+
+def _even(level: float = 1.0) -> Environment:
+    return Environment(np.full((HEIGHT, WIDTH, 3), level, np.float32), TURNED, SEEN)
+
+
+def _one_cell(row: int, column: int, level: float = 50.0) -> Environment:
+    radiance = np.zeros((HEIGHT, WIDTH, 3), np.float32)
+    radiance[row, column] = level
+    return Environment(radiance, TURNED, SEEN)
+
+
+def test_a_map_goes_from_up_to_down_and_round_from_behind() -> None:
+    directions = map_directions(2, 4)
+    half = np.sqrt(0.5)
+    assert directions[:, 0] == pytest.approx(np.array([[-0.5, -0.5, half], [-0.5, -0.5, -half]]))
+    assert directions[0, 1:] == pytest.approx(np.array([[0.5, -0.5, half], [0.5, 0.5, half], [-0.5, 0.5, half]]))
+    assert 4 * solid_angles(2, 4) == pytest.approx([2 * np.pi] * 2)
+    angles = solid_angles()
+    assert WIDTH * angles.sum() == pytest.approx(4 * np.pi)
+    assert angles[0] == pytest.approx(2 * np.pi / WIDTH * (1 - np.cos(np.pi / HEIGHT)))
+    assert np.linalg.norm(map_directions(), axis=-1) == pytest.approx(1)
+
+
+def test_even_light_is_pi_times_its_radiance_on_every_surface() -> None:
+    for normal in np.array([[0, 1.0, 0], [0, -1.0, 0], [0.6, 0, 0.8]]):
+        assert _even(0.7).irradiance(normal) == pytest.approx(np.full(3, 0.7 * np.pi), rel=2e-3)
+
+
+def test_one_bright_cell_lights_by_the_cosine() -> None:
+    environment = _one_cell(20, 70)
+    toward = map_directions()[20, 70] @ TURNED  # in the scene
+    for normal in (toward, np.array([0.0, 1.0, 0.0]), -toward):
+        cosine = max(float(normal @ toward), 0.0)
+        assert environment.irradiance(normal) == pytest.approx(np.full(3, 50 * cosine * solid_angles()[20]), rel=1e-6)
+
+
+def test_reflections_are_ever_smoother_maps_of_half_the_size() -> None:
+    levels = reflection_levels(_one_cell(20, 70))
+    assert [level.shape for level in levels] == [(HEIGHT >> k, WIDTH >> k, 3) for k in range(LEVELS + 1)]
+    peaks = [float(level.max() / level.mean()) for level in levels]
+    assert sorted(peaks, reverse=True) == peaks
+    assert peaks[1] > 2 * peaks[-1]
+    means = [float(np.average(level.mean(axis=(1, 2)), weights=solid_angles(*level.shape[:2]))) for level in levels]
+    assert means == pytest.approx([means[0]] * (LEVELS + 1), rel=0.1)  # no lobe adds or loses light
+
+
+def test_the_lobe_is_ggx_about_half_the_angle() -> None:
+    alpha2 = 0.5**4
+    assert _lobe(np.array(1.0), 0.5) == pytest.approx(1 / alpha2)
+    assert _lobe(np.array(0.5), 0.5) == pytest.approx(alpha2 / (0.75 * (alpha2 - 1) + 1) ** 2 * 0.5)
+    assert _lobe(np.array(-0.5), 0.5) == 0
+    assert _lobe(np.array(1.0), 0.01) == _lobe(np.array(1.0), 0.05)
+    blocks = np.arange(24, dtype=np.float32).reshape(4, 6, 1).repeat(3, axis=2)
+    assert _shrink(blocks, 2, 3)[..., 1] == pytest.approx(np.array([[3.5, 5.5, 7.5], [15.5, 17.5, 19.5]]))
+
+
+def test_lights_have_the_energy_the_angle_and_the_middle_of_a_map() -> None:
+    environment = _even(0.25)
+    lights = _cut(environment, environment.radiance, 5)
+    assert lights.power.sum(axis=0) == pytest.approx(np.full(3, np.pi), rel=1e-6)
+    assert lights.angle.sum() == pytest.approx(4 * np.pi)
+    assert len(lights.near) == 32
+    assert not lights.near.any()
+    assert (lights.angle > 0.2).all()  # parts of even light are about as large as each other: 0.39 on average
+    assert (lights.angle < 0.7).all()
+    for normal in np.eye(3):
+        lit = np.maximum(lights.directions @ normal, 0) @ lights.power
+        assert lit == pytest.approx(environment.irradiance(normal), rel=0.05)
+
+
+def test_a_bright_spot_has_a_light_of_its_own() -> None:
+    environment = _one_cell(20, 70)
+    lights = environment_lights(environment, 6)
+    best = int(lights.power[:, 0].argmax())
+    assert lights.power[best] == pytest.approx(np.full(3, 50 * solid_angles()[20]), rel=1e-6)
+    assert lights.directions[best] @ (map_directions()[20, 70] @ TURNED) > 0.97
+    assert lights.angle[best] < 0.1 * 4 * np.pi / 2**6
+
+
+def test_a_part_is_cut_where_its_energy_halves() -> None:
+    assert [_half(np.array(sums, dtype=float)) for sums in ([1, 1, 1, 1], [4, 1, 1], [1, 1, 4], [0, 0])] == [2, 1, 2, 1]
+    bright = np.ones((8, 16))
+    assert _halves(bright, (2, 6, 0, 16)) == [(2, 6, 0, 8), (2, 6, 8, 16)]
+    assert _halves(bright, (0, 8, 3, 5)) == [(0, 4, 3, 5), (4, 8, 3, 5)]
+    assert _halves(bright, (0, 1, 0, 4)) == [(0, 1, 0, 2), (0, 1, 2, 4)]
+    assert _halves(bright, (3, 4, 5, 6)) == [(3, 4, 5, 6)]
+    assert _halves(bright, (3, 5, 5, 6)) == [(3, 4, 5, 6), (4, 5, 5, 6)]
+
+
+def test_lights_from_another_place() -> None:
+    """A lamp 2 m above, and the sun: one comes nearer and changes its way, the other does not."""
+    up, sun = np.array([0.0, 0.0, 1.0]), np.array([0.6, 0.0, 0.8])
+    lights = Lights(np.array([up, sun]), np.array([[3.0] * 3, [1.0] * 3]), np.array([0.5, 0.0]), np.array([0.0, 0.1]))
+    side = lights.about(np.array([1.5, 0.0, 0.0]), 0.1)
+    assert side.directions == pytest.approx(np.array([[-0.6, 0.0, 0.8], sun]))
+    assert side.power[:, 0] == pytest.approx([3.0 * 2**2 / 2.5**2, 1.0])
+    assert side.near == pytest.approx([1 / 2.5, 0.0])
+    large = lights.about(np.zeros(3), 2.0)
+    assert large.near == pytest.approx([1 / (LEAST_RADII * 2.0), 0.0])
+    assert lights.in_unit(0.1).near == pytest.approx([0.05, 0.0])
+    assert lights.above(np.array([1.0, 0.0, 0.0])).angle.tolist() == [0.1]
+    assert lights.rows(np.array([True, False])).angle.tolist() == [0.0]
+
+
+def test_a_lamp_becomes_points_all_over_it() -> None:
+    lamp = LampSpots(np.array([[0.0, 0, 3.0]]), np.array([[2.0, 1.0, 0.5]]), np.array([0.5]), np.array([0.0, 0, 1.0]))
+    points = _points(lamp, 512)
+    places = points.directions / points.near[:, None] + lamp.middle
+    assert places.mean(axis=0) == pytest.approx([0, 0, 3.0], abs=0.02)
+    assert places.std(axis=0) == pytest.approx(np.full(3, LAMP_SIGMA * 0.5), rel=0.05)
+    assert points.power.sum(axis=0) == pytest.approx(np.array([2.0, 1.0, 0.5]) / 2**2, rel=1e-6)
+    assert not points.angle.any()
+    inside = LampSpots(np.array([[0.0, 0, 0.01]]), np.ones((1, 3)), np.array([0.5]), np.zeros(3))
+    assert (1 / _points(inside, 64).near).min() >= 0.25  # not nearer than its own radius
+    two = LampSpots(
+        np.array([[0.0, 0, 1.0], [0.0, 0, -2.0]]), np.full((2, 3), 3.0), np.array([0.01, 0.01]), np.zeros(3)
+    )
+    below = _points(two, 100).directions[:, 2] < 0
+    assert np.count_nonzero(below) == 20  # 3 / 4 against 3
+
+
+def test_a_lamp_shines_by_its_facing_and_colour() -> None:
+    places = np.array([[0.0, 0.0, 2.0], [2.0, 0.0, 2.0]])
+    down = np.array([[0.0, 0.0, -1.0], [0.0, 0.0, -1.0]])
+    lamp = Lamp(places, down, np.array([0.25, 0.75]), np.array([4.0, 8.0]), 0.3, np.array([1.0, 0.5, 2.0]))
+    bulb = Lamp(places[:1], np.zeros((1, 3)), np.ones(1), np.array([5.0]), 0.2)
+    up = Lamp(places[:1], -down[:1], np.ones(1), np.array([5.0]), 0.2)
+    spots = estimate._spots([lamp, bulb, up], np.zeros(3))
+    assert spots.power == pytest.approx(
+        np.array([[1.0, 0.5, 2.0], np.array([1.0, 0.5, 2.0]) * 6 * np.sqrt(0.5), [5.0] * 3, [0.0] * 3])
+    )
+    assert spots.size.tolist() == [0.3, 0.3, 0.2, 0.2]
+    assert spots.places == pytest.approx(np.concatenate([places, places[:1], places[:1]]))
+
+
+def test_lamps_add_their_irradiance_to_the_rest() -> None:
+    rest, middle = np.full((HEIGHT, WIDTH, 3), 0.2), np.array([1.0, 2.0, 3.0])
+    lamps = LampSpots(middle + 2.0 * TURNED[2:], np.array([[8.0, 4.0, 2.0]]), np.array([0.2]), middle)
+    lit = estimate._with_lamps(rest, SEEN, TURNED, lamps)
+    assert lit.rest == pytest.approx(0.2)
+    added = lit.irradiance(TURNED[2]) - 0.2 * np.pi
+    assert added == pytest.approx([2.0, 1.0, 0.5], rel=0.03)
+    assert lit.irradiance(-TURNED[2]) == pytest.approx(np.full(3, 0.2 * np.pi), rel=0.01)
+    near = LampSpots(middle[None] + 0.01, np.ones((1, 3)), np.array([2.0]), middle)
+    total = ((estimate._with_lamps(rest, SEEN, TURNED, near).radiance - 0.2) * solid_angles()[:, None, None]).sum()
+    assert total == pytest.approx(3.0, rel=1e-3)  # never nearer than its radius
+
+
+def _wall(height: int) -> Occupancy:
+    """A wall at x = 5 to 6 cells, up to a height in cells, in a grid of 20 cells of 0.1."""
+    from scipy.ndimage import distance_transform_edt
+
+    full = np.zeros((20, 20, 20), bool)
+    full[5, :, :height] = True
+    distance = distance_transform_edt(~full).astype(np.float32)
+    return Occupancy(distance, np.zeros((20, 20, 20, 3), np.float32), np.zeros(3), 0.1)
+
+
+def test_a_wall_takes_the_light_of_a_lamp_behind_it() -> None:
+    place = Place(np.array([1.5, 1.0, 0.05]), np.eye(3), np.zeros(3), "floor", 0)
+    lamps = LampSpots(np.array([[0.1, 1.0, 0.5], [1.5, 1.0, 1.9]]), np.ones((2, 3)), np.full(2, 0.02), place.position)
+    assert estimate._share_reaching(lamps, _wall(20), place, 0.6) == pytest.approx([0.0, 1.0])
+    assert estimate._share_reaching(lamps, _wall(1), place, 0.6) == pytest.approx([1.0, 1.0], abs=0.2)
+    part = estimate._share_reaching(lamps, _wall(6), place, 1.2)[0]
+    assert 0.2 < part < 0.9  # the top of the object sees it, the foot does not
+
+
+def test_samples_are_averaged_by_direction() -> None:
+    way = np.array([[0.0, 1.0, 0.1], [0.0, 1.0, 0.1], [1.0, 0.0, 0.1]])
+    way /= np.linalg.norm(way, axis=1, keepdims=True)
+    colours = np.array([[0.2, 0.4, 0.6], [0.4, 0.6, 0.8], [1.0, 1.0, 1.0]], np.float32)
+    shown, known = estimate._shown(estimate._Samples(way, colours))
+    row = int(np.arccos(way[0, 2]) / np.pi * HEIGHT)
+    assert shown[row, WIDTH * 3 // 4] == pytest.approx([0.3, 0.5, 0.7])
+    assert (known[row, WIDTH * 3 // 4], known[row, WIDTH // 2]) == (1.0, 0.5)
+    assert np.count_nonzero(known) == 2
+
+
+def test_what_is_not_seen_has_the_colour_of_what_is() -> None:
+    shown, seen = np.full((HEIGHT, WIDTH, 3), [0.2, 0.3, 0.4]), np.zeros((HEIGHT, WIDTH))
+    seen[20:40, 10:50] = 1.0
+    filled = estimate._fill(shown * seen[..., None], seen)
+    assert filled == pytest.approx(np.broadcast_to([0.2, 0.3, 0.4], filled.shape), rel=1e-6)
+    shown[20:40, 10:50] = np.linspace(0, 1, 40)[None, :, None]
+    assert estimate._fill(shown * seen[..., None], seen)[20:40, 10:50] == pytest.approx(shown[20:40, 10:50])
+
+
+@pytest.mark.parametrize(("wanted", "level"), [(0.3, 0.3), (9.0, 0.1 * 8), (0.001, 0.1 * 0.3)])
+def test_the_unseen_upper_part_gets_its_radiance_within_bounds(wanted: float, level: float) -> None:
+    filled, seen = np.full((HEIGHT, WIDTH, 3), 0.1), np.zeros((HEIGHT, WIDTH))
+    seen[:, :64] = 1.0
+    raised = estimate._with_unseen(filled, seen, wanted)
+    assert raised[: HEIGHT // 2, 64:] == pytest.approx(level, rel=1e-6)
+    assert raised[:, :64] == pytest.approx(0.1)
+    assert raised[HEIGHT // 2 :] == pytest.approx(0.1)
+    assert estimate._with_unseen(filled, np.ones_like(seen), wanted) == pytest.approx(0.1)
+
+
+def test_without_planes_a_lamp_is_over_the_middle_of_the_room() -> None:
+    generator = np.random.default_rng(0)
+    room = Cloud(generator.uniform([0, 0, 0], [8, 4, 2.5], (4000, 3)), np.ones((4000, 3), np.float32), True)
+    toward = estimate._lamp_direction(np.array([1.0, 1.0, 0.5]), np.eye(3), room)
+    away = np.array([3.0, 1.0, 0.95 * 2.5 - 0.5])
+    assert toward == pytest.approx(away / np.linalg.norm(away), abs=0.02)
+    low = Cloud(room.points * [1, 1, 0.01], room.colours, True)
+    assert estimate._lamp_direction(np.array([4.0, 2.0, 0.0]), np.eye(3), low)[2] > 0.99
+    samples = estimate._Samples(np.zeros((100, 3)), np.repeat(np.arange(100.0)[:, None], 3, axis=1).astype(np.float32))
+    assert estimate._white_level(samples) == pytest.approx(0.97 * 99, rel=1e-3)
+
+
+def test_the_lobe_of_the_unseen_lamp_has_its_share() -> None:
+    filled, seen = np.full((HEIGHT, WIDTH, 3), [0.1, 0.2, 0.1]), np.zeros((HEIGHT, WIDTH))
+    seen[HEIGHT // 2 :] = 1.0
+    toward = np.array([0.6, 0.0, 0.8])
+    raised = estimate._raise_top(filled, seen, 0.12, toward)
+    weight = np.maximum(map_directions()[..., 2], 0) * solid_angles()[:, None]
+    far = map_directions() @ toward < 0
+    rest = raised[far & (map_directions()[..., 2] > 0)]
+    before = float((weight * filled[..., 1]).sum())
+    wanted = (weight[..., None] * raised).sum(axis=(0, 1))
+    assert rest[:, 1] / 0.2 == pytest.approx((1 - estimate.LAMP_SHARE) * wanted[1] / before, rel=1e-6)
+    assert wanted / wanted[1] == pytest.approx([0.5, 1.0, 0.5])
+    assert raised[HEIGHT // 2 :] == pytest.approx(filled[HEIGHT // 2 :])

@@ -1,0 +1,300 @@
+"""Where lamps may be and how they light cells, against the formula; how well a field explains the cells, by hand."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from scipy.ndimage import distance_transform_edt
+
+from insertion.light import shading
+from insertion.light.candidates import (
+    ABOVE,
+    BEYOND,
+    CEILING_CELLS,
+    GRID,
+    HEIGHT_SHARE,
+    LEVELS,
+    LOWEST,
+    NEARBY,
+    NEAREST,
+    STANDING,
+    USUAL,
+    _basis,
+    _where_barred,
+    candidates_in,
+    candidates_near,
+    ceiling_patches,
+    lamp_irradiance,
+    open_share,
+)
+from insertion.light.lit_planes import (
+    CELL_WIDTHS,
+    INDEPENDENT_CELLS,
+    OTHER_SIGMA,
+    WALL_SIGMA,
+    LitPlanes,
+    lit_planes,
+    log_posterior,
+)
+from insertion.scene.occupancy import Occupancy
+from insertion.scene.patches import Patches
+
+UP = np.array([0.0, 0.0, 1.0])
+DIAGONAL = 6.0
+
+
+def _cells(places: list[tuple[float, float, float]], normal: tuple[float, float, float], plane: int = 0) -> Patches:
+    count = len(places)
+    return Patches(
+        np.array(places, dtype=float), np.tile(np.array(normal, dtype=float), (count, 1)), np.zeros(count),
+        np.full(count, plane), DIAGONAL,
+    )  # fmt: skip
+
+
+def _room() -> Patches:
+    """A floor of 4 x 3 and two walls 2 high, 25 cells each, with a known brightness."""
+    steps = np.linspace(0.1, 0.9, 5)
+    a, b = (grid.ravel() for grid in np.meshgrid(steps, steps))
+    places = np.concatenate([
+        np.column_stack([4 * a, 3 * b, 0 * a]), np.column_stack([0 * a, 3 * a, 2 * b]),
+        np.column_stack([4 * a, 0 * a + 3, 2 * b]),
+    ])  # fmt: skip
+    normals = np.repeat(np.array([[0.0, 0, 1], [1, 0, 0], [0, -1, 0]]), 25, axis=0)
+    light = np.random.default_rng(0).normal(-1.0, 0.3, 75)
+    return Patches(places, normals, light, np.repeat([0, 1, 2], 25), DIAGONAL)
+
+
+def test_a_lamp_lights_by_both_cosines_and_the_squared_distance() -> None:
+    floor = _cells([(0, 0, 0), (3, 0, 0), (0, 0, 3)], (0, 0, 1))
+    bulb, down, sideways = np.zeros(3), np.array([0, 0, -1.0]), np.array([1.0, 0, 0])
+    lamps = np.tile([0.0, 0.0, 2.0], (3, 1))
+    light = lamp_irradiance(floor, lamps, np.array([bulb, down, sideways]), None)
+    far = np.sqrt(13)
+    beside = (2 / far) * DIAGONAL**2 / 13 / USUAL
+    above = DIAGONAL**2 / 4 / USUAL
+    assert light == pytest.approx(
+        np.array([[above, beside, 0], [above, beside * 2 / far, 0], [0, beside * 3 / far, 0]]), rel=1e-9
+    )
+    touching = lamp_irradiance(floor, np.array([[0.0, 0.0, 0.01]]), np.zeros((1, 3)), None)[0, 0]
+    assert touching == pytest.approx(0.01 / (NEAREST * DIAGONAL) / NEAREST**2 / USUAL)
+
+
+def _occupancy_with_wall() -> Occupancy:
+    """A wall at x = 1 in a box of cells of 0.1 from (-1, -1, -1), up to z = 1."""
+    full = np.zeros((40, 40, 40), bool)
+    full[20:22, :, :20] = True
+    light = np.full((40, 40, 40, 3), 0.5, np.float32)
+    return Occupancy(distance_transform_edt(~full).astype(np.float32), light, -np.ones(3), 0.1)
+
+
+def test_a_wall_shades_the_cells_behind_it() -> None:
+    floor, wall = _cells([(0, 0, 0), (2, 0, 0)], (0, 0, 1)), _occupancy_with_wall()
+    low, high = np.array([[2.5, 0.0, 0.5]]), np.array([[0.3, 0.0, 1.2]])
+    for spots in (1, 2, 4):
+        assert open_share(floor, wall, np.concatenate([low, high]), spots).tolist() == [[0, 1], [1, 0]]
+    plain = lamp_irradiance(floor, np.concatenate([low, high, low]), np.zeros((3, 3)), None)
+    shaded = lamp_irradiance(floor, np.concatenate([low, high, low]), np.zeros((3, 3)), wall)
+    assert shaded == pytest.approx(plain * [[0, 1], [1, 0], [0, 1]])
+
+
+def test_the_candidates_of_a_room() -> None:
+    room = _room()
+    all_over = candidates_in(room, UP, None, None)
+    local = room.places @ all_over.basis.T
+    low, high = local.min(axis=0), local.max(axis=0)
+    size = high - low
+    top = max(high[2] + ABOVE * size[2], low[2] + HEIGHT_SHARE * size[:2].max())
+    own = all_over.places @ all_over.basis.T
+    assert own.min(axis=0) == pytest.approx([*(low - BEYOND * size)[:2], low[2] + LOWEST * (top - low[2])])
+    assert own.max(axis=0) == pytest.approx([*(high + BEYOND * size)[:2], top])
+    assert all_over.spacing == pytest.approx(size[0] * (1 + 2 * BEYOND) / (GRID - 1))
+    bulbs = ~all_over.facing.any(axis=1)
+    downward = all_over.facing @ UP < -0.99
+    inward = ~bulbs & ~downward
+    assert (bulbs.sum(), downward.sum()) == (GRID * GRID * LEVELS, GRID * GRID * LEVELS // 2)
+    assert inward.sum() == 4 * GRID * LEVELS
+    middle = own[bulbs].mean(axis=0)
+    toward = ((middle - own) @ np.eye(3) * (all_over.facing @ all_over.basis.T)).sum(axis=1)
+    assert (toward[inward] > 0).all()
+    standing = bulbs & (own[:, 2] < low[2] + 0.8 * (top - low[2]))
+    assert np.array_equal(all_over.log_prior, np.where(standing, STANDING, 0.0))
+    light = lamp_irradiance(room, all_over.places[::97], all_over.facing[::97], None)
+    assert all_over.irradiance[::97] == pytest.approx(light)
+
+
+def test_no_candidate_is_where_none_can_be() -> None:
+    room = _room()
+    free = candidates_in(room, UP, None, None)
+    half = candidates_in(room, UP, lambda places: places[:, 0] > 2, None)
+    assert (half.places[:, 0] <= 2).all()
+    assert (half.barred[:, 0] > 2).all()
+    assert len(free.barred) == 0
+    assert _where_barred(half, np.array([[0.5, 1, 1.9], [3.5, 1, 1.9]])).tolist() == [False, True]
+    assert not _where_barred(free, np.array([[0.5, 1, 1.9], [3.5, 1, 1.9]])).any()
+    place, generator = np.array([1.9, 1.5, 1.9]), np.random.default_rng(0)
+    near = candidates_near(half, place, -UP, 0.5, room, None, generator)
+    assert near.places[0].tolist() == place.tolist()
+    assert near.facing[0].tolist() == [0, 0, -1]
+    assert len(near.places) == 4 * NEARBY
+    assert near.log_prior[0] == 0
+    assert np.array_equal(np.isinf(near.log_prior[1:]), _where_barred(half, near.places)[1:])
+    assert np.linalg.norm(near.facing, axis=1)[: 3 * NEARBY] == pytest.approx(1)
+    assert not near.facing[3 * NEARBY :].any()
+    assert (near.facing[NEARBY : 2 * NEARBY] @ -UP).mean() == pytest.approx(0.9, abs=0.1)
+    assert near.places.std(axis=0).mean() == pytest.approx(0.5, rel=0.3)
+
+
+def test_axes_are_along_a_wall() -> None:
+    turned = _room()
+    angle = np.radians(20)
+    turn = np.array([[np.cos(angle), -np.sin(angle), 0], [np.sin(angle), np.cos(angle), 0], [0, 0, 1]])
+    patches = replace(turned, places=turned.places @ turn.T, normals=turned.normals @ turn.T)
+    basis = _basis(patches, UP)
+    assert basis @ basis.T == pytest.approx(np.eye(3))
+    assert np.linalg.det(basis) == pytest.approx(1)
+    assert np.abs(basis[:2] @ turn[:, 0]).max() == pytest.approx(1)
+    assert basis[2].tolist() == UP.tolist()
+    flat = _basis(_cells([(0, 0, 0)], (0, 0, 1)), np.array([1.0, 0, 0]))
+    assert flat @ flat.T == pytest.approx(np.eye(3))
+
+
+def test_the_ceiling_is_as_high_as_the_highest_lamp_and_looks_down() -> None:
+    room = _room()
+    all_over = candidates_in(room, UP, None, None)
+    above = ceiling_patches(room, all_over)
+    assert len(above.places) == CEILING_CELLS**2
+    assert above.places[:, 2] == pytest.approx(all_over.places[:, 2].max())
+    assert np.abs(above.normals + UP).max() == 0
+    assert above.places[:, :2].min(axis=0) == pytest.approx(room.places[:, :2].min(axis=0))
+    assert above.places[:, :2].max(axis=0) == pytest.approx(room.places[:, :2].max(axis=0))
+
+
+def _explained(planes: LitPlanes, field: np.ndarray) -> float:
+    """The log posterior by its formula, one plane after another."""
+    rest = planes.patches.log_luminance - np.log(field)
+    albedo = []
+    for number in range(len(planes.walls)):
+        own = planes.patches.plane == number
+        middle = np.sort(rest[own])[own.sum() // 2]
+        rest[own] -= middle
+        albedo.append(middle)
+    widths = [np.mean(np.log1p((rest / width) ** 2)) + np.log(width) for width in CELL_WIDTHS]
+    total = -min(INDEPENDENT_CELLS, len(rest)) * min(widths)
+    for some, sigma in ((np.array(albedo)[planes.walls], WALL_SIGMA), (np.array(albedo), OTHER_SIGMA)):
+        if len(some) > 1:
+            total -= 0.5 * float((((some - some.mean()) / sigma) ** 2).sum())
+    return float(total)
+
+
+def test_a_field_is_as_likely_as_the_formula_says() -> None:
+    planes = lit_planes(_room(), UP, None)
+    assert planes.walls.tolist() == [False, True, True]
+    assert planes.ambient(2.0) == pytest.approx(2.0)
+    fields = np.exp(np.random.default_rng(1).normal(0, 0.5, (3, 75)))
+    values = [_explained(planes, field) for field in fields]
+    assert log_posterior(planes, fields) == pytest.approx(values, rel=1e-4)
+    exact = np.exp(planes.patches.log_luminance)
+    assert log_posterior(planes, exact[None])[0] > max(values)
+    darker = planes.patches.log_luminance - 3.0
+    assert log_posterior(planes, fields, darker) == pytest.approx(values, rel=1e-4)
+
+
+def test_the_ambient_light_of_a_closed_room_is_what_its_walls_send() -> None:
+    walls = np.ones((30, 30, 30), bool)
+    walls[1:-1, 1:-1, 1:-1] = False
+    light = np.broadcast_to(np.array([0.2, 0.1, 0.05], np.float32), (30, 30, 30, 3)).copy()
+    closed = Occupancy(distance_transform_edt(~walls).astype(np.float32), light, np.full(3, -2.0), 0.2)
+    planes = lit_planes(_room(), UP, closed)
+    bright = 0.2 * 0.2126 + 0.1 * 0.7152 + 0.05 * 0.0722
+    assert planes.unit == pytest.approx(np.pi * bright, rel=1e-4)
+    assert planes.shown == pytest.approx(1, rel=1e-4)
+    assert planes.missing == pytest.approx(0, abs=1e-6)
+    assert planes.tint == pytest.approx(np.tile(np.array([0.2, 0.1, 0.05]) / bright, (75, 1)), rel=1e-4)
+    assert shading._shown_mean(planes) == pytest.approx(1, rel=1e-4)
+    assert shading._shown_mean(replace(planes, missing=np.full(75, 0.5))) == pytest.approx(1.5, rel=1e-4)
+    walls[:, :, -1:] = False
+    opened = lit_planes(
+        _room(), UP, Occupancy(distance_transform_edt(~walls).astype(np.float32), light, np.full(3, -2.0), 0.2)
+    )
+    assert (opened.shown + opened.missing).mean() == pytest.approx(1, rel=1e-4)
+    assert opened.missing.max() > 0.05
+
+
+def _fitted(planes: LitPlanes, ratio: float) -> shading._Fitted:
+    candidates = candidates_in(planes.patches, UP, None, None)
+    scores = np.zeros((len(candidates.places), 2))
+    scores[5, 1] = 50.0
+    return shading._lamp_of_row(candidates, 5, ratio, scores, np.array([1.0, ratio]))
+
+
+def test_a_fitted_lamp_is_the_likely_candidate_at_its_strength() -> None:
+    planes = lit_planes(_room(), UP, None)
+    one = _fitted(planes, 6.0)
+    candidates = candidates_in(planes.patches, UP, None, None)
+    assert one.lamp.places.tolist() == [candidates.places[5].tolist()]
+    assert one.lamp.strengths == pytest.approx([6.0 / USUAL])
+    assert (one.score, one.lamp.weights.tolist(), one.lamp.size) == (50.0, [1.0], candidates.spacing)
+    assert one.irradiance == pytest.approx(6.0 * candidates.irradiance[5])
+    twice = one.times(2.0)
+    assert (twice.ratio, twice.lamp.strengths[0]) == pytest.approx((12.0, 12.0 / USUAL))
+    assert twice.irradiance == pytest.approx(2 * one.irradiance)
+    assert shading._field([one, twice], planes) == pytest.approx(1.0 + 3 * one.irradiance)
+    scores = np.log(np.array([[1.0, 3.0], [2.0, 2.0], [1e-3, 1e-3]]))
+    some = replace(candidates, places=candidates.places[:3], facing=candidates.facing[:3])
+    mixed = shading._lamp(some, scores, np.array([1.0, 5.0]))
+    assert mixed.weights == pytest.approx([0.5, 0.5])
+    assert mixed.strengths == pytest.approx([4.0 / USUAL, 3.0 / USUAL])
+
+
+def test_white_walls_say_how_much_light_there_is() -> None:
+    planes = lit_planes(_room(), UP, None)
+    white = replace(planes.patches, log_luminance=np.full(75, np.log(0.2)))
+    unit = shading._by_albedo(replace(planes, patches=white), [])
+    assert unit == pytest.approx(np.pi * 0.2 / shading.WHITE_ALBEDO)
+
+
+def test_scores_add_the_priors_of_all_lamps_and_of_what_is_not_shown() -> None:
+    planes = replace(lit_planes(_room(), UP, None), times=2.0)
+    candidates = candidates_in(planes.patches, UP, None, None)
+    few = replace(
+        candidates, places=candidates.places[:3], facing=candidates.facing[:3], irradiance=candidates.irradiance[:3],
+        log_prior=np.array([0.0, -1.0, -2.0]),
+    )  # fmt: skip
+    other = _fitted(planes, 8.0)
+    ratios = np.array([2.0, 4.0])
+    scores = shading._all_scores(planes, few, [other], ratios)
+    for row in range(3):
+        for column, ratio in enumerate(ratios):
+            field = 2.0 + other.irradiance + ratio * few.irradiance[row]
+            prior = sum(-0.5 * np.log(value / 4.0) ** 2 for value in (ratio, 8.0))
+            prior += -0.5 * (np.log(2.0 / shading.UNSEEN_MIDDLE) / shading.UNSEEN_SIGMA) ** 2 - row
+            assert scores[row, column] == pytest.approx(_explained(planes, field) + prior, rel=1e-4)
+
+
+def test_a_lamp_s_colour_is_how_planes_change_from_shadow_to_light() -> None:
+    """White planes, ambient light of one colour, and an orange lamp: each channel is lit by its own strength."""
+    room = _room()
+    tint, lamp_colour = np.array([1.0, 1.0, 1.0]), np.exp(np.array([0.25, 0.0, -0.4]))
+    planes = replace(lit_planes(room, UP, None), tint=np.tile(tint, (75, 1)))
+    fitted = _fitted(planes, 8.0)
+    field = 1.0 + fitted.irradiance
+    bright = np.log(field)
+    hue = np.log(1.0 + fitted.irradiance[:, None] * lamp_colour) - bright[:, None]
+    painted = replace(planes, patches=replace(room, log_luminance=bright, hue=hue))
+    (colour,) = shading._lamp_colours(painted, [fitted])
+    assert np.log(colour / colour[1]) == pytest.approx(np.log(lamp_colour), abs=0.051)
+    assert colour @ [0.2126, 0.7152, 0.0722] == pytest.approx(1)
+    assert shading._lamp_colours(planes, [fitted])[0].tolist() == [1, 1, 1]
+
+
+def test_lamps_and_what_is_not_shown_are_balanced_together() -> None:
+    planes = lit_planes(_room(), UP, None)
+    fitted = _fitted(planes, 4.0)
+    true = replace(planes, patches=replace(planes.patches, log_luminance=np.log(1.7 + 1.28 * fitted.irradiance)))
+    (brighter,), balanced = shading._balance_lamps([fitted], true)
+    times = shading.UNSEEN[int(np.abs(shading.UNSEEN - 1.7).argmin())]
+    assert brighter.ratio / balanced.times == pytest.approx(4.0 * 1.28 / 1.7, rel=0.25)
+    assert balanced.times == pytest.approx(times, rel=0.5)
+    assert brighter.irradiance == pytest.approx(brighter.ratio / 4.0 * fitted.irradiance)

@@ -1,0 +1,193 @@
+"""What stands between two places: grids of full cells with known ways through them, and cells of painted planes."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from scipy.ndimage import distance_transform_edt
+
+from insertion.scene.cloud import Cloud
+from insertion.scene.occupancy import ABOVE, CELL, Occupancy, occupancy_of
+from insertion.scene.patches import Patches, _normals, _of_one_hue, _planes, plane_patches
+from metric_base.arrays import BoolArray
+
+SIDE = 24
+UP = np.array([[0.0, 0.0, 1.0]])
+
+
+def _grid(full: BoolArray, colour: tuple[float, float, float] = (0.2, 0.4, 0.6)) -> Occupancy:
+    """Cells of 0.5 whose first corner is at (-1, -2, -3)."""
+    light = np.broadcast_to(np.array(colour, np.float32), (*full.shape, 3)).copy()
+    distance = distance_transform_edt(~full) if full.any() else np.full(full.shape, float(SIDE))
+    return Occupancy(distance.astype(np.float32), light, np.array([-1.0, -2.0, -3.0]), 0.5)
+
+
+def _at(*cell: float) -> np.ndarray:
+    """(1, 3) the place of a cell of the grid, in the scene."""
+    return np.array([[-1.0, -2.0, -3.0]]) + 0.5 * np.array([cell])
+
+
+def _slab(axis: int) -> BoolArray:
+    full = np.zeros((SIDE,) * 3, bool)
+    full[(slice(None),) * axis + (slice(12, 14),)] = True
+    return full
+
+
+@pytest.mark.parametrize("axis", [0, 1, 2])
+def test_a_wall_is_between_its_sides_and_not_beside_them(axis: int) -> None:
+    grid, start, end, beside = _grid(_slab(axis)), np.full(3, 5.5), np.full(3, 5.5), np.full(3, 5.5)
+    end[axis], beside[(axis + 1) % 3] = 20.5, 20.5
+    assert not grid.open_segments(_at(*start), 0 * UP, _at(*end)).any()
+    assert not grid.open_segments(_at(*end), 0 * UP, _at(*start)).any()
+    assert grid.open_segments(_at(*start), 0 * UP, _at(*beside)).all()
+
+
+def test_a_segment_starts_above_its_own_surface_and_ends_before_the_lamp() -> None:
+    floor = _slab(2)
+    grid = _grid(floor)
+    on_floor, lamp = _at(5.5, 5.5, 13.9), _at(15.5, 5.5, 20.5)
+    assert grid.open_segments(on_floor, UP, lamp).all()
+    assert not grid.open_segments(on_floor, -ABOVE * UP, lamp).any()
+    ceiling = np.zeros_like(floor)
+    ceiling[..., 20] = True
+    assert _grid(ceiling).open_segments(_at(5.5, 5.5, 5.5), UP, _at(5.5, 5.5, 21.5)).all()  # within the lamp itself
+    assert not _grid(ceiling).open_segments(_at(5.5, 5.5, 5.5), UP, _at(5.5, 5.5, 23.5)).any()
+
+
+def test_each_end_is_asked_from_each_place() -> None:
+    hole = _slab(0)
+    hole[:, 4:8, 4:8] = False
+    grid = _grid(hole)
+    places = np.concatenate([_at(4.5, 6, 6), _at(4.5, 18, 18)])
+    ends = np.concatenate([_at(21.5, 6, 6), _at(21.5, 18, 18), _at(2.5, 6, 6)])
+    opened = grid.open_segments(places, np.zeros((2, 3)), ends)
+    assert opened.tolist() == [[True, False], [False, False], [True, True]]
+    assert grid.open_segments(places, np.zeros((2, 3)), np.empty((0, 3))).shape == (0, 2)
+
+
+def test_a_place_outside_the_grid_is_seen_through_the_grid_s_side() -> None:
+    grid = _grid(_slab(0))
+    assert grid.open_segments(_at(20.5, 5.5, 5.5), 0 * UP, _at(60.0, 5.5, 5.5)).all()
+    assert not grid.open_segments(_at(5.5, 5.5, 5.5), 0 * UP, _at(60.0, 5.5, 5.5)).any()
+
+
+def test_light_gathered_in_a_closed_room_is_pi_times_its_radiance() -> None:
+    walls = np.ones((SIDE,) * 3, bool)
+    walls[2:-2, 2:-2, 2:-2] = False
+    for normal in (UP, -UP, np.array([[0.0, 1.0, 0.0]])):
+        light, missing = _grid(walls).gathered_light(_at(12, 12, 12), normal)
+        assert light[0] == pytest.approx(np.pi * np.array([0.2, 0.4, 0.6]), rel=1e-5)
+        assert missing.tolist() == [0.0]
+
+
+def test_light_of_a_lower_half_reaches_what_looks_down() -> None:
+    floor = np.zeros((SIDE,) * 3, bool)
+    floor[..., :2] = True
+    grid = _grid(floor, (1.0, 1.0, 1.0))
+    for normal, share in ((-UP, 1.0), (UP, 0.0)):
+        light, missing = grid.gathered_light(_at(12, 12, 3.5), normal)
+        assert light[0] == pytest.approx(np.full(3, share * np.pi), abs=0.35)
+        assert missing[0] == pytest.approx(1 - light[0, 0] / np.pi)
+
+
+def _wall_points(count: int = 60) -> np.ndarray:
+    """Evenly spread points of a wall at x = 0 and a floor at z = 0, 4 x 3 and 4 x 4."""
+    across = (np.arange(count) + 0.5) / count
+    a, b = (grid.ravel() for grid in np.meshgrid(across, across))
+    return np.concatenate([np.column_stack([0 * a, 4 * a, 3 * b]), np.column_stack([4 * a, 4 * b, 0 * a])])
+
+
+def test_cells_are_full_where_points_are_and_have_their_colour() -> None:
+    points = _wall_points(200)
+    colours = np.where(points[:, :1] > 0, [[0.5, 0.1, 0.1]], [[0.1, 0.1, 0.9]]).astype(np.float32)
+    colours[::7] = np.nan
+    grid = occupancy_of(Cloud(points, colours, True))
+    assert grid.cell == pytest.approx(CELL * np.linalg.norm([4, 4, 3]), rel=0.02)
+    assert grid.light.shape == (*grid.distance.shape, 3)
+    assert np.abs(np.array(grid.distance.shape) * grid.cell - [4, 4, 3]).max() < 3 * grid.cell
+    inside = np.floor((np.array([2.0, 2.0, 1.5]) - grid.origin) / grid.cell).astype(int)
+    assert grid.distance[tuple(inside)] * grid.cell == pytest.approx(1.5, abs=0.1)
+    full = np.argwhere(grid.distance == 0) * grid.cell + grid.origin
+    assert ((full[:, 0] < 0.1) | (full[:, 2] < 0.1)).all()
+    floor, wall = ((np.array(at) - grid.origin) / grid.cell for at in ([3.0, 2.0, 0.0], [0.0, 2.0, 2.0]))
+    assert grid.light[tuple(np.maximum(floor, 0).astype(int))] == pytest.approx([0.5, 0.1, 0.1])
+    assert grid.light[tuple(np.maximum(wall, 0).astype(int))] == pytest.approx([0.1, 0.1, 0.9])
+    assert grid.open_segments(np.array([[2.0, 2.0, 0.0]]), UP, np.array([[1.0, 1.0, 2.5]])).all()
+
+
+def test_a_stray_fills_no_cell() -> None:
+    dense = np.repeat(_wall_points(), 12, axis=0)
+    stray = np.array([[2.0, 2.0, 1.5]])
+    cloud = Cloud(np.concatenate([dense, stray]), np.ones((len(dense) + 1, 3), np.float32), True)
+    grid = occupancy_of(cloud)
+    at = tuple(((stray[0] - grid.origin) / grid.cell).astype(int))
+    assert grid.distance[at] > 10
+
+
+def test_planes_and_paints_of_a_room() -> None:
+    """A floor of two paints and a wall: where their cells are, how they look, how bright they are."""
+    generator = np.random.default_rng(0)
+    floor = np.column_stack([generator.uniform(0, 4, (3000, 2)), generator.normal(0, 0.002, 3000)])
+    wall = np.column_stack([generator.uniform(0, 4, 2000), np.full(2000, 4.0), generator.uniform(0.2, 2.5, 2000)])
+    colours = np.concatenate([
+        np.where(floor[:, :1] < 2, [[0.4, 0.2, 0.1]], [[0.1, 0.2, 0.4]]), np.full((2000, 3), 0.3)
+    ]).astype(np.float32)  # fmt: skip
+    patches = plane_patches(Cloud(np.concatenate([floor, wall]), colours, True), np.array([[2.0, 1.0, 1.5]]))
+    assert len(np.unique(patches.plane)) == 3
+    on_wall = patches.places[:, 2] > 0.1
+    assert np.abs(patches.normals[on_wall] - [0, -1, 0]).max() < 0.05
+    assert np.abs(patches.normals[~on_wall] - [0, 0, 1]).max() < 0.05
+    assert patches.hue is not None
+    for mine, colour in (
+        (on_wall, [0.3, 0.3, 0.3]),
+        (~on_wall & (patches.places[:, 0] < 1.9), [0.4, 0.2, 0.1]),
+        (~on_wall & (patches.places[:, 0] > 2.1), [0.1, 0.2, 0.4]),
+    ):
+        bright = float(np.array(colour) @ [0.2126, 0.7152, 0.0722])
+        assert len(np.unique(patches.plane[mine])) == 1
+        assert patches.log_luminance[mine] == pytest.approx(np.log(bright), abs=1e-3)
+        np.testing.assert_allclose(
+            patches.hue[mine], np.tile(np.log(np.array(colour) / bright), (mine.sum(), 1)), atol=1e-3
+        )
+    assert patches.diagonal == pytest.approx(np.linalg.norm([4, 4, 2.5]) * 0.96, rel=0.05)
+
+
+def test_too_few_or_too_dark_points_have_no_planes() -> None:
+    points = np.random.default_rng(0).uniform(0, 1, (139, 3))
+    assert not len(plane_patches(Cloud(points, np.full((139, 3), 0.5, np.float32), True), np.zeros((1, 3))).plane)
+    room = _wall_points()
+    for level in (0.003, 0.95):
+        dull = Cloud(room, np.full((len(room), 3), level, np.float32), True)
+        assert not len(plane_patches(dull, np.ones((1, 3))).plane)
+    assert len(plane_patches(Cloud(room, np.full((len(room), 3), 0.5, np.float32), True), np.ones((1, 3))).plane)
+
+
+def test_a_surface_looks_at_the_eye_and_a_ball_of_points_is_none() -> None:
+    points = _wall_points(20)
+    normals, flat = _normals(points, np.array([1.0, 2.0, 1.0]))
+    middle = np.abs(points - [0, 2, 0]).max(axis=1) < 1.0
+    wall = middle & (points[:, 0] == 0) & (points[:, 2] > 0.5)
+    assert flat[wall].all()
+    np.testing.assert_allclose(normals[wall], np.tile([1.0, 0, 0], (wall.sum(), 1)), atol=1e-9)
+    ball = np.random.default_rng(0).normal(size=(200, 3))
+    assert _normals(ball, np.zeros(3))[1].mean() < 0.2
+    planes = _planes(points, normals, 0.05)
+    assert [len(rows) for _, rows in planes[:2]] == pytest.approx([400, 400], abs=40)
+    assert sorted(int(np.abs(normal).argmax()) for normal, _ in planes[:2]) == [0, 2]
+
+
+def test_paints_of_a_plane_are_told_apart_by_hue() -> None:
+    hue = np.concatenate([np.full((40, 2), 0.1), np.full((30, 2), [0.5, 0.1]), np.full((20, 2), [0.1, 0.27])])
+    parts = _of_one_hue(hue, np.arange(90))
+    assert [sorted(part.tolist()) for part in parts] == [[*range(40), *range(70, 90)], [*range(40, 70)]]
+    assert _of_one_hue(hue, np.arange(14)) == []
+
+
+def test_some_cells_with_their_planes_numbered_anew() -> None:
+    plane = np.array([0] * 4 + [1] * 4 + [2] * 4)
+    patches = Patches(np.arange(36.0).reshape(12, 3), np.ones((12, 3)), np.arange(12.0), plane, 5.0, np.ones((12, 3)))
+    kept = patches.cells(np.array([True] * 4 + [True] * 2 + [False] * 3 + [True] * 3))
+    assert kept.plane.tolist() == [0] * 4 + [1] * 3
+    assert kept.log_luminance.tolist() == [0, 1, 2, 3, 9, 10, 11]
+    assert kept.hue is not None
+    assert (kept.diagonal, len(kept.hue), kept.places[0].tolist()) == (5.0, 7, [0, 1, 2])

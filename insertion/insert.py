@@ -123,7 +123,7 @@ def open_prepared_scene(
     from insertion.footage.footage import PictureFootage, Stills
     from insertion.footage.video_footage import video_footage
     from insertion.pipeline.prepared_scene import prepare_scene
-    from insertion.scene.moving_masks import moving_masks
+    from insertion.scene.moving_masks import cloud_beside, moving_masks
 
     scene = read_scene(folder, dense)
     frames = folder / "frames"
@@ -133,7 +133,10 @@ def open_prepared_scene(
     masks = read_instances(instances, scene) if instances or default else ()
     scale.check(scene, masks if instances is None else None)
     prepared = prepare_scene(scene, stills, footage, masks, scale, up)
-    return prepared if moving is None else replace(prepared, moving=moving_masks(moving, scene, footage.shots))
+    if moving is None:
+        return prepared
+    masks_of = moving_masks(moving, scene, footage.shots)
+    return replace(prepared, moving=masks_of, cloud=cloud_beside(prepared.cloud, masks_of, footage.shots))
 
 
 def insert_into(

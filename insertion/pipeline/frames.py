@@ -236,8 +236,8 @@ def _layers_in_frame(prepared: PreparedScene, item: _Running, seen: _Seen, whole
     body, surface = item.renderer.body, item.placed.surface
     sigma = 0.0 if surface is None else surface.plane.sigma
     support = on_support(body, prepared.cloud, front, sigma)
-    ground = prepared.ground() if seen.moving else None
-    people = [] if ground is None else uprights(seen.moving, view, ground)
+    ground = prepared.supports.ground(prepared.cloud) if seen.moving else None
+    people = [] if ground is None else uprights(seen.moving, view, ground.plane)
     part = seen.picture[layers.box.slices]
     hidden = hidden_share(layers.image, layers.box, view, seen.masks, front, support, part, people)
     receivers = receivers_of(layers, body, view, front, [*seen.masks, *seen.moving], surface, hidden.front)

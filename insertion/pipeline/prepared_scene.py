@@ -9,7 +9,6 @@ from functools import cache, partial
 
 import numpy as np
 
-from estimator.geometry.planes import SupportPlane, floor_of
 from estimator.geometry.up import Up
 from estimator.records.scene import Instance, Scene
 from insertion.footage.footage import Footage, FrameRange, Shot, Stills
@@ -43,11 +42,6 @@ class PreparedScene:
     carrier: MaskCarrier
     shading: Callable[[], Shading | None]
     moving: Mapping[int, tuple[Instance, ...]] = field(default_factory=dict)
-
-    def ground(self) -> SupportPlane | None:
-        """What people stand on: the floor, which mirror images may lie below, else the lowest surface; None without."""
-        planes = [surface.plane for surface in self.supports.surfaces]
-        return floor_of(planes, self.cloud.points) or (planes[0] if planes else None)
 
     @property
     def start_s(self) -> float:

@@ -31,6 +31,8 @@ AROUND_PX, LEAST_LEVEL, LEAST_SHARE = (14.0, 28.0, 56.0, 112.0), 6, 0.3
 #: Whoever looks along a surface (by this cosine with up) sees no place on it; a made surface is no nearer, and no
 #: farther, than its points by this factor; and nothing is nearer at the click by this share of the depth.
 GRAZING, MADE_DEPTHS, MADE_NEARER = 0.03, 1.5, 0.9
+#: The ground goes on from what was seen of it by so much of its distance from the camera.
+GROUND_GOES_ON = 0.5
 #: Sides of the cells of a made surface along its extent.
 MADE_CELLS = 12
 
@@ -187,10 +189,37 @@ def _made_surface(space: Space, view: View, x: float, y: float, ray: FloatArray)
         hidden = len(close) >= 3 and float(np.median(sight.depths[close])) < MADE_NEARER * depth
         between = depths[level].min() / MADE_DEPTHS < depth < depths[level].max() * MADE_DEPTHS
         if len(level) >= max(LEAST_LEVEL, LEAST_SHARE * np.count_nonzero(~above)) and between and not hidden:
-            position = view.centre + depth * ray
-            surface = _surface_at(space, position, space.cloud.points[sight.rows[near[level]]])
-            return Place(position, surface.plane.basis, view.centre, "bare surface", None, surface)
-    raise refused
+            return _bare_place(space, view, view.centre + depth * ray, space.cloud.points[sight.rows[near[level]]])
+    around = sight.rows[distance < AROUND_PX[-1]], sight.depths[distance < AROUND_PX[-1]]
+    position = _on_ground(space, view, ray, space.cloud.points[around[0]], around[1])
+    if position is None:
+        raise refused
+    return _bare_place(space, view, position, np.empty((0, 3)))
+
+
+def _on_ground(space: Space, view: View, ray: FloatArray, points: FloatArray, depths: FloatArray) -> FloatArray | None:
+    """(3,) where a ray (3,) meets the ground beside what was seen of it.
+
+    points (n, 3) at depths (n,) : what the picture shows around; None where most of it is above the ground and nearer.
+    """
+    ground = space.supports.ground(space.cloud)
+    if ground is None:
+        return None
+    up, height = ground.plane.basis[2], ground.plane.height
+    depth = (height - float(view.centre @ up)) / float(ray @ up)
+    above = points @ up - height > np.maximum(3 * ground.plane.sigma, SAME_HEIGHT * depths)
+    position = view.centre + depth * ray
+    seen = cell_centres(ground.origin, ground.cell, ground.solid.shape)[ground.solid]
+    apart = np.linalg.norm(seen - ground.plane.basis[:2] @ position, axis=1).min(initial=np.inf)
+    in_front = above & (depths < MADE_NEARER * depth)
+    bare = depth > 0 and apart < GROUND_GOES_ON * depth and 2 * np.count_nonzero(in_front) <= len(points)
+    return np.asarray(position) if bare else None
+
+
+def _bare_place(space: Space, view: View, position: FloatArray, points: FloatArray) -> Place:
+    """A place (3,) on a surface made of the points (n, 3) around it."""
+    surface = _surface_at(space, position, points)
+    return Place(position, surface.plane.basis, view.centre, "bare surface", None, surface)
 
 
 def _surface_at(space: Space, position: FloatArray, points: FloatArray) -> Surface:

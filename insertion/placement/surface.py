@@ -14,7 +14,7 @@ import numpy as np
 from scipy.ndimage import binary_erosion
 from scipy.spatial import cKDTree
 
-from estimator.geometry.planes import SupportPlane, support_planes
+from estimator.geometry.planes import SupportPlane, floor_of, support_planes
 from estimator.geometry.up import Up, camera_up
 from estimator.geometry.vertical import refine_up
 from estimator.records.scene import Scene, View
@@ -121,6 +121,11 @@ class Supports:
 
     up: Up
     surfaces: tuple[Surface, ...]
+
+    def ground(self, cloud: Cloud) -> Surface | None:
+        """What people stand on: the floor, which mirror images may lie below, else the lowest surface; None without."""
+        floor = floor_of([surface.plane for surface in self.surfaces], cloud.points)
+        return next((one for one in self.surfaces if floor is None or one.plane is floor), None)
 
 
 def supports_of(scene: Scene, cloud: Cloud, up: Up | None = None) -> Supports:

@@ -38,6 +38,11 @@ class Cloud:
     dense: bool
     visibility: Visibility | None = None
 
+    def subset(self, kept: BoolArray) -> Cloud:
+        """The points that are kept, (n,)."""
+        known = None if self.visibility is None else self.visibility.of_points(kept)
+        return Cloud(self.points[kept], self.colours[kept], self.dense, known)
+
 
 @dataclass(frozen=True, slots=True, eq=False)
 class FrontPoints:
@@ -116,8 +121,7 @@ def _without_strays(cloud: Cloud, scene: Scene) -> Cloud:
     if known is None or not known.complete:
         return cloud
     asked = even_rows(tuple(range(len(scene.views))), STRAY_VIEWS)
-    kept = ~stray_points(cloud.points, [scene.views[k] for k in asked], [known.rows[k] for k in asked])
-    return Cloud(cloud.points[kept], cloud.colours[kept], cloud.dense, known.of_points(kept))
+    return cloud.subset(~stray_points(cloud.points, [scene.views[k] for k in asked], [known.rows[k] for k in asked]))
 
 
 def even_rows(rows: tuple[int, ...], most: int) -> list[int]:

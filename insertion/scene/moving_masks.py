@@ -15,14 +15,15 @@ import numpy as np
 from numpy.typing import NDArray
 
 from estimator.geometry.planes import SupportPlane
+from estimator.reconstructions.cameras import pixels_in_view
 from estimator.records.scene import Instance, Scene, View
 from insertion.footage.footage import Shot
-from insertion.scene.cloud import FrontPoints
+from insertion.scene.cloud import Cloud, FrontPoints
 from insertion.scene.pixel_box import PixelBox, mask_in_box
 from insertion.scene.rays import camera_rays, ray_through
 from metric_base.arrays import BoolArray, FloatArray
 
-__all__ = ["Upright", "moving_masks", "points_beside", "uprights"]
+__all__ = ["Upright", "cloud_beside", "moving_masks", "points_beside", "uprights"]
 
 #: Of a mask's height, its lowest part shows the feet.
 FEET_SHARE = 0.04
@@ -93,14 +94,36 @@ def _upright(item: Instance, view: View, ground: SupportPlane) -> Upright | None
     return Upright(item, facing, float(foot @ facing))
 
 
+def cloud_beside(cloud: Cloud, moving: Mapping[int, Sequence[Instance]], shots: Sequence[Shot]) -> Cloud:
+    """The cloud without the points that are on what moves: where they are is wrong.
+
+    A point is left out if it is in the masks of most of the shots that have masks and that it is in the picture of.
+    """
+    inside, shown = np.zeros(len(cloud.points), np.int64), np.zeros(len(cloud.points), np.int64)
+    for shot in shots:
+        if shot.view is None or not moving.get(shot.index):
+            continue
+        pixels = pixels_in_view(shot.view, cloud.points)[0]
+        seen = np.isfinite(pixels).all(axis=1)
+        shown += seen
+        inside[seen] += _in_masks(pixels[seen], moving[shot.index])
+    return cloud.subset(2 * inside <= shown)
+
+
 def points_beside(front: FrontPoints, items: Sequence[Instance]) -> FrontPoints:
     """The points that a picture shows where nothing that moves stands before them."""
-    free = np.ones(len(front.rows), dtype=bool)
-    for item in items:
-        at = np.floor(front.pixels - item.origin).astype(np.int64)
-        rows = np.flatnonzero(((at >= 0) & (at < item.mask.shape[::-1])).all(axis=1))
-        free[rows[item.mask[at[rows, 1], at[rows, 0]]]] = False
+    free = ~_in_masks(front.pixels, items)
     if free.all():
         return front
     observed = None if front.observed is None else front.observed[free]
     return FrontPoints(front.rows[free], front.pixels[free], front.depths[free], front.dense, observed)
+
+
+def _in_masks(pixels: FloatArray, items: Sequence[Instance]) -> BoolArray:
+    """(n,) whether each of the pixels (n, 2) is in one of the masks."""
+    inside = np.zeros(len(pixels), dtype=bool)
+    for item in items:
+        at = np.floor(pixels - item.origin).astype(np.int64)
+        rows = np.flatnonzero(((at >= 0) & (at < item.mask.shape[::-1])).all(axis=1))
+        inside[rows[item.mask[at[rows, 1], at[rows, 0]]]] = True
+    return inside

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -12,7 +13,7 @@ from estimator.records.scene import Camera, Scene, View
 from insertion.placement.free_space import Space
 from insertion.placement.locate import place_at_point
 from insertion.placement.place import NoPlace
-from insertion.placement.surface import Supports
+from insertion.placement.surface import Supports, supports_of
 from insertion.scene.cloud import Cloud
 from metric_base.arrays import FloatArray
 
@@ -57,3 +58,23 @@ def test_what_is_nearer_at_the_click_hides_the_surface() -> None:
     points = np.vstack([_ring(0.0, 12), [[0.001 * k, 0.0, 1.5] for k in range(3)]])
     with pytest.raises(NoPlace, match="no level surface was reconstructed"):
         place_at_point(_space(points), VIEW, WIDTH / 2, HEIGHT / 2)
+
+
+def _road(points: FloatArray) -> Space:
+    """A road, seen in a patch of 2 x 2 beside the middle of the picture, a wall beside it, and points elsewhere."""
+    spread = np.random.default_rng(0).uniform(-1, 1, (1500, 3))
+    known = np.vstack([spread * [1, 1, 0.001] - [1.5, 0, 0], spread * [0.01, 1, 1] + [-2.5, 0, 1]])
+    space = _space(np.vstack([known, points]))
+    return replace(space, supports=supports_of(replace(space.scene, points=known), space.cloud, space.supports.up))
+
+
+def test_the_ground_goes_on_beside_what_was_seen_of_it() -> None:
+    place = place_at_point(_road(np.empty((0, 3))), VIEW, WIDTH / 2 + 20, HEIGHT / 2)
+    assert place.support == "bare surface"
+    np.testing.assert_allclose(place.position, [20 / FOCAL * EYE[2], 0, 0], atol=0.02)
+
+
+def test_the_ground_is_no_place_where_the_picture_shows_something_above_it() -> None:
+    rising = np.vstack([_ring(0.4 + 0.05 * k, 1, turn=0.1 * k) + [0.2, 0, 0] for k in range(40)])
+    with pytest.raises(NoPlace, match="no level surface was reconstructed"):
+        place_at_point(_road(rising), VIEW, WIDTH / 2 + 20, HEIGHT / 2)

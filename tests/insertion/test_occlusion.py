@@ -20,7 +20,7 @@ from insertion.render.layers import ObjectLayers
 from insertion.render.renderer import ObjectImage
 from insertion.scene.carried_masks import MaskCarrier, _carry
 from insertion.scene.cloud import Cloud, FrontPoints, front_points
-from insertion.scene.moving_masks import moving_masks, points_beside, uprights
+from insertion.scene.moving_masks import cloud_beside, moving_masks, points_beside, uprights
 from insertion.scene.pixel_box import PixelBox
 
 BOX = PixelBox(0, 0, 160, 120)
@@ -205,6 +205,16 @@ def test_points_behind_what_moves_are_not_seen() -> None:
     assert len(left.rows) == 25
     assert left.pixels[:, 0].min() >= 100
     assert points_beside(left, [_object("walker", (0, 0, 80, 120))]) is left
+
+
+def test_points_on_what_moves_are_not_of_the_cloud() -> None:
+    """A car in the left of two of three frames; the third has no mask and does not count."""
+    left, right = np.array([[-1.6, -1.4, 4.0]]), np.array([[0.4, 0, 4.0]])
+    cloud = Cloud(np.vstack([left, right]), np.zeros((2, 3), np.float32), False)
+    shots = [Shot(k, f"{k}.png", None, VIEW, None) for k in range(3)]
+    car = _object("car", (80, 0, 160, 120))
+    np.testing.assert_array_equal(cloud_beside(cloud, {0: (car,), 1: (car,)}, shots).points, right)
+    assert len(cloud_beside(cloud, {0: (car,), 1: (_object("car", (0, 0, 1, 1)),)}, shots).points) == 2
 
 
 def test_masks_of_frames_are_read_by_the_names_of_the_frames(tmp_path: Path) -> None:

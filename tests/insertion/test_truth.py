@@ -158,7 +158,7 @@ def test_who_walks_before_an_object_hides_it(room: RecordedRoom) -> None:
     prepared = prepared_scene_of(room)
     model = write_glb(solid("chair", SIZE), room.folder / "chair.glb")
     placed = place_objects(prepared, [ObjectRequest(model)])
-    assert prepared.ground() is not None
+    assert prepared.supports.ground(prepared.cloud) is not None
     some = prepared.with_frames((2, 2))
     (shot,) = some.footage.shots
     assert shot.view is not None

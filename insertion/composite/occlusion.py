@@ -54,7 +54,7 @@ MATTE_PX = 4.0
 #: What the guided filter takes for texture: a variance of the colours in 0 to 1. How much steeper its edges are made.
 MATTE_SMOOTH, MATTE_CONTRAST = 2e-4, 2.5
 #: Shares this near to 0 or 1 are a remainder of the filter, not an edge: a soft edge has passed them within a pixel.
-MATTE_REMAINDER = 0.05
+MATTE_REMAINDER = 0.1
 
 
 @dataclass(frozen=True, slots=True, eq=False)

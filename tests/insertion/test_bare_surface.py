@@ -75,6 +75,6 @@ def test_the_ground_goes_on_beside_what_was_seen_of_it() -> None:
 
 
 def test_the_ground_is_no_place_where_the_picture_shows_something_above_it() -> None:
-    rising = np.vstack([_ring(0.4 + 0.05 * k, 1, turn=0.1 * k) + [0.2, 0, 0] for k in range(40)])
+    rising = np.vstack([_ring(0.4 + 0.05 * k, 1, turn=0.1 * k) for k in range(40)])
     with pytest.raises(NoPlace, match="no level surface was reconstructed"):
         place_at_point(_road(rising), VIEW, WIDTH / 2 + 20, HEIGHT / 2)

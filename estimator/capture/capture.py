@@ -2,9 +2,7 @@
 
 from __future__ import annotations
 
-import json
 import math
-import shutil
 from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
@@ -14,15 +12,11 @@ import numpy as np
 
 from estimator.capture.cameras.lens import Lens
 from estimator.capture.cautions import capture_cautions, read_cautions, write_cautions
+from estimator.capture.climb import MODEL_STAGES, MORE_FRAMES, REPORT, Climb
 from estimator.capture.frame_poses import FILE_NAME, FramePose, FramePoses, write_frame_poses
 from estimator.capture.frames import FRAMES_FILE, Frames, Source, make_frames, read_frames, source_of
 from estimator.capture.localisation import localised_frames
-from estimator.capture.mapping.evidence import CaptureEvidence, Pair
-from estimator.capture.mapping.failures import CaptureFailure, Failure, after_all, failure
-from estimator.capture.mapping.gates import is_disputed
-from estimator.capture.mapping.reconstruction import make_features, make_matches, make_model
-from estimator.capture.mapping.rungs import RUNGS, Rung, model_rank, next_rungs, predicted_s
-from estimator.capture.mapping.time_limit import OutOfTime, TimeLimit, limit_of
+from estimator.capture.mapping.time_limit import TimeLimit, limit_of
 from estimator.capture.video import Video
 from estimator.capture.work_folder import WorkFolder, content_digest
 from estimator.reconstructions.cameras import CAMERA_MODELS
@@ -34,23 +28,16 @@ from metric_base.progress import NoticeCallback, ProgressCallback, no_notice, si
 
 __all__ = ["Capture", "CaptureOptions", "capture_video", "reconstruct"]
 
-REPORT = "reconstruction.json"
-#: Features and matches, kept so that a later stage can be made again.
-DATABASES = "databases"
 #: The camera model that is tried first.
 SIMPLEST = "SIMPLE_RADIAL"
 DENSE = ("dense.ply", "dense.ply.vis")
 #: What each stage writes.
 STAGES: dict[str, tuple[str, ...]] = {
     "frames": ("frames", FRAMES_FILE),
-    "model": ("sparse", REPORT),
+    **MODEL_STAGES,
     "poses": (FILE_NAME,),
     "dense": DENSE,
 }
-for _rung in RUNGS:
-    for _stage in ("features", "matches"):
-        STAGES[_stage + _rung.suffix] = tuple(f"{DATABASES}/{_stage}{_rung.suffix}.{end}" for end in ("db", "json"))
-    STAGES[f"mapping{_rung.suffix}"] = (f"{DATABASES}/model{_rung.suffix}", f"{DATABASES}/model{_rung.suffix}.json")
 
 
 @dataclass(frozen=True, slots=True)
@@ -163,14 +150,8 @@ def reconstruct(
     """
     work.check_ownership(STAGES)  # before an hour of work, not after
     source = source_of(path)
-    inputs = {"source": content_digest(path) if path.is_file() else _folder_digest(source), "frames": options.frames}
-    frames_digest = work.stage(
-        "frames", inputs, STAGES["frames"], lambda part: make_frames(part, source, options.frames, progress)
-    )
-    frames = read_frames(work.path)
-    lens = _lens(frames, options)
-    climb = _Climb(work, frames_digest, frames, lens, isinstance(source, Video), options.max_time_s, progress)
-    model_digest = climb.make_sparse()
+    climb = _climb(path, source, work, options, progress)
+    frames, frames_digest, model_digest = climb.frames, climb.frames_digest, climb.make_sparse()
     work.stage(
         "poses",
         {"model": model_digest, "frames": frames_digest},
@@ -186,133 +167,28 @@ def reconstruct(
     write_cautions(capture_cautions(path, frames, report, options.focal_px is not None), work.path)
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class _Climb:
-    """The ladder from frames to a model: what every rung starts from."""
+def _climb(path: Path, source: Source, work: WorkFolder, options: CaptureOptions, progress: ProgressCallback) -> Climb:
+    """The ladder over the frames of a source; of a video whose frames show too little in common, over more of them."""
+    digest = content_digest(path) if path.is_file() else _folder_digest(source)
+    by_default: dict[str, Any] = {"source": digest, "frames": options.frames}
+    more = by_default | {"times": MORE_FRAMES}
 
-    work: WorkFolder
-    frames_digest: str
-    frames: Frames
-    lens: Lens
-    in_order: bool
-    max_time_s: float | None
-    progress: ProgressCallback
-
-    def make_sparse(self) -> str:
-        """`sparse/0` by the first rung of the ladder that places nearly all frames, or the one that places most.
-
-        Where the path of the global mapper is disputed, the next rung is tried too. Returns the digest of the stage.
-
-        Raises
-        ------
-        CaptureFailure
-            None of the rungs that may help, and for which there is time, gives a model that can be used; the failure is
-            that of the rung that placed most frames.
-        """
-        limit = limit_of(len(self.frames.names), self.max_time_s)
-        tried: list[tuple[Rung, str, dict[str, Any]]] = []
-        above: tuple[Rung, ...] = RUNGS
-        left = list[str]()
-        while above:
-            rung, *others = above
-            if tried and self._predicted_s(rung, tried[-1][0], limit) > limit.left_s:
-                left, above = [*left, rung.name], tuple(others)
-                continue
-            try:
-                digest = self._rung_digest(rung, limit)
-            except OutOfTime:
-                left += [row.name for row in above]
-                break
-            report = read_json(self.work.path / DATABASES / f"model{rung.suffix}.json")
-            tried.append((rung, digest, report))
-            seen = None if report["failure"] is None else Failure(**report["failure"])
-            above = next_rungs(rung, seen, _placed_count(report), self._evidence(rung), _is_disputed(report))
-        return self._chosen(tried, left)
-
-    def _predicted_s(self, rung: Rung, done: Rung, limit: TimeLimit) -> float:
-        spent = self.work.processor_s if limit.of_processor else self.work.seconds
-        return predicted_s(rung, done, spent, len(self.frames.names), self.in_order)
-
-    def _chosen(self, tried: list[tuple[Rung, str, dict[str, Any]]], left: list[str]) -> str:
-        """The stage `model` of the best of the rungs, rows of rung, digest and report; left : for lack of time."""
-        if not tried:
-            raise CaptureFailure(after_all(failure("out_of_time", "the frames could not be placed in time"), [], left))
-        rung, digest, report = max(tried, key=lambda row: self._rank(row[2]))
-        ended = [{"rung": row.name, "code": _code(result), "placed": _placed_count(result)} for row, _, result in tried]
-        report |= {"rung": rung.name if report["failure"] is None else None, "tried": ended, "left": left}
-        digest = self.work.stage(
-            "model",
-            {"rung": digest, "tried": ended},
-            STAGES["model"],
-            lambda part: _make_chosen(part, self.work.path / DATABASES / f"model{rung.suffix}", report),
+    def over(inputs: dict[str, Any], limit: TimeLimit | None) -> Climb:
+        times = inputs.get("times", 1)
+        frames_digest = work.stage(
+            "frames", inputs, STAGES["frames"], lambda part: make_frames(part, source, options.frames, progress, times)
         )
-        if report["failure"] is not None:
-            raise CaptureFailure(after_all(Failure(**report["failure"]), [row.name for row, _, _ in tried], left))
-        return digest
+        frames = read_frames(work.path)
+        limit = limit or limit_of(len(frames.names), options.max_time_s)
+        is_video = isinstance(source, Video)
+        return Climb(work, frames_digest, frames, _lens(frames, options), is_video, options.max_time_s, limit, progress)
 
-    def _rank(self, report: dict[str, Any]) -> tuple[bool, bool, int, float]:
-        failed, dispute = report["failure"] is not None, report["disagreement"] if _is_disputed(report) else 0.0
-        return model_rank(failed, _placed_count(report), len(self.frames.names), dispute)
-
-    def _rung_digest(self, rung: Rung, limit: TimeLimit) -> str:
-        """The stages of one rung: features, matches and, if they can be used, a model; the digest of the last."""
-        work, frames, lens = self.work, self.frames, self.lens
-        pictures, databases, end = work.path / "frames", work.path / DATABASES, rung.suffix
-        said: Any = {"limit": limit, "progress": self.progress}
-        features_digest = work.stage(
-            f"features{end}",
-            {"frames": self.frames_digest, "lens": [lens.model, lens.focal_px]},
-            STAGES[f"features{end}"],
-            lambda part: make_features(_make_folder(part / DATABASES), pictures, _cameras(frames, lens), rung, **said),
-        )
-        matches_digest = work.stage(
-            f"matches{end}",
-            {"features": features_digest},
-            STAGES[f"matches{end}"],
-            lambda part: make_matches(
-                _make_folder(part / DATABASES), databases, frames.names, self.in_order, rung, **said
-            ),
-        )
-        evidence, model = self._evidence(rung), f"{DATABASES}/model{end}"
-
-        def make(part: Path) -> None:
-            _make_folder(part / DATABASES)
-            make_model(part / model, databases / f"matches{end}.db", pictures, evidence, lens, **said)
-
-        inputs = {"matches": matches_digest, "fixed": lens.fixed, "free": lens.free, "wide": lens.wide_px}
-        inputs["time"] = self.max_time_s  # with more of it other lenses may come to an end
-        return work.stage(f"mapping{end}", inputs, STAGES[f"mapping{end}"], make)
-
-    def _evidence(self, rung: Rung) -> CaptureEvidence:
-        databases, frames = self.work.path / DATABASES, self.frames
-        keypoints = read_json(databases / f"features{rung.suffix}.json")["keypoints"]
-        pairs = tuple(_pair(row) for row in read_json(databases / f"matches{rung.suffix}.json")["pairs"])
-        counts = np.array([keypoints.get(name, 0) for name in frames.names], dtype=np.int64)
-        return CaptureEvidence(frames.names, counts, pairs, frames.size, frames.edges)
-
-
-def _placed_count(report: dict[str, Any]) -> int:
-    return 0 if report["model"] is None else int(report["model"]["registered"])
-
-
-def _is_disputed(report: dict[str, Any]) -> bool:
-    return is_disputed(report.get("mapper", ""), report.get("disagreement"))
-
-
-def _code(report: dict[str, Any]) -> str | None:
-    return None if report["failure"] is None else str(report["failure"]["code"])
-
-
-def _make_chosen(part: Path, model: Path, report: dict[str, Any]) -> None:
-    """`sparse/0` and `reconstruction.json`, of the rung that counts."""
-    if report["failure"] is None:
-        shutil.copytree(model, part / "sparse" / "0")
-    (part / REPORT).write_text(json.dumps(report, indent=1) + "\n", encoding="utf-8")
-
-
-def _make_folder(folder: Path) -> Path:
-    folder.mkdir(exist_ok=True)
-    return folder
+    if work.is_made("frames", more):
+        return over(more, None)
+    first = over(by_default, None)
+    if options.frames is not None or not first.lacks_frames():
+        return first
+    return over(more, None if options.max_time_s is None else first.limit)
 
 
 def _folder_digest(source: Source) -> list[str]:
@@ -337,22 +213,6 @@ def _fisheye_focal_px(frames: Frames) -> float | None:
     if frames.fisheye_deg is None:
         return None
     return math.hypot(*frames.size) / math.radians(frames.fisheye_deg)
-
-
-def _cameras(frames: Frames, lens: Lens) -> list[tuple[Lens, list[str]]]:
-    """The lens of each camera, as it is stated, and its frames."""
-    if frames.one_camera:
-        return [(lens, frames.names)]
-    return [
-        (Lens(lens.model, focal, False, width, height), names)
-        for (width, height, focal), names in frames.cameras().items()
-    ]
-
-
-def _pair(row: list[Any]) -> Pair:
-    first, second, matches, inliers, _, planar, moved, homography = row
-    matrix = None if homography is None else np.asarray(homography, dtype=np.float64)
-    return Pair(first, second, matches, inliers, planar, moved, matrix)
 
 
 def _make_poses(part: Path, source: Source, frames: Frames, scene: Scene, progress: ProgressCallback) -> None:

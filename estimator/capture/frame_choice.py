@@ -65,15 +65,15 @@ def motion_of(frames: Iterable[tuple[float, NDArray[np.uint8]]]) -> Motion:
     return Motion(*(np.asarray(values, dtype=np.float64) for values in (times, steps, sharpness, spread)))
 
 
-def chosen_frames(motion: Motion, wanted: int | None = None) -> IntArray:
+def chosen_frames(motion: Motion, wanted: int | None = None, times: int = 1) -> IntArray:
     """Indices (k,) of the frames to reconstruct from, ascending.
 
-    wanted : how many, by default as many as the motion asks for. The path of the camera is cut into stretches of
-    equal motion; of each the sharpest frame is taken.
+    wanted : how many, by default so many `times` as many as the motion asks for. The path of the camera is cut into
+    stretches of equal motion; of each the sharpest frame is taken.
     """
     n = len(motion.step)
     path = np.cumsum(motion.step)
-    count = min(wanted if wanted is not None else _count(float(path[-1])), n)
+    count = min(wanted if wanted is not None else min(times * _count(float(path[-1])), MOST_FRAMES), n)
     if count >= n:
         return np.arange(n)
     # a still camera has no motion to divide by: a little of the time's share keeps the stretches ordered

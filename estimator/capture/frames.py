@@ -111,12 +111,14 @@ def source_of(path: Path) -> Source:
     return PictureFolder(path) if path.is_dir() else Video(path)
 
 
-def make_frames(part: Path, source: Source, wanted: int | None, progress: ProgressCallback = silent) -> None:
-    """`frames/` and `frames.json` in the part folder."""
+def make_frames(
+    part: Path, source: Source, wanted: int | None, progress: ProgressCallback = silent, times: int = 1
+) -> None:
+    """`frames/` and `frames.json` in the part folder; wanted, times : as `chosen_frames` takes them."""
     (part / "frames").mkdir()
     motion = _motion(source, progress) if isinstance(source, Video) else None
     n = len(motion.step) if motion is not None else source.n_frames
-    chosen = chosen_frames(motion, wanted) if motion is not None else _even(n, wanted)
+    chosen = chosen_frames(motion, wanted, times) if motion is not None else _even(n, wanted)
     rows = []
     for frame in source.frames():
         progress("writing frames", frame.index + 1, n)

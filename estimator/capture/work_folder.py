@@ -72,9 +72,8 @@ class WorkFolder:
         `make` writes under the same names in the empty folder it is given. An output that it does not write is absent.
         """
         key = _key(name, inputs)
-        stamp = self._stamp(name)
-        if stamp.get("key") == key and all((self.path / output).exists() for output in stamp["outputs"]):
-            return str(stamp["digest"])
+        if self.is_made(name, inputs):
+            return str(self._stamp(name)["digest"])
         self.check_ownership({name: outputs})
         started, cpu = time.perf_counter(), sum(os.times()[:4])
         part = self.path / f"{_PART}{name}.part"
@@ -106,6 +105,11 @@ class WorkFolder:
         self.processor_s[name] = cpu_s
         self._write_stamp(name, row)
         return digest
+
+    def is_made(self, name: str, inputs: Mapping[str, Any]) -> bool:
+        """Whether the outputs of a stage are there, made from these inputs."""
+        stamp = self._stamp(name)
+        return stamp.get("key") == _key(name, inputs) and all((self.path / one).exists() for one in stamp["outputs"])
 
     def check_ownership(self, stages: Mapping[str, Sequence[str]]) -> None:
         """See that stages would replace nothing but what they wrote themselves.

@@ -2,12 +2,18 @@
 
 from __future__ import annotations
 
+import json
+from pathlib import Path
+
 import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from estimator.capture import climb, frame_choice
+from estimator.capture.capture import capture_video
 from estimator.capture.frame_choice import DEFAULT_FRAMES, MOST_FRAMES, Motion, chosen_frames, motion_of
+from estimator.capture.mapping.failures import CaptureFailure
 
 
 def _motion(step: list[float], sharpness: list[float] | None = None) -> Motion:
@@ -69,3 +75,17 @@ def test_a_plain_picture_has_no_motion_to_measure() -> None:
     motion = motion_of([(0.0, plain), (0.1, plain)])
     assert motion.step[1] == pytest.approx(0.25)
     assert np.isnan(motion.spread).all()
+
+
+def test_a_video_whose_frames_are_too_far_apart_is_searched_with_more(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(frame_choice, "_count", lambda path: 5)
+    monkeypatch.setattr(climb, "most_are_linked", lambda evidence: False)
+    video = Path("data/scenes/demo_video/video.mp4")
+    assert len(capture_video(video, tmp_path / "w").scene.views) == 5 * climb.MORE_FRAMES
+    tried = json.loads((tmp_path / "w" / "reconstruction.json").read_text())["tried"]
+    assert [(row["rung"], row["frames"], row["placed"]) for row in tried] == [("SIFT", 10, 10)]
+    assert capture_video(video, tmp_path / "w").seconds == {}  # with the ten, at once
+    with pytest.raises(CaptureFailure, match="there are 5 usable frames"):  # the user's number is kept
+        capture_video(video, tmp_path / "w", frames=5)

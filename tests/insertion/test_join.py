@@ -21,7 +21,7 @@ from insertion.footage.footage import Shot
 from insertion.light.environment import HEIGHT, WIDTH, Environment
 from insertion.models.model import Material, Model, Part
 from insertion.pipeline import frames
-from insertion.render.body import Body, body_of, colliding
+from insertion.render.body import Body, body_of, colliding, with_bodies
 from insertion.render.boxes import window_behind
 from insertion.render.context import gl_context
 from insertion.render.layers import ObjectLayers, object_layers, through_lens
@@ -67,18 +67,21 @@ def test_a_traced_object_before_a_hidden_one_stays() -> None:
     assert (out[15, 22:] == 100).all()
 
 
-def _box_model(size: tuple[float, float, float], colour: tuple[float, float, float] = (0.5, 0.5, 0.5)) -> Model:
+_Triple = tuple[float, float, float]
+
+
+def _box_model(size: _Triple, colour: _Triple = (0.5, 0.5, 0.5), metal: bool = False) -> Model:
     mesh = solid("book", np.array(size))
     corners = mesh.vertices[mesh.faces].reshape(-1, 3)[:, [0, 2, 1]] * [1, 1, -1]
     across = np.cross(corners[1::3] - corners[::3], corners[2::3] - corners[::3])
     normals = np.repeat(across / np.linalg.norm(across, axis=1, keepdims=True), 3, axis=0)
     faces = np.arange(len(corners)).reshape(-1, 3)
-    material = Material(np.array([*colour, 1.0]), 0.0, 0.9)
+    material = Material(np.array([*colour, 1.0]), *((1.0, 0.05) if metal else (0.0, 0.9)))
     return Model("box", (Part(corners, normals, np.zeros((len(corners), 2)), faces, material),))
 
 
-def _body(x: float, size: tuple[float, float, float] = (0.3, 0.3, 0.6), y: float = 0.0) -> Body:
-    return body_of(_box_model(size), np.array([x, y, 0.0]), np.eye(3), np.array([0.0, -1.0, 0.0]), 1.0)
+def _body(x: float, size: _Triple = (0.3, 0.3, 0.6), y: float = 0.0, model: Model | None = None) -> Body:
+    return body_of(model or _box_model(size), np.array([x, y, 0.0]), np.eye(3), np.array([0.0, -1.0, 0.0]), 1.0)
 
 
 def _view() -> View:
@@ -128,6 +131,42 @@ def test_an_object_stands_in_the_shadow_of_another_and_shadows_are_not_doubled(c
     doubled = (first.plane_share * lit.plane_share)[both & (lit.plane_share < 0.3)]
     once = (first.plane_share * dark.plane_share)[both & (lit.plane_share < 0.3)]
     assert once.mean() > 1.5 * doubled.mean()
+
+
+def _even_light() -> Environment:
+    return Environment(np.ones((HEIGHT, WIDTH, 3), np.float32), np.eye(3), np.ones((HEIGHT, WIDTH), np.float32))
+
+
+def test_what_is_mirrored_has_its_colour_and_its_place() -> None:
+    """Closed form: a red box in even light sends back its colour, in the directions in which it is seen."""
+    red = _body(0.9, model=_box_model((0.3, 0.3, 0.6), (0.8, 0.1, 0.1)))
+    radiance = with_bodies(_even_light(), _body(0.0), [red]).radiance
+    changed = (radiance != 1).any(axis=-1)
+    np.testing.assert_allclose(radiance[changed], np.tile([0.8, 0.1, 0.1], (changed.sum(), 1)), rtol=1e-5)
+    turn = (np.arange(WIDTH) + 0.5) / WIDTH * 2 * np.pi - np.pi
+    half = np.arctan2(0.15, 0.75)  # of the side that faces the body
+    assert changed[HEIGHT // 2, np.abs(turn) < 0.8 * half].all()
+    assert not changed[:, np.abs(turn) > half + 2 * np.pi / WIDTH].any()
+
+
+@pytest.mark.parametrize("first", [True, False])
+def test_each_of_two_objects_mirrors_the_other(context: Any, first: bool) -> None:
+    """A metal box, placed before a red one or after it: its lower front shows the red one, and is grey without it."""
+    metal = _body(0.0, model=_box_model((0.3, 0.3, 0.6), (0.9, 0.9, 0.9), metal=True))
+    red = _body(0.0, (0.3, 0.3, 0.3), -0.6, _box_model((0.3, 0.3, 0.3), (0.8, 0.05, 0.05)))
+    bodies = [metal, red] if first else [red, metal]
+    others, before = frames._beside(bodies, bodies.index(metal))
+    view = _view()
+    redness = []
+    for shading in (others, []):
+        renderer = ObjectRenderer(context, metal, _even_light(), shading=shading, before=before)
+        layers = object_layers(renderer, view, whole=True)
+        assert layers is not None
+        lower = np.flatnonzero((layers.image.alpha > 0.99).any(axis=1))[-40:-8]
+        front = layers.image.colour[lower][layers.image.alpha[lower] > 0.99]
+        redness.append(float(np.median(front[:, 0] / front[:, 1])))
+    assert redness[0] > 3.0
+    assert redness[1] == pytest.approx(1.0, abs=0.02)
 
 
 def test_an_object_that_moved_is_drawn_as_one_that_stood_there(context: Any) -> None:

@@ -141,11 +141,12 @@ def _better_supported(first: Mapped, other: Mapped) -> Mapped:
 
     The motion leaves the focal length as open through any lens: of several mappings one may pass by chance.
     """
-    of_the_motion = first.failure is not None and first.failure.code == "focal_length_undetermined"
-    if of_the_motion and other.failure is None and other.shape is not None:
-        deviation = other.shape.focal_deviation
-        return first if deviation is None or deviation > UNSURE else other
-    return other
+    if first.failure is None or first.failure.code != "focal_length_undetermined":
+        return other
+    if other.failure is not None or other.shape is None:
+        return first
+    deviation = other.shape.focal_deviation
+    return first if deviation is None or deviation > UNSURE else other
 
 
 def _map_with_focal_last(task: MappingTask, lens: Lens, mapped: Mapped) -> Mapped:

@@ -24,7 +24,9 @@ from estimator.capture.mapping.gates import (
     model_failure,
     needs_check,
 )
+from estimator.capture.mapping.mappers import Mapped
 from estimator.capture.mapping.pair_choice import all_pairs
+from estimator.capture.mapping.reconstruction import _better_supported
 from estimator.capture.mapping.rungs import RUNGS, model_rank, next_rungs
 from metric_cli.estimate_scale.estimate import main
 from tests.synthetic.refused_videos import FRAMES, LENS, RARE_VIDEOS, REFUSED_VIDEOS
@@ -116,7 +118,7 @@ def test_what_the_model_shows() -> None:
     oblong = model_failure(evidence, replace(shape, aspect=1.2), focal_held=False)
     assert oblong is not None
     assert "20 % apart" in oblong.message
-    assert model_failure(evidence, replace(shape, aspect=1.04), focal_held=False) is None
+    assert model_failure(evidence, replace(shape, aspect=1.03), focal_held=False) is None
     fisheye = replace(shape, lens_bend=0.4, camera="OPENCV_FISHEYE")
     assert model_failure(evidence, fisheye, focal_held=True) is None
 
@@ -235,3 +237,14 @@ def test_a_pattern_is_reported_unless_the_camera_model_was_found_best() -> None:
     ]
     assert [len(cautions) for cautions in rows] == [1, 1, 0]
     assert "leaves a pattern in the residuals" in rows[0][0]
+
+
+def test_what_another_lens_leaves_open_does_not_hide_what_the_motion_left_open() -> None:
+    shape = _shape(_evidence())
+    first = Mapped(failure("focal_length_undetermined", "straight ahead"), shape)
+    bent = Mapped(failure("implausible_focal_length", "oblong"), shape)
+    by_chance, settled = (Mapped(None, replace(shape, focal_deviation=one)) for one in (0.06, 0.01))
+    assert _better_supported(first, bent) is first
+    assert _better_supported(first, by_chance) is first
+    assert _better_supported(first, settled) is settled
+    assert _better_supported(Mapped(failure("drift", "a pattern"), shape), bent) is bent

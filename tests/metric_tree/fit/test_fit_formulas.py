@@ -1,0 +1,342 @@
+"""The formulas of the fit against slow versions of them: moments, likelihoods, ridge, contexts, weights, ranges."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from metric_tree.context import Context
+from metric_tree.fit import contexts, kinds, sameness
+from metric_tree.fit.class_rows import (
+    STATED_SHARED,
+    ClassRows,
+    nanmean,
+    own_belief,
+    statements_of,
+    take_rows,
+    weighted_rows,
+    within_range,
+    without_museums,
+)
+from metric_tree.fit.disagreement import (
+    CERTAIN_ROWS,
+    LEAST_SD,
+    MEAN_HALF,
+    _moments,
+    _positive,
+    disagreement,
+    no_disagreement,
+    with_statements,
+)
+from metric_tree.fit.em import Belief
+from metric_tree.fit.kinds import KindModel
+from metric_tree.fit.plain_names import commonness, plain_weights
+from metric_tree.prior import Prior
+
+NAN = np.nan
+
+
+def test_a_matrix_is_made_positive_along_its_axes() -> None:
+    turn = np.array([[0.8, -0.6], [0.6, 0.8]])
+    assert _positive(turn @ np.diag([2.0, -1.0]) @ turn.T, 0.1) == pytest.approx(turn @ np.diag([2.0, 0.1]) @ turn.T)
+
+
+def test_moments_of_source_means_by_their_formula() -> None:
+    means = np.array([[1.0, 2.0], [1.4, 2.3], [0.7, NAN], [5.0, 5.0]])
+    rows = np.array([[4.0, 9.0], [9.0, 4.0], [16.0, 0.0], [50.0, 50.0]])
+    trust = np.array([1.0, 1.0, 1.0, 0.0])
+    within = np.array([[0.01, 0.002], [0.002, 0.02]])
+    found = np.zeros((2, 2))
+    for i, j, own in ((0, 0, [0, 1, 2]), (0, 1, [0, 1]), (1, 1, [0, 1])):
+        n = np.sqrt(rows[own, i] * rows[own, j])
+        a = n / (1 + n / MEAN_HALF)
+        one, two = (means[own, k] - (a * means[own, k]).sum() / a.sum() for k in (i, j))
+        noise = within[i, j] * ((a - a**2 / a.sum()) / n).sum()
+        found[i, j] = found[j, i] = ((a * one * two).sum() - noise) / (a.sum() - (a**2).sum() / a.sum())
+    assert _moments(means, rows, trust, within) == pytest.approx(_positive(found, 0.0))
+    assert _moments(means[:1], rows[:1], trust[:1], within).tolist() == [[0, 0], [0, 0]]
+
+
+def test_the_means_rows_and_spreads_of_sources() -> None:
+    """Nine rows of one source by weight, one of another that does not state the second axis."""
+    generator = np.random.default_rng(0)
+    x = np.concatenate([generator.normal([2.0, 3.0], [0.1, 0.2], (9, 2)), [[2.5, 3.1]]])
+    known = np.ones((10, 2))
+    known[9, 1] = 0.0
+    weights = np.array([1.0] * 8 + [0.5, 2.0])
+    one = disagreement(x, known, weights, ["a"] * 9 + ["b"], ["product"] * 9 + ["museum"], np.diag([0.04, 0.04]))
+    own = np.array([1.0] * 8 + [0.5])
+    assert one.means[0] == pytest.approx(own @ x[:9] / 8.5)
+    assert one.means[1] == pytest.approx([2.5, NAN], nan_ok=True)
+    assert one.rows == pytest.approx(np.array([[8.5**2 / 8.25] * 2, [1.0, 0.0]]))
+    assert (one.sources, one.kinds, one.freedom) == (("a", "b"), ("product", "museum"), 0.0)
+    rows = 8.5**2 / 8.25
+    variance = own @ (x[:9] - one.means[0]) ** 2 / 8.5 * rows / (rows - 1)
+    assert one.spreads == pytest.approx([np.sqrt(variance.mean()), NAN], nan_ok=True)
+    offset = x[:9] - one.means[0]
+    scatter = (own[:, None] * offset).T @ offset  # the lone row is its own mean
+    typical = (weights**2).sum() / weights.sum()
+    free = np.array([[8.5 * (1 - 1 / rows)] * 2] * 2)
+    within = (scatter + typical * np.diag([0.04, 0.04])) / (free + typical)
+    assert one.within == pytest.approx(_positive(within, LEAST_SD**2))
+    few = disagreement(x[:7], known[:7], weights[:7], ["a"] * 7, ["product"] * 7, np.eye(2))
+    assert np.isnan(few.spreads).all()
+    stated = with_statements(one, ["n"], ["statistic"], np.array([[2.2, NAN]]))
+    assert stated.rows[-1].tolist() == [CERTAIN_ROWS, 0.0]
+    assert (stated.sources, stated.kinds, stated.freedom) == (("a", "b", "n"), ("product", "museum", "statistic"), 1.0)
+    assert stated.between[0, 0] > 0
+    assert with_statements(one, [], [], np.empty((0, 2))) is one
+    none = no_disagreement(np.eye(2))
+    assert (none.within.tolist(), none.between.tolist(), none.means.shape) == (
+        np.eye(2).tolist(),
+        [[0, 0], [0, 0]],
+        (0, 2),
+    )
+
+
+def test_a_model_of_kinds_says_biases_errors_and_covariances() -> None:
+    model = KindModel(
+        share=0.4, spread=0.1, excess={"asset": 0.2, "statistic": 0.03}, bias={"asset": -0.1},
+        family_bias={"asset f": 0.04}, family={"f": 2.0},
+    )  # fmt: skip
+    assert model.bias_of("asset", "f") == pytest.approx(-0.06)
+    assert (model.bias_of("asset", "g"), model.bias_of("product", "f")) == pytest.approx((-0.1, 0.0))
+    wrong = kinds.MIXED_SHARE * kinds.MIXED_SD**2
+    assert model.error_sd("asset") == pytest.approx(np.sqrt(0.04 + wrong))
+    assert model.error_sd("museum") == pytest.approx(np.sqrt(wrong))
+    assert (model.error_sd("statistic"), model.error_sd("product")) == pytest.approx((0.03, 0.0))
+    within = np.array([[0.04, 0.01], [0.01, 0.09]])
+    assert model.between(within) == pytest.approx(0.4 * within + 0.01 * np.array([[1, 0.5], [0.5, 1]]))
+    assert model.between(within, "f") == pytest.approx(2 * model.between(within))
+    other = KindModel(
+        share=0.1, spread=0.4, excess={"asset": 0.8}, bias={"asset": 0.1, "museum": 0.2}, family={"g": 0.5}
+    )
+    mixed = model.towards(other, 0.5)
+    assert (mixed.share, mixed.spread) == pytest.approx((0.2, 0.2))
+    assert mixed.excess == pytest.approx({"asset": 0.4, "statistic": np.sqrt(0.03 * kinds.LEAST_SD)})
+    assert mixed.bias == pytest.approx({"asset": 0.0, "museum": 0.2})
+    assert mixed.family == pytest.approx({"f": np.sqrt(2.0), "g": 0.5})
+    assert mixed.family_bias == pytest.approx({"asset f": 0.02})
+    assert model.towards(other, 1.0).share == pytest.approx(0.4)
+    assert replace(model, share=0.123456).record()["share"] == 0.1235
+    assert KindModel.of_record(model.record()) == model
+
+
+def test_a_restricted_likelihood_is_that_of_differences() -> None:
+    """Integrated over the class mean under a flat prior, up to the constants of 2 pi."""
+    means, variances = np.array([[0.1, 0.4, -0.3]]), np.array([[0.02, 0.05, 0.1]])
+    present = np.array([[1.0, 1.0, 0.0]])
+    mu = np.linspace(-3, 4, 200_001)
+    dense = np.exp(
+        sum(-0.5 * (np.log(v) + (m - mu) ** 2 / v) for m, v in zip(means[0, :2], variances[0, :2], strict=True))
+    )
+    whole = np.log(dense.sum() * (mu[1] - mu[0]) / np.sqrt(2 * np.pi))
+    assert kinds._restricted_likelihood(means, variances, present)[0] == pytest.approx(whole, abs=1e-6)
+    plain, mixed = kinds._plain_and_mixed(means, variances, present)
+    assert plain[0] == pytest.approx(whole + np.log(1 - kinds.MIXED_SHARE), abs=1e-6)
+    wide = kinds._restricted_likelihood(means, variances + kinds.MIXED_SD**2, present)
+    assert mixed == pytest.approx(wide + np.log(kinds.MIXED_SHARE))
+
+
+def _table() -> tuple[kinds._KindTable, list[str], list[str]]:
+    generator = np.random.default_rng(3)
+    lines, names = 40, ["product", "asset", "measured"]
+    kind = np.tile([0, 1, 2, 0], (lines, 1))
+    family = np.arange(lines) % 2
+    mu = generator.normal(6, 1, lines)
+    means = mu[:, None] + np.where(kind == 1, 0.2 + 0.1 * family[:, None], 0.0) + generator.normal(0, 0.02, (lines, 4))
+    present = np.ones((lines, 4))
+    present[::5, 3] = 0.0
+    within = np.full(lines, 0.01)
+    return kinds._KindTable(means, np.full((lines, 4), 0.0004), present, within, kind, family), names, ["f", "g"]
+
+
+def test_biases_are_the_ridge_regression_with_class_means_out() -> None:
+    table, names, families = _table()
+    start = KindModel(share=0.3, spread=0.02, excess={})
+    model = kinds._with_biases(start, table, names, families)
+    assert model.bias["asset"] == pytest.approx(0.25, abs=0.05)
+    assert model.bias_of("asset", "g") - model.bias_of("asset", "f") == pytest.approx(0.1, abs=0.03)
+    assert abs(model.bias["product"]) < 0.03
+    assert "measured" not in model.bias
+    variances = kinds._variances(start, table, names, families)
+    assert variances == pytest.approx(0.3 * 0.01 + 0.02**2 + 0.0004)
+    excess = kinds._variances(replace(start, excess={"asset": 0.1}, family={"g": 3.0}), table, names, families)
+    assert excess[0] == pytest.approx([0.0038, 0.0138, 0.0038, 0.0038])
+    assert excess[1, 0] == pytest.approx(3 * 0.0034 + 0.0004)
+    offsets = kinds._offsets(model, table, names, families)
+    assert offsets[1] == pytest.approx([model.bias_of(names[k], "g") for k in table.kind[1]])
+
+    # the normal equations hold: the penalty's slope is that of the weighted squares
+    def height(one: KindModel) -> float:
+        means = table.means - kinds._offsets(one, table, names, families)
+        weight = table.present / variances
+        mu = (weight * means).sum(axis=1) / weight.sum(axis=1)
+        prior = sum((value / kinds.BIAS_SD[key]) ** 2 for key, value in one.bias.items())
+        prior += sum((value / kinds.FAMILY_SD[key.split()[0]]) ** 2 for key, value in one.family_bias.items())
+        return float((trust[:, None] * weight * (means - mu[:, None]) ** 2).sum() + prior)
+
+    plain, mixed = kinds._plain_and_mixed(table.means, variances, table.present)
+    trust = 1 / (1 + np.exp(mixed - plain))
+    best = height(model)
+    for step in (-0.01, 0.01):
+        for key in model.bias:
+            assert height(replace(model, bias={**model.bias, key: model.bias[key] + step})) > best
+        for key in model.family_bias:
+            assert height(replace(model, family_bias={**model.family_bias, key: model.family_bias[key] + step})) > best
+
+
+def test_ratios_of_spread_lean_on_ten_classes_of_no_difference() -> None:
+    one = no_disagreement(np.eye(1))
+    known = replace(
+        one, sources=("a", "b", "c", "d"), kinds=("product", "measured", "asset", "museum"),
+        spreads=np.array([0.1, 0.4, 0.4, NAN]),
+    )  # fmt: skip
+    ratios = kinds._spread_ratios([known, known, one])
+    assert ratios == pytest.approx({"asset": 2 * np.log(0.4 / 0.2) / 12, "museum": 0.0})
+
+
+def test_sameness_by_the_mean_squares() -> None:
+    generator = np.random.default_rng(0)
+    rooms = np.repeat(np.arange(30), 3)[:-1]
+    x = generator.normal(0, 0.1, 30)[rooms] + generator.normal(0, 0.1, 89)
+    one = sameness._of_axis(np.append(x, NAN), np.append(rooms, 99).astype(str))
+    assert one is not None
+    counts = np.bincount(rooms)
+    means = np.bincount(rooms, x) / counts
+    msb = (counts * (means - x.mean()) ** 2).sum() / 29
+    msw = ((x - means[rooms]) ** 2).sum() / (89 - 30)
+    n0 = (89 - (counts**2).sum() / 89) / 29
+    share = (msb - msw) / (msb + (n0 - 1) * msw)
+    assert one.share == pytest.approx(share, rel=1e-9)
+    variance = 2 * 88 * (1 - share) ** 2 * (1 + (n0 - 1) * share) ** 2 / (n0**2 * 59 * 29)
+    assert one.sd == pytest.approx(np.sqrt(variance))
+    few = sameness._of_axis(np.zeros(14), np.repeat(np.arange(7), 2).astype(str))
+    assert few is None
+
+
+def test_classes_shrink_by_how_much_they_differ() -> None:
+    classes = {"a": sameness.Sameness(0.2, 0.1), "b": sameness.Sameness(0.6, 0.2), "c": sameness.Sameness(0.9, 0.05)}
+    shrunk, other = sameness.shrunk_sameness(classes)
+    share, variance = np.array([0.2, 0.6, 0.9]), np.array([0.01, 0.04, 0.0025])
+    weight = 1 / variance
+    mean = (weight * share).sum() / weight.sum()
+    between = ((weight * (share - mean) ** 2).sum() - 2) / (weight.sum() - (weight**2).sum() / weight.sum())
+    weight = 1 / (variance + between)
+    mean = (weight * share).sum() / weight.sum()
+    assert other.share == pytest.approx(mean)
+    assert other.sd == pytest.approx(np.sqrt(between + 1 / weight.sum()))
+    for one, own, var in zip("abc", share, variance, strict=True):
+        assert shrunk[one].share == pytest.approx((own / var + mean / between) / (1 / var + 1 / between))
+        assert shrunk[one].sd == pytest.approx(np.sqrt(1 / (1 / var + 1 / between)))
+    assert sameness.shrunk_sameness({"a": classes["a"], "b": classes["b"]})[0] == {}
+
+
+def _context(
+    source: str, offset: list[float], variance: list[float], region: str | None = "DE", year: float | None = 2001.0
+) -> Context:
+    return Context(source, region, year, np.array(offset), np.array(variance))
+
+
+def test_contexts_of_children_by_their_weight_and_what_they_leave_out() -> None:
+    shared = np.array([0.04, 0.09])
+    own = [(0.3, _context("s", [0.1, NAN], [0.01, NAN])), (0.5, _context("s", [0.3, 0.2], [0.02, 0.03], year=2004.0))]
+    (one,) = contexts._together(own, shared)
+    assert one.offset == pytest.approx([(0.3 * 0.1 + 0.5 * 0.3) / 0.8, 0.2])
+    assert one.variance == pytest.approx(
+        [(0.09 * 0.01 + 0.25 * 0.02) / 0.64 + 0.2 / 0.8 * 0.04, 0.03 + 0.5 / 0.5 * 0.09], abs=1e-6
+    )
+    assert one.year == pytest.approx((0.3 * 2001 + 0.5 * 2004) / 0.8)
+    assert (one.source, one.region) == ("s", "DE")
+    assert contexts._together([(0.19, own[0][1])], shared) == []
+    (thin,) = contexts._together([(0.2, own[0][1]), (0.1, _context("s", [NAN, 0.2], [NAN, 0.1]))], shared)
+    assert np.isnan(thin.offset[1])
+    assert thin.offset[0] == pytest.approx(0.1)
+    groups = contexts._contexts_by_source([
+        (_prior((_context("s", [0.1], [0.01], year=2004.0), _context("t", [0.2], [0.01], None, None))), 0.5),
+        (_prior((_context("s", [0.3], [0.01], year=2005.0),)), 0.5),
+    ], shared[:1])  # fmt: skip
+    assert [(one.source, one.region, one.year) for one in groups] == [
+        ("s", "DE", 2004),
+        ("s", "DE", 2005),
+        ("t", None, None),
+    ]
+    offset, variance = contexts._round_context(np.array([0.1234567, NAN]), np.array([0.0, 0.0]))
+    assert (offset[0], variance[0]) == pytest.approx((0.12346, 1e-6), rel=1e-9)
+    assert np.isnan(variance[1])
+
+
+def _prior(some: tuple[Context, ...]) -> Prior:
+    one = np.array([[0.01]])
+    return Prior(
+        "a", ("length",), np.ones(1), np.zeros((1, 1)), one[None], one, 9, 3, {"product": 1.0}, 0.0, contexts=some
+    )
+
+
+def test_places_of_each_source() -> None:
+    assert [rows.tolist() for rows in contexts._by_source(["b", "a", "b", "c"])] == [[1], [0, 2], [3]]
+
+
+def test_how_common_children_are_by_their_witnesses() -> None:
+    counts = [{"shop": 30, "rooms": 90}, {"shop": 70, "rooms": 10}, {}]
+    trust = {"shop": 0.5, "rooms": 1.0}
+    weight = np.array([1.0 * 100 / 110, 0.5 * 100 / 110])
+    shares = np.array([[0.9, 0.3], [0.1, 0.7], [0.0, 0.0]]) @ weight / weight.sum()
+    alike = max(0.1, 0.5 / (0.5 + weight.sum()))
+    assert commonness(counts, trust) == pytest.approx(alike / 3 + (1 - alike) * shares)
+    assert commonness(counts, trust, np.array([1.0, 0.0, 1.0])) == pytest.approx(
+        alike * np.array([0.5, 0, 0.5]) + (1 - alike) * shares
+    )
+    assert commonness([{}, {}], trust).tolist() == [0.5, 0.5]
+    common = np.array([0.5, 0.3, 0.2])
+    children = ["a.n.01/other", "b.n.01", "c.n.01"]
+    assert plain_weights("a.n.01", children, common) == pytest.approx([0.8, 0.2 * 0.6, 0.2 * 0.4])
+    assert plain_weights("a.n.01", children, np.array([0.9, 0.06, 0.04])) == pytest.approx([0.9, 0.06, 0.04])
+    assert plain_weights("a.n.01", children, common, {"b.n.01": 2.0, "c.n.01": 6.0}) == pytest.approx([0, 0.25, 0.75])
+    assert plain_weights("a.n.01", children, common, None, [False, False, True]) == pytest.approx([0.8, 0.0, 0.2])
+    assert plain_weights("a.n.01", ["a_seat.n.01", "b.n.01", "c.n.01"], common) == pytest.approx([0, 0.6, 0.4])
+    assert plain_weights("a.n.01", ["b.n.01", "c.n.01"], common[1:]) == pytest.approx(common[1:])
+
+
+def _rows(kind: list[str], values: list[list[float]], sd: float = NAN, owner: list[int] | None = None) -> ClassRows:
+    count = len(kind)
+    return ClassRows(
+        "a", ("length", "width", "height"), np.array(values), np.array(owner or range(len(values))),
+        tuple(f"s{k % 2}" for k in range(count)), tuple(kind), np.full((count, 3), sd), count,
+    )  # fmt: skip
+
+
+def test_rows_are_taken_with_their_candidates() -> None:
+    rows = _rows(["product", "museum", "asset"], [[1, 2, 3], [4, 5, 6], [5, 4, 6], [7, NAN, NAN]], owner=[0, 1, 1, 2])
+    some = take_rows(rows, np.array([1, 2]))
+    assert (some.owner.tolist(), some.x[:, 0].tolist()) == ([0, 0, 1], [4, 5, 7])
+    assert (some.sources, some.kinds, some.n) == (("s1", "s0"), ("museum", "asset"), 3)
+    assert without_museums(rows).kinds == ("product", "asset")
+    assert without_museums(take_rows(rows, np.array([1, 2]))).kinds == ("museum", "asset")
+    assert not rows.is_stated
+    judged = _rows(["product", "judged"], [[1, 2, 3], [4, 5, 6]], 0.2)
+    kept, sources, kind = weighted_rows(judged)
+    assert (sources, kind, len(kept.x)) == (["s0"], ["product"], 1)
+    assert _rows(["judged", "norm"], [[1, 2, 3], [4, 5, 6]]).is_stated
+
+
+def test_what_ranges_state_source_by_source() -> None:
+    rows = _rows(
+        ["judged", "product", "judged", "statistic"], [[1, 2, NAN], [9, 9, 9], [3, NAN, NAN], [5, 5, 5]], sd=0.2
+    )
+    stated = statements_of(rows)
+    assert (stated.names, stated.kinds) == (("s0", "s1"), ("judged", "statistic"))
+    np.testing.assert_allclose(stated.means, [[2, 2, NAN], [5, 5, 5]])
+    assert stated.spread == pytest.approx([0.2] * 3)
+    hidden = _rows(["judged", "judged"], [[1, 2, NAN], [2, 1, NAN], [3, 3, 3]], 0.2, owner=[0, 0, 1])
+    assert statements_of(hidden).means == pytest.approx(np.array([[3, 3, 3]]))
+    assert nanmean(np.array([[1.0, NAN, 2.0], [3.0, NAN, NAN]])) == pytest.approx([2, NAN, 2], nan_ok=True)
+    belief = Belief(np.zeros(3), np.diag([0.04, 0.09, 0.01]), 2.0, 8.0)
+    own = own_belief(belief, stated)
+    assert own.mean == pytest.approx([3.5, 3.5, 5])
+    assert own.mean_rows == pytest.approx(max(2.0, (1 - STATED_SHARED) / STATED_SHARED))
+    assert np.diagonal(own.covariance) == pytest.approx([(1 - STATED_SHARED) * 0.04] * 3)
+    bounded = within_range(np.diag([0.04, 0.001, 0.02]), stated)
+    assert np.diagonal(bounded) == pytest.approx([STATED_SHARED * 0.04, 0.001, STATED_SHARED * 0.04])

@@ -333,7 +333,7 @@ def test_what_ranges_state_source_by_source() -> None:
     hidden = _rows(["judged", "judged"], [[1, 2, NAN], [2, 1, NAN], [3, 3, 3]], 0.2, owner=[0, 0, 1])
     assert statements_of(hidden).means == pytest.approx(np.array([[3, 3, 3]]))
     assert nanmean(np.array([[1.0, NAN, 2.0], [3.0, NAN, NAN]])) == pytest.approx([2, NAN, 2], nan_ok=True)
-    belief = Belief(np.zeros(3), np.diag([0.04, 0.09, 0.01]), 2.0, 8.0)
+    belief = Belief(np.zeros(3), 2.0, np.diag([0.04, 0.09, 0.01]), 8.0)
     own = own_belief(belief, stated)
     assert own.mean == pytest.approx([3.5, 3.5, 5])
     assert own.mean_rows == pytest.approx(max(2.0, (1 - STATED_SHARED) / STATED_SHARED))

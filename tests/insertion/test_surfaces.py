@@ -1,0 +1,387 @@
+"""Surfaces and places on them, in scenes of a few known planes: extents, free cells, rays, views, coordinates."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from estimator.geometry.planes import SupportPlane
+from estimator.geometry.up import Up
+from estimator.records.scene import Instance, Scene, View
+from insertion.placement import free_space, locate, on_objects, surface
+from insertion.placement.free_space import Space
+from insertion.placement.heading import heading, turn_about
+from insertion.placement.place import NoPlace, Place
+from insertion.placement.surface import Supports, Surface
+from insertion.scene.carried_masks import MaskCarrier, _inverse_depth, _move_outline
+from insertion.scene.cloud import Cloud, FrontPoints, coloured_cloud, even_rows
+from insertion.scene.moving_masks import Upright, points_beside
+from insertion.scene.pixel_box import PixelBox, labels_in_box, mask_in_box
+from metric_base.arrays import FloatArray
+from tests.insertion.test_bare_surface import CAMERA, EYE, FOCAL, HEIGHT, ROTATION, VIEW, WIDTH
+
+UP = np.array([0.0, 0.0, 1.0])
+
+
+def _plane(height: float = 0.0, cells: tuple[int, int] = (4, 4), cell: float = 0.5, points: int = 100) -> SupportPlane:
+    origin = -0.5 * cell * np.array(cells)
+    return SupportPlane(np.eye(3), height, 0.002, points, origin, cell, np.ones(cells, dtype=bool))
+
+
+def _surface(solid: np.ndarray, cell: float = 0.1, height: float = 0.0, taken: FloatArray | None = None) -> Surface:
+    taken = np.empty((0, 3)) if taken is None else taken
+    origin = -0.5 * cell * np.array(solid.shape)
+    return Surface(0, _plane(height), origin, cell, solid, taken[:, :2], taken[:, 2])
+
+
+def _grid(low: tuple[float, float], high: tuple[float, float], height: float, step: float = 0.05) -> FloatArray:
+    x, y = np.meshgrid(np.arange(low[0], high[0], step), np.arange(low[1], high[1], step))
+    return np.column_stack([x.ravel(), y.ravel(), np.full(x.size, height)])
+
+
+def _space(
+    points: FloatArray, *surfaces: Surface, radius: float = 0.1, height: float = 0.3, views: tuple[View, ...] = (VIEW,)
+) -> Space:
+    cloud = Cloud(points, np.full((len(points), 3), 0.3, np.float32), True)
+    supports = Supports(Up(UP, "cameras", 0.0), tuple(surfaces))
+    return Space(Scene(Path("memory"), "memory", views, points), cloud, supports, radius, height)
+
+
+def _looking(eye: tuple[float, float, float], target: tuple[float, float, float] = (0, 0, 0)) -> View:
+    ahead = np.array(target, dtype=float) - eye
+    ahead /= np.linalg.norm(ahead)
+    right = np.cross(ahead, UP)
+    right /= np.linalg.norm(right)
+    rotation = np.array([right, np.cross(ahead, right), ahead])
+    return View("look.png", CAMERA, rotation, -rotation @ np.array(eye), np.empty((0, 2)), np.empty(0, dtype=np.int64))
+
+
+def test_a_surface_holds_its_solid_cells() -> None:
+    solid = np.zeros((4, 6), bool)
+    solid[1, 2] = solid[3, 5] = True
+    one = _surface(solid, 0.5)  # from (-1, -1.5)
+    at = np.array([[-0.49, -0.49], [-0.01, -0.01], [0.01, -0.3], [0.99, 1.49], [1.01, 1.4], [-1.2, 0], [np.nan, 0]])
+    assert one.holds(at).tolist() == [True, True, False, True, False, False, False]
+    centres = surface.cell_centres(np.array([1.0, 2.0]), 0.5, (2, 3))
+    assert centres[1, 2].tolist() == [1.75, 3.25]
+
+
+def test_discs_and_free_cells() -> None:
+    assert surface._disc(1.0).tolist() == [[False, True, False], [True, True, True], [False, True, False]]
+    assert surface._disc(0.2).sum() == 1
+    assert surface._disc(2.0).sum() == 13
+    solid = np.ones((20, 20), bool)
+    free = surface.free_cells(_surface(solid), 0.31, 1.0)
+    assert free.sum() == 14 * 14
+    assert free[3:17, 3:17].all()
+    taken = np.array([[0.05, 0.05, 0.5], [0.55, 0.55, 1.2], [-0.55, 0.55, 0.07]])
+    around = surface.free_cells(_surface(solid, taken=taken), 0.31, 1.0)
+    rows, columns = np.indices((20, 20))
+    near = np.hypot(rows - 10, columns - 10) <= 3
+    assert np.array_equal(around, free & ~near)
+    assert not surface.free_cells(_surface(solid), 1.01, 1.0).any()
+
+
+def test_a_surface_is_where_its_points_are_nearer_than_rays_below() -> None:
+    table, floor = _grid((-0.5, -1), (0.5, 1), 1.0), _grid((-2, -2), (2, 2), 0.0)
+    cloud = Cloud(np.concatenate([table, floor]), np.zeros((len(table) + len(floor), 3), np.float32), True)
+    views = (replace(VIEW, translation=-ROTATION @ np.array([0.0, 0.0, 4.0])),)
+    plane = _plane(1.0, (8, 8), 0.5)
+    one = surface.surface_of(3, plane, cloud, views)
+    assert (one.number, one.cell, one.solid.shape) == (3, pytest.approx(0.5 / 3), (24, 24))
+    at = np.array([[0.0, 0.0], [0.4, 0.8], [1.2, 0.0], [-1.2, 0.5]])
+    assert one.holds(at).tolist() == [True, True, False, False]
+    assert not len(one.taken)
+    low = surface.surface_of(0, _plane(0.0, (8, 8), 0.5), cloud, views)
+    assert len(low.rise) == len(table)
+    assert low.rise == pytest.approx(1.0)
+    none = surface.surface_of(1, _plane(2.0, (8, 8), 0.5), cloud, views)
+    assert not none.solid.any()
+    passing = surface._passing(plane, cloud, views, 0.3)
+    inside = surface._passing(_plane(5.0), cloud, views, 0.3)
+    assert len(inside) == 0
+    assert np.abs(passing).max() == pytest.approx(2 * 0.75, rel=0.05)
+
+
+def test_distances_are_those_of_the_third_nearest_point() -> None:
+    points = np.array([[0.0, 0], [1, 0], [2, 0], [3, 0]])
+    distance, spacing = surface._distance(points, np.array([[0.0, 0.0], [1.0, 0.0]]))
+    assert distance.tolist() == [2.0, 1.0]
+    assert spacing == pytest.approx(2.5)
+
+
+def test_a_heading_is_counted_from_the_camera_against_the_clock() -> None:
+    place = Place(np.array([1.0, 1.0, 0.0]), np.eye(3), np.array([1.0, -2.0, 5.0]), "floor", 0)
+    room = Cloud(np.zeros((0, 3)), np.zeros((0, 3), np.float32), True)
+    assert heading(place, "camera", room)[0] == pytest.approx([0, -1, 0])
+    front, angle = heading(place, 90.0, room)
+    assert front == pytest.approx([1, 0, 0])
+    assert angle == 90.0
+    assert turn_about(np.array([1.0, 0, 0]), UP, 30.0) == pytest.approx([np.sqrt(0.75), 0.5, 0])
+    above = replace(place, camera=np.array([1.0, 1.0, 5.0]))
+    assert heading(above, "camera", room)[0].tolist() == [1, 0, 0]
+
+
+def test_a_back_is_to_the_nearest_tall_wall() -> None:
+    generator = np.random.default_rng(0)
+    near, far, low = (generator.uniform(0, 1, (600, 3)) for _ in range(3))
+    walls = [near * [4, 0, 2.5] + [0, 0, 0], far * [0, 4, 2.5] + [4, 0, 0], low * [4, 0, 0.4] + [0, 1.0, 0]]
+    points = np.concatenate([*walls, generator.uniform(0, 4, (600, 3)) * [1, 1, 0]])
+    cloud = Cloud(points, np.full((len(points), 3), 0.4, np.float32), True)
+    place = Place(np.array([2.0, 1.2, 0.0]), np.eye(3), np.array([2.0, 3.0, 1.5]), "floor", 0)
+    front, angle = heading(place, "wall", cloud)
+    assert front == pytest.approx([0, 1, 0], abs=0.02)
+    assert angle == pytest.approx(0.0, abs=2)
+    right, turned = heading(
+        replace(place, position=np.array([3.5, 3.0, 0.0]), camera=np.array([3.5, 0.0, 1.5])), "wall", cloud
+    )
+    assert right == pytest.approx([-1, 0, 0], abs=0.02)
+    assert turned == pytest.approx(-90.0, abs=2)
+    flat = Cloud(points[-600:], cloud.colours[-600:], True)
+    with pytest.raises(NoPlace, match="no tall upright surface"):
+        heading(place, "wall", flat)
+
+
+def test_a_ray_meets_planes_from_above_where_they_were_seen() -> None:
+    solid = np.ones((10, 10), bool)
+    space = _space(np.empty((0, 3)), _surface(solid, height=1.0), _surface(solid, height=5.0))
+    down = np.array([0.1, 0.0, -1.0])
+    assert locate._hit(space, 0, VIEW, down) == pytest.approx((2.0, 0))
+    assert locate._hit(space, 1, VIEW, down) is None
+    assert locate._hit(space, 0, VIEW, np.array([1.0, 0, -1.0])) is None
+    assert locate._hit(space, 0, VIEW, -down) is None
+    points = np.array([[0, 0, 1.0], [0, 0, 1.02], [0, 0, 1.2], [0, 0, 1.03]])
+    assert locate._share_on(space, 0, points, 2.0) == 0.5
+    assert locate._flush(space, 0, points + 1.0, 2.0)
+    assert locate._flush(space, 0, points, 2.0)
+    with_rough = replace(space.supports.surfaces[0], plane=replace(_plane(1.0), sigma=0.05))
+    rough = _space(np.empty((0, 3)), with_rough)
+    assert not locate._flush(rough, 0, points + np.array([0, 0, 0.06]), 2.0)
+    assert locate._share_on(rough, 0, points, 2.0) == 0.75
+
+
+def test_a_place_on_a_plane_is_counted_from_its_middle() -> None:
+    solid = np.zeros((20, 10), bool)
+    solid[10:, :] = True  # x from 0 to 1, middle 0.5
+    one = _surface(solid, height=0.7)
+    space = _space(np.empty((0, 3)), one)
+    place = locate.place_on_plane(space, 0, np.array([0.3, -0.2]), EYE)
+    assert place.position == pytest.approx([0.8, -0.2, 0.7])
+    assert (place.support, place.plane) == ("plane 0", 0)
+    assert locate.plane_coordinates(space, place) == pytest.approx([0.3, -0.2])
+    assert locate.plane_point(one, np.zeros(2)) == pytest.approx([0.5, 0.0, 0.7])
+    for number, at, words in (
+        (1, [0, 0], "expected 0 to 0"),
+        (-1, [0, 0], "found -1"),
+        (0, [-1, 0], "beside what was seen"),
+    ):
+        with pytest.raises(NoPlace, match=words):
+            locate.place_on_plane(space, number, np.array(at, dtype=float), EYE)
+    assert locate.level_point(place, VIEW, WIDTH / 2 + 50, HEIGHT / 2 + 100) == pytest.approx([0.23, -0.46, 0.7])
+    level = replace(VIEW, rotation=np.array([[1.0, 0, 0], [0, 0, -1], [0, 1, 0]]))
+    with pytest.raises(NoPlace, match="that show the surface"):
+        locate.level_point(place, level, WIDTH / 2, HEIGHT / 2)
+
+
+def test_points_around_a_click_are_those_of_the_front() -> None:
+    points = np.array([[0, 0, 1.0], [0.02, 0, 1.0], [0, 0.01, 1.05], [0, 0, 0.0], [0.5, 0, 1.0]])
+    cloud = Cloud(points, np.zeros((5, 3), np.float32), True)
+    near, depths = locate._near(cloud, VIEW, WIDTH / 2, HEIGHT / 2)
+    assert sorted(map(tuple, near.tolist())) == sorted(map(tuple, points[:3].tolist()))
+    assert np.sort(depths) == pytest.approx([1.95, 2.0, 2.0])
+    assert len(locate._near(cloud, VIEW, 10, 10)[0]) == 0
+
+
+def test_a_level_patch_is_the_top_of_a_box_and_a_slope_is_none() -> None:
+    top = _grid((-0.1, -0.1), (0.1, 0.1), 0.8, 0.02)
+    space = _space(top)
+    ray = np.array([0.0, 0.0, -1.0])
+    place = locate._level_patch(space, VIEW, WIDTH / 2, HEIGHT / 2, ray)
+    assert place.position == pytest.approx([0, 0, 0.8])
+    assert (place.support, place.plane) == ("level patch", None)
+    slope = _space(np.column_stack([top[:, :2], 0.8 + top[:, 0]]))
+    with pytest.raises(NoPlace, match="is not level"):
+        locate._level_patch(slope, VIEW, WIDTH / 2, HEIGHT / 2, ray)
+
+
+def test_views_that_see_an_object_well_are_counted() -> None:
+    floor = _grid((-2, -2), (2, 2), 0.0, 0.1)
+    near, far, below = _looking((0, -3, 2)), _looking((0, -60, 30)), _looking((0, -3, -2))
+    space = _space(floor, radius=0.2, height=0.6, views=(near, far))
+    points = np.array([[0.0, 0, 0], [30.0, 0, 0]])
+    shares, cameras = free_space._visibility(space, points, 0.04)
+    assert shares.tolist() == [0.5, 0.0]
+    assert cameras[0] == pytest.approx([0, -3, 2])
+    shares, cameras = free_space._visibility(_space(floor, height=0.6, views=(below, near)), points, 0.04)
+    assert shares.tolist() == [0.5, 0.0]
+    assert cameras[0] == pytest.approx([0, -3, 2])
+    large = _space(floor, height=3.5, views=(near,))
+    assert not free_space._visibility(large, points, 0.04)[0].any()
+    side = _looking((0.5, -3, 2), (1.5, 0, 0))
+    best = free_space._visibility(_space(floor, height=0.6, views=(side, near)), points[:1], 0.04)[1]
+    assert best[0] == pytest.approx([0, -3, 2])
+    wall = np.column_stack(
+        [_grid((-1, 0), (1, 2.5), 0, 0.03)[:, 0], np.full(67 * 84, -1.0), _grid((-1, 0), (1, 2.5), 0, 0.03)[:, 1]]
+    )
+    hidden = _space(np.concatenate([floor, wall]), height=0.6, views=(near,))
+    assert free_space._visible_points(hidden, near, np.array([[0.0, 0.3, 0.3]])).tolist() == [False]
+    assert free_space._visible_points(space, near, np.array([[0.0, 0.3, 0.3]])).tolist() == [True]
+
+
+def test_free_places_are_in_the_open_and_apart() -> None:
+    floor = _grid((-2, -2), (2, 2), 0.0, 0.1)
+    solid = np.ones((30, 30), bool)
+    space = _space(floor, _surface(solid, 0.1), radius=0.2, height=0.4, views=(_looking((0, -3, 3)),))
+    scored = free_space.free_places(space, space.supports.surfaces[0])
+    assert len(scored) == 2
+    assert scored[0][0] == pytest.approx(np.sqrt(900) * 0.1)
+    first, second = (place.position for _, place in scored)
+    assert np.linalg.norm(first - second) > 3 * space.radius
+    assert (first[2], second[2]) == (0, 0)
+    assert np.abs(first[:2]).max() < 0.7  # in the middle of the free space
+    mask = np.zeros((30, 30), bool)
+    mask[20:28, 3:9] = True
+    (_, place), *_ = free_space.free_places(space, space.supports.surfaces[0], mask)
+    row, column = ((place.position[:2] + 1.5) / 0.1).astype(int)
+    assert mask[row, column]
+    assert place.support == "plane 0"
+    assert free_space.free_places(space, _surface(np.zeros((30, 30), bool))) == []
+    assert len(free_space.candidates(space)) == 2
+
+
+def test_a_top_is_within_the_outline_of_its_points() -> None:
+    one = _surface(np.ones((20, 20), bool))
+    mask = on_objects._mask_of(one, np.array([[-0.5, -0.3], [0.5, -0.3], [0.5, 0.3], [-0.5, 0.3]]))
+    rows, columns = np.nonzero(mask)
+    assert (rows.min(), rows.max(), columns.min(), columns.max()) == (5, 15, 7, 13)
+    assert mask.sum() == 11 * 7
+
+
+def _item(view: int, origin: tuple[int, int], shape: tuple[int, int], name: str = "box") -> Instance:
+    return Instance(f"{name}{view}", view, name, np.ones(shape, bool), origin, 1.0)
+
+
+def test_points_of_an_object_are_in_most_of_its_masks() -> None:
+    sight = FrontPoints(np.array([7, 8, 9]), np.array([[10.5, 10.5], [12.0, 10.0], [5.0, 11.0]]), np.ones(3), True)
+    assert on_objects._rows_in(_item(0, (10, 10), (2, 2)), sight).tolist() == [7]
+    seen = {k: replace(sight, rows=np.arange(4)) for k in range(3)}
+    parts = [(0, np.array([0, 1, 2])), (1, np.array([0, 1])), (2, np.array([0]))]
+    assert on_objects._own_points(parts, seen, 5).tolist() == [True, True, False, False, False]
+    box = _grid((-0.3, -0.3), (0.3, 0.3), 0.5, 0.05)
+    other = _grid((0.8, -0.3), (1.4, 0.3), 0.5, 0.05)
+    views = (VIEW, replace(VIEW, name="1", translation=-ROTATION @ np.array([0.2, 0, 3.0])))
+    space = _space(np.concatenate([box, other]), views=views)
+
+    def mask(view: int, low: float, high: float) -> Instance:
+        shift = 0.2 * view
+        columns = [int(WIDTH / 2 + FOCAL * (x - shift) / 2.5) for x in (low, high)]
+        return _item(view, (columns[0], 170), (140, columns[1] - columns[0]))
+
+    items = [mask(v, low, high) for v in (0, 1) for low, high in ((-0.33, 0.31), (0.77, 1.41))]
+    objects = on_objects._points_of_objects(space, items)
+    assert [len(points) for points in objects] == [len(box), len(other)]
+    level = on_objects._own_level(space, np.concatenate([box, box - [0, 0, 0.3]]))
+    assert level is not None
+    assert level[0].plane.height == pytest.approx(0.5, abs=0.01)
+    assert level[1].any()
+
+
+def test_masks_over_boxes_of_pixels() -> None:
+    box = PixelBox(10, 20, 16, 26)
+    mask = mask_in_box(_item(0, (14, 18), (5, 8)), box)
+    assert mask is not None
+    assert np.argwhere(mask).min(axis=0).tolist() == [0, 4]
+    assert mask.sum() == 3 * 2
+    assert mask_in_box(_item(0, (16, 20), (5, 5)), box) is None
+    labels = labels_in_box([_item(0, (14, 18), (5, 8)), _item(0, (12, 20), (2, 3))], box)
+    assert labels[:, 2:].max(axis=0).tolist() == [2, 2, 2, 1]
+    assert (labels[0, 4], labels[0, 0], labels[3, 4]) == (2, 0, 0)
+
+
+def test_rows_are_spread_evenly() -> None:
+    assert even_rows(tuple(range(10, 20)), 4) == [10, 13, 16, 19]
+    assert even_rows((5, 7), 4) == [5, 7]
+    assert even_rows((5, 7, 9), 1) == [5]
+
+
+def test_inverse_depth_is_a_plane_over_a_mask() -> None:
+    generator = np.random.default_rng(0)
+    pixels = generator.uniform(0, 40, (60, 2))
+    flat = (pixels - 20) / 100
+    depths = 1 / (0.5 + 0.4 * flat[:, 0] - 0.2 * flat[:, 1])
+    item = _item(0, (0, 0), (40, 40))
+    plane = _inverse_depth(item, pixels, flat, depths)
+    assert plane is not None
+    assert plane == pytest.approx([0.5, 0.4, -0.2], abs=0.06)
+    assert _inverse_depth(item, pixels[:5], flat[:5], depths[:5]) is None
+    strays = np.where(np.arange(60) < 6, 10.0, depths)
+    robust = _inverse_depth(item, pixels, flat, strays)
+    assert robust == pytest.approx(plane, abs=0.04)
+    mixed = _inverse_depth(item, pixels[:8], flat[:8], np.array([1, 1, 1, 1, 4, 8, 16, 32.0]))
+    assert mixed is not None
+    assert mixed[1:].tolist() == [0, 0]
+    beside = _inverse_depth(replace(item, origin=(100, 100)), pixels, flat, depths)
+    assert beside is None
+
+
+def test_an_outline_is_carried_over_its_plane() -> None:
+    """A floor seen from straight above: the other camera is moved by 0.3, and half a metre higher."""
+    other = replace(VIEW, translation=-ROTATION @ np.array([0.3, 0.0, 3.5]))
+    outline = np.array([[300.0, 200.0], [340.0, 260.0]])
+    moved = _move_outline(outline, VIEW, other, np.array([1 / 3, 0.0, 0.0]))
+    x, y = (outline - [320, 240]).T / FOCAL * 3.0
+    assert moved == pytest.approx(np.column_stack([320 + FOCAL * (x - 0.3) / 3.5, 240 + FOCAL * y / 3.5]))
+    assert _move_outline(outline, VIEW, other, np.array([-0.1, 0, 0])) is None
+    floor = _grid((-1, -1), (1, 1), 0.0, 0.05)
+    cloud = Cloud(floor, np.zeros((len(floor), 3), np.float32), True)
+    scene = Scene(Path("memory"), "memory", (VIEW,), floor)
+    carrier = MaskCarrier(scene, {0: [_item(0, (300, 200), (60, 40))]}, cloud)
+    assert carrier.masks(0, VIEW)[0].origin == (300, 200)
+    (carried,) = carrier.masks(None, other)
+    left, top = 320 + FOCAL * (-20 / FOCAL * 3 - 0.3) / 3.5, 240 + FOCAL * (-40 / FOCAL * 3) / 3.5
+    assert carried.origin == pytest.approx((left, top), abs=1.6)
+    assert carried.mask.shape == pytest.approx((60 * 3 / 3.5, 40 * 3 / 3.5), abs=2.6)
+    far = replace(VIEW, translation=-ROTATION @ np.array([3.0, 0.0, 3.0]))
+    assert carrier.masks(None, far) == ()
+
+
+def test_what_moves_hides_by_its_upright_plane() -> None:
+    item = _item(0, (310, 230), (20, 20))
+    upright = Upright(item, np.array([0.0, 0.0, 1.0]), 2.0)
+    box = PixelBox(300, 220, 340, 260)
+    behind = np.full(box.shape, 3.0, np.float32)
+    behind[:, 20:] = 1.5
+    hidden = upright.hides(box, VIEW, behind)
+    assert hidden[10:30, 10:20].all()
+    assert hidden.sum() == 200
+    slanted = Upright(item, np.array([10.0, 0.0, 1.0]), 2.0).hides(box, VIEW, np.full(box.shape, 1.8, np.float32))
+    assert slanted[15, 10:].tolist() == [((k + 310.5 - 320) / FOCAL * 10 + 1) * 1.8 > 2.0 and k < 20 for k in range(30)]
+    front = FrontPoints(
+        np.arange(3),
+        np.array([[311.0, 231.0], [309.9, 231.0], [329.9, 249.9]]),
+        np.ones(3),
+        False,
+        np.array([True, False, True]),
+    )
+    beside = points_beside(front, [item])
+    assert (beside.rows.tolist(), beside.observed) == ([1], np.array([False]))
+    assert points_beside(front, []) is front
+
+
+def test_a_cloud_has_the_mean_colour_of_the_stills_that_see_it() -> None:
+    from types import SimpleNamespace
+
+    points = np.array([[0.0, 0, 0], [0.5, 0, 0], [9.0, 0, 0]])
+    views = (VIEW, replace(VIEW, name="1", translation=-ROTATION @ np.array([0.5, 0, 3.0])))
+    scene = Scene(Path("memory"), "memory", views, points)
+    pictures = [np.full((HEIGHT, WIDTH, 3), level, np.uint8) for level in (0, 255)]
+    pictures[1][:, : WIDTH // 2] = (255, 0, 0)
+    stills = SimpleNamespace(scene=scene, rows=(0, 1), picture=lambda row: pictures[row])
+    cloud = coloured_cloud(scene, stills)  # type: ignore[arg-type]
+    assert not cloud.dense
+    assert cloud.colours[0] == pytest.approx([0.5, 0, 0])
+    assert cloud.colours[1] == pytest.approx([0.5, 0.5, 0.5])
+    assert np.isnan(cloud.colours[2]).all()

@@ -15,19 +15,21 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
+from estimator.geometry.planes import level_basis
 from estimator.visibility.depth_buffer import unhidden
 from insertion.colour.encoding import luminance, srgb_to_linear
 from insertion.footage.footage import Stills
 from insertion.light.environment import HEIGHT, WIDTH, Environment, LampSpots, map_directions, solid_angles
 from insertion.light.lights import LAMP_SIGMA
 from insertion.light.shading import WHITE_ALBEDO, Lamp, Shading
+from insertion.light.sky import LEAST_SHARE, Outdoors, sky_light, sky_pixels
 from insertion.placement.place import Place
 from insertion.scene.cloud import Cloud, even_rows
 from insertion.scene.occupancy import Occupancy
 from insertion.scene.rays import camera_rays
-from metric_base.arrays import FloatArray
+from metric_base.arrays import BoolArray, FloatArray
 
-__all__ = ["environment_at"]
+__all__ = ["environment_at", "shows_sky"]
 
 #: Stills that are looked at, and pixels between samples.
 MAX_STILLS, STEP = 24, 6
@@ -39,26 +41,35 @@ LAMP_SHARE, LAMP_POWER = 0.6, 12
 UNSEEN = (0.3, 8.0)
 #: A value at this level is clipped: the lamp behind it is brighter by an unknown factor.
 CLIPPED, CLIPPED_TIMES = 0.96, 6.0
+#: The sun's diameter in radians, and its distance in heights of the object.
+SUN_WIDTH, SUN_HEIGHTS = 0.0093, 1e4
 #: Places up the object that are asked whether they see a lamp, and points of the lamp.
 SEEN_FROM, SPREAD = 6, 4
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class _Samples:
-    """Directions (n, 3) in the place's basis and linear colours (n, 3)."""
+    """Directions (n, 3) in the place's basis, linear colours (n, 3), and which of them (n,) show the sky."""
 
     directions: FloatArray
     colours: NDArray[np.float32]
+    sky: BoolArray
 
 
 def environment_at(
-    place: Place, height: float, cloud: Cloud, stills: Stills, shading: Shading | None = None
+    place: Place, height: float, cloud: Cloud, stills: Stills, shading: Shading | Outdoors | None = None
 ) -> Environment:
     """The environment around the middle of an object of this height (scene units) at the place."""
     middle = place.position + 0.5 * height * place.basis[2]
     samples = _samples(middle, place.basis, cloud, stills)
-    shown, seen = _shown(samples)
-    if shading is None:
+    shown, seen, sky = _shown(samples)
+    if isinstance(shading, Outdoors):
+        sun = None if shading.sun is None else place.basis @ shading.sun
+        whole, known, power = sky_light(shown, seen, sky, _ground_level(samples), sun)
+        lit = _fill(whole, known)
+        if shading.sun is not None and power.any():
+            return _with_lamps(lit, seen, place.basis, _sun_spot(shading.sun, power, middle, height))
+    elif shading is None:
         shown = shown * (1 + (CLIPPED_TIMES - 1) * (shown.max(axis=-1, keepdims=True) > CLIPPED))
         toward = _lamp_direction(middle, place.basis, cloud)
         lit = _raise_top(_fill(shown, seen), seen, _white_level(samples), toward)
@@ -70,6 +81,18 @@ def environment_at(
             spots = replace(spots, power=spots.power * share[:, None])
         return _with_lamps(rest, seen, place.basis, spots)
     return Environment(lit.astype(np.float32), place.basis, seen.astype(np.float32))
+
+
+def shows_sky(cloud: Cloud, stills: Stills, up: FloatArray) -> bool:
+    """Whether the pictures are of a place outdoors; up : (3,) unit vector."""
+    return bool(_samples(cloud.points.mean(axis=0), level_basis(up), cloud, stills).sky.mean() >= LEAST_SHARE)
+
+
+def _sun_spot(sun: FloatArray, power: FloatArray, middle: FloatArray, height: float) -> LampSpots:
+    """The sun as a lamp so far away that its light is parallel; sun : (3,) the way to it; power : (3,) irradiance."""
+    distance = SUN_HEIGHTS * height
+    place = middle + distance * sun
+    return LampSpots(place[None], power[None] * distance**2, np.array([SUN_WIDTH * distance]), middle)
 
 
 def _spots(lamps: Sequence[Lamp], middle: FloatArray) -> LampSpots:
@@ -110,51 +133,56 @@ def _with_lamps(rest: FloatArray, seen: FloatArray, basis: FloatArray, lamps: La
     return Environment(total, basis, seen.astype(np.float32), alone, lamps)
 
 
-def _shown(samples: _Samples) -> tuple[FloatArray, FloatArray]:
-    """(h, w, 3) mean radiance by direction and (h, w) how far it is known, 0 to 1."""
-    total, count = _splat(samples)
-    return total / np.maximum(count, 1e-6)[..., None], np.clip(count / 2.0, 0.0, 1.0)
+def _shown(samples: _Samples) -> tuple[FloatArray, FloatArray, FloatArray]:
+    """(h, w, 3) mean radiance by direction, (h, w) how far it is known, 0 to 1, and (h, w) its share of sky."""
+    total, count, sky = _splat(samples)
+    times = 1 / np.maximum(count, 1e-6)
+    return total * times[..., None], np.clip(count / 2.0, 0.0, 1.0), sky * times
 
 
 def _samples(middle: FloatArray, basis: FloatArray, cloud: Cloud, stills: Stills) -> _Samples:
     """Directions and colours of what the stills show about `middle` (3,), in the frame `basis` (3, 3)."""
-    directions, colours = [], []
+    parts = []
     for row in even_rows(stills.rows, MAX_STILLS):
         view = stills.scene.views[row]
         rays = camera_rays(view.camera)[STEP // 2 :: STEP, STEP // 2 :: STEP]
-        depth = _depth_grid(cloud, stills, row, rays.shape[:2])
-        local = np.concatenate([rays, np.ones((*rays.shape[:2], 1))], axis=-1) * depth[..., None]
-        places = (local.reshape(-1, 3) - view.translation) @ view.rotation
-        away = places - middle
+        depth, free = (grid.ravel() for grid in _depth_grid(cloud, stills, row, rays.shape[:2]))
+        ways = np.concatenate([rays, np.ones((*rays.shape[:2], 1))], axis=-1).reshape(-1, 3) @ view.rotation
+        colours = srgb_to_linear(stills.picture(row)[STEP // 2 :: STEP, STEP // 2 :: STEP]).reshape(-1, 3)
+        sky = sky_pixels(colours, ways @ basis[2], free * 640 / view.camera.width)
+        away = np.where(sky[:, None], ways, ways * depth[:, None] + view.centre - middle)
         away /= np.maximum(np.linalg.norm(away, axis=1, keepdims=True), 1e-9)
-        directions.append(away @ basis.T)
-        colours.append(srgb_to_linear(stills.picture(row)[STEP // 2 :: STEP, STEP // 2 :: STEP]).reshape(-1, 3))
-    return _Samples(np.concatenate(directions), np.concatenate(colours))
+        parts.append((away @ basis.T, colours, sky))
+    return _Samples(*(np.concatenate(part) for part in zip(*parts, strict=True)))
 
 
-def _depth_grid(cloud: Cloud, stills: Stills, row: int, shape: tuple[int, ...]) -> FloatArray:
-    """(h, w) depth of each sample: that of the nearest point in the picture; without any, the cloud's own extent."""
+def _depth_grid(cloud: Cloud, stills: Stills, row: int, shape: tuple[int, ...]) -> tuple[FloatArray, FloatArray]:
+    """(h, w) depth of each sample, that of the nearest point in the picture, and (h, w) pixels to that point.
+
+    Without any point, the depth is the cloud's own extent.
+    """
     from scipy.spatial import cKDTree
 
     step = max(1, len(cloud.points) // 20_000)
     sight = unhidden(stills.scene.views[row], cloud.points[::step])
     if not len(sight.pixels):
-        return np.full(shape, float(np.linalg.norm(np.ptp(cloud.points, axis=0))))
+        return np.full(shape, float(np.linalg.norm(np.ptp(cloud.points, axis=0)))), np.full(shape, np.inf)
     y, x = np.indices(shape) * STEP + STEP // 2
-    nearest = cKDTree(sight.pixels).query(np.column_stack([x.ravel(), y.ravel()]))[1]
-    return np.asarray(sight.depths[nearest].reshape(shape))
+    distance, nearest = cKDTree(sight.pixels).query(np.column_stack([x.ravel(), y.ravel()]))
+    return np.asarray(sight.depths[nearest].reshape(shape)), np.asarray(distance.reshape(shape))
 
 
-def _splat(samples: _Samples) -> tuple[FloatArray, FloatArray]:
-    """(h, w, 3) sums of colour and (h, w) counts by direction."""
+def _splat(samples: _Samples) -> tuple[FloatArray, FloatArray, FloatArray]:
+    """(h, w, 3) sums of colour, (h, w) counts and (h, w) counts of the sky, by direction."""
     polar = np.arccos(np.clip(samples.directions[:, 2], -1, 1))
     turn = np.arctan2(samples.directions[:, 1], samples.directions[:, 0])
     row = np.minimum((polar / np.pi * HEIGHT).astype(np.int64), HEIGHT - 1)
     column = np.minimum(((turn / (2 * np.pi) + 0.5) * WIDTH).astype(np.int64), WIDTH - 1)
     cell = row * WIDTH + column
-    count = np.bincount(cell, minlength=HEIGHT * WIDTH).astype(float)
+    weights = (np.ones(len(cell)), samples.sky.astype(float))
+    count, sky = (np.bincount(cell, each, HEIGHT * WIDTH).reshape(HEIGHT, WIDTH).astype(float) for each in weights)
     sums = [np.bincount(cell, samples.colours[:, c].astype(float), HEIGHT * WIDTH) for c in range(3)]
-    return np.asarray(np.stack(sums, axis=-1).reshape(HEIGHT, WIDTH, 3)), count.reshape(HEIGHT, WIDTH)
+    return np.asarray(np.stack(sums, axis=-1).reshape(HEIGHT, WIDTH, 3)), count, sky
 
 
 def _fill(shown: FloatArray, seen: FloatArray) -> FloatArray:
@@ -179,6 +207,12 @@ def _fill(shown: FloatArray, seen: FloatArray) -> FloatArray:
         result += share[..., None] * colour
         known += share
     return np.asarray(result / np.maximum(known, 1e-6)[..., None])
+
+
+def _ground_level(samples: _Samples) -> float:
+    """Luminance of what is below the place."""
+    below = samples.directions[:, 2] < -0.5
+    return float(np.median(luminance(samples.colours[below if below.any() else ~samples.sky])))
 
 
 def _white_level(samples: _Samples) -> float:

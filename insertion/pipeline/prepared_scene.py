@@ -12,8 +12,11 @@ import numpy as np
 from estimator.geometry.up import Up
 from estimator.records.scene import Instance, Scene
 from insertion.footage.footage import Footage, FrameRange, Shot, Stills
+from insertion.light.estimate import shows_sky
 from insertion.light.open_air import shown_empty
 from insertion.light.shading import Shading, fit_shading
+from insertion.light.sky import Outdoors
+from insertion.light.sun import sun_direction
 from insertion.placement.surface import Supports, supports_of
 from insertion.scene.carried_masks import MaskCarrier
 from insertion.scene.cloud import Cloud, coloured_cloud
@@ -40,7 +43,7 @@ class PreparedScene:
     instances: tuple[Instance, ...]
     scale: ScaleUsed
     carrier: MaskCarrier
-    shading: Callable[[], Shading | None]
+    shading: Callable[[], Shading | Outdoors | None]
     moving: Mapping[int, tuple[Instance, ...]] = field(default_factory=dict)
 
     @property
@@ -94,11 +97,14 @@ def prepare_scene(
     )
 
 
-def _shading(scene: Scene, stills: Stills, cloud: Cloud, supports: Supports) -> Shading | None:
-    """The lamps of the scene; takes a second or two, hence only when something is drawn."""
+def _shading(scene: Scene, stills: Stills, cloud: Cloud, supports: Supports) -> Shading | Outdoors | None:
+    """The lamps of the scene, or the sun; takes a second or two, hence only when something is drawn."""
+    up = supports.up.vector
+    if shows_sky(cloud, stills, up):
+        ground = supports.ground(cloud)
+        return Outdoors(None if ground is None else sun_direction(cloud, stills, ground.plane))
     centres = np.array([view.centre for view in scene.views])
     patches = plane_patches(cloud, centres)
-    up = supports.up.vector
     if not len(patches.places):
         return None
     empty = partial(shown_empty, cloud=cloud, stills=stills)

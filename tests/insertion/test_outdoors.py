@@ -1,0 +1,118 @@
+"""The light outdoors: a sun that shadows show, a sky that no picture shows, and which pixels are sky."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+
+from estimator.geometry.planes import SupportPlane
+from estimator.records.scene import Camera, Scene, View
+from insertion.colour.encoding import linear_to_srgb
+from insertion.footage.footage import Stills
+from insertion.light.environment import HEIGHT, Environment, map_directions
+from insertion.light.sky import GROUND_ALBEDO, sky_light, sky_pixels
+from insertion.light.sun import sun_direction
+from insertion.scene.cloud import Cloud
+from insertion.scene.rays import camera_rays
+from metric_base.arrays import FloatArray
+
+UP = np.array([0.0, 0.0, 1.0])
+GROUND = SupportPlane(np.eye(3), 0.0, 0.01, 100, np.zeros(2), 1.0, np.ones((2, 2), dtype=bool))
+#: Foot (n, 2) and height (n,) of posts beside a way along +y.
+FEET = np.random.default_rng(3).uniform((-5, 0), (5, 26), (60, 2))
+HEIGHTS = np.random.default_rng(4).uniform(0.8, 2.2, 60)
+
+
+class _Drawn(Stills):
+    """Pictures of the posts' ground; sun : (3,) the way to it; without, the ground is as dark around each foot."""
+
+    def __init__(self, sun: FloatArray | None) -> None:
+        camera = Camera("PINHOLE", 160, 120, np.array([100.0, 100.0, 80.0, 50.0]))
+        down = np.radians(20)
+        ahead = np.array([0, np.cos(down), -np.sin(down)])
+        rotation = np.array([[1.0, 0, 0], np.cross(ahead, [1.0, 0, 0]), ahead])
+        centres = np.array([[0, 3.0 * k - 2, 1.6] for k in range(8)])
+        none = (np.empty((0, 2)), np.empty(0, dtype=np.int64))
+        views = tuple(View(f"{k}", camera, rotation, -rotation @ at, *none) for k, at in enumerate(centres))
+        self.scene = Scene(Path("drawn"), "colmap", views, np.empty((0, 3)))
+        self.rows, self._sun = tuple(range(8)), sun
+
+    def picture(self, row: int) -> NDArray[np.uint8]:
+        view = self.scene.views[row]
+        rays = np.dstack([camera_rays(view.camera), np.ones((120, 160))]) @ view.rotation
+        with np.errstate(divide="ignore"):
+            depth = np.where(rays[..., 2] < 0, -view.centre[2] / rays[..., 2], 1e3)
+        at = (view.centre + rays * depth[..., None])[..., :2]
+        reach = np.zeros((len(FEET), 2)) if self._sun is None else -HEIGHTS[:, None] * self._sun[:2] / self._sun[2]
+        away = at[:, :, None] - FEET
+        along = np.clip((away * reach).sum(axis=-1) / np.maximum((reach**2).sum(axis=-1), 1e-9), 0, 1)
+        dark = np.linalg.norm(away - along[..., None] * reach, axis=-1).min(axis=-1) < (
+            0.4 if self._sun is None else 0.15
+        )
+        paint = 0.3 * np.exp(0.15 * np.sin(3.1 * at[..., 0]) + 0.15 * np.sin(1.7 * at[..., 1]))
+        light = paint[..., None] * np.where(dark[..., None], [0.18, 0.22, 0.3], 1.0)
+        return np.rint(linear_to_srgb(light.astype(np.float32))).astype(np.uint8)
+
+
+def _posts() -> Cloud:
+    """Points on the ground and on the posts."""
+    flat = np.random.default_rng(5).uniform((-8, 0), (8, 30), (3000, 2))
+    posts = [
+        np.column_stack([np.tile(foot, (12, 1)), np.linspace(0.1, high, 12)])
+        for foot, high in zip(FEET, HEIGHTS, strict=True)
+    ]
+    points = np.concatenate([np.column_stack([flat, np.zeros(len(flat))]), *posts])
+    return Cloud(points, np.full(points.shape, np.nan, np.float32), dense=False)
+
+
+@pytest.mark.parametrize(("elevation", "azimuth"), [(50, 200), (35, 310)])
+def test_shadows_of_posts_say_where_the_sun_is(elevation: float, azimuth: float) -> None:
+    rise, turn = np.radians([elevation, azimuth])
+    true = np.array([np.cos(rise) * np.cos(turn), np.cos(rise) * np.sin(turn), np.sin(rise)])
+    sun = sun_direction(_posts(), _Drawn(true), GROUND)
+    assert sun is not None
+    assert sun @ true > np.cos(np.radians(12))
+
+
+def test_dark_ground_around_posts_is_no_shadow() -> None:
+    assert sun_direction(_posts(), _Drawn(None), GROUND) is None
+
+
+def _half_seen() -> tuple[FloatArray, FloatArray, FloatArray]:
+    """Radiance, how far it is known and the share of sky: a blue sky on one side, grey ground below, no more."""
+    directions = map_directions()
+    seen = 1.0 * ((directions[..., 0] > 0) | (directions[..., 2] < 0))
+    sky = seen * (directions[..., 2] > 0)
+    shown = np.where(sky[..., None] > 0, [0.2, 0.3, 0.5], 0.3) * seen[..., None]
+    return shown, seen, sky
+
+
+def test_the_sky_is_all_around_and_lights_the_ground_as_it_looks() -> None:
+    whole, known, power = sky_light(*_half_seen(), 0.3, None)
+    assert known[: HEIGHT // 2].min() == 1
+    assert not power.any()
+    lit = Environment(whole.astype(np.float32), np.eye(3), known.astype(np.float32)).irradiance(UP)
+    assert lit == pytest.approx(np.full(3, np.pi * 0.3 / GROUND_ALBEDO), rel=0.01)
+
+
+def test_the_sun_sends_what_the_sky_does_not() -> None:
+    sun = np.array([0.0, -0.6, 0.8])
+    whole, known, power = sky_light(*_half_seen(), 0.3, sun)
+    sky = Environment(whole.astype(np.float32), np.eye(3), known.astype(np.float32)).irradiance(UP)
+    assert sky == pytest.approx(np.pi * np.array([0.2, 0.3, 0.5]), rel=0.01)
+    assert sky + 0.8 * power == pytest.approx(np.full(3, np.pi * 0.3 / GROUND_ALBEDO), rel=0.01)
+
+
+def test_what_stands_before_the_sun_takes_it() -> None:
+    shown, seen, sky = _half_seen()
+    wall = (map_directions()[..., 0] > 0.5) & (sky > 0)
+    assert not sky_light(shown, seen, np.where(wall, 0.0, sky), 0.3, np.array([0.8, 0.0, 0.6]))[2].any()
+
+
+def test_sky_is_above_free_and_bright() -> None:
+    colours = np.array([[0.2, 0.4, 0.8], [1, 1, 0.9], [0.6, 0.5, 0.4], [0.02, 0.03, 0.05], [1, 1, 1], [1, 1, 1]])
+    rise, free = np.array([0.3, 0.3, 0.3, 0.3, -0.1, 0.3]), np.array([50, 50, 50, 50, 50, 3.0])
+    assert sky_pixels(colours.astype(np.float32), rise, free).tolist() == [True, True, False, False, False, False]

@@ -22,7 +22,7 @@ from insertion.footage.footage import Stills
 from insertion.light.environment import HEIGHT, WIDTH, Environment, LampSpots, map_directions, solid_angles
 from insertion.light.lights import LAMP_SIGMA
 from insertion.light.shading import WHITE_ALBEDO, Lamp, Shading
-from insertion.light.sky import LEAST_SHARE, Outdoors, sky_light, sky_pixels
+from insertion.light.sky import FREE_PX, LEAST_SHARE, Outdoors, sky_light, sky_pixels
 from insertion.placement.place import Place
 from insertion.scene.cloud import Cloud, even_rows
 from insertion.scene.occupancy import Occupancy
@@ -41,6 +41,8 @@ LAMP_SHARE, LAMP_POWER = 0.6, 12
 UNSEEN = (0.3, 8.0)
 #: A value at this level is clipped: the lamp behind it is brighter by an unknown factor.
 CLIPPED, CLIPPED_TIMES = 0.96, 6.0
+#: Beside a place outdoors is what is nearer than so many heights of the camera over the ground.
+BESIDE = 1.5
 #: The sun's diameter in radians, and its distance in heights of the object.
 SUN_WIDTH, SUN_HEIGHTS = 0.0093, 1e4
 #: Places up the object that are asked whether they see a lamp, and points of the lamp.
@@ -61,7 +63,8 @@ def environment_at(
 ) -> Environment:
     """The environment around the middle of an object of this height (scene units) at the place."""
     middle = place.position + 0.5 * height * place.basis[2]
-    samples = _samples(middle, place.basis, cloud, stills)
+    ground = float(place.position @ place.basis[2]) if isinstance(shading, Outdoors) else None
+    samples = _samples(middle, place.basis, cloud, stills, ground)
     shown, seen, sky = _shown(samples)
     if isinstance(shading, Outdoors):
         sun = None if shading.sun is None else place.basis @ shading.sun
@@ -140,8 +143,14 @@ def _shown(samples: _Samples) -> tuple[FloatArray, FloatArray, FloatArray]:
     return total * times[..., None], np.clip(count / 2.0, 0.0, 1.0), sky * times
 
 
-def _samples(middle: FloatArray, basis: FloatArray, cloud: Cloud, stills: Stills) -> _Samples:
-    """Directions and colours of what the stills show about `middle` (3,), in the frame `basis` (3, 3)."""
+def _samples(
+    middle: FloatArray, basis: FloatArray, cloud: Cloud, stills: Stills, ground: float | None = None
+) -> _Samples:
+    """Directions and colours of what the stills show about `middle` (3,), in the frame `basis` (3, 3).
+
+    ground : the height along basis[2] of the ground outdoors: what no point of the cloud is near to is the ground, or
+    not known, and so is what points say to be beside the place, since those of a bare path may float above it.
+    """
     parts = []
     for row in even_rows(stills.rows, MAX_STILLS):
         view = stills.scene.views[row]
@@ -149,10 +158,17 @@ def _samples(middle: FloatArray, basis: FloatArray, cloud: Cloud, stills: Stills
         depth, free = (grid.ravel() for grid in _depth_grid(cloud, stills, row, rays.shape[:2]))
         ways = np.concatenate([rays, np.ones((*rays.shape[:2], 1))], axis=-1).reshape(-1, 3) @ view.rotation
         colours = srgb_to_linear(stills.picture(row)[STEP // 2 :: STEP, STEP // 2 :: STEP]).reshape(-1, 3)
-        sky = sky_pixels(colours, ways @ basis[2], free * 640 / view.camera.width)
+        free *= 640 / view.camera.width
+        sky = sky_pixels(colours, ways @ basis[2], free)
+        if ground is not None:
+            rise = float(view.centre @ basis[2]) - ground
+            near = np.linalg.norm(ways * depth[:, None] + view.centre - middle, axis=1) < BESIDE * rise
+            level = -rise / (ways @ basis[2])
+            depth = np.where(near | (free > FREE_PX), np.where(level > 0, level, np.nan), depth)
         away = np.where(sky[:, None], ways, ways * depth[:, None] + view.centre - middle)
         away /= np.maximum(np.linalg.norm(away, axis=1, keepdims=True), 1e-9)
-        parts.append((away @ basis.T, colours, sky))
+        inside = colours.any(axis=1) & np.isfinite(away[:, 0])  # an undistorted picture has a black edge
+        parts.append((away[inside] @ basis.T, colours[inside], sky[inside]))
     return _Samples(*(np.concatenate(part) for part in zip(*parts, strict=True)))
 
 

@@ -16,7 +16,7 @@ from insertion.colour.encoding import luminance
 from insertion.light.environment import HEIGHT, map_directions, solid_angles
 from metric_base.arrays import BoolArray, FloatArray
 
-__all__ = ["LEAST_SHARE", "Outdoors", "sky_light", "sky_pixels"]
+__all__ = ["FREE_PX", "LEAST_SHARE", "Outdoors", "sky_light", "sky_pixels"]
 
 #: Pixels of the sky have no point of the cloud within so many pixels at a width of 640, rise above the horizon, and are
 #: either clipped (of 1) or no redder than this times their blue, and not dark.
@@ -72,10 +72,13 @@ def sky_light(
     filled = (up > 0) & (seen == 0) & ~beside
     of_sky = np.where(seen > 0, sky, 1.0 * filled)[..., None]
     whole = np.where(filled[..., None], _by_height(shown, seen * (sky >= 0.5))[:, None], shown)
+    below = (up < 0) & (seen == 0)
+    if (seen[up < 0] > 0).any():
+        whole = np.where(below[..., None], _by_height(shown, seen * (up < 0))[:, None], whole)
     weight = (np.maximum(up, 0.0) * solid_angles()[:, None])[..., None]
     from_sky, other = ((weight * whole * part).sum(axis=(0, 1)) for part in (of_sky, 1 - of_sky))
     wanted = max(np.pi * ground / GROUND_ALBEDO, float(luminance(from_sky + other)))  # grey: the camera balances white
-    known = np.where(filled, 1.0, seen)
+    known = np.where(filled | below, 1.0, seen)
     if sun is not None and of_sky.ravel()[(directions @ sun).argmax()] >= 0.5:
         return whole, known, np.maximum(wanted - from_sky - other, 0.0) / sun[2]
     times = np.clip((wanted - other) / np.maximum(from_sky, 1e-9), *TIMES)

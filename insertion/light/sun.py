@@ -32,7 +32,7 @@ CELL, HEIGHTS = 0.12, (0.1, 8.0)
 #: One sigma of what is smoothed, in cells: the paint of the ground, and the shadow of a point.
 PAINT, SHADOW = 10.0, 1.0
 #: Elevations and azimuths in degrees that are tried, and those about the best.
-ELEVATIONS, AZIMUTHS = np.array([20.0, 28.0, 37.0, 47.0, 57.0, 67.0]), np.arange(0.0, 360.0, 15.0)
+ELEVATIONS, AZIMUTHS = np.array([20.0, 28.0, 37.0, 47.0, 57.0, 67.0]), np.arange(0.0, 360.0, 10.0)
 #: Parts of the points along the scene, every second of which is one half of them.
 PARTS = 4
 #: The halves agree within this azimuth in degrees, and in a shadow the logarithm of the luminance is so much less: the

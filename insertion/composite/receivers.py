@@ -81,7 +81,12 @@ def receivers_of(
     step = max(LEAST_STEP, round(view.camera.width / PER_WIDTH))
     labels = labels_in_box(instances, box)
     inside = front.inside(box.x0, box.y0, box.x1, box.y1).seen_points()
-    own = labels[tuple((inside.pixels - [box.x0, box.y0]).astype(np.int64).T[::-1])]
+    at = tuple((inside.pixels - [box.x0, box.y0]).astype(np.int64).T[::-1])
+    own = labels[at]
+    if not front.dense:  # what does not hide the object keeps no light from the plane either
+        with np.errstate(invalid="ignore"):
+            stray = (own == 0) & (inside.depths < (1 - SAME_DEPTH) * layers.plane_depth[at])
+        inside, own = inside.kept(~stray), own[~stray]
     flat = _labels_of_plane(labels, own, inside, layers, body, view, plane)
     cells = (slice(step // 2, None, step),) * 2
     coarse, plane_depth = labels[cells], layers.plane_depth[cells]

@@ -61,16 +61,16 @@ class FrontPoints:
 
     def inside(self, x0: int, y0: int, x1: int, y1: int) -> FrontPoints:
         """Those within a box of pixels, the ends not included."""
-        kept = self._within(x0, y0, x1, y1)
-        observed = None if self.observed is None else self.observed[kept]
-        return FrontPoints(self.rows[kept], self.pixels[kept], self.depths[kept], self.dense, observed)
+        return self.kept(self._within(x0, y0, x1, y1))
+
+    def kept(self, which: BoolArray) -> FrontPoints:
+        """Those of which `which` (m,) says so."""
+        observed = None if self.observed is None else self.observed[which]
+        return FrontPoints(self.rows[which], self.pixels[which], self.depths[which], self.dense, observed)
 
     def seen_points(self) -> FrontPoints:
         """Those that the view is known to see, all where nothing is known: sparse points show what is behind others."""
-        if self.observed is None:
-            return self
-        kept = self.observed
-        return FrontPoints(self.rows[kept], self.pixels[kept], self.depths[kept], self.dense, self.observed[kept])
+        return self if self.observed is None else self.kept(self.observed)
 
     def marks_inside(self, marks: BoolArray, x0: int, y0: int, x1: int, y1: int) -> BoolArray:
         """The marks (m,) of the points that `inside` keeps."""

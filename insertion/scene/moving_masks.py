@@ -113,10 +113,7 @@ def cloud_beside(cloud: Cloud, moving: Mapping[int, Sequence[Instance]], shots: 
 def points_beside(front: FrontPoints, items: Sequence[Instance]) -> FrontPoints:
     """The points that a picture shows where nothing that moves stands before them."""
     free = ~_in_masks(front.pixels, items)
-    if free.all():
-        return front
-    observed = None if front.observed is None else front.observed[free]
-    return FrontPoints(front.rows[free], front.pixels[free], front.depths[free], front.dense, observed)
+    return front if free.all() else front.kept(free)
 
 
 def _in_masks(pixels: FloatArray, items: Sequence[Instance]) -> BoolArray:

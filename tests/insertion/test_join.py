@@ -214,6 +214,10 @@ def test_no_shadow_falls_on_what_stands_in_front(context: Any) -> None:
         inside[y - 8 : y + 8, x - 10 : x + 10] = True
         assert (share[inside] == 1).all()
         assert share[dark & ~inside].mean() < 0.7
+    for dense in (False, True):  # points without a mask hide the object where they are dense, and take its shadow there
+        front = FrontPoints(np.arange(len(pixels)), pixels, depths, dense)
+        share = light_share(layers, receivers_of(layers, body, view, front, [], None, nothing), None)
+        assert (share[inside & dark].mean() > 0.95) == dense
 
 
 @pytest.mark.parametrize("model", ["PINHOLE", "SIMPLE_RADIAL"])

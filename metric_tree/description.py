@@ -102,8 +102,8 @@ def node_sentence(node: Node, name: str, prior: Prior) -> str:
 
 def shipped_evidence(node: Node) -> dict[str, dict[str, int]]:
     """How many shipped items at or below a node are of each kind, and under each licence, the most first."""
-    items = node.items()
-    counts = {name: Counter(value or "unstated" for value in items[name].to_pylist()) for name in ("kind", "licence")}
+    items = node.items(("kind", "licence"))
+    counts = {name: Counter(value or "unstated" for value in items[name].to_pylist()) for name in items.column_names}
     return {name: dict(count.most_common()) for name, count in counts.items()}
 
 

@@ -121,8 +121,12 @@ class Node:
         for child in self.children:
             yield from child.descendants()
 
-    def items(self) -> pa.Table:
+    def items(self, columns: Sequence[str] | None = None) -> pa.Table:
         """The shipped items at or below this node, one row each.
+
+        Parameters
+        ----------
+        columns : that are read; all by default.
 
         Returns
         -------
@@ -137,7 +141,7 @@ class Node:
         >>> items.column_names[5:8], items.num_rows > 0
         (['length_mm', 'width_mm', 'height_mm'], True)
         """
-        return self._rows("items")
+        return self._rows("items", columns)
 
     def images(self) -> pa.Table:
         """The pictures of items at or below this node (`metric_tree.schema.IMAGES`)."""
@@ -234,8 +238,8 @@ class Node:
         """What its size rests on, one of `metric_tree.tiers.TIERS`; None of a node without a prior."""
         return self.tree.tier(self.node_id)
 
-    def _rows(self, table: str) -> pa.Table:
-        return self.tree.release.table(table, {node.node_id for node in self.descendants()})
+    def _rows(self, table: str, columns: Sequence[str] | None = None) -> pa.Table:
+        return self.tree.release.table(table, {node.node_id for node in self.descendants()}, columns)
 
 
 @dataclass(frozen=True, slots=True, eq=False)

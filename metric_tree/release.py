@@ -9,10 +9,10 @@ import re
 from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass
 from functools import lru_cache
+from itertools import pairwise
 from pathlib import Path
 from typing import Any
 
-import numpy as np
 import pyarrow as pa
 import pyarrow.parquet as pq
 
@@ -62,18 +62,22 @@ class Release:
     directory: Path
     manifest: Mapping[str, Any]
 
-    def table(self, name: str, node_ids: Collection[str] | None = None) -> pa.Table:
-        """Table `nodes`, `items`, `priors` or `images`, or its rows of some nodes, read by row group.
+    def table(
+        self, name: str, node_ids: Collection[str] | None = None, columns: Sequence[str] | None = None
+    ) -> pa.Table:
+        """Table `nodes`, `items`, `priors` or `images`, or some columns of its rows of some nodes, read by row group.
 
         The bytes are held against the manifest's checksum when the table is first read, and again whenever the file's
         time or inode has changed. `pyarrow.parquet.read_table` would do, but loads pandas where that is installed: a
         second of a query's time.
         """
-        table = self.unchecked_table(name, node_ids)
-        _see_columns(table, self.directory / f"{name}.parquet")
+        table = self.unchecked_table(name, node_ids, columns)
+        _see_columns(table, self.directory / f"{name}.parquet", columns)
         return table
 
-    def unchecked_table(self, name: str, node_ids: Collection[str] | None = None) -> pa.Table:
+    def unchecked_table(
+        self, name: str, node_ids: Collection[str] | None = None, columns: Sequence[str] | None = None
+    ) -> pa.Table:
         """The same, whatever its columns are."""
         path = self.directory / f"{name}.parquet"
         _see_checksum(path, self.manifest["files"][path.name].get("sha256"))
@@ -83,7 +87,9 @@ class Release:
                     raise BadRelease(f"{path}: rows: expected at most {MAX_ROWS:,}; found {file.metadata.num_rows:,}")
                 # one group is read sooner than threads are started
                 table = (
-                    _rows_of(file, node_ids) if node_ids is not None else file.read(use_threads=file.num_row_groups > 1)
+                    file.read(columns, use_threads=file.num_row_groups > 1)
+                    if node_ids is None
+                    else _rows_of(file, frozenset(node_ids), columns)
                 )
                 table.validate(full=True)  # texts that are no UTF-8, lists that overlap
                 return table
@@ -155,9 +161,11 @@ def sha256(path: Path) -> str:
         return hashlib.file_digest(file, "sha256").hexdigest()
 
 
-def _see_columns(table: pa.Table, path: Path) -> None:
-    """BadRelease unless the table has the columns of its schema, with an id in every row."""
+def _see_columns(table: pa.Table, path: Path, columns: Sequence[str] | None) -> None:
+    """BadRelease unless the table has these columns, or all, as its schema has them, with an id in every row."""
     for field in TABLES[path.name]:
+        if columns is not None and field.name not in columns:
+            continue
         if field.name not in table.column_names:
             if field.name in ADDED_COLUMNS:
                 continue
@@ -219,23 +227,27 @@ def _write_table(path: Path, table: pa.Table) -> dict[str, Any]:
     return {"sha256": sha256(path), "rows": table.num_rows, "bytes": path.stat().st_size}
 
 
-def _rows_of(file: pq.ParquetFile, node_ids: Collection[str]) -> pa.Table:
-    import pyarrow.compute as pc  # a query that asks for no items goes without
-
-    wanted = _text_array(sorted(node_ids))
+def _rows_of(file: pq.ParquetFile, node_ids: frozenset[str], columns: Sequence[str] | None) -> pa.Table:
+    """The rows of some nodes, without `pyarrow.compute`, whose import takes longer than the reading."""
     parts = []
     for number in range(file.num_row_groups):
-        mask = pc.is_in(file.read_row_group(number, columns=["node_id"])["node_id"], value_set=wanted)
-        if pc.any(mask).as_py():
-            parts.append(file.read_row_group(number).filter(mask))
-    return pa.concat_tables(parts) if parts else file.schema_arrow.empty_table()
+        if _may_hold(file.metadata.row_group(number), node_ids):
+            ids = file.read_row_group(number, columns=["node_id"])["node_id"].to_pylist()
+            ends = [place for place in range(1, len(ids)) if (ids[place] in node_ids) != (ids[place - 1] in node_ids)]
+            runs = [one for one in pairwise([0, *ends, len(ids)]) if ids and ids[one[0]] in node_ids]
+            if runs:
+                group = file.read_row_group(number, columns)
+                parts += [group.slice(first, end - first) for first, end in runs]
+    schema = file.schema_arrow
+    schema = schema if columns is None else pa.schema([schema.field(name) for name in columns])
+    return pa.concat_tables(parts) if parts else schema.empty_table()
 
 
-def _text_array(texts: Sequence[str]) -> pa.StringArray:
-    """`pyarrow.array` would do, but loads pandas where that is installed: most of a query's time."""
-    encoded = [text.encode() for text in texts]
-    ends = np.cumsum([0, *map(len, encoded)], dtype=np.int32)
-    return pa.StringArray.from_buffers(len(texts), pa.py_buffer(ends), pa.py_buffer(b"".join(encoded)))
+def _may_hold(group: pq.RowGroupMetaData, node_ids: Collection[str]) -> bool:
+    """Whether a row group may have a row of these nodes, by the least and the greatest id that it states."""
+    column = next(one for k in range(group.num_columns) if (one := group.column(k)).path_in_schema == "node_id")
+    stated = column.statistics
+    return stated is None or not stated.has_min_max or any(stated.min <= one <= stated.max for one in node_ids)
 
 
 def link_file(source: str | Path, target: str | Path) -> None:

@@ -11,11 +11,11 @@ import tomllib
 from pathlib import Path
 
 import pytest
-from hypothesis import given
+from hypothesis import assume, given
 from hypothesis import strategies as st
 
 from metric_base.escaping import visible, visible_json
-from metric_cli import programs
+from metric_cli import programs, terminal
 from metric_cli.terminal import exit_status, print_table, warn
 
 HIDDEN = ["\x1b", "\x07", "\x7f", "\x9b", "\u202e", "\u2066", "\u200f", "\ud800", "\U000e0041", "\r", "\n"]
@@ -49,6 +49,22 @@ def test_a_table_is_as_wide_as_columns_says(
     monkeypatch.setenv("COLUMNS", "40")
     print_table(["words"], [["many words " * 20]])
     assert max(map(len, capsys.readouterr().out.splitlines())) <= 40
+
+
+@given(
+    st.integers(1, 4).flatmap(
+        lambda n: st.lists(
+            st.lists(st.text("ab c1.,%–×[", max_size=9).map(str.strip), min_size=n, max_size=n), min_size=1, max_size=4
+        )
+    )
+)
+def test_a_table_of_plain_words_is_as_rich_draws_it(lines: list[list[str]]) -> None:
+    assume(all(map(any, zip(*lines, strict=True))))  # a column of nothing is as wide as rich likes
+    head = [column.replace("[", "(") for column in lines[0]]  # rich reads markup in the names of columns
+    plain = terminal.table_text(head, lines[1:], 200)
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(terminal, "_is_one_wide", lambda _: False)
+        assert terminal.table_text(head, lines[1:], 200) == plain
 
 
 def _program(body: str) -> list[str]:

@@ -1,0 +1,351 @@
+"""What other programs and people are handed: metric frames, lens maps, nearest layers, Blender's scenes, a study."""
+
+from __future__ import annotations
+
+import importlib.util
+import math
+import sys
+from pathlib import Path
+from types import SimpleNamespace
+from typing import Any
+from unittest.mock import MagicMock
+
+import numpy as np
+import pytest
+
+from estimator.records.scene import Camera
+from insertion.blender import job
+from insertion.colour.source_frame import matrix_of
+from insertion.composite.compose import Joined
+from insertion.exports import compositing
+from insertion.exports.metric_frame import MetricFrame, _key, frame_rate, keys_by_camera, metric_frame, object_matrix
+from insertion.exports.write import LayerWriter
+from insertion.footage.footage import STILLS_RATE
+from insertion.light.environment import HEIGHT, WIDTH, Environment
+from insertion.render.layers import ObjectLayers
+from insertion.render.pinhole import Window
+from insertion.render.renderer import ObjectImage
+from insertion.scene.pixel_box import PixelBox
+from insertion.scene.rays import camera_rays
+from insertion.study.answers import ANSWERS, StudyAnswer
+from insertion.study.curve import SLIPS, Observer, Point, StudyCurve, _looking, _table, _tables, fit_observer, wilson
+from insertion.study.plan import BIAS_SPREAD, expected_intervals
+from insertion.study.report import report_text
+from metric_base.pictures import read_picture
+from tests.insertion.test_received import _view
+
+LENS = Camera("SIMPLE_RADIAL", 320, 240, np.array([280.0, 160.0, 120.0, -0.15]))
+
+
+def _shots(times: list[float]) -> list[Any]:
+    return [SimpleNamespace(clock_s=time, name=f"{k}.png", view=None, index=k) for k, time in enumerate(times)]
+
+
+def test_the_metric_frame_has_metres_and_up() -> None:
+    place: Any = SimpleNamespace(basis=np.array([[0.0, 0, 1], [1, 0, 0], [0, 1, 0]]), position=np.array([1.0, 2, 3]))
+    frame = metric_frame([SimpleNamespace(place=place)], 0.5)  # type: ignore[list-item]
+    assert frame(np.array([[1.0, 2, 3], [1, 4, 3], [1, 2, 5], [3, 2, 3]])) == pytest.approx(
+        np.array([[0.0, 0, 0], [0, 1, 0], [1, 0, 0], [0, 0, -1]])
+    )
+    view = _view()
+    key = _key(_shots([0.0])[0], view, 2.5, frame)
+    assert (key.name, key.time_s) == ("0.png", 2.5)
+    assert key.matrix[:3, 3] == pytest.approx(frame(view.centre[None])[0])
+    ahead = frame.rotation @ view.rotation[2]
+    assert key.matrix[:3, :3] @ [0, 0, -1] == pytest.approx(ahead)
+    assert key.matrix[:3, :3] @ [0, -1, 0] == pytest.approx(frame.rotation @ view.rotation[1])
+    assert key.matrix[3].tolist() == [0, 0, 0, 1]
+    model = SimpleNamespace(bounds=np.array([[0.0, 1, 0], [2, 5, 4]]))
+    placed: Any = SimpleNamespace(
+        act=None, model=model, size=SimpleNamespace(factor=2.0), turn=frame.rotation.T, place=place
+    )
+    matrix = object_matrix(placed, frame)
+    assert matrix @ [1, 1, 2, 1] == pytest.approx([0, 0, 0, 1])
+    assert matrix @ [1, 2, 2, 1] == pytest.approx([0, 2, 0, 1])
+
+
+def test_a_rate_is_the_usual_one_and_lenses_of_one_kind_are_one() -> None:
+    assert frame_rate(_shots([3.0, 3.1, 3.2, 3.4])) == pytest.approx(10)
+    assert frame_rate(_shots([1.0])) == STILLS_RATE
+    assert frame_rate(_shots([1.0, 1.0])) == STILLS_RATE
+    other = Camera("PINHOLE", 320, 240, np.array([280.0, 280, 160, 120]))
+    keys: Any = [
+        SimpleNamespace(camera=camera, name=name) for name, camera in zip("abc", (LENS, other, LENS), strict=True)
+    ]
+    assert [(lens, [key.name for key in own]) for lens, own in keys_by_camera(keys)] == [
+        (LENS, ["a", "c"]),
+        (other, ["b"]),
+    ]
+
+
+def test_the_maps_of_a_lens_are_each_other_s_inverse() -> None:
+    there, back = compositing._lens_maps(LENS)
+    assert there.shape == (240, 320, 3)
+    for row, column in ((20, 30), (120, 160), (230, 5)):
+        x, y = there[row, column, :2]
+        at = back[int(y), int(x)]
+        assert at == pytest.approx([column, row], abs=1.0)  # within the pixel of the straight plate
+    assert there[120, 160, :2] - there[119, 159, :2] == pytest.approx([1, 1], abs=0.01)
+    flat = compositing._lens_maps(Camera("PINHOLE", 64, 48, np.array([64.0, 64, 32, 24])))
+    middle = flat[0][24, 32, :2]
+    assert flat[1][int(middle[1]), int(middle[0])] == pytest.approx([32, 24], abs=1e-3)
+    assert (middle % 1).tolist() == [0.5, 0.5]
+
+
+def _joined(box: PixelBox, depth: float, hidden: float) -> Joined:
+    alpha = np.full(box.shape, 0.5, np.float32)
+    image = ObjectImage(np.zeros((*box.shape, 3), np.float32), alpha, np.full(box.shape, depth, np.float32))
+    layers = ObjectLayers(box, image, np.ones((*box.shape, 3), np.float32), alpha)
+    return Joined(layers, np.full(box.shape, hidden, np.float32), np.ones((*box.shape, 3), np.float32))
+
+
+def _writer(folder: Path, shots: list[Any], metres: float = 2.0) -> compositing.CompositingLayers:
+    prepared: Any = SimpleNamespace(scale=SimpleNamespace(metres_per_unit=metres), footage=SimpleNamespace(shots=shots))
+    return compositing.CompositingLayers(folder, prepared, [])
+
+
+def test_layers_of_the_nearest_object(tmp_path: Path) -> None:
+    writer = _writer(tmp_path, _shots([0.0]))
+    shot = _shots([0.0])[0]
+    writer.layers(shot, 0, _joined(PixelBox(0, 0, 6, 4), 3.0, 0.2))
+    writer.layers(shot, 1, _joined(PixelBox(4, 2, 9, 8), 2.0, 0.7))
+    depth, hidden, number = writer._nearest((8, 10))
+    assert (depth[1, 1], depth[3, 5], depth[6, 6]) == (3, 2, 2)
+    assert np.isinf(depth[0, 9])
+    assert [hidden[1, 1], hidden[3, 5], hidden[0, 9]] == pytest.approx([0.2, 0.7, 0.0])
+    assert (number[1, 1], number[3, 5], number[0, 9]) == (1, 2, 0)
+
+
+def test_normals_of_a_depth_face_the_camera() -> None:
+    camera = Camera("PINHOLE", 64, 48, np.array([64.0, 64, 32, 24]))
+    rays = camera_rays(camera)
+    normal = np.array([0.6, 0.0, -0.8])
+    depth = (-1.6 / (rays @ normal[:2] + normal[2])).astype(np.float32)
+    assert compositing._normals(depth, rays)[5:-5, 5:-5] == pytest.approx(
+        np.broadcast_to(normal, (38, 54, 3)), abs=2e-3
+    )
+    unknown = compositing._normals(np.full((48, 64), np.inf, np.float32), rays)
+    assert not unknown.any()
+
+
+@pytest.mark.parametrize("channels", [1, 3, 4])
+def test_an_exr_has_its_channels_in_their_order(tmp_path: Path, channels: int) -> None:
+    import av
+
+    pixels = np.random.default_rng(0).uniform(0, 1, (10, 14, channels)).astype(np.float32)
+    (tmp_path / "a.exr").write_bytes(compositing.exr_bytes(pixels if channels > 1 else pixels[..., 0], half=False))
+    with av.open(str(tmp_path / "a.exr")) as container:
+        frame = next(container.decode(video=0))
+    order = {1: [0], 3: [1, 2, 0], 4: [1, 2, 0, 3]}[channels]
+    for plane, channel in zip(frame.planes, order, strict=True):
+        rows = np.frombuffer(memoryview(plane), np.float32).reshape(10, -1)[:, :14]
+        assert rows == pytest.approx(pixels[..., channel], abs=1e-7)
+
+
+def test_depth_is_in_millimetres_of_sixteen_bits(tmp_path: Path) -> None:
+    (shot,) = _shots([0.0])
+    writer = LayerWriter(tmp_path, [shot], 0.5)
+    writer.picture(shot, np.full((8, 10, 3), (10, 20, 30), np.uint8))
+    writer.layers(shot, 2, _joined(PixelBox(2, 1, 6, 5), 3.0, 0.5))
+    depth, mask = (read_picture(tmp_path / name / "0_2.png", -1) for name in ("depth", "mask"))
+    assert depth is not None
+    assert mask is not None
+    assert (depth.dtype, int(depth[2, 3]), int(depth[0, 0]), int(mask[2, 3])) == (np.uint16, 1500, 0, 64)
+    writer.layers(shot, 3, _joined(PixelBox(2, 1, 6, 5), 131.08, 0.0))
+    far = read_picture(tmp_path / "depth" / "0_3.png", -1)
+    assert far is not None
+    assert not far.any()
+    plain = read_picture(tmp_path / "pictures" / "0.png", -1)
+    assert plain is not None
+    assert plain[0, 0].tolist() == [30, 20, 10]
+
+
+def test_a_catcher_is_under_each_level_and_reflects_what_is_below() -> None:
+    frame = MetricFrame(0.5, np.eye(3)[[0, 2, 1]], np.zeros(3))
+
+    def item(x: float, height: float, unit: float, plane: int = 0, surface: Any = None) -> Any:
+        place = SimpleNamespace(basis=np.eye(3), position=np.array([x, 0.0, height]), plane=plane)
+        return SimpleNamespace(place=place, body=SimpleNamespace(unit=unit), surface=surface)
+
+    (corners,) = job._catchers([item(0.0, 1.0, 0.2), item(1.0, 1.004, 0.1)], frame)
+    assert corners[:, 0].min() == pytest.approx(-0.5 * 8 * 0.2)
+    assert corners[:, 0].max() == pytest.approx(0.5 * 1.8)
+    assert corners[:, 1] == pytest.approx([0.5] * 4)
+    assert corners[:, 2] == pytest.approx(0.5 * np.array([-1.6, -1.6, 1.6, 1.6]))
+    solid = np.zeros((10, 10), bool)
+    solid[2:5, 3:9] = True
+    table = SimpleNamespace(solid=solid, origin=np.array([-1.0, -1.0]), cell=0.2)
+    ends = job._catchers([item(0.0, 1.0, 1.0, 1, table)], frame)[0]
+    assert ends[:, 0].min() == pytest.approx(0.5 * -0.6)
+    assert ends[:, 0].max() == pytest.approx(0.5 * 0.0)
+    assert ends[:, 2].max() == pytest.approx(0.5 * 0.8)
+    high, low = item(0.0, 1.0, 0.2), item(0.6, 0.9, 0.4)
+    assert job._as_far_as(high, low, np.eye(3)) == pytest.approx(0.4)
+    assert job._as_far_as(low, high, np.eye(3)) == np.inf
+    assert job._as_far_as(high, item(0.1, 0.9, 0.4), np.eye(3)) == pytest.approx(0.1)
+    radiance = np.full((HEIGHT, WIDTH, 3), 2.0, np.float32)
+    radiance[HEIGHT // 2 :] = (1.0, 0.5, 0.01)
+    lit = Environment(radiance, np.eye(3), np.ones((HEIGHT, WIDTH), np.float32))
+    assert job.support_albedo(lit) == pytest.approx([0.5, 0.25, 0.05], rel=0.01)
+    assert job._window(Window(100.0, 110.0, 50.0, 40.0, -5, 3, 90, 70)) == {
+        "width": 90, "height": 70, "fx": 100.0, "fy": 110.0, "cx": 55.0, "cy": 37.0,
+    }  # fmt: skip
+
+
+@pytest.fixture
+def blender(monkeypatch: pytest.MonkeyPatch) -> Any:
+    """The two scripts that Blender runs, with a recorder in Blender's place."""
+    bpy, mathutils = MagicMock(), MagicMock()
+    mathutils.Matrix.side_effect = np.array
+    for name, module in (("bpy", bpy), ("mathutils", mathutils)):
+        monkeypatch.setitem(sys.modules, name, module)
+    folder = Path(job.__file__).parent
+    scripts = {}
+    for name, file in (("script", "script.py"), ("layer_script", "layer_script.py")):
+        spec = importlib.util.spec_from_file_location(name, folder / file)
+        assert spec is not None
+        assert spec.loader is not None
+        module = importlib.util.module_from_spec(spec)
+        monkeypatch.setitem(sys.modules, name, module)
+        spec.loader.exec_module(module)
+        scripts[name] = module
+    return SimpleNamespace(bpy=bpy, **scripts)
+
+
+WINDOW = {"width": 200, "height": 120, "fx": 150.0, "fy": 180.0, "cx": 90.0, "cy": 70.0}
+
+
+def test_a_card_fills_the_camera_s_picture(blender: Any) -> None:
+    blender.layer_script.add_card(MagicMock(), MagicMock(), {"window": WINDOW, "first": 1, "last": 3})
+    corners = np.array(blender.bpy.data.meshes.new.return_value.from_pydata.call_args.args[0])
+    x = WINDOW["cx"] + WINDOW["fx"] * corners[:, 0] / -corners[:, 2]
+    y = WINDOW["cy"] - WINDOW["fy"] * corners[:, 1] / -corners[:, 2]
+    assert np.column_stack([x, y]) == pytest.approx(np.array([[0, 120], [200, 120], [200, 0], [0, 0]]), abs=1e-9)
+
+
+def test_a_lens_is_that_of_the_window(blender: Any) -> None:
+    scene, data = SimpleNamespace(render=SimpleNamespace()), SimpleNamespace()
+    blender.script.set_lens(scene, data, WINDOW)
+    assert data.lens == pytest.approx(36.0 * 150 / 200)
+    assert data.shift_x == pytest.approx(10 / 200)
+    assert data.shift_y == pytest.approx(10 / 200 * 150 / 180)
+    assert (scene.render.pixel_aspect_x, scene.render.pixel_aspect_y) == pytest.approx((180 / 150, 1.0))
+    assert (scene.render.resolution_x, scene.render.resolution_y) == (200, 120)
+
+
+def test_keys_are_at_their_frames(blender: Any) -> None:
+    scene = SimpleNamespace(render=SimpleNamespace(), collection=MagicMock())
+    camera = blender.bpy.data.objects.new.return_value
+    keys = [{"time_s": time, "matrix": np.eye(4).tolist(), "window": WINDOW} for time in (1.0, 1.5, 2.0)]
+    blender.script.add_camera(scene, {"keys": keys, "window": WINDOW, "rate": 24.0, "start_s": 0.5})
+    frames = [call.kwargs["frame"] for call in camera.keyframe_insert.call_args_list]
+    assert frames == [13, 13, 25, 25, 37, 37]
+    assert (scene.frame_start, scene.frame_end, scene.render.fps / scene.render.fps_base) == (1, 37, pytest.approx(24))
+    assert not blender.bpy.data.cameras.new.return_value.keyframe_insert.called
+    zoomed = [*keys[:2], keys[2] | {"window": WINDOW | {"fx": 140.0}}]
+    blender.script.add_camera(scene, {"keys": zoomed, "window": WINDOW, "rate": 29.97})
+    assert scene.render.fps == 30
+    assert scene.render.fps / scene.render.fps_base == pytest.approx(29.97)
+    assert blender.bpy.data.cameras.new.return_value.keyframe_insert.call_count == 9
+    output = MagicMock()
+    output.name = "objects"
+    blender.layer_script.set_output(output, {"first": 3, "last": 9, "rate": 29.97, "samples": 32})
+    assert (output.frame_start, output.frame_end, output.cycles.samples) == (3, 9, 32)
+    assert output.render.fps / output.render.fps_base == pytest.approx(29.97)
+
+
+def test_luma_and_chroma_of_a_matrix() -> None:
+    for number, red, blue in ((1, 0.2126, 0.0722), (9, 0.2627, 0.0593), (2, 0.299, 0.114)):
+        matrix = matrix_of(number)
+        assert matrix[0] == pytest.approx([red, 1 - red - blue, blue])
+        assert matrix @ np.ones(3) == pytest.approx([1, 0, 0])
+        assert matrix @ [0, 0, 1] == pytest.approx([blue, 0.5, -0.5 * blue / (1 - red)])
+        assert matrix @ [1, 0, 0] == pytest.approx([red, -0.5 * red / (1 - blue), 0.5])
+
+
+def _normal(x: float) -> float:
+    return 0.5 * (1 + math.erf(x / math.sqrt(2)))
+
+
+def test_an_observer_s_shares_by_the_normal_distribution() -> None:
+    observer = Observer(0.05, 0.2, 0.12)
+    x = np.log(1.1) + 0.05
+    low, high = _normal((-0.12 - x) / 0.2), _normal((0.12 - x) / 0.2)
+    wanted = (1 - SLIPS) * np.array([low, high - low, 1 - high]) + SLIPS / 3
+    assert observer.shares(np.array([10.0]))[0] == pytest.approx(wanted)
+    assert observer.shares(np.array([-30.0, 0.0, 50.0])).sum(axis=1) == pytest.approx(1)
+    assert observer.peak == pytest.approx(100 * (np.exp(-0.05) - 1))
+    assert observer.noticeable == pytest.approx(100 * (np.exp(0.6744898 * 0.2) - 1), rel=1e-5)
+    low, high = wilson(8, 10)
+    root = np.sqrt(0.16 * 10 + 1.959964**2 / 4)
+    assert (low, high) == pytest.approx(
+        tuple((8 + 1.959964**2 / 2 + s * 1.959964 * root) / (10 + 1.959964**2) for s in (-1, 1))
+    )
+
+
+def _many(person: str, counts: dict[float, tuple[int, int, int]]) -> list[StudyAnswer]:
+    return [
+        StudyAnswer(person, step, word)
+        for step, own in counts.items() for word, count in zip(ANSWERS, own, strict=True) for _ in range(count)
+    ]  # fmt: skip
+
+
+def test_answers_are_counted_and_fitted() -> None:
+    true = Observer(0.04, 0.12, 0.1)
+    steps = np.array([-30.0, -10, 0, 10, 30])
+    exact = {
+        float(step): tuple(int(n) for n in np.rint(400 * share))
+        for step, share in zip(steps, true.shares(steps), strict=True)
+    }
+    one, two = _many("b", exact), _many("a", {0.0: (1, 2, 3), 10.0: (0, 4, 0)})  # type: ignore[arg-type]
+    rows, counts = _table(two)
+    assert (rows.tolist(), counts.tolist()) == ([0, 10], [[1, 2, 3], [0, 4, 0]])
+    _, tables = _tables([*two, *_many("c", {10.0: (0, 1, 0)})])
+    assert tables.tolist() == [[[1, 2, 3], [0, 4, 0]], [[0, 0, 0], [0, 1, 0]]]
+    observer, gain = fit_observer(one)
+    assert (observer.bias, observer.sigma, observer.criterion) == pytest.approx((0.04, 0.12, 0.1), rel=0.05)
+    total = _table(one)[1]
+    flat = (total.sum(axis=0) * np.log(total.sum(axis=0) / total.sum())).sum()
+    assert gain == pytest.approx(float((total * np.log(true.shares(steps))).sum()) - flat, rel=1e-3)
+    chance = _many("d", dict.fromkeys(map(float, steps), (20, 20, 20)))
+    _, tables = _tables([*one, *chance])
+    looking, known = _looking(steps, tables)
+    assert looking.tolist() == [True, False]
+    assert known.sigma == pytest.approx(0.12, rel=0.05)
+
+
+def test_a_plan_is_by_the_information_of_the_answers() -> None:
+    few, repeated = expected_intervals(10, 1), expected_intervals(10, 4)
+    assert repeated[1] == pytest.approx(few[1] / 2)
+    bias2 = (100 * 1.959964) ** 2 * BIAS_SPREAD**2 / 10
+    assert repeated[0] ** 2 - bias2 == pytest.approx((few[0] ** 2 - bias2) / 4)
+    # of observers who differ in nothing but their place: a sharper one says more
+    assert expected_intervals(10, 1, Observer(0.0, 0.1, 0.1))[1] < 0.5 * few[1]
+
+
+def _curve(observer: Observer, peaks: tuple[float, float] | None, steps: tuple[float, float] | None) -> StudyCurve:
+    points = tuple(Point(step, 20, 0.1, 0.8, 0.1, 0.6, 0.9) for step in (-20.0, -5.0, 0.0, 5.0, 30.0))
+    return StudyCurve(points, observer, 9, 0, peaks, steps, False)
+
+
+def test_a_report_has_as_many_digits_as_its_interval_allows() -> None:
+    observer = Observer(0.05, 0.1, 0.12)
+    share = observer.shares(np.array([observer.peak]))[0, 1]
+    fine = report_text(_curve(observer, (-6.0, -4.0), (6.0, 9.5)))
+    assert f"most say right at -4.9 % (95 %: -6.0 to -4.0 %); there it is {share:.2f} of them" in fine
+    assert "just-noticeable step: 7 % (95 %: 6 to 10 %)" in fine
+    assert "  -20 %        20        0.10    0.80        0.10   0.60 to 0.90" in fine
+    assert "9 participant(s)" in fine
+    assert "no intervals" not in fine
+    wide = report_text(_curve(observer, (-25.0, -2.0), (6.0, 45.0)))
+    assert "most say right at -5 % (95 %: beyond the sizes shown to -2 %)" in wide
+    assert "just-noticeable step: 7 % (95 %: 6 to beyond the sizes shown %)" in wide
+    none = report_text(_curve(observer, None, None))
+    assert "most say right at about -5 %" in none
+    assert "no intervals: they need three participants who look" in none
+    assert "less than half of 5 %" in report_text(_curve(Observer(0.0, 0.02, 0.1), None, None))
+    assert "more than 30 %" in report_text(_curve(Observer(0.0, 0.5, 0.1), None, None))
+    assert "most say right beyond +30 %" in report_text(_curve(Observer(-0.4, 0.1, 0.1), None, None))
+    assert "no just-noticeable step" in report_text(
+        StudyCurve(_curve(observer, None, None).points, observer, 9, 0, None, None, True)
+    )

@@ -36,6 +36,16 @@ MAX_INDEPENDENT_POINTS = 8
 MAX_INDEPENDENT_VIEWS = 4
 # Footprints are between a rectangle and an ellipse: an octagon with corners cut off from this share of half a side.
 CORNER = 0.75
+# The corners (16, 3) of the octagon's prism with unit sides.
+UNIT_CORNERS = np.array(
+    [
+        (x * a / 2, y * b / 2, z)
+        for a, b in ((1, CORNER), (CORNER, 1))
+        for x in (1, -1)
+        for y in (1, -1)
+        for z in (-0.5, 0.5)
+    ]
+)
 # What is known of a cuboid before: its sides within a factor of 1.8 of what single outlines show. The centre is open by
 # `CENTRE_SD` distances, which only says that it is somewhere ahead.
 SIDE_SD, CENTRE_SD, YAW_SD = (0.6, 0.6, 0.5), 0.7, 2.0
@@ -125,20 +135,18 @@ def entry_depths(parameters: FloatArray, sight: Sightings) -> tuple[FloatArray, 
 
     A ray that misses enters and leaves where it comes nearest to doing both.
     """
-    half = np.exp(parameters[:, None, 4:]) / 2  # (k, 1, 3)
     c, s = np.cos(parameters[:, 3, None]), np.sin(parameters[:, 3, None])
-
-    def local(vectors: FloatArray) -> FloatArray:
-        """(k, n, 3) vectors in each cuboid's own axes."""
-        return np.stack(
-            [c * vectors[..., 0] + s * vectors[..., 1], c * vectors[..., 1] - s * vectors[..., 0], vectors[..., 2]], -1
-        )
-
-    start = local(sight.eyes - parameters[:, None, :3])
-    ray = local(np.broadcast_to(sight.rays, start.shape))
-    ray = np.where(np.abs(ray) < 1e-9, 1e-9, ray)
-    one, two = (-half - start) / ray, (half - start) / ray
-    enter, leave = np.minimum(one, two).max(axis=2), np.maximum(one, two).min(axis=2)
+    x, y, z = sight.eyes.T[:, None] - parameters.T[:3, :, None]  # (k, n) each
+    p, q, r = sight.rays.T
+    halves = np.exp(parameters.T[4:, :, None]) / 2  # (3, k, 1)
+    enter, leave = np.array(-np.inf), np.array(np.inf)
+    # in each cuboid's own axes, one after the other
+    for start, ray, half in zip(
+        (c * x + s * y, c * y - s * x, z), (c * p + s * q, c * q - s * p, r), halves, strict=True
+    ):
+        slope = np.where(np.abs(ray) < 1e-9, 1e-9, ray)
+        one, two = (-half - start) / slope, (half - start) / slope
+        enter, leave = np.maximum(enter, np.minimum(one, two)), np.minimum(leave, np.maximum(one, two))
     missed = enter > leave
     middle = (enter + leave) / 2
     return np.where(missed, middle, enter), np.where(missed, 0.0, leave - enter)
@@ -146,35 +154,33 @@ def entry_depths(parameters: FloatArray, sight: Sightings) -> tuple[FloatArray, 
 
 def _reaches(outlines: Outlines, parameters: FloatArray) -> FloatArray:
     """(k, v, 8) how far k cuboids reach in each picture, parameters (k, 7): centre, yaw, log extents."""
-    ring = np.array([(1, CORNER), (CORNER, 1)])
-    signs = np.array([(1, 1), (-1, 1), (1, -1), (-1, -1)])
-    flat = (ring[:, None] * signs).reshape(-1, 2) / 2
-    unit = np.array([[*at, z] for at in flat for z in (-0.5, 0.5)])  # (16, 3)
-    local = unit * np.exp(parameters[:, None, 4:])  # (k, 16, 3)
-    c, s = np.cos(parameters[:, 3, None]), np.sin(parameters[:, 3, None])
-    turned = [c * local[..., 0] - s * local[..., 1], s * local[..., 0] + c * local[..., 1], local[..., 2]]
-    world = np.stack(turned, axis=-1) + parameters[:, None, :3]
-    camera = np.einsum("vij,knj->kvin", outlines.rotation, world) + outlines.translation[:, :, None]  # (k, v, 3, 16)
+    c, s = np.cos(parameters[:, 3]), np.sin(parameters[:, 3])  # (k,)
+    x, y, z = UNIT_CORNERS.T[:, :, None] * np.exp(parameters.T[4:, None])  # (16, k) each
+    world = np.array([c * x - s * y, s * x + c * y, z]) + parameters.T[:3, None]  # (3, 16, k)
+    turned = outlines.rotation.transpose(1, 2, 0)  # (3, 3, v)
+    camera = world.reshape(3, -1).T @ turned + outlines.translation.T[:, None]  # (3, 16 k, v)
     # what is behind the camera is far to the side
-    at = camera[:, :, :2] / np.maximum(camera[:, :, 2:], 1e-3 * np.abs(camera).max())
-    return np.asarray(np.einsum("di,kvin->kvdn", DIRECTIONS, at).max(axis=3))
+    at = camera[:2] / np.maximum(camera[2], 1e-3 * np.abs(camera).max())
+    furthest = (DIRECTIONS @ at.reshape(2, len(UNIT_CORNERS), -1).transpose(1, 0, 2)).max(axis=0)  # (8, k v)
+    return np.asarray(furthest.reshape(len(DIRECTIONS), len(parameters), -1).transpose(1, 2, 0))
 
 
 def _fit(data: _Data, start: FloatArray, size: float, centre_sd: float) -> tuple[float, FloatArray, FloatArray, float]:
     """Cost, parameters (7,), covariance (7, 7) of them, and misfit of one start."""
     unit = np.array([size, size, size, 1, 1, 1, 1])
-    step = 1e-3 * unit
+    step, most = 1e-3 * unit, MOST_STEP * unit
     prior_sd = np.array([*[centre_sd] * 3, YAW_SD, *SIDE_SD])
     at = start.copy()
     damping, cost, centre = DAMPING, np.inf, start
-    normal, pull, misfit = np.diag(prior_sd**-2), np.zeros(7), 1.0
+    known = np.diag(prior_sd**-2)
+    normal, pull, misfit = known, np.zeros(7), 1.0
     for _ in range(STEPS):
         rows, weight, residual, loss = _residuals(data, at, step)
         now = loss + float((((at - start) / prior_sd) ** 2).sum())
         if now < cost:
             done = cost - now < ENOUGH * max(now, 1.0)
             cost, centre, damping = now, at, damping / 3
-            normal = rows.T @ (rows * weight[:, None]) + np.diag(prior_sd**-2)
+            normal = rows.T @ (rows * weight[:, None]) + known
             pull = rows.T @ (weight * residual) + (at - start) / prior_sd**2
             misfit = float(np.sqrt((weight * residual**2).sum() / max(float(weight.sum()), 1.0)))
         else:
@@ -182,7 +188,7 @@ def _fit(data: _Data, start: FloatArray, size: float, centre_sd: float) -> tuple
         if done:
             break
         change = -np.linalg.solve(normal + damping * np.diag(np.diag(normal)), pull)
-        at = centre + np.clip(change, -MOST_STEP * unit, MOST_STEP * unit)
+        at = centre + np.clip(change, -most, most)
     return cost, centre, np.asarray(np.linalg.inv(normal)), misfit
 
 

@@ -11,7 +11,7 @@ import numpy as np
 
 from estimator.reconstructions.cameras import view_rays
 from estimator.records.scene import Instance, Scene
-from metric_base.arrays import BoolArray, FloatArray
+from metric_base.arrays import BoolArray, FloatArray, IntArray
 
 __all__ = ["DIRECTIONS", "Outlines", "Reaches", "mask_reaches"]
 
@@ -126,8 +126,11 @@ def _reaches(scene: Scene, instance: Instance, nearer: Sequence[Instance]) -> tu
     stopped = np.repeat(at_border[:, None], 8, axis=1)
     if not instance.from_box:
         step = BESIDE_PX + BESIDE_SHARE * float(np.hypot(width, height))
+        beside = np.floor(pixels[:, None] + step * DIRECTIONS).astype(np.int64)  # (n, 8, 2)
+        low, high = beside.min(axis=(0, 1)), beside.max(axis=(0, 1))
         for other in nearer:
-            stopped |= _within(other, pixels[:, None] + step * DIRECTIONS)
+            if np.all(low < np.add(other.origin, other.mask.shape[::-1])) and np.all(high >= other.origin):
+                stopped |= _within(other, beside)
     else:
         outer = np.eye(BOX_DIRECTIONS, 8, dtype=bool)
     free: BoolArray = (stopped & outer).sum(axis=0) <= CUT_SHARE * outer.sum(axis=0)
@@ -136,9 +139,10 @@ def _reaches(scene: Scene, instance: Instance, nearer: Sequence[Instance]) -> tu
     return reach, sigma, free
 
 
-def _within(other: Instance, pixels: FloatArray) -> BoolArray:
-    """(n, 8) whether pixels (n, 8, 2) lie in another mask of the same picture."""
-    at = np.floor(pixels - other.origin).astype(np.int64)
+def _within(other: Instance, pixels: IntArray) -> BoolArray:
+    """(n, 8) whether whole pixels (n, 8, 2) lie in another mask of the same picture."""
+    at = pixels - np.array(other.origin)
     inside: BoolArray = np.all((at >= 0) & (at < other.mask.shape[::-1]), axis=2)
-    columns, lines = np.where(inside[..., None], at, 0).transpose(2, 0, 1)
-    return np.asarray(inside & other.mask[lines, columns])
+    columns, lines = at[inside].T
+    inside[inside] = other.mask[lines, columns]
+    return inside

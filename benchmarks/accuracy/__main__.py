@@ -19,35 +19,29 @@ from collections.abc import Callable, Iterator, Sequence
 from functools import cache
 from pathlib import Path
 
-import numpy as np
-
 import metric_tree
 from benchmarks.accuracy.budget import budget_outcomes
-from benchmarks.accuracy.cases import scenes_on_disk, synthetic_rooms, synthetic_streets, tilted_rooms
-from benchmarks.accuracy.methods import METHODS, UNTRACKED, object_outcomes, scene_outcomes
+from benchmarks.accuracy.cases import scenes_on_disk, synthetic_rooms, synthetic_streets
+from benchmarks.accuracy.methods import scene_outcomes
 from benchmarks.accuracy.outcomes import Outcome, read_outcomes, write_outcomes
 from benchmarks.accuracy.page import Facts, page
 from benchmarks.accuracy.simulations import (
     COUNTS,
     NOISES,
     error_outcomes,
-    fewer_dimensions,
     sameness_outcomes,
     structured_outcomes,
 )
 from benchmarks.accuracy.streets import MEASURED, streets_outcomes
 from benchmarks.accuracy.unseen import FAMILY, tree_without, unseen_outcomes, unseen_tree
 from benchmarks.estimator.simulation import World, world
-from estimator.pipeline import measure_objects
 from metric_base.files import whole_file
 from metric_tree.tree import Tree
 from tests.synthetic.rooms.sizes import Sizes, typical_sizes
 
 ROOT = Path(__file__).resolve().parents[2]
 TEMPLATE = Path(__file__).with_name("page.md")
-PARTS = ("sameness", "structured", "errors", "unseen", "streets", "scenes", "methods", "budget", "dimensions", "tilted")
-#: Dimensions that are left of those of a room.
-FEWER = (3, 6, 12, 24)
+PARTS = ("sameness", "structured", "errors", "unseen", "streets", "scenes", "methods", "budget")
 #: How much of everything --quick does.
 QUICK = {"rooms": [0], "streets": [0, 1], "scenes_a_cell": 10, "unseen_rooms": 20}
 
@@ -127,8 +121,6 @@ def _outcomes(
         "structured": lambda: _simulated(arguments, release),
         "errors": lambda: error_outcomes(_classes(release, arguments.seed), arguments.scenes_a_cell, arguments.seed),
         "budget": lambda: _by_stage(arguments, rooms_tree, sizes),
-        "tilted": lambda: _tilted(arguments, rooms_tree, sizes),
-        "dimensions": lambda: _by_dimensions(arguments, rooms_tree, sizes),
         "unseen": lambda: _unseen(arguments, rooms_tree),
         "streets": lambda: _streets(arguments),
     }
@@ -166,12 +158,6 @@ def _simulated(arguments: argparse.Namespace, release: Tree) -> Iterator[Outcome
     return structured_outcomes(_classes(release, arguments.seed), arguments.scenes_a_cell, arguments.seed, *cells)
 
 
-def _tilted(arguments: argparse.Namespace, tree: Tree, sizes: Sizes) -> Iterator[Outcome]:
-    shares, seeds = ((0.0, 1.0), arguments.rooms[:1]) if arguments.quick else ((0.0, 0.25, 1.0), arguments.rooms[:2])
-    for case in tilted_rooms(shares, seeds, sizes):
-        yield from scene_outcomes("tilted", case, tree, METHODS[:3])
-
-
 def _unseen(arguments: argparse.Namespace, tree: Tree) -> Iterator[Outcome]:
     if arguments.raw is None:
         return iter(())
@@ -184,19 +170,6 @@ def _streets(arguments: argparse.Namespace) -> Iterator[Outcome]:
         return iter(())
     tree = tree_without((*FAMILY, *MEASURED), arguments.raw, arguments.cache / "streets")
     return streets_outcomes(arguments.tables, tree, arguments.seed)
-
-
-def _by_dimensions(arguments: argparse.Namespace, tree: Tree, sizes: Sizes) -> Iterator[Outcome]:
-    """Synthetic rooms of which so many dimensions are left."""
-    for case in synthetic_rooms(arguments.rooms, sizes):
-        if not case.group.endswith("masks"):
-            continue
-        objects = measure_objects(case.scene, case.instances, UNTRACKED).objects
-        generator = np.random.default_rng([arguments.seed, 43])
-        for most in FEWER:
-            fewer = fewer_dimensions(objects, most, generator)
-            if fewer is not None:
-                yield from object_outcomes("dimensions", str(most), case.name, fewer, case.scale, tree, METHODS[:1])
 
 
 def _rooms_text(arguments: argparse.Namespace) -> str:

@@ -14,12 +14,12 @@ from estimator.reconstructions.truth import read_truth
 from tests.synthetic.rooms.detections import detections_of
 from tests.synthetic.rooms.furnish import furnished_room
 from tests.synthetic.rooms.kinds import KINDS
-from tests.synthetic.rooms.knobs import HARD, Knobs
+from tests.synthetic.rooms.knobs import HARD
 from tests.synthetic.rooms.quick import SyntheticScene, quick_scene
 from tests.synthetic.rooms.sizes import Sizes
 from tests.synthetic.rooms.street import street
 
-__all__ = ["scenes_on_disk", "synthetic_rooms", "synthetic_streets", "tilted_rooms"]
+__all__ = ["scenes_on_disk", "synthetic_rooms", "synthetic_streets"]
 
 
 def synthetic_rooms(seeds: Sequence[int], sizes: Sizes) -> Iterator[Case]:
@@ -40,16 +40,6 @@ def synthetic_streets(seeds: Sequence[int], sizes: Sizes) -> Iterator[Case]:
     """Drives past parked and moving cars."""
     for seed in seeds:
         yield _case("synthetic streets", f"street {seed}", quick_scene(street(seed, sizes=sizes), seed=seed))
-
-
-def tilted_rooms(shares: Sequence[float], seeds: Sequence[int], sizes: Sizes) -> Iterator[Case]:
-    """Rooms of which a share of the objects leans by 30 degrees."""
-    for share in shares:
-        knobs = Knobs(tilted=share, tilt_deg=30.0)
-        for kind in KINDS:
-            for seed in seeds:
-                synthetic = quick_scene(furnished_room(kind, seed, knobs, sizes), knobs, seed)
-                yield _case(f"tilted {share:.0%}", f"{kind} {seed}", synthetic)
 
 
 def scenes_on_disk(folder: Path) -> Iterator[Case]:

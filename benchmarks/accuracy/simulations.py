@@ -18,14 +18,12 @@ from benchmarks.estimator.simulation import (
     estimates,
 )
 from estimator.posterior.posterior import Estimate
-from estimator.records.measured_object import MeasuredObject
 
 __all__ = [
     "COUNTS",
     "FAULTS",
     "NOISES",
     "error_outcomes",
-    "fewer_dimensions",
     "sameness_outcomes",
     "structured_outcomes",
 ]
@@ -73,28 +71,6 @@ def error_outcomes(world: World, scenes: int, seed: int) -> Iterator[Outcome]:
     for error, settings in FAULTS.items():
         for value, knobs in settings:
             yield from _outcomes("errors", f"{error}: {value}", world, knobs, scenes, seed)
-
-
-def fewer_dimensions(
-    objects: Sequence[MeasuredObject], most: int, generator: np.random.Generator
-) -> list[MeasuredObject] | None:
-    """The objects with `most` dimensions that no flag calls truncated, chosen at random; None where they have fewer."""
-    usable = [
-        (row, axis)
-        for row, item in enumerate(objects)
-        if item.skipped is None
-        for axis in np.flatnonzero(np.isfinite(item.extents) & ~np.asarray(item.truncated, dtype=bool)).tolist()
-    ]
-    if len(usable) < most:
-        return None
-    kept = np.zeros((len(objects), 3), dtype=bool)
-    for pick in generator.choice(len(usable), most, replace=False):
-        kept[usable[int(pick)]] = True
-    return [
-        replace(item, extents=np.where(kept[row], item.extents, np.nan), truncated=np.zeros(3, dtype=bool))
-        for row, item in enumerate(objects)
-        if kept[row].any()
-    ]
 
 
 def _outcomes(part: str, group: str, world: World, knobs: Knobs, scenes: int, seed: int) -> Iterator[Outcome]:

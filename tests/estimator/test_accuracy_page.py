@@ -13,8 +13,6 @@ from benchmarks.accuracy.__main__ import TEMPLATE
 from benchmarks.accuracy.methods import METHODS
 from benchmarks.accuracy.outcomes import Outcome, difference, read_outcomes, summary, write_outcomes
 from benchmarks.accuracy.page import Facts, page
-from benchmarks.accuracy.simulations import fewer_dimensions
-from estimator.records.measured_object import MeasuredObject
 
 ONE = Outcome("methods", "rooms", "a", "default", np.log(1.1), False, np.log(0.95), np.log(1.2), 0.1, 6)
 
@@ -40,24 +38,13 @@ def test_differences_are_of_the_scenes_of_both() -> None:
     assert low <= mean <= high < 0
 
 
-def test_no_dimension_is_counted_twice() -> None:
-    objects = [MeasuredObject(str(k), "cup", np.array([0.1, 0.1, 0.1]), np.full(3, 0.05)) for k in range(3)]
-    generator = np.random.default_rng(0)
-    fewer = fewer_dimensions(objects, 4, generator)
-    assert fewer is not None
-    assert sum(int(np.isfinite(item.extents).sum()) for item in fewer) == 4
-    assert fewer_dimensions(objects, 10, generator) is None
-
-
 def test_the_page_has_every_table(tmp_path: Path) -> None:
     parts = {
         "methods": "rooms",
         "structured": "3/6%",
         "sameness": "3/1/60%",
         "errors": "truncated: 0%",
-        "tilted": "t",
         "budget": "rooms, masks",
-        "dimensions": "6",
     }
     outcomes = [
         replace(ONE, part=part, group=group, scene=str(number), method=method)
@@ -68,7 +55,7 @@ def test_the_page_has_every_table(tmp_path: Path) -> None:
     write_outcomes(outcomes, tmp_path / "rows.jsonl")
     facts = Facts(
         command="python -m benchmarks.accuracy",
-        earlier=("tilted",),
+        earlier=("errors",),
         release="2.0.0",
         rooms="typical sizes",
         minutes=3.0,

@@ -82,7 +82,7 @@ def test_a_shop_with_errors_is_brought_home(tmp_path: Path) -> None:
 
 @pytest.mark.slow
 def test_kills_lose_nothing_and_repeat_nothing(tmp_path: Path) -> None:
-    kills = 3  # ten are a command of their own: python -m benchmarks.kills crawl
+    kills = 3
     shop = Shop(products=80 * kills, errors=False, delay=0.5)
     generator = random.Random(4)
     with SyntheticSite(shop) as site:

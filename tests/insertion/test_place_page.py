@@ -53,6 +53,8 @@ def test_an_object_is_dragged_drawn_and_put_there_by_the_command(tmp_path: Path)
             assert "--facing 0" in first
             browser.run("find('turn').value = 45; turned()")
             browser.wait("find('command').textContent.includes('--facing 45')")
+            browser.call("Emulation.setDeviceMetricsOverride", width=360, height=740, deviceScaleFactor=1, mobile=True)
+            assert browser.run("document.documentElement.scrollWidth") == 360  # a telephone shows all of it
             browser.run("find('done').click()")
             browser.wait("find('says').textContent.startsWith('Done')")
             command = browser.run("find('command').textContent")

@@ -54,6 +54,7 @@ def test_an_object_is_dragged_drawn_and_put_there_by_the_command(tmp_path: Path)
             browser.run("find('turn').value = 45; turned()")
             browser.wait("find('command').textContent.includes('--facing 45')")
             browser.call("Emulation.setDeviceMetricsOverride", width=360, height=740, deviceScaleFactor=1, mobile=True)
+            browser.run("find('model').textContent = 'a_long_name_of_a_file_of_a_model.glb'")
             assert browser.run("document.documentElement.scrollWidth") == 360  # a telephone shows all of it
             browser.run("find('done').click()")
             browser.wait("find('says').textContent.startsWith('Done')")

@@ -102,7 +102,7 @@ def _of_the_focal_length(report: dict[str, Any], stated_by: str) -> list[str]:
 
 def _of_the_motion(report: dict[str, Any]) -> list[str]:
     """What a smear, or objects that move, leave in a model that can be used."""
-    if is_disputed(report.get("mapper", ""), report.get("disagreement")):
+    if is_disputed(report):
         return [
             f"two ways of computing the camera's path differ by {100 * report['disagreement']:.0f} % of its extent; "
             "that which the matches of three frames agree with is used; more frames would settle it"

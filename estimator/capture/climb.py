@@ -94,7 +94,7 @@ class Climb:
             report = read_json(self.work.path / DATABASES / f"model{rung.suffix}.json")
             tried.append((rung, digest, report))
             seen = None if report["failure"] is None else Failure(**report["failure"])
-            above = next_rungs(rung, seen, _placed_count(report), self._evidence(rung), _is_disputed(report))
+            above = next_rungs(rung, seen, _placed_count(report), self._evidence(rung), is_disputed(report))
         return self._chosen(tried, left)
 
     def _predicted_s(self, rung: Rung, done: Rung, limit: TimeLimit) -> float:
@@ -123,7 +123,7 @@ class Climb:
         return digest
 
     def _rank(self, report: dict[str, Any]) -> tuple[bool, bool, int, float]:
-        failed, dispute = report["failure"] is not None, report["disagreement"] if _is_disputed(report) else 0.0
+        failed, dispute = report["failure"] is not None, report["disagreement"] if is_disputed(report) else 0.0
         return model_rank(failed, _placed_count(report), len(self.frames.names), dispute)
 
     def _rung_digest(self, rung: Rung, limit: TimeLimit) -> str:
@@ -165,10 +165,6 @@ class Climb:
 
 def _placed_count(report: dict[str, Any]) -> int:
     return 0 if report["model"] is None else int(report["model"]["registered"])
-
-
-def _is_disputed(report: dict[str, Any]) -> bool:
-    return is_disputed(report.get("mapper", ""), report.get("disagreement"))
 
 
 def _code(report: dict[str, Any]) -> str | None:

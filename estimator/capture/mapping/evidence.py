@@ -179,7 +179,7 @@ class ModelShape:
     side; lens_bend : largest displacement by the lens within the picture, as a share of the longer side;
     focal_deviation : of `focal_deviation`, None where it could not be computed; focal_spread : of `focal_spread`;
     pattern : of `residual_pattern`; camera : COLMAP's camera model; agreement : with the matches of three frames;
-    aspect : how far pixels come out from square, fy over fx or its inverse.
+    aspect : how far pixels come out from square, fy over fx or its inverse; seam : of `weakest_seam`.
     """
 
     names: tuple[str, ...]
@@ -195,6 +195,7 @@ class ModelShape:
     camera: str = "SIMPLE_RADIAL"
     agreement: TripletAgreement = TripletAgreement()
     aspect: float = 1.0
+    seam: int = 0
 
     def summary(self) -> dict[str, Any]:
         """Figures for the report."""
@@ -210,6 +211,7 @@ class ModelShape:
             "pattern": self.pattern,
             "camera": self.camera,
             "aspect": self.aspect,
+            "seam": self.seam,
             "triplets": self.agreement.triplets,
             "contradicted": self.agreement.contradicted,
             "pieces": [len(piece) for piece in self.agreement.pieces],
@@ -242,7 +244,25 @@ def model_shape(
         camera.model,
         agreement or TripletAgreement(),
         _aspect(camera),
+        weakest_seam(scene),
     )
+
+
+def weakest_seam(scene: Scene) -> int:
+    """Points that pass the size on where fewest do: seen by two views or more on either side of a cut between two.
+
+    The views are taken in the order of their names, as they were recorded. Two at least are on either side.
+    """
+    ordered = sorted(scene.views, key=lambda view: view.name)
+    if len(ordered) < 4:
+        return 0
+    view = np.repeat(np.arange(len(ordered)), [len(one.point_index) for one in ordered])
+    seen = np.unique(np.column_stack([np.concatenate([one.point_index for one in ordered]), view]), axis=0)
+    _, first, count = np.unique(seen[:, 0], return_index=True, return_counts=True)
+    first, count = first[count >= 4], count[count >= 4]
+    begin, end = seen[first + 1, 1] + 1, seen[first + count - 2, 1]  # the first and the last cut of each, as view after
+    steps = np.bincount(begin, minlength=len(ordered) + 2) - np.bincount(end + 1, minlength=len(ordered) + 2)
+    return int(np.cumsum(steps)[2 : len(ordered) - 1].min())
 
 
 def _aspect(camera: Camera) -> float:

@@ -6,13 +6,16 @@ import json
 from collections.abc import Iterable
 from dataclasses import replace
 from pathlib import Path
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
+from hypothesis import given
+from hypothesis import strategies as st
 
 from estimator.capture.cautions import capture_cautions, read_cautions
 from estimator.capture.frames import Frames
-from estimator.capture.mapping.evidence import CaptureEvidence, ModelShape, Pair, TripletAgreement
+from estimator.capture.mapping.evidence import CaptureEvidence, ModelShape, Pair, TripletAgreement, weakest_seam
 from estimator.capture.mapping.failures import CODES, failure
 from estimator.capture.mapping.gates import (
     UNDETERMINED,
@@ -212,8 +215,10 @@ def test_when_other_lenses_and_features_are_tried() -> None:
 
 
 def test_a_path_that_the_other_mapper_disputes_counts_less_than_one_that_it_does_not() -> None:
-    assert is_disputed("global", 0.5)
-    assert not any((is_disputed("global", None), is_disputed("global", 0.01), is_disputed("incremental", 0.5)))
+    report = {"mapper": "global", "disagreement": 0.5, "model": {"seam": 10}}
+    assert is_disputed(report)
+    changes = [{"disagreement": None}, {"disagreement": 0.01}, {"mapper": "incremental"}, {"model": {"seam": 60}}]
+    assert not any(is_disputed(report | change) for change in [*changes, {"model": {}}, {"model": None}])
     settled, disputed, more = (
         model_rank(False, 18, 20, 0),
         model_rank(False, 20, 20, 0.3),
@@ -248,3 +253,13 @@ def test_what_another_lens_leaves_open_does_not_hide_what_the_motion_left_open()
     assert _better_supported(first, by_chance) is first
     assert _better_supported(first, settled) is settled
     assert _better_supported(Mapped(failure("drift", "a pattern"), shape), bent) is bent
+
+
+@given(st.lists(st.sets(st.integers(0, 30)), min_size=4, max_size=8))
+def test_the_weakest_seam_is_where_fewest_points_are_seen_twice_on_both_sides(seen: list[set[int]]) -> None:
+    views = [SimpleNamespace(name=f"{k:03}", point_index=np.array(sorted(ids), int)) for k, ids in enumerate(seen)]
+    counts = [
+        sum(sum(p in ids for ids in seen[:cut]) > 1 < sum(p in ids for ids in seen[cut:]) for p in range(31))
+        for cut in range(2, len(seen) - 1)
+    ]
+    assert weakest_seam(SimpleNamespace(views=views[::-1])) == min(counts)

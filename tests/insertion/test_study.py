@@ -65,15 +65,6 @@ def test_people_who_do_not_look_do_not_widen_the_step() -> None:
     assert "7 of them answer without regard to the size" in report_text(curve)
 
 
-def test_the_report_claims_nothing_beyond_the_sizes_shown() -> None:
-    """Somebody who finds everything too large, a little less so the smaller it is."""
-    curve = curve_of(_answers(Observer(bias=0.8, sigma=0.6, criterion=0.2), 2, 8, 3))
-    text = report_text(replace(curve, observer=Observer(bias=0.8, sigma=0.6, criterion=0.2)))
-    assert "most say right beyond -30 %" in text
-    assert "just-noticeable step: more than 30 %" in text
-    assert "no intervals: they need three participants" in text
-
-
 def test_the_plan_is_that_of_a_flat_curve() -> None:
     few, many = (expected_intervals(people, 2) for people in (25, 100))
     assert few[0] == pytest.approx(2 * many[0])

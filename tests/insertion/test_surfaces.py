@@ -11,6 +11,7 @@ import pytest
 from estimator.geometry.planes import SupportPlane
 from estimator.geometry.up import Up
 from estimator.records.scene import Instance, Scene, View
+from insertion.light.open_air import shown_empty
 from insertion.placement import free_space, locate, on_objects, surface
 from insertion.placement.free_space import Space
 from insertion.placement.heading import heading, turn_about
@@ -385,3 +386,21 @@ def test_a_cloud_has_the_mean_colour_of_the_stills_that_see_it() -> None:
     assert cloud.colours[0] == pytest.approx([0.5, 0, 0])
     assert cloud.colours[1] == pytest.approx([0.5, 0.5, 0.5])
     assert np.isnan(cloud.colours[2]).all()
+
+
+@pytest.mark.parametrize("bright", [False, True])
+def test_what_a_picture_looks_through_is_empty_unless_it_is_dazzled(bright: bool) -> None:
+    from types import SimpleNamespace
+
+    floor = _grid((-1, -1), (1, 1), 0.0, 0.05)
+    scene = Scene(Path("memory"), "memory", (VIEW,), floor)
+    picture = np.full((HEIGHT, WIDTH, 3), 244, np.uint8)
+    if bright:
+        picture[HEIGHT // 2 + 10, WIDTH // 2 - 10] = (0, 245, 0)
+    stills = SimpleNamespace(scene=scene, rows=(0,), picture=lambda row: picture)
+    cloud = Cloud(floor, np.zeros((len(floor), 3), np.float32), True)
+    high, low, beside, above = [0, 0, 1.0], [0, 0, 0.25], [0.0, 5.0, 1.0], [0, 0, 4.0]
+    places = np.array([high, low, beside, above, [0.5, 0.3, 1.0]])
+    assert shown_empty(places, cloud, stills).tolist() == [not bright, False, False, False, True]  # type: ignore[arg-type]
+    far = Cloud(floor[np.abs(floor[:, 0]) > 0.5], cloud.colours, True)
+    assert shown_empty(places[:1], far, stills).tolist() == [False]  # type: ignore[arg-type]

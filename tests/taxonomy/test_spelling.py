@@ -5,7 +5,7 @@ from __future__ import annotations
 from hypothesis import example, given
 from hypothesis import strategies as st
 
-from taxonomy.naming.nodes import LEAST_SHARE, _astray
+from taxonomy.naming.nodes import EACH_SENSE_BEFORE, LEAST_SHARE, USED_MOST, _astray, _sense_score
 from taxonomy.words.senses import LABEL_WEIGHT, LABEL_WEIGHT_ELSEWHERE, Sense, label_votes
 from taxonomy.words.spelling import one_edit
 
@@ -42,3 +42,9 @@ def test_a_rare_sense_counts_itself() -> None:
     assert _astray(1, senses, "board")
     assert not _astray(1, [Sense(("board.n.01",), 80), senses[1]], "board")
     assert not _astray(1, [Sense(("plank.n.01",), 81), senses[1]], "board")
+
+
+def test_a_sense_scores_by_its_uses_less_those_before_it() -> None:
+    senses = [Sense(("board.n.01",), 7), Sense((), 3), Sense(("board.n.09",), 3)]
+    scores = [_sense_score(place, senses) for place in (0, 2)]
+    assert scores == [USED_MOST, USED_MOST * 4 / 8 - EACH_SENSE_BEFORE]

@@ -96,7 +96,7 @@ def test_debians_wordnet_reads_as_it_should(wordnet: WordNet) -> None:
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("seed", ["1", "2", "3"])
+@pytest.mark.parametrize("seed", ["1", "2"])  # a set of the two is in the one order, and in the other
 def test_parents_come_in_wordnets_order_in_every_run(wordnet: WordNet, seed: str) -> None:
     """The library keeps them in a set, so that their order changed from run to run, and with it a tie of two kinds."""
     script = "from taxonomy.wordnet import WordNet; print(*WordNet().parents('beverage.n.01'))"

@@ -30,7 +30,7 @@ from metric_tree.fit.disagreement import (
     no_disagreement,
     with_statements,
 )
-from metric_tree.fit.em import Belief
+from metric_tree.fit.em import Belief, Rows, _single_starts
 from metric_tree.fit.kinds import KindModel
 from metric_tree.fit.plain_names import commonness, plain_weights
 from metric_tree.prior import Prior
@@ -340,3 +340,22 @@ def test_what_ranges_state_source_by_source() -> None:
     assert np.diagonal(own.covariance) == pytest.approx([(1 - STATED_SHARED) * 0.04] * 3)
     bounded = within_range(np.diag([0.04, 0.001, 0.02]), stated)
     assert np.diagonal(bounded) == pytest.approx([STATED_SHARED * 0.04, 0.001, STATED_SHARED * 0.04])
+
+
+def test_a_fit_starts_at_the_belief_and_at_each_rank_of_candidates() -> None:
+    x = np.array([[1.0, 2.0], [2.0, 1.0], [3.0, NAN], [5.0, NAN]])
+    hidden = Rows(x, np.array([0, 0, 1, 2]), np.array([1.0, 2.0, 1.0]))
+    unsure = Belief(np.array([9.0, 8.0]), 0.1, np.eye(2), 8.0)
+    belief, first, second = (start.means[0].tolist() for start in _single_starts(hidden, unsure))
+    assert (belief, first) == ([9, 8], pytest.approx([(1 + 2 * 3 + 5) / 4, 2.0]))
+    assert second == pytest.approx([(2 + 2 * 3 + 5) / 4, 1.0])
+    plain = Rows(x[2:], np.array([0, 1]), np.ones(2))
+    assert len(_single_starts(plain, unsure)) == 1
+    assert len(_single_starts(hidden, replace(unsure, mean_rows=5.0))) == 1
+
+
+def test_a_stated_range_stands_for_ten_whole_rows() -> None:
+    rows = _rows(["product", "museum"], [[1, 2, 3], [4, 5, 6]])
+    ranged = replace(rows, range_sd=np.full((2, 3), 0.1))
+    assert rows.weights[1] / ranged.weights[1] == pytest.approx((3 + 11) / (3 + 1))
+    assert rows.weights[0] == ranged.weights[0]

@@ -13,11 +13,14 @@ from numpy.typing import NDArray
 
 from estimator.capture.video import Video
 from insertion.colour.source_frame import changed_frame
+from insertion.footage.time_code import time_code_after
 
 __all__ = ["CODECS", "VideoWriter"]
 
 #: Time base of the pictures: a multiple of all usual rates.
 TIME_BASE = Fraction(1, 90_000)
+#: Rates are fractions of seconds in at most so many parts (30,000 / 1001).
+MOST_PARTS = 1001
 #: x264's constant quality: no loss that one sees, a few Mbit/s.
 QUALITY = "17"
 _FORMATS = {".mkv": "matroska", ".webm": "webm", ".mov": "mov", ".avi": "avi"}
@@ -53,6 +56,7 @@ class VideoWriter:
         self._container: Any = None
         self._stream: Any = None
         self._first_s: float | None = None
+        self._first = 0
         self._last_s = 0.0
 
     def __enter__(self) -> VideoWriter:
@@ -76,7 +80,7 @@ class VideoWriter:
     def write(self, picture: NDArray[np.uint8], time_s: float, index: int = 0) -> None:
         """Add an upright (h, w, 3) RGB picture that is shown from `time_s` on; index : of the source's frame."""
         if self._first_s is None:
-            self._first_s = time_s if index else 0.0  # a range of frames begins at 0
+            self._first, self._first_s = index, time_s if index else 0.0  # a range of frames begins at 0
         frame = self._frame(picture, index)
         if self._stream is None:
             self._open(frame)
@@ -110,7 +114,8 @@ class VideoWriter:
 
         deep = frame.format.name.endswith(("10le", "12le"))
         encoder, options, only = CODECS[self._codec or ("hevc" if deep else "h264")]
-        stream = self._container.add_stream(encoder, rate=30, options=dict(options))
+        rate = Fraction(0.0 if self._video is None else self._video.rate).limit_denominator(MOST_PARTS)
+        stream = self._container.add_stream(encoder, rate=rate or 30, options=dict(options))
         usual = _DEEP if deep else _PLAIN
         own = frame.format.name.replace("yuvj", "yuv")
         stream.width, stream.height = frame.width, frame.height
@@ -128,6 +133,8 @@ class VideoWriter:
                 own_words = source.streams.video[0].metadata
                 words = {key: own_words[key] for key in ("timecode", "reel_name") if key in own_words}
                 words |= {key: source.metadata[key] for key in ("timecode", "creation_time") if key in source.metadata}
+                if "timecode" in words:
+                    words["timecode"] = time_code_after(words["timecode"], self._first, float(rate))
                 self._container.metadata.update(words)
                 stream.metadata.update(words)
 

@@ -199,11 +199,12 @@ def test_samples_are_averaged_by_direction() -> None:
     way = np.array([[0.0, 1.0, 0.1], [0.0, 1.0, 0.1], [1.0, 0.0, 0.1]])
     way /= np.linalg.norm(way, axis=1, keepdims=True)
     colours = np.array([[0.2, 0.4, 0.6], [0.4, 0.6, 0.8], [1.0, 1.0, 1.0]], np.float32)
-    shown, known = estimate._shown(estimate._Samples(way, colours))
+    shown, known, sky = estimate._shown(estimate._Samples(way, colours, np.array([True, False, True])))
     row = int(np.arccos(way[0, 2]) / np.pi * HEIGHT)
     assert shown[row, WIDTH * 3 // 4] == pytest.approx([0.3, 0.5, 0.7])
     assert (known[row, WIDTH * 3 // 4], known[row, WIDTH // 2]) == (1.0, 0.5)
     assert np.count_nonzero(known) == 2
+    assert (sky[row, WIDTH * 3 // 4], sky[row, WIDTH // 2]) == pytest.approx((0.5, 1.0))
 
 
 def test_what_is_not_seen_has_the_colour_of_what_is() -> None:
@@ -234,7 +235,8 @@ def test_without_planes_a_lamp_is_over_the_middle_of_the_room() -> None:
     assert toward == pytest.approx(away / np.linalg.norm(away), abs=0.02)
     low = Cloud(room.points * [1, 1, 0.01], room.colours, True)
     assert estimate._lamp_direction(np.array([4.0, 2.0, 0.0]), np.eye(3), low)[2] > 0.99
-    samples = estimate._Samples(np.zeros((100, 3)), np.repeat(np.arange(100.0)[:, None], 3, axis=1).astype(np.float32))
+    greys = np.repeat(np.arange(100.0)[:, None], 3, axis=1).astype(np.float32)
+    samples = estimate._Samples(np.zeros((100, 3)), greys, np.zeros(100, bool))
     assert estimate._white_level(samples) == pytest.approx(0.97 * 99, rel=1e-3)
 
 

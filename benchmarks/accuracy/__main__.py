@@ -20,7 +20,6 @@ from functools import cache
 from pathlib import Path
 
 import metric_tree
-from benchmarks.accuracy.budget import budget_outcomes
 from benchmarks.accuracy.cases import scenes_on_disk, synthetic_rooms, synthetic_streets
 from benchmarks.accuracy.methods import scene_outcomes
 from benchmarks.accuracy.outcomes import Outcome, read_outcomes, write_outcomes
@@ -41,7 +40,7 @@ from tests.synthetic.rooms.sizes import Sizes, typical_sizes
 
 ROOT = Path(__file__).resolve().parents[2]
 TEMPLATE = Path(__file__).with_name("page.md")
-PARTS = ("sameness", "structured", "errors", "unseen", "streets", "scenes", "methods", "budget")
+PARTS = ("sameness", "structured", "errors", "unseen", "streets", "scenes", "methods")
 #: How much of everything --quick does.
 QUICK = {"rooms": [0], "streets": [0, 1], "scenes_a_cell": 10, "unseen_rooms": 20}
 
@@ -120,7 +119,6 @@ def _outcomes(
         ),
         "structured": lambda: _simulated(arguments, release),
         "errors": lambda: error_outcomes(_classes(release, arguments.seed), arguments.scenes_a_cell, arguments.seed),
-        "budget": lambda: _by_stage(arguments, rooms_tree, sizes),
         "unseen": lambda: _unseen(arguments, rooms_tree),
         "streets": lambda: _streets(arguments),
     }
@@ -132,12 +130,6 @@ def _by_method(arguments: argparse.Namespace, tree: Tree, sizes: Sizes) -> Itera
     for synthetic in (synthetic_rooms(arguments.rooms, sizes), synthetic_streets(arguments.streets, sizes)):
         for case in synthetic:
             yield from scene_outcomes("methods", case, tree)
-
-
-def _by_stage(arguments: argparse.Namespace, tree: Tree, sizes: Sizes) -> Iterator[Outcome]:
-    """Where the error of synthetic rooms comes from."""
-    for case in synthetic_rooms(arguments.rooms, sizes):
-        yield from budget_outcomes(case, tree)
 
 
 def _on_disk(arguments: argparse.Namespace, release: Tree) -> Iterator[Outcome]:

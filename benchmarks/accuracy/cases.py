@@ -69,8 +69,4 @@ def _case(group: str, name: str, synthetic: SyntheticScene) -> Case:
     """A synthetic scene; tilted and moving objects have no height of their own."""
     entries = synthetic.truth.objects.items()
     upright = {track: float(item.size[2]) for track, item in entries if not (item.tilt_deg or np.any(item.velocity))}
-    sizes = {track: np.append(np.sort(item.size[:2])[::-1], item.size[2]) for track, item in entries}
-    categories = {track: item.category for track, item in entries}
-    return Case(
-        group, name, synthetic.scene, synthetic.instances, synthetic.truth.metres_per_unit, upright, sizes, categories
-    )
+    return Case(group, name, synthetic.scene, synthetic.instances, synthetic.truth.metres_per_unit, upright)

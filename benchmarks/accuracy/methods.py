@@ -18,10 +18,9 @@ from estimator.records.result import ScaleResult
 from estimator.records.scene import Instance, Scene
 from estimator.results.estimate import scale_of_objects
 from estimator.results.reports import EstimateOptions
-from metric_base.arrays import FloatArray
 from metric_tree.tree import Tree
 
-__all__ = ["METHODS", "Case", "object_outcomes", "scene_outcomes", "track_of"]
+__all__ = ["METHODS", "Case", "object_outcomes", "scene_outcomes"]
 
 #: In the order of the tables. "all dimensions" takes every side as measured: the paper's arm without its confidence,
 #: ours without truncation flags.
@@ -35,8 +34,7 @@ UNTRACKED = MeasurementOptions(stated_tracks=False)
 class Case:
     """A scene with its masks, and what is true of it.
 
-    scale : metres per unit; heights : metres, by track; sizes, categories : by track, of synthetic scenes alone, the
-    sizes (3,) in metres, the longer horizontal side first.
+    scale : metres per unit; heights : metres, by track.
     """
 
     group: str
@@ -45,8 +43,6 @@ class Case:
     instances: tuple[Instance, ...]
     scale: float
     heights: Mapping[str, float] = field(default_factory=dict)
-    sizes: Mapping[str, FloatArray] = field(default_factory=dict)
-    categories: Mapping[str, str] = field(default_factory=dict)
 
 
 def scene_outcomes(part: str, case: Case, tree: Tree, methods: Sequence[str] = METHODS) -> Iterator[Outcome]:
@@ -62,7 +58,7 @@ def scene_outcomes(part: str, case: Case, tree: Tree, methods: Sequence[str] = M
             objects = theirs if method.startswith("paper") else ours
             result = _result(method, objects, tree)
             tall = np.array([entry.extents[2] for entry in objects])
-            tracks = [track_of(entry, case.instances) for entry in objects]
+            tracks = [_track_of(entry, case.instances) for entry in objects]
         error = _height_error(result, tall.tolist(), tracks, case.heights)
         yield outcome_of(part, case.group, case.name, method, result, case.scale, error)
 
@@ -94,7 +90,7 @@ def _result(method: str, objects: Sequence[MeasuredObject], tree: Tree) -> Scale
     return paper_result(objects, tree, options) if name == "paper" else scale_of_objects(objects, tree, options)
 
 
-def track_of(entry: MeasuredObject, instances: Sequence[Instance]) -> str | None:
+def _track_of(entry: MeasuredObject, instances: Sequence[Instance]) -> str | None:
     """The true object that most masks of a measured one show."""
     return Counter(instances[row].track for row in entry.members).most_common(1)[0][0]
 

@@ -48,7 +48,6 @@ def page(outcomes: Sequence[Outcome], facts: Facts, template: str) -> str:
         sameness=_sameness_table(select(outcomes, part="sameness")),
         structured=_structured_table(select(outcomes, part="structured")),
         errors=_errors_table(select(outcomes, part="errors")),
-        budget=_groups_table(select(outcomes, part="budget")),
         pulls=_pulls_table(select(outcomes, part="pulls")),
         unseen=_groups_table(select(outcomes, part="unseen")),
         streets=_groups_table(select(outcomes, part="streets")),

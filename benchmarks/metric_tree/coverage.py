@@ -12,15 +12,12 @@ as under -6.
 
 from __future__ import annotations
 
-import argparse
-import tempfile
 from collections.abc import Sequence
 from dataclasses import dataclass
-from pathlib import Path
 
 import numpy as np
 
-from benchmarks.metric_tree.leave_source_out import LEAST_ROWS, SEED, Rows, held_rows, left_out
+from benchmarks.metric_tree.leave_source_out import SEED, Rows, left_out, rows_parser, stated_parts
 from metric_base.arrays import FloatArray
 from metric_cli.terminal import print_table
 from metric_tree.fit.class_prior import NEW_SOURCE, NewSource
@@ -64,17 +61,13 @@ class Held:
 
 def held_out(build: Rows) -> list[Held]:
     """All pairs of a class and a source that has enough rows of it."""
-    found = []
+    pairs: list[Held] = []
     for source in left_out(build):
         for rows, prior in build.without(source, AS_FITTED):
-            sizes = held_rows(rows, source, SEED)
-            stated = ~np.isnan(sizes)
-            for pattern in np.unique(stated, axis=0) if len(sizes) else ():
-                dims = tuple(axis for axis, has in zip(rows.axes, pattern, strict=True) if has and axis in prior.dims)
-                chosen = sizes[(stated == pattern).all(axis=1)][:, [rows.axes.index(axis) for axis in dims]]
-                if dims and len(chosen) >= LEAST_ROWS and prior.tier != "norm":
-                    found.append(Held(source, prior.marginal(dims), chosen))
-    return found
+            if prior.tier != "norm":
+                parts = stated_parts(rows, prior, source, SEED)
+                pairs += [Held(source, prior.marginal(dims), chosen) for dims, chosen in parts]
+    return pairs
 
 
 def halves(pairs: Sequence[Held]) -> tuple[list[Held], list[Held]]:
@@ -93,11 +86,7 @@ def cells(pairs: Sequence[Held], new_source: NewSource) -> tuple[str, str]:
 
 def main() -> None:
     """Print coverage by the offset and half, and by the number of sources, before and after."""
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("raw", nargs="+", type=Path)
-    parser.add_argument("--work", type=Path, help="folder of the cleaned rows; taken up if they are there")
-    arguments = parser.parse_args()
-    pairs = held_out(Rows.of(arguments.raw, arguments.work or Path(tempfile.mkdtemp())))
+    pairs = held_out(Rows.stated(rows_parser(__doc__).parse_args()))
     parts = halves(pairs)
     names = ("chosen on", "other half")
     columns = [f"{what}, {name}" for name in names for what in ("inside", "density")]

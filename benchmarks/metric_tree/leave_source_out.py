@@ -27,6 +27,7 @@ from typing import Any
 
 import numpy as np
 
+from benchmarks.common import options_parser
 from crawler.imports.sources import sources
 from metric_base.arrays import FloatArray
 from metric_base.progress import silent
@@ -84,6 +85,11 @@ class Rows:
         rows = {one.node_id: one for path in sorted(work.glob("clean-*.classes")) for one in _unpickled(path)}
         return cls(rows, classes, Hierarchy.of(kept_categories(shipped_taxonomy().categories(), classes)))
 
+    @classmethod
+    def stated(cls, options: argparse.Namespace) -> Rows:
+        """The rows that the options of `rows_parser` name."""
+        return cls.of(options.raw, options.work or Path(tempfile.mkdtemp()))
+
     def without(self, source: str, new_source: NewSource = NEW_SOURCE) -> Iterator[tuple[ClassRows, Prior]]:
         """Each class that the source has rows of, with its prior from all others' rows, widened by `new_source`."""
         families = self.hierarchy.families()
@@ -134,6 +140,25 @@ def held_rows(rows: ClassRows, source: str, seed: int) -> FloatArray:
     return np.asarray(np.exp(rows.x[np.searchsorted(rows.owner, own)]))
 
 
+def stated_parts(rows: ClassRows, prior: Prior, source: str, seed: int) -> Iterator[tuple[tuple[str, ...], FloatArray]]:
+    """Axes of the prior that rows of the source state together, and sizes (n, d) in mm; only of enough rows."""
+    sizes = held_rows(rows, source, seed)
+    stated = ~np.isnan(sizes)
+    for pattern in np.unique(stated, axis=0) if len(sizes) else ():
+        dims = tuple(axis for axis, has in zip(rows.axes, pattern, strict=True) if has and axis in prior.dims)
+        chosen = sizes[(stated == pattern).all(axis=1)][:, [rows.axes.index(axis) for axis in dims]]
+        if dims and len(chosen) >= LEAST_ROWS:
+            yield dims, chosen
+
+
+def rows_parser(description: str | None) -> argparse.ArgumentParser:
+    """The options that say where the rows of a build are (`Rows.stated`)."""
+    parser = options_parser(description)
+    parser.add_argument("raw", nargs="+", type=Path)
+    parser.add_argument("--work", type=Path, help="folder of the cleaned rows; taken up if they are there")
+    return parser
+
+
 def prior_of(tree: Tree, node_id: str, dims: tuple[str, ...]) -> Prior | None:
     """The earlier tree's prior of a class over some axes; None if the tree has not the class, or not the axes."""
     former = [old for old, new in replaced_ids().items() if new == node_id]
@@ -146,12 +171,8 @@ def prior_of(tree: Tree, node_id: str, dims: tuple[str, ...]) -> Prior | None:
 def scores(build: Rows, tree: Tree, source: str, seed: int) -> Iterator[tuple[str, Score, Score]]:
     """Class, score of the earlier tree, score of today's fit without the source."""
     for rows, prior in build.without(source):
-        sizes = held_rows(rows, source, seed)
-        stated = ~np.isnan(sizes)
-        for pattern in np.unique(stated, axis=0) if len(sizes) else ():
-            dims = tuple(axis for axis, has in zip(rows.axes, pattern, strict=True) if has and axis in prior.dims)
-            chosen = sizes[(stated == pattern).all(axis=1)][:, [rows.axes.index(axis) for axis in dims]]
-            before = prior_of(tree, rows.node_id, dims) if dims and len(chosen) >= LEAST_ROWS else None
+        for dims, chosen in stated_parts(rows, prior, source, seed):
+            before = prior_of(tree, rows.node_id, dims)
             if before is not None:
                 yield rows.node_id, Score.of(before, chosen), Score.of(prior.marginal(dims), chosen)
 
@@ -179,14 +200,12 @@ def _pairs(before: Sequence[Score], after: Sequence[Score]) -> FloatArray:
 
 def main() -> None:
     """Print a line for each source, and the mean over the classes of the sources that the earlier release lacks."""
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("raw", nargs="+", type=Path)
+    parser = rows_parser(__doc__)
     parser.add_argument("--against", default="1.0.0", help="version or folder of the earlier release")
-    parser.add_argument("--work", type=Path, help="folder of the cleaned rows; taken up if they are there")
     parser.add_argument("--only-new", action="store_true", help="sources that the earlier release lacks, and no others")
     arguments = parser.parse_args()
     tree = open_tree(arguments.against)
-    build = Rows.of(arguments.raw, arguments.work or Path(tempfile.mkdtemp()))
+    build = Rows.stated(arguments)
     # sets of the same rooms are one, under the rooms' name: no declared source, and none of them is new
     seen = {record["id"] for record in tree.release.manifest["sources"]}
     new = {source.id for source in sources()} - seen

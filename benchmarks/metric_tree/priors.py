@@ -10,16 +10,14 @@ floor their density is unbounded.
 
 from __future__ import annotations
 
-import tempfile
 from collections.abc import Iterator
 from dataclasses import replace
-from pathlib import Path
 from typing import Any
 
 import numpy as np
 
-from benchmarks.common import options_parser, print_rows
-from benchmarks.metric_tree.leave_source_out import SEED, Rows, held_rows, left_out
+from benchmarks.common import print_rows
+from benchmarks.metric_tree.leave_source_out import SEED, Rows, held_rows, left_out, rows_parser
 from metric_base.arrays import FloatArray
 from metric_tree.fit.evidence import STRONG
 
@@ -32,11 +30,7 @@ ROUND_SHARE = 0.3
 
 def main() -> None:
     """Print mean and median of each way, and in how many fits ours is better."""
-    parser = options_parser(__doc__)
-    parser.add_argument("raw", nargs="+", type=Path)
-    parser.add_argument("--work", type=Path, help="folder of the cleaned rows; taken up if they are there")
-    options = parser.parse_args()
-    build = Rows.of(options.raw, options.work or Path(tempfile.mkdtemp()))
+    build = Rows.stated(rows_parser(__doc__).parse_args())
     table = np.array(list(_scores(build)))
     print(f"{len(table)} pairs of a class and a source")
     figures = (table.mean(axis=0), np.median(table, axis=0), (table[:, :1] > table).sum(axis=0))

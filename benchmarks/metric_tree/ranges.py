@@ -10,15 +10,12 @@ the worth. Columns as in `leave_source_out`, classes counted once.
 
 from __future__ import annotations
 
-import argparse
-import tempfile
 from collections.abc import Iterator
 from dataclasses import replace
-from pathlib import Path
 
 import numpy as np
 
-from benchmarks.metric_tree.leave_source_out import Rows, Score, held_rows
+from benchmarks.metric_tree.leave_source_out import Rows, Score, held_rows, rows_parser
 from metric_cli.terminal import print_table
 from metric_tree.fit import class_rows
 from metric_tree.fit.class_prior import class_prior
@@ -49,11 +46,7 @@ def cases(build: Rows) -> Iterator[tuple[str, ClassRows, str]]:
 
 def main() -> None:
     """Print a line for each number of rows and each way."""
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("raw", nargs="+", type=Path)
-    parser.add_argument("--work", type=Path, help="folder of the cleaned rows; taken up if they are there")
-    arguments = parser.parse_args()
-    build = Rows.of(arguments.raw, arguments.work or Path(tempfile.mkdtemp()))
+    build = Rows.stated(rows_parser(__doc__).parse_args())
     families = build.hierarchy.families()
     first = [(families[n], one.moments[0].disagreement) for n, one in build.classes.items()]
     model = learn_kinds(((family, own) for family, own in first if own is not None), sorted(KIND_WEIGHT))

@@ -44,7 +44,6 @@ def test_the_page_has_every_table(tmp_path: Path) -> None:
         "structured": "3/6%",
         "sameness": "3/1/60%",
         "errors": "truncated: 0%",
-        "budget": "rooms, masks",
     }
     outcomes = [
         replace(ONE, part=part, group=group, scene=str(number), method=method)

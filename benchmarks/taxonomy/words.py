@@ -3,49 +3,23 @@
 FILE is a CSV with the columns `name` and `expected_node` (one node, or empty where the word should stay unknown), or
 `word` and `expected` (nodes, or `name:` and a name, any of them, with `|` between). A word is right if the node is
 expected, or replaced an expected one, or is a kind of an expected one, or an expected one's kind that is no further up
-than `STEPS`. `--tree taxonomy` asks the nodes that a build of the tables of this checkout would have. `--show` prints
-the words that are not right.
+than `STEPS`. `--show` prints the words that are not right.
 """
 
 from __future__ import annotations
 
-import argparse
 import csv
-import tempfile
 from collections import Counter
 from pathlib import Path
 
-import pyarrow as pa
-
+from benchmarks.common import options_parser
 from metric_base.errors import InputError
-from metric_tree.release import publish_release
-from metric_tree.schema import TABLES
 from metric_tree.tree import Tree, open_tree
-from taxonomy.catalogue import default_catalogue
-from taxonomy.curated import curated_ranges
 from taxonomy.levels import replaced_ids
 from taxonomy.words.spelling import plain_fold
 
 #: Levels between an expected node and a kind of it that still counts.
 STEPS = 1
-
-
-def expected_tree(folder: Path) -> Tree:
-    """The nodes that a build of today's taxonomy has: those with items in the newest release, or a curated range."""
-    items = {node.node_id: node.n_items for node in open_tree()}
-    judged = {row.node_id for row in curated_ranges()}
-    parents = {one.parent_id for one in default_catalogue().categories}
-    rows = [
-        {field.name: getattr(one, field.name, None) for field in TABLES["nodes.parquet"]}
-        | {"n_items": items.get(one.node_id, 0), "n_own": 0}
-        for one in default_catalogue().categories
-        if one.node_id in items or one.node_id in judged or one.node_id in parents
-    ]
-    tables = {name: schema.empty_table() for name, schema in TABLES.items()}
-    tables["nodes.parquet"] = pa.Table.from_pylist(rows, schema=TABLES["nodes.parquet"])
-    manifest = {"name": "taxonomy", "version": "0.0.0", "created": "", "sources": [], "counts": {}}
-    publish_release(folder / "nodes", tables, manifest)
-    return open_tree(folder / "nodes")
 
 
 def verdict(tree: Tree, word: str, expected: set[str]) -> tuple[str, str]:
@@ -92,14 +66,12 @@ def read_words(file: Path) -> list[tuple[str, set[str]]]:
 
 
 def main() -> None:
-    parser = argparse.ArgumentParser(description=__doc__)
+    parser = options_parser(__doc__)
     parser.add_argument("--names", type=Path, required=True)
-    parser.add_argument("--tree", help="a release's version or folder, or `taxonomy`")
+    parser.add_argument("--tree", help="a release's version or folder")
     parser.add_argument("--show", action="store_true", help="print each word that is not right")
     arguments = parser.parse_args()
-    with tempfile.TemporaryDirectory() as folder:
-        tree = expected_tree(Path(folder)) if arguments.tree == "taxonomy" else open_tree(arguments.tree)
-        report(tree, read_words(arguments.names), arguments.show)
+    report(open_tree(arguments.tree), read_words(arguments.names), arguments.show)
 
 
 def report(tree: Tree, words: list[tuple[str, set[str]]], show: bool) -> None:

@@ -15,7 +15,7 @@ __all__ = ["DEFAULT_FRAMES", "Motion", "chosen_frames", "motion_of"]
 Grey = NDArray[np.uint8]
 
 #: Frames by default. Of a synthetic video of 100 frames, 45 give all poses as well as 100 do, for 0.4 of the time
-#: (`python -m benchmarks.insertion.capture_cost --frames 100 45`).
+#: (docs/evidence/videos.md).
 DEFAULT_FRAMES = 50
 #: More only where the picture would move on by more than this share of its longer side from frame to frame, for
 #: features are lost at about half.

@@ -24,13 +24,7 @@ from benchmarks.accuracy.cases import scenes_on_disk, synthetic_rooms, synthetic
 from benchmarks.accuracy.methods import scene_outcomes
 from benchmarks.accuracy.outcomes import Outcome, read_outcomes, write_outcomes
 from benchmarks.accuracy.page import Facts, page
-from benchmarks.accuracy.simulations import (
-    COUNTS,
-    NOISES,
-    error_outcomes,
-    sameness_outcomes,
-    structured_outcomes,
-)
+from benchmarks.accuracy.simulations import COUNTS, NOISES, error_outcomes, sameness_outcomes, structured_outcomes
 from benchmarks.accuracy.streets import MEASURED, streets_outcomes
 from benchmarks.accuracy.unseen import FAMILY, tree_without, unseen_outcomes, unseen_tree
 from benchmarks.estimator.simulation import World, world
@@ -87,12 +81,7 @@ def _arguments(argv: Sequence[str] | None) -> argparse.Namespace:
     parser.add_argument("--tables", type=Path, default=ROOT.parent / "shared" / "data" / "sizes", help="real rooms")
     parser.add_argument("--rooms", type=int, nargs="+", default=[0, 1, 2, 3], help="seeds of each kind of room")
     parser.add_argument("--streets", type=int, nargs="+", default=list(range(8)), help="seeds of streets")
-    parser.add_argument(
-        "--scenes-a-cell",
-        type=int,
-        default=300,
-        help="simulated scenes of each setting",
-    )
+    parser.add_argument("--scenes-a-cell", type=int, default=300, help="simulated scenes of each setting")
     parser.add_argument("--unseen-rooms", type=int, default=300, help="real rooms of a source never seen")
     parser.add_argument("--seed", type=int, default=1, help="of the simulations")
     parser.add_argument("--parts", nargs="+", choices=PARTS, default=list(PARTS))

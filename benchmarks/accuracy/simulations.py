@@ -9,24 +9,10 @@ from itertools import chain, product
 import numpy as np
 
 from benchmarks.accuracy.outcomes import Outcome, crps_of
-from benchmarks.estimator.simulation import (
-    SAMENESS_NOISE,
-    SAMENESS_SCENES,
-    SAMENESS_SHARES,
-    Knobs,
-    World,
-    estimates,
-)
+from benchmarks.estimator.simulation import SAMENESS_NOISE, SAMENESS_SCENES, SAMENESS_SHARES, Knobs, World, estimates
 from estimator.posterior.posterior import Estimate
 
-__all__ = [
-    "COUNTS",
-    "FAULTS",
-    "NOISES",
-    "error_outcomes",
-    "sameness_outcomes",
-    "structured_outcomes",
-]
+__all__ = ["COUNTS", "FAULTS", "NOISES", "error_outcomes", "sameness_outcomes", "structured_outcomes"]
 
 #: The paper's axes (section 5, its figure of the simulation).
 COUNTS = (1, 2, 3, 4, 5, 6, 7, 8, 9, 10, 20, 50)

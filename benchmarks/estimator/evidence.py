@@ -39,8 +39,6 @@ from metric_tree.tree import Tree
 from tests.synthetic.evidence import KINDS, RIG_M, objects_of
 from tests.synthetic.walk import Walk, synthetic_walk, with_rig
 
-__all__ = ["coverage_rows", "kind_rows", "main", "up_rows"]
-
 PAGE = Path("docs/evidence/evidence.md")
 DEMO = Path("data/scenes/demo_room")
 OBJECTS = ("chair", "table", "bookcase", "couch")

@@ -17,8 +17,6 @@ from estimator.pipeline import measure_objects
 from metric_base.arrays import FloatArray
 from tests.synthetic.rooms.few_points import MAX_POINTS, PATHS, few_points_world
 
-__all__ = ["main"]
-
 #: What stands on the floor in these worlds; up is known from the aircraft where the camera looks down.
 STANDING = {"car": True, "chair": True}
 #: Standard deviations that hold the middle 90 % of a Gaussian.

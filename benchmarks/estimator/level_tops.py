@@ -18,8 +18,6 @@ from tests.synthetic.rooms.kinds import KINDS
 from tests.synthetic.rooms.knobs import HARD, with_knobs
 from tests.synthetic.rooms.quick import quick_scene
 
-__all__ = ["main"]
-
 #: The share of the objects on a table that its mask includes.
 CLUTTER = 0.8
 VIEWS = 12

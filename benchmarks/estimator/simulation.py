@@ -27,16 +27,7 @@ from metric_tree.axes import AXES
 from metric_tree.prior import Prior
 from metric_tree.tree import Node, Tree
 
-__all__ = [
-    "SAMENESS_NOISE",
-    "SAMENESS_SCENES",
-    "SAMENESS_SHARES",
-    "Knobs",
-    "World",
-    "estimates",
-    "simulated",
-    "world",
-]
+__all__ = ["SAMENESS_NOISE", "SAMENESS_SCENES", "SAMENESS_SHARES", "Knobs", "World", "estimates", "simulated", "world"]
 
 #: Objects and classes of the scenes whose objects share a part of their spread, and the parts; None: as modelled.
 SAMENESS_SCENES = tuple((n, c) for n in (1, 3, 5, 10, 20, 50) for c in (1, 2, 3, 5, 10) if c <= n)

@@ -27,8 +27,6 @@ from tests.synthetic.rooms.kinds import KINDS
 from tests.synthetic.rooms.knobs import HARD, with_knobs
 from tests.synthetic.rooms.quick import quick_scene
 
-__all__ = ["main"]
-
 #: Points of a dense cloud that an export holds at most: as many as splats of a room have.
 MOST_POINTS = 50_000
 VIEWS = 16

@@ -24,8 +24,6 @@ from tests.synthetic.rooms.kinds import KINDS
 from tests.synthetic.rooms.knobs import HARD, with_knobs
 from tests.synthetic.rooms.quick import quick_scene
 
-__all__ = ["main"]
-
 #: Degrees and share of the objects that lean, and the share of a bare floor's points.
 LEANING_DEG, LEANING, BARE = 4.0, 0.5, 0.1
 #: Height bins about a floor that are its points.

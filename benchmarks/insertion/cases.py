@@ -26,8 +26,6 @@ from tests.synthetic.rooms.street import STEP, street
 from tests.synthetic.rooms.world import World
 from tests.synthetic.videos import Lens, room, synthetic_video
 
-__all__ = ["CASES", "Case", "main"]
-
 SHIPPED = ROOT / "data" / "models" / "rocking_horse.glb"
 CC0 = "sweethome3d/BlendSwap-CC-0/"
 #: Frames of a synthetic video and frames a second; a car at 40 km/h goes half a metre between frames.

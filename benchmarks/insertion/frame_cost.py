@@ -31,8 +31,6 @@ from tests.synthetic.rooms.similarity import similarity_between
 from tests.synthetic.rooms.world import Pinhole, World
 from tests.synthetic.videos import Lens, recorded, room, times_of, write_video
 
-__all__ = ["main", "synthetic_work"]
-
 #: Different frames of the path, and every how many one is of the reconstruction.
 PATH, STEP = 20, 2
 RATE = 20.0

@@ -19,9 +19,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from benchmarks.insertion.hiding_places import hiding_place
-from benchmarks.insertion.likeness import LEAST_PIXELS, edge_errors
-from benchmarks.insertion.synthetic_videos import standing
+from benchmarks.insertion.hiding_places import hiding_place, standing
 from estimator.records.scene import View
 from estimator.visibility.sights import scene_visibility
 from insertion.composite.occlusion import hidden_share, on_support
@@ -45,8 +43,6 @@ from tests.synthetic.rooms.similarity import Similarity, similarity_between
 from tests.synthetic.rooms.world import World
 from tests.synthetic.videos import orbit, room
 
-__all__ = ["main"]
-
 #: Kind and seed of the room, what is hidden in it, and its size in metres.
 ROOMS = (
     ("sitting room", 1003, "chair", (0.42, 0.38, 0.75)),
@@ -56,6 +52,8 @@ ROOMS = (
     ("study", 1004, "stool", (0.36, 0.36, 0.62)),
 )
 FRAMES, ARC_DEG = 16, 60.0
+#: An object of fewer pixels says little about its outline.
+LEAST_PIXELS = 400
 #: Noise of the cloud's depth, as a share of it, and one sigma of the masks' border in pixels.
 DEPTH_NOISE, MASK_PX = 0.004, 0.7
 
@@ -137,7 +135,7 @@ def room_rows(kind: str, seed: int, what: str, size: Sequence[float]) -> list[di
         shares.append(1 - float(seen.sum() / whole.sum()))
         ours_whole, *shown = frame_outlines(hidden, known, index, renderer)
         for number, ours in enumerate(shown):
-            errors[number].append(edge_errors(ours, ours_whole, seen, whole))
+            errors[number].append(_edge_errors(ours, ours_whole, seen, whole))
             wrong[number].append(float((ours != seen).sum() / whole.sum()))
     return [
         {
@@ -227,6 +225,36 @@ def frame_outlines(
             share = hidden_share(layer, box, view, masks, front, support, picture).share
             outlines[1 + 2 * number + guided][box.slices] = layer.alpha * (1 - share) > 0.5
     return outlines
+
+
+def _edge_errors(ours: BoolArray, ours_whole: BoolArray, true: BoolArray, true_whole: BoolArray) -> FloatArray:
+    """(n,) pixels from each pixel of a hiding edge, ours and the true one, to the nearest of the other's outline.
+
+    ours, true : (h, w) what is seen of the object; the others : its outline without what hides it. A hiding edge is the
+    border of what is seen against what is hidden; where the other has no edge there, its outline is what is nearest.
+    """
+    from scipy.ndimage import distance_transform_edt
+
+    errors = []
+    for seen, whole, other in ((true, true_whole, ours), (ours, ours_whole, true)):
+        edge = _border(seen) & _grown(whole & ~seen) & ~_grown(~whole)
+        border = _border(other)
+        if edge.any():
+            far = float(np.hypot(*seen.shape))
+            distance = distance_transform_edt(~border) if border.any() else np.full(seen.shape, far)
+            errors.append(np.asarray(distance)[edge])
+    return np.concatenate(errors) if errors else np.zeros(0)
+
+
+def _border(mask: BoolArray) -> BoolArray:
+    """(h, w) pixels of a mask (h, w) with a neighbour outside it."""
+    return np.asarray(mask & _grown(~mask))
+
+
+def _grown(mask: BoolArray) -> BoolArray:
+    import cv2
+
+    return np.asarray(cv2.dilate(mask.astype(np.uint8), np.ones((3, 3), np.uint8)) > 0)
 
 
 def _summary(errors: Sequence[FloatArray], wrong: Sequence[float], hidden: Sequence[float]) -> dict[str, Any]:

@@ -29,8 +29,6 @@ from metric_tree.prior import Prior
 from metric_tree.tiers import TIERS
 from metric_tree.tree import Tree, UnknownName, open_tree
 
-__all__ = ["OFF", "WIDE", "Axis", "axes_of", "objects"]
-
 LISTS = {
     "first": Path(__file__).with_name("everyday_objects.csv"),
     "second": Path(__file__).with_name("everyday_objects_second.csv"),

@@ -140,7 +140,8 @@ class TripletAgreement:
     """How well a model agrees with the verified matches of three frames at a time.
 
     frames : of the model; triplets : how many were looked at; contradicted : how many of them the model contradicts;
-    residual_px : their median residual; pieces : frames that triplets hold together, largest piece first.
+    residual_px : their median residual; pieces : frames that triplets hold together, largest piece first; broken :
+    frames of the largest piece at which the size of the steps breaks.
     """
 
     frames: int = 0
@@ -148,6 +149,7 @@ class TripletAgreement:
     contradicted: int = 0
     residual_px: float = 0.0
     pieces: tuple[tuple[str, ...], ...] = ()
+    broken: tuple[str, ...] = ()
 
     @property
     def share(self) -> float:
@@ -162,12 +164,16 @@ class TripletAgreement:
             "contradicted": self.contradicted,
             "residual_px": self.residual_px,
             "pieces": [list(piece) for piece in self.pieces],
+            "broken": list(self.broken),
         }
 
 
 def agreement_of(row: dict[str, Any] | None) -> TripletAgreement | None:
     """What `TripletAgreement.json` wrote."""
-    return None if row is None else TripletAgreement(**row | {"pieces": tuple(tuple(piece) for piece in row["pieces"])})
+    if row is None:
+        return None
+    pieces = tuple(tuple(piece) for piece in row["pieces"])
+    return TripletAgreement(**row | {"pieces": pieces, "broken": tuple(row["broken"])})
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -215,6 +221,7 @@ class ModelShape:
             "triplets": self.agreement.triplets,
             "contradicted": self.agreement.contradicted,
             "pieces": [len(piece) for piece in self.agreement.pieces],
+            "broken": list(self.agreement.broken),
         }
 
 

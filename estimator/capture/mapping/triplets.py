@@ -12,7 +12,7 @@ from estimator.capture.mapping.evidence import TripletAgreement
 from estimator.reconstructions.pycolmap_library import pycolmap
 from metric_base.arrays import FloatArray, IntArray
 
-__all__ = ["Triplet", "agreement", "model_triplets", "triplet_residuals", "triplet_stretch"]
+__all__ = ["Triplet", "agreement", "broken_frames", "model_triplets", "triplet_residuals", "triplet_stretch"]
 
 #: A triplet agrees with the model up to this median residual: right models of twelve real sets stay below 1.2 px
 #: but for one triplet of 3.7; models with a wrong piece reach 4 to 50.
@@ -36,18 +36,30 @@ class Triplet:
     """Three frames by name, the middle one second.
 
     common : how many features they have in common; residual_px : median residual of these; stretch : logarithm of the
-    factor between their depths by the first two frames and by the last two, as far as it is beyond its noise.
+    factor between their depths by the first two frames and by the last two, as far as it is beyond its noise; noise :
+    of the stretch, three standard errors, infinite where too few features move enough.
     """
 
     names: tuple[str, str, str]
     common: int
     residual_px: float
     stretch: float = 0.0
+    noise: float = np.inf
+
+    @property
+    def breaks(self) -> bool:
+        """Whether the two pairs of frames differ in size."""
+        return abs(self.stretch) > MOST_STRETCH
+
+    @property
+    def tells_size(self) -> bool:
+        """Whether it would show that the two pairs of frames differ in size."""
+        return self.breaks or self.noise <= MOST_STRETCH
 
     @property
     def fits(self) -> bool:
         """Whether the model agrees with the three frames."""
-        return self.residual_px <= MOST_RESIDUAL_PX and abs(self.stretch) <= MOST_STRETCH
+        return self.residual_px <= MOST_RESIDUAL_PX and not self.breaks
 
 
 def agreement(triplets: list[Triplet], frames: int) -> TripletAgreement:
@@ -69,7 +81,21 @@ def agreement(triplets: list[Triplet], frames: int) -> TripletAgreement:
         joined = [*apart, (sides, held)]
     pieces = sorted((tuple(sorted(held)) for _, held in joined), key=lambda names: (-len(names), names))
     residual = float(np.median([row.residual_px for row in triplets])) if triplets else 0.0
-    return TripletAgreement(frames, len(triplets), len(triplets) - len(fitting), residual, tuple(pieces))
+    within = [row for row in triplets if pieces and set(row.names) <= set(pieces[0])]
+    contradicted = len(triplets) - len(fitting)
+    return TripletAgreement(frames, len(triplets), contradicted, residual, tuple(pieces), broken_frames(within))
+
+
+def broken_frames(triplets: list[Triplet]) -> tuple[str, ...]:
+    """The frames at which the size of the steps breaks: more than half of the triplets that would show it do.
+
+    Where a piece in the middle of a long walk is too large, the few triplets about its two ends alone say so.
+    """
+    breaks: dict[str, list[bool]] = {}
+    for row in triplets:
+        if row.tells_size:
+            breaks.setdefault(row.names[1], []).append(row.breaks)
+    return tuple(sorted(name for name, rows in breaks.items() if 2 * sum(rows) > len(rows)))
 
 
 def model_triplets(model: Any, database: str) -> list[Triplet]:
@@ -104,10 +130,9 @@ def model_triplets(model: Any, database: str) -> list[Triplet]:
             angles = triplet_residuals(poses, seen)
             camera = model.cameras[posed[names[b]].camera_id]
             focal = camera.params[0] / max(1.0, max(camera.width, camera.height) / FEATURE_SIDE)
-            stretch = triplet_stretch(poses, seen, LEAST_PARALLAX_PX / focal)
-            triplets.append(
-                Triplet((names[a], names[b], names[c]), len(angles), float(np.median(angles) * focal), stretch)
-            )
+            stretch, noise = triplet_stretch(poses, seen, LEAST_PARALLAX_PX / focal)
+            residual = float(np.median(angles) * focal)
+            triplets.append(Triplet((names[a], names[b], names[c]), len(angles), residual, stretch, noise))
     return triplets
 
 
@@ -134,11 +159,11 @@ def triplet_residuals(poses: FloatArray, rays: FloatArray) -> FloatArray:
     return np.asarray(2 * np.arcsin(np.clip(np.linalg.norm(seen - rays, axis=2) / 2, 0, 1)).max(axis=1))
 
 
-def triplet_stretch(poses: FloatArray, rays: FloatArray, least_parallax: float) -> float:
-    """Logarithm of the factor between the depths of features by frames two and three and by frames one and two.
+def triplet_stretch(poses: FloatArray, rays: FloatArray, least_parallax: float) -> tuple[float, float]:
+    """Logarithm of the factor between depths of features by frames two and three and by frames one and two; its noise.
 
-    poses : (3, 3, 4); rays : (n, 3, 3), as for `triplet_residuals`; least_parallax : radians. What is within three
-    standard errors of the median is taken off; 0 where too few features move enough.
+    poses : (3, 3, 4); rays : (n, 3, 3), as for `triplet_residuals`; least_parallax : radians. The noise, three standard
+    errors of the median, is taken off; 0 with infinite noise where too few features move enough.
     """
     world = np.einsum("kji,nkj->nki", poses[:, :, :3], rays)
     centres = -np.einsum("kji,kj->ki", poses[:, :, :3], poses[:, :, 3])
@@ -153,10 +178,10 @@ def triplet_stretch(poses: FloatArray, rays: FloatArray, least_parallax: float) 
     ratio = np.log(depths[1] / depths[0])
     ratio = ratio[np.isfinite(ratio)]
     if len(ratio) < LEAST_DEPTHS:
-        return 0.0
+        return 0.0, np.inf
     middle = float(np.median(ratio))
     noise = 3 * 1.4826 * float(np.median(np.abs(ratio - middle))) / np.sqrt(len(ratio))
-    return float(np.sign(middle) * max(abs(middle) - noise, 0.0))
+    return float(np.sign(middle) * max(abs(middle) - noise, 0.0)), float(noise)
 
 
 def _chosen_triples(ids: list[int], known: dict[tuple[int, int], int]) -> list[tuple[int, int, int]]:

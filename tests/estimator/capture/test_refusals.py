@@ -133,11 +133,13 @@ def test_when_the_other_mapper_is_asked_and_when_it_may_answer() -> None:
     whole = replace(_shape(evidence), agreement=TripletAgreement(20, 60, 2, 0.4, (tuple(evidence.names),)))
     torn = replace(whole, agreement=replace(whole.agreement, pieces=(whole.names[:9], whole.names[9:])))
     contradicted = replace(whole, agreement=replace(whole.agreement, contradicted=9))
+    broken = replace(whole, agreement=replace(whole.agreement, broken=whole.names[7:9]))
+    assert contradiction(replace(whole, agreement=replace(whole.agreement, broken=whole.names[7:8]))) is None
     assert not needs_check(evidence, whole, None)
     assert needs_check(_evidence(), whole, None)  # a long chain may drift
-    for shape in (torn, contradicted, replace(whole, angle_deg=2.0), replace(whole, names=whole.names[:12])):
+    for shape in (torn, contradicted, broken, replace(whole, angle_deg=2.0), replace(whole, names=whole.names[:12])):
         assert needs_check(evidence, shape, None)
-    for shape in (torn, contradicted, replace(whole, angle_deg=2.0)):
+    for shape in (torn, contradicted, broken, replace(whole, angle_deg=2.0)):
         assert not can_answer(shape, None)
     assert needs_check(evidence, None, failure("too_few_frames", "two of twenty"))
     assert not needs_check(evidence, whole, failure("focal_length_undetermined", "straight ahead"))

@@ -17,6 +17,7 @@ from estimator.capture.mapping.triplets import (
     MOST_RESIDUAL_PX,
     Triplet,
     agreement,
+    broken_frames,
     model_triplets,
     triplet_residuals,
     triplet_stretch,
@@ -92,9 +93,24 @@ def test_a_step_that_is_too_long_straight_ahead_is_seen_by_the_depths(factor: fl
     seen = points[:, None] + poses[:, :, 3]
     rays = seen / np.linalg.norm(seen, axis=2, keepdims=True) + generator.normal(0, 1e-4, seen.shape)
     poses[2, 2, 3] = -1 - factor
-    stretch = triplet_stretch(poses, rays / np.linalg.norm(rays, axis=2, keepdims=True), np.radians(0.8))
+    stretch, noise = triplet_stretch(poses, rays / np.linalg.norm(rays, axis=2, keepdims=True), np.radians(0.8))
     assert stretch == pytest.approx(shown, abs=0.01)
-    assert triplet_stretch(poses, rays[:5], np.radians(0.8)) == 0  # too few
+    assert 0 < noise < 0.1
+    assert triplet_stretch(poses, rays[:5], np.radians(0.8)) == (0, np.inf)  # too few
+
+
+def test_a_frame_is_broken_where_most_of_what_would_show_it_does() -> None:
+    def about(middle: str, stretch: float, noise: float) -> Triplet:
+        return Triplet(("a", middle, "z"), 20, 0.5, stretch, noise)
+
+    sure = [about("m", 0.0, 0.05), about("m", 0.9, 0.05), about("m", -0.9, 0.3), about("n", 0.0, 0.05)]
+    silent = [about(middle, 0.0, np.inf) for middle in "mno" for _ in range(9)]
+    assert broken_frames(sure + silent) == ("m",)
+    assert broken_frames([*sure, about("m", 0.0, 0.02)]) == ()  # two against two
+    # what is taken out as a piece of its own breaks nothing
+    held = [Triplet(("a", "b", "c"), 20, 0.5), Triplet(("b", "c", "d"), 20, 0.5)]
+    assert agreement([*held, Triplet(("b", "c", "d"), 20, 0.5, 0.9, 0.1)], 5).broken == ("c",)
+    assert agreement([*held, Triplet(("b", "c", "e"), 20, 0.5, 0.9, 0.1)], 5).broken == ()
 
 
 @settings(max_examples=50, deadline=None)

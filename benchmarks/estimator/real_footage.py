@@ -23,7 +23,8 @@ import numpy as np
 
 from benchmarks.child import run_child
 from benchmarks.common import write_between
-from estimator.capture.mapping.gates import MOST_CONTRADICTED
+from estimator.capture.mapping.evidence import TripletAgreement
+from estimator.capture.mapping.gates import LEAST_BROKEN, MOST_CONTRADICTED
 from estimator.records.scale_evidence import ScaleEvidence
 from metric_base.arrays import FloatArray
 
@@ -279,6 +280,8 @@ def _sensors(place: Path) -> str:
 
 #: Wrong pieces: a turn in degrees, a shift as a share of the path's extent, and a factor of size.
 PLANTS = {"moved by .3": (0.0, 0.3, 1.0), "turned by 5 degrees": (5.0, 0.0, 1.0), "grown by .3": (0.0, 0.0, 1.3)}
+#: ... and in the middle sixth of a path: so many times longer steps.
+LONGER = {"steps by .3": 1.3, "steps three times": 3.0}
 
 
 def _planted(out: Path) -> str:
@@ -286,7 +289,8 @@ def _planted(out: Path) -> str:
     from estimator.capture.mapping.rungs import RUNGS
 
     suffixes = {rung.name: rung.suffix for rung in RUNGS}
-    head = ["set", "frames", "triplets", "largest residual, px", "largest stretch", "contradicted", "pieces", *PLANTS]
+    head = ["set", "frames", "triplets", "largest residual, px", "largest stretch", "contradicted", "pieces"]
+    head += [*PLANTS, *LONGER]
     lines = ["| " + " | ".join(head) + " |", "|---" * len(head) + "|"]
     for row in SETS:
         result = _result(out, row)
@@ -303,7 +307,7 @@ def _planted_cells(folder: Path, database: str) -> list[str]:
 
     from estimator.capture.mapping.triplets import agreement, model_triplets
     from estimator.reconstructions.pycolmap_library import pycolmap
-    from tests.synthetic.wrong_pieces import move_frames
+    from tests.synthetic.wrong_pieces import lengthen_steps, move_frames
 
     model = pycolmap.Reconstruction(folder / "sparse" / "0")
     triplets = model_triplets(model, database)
@@ -319,9 +323,19 @@ def _planted_cells(folder: Path, database: str) -> list[str]:
         found = agreement(model_triplets(planted, database), len(names))
         kept = set(found.pieces[0]) if found.pieces else set()
         mixed = min(len(kept & wrong), len(kept - wrong))
-        refused = "refused, " if found.share > MOST_CONTRADICTED else ""
-        cells.append(f"{refused}{len(kept)} kept, {mixed} mixed")
+        cells.append(f"{_refused(found)}{len(kept)} kept, {mixed} mixed")
+    middle = set(names[len(names) * 5 // 12 : len(names) * 7 // 12])
+    for factor in LONGER.values():
+        planted = pycolmap.Reconstruction(folder / "sparse" / "0")
+        lengthen_steps(planted, middle, factor)
+        found = agreement(model_triplets(planted, database), len(names))
+        cells.append(f"{_refused(found)}{len(found.pieces[0]) if found.pieces else 0} kept")
     return cells
+
+
+def _refused(found: TripletAgreement) -> str:
+    wrong = found.share > MOST_CONTRADICTED or len(found.broken) >= LEAST_BROKEN
+    return "refused, " if wrong else ""
 
 
 def _result(folder: Path, row: FootageSet) -> dict[str, Any]:

@@ -9,7 +9,7 @@ import numpy as np
 from estimator.reconstructions.pycolmap_library import pycolmap
 from metric_base.arrays import FloatArray
 
-__all__ = ["move_frames"]
+__all__ = ["lengthen_steps", "move_frames"]
 
 
 def move_frames(model: Any, names: set[str], turn: FloatArray, shift: float, factor: float) -> None:
@@ -30,3 +30,15 @@ def move_frames(model: Any, names: set[str], turn: FloatArray, shift: float, fac
             image.camera_id,
             pycolmap.Rigid3d(np.column_stack([rotation, -rotation @ centre])),
         )
+
+
+def lengthen_steps(model: Any, names: set[str], factor: float) -> None:
+    """Lengthen the steps that end at these frames, move those after them along, and leave the points where they are."""
+    placed = sorted((image for image in model.images.values() if image.has_pose), key=lambda image: image.name)
+    centres = np.array([image.projection_center() for image in placed])
+    factors = np.array([factor if image.name in names else 1.0 for image in placed[1:]])
+    path = np.vstack([centres[:1], centres[0] + np.cumsum(factors[:, None] * np.diff(centres, axis=0), axis=0)])
+    for image, centre in zip(placed, path, strict=True):
+        rotation = image.cam_from_world().matrix()[:, :3]
+        pose = pycolmap.Rigid3d(np.column_stack([rotation, -rotation @ centre]))
+        image.frame.set_cam_from_world(image.camera_id, pose)

@@ -12,6 +12,7 @@ from estimator.capture.mapping.failures import Failure, failure
 
 __all__ = [
     "DOUBTFUL_PATTERN",
+    "LEAST_BROKEN",
     "LEAST_FRAMES",
     "MOST_DISAGREEMENT",
     "PATTERN",

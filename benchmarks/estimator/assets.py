@@ -10,7 +10,6 @@ sets) are left out: no single size is theirs.
 
 from __future__ import annotations
 
-import argparse
 import csv
 import hashlib
 from collections import defaultdict
@@ -21,6 +20,7 @@ from pathlib import Path
 
 import numpy as np
 
+from benchmarks.common import options_parser, write_between
 from estimator.asset_files.asset import Asset, AssetBody, Word
 from estimator.assets.category_words import named_category
 from estimator.assets.check import AssetCheck, check_body
@@ -53,7 +53,7 @@ class Trial:
 
 def main() -> None:
     """Print the tables, or write them."""
-    parser = argparse.ArgumentParser(description=__doc__)
+    parser = options_parser(__doc__)
     parser.add_argument("models", type=Path)
     parser.add_argument("--raw", type=Path, help="raw items of all sources; without it the shipped tree judges")
     parser.add_argument("--work", type=Path, default=Path("/tmp/assets-tree"), help="the tree that is built")  # noqa: S108
@@ -64,13 +64,7 @@ def main() -> None:
     rows = list(csv.DictReader((arguments.models / "models.csv").open(encoding="utf-8")))
     trials = list(_trials([row for row in rows if _half(row["category"]) == arguments.half], tree))
     text = "\n".join(_page(trials))
-    if arguments.write:
-        page = arguments.write.read_text(encoding="utf-8")
-        head, _, rest = page.partition("<!-- tables -->")
-        _, _, tail = rest.partition("<!-- end -->")
-        arguments.write.write_text(f"{head}<!-- tables -->\n{text}\n<!-- end -->{tail}", encoding="utf-8")
-    else:
-        print(text)
+    write_between(arguments.write, "tables", text) if arguments.write else print(text)
 
 
 def _tree(raw: Path | None, work: Path) -> Tree:

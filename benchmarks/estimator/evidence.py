@@ -13,7 +13,6 @@ prints the tables of docs/evidence/evidence.md, and writes them there with `--wr
 
 from __future__ import annotations
 
-import argparse
 import json
 import math
 import sys
@@ -25,6 +24,7 @@ import numpy as np
 
 import estimator
 import metric_tree
+from benchmarks.common import options_parser, row_text, table_head
 from benchmarks.estimator.simulation import Knobs, simulated, world
 from estimator.pipeline import measure_objects
 from estimator.posterior.likelihood import ObjectEvidence
@@ -150,10 +150,7 @@ def _lines(names: Sequence[str], truth: float, may_fail: bool, generator: np.ran
 
 
 def _table(header: str, rows: Iterator[Row]) -> str:
-    names = header.split("|")
-    lines = [f"| {' | '.join(names)} |", "|" + "---|" * len(names)]
-    lines += [f"| {' | '.join('–' if cell is None else str(cell) for cell in row)} |" for row in rows]
-    return "\n".join(lines)
+    return "\n".join([table_head(header.split("|")), *(row_text("–" if c is None else c for c in row) for row in rows)])
 
 
 def page(tree: Tree, scenes: int) -> str:
@@ -169,12 +166,11 @@ def page(tree: Tree, scenes: int) -> str:
 
 def main(argv: Sequence[str] | None = None) -> int:
     """Print the page, or write it."""
-    parser = argparse.ArgumentParser(description="Every kind of evidence on scenes whose scale is known.")
-    parser.add_argument("--tree", help="release with the priors")
+    parser = options_parser(__doc__)
     parser.add_argument("--scenes", type=int, default=300, help="simulated scenes a row (default: %(default)s)")
     parser.add_argument("--write", action="store_true", help=f"write {PAGE}")
     options = parser.parse_args(argv)
-    text = page(metric_tree.open(options.tree), options.scenes)
+    text = page(metric_tree.open(), options.scenes)
     print(text, end="")
     if options.write:
         PAGE.write_text(text, encoding="utf-8")

@@ -7,7 +7,6 @@ boxes, judged by a tree without ScanNet (`benchmarks.accuracy.unseen`). Each hal
 
 from __future__ import annotations
 
-import argparse
 import json
 from collections import Counter
 from collections.abc import Mapping, Sequence
@@ -18,6 +17,7 @@ from scipy.optimize import minimize
 
 from benchmarks.accuracy.outcomes import crps_of
 from benchmarks.accuracy.unseen import SIGMA, rooms_of, sorted_extents, unseen_tree
+from benchmarks.common import ROOT, SHARED, options_parser
 from estimator.posterior.assignments import LOG_BOX
 from estimator.posterior.axes import is_sorted, prior_axes
 from estimator.posterior.likelihood import OUTLIER_SHARE
@@ -30,8 +30,6 @@ from estimator.results.places import MOST_OF_A_CLASS, Places
 from metric_base.arrays import FloatArray
 from metric_base.files import whole_file
 
-ROOT = Path(__file__).resolve().parents[2]
-TABLES = ROOT.parent / "shared" / "data" / "sizes"
 OUT = ROOT / "estimator" / "results" / "places.json"
 #: Numbers of places that are compared; the one in use; starts of each fit and its steps.
 COUNTS, IN_USE, STARTS, STEPS = (1, 6, 8), 8, 8, 80
@@ -44,10 +42,10 @@ Room = Sequence[tuple[str, list[float]]]
 
 
 def main() -> None:
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser = options_parser(__doc__)
     parser.add_argument("--raw", type=Path, required=True, help="folder of raw items")
     parser.add_argument("--cache", type=Path, required=True, help="what is built of them")
-    parser.add_argument("--tables", type=Path, default=TABLES, help="folder of the tables of boxes")
+    parser.add_argument("--tables", type=Path, default=SHARED / "sizes", help="folder of the tables of boxes")
     parser.add_argument("--write", action="store_true", help="learn from the even rooms and write the shipped table")
     arguments = parser.parse_args()
     tree, _ = unseen_tree(arguments.raw, arguments.cache)

@@ -10,17 +10,21 @@ six of ten cut sides and one of ten whole ones (the paper's figure of bottles is
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+import math
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 
 import numpy as np
 
 import metric_tree
-from benchmarks.estimator.class_draws import Draw, modelled_class, sharing_class
 from estimator.baselines.candidates import candidate_scales, estimate_on
 from estimator.baselines.paper import PaperMixture, fit_mixture
-from estimator.posterior.likelihood import ObjectEvidence
+from estimator.posterior.assignments import GROSS_ERROR_SD_LOG, GROSS_ERROR_SHARE, LOG_BOX
+from estimator.posterior.class_error import shared_error
+from estimator.posterior.grid import PRIOR_MARGIN_LOG
+from estimator.posterior.likelihood import OUTLIER_SHARE, ObjectEvidence
 from estimator.posterior.posterior import Estimate, posterior
+from estimator.posterior.sameness import hypotheses
 from estimator.records.measured_object import ETA_THRESHOLD, MeasuredObject
 from metric_base.arrays import FloatArray
 from metric_tree.axes import AXES
@@ -33,6 +37,9 @@ __all__ = ["SAMENESS_NOISE", "SAMENESS_SCENES", "SAMENESS_SHARES", "Knobs", "Wor
 SAMENESS_SCENES = tuple((n, c) for n in (1, 3, 5, 10, 20, 50) for c in (1, 2, 3, 5, 10) if c <= n)
 SAMENESS_SHARES = (None, 0.0, 0.3, 0.6, 0.9)
 SAMENESS_NOISE = 0.05
+
+#: One more object of a class: (3,) length, width, height in mm, in the prior's order.
+Draw = Callable[[], FloatArray]
 
 #: A class enters the pool with this many items of the fit and at most this spread of log height: what a detector's
 #: list of useful classes looks like.
@@ -124,7 +131,54 @@ def estimates(
 def _class_draw(world: World, number: int, shared: float | None, several: bool, generator: np.random.Generator) -> Draw:
     """How the objects of a class of this scene come by their sizes."""
     prior = world.priors[number]
-    return modelled_class(prior, several, generator) if shared is None else sharing_class(prior, shared, generator)
+    return _modelled_class(prior, several, generator) if shared is None else _sharing_class(prior, shared, generator)
+
+
+def _sharing_class(prior: Prior, shared: float, generator: np.random.Generator) -> Draw:
+    """Objects that share an error between sources and `shared` of the spread within a source.
+
+    `shared` is also the probability that an object is of the scene's component.
+    """
+    error = generator.multivariate_normal(np.zeros(3), shared_error(prior).covariance)
+    usual, place = _component(prior, generator), generator.standard_normal(3)
+
+    def draw() -> FloatArray:
+        component = usual if generator.random() < shared else _component(prior, generator)
+        own = math.sqrt(shared) * place + math.sqrt(1 - shared) * generator.standard_normal(3)
+        lower = np.linalg.cholesky(prior.covariances[component])
+        return np.asarray(np.exp(prior.means[component] + lower @ own + error))
+
+    return draw
+
+
+def _modelled_class(prior: Prior, several: bool, generator: np.random.Generator) -> Draw:
+    """Objects as the posterior takes them to be: a hypothesis of sameness, outliers and gross errors included.
+
+    An outlier has any proportions, and a size for which the scale stays within the prior's reach.
+    several : the scene has more than one object of the class; of one alone the first hypothesis says all.
+    """
+    ways = hypotheses(prior) if several else hypotheses(prior)[:1]
+    odds = np.exp([way.log_weight for way in ways])
+    way = ways[generator.choice(len(ways), p=odds / odds.sum())]
+    error = generator.multivariate_normal(np.zeros(3), way.error.covariance)
+    middle = prior.weights @ prior.means
+
+    def draw() -> FloatArray:
+        if generator.random() < OUTLIER_SHARE:
+            anything = LOG_BOX * generator.uniform(-0.5, 0.5, 3)
+            return np.asarray(np.exp(middle + anything - anything.mean() + PRIOR_MARGIN_LOG * generator.uniform(-1, 1)))
+        component = _component(way.prior, generator)
+        size = generator.multivariate_normal(way.prior.means[component], way.prior.covariances[component]) + error
+        wrong = generator.random()
+        if wrong < 3 * GROSS_ERROR_SHARE:
+            size[int(wrong / GROSS_ERROR_SHARE)] += GROSS_ERROR_SD_LOG * generator.standard_normal()
+        return np.asarray(np.exp(size))
+
+    return draw
+
+
+def _component(prior: Prior, generator: np.random.Generator) -> int:
+    return int(generator.choice(len(prior.weights), p=prior.weights / prior.weights.sum()))
 
 
 def _measured(

@@ -7,7 +7,6 @@ simulated scenes of one or two classes. The limit was chosen on the simulations 
 
 from __future__ import annotations
 
-import argparse
 import math
 from collections.abc import Iterator, Sequence
 from pathlib import Path
@@ -16,6 +15,7 @@ import numpy as np
 
 import metric_tree
 from benchmarks.accuracy.unseen import SIGMA, rooms_of, sorted_extents, unseen_tree
+from benchmarks.common import SHARED, options_parser
 from benchmarks.estimator.simulation import Knobs, simulated, world
 from estimator.posterior import posterior as posterior_module
 from estimator.posterior import status
@@ -26,23 +26,22 @@ from estimator.results.categories import meanings
 from estimator.results.estimate import evidence_of
 from metric_tree.tree import Tree
 
-TABLES = Path(__file__).resolve().parents[2].parent / "shared" / "data" / "sizes"
 LIMITS = (0.3, 0.35, 0.4, 0.45, 0.5)
 SUBSETS = (None, 1, 2, 3, 5)
 #: How far labels are off: right, and two mistakes of a table of names.
 SHIFTS = (0, 1, 3)
 CELLS = ((1, 1), (2, 1), (2, 2), (3, 1), (3, 2), (5, 1), (5, 2), (10, 1), (10, 2))
-SCENES, SHARED = 150, (None, 0.0, 0.6)
+SCENES, SHARES = 150, (None, 0.0, 0.6)
 
 #: Where it was measured, objects taken of a room, the estimate, the true log scale.
 Row = tuple[str, int | None, Estimate, float]
 
 
 def main() -> None:
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser = options_parser(__doc__)
     parser.add_argument("--raw", type=Path, required=True, help="folder of raw items")
     parser.add_argument("--cache", type=Path, required=True, help="what is built of them")
-    parser.add_argument("--tables", type=Path, default=TABLES, help="folder of the tables of boxes")
+    parser.add_argument("--tables", type=Path, default=SHARED / "sizes", help="folder of the tables of boxes")
     arguments = parser.parse_args()
     tree, _ = unseen_tree(arguments.raw, arguments.cache)
     file = arguments.tables / "scannet18_boxes" / "scannet18_boxes.csv"
@@ -118,7 +117,7 @@ def _rooms(file: Path, tree: Tree, subsets: Sequence[int | None] = SUBSETS, shif
 
 def _simulations() -> Iterator[Row]:
     classes = world(metric_tree.open(), baselines=False)
-    for shared in SHARED:
+    for shared in SHARES:
         for count, kinds in CELLS:
             knobs = Knobs(objects=count, classes=kinds, shared=shared, cut=0.2, wrong=0.1, noise=0.06)
             for number in range(SCENES):

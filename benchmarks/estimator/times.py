@@ -1,6 +1,6 @@
 """The paper's times and ours, side by side in one run.
 
-`OMP_NUM_THREADS=1 python -m benchmarks.estimator.times [--tree REF]`.
+`OMP_NUM_THREADS=1 python -m benchmarks.estimator.times`.
 
 The paper's figures (section 5.1) are from an i7-6850K with a GTX 1080 Ti; ours are of this machine, on one thread,
 medians of several runs, and the least, which says more where other work shares the machine. Labels: a synthetic room of
@@ -9,20 +9,19 @@ medians of several runs, and the least, which says more where other work shares 
 
 from __future__ import annotations
 
-import argparse
 import os
 import platform
 import sys
 import time
 from collections.abc import Callable
 from dataclasses import replace
-from pathlib import Path
 from statistics import median
 
 import numpy as np
 
 import metric_tree
 from benchmarks.child import ours, run_child
+from benchmarks.common import ROOT, options_parser
 from benchmarks.estimator.simulation import Knobs, World, simulated, world
 from estimator.association.point_labels import dense_labels, sparse_labels
 from estimator.pipeline import measure_objects
@@ -35,7 +34,6 @@ from tests.synthetic.rooms.furnish import furnished_room
 from tests.synthetic.rooms.kinds import KINDS
 from tests.synthetic.rooms.quick import SyntheticScene, quick_scene
 
-ROOT = Path(__file__).resolve().parents[2]
 RUNS = 7
 #: Runs of what takes a few milliseconds: the median of a few says more about the machine's other work.
 SHORT_RUNS = 50
@@ -50,10 +48,8 @@ QUERY = "import metric_tree; metric_tree.open().find('swivel chair').prior().qua
 
 
 def main() -> None:
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("--tree", help="release, version or path; the shipped one by default")
-    arguments = parser.parse_args()
-    tree = metric_tree.open(arguments.tree) if arguments.tree else metric_tree.open()
+    options_parser(__doc__).parse_args()
+    tree = metric_tree.open()
     synthetic = quick_scene(furnished_room("sitting room", 0), dense_a_frame=DENSE_POINTS // 24 + 1)
     views = len(synthetic.scene.views)
     few = _masks_a_frame(synthetic, MASKS)

@@ -11,29 +11,23 @@ from __future__ import annotations
 import argparse
 import json
 import time
-from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
 from unittest import mock
 
 import numpy as np
-from numpy.typing import NDArray
 
 from benchmarks.child import ours, run_child
 from estimator.capture.frame_poses import FILE_NAME, FramePose, FramePoses, write_frame_poses
-from estimator.records.scene import Camera
-from metric_base.arrays import FloatArray
 from tests.synthetic.rooms.knobs import Knobs
 from tests.synthetic.rooms.quick import quick_scene
 from tests.synthetic.rooms.scene_files import write_scene
-from tests.synthetic.rooms.similarity import similarity_between
 from tests.synthetic.rooms.world import Pinhole, World
 from tests.synthetic.videos import Lens, recorded, room, times_of, write_video
 
-#: Different frames of the path, and every how many one is of the reconstruction.
-PATH, STEP = 20, 2
-RATE = 20.0
+#: Different frames of the path, all of them of the reconstruction, and frames a second.
+PATH, RATE = 20, 20.0
 
 
 def main() -> None:
@@ -65,36 +59,36 @@ def main() -> None:
 
 def synthetic_work(world: World, lens: Lens, length: int, folder: Path) -> None:
     """A work folder with a video of `length` frames, to and fro along the world's path."""
+    import cv2
+
     folder.mkdir(parents=True, exist_ok=True)
     pictures = [frame.colour for frame in recorded(world, lens)]
     there = list(range(len(pictures)))
     cycle = there + there[-2:0:-1]
     order = [cycle[k % len(cycle)] for k in range(length)]
     write_video(folder / "video.mp4", (pictures[k] for k in order), times_of(length, RATE))
-    kept = there[::STEP]
-    seen = replace(
-        world, camera=Pinhole(lens.width, lens.height, lens.focal), poses=tuple(world.poses[k] for k in kept)
-    )
+    seen = replace(world, camera=Pinhole(lens.width, lens.height, lens.focal))
     synthetic = quick_scene(seen, Knobs(), 3)
-    names = [f"{k:06d}.png" for k in kept]
-    views = tuple(replace(view, name=name) for view, name in zip(synthetic.scene.views, names, strict=True))
-    scene = replace(synthetic.scene, views=views, dense=None)
-    write_scene(replace(synthetic, scene=scene), seen, folder)
-    _write_stills(folder / "frames", [pictures[k] for k in kept], names)
-    to_scene = similarity_between(
-        np.array([pose.centre for pose in seen.poses]), np.array([view.centre for view in views])
+    views = tuple(replace(view, name=f"{k:06d}.png") for k, view in enumerate(synthetic.scene.views))
+    write_scene(replace(synthetic, scene=replace(synthetic.scene, views=views, dense=None)), seen, folder)
+    (folder / "frames").mkdir(exist_ok=True)
+    for view, picture in zip(views, pictures, strict=True):
+        cv2.imwrite(str(folder / "frames" / view.name), picture[..., ::-1])
+    poses = tuple(
+        FramePose(
+            n, n / RATE, views[k].name if n < PATH else None, "reconstructed", views[k].rotation, views[k].translation
+        )
+        for n, k in enumerate(order)
     )
-    turns = [world.poses[k].rotation @ to_scene.rotation.T for k in order]
-    centres = to_scene(np.array([world.poses[k].centre for k in order]))
-    write_frame_poses(_poses(folder / "video.mp4", views[0].camera, turns, centres, set(kept)), folder / FILE_NAME)
-    result = {"schema": "metric-tree/scale/1", "status": "resolved", "scale": 1 / to_scene.scale}
+    write_frame_poses(FramePoses(folder / "video.mp4", views[0].camera, 0, poses), folder / FILE_NAME)
+    result = {"schema": "metric-tree/scale/1", "status": "resolved", "scale": synthetic.truth.metres_per_unit}
     (folder / "result.json").write_text(json.dumps(result) + "\n", encoding="utf-8")
 
 
-def run(work: Path, model: Path, *words: str) -> tuple[float, float, dict[str, list[dict[str, dict[str, float]]]]]:
+def run(work: Path, model: Path) -> tuple[float, float, dict[str, list[dict[str, dict[str, float]]]]]:
     """CPU seconds, peak memory in MiB and the printed record of one insertion."""
     out = work.with_name(f"{work.name}-out.mp4")
-    arguments = [work, "--model", model, "--out", out, "--json", *words]
+    arguments = [work, "--model", model, "--out", out, "--json"]
     child = run_child(ours("insert-object", *arguments))
     if child.status:
         raise SystemExit(child.errors)
@@ -130,23 +124,6 @@ def drawing_cost(work: Path, model: Path) -> tuple[float, float]:
         frames.insert_objects(prepared, placed, lambda *_: None, video=True)
     count = len(prepared.footage.shots)
     return spent["alone"] / count, spent["whole"] / count
-
-
-def _poses(video: Path, camera: Camera, turns: Sequence[FloatArray], centres: FloatArray, kept: set[int]) -> FramePoses:
-    """The pose of each frame, world to camera."""
-    frames = tuple(
-        FramePose(k, k / RATE, f"{k:06d}.png" if k in kept else None, "reconstructed", turn, -turn @ centre)
-        for k, (turn, centre) in enumerate(zip(turns, centres, strict=True))
-    )
-    return FramePoses(video, camera, 0, frames)
-
-
-def _write_stills(folder: Path, pictures: Sequence[NDArray[np.uint8]], names: Sequence[str]) -> None:
-    import cv2
-
-    folder.mkdir(exist_ok=True)
-    for picture, name in zip(pictures, names, strict=True):
-        cv2.imwrite(str(folder / name), picture[..., ::-1])
 
 
 if __name__ == "__main__":

@@ -1,19 +1,18 @@
-"""Places in a synthetic room where furniture hides a part of an object from some cameras, and the object there."""
+"""Places in a synthetic room where furniture hides a part of an object from some cameras of a path."""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import replace
 
 import numpy as np
 
 from metric_base.arrays import BoolArray, FloatArray
 from tests.synthetic.rooms.furnish import turn_about_z
 from tests.synthetic.rooms.render import Renderer
-from tests.synthetic.rooms.solids import Mesh, rotate
-from tests.synthetic.rooms.world import Placed, World
+from tests.synthetic.rooms.solids import Mesh
+from tests.synthetic.rooms.world import World
 
-__all__ = ["hiding_place", "standing"]
+__all__ = ["hiding_place"]
 
 #: Distance between the places that are tried, and the free space around the object, in metres.
 STEP, GAP = 0.15, 0.03
@@ -49,14 +48,6 @@ def hiding_place(world: World, mesh: Mesh) -> tuple[FloatArray, FloatArray, Floa
     if best is None:
         raise LookupError(f"{world.kind} {world.seed}: no free place for this object")
     return best
-
-
-def standing(world: World, mesh: Mesh, position: FloatArray, front: FloatArray) -> World:
-    """The room with the mesh at a place (3,) of the room, its front along (3,); it is the last object."""
-    yaw = float(np.arctan2(front[1], front[0]) + np.pi / 2)
-    placed = rotate(mesh, turn_about_z(yaw), position)
-    item = Placed("inserted", "stool", "stool", np.ptp(mesh.vertices, axis=0), placed)
-    return replace(world, objects=(*world.objects, item))
 
 
 def _samples(mesh: Mesh) -> FloatArray:

@@ -19,7 +19,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from benchmarks.insertion.hiding_places import hiding_place, standing
+from benchmarks.insertion.hiding_places import hiding_place
 from estimator.records.scene import View
 from estimator.visibility.sights import scene_visibility
 from insertion.composite.occlusion import hidden_share, on_support
@@ -33,7 +33,7 @@ from insertion.render.renderer import ObjectRenderer
 from insertion.scene.carried_masks import MaskCarrier
 from insertion.scene.cloud import Cloud, front_points
 from metric_base.arrays import BoolArray, FloatArray
-from tests.synthetic.insertions import write_glb
+from tests.synthetic.insertions import standing, write_glb
 from tests.synthetic.rooms.kinds import KINDS
 from tests.synthetic.rooms.knobs import Knobs
 from tests.synthetic.rooms.quick import SyntheticScene, quick_scene

@@ -18,24 +18,21 @@ import numpy as np
 from numpy.typing import NDArray
 
 from benchmarks.insertion.traced_scene import FOCAL, ROOMS, SIZE, TO_JOB, VIEWS, TracedRoom, traced_pictures
-from estimator.records.scene import View
 from insertion.colour.encoding import luminance, srgb_to_linear
 from insertion.exports.metric_frame import MetricFrame, metric_frame, object_matrix
-from insertion.footage.footage import PictureFootage, Stills
 from insertion.models.gltf import read_model
 from insertion.models.size import SizeUsed
 from insertion.pipeline.frames import insert_objects
 from insertion.pipeline.objects import Placed, place_objects, space_for
-from insertion.pipeline.prepared_scene import PreparedScene, prepare_scene
+from insertion.pipeline.prepared_scene import PreparedScene
 from insertion.pipeline.request import ObjectRequest
 from insertion.placement.free_space import candidates
 from insertion.placement.locate import plane_coordinates
 from insertion.scene.rays import camera_rays
-from insertion.scene.scale import ScaleUsed
-from tests.synthetic.insertions import write_glb
+from tests.synthetic.insertions import RecordedRoom, prepared_scene_of, write_glb
 from tests.synthetic.rooms.furnish import furnished_room
 from tests.synthetic.rooms.knobs import Knobs
-from tests.synthetic.rooms.quick import SyntheticScene, quick_scene
+from tests.synthetic.rooms.quick import quick_scene
 from tests.synthetic.rooms.shapes import solid
 from tests.synthetic.rooms.similarity import Similarity, similarity_between
 from tests.synthetic.rooms.world import Pinhole
@@ -79,7 +76,9 @@ def judge(room: TracedRoom, out: Path, trace_only: bool) -> dict[str, Any]:
         cv2.imwrite(str(images / f"frame{row:03d}.png"), picture[..., ::-1])
     if trace_only:
         return {}
-    prepared = _prepared(synthetic, to_scene, out)
+    views = tuple(replace(view, name=f"{Path(view.name).stem}.png") for view in synthetic.scene.views)
+    scene = replace(synthetic.scene, path=out, views=views)
+    prepared = prepared_scene_of(RecordedRoom(world, scene, synthetic.instances, out, to_scene))
     placed = _placed(prepared, write_glb(solid(room.category, np.array(room.size)), out / "object.glb", room.colour))
     ours: list[NDArray[np.uint8]] = []
     results = insert_objects(prepared, [placed], lambda _, picture: ours.append(picture))
@@ -92,24 +91,12 @@ def judge(room: TracedRoom, out: Path, trace_only: bool) -> dict[str, Any]:
     return _compared(prepared, placed, judged, [ours[row] for row in judged], truth, out)
 
 
-def _prepared(synthetic: SyntheticScene, to_scene: Similarity, out: Path) -> PreparedScene:
-    views = tuple(_named(view) for view in synthetic.scene.views)
-    scene = replace(synthetic.scene, path=out, views=views)
-    stills = Stills(scene)
-    scale = ScaleUsed(1 / to_scene.scale, None, None, "option")
-    return prepare_scene(scene, stills, PictureFootage(stills), synthetic.instances, scale)
-
-
 def _placed(prepared: PreparedScene, model: Path) -> Placed:
     """The object at the best free place of the floor."""
     space = space_for(prepared, read_model(model), SizeUsed(1.0, "file"))
     place = next(one for one in candidates(space) if one.plane == 0)
     x, y = plane_coordinates(space, place) * prepared.scale.metres_per_unit
     return place_objects(prepared, [ObjectRequest(model, plane=0, xy_m=(float(x), float(y)), facing=30.0)])[0]
-
-
-def _named(view: View) -> View:
-    return replace(view, name=f"{Path(view.name).stem}.png")
 
 
 def _object_in_world(placed: Placed, prepared: PreparedScene, to_scene: Similarity) -> dict[str, Any]:

@@ -37,7 +37,7 @@ from metric_tree.build.ingest import block_of, blocks, raw_files
 from metric_tree.build.steps import BuildOptions, Steps, shipped_curated, shipped_taxonomy
 from metric_tree.build.tables import Hierarchy, kept_categories
 from metric_tree.build.work_folder import BuildFolder
-from metric_tree.fit.class_prior import NEW_SOURCE, NewSource, class_prior
+from metric_tree.fit.class_prior import class_prior
 from metric_tree.fit.class_rows import ClassRows, take_rows
 from metric_tree.fit.evidence import KIND_WEIGHT, STRONG
 from metric_tree.fit.kinds import learn_kinds
@@ -77,21 +77,17 @@ class Rows:
     hierarchy: Hierarchy
 
     @classmethod
-    def of(cls, raw: Sequence[Path], work: Path) -> Rows:
-        """The cleaned rows of a build, from a work folder if they are there."""
-        clean_rows(raw, work)
+    def of(cls, options: argparse.Namespace) -> Rows:
+        """The cleaned rows that the options of `rows_parser` name, from the work folder if they are there."""
+        work = options.work or Path(tempfile.mkdtemp())
+        clean_rows(options.raw, work)
         cleaned: list[Cleaned] = [_unpickled(path) for path in sorted(work.glob("clean-*.pickle"))]
         classes = {one.node_id: one for part in cleaned for one in part.classes}
         rows = {one.node_id: one for path in sorted(work.glob("clean-*.classes")) for one in _unpickled(path)}
         return cls(rows, classes, Hierarchy.of(kept_categories(shipped_taxonomy().categories(), classes)))
 
-    @classmethod
-    def stated(cls, options: argparse.Namespace) -> Rows:
-        """The rows that the options of `rows_parser` name."""
-        return cls.of(options.raw, options.work or Path(tempfile.mkdtemp()))
-
-    def without(self, source: str, new_source: NewSource = NEW_SOURCE) -> Iterator[tuple[ClassRows, Prior]]:
-        """Each class that the source has rows of, with its prior from all others' rows, widened by `new_source`."""
+    def without(self, source: str) -> Iterator[tuple[ClassRows, Prior]]:
+        """Each class that the source has rows of, with its prior from all others' rows."""
         families = self.hierarchy.families()
         seen: dict[str, ClassRows] = {}
         known = {node_id: list(one.moments) for node_id, one in self.classes.items()}
@@ -111,8 +107,7 @@ class Rows:
         for node_id, own in seen.items():
             belief = beliefs[parents[node_id], own.axes]
             if source in self.rows[node_id].sources:
-                prior = class_prior(own, belief, model, families[node_id], heldout=False, new_source=new_source)
-                yield self.rows[node_id], prior
+                yield self.rows[node_id], class_prior(own, belief, model, families[node_id], heldout=False)
 
 
 @dataclass(frozen=True, slots=True)
@@ -132,17 +127,17 @@ class Score:
         return cls(float(prior.log_density(sizes).mean()), float(inside.mean()), float(np.median(error)))
 
 
-def held_rows(rows: ClassRows, source: str, seed: int) -> FloatArray:
+def held_rows(rows: ClassRows, source: str) -> FloatArray:
     """Sizes (n, 3) in mm of the source's rows whose axes are known, NaN where unstated; few of many."""
     readings = np.bincount(rows.owner, minlength=len(rows.sources))
     own = np.flatnonzero((np.asarray(rows.sources) == source) & (readings == 1))
-    own = np.random.default_rng(seed).permutation(own)[:MOST_ROWS]
+    own = np.random.default_rng(SEED).permutation(own)[:MOST_ROWS]
     return np.asarray(np.exp(rows.x[np.searchsorted(rows.owner, own)]))
 
 
-def stated_parts(rows: ClassRows, prior: Prior, source: str, seed: int) -> Iterator[tuple[tuple[str, ...], FloatArray]]:
+def stated_parts(rows: ClassRows, prior: Prior, source: str) -> Iterator[tuple[tuple[str, ...], FloatArray]]:
     """Axes of the prior that rows of the source state together, and sizes (n, d) in mm; only of enough rows."""
-    sizes = held_rows(rows, source, seed)
+    sizes = held_rows(rows, source)
     stated = ~np.isnan(sizes)
     for pattern in np.unique(stated, axis=0) if len(sizes) else ():
         dims = tuple(axis for axis, has in zip(rows.axes, pattern, strict=True) if has and axis in prior.dims)
@@ -168,10 +163,10 @@ def prior_of(tree: Tree, node_id: str, dims: tuple[str, ...]) -> Prior | None:
     return tree.node(known).prior(dims)
 
 
-def scores(build: Rows, tree: Tree, source: str, seed: int) -> Iterator[tuple[str, Score, Score]]:
+def scores(build: Rows, tree: Tree, source: str) -> Iterator[tuple[str, Score, Score]]:
     """Class, score of the earlier tree, score of today's fit without the source."""
     for rows, prior in build.without(source):
-        for dims, chosen in stated_parts(rows, prior, source, seed):
+        for dims, chosen in stated_parts(rows, prior, source):
             before = prior_of(tree, rows.node_id, dims)
             if before is not None:
                 yield rows.node_id, Score.of(before, chosen), Score.of(prior.marginal(dims), chosen)
@@ -205,7 +200,7 @@ def main() -> None:
     parser.add_argument("--only-new", action="store_true", help="sources that the earlier release lacks, and no others")
     arguments = parser.parse_args()
     tree = open_tree(arguments.against)
-    build = Rows.stated(arguments)
+    build = Rows.of(arguments)
     # sets of the same rooms are one, under the rooms' name: no declared source, and none of them is new
     seen = {record["id"] for record in tree.release.manifest["sources"]}
     new = {source.id for source in sources()} - seen
@@ -213,7 +208,7 @@ def main() -> None:
     for source in left_out(build):
         if arguments.only_new and source not in new:
             continue
-        own = list(scores(build, tree, source, SEED))
+        own = list(scores(build, tree, source))
         if len({node_id for node_id, *_ in own}) < LEAST_CLASSES:
             continue
         fresh += own if source in new else []

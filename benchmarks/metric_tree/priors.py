@@ -30,7 +30,7 @@ ROUND_SHARE = 0.3
 
 def main() -> None:
     """Print mean and median of each way, and in how many fits ours is better."""
-    build = Rows.stated(rows_parser(__doc__).parse_args())
+    build = Rows.of(rows_parser(__doc__).parse_args())
     table = np.array(list(_scores(build)))
     print(f"{len(table)} pairs of a class and a source")
     figures = (table.mean(axis=0), np.median(table, axis=0), (table[:, :1] > table).sum(axis=0))
@@ -45,11 +45,9 @@ def _scores(build: Rows) -> Iterator[list[float]]:
     generator = np.random.default_rng(SEED)
     for source in left_out(build):
         for rows, prior in build.without(source):
-            held = _whole(held_rows(rows, source, SEED))
+            held = _whole(held_rows(rows, source))
             real = sorted({name for name, kind in zip(rows.sources, rows.kinds, strict=True) if kind in STRONG})
-            seen = np.concatenate(
-                [_whole(held_rows(rows, name, SEED)) for name in real if name != source] or [held[:0]]
-            )
+            seen = np.concatenate([_whole(held_rows(rows, name)) for name in real if name != source] or [held[:0]])
             if len(held) < SOURCE_ROWS or len(seen) < CLASS_ROWS or len(prior.dims) < 3 or prior.tier == "norm":
                 continue
             if (np.abs(np.log(seen[:, 0] / seen[:, 1])) < 1e-3).mean() > ROUND_SHARE:

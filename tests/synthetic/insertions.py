@@ -20,7 +20,7 @@ from tests.synthetic.rooms.similarity import Similarity, similarity_between
 from tests.synthetic.rooms.solids import Mesh, rotate
 from tests.synthetic.rooms.world import Placed, World
 
-__all__ = ["RecordedRoom", "added", "prepared_scene_of", "video_room", "write_glb"]
+__all__ = ["RecordedRoom", "added", "prepared_scene_of", "standing", "video_room", "write_glb"]
 
 TRACK = "inserted"
 
@@ -85,9 +85,13 @@ def write_glb(mesh: Mesh, file: Path, colour: tuple[float, float, float] = (0.5,
 
 def added(room: RecordedRoom, mesh: Mesh, position: FloatArray, heading: FloatArray, alone: bool = False) -> World:
     """The world with the mesh standing at a place of the scene, its front along `heading`; `alone` without the rest."""
-    world_position = room.to_scene.inverse(position[None])[0]
-    front = room.to_scene.rotation.T @ heading
+    place, front = room.to_scene.inverse(position[None])[0], room.to_scene.rotation.T @ heading
+    return standing(replace(room.world, objects=()) if alone else room.world, mesh, place, front)
+
+
+def standing(world: World, mesh: Mesh, position: FloatArray, front: FloatArray) -> World:
+    """The room with the mesh at a place (3,) of the room, its front along (3,); it is the last object."""
     yaw = float(np.arctan2(front[1], front[0]) + np.pi / 2)
-    placed = rotate(mesh, turn_about_z(yaw), world_position)
+    placed = rotate(mesh, turn_about_z(yaw), position)
     item = Placed(TRACK, "stool", "stool", np.ptp(mesh.vertices, axis=0), placed)
-    return replace(room.world, objects=(item,) if alone else (*room.world.objects, item))
+    return replace(world, objects=(*world.objects, item))

@@ -6,7 +6,7 @@ import argparse
 from collections.abc import Iterable, Sequence
 from pathlib import Path
 
-__all__ = ["ROOT", "SHARED", "options_parser", "print_rows", "row_text", "table_head", "write_between"]
+__all__ = ["ROOT", "SHARED", "options_parser", "print_rows", "row_text", "seeds_parser", "table_head", "write_between"]
 
 ROOT = Path(__file__).resolve().parents[1]
 #: Real scenes, tables and models beside the repository.
@@ -16,6 +16,13 @@ SHARED = ROOT.parent / "shared" / "data"
 def options_parser(description: str | None) -> argparse.ArgumentParser:
     """A parser that shows a module's docstring as it is written."""
     return argparse.ArgumentParser(description=description, formatter_class=argparse.RawDescriptionHelpFormatter)
+
+
+def seeds_parser(description: str | None, first: int, end: int) -> argparse.ArgumentParser:
+    """The same with `--seeds FIRST END`."""
+    parser = options_parser(description)
+    parser.add_argument("--seeds", type=int, nargs=2, default=(first, end), metavar=("FIRST", "END"))
+    return parser
 
 
 def table_head(columns: Sequence[str]) -> str:

@@ -8,7 +8,6 @@ turns, so that a busy machine is as slow for one as for the other.
 
 from __future__ import annotations
 
-import argparse
 import json
 import multiprocessing
 import random
@@ -21,6 +20,7 @@ from pathlib import Path
 from urllib.parse import quote
 
 import metric_tree
+from benchmarks.common import options_parser
 from explorer.content.addresses import slug
 from metric_cli.threads import use_one_thread
 
@@ -37,7 +37,7 @@ _JSON = {"content-type": "application/json"}
 
 def main() -> None:
     """Print a line for each kind, then the memory."""
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser = options_parser(__doc__)
     parser.add_argument("--requests", type=int, default=2000, help="requests of each kind (2000)")
     parser.add_argument("--mixed", type=int, default=100_000, help="mixed requests of the test of memory (100000)")
     arguments = parser.parse_args()
@@ -98,13 +98,8 @@ def ask_mixed(port: int, count: int) -> Iterator[int]:
     for place in range(count):
         node = chance.choice(nodes)
         own = slug(node.node_id)
-        kinds = (
-            new_prior(chance, node.node_id),
-            new_search(chance, node.name),
-            f"/nodes/{own}.html",
-            f"/v1/nodes/{own}",
-            f"/v1/nodes/{own}/items",
-        )
+        asked = (new_prior(chance, node.node_id), new_search(chance, node.name))
+        kinds = (*asked, f"/nodes/{own}.html", f"/v1/nodes/{own}", f"/v1/nodes/{own}/items")
         spent(client, kinds[place % len(kinds)])
         if (place + 1) % max(1, count // 10) == 0:
             yield place + 1

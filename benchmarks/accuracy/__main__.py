@@ -27,12 +27,12 @@ from benchmarks.accuracy.page import Facts, page
 from benchmarks.accuracy.simulations import COUNTS, NOISES, error_outcomes, sameness_outcomes, structured_outcomes
 from benchmarks.accuracy.streets import MEASURED, streets_outcomes
 from benchmarks.accuracy.unseen import FAMILY, tree_without, unseen_outcomes, unseen_tree
+from benchmarks.common import ROOT, SHARED, options_parser
 from benchmarks.estimator.simulation import World, world
 from metric_base.files import whole_file
 from metric_tree.tree import Tree
 from tests.synthetic.rooms.sizes import Sizes, typical_sizes
 
-ROOT = Path(__file__).resolve().parents[2]
 TEMPLATE = Path(__file__).with_name("page.md")
 PARTS = ("sameness", "structured", "errors", "unseen", "streets", "scenes", "methods")
 #: How much of everything --quick does.
@@ -46,10 +46,7 @@ def main(argv: Sequence[str] | None = None) -> int:
     outcomes = read_outcomes(arguments.rows) if arguments.rows and arguments.rows.exists() else []
     kept = [one for one in outcomes if one.part not in arguments.parts]
     release = metric_tree.open(arguments.tree)
-    rooms_tree: Tree = release
-    sizes: Sizes = typical_sizes
-    if arguments.raw is not None:
-        rooms_tree, sizes = unseen_tree(arguments.raw, arguments.cache)
+    rooms_tree, sizes = unseen_tree(arguments.raw, arguments.cache) if arguments.raw else (release, typical_sizes)
     for part in arguments.parts:
         begun = time.process_time()
         own = list(_outcomes(part, arguments, release, rooms_tree, sizes))
@@ -71,14 +68,12 @@ def main(argv: Sequence[str] | None = None) -> int:
 
 
 def _arguments(argv: Sequence[str] | None) -> argparse.Namespace:
-    parser = argparse.ArgumentParser(
-        prog="python -m benchmarks.accuracy", description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
-    )
+    parser = options_parser(__doc__)
     parser.add_argument("--tree", help="release with the priors: version or path (default: the shipped one)")
     parser.add_argument("--scenes", type=Path, action="append", default=[], help="folder of scenes with a truth.json")
     parser.add_argument("--raw", type=Path, help="folder of raw items")
     parser.add_argument("--cache", type=Path, default=Path("/tmp/accuracy"), help="what is built of them")  # noqa: S108
-    parser.add_argument("--tables", type=Path, default=ROOT.parent / "shared" / "data" / "sizes", help="real rooms")
+    parser.add_argument("--tables", type=Path, default=SHARED / "sizes", help="real rooms")
     parser.add_argument("--rooms", type=int, nargs="+", default=[0, 1, 2, 3], help="seeds of each kind of room")
     parser.add_argument("--streets", type=int, nargs="+", default=list(range(8)), help="seeds of streets")
     parser.add_argument("--scenes-a-cell", type=int, default=300, help="simulated scenes of each setting")
@@ -91,9 +86,7 @@ def _arguments(argv: Sequence[str] | None) -> argparse.Namespace:
     arguments = parser.parse_args(argv)
     words = sys.argv[1:] if argv is None else argv
     arguments.command = shlex.join(["python", "-m", "benchmarks.accuracy", *words])
-    if arguments.quick:
-        for name, value in QUICK.items():
-            setattr(arguments, name, value)
+    vars(arguments).update(QUICK if arguments.quick else {})
     return arguments
 
 

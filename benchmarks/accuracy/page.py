@@ -11,13 +11,14 @@ import numpy as np
 from benchmarks.accuracy.methods import METHODS
 from benchmarks.accuracy.outcomes import Outcome, difference, select, summary
 from benchmarks.accuracy.simulations import FAULTS
+from benchmarks.common import row_text, table_head
 
 __all__ = ["Facts", "page"]
 
-_HEAD = (
-    "| setting | method | scenes | refused | error, median | mean | 90th pct | bias | heights, mean (sd) "
-    "| coverage of 90 % | high/low | interval score | CRPS |\n|---|---|---|---|---|---|---|---|---|---|---|---|---|"
-)
+_HEAD = table_head(
+    ("setting", "method", "scenes", "refused", "error, median", "mean", "90th pct", "bias", "heights, mean (sd)",
+     "coverage of 90 %", "high/low", "interval score", "CRPS")
+)  # fmt: skip
 
 
 @dataclass(frozen=True, slots=True)
@@ -57,11 +58,8 @@ def page(outcomes: Sequence[Outcome], facts: Facts, template: str) -> str:
 
 
 def _earlier_text(parts: Sequence[str]) -> str:
-    return (
-        f" The outcomes of {', '.join(parts)} are those of earlier runs of this command, part by part (`--rows`)."
-        if parts
-        else ""
-    )
+    earlier = f" The outcomes of {', '.join(parts)} are those of earlier runs of this command, part by part (`--rows`)."
+    return earlier if parts else ""
 
 
 def _groups(outcomes: Sequence[Outcome]) -> list[str]:
@@ -77,7 +75,7 @@ def _line(group: str, method: str, outcomes: Sequence[Outcome]) -> str:
         _number(s.coverage), _number(s.ratio), _number(s.score, 3),
         _number(s.crps, 3),
     ]  # fmt: skip
-    return f"| {' | '.join(cells)} |"
+    return row_text(cells)
 
 
 def _methods_table(outcomes: Sequence[Outcome]) -> str:
@@ -102,7 +100,7 @@ def _groups_table(outcomes: Sequence[Outcome]) -> str:
 
 
 def _differences_table(outcomes: Sequence[Outcome]) -> str:
-    lines = ["| setting | against | scenes | mean difference of the error | 95 % |", "|---|---|---|---|---|"]
+    lines = [table_head(("setting", "against", "scenes", "mean difference of the error", "95 %"))]
     for group in _groups(outcomes):
         ours = select(outcomes, group=group, method="default")
         for method in dict.fromkeys(one.method for one in select(outcomes, group=group) if one.method != "default"):
@@ -110,7 +108,7 @@ def _differences_table(outcomes: Sequence[Outcome]) -> str:
             if count > 1:
                 ends = f"{_share(low, '+')} to {_share(high, '+')}"
                 lines.append(f"| {group} | {method} | {count} | {_share(mean, '+')} | {ends} |")
-    return "\n".join(lines) if len(lines) > 2 else "Not run."
+    return "\n".join(lines) if len(lines) > 1 else "Not run."
 
 
 def _structured_table(outcomes: Sequence[Outcome]) -> str:
@@ -118,7 +116,7 @@ def _structured_table(outcomes: Sequence[Outcome]) -> str:
         return "Not run."
     cells = [group.split("/") for group in _groups(outcomes)]
     counts, noises = (list(dict.fromkeys(cell[place] for cell in cells)) for place in (0, 1))
-    lines = [f"| N | method | {' | '.join(f'R = {noise}' for noise in noises)} |", f"|---|---|{'---|' * len(noises)}"]
+    lines = [table_head(("N", "method", *(f"R = {noise}" for noise in noises)))]
     for count in counts:
         for method in ("default", "paper"):
             of_noise = [
@@ -138,7 +136,7 @@ def _sameness_table(outcomes: Sequence[Outcome]) -> str:
     by_cell: dict[str, list[Outcome]] = {}
     for one in outcomes:
         by_cell.setdefault(one.group, []).append(replace(one, refused=False))
-    lines = [f"| objects | classes | {' | '.join(shares)} |", f"|---|---|{'---|' * len(shares)}"]
+    lines = [table_head(("objects", "classes", *shares))]
     for objects, classes in dict.fromkeys((cell[0], cell[1]) for cell in cells):
         of_share = [summary(by_cell[f"{objects}/{classes}/{share}"]) for share in shares]
         shown = [f"{_number(s.coverage)} ({_number(s.score, 3)})" for s in of_share]
@@ -150,8 +148,7 @@ def _pulls_table(outcomes: Sequence[Outcome]) -> str:
     """What single objects say against the truth, the most frequent classes first."""
     if not outcomes:
         return "Not run."
-    lines = ["| label | objects | median of ln(scale by it alone / true) | median distance from that |"]
-    lines.append("|---|---|---|---|")
+    lines = [table_head(("label", "objects", "median of ln(scale by it alone / true)", "median distance from that"))]
     by_class: dict[str, list[float]] = {}
     for one in outcomes:
         by_class.setdefault(one.group, []).append(one.error)
@@ -178,8 +175,8 @@ def _errors_table(outcomes: Sequence[Outcome]) -> str:
 
 def _refusals_table(outcomes: Sequence[Outcome]) -> str:
     """What would have been said where nothing was."""
-    lines = ["| part | answered | error of these, median | mean | refused | error of these, median | mean |"]
-    lines.append("|---|---|---|---|---|---|---|")
+    of_these = ("error of these, median", "mean")
+    lines = [table_head(("part", "answered", *of_these, "refused", *of_these))]
     for part in dict.fromkeys(one.part for one in outcomes):
         ours = [one for one in select(outcomes, part=part, method="default") if np.isfinite(one.error)]
         if not ours:

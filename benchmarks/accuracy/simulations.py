@@ -68,15 +68,6 @@ def _outcomes(part: str, group: str, world: World, knobs: Knobs, scenes: int, se
 def _of_method(part: str, group: str, runs: Iterable[tuple[int, str, float, Estimate]]) -> Iterator[Outcome]:
     for number, method, truth, estimate in runs:
         low, high = np.log(estimate.interval) - truth
-        refused = estimate.status == "unresolved"
-        yield Outcome(
-            part,
-            group,
-            str(number),
-            method,
-            float(np.log(estimate.modes[0].scale) - truth),
-            refused,
-            float(low),
-            float(high),
-            crps=crps_of(estimate.curve, truth),
-        )
+        error, refused = float(np.log(estimate.modes[0].scale) - truth), estimate.status == "unresolved"
+        crps = crps_of(estimate.curve, truth)
+        yield Outcome(part, group, str(number), method, error, refused, float(low), float(high), crps=crps)

@@ -63,10 +63,8 @@ def compared(shop: Shop) -> list[dict[str, Any]]:
         out = Path(scratch) / "out"
         for name in ("bare", "ours"):
             served = ServedShop(shop)
-            command = [sys.executable, "-m", "benchmarks.crawler.bare_spider", served.base]
-            if name == "ours":
-                command = _ours(served.base, out)
-            run = run_child(command)
+            bare = [sys.executable, "-m", "benchmarks.crawler.bare_spider", served.base]
+            run = run_child(bare if name == "bare" else _ours(served.base, out))
             asked.append(served.asked())
             served.close()
             rows.append({"spider": name, **_rates(run, asked[-1])})
@@ -79,24 +77,16 @@ def _rates(run: ChildRun, asked: Counter[str]) -> dict[str, float]:
     pages = asked.total()
     products = sum(path.startswith("/item/") for path in asked)
     rates = {"ms_per_page": 1000 * run.cpu_s / pages, "ms_per_product": 1000 * run.cpu_s / products}
-    return {
-        "products": products,
-        "pages": pages,
-        "cpu_s": run.cpu_s,
-        "peak_mb": run.peak_mib,
-        **rates,
-        "pages_per_s": pages / run.wall_s,
-    }
+    counts = {"products": products, "pages": pages, "cpu_s": run.cpu_s, "peak_mb": run.peak_mib}
+    return counts | rates | {"pages_per_s": pages / run.wall_s}
 
 
 def _against_truth(shop: Shop, out: Path) -> dict[str, int]:
     truth, found = expected(shop), _items(out)
     right = sum(truth.get(title) == size for title, size in found)
     counts = {"expected": len(truth), "items": len(found), "right": right}
-    return counts | {
-        "missed": len(set(truth) - {title for title, _ in found}),
-        "doubled": len(found) - len(dict(found)),
-    }
+    missed = len(set(truth) - {title for title, _ in found})
+    return counts | {"missed": missed, "doubled": len(found) - len(dict(found))}
 
 
 def _items(out: Path) -> list[tuple[str, tuple[float, ...]]]:

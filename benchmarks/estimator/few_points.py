@@ -6,12 +6,12 @@ stated 90 % holds. Worlds of `tests.synthetic.rooms.few_points`; seeds from 1000
 
 from __future__ import annotations
 
-import argparse
 from collections.abc import Iterator
 from dataclasses import dataclass
 
 import numpy as np
 
+from benchmarks.common import seeds_parser
 from estimator.geometry.measurement import MeasurementOptions
 from estimator.pipeline import measure_objects
 from metric_base.arrays import FloatArray
@@ -37,8 +37,7 @@ class Row:
 
 def main() -> None:
     """The command."""
-    parser = argparse.ArgumentParser(description=__doc__)
-    parser.add_argument("--seeds", type=int, nargs=2, default=(0, 5), metavar=("FIRST", "END"))
+    parser = seeds_parser(__doc__, 0, 5)
     parser.add_argument("--points", type=int, nargs=2, default=(1, MAX_POINTS), metavar=("FEWEST", "MOST"))
     parser.add_argument("--paths", nargs="+", choices=PATHS, default=PATHS)
     options = parser.parse_args()

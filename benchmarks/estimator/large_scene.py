@@ -9,7 +9,6 @@ a process of its own, from files.
 
 from __future__ import annotations
 
-import argparse
 import json
 import tempfile
 from dataclasses import replace
@@ -18,11 +17,13 @@ from pathlib import Path
 import numpy as np
 
 from benchmarks.child import ours, run_child
+from benchmarks.common import options_parser, print_rows
 from estimator.records.scene import DenseCloud, View
 from tests.synthetic.rooms.furnish import furnished_room
 from tests.synthetic.rooms.knobs import Knobs
 from tests.synthetic.rooms.quick import SyntheticScene, quick_scene
 from tests.synthetic.rooms.scene_files import write_scene
+from tests.synthetic.rooms.world import World
 
 VIEWS, POINTS = 125, 500_000
 #: Most views of a dense point, and most observations of sparse points in a view.
@@ -84,7 +85,7 @@ def _thinned(dense: DenseCloud, most: int) -> DenseCloud:
 
 def main() -> None:
     """Print the table, a row as soon as it is known."""
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser = options_parser(__doc__)
     parser.add_argument("--times", type=int, nargs="+", default=[1, 2, 4])
     given = parser.parse_args()
     world = furnished_room("sitting room", 7, Knobs(views=VIEWS))
@@ -94,27 +95,22 @@ def main() -> None:
     synthetic = replace(
         synthetic, scene=replace(synthetic.scene, views=sparse, dense=_thinned(synthetic.scene.dense, SEEN))
     )
-    print("| views | dense points | masks | processor s | peak MiB | exit | scale over true |")
-    print("|---|---|---|---|---|---|---|")
-    for times in given.times:
-        with tempfile.TemporaryDirectory() as folder:
-            large = repeated(synthetic, times)
-            write_scene(large, world, Path(folder))
-            print(f"| {_row(large, Path(folder), synthetic.truth.metres_per_unit)} |", flush=True)
+    columns = ("views", "dense points", "masks", "processor s", "peak MiB", "exit", "scale over true")
+    print_rows(columns, (_row(repeated(synthetic, times), world) for times in given.times))
 
 
-def _row(large: SyntheticScene, folder: Path, true: float) -> str:
+def _row(large: SyntheticScene, world: World) -> tuple[object, ...]:
     dense = large.scene.dense
     assert dense is not None
-    run = run_child(ours("estimate-scale", folder, "--quiet", "--json"))
+    with tempfile.TemporaryDirectory() as place:
+        folder = Path(place)
+        write_scene(large, world, folder)
+        run = run_child(ours("estimate-scale", folder, "--quiet", "--json"))
+        masks = len(json.loads((folder / "instances.json").read_bytes())["annotations"])
     scale = json.loads(run.output)["scale"]
-    masks = len(json.loads((folder / "instances.json").read_bytes())["annotations"])
-    cells = (
-        len(large.scene.views), f"{len(dense.points):,}", f"{masks:,}", f"{run.cpu_s:.0f}", f"{run.peak_mib:.0f}",
-        run.status,
-        "" if scale is None else f"{scale / true:.3f}",
-    )  # fmt: skip
-    return " | ".join(map(str, cells))
+    cost = f"{run.cpu_s:.0f}", f"{run.peak_mib:.0f}", run.status
+    ratio = None if scale is None else f"{scale / large.truth.metres_per_unit:.3f}"
+    return len(large.scene.views), f"{len(dense.points):,}", f"{masks:,}", *cost, ratio
 
 
 if __name__ == "__main__":

@@ -6,11 +6,11 @@ their heights with dense and with sparse points, and of all other heights. Seeds
 
 from __future__ import annotations
 
-import argparse
 from dataclasses import replace
 
 import numpy as np
 
+from benchmarks.common import seeds_parser, table_head
 from estimator.geometry.standing import has_level_top
 from estimator.pipeline import measure_objects
 from tests.synthetic.rooms.furnish import furnished_room
@@ -27,9 +27,7 @@ NINETY = 1.645
 
 def main() -> None:
     """The command."""
-    parser = argparse.ArgumentParser(description=__doc__)
-    parser.add_argument("--seeds", type=int, nargs=2, default=(1102, 1104), metavar=("FIRST", "END"))
-    options = parser.parse_args()
+    options = seeds_parser(__doc__, 1102, 1104).parse_args()
     errors: dict[tuple[str, str], list[tuple[float, float]]] = {}
     knobs = with_knobs(HARD, views=VIEWS, clutter=CLUTTER)
     for seed in range(*options.seeds):
@@ -42,8 +40,8 @@ def main() -> None:
                         error = float(np.log(item.extents[2] * room.truth.metres_per_unit / true.size[2]))
                         level = "level tops" if has_level_top(item.category) else "others"
                         errors.setdefault((points, level), []).append((error, float(item.sigma[2])))
-    print("| points | heights of | objects | median | median size | 90th percentile | inside the stated 90 % |")
-    print("|---|---|---|---|---|---|---|")
+    columns = ("points", "heights of", "objects", "median", "median size", "90th percentile", "inside the stated 90 %")
+    print(table_head(columns))
     for (points, level), rows in sorted(errors.items()):
         error, sigma = np.array(rows).T
         size = np.abs(error)

@@ -1,6 +1,6 @@
 """Thirty mistakes in each of ten scenes: right, refused, or wrong.
 
-    python -m benchmarks.estimator.mistakes [--synthetic SEED] [--json FILE] [--only WORDS] [--scene WORDS]
+    python -m benchmarks.estimator.mistakes [--synthetic SEED] [--json FILE] [--scene WORDS]
 
 Real scenes are those of `../shared/data/scenes` that are there. `--synthetic SEED` takes ten synthetic ones alone:
 thresholds are chosen on seeds from 40 on, never on the scenes of the table.
@@ -20,6 +20,7 @@ from pathlib import Path
 from typing import Any
 
 import metric_tree
+from benchmarks.common import ROOT, SHARED, options_parser, print_rows
 from benchmarks.estimator.mistake_cases import MISTAKES, MUNICH, RIGHT, SEOUL, Base, Case, masks_of
 from estimator.evidence.gps import Gps
 from estimator.pipeline import scene_estimate
@@ -32,7 +33,6 @@ from tests.synthetic.rooms.kinds import KINDS
 from tests.synthetic.rooms.quick import quick_scene
 from tests.synthetic.rooms.street import street
 
-ROOT = Path(__file__).resolve().parents[2]
 REAL = ("tum_office", "red_kitchen", "walk_carpark", "lund_street")
 INTERNAL = "internal error"
 OUTCOMES = ("wrong and silent", "wrong with a warning", INTERNAL, "refused", "right")
@@ -48,7 +48,7 @@ def bases(seed: int | None) -> Iterator[Base]:
         for number, kind in enumerate([*KINDS, *KINDS]):
             yield _synthetic(kind, seed + number)
         return
-    folders = [ROOT / "data" / "scenes" / "demo_room", *(ROOT.parent / "shared" / "data" / "scenes" / n for n in REAL)]
+    folders = [ROOT / "data" / "scenes" / "demo_room", *(SHARED / "scenes" / name for name in REAL)]
     for number, folder in enumerate(folders):
         if not folder.is_dir():
             continue
@@ -119,8 +119,7 @@ def run(options: argparse.Namespace) -> dict[str, dict[str, dict[str, Any]]]:
             usual |= set() if isinstance(result, str) else {_plain(line) for line in result.warnings}
             row[f"right: {name}"] = outcome(base, result, usual)
         for name, make in MISTAKES.items():
-            if re.search(options.only, name):
-                row[name] = outcome(base, answer(make(base), tree), usual)
+            row[name] = outcome(base, answer(make(base), tree), usual)
         counts = Counter(cell["outcome"] for name, cell in row.items() if not name.startswith("right"))
         print(base.name, dict(counts), file=sys.stderr, flush=True)
         if options.json is not None:
@@ -128,12 +127,8 @@ def run(options: argparse.Namespace) -> dict[str, dict[str, dict[str, Any]]]:
     return rows
 
 
-def table(rows: dict[str, dict[str, dict[str, Any]]]) -> list[str]:
+def table(rows: dict[str, dict[str, dict[str, Any]]]) -> Iterator[tuple[object, ...]]:
     """A line of counts for each mistake, and the ratios of what is wrong and silent."""
-    lines = [
-        f"| mistake | {' | '.join(OUTCOMES)} | stated / true where wrong and silent |",
-        "|---|---|---|---|---|---|---|",
-    ]
     names = list(dict.fromkeys(name for row in rows.values() for name in row))
     for title, right in (("", False), ("without a mistake: ", True)):
         part = [name for name in names if name.startswith("right: ") == right]
@@ -141,25 +136,21 @@ def table(rows: dict[str, dict[str, dict[str, Any]]]) -> list[str]:
         for name in part:
             counts = Counter(cell["outcome"] for cell in cells[name])
             silent = [f"{cell['ratio']:.2f}" for cell in cells[name] if cell["outcome"] == OUTCOMES[0]]
-            numbers = " | ".join(str(counts[one]) for one in OUTCOMES)
-            lines.append(f"| {title}{name.removeprefix('right: ')} | {numbers} | {', '.join(silent)} |")
+            yield title + name.removeprefix("right: "), *(counts[one] for one in OUTCOMES), ", ".join(silent)
         total = Counter(cell["outcome"] for name in part for cell in cells[name])
         of = max(sum(total.values()), 1)
-        numbers = " | ".join(f"**{total[one]}** ({total[one] / of:.1%})" for one in OUTCOMES)
-        lines.append(f"| **{title or 'mistakes: '}all {of}** | {numbers} | |")
-    return lines
+        shares = (f"**{total[one]}** ({total[one] / of:.1%})" for one in OUTCOMES)
+        yield f"**{title or 'mistakes: '}all {of}**", *shares, ""
 
 
-def main() -> int:
+def main() -> None:
     """Run, and print the table."""
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser = options_parser(__doc__)
     parser.add_argument("--synthetic", type=int, metavar="SEED")
     parser.add_argument("--json", type=Path, metavar="FILE", help="keep the outcomes")
-    parser.add_argument("--only", default="", metavar="WORDS", help="mistakes whose name these words are in")
     parser.add_argument("--scene", default="", metavar="WORDS", help="scenes whose name these words are in")
-    print("\n".join(table(run(parser.parse_args()))))
-    return 0
+    print_rows(("mistake", *OUTCOMES, "stated / true where wrong and silent"), table(run(parser.parse_args())))
 
 
 if __name__ == "__main__":
-    sys.exit(main())
+    main()

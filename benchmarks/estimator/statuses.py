@@ -107,12 +107,8 @@ def _rooms(file: Path, tree: Tree, subsets: Sequence[int | None] = SUBSETS, shif
             some = [objects[row] for row in generator.choice(len(objects), take, replace=False)]
             stated, _ = evidence_of(some, by_name)
             if stated:
-                yield (
-                    ("odd" if number % 2 else "even") + " rooms",
-                    count,
-                    posterior(list(stated.values())),
-                    np.log(scale),
-                )
+                half = "odd rooms" if number % 2 else "even rooms"
+                yield half, count, posterior(list(stated.values())), float(np.log(scale))
 
 
 def _simulations() -> Iterator[Row]:

@@ -2,13 +2,11 @@
 
 Each room, or each named scene with its `instances.json`, is estimated as it is and from a nerfstudio export of its
 points, which states no observations: of the sparse points, and of the dense cloud where there is one. Prints how far
-the scale moves; with `--projected` every point counts as seen wherever it projects, for comparison.
-Rooms have the errors of real depth; those of seeds 1100 and 1101 are for development.
+the scale moves. Rooms have the errors of real depth; those of seeds 1100 and 1101 are for development.
 """
 
 from __future__ import annotations
 
-import argparse
 from collections.abc import Iterator
 from dataclasses import replace
 from pathlib import Path
@@ -16,11 +14,11 @@ from tempfile import TemporaryDirectory
 
 import numpy as np
 
+from benchmarks.common import seeds_parser, table_head
 from estimator.pipeline import estimate_scale
 from estimator.reading import read_instances, read_scene
 from estimator.records.result import ScaleResult
 from estimator.records.scene import Instance, Scene
-from estimator.visibility.sights import sight_of
 from tests.synthetic.exports import write_export
 from tests.synthetic.rooms.furnish import furnished_room
 from tests.synthetic.rooms.kinds import KINDS
@@ -34,17 +32,15 @@ VIEWS = 16
 
 def main() -> None:
     """The command."""
-    parser = argparse.ArgumentParser(description=__doc__)
-    parser.add_argument("--seeds", type=int, nargs=2, default=(1102, 1104), metavar=("FIRST", "END"))
-    parser.add_argument("--projected", action="store_true", help="no depth order")
+    parser = seeds_parser(__doc__, 1102, 1104)
     parser.add_argument("scenes", nargs="*", type=Path)
     options = parser.parse_args()
     moves: dict[str, list[float]] = {}
-    print("| scene | points | with observations | without | moved by |\n|---|---|---|---|---|")
+    print(table_head(("scene", "points", "with observations", "without", "moved by")))
     for name, scene, instances in _named(options.scenes) if options.scenes else _rooms(*options.seeds):
         for points, given in _clouds(scene):
             own = estimate_scale(given, instances)
-            bare = estimate_scale(_unobserved(given, options.projected), instances)
+            bare = estimate_scale(_unobserved(given), instances)
             moved = float(np.log(bare.scale / own.scale)) if own.scale and bare.scale else np.nan
             moves.setdefault(points, []).append(moved)
             print(f"| {name} | {points} | {_shown(own)} | {_shown(bare)} | {moved:+.1%} |", flush=True)
@@ -76,18 +72,13 @@ def _clouds(scene: Scene) -> Iterator[tuple[str, Scene]]:
         yield "dense", scene
 
 
-def _unobserved(scene: Scene, projected: bool) -> Scene:
+def _unobserved(scene: Scene) -> Scene:
     """The scene as nerfstudio's files give it; of a dense cloud at most `MOST_POINTS`."""
     if scene.dense is not None:
         step = -(-len(scene.dense.points) // MOST_POINTS)
         scene = replace(scene, points=scene.dense.points[::step], dense=None)
     with TemporaryDirectory() as folder:
-        bare = read_scene(write_export(scene, "nerfstudio", Path(folder)))
-    if not projected:
-        return bare
-    sights = ((view, sight_of(view, bare.points)) for view in bare.views)
-    views = tuple(replace(view, keypoints=sight.pixels, point_index=sight.rows) for view, sight in sights)
-    return replace(bare, views=views)
+        return read_scene(write_export(scene, "nerfstudio", Path(folder)))
 
 
 def _shown(result: ScaleResult) -> str:

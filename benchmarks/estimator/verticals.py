@@ -6,13 +6,13 @@ tenth of the floor's points, sparse and dense; and scenes on disk that state up.
 
 from __future__ import annotations
 
-import argparse
 import json
 from collections.abc import Iterator
 from pathlib import Path
 
 import numpy as np
 
+from benchmarks.common import print_rows, seeds_parser
 from estimator.geometry.planes import height_bin, peaks
 from estimator.geometry.up import camera_up
 from estimator.geometry.vertical import refine_up
@@ -35,24 +35,21 @@ Case = tuple[str, FloatArray, tuple[View, ...], FloatArray]
 
 def main() -> None:
     """The command."""
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser = seeds_parser(__doc__, 0, 2)
     parser.add_argument("scenes", nargs="*", type=Path, help="scenes with a truth.json")
-    parser.add_argument("--seeds", type=int, nargs=2, default=(0, 2), metavar=("FIRST", "END"))
     options = parser.parse_args()
     rows: dict[str, list[tuple[float, float]]] = {}
     for kind, true, views, points in (*_on_disk(options.scenes), *_rooms(*options.seeds)):
         up = refine_up(camera_up(views), points)
         off = float(np.degrees(np.arccos(np.clip(up.vector @ true, -1, 1))))
         rows.setdefault(kind, []).append((off, up.sigma_deg))
-    print("| scenes | | off by, median | 90th percentile | stated, median | within one | within two |")
-    print("|---" * 7 + "|")
-    for kind, pairs in rows.items():
-        off, sigma = np.array(pairs).T
-        shares = " | ".join(f"{np.mean(off <= k * sigma):.2f}" for k in (1, 2))
-        print(
-            f"| {kind} | {len(pairs)} | {np.median(off):.2f} | {np.quantile(off, 0.9):.2f} "
-            f"| {np.median(sigma):.2f} | {shares} |"
-        )
+    columns = ("scenes", "", "off by, median", "90th percentile", "stated, median", "within one", "within two")
+    print_rows(columns, (_row(kind, *np.array(pairs).T) for kind, pairs in rows.items()))
+
+
+def _row(kind: str, off: FloatArray, sigma: FloatArray) -> tuple[object, ...]:
+    figures = np.median(off), np.quantile(off, 0.9), np.median(sigma), *(np.mean(off <= k * sigma) for k in (1, 2))
+    return kind, len(off), *(f"{value:.2f}" for value in figures)
 
 
 def _on_disk(folders: list[Path]) -> Iterator[Case]:

@@ -6,7 +6,7 @@ computed, and is not changed afterwards. Who wrote the table of excluded rows ha
 is a fresh one: a language model wrote it on 2026-11-22 at 06:38, before it had seen a prior of its objects, the first
 list or the tables of ranges; it too is not changed.
 
-    python -m benchmarks.metric_tree.everyday [RELEASE] [--list second] [--all]
+    python -m benchmarks.metric_tree.everyday [RELEASE] [--list second]
 
 An axis is off where the prior's median differs from the written one by more than 1.4. It is absurdly wide where the
 prior's 90 % interval spans more than a factor of six and more than twice the written factor.
@@ -14,7 +14,6 @@ prior's 90 % interval spans more than a factor of six and more than twice the wr
 
 from __future__ import annotations
 
-import argparse
 import csv
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
@@ -22,6 +21,7 @@ from pathlib import Path
 
 import numpy as np
 
+from benchmarks.common import options_parser
 from metric_base.arrays import FloatArray
 from metric_cli.terminal import print_table
 from metric_tree.axes import AXES, EXTENTS
@@ -57,7 +57,7 @@ class Axis:
         return self.prior[2] / self.prior[0] > max(WIDE, 2 * self.written[2] / self.written[0])
 
 
-def objects(path: Path = LISTS["first"]) -> dict[str, FloatArray]:
+def objects(path: Path) -> dict[str, FloatArray]:
     """Written sizes (3, 3) of each object: a row for length, width, height; columns 5, 50, 95 %."""
     with path.open(encoding="utf-8", newline="") as lines:
         rows = list(csv.DictReader(lines))
@@ -91,20 +91,19 @@ def _measured(tree: Tree, written_sizes: Mapping[str, FloatArray]) -> tuple[list
 
 def main() -> None:
     """Print the shares and the axes in error."""
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser = options_parser(__doc__)
     parser.add_argument("release", nargs="?", help="version or folder of a release (default: shipped)")
     parser.add_argument("--list", choices=LISTS, default="first", help="which list (default: %(default)s)")
-    parser.add_argument("--all", action="store_true", help="print every axis")
     arguments = parser.parse_args()
     written = objects(LISTS[arguments.list])
     tree = open_tree(arguments.release)
     axes, unknown = _measured(tree, written)
-    shown = [one for one in axes if arguments.all or one.is_off or one.is_wide]
     print_table(
         ["object", "node", "axis", "written 5/50/95 % mm", "prior 5/50/95 % mm", "error"],
         [
             (one.name, one.node_id, one.axis, _sizes(one.written), _sizes(one.prior), _error(one))
-            for one in sorted(shown, key=lambda one: one.name)
+            for one in sorted(axes, key=lambda one: one.name)
+            if one.is_off or one.is_wide
         ],
     )
     by_tier = {tier: [one for one in axes if tree.tier(one.node_id) == tier] for tier in TIERS}

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections import defaultdict
 from functools import cached_property
 
 import pyarrow as pa
@@ -53,7 +54,7 @@ class PriorRows:
     @cached_property
     def _places(self) -> dict[str, list[int]]:
         """Rows of the table by node."""
-        places: dict[str, list[int]] = {}
+        places: defaultdict[str, list[int]] = defaultdict(list)
         for place, node_id in enumerate(self._table["node_id"].to_pylist()):
-            places.setdefault(node_id, []).append(place)
+            places[node_id].append(place)
         return places

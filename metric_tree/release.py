@@ -13,6 +13,7 @@ from itertools import pairwise
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 import pyarrow as pa
 import pyarrow.parquet as pq
 
@@ -20,22 +21,13 @@ from metric_base.errors import InputError
 from metric_base.escaping import visible
 from metric_tree.schema import ADDED_COLUMNS, FORMER_TYPES, SCHEMA, TABLES
 
-__all__ = [
-    "MANIFEST",
-    "BadRelease",
-    "Release",
-    "link_file",
-    "open_release",
-    "publish_release",
-    "see_nodes",
-    "sha256",
-]
+__all__ = ["MANIFEST", "BadRelease", "Release", "link_file", "open_release", "publish_release", "see_nodes", "sha256"]
 
 MANIFEST = "manifest.json"
 
 #: What a manifest must hold (docs/reference/formats.md).
 MANIFEST_FIELDS: Mapping[str, type] = {
-    "schema": str, "name": str, "version": str, "created": str, "sources": list, "files": dict, "counts": dict,
+    "schema": str, "name": str, "version": str, "created": str, "sources": list, "files": dict, "counts": dict
 }  # fmt: skip
 _COUNTS = ("nodes", "n_fit", "n_rows")
 #: A source's id names files.
@@ -280,23 +272,18 @@ def see_nodes(ids: Sequence[str], parents: Sequence[str | None], directory: Path
         raise BadRelease(f"{where}: node_id: expected ids that differ; found {len(ids) - len(places)} twice")
     if missing := next((one for one in parents if one is not None and one not in places), None):
         raise BadRelease(f"{where}: parent_id: expected the id of a node; found '{visible(missing)}'")
-    if (one := _first_in_circle(parents, places)) is not None:
-        raise BadRelease(f"{where}: {visible(one)}: parent_id: expected a tree; found a circle")
+    if (row := _in_circle(parents, places)) is not None:
+        raise BadRelease(f"{where}: {visible(ids[row])}: parent_id: expected a tree; found a circle")
 
 
-def _first_in_circle(parents: Sequence[str | None], places: Mapping[str, int]) -> str | None:
-    """The first node that is above itself: what walks such a tree does not end. None where there is none.
+def _in_circle(parents: Sequence[str | None], places: Mapping[str, int]) -> int | None:
+    """The row of a node that is above itself: what walks such a tree does not end. None where there is none.
 
     parents : ids by row; places : row by id.
     """
-    clear: set[str] = set()
-    for start in places:
-        way: dict[str, None] = {}
-        node_id: str | None = start
-        while node_id is not None and node_id not in clear and node_id in places:
-            if node_id in way:
-                return node_id
-            way[node_id] = None
-            node_id = parents[places[node_id]]
-        clear.update(way)
-    return None
+    none = len(parents)
+    above = np.array([*(none if one is None else places[one] for one in parents), none])  # (n + 1,) rows
+    for _ in range(none.bit_length()):  # twice as far up each time: at last beyond the root, but in a circle
+        above = above[above]
+    stuck = above[above < none]
+    return int(stuck[0]) if len(stuck) else None

@@ -57,7 +57,8 @@ class Tree:
         self.release: Release = release
         self._table = release.table("nodes")
         ids = self._table["node_id"].to_pylist()
-        see_nodes(ids, self._table["parent_id"].to_pylist(), release.directory)
+        self._parents = self._table["parent_id"].to_pylist()  # by place
+        see_nodes(ids, self._parents, release.directory)
         self._places = {node_id: place for place, node_id in enumerate(ids)}
         self._nodes: dict[str, Node] = {}
         self._prior_rows = PriorRows(release)
@@ -304,17 +305,15 @@ class Tree:
     @cached_property
     def _below(self) -> dict[str | None, list[str]]:
         """Ids of the nodes right below each; those of no parent under None."""
-        parents = self._table["parent_id"].to_pylist()
         below: dict[str | None, list[str]] = {}
         for node_id, place in self._places.items():
-            below.setdefault(parents[place], []).append(node_id)
+            below.setdefault(self._parents[place], []).append(node_id)
         return below
 
     @cached_property
     def _resolver(self) -> Resolver:
-        columns = ("node_id", "name", "aliases", "n_items", "parent_id")
-        ids, names, aliases, items, parents = (self._table[column].to_pylist() for column in columns)
-        return Resolver(Names(ids, names, aliases, items, parents, self._hypernyms_of, label_votes))
+        names, aliases, items = (self._table[column].to_pylist() for column in ("name", "aliases", "n_items"))
+        return Resolver(Names([*self._places], names, aliases, items, self._parents, self._hypernyms_of, label_votes))
 
     def _hypernyms_of(self, node_id: str) -> tuple[str, ...]:
         return self.node(node_id).hypernyms

@@ -16,15 +16,7 @@ from estimator.records.scene import View
 from metric_base.arrays import FloatArray
 from metric_base.errors import InputError
 
-__all__ = [
-    "BELIEVED_SIGMAS",
-    "OBSERVED_METHODS",
-    "WRONG_UP_DEG",
-    "Up",
-    "camera_up",
-    "given_up",
-    "up_contradiction",
-]
+__all__ = ["BELIEVED_SIGMAS", "OBSERVED_METHODS", "WRONG_UP_DEG", "Up", "camera_up", "given_up", "up_contradiction"]
 
 # People hold a camera level within about two degrees from frame to frame; fewer views than would show that
 # spread cannot prove a better one.

@@ -205,12 +205,7 @@ def _nearest(where: BoolArray, pixels: FloatArray, depths: FloatArray, reach: fl
 
 
 def _not_nearer(
-    where: BoolArray,
-    least: NDArray[np.float32],
-    inside: FrontPoints,
-    own: NDArray[np.int32],
-    box: PixelBox,
-    step: int,
+    where: BoolArray, least: NDArray[np.float32], inside: FrontPoints, own: NDArray[np.int32], box: PixelBox, step: int
 ) -> BoolArray:
     """(a, b) whether the points around the cells `where` (a, b) are not mostly nearer than `least` (a, b)."""
     from scipy.spatial import cKDTree

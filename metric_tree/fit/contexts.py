@@ -207,7 +207,7 @@ def learn_contexts(classes: Iterable[tuple[Sequence[ContextCell], FloatArray, Fl
         return model
     for _ in range(ROUNDS):
         for name, grid in GRIDS.items():
-            options = [replace(model, **{name: value}) for value in grid]
+            options = [model._replace(**{name: value}) for value in grid]
             allowed = [option for option in options if option.region + option.year + option.own < 0.95]
             model = max(allowed, key=lambda one: sum(_prediction(line, one) for line in lines))
     return model

@@ -12,7 +12,6 @@ from __future__ import annotations
 import math
 import re
 from collections.abc import Iterator, Sequence
-from dataclasses import replace
 
 from taxonomy.naming.nearest import Nearest
 from taxonomy.naming.nodes import NEAR_RATIO, PERSON, Candidate, NameAnswer, Names, folded_forms
@@ -86,7 +85,7 @@ class Resolver:
         answer = self._answer(text) or self._misspelt(text)
         if answer is None or answer.note or answer.how in {"id", "code"}:
             return answer
-        return replace(answer, note=self._note(text, answer))
+        return answer._replace(note=self._note(text, answer))
 
     def _note(self, text: str, answer: NameAnswer) -> str | None:
         """What an answer leaves out of a text, or that it stands for a kind that the tree lacks."""
@@ -146,7 +145,7 @@ class Resolver:
         bare = _BRACKETS.sub("", text) if hint else text
         for form in folded_forms(text):
             if answer := self._best(self._names.candidates(form), None):
-                return replace(answer, form=form)
+                return answer._replace(form=form)
         for plain in dict.fromkeys((bare, without_numbers(bare))):
             for form in folded_forms(plain):
                 if answer := self._of_form(form, hint[1] if hint else None):
@@ -178,7 +177,7 @@ class Resolver:
         if first is None or first.ambiguous or not all(self._same(first.node_id, one.node_id) for one in answers):
             return None
         name = self._names.shown(first.node_id)
-        return replace(first, form=near[0], note=f"taken as {name}: {text.strip()!r} is not in the tree")
+        return first._replace(form=near[0], note=f"taken as {name}: {text.strip()!r} is not in the tree")
 
     def _is_slip(self, form: str, name: str) -> bool:
         """Whether two names differ in one word, which is long and neither English nor of a name in the first."""
@@ -195,7 +194,7 @@ class Resolver:
         for written in written_forms(form, lambda: self._names.letters) if form else ():
             if candidates := self._names.candidates(written):
                 answer = self._best(candidates, None if written == form else "folded", hint)
-                return answer and replace(answer, form=written if " " in form or written != form else form)
+                return answer and answer._replace(form=written if " " in form or written != form else form)
         return None
 
     def _best(self, candidates: Sequence[Candidate], how: str | None, hint: str | None = None) -> NameAnswer | None:
@@ -218,7 +217,7 @@ class Resolver:
             shown = (plain_fold(node.partition(".")[0].removeprefix("mt:")) for node in above)
             return any(words & set(name.split()) for name in shown)
 
-        hinted = [replace(one, score=one.score + HINT_RATIO) for one in candidates if names(one)]
+        hinted = [one._replace(score=one.score + HINT_RATIO) for one in candidates if names(one)]
         return hinted + [one for one in candidates if not names(one)]
 
     def _same(self, one: str, other: str) -> bool:
@@ -278,7 +277,7 @@ class Resolver:
             if answer and (self._too_broad(answer.node_id, words[-1]) or (living and not self._lives(answer.node_id))):
                 return None
             if answer:
-                return replace(answer, how="modifier stripped")
+                return answer._replace(how="modifier stripped")
             if senses(form):
                 return None
         return None if copy else self._head(words)
@@ -295,7 +294,7 @@ class Resolver:
             return None
         kinds, compounds = head_trust(head).get(answer.node_id, (0, 0))
         trusted = compounds >= HEAD_COMPOUNDS and kinds / compounds >= HEAD_TRUST
-        return replace(answer, form=head) if trusted or head in word_list("containers") else None
+        return answer._replace(form=head) if trusted or head in word_list("containers") else None
 
     def _of_wordnet(self, form: str) -> NameAnswer | None:
         """The nearest kind in the tree of a word that the tree lacks."""

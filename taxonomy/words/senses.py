@@ -14,6 +14,7 @@ from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 from functools import cache
 from pathlib import Path
+from typing import NamedTuple
 
 from metric_base.folders import taxonomy_directory
 from taxonomy.words.spelling import is_american, plain_fold, without_accents
@@ -72,8 +73,7 @@ class Sense:
         return any(kind in self.chain for kind in kinds)
 
 
-@dataclass(frozen=True, slots=True)
-class Meanings:
+class Meanings(NamedTuple):
     """The nodes that share a word, in a reviewer's order; `clear` if the first is meant nearly always."""
 
     nodes: tuple[str, ...]

@@ -111,10 +111,7 @@ def early_failure(evidence: CaptureEvidence) -> Failure | None:
 
 
 def model_failure(
-    evidence: CaptureEvidence,
-    shape: ModelShape | None,
-    focal_held: bool,
-    stated_focal: float | None = None,
+    evidence: CaptureEvidence, shape: ModelShape | None, focal_held: bool, stated_focal: float | None = None
 ) -> Failure | None:
     """What the model shows by itself.
 

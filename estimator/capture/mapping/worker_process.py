@@ -34,11 +34,7 @@ class WorkerError(RuntimeError):
 
 
 def start_worker(
-    step: str,
-    request: dict[str, Any],
-    scratch: Path,
-    module: str = COLMAP_WORKER,
-    limit: TimeLimit | None = None,
+    step: str, request: dict[str, Any], scratch: Path, module: str = COLMAP_WORKER, limit: TimeLimit | None = None
 ) -> subprocess.Popen[str]:
     """Start a step of a module; its request and its log are in `scratch`; limit : of its processor time."""
     file = scratch / f"{step}.request.json"

@@ -11,7 +11,8 @@ import json
 import os
 import signal
 import sys
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
@@ -95,23 +96,22 @@ def matches(request: Request) -> dict[str, Any]:
         few = len(names) <= request["exhaustive"]
         described = [] if few else [_strongest(database, ids[name]) for name in names]
     pairs = all_pairs(len(names)) if few else chosen_pairs(coarse_scores(described), request["in_order"])
-    listed = Path(request["database"]).with_suffix(".pairs.txt")
     verification = pycolmap.TwoViewGeometryOptions()
     verification.ransac.random_seed = 0
     matching = pycolmap.FeatureMatchingOptions(num_threads=request["threads"], guided_matching=request["guided"])
     matching.sift.max_ratio = request["ratio"]
     say({"done": 0, "of": len(pairs)})
-    for start in range(0, len(pairs), PAIRS_AT_ONCE):
-        some = pairs[start : start + PAIRS_AT_ONCE]
-        listed.write_text("".join(f"{names[a]} {names[b]}\n" for a, b in some), encoding="utf-8")
-        pycolmap.match_image_pairs(
-            request["database"],
-            matching_options=matching,
-            pairing_options=pycolmap.ImportedPairingOptions(match_list_path=listed),
-            verification_options=verification,
-        )
-        say({"done": min(start + PAIRS_AT_ONCE, len(pairs)), "of": len(pairs)})
-    listed.unlink(missing_ok=True)
+    with _pair_list(request["database"]) as listed:
+        for start in range(0, len(pairs), PAIRS_AT_ONCE):
+            some = pairs[start : start + PAIRS_AT_ONCE]
+            listed.write_text("".join(f"{ids[names[a]]} {ids[names[b]]}\n" for a, b in some), encoding="utf-8")
+            pycolmap.match_image_pairs(
+                request["database"],
+                matching_options=matching,
+                pairing_options=pycolmap.ImportedPairingOptions(match_list_path=listed),
+                verification_options=verification,
+            )
+            say({"done": min(start + PAIRS_AT_ONCE, len(pairs)), "of": len(pairs)})
     with pycolmap.Database.open(request["database"]) as database:
         rows = [_pair_row(database, ids[names[a]], ids[names[b]]) for a, b in pairs]
     return {"pairs": [[a, b, *row] for (a, b), row in zip(pairs, rows, strict=True)]}
@@ -130,16 +130,41 @@ def verification(request: Request) -> dict[str, Any]:
         camera.params = lens["params"]
         camera.has_prior_focal_length = lens["held"]
         database.update_camera(camera)
-        names = {image.image_id: image.name for image in database.read_all_images()}
         pairs = [pycolmap.pair_id_to_image_pair(pair) for pair in database.read_num_matches()[0]]
         database.clear_two_view_geometries()
-    listed = Path(request["database"]).with_suffix(".pairs.txt")
-    listed.write_text("".join(f"{names[a]} {names[b]}\n" for a, b in pairs), encoding="utf-8")
     options = pycolmap.TwoViewGeometryOptions()
     options.ransac.random_seed = 0
-    pycolmap.verify_matches(request["database"], listed, options)
+    with _pair_list(request["database"]) as listed:
+        listed.write_text("".join(f"{a} {b}\n" for a, b in pairs), encoding="utf-8")
+        pycolmap.verify_matches(request["database"], listed, options)
     with pycolmap.Database.open(request["database"]) as database:
         return {"inliers": int(database.num_inlier_matches())}
+
+
+@contextmanager
+def _pair_list(file: str) -> Iterator[Path]:
+    """Where a list of pairs may stand, a line each with the numbers of two images of the database `file`.
+
+    COLMAP reads two names parted by a space, and those of people's pictures hold spaces. So the images have their
+    numbers for names meanwhile.
+    """
+    listed = Path(file).with_suffix(".pairs.txt")
+    with pycolmap.Database.open(file) as database:
+        names = {image.image_id: image.name for image in database.read_all_images()}
+    _rename_images(file, {number: str(number) for number in names})
+    try:
+        yield listed
+    finally:
+        _rename_images(file, names)
+        listed.unlink(missing_ok=True)
+
+
+def _rename_images(file: str, names: dict[int, str]) -> None:
+    with pycolmap.Database.open(file) as database:
+        for number, name in names.items():
+            image = database.read_image(number)
+            image.name = name
+            database.update_image(image)
 
 
 def incremental(request: Request) -> dict[str, Any]:

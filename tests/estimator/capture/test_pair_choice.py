@@ -6,6 +6,7 @@ from pathlib import Path
 
 import numpy as np
 
+from estimator.capture.mapping.colmap_worker import verification
 from estimator.capture.mapping.pair_choice import all_pairs, chosen_pairs, coarse_scores
 from estimator.capture.mapping.rungs import RUNGS
 from estimator.reconstructions.pycolmap_library import pycolmap
@@ -55,3 +56,22 @@ def test_pictures_in_any_order_are_matched_with_those_that_look_alike() -> None:
     of_seven = {pair for pair in chosen_pairs(scores, in_order=False) if 7 in pair}
     assert {(7, k) for k in range(90, 108)} <= of_seven  # eighteen at most, next to each other or not
     assert (7, 109) in of_seven  # the seventh of the last is this one, too
+
+
+def test_pictures_whose_names_hold_spaces_are_verified(tmp_path: Path) -> None:
+    """COLMAP's lists part two names by a space: `IMG 7 (1).jpg` was two names, and no pair of a telephone's passed."""
+    options = pycolmap.SyntheticDatasetOptions(num_rigs=1, num_cameras_per_rig=1, num_frames_per_rig=4)
+    file = str(tmp_path / "matches.db")
+    with pycolmap.Database.open(file) as database:
+        model = pycolmap.synthesize_dataset(options, database)
+        for image in database.read_all_images():
+            image.name = f"IMG {image.image_id} (1) – Kopie.jpg"
+            database.update_image(image)
+        names = sorted(image.name for image in database.read_all_images())
+        inliers = database.num_inlier_matches()
+    (camera,) = model.cameras.values()
+    lens = {"model": camera.model.name, "params": list(camera.params), "held": True}
+    assert verification({"database": file, "lens": lens})["inliers"] > 0.9 * inliers > 0
+    with pycolmap.Database.open(file) as database:
+        assert sorted(image.name for image in database.read_all_images()) == names
+    assert not list(tmp_path.glob("*.txt"))

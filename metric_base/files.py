@@ -8,7 +8,6 @@ import os
 import platform
 import re
 import shutil
-import tempfile
 import unicodedata
 import zlib
 from collections.abc import Iterable, Iterator
@@ -57,6 +56,8 @@ def whole_file(path: Path, option: str | None = None, schema: str = ANY_SCHEMA) 
         check_output(path, option, schema)
     with _write_errors(path, option):
         if is_special(path):
+            import tempfile  # not of a query
+
             with tempfile.TemporaryDirectory() as folder:
                 work = Path(folder) / path.name
                 yield work
@@ -91,6 +92,8 @@ def whole_folder(path: Path, option: str | None = None) -> Iterator[Path]:
         raise InputError(
             f"{path}: {option or 'folder'}: expected a folder that is not there yet, found an existing one"
         )
+    import tempfile
+
     with _write_errors(path, option):
         path.parent.mkdir(parents=True, exist_ok=True)
         remove_dead_folders(path)

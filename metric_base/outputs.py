@@ -6,7 +6,6 @@ readers pass over. Everything else that exists belongs to somebody.
 
 from __future__ import annotations
 
-import gzip
 import json
 import os
 import stat
@@ -167,6 +166,8 @@ _AT_END = frozenset({".svg", ".html", ".md", ".pdf", ".mp4", ".m4v", ".mov", ".m
 def _ends(path: Path) -> tuple[bytes, bytes]:
     """The first and the last bytes of a file; of a packed one the first that are in it."""
     if path.suffix == ".gz":
+        import gzip  # not of a query
+
         with gzip.open(path) as packed:
             return packed.read(_ENDS), b""
     with path.open("rb") as content:

@@ -45,11 +45,11 @@ class Case:
     heights: Mapping[str, float] = field(default_factory=dict)
 
 
-def scene_outcomes(part: str, case: Case, tree: Tree, methods: Sequence[str] = METHODS) -> Iterator[Outcome]:
+def scene_outcomes(part: str, case: Case, tree: Tree) -> Iterator[Outcome]:
     """The outcome of each method; those that measure alike share the measurement."""
     ours = measure_objects(case.scene, case.instances, UNTRACKED).objects
-    theirs = measure_objects(case.scene, case.instances, PAPER).objects if _any_paper(methods) else ()
-    for method in methods:
+    theirs = measure_objects(case.scene, case.instances, PAPER).objects
+    for method in METHODS:
         if method == "sucar":
             result = sucar_result(case.scene, case.instances, tree, EstimateOptions(method="sucar", level=LEVEL))
             tall = box_heights(case.scene, case.instances, prescribed_down(case.scene))
@@ -75,10 +75,6 @@ def object_outcomes(
     """The outcome of each method on objects that were measured elsewhere."""
     for method in methods:
         yield outcome_of(part, group, name, method, _result(method, objects, tree), scale)
-
-
-def _any_paper(methods: Sequence[str]) -> bool:
-    return any(method.startswith("paper") for method in methods)
 
 
 def _result(method: str, objects: Sequence[MeasuredObject], tree: Tree) -> ScaleResult:

@@ -13,7 +13,7 @@ import os
 import platform
 import sys
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from dataclasses import replace
 from statistics import median
 
@@ -63,6 +63,14 @@ def main() -> None:
     fifty = [scale_of_objects(objects, tree).seconds["posterior"] for _ in range(SHORT_RUNS)]
     scene_posterior = [scale_of_objects(measurements.objects, tree).seconds["posterior"] for _ in range(SHORT_RUNS)]
     classes = world(tree, baselines=False)
+    processes = _in_turns(
+        {
+            "start to answer, demo scene": ours("estimate-scale", DEMO),
+            "import numpy and pyarrow.parquet": [sys.executable, "-c", LIBRARIES],
+            "import metric_tree and one query": [sys.executable, "-c", QUERY],
+            "metric-tree query chair": ours("metric-tree", "query", "chair"),
+        }
+    )
     rows = [
         (f"labels, a frame ({len(dense.points):,} dense points, {MASKS} masks, depth test)", "200 ms",
          _a_frame(lambda: dense_labels(blind, few), views)),
@@ -74,15 +82,15 @@ def main() -> None:
         (f"posterior, a scene ({len(measurements.objects)} objects)", "4 ms", scene_posterior),
         (f"posterior, {OBJECTS} objects", "4 ms", fifty),
         *((f"posterior, {count} simulated objects", "4 ms", _simulated(classes, count)) for count in COUNTS),
-        ("start to answer, demo scene (new process)", "-", _processes(ours("estimate-scale", DEMO))),
-        ("import numpy and pyarrow.parquet (new process)", "-", _processes([sys.executable, "-c", LIBRARIES])),
-        ("import metric_tree and one query (new process)", "-", _processes([sys.executable, "-c", QUERY])),
-        ("metric-tree query chair (new process)", "-", _processes(ours("metric-tree", "query", "chair"))),
+        *((f"{name} (new process)", "-", seconds) for name, seconds in processes.items()),
     ]  # fmt: skip
     where = f"{platform.machine()}, {os.cpu_count()} cores, Python {platform.python_version()}"
     print(f"{where}, load {os.getloadavg()[0]:.1f}\n\n| what | paper | here, median | here, least |\n|---|---|---|---|")
     for what, paper, taken in rows:
         print(f"| {what} | {paper} | {1000 * median(taken):.2f} ms | {1000 * min(taken):.2f} ms |")
+    _, libraries, *queries = processes.values()
+    ratios = [f"{median(a / b for a, b in zip(own, libraries, strict=True)):.2f}" for own in queries]
+    print(f"\nover the libraries, median of the turns: a query {ratios[0]}, the command {ratios[1]}")
 
 
 def _timed(call: Callable[[], object], runs: int = RUNS, clock: Callable[[], float] = time.perf_counter) -> list[float]:
@@ -99,12 +107,13 @@ def _a_frame(call: Callable[[], object], views: int) -> list[float]:
     return [seconds / views for seconds in _timed(call)]
 
 
-def _processes(words: list[str]) -> list[float]:
-    """Processor seconds of fresh interpreters; an unresolved scale (exit 3) is an answer too."""
-    runs = [run_child(words) for _ in range(6)]
-    if runs[0].status not in (0, 3):
-        raise SystemExit(runs[0].errors[-500:])
-    return [run.cpu_s for run in runs[1:]]  # the first fills the disk's cache
+def _in_turns(commands: Mapping[str, list[str]]) -> dict[str, list[float]]:
+    """Processor seconds of fresh interpreters with compiled bytecode, in turns, so that a busy machine is so to all."""
+    compiled = {"PYTHONDONTWRITEBYTECODE": ""}
+    turns = [{name: run_child(words, environment=compiled) for name, words in commands.items()} for _ in range(16)]
+    if wrong := [run.errors for run in turns[0].values() if run.status not in (0, 3)]:  # 3: the scale is not resolved
+        raise SystemExit(wrong[0][-500:])
+    return {name: [turn[name].cpu_s for turn in turns[1:]] for name in commands}  # the first fills the disk's cache
 
 
 def _simulated(classes: World, count: int) -> list[float]:

@@ -1,9 +1,9 @@
-"""The edge along which furniture hides an object: `python -m benchmarks.insertion.occlusion_proof --out DIR`.
+"""The edge along which furniture hides an object: `python -m benchmarks.insertion.occlusion_proof`.
 
 In synthetic rooms the object stands where furniture hides a part of it in some frames of a walk. The model has every
 second frame of the walk; masks come with all of its frames, with every fourth, or with none. What is hidden is
 compared with the room in which the mesh really stands, with edges as masks and points have them and as the picture has
-them. One line of JSON a room and setting, in DIR/occlusion.jsonl.
+them. Printed: a line of JSON for each room and setting.
 """
 
 from __future__ import annotations
@@ -108,16 +108,9 @@ def main() -> None:
     """The command."""
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--rooms", type=int, nargs="*", default=list(range(len(ROOMS))), help="numbers from 0")
-    parser.add_argument("--out", type=Path, required=True)
-    options = parser.parse_args()
-    options.out.mkdir(parents=True, exist_ok=True)
-    with (options.out / "occlusion.jsonl").open("a") as rows:
-        for number in options.rooms:
-            kind, seed, what, size = ROOMS[number]
-            for row in room_rows(kind, seed, what, size):
-                print(json.dumps(row), flush=True)
-                rows.write(json.dumps(row) + "\n")
-                rows.flush()
+    for number in parser.parse_args().rooms:
+        for row in room_rows(*ROOMS[number]):
+            print(json.dumps(row), flush=True)
 
 
 def room_rows(kind: str, seed: int, what: str, size: Sequence[float]) -> list[dict[str, Any]]:

@@ -101,7 +101,14 @@ def main() -> None:
     print_table(
         ["object", "node", "axis", "written 5/50/95 % mm", "prior 5/50/95 % mm", "error"],
         [
-            (one.name, one.node_id, one.axis, _sizes(one.written), _sizes(one.prior), _error(one))
+            (
+                one.name,
+                one.node_id,
+                one.axis,
+                _sizes(one.written),
+                _sizes(one.prior),
+                " ".join(one.is_off * ["off"] + one.is_wide * ["wide"]),
+            )
             for one in sorted(axes, key=lambda one: one.name)
             if one.is_off or one.is_wide
         ],
@@ -120,10 +127,6 @@ def main() -> None:
 
 def _sizes(values: tuple[float, float, float]) -> str:
     return " / ".join(f"{value:.3g}" if value < 1000 else f"{value:.0f}" for value in values)
-
-
-def _error(one: Axis) -> str:
-    return " ".join(word for word, holds in (("off", one.is_off), ("wide", one.is_wide)) if holds)
 
 
 if __name__ == "__main__":

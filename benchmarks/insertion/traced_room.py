@@ -127,7 +127,7 @@ def _compared(
 
     inside: list[list[NDArray[np.float32]]] = [[], []]
     dark: list[list[NDArray[np.float32]]] = [[], []]
-    ways = np.zeros((2, 3))  # sums of x, y and weight
+    ways = np.zeros((2, 3))  # sums of x, y and weight; each view sees another part of a shadow and has its true weight
     for row, one, two in zip(rows, ours, truth, strict=True):
         bare, mask = prepared.stills.picture(row), _object_mask(prepared, placed, row)
         inner = cv2.erode(mask.astype(np.uint8), np.ones((3, 3), np.uint8)) > 0
@@ -135,11 +135,12 @@ def _compared(
         ratios = [cv2.GaussianBlur(_ratio(picture, bare), (0, 0), 1.0) for picture in (one, two)]
         shaded = outside & (ratios[1] < 0.93)
         floor, near = _floor_places(prepared, placed, row)
+        floors = [np.where(outside & near, np.maximum(1 - ratio - 0.04, 0.0), 0.0) for ratio in ratios]
         for k, picture in enumerate((one, two)):
             inside[k].append(srgb_to_linear(picture)[inner])
             dark[k].append(ratios[k][shaded])
-            weight = np.where(outside & near, np.maximum(1 - ratios[k] - 0.04, 0.0), 0.0)
-            ways[k] += [*(floor * weight[..., None]).sum(axis=(0, 1)), weight.sum()]
+            middle = (floor * floors[k][..., None]).sum(axis=(0, 1)) / max(float(floors[k].sum()), 1e-9)
+            ways[k] += floors[1].sum() * np.array([*middle, 1.0])
         cv2.imwrite(str(out / f"compare_{row:03d}.png"), np.hstack([bare, one, two])[..., ::-1])
     colours = [np.concatenate(part).mean(axis=0) for part in inside]
     depths = [float(np.concatenate(part).mean()) if sum(map(len, part)) > 20 else None for part in dark]

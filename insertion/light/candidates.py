@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -18,7 +18,6 @@ __all__ = [
     "Candidates",
     "candidates_in",
     "candidates_near",
-    "ceiling_patches",
     "lamp_irradiance",
     "open_share",
 ]
@@ -54,18 +53,21 @@ class Candidates:
     """Lamps that may be.
 
     places, facing : (c, 3) in the scene, facing 0 for a lamp that shines alike to all sides; irradiance : (c, n) on the
-    cells at a strength of 1; log_prior : (c,); spacing : between those of the whole room, scene units, which is about
-    as large as lamps are; basis : (3, 3) rows two horizontal axes and up; barred : (b, 3) places between them at which
-    no lamp is.
+    cells at a strength of 1; sent_up : (c,) mean irradiance of the ceiling, the same; log_prior : (c,); spacing :
+    between those of the whole room, scene units, which is about as large as lamps are; basis : (3, 3) rows two
+    horizontal axes and up; barred : (b, 3) places between them at which no lamp is; ceiling : its cells, whose
+    brightness is not known.
     """
 
     places: FloatArray
     facing: FloatArray
     irradiance: FloatArray
+    sent_up: FloatArray
     log_prior: FloatArray
     spacing: float
     basis: FloatArray
     barred: FloatArray
+    ceiling: Patches
 
 
 def candidates_in(
@@ -87,7 +89,9 @@ def candidates_in(
     standing = ~facing.any(axis=1) & (grid[:, 2] < low[2] + OVERHEAD * (high[2] - low[2]))
     odds = np.where(standing, STANDING, 0.0)
     light = lamp_irradiance(patches, places, facing, occupancy, SPOTS_ALL_OVER)
-    return Candidates(places, facing, light, odds, float(steps[0][1] - steps[0][0]), basis, barred)
+    ceiling = _ceiling(patches, places, basis)
+    spacing = float(steps[0][1] - steps[0][0])
+    return Candidates(places, facing, light, _sent_up(ceiling, places, facing), odds, spacing, basis, barred, ceiling)
 
 
 def candidates_near(
@@ -109,21 +113,30 @@ def candidates_near(
     nearly /= np.maximum(np.linalg.norm(nearly, axis=1, keepdims=True), 1e-9)
     ways = [np.tile(facing, (NEARBY, 1)), nearly, np.tile(-all_over.basis[2], (NEARBY, 1)), np.zeros((NEARBY, 3))]
     places = place + offsets
-    odds = np.tile(np.where(_where_barred(all_over, places), -np.inf, 0.0), len(ways))
+    local, room = places @ all_over.basis.T, all_over.places @ all_over.basis.T
+    outside = ((local < room.min(axis=0)) | (local > room.max(axis=0))).any(axis=1)
+    odds = np.tile(np.where(outside | _where_barred(all_over, places), -np.inf, 0.0), len(ways))
     odds[0] = 0.0
     places, directions = np.tile(places, (len(ways), 1)), np.concatenate(ways)
     light = lamp_irradiance(patches, places, directions, occupancy, SPOTS_NEAR)
-    return Candidates(places, directions, light, odds, all_over.spacing, all_over.basis, all_over.barred)
+    sent_up = _sent_up(all_over.ceiling, places, directions)
+    return replace(all_over, places=places, facing=directions, irradiance=light, sent_up=sent_up, log_prior=odds)
 
 
-def ceiling_patches(patches: Patches, candidates: Candidates) -> Patches:
-    """Cells of the ceiling over the patches, as high as the highest candidate; their brightness is not known."""
-    local = patches.places @ candidates.basis.T
-    top = float((candidates.places @ candidates.basis[2]).max())
-    sides = [np.linspace(local[:, k].min(), local[:, k].max(), CEILING_CELLS) for k in range(2)]
-    places = np.stack(np.meshgrid(*sides, [top], indexing="ij"), axis=-1).reshape(-1, 3) @ candidates.basis
-    downward = np.broadcast_to(-candidates.basis[2], places.shape)
-    return Patches(places, downward, np.zeros(len(places)), np.zeros(len(places), dtype=np.int64), patches.diagonal)
+def _ceiling(patches: Patches, places: FloatArray, basis: FloatArray) -> Patches:
+    """Cells of the ceiling over the patches, as high as the highest of places (c, 3); their brightness is not known."""
+    local = patches.places @ basis.T
+    low, high = local.min(axis=0), local.max(axis=0)
+    top = [float((places @ basis[2]).max())]
+    sides = [np.linspace(low[k], high[k], CEILING_CELLS) for k in range(2)]
+    cells = np.stack(np.meshgrid(*sides, top, indexing="ij"), axis=-1).reshape(-1, 3) @ basis
+    downward = np.broadcast_to(-basis[2], cells.shape)
+    return Patches(cells, downward, np.zeros(len(cells)), np.zeros(len(cells), dtype=np.int64), patches.diagonal)
+
+
+def _sent_up(ceiling: Patches, places: FloatArray, facing: FloatArray) -> FloatArray:
+    """(c,) mean irradiance of the ceiling by lamps at places with directions (c, 3) and a strength of 1."""
+    return np.asarray(lamp_irradiance(ceiling, places, facing, None).mean(axis=1))
 
 
 def _where_barred(candidates: Candidates, places: FloatArray) -> BoolArray:

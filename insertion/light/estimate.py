@@ -21,7 +21,7 @@ from insertion.colour.encoding import luminance, srgb_to_linear
 from insertion.footage.footage import Stills
 from insertion.light.environment import HEIGHT, WIDTH, Environment, LampSpots, map_directions, solid_angles
 from insertion.light.lights import LAMP_SIGMA
-from insertion.light.shading import WHITE_ALBEDO, Lamp, Shading
+from insertion.light.shading import Lamp, Shading
 from insertion.light.sky import FREE_PX, LEAST_SHARE, Outdoors, sky_light, sky_pixels
 from insertion.placement.place import Place
 from insertion.scene.cloud import Cloud, even_rows
@@ -35,6 +35,8 @@ __all__ = ["environment_at", "shows_sky"]
 MAX_STILLS, STEP = 24, 6
 #: This share of the pixels is brighter than the brightest ordinary surfaces (lamps, windows, highlights).
 BRIGHTER_SHARE = 0.03
+#: A white surface reflects this, where nothing else says how much light there is.
+WHITE_ALBEDO = 0.65
 #: This share of the unseen light comes from the lamp, as this power of the cosine about its direction (25 degrees).
 LAMP_SHARE, LAMP_POWER = 0.6, 12
 #: The unseen part is never darker, and never brighter, than this times the border of what is seen.

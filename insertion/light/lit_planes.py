@@ -53,7 +53,7 @@ def lit_planes(patches: Patches, up: FloatArray, occupancy: Occupancy | None) ->
     first = [int(np.argmax(patches.plane == k)) for k in range(int(patches.plane.max()) + 1)]
     walls = np.asarray(np.abs(patches.normals[first] @ up) < UPRIGHT)
     if occupancy is None:
-        return LitPlanes(patches, None, walls, np.zeros(len(patches.plane)), np.ones(len(patches.plane)), np.nan)
+        return LitPlanes(patches, None, walls, np.zeros(len(patches.plane)), np.ones(len(patches.plane)), 1.0)
     colours, missing = occupancy.gathered_light(patches.places, patches.normals)
     mean = colours.sum(axis=0) / max(float((1 - missing).sum()), 1e-9)  # pi times the mean radiance of what is shown
     whole = colours + missing[:, None] * mean

@@ -21,7 +21,6 @@ from insertion.light.candidates import (
     Candidates,
     candidates_in,
     candidates_near,
-    ceiling_patches,
     lamp_irradiance,
     open_share,
 )
@@ -34,22 +33,16 @@ __all__ = ["Lamp", "Shading", "fit_shading"]
 
 #: Cells and planes that a fit rests on.
 LEAST_CELLS, LEAST_PLANES = 60, 2
-#: Direct over ambient irradiance at an ordinary place: what is tried, and what is likely (log normal). In a closed room
-#: whose surfaces reflect 0.45 on average, the lamps' light is 1 / 0.45 - 1 = 1.2 times the rest over all surfaces: with
-#: one lamp that shines downwards in a room of ordinary proportions this ratio is then about 8, with two it is 4.
-RATIOS = np.geomspace(0.3, 25.0, 7)
-RATIO_MIDDLE, RATIO_SIGMA = 4.0, 1.0
-#: Radiance of what no picture shows over the mean of the rest: what is tried, its middle, one sigma of its logarithm
-#: while lamps are sought. It is the ceiling above all, which reflects 0.75 where the other surfaces reflect 0.45 on
-#: average.
-UNSEEN, UNSEEN_MIDDLE, UNSEEN_SIGMA = np.geomspace(0.5, 5.0, 9), 1.6, 0.3
-#: At the end the lamps are known, and with them how bright the ceiling is: it reflects so much of what the pictures
-#: show and of what the lamps send up.
+#: Direct over ambient irradiance of one lamp at an ordinary place: what is tried.
+RATIOS = np.geomspace(0.6, 25.0, 7)
+#: Radiance of what no picture shows over the mean of the rest: what is tried, and one sigma of its logarithm.
+UNSEEN, UNSEEN_SIGMA = np.geomspace(0.5, 5.0, 9), 0.3
+#: What no picture shows is the ceiling above all: it reflects so much of what the pictures show and the lamps send up.
 CEILING_ALBEDO = 0.85
 #: All lamps together at an ordinary place over the ambient irradiance, and one sigma of its logarithm: what keeps the
 #: energy of a closed room whose surfaces reflect a quarter to a half. The ten rooms that it was read off had 9 to 24.
 DIRECT, DIRECT_SIGMA = 16.0, 0.3
-#: How far the contrast counts at the end: shadows whose edges are a little wrong say too little of the lamps.
+#: How far the contrast counts: shadows whose edges are a little wrong say too little of the lamps.
 CONTRAST = 0.25
 #: Lamps that a pair is built on, and the best of these pairs that are moved about for a few turns.
 SEEDS, TRIED, FEW_TURNS = 8, 4, 3
@@ -57,7 +50,7 @@ SEEDS, TRIED, FEW_TURNS = 8, 4, 3
 #: the scene, and not for each lamp of it. What is tried.
 TINT_SIGMA, TINTS = 0.12, np.linspace(-0.6, 0.6, 25)
 #: A further lamp must raise the log posterior by this.
-WORTH, MOST_LAMPS = 8.0, 3
+WORTH, MOST_LAMPS = 2.0, 3
 #: How often each lamp is moved, how much less far every time, and the ratios that are tried, over the last one.
 TURNS, SHRINK = 9, 0.72
 #: A lamp's place is known to this share of the candidates' spacing, and a cell is taken as lit, or in shadow, if no
@@ -66,8 +59,6 @@ PLACE_SPREAD, LIT_MARGIN = 0.3, 0.1
 LOCAL_RATIOS = np.array([0.6, 0.78, 1.0, 1.28, 1.65])
 #: Candidates less likely than this share of the best are dropped.
 LEAST_WEIGHT = 0.02
-#: A white surface reflects this, where nothing else says how much light there is.
-WHITE_ALBEDO = 0.65
 #: The lightest planes of what is seen (a painted wall) reflect this: the median of the lightest tenth of the cells, and
 #: one sigma of its logarithm.
 LIGHTEST_ALBEDO, LIGHTEST_SIGMA, LIGHTEST = 0.55, 0.1, 0.05
@@ -111,7 +102,8 @@ class Shading:
 class _Fitted:
     """A lamp with the log posterior of all of them, and its best candidate.
 
-    irradiance : (n,) on the cells; place, facing : (3,); ratio : of direct over ambient irradiance.
+    irradiance : (n,) on the cells; place, facing : (3,); ratio : of direct over ambient irradiance; sent_up : mean
+    irradiance of the ceiling.
     """
 
     score: float
@@ -120,11 +112,14 @@ class _Fitted:
     place: FloatArray
     facing: FloatArray
     ratio: float
+    sent_up: float
 
     def times(self, by: float) -> _Fitted:
         """The same lamp `by` times as strong."""
         lamp = replace(self.lamp, strengths=by * self.lamp.strengths)
-        return replace(self, irradiance=by * self.irradiance, lamp=lamp, ratio=by * self.ratio)
+        return replace(
+            self, irradiance=by * self.irradiance, lamp=lamp, ratio=by * self.ratio, sent_up=by * self.sent_up
+        )
 
 
 def fit_shading(
@@ -136,7 +131,7 @@ def fit_shading(
     """The light that explains the patches; None where they are too few.
 
     up : (3,) unit vector; impossible : which of (n, 3) places no lamp is at; occupancy : what casts shadows, and how
-    bright it is; without it the albedo of the lightest planes says how much light there is.
+    bright it is; without it nothing does, and the irradiance by all but lamps is 1.
     """
     if len(patches.plane) < LEAST_CELLS or len(np.unique(patches.plane)) < LEAST_PLANES:
         return None
@@ -147,11 +142,8 @@ def fit_shading(
     lamps, planes = _lamps(planes, candidates)
     if occupancy is not None:
         lamps, planes = _polish_sure(lamps, planes, up, candidates)
-    if occupancy is None:
-        unit = _by_albedo(planes, lamps)
-    else:
-        unit = planes.unit
-        lamps, planes = _lamps_at_end(lamps, planes, candidates)
+    lamps, planes = _lamps_at_end(lamps, planes)
+    unit = planes.unit
     scaled = [
         replace(fitted.lamp, strengths=fitted.lamp.strengths * unit * patches.diagonal**2, colour=colour)
         for fitted, colour in zip(lamps, _lamp_colours(planes, lamps), strict=True)
@@ -183,7 +175,7 @@ def _lamp_colours(planes: LitPlanes, lamps: list[_Fitted]) -> list[FloatArray]:
 
 def _lamps(planes: LitPlanes, candidates: Candidates) -> tuple[list[_Fitted], LitPlanes]:
     """One lamp, and further ones while each explains enough."""
-    score = float(log_posterior(planes, planes.ambient(planes.times)[None])[0])
+    score = -np.inf
     lamps: list[_Fitted] = []
     while len(lamps) < MOST_LAMPS:
         if len(lamps) == 1:
@@ -191,7 +183,7 @@ def _lamps(planes: LitPlanes, candidates: Candidates) -> tuple[list[_Fitted], Li
         else:
             more = [*lamps, _best_lamp(planes, candidates, lamps, RATIOS)]
         more, changed = _polish(more, planes, candidates)
-        if more[-1].score < score + WORTH * bool(lamps):
+        if more[-1].score < score + WORTH:
             break
         lamps, planes, score = more, changed, more[-1].score
     return lamps, planes
@@ -203,7 +195,7 @@ def _best_pair(planes: LitPlanes, candidates: Candidates) -> list[_Fitted]:
     The first of the two is one of the best alone that are not near to each other.
     """
     scores = _all_scores(planes, candidates, [], RATIOS)
-    order = np.argsort(-scores[:, RATIOS >= RATIO_MIDDLE].max(axis=1))
+    order = np.argsort(-scores.max(axis=1))
     seeds: list[int] = []
     for row in order:
         away = candidates.places[seeds] - candidates.places[row]
@@ -211,7 +203,7 @@ def _best_pair(planes: LitPlanes, candidates: Candidates) -> list[_Fitted]:
             seeds.append(int(row))
     pairs = []
     for row in seeds:
-        ratio = float(RATIOS[RATIOS >= RATIO_MIDDLE][scores[row, RATIOS >= RATIO_MIDDLE].argmax()])
+        ratio = float(RATIOS[scores[row].argmax()]) / 2
         one = _lamp_of_row(candidates, row, ratio, scores, RATIOS)
         pairs.append([one, _best_lamp(planes, candidates, [one], RATIOS)])
     pairs.sort(key=lambda pair: -pair[1].score)
@@ -270,19 +262,9 @@ def _balance_lamps(lamps: list[_Fitted], planes: LitPlanes) -> tuple[list[_Fitte
 
     The two go together: a stronger lamp beside more light from everywhere leaves shadows as they are.
     """
-    direct = sum((fitted.irradiance for fitted in lamps), np.zeros(len(planes.shown)))
     factor, times = (grid.ravel() for grid in np.meshgrid(LOCAL_RATIOS, UNSEEN))
-    scores = log_posterior(planes, planes.shown + times[:, None] * planes.missing + factor[:, None] * direct)
-    scores = scores + _unseen_prior(times) + sum(_ratio_prior(factor * fitted.ratio) for fitted in lamps)
-    best = int(scores.argmax())
-    by = float(factor[best])
-    brighter = [replace(fitted, irradiance=by * fitted.irradiance, ratio=by * fitted.ratio) for fitted in lamps]
-    return brighter, replace(planes, times=float(times[best]))
-
-
-def _unseen_prior(times: FloatArray | float) -> FloatArray:
-    """Log prior, of any shape, of how bright what is not shown is."""
-    return np.asarray(-0.5 * (np.log(times / UNSEEN_MIDDLE) / UNSEEN_SIGMA) ** 2)
+    best = int(_scores(planes, *_sums(lamps, planes, factor), times).argmax())
+    return [fitted.times(float(factor[best])) for fitted in lamps], replace(planes, times=float(times[best]))
 
 
 def _best_lamp(planes: LitPlanes, candidates: Candidates, others: list[_Fitted], ratios: FloatArray) -> _Fitted:
@@ -294,28 +276,51 @@ def _best_lamp(planes: LitPlanes, candidates: Candidates, others: list[_Fitted],
 
 def _all_scores(planes: LitPlanes, candidates: Candidates, others: list[_Fitted], ratios: FloatArray) -> FloatArray:
     """(c, q) log posterior of each candidate beside others, by its ratio (q,)."""
-    field = _field(others, planes)
-    scores = np.array([log_posterior(planes, field + q * candidates.irradiance) for q in ratios]).T
-    scores = scores + _ratio_prior(ratios) + candidates.log_prior[:, None]
-    prior = sum(float(_ratio_prior(other.ratio)) for other in others) + float(_unseen_prior(planes.times))
-    return np.asarray(scores + prior)
+    direct, ratio, sent_up = _sums(others, planes)
+    scores = [
+        _scores(planes, direct + q * candidates.irradiance, ratio + q, sent_up + q * candidates.sent_up, planes.times)
+        for q in ratios
+    ]
+    return np.asarray(np.array(scores).T + candidates.log_prior[:, None])
+
+
+def _sums(
+    lamps: list[_Fitted], planes: LitPlanes, factor: FloatArray | float = 1.0
+) -> tuple[FloatArray, FloatArray, FloatArray]:
+    """Of all lamps, `factor` (c,) times as strong: what they send to the cells (c, n), their ratio, what they send up.
+
+    ratio, sent up : (c,) direct over ambient irradiance, and irradiance of the ceiling; one factor leaves out the c.
+    """
+    direct = sum((fitted.irradiance for fitted in lamps), np.zeros(len(planes.shown)))
+    ratio, sent_up = sum(fitted.ratio for fitted in lamps), sum(fitted.sent_up for fitted in lamps)
+    return np.multiply.outer(factor, direct), np.multiply.outer(factor, ratio), np.multiply.outer(factor, sent_up)
+
+
+def _scores(
+    planes: LitPlanes, direct: FloatArray, ratio: FloatArray | float, sent_up: FloatArray, times: FloatArray | float
+) -> FloatArray:
+    """(c,) log posterior of lamps, and of what no picture shows, by all that is known of both.
+
+    The contrast of shadows alone leaves a ridge: stronger lamps beside more light from everywhere explain it as well,
+    and shadows whose edges are a little wrong make lamps look weak. The albedo of the lightest planes says how much
+    light there is in all, and the lamps say how bright the ceiling is.
+    direct : (c, n) irradiance of the cells by the lamps; ratio, sent_up, times : (c,) or one for all.
+    """
+    fields = planes.shown + np.multiply.outer(np.asarray(times), planes.missing) + direct
+    ceiling = CEILING_ALBEDO * (1 + sent_up / _shown_mean(planes))
+    scores = CONTRAST * log_posterior(planes, fields) - 0.5 * (np.log(ratio / DIRECT) / DIRECT_SIGMA) ** 2
+    scores = scores - 0.5 * (np.log(times / ceiling) / UNSEEN_SIGMA) ** 2
+    lightest = np.quantile(planes.patches.log_luminance - np.log(fields), 1 - LIGHTEST, axis=1)
+    albedo = np.pi * np.exp(lightest) / planes.unit
+    return np.asarray(scores - 0.5 * (np.log(albedo / LIGHTEST_ALBEDO) / LIGHTEST_SIGMA) ** 2)
 
 
 def _lamp_of_row(candidates: Candidates, row: int, ratio: float, scores: FloatArray, ratios: FloatArray) -> _Fitted:
     """The candidate of a row; scores : (c, q) by candidate and ratio (q,)."""
     lamp = _lamp(candidates, scores, ratios)
     place, facing = candidates.places[row], candidates.facing[row]
-    return _Fitted(float(scores.max()), ratio * candidates.irradiance[row], lamp, place, facing, ratio)
-
-
-def _ratio_prior(ratios: FloatArray | float) -> FloatArray:
-    """Log prior, of any shape, of the ratios of direct over ambient irradiance."""
-    return np.asarray(-0.5 * (np.log(ratios / RATIO_MIDDLE) / RATIO_SIGMA) ** 2)
-
-
-def _field(lamps: list[_Fitted], planes: LitPlanes) -> FloatArray:
-    """(n,) irradiance of the lamps and the ambient light over the ambient one on upright surfaces."""
-    return np.asarray(planes.ambient(planes.times) + sum(fitted.irradiance for fitted in lamps))
+    light, sent_up = ratio * candidates.irradiance[row], ratio * float(candidates.sent_up[row])
+    return _Fitted(float(scores.max()), light, lamp, place, facing, ratio, sent_up)
 
 
 def _lamp(candidates: Candidates, scores: FloatArray, ratios: FloatArray) -> Lamp:
@@ -328,34 +333,10 @@ def _lamp(candidates: Candidates, scores: FloatArray, ratios: FloatArray) -> Lam
     return Lamp(candidates.places[kept], candidates.facing[kept], share, ratio / USUAL, candidates.spacing)
 
 
-def _by_albedo(planes: LitPlanes, lamps: list[_Fitted]) -> float:
-    """Ambient irradiance if the lightest planes have the albedo of white: radiance = albedo / pi * ambient * field."""
-    lightest = float(np.quantile(planes.patches.log_luminance - np.log(_field(lamps, planes)), 1 - LIGHTEST))
-    return float(np.pi * np.exp(lightest) / WHITE_ALBEDO)
-
-
-def _lamps_at_end(lamps: list[_Fitted], planes: LitPlanes, candidates: Candidates) -> tuple[list[_Fitted], LitPlanes]:
-    """The lamps, all stronger or weaker, with the brightness of what is not shown, by all that is known of both.
-
-    The contrast of shadows alone leaves a ridge: stronger lamps beside more light from everywhere explain it as well,
-    and shadows whose edges are a little wrong make lamps look weak. The albedo of the lightest planes says how much
-    light there is in all, and the lamps say how bright the ceiling is. The result is the mean over the posterior.
-    """
-    direct = sum((fitted.irradiance for fitted in lamps), np.zeros(len(planes.shown)))
-    above = ceiling_patches(planes.patches, candidates)
-    sent_up = sum(
-        fitted.ratio * float(lamp_irradiance(above, fitted.place[None], fitted.facing[None], None).mean())
-        for fitted in lamps
-    )
+def _lamps_at_end(lamps: list[_Fitted], planes: LitPlanes) -> tuple[list[_Fitted], LitPlanes]:
+    """The lamps, all stronger or weaker, with the brightness of what is not shown: the mean over the posterior."""
     factor, times = (grid.ravel() for grid in np.meshgrid(LAMPS_TIMES, UNSEEN_AT_END))
-    fields = planes.shown + times[:, None] * planes.missing + factor[:, None] * direct
-    lightest = np.quantile(planes.patches.log_luminance - np.log(fields), 1 - LIGHTEST, axis=1)
-    albedo = np.pi * np.exp(lightest) / planes.unit
-    ceiling = CEILING_ALBEDO * (1 + factor * sent_up / _shown_mean(planes))
-    ratio = factor * sum(fitted.ratio for fitted in lamps)
-    scores = CONTRAST * log_posterior(planes, fields) - 0.5 * (np.log(ratio / DIRECT) / DIRECT_SIGMA) ** 2
-    scores = scores - 0.5 * (np.log(albedo / LIGHTEST_ALBEDO) / LIGHTEST_SIGMA) ** 2
-    scores = scores - 0.5 * (np.log(times / ceiling) / UNSEEN_SIGMA) ** 2
+    scores = _scores(planes, *_sums(lamps, planes, factor), times)
     weights = np.exp(scores - scores.max())
     by, unseen = (float(np.exp(np.average(np.log(values), weights=weights))) for values in (factor, times))
     return [fitted.times(by) for fitted in lamps], replace(planes, times=unseen)

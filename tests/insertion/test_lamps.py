@@ -25,7 +25,6 @@ from insertion.light.candidates import (
     _where_barred,
     candidates_in,
     candidates_near,
-    ceiling_patches,
     lamp_irradiance,
     open_share,
 )
@@ -139,7 +138,9 @@ def test_no_candidate_is_where_none_can_be() -> None:
     assert near.facing[0].tolist() == [0, 0, -1]
     assert len(near.places) == 4 * NEARBY
     assert near.log_prior[0] == 0
-    assert np.array_equal(np.isinf(near.log_prior[1:]), _where_barred(half, near.places)[1:])
+    outside = ((near.places < half.places.min(axis=0)) | (near.places > half.places.max(axis=0))).any(axis=1)
+    assert outside.any()
+    assert np.array_equal(np.isinf(near.log_prior[1:]), (outside | _where_barred(half, near.places))[1:])
     assert np.linalg.norm(near.facing, axis=1)[: 3 * NEARBY] == pytest.approx(1)
     assert not near.facing[3 * NEARBY :].any()
     assert (near.facing[NEARBY : 2 * NEARBY] @ -UP).mean() == pytest.approx(0.9, abs=0.1)
@@ -163,12 +164,16 @@ def test_axes_are_along_a_wall() -> None:
 def test_the_ceiling_is_as_high_as_the_highest_lamp_and_looks_down() -> None:
     room = _room()
     all_over = candidates_in(room, UP, None, None)
-    above = ceiling_patches(room, all_over)
+    above = all_over.ceiling
     assert len(above.places) == CEILING_CELLS**2
     assert above.places[:, 2] == pytest.approx(all_over.places[:, 2].max())
     assert np.abs(above.normals + UP).max() == 0
     assert above.places[:, :2].min(axis=0) == pytest.approx(room.places[:, :2].min(axis=0))
     assert above.places[:, :2].max(axis=0) == pytest.approx(room.places[:, :2].max(axis=0))
+    some = slice(None, None, 97)
+    sent_up = lamp_irradiance(above, all_over.places[some], all_over.facing[some], None).mean(axis=1)
+    assert all_over.sent_up[some] == pytest.approx(sent_up)
+    assert not all_over.sent_up[all_over.facing @ UP < -0.99].any()
 
 
 def _explained(planes: LitPlanes, field: np.ndarray) -> float:
@@ -240,7 +245,10 @@ def test_a_fitted_lamp_is_the_likely_candidate_at_its_strength() -> None:
     twice = one.times(2.0)
     assert (twice.ratio, twice.lamp.strengths[0]) == pytest.approx((12.0, 12.0 / USUAL))
     assert twice.irradiance == pytest.approx(2 * one.irradiance)
-    assert shading._field([one, twice], planes) == pytest.approx(1.0 + 3 * one.irradiance)
+    direct, ratio, sent_up = shading._sums([one, twice], planes, np.array([1.0, 0.5]))
+    assert direct == pytest.approx(np.outer([3.0, 1.5], one.irradiance))
+    assert ratio == pytest.approx([18.0, 9.0])
+    assert sent_up == pytest.approx(np.array([18.0, 9.0]) * candidates.sent_up[5])
     scores = np.log(np.array([[1.0, 3.0], [2.0, 2.0], [1e-3, 1e-3]]))
     some = replace(candidates, places=candidates.places[:3], facing=candidates.facing[:3])
     mixed = shading._lamp(some, scores, np.array([1.0, 5.0]))
@@ -248,19 +256,13 @@ def test_a_fitted_lamp_is_the_likely_candidate_at_its_strength() -> None:
     assert mixed.strengths == pytest.approx([4.0 / USUAL, 3.0 / USUAL])
 
 
-def test_white_walls_say_how_much_light_there_is() -> None:
-    planes = lit_planes(_room(), UP, None)
-    white = replace(planes.patches, log_luminance=np.full(75, np.log(0.2)))
-    unit = shading._by_albedo(replace(planes, patches=white), [])
-    assert unit == pytest.approx(np.pi * 0.2 / shading.WHITE_ALBEDO)
-
-
-def test_scores_add_the_priors_of_all_lamps_and_of_what_is_not_shown() -> None:
+def test_scores_add_all_that_is_known_of_lamps_and_of_what_is_not_shown() -> None:
     planes = replace(lit_planes(_room(), UP, None), times=2.0)
     candidates = candidates_in(planes.patches, UP, None, None)
+    rows = [3, 700, 1100]
     few = replace(
-        candidates, places=candidates.places[:3], facing=candidates.facing[:3], irradiance=candidates.irradiance[:3],
-        log_prior=np.array([0.0, -1.0, -2.0]),
+        candidates, places=candidates.places[rows], facing=candidates.facing[rows],
+        irradiance=candidates.irradiance[rows], sent_up=candidates.sent_up[rows], log_prior=np.array([0.0, -1.0, -2.0]),
     )  # fmt: skip
     other = _fitted(planes, 8.0)
     ratios = np.array([2.0, 4.0])
@@ -268,9 +270,15 @@ def test_scores_add_the_priors_of_all_lamps_and_of_what_is_not_shown() -> None:
     for row in range(3):
         for column, ratio in enumerate(ratios):
             field = 2.0 + other.irradiance + ratio * few.irradiance[row]
-            prior = sum(-0.5 * np.log(value / 4.0) ** 2 for value in (ratio, 8.0))
-            prior += -0.5 * (np.log(2.0 / shading.UNSEEN_MIDDLE) / shading.UNSEEN_SIGMA) ** 2 - row
-            assert scores[row, column] == pytest.approx(_explained(planes, field) + prior, rel=1e-4)
+            ceiling = shading.CEILING_ALBEDO * (1 + other.sent_up + ratio * few.sent_up[row])
+            lightest = np.pi * np.exp(np.quantile(planes.patches.log_luminance - np.log(field), 1 - shading.LIGHTEST))
+            terms = [
+                np.log((ratio + 8.0) / shading.DIRECT) / shading.DIRECT_SIGMA,
+                np.log(2.0 / ceiling) / shading.UNSEEN_SIGMA,
+                np.log(lightest / shading.LIGHTEST_ALBEDO) / shading.LIGHTEST_SIGMA,
+            ]
+            expected = shading.CONTRAST * _explained(planes, field) - 0.5 * np.square(terms).sum() - row
+            assert scores[row, column] == pytest.approx(expected, rel=1e-4)
 
 
 def test_a_lamp_s_colour_is_how_planes_change_from_shadow_to_light() -> None:
@@ -291,10 +299,11 @@ def test_a_lamp_s_colour_is_how_planes_change_from_shadow_to_light() -> None:
 
 def test_lamps_and_what_is_not_shown_are_balanced_together() -> None:
     planes = lit_planes(_room(), UP, None)
-    fitted = _fitted(planes, 4.0)
-    true = replace(planes, patches=replace(planes.patches, log_luminance=np.log(1.7 + 1.28 * fitted.irradiance)))
+    fitted = _fitted(planes, shading.DIRECT / 1.28)
+    times = shading.CEILING_ALBEDO * (1 + 1.28 * fitted.sent_up)
+    light = shading.LIGHTEST_ALBEDO / np.pi * (times + 1.28 * fitted.irradiance)
+    true = replace(planes, patches=replace(planes.patches, log_luminance=np.log(light)))
     (brighter,), balanced = shading._balance_lamps([fitted], true)
-    times = shading.UNSEEN[int(np.abs(shading.UNSEEN - 1.7).argmin())]
-    assert brighter.ratio / balanced.times == pytest.approx(4.0 * 1.28 / 1.7, rel=0.25)
-    assert balanced.times == pytest.approx(times, rel=0.5)
-    assert brighter.irradiance == pytest.approx(brighter.ratio / 4.0 * fitted.irradiance)
+    assert brighter.ratio == pytest.approx(shading.DIRECT)
+    assert balanced.times == shading.UNSEEN[int(np.abs(np.log(shading.UNSEEN / times)).argmin())]
+    assert brighter.irradiance == pytest.approx(1.28 * fitted.irradiance)

@@ -13,8 +13,6 @@ _HIDDEN = (
     "\ud800-\udfff\U000e0000-\U000e007f"
 )
 _CONTROL = re.compile(f"[{_HIDDEN}]")
-#: What JSON text may hold unescaped and a terminal should not get; line ends between fields are JSON's own.
-_CONTROL_IN_JSON = re.compile(f"(?!\n)[{_HIDDEN}]")
 
 
 def visible(text: str) -> str:
@@ -32,7 +30,7 @@ def visible_json(text: str) -> str:
     >>> visible_json('"a\u202eb"')
     '"a\\u202eb"'
     """
-    return _CONTROL_IN_JSON.sub(_json_escape, text)
+    return _CONTROL.sub(_json_escape, text)
 
 
 def _written_out(match: re.Match[str]) -> str:
@@ -40,5 +38,7 @@ def _written_out(match: re.Match[str]) -> str:
 
 
 def _json_escape(match: re.Match[str]) -> str:
+    if match[0] == "\n":  # between fields it is JSON's own
+        return "\n"
     units = match[0].encode("utf-16-be", "surrogatepass")
     return "".join(f"\\u{units[place : place + 2].hex()}" for place in range(0, len(units), 2))

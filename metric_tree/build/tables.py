@@ -158,7 +158,7 @@ class Hierarchy:
                 replace(
                     one,
                     n_sources=len(sources) or one.n_sources,
-                    evidence=replace(one.evidence, sources=max(real, one.evidence.sources)) if one.evidence else None,
+                    evidence=one.evidence._replace(sources=max(real, one.evidence.sources)) if one.evidence else None,
                 )
                 for one in fitted
             ]

@@ -7,7 +7,15 @@ from pathlib import Path
 from typing import Any
 
 from estimator.capture.frames import Frames
-from estimator.capture.mapping.gates import DOUBTFUL_PATTERN, SMEARED, UNDETERMINED, UNSTEADY, UNSURE, is_disputed
+from estimator.capture.mapping.gates import (
+    DOUBTFUL_PATTERN,
+    FOCAL_ERROR_TIMES,
+    SMEARED,
+    UNDETERMINED,
+    UNSTEADY,
+    UNSURE,
+    is_disputed,
+)
 from estimator.reconstructions.checked_files import json_array
 from metric_base.errors import InputError, in_file
 from metric_base.files import whole_file
@@ -93,8 +101,9 @@ def _of_the_focal_length(report: dict[str, Any], stated_by: str) -> list[str]:
             "longer side): if it is wrong by 10 %, everything is 10 % too deep or too shallow for its width"
         ]
     if not report["focal_held"] and deviation > UNSURE:
+        share = FOCAL_ERROR_TIMES * deviation
         return [
-            f"the frames determine the focal length only to about {100 * deviation:.0f} %, and so depths against "
+            f"the frames determine the focal length only to about {100 * share:.0f} %, and so depths against "
             "widths; walk around the objects, turn the camera as you walk, or give --focal"
         ]
     return []

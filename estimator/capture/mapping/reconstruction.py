@@ -12,7 +12,7 @@ from estimator.capture.mapping.camera_model_search import other_mapping_s, with_
 from estimator.capture.mapping.evidence import CaptureEvidence
 from estimator.capture.mapping.failures import TYPICAL_FOCAL
 from estimator.capture.mapping.gates import (
-    UNSURE,
+    MENDABLE,
     early_failure,
     focal_is_determined,
     focal_undetermined,
@@ -146,7 +146,7 @@ def _better_supported(first: Mapped, other: Mapped) -> Mapped:
     if other.failure is not None or other.shape is None:
         return first
     deviation = other.shape.focal_deviation
-    return first if deviation is None or deviation > UNSURE else other
+    return first if deviation is None or deviation > MENDABLE else other
 
 
 def _map_with_focal_last(task: MappingTask, lens: Lens, mapped: Mapped) -> Mapped:

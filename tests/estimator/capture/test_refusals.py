@@ -166,6 +166,16 @@ def test_what_is_used_with_a_caution(edges: list[float | None], spread: float | 
     assert all(f"video.mp4: {words}" in caution for caution in cautions)
 
 
+def test_a_focal_length_that_the_frames_hardly_determine_is_said_with_its_error() -> None:
+    frames = Frames(["a.jpg"], [0], None, np.zeros((1, 2)), [(320, 240)], [None], (320, 240), 0, None, [])
+    model = {"focal": 0.8, "focal_deviation": 0.03, "focal_spread": 0.0, "left_out": [], "pattern": 0.02}
+    report = {"pairs": {"edges": [0.2, 0.2]}, "model": model, "focal_held": False}
+    (caution,) = capture_cautions(Path("p"), frames, report, focal_given=False)
+    assert "only to about 6 %" in caution
+    model["focal_deviation"] = 0.015
+    assert not capture_cautions(Path("p"), frames, report, focal_given=False)
+
+
 def test_frames_without_a_place_are_named() -> None:
     frames = Frames(["a.jpg"], [0], None, np.zeros((1, 2)), [(320, 240)], [None], (320, 240), 0, None, [])
     names = [f"{k}.jpg" for k in range(7)]

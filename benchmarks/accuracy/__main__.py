@@ -36,7 +36,9 @@ from tests.synthetic.rooms.sizes import Sizes, typical_sizes
 TEMPLATE = Path(__file__).with_name("page.md")
 PARTS = ("sameness", "structured", "errors", "unseen", "streets", "scenes", "methods")
 #: How much of everything --quick does.
-QUICK = {"rooms": [0], "streets": [0, 1], "scenes_a_cell": 10, "unseen_rooms": 20}
+QUICK = {"rooms": [0], "streets": [0, 1], "scenes_a_cell": 10}
+#: Of the simulations; real rooms of a source never seen that are taken at most, and of them with --quick.
+SEED, UNSEEN_ROOMS, QUICK_ROOMS = 1, 300, 20
 
 
 def main(argv: Sequence[str] | None = None) -> int:
@@ -45,7 +47,7 @@ def main(argv: Sequence[str] | None = None) -> int:
     started = time.process_time()
     outcomes = read_outcomes(arguments.rows) if arguments.rows and arguments.rows.exists() else []
     kept = [one for one in outcomes if one.part not in arguments.parts]
-    release = metric_tree.open(arguments.tree)
+    release = metric_tree.open()
     rooms_tree, sizes = unseen_tree(arguments.raw, arguments.cache) if arguments.raw else (release, typical_sizes)
     for part in arguments.parts:
         begun = time.process_time()
@@ -69,7 +71,6 @@ def main(argv: Sequence[str] | None = None) -> int:
 
 def _arguments(argv: Sequence[str] | None) -> argparse.Namespace:
     parser = options_parser(__doc__)
-    parser.add_argument("--tree", help="release with the priors: version or path (default: the shipped one)")
     parser.add_argument("--scenes", type=Path, action="append", default=[], help="folder of scenes with a truth.json")
     parser.add_argument("--raw", type=Path, help="folder of raw items")
     parser.add_argument("--cache", type=Path, default=Path("/tmp/accuracy"), help="what is built of them")  # noqa: S108
@@ -77,8 +78,6 @@ def _arguments(argv: Sequence[str] | None) -> argparse.Namespace:
     parser.add_argument("--rooms", type=int, nargs="+", default=[0, 1, 2, 3], help="seeds of each kind of room")
     parser.add_argument("--streets", type=int, nargs="+", default=list(range(8)), help="seeds of streets")
     parser.add_argument("--scenes-a-cell", type=int, default=300, help="simulated scenes of each setting")
-    parser.add_argument("--unseen-rooms", type=int, default=300, help="real rooms of a source never seen")
-    parser.add_argument("--seed", type=int, default=1, help="of the simulations")
     parser.add_argument("--parts", nargs="+", choices=PARTS, default=list(PARTS))
     parser.add_argument("--rows", type=Path, help="keep every outcome here; parts that are not run are taken from it")
     parser.add_argument("--out", type=Path, default=ROOT / "docs" / "evidence")
@@ -96,11 +95,9 @@ def _outcomes(
     makers: dict[str, Callable[[], Iterator[Outcome]]] = {
         "methods": lambda: _by_method(arguments, rooms_tree, sizes),
         "scenes": lambda: _on_disk(arguments, release),
-        "sameness": lambda: sameness_outcomes(
-            _classes(release, arguments.seed), arguments.scenes_a_cell, arguments.seed
-        ),
+        "sameness": lambda: sameness_outcomes(_classes(release), arguments.scenes_a_cell, SEED),
         "structured": lambda: _simulated(arguments, release),
-        "errors": lambda: error_outcomes(_classes(release, arguments.seed), arguments.scenes_a_cell, arguments.seed),
+        "errors": lambda: error_outcomes(_classes(release), arguments.scenes_a_cell, SEED),
         "unseen": lambda: _unseen(arguments, rooms_tree),
         "streets": lambda: _streets(arguments),
     }
@@ -122,28 +119,28 @@ def _on_disk(arguments: argparse.Namespace, release: Tree) -> Iterator[Outcome]:
 
 
 @cache
-def _classes(release: Tree, seed: int) -> World:
+def _classes(release: Tree) -> World:
     """The classes of the simulations, with the paper's fits: half a minute, for all parts at once."""
-    return world(release, seed=seed)
+    return world(release, seed=SEED)
 
 
 def _simulated(arguments: argparse.Namespace, release: Tree) -> Iterator[Outcome]:
     cells = ((1, 3, 10), (0.0, 0.06, 0.15)) if arguments.quick else (COUNTS, NOISES)
-    return structured_outcomes(_classes(release, arguments.seed), arguments.scenes_a_cell, arguments.seed, *cells)
+    return structured_outcomes(_classes(release), arguments.scenes_a_cell, SEED, *cells)
 
 
 def _unseen(arguments: argparse.Namespace, tree: Tree) -> Iterator[Outcome]:
     if arguments.raw is None:
         return iter(())
     file = arguments.tables / FAMILY[0] / f"{FAMILY[0]}.csv"
-    return unseen_outcomes(file, tree, arguments.unseen_rooms, arguments.seed)
+    return unseen_outcomes(file, tree, QUICK_ROOMS if arguments.quick else UNSEEN_ROOMS, SEED)
 
 
 def _streets(arguments: argparse.Namespace) -> Iterator[Outcome]:
     if arguments.raw is None:
         return iter(())
     tree = tree_without((*FAMILY, *MEASURED), arguments.raw, arguments.cache / "streets")
-    return streets_outcomes(arguments.tables, tree, arguments.seed)
+    return streets_outcomes(arguments.tables, tree, SEED)
 
 
 def _rooms_text(arguments: argparse.Namespace) -> str:

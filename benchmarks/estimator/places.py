@@ -1,6 +1,6 @@
 """Types of place, learned from rooms that do not name them, and what they are worth in rooms that took no part.
 
-`python -m benchmarks.estimator.places --raw RAW --cache DIR [--tables DIR] [--write]`. Rooms are those of ScanNet's
+`python -m benchmarks.estimator.places --raw RAW --cache DIR [--write]`. Rooms are those of ScanNet's
 boxes, judged by a tree without ScanNet (`benchmarks.accuracy.unseen`). Each half is judged with what the other says;
 --write learns from the even rooms, which no report on unseen rooms has, and writes `estimator/results/places.json`.
 """
@@ -30,6 +30,7 @@ from estimator.results.places import MOST_OF_A_CLASS, Places
 from metric_base.arrays import FloatArray
 from metric_base.files import whole_file
 
+BOXES = SHARED / "sizes" / "scannet18_boxes" / "scannet18_boxes.csv"
 OUT = ROOT / "estimator" / "results" / "places.json"
 #: Numbers of places that are compared; the one in use; starts of each fit and its steps.
 COUNTS, IN_USE, STARTS, STEPS = (1, 6, 8), 8, 8, 80
@@ -45,11 +46,10 @@ def main() -> None:
     parser = options_parser(__doc__)
     parser.add_argument("--raw", type=Path, required=True, help="folder of raw items")
     parser.add_argument("--cache", type=Path, required=True, help="what is built of them")
-    parser.add_argument("--tables", type=Path, default=SHARED / "sizes", help="folder of the tables of boxes")
     parser.add_argument("--write", action="store_true", help="learn from the even rooms and write the shipped table")
     arguments = parser.parse_args()
     tree, _ = unseen_tree(arguments.raw, arguments.cache)
-    rooms = [room for _, room in sorted(rooms_of(arguments.tables / "scannet18_boxes" / "scannet18_boxes.csv").items())]
+    rooms = [room for _, room in sorted(rooms_of(BOXES).items())]
     by_name = meanings(tree, {label for room in rooms for label, _ in room})
     if arguments.write:
         with whole_file(OUT) as target:

@@ -1,6 +1,6 @@
 """What the three statuses are worth: of each, the share that is off by more than 15 %, by where it was measured.
 
-`OMP_NUM_THREADS=1 python -m benchmarks.estimator.statuses --raw RAW --cache DIR [--tables DIR]`. Boxes of ScanNet's
+`OMP_NUM_THREADS=1 python -m benchmarks.estimator.statuses --raw RAW --cache DIR`. Boxes of ScanNet's
 rooms, whole and 1, 2, 3 or 5 objects of them at random, against a tree without ScanNet (`benchmarks.accuracy.unseen`);
 simulated scenes of one or two classes. The limit was chosen on the simulations and the even rooms.
 """
@@ -26,6 +26,7 @@ from estimator.results.categories import meanings
 from estimator.results.estimate import evidence_of
 from metric_tree.tree import Tree
 
+BOXES = SHARED / "sizes" / "scannet18_boxes" / "scannet18_boxes.csv"
 LIMITS = (0.3, 0.35, 0.4, 0.45, 0.5)
 SUBSETS = (None, 1, 2, 3, 5)
 #: How far labels are off: right, and two mistakes of a table of names.
@@ -41,12 +42,10 @@ def main() -> None:
     parser = options_parser(__doc__)
     parser.add_argument("--raw", type=Path, required=True, help="folder of raw items")
     parser.add_argument("--cache", type=Path, required=True, help="what is built of them")
-    parser.add_argument("--tables", type=Path, default=SHARED / "sizes", help="folder of the tables of boxes")
     arguments = parser.parse_args()
     tree, _ = unseen_tree(arguments.raw, arguments.cache)
-    file = arguments.tables / "scannet18_boxes" / "scannet18_boxes.csv"
-    _contradicted_table(file, tree)
-    rows = [*_rooms(file, tree), *_simulations()]
+    _contradicted_table(tree)
+    rows = [*_rooms(tree), *_simulations()]
     parts = {name: [row for row in rows if row[0] == name] for name in ("simulated", "even rooms", "odd rooms")}
     print("| unresolved under a mass near the mode of | " + " | ".join(parts) + " |\n|---" + "|---" * 3 + "|")
     shipped = status.LEAST_NEAR_MASS
@@ -61,7 +60,7 @@ def main() -> None:
             print(f"| {count or 'all'} objects | {name} | " + _figures(_of(of_count, name)) + " |")
 
 
-def _contradicted_table(file: Path, tree: Tree) -> None:
+def _contradicted_table(tree: Tree) -> None:
     """Odd rooms, and 3 and 5 objects of them, of which most objects are outliers: what the widened posterior says."""
     print("| labels | most are outliers | unresolved, off by over 15 % | uncertain, off | coverage | not widened |")
     print("|---|---|---|---|---|---|")
@@ -69,7 +68,7 @@ def _contradicted_table(file: Path, tree: Tree) -> None:
         runs = []
         for power in (1.0, status.CONTRADICTED_POWER):
             posterior_module.CONTRADICTED_POWER = power  # type: ignore[attr-defined]
-            runs.append([row for row in _rooms(file, tree, (None, 3, 5), shift) if row[0] == "odd rooms"])
+            runs.append([row for row in _rooms(tree, (None, 3, 5), shift) if row[0] == "odd rooms"])
         pairs = [pair for pair in zip(*runs, strict=True) if status.contradicts(pair[0][2].weight)]
         # those that would be unresolved anyhow say nothing of this
         pairs = [(plain, wide) for plain, wide in pairs if plain[2].status != "unresolved"]
@@ -90,9 +89,9 @@ def _holds(row: Row) -> bool:
     return low <= math.exp(row[3]) <= high
 
 
-def _rooms(file: Path, tree: Tree, subsets: Sequence[int | None] = SUBSETS, shift: int = 0) -> Iterator[Row]:
+def _rooms(tree: Tree, subsets: Sequence[int | None] = SUBSETS, shift: int = 0) -> Iterator[Row]:
     """Rooms and so many of their objects; `shift` : each label is that which stands so far on in the list of all."""
-    by_room, generator = rooms_of(file), np.random.default_rng(1)
+    by_room, generator = rooms_of(BOXES), np.random.default_rng(1)
     labels = sorted({category for objects in by_room.values() for category, _ in objects})
     label = {name: labels[(number + shift) % len(labels)] for number, name in enumerate(labels)}
     by_name = meanings(tree, {category for entries in by_room.values() for category, _ in entries})

@@ -1,6 +1,6 @@
 """What `insert-object` costs a frame, and its peak memory for short and long videos.
 
-`python -m benchmarks.insertion.frame_cost --out DIR [--size 640x480 --lengths 60 240] [--model FILE]`. A synthetic
+`python -m benchmarks.insertion.frame_cost --out DIR [--size 640x480 --lengths 60 240]`. A synthetic
 room is recorded along a path to and fro; the work folder comes from the truth, not from a reconstruction. The command
 runs once for each length; seconds a frame are the difference of the processor seconds over that of the frames. The
 last line compares all that is drawn with the renderer alone, in one process, without decoding and encoding.
@@ -19,6 +19,7 @@ from unittest import mock
 import numpy as np
 
 from benchmarks.child import ours, run_child
+from benchmarks.common import ROOT
 from estimator.capture.frame_poses import FILE_NAME, FramePose, FramePoses, write_frame_poses
 from tests.synthetic.rooms.knobs import Knobs
 from tests.synthetic.rooms.quick import quick_scene
@@ -28,6 +29,7 @@ from tests.synthetic.videos import Lens, recorded, room, times_of, write_video
 
 #: Different frames of the path, all of them of the reconstruction, and frames a second.
 PATH, RATE = 20, 20.0
+MODEL = ROOT / "data" / "models" / "rocking_horse.glb"
 
 
 def main() -> None:
@@ -35,7 +37,6 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--size", default="640x480", help="WIDTHxHEIGHT")
     parser.add_argument("--lengths", type=int, nargs=2, default=[60, 240], help="frames of the two videos")
-    parser.add_argument("--model", type=Path, default=Path("data/models/rocking_horse.glb"))
     parser.add_argument("--out", type=Path, required=True)
     options = parser.parse_args()
     width, height = (int(side) for side in options.size.split("x"))
@@ -45,7 +46,7 @@ def main() -> None:
         folder = options.out / f"{options.size}-{length}"
         if not (folder / FILE_NAME).is_file():
             synthetic_work(room("sitting room", 7, frames=PATH), lens, length, folder)
-        cpu, memory, record = run(folder, options.model)
+        cpu, memory, record = run(folder)
         spent.append(cpu)
         drawn = [frame["silhouette"] for frame in record["frames"] if frame["silhouette"] is not None]
         rows = np.mean([box["height"] for box in drawn]) if drawn else 0
@@ -53,7 +54,7 @@ def main() -> None:
         print(f"object in {len(drawn)} frames, {rows:.0f} rows high", flush=True)
     frames = options.lengths[1] - options.lengths[0]
     print(f"{options.size}: {(spent[1] - spent[0]) / frames:.3f} CPU s a frame", flush=True)
-    alone, whole = drawing_cost(options.out / f"{options.size}-{options.lengths[0]}", options.model)
+    alone, whole = drawing_cost(options.out / f"{options.size}-{options.lengths[0]}")
     print(f"{options.size}: renderer alone {alone:.3f}, drawing {whole:.3f} CPU s a frame: {whole / alone:.2f} times")
 
 
@@ -85,17 +86,17 @@ def synthetic_work(world: World, lens: Lens, length: int, folder: Path) -> None:
     (folder / "result.json").write_text(json.dumps(result) + "\n", encoding="utf-8")
 
 
-def run(work: Path, model: Path) -> tuple[float, float, dict[str, list[dict[str, dict[str, float]]]]]:
+def run(work: Path) -> tuple[float, float, dict[str, list[dict[str, dict[str, float]]]]]:
     """CPU seconds, peak memory in MiB and the printed record of one insertion."""
     out = work.with_name(f"{work.name}-out.mp4")
-    arguments = [work, "--model", model, "--out", out, "--json"]
+    arguments = [work, "--model", MODEL, "--out", out, "--json"]
     child = run_child(ours("insert-object", *arguments))
     if child.status:
         raise SystemExit(child.errors)
     return child.cpu_s, child.peak_mib, json.loads(child.output)
 
 
-def drawing_cost(work: Path, model: Path) -> tuple[float, float]:
+def drawing_cost(work: Path) -> tuple[float, float]:
     """CPU seconds a frame of the renderer alone, and of all that is drawn, without decoding and encoding."""
     from insertion.insert import open_prepared_scene
     from insertion.pipeline import frames
@@ -116,7 +117,7 @@ def drawing_cost(work: Path, model: Path) -> tuple[float, float]:
         return run_it
 
     prepared = open_prepared_scene(work, read_scale(work, None))
-    placed = place_objects(prepared, [ObjectRequest(model)])
+    placed = place_objects(prepared, [ObjectRequest(MODEL)])
     with (
         mock.patch.object(ObjectRenderer, "image", clocked(ObjectRenderer.image, "alone")),
         mock.patch.object(frames, "_draw_objects", clocked(frames._draw_objects, "whole")),

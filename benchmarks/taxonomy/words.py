@@ -1,4 +1,4 @@
-"""What share of everyday words is understood: `python -m benchmarks.taxonomy.words --names FILE [--tree REF]`.
+"""What share of everyday words is understood: `python -m benchmarks.taxonomy.words --names FILE`.
 
 FILE is a CSV with the columns `name` and `expected_node` (one node, or empty where the word should stay unknown), or
 `word` and `expected` (nodes, or `name:` and a name, any of them, with `|` between). A word is right if the node is
@@ -68,10 +68,9 @@ def read_words(file: Path) -> list[tuple[str, set[str]]]:
 def main() -> None:
     parser = options_parser(__doc__)
     parser.add_argument("--names", type=Path, required=True)
-    parser.add_argument("--tree", help="a release's version or folder")
     parser.add_argument("--show", action="store_true", help="print each word that is not right")
     arguments = parser.parse_args()
-    report(open_tree(arguments.tree), read_words(arguments.names), arguments.show)
+    report(open_tree(), read_words(arguments.names), arguments.show)
 
 
 def report(tree: Tree, words: list[tuple[str, set[str]]], show: bool) -> None:

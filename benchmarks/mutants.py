@@ -107,11 +107,15 @@ class Covering:
         }
 
     def within(self, module: str, row: int, limit: float) -> list[tuple[str, float]]:
-        """The quickest tests of a line that take at most `limit` seconds together, and at least one."""
+        """The quickest tests of a line that take at most `limit` seconds together, and at least one.
+
+        No test runs a line that runs at the import, such as that of a constant: those of the module's lines do.
+        """
         by_line = self._data.contexts_by_lineno(str(self._copy.resolve() / module))
         # Of a statement over several lines the first is known.
         line = max((known for known in by_line if known <= row), default=0)
-        names = {context.partition("|")[0] for context in by_line.get(line, ())} - {""}
+        own = {*by_line.get(line, ())} - {""} or {context for every in by_line.values() for context in every} - {""}
+        names = {context.partition("|")[0] for context in own}
         timed = sorted((seconds, name) for name in names if (seconds := self._seconds.get(_case(name))) is not None)
         chosen: list[tuple[str, float]] = []
         for seconds, name in timed:

@@ -21,6 +21,7 @@ from insertion.render.renderer import ObjectImage, ObjectRenderer
 from metric_base.arrays import FloatArray
 from tests.synthetic.insertions import write_glb
 from tests.synthetic.rooms.shapes import solid
+from tests.synthetic.rooms.solids import Mesh
 
 WINDOW = Window(150.0, 150.0, 60.0, 50.0, 0, 0, 121, 97)
 UP = np.array([0.0, -1.0, 0.0])
@@ -53,6 +54,33 @@ def test_both_ways_give_one_picture(renderer: ObjectRenderer) -> None:
     np.testing.assert_allclose(gathered.colour, forward.colour, atol=2e-3 * forward.colour.max())
     np.testing.assert_allclose(gathered.alpha, forward.alpha, atol=1e-3)
     np.testing.assert_allclose(gathered.depth, forward.depth, rtol=1e-5)
+
+
+def _dome(cells: int) -> Mesh:
+    """A flat dome 1 m wide of many small triangles."""
+    across = np.linspace(-0.5, 0.5, cells + 1)
+    y, x = (grid.ravel() for grid in np.meshgrid(across, across, indexing="ij"))
+    row = np.arange(len(x)).reshape(cells + 1, cells + 1)
+    quads = np.stack([row[:-1, :-1], row[:-1, 1:], row[1:, 1:], row[1:, :-1]], axis=-1).reshape(-1, 4)
+    faces = np.concatenate([quads[:, [0, 1, 2]], quads[:, [0, 2, 3]]])
+    return Mesh(np.column_stack([x, y, 0.1 - 0.2 * (x**2 + y**2)]), faces, ("wood",) * len(faces))
+
+
+def test_small_triangles_are_lit_on_the_side_that_is_seen(tmp_path: Path) -> None:
+    """A pixel that a triangle covers in part has its place within the triangle, which says nothing of how it faces."""
+    above = np.ones((HEIGHT, WIDTH, 3), np.float32)
+    above[HEIGHT // 2 :] = 0.0
+    context = gl_context()
+    body = body_of(
+        read_model(write_glb(_dome(40), tmp_path / "d.glb")), np.zeros(3), AXES, np.array([0.6, 0.0, -0.8]), 1.0
+    )
+    dome = ObjectRenderer(context, body, Environment(above, AXES, above[..., 0]))
+    view = np.eye(3), np.array([0.0, 0.4, 1.2])
+    for image in (dome.image(WINDOW, *view), _forward(dome, *view)):
+        bright = image.colour.mean(axis=-1)[image.alpha > 0.3] / image.alpha[image.alpha > 0.3]
+        assert len(bright) > 1000
+        assert np.mean(bright < 0.6 * np.median(bright)) < 0.002
+    context.release()
 
 
 def test_tiles_leave_no_seam(renderer: ObjectRenderer, monkeypatch: pytest.MonkeyPatch) -> None:

@@ -11,6 +11,7 @@ centroid in vec3 v_normal;
 centroid in vec2 v_uv;
 centroid in vec4 v_tint;
 in float v_depth;
+in vec3 v_extended;
 
 vec3 linear_of(vec3 srgb) {
     return mix(srgb / 12.92, pow((srgb + 0.055) / 1.055, vec3(2.4)), step(vec3(0.04045), srgb));
@@ -19,7 +20,7 @@ vec3 linear_of(vec3 srgb) {
 // The normal map without stored tangents: the frame of the texture on the surface, from derivatives.
 vec3 bumped(vec3 normal) {
     vec3 bump = texture(normal_texture, v_uv).xyz * 2.0 - 1.0;
-    vec3 dx = dFdx(v_place), dy = dFdy(v_place);
+    vec3 dx = dFdx(v_extended), dy = dFdy(v_extended);
     vec2 ux = dFdx(v_uv), uy = dFdy(v_uv);
     vec3 across_y = cross(dy, normal), across_x = cross(normal, dx);
     vec3 tangent = across_y * ux.x + across_x * uy.x;
@@ -58,7 +59,7 @@ Facts facts_here(vec4 base, vec3 eye_place) {
     f.rough = clamp(f.rough, 0.04, 1.0);
     vec3 to_eye = normalize(eye_place - v_place);
     vec3 normal = normalize(v_normal);
-    vec3 face = normalize(cross(dFdx(v_place), dFdy(v_place)));
+    vec3 face = normalize(cross(dFdx(v_extended), dFdy(v_extended)));
     if (dot(face, to_eye) < 0.0) face = -face;
     if (dot(normal, face) < 0.0) normal = -normal;  // seen from behind: both sides of a sheet are drawn
     f.geometric = normal;

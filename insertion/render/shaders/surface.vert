@@ -11,10 +11,11 @@ centroid out vec3 v_normal;
 centroid out vec2 v_uv;
 centroid out vec4 v_tint;
 out float v_depth;
+out vec3 v_extended;  // the place at the pixel's centre, on the triangle's plane: its derivatives say how that faces
 
 void main() {
     gl_Position = clip * vec4(place, 1.0);
-    v_place = place;
+    v_place = v_extended = place;
     v_normal = normal;
     v_uv = uv;
     v_tint = tint;

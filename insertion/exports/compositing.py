@@ -17,6 +17,7 @@ from numpy.typing import NDArray
 from estimator.reconstructions.cameras import project
 from estimator.records.scene import Camera
 from insertion.colour.encoding import srgb_to_linear
+from insertion.composite.blur import REACH_PX
 from insertion.composite.compose import Composite, Joined
 from insertion.footage.footage import Shot
 from insertion.pipeline.objects import Placed
@@ -32,10 +33,13 @@ __all__ = ["SCHEMA", "CompositingLayers", "exr_bytes"]
 SCHEMA = "metric-tree/layers/1"
 #: FFmpeg's pixel formats by the number of channels, and the order of the channels in their planes.
 _FORMATS = {1: ("grayf32le", (0,)), 3: ("gbrpf32le", (1, 2, 0)), 4: ("gbrapf32le", (1, 2, 0, 3))}
+#: Coverage counts beside an object, where its blur reaches, so much of what it counts on it.
+BESIDE = 1e-3
 #: What is in each folder, as `layers.json` says it.
 LAYERS = {
     "plate": "the picture without objects, linear RGB",
     "object": "all objects as they are seen, linear RGB premultiplied by A, with blur and grain; half",
+    "object_N": "what is of object N in `object`, where there are several: they add up to it; half",
     "shadow": "share of the plate's light that is left, RGB; half",
     "occlusion": "share in which something hides the nearest object; half",
     "depth": "depth of the nearest object along the optical axis in metres, 0 without one; float",
@@ -55,6 +59,7 @@ class CompositingLayers:
         # numbered from 1 without gaps, as programs read a sequence
         self._names = {shot.name: Path(f"{shot.index + 1:06d}.exr") for shot in prepared.footage.shots}
         self._joined: dict[int, Joined] = {}
+        self._several = len(objects) > 1
         self._cameras: dict[bytes, tuple[str, NDArray[np.float32]]] = {}
         self._plate: NDArray[np.uint8] = np.zeros((0, 0, 3), np.uint8)
         record = {
@@ -91,6 +96,8 @@ class CompositingLayers:
         seen = whole[..., 3] > 0
         whole[seen, :3] = (srgb_to_linear(composite.picture) - rest)[seen]
         self._write("object", shot, whole)
+        for own, share in self._shares(shape).items() if self._several else ():
+            self._write(f"object_{own}", shot, whole * share[..., None])
         self._write("shadow", shot, shadow)
         depth, hidden, number = self._nearest(shape)
         self._write("depth", shot, np.nan_to_num(depth * self._metres, posinf=0.0), half=False)
@@ -100,6 +107,15 @@ class CompositingLayers:
             self._write("normal", shot, _normals(depth, camera_rays(shot.view.camera)))
         name = self._names[shot.name].with_suffix(".png")
         write_picture(self._folder / "id" / name, number)
+
+    def _shares(self, shape: tuple[int, ...]) -> dict[int, NDArray[np.float32]]:
+        """By its number from 1, the (h, w) share of each object in what is seen: by coverage, or by what is near."""
+        import cv2
+
+        covers = {number + 1: joined.whole(shape)[0] for number, joined in self._joined.items()}
+        covers = {number: own + BESIDE * cv2.GaussianBlur(own, (0, 0), REACH_PX / 3) for number, own in covers.items()}
+        total = np.maximum(sum(covers.values(), np.zeros(shape, np.float32)), 1e-12)
+        return {number: np.asarray(own / total, dtype=np.float32) for number, own in covers.items()}
 
     def _nearest(self, shape: tuple[int, ...]) -> tuple[NDArray[np.float32], NDArray[np.float32], NDArray[np.uint8]]:
         """(h, w) depth in scene units (infinite without), hidden share and number of the nearest object."""

@@ -114,6 +114,9 @@ def test_layers_of_the_nearest_object(tmp_path: Path) -> None:
     assert np.isinf(depth[0, 9])
     assert [hidden[1, 1], hidden[3, 5], hidden[0, 9]] == pytest.approx([0.2, 0.7, 0.0])
     assert (number[1, 1], number[3, 5], number[0, 9]) == (1, 2, 0)
+    shares = writer._shares((8, 10))  # visible coverage 0.4 and 0.15
+    assert shares[1] + shares[2] == pytest.approx(1.0, abs=1e-5)
+    assert [shares[1][1, 1], shares[1][3, 5], shares[1][6, 6]] == pytest.approx([1.0, 0.4 / 0.55, 0.0], abs=0.01)
 
 
 def test_normals_of_a_depth_face_the_camera() -> None:

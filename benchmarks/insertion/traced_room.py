@@ -47,19 +47,15 @@ def main() -> None:
     """The command."""
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--set", choices=ROOMS, default="tune", dest="rooms")
-    parser.add_argument("--room", type=int, help="only this one, from 0")
-    parser.add_argument("--trace-only", action="store_true", help="trace the pictures without the object, no more")
     parser.add_argument("--out", type=Path, required=True)
     options = parser.parse_args()
     for number, room in enumerate(ROOMS[options.rooms]):
-        if options.room in (None, number):
-            record = judge(room, options.out / f"{options.rooms}{number}", options.trace_only)
-            if record:
-                print(json.dumps({"room": f"{options.rooms} {number}"} | record), flush=True)
+        record = judge(room, options.out / f"{options.rooms}{number}")
+        print(json.dumps({"room": f"{options.rooms} {number}"} | record), flush=True)
 
 
-def judge(room: TracedRoom, out: Path, trace_only: bool) -> dict[str, Any]:
-    """What is compared, over the judged views together; empty where the pictures are only traced."""
+def judge(room: TracedRoom, out: Path) -> dict[str, Any]:
+    """What is compared, over the judged views together."""
     import cv2
 
     out.mkdir(parents=True, exist_ok=True)
@@ -74,8 +70,6 @@ def judge(room: TracedRoom, out: Path, trace_only: bool) -> dict[str, Any]:
     images.mkdir(exist_ok=True)
     for row, picture in enumerate(traced_pictures(world, room, range(VIEWS), out)):
         cv2.imwrite(str(images / f"frame{row:03d}.png"), picture[..., ::-1])
-    if trace_only:
-        return {}
     views = tuple(replace(view, name=f"{Path(view.name).stem}.png") for view in synthetic.scene.views)
     scene = replace(synthetic.scene, path=out, views=views)
     prepared = prepared_scene_of(RecordedRoom(world, scene, synthetic.instances, out, to_scene))

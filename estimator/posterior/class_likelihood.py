@@ -10,7 +10,7 @@ from functools import lru_cache
 import numpy as np
 from numpy.typing import NDArray
 
-from estimator.posterior.class_error import Lines, convolution, lines
+from estimator.posterior.class_error import Lines, convolution, exponentials, lines
 from estimator.posterior.components import DimensionRows
 from estimator.posterior.sameness import READINGS, Hypothesis
 from estimator.posterior.symmetric import dot, product
@@ -287,8 +287,7 @@ def _sum_exponentials(
     Single precision: exponents of a thousand are off by 1e-4, a tenth of what the nodes are, for a third of the time.
     """
     (m, j, _), g = coefficients.shape, powers.shape[1]
-    values = (coefficients.reshape(m * j, 3) @ powers.astype(np.float32)).reshape(m, j * g)
-    np.exp(values, out=values)
+    values = exponentials(coefficients.reshape(m * j, 3) @ powers.astype(np.float32)).reshape(m, j * g)
     if j * g < WIDE:
         return np.add.reduceat(values, components.start, axis=0).reshape(-1, j, g)
     first = components.start.tolist()

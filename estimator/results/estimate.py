@@ -107,9 +107,9 @@ def evidence_of(
     for place, item in enumerate(objects):
         meaning = by_name[item.category]
         if reasons[place] is None and meaning.node is not None and meaning.prior is not None:
-            score = BROADER_SCORE * item.score if meaning.broader else item.score
+            judged = replace(item, score=BROADER_SCORE * item.score) if meaning.broader else item
             prior = meaning.prior if share is None else prior_in_place(meaning.prior, share)
-            stated[place] = ObjectEvidence(replace(item, score=score), prior, meaning.node.pose)
+            stated[place] = ObjectEvidence(judged, prior, meaning.node.pose)
     for place, there in zip(list(stated), usable(list(stated.values())).tolist(), strict=True):
         if not any(there):
             reasons[place] = f"none of its extents is among {', '.join(stated.pop(place).prior.dims)}"

@@ -196,11 +196,15 @@ def _depths(
 
 
 def _nearest(where: BoolArray, pixels: FloatArray, depths: FloatArray, reach: float) -> FloatArray:
-    """(k,) median depth of the three nearest points of each cell of `where` (h, w), NaN beyond `reach` cells."""
+    """(k,) median depth of the three nearest points of each cell of `where` (h, w), NaN beyond `reach` cells.
+
+    In place of those beyond, the nearest one counts.
+    """
     from scipy.spatial import cKDTree
 
     rows, columns = np.nonzero(where)
     distance, nearest = cKDTree(pixels).query(np.column_stack([columns, rows]) + 0.5, k=3)
+    nearest = np.where(distance <= reach, nearest, nearest[:, :1])
     return np.where(distance[:, 0] <= reach, np.median(depths[nearest], axis=1), np.nan)
 
 

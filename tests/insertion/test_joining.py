@@ -352,8 +352,8 @@ def test_places_are_on_their_rays_and_depths_on_the_nearest_points() -> None:
     depths = receivers._nearest(where, pixels, np.array([1.0, 2.0, 4.0, 9.0]), 3.0).reshape(4, 10)
     assert depths[0, 0] == 2.0
     assert np.isnan(depths[0, 6])
-    assert depths[0, 4] == 2.0
-    assert depths[3, 9] == 4.0
+    assert depths[0, 4] == 4.0  # the two others are beyond reach, and say nothing
+    assert depths[3, 9] == 9.0
 
 
 def test_what_is_around_a_bare_place_may_be_nearer() -> None:

@@ -91,6 +91,10 @@ class Variants:
         """The variants in which no dimension is grossly wrong."""
         return self._of(~self.gross)
 
+    def of_wide_cuts(self) -> Variants:
+        """The variants in which no cut side is taken to be near its measured length."""
+        return self._of(~(self.variance == TRUNCATION_SHIFTS[0][2] ** 2).any(axis=1))
+
     def _of(self, chosen: BoolArray) -> Variants:
         """The variants of a mask (v,)."""
         return Variants(

@@ -147,7 +147,7 @@ def hypothesis_rows(objects: Measured, chosen: IntArray, ways: Sequence[Sequence
     ways : the hypotheses of each; the entries of the result are these of the first object, those of the second, ...
     """
     tables = [
-        _table(way.prior, objects.evidence[i].pose, objects.code[i], way.reading, False)
+        _table(way.prior, objects.evidence[i].pose, objects.code[i], way.reading, False, way.foreign)
         for i, own in zip(chosen.tolist(), ways, strict=True)
         for way in own
     ]
@@ -191,12 +191,17 @@ def _layout(prior: Prior, pose: str, code: int) -> Layout:
 
 
 @lru_cache(maxsize=16384)
-def _table(prior: Prior, pose: str, code: int, reading: int, alone: bool) -> _Table:
-    """The table of a layout; `reading` keeps the variants whose vertical is that extent, -1 all of them."""
+def _table(prior: Prior, pose: str, code: int, reading: int, alone: bool, foreign: bool = False) -> _Table:
+    """The table of a layout; `reading` keeps the variants whose vertical is that extent, -1 all of them.
+
+    foreign : the label is taken to mean another object, of which a cut side says nothing.
+    """
     layout = _layout(prior, pose, code)
     ways: Variants = variants(layout)
     if reading >= 0 and not layout.vertical_known:
         ways = ways.of_reading(reading)
+    if foreign:
+        ways = ways.of_wide_cuts()
     columns = _columns(prior, ways, shared_error(prior).covariance if alone else None)
     measured = [np.tile(ways.measured, (len(prior.weights), 1)).T]
     if alone and (share := displaced_share(prior)):

@@ -123,6 +123,18 @@ def test_a_wrong_label_has_no_veto() -> None:
     assert found.own_scale[-1] > 2
 
 
+@pytest.mark.parametrize("seen", [0.4, 0.5, 0.6])
+@pytest.mark.parametrize("count", [1, 2, 3])
+def test_flagged_widths_have_no_veto_against_heights(seen: float, count: int) -> None:
+    """Baths of which each shows as much of its width, within the rim: the flags do not make another object of them."""
+    bath = prior("bathtub.n.01", [(1650, 720, 570)], spread=0.1)
+    whole, half, height = 1.65, 0.72 * seen, 0.57
+    flagged = [evidence(bath, (whole, half, height), cut=(False, True, False), name=str(i)) for i in range(count)]
+    found = posterior(flagged)
+    assert found.weight.min() > 0.9
+    assert found.modes[0].scale == pytest.approx(1, rel=0.08)
+
+
 def test_contradiction_is_refused() -> None:
     """Two classes that are sure of different scales: both modes stand, with their masses, and no answer is given."""
     items = [evidence(CHAIR, (0.56, 0.54, 0.95)), evidence(DESK, (2.6, 1.36, 1.48))]

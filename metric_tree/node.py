@@ -234,6 +234,25 @@ class Node:
         return known.get(self.node_id.removesuffix("/other"), ())  # type: ignore[no-any-return]
 
     @property
+    def height_is(self) -> str | None:
+        """Between which levels the prior's height is, of what has a hollow or a rim; `mixed: ` and what it holds.
+
+        >>> import metric_tree
+        >>> metric_tree.open().find("bathtub").height_is
+        'rim to floor, outside'
+        """
+        return self._height_record().get("height")
+
+    @property
+    def underside_seen(self) -> bool:
+        """False of a hollow that is built in or sunk (a sink): who looks into it does not see its whole height."""
+        return bool(self._height_record().get("underside_seen", True))
+
+    def _height_record(self) -> Mapping[str, Any]:
+        known = self.tree.release.manifest.get("heights", {})
+        return known.get(self.node_id.removesuffix("/other"), {})  # type: ignore[no-any-return]
+
+    @property
     def tier(self) -> str | None:
         """What its size rests on, one of `metric_tree.tiers.TIERS`; None of a node without a prior."""
         return self.tree.tier(self.node_id)

@@ -28,11 +28,13 @@ __all__ = [
     "LICENCE",
     "SOURCE",
     "BadRange",
+    "CuratedHeight",
     "CuratedRange",
     "CuratedState",
     "Norm",
     "Triple",
     "blind_ranges",
+    "curated_heights",
     "curated_ranges",
     "curated_states",
     "judged_items",
@@ -53,6 +55,8 @@ _NORM_COLUMNS = (
 )  # fmt: skip
 
 _STATE_COLUMNS = ("node_id", "state", "plain", *_COLUMNS[1:])
+
+_HEIGHT_COLUMNS = ("node_id", "height", "underside", "reason", "reviewer", "written")
 
 #: A comma that nobody quoted moves the cells: the last one is then no date.
 _DATE = re.compile(r"\d{4}(-\d\d){0,2}")
@@ -97,6 +101,19 @@ class CuratedState(CuratedRange):
 
     state: str
     plain: str
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class CuratedHeight:
+    """Between which two levels the height of a hollow thing is measured: `mixed: ` where its rows hold several.
+
+    underside_seen : False of what is built in or sunk, so that who looks into it does not see how far down it goes.
+    """
+
+    node_id: str
+    height: str
+    underside_seen: bool
+    reason: str
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -152,6 +169,17 @@ def curated_states(path: Path | None = None) -> tuple[CuratedState, ...]:
         As of a range, or a state is not named, or named twice.
     """
     return _states(path or _directory() / "states.csv")
+
+
+def curated_heights(path: Path | None = None) -> tuple[CuratedHeight, ...]:
+    """What the heights of hollow things are, as the project's table has them; a taxonomy of one's own has none.
+
+    Raises
+    ------
+    BadRange
+        A node is named twice, a cell is empty, or `underside` is neither seen nor unseen.
+    """
+    return _heights(path or _directory() / "heights.csv")
 
 
 def blind_ranges(table: str = "blind") -> tuple[CuratedRange, ...]:
@@ -260,6 +288,24 @@ def _states(file: Path) -> tuple[CuratedState, ...]:
             fields = {field.name: getattr(one, field.name) for field in dataclasses.fields(one)}
             states[one.node_id, state] = CuratedState(state=state, plain=row["plain"], **fields)
     return tuple(states.values())
+
+
+@cache
+def _heights(file: Path) -> tuple[CuratedHeight, ...]:
+    if not file.is_file():
+        return ()
+    heights: dict[str, CuratedHeight] = {}
+    for place, row in table_rows(file, _HEIGHT_COLUMNS):
+        node_id, seen = row["node_id"], row["underside"]
+        with in_file(place, BadRange):
+            expect(bool(node_id) and node_id not in heights, "node_id", "a node, once", node_id)
+            expect(seen in {"seen", "unseen"}, "underside", "seen or unseen", seen)
+            for column in _HEIGHT_COLUMNS:
+                expect(bool(row[column]), column, "a text", Unquoted("none"))
+        heights[node_id] = CuratedHeight(
+            node_id=node_id, height=row["height"], underside_seen=seen == "seen", reason=row["reason"]
+        )
+    return tuple(heights.values())
 
 
 def _range(row: dict[str, str]) -> CuratedRange:

@@ -16,6 +16,7 @@ from estimator.records.result import Alternative, ScaleResult, UpReport
 from estimator.records.scale_evidence import EvidenceReport, ScaleEvidence
 from estimator.results.categories import BROADER_SCORE, LabelMeaning, meanings
 from estimator.results.contradiction import Contradiction, contradiction_of, doubt_of_one_name
+from estimator.results.hollows import with_unseen_undersides
 from estimator.results.narrowing import helps
 from estimator.results.places import place_shares, prior_in_place
 from estimator.results.reports import EstimateOptions, ScaleAnswer, names_of, result_of
@@ -59,6 +60,7 @@ def scale_of_objects(
     options = options or EstimateOptions()
     dims = HEIGHT if options.method == "height" else None
     by_name = meanings(tree, {item.category for item in objects}, dims, options.where)
+    objects = with_unseen_undersides(objects, by_name)
     started = time.perf_counter()
     stated, reasons = evidence_of(objects, by_name)
     evidence, places = list(stated.values()), list(stated)

@@ -20,6 +20,7 @@ from estimator.posterior.posterior import Posterior, posterior
 from estimator.records.measured_object import MeasuredObject
 from estimator.records.result import Help
 from estimator.results.categories import LabelMeaning, meanings
+from estimator.results.hollows import cut_sides
 from metric_base.arrays import BoolArray, FloatArray
 from metric_tree.tree import Tree
 
@@ -85,7 +86,7 @@ def _whole_sides(
 ) -> Iterator[tuple[str, str | None, _Supposed]]:
     """Truncated objects, measured whole."""
     for place, item in stated.items():
-        cut = np.asarray(item.object.truncated, dtype=bool)
+        cut = cut_sides(item.object)
         if not cut.any():
             continue
 
@@ -169,7 +170,7 @@ def _whole(item: ObjectEvidence, sides: BoolArray, scale: float) -> ObjectEviden
     vertical = item.object.vertical_known and not (is_sorted(item.prior) and sides.all())
     whole = replace(item.object, extents=extents, sigma=sigma, vertical_known=vertical)
     # errors that went together were those of the extents that are replaced here
-    return replace(item, object=replace(whole, truncated=np.zeros(3, dtype=bool), covariance=None))
+    return replace(item, object=replace(whole, truncated=item.object.truncated & ~sides, covariance=None))
 
 
 def _quantiles(estimate: Posterior) -> list[float]:

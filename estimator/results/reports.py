@@ -110,8 +110,10 @@ def _report(
         weight, own = float(answer.estimate.weight[row]), float(answer.estimate.own_scale[row])
         used, said = answer.used[row], verdict(weight)
         if said == "outlier" and meaning.prior is not None:
-            pose = meaning.node.pose if meaning.node is not None else "upright"
-            reason = outlier_reason(ObjectEvidence(item, meaning.prior, pose), answer.estimate.modes[0].scale, own)
+            node = meaning.node
+            judged = ObjectEvidence(item, meaning.prior, node.pose if node is not None else "upright")
+            height_is = node.height_is if node is not None else None
+            reason = outlier_reason(judged, answer.estimate.modes[0].scale, own, height_is)
     return ObjectReport(
         id=item.id,
         category=item.category,

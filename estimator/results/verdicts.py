@@ -39,8 +39,11 @@ def dimension_names(item: MeasuredObject) -> tuple[str, str, str]:
     return (AXES[0], AXES[1], AXES[2]) if item.vertical_known else EXTENTS
 
 
-def outlier_reason(item: ObjectEvidence, scale: float, own_scale: float) -> str:
-    """The dimension that lies furthest from the class's usual sizes at `scale`, else that the proportions do."""
+def outlier_reason(item: ObjectEvidence, scale: float, own_scale: float, height_is: str | None = None) -> str:
+    """The dimension that lies furthest from the class's usual sizes at `scale`, else that the proportions do.
+
+    height_is : what the height of the class is, where that needs words
+    """
     names, sizes = _judged_sizes(item, scale)
     off = [
         (_excess(size, *bounds), name, size, bounds)
@@ -49,7 +52,8 @@ def outlier_reason(item: ObjectEvidence, scale: float, own_scale: float) -> str:
     share, name, size, (low, high) = max(off, key=lambda entry: entry[0])
     if share > 1:
         side = "only " if size < low else ""
-        return f"{_IN_WORDS.get(name, name)} {side}{_metres(size)}, usual {_metres(low)} to {_metres(high)}"
+        meant = f" ({height_is})" if height_is and name == "height" else ""
+        return f"{_IN_WORDS.get(name, name)} {side}{_metres(size)}, usual {_metres(low)} to {_metres(high)}{meant}"
     return f"proportions unlike its class; alone it says scale {own_scale:.3g}"
 
 

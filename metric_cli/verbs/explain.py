@@ -137,6 +137,7 @@ def _release_part(tree: Tree, row: dict[str, Any]) -> dict[str, Any]:
         "node": row["node_id"],
         "path": list(tree.node(row["node_id"]).path),
         **sizes,
+        "height_is": tree.node(row["node_id"]).height_is,
         "flags": row["flags"] or [],
         "licence": row["licence"],
         "url": row["url"],

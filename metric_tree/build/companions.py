@@ -19,10 +19,10 @@ from metric_tree.build.successors import former_nodes, successor_table
 from metric_tree.build.texts import licence_text, readme_text
 from metric_tree.fit.class_prior import NEW_SOURCE
 from metric_tree.pictures import collect_pictures, picture_files
-from taxonomy.curated import curated_ranges, curated_states, norms
+from taxonomy.curated import curated_heights, curated_ranges, curated_states, norms
 from taxonomy.levels import replaced_ids
 
-__all__ = ["add_pictures", "state_records", "write_log", "write_texts", "writers"]
+__all__ = ["add_pictures", "height_records", "state_records", "write_log", "write_texts", "writers"]
 
 
 def state_records(nodes: Container[str]) -> dict[str, list[dict[str, Any]]]:
@@ -38,6 +38,15 @@ def state_records(nodes: Container[str]) -> dict[str, list[dict[str, Any]]]:
         if one.node_id in nodes:
             records.setdefault(one.node_id, []).append(record)
     return dict(sorted(records.items()))
+
+
+def height_records(nodes: Container[str]) -> dict[str, dict[str, Any]]:
+    """What the heights of the release's hollow nodes are, as the manifest has them (`Node.height_is`)."""
+    return {
+        one.node_id: {"height": one.height, "underside_seen": one.underside_seen, "reason": one.reason}
+        for one in sorted(curated_heights(), key=lambda one: one.node_id)
+        if one.node_id in nodes
+    }
 
 
 def writers() -> list[dict[str, Any]]:

@@ -30,7 +30,14 @@ from crawler.items import RawItem
 from metric_base.errors import InputError
 from metric_base.progress import ProgressCallback, silent
 from metric_tree.build.clean import Cleaned, NodeClass, class_priors, clean_shard
-from metric_tree.build.companions import add_pictures, state_records, write_log, write_texts, writers
+from metric_tree.build.companions import (
+    add_pictures,
+    height_records,
+    state_records,
+    write_log,
+    write_texts,
+    writers,
+)
 from metric_tree.build.frequencies import stated_frequencies
 from metric_tree.build.ingest import SHARDS, Block, Ingested, block_of, blocks, ingest_block, items_of, raw_files
 from metric_tree.build.log import report
@@ -308,6 +315,7 @@ class Steps:
             n_fit.update(one.n_by_source)
         n_rows = Counter(tables["items.parquet"]["source"].to_pylist())
         used = frozenset().union(*(one.kinds for one in classes))
+        nodes = frozenset(tables["nodes.parquet"]["node_id"].to_pylist())
         return {
             "name": self.options.name,
             "version": self.options.version,
@@ -318,7 +326,8 @@ class Steps:
             "evidence": evidence_counts(classes),
             "tiers": tier_counts(tables["nodes.parquet"]),
             "judged_by": writers(),
-            "states": state_records(set(tables["nodes.parquet"]["node_id"].to_pylist())),
+            "states": state_records(nodes),
+            "heights": height_records(nodes),
             "noncommercial": self.options.noncommercial,
             "private": sorted(self.options.private),
             "fold_out": list(self.options.fold_out) if self.options.fold_out else None,

@@ -1,4 +1,4 @@
-"""States of things: read from the manifest, judged, refused where they are damaged."""
+"""States and heights of things: read from the manifest; states are judged, and refused where they are damaged."""
 
 from __future__ import annotations
 
@@ -6,7 +6,10 @@ import numpy as np
 import pytest
 
 from metric_base.errors import InputError
+from metric_tree.build.companions import height_records
 from metric_tree.states import state_priors
+from metric_tree.tree import open_tree
+from taxonomy.curated import curated_heights
 
 SIZE_MM = {"length": 490, "width": 90, "height": 900}
 FOLDED = {"state": "folded", "size_mm": SIZE_MM, "sd_log": dict.fromkeys(SIZE_MM, 0.2)}
@@ -24,3 +27,14 @@ def test_a_state_is_a_judged_prior_of_the_stated_size_and_spread() -> None:
 def test_a_damaged_state_is_one_line(wrong: dict[str, object]) -> None:
     with pytest.raises(InputError, match="chair: states: expected a name, sizes and spreads"):
         state_priors("chair", [{**FOLDED, **wrong} if wrong else {}])
+
+
+def test_the_release_says_what_its_heights_are() -> None:
+    tree = open_tree("3.0.0")
+    rows = {one.node_id: one for one in curated_heights()}
+    assert all(tree.has_node(node_id) for node_id in rows)
+    assert tree.release.manifest["heights"] == height_records(rows)
+    for node_id in ("sink.n.01", "sink.n.01/other"):
+        assert tree.node(node_id).height_is == rows["sink.n.01"].height
+        assert not tree.node(node_id).underside_seen
+    assert (tree.node("chair.n.01").height_is, tree.node("chair.n.01").underside_seen) == (None, True)

@@ -8,7 +8,16 @@ from hypothesis import strategies as st
 
 from crawler.items import RawItem
 from taxonomy.catalogue import default_catalogue
-from taxonomy.curated import BadRange, blind_ranges, curated_ranges, curated_states, judged_items, norm_items, norms
+from taxonomy.curated import (
+    BadRange,
+    blind_ranges,
+    curated_heights,
+    curated_ranges,
+    curated_states,
+    judged_items,
+    norm_items,
+    norms,
+)
 
 HEADER = (
     "node_id,length_low,length_typical,length_high,width_low,width_typical,width_high,"
@@ -116,6 +125,23 @@ def test_a_state_is_named_once_for_each_node(tmp_path: Path) -> None:
         )
         with pytest.raises(BadRange, match=r":3: state: expected a name, once"):
             curated_states(wrong)
+
+
+def test_a_height_is_said_once_for_each_node(tmp_path: Path) -> None:
+    header = "node_id,height,underside,reason,reviewer,written\nsink.n.01,the bowl,unseen,why,Ada,2026-11-23\n"
+    (file := tmp_path / "heights.csv").write_text(header)
+    [one] = curated_heights(file)
+    assert (one.height, one.underside_seen) == ("the bowl", False)
+    assert curated_heights(tmp_path / "none.csv") == ()
+    wrong = {
+        "node_id": "sink.n.01,x,seen,why,Ada,2026",
+        "underside": "bowl,x,no,why,Ada,2026",
+        "height": "cup,,seen,a,b,c",
+    }
+    for column, row in wrong.items():
+        (bad := tmp_path / f"{column}.csv").write_text(f"{header}{row}\n")
+        with pytest.raises(BadRange, match=f":3: {column}: expected"):
+            curated_heights(bad)
 
 
 def test_a_comma_that_nobody_quoted_is_found(tmp_path: Path) -> None:

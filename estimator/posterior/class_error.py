@@ -123,9 +123,9 @@ def lines(rows: DimensionRows, group: IntArray, across: FloatArray, power: Float
     Parameters
     ----------
     rows : components of the objects
-    group : (m,) class of each row
+    group : (n,) class of each object
     across : (c, 3, 2) U of each class
-    power : (m,) exponent of each row's object in the product
+    power : (c,) exponent of each class's objects in the product
 
     Returns
     -------
@@ -133,9 +133,10 @@ def lines(rows: DimensionRows, group: IntArray, across: FloatArray, power: Float
     given u', z has precision P = I + U' L U and mean P^-1 U' (L 1 u' - h).
     """
     columns = across.transpose(1, 2, 0)  # (3, 2, c)
-    share = _shares(rows, columns.take(group, axis=2))  # (m,)
-    weighted = rows.columns[[*range(6), *range(9, 12)]] * (share * power * NODE_PRECISION_SHARE)  # (9, m) Lam and Lam r
-    sums = weighted @ (group[:, None] == np.arange(len(across)))  # (9, c) L and h
+    share = _shares(rows, columns.take(group[rows.object], axis=2))  # (m,)
+    weighted = rows.columns[[*range(6), *range(9, 12)]] * share  # (9, m) Lam and Lam r
+    belongs = (group[:, None] == np.arange(len(across))) * (power * NODE_PRECISION_SHARE)  # (n, c)
+    sums = np.add.reduceat(weighted, rows.start, axis=1) @ belongs  # (9, c) L and h
     turned = product(sums[:6], columns)  # L U
     p00, p11 = 1 + dot(columns, turned)  # (c,)
     p01 = dot(columns[:, 0], [column[1] for column in turned])

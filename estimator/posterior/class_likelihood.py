@@ -24,21 +24,21 @@ __all__ = ["EFFECTIVE_OBJECTS", "JointTerms", "LoneTerms", "Ways", "joint_classe
 EFFECTIVE_OBJECTS = 25
 
 #: A hypothesis with this much less evidence (natural log) than the likeliest of its class is left out.
-MAX_EVIDENCE_LOSS_LOG = 12.0
+MAX_EVIDENCE_LOSS_LOG = 10.0
 
 #: Which of the sorted extents is the vertical one is not learned from more objects than this.
 READING_OBJECTS = 3
 
 
 #: Points of a class's own grid over u' = u less the part of its error along 1. The product of many objects is narrow:
-#: the class's own grid spans where it matters and no more.
-OWN_POINTS, MOST_OWN_POINTS = 32, 512
+#: the class's own grid spans where it matters and no more. Sixteen are .6 of a Gaussian's standard deviation apart.
+OWN_POINTS, MOST_OWN_POINTS = 16, 512
 
 #: Step of the own grid in standard deviations of the kernel at most: the sum is then exact to 1e-4.
 KERNEL_STEPS = 1.5
 
 #: A product this far under its peak (natural log) has no part in the answer; beyond, it goes on as it is there.
-MAX_DEPTH_UNDER_PEAK_LOG = 18.0
+MAX_DEPTH_UNDER_PEAK_LOG = 12.0
 
 #: The first look at where a product matters takes every so many points of the common grid.
 FIRST_LOOK = 3
@@ -150,8 +150,7 @@ def joint_classes(components: DimensionRows, ways: Ways, u: FloatArray) -> Joint
     on the common grid shows where each hypothesis's product matters, and which hypotheses do; there all nodes are
     evaluated.
     """
-    of_row = ways.entry[components.object]
-    nodes = lines(components, of_row, np.array([way.error.across for way in ways.hypotheses]), ways.power[of_row])
+    nodes = lines(components, ways.entry, np.array([way.error.across for way in ways.hypotheses]), ways.power)
     seen = np.linspace(u[0], u[-1], max(len(u) // FIRST_LOOK, OWN_POINTS))
     common = np.broadcast_to(seen, (len(ways.hypotheses), len(seen)))
     log_first = _log_products(components, nodes.middle(), ways, common)[0][:, 0]  # (w, f)
@@ -180,8 +179,9 @@ def _peaks(log_values: FloatArray) -> FloatArray:
 
     A product of a hundred objects is narrow: between the points it rises by far more than it differs from others.
     """
-    at = np.clip(log_values.argmax(axis=1), 1, log_values.shape[1] - 2)[:, None]
-    before, top, after = (np.take_along_axis(log_values, at + step, axis=1)[:, 0] for step in (-1, 0, 1))
+    at = np.clip(log_values.argmax(axis=1), 1, log_values.shape[1] - 2)
+    row = np.arange(len(at))
+    before, top, after = (log_values[row, at + step] for step in (-1, 0, 1))
     bend = np.minimum(before - 2 * top + after, -1e-9)
     return np.asarray(np.maximum(log_values.max(axis=1), top - (after - before) ** 2 / (8 * bend)))
 

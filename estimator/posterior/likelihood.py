@@ -271,7 +271,8 @@ def _rows_of(
     if together.any():
         measured = extent - 3 * owner
         for place, (one, two) in OFF_DIAGONAL.items():
-            covariance[place] += together[owner, measured[one], measured[two]] * active[one] * active[two]
+            common = together.ravel().take(9 * owner + 3 * measured[one] + measured[two])
+            covariance[place] += common * active[one] * active[two]
     precision, log_det = inverse(covariance)
     for place, counts_or_not in zip(DIAGONAL, active, strict=True):
         precision[place] *= counts_or_not  # off the diagonal it is zero already

@@ -173,8 +173,8 @@ def _classes(evidence: Sequence[ObjectEvidence], lines: FloatArray) -> _Classes:
         classes, solved = _joint(objects, joint, group, count, u)
         terms.append((joint, solved))
         log_likelihood[classes] = solved.log_likelihood
-    quiet = np.setdiff1d(np.arange(len(evidence)), speaking)
-    if len(quiet):  # of a large class only the others speak; these are judged one by one
+    if len(speaking) < len(evidence):  # of a large class only some speak; the others are judged one by one
+        quiet = np.setdiff1d(np.arange(len(evidence)), speaking)
         terms.append((quiet, lone_classes(base.of(quiet), u)))
     return _Classes(tuple(names), u, log_likelihood, tuple(terms), base)
 

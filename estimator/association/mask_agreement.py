@@ -30,8 +30,9 @@ NO_COVER = 0.25
 # rooms with borders that are off by two pixels the median is at least 0.86, by four pixels 0.65; of masks of a crop, a
 # squeezed or a letterboxed picture, or the next frame, at most 0.64.
 DOUBTFUL_SHARE, WRONG_SHARE = 0.72, 0.62
-# Objects, and pairs of views of the points of each, that a median needs.
-MIN_TRACKS, MIN_TRACK_PAIRS = 3, 40
+# Objects, and pairs of views of the points of each, that a median needs; of objects with fewer points so many pairs
+# together, of two objects at least.
+MIN_TRACKS, MIN_TRACK_PAIRS, MIN_POOLED_TRACKS = 3, 40, 2
 # Pairs of views of one point that tell chance from agreement.
 MIN_PAIRS = 200
 
@@ -93,9 +94,10 @@ def mask_contradictions(agreement: MaskAgreement) -> tuple[tuple[str, ...], tupl
 def track_agreement(labels: PointLabels, instances: Sequence[Instance], tracks: Iterable[Sequence[int]]) -> float:
     """Of the points in one mask of an object, the share that its mask of another view that sees them holds, too.
 
-    The median over the objects (rows of their instances); NaN where too few have masks of several views.
+    The median over the objects (rows of their instances), or the share of all together where few of them have enough
+    points; NaN where they have too few together.
     """
-    shares = []
+    counts = []
     for members in tracks:
         rows = [row for row in members if not instances[row].from_box]
         views = sorted({instances[row].view for row in rows})
@@ -105,10 +107,13 @@ def track_agreement(labels: PointLabels, instances: Sequence[Instance], tracks: 
         held = inside > 0
         seen = np.asarray(labels.visibility[views].sum(axis=0)).ravel()[held]
         own = np.minimum(inside[held], seen)
-        pairs = float((own * (seen - 1)).sum())
-        if pairs >= MIN_TRACK_PAIRS:
-            shares.append(float((own * (own - 1)).sum()) / pairs)
-    return float(np.median(shares)) if len(shares) >= MIN_TRACKS else np.nan
+        counts.append((float((own * (own - 1)).sum()), float((own * (seen - 1)).sum())))
+    agreed, pairs = np.array(counts).reshape(-1, 2).T
+    enough = pairs >= MIN_TRACK_PAIRS
+    if enough.sum() >= MIN_TRACKS:
+        return float(np.median(agreed[enough] / pairs[enough]))
+    together = len(counts) >= MIN_POOLED_TRACKS and pairs.sum() >= MIN_TRACK_PAIRS
+    return float(agreed.sum() / pairs.sum()) if together else np.nan
 
 
 def track_contradictions(share: float) -> tuple[tuple[str, ...], tuple[str, ...]]:

@@ -235,7 +235,7 @@ class Node:
 
     @property
     def height_is(self) -> str | None:
-        """Between which levels the prior's height is, of what has a hollow or a rim; `mixed: ` and what it holds.
+        """Between which levels the prior's height is, where that needs words; `mixed: ` and what it holds.
 
         >>> import metric_tree
         >>> metric_tree.open().find("bathtub").height_is
@@ -245,7 +245,7 @@ class Node:
 
     @property
     def underside_seen(self) -> bool:
-        """False of a hollow that is built in or sunk (a sink): who looks into it does not see its whole height."""
+        """False of what is built in (a sink, a counter): who looks at it does not see its whole height."""
         return bool(self._height_record().get("underside_seen", True))
 
     def _height_record(self) -> Mapping[str, Any]:

@@ -107,7 +107,7 @@ class CuratedState(CuratedRange):
 class CuratedHeight:
     """Between which two levels the height of a hollow thing is measured: `mixed: ` where its rows hold several.
 
-    underside_seen : False of what is built in or sunk, so that who looks into it does not see how far down it goes.
+    underside_seen : False of what is built in or sunk, so that who looks at it does not see how far down it goes.
     """
 
     node_id: str

@@ -1,4 +1,4 @@
-"""Heights of hollows that are seen from above: nobody sees the underside of a sink that is built in."""
+"""Heights of what is built in: nobody sees the underside of a sink, or what is under a counter as part of it."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ UNSEEN_UNDERSIDE = "its underside is not seen"
 def with_unseen_undersides(
     objects: Sequence[MeasuredObject], by_name: Mapping[str, LabelMeaning]
 ) -> tuple[MeasuredObject, ...]:
-    """The objects, the heights of built-in hollows truncated: what is seen ends inside.
+    """The objects, the heights of what is built in truncated: what is seen ends above the underside.
 
     An object that reaches down to the plane that it stands on is whole. Where the prior judges no other whole side,
     the height stays: it is better than nothing.

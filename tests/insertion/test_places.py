@@ -2,32 +2,39 @@
 
 from __future__ import annotations
 
+import json
+from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
 
+import cv2
 import numpy as np
 import pytest
 
 import metric_tree
+from estimator.reconstructions.cameras import pixels_in_view
 from insertion.models.gltf import read_model
 from insertion.models.size import model_size
 from insertion.pipeline.objects import Placed, place_objects, space_for
+from insertion.pipeline.place_page import PlacePage
 from insertion.pipeline.prepared_scene import PreparedScene
 from insertion.pipeline.preview import write_preview
 from insertion.pipeline.request import ObjectRequest
 from insertion.placement.free_space import candidates
 from insertion.placement.on_objects import instances_named
-from insertion.placement.place import NoPlace
+from insertion.placement.place import At, NoPlace
 from metric_base.errors import InputError
 from metric_cli.insert_object.insert import parser
 from metric_cli.insert_object.scene_arguments import prepared_scene_of as stage_of_arguments
 from metric_cli.insert_object.scene_arguments import requests_of
-from tests.synthetic.insertions import RecordedRoom, prepared_scene_of, video_room, write_glb
+from tests.synthetic.insertions import RecordedRoom, in_unit, prepared_scene_of, video_room, write_glb
 from tests.synthetic.minitree import release
 from tests.synthetic.rooms.kinds import KINDS
 from tests.synthetic.rooms.shapes import solid
 
 KIND = "sitting room"
+#: Units of another reconstruction of the same room to one of this.
+UNIT = 0.037
 
 
 @pytest.fixture(scope="module")
@@ -38,6 +45,11 @@ def room(tmp_path_factory: pytest.TempPathFactory) -> RecordedRoom:
 @pytest.fixture(scope="module")
 def prepared(room: RecordedRoom) -> PreparedScene:
     return prepared_scene_of(room)
+
+
+@pytest.fixture(scope="module")
+def in_other_unit(room: RecordedRoom) -> PreparedScene:
+    return prepared_scene_of(in_unit(room, UNIT))
 
 
 @pytest.fixture(scope="module")
@@ -78,6 +90,36 @@ def test_on_a_category_is_on_its_top(room: RecordedRoom, prepared: PreparedScene
     assert foot[2] == pytest.approx(high[2], abs=0.02)
     assert (foot[:2] > low[:2]).all()
     assert (foot[:2] < high[:2]).all()
+
+
+@pytest.mark.parametrize(
+    "request_of",
+    [
+        ObjectRequest,
+        lambda cup: ObjectRequest(cup, size="height=0.4", facing="wall"),
+        lambda cup: ObjectRequest(cup, on="coffee table", facing=30.0),
+        lambda cup: ObjectRequest(cup, at=At("2", 320.0, 300.0)),
+        lambda cup: ObjectRequest(cup, plane=0, xy_m=(0.3, -0.2)),
+        lambda cup: ObjectRequest(cup, plane=0, path=((0.4, 0.0), (0.4, 0.3)), speed_m_s=0.5),
+    ],
+)
+def test_the_unit_of_the_reconstruction_does_not_move_an_object(
+    prepared: PreparedScene, in_other_unit: PreparedScene, cup: Path, request_of: Callable[[Path], ObjectRequest]
+) -> None:
+    (one,), (other,) = (place_objects(scene, [request_of(cup)]) for scene in (prepared, in_other_unit))
+    assert (one.place.support, one.place.plane, one.warnings) == (
+        other.place.support,
+        other.place.plane,
+        other.warnings,
+    )
+    assert other.size_m == pytest.approx(one.size_m)
+    for time_s in (0.0, 1.0, 9.0):
+        bodies = one.body_at(time_s), other.body_at(time_s)
+        units = 1 / prepared.scale.metres_per_unit  # of the first scene to the metre
+        np.testing.assert_allclose(bodies[1].position / UNIT, bodies[0].position, atol=1e-4 * units)
+        np.testing.assert_allclose(bodies[1].basis, bodies[0].basis, atol=1e-6)
+        np.testing.assert_allclose(bodies[1].corners, bodies[0].corners, atol=1e-4)
+        assert bodies[1].unit / UNIT == pytest.approx(bodies[0].unit)
 
 
 def test_the_last_word_of_a_category_is_enough(room: RecordedRoom, prepared: PreparedScene, cup: Path) -> None:
@@ -125,6 +167,42 @@ def test_the_preview_lists_the_options_of_each_place(prepared: PreparedScene, cu
     (request,) = requests_of(parser().parse_args(words))
     (again,) = place_objects(prepared, [request])
     np.testing.assert_allclose(again.place.position, placed.place.position, atol=1e-3 / prepared.scale.metres_per_unit)
+
+
+def test_the_page_of_a_place_answers_with_the_box_the_picture_and_the_command(
+    room: RecordedRoom, prepared: PreparedScene, cup: Path
+) -> None:
+    page = PlacePage(prepared, ObjectRequest(cup, on="couch", plane=3), None, lambda asked: f"at {asked.at}")
+    kind, start = page.answer("start") or ("", b"")
+    frames = json.loads(start)["frames"]
+    assert (kind, json.loads(start)["model"]) == ("application/json", "cup.glb")
+    assert [(one["number"], one["width"], one["height"]) for one in frames] == [(n, 640, 480) for n in range(5)]
+    plain = cv2.imdecode(np.frombuffer((page.answer("frame/2") or ("", b""))[1], np.uint8), cv2.IMREAD_COLOR)
+    own = cv2.imread(str(room.folder / "images" / frames[2]["name"]))
+    assert np.abs(plain.astype(int) - own).mean() < 3  # JPEG
+    wish = "2/320/400/30"
+    corners = json.loads((page.answer(f"box/{wish}") or ("", b""))[1])["corners"]
+    asked = ObjectRequest(cup, at=At(frames[2]["name"], 320.0, 400.0), facing=30.0)
+    (placed,) = place_objects(prepared, [asked])
+    view = prepared.scene.views[2]
+    true, _ = pixels_in_view(view, placed.body.position + placed.body.unit * placed.body.corners)
+    box, body = (np.array([points.min(axis=0), points.max(axis=0)]) for points in (np.array(corners), true))
+    assert len(corners) == 8
+    assert (box[0] < body[0] + 0.1).all()
+    assert (box[1] > body[1] - 0.1).all()
+    assert (np.ptp(box, axis=0) < 1.45 * np.ptp(body, axis=0)).all()  # of a round cup, seen along a diagonal
+    assert (np.abs(box.mean(axis=0) - body.mean(axis=0)) < 0.1 * np.ptp(body, axis=0)).all()
+    assert page.answer(f"picture/{wish}") is None  # not drawn yet
+    drawn = json.loads((page.answer(f"drawn/{wish}") or ("", b""))[1])
+    assert drawn["command"] == f"at {asked.at}"
+    assert drawn["says"][0].startswith("0.08 x 0.08 x 0.1 m on ")
+    assert (page.answer(f"picture/{wish}") or ("", b""))[0] == "image/jpeg"
+    assert page.answer("box/9/320/400/30") is None
+    assert "refused" in json.loads((page.answer("box/2/5/5/0") or ("", b""))[1])
+    for body in (b"7", b"{}", b'{"frame": 2, "x": 5, "y": 5, "facing": 0}'):
+        assert (page.receive("done", body) or (0, {}))[0] == 400
+    assert page.chosen is None
+    assert page.receive("other", b"{}") is None
 
 
 @pytest.mark.parametrize("words", [["--xy", "-0.5,0.2"], ["--xy=-0.5,0.2"]])

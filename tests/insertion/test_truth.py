@@ -15,11 +15,13 @@ from insertion.pipeline.objects import Placed, place_objects, space_for
 from insertion.pipeline.request import ObjectRequest
 from insertion.pipeline.result import InsertionResult
 from insertion.placement.locate import plane_coordinates
-from tests.synthetic.insertions import RecordedRoom, added, prepared_scene_of, video_room, write_glb
+from tests.synthetic.insertions import RecordedRoom, added, in_unit, prepared_scene_of, video_room, write_glb
 from tests.synthetic.rooms.render import Renderer
 from tests.synthetic.rooms.shapes import solid
 
 SIZE = np.array([0.42, 0.38, 0.75])
+#: Units of another reconstruction of the same room to one of this.
+UNIT = 0.037
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -138,12 +140,12 @@ def test_far_pixels_do_not_change(inserted: Inserted) -> None:
         assert changed.any()
 
 
-def test_twice_the_same(inserted: Inserted) -> None:
-    prepared = prepared_scene_of(inserted.room)
+def test_the_unit_of_the_reconstruction_does_not_show(inserted: Inserted) -> None:
+    prepared = prepared_scene_of(in_unit(inserted.room, UNIT))
     (placed,) = place_objects(prepared, [inserted.placed.request])
     shot = prepared.footage.shots[2]
     (again,) = single_pictures(prepared, [[placed]], shot)
-    np.testing.assert_array_equal(again, inserted.pictures[shot.name])
+    assert np.abs(again.astype(int) - inserted.pictures[shot.name]).max() <= 2  # levels, by rounding
 
 
 def test_sizes_are_metres_over_scale(inserted: Inserted, tmp_path: Path) -> None:

@@ -19,8 +19,9 @@ from tests.synthetic.rooms.render import Renderer
 from tests.synthetic.rooms.similarity import Similarity, similarity_between
 from tests.synthetic.rooms.solids import Mesh, rotate
 from tests.synthetic.rooms.world import Placed, World
+from tests.synthetic.same_scene import moved_scene
 
-__all__ = ["RecordedRoom", "added", "prepared_scene_of", "standing", "video_room", "write_glb"]
+__all__ = ["RecordedRoom", "added", "in_unit", "prepared_scene_of", "standing", "video_room", "write_glb"]
 
 TRACK = "inserted"
 
@@ -55,6 +56,13 @@ def video_room(kind: str, seed: int, folder: Path, views: int = 6, noise: float 
     return RecordedRoom(
         world, scene, synthetic.instances, folder, similarity_between(true, np.array([v.centre for v in named]))
     )
+
+
+def in_unit(room: RecordedRoom, factor: float) -> RecordedRoom:
+    """The same room as a reconstruction with `factor` times as many units to the metre."""
+    scale, translation = factor * room.to_scene.scale, factor * room.to_scene.translation
+    scene = moved_scene(room.scene, factor, np.eye(3), np.zeros(3))
+    return replace(room, scene=scene, to_scene=replace(room.to_scene, scale=scale, translation=translation))
 
 
 def prepared_scene_of(room: RecordedRoom, scale_error: float = 1.0, dense: bool = True) -> PreparedScene:

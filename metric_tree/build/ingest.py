@@ -169,7 +169,7 @@ def ingest_block(
     Parameters
     ----------
     taxonomy : gives the taxonomy; called once in a process
-    fold_out : fold I of N that the build does not see
+    fold_out : fold I of N of the items that the build does not see; norms and judged ranges are no items
     left_out : sources that the build does not use
 
     Raises
@@ -226,7 +226,7 @@ def _row(
     item_id = f"{item.source}:{item.source_id}"
     if item.source in left_out:
         return None, "source_left_out"
-    if fold_out is not None and is_held_out(item_id, *fold_out):
+    if fold_out is not None and item.kind not in STATED_KINDS and is_held_out(item_id, *fold_out):
         return None, "fold_left_out"
     if distrusted := next((flag for flag in UNUSED_FLAGS if flag in item.flags), None):
         return None, distrusted

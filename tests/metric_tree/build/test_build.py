@@ -174,6 +174,8 @@ def test_curated_ranges_give_a_prior_where_there_is_nothing_else(tmp_path):
     assert 1000 < sofa.quantile(0.5)[0] < 2000  # the shipped model trusts a range more than this build's own would
     assert [finding for finding in findings(release.directory) if finding.is_error] == []
     assert next(r for r in release.manifest["sources"] if r["id"] == "judged")["n_fit"] == 0
+    without = build(raw, tmp_path / "fold", replace(OPTIONS, fold_out=(0, 1)), curated=[curated("stool")]).release
+    assert open_tree(without.directory).find("stool").prior().share_by_kind == {"judged": 1.0}  # a range is no item
 
 
 def test_rows_are_made_again_without_the_withheld_sources(tmp_path, release):

@@ -196,8 +196,8 @@ class Node:
     def _with_own_centre(self, prior: Prior) -> Prior:
         """The prior with every context as an offset from its own centre.
 
-        What a source says of objects called by the node's plain name is copied from the leaf of these, as an offset
-        from the centre of that leaf.
+        What a source states about objects called by the node's plain name is copied from the leaf of these, as an
+        offset from the centre of that leaf.
         """
         moved: dict[tuple[object, ...], FloatArray] = {}
         for child in self.children if prior.contexts else ():
@@ -210,7 +210,7 @@ class Node:
 
     @property
     def states(self) -> dict[str, Prior]:
-        """The sizes of such a thing by its states, where it has some: a language model's judgement.
+        """The sizes of such an item by its states, where it has some: a language model's judgement.
 
         >>> import metric_tree
         >>> sorted(metric_tree.open().find("umbrella").states)
@@ -267,7 +267,7 @@ class Meaning:
 
     `how` is `id`, `code`, `own name`, `alias`, `label list`, `folded` (another spelling or number of a name), `other
     name` (of a norm, or in German, French, Spanish or Italian), `modifier stripped`, `broader kind` or `misspelt` (one
-    letter off a name); `margin` says how much more speaks for the node than for the next that is unrelated (infinite
+    letter off a name); `margin` says how much more evidence the node has than for the next that is unrelated (infinite
     where nothing else is meant), and `alternatives` are the others, the likeliest first.
     """
 

@@ -109,7 +109,7 @@ def publish_release(
         Something is at `directory` already: a release is never changed once published.
     """
     if directory.exists():
-        raise BadRelease(f"{directory}: expected a free path for a new release; found an existing one")
+        raise BadRelease(f"{directory}: already exists; expected a new path for a release")
     import shutil
 
     from metric_base.files import whole_folder  # with what a query needs not

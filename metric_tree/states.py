@@ -1,4 +1,4 @@
-"""The sizes of a thing in its states: an umbrella open and folded, a book that stands, a person who sits.
+"""The sizes of an item in its states: an umbrella open and folded, a book that stands, a person who sits.
 
 The prior of a node is of its usual state, or of several where its rows do not say which; `plain` says so. A release has
 the states of its nodes in the manifest (`states`): by node the name of each, its sizes in mm and the standard deviation

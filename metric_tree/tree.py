@@ -142,7 +142,7 @@ class Tree:
         UnknownName
             It means no node of the tree.
         AmbiguousName
-            It means several, and nothing speaks for one of them: a bat is an animal and a stick.
+            It means several, and no evidence prefers one of them: a bat is an animal and a stick.
         ThinEvidence
             Its tier is under `at_least`.
 

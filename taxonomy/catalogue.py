@@ -1,4 +1,4 @@
-"""The categories of the tree: frozen inner nodes, reviewed leaves, and what WordNet says of both.
+"""The categories of the tree: frozen inner nodes, reviewed leaves, and what WordNet states about both.
 
 Everything is read from tables that ship with the project, so that a release can be rebuilt to the byte, and a tree
 queried, where there is no WordNet.

@@ -105,7 +105,7 @@ class CuratedState(CuratedRange):
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class CuratedHeight:
-    """Between which two levels the height of a hollow thing is measured: `mixed: ` where its rows hold several.
+    """Between which two levels the height of a hollow item is measured: `mixed: ` where its rows hold several.
 
     underside_seen : False of what is built in or sunk, so that who looks at it does not see how far down it goes.
     """

@@ -23,7 +23,7 @@ _HEAD = table_head(
 
 @dataclass(frozen=True, slots=True)
 class Facts:
-    """What the page says of its own making: the command, the releases and how the synthetic rooms' sizes were drawn.
+    """What the page states about itself: the command, the releases and how the synthetic rooms' sizes were drawn.
 
     earlier : parts whose outcomes were kept from earlier runs (`--rows`).
     """

@@ -86,7 +86,7 @@ def unseen_outcomes(file: Path, tree: Tree, rooms: int, seed: int) -> Iterator[O
 
 
 def _pulls(name: str, objects: Sequence[MeasuredObject], scale: float, tree: Tree) -> Iterator[Outcome]:
-    """What each object of a room says of the scale by itself, as the groups of the part `pulls`."""
+    """What each object of a room states about the scale by itself, as the groups of the part `pulls`."""
     for item in scale_of_objects(objects, tree).objects:
         if item.scale is not None:
             error = float(np.log(item.scale / scale))

@@ -86,7 +86,7 @@ class Summary:
 
     @property
     def error(self) -> str | None:
-        """Why nothing came home, where that is so; None for a crawl that did its work, or was interrupted."""
+        """Why no items were collected, where that is so; None for a crawl that did its work, or was interrupted."""
         refused = PRIVATE in self.failed
         if self.pages or self.reason == "shutdown" or (self.frontier["done"] and not refused):
             return None

@@ -2,7 +2,7 @@
 
 A crawl that went on without its frontier would fetch pages and lose them, or sit on pages that it has leased. So the
 first error ends it: from then on nothing waits and nothing is written, Scrapy finds the crawl finished, and the error
-is raised where the crawl was started. What was leased is fetched again by whoever goes on.
+is raised where the crawl was started. What was leased is fetched again by the resumed crawl.
 """
 
 from __future__ import annotations

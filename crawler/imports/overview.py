@@ -17,7 +17,7 @@ One declaration a source: where it is from, whose terms decide, what its rows ar
 columns are read, its traps and what is done about each. `crawler/imports/sources.py` describes the fields,
 `crawler/imports/declaration.py`
 those of a plain table. Where `--input` is missing, a source's files are downloaded, checked against their sha256 and
-cached; the last table says of which sources that holds, and what to fetch and to pass by `--input` for the others.
+cached; the last table lists the sources for which that holds, and what to fetch for the others (`--input`).
 Where two statements of a licence differ, the narrower one is taken until the publisher's own is known: such rows are
 used in the fit and not given on.
 

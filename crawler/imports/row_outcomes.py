@@ -94,7 +94,7 @@ def item(
 
 
 def _defaults(source: Source) -> dict[str, Any]:
-    """What the source says of all its rows."""
+    """What the source states about all its rows."""
     return {
         "licence": source.licence,
         "kind": source.kind,

@@ -56,7 +56,7 @@ HAS_DIGIT = re.compile("[0-9¼½¾⅓-⅞]")
 
 @dataclass(frozen=True, slots=True)
 class Fact:
-    """A label and the value beside it; `section` is the heading above, `container` tells rows of one table."""
+    """A label and the value beside it; `section` is the heading above, `container` identifies rows of one table."""
 
     label: str
     value: str

@@ -29,7 +29,7 @@ FRAMES = 5
 LONGEST_NAME = 200
 UNNAMED = {"known": False, "says": f"a name has 1 to {LONGEST_NAME} characters", "offers": []}
 
-#: What a drawing says of the scale: the record that the page shows, and the figure as PNG, empty where there is none.
+#: What a drawing says about the scale: the record that the page shows, and the figure as PNG, empty without one.
 Estimator = Callable[[dict[str, Any]], tuple[dict[str, Any], bytes]]
 #: Says of a name whether it is known, a sentence, and which others to offer.
 LookUp = Callable[[str], dict[str, Any]]

@@ -68,7 +68,7 @@ def graph_answers(session: Any, path: Path, outputs: list[str] | None, feeds: di
 @contextmanager
 def _bounded_memory() -> Iterator[None]:
     """Within the block the process may grow by `RUN_BYTES`: a graph of a hundred bytes can ask for terabytes."""
-    if not sys.platform.startswith("linux"):  # the size of the process is read where Linux tells it
+    if not sys.platform.startswith("linux"):  # the size of the process is read where Linux states it
         yield
         return
     pages = int(Path("/proc/self/statm").read_text(encoding="ascii").split()[0])

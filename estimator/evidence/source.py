@@ -18,7 +18,7 @@ class EvidenceSource(Protocol):
     """A kind of evidence that the user asked for."""
 
     def observe(self, scene: Scene, measurements: Measurements) -> tuple[ScaleEvidence, ...]:
-        """What it says of a scene, in metres per scene unit; one row with a reason where it cannot speak.
+        """What it states about a scene, in metres per scene unit; one row with a reason where it cannot speak.
 
         Raises
         ------

@@ -36,7 +36,7 @@ CONTACT_SHARE = 0.06
 # and bags of shopping; objects on a wall hang a whole height or more above what is below them.
 GAP_SHARE = 0.35
 # A gap this small is filled in any case: what hides the foot of an object hides it in the masks too.
-SURE_GAP_SHARE = 0.12
+OBSERVED_GAP_SHARE = 0.12
 # A mask that goes more than half of the way down to the surface shows a foot there; one that does not is evidence
 # against.
 REACH_SHARE = 0.5
@@ -170,7 +170,7 @@ def _fills(gap: float, height: float, stands: bool | None, reach: float) -> bool
     """Whether an object with such a gap under its points stands on what is below it."""
     if stands is not None:
         return stands and gap <= FLOOR_GAP_SHARE * height
-    known = SURE_GAP_SHARE if np.isfinite(reach) else GAP_SHARE
+    known = OBSERVED_GAP_SHARE if np.isfinite(reach) else GAP_SHARE
     return gap <= known * height or bool(reach > REACH_SHARE)
 
 

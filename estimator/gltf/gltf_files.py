@@ -1,4 +1,4 @@
-"""What a glTF file says of itself, checked before it is believed, and the files beside it that it names."""
+"""What a glTF file states about itself, checked before it is believed, and the files beside it that it names."""
 
 from __future__ import annotations
 

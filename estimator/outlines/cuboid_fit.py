@@ -52,7 +52,7 @@ SIDE_SD, CENTRE_SD, YAW_SD = (0.6, 0.6, 0.5), 0.7, 2.0
 # Length and width that a fit starts from, over what the outlines are wide: they show the one or the other.
 START_LENGTH, START_WIDTH = 1.25, 0.75
 # Steps of the fit, the change at which it ends, and its damping at the start and at most.
-STEPS, ENOUGH, DAMPING, MOST_DAMPING = 40, 1e-6, 1e-2, 1e3
+STEPS, COST_TOLERANCE, DAMPING, MOST_DAMPING = 40, 1e-6, 1e-2, 1e3
 # Furthest that one step goes, in sizes, natural logs and radians.
 MOST_STEP = 0.4
 # Starts whose cost is higher by this much are no explanation of the outlines.
@@ -178,7 +178,7 @@ def _fit(data: _Data, start: FloatArray, size: float, centre_sd: float) -> tuple
         rows, weight, residual, loss = _residuals(data, at, step)
         now = loss + float((((at - start) / prior_sd) ** 2).sum())
         if now < cost:
-            done = cost - now < ENOUGH * max(now, 1.0)
+            done = cost - now < COST_TOLERANCE * max(now, 1.0)
             cost, centre, damping = now, at, damping / 3
             normal = rows.T @ (rows * weight[:, None]) + known
             pull = rows.T @ (weight * residual) + (at - start) / prior_sd**2

@@ -21,7 +21,7 @@ __all__ = [
     "wider_curve",
 ]
 
-#: The prior on u is flat from so far below what any object or length speaks for to so far above it, natural log: a
+#: The prior on u is flat from so far below what any object or length supports to so far above it, natural log: a
 #: factor of e. It follows the evidence, so that the unit of the scene has no part in the answer, and is proper, as the
 #: outliers ask for. A wider one fills the interval of an object alone with the case that its label is wrong.
 PRIOR_MARGIN_LOG = 1.0

@@ -60,7 +60,7 @@ MIN_PEAK_SHARE = 1e-4
 GROSS_NEGLIGIBLE = 0.1
 
 #: Horizontal sides nearer than this many standard deviations of their difference may have changed places.
-SURE_ORDER_SD = 3.0
+ORDER_TOLERANCE_SD = 3.0
 
 LOG_MM_PER_M = math.log(1000.0)
 
@@ -112,7 +112,7 @@ def measurement_arrays(evidence: Sequence[ObjectEvidence]) -> Measured:
     sigma = np.array([item.object.sigma for item in evidence])  # (n, 3)
     cut = np.array([item.object.truncated for item in evidence], dtype=bool)  # (n, 3)
     y = np.log(extents)
-    close = y[:, 0] - y[:, 1] < SURE_ORDER_SD * np.hypot(sigma[:, 0], sigma[:, 1])  # (n,)
+    close = y[:, 0] - y[:, 1] < ORDER_TOLERANCE_SD * np.hypot(sigma[:, 0], sigma[:, 1])  # (n,)
     joint = np.zeros((len(evidence), 3, 3))
     for i, item in enumerate(evidence):
         if item.object.covariance is not None:

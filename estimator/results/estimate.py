@@ -101,7 +101,7 @@ def evidence_of(
 ) -> tuple[dict[int, ObjectEvidence], list[str | None]]:
     """The objects that can speak, by place in the list, and per object the reason why it cannot, or None.
 
-    Their priors are those of the type of place that the classes speak for (`places`).
+    Their priors are those of the type of place that the classes suggest (`places`).
     """
     reasons = [item.skipped or by_name[item.category].error for item in objects]
     stated: dict[int, ObjectEvidence] = {}

@@ -1,4 +1,4 @@
-"""The type of place that a scene's classes speak for, and how common the kinds of a plain name are there.
+"""The type of place that a scene's classes suggest, and how common the kinds of a plain name are there.
 
 A plain name is a mixture of kinds whose weights differ between bedrooms, offices, kitchens and bathrooms. `places.json`
 holds places that were learned, without names, from rooms whose classes and sizes are known

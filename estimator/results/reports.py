@@ -175,7 +175,7 @@ def _warnings(
 
 
 def _reason_with_name(name: str, reason: str | None) -> str:
-    """What a warning says of a category; most reasons say its name themselves."""
+    """What a warning states about a category; most reasons say its name themselves."""
     reason = reason or ""
     if reason.startswith(f"{name!r}: "):
         return f"category {reason}"

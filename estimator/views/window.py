@@ -37,7 +37,7 @@ def show(view: SceneView) -> None:
 
 
 def words_of(box: BoxView | None) -> str:
-    """What the panel says of a box, or of none."""
+    """What the panel shows of a box, or of none."""
     if box is None:
         return "Click on a box for what it says."
     said = box.said

@@ -70,7 +70,7 @@ def tree_reference(tree: Tree) -> TreeRef:
 
 
 def shown_name(node: Node) -> str:
-    """A node's name without what tells it apart in brackets."""
+    """A node's name without what distinguishes it in brackets."""
     return node.name.partition(" (")[0]
 
 

@@ -33,7 +33,7 @@ BELOW_PX = 4
 #: Then so many nearest points of the occluder vote in each pixel.
 VOTES = 5
 #: A point is nearer if it lies in front of the object by this share of the depth: the cloud's own noise.
-CLEARLY = 0.012
+DEPTH_TOLERANCE = 0.012
 #: How far beyond the object's outline points of an occluder vote, in pixels at a width of 640.
 AROUND_PX = 12
 #: Where there is no mask, this many nearest points of a dense cloud vote, no further than so many pixels at a width
@@ -212,7 +212,7 @@ def _hidden_by(
     """
     at = pixels.astype(np.int64)
     ratio = depths / behind[at[:, 1], at[:, 0]]
-    own = mask[at[:, 1], at[:, 0]] & (np.abs(ratio - 1) > CLEARLY)
+    own = mask[at[:, 1], at[:, 0]] & (np.abs(ratio - 1) > DEPTH_TOLERANCE)
     near = own & around[at[:, 1], at[:, 0]]
     voters = next(
         (some for some in (near & observed, own & observed, near, own) if np.count_nonzero(some) >= MIN_POINTS), None
@@ -270,7 +270,7 @@ def _without_gaps(
         return hidden
     at = pixels.astype(np.int64)
     own = parts[at[:, 1], at[:, 0]]
-    farther = depths > behind[at[:, 1], at[:, 0]] * (1 + CLEARLY)
+    farther = depths > behind[at[:, 1], at[:, 0]] * (1 + DEPTH_TOLERANCE)
     seen_through = np.bincount(own[farther], minlength=count) > 0
     seen_through[0] = True  # what is no gap
     return np.asarray(hidden | ~seen_through[parts])
@@ -292,6 +292,6 @@ def _nearer_pixels(
     if not len(rows) or len(pixels) < DENSE_POINTS:
         return result
     distance, nearest = cKDTree(pixels).query(np.column_stack([columns, rows]) + 0.5, k=DENSE_POINTS)
-    nearer = depths[nearest] < behind[rows, columns, None] * (1 - 3 * CLEARLY)
+    nearer = depths[nearest] < behind[rows, columns, None] * (1 - 3 * DEPTH_TOLERANCE)
     result[rows, columns] = (nearer.mean(axis=1) > DENSE_SHARE) & (distance[:, DENSE_POINTS // 2] < reach)
     return np.asarray(median_filter(result, 5))

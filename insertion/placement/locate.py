@@ -30,11 +30,11 @@ LEVEL_SHARE = 0.008
 AROUND_PX, LEAST_LEVEL, LEAST_SHARE = (14.0, 28.0, 56.0, 112.0), 6, 0.3
 #: Whoever looks along a surface (by this cosine with up) sees no place on it; a made surface is no nearer, and no
 #: farther, than its points by this factor; and nothing is nearer at the click by this share of the depth.
-GRAZING, MADE_DEPTHS, MADE_NEARER = 0.03, 1.5, 0.9
+GRAZING, BARE_DEPTHS, BARE_NEARER = 0.03, 1.5, 0.9
 #: The ground goes on from what was seen of it by so much of its distance from the camera.
 GROUND_GOES_ON = 0.5
 #: Sides of the cells of a made surface along its extent.
-MADE_CELLS = 12
+BARE_CELLS = 12
 
 
 def place_at_point(space: Space, view: View, x: float, y: float) -> Place:
@@ -50,7 +50,7 @@ def place_at_point(space: Space, view: View, x: float, y: float) -> Place:
         # what the pixel shows decides between planes, and against all of them
         crossed, hits = hits, [hit for hit in hits if _flush(space, hit[1], points, hit[0])]
         if crossed and not hits:
-            return _made_surface(space, view, x, y, ray)
+            return _bare_level(space, view, x, y, ray)
         shares = {hit: _share_on(space, hit[1], points, hit[0]) for hit in hits}
         # of two planes at nearly one height, the one that more of the points are on
         most = max(shares.values(), default=0.0)
@@ -58,7 +58,7 @@ def place_at_point(space: Space, view: View, x: float, y: float) -> Place:
         if not hits:
             return _level_patch(space, view, x, y, ray)
     if not hits:
-        return _made_surface(space, view, x, y, ray)
+        return _bare_level(space, view, x, y, ray)
     depth, plane = min(hits)
     return _place(space, plane, view.centre + ray * depth, view.centre)
 
@@ -161,7 +161,7 @@ def _level_patch(space: Space, view: View, x: float, y: float, ray: FloatArray) 
     return Place(view.centre + depth * ray, basis, view.centre, "level patch")
 
 
-def _made_surface(space: Space, view: View, x: float, y: float, ray: FloatArray) -> Place:
+def _bare_level(space: Space, view: View, x: float, y: float, ray: FloatArray) -> Place:
     """A place on a bare surface that the ray (3,) meets: level, at the height of the points around it in the picture.
 
     Raises NoPlace where these have no height in common.
@@ -186,8 +186,8 @@ def _made_surface(space: Space, view: View, x: float, y: float, ray: FloatArray)
         above = heights > heights[best] + noise
         depth = (float(np.median(heights[level])) - eye) / toward
         close = near[distance[near] < AROUND_PX[0] / 2]
-        hidden = len(close) >= 3 and float(np.median(sight.depths[close])) < MADE_NEARER * depth
-        between = depths[level].min() / MADE_DEPTHS < depth < depths[level].max() * MADE_DEPTHS
+        hidden = len(close) >= 3 and float(np.median(sight.depths[close])) < BARE_NEARER * depth
+        between = depths[level].min() / BARE_DEPTHS < depth < depths[level].max() * BARE_DEPTHS
         if len(level) >= max(LEAST_LEVEL, LEAST_SHARE * np.count_nonzero(~above)) and between and not hidden:
             return _bare_place(space, view, view.centre + depth * ray, space.cloud.points[sight.rows[near[level]]])
     around = sight.rows[distance < AROUND_PX[-1]], sight.depths[distance < AROUND_PX[-1]]
@@ -211,7 +211,7 @@ def _on_ground(space: Space, view: View, ray: FloatArray, points: FloatArray, de
     position = view.centre + depth * ray
     seen = cell_centres(ground.origin, ground.cell, ground.solid.shape)[ground.solid]
     apart = np.linalg.norm(seen - ground.plane.basis[:2] @ position, axis=1).min(initial=np.inf)
-    in_front = above & (depths < MADE_NEARER * depth)
+    in_front = above & (depths < BARE_NEARER * depth)
     bare = depth > 0 and apart < GROUND_GOES_ON * depth and 2 * np.count_nonzero(in_front) <= len(points)
     return np.asarray(position) if bare else None
 
@@ -227,7 +227,7 @@ def _surface_at(space: Space, position: FloatArray, points: FloatArray) -> Surfa
     basis = space.supports.surfaces[0].plane.basis if space.supports.surfaces else _basis(space.supports.up.vector)
     flat = np.vstack([points, position[None]]) @ basis[:2].T
     low, high = flat.min(axis=0) - 3 * space.radius, flat.max(axis=0) + 3 * space.radius
-    cell = float((high - low).max()) / MADE_CELLS
+    cell = float((high - low).max()) / BARE_CELLS
     cells = np.ones(tuple(np.ceil((high - low) / cell).astype(int)), dtype=bool)
     sigma = robust_sigma((points - position) @ basis[2]) if len(points) > 1 else 0.0
     plane = SupportPlane(basis, float(position @ basis[2]), sigma, len(points), low, cell, cells)

@@ -182,7 +182,7 @@ def executor_of(workers: int, scheduler: str | None) -> Iterator[Executor | None
         try:
             yield pool
         except KeyboardInterrupt:
-            signal.signal(signal.SIGINT, signal.SIG_IGN)  # a second one, which `timeout` sends, tells nothing new
+            signal.signal(signal.SIGINT, signal.SIG_IGN)  # a second one, which `timeout` sends, says nothing new
             for worker in active_children():  # what they are at would be thrown away
                 worker.terminate()
             raise

@@ -72,7 +72,7 @@ def _raw_item(item_id: str, files: list[Path]) -> RawItem | None:
 
 
 def _words(raw: RawItem | None, row: dict[str, Any] | None) -> dict[str, Any]:
-    """What the source says of the item."""
+    """What the source states about the item."""
     if raw is None:
         return {"source": row["source"], "title": row["title"]} if row else {}
     path = " > ".join(raw.category_path)

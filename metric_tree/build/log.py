@@ -60,7 +60,7 @@ def leaf_sizes(
     categories: Sequence[Category],
     named: Mapping[str, Sequence[str]],
 ) -> Iterator[LeafSize]:
-    """The sizes of the leaves with what every source says of them, those whose rows are withheld too.
+    """The sizes of the leaves with what every source states of them, those whose rows are withheld too.
 
     named : titles of items by leaf
     """

@@ -72,7 +72,7 @@ _R = TypeVar("_R")
 #: Licence of rows and pictures that nobody gave on: their site's own terms hold, and the release stays at home.
 PRIVATE_LICENCE = "none: own use only"
 
-#: What the manifest says of priors that were not fitted here.
+#: What the manifest states of priors that were not fitted here.
 CARRIED = "nodes and priors, fitted with sources whose rows are withheld; the rows were made from the raw items"
 
 
@@ -164,7 +164,7 @@ def build_release(
     True
     """
     if out.exists():
-        raise InputError(f"{out}: expected a free path for a new release; found an existing one")
+        raise InputError(f"{out}: already exists; expected a new path for a release")
     files = raw_files(raw)
     declared = {source.id: source for source in sources()} if declared is None else declared
     _expect_private(options.private, files)

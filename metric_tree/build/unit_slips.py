@@ -24,7 +24,7 @@ FACTORS = (10.0, 100.0, 1000.0, 25.4, 2.54, 304.8)
 DECIMALS = (10.0, 100.0, 1000.0)
 
 #: Robust deviations, and the least factor, beyond which every size of a row in another unit lies. That all of them do
-#: and fit one factor is what tells a slip from a small or large object of the class.
+#: and fit one factor is what separates a slip from a small or large object of the class.
 DEVIATIONS, LEAST_FACTOR = 3.0, 2.2
 
 #: A single size that is off lies this far out, the others of its row within two deviations.

@@ -2,7 +2,7 @@
 
 A file of guides has one JSON object a line: `picture` (sha256), one of `polygon` ([[x, y], ...]) and `box` ([x, y,
 width, height]), and `object` and `ground` (strokes, lists of points), in pixels of the upright picture; `verdict` is
-what its reviewer says of the cut: `good`, or `poor` with `why`. A poor one needs no outline: no object is whole.
+what its reviewer judges of the cut: `good`, or `poor` with `why`. A poor one needs no outline: no object is whole.
 """
 
 from __future__ import annotations
@@ -21,7 +21,7 @@ Point = tuple[float, float]
 
 
 class Guide(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
-    """Where the object is in one picture, by whom, and what the reviewer says of the cut."""
+    """Where the object is in one picture, by whom, and what the reviewer judges of the cut."""
 
     picture: str
     polygon: tuple[Point, ...] = ()

@@ -157,7 +157,7 @@ def cut_release(
         Something is at `out` already or another process is writing it, or the release has no pictures.
     """
     if out.exists():
-        raise InputError(f"{out}: expected a free path for a new release; found an existing one")
+        raise InputError(f"{out}: already exists; expected a new path for a release")
     images = release.table("images")
     paths = _files(release, images)
     if not paths:

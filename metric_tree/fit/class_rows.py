@@ -27,7 +27,7 @@ __all__ = [
     "without_open_numbers",
 ]
 
-#: Models of artists that make museums unheard: one may be anything, three agree or do not.
+#: Models of artists that exclude museum rows: one may be anything, three agree or do not.
 ENOUGH_MODELS = 3
 
 #: Rows that the spread of a stated range counts in place of the parent's: two and a half times as many, for it is of
@@ -87,7 +87,7 @@ class ClassRows:
 
     @property
     def worth(self) -> float:
-        """How much a row says of the spread on average, 0 to 1; one where products and measurements alone count."""
+        """How much a row states about the spread on average, 0 to 1; one where only products and measurements count."""
         weights = self.weights
         counting = weights > 0
         if not counting.any():

@@ -1,9 +1,10 @@
 """What rows say of regions and years: the mean of each source, region and span of years, and how much that explains.
 
 The model is that of `metric_tree.context`. Its five numbers are those under which the sources of a class predict best
-what a source that is left out says of its regions and years, over all classes; a class's covariance between sources is
-what `metric_tree.fit.kinds` says it is and is only parted. The likelihood of all sources together is no judge: within
-one maker's list years differ by more than the sources of a class do, and it would make everything region and year.
+what a source that is left out states about its regions and years, over all classes; a class's covariance between
+sources is what `metric_tree.fit.kinds` says it is and is only parted. The likelihood of all sources together is no
+judge: within one maker's list years differ by more than the sources of a class do, and it would make everything region
+and year.
 """
 
 from __future__ import annotations
@@ -131,8 +132,8 @@ def inner_contexts(
 ) -> tuple[Context, ...]:
     """The contexts of a node: those of its children of the same source, region and years, by the children's weight.
 
-    A source that speaks for the part q of the weight says the mean over that part, and off the node's own by a share
-    (1 - q) / q of B. What a source calls by the node's plain name speaks for the whole node: a street's cars are of all
+    A source that covers the part q of the weight says the mean over that part, and off the node's own by a share
+    (1 - q) / q of B. What a source calls by the node's plain name covers the whole node: a street's cars are of all
     kinds, in the parts that are driven there.
 
     Parameters

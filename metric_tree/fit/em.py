@@ -37,7 +37,7 @@ STARTS = 3
 SHORT_RUN = 8
 
 #: Rows from which a belief's mean settles the order of the axes.
-TELLING_ROWS = 1.0
+MIN_INFORMATIVE_ROWS = 1.0
 
 #: Of several components each takes this many rows' worth of the whole class's covariance, narrowed by their number: it
 #: keeps an axis without data in a component finite and is lost beside the fifteen rows that a component has at least.
@@ -272,7 +272,7 @@ def _single_starts(rows: Rows, belief: Belief) -> list[Mixture]:
     80 cm for its thickness.
     """
     starts = [Mixture(np.ones(1), belief.mean[None], raise_to_floor(belief.covariance, belief.floor)[None])]
-    if belief.mean_rows >= TELLING_ROWS:
+    if belief.mean_rows >= MIN_INFORMATIVE_ROWS:
         return starts
     for rank in range(int(rows.candidates.max()) if rows.candidates.max() > 1 else 0):
         chosen = rows.x[rows.starts + np.minimum(rank, rows.candidates - 1)]  # (n, d)

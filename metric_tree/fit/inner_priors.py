@@ -23,7 +23,7 @@ COVARIANCE_ROWS = 8.0
 #: fraction of a row; never none, so that an axis without data stays near its siblings'.
 MEAN_ROWS = (0.02, 2.0)
 
-#: What is believed above counts as half a child: it only speaks for axes that no child states.
+#: What is believed above counts as half a child: it only covers axes that no child states.
 PARENT_WEIGHT = 0.5
 
 #: A single axis has a prior of its own where this much more of the children's weight states it than the joint prior.

@@ -75,7 +75,7 @@ def export_dataset(
         Something is at `out` already, or there is nothing to write.
     """
     if out.exists():
-        raise InputError(f"{out}: expected a free path for a new data set; found something there")
+        raise InputError(f"{out}: already exists; expected a new path for a data set")
     summary = DatasetSummary()
     matched = list(_matching_pictures(others, classes, plan))  # first: a damaged file is reported before the long work
     with whole_folder(out) as work:

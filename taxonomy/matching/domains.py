@@ -32,9 +32,10 @@ class Domain:
 _ABSTRACT = ("coin.n.01", "decoration.n.02", "badge.n.01", "crosier.n.01", "bill.n.03", "manuscript.n.02",
     "street_sign.n.01", "traffic_light.n.01", "pack_of_cards.n.01", "bar_soap.n.01", "party_favor.n.01",
 )  # fmt: skip
-_MADE = ("artifact.n.01", "playing_card.n.01", "amulet.n.01", *_ABSTRACT)
+_ARTIFACTS = ("artifact.n.01", "playing_card.n.01", "amulet.n.01", *_ABSTRACT)
 _OBJECTS = (
-    *_MADE, "animal.n.01", "plant.n.02", "fungus.n.01", "food.n.01", "food.n.02", "fruit.n.01", "natural_object.n.01",
+    *_ARTIFACTS, "animal.n.01", "plant.n.02", "fungus.n.01", "food.n.01", "food.n.02", "fruit.n.01",
+    "natural_object.n.01",
 )  # fmt: skip
 
 #: Words for anything at all: a match to one of them says nothing.
@@ -59,10 +60,10 @@ DOMAINS = {
          "instrumentality.n.03", "artifact.n.01"),
     ),
     "furniture": Domain(
-        _MADE, ("furniture.n.01", "bedclothes.n.01", "container.n.01", "furnishing.n.02", "instrumentality.n.03")
+        _ARTIFACTS, ("furniture.n.01", "bedclothes.n.01", "container.n.01", "furnishing.n.02", "instrumentality.n.03")
     ),
     "museum": Domain(
-        _MADE,
+        _ARTIFACTS,
         ("vessel.n.03", "container.n.01", "tableware.n.01", "jewelry.n.01", "adornment.n.01", "weapon.n.01",
          "plastic_art.n.01", "graphic_art.n.01", "art.n.01", "furniture.n.01", "utensil.n.01", "tool.n.01",
          "implement.n.01", "device.n.01", "instrumentality.n.03", "covering.n.02"),

@@ -64,7 +64,7 @@ class Nearest:
         return [one for one in like if _slip(form.replace(" ", ""), one.replace(" ", "")) or _slips(words, one.split())]
 
     def _kinds(self, form: str) -> list[str]:
-        """The name of the nearest kind of what WordNet says of the text first, if it says something of a size."""
+        """The name of the nearest kind of what WordNet states about the text first, if it states a size."""
         meant = next(iter(senses(form)), None)
         kind = next((node for node in meant.chain if node in self._names), None) if meant else None
         usable = kind is not None and kind != PERSON and len(self._names.ancestors(kind)) + 1 >= LEAST_OFFERED

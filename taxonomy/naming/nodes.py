@@ -1,4 +1,4 @@
-"""Which nodes have a name, and how much speaks for each of them: label lists, own names, senses, items."""
+"""Which nodes have a name, and how much evidence each of them has: label lists, own names, senses, items."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ _OTHER = "/other"
 #: Two senses whose evidence differs by less are both meant.
 NEAR_RATIO = 1.05
 
-#: What speaks for a node, in units in which a difference of one is clear. A label of COCO is worth more than a name of
+#: The evidence for a node, in units in which a difference of one is clear. A label of COCO is worth more than a name of
 #: one's own, that more than WordNet's order of senses; items decide only by a difference of some four hundred times.
 OWN_NAME = 2.0
 REVIEWED_ALIAS = 1.0
@@ -43,7 +43,7 @@ LEAST_SHARE = 0.1
 
 
 class Candidate(NamedTuple):
-    """A node that may be meant, how much speaks for it, and how it was reached."""
+    """A node that may be meant, how much evidence it has, and how it was reached."""
 
     node_id: str
     score: float
@@ -225,7 +225,7 @@ class Names:
 
 
 def own_names(node_id: str, name: str) -> tuple[str, ...]:
-    """A node's name, without what tells it apart in brackets, and the word of its synset (`bat` of `bat.n.05`)."""
+    """A node's name, without what distinguishes it in brackets, and the word of its synset (`bat` of `bat.n.05`)."""
     if node_id.endswith(_OTHER):
         return (name,)
     lemma, dot, _ = node_id.partition(".n.")

@@ -30,7 +30,7 @@ _ARTICLES = r"(?i)^(?:an?|the|his|her|one)\s+"
 _COUNTED = r"(?i)^(?:an?|the|one|two|three|four|five|six|several|many|some|few|multiple)\s+"
 
 _FOLLOWING = "with|without|in|on|at|by|from|for"
-#: Begins what a source says of an item after its name: how it looks, what it shows, what it is made of.
+#: Begins what a source states about an item after its name: how it looks, what it shows, what it is made of.
 _AFTER_NOUN = (
     rf"(?i)\s*(?:[,;:|]|\s[-–—]\s|\s(?:{_FOLLOWING}|w|f|depicting|showing|containing|representing|decorated|inscribed|"
     r"commemorating|made|used|including|incl|based|after|to)\b|(?<=[a-z])\+|/(?=\s))"

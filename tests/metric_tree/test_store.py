@@ -20,7 +20,7 @@ def test_a_release_is_written_whole(tmp_path: Path) -> None:
 
 def test_a_release_is_never_changed(tmp_path: Path) -> None:
     minitree.release(tmp_path / "1.0.0")
-    with pytest.raises(BadRelease, match="expected a free path"):
+    with pytest.raises(BadRelease, match="already exists"):
         minitree.release(tmp_path / "1.0.0")
 
 

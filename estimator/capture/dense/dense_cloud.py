@@ -65,7 +65,7 @@ def _shared_points(scene: Scene) -> IntArray:
 
 
 def _sources(scene: Scene, row: int, shared: IntArray) -> list[int]:
-    """Views to compare with: of many points in common, `shared` (v, v), under an angle that tells depth."""
+    """Views to compare with: of many points in common, `shared` (v, v), under an angle that determines depth."""
     view = scene.views[row]
     middle = np.median(scene.points[view.point_index], axis=0)
     rays = np.array([middle - other.centre for other in scene.views])

@@ -40,7 +40,7 @@ class _WindowMoments:
 
 
 def swept_depth(view: PinholeView, sources: Sequence[PinholeView], nearest: float, furthest: float) -> FloatPicture:
-    """(h, w) depth along the optical axis in scene units, NaN where none is sure.
+    """(h, w) depth along the optical axis in scene units, NaN where none is reliable.
 
     nearest, furthest : the depths swept, in scene units.
     """

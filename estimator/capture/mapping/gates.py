@@ -96,7 +96,7 @@ MOST_CONTRADICTED = 0.05
 #: (`walk_carpark`), of which 25 in the middle came out four times too large, had six; 55 right ones of real sets none.
 LEAST_BROKEN = 2
 #: Median angle, and share of the frames that triplets hold together, from which the other mapper is not asked ...
-SURE_ANGLE_DEG, HELD_SHARE = 3.0, 0.8
+RELIABLE_ANGLE_DEG, HELD_SHARE = 3.0, 0.8
 #: ... if the frames are at most so many steps of matches apart. Without a loop, what a path drifts by grows with them.
 MOST_STEPS = 6
 #: Share of the frames from which a model that can be used ends the climb; of smaller ones the largest is taken.
@@ -142,7 +142,7 @@ def is_usable(shape: ModelShape | None, failure: Failure | None) -> bool:
 
 def can_answer(shape: ModelShape | None, failure: Failure | None) -> bool:
     """Whether a model of the global mapper can be used, which turns a pure rotation into a convincing model."""
-    return shape is not None and failure is None and is_whole(shape) and shape.angle_deg >= SURE_ANGLE_DEG
+    return shape is not None and failure is None and is_whole(shape) and shape.angle_deg >= RELIABLE_ANGLE_DEG
 
 
 def is_whole(shape: ModelShape) -> bool:

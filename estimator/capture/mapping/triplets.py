@@ -52,7 +52,7 @@ class Triplet:
         return abs(self.stretch) > MOST_STRETCH
 
     @property
-    def tells_size(self) -> bool:
+    def compares_size(self) -> bool:
         """Whether it would show that the two pairs of frames differ in size."""
         return self.breaks or self.noise <= MOST_STRETCH
 
@@ -93,7 +93,7 @@ def broken_frames(triplets: list[Triplet]) -> tuple[str, ...]:
     """
     breaks: dict[str, list[bool]] = {}
     for row in triplets:
-        if row.tells_size:
+        if row.compares_size:
             breaks.setdefault(row.names[1], []).append(row.breaks)
     return tuple(sorted(name for name, rows in breaks.items() if 2 * sum(rows) > len(rows)))
 

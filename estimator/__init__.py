@@ -21,11 +21,11 @@ if TYPE_CHECKING:
     from estimator.capture.capture import Capture, capture_video
     from estimator.capture.mapping.failures import CaptureFailure
     from estimator.pipeline import estimate_scale, measure_objects
-    from estimator.reading import read_instances, read_scene
     from estimator.records.measured_object import MeasuredObject
     from estimator.records.result import ScaleResult
     from estimator.records.scene import Camera, Instance, Scene, View
     from estimator.results.estimate import scale_of_objects
+    from estimator.scene_reading import read_instances, read_scene
 
 __all__ = [
     "AssetCheck",
@@ -61,8 +61,8 @@ _HOMES = {
     "capture_video": "estimator.capture.capture",
     "estimate_scale": "estimator.pipeline",
     "measure_objects": "estimator.pipeline",
-    "read_instances": "estimator.reading",
-    "read_scene": "estimator.reading",
+    "read_instances": "estimator.scene_reading",
+    "read_scene": "estimator.scene_reading",
     "scale_of_objects": "estimator.results.estimate",
 }
 

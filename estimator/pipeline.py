@@ -123,13 +123,13 @@ def scene_estimate(
 
     Parameters
     ----------
-    source : a scene, or where it is; instances, categories, dense : as `estimator.reading` takes them
+    source : a scene, or where it is; instances, categories, dense : as `estimator.scene_reading` takes them
     tree, options : as `scale_of_objects`
     paper_lists : the authors' lists, for the second arm of `paper`
     sources : evidence that looks at the scene
     images, detector : the folder of the pictures and what finds the instances in them, in place of `instances`
     """
-    from estimator.reading import default_instances, read_instances_and_warnings, read_scene
+    from estimator.scene_reading import default_instances, read_instances_and_warnings, read_scene
 
     seconds: dict[str, float] = {}
     with stopwatch(seconds, "reading"):

@@ -119,7 +119,7 @@ def open_prepared_scene(
     up: Up | None = None,
 ) -> PreparedScene:
     """The scene of a folder, ready for insertion; arguments as of `insert_objects`."""
-    from estimator.reading import read_instances, read_scene
+    from estimator.scene_reading import read_instances, read_scene
     from insertion.footage.footage import PictureFootage, Stills
     from insertion.footage.video_footage import video_footage
     from insertion.pipeline.prepared_scene import prepare_scene
@@ -157,7 +157,7 @@ def insert_into(
     from insertion.blender.layer_scene import write_layer_scene
     from insertion.blender.tracing import export_blend, traced_layers
     from insertion.exports.compositing import CompositingLayers
-    from insertion.exports.write import LayerWriter, write_exports
+    from insertion.exports.export_folder import LayerWriter, write_exports
     from insertion.footage.picture_writer import picture_writer
     from insertion.footage.video_footage import VideoFootage
     from insertion.pipeline import frames as drawing

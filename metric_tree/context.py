@@ -25,7 +25,7 @@ import numpy as np
 
 from metric_base.arrays import BoolArray, FloatArray
 from metric_base.errors import InputError
-from metric_base.regions import REGIONS, country_of, region_of
+from metric_base.world_regions import REGIONS, country_of, region_of
 
 __all__ = [
     "Context",

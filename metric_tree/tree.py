@@ -16,7 +16,7 @@ from metric_tree.node import AmbiguousName, Meaning, Node, NoPrior, ThinEvidence
 from metric_tree.prior import Prior
 from metric_tree.prior_rows import PriorRows
 from metric_tree.release import Release, open_release, see_nodes
-from metric_tree.releases import release_directory
+from metric_tree.release_folders import release_directory
 from taxonomy.naming.nodes import Names
 from taxonomy.naming.resolver import Resolver
 from taxonomy.words.senses import label_votes

@@ -26,7 +26,7 @@ from insertion.composite.occlusion import hidden_share, on_support
 from insertion.light.environment import HEIGHT, WIDTH, Environment
 from insertion.models.gltf import read_model
 from insertion.render.body import Body, body_of
-from insertion.render.boxes import object_box
+from insertion.render.changed_pixels import object_box
 from insertion.render.context import gl_context
 from insertion.render.layers import object_layer
 from insertion.render.renderer import ObjectRenderer

@@ -13,10 +13,10 @@ from pathlib import Path
 
 import numpy as np
 
-from estimator.reading import read_instances, read_scene
 from estimator.records.scene import Instance
+from estimator.scene_reading import read_instances, read_scene
 from insertion.colour.encoding import linear_to_srgb
-from insertion.composite.match import look_of
+from insertion.composite.exposure_and_grain import look_of
 from insertion.insert import open_prepared_scene
 from insertion.scene.cloud import Cloud, FrontPoints
 from insertion.scene.pixel_box import PixelBox, mask_in_box

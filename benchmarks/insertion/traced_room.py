@@ -177,7 +177,7 @@ def _ratio(after: NDArray[np.uint8], before: NDArray[np.uint8]) -> NDArray[np.fl
 def _object_mask(prepared: PreparedScene, placed: Placed, row: int) -> NDArray[np.bool_]:
     """Pixels of the object that nothing hides, by our own renderer's outline."""
     from insertion.light.environment import HEIGHT, WIDTH, Environment
-    from insertion.render.boxes import window_behind
+    from insertion.render.changed_pixels import window_behind
     from insertion.render.context import gl_context
     from insertion.render.renderer import ObjectRenderer
     from insertion.scene.pixel_box import PixelBox

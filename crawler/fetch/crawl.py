@@ -12,9 +12,9 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from crawler.fetch import DELAY_SECONDS
-from crawler.fetch.fail_fast import FailFastFrontier, storage_errors
 from crawler.fetch.frontier import OFF_SITE, PRIVATE, Frontier, has_no_result
 from crawler.fetch.frontier_sqlite import SqliteFrontier, stored_counts
+from crawler.fetch.frontier_watch import FailFastFrontier, storage_errors
 from crawler.fetch.segments import write_segments
 from crawler.page.page import web_address
 from crawler.sites import GENERIC, SITES, Site, use_site

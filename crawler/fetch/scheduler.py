@@ -15,11 +15,11 @@ from scrapy.spidermiddlewares.httperror import HttpError
 from scrapy.statscollectors import StatsCollector
 from twisted.python.failure import Failure
 
-from crawler.fetch.fail_fast import FULL, FailFastFrontier
 from crawler.fetch.frontier import Outcome, Task, task_key
+from crawler.fetch.frontier_watch import FULL, FailFastFrontier
 from crawler.fetch.pictures import Picture
 from crawler.items import RawItem
-from crawler.page.budget import SlowPage
+from crawler.page.time_budget import SlowPage
 from metric_base.errors import StorageError
 
 __all__ = ["KEY", "LIMIT_SETTING", "SITES", "CommitMiddleware", "FrontierScheduler", "close_crawl", "frontier_of"]

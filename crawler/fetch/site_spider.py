@@ -12,9 +12,9 @@ from scrapy.http import Response
 
 from crawler.fetch.pictures import Picture, picture
 from crawler.items import RawItem
-from crawler.page.budget import processor_budget
 from crawler.page.page import Page, absolute_url, page
 from crawler.page.raw_item import raw_item
+from crawler.page.time_budget import processor_budget
 from crawler.sites.listing import listed_items
 from crawler.sites.site import Site
 

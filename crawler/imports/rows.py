@@ -10,8 +10,8 @@ from collections.abc import Iterator, Mapping
 from pathlib import Path
 from typing import Any
 
-from crawler.imports.columns import MissingColumn, expect_columns
 from crawler.imports.declaration import Table
+from crawler.imports.header_check import MissingColumn, expect_columns
 from metric_base.errors import InputError, in_file
 
 __all__ = ["BadTable", "Row", "flat", "record_rows", "rows", "yaml_document"]

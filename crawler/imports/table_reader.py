@@ -7,8 +7,8 @@ from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass
 from pathlib import Path
 
-from crawler.imports.columns import FIELD
 from crawler.imports.declaration import Axis, Cases, Rule, Table
+from crawler.imports.header_check import FIELD
 from crawler.imports.row_outcomes import Reading, Refused, item, year
 from crawler.imports.rows import Row, record_rows, rows
 from crawler.imports.sources import Source

@@ -15,7 +15,7 @@ from typing import Literal
 
 from crawler.text.quantities import METRIC, Quantity, is_same_length, quantities, unit_word
 from crawler.text.tokens import Token, tokens
-from crawler.text.units import UNIT_WORDS, millimetres
+from crawler.text.units import UNIT_MARKS, UNIT_WORDS, millimetres
 from crawler.text.vocabulary import Language, is_component, is_package, plain
 
 __all__ = ["Length", "Size", "consensus", "flags_of", "names_unit", "orders_axes", "sizes", "unit_in_brackets"]
@@ -28,7 +28,7 @@ ABSURD_MM = (0.3, 60_000.0)
 
 _UNIT_ALTERNATIVES = "|".join(re.escape(word) for word in UNIT_WORDS if word[-1].isalpha() or word[-1] == ")")
 #: Whether a text can name a unit at all. Most texts with a number are prices, dates and counts; this rules them out.
-_UNIT = re.compile(rf"(?<![^\W\d_])(?:{_UNIT_ALTERNATIVES})(?![^\W\d_xX])|[\"″”“'′’`]", re.IGNORECASE)
+_UNIT = re.compile(rf"(?<![^\W\d_])(?:{_UNIT_ALTERNATIVES})(?![^\W\d_xX])|{UNIT_MARKS}|`", re.IGNORECASE)
 
 
 #: Metric lengths parted by strokes are a choice (`90/120/160 cm`), unless as many axes are announced.

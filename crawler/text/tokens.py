@@ -7,7 +7,7 @@ from dataclasses import dataclass, replace
 from typing import Literal
 
 from crawler.text.numbers import NUMBER, number
-from crawler.text.units import UNIT_WORDS
+from crawler.text.units import UNIT_MARKS, UNIT_WORDS
 from crawler.text.vocabulary import Language, axis_of_word, plain
 
 __all__ = ["Token", "axis_of_letter", "tokens"]
@@ -27,7 +27,7 @@ _TOKEN = re.compile(
             # One letter may be glued before a number (`H45`), two are a code (`AB12`).
             rf"(?P<number>(?<![\d.,_])(?<![^\W\d_][^\W\d_xX])(?:{_GROUPED}|{NUMBER}))",
             rf"(?P<times>{_TIMES}(?![^\W\d_]{{2}})|\b(?:by|per|par|mal|op|por)\b)",
-            r"(?P<unit>''|′′|’’|``|[\"″”“'′’]"
+            rf"(?P<unit>{UNIT_MARKS}|``"
             # A word behind a digit; a short unit may be glued to the x and the number behind it (`3cmx4cm`).
             r"|(?<=[\d\s)¼½¾⅛⅜⅝⅞])(?:inch\(es\)|(?:mm|cm|dm|in|ft|m)(?=[xX×]\s?\d)|[^\W\d_]+)"
             r"(?=[\s.,;:/()×*xXø-]|\d|$))",

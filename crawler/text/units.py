@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Mapping
 from types import MappingProxyType
 
 from metric_base.errors import InputError
 
-__all__ = ["MILLIMETRES", "UNIT_WORDS", "UnknownUnit", "millimetres", "unit"]
+__all__ = ["MILLIMETRES", "UNIT_MARKS", "UNIT_WORDS", "UnknownUnit", "millimetres", "unit"]
 
 
 class UnknownUnit(InputError):
@@ -47,6 +48,9 @@ UNIT_WORDS: Mapping[str, str] = MappingProxyType(
         for word in words.split()
     }
 )
+
+#: The marks among them (`″`, `''`), longest first, as alternatives of a regular expression.
+UNIT_MARKS = "|".join(sorted((word for word in UNIT_WORDS if not re.search(r"\w", word)), key=len, reverse=True))
 
 
 def unit(word: str) -> str | None:

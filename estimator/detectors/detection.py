@@ -8,8 +8,8 @@ from pathlib import Path
 import numpy as np
 
 from estimator.detectors.detector import MIN_SCORE, Detections, Detector, Picture
-from estimator.instances.crops import mask_crop
 from estimator.instances.image_files import image_file
+from estimator.instances.masks_in_views import mask_crop
 from estimator.records.scene import Instance, Scene, View
 from metric_base.errors import InputError, Unquoted, in_file
 from metric_base.pictures import read_picture

@@ -15,8 +15,8 @@ from estimator.evidence.alignment import Alignment, align, least_squares
 from estimator.evidence.camera_path import CameraPath
 from estimator.evidence.source import silent
 from estimator.geometry.up import BELIEVED_SIGMAS, OBSERVED_METHODS, WRONG_UP_DEG, Up
-from estimator.instances.crops import ViewNames
 from estimator.instances.image_files import image_file, image_folders
+from estimator.instances.masks_in_views import ViewNames
 from estimator.reconstructions.csv_records import csv_records
 from estimator.records.scale_evidence import ScaleEvidence
 from estimator.records.scene import Scene

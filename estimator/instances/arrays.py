@@ -7,7 +7,7 @@ from pathlib import Path
 
 import numpy as np
 
-from estimator.instances.crops import ViewNames, joined_instances, mask_crop
+from estimator.instances.masks_in_views import ViewNames, joined_instances, mask_crop
 from estimator.records.scene import Instance, Scene
 from metric_base.arrays import BoolArray
 from metric_base.errors import InputError, at_field, in_file

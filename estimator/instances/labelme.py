@@ -9,8 +9,8 @@ from typing import Any
 
 import numpy as np
 
-from estimator.instances.crops import ViewNames, joined_instances, mask_crop
-from estimator.instances.masks import box_mask, coco_mask, picture_size
+from estimator.instances.coco_masks import box_mask, coco_mask, picture_size
+from estimator.instances.masks_in_views import ViewNames, joined_instances, mask_crop
 from estimator.reconstructions.checked_files import json_array, json_object
 from estimator.records.scene import Instance, Scene
 from metric_base.arrays import BoolArray

@@ -16,8 +16,8 @@ from typing import Any
 
 import numpy as np
 
-from estimator.instances.crops import ViewNames, joined_instances, mask_crop
-from estimator.instances.masks import coco_mask
+from estimator.instances.coco_masks import coco_mask
+from estimator.instances.masks_in_views import ViewNames, joined_instances, mask_crop
 from estimator.reconstructions.cameras import MAX_PIXELS
 from estimator.reconstructions.checked_files import json_array, json_object
 from estimator.records.scene import Instance, Scene

@@ -9,8 +9,8 @@ from typing import Any
 import numpy as np
 
 from estimator.instances.coco import category_names, entries_by_id
-from estimator.instances.crops import ViewNames, joined_instances, mask_crop
 from estimator.instances.label_images import read_png
+from estimator.instances.masks_in_views import ViewNames, joined_instances, mask_crop
 from estimator.reconstructions.checked_files import json_array, json_object
 from estimator.records.scene import Instance, Scene
 from metric_base.errors import FieldError, InputError, Unquoted, at_field, in_file

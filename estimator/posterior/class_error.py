@@ -29,7 +29,7 @@ from numpy.typing import NDArray
 
 from estimator.posterior.axes import prior_axes
 from estimator.posterior.components import DimensionRows
-from estimator.posterior.symmetric import dot, product, total
+from estimator.posterior.symmetric_matrices import dot, product, total
 from metric_base.arrays import BoolArray, FloatArray, IntArray
 from metric_tree.prior import Prior
 

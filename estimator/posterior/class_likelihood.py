@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from estimator.posterior.class_error import Lines, convolution, exponentials, lines
 from estimator.posterior.components import DimensionRows
 from estimator.posterior.sameness import READINGS, Hypothesis
-from estimator.posterior.symmetric import dot, product
+from estimator.posterior.symmetric_matrices import dot, product
 from metric_base.arrays import BoolArray, FloatArray, IntArray
 
 __all__ = ["EFFECTIVE_OBJECTS", "JointTerms", "LoneTerms", "Ways", "joint_classes", "line_density", "lone_classes"]

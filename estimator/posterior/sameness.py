@@ -28,8 +28,8 @@ from estimator.posterior.axes import prior_axes
 from estimator.posterior.class_error import SharedError, shared_error, split_error
 from metric_base.arrays import FloatArray
 from metric_tree.axes import AXES
-from metric_tree.fit.em import Mixture
 from metric_tree.fit.inner_priors import reduce_mixture
+from metric_tree.fit.mixture_em import Mixture
 from metric_tree.prior import Prior
 
 __all__ = ["MOST_KINDS", "READINGS", "Hypothesis", "displaced_error", "displaced_share", "hypotheses"]

@@ -9,7 +9,7 @@ from dataclasses import dataclass
 from estimator.posterior.likelihood import ObjectEvidence
 from estimator.posterior.posterior import Posterior, posterior
 from estimator.records.scale_evidence import ScaleEvidence
-from estimator.results.verdicts import verdict
+from estimator.results.object_verdicts import verdict
 
 __all__ = ["MIN_KEPT_WEIGHT", "Contradiction", "contradiction_of", "doubt_of_one_name"]
 

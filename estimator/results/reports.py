@@ -14,7 +14,7 @@ from estimator.records.measured_object import MeasuredObject
 from estimator.records.result import Interval, ObjectReport, ScaleResult, UpReport
 from estimator.records.scale_evidence import EvidenceReport, ScaleEvidence
 from estimator.results.categories import LabelMeaning
-from estimator.results.verdicts import dimension_names, outlier_reason, verdict
+from estimator.results.object_verdicts import dimension_names, outlier_reason, verdict
 from metric_base.arrays import BoolArray, FloatArray
 from metric_tree.context import Where
 from metric_tree.tree import Tree

@@ -20,7 +20,7 @@ from explorer.drawings.to_scale import DrawnBox, to_scale
 from explorer.pages.small_multiples import multiples
 from explorer.pages.templating import page_bytes, web_address
 from metric_base.arrays import FloatArray, IntArray
-from metric_base.regions import region_of
+from metric_base.world_regions import region_of
 from metric_tree.context import Where
 from metric_tree.prior import INTERVAL_QUANTILES, QUANTILES, Prior
 from metric_tree.tree import Node

@@ -13,7 +13,7 @@ from insertion.exports.gltf_scene import write_gltf_model
 from insertion.exports.metric_frame import CameraKey, MetricFrame, object_matrix
 from insertion.light.environment import Environment
 from insertion.pipeline.objects import Placed
-from insertion.render.boxes import window_behind
+from insertion.render.changed_pixels import window_behind
 from insertion.render.pinhole import Window, focal_lengths
 from insertion.scene.pixel_box import PixelBox
 from metric_base.arrays import FloatArray

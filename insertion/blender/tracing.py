@@ -15,7 +15,7 @@ from insertion.blender.process import VARIABLE, blender_program, run_blender
 from insertion.exports.metric_frame import camera_keys, frame_rate, metric_frame
 from insertion.footage.footage import Shot
 from insertion.light.environment import Environment
-from insertion.light.estimate import environment_at
+from insertion.light.environment_estimate import environment_at
 from insertion.pipeline.objects import Placed
 from insertion.pipeline.prepared_scene import PreparedScene
 from insertion.render.layers import through_lens

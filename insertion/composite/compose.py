@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from insertion.colour.encoding import linear_to_srgb, srgb_to_linear
 from insertion.composite.blur import REACH_PX, blur_layer
-from insertion.composite.match import Look, grain
+from insertion.composite.exposure_and_grain import Look, grain
 from insertion.render.layers import ObjectLayers
 from insertion.scene.pixel_box import PixelBox
 

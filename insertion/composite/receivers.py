@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 from estimator.records.scene import Instance, View
 from insertion.placement.surface import Surface
 from insertion.render.body import Body
-from insertion.render.boxes import CAST_SIZES
+from insertion.render.changed_pixels import CAST_SIZES
 from insertion.render.layers import ObjectLayers
 from insertion.scene.cloud import FrontPoints
 from insertion.scene.pixel_box import PixelBox, labels_in_box

@@ -22,7 +22,7 @@ from insertion.composite.compose import Composite, Joined
 from insertion.footage.footage import Shot
 from insertion.pipeline.objects import Placed
 from insertion.pipeline.prepared_scene import PreparedScene
-from insertion.render.boxes import window_behind
+from insertion.render.changed_pixels import window_behind
 from insertion.scene.pixel_box import PixelBox
 from insertion.scene.rays import camera_rays
 from metric_base.arrays import FloatArray

@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from insertion.colour.encoding import luminance
-from insertion.light.candidates import UPRIGHT
+from insertion.light.lamp_candidates import UPRIGHT
 from insertion.scene.occupancy import Occupancy
 from insertion.scene.patches import Patches
 from metric_base.arrays import BoolArray, FloatArray

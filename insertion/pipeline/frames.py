@@ -13,12 +13,12 @@ from numpy.typing import NDArray
 
 from estimator.records.scene import Instance, View
 from insertion.composite.compose import Composite, Joined, behind_each_other, compose, compose_traced
-from insertion.composite.match import Looks
+from insertion.composite.exposure_and_grain import Looks
 from insertion.composite.occlusion import hidden_share, on_support
 from insertion.composite.receivers import light_share, receivers_of
 from insertion.footage.footage import Shot
 from insertion.light.environment import Environment
-from insertion.light.estimate import environment_at
+from insertion.light.environment_estimate import environment_at
 from insertion.pipeline.objects import Placed
 from insertion.pipeline.prepared_scene import PreparedScene
 from insertion.pipeline.result import FrameReport, InsertionResult

@@ -12,9 +12,9 @@ import numpy as np
 from estimator.geometry.up import Up
 from estimator.records.scene import Instance, Scene
 from insertion.footage.footage import Footage, FrameRange, Shot, Stills
-from insertion.light.estimate import shows_sky
+from insertion.light.environment_estimate import shows_sky
+from insertion.light.lamps_from_shading import Shading, fit_shading
 from insertion.light.open_air import shown_empty
-from insertion.light.shading import Shading, fit_shading
 from insertion.light.sky import Outdoors
 from insertion.light.sun import sun_direction
 from insertion.placement.surface import Supports, supports_of

@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from estimator.records.scene import View
-from insertion.render.boxes import cast_box, object_box, shadow_box, window_behind
+from insertion.render.changed_pixels import cast_box, object_box, shadow_box, window_behind
 from insertion.render.renderer import ObjectImage, ObjectRenderer
 from insertion.scene.pixel_box import PixelBox
 from insertion.scene.rays import camera_rays

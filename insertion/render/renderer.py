@@ -15,13 +15,13 @@ from numpy.typing import NDArray
 
 from insertion.colour.encoding import luminance
 from insertion.light.environment import LEVELS, Environment, reflection_levels
-from insertion.light.lights import Lights, environment_lights
+from insertion.light.soft_lights import Lights, environment_lights
 from insertion.render.body import Body, BodyPart, with_bodies
 from insertion.render.buffers import LoadedPart, load_part
 from insertion.render.context import shader
 from insertion.render.deferred import DeferredTargets
 from insertion.render.pinhole import Window
-from insertion.render.shadows import Caster, PlaneMap, light_axes, plane_map, shadow_atlas
+from insertion.render.shadow_maps import Caster, PlaneMap, light_axes, plane_map, shadow_atlas
 from metric_base.arrays import FloatArray
 
 __all__ = ["ObjectImage", "ObjectRenderer"]

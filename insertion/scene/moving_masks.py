@@ -57,7 +57,7 @@ def moving_masks(file: Path, scene: Scene, shots: Sequence[Shot]) -> Mapping[int
     """
     from dataclasses import replace
 
-    from estimator.reading import read_instances
+    from estimator.scene_reading import read_instances
 
     posed = [shot for shot in shots if shot.view is not None]
     views = tuple(replace(shot.view, name=shot.name) for shot in posed if shot.view is not None)

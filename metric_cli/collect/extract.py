@@ -24,8 +24,8 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def run(arguments: argparse.Namespace) -> int:
     """Print the raw item: one line with --json, a table without."""
-    from crawler.page.budget import SlowPage, processor_budget
     from crawler.page.page import saved_page, web_address
+    from crawler.page.time_budget import SlowPage, processor_budget
     from crawler.sites import item_of, use_site
     from metric_base.errors import InputError
 

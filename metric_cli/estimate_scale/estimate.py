@@ -159,7 +159,7 @@ def _objects_result(options: argparse.Namespace) -> ScaleResult:
 
 
 def _scene_result(options: argparse.Namespace) -> ScaleResult:
-    from estimator.reading import read_scene
+    from estimator.scene_reading import read_scene
 
     scene = read_scene(options.scene, options.dense)
     if options.view:
@@ -202,7 +202,7 @@ def _scene_estimate(options: argparse.Namespace, scene: Scene) -> SceneEstimate:
 def _preview(options: argparse.Namespace, scene: Path) -> tuple[dict[str, object], bytes]:
     """What the drawing page shows of a work folder's scene: the record, and the figure as PNG."""
     from estimator.outputs.figure import figure_png
-    from estimator.reading import read_scene
+    from estimator.scene_reading import read_scene
     from metric_cli.estimate_scale.result_table import page_record
 
     asked = argparse.Namespace(**{**vars(options), "scene": scene})

@@ -167,7 +167,7 @@ def automatic_sources(options: argparse.Namespace, scene: Scene) -> tuple[Eviden
 
 def has_evidence(options: argparse.Namespace, work: Path) -> bool:
     """Whether a video or pictures that were reconstructed in a work folder have a scale without masks."""
-    from estimator.reading import read_scene
+    from estimator.scene_reading import read_scene
 
     scene = read_scene(work, "none")
     return bool(automatic_sources(argparse.Namespace(**(vars(options) | {"scene": work})), scene))

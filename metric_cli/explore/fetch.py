@@ -6,7 +6,7 @@ import argparse
 
 from metric_cli.terminal import print_json
 from metric_tree.release import open_release
-from metric_tree.remote import REGISTRY_VARIABLE, fetch_release
+from metric_tree.release_download import REGISTRY_VARIABLE, fetch_release
 
 __all__ = ["HELP", "add_arguments", "run"]
 

@@ -7,7 +7,7 @@ from pathlib import Path
 
 from metric_cli.arguments import new_folder
 from metric_cli.terminal import print_json
-from metric_tree.releases import release_directory, releases
+from metric_tree.release_folders import release_directory, releases
 from metric_tree.tree import open_tree
 
 __all__ = ["HELP", "add_arguments", "run"]

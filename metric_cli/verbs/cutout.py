@@ -17,7 +17,7 @@ from metric_tree.cutouts.guides import guides
 from metric_tree.cutouts.quality import REASONS
 from metric_tree.cutouts.release_cutouts import cut_release
 from metric_tree.release import Release, open_release
-from metric_tree.releases import release_directory
+from metric_tree.release_folders import release_directory
 
 __all__ = ["HELP", "add_arguments", "run"]
 

@@ -9,7 +9,7 @@ from collections.abc import Iterator
 from metric_base.errors import InputError
 from metric_cli.terminal import print_json, print_table
 from metric_tree.release import open_release
-from metric_tree.releases import PATH_VARIABLE, releases
+from metric_tree.release_folders import PATH_VARIABLE, releases
 from metric_tree.tree import Node, open_tree
 
 __all__ = ["HELP", "add_arguments", "run"]

@@ -140,7 +140,7 @@ def _unsettled_words(raw: Iterable[str], read: Container[str]) -> Counter[tuple[
 
 
 def _blind(arguments: argparse.Namespace) -> None:
-    from taxonomy.insertions import insertions
+    from taxonomy.inserted_categories import insertions
     from taxonomy.matching.decisions import decisions
 
     if arguments.limit is not None and arguments.limit < 1:

@@ -8,7 +8,7 @@ from pathlib import Path
 
 from metric_cli.terminal import INPUT_ERROR, print_json, print_table
 from metric_tree.checks.release_files import CODES, findings
-from metric_tree.releases import release_directory
+from metric_tree.release_folders import release_directory
 
 __all__ = ["HELP", "add_arguments", "run"]
 

@@ -20,9 +20,9 @@ from metric_tree.build.unit_slips import Reference, reference, slip_factors
 from metric_tree.fit.class_prior import class_prior
 from metric_tree.fit.class_rows import ClassRows, without_open_numbers
 from metric_tree.fit.contexts import ContextCell, cells_of
-from metric_tree.fit.em import Belief
 from metric_tree.fit.evidence import JUDGED, NORM, STATEMENTS, STRONG
 from metric_tree.fit.kinds import KindModel
+from metric_tree.fit.mixture_em import Belief
 from metric_tree.fit.moments import Moments, extent_moments, moments
 from metric_tree.fit.sameness import Sameness, class_sameness
 from metric_tree.prior import Prior

@@ -19,7 +19,7 @@ from metric_tree.build.successors import former_nodes, successor_table
 from metric_tree.build.texts import licence_text, readme_text
 from metric_tree.fit.class_prior import NEW_SOURCE
 from metric_tree.pictures import collect_pictures, picture_files
-from taxonomy.curated import curated_heights, curated_ranges, curated_states, norms
+from taxonomy.curated_sizes import curated_heights, curated_ranges, curated_states, norms
 from taxonomy.levels import replaced_ids
 
 __all__ = ["add_pictures", "height_records", "state_records", "write_log", "write_texts", "writers"]

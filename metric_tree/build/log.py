@@ -16,7 +16,7 @@ from metric_tree.fit.evidence import JUDGED
 from metric_tree.fit.kinds import KindModel
 from metric_tree.prior import Prior
 from taxonomy.categories import Category
-from taxonomy.curated import settled_findings
+from taxonomy.curated_sizes import settled_findings
 
 __all__ = ["disagreements", "is_mixed", "leaf_sizes", "report"]
 

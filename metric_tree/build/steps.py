@@ -116,7 +116,7 @@ def shipped_taxonomy() -> Taxonomy:
 
 def shipped_curated() -> Iterable[RawItem]:
     """The package's norms, which fix a class, and its judged ranges, which speak where a class has few items."""
-    from taxonomy.curated import judged_items, norm_items
+    from taxonomy.curated_sizes import judged_items, norm_items
 
     return (*norm_items(), *judged_items())
 

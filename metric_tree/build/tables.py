@@ -14,9 +14,9 @@ import pyarrow as pa
 from crawler.imports.sources import Source
 from metric_tree.axes import AXES, EXTENTS
 from metric_tree.build.clean import NodeClass
-from metric_tree.fit.em import Belief
 from metric_tree.fit.evidence import EVIDENCE
 from metric_tree.fit.inner_priors import belief_of, inner_priors
+from metric_tree.fit.mixture_em import Belief
 from metric_tree.fit.moments import VAGUE, Moments
 from metric_tree.fit.plain_names import REAL_WITNESS, WITNESS, commonness, is_called, plain_weights, presence
 from metric_tree.fit.sameness import Sameness, shrunk_sameness
@@ -49,7 +49,7 @@ JUDGED_SOURCE = Source(
     kind="judged",
     ship=True,
     attribution="Metric-Tree",
-    reader="taxonomy.curated",
+    reader="taxonomy.curated_sizes",
 )
 NORM_SOURCE = Source(
     id="norms",
@@ -60,7 +60,7 @@ NORM_SOURCE = Source(
     kind="norm",
     ship=True,
     attribution="Metric-Tree",
-    reader="taxonomy.curated",
+    reader="taxonomy.curated_sizes",
 )
 _OWN = {source.id: source for source in (JUDGED_SOURCE, NORM_SOURCE)}
 

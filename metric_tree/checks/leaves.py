@@ -16,7 +16,7 @@ from metric_tree.build.leaf_findings import CODES, LeafSize, leaf_findings, titl
 from metric_tree.checks.finding import Finding
 from metric_tree.fit.evidence import JUDGED, NORM
 from metric_tree.prior import Prior
-from taxonomy.curated import settled_findings
+from taxonomy.curated_sizes import settled_findings
 
 __all__ = ["CODES", "findings"]
 

@@ -1,4 +1,4 @@
-"""The prior of one class from its rows: weights, the class's centre, components by BIC, borrowing where it is thin.
+"""The prior of one class from its rows: weights, the class's centre, components, borrowing where it is thin.
 
 The order of a fit: one Gaussian by EM over all rows (which resolves missing axes and hidden axis order), the sources'
 means, the centre from all of them by what their kinds are worth, the rows less their source's predicted effect, a
@@ -26,31 +26,20 @@ from metric_tree.fit.class_rows import (
     within_range,
     without_museums,
 )
+from metric_tree.fit.component_choice import best_mixture, predictive_mixture
 from metric_tree.fit.disagreement import disagreement, no_disagreement, with_statements
-from metric_tree.fit.em import Belief, Fitted, Mixture, Rows, complete_rows, fit_mixture
 from metric_tree.fit.evidence import JUDGED, NORM, shares
 from metric_tree.fit.kinds import KindModel
+from metric_tree.fit.mixture_em import Belief, Mixture, Rows, complete_rows, fit_mixture
 from metric_tree.fit.moments import correlated_covariance
 from metric_tree.prior import Prior
 from metric_tree.tiers import Evidence, leaf_tier
 
 __all__ = ["NEW_SOURCE", "NewSource", "class_prior", "heldout_log_density"]
 
-#: Largest number of components: sizes of one category fall into a few kinds (a hatchback, a saloon, a van).
-MAX_COMPONENTS = 4
-
-#: Effective rows that a component must have: one and a half for each of its ten numbers (mean 3, covariance 6, weight).
-COMPONENT_ROWS = 15.0
-
 #: An axis is published where at least this many rows state it by their weight, in expectation over hidden axis orders:
 #: the thickness of one artist's model says nothing of a card whose norm gives length and width.
 KNOWN_ROWS = 0.5
-
-#: Degrees of freedom above which Student's t is published as one Gaussian: the 99 % points differ by 4 %.
-GAUSSIAN_FREEDOM = 30.0
-
-#: Normal components that stand for a Student's t.
-T_COMPONENTS = 3
 
 #: Least standard deviation of ln size of a norm: a thousandth, the precision of a tape measure.
 NORM_FLOOR = 0.001
@@ -123,7 +112,7 @@ def class_prior(
     code = np.array([between.sources.index(name) for name in sources])
     centred = _scale_spread(weighed.shift(centre.effects[code]), centre.mean, kinds, model)
     placed = replace(belief, mean=np.where(np.isnan(centre.mean), belief.mean, centre.mean))
-    best, components = _components(centred, placed, seed, rows.worth)
+    best, components = best_mixture(centred, placed, seed, rows.worth)
     best = _move_to_mean(best, centred, centre.mean)
     mass = weighed.weights @ known + (~np.isnan(statements.means)).sum(axis=0)
     borrowed = belief.covariance_rows / (belief.covariance_rows + weighed.effective) if components == 1 else 0.0
@@ -167,7 +156,7 @@ def heldout_log_density(
     total = 0.0
     for held in range(FOLDS):
         seen = rows.subset(np.flatnonzero(fold != held))
-        mixture = _predictive(fit_mixture(seen, components, belief, seed), belief, seen.effective)
+        mixture = predictive_mixture(fit_mixture(seen, components, belief, seed), belief, seen.effective)
         means, covariances, between = _marginal(mixture, shared, axes)
         scale = np.sqrt(np.multiply.outer(widened, widened))
         spreads = (scale * covariances, scale * between)
@@ -186,43 +175,6 @@ def published_axes(known: FloatArray) -> NDArray[np.intp]:
 def _placeholders(axes: NDArray[np.intp]) -> tuple[str, ...]:
     """Placeholder names of axes (k,), for a prior that is only scored."""
     return tuple(f"axis{axis}" for axis in axes)
-
-
-def _components(rows: Rows, belief: Belief, seed: int, worth: float = 1.0) -> tuple[Mixture, int]:
-    """The mixture of the smallest BIC, as the predictive density of a further object of the same source."""
-    effective = rows.effective
-    largest = max(1, min(MAX_COMPONENTS, int(worth * _whole_rows(rows) // COMPONENT_ROWS)))
-    best = single = fit_mixture(rows, 1, belief, seed)
-    for k in range(2, largest + 1):
-        fit = fit_mixture(rows, k, belief, seed, single)
-        if fit.bic(effective) >= best.bic(effective) and k > len(best.mixture.weights) + 1:
-            break  # two more components in vain: a third is not tried
-        best = min(best, fit, key=lambda one: one.bic(effective))
-    return _predictive(best, belief, effective), len(best.mixture.weights)
-
-
-def _predictive(fit: Fitted, belief: Belief, effective: float) -> Mixture:
-    """Of one component: Student's t of an uncertain covariance, as a mixture of Gaussians (Gelman et al. 3.6).
-
-    How well the mean is known is the business of the class's centre.
-    """
-    if len(fit.mixture.weights) > 1:
-        return fit.mixture
-    variances = _t_variances(belief.covariance_rows + effective + 2)
-    k = len(variances)
-    covariances = variances[:, None, None] * fit.mixture.covariances[0]
-    return Mixture(np.full(k, 1 / k), np.repeat(fit.mixture.means, k, axis=0), covariances)
-
-
-def _t_variances(freedom: float) -> FloatArray:
-    """(c,) variances of equally likely Gaussians that stand for a t of unit variance: quantiles of its gamma."""
-    if freedom > GAUSSIAN_FREEDOM:
-        return np.ones(1)
-    from scipy.special import gammaincinv  # fits only: a query must not load SciPy
-
-    middle = (np.arange(T_COMPONENTS) + 0.5) / T_COMPONENTS
-    variances = np.sort(1 / gammaincinv(freedom / 2, middle))
-    return np.asarray(variances / variances.mean())
 
 
 def _stated_prior(rows: ClassRows, statements: Statements, belief: Belief, model: KindModel, family: str) -> Prior:
@@ -283,13 +235,6 @@ def _move_to_mean(mixture: Mixture, rows: Rows, mean: FloatArray) -> Mixture:
     lies = stated - whole + mixture.weights @ mixture.means
     offset = np.where(np.isnan(mean), 0.0, mean - lies)
     return Mixture(mixture.weights, mixture.means + offset, mixture.covariances)
-
-
-def _whole_rows(rows: Rows) -> float:
-    """Effective number of the rows that state as many axes as any."""
-    stated = (~np.isnan(rows.x[rows.starts])).sum(axis=1)
-    weights = rows.weights[stated >= min(2, int(stated.max()))]
-    return float(weights.sum() ** 2 / (weights**2).sum())
 
 
 def _shares(rows: ClassRows, statements: Statements, borrowed: float) -> dict[str, float]:

@@ -9,8 +9,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from metric_base.arrays import FloatArray
-from metric_tree.fit.em import SPREAD_FLOOR, Belief, Rows
 from metric_tree.fit.evidence import JUDGED, MODELS, STATEMENTS, STRONG, row_weights
+from metric_tree.fit.mixture_em import SPREAD_FLOOR, Belief, Rows
 from metric_tree.tiers import Evidence
 
 __all__ = [

@@ -8,10 +8,10 @@ from dataclasses import replace
 from functools import cache
 
 from taxonomy.matching.decisions import EVERY_SOURCE, Decision, default_rulings
-from taxonomy.matching.domains import DOMAINS, Domain, fits
 from taxonomy.matching.finding import THRESHOLD, ConceptMatch, measured_reliability, no_concept
 from taxonomy.matching.lexicon import Lexicon, default_lexicon
 from taxonomy.matching.namer import Namer
+from taxonomy.matching.sense_choice import DOMAINS, Domain, fits
 from taxonomy.matching.source_reading import BadReading, Reading, default_readings, reading_of
 from taxonomy.wordnet import UnknownSynset
 from taxonomy.words.phrases import noun_phrase

@@ -7,11 +7,11 @@ from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import replace
 from typing import NamedTuple
 
-from taxonomy.insertions import PREFIX
+from taxonomy.inserted_categories import PREFIX
 from taxonomy.matching.decisions import Decision
-from taxonomy.matching.domains import Certainty, Domain, chosen_sense, fits
 from taxonomy.matching.finding import ConceptMatch, believed_reliability, no_concept
 from taxonomy.matching.lexicon import Lexicon
+from taxonomy.matching.sense_choice import Certainty, Domain, chosen_sense, fits
 from taxonomy.words.phrases import endings, noun_phrase, pairs, word_list
 from taxonomy.words.senses import Sense
 from taxonomy.words.spelling import fold_text

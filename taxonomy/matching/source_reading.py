@@ -13,7 +13,7 @@ import msgspec
 from metric_base.errors import InputError, at_field, in_file
 from metric_base.folders import taxonomy_directory
 from metric_base.schema import expect, record_of, toml_table
-from taxonomy.matching.domains import DOMAINS
+from taxonomy.matching.sense_choice import DOMAINS
 
 __all__ = ["BadReading", "Reading", "Words", "default_readings", "reading_of", "readings"]
 

@@ -16,8 +16,8 @@ from estimator.capture.video import Video
 from estimator.detectors.detector import load_detector
 from estimator.evidence.depth_files import read_depth
 from estimator.evidence.gps import Gps
-from estimator.reading import read_scene
 from estimator.records.scene import Scene
+from estimator.scene_reading import read_scene
 from insertion.models.gltf import read_model
 from insertion.models.model import Part
 from insertion.scene.scale import read_scale

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from insertion.light import estimate
+from insertion.light import environment_estimate as estimate
 from insertion.light.environment import (
     HEIGHT,
     LEVELS,
@@ -18,8 +18,17 @@ from insertion.light.environment import (
     reflection_levels,
     solid_angles,
 )
-from insertion.light.lights import LAMP_SIGMA, LEAST_RADII, Lights, _cut, _half, _halves, _points, environment_lights
-from insertion.light.shading import Lamp
+from insertion.light.lamps_from_shading import Lamp
+from insertion.light.soft_lights import (
+    LAMP_SIGMA,
+    LEAST_RADII,
+    Lights,
+    _cut,
+    _half,
+    _halves,
+    _points,
+    environment_lights,
+)
 from insertion.placement.place import Place
 from insertion.scene.cloud import Cloud
 from insertion.scene.occupancy import Occupancy

@@ -24,7 +24,7 @@ from insertion.exports.metric_frame import camera_keys, metric_frame, object_mat
 from insertion.exports.nerfstudio import write_transforms
 from insertion.exports.usd_scene import write_usd_scene
 from insertion.insert import insert_into
-from insertion.light.estimate import environment_at
+from insertion.light.environment_estimate import environment_at
 from insertion.pipeline.objects import Placed, place_objects
 from insertion.pipeline.prepared_scene import PreparedScene
 from insertion.pipeline.request import ObjectRequest

@@ -18,8 +18,8 @@ from insertion.blender import job
 from insertion.colour.source_frame import matrix_of
 from insertion.composite.compose import Joined
 from insertion.exports import compositing
+from insertion.exports.export_folder import LayerWriter
 from insertion.exports.metric_frame import MetricFrame, _key, frame_rate, keys_by_camera, metric_frame, object_matrix
-from insertion.exports.write import LayerWriter
 from insertion.footage.footage import STILLS_RATE
 from insertion.light.environment import HEIGHT, WIDTH, Environment
 from insertion.render.layers import ObjectLayers

@@ -14,7 +14,7 @@ import pytest
 from estimator.records.scene import Camera, Instance, View
 from insertion.colour.encoding import linear_to_srgb
 from insertion.composite.compose import Joined, behind_each_other, compose, compose_traced
-from insertion.composite.match import Look
+from insertion.composite.exposure_and_grain import Look
 from insertion.composite.receivers import light_share, receivers_of
 from insertion.exports.compositing import CompositingLayers
 from insertion.footage.footage import Shot
@@ -22,7 +22,7 @@ from insertion.light.environment import HEIGHT, WIDTH, Environment
 from insertion.models.model import Material, Model, Part
 from insertion.pipeline import frames
 from insertion.render.body import Body, body_of, colliding, with_bodies
-from insertion.render.boxes import window_behind
+from insertion.render.changed_pixels import window_behind
 from insertion.render.context import gl_context
 from insertion.render.layers import ObjectLayers, object_layers, through_lens
 from insertion.render.renderer import ObjectImage, ObjectRenderer

@@ -8,10 +8,11 @@ import numpy as np
 import pytest
 
 from insertion.colour.encoding import linear_to_srgb, luminance, srgb_to_linear
-from insertion.composite import match, occlusion, receivers
+from insertion.composite import exposure_and_grain as match
+from insertion.composite import occlusion, receivers
 from insertion.composite.blur import BLUR_PX, REACH_PX, _direction, _with_widths, blur_layer, gradients
 from insertion.composite.compose import Joined, _covered_part, behind_each_other, compose
-from insertion.composite.match import Look, Looks, grain
+from insertion.composite.exposure_and_grain import Look, Looks, grain
 from insertion.render.layers import ObjectLayers
 from insertion.render.renderer import ObjectImage
 from insertion.scene.cloud import Cloud, FrontPoints

@@ -8,8 +8,8 @@ import numpy as np
 import pytest
 from scipy.ndimage import distance_transform_edt
 
-from insertion.light import shading
-from insertion.light.candidates import (
+from insertion.light import lamps_from_shading as shading
+from insertion.light.lamp_candidates import (
     ABOVE,
     BEYOND,
     CEILING_CELLS,

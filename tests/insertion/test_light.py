@@ -6,9 +6,9 @@ import numpy as np
 import pytest
 
 from insertion.light.environment import HEIGHT, WIDTH, Environment, LampSpots, map_directions, solid_angles
-from insertion.light.estimate import WHITE_ALBEDO, _raise_top
-from insertion.light.lights import environment_lights
-from insertion.light.shading import Shading, fit_shading
+from insertion.light.environment_estimate import WHITE_ALBEDO, _raise_top
+from insertion.light.lamps_from_shading import Shading, fit_shading
+from insertion.light.soft_lights import environment_lights
 from insertion.scene.patches import Patches
 from metric_base.arrays import FloatArray
 

@@ -7,7 +7,7 @@ import pytest
 
 from insertion.colour.encoding import srgb_to_linear
 from insertion.composite.blur import blur_layer, blur_of
-from insertion.composite.match import Look, _blend, _gain, grain, look_of
+from insertion.composite.exposure_and_grain import Look, _blend, _gain, grain, look_of
 from insertion.scene.cloud import Cloud, FrontPoints
 from insertion.scene.pixel_box import PixelBox
 

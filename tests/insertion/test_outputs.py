@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from insertion.composite.compose import Joined
-from insertion.exports.write import LayerWriter
+from insertion.exports.export_folder import LayerWriter
 from insertion.footage.footage import Shot
 from insertion.footage.picture_writer import picture_writer, preview_place
 from insertion.render.layers import ObjectLayers

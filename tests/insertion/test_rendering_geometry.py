@@ -11,15 +11,16 @@ import pytest
 
 from estimator.records.scene import Camera, View
 from insertion.light.environment import HEIGHT, WIDTH, Environment, map_directions
-from insertion.light.lights import Lights
+from insertion.light.soft_lights import Lights
 from insertion.models.model import Material, Model, Part
-from insertion.render import boxes, shadows, studio
+from insertion.render import changed_pixels as boxes
+from insertion.render import shadow_maps, studio
 from insertion.render.body import SPOTS, Body, BodyPart, _area, _mean_colour, _spread_over, body_of, with_bodies
 from insertion.render.deferred import TILE, _tiles
 from insertion.render.layers import ObjectLayers, shadow_layer, through_lens
 from insertion.render.pinhole import Window, focal_lengths
 from insertion.render.renderer import ObjectImage
-from insertion.render.shadows import MAP_PIXELS, PlaneMap
+from insertion.render.shadow_maps import MAP_PIXELS, PlaneMap
 from insertion.scene.pixel_box import PixelBox
 from insertion.scene.rays import camera_rays, normalized_pixels, pixel_grid, ray_through
 from tests.insertion.test_received import _view
@@ -129,7 +130,7 @@ def test_a_light_s_map_holds_what_casts() -> None:
     directions = np.array([[0.0, 0.6, 0.8], [0.0, 0.0, 1.0], [1.0, 0.0, 0.0]])
     near = np.array([0.0, 0.25, 0.5])
     lights = Lights(directions, np.ones((3, 3)), near, np.zeros(3))
-    right, above = shadows.light_axes(lights, 1.5)
+    right, above = shadow_maps.light_axes(lights, 1.5)
     wide = 1.5 / np.sqrt(1 - np.minimum(1.5 * near, 0.9) ** 2)
     assert np.linalg.norm(right, axis=1) == pytest.approx(1 / wide)
     assert np.linalg.norm(above, axis=1) == pytest.approx(1 / wide)
@@ -142,7 +143,7 @@ def test_a_light_s_map_holds_what_casts() -> None:
 def test_a_shadow_falls_along_the_light_s_rays(near: float) -> None:
     turned = np.array([[0.0, 0, 1], [1, 0, 0], [0, 1, 0]])  # the plane's up is +y
     direction = np.array([0.48, -0.36, 0.8])
-    matrix = shadows._shadow_matrix(direction, near, turned, 4.0)
+    matrix = shadow_maps._shadow_matrix(direction, near, turned, 4.0)
     point = np.array([0.3, -0.2, 0.9])  # along the plane's axes
     clip = matrix @ np.append(turned.T @ point, 1.0)
     way = direction - near * point  # towards the light from the point, in units of its distance
@@ -155,20 +156,20 @@ def test_a_shadow_falls_along_the_light_s_rays(near: float) -> None:
 
 def test_the_part_of_a_map_that_a_light_darkens() -> None:
     ends = np.array([[x, y, z] for x in (-0.5, 0.5) for y in (-0.25, 0.25) for z in (0.0, 1.0)])
-    down = shadows._shadow_matrix(np.array([0.0, 0, 1]), 0.0, np.eye(3), 2.0)
+    down = shadow_maps._shadow_matrix(np.array([0.0, 0, 1]), 0.0, np.eye(3), 2.0)
     half = MAP_PIXELS // 2
-    assert shadows._part_of_map(down, ends) == (
+    assert shadow_maps._part_of_map(down, ends) == (
         half - half // 4 - 2,
         half - half // 8 - 2,
         half // 2 + 4,
         half // 4 + 4,
     )
-    beside = shadows._part_of_map(down, ends + np.array([10, 0, 0]))
+    beside = shadow_maps._part_of_map(down, ends + np.array([10, 0, 0]))
     assert beside[2] == 0
-    assert shadows._part_of_map(shadows._shadow_matrix(np.array([0.0, 0, 1]), 1.0, np.eye(3), 2.0), ends) == (
+    assert shadow_maps._part_of_map(shadow_maps._shadow_matrix(np.array([0.0, 0, 1]), 1.0, np.eye(3), 2.0), ends) == (
         0, 0, MAP_PIXELS, MAP_PIXELS,
     )  # fmt: skip
-    shifts = np.array([shadows._shift(k) for k in range(200)]) * MAP_PIXELS
+    shifts = np.array([shadow_maps._shift(k) for k in range(200)]) * MAP_PIXELS
     assert np.abs(shifts).max() <= 1
     assert shifts.mean(axis=0) == pytest.approx([0, 0], abs=0.03)
     assert len(np.unique(shifts.round(6), axis=0)) == 200
@@ -176,7 +177,7 @@ def test_the_part_of_a_map_that_a_light_darkens() -> None:
 
 def test_light_on_the_open_plane_falls_with_the_cube_of_the_distance() -> None:
     lights = Lights(np.array([[0.0, 0, 1]]), np.array([[3.0, 2.0, 1.0]]), np.array([0.5]), np.zeros(1))
-    light = shadows._open_light(lights.directions, lights, 4.0)
+    light = shadow_maps._open_light(lights.directions, lights, 4.0)
     assert light.shape == (MAP_PIXELS, MAP_PIXELS, 3)
     for row, column in ((MAP_PIXELS // 2, MAP_PIXELS // 2), (200, 700)):
         x, y = ((np.array([column, row]) + 0.5) / MAP_PIXELS * 2 - 1) * 4.0

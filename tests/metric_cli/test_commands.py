@@ -10,7 +10,7 @@ import pytest
 
 from metric_cli.terminal import exit_status, print_table
 from metric_cli.verbs import VERBS, main, parser_of
-from metric_tree.releases import PATH_VARIABLE
+from metric_tree.release_folders import PATH_VARIABLE
 from metric_tree.tree import Tree
 from tests.synthetic import minitree
 

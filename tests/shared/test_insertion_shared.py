@@ -7,8 +7,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from estimator.reading import read_instances, read_scene
 from estimator.reconstructions.cameras import pixels_in_view
+from estimator.scene_reading import read_instances, read_scene
 from insertion.footage.footage import PictureFootage, Stills
 from insertion.pipeline.objects import place_objects
 from insertion.pipeline.prepared_scene import prepare_scene

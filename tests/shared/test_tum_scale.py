@@ -12,9 +12,9 @@ from typing import Any
 
 import pytest
 
-from estimator.reading import read_scene
+from estimator.scene_reading import read_scene
 from metric_cli.estimate_scale.estimate import main
-from metric_tree.releases import releases
+from metric_tree.release_folders import releases
 from tests.synthetic.exports import write_export
 
 pytestmark = [

@@ -8,7 +8,7 @@ from hypothesis import strategies as st
 
 from crawler.items import RawItem
 from taxonomy.catalogue import default_catalogue
-from taxonomy.curated import (
+from taxonomy.curated_sizes import (
     BadRange,
     blind_ranges,
     curated_heights,

@@ -5,9 +5,9 @@ from functools import cache
 
 import pytest
 
-from taxonomy.insertions import PREFIX
-from taxonomy.matching.domains import DOMAINS, fits
+from taxonomy.inserted_categories import PREFIX
 from taxonomy.matching.lexicon import Lexicon, default_lexicon
+from taxonomy.matching.sense_choice import DOMAINS, fits
 from taxonomy.words.spelling import fold_text, singulars
 
 #: WordNet has the word but means something else, or lumps what differs in size (docs/explanation/matching.md).
@@ -197,7 +197,7 @@ def partly_named(lexicon: Lexicon) -> set[str]:
 @pytest.mark.slow
 def test_the_check_finds_what_a_reader_found(lexicon) -> None:
     """Ids that were taken out for it: in one word, in another order, with a word more."""
-    from taxonomy.insertions import InsertedCategory
+    from taxonomy.inserted_categories import InsertedCategory
 
     gone = {
         "mt:jam_pot": ("jam pot", "pot.n.01"),

@@ -11,6 +11,7 @@ from estimator.capture.cameras.lens import Lens
 from estimator.capture.mapping.camera_model_search import other_mapping_s, with_other_camera_model
 from estimator.capture.mapping.evidence import CaptureEvidence
 from estimator.capture.mapping.failures import TYPICAL_FOCAL
+from estimator.capture.mapping.feature_search import RUNGS, Rung
 from estimator.capture.mapping.gates import (
     MENDABLE,
     early_failure,
@@ -20,7 +21,6 @@ from estimator.capture.mapping.gates import (
     most_are_linked,
 )
 from estimator.capture.mapping.mappers import Mapped, MappingTask, mapped_frames
-from estimator.capture.mapping.rungs import RUNGS, Rung
 from estimator.capture.mapping.time_limit import OutOfTime, TimeLimit
 from estimator.capture.mapping.worker_process import start_worker, wait_for_worker
 from metric_base.progress import ProgressCallback, silent

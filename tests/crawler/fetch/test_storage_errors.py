@@ -18,13 +18,13 @@ import pytest
 from scrapy import Request
 from scrapy.http import Response
 
-from crawler.fetch.fail_fast import FailFastFrontier
 from crawler.fetch.frontier import Outcome, Task
 from crawler.fetch.frontier_redis import RedisFrontier
 from crawler.fetch.frontier_sqlite import SqliteFrontier, stored_counts
+from crawler.fetch.frontier_watch import FailFastFrontier
 from crawler.fetch.scheduler import KEY, CommitMiddleware
 from crawler.items import RawItem
-from crawler.page.budget import SlowPage
+from crawler.page.time_budget import SlowPage
 from metric_base.errors import StorageError
 from tests.crawler.conftest import RedisServer
 from tests.crawler.fetch.test_crawl_errors import ROOT, items, words

@@ -18,7 +18,7 @@ from scipy.spatial.transform import Rotation
 
 from estimator.capture.cautions import read_cautions
 from estimator.capture.frame_poses import read_frame_poses
-from estimator.reading import read_scene
+from estimator.scene_reading import read_scene
 from metric_base.arrays import FloatArray
 from metric_cli.estimate_scale.estimate import main
 from tests.synthetic.detectors import hue_graph

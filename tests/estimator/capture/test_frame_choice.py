@@ -10,7 +10,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from estimator.capture import climb, frame_choice
+from estimator.capture import frame_choice, model_search
 from estimator.capture.capture import capture_video
 from estimator.capture.frame_choice import DEFAULT_FRAMES, MOST_FRAMES, Motion, chosen_frames, motion_of
 from estimator.capture.mapping.failures import CaptureFailure
@@ -81,9 +81,9 @@ def test_a_video_whose_frames_are_too_far_apart_is_searched_with_more(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr(frame_choice, "_count", lambda path: 5)
-    monkeypatch.setattr(climb, "most_are_linked", lambda evidence: False)
+    monkeypatch.setattr(model_search, "most_are_linked", lambda evidence: False)
     video = Path("data/scenes/demo_video/video.mp4")
-    assert len(capture_video(video, tmp_path / "w").scene.views) == 5 * climb.MORE_FRAMES
+    assert len(capture_video(video, tmp_path / "w").scene.views) == 5 * model_search.MORE_FRAMES
     tried = json.loads((tmp_path / "w" / "reconstruction.json").read_text())["tried"]
     assert [(row["rung"], row["frames"], row["placed"]) for row in tried] == [("SIFT", 10, 10)]
     assert capture_video(video, tmp_path / "w").seconds == {}  # with the ten, at once

@@ -23,7 +23,7 @@ from estimator.detectors.detection import detect_instances
 from estimator.detectors.detector import Detector, load_detector
 from estimator.detectors.open_detectors import RegisteredDetector, download, registry
 from estimator.instances.label_names import label_names
-from estimator.reading import read_instances, read_scene
+from estimator.scene_reading import read_instances, read_scene
 from metric_base.errors import InputError
 from metric_cli.estimate_scale.estimate import main
 from metric_tree.tree import Tree

@@ -12,9 +12,9 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from estimator.other_programs.posed_views import brown_camera
-from estimator.reading import read_scene
 from estimator.reconstructions.cameras import project
 from estimator.records.scene import Scene
+from estimator.scene_reading import read_scene
 from metric_base.errors import FieldError, InputError
 from tests.synthetic.exports import EXPORTS, OBSERVED, largest_difference, write_export, write_points
 from tests.synthetic.small_scene import small_model

@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 from estimator.outputs.rescaled import write_scaled
-from estimator.reading import read_scene
+from estimator.scene_reading import read_scene
 from metric_base.errors import InputError
 from metric_base.files import whole_file, whole_folder
 from metric_base.pictures import write_picture

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from estimator.posterior.symmetric import dot, inverse, pack, product, row_sums, total
+from estimator.posterior.symmetric_matrices import dot, inverse, pack, product, row_sums, total
 from metric_base.arrays import FloatArray
 
 

@@ -13,8 +13,8 @@ import pytest
 from estimator.records.measured_object import MeasuredObject
 from estimator.records.result import Alternative, Interval, ObjectReport, ScaleResult, UpReport
 from estimator.results.estimate import scale_of_objects
+from estimator.results.object_verdicts import outlier_reason
 from estimator.results.reports import EstimateOptions
-from estimator.results.verdicts import outlier_reason
 from metric_cli.estimate_scale.result_table import result_text
 from metric_tree.tree import Tree
 from tests.synthetic.priors import evidence, prior

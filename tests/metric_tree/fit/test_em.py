@@ -10,8 +10,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 from scipy.stats import multivariate_normal
 
-from metric_tree.fit import em
-from metric_tree.fit.em import Belief, Mixture, Rows, complete_rows, fit_mixture
+from metric_tree.fit import mixture_em
+from metric_tree.fit.mixture_em import Belief, Mixture, Rows, complete_rows, fit_mixture
 
 SPREAD = np.array([[0.04, 0.01, 0.0], [0.01, 0.09, 0.02], [0.0, 0.02, 0.05]])
 MEAN = np.array([6.0, 5.5, 7.0])
@@ -72,7 +72,7 @@ def test_densities_and_responsibilities_with_blanks_and_hidden_order() -> None:
     """Row 0 is complete, row 1 lacks an axis, row 2 has two candidate orders."""
     x = np.array([[6.1, 5.4, 6.9], [np.nan, 5.3, 6.2], [6.0, 5.0, 7.0], [5.0, 6.0, 7.0]])
     rows = Rows(x, np.array([0, 1, 2, 2]), np.ones(3))
-    responsibility, log_density = em._expectation(rows, TWO)
+    responsibility, log_density = mixture_em._expectation(rows, TWO)
     plain = np.array([_density(point, TWO) for point in x])
     row_density = np.array([plain[0].sum(), plain[1].sum(), plain[2:].sum() / 2])
     assert log_density == pytest.approx(np.log(row_density))
@@ -94,7 +94,7 @@ def test_one_step_with_blanks_adds_the_conditional_covariance() -> None:
     mean, cov = np.array([6.0, 5.4]), np.array([[0.05, 0.02], [0.02, 0.08]])
     belief = Belief(np.array([5.9, 5.3]), 1.5, np.diag([0.1, 0.1]), 3.0)
     rows = Rows.plain(x)
-    made = em._maximisation(rows, Mixture(np.ones(1), mean[None], cov[None]), np.ones((3, 1)), belief)
+    made = mixture_em._maximisation(rows, Mixture(np.ones(1), mean[None], cov[None]), np.ones((3, 1)), belief)
     gain = cov[1, 0] / cov[0, 0]
     full = x.copy()
     full[1, 1] = mean[1] + gain * (x[1, 0] - mean[0])
@@ -110,7 +110,7 @@ def test_one_step_with_blanks_adds_the_conditional_covariance() -> None:
 def test_the_floor_raises_only_what_is_below_it(seed: int, floor: float) -> None:
     half = np.random.default_rng(seed).normal(size=(3, 3)) * 0.2
     covariance = half @ half.T
-    raised = em.raise_to_floor(covariance, floor)
+    raised = mixture_em.raise_to_floor(covariance, floor)
     before, after = np.linalg.eigvalsh(covariance), np.linalg.eigvalsh(raised)
     assert after == pytest.approx(np.maximum(before, floor**2), rel=1e-6, abs=1e-12)
     assert raised == pytest.approx(raised.T)
@@ -138,7 +138,7 @@ def test_patterns_part_the_candidates_by_what_is_missing() -> None:
 @pytest.mark.parametrize("seed", range(5))
 def test_seeds_part_all_rows_by_the_nearest(seed: int) -> None:
     x = np.concatenate([_sample(10, seed), _sample(10, seed + 1) + 50.0])
-    part = em._nearest_seed(x, np.ones(20), 2, np.random.default_rng(seed))
+    part = mixture_em._nearest_seed(x, np.ones(20), 2, np.random.default_rng(seed))
     assert set(part.tolist()) == {0, 1}
     assert len(set(part[:10].tolist())) == 1  # k-means++ picks its second seed far from the first
     assert part[0] != part[10]

@@ -30,8 +30,8 @@ from metric_tree.fit.disagreement import (
     no_disagreement,
     with_statements,
 )
-from metric_tree.fit.em import Belief, Rows, _single_starts
 from metric_tree.fit.kinds import KindModel
+from metric_tree.fit.mixture_em import Belief, Rows, _single_starts
 from metric_tree.fit.plain_names import commonness, plain_weights
 from metric_tree.prior import Prior
 

@@ -10,7 +10,7 @@ from metric_tree.fit.kinds import KindModel, learn_kinds, shipped_model
 from metric_tree.fit.moments import VAGUE
 from metric_tree.tree import open_tree
 from taxonomy.catalogue import default_catalogue
-from taxonomy.curated import norms
+from taxonomy.curated_sizes import norms
 from tests.metric_tree.fit.test_fit import class_rows
 
 #: Sizes that a norm fixes, as anybody can look them up: node, axis, mm.

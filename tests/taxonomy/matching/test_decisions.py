@@ -15,7 +15,7 @@ from crawler.items import RawItem
 from metric_base.folders import taxonomy_directory
 from metric_base.schema import json_record
 from metric_cli.verbs import main
-from taxonomy.insertions import insertions
+from taxonomy.inserted_categories import insertions
 from taxonomy.levels import replaced_ids
 from taxonomy.matching.decisions import (
     WITHDRAWN,

@@ -14,7 +14,7 @@ from metric_base.folders import taxonomy_directory
 from metric_tree.tree import AmbiguousName
 from taxonomy.catalogue import OTHER, default_catalogue
 from taxonomy.categories import Category
-from taxonomy.curated import curated_ranges
+from taxonomy.curated_sizes import curated_ranges
 from taxonomy.levels import LEAF
 from taxonomy.naming.nodes import own_names
 from taxonomy.words.senses import reviewed_meanings

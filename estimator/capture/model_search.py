@@ -14,9 +14,9 @@ from estimator.capture.cameras.lens import Lens
 from estimator.capture.frames import Frames
 from estimator.capture.mapping.evidence import CaptureEvidence, Pair
 from estimator.capture.mapping.failures import CaptureFailure, Failure, after_all, failure
+from estimator.capture.mapping.feature_search import RUNGS, Rung, model_rank, next_rungs, predicted_s
 from estimator.capture.mapping.gates import is_disputed, most_are_linked
 from estimator.capture.mapping.reconstruction import make_features, make_matches, make_model
-from estimator.capture.mapping.rungs import RUNGS, Rung, model_rank, next_rungs, predicted_s
 from estimator.capture.mapping.time_limit import OutOfTime, TimeLimit
 from estimator.capture.work_folder import WorkFolder
 from metric_base.input_files import read_json

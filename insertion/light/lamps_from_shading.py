@@ -15,7 +15,7 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 
 from insertion.colour.encoding import luminance
-from insertion.light.candidates import (
+from insertion.light.lamp_candidates import (
     NEARBY,
     USUAL,
     Candidates,

@@ -20,9 +20,9 @@ from estimator.visibility.depth_buffer import unhidden
 from insertion.colour.encoding import luminance, srgb_to_linear
 from insertion.footage.footage import Stills
 from insertion.light.environment import HEIGHT, WIDTH, Environment, LampSpots, map_directions, solid_angles
-from insertion.light.lights import LAMP_SIGMA
-from insertion.light.shading import Lamp, Shading
+from insertion.light.lamps_from_shading import Lamp, Shading
 from insertion.light.sky import FREE_PX, LEAST_SHARE, Outdoors, sky_light, sky_pixels
+from insertion.light.soft_lights import LAMP_SIGMA
 from insertion.placement.place import Place
 from insertion.scene.cloud import Cloud, even_rows
 from insertion.scene.occupancy import Occupancy

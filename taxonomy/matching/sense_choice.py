@@ -6,7 +6,7 @@ from collections.abc import Collection, Sequence
 from dataclasses import dataclass
 from typing import Literal
 
-from taxonomy.insertions import PREFIX
+from taxonomy.inserted_categories import PREFIX
 from taxonomy.words.senses import Sense, reviewed_meanings
 
 __all__ = ["DOMAINS", "Certainty", "Domain", "chosen_sense", "fits"]

@@ -9,7 +9,7 @@ from pathlib import Path
 
 from metric_base.folders import data_folder
 from metric_tree.release import MANIFEST, BadRelease
-from metric_tree.remote import REGISTRY_VARIABLE, cache_folder, fetch_release
+from metric_tree.release_download import REGISTRY_VARIABLE, cache_folder, fetch_release
 
 __all__ = ["PATH_VARIABLE", "release_directory", "releases", "version_key"]
 

@@ -10,7 +10,7 @@ from estimator.reconstructions.cameras import project
 from estimator.records.scene import Camera, View
 from insertion.render.body import Body
 from insertion.render.pinhole import Window, focal_lengths
-from insertion.render.shadows import PlaneMap
+from insertion.render.shadow_maps import PlaneMap
 from insertion.scene.pixel_box import PixelBox
 from insertion.scene.rays import camera_rays
 from metric_base.arrays import FloatArray

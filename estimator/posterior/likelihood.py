@@ -135,7 +135,8 @@ def rows(objects: Measured) -> DimensionRows:
     tables = [
         _table(item.prior, item.pose, code, -1, True) for item, code in zip(objects.evidence, objects.code, strict=True)
     ]
-    return _rows_of(tables, objects.y, objects.sigma, objects.together, objects.outlier)
+    counts = [table.measured.shape[1] for table in tables]
+    return _rows_of(tables, counts, np.arange(len(tables)), objects)
 
 
 def hypothesis_rows(objects: Measured, chosen: IntArray, ways: Sequence[Sequence[Hypothesis]]) -> DimensionRows:
@@ -146,13 +147,12 @@ def hypothesis_rows(objects: Measured, chosen: IntArray, ways: Sequence[Sequence
     chosen : (m,) places of the objects
     ways : the hypotheses of each; the entries of the result are these of the first object, those of the second, ...
     """
-    tables = [
-        _table(way.prior, objects.evidence[i].pose, objects.code[i], way.reading, False, way.foreign)
-        for i, own in zip(chosen.tolist(), ways, strict=True)
-        for way in own
-    ]
-    place = np.repeat(chosen, [len(own) for own in ways])
-    return _rows_of(tables, objects.y[place], objects.sigma[place], objects.together[place], objects.outlier[place])
+    tables, counts = [], []
+    for i, own in zip(chosen.tolist(), ways, strict=True):
+        table, rows_of_ways = _joined_table(tuple(own), objects.evidence[i].pose, objects.code[i])
+        tables.append(table)
+        counts += rows_of_ways
+    return _rows_of(tables, counts, np.repeat(chosen, [len(own) for own in ways]), objects)
 
 
 def has_readings(item: ObjectEvidence) -> bool:
@@ -218,6 +218,16 @@ def _table(prior: Prior, pose: str, code: int, reading: int, alone: bool, foreig
     return _Table(columns, np.concatenate(measured, axis=1))
 
 
+@lru_cache(maxsize=4096)
+def _joined_table(ways: tuple[Hypothesis, ...], pose: str, code: int) -> tuple[_Table, list[int]]:
+    """The tables of an object under several hypotheses as one, and how many rows each has."""
+    tables = [_table(way.prior, pose, code, way.reading, False, way.foreign) for way in ways]
+    columns, measured = (
+        np.concatenate(parts, axis=1) for parts in zip(*((one.columns, one.measured) for one in tables), strict=True)
+    )
+    return _Table(columns, measured), [one.measured.shape[1] for one in tables]
+
+
 def _few_components(prior: Prior) -> Prior:
     """The prior with at most `MOST_KINDS` components, moments kept."""
     few = reduce_mixture(Mixture(prior.weights, prior.means, prior.covariances), MOST_KINDS)
@@ -254,29 +264,24 @@ def _columns(prior: Prior, ways: Variants, shared: FloatArray | None) -> FloatAr
     return np.concatenate(columns)
 
 
-def _rows_of(
-    tables: Sequence[_Table], y: FloatArray, sigma: FloatArray, together: FloatArray, outlier: FloatArray
-) -> DimensionRows:
-    """The rows of n objects: log extents and their standard deviations (n, 3), probability of an outlier (n,).
-
-    together : (n, 3, 3) what the errors of the log extents have in common.
-    """
-    counts = [table.measured.shape[1] for table in tables]
-    owner = np.repeat(np.arange(len(tables)), counts)  # (m,)
+def _rows_of(tables: Sequence[_Table], counts: Sequence[int], chosen: IntArray, objects: Measured) -> DimensionRows:
+    """The rows of e entries; counts : (e,) rows of each in `tables`; chosen : (e,) the object of each."""
+    owner = np.repeat(np.arange(len(counts)), counts)  # (m,)
+    of_row = chosen[owner]  # (m,) the object
     columns = np.concatenate([table.columns for table in tables], axis=1)  # (14, m)
     mean, covariance, active, log_weight = columns[:3], columns[3:9], columns[9:12], columns[12]
-    extent = np.concatenate([table.measured for table in tables], axis=1) + 3 * owner  # (3, m) place in y and sigma
-    residual = (mean - y.take(extent)) * active
-    covariance[DIAGONAL] += (sigma**2).take(extent) * active
-    if together.any():
-        measured = extent - 3 * owner
+    measured = np.concatenate([table.measured for table in tables], axis=1)  # (3, m)
+    extent = measured + 3 * of_row  # place in y and sigma
+    residual = (mean - objects.y.take(extent)) * active
+    covariance[DIAGONAL] += (objects.sigma**2).take(extent) * active
+    if objects.together.any():
         for place, (one, two) in OFF_DIAGONAL.items():
-            common = together.ravel().take(9 * owner + 3 * measured[one] + measured[two])
+            common = objects.together.ravel().take(9 * of_row + 3 * measured[one] + measured[two])
             covariance[place] += common * active[one] * active[two]
     precision, log_det = inverse(covariance)
     for place, counts_or_not in zip(DIAGONAL, active, strict=True):
         precision[place] *= counts_or_not  # off the diagonal it is zero already
-    log_weight += np.log1p(-outlier)[owner] - 0.5 * log_det
+    log_weight += np.log1p(-objects.outlier)[of_row] - 0.5 * log_det
     pull = product(precision, residual)
     lam = total(row_sums(precision))
     centre = total(pull) / lam
@@ -284,4 +289,4 @@ def _rows_of(
     start = np.cumsum([0, *counts[:-1]])
     kept = np.flatnonzero(peak >= np.maximum.reduceat(peak, start)[owner] + columns[13])
     flat = np.array([row.take(kept) for row in (*precision, *residual, *pull, log_weight, lam, centre, peak)])
-    return DimensionRows.of_objects(flat, owner.take(kept), np.log(outlier))
+    return DimensionRows.of_objects(flat, owner.take(kept), np.log(objects.outlier[chosen]))

@@ -9,7 +9,7 @@ import re
 from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass
 from functools import lru_cache
-from itertools import pairwise
+from itertools import chain, pairwise
 from pathlib import Path
 from typing import Any
 
@@ -30,6 +30,8 @@ MANIFEST_FIELDS: Mapping[str, type] = {
     "schema": str, "name": str, "version": str, "created": str, "sources": list, "files": dict, "counts": dict
 }  # fmt: skip
 _COUNTS = ("nodes", "n_fit", "n_rows")
+#: What it may hold by node.
+_BY_NODE: Mapping[str, type] = {"states": list, "heights": dict}
 #: A source's id names files.
 _SOURCE_ID = re.compile(r"\w[\w.-]*")
 _KINDS: Mapping[type, str] = {str: "text", list: "an array", dict: "an object"}
@@ -197,6 +199,11 @@ def _manifest(path: Path) -> dict[str, Any]:
     schema = manifest.get("schema") if isinstance(manifest, dict) else None
     if schema != SCHEMA:
         raise BadRelease(f"{path}: schema: expected {SCHEMA}, the one this version reads; found {schema!r}")
+    _see_fields(manifest, path)
+    return dict(manifest)
+
+
+def _see_fields(manifest: Mapping[str, Any], path: Path) -> None:
     for field, kind in MANIFEST_FIELDS.items():
         if field not in manifest:
             raise BadRelease(f"{path}: {field}: expected a value; found none")
@@ -207,7 +214,17 @@ def _manifest(path: Path) -> dict[str, Any]:
     for field in _COUNTS:
         if not isinstance(count := manifest["counts"].get(field), int):
             raise BadRelease(f"{path}: counts.{field}: expected a whole number; found {visible(str(count))}")
-    return dict(manifest)
+    for field, kind in _BY_NODE.items():
+        if not _is_by_node(manifest.get(field, {}), kind):
+            raise BadRelease(f"{path}: {field}: expected {_KINDS[kind]} for each node; found others")
+
+
+def _is_by_node(value: object, kind: type) -> bool:
+    """Whether a value has a record for each node, or a list of records."""
+    if not isinstance(value, dict) or not all(isinstance(one, kind) for one in value.values()):
+        return False
+    records = chain.from_iterable(value.values()) if kind is list else value.values()
+    return all(isinstance(one, dict) for one in records)
 
 
 def _is_source_id(value: object) -> bool:

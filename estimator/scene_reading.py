@@ -1,4 +1,4 @@
-"""The door: a scene and its instances from whatever form they are in, or one clear line."""
+"""Readers of a scene and its instances, from whatever form they are in, or one clear line."""
 
 from __future__ import annotations
 

@@ -16,7 +16,7 @@ from estimator.capture.frame_poses import FILE_NAME, FramePose, FramePoses, writ
 from estimator.capture.frames import FRAMES_FILE, Frames, Source, make_frames, read_frames, source_of
 from estimator.capture.localisation import localised_frames
 from estimator.capture.mapping.time_limit import TimeLimit, limit_of
-from estimator.capture.model_search import MODEL_STAGES, MORE_FRAMES, REPORT, Climb
+from estimator.capture.model_search import MODEL_STAGES, MORE_FRAMES, REPORT, ModelSearch
 from estimator.capture.video import Video
 from estimator.capture.work_folder import WorkFolder, content_digest
 from estimator.reconstructions.cameras import CAMERA_MODELS
@@ -150,8 +150,8 @@ def reconstruct(
     """
     work.check_ownership(STAGES)  # before an hour of work, not after
     source = source_of(path)
-    climb = _climb(path, source, work, options, progress)
-    frames, frames_digest, model_digest = climb.frames, climb.frames_digest, climb.make_sparse()
+    search = _model_search(path, source, work, options, progress)
+    frames, frames_digest, model_digest = search.frames, search.frames_digest, search.make_sparse()
     work.stage(
         "poses",
         {"model": model_digest, "frames": frames_digest},
@@ -167,13 +167,15 @@ def reconstruct(
     write_cautions(capture_cautions(path, frames, report, options.focal_px is not None), work.path)
 
 
-def _climb(path: Path, source: Source, work: WorkFolder, options: CaptureOptions, progress: ProgressCallback) -> Climb:
+def _model_search(
+    path: Path, source: Source, work: WorkFolder, options: CaptureOptions, progress: ProgressCallback
+) -> ModelSearch:
     """The ladder over the frames of a source; of a video whose frames show too little in common, over more of them."""
     digest = content_digest(path) if path.is_file() else _folder_digest(source)
     by_default: dict[str, Any] = {"source": digest, "frames": options.frames}
     more = by_default | {"times": MORE_FRAMES}
 
-    def over(inputs: dict[str, Any], limit: TimeLimit | None) -> Climb:
+    def over(inputs: dict[str, Any], limit: TimeLimit | None) -> ModelSearch:
         times = inputs.get("times", 1)
         frames_digest = work.stage(
             "frames", inputs, STAGES["frames"], lambda part: make_frames(part, source, options.frames, progress, times)
@@ -181,7 +183,9 @@ def _climb(path: Path, source: Source, work: WorkFolder, options: CaptureOptions
         frames = read_frames(work.path)
         limit = limit or limit_of(len(frames.names), options.max_time_s)
         is_video = isinstance(source, Video)
-        return Climb(work, frames_digest, frames, _lens(frames, options), is_video, options.max_time_s, limit, progress)
+        return ModelSearch(
+            work, frames_digest, frames, _lens(frames, options), is_video, options.max_time_s, limit, progress
+        )
 
     if work.is_made("frames", more):
         return over(more, None)

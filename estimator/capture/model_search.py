@@ -1,4 +1,4 @@
-"""The climb of the ladder from frames to a model: each rung's features, matches and mapping are stages of their own."""
+"""The search for a model of frames: each rung of the ladder has its features, matches and mapping as stages."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ from estimator.capture.work_folder import WorkFolder
 from metric_base.input_files import read_json
 from metric_base.progress import ProgressCallback
 
-__all__ = ["MODEL_STAGES", "MORE_FRAMES", "REPORT", "Climb"]
+__all__ = ["MODEL_STAGES", "MORE_FRAMES", "REPORT", "ModelSearch"]
 
 REPORT = "reconstruction.json"
 #: Features and matches, kept so that a later stage can be made again.
@@ -42,7 +42,7 @@ for _rung in RUNGS:
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Climb:
+class ModelSearch:
     """The ladder from frames to a model: what every rung starts from."""
 
     work: WorkFolder

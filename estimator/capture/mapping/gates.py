@@ -99,7 +99,7 @@ LEAST_BROKEN = 2
 RELIABLE_ANGLE_DEG, HELD_SHARE = 3.0, 0.8
 #: ... if the frames are at most so many steps of matches apart. Without a loop, what a path drifts by grows with them.
 MOST_STEPS = 6
-#: Share of the frames from which a model that can be used ends the climb; of smaller ones the largest is taken.
+#: Share of the frames from which a model that can be used ends the search; of smaller ones the largest is taken.
 WHOLE_SHARE = 0.8
 #: Points over the weakest seam from which a dispute of the mappers does not count. The depth of one, over small steps,
 #: is known to a third or so, and so the size of what they hold to 6 %. Disputed paths of three parts of `snow_walk` had

@@ -92,7 +92,8 @@ def quantile_table(dims: tuple[str, ...], table: FloatArray, quantiles: tuple[fl
 def sentence(catalogue: ReleaseCatalogue, node: Node) -> str:
     """A node's main size in words."""
     prior = catalogue.prior(node)
-    return node_sentence(node, shown_name(node), prior) if prior else "Nothing is known of its size."
+    height = f" Height: {node.height_is}." if node.height_is else ""
+    return node_sentence(node, shown_name(node), prior) + height if prior else "Nothing is known of its size."
 
 
 def node_answer(catalogue: ReleaseCatalogue, node: Node) -> NodeAnswer:

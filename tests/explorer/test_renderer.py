@@ -9,6 +9,8 @@ from pathlib import Path
 
 import pytest
 
+import metric_tree
+from explorer.content.answers import sentence
 from explorer.content.release_catalogue import ReleaseCatalogue
 from explorer.renderer import answer, site_addresses
 from explorer.site import write_site
@@ -66,6 +68,13 @@ def test_text_of_a_source_is_escaped(trees: list[Tree]) -> None:
     assert b"<script>alert" not in page.body
     assert b"javascript:" not in page.body
     assert b"&lt;script&gt;alert" in page.body
+
+
+def test_a_page_says_which_height_is_meant() -> None:
+    tree = metric_tree.open()
+    said = sentence(ReleaseCatalogue([tree]), tree.find("bathtub"))
+    assert said.startswith("A bath and pool is about 57 cm high")
+    assert said.endswith("Height: rim to floor, outside.")
 
 
 def test_a_page_says_the_tier_then_the_size(catalogue: ReleaseCatalogue) -> None:

@@ -12,6 +12,7 @@ from estimator.records.measured_object import MeasuredObject
 from estimator.records.result import ObjectReport
 from estimator.results.estimate import scale_of_objects
 from estimator.results.hollows import UNSEEN_UNDERSIDE, cut_sides
+from estimator.results.reports import EstimateOptions
 from metric_tree.tree import Tree
 
 SINK = MeasuredObject("1", "sink", np.array([0.56, 0.44, 0.15]), np.full(3, 0.03))
@@ -39,6 +40,11 @@ def test_the_height_of_a_sink_ends_inside(tree: Tree) -> None:
 def test_other_heights_are_whole(whole: MeasuredObject, tree: Tree) -> None:
     report = _report(whole, tree)
     assert (report.truncated, report.notes) == ((), ())
+
+
+def test_a_method_of_heights_alone_keeps_the_height(tree: Tree) -> None:
+    report = scale_of_objects([SINK], tree, EstimateOptions(method="height")).objects[0]
+    assert (report.used, report.truncated) == (("height",), ())
 
 
 def test_no_picture_can_show_an_underside() -> None:

@@ -282,6 +282,13 @@ def test_values_of_a_glb_start_at_whole_words() -> None:
     assert views[0]["byteLength"] % 4
     assert [view["byteOffset"] % 4 for view in views] == [0, 0]
     assert views[1]["byteOffset"] - views[0]["byteLength"] < 4
+    for width in range(1, 9):  # pictures of all lengths, the last in the file
+        glb = Glb("test")
+        glb.add_texture(np.random.default_rng(width).integers(0, 255, (3, width, 4), dtype=np.uint8))
+        data = glb.data([])
+        text, total = (struct.unpack_from("<I", data, place)[0] for place in (12, 8))
+        (binary,) = struct.unpack_from("<I", data, 20 + text)
+        assert (text % 4, binary % 4, total) == (0, 0, len(data))
 
 
 def test_normals_of_a_slanted_plane_look_at_the_camera() -> None:

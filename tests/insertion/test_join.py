@@ -246,7 +246,7 @@ def test_layers_joined_again_by_others_are_the_picture(tmp_path: Path) -> None:
     composite = compose(plate, joined, noisy, 5)
     shot = Shot(0, "a/0.png", None, None, None)
     names = [SimpleNamespace(model=SimpleNamespace(name=name)) for name in ("one", "two")]
-    prepared: Any = SimpleNamespace(scale=SimpleNamespace(metres_per_unit=2.0), footage=SimpleNamespace(shots=[shot]))
+    prepared: Any = SimpleNamespace(scale=SimpleNamespace(metres_per_unit=3.0), footage=SimpleNamespace(shots=[shot]))
     sink = CompositingLayers(tmp_path, prepared, names)  # type: ignore[arg-type]
     sink.picture(shot, plate)
     for number, item in enumerate(joined):
@@ -271,7 +271,7 @@ def test_layers_joined_again_by_others_are_the_picture(tmp_path: Path) -> None:
     assert np.abs(again - composite.picture).max() <= 1
     assert (again == composite.picture).mean() > 0.99
     depth = read("depth")[..., 0]
-    assert (depth[:, :15] == 4.0).all()  # metres
+    assert (depth[:, :15] == 2.0 * 3.0).all()  # metres
     assert (depth[:, 30:] == 0).all()
 
 

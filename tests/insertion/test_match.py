@@ -81,6 +81,9 @@ def test_a_layer_is_smeared_as_the_picture_is() -> None:
     assert (result.sum(axis=0) * offsets**2).sum() == pytest.approx(4, rel=0.05)
     assert (result.sum(axis=1) * offsets**2).sum() < 0.1
     np.testing.assert_array_equal(blur_layer(layer, np.eye(2) * 0.35**2), layer)
+    narrow = blur_layer(layer, np.eye(2) * (0.35**2 + 0.2**2))[..., 3]
+    np.testing.assert_allclose(narrow, narrow[:, ::-1], atol=1e-6)  # along both axes alike
+    assert narrow[20, 20] < 0.9999
 
 
 def test_looks_of_neighbouring_frames_blend() -> None:

@@ -183,13 +183,14 @@ def test_normals_and_faces_follow_their_node(tmp_path: Path, scale: list[float])
     assert part.normals[0] @ [-np.sign(scale[0]), 0, 2] > 0.9
 
 
-def test_vertex_colours_stay_beside_a_material_and_are_not_rounded(tmp_path: Path) -> None:
-    tint = np.array([0.1234567, 0.5, 0.002])
+@pytest.mark.parametrize("alpha", [[], [0.25]])
+def test_vertex_colours_stay_beside_a_material_and_are_not_rounded(tmp_path: Path, alpha: list[float]) -> None:
+    tint = np.array([0.1234567, 0.5, 0.002, *alpha])
     (part,) = _square(
         tmp_path / "a.glb", lambda p, d: p["attributes"].update(COLOR_0=d.add_values(np.tile(tint, (4, 1))))
     ).parts
     assert part.color is not None
-    np.testing.assert_allclose(part.color[0], [*tint, 1], rtol=1e-6)
+    np.testing.assert_allclose(part.color[0], [*tint, 1][:4], rtol=1e-6)
     assert part.material.base_texture is not None
 
 

@@ -10,6 +10,7 @@ from pathlib import Path
 import cv2
 import numpy as np
 import pytest
+from scipy.spatial.transform import Rotation
 
 import metric_tree
 from estimator.reconstructions.cameras import pixels_in_view
@@ -120,6 +121,13 @@ def test_the_unit_of_the_reconstruction_does_not_move_an_object(
         np.testing.assert_allclose(bodies[1].basis, bodies[0].basis, atol=1e-6)
         np.testing.assert_allclose(bodies[1].corners, bodies[0].corners, atol=1e-4)
         assert bodies[1].unit / UNIT == pytest.approx(bodies[0].unit)
+
+
+def test_who_walks_looks_along_the_way_or_so_many_degrees_from_it(prepared: PreparedScene, cup: Path) -> None:
+    way = ObjectRequest(cup, plane=0, path=((0.4, 0.0), (0.4, 0.3)), speed_m_s=0.5)
+    ahead, aside = (place_objects(prepared, [replace(way, facing=turn)])[0].body_at(0.3) for turn in (0.0, 70.0))
+    turn = Rotation.from_rotvec(70.0 * ahead.basis[2], degrees=True)
+    np.testing.assert_allclose(aside.parts[0].vertices, turn.apply(ahead.parts[0].vertices), atol=1e-5)
 
 
 def test_the_last_word_of_a_category_is_enough(room: RecordedRoom, prepared: PreparedScene, cup: Path) -> None:

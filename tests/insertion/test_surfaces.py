@@ -79,10 +79,11 @@ def test_discs_and_free_cells() -> None:
     assert free.sum() == 14 * 14
     assert free[3:17, 3:17].all()
     taken = np.array([[0.05, 0.05, 0.5], [0.55, 0.55, 1.2], [-0.55, 0.55, 0.07]])
-    around = surface.free_cells(_surface(solid, taken=taken), 0.31, 1.0)
     rows, columns = np.indices((20, 20))
-    near = np.hypot(rows - 10, columns - 10) <= 3
-    assert np.array_equal(around, free & ~near)
+    for radius, reach in ((0.31, 3.1), (0.25, 2.5)):  # metres, cells
+        around = surface.free_cells(_surface(solid, taken=taken), radius, 1.0)
+        near = np.hypot(rows - 10, columns - 10) <= reach
+        assert np.array_equal(around, surface.free_cells(_surface(solid), radius, 1.0) & ~near)
     assert not surface.free_cells(_surface(solid), 1.01, 1.0).any()
 
 

@@ -9,6 +9,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from taxonomy.naming.nearest import _slip
 from taxonomy.naming.nodes import Names
 from taxonomy.naming.resolver import NameAnswer, Resolver
 from taxonomy.words import senses as tables
@@ -136,6 +137,20 @@ def test_an_ancestor_and_its_descendant_are_one_sense() -> None:
 def test_a_suggestion_is_near_in_spelling_or_the_head_noun(text: str, names: list[str]) -> None:
     """No compound is offered that shares only its other word: a robot arm is no robot vacuum."""
     assert RESOLVER.nearest(text) == names
+
+
+@pytest.mark.parametrize(
+    ("word", "other", "same"),
+    [
+        ("chair", "chairs", True),
+        ("televison", "television", True),
+        ("zebra", "apple", False),
+        ("cat", "bat", False),
+        ("bee", "bed", False),
+    ],
+)
+def test_a_slip_keeps_the_beginning_and_most_letters(word: str, other: str, same: bool) -> None:
+    assert _slip(word, other) == _slip(other, word) == same
 
 
 def test_a_container_is_what_is_meant_and_not_what_is_in_it() -> None:

@@ -39,6 +39,8 @@ PARTS = ("sameness", "structured", "errors", "unseen", "streets", "scenes", "met
 QUICK = {"rooms": [0], "streets": [0, 1], "scenes_a_cell": 10}
 #: Of the simulations; real rooms of a source never seen that are taken at most, and of them with --quick.
 SEED, UNSEEN_ROOMS, QUICK_ROOMS = 1, 300, 20
+#: Parts that judge trees built from raw items.
+RAW_PARTS = ("unseen", "streets")
 
 
 def main(argv: Sequence[str] | None = None) -> int:
@@ -49,7 +51,7 @@ def main(argv: Sequence[str] | None = None) -> int:
     kept = [one for one in outcomes if one.part not in arguments.parts]
     release = metric_tree.open()
     rooms_tree, sizes = unseen_tree(arguments.raw, arguments.cache) if arguments.raw else (release, typical_sizes)
-    for part in arguments.parts:
+    for part in (one for one in arguments.parts if arguments.raw or one not in RAW_PARTS):
         begun = time.process_time()
         own = list(_outcomes(part, arguments, release, rooms_tree, sizes))
         kept += own
@@ -99,7 +101,9 @@ def _outcomes(
         "structured": lambda: _simulated(arguments, release),
         "errors": lambda: error_outcomes(_classes(release), arguments.scenes_a_cell, SEED),
         "unseen": lambda: _unseen(arguments, rooms_tree),
-        "streets": lambda: _streets(arguments),
+        "streets": lambda: streets_outcomes(
+            arguments.tables, tree_without((*FAMILY, *MEASURED), arguments.raw, arguments.cache / "streets"), SEED
+        ),
     }
     return makers[part]()
 
@@ -130,17 +134,8 @@ def _simulated(arguments: argparse.Namespace, release: Tree) -> Iterator[Outcome
 
 
 def _unseen(arguments: argparse.Namespace, tree: Tree) -> Iterator[Outcome]:
-    if arguments.raw is None:
-        return iter(())
     file = arguments.tables / FAMILY[0] / f"{FAMILY[0]}.csv"
     return unseen_outcomes(file, tree, QUICK_ROOMS if arguments.quick else UNSEEN_ROOMS, SEED)
-
-
-def _streets(arguments: argparse.Namespace) -> Iterator[Outcome]:
-    if arguments.raw is None:
-        return iter(())
-    tree = tree_without((*FAMILY, *MEASURED), arguments.raw, arguments.cache / "streets")
-    return streets_outcomes(arguments.tables, tree, SEED)
 
 
 def _rooms_text(arguments: argparse.Namespace) -> str:

@@ -20,8 +20,10 @@ from estimator.results.estimate import scale_of_objects
 from estimator.results.reports import EstimateOptions
 from metric_tree.tree import Tree
 
-__all__ = ["METHODS", "Case", "object_outcomes", "scene_outcomes"]
+__all__ = ["METHODS", "TRUE_SIZES", "Case", "object_outcomes", "scene_outcomes"]
 
+#: The default on all objects of a synthetic scene at their true sizes: what the priors alone lose.
+TRUE_SIZES = "default, true sizes"
 #: In the order of the tables. "all dimensions" takes every side as measured: the paper's arm without its confidence,
 #: ours without truncation flags.
 METHODS = ("default", "height", "paper", "sucar", "default, all dimensions", "paper, all dimensions")
@@ -34,7 +36,7 @@ UNTRACKED = MeasurementOptions(stated_tracks=False)
 class Case:
     """A scene with its masks, and what is true of it.
 
-    scale : metres per unit; heights : metres, by track.
+    scale : metres per unit; heights : metres, by track; exact : objects at their true sizes, where these are known.
     """
 
     group: str
@@ -43,12 +45,16 @@ class Case:
     instances: tuple[Instance, ...]
     scale: float
     heights: Mapping[str, float] = field(default_factory=dict)
+    exact: tuple[MeasuredObject, ...] = ()
 
 
 def scene_outcomes(part: str, case: Case, tree: Tree) -> Iterator[Outcome]:
     """The outcome of each method; those that measure alike share the measurement."""
     ours = measure_objects(case.scene, case.instances, UNTRACKED).objects
     theirs = measure_objects(case.scene, case.instances, PAPER).objects
+    if case.exact:
+        result = _result("default", case.exact, tree)
+        yield outcome_of(part, case.group, case.name, TRUE_SIZES, result, case.scale)
     for method in METHODS:
         if method == "sucar":
             result = sucar_result(case.scene, case.instances, tree, EstimateOptions(method="sucar", level=LEVEL))

@@ -8,7 +8,7 @@ from string import Template
 
 import numpy as np
 
-from benchmarks.accuracy.methods import METHODS
+from benchmarks.accuracy.methods import METHODS, TRUE_SIZES
 from benchmarks.accuracy.outcomes import Outcome, difference, select, summary
 from benchmarks.accuracy.simulations import FAULTS
 from benchmarks.common import row_text, table_head
@@ -83,7 +83,7 @@ def _methods_table(outcomes: Sequence[Outcome]) -> str:
     rows = [
         _line(group, method, chosen)
         for group in groups
-        for method in METHODS
+        for method in (TRUE_SIZES, *METHODS)
         # of one scene the arms without dimensions say next to nothing
         if (chosen := select(outcomes, group=group, method=method)) and ("all" not in method or len(chosen) > 1)
     ]

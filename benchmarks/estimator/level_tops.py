@@ -15,12 +15,10 @@ from estimator.geometry.standing import has_level_top
 from estimator.pipeline import measure_objects
 from tests.synthetic.rooms.furnish import furnished_room
 from tests.synthetic.rooms.kinds import KINDS
-from tests.synthetic.rooms.knobs import HARD, with_knobs
+from tests.synthetic.rooms.knobs import CLUTTERED, with_knobs
 from tests.synthetic.rooms.quick import quick_scene
 
-#: The share of the objects on a table that its mask includes.
-CLUTTER = 0.8
-VIEWS = 12
+KNOBS = with_knobs(CLUTTERED, views=12)
 #: Standard deviations that hold the middle 90 % of a Gaussian.
 NINETY = 1.645
 
@@ -29,10 +27,9 @@ def main() -> None:
     """The command."""
     options = seeds_parser(__doc__, 1102, 1104).parse_args()
     errors: dict[tuple[str, str], list[tuple[float, float]]] = {}
-    knobs = with_knobs(HARD, views=VIEWS, clutter=CLUTTER)
     for seed in range(*options.seeds):
         for kind in KINDS:
-            room = quick_scene(furnished_room(kind, seed, knobs), knobs, seed=seed)
+            room = quick_scene(furnished_room(kind, seed, KNOBS), KNOBS, seed=seed)
             for points, scene in (("dense", room.scene), ("sparse", replace(room.scene, dense=None))):
                 for item in measure_objects(scene, room.instances).objects:
                     true = room.truth.objects[room.instances[item.members[0]].track or ""]

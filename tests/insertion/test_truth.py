@@ -2,7 +2,10 @@
 
 from __future__ import annotations
 
+import json
+import tempfile
 from dataclasses import dataclass, replace
+from itertools import pairwise
 from pathlib import Path
 
 import numpy as np
@@ -22,6 +25,9 @@ from tests.synthetic.rooms.shapes import solid
 SIZE = np.array([0.42, 0.38, 0.75])
 #: Units of another reconstruction of the same room to one of this.
 UNIT = 0.037
+ROOM = ("sitting room", 1003)
+#: What `_mean_changes` was when somebody looked at the pictures, and how many levels of 255 it may be off.
+LOOKED_AT, LEVELS = Path(__file__).with_name("looked_at.json"), 2.0
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -34,7 +40,7 @@ class Inserted:
 
 @pytest.fixture(scope="module")
 def room(tmp_path_factory: pytest.TempPathFactory) -> RecordedRoom:
-    return video_room("sitting room", 1003, tmp_path_factory.mktemp("room"))
+    return video_room(*ROOM, tmp_path_factory.mktemp("room"))
 
 
 def _insert(room: RecordedRoom, scale_error: float = 1.0) -> Inserted:
@@ -140,6 +146,35 @@ def test_far_pixels_do_not_change(inserted: Inserted) -> None:
         assert changed.any()
 
 
+def _mean_changes(inserted: Inserted) -> dict[str, list[list[float]]]:
+    """Mean change of colour in 4 x 4 cells over each picture's object and what is half its size around it."""
+    import cv2
+
+    changes = {}
+    for frame, (name, picture) in zip(inserted.result.frames, inserted.pictures.items(), strict=True):
+        if frame.silhouette is None:
+            continue
+        before = cv2.imread(str(inserted.room.folder / "images" / name))[..., ::-1]
+        left, top, wide, high = frame.silhouette
+        rows, columns = (
+            np.clip(np.linspace(start - size / 2, start + 1.5 * size, 5).astype(int), 0, end)
+            for start, size, end in ((top, high, picture.shape[0]), (left, wide, picture.shape[1]))
+        )
+        change = picture.astype(float) - before
+        cells = [change[a:b, c:d] for a, b in pairwise(rows) for c, d in pairwise(columns)]
+        changes[name] = [np.round(cell.mean(axis=(0, 1)), 1).tolist() if cell.size else [0.0] * 3 for cell in cells]
+    return changes
+
+
+def test_the_light_on_the_object_and_around_it_is_as_it_was_looked_at(inserted: Inserted) -> None:
+    """Who changes light looks at the pictures again and makes the file anew: `python -m tests.insertion.test_truth`."""
+    looked_at = json.loads(LOOKED_AT.read_text())
+    now = _mean_changes(inserted)
+    assert now.keys() == looked_at.keys()
+    for name, cells in looked_at.items():
+        np.testing.assert_allclose(now[name], cells, atol=LEVELS, err_msg=name)
+
+
 def test_the_unit_of_the_reconstruction_does_not_show(inserted: Inserted) -> None:
     prepared = prepared_scene_of(in_unit(inserted.room, UNIT))
     (placed,) = place_objects(prepared, [inserted.placed.request])
@@ -169,3 +204,9 @@ def test_who_walks_before_an_object_hides_it(room: RecordedRoom) -> None:
     for moving, visible in (((), True), ((near,), False)):
         (result,) = insert_objects(replace(some, moving={2: moving}), placed, lambda *_: None)
         assert (result.frames[0].visible > 0.2) == visible
+
+
+if __name__ == "__main__":
+    with tempfile.TemporaryDirectory() as folder:
+        seen = _mean_changes(_insert(video_room(*ROOM, Path(folder))))
+    LOOKED_AT.write_text("{" + ",\n".join(f'"{name}":{json.dumps(cells)}' for name, cells in seen.items()) + "}\n")

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass, replace
 
-__all__ = ["HARD", "Knobs", "with_knobs"]
+__all__ = ["CLUTTERED", "HARD", "Knobs", "with_knobs"]
 
 
 @dataclass(frozen=True, slots=True)
@@ -72,6 +72,8 @@ HARD = Knobs(
     mask_error_px=2.0,
     missing_feet=0.15,
 )
+#: The same, and four of five objects that stand on another one are in that one's masks.
+CLUTTERED = replace(HARD, clutter=0.8)
 
 
 def with_knobs(knobs: Knobs, **changes: float | None) -> Knobs:

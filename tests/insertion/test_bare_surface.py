@@ -78,3 +78,10 @@ def test_the_ground_is_no_place_where_the_picture_shows_something_above_it() -> 
     rising = np.vstack([_ring(0.4 + 0.05 * k, 1, turn=0.1 * k) for k in range(40)])
     with pytest.raises(NoPlace, match="no level surface was reconstructed"):
         place_at_point(_road(rising), VIEW, WIDTH / 2 + 20, HEIGHT / 2)
+
+
+def test_what_rises_a_little_beside_the_ground_does_not_take_the_place() -> None:
+    """Kerbs and plants, nearer than the ground by less than a tenth."""
+    kerb = np.vstack([_ring(0.1 + 0.02 * k, 1, turn=0.7 * k) for k in range(10)])
+    place = place_at_point(_road(kerb), VIEW, WIDTH / 2 + 20, HEIGHT / 2)
+    np.testing.assert_allclose(place.position, [20 / FOCAL * EYE[2], 0, 0], atol=0.02)

@@ -117,3 +117,14 @@ def test_other_codecs_keep_the_tags(codec: str, suffix: str, name: str, tmp_path
     assert first.format.name == "yuv422p10le"
     before, after = _samples(_frames(source)[0])[0].astype(int), _samples(first)[0].astype(int)
     assert np.corrcoef(before.ravel(), after.ravel())[0, 1] > 0.9  # noise is hard for a codec
+
+
+@pytest.mark.parametrize("suffix", [".mp4", ".mkv", ".webm"])
+def test_pictures_of_odd_sides_lose_a_row_and_a_column_alone(suffix: str, tmp_path: Path) -> None:
+    rows, columns = np.mgrid[:51, :77]
+    picture = np.dstack([4 * rows, 2 * columns, np.full(rows.shape, 90)]).astype(np.uint8)
+    with VideoWriter(tmp_path / f"out{suffix}", suffix) as writer:
+        writer.write(picture, 0.0)
+    shown = next(Video(tmp_path / f"out{suffix}").frames()).colour
+    assert shown.shape == (50, 76, 3)
+    assert np.abs(shown.astype(int) - picture[:50, :76]).mean() < 4

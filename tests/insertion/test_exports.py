@@ -92,6 +92,34 @@ def test_glb_has_an_animated_camera(scene: tuple[PreparedScene, Placed], tmp_pat
     assert extents[1] == pytest.approx(HEIGHT, rel=1e-4)
 
 
+@pytest.mark.parametrize("strength", [0.5, 4.0])
+def test_files_have_the_glow_and_the_tints_of_the_model(
+    scene: tuple[PreparedScene, Placed], tmp_path: Path, strength: float
+) -> None:
+    pytest.importorskip("pxr", reason="usd-core is not installed")
+    from pxr import Usd
+
+    prepared, placed = scene
+    (part,) = placed.model.parts
+    material = replace(part.material, base_color=[0.5, 0.25, 1.0, 1.0], emissive=[strength, 0, strength / 2])
+    tint = np.tile([0.4, 0.8, 0.6, 1.0], (len(part.vertices), 1))
+    model = replace(placed.model, parts=(replace(part, color=tint, material=material),))
+    frame = metric_frame([placed], prepared.scale.metres_per_unit)
+    keys = camera_keys(prepared.footage.shots, frame)
+    write_gltf_scene(tmp_path / "scene.glb", [replace(placed, model=model)], keys, frame)
+    (record,) = _header(tmp_path / "scene.glb")["materials"]
+    extension = record.get("extensions", {}).get("KHR_materials_emissive_strength", {"emissiveStrength": 1.0})
+    glow = np.array(record["emissiveFactor"]) * extension["emissiveStrength"]
+    assert glow == pytest.approx([strength, 0, strength / 2])
+    assert max(record["emissiveFactor"]) <= 1
+    write_usd_scene(tmp_path / "scene.usda", [replace(placed, model=model)], keys, frame, 25.0)
+    usd = Usd.Stage.Open(str(tmp_path / "scene.usda"))
+    (mesh,) = (prim for prim in usd.Traverse() if prim.GetTypeName() == "Mesh")
+    assert np.array(mesh.GetAttribute("primvars:displayColor").Get()) == pytest.approx(
+        np.tile([0.2, 0.2, 0.6], (len(tint), 1)), abs=1e-6
+    )
+
+
 def test_usd_has_the_same_camera(scene: tuple[PreparedScene, Placed], tmp_path: Path) -> None:
     pxr = pytest.importorskip("pxr", reason="usd-core is not installed")
     from pxr import Usd, UsdGeom

@@ -194,17 +194,25 @@ def test_vertex_colours_stay_beside_a_material_and_are_not_rounded(tmp_path: Pat
     assert part.material.base_texture is not None
 
 
-def test_a_texture_takes_its_own_coordinates(tmp_path: Path) -> None:
+@pytest.mark.parametrize(
+    ("moved", "uv"),
+    [
+        ({"offset": [0.1, 0.2], "rotation": np.pi / 2, "scale": [2, 3]}, (3 * 1 + 0.1, -2 * 1 + 0.2)),
+        ({"offset": [0.1, 0.2]}, (1.1, 1.2)),
+        ({"scale": [2, 3]}, (2, 3)),
+        ({}, (1, 1)),
+    ],
+)
+def test_a_texture_takes_its_own_coordinates(tmp_path: Path, moved: dict[str, Any], uv: tuple[float, float]) -> None:
     """The second set, scaled, turned by a quarter and moved, as three.js and Khronos' viewer do it."""
-    moved = {"texCoord": 1, "offset": [0.1, 0.2], "rotation": np.pi / 2, "scale": [2, 3]}
+    moved = {"texCoord": 1, **moved}
 
     def change(primitive: dict[str, Any], document: Glb) -> None:
         primitive["attributes"]["TEXCOORD_1"] = document.add_values(CORNERS + 1)
 
     colour = {"baseColorTexture": {"index": 0, "extensions": {"KHR_texture_transform": moved}}}
     (part,) = _square(tmp_path / "a.glb", change, {"pbrMetallicRoughness": colour}).parts
-    u, v = part.uv[0]
-    assert (u, v) == pytest.approx((3 * 1 + 0.1, -2 * 1 + 0.2))  # corner (1, 1) of the second set
+    assert tuple(part.uv[0]) == pytest.approx(uv)  # corner (1, 1) of the second set
 
 
 def test_a_texture_with_other_coordinates_than_the_colour_is_left_out_with_a_word(tmp_path: Path) -> None:

@@ -116,3 +116,7 @@ def test_sky_is_above_free_and_bright() -> None:
     colours = np.array([[0.2, 0.4, 0.8], [1, 1, 0.9], [0.6, 0.5, 0.4], [0.02, 0.03, 0.05], [1, 1, 1], [1, 1, 1]])
     rise, free = np.array([0.3, 0.3, 0.3, 0.3, -0.1, 0.3]), np.array([50, 50, 50, 50, 50, 3.0])
     assert sky_pixels(colours.astype(np.float32), rise, free).tolist() == [True, True, False, False, False, False]
+    near = [
+        sky_pixels(colours[0].astype(np.float32), np.array(0.3), np.array(pixels)).item() for pixels in (11.9, 12.1)
+    ]
+    assert near == [False, True]

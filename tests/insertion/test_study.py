@@ -45,6 +45,12 @@ def test_the_observer_is_found_again() -> None:
     assert low < true.noticeable < high
 
 
+def test_two_people_have_a_curve_and_no_interval() -> None:
+    curve = curve_of(_answers(Observer(bias=0.05, sigma=0.1, criterion=0.1), 2, 6, 3))
+    assert not curve.flat
+    assert (curve.peak_interval, curve.noticeable_interval) == (None, None)
+
+
 def test_answers_by_chance_are_a_flat_curve() -> None:
     generator = np.random.default_rng(2)
     answers = [StudyAnswer(str(k % 2), float(step), str(generator.choice(ANSWERS))) for k in range(6) for step in STEPS]

@@ -17,7 +17,7 @@ from insertion.placement.free_space import Space
 from insertion.placement.heading import heading, turn_about
 from insertion.placement.place import NoPlace, Place
 from insertion.placement.surface import Supports, Surface
-from insertion.scene.carried_masks import MaskCarrier, _inverse_depth, _move_outline
+from insertion.scene.carried_masks import MaskCarrier, _carry, _inverse_depth, _move_outline
 from insertion.scene.cloud import Cloud, FrontPoints, coloured_cloud, even_rows
 from insertion.scene.moving_masks import Upright, points_beside
 from insertion.scene.pixel_box import PixelBox, labels_in_box, mask_in_box
@@ -136,6 +136,7 @@ def test_a_back_is_to_the_nearest_tall_wall() -> None:
     place = Place(np.array([2.0, 1.2, 0.0]), np.eye(3), np.array([2.0, 3.0, 1.5]), "floor", 0)
     front, angle = heading(place, "wall", cloud)
     assert front == pytest.approx([0, 1, 0], abs=0.02)
+    assert np.linalg.norm(front) == pytest.approx(1, abs=1e-9)
     assert angle == pytest.approx(0.0, abs=2)
     right, turned = heading(
         replace(place, position=np.array([3.5, 3.0, 0.0]), camera=np.array([3.5, 0.0, 1.5])), "wall", cloud
@@ -346,8 +347,18 @@ def test_an_outline_is_carried_over_its_plane() -> None:
     left, top = 320 + FOCAL * (-20 / FOCAL * 3 - 0.3) / 3.5, 240 + FOCAL * (-40 / FOCAL * 3) / 3.5
     assert carried.origin == pytest.approx((left, top), abs=1.6)
     assert carried.mask.shape == pytest.approx((60 * 3 / 3.5, 40 * 3 / 3.5), abs=2.6)
+    assert carried.mask.mean() > 0.9
     far = replace(VIEW, translation=-ROTATION @ np.array([3.0, 0.0, 3.0]))
     assert carrier.masks(None, far) == ()
+
+
+def test_a_mask_of_which_a_part_is_behind_is_not_carried() -> None:
+    two = np.zeros((20, 400), bool)
+    two[:, :20] = two[:, -20:] = True
+    item = replace(_item(0, (120, 200), two.shape), mask=two)
+    left = np.array([0.1, -0.3, 0.0])  # inverse depth 0 a third of a focal length right of the middle
+    assert _carry(item, VIEW, VIEW, np.array([0.5, -0.3, 0.0])) is not None
+    assert _carry(item, VIEW, VIEW, left) is None
 
 
 def test_what_moves_hides_by_its_upright_plane() -> None:

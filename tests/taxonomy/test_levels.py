@@ -60,3 +60,10 @@ def test_a_bad_table_is_named_in_one_line(tmp_path):
         frozen_levels(table)
     with pytest.raises(BadLevels, match="expected a table"):
         list(table_rows(tmp_path / "none.csv", ("a",)))
+
+
+def test_cells_that_a_row_leaves_out_at_its_end_are_empty(tmp_path):
+    table = tmp_path / "table.csv"
+    table.write_text("a,b,c,d,e\n1,2\n1,2,3,4,5\n", encoding="utf-8")
+    rows = [row for _, row in table_rows(table, ("a", "b", "c", "e"))]
+    assert rows == [{"a": "1", "b": "2", "c": "", "e": ""}, {"a": "1", "b": "2", "c": "3", "e": "5"}]

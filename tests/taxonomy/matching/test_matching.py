@@ -14,7 +14,7 @@ from taxonomy.levels import replaced_ids
 from taxonomy.matching.decisions import Decision, decisions
 from taxonomy.matching.finding import THRESHOLD, reliabilities
 from taxonomy.matching.lexicon import Lexicon
-from taxonomy.matching.matcher import Matcher, default_matcher
+from taxonomy.matching.matcher import Matcher, _texts, default_matcher
 from taxonomy.matching.source_reading import BadReading, Reading, default_readings, readings
 from taxonomy.wordnet import WordNet
 from taxonomy.words.spelling import fold_text
@@ -348,3 +348,10 @@ def test_a_source_means_by_a_word_what_a_user_means(wordnet: WordNet, path: tupl
     assert wordnet.knows(concept)
     found = default_matcher().finding("bicycle_geometry", path)
     assert (found.concept, found.settled) == (concept, True)
+
+
+def test_a_path_is_asked_from_its_end_and_without_its_root() -> None:
+    reading = Reading(words="title, last")
+    assert _texts(reading, ("all", "tables", "desks"), "oak desk") == ("oak desk", "desks", "tables")
+    assert _texts(reading, ("desks",), "") == ("desks",)
+    assert _texts(Reading(words="alternatives"), ("all", "cups,mugs"), "x") == ("cups", "mugs")

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 
 import pytest
 from hypothesis import given
@@ -44,8 +44,8 @@ NODES = [
 LABELS: Mapping[str, Mapping[str, float]] = {"mouse": {"mouse.n.04": 3.0}, "settee": {"sofa.n.01": 2.0}}
 
 
-def resolver() -> Resolver:
-    ids, names, aliases, items, parents = zip(*NODES, strict=True)
+def resolver(more: Sequence[tuple[str, str, tuple[str, ...], int, str | None]] = ()) -> Resolver:
+    ids, names, aliases, items, parents = zip(*NODES, *more, strict=True)
     return Resolver(Names(ids, names, aliases, items, parents, lambda _: (), lambda form: LABELS.get(form, {})))
 
 
@@ -198,6 +198,14 @@ def test_one_letter_off_is_taken_with_a_note_and_more_is_only_offered() -> None:
     assert RESOLVER.answer("telvison") is None
     assert RESOLVER.nearest("telvison")[0] == "television"
     assert list(RESOLVER.nodes_by_relevance("telvison", 1)) == ["television_receiver.n.01"]
+
+
+def test_a_letter_off_two_names_is_one_only_where_they_mean_one_node() -> None:
+    names = [("mt:one", "zorbax", ("zorbav",), 9, "entity.n.01"), ("mt:two", "zorbay", (), 8, "entity.n.01")]
+    found = resolver(names[:1]).answer("zorbaz")
+    assert found is not None
+    assert (found.node_id, found.how) == ("mt:one", "misspelt")
+    assert resolver(names).answer("zorbaz") is None
 
 
 @pytest.mark.parametrize("text", ["office chain", "bottler", "hut", "mousy"])

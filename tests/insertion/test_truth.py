@@ -15,9 +15,11 @@ from estimator.reconstructions.cameras import pixels_in_view
 from estimator.records.scene import Instance
 from insertion.pipeline.frames import insert_objects, single_pictures
 from insertion.pipeline.objects import Placed, place_objects, space_for
+from insertion.pipeline.prepared_scene import PreparedScene
 from insertion.pipeline.request import ObjectRequest
 from insertion.pipeline.result import InsertionResult
 from insertion.placement.locate import plane_coordinates
+from insertion.placement.place import At
 from tests.synthetic.insertions import RecordedRoom, added, in_unit, prepared_scene_of, video_room, write_glb
 from tests.synthetic.rooms.render import Renderer
 from tests.synthetic.rooms.shapes import solid
@@ -27,12 +29,15 @@ SIZE = np.array([0.42, 0.38, 0.75])
 UNIT = 0.037
 ROOM = ("sitting room", 1003)
 #: What `_mean_changes` was when somebody looked at the pictures, and how many levels of 255 it may be off.
-LOOKED_AT, LEVELS = Path(__file__).with_name("looked_at.json"), 2.0
+LOOKED_AT, LEVELS, CELLS = Path(__file__).with_name("looked_at.json"), 0.5, 6
+#: Picture and pixel of a place on the floor behind a table.
+BEHIND_TABLE = (5, 510.0, 262.0)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Inserted:
     room: RecordedRoom
+    prepared: PreparedScene
     placed: Placed
     result: InsertionResult
     pictures: dict[str, np.ndarray]
@@ -49,7 +54,7 @@ def _insert(room: RecordedRoom, scale_error: float = 1.0) -> Inserted:
     (placed,) = place_objects(prepared, [ObjectRequest(model)])
     pictures: dict[str, np.ndarray] = {}
     (result,) = insert_objects(prepared, [placed], lambda shot, picture: pictures.update({shot.name: picture}))
-    return Inserted(room, placed, result, pictures)
+    return Inserted(room, prepared, placed, result, pictures)
 
 
 @pytest.fixture(scope="module")
@@ -147,23 +152,29 @@ def test_far_pixels_do_not_change(inserted: Inserted) -> None:
 
 
 def _mean_changes(inserted: Inserted) -> dict[str, list[list[float]]]:
-    """Mean change of colour in 4 x 4 cells over each picture's object and what is half its size around it."""
+    """Mean change of colour by cells around the chair in each picture, and around one that a table partly hides."""
+    shot = inserted.prepared.footage.shots[BEHIND_TABLE[0]]
+    point = At(shot.name, *BEHIND_TABLE[1:])
+    behind = place_objects(inserted.prepared, [replace(inserted.placed.request, at=point)])
+    (picture,) = single_pictures(inserted.prepared, [behind], shot)
+    named = zip(inserted.pictures.items(), inserted.result.frames, strict=True)
+    boxes = {name: (picture, frame.silhouette) for (name, picture), frame in named if frame.silhouette is not None}
+    changes = {name: _cells(inserted.room, name, *seen) for name, seen in boxes.items()}
+    return changes | {"behind": _cells(inserted.room, shot.name, picture, (480, 150, 70, 130))}
+
+
+def _cells(room: RecordedRoom, name: str, picture: np.ndarray, box: tuple[int, int, int, int]) -> list[list[float]]:
+    """Mean change (3,) of CELLS x CELLS cells over a box (left, top, width, height) and half its size around it."""
     import cv2
 
-    changes = {}
-    for frame, (name, picture) in zip(inserted.result.frames, inserted.pictures.items(), strict=True):
-        if frame.silhouette is None:
-            continue
-        before = cv2.imread(str(inserted.room.folder / "images" / name))[..., ::-1]
-        left, top, wide, high = frame.silhouette
-        rows, columns = (
-            np.clip(np.linspace(start - size / 2, start + 1.5 * size, 5).astype(int), 0, end)
-            for start, size, end in ((top, high, picture.shape[0]), (left, wide, picture.shape[1]))
-        )
-        change = picture.astype(float) - before
-        cells = [change[a:b, c:d] for a, b in pairwise(rows) for c, d in pairwise(columns)]
-        changes[name] = [np.round(cell.mean(axis=(0, 1)), 1).tolist() if cell.size else [0.0] * 3 for cell in cells]
-    return changes
+    before = cv2.imread(str(room.folder / "images" / name))[..., ::-1]
+    change = picture.astype(float) - before
+    columns, rows = (
+        np.clip(np.linspace(box[k] - box[k + 2] / 2, box[k] + 1.5 * box[k + 2], CELLS + 1).astype(int), 0, end)
+        for k, end in ((0, picture.shape[1]), (1, picture.shape[0]))
+    )
+    cells = [change[a:b, c:d] for a, b in pairwise(rows) for c, d in pairwise(columns)]
+    return [np.round(cell.mean(axis=(0, 1)), 2).tolist() if cell.size else [0.0] * 3 for cell in cells]
 
 
 def test_the_light_on_the_object_and_around_it_is_as_it_was_looked_at(inserted: Inserted) -> None:

@@ -137,7 +137,8 @@ def _grain_of(picture: Picture, grey: NDArray[np.float32]) -> tuple[NDArray[np.f
     plain = rests[flat]  # (n, 3)
     overall = np.array([_sigma(plain[:, k]) for k in range(3)])
     levels = np.tile(overall, (_BINS, 1))
-    index = np.minimum(colour[flat] / 256 * _BINS, _BINS - 1).astype(np.int64)
+    # by the brightness without the grain: by that with it, a bin may have the tails of its neighbour's grain alone
+    index = np.clip((colour[flat] - plain) / 256 * _BINS, 0, _BINS - 1).astype(np.int64)
     for k in range(3):
         for bin_number in range(_BINS):
             own = plain[:, k][index[:, k] == bin_number]

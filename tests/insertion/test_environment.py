@@ -261,4 +261,7 @@ def test_the_lobe_of_the_unseen_lamp_has_its_share() -> None:
     wanted = (weight[..., None] * raised).sum(axis=(0, 1))
     assert rest[:, 1] / 0.2 == pytest.approx((1 - estimate.LAMP_SHARE) * wanted[1] / before, rel=1e-6)
     assert wanted / wanted[1] == pytest.approx([0.5, 1.0, 0.5])
+    lobe = (raised[..., 1] - rest[0, 1])[: HEIGHT // 2]
+    cosine = np.maximum(map_directions() @ toward, 0.0)[: HEIGHT // 2]
+    assert lobe / lobe.max() == pytest.approx((cosine / cosine.max()) ** estimate.LAMP_POWER, abs=1e-9)
     assert raised[HEIGHT // 2 :] == pytest.approx(filled[HEIGHT // 2 :])

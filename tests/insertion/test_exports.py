@@ -139,6 +139,7 @@ def test_usd_has_the_same_camera(scene: tuple[PreparedScene, Placed], tmp_path: 
     # USD states lenses in tenths of a scene unit: 36 mm are 0.36 where a unit is a metre
     assert lens.horizontalAperture == pytest.approx(0.36)
     assert lens.focalLength / lens.horizontalAperture == pytest.approx(500 / 640)
+    assert (lens.clippingRange.min, lens.clippingRange.max) == pytest.approx((0.01, 1000))
     bounds = UsdGeom.BBoxCache(Usd.TimeCode.Default(), ["default"]).ComputeWorldBound(
         usd.GetPrimAtPath("/World/object0")
     )

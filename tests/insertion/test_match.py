@@ -54,6 +54,22 @@ def test_an_object_gets_the_grain_of_the_picture(sigma: float) -> None:
     assert added.std() == pytest.approx(sigma, rel=0.15)
 
 
+@pytest.mark.parametrize("common", [0.0, 0.6])
+@pytest.mark.parametrize(("smooth", "px"), [(0.0, 0.0), (0.5, 0.34)])
+def test_grain_has_its_sigma_its_smoothness_and_what_channels_share(common: float, smooth: float, px: float) -> None:
+    """Smooth grain is taken for finer than it is: what lies under it is taken away with a blur of two pixels."""
+    import cv2
+
+    generator = np.random.default_rng(1)
+    own, shared = generator.normal(0, 1, (*SHAPE, 3)), generator.normal(0, 1, (*SHAPE, 1))
+    noise = np.sqrt(1 - common) * own + np.sqrt(common) * shared
+    noise = cv2.GaussianBlur(noise, (0, 0), smooth) if smooth else noise
+    look = look_of(np.rint(122 + 4 * noise / noise.std()).astype(np.uint8), NOTHING, EMPTY)
+    assert look.grain == pytest.approx(np.full(look.grain.shape, 3.7), rel=0.08)
+    assert look.grain_px == pytest.approx(px, abs=0.03)
+    assert look.common == pytest.approx(common, abs=0.03)
+
+
 def test_texture_is_no_grain() -> None:
     import cv2
 

@@ -215,6 +215,22 @@ def test_a_texture_takes_its_own_coordinates(tmp_path: Path, moved: dict[str, An
     assert tuple(part.uv[0]) == pytest.approx(uv)  # corner (1, 1) of the second set
 
 
+def test_a_material_that_says_nothing_is_white_metal_without_a_glow(tmp_path: Path) -> None:
+    """glTF 2.0, 5.22: the defaults."""
+    (part,) = _square(tmp_path / "a.glb", lambda *_: None, {"pbrMetallicRoughness": {}}).parts
+    material = part.material
+    assert (material.base_color.tolist(), material.metallic, material.roughness) == ([1, 1, 1, 1], 1.0, 1.0)
+    assert (material.emissive.tolist(), material.blend, material.alpha_cutoff) == ([0, 0, 0], False, None)
+
+
+def test_corners_that_are_not_there_are_named(tmp_path: Path) -> None:
+    def change(primitive: dict[str, Any], document: Glb) -> None:
+        primitive["indices"] = document.add_values(np.array([0, 1, 4], np.uint32))
+
+    with pytest.raises(InputError, match="indices: expected numbers from 0 to 3"):
+        _square(tmp_path / "a.glb", change)
+
+
 def test_a_texture_with_other_coordinates_than_the_colour_is_left_out_with_a_word(tmp_path: Path) -> None:
     model = _square(tmp_path / "a.glb", lambda *_: None, {"normalTexture": {"index": 0, "texCoord": 1}})
     assert model.parts[0].material.normal_texture is None

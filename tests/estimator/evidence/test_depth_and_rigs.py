@@ -192,6 +192,17 @@ def test_the_depth_among_other_channels(compression: int, tmp_path: Path) -> Non
     assert np.array_equal(read_depth(tmp_path / "a.exr"), channels["Z"])
 
 
+@pytest.mark.parametrize(
+    ("magic", "version", "words"),
+    [(20000629, 2, "another format"), (20000631, 2, "another format"), (20000630, 0x202, "tiles, deep data")],
+)
+def test_what_kind_of_exr_is_not_read_is_said(magic: int, version: int, words: str, tmp_path: Path) -> None:
+    data = _exr_file({"Z": np.ones((2, 3), dtype=np.float32)}, 0)
+    (tmp_path / "a.exr").write_bytes(struct.pack("<II", magic, version) + data[8:])
+    with pytest.raises(InputError, match=words):
+        read_depth(tmp_path / "a.exr")
+
+
 @pytest.mark.parametrize("damage", ["far offset", "type below none"])
 def test_an_exr_that_points_elsewhere_is_one_line(damage: str, tmp_path: Path) -> None:
     data = _exr_file({"Z": np.ones((2, 3), dtype=np.float32)}, 0)

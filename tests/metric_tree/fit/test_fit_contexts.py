@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from metric_tree.context import ContextModel, Where
-from metric_tree.fit.contexts import cells_of, class_contexts, inner_contexts, learn_contexts
+from metric_tree.fit.contexts import _lines, cells_of, class_contexts, inner_contexts, learn_contexts
 from metric_tree.prior import Prior
 
 BETWEEN = np.array([0.01])
@@ -43,6 +43,18 @@ def test_the_shares_of_region_and_year_are_recovered(region: float, year: float,
     model = learn_contexts(synthetic_classes(region, year, 60, seed))
     assert model.region == pytest.approx(region, abs=0.15)
     assert model.year == pytest.approx(year, abs=0.15)
+
+
+def test_noise_is_what_few_rows_leave_over_what_sources_differ_by() -> None:
+    """Rows of two sources, four and two of them; an axis without a difference between sources tells nothing."""
+    x = np.array([[8.0, 7.0]] * 4 + [[8.4, 7.2]] * 2)
+    names = np.array(["a"] * 4 + ["b"] * 2), np.full(6, "product")
+    cells = cells_of(x, *names, ["DE"] * 6, [2015] * 6, np.ones(6))
+    (line,) = _lines(cells, np.array([0.08, 0.05]), np.array([0.2, 0.0]))
+    assert line.noise == pytest.approx([0.08 / 4 / 0.2, 0.08 / 2 / 0.2])
+    assert line.means == pytest.approx([8.0, 8.4])
+    assert line.between == 0.2
+    assert _lines(cells[:1], np.array([0.08, 0.05]), np.array([0.2, 0.0])) == []
 
 
 def test_rows_that_say_neither_region_nor_year_are_no_context() -> None:

@@ -100,3 +100,25 @@ def test_a_crop_ends_with_the_last_pixel_that_is_not_clear(last: int) -> None:
     crop = _crop(rgba)
     assert crop.shape == (last - 1, last - 2, 4)
     assert crop[0, 0].tolist() == [100, 199, 50, 128]  # without the alpha that was in its colours
+
+
+def test_glass_is_drawn_once_over_what_is_solid() -> None:
+    """A solid cube in a clear one of half alpha: where one looks past the solid, through a near side and a far one."""
+    from insertion.models.model import Material, Model, Part
+    from insertion.render.context import gl_context
+    from insertion.render.studio import studio_views
+
+    def cube(side: float, material: Material) -> Part:
+        box = trimesh.creation.box((side, side, side))
+        no_uv = np.zeros((8, 2))
+        return Part(np.asarray(box.vertices), np.asarray(box.vertex_normals), no_uv, np.asarray(box.faces), material)
+
+    clear = cube(1.0, Material(np.array([1.0, 1, 1, 0.5]), metallic=0.0, blend=True))
+    solid = cube(0.5, Material(np.array([0.2, 0.2, 0.2, 1.0]), metallic=0.0))
+    for parts in ((clear,), (clear, solid), (solid, clear)):
+        view = next(iter(studio_views(gl_context(), Model("cubes", parts), 96)))
+        alpha = view.rgba[..., 3].astype(int)
+        middle = alpha[alpha.shape[0] // 2, alpha.shape[1] // 2]
+        edge = np.median(alpha[alpha > 0])
+        assert middle == (255 if len(parts) == 2 else edge)
+        assert edge == pytest.approx(255 * 0.75, abs=2)

@@ -6,15 +6,25 @@ import json
 from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
+from scipy.ndimage import median_filter
 
 from estimator.geometry.planes import SupportPlane
 from estimator.records.scene import Camera, Instance, Scene, View
 from estimator.visibility.sights import Visibility
 from insertion.composite.compose import Joined, behind_each_other
-from insertion.composite.occlusion import _without_gaps, hidden_share, matte
+from insertion.composite.occlusion import (
+    _by_vote,
+    _nearer_pixels,
+    _stands_on,
+    _without_gaps,
+    hidden_share,
+    matte,
+    on_support,
+)
 from insertion.footage.footage import Shot
 from insertion.render.layers import ObjectLayers
 from insertion.render.renderer import ObjectImage
@@ -251,3 +261,58 @@ def test_nothing_shines_through_a_mask_beyond_its_edge() -> None:
     share = matte(hidden, noisy, 8)
     assert (share[:, 59:] == 1).all()
     assert (share[:, :55] == 0).all()
+
+
+def _nearest(pixel: tuple[int, int], points: np.ndarray, count: int) -> tuple[np.ndarray, np.ndarray]:
+    """Rows of the nearest points (n, 2) to the middle of a pixel (column, row), and how far they are."""
+    distance = np.hypot(*(points - np.array(pixel) - 0.5).T)
+    rows = np.argsort(distance)[:count]
+    return rows, distance[rows]
+
+
+def test_a_pixel_of_a_mask_has_the_vote_of_its_five_nearest_points() -> None:
+    generator = np.random.default_rng(5)
+    mask = np.zeros((24, 30), bool)
+    mask[4:20, 3:27] = True
+    points, nearer = generator.uniform((3, 4), (27, 20), (60, 2)), generator.random(60) < 0.6
+    votes = np.zeros(mask.shape, bool)
+    for row, column in np.argwhere(mask):
+        votes[row, column] = nearer[_nearest((column, row), points, 5)[0]].mean() > 0.5
+    np.testing.assert_array_equal(_by_vote(mask, points, nearer), median_filter(votes, 5))
+
+
+def test_without_a_mask_most_of_seven_points_nearby_must_be_clearly_nearer() -> None:
+    generator = np.random.default_rng(6)
+    where, behind = np.ones((24, 30), bool), np.full((24, 30), OBJECT, np.float32)
+    where[:, :4] = False
+    points = generator.uniform((0, 0), (20, 24), (200, 2))  # nothing is known of the right third
+    depths = OBJECT * generator.choice([0.9, 0.97, 1.1], 200, p=[0.7, 0.15, 0.15])  # 3 % is noise
+    hides = np.zeros(where.shape, bool)
+    for row, column in np.argwhere(where):
+        rows, distance = _nearest((column, row), points, 7)
+        hides[row, column] = (depths[rows] < 0.95 * OBJECT).mean() > 0.7 and distance[3] < 4.0
+    assert 50 < hides.sum() < 400
+    np.testing.assert_array_equal(_nearer_pixels(where, behind, points, depths, 4.0), median_filter(hides, 5))
+    assert not _nearer_pixels(where, behind, points[:6], depths[:6], 4.0).any()
+
+
+def test_a_thing_stands_on_what_is_hidden_below_it() -> None:
+    mask, hidden = np.zeros((20, 20), bool), np.zeros((20, 20), bool)
+    mask[5:10, 5:15] = True
+    for columns, stands in (((5, 11), True), ((5, 9), False)):
+        hidden[:] = False
+        hidden[10:, slice(*columns)] = True
+        assert _stands_on(hidden, mask) == stands
+    mask[5:] = True  # nothing of the picture is below
+    assert not _stands_on(hidden, mask)
+
+
+def test_points_at_the_height_of_the_foot_are_what_it_stands_on() -> None:
+    """A twentieth of the object, or what a cloud is off by there; never a third of the object."""
+    heights = np.array([0.09, 0.11, -0.09, 0.23, 0.25, 0.55, 0.65])
+    depths = np.array([1.0, 1.0, 1.0, 20.0, 20.0, 200.0, 200.0])
+    cloud = Cloud(np.column_stack([np.zeros((7, 2)), heights + 1]), np.zeros((7, 3), np.float32), False)
+    front = FrontPoints(np.arange(7), np.zeros((7, 2)), depths, False)
+    body = SimpleNamespace(position=np.array([5.0, 5.0, 1.0]), basis=np.eye(3), unit=2.0)
+    assert on_support(body, cloud, front).tolist() == [True, False, True, True, False, True, False]  # type: ignore[arg-type]
+    assert on_support(body, cloud, front, sigma=0.05).tolist()[:2] == [True, True]  # type: ignore[arg-type]

@@ -15,7 +15,7 @@ from estimator.geometry.canonical_frame import SortedScene
 from estimator.geometry.extents import HIDDEN_TOP_SIGMA, TOP_SIGMA, level_top
 from estimator.geometry.fragments import without_fragments
 from estimator.geometry.noise import depth_noise, sight_moment
-from estimator.geometry.outlined import MIN_BOX_VIEWS, MIN_DENSE_POINTS, outline_data, outlined_object
+from estimator.geometry.outlined import LEVEL_TOP, MIN_BOX_VIEWS, MIN_DENSE_POINTS, outline_data, outlined_object
 from estimator.geometry.planes import SupportPlane, level_basis, support_planes
 from estimator.geometry.standing import has_level_top, stands
 from estimator.geometry.support import REACH_SHARE, Foot, Ground, foot_on, ground_of, level_below
@@ -288,7 +288,7 @@ def _object(
         if top is not None and above > max(float(edge_sigma[1, 2]), CLUTTER_SHARE):
             high = np.array([*high[:2], top])
             edge_sigma[1, 2] = TOP_SIGMA
-            notes.append("ends at its level top")
+            notes.append(LEVEL_TOP)
         else:
             edge_sigma[1, 2] = max(float(edge_sigma[1, 2]), above)
     # along a vertical that is off, the outermost points of an end are off by that tilt over half a side

@@ -12,6 +12,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from estimator.association.point_labels import PointLabels
+from estimator.geometry.extents import HIDDEN_TOP_SIGMA
 from estimator.geometry.planes import BELOW_FLOOR_SHARE, SupportPlane, floor_of
 from estimator.geometry.up import Up
 from estimator.outlines.cuboid_fit import Cuboid, Sightings, fit_cuboid
@@ -21,7 +22,7 @@ from estimator.records.scene import Instance, Scene
 from estimator.visibility.sights import row_members
 from metric_base.arrays import BoolArray, FloatArray, IntArray
 
-__all__ = ["OutlineData", "outline_data", "outlined_object"]
+__all__ = ["LEVEL_TOP", "OutlineData", "outline_data", "outlined_object"]
 
 # The dense cloud is taken for an object from here on; below, whichever cloud holds more.
 MIN_DENSE_POINTS = 100
@@ -51,6 +52,8 @@ CONTACT_SHARE, CONTACT_SIGMAS = 0.15, 1.5
 BORDER_PX = 1.0
 # Outlines less sure than this do not stand in for a side that many points do not show to its end.
 MOST_SIGMA = 0.2
+#: The note of an object whose height ends at its level top, whatever lies on it.
+LEVEL_TOP = "ends at its level top"
 # Points of one object that are looked at.
 MAX_POINTS = 60
 
@@ -188,8 +191,10 @@ def _outline_sizes(
     object.
     """
     border = BORDER_PX * pixel / cuboid.extents
-    covariance = cuboid.covariance + np.diag(np.square(MASK_SIGMA) + border**2)
-    kept = np.array([False, False, by_points[1]])
+    # of what has a level top, outlines have what lies on it too
+    cluttered = np.array([0.0, 0.0, item.sigma[2] if item.sigma[2] >= HIDDEN_TOP_SIGMA else 0.0])
+    covariance = cuboid.covariance + np.diag(np.square(MASK_SIGMA) + border**2 + cluttered**2)
+    kept = np.array([False, False, by_points[1] or LEVEL_TOP in item.notes])
     if by_points[0]:
         unsure = np.sqrt(np.diag(covariance)) > MOST_SIGMA
         kept = ~np.asarray(item.truncated, dtype=bool) | cut | unsure | (cuboid.extents < item.extents)

@@ -3,14 +3,20 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from types import SimpleNamespace
+from typing import cast
 
 import numpy as np
 import pytest
 
+from estimator.geometry.extents import HIDDEN_TOP_SIGMA
 from estimator.geometry.measurement import MeasurementOptions
+from estimator.geometry.outlined import LEVEL_TOP, OutlineData, _outline_sizes
+from estimator.outlines.cuboid_fit import Cuboid
 from estimator.outlines.object_outlines import mask_reaches
 from estimator.outlines.sight_errors import point_covariances
 from estimator.pipeline import measure_objects
+from estimator.records.measured_object import Box, MeasuredObject
 from tests.synthetic.rooms.few_points import FewPointsWorld, few_points_world
 from tests.synthetic.shapes import orbit
 
@@ -78,3 +84,24 @@ def test_many_points_of_a_short_baseline_do_not_stretch_an_object() -> None:
     assert np.median([item.points for item in objects]) > 150
     assert np.median(np.abs(error[:, 2])) < 0.06
     assert (np.abs(error) < 2 * np.array([item.sigma for item in objects])).mean() > 0.85
+
+
+def test_what_lies_on_a_table_is_no_height_of_it_by_outlines() -> None:
+    """Outlines of a table 60 wide and 45 high with a television on it are 110 high."""
+    cuboid = Cuboid(np.zeros(3), 0.0, np.array([0.9, 0.6, 1.1]), np.diag([1e-4] * 3), 0.0)
+    data = cast("OutlineData", SimpleNamespace(basis=np.eye(3)))
+
+    def sizes(height: float, sigma: float, notes: tuple[str, ...]) -> MeasuredObject:
+        seen = np.array([0.8, 0.5, height])
+        item = MeasuredObject("1", "table", seen, np.array([0.2, 0.3, sigma]), notes=notes)
+        item = replace(item, box=Box(np.zeros(3), np.eye(3), seen))
+        return _outline_sizes(item, cuboid, data, (False, False), np.zeros(3, dtype=bool), 0.001)
+
+    level = sizes(0.45, 0.08, (LEVEL_TOP,))
+    assert level.extents == pytest.approx([0.9, 0.6, 0.45])
+    assert level.sigma[2] == pytest.approx(0.08)
+    hidden = sizes(1.1, HIDDEN_TOP_SIGMA, ())
+    assert hidden.extents == pytest.approx([0.9, 0.6, 1.1])
+    assert hidden.sigma[2] == pytest.approx(HIDDEN_TOP_SIGMA, rel=0.05)
+    plain = sizes(1.1, 0.1, ())
+    assert plain.sigma[2] < 0.1

@@ -162,7 +162,7 @@ def measure_objects(
     >>> next(object.extents.shape for object in objects if object.category == "couch")  # length, width, height
     (3,)
     """
-    from estimator.association.association import associate
+    from estimator.association.tracks import associate
     from estimator.geometry.canonical_frame import sorted_scene
     from estimator.geometry.measurement import MeasurementOptions, in_world, measure_tracks
     from estimator.geometry.up import given_up

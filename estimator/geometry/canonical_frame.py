@@ -13,7 +13,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from estimator.association.duplicates import distinct_rows
+from estimator.association.mask_checks import without_duplicates
 from estimator.geometry.planes import SupportPlane, level_basis
 from estimator.geometry.up import Up, camera_up
 from estimator.records.measured_object import Box
@@ -117,7 +117,7 @@ def sorted_scene(scene: Scene, instances: Sequence[Instance], *, keep_views: boo
         dense = _permute(scene.dense, cloud, dense_order, view_rank)
     rows = _instance_order(instances, view_rank)
     masks = [replace(instances[row], view=int(view_rank[instances[row].view])) for row in rows.tolist()]
-    distinct = np.arange(len(masks)) if keep_views else distinct_rows(masks)
+    distinct = np.arange(len(masks)) if keep_views else without_duplicates(masks)
     return SortedScene(
         frame,
         replace(scene, views=views, points=points[order], dense=dense),

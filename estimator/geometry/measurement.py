@@ -8,9 +8,8 @@ from typing import Literal
 
 import numpy as np
 
-from estimator.association.association import Association, Joining
 from estimator.association.point_labels import PointLabels
-from estimator.association.tracks import Track
+from estimator.association.tracks import Association, AssociationMethod, Track
 from estimator.geometry.canonical_frame import SortedScene
 from estimator.geometry.extents import HIDDEN_TOP_SIGMA, TOP_SIGMA, level_top
 from estimator.geometry.fragments import without_fragments
@@ -56,7 +55,7 @@ class MeasurementOptions:
     category stands on the floor (True), hangs (False), or may do either (None).
     """
 
-    association: Joining = "shared"
+    association: AssociationMethod = "shared"
     outliers: Literal["neighbours", "forest"] = "neighbours"
     robust_footprint: bool = True
     supports: bool = True
@@ -152,7 +151,7 @@ def measure_tracks(
             objects = tuple(_with_guess(item) for item in objects)
         if not options.fragments:
             objects = without_fragments(objects)
-    warnings, errors = (*association.doubts, *tilted), (*association.errors, *fallen)
+    warnings, errors = (*association.warnings, *tilted), (*association.errors, *fallen)
     return Measurements(objects, up, planes, tracks, seconds, warnings, errors)
 
 

@@ -7,7 +7,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from estimator.association.duplicates import overlap
+from estimator.association.mask_checks import mask_iou as overlap
 from estimator.association.point_labels import sparse_labels
 from estimator.scene_reading import read_instances, read_scene
 from metric_base.arrays import FloatArray

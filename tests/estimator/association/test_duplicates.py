@@ -7,7 +7,8 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from estimator.association.duplicates import distinct_rows, overlap
+from estimator.association.mask_checks import mask_iou as overlap
+from estimator.association.mask_checks import without_duplicates as distinct_rows
 from estimator.records.scene import Instance
 
 

@@ -5,7 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from estimator.association.mask_agreement import (
+from estimator.association.mask_checks import (
     mask_agreement,
     mask_contradictions,
     track_agreement,

@@ -6,16 +6,16 @@ import numpy as np
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from estimator.association.clustering import merge_by_table as _merge_by_points
 from estimator.association.point_labels import PointLabels
-from estimator.association.proximity import MIN_LYING_POINTS, MIN_PLACE_POINTS, GroupPlaces, relative_distance
-from estimator.association.tracks import (
-    JOIN_SHARE,
-    JOIN_SHARE_ACROSS_CATEGORIES,
-    NOT_CONTRADICTED_SHARE,
-    _mask_points,
-    _merge_by_points,
-    shared_tracks,
-)
+from estimator.association.proximity import MIN_LARGER_POINTS as MIN_PLACE_POINTS
+from estimator.association.proximity import MIN_SMALLER_POINTS as MIN_LYING_POINTS
+from estimator.association.proximity import GroupClouds as GroupPlaces
+from estimator.association.proximity import relative_distance
+from estimator.association.tracks import MIN_COMMON_FRACTION as NOT_CONTRADICTED_SHARE
+from estimator.association.tracks import MIN_JOIN_AFFINITY as JOIN_SHARE
+from estimator.association.tracks import MIN_JOIN_IOU as JOIN_SHARE_ACROSS_CATEGORIES
+from estimator.association.tracks import _mask_points, shared_tracks
 from estimator.records.scene import Instance
 from estimator.visibility.sights import indicator
 

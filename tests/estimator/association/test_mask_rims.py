@@ -6,7 +6,8 @@ import cv2
 import numpy as np
 import pytest
 
-from estimator.association.mask_rims import rim_agreement, rim_doubts
+from estimator.association.mask_checks import rim_agreement
+from estimator.association.mask_checks import rim_warnings as rim_doubts
 from estimator.association.point_labels import sparse_labels
 from estimator.association.tracks import shared_tracks
 from tests.synthetic.rooms.furnish import furnished_room

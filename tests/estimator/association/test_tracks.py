@@ -7,10 +7,11 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from estimator.association import tracks as tracks_module
-from estimator.association.linked_groups import merge_linked
+from estimator.association import clustering
+from estimator.association.clustering import merge_by_table as _merge_by_points
+from estimator.association.clustering import merge_in_rounds as merge_linked
 from estimator.association.point_labels import PointLabels, dense_labels, sparse_labels
-from estimator.association.tracks import _merge_by_points, incremental_tracks, shared_tracks, voted_category
+from estimator.association.tracks import incremental_tracks, shared_tracks, voted_category
 from estimator.records.scene import Instance
 from estimator.visibility.sights import indicator
 from tests.synthetic.shapes import box, cylinder, floor, orbit, synthetic_scene
@@ -185,5 +186,5 @@ def test_best_partners_joined_in_rounds_give_what_the_best_pair_first_gives(seed
 def test_parts_too_large_for_a_table_give_the_same_objects(table, monkeypatch):
     clouds = [sparse_labels(table.scene, table.instances), dense_labels(table.scene, table.instances)]
     usual = groups(shared_tracks(table.instances, clouds))
-    monkeypatch.setattr(tracks_module, "MAX_TABLE", 0)
+    monkeypatch.setattr(clustering, "MAX_TABLE_GROUPS", 0)
     assert groups(shared_tracks(table.instances, clouds)) == usual

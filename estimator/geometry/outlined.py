@@ -1,6 +1,6 @@
 """Objects by their outlines: those known by boxes alone, and those on which few points lie.
 
-The cuboid fits outlines and points as one likelihood (`cuboid_fit`). Of many points their own box (`upright_box`) is
+The cuboid fits outlines and points as one likelihood (`cuboid_fit`). Of many points their own box (`box`) is
 better; there the cuboid has the sides that the points do not show to their end.
 """
 

@@ -4,8 +4,7 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from estimator.geometry.footprint import smallest_rectangle_axes
-from estimator.geometry.upright_box import eta
+from estimator.geometry.box import eta, smallest_rectangle_axes
 from estimator.records.measured_object import ETA_THRESHOLD
 from metric_base.arrays import FloatArray
 from tests.synthetic.shapes import Shape, Solid, orbit, synthetic_scene

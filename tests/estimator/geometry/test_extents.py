@@ -5,8 +5,8 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from estimator.geometry.box import footprint_axes, smallest_rectangle_axes
 from estimator.geometry.extents import edges, extent_sigma, level_top
-from estimator.geometry.footprint import footprint_axes, smallest_rectangle_axes
 from tests.synthetic.shapes import sampled_box, sampled_cylinder
 
 

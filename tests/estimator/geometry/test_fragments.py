@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from estimator.geometry.fragments import without_fragments
+from estimator.geometry.measurement import without_fragments
 from estimator.records.measured_object import Box, MeasuredObject
 
 

@@ -5,7 +5,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from estimator.geometry.outliers import forest_inliers, neighbour_inliers
+from estimator.geometry.box import forest_inliers, neighbour_inliers
 from tests.synthetic.shapes import sampled_box, sampled_cylinder
 
 

@@ -20,6 +20,7 @@ ROOMS = (
     "taxonomy",
     "metric_tree",
     "metric_base",
+    "models3d",
     "estimator",
     "insertion",
     "metric_cli",

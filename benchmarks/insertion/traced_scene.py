@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 from insertion.blender.process import run_blender
 from insertion.colour.encoding import linear_to_srgb, luminance
-from insertion.exports.glb import Glb
+from models3d.gltf.document import GltfWriter
 from tests.synthetic.rooms.materials import look_of
 from tests.synthetic.rooms.solids import Mesh
 from tests.synthetic.rooms.world import World
@@ -117,15 +117,15 @@ def _write_part(mesh: Mesh, faces: NDArray[np.int64], texture: NDArray[np.uint8]
     across = np.abs(np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])).argmax(axis=1)
     axes = np.array([[1, 2], [0, 2], [0, 1]])[across]  # (m, 2)
     uv = np.take_along_axis(corners, axes[:, None, :].repeat(3, axis=1), axis=2) / TILE_M
-    document = Glb("traced room")
+    document = GltfWriter("traced room")
     surface = {"baseColorTexture": {"index": document.add_texture(texture)}, "metallicFactor": 0.0}
     document.add("materials", {"pbrMetallicRoughness": surface | {"roughnessFactor": 0.9}, "doubleSided": True})
     attributes = {
-        "POSITION": document.add_values(corners.reshape(-1, 3)[:, [0, 2, 1]] * [1, 1, -1], limits=True),
-        "TEXCOORD_0": document.add_values(uv.reshape(-1, 2)),
+        "POSITION": document.add_accessor(corners.reshape(-1, 3)[:, [0, 2, 1]] * [1, 1, -1], bounds=True),
+        "TEXCOORD_0": document.add_accessor(uv.reshape(-1, 2)),
     }
     document.add("meshes", {"primitives": [{"attributes": attributes, "material": 0}]})
-    file.write_bytes(document.data([document.add("nodes", {"mesh": 0})]))
+    file.write_bytes(document.to_bytes([document.add("nodes", {"mesh": 0})]))
 
 
 def _lights(room: TracedRoom, world: World) -> list[dict[str, Any]]:

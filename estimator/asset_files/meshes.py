@@ -7,10 +7,10 @@ from pathlib import Path
 
 import numpy as np
 
-from estimator.asset_files.asset import Asset, AssetBody, Up, Word, body_of
 from metric_base.errors import FieldError, Unquoted, in_file
 from metric_base.input_files import read_bytes
 from metric_base.schema import expect
+from models3d.asset import Asset, AssetBody, Up, Word, body_of
 
 __all__ = ["read_collada", "read_mesh"]
 

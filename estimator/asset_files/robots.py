@@ -12,11 +12,11 @@ from typing import Any
 
 import numpy as np
 
-from estimator.asset_files.asset import Asset, AssetBody, Word, body_of
 from metric_base.arrays import FloatArray
 from metric_base.errors import FieldError, Unquoted, in_file
 from metric_base.input_files import read_bytes
 from metric_base.schema import expect
+from models3d.asset import Asset, AssetBody, Word, body_of
 
 __all__ = ["MeshReader", "read_robot"]
 

@@ -8,9 +8,9 @@ from typing import Any
 
 import numpy as np
 
-from estimator.asset_files.asset import Asset, AssetBody, Up, Word, body_of
 from metric_base.errors import FieldError, Unquoted, in_file
 from metric_base.schema import expect
+from models3d.asset import Asset, AssetBody, Up, Word, body_of
 
 __all__ = ["read_usd"]
 

@@ -6,9 +6,9 @@ import re
 from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
 
-from estimator.asset_files.asset import Word
 from metric_base.errors import InputError
 from metric_tree.tree import DETECTORS, Node, Tree
+from models3d.asset import Word
 
 __all__ = ["NamedCategory", "category_of_words", "is_miniature", "named_category"]
 

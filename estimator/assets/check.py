@@ -9,13 +9,13 @@ from itertools import combinations
 from pathlib import Path
 from typing import Any, Literal
 
-from estimator.asset_files.asset import Asset, AssetBody, Up, Word, joined_body
 from estimator.asset_files.formats import read_asset
 from estimator.assets.category_words import NamedCategory, category_of_words, is_miniature, named_category
 from estimator.assets.hypotheses import CHANCE, NAMED_MINIATURE, TOY_CHANCE, ScaleHypothesis, What, hypotheses
 from estimator.assets.size_model import SizeModel, size_model
 from estimator.assets.true_size import TrueSize, true_size
 from metric_tree.tree import Node, Tree, open_tree
+from models3d.asset import Asset, AssetBody, Up, Word, joined_body
 
 __all__ = [
     "SCHEMA",

@@ -13,9 +13,9 @@ from typing import Literal
 
 import numpy as np
 
-from estimator.asset_files.asset import AXES, AssetBody, Up
 from estimator.assets.size_model import SizeModel
 from metric_base.arrays import FloatArray
+from models3d.asset import AXES, AssetBody, Up
 
 __all__ = [
     "CHANCE",

@@ -17,9 +17,9 @@ from metric_cli.progress import with_bar
 from metric_cli.terminal import DONE, INPUT_ERROR, UNUSABLE, print_table, warn
 
 if TYPE_CHECKING:
-    from estimator.asset_files.asset import Asset
     from estimator.assets.check import AssetCheck
     from metric_tree.tree import Tree
+    from models3d.asset import Asset
 
 __all__ = ["HELP", "add_arguments", "run"]
 

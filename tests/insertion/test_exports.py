@@ -18,7 +18,6 @@ from estimator.other_programs.nerfstudio import read_nerfstudio
 from estimator.reconstructions.cameras import pixels_in_view
 from insertion.blender.tracing import export_blend, traced_layers
 from insertion.exports.compositing import _normals
-from insertion.exports.glb import Glb
 from insertion.exports.gltf_scene import write_gltf_scene
 from insertion.exports.metric_frame import camera_keys, metric_frame, object_matrix
 from insertion.exports.nerfstudio import write_transforms
@@ -29,6 +28,7 @@ from insertion.pipeline.objects import Placed, place_objects
 from insertion.pipeline.prepared_scene import PreparedScene
 from insertion.pipeline.request import ObjectRequest
 from insertion.render.studio import _camera_axes
+from models3d.gltf.document import GltfWriter
 from tests.synthetic.insertions import prepared_scene_of, video_room, write_glb
 from tests.synthetic.rooms.shapes import solid
 
@@ -302,19 +302,19 @@ def test_without_blender_the_rest_is_exported(
 
 
 def test_values_of_a_glb_start_at_whole_words() -> None:
-    glb = Glb("test")
+    glb = GltfWriter("test")
     glb.add_texture(np.full((3, 5, 4), 77, np.uint8))
-    glb.add_values(np.arange(3.0), limits=True)
-    data = glb.data([])
+    glb.add_accessor(np.arange(3.0), bounds=True)
+    data = glb.to_bytes([])
     (size,) = struct.unpack_from("<I", data, 12)
     views = json.loads(data[20 : 20 + size])["bufferViews"]
     assert views[0]["byteLength"] % 4
     assert [view["byteOffset"] % 4 for view in views] == [0, 0]
     assert views[1]["byteOffset"] - views[0]["byteLength"] < 4
     for width in range(1, 9):  # pictures of all lengths, the last in the file
-        glb = Glb("test")
+        glb = GltfWriter("test")
         glb.add_texture(np.random.default_rng(width).integers(0, 255, (3, width, 4), dtype=np.uint8))
-        data = glb.data([])
+        data = glb.to_bytes([])
         text, total = (struct.unpack_from("<I", data, place)[0] for place in (12, 8))
         (binary,) = struct.unpack_from("<I", data, 20 + text)
         assert (text % 4, binary % 4, total) == (0, 0, len(data))

@@ -16,13 +16,12 @@ import pytest
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
-from estimator.gltf.accessors import Accessors
-from insertion.exports.glb import Glb
 from insertion.models.gltf import read_model
 from insertion.models.model import Model
 from insertion.models.size import model_size
 from metric_base.arrays import FloatArray
 from metric_base.errors import FieldError, InputError
+from models3d.gltf.document import GltfDocument, GltfWriter
 from tests.synthetic.insertions import write_glb
 from tests.synthetic.rooms.shapes import solid
 
@@ -136,17 +135,19 @@ SQUARE = np.array([[0.0, 0, 0], [0.2, 0, 0], [0, 0.2, 0], [0.2, 0.2, 0]])
 CORNERS = SQUARE[:, :2] * 5
 
 
-def _square(file: Path, change: Callable[[dict[str, Any], Glb], None], material: dict[str, Any] | None = None) -> Model:
+def _square(
+    file: Path, change: Callable[[dict[str, Any], GltfWriter], None], material: dict[str, Any] | None = None
+) -> Model:
     """A strip of two triangles with a texture, after `change` of its primitive, as it is read."""
-    document = Glb("test")
+    document = GltfWriter("test")
     picture = document.add_texture(np.full((2, 2, 4), 200, np.uint8))
     colour = {"baseColorTexture": {"index": picture}, "metallicFactor": 0.0}
     document.add("materials", {"pbrMetallicRoughness": colour} | (material or {}))
-    attributes = {"POSITION": document.add_values(SQUARE), "TEXCOORD_0": document.add_values(CORNERS)}
+    attributes = {"POSITION": document.add_accessor(SQUARE), "TEXCOORD_0": document.add_accessor(CORNERS)}
     primitive: dict[str, Any] = {"attributes": attributes, "mode": 5, "material": 0}
     change(primitive, document)
     document.add("meshes", {"primitives": [primitive]})
-    file.write_bytes(document.data([document.add("nodes", {"mesh": 0})]))
+    file.write_bytes(document.to_bytes([document.add("nodes", {"mesh": 0})]))
     return read_model(file)
 
 
@@ -159,8 +160,8 @@ def test_a_strip_is_two_triangles_that_look_the_same_way(tmp_path: Path) -> None
 @pytest.mark.parametrize("name", ["POSITION", "NORMAL"])
 @pytest.mark.parametrize("added", [SQUARE[:3], np.vstack([SQUARE, SQUARE[:1]]), np.full((4, 3), np.nan)])
 def test_a_morph_target_has_a_finite_value_for_every_vertex(tmp_path: Path, added: FloatArray, name: str) -> None:
-    def morph(primitive: dict[str, Any], document: Glb) -> None:
-        primitive["targets"] = [{name: document.add_values(added)}]
+    def morph(primitive: dict[str, Any], document: GltfWriter) -> None:
+        primitive["targets"] = [{name: document.add_accessor(added)}]
 
     with pytest.raises(InputError, match="targets: expected 4 finite values"):
         _square(tmp_path / "a.glb", morph)
@@ -169,13 +170,13 @@ def test_a_morph_target_has_a_finite_value_for_every_vertex(tmp_path: Path, adde
 @pytest.mark.parametrize("scale", [[2.0, 1.0, 1.0], [-2.0, 1.0, 1.0]])
 def test_normals_and_faces_follow_their_node(tmp_path: Path, scale: list[float]) -> None:
     """Normals turn with the inverse transpose, and a mirrored mesh keeps its outside outside."""
-    document = Glb("test")
+    document = GltfWriter("test")
     tilted = np.array([[0.0, 0, 0], [1, 0, 1], [0, 1, 0]])  # its normal is (-1, 0, 1)
     unit = np.tile(np.array([-1.0, 0, 1]) / np.sqrt(2), (3, 1))
-    attributes = {"POSITION": document.add_values(tilted), "NORMAL": document.add_values(unit)}
+    attributes = {"POSITION": document.add_accessor(tilted), "NORMAL": document.add_accessor(unit)}
     document.add("meshes", {"primitives": [{"attributes": attributes}]})
     file = tmp_path / "a.glb"
-    file.write_bytes(document.data([document.add("nodes", {"mesh": 0, "scale": scale})]))
+    file.write_bytes(document.to_bytes([document.add("nodes", {"mesh": 0, "scale": scale})]))
     (part,) = read_model(file).parts
     one, two, three = part.vertices[part.faces[0]]
     across = np.cross(two - one, three - one)
@@ -187,7 +188,7 @@ def test_normals_and_faces_follow_their_node(tmp_path: Path, scale: list[float])
 def test_vertex_colours_stay_beside_a_material_and_are_not_rounded(tmp_path: Path, alpha: list[float]) -> None:
     tint = np.array([0.1234567, 0.5, 0.002, *alpha])
     (part,) = _square(
-        tmp_path / "a.glb", lambda p, d: p["attributes"].update(COLOR_0=d.add_values(np.tile(tint, (4, 1))))
+        tmp_path / "a.glb", lambda p, d: p["attributes"].update(COLOR_0=d.add_accessor(np.tile(tint, (4, 1))))
     ).parts
     assert part.color is not None
     np.testing.assert_allclose(part.color[0], [*tint, 1][:4], rtol=1e-6)
@@ -207,8 +208,8 @@ def test_a_texture_takes_its_own_coordinates(tmp_path: Path, moved: dict[str, An
     """The second set, scaled, turned by a quarter and moved, as three.js and Khronos' viewer do it."""
     moved = {"texCoord": 1, **moved}
 
-    def change(primitive: dict[str, Any], document: Glb) -> None:
-        primitive["attributes"]["TEXCOORD_1"] = document.add_values(CORNERS + 1)
+    def change(primitive: dict[str, Any], document: GltfWriter) -> None:
+        primitive["attributes"]["TEXCOORD_1"] = document.add_accessor(CORNERS + 1)
 
     colour = {"baseColorTexture": {"index": 0, "extensions": {"KHR_texture_transform": moved}}}
     (part,) = _square(tmp_path / "a.glb", change, {"pbrMetallicRoughness": colour}).parts
@@ -224,8 +225,8 @@ def test_a_material_that_says_nothing_is_white_metal_without_a_glow(tmp_path: Pa
 
 
 def test_corners_that_are_not_there_are_named(tmp_path: Path) -> None:
-    def change(primitive: dict[str, Any], document: Glb) -> None:
-        primitive["indices"] = document.add_values(np.array([0, 1, 4], np.uint32))
+    def change(primitive: dict[str, Any], document: GltfWriter) -> None:
+        primitive["indices"] = document.add_accessor(np.array([0, 1, 4], np.uint32))
 
     with pytest.raises(InputError, match="indices: expected numbers from 0 to 3"):
         _square(tmp_path / "a.glb", change)
@@ -259,7 +260,7 @@ def test_normalised_integers_are_shares(tmp_path: Path, kind: type[np.integer[An
         }],
     }  # fmt: skip
     data = (CORNERS * np.iinfo(kind).max).astype(kind).tobytes()
-    np.testing.assert_allclose(Accessors(header, [data]).values(0, (2,)), CORNERS)
+    np.testing.assert_allclose(GltfDocument(header, [data]).accessor(0, (2,)), CORNERS)
 
 
 def test_sparse_values_replace_others() -> None:
@@ -271,7 +272,7 @@ def test_sparse_values_replace_others() -> None:
             "sparse": {"count": 2, "indices": {"bufferView": 0, "componentType": 5123}, "values": {"bufferView": 1}},
         }],
     }  # fmt: skip
-    assert Accessors(header, [data]).values(0, (3,)).tolist() == [[0, 0, 0], [3, 0, 0], [0, 3, 0]]
+    assert GltfDocument(header, [data]).accessor(0, (3,)).tolist() == [[0, 0, 0], [3, 0, 0], [0, 3, 0]]
     header["accessors"][0]["sparse"]["count"] = 9
     with pytest.raises(FieldError, match=r"sparse\.count"):
-        Accessors(header, [data]).values(0, (3,))
+        GltfDocument(header, [data]).accessor(0, (3,))

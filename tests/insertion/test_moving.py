@@ -11,14 +11,14 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from estimator.asset_files.gltf_bodies import read_gltf
-from estimator.gltf.animation import Channel
-from insertion.exports.glb import Glb
 from insertion.models.acting import acting
 from insertion.models.gltf import read_model
 from insertion.models.model import Model
 from insertion.placement.walk import path_of, walk_along
 from metric_base.errors import InputError
+from models3d.gltf.animation import Channel
+from models3d.gltf.boxes import read_gltf
+from models3d.gltf.document import GltfWriter
 
 #: Two triangles: a foot at y = 0 .. 1 and a head at y = 2 .. 3.
 POINTS = np.array([[0, 0, 0], [0.5, 0, 0], [0, 1, 0], [0, 2, 0], [0.5, 2, 0], [0, 3, 0.0]])
@@ -26,18 +26,18 @@ FACES = np.arange(6)
 QUARTER = [0.0, 0.0, np.sqrt(0.5), np.sqrt(0.5)]
 
 
-def _file(file: Path, build: Callable[[Glb, dict[str, Any]], list[int]]) -> Path:
+def _file(file: Path, build: Callable[[GltfWriter, dict[str, Any]], list[int]]) -> Path:
     """A GLB file of the two triangles; `build` adds to the document and its primitive, and gives the root nodes."""
-    document = Glb("test")
+    document = GltfWriter("test")
     primitive: dict[str, Any] = {
-        "attributes": {"POSITION": document.add_values(POINTS, limits=True)}, "indices": document.add_values(FACES)
+        "attributes": {"POSITION": document.add_accessor(POINTS, bounds=True)}, "indices": document.add_accessor(FACES)
     }  # fmt: skip
-    file.write_bytes(document.data(build(document, primitive)))
+    file.write_bytes(document.to_bytes(build(document, primitive)))
     return file
 
 
-def _animate(document: Glb, node: int, path: str, times: list[float], values: Any, kind: str = "LINEAR") -> None:
-    keys, output = document.add_values(np.array(times), limits=True), document.add_values(np.array(values))
+def _animate(document: GltfWriter, node: int, path: str, times: list[float], values: Any, kind: str = "LINEAR") -> None:
+    keys, output = document.add_accessor(np.array(times), bounds=True), document.add_accessor(np.array(values))
     sampler = {"input": keys, "output": output, "interpolation": kind}
     document.add("animations", {
         "name": path, "samplers": [sampler], "channels": [{"sampler": 0, "target": {"node": node, "path": path}}]
@@ -50,17 +50,17 @@ def _corners(model: Model) -> np.ndarray:
     return part.vertices[part.faces.reshape(-1)]
 
 
-def _skinned(document: Glb, primitive: dict[str, Any]) -> list[int]:
+def _skinned(document: GltfWriter, primitive: dict[str, Any]) -> list[int]:
     """The head hangs on the second joint, which is bound at y = 2; the mesh's own node must not count."""
     weights = np.zeros((6, 4))
     weights[:, 0] = 1.0
     joints = np.zeros((6, 4))
     joints[3:, 0] = 1.0
-    primitive["attributes"] |= {"JOINTS_0": document.add_values(joints), "WEIGHTS_0": document.add_values(weights)}
+    primitive["attributes"] |= {"JOINTS_0": document.add_accessor(joints), "WEIGHTS_0": document.add_accessor(weights)}
     document.add("meshes", {"primitives": [primitive]})
     inverse = np.stack([np.eye(4), np.eye(4)])
     inverse[1, 1, 3] = -2.0
-    bind = document.add_values(inverse.transpose(0, 2, 1).reshape(2, 16))
+    bind = document.add_accessor(inverse.transpose(0, 2, 1).reshape(2, 16))
     document.add("skins", {"joints": [1, 2], "inverseBindMatrices": bind})
     document.add("nodes", {"mesh": 0, "skin": 0, "translation": [70.0, 0.0, 0.0]})
     document.add("nodes", {"children": [2]})
@@ -85,8 +85,8 @@ def test_a_morph_target_moves_by_its_weight(tmp_path: Path) -> None:
     rise = np.zeros((6, 3))
     rise[5, 1] = 2.0
 
-    def build(document: Glb, primitive: dict[str, Any]) -> list[int]:
-        primitive["targets"] = [{"POSITION": document.add_values(rise)}]
+    def build(document: GltfWriter, primitive: dict[str, Any]) -> list[int]:
+        primitive["targets"] = [{"POSITION": document.add_accessor(rise)}]
         document.add("meshes", {"primitives": [primitive], "weights": [0.25]})
         _animate(document, document.add("nodes", {"mesh": 0}), "weights", [0.0, 1.0], [0.0, 1.0])
         return [0]
@@ -97,7 +97,7 @@ def test_a_morph_target_moves_by_its_weight(tmp_path: Path) -> None:
 
 
 def test_a_node_turns_its_mesh_and_a_mirror_keeps_faces_outside(tmp_path: Path) -> None:
-    def build(document: Glb, primitive: dict[str, Any]) -> list[int]:
+    def build(document: GltfWriter, primitive: dict[str, Any]) -> list[int]:
         document.add("meshes", {"primitives": [primitive]})
         node = document.add("nodes", {"mesh": 0, "scale": [-1.0, 1.0, 1.0]})
         _animate(document, node, "rotation", [0.0, 1.0], [[0, 0, 0, 1.0], QUARTER])
@@ -130,7 +130,7 @@ def test_keys_are_met_and_a_spline_of_a_line_is_the_line(steps: list[float], sha
 
 
 def test_what_plays_is_chosen_and_stands_by_its_lowest_moment(tmp_path: Path) -> None:
-    def build(document: Glb, primitive: dict[str, Any]) -> list[int]:
+    def build(document: GltfWriter, primitive: dict[str, Any]) -> list[int]:
         document.add("meshes", {"primitives": [primitive]})
         node = document.add("nodes", {"mesh": 0})
         _animate(document, node, "translation", [0.0, 1.0, 2.0], [[0, 1.0, 0], [0, 0, 0], [0, 1.0, 0]])
@@ -161,7 +161,7 @@ def test_what_plays_is_chosen_and_stands_by_its_lowest_moment(tmp_path: Path) ->
     ],
 )
 def test_keys_that_are_none_are_refused(tmp_path: Path, times: list[float], values: Any, words: str) -> None:
-    def build(document: Glb, primitive: dict[str, Any]) -> list[int]:
+    def build(document: GltfWriter, primitive: dict[str, Any]) -> list[int]:
         document.add("meshes", {"primitives": [primitive]})
         _animate(document, document.add("nodes", {"mesh": 0}), "translation", times, values)
         return [0]

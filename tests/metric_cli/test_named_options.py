@@ -15,7 +15,17 @@ from metric_cli.arguments import arguments_of
 from tests.metric_cli.test_paths import PARSERS
 
 ROOT = Path(__file__).resolve().parents[2]
-PACKAGES = ("metric_base", "crawler", "taxonomy", "metric_tree", "estimator", "insertion", "explorer", "metric_cli")
+PACKAGES = (
+    "metric_base",
+    "crawler",
+    "taxonomy",
+    "metric_tree",
+    "models3d",
+    "estimator",
+    "insertion",
+    "explorer",
+    "metric_cli",
+)
 #: Options of other programs, of an example of a misspelling, and half of a pattern.
 OTHERS = {"--background", "--factory-startup", "--python", "--workspace", "--instnces", "--ade"}
 #: Scripts that another program runs, with options of their own.

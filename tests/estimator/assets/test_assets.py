@@ -12,7 +12,6 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 import metric_tree
-from estimator.asset_files.asset import Asset, AssetBody, Word
 from estimator.asset_files.formats import read_asset, read_assets
 from estimator.asset_files.mending import write_at_scale
 from estimator.assets.category_words import category_of_words
@@ -22,6 +21,7 @@ from estimator.assets.model_size import model_true_size
 from estimator.assets.size_model import size_model
 from metric_base.errors import InputError
 from metric_cli.verbs import main
+from models3d.asset import Asset, AssetBody, Word
 from tests.estimator.assets.models import CHAIR, chair, write_chair
 
 TREE = metric_tree.open()

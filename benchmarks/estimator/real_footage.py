@@ -286,7 +286,7 @@ LONGER = {"steps by .3": 1.3, "steps three times": 3.0}
 
 def _planted(out: Path) -> str:
     """Rows of the models as they are, and with their last third as a wrong piece."""
-    from estimator.capture.mapping.feature_search import RUNGS
+    from estimator.capture.mapping.features import STRATEGIES as RUNGS
 
     suffixes = {rung.name: rung.suffix for rung in RUNGS}
     head = ["set", "frames", "triplets", "largest residual, px", "largest stretch", "contradicted", "pieces"]

@@ -15,7 +15,7 @@ from estimator.capture.cautions import capture_cautions, read_cautions, write_ca
 from estimator.capture.frame_poses import FILE_NAME, FramePose, FramePoses, write_frame_poses
 from estimator.capture.frames import FRAMES_FILE, Frames, Source, make_frames, read_frames, source_of
 from estimator.capture.localisation import localised_frames
-from estimator.capture.mapping.time_limit import TimeLimit, limit_of
+from estimator.capture.mapping.worker import TimeLimit, limit_of
 from estimator.capture.model_search import MODEL_STAGES, MORE_FRAMES, REPORT, ModelSearch
 from estimator.capture.video import Video
 from estimator.capture.work_folder import WorkFolder, content_digest

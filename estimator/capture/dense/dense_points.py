@@ -10,7 +10,7 @@ import numpy as np
 
 from estimator.capture.dense.cuda import PYCOLMAP, patch_match_engine
 from estimator.capture.dense.dense_cloud import make_dense_cloud
-from estimator.capture.mapping.worker_process import WorkerError, start_worker, wait_for_worker
+from estimator.capture.mapping.worker import WorkerError, run_worker
 from estimator.reconstructions.colmap import read_colmap
 from estimator.reconstructions.ply import read_visibility, visibility_bytes
 from metric_base.progress import NoticeCallback, ProgressCallback, no_notice, silent
@@ -61,8 +61,7 @@ def make_patch_match_cloud(model: Path, pictures: Path, file: Path, engine: str,
         "engine": engine,
         "threads": THREADS,
     }
-    process = start_worker("dense", request, file.parent, WORKER)
-    result = wait_for_worker(process, "dense", file.parent / "dense.log", progress)
+    result = run_worker("dense", request, file.parent, progress=progress, module=WORKER)
     points = int(result["points"])
     if points:
         (workspace / "fused.ply").rename(file)

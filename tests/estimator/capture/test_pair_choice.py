@@ -7,7 +7,7 @@ from pathlib import Path
 import numpy as np
 
 from estimator.capture.mapping.colmap_worker import verification
-from estimator.capture.mapping.feature_search import RUNGS
+from estimator.capture.mapping.features import STRATEGIES as RUNGS
 from estimator.capture.mapping.pair_choice import all_pairs, chosen_pairs, coarse_scores
 from estimator.reconstructions.pycolmap_library import pycolmap
 

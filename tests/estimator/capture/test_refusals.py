@@ -17,7 +17,9 @@ from estimator.capture.cautions import capture_cautions, read_cautions
 from estimator.capture.frames import Frames
 from estimator.capture.mapping.evidence import CaptureEvidence, ModelShape, Pair, TripletAgreement, weakest_seam
 from estimator.capture.mapping.failures import CODES, failure
-from estimator.capture.mapping.feature_search import RUNGS, model_rank, next_rungs
+from estimator.capture.mapping.features import STRATEGIES as RUNGS
+from estimator.capture.mapping.features import model_rank
+from estimator.capture.mapping.features import next_strategies as next_rungs
 from estimator.capture.mapping.gates import (
     UNDETERMINED,
     can_answer,
@@ -28,9 +30,9 @@ from estimator.capture.mapping.gates import (
     model_failure,
     needs_check,
 )
-from estimator.capture.mapping.mappers import Mapped
+from estimator.capture.mapping.mapper import MappingResult as Mapped
+from estimator.capture.mapping.mapper import more_reliable as _better_supported
 from estimator.capture.mapping.pair_choice import all_pairs
-from estimator.capture.mapping.reconstruction import _better_supported
 from metric_cli.estimate_scale.estimate import main
 from tests.synthetic.refused_videos import FRAMES, LENS, RARE_VIDEOS, REFUSED_VIDEOS
 from tests.synthetic.rooms.render import NoOpenGL

@@ -10,12 +10,20 @@ from types import SimpleNamespace
 import pytest
 
 from estimator.capture.capture import capture_video
-from estimator.capture.mapping import time_limit
+from estimator.capture.mapping import worker as time_limit
 from estimator.capture.mapping.failures import CaptureFailure
-from estimator.capture.mapping.feature_search import RUNGS, predicted_s
+from estimator.capture.mapping.features import STRATEGIES as RUNGS
+from estimator.capture.mapping.features import predicted_s
 from estimator.capture.mapping.pair_choice import all_pairs, pair_count
-from estimator.capture.mapping.time_limit import MAX_TIME_S, OutOfTime, TimeLimit, limit_of, processor_s
-from estimator.capture.mapping.worker_process import start_worker, wait_for_worker
+from estimator.capture.mapping.worker import (
+    MAX_TIME_S,
+    OutOfTime,
+    TimeLimit,
+    limit_of,
+    processor_s,
+    start_worker,
+    wait_for_worker,
+)
 from metric_base.errors import InputError
 
 VIDEO = Path("data/scenes/demo_video/video.mp4")

@@ -56,7 +56,7 @@ from metric_tree.build.tables import (
 )
 from metric_tree.build.work_folder import BuildFolder, SerialExecutor, fingerprint, sole_writer
 from metric_tree.context import ContextModel
-from metric_tree.fit.centre import shared_covariance
+from metric_tree.fit.class_prior import shrunk_between
 from metric_tree.fit.contexts import class_contexts, learn_contexts
 from metric_tree.fit.evidence import KIND_WEIGHT
 from metric_tree.fit.kinds import KindModel, learn_kinds
@@ -356,7 +356,7 @@ def _learn_contexts(classes: Sequence[NodeClass], families: Mapping[str, str], m
     """How much of the disagreement between sources is region and year, from the classes that have several."""
     known = ((one, one.moments[0].disagreement) for one in classes if one.cells)
     return learn_contexts(
-        (one.cells, np.diagonal(own.within), np.diagonal(shared_covariance(own, model, families[one.node_id])))
+        (one.cells, np.diagonal(own.within), np.diagonal(shrunk_between(own, model, families[one.node_id])))
         for one, own in known
         if own is not None
     )

@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 
 from metric_base.arrays import FloatArray
 from metric_tree.context import Context, ContextModel, Likeness
-from metric_tree.fit.disagreement import CERTAIN_ROWS
+from metric_tree.fit.random_effects import CERTAIN_ROWS
 from metric_tree.prior import Prior
 
 __all__ = ["ContextCell", "cells_of", "class_contexts", "inner_contexts", "learn_contexts"]

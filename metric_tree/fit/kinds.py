@@ -24,7 +24,7 @@ import numpy as np
 
 from metric_base.arrays import FloatArray, IntArray
 from metric_base.folders import taxonomy_directory
-from metric_tree.fit.disagreement import Disagreement
+from metric_tree.fit.random_effects import SourceMeans
 
 __all__ = ["KindModel", "learn_kinds", "shipped_model"]
 
@@ -157,7 +157,7 @@ class _KindTable:
     family: IntArray
 
 
-def learn_kinds(classes: Iterable[tuple[str, Disagreement]], kinds: Sequence[str]) -> KindModel:
+def learn_kinds(classes: Iterable[tuple[str, SourceMeans]], kinds: Sequence[str]) -> KindModel:
     """The model from (family, disagreement) of all classes, drawn to the shipped one as far as they are few."""
     shipped = shipped_model()
     pairs = [(family, one) for family, one in classes if len(one.sources) >= 2]
@@ -181,7 +181,7 @@ def shipped_model() -> KindModel:
     return KindModel.of_record(json.loads(path.read_text(encoding="utf-8")))
 
 
-def _table(pairs: Sequence[tuple[str, Disagreement]], families: Sequence[str], kinds: Sequence[str]) -> _KindTable:
+def _table(pairs: Sequence[tuple[str, SourceMeans]], families: Sequence[str], kinds: Sequence[str]) -> _KindTable:
     lines = []
     for family, one in pairs:
         for axis in range(one.means.shape[1]):
@@ -304,7 +304,7 @@ def _with_families(model: KindModel, table: _KindTable, kinds: Sequence[str], fa
     return replace(model, family=dict(zip(families, best.tolist(), strict=True)))
 
 
-def _spread_ratios(classes: Sequence[Disagreement]) -> dict[str, float]:
+def _spread_ratios(classes: Sequence[SourceMeans]) -> dict[str, float]:
     """Mean ln ratio of a kind's spread within a source to that of products and measurements of the same class.
 
     Ten classes' worth of no difference are added.

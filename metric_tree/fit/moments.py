@@ -9,8 +9,8 @@ import numpy as np
 
 from metric_base.arrays import FloatArray
 from metric_tree.fit.class_rows import ClassRows, nanmean, own_belief, statements_of, weighted_rows
-from metric_tree.fit.disagreement import Disagreement, disagreement, no_disagreement, with_statements
 from metric_tree.fit.mixture_em import Belief, complete_rows, fit_mixture, raise_to_floor
+from metric_tree.fit.random_effects import SourceMeans, no_source_means, source_means, with_statements
 
 __all__ = ["VAGUE", "Moments", "correlated_covariance", "extent_moments", "moments"]
 
@@ -33,7 +33,7 @@ class Moments:
     mean: FloatArray
     within: FloatArray
     known: FloatArray
-    disagreement: Disagreement | None
+    disagreement: SourceMeans | None
 
 
 def correlated_covariance(sd: FloatArray, correlation: float = CORRELATION) -> FloatArray:
@@ -53,7 +53,7 @@ def moments(rows: ClassRows) -> Moments:
         mean = nanmean(statements.means)
         known = (~np.isnan(statements.means)).sum(axis=0).astype(float)
         between = with_statements(
-            no_disagreement(belief.covariance), statements.names, statements.kinds, statements.means
+            no_source_means(belief.covariance), statements.names, statements.kinds, statements.means
         )
         return Moments(
             rows.node_id, rows.axes, np.where(np.isnan(mean), VAGUE.mean, mean), belief.covariance, known, between
@@ -61,7 +61,7 @@ def moments(rows: ClassRows) -> Moments:
     weighed, sources, kinds = weighted_rows(rows)
     single = fit_mixture(weighed, 1, belief).mixture
     x, known = complete_rows(weighed, single)
-    between = disagreement(x, known, weighed.weights, sources, kinds, single.covariances[0])
+    between = source_means(x, known, weighed.weights, sources, kinds, single.covariances[0])
     effective = known.sum(axis=0) * weighed.effective / len(weighed)
     both = with_statements(between, statements.names, statements.kinds, statements.means)
     return Moments(rows.node_id, rows.axes, single.means[0], raise_to_floor(both.within, belief.floor), effective, both)

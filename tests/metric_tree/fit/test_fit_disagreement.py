@@ -9,13 +9,12 @@ import pytest
 
 from metric_tree.axes import AXES
 from metric_tree.fit import kinds
-from metric_tree.fit.centre import class_centre, shared_covariance
-from metric_tree.fit.class_prior import class_prior
+from metric_tree.fit.class_prior import class_mean, class_prior, shrunk_between
 from metric_tree.fit.class_rows import ClassRows
-from metric_tree.fit.disagreement import disagreement, with_statements
 from metric_tree.fit.evidence import KIND_WEIGHT
 from metric_tree.fit.kinds import KindModel, learn_kinds
 from metric_tree.fit.moments import VAGUE
+from metric_tree.fit.random_effects import source_means, with_statements
 
 BETWEEN = np.array([[0.04, 0.02, 0.01], [0.02, 0.03, 0.0], [0.01, 0.0, 0.02]])
 WITHIN = 0.02 * np.eye(3)
@@ -30,7 +29,7 @@ def many_sources(sources: int, rows: int, seed: int = 0):
 
 
 def found_of(x, names):
-    return disagreement(x, np.ones_like(x), np.ones(len(x)), names, ["product"] * len(x), WITHIN)
+    return source_means(x, np.ones_like(x), np.ones(len(x)), names, ["product"] * len(x), WITHIN)
 
 
 def test_covariance_between_sources_is_recovered():
@@ -64,7 +63,7 @@ def test_the_model_tells_a_share_of_the_spread_from_a_fixed_spread():
         effects = generator.multivariate_normal(np.zeros(3), 0.5 * within, 6)
         x = np.repeat(effects, 20, axis=0) + generator.multivariate_normal(np.zeros(3), within, 120)
         names = [f"s{row // 20}" for row in range(120)]
-        classes.append(disagreement(x, np.ones_like(x), np.ones(120), names, ["product"] * 120, within))
+        classes.append(source_means(x, np.ones_like(x), np.ones(120), names, ["product"] * 120, within))
     model = learned(classes)
     assert model.family["objects"] * model.share == pytest.approx(0.5, rel=0.35)
     assert model.spread < 0.03
@@ -92,7 +91,7 @@ def kinds_apart(seed: int, museum: float = 0.4, spread: float = 0.3):
     kinds = ["museum" if name in {"s000", "s001"} else "product" for name in names]
     for name in ("s000", "s001"):
         x[np.asarray(names) == name] += museum + generator.normal(0, spread)
-    return disagreement(x, np.ones_like(x), np.ones(len(x)), names, kinds, WITHIN)
+    return source_means(x, np.ones_like(x), np.ones(len(x)), names, kinds, WITHIN)
 
 
 def test_the_bias_and_the_spread_of_a_kind_are_learned_and_do_not_spoil_the_rest():
@@ -106,11 +105,11 @@ def test_the_bias_and_the_spread_of_a_kind_are_learned_and_do_not_spoil_the_rest
 def test_museums_do_not_set_the_centre_of_a_class_that_has_anything_better():
     model = KindModel(0.3, 0.05, {"museum": 0.35, "judged": 0.1})
     x = np.tile([5.4, 5.2, 5.5], (40, 1)) + np.random.default_rng(0).normal(0, 0.2, (40, 3))
-    museum = disagreement(x, np.ones_like(x), np.ones(40), ["museum"] * 40, ["museum"] * 40, WITHIN)
+    museum = source_means(x, np.ones_like(x), np.ones(40), ["museum"] * 40, ["museum"] * 40, WITHIN)
     stated = with_statements(museum, ["judged"], ["judged"], np.array([[4.7, 4.4, 4.6]]))
-    centre = class_centre(stated, shared_covariance(stated, model, ""), model, "").mean
+    centre = class_mean(stated, shrunk_between(stated, model, ""), model, "").mean
     assert np.abs(centre - [4.7, 4.4, 4.6]).max() < 0.2
-    assert class_centre(museum, shared_covariance(museum, model, ""), model, "").mean == pytest.approx(x.mean(axis=0))
+    assert class_mean(museum, shrunk_between(museum, model, ""), model, "").mean == pytest.approx(x.mean(axis=0))
 
 
 def test_a_class_of_one_source_carries_the_models_disagreement():
@@ -125,16 +124,16 @@ def test_a_class_of_one_source_carries_the_models_disagreement():
 
 def test_a_class_of_many_sources_carries_its_own():
     found = found_of(*many_sources(100, 5)[:2])
-    assert shared_covariance(found, KindModel(0.0, 0.0), "") == pytest.approx(found.between, rel=0.05)
+    assert shrunk_between(found, KindModel(0.0, 0.0), "") == pytest.approx(found.between, rel=0.05)
 
 
 def test_offsets_of_sources_are_predicted_and_shrunk():
     x, names, effects = many_sources(40, 20)
     found = found_of(x, names)
-    predicted = class_centre(found, BETWEEN, KindModel(), "").effects
+    predicted = class_mean(found, BETWEEN, KindModel(), "").effects
     centred = effects - effects.mean(axis=0)
     assert np.corrcoef(predicted.ravel(), centred.ravel())[0, 1] > 0.95
-    assert np.abs(class_centre(found, 1e-6 * np.eye(3), KindModel(), "").effects).max() < 0.01
+    assert np.abs(class_mean(found, 1e-6 * np.eye(3), KindModel(), "").effects).max() < 0.01
 
 
 def test_the_spread_within_is_not_counted_twice():
@@ -152,10 +151,10 @@ def test_axes_that_a_source_does_not_state_are_left_out():
     x, names, _ = many_sources(4, 5)
     known = np.ones_like(x)
     known[:5, 1] = 0
-    found = disagreement(x, known, np.ones(len(x)), names, ["product"] * len(x), WITHIN)
+    found = source_means(x, known, np.ones(len(x)), names, ["product"] * len(x), WITHIN)
     assert np.isnan(found.means[0, 1])
     assert found.rows[0].tolist() == [5, 0, 5]
-    centre = class_centre(replace(found, within=WITHIN), 0.01 * np.eye(3), KindModel(), "")
+    centre = class_mean(replace(found, within=WITHIN), 0.01 * np.eye(3), KindModel(), "")
     assert centre.effects[0, 1] == 0
     assert centre.variance[1] > centre.variance[0]
     assert np.isfinite(centre.effects).all()

@@ -20,19 +20,19 @@ from metric_tree.fit.class_rows import (
     within_range,
     without_museums,
 )
-from metric_tree.fit.disagreement import (
-    CERTAIN_ROWS,
-    LEAST_SD,
-    MEAN_HALF,
-    _moments,
-    _positive,
-    disagreement,
-    no_disagreement,
-    with_statements,
-)
 from metric_tree.fit.kinds import KindModel
 from metric_tree.fit.mixture_em import Belief, Rows, _single_starts
 from metric_tree.fit.plain_names import commonness, plain_weights
+from metric_tree.fit.random_effects import (
+    CERTAIN_ROWS,
+    MEAN_HALF_ROWS,
+    MIN_WITHIN_SD,
+    between_covariance,
+    no_source_means,
+    source_means,
+    with_min_eigenvalue,
+    with_statements,
+)
 from metric_tree.prior import Prior
 
 NAN = np.nan
@@ -40,7 +40,8 @@ NAN = np.nan
 
 def test_a_matrix_is_made_positive_along_its_axes() -> None:
     turn = np.array([[0.8, -0.6], [0.6, 0.8]])
-    assert _positive(turn @ np.diag([2.0, -1.0]) @ turn.T, 0.1) == pytest.approx(turn @ np.diag([2.0, 0.1]) @ turn.T)
+    raised = with_min_eigenvalue(turn @ np.diag([2.0, -1.0]) @ turn.T, 0.1)
+    assert raised == pytest.approx(turn @ np.diag([2.0, 0.1]) @ turn.T)
 
 
 def test_moments_of_source_means_by_their_formula() -> None:
@@ -51,12 +52,12 @@ def test_moments_of_source_means_by_their_formula() -> None:
     found = np.zeros((2, 2))
     for i, j, own in ((0, 0, [0, 1, 2]), (0, 1, [0, 1]), (1, 1, [0, 1])):
         n = np.sqrt(rows[own, i] * rows[own, j])
-        a = n / (1 + n / MEAN_HALF)
+        a = n / (1 + n / MEAN_HALF_ROWS)
         one, two = (means[own, k] - (a * means[own, k]).sum() / a.sum() for k in (i, j))
         noise = within[i, j] * ((a - a**2 / a.sum()) / n).sum()
         found[i, j] = found[j, i] = ((a * one * two).sum() - noise) / (a.sum() - (a**2).sum() / a.sum())
-    assert _moments(means, rows, trust, within) == pytest.approx(_positive(found, 0.0))
-    assert _moments(means[:1], rows[:1], trust[:1], within).tolist() == [[0, 0], [0, 0]]
+    assert between_covariance(means, rows, trust, within) == pytest.approx(with_min_eigenvalue(found, 0.0))
+    assert between_covariance(means[:1], rows[:1], trust[:1], within).tolist() == [[0, 0], [0, 0]]
 
 
 def test_the_means_rows_and_spreads_of_sources() -> None:
@@ -66,7 +67,7 @@ def test_the_means_rows_and_spreads_of_sources() -> None:
     known = np.ones((10, 2))
     known[9, 1] = 0.0
     weights = np.array([1.0] * 8 + [0.5, 2.0])
-    one = disagreement(x, known, weights, ["a"] * 9 + ["b"], ["product"] * 9 + ["museum"], np.diag([0.04, 0.04]))
+    one = source_means(x, known, weights, ["a"] * 9 + ["b"], ["product"] * 9 + ["museum"], np.diag([0.04, 0.04]))
     own = np.array([1.0] * 8 + [0.5])
     assert one.means[0] == pytest.approx(own @ x[:9] / 8.5)
     assert one.means[1] == pytest.approx([2.5, NAN], nan_ok=True)
@@ -80,15 +81,15 @@ def test_the_means_rows_and_spreads_of_sources() -> None:
     typical = (weights**2).sum() / weights.sum()
     free = np.array([[8.5 * (1 - 1 / rows)] * 2] * 2)
     within = (scatter + typical * np.diag([0.04, 0.04])) / (free + typical)
-    assert one.within == pytest.approx(_positive(within, LEAST_SD**2))
-    few = disagreement(x[:7], known[:7], weights[:7], ["a"] * 7, ["product"] * 7, np.eye(2))
+    assert one.within == pytest.approx(with_min_eigenvalue(within, MIN_WITHIN_SD**2))
+    few = source_means(x[:7], known[:7], weights[:7], ["a"] * 7, ["product"] * 7, np.eye(2))
     assert np.isnan(few.spreads).all()
     stated = with_statements(one, ["n"], ["statistic"], np.array([[2.2, NAN]]))
     assert stated.rows[-1].tolist() == [CERTAIN_ROWS, 0.0]
     assert (stated.sources, stated.kinds, stated.freedom) == (("a", "b", "n"), ("product", "museum", "statistic"), 1.0)
     assert stated.between[0, 0] > 0
     assert with_statements(one, [], [], np.empty((0, 2))) is one
-    none = no_disagreement(np.eye(2))
+    none = no_source_means(np.eye(2))
     assert (none.within.tolist(), none.between.tolist(), none.means.shape) == (
         np.eye(2).tolist(),
         [[0, 0], [0, 0]],
@@ -189,7 +190,7 @@ def test_biases_are_the_ridge_regression_with_class_means_out() -> None:
 
 
 def test_ratios_of_spread_lean_on_ten_classes_of_no_difference() -> None:
-    one = no_disagreement(np.eye(1))
+    one = no_source_means(np.eye(1))
     known = replace(
         one, sources=("a", "b", "c", "d"), kinds=("product", "measured", "asset", "museum"),
         spreads=np.array([0.1, 0.4, 0.4, NAN]),

@@ -51,7 +51,7 @@ from metric_tree.cutouts.quality import assessment
 from taxonomy.catalogue import OTHER, Catalogue, default_catalogue
 from taxonomy.label_lists import vocabulary
 from taxonomy.matching.decisions import default_rulings
-from taxonomy.matching.finding import reliabilities
+from taxonomy.matching.reliability import reliabilities
 from taxonomy.wordnet import WordNet, default_wordnet
 from taxonomy.words.spelling import fold_text, one_edit
 

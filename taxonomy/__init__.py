@@ -12,6 +12,6 @@ __all__ = ["default_taxonomy"]
 
 def default_taxonomy() -> Taxonomy:
     """The taxonomy of the tables that ship with the project; the matcher is loaded here, not before."""
-    from taxonomy.matching.shipped_taxonomy import default_taxonomy as shipped
+    from taxonomy.matching.matcher import default_taxonomy as shipped
 
     return shipped()

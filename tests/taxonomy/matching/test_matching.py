@@ -12,9 +12,9 @@ from metric_base.folders import taxonomy_directory
 from taxonomy.inserted_categories import BadInsertion, InsertedCategory, insertions
 from taxonomy.levels import replaced_ids
 from taxonomy.matching.decisions import Decision, decisions
-from taxonomy.matching.finding import THRESHOLD, reliabilities
 from taxonomy.matching.lexicon import Lexicon
-from taxonomy.matching.matcher import Matcher, _texts, default_matcher
+from taxonomy.matching.matcher import Matcher, default_matcher, naming_texts
+from taxonomy.matching.reliability import THRESHOLD, reliabilities
 from taxonomy.matching.source_reading import BadReading, Reading, default_readings, readings
 from taxonomy.wordnet import WordNet
 from taxonomy.words.spelling import fold_text
@@ -352,6 +352,6 @@ def test_a_source_means_by_a_word_what_a_user_means(wordnet: WordNet, path: tupl
 
 def test_a_path_is_asked_from_its_end_and_without_its_root() -> None:
     reading = Reading(words="title, last")
-    assert _texts(reading, ("all", "tables", "desks"), "oak desk") == ("oak desk", "desks", "tables")
-    assert _texts(reading, ("desks",), "") == ("desks",)
-    assert _texts(Reading(words="alternatives"), ("all", "cups,mugs"), "x") == ("cups", "mugs")
+    assert naming_texts(reading, ("all", "tables", "desks"), "oak desk") == ("oak desk", "desks", "tables")
+    assert naming_texts(reading, ("desks",), "") == ("desks",)
+    assert naming_texts(Reading(words="alternatives"), ("all", "cups,mugs"), "x") == ("cups", "mugs")

@@ -23,7 +23,7 @@ from metric_base.errors import InputError
 from metric_base.files import whole_file
 from metric_base.outputs import is_own_output, set_rules
 from metric_cli.arguments import OutputFile, arguments_of, check_paths, input_path, new_folder, output_folder
-from metric_cli.estimate_scale import options as estimate_scale
+from metric_cli.estimate_scale import parser as estimate_scale
 from metric_cli.insert_object import insert, study
 from metric_cli.verbs import VERBS, parser_of
 from tests.synthetic import minitree

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import argparse
 from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
@@ -20,7 +19,7 @@ from estimator.geometry.measurement import Measurements
 from estimator.geometry.up import OBSERVED_METHODS, Up
 from metric_base.arrays import FloatArray
 from metric_base.errors import InputError
-from metric_cli.estimate_scale.evidence_options import add_evidence_options, automatic_sources
+from metric_cli.estimate_scale.evidence import recorded_sources
 from tests.synthetic.evidence import (
     degrees_of,
     one,
@@ -176,13 +175,7 @@ def test_pictures_all_over_the_scene_are_asked_for_gps(walk: Walk, monkeypatch: 
 
 def test_gps_of_photographs_is_used_unasked_and_may_be_switched_off(walk: Walk, tmp_path: Path) -> None:
     here = replace(walk, scene=replace(walk.scene, path=tmp_path))
-    parser = argparse.ArgumentParser()
-    parser.add_argument("--images", default=None)
-    parser.add_argument("--method", default="default")
-    add_evidence_options(parser)
-    options, off = (parser.parse_args(words) for words in ([], ["--gps", "none"]))
-    options.scene = off.scene = tmp_path
-    assert automatic_sources(options, here.scene) == ()  # no picture has a position
+    assert recorded_sources(tmp_path, here.scene) == ()  # no picture has a position
     write_exif(here)
-    assert automatic_sources(options, here.scene) == (Gps("exif", None),)
-    assert automatic_sources(off, here.scene) == ()
+    assert recorded_sources(tmp_path, here.scene) == (Gps("exif", None),)
+    assert recorded_sources(tmp_path, here.scene, gps="none") == ()

@@ -120,7 +120,7 @@ def drawing_cost(work: Path) -> tuple[float, float]:
     placed = place_objects(prepared, [ObjectRequest(MODEL)])
     with (
         mock.patch.object(ObjectRenderer, "image", clocked(ObjectRenderer.image, "alone")),
-        mock.patch.object(frames, "_draw_objects", clocked(frames._draw_objects, "whole")),
+        mock.patch.object(frames._Compositor, "draw", clocked(frames._Compositor.draw, "whole")),
     ):
         frames.insert_objects(prepared, placed, lambda *_: None, video=True)
     count = len(prepared.footage.shots)

@@ -155,7 +155,7 @@ def test_each_of_two_objects_mirrors_the_other(context: Any, first: bool) -> Non
     metal = _body(0.0, model=_box_model((0.3, 0.3, 0.6), (0.9, 0.9, 0.9), metal=True))
     red = _body(0.0, (0.3, 0.3, 0.3), -0.6, _box_model((0.3, 0.3, 0.3), (0.8, 0.05, 0.05)))
     bodies = [metal, red] if first else [red, metal]
-    others, before = frames._beside(bodies, bodies.index(metal))
+    others, before = frames._other_bodies(bodies, bodies.index(metal))
     view = _view()
     redness = []
     for shading in (others, []):

@@ -18,7 +18,7 @@ __all__ = ["ChildRun", "ours", "run_child"]
 POLL_S = 0.02
 #: The modules with the `main` of the programs.
 PROGRAMS = {
-    "metric-tree": "metric_cli.verbs",
+    "metric-tree": "metric_cli.subcommands",
     "estimate-scale": "metric_cli.estimate_scale.estimate",
     "insert-object": "metric_cli.insert_object.insert",
 }

@@ -21,7 +21,7 @@ from urllib.parse import quote
 
 import metric_tree
 from benchmarks.common import options_parser
-from explorer.content.addresses import slug
+from explorer.urls import slug
 from metric_cli.threads import use_one_thread
 
 #: Turns that each kind has.
@@ -155,7 +155,7 @@ def serve(pipe: Connection) -> None:
     from starlette.responses import Response
     from starlette.routing import Route
 
-    from explorer.server.application import application
+    from explorer.server.app import application
 
     async def nothing(_: Request) -> Response:
         return Response(b"{}" * 1000, media_type="application/json")

@@ -11,8 +11,8 @@ from pathlib import Path
 from typing import Any, Literal, get_args
 
 from metric_base.errors import InputError, in_file
-from metric_base.schema import expect, json_record, record_of
-from metric_base.world_regions import REGIONS
+from metric_base.records import expect, json_record, record_of
+from metric_base.regions import REGIONS
 
 __all__ = [
     "KINDS",

@@ -34,7 +34,7 @@ def commands() -> str:
     for program, module in PROGRAMS.items():
         if importlib.util.find_spec(module.partition(".")[0]) is not None:
             parts.append(_help(program, importlib.import_module(module).parser()))
-    from metric_cli.verbs import VERBS, parser_of
+    from metric_cli.subcommands import VERBS, parser_of
 
     parts += [_help(f"metric-tree {verb}", parser_of(verb)) for verb in VERBS]
     return "\n\n".join(parts) + "\n"

@@ -17,15 +17,15 @@ from importlib import import_module
 from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
-    from estimator.assets.check import AssetCheck, check_asset
-    from estimator.capture.capture import Capture, capture_video
+    from capture.pipeline import Capture, capture_video
     from estimator.capture.mapping.failures import CaptureFailure
     from estimator.pipeline import estimate_scale, measure_objects
+    from estimator.reconstructions.scene_reader import read_instances, read_scene
     from estimator.records.measured_object import MeasuredObject
     from estimator.records.result import ScaleResult
     from estimator.records.scene import Camera, Instance, Scene, View
     from estimator.results.estimate import scale_of_objects
-    from estimator.scene_reading import read_instances, read_scene
+    from models3d.size_check.check import AssetCheck, check_asset
 
 __all__ = [
     "AssetCheck",
@@ -48,21 +48,21 @@ __all__ = [
 
 #: The module of each name; it is imported when the name is first used, so that light commands stay light.
 _HOMES = {
-    "AssetCheck": "estimator.assets.check",
+    "AssetCheck": "models3d.size_check.check",
     "Camera": "estimator.records.scene",
-    "Capture": "estimator.capture.capture",
-    "CaptureFailure": "estimator.capture.mapping.failures",
+    "Capture": "capture.pipeline",
+    "CaptureFailure": "capture.mapping.failures",
     "Instance": "estimator.records.scene",
     "MeasuredObject": "estimator.records.measured_object",
     "ScaleResult": "estimator.records.result",
     "Scene": "estimator.records.scene",
     "View": "estimator.records.scene",
-    "check_asset": "estimator.assets.check",
-    "capture_video": "estimator.capture.capture",
+    "check_asset": "models3d.size_check.check",
+    "capture_video": "capture.pipeline",
     "estimate_scale": "estimator.pipeline",
     "measure_objects": "estimator.pipeline",
-    "read_instances": "estimator.scene_reading",
-    "read_scene": "estimator.scene_reading",
+    "read_instances": "estimator.reconstructions.scene_reader",
+    "read_scene": "estimator.reconstructions.scene_reader",
     "scale_of_objects": "estimator.results.estimate",
 }
 

@@ -123,19 +123,20 @@ def scene_estimate(
 
     Parameters
     ----------
-    source : a scene, or where it is; instances, categories, dense : as `estimator.scene_reading` takes them
+    source : a scene, or where it is; instances, categories, dense : as `estimator.reconstructions.scene_reader` takes
+    them
     tree, options : as `scale_of_objects`
     paper_lists : the authors' lists, for the second arm of `paper`
     sources : evidence that looks at the scene
     images, detector : the folder of the pictures and what finds the instances in them, in place of `instances`
     """
-    from estimator.scene_reading import default_instances, read_instances_and_warnings, read_scene
+    from estimator.reconstructions.scene_reader import default_instances, read_instances_and_warnings, read_scene
 
     seconds: dict[str, float] = {}
     with stopwatch(seconds, "reading"):
         scene = source if isinstance(source, Scene) else read_scene(source, dense)
         if images is not None and detector is not None:
-            from estimator.detectors.detection import detect_instances
+            from estimator.detectors.detect import detect_instances
 
             masks, warnings = detect_instances(scene, images, detector)
         elif instances is None and (options.evidence or sources) and default_instances(scene) is None:

@@ -7,16 +7,16 @@ from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
     from insertion.insert import Insertion, insert_objects
-    from insertion.pipeline.request import ObjectRequest
-    from insertion.pipeline.result import InsertionResult
+    from insertion.request import ObjectRequest
+    from insertion.result import InsertionResult
 
 __all__ = ["Insertion", "InsertionResult", "ObjectRequest", "insert_objects"]
 
 #: The module of each name; it is imported when the name is first used.
 _HOMES = {
     "Insertion": "insertion.insert",
-    "InsertionResult": "insertion.pipeline.result",
-    "ObjectRequest": "insertion.pipeline.request",
+    "InsertionResult": "insertion.result",
+    "ObjectRequest": "insertion.request",
     "insert_objects": "insertion.insert",
 }
 

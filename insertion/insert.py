@@ -9,15 +9,15 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Literal
 
 from estimator.records.result import ScaleResult
-from insertion.pipeline.request import ObjectRequest
-from insertion.pipeline.result import InsertionResult
+from insertion.request import ObjectRequest
+from insertion.result import InsertionResult
 from insertion.scene.scale import ScaleUsed, read_scale, scale_of_result
 from metric_base.errors import InputError
 from metric_base.progress import ProgressCallback, silent
 
 if TYPE_CHECKING:
     from estimator.geometry.up import Up
-    from insertion.pipeline.prepared_scene import PreparedScene
+    from insertion.insertion_scene import PreparedScene
     from metric_tree.tree import Tree
 
 __all__ = ["Insertion", "insert_into", "insert_objects", "open_prepared_scene"]
@@ -119,10 +119,10 @@ def open_prepared_scene(
     up: Up | None = None,
 ) -> PreparedScene:
     """The scene of a folder, ready for insertion; arguments as of `insert_objects`."""
-    from estimator.scene_reading import read_instances, read_scene
+    from estimator.reconstructions.scene_reader import read_instances, read_scene
     from insertion.footage.footage import PictureFootage, Stills
     from insertion.footage.video_footage import video_footage
-    from insertion.pipeline.prepared_scene import prepare_scene
+    from insertion.insertion_scene import prepare_scene
     from insertion.scene.moving_masks import cloud_beside, moving_masks
 
     scene = read_scene(folder, dense)
@@ -156,12 +156,12 @@ def insert_into(
     """As `insert_objects`, into a prepared scene."""
     from insertion.blender.layer_scene import write_layer_scene
     from insertion.blender.tracing import export_blend, traced_layers
+    from insertion.composite import compositor as drawing
     from insertion.exports.compositing import CompositingLayers
     from insertion.exports.export_folder import LayerWriter, write_exports
-    from insertion.footage.picture_writer import picture_writer
+    from insertion.footage.image_writer import picture_writer
     from insertion.footage.video_footage import VideoFootage
-    from insertion.pipeline import frames as drawing
-    from insertion.pipeline.objects import place_objects
+    from insertion.placement.placed_object import place_objects
 
     if show_interval and prepared.scale.low is None:
         raise InputError("--show-interval: expected a scale with an interval, as SCENE/result.json has; found --scale")

@@ -6,7 +6,7 @@ import argparse
 
 from metric_cli.arguments import add_overwrite
 from metric_cli.completion import SHELLS, PrintCompletion
-from metric_cli.terminal import OneLineParser, version
+from metric_cli.tables import OneLineParser, version
 
 __all__ = ["add_program_options", "add_tree", "program_parser"]
 

@@ -13,7 +13,7 @@ __all__ = ["estimate_scale", "insert_object", "metric_tree"]
 
 def metric_tree() -> int:
     """The console script `metric-tree`."""
-    return _start("metric_cli.verbs", "metric-tree")
+    return _start("metric_cli.subcommands", "metric-tree")
 
 
 def estimate_scale() -> int:

@@ -10,12 +10,12 @@ from importlib import import_module
 from typing import TYPE_CHECKING
 
 from metric_tree.prior import Prior
-from metric_tree.release import BadRelease
+from metric_tree.release.release import BadRelease
 from metric_tree.tree import AmbiguousName, Node, NoPrior, Tree, UnknownName
 from metric_tree.tree import open_tree as open  # noqa: A004 - as in gzip.open
 
 if TYPE_CHECKING:
-    from metric_tree.build.steps import Build, BuildOptions, build_release
+    from metric_tree.pipeline.build import Build, BuildOptions, build_release
 
 __all__ = [
     "AmbiguousName",
@@ -38,4 +38,4 @@ _LATE = ("Build", "BuildOptions", "build_release")
 def __getattr__(name: str) -> object:
     if name not in _LATE:
         raise AttributeError(f"module 'metric_tree' has no attribute {name!r}")
-    return getattr(import_module("metric_tree.build.steps"), name)
+    return getattr(import_module("metric_tree.pipeline.build"), name)

@@ -25,7 +25,7 @@ import numpy as np
 
 from metric_base.arrays import BoolArray, FloatArray
 from metric_base.errors import InputError
-from metric_base.world_regions import REGIONS, country_of, region_of
+from metric_base.regions import REGIONS, country_of, region_of
 
 __all__ = [
     "Context",
@@ -134,7 +134,7 @@ class Context:
         return Context(self.source, self.region, self.year, self.offset[axes], self.variance[axes])
 
     def row(self) -> dict[str, Any]:
-        """The context as one entry of the column `contexts` (`metric_tree.schema.PRIORS`)."""
+        """The context as one entry of the column `contexts` (`metric_tree.release.schema.PRIORS`)."""
         known = {"source": self.source, "region": self.region, "year": self.year}
         return known | {"offset": self.offset.tolist(), "variance": self.variance.tolist()}
 

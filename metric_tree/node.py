@@ -11,7 +11,7 @@ import pyarrow as pa
 from metric_base.arrays import FloatArray
 from metric_base.errors import InputError
 from metric_tree.prior import Prior
-from metric_tree.release import Release
+from metric_tree.release.release import Release
 from metric_tree.states import state_priors
 from metric_tree.tiers import at_least as is_at_least
 
@@ -131,10 +131,10 @@ class Node:
         Returns
         -------
         pyarrow.Table
-            Columns of `metric_tree.schema.ITEMS`: `item_id`, `node_id`, `source`, `source_id`, `title`, `length_mm`,
-            `width_mm`, `height_mm` (mm in the ordinary pose, null where not known), `extents_mm` (every stated outer
-            size in mm, longest first), `kind`, `year`, `region`, `url`, `licence`, `flags`. Items that may be used for
-            the fit and not shipped are not among them, so that there may be fewer rows than `n_items`.
+            Columns of `metric_tree.release.schema.ITEMS`: `item_id`, `node_id`, `source`, `source_id`, `title`,
+            `length_mm`, `width_mm`, `height_mm` (mm in the ordinary pose, null where not known), `extents_mm` (every
+            stated outer size in mm, longest first), `kind`, `year`, `region`, `url`, `licence`, `flags`. Items that
+            may be used for the fit and not shipped are not among them, so that there may be fewer rows than `n_items`.
 
         >>> import metric_tree
         >>> items = metric_tree.open().find("mug").items()
@@ -144,7 +144,7 @@ class Node:
         return self._rows("items", columns)
 
     def images(self) -> pa.Table:
-        """The pictures of items at or below this node (`metric_tree.schema.IMAGES`)."""
+        """The pictures of items at or below this node (`metric_tree.release.schema.IMAGES`)."""
         return self._rows("images")
 
     @property
@@ -291,6 +291,6 @@ def see_tier(node: Node, least: str) -> None:
 
 
 def node_of(tree: Home, row: dict[str, Any]) -> Node:
-    """The node of a row of `metric_tree.schema.NODES`."""
+    """The node of a row of `metric_tree.release.schema.NODES`."""
     lists = {name: tuple(row[name] or ()) for name in ("path", "hypernyms", "aliases", "dims")}
     return Node(tree=tree, **{**{name: row[name] for name in row if name in Node.__dataclass_fields__}, **lists})

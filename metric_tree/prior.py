@@ -227,7 +227,7 @@ class Prior:
         return sizes
 
     def row(self) -> dict[str, Any]:
-        """The prior as one row of `metric_tree.schema.PRIORS`."""
+        """The prior as one row of `metric_tree.release.schema.PRIORS`."""
         return {
             "node_id": self.node_id,
             "dims": list(self.dims),
@@ -251,7 +251,7 @@ class Prior:
 
     @classmethod
     def of_row(cls, row: Mapping[str, Any]) -> Prior:
-        """The prior of a row of `metric_tree.schema.PRIORS`.
+        """The prior of a row of `metric_tree.release.schema.PRIORS`.
 
         Raises
         ------

@@ -9,7 +9,7 @@ import pyarrow as pa
 
 from metric_tree.node import NoPrior
 from metric_tree.prior import Prior
-from metric_tree.release import Release
+from metric_tree.release.release import Release
 
 __all__ = ["PriorRows"]
 

@@ -17,7 +17,7 @@ from pathlib import Path
 from typing import Any
 
 from metric_base.errors import InputError
-from metric_tree.release import sha256
+from metric_tree.release.release import sha256
 
 __all__ = ["REGISTRY_VARIABLE", "cache_folder", "fetch_release", "registry_entry", "registry_of"]
 

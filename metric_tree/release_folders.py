@@ -8,7 +8,7 @@ from collections.abc import Iterator
 from pathlib import Path
 
 from metric_base.folders import data_folder
-from metric_tree.release import MANIFEST, BadRelease
+from metric_tree.release.release import MANIFEST, BadRelease
 from metric_tree.release_download import REGISTRY_VARIABLE, cache_folder, fetch_release
 
 __all__ = ["PATH_VARIABLE", "release_directory", "releases", "version_key"]

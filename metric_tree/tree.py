@@ -15,9 +15,9 @@ from metric_base import spelling
 from metric_tree.node import AmbiguousName, Meaning, Node, NoPrior, ThinEvidence, UnknownName, node_of, see_tier
 from metric_tree.prior import Prior
 from metric_tree.prior_rows import PriorRows
-from metric_tree.release import Release, open_release, see_nodes
+from metric_tree.release.release import Release, open_release, see_nodes
 from metric_tree.release_folders import release_directory
-from taxonomy.naming.nodes import Names
+from taxonomy.naming.names import Names
 from taxonomy.naming.resolver import Resolver
 from taxonomy.words.senses import label_votes
 
@@ -324,7 +324,7 @@ def open_tree(ref: str | Path | None = None) -> Tree:
 
     Raises
     ------
-    metric_tree.release.BadRelease
+    metric_tree.release.release.BadRelease
         There is none, or it is damaged, or of a schema that this version does not read.
 
     Examples

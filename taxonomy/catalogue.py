@@ -13,7 +13,7 @@ from pathlib import Path
 
 from metric_base.errors import in_file
 from metric_base.folders import taxonomy_directory
-from metric_base.schema import expect, record_of
+from metric_base.records import expect, record_of
 from taxonomy.categories import Category, Pose
 from taxonomy.inserted_categories import PREFIX, InsertedCategory, insertions
 from taxonomy.label_lists import vocabularies, vocabulary

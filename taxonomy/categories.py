@@ -41,7 +41,7 @@ class Match:
 
 
 class Taxonomy(Protocol):
-    """What `metric_tree.build.steps` asks of a taxonomy."""
+    """What `metric_tree.pipeline.build` asks of a taxonomy."""
 
     def categories(self) -> Sequence[Category]:
         """All nodes, root first, parents before children; every leaf at level 5."""

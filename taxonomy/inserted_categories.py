@@ -9,7 +9,7 @@ import msgspec
 
 from metric_base.errors import InputError, in_file
 from metric_base.folders import taxonomy_directory
-from metric_base.schema import expect, json_lines
+from metric_base.records import expect, json_lines
 from taxonomy.categories import Pose
 
 __all__ = ["PREFIX", "BadInsertion", "InsertedCategory", "insertions"]

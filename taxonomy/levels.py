@@ -165,7 +165,7 @@ def table_rows(file: Path, columns: Sequence[str]) -> Iterator[tuple[str, dict[s
 
 
 def _inner_nodes(file: Path) -> Iterator[InnerNode]:
-    from metric_base.schema import record_of  # msgspec is a tenth of what a query costs, and most ask for no node here
+    from metric_base.records import record_of  # msgspec is a tenth of what a query costs, and most ask for no node here
 
     for place, row in table_rows(file, _COLUMNS):
         cells = {"parent_id": row["parent_id"] or None, "claims": row["claims"].split()}

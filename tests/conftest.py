@@ -10,7 +10,7 @@ from typing import Any
 import pytest
 from hypothesis import HealthCheck, settings
 
-from metric_cli.verbs import main
+from metric_cli.subcommands import main
 from metric_tree.tree import Tree, open_tree
 from tests.synthetic import minitree
 

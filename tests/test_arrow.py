@@ -33,7 +33,7 @@ ROOMS = [
     "taxonomy.matching",
     "metric_tree",
     "metric_tree.fit",
-    "metric_tree.build",
+    "metric_tree.pipeline",
     "metric_tree.checks",
     "metric_tree.cutouts",
     "metric_tree.training",
@@ -42,11 +42,11 @@ ROOMS = [
     "models3d.gltf",
     "estimator.records",
     "estimator.reconstructions",
-    "estimator.other_programs",
+    "estimator.scene_formats",
     "estimator.checks",
     "estimator.instances",
     "estimator.detectors",
-    "estimator.visibility",
+    "estimator.projection",
     "estimator.association",
     "estimator.outlines",
     "estimator.geometry",
@@ -58,11 +58,11 @@ ROOMS = [
     "estimator.outputs",
     "estimator.views",
     "estimator.asset_files",
-    "estimator.assets",
-    "estimator.capture.cameras",
-    "estimator.capture.mapping",
-    "estimator.capture.dense",
-    "estimator.capture",
+    "models3d.size_check",
+    "capture.cameras",
+    "capture.mapping",
+    "capture.dense",
+    "capture",
     "estimator",
     "insertion.colour",
     "insertion.models",
@@ -78,15 +78,15 @@ ROOMS = [
     "insertion.study",
     "insertion",
     "explorer.content",
-    "explorer.drawings",
+    "explorer.charts",
     "explorer.pages",
     "explorer",
     "explorer.server",
     "metric_cli",
-    "metric_cli.verbs",
-    "metric_cli.collect",
-    "metric_cli.assets",
-    "metric_cli.explore",
+    "metric_cli.subcommands",
+    "metric_cli.subcommands.data",
+    "metric_cli.subcommands.models",
+    "metric_cli.subcommands.release",
     "metric_cli.estimate_scale",
     "metric_cli.insert_object",
 ]
@@ -98,8 +98,8 @@ MOST_MODULES = 16
 TERMINAL = re.compile(r"\b(print\(|argparse\b|sys\.std(out|err|in)\b|sys\.exit\b|SystemExit\b|progress_bars?\b)")
 #: Programs of their own, started by ours: their standard output is a pipe to the process that waits for them.
 WORKERS = {
-    "estimator/capture/mapping/colmap_worker.py",
-    "estimator/capture/dense/patch_match_worker.py",
+    "capture/mapping/colmap_worker.py",
+    "capture/dense/patch_match_worker.py",
     "insertion/blender/layer_script.py",
     "insertion/blender/script.py",
 }
@@ -237,7 +237,7 @@ def test_a_query_loads_nothing_heavy(tmp_path: Path) -> None:
     out = subprocess.run([sys.executable, "-c", code], cwd=ROOT, capture_output=True, text=True, check=True)
     assert out.stdout.strip() == "[]"
     command = (
-        f"import sys; from metric_cli.verbs import main; main(['query', 'swivel chair', '--tree', {str(directory)!r}]);"
+        f"import sys; from metric_cli.subcommands import main; main(['query', 'swivel chair', '--tree', {str(directory)!r}]);"
         "print(sorted({'rich', 'email', 'pyarrow.compute', 'tempfile', 'gzip'} & set(sys.modules)))"
     )
     out = subprocess.run([sys.executable, "-c", command], cwd=ROOT, capture_output=True, text=True, check=True)

@@ -8,7 +8,7 @@ from pathlib import Path
 ROOT = Path(__file__).resolve().parents[1]
 PACKAGES = [path.parent for path in sorted(ROOT.glob("*/py.typed"))]
 #: What a build wrote itself, in its own process or its own work folder.
-MAY_UNPICKLE = {"metric_tree/build/work_folder.py", "metric_tree/build/clean.py"}
+MAY_UNPICKLE = {"metric_tree/pipeline/work_folder.py", "metric_tree/pipeline/clean.py"}
 RUNS_CODE = {"eval", "exec", "compile", "__import__"}
 UNPICKLES = {
     ("pickle", "load"),

@@ -18,7 +18,7 @@ from estimator.records.measured_object import MeasuredObject
 from estimator.results.categories import meanings
 from estimator.results.estimate import scale_of_objects
 from metric_base.arrays import FloatArray
-from metric_tree.build.steps import BuildOptions, build_release, shipped_curated, shipped_taxonomy
+from metric_tree.pipeline.build import BuildOptions, build_release, shipped_curated, shipped_taxonomy
 from metric_tree.tree import Tree, open_tree
 from tests.synthetic.rooms.held_out import held_out_pool, pool_at
 from tests.synthetic.rooms.sizes import Sizes, drawn_sizes

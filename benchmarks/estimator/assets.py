@@ -21,13 +21,13 @@ from pathlib import Path
 import numpy as np
 
 from benchmarks.common import options_parser, write_between
-from estimator.assets.category_words import named_category
-from estimator.assets.check import AssetCheck, check_body
 from metric_base.arrays import FloatArray
 from metric_base.errors import InputError
-from metric_tree.build.steps import BuildOptions, build_release
+from metric_tree.pipeline.build import BuildOptions, build_release
 from metric_tree.tree import Tree, open_tree
 from models3d.asset import Asset, AssetBody, Word
+from models3d.size_check.category import named_category
+from models3d.size_check.check import AssetCheck, check_body
 
 #: Sources that hold these models or their sizes.
 OWN_SOURCES = frozenset({"open_models", "gazebo_models", "sweethome3d", "ycb_hope_dims", "bop_small"})

@@ -11,7 +11,7 @@ from dataclasses import replace
 import numpy as np
 
 from benchmarks.common import seeds_parser, table_head
-from estimator.geometry.standing import has_level_top
+from estimator.geometry.category_rules import has_level_top
 from estimator.pipeline import measure_objects
 from tests.synthetic.rooms.furnish import furnished_room
 from tests.synthetic.rooms.kinds import KINDS

@@ -24,9 +24,9 @@ from benchmarks.common import ROOT, SHARED, options_parser, print_rows
 from benchmarks.estimator.mistake_cases import MISTAKES, MUNICH, RIGHT, SEOUL, Base, Case, masks_of
 from estimator.evidence.gps import Gps
 from estimator.pipeline import scene_estimate
+from estimator.reconstructions.scene_reader import read_instances, read_scene
 from estimator.records.result import ScaleResult
 from estimator.results.reports import EstimateOptions
-from estimator.scene_reading import read_instances, read_scene
 from metric_base.errors import InputError
 from tests.synthetic.rooms.furnish import furnished_room
 from tests.synthetic.rooms.kinds import KINDS

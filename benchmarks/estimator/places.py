@@ -18,8 +18,8 @@ from scipy.optimize import minimize
 from benchmarks.accuracy.outcomes import crps_of
 from benchmarks.accuracy.unseen import SIGMA, rooms_of, sorted_extents, unseen_tree
 from benchmarks.common import ROOT, SHARED, options_parser
-from estimator.posterior.assignments import LOG_BOX
 from estimator.posterior.axes import is_sorted, prior_axes
+from estimator.posterior.axis_assignments import LOG_BOX
 from estimator.posterior.likelihood import OUTLIER_SHARE
 from estimator.posterior.posterior import posterior
 from estimator.records.measured_object import MeasuredObject

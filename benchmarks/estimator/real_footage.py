@@ -23,7 +23,7 @@ import numpy as np
 
 from benchmarks.child import run_child
 from benchmarks.common import write_between
-from estimator.capture.mapping.evidence import TripletAgreement
+from capture.mapping.model_metrics import TripletAgreement
 from estimator.capture.mapping.gates import LEAST_BROKEN, MOST_CONTRADICTED
 from estimator.records.scale_evidence import ScaleEvidence
 from metric_base.arrays import FloatArray
@@ -115,7 +115,7 @@ def path_error(centres: FloatArray, reference: FloatArray) -> float:
 
     The extent is the root mean square distance from its middle.
     """
-    from estimator.capture.mapping.evidence import aligned_centres
+    from capture.mapping.model_metrics import aligned_centres
 
     moved = aligned_centres(centres, reference)
     extent = np.sqrt(((reference - reference.mean(axis=0)) ** 2).sum(axis=1).mean())
@@ -137,9 +137,9 @@ def _run(data: Path, row: FootageSet, out: Path, limit_s: float) -> None:
 
 
 def _reconstruct(data: Path, row: FootageSet, out: Path) -> dict[str, Any]:
-    from estimator.capture.capture import CaptureOptions, reconstruct
+    from capture.pipeline import CaptureOptions, reconstruct
+    from capture.work_folder import WorkFolder
     from estimator.capture.mapping.failures import CaptureFailure
-    from estimator.capture.work_folder import WorkFolder
 
     place = data / row.place
     folder = out / row.name
@@ -305,7 +305,7 @@ def _planted(out: Path) -> str:
 def _planted_cells(folder: Path, database: str) -> list[str]:
     from scipy.spatial.transform import Rotation
 
-    from estimator.capture.mapping.triplets import agreement, model_triplets
+    from capture.mapping.triplets import agreement, model_triplets
     from estimator.reconstructions.pycolmap_library import pycolmap
     from tests.synthetic.wrong_pieces import lengthen_steps, move_frames
 

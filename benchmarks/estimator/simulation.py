@@ -17,14 +17,14 @@ from dataclasses import dataclass
 import numpy as np
 
 import metric_tree
-from estimator.baselines.candidates import candidate_scales, estimate_on
+from estimator.baselines.candidate_search import candidate_scales, estimate_on
 from estimator.baselines.paper import PaperMixture, fit_mixture
-from estimator.posterior.assignments import GROSS_ERROR_SD_LOG, GROSS_ERROR_SHARE, LOG_BOX
-from estimator.posterior.class_error import shared_error
-from estimator.posterior.grid import PRIOR_MARGIN_LOG
+from estimator.posterior.axis_assignments import GROSS_ERROR_SD_LOG, GROSS_ERROR_SHARE, LOG_BOX
+from estimator.posterior.class_hypotheses import hypotheses
 from estimator.posterior.likelihood import OUTLIER_SHARE, ObjectEvidence
+from estimator.posterior.log_scale_grid import PRIOR_MARGIN_LOG
 from estimator.posterior.posterior import Estimate, posterior
-from estimator.posterior.sameness import hypotheses
+from estimator.posterior.shared_error import shared_error
 from estimator.records.measured_object import ETA_THRESHOLD, MeasuredObject
 from metric_base.arrays import FloatArray
 from metric_tree.axes import AXES

@@ -16,9 +16,9 @@ import numpy as np
 
 from benchmarks.common import seeds_parser, table_head
 from estimator.pipeline import estimate_scale
+from estimator.reconstructions.scene_reader import read_instances, read_scene
 from estimator.records.result import ScaleResult
 from estimator.records.scene import Instance, Scene
-from estimator.scene_reading import read_instances, read_scene
 from tests.synthetic.exports import write_export
 from tests.synthetic.rooms.furnish import furnished_room
 from tests.synthetic.rooms.kinds import KINDS

@@ -16,8 +16,8 @@ from benchmarks.common import print_rows, seeds_parser
 from estimator.geometry.planes import height_bin, peaks
 from estimator.geometry.up import camera_up
 from estimator.geometry.vertical import refine_up
+from estimator.reconstructions.scene_reader import read_scene
 from estimator.records.scene import View
-from estimator.scene_reading import read_scene
 from metric_base.arrays import FloatArray
 from tests.synthetic.rooms.furnish import furnished_room
 from tests.synthetic.rooms.kinds import KINDS

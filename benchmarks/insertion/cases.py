@@ -18,7 +18,7 @@ import numpy as np
 
 from benchmarks.child import ours, run_child
 from benchmarks.common import ROOT, SHARED, options_parser, print_rows
-from estimator.scene_reading import read_scene
+from estimator.reconstructions.scene_reader import read_scene
 from tests.synthetic.rooms.cameras import drive
 from tests.synthetic.rooms.knobs import Knobs
 from tests.synthetic.rooms.similarity import similarity_between

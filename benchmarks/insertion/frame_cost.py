@@ -20,7 +20,7 @@ import numpy as np
 
 from benchmarks.child import ours, run_child
 from benchmarks.common import ROOT
-from estimator.capture.frame_poses import FILE_NAME, FramePose, FramePoses, write_frame_poses
+from capture.frame_poses import FILE_NAME, FramePose, FramePoses, write_frame_poses
 from tests.synthetic.rooms.knobs import Knobs
 from tests.synthetic.rooms.quick import quick_scene
 from tests.synthetic.rooms.scene_files import write_scene
@@ -98,11 +98,11 @@ def run(work: Path) -> tuple[float, float, dict[str, list[dict[str, dict[str, fl
 
 def drawing_cost(work: Path) -> tuple[float, float]:
     """CPU seconds a frame of the renderer alone, and of all that is drawn, without decoding and encoding."""
+    from insertion.composite import compositor as frames
     from insertion.insert import open_prepared_scene
-    from insertion.pipeline import frames
-    from insertion.pipeline.objects import place_objects
-    from insertion.pipeline.request import ObjectRequest
+    from insertion.placement.placed_object import place_objects
     from insertion.render.renderer import ObjectRenderer
+    from insertion.request import ObjectRequest
     from insertion.scene.scale import read_scale
 
     spent = {"alone": 0.0, "whole": 0.0}

@@ -23,16 +23,16 @@ from benchmarks.insertion.hiding_places import hiding_place
 from estimator.records.scene import View
 from estimator.visibility.sights import scene_visibility
 from insertion.composite.occlusion import hidden_share, on_support
-from insertion.light.environment import HEIGHT, WIDTH, Environment
-from insertion.models.gltf import read_model
+from insertion.light.environment_map import HEIGHT, WIDTH, Environment
 from insertion.render.body import Body, body_of
 from insertion.render.changed_pixels import object_box
 from insertion.render.context import gl_context
 from insertion.render.layers import object_layer
 from insertion.render.renderer import ObjectRenderer
 from insertion.scene.carried_masks import MaskCarrier
-from insertion.scene.cloud import Cloud, front_points
+from insertion.scene.point_cloud import Cloud, front_points
 from metric_base.arrays import BoolArray, FloatArray
+from models3d.gltf.model_reader import read_model
 from tests.synthetic.insertions import standing, write_glb
 from tests.synthetic.rooms.kinds import KINDS
 from tests.synthetic.rooms.knobs import Knobs

@@ -13,13 +13,13 @@ from pathlib import Path
 
 import numpy as np
 
+from estimator.reconstructions.scene_reader import read_instances, read_scene
 from estimator.records.scene import Instance
-from estimator.scene_reading import read_instances, read_scene
-from insertion.colour.encoding import linear_to_srgb
+from insertion.colour import linear_to_srgb
 from insertion.composite.exposure_and_grain import look_of
 from insertion.insert import open_prepared_scene
-from insertion.scene.cloud import Cloud, FrontPoints
 from insertion.scene.pixel_box import PixelBox, mask_in_box
+from insertion.scene.point_cloud import Cloud, FrontPoints
 from insertion.scene.scale import read_scale
 
 #: A mask is in front where it hides this share of the object's own pixels in it.

@@ -18,17 +18,17 @@ import numpy as np
 from numpy.typing import NDArray
 
 from benchmarks.insertion.traced_scene import FOCAL, ROOMS, SIZE, TO_JOB, VIEWS, TracedRoom, traced_pictures
-from insertion.colour.encoding import luminance, srgb_to_linear
+from insertion.colour import luminance, srgb_to_linear
+from insertion.composite.compositor import insert_objects
 from insertion.exports.metric_frame import MetricFrame, metric_frame, object_matrix
-from insertion.models.gltf import read_model
-from insertion.models.size import SizeUsed
-from insertion.pipeline.frames import insert_objects
-from insertion.pipeline.objects import Placed, place_objects, space_for
-from insertion.pipeline.prepared_scene import PreparedScene
-from insertion.pipeline.request import ObjectRequest
+from insertion.insertion_scene import PreparedScene
+from insertion.placement.at_pixel import plane_coordinates
 from insertion.placement.free_space import candidates
-from insertion.placement.locate import plane_coordinates
+from insertion.placement.model_size import SizeUsed
+from insertion.placement.placed_object import Placed, place_objects, space_for
+from insertion.request import ObjectRequest
 from insertion.scene.rays import camera_rays
+from models3d.gltf.model_reader import read_model
 from tests.synthetic.insertions import RecordedRoom, prepared_scene_of, write_glb
 from tests.synthetic.rooms.furnish import furnished_room
 from tests.synthetic.rooms.knobs import Knobs
@@ -176,7 +176,7 @@ def _ratio(after: NDArray[np.uint8], before: NDArray[np.uint8]) -> NDArray[np.fl
 
 def _object_mask(prepared: PreparedScene, placed: Placed, row: int) -> NDArray[np.bool_]:
     """Pixels of the object that nothing hides, by our own renderer's outline."""
-    from insertion.light.environment import HEIGHT, WIDTH, Environment
+    from insertion.light.environment_map import HEIGHT, WIDTH, Environment
     from insertion.render.changed_pixels import window_behind
     from insertion.render.context import gl_context
     from insertion.render.renderer import ObjectRenderer

@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from insertion.blender.process import run_blender
-from insertion.colour.encoding import linear_to_srgb, luminance
+from insertion.colour import linear_to_srgb, luminance
 from models3d.gltf.document import GltfWriter
 from tests.synthetic.rooms.materials import look_of
 from tests.synthetic.rooms.solids import Mesh

@@ -23,7 +23,7 @@ import numpy as np
 
 from benchmarks.common import options_parser
 from metric_base.arrays import FloatArray
-from metric_cli.terminal import print_table
+from metric_cli.tables import print_table
 from metric_tree.axes import AXES, EXTENTS
 from metric_tree.prior import Prior
 from metric_tree.tiers import TIERS

@@ -20,13 +20,13 @@ from pathlib import Path
 
 from benchmarks.common import options_parser, print_rows
 from metric_base.folders import taxonomy_directory
-from metric_base.schema import json_lines
+from metric_base.records import json_lines
 from taxonomy.levels import replaced_ids
 from taxonomy.matching.decisions import NONE, BadDecision, Decision, agreement, decisions, default_rulings
 from taxonomy.matching.lexicon import default_lexicon
 from taxonomy.matching.matcher import ConceptMatch, Matcher, default_matcher
+from taxonomy.matching.readings import default_readings
 from taxonomy.matching.reliability import measured_reliability
-from taxonomy.matching.source_reading import default_readings
 
 LABELS = taxonomy_directory() / "labelled_strings.csv"
 HALVES = ("development", "held-out")

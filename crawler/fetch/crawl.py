@@ -13,11 +13,11 @@ from typing import TYPE_CHECKING, Any
 
 from crawler.fetch import DELAY_SECONDS
 from crawler.fetch.frontier import OFF_SITE, PRIVATE, Frontier, has_no_result
-from crawler.fetch.frontier_sqlite import SqliteFrontier, stored_counts
 from crawler.fetch.frontier_watch import FailFastFrontier, storage_errors
 from crawler.fetch.segments import write_segments
+from crawler.fetch.sqlite_frontier import SqliteFrontier, stored_counts
 from crawler.page.page import web_address
-from crawler.sites import GENERIC, SITES, Site, use_site
+from crawler.sites.registry import GENERIC, SITES, Site, use_site
 from metric_base.errors import InputError
 
 __all__ = ["SPIDERS", "Crawl", "Summary", "UnknownSpider", "run_crawl", "spider_class"]
@@ -114,8 +114,8 @@ def run_crawl(crawl: Crawl, progress: Callable[[Mapping[str, Any]], None] | None
     """
     from scrapy.crawler import CrawlerProcess
 
-    from crawler.fetch.manners import settings
     from crawler.fetch.scheduler import LIMIT_SETTING, close_crawl
+    from crawler.fetch.settings import settings
 
     spider = spider_class(crawl.spider, use_site(crawl.site) if crawl.site else None)
     for url in crawl.start:
@@ -202,7 +202,7 @@ def _origin_of(crawl: Crawl, spider: Any, before: Mapping[str, Any]) -> dict[str
 
 def _open_frontier(crawl: Crawl, path: Path) -> Any:
     if crawl.redis:
-        from crawler.fetch.frontier_redis import LEASE_SECONDS, RedisFrontier
+        from crawler.fetch.redis_frontier import LEASE_SECONDS, RedisFrontier
 
         lease = float(os.environ.get(LEASE_VARIABLE, LEASE_SECONDS))
         return RedisFrontier(crawl.redis, crawl.out.name or "crawl", crawl.folder, lease)

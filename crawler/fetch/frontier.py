@@ -13,7 +13,7 @@ from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Any, Literal, Protocol
 
-from crawler.sites import canonical_url
+from crawler.sites.registry import canonical_url
 
 __all__ = ["OFF_SITE", "PRIVATE", "REFUSALS", "Frontier", "Outcome", "Task", "has_no_result", "task_key"]
 

@@ -10,11 +10,11 @@ from urllib.parse import urlsplit
 import scrapy
 from scrapy.http import Response
 
-from crawler.fetch.pictures import Picture, picture
+from crawler.fetch.item_images import Picture, picture
 from crawler.items import RawItem
 from crawler.page.page import Page, absolute_url, page
 from crawler.page.raw_item import raw_item
-from crawler.page.time_budget import processor_budget
+from crawler.page.time_limit import processor_budget
 from crawler.sites.listing import listed_items
 from crawler.sites.site import Site
 

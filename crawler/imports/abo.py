@@ -16,8 +16,8 @@ from pathlib import Path
 from typing import IO, Any
 
 from crawler.imports.row_outcomes import Reading, Refused, item
-from crawler.imports.rows import BadTable, whole_json
 from crawler.imports.sources import Source
+from crawler.imports.table_files import BadTable, whole_json
 from crawler.text.units import millimetres, unit
 
 __all__ = ["readings"]

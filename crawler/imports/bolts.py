@@ -7,8 +7,8 @@ from pathlib import Path
 from typing import Any
 
 from crawler.imports.row_outcomes import Reading, Refused, item
-from crawler.imports.rows import BadTable, yaml_document
 from crawler.imports.sources import Source
+from crawler.imports.table_files import BadTable, yaml_document
 from crawler.text.units import millimetres
 
 __all__ = ["readings"]

@@ -11,9 +11,9 @@ from typing import Literal
 import msgspec
 
 from crawler.items import KINDS
-from crawler.text.catalogue_lengths import AXES
+from crawler.text.cell_lengths import AXES
 from crawler.text.units import MILLIMETRES
-from metric_base.schema import expect
+from metric_base.records import expect
 
 __all__ = ["REASONS", "Axis", "Cases", "Format", "Rule", "Table", "expect_inside"]
 

@@ -11,7 +11,7 @@ from typing import Any
 from crawler.imports.declaration import REASONS
 from crawler.imports.sources import Source
 from crawler.items import BadRawItem, RawItem
-from crawler.text.catalogue_lengths import AXES, extents_mm
+from crawler.text.cell_lengths import AXES, extents_mm
 from metric_base.errors import in_file
 
 __all__ = ["Reading", "Refusal", "Refused", "item", "year"]

@@ -13,7 +13,7 @@ from crawler.items import Kind
 from metric_base.errors import InputError
 from metric_base.folders import data_folder
 from metric_base.input_files import read_text
-from metric_base.schema import BadDeclaration, expect, toml_record
+from metric_base.records import BadDeclaration, expect, toml_record
 
 __all__ = [
     "OPEN_LICENCES",

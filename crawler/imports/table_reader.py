@@ -10,9 +10,9 @@ from pathlib import Path
 from crawler.imports.declaration import Axis, Cases, Rule, Table
 from crawler.imports.header_check import FIELD
 from crawler.imports.row_outcomes import Reading, Refused, item, year
-from crawler.imports.rows import Row, record_rows, rows
 from crawler.imports.sources import Source
-from crawler.text.catalogue_lengths import Measure, UnreadableLength, extents_mm, length_mm, measures, words_mm
+from crawler.imports.table_files import Row, record_rows, rows
+from crawler.text.cell_lengths import Measure, UnreadableLength, extents_mm, length_mm, measures, words_mm
 from crawler.text.units import millimetres
 
 __all__ = ["fill_template", "table_readings"]

@@ -8,9 +8,9 @@ from pathlib import Path
 
 from crawler.imports.declaration import Table
 from crawler.imports.row_outcomes import Reading, Refused, item, year
-from crawler.imports.rows import Row, record_rows, rows
 from crawler.imports.sources import Source
-from crawler.text.catalogue_lengths import Measure, measures, words_mm
+from crawler.imports.table_files import Row, record_rows, rows
+from crawler.text.cell_lengths import Measure, measures, words_mm
 
 __all__ = ["readings"]
 

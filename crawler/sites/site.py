@@ -13,7 +13,7 @@ from lxml.etree import HTMLParser, XPath, XPathError, fromstring
 
 from crawler.page.page import Element, Page, absolute_url, canonical_url, squeeze
 from crawler.page.product import MAXIMUM_IMAGES, Product, product
-from metric_base.schema import expect
+from metric_base.records import expect
 
 __all__ = ["Site"]
 

@@ -6,13 +6,13 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from estimator.asset_files.formats import read_asset, read_boxes
-from estimator.assets.category_words import category_of_words, named_category
-from estimator.assets.check import extents_text, node_model, node_tier
 from estimator.assets.true_size import LEVEL, factor_of_bodies, true_size
 from metric_base.errors import InputError
 from metric_tree.tree import Tree
 from models3d.asset import AXES, joined_body
+from models3d.formats import read_asset, read_boxes
+from models3d.size_check.category import category_of_words, named_category
+from models3d.size_check.check import extents_text, node_model, node_tier
 
 __all__ = ["ModelSize", "boxes_true_size", "model_true_size"]
 

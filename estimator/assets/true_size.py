@@ -11,10 +11,10 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from estimator.assets.hypotheses import ordered_sizes
-from estimator.assets.size_model import SizeModel
 from metric_base.arrays import FloatArray
 from models3d.asset import AXES, AssetBody, Up
+from models3d.size_check.hypotheses import ordered_sizes
+from models3d.size_check.size_model import SizeModel
 
 __all__ = ["LEVEL", "TrueSize", "factor_of_bodies", "true_size"]
 

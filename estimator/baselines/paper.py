@@ -17,7 +17,7 @@ from pathlib import Path
 
 import numpy as np
 
-from estimator.baselines.candidates import candidate_scales, estimate_on
+from estimator.baselines.candidate_search import candidate_scales, estimate_on
 from estimator.records.measured_object import ETA_THRESHOLD, MeasuredObject
 from estimator.records.result import ScaleResult, UpReport
 from estimator.results.categories import LabelMeaning, meanings

@@ -13,9 +13,9 @@ from collections.abc import Mapping, Sequence
 
 import numpy as np
 
-from estimator.baselines.candidates import candidate_scales, estimate_on
+from estimator.baselines.candidate_search import candidate_scales, estimate_on
 from estimator.geometry.up import given_up
-from estimator.reconstructions.cameras import pixels_in_view, view_rays
+from estimator.projection.cameras import pixels_in_view, view_rays
 from estimator.records.measured_object import MeasuredObject
 from estimator.records.result import ScaleResult, UpReport
 from estimator.records.scene import Instance, Scene, View

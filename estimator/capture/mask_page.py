@@ -12,7 +12,7 @@ from urllib.parse import unquote
 
 import numpy as np
 
-from estimator.geometry.outlined import MIN_BOX_VIEWS
+from estimator.geometry.outline_measurement import MIN_BOX_VIEWS
 from estimator.records.scene import Scene
 from metric_base.errors import InputError, Unquoted
 from metric_base.files import whole_file

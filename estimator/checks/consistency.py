@@ -8,7 +8,7 @@ import numpy as np
 from scipy.sparse import csr_array
 from scipy.sparse.csgraph import connected_components
 
-from estimator.reconstructions.cameras import project
+from estimator.projection.cameras import project
 from estimator.records.scene import Scene, View
 from metric_base.arrays import FloatArray
 

@@ -25,9 +25,9 @@ from estimator.detectors.one_stage import (
     one_stage_inputs,
 )
 from estimator.detectors.onnx_graph import graph_answers, load_graph
-from estimator.detectors.open_detectors import RegisteredDetector, download, registry_entry, registry_entry_of
-from estimator.instances.coco_masks import box_mask
+from estimator.detectors.registry import RegisteredDetector, download, registry_entry, registry_entry_of
 from estimator.instances.label_names import label_names
+from estimator.instances.mask_decoding import box_mask
 from metric_base.arrays import BoolArray, FloatArray, IntArray
 from metric_base.errors import FieldError, InputError, Unquoted, in_file
 from metric_base.input_files import read_text

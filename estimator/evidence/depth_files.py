@@ -16,7 +16,7 @@ import numpy as np
 from estimator.evidence.exr import read_exr
 from metric_base.arrays import FloatArray
 from metric_base.errors import InputError, Unquoted
-from metric_base.pictures import read_picture
+from metric_base.images import read_picture
 
 __all__ = ["SUFFIXES", "DepthMaps", "read_depth", "read_depths"]
 

@@ -19,7 +19,7 @@ from estimator.records.scale_evidence import ScaleEvidence
 from estimator.records.scene import Scene
 from metric_base.arrays import FloatArray
 from metric_base.errors import InputError
-from metric_base.pictures import read_picture
+from metric_base.images import read_picture
 
 if TYPE_CHECKING:
     from estimator.geometry.measurement import Measurements

@@ -12,7 +12,7 @@ import numpy as np
 
 from estimator.evidence.depth_files import SUFFIXES, DepthMaps, read_depths
 from estimator.evidence.source import silent
-from estimator.reconstructions.cameras import pixels_in_view
+from estimator.projection.cameras import pixels_in_view
 from estimator.records.scale_evidence import ScaleEvidence
 from estimator.records.scene import Scene, View
 from metric_base.arrays import FloatArray

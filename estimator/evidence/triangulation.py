@@ -6,7 +6,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from estimator.reconstructions.cameras import pixels_in_view, view_rays
+from estimator.projection.cameras import pixels_in_view, view_rays
 from estimator.records.scene import View
 from metric_base.arrays import FloatArray
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from estimator.reconstructions.cameras import project
+from estimator.projection.cameras import project
 from estimator.records.measured_object import Box
 from estimator.records.scene import View
 from metric_base.arrays import FloatArray, IntArray

@@ -13,7 +13,7 @@ from dataclasses import dataclass
 import cv2
 import numpy as np
 
-from estimator.reconstructions.cameras import project
+from estimator.projection.cameras import project
 from estimator.records.scene import Instance, View
 from estimator.visibility.depth_buffer import DEPTH_CELLS, Surroundings
 from metric_base.arrays import BoolArray, FloatArray

@@ -8,8 +8,8 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from estimator.instances.coco_masks import box_mask, coco_mask, picture_size
 from estimator.instances.label_names import label_names
+from estimator.instances.mask_decoding import box_mask, coco_mask, picture_size
 from estimator.instances.masks_in_views import ViewNames, differs_in_aspect, joined_instances, mask_crop
 from estimator.reconstructions.checked_files import json_array, json_object
 from estimator.records.scene import Instance, Scene

@@ -7,7 +7,7 @@ from pathlib import Path
 from estimator.instances.coco import ignored_categories, read_coco
 from estimator.instances.label_images import CATEGORIES, read_label_images
 from estimator.instances.labelme import is_labelme, read_labelme
-from estimator.instances.mask_files import LABELS, MASK_SUFFIXES, read_mask_files
+from estimator.instances.mask_arrays import LABELS, MASK_SUFFIXES, read_mask_files
 from estimator.instances.panoptic import is_panoptic, read_panoptic
 from estimator.instances.yolo import NAME_FILES, read_yolo
 from estimator.records.scene import Instance, Scene

@@ -21,7 +21,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from estimator.instances.coco_masks import picture_size
+from estimator.instances.mask_decoding import picture_size
 from estimator.instances.masks_in_views import ViewNames, joined_instances, mask_crop
 from estimator.reconstructions.checked_files import json_object
 from estimator.records.scene import Instance, Scene

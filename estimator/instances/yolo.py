@@ -11,7 +11,7 @@ from pathlib import Path
 
 import numpy as np
 
-from estimator.instances.coco_masks import box_mask, coco_mask
+from estimator.instances.mask_decoding import box_mask, coco_mask
 from estimator.instances.masks_in_views import ViewNames, joined_instances, mask_crop
 from estimator.records.scene import Instance, Scene
 from metric_base.errors import FieldError, InputError, Unquoted, at_field, in_file

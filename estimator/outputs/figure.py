@@ -16,8 +16,8 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from estimator.outputs.ground_truth import read_truth
 from estimator.outputs.plan import COLOURS, bare_axes, draw_scene
-from estimator.reconstructions.truth import read_truth
 from estimator.records.curve import Curve
 from estimator.records.result import ScaleResult, Verdict
 from metric_base.arrays import FloatArray

@@ -15,16 +15,16 @@ import numpy as np
 
 from estimator.geometry.box_edges import edge_axis, projected_edges
 from estimator.instances.image_files import image_file, image_folders
+from estimator.outputs.ground_truth import read_truth
 from estimator.outputs.panels import AXIS_COLOURS, PLAIN, UNTRUSTED, with_legend, with_panels
 from estimator.outputs.size_labels import DimensionLabel, dimension_labels
-from estimator.reconstructions.truth import read_truth
 from estimator.records.measured_object import MeasuredObject
 from estimator.records.result import ObjectReport
 from estimator.records.scene import Instance, Scene
 from metric_base.arrays import FloatArray
 from metric_base.errors import InputError, Unquoted
 from metric_base.files import OutputNames, whole_folder
-from metric_base.pictures import read_picture, write_picture
+from metric_base.images import read_picture, write_picture
 
 if TYPE_CHECKING:
     from estimator.results.scene_estimate import SceneEstimate

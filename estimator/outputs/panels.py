@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from estimator.outputs.placement import label_places
+from estimator.outputs.label_placement import label_places
 from estimator.outputs.size_labels import DimensionLabel
 from estimator.records.result import ObjectReport, Status
 from metric_base.arrays import FloatArray

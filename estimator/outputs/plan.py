@@ -9,7 +9,7 @@ import numpy as np
 
 from estimator.geometry.box_edges import corners
 from estimator.geometry.planes import level_basis
-from estimator.outputs.placement import label_places
+from estimator.outputs.label_placement import label_places
 from estimator.records.measured_object import MeasuredObject
 from estimator.records.scene import Scene
 from metric_base.arrays import FloatArray

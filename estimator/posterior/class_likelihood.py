@@ -10,9 +10,9 @@ from functools import lru_cache
 import numpy as np
 from numpy.typing import NDArray
 
-from estimator.posterior.class_error import Lines, convolution, exponentials, lines
+from estimator.posterior.class_hypotheses import READINGS, Hypothesis
 from estimator.posterior.components import DimensionRows
-from estimator.posterior.sameness import READINGS, Hypothesis
+from estimator.posterior.shared_error import Lines, convolution, exponentials, lines
 from estimator.posterior.symmetric_matrices import dot, product
 from metric_base.arrays import BoolArray, FloatArray, IntArray
 

@@ -19,17 +19,17 @@ from functools import lru_cache
 
 import numpy as np
 
-from estimator.posterior.assignments import Layout, Variants, variants
 from estimator.posterior.axes import is_sorted, prior_axes
-from estimator.posterior.class_error import shared_error
+from estimator.posterior.axis_assignments import Layout, Variants, variants
+from estimator.posterior.class_hypotheses import MOST_KINDS, Hypothesis, displaced_error, displaced_share
 from estimator.posterior.components import DimensionRows
-from estimator.posterior.sameness import MOST_KINDS, Hypothesis, displaced_error, displaced_share
+from estimator.posterior.shared_error import shared_error
 from estimator.posterior.symmetric_matrices import DIAGONAL, OFF_DIAGONAL, dot, inverse, pack, product, row_sums, total
 from estimator.records.measured_object import MeasuredObject
 from metric_base.arrays import BoolArray, FloatArray, IntArray
 from metric_tree.axes import AXES, EXTENTS
 from metric_tree.fit.inner_priors import reduce_mixture
-from metric_tree.fit.mixture_em import Mixture
+from metric_tree.fit.mixture import Mixture
 from metric_tree.prior import Prior
 
 __all__ = [

@@ -14,7 +14,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from estimator.posterior import grid
+from estimator.posterior import log_scale_grid as grid
+from estimator.posterior.class_hypotheses import hypotheses
 from estimator.posterior.class_likelihood import JointTerms, LoneTerms, Ways, joint_classes, line_density, lone_classes
 from estimator.posterior.components import DimensionRows
 from estimator.posterior.likelihood import (
@@ -25,7 +26,6 @@ from estimator.posterior.likelihood import (
     measurement_arrays,
     rows,
 )
-from estimator.posterior.sameness import hypotheses
 from estimator.posterior.status import CONTRADICTED_POWER, contradicts, doubt_of
 from estimator.records.curve import Curve, Mode
 from estimator.records.result import Status

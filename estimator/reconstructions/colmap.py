@@ -15,7 +15,7 @@ from estimator.reconstructions.colmap_text import read_text_model
 from estimator.records.scene import MAX_COORDINATE, Scene, View
 from metric_base.arrays import FloatArray, IntArray
 from metric_base.errors import FieldError, Unquoted, at_field, in_file
-from metric_base.schema import expect
+from metric_base.records import expect
 
 __all__ = ["colmap_folder", "model_suffix", "read_colmap"]
 

@@ -13,7 +13,7 @@ from pathlib import Path
 
 import numpy as np
 
-from estimator.reconstructions.cameras import CAMERA_MODELS, make_camera
+from estimator.projection.cameras import CAMERA_MODELS, make_camera
 from estimator.reconstructions.checked_files import ByteReader
 from estimator.reconstructions.colmap_model import ColmapImage, ColmapModel
 from estimator.records.scene import Camera

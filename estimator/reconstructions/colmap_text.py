@@ -7,7 +7,7 @@ from pathlib import Path
 
 import numpy as np
 
-from estimator.reconstructions.cameras import make_camera
+from estimator.projection.cameras import make_camera
 from estimator.reconstructions.colmap_model import ColmapImage, ColmapModel
 from estimator.records.scene import Camera
 from metric_base.arrays import FloatArray, IntArray

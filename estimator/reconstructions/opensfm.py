@@ -14,7 +14,7 @@ from typing import Any
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from estimator.reconstructions.cameras import make_camera
+from estimator.projection.cameras import make_camera
 from estimator.reconstructions.checked_files import json_array, json_object
 from estimator.reconstructions.opensfm_tracks import read_observations
 from estimator.records.scene import MAX_COORDINATE, Camera, Scene, View

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from estimator.reconstructions.cameras import make_camera
+from estimator.projection.cameras import make_camera
 from estimator.records.scene import MAX_COORDINATE, Camera, Scene, View
 from metric_base.errors import InputError, at_field, in_file
 

@@ -14,10 +14,10 @@ from estimator.posterior.posterior import Posterior, object_curves, posterior
 from estimator.records.measured_object import MeasuredObject
 from estimator.records.result import Alternative, ScaleResult, UpReport
 from estimator.records.scale_evidence import EvidenceReport, ScaleEvidence
+from estimator.results.advice import helps
 from estimator.results.categories import BROADER_SCORE, LabelMeaning, meanings
 from estimator.results.contradiction import Contradiction, contradiction_of, doubt_of_one_name
 from estimator.results.hollows import with_unseen_undersides
-from estimator.results.narrowing import helps
 from estimator.results.places import place_shares, prior_in_place
 from estimator.results.reports import EstimateOptions, ScaleAnswer, names_of, result_of
 from metric_base.arrays import FloatArray

@@ -14,7 +14,7 @@ from itertools import pairwise
 import numpy as np
 from scipy.sparse import csr_array
 
-from estimator.reconstructions.cameras import PINHOLES, project
+from estimator.projection.cameras import PINHOLES, project
 from estimator.records.scene import Camera, DenseCloud, Scene, View
 from metric_base.arrays import BoolArray, FloatArray, IntArray
 

@@ -7,20 +7,8 @@ from base64 import urlsafe_b64decode, urlsafe_b64encode
 from collections import Counter
 from typing import Any
 
-from explorer.content.addresses import (
-    LEAST_PARQUET,
-    LISTED_LEVEL,
-    PAGE_ROWS,
-    csv_of,
-    images_of,
-    items_of,
-    json_of,
-    page_of,
-    parquet_of,
-    prior_of,
-    slug,
-)
-from explorer.content.records import (
+from explorer.content.release_catalogue import ReleaseCatalogue
+from explorer.schemas import (
     ImagesAnswer,
     ItemsAnswer,
     NodeAnswer,
@@ -35,11 +23,23 @@ from explorer.content.records import (
     VocabularyAnswer,
     VocabularyRow,
 )
-from explorer.content.release_catalogue import ReleaseCatalogue
+from explorer.urls import (
+    LEAST_PARQUET,
+    LISTED_LEVEL,
+    PAGE_ROWS,
+    csv_of,
+    images_of,
+    items_of,
+    json_of,
+    page_of,
+    parquet_of,
+    prior_of,
+    slug,
+)
 from metric_base.arrays import FloatArray
 from metric_base.errors import InputError
-from metric_tree.description import node_sentence
 from metric_tree.prior import FAMILY, MEDIAN, QUANTILES, Prior
+from metric_tree.reports.description import node_sentence
 from metric_tree.tree import Node, Tree
 
 __all__ = [

@@ -12,8 +12,8 @@ from typing import Any
 import numpy as np
 import pyarrow as pa
 
-from explorer.content.addresses import slug
 from explorer.content.tiers import UNKNOWN
+from explorer.urls import slug
 from metric_base.arrays import FloatArray, IntArray
 from metric_base.errors import InputError
 from metric_base.escaping import visible

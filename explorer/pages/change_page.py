@@ -6,10 +6,10 @@ from typing import Any
 
 from markupsafe import Markup, escape
 
-from explorer.content.addresses import page_of
 from explorer.content.release_catalogue import ReleaseCatalogue
 from explorer.content.units import length_text
 from explorer.pages.templating import page_bytes
+from explorer.urls import page_of
 from metric_tree.diff import MovedPrior, release_diff
 from metric_tree.report.changes import label
 from metric_tree.tree import Tree

@@ -7,11 +7,11 @@ from typing import Any
 
 import numpy as np
 
-from explorer.content.addresses import page_of
 from explorer.content.answers import vocabulary_answer
 from explorer.content.release_catalogue import AXES, ReleaseCatalogue
 from explorer.content.tiers import TIERS
 from explorer.pages.templating import page_bytes, web_address
+from explorer.urls import page_of
 from metric_base.arrays import IntArray
 from metric_tree.prior import MEDIAN
 from metric_tree.tree import Node

@@ -10,17 +10,17 @@ from urllib.parse import quote
 import numpy as np
 from markupsafe import Markup
 
-from explorer.content.addresses import LEAST_PARQUET, LISTED_LEVEL, csv_of, json_of, page_of, parquet_of, prior_of, slug
+from explorer.charts.size_comparison import DrawnBox, to_scale
 from explorer.content.answers import node_answer, outside_links, shown_name
 from explorer.content.release_catalogue import AXES, ReleaseCatalogue
 from explorer.content.units import length_text
 from explorer.drawings.distributions import KINDS, distribution
 from explorer.drawings.scatter import scatter
-from explorer.drawings.to_scale import DrawnBox, to_scale
 from explorer.pages.small_multiples import multiples
 from explorer.pages.templating import page_bytes, web_address
+from explorer.urls import LEAST_PARQUET, LISTED_LEVEL, csv_of, json_of, page_of, parquet_of, prior_of, slug
 from metric_base.arrays import FloatArray, IntArray
-from metric_base.world_regions import region_of
+from metric_base.regions import region_of
 from metric_tree.context import Where
 from metric_tree.prior import INTERVAL_QUANTILES, QUANTILES, Prior
 from metric_tree.tree import Node

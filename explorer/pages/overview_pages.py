@@ -6,12 +6,12 @@ from typing import Any
 
 from markupsafe import Markup
 
-from explorer.content.addresses import page_of
+from explorer.charts.icicle import icicle
 from explorer.content.answers import sentence, shown_name
 from explorer.content.release_catalogue import ReleaseCatalogue
 from explorer.content.tiers import MEANINGS, TIERS
-from explorer.drawings.icicle import icicle
 from explorer.pages.templating import page_bytes
+from explorer.urls import page_of
 from metric_tree.report.changes import label
 
 __all__ = ["about_page", "compare_page", "home_page", "scale_page", "tree_page"]

@@ -5,10 +5,10 @@ from __future__ import annotations
 from collections.abc import Sequence
 from typing import Any
 
-from explorer.content.addresses import page_of, slug
 from explorer.content.release_catalogue import ReleaseCatalogue
 from explorer.drawings.axis import LogAxis
 from explorer.pages.templating import main_dimension
+from explorer.urls import page_of, slug
 from metric_tree.tree import Node
 
 __all__ = ["multiples"]

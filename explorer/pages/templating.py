@@ -8,10 +8,10 @@ from urllib.parse import urlsplit
 
 from jinja2 import Environment, PackageLoader, StrictUndefined
 
-from explorer.content.addresses import page_of, slug
 from explorer.content.release_catalogue import ReleaseCatalogue
 from explorer.content.tiers import MEANINGS
 from explorer.content.units import length_text
+from explorer.urls import page_of, slug
 
 __all__ = ["main_dimension", "page_bytes", "web_address"]
 

@@ -11,8 +11,8 @@ import msgspec
 from starlette.requests import Request
 from starlette.responses import Response
 
-from explorer.content.records import Problem
-from explorer.renderer import Answer
+from explorer.routes import Answer
+from explorer.schemas import Problem
 
 __all__ = ["Delivered", "Shelf", "problem", "response_of"]
 

@@ -6,7 +6,8 @@ from typing import Any
 
 import msgspec
 
-from explorer.content.records import (
+from explorer.content.release_catalogue import ReleaseCatalogue
+from explorer.schemas import (
     ImagesAnswer,
     ItemsAnswer,
     NodeAnswer,
@@ -17,7 +18,6 @@ from explorer.content.records import (
     SearchAnswer,
     VocabularyAnswer,
 )
-from explorer.content.release_catalogue import ReleaseCatalogue
 from explorer.server.questions import MOST_HITS
 
 __all__ = ["description"]

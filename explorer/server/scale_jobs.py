@@ -13,7 +13,7 @@ from typing import Any
 
 import msgspec
 
-from explorer.content.records import ScaleRequest
+from explorer.schemas import ScaleRequest
 from metric_base.errors import InputError
 from metric_tree.context import where_of
 from metric_tree.tree import Tree, open_tree

@@ -10,9 +10,9 @@ from pathlib import Path
 from insertion.blender.job import full_window, insertion_job
 from insertion.exports.gltf_scene import write_gltf_model
 from insertion.exports.metric_frame import camera_keys, frame_rate, metric_frame
+from insertion.insertion_scene import PreparedScene
 from insertion.light.environment_estimate import environment_at
-from insertion.pipeline.objects import Placed
-from insertion.pipeline.prepared_scene import PreparedScene
+from insertion.placement.placed_object import Placed
 
 __all__ = ["write_layer_scene"]
 

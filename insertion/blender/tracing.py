@@ -14,10 +14,10 @@ from insertion.blender.job import ideal_window, insertion_job
 from insertion.blender.process import VARIABLE, blender_program, run_blender
 from insertion.exports.metric_frame import camera_keys, frame_rate, metric_frame
 from insertion.footage.footage import Shot
-from insertion.light.environment import Environment
+from insertion.insertion_scene import PreparedScene
 from insertion.light.environment_estimate import environment_at
-from insertion.pipeline.objects import Placed
-from insertion.pipeline.prepared_scene import PreparedScene
+from insertion.light.environment_map import Environment
+from insertion.placement.placed_object import Placed
 from insertion.render.layers import through_lens
 from insertion.scene.pixel_box import PixelBox
 from metric_base.errors import InputError

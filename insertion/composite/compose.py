@@ -8,7 +8,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from insertion.colour.encoding import linear_to_srgb, srgb_to_linear
+from insertion.colour import linear_to_srgb, srgb_to_linear
 from insertion.composite.blur import REACH_PX, blur_layer
 from insertion.composite.exposure_and_grain import Look, grain
 from insertion.render.layers import ObjectLayers

@@ -7,10 +7,10 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from insertion.colour.encoding import srgb_to_linear
+from insertion.colour import srgb_to_linear
 from insertion.composite.blur import blur_of, gradients
-from insertion.scene.cloud import Cloud, FrontPoints
 from insertion.scene.pixel_box import PixelBox
+from insertion.scene.point_cloud import Cloud, FrontPoints
 
 __all__ = ["Look", "Looks", "grain", "look_of"]
 

@@ -14,19 +14,19 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from estimator.reconstructions.cameras import project
+from estimator.projection.cameras import project
 from estimator.records.scene import Camera
-from insertion.colour.encoding import srgb_to_linear
+from insertion.colour import srgb_to_linear
 from insertion.composite.blur import REACH_PX
 from insertion.composite.compose import Composite, Joined
 from insertion.footage.footage import Shot
-from insertion.pipeline.objects import Placed
-from insertion.pipeline.prepared_scene import PreparedScene
+from insertion.insertion_scene import PreparedScene
+from insertion.placement.placed_object import Placed
 from insertion.render.changed_pixels import window_behind
 from insertion.scene.pixel_box import PixelBox
 from insertion.scene.rays import camera_rays
 from metric_base.arrays import FloatArray
-from metric_base.pictures import write_picture
+from metric_base.images import write_picture
 
 __all__ = ["SCHEMA", "CompositingLayers", "exr_bytes"]
 

@@ -10,18 +10,18 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from estimator.capture.pictures import PICTURE_SUFFIXES
+from capture.sources.image_folder import PICTURE_SUFFIXES
 from estimator.outputs.rescaled import write_scaled
 from insertion.composite.compose import Composite, Joined
 from insertion.exports.gltf_scene import write_gltf_scene
 from insertion.exports.metric_frame import camera_keys, frame_rate, metric_frame
 from insertion.exports.nerfstudio import write_transforms
 from insertion.footage.footage import Shot
-from insertion.pipeline.objects import Placed
-from insertion.pipeline.prepared_scene import PreparedScene
-from insertion.pipeline.result import InsertionResult
+from insertion.insertion_scene import PreparedScene
+from insertion.placement.placed_object import Placed
+from insertion.result import InsertionResult
 from metric_base.files import OutputNames, output_names
-from metric_base.pictures import write_picture
+from metric_base.images import write_picture
 
 __all__ = ["LayerWriter", "write_exports"]
 

@@ -9,7 +9,7 @@ import numpy as np
 
 from estimator.records.scene import Camera, View
 from insertion.footage.footage import STILLS_RATE, Shot
-from insertion.pipeline.objects import Placed
+from insertion.placement.placed_object import Placed
 from metric_base.arrays import FloatArray
 
 __all__ = ["CameraKey", "MetricFrame", "camera_keys", "frame_rate", "keys_by_camera", "metric_frame", "object_matrix"]

@@ -9,7 +9,7 @@ from typing import Any
 
 import numpy as np
 
-from estimator.reconstructions.cameras import CAMERA_MODELS
+from estimator.projection.cameras import CAMERA_MODELS
 from estimator.records.scene import Camera
 from insertion.exports.metric_frame import CameraKey, keys_by_camera
 from metric_base.arrays import FloatArray

@@ -10,10 +10,10 @@ import numpy as np
 
 from estimator.records.scene import Camera
 from insertion.exports.metric_frame import CameraKey, MetricFrame, keys_by_camera, object_matrix
-from insertion.exports.usd_materials import bind_material
-from insertion.models.model import Part
-from insertion.pipeline.objects import Placed
+from insertion.placement.placed_object import Placed
 from insertion.render.pinhole import focal_lengths
+from models3d.model import Part
+from models3d.usd.writer import bind_material
 
 __all__ = ["write_usd_scene"]
 

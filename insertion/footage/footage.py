@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from estimator.instances.image_files import image_file, image_folders
 from estimator.records.scene import Scene, View
 from metric_base.errors import InputError
-from metric_base.pictures import read_picture
+from metric_base.images import read_picture
 
 __all__ = ["STILLS_RATE", "Footage", "FrameRange", "PictureFootage", "Shot", "Stills"]
 

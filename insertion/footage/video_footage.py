@@ -8,8 +8,8 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from estimator.capture.frame_poses import FILE_NAME, FramePose, FramePoses, read_frame_poses
-from estimator.capture.video import VIDEO_SUFFIXES, Video
+from capture.frame_poses import FILE_NAME, FramePose, FramePoses, read_frame_poses
+from capture.sources.video import VIDEO_SUFFIXES, Video
 from estimator.records.scene import Camera, Scene, View
 from insertion.footage.footage import Shot
 from metric_base.errors import InputError

@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from estimator.capture.video import Video
+from capture.sources.video import Video
 from insertion.colour.source_frame import changed_frame
 from insertion.footage.time_code import time_code_after
 

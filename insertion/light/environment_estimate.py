@@ -17,15 +17,15 @@ from numpy.typing import NDArray
 
 from estimator.geometry.planes import level_basis
 from estimator.visibility.depth_buffer import unhidden
-from insertion.colour.encoding import luminance, srgb_to_linear
+from insertion.colour import luminance, srgb_to_linear
 from insertion.footage.footage import Stills
-from insertion.light.environment import HEIGHT, WIDTH, Environment, LampSpots, map_directions, solid_angles
+from insertion.light.environment_map import HEIGHT, WIDTH, Environment, LampSpots, map_directions, solid_angles
 from insertion.light.lamps_from_shading import Lamp, Shading
+from insertion.light.light_samples import LAMP_SIGMA
 from insertion.light.sky import FREE_PX, LEAST_SHARE, Outdoors, sky_light, sky_pixels
-from insertion.light.soft_lights import LAMP_SIGMA
 from insertion.placement.place import Place
-from insertion.scene.cloud import Cloud, even_rows
 from insertion.scene.occupancy import Occupancy
+from insertion.scene.point_cloud import Cloud, even_rows
 from insertion.scene.rays import camera_rays
 from metric_base.arrays import BoolArray, FloatArray
 

@@ -8,7 +8,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from insertion.scene.occupancy import Occupancy
-from insertion.scene.patches import CELL, Patches
+from insertion.scene.plane_cells import CELL, Patches
 from metric_base.arrays import BoolArray, FloatArray
 
 __all__ = [

@@ -14,7 +14,7 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 
-from insertion.colour.encoding import luminance
+from insertion.colour import luminance
 from insertion.light.lamp_candidates import (
     NEARBY,
     USUAL,
@@ -26,7 +26,7 @@ from insertion.light.lamp_candidates import (
 )
 from insertion.light.lit_planes import LitPlanes, lit_planes, log_posterior
 from insertion.scene.occupancy import Occupancy
-from insertion.scene.patches import Patches
+from insertion.scene.plane_cells import Patches
 from metric_base.arrays import BoolArray, FloatArray
 
 __all__ = ["Lamp", "Shading", "fit_shading"]

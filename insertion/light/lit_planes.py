@@ -8,10 +8,10 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from insertion.colour.encoding import luminance
+from insertion.colour import luminance
 from insertion.light.lamp_candidates import UPRIGHT
 from insertion.scene.occupancy import Occupancy
-from insertion.scene.patches import Patches
+from insertion.scene.plane_cells import Patches
 from metric_base.arrays import BoolArray, FloatArray
 
 __all__ = ["LitPlanes", "lit_planes", "log_posterior"]

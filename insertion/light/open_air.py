@@ -4,9 +4,9 @@ from __future__ import annotations
 
 import numpy as np
 
-from estimator.reconstructions.cameras import pixels_in_view
+from estimator.projection.cameras import pixels_in_view
 from insertion.footage.footage import Stills
-from insertion.scene.cloud import Cloud, even_rows, front_points
+from insertion.scene.point_cloud import Cloud, even_rows, front_points
 from metric_base.arrays import BoolArray, FloatArray
 
 __all__ = ["shown_empty"]

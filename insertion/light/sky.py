@@ -12,8 +12,8 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from insertion.colour.encoding import luminance
-from insertion.light.environment import HEIGHT, map_directions, solid_angles
+from insertion.colour import luminance
+from insertion.light.environment_map import HEIGHT, map_directions, solid_angles
 from metric_base.arrays import BoolArray, FloatArray
 
 __all__ = ["FREE_PX", "LEAST_SHARE", "Outdoors", "sky_light", "sky_pixels"]

@@ -7,11 +7,11 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.ndimage import distance_transform_edt
 
-from estimator.reconstructions.cameras import pixels_in_view
+from estimator.projection.cameras import pixels_in_view
 from estimator.records.scene import Scene, View
 from insertion.placement.place import Place
-from insertion.placement.surface import Supports, Surface, free_cells
-from insertion.scene.cloud import Cloud
+from insertion.scene.point_cloud import Cloud
+from insertion.scene.supports import Supports, Surface, free_cells
 from metric_base.arrays import BoolArray, FloatArray
 
 __all__ = ["NEAR_POINTS", "Space", "candidates", "free_places"]

@@ -5,8 +5,8 @@ from __future__ import annotations
 import numpy as np
 
 from insertion.placement.place import NoPlace, Place
-from insertion.scene.cloud import Cloud
-from insertion.scene.patches import plane_patches
+from insertion.scene.plane_cells import plane_patches
+from insertion.scene.point_cloud import Cloud
 from metric_base.arrays import FloatArray
 
 __all__ = ["heading", "turn_about"]

@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass
 
-from insertion.placement.surface import Surface
+from insertion.scene.supports import Surface
 from metric_base.arrays import FloatArray
 from metric_base.errors import InputError
 

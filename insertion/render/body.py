@@ -7,10 +7,10 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from insertion.colour.encoding import srgb_to_linear
-from insertion.light.environment import Environment
-from insertion.models.model import Material, Model
+from insertion.colour import srgb_to_linear
+from insertion.light.environment_map import Environment
 from metric_base.arrays import FloatArray, IntArray
+from models3d.model import Material, Model
 
 __all__ = ["Body", "BodyPart", "body_of", "colliding", "with_bodies"]
 

@@ -8,8 +8,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from insertion.models.model import Material
 from insertion.render.body import BodyPart
+from models3d.model import Material
 
 __all__ = ["LoadedPart", "load_part"]
 

@@ -6,7 +6,7 @@ from functools import lru_cache
 
 import numpy as np
 
-from estimator.reconstructions.cameras import project
+from estimator.projection.cameras import project
 from estimator.records.scene import Camera, View
 from insertion.render.body import Body
 from insertion.render.pinhole import Window, focal_lengths

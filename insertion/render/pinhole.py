@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from estimator.reconstructions.cameras import CAMERA_MODELS
+from estimator.projection.cameras import CAMERA_MODELS
 from estimator.records.scene import Camera
 from metric_base.arrays import FloatArray
 

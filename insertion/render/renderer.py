@@ -13,9 +13,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from insertion.colour.encoding import luminance
-from insertion.light.environment import LEVELS, Environment, reflection_levels
-from insertion.light.soft_lights import Lights, environment_lights
+from insertion.colour import luminance
+from insertion.light.environment_map import LEVELS, Environment, reflection_levels
+from insertion.light.light_samples import Lights, environment_lights
 from insertion.render.body import Body, BodyPart, with_bodies
 from insertion.render.buffers import LoadedPart, load_part
 from insertion.render.context import shader

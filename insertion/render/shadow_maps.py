@@ -1,6 +1,6 @@
 """What the object takes from the light: a shadow map for each light, and the map of light that reaches the plane.
 
-Each map has hard edges; a shadow is soft because a lamp is many lights (`insertion/light/soft_lights.py`).
+Each map has hard edges; a shadow is soft because a lamp is many lights (`insertion/light/light_samples.py`).
 """
 
 from __future__ import annotations
@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from insertion.light.soft_lights import Lights
+from insertion.light.light_samples import Lights
 from insertion.render.buffers import LoadedPart
 from insertion.render.context import shader
 from metric_base.arrays import FloatArray

@@ -9,11 +9,11 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from insertion.models.model import Model
 from insertion.render.body import body_of
 from insertion.render.buffers import load_part
 from insertion.render.context import shader
 from metric_base.arrays import FloatArray
+from models3d.model import Model
 
 __all__ = ["AZIMUTHS_DEG", "StudioView", "studio_views"]
 

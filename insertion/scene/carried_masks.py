@@ -13,9 +13,9 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import NDArray
 
-from estimator.reconstructions.cameras import project
+from estimator.projection.cameras import project
 from estimator.records.scene import Instance, Scene, View
-from insertion.scene.cloud import Cloud, front_points
+from insertion.scene.point_cloud import Cloud, front_points
 from insertion.scene.rays import normalized_pixels
 from metric_base.arrays import FloatArray
 

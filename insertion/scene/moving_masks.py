@@ -15,11 +15,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from estimator.geometry.planes import SupportPlane
-from estimator.reconstructions.cameras import pixels_in_view
+from estimator.projection.cameras import pixels_in_view
 from estimator.records.scene import Instance, Scene, View
 from insertion.footage.footage import Shot
-from insertion.scene.cloud import Cloud, FrontPoints
 from insertion.scene.pixel_box import PixelBox, mask_in_box
+from insertion.scene.point_cloud import Cloud, FrontPoints
 from insertion.scene.rays import camera_rays, ray_through
 from metric_base.arrays import BoolArray, FloatArray
 
@@ -57,7 +57,7 @@ def moving_masks(file: Path, scene: Scene, shots: Sequence[Shot]) -> Mapping[int
     """
     from dataclasses import replace
 
-    from estimator.scene_reading import read_instances
+    from estimator.reconstructions.scene_reader import read_instances
 
     posed = [shot for shot in shots if shot.view is not None]
     views = tuple(replace(shot.view, name=shot.name) for shot in posed if shot.view is not None)

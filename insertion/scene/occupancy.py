@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from insertion.scene.cloud import Cloud
+from insertion.scene.point_cloud import Cloud
 from metric_base.arrays import BoolArray, FloatArray, IntArray
 
 __all__ = ["Occupancy", "occupancy_of"]

@@ -13,7 +13,7 @@ from estimator.records.result import ScaleResult
 from estimator.records.scene import Instance, Scene
 from metric_base.errors import InputError, Unquoted, in_file
 from metric_base.input_files import read_bytes
-from metric_base.schema import expect, json_record
+from metric_base.records import expect, json_record
 
 __all__ = ["ScaleUsed", "read_scale", "scale_of_result"]
 

@@ -13,7 +13,7 @@ import msgspec
 from insertion.study.page import ANSWERS_SCHEMA
 from metric_base.errors import InputError, in_file
 from metric_base.input_files import folder_entries, read_bytes
-from metric_base.schema import expect, json_record
+from metric_base.records import expect, json_record
 
 __all__ = ["ANSWERS", "StudyAnswer", "read_answers"]
 

@@ -10,13 +10,13 @@ from typing import TYPE_CHECKING
 
 from metric_base.errors import InputError
 from metric_cli.arguments import OutputFile, new_folder
-from metric_cli.insert_object.scene_arguments import add_scene_arguments, prepared_scene_of, requests_of, tree_of
-from metric_cli.terminal import statuses_text
+from metric_cli.insert_object.request import add_scene_arguments, prepared_scene_of, requests_of, tree_of
+from metric_cli.tables import statuses_text
 
 if TYPE_CHECKING:
-    from insertion.pipeline.prepared_scene import PreparedScene
-    from insertion.pipeline.request import ObjectRequest
-    from insertion.pipeline.result import InsertionResult
+    from insertion.insertion_scene import PreparedScene
+    from insertion.request import ObjectRequest
+    from insertion.result import InsertionResult
     from metric_tree.tree import Tree
 
 __all__ = ["main", "parser"]
@@ -34,7 +34,7 @@ user study.
 
 def main(argv: Sequence[str] | None = None) -> int:
     """Run `insert-object`; the exit status is 0, 2 or 1."""
-    from metric_cli.terminal import exit_status
+    from metric_cli.tables import exit_status
 
     words = list(sys.argv[1:] if argv is None else argv)
     named_study = Path("study").is_dir() and all(word.startswith("-") for word in words[1:2])  # a scene of that name
@@ -86,9 +86,9 @@ def parser() -> argparse.ArgumentParser:
 
 def _run(options: argparse.Namespace, words: Sequence[str]) -> int:
     from insertion.insert import insert_into
-    from insertion.pipeline.prepared_scene import frame_range
+    from insertion.insertion_scene import frame_range
     from metric_cli.progress import progress_bars
-    from metric_cli.terminal import warn
+    from metric_cli.tables import warn
 
     _check_outputs(options)
     requests = requests_of(options)
@@ -123,7 +123,7 @@ def _run(options: argparse.Namespace, words: Sequence[str]) -> int:
 def _check_outputs(options: argparse.Namespace) -> None:
     """InputError for what cannot be written or drawn: said before the work is done, not after."""
     from insertion.blender.process import blender_program
-    from insertion.footage.picture_writer import output_kind, preview_place
+    from insertion.footage.image_writer import output_kind, preview_place
     from insertion.render.context import check_renderer
 
     alone = options.preview is not None or options.place is not None
@@ -152,7 +152,7 @@ def _place_on_page(
     words: Sequence[str],
 ) -> ObjectRequest:
     """The request with the place that a person has chosen on a page; what repeats it goes to standard output."""
-    from insertion.pipeline.place_page import PlacePage
+    from insertion.placement_page import PlacePage
 
     page = PlacePage(
         prepared, request, tree, lambda asked: _command_again(asked, words, options.out is None), options.place
@@ -189,11 +189,11 @@ def _preview(prepared: PreparedScene, request: ObjectRequest, tree: Tree | None,
     """Draw and list the free places for the first object: on standard output if nothing else is asked for."""
     from dataclasses import asdict
 
-    from insertion.models.gltf import read_model
-    from insertion.models.size import model_size
-    from insertion.pipeline.objects import space_for
-    from insertion.pipeline.preview import write_preview
-    from metric_cli.terminal import print_json
+    from insertion.placement.model_size import model_size
+    from insertion.placement.placed_object import space_for
+    from insertion.placement.preview import write_preview
+    from metric_cli.tables import print_json
+    from models3d.gltf.model_reader import read_model
 
     model = read_model(request.model)
     size = model_size(model, request.size, tree, request.category)
@@ -210,7 +210,7 @@ def _preview(prepared: PreparedScene, request: ObjectRequest, tree: Tree | None,
 
 
 def _print(results: Sequence[InsertionResult], as_json: bool) -> None:
-    from metric_cli.terminal import print_json
+    from metric_cli.tables import print_json
 
     if as_json:
         first, *more = (result.to_json() for result in results)

@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 from metric_base.errors import InputError
 from metric_cli.arguments import OutputFile, add_overwrite, input_path
-from metric_cli.terminal import OneLineParser
+from metric_cli.tables import OneLineParser
 
 __all__ = ["run_study"]
 
@@ -28,7 +28,7 @@ def run_study(words: Sequence[str]) -> int:
 
 
 def _page_parser() -> argparse.ArgumentParser:
-    from metric_cli.insert_object.scene_arguments import add_scene_arguments
+    from metric_cli.insert_object.request import add_scene_arguments
 
     root = OneLineParser(
         prog="insert-object study",
@@ -58,11 +58,11 @@ def _report_parser() -> argparse.ArgumentParser:
 
 
 def _make(options: argparse.Namespace) -> int:
-    from insertion.pipeline.objects import place_objects
+    from insertion.placement.placed_object import place_objects
     from insertion.study.page import study_page
     from insertion.study.plan import plan_text
     from metric_base.files import output_file, whole_file
-    from metric_cli.insert_object.scene_arguments import prepared_scene_of, requests_of, tree_of
+    from metric_cli.insert_object.request import prepared_scene_of, requests_of, tree_of
 
     output_file(options.out)
     if not 1 <= options.repeats <= MAX_REPEATS:
@@ -80,8 +80,8 @@ def _make(options: argparse.Namespace) -> int:
 
 def _pictures(prepared: Any, placed: Sequence[Any], frame: str | None) -> dict[int, NDArray[np.uint8]]:
     """The chosen picture (h, w, 3) at every step: the first object grows and shrinks about its foot, the rest stays."""
-    from insertion.pipeline.frames import single_pictures
-    from insertion.pipeline.objects import resize
+    from insertion.composite.compositor import single_pictures
+    from insertion.placement.placed_object import resize
     from insertion.study.page import STEPS
     from metric_cli.progress import with_bar
 
@@ -93,7 +93,7 @@ def _pictures(prepared: Any, placed: Sequence[Any], frame: str | None) -> dict[i
 
 def _shot(prepared: Any, placed: Sequence[Any], frame: str | None) -> Any:
     """The named shot, or the one in which the object is largest and wholly inside."""
-    from estimator.reconstructions.cameras import pixels_in_view
+    from estimator.projection.cameras import pixels_in_view
 
     shots = [shot for shot in prepared.footage.shots if shot.view is not None]
     if frame is not None:
@@ -116,7 +116,7 @@ def _report(options: argparse.Namespace) -> int:
     from insertion.study.curve import curve_of
     from insertion.study.report import report_text, write_curve
     from metric_base.files import output_file
-    from metric_cli.terminal import print_json
+    from metric_cli.tables import print_json
 
     if options.figure is not None:
         output_file(options.figure, "--figure")

@@ -14,12 +14,12 @@ import pyarrow.parquet as pq
 
 from metric_base.files import whole_file
 from metric_tree.axes import AXES
-from metric_tree.build.ingest import believed_spread
 from metric_tree.build.successors import former_nodes, successor_table
 from metric_tree.build.texts import licence_text, readme_text
+from metric_tree.curated.sizes import curated_heights, curated_ranges, curated_states, norms
 from metric_tree.fit.class_prior import NEW_SOURCE
-from metric_tree.pictures import collect_pictures, picture_files
-from taxonomy.curated_sizes import curated_heights, curated_ranges, curated_states, norms
+from metric_tree.pipeline.ingest import believed_spread
+from metric_tree.release.images import collect_pictures, picture_files
 from taxonomy.levels import replaced_ids
 
 __all__ = ["add_pictures", "height_records", "state_records", "write_log", "write_texts", "writers"]

@@ -11,9 +11,9 @@ import pyarrow as pa
 from numpy.typing import NDArray
 
 from metric_base.arrays import FloatArray
-from metric_tree.build.clean import extents_of
-from metric_tree.build.ingest import ROWS, SHARDS
-from metric_tree.build.unit_slips import MIN_REFERENCE_ROWS, Reference, sibling_reference
+from metric_tree.checks.unit_errors import MIN_REFERENCE_ROWS, Reference, sibling_reference
+from metric_tree.pipeline.clean import extents_of
+from metric_tree.pipeline.ingest import ROWS, SHARDS
 from taxonomy.categories import Category
 
 __all__ = ["Repeated", "RowFiles", "sibling_references"]
@@ -29,7 +29,7 @@ class Repeated:
 
 @dataclass(frozen=True, slots=True)
 class RowFiles:
-    """Arrow files of `metric_tree.build.ingest.ROWS` with `SHARDS` batches each."""
+    """Arrow files of `metric_tree.pipeline.ingest.ROWS` with `SHARDS` batches each."""
 
     paths: tuple[Path, ...]
 

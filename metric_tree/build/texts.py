@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from typing import Any
 
-from metric_tree.schema import TABLES
+from metric_tree.release.schema import TABLES
 
 __all__ = ["licence_text", "readme_text"]
 

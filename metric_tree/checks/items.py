@@ -12,10 +12,10 @@ from numpy.typing import NDArray
 
 from crawler.items import KINDS
 from metric_base.arrays import FloatArray
-from metric_tree.build.clean import extents_of
-from metric_tree.build.duplicates import duplicates
-from metric_tree.build.unit_slips import MIN_REFERENCE_ROWS, Reference, reference, sibling_reference, slip_factors
+from metric_tree.checks.duplicates import duplicates
 from metric_tree.checks.finding import Finding
+from metric_tree.checks.unit_errors import MIN_REFERENCE_ROWS, Reference, reference, sibling_reference, slip_factors
+from metric_tree.pipeline.clean import extents_of
 
 __all__ = ["CODES", "findings"]
 
@@ -136,7 +136,7 @@ def _share_of_copies(own: pa.Table, sizes: FloatArray) -> float:
 
 
 def _outlier_findings(own: pa.Table, extents: FloatArray) -> Iterator[Finding]:
-    """Rows, extents (n, 3), that the build would refuse: `metric_tree.build.unit_slips` has the rule."""
+    """Rows, extents (n, 3), that the build would refuse: `metric_tree.checks.unit_errors` has the rule."""
     against = reference(extents)
     if against is None:
         return

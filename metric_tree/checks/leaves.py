@@ -11,12 +11,12 @@ import pyarrow as pa
 
 from metric_base.arrays import FloatArray
 from metric_tree.axes import AXES, EXTENTS
-from metric_tree.build.clean import extents_of
 from metric_tree.build.leaf_findings import CODES, LeafSize, leaf_findings, titles
 from metric_tree.checks.finding import Finding
+from metric_tree.curated.sizes import settled_findings
 from metric_tree.fit.evidence import JUDGED, NORM
+from metric_tree.pipeline.clean import extents_of
 from metric_tree.prior import Prior
-from taxonomy.curated_sizes import settled_findings
 
 __all__ = ["CODES", "findings"]
 

@@ -14,9 +14,9 @@ import pyarrow as pa
 
 from metric_tree.checks import items, leaves, nodes, priors
 from metric_tree.checks.finding import Finding
-from metric_tree.pictures import image_path
-from metric_tree.release import BadRelease, Release, open_release, sha256
-from metric_tree.schema import ADDED_COLUMNS, FORMER_TYPES, TABLES
+from metric_tree.release.images import image_path
+from metric_tree.release.release import BadRelease, Release, open_release, sha256
+from metric_tree.release.schema import ADDED_COLUMNS, FORMER_TYPES, TABLES
 
 __all__ = ["CODES", "Finding", "findings"]
 

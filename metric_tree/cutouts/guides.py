@@ -13,7 +13,7 @@ from typing import Literal
 
 import msgspec
 
-from metric_base.schema import expect, json_lines
+from metric_base.records import expect, json_lines
 
 __all__ = ["Guide", "guides"]
 

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from metric_base.arrays import FloatArray
 from metric_tree.fit.evidence import JUDGED, MODELS, STATEMENTS, STRONG, row_weights
-from metric_tree.fit.mixture_em import SPREAD_FLOOR, Belief, Rows
+from metric_tree.fit.mixture import SPREAD_FLOOR, Belief, Rows
 from metric_tree.tiers import Evidence
 
 __all__ = [

@@ -2,9 +2,9 @@
 
 The model is that of `metric_tree.context`. Its five numbers are those under which the sources of a class predict best
 what a source that is left out states about its regions and years, over all classes; a class's covariance between
-sources is what `metric_tree.fit.kinds` says it is and is only parted. The likelihood of all sources together is no
-judge: within one maker's list years differ by more than the sources of a class do, and it would make everything region
-and year.
+sources is what `metric_tree.fit.evidence_model` says it is and is only parted. The likelihood of all sources together
+is no judge: within one maker's list years differ by more than the sources of a class do, and it would make everything
+region and year.
 """
 
 from __future__ import annotations

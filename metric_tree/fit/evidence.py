@@ -22,9 +22,9 @@ __all__ = [
 ]
 
 #: Weight of one row by kind, for the shape of a class's distribution; where its centre lies is decided by
-#: `metric_tree.fit.kinds`. A maker's figure, a measurement and a norm are sizes of real objects. An artist's model is
-#: plausible, not measured, and a museum keeps what is rare or old: about a third of a row. A category value says what
-#: someone finds typical: a tenth. Ranges and means do not count as rows.
+#: `metric_tree.fit.evidence_model`. A maker's figure, a measurement and a norm are sizes of real objects. An artist's
+#: model is plausible, not measured, and a museum keeps what is rare or old: about a third of a row. A category value
+#: says what someone finds typical: a tenth. Ranges and means do not count as rows.
 KIND_WEIGHT = {
     "product": 1.0,
     "measured": 1.0,

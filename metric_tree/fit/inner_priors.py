@@ -8,7 +8,7 @@ import numpy as np
 
 from metric_base.arrays import FloatArray
 from metric_tree.fit.contexts import inner_contexts
-from metric_tree.fit.mixture_em import Belief, Mixture, raise_to_floor
+from metric_tree.fit.mixture import Belief, Mixture, raise_to_floor
 from metric_tree.fit.moments import VAGUE, Moments
 from metric_tree.prior import Prior
 from metric_tree.tiers import Evidence, mixture_tier

@@ -9,7 +9,7 @@ import numpy as np
 
 from metric_base.arrays import FloatArray
 from metric_tree.fit.class_rows import ClassRows, nanmean, own_belief, statements_of, weighted_rows
-from metric_tree.fit.mixture_em import Belief, complete_rows, fit_mixture, raise_to_floor
+from metric_tree.fit.mixture import Belief, complete_rows, fit_mixture, raise_to_floor
 from metric_tree.fit.random_effects import SourceMeans, no_source_means, source_means, with_statements
 
 __all__ = ["VAGUE", "Moments", "correlated_covariance", "extent_moments", "moments"]

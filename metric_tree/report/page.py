@@ -26,7 +26,9 @@ from metric_tree.report.changes import (
     size_and_spread,
     source_changes,
 )
-from metric_tree.report.counts import (
+from metric_tree.report.figures import coverage_figure, size_figure
+from metric_tree.report.html import Linked, paragraph, plain, search_table, table, whole_page
+from metric_tree.reports.summary import (
     MIN_ITEMS,
     Coverage,
     coverage,
@@ -37,8 +39,6 @@ from metric_tree.report.counts import (
     source_counts,
     typical_nodes,
 )
-from metric_tree.report.figures import coverage_figure, size_figure
-from metric_tree.report.html import Linked, paragraph, plain, search_table, table, whole_page
 from metric_tree.tree import Node, NoPrior, Tree
 from taxonomy.label_lists import vocabularies
 

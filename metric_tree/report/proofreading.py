@@ -1,7 +1,7 @@
 """A page for an hour of proofreading: the most used nodes that rest on little, with a form for better ranges.
 
 What the reader saves are rows of `data/curated/ranges.csv` under the reader's name; a person's row outranks a program's
-(`taxonomy.curated_sizes`). The page is one file and sends nothing.
+(`metric_tree.curated.sizes`). The page is one file and sends nothing.
 """
 
 from __future__ import annotations
@@ -9,11 +9,11 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 from metric_tree.axes import AXES
+from metric_tree.curated.sizes import curated_ranges
 from metric_tree.prior import INTERVAL_QUANTILES
 from metric_tree.report.html import plain, whole_page
 from metric_tree.tiers import TIERS, tier_words
 from metric_tree.tree import Node, Tree
-from taxonomy.curated_sizes import curated_ranges
 from taxonomy.words.senses import node_uses
 
 __all__ = ["proofreading_page", "thin_nodes"]

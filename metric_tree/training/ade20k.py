@@ -17,7 +17,7 @@ from collections.abc import Iterator
 from pathlib import Path
 
 from metric_tree.training import ade20k_attributes, ade20k_challenge, ade20k_full
-from metric_tree.training.records import AnnotatedPicture, BadAnnotations
+from metric_tree.training.annotations import AnnotatedPicture, BadAnnotations
 
 __all__ = ["LISTS", "ade20k_pictures"]
 

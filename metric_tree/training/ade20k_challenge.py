@@ -10,7 +10,13 @@ from pathlib import Path
 
 import numpy as np
 
-from metric_tree.training.records import AnnotatedObject, AnnotatedPicture, BadAnnotations, coded_picture, run_lengths
+from metric_tree.training.annotations import (
+    AnnotatedObject,
+    AnnotatedPicture,
+    BadAnnotations,
+    coded_picture,
+    run_lengths,
+)
 
 __all__ = ["CLASSES", "files", "picture"]
 

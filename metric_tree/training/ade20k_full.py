@@ -15,7 +15,13 @@ from numpy.typing import NDArray
 
 from metric_base.arrays import BoolArray
 from metric_base.input_files import MAX_JSON_BYTES, read_bytes
-from metric_tree.training.records import AnnotatedObject, AnnotatedPicture, BadAnnotations, coded_picture, run_lengths
+from metric_tree.training.annotations import (
+    AnnotatedObject,
+    AnnotatedPicture,
+    BadAnnotations,
+    coded_picture,
+    run_lengths,
+)
 
 __all__ = ["files", "picture"]
 

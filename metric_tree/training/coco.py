@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import Any
 
 from metric_base.input_files import MAX_JSON_BYTES, read_text
-from metric_tree.training.records import AnnotatedObject, AnnotatedPicture, BadAnnotations
+from metric_tree.training.annotations import AnnotatedObject, AnnotatedPicture, BadAnnotations
 
 __all__ = ["LISTS", "coco_pictures"]
 

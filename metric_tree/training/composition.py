@@ -18,9 +18,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from metric_base.arrays import BoolArray
-from metric_base.pictures import read_picture
+from metric_base.images import read_picture
+from metric_tree.training.annotations import BadAnnotations
 from metric_tree.training.pasted import Cutout
-from metric_tree.training.records import BadAnnotations
 
 __all__ = ["Composition", "Pasted", "compose", "random_background"]
 

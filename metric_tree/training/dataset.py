@@ -16,11 +16,11 @@ import numpy as np
 
 from metric_base.errors import InputError
 from metric_base.files import whole_folder
-from metric_base.pictures import read_picture
+from metric_base.images import read_picture
+from metric_tree.training.annotations import AnnotatedPicture, BadAnnotations, run_lengths
 from metric_tree.training.classes import Classes
 from metric_tree.training.composition import Picture, compose, random_background
 from metric_tree.training.pasted import Cutout
-from metric_tree.training.records import AnnotatedPicture, BadAnnotations, run_lengths
 
 __all__ = ["SPLITS", "DatasetSummary", "Plan", "background_files", "export_dataset"]
 

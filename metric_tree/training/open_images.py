@@ -11,8 +11,8 @@ import csv
 from collections.abc import Iterator
 from pathlib import Path
 
-from metric_base.pictures import read_picture
-from metric_tree.training.records import AnnotatedObject, AnnotatedPicture, BadAnnotations, run_lengths
+from metric_base.images import read_picture
+from metric_tree.training.annotations import AnnotatedObject, AnnotatedPicture, BadAnnotations, run_lengths
 
 __all__ = ["LISTS", "open_images_pictures"]
 

@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 
 from metric_tree.axes import AXES
-from metric_tree.pictures import image_path
+from metric_tree.release.images import image_path
 from metric_tree.training.classes import Classes
 from metric_tree.tree import Node, NoPrior
 

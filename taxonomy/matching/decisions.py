@@ -18,7 +18,7 @@ import msgspec
 from metric_base.errors import InputError, in_file
 from metric_base.files import whole_file
 from metric_base.folders import is_checkout, taxonomy_directory, user_data_folder
-from metric_base.schema import expect, json_lines
+from metric_base.records import expect, json_lines
 
 __all__ = [
     "EVERY_SOURCE",

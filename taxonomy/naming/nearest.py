@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Iterator, Sequence
 
 from metric_base.spelling import near_spellings
-from taxonomy.naming.nodes import PERSON, NameAnswer, Names
+from taxonomy.naming.names import PERSON, NameAnswer, Names
 from taxonomy.words.senses import senses
 from taxonomy.words.spelling import plain_fold, singular_phrases
 

@@ -13,8 +13,8 @@ import math
 import re
 from collections.abc import Iterator, Sequence
 
+from taxonomy.naming.names import NEAR_RATIO, PERSON, Candidate, NameAnswer, Names, folded_forms
 from taxonomy.naming.nearest import Nearest
-from taxonomy.naming.nodes import NEAR_RATIO, PERSON, Candidate, NameAnswer, Names, folded_forms
 from taxonomy.words.phrases import (
     after_counts,
     container_and_content,

@@ -13,7 +13,7 @@ import pytest
 from PIL import Image
 from pycocotools.coco import COCO
 
-from metric_cli.verbs import main
+from metric_cli.subcommands import main
 from metric_tree.tree import open_tree
 from tests.synthetic.shop import EACH, PRODUCTS, PictureShop, size_mm
 
@@ -27,7 +27,7 @@ NODES = {"Dining Chairs": "mt:dining_chair", "Dining Tables": "dining_table.n.01
 def crawl(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """What the real spider brings home, in a process of its own: Scrapy's reactor runs once."""
     out = tmp_path_factory.mktemp("pictures") / "crawl"
-    code = "from metric_cli.verbs import main; raise SystemExit(main())"
+    code = "from metric_cli.subcommands import main; raise SystemExit(main())"
     with PictureShop() as shop:
         words = ["crawl", "generic", "--out", str(out), "--start-url", f"{shop.base}/list", "--pictures", "--json"]
         own = ["--contact", "tests@example.org", "--delay", "0", "--private"]

@@ -10,7 +10,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from estimator.scene_reading import read_instances, read_instances_and_warnings, read_scene
+from estimator.reconstructions.scene_reader import read_instances, read_instances_and_warnings, read_scene
 from metric_base.errors import InputError
 from tests.synthetic.small_scene import write_small_scene
 
@@ -125,7 +125,7 @@ def test_reading_a_pinhole_scene_loads_nothing_heavy(small: Path) -> None:
     heavy = (
         "{'pycolmap', 'cv2', 'matplotlib', 'sklearn', 'open3d', 'pandas', 'scrapy', 'nltk', 'pycocotools', 'pyarrow'}"
     )
-    code = f"import sys, estimator.scene_reading; print(sorted({heavy} & set(sys.modules)))"
+    code = f"import sys, estimator.reconstructions.scene_reader; print(sorted({heavy} & set(sys.modules)))"
     found = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
     assert found.stdout.strip() == "[]"
 

@@ -10,7 +10,7 @@ import pytest
 
 from estimator.reconstructions.objects_file import SCHEMA
 from metric_cli.estimate_scale.estimate import main
-from metric_cli.verbs import main as metric_tree_main
+from metric_cli.subcommands import main as metric_tree_main
 from tests.synthetic import minitree
 
 MODEL = {"region": 0.4, "year": 0.2, "own": 0.1, "kin": 0.5, "years": 12.0}

@@ -12,8 +12,8 @@ import pytest
 import uvicorn
 
 from explorer.content.release_catalogue import ReleaseCatalogue
-from explorer.server.application import application
-from explorer.site import write_site
+from explorer.server.app import application
+from explorer.static_site import write_site
 from metric_tree.tree import Tree, open_tree
 from tests.synthetic import minitree
 

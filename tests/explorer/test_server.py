@@ -17,8 +17,8 @@ import schemathesis
 from hypothesis import HealthCheck, Phase, given, settings
 from schemathesis.specs.openapi.checks import positive_data_acceptance
 
-from explorer.content.records import NodeAnswer, PriorAnswer, Problem, SearchAnswer
 from explorer.content.release_catalogue import ReleaseCatalogue
+from explorer.schemas import NodeAnswer, PriorAnswer, Problem, SearchAnswer
 from tests.explorer.conftest import WEB
 
 OBJECTS = {
@@ -155,7 +155,7 @@ def test_the_description_fits_the_answers(base: str) -> None:
 
 @pytest.mark.skipif(sys.platform == "win32", reason="signals of POSIX")
 def test_the_command_serves_logs_and_stops(catalogue: ReleaseCatalogue) -> None:
-    code = "import sys; from metric_cli.verbs import main; sys.exit(main(sys.argv[1:]))"
+    code = "import sys; from metric_cli.subcommands import main; sys.exit(main(sys.argv[1:]))"
     words = ["serve", "--port", "0", "--tree", str(catalogue.tree.release.directory)]
     with subprocess.Popen([sys.executable, "-c", code, *words], stderr=subprocess.PIPE, text=True) as server:
         assert server.stderr is not None
@@ -174,7 +174,7 @@ def test_tools_of_the_model_context_protocol(catalogue: ReleaseCatalogue) -> Non
     from mcp import ClientSession, StdioServerParameters
     from mcp.client.stdio import stdio_client
 
-    code = "import sys; from metric_cli.verbs import main; sys.exit(main(sys.argv[1:]))"
+    code = "import sys; from metric_cli.subcommands import main; sys.exit(main(sys.argv[1:]))"
     words = ["-c", code, "serve", "--mcp", "--tree", str(catalogue.tree.release.directory)]
 
     async def ask() -> dict[str, Any]:

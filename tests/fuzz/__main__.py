@@ -19,7 +19,7 @@ from collections import Counter
 from pathlib import Path
 from typing import Any
 
-from metric_cli.terminal import print_table
+from metric_cli.tables import print_table
 from tests.fuzz.outcomes import COUNTS, KEPT
 from tests.fuzz.readers import READERS, write_seeds
 

@@ -10,10 +10,10 @@ import numpy as np
 
 from estimator.evidence.known_lengths import parse_known_lengths
 from estimator.instances.forms import read_instance_files
+from estimator.outputs.ground_truth import read_truth
 from estimator.reconstructions.objects_file import SCHEMA, read_objects
-from estimator.reconstructions.truth import read_truth
+from estimator.reconstructions.scene_reader import read_scene
 from estimator.records.scene import Instance, Scene
-from estimator.scene_reading import read_scene
 from tests.fuzz.reader import Reader
 from tests.fuzz.video_readers import VIDEO_READERS, write_video_seeds
 from tests.fuzz.web_readers import WEB_READERS, write_web_seeds

@@ -12,19 +12,19 @@ import cv2
 import numpy as np
 from PIL import Image
 
-from estimator.capture.video import Video
+from capture.sources.video import Video
 from estimator.detectors.detector import load_detector
 from estimator.evidence.depth_files import read_depth
 from estimator.evidence.gps import Gps
+from estimator.reconstructions.scene_reader import read_scene
 from estimator.records.scene import Scene
-from estimator.scene_reading import read_scene
-from insertion.models.gltf import read_model
-from insertion.models.model import Part
 from insertion.scene.scale import read_scale
 from insertion.study.answers import read_answers
 from insertion.study.curve import curve_of
 from insertion.study.page import ANSWERS_SCHEMA, STEPS
-from metric_base.pictures import read_picture
+from metric_base.images import read_picture
+from models3d.gltf.model_reader import read_model
+from models3d.model import Part
 from tests.fuzz.reader import Reader
 from tests.synthetic.detectors import paint_graph
 from tests.synthetic.videos import times_of, write_video

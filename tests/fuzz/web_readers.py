@@ -9,18 +9,18 @@ from contextlib import suppress
 from functools import cache
 from pathlib import Path
 
-import crawler.sites
-from crawler.fetch.pictures import picture
+import crawler.sites.registry
+from crawler.fetch.item_images import picture
 from crawler.imports import import_items, readings
 from crawler.imports.sources import source
 from crawler.items import RawItem
 from crawler.page.page import absolute_url, page, saved_page
-from crawler.sites import SITES, item_of, use_site
+from crawler.sites.registry import SITES, item_of, use_site
 from crawler.sites.listing import listed_items
 from metric_base.folders import data_folder
-from metric_tree.build.ingest import blocks, items_of
 from metric_tree.checks.release_files import findings
-from metric_tree.release import MANIFEST, sha256
+from metric_tree.pipeline.ingest import blocks, items_of
+from metric_tree.release.release import MANIFEST, sha256
 from metric_tree.tree import Tree, UnknownName, open_tree
 from tests.crawler.page.shop_pages import MADE, OTHERS
 from tests.fuzz.reader import Reader
@@ -67,8 +67,8 @@ def _site(folder: Path, _seeds: Path) -> None:
         site.canonical_url(URL + "?colour=red")
         site.may_store(URL)
     finally:
-        crawler.sites._GIVEN.clear()
-        crawler.sites._site_of_host.cache_clear()
+        crawler.sites.registry._GIVEN.clear()
+        crawler.sites.registry._site_of_host.cache_clear()
 
 
 def _source(folder: Path, _seeds: Path) -> None:

@@ -10,11 +10,11 @@ import pytest
 
 from estimator.geometry.up import Up
 from estimator.records.scene import Camera, Scene, View
+from insertion.placement.at_pixel import place_at_point
 from insertion.placement.free_space import Space
-from insertion.placement.locate import place_at_point
 from insertion.placement.place import NoPlace
-from insertion.placement.surface import Supports, supports_of
-from insertion.scene.cloud import Cloud
+from insertion.scene.point_cloud import Cloud
+from insertion.scene.supports import Supports, supports_of
 from metric_base.arrays import FloatArray
 
 FOCAL, WIDTH, HEIGHT = 500.0, 640, 480

@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from estimator.capture.video import Video
+from capture.sources.video import Video
 from insertion.colour.source_frame import changed_frame, matrix_of
 from insertion.footage.video_writer import VideoWriter
 

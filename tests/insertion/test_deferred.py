@@ -11,14 +11,14 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from insertion.light.environment import HEIGHT, WIDTH, Environment
-from insertion.models.gltf import read_model
+from insertion.light.environment_map import HEIGHT, WIDTH, Environment
 from insertion.render import deferred
 from insertion.render.body import body_of
 from insertion.render.context import gl_context
 from insertion.render.pinhole import Window
 from insertion.render.renderer import ObjectImage, ObjectRenderer
 from metric_base.arrays import FloatArray
+from models3d.gltf.model_reader import read_model
 from tests.synthetic.insertions import write_glb
 from tests.synthetic.rooms.shapes import solid
 from tests.synthetic.rooms.solids import Mesh

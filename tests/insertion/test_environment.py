@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from insertion.light import environment_estimate as estimate
-from insertion.light.environment import (
+from insertion.light.environment_map import (
     HEIGHT,
     LEVELS,
     WIDTH,
@@ -19,7 +19,7 @@ from insertion.light.environment import (
     solid_angles,
 )
 from insertion.light.lamps_from_shading import Lamp
-from insertion.light.soft_lights import (
+from insertion.light.light_samples import (
     LAMP_SIGMA,
     LEAST_RADII,
     Lights,
@@ -30,8 +30,8 @@ from insertion.light.soft_lights import (
     environment_lights,
 )
 from insertion.placement.place import Place
-from insertion.scene.cloud import Cloud
 from insertion.scene.occupancy import Occupancy
+from insertion.scene.point_cloud import Cloud
 
 #: Axes of a map that is turned against the scene: its up is the scene's +y.
 TURNED = np.array([[0.0, 0.0, 1.0], [1.0, 0.0, 0.0], [0.0, 1.0, 0.0]])

@@ -14,8 +14,8 @@ from typing import Any
 import numpy as np
 import pytest
 
-from estimator.other_programs.nerfstudio import read_nerfstudio
-from estimator.reconstructions.cameras import pixels_in_view
+from estimator.projection.cameras import pixels_in_view
+from estimator.scene_formats.nerfstudio import read_nerfstudio
 from insertion.blender.tracing import export_blend, traced_layers
 from insertion.exports.compositing import _normals
 from insertion.exports.gltf_scene import write_gltf_scene
@@ -23,11 +23,11 @@ from insertion.exports.metric_frame import camera_keys, metric_frame, object_mat
 from insertion.exports.nerfstudio import write_transforms
 from insertion.exports.usd_scene import write_usd_scene
 from insertion.insert import insert_into
+from insertion.insertion_scene import PreparedScene
 from insertion.light.environment_estimate import environment_at
-from insertion.pipeline.objects import Placed, place_objects
-from insertion.pipeline.prepared_scene import PreparedScene
-from insertion.pipeline.request import ObjectRequest
+from insertion.placement.placed_object import Placed, place_objects
 from insertion.render.studio import _camera_axes
+from insertion.request import ObjectRequest
 from models3d.gltf.document import GltfWriter
 from tests.synthetic.insertions import prepared_scene_of, video_room, write_glb
 from tests.synthetic.rooms.shapes import solid

@@ -21,7 +21,7 @@ from insertion.exports import compositing
 from insertion.exports.export_folder import LayerWriter
 from insertion.exports.metric_frame import MetricFrame, _key, frame_rate, keys_by_camera, metric_frame, object_matrix
 from insertion.footage.footage import STILLS_RATE
-from insertion.light.environment import HEIGHT, WIDTH, Environment
+from insertion.light.environment_map import HEIGHT, WIDTH, Environment
 from insertion.render.layers import ObjectLayers
 from insertion.render.pinhole import Window
 from insertion.render.renderer import ObjectImage
@@ -31,7 +31,7 @@ from insertion.study.answers import ANSWERS, StudyAnswer
 from insertion.study.curve import SLIPS, Observer, Point, StudyCurve, _looking, _table, _tables, fit_observer, wilson
 from insertion.study.plan import BIAS_SPREAD, expected_intervals
 from insertion.study.report import report_text
-from metric_base.pictures import read_picture
+from metric_base.images import read_picture
 from tests.insertion.test_received import _view
 
 LENS = Camera("SIMPLE_RADIAL", 320, 240, np.array([280.0, 160.0, 120.0, -0.15]))

@@ -12,22 +12,22 @@ import numpy as np
 import pytest
 
 from estimator.records.scene import Camera, Instance, View
-from insertion.colour.encoding import linear_to_srgb
+from insertion.colour import linear_to_srgb
+from insertion.composite import compositor
 from insertion.composite.compose import Joined, behind_each_other, compose, compose_traced
 from insertion.composite.exposure_and_grain import Look
-from insertion.composite.receivers import light_share, receivers_of
+from insertion.composite.shadow_receivers import light_share, receivers_of
 from insertion.exports.compositing import CompositingLayers
 from insertion.footage.footage import Shot
-from insertion.light.environment import HEIGHT, WIDTH, Environment
-from insertion.models.model import Material, Model, Part
-from insertion.pipeline import frames
+from insertion.light.environment_map import HEIGHT, WIDTH, Environment
 from insertion.render.body import Body, body_of, colliding, with_bodies
 from insertion.render.changed_pixels import window_behind
 from insertion.render.context import gl_context
 from insertion.render.layers import ObjectLayers, object_layers, through_lens
 from insertion.render.renderer import ObjectImage, ObjectRenderer
-from insertion.scene.cloud import FrontPoints
 from insertion.scene.pixel_box import PixelBox
+from insertion.scene.point_cloud import FrontPoints
+from models3d.model import Material, Model, Part
 from tests.synthetic.rooms.shapes import solid
 
 BOX = PixelBox(0, 0, 40, 30)
@@ -155,7 +155,7 @@ def test_each_of_two_objects_mirrors_the_other(context: Any, first: bool) -> Non
     metal = _body(0.0, model=_box_model((0.3, 0.3, 0.6), (0.9, 0.9, 0.9), metal=True))
     red = _body(0.0, (0.3, 0.3, 0.3), -0.6, _box_model((0.3, 0.3, 0.3), (0.8, 0.05, 0.05)))
     bodies = [metal, red] if first else [red, metal]
-    others, before = frames._other_bodies(bodies, bodies.index(metal))
+    others, before = compositor._other_bodies(bodies, bodies.index(metal))
     view = _view()
     redness = []
     for shading in (others, []):
@@ -294,19 +294,19 @@ def _prepared() -> Any:
 
 def test_a_picture_is_decoded_once_for_all_sizes() -> None:
     prepared = _prepared()
-    assert len(list(frames.single_pictures(prepared, [[]] * 11, prepared.footage.shots[1]))) == 11
+    assert len(list(compositor.single_pictures(prepared, [[]] * 11, prepared.footage.shots[1]))) == 11
     assert prepared.footage.decoded <= 3
 
 
 def test_the_context_is_released_where_writing_fails(monkeypatch: pytest.MonkeyPatch) -> None:
     released = []
-    monkeypatch.setattr(frames, "gl_context", lambda: SimpleNamespace(release=lambda: released.append(1)))
+    monkeypatch.setattr(compositor, "gl_context", lambda: SimpleNamespace(release=lambda: released.append(1)))
 
     def full(*_: object) -> None:
         raise OSError("disk full")
 
     with pytest.raises(OSError, match="disk full"):
-        frames.insert_objects(_prepared(), [], full)
+        compositor.insert_objects(_prepared(), [], full)
     assert released == [1]
 
 
@@ -323,8 +323,8 @@ def test_each_result_has_its_own_seconds(monkeypatch: pytest.MonkeyPatch) -> Non
         body=None,
         moves=False,
     )
-    monkeypatch.setattr(frames, "gl_context", lambda: SimpleNamespace(release=lambda: None))
-    monkeypatch.setattr(frames, "_renderer", lambda *_: SimpleNamespace(environment=None))
-    one, two = frames.insert_objects(_prepared(), [placed, placed], lambda *_: None)  # type: ignore[list-item]
+    monkeypatch.setattr(compositor, "gl_context", lambda: SimpleNamespace(release=lambda: None))
+    monkeypatch.setattr(compositor, "_renderer", lambda *_: SimpleNamespace(environment=None))
+    one, two = compositor.insert_objects(_prepared(), [placed, placed], lambda *_: None)  # type: ignore[list-item]
     one.seconds["render"] = -1.0  # type: ignore[index]
     assert two.seconds["render"] >= 0

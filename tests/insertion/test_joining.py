@@ -7,16 +7,16 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from insertion.colour.encoding import linear_to_srgb, luminance, srgb_to_linear
+from insertion.colour import linear_to_srgb, luminance, srgb_to_linear
 from insertion.composite import exposure_and_grain as match
-from insertion.composite import occlusion, receivers
+from insertion.composite import occlusion, shadow_receivers
 from insertion.composite.blur import BLUR_PX, REACH_PX, _direction, _with_widths, blur_layer, gradients
 from insertion.composite.compose import Joined, _covered_part, behind_each_other, compose
 from insertion.composite.exposure_and_grain import Look, Looks, grain
 from insertion.render.layers import ObjectLayers
 from insertion.render.renderer import ObjectImage
-from insertion.scene.cloud import Cloud, FrontPoints
 from insertion.scene.pixel_box import PixelBox
+from insertion.scene.point_cloud import Cloud, FrontPoints
 from tests.insertion.test_received import _view
 
 SHARP = np.eye(2) * BLUR_PX[0] ** 2
@@ -336,10 +336,10 @@ def test_a_matte_moves_to_the_edge_of_the_picture(shift: int) -> None:
 def test_values_are_smoothed_among_their_own_kind() -> None:
     values = np.where(np.arange(20) < 10, 1.0, 5.0)[None, :, None].repeat(20, axis=0).astype(np.float32)
     left = np.broadcast_to(np.arange(20) < 10, (20, 20))
-    spread = receivers._spread(values, left, 1.0, (40, 40))
+    spread = shadow_receivers._spread(values, left, 1.0, (40, 40))
     assert spread.shape == (40, 40, 1)
     assert spread[:, :24] == pytest.approx(1, abs=1e-4)
-    assert receivers._spread(values, ~left, 1.0, (40, 40))[:, 17:] == pytest.approx(5, abs=1e-3)
+    assert shadow_receivers._spread(values, ~left, 1.0, (40, 40))[:, 17:] == pytest.approx(5, abs=1e-3)
 
 
 def test_places_are_on_their_rays_and_depths_on_the_nearest_points() -> None:
@@ -347,10 +347,10 @@ def test_places_are_on_their_rays_and_depths_on_the_nearest_points() -> None:
     local = np.array([[0.2, -0.1, 2.0], [-0.4, 0.3, 3.0]])
     scene = (local - view.translation) @ view.rotation
     rays = (local[:, :2] / local[:, 2:]).astype(np.float32)
-    assert receivers._scene_places(view, rays, local[:, 2]) == pytest.approx(scene, rel=1e-5)
+    assert shadow_receivers._scene_places(view, rays, local[:, 2]) == pytest.approx(scene, rel=1e-5)
     where = np.ones((4, 10), bool)
     pixels = np.array([[0.5, 0.5], [0.5, 1.5], [1.5, 0.5], [9.5, 3.5]])
-    depths = receivers._nearest(where, pixels, np.array([1.0, 2.0, 4.0, 9.0]), 3.0).reshape(4, 10)
+    depths = shadow_receivers._nearest(where, pixels, np.array([1.0, 2.0, 4.0, 9.0]), 3.0).reshape(4, 10)
     assert depths[0, 0] == 2.0
     assert np.isnan(depths[0, 6])
     assert depths[0, 4] == 4.0  # the two others are beyond reach, and say nothing
@@ -364,7 +364,7 @@ def test_what_is_around_a_bare_place_may_be_nearer() -> None:
     pixels = np.column_stack([100 + np.tile(x, 2), 50 + np.repeat([3.0, 7.0], 20)])
     depths = np.where(pixels[:, 0] < 120, 1.5, 2.5)
     front = FrontPoints(np.arange(40), pixels, depths, True)
-    free = receivers._not_nearer(where, least, front, np.zeros(40, np.int32), box, 2)
+    free = shadow_receivers._not_nearer(where, least, front, np.zeros(40, np.int32), box, 2)
     assert not free[:, :7].any()
     assert free[:, 13:].all()
-    assert receivers._not_nearer(where, least, front, np.ones(40, np.int32), box, 2).all()
+    assert shadow_receivers._not_nearer(where, least, front, np.ones(40, np.int32), box, 2).all()

@@ -38,7 +38,7 @@ from insertion.light.lit_planes import (
     log_posterior,
 )
 from insertion.scene.occupancy import Occupancy
-from insertion.scene.patches import Patches
+from insertion.scene.plane_cells import Patches
 
 UP = np.array([0.0, 0.0, 1.0])
 DIAGONAL = 6.0

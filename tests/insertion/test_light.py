@@ -5,11 +5,11 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from insertion.light.environment import HEIGHT, WIDTH, Environment, LampSpots, map_directions, solid_angles
 from insertion.light.environment_estimate import WHITE_ALBEDO, _raise_top
+from insertion.light.environment_map import HEIGHT, WIDTH, Environment, LampSpots, map_directions, solid_angles
 from insertion.light.lamps_from_shading import Shading, fit_shading
-from insertion.light.soft_lights import environment_lights
-from insertion.scene.patches import Patches
+from insertion.light.light_samples import environment_lights
+from insertion.scene.plane_cells import Patches
 from metric_base.arrays import FloatArray
 
 UP = np.array([0.0, 0.0, 1.0])

@@ -5,11 +5,11 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from insertion.colour.encoding import srgb_to_linear
+from insertion.colour import srgb_to_linear
 from insertion.composite.blur import blur_layer, blur_of
 from insertion.composite.exposure_and_grain import Look, _blend, _gain, grain, look_of
-from insertion.scene.cloud import Cloud, FrontPoints
 from insertion.scene.pixel_box import PixelBox
+from insertion.scene.point_cloud import Cloud, FrontPoints
 
 SHAPE = (240, 320)
 NOTHING = FrontPoints(np.zeros(0, np.int64), np.zeros((0, 2)), np.zeros(0), False)

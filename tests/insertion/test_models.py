@@ -16,12 +16,12 @@ import pytest
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
-from insertion.models.gltf import read_model
-from insertion.models.model import Model
-from insertion.models.size import model_size
+from insertion.placement.model_size import model_size
 from metric_base.arrays import FloatArray
 from metric_base.errors import FieldError, InputError
 from models3d.gltf.document import GltfDocument, GltfWriter
+from models3d.gltf.model_reader import read_model
+from models3d.model import Model
 from tests.synthetic.insertions import write_glb
 from tests.synthetic.rooms.shapes import solid
 

@@ -11,14 +11,14 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from insertion.models.acting import acting
-from insertion.models.gltf import read_model
-from insertion.models.model import Model
-from insertion.placement.walk import path_of, walk_along
+from insertion.placement.path import path_of, walk_along
 from metric_base.errors import InputError
+from models3d.animation_playback import acting
 from models3d.gltf.animation import Channel
 from models3d.gltf.boxes import read_gltf
 from models3d.gltf.document import GltfWriter
+from models3d.gltf.model_reader import read_model
+from models3d.model import Model
 
 #: Two triangles: a foot at y = 0 .. 1 and a head at y = 2 .. 3.
 POINTS = np.array([[0, 0, 0], [0.5, 0, 0], [0, 1, 0], [0, 2, 0], [0.5, 2, 0], [0, 3, 0.0]])

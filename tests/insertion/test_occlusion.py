@@ -29,9 +29,9 @@ from insertion.footage.footage import Shot
 from insertion.render.layers import ObjectLayers
 from insertion.render.renderer import ObjectImage
 from insertion.scene.carried_masks import MaskCarrier, _carry
-from insertion.scene.cloud import Cloud, FrontPoints, front_points
 from insertion.scene.moving_masks import cloud_beside, moving_masks, points_beside, uprights
 from insertion.scene.pixel_box import PixelBox
+from insertion.scene.point_cloud import Cloud, FrontPoints, front_points
 
 BOX = PixelBox(0, 0, 160, 120)
 VIEW = View(

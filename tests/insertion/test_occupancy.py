@@ -6,9 +6,9 @@ import numpy as np
 import pytest
 from scipy.ndimage import distance_transform_edt
 
-from insertion.scene.cloud import Cloud
 from insertion.scene.occupancy import ABOVE, CELL, Occupancy, occupancy_of
-from insertion.scene.patches import Patches, _normals, _of_one_hue, _planes, plane_patches
+from insertion.scene.plane_cells import Patches, _normals, _of_one_hue, _planes, plane_patches
+from insertion.scene.point_cloud import Cloud
 from metric_base.arrays import BoolArray
 
 SIDE = 24

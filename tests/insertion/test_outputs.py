@@ -11,7 +11,7 @@ import pytest
 from insertion.composite.compose import Joined
 from insertion.exports.export_folder import LayerWriter
 from insertion.footage.footage import Shot
-from insertion.footage.picture_writer import picture_writer, preview_place
+from insertion.footage.image_writer import picture_writer, preview_place
 from insertion.render.layers import ObjectLayers
 from insertion.render.renderer import ObjectImage
 from insertion.scene.pixel_box import PixelBox

@@ -13,21 +13,21 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 import metric_tree
-from estimator.reconstructions.cameras import pixels_in_view
-from insertion.models.gltf import read_model
-from insertion.models.size import model_size
-from insertion.pipeline.objects import Placed, place_objects, space_for
-from insertion.pipeline.place_page import PlacePage
-from insertion.pipeline.prepared_scene import PreparedScene
-from insertion.pipeline.preview import write_preview
-from insertion.pipeline.request import ObjectRequest
+from estimator.projection.cameras import pixels_in_view
+from insertion.insertion_scene import PreparedScene
 from insertion.placement.free_space import candidates
-from insertion.placement.on_objects import instances_named
+from insertion.placement.model_size import model_size
+from insertion.placement.on_category import instances_named
 from insertion.placement.place import At, NoPlace
+from insertion.placement.placed_object import Placed, place_objects, space_for
+from insertion.placement.preview import write_preview
+from insertion.placement_page import PlacePage
+from insertion.request import ObjectRequest
 from metric_base.errors import InputError
 from metric_cli.insert_object.insert import parser
-from metric_cli.insert_object.scene_arguments import prepared_scene_of as stage_of_arguments
-from metric_cli.insert_object.scene_arguments import requests_of
+from metric_cli.insert_object.request import prepared_scene_of as stage_of_arguments
+from metric_cli.insert_object.request import requests_of
+from models3d.gltf.model_reader import read_model
 from tests.synthetic.insertions import RecordedRoom, in_unit, prepared_scene_of, video_room, write_glb
 from tests.synthetic.minitree import release
 from tests.synthetic.rooms.kinds import KINDS

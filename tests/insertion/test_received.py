@@ -8,16 +8,16 @@ import numpy as np
 import pytest
 
 from estimator.records.scene import Camera, View
-from insertion.composite.receivers import light_share, receivers_of
-from insertion.light.environment import HEIGHT, WIDTH, Environment, LampSpots
-from insertion.models.model import Material, Model, Part
+from insertion.composite.shadow_receivers import light_share, receivers_of
+from insertion.light.environment_map import HEIGHT, WIDTH, Environment, LampSpots
 from insertion.render.body import body_of
 from insertion.render.context import gl_context
 from insertion.render.layers import object_layers
 from insertion.render.renderer import ObjectRenderer
-from insertion.scene.cloud import FrontPoints
 from insertion.scene.pixel_box import PixelBox
+from insertion.scene.point_cloud import FrontPoints
 from metric_base.arrays import BoolArray, FloatArray
+from models3d.model import Material, Model, Part
 from tests.synthetic.rooms.shapes import solid
 
 SIZE = (320, 240)

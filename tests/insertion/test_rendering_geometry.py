@@ -10,9 +10,8 @@ import numpy as np
 import pytest
 
 from estimator.records.scene import Camera, View
-from insertion.light.environment import HEIGHT, WIDTH, Environment, map_directions
-from insertion.light.soft_lights import Lights
-from insertion.models.model import Material, Model, Part
+from insertion.light.environment_map import HEIGHT, WIDTH, Environment, map_directions
+from insertion.light.light_samples import Lights
 from insertion.render import changed_pixels as boxes
 from insertion.render import shadow_maps, studio
 from insertion.render.body import SPOTS, Body, BodyPart, _area, _mean_colour, _spread_over, body_of, with_bodies
@@ -23,6 +22,7 @@ from insertion.render.renderer import ObjectImage
 from insertion.render.shadow_maps import MAP_PIXELS, PlaneMap
 from insertion.scene.pixel_box import PixelBox
 from insertion.scene.rays import camera_rays, normalized_pixels, pixel_grid, ray_through
+from models3d.model import Material, Model, Part
 from tests.insertion.test_received import _view
 
 CAMERA = Camera("PINHOLE", 320, 240, np.array([280.0, 300.0, 150.0, 130.0]))

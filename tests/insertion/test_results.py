@@ -10,7 +10,7 @@ from pathlib import Path
 import pytest
 
 from estimator.outputs.rescaled import write_scaled
-from estimator.scene_reading import read_instances, read_scene
+from estimator.reconstructions.scene_reader import read_instances, read_scene
 from insertion.insert import open_prepared_scene
 from insertion.scene.scale import read_scale
 from metric_base.errors import InputError

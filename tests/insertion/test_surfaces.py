@@ -12,15 +12,16 @@ from estimator.geometry.planes import SupportPlane
 from estimator.geometry.up import Up
 from estimator.records.scene import Instance, Scene, View
 from insertion.light.open_air import shown_empty
-from insertion.placement import free_space, locate, on_objects, surface
+from insertion.placement import at_pixel, free_space, on_category
 from insertion.placement.free_space import Space
 from insertion.placement.heading import heading, turn_about
 from insertion.placement.place import NoPlace, Place
-from insertion.placement.surface import Supports, Surface
+from insertion.scene import supports as surface
 from insertion.scene.carried_masks import MaskCarrier, _carry, _inverse_depth, _move_outline
-from insertion.scene.cloud import Cloud, FrontPoints, coloured_cloud, even_rows
 from insertion.scene.moving_masks import Upright, points_beside
 from insertion.scene.pixel_box import PixelBox, labels_in_box, mask_in_box
+from insertion.scene.point_cloud import Cloud, FrontPoints, coloured_cloud, even_rows
+from insertion.scene.supports import Supports, Surface
 from metric_base.arrays import FloatArray
 from tests.insertion.test_bare_surface import CAMERA, EYE, FOCAL, HEIGHT, ROTATION, VIEW, WIDTH
 
@@ -152,18 +153,18 @@ def test_a_ray_meets_planes_from_above_where_they_were_seen() -> None:
     solid = np.ones((10, 10), bool)
     space = _space(np.empty((0, 3)), _surface(solid, height=1.0), _surface(solid, height=5.0))
     down = np.array([0.1, 0.0, -1.0])
-    assert locate._hit(space, 0, VIEW, down) == pytest.approx((2.0, 0))
-    assert locate._hit(space, 1, VIEW, down) is None
-    assert locate._hit(space, 0, VIEW, np.array([1.0, 0, -1.0])) is None
-    assert locate._hit(space, 0, VIEW, -down) is None
+    assert at_pixel._hit(space, 0, VIEW, down) == pytest.approx((2.0, 0))
+    assert at_pixel._hit(space, 1, VIEW, down) is None
+    assert at_pixel._hit(space, 0, VIEW, np.array([1.0, 0, -1.0])) is None
+    assert at_pixel._hit(space, 0, VIEW, -down) is None
     points = np.array([[0, 0, 1.0], [0, 0, 1.02], [0, 0, 1.2], [0, 0, 1.03]])
-    assert locate._share_on(space, 0, points, 2.0) == 0.5
-    assert locate._flush(space, 0, points + 1.0, 2.0)
-    assert locate._flush(space, 0, points, 2.0)
+    assert at_pixel._share_on(space, 0, points, 2.0) == 0.5
+    assert at_pixel._flush(space, 0, points + 1.0, 2.0)
+    assert at_pixel._flush(space, 0, points, 2.0)
     with_rough = replace(space.supports.surfaces[0], plane=replace(_plane(1.0), sigma=0.05))
     rough = _space(np.empty((0, 3)), with_rough)
-    assert not locate._flush(rough, 0, points + np.array([0, 0, 0.06]), 2.0)
-    assert locate._share_on(rough, 0, points, 2.0) == 0.75
+    assert not at_pixel._flush(rough, 0, points + np.array([0, 0, 0.06]), 2.0)
+    assert at_pixel._share_on(rough, 0, points, 2.0) == 0.75
 
 
 def test_a_place_on_a_plane_is_counted_from_its_middle() -> None:
@@ -171,43 +172,43 @@ def test_a_place_on_a_plane_is_counted_from_its_middle() -> None:
     solid[10:, :] = True  # x from 0 to 1, middle 0.5
     one = _surface(solid, height=0.7)
     space = _space(np.empty((0, 3)), one)
-    place = locate.place_on_plane(space, 0, np.array([0.3, -0.2]), EYE)
+    place = at_pixel.place_on_plane(space, 0, np.array([0.3, -0.2]), EYE)
     assert place.position == pytest.approx([0.8, -0.2, 0.7])
     assert (place.support, place.plane) == ("plane 0", 0)
-    assert locate.plane_coordinates(space, place) == pytest.approx([0.3, -0.2])
-    assert locate.plane_point(one, np.zeros(2)) == pytest.approx([0.5, 0.0, 0.7])
+    assert at_pixel.plane_coordinates(space, place) == pytest.approx([0.3, -0.2])
+    assert at_pixel.plane_point(one, np.zeros(2)) == pytest.approx([0.5, 0.0, 0.7])
     for number, at, words in (
         (1, [0, 0], "expected 0 to 0"),
         (-1, [0, 0], "found -1"),
         (0, [-1, 0], "beside what was seen"),
     ):
         with pytest.raises(NoPlace, match=words):
-            locate.place_on_plane(space, number, np.array(at, dtype=float), EYE)
-    assert locate.level_point(place, VIEW, WIDTH / 2 + 50, HEIGHT / 2 + 100) == pytest.approx([0.23, -0.46, 0.7])
+            at_pixel.place_on_plane(space, number, np.array(at, dtype=float), EYE)
+    assert at_pixel.level_point(place, VIEW, WIDTH / 2 + 50, HEIGHT / 2 + 100) == pytest.approx([0.23, -0.46, 0.7])
     level = replace(VIEW, rotation=np.array([[1.0, 0, 0], [0, 0, -1], [0, 1, 0]]))
     with pytest.raises(NoPlace, match="that show the surface"):
-        locate.level_point(place, level, WIDTH / 2, HEIGHT / 2)
+        at_pixel.level_point(place, level, WIDTH / 2, HEIGHT / 2)
 
 
 def test_points_around_a_click_are_those_of_the_front() -> None:
     points = np.array([[0, 0, 1.0], [0.02, 0, 1.0], [0, 0.01, 1.05], [0, 0, 0.0], [0.5, 0, 1.0]])
     cloud = Cloud(points, np.zeros((5, 3), np.float32), True)
-    near, depths = locate._near(cloud, VIEW, WIDTH / 2, HEIGHT / 2)
+    near, depths = at_pixel._near(cloud, VIEW, WIDTH / 2, HEIGHT / 2)
     assert sorted(map(tuple, near.tolist())) == sorted(map(tuple, points[:3].tolist()))
     assert np.sort(depths) == pytest.approx([1.95, 2.0, 2.0])
-    assert len(locate._near(cloud, VIEW, 10, 10)[0]) == 0
+    assert len(at_pixel._near(cloud, VIEW, 10, 10)[0]) == 0
 
 
 def test_a_level_patch_is_the_top_of_a_box_and_a_slope_is_none() -> None:
     top = _grid((-0.1, -0.1), (0.1, 0.1), 0.8, 0.02)
     space = _space(top)
     ray = np.array([0.0, 0.0, -1.0])
-    place = locate._level_patch(space, VIEW, WIDTH / 2, HEIGHT / 2, ray)
+    place = at_pixel._level_patch(space, VIEW, WIDTH / 2, HEIGHT / 2, ray)
     assert place.position == pytest.approx([0, 0, 0.8])
     assert (place.support, place.plane) == ("level patch", None)
     slope = _space(np.column_stack([top[:, :2], 0.8 + top[:, 0]]))
     with pytest.raises(NoPlace, match="is not level"):
-        locate._level_patch(slope, VIEW, WIDTH / 2, HEIGHT / 2, ray)
+        at_pixel._level_patch(slope, VIEW, WIDTH / 2, HEIGHT / 2, ray)
 
 
 def test_views_that_see_an_object_well_are_counted() -> None:
@@ -257,7 +258,7 @@ def test_free_places_are_in_the_open_and_apart() -> None:
 
 def test_a_top_is_within_the_outline_of_its_points() -> None:
     one = _surface(np.ones((20, 20), bool))
-    mask = on_objects._mask_of(one, np.array([[-0.5, -0.3], [0.5, -0.3], [0.5, 0.3], [-0.5, 0.3]]))
+    mask = on_category._mask_of(one, np.array([[-0.5, -0.3], [0.5, -0.3], [0.5, 0.3], [-0.5, 0.3]]))
     rows, columns = np.nonzero(mask)
     assert (rows.min(), rows.max(), columns.min(), columns.max()) == (5, 15, 7, 13)
     assert mask.sum() == 11 * 7
@@ -269,10 +270,10 @@ def _item(view: int, origin: tuple[int, int], shape: tuple[int, int], name: str 
 
 def test_points_of_an_object_are_in_most_of_its_masks() -> None:
     sight = FrontPoints(np.array([7, 8, 9]), np.array([[10.5, 10.5], [12.0, 10.0], [5.0, 11.0]]), np.ones(3), True)
-    assert on_objects._rows_in(_item(0, (10, 10), (2, 2)), sight).tolist() == [7]
+    assert on_category._rows_in(_item(0, (10, 10), (2, 2)), sight).tolist() == [7]
     seen = {k: replace(sight, rows=np.arange(4)) for k in range(3)}
     parts = [(0, np.array([0, 1, 2])), (1, np.array([0, 1])), (2, np.array([0]))]
-    assert on_objects._own_points(parts, seen, 5).tolist() == [True, True, False, False, False]
+    assert on_category._own_points(parts, seen, 5).tolist() == [True, True, False, False, False]
     box = _grid((-0.3, -0.3), (0.3, 0.3), 0.5, 0.05)
     other = _grid((0.8, -0.3), (1.4, 0.3), 0.5, 0.05)
     views = (VIEW, replace(VIEW, name="1", translation=-ROTATION @ np.array([0.2, 0, 3.0])))
@@ -284,9 +285,9 @@ def test_points_of_an_object_are_in_most_of_its_masks() -> None:
         return _item(view, (columns[0], 170), (140, columns[1] - columns[0]))
 
     items = [mask(v, low, high) for v in (0, 1) for low, high in ((-0.33, 0.31), (0.77, 1.41))]
-    objects = on_objects._points_of_objects(space, items)
+    objects = on_category._points_of_objects(space, items)
     assert [len(points) for points in objects] == [len(box), len(other)]
-    level = on_objects._own_level(space, np.concatenate([box, box - [0, 0, 0.3]]))
+    level = on_category._own_level(space, np.concatenate([box, box - [0, 0, 0.3]]))
     assert level is not None
     assert level[0].plane.height == pytest.approx(0.5, abs=0.01)
     assert level[1].any()

@@ -11,15 +11,15 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from estimator.reconstructions.cameras import pixels_in_view
+from estimator.projection.cameras import pixels_in_view
 from estimator.records.scene import Instance
-from insertion.pipeline.frames import insert_objects, single_pictures
-from insertion.pipeline.objects import Placed, place_objects, space_for
-from insertion.pipeline.prepared_scene import PreparedScene
-from insertion.pipeline.request import ObjectRequest
-from insertion.pipeline.result import InsertionResult
-from insertion.placement.locate import plane_coordinates
+from insertion.composite.compositor import insert_objects, single_pictures
+from insertion.insertion_scene import PreparedScene
+from insertion.placement.at_pixel import plane_coordinates
 from insertion.placement.place import At
+from insertion.placement.placed_object import Placed, place_objects, space_for
+from insertion.request import ObjectRequest
+from insertion.result import InsertionResult
 from tests.synthetic.insertions import RecordedRoom, added, in_unit, prepared_scene_of, video_room, write_glb
 from tests.synthetic.rooms.render import Renderer
 from tests.synthetic.rooms.shapes import solid

@@ -9,8 +9,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from estimator.capture.frame_poses import FILE_NAME, FramePose, FramePoses, write_frame_poses
-from estimator.capture.video import Video
+from capture.frame_poses import FILE_NAME, FramePose, FramePoses, write_frame_poses
+from capture.sources.video import Video
 from estimator.records.scene import Camera
 from metric_cli.insert_object.insert import main
 from tests.synthetic.insertions import write_glb

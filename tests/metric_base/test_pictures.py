@@ -13,7 +13,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from metric_base.pictures import decode_picture, read_picture
+from metric_base.images import decode_picture, read_picture
 
 
 def bomb(width: int, height: int) -> bytes:

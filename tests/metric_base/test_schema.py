@@ -6,7 +6,7 @@ from pathlib import Path
 
 import msgspec
 
-from metric_base.schema import json_lines
+from metric_base.records import json_lines
 
 
 class _Row(msgspec.Struct):

@@ -10,10 +10,10 @@ from functools import partial
 
 import pytest
 
-import metric_cli.verbs.build as command
+import metric_cli.subcommands.data.build as command
 from crawler.imports.sources import declared_sources as declared
-from metric_cli.verbs import main
-from metric_tree.build.steps import build_release
+from metric_cli.subcommands import main
+from metric_tree.pipeline.build import build_release
 from tests.synthetic.raw_fixture import SOURCES, synthetic_items, written
 from tests.synthetic.small_taxonomy import small_taxonomy
 

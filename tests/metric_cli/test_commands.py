@@ -8,8 +8,8 @@ from typing import Any
 
 import pytest
 
-from metric_cli.terminal import exit_status, print_table
-from metric_cli.verbs import VERBS, main, parser_of
+from metric_cli.subcommands import VERBS, main, parser_of
+from metric_cli.tables import exit_status, print_table
 from metric_tree.release_folders import PATH_VARIABLE
 from metric_tree.tree import Tree
 from tests.synthetic import minitree
@@ -89,7 +89,7 @@ def test_a_reader_that_leaves_a_pipe_is_no_error(mini: Tree) -> None:
     read, write = os.pipe()
     os.close(read)
     words = ["query", "chair", "--tree", str(mini.release.directory)]
-    code = f"from metric_cli.verbs import main; raise SystemExit(main({words!r}))"
+    code = f"from metric_cli.subcommands import main; raise SystemExit(main({words!r}))"
     done = subprocess.run([sys.executable, "-c", code], stdout=write, stderr=subprocess.PIPE, text=True, check=False)
     os.close(write)
     assert (done.returncode, done.stderr) == (0, "")

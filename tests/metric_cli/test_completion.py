@@ -9,7 +9,7 @@ import pytest
 
 from metric_cli.estimate_scale.estimate import main as estimate_scale
 from metric_cli.insert_object.insert import main as insert_object
-from metric_cli.verbs import VERBS, main
+from metric_cli.subcommands import VERBS, main
 
 
 @pytest.fixture(scope="module")

@@ -6,7 +6,7 @@ from typing import Any
 import pytest
 
 from crawler.items import RawItem
-from metric_cli.verbs import main
+from metric_cli.subcommands import main
 from metric_tree.tree import Tree
 from taxonomy.wordnet import NoWordNet, default_wordnet
 from tests.synthetic.skips import skip_without

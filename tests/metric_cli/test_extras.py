@@ -12,8 +12,8 @@ from pathlib import Path
 
 import pytest
 
-from metric_cli.extras import MODULES_BY_EXTRA, missing_extra
-from metric_cli.terminal import exit_status
+from metric_cli.errors import MODULES_BY_EXTRA, missing_extra
+from metric_cli.tables import exit_status
 
 ROOT = Path(__file__).resolve().parents[2]
 PACKAGES = [path.parent.name for path in sorted(ROOT.glob("*/py.typed"))]
@@ -103,7 +103,7 @@ def test_a_query_without_any_extra(tmp_path: Path) -> None:
 import sys
 for name in {hidden!r}:
     sys.modules[name] = None
-from metric_cli.verbs import main
+from metric_cli.subcommands import main
 from metric_cli.estimate_scale.estimate import main as estimate
 assert main(["query", "chair", "--images", "2"]) == 0
 assert estimate(["--objects", {str(tmp_path / "objects.json")!r}]) == 0

@@ -13,9 +13,9 @@ from insertion.study.answers import read_answers
 from insertion.study.page import ANSWERS_SCHEMA
 from metric_base.errors import InputError
 from metric_cli.insert_object.study import _page_parser
-from metric_cli.verbs.build import add_arguments
+from metric_cli.subcommands.data.build import add_arguments
 from metric_tree.cutouts.guides import guides
-from taxonomy.matching.source_reading import Reading
+from taxonomy.matching.readings import Reading
 
 
 def test_the_reason_of_a_declaration_and_the_domain_of_a_reading() -> None:

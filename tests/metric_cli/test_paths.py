@@ -25,7 +25,7 @@ from metric_base.outputs import is_own_output, set_rules
 from metric_cli.arguments import OutputFile, arguments_of, check_paths, input_path, new_folder, output_folder
 from metric_cli.estimate_scale import parser as estimate_scale
 from metric_cli.insert_object import insert, study
-from metric_cli.verbs import VERBS, parser_of
+from metric_cli.subcommands import VERBS, parser_of
 from tests.synthetic import minitree
 from tests.synthetic.raw_fixture import synthetic_items, written
 from tests.synthetic.small_scene import write_small_scene
@@ -93,11 +93,11 @@ TRIED: Counter[str] = Counter()
 
 def _command(name: str) -> Callable[[list[str]], int]:
     from metric_cli.estimate_scale.estimate import main as estimate_main
-    from metric_cli.verbs import main as tree_main
+    from metric_cli.subcommands import main as tree_main
 
     program, *verb = name.split()
     if verb == ["crawl"]:  # a reactor runs once in a process
-        code = "import sys; from metric_cli.verbs import main; sys.exit(main(sys.argv[1:]))"
+        code = "import sys; from metric_cli.subcommands import main; sys.exit(main(sys.argv[1:]))"
         return lambda words: subprocess.run([sys.executable, "-c", code, *verb, *words], check=False).returncode
     main = {"estimate-scale": estimate_main, "insert-object": insert.main, "metric-tree": tree_main}[program]
     return lambda words: main([*verb, *words])
@@ -306,7 +306,7 @@ def test_a_stamped_video_is_ours_and_plays(tmp_path: Path, suffix: str) -> None:
 
 
 def test_a_stamped_model_is_ours_and_the_same_model(tmp_path: Path) -> None:
-    from insertion.models.gltf import read_model
+    from models3d.gltf.model_reader import read_model
 
     source = Path(__file__).resolve().parents[2] / "data" / "models" / "rocking_horse.glb"
     file = tmp_path / "out.glb"

@@ -14,8 +14,8 @@ from PIL import Image
 
 from crawler.items import RawItem
 from insertion.render.studio import AZIMUTHS_DEG, ELEVATION_DEG, _crop
-from metric_cli.verbs import main
-from metric_tree.pictures import collect_pictures, picture_files
+from metric_cli.subcommands import main
+from metric_tree.release.images import collect_pictures, picture_files
 
 LENGTH, WIDTH, HEIGHT = 1.0, 0.4, 0.7
 ITEM = RawItem(source="open_models", source_id="box.glb", title="box", url="https://example.org/box", licence="CC0-1.0")
@@ -76,9 +76,9 @@ def test_a_folder_without_models_is_one_line(folder: Path, capsys: pytest.Captur
 
 def test_wild_texture_coordinates_take_no_minutes() -> None:
     """Coordinates of one axis that run over hundreds of repeats: an anisotropic filter hangs on them in llvmpipe."""
-    from insertion.models.model import Material, Model, Part
     from insertion.render.context import gl_context
     from insertion.render.studio import studio_views
+    from models3d.model import Material, Model, Part
 
     box = trimesh.creation.box((1, 1, 1))
     wild = np.column_stack([np.zeros(8), np.random.default_rng(0).uniform(-15, 275, 8)])
@@ -104,9 +104,9 @@ def test_a_crop_ends_with_the_last_pixel_that_is_not_clear(last: int) -> None:
 
 def test_glass_is_drawn_once_over_what_is_solid() -> None:
     """A solid cube in a clear one of half alpha: where one looks past the solid, through a near side and a far one."""
-    from insertion.models.model import Material, Model, Part
     from insertion.render.context import gl_context
     from insertion.render.studio import studio_views
+    from models3d.model import Material, Model, Part
 
     def cube(side: float, material: Material) -> Part:
         box = trimesh.creation.box((side, side, side))

@@ -15,8 +15,8 @@ from hypothesis import assume, given
 from hypothesis import strategies as st
 
 from metric_base.escaping import visible, visible_json
-from metric_cli import programs, terminal
-from metric_cli.terminal import exit_status, print_table, warn
+from metric_cli import programs, tables
+from metric_cli.tables import exit_status, print_table, warn
 
 HIDDEN = ["\x1b", "\x07", "\x7f", "\x9b", "\u202e", "\u2066", "\u200f", "\ud800", "\U000e0041", "\r", "\n"]
 
@@ -61,14 +61,14 @@ def test_a_table_is_as_wide_as_columns_says(
 def test_a_table_of_plain_words_is_as_rich_draws_it(lines: list[list[str]]) -> None:
     assume(all(map(any, zip(*lines, strict=True))))  # a column of nothing is as wide as rich likes
     head = [column.replace("[", "(") for column in lines[0]]  # rich reads markup in the names of columns
-    plain = terminal.table_text(head, lines[1:], 200)
+    plain = tables.table_text(head, lines[1:], 200)
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(terminal, "_is_one_wide", lambda _: False)
-        assert terminal.table_text(head, lines[1:], 200) == plain
+        patch.setattr(tables, "_is_one_wide", lambda _: False)
+        assert tables.table_text(head, lines[1:], 200) == plain
 
 
 def _program(body: str) -> list[str]:
-    return [sys.executable, "-c", f"import sys\nfrom metric_cli.terminal import *\n{body}"]
+    return [sys.executable, "-c", f"import sys\nfrom metric_cli.tables import *\n{body}"]
 
 
 def _run(body: str, **options: object) -> subprocess.CompletedProcess[bytes]:

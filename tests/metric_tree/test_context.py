@@ -11,7 +11,7 @@ from hypothesis import strategies as st
 
 import metric_tree
 from metric_base.errors import InputError
-from metric_base.world_regions import COUNTRIES, REGIONS, country_of, region_of
+from metric_base.regions import COUNTRIES, REGIONS, country_of, region_of
 from metric_tree.context import Context, ContextModel, Where, context_effect, where_of
 from metric_tree.prior import Prior
 

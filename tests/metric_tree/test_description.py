@@ -7,7 +7,7 @@ import pytest
 
 import metric_tree
 from metric_base.errors import InputError
-from metric_tree.description import everyday_sentence, is_mixed, item_quantiles, node_sentence, shipped_evidence
+from metric_tree.reports.description import everyday_sentence, is_mixed, item_quantiles, node_sentence, shipped_evidence
 from metric_tree.tree import Tree
 
 

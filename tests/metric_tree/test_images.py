@@ -7,14 +7,14 @@ from functools import partial
 
 import pytest
 
-import metric_cli.verbs.build as command
+import metric_cli.subcommands.data.build as command
 import metric_tree
-from crawler.fetch.pictures import picture
-from metric_cli.verbs import main
-from metric_tree.build.ingest import raw_files
-from metric_tree.build.steps import PRIVATE_LICENCE, build_release
+from crawler.fetch.item_images import picture
+from metric_cli.subcommands import main
 from metric_tree.checks.release_files import findings
-from metric_tree.pictures import image_path, picture_files
+from metric_tree.pipeline.build import PRIVATE_LICENCE, build_release
+from metric_tree.pipeline.ingest import raw_files
+from metric_tree.release.images import image_path, picture_files
 from tests.synthetic.picture_fixture import shop_picture
 from tests.synthetic.raw_fixture import SOURCES, synthetic_items, written
 from tests.synthetic.small_taxonomy import small_taxonomy

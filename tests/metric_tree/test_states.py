@@ -7,9 +7,9 @@ import pytest
 
 from metric_base.errors import InputError
 from metric_tree.build.companions import height_records
+from metric_tree.curated.sizes import curated_heights
 from metric_tree.states import state_priors
 from metric_tree.tree import open_tree
-from taxonomy.curated_sizes import curated_heights
 
 SIZE_MM = {"length": 490, "width": 90, "height": 900}
 FOLDED = {"state": "folded", "size_mm": SIZE_MM, "sd_log": dict.fromkeys(SIZE_MM, 0.2)}

@@ -5,8 +5,8 @@ from pathlib import Path
 
 import pytest
 
-from metric_tree import schema
-from metric_tree.release import MANIFEST, BadRelease, open_release
+from metric_tree.release import schema
+from metric_tree.release.release import MANIFEST, BadRelease, open_release
 from metric_tree.tree import open_tree
 from tests.synthetic import minitree
 

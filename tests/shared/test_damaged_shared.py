@@ -11,8 +11,8 @@ import numpy as np
 import pytest
 
 from estimator.instances.label_images import read_label_images
-from estimator.reconstructions.truth import read_truth
-from estimator.scene_reading import read_scene
+from estimator.outputs.ground_truth import read_truth
+from estimator.reconstructions.scene_reader import read_scene
 from metric_base.errors import InputError
 from metric_cli.estimate_scale.estimate import main
 

@@ -7,13 +7,13 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from estimator.reconstructions.cameras import pixels_in_view
-from estimator.scene_reading import read_instances, read_scene
+from estimator.projection.cameras import pixels_in_view
+from estimator.reconstructions.scene_reader import read_instances, read_scene
 from insertion.footage.footage import PictureFootage, Stills
-from insertion.pipeline.objects import place_objects
-from insertion.pipeline.prepared_scene import prepare_scene
-from insertion.pipeline.request import ObjectRequest
+from insertion.insertion_scene import prepare_scene
 from insertion.placement.place import At
+from insertion.placement.placed_object import place_objects
+from insertion.request import ObjectRequest
 from insertion.scene.scale import ScaleUsed
 from tests.synthetic.insertions import write_glb
 from tests.synthetic.rooms.shapes import solid

@@ -9,7 +9,7 @@ from typing import Any
 import pytest
 
 from crawler.page.page import saved_page
-from crawler.sites import item_of
+from crawler.sites.registry import item_of
 
 FOLDER = Path(__file__).resolve().parents[3] / "shared" / "data" / "pages"
 PAGES = json.loads((FOLDER / "truth.json").read_text())["pages"] if FOLDER.is_dir() else [None]

@@ -12,8 +12,8 @@ from sklearn.metrics import adjusted_rand_score
 
 from estimator.geometry.measurement import PAPER, MeasurementOptions, Measurements
 from estimator.pipeline import measure_objects
+from estimator.reconstructions.scene_reader import read_instances, read_scene
 from estimator.records.scene import Instance
-from estimator.scene_reading import read_instances, read_scene
 
 pytestmark = pytest.mark.shared
 

@@ -11,8 +11,8 @@ import pytest
 from pycocotools import mask as coco
 
 from estimator.outputs.rescaled import write_scaled
-from estimator.reconstructions.cameras import pixels_in_view
-from estimator.scene_reading import read_instances, read_instances_and_warnings, read_scene
+from estimator.projection.cameras import pixels_in_view
+from estimator.reconstructions.scene_reader import read_instances, read_instances_and_warnings, read_scene
 
 pytestmark = pytest.mark.shared
 

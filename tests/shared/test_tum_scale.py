@@ -12,7 +12,7 @@ from typing import Any
 
 import pytest
 
-from estimator.scene_reading import read_scene
+from estimator.reconstructions.scene_reader import read_scene
 from metric_cli.estimate_scale.estimate import main
 from metric_tree.release_folders import releases
 from tests.synthetic.exports import write_export

@@ -5,7 +5,7 @@ from __future__ import annotations
 import sys
 from typing import Any
 
-from estimator.capture.mapping.colmap_worker import Request, run_step
+from capture.mapping.colmap_worker import Request, run_step
 
 
 def busy(request: Request) -> dict[str, Any]:

@@ -8,11 +8,11 @@ import numpy as np
 
 from estimator.geometry.measurement import Measurements
 from estimator.geometry.up import Up
+from estimator.reconstructions.scene_reader import read_instances, read_scene
 from estimator.records.curve import Curve, Mode
 from estimator.records.measured_object import Box, MeasuredObject
 from estimator.records.result import Interval, ObjectReport, ScaleResult, UpReport, Verdict
 from estimator.results.scene_estimate import SceneEstimate
-from estimator.scene_reading import read_instances, read_scene
 
 __all__ = ["SCALE", "drawn_estimate"]
 

@@ -20,7 +20,7 @@ from estimator.evidence.metric_depth import MetricDepth
 from estimator.evidence.rig_baseline import RigBaseline
 from estimator.evidence.source import EvidenceSource
 from estimator.geometry.measurement import Measurements
-from estimator.reconstructions.cameras import pixels_in_view
+from estimator.projection.cameras import pixels_in_view
 from estimator.records.measured_object import MeasuredObject
 from estimator.records.scale_evidence import ScaleEvidence
 from estimator.records.scene import Scene

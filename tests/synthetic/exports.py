@@ -10,7 +10,7 @@ import cv2
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from estimator.reconstructions.cameras import project
+from estimator.projection.cameras import project
 from estimator.records.scene import Scene, View
 
 __all__ = ["EXPORTS", "OBSERVED", "largest_difference", "write_export", "write_points"]

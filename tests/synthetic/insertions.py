@@ -9,7 +9,7 @@ import numpy as np
 
 from estimator.records.scene import DenseCloud, Instance, Scene
 from insertion.footage.footage import PictureFootage, Stills
-from insertion.pipeline.prepared_scene import PreparedScene, prepare_scene
+from insertion.insertion_scene import PreparedScene, prepare_scene
 from insertion.scene.scale import ScaleUsed
 from metric_base.arrays import FloatArray
 from tests.synthetic.rooms.furnish import furnished_room, turn_about_z

@@ -6,8 +6,8 @@ import os
 import signal
 import time
 
-from metric_cli.terminal import exit_status
-from metric_cli.verbs.build import executor_of
+from metric_cli.subcommands.data.build import executor_of
+from metric_cli.tables import exit_status
 
 
 def run() -> int:

@@ -9,8 +9,8 @@ from typing import Any
 import numpy as np
 import pyarrow as pa
 
-from metric_tree.release import Release, publish_release
-from metric_tree.schema import TABLES
+from metric_tree.release.release import Release, publish_release
+from metric_tree.release.schema import TABLES
 
 __all__ = ["Rows", "release", "rows"]
 

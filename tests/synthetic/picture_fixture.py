@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 from PIL import Image
 
-from metric_tree.release import Release
+from metric_tree.release.release import Release
 from tests.synthetic import minitree
 from tests.synthetic.hostile_pictures import HOSTILE as MAKERS
 from tests.synthetic.hostile_pictures import encoded, shop_picture

@@ -7,8 +7,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from crawler.items import RawItem
-from taxonomy.catalogue import default_catalogue
-from taxonomy.curated_sizes import (
+from metric_tree.curated.sizes import (
     BadRange,
     blind_ranges,
     curated_heights,
@@ -18,6 +17,7 @@ from taxonomy.curated_sizes import (
     norm_items,
     norms,
 )
+from taxonomy.catalogue import default_catalogue
 
 HEADER = (
     "node_id,length_low,length_typical,length_high,width_low,width_typical,width_high,"

@@ -5,7 +5,7 @@ from __future__ import annotations
 from hypothesis import example, given
 from hypothesis import strategies as st
 
-from taxonomy.naming.nodes import EACH_SENSE_BEFORE, LEAST_SHARE, USED_MOST, _astray, _sense_score
+from taxonomy.naming.names import EACH_SENSE_BEFORE, LEAST_SHARE, USED_MOST, _astray, _sense_score
 from taxonomy.words.senses import LABEL_WEIGHT, LABEL_WEIGHT_ELSEWHERE, Sense, label_votes
 from taxonomy.words.spelling import one_edit
 

@@ -8,8 +8,8 @@ from pathlib import Path
 
 import numpy as np
 
+from capture.dense.fusion import make_dense_cloud
 from estimator.capture.dense.cuda import PYCOLMAP, patch_match_engine
-from estimator.capture.dense.dense_cloud import make_dense_cloud
 from estimator.capture.mapping.worker import WorkerError, run_worker
 from estimator.reconstructions.colmap import read_colmap
 from estimator.reconstructions.ply import read_visibility, visibility_bytes
@@ -18,7 +18,7 @@ from metric_base.progress import NoticeCallback, ProgressCallback, no_notice, si
 __all__ = ["make_dense_points"]
 
 
-WORKER = "estimator.capture.dense.patch_match_worker"
+WORKER = "capture.dense.patch_match_worker"
 THREADS = 2
 
 

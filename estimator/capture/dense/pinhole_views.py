@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from estimator.reconstructions.cameras import project
+from estimator.projection.cameras import project
 from estimator.records.scene import View
 from metric_base.arrays import FloatArray
 from metric_base.errors import InputError, Unquoted

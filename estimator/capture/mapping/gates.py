@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 
-from estimator.capture.mapping.evidence import CaptureEvidence, ModelShape
+from capture.mapping.model_metrics import CaptureEvidence, ModelShape
 from estimator.capture.mapping.failures import Failure, failure
 
 __all__ = [

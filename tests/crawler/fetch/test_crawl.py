@@ -22,7 +22,7 @@ ROOT = Path(__file__).resolve().parents[3]
 
 
 def command(site: SyntheticSite, out: Path, *words: str) -> list[str]:
-    code = "from metric_cli.verbs import main; raise SystemExit(main())"
+    code = "from metric_cli.subcommands import main; raise SystemExit(main())"
     fixed = [
         "crawl",
         "generic",

@@ -20,9 +20,9 @@ from scrapy import Request
 from scrapy.http import Response
 
 from crawler.fetch.frontier import OFF_SITE, PRIVATE
-from crawler.fetch.frontier_sqlite import stored_counts
-from crawler.fetch.manners import BanMiddleware
-from metric_cli.verbs import main
+from crawler.fetch.settings import BanMiddleware
+from crawler.fetch.sqlite_frontier import stored_counts
+from metric_cli.subcommands import main
 from tests.synthetic.synthetic_site import Shop, SyntheticSite
 
 ROOT = Path(__file__).resolve().parents[3]
@@ -30,7 +30,7 @@ CONTACT = ("--contact", "tests@example.org", "--delay", "0", "--json")
 
 
 def words(spider: str, out: Path, *more: str) -> list[str]:
-    code = "from metric_cli.verbs import main; raise SystemExit(main())"
+    code = "from metric_cli.subcommands import main; raise SystemExit(main())"
     return [sys.executable, "-c", code, "crawl", spider, "--out", str(out), *CONTACT, *more]
 
 

@@ -8,9 +8,9 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from crawler.fetch.frontier import OFF_SITE, PRIVATE, Outcome, Task, task_key
-from crawler.fetch.frontier_redis import NoRedis, RedisFrontier
-from crawler.fetch.frontier_sqlite import SqliteFrontier
+from crawler.fetch.redis_frontier import NoRedis, RedisFrontier
 from crawler.fetch.segments import SEGMENT_ITEMS, last_written, write_segments
+from crawler.fetch.sqlite_frontier import SqliteFrontier
 
 
 def _item(number: int) -> tuple[str, str]:

@@ -16,8 +16,8 @@ from hypothesis import strategies as st
 from hypothesis.stateful import RuleBasedStateMachine, invariant, precondition, rule, run_state_machine_as_test
 
 from crawler.fetch.frontier import Outcome, Task, task_key
-from crawler.fetch.frontier_redis import RedisFrontier
-from crawler.fetch.frontier_sqlite import SqliteFrontier
+from crawler.fetch.redis_frontier import RedisFrontier
+from crawler.fetch.sqlite_frontier import SqliteFrontier
 from tests.crawler.conftest import RedisServer
 
 NUMBERS = st.integers(0, 12)

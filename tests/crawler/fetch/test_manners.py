@@ -14,7 +14,7 @@ from twisted.web._newclient import Request
 from twisted.web.http_headers import Headers
 
 from crawler.fetch.header_limit import HEADER_BYTES, HeaderLimitFactory
-from crawler.fetch.manners import ROBOTS_BYTES, BoundedRobotParser, _retry_after, settings
+from crawler.fetch.settings import ROBOTS_BYTES, BoundedRobotParser, _retry_after, settings
 
 
 @pytest.mark.parametrize(

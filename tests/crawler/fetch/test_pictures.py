@@ -10,7 +10,7 @@ from scrapy import Request
 from scrapy.http import HtmlResponse
 
 from crawler.fetch.crawl import spider_class
-from crawler.fetch.pictures import Picture, picture
+from crawler.fetch.item_images import Picture, picture
 from crawler.items import RawItem
 
 

@@ -19,12 +19,12 @@ from scrapy import Request
 from scrapy.http import Response
 
 from crawler.fetch.frontier import Outcome, Task
-from crawler.fetch.frontier_redis import RedisFrontier
-from crawler.fetch.frontier_sqlite import SqliteFrontier, stored_counts
 from crawler.fetch.frontier_watch import FailFastFrontier
+from crawler.fetch.redis_frontier import RedisFrontier
 from crawler.fetch.scheduler import KEY, CommitMiddleware
+from crawler.fetch.sqlite_frontier import SqliteFrontier, stored_counts
 from crawler.items import RawItem
-from crawler.page.time_budget import SlowPage
+from crawler.page.time_limit import SlowPage
 from metric_base.errors import StorageError
 from tests.crawler.conftest import RedisServer
 from tests.crawler.fetch.test_crawl_errors import ROOT, items, words

@@ -12,8 +12,8 @@ from typing import Any
 import pytest
 
 from crawler.imports import Import, import_items, readings
-from crawler.imports.rows import BadTable
 from crawler.imports.sources import source
+from crawler.imports.table_files import BadTable
 from tests.crawler.imports.invented_tables import reasons, sizes
 
 

@@ -7,7 +7,7 @@ from pathlib import Path
 
 import pytest
 
-from crawler.imports.rows import BadTable
+from crawler.imports.table_files import BadTable
 from tests.crawler.imports.invented_tables import made_up, reasons, sizes
 
 

@@ -11,7 +11,7 @@ import pytest
 import crawler.imports.sources
 from crawler.imports import downloads, source_files
 from crawler.items import raw_items
-from metric_cli.verbs import main
+from metric_cli.subcommands import main
 
 ROOT = Path(__file__).resolve().parents[3]
 

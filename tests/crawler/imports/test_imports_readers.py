@@ -12,9 +12,9 @@ import pytest
 
 from crawler.imports import Import, import_items, readings
 from crawler.imports.downloads import NoInput
-from crawler.imports.rows import BadTable
 from crawler.imports.source_files import source_folder
 from crawler.imports.sources import source
+from crawler.imports.table_files import BadTable
 from tests.crawler.imports.invented_tables import made_up, reasons, sizes
 
 #: Lists of lists of the same list: a few lines that stand for a billion values.

@@ -8,9 +8,9 @@ from pathlib import Path
 
 import pytest
 
-from crawler.imports.rows import BadTable
 from crawler.imports.source_files import source_folder
 from crawler.imports.sources import source
+from crawler.imports.table_files import BadTable
 from crawler.items import RawItem
 from tests.crawler.imports.invented_tables import HEAD, made_up
 

@@ -11,9 +11,9 @@ from pathlib import Path
 import pytest
 
 from crawler.page.page import absolute_url, page
-from crawler.page.time_budget import SlowPage, processor_budget
-from crawler.sites import item_of
-from metric_cli.verbs import main
+from crawler.page.time_limit import SlowPage, processor_budget
+from crawler.sites.registry import item_of
+from metric_cli.subcommands import main
 
 Body = Callable[[int], str]
 
@@ -88,8 +88,8 @@ def test_a_search_without_an_end_is_interrupted() -> None:
 def test_extract_says_that_a_page_is_too_slow(
     tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr("crawler.sites.item_of", lambda _: _work())
-    monkeypatch.setattr("crawler.page.time_budget.processor_budget", lambda: processor_budget(0.05))
+    monkeypatch.setattr("crawler.sites.registry.item_of", lambda _: _work())
+    monkeypatch.setattr("crawler.page.time_limit.processor_budget", lambda: processor_budget(0.05))
     path = tmp_path / "page.html"
     path.write_text("<p>3 cm</p>")
     assert main(["extract", str(path), "--url", "https://shop.example/p"]) == 2

@@ -15,8 +15,8 @@ from hypothesis import strategies as st
 
 from crawler.items import RawItem
 from crawler.page.page import MAXIMUM_BYTES, BadPage, canonical_url, page, saved_page
-from crawler.sites import SITES, item_of, site_of
-from metric_cli.verbs import main
+from crawler.sites.registry import SITES, item_of, site_of
+from metric_cli.subcommands import main
 
 
 def item(body: str, url: str = "https://shop.example/p/1", head: str = "") -> RawItem:

@@ -5,7 +5,7 @@ from __future__ import annotations
 import pytest
 
 from crawler.page.page import page
-from crawler.sites import item_of
+from crawler.sites.registry import item_of
 from tests.crawler.page.shop_pages import MADE, Made, document
 from tests.crawler.page.shop_pages_fifty import FIFTY
 from tests.crawler.page.shop_pages_found import FOUND

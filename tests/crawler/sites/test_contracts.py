@@ -12,7 +12,7 @@ from scrapy.http import HtmlResponse, TextResponse
 from crawler.fetch.crawl import SPIDERS, UnknownSpider, spider_class
 from crawler.fetch.wikidata_spider import PAGE_ROWS, query
 from crawler.items import RawItem
-from crawler.sites import GENERIC, SITES
+from crawler.sites.registry import GENERIC, SITES
 
 #: spider: address of a product, of a listing, of something to leave alone
 ADDRESSES = {

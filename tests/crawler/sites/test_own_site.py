@@ -9,11 +9,11 @@ from pathlib import Path
 
 import pytest
 
-import crawler.sites
+import crawler.sites.registry
 from crawler.fetch.frontier import task_key
-from crawler.sites import canonical_url, site_of, use_site
-from metric_base.schema import BadDeclaration
-from metric_cli.verbs import main
+from crawler.sites.registry import canonical_url, site_of, use_site
+from metric_base.records import BadDeclaration
+from metric_cli.subcommands import main
 from tests.crawler.fetch.test_crawl_errors import ROOT, items, words
 from tests.synthetic.synthetic_site import Shop, SyntheticSite
 
@@ -24,8 +24,8 @@ FOLDER = ROOT / "data" / "examples" / "site"
 def forget() -> Iterator[None]:
     """The site of a test is that test's alone."""
     yield
-    crawler.sites._GIVEN.clear()
-    crawler.sites._site_of_host.cache_clear()
+    crawler.sites.registry._GIVEN.clear()
+    crawler.sites.registry._site_of_host.cache_clear()
 
 
 def test_a_page_is_read_by_the_rules_of_the_declaration(capsys: pytest.CaptureFixture[str]) -> None:

@@ -12,7 +12,7 @@ from scrapy.http import HtmlResponse
 from crawler.fetch.crawl import SPIDERS, spider_class
 from crawler.items import RawItem
 from crawler.page.page import source_id
-from crawler.sites import GENERIC, SITES, site_of
+from crawler.sites.registry import GENERIC, SITES, site_of
 from tests.crawler.sites.site_pages import PAGES, Stored, stored
 
 

@@ -4,7 +4,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from crawler.text.catalogue_lengths import AXES, UnreadableLength, extents_mm, length_mm, measures, words_mm
+from crawler.text.cell_lengths import AXES, UnreadableLength, extents_mm, length_mm, measures, words_mm
 from crawler.text.numbers import number
 from crawler.text.units import MILLIMETRES, UNIT_WORDS, unit
 

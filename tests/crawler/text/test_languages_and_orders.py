@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import pytest
 
-from crawler.text.catalogue_lengths import measures
+from crawler.text.cell_lengths import measures
 from crawler.text.sizes import consensus, sizes
 from crawler.text.vocabulary import language_of
 

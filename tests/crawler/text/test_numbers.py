@@ -9,7 +9,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from crawler.text.catalogue_lengths import AXES, UnreadableLength, extents_mm, length_mm, measures, words_mm
+from crawler.text.cell_lengths import AXES, UnreadableLength, extents_mm, length_mm, measures, words_mm
 from crawler.text.numbers import number
 from crawler.text.quantities import is_same_length
 from crawler.text.sizes import Length, flags_of, sizes

@@ -12,16 +12,16 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 import metric_tree
-from estimator.asset_files.formats import read_asset, read_assets
 from estimator.asset_files.mending import write_at_scale
-from estimator.assets.category_words import category_of_words
-from estimator.assets.check import check_bodies
-from estimator.assets.hypotheses import hypotheses
 from estimator.assets.model_size import model_true_size
-from estimator.assets.size_model import size_model
 from metric_base.errors import InputError
-from metric_cli.verbs import main
+from metric_cli.subcommands import main
 from models3d.asset import Asset, AssetBody, Word
+from models3d.formats import read_asset, read_assets
+from models3d.size_check.category import category_of_words
+from models3d.size_check.check import check_bodies
+from models3d.size_check.hypotheses import hypotheses
+from models3d.size_check.size_model import size_model
 from tests.estimator.assets.models import CHAIR, chair, write_chair
 
 TREE = metric_tree.open()

@@ -5,12 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from estimator.association.mask_checks import (
-    mask_agreement,
-    mask_contradictions,
-    track_agreement,
-    track_contradictions,
-)
+from estimator.association.mask_checks import mask_agreement, mask_contradictions, track_agreement, track_contradictions
 from estimator.association.point_labels import sparse_labels
 from estimator.pipeline import measure_objects
 from tests.synthetic.shapes import box, floor, orbit, synthetic_scene

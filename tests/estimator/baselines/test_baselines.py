@@ -12,7 +12,7 @@ import pytest
 from scipy.stats import multivariate_normal
 
 from estimator.baselines import paper, sucar
-from estimator.baselines.candidates import CANDIDATES, candidate_scales, estimate_on
+from estimator.baselines.candidate_search import CANDIDATES, candidate_scales, estimate_on
 from estimator.baselines.paper import PaperMixture, authors_lists, fit_mixture, paper_result
 from estimator.baselines.sucar import box_heights, prescribed_down, sucar_result
 from estimator.records.measured_object import MeasuredObject

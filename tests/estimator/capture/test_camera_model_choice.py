@@ -8,8 +8,8 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from estimator.capture.cameras.camera_model_choice import chosen_model, model_scores, start_params
-from estimator.capture.mapping.evidence import model_shape, residual_pattern
+from capture.mapping.camera_models import chosen_model, model_scores, start_params
+from capture.mapping.model_metrics import model_shape, residual_pattern
 from estimator.capture.mapping.gates import PATTERN
 from estimator.reconstructions.pycolmap_library import pycolmap
 

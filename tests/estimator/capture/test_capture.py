@@ -16,9 +16,9 @@ import pytest
 from PIL import Image
 from scipy.spatial.transform import Rotation
 
-from estimator.capture.cautions import read_cautions
-from estimator.capture.frame_poses import read_frame_poses
-from estimator.scene_reading import read_scene
+from capture.frame_poses import read_frame_poses
+from capture.quality_warnings import read_cautions
+from estimator.reconstructions.scene_reader import read_scene
 from metric_base.arrays import FloatArray
 from metric_cli.estimate_scale.estimate import main
 from tests.synthetic.detectors import hue_graph
@@ -36,7 +36,7 @@ CHOSEN = 11
 #: The command, killed as the stage of its first word begins.
 KILLED = """
 import os, signal, sys
-from estimator.capture.work_folder import WorkFolder
+from capture.work_folder import WorkFolder
 from metric_cli.estimate_scale.estimate import main
 
 last, stage = sys.argv.pop(1), WorkFolder.stage

@@ -10,8 +10,8 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from estimator.capture.dense.dense_cloud import make_dense_cloud
-from estimator.capture.dense.plane_filling import fill_planes
+from capture.dense.fusion import make_dense_cloud
+from capture.dense.plane_filling import fill_planes
 from estimator.reconstructions.ply import read_dense_cloud
 from estimator.records.scene import Camera, Scene, View
 from metric_base.arrays import FloatArray

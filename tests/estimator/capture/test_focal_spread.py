@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from estimator.capture.cameras.focal_spread import focal_spread
-from estimator.reconstructions.cameras import project
+from estimator.projection.cameras import project
 from estimator.records.scene import Scene
 from tests.synthetic.walk import synthetic_walk
 

@@ -10,9 +10,10 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from estimator.capture import frame_choice, model_search
-from estimator.capture.capture import capture_video
-from estimator.capture.frame_choice import DEFAULT_FRAMES, MOST_FRAMES, Motion, chosen_frames, motion_of
+from capture.mapping import search
+from capture.pipeline import capture_video
+from capture.sources import frame_selection
+from capture.sources.frame_selection import DEFAULT_FRAMES, MOST_FRAMES, Motion, chosen_frames, motion_of
 from estimator.capture.mapping.failures import CaptureFailure
 
 
@@ -80,10 +81,10 @@ def test_a_plain_picture_has_no_motion_to_measure() -> None:
 def test_a_video_whose_frames_are_too_far_apart_is_searched_with_more(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(frame_choice, "_count", lambda path: 5)
-    monkeypatch.setattr(model_search, "most_are_linked", lambda evidence: False)
+    monkeypatch.setattr(frame_selection, "_count", lambda path: 5)
+    monkeypatch.setattr(search, "most_are_linked", lambda evidence: False)
     video = Path("data/scenes/demo_video/video.mp4")
-    assert len(capture_video(video, tmp_path / "w").scene.views) == 5 * model_search.MORE_FRAMES
+    assert len(capture_video(video, tmp_path / "w").scene.views) == 5 * search.MORE_FRAMES
     tried = json.loads((tmp_path / "w" / "reconstruction.json").read_text())["tried"]
     assert [(row["rung"], row["frames"], row["placed"]) for row in tried] == [("SIFT", 10, 10)]
     assert capture_video(video, tmp_path / "w").seconds == {}  # with the ten, at once

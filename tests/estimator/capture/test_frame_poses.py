@@ -12,9 +12,9 @@ from hypothesis import given
 from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
-from estimator.capture.capture import _source_camera
-from estimator.capture.frame_poses import FILE_NAME, FramePose, FramePoses, read_frame_poses, write_frame_poses
-from estimator.reconstructions.cameras import project
+from capture.frame_poses import FILE_NAME, FramePose, FramePoses, read_frame_poses, write_frame_poses
+from capture.pipeline import _source_camera
+from estimator.projection.cameras import project
 from estimator.records.scene import Camera
 from metric_base.errors import InputError
 

@@ -6,9 +6,9 @@ from pathlib import Path
 
 import numpy as np
 
-from estimator.capture.mapping.colmap_worker import verification
+from capture.mapping.colmap_worker import verification
+from capture.mapping.pairs import all_pairs, chosen_pairs, coarse_scores
 from estimator.capture.mapping.features import STRATEGIES as RUNGS
-from estimator.capture.mapping.pair_choice import all_pairs, chosen_pairs, coarse_scores
 from estimator.reconstructions.pycolmap_library import pycolmap
 
 

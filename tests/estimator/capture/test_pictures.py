@@ -8,8 +8,8 @@ import numpy as np
 import pytest
 from PIL import Image
 
-from estimator.capture.frames import is_capture, make_frames, read_frames, source_of
-from estimator.capture.pictures import PictureFolder
+from capture.sources.frames import is_capture, make_frames, read_frames, source_of
+from capture.sources.image_folder import PictureFolder
 from metric_base.errors import InputError
 
 

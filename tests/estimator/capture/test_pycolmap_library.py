@@ -12,9 +12,7 @@ COMPRESS = (
 )
 
 
-@pytest.mark.parametrize(
-    "module", ["estimator.reconstructions.pycolmap_library", "estimator.capture.mapping.colmap_worker"]
-)
+@pytest.mark.parametrize("module", ["estimator.reconstructions.pycolmap_library", "capture.mapping.colmap_worker"])
 def test_zlib_works_after_pycolmap(module: str) -> None:
     done = subprocess.run(
         [sys.executable, "-c", f"import {module}; {COMPRESS}"], capture_output=True, text=True, timeout=60, check=True

@@ -11,8 +11,8 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from estimator.capture.quicktime import KEY, stated_fisheye_deg, stated_focal_35mm
-from estimator.capture.video import Video
+from capture.sources.lens_metadata import KEY, stated_fisheye_deg, stated_focal_35mm
+from capture.sources.video import Video
 from tests.synthetic.telemetry import gpmf_key
 from tests.synthetic.videos import times_of, write_video
 

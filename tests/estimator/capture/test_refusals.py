@@ -13,9 +13,10 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from estimator.capture.cautions import capture_cautions, read_cautions
-from estimator.capture.frames import Frames
-from estimator.capture.mapping.evidence import CaptureEvidence, ModelShape, Pair, TripletAgreement, weakest_seam
+from capture.mapping.model_metrics import CaptureEvidence, ModelShape, Pair, TripletAgreement, weakest_seam
+from capture.mapping.pairs import all_pairs
+from capture.quality_warnings import capture_cautions, read_cautions
+from capture.sources.frames import Frames
 from estimator.capture.mapping.failures import CODES, failure
 from estimator.capture.mapping.features import STRATEGIES as RUNGS
 from estimator.capture.mapping.features import model_rank
@@ -32,7 +33,6 @@ from estimator.capture.mapping.gates import (
 )
 from estimator.capture.mapping.mapper import MappingResult as Mapped
 from estimator.capture.mapping.mapper import more_reliable as _better_supported
-from estimator.capture.mapping.pair_choice import all_pairs
 from metric_cli.estimate_scale.estimate import main
 from tests.synthetic.refused_videos import FRAMES, LENS, RARE_VIDEOS, REFUSED_VIDEOS
 from tests.synthetic.rooms.render import NoOpenGL

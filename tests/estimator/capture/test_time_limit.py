@@ -9,12 +9,12 @@ from types import SimpleNamespace
 
 import pytest
 
-from estimator.capture.capture import capture_video
+from capture.mapping.pairs import all_pairs, pair_count
+from capture.pipeline import capture_video
 from estimator.capture.mapping import worker as time_limit
 from estimator.capture.mapping.failures import CaptureFailure
 from estimator.capture.mapping.features import STRATEGIES as RUNGS
 from estimator.capture.mapping.features import predicted_s
-from estimator.capture.mapping.pair_choice import all_pairs, pair_count
 from estimator.capture.mapping.worker import (
     MAX_TIME_S,
     OutOfTime,

@@ -11,9 +11,9 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
-from estimator.capture.mapping.colmap_worker import write_models
-from estimator.capture.mapping.evidence import agreement_of
-from estimator.capture.mapping.triplets import (
+from capture.mapping.colmap_worker import write_models
+from capture.mapping.model_metrics import agreement_of
+from capture.mapping.triplets import (
     MOST_RESIDUAL_PX,
     Triplet,
     agreement,

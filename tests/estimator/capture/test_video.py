@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from estimator.capture.video import Video
+from capture.sources.video import Video
 from metric_base.errors import InputError
 from tests.synthetic.videos import times_of, write_video
 

@@ -10,14 +10,14 @@ from pathlib import Path
 
 import pytest
 
-from estimator.capture.work_folder import WorkFolder, content_digest
+from capture.work_folder import WorkFolder, content_digest
 from metric_base.errors import InputError
 
 #: Two stages, the second from the first; `KILL` names the moment at which the process kills itself.
 SCRIPT = """
 import os, signal, sys
 from pathlib import Path
-from estimator.capture.work_folder import WorkFolder
+from capture.work_folder import WorkFolder
 
 moment, text = sys.argv[2], sys.argv[3]
 seen = {"publish": 0}

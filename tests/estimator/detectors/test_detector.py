@@ -19,11 +19,11 @@ import numpy as np
 import pytest
 from onnx import TensorProto, helper
 
-from estimator.detectors.detection import detect_instances
+from estimator.detectors.detect import detect_instances
 from estimator.detectors.detector import Detector, load_detector
-from estimator.detectors.open_detectors import RegisteredDetector, download, registry
+from estimator.detectors.registry import RegisteredDetector, download, registry
 from estimator.instances.label_names import label_names
-from estimator.scene_reading import read_instances, read_scene
+from estimator.reconstructions.scene_reader import read_instances, read_scene
 from metric_base.errors import InputError
 from metric_cli.estimate_scale.estimate import main
 from metric_tree.tree import Tree
@@ -108,7 +108,7 @@ def test_a_file_of_the_registry_is_known_by_its_sha256(tmp_path: Path, monkeypat
         "zoo", "", ("https://example.org/a",), hashlib.sha256(graph.read_bytes()).hexdigest(), "MIT", "caffe", "coco_80"
     )
     assert (load_detector(graph).form, load_detector(graph).labels[12]) == ("torchvision", "")
-    monkeypatch.setattr("estimator.detectors.open_detectors.registry", lambda: (own,))
+    monkeypatch.setattr("estimator.detectors.registry.registry", lambda: (own,))
     assert (load_detector(graph).form, load_detector(graph).labels[12]) == ("caffe", "stop sign")
 
 

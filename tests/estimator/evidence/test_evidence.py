@@ -23,12 +23,7 @@ from estimator.results.reports import EstimateOptions
 from metric_base.errors import InputError
 from metric_tree.tree import Tree, open_tree
 from tests.synthetic import minitree
-from tests.synthetic.evidence import (
-    KINDS,
-    RIG_M,
-    objects_of,
-    one,
-)
+from tests.synthetic.evidence import KINDS, RIG_M, objects_of, one
 from tests.synthetic.walk import Walk, synthetic_walk, with_rig
 
 

@@ -10,14 +10,10 @@ import pytest
 from estimator.evidence.marker import Marker
 from estimator.evidence.triangulation import triangulate
 from estimator.geometry.measurement import Measurements
-from estimator.reconstructions.cameras import pixels_in_view
+from estimator.projection.cameras import pixels_in_view
 from estimator.records.scene import Camera
 from metric_base.errors import InputError
-from tests.synthetic.evidence import (
-    draw_marker,
-    marker_picture,
-    one,
-)
+from tests.synthetic.evidence import draw_marker, marker_picture, one
 from tests.synthetic.walk import Walk
 
 
@@ -66,7 +62,7 @@ def test_a_point_of_wrong_pixels_is_left_out(walk: Walk) -> None:
 
 
 def test_a_distorted_camera_has_straight_rays(walk: Walk) -> None:
-    from estimator.reconstructions.cameras import project, view_rays
+    from estimator.projection.cameras import project, view_rays
 
     camera = Camera("SIMPLE_RADIAL", 640, 480, np.array([500.0, 320.0, 240.0, 0.05]))
     pixels = np.array([[100.0, 50.0], [600.0, 400.0]])

@@ -20,12 +20,7 @@ from estimator.geometry.up import OBSERVED_METHODS, Up
 from metric_base.arrays import FloatArray
 from metric_base.errors import InputError
 from metric_cli.estimate_scale.evidence import recorded_sources
-from tests.synthetic.evidence import (
-    degrees_of,
-    one,
-    position_table,
-    write_exif,
-)
+from tests.synthetic.evidence import degrees_of, one, position_table, write_exif
 from tests.synthetic.walk import Walk
 
 

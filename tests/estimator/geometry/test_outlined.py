@@ -9,11 +9,11 @@ from typing import cast
 import numpy as np
 import pytest
 
+from estimator.geometry.cuboid_fit import Cuboid
 from estimator.geometry.extents import HIDDEN_TOP_SIGMA
+from estimator.geometry.mask_outlines import mask_reaches
 from estimator.geometry.measurement import MeasurementOptions
-from estimator.geometry.outlined import LEVEL_TOP, OutlineData, _outline_sizes
-from estimator.outlines.cuboid_fit import Cuboid
-from estimator.outlines.object_outlines import mask_reaches
+from estimator.geometry.outline_measurement import LEVEL_TOP, OutlineData, _outline_sizes
 from estimator.outlines.sight_errors import point_covariances
 from estimator.pipeline import measure_objects
 from estimator.records.measured_object import Box, MeasuredObject

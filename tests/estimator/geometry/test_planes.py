@@ -6,8 +6,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
+from estimator.geometry.category_rules import stands
 from estimator.geometry.planes import floor_of, level_basis, support_planes
-from estimator.geometry.standing import stands
 from estimator.geometry.support import Level, foot_on, ground_of, level_below
 from tests.synthetic.shapes import box, floor, orbit, synthetic_scene
 

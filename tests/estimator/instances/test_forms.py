@@ -16,8 +16,8 @@ from pycocotools import mask as coco
 
 from estimator.instances.forms import read_instance_files
 from estimator.instances.yolo import yolo_names
+from estimator.reconstructions.scene_reader import read_scene
 from estimator.records.scene import Instance, Scene
-from estimator.scene_reading import read_scene
 from metric_base.errors import InputError
 from tests.synthetic.small_scene import write_small_scene
 

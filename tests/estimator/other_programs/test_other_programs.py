@@ -11,10 +11,10 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from estimator.other_programs.posed_views import brown_camera
-from estimator.reconstructions.cameras import project
+from estimator.projection.cameras import project
+from estimator.reconstructions.scene_reader import read_scene
 from estimator.records.scene import Scene
-from estimator.scene_reading import read_scene
+from estimator.scene_formats.common import brown_camera
 from metric_base.errors import FieldError, InputError
 from tests.synthetic.exports import EXPORTS, OBSERVED, largest_difference, write_export, write_points
 from tests.synthetic.small_scene import small_model

@@ -6,8 +6,8 @@ import numpy as np
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from estimator.outlines.cuboid_fit import _reaches
-from estimator.outlines.object_outlines import Outlines
+from estimator.geometry.cuboid_fit import _reaches
+from estimator.geometry.mask_outlines import Outlines
 
 LOG = st.floats(-1.0, 1.0)
 

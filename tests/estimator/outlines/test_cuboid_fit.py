@@ -8,9 +8,9 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from estimator.outlines.cuboid_fit import Sightings, entry_depths, fit_cuboid
-from estimator.outlines.object_outlines import Outlines, mask_reaches
-from estimator.reconstructions.cameras import project
+from estimator.geometry.cuboid_fit import Sightings, entry_depths, fit_cuboid
+from estimator.geometry.mask_outlines import Outlines, mask_reaches
+from estimator.projection.cameras import project
 from estimator.records.scene import Instance, Scene, View
 from metric_base.arrays import FloatArray
 from tests.synthetic.shapes import orbit

@@ -10,10 +10,10 @@ import numpy as np
 import pytest
 
 from estimator.outputs.rescaled import write_scaled
-from estimator.scene_reading import read_scene
+from estimator.reconstructions.scene_reader import read_scene
 from metric_base.errors import InputError
 from metric_base.files import whole_file, whole_folder
-from metric_base.pictures import write_picture
+from metric_base.images import write_picture
 from metric_cli.estimate_scale.estimate import main
 from tests.synthetic.small_scene import write_small_scene
 

@@ -6,7 +6,7 @@ import numpy as np
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from estimator.outputs.placement import label_places
+from estimator.outputs.label_placement import label_places
 
 CANVAS = (1600, 1200)
 

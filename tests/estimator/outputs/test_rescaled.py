@@ -11,8 +11,8 @@ import pycolmap
 import pytest
 
 from estimator.outputs.rescaled import TRANSFORM, write_colmap_model, write_scaled
+from estimator.reconstructions.scene_reader import read_scene
 from estimator.records.scene import Scene
-from estimator.scene_reading import read_scene
 from metric_base.errors import InputError
 from tests.synthetic.exports import write_export
 from tests.synthetic.small_scene import small_model, write_small_scene

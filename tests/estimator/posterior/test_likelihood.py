@@ -13,8 +13,8 @@ from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 from scipy.stats import multivariate_normal
 
-from estimator.posterior import assignments, likelihood
-from estimator.posterior.assignments import LOG_BOX, TRUNCATION_SHIFTS, VERTICAL, Layout, variants
+from estimator.posterior import axis_assignments, likelihood
+from estimator.posterior.axis_assignments import LOG_BOX, TRUNCATION_SHIFTS, VERTICAL, Layout, variants
 from estimator.posterior.likelihood import OUTLIER_SHARE, measurement_arrays, rows, usable
 from estimator.posterior.posterior import object_curves
 from metric_base.arrays import FloatArray
@@ -27,7 +27,7 @@ CHAIR = prior("chair.n.01", [(560, 540, 950), (700, 640, 1100)])
 @pytest.fixture
 def no_gross_errors(monkeypatch: pytest.MonkeyPatch) -> Iterator[None]:
     """The plain mixture: dimensions are cut or measured as their sigma says."""
-    monkeypatch.setattr(assignments, "GROSS_ERROR_SHARE", 0.0)
+    monkeypatch.setattr(axis_assignments, "GROSS_ERROR_SHARE", 0.0)
     variants.cache_clear()
     likelihood._table.cache_clear()
     yield

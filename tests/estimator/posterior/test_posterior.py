@@ -11,11 +11,11 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.stats import norm
 
-from estimator.posterior import grid
-from estimator.posterior.class_error import convolution, shared_error
+from estimator.posterior import log_scale_grid
+from estimator.posterior.class_hypotheses import hypotheses
 from estimator.posterior.likelihood import ObjectEvidence
 from estimator.posterior.posterior import posterior
-from estimator.posterior.sameness import hypotheses
+from estimator.posterior.shared_error import convolution, shared_error
 from estimator.posterior.status import near_mass, status_of
 from estimator.records.curve import Curve, Mode
 from metric_base.arrays import FloatArray
@@ -229,10 +229,12 @@ def test_what_calls_most_objects_outliers_is_uncertain(weight: tuple[float, ...]
 
 def test_a_tempered_gaussian_is_wider_by_the_root_of_the_power() -> None:
     plain = Curve(bell(0.1).log_scale, bell(0.1).density / (0.1 * np.sqrt(2 * np.pi)), 0.0, 0.0)
-    wide = grid.wider_curve(plain, 0.25)
-    assert np.log(grid.interval(wide, 0.9)) == pytest.approx(2 * np.log(grid.interval(plain, 0.9)), rel=1e-3)
-    assert grid.modes(wide)[0].scale == pytest.approx(grid.modes(plain)[0].scale)
-    flat = grid.wider_curve(replace(plain, density=0.5 * plain.density, below=0.25, above=0.25), 0.5)
+    wide = log_scale_grid.wider_curve(plain, 0.25)
+    assert np.log(log_scale_grid.interval(wide, 0.9)) == pytest.approx(
+        2 * np.log(log_scale_grid.interval(plain, 0.9)), rel=1e-3
+    )
+    assert log_scale_grid.modes(wide)[0].scale == pytest.approx(log_scale_grid.modes(plain)[0].scale)
+    flat = log_scale_grid.wider_curve(replace(plain, density=0.5 * plain.density, below=0.25, above=0.25), 0.5)
     step = flat.log_scale[1] - flat.log_scale[0]
     assert flat.density.sum() * step + flat.below + flat.above == pytest.approx(1.0, abs=1e-3)
     assert flat.below == pytest.approx(flat.above)
@@ -262,21 +264,21 @@ def test_mass_beyond_either_end_of_the_grid_leaves_the_scale_open(below: float, 
 @given(st.floats(0.03, 0.4), st.floats(-0.5, 0.5), st.floats(0.6, 0.99))
 @settings(deadline=None, max_examples=40)
 def test_interval_and_mode_of_a_gaussian(sd: float, mean: float, level: float) -> None:
-    u = grid.evidence_grid(np.array([mean]), np.array([sd]), np.array([8 * sd]))
-    curve = grid.curve(u, -0.5 * ((u - mean) / sd) ** 2, np.zeros((0, 3)))
+    u = log_scale_grid.evidence_grid(np.array([mean]), np.array([sd]), np.array([8 * sd]))
+    curve = log_scale_grid.curve(u, -0.5 * ((u - mean) / sd) ** 2, np.zeros((0, 3)))
     half = norm.ppf((1 + level) / 2) * sd
-    low, high = grid.interval(curve, level)
+    low, high = log_scale_grid.interval(curve, level)
     assert math.log(low) == pytest.approx(mean - half, abs=0.02 * sd)
     assert math.log(high) == pytest.approx(mean + half, abs=0.02 * sd)
-    assert math.log(grid.modes(curve)[0].scale) == pytest.approx(mean, abs=0.01 * sd)
+    assert math.log(log_scale_grid.modes(curve)[0].scale) == pytest.approx(mean, abs=0.01 * sd)
 
 
 def test_mass_beyond_the_grid_counts() -> None:
     """A flat posterior is the prior, wherever the grid happens to lie."""
     u = np.linspace(-1, 1, 50)
-    flat = grid.curve(u, np.zeros(50), np.zeros((0, 3)))
-    low, high = grid.interval(flat, 0.9)
-    ends = 1 + grid.PRIOR_MARGIN_LOG
+    flat = log_scale_grid.curve(u, np.zeros(50), np.zeros((0, 3)))
+    low, high = log_scale_grid.interval(flat, 0.9)
+    ends = 1 + log_scale_grid.PRIOR_MARGIN_LOG
     assert math.log(low) == pytest.approx(-ends + 0.05 * 2 * ends, abs=0.02)
     assert math.log(high) == pytest.approx(ends - 0.05 * 2 * ends, abs=0.02)
 
@@ -289,7 +291,7 @@ def test_modes_share_the_mass() -> None:
         return mass * np.exp(-0.5 * ((u - mean) / sd) ** 2) / (sd * math.sqrt(2 * math.pi))
 
     density = bump(-0.5, 0.05, 0.3) + bump(0.4, 0.1, 0.7)
-    found = grid.modes(Curve(u, density / (density.sum() * step), 0.0, 0.0))
+    found = log_scale_grid.modes(Curve(u, density / (density.sum() * step), 0.0, 0.0))
     assert [round(mode.mass, 2) for mode in found] == [0.7, 0.3]
     assert [math.log(mode.scale) for mode in found] == pytest.approx([0.4, -0.5], abs=1e-3)
 

@@ -11,9 +11,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from estimator.posterior.likelihood import ObjectEvidence
-from estimator.posterior.posterior import MOST_OBJECTS, Posterior, posterior
-from estimator.posterior.sameness import (
+from estimator.posterior.class_hypotheses import (
     ALIKE_SHARE,
     DISPLACED_SHARE,
     RELATED_SHARE,
@@ -21,6 +19,8 @@ from estimator.posterior.sameness import (
     displaced_share,
     hypotheses,
 )
+from estimator.posterior.likelihood import ObjectEvidence
+from estimator.posterior.posterior import MOST_OBJECTS, Posterior, posterior
 from metric_tree.prior import Prior
 from tests.synthetic.priors import evidence, prior
 

@@ -13,7 +13,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from estimator.reconstructions.cameras import CAMERA_MODELS, make_camera, pixels_in_view, project
+from estimator.projection.cameras import CAMERA_MODELS, make_camera, pixels_in_view, project
 from estimator.records.scene import Camera, View
 from metric_base.errors import FieldError
 
@@ -110,7 +110,7 @@ def test_a_request_to_terminate_after_pycolmap_came_is_one_line_and_leaves_nothi
 import sys, time
 from pathlib import Path
 from metric_base.files import whole_folder
-from metric_cli.terminal import exit_status
+from metric_cli.tables import exit_status
 
 def run():
     from estimator.reconstructions.pycolmap_library import pycolmap

@@ -9,10 +9,10 @@ import numpy as np
 import pycolmap
 import pytest
 
-from estimator.reconstructions.cameras import CAMERA_MODELS, project
+from estimator.projection.cameras import CAMERA_MODELS, project
 from estimator.reconstructions.colmap import colmap_folder, read_colmap
+from estimator.reconstructions.scene_reader import read_scene
 from estimator.records.scene import Scene
-from estimator.scene_reading import read_scene
 from metric_base.errors import InputError
 from tests.estimator.reconstructions.test_cameras import mild_params
 from tests.synthetic.small_scene import small_model

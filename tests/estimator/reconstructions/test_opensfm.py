@@ -12,8 +12,8 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from estimator.reconstructions.cameras import project
-from estimator.scene_reading import read_scene
+from estimator.projection.cameras import project
+from estimator.reconstructions.scene_reader import read_scene
 from metric_base.errors import InputError
 from tests.synthetic.small_scene import write_small_scene
 

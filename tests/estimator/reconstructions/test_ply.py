@@ -13,7 +13,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from estimator.reconstructions.ply import read_dense_cloud, read_visibility, visibility_bytes
-from estimator.scene_reading import read_scene
+from estimator.reconstructions.scene_reader import read_scene
 from metric_base.errors import InputError
 from tests.synthetic.small_scene import write_small_scene
 

@@ -7,7 +7,7 @@ from pathlib import Path
 
 import pytest
 
-from estimator.reconstructions.truth import SceneTruth, read_truth
+from estimator.outputs.ground_truth import SceneTruth, read_truth
 
 
 def sizes_of(**sizes: float) -> dict[str, object]:

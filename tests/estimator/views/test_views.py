@@ -13,7 +13,7 @@ import pytest
 import trimesh
 
 from estimator.views.glb import FACES, glb_bytes
-from estimator.views.picture import view_picture
+from estimator.views.raster import view_picture
 from estimator.views.scene_view import COLOURS, box_on_ray
 from estimator.views.window import words_of
 from metric_cli.estimate_scale.estimate import main

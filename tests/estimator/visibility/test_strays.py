@@ -9,8 +9,8 @@ import pytest
 
 from estimator.records.scene import Camera, Scene, View
 from estimator.visibility.sights import Visibility
-from estimator.visibility.strays import stray_points
-from insertion.scene.cloud import Cloud, _without_strays
+from insertion.scene.point_cloud import Cloud, _without_strays
+from insertion.scene.stray_points import stray_points
 from metric_base.arrays import FloatArray
 
 CAMERA = Camera("PINHOLE", 640, 480, np.array([500.0, 500.0, 320.0, 240.0]))

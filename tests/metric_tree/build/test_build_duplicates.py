@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from metric_tree.build.duplicates import duplicates
+from metric_tree.checks.duplicates import duplicates
 
 SIZES = [2000.0, 900.0, 850.0]
 

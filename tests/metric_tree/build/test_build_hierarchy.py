@@ -10,11 +10,11 @@ from hypothesis import strategies as st
 from metric_tree.axes import AXES, EXTENTS
 from metric_tree.build.exclusions import BadExclusion, Exclusions, shipped_exclusions
 from metric_tree.build.frequencies import BadFrequency, stated_frequencies
-from metric_tree.build.steps import shipped_taxonomy
 from metric_tree.fit.inner_priors import belief_of, inner_priors, reduce_mixture
-from metric_tree.fit.mixture_em import Mixture
+from metric_tree.fit.mixture import Mixture
 from metric_tree.fit.moments import VAGUE, Moments
 from metric_tree.fit.plain_names import PLAIN_SHARE, commonness, is_called, is_part, plain_weights, presence
+from metric_tree.pipeline.build import shipped_taxonomy
 from metric_tree.prior import Prior
 
 TRUST = {"shop": 1.0, "games": 0.35, "flea market": 1.0}

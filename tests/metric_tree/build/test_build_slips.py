@@ -7,7 +7,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from metric_tree.build.unit_slips import FACTORS, Reference, reference, sibling_reference, slip_factors
+from metric_tree.checks.unit_errors import FACTORS, Reference, reference, sibling_reference, slip_factors
 
 TYPICAL = np.array([2000.0, 900.0, 850.0])
 

@@ -11,9 +11,9 @@ from hypothesis import strategies as st
 
 from metric_tree.build.leaf_findings import CODES, LeafSize, leaf_findings
 from metric_tree.checks import leaves
-from metric_tree.release import open_release
+from metric_tree.curated.sizes import BadRange, _accepted_rows, settled_findings
+from metric_tree.release.release import open_release
 from metric_tree.release_folders import release_directory
-from taxonomy.curated_sizes import BadRange, _accepted_rows, settled_findings
 
 LWH = ("length", "width", "height")
 

@@ -6,7 +6,7 @@ import pytest
 
 from metric_base.errors import InputError
 from metric_tree.build.successors import FormerNode, former_nodes, successor_table
-from metric_tree.release import sha256
+from metric_tree.release.release import sha256
 from metric_tree.tree import open_tree
 
 FORMER = [

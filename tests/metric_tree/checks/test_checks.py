@@ -12,7 +12,7 @@ import pyarrow.parquet as pq
 import pytest
 
 from metric_tree.checks.release_files import CODES, findings
-from metric_tree.release import MANIFEST
+from metric_tree.release.release import MANIFEST
 from tests.synthetic import minitree
 
 Rows = minitree.Rows
@@ -217,7 +217,7 @@ def test_what_lies_beside_the_tables_is_held_against_its_checksum(tmp_path: Path
 
 def test_every_code_has_its_fixture() -> None:
     elsewhere = {"E101", "E102", "E103", "E104", "E105", "E106"}  # errors of files, above
-    elsewhere |= {"W411", "W412", "W413", "W414", "W415"}  # tests/metric_tree/build/test_leaf_findings.py
+    elsewhere |= {"W411", "W412", "W413", "W414", "W415"}  # tests/metric_tree/pipeline/test_leaf_findings.py
     assert set(CODES) == set(FAULTS) | elsewhere
 
 
@@ -225,7 +225,7 @@ def _resealed(directory: Path, manifest: str) -> Path:
     """The release with checksums and sizes of what is there now, everything else as the manifest says."""
     import json
 
-    from metric_tree.release import sha256
+    from metric_tree.release.release import sha256
 
     fields = json.loads(manifest)
     for name, recorded in fields["files"].items():

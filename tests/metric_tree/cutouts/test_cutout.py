@@ -13,11 +13,11 @@ from PIL import Image
 
 import metric_tree
 import metric_tree.cutouts.release_cutouts as module
-from metric_cli.verbs import main
+from metric_cli.subcommands import main
 from metric_tree.checks.release_files import findings
 from metric_tree.cutouts.backend import Settings
 from metric_tree.cutouts.release_cutouts import TABLE, cut, cut_release
-from metric_tree.release import sha256
+from metric_tree.release.release import sha256
 from tests.synthetic.hostile_pictures import HOSTILE as MAKERS
 from tests.synthetic.picture_fixture import HOSTILE, encoded, release_with, shop_picture, wallpaper
 

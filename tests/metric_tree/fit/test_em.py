@@ -10,8 +10,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 from scipy.stats import multivariate_normal
 
-from metric_tree.fit import mixture_em
-from metric_tree.fit.mixture_em import Belief, Mixture, Rows, complete_rows, fit_mixture
+from metric_tree.fit import mixture as mixture_em
+from metric_tree.fit.mixture import Belief, Mixture, Rows, complete_rows, fit_mixture
 
 SPREAD = np.array([[0.04, 0.01, 0.0], [0.01, 0.09, 0.02], [0.0, 0.02, 0.05]])
 MEAN = np.array([6.0, 5.5, 7.0])

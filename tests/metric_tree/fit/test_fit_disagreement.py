@@ -8,11 +8,11 @@ import numpy as np
 import pytest
 
 from metric_tree.axes import AXES
-from metric_tree.fit import kinds
+from metric_tree.fit import evidence_model as kinds
 from metric_tree.fit.class_prior import class_mean, class_prior, shrunk_between
 from metric_tree.fit.class_rows import ClassRows
 from metric_tree.fit.evidence import KIND_WEIGHT
-from metric_tree.fit.kinds import KindModel, learn_kinds
+from metric_tree.fit.evidence_model import KindModel, learn_kinds
 from metric_tree.fit.moments import VAGUE
 from metric_tree.fit.random_effects import source_means, with_statements
 

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from metric_tree.context import Context
-from metric_tree.fit import contexts, kinds, sameness
+from metric_tree.fit import contexts, evidence_model, intraclass_correlation
 from metric_tree.fit.class_rows import (
     STATED_SHARED,
     ClassRows,
@@ -20,8 +20,8 @@ from metric_tree.fit.class_rows import (
     within_range,
     without_museums,
 )
-from metric_tree.fit.kinds import KindModel
-from metric_tree.fit.mixture_em import Belief, Rows, _single_starts
+from metric_tree.fit.evidence_model import KindModel
+from metric_tree.fit.mixture import Belief, Rows, _single_starts
 from metric_tree.fit.plain_names import commonness, plain_weights
 from metric_tree.fit.random_effects import (
     CERTAIN_ROWS,
@@ -104,7 +104,7 @@ def test_a_model_of_kinds_says_biases_errors_and_covariances() -> None:
     )  # fmt: skip
     assert model.bias_of("asset", "f") == pytest.approx(-0.06)
     assert (model.bias_of("asset", "g"), model.bias_of("product", "f")) == pytest.approx((-0.1, 0.0))
-    wrong = kinds.MIXED_SHARE * kinds.MIXED_SD**2
+    wrong = evidence_model.MIXED_SHARE * evidence_model.MIXED_SD**2
     assert model.error_sd("asset") == pytest.approx(np.sqrt(0.04 + wrong))
     assert model.error_sd("museum") == pytest.approx(np.sqrt(wrong))
     assert (model.error_sd("statistic"), model.error_sd("product")) == pytest.approx((0.03, 0.0))
@@ -116,7 +116,7 @@ def test_a_model_of_kinds_says_biases_errors_and_covariances() -> None:
     )
     mixed = model.towards(other, 0.5)
     assert (mixed.share, mixed.spread) == pytest.approx((0.2, 0.2))
-    assert mixed.excess == pytest.approx({"asset": 0.4, "statistic": np.sqrt(0.03 * kinds.LEAST_SD)})
+    assert mixed.excess == pytest.approx({"asset": 0.4, "statistic": np.sqrt(0.03 * evidence_model.LEAST_SD)})
     assert mixed.bias == pytest.approx({"asset": 0.0, "museum": 0.2})
     assert mixed.family == pytest.approx({"f": np.sqrt(2.0), "g": 0.5})
     assert mixed.family_bias == pytest.approx({"asset f": 0.02})
@@ -134,14 +134,14 @@ def test_a_restricted_likelihood_is_that_of_differences() -> None:
         sum(-0.5 * (np.log(v) + (m - mu) ** 2 / v) for m, v in zip(means[0, :2], variances[0, :2], strict=True))
     )
     whole = np.log(dense.sum() * (mu[1] - mu[0]) / np.sqrt(2 * np.pi))
-    assert kinds._restricted_likelihood(means, variances, present)[0] == pytest.approx(whole, abs=1e-6)
-    plain, mixed = kinds._plain_and_mixed(means, variances, present)
-    assert plain[0] == pytest.approx(whole + np.log(1 - kinds.MIXED_SHARE), abs=1e-6)
-    wide = kinds._restricted_likelihood(means, variances + kinds.MIXED_SD**2, present)
-    assert mixed == pytest.approx(wide + np.log(kinds.MIXED_SHARE))
+    assert evidence_model._restricted_likelihood(means, variances, present)[0] == pytest.approx(whole, abs=1e-6)
+    plain, mixed = evidence_model._plain_and_mixed(means, variances, present)
+    assert plain[0] == pytest.approx(whole + np.log(1 - evidence_model.MIXED_SHARE), abs=1e-6)
+    wide = evidence_model._restricted_likelihood(means, variances + evidence_model.MIXED_SD**2, present)
+    assert mixed == pytest.approx(wide + np.log(evidence_model.MIXED_SHARE))
 
 
-def _table() -> tuple[kinds._KindTable, list[str], list[str]]:
+def _table() -> tuple[evidence_model._KindTable, list[str], list[str]]:
     generator = np.random.default_rng(3)
     lines, names = 40, ["product", "asset", "measured"]
     kind = np.tile([0, 1, 2, 0], (lines, 1))
@@ -151,35 +151,39 @@ def _table() -> tuple[kinds._KindTable, list[str], list[str]]:
     present = np.ones((lines, 4))
     present[::5, 3] = 0.0
     within = np.full(lines, 0.01)
-    return kinds._KindTable(means, np.full((lines, 4), 0.0004), present, within, kind, family), names, ["f", "g"]
+    return (
+        evidence_model._KindTable(means, np.full((lines, 4), 0.0004), present, within, kind, family),
+        names,
+        ["f", "g"],
+    )
 
 
 def test_biases_are_the_ridge_regression_with_class_means_out() -> None:
     table, names, families = _table()
     start = KindModel(share=0.3, spread=0.02, excess={})
-    model = kinds._with_biases(start, table, names, families)
+    model = evidence_model._with_biases(start, table, names, families)
     assert model.bias["asset"] == pytest.approx(0.25, abs=0.05)
     assert model.bias_of("asset", "g") - model.bias_of("asset", "f") == pytest.approx(0.1, abs=0.03)
     assert abs(model.bias["product"]) < 0.03
     assert "measured" not in model.bias
-    variances = kinds._variances(start, table, names, families)
+    variances = evidence_model._variances(start, table, names, families)
     assert variances == pytest.approx(0.3 * 0.01 + 0.02**2 + 0.0004)
-    excess = kinds._variances(replace(start, excess={"asset": 0.1}, family={"g": 3.0}), table, names, families)
+    excess = evidence_model._variances(replace(start, excess={"asset": 0.1}, family={"g": 3.0}), table, names, families)
     assert excess[0] == pytest.approx([0.0038, 0.0138, 0.0038, 0.0038])
     assert excess[1, 0] == pytest.approx(3 * 0.0034 + 0.0004)
-    offsets = kinds._offsets(model, table, names, families)
+    offsets = evidence_model._offsets(model, table, names, families)
     assert offsets[1] == pytest.approx([model.bias_of(names[k], "g") for k in table.kind[1]])
 
     # the normal equations hold: the penalty's slope is that of the weighted squares
     def height(one: KindModel) -> float:
-        means = table.means - kinds._offsets(one, table, names, families)
+        means = table.means - evidence_model._offsets(one, table, names, families)
         weight = table.present / variances
         mu = (weight * means).sum(axis=1) / weight.sum(axis=1)
-        prior = sum((value / kinds.BIAS_SD[key]) ** 2 for key, value in one.bias.items())
-        prior += sum((value / kinds.FAMILY_SD[key.split()[0]]) ** 2 for key, value in one.family_bias.items())
+        prior = sum((value / evidence_model.BIAS_SD[key]) ** 2 for key, value in one.bias.items())
+        prior += sum((value / evidence_model.FAMILY_SD[key.split()[0]]) ** 2 for key, value in one.family_bias.items())
         return float((trust[:, None] * weight * (means - mu[:, None]) ** 2).sum() + prior)
 
-    plain, mixed = kinds._plain_and_mixed(table.means, variances, table.present)
+    plain, mixed = evidence_model._plain_and_mixed(table.means, variances, table.present)
     trust = 1 / (1 + np.exp(mixed - plain))
     best = height(model)
     for step in (-0.01, 0.01):
@@ -195,7 +199,7 @@ def test_ratios_of_spread_lean_on_ten_classes_of_no_difference() -> None:
         one, sources=("a", "b", "c", "d"), kinds=("product", "measured", "asset", "museum"),
         spreads=np.array([0.1, 0.4, 0.4, NAN]),
     )  # fmt: skip
-    ratios = kinds._spread_ratios([known, known, one])
+    ratios = evidence_model._spread_ratios([known, known, one])
     assert ratios == pytest.approx({"asset": 2 * np.log(0.4 / 0.2) / 12, "museum": 0.0})
 
 
@@ -203,7 +207,7 @@ def test_sameness_by_the_mean_squares() -> None:
     generator = np.random.default_rng(0)
     rooms = np.repeat(np.arange(30), 3)[:-1]
     x = generator.normal(0, 0.1, 30)[rooms] + generator.normal(0, 0.1, 89)
-    one = sameness._of_axis(np.append(x, NAN), np.append(rooms, 99).astype(str))
+    one = intraclass_correlation._of_axis(np.append(x, NAN), np.append(rooms, 99).astype(str))
     assert one is not None
     counts = np.bincount(rooms)
     means = np.bincount(rooms, x) / counts
@@ -214,13 +218,17 @@ def test_sameness_by_the_mean_squares() -> None:
     assert one.share == pytest.approx(share, rel=1e-9)
     variance = 2 * 88 * (1 - share) ** 2 * (1 + (n0 - 1) * share) ** 2 / (n0**2 * 59 * 29)
     assert one.sd == pytest.approx(np.sqrt(variance))
-    few = sameness._of_axis(np.zeros(14), np.repeat(np.arange(7), 2).astype(str))
+    few = intraclass_correlation._of_axis(np.zeros(14), np.repeat(np.arange(7), 2).astype(str))
     assert few is None
 
 
 def test_classes_shrink_by_how_much_they_differ() -> None:
-    classes = {"a": sameness.Sameness(0.2, 0.1), "b": sameness.Sameness(0.6, 0.2), "c": sameness.Sameness(0.9, 0.05)}
-    shrunk, other = sameness.shrunk_sameness(classes)
+    classes = {
+        "a": intraclass_correlation.Sameness(0.2, 0.1),
+        "b": intraclass_correlation.Sameness(0.6, 0.2),
+        "c": intraclass_correlation.Sameness(0.9, 0.05),
+    }
+    shrunk, other = intraclass_correlation.shrunk_sameness(classes)
     share, variance = np.array([0.2, 0.6, 0.9]), np.array([0.01, 0.04, 0.0025])
     weight = 1 / variance
     mean = (weight * share).sum() / weight.sum()
@@ -232,7 +240,7 @@ def test_classes_shrink_by_how_much_they_differ() -> None:
     for one, own, var in zip("abc", share, variance, strict=True):
         assert shrunk[one].share == pytest.approx((own / var + mean / between) / (1 / var + 1 / between))
         assert shrunk[one].sd == pytest.approx(np.sqrt(1 / (1 / var + 1 / between)))
-    assert sameness.shrunk_sameness({"a": classes["a"], "b": classes["b"]})[0] == {}
+    assert intraclass_correlation.shrunk_sameness({"a": classes["a"], "b": classes["b"]})[0] == {}
 
 
 def _context(

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from metric_tree.fit.sameness import DEFAULT_MEAN, Sameness, class_sameness, shrunk_sameness
+from metric_tree.fit.intraclass_correlation import DEFAULT_MEAN, Sameness, class_sameness, shrunk_sameness
 
 
 def rooms(share: float, n: int = 60, objects: int = 5, seed: int = 0):

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from metric_tree.fit import inner_priors
-from metric_tree.fit.mixture_em import Mixture
+from metric_tree.fit.mixture import Mixture
 
 
 def _mixture(k: int, seed: int = 3) -> tuple[np.ndarray, np.ndarray, np.ndarray]:

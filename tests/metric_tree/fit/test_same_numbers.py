@@ -13,7 +13,7 @@ from typing import Any
 import numpy as np
 import pyarrow.parquet as pq
 
-from metric_tree.build.steps import BuildOptions, build_release
+from metric_tree.pipeline.build import BuildOptions, build_release
 
 RAW = Path(__file__).resolve().parents[3] / "data" / "raw"
 #: Products, models and made objects; several of one class, some with a region and a year.

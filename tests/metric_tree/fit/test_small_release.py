@@ -5,12 +5,12 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
+from metric_tree.curated.sizes import norms
 from metric_tree.fit.class_prior import class_prior
-from metric_tree.fit.kinds import KindModel, learn_kinds, shipped_model
+from metric_tree.fit.evidence_model import KindModel, learn_kinds, shipped_model
 from metric_tree.fit.moments import VAGUE
 from metric_tree.tree import open_tree
 from taxonomy.catalogue import default_catalogue
-from taxonomy.curated_sizes import norms
 from tests.metric_tree.fit.test_fit import class_rows
 
 #: Sizes that a norm fixes, as anybody can look them up: node, axis, mm.

@@ -10,10 +10,10 @@ from hypothesis import given
 from hypothesis import strategies as st
 from PIL import Image
 
-from metric_cli.verbs import main
+from metric_cli.subcommands import main
 from metric_tree.cutouts.backend import Settings
 from metric_tree.cutouts.release_cutouts import cut_release
-from metric_tree.report.contact_sheet import LARGEST, MARGIN, _scale, _spread, bar_length, picture_rows, tiles
+from metric_tree.reports.contact_sheet import LARGEST, MARGIN, _scale, _spread, bar_length, picture_rows, tiles
 from metric_tree.tree import open_tree
 from tests.synthetic.picture_fixture import HOSTILE, release_with, shop_picture, wallpaper
 

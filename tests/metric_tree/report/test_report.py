@@ -5,8 +5,11 @@ import json
 import numpy as np
 import pytest
 
-from metric_cli.verbs import main
-from metric_tree.report.counts import (
+from metric_cli.subcommands import main
+from metric_tree.report.figures import size_figure
+from metric_tree.report.html import Linked, table, whole_page
+from metric_tree.report.page import page
+from metric_tree.reports.summary import (
     coverage,
     covered_items,
     disagreements,
@@ -16,9 +19,6 @@ from metric_tree.report.counts import (
     source_counts,
     typical_nodes,
 )
-from metric_tree.report.figures import size_figure
-from metric_tree.report.html import Linked, table, whole_page
-from metric_tree.report.page import page
 from metric_tree.tree import Tree
 from taxonomy.label_lists import Label
 from tests.synthetic import minitree

@@ -3,14 +3,7 @@
 import numpy as np
 import pytest
 
-from metric_tree.report.changes import (
-    changes,
-    label,
-    largest_changes,
-    removed_nodes,
-    size_and_spread,
-    source_changes,
-)
+from metric_tree.report.changes import changes, label, largest_changes, removed_nodes, size_and_spread, source_changes
 from metric_tree.tree import Tree
 from tests.synthetic import minitree
 

@@ -8,7 +8,7 @@ import cv2
 import numpy as np
 import pytest
 
-from metric_cli.verbs import main
+from metric_cli.subcommands import main
 from metric_tree.tree import Tree, open_tree
 from tests.synthetic import minitree
 

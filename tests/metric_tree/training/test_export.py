@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 from pycocotools.coco import COCO
 
-from metric_cli.verbs import main
+from metric_cli.subcommands import main
 from metric_tree.training.classes import Classes
 from metric_tree.training.composition import compose, random_background
 from metric_tree.training.pasted import Cutout, cutouts_of

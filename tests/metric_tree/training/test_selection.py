@@ -10,8 +10,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from estimator.posterior.class_error import shared_error as estimators_error
-from metric_cli.verbs import main
+from estimator.posterior.shared_error import shared_error as estimators_error
+from metric_cli.subcommands import main
 from metric_tree.prior import Prior
 from metric_tree.training.selection import (
     CategoryCandidate,

@@ -11,7 +11,7 @@ import pyarrow as pa
 
 from estimator.results.categories import meanings
 from metric_base.arrays import FloatArray
-from metric_tree.build.ingest import blocks, ingest_block, is_held_out, raw_files
+from metric_tree.pipeline.ingest import blocks, ingest_block, is_held_out, raw_files
 from metric_tree.tree import Node, Tree
 from taxonomy.categories import Taxonomy
 from tests.synthetic.rooms.shapes import CATEGORIES

@@ -13,8 +13,8 @@ from hypothesis import strategies as st
 
 from crawler.items import RawItem
 from metric_base.folders import taxonomy_directory
-from metric_base.schema import json_record
-from metric_cli.verbs import main
+from metric_base.records import json_record
+from metric_cli.subcommands import main
 from taxonomy.inserted_categories import insertions
 from taxonomy.levels import replaced_ids
 from taxonomy.matching.decisions import (

@@ -14,8 +14,8 @@ from taxonomy.levels import replaced_ids
 from taxonomy.matching.decisions import Decision, decisions
 from taxonomy.matching.lexicon import Lexicon
 from taxonomy.matching.matcher import Matcher, default_matcher, naming_texts
+from taxonomy.matching.readings import BadReading, Reading, default_readings, readings
 from taxonomy.matching.reliability import THRESHOLD, reliabilities
-from taxonomy.matching.source_reading import BadReading, Reading, default_readings, readings
 from taxonomy.wordnet import WordNet
 from taxonomy.words.spelling import fold_text
 

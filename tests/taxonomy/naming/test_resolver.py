@@ -9,8 +9,8 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from taxonomy.naming.names import Names
 from taxonomy.naming.nearest import _slip
-from taxonomy.naming.nodes import Names
 from taxonomy.naming.resolver import NameAnswer, Resolver
 from taxonomy.words import senses as tables
 from taxonomy.words.phrases import after_counts, container_and_content, leading_phrase, without_numbers

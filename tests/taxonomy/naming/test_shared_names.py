@@ -11,12 +11,12 @@ import pytest
 
 import metric_tree
 from metric_base.folders import taxonomy_directory
+from metric_tree.curated.sizes import curated_ranges
 from metric_tree.tree import AmbiguousName
 from taxonomy.catalogue import OTHER, default_catalogue
 from taxonomy.categories import Category
-from taxonomy.curated_sizes import curated_ranges
 from taxonomy.levels import LEAF
-from taxonomy.naming.nodes import own_names
+from taxonomy.naming.names import own_names
 from taxonomy.words.senses import reviewed_meanings
 from taxonomy.words.spelling import plain_fold
 

@@ -1,0 +1,203 @@
+"""The frontier that several processes or machines share: Redis, with leases that run out.
+
+scrapy-redis was looked at and not taken: it pops a request before it is fetched, so that a killed worker loses what it
+held, and it pickles requests. Here a lease names its worker and its end; a worker that dies lets its leases run out and
+another takes them up. Items stay with the worker that read them, in its own SQLite file, written before the task is
+marked done: a worker killed between the two leaves an item that the next one reads again under the same id.
+"""
+
+from __future__ import annotations
+
+import json
+import time
+from collections.abc import Iterable, Mapping
+from pathlib import Path
+from typing import Any, Literal
+
+from crawler.fetch.frontier import REFUSALS, Outcome, Task, task_key
+from crawler.fetch.sqlite_frontier import SqliteFrontier
+from metric_base.errors import InputError, StorageError
+
+__all__ = ["LEASE_SECONDS", "NoRedis", "RedisFrontier"]
+
+#: A page that is not done after this time is given to another worker: the longest download (see
+#: `crawler.fetch.settings`),
+#: with its delays, fits in many times over.
+LEASE_SECONDS = 180.0
+
+
+class NoRedis(InputError):
+    """A Redis server that does not answer."""
+
+
+# KEYS: seen, tasks, queue, leases. ARGV: triples of key, score, text.
+_ADD = """
+local added = 0
+for i = 1, #ARGV, 3 do
+  if redis.call('SADD', KEYS[1], ARGV[i]) == 1 then
+    redis.call('HSET', KEYS[2], ARGV[i], ARGV[i + 2])
+    redis.call('ZADD', KEYS[3], ARGV[i + 1], ARGV[i])
+    added = added + 1
+  end
+end
+return added
+"""
+
+# KEYS: tasks, queue, leases. ARGV: now, the lease's end.
+_LEASE = """
+for _, key in ipairs(redis.call('ZRANGEBYSCORE', KEYS[3], '-inf', ARGV[1])) do
+  redis.call('ZREM', KEYS[3], key)
+  redis.call('ZADD', KEYS[2], 0, key)
+end
+local found = redis.call('ZPOPMIN', KEYS[2])
+if #found == 0 then return false end
+redis.call('ZADD', KEYS[3], ARGV[2], found[1])
+return redis.call('HGET', KEYS[1], found[1])
+"""
+
+# KEYS: refused, queue, failed. ARGV: reason.
+_REOPEN = """
+local count = 0
+local found = redis.call('HGETALL', KEYS[1])
+for i = 1, #found, 2 do
+  if found[i + 1] == ARGV[1] then
+    redis.call('HDEL', KEYS[1], found[i])
+    redis.call('ZADD', KEYS[2], 0, found[i])
+    redis.call('HINCRBY', KEYS[3], ARGV[1], -1)
+    count = count + 1
+  end
+end
+return count
+"""
+
+#: What Redis keeps of a crawl; `refused` names why, of tasks that a resume with other options offers again.
+_PARTS = ("seen", "tasks", "queue", "leases", "done", "failed", "refused", "origin")
+
+
+class RedisFrontier:
+    """A shared frontier. `name` keeps crawls on one server apart; `folder` is where this worker keeps its items."""
+
+    def __init__(self, url: str, name: str, folder: Path, lease_seconds: float = LEASE_SECONDS) -> None:
+        import redis
+
+        try:
+            self._redis: Any = redis.Redis.from_url(url, decode_responses=True, socket_timeout=30)
+            self._redis.ping()
+        except (redis.RedisError, ValueError) as error:  # an address of another kind is a ValueError
+            raise NoRedis(f"{url}: expected a Redis server; found {error}") from None
+        self._keys = {part: f"metric-tree:{name}:{part}" for part in _PARTS}
+        self._add = self._redis.register_script(_ADD)
+        self._lease = self._redis.register_script(_LEASE)
+        self._reopen = self._redis.register_script(_REOPEN)
+        self._lease_seconds = lease_seconds
+        self._url, self._is_begun = url, False
+        self._items = SqliteFrontier(folder / "frontier.sqlite")
+
+    def add(self, tasks: Iterable[Task]) -> int:
+        """Add the tasks whose keys are new; the number of them."""
+        arguments: list[Any] = []
+        for task in tasks:
+            key = task.key or task_key(task.url, task.callback)
+            whole = Task(task.url, task.callback, task.meta, task.priority, key)
+            arguments += [key, -task.priority, whole.text()]
+        keys = [self._keys[part] for part in ("seen", "tasks", "queue", "leases")]
+        return int(self._add(keys=keys, args=arguments)) if arguments else 0
+
+    def lease(self) -> Task | None:
+        """The next task; leases that ran out count as waiting."""
+        now = time.time()
+        keys = [self._keys[part] for part in ("tasks", "queue", "leases")]
+        text = self._lease(keys=keys, args=[now, now + self._lease_seconds])
+        return Task.from_text(text) if text else None
+
+    def put_back(self, task: Task) -> None:
+        """Return a leased task, perhaps changed."""
+        pipe = self._redis.pipeline(transaction=True)
+        pipe.hset(self._keys["tasks"], task.key, task.text())
+        pipe.zrem(self._keys["leases"], task.key)
+        pipe.zadd(self._keys["queue"], {task.key: -task.priority})
+        pipe.execute()
+
+    def commit(self, outcome: Outcome) -> int:
+        """Items to this worker's file first, then the links and the mark to Redis."""
+        new = self._items.commit(Outcome(outcome.key, outcome.items, pictures=outcome.pictures, most=outcome.most))
+        self.add(outcome.tasks)
+        pipe = self._redis.pipeline(transaction=True)
+        pipe.zrem(self._keys["leases"], outcome.key)
+        pipe.zrem(self._keys["queue"], outcome.key)  # it waits there again if its lease ran out meanwhile
+        if not outcome.is_whole(new):
+            pipe.zadd(self._keys["queue"], {outcome.key: 0})
+        else:
+            self._settle(pipe, outcome)
+        pipe.execute()
+        return new
+
+    def _settle(self, pipe: Any, outcome: Outcome) -> None:
+        """The mark that a task is done or failed; a refused one is kept."""
+        if outcome.failure in REFUSALS:
+            pipe.hset(self._keys["refused"], outcome.key, outcome.failure)
+        else:
+            pipe.hdel(self._keys["tasks"], outcome.key)
+        pipe.hincrby(self._keys["done" if outcome.failure is None else "failed"], outcome.failure or "pages", 1)
+
+    def is_exhausted(self) -> bool:
+        """Whether no task waits or is leased by anyone.
+
+        Raises
+        ------
+        StorageError
+            The server no longer knows the crawl: it was started again without its data, and nothing left is not done.
+        """
+        if self._redis.zcard(self._keys["queue"]) or self._redis.zcard(self._keys["leases"]):
+            return False
+        if self._is_begun and not self._redis.exists(self._keys["origin"]):
+            raise StorageError(
+                f"{self._url}: expected the crawl's tasks, found a server that has lost them;"
+                " --resume with what the crawl began with goes on"
+            )
+        return True
+
+    def counts(self) -> dict[str, int]:
+        """Tasks by state over all workers, and this worker's items and pictures."""
+        done = sum(map(int, self._redis.hvals(self._keys["done"])))
+        failed = sum(map(int, self._redis.hvals(self._keys["failed"])))
+        kept = self._items.counts()
+        own = {kind: kept[kind] for kind in ("items", "pictures")}
+        leased, late = (
+            self._redis.zcard(self._keys["leases"]),
+            self._redis.zcount(self._keys["leases"], "-inf", time.time()),
+        )
+        waiting = int(self._redis.zcard(self._keys["queue"])) + int(late)  # leases that ran out wait again
+        return {"waiting": waiting, "leased": int(leased), "done": done, "failed": failed} | own
+
+    def failures(self) -> dict[str, int]:
+        """Failed tasks by their reason, over all workers."""
+        counts = self._redis.hgetall(self._keys["failed"])
+        return {reason: int(count) for reason, count in counts.items() if int(count)}
+
+    def lines(self, after: int = 0, kind: Literal["items", "pictures"] = "items") -> Iterable[tuple[int, str]]:
+        """Numbers and JSON lines of this worker's items or pictures."""
+        return self._items.lines(after, kind)
+
+    def origin(self) -> dict[str, Any]:
+        """What the crawl began with, by whichever worker; empty if nothing was remembered."""
+        return dict(json.loads(self._redis.get(self._keys["origin"]) or "{}"))
+
+    def remember(self, origin: Mapping[str, Any]) -> None:
+        """Keep what the crawl began with, for every worker."""
+        self._redis.set(self._keys["origin"], json.dumps(dict(origin)))
+        self._is_begun = True
+
+    def reopen(self, reason: str) -> int:
+        """Let the tasks that were refused for a reason wait again; the number of them."""
+        keys = [self._keys[part] for part in ("refused", "queue", "failed")]
+        return int(self._reopen(keys=keys, args=[reason]))
+
+    def start_over(self) -> None:
+        """Forget all tasks, and what came of them."""
+        self._redis.delete(*(key for part, key in self._keys.items() if part != "origin"))
+
+    def close(self) -> None:
+        """Close the connection and this worker's file."""
+        self._items.close()
+        self._redis.close()

@@ -1,0 +1,141 @@
+"""Meshroom's and AliceVision's `.sfm` files (JSON): views, intrinsics, poses and the structure with its observations.
+
+`rotation` is world to camera, column by column; the principal point counts from the middle of the picture from file
+version 1.2.1 on, from its corner before.
+"""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from estimator.projection.cameras import make_camera
+from estimator.reconstructions.checked_files import json_array, json_object
+from estimator.records.scene import MAX_COORDINATE, Camera, Scene, View
+from estimator.scene_formats.common import (
+    matrix_of,
+    number_of,
+    observed_views,
+    pinhole_camera,
+    points_beside,
+    posed_view,
+)
+from metric_base.arrays import FloatArray
+from metric_base.errors import FieldError, at_field, in_file
+from metric_base.input_files import read_json
+
+__all__ = ["read_meshroom"]
+
+#: From here on the principal point is relative to the middle (AliceVision, SfmDataIO changelog).
+CENTRED_VERSION = (1, 2, 1)
+#: AliceVision's distortion models by the names that its versions used, and OpenCV's numbers in their order.
+MODELS = {
+    "pinhole": (), "none": (), "radial1": ("k1",), "radialk1": ("k1",), "radial3": ("k1", "k2", "k3"),
+    "radialk3": ("k1", "k2", "k3"), "brown": ("k1", "k2", "k3", "p1", "p2"),
+}  # fmt: skip
+FISHEYES = ("fisheye4", "equidistant")
+#: Where points are of a file that has none: cameras.sfm, which Meshroom writes beside sfm.abc.
+PLY_FILES = ("points.ply", "cloud_and_poses.ply")
+
+
+def read_meshroom(file: Path) -> Scene:
+    """The scene of an `.sfm` file; views without a pose are left out.
+
+    Raises
+    ------
+    InputError
+        The file is damaged, or has a lens that COLMAP has no model for.
+    """
+    with in_file(file):
+        document = json_object(read_json(file))
+        cameras = _cameras(document)
+        poses = {str(entry.get("poseId")): entry for entry in _entries(document, "poses")}
+        views: list[View] = []
+        row_of: dict[str, int] = {}
+        for entry in _entries(document, "views"):
+            pose = poses.get(str(entry.get("poseId", entry.get("viewId"))))
+            if pose is not None:
+                with at_field(f"view {entry.get('viewId')}"):
+                    row_of[str(entry.get("viewId"))] = len(views)
+                    views.append(_view(entry, pose, cameras))
+        if not views:
+            raise FieldError("poses", "at least one view with a pose", 0)
+        landmarks = _entries(document, "structure") if "structure" in document else []
+        points = matrix_of([entry.get("X") for entry in landmarks], (len(landmarks), 3), "structure X")
+        points = points if len(points) else points_beside(file, PLY_FILES)
+        seen = _observations(landmarks, row_of)
+    points = np.clip(points, -MAX_COORDINATE / 2, MAX_COORDINATE / 2)
+    placed = observed_views(views, seen[:, 0].astype(np.int64), seen[:, 1].astype(np.int64), seen[:, 2:])
+    return Scene(file.parent, "meshroom", placed, points, model_path=file.parent)
+
+
+def _entries(document: dict[str, Any], part: str) -> list[dict[str, Any]]:
+    return [json_object(entry, f"{part}[{row}]") for row, entry in enumerate(json_array(document.get(part), part))]
+
+
+def _cameras(document: dict[str, Any]) -> dict[str, Camera]:
+    version = document.get("version")
+    try:
+        numbers = tuple(int(part) for part in version) if isinstance(version, list) else (0,)
+    except (TypeError, ValueError):
+        raise FieldError("version", "three numbers", version) from None
+    cameras = {}
+    for entry in _entries(document, "intrinsics"):
+        with at_field(f"intrinsic {entry.get('intrinsicId')}"):
+            cameras[str(entry.get("intrinsicId"))] = _camera(entry, numbers >= CENTRED_VERSION)
+    return cameras
+
+
+def _camera(entry: dict[str, Any], centred: bool) -> Camera:
+    size = (round(number_of(entry, "width")), round(number_of(entry, "height")))
+    if "pxFocalLength" in entry:
+        stated = entry["pxFocalLength"]
+        focal = matrix_of(stated if isinstance(stated, list) else [stated, stated], (2,), "pxFocalLength")
+    else:
+        focal_mm, ratio = number_of(entry, "focalLength"), number_of(entry, "pixelRatio", 1.0)
+        sensor_mm = number_of(entry, "sensorWidth")
+        if not sensor_mm > 0:
+            raise FieldError("sensorWidth", "millimetres above 0", sensor_mm)
+        focal_x = focal_mm * size[0] / sensor_mm
+        focal = np.array([focal_x, focal_x * ratio])
+    centre = matrix_of(
+        entry.get("principalPoint", [0, 0] if centred else [side / 2 for side in size]), (2,), "principalPoint"
+    )
+    centre = centre + np.array(size) / 2 if centred else centre
+    kind = str(entry.get("distortionType") or entry.get("type", "pinhole")).lower()
+    params = entry.get("distortionParams") or []
+    values = matrix_of(params, (len(params) if isinstance(params, list) else 0,), "distortionParams").tolist()
+    if kind in FISHEYES and len(values) == 4:
+        return make_camera("OPENCV_FISHEYE", size, [*focal, *centre, *values])
+    if kind not in MODELS or len(values) > len(MODELS[kind]):
+        raise FieldError("type", f"one of {', '.join((*MODELS, *FISHEYES))}", kind)
+    names = MODELS[kind]
+    return pinhole_camera(size, (focal[0], focal[1]), (centre[0], centre[1]), dict(zip(names, values, strict=False)))
+
+
+def _view(entry: dict[str, Any], pose: dict[str, Any], cameras: dict[str, Camera]) -> View:
+    camera = cameras.get(str(entry.get("intrinsicId")))
+    if camera is None:
+        raise FieldError("intrinsicId", "an intrinsic of the file", entry.get("intrinsicId"))
+    transform = json_object(json_object(pose.get("pose"), "pose").get("transform"), "pose transform")
+    rotation = matrix_of(transform.get("rotation"), (3, 3), "rotation").T  # column by column
+    name = entry.get("path")
+    if not isinstance(name, str) or not name:
+        raise FieldError("path", "a name", name)
+    return posed_view(
+        name.replace("\\", "/").rpartition("/")[2], camera, rotation, matrix_of(transform.get("center"), (3,), "center")
+    )
+
+
+def _observations(landmarks: list[dict[str, Any]], row_of: dict[str, int]) -> FloatArray:
+    """(m, 4) view, point, x, y of the observations in views that have a pose."""
+    rows = []
+    for point, entry in enumerate(landmarks):
+        for observation in entry.get("observations") or []:
+            with at_field(f"structure[{point}]"):
+                view = row_of.get(str(json_object(observation, "observations").get("observationId")))
+                if view is not None:
+                    rows.append((view, point, *matrix_of(observation.get("x"), (2,), "x").tolist()))
+    return np.array(rows, dtype=np.float64).reshape(-1, 4)

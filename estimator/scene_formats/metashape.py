@@ -1,0 +1,141 @@
+"""Agisoft Metashape's cameras (File, Export, Export Cameras, Agisoft XML), with points in a PLY file beside it.
+
+A camera's `transform` is camera to component, axes right, down, forward; a component's own transform leads into the
+chunk, where exported points are. Metashape's p1 and p2 are OpenCV's p2 and p1 (its manual, appendix "Camera models").
+"""
+
+from __future__ import annotations
+
+from pathlib import Path
+from xml.etree import ElementTree as ET
+
+import numpy as np
+
+from estimator.projection.cameras import make_camera
+from estimator.records.scene import Camera, Scene, View
+from estimator.scene_formats.common import brown_camera, matrix_of, points_beside, posed_view
+from metric_base.arrays import FloatArray
+from metric_base.errors import FieldError, Unquoted, at_field, in_file
+from metric_base.input_files import read_text
+
+__all__ = ["read_metashape"]
+
+PLY_FILES = ("points.ply", "sparse_pc.ply", "sparse.ply", "tie_points.ply", "point_cloud.ply")
+#: The names of the equidistant fisheye in versions 1 and 2.
+FISHEYES = ("fisheye", "equidistant_fisheye")
+#: COLMAP's cameras have no skew; up to this share of the focal length it is left out, which is a pixel or two.
+MOST_SKEW = 1e-3
+#: No such file is longer: a camera takes a kilobyte.
+MAX_BYTES = 1 << 28
+
+
+def read_metashape(file: Path) -> Scene:
+    """The scene of a camera file; cameras that were not aligned are left out.
+
+    Raises
+    ------
+    InputError
+        The file is damaged, of another kind, or has a lens that COLMAP has no model for.
+    """
+    with in_file(file):
+        chunk = _root(read_text(file, MAX_BYTES)).find("chunk")
+        if chunk is None:
+            raise FieldError("document", "a chunk with cameras", None)
+        cameras = {sensor.get("id", ""): sensor for sensor in chunk.iterfind("sensors/sensor")}
+        whole = _transform(chunk.find("transform"))  # of files that state it for all cameras
+        components = {
+            part.get("id", ""): _transform(part.find("transform")) for part in chunk.iterfind("components/component")
+        }
+        views: list[View] = []
+        n_cameras = 0
+        for entry in chunk.iterfind(".//camera"):
+            n_cameras += 1
+            if (transform := entry.find("transform")) is not None:
+                with at_field(f"camera {entry.get('label')!r}"):
+                    views.append(_view(entry, transform, cameras, components, whole))
+        if not views:
+            raise FieldError("cameras", "at least one that is aligned", n_cameras)
+    points = points_beside(file, (f"{file.stem}.ply", *PLY_FILES))
+    warnings = []
+    if lost := n_cameras - len(views):
+        warnings.append(f"{file}: {lost} of {n_cameras} cameras are not aligned and left out")
+    return Scene(file.parent, "metashape", tuple(views), points, None, tuple(warnings), file.parent)
+
+
+def _root(text: str) -> ET.Element:
+    if "<!DOCTYPE" in text or "<!ENTITY" in text:
+        raise FieldError("XML", "a document without entities of its own", Unquoted("a DOCTYPE"))
+    try:
+        return ET.fromstring(text)  # noqa: S314 - it has no entities
+    except (ET.ParseError, ValueError) as error:
+        raise FieldError("XML", "a valid document", Unquoted(str(error))) from None
+
+
+def _transform(node: ET.Element | None) -> FloatArray:
+    """(4, 4) of a component: rotation and scale, and translation."""
+    matrix = np.eye(4)
+    if node is None:
+        return matrix
+    scale = _number(node, "scale", 1.0)
+    if (rotation := node.find("rotation")) is not None:
+        matrix[:3, :3] = matrix_of((rotation.text or "").split(), (3, 3), "component rotation")
+    if (translation := node.find("translation")) is not None:
+        matrix[:3, 3] = matrix_of((translation.text or "").split(), (3,), "component translation")
+    matrix[:3, :3] *= scale
+    return matrix
+
+
+def _view(
+    entry: ET.Element,
+    transform: ET.Element,
+    sensors: dict[str, ET.Element],
+    components: dict[str, FloatArray],
+    whole: FloatArray,
+) -> View:
+    """The view of a camera; components, whole : (4, 4) transforms, the second of cameras without a component."""
+    sensor = sensors.get(entry.get("sensor_id", ""))
+    if sensor is None:
+        raise FieldError("sensor_id", "a sensor of the file", entry.get("sensor_id"))
+    pose = components.get(entry.get("component_id", ""), whole) @ matrix_of(
+        (transform.text or "").split(), (4, 4), "transform"
+    )
+    scale = np.cbrt(np.linalg.det(pose[:3, :3]))  # the component's
+    if not scale > 0:
+        raise FieldError("transform", "a rotation, a scale above 0 and a position", Unquoted("another matrix"))
+    return posed_view(entry.get("label", ""), _camera(sensor), (pose[:3, :3] / scale).T, pose[:3, 3])
+
+
+def _camera(sensor: ET.Element) -> Camera:
+    resolution = sensor.find("resolution")
+    calibrations = [node for node in sensor.iterfind("calibration") if node.find("f") is not None]
+    adjusted = [node for node in calibrations if node.get("class") == "adjusted"] or calibrations
+    if resolution is None or not adjusted:
+        raise FieldError("sensor", "a resolution and an adjusted calibration", None)
+    try:
+        size = (int(resolution.get("width", "")), int(resolution.get("height", "")))
+    except ValueError:
+        raise FieldError("resolution", "whole numbers of pixels", Unquoted(str(resolution.attrib))) from None
+    node = adjusted[-1]
+    focal, skew = _number(node, "f"), _number(node, "b2", 0.0)
+    centre = (size[0] / 2 + _number(node, "cx", 0.0), size[1] / 2 + _number(node, "cy", 0.0))
+    focals = (focal + _number(node, "b1", 0.0), focal)
+    if abs(skew) > MOST_SKEW * focal:
+        raise FieldError("b2", f"a skew under {MOST_SKEW:g} of the focal length; fix b2 at 0 and align again", skew)
+    radial = {name: _number(node, name, 0.0) for name in ("k1", "k2", "k3", "k4")}
+    if sensor.get("type") in FISHEYES:
+        return make_camera("OPENCV_FISHEYE", size, [*focals, *centre, *radial.values()])
+    if sensor.get("type", "frame") != "frame":
+        raise FieldError(
+            "sensor type",
+            "frame or an equidistant fisheye (cut others into perspective views first)",
+            sensor.get("type"),
+        )
+    tangential = {"p1": _number(node, "p2", 0.0), "p2": _number(node, "p1", 0.0)}
+    return brown_camera(size, focals, centre, radial | tangential)
+
+
+def _number(node: ET.Element, name: str, default: float | None = None) -> float:
+    text = node.findtext(name)
+    if text is None and default is not None:
+        return default
+    return float(matrix_of([text], (1,), name)[0])

@@ -1,0 +1,51 @@
+"""The tree as areas: a column for each level, a node's height its share of the items, its colour the tier."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from html import escape
+
+from explorer.drawings.axis import svg
+from explorer.urls import page_of
+from metric_tree.tree import Node
+
+__all__ = ["icicle"]
+
+WIDTH, HEIGHT, LEVELS = 1000, 1400, 5
+
+#: Pixels under which a node is not drawn: it is in the outline.
+LEAST = 2.2
+
+#: Pixels from which a node has its name in it, and pixels of a letter.
+LEAST_NAMED, LETTER = 11, 6.3
+
+
+def icicle(root: Node, tier: Callable[[Node], str]) -> str:
+    """The SVG of a tree; each area is a link to its node."""
+    parts: list[str] = []
+    _draw(root, 0.0, float(HEIGHT), tier, parts)
+    title = "The tree: five columns for five levels; a node's height is its share of the items, its colour the tier"
+    drawing = svg(WIDTH, HEIGHT, title, "".join(parts), "icicle")
+    return drawing.replace('role="img"', 'role="group"', 1)  # its links are read one by one
+
+
+def _draw(node: Node, top: float, bottom: float, tier: Callable[[Node], str], parts: list[str]) -> None:
+    height = bottom - top
+    if height < LEAST:
+        return
+    column = WIDTH / LEVELS
+    x, kind = (node.level - 1) * column, tier(node)
+    said = f"{node.name}, {kind}, {node.n_items:,} items"
+    shown = node.name if len(node.name) * LETTER < column - 10 else f"{node.name[: int(column / LETTER) - 3]}…"
+    text = f'<text x="{x + 5:.0f}" y="{top + min(height / 2 + 4, 14):.1f}">{escape(shown)}</text>'
+    parts.append(
+        f'<a href="{escape(page_of(node.node_id))}"><rect class="tier-{kind}" x="{x:.0f}" y="{top:.1f}" '
+        f'width="{column - 1:.0f}" height="{max(height - 0.7, 0.5):.1f}"/><title>{escape(said)}</title>'
+        f"{text if height >= LEAST_NAMED else ''}</a>"
+    )
+    children = sorted(node.children, key=lambda one: -one.n_items)
+    total = sum(child.n_items for child in children)
+    for child in children:
+        share = height * child.n_items / total if total else 0
+        _draw(child, top, top + share, tier, parts)
+        top += share

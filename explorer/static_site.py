@@ -1,0 +1,87 @@
+"""The static site: every page and answer as a file, which any host serves and a browser opens from the disk."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Sequence
+from concurrent.futures import ProcessPoolExecutor
+from dataclasses import dataclass
+from multiprocessing import get_context
+from pathlib import Path
+
+from explorer.content.release_catalogue import ReleaseCatalogue
+from explorer.routes import answer, picture_paths, site_addresses
+from metric_base.errors import InputError
+from metric_base.files import whole_folder
+from metric_tree.release.release import link_file
+from metric_tree.tree import Tree, open_tree
+
+__all__ = ["Written", "write_site"]
+
+#: Addresses that a worker writes at a time.
+CHUNK = 400
+
+
+@dataclass(frozen=True, slots=True)
+class Written:
+    """Files of a site and their bytes, pictures among them."""
+
+    files: int
+    bytes: int
+
+
+def write_site(out: Path, trees: Sequence[Tree], workers: int | None = None) -> Written:
+    """Write the site of releases into a new folder: the first at its root, the others under `releases/VERSION/`.
+
+    Raises
+    ------
+    InputError
+        `out` exists, or two releases have one version.
+    """
+    if out.exists():
+        raise InputError(f"{out}: already exists; a site is written into a new folder")
+    versions = [tree.version for tree in trees]
+    if len(set(versions)) != len(versions):
+        raise InputError(f"--tree: expected releases of different versions; found {', '.join(versions)}")
+    with whole_folder(out, "OUT") as work:
+        for place, tree in enumerate(trees):
+            folder = work / "releases" / tree.version if place else work
+            _write_release(folder, trees, place, workers or os.cpu_count() or 1)
+        written = [path.stat().st_size for path in work.rglob("*") if path.is_file()]
+    return Written(len(written), sum(written))
+
+
+def _write_release(folder: Path, trees: Sequence[Tree], place: int, workers: int) -> None:
+    catalogue = ReleaseCatalogue(trees, place)
+    addresses = list(site_addresses(catalogue))
+    for parent in {(folder / address).parent for address in addresses}:
+        parent.mkdir(parents=True, exist_ok=True)
+    for path in picture_paths(catalogue):
+        (folder / path).parent.mkdir(parents=True, exist_ok=True)
+        link_file(catalogue.tree.release.directory / path, folder / path)
+    chunks = [addresses[start : start + CHUNK] for start in range(0, len(addresses), CHUNK)]
+    directories = [tree.release.directory for tree in trees]
+    if workers == 1 or len(chunks) == 1:
+        _worker["catalogue"] = catalogue
+        for chunk in chunks:
+            _write(folder, chunk)
+        return
+    # spawned, not forked: Arrow's threads do not live through a fork
+    with ProcessPoolExecutor(workers, get_context("spawn"), _start_worker, (directories, place)) as pool:
+        for done in [pool.submit(_write, folder, chunk) for chunk in chunks]:
+            done.result()
+
+
+_worker: dict[str, ReleaseCatalogue] = {}
+
+
+def _start_worker(directories: Sequence[Path], place: int) -> None:
+    _worker["catalogue"] = ReleaseCatalogue([open_tree(directory) for directory in directories], place)
+
+
+def _write(folder: Path, addresses: Sequence[str]) -> None:
+    for address in addresses:
+        made = answer(_worker["catalogue"], address)
+        if made is None:
+            raise RuntimeError(f"{address}: the site lists an address that has nothing")
+        (folder / address).write_bytes(made.body)

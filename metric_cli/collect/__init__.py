@@ -1,1 +1,0 @@
-"""Verbs of `metric-tree` that bring raw items: from sites, saved pages and open data sets."""

@@ -1,0 +1,1 @@
+"""Subcommands of `metric-tree` from pages and open data sets to a release."""

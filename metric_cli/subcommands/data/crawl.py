@@ -1,0 +1,136 @@
+"""`metric-tree crawl SPIDER`: run a spider into a raw-item data set."""
+
+from __future__ import annotations
+
+import argparse
+import math
+import os
+import re
+import sys
+import time
+from collections.abc import Callable, Mapping
+from typing import Any
+
+from crawler.fetch import DELAY_SECONDS
+from metric_cli.arguments import input_path, output_folder
+from metric_cli.tables import print_json, print_table
+
+__all__ = ["CONTACT_VARIABLE", "HELP", "add_arguments", "run"]
+
+HELP = "Run a spider into a raw-item data set: polite, resumable, safe to run unattended."
+
+#: Where a site's owner reaches whoever crawls; asked for once, not on every call.
+CONTACT_VARIABLE = "METRIC_TREE_CONTACT"
+
+#: A mail address or a page, perhaps with a name beside it.
+_CONTACT = re.compile(r".*(?:[^@\s]+@[^@\s]+|https?://[^\s/]+).*")
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """Declare the verb's arguments."""
+    add = parser.add_argument
+    add("spider", metavar="SPIDER", help="amazon, ikea, ..., wikidata, or generic for any site")
+    add("--site", type=input_path, metavar="FILE.toml", help="a site of your own; SPIDER is its name")
+    add("--out", type=output_folder, required=True, metavar="DIR", help="folder of the data set")
+    add("--start-url", action="append", default=[], metavar="URL", help="where to begin; may be repeated")
+    add("--query", default="", help="begin with a search of the site")
+    add("--category", default="", help="begin with a category of the site")
+    add("--limit", type=int, metavar="N", help="stop after N new items (default: no limit)")
+    add("--resume", action="store_true", help="continue the crawl in DIR")
+    add("--pictures", action="store_true", help="download pictures where the site's terms allow it")
+    add(
+        "--contact",
+        default=os.environ.get(CONTACT_VARIABLE),
+        help=f"your e-mail address or page (default: {CONTACT_VARIABLE})",
+    )
+    delay = "between requests to one site (default: %(default)s)"
+    add("--delay", type=float, default=DELAY_SECONDS, metavar="SECONDS", help=delay)
+    add("--cache", type=output_folder, metavar="DIR", help="HTTP cache for conditional requests")
+    add("--redis", default="", metavar="URL", help="share the frontier with other workers")
+    add("--worker", default="", metavar="NAME", help="this worker's folder in DIR, with --redis")
+    add("--private", action="store_true", help="allow addresses of this machine and its network")
+
+
+def run(arguments: argparse.Namespace) -> int:
+    """Crawl, then print the summary."""
+    from crawler.fetch.crawl import Crawl, run_crawl
+    from metric_base.errors import InputError
+
+    _check(arguments)
+    crawl = Crawl(
+        spider=arguments.spider,
+        out=arguments.out,
+        start=arguments.start_url,
+        query=arguments.query,
+        category=arguments.category,
+        limit=arguments.limit or 0,
+        resume=arguments.resume,
+        pictures=arguments.pictures,
+        contact=arguments.contact,
+        cache=arguments.cache,
+        private=arguments.private,
+        delay=arguments.delay,
+        redis=arguments.redis,
+        worker=arguments.worker,
+        site=arguments.site,
+    )
+    with _progress() as show:
+        summary = run_crawl(crawl, show)
+    record = summary.record()
+    if arguments.json:
+        print_json(record)
+    else:
+        sites = record.pop("sites")
+        print_table(["crawl", ""], [(name, _shown(value)) for name, value in record.items() if name != "schema"])
+        print_table(["site", ""], [(host, _shown(counts)) for host, counts in sites.items()])
+    if summary.error:
+        raise InputError(f"{crawl.folder}: {summary.error}")
+    return 0
+
+
+def _check(arguments: argparse.Namespace) -> None:
+    """The options that need no crawl to be found in error."""
+    from metric_base.errors import InputError
+
+    if arguments.out.exists() and not arguments.out.is_dir():
+        raise InputError(f"--out: expected a folder; found the file {arguments.out}")
+    contact, limit, delay = arguments.contact, arguments.limit, arguments.delay
+    if not contact or not _CONTACT.fullmatch(contact) or not contact.isprintable():
+        given = repr(contact) if contact else "none"
+        raise InputError(f"--contact: expected a mail address or a page's URL, or {CONTACT_VARIABLE}; found {given}")
+    if arguments.worker and not re.fullmatch(r"[\w.-]*\w[\w.-]*", arguments.worker):
+        raise InputError(f"--worker: expected a name of letters, digits, - and _; found {arguments.worker!r}")
+    if limit is not None and limit < 1:
+        raise InputError(f"--limit: expected 1 or more items; found {limit}")
+    if not (math.isfinite(delay) and delay >= 0):
+        raise InputError(f"--delay: expected 0 or more seconds; found {delay}")
+
+
+def _shown(value: object) -> str:
+    if isinstance(value, Mapping):
+        return ", ".join(f"{name} {count}" for name, count in value.items()) or "none"
+    return str(value)
+
+
+class _progress:  # noqa: N801 - used as a context manager, reads as one
+    """A line on a terminal: pages, items, drops, what waits. Nothing where standard error is no terminal."""
+
+    def __enter__(self) -> Callable[[Mapping[str, Any]], None] | None:
+        self._started = time.monotonic()
+        return self._show if sys.stderr.isatty() else None
+
+    def __exit__(self, *_: object) -> None:
+        if sys.stderr.isatty():
+            sys.stderr.write("\r\x1b[K")
+
+    def _show(self, stats: Mapping[str, Any]) -> None:
+        seconds = max(time.monotonic() - self._started, 1e-3)
+        rate = stats.get("metric_tree/pages", 0) / seconds
+        dropped = sum(value for name, value in stats.items() if name.startswith("metric_tree/dropped/"))
+        line = (
+            f"{stats.get('metric_tree/pages', 0)} pages ({rate:.1f}/s),"
+            f" {stats.get('metric_tree/items', 0)} items, {dropped} dropped,"
+            f" {stats.get('waiting', 0)} waiting, {stats.get('metric_tree/bans', 0)} bans"
+        )
+        sys.stderr.write(f"\r\x1b[K{line}")
+        sys.stderr.flush()

@@ -1,0 +1,52 @@
+"""`metric-tree true-size MODEL --category NAME`: the true size of a model without one."""
+
+from __future__ import annotations
+
+import argparse
+
+from metric_base.errors import InputError
+from metric_cli.arguments import OutputFile, input_path
+from metric_cli.parsers import add_tree
+from metric_cli.tables import print_json, print_table
+
+__all__ = ["HELP", "add_arguments", "run"]
+
+HELP = "The true size of a generated or normalised model, from its shape and its category."
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """Declare the verb's arguments."""
+    add = parser.add_argument
+    add("model", metavar="MODEL", type=input_path, nargs="?", help="glTF, USD, OBJ, STL, PLY, DAE, URDF, SDF or MJCF")
+    add("--category", metavar="NAME", help="what it is")
+    add("--batch", metavar="TABLE", type=input_path, help="boxes of one scene (CSV or Parquet): one factor for all")
+    add("--out", metavar="FILE", type=OutputFile(), help="write the model at the median of its true size")
+    add("--bake", action="store_true", help="with --out: change the vertices of glTF")
+    add_tree(parser)
+
+
+def run(arguments: argparse.Namespace) -> int:
+    """Print the factor with its interval; write the model where asked for."""
+    from estimator.asset_files.mending import write_at_scale
+    from estimator.assets.model_size import boxes_true_size, model_true_size
+    from metric_tree.tree import open_tree
+
+    tree = open_tree(arguments.tree)
+    if arguments.batch is not None:
+        answer = boxes_true_size(arguments.batch, tree)
+    elif arguments.model is None or arguments.category is None:
+        raise InputError("arguments: expected MODEL --category NAME, or --batch TABLE; found neither")
+    else:
+        answer = model_true_size(arguments.model, arguments.category, tree)
+    if arguments.out is not None and arguments.model is not None:
+        write_at_scale(arguments.model, arguments.out, answer.factor[1], baked=arguments.bake)
+    if arguments.json:
+        print_json(answer.to_json())
+        return 0
+    columns = ["", "low", "median", "high"]
+    rows = [
+        ("factor", *(f"{one:.4g}" for one in answer.factor)),
+        ("height, m", *(f"{one:.4g}" for one in answer.height_m)),
+    ]
+    print_table(columns, rows, title=f"{answer.file}: {answer.reason}")
+    return 0

@@ -1,0 +1,1 @@
+"""Subcommands of `metric-tree` that query, compare, publish and serve releases."""

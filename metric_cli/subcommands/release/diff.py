@@ -1,0 +1,89 @@
+"""`metric-tree diff A B`: what changed between two releases; a gate where `--fail-over` is given."""
+
+from __future__ import annotations
+
+import argparse
+from collections import Counter
+
+from metric_base.errors import InputError
+from metric_cli.tables import print_json, print_table
+from metric_tree.diff import ReleaseDiff, release_diff
+from metric_tree.tree import Tree, open_tree
+
+__all__ = ["HELP", "add_arguments", "run"]
+
+HELP = "What changed between two releases: nodes, tiers, priors that moved and the items that moved them, licences."
+
+#: Rows of a table on the terminal.
+SHOWN = 20
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """Declare the verb's arguments."""
+    parser.add_argument("before", metavar="A", help="version or folder of the earlier release")
+    parser.add_argument("after", metavar="B", help="version or folder of the later one")
+    parser.add_argument(
+        "--fail-over", metavar="RATIO", type=float, help="exit 1 if more than this share of the priors moved, 0 to 1"
+    )
+    parser.add_argument(
+        "--factor", type=float, help="print, and nothing else, the leaves whose median moved by more than this factor"
+    )
+
+
+def run(arguments: argparse.Namespace) -> int:
+    """Print the diff; 1 where more moved than is allowed."""
+    limit = arguments.fail_over
+    if limit is not None and not 0 <= limit <= 1:
+        raise InputError(f"--fail-over: expected a share from 0 to 1; found {limit:g}")
+    if arguments.factor is not None and not arguments.factor > 1:
+        raise InputError(f"--factor: expected a number over 1; found {arguments.factor:g}")
+    before, after = open_tree(arguments.before), open_tree(arguments.after)
+    diff = release_diff(before, after)
+    if arguments.factor is not None:
+        diff = diff.of_leaves(after, arguments.factor)
+    if arguments.json:
+        print_json(diff.record())
+    elif arguments.factor is not None:
+        _print_leaves(diff, before, after)
+    else:
+        _print(diff)
+    return 1 if limit is not None and diff.share_moved > limit else 0
+
+
+def _print(diff: ReleaseDiff) -> None:
+    moved = f"{len(diff.priors):,} ({diff.share_moved:.1%} of those in both)"
+    counts = [
+        ("nodes", f"{diff.nodes_before:,} before, {diff.nodes_after:,} now"),
+        ("new", len(diff.added)),
+        ("gone", f"{len(diff.removed):,}, of which the items of {len(diff.merged):,} are in other nodes"),
+        ("with another parent", len(diff.moved)),
+        ("with another name", len(diff.renamed)),
+        ("with another tier", len(diff.tiers)),
+        ("with a prior that moved", moved),
+    ]
+    print_table(["", ""], counts, title=f"{diff.before} to {diff.after}")
+    rows = [
+        (one.node, one.dim, one.before_mm, one.after_mm, f"{one.median:+.0%}", f"{one.spread:+.0%}", _blame(one.blame))
+        for one in diff.priors[:SHOWN]
+    ]
+    if rows:
+        head = ["node", "dimension", "median mm", "now", "median", "interval", "items that moved it"]
+        print_table(head, rows, title=f"priors that moved most, {len(rows)} of {len(diff.priors):,}")
+    for title, table in (("shipped items by source", diff.items), ("shipped items by licence", diff.licences)):
+        if table:
+            print_table([title, "before", "now"], [(name, *pair) for name, pair in table.items()])
+
+
+def _print_leaves(diff: ReleaseDiff, before: Tree, after: Tree) -> None:
+    """Count the leaves that moved by their tiers before and after, and print each."""
+    tiers = [f"{before.tier(one.node)} to {after.tier(one.node)}" for one in diff.priors]
+    print_table(["tiers", "leaves"], Counter(tiers).most_common(), title=f"{len(tiers):,} leaves moved")
+    rows = [
+        (one.node, one.dim, one.before_mm, one.after_mm, tier, _blame(one.blame))
+        for one, tier in zip(diff.priors, tiers, strict=True)
+    ]
+    print_table(["leaf", "dimension", "median mm", "now", "tiers", "items that moved it"], rows)
+
+
+def _blame(blame: dict[str, int]) -> str:
+    return ", ".join(f"{n:+} {source}" for source, n in list(blame.items())[:3]) or "no shipped item"

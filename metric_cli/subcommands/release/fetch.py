@@ -1,0 +1,34 @@
+"""`metric-tree fetch VERSION`: a release from a registry, verified and kept."""
+
+from __future__ import annotations
+
+import argparse
+
+from metric_cli.tables import print_json
+from metric_tree.release.release import open_release
+from metric_tree.release_download import REGISTRY_VARIABLE, fetch_release
+
+__all__ = ["HELP", "add_arguments", "run"]
+
+HELP = (
+    f"A release by its version, from the registry that {REGISTRY_VARIABLE} names; kept, verified, offline afterwards."
+)
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """Declare the verb's arguments."""
+    parser.add_argument("version", metavar="VERSION", help="version of the release")
+    parser.add_argument(
+        "--registry", metavar="ADDRESS", help=f"path or address of a registry (default: {REGISTRY_VARIABLE})"
+    )
+
+
+def run(arguments: argparse.Namespace) -> int:
+    """Fetch the release; print its folder."""
+    folder = fetch_release(arguments.version, arguments.registry)
+    open_release(folder)
+    if arguments.json:
+        print_json({"version": arguments.version, "path": str(folder)})
+    else:
+        print(folder)  # noqa: T201 - the command's result
+    return 0

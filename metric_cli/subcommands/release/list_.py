@@ -1,0 +1,93 @@
+"""`metric-tree list`: the available releases, or with `--tree` the outline of one."""
+
+from __future__ import annotations
+
+import argparse
+import sys
+from collections.abc import Iterator
+
+from metric_base.errors import InputError
+from metric_cli.tables import print_json, print_table
+from metric_tree.release.release import open_release
+from metric_tree.release_folders import PATH_VARIABLE, releases
+from metric_tree.tree import Node, open_tree
+
+__all__ = ["HELP", "add_arguments", "run"]
+
+HELP = f"The available releases, newest first; {PATH_VARIABLE} names further folders that hold some."
+
+
+#: Levels of every tree.
+LEVELS = 5
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """Declare the verb's arguments."""
+    parser.add_argument(
+        "--tree",
+        metavar="REF",
+        nargs="?",
+        const="",
+        help="the outline of a release: a version or a folder (default: the newest available)",
+    )
+    parser.add_argument("--depth", type=int, default=3, help="levels of the outline, 1 to 5 (default: %(default)s)")
+    parser.add_argument("--below", metavar="NAME", help="the outline of this category alone, to its leaves")
+
+
+def run(arguments: argparse.Namespace) -> int:
+    """Print a line per release, or per category of one."""
+    if arguments.tree is not None or arguments.below is not None:
+        return _print_outline(arguments)
+    described = [
+        {
+            "name": release.manifest["name"],
+            "version": release.manifest["version"],
+            "created": release.manifest["created"],
+            "counts": release.manifest["counts"],
+            "path": str(release.directory),
+        }
+        for release in map(open_release, releases())
+    ]
+    if arguments.json:
+        print_json(described)
+    else:
+        counts = ("nodes", "leaves", "n_fit", "n_rows")
+        rows = [
+            (r["name"], r["version"], r["created"], *(r["counts"].get(c) for c in counts), r["path"]) for r in described
+        ]
+        print_table(["name", "version", "created", *counts, "path"], rows)
+    return 0
+
+
+def _print_outline(arguments: argparse.Namespace) -> int:
+    """Print the categories, each below its parent, with tier and items."""
+    if not 1 <= arguments.depth <= LEVELS:
+        raise InputError(f"--depth: expected 1 to {LEVELS}; found {arguments.depth}")
+    tree = open_tree(arguments.tree or None)
+    top = tree.root if arguments.below is None else tree.find(arguments.below)
+    deepest = arguments.depth if arguments.below is None else LEVELS
+    if arguments.json:
+        print_json([_record(node) for node in top.descendants() if node.level <= deepest])
+    else:
+        sys.stdout.writelines(f"{line}\n" for line in _outline(top, deepest))
+    return 0
+
+
+def _record(node: Node) -> dict[str, object]:
+    return {
+        "node": node.node_id,
+        "name": node.name,
+        "level": node.level,
+        "parent": node.parent_id,
+        "tier": node.tier,
+        "n_items": node.n_items,
+    }
+
+
+def _outline(node: Node, deepest: int, before: str = "", branch: str = "") -> Iterator[str]:
+    """The lines of a node and of those below it, as `tree` draws folders."""
+    yield f"{before}{branch}{node.name}  {node.tier or 'no size'}  {node.n_items:,}"
+    children = node.children if node.level < deepest else ()
+    inner = before + {"": "", "├─ ": "│  ", "└─ ": "   "}[branch]
+    for place, child in enumerate(children, 1):
+        yield from _outline(child, deepest, inner, "└─ " if place == len(children) else "├─ ")

@@ -1,0 +1,56 @@
+"""`metric-tree priors`: the sizes of all nodes, or of a label list, as a flat table."""
+
+from __future__ import annotations
+
+import argparse
+import sys
+
+from metric_base.errors import InputError
+from metric_base.files import output_file, whole_file
+from metric_base.outputs import STAMP
+from metric_cli.arguments import OutputFile
+from metric_cli.parsers import add_tree
+from metric_cli.tables import print_json, print_table
+from metric_tree.tree import open_tree
+
+__all__ = ["HELP", "add_arguments", "run"]
+
+HELP = "Sizes as a flat table, a row for each node or label: tier, items, quantiles in millimetres."
+
+_SHOWN = ("tier", "n_items", "length_q50_mm", "width_q50_mm", "height_q05_mm", "height_q50_mm", "height_q95_mm")
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """Declare the verb's arguments."""
+    parser.add_argument("--vocabulary", metavar="NAME", help="the labels of this list (coco_80, lvis_v1, ...)")
+    form = parser.add_mutually_exclusive_group()
+    form.add_argument("--csv", action="store_true", help="print it as CSV")
+    form.add_argument("--parquet", metavar="FILE", type=OutputFile(), help="write it as Parquet")
+    add_tree(parser)
+
+
+def run(arguments: argparse.Namespace) -> int:
+    """Print or write the table."""
+    tree = open_tree(arguments.tree)
+    if arguments.parquet is not None:
+        output_file(arguments.parquet, "--parquet")
+    table = tree.priors(arguments.vocabulary)
+    if arguments.parquet is not None:
+        import pyarrow.parquet as pq
+
+        if arguments.json:
+            raise InputError("--json: expected it without --parquet; found both")
+        table = table.replace_schema_metadata({**(table.schema.metadata or {}), b"origin": STAMP})
+        with whole_file(arguments.parquet, "--parquet") as work:
+            pq.write_table(table, work, compression="zstd")
+    elif arguments.json:
+        print_json(table.to_pylist())
+    elif arguments.csv:
+        import pyarrow.csv as pc
+
+        sys.stdout.flush()
+        pc.write_csv(table, sys.stdout.buffer)
+    else:
+        columns = ["label" if arguments.vocabulary else "node_id", *_SHOWN]
+        print_table(columns, [[row[name] for name in columns] for row in table.to_pylist()])
+    return 0

@@ -1,0 +1,56 @@
+"""`metric-tree report DIR`: a readable page about a release."""
+
+from __future__ import annotations
+
+import argparse
+from pathlib import Path
+
+from metric_base.files import output_file, whole_file
+from metric_cli.arguments import OutputFile
+from metric_cli.tables import print_json
+from metric_tree.tree import open_tree
+
+__all__ = ["HELP", "add_arguments", "run"]
+
+HELP = "A readable page about a release: counts, coverage of label lists, size distributions, findings, changes."
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """Declare the verb's arguments."""
+    parser.add_argument("release", metavar="DIR", nargs="?", help="folder or version of a release (default: shipped)")
+    parser.add_argument("--against", metavar="DIR", help="an earlier release, to say what changed since")
+    parser.add_argument(
+        "--out", metavar="FILE", type=OutputFile(), default=Path("report.html"), help="page (report.html)"
+    )
+
+
+def run(arguments: argparse.Namespace) -> int:
+    """Write the page; print where it is, or with `--json` the figures it shows."""
+    from metric_tree.report.page import page
+    from metric_tree.reports.summary import coverage, level_counts
+    from taxonomy.label_lists import vocabularies
+
+    output_file(arguments.out)
+    tree = open_tree(arguments.release)
+    against = open_tree(arguments.against) if arguments.against else None
+    text = page(tree, against)
+    with whole_file(arguments.out, "--out") as work:
+        work.write_text(text, encoding="utf-8")
+    if arguments.json:
+        print_json(
+            {
+                "schema": "metric-tree/report/1",
+                "page": str(arguments.out),
+                "levels": [
+                    dict(zip(("level", "nodes", "with_1", "with_10", "with_30"), row, strict=True))
+                    for row in level_counts(tree)
+                ],
+                "vocabularies": [
+                    {"list": c.name, "labels": c.labels, "enough": c.enough, "real": c.real, "any": c.any}
+                    for c in (coverage(tree, name) for name in vocabularies())
+                ],
+            }
+        )
+    else:
+        print(arguments.out)  # noqa: T201 - the command's result
+    return 0

@@ -1,0 +1,36 @@
+"""`metric-tree search TEXT`: nodes for what a person types."""
+
+from __future__ import annotations
+
+import argparse
+
+from metric_base.errors import InputError
+from metric_cli.parsers import add_tree
+from metric_cli.tables import print_json, print_table
+from metric_tree.tree import open_tree
+
+__all__ = ["HELP", "add_arguments", "run"]
+
+HELP = "Categories for a text, the likeliest first; tolerant of typing errors."
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """Declare the verb's arguments."""
+    parser.add_argument("text", metavar="TEXT", help="a name, or part of one")
+    parser.add_argument("--limit", metavar="N", type=int, default=10, help="most rows (10)")
+    add_tree(parser)
+
+
+def run(arguments: argparse.Namespace) -> int:
+    """Print a row for each node; the exit status is 2 where there is none."""
+    if arguments.limit < 1:
+        raise InputError(f"--limit: expected a number from 1; found {arguments.limit}")
+    nodes = open_tree(arguments.tree).search(arguments.text, arguments.limit)
+    if not nodes:
+        raise InputError(f"no node is called {arguments.text[:60]!r} or anything like it")
+    rows = [(node.node_id, " > ".join(node.path[1:]), node.tier, node.n_items) for node in nodes]
+    if arguments.json:
+        print_json([dict(zip(("node", "path", "tier", "n_items"), row, strict=True)) for row in rows])
+    else:
+        print_table(["node", "path", "tier", "items"], rows)
+    return 0

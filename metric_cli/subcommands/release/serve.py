@@ -1,0 +1,62 @@
+"""`metric-tree serve`: the explorer and its JSON over HTTP, or as tools of the Model Context Protocol."""
+
+from __future__ import annotations
+
+import argparse
+import logging
+import sys
+
+from metric_base.errors import InputError
+from metric_tree.tree import open_tree
+
+__all__ = ["HELP", "add_arguments", "run"]
+
+HELP = "The explorer and its JSON answers over HTTP; with --mcp as tools for agents over standard input and output."
+
+#: Seconds that requests in progress have to end after a request to stop.
+GRACE_S = 10
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """Declare the verb's arguments."""
+    add = parser.add_argument
+    add("--host", default="127.0.0.1", help="address to listen at (127.0.0.1: this machine alone)")
+    add("--port", type=int, default=8000, help="port (8000; 0 takes a free one)")
+    add(
+        "--tree",
+        metavar="REF",
+        action="append",
+        help="version or folder of a release; may be repeated (default: shipped)",
+    )
+    add("--mcp", action="store_true", help="serve the Model Context Protocol in place of HTTP")
+    add("--quiet", action="store_true", help="no line for each request")
+
+
+def run(arguments: argparse.Namespace) -> int:
+    """Serve until the process is asked to stop."""
+    if not 0 <= arguments.port <= 65535:
+        raise InputError(f"--port: expected 0 to 65535; found {arguments.port}")
+    trees = [open_tree(ref) for ref in arguments.tree or [None]]
+    if arguments.mcp:
+        from explorer.server.mcp_server import tool_server
+
+        tool_server(trees).run("stdio")
+        return 0
+    import uvicorn
+
+    from explorer.server.app import application
+
+    logging.basicConfig(
+        stream=sys.stderr, level=logging.WARNING if arguments.quiet else logging.INFO, format="%(message)s"
+    )
+    uvicorn.run(
+        application(trees, warm=True),
+        host=arguments.host,
+        port=arguments.port,
+        access_log=False,
+        server_header=False,
+        log_level="info",
+        timeout_graceful_shutdown=GRACE_S,
+        h11_max_incomplete_event_size=16_384,
+    )
+    return 0

@@ -1,0 +1,43 @@
+"""`metric-tree site OUT`: the explorer as static files."""
+
+from __future__ import annotations
+
+import argparse
+import time
+
+from metric_cli.arguments import new_folder
+from metric_cli.tables import print_json
+from metric_tree.tree import open_tree
+
+__all__ = ["HELP", "add_arguments", "run"]
+
+HELP = "Every page and JSON answer of the explorer as files, for any static host or a browser alone."
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """Declare the verb's arguments."""
+    parser.add_argument("out", metavar="OUT", type=new_folder, help="folder to write; it must not exist")
+    parser.add_argument(
+        "--tree",
+        metavar="REF",
+        action="append",
+        help="version or folder of a release; may be repeated (default: shipped)",
+    )
+    parser.add_argument("--workers", metavar="N", type=int, help="processes (default: one for each processor)")
+
+
+def run(arguments: argparse.Namespace) -> int:
+    """Write the site; print where it is and how large."""
+    from explorer.static_site import write_site
+
+    started = time.perf_counter()
+    trees = [open_tree(ref) for ref in arguments.tree or [None]]
+    written = write_site(arguments.out, trees, arguments.workers)
+    seconds = time.perf_counter() - started
+    if arguments.json:
+        record = {"schema": "metric-tree/site/1", "path": str(arguments.out), "files": written.files}
+        print_json({**record, "bytes": written.bytes, "seconds": round(seconds, 1)})
+    else:
+        size = f"{written.files:,} files, {written.bytes / 1e6:.0f} MB, {seconds:.0f} s"
+        print(f"{arguments.out / 'index.html'}: {size}")  # noqa: T201 - the command's result
+    return 0

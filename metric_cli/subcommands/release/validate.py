@@ -1,0 +1,55 @@
+"""`metric-tree validate DIR`: every rule of a release, each finding with its code."""
+
+from __future__ import annotations
+
+import argparse
+from collections import Counter
+from pathlib import Path
+
+from metric_cli.tables import INPUT_ERROR, print_json, print_table
+from metric_tree.checks.release_files import CODES, findings
+from metric_tree.release_folders import release_directory
+
+__all__ = ["HELP", "add_arguments", "run"]
+
+HELP = "Every rule of a release, each finding with its code; exit 2 if any is an error (E)."
+
+#: Findings of one code that are printed unless all are asked for.
+SHOWN = 10
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """Declare the verb's arguments."""
+    parser.add_argument("release", metavar="DIR", nargs="?", help="folder or version of a release (default: shipped)")
+    parser.add_argument("--codes", action="store_true", help="list the codes and what they mean")
+    parser.add_argument("--all", action="store_true", help=f"print all findings, not {SHOWN} of each code")
+
+
+def run(arguments: argparse.Namespace) -> int:
+    """Print the findings; 2 if any is an error."""
+    if arguments.codes:
+        _print_codes(arguments.json)
+        return 0
+    directory = Path(arguments.release) if arguments.release else release_directory()
+    if not directory.is_dir():
+        directory = release_directory(arguments.release)
+    all_findings = findings(directory)
+    if arguments.json:
+        print_json([{"code": f.code, "subject": f.subject, "message": f.message} for f in all_findings])
+    else:
+        shown: Counter[str] = Counter()
+        rows = []
+        for finding in all_findings:
+            shown[finding.code] += 1
+            if arguments.all or shown[finding.code] <= SHOWN:
+                rows.append((finding.code, finding.subject, finding.message))
+        counts = ", ".join(f"{code} {count}" for code, count in sorted(shown.items())) or "nothing found"
+        print_table(["code", "subject", "finding"], rows, title=f"{directory}: {counts}")
+    return INPUT_ERROR if any(finding.is_error for finding in all_findings) else 0
+
+
+def _print_codes(as_json: bool) -> None:
+    if as_json:
+        print_json(CODES)
+    else:
+        print_table(["code", "meaning"], sorted(CODES.items()))

@@ -1,0 +1,1 @@
+"""Tables that reviewers maintain: sizes, exclusions and frequencies of categories."""

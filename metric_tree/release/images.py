@@ -1,0 +1,146 @@
+"""Pictures of items: from a crawl into a release, and from a release back into memory.
+
+Files are content-addressed (`pictures/aa/<sha256>.jpg`) and not packed into shards: a picture shown by two items or two
+releases lies once (releases link to it), one node's pictures are read without the others', and a removed picture takes
+nothing with it. `images.parquet` is the index; sorted by node, so that a node's rows are few row groups.
+"""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import pyarrow as pa
+import pyarrow.compute as pc
+
+from crawler.fetch.item_images import SCHEMA as PICTURE
+from metric_base.errors import in_file
+from metric_base.records import expect, json_record
+from metric_tree.release.release import link_file, sha256
+from metric_tree.release.schema import IMAGES
+
+__all__ = ["FOLDER", "Gathered", "collect_pictures", "image_path", "picture_files"]
+
+#: Where pictures lie inside a release, as inside a crawl.
+FOLDER = "pictures"
+
+#: Segments of picture records (`crawler.fetch.segments`).
+_SEGMENT = re.compile(r"pictures-\d+-\d+\.jsonl")
+
+#: The only paths that a record may name: what `crawler.fetch.item_images` writes.
+_STORED = re.compile(r"([0-9a-f]{2})/(?P<id>\1[0-9a-f]{62})\.(jpg|png|webp)")
+
+_STRINGS = ("image_id", "item_id", "source_url", "path")
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Gathered:
+    """rows : a table of `metric_tree.release.schema.IMAGES`; refused : pictures left out, by reason."""
+
+    rows: pa.Table
+    refused: Mapping[str, int]
+
+
+def picture_files(paths: Iterable[Path]) -> list[Path]:
+    """The picture records in the given folders and all below them, and right beside the given files."""
+    pattern = "pictures-*.jsonl"
+    files = {
+        file: None
+        for path in paths
+        for file in sorted(path.rglob(pattern) if path.is_dir() else path.parent.glob(pattern))
+    }
+    return [file for file in files if _SEGMENT.fullmatch(file.name)]
+
+
+def collect_pictures(files: Sequence[Path], items: pa.Table, folder: Path) -> Gathered:
+    """The pictures of the items of a release, their files linked into `folder`.
+
+    A picture takes the licence of its item: its source's terms, unless its record states its own, as that of a
+    photograph does which shows the kind and hangs on the kind's range. Left out are pictures
+    of items that the release does not show (`no_item`), without a file (`no_file`), and whose bytes are not those that
+    their name says (`changed`).
+
+    Raises
+    ------
+    InputError
+        A line is no picture record.
+    """
+    records = list(_records(files))
+    wanted = pa.array({record["item_id"] for _, record in records}, pa.string())
+    shown = items.filter(pc.is_in(items["item_id"], value_set=wanted)).select(["item_id", "node_id", "licence"])
+    known = {row["item_id"]: row for row in shown.to_pylist()}
+    rows: dict[tuple[str, str], dict[str, Any]] = {}
+    refused: dict[str, int] = {}
+    for home, record in records:
+        reason = _take(home, record, known, folder)
+        if reason is not None:
+            refused[reason] = refused.get(reason, 0) + 1
+            continue
+        path = f"{FOLDER}/{record['path']}"
+        own = {name: record[name] for name in ("licence", "method") if record.get(name)}
+        rows[record["image_id"], record["item_id"]] = (
+            record | known[record["item_id"]] | {"method": "rendered"} | own | _files(record, path)
+        )
+    ordered = sorted(rows.values(), key=lambda row: (row["node_id"], row["item_id"], row["image_id"]))
+    return Gathered(pa.Table.from_pylist(ordered, schema=IMAGES), refused)
+
+
+def image_path(release: Path, row: Mapping[str, Any], column: str = "path") -> Path | None:
+    """The file of a row's picture (or `cutout_path`), or None if there is none inside the release."""
+    if row[column] is None:
+        return None
+    path = (release / row[column]).resolve()
+    return path if path.is_file() and path.is_relative_to(release.resolve()) else None
+
+
+def _files(record: Mapping[str, Any], path: str) -> dict[str, Any]:
+    """The columns about the file; a picture with an exact mask in it is its own cut-out."""
+    if record.get("foreground_share") is None:
+        return {"path": path, "method": None}
+    return {"path": path, "cutout_path": path}
+
+
+def _take(home: Path, record: Mapping[str, Any], known: Mapping[str, Any], folder: Path) -> str | None:
+    if record["item_id"] not in known:
+        return "no_item"
+    source, target = home / FOLDER / record["path"], folder / FOLDER / record["path"]
+    if target.exists():
+        return None
+    if not source.is_file():
+        return "no_file"
+    if sha256(source) != record["image_id"]:
+        return "changed"
+    target.parent.mkdir(parents=True, exist_ok=True)
+    link_file(source, target)
+    return None
+
+
+def _records(files: Iterable[Path]) -> Iterator[tuple[Path, dict[str, Any]]]:
+    for path in files:
+        with path.open("rb") as lines:
+            for number, line in enumerate(lines, start=1):
+                with in_file(f"{path}:{number}"):
+                    record = json_record(line, dict[str, Any])
+                    _check_record(record)
+                yield path.parent, record
+
+
+def _check_record(record: Mapping[str, Any]) -> None:
+    """FieldError where a field of a picture's record is not what it must be."""
+    expect(record.get("schema") == PICTURE, "schema", PICTURE, record.get("schema"))
+    for name in _STRINGS:
+        expect(isinstance(record.get(name), str), name, "a string", record.get(name))
+    match = _STORED.fullmatch(record["path"])
+    stored = match is not None and match["id"] == record["image_id"]
+    expect(stored, "path", "aa/<image_id>.jpg, .png or .webp", record["path"])
+    for name in ("width_px", "height_px"):
+        number = record.get(name)
+        expect(isinstance(number, int) and 0 < number < 1 << 20, name, "pixels", number)
+    for name in ("pixels_per_metre", "foreground_share"):
+        number = record.get(name, 1.0)
+        expect(isinstance(number, float | int) and number > 0, name, "a positive number", number)
+    for name in ("attribution", "licence", "method"):
+        expect(isinstance(record.get(name), str | None), name, "a string", record.get(name))

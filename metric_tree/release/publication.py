@@ -1,0 +1,281 @@
+"""A release as a folder for a data hub or an archive: tables, data card, licences, checksums, Croissant, datasheet."""
+
+from __future__ import annotations
+
+import json
+from collections import Counter
+from pathlib import Path
+from typing import Any
+
+import pyarrow as pa
+import pyarrow.parquet as pq
+
+from explorer.tables import csv_text
+from metric_base.errors import InputError
+from metric_base.files import whole_folder
+from metric_tree.release.images import FOLDER
+from metric_tree.release.release import link_file, sha256
+from metric_tree.tree import Tree
+
+__all__ = ["TABLES", "publish"]
+
+#: The tables of a publication and what a row of each is; a reader of the hub shows the first of them.
+TABLES = {
+    "quantiles": "a category: its tier and the quantiles of its sizes in mm",
+    "nodes": "a category and its place in the tree",
+    "items": "a physical item with its size, source and licence",
+    "priors": "a fitted size distribution over ln mm",
+    "images": "a picture of an item",
+}
+
+_ADDRESS = "https://github.com/metric-tree/metric-tree"
+
+_CROISSANT_TYPES = {
+    "string": "sc:Text",
+    "double": "sc:Float",
+    "int64": "sc:Integer",
+    "int32": "sc:Integer",
+    "int8": "sc:Integer",
+}
+
+
+def publish(tree: Tree, out: Path) -> list[Path]:
+    """Write the publication of a release into a new folder; its files.
+
+    Raises
+    ------
+    InputError
+        `out` exists.
+    """
+    if out.exists():
+        raise InputError(f"{out}: already exists; a publication is written into a new folder")
+    with whole_folder(out, "DIR") as work:
+        for name in TABLES:
+            pq.write_table(_table(tree, name), work / f"{name}.parquet", compression="zstd", store_schema=False)
+        if (tree.release.directory / FOLDER).is_dir():
+            _link_pictures(tree.release.directory, work)
+        licences = _licences(tree)
+        (work / "licences.csv").write_bytes(csv_text(("licence", "sources", "rows", "attribution"), licences))
+        sources = [[row.get(name) for name in _SOURCE] for row in tree.release.manifest["sources"]]
+        (work / "sources.csv").write_bytes(csv_text(_SOURCE, sources))
+        _write(work / "README.md", _card(tree, licences))
+        _write(work / "DATASHEET.md", _datasheet(tree))
+        _write(work / "CITATION.cff", _citation(tree))
+        _write(work / "croissant.json", json.dumps(_croissant(tree, work), indent=1, ensure_ascii=False) + "\n")
+        files = [path for path in sorted(work.rglob("*")) if path.is_file()]
+        sums = {str(path.relative_to(work)): sha256(path) for path in files}
+        _write(work / "SHA256SUMS", "".join(f"{checksum}  {name}\n" for name, checksum in sums.items()))
+    return [out / name for name in (*sums, "SHA256SUMS")]
+
+
+_SOURCE = ("id", "title", "url", "licence", "attribution", "kind", "n_fit", "n_rows", "withheld", "noncommercial")
+
+
+def _table(tree: Tree, name: str) -> pa.Table:
+    """A table without maps, which readers of hubs do not know: a map of shares becomes a struct."""
+    if name == "quantiles":
+        return tree.priors()
+    table = tree.release.table(name)
+    for place, field in enumerate(table.schema):
+        if pa.types.is_map(field.type):
+            maps = [dict(row or ()) for row in table.column(place).to_pylist()]
+            keys = sorted({key for row in maps for key in row})
+            kind = pa.struct([(key, field.type.item_type) for key in keys])
+            values = pa.array([{key: row.get(key, 0.0) for key in keys} for row in maps], kind)
+            table = table.set_column(place, pa.field(field.name, kind, metadata=field.metadata), values)
+    return table.replace_schema_metadata(None)
+
+
+def _link_pictures(directory: Path, work: Path) -> None:
+    for path in (directory / FOLDER).rglob("*"):
+        if path.is_file():
+            target = work / path.relative_to(directory)
+            target.parent.mkdir(parents=True, exist_ok=True)
+            link_file(path, target)
+
+
+def _licences(tree: Tree) -> list[tuple[str, str, int, str]]:
+    """Licence, sources, shipped rows, and to whom attribution is owed; most rows first."""
+    items = tree.release.table("items").select(["licence", "source"]).to_pydict()
+    rows = Counter(licence or "unstated" for licence in items["licence"])
+    sources: dict[str, set[str]] = {}
+    for licence, source in zip(items["licence"], items["source"], strict=True):
+        sources.setdefault(licence or "unstated", set()).add(source)
+    owed = {row["id"]: row.get("attribution") or row["title"] for row in tree.release.manifest["sources"]}
+    return [
+        (name, " ".join(sorted(sources[name])), n, "; ".join(owed.get(one, one) for one in sorted(sources[name])))
+        for name, n in rows.most_common()
+    ]
+
+
+def _card(tree: Tree, licences: list[tuple[str, str, int, str]]) -> str:
+    """The data card, with the header that hubs read: a configuration for each table."""
+    configs = "".join(f"- config_name: {name}\n  data_files: {name}.parquet\n" for name in TABLES)
+    counts = tree.release.manifest["counts"]
+    rows = "\n".join(f"| {licence} | {n:,} | {sources} |" for licence, sources, n, _ in licences)
+    tables = "\n".join(f"| `{name}.parquet` | {what} |" for name, what in TABLES.items())
+    return f"""---
+pretty_name: {tree.name} {tree.version}
+license: other
+license_name: per-row
+license_link: licences.csv
+language: [en]
+tags: [object-sizes, metric-scale, wordnet, structure-from-motion]
+configs:
+{configs}---
+
+# {tree.name} {tree.version}
+
+Object sizes by category: {counts["nodes"]:,} categories of WordNet in five levels, {counts["n_rows"]:,} items with source and licence, and a size distribution on every category, fitted to {counts["n_fit"]:,} items.
+
+| file | one row is |
+|---|---|
+{tables}
+
+Sizes are in millimetres. `length` is the longer and `width` the shorter horizontal extent, `height` the vertical one, in the ordinary pose. `tier` says what a size rests on: norm, measured, few, models, borrowed, judged (the last is a language model's range).
+
+```python
+from datasets import load_dataset
+
+load_dataset("path/of/this/folder", "items")
+```
+
+## Licences
+Every row of `items` and `images` names its own. Attribution is in `licences.csv` and `sources.csv`.
+
+| licence | items | sources |
+|---|---|---|
+{rows}
+
+`SHA256SUMS` has the checksum of every file, pictures too. Code and documentation: <{_ADDRESS}>.
+"""
+
+
+def _datasheet(tree: Tree) -> str:
+    """The questions of Gebru et al., Datasheets for Datasets, that the release itself answers."""
+    manifest = tree.release.manifest
+    withheld = [row for row in manifest["sources"] if row.get("withheld")]
+    return f"""# Datasheet of {tree.name} {tree.version}
+
+**Why was it made?** To give the metric scale of a reconstruction from the objects in it, and sizes of everyday categories for any other use.
+
+**What is an instance?** A physical item with the size that its source states; a category with a fitted distribution.
+
+**How many?** {manifest["counts"]["n_rows"]:,} items and {manifest["counts"]["nodes"]:,} categories. {manifest["counts"]["n_fit"]:,} items took part in the fit.
+
+**Is anything missing?** The rows of {len(withheld)} sources whose terms do not allow that they are passed on. They took part in the fit.
+
+**Does it hold personal data?** No: sizes of persons are those of published surveys and of anonymous tracks.
+
+**How was it collected?** From {len(manifest["sources"])} open data sets, standards and product pages; `sources.csv` names each. Categories were matched to WordNet by rules and by reviewers, some of which are language models; rows named `judged` or `curated` are a language model's ranges.
+
+**What should it not be used for?** As a tolerance for safety, or for medical purposes: an interval holds nine of ten objects, not all.
+
+**How is it maintained?** A release is never changed. Mistakes are reported at <{_ADDRESS}/issues>; a later release mends them.
+"""
+
+
+def _citation(tree: Tree) -> str:
+    manifest = tree.release.manifest
+    return f"""cff-version: 1.2.0
+message: If you use these data, please cite them, and the sources that sources.csv names.
+type: dataset
+title: {tree.name} {tree.version}, object sizes by category
+version: {tree.version}
+date-released: {manifest["created"]}
+authors:
+- name: The Metric-Tree contributors
+repository-code: {_ADDRESS}
+"""
+
+
+def _croissant(tree: Tree, work: Path) -> dict[str, Any]:
+    """Croissant 1.0 metadata: each table is a file; the columns of plain values are record sets, read row by row."""
+    files = [
+        {
+            "@type": "cr:FileObject",
+            "@id": f"{name}.parquet",
+            "name": f"{name}.parquet",
+            "description": f"One row is {what}.",
+            "contentUrl": f"{name}.parquet",
+            "encodingFormat": "application/x-parquet",
+            "sha256": sha256(work / f"{name}.parquet"),
+        }
+        for name, what in TABLES.items()
+    ]
+    return {
+        "@context": _CONTEXT,
+        "@type": "sc:Dataset",
+        "conformsTo": "http://mlcommons.org/croissant/1.0",
+        "name": f"{tree.name}",
+        "description": "Object sizes by category of WordNet, with a size distribution on every category.",
+        "url": _ADDRESS,
+        "license": "licences.csv",
+        "version": tree.version,
+        "datePublished": str(tree.release.manifest["created"]),
+        "creator": {"@type": "sc:Organization", "name": "The Metric-Tree contributors"},
+        "citeAs": f"{tree.name} {tree.version}, {_ADDRESS}",
+        "distribution": files,
+        "recordSet": [
+            _record_set(name, what, pq.read_schema(work / f"{name}.parquet")) for name, what in TABLES.items()
+        ],
+    }
+
+
+def _record_set(name: str, what: str, schema: pa.Schema) -> dict[str, Any]:
+    fields = [
+        {
+            "@type": "cr:Field",
+            "@id": f"{name}/{field.name}",
+            "name": field.name,
+            "description": (field.metadata or {}).get(b"meaning", field.name.encode()).decode(),
+            "dataType": _CROISSANT_TYPES[str(field.type)],
+            "source": {"fileObject": {"@id": f"{name}.parquet"}, "extract": {"column": field.name}},
+        }
+        for field in schema
+        if str(field.type) in _CROISSANT_TYPES
+    ]
+    return {"@type": "cr:RecordSet", "@id": name, "name": name, "description": f"One row is {what}.", "field": fields}
+
+
+def _write(path: Path, text: str) -> None:
+    path.write_text(text, encoding="utf-8")
+
+
+#: The terms of Croissant 1.0, as its specification gives them.
+_CONTEXT = {
+    "@language": "en",
+    "@vocab": "https://schema.org/",
+    "citeAs": "cr:citeAs",
+    "column": "cr:column",
+    "conformsTo": "dct:conformsTo",
+    "cr": "http://mlcommons.org/croissant/",
+    "rai": "http://mlcommons.org/croissant/RAI/",
+    "data": {"@id": "cr:data", "@type": "@json"},
+    "dataType": {"@id": "cr:dataType", "@type": "@vocab"},
+    "dct": "http://purl.org/dc/terms/",
+    "examples": {"@id": "cr:examples", "@type": "@json"},
+    "extract": "cr:extract",
+    "field": "cr:field",
+    "fileProperty": "cr:fileProperty",
+    "fileObject": "cr:fileObject",
+    "fileSet": "cr:fileSet",
+    "format": "cr:format",
+    "includes": "cr:includes",
+    "isLiveDataset": "cr:isLiveDataset",
+    "jsonPath": "cr:jsonPath",
+    "key": "cr:key",
+    "md5": "cr:md5",
+    "parentField": "cr:parentField",
+    "path": "cr:path",
+    "recordSet": "cr:recordSet",
+    "references": "cr:references",
+    "regex": "cr:regex",
+    "repeated": "cr:repeated",
+    "replace": "cr:replace",
+    "sc": "https://schema.org/",
+    "separator": "cr:separator",
+    "source": "cr:source",
+    "subField": "cr:subField",
+    "transform": "cr:transform",
+}

@@ -22,7 +22,7 @@ from urllib.parse import quote
 import metric_tree
 from benchmarks.common import options_parser
 from explorer.urls import slug
-from metric_cli.threads import use_one_thread
+from metric_cli.programs import use_one_thread
 
 #: Turns that each kind has.
 TURNS = 40

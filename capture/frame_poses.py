@@ -15,13 +15,11 @@ from typing import Any, Literal, get_args
 
 import numpy as np
 
-from estimator.reconstructions.checked_files import json_array, json_object
 from estimator.records.scene import Camera
 from metric_base.arrays import FloatArray
 from metric_base.errors import InputError, in_file
 from metric_base.input_files import read_json
-
-__all__ = ["FILE_NAME", "FramePose", "FramePoses", "PoseOrigin", "read_frame_poses", "write_frame_poses"]
+from metric_base.parsing import json_array, json_object
 
 FILE_NAME = "frame_poses.json"
 SCHEMA = "metric-tree/frame-poses/1"

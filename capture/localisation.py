@@ -9,12 +9,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from capture.frame_poses import FramePose
+from capture.mapping.pose_refinement import PosePoints, rays_of, refined_pose, residuals_px
 from capture.sources.video import VideoFrame
-from estimator.capture.cameras.absolute_pose import PosePoints, rays_of, refined_pose, residuals_px
 from estimator.records.scene import Scene, View
 from metric_base.arrays import FloatArray, IntArray
-
-__all__ = ["localised_frames"]
 
 Grey = NDArray[np.uint8]
 

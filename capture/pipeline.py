@@ -14,19 +14,17 @@ from capture.frame_poses import FILE_NAME, FramePose, FramePoses, write_frame_po
 from capture.localisation import localised_frames
 from capture.mapping.camera_prior import Lens
 from capture.mapping.search import MODEL_STAGES, MORE_FRAMES, REPORT, ModelSearch
+from capture.mapping.worker import TimeLimit, limit_of
 from capture.quality_warnings import capture_cautions, read_cautions, write_cautions
 from capture.sources.frames import FRAMES_FILE, Frames, Source, make_frames, read_frames, source_of
 from capture.sources.video import Video
 from capture.work_folder import WorkFolder, content_digest
-from estimator.capture.mapping.worker import TimeLimit, limit_of
 from estimator.projection.cameras import CAMERA_MODELS
 from estimator.reconstructions.colmap import read_colmap
 from estimator.records.scene import Camera, Scene
 from metric_base.errors import InputError
 from metric_base.input_files import read_json
 from metric_base.progress import NoticeCallback, ProgressCallback, no_notice, silent, with_progress
-
-__all__ = ["Capture", "CaptureOptions", "capture_video", "reconstruct"]
 
 #: The camera model that is tried first.
 SIMPLEST = "SIMPLE_RADIAL"
@@ -232,7 +230,7 @@ def _make_poses(part: Path, source: Source, frames: Frames, scene: Scene, progre
 
 
 def _make_dense(part: Path, work: Path, progress: ProgressCallback, notice: NoticeCallback) -> None:
-    from estimator.capture.dense.dense_points import make_dense_points
+    from capture.dense.patch_match import make_dense_points
 
     make_dense_points(work / "sparse" / "0", work / "frames", part / "dense.ply", progress, notice)
 

@@ -6,8 +6,7 @@ import json
 from pathlib import Path
 from typing import Any
 
-from capture.sources.frames import Frames
-from estimator.capture.mapping.gates import (
+from capture.mapping.refusals import (
     DOUBTFUL_PATTERN,
     FOCAL_ERROR_TIMES,
     SMEARED,
@@ -16,12 +15,11 @@ from estimator.capture.mapping.gates import (
     UNSURE,
     is_disputed,
 )
-from estimator.reconstructions.checked_files import json_array
+from capture.sources.frames import Frames
 from metric_base.errors import InputError, in_file
 from metric_base.files import whole_file
 from metric_base.input_files import read_json
-
-__all__ = ["CAUTIONS_FILE", "capture_cautions", "read_cautions", "write_cautions"]
+from metric_base.parsing import json_array
 
 CAUTIONS_FILE = "cautions.json"
 SCHEMA = "metric-tree/cautions/1"

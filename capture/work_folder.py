@@ -14,10 +14,7 @@ from pathlib import Path
 from typing import Any
 
 from metric_base.errors import InputError, Unquoted
-from metric_base.files import whole_file
-from metric_base.locks import sole_holder
-
-__all__ = ["WorkFolder", "content_digest"]
+from metric_base.files import sole_holder, whole_file
 
 #: Changed whenever a stage makes something else of the same inputs, so that old outputs are made again.
 VERSION = 8

@@ -10,24 +10,9 @@ from io import BufferedIOBase
 from pathlib import Path
 from typing import Any, Literal, get_args
 
-from metric_base.errors import InputError, in_file
-from metric_base.records import expect, json_record, record_of
+from metric_base.errors import InputError, expect, in_file
+from metric_base.records import json_record, record_of
 from metric_base.regions import REGIONS
-
-__all__ = [
-    "KINDS",
-    "MAX_LINE",
-    "SCHEMA",
-    "STATED_KINDS",
-    "STATISTICS",
-    "BadRawItem",
-    "Kind",
-    "RawItem",
-    "Statistic",
-    "bounded_lines",
-    "items_of_lines",
-    "raw_items",
-]
 
 SCHEMA = "metric-tree/raw/1"
 #: Bytes of a line; the longest that ships has 1,076.

@@ -45,8 +45,7 @@ from PIL import Image
 from benchmarks.taxonomy.matching import counts_by_rule, labelled, matcher_without
 from metric_base.files import whole_file
 from metric_base.folders import taxonomy_directory
-from metric_tree.cutouts.guided import METHOD, guided_foreground
-from metric_tree.cutouts.guides import guides
+from metric_tree.cutouts.guided import METHOD, guided_foreground, guides
 from metric_tree.cutouts.quality import assessment
 from taxonomy.catalogue import OTHER, Catalogue, default_catalogue
 from taxonomy.label_lists import vocabulary

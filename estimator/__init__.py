@@ -17,11 +17,12 @@ from importlib import import_module
 from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
+    from capture.mapping.refusals import CaptureFailure
     from capture.pipeline import Capture, capture_video
-    from estimator.capture.mapping.failures import CaptureFailure
+    from estimator.instances.instance_reader import read_instances
     from estimator.pipeline import estimate_scale, measure_objects
-    from estimator.reconstructions.scene_reader import read_instances, read_scene
-    from estimator.records.measured_object import MeasuredObject
+    from estimator.reconstructions.scene_reader import read_scene
+    from estimator.records.objects import MeasuredObject
     from estimator.records.result import ScaleResult
     from estimator.records.scene import Camera, Instance, Scene, View
     from estimator.results.estimate import scale_of_objects
@@ -53,7 +54,7 @@ _HOMES = {
     "Capture": "capture.pipeline",
     "CaptureFailure": "capture.mapping.failures",
     "Instance": "estimator.records.scene",
-    "MeasuredObject": "estimator.records.measured_object",
+    "MeasuredObject": "estimator.records.objects",
     "ScaleResult": "estimator.records.result",
     "Scene": "estimator.records.scene",
     "View": "estimator.records.scene",

@@ -15,13 +15,11 @@ import numpy as np
 import metric_tree
 from estimator.records import METHODS
 from estimator.records.digests import cloud_digest, masks_digest, model_digest, objects_digest, options_digest
-from estimator.records.measured_object import MeasuredObject
-from estimator.records.result import ScaleResult, UpReport
-from estimator.records.scale_evidence import ScaleEvidence
+from estimator.records.objects import MeasuredObject
+from estimator.records.options import EstimateOptions
+from estimator.records.result import ScaleEvidence, ScaleResult, SceneEstimate, UpReport
 from estimator.records.scene import Instance, Scene
 from estimator.results.estimate import scale_of_objects
-from estimator.results.reports import EstimateOptions
-from estimator.results.scene_estimate import SceneEstimate
 from metric_base.errors import InputError
 from metric_base.progress import stopwatch
 from metric_tree.context import Where, where_of
@@ -30,10 +28,8 @@ from metric_tree.tree import Tree
 if TYPE_CHECKING:
     from estimator.detectors.detector import Detector
     from estimator.evidence.source import EvidenceSource
-    from estimator.geometry.measurement import MeasurementOptions, Measurements
-    from estimator.geometry.up import Up
-
-__all__ = ["estimate_scale", "measure_objects", "objects_result", "scene_estimate"]
+    from estimator.records.objects import Measurements, Up
+    from estimator.records.options import MeasurementOptions
 
 
 def estimate_scale(
@@ -130,7 +126,8 @@ def scene_estimate(
     sources : evidence that looks at the scene
     images, detector : the folder of the pictures and what finds the instances in them, in place of `instances`
     """
-    from estimator.reconstructions.scene_reader import default_instances, read_instances_and_warnings, read_scene
+    from estimator.instances.instance_reader import default_instances, read_instances_and_warnings
+    from estimator.reconstructions.scene_reader import read_scene
 
     seconds: dict[str, float] = {}
     with stopwatch(seconds, "reading"):
@@ -165,8 +162,9 @@ def measure_objects(
     """
     from estimator.association.tracks import associate
     from estimator.geometry.canonical_frame import sorted_scene
-    from estimator.geometry.measurement import MeasurementOptions, in_world, measure_tracks
-    from estimator.geometry.up import given_up
+    from estimator.geometry.measurement import in_world, measure_tracks
+    from estimator.geometry.vertical import given_up
+    from estimator.records.options import MeasurementOptions
 
     options = options or MeasurementOptions()
     seconds: dict[str, float] = {}
@@ -224,7 +222,7 @@ def _estimate(
 
         result = sucar_result(scene, instances, tree, options, warnings, seconds)
     else:
-        from estimator.geometry.measurement import PAPER, MeasurementOptions
+        from estimator.records.options import PAPER, MeasurementOptions
 
         choices = PAPER if options.method == "paper" else MeasurementOptions()
         # of a scene that is ruled out nothing is used: its zeros and infinities are no news
@@ -260,8 +258,7 @@ def _result_of(result: ScaleResult, options: EstimateOptions, of: Mapping[str, s
 
 def _self_contradictions(scene: Scene) -> tuple[tuple[str, ...], tuple[str, ...]]:
     """Doubts about the reconstruction itself, and what rules it out: degenerate, or against its own observations."""
-    from estimator.checks.consistency import consistency, contradictions
-    from estimator.checks.degeneracy import degeneracy
+    from estimator.reconstructions.model_checks import consistency, contradictions, degeneracy
 
     degenerate = degeneracy(scene)
     if degenerate is not None:

@@ -10,7 +10,21 @@ from importlib.resources import files
 
 import msgspec
 
-from explorer.content.answers import (
+from explorer.catalogue import ReleaseCatalogue
+from explorer.pages.node_page import node_page
+from explorer.pages.release_pages import (
+    about_page,
+    change_page,
+    compare_page,
+    home_page,
+    scale_page,
+    source_page,
+    sources_page,
+    tree_page,
+    vocabularies_page,
+    vocabulary_page,
+)
+from explorer.responses import (
     images_answer,
     items_answer,
     node_answer,
@@ -18,11 +32,6 @@ from explorer.content.answers import (
     releases_answer,
     vocabulary_answer,
 )
-from explorer.content.release_catalogue import ReleaseCatalogue
-from explorer.pages.change_page import change_page
-from explorer.pages.list_pages import source_page, sources_page, vocabularies_page, vocabulary_page
-from explorer.pages.node_page import node_page
-from explorer.pages.overview_pages import about_page, compare_page, home_page, scale_page, tree_page
 from explorer.search_index import name_index, size_index
 from explorer.tables import items_csv, items_parquet, vocabulary_csv
 from explorer.urls import (
@@ -36,10 +45,8 @@ from explorer.urls import (
     parquet_of,
     prior_of,
 )
+from metric_tree.node import Node
 from metric_tree.release.images import FOLDER
-from metric_tree.tree import Node
-
-__all__ = ["Answer", "answer", "picture_paths", "site_addresses"]
 
 _TYPES = {
     "html": "text/html; charset=utf-8",

@@ -6,11 +6,6 @@ from typing import Any
 
 import msgspec
 
-__all__ = [
-    "ImagesAnswer", "ItemsAnswer", "NodeAnswer", "NodeRef", "PriorAnswer", "Problem", "ReleaseRef", "ReleasesAnswer",
-    "ScaleRequest", "SearchAnswer", "TreeRef", "VocabularyAnswer", "VocabularyRow",
-]  # fmt: skip
-
 #: Sizes in mm by dimension and quantile: `{"height": {"0.5": 912.0}}`.
 Quantiles = dict[str, dict[str, float]]
 

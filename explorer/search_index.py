@@ -8,13 +8,10 @@ from __future__ import annotations
 
 import json
 
-from explorer.content.release_catalogue import ReleaseCatalogue
-from explorer.content.tiers import MEANINGS
+from explorer.catalogue import MEANINGS, ReleaseCatalogue
 from explorer.urls import slug
-from metric_tree.tree import Node
+from metric_tree.node import Node
 from taxonomy.words.spelling import plain_fold
-
-__all__ = ["name_index", "size_index"]
 
 
 def name_index(catalogue: ReleaseCatalogue) -> bytes:

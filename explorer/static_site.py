@@ -9,14 +9,12 @@ from dataclasses import dataclass
 from multiprocessing import get_context
 from pathlib import Path
 
-from explorer.content.release_catalogue import ReleaseCatalogue
+from explorer.catalogue import ReleaseCatalogue
 from explorer.routes import answer, picture_paths, site_addresses
 from metric_base.errors import InputError
 from metric_base.files import whole_folder
 from metric_tree.release.release import link_file
 from metric_tree.tree import Tree, open_tree
-
-__all__ = ["Written", "write_site"]
 
 #: Addresses that a worker writes at a time.
 CHUNK = 400

@@ -2,19 +2,16 @@
 
 from __future__ import annotations
 
-import csv
 import io
-from collections.abc import Iterable, Sequence
 from typing import Any
 
 import pyarrow.parquet as pq
 
-from explorer.content.answers import vocabulary_answer
-from explorer.content.release_catalogue import ReleaseCatalogue
+from explorer.catalogue import ReleaseCatalogue
+from explorer.responses import vocabulary_answer
+from metric_base.records import csv_text
+from metric_tree.node import Node
 from metric_tree.prior import INTERVAL_QUANTILES
-from metric_tree.tree import Node
-
-__all__ = ["csv_text", "items_csv", "items_parquet", "vocabulary_csv"]
 
 
 def items_csv(catalogue: ReleaseCatalogue, node: Node) -> bytes:
@@ -40,18 +37,3 @@ def vocabulary_csv(catalogue: ReleaseCatalogue, name: str) -> bytes:
         figures = [sizes.get(dim, {}).get(f"{q:g}") for dim in dims for q in INTERVAL_QUANTILES]
         rows.append([row.label, row.node, row.name, row.tier, row.n_items, *figures])
     return csv_text(["label", "node_id", "name", "tier", "n_items", *columns], rows)
-
-
-def csv_text(head: Sequence[str], rows: Iterable[Iterable[Any]]) -> bytes:
-    """A table as CSV in UTF-8; a text that a spreadsheet would run as a formula begins with an apostrophe."""
-    sink = io.StringIO()
-    writer = csv.writer(sink, lineterminator="\n")
-    writer.writerow(head)
-    writer.writerows([_cell(value) for value in row] for row in rows)
-    return sink.getvalue().encode()
-
-
-def _cell(value: Any) -> Any:
-    if isinstance(value, list):
-        return " ".join(map(str, value))
-    return f"'{value}" if isinstance(value, str) and value[:1] in "=+-@\t" else value

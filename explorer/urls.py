@@ -2,20 +2,6 @@
 
 from __future__ import annotations
 
-__all__ = [
-    "LEAST_PARQUET",
-    "LISTED_LEVEL",
-    "PAGE_ROWS",
-    "csv_of",
-    "images_of",
-    "items_of",
-    "json_of",
-    "page_of",
-    "parquet_of",
-    "prior_of",
-    "slug",
-]
-
 #: Rows of one page of items: some 12 kB of JSON. The static site has the first page; the CSV beside it has all.
 PAGE_ROWS = 50
 

@@ -5,8 +5,6 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-__all__ = ["LUMINANCE", "linear_to_srgb", "luminance", "srgb_to_linear"]
-
 #: Weights of linear red, green and blue in luminance (Rec. 709).
 LUMINANCE = np.array([0.2126, 0.7152, 0.0722], dtype=np.float32)
 

@@ -16,11 +16,9 @@ from metric_base.errors import InputError
 from metric_base.progress import ProgressCallback, silent
 
 if TYPE_CHECKING:
-    from estimator.geometry.up import Up
+    from estimator.records.objects import Up
     from insertion.insertion_scene import PreparedScene
     from metric_tree.tree import Tree
-
-__all__ = ["Insertion", "insert_into", "insert_objects", "open_prepared_scene"]
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -119,11 +117,11 @@ def open_prepared_scene(
     up: Up | None = None,
 ) -> PreparedScene:
     """The scene of a folder, ready for insertion; arguments as of `insert_objects`."""
-    from estimator.reconstructions.scene_reader import read_instances, read_scene
-    from insertion.footage.footage import PictureFootage, Stills
-    from insertion.footage.video_footage import video_footage
+    from estimator.instances.instance_reader import read_instances
+    from estimator.reconstructions.scene_reader import read_scene
+    from insertion.footage.footage import PictureFootage, Stills, video_footage
     from insertion.insertion_scene import prepare_scene
-    from insertion.scene.moving_masks import cloud_beside, moving_masks
+    from insertion.scene.frame_masks import cloud_beside, moving_masks
 
     scene = read_scene(folder, dense)
     frames = folder / "frames"
@@ -154,13 +152,12 @@ def insert_into(
     progress: ProgressCallback = silent,
 ) -> Insertion:
     """As `insert_objects`, into a prepared scene."""
-    from insertion.blender.layer_scene import write_layer_scene
-    from insertion.blender.tracing import export_blend, traced_layers
+    from insertion.blender.run import export_blend, traced_layers, write_layer_scene
     from insertion.composite import compositor as drawing
     from insertion.exports.compositing import CompositingLayers
     from insertion.exports.export_folder import LayerWriter, write_exports
+    from insertion.footage.footage import VideoFootage
     from insertion.footage.image_writer import picture_writer
-    from insertion.footage.video_footage import VideoFootage
     from insertion.placement.placed_object import place_objects
 
     if show_interval and prepared.scale.low is None:

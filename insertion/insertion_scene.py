@@ -9,23 +9,20 @@ from functools import cache, partial
 
 import numpy as np
 
-from estimator.geometry.up import Up
+from estimator.records.objects import Up
 from estimator.records.scene import Instance, Scene
 from insertion.footage.footage import Footage, FrameRange, Shot, Stills
-from insertion.light.environment_estimate import shows_sky
-from insertion.light.lamps_from_shading import Shading, fit_shading
-from insertion.light.open_air import shown_empty
-from insertion.light.sky import Outdoors
+from insertion.light.environment_estimate import Outdoors, shows_sky
+from insertion.light.lamp_candidates import shown_empty
+from insertion.light.lamp_fit import Shading, fit_shading
 from insertion.light.sun import sun_direction
-from insertion.scene.carried_masks import MaskCarrier
+from insertion.scene.frame_masks import MaskCarrier
 from insertion.scene.occupancy import occupancy_of
 from insertion.scene.plane_cells import plane_patches
 from insertion.scene.point_cloud import Cloud, coloured_cloud
 from insertion.scene.scale import ScaleUsed
 from insertion.scene.supports import Supports, supports_of
 from metric_base.errors import InputError
-
-__all__ = ["PreparedScene", "frame_range", "prepare_scene"]
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -17,17 +17,14 @@ from estimator.projection.cameras import project
 from insertion.composite.compositor import single_pictures
 from insertion.footage.footage import Shot
 from insertion.insertion_scene import PreparedScene
-from insertion.placement.place import At
 from insertion.placement.placed_object import Placed, place_objects
+from insertion.placement.placement import At
 from insertion.request import ObjectRequest
-from metric_base.errors import InputError
+from metric_base.errors import InputError, expect
 from metric_base.local_page import LocalPage
-from metric_base.records import expect
 
 if TYPE_CHECKING:
     from metric_tree.tree import Tree
-
-__all__ = ["PlacePage"]
 
 #: Pictures that are offered, spread over the footage.
 MOST_FRAMES = 12

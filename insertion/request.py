@@ -5,9 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 from pathlib import Path
 
-from insertion.placement.place import At
-
-__all__ = ["ObjectRequest"]
+from insertion.placement.placement import At
 
 
 @dataclass(frozen=True, slots=True)

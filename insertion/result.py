@@ -9,8 +9,6 @@ from typing import Any
 from insertion.scene.scale import ScaleUsed
 from metric_base.arrays import FloatArray
 
-__all__ = ["SCHEMA", "FrameReport", "InsertionResult"]
-
 SCHEMA = "metric-tree/insertion/1"
 
 

@@ -7,8 +7,6 @@ from contextlib import contextmanager
 from pathlib import Path
 from typing import Self, TypeVar
 
-__all__ = ["FieldError", "InputError", "StorageError", "Unquoted", "at_field", "expect", "in_file"]
-
 Name = TypeVar("Name", bound=Path | str)
 
 #: How much of a strange value an error shows: a line of a terminal, not a page.

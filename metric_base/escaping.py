@@ -4,8 +4,6 @@ from __future__ import annotations
 
 import re
 
-__all__ = ["visible", "visible_json"]
-
 #: Control characters, the marks that turn text round or hide it (Unicode's bidirectional and format controls, tags),
 #: line and paragraph separators, and halves of surrogate pairs.
 _HIDDEN = (

@@ -5,8 +5,6 @@ from __future__ import annotations
 import os
 from pathlib import Path
 
-__all__ = ["code_folder", "data_folder", "is_checkout", "taxonomy_directory", "user_data_folder"]
-
 
 def code_folder() -> Path:
     """The folder that holds the packages: the checkout, or `site-packages`."""

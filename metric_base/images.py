@@ -10,8 +10,6 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-__all__ = ["MAX_PIXELS", "decode_picture", "read_picture", "write_picture"]
-
 #: Most pixels of a picture, twice those of the largest cameras.
 MAX_PIXELS = 1 << 28
 #: Most bytes of a picture's file.

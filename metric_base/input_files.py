@@ -17,8 +17,6 @@ from typing import Any
 
 from metric_base.errors import InputError, Unquoted
 
-__all__ = ["MAX_JSON_BYTES", "STDIN", "folder_entries", "is_file", "open_file", "read_bytes", "read_json", "read_text"]
-
 #: JSON's escape of a surrogate; a half of a pair is no character that can be written or looked up.
 _HALF_CHARACTER = re.compile(r"\\u[dD][89a-fA-F]")
 #: Standard input by the name that commands give it.

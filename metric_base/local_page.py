@@ -13,8 +13,6 @@ from typing import Any
 
 from metric_base.errors import InputError, Unquoted
 
-__all__ = ["LocalPage", "is_count"]
-
 #: Most bytes of one request: ten thousand corners.
 MOST_BYTES = 1 << 20
 #: How long a request may take to arrive.

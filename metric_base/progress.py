@@ -7,8 +7,6 @@ from collections.abc import Callable, Iterable, Iterator, Sized
 from contextlib import contextmanager
 from typing import TypeVar
 
-__all__ = ["NoticeCallback", "ProgressCallback", "no_notice", "silent", "stopwatch", "with_progress"]
-
 Item = TypeVar("Item")
 
 #: What is called with the name of a step, how much of it is done and, once known, of how much.

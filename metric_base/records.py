@@ -7,9 +7,11 @@ Field, expected and found are read from the text of msgspec's message: its excep
 
 from __future__ import annotations
 
+import csv
+import io
 import re
 import tomllib
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import fields as dataclass_fields
 from dataclasses import is_dataclass
 from functools import cache
@@ -21,16 +23,11 @@ import msgspec
 from metric_base.errors import FieldError, InputError, Unquoted, expect, in_file
 from metric_base.input_files import read_text
 
-__all__ = ["BadDeclaration", "expect", "json_lines", "json_record", "record_of", "toml_record", "toml_table"]
-
 Record = TypeVar("Record")
-
 _PLACE = re.compile(r" - at `(key in )?`?\$?\.?([^`]*)`$")
 _MISSING = re.compile(r"Object missing required field `(\w+)`")
 _UNKNOWN = re.compile(r"Object contains unknown field `(\w+)`")
 _TYPES = re.compile(r"Expected (.*), got (.*)")
-
-
 #: Largest TOML file; the largest that ships has 14,000 bytes.
 MAX_TOML_BYTES = 1 << 22
 
@@ -171,3 +168,18 @@ def _pattern(kind: type, value: Any) -> Any:
         return re.compile(value, re.IGNORECASE)
     except re.error as error:
         raise FieldError("", f"a regular expression ({error})", value) from None
+
+
+def csv_text(head: Sequence[str], rows: Iterable[Iterable[Any]]) -> bytes:
+    """A table as CSV in UTF-8; a text that a spreadsheet would run as a formula begins with an apostrophe."""
+    sink = io.StringIO()
+    writer = csv.writer(sink, lineterminator="\n")
+    writer.writerow(head)
+    writer.writerows([_cell(value) for value in row] for row in rows)
+    return sink.getvalue().encode()
+
+
+def _cell(value: Any) -> Any:
+    if isinstance(value, list):
+        return " ".join(map(str, value))
+    return f"'{value}" if isinstance(value, str) and value[:1] in "=+-@\t" else value

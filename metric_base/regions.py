@@ -6,8 +6,6 @@ from collections.abc import Mapping
 from functools import cache
 from pathlib import Path
 
-__all__ = ["COUNTRIES", "REGIONS", "country_of", "region_of"]
-
 #: Country codes of each region. Cyprus, Georgia and Russia count as Europe, Egypt and its western neighbours as Africa,
 #: South-East Asia as East Asia; the Middle East and Central Asia are West Asia.
 _CODES: Mapping[str, str] = {

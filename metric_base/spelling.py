@@ -4,8 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
 
-__all__ = ["ADVICE", "advice", "near_spellings"]
-
 #: What precedes the names that may be meant, in a message about a name that is unknown.
 ADVICE = "; did you mean "
 

@@ -7,8 +7,6 @@ import math
 import numpy as np
 from numpy.typing import NDArray
 
-__all__ = ["MAD_TO_SIGMA", "gaussian_log_densities", "mixture_log_density", "robust_sigma"]
-
 #: Standard deviation of a normal distribution over its median absolute deviation: 1 / Phi^-1(3/4).
 MAD_TO_SIGMA = 1.4826
 

@@ -10,8 +10,6 @@ from typing import TypeVar
 
 from metric_base.progress import ProgressCallback, with_progress
 
-__all__ = ["LINE_S", "progress_bars", "progress_lines", "with_bar"]
-
 Item = TypeVar("Item")
 #: Seconds between two lines where nobody looks at a terminal.
 LINE_S = 10.0

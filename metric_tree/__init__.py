@@ -9,9 +9,10 @@
 from importlib import import_module
 from typing import TYPE_CHECKING
 
+from metric_tree.node import AmbiguousName, Node, NoPrior, UnknownName
 from metric_tree.prior import Prior
 from metric_tree.release.release import BadRelease
-from metric_tree.tree import AmbiguousName, Node, NoPrior, Tree, UnknownName
+from metric_tree.tree import Tree
 from metric_tree.tree import open_tree as open  # noqa: A004 - as in gzip.open
 
 if TYPE_CHECKING:

@@ -17,8 +17,6 @@ from numpy.typing import NDArray
 
 from metric_base.arrays import FloatArray
 
-__all__ = ["AXES", "EXTENTS", "Sizes", "axis_assignments", "sizes_from_words", "stated_sizes"]
-
 AXES = ("length", "width", "height")
 EXTENTS = ("extent1", "extent2", "extent3")
 

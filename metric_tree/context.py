@@ -27,18 +27,6 @@ from metric_base.arrays import BoolArray, FloatArray
 from metric_base.errors import InputError
 from metric_base.regions import REGIONS, country_of, region_of
 
-__all__ = [
-    "Context",
-    "ContextModel",
-    "Effect",
-    "KnownContexts",
-    "Likeness",
-    "Where",
-    "context_effect",
-    "known_contexts",
-    "where_of",
-]
-
 #: Sources whose means are of whole populations, such as registered cars. They have no error of their own, and at most
 #: a definition's, one standard deviation of ln size: which vehicles are cars, with mirrors or without. A mean over many
 #: boxes of a data set is as precise and is none.

@@ -25,8 +25,6 @@ from metric_tree.tiers import TIERS, Evidence, tier_of_shares
 if TYPE_CHECKING:
     from metric_tree.context import Context, ContextModel, Where
 
-__all__ = ["FAMILY", "INTERVAL_QUANTILES", "MEDIAN", "QUANTILES", "SHARED_KINDS", "Prior", "UnknownDimension"]
-
 FAMILY = "lognormal-mixture"
 
 #: Largest |ln mm| of a mean: ten thousand kilometres, and a billionth of a millimetre.

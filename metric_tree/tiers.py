@@ -7,8 +7,6 @@ from typing import Any, NamedTuple  # which takes a quarter of a dataclass's tim
 
 from metric_base.errors import InputError
 
-__all__ = ["TIERS", "Evidence", "at_least", "leaf_tier", "mixture_tier", "tier_of_shares", "tier_words"]
-
 #: The tiers, the best first.
 TIERS = ("norm", "measured", "few", "models", "borrowed", "judged")
 

@@ -1,9 +1,15 @@
-"""The tree of a release, as a program asks it: names, nodes, items, pictures, priors."""
+"""The tree of a release, as a program asks it: names, nodes, items, pictures, priors.
+
+The table of priors of a release: read when the first prior is asked for, each prior made once.
+
+The sizes of a release as one flat table: a row for each node or label, a column for each dimension and quantile.
+"""
 
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator
+from collections import defaultdict
+from collections.abc import Iterable, Iterator
 from functools import cached_property
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -12,11 +18,10 @@ import pyarrow as pa
 import pyarrow.parquet as pq
 
 from metric_base import spelling
-from metric_tree.node import AmbiguousName, Meaning, Node, NoPrior, ThinEvidence, UnknownName, node_of, see_tier
-from metric_tree.prior import Prior
-from metric_tree.prior_rows import PriorRows
+from metric_tree.node import AmbiguousName, Meaning, Node, NoPrior, UnknownName, node_of, see_tier
+from metric_tree.prior import QUANTILES, Prior
+from metric_tree.release.registry import release_directory
 from metric_tree.release.release import Release, open_release, see_nodes
-from metric_tree.release_folders import release_directory
 from taxonomy.naming.names import Names
 from taxonomy.naming.resolver import Resolver
 from taxonomy.words.senses import label_votes
@@ -24,30 +29,94 @@ from taxonomy.words.senses import label_votes
 if TYPE_CHECKING:
     from metric_tree.context import ContextModel
 
-__all__ = [
-    "DETECTORS",
-    "AmbiguousName",
-    "Meaning",
-    "NoPrior",
-    "Node",
-    "ThinEvidence",
-    "Tree",
-    "UnknownName",
-    "open_tree",
-]
-
+#: Dimensions of the columns.
+DIMS = ("length", "width", "height", "extent1", "extent2", "extent3")
 #: Stands for all label lists of detectors where a vocabulary is asked for.
 DETECTORS = "detectors"
-
 #: As many rivals as an ambiguous name's message lists.
 MAX_LISTED_NAMES = 4
-
 #: Characters of a name; a longer text is no name of an object.
 LONGEST_NAME = 300
-
-
 #: Every id has one of these, and hardly a name: earlier ids are looked up for such texts alone.
 _ID_MARKS = frozenset(".:/")
+
+
+class PriorRows:
+    """The priors of a release by node and dimensions."""
+
+    def __init__(self, release: Release) -> None:
+        self._release = release
+        self._priors: dict[tuple[str, tuple[str, ...]], Prior] = {}
+
+    def dims(self, node_id: str) -> tuple[tuple[str, ...], ...]:
+        """The sets of dimensions for which a node has a fitted row."""
+        return tuple(dims for dims, _ in self._rows(node_id))
+
+    def prior(self, node_id: str, dims: tuple[str, ...]) -> Prior:
+        """The prior of a node over `dims`, from its row with the fewest dimensions that hold them."""
+        key = (node_id, dims)
+        if key not in self._priors:
+            self._priors[key] = self._read(node_id, dims)
+        return self._priors[key]
+
+    def _read(self, node_id: str, dims: tuple[str, ...]) -> Prior:
+        rows = self._rows(node_id)
+        containing = [(len(had), row) for had, row in rows if set(dims) <= set(had)]
+        if not containing or not dims:
+            exists = "; ".join(", ".join(had) for had, _ in rows) or "none"
+            wanted = ", ".join(dims) or "no dimension"
+            raise NoPrior(f"{node_id}: dims: expected a prior that holds {wanted}; found {exists}")
+        prior = Prior.of_row(self._table.slice(min(containing)[1], 1).to_pylist()[0])
+        return prior if prior.dims == dims else prior.marginal(dims)
+
+    def _rows(self, node_id: str) -> list[tuple[tuple[str, ...], int]]:
+        """Dimensions and rows of the priors of a node."""
+        dims, places = self._table["dims"], self._places.get(node_id, ())
+        return [(tuple(dims[place].as_py()), place) for place in places]
+
+    @cached_property
+    def _table(self) -> pa.Table:
+        return self._release.table("priors")
+
+    @cached_property
+    def _places(self) -> dict[str, list[int]]:
+        """Rows of the table by node."""
+        places: defaultdict[str, list[int]] = defaultdict(list)
+        for place, node_id in enumerate(self._table["node_id"].to_pylist()):
+            places[node_id].append(place)
+        return places
+
+
+def quantile_columns() -> list[str]:
+    """Names of the columns of sizes: `height_q50_mm`."""
+    return [f"{dim}_q{round(100 * q):02d}_mm" for dim in DIMS for q in QUANTILES]
+
+
+def quantile_table(entries: Iterable[tuple[dict[str, Any], Prior | None]], labelled: bool = False) -> pa.Table:
+    """A table of facts and sizes in mm; null where a dimension is not known.
+
+    Parameters
+    ----------
+    entries : of each row `node_id`, `name`, `level`, `tier`, `n_items`, as far as they are known, and its prior
+    labelled : whether each row begins with a `label`
+    """
+    kinds = {"node_id": pa.string(), "name": pa.string(), "level": pa.int8(), "tier": pa.string()}
+    kinds |= {"n_items": pa.int64(), "n_sources": pa.int64()}
+    facts = [pa.field(name, kind) for name, kind in kinds.items()]
+    sizes = [pa.field(name, pa.float64(), metadata={"unit": "mm"}) for name in quantile_columns()]
+    label = [pa.field("label", pa.string())] if labelled else []
+    rows = [{**known, **_sizes(prior)} for known, prior in entries]
+    return pa.Table.from_pylist(rows, schema=pa.schema([*label, *facts, *sizes]))
+
+
+def _sizes(prior: Prior | None) -> dict[str, Any]:
+    if prior is None:
+        return {}
+    row: dict[str, Any] = {"n_sources": prior.n_sources}
+    for q, sizes in zip(QUANTILES, prior.quantiles(QUANTILES), strict=True):
+        for dim, mm in zip(prior.dims, sizes, strict=True):
+            row[f"{dim}_q{round(100 * q):02d}_mm"] = float(f"{mm:.5g}")
+    return row
 
 
 class Tree:
@@ -241,15 +310,13 @@ class Tree:
         """The quantiles in mm of every node, or of every label of a list, as a flat table.
 
         Columns: with a vocabulary `label`; `node_id`, `name`, `level`, `tier`, `n_items`, `n_sources`, then
-        `length_q05_mm` and the others of `metric_tree.quantiles.quantile_columns`, of the node's default prior.
+        `length_q05_mm` and the others of `metric_tree.tree.quantile_columns`, of the node's default prior.
 
         >>> import metric_tree
         >>> table = metric_tree.open().priors(vocabulary="kitti_8")
         >>> table.column_names[:3], table.num_rows
         (['label', 'node_id', 'name'], 8)
         """
-        from metric_tree.quantiles import quantile_table
-
         if vocabulary is None:
             return quantile_table(map(self._size_entry, self))
         from taxonomy.label_lists import vocabulary as labels

@@ -10,8 +10,6 @@ from metric_base.arrays import FloatArray
 from metric_base.errors import InputError
 from models3d.model import Animation, Model
 
-__all__ = ["Acting", "acting"]
-
 #: Poses of an animation, evenly over its time, that say how low and how wide it gets.
 POSES = 16
 

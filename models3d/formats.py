@@ -16,8 +16,6 @@ from metric_base.errors import InputError, Unquoted
 from metric_base.input_files import read_text
 from models3d.asset import Asset, AssetBody, Up, Word
 
-__all__ = ["SUFFIXES", "asset_files", "read_asset", "read_assets", "read_boxes"]
-
 GLTF_SUFFIXES = (".gltf", ".glb")
 ROBOT_SUFFIXES = (".urdf", ".sdf", ".xml", ".mjcf")
 #: What trimesh reads here; none of them states a unit or what is up.

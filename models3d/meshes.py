@@ -7,12 +7,9 @@ from pathlib import Path
 
 import numpy as np
 
-from metric_base.errors import FieldError, Unquoted, in_file
+from metric_base.errors import FieldError, Unquoted, expect, in_file
 from metric_base.input_files import read_bytes
-from metric_base.records import expect
 from models3d.asset import Asset, AssetBody, Up, Word, body_of
-
-__all__ = ["read_collada", "read_mesh"]
 
 #: Largest file of a mesh.
 MAX_BYTES = 1 << 29

@@ -10,8 +10,6 @@ from numpy.typing import NDArray
 
 from metric_base.arrays import FloatArray, IntArray
 
-__all__ = ["Animation", "Material", "Model", "Part"]
-
 Pixels = NDArray[np.uint8]
 
 

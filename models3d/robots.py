@@ -13,12 +13,9 @@ from typing import Any
 import numpy as np
 
 from metric_base.arrays import FloatArray
-from metric_base.errors import FieldError, Unquoted, in_file
+from metric_base.errors import FieldError, Unquoted, expect, in_file
 from metric_base.input_files import read_bytes
-from metric_base.records import expect
 from models3d.asset import Asset, AssetBody, Word, body_of
-
-__all__ = ["MeshReader", "read_robot"]
 
 MAX_BYTES = 1 << 26
 #: Most shapes of a file, and most levels of bodies in it.

@@ -11,11 +11,10 @@ from dataclasses import dataclass, replace
 from functools import cache, cached_property
 from pathlib import Path
 
-from metric_base.errors import in_file
+from metric_base.errors import expect, in_file
 from metric_base.folders import taxonomy_directory
-from metric_base.records import expect, record_of
-from taxonomy.categories import Category, Pose
-from taxonomy.inserted_categories import PREFIX, InsertedCategory, insertions
+from metric_base.records import record_of
+from taxonomy.categories import PREFIX, Category, InsertedCategory, Pose, insertions
 from taxonomy.label_lists import vocabularies, vocabulary
 from taxonomy.levels import (
     KIND,
@@ -28,8 +27,6 @@ from taxonomy.levels import (
     replaced_ids,
     table_rows,
 )
-
-__all__ = ["OTHER", "Catalogue", "Leaf", "SynsetTable", "default_catalogue"]
 
 #: Ends the id of a leaf that holds what a source names no closer than an inner node.
 OTHER = "/other"

@@ -2,6 +2,8 @@
 
 A list's own synset is a hint, not an answer (ScanNet gives its mattress the synset of a bed): each row says why the
 node was taken. Labels themselves are facts about the lists; the first column names their origin.
+
+The names that a detector's numbers stand for.
 """
 
 from __future__ import annotations
@@ -16,22 +18,18 @@ from metric_base.folders import taxonomy_directory
 from metric_base.spelling import near_spellings
 from taxonomy.levels import replaced_ids, table_rows
 
-__all__ = ["STUFF", "VOID", "Label", "UnknownLabel", "label_of", "labelled_node", "vocabularies", "vocabulary"]
-
 #: Reason of labels that have no size of their own (walls, floors, skies), so that they need no prior.
 STUFF = "stuff"
-
 #: Begins the reason of labels that name no object (noise, the camera's own car, everything else).
 VOID = "void"
-
 #: Reason of labels of items for which the tree has no node.
 NO_NODE = "no node"
-
 #: As many labels as a message names that are like one that is not in the list.
 NEAREST = 3
-
 _FOLDER = "vocabularies"
 _COLUMNS = ("list", "label", "node_id", "reason")
+#: COCO's category ids run to 90, of which these ten name nothing; torchvision's labels are these ids.
+COCO_91_GAPS = frozenset({12, 26, 29, 30, 45, 66, 68, 69, 71, 83})
 
 
 class UnknownLabel(InputError, KeyError):
@@ -135,3 +133,11 @@ def _index(name: str) -> dict[str, Label]:
 
 def _fold(label: str) -> str:
     return " ".join("".join(c if c.isalnum() else " " for c in label.casefold()).split())
+
+
+def label_names(name: str) -> tuple[str, ...]:
+    """Names by label number: `coco_91` for COCO's own ids, else a shipped list counted from 1."""
+    if name != "coco_91":
+        return ("", *(label.label for label in vocabulary(name)))
+    remaining = iter(vocabulary("coco_80"))
+    return ("", *("" if number in COCO_91_GAPS else next(remaining).label for number in range(1, 91)))

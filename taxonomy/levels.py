@@ -17,18 +17,6 @@ from metric_base.errors import InputError, Unquoted, expect, in_file
 from metric_base.folders import taxonomy_directory
 from taxonomy.categories import Pose
 
-__all__ = [
-    "DIMENSIONS",
-    "KIND",
-    "LEAF",
-    "BadLevels",
-    "InnerNode",
-    "Levels",
-    "frozen_levels",
-    "replaced_ids",
-    "table_rows",
-]
-
 #: Depth of the kinds, on which leaves hang, and of the leaves; the root is 1.
 KIND = 4
 LEAF = 5

@@ -11,8 +11,6 @@ from typing import Any
 
 from metric_base.errors import InputError
 
-__all__ = ["ENVIRONMENT_VARIABLE", "NoWordNet", "UnknownSynset", "WordNet", "default_wordnet"]
-
 #: Names a folder with WordNet's own files (`data.noun`, `index.noun`, ...), before any other place is tried.
 ENVIRONMENT_VARIABLE = "METRIC_TREE_WORDNET"
 

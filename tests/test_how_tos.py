@@ -13,8 +13,8 @@ import pytest
 from starlette.testclient import TestClient
 
 import metric_tree
+from benchmarks.user_study.page import ANSWERS_SCHEMA
 from explorer.server.app import application
-from insertion.study.page import ANSWERS_SCHEMA
 from metric_cli.estimate_scale.estimate import main as estimate_scale
 from tests.metric_cli.test_paths import _command
 from tests.synthetic.insertions import write_glb

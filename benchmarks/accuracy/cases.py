@@ -9,9 +9,10 @@ from pathlib import Path
 import numpy as np
 
 from benchmarks.accuracy.methods import Case
+from estimator.instances.instance_reader import read_instances
 from estimator.outputs.ground_truth import read_truth
-from estimator.reconstructions.scene_reader import read_instances, read_scene
-from estimator.records.measured_object import MeasuredObject
+from estimator.reconstructions.scene_reader import read_scene
+from estimator.records.objects import MeasuredObject
 from tests.synthetic.rooms.detections import detections_of
 from tests.synthetic.rooms.furnish import furnished_room
 from tests.synthetic.rooms.kinds import KINDS

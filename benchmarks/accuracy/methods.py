@@ -11,13 +11,12 @@ import numpy as np
 from benchmarks.accuracy.outcomes import LEVEL, Outcome, outcome_of
 from estimator.baselines.paper import paper_result
 from estimator.baselines.sucar import box_heights, prescribed_down, sucar_result
-from estimator.geometry.measurement import PAPER, MeasurementOptions
 from estimator.pipeline import measure_objects
-from estimator.records.measured_object import MeasuredObject
+from estimator.records.objects import MeasuredObject
+from estimator.records.options import PAPER, EstimateOptions, MeasurementOptions
 from estimator.records.result import ScaleResult
 from estimator.records.scene import Instance, Scene
 from estimator.results.estimate import scale_of_objects
-from estimator.results.reports import EstimateOptions
 from metric_tree.tree import Tree
 
 __all__ = ["METHODS", "TRUE_SIZES", "Case", "object_outcomes", "scene_outcomes"]

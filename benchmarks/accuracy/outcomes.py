@@ -9,8 +9,7 @@ from pathlib import Path
 
 import numpy as np
 
-from estimator.records.curve import Curve
-from estimator.records.result import ScaleResult
+from estimator.records.result import Curve, ScaleResult
 from metric_base.arrays import FloatArray
 
 __all__ = [

@@ -12,9 +12,9 @@ import numpy as np
 
 from benchmarks.accuracy.methods import object_outcomes
 from benchmarks.accuracy.outcomes import LEVEL, Outcome, outcome_of
-from estimator.records.measured_object import MeasuredObject
+from estimator.records.objects import MeasuredObject
+from estimator.records.options import EstimateOptions
 from estimator.results.estimate import scale_of_objects
-from estimator.results.reports import EstimateOptions
 from metric_base.arrays import FloatArray
 from metric_tree.context import where_of
 from metric_tree.tree import Tree

@@ -13,10 +13,10 @@ import numpy as np
 
 from benchmarks.accuracy.methods import object_outcomes
 from benchmarks.accuracy.outcomes import Outcome
-from estimator.posterior.axes import is_sorted, prior_axes
-from estimator.records.measured_object import MeasuredObject
-from estimator.results.categories import meanings
+from estimator.posterior.axis_assignments import is_sorted, prior_axes
+from estimator.records.objects import MeasuredObject
 from estimator.results.estimate import scale_of_objects
+from estimator.results.object_priors import meanings
 from metric_base.arrays import FloatArray
 from metric_tree.pipeline.build import BuildOptions, build_release, shipped_curated, shipped_taxonomy
 from metric_tree.tree import Tree, open_tree

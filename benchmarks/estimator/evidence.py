@@ -27,13 +27,12 @@ import metric_tree
 from benchmarks.common import options_parser, row_text, table_head
 from benchmarks.estimator.simulation import Knobs, simulated, world
 from estimator.pipeline import measure_objects
-from estimator.posterior.likelihood import ObjectEvidence
+from estimator.posterior.object_likelihood import ObjectEvidence
 from estimator.posterior.posterior import posterior
 from estimator.reconstructions.scene_reader import read_scene
-from estimator.records.result import ScaleResult
-from estimator.records.scale_evidence import DOUBT
+from estimator.records.options import EstimateOptions
+from estimator.records.result import DOUBT, ScaleResult
 from estimator.results.estimate import scale_of_objects
-from estimator.results.reports import EstimateOptions
 from metric_base.arrays import FloatArray
 from metric_tree.tree import Tree
 from tests.synthetic.evidence import KINDS, RIG_M, objects_of

@@ -12,8 +12,8 @@ from dataclasses import dataclass
 import numpy as np
 
 from benchmarks.common import seeds_parser
-from estimator.geometry.measurement import MeasurementOptions
 from estimator.pipeline import measure_objects
+from estimator.records.options import MeasurementOptions
 from metric_base.arrays import FloatArray
 from tests.synthetic.rooms.few_points import MAX_POINTS, PATHS, few_points_world
 

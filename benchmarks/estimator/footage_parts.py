@@ -77,9 +77,9 @@ def _parts(data: Path) -> Iterator[tuple[Path, str, list[str]]]:
 
 def _result(place: Path, names: list[str], shrink: bool, folder: Path) -> dict[str, Any]:
     """What came of one part: placed, path error, rung; or the refusal, and whether it is wrong."""
+    from capture.mapping.refusals import CaptureFailure
     from capture.pipeline import CaptureOptions, reconstruct
     from capture.work_folder import WorkFolder
-    from estimator.capture.mapping.failures import CaptureFailure
 
     pictures = folder / "pictures"
     pictures.mkdir(parents=True, exist_ok=True)

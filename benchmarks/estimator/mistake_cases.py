@@ -10,7 +10,7 @@ from typing import Any
 
 import numpy as np
 
-from estimator.geometry.up import camera_up
+from estimator.geometry.vertical import camera_up
 from estimator.records.scene import Instance, Scene
 from metric_base.arrays import BoolArray, FloatArray
 

@@ -23,10 +23,11 @@ import metric_tree
 from benchmarks.common import ROOT, SHARED, options_parser, print_rows
 from benchmarks.estimator.mistake_cases import MISTAKES, MUNICH, RIGHT, SEOUL, Base, Case, masks_of
 from estimator.evidence.gps import Gps
+from estimator.instances.instance_reader import read_instances
 from estimator.pipeline import scene_estimate
-from estimator.reconstructions.scene_reader import read_instances, read_scene
+from estimator.reconstructions.scene_reader import read_scene
+from estimator.records.options import EstimateOptions
 from estimator.records.result import ScaleResult
-from estimator.results.reports import EstimateOptions
 from metric_base.errors import InputError
 from tests.synthetic.rooms.furnish import furnished_room
 from tests.synthetic.rooms.kinds import KINDS

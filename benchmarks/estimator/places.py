@@ -18,15 +18,12 @@ from scipy.optimize import minimize
 from benchmarks.accuracy.outcomes import crps_of
 from benchmarks.accuracy.unseen import SIGMA, rooms_of, sorted_extents, unseen_tree
 from benchmarks.common import ROOT, SHARED, options_parser
-from estimator.posterior.axes import is_sorted, prior_axes
-from estimator.posterior.axis_assignments import LOG_BOX
-from estimator.posterior.likelihood import OUTLIER_SHARE
+from estimator.posterior.axis_assignments import LOG_BOX, is_sorted, prior_axes
+from estimator.posterior.object_likelihood import OUTLIER_SHARE
 from estimator.posterior.posterior import posterior
-from estimator.records.measured_object import MeasuredObject
-from estimator.results import estimate, places
-from estimator.results.categories import LabelMeaning, meanings
-from estimator.results.estimate import evidence_of
-from estimator.results.places import MOST_OF_A_CLASS, Places
+from estimator.records.objects import MeasuredObject
+from estimator.results import estimate, object_priors
+from estimator.results.object_priors import MOST_OF_A_CLASS, LabelMeaning, Places, evidence_of, meanings
 from metric_base.arrays import FloatArray
 from metric_base.files import whole_file
 
@@ -136,7 +133,7 @@ def _tilt(likelihood: FloatArray, part: FloatArray, weights: FloatArray, feature
 
 def _judged(rooms: Sequence[Room], by_name: Mapping[str, LabelMeaning], own: Places | None) -> FloatArray:
     """(n, 3) error of the highest mode, CRPS, whether the interval holds the truth, of each room with these places."""
-    shares, tilted = places.place_shares, places.prior_in_place
+    shares, tilted = object_priors.place_shares, object_priors.prior_in_place
     vars(estimate).update(
         place_shares=lambda nodes: None if own is None else shares(nodes, own),
         prior_in_place=lambda prior, share: tilted(prior, share, own),

@@ -24,8 +24,8 @@ import numpy as np
 from benchmarks.child import run_child
 from benchmarks.common import write_between
 from capture.mapping.model_metrics import TripletAgreement
-from estimator.capture.mapping.gates import LEAST_BROKEN, MOST_CONTRADICTED
-from estimator.records.scale_evidence import ScaleEvidence
+from capture.mapping.refusals import LEAST_BROKEN, MOST_CONTRADICTED
+from estimator.records.result import ScaleEvidence
 from metric_base.arrays import FloatArray
 
 __all__ = ["SETS", "FootageSet", "main", "path_error", "sensor_rows"]
@@ -137,9 +137,9 @@ def _run(data: Path, row: FootageSet, out: Path, limit_s: float) -> None:
 
 
 def _reconstruct(data: Path, row: FootageSet, out: Path) -> dict[str, Any]:
+    from capture.mapping.refusals import CaptureFailure
     from capture.pipeline import CaptureOptions, reconstruct
     from capture.work_folder import WorkFolder
-    from estimator.capture.mapping.failures import CaptureFailure
 
     place = data / row.place
     folder = out / row.name
@@ -243,12 +243,12 @@ def sensor_rows(place: Path) -> list[tuple[str, ScaleEvidence]]:
 
     place : a set with `video.mp4`, whose reference model has pictures named by the video's frames, from 1.
     """
-    from estimator.evidence.camera_path import CameraPath
     from estimator.evidence.gps import VideoGps
     from estimator.evidence.imu import Imu
+    from estimator.evidence.source import CameraPath
     from estimator.pipeline import measure_objects
     from estimator.reconstructions.colmap import read_colmap
-    from estimator.telemetry.recordings import read_telemetry
+    from estimator.telemetry.readers import read_telemetry
 
     video = place / "video.mp4"
     telemetry = read_telemetry(video)
@@ -286,7 +286,7 @@ LONGER = {"steps by .3": 1.3, "steps three times": 3.0}
 
 def _planted(out: Path) -> str:
     """Rows of the models as they are, and with their last third as a wrong piece."""
-    from estimator.capture.mapping.features import STRATEGIES as RUNGS
+    from capture.mapping.features import STRATEGIES as RUNGS
 
     suffixes = {rung.name: rung.suffix for rung in RUNGS}
     head = ["set", "frames", "triplets", "largest residual, px", "largest stretch", "contradicted", "pieces"]

@@ -21,15 +21,16 @@ from estimator.baselines.candidate_search import candidate_scales, estimate_on
 from estimator.baselines.paper import PaperMixture, fit_mixture
 from estimator.posterior.axis_assignments import GROSS_ERROR_SD_LOG, GROSS_ERROR_SHARE, LOG_BOX
 from estimator.posterior.class_hypotheses import hypotheses
-from estimator.posterior.likelihood import OUTLIER_SHARE, ObjectEvidence
 from estimator.posterior.log_scale_grid import PRIOR_MARGIN_LOG
+from estimator.posterior.object_likelihood import OUTLIER_SHARE, ObjectEvidence
 from estimator.posterior.posterior import Estimate, posterior
 from estimator.posterior.shared_error import shared_error
-from estimator.records.measured_object import ETA_THRESHOLD, MeasuredObject
+from estimator.records.objects import ETA_THRESHOLD, MeasuredObject
 from metric_base.arrays import FloatArray
 from metric_tree.axes import AXES
+from metric_tree.node import Node
 from metric_tree.prior import Prior
-from metric_tree.tree import Node, Tree
+from metric_tree.tree import Tree
 
 __all__ = ["SAMENESS_NOISE", "SAMENESS_SCENES", "SAMENESS_SHARES", "Knobs", "World", "estimates", "simulated", "world"]
 

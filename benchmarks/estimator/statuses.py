@@ -18,12 +18,10 @@ from benchmarks.accuracy.unseen import SIGMA, rooms_of, sorted_extents, unseen_t
 from benchmarks.common import SHARED, options_parser
 from benchmarks.estimator.simulation import Knobs, simulated, world
 from estimator.posterior import posterior as posterior_module
-from estimator.posterior import status
-from estimator.posterior.likelihood import ObjectEvidence
+from estimator.posterior.object_likelihood import ObjectEvidence
 from estimator.posterior.posterior import Estimate, posterior
-from estimator.records.measured_object import MeasuredObject
-from estimator.results.categories import meanings
-from estimator.results.estimate import evidence_of
+from estimator.records.objects import MeasuredObject
+from estimator.results.object_priors import evidence_of, meanings
 from metric_tree.tree import Tree
 
 BOXES = SHARED / "sizes" / "scannet18_boxes" / "scannet18_boxes.csv"
@@ -48,11 +46,11 @@ def main() -> None:
     rows = [*_rooms(tree), *_simulations()]
     parts = {name: [row for row in rows if row[0] == name] for name in ("simulated", "even rooms", "odd rooms")}
     print("| unresolved under a mass near the mode of | " + " | ".join(parts) + " |\n|---" + "|---" * 3 + "|")
-    shipped = status.LEAST_NEAR_MASS
+    shipped = posterior_module.LEAST_NEAR_MASS
     for limit in LIMITS:
-        status.LEAST_NEAR_MASS = limit
+        posterior_module.LEAST_NEAR_MASS = limit
         print(f"| {limit} | " + " | ".join(_share(_of(own, "unresolved")) for own in parts.values()) + " |")
-    status.LEAST_NEAR_MASS = shipped
+    posterior_module.LEAST_NEAR_MASS = shipped
     print("\n| odd rooms | status | off by more than 15 % | error, median | mean | coverage |\n|---" + "|---" * 5 + "|")
     for count in SUBSETS:
         of_count = [row for row in parts["odd rooms"] if row[1] == count]
@@ -66,10 +64,10 @@ def _contradicted_table(tree: Tree) -> None:
     print("|---|---|---|---|---|---|")
     for shift in SHIFTS:
         runs = []
-        for power in (1.0, status.CONTRADICTED_POWER):
-            posterior_module.CONTRADICTED_POWER = power  # type: ignore[attr-defined]
+        for power in (1.0, posterior_module.CONTRADICTED_POWER):
+            posterior_module.CONTRADICTED_POWER = power
             runs.append([row for row in _rooms(tree, (None, 3, 5), shift) if row[0] == "odd rooms"])
-        pairs = [pair for pair in zip(*runs, strict=True) if status.contradicts(pair[0][2].weight)]
+        pairs = [pair for pair in zip(*runs, strict=True) if posterior_module.contradicts(pair[0][2].weight)]
         # those that would be unresolved anyhow say nothing of this
         pairs = [(plain, wide) for plain, wide in pairs if plain[2].status != "unresolved"]
         wide = [wide for _, wide in pairs]
@@ -123,7 +121,9 @@ def _simulations() -> Iterator[Row]:
 
 def _of(rows: Sequence[Row], wanted: str) -> list[Row]:
     return [
-        row for row in rows if status.status_of(row[2].modes, row[2].interval, row[2].curve, row[2].weight) == wanted
+        row
+        for row in rows
+        if posterior_module.status_of(row[2].modes, row[2].interval, row[2].curve, row[2].weight) == wanted
     ]
 
 
@@ -132,7 +132,7 @@ def _errors(rows: Sequence[Row]) -> np.ndarray[tuple[int], np.dtype[np.float64]]
 
 
 def _share(rows: Sequence[Row]) -> str:
-    return f"{np.mean(_errors(rows) > status.NEAR - 1):.0%} of {len(rows)}" if rows else "none"
+    return f"{np.mean(_errors(rows) > posterior_module.NEAR - 1):.0%} of {len(rows)}" if rows else "none"
 
 
 def _figures(rows: Sequence[Row]) -> str:

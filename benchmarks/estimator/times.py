@@ -25,9 +25,9 @@ from benchmarks.common import ROOT, options_parser
 from benchmarks.estimator.simulation import Knobs, World, simulated, world
 from estimator.association.point_labels import dense_labels, sparse_labels
 from estimator.pipeline import measure_objects
-from estimator.posterior.likelihood import ObjectEvidence
+from estimator.posterior.object_likelihood import ObjectEvidence
 from estimator.posterior.posterior import posterior
-from estimator.records.measured_object import MeasuredObject
+from estimator.records.objects import MeasuredObject
 from estimator.records.scene import Instance
 from estimator.results.estimate import scale_of_objects
 from tests.synthetic.rooms.furnish import furnished_room

@@ -15,8 +15,9 @@ from tempfile import TemporaryDirectory
 import numpy as np
 
 from benchmarks.common import seeds_parser, table_head
+from estimator.instances.instance_reader import read_instances
 from estimator.pipeline import estimate_scale
-from estimator.reconstructions.scene_reader import read_instances, read_scene
+from estimator.reconstructions.scene_reader import read_scene
 from estimator.records.result import ScaleResult
 from estimator.records.scene import Instance, Scene
 from tests.synthetic.exports import write_export

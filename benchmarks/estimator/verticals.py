@@ -14,8 +14,7 @@ import numpy as np
 
 from benchmarks.common import print_rows, seeds_parser
 from estimator.geometry.planes import height_bin, peaks
-from estimator.geometry.up import camera_up
-from estimator.geometry.vertical import refine_up
+from estimator.geometry.vertical import camera_up, refine_up
 from estimator.reconstructions.scene_reader import read_scene
 from estimator.records.scene import View
 from metric_base.arrays import FloatArray

@@ -20,16 +20,15 @@ import numpy as np
 from numpy.typing import NDArray
 
 from benchmarks.insertion.hiding_places import hiding_place
+from estimator.projection.visibility import scene_visibility
 from estimator.records.scene import View
-from estimator.visibility.sights import scene_visibility
 from insertion.composite.occlusion import hidden_share, on_support
 from insertion.light.environment_map import HEIGHT, WIDTH, Environment
 from insertion.render.body import Body, body_of
-from insertion.render.changed_pixels import object_box
-from insertion.render.context import gl_context
-from insertion.render.layers import object_layer
+from insertion.render.gpu import gl_context
+from insertion.render.layers import object_box, object_layer
 from insertion.render.renderer import ObjectRenderer
-from insertion.scene.carried_masks import MaskCarrier
+from insertion.scene.frame_masks import MaskCarrier
 from insertion.scene.point_cloud import Cloud, front_points
 from metric_base.arrays import BoolArray, FloatArray
 from models3d.gltf.model_reader import read_model

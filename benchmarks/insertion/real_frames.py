@@ -13,10 +13,11 @@ from pathlib import Path
 
 import numpy as np
 
-from estimator.reconstructions.scene_reader import read_instances, read_scene
+from estimator.instances.instance_reader import read_instances
+from estimator.reconstructions.scene_reader import read_scene
 from estimator.records.scene import Instance
 from insertion.colour import linear_to_srgb
-from insertion.composite.exposure_and_grain import look_of
+from insertion.composite.camera_look import look_of
 from insertion.insert import open_prepared_scene
 from insertion.scene.pixel_box import PixelBox, mask_in_box
 from insertion.scene.point_cloud import Cloud, FrontPoints

@@ -27,7 +27,7 @@ from insertion.placement.free_space import candidates
 from insertion.placement.model_size import SizeUsed
 from insertion.placement.placed_object import Placed, place_objects, space_for
 from insertion.request import ObjectRequest
-from insertion.scene.rays import camera_rays
+from insertion.scene.camera_rays import camera_rays
 from models3d.gltf.model_reader import read_model
 from tests.synthetic.insertions import RecordedRoom, prepared_scene_of, write_glb
 from tests.synthetic.rooms.furnish import furnished_room
@@ -177,8 +177,8 @@ def _ratio(after: NDArray[np.uint8], before: NDArray[np.uint8]) -> NDArray[np.fl
 def _object_mask(prepared: PreparedScene, placed: Placed, row: int) -> NDArray[np.bool_]:
     """Pixels of the object that nothing hides, by our own renderer's outline."""
     from insertion.light.environment_map import HEIGHT, WIDTH, Environment
-    from insertion.render.changed_pixels import window_behind
-    from insertion.render.context import gl_context
+    from insertion.render.gpu import gl_context
+    from insertion.render.layers import window_behind
     from insertion.render.renderer import ObjectRenderer
     from insertion.scene.pixel_box import PixelBox
 

@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from insertion.blender.process import run_blender
+from insertion.blender.run import run_blender
 from insertion.colour import linear_to_srgb, luminance
 from models3d.gltf.document import GltfWriter
 from tests.synthetic.rooms.materials import look_of

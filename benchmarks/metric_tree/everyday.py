@@ -25,9 +25,10 @@ from benchmarks.common import options_parser
 from metric_base.arrays import FloatArray
 from metric_cli.tables import print_table
 from metric_tree.axes import AXES, EXTENTS
+from metric_tree.node import UnknownName
 from metric_tree.prior import Prior
 from metric_tree.tiers import TIERS
-from metric_tree.tree import Tree, UnknownName, open_tree
+from metric_tree.tree import Tree, open_tree
 
 LISTS = {
     "first": Path(__file__).with_name("everyday_objects.csv"),

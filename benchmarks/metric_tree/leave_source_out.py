@@ -28,20 +28,19 @@ from typing import Any
 import numpy as np
 
 from benchmarks.common import options_parser
-from crawler.imports.sources import sources
+from crawler.imports.declaration import sources
 from metric_base.arrays import FloatArray
 from metric_base.progress import silent
 from metric_cli.tables import print_table
-from metric_tree.build.work_folder import BuildFolder
 from metric_tree.fit.class_prior import class_prior
-from metric_tree.fit.class_rows import ClassRows, take_rows
-from metric_tree.fit.evidence import KIND_WEIGHT, STRONG
 from metric_tree.fit.evidence_model import learn_kinds
 from metric_tree.fit.moments import moments
+from metric_tree.fit.rows import KIND_WEIGHT, STRONG, ClassRows, take_rows
 from metric_tree.pipeline.build import BuildOptions, Steps, shipped_curated, shipped_taxonomy
 from metric_tree.pipeline.clean import Cleaned, NodeClass
+from metric_tree.pipeline.hierarchy import Hierarchy, kept_categories
 from metric_tree.pipeline.ingest import block_of, blocks, raw_files
-from metric_tree.pipeline.tables import Hierarchy, kept_categories
+from metric_tree.pipeline.work_folder import BuildFolder
 from metric_tree.prior import Prior
 from metric_tree.tree import Tree, open_tree
 from taxonomy.levels import replaced_ids

@@ -19,7 +19,7 @@ import numpy as np
 from benchmarks.common import print_rows
 from benchmarks.metric_tree.leave_source_out import SEED, Rows, held_rows, left_out, rows_parser
 from metric_base.arrays import FloatArray
-from metric_tree.fit.evidence import STRONG
+from metric_tree.fit.rows import STRONG
 
 WAYS = ("ours", "within", "authors", "bic")
 #: Complete rows of a class that are fitted, and of a source that are scored.

@@ -10,8 +10,9 @@ from collections import Counter
 from collections.abc import Iterable, Iterator
 
 from benchmarks.common import options_parser, print_rows
+from metric_tree.node import Node, UnknownName
 from metric_tree.tiers import TIERS
-from metric_tree.tree import Node, Tree, UnknownName, open_tree
+from metric_tree.tree import Tree, open_tree
 from taxonomy.label_lists import vocabulary
 
 LISTS = ("coco_80", "lvis_v1", "ade20k_150", "objects365_v2", "scannet200")

@@ -10,13 +10,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from capture.dense.plane_filling import fill_planes
-from estimator.capture.dense.pinhole_views import PinholeView, pinhole_view
-from estimator.capture.dense.plane_sweep import swept_depth
+from capture.dense.plane_sweep import PinholeView, pinhole_view, swept_depth
 from estimator.reconstructions.ply import visibility_bytes
 from estimator.records.scene import Scene
 from metric_base.arrays import BoolArray, FloatArray, IntArray
-
-__all__ = ["make_dense_cloud"]
 
 #: Most views whose depth is computed, evenly over the capture.
 MOST_VIEWS = 24

@@ -9,8 +9,8 @@ import subprocess
 import sys
 from typing import Any
 
+from capture.dense.patch_match import PYCOLMAP
 from capture.mapping.colmap_worker import Request, run_step, say
-from estimator.capture.dense.cuda import PYCOLMAP
 from estimator.reconstructions.pycolmap_library import pycolmap
 
 #: Longer side in pixels at which depth is computed.

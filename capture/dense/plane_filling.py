@@ -7,8 +7,6 @@ from numpy.typing import NDArray
 
 from metric_base.arrays import BoolArray, FloatArray, IntArray
 
-__all__ = ["fill_planes"]
-
 FloatPicture = NDArray[np.float32]
 
 #: Standard deviation of grey levels over a window below which a surface is plain: noise and shading, no texture.

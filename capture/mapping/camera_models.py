@@ -10,8 +10,6 @@ from estimator.projection.cameras import CAMERA_MODELS
 from estimator.reconstructions.pycolmap_library import pycolmap
 from metric_base.arrays import FloatArray
 
-__all__ = ["TRIED_MODELS", "chosen_model", "model_scores", "start_params"]
-
 #: Models that are tried, simplest first. A telephone's lens is the first or second, an action camera's the third.
 TRIED_MODELS = ("SIMPLE_RADIAL", "OPENCV", "OPENCV_FISHEYE", "THIN_PRISM_FISHEYE")
 #: Only points that so many views see lose one of their observations.

@@ -6,8 +6,6 @@ from dataclasses import dataclass
 
 from estimator.projection.cameras import CAMERA_MODELS
 
-__all__ = ["Lens", "is_fisheye"]
-
 
 @dataclass(frozen=True, slots=True)
 class Lens:

@@ -24,8 +24,6 @@ from capture.mapping.pairs import all_pairs, chosen_pairs, coarse_scores
 from capture.mapping.triplets import agreement, model_triplets
 from estimator.reconstructions.pycolmap_library import pycolmap
 
-__all__ = ["Request", "features", "incremental_options", "run_step", "say", "write_models"]
-
 Request = dict[str, Any]
 
 #: Pictures, and pairs, handled between two lines of progress.

@@ -9,8 +9,6 @@ from numpy.typing import NDArray
 
 from metric_base.arrays import IntArray
 
-__all__ = ["all_pairs", "chosen_pairs", "coarse_scores", "pair_count"]
-
 #: Of many frames, each is matched with so many of those that are 1, 2, 4, 8, ... after it: COLMAP's sequential matching
 #: with quadratic overlap.
 OVERLAP = 10

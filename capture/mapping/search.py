@@ -11,11 +11,7 @@ from typing import Any
 import numpy as np
 
 from capture.mapping.camera_prior import Lens
-from capture.mapping.model_metrics import CaptureEvidence, Pair
-from capture.sources.frames import Frames
-from capture.work_folder import WorkFolder
-from estimator.capture.mapping.failures import CaptureFailure, Failure, after_all, failure
-from estimator.capture.mapping.features import (
+from capture.mapping.features import (
     STRATEGIES,
     FeatureStrategy,
     make_features,
@@ -24,13 +20,14 @@ from estimator.capture.mapping.features import (
     next_strategies,
     predicted_s,
 )
-from estimator.capture.mapping.gates import is_disputed, most_are_linked
-from estimator.capture.mapping.mapper import make_model
-from estimator.capture.mapping.worker import OutOfTime, TimeLimit
+from capture.mapping.mapper import make_model
+from capture.mapping.match_graph import CaptureEvidence, Pair
+from capture.mapping.refusals import CaptureFailure, Failure, after_all, failure, is_disputed, most_are_linked
+from capture.mapping.worker import OutOfTime, TimeLimit
+from capture.sources.frames import Frames
+from capture.work_folder import WorkFolder
 from metric_base.input_files import read_json
 from metric_base.progress import ProgressCallback
-
-__all__ = ["MODEL_STAGES", "MORE_FRAMES", "REPORT", "ModelSearch"]
 
 REPORT = "reconstruction.json"
 #: Features and matches, kept so that a later stage can be made again.

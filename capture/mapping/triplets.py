@@ -12,8 +12,6 @@ from capture.mapping.model_metrics import TripletAgreement
 from estimator.reconstructions.pycolmap_library import pycolmap
 from metric_base.arrays import FloatArray, IntArray
 
-__all__ = ["Triplet", "agreement", "broken_frames", "model_triplets", "triplet_residuals", "triplet_stretch"]
-
 #: A triplet agrees with the model up to this median residual: right models of twelve real sets stay below 1.2 px
 #: but for one triplet of 3.7; models with a wrong piece reach 4 to 50.
 MOST_RESIDUAL_PX = 2.5

@@ -15,8 +15,6 @@ from estimator.records.scene import Instance, Scene
 from metric_base.input_files import read_json, read_text
 from metric_base.progress import NoticeCallback, ProgressCallback, no_notice, silent
 
-__all__ = ["INSTANCES", "copy_dataset", "detect_stage", "save_drawing", "write_instances"]
-
 INSTANCES = "instances.json"
 
 

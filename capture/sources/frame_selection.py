@@ -10,8 +10,6 @@ from numpy.typing import NDArray
 
 from metric_base.arrays import FloatArray, IntArray
 
-__all__ = ["DEFAULT_FRAMES", "Motion", "chosen_frames", "motion_of"]
-
 Grey = NDArray[np.uint8]
 
 #: Frames by default. Of a synthetic video of 100 frames, 45 give all poses as well as 100 do, for 0.4 of the time

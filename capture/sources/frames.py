@@ -20,8 +20,6 @@ from metric_base.images import write_picture
 from metric_base.input_files import read_json
 from metric_base.progress import ProgressCallback, silent
 
-__all__ = ["FRAMES_FILE", "Frames", "is_capture", "make_frames", "read_frames", "source_of"]
-
 FRAMES_FILE = "frames.json"
 SCHEMA = "metric-tree/frames/1"
 #: Longer side of the frames that are kept; features are looked for at half of it.

@@ -15,8 +15,6 @@ from metric_base.errors import InputError, Unquoted
 from metric_base.images import read_picture
 from metric_base.input_files import folder_entries
 
-__all__ = ["PICTURE_SUFFIXES", "PictureFolder", "foreign_files", "picture_files"]
-
 #: Pictures that OpenCV and COLMAP both read.
 PICTURE_SUFFIXES = frozenset({".jpg", ".jpeg", ".png", ".tif", ".tiff", ".bmp", ".webp"})
 #: Pictures that neither reads.

@@ -14,8 +14,6 @@ from pathlib import Path
 
 from estimator.telemetry.gpmf import keys
 
-__all__ = ["stated_fisheye_deg", "stated_focal_35mm"]
-
 KEY = b"com.apple.quicktime.camera.focal_length.35mm_equivalent"
 #: Largest table of contents that is read.
 MAX_BYTES = 1 << 26

@@ -12,10 +12,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from capture.sources.lens_metadata import stated_fisheye_deg, stated_focal_35mm
-from estimator.telemetry.recordings import READ_ALONE
+from estimator.telemetry.readers import READ_ALONE
 from metric_base.errors import InputError, Unquoted
-
-__all__ = ["VIDEO_SUFFIXES", "Video", "VideoFrame"]
 
 Picture = NDArray[np.uint8]
 

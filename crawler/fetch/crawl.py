@@ -1,40 +1,78 @@
-"""A crawl as one call: a frontier, a spider, its manners, and a summary at the end."""
+"""A crawl as one call: a frontier, a spider, its manners, and a summary at the end.
+
+A crawl's items on disk: JSON Lines in segments that are written whole, named by the range they hold.
+
+The frontier has the items first (with the page, in one transaction); a segment is written from there under a temporary
+name and renamed. A kill between the two costs nothing: the next write begins behind the last whole segment.
+"""
 
 from __future__ import annotations
 
 import gc
 import os
+import re
 import time
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import partial
+from itertools import islice
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, Literal, Protocol, TypeAlias
 
 from crawler.fetch import DELAY_SECONDS
-from crawler.fetch.frontier import OFF_SITE, PRIVATE, Frontier, has_no_result
-from crawler.fetch.frontier_watch import FailFastFrontier, storage_errors
-from crawler.fetch.segments import write_segments
+from crawler.fetch.frontier import OFF_SITE, PRIVATE, FailFastFrontier, Frontier, has_no_result, storage_errors
 from crawler.fetch.sqlite_frontier import SqliteFrontier, stored_counts
-from crawler.page.page import web_address
-from crawler.sites.registry import GENERIC, SITES, Site, use_site
+from crawler.page.urls import web_address
+from crawler.sites.registry import GENERIC, SITES, use_site
+from crawler.sites.site import Site
 from metric_base.errors import InputError
-
-__all__ = ["SPIDERS", "Crawl", "Summary", "UnknownSpider", "run_crawl", "spider_class"]
-
-#: Seconds between two writes of segments: the longest wait for the items of a running crawl.
-SEGMENT_SECONDS = 60.0
-
-#: Seconds after which another worker takes up a page, for crawls of sites that answer fast.
-LEASE_VARIABLE = "METRIC_TREE_LEASE_SECONDS"
-
+from metric_base.files import whole_file
 
 if TYPE_CHECKING:
     from scrapy import Spider
 
-
+#: Items of one segment: some megabytes, so that a build streams them and a copy of a crawl is a matter of files.
+SEGMENT_ITEMS = 5_000
+Kind: TypeAlias = Literal["items", "pictures"]
+_NAME = re.compile(r"(?P<kind>items|pictures)-(?P<first>\d{9})-(?P<last>\d{9})\.jsonl")
+#: Seconds between two writes of segments: the longest wait for the items of a running crawl.
+SEGMENT_SECONDS = 60.0
+#: Seconds after which another worker takes up a page, for crawls of sites that answer fast.
+LEASE_VARIABLE = "METRIC_TREE_LEASE_SECONDS"
 #: Names that `metric-tree crawl` takes; each site has one, Wikidata has its own interface.
 SPIDERS = (*(site.name for site in SITES), "wikidata", GENERIC.name)
+
+
+class _Lines(Protocol):
+    def lines(self, after: int = 0, kind: Kind = "items") -> Iterable[tuple[int, str]]: ...
+
+
+def last_written(folder: Path, kind: Kind = "items") -> int:
+    """The number of the last item, or picture, that a whole segment holds."""
+    matches = (_NAME.fullmatch(path.name) for path in folder.glob(f"{kind}-*.jsonl"))
+    return max((int(match["last"]) for match in matches if match), default=0)
+
+
+def write_segments(frontier: _Lines, folder: Path) -> int:
+    """Write all items and pictures that no segment holds yet; the number of items."""
+    _write_kind(frontier, folder, "pictures")
+    return _write_kind(frontier, folder, "items")
+
+
+def _write_kind(frontier: _Lines, folder: Path, kind: Kind) -> int:
+    count = 0
+    lines = iter(frontier.lines(last_written(folder, kind), kind))
+    while batch := list(islice(lines, SEGMENT_ITEMS)):
+        span = f"{batch[0][0]:09d}-{batch[-1][0]:09d}"
+        _replace(folder / f"{kind}-{span}.jsonl", [line for _, line in batch])
+        count += len(batch)
+    return count
+
+
+def _replace(path: Path, lines: list[str]) -> None:
+    path.parent.mkdir(parents=True, exist_ok=True)
+    with whole_file(path) as work:
+        work.write_text("".join(f"{line}\n" for line in lines), encoding="utf-8")
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

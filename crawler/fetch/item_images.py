@@ -12,8 +12,6 @@ from typing import Any, Literal, cast
 from metric_base.errors import StorageError
 from metric_base.files import whole_file
 
-__all__ = ["SCHEMA", "Picture", "Refusal", "decode_picture", "picture"]
-
 SCHEMA = "metric-tree/picture/1"
 
 #: Why a picture is refused.

@@ -18,8 +18,6 @@ from crawler.fetch.frontier import REFUSALS, Outcome, Task, task_key
 from crawler.fetch.sqlite_frontier import SqliteFrontier
 from metric_base.errors import InputError, StorageError
 
-__all__ = ["LEASE_SECONDS", "NoRedis", "RedisFrontier"]
-
 #: A page that is not done after this time is given to another worker: the longest download (see
 #: `crawler.fetch.settings`),
 #: with its delays, fits in many times over.

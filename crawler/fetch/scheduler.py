@@ -15,14 +15,11 @@ from scrapy.spidermiddlewares.httperror import HttpError
 from scrapy.statscollectors import StatsCollector
 from twisted.python.failure import Failure
 
-from crawler.fetch.frontier import Outcome, Task, task_key
-from crawler.fetch.frontier_watch import FULL, FailFastFrontier
+from crawler.fetch.frontier import FULL, FailFastFrontier, Outcome, Task, task_key
 from crawler.fetch.item_images import Picture
 from crawler.items import RawItem
 from crawler.page.time_limit import SlowPage
 from metric_base.errors import StorageError
-
-__all__ = ["KEY", "LIMIT_SETTING", "SITES", "CommitMiddleware", "FrontierScheduler", "close_crawl", "frontier_of"]
 
 #: The request's meta that holds the task's key.
 KEY = "frontier_key"

@@ -12,13 +12,12 @@ from scrapy.http import Response
 
 from crawler.fetch.item_images import Picture, picture
 from crawler.items import RawItem
-from crawler.page.page import Page, absolute_url, page
-from crawler.page.raw_item import raw_item
+from crawler.page.page import Page, page
+from crawler.page.statements import raw_item
 from crawler.page.time_limit import processor_budget
+from crawler.page.urls import absolute_url
 from crawler.sites.listing import listed_items
 from crawler.sites.site import Site
-
-__all__ = ["SiteSpider"]
 
 #: Product pages before listings before pictures: a crawl that is stopped has items, not addresses.
 PRODUCT, LISTING, PICTURE = 20, 10, 0

@@ -11,8 +11,6 @@ from urllib.parse import quote
 
 from crawler.fetch.frontier import Outcome, Task, task_key
 
-__all__ = ["SqliteFrontier", "stored_counts"]
-
 WAITING, LEASED, DONE, FAILED = range(4)
 _STATES = ("waiting", "leased", "done", "failed")
 

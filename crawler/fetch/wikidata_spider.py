@@ -14,8 +14,6 @@ from scrapy.http import Response
 from crawler.items import RawItem
 from crawler.text.units import millimetres
 
-__all__ = ["ENDPOINT", "PAGE_ROWS", "WikidataSpider", "items", "query"]
-
 ENDPOINT = "https://query.wikidata.org/sparql"
 
 #: Rows of one page: the service answers this many of a large class well inside its minute.

@@ -1,5 +1,5 @@
 """Importers: an open data set, read by its declaration, into raw items and refusals."""
 
-from crawler.imports.source_items import Import, import_items, readings
+from crawler.imports.importer import Import, import_items, readings
 
 __all__ = ["Import", "import_items", "readings"]

@@ -15,12 +15,10 @@ from contextlib import contextmanager
 from pathlib import Path
 from typing import IO, Any
 
-from crawler.imports.row_outcomes import Reading, Refused, item
-from crawler.imports.sources import Source
+from crawler.imports.declaration import Source
 from crawler.imports.table_files import BadTable, whole_json
+from crawler.imports.table_items import Reading, Refused, item
 from crawler.text.units import millimetres, unit
-
-__all__ = ["readings"]
 
 _FILES = "listings_*.json*"
 _AXES = ("length", "width", "height")

@@ -6,12 +6,10 @@ from collections.abc import Iterator, Mapping
 from pathlib import Path
 from typing import Any
 
-from crawler.imports.row_outcomes import Reading, Refused, item
-from crawler.imports.sources import Source
+from crawler.imports.declaration import Source
 from crawler.imports.table_files import BadTable, yaml_document
+from crawler.imports.table_items import Reading, Refused, item
 from crawler.text.units import millimetres
-
-__all__ = ["readings"]
 
 #: Classes whose tables give a whole part, by the start of their id: category, and the column of each axis.
 #: `s` of a nut is its width across flats, `e` across corners; `d2` of a washer or a bearing its outer diameter.

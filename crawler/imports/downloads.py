@@ -9,11 +9,9 @@ from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
-from crawler.imports.sources import Source, SourceFile
+from crawler.imports.declaration import Source, SourceFile
 from metric_base.errors import InputError
 from metric_base.files import whole_file
-
-__all__ = ["CACHE_VARIABLE", "NoInput", "download"]
 
 #: Moves the cache of downloaded sources.
 CACHE_VARIABLE = "METRIC_TREE_CACHE"

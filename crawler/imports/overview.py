@@ -5,16 +5,13 @@ from __future__ import annotations
 from collections.abc import Iterable, Sequence
 from typing import Any
 
-from crawler.imports.declaration import REASONS
-from crawler.imports.source_items import Import
-from crawler.imports.sources import Source
-
-__all__ = ["overview", "summary", "terms"]
+from crawler.imports.declaration import REASONS, Source
+from crawler.imports.importer import Import
 
 _HEAD = """# Sources of open data
 
 One declaration a source: where it is from, whose terms decide, what its rows are worth as evidence (`kind`), how its
-columns are read, its traps and what is done about each. `crawler/imports/sources.py` describes the fields,
+columns are read, its traps and what is done about each. `crawler/imports/declaration.py` describes the fields,
 `crawler/imports/declaration.py`
 those of a plain table. Where `--input` is missing, a source's files are downloaded, checked against their sha256 and
 cached; the last table lists the sources for which that holds, and what to fetch for the others (`--input`).

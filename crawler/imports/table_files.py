@@ -5,26 +5,77 @@ from __future__ import annotations
 import csv
 import io
 import json
+import re
 import sys
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
 from crawler.imports.declaration import Table
-from crawler.imports.header_check import MissingColumn, expect_columns
-from metric_base.errors import InputError, in_file
+from metric_base.errors import FieldError, InputError, Unquoted, in_file
 
-__all__ = ["BadTable", "Row", "flat", "record_rows", "rows", "yaml_document"]
-
+#: A column in a template, with its filter: `{brand}`, `{title|head}`.
+FIELD = re.compile(r"\{([^{}|]+)(?:\|(\w+))?\}")
+#: Names that mean a column in every table.
+_GIVEN = frozenset({"file", "row"})
+_CAMEL = re.compile(r"(?<=[a-z0-9])(?=[A-Z])|[_|\s]+")
 #: Column to text; the columns of nested records are joined with a full stop.
 Row = dict[str, str]
+#: Largest file of a table that is read, and most values of one record.
+MAX_BYTES, MOST_LEAVES = 1 << 31, 100_000
+
+
+class MissingColumn(InputError):
+    """A file lacks a declared column: another table, or a later form of it, that would yield nothing or nonsense."""
+
+
+def expect_columns(table: Table, header: Sequence[str]) -> None:
+    """See that the header has every column that the declaration reads.
+
+    Raises
+    ------
+    FieldError
+        One is missing: it names those that are missing and those that there are.
+    """
+    known = _GIVEN.union(table.read, header)
+    missing = sorted({column for column in _named_columns(table) if column not in known})
+    if missing:
+        present = ", ".join(map(repr, header))[:200]
+        raise FieldError("columns", ", ".join(map(repr, missing)), Unquoted(present))
+
+
+def _named_columns(table: Table) -> Iterator[str]:
+    """Every column that the table's axes, templates and rules name."""
+    for axis in table.columns_of_axes.values():
+        yield axis.column
+        if axis.minus:
+            yield axis.minus
+    texts = [table.text, table.id, table.title, table.brand, table.url, table.year, table.region, table.synset]
+    texts += [table.scene, table.statistic, table.relative_sd, table.attribution]
+    texts += [*table.category, table.kind, table.licence, *(cases.column for cases in table.read.values())]
+    for rule in (*table.only, *table.reject, *table.flag):
+        if "{" in rule.column:
+            texts.append(rule.column)
+        else:
+            yield rule.column
+    yield from table.names
+    yield from (match[1] for text in texts for match in FIELD.finditer(text))
+
+
+def _head(text: str) -> str:
+    return re.split(r"[,;(]", text, maxsplit=1)[0].strip()
+
+
+def _words(text: str) -> str:
+    return " ".join(part for part in _CAMEL.split(text) if part).lower()
+
+
+def _part(text: str) -> str:
+    return _head(text.split(":", maxsplit=1)[-1].strip())
+
 
 # Some museum texts are longer than the csv module's cautious default.
 csv.field_size_limit(min(sys.maxsize, 2**31 - 1))
-
-
-#: Largest file of a table that is read, and most values of one record.
-MAX_BYTES, MOST_LEAVES = 1 << 31, 100_000
 
 
 class BadTable(InputError):

@@ -6,13 +6,10 @@ import re
 from collections.abc import Iterator
 from pathlib import Path
 
-from crawler.imports.declaration import Table
-from crawler.imports.row_outcomes import Reading, Refused, item, year
-from crawler.imports.sources import Source
+from crawler.imports.declaration import Source, Table
 from crawler.imports.table_files import Row, record_rows, rows
+from crawler.imports.table_items import Reading, Refused, item, year
 from crawler.text.cell_lengths import Measure, measures, words_mm
-
-__all__ = ["readings"]
 
 _TABLE = Table(files=("walters_dims.jsonl",), records="objects/data/**/*.json", format="jsonl")
 

@@ -3,13 +3,12 @@
 from __future__ import annotations
 
 import gzip
-import hashlib
 import re
 import zlib
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TypeAlias
-from urllib.parse import urljoin, urlsplit, urlunsplit
+from urllib.parse import urlsplit
 
 from lxml import etree
 from w3lib.encoding import html_to_unicode
@@ -17,40 +16,17 @@ from w3lib.encoding import html_to_unicode
 from crawler.text.vocabulary import Language, language_of
 from metric_base.errors import InputError
 
-__all__ = [
-    "MAXIMUM_BYTES",
-    "BadPage",
-    "Element",
-    "Page",
-    "absolute_url",
-    "canonical_url",
-    "page",
-    "saved_page",
-    "source_id",
-    "squeeze",
-    "web_address",
-]
-
 #: lxml's own element: the classes of `lxml.html` would cost a call of Python for each.
 Element: TypeAlias = etree._Element
-
 #: The largest page that is read, after decompression: ten times the largest product page we have seen (3.1 MB).
 MAXIMUM_BYTES = 32_000_000
-
-#: Parameters that only say where a visitor came from.
-_TRACKING = re.compile(r"utm_\w+|gclid|fbclid")
-
 _INVISIBLE = re.compile("[\u00ad\u034f\u061c\u200b-\u200f\u202a-\u202e\u2060-\u2064\u2066-\u2069\ufeff\ufe0e\ufe0f]")
 #: What steers a terminal and says nothing: C0 and C1 controls without white space.
 _CONTROLS = re.compile("[\x00-\x1f\x7f-\x9f]")
-
 #: What no person sees; taken out once, so that nothing that reads the tree has to ask for it.
 _UNSEEN = ("script", "style", "template", "noscript", "select")
-
 _LINKS = etree.XPath("//a/@href", smart_strings=False)
 _LINKED_DATA = etree.XPath("//script[contains(@type, 'ld+json')]/text()", smart_strings=False)
-
-
 #: First bytes of what people save beside pages.
 _SIGNATURES = {
     b"\xff\xd8\xff": "a JPEG picture",
@@ -61,14 +37,11 @@ _SIGNATURES = {
     b"PK\x03\x04": "a ZIP archive or an office document",
     b"SQLite format 3": "an SQLite file",
 }
-
 #: Marks of UTF-16, whose zero bytes are text.
 _MARKS = (b"\xff\xfe", b"\xfe\xff")
-
 #: Bytes that no text holds, and how far to look for them (WHATWG MIME Sniffing, 3 and 5.1).
 _BINARY = re.compile(rb"[\x00-\x08\x0b\x0e-\x1a\x1c-\x1f]")
 SNIFFED_BYTES = 1445
-
 #: An element of HTML; without any, a text is no page.
 _ELEMENT = re.compile(
     rb"<(?:!doctype\s+html|html|head|body|title|meta|link|base|script|style|div|span|p|a|h[1-6]|table|t[rdh]|[uod]l|li|d[td]"
@@ -147,67 +120,6 @@ def saved_page(path: Path, url: str) -> Page:
     if other := other_content(body):
         raise BadPage(f"{path}: expected an HTML page; found {other}")
     return page(body, url)
-
-
-def web_address(url: str, field: str) -> str:
-    """The address, if it is one of the web.
-
-    Raises
-    ------
-    BadPage
-        The scheme is another than http and https, no host is named, or it has a blank.
-    """
-    try:
-        parts = urlsplit(url)
-        sound = parts.scheme in {"http", "https"} and bool(parts.hostname) and parts.port != 0
-    except ValueError:  # a port that is no number, a bracket that is not closed
-        sound = False
-    if not sound or re.search(r"\s", url):
-        raise BadPage(f"{field}: expected an http(s) address; found {url!r}")
-    return url
-
-
-def absolute_url(base: str, address: str) -> str:
-    """The whole address of a link without its fragment; empty where it is malformed or not of the web."""
-    try:
-        url = _joined_url(base, address.strip()).partition("#")[0]
-        parts = urlsplit(url)
-        sound = parts.scheme in {"http", "https"} and bool(parts.hostname) and parts.port != 0
-    except ValueError:  # a port that is no number, a bracket that is not closed
-        return ""
-    return url if sound else ""
-
-
-def _joined_url(base: str, address: str) -> str:
-    """Most links name a path from the root, for which `urljoin` is slow."""
-    if address.startswith("/") and not address.startswith("//") and "/." not in address:
-        scheme, _, rest = base.partition("//")
-        return f"{scheme}//{rest.partition('/')[0]}{address}"
-    return urljoin(base, address)
-
-
-def canonical_url(url: str, ignored: str = "") -> str:
-    """The address without fragment, port of the scheme, and tracking parameters; host in small letters.
-
-    Parameters
-    ----------
-    ignored : a regular expression of the names of further parameters that do not change the page.
-
-    Raises
-    ------
-    ValueError
-        The address is malformed: a port that is no number, a bracket that is not closed.
-    """
-    parts = urlsplit(url)
-    names = _TRACKING if not ignored else re.compile(f"{_TRACKING.pattern}|{ignored}")
-    kept = "&".join(part for part in parts.query.split("&") if part and not names.fullmatch(part.partition("=")[0]))
-    host = (parts.hostname or "") + (f":{parts.port}" if parts.port and parts.port not in {80, 443} else "")
-    return urlunsplit((parts.scheme.lower(), host, parts.path or "/", kept, ""))
-
-
-def source_id(url: str) -> str:
-    """The id of a page that has none of its own: the sha256 of its canonical address."""
-    return hashlib.sha256(canonical_url(url).encode()).hexdigest()
 
 
 def squeeze(text: str) -> str:

@@ -13,9 +13,8 @@ from typing import Any
 
 from lxml.etree import XPath
 
-from crawler.page.page import Element, Page, absolute_url, squeeze
-
-__all__ = ["Product", "product"]
+from crawler.page.page import Element, Page, squeeze
+from crawler.page.urls import absolute_url
 
 #: More pictures of one product add little.
 MAXIMUM_IMAGES = 12

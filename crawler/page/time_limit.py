@@ -7,8 +7,6 @@ import threading
 from collections.abc import Iterator
 from contextlib import contextmanager
 
-__all__ = ["PAGE_SECONDS", "SlowPage", "processor_budget"]
-
 #: Seconds of processor time for one page: twenty times what the slowest product page takes that we have seen.
 PAGE_SECONDS = 2.0
 

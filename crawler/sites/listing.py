@@ -7,11 +7,10 @@ from collections.abc import Iterator
 from datetime import UTC, datetime
 
 from crawler.items import RawItem
-from crawler.page.page import Element, Page, absolute_url, source_id, squeeze
+from crawler.page.page import Element, Page, squeeze
+from crawler.page.urls import absolute_url, source_id
 from crawler.sites.site import Site
 from crawler.text.sizes import Size, consensus, sizes
-
-__all__ = ["listed_items"]
 
 #: So far above its link the box of an entry is looked for.
 MAX_BOX_LEVELS = 5

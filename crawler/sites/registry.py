@@ -8,11 +8,9 @@ from urllib.parse import urlsplit
 
 from crawler.items import RawItem
 from crawler.page.page import Page
-from crawler.page.raw_item import raw_item
+from crawler.page.statements import raw_item
 from crawler.sites.site import Site
 from metric_base.records import toml_record
-
-__all__ = ["GENERIC", "SITES", "Site", "canonical_url", "item_of", "site_of", "use_site"]
 
 #: Any site: schema.org data, Open Graph, breadcrumbs, tables. The user who asks for pictures knows its terms.
 GENERIC = Site(name="generic", hosts=(), pictures="")

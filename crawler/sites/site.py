@@ -11,11 +11,10 @@ from urllib.parse import quote, quote_plus, urlsplit
 import msgspec
 from lxml.etree import HTMLParser, XPath, XPathError, fromstring
 
-from crawler.page.page import Element, Page, absolute_url, canonical_url, squeeze
+from crawler.page.page import Element, Page, squeeze
 from crawler.page.product import MAXIMUM_IMAGES, Product, product
-from metric_base.records import expect
-
-__all__ = ["Site"]
+from crawler.page.urls import absolute_url, canonical_url
+from metric_base.errors import expect
 
 
 class Site(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):

@@ -13,8 +13,6 @@ from crawler.text.numbers import NUMBER, Decimal, number
 from crawler.text.units import UNIT_WORDS, millimetres, unit
 from metric_base.errors import InputError
 
-__all__ = ["AXES", "Measure", "UnreadableLength", "extents_mm", "length_mm", "measures", "words_mm"]
-
 #: The axis words a raw item may use.
 AXES = ("length", "width", "height", "diameter", "depth")
 

@@ -5,8 +5,6 @@ from __future__ import annotations
 import re
 from typing import Literal
 
-__all__ = ["NUMBER", "Decimal", "number"]
-
 #: Which mark parts the decimals; None leaves it to the number's own look.
 Decimal = Literal[".", ","] | None
 

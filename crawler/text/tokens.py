@@ -10,8 +10,6 @@ from crawler.text.numbers import NUMBER, number
 from crawler.text.units import UNIT_MARKS, UNIT_WORDS
 from crawler.text.vocabulary import Language, axis_of_word, plain
 
-__all__ = ["Token", "axis_of_letter", "tokens"]
-
 Kind = Literal["number", "unit", "axis", "header", "times", "range", "break", "open", "close", "colon", "word", "other"]
 
 #: `1.234,5` and `1 234` with a space that does not break are numbers of languages that part decimals by a comma.

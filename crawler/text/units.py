@@ -8,8 +8,6 @@ from types import MappingProxyType
 
 from metric_base.errors import InputError
 
-__all__ = ["MILLIMETRES", "UNIT_MARKS", "UNIT_WORDS", "UnknownUnit", "millimetres", "unit"]
-
 
 class UnknownUnit(InputError):
     """A unit of length that the table does not hold."""

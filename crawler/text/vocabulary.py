@@ -13,25 +13,6 @@ from functools import lru_cache
 from types import MappingProxyType
 from typing import Literal
 
-__all__ = [
-    "AXIS_WORDS",
-    "Axis",
-    "Language",
-    "axis_of_word",
-    "is_component",
-    "is_dimension_label",
-    "is_foreign",
-    "is_of_others",
-    "is_package",
-    "is_part_heading",
-    "is_part_name",
-    "is_stripped",
-    "is_whole",
-    "language_of",
-    "names_an_axis",
-    "plain",
-]
-
 Axis = Literal["length", "width", "height", "depth", "diameter"]
 Language = Literal["en", "de", "fr", "it", "es", "pt", "nl"]
 

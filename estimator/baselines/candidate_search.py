@@ -5,12 +5,9 @@ from __future__ import annotations
 import numpy as np
 
 from estimator.posterior.log_scale_grid import interval, modes
-from estimator.posterior.posterior import Estimate
-from estimator.posterior.status import doubt_of
-from estimator.records.curve import Curve
+from estimator.posterior.posterior import Estimate, doubt_of
+from estimator.records.result import Curve
 from metric_base.arrays import FloatArray
-
-__all__ = ["CANDIDATES", "candidate_scales", "estimate_on"]
 
 #: Candidate scales between the limits: the paper names neither its limits nor its step; this step is a thousandth of
 #: the answer where the limits are a factor of ten apart.

@@ -18,19 +18,19 @@ from pathlib import Path
 import numpy as np
 
 from estimator.baselines.candidate_search import candidate_scales, estimate_on
-from estimator.records.measured_object import ETA_THRESHOLD, MeasuredObject
+from estimator.records.objects import ETA_THRESHOLD, MeasuredObject
+from estimator.records.options import EstimateOptions
 from estimator.records.result import ScaleResult, UpReport
-from estimator.results.categories import LabelMeaning, meanings
-from estimator.results.reports import EstimateOptions, ScaleAnswer, result_of
+from estimator.results.object_priors import LabelMeaning, meanings
+from estimator.results.scale_report import ScaleAnswer, result_of
 from metric_base.arrays import FloatArray
 from metric_base.errors import InputError, Unquoted
 from metric_base.folders import data_folder
 from metric_base.input_files import read_text
 from metric_base.statistics import mixture_log_density
 from metric_tree.axes import AXES, EXTENTS
-from metric_tree.tree import Node, Tree, UnknownName
-
-__all__ = ["PaperMixture", "authors_lists", "fit_mixture", "paper_result"]
+from metric_tree.node import Node, UnknownName
+from metric_tree.tree import Tree
 
 #: One component for so many items (the authors' released code).
 ITEMS_PER_COMPONENT = 3

@@ -14,19 +14,18 @@ from collections.abc import Mapping, Sequence
 import numpy as np
 
 from estimator.baselines.candidate_search import candidate_scales, estimate_on
-from estimator.geometry.up import given_up
+from estimator.geometry.vertical import given_up
 from estimator.projection.cameras import pixels_in_view, view_rays
-from estimator.records.measured_object import MeasuredObject
+from estimator.records.objects import MeasuredObject
+from estimator.records.options import EstimateOptions
 from estimator.records.result import ScaleResult, UpReport
 from estimator.records.scene import Instance, Scene, View
-from estimator.results.categories import LabelMeaning, meanings
 from estimator.results.estimate import HEIGHT
-from estimator.results.reports import EstimateOptions, ScaleAnswer, result_of
+from estimator.results.object_priors import LabelMeaning, meanings
+from estimator.results.scale_report import ScaleAnswer, result_of
 from metric_base.arrays import FloatArray
 from metric_tree.prior import Prior
 from metric_tree.tree import Tree
-
-__all__ = ["box_heights", "prescribed_down", "sucar_result"]
 
 #: Fewer map points than this in a box give no depth.
 LEAST_POINTS = 3

@@ -8,14 +8,11 @@ from pathlib import Path
 import numpy as np
 
 from estimator.detectors.detector import MIN_SCORE, Detections, Detector, Picture
-from estimator.instances.image_files import image_file
-from estimator.instances.masks_in_views import mask_crop
+from estimator.instances.view_matching import image_file, mask_crop
 from estimator.records.scene import Instance, Scene, View
 from metric_base.errors import InputError, Unquoted, in_file
 from metric_base.images import read_picture
 from metric_base.progress import ProgressCallback, silent, with_progress
-
-__all__ = ["detect_instances"]
 
 
 def detect_instances(

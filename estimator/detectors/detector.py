@@ -4,11 +4,18 @@ The signature is that of torchvision's export: one picture (3, H, W), RGB from 0
 y2 pixels, labels (n,), scores (n,) and masks (n, 1, H, W) from 0 to 1 out. The graphs of the ONNX Model Zoo differ in
 two objects and are read too: their input is BGR from 0 to 255 less Caffe's means (`input = "caffe"`), and their masks
 are small pictures of the boxes (n, 1, 28, 28). Other detectors hand over COCO results (docs/how-to/detectors.md).
+
+A detector's ONNX graph: loaded, and run with bounds on time and memory.
 """
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+import os
+import resource
+import sys
+import threading
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
 from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
@@ -24,18 +31,22 @@ from estimator.detectors.one_stage import (
     one_stage_form,
     one_stage_inputs,
 )
-from estimator.detectors.onnx_graph import graph_answers, load_graph
 from estimator.detectors.registry import RegisteredDetector, download, registry_entry, registry_entry_of
-from estimator.instances.label_names import label_names
 from estimator.instances.mask_decoding import box_mask
 from metric_base.arrays import BoolArray, FloatArray, IntArray
 from metric_base.errors import FieldError, InputError, Unquoted, in_file
 from metric_base.input_files import read_text
+from taxonomy.label_lists import label_names
 
-__all__ = ["Detections", "Detector", "InputForm", "load_detector"]
-
+#: Bytes of address space that a run may add: the largest Mask R-CNN takes 4 GB for a large picture.
+RUN_BYTES = 12 << 30
+#: Seconds that a detector may take for one picture; a large Mask R-CNN takes ten.
+PICTURE_SECONDS = 300.0
+#: Of onnxruntime's five levels of messages the last: its warnings quote names of the graph as they are.
+FATAL = 4
+#: onnxruntime writes a device id under the user's cache unless this is set before its import.
+TELEMETRY_VARIABLE = "ORT_DISABLE_TELEMETRY"
 InputForm = Literal["torchvision", "caffe"]
-
 #: Detections under this score are left out. COCO's detectors are right about half the time here; the posterior gives
 #: low scores a larger outlier's share, but junk also joins tracks.
 MIN_SCORE = 0.5
@@ -57,9 +68,61 @@ MAX_GRAPH_BYTES = 1 << 31
 SCORE_SLACK = 1e-3
 #: Longest side of a picture that a graph was traced for.
 MAX_SIDE = 10_000
-
 Picture = NDArray[np.uint8]
 FloatPicture = NDArray[np.float32]
+
+
+def load_graph(path: Path) -> Any:
+    """The session of a graph. InputError where onnxruntime is missing or does not load the file."""
+    os.environ.setdefault(TELEMETRY_VARIABLE, "1")
+    try:
+        import onnxruntime
+    except ImportError:
+        expected = "onnxruntime (pip install 'metric-tree[images]')"
+        raise InputError.at(path, "detector", expected, Unquoted("not installed")) from None
+    options = onnxruntime.SessionOptions()
+    options.log_severity_level = FATAL
+    try:
+        return onnxruntime.InferenceSession(str(path), options, providers=onnxruntime.get_available_providers())
+    except Exception as error:  # noqa: BLE001 - its errors have no common base that it exports
+        line = (str(error).splitlines() or ["an error"])[0]
+        raise InputError.at(path, "detector", "an ONNX graph that onnxruntime loads", Unquoted(line)) from None
+
+
+def graph_answers(session: Any, path: Path, outputs: list[str] | None, feeds: dict[str, Any]) -> list[NDArray[Any]]:
+    """What the graph answers, arrays of any shape; its error is the file's. feeds : arrays by input name."""
+    import onnxruntime
+
+    options = onnxruntime.RunOptions()
+    options.log_severity_level = FATAL
+    limit = threading.Timer(PICTURE_SECONDS, setattr, (options, "terminate", True))
+    limit.daemon = True
+    limit.start()
+    try:
+        with _bounded_memory():
+            return [np.asarray(answer) for answer in session.run(outputs, feeds, options)]
+    except Exception as error:  # noqa: BLE001 - onnxruntime's errors have no common base that it exports
+        line = (str(error).splitlines() or ["an error"])[0]
+        shape = next(iter(feeds.values())).shape
+        raise InputError.at(path, "run", f"an answer to a picture of shape {shape}", Unquoted(line)) from None
+    finally:
+        limit.cancel()
+
+
+@contextmanager
+def _bounded_memory() -> Iterator[None]:
+    """Within the block the process may grow by `RUN_BYTES`: a graph of a hundred bytes can ask for terabytes."""
+    if not sys.platform.startswith("linux"):  # the size of the process is read where Linux states it
+        yield
+        return
+    pages = int(Path("/proc/self/statm").read_text(encoding="ascii").split()[0])
+    soft, hard = resource.getrlimit(resource.RLIMIT_AS)
+    limits = [limit for limit in (soft, hard) if limit != resource.RLIM_INFINITY]
+    resource.setrlimit(resource.RLIMIT_AS, (min([pages * resource.getpagesize() + RUN_BYTES, *limits]), hard))
+    try:
+        yield
+    finally:
+        resource.setrlimit(resource.RLIMIT_AS, (soft, hard))
 
 
 @dataclass(frozen=True, slots=True, eq=False)

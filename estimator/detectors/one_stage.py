@@ -23,8 +23,6 @@ from numpy.typing import NDArray
 
 from metric_base.arrays import BoolArray, FloatArray, IntArray
 
-__all__ = ["OneStageForm", "class_names", "one_stage_detections", "one_stage_form", "one_stage_inputs"]
-
 OneStageForm = Literal["yolo", "yolo-end", "detr", "detr-logits", "detr-authors"]
 
 #: Boxes of one class that overlap by more than this are one object (Ultralytics' own default).

@@ -11,16 +11,6 @@ from pathlib import Path
 from metric_base.errors import InputError, Unquoted
 from metric_base.folders import data_folder
 
-__all__ = [
-    "CACHE_VARIABLE",
-    "RegisteredDetector",
-    "download",
-    "how_to_get_one",
-    "registry",
-    "registry_entry",
-    "registry_entry_of",
-]
-
 #: Moves the folder in which downloaded detectors are kept (default: the user's cache).
 CACHE_VARIABLE = "METRIC_TREE_CACHE"
 

@@ -9,8 +9,6 @@ import numpy as np
 
 from metric_base.arrays import BoolArray, FloatArray, IntArray
 
-__all__ = ["Alignment", "align", "least_squares"]
-
 #: Minimal samples that are tried, and the seed that makes an answer the same every time.
 TRIALS, SEED = 500, 0
 #: Parts in which they are tried, for the memory of many pairs.

@@ -10,15 +10,13 @@ import numpy as np
 
 from estimator.evidence.source import silent
 from estimator.geometry.planes import floor_of
-from estimator.records.scale_evidence import ScaleEvidence
+from estimator.records.result import ScaleEvidence
 from estimator.records.scene import Scene
 from metric_base.errors import InputError
 from metric_base.statistics import robust_sigma
 
 if TYPE_CHECKING:
-    from estimator.geometry.measurement import Measurements
-
-__all__ = ["PRESETS", "CameraHeight"]
+    from estimator.records.objects import Measurements
 
 KIND = "camera_height"
 

@@ -12,22 +12,19 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from estimator.evidence.alignment import Alignment, align, least_squares
-from estimator.evidence.camera_path import CameraPath
-from estimator.evidence.source import silent
-from estimator.geometry.up import BELIEVED_SIGMAS, OBSERVED_METHODS, WRONG_UP_DEG, Up
-from estimator.instances.image_files import image_file, image_folders
-from estimator.instances.masks_in_views import ViewNames
-from estimator.reconstructions.csv_records import csv_records
-from estimator.records.scale_evidence import ScaleEvidence
+from estimator.evidence.source import CameraPath, silent
+from estimator.geometry.vertical import BELIEVED_SIGMAS, OBSERVED_METHODS, WRONG_UP_DEG
+from estimator.instances.view_matching import ViewNames, image_file, image_folders
+from estimator.records.objects import Up
+from estimator.records.result import ScaleEvidence
 from estimator.records.scene import Scene
 from estimator.telemetry.records import Positions
 from metric_base.arrays import FloatArray
 from metric_base.errors import FieldError, InputError, Unquoted, at_field, in_file
+from metric_base.parsing import csv_records
 
 if TYPE_CHECKING:
-    from estimator.geometry.measurement import Measurements
-
-__all__ = ["Gps", "VideoGps", "local_metres", "pictures_have_gps"]
+    from estimator.records.objects import Measurements
 
 KIND, VIDEO_KIND = "gps", "gps_video"
 #: Frames further apart than this leave a gap in the path of a video.

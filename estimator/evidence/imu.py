@@ -21,17 +21,14 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from estimator.evidence.alignment import align
-from estimator.evidence.camera_path import CameraPath
-from estimator.evidence.source import silent
-from estimator.records.scale_evidence import ScaleEvidence
+from estimator.evidence.source import CameraPath, silent
+from estimator.records.result import ScaleEvidence
 from estimator.records.scene import Scene
 from estimator.telemetry.records import Positions, Samples, Telemetry
 from metric_base.arrays import FloatArray
 
 if TYPE_CHECKING:
-    from estimator.geometry.measurement import Measurements
-
-__all__ = ["Imu", "Inertial", "inertial_scale"]
+    from estimator.records.objects import Measurements
 
 KIND = "imu"
 #: Seconds of a window, least of one, and seconds for each degree of its polynomial.

@@ -9,13 +9,11 @@ from pathlib import Path
 
 import numpy as np
 
-from estimator.records.scale_evidence import ScaleEvidence
+from estimator.records.result import ScaleEvidence
 from estimator.records.scene import MAX_COORDINATE
 from metric_base.arrays import FloatArray
 from metric_base.errors import FieldError, Unquoted, at_field, in_file
 from metric_base.input_files import read_text
-
-__all__ = ["KnownLength", "known_length_evidence", "parse_known_lengths"]
 
 #: How far off a length is whose points were picked by hand in a sparse cloud, where nothing else is stated.
 DEFAULT_SIGMA = 0.01

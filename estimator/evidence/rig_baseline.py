@@ -10,18 +10,16 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from estimator.evidence.source import silent
-from estimator.reconstructions.checked_files import json_array, json_object
-from estimator.records.scale_evidence import ScaleEvidence
+from estimator.records.result import ScaleEvidence
 from estimator.records.scene import Scene
 from metric_base.arrays import FloatArray
 from metric_base.errors import FieldError, in_file
 from metric_base.input_files import read_json
+from metric_base.parsing import json_array, json_object
 from metric_base.statistics import robust_sigma
 
 if TYPE_CHECKING:
-    from estimator.geometry.measurement import Measurements
-
-__all__ = ["RigBaseline", "rig_baselines"]
+    from estimator.records.objects import Measurements
 
 #: A rig's baseline is stated to a millimetre or so, and the reconstruction's is no better: natural log.
 LEAST_SD = 0.005

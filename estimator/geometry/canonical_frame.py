@@ -14,13 +14,11 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from estimator.association.mask_checks import without_duplicates
-from estimator.geometry.planes import SupportPlane, level_basis
-from estimator.geometry.up import Up, camera_up
-from estimator.records.measured_object import Box
+from estimator.geometry.planes import level_basis
+from estimator.geometry.vertical import camera_up
+from estimator.records.objects import Box, SupportPlane, Up
 from estimator.records.scene import DenseCloud, Instance, Scene, View
 from metric_base.arrays import FloatArray, IntArray
-
-__all__ = ["CanonicalFrame", "SortedScene", "canonical_frame", "sorted_scene"]
 
 # Most pairs of a view and a dense point that are looked at. A cloud that has more is thinned evenly, so that memory and
 # time are bounded: 500 views look at 60,000 of two million points, and an object of a thousandth of the cloud keeps 60.

@@ -8,8 +8,6 @@ the tree's hypernyms, passes its own function to `measure_objects`.
 
 from __future__ import annotations
 
-__all__ = ["has_level_top", "stands"]
-
 # Objects whose foot is on the floor or the road whenever they are in use; "cabinet", "lamp" and "plant" may be either.
 _FLOOR = frozenset(
     """

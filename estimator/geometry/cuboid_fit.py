@@ -18,8 +18,6 @@ import numpy as np
 from estimator.geometry.mask_outlines import DIRECTIONS, Outlines
 from metric_base.arrays import FloatArray
 
-__all__ = ["Cuboid", "Sightings", "entry_depths", "fit_cuboid"]
-
 # Towards a corner the outline may stay inside the cuboid's by so many times more than it may elsewhere.
 CORNER_TIMES = 3.0
 DIAGONAL = np.arange(len(DIRECTIONS)) >= 4

@@ -13,8 +13,6 @@ from estimator.projection.cameras import view_rays
 from estimator.records.scene import Instance, Scene
 from metric_base.arrays import BoolArray, FloatArray, IntArray
 
-__all__ = ["DIRECTIONS", "Outlines", "Reaches", "mask_reaches"]
-
 # Left, top, right, bottom, then between them.
 DIRECTIONS = np.array([[-1, 0], [0, -1], [1, 0], [0, 1], [-1, -1], [1, -1], [1, 1], [-1, 1]]) / np.sqrt(
     [[1]] * 4 + [[2]] * 4

@@ -15,14 +15,11 @@ from estimator.association.point_labels import PointLabels
 from estimator.geometry.cuboid_fit import Cuboid, Sightings, fit_cuboid
 from estimator.geometry.extents import HIDDEN_TOP_SIGMA
 from estimator.geometry.mask_outlines import Outlines, Reaches, mask_reaches
-from estimator.geometry.planes import BELOW_FLOOR_SHARE, SupportPlane, floor_of
-from estimator.geometry.up import Up
-from estimator.records.measured_object import Box, MeasuredObject
+from estimator.geometry.planes import BELOW_FLOOR_SHARE, floor_of
+from estimator.projection.visibility import row_members
+from estimator.records.objects import Box, MeasuredObject, SupportPlane, Up
 from estimator.records.scene import Instance, Scene
-from estimator.visibility.sights import row_members
 from metric_base.arrays import BoolArray, FloatArray, IntArray
-
-__all__ = ["LEVEL_TOP", "OutlineData", "outline_data", "outlined_object"]
 
 # The dense cloud is taken for an object from here on; below, whichever cloud holds more.
 MIN_DENSE_POINTS = 100

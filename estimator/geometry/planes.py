@@ -7,26 +7,13 @@ reconstructed.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
 
 import numpy as np
 from scipy.ndimage import binary_dilation, gaussian_filter1d, median_filter
 
-from metric_base.arrays import BoolArray, FloatArray, IntArray
+from estimator.records.objects import SupportPlane
+from metric_base.arrays import FloatArray, IntArray
 from metric_base.statistics import robust_sigma
-
-__all__ = [
-    "HALF_THICKNESS_BINS",
-    "MIN_POINTS",
-    "SMOOTHING_BINS",
-    "SupportPlane",
-    "floor_of",
-    "height_bin",
-    "level_basis",
-    "one_per_cell",
-    "peaks",
-    "support_planes",
-]
 
 # Height bins over the middle 96 % of heights: 2 cm in a room, twice the noise of an ordinary dense cloud.
 HEIGHT_BINS = 150
@@ -55,29 +42,6 @@ BELOW_FLOOR_SHARE = 0.05
 BELOW_GLOSSY_SHARE, WIDE_SHARE = 0.15, 0.5
 # Beyond this part along x a vertical counts as near the x axis.
 NEAR_X = 0.9
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class SupportPlane:
-    """A level surface: points with `basis[2] @ x` near `height`.
-
-    basis : (3, 3) rows two horizontal axes and up; sigma : standard deviation of its points about it, scene units;
-    cells : (a, b) bool map of where it was seen, cell (0, 0) starting at `origin` (2,) with side `cell`.
-    """
-
-    basis: FloatArray
-    height: float
-    sigma: float
-    points: int
-    origin: FloatArray
-    cell: float
-    cells: BoolArray
-
-    def coverage(self, footprint: FloatArray) -> float:
-        """Share of the horizontal points (n, 2) that lie on cells where the surface was seen."""
-        index = np.floor((footprint - self.origin) / self.cell).astype(np.int64)
-        inside = ((index >= 0) & (index < self.cells.shape)).all(axis=1)
-        return float(self.cells[tuple(index[inside].T)].sum() / max(len(footprint), 1))
 
 
 def level_basis(up: FloatArray) -> FloatArray:

@@ -13,11 +13,10 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from estimator.geometry.planes import SupportPlane, floor_of, height_bin, one_per_cell
+from estimator.geometry.planes import floor_of, height_bin, one_per_cell
+from estimator.records.objects import SupportPlane
 from metric_base.arrays import FloatArray
 from metric_base.statistics import robust_sigma
-
-__all__ = ["REACH_SHARE", "Foot", "Ground", "Level", "foot_on", "ground_of", "level_below"]
 
 # The cloud is looked at around the footprint, out to this share of its mean side: closer in it is hidden by the object.
 RING_SHARE = 0.6

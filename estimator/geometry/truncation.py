@@ -14,11 +14,9 @@ import cv2
 import numpy as np
 
 from estimator.projection.cameras import project
+from estimator.projection.visibility import DEPTH_CELLS, Surroundings
 from estimator.records.scene import Instance, View
-from estimator.visibility.depth_buffer import DEPTH_CELLS, Surroundings
 from metric_base.arrays import BoolArray, FloatArray
-
-__all__ = ["Outline", "Sides", "outline", "side_evidence"]
 
 # Points of a mask's outline, and of the object, that are looked at.
 OUTLINE_POINTS, OWN_POINTS = 128, 400

@@ -22,14 +22,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from estimator.instances.mask_decoding import picture_size
-from estimator.instances.masks_in_views import ViewNames, joined_instances, mask_crop
-from estimator.reconstructions.checked_files import json_object
+from estimator.instances.view_matching import ViewNames, joined_instances, mask_crop
 from estimator.records.scene import Instance, Scene
 from metric_base.arrays import BoolArray
 from metric_base.errors import FieldError, InputError, Unquoted, at_field, in_file
 from metric_base.input_files import folder_entries, read_bytes, read_json
-
-__all__ = ["CATEGORIES", "read_label_images", "read_png"]
+from metric_base.parsing import json_object
 
 CATEGORIES = "categories.json"
 #: A connected part smaller than this share of the largest of its value is a speck of the segmenter, not an object.

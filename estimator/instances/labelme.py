@@ -10,15 +10,13 @@ from typing import Any
 import numpy as np
 
 from estimator.instances.mask_decoding import box_mask, coco_mask, picture_size
-from estimator.instances.masks_in_views import ViewNames, joined_instances, mask_crop
-from estimator.reconstructions.checked_files import json_array, json_object
+from estimator.instances.view_matching import ViewNames, joined_instances, mask_crop
 from estimator.records.scene import Instance, Scene
 from metric_base.arrays import BoolArray
 from metric_base.errors import FieldError, at_field, in_file
 from metric_base.images import decode_picture
 from metric_base.input_files import read_json
-
-__all__ = ["is_labelme", "read_labelme"]
+from metric_base.parsing import json_array, json_object
 
 #: Corners of a circle drawn as a polygon.
 _CIRCLE = 64

@@ -17,15 +17,13 @@ from typing import Any
 import numpy as np
 
 from estimator.instances.mask_decoding import coco_mask
-from estimator.instances.masks_in_views import ViewNames, joined_instances, mask_crop
+from estimator.instances.view_matching import ViewNames, joined_instances, mask_crop
 from estimator.projection.cameras import MAX_PIXELS
-from estimator.reconstructions.checked_files import json_array, json_object
 from estimator.records.scene import Instance, Scene
 from metric_base.arrays import BoolArray
 from metric_base.errors import FieldError, Unquoted, at_field, in_file
 from metric_base.input_files import read_bytes, read_json
-
-__all__ = ["LABELS", "MASK_SUFFIXES", "read_mask_files"]
+from metric_base.parsing import json_array, json_object
 
 LABELS = "labels.json"
 MASK_SUFFIXES = (".npz", ".npy", ".json")

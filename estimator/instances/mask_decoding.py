@@ -8,11 +8,9 @@ from __future__ import annotations
 import numpy as np
 
 from estimator.projection.cameras import MAX_PIXELS, MAX_SIDE_PX
-from estimator.reconstructions.checked_files import json_object
 from metric_base.arrays import BoolArray, FloatArray, IntArray
 from metric_base.errors import FieldError, Unquoted, at_field
-
-__all__ = ["box_mask", "coco_mask", "picture_size"]
+from metric_base.parsing import json_object
 
 #: Longest outline that is drawn: a mask of a large picture has some 100,000 pixels of it, and drawing takes
 #: about 100 bytes a pixel.

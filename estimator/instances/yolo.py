@@ -12,12 +12,10 @@ from pathlib import Path
 import numpy as np
 
 from estimator.instances.mask_decoding import box_mask, coco_mask
-from estimator.instances.masks_in_views import ViewNames, joined_instances, mask_crop
+from estimator.instances.view_matching import ViewNames, joined_instances, mask_crop
 from estimator.records.scene import Instance, Scene
 from metric_base.errors import FieldError, InputError, Unquoted, at_field, in_file
 from metric_base.input_files import folder_entries, read_text
-
-__all__ = ["NAME_FILES", "read_yolo", "yolo_names"]
 
 NAME_FILES = ("data.yaml", "data.yml", "dataset.yaml", "classes.txt", "obj.names")
 #: Where the text files are, seen from the folder that was named.

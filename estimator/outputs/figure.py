@@ -18,8 +18,7 @@ import numpy as np
 
 from estimator.outputs.ground_truth import read_truth
 from estimator.outputs.plan import COLOURS, bare_axes, draw_scene
-from estimator.records.curve import Curve
-from estimator.records.result import ScaleResult, Verdict
+from estimator.records.result import Curve, ScaleResult, Verdict
 from metric_base.arrays import FloatArray
 from metric_base.errors import InputError
 from metric_base.escaping import visible
@@ -30,9 +29,7 @@ if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
-    from estimator.results.scene_estimate import SceneEstimate
-
-__all__ = ["figure", "write_figure"]
+    from estimator.records.result import SceneEstimate
 
 POSTERIOR_COLOUR, TRUTH_COLOUR, WARNING_COLOUR = "#222222", "#009E73", "#B00020"
 FORMATS = (".png", ".pdf", ".svg")

@@ -11,8 +11,6 @@ from estimator.records.scene import MAX_COORDINATE
 from metric_base.errors import InputError
 from metric_base.input_files import read_json
 
-__all__ = ["SceneTruth", "read_truth"]
-
 TRUTH = "truth.json"
 
 

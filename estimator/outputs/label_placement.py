@@ -8,8 +8,6 @@ import numpy as np
 
 from metric_base.arrays import FloatArray
 
-__all__ = ["label_places"]
-
 #: Rings of places tried around the middle of an object; further out a label no longer belongs to it.
 _RINGS, _PER_RING = 16, 24
 #: Distance between rings in pixels, and how much wider than high they are, as labels are.

@@ -7,10 +7,9 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from estimator.geometry.box_edges import corners
 from estimator.geometry.planes import level_basis
 from estimator.outputs.label_placement import label_places
-from estimator.records.measured_object import MeasuredObject
+from estimator.records.objects import MeasuredObject, corners
 from estimator.records.scene import Scene
 from metric_base.arrays import FloatArray
 from metric_base.escaping import visible
@@ -18,9 +17,7 @@ from metric_base.escaping import visible
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
 
-    from estimator.results.scene_estimate import SceneEstimate
-
-__all__ = ["COLOURS", "bare_axes", "draw_scene"]
+    from estimator.records.result import SceneEstimate
 
 #: Colours that are told apart with any kind of sight (Okabe and Ito).
 COLOURS = {"used": "#0072B2", "outlier": "#D55E00", "skipped": "#8C8C8C"}

@@ -7,11 +7,9 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from statistics import NormalDist
 
-from estimator.records.measured_object import MeasuredObject
+from estimator.records.objects import MeasuredObject
 from estimator.records.result import ObjectReport, ScaleResult
 from metric_tree.axes import AXES
-
-__all__ = ["DimensionLabel", "dimension_labels", "size_interval"]
 
 _SHORT = ("l", "w", "h")
 

@@ -16,17 +16,15 @@ from itertools import permutations, product
 import numpy as np
 
 from metric_base.arrays import BoolArray, FloatArray, IntArray
-
-__all__ = ["GROSS_ERROR_SD_LOG", "GROSS_ERROR_SHARE", "LOG_BOX", "TRUNCATION_SHIFTS", "Layout", "Variants", "variants"]
+from metric_tree.axes import AXES, EXTENTS
+from metric_tree.prior import Prior
 
 #: Width of the flat density over log size that stands for "anything": sizes over a factor of 50.
 LOG_BOX = math.log(50.0)
-
 #: Of a cut side: weight, mean and standard deviation of ln(true / measured). A flag is often wrong, and smear along the
 #: ray lengthens sides that are cut: most are near their length, the others are short by any amount or, less often,
 #: long. Chosen on hard synthetic rooms (docs/evidence/results.md).
 TRUNCATION_SHIFTS = ((0.6, 0.05, 0.15), (0.4, 0.3, 0.8))
-
 #: Of a dimension that is neither cut nor flagged: the probability that it is grossly wrong all the same (points of the
 #: object behind, a part that was not reconstructed, an object that leans), and its error then, one standard deviation
 #: of ln(true / measured): a third. At most one dimension of an object; two make it an outlier.
@@ -34,11 +32,9 @@ TRUNCATION_SHIFTS = ((0.6, 0.05, 0.15), (0.4, 0.3, 0.8))
 #: of the error
 #: from 8.7 to 7.6 % and the coverage from 85 to 88 %, and costs nothing where none is.
 GROSS_ERROR_SHARE, GROSS_ERROR_SD_LOG = 0.1, 0.4
-
 #: Probability that each axis of the prior (length, width, height) is the vertical one, by the node's ordinary pose.
 #: `flat`: one such object in five stands on an edge (a book in a row, a phone on its stand); `any`: no pose is usual.
 VERTICAL = {"upright": (0.0, 0.0, 1.0), "flat": (0.1, 0.1, 0.8), "any": (1 / 3, 1 / 3, 1 / 3)}
-
 #: Weight of each of the six orders of a free box by how many of its extents are missing. None missing: the density
 #: of sorted extents is the plain sum over orders. Else the six orders stand for three, or thrice two, equal ones.
 FREE_ORDER_WEIGHT = (1.0, 1 / 3, 1 / 6, 0.0)
@@ -193,3 +189,14 @@ def _errors(
             changed = (weight, 0.0, 0.0 if wrong is None else GROSS_ERROR_SD_LOG)
             ways.append(((*errors[:axis], changed, *errors[axis + 1 :]), wrong is not None))
     return ways
+
+
+def is_sorted(prior: Prior) -> bool:
+    """Whether the prior is over sorted extents, not over length, width, height."""
+    return prior.dims[0] in EXTENTS
+
+
+def prior_axes(prior: Prior) -> IntArray:
+    """(d,) place of each of the prior's dimensions among length, width, height, or among the sorted extents."""
+    names = EXTENTS if is_sorted(prior) else AXES
+    return np.array([names.index(name) for name in prior.dims])

@@ -24,15 +24,13 @@ from functools import lru_cache
 
 import numpy as np
 
-from estimator.posterior.axes import prior_axes
+from estimator.posterior.axis_assignments import prior_axes
 from estimator.posterior.shared_error import SharedError, shared_error, split_error
 from metric_base.arrays import FloatArray
 from metric_tree.axes import AXES
 from metric_tree.fit.inner_priors import reduce_mixture
 from metric_tree.fit.mixture import Mixture
 from metric_tree.prior import Prior
-
-__all__ = ["MOST_KINDS", "READINGS", "Hypothesis", "displaced_error", "displaced_share", "hypotheses"]
 
 #: Probabilities of assorted, related, one kind: in ScanNet's rooms the shares of the log extents
 #: within classes are near 0, 0.5 and 0.9 in so many parts.

@@ -11,12 +11,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from estimator.posterior.class_hypotheses import READINGS, Hypothesis
-from estimator.posterior.components import DimensionRows
-from estimator.posterior.shared_error import Lines, convolution, exponentials, lines
+from estimator.posterior.shared_error import DimensionRows, Lines, convolution, exponentials, lines
 from estimator.posterior.symmetric_matrices import dot, product
 from metric_base.arrays import BoolArray, FloatArray, IntArray
-
-__all__ = ["EFFECTIVE_OBJECTS", "JointTerms", "LoneTerms", "Ways", "joint_classes", "line_density", "lone_classes"]
 
 #: The objects of one class speak as this many at most. A prior is an approximation, and what n objects say of it grows
 #: with n, right or wrong: beyond this the product is taken to the power EFFECTIVE_OBJECTS / n (the coarsened posterior

@@ -7,19 +7,8 @@ from functools import lru_cache
 
 import numpy as np
 
-from estimator.records.curve import Curve, Mode
+from estimator.records.result import Curve, Mode
 from metric_base.arrays import FloatArray, IntArray
-
-__all__ = [
-    "PRIOR_MARGIN_LOG",
-    "curve",
-    "evidence_grid",
-    "interval",
-    "line_weights",
-    "log_lines",
-    "modes",
-    "wider_curve",
-]
 
 #: The prior on u is flat from so far below what any object or length supports to so far above it, natural log: a
 #: factor of e. It follows the evidence, so that the unit of the scene has no part in the answer, and is proper, as the

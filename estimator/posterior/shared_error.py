@@ -27,37 +27,85 @@ from functools import lru_cache
 import numpy as np
 from numpy.typing import NDArray
 
-from estimator.posterior.axes import prior_axes
-from estimator.posterior.components import DimensionRows
+from estimator.posterior.axis_assignments import prior_axes
 from estimator.posterior.symmetric_matrices import dot, product, total
 from metric_base.arrays import BoolArray, FloatArray, IntArray
 from metric_tree.prior import Prior
-
-__all__ = [
-    "NODES",
-    "NODE_WEIGHTS",
-    "Lines",
-    "SharedError",
-    "convolution",
-    "exponentials",
-    "lines",
-    "shared_error",
-    "split_error",
-]
 
 #: Radon's seven-point rule for the standard Gaussian in the plane: exact for polynomials of degree 5.
 _ANGLES = np.arange(6) * np.pi / 3
 NODES: FloatArray = np.concatenate([np.zeros((1, 2)), 2.0 * np.stack([np.cos(_ANGLES), np.sin(_ANGLES)], axis=1)])
 NODE_WEIGHTS: FloatArray = np.array([1 / 2] + [1 / 12] * 6)
 _LOG_NODE: FloatArray = np.log(NODE_WEIGHTS) + 0.5 * (NODES**2).sum(axis=1)
-
 #: The stand-ins' precision is trusted by this part when nodes are placed. They overstate it where an object is an
 #: outlier or of another component; nodes too wide cost little, nodes too narrow miss mass.
 NODE_PRECISION_SHARE = 0.5
-
 #: Exponentials of less are nothing beside an outlier's floor or a tail. Under -87 single precision has numbers
 #: without a leading one, with which sums and products take eight times as long.
 LEAST_EXPONENT = np.float32(-60.0)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class DimensionRows:
+    """The components of n objects as m flat rows, grouped by object.
+
+    columns : (16, m), see the properties; object : (m,) row of the object; start : (n,) first row of each object;
+    log_floor : (n,) log weight of the outlier. On the line v = u 1 a row is
+    exp(line_log_peak) exp(-line_precision (u - line_centre)^2 / 2).
+    """
+
+    columns: FloatArray
+    object: IntArray
+    start: IntArray
+    log_floor: FloatArray
+
+    @property
+    def precision(self) -> FloatArray:
+        """Lam, (6, m) packed (`symmetric`), zero on axes that do not count."""
+        return self.columns[:6]
+
+    @property
+    def residual(self) -> FloatArray:
+        """r, (3, m)."""
+        return self.columns[6:9]
+
+    @property
+    def pull(self) -> FloatArray:
+        """Lam r, (3, m)."""
+        return self.columns[9:12]
+
+    @property
+    def log_weight(self) -> FloatArray:
+        """(m,), the Gaussian's own constant included."""
+        return np.asarray(self.columns[12])
+
+    @property
+    def line_precision(self) -> FloatArray:
+        """Lam = 1' Lam 1, (m,)."""
+        return np.asarray(self.columns[13])
+
+    @property
+    def line_centre(self) -> FloatArray:
+        """u_hat = 1' Lam r / lam, (m,)."""
+        return np.asarray(self.columns[14])
+
+    @property
+    def line_log_peak(self) -> FloatArray:
+        """(m,), the evidence of the proportions included."""
+        return np.asarray(self.columns[15])
+
+    def of(self, objects: IntArray) -> DimensionRows:
+        """The rows of some objects (k,), given in rising order and numbered anew."""
+        place = np.full(len(self.log_floor), -1)
+        place[objects] = np.arange(len(objects))
+        owner = place[self.object]
+        rows = np.flatnonzero(owner >= 0)
+        return DimensionRows.of_objects(self.columns.take(rows, axis=1), owner[rows], self.log_floor[objects])
+
+    @classmethod
+    def of_objects(cls, columns: FloatArray, owner: IntArray, log_floor: FloatArray) -> DimensionRows:
+        """Columns (16, m) whose owners (m,) do not fall and leave no object out."""
+        return cls(columns, owner, np.searchsorted(owner, np.arange(len(log_floor))), log_floor)
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -12,8 +12,6 @@ import numpy as np
 
 from metric_base.arrays import FloatArray
 
-__all__ = ["DIAGONAL", "OFF_DIAGONAL", "dot", "inverse", "pack", "product", "row_sums", "total"]
-
 #: Which of the six lie on the diagonal.
 DIAGONAL = [0, 3, 5]
 #: Row and column of the others.

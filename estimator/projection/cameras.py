@@ -11,8 +11,6 @@ from estimator.records.scene import Camera, View
 from metric_base.arrays import FloatArray
 from metric_base.errors import FieldError, Unquoted
 
-__all__ = ["CAMERA_MODELS", "PINHOLES", "make_camera", "pixels_in_view", "project", "view_rays"]
-
 #: COLMAP's camera models by name: number in binary files, parameters in file order (colmap/sensor/models.h).
 CAMERA_MODELS: dict[str, tuple[int, tuple[str, ...]]] = {
     "SIMPLE_PINHOLE": (0, ("f", "cx", "cy")),

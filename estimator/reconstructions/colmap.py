@@ -1,23 +1,28 @@
-"""COLMAP models as a scene: binary or text, the old three files or the new five, also under `sparse/0`."""
+"""COLMAP models as a scene: binary or text, the old three files or the new five, also under `sparse/0`.
+
+What a COLMAP model's files say, before it is checked and joined into a scene.
+
+A `pycolmap.Reconstruction` in memory as a scene.
+"""
 
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable
 from functools import partial
 from pathlib import Path
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from estimator.reconstructions.colmap_binary import read_binary_model
-from estimator.reconstructions.colmap_model import ColmapImage, ColmapModel
-from estimator.reconstructions.colmap_text import read_text_model
-from estimator.records.scene import MAX_COORDINATE, Scene, View
+from estimator.projection.cameras import make_camera
+from estimator.reconstructions.colmap_files import ColmapImage, ColmapModel, read_binary_model, read_text_model
+from estimator.records.scene import MAX_COORDINATE, Camera, Scene, View
 from metric_base.arrays import FloatArray, IntArray
-from metric_base.errors import FieldError, Unquoted, at_field, in_file
-from metric_base.records import expect
+from metric_base.errors import FieldError, InputError, Unquoted, at_field, expect, in_file
 
-__all__ = ["colmap_folder", "model_suffix", "read_colmap"]
+if TYPE_CHECKING:
+    from pycolmap import Reconstruction
 
 #: Where a COLMAP workspace keeps its model, in the order of preference.
 MODEL_PLACES = (
@@ -28,6 +33,10 @@ QUATERNION_TOLERANCE = 1e-2
 #: COLMAP counts points from 1 and deletes some: while the largest id is at most this many times their number, a
 #: table of all ids is small and ten times faster than a search.
 MAX_ID_SPREAD = 16
+#: What an error names in place of a file.
+SOURCE = Path("pycolmap.Reconstruction")
+#: What pycolmap answers for an observation without a point.
+NO_POINT = np.uint64(2**64 - 1)
 
 
 def colmap_folder(path: Path) -> Path | None:
@@ -143,3 +152,38 @@ def _observations(
     if not np.isfinite(keypoints).all():
         raise FieldError("keypoints", "finite pixels", Unquoted("NaN or infinity"))
     return rows, keypoints
+
+
+def scene_of_reconstruction(reconstruction: Reconstruction) -> Scene:
+    """The scene of a reconstruction; views in the order of their image ids.
+
+    Raises
+    ------
+    InputError
+        It has no registered image, or a camera or a coordinate that no scene can have.
+    """
+    ids = sorted(reconstruction.reg_image_ids())
+    if not ids:
+        raise InputError.at(SOURCE, "images", "at least one registered image", 0)
+    point_ids = np.array(sorted(reconstruction.points3D), dtype=np.uint64)
+    points = np.array([reconstruction.points3D[int(number)].xyz for number in point_ids], dtype=float).reshape(-1, 3)
+    if not (np.abs(points) < MAX_COORDINATE).all():
+        raise InputError.at(SOURCE, "points", f"finite coordinates below {MAX_COORDINATE:g}", "others")
+    cameras = {number: _camera(number, camera) for number, camera in reconstruction.cameras.items()}
+    views = tuple(_pycolmap_view(reconstruction.images[number], cameras, point_ids) for number in ids)
+    return Scene(path=SOURCE, format="memory", views=views, points=points)
+
+
+def _camera(number: int, camera: Any) -> Camera:
+    size = (int(camera.width), int(camera.height))
+    with in_file(SOURCE), at_field(f"camera {number}"):
+        return make_camera(camera.model.name, size, np.array(camera.params, dtype=float))
+
+
+def _pycolmap_view(image: Any, cameras: dict[int, Camera], point_ids: np.ndarray[Any, np.dtype[np.uint64]]) -> View:
+    """The view of an image of pycolmap; `point_ids` (n,) are sorted."""
+    pose = np.asarray(image.cam_from_world().matrix(), dtype=float)  # (3, 4)
+    seen = [(point.xy, point.point3D_id) for point in image.points2D if point.point3D_id != NO_POINT]
+    keypoints = np.array([xy for xy, _ in seen], dtype=float).reshape(-1, 2)
+    rows = np.searchsorted(point_ids, np.array([number for _, number in seen], dtype=np.uint64))
+    return View(image.name, cameras[image.camera_id], pose[:, :3], pose[:, 3], keypoints, rows)

@@ -10,13 +10,11 @@ from typing import Annotated, Any, Literal
 import msgspec
 import numpy as np
 
-from estimator.reconstructions.checked_files import json_array, json_object
-from estimator.records.measured_object import ETA_THRESHOLD, MeasuredObject
+from estimator.records.objects import ETA_THRESHOLD, MeasuredObject
 from metric_base.arrays import FloatArray
 from metric_base.errors import FieldError, Unquoted, at_field, in_file
 from metric_base.input_files import read_json
-
-__all__ = ["SCHEMA", "STATED_SIGMA", "parse_objects", "read_objects"]
+from metric_base.parsing import json_array, json_object
 
 SCHEMA = "metric-tree/objects/1"
 

@@ -7,12 +7,10 @@ from pathlib import Path
 
 import numpy as np
 
-from estimator.reconstructions.checked_files import ByteReader
 from estimator.records.scene import MAX_COORDINATE, DenseCloud
 from metric_base.arrays import FloatArray, IntArray
 from metric_base.errors import FieldError, InputError, Unquoted, in_file
-
-__all__ = ["dense_file", "ply_layout", "read_dense_cloud", "read_points", "read_visibility", "visibility_bytes"]
+from metric_base.parsing import ByteReader
 
 #: Where reconstructions keep their dense cloud, in the order of preference: COLMAP's and OpenSfM's places.
 DENSE_PLACES = (

@@ -2,20 +2,17 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
 from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 import numpy as np
 
-from estimator.instances.arrays import MasksByImage, instances_of_masks
-from estimator.instances.forms import holds_instances, read_instance_files
 from estimator.projection.cameras import pixels_in_view
+from estimator.projection.visibility import views_by_depth
 from estimator.reconstructions.colmap import colmap_folder, model_suffix, read_colmap
 from estimator.reconstructions.ply import dense_file, read_dense_cloud
-from estimator.records.scene import DenseCloud, Instance, Scene
-from estimator.visibility.depth_buffer import views_by_depth
+from estimator.records.scene import DenseCloud, Scene
 from metric_base.arrays import FloatArray, IntArray
 from metric_base.errors import InputError, Unquoted
 from metric_base.input_files import folder_entries
@@ -23,13 +20,9 @@ from metric_base.input_files import folder_entries
 if TYPE_CHECKING:
     from pycolmap import Reconstruction
 
-__all__ = ["default_instances", "read_instances", "read_instances_and_warnings", "read_scene"]
-
 #: The path of a scene that was never on disk.
 MEMORY = Path("memory")
 RECONSTRUCTION = "reconstruction.json"
-INSTANCES = "instances.json"
-PICTURES = "instances"
 #: How far above the model its instances are looked for: `scene/dense/0/sparse` is the deepest usual place.
 LEVELS_UP = 3
 #: Points looked at to see whether the visibility file numbers the images as we do.
@@ -70,7 +63,7 @@ def read_scene(source: Path | str | Reconstruction, dense: Path | str | None = N
         path = Path(source)
         scene = _with_observations(_sparse_scene(path))
     else:
-        from estimator.reconstructions.pycolmap_scene import scene_of_reconstruction
+        from estimator.reconstructions.colmap import scene_of_reconstruction
 
         path = MEMORY
         scene = scene_of_reconstruction(source)
@@ -82,45 +75,6 @@ def read_scene(source: Path | str | Reconstruction, dense: Path | str | None = N
 
         raise InputError.at(path, "points", points_advice(scene.format), 0)
     return scene
-
-
-def read_instances(
-    source: Path | str | MasksByImage | None, scene: Scene, categories: Path | str | None = None
-) -> tuple[Instance, ...]:
-    """The instance masks of a scene's views.
-
-    Parameters
-    ----------
-    source : a COCO dataset or results file, a folder of label images, None for `instances.json` or `instances/` in the
-        scene's folder; or the masks themselves, by image name: `(category, mask)` or `(category, mask, score)` with
-        a mask of shape (h, w) bool of any resolution
-    scene : the scene whose views the images are, joined by file name
-    categories : a COCO dataset that names categories and images, for results
-
-    Raises
-    ------
-    InputError
-        The file cannot be read, or no image of it is a view of the scene.
-
-    Examples
-    --------
-    >>> import estimator
-    >>> scene = estimator.read_scene("data/scenes/demo_room")
-    >>> instances = estimator.read_instances("data/scenes/demo_room/instances.json", scene)
-    >>> instances[0].category, instances[0].mask.dtype.name
-    ('couch', 'bool')
-    """
-    return read_instances_and_warnings(scene, source, categories)[0]
-
-
-def read_instances_and_warnings(
-    scene: Scene, source: Path | str | MasksByImage | None = None, categories: Path | str | None = None
-) -> tuple[tuple[Instance, ...], tuple[str, ...]]:
-    """The instances as `read_instances` takes them, and warnings."""
-    if isinstance(source, Mapping):
-        return instances_of_masks(source, scene)
-    place = _default_instances(scene) if source is None else Path(source)
-    return read_instance_files(scene, place, None if categories is None else Path(categories))
 
 
 def _sparse_scene(path: Path) -> Scene:
@@ -154,26 +108,6 @@ def _with_observations(scene: Scene) -> Scene:
     warning = f"{scene.path}: it states no observations, so points are projected where no nearer point hides them"
     views = views_by_depth(scene.views, scene.points)
     return replace(scene, views=views, warnings=(*scene.warnings, warning), observed=False)
-
-
-def default_instances(scene: Scene) -> Path | None:
-    """The instances in the scene's folder or up to three above it, or None."""
-    starts = [path.resolve() for path in (scene.path, scene.model_path) if path is not None]
-    folders = dict.fromkeys(folder for start in starts for folder in (start, *list(start.parents)[:LEVELS_UP]))
-    for folder in folders:
-        for place in (folder / INSTANCES, folder / PICTURES):
-            if place.is_file() or holds_instances(place):
-                return place
-    return None
-
-
-def _default_instances(scene: Scene) -> Path:
-    place = default_instances(scene)
-    if place is not None:
-        return place
-    ways = "--instances FILE, or --images DIR --detector MODEL (docs/how-to/detectors.md lists detectors)"
-    expected = f"{INSTANCES} or {PICTURES}/ in it or above it, or {ways}"
-    raise InputError.at(scene.path, "instances", expected, Unquoted("none"))
 
 
 def _with_dense(scene: Scene, file: Path | None) -> Scene:

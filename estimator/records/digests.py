@@ -8,10 +8,8 @@ from typing import Any
 
 import numpy as np
 
-from estimator.records.measured_object import MeasuredObject
+from estimator.records.objects import MeasuredObject
 from estimator.records.scene import Instance, Scene
-
-__all__ = ["cloud_digest", "masks_digest", "model_digest", "objects_digest", "options_digest"]
 
 
 def model_digest(scene: Scene) -> str:

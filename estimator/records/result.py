@@ -1,4 +1,11 @@
-"""The answer: `metric-tree/scale/1`, as a record that prints, saves and explains itself (docs/reference/formats.md)."""
+"""The answer: `metric-tree/scale/1`, as a record that prints, saves and explains itself (docs/reference/formats.md).
+
+A density over log scale, and its modes.
+
+Evidence for the scale beside the objects: a known length, the camera's height, GPS, a marker, metric depth.
+
+An estimate together with the scene, instances and measurements that it came from.
+"""
 
 from __future__ import annotations
 
@@ -8,22 +15,85 @@ import warnings
 from collections.abc import Mapping
 from dataclasses import dataclass, field, fields, is_dataclass
 from pathlib import Path
-from typing import Any, Literal
+from typing import TYPE_CHECKING, Any, Literal
 
-from estimator.records.curve import Curve, Mode
-from estimator.records.scale_evidence import EvidenceReport
+from estimator.records.scene import Instance, Scene
 from metric_base.arrays import FloatArray
+from metric_base.errors import InputError
 from metric_base.files import whole_file
 
-__all__ = ["SCHEMA", "Alternative", "Help", "Interval", "ObjectReport", "ScaleResult", "Status", "UpReport", "Verdict"]
+if TYPE_CHECKING:
+    from estimator.records.objects import Measurements
 
+#: Probability that evidence is wrong before the objects are consulted, as for an object
+#: (`posterior.likelihood.OUTLIER_SHARE`).
+DOUBT = 0.1
 SCHEMA = "metric-tree/scale/1"
-
 Status = Literal["resolved", "uncertain", "unresolved"]
 Verdict = Literal["used", "outlier", "skipped"]
-
 #: Digits that a reader can use: the fourth of a scale is a hundredth of the best interval met.
 DIGITS = 5
+
+
+@dataclass(frozen=True, slots=True)
+class Mode:
+    """A local maximum of the posterior: `scale` in metres per unit, the `mass` of its basin."""
+
+    scale: float
+    mass: float
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Curve:
+    """A density over log scale: log_scale (g,), density (g,), and the mass beyond each end of the grid."""
+
+    log_scale: FloatArray
+    density: FloatArray
+    below: float
+    above: float
+
+
+@dataclass(frozen=True, slots=True)
+class ScaleEvidence:
+    """What one piece of evidence says: log scale ~ N(ln `scale`, `sd_log`^2), or why it says nothing.
+
+    kind : such as `known_length`, `camera_height`, `gps`, `marker`, `metric_depth`, `baseline`; id : which of its kind;
+    scale : metres per scene unit, sd_log : its standard deviation, natural log; both None where `reason` says why it
+    could not speak. doubt : probability that it is wrong altogether, 0 for what the user states as certain.
+
+    >>> ScaleEvidence("camera_height", "floor", scale=0.5, sd_log=0.1).doubt
+    0.1
+    """
+
+    kind: str
+    id: str
+    scale: float | None
+    sd_log: float | None
+    doubt: float = DOUBT
+    reason: str | None = None
+
+    def __post_init__(self) -> None:
+        if (self.scale is None or self.sd_log is None) != (self.reason is not None):
+            raise InputError.at(f"evidence {self.kind}", self.id, "a scale with its sd_log, or a reason", self.scale)
+        if self.scale is not None and not (0 < self.scale < math.inf):
+            raise InputError.at(f"evidence {self.kind}", self.id, "a positive scale", self.scale)
+        if self.sd_log is not None and not (0 < self.sd_log < math.inf):
+            raise InputError.at(f"evidence {self.kind}", self.id, "a positive sd_log", self.sd_log)
+        if not 0 <= self.doubt < 1:
+            raise InputError.at(f"evidence {self.kind}", self.id, "a doubt of at least 0, below 1", self.doubt)
+
+
+@dataclass(frozen=True, slots=True)
+class EvidenceReport:
+    """A row of the result: the evidence, the probability that it is right, and the verdict with its reason."""
+
+    kind: str
+    id: str
+    scale: float | None
+    sd_log: float | None
+    weight: float
+    verdict: Literal["used", "outlier", "skipped"]
+    reason: str | None
 
 
 @dataclass(frozen=True, slots=True)
@@ -187,3 +257,13 @@ def _plain(value: Any) -> Any:
     if isinstance(value, float):
         return float(f"{value:.{DIGITS}g}") if math.isfinite(value) else None
     return value
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class SceneEstimate:
+    """The result of a scene and what it came from; `measurements` is None for `sucar`, which measures no object."""
+
+    result: ScaleResult
+    scene: Scene
+    instances: tuple[Instance, ...]
+    measurements: Measurements | None

@@ -16,8 +16,6 @@ import numpy as np
 from metric_base.arrays import BoolArray, FloatArray, IntArray
 from metric_base.errors import InputError, Unquoted
 
-__all__ = ["MAX_COORDINATE", "Camera", "DenseCloud", "Instance", "Scene", "View"]
-
 #: Beyond this a coordinate has no digits left for an object beside the origin (and its square none to spare);
 #: geocentric metres are 6e6, so no real model comes near.
 MAX_COORDINATE = 1e12

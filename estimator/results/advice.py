@@ -14,17 +14,14 @@ from dataclasses import replace
 import numpy as np
 
 from estimator.posterior import log_scale_grid
-from estimator.posterior.axes import is_sorted, prior_axes
-from estimator.posterior.likelihood import ObjectEvidence
+from estimator.posterior.axis_assignments import is_sorted, prior_axes
+from estimator.posterior.object_likelihood import ObjectEvidence
 from estimator.posterior.posterior import Posterior, posterior
-from estimator.records.measured_object import MeasuredObject
+from estimator.records.objects import MeasuredObject
 from estimator.records.result import Help
-from estimator.results.categories import LabelMeaning, meanings
-from estimator.results.hollows import cut_sides
+from estimator.results.object_priors import LabelMeaning, cut_sides, meanings
 from metric_base.arrays import BoolArray, FloatArray
 from metric_tree.tree import Tree
-
-__all__ = ["helps"]
 
 #: Quantiles of the posterior at which a measurement is supposed: three parts of equal mass.
 SUPPOSED_AT = (1 / 6, 1 / 2, 5 / 6)

@@ -1,32 +1,112 @@
-"""The scale from measured objects: names to priors, posterior, verdicts, one result."""
+"""The scale from measured objects: names to priors, posterior, verdicts, one result.
+
+What contradicts itself: known lengths and objects, or objects that all have one name. No scale is then better.
+"""
 
 from __future__ import annotations
 
 import math
 import time
 from collections.abc import Mapping, Sequence
-from dataclasses import replace
+from dataclasses import dataclass, replace
 
 import numpy as np
 
-from estimator.posterior.likelihood import ObjectEvidence, usable
+from estimator.posterior.object_likelihood import ObjectEvidence, usable
 from estimator.posterior.posterior import Posterior, object_curves, posterior
-from estimator.records.measured_object import MeasuredObject
-from estimator.records.result import Alternative, ScaleResult, UpReport
-from estimator.records.scale_evidence import EvidenceReport, ScaleEvidence
+from estimator.records.objects import MeasuredObject
+from estimator.records.options import EstimateOptions
+from estimator.records.result import Alternative, EvidenceReport, ScaleEvidence, ScaleResult, UpReport
 from estimator.results.advice import helps
-from estimator.results.categories import BROADER_SCORE, LabelMeaning, meanings
-from estimator.results.contradiction import Contradiction, contradiction_of, doubt_of_one_name
-from estimator.results.hollows import with_unseen_undersides
-from estimator.results.places import place_shares, prior_in_place
-from estimator.results.reports import EstimateOptions, ScaleAnswer, names_of, result_of
+from estimator.results.object_priors import LabelMeaning, evidence_of, meanings, with_unseen_undersides
+from estimator.results.scale_report import ScaleAnswer, names_of, result_of, verdict
 from metric_base.arrays import FloatArray
 from metric_tree.tree import Tree
 
-__all__ = ["HEIGHT", "evidence_of", "scale_of_objects"]
-
+#: Known lengths contradict the objects altogether when these keep less than this share of the weight (the summed
+#: probability of being what their labels say) that they have among themselves: most of them are then disbelieved.
+MIN_KEPT_WEIGHT = 0.5
+#: They also do where the objects alone leave this little of their posterior at the length's scale or further out.
+MIN_TAIL_MASS = 1e-4
+#: Objects of one name contradict each other where this share of them are outliers, and so many. In synthetic rooms
+#: whose masks are all called "person" it is .31 to 1; among the objects that do have one name, at most .2.
+LEAST_ALIKE_OUTLIERS, MIN_ALIKE_OUTLIERS = 0.3, 2
 #: The dimensions of `--method height`.
 HEIGHT = ("height",)
+
+
+@dataclass(frozen=True, slots=True)
+class Contradiction:
+    """Known lengths outside the interval of the objects alone.
+
+    with_known : metres per unit of all evidence; low, high : the objects' own interval; outliers : how many of the
+    `objects` are outliers at the first; kept : the share of their weight that is left; chance : what the objects
+    alone leave of their posterior at the length's scale or further out.
+    """
+
+    with_known: float
+    low: float
+    high: float
+    outliers: int
+    objects: int
+    kept: float
+    chance: float
+
+    @property
+    def most(self) -> bool:
+        """Whether most objects, or all a little, would have to be wrong: unresolved unless the length is trusted."""
+        return self.kept < MIN_KEPT_WEIGHT or self.chance < MIN_TAIL_MASS
+
+    def line(self, trusted: bool) -> str:
+        """The warning; `trusted` : the length is believed all the same."""
+        scales = f"{self.with_known:.4g} m per unit, {self.low:.4g} to {self.high:.4g} by the objects alone"
+        check = "check the points, the metres and the labels"
+        if not self.most:
+            return f"the known lengths are outside the objects' own interval: {scales}; {check}"
+        count = f"{self.outliers} of {self.objects} objects would be outliers"
+        if self.kept >= MIN_KEPT_WEIGHT:
+            count = f"the objects leave it a chance of less than {MIN_TAIL_MASS:g}"
+        start = "" if trusted else "unresolved: "
+        override = "" if trusted else " (--trust-known-length overrides)"
+        return f"{start}the known lengths contradict the objects: {scales}, and {count}; {check}{override}"
+
+
+def contradiction_of(
+    estimate: Posterior, evidence: Sequence[ObjectEvidence], lines: Sequence[ScaleEvidence]
+) -> Contradiction | None:
+    """How certain lines (without doubt) contradict the n objects of the posterior; None where they do not."""
+    certain = [item.scale for item in lines if item.doubt == 0 and item.scale is not None]
+    if not evidence or not certain:
+        return None
+    alone = posterior(evidence, level=estimate.level)
+    low, high = alone.interval
+    if all(low <= scale <= high for scale in certain):
+        return None
+    kept = float(estimate.weight.sum()) / max(float(alone.weight.sum()), 1e-9)
+    outliers = sum(verdict(float(weight)) == "outlier" for weight in estimate.weight)
+    chance = min(_tail(alone, math.log(scale)) for scale in certain)
+    return Contradiction(estimate.modes[0].scale, low, high, outliers, len(evidence), kept, chance)
+
+
+def doubt_of_one_name(estimate: Posterior, evidence: Sequence[ObjectEvidence]) -> str | None:
+    """Why no scale follows where all objects have one name and many do not have its sizes; None where they do.
+
+    A few of any sizes agree by chance, and no other name says that they are not what they are called.
+    """
+    names = {item.object.category for item in evidence}
+    outliers = sum(verdict(float(weight)) == "outlier" for weight in estimate.weight)
+    if len(names) != 1 or outliers < max(MIN_ALIKE_OUTLIERS, LEAST_ALIKE_OUTLIERS * len(evidence)):
+        return None
+    name = next(iter(names))
+    return f"{outliers} of {len(evidence)} objects are outliers, and all are called {name!r}: their labels are wrong"
+
+
+def _tail(alone: Posterior, u: float) -> float:
+    """The mass of a posterior at log scale u and beyond, on the side of u that is further out."""
+    curve = alone.curve
+    mass = curve.density / curve.density.sum() * (1 - curve.below - curve.above)
+    below = curve.below + float(mass[curve.log_scale <= u].sum())
+    return min(below, 1 - below + 1e-12)
 
 
 def scale_of_objects(
@@ -94,31 +174,6 @@ def scale_of_objects(
         leave_one_class_out=_without_each_class(estimate, evidence) if options.leave_one_class_out else None,
         object_curves={objects[place].id: row for place, row in zip(places, curves, strict=True)},
     )
-
-
-def evidence_of(
-    objects: Sequence[MeasuredObject], by_name: Mapping[str, LabelMeaning]
-) -> tuple[dict[int, ObjectEvidence], list[str | None]]:
-    """The objects that can speak, by place in the list, and per object the reason why it cannot, or None.
-
-    Their priors are those of the type of place that the classes suggest (`places`).
-    """
-    reasons = [item.skipped or by_name[item.category].error for item in objects]
-    stated: dict[int, ObjectEvidence] = {}
-    share = place_shares([node for item in objects if (node := by_name[item.category].node) is not None])
-    for place, item in enumerate(objects):
-        meaning = by_name[item.category]
-        if reasons[place] is None and meaning.node is not None and meaning.prior is not None:
-            judged = replace(item, score=BROADER_SCORE * item.score) if meaning.broader else item
-            prior = meaning.prior if share is None else prior_in_place(meaning.prior, share)
-            stated[place] = ObjectEvidence(judged, prior, meaning.node.pose)
-    for place, there in zip(list(stated), usable(list(stated.values())).tolist(), strict=True):
-        if not any(there):
-            reasons[place] = f"none of its extents is among {', '.join(stated.pop(place).prior.dims)}"
-        elif not np.any(there & ~np.asarray(objects[place].truncated, dtype=bool)):
-            reasons[place] = "every extent that its prior judges is truncated"
-            del stated[place]
-    return stated, reasons
 
 
 def _context_warnings(by_name: Mapping[str, LabelMeaning], options: EstimateOptions) -> list[str]:

@@ -17,8 +17,6 @@ from metric_base.arrays import FloatArray
 from metric_base.errors import FieldError, InputError, Unquoted, at_field, in_file
 from metric_base.input_files import read_text
 
-__all__ = ["read_bundler"]
-
 _HEADER = "# Bundle file v0.3"
 _CAMERA_NUMBERS = 15  # f k1 k2, R, t
 

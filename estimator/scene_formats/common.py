@@ -16,19 +16,6 @@ from metric_base.arrays import FloatArray, IntArray
 from metric_base.errors import FieldError, InputError, Unquoted
 from metric_base.input_files import is_file
 
-__all__ = [
-    "FLIP",
-    "brown_camera",
-    "matrix_of",
-    "number_of",
-    "observed_views",
-    "picture_file",
-    "picture_size",
-    "pinhole_camera",
-    "points_beside",
-    "posed_view",
-]
-
 #: From axes right, up, back (OpenGL, Blender) to right, down, forward (OpenCV, COLMAP), and the other way.
 FLIP = np.diag([1.0, -1.0, -1.0])
 #: How far from a rotation a matrix of few digits may be.

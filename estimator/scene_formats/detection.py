@@ -13,8 +13,6 @@ from estimator.scene_formats.nerfstudio import read_nerfstudio
 from estimator.scene_formats.realitycapture import is_realitycapture, read_realitycapture
 from metric_base.input_files import folder_entries, read_bytes
 
-__all__ = ["EXPORT_NAMES", "advice_on_file", "export_file", "points_advice", "read_export"]
-
 #: What the files of the exports are called, for a message.
 EXPORT_NAMES = "transforms.json, *.sfm, bundle.out, a Metashape *.xml, a RealityCapture *.csv"
 

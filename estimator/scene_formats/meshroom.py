@@ -12,7 +12,6 @@ from typing import Any
 import numpy as np
 
 from estimator.projection.cameras import make_camera
-from estimator.reconstructions.checked_files import json_array, json_object
 from estimator.records.scene import MAX_COORDINATE, Camera, Scene, View
 from estimator.scene_formats.common import (
     matrix_of,
@@ -25,8 +24,7 @@ from estimator.scene_formats.common import (
 from metric_base.arrays import FloatArray
 from metric_base.errors import FieldError, at_field, in_file
 from metric_base.input_files import read_json
-
-__all__ = ["read_meshroom"]
+from metric_base.parsing import json_array, json_object
 
 #: From here on the principal point is relative to the middle (AliceVision, SfmDataIO changelog).
 CENTRED_VERSION = (1, 2, 1)

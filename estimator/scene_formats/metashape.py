@@ -18,8 +18,6 @@ from metric_base.arrays import FloatArray
 from metric_base.errors import FieldError, Unquoted, at_field, in_file
 from metric_base.input_files import read_text
 
-__all__ = ["read_metashape"]
-
 PLY_FILES = ("points.ply", "sparse_pc.ply", "sparse.ply", "tie_points.ply", "point_cloud.ply")
 #: The names of the equidistant fisheye in versions 1 and 2.
 FISHEYES = ("fisheye", "equidistant_fisheye")

@@ -13,7 +13,6 @@ from typing import Any
 import numpy as np
 
 from estimator.projection.cameras import make_camera
-from estimator.reconstructions.checked_files import json_array, json_object
 from estimator.records.scene import Camera, Scene, View
 from estimator.scene_formats.common import (
     FLIP,
@@ -27,8 +26,7 @@ from estimator.scene_formats.common import (
 from metric_base.arrays import FloatArray
 from metric_base.errors import FieldError, at_field, in_file
 from metric_base.input_files import read_json
-
-__all__ = ["read_nerfstudio"]
+from metric_base.parsing import json_array, json_object
 
 #: Where the sparse points are, where `ply_file_path` does not say.
 PLY_FILES = ("sparse_pc.ply", "points.ply", "sparse_point_cloud.ply", "points3D.ply", "point_cloud.ply")

@@ -11,13 +11,11 @@ from pathlib import Path
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from estimator.reconstructions.csv_records import csv_records
 from estimator.records.scene import Scene, View
 from estimator.scene_formats.common import FLIP, brown_camera, number_of, picture_size, points_beside, posed_view
 from metric_base.errors import FieldError, at_field, in_file
 from metric_base.input_files import read_text
-
-__all__ = ["is_realitycapture", "read_realitycapture"]
+from metric_base.parsing import csv_records
 
 PLY_FILES = ("points.ply", "sparse_pc.ply", "sparse.ply", "point_cloud.ply")
 COLUMNS = ("#name", "x", "y", "alt", "heading", "pitch", "roll", "f")

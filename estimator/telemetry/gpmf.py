@@ -17,8 +17,6 @@ import numpy as np
 from estimator.telemetry.records import Positions, Samples, Telemetry
 from metric_base.arrays import FloatArray
 
-__all__ = ["Packet", "gpmf_telemetry", "keys"]
-
 #: Depth at which nested keys are no longer followed, and keys of one packet that are looked at.
 MAX_DEPTH, MAX_KEYS = 8, 100_000
 #: NumPy's names for the numbers of GPMF; Q numbers are fixed point.

@@ -8,8 +8,6 @@ import numpy as np
 
 from metric_base.arrays import FloatArray
 
-__all__ = ["Positions", "Samples", "Telemetry"]
-
 
 def _no_vectors() -> Samples:
     return Samples(np.empty(0), np.empty((0, 3)))

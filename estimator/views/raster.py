@@ -7,14 +7,12 @@ from typing import Any
 
 import numpy as np
 
-from estimator.geometry.box_edges import EDGES
+from estimator.records.objects import EDGES
 from estimator.views.glb import FACES
 from estimator.views.scene_view import COLOURS, BoxView, SceneView
 from metric_base.arrays import FloatArray
 from metric_base.files import whole_file
 from metric_base.images import write_picture
-
-__all__ = ["view_picture", "write_view"]
 
 WIDTH, HEIGHT = 1600, 1000
 

@@ -11,16 +11,11 @@ from typing import Any
 
 import numpy as np
 
-from estimator.geometry.box_edges import corners
-from estimator.geometry.planes import SupportPlane
 from estimator.outputs.size_labels import dimension_labels
-from estimator.records.measured_object import Box, MeasuredObject
-from estimator.records.result import ObjectReport, ScaleResult
+from estimator.records.objects import Box, MeasuredObject, SupportPlane, corners
+from estimator.records.result import ObjectReport, ScaleResult, SceneEstimate
 from estimator.records.scene import Scene, View
-from estimator.results.scene_estimate import SceneEstimate
 from metric_base.arrays import FloatArray, IntArray
-
-__all__ = ["COLOURS", "BoxView", "SceneView", "box_on_ray", "scene_view"]
 
 #: Red, green and blue, 0 to 255, by verdict, and of what is no object.
 COLOURS: Mapping[str, tuple[int, int, int]] = {

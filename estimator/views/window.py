@@ -8,11 +8,9 @@ from typing import Any
 
 import numpy as np
 
-from estimator.geometry.box_edges import EDGES
+from estimator.records.objects import EDGES
 from estimator.views.scene_view import COLOURS, BoxView, SceneView, box_on_ray
 from metric_base.errors import InputError
-
-__all__ = ["check_display", "show", "words_of"]
 
 WIDTH, HEIGHT = 1280, 860
 

@@ -5,11 +5,9 @@ from __future__ import annotations
 from collections.abc import Callable
 from html import escape
 
-from explorer.drawings.axis import svg
+from explorer.charts.axis import svg
 from explorer.urls import page_of
-from metric_tree.tree import Node
-
-__all__ = ["icicle"]
+from metric_tree.node import Node
 
 WIDTH, HEIGHT, LEVELS = 1000, 1400, 5
 

@@ -4,10 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-from explorer.content.units import length_text
-from explorer.drawings.axis import svg
-
-__all__ = ["DrawnBox", "to_scale"]
+from explorer.charts.axis import length_text, svg
 
 WIDTH, HEIGHT, FLOOR, MARGIN, GAP = 340, 236, 196, 10, 14
 

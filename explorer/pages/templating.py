@@ -8,12 +8,9 @@ from urllib.parse import urlsplit
 
 from jinja2 import Environment, PackageLoader, StrictUndefined
 
-from explorer.content.release_catalogue import ReleaseCatalogue
-from explorer.content.tiers import MEANINGS
-from explorer.content.units import length_text
+from explorer.catalogue import MEANINGS, ReleaseCatalogue
+from explorer.charts.axis import length_text
 from explorer.urls import page_of, slug
-
-__all__ = ["main_dimension", "page_bytes", "web_address"]
 
 
 def page_bytes(catalogue: ReleaseCatalogue, template: str, root: str, title: str, **values: Any) -> bytes:

@@ -21,19 +21,18 @@ from starlette.responses import Response
 from starlette.routing import Route
 from starlette.types import ASGIApp, Message, Receive, Scope, Send
 
-from explorer.content.release_catalogue import ReleaseCatalogue
+from explorer.catalogue import ReleaseCatalogue
+from explorer.responses import asked_items, asked_prior, asked_search, numbers
 from explorer.routes import Answer, answer
 from explorer.server.delivery import Delivered, Shelf, problem, response_of
 from explorer.server.openapi import description
-from explorer.server.questions import asked_items, asked_prior, asked_search, numbers
 from explorer.server.scale_jobs import Busy, ScaleJobs
 from explorer.urls import slug
 from metric_base.errors import InputError
+from metric_tree.node import NoPrior, UnknownName
 from metric_tree.prior import QUANTILES
 from metric_tree.release.images import FOLDER
-from metric_tree.tree import NoPrior, Tree, UnknownName
-
-__all__ = ["application"]
+from metric_tree.tree import Tree
 
 #: Bytes of a request's body: 500 objects take some 100 kB.
 MOST_BODY = 1_000_000

@@ -14,8 +14,6 @@ from starlette.responses import Response
 from explorer.routes import Answer
 from explorer.schemas import Problem
 
-__all__ = ["Delivered", "Shelf", "problem", "response_of"]
-
 #: Bytes of answers that are kept ready; some 2,000 pages.
 SHELF_BYTES = 64_000_000
 

@@ -11,16 +11,13 @@ import msgspec
 from mcp.server import MCPServer
 from mcp.server.mcpserver.exceptions import ToolError
 
-from explorer.content.answers import node_answer
-from explorer.content.release_catalogue import ReleaseCatalogue
+from explorer.catalogue import ReleaseCatalogue
+from explorer.responses import asked_prior, asked_search, comparison, found_node, listed_labels, node_answer
 from explorer.schemas import ScaleRequest
-from explorer.server.questions import asked_prior, asked_search, comparison, found_node, listed_labels
 from explorer.server.scale_jobs import scale_record
 from metric_base.errors import InputError
 from metric_tree.prior import QUANTILES
 from metric_tree.tree import Tree
-
-__all__ = ["tool_server"]
 
 
 def tool_server(trees: Sequence[Tree]) -> MCPServer:

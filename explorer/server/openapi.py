@@ -6,7 +6,8 @@ from typing import Any
 
 import msgspec
 
-from explorer.content.release_catalogue import ReleaseCatalogue
+from explorer.catalogue import ReleaseCatalogue
+from explorer.responses import MOST_HITS
 from explorer.schemas import (
     ImagesAnswer,
     ItemsAnswer,
@@ -18,9 +19,6 @@ from explorer.schemas import (
     SearchAnswer,
     VocabularyAnswer,
 )
-from explorer.server.questions import MOST_HITS
-
-__all__ = ["description"]
 
 _RECORDS = (
     ReleasesAnswer, SearchAnswer, NodeAnswer, PriorAnswer, ItemsAnswer, ImagesAnswer, VocabularyAnswer, ScaleRequest,

@@ -18,8 +18,6 @@ from metric_base.errors import InputError
 from metric_tree.context import where_of
 from metric_tree.tree import Tree, open_tree
 
-__all__ = ["Busy", "ScaleJobs", "scale_record"]
-
 #: Objects and known lengths of one request: 500 objects take a second or so.
 MOST_OBJECTS, MOST_LENGTHS = 500, 100
 
@@ -47,7 +45,7 @@ def scale_record(request: ScaleRequest, tree: Tree) -> dict[str, Any]:
     """
     from estimator.pipeline import objects_result
     from estimator.reconstructions.objects_file import parse_objects
-    from estimator.results.reports import EstimateOptions
+    from estimator.records.options import EstimateOptions
 
     if not 1 <= len(request.objects) <= MOST_OBJECTS:
         raise InputError(f"objects: expected 1 to {MOST_OBJECTS}; found {len(request.objects)}")
@@ -62,7 +60,7 @@ def scale_record(request: ScaleRequest, tree: Tree) -> dict[str, Any]:
 
 
 def _lengths(lengths: Sequence[dict[str, float]]) -> tuple[Any, ...]:
-    from estimator.records.scale_evidence import ScaleEvidence
+    from estimator.records.result import ScaleEvidence
 
     if len(lengths) > MOST_LENGTHS:
         raise InputError(f"known_lengths: expected at most {MOST_LENGTHS}; found {len(lengths)}")

@@ -13,13 +13,11 @@ from insertion.exports.gltf_scene import write_gltf_model
 from insertion.exports.metric_frame import CameraKey, MetricFrame, object_matrix
 from insertion.light.environment_map import Environment
 from insertion.placement.placed_object import Placed
-from insertion.render.changed_pixels import window_behind
-from insertion.render.pinhole import Window, focal_lengths
+from insertion.render.layers import window_behind
+from insertion.scene.camera_rays import Window, focal_lengths
 from insertion.scene.pixel_box import PixelBox
 from metric_base.arrays import FloatArray
 from metric_base.images import write_picture
-
-__all__ = ["SAMPLES", "full_window", "ideal_window", "insertion_job", "support_albedo", "write_environment"]
 
 #: Paths a pixel; the denoiser does the rest.
 SAMPLES = 32

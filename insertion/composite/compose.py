@@ -9,12 +9,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from insertion.colour import linear_to_srgb, srgb_to_linear
-from insertion.composite.blur import REACH_PX, blur_layer
-from insertion.composite.exposure_and_grain import Look, grain
+from insertion.composite.camera_look import REACH_PX, Look, blur_layer, grain
 from insertion.render.layers import ObjectLayers
 from insertion.scene.pixel_box import PixelBox
-
-__all__ = ["Composite", "Joined", "behind_each_other", "compose", "compose_traced"]
 
 Picture = NDArray[np.uint8]
 #: Pixels of the picture change where an object covers this much of them, or takes this much of their light.

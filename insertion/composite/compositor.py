@@ -11,8 +11,8 @@ from typing import Any, Protocol
 import numpy as np
 from numpy.typing import NDArray
 
+from insertion.composite.camera_look import Looks
 from insertion.composite.compose import Composite, Joined, behind_each_other, compose, compose_traced
-from insertion.composite.exposure_and_grain import Looks
 from insertion.composite.occlusion import hidden_share, on_support
 from insertion.composite.shadow_receivers import light_share, receivers_of
 from insertion.footage.footage import Shot
@@ -21,15 +21,13 @@ from insertion.light.environment_estimate import environment_at
 from insertion.light.environment_map import Environment
 from insertion.placement.placed_object import Placed
 from insertion.render.body import Body
-from insertion.render.context import gl_context
+from insertion.render.gpu import gl_context
 from insertion.render.layers import draw_interval, object_layers
 from insertion.render.renderer import ObjectRenderer
 from insertion.result import FrameReport, InsertionResult
-from insertion.scene.moving_masks import points_beside, uprights
+from insertion.scene.frame_masks import points_beside, uprights
 from insertion.scene.point_cloud import front_points
 from metric_base.progress import ProgressCallback, silent, with_progress
-
-__all__ = ["LayerSink", "insert_objects", "single_pictures"]
 
 #: An (h, w, 3) sRGB image.
 Picture = NDArray[np.uint8]

@@ -16,12 +16,10 @@ from numpy.typing import NDArray
 from estimator.records.scene import Instance, View
 from insertion.render.body import Body
 from insertion.render.renderer import ObjectImage
-from insertion.scene.moving_masks import Upright
+from insertion.scene.frame_masks import Upright
 from insertion.scene.pixel_box import PixelBox, mask_in_box
 from insertion.scene.point_cloud import Cloud, FrontPoints
 from metric_base.arrays import BoolArray, FloatArray
-
-__all__ = ["Occlusion", "hidden_share", "on_support"]
 
 #: Points that an order in depth rests on.
 MIN_POINTS = 4

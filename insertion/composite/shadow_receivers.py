@@ -14,15 +14,12 @@ from numpy.typing import NDArray
 
 from estimator.records.scene import Instance, View
 from insertion.render.body import Body
-from insertion.render.changed_pixels import CAST_SIZES
-from insertion.render.layers import ObjectLayers
+from insertion.render.layers import CAST_SIZES, ObjectLayers
+from insertion.scene.camera_rays import camera_rays
 from insertion.scene.pixel_box import PixelBox, labels_in_box
 from insertion.scene.point_cloud import FrontPoints
-from insertion.scene.rays import camera_rays
 from insertion.scene.supports import Surface
 from metric_base.arrays import BoolArray, FloatArray
-
-__all__ = ["Receivers", "light_share", "receivers_of"]
 
 #: A pixel shows the plane if its depth is that of the plane within this share; the cloud is no better. What rises or
 #: falls by no more than this share of the object's size (a cobbled street) has the plane's shadow, hardly moved.

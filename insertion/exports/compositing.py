@@ -17,18 +17,16 @@ from numpy.typing import NDArray
 from estimator.projection.cameras import project
 from estimator.records.scene import Camera
 from insertion.colour import srgb_to_linear
-from insertion.composite.blur import REACH_PX
+from insertion.composite.camera_look import REACH_PX
 from insertion.composite.compose import Composite, Joined
 from insertion.footage.footage import Shot
 from insertion.insertion_scene import PreparedScene
 from insertion.placement.placed_object import Placed
-from insertion.render.changed_pixels import window_behind
+from insertion.render.layers import window_behind
+from insertion.scene.camera_rays import camera_rays
 from insertion.scene.pixel_box import PixelBox
-from insertion.scene.rays import camera_rays
 from metric_base.arrays import FloatArray
 from metric_base.images import write_picture
-
-__all__ = ["SCHEMA", "CompositingLayers", "exr_bytes"]
 
 SCHEMA = "metric-tree/layers/1"
 #: FFmpeg's pixel formats by the number of channels, and the order of the channels in their planes.

@@ -23,8 +23,6 @@ from insertion.result import InsertionResult
 from metric_base.files import OutputNames, output_names
 from metric_base.images import write_picture
 
-__all__ = ["LayerWriter", "write_exports"]
-
 #: The largest depth that 16 bits hold in millimetres.
 FARTHEST_MM = 65_535
 

@@ -12,8 +12,6 @@ from insertion.footage.footage import STILLS_RATE, Shot
 from insertion.placement.placed_object import Placed
 from metric_base.arrays import FloatArray
 
-__all__ = ["CameraKey", "MetricFrame", "camera_keys", "frame_rate", "keys_by_camera", "metric_frame", "object_matrix"]
-
 
 @dataclass(frozen=True, slots=True, eq=False)
 class MetricFrame:

@@ -15,8 +15,6 @@ from insertion.exports.metric_frame import CameraKey, keys_by_camera
 from metric_base.arrays import FloatArray
 from metric_base.errors import InputError
 
-__all__ = ["POINTS_FILE", "write_transforms"]
-
 #: COLMAP's models that nerfstudio reads, by its own name for them.
 _MODELS = {
     "SIMPLE_PINHOLE": "PINHOLE", "PINHOLE": "PINHOLE",

@@ -11,11 +11,8 @@ import numpy as np
 from estimator.records.scene import Camera
 from insertion.exports.metric_frame import CameraKey, MetricFrame, keys_by_camera, object_matrix
 from insertion.placement.placed_object import Placed
-from insertion.render.pinhole import focal_lengths
-from models3d.model import Part
-from models3d.usd.writer import bind_material
-
-__all__ = ["write_usd_scene"]
+from insertion.scene.camera_rays import focal_lengths
+from models3d.usd.writer import bind_material, write_mesh
 
 #: A usual width of video, 36 mm. USD states lenses in tenths of a scene unit (UsdGeomCamera), here of a metre.
 APERTURE = 0.36
@@ -47,7 +44,7 @@ def write_usd_scene(
         path = f"/World/object{number}"
         _set_matrix(UsdGeom.Xform.Define(stage, path), object_matrix(placed, frame))
         for row, part in enumerate(placed.model.parts):
-            mesh = _mesh(stage, f"{path}/part{row}", part)
+            mesh = write_mesh(stage, f"{path}/part{row}", part)
             bind_material(stage, mesh, part.material, file.parent, f"object{number}_part{row}")
     stage.GetRootLayer().Save()
 
@@ -74,26 +71,3 @@ def _set_matrix(form: Any, matrix: np.ndarray) -> None:
     from pxr import Gf
 
     form.AddTransformOp().Set(Gf.Matrix4d(matrix.T.tolist()))
-
-
-def _mesh(stage: Any, path: str, part: Part) -> Any:
-    from pxr import Sdf, UsdGeom, Vt
-
-    mesh = UsdGeom.Mesh.Define(stage, path)
-    points = part.vertices.astype("f4")
-    mesh.CreatePointsAttr(Vt.Vec3fArray.FromNumpy(points))
-    mesh.CreateExtentAttr(Vt.Vec3fArray.FromNumpy(np.stack([points.min(axis=0), points.max(axis=0)])))
-    mesh.CreateFaceVertexCountsAttr(Vt.IntArray.FromNumpy(np.full(len(part.faces), 3, "i4")))
-    mesh.CreateFaceVertexIndicesAttr(Vt.IntArray.FromNumpy(part.faces.astype("i4").ravel()))
-    mesh.CreateNormalsAttr(Vt.Vec3fArray.FromNumpy(part.normals.astype("f4")))
-    mesh.SetNormalsInterpolation(UsdGeom.Tokens.vertex)
-    mesh.CreateSubdivisionSchemeAttr(UsdGeom.Tokens.none)
-    mesh.CreateDoubleSidedAttr(True)
-    if part.color is not None:
-        tint = (part.color[:, :3] * part.material.base_color[:3]).astype("f4")
-        mesh.CreateDisplayColorPrimvar(UsdGeom.Tokens.vertex).Set(Vt.Vec3fArray.FromNumpy(tint))
-    # USD counts v upwards, glTF downwards
-    uv = (part.uv * [1, -1] + [0, 1]).astype("f4")
-    primvar = UsdGeom.PrimvarsAPI(mesh).CreatePrimvar("st", Sdf.ValueTypeNames.TexCoord2fArray, UsdGeom.Tokens.vertex)
-    primvar.Set(Vt.Vec2fArray.FromNumpy(uv))
-    return mesh

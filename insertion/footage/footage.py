@@ -1,4 +1,7 @@
-"""The pictures that are drawn on, each with its pose and time; and the stills that the reconstruction was made of."""
+"""The pictures that are drawn on, each with its pose and time; and the stills that the reconstruction was made of.
+
+A video with the pose of every frame, as a work folder of `estimate-scale VIDEO` keeps it.
+"""
 
 from __future__ import annotations
 
@@ -10,16 +13,14 @@ from typing import Protocol
 import numpy as np
 from numpy.typing import NDArray
 
-from estimator.instances.image_files import image_file, image_folders
-from estimator.records.scene import Scene, View
+from capture.frame_poses import FILE_NAME, FramePose, FramePoses, read_frame_poses
+from capture.sources.video import VIDEO_SUFFIXES, Video
+from estimator.instances.view_matching import image_file, image_folders
+from estimator.records.scene import Camera, Scene, View
 from metric_base.errors import InputError
 from metric_base.images import read_picture
 
-__all__ = ["STILLS_RATE", "Footage", "FrameRange", "PictureFootage", "Shot", "Stills"]
-
 Picture = NDArray[np.uint8]
-
-
 #: Pictures without times count as so many a second, in a video that is made of them and for what moves.
 STILLS_RATE = 6.0
 
@@ -117,3 +118,51 @@ class FrameRange:
                 return
             if shot.index >= self.shots[0].index:
                 yield shot, picture
+
+
+class VideoFootage:
+    """The frames of a video, decoded one at a time.
+
+    source : the video; turned_deg : the clockwise rotation that its container asks for, applied to the frames.
+    """
+
+    def __init__(self, video: Video, poses: FramePoses, scene: Scene) -> None:
+        self._video = video
+        self.source, self.turned_deg = video.path, video.turned_deg
+        rows = {Path(view.name).stem: row for row, view in enumerate(scene.views)}
+        self.shots: tuple[Shot, ...] = tuple(
+            Shot(
+                pose.index,
+                f"{pose.index:06d}.png",
+                pose.time_s,
+                _view(pose, poses.camera),
+                None if pose.name is None else rows.get(Path(pose.name).stem),
+            )
+            for pose in poses.frames
+        )
+
+    def pictures(self) -> Iterator[tuple[Shot, NDArray[np.uint8]]]:
+        """Every shot with its upright picture (h, w, 3)."""
+        shots = {shot.index: shot for shot in self.shots}
+        for frame in self._video.frames():
+            if frame.index in shots:
+                yield shots[frame.index], frame.colour
+
+
+def video_footage(work: Path, scene: Scene) -> VideoFootage | None:
+    """The footage of a work folder that was made from a video; None for another folder."""
+    if not (work / FILE_NAME).is_file():
+        return None
+    poses = read_frame_poses(work)
+    if poses.source.suffix.lower() not in VIDEO_SUFFIXES:
+        return None
+    if not poses.source.is_file():
+        raise InputError(f"{work / FILE_NAME}: source: expected the video {poses.source}; it is not there any more")
+    return VideoFootage(Video(poses.source), poses, scene)
+
+
+def _view(pose: FramePose, camera: Camera | None) -> View | None:
+    if pose.rotation is None or pose.translation is None or camera is None:
+        return None
+    nothing = np.empty((0, 2)), np.empty(0, dtype=np.int64)
+    return View(f"{pose.index:06d}.png", camera, pose.rotation, pose.translation, *nothing)

@@ -15,8 +15,6 @@ from metric_base.errors import InputError
 from metric_base.files import OutputNames, output_file, whole_file, whole_folder
 from metric_base.images import write_picture
 
-__all__ = ["output_kind", "picture_writer", "preview_place"]
-
 Picture = NDArray[np.uint8]
 Writer = Callable[[Shot, Picture], None]
 #: What a preview may be written as.

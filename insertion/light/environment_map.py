@@ -9,17 +9,6 @@ from numpy.typing import NDArray
 
 from metric_base.arrays import FloatArray
 
-__all__ = [
-    "HEIGHT",
-    "LEVELS",
-    "WIDTH",
-    "Environment",
-    "LampSpots",
-    "map_directions",
-    "reflection_levels",
-    "solid_angles",
-]
-
 WIDTH, HEIGHT = 128, 64
 
 

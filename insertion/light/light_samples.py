@@ -16,8 +16,6 @@ from insertion.colour import LUMINANCE, luminance
 from insertion.light.environment_map import Environment, LampSpots, map_directions, solid_angles
 from metric_base.arrays import BoolArray, FloatArray
 
-__all__ = ["LAMP_SIGMA", "Lights", "environment_lights"]
-
 #: One sigma of the points of a lamp about its middle, in its diameters.
 LAMP_SIGMA = 0.35
 #: The map is cut by its energy plus so much of its mean everywhere.

@@ -4,18 +4,16 @@ from __future__ import annotations
 
 import numpy as np
 
-from estimator.geometry.planes import SupportPlane
 from estimator.projection.cameras import pixels_in_view
+from estimator.records.objects import SupportPlane
 from estimator.records.scene import View
 from insertion.placement.free_space import NEAR_POINTS, Space
-from insertion.placement.place import NoPlace, Place
+from insertion.placement.placement import NoPlace, Place
+from insertion.scene.camera_rays import ray_through
 from insertion.scene.point_cloud import Cloud, front_points
-from insertion.scene.rays import ray_through
 from insertion.scene.supports import Surface, cell_centres
 from metric_base.arrays import FloatArray
 from metric_base.statistics import robust_sigma
-
-__all__ = ["level_point", "place_at_point", "place_on_plane", "plane_coordinates", "plane_point"]
 
 #: The cloud around the point that was clicked, in pixels at a width of 640.
 NEAR_PX = 14.0

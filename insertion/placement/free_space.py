@@ -9,12 +9,10 @@ from scipy.ndimage import distance_transform_edt
 
 from estimator.projection.cameras import pixels_in_view
 from estimator.records.scene import Scene, View
-from insertion.placement.place import Place
+from insertion.placement.placement import Place
 from insertion.scene.point_cloud import Cloud
 from insertion.scene.supports import Supports, Surface, free_cells
 from metric_base.arrays import BoolArray, FloatArray
-
-__all__ = ["NEAR_POINTS", "Space", "candidates", "free_places"]
 
 #: This many points of the cloud say what is somewhere.
 NEAR_POINTS = 4

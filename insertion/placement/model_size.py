@@ -12,8 +12,6 @@ from models3d.model import Model
 if TYPE_CHECKING:
     from metric_tree.tree import Tree
 
-__all__ = ["SizeUsed", "model_size"]
-
 _STATED = re.compile(r"(length|width|height)=([0-9.eE+-]+)\Z")
 #: A model's file is in metres by glTF's rule; one larger or smaller than this was made in another unit.
 PLAUSIBLE_M = (0.002, 100.0)

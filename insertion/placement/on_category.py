@@ -9,19 +9,19 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from estimator.geometry.planes import SupportPlane, level_basis
+from estimator.geometry.planes import level_basis
+from estimator.records.objects import SupportPlane
 from estimator.records.scene import Instance
 from insertion.placement.free_space import NEAR_POINTS, Space, free_places
-from insertion.placement.place import NoPlace, Place
+from insertion.placement.placement import NoPlace, Place
 from insertion.scene.point_cloud import FrontPoints, front_points
 from insertion.scene.supports import Surface, surface_of
 from metric_base.arrays import BoolArray, FloatArray, IntArray
 from metric_base.statistics import robust_sigma
 
 if TYPE_CHECKING:
-    from metric_tree.tree import Node, Tree
-
-__all__ = ["instances_named", "place_on_category"]
+    from metric_tree.node import Node
+    from metric_tree.tree import Tree
 
 #: A point belongs to an object if this share of the views that see both has it in the object's mask: beyond the edge of
 #: a table, one view sees the floor where another sees the table.

@@ -10,8 +10,6 @@ import numpy as np
 from metric_base.arrays import FloatArray
 from metric_base.errors import InputError
 
-__all__ = ["Walk", "path_of", "walk_along"]
-
 #: Corners are rounded in the direction over this share of the way before and after, and no more than these metres.
 ROUND_SHARE, ROUND_M = 0.1, 0.3
 

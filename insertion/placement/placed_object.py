@@ -12,11 +12,10 @@ from estimator.records.scene import View
 from insertion.insertion_scene import PreparedScene
 from insertion.placement.at_pixel import level_point, place_at_point, place_on_plane, plane_point
 from insertion.placement.free_space import Space, candidates
-from insertion.placement.heading import heading, turn_about
 from insertion.placement.model_size import SizeUsed, model_size
 from insertion.placement.on_category import instances_named, place_on_category
 from insertion.placement.path import Walk, walk_along
-from insertion.placement.place import NoPlace, Place
+from insertion.placement.placement import NoPlace, Place, heading, turn_about
 from insertion.render.body import Body, body_of, colliding
 from insertion.request import ObjectRequest
 from insertion.scene.supports import Surface
@@ -28,8 +27,6 @@ from models3d.model import Model
 
 if TYPE_CHECKING:
     from metric_tree.tree import Tree
-
-__all__ = ["Placed", "place_objects", "resize", "space_for"]
 
 #: This share of the cloud's points inside the object's box is no stray.
 TAKEN_SHARE = 3e-4

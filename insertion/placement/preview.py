@@ -12,7 +12,7 @@ import numpy as np
 from estimator.projection.cameras import pixels_in_view
 from insertion.placement.at_pixel import plane_coordinates
 from insertion.placement.free_space import Space, candidates
-from insertion.placement.place import NoPlace, Place
+from insertion.placement.placement import NoPlace, Place
 from metric_base.files import whole_file
 
 if TYPE_CHECKING:
@@ -21,8 +21,6 @@ if TYPE_CHECKING:
     from estimator.records.scene import View
     from insertion.insertion_scene import PreparedScene
     from metric_base.arrays import FloatArray
-
-__all__ = ["FreePlace", "free_places", "write_preview"]
 
 #: Colours of the places in turn (red, green, blue).
 _COLOURS = ((80, 220, 255), (255, 190, 60), (140, 255, 140), (255, 130, 220))

@@ -12,9 +12,6 @@ from insertion.light.environment_map import Environment
 from metric_base.arrays import FloatArray, IntArray
 from models3d.model import Material, Model
 
-__all__ = ["Body", "BodyPart", "body_of", "colliding", "with_bodies"]
-
-
 #: Objects further apart than so many times their sizes do not shade each other.
 SHADING_SIZES = 3.0
 #: Points of a part by which another object mirrors it.

@@ -12,10 +12,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from insertion.render.buffers import LoadedPart
-from insertion.render.pinhole import Window
-
-__all__ = ["FACTS", "DeferredTargets"]
+from insertion.render.gpu import LoadedPart
+from insertion.scene.camera_rays import Window
 
 #: Names of the facts in the shader that lights them, in the order of the outputs that gather them.
 FACTS = ("place_rough", "normal_metal", "geometric_depth", "base_alpha", "glow_covered")

@@ -17,14 +17,11 @@ from insertion.colour import luminance
 from insertion.light.environment_map import LEVELS, Environment, reflection_levels
 from insertion.light.light_samples import Lights, environment_lights
 from insertion.render.body import Body, BodyPart, with_bodies
-from insertion.render.buffers import LoadedPart, load_part
-from insertion.render.context import shader
 from insertion.render.deferred import DeferredTargets
-from insertion.render.pinhole import Window
+from insertion.render.gpu import LoadedPart, load_part, shader
 from insertion.render.shadow_maps import Caster, PlaneMap, light_axes, plane_map, shadow_atlas
+from insertion.scene.camera_rays import Window
 from metric_base.arrays import FloatArray
-
-__all__ = ["ObjectImage", "ObjectRenderer"]
 
 #: 2 ** cuts lights shade the object and other objects; the map on the plane is made once and affords more.
 OBJECT_CUTS, PLANE_CUTS = 6, 8

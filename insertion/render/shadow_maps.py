@@ -13,11 +13,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from insertion.light.light_samples import Lights
-from insertion.render.buffers import LoadedPart
-from insertion.render.context import shader
+from insertion.render.gpu import LoadedPart, shader
 from metric_base.arrays import FloatArray
-
-__all__ = ["Caster", "PlaneMap", "light_axes", "plane_map", "shadow_atlas"]
 
 #: Pixels along one light's shadow map.
 TILE = 320

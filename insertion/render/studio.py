@@ -10,12 +10,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from insertion.render.body import body_of
-from insertion.render.buffers import load_part
-from insertion.render.context import shader
+from insertion.render.gpu import load_part, shader
 from metric_base.arrays import FloatArray
 from models3d.model import Model
-
-__all__ = ["AZIMUTHS_DEG", "StudioView", "studio_views"]
 
 #: Four views, a quarter turn apart, none of them straight at a side.
 AZIMUTHS_DEG = (30.0, 120.0, 210.0, 300.0)
@@ -44,7 +41,7 @@ class StudioView:
 def studio_views(context: Any, model: Model, pixels: int) -> Iterator[StudioView]:
     """Views of a model whose largest diagonal is `pixels` long.
 
-    context : of `insertion.render.context.gl_context`. The projection is orthographic, so that one number of pixels
+    context : of `insertion.render.gpu.gl_context`. The projection is orthographic, so that one number of pixels
     per metre holds all over a picture.
     """
     program = context.program(vertex_shader=shader("studio.vert"), fragment_shader=shader("studio.frag"))

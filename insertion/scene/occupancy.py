@@ -10,8 +10,6 @@ from numpy.typing import NDArray
 from insertion.scene.point_cloud import Cloud
 from metric_base.arrays import BoolArray, FloatArray, IntArray
 
-__all__ = ["Occupancy", "occupancy_of"]
-
 #: Side of a cell in diagonals of the cloud.
 CELL = 0.009
 #: A cell with fewer points than this share of what the filled cells usually hold is a stray's.

@@ -10,8 +10,6 @@ from numpy.typing import NDArray
 
 from estimator.records.scene import Instance
 
-__all__ = ["PixelBox", "labels_in_box", "mask_in_box"]
-
 
 @dataclass(frozen=True, slots=True)
 class PixelBox:

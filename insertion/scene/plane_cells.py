@@ -10,8 +10,6 @@ from insertion.colour import luminance
 from insertion.scene.point_cloud import Cloud
 from metric_base.arrays import BoolArray, FloatArray, IntArray
 
-__all__ = ["CELL", "Patches", "plane_patches"]
-
 #: Points that normals rest on, and their neighbours.
 MAX_POINTS, NEIGHBOURS = 12_000, 14
 #: Of the neighbours' spread, no more than this is across the surface.

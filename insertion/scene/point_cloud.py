@@ -7,15 +7,12 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from estimator.projection.visibility import Visibility, scene_visibility, unhidden
 from estimator.records.scene import Scene, View
-from estimator.visibility.depth_buffer import unhidden
-from estimator.visibility.sights import Visibility, scene_visibility
 from insertion.colour import srgb_to_linear
 from insertion.footage.footage import Stills
 from insertion.scene.stray_points import stray_points
 from metric_base.arrays import BoolArray, FloatArray, IntArray
-
-__all__ = ["Cloud", "FrontPoints", "coloured_cloud", "even_rows", "front_points"]
 
 #: More dense points than this add time and no light.
 MAX_POINTS = 150_000

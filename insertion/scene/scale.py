@@ -11,11 +11,9 @@ import msgspec
 from estimator.records.digests import masks_digest, model_digest
 from estimator.records.result import ScaleResult
 from estimator.records.scene import Instance, Scene
-from metric_base.errors import InputError, Unquoted, in_file
+from metric_base.errors import InputError, Unquoted, expect, in_file
 from metric_base.input_files import read_bytes
-from metric_base.records import expect, json_record
-
-__all__ = ["ScaleUsed", "read_scale", "scale_of_result"]
+from metric_base.records import json_record
 
 #: The major version of a result that is read here.
 SCALE_SCHEMA = "metric-tree/scale/1"

@@ -10,8 +10,6 @@ from estimator.projection.cameras import pixels_in_view
 from estimator.records.scene import View
 from metric_base.arrays import BoolArray, FloatArray, IntArray
 
-__all__ = ["stray_points"]
-
 #: Side of the cells in which a view's surface has one depth, in pixels at a width of 640.
 CELL_PX = 7.0
 #: Points of a cell that its depth rests on.

@@ -14,14 +14,12 @@ import numpy as np
 from scipy.ndimage import binary_erosion
 from scipy.spatial import cKDTree
 
-from estimator.geometry.planes import SupportPlane, floor_of, support_planes
-from estimator.geometry.up import Up, camera_up
-from estimator.geometry.vertical import refine_up
+from estimator.geometry.planes import floor_of, support_planes
+from estimator.geometry.vertical import camera_up, refine_up
+from estimator.records.objects import SupportPlane, Up
 from estimator.records.scene import Scene, View
 from insertion.scene.point_cloud import Cloud, front_points
 from metric_base.arrays import BoolArray, FloatArray
-
-__all__ = ["Supports", "Surface", "cell_centres", "free_cells", "supports_of", "surface_of"]
 
 #: Cells of the map along one cell of the plane's own.
 FINER = 3

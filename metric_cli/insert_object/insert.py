@@ -9,9 +9,9 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from metric_base.errors import InputError
-from metric_cli.arguments import OutputFile, new_folder
+from metric_cli.errors import statuses_text
 from metric_cli.insert_object.request import add_scene_arguments, prepared_scene_of, requests_of, tree_of
-from metric_cli.tables import statuses_text
+from metric_cli.parser import OutputFile, new_folder
 
 if TYPE_CHECKING:
     from insertion.insertion_scene import PreparedScene
@@ -19,35 +19,30 @@ if TYPE_CHECKING:
     from insertion.result import InsertionResult
     from metric_tree.tree import Tree
 
-__all__ = ["main", "parser"]
-
 PROGRAM = "insert-object"
 #: What says where an object stands, which the page replaces.
 PLACE_OPTIONS = ("--place", "--at", "--on", "--plane", "--xy", "--facing")
 
 EPILOG = f"""\
 Several objects: repeat --model; --size, --at, --on, --plane, --xy, --facing and --category belong to the --model before
-them. The object's metres are divided by the scale, and nothing else. `insert-object study --help` makes the paper's
-user study.
+them. The object's metres are divided by the scale, and nothing else.
 {statuses_text(input_error=", or there is no level surface at the place")}"""
 
 
 def main(argv: Sequence[str] | None = None) -> int:
     """Run `insert-object`; the exit status is 0, 2 or 1."""
-    from metric_cli.tables import exit_status
+    from metric_cli.errors import INPUT_ERROR, exit_status
 
     words = list(sys.argv[1:] if argv is None else argv)
-    named_study = Path("study").is_dir() and all(word.startswith("-") for word in words[1:2])  # a scene of that name
-    if words[:1] == ["study"] and not named_study:
-        from metric_cli.insert_object.study import run_study
-
-        return exit_status(f"{PROGRAM} study", lambda: run_study(words[1:]))
+    if words[:1] == ["study"] and not Path("study").is_dir():
+        sys.stderr.write("insert-object: the user study has moved to `python -m benchmarks.user_study` in a clone\n")
+        return INPUT_ERROR
     return exit_status(PROGRAM, lambda: _run(parser().parse_args(words), words))
 
 
 def parser() -> argparse.ArgumentParser:
     """The argument parser."""
-    from metric_cli.parsers import add_program_options, program_parser
+    from metric_cli.parser import add_program_options, program_parser
 
     description = "Insert glTF models into the pictures of a reconstruction, or into its video, at their true size."
     root = program_parser(PROGRAM, description, EPILOG)
@@ -122,9 +117,9 @@ def _run(options: argparse.Namespace, words: Sequence[str]) -> int:
 
 def _check_outputs(options: argparse.Namespace) -> None:
     """InputError for what cannot be written or drawn: said before the work is done, not after."""
-    from insertion.blender.process import blender_program
+    from insertion.blender.run import blender_program
     from insertion.footage.image_writer import output_kind, preview_place
-    from insertion.render.context import check_renderer
+    from insertion.render.gpu import check_renderer
 
     alone = options.preview is not None or options.place is not None
     if options.out is None and (not alone or options.export is not None):

@@ -8,15 +8,12 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from metric_base.errors import InputError
-from metric_cli.arguments import input_path
+from metric_cli.parser import input_path
 
 if TYPE_CHECKING:
-    from estimator.geometry.up import Up
+    from estimator.records.objects import Up
     from insertion.insertion_scene import PreparedScene
     from insertion.request import ObjectRequest
-
-__all__ = ["add_scene_arguments", "prepared_scene_of", "requests_of", "tree_of"]
-
 
 #: Metres beyond which no plane of a scene reaches.
 FARTHEST_M = 1e6
@@ -107,7 +104,7 @@ def tree_of(options: argparse.Namespace) -> Any:
 
 def _request(stated: dict[str, Any]) -> ObjectRequest:
     from insertion.placement.path import path_of
-    from insertion.placement.place import facing_of, point_of
+    from insertion.placement.placement import facing_of, point_of
     from insertion.request import ObjectRequest
 
     ways = [name for name in ("at", "on", "plane") if stated.get(name) is not None]
@@ -148,7 +145,7 @@ def _scale(words: str | None) -> float | Path | None:
 
 
 def _up(words: str | None) -> Up | None:
-    from estimator.geometry.up import given_up
+    from estimator.geometry.vertical import given_up
 
     try:
         return None if words is None else given_up(tuple(float(part) for part in words.split(",")))

@@ -10,10 +10,9 @@ import sys
 from collections.abc import Sequence
 from importlib import import_module
 
-from metric_cli.arguments import add_overwrite
-from metric_cli.completion import SHELLS, completion_script, option_helps
-from metric_cli.tables import OneLineParser, exit_status, version
-from metric_cli.threads import use_one_thread
+from metric_cli.errors import exit_status
+from metric_cli.parser import SHELLS, OneLineParser, add_overwrite, completion_script, option_helps, version
+from metric_cli.programs import use_one_thread
 
 __all__ = ["VERBS", "main", "parser_of"]
 
@@ -50,7 +49,8 @@ _TOPICS = {
     **dict.fromkeys(("check-asset", "render", "true-size"), "models"),
     **dict.fromkeys(("cutout", "export", "select"), "training"),
     **dict.fromkeys(
-        ("diff", "fetch", "list", "priors", "publish", "query", "report", "search", "serve", "site", "validate"), "release"
+        ("diff", "fetch", "list", "priors", "publish", "query", "report", "search", "serve", "site", "validate"),
+        "release",
     ),
 }
 #: Modules whose names would hide a keyword or a built-in type.

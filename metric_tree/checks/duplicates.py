@@ -9,9 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from metric_base.arrays import FloatArray
-from metric_tree.fit.evidence import KIND_WEIGHT
-
-__all__ = ["duplicates"]
+from metric_tree.fit.rows import KIND_WEIGHT
 
 #: Sizes that agree to this share are the same figure, whatever unit it went through: a millimetre of a sofa.
 SAME_SIZE_SHARE = 0.0005

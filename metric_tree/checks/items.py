@@ -17,8 +17,6 @@ from metric_tree.checks.finding import Finding
 from metric_tree.checks.unit_errors import MIN_REFERENCE_ROWS, Reference, reference, sibling_reference, slip_factors
 from metric_tree.pipeline.clean import extents_of
 
-__all__ = ["CODES", "findings"]
-
 #: From a hundredth of a millimetre (foil) to five kilometres (the longest ship has 458 m, the highest building 828 m; a
 #: suspension bridge is two or three kilometres long).
 PLAUSIBLE_MM = (0.01, 5e6)

@@ -11,8 +11,6 @@ import pyarrow as pa
 from metric_tree.axes import AXES, EXTENTS
 from metric_tree.checks.finding import Finding
 
-__all__ = ["CODES", "LEVELS", "findings"]
-
 LEVELS = 5
 POSES = ("upright", "flat", "any")
 DIMENSIONS = (*AXES, *EXTENTS)

@@ -11,8 +11,6 @@ import pyarrow as pa
 from metric_tree.checks.finding import Finding
 from metric_tree.checks.nodes import DIMENSIONS
 
-__all__ = ["CODES", "findings"]
-
 #: Rounding of weights that went through text or another float format.
 WEIGHT_TOLERANCE = 1e-6
 

@@ -18,8 +18,6 @@ from metric_tree.release.images import image_path
 from metric_tree.release.release import BadRelease, Release, open_release, sha256
 from metric_tree.release.schema import ADDED_COLUMNS, FORMER_TYPES, TABLES
 
-__all__ = ["CODES", "Finding", "findings"]
-
 #: What each code means; `metric-tree validate --codes` prints it.
 CODES = {
     "E101": "no readable manifest, or of another schema, or a file is missing or of another size",

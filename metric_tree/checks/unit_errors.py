@@ -14,8 +14,6 @@ from metric_base.arrays import FloatArray
 from metric_base.statistics import MAD_TO_SIGMA
 from metric_tree.axes import axis_assignments
 
-__all__ = ["FACTORS", "Reference", "reference", "sibling_reference", "slip_factors"]
-
 #: Units mistaken for each other, which puts every size of a row off by one factor: mm, cm, dm, m, inch, foot, and inch
 #: for centimetre. An inch for a foot, 12, could not be told from 10.
 FACTORS = (10.0, 100.0, 1000.0, 25.4, 2.54, 304.8)

@@ -18,30 +18,9 @@ from pathlib import Path
 from typing import Any
 
 from crawler.items import RawItem
-from metric_base.errors import Unquoted, in_file
+from metric_base.errors import Unquoted, expect, in_file
 from metric_base.folders import taxonomy_directory
-from metric_base.records import expect
 from taxonomy.levels import DIMENSIONS, BadLevels, table_rows
-
-__all__ = [
-    "BLIND_TABLES",
-    "LICENCE",
-    "SOURCE",
-    "BadRange",
-    "CuratedHeight",
-    "CuratedRange",
-    "CuratedState",
-    "Norm",
-    "Triple",
-    "blind_ranges",
-    "curated_heights",
-    "curated_ranges",
-    "curated_states",
-    "judged_items",
-    "norm_items",
-    "norms",
-    "settled_findings",
-]
 
 #: Source ids of the rows in a release; they are the project's own words, under its own licence.
 SOURCE, NORMS = "judged", "norms"

@@ -2,20 +2,50 @@
 
 from __future__ import annotations
 
+import warnings
 from dataclasses import dataclass
 from typing import Literal, Protocol, get_args
 
+import msgspec
 import numpy as np
 from numpy.typing import NDArray
 
-from metric_tree.cutouts.guides import Guide
+from metric_base.errors import expect
 
-__all__ = ["BACKENDS", "RGB", "Auto", "Backend", "BackendName", "Foreground", "Settings"]
-
+Point = tuple[float, float]
 RGB = NDArray[np.uint8]
-
 BackendName = Literal["auto", "plain", "rembg"]
 BACKENDS: tuple[str, ...] = get_args(BackendName)
+
+
+class Guide(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
+    """Where the object is in one picture, by whom, and what the reviewer judges of the cut."""
+
+    picture: str
+    polygon: tuple[Point, ...] = ()
+    box: tuple[float, float, float, float] | None = None
+    object: tuple[tuple[Point, ...], ...] = ()
+    ground: tuple[tuple[Point, ...], ...] = ()
+    reviewer: str
+    verdict: Literal["good", "poor"] = "good"
+    why: str = ""
+    #: The old name of `object`, read for one release.
+    thing: tuple[tuple[Point, ...], ...] = ()
+
+    def __post_init__(self) -> None:
+        if self.thing:
+            warnings.warn("the field 'thing' of a guide is called 'object'", DeprecationWarning, stacklevel=2)
+            msgspec.structs.force_setattr(self, "object", self.object + self.thing)
+        expect(len(self.picture) == 64, "picture", "a sha256", self.picture)
+        drawn = (len(self.polygon) >= 3) + (self.box is not None)
+        expect(drawn == 1 or self.undrawn, "polygon, box", "three points or a box", "neither")
+        expect(bool(self.reviewer.strip()), "reviewer", "a name", self.reviewer)
+        expect(self.verdict == "good" or bool(self.why), "why", "a reason of a poor cut", self.why)
+
+    @property
+    def undrawn(self) -> bool:
+        """Whether its reviewer found nothing in the picture to draw round."""
+        return self.verdict == "poor" and not self.polygon and self.box is None
 
 
 @dataclass(frozen=True, slots=True, eq=False)

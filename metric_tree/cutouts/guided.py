@@ -1,27 +1,42 @@
-"""Foregrounds by a person's guide (`metric_tree.cutouts.guides`): GrabCut finds the edge that the guide only means."""
+"""Foregrounds by a person's guide (`metric_tree.cutouts.guided`): GrabCut finds the edge that the guide only means.
+
+Guides for cutting pictures, drawn by a person: where the object is.
+
+A file of guides has one JSON object a line: `picture` (sha256), one of `polygon` ([[x, y], ...]) and `box` ([x, y,
+width, height]), and `object` and `ground` (strokes, lists of points), in pixels of the upright picture; `verdict` is
+what its reviewer judges of the cut: `good`, or `poor` with `why`. A poor one needs no outline: no object is whole.
+"""
 
 from __future__ import annotations
+
+from pathlib import Path
 
 import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from metric_tree.cutouts.backend import RGB, Foreground
-from metric_tree.cutouts.guides import Guide
-
-__all__ = ["METHOD", "guided_foreground"]
+from metric_base.records import json_lines
+from metric_tree.cutouts.backend import RGB, Foreground, Guide
 
 METHOD = "guided"
-
 #: The guide's edge is off by this share of the object's shorter side: between its shrunken and its grown outline the
 #: picture decides.
 BAND = 0.09
-
 #: Width of a scribble in pixels, and rounds of GrabCut (Rother et al. 2004).
 STROKE, ROUNDS = 5, 5
-
 #: Standard deviation in pixels of the softened edge.
 SOFT = 0.8
+
+
+def guides(path: Path) -> dict[str, Guide]:
+    """The guides of a file by picture; a later one replaces an earlier one.
+
+    Raises
+    ------
+    InputError
+        A line is no guide; the message names file, line and field.
+    """
+    return {guide.picture: guide for _, guide in json_lines(path, Guide)}
 
 
 def guided_foreground(picture: RGB, guide: Guide) -> Foreground:

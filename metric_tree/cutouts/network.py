@@ -15,8 +15,6 @@ import numpy as np
 from metric_base.errors import InputError
 from metric_tree.cutouts.backend import RGB, Foreground
 
-__all__ = ["MODELS", "Network", "has_weights"]
-
 #: Open models that rembg knows, by name, with the licence of their weights. rembg's own default is not one of them.
 MODELS = {"u2net": "Apache-2.0", "u2netp": "Apache-2.0", "isnet-general-use": "Apache-2.0", "silueta": "Apache-2.0"}
 

@@ -17,8 +17,6 @@ from numpy.typing import NDArray
 
 from metric_tree.cutouts.backend import RGB, Foreground
 
-__all__ = ["METHOD", "Background", "Plain", "background"]
-
 METHOD = "plain"
 
 Mask = NDArray[np.bool_]

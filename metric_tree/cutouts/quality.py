@@ -10,8 +10,6 @@ from numpy.typing import NDArray
 
 from metric_tree.cutouts.backend import RGB
 
-__all__ = ["REASONS", "Assessment", "assessment"]
-
 #: Why a cut-out is set aside.
 REASONS = {
     "empty": "less than half a per cent of the picture is foreground",

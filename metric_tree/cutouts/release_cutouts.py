@@ -23,13 +23,11 @@ import pyarrow.parquet as pq
 from crawler.fetch.item_images import decode_picture
 from metric_base.errors import InputError
 from metric_base.files import inside
-from metric_tree.build.work_folder import BuildFolder, SerialExecutor, fingerprint, sole_writer
 from metric_tree.cutouts.backend import RGB, Auto, Backend, Settings
+from metric_tree.pipeline.work_folder import BuildFolder, SerialExecutor, fingerprint, sole_writer
 from metric_tree.release.images import image_path
 from metric_tree.release.release import Release, link_file, publish_release, sha256
 from metric_tree.release.schema import IMAGES
-
-__all__ = ["CUTOUTS", "TABLE", "Cut", "backend", "cut", "cut_release"]
 
 #: The table of all cuts inside a release, those set aside too.
 TABLE = "cutouts.parquet"

@@ -20,8 +20,6 @@ from metric_tree.context import Context, ContextModel, Likeness
 from metric_tree.fit.random_effects import CERTAIN_ROWS
 from metric_tree.prior import Prior
 
-__all__ = ["ContextCell", "cells_of", "class_contexts", "inner_contexts", "learn_contexts"]
-
 #: Years of one span: a car model lives for six, and fewer rows say less.
 YEAR_SPAN = 5
 

@@ -26,8 +26,6 @@ from metric_base.arrays import FloatArray, IntArray
 from metric_base.folders import taxonomy_directory
 from metric_tree.fit.random_effects import SourceMeans
 
-__all__ = ["KindModel", "learn_kinds", "shipped_model"]
-
 #: Prior standard deviation of a kind's bias (ln size). Kinds that are not here are of objects in the world: they define
 #: the target and have no bias. A shop's figure is of a real object and may differ from the
 #: objects in use by what people buy and keep, a few per cent; the others may be anything within a third.

@@ -20,8 +20,6 @@ from numpy.typing import NDArray
 from metric_base.arrays import FloatArray
 from metric_base.statistics import robust_sigma
 
-__all__ = ["Sameness", "class_sameness", "shrunk_sameness"]
-
 #: Rooms with two objects or more below which a class says nothing of its own.
 LEAST_ROOMS = 8
 

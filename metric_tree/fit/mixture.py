@@ -22,8 +22,6 @@ from numpy.typing import NDArray
 from metric_base.arrays import FloatArray
 from metric_base.statistics import gaussian_log_densities
 
-__all__ = ["SPREAD_FLOOR", "Belief", "Fitted", "Mixture", "Rows", "complete_rows", "fit_mixture"]
-
 #: Smallest standard deviation of ln size along any direction. Three per cent is the tolerance of catalogue figures
 #: (rounding to a centimetre, a spout or handle counted or not): held-out log density is better with it than without.
 SPREAD_FLOOR = 0.03

@@ -8,11 +8,9 @@ from dataclasses import dataclass
 import numpy as np
 
 from metric_base.arrays import FloatArray
-from metric_tree.fit.class_rows import ClassRows, nanmean, own_belief, statements_of, weighted_rows
 from metric_tree.fit.mixture import Belief, complete_rows, fit_mixture, raise_to_floor
 from metric_tree.fit.random_effects import SourceMeans, no_source_means, source_means, with_statements
-
-__all__ = ["VAGUE", "Moments", "correlated_covariance", "extent_moments", "moments"]
+from metric_tree.fit.rows import ClassRows, nanmean, own_belief, statements_of, weighted_rows
 
 #: Correlation between the axes of a class before any class is seen: a larger one is larger on all axes.
 CORRELATION = 0.6

@@ -25,40 +25,50 @@ from typing import Any, TypeVar
 import numpy as np
 import pyarrow as pa
 
-from crawler.imports.sources import Source, sources
+from crawler.imports.declaration import Source, sources
 from crawler.items import RawItem
 from metric_base.errors import InputError
 from metric_base.progress import ProgressCallback, silent
-from metric_tree.build.companions import add_pictures, height_records, state_records, write_log, write_texts, writers
-from metric_tree.build.frequencies import stated_frequencies
-from metric_tree.build.row_files import RowFiles, sibling_references
-from metric_tree.build.work_folder import BuildFolder, SerialExecutor, fingerprint, sole_writer
 from metric_tree.context import ContextModel
+from metric_tree.curated.rules import stated_frequencies
 from metric_tree.fit.class_prior import shrunk_between
 from metric_tree.fit.contexts import class_contexts, learn_contexts
-from metric_tree.fit.evidence import KIND_WEIGHT
 from metric_tree.fit.evidence_model import KindModel, learn_kinds
+from metric_tree.fit.rows import KIND_WEIGHT
 from metric_tree.pipeline.build_report import report
 from metric_tree.pipeline.clean import Cleaned, NodeClass, class_priors, clean_shard
+from metric_tree.pipeline.companion_files import (
+    add_pictures,
+    height_records,
+    state_records,
+    write_log,
+    write_texts,
+    writers,
+)
+from metric_tree.pipeline.hierarchy import Hierarchy, kept_categories
 from metric_tree.pipeline.ingest import SHARDS, Block, Ingested, block_of, blocks, ingest_block, items_of, raw_files
 from metric_tree.pipeline.tables import (
     JUDGED_SOURCE,
     NORM_SOURCE,
-    Hierarchy,
     evidence_counts,
-    kept_categories,
     node_counts,
     node_table,
     prior_table,
     source_records,
     tier_counts,
 )
+from metric_tree.pipeline.work_folder import (
+    BuildFolder,
+    RowFiles,
+    SerialExecutor,
+    fingerprint,
+    sibling_references,
+    sole_writer,
+)
 from metric_tree.prior import Prior
 from metric_tree.release.release import Release, publish_release
 from metric_tree.release.schema import IMAGES
 from taxonomy.categories import Taxonomy
-
-__all__ = ["Build", "BuildOptions", "Steps", "build_release", "shipped_curated", "shipped_taxonomy"]
 
 _R = TypeVar("_R")
 

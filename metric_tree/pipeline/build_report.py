@@ -9,16 +9,14 @@ from typing import Any
 import numpy as np
 import pyarrow as pa
 
-from metric_tree.build.leaf_findings import LeafSize, leaf_findings, titles
+from metric_tree.checks.leaves import LeafSize, leaf_findings, titles
 from metric_tree.curated.sizes import settled_findings
-from metric_tree.fit.evidence import JUDGED
 from metric_tree.fit.evidence_model import KindModel
+from metric_tree.fit.rows import JUDGED
 from metric_tree.pipeline.clean import NodeClass
-from metric_tree.pipeline.tables import Hierarchy
+from metric_tree.pipeline.hierarchy import Hierarchy
 from metric_tree.prior import Prior
 from taxonomy.categories import Category
-
-__all__ = ["disagreements", "is_mixed", "leaf_sizes", "report"]
 
 #: Ashman's D above which two Gaussians are cleanly parted (Ashman, Bird and Zepf 1994 give 2).
 MIN_ASHMAN_D = 2.0

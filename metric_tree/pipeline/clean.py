@@ -17,18 +17,15 @@ from metric_tree.axes import AXES, EXTENTS, axis_assignments
 from metric_tree.checks.duplicates import duplicates
 from metric_tree.checks.unit_errors import Reference, reference, slip_factors
 from metric_tree.fit.class_prior import class_prior
-from metric_tree.fit.class_rows import ClassRows, without_open_numbers
 from metric_tree.fit.contexts import ContextCell, cells_of
-from metric_tree.fit.evidence import JUDGED, NORM, STATEMENTS, STRONG
 from metric_tree.fit.evidence_model import KindModel
 from metric_tree.fit.intraclass_correlation import Sameness, class_sameness
 from metric_tree.fit.mixture import Belief
 from metric_tree.fit.moments import Moments, extent_moments, moments
+from metric_tree.fit.rows import JUDGED, NORM, STATEMENTS, STRONG, ClassRows, without_open_numbers
 from metric_tree.pipeline.ingest import refusal
 from metric_tree.prior import Prior
 from metric_tree.release.schema import ITEMS
-
-__all__ = ["REFUSALS", "Cleaned", "NodeClass", "class_priors", "clean_shard", "extents_of"]
 
 #: Rows of one source in one class that the fit takes, those of the lowest hash: its weight there is bounded anyway
 #: (`evidence.SOURCE_HALF`), and two hundred tell its mean to a fourteenth of its spread.

@@ -25,24 +25,8 @@ import pyarrow as pa
 from crawler.items import STATED_KINDS, RawItem, bounded_lines, items_of_lines
 from metric_base.errors import InputError
 from metric_tree.axes import Sizes, sizes_from_words, stated_sizes
-from metric_tree.build.exclusions import shipped_exclusions
+from metric_tree.curated.rules import shipped_exclusions
 from taxonomy.categories import Match, Taxonomy
-
-__all__ = [
-    "ROWS",
-    "SHARDS",
-    "Block",
-    "Ingested",
-    "believed_spread",
-    "block_of",
-    "blocks",
-    "ingest_block",
-    "is_held_out",
-    "item_hash",
-    "items_of",
-    "raw_files",
-    "stated_spread",
-]
 
 #: Shards of a build. A million rows are then 16,000 a shard, a few megabytes; ten million still fit in a worker.
 SHARDS = 64

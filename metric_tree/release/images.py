@@ -17,17 +17,15 @@ import pyarrow as pa
 import pyarrow.compute as pc
 
 from crawler.fetch.item_images import SCHEMA as PICTURE
-from metric_base.errors import in_file
-from metric_base.records import expect, json_record
+from metric_base.errors import expect, in_file
+from metric_base.records import json_record
 from metric_tree.release.release import link_file, sha256
 from metric_tree.release.schema import IMAGES
-
-__all__ = ["FOLDER", "Gathered", "collect_pictures", "image_path", "picture_files"]
 
 #: Where pictures lie inside a release, as inside a crawl.
 FOLDER = "pictures"
 
-#: Segments of picture records (`crawler.fetch.segments`).
+#: Segments of picture records (`crawler.fetch.crawl`).
 _SEGMENT = re.compile(r"pictures-\d+-\d+\.jsonl")
 
 #: The only paths that a record may name: what `crawler.fetch.item_images` writes.

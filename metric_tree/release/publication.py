@@ -10,14 +10,12 @@ from typing import Any
 import pyarrow as pa
 import pyarrow.parquet as pq
 
-from explorer.tables import csv_text
 from metric_base.errors import InputError
 from metric_base.files import whole_folder
+from metric_base.records import csv_text
 from metric_tree.release.images import FOLDER
 from metric_tree.release.release import link_file, sha256
 from metric_tree.tree import Tree
-
-__all__ = ["TABLES", "publish"]
 
 #: The tables of a publication and what a row of each is; a reader of the hub shows the first of them.
 TABLES = {

@@ -21,8 +21,6 @@ from metric_base.errors import InputError
 from metric_base.escaping import visible
 from metric_tree.release.schema import ADDED_COLUMNS, FORMER_TYPES, SCHEMA, TABLES
 
-__all__ = ["MANIFEST", "BadRelease", "Release", "link_file", "open_release", "publish_release", "see_nodes", "sha256"]
-
 MANIFEST = "manifest.json"
 
 #: What a manifest must hold (docs/reference/formats.md).

@@ -6,8 +6,6 @@ import pyarrow as pa
 
 from metric_tree.prior import SHARED_KINDS
 
-__all__ = ["ADDED_COLUMNS", "FORMER_TYPES", "IMAGES", "ITEMS", "NODES", "PRIORS", "SCHEMA", "TABLES"]
-
 SCHEMA = "metric-tree/1"
 
 

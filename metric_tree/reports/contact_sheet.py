@@ -19,10 +19,8 @@ from typing import Any
 from crawler.fetch.item_images import decode_picture
 from metric_base.errors import InputError
 from metric_base.files import output_file, whole_file
+from metric_tree.node import Node
 from metric_tree.release.images import image_path
-from metric_tree.tree import Node
-
-__all__ = ["Tile", "bar_length", "picture_rows", "tiles", "write_sheet"]
 
 #: Sheet in pixels: width, margin, gap between objects, height of the two lines under an object.
 WIDTH, MARGIN, GAP, LABEL = 1600, 40, 30, 46

@@ -8,11 +8,9 @@ from typing import Any
 import numpy as np
 
 from metric_base.errors import InputError
+from metric_tree.node import Node
 from metric_tree.prior import INTERVAL_QUANTILES, Prior
 from metric_tree.tiers import tier_words
-from metric_tree.tree import Node
-
-__all__ = ["KINDS", "everyday_sentence", "is_mixed", "item_quantiles", "node_sentence", "shipped_evidence"]
 
 #: Kinds of evidence of items (`metric_tree.release.schema.ITEMS`).
 KINDS = ("measured", "product", "standard", "norm", "statistic", "judged", "curated", "asset", "museum", "default")

@@ -10,22 +10,10 @@ import numpy as np
 import pyarrow as pa
 
 from crawler.items import STATED_KINDS
+from metric_tree.node import Node, UnknownName
 from metric_tree.pipeline.build_report import MIN_COMPONENT_SHARE, is_mixed
-from metric_tree.tree import Node, Tree, UnknownName
+from metric_tree.tree import Tree
 from taxonomy.label_lists import Label, vocabulary
-
-__all__ = [
-    "MIN_ITEMS",
-    "Coverage",
-    "coverage",
-    "covered_items",
-    "disagreements",
-    "known_shares",
-    "level_counts",
-    "mixed_leaves",
-    "source_counts",
-    "typical_nodes",
-]
 
 #: Fewer items than this say little about a distribution.
 MIN_ITEMS = 10

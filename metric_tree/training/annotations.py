@@ -13,8 +13,6 @@ from metric_base.arrays import BoolArray, IntArray
 from metric_base.errors import InputError
 from metric_base.images import read_picture
 
-__all__ = ["AnnotatedObject", "AnnotatedPicture", "BadAnnotations", "coded_picture", "run_lengths"]
-
 
 class BadAnnotations(InputError):
     """Annotations that cannot be read: file, field, expected, found."""

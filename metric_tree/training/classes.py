@@ -6,9 +6,8 @@ from collections import Counter
 from collections.abc import Iterable, Sequence
 
 from metric_base.errors import InputError
-from metric_tree.tree import Node, Tree, UnknownName
-
-__all__ = ["Classes"]
+from metric_tree.node import Node, UnknownName
+from metric_tree.tree import Tree
 
 
 class Classes:

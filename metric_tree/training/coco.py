@@ -10,8 +10,6 @@ from typing import Any
 from metric_base.input_files import MAX_JSON_BYTES, read_text
 from metric_tree.training.annotations import AnnotatedObject, AnnotatedPicture, BadAnnotations
 
-__all__ = ["LISTS", "coco_pictures"]
-
 #: How its names are read.
 LISTS = ("coco_80", "lvis_v1")
 

@@ -5,6 +5,8 @@ size from the tree and that scale, times a jitter that stands for its distance. 
 fill the picture is not placed: so a mouse is seen beside a keyboard and a car beside a person. Nearer objects are
 larger, lower, and in front. Cut-outs are pasted with several borders (Dwibedi, Misra, Hebert 2017, "Cut, Paste and
 Learn"), lest a detector learn the seam.
+
+The cut-outs of a release as objects to paste: a file, a class, and a true size from the tree.
 """
 
 from __future__ import annotations
@@ -19,14 +21,16 @@ from numpy.typing import NDArray
 
 from metric_base.arrays import BoolArray
 from metric_base.images import read_picture
+from metric_tree.axes import AXES
+from metric_tree.node import Node, NoPrior
+from metric_tree.release.images import image_path
 from metric_tree.training.annotations import BadAnnotations
-from metric_tree.training.pasted import Cutout
+from metric_tree.training.classes import Classes
 
-__all__ = ["Composition", "Pasted", "compose", "random_background"]
-
+#: Sizes drawn from the prior for an item that states none of its own.
+MAX_DRAWS = 16
 Picture = NDArray[np.uint8]
 Labels = NDArray[np.int16]
-
 #: Objects tried per picture; COCO has seven on average.
 LEAST_OBJECTS, MOST_OBJECTS = 2, 9
 #: Cut-outs looked at for each object until one has a plausible size at the picture's scale.
@@ -49,6 +53,63 @@ HUE_SHARE = 0.35
 MIN_OPAQUE_ALPHA = 128
 #: Longest side at which a cut-out is kept in memory; enough for MOST_SIDE_SHARE of a picture of 640 pixels.
 KEPT_SIDE_PX, KEPT_CUTOUTS = 640, 64
+
+
+@dataclass(frozen=True, slots=True)
+class Cutout:
+    """An RGBA cut-out of one item.
+
+    category : the class's id. axis : what of the picture `sizes_mm` is the size of: `height` of the cut-out's tight
+    box, or its `longest` side. sizes_mm : the item's own size, or draws from its node's prior.
+    """
+
+    item_id: str
+    node_id: str
+    category: int
+    file: Path
+    licence: str | None
+    axis: str
+    sizes_mm: tuple[float, ...]
+
+
+def cutouts_of(classes: Classes, seed: int) -> list[Cutout]:
+    """The cut-outs of the classes' nodes, in the order of their items and images.
+
+    A shop photographs an upright object from the front: its picture's height is the object's. What lies flat is shown
+    from above and what has no pose from any side: there the longest side of the picture is the longest extent.
+    """
+    cutouts = []
+    for category, root in enumerate(classes.nodes, start=1):
+        sizes = {row["item_id"]: row for row in root.items().to_pylist()}
+        rows = [row for row in root.images().to_pylist() if row["cutout_path"]]
+        for row in sorted(rows, key=lambda row: (row["item_id"], row["image_id"])):
+            node = classes.tree.node(row["node_id"])
+            axis, values = _size(sizes.get(row["item_id"], {}), node, seed)
+            file = image_path(classes.tree.release.directory, row, "cutout_path")
+            if values and file is not None:
+                cutouts.append(Cutout(row["item_id"], row["node_id"], category, file, row["licence"], axis, values))
+    return cutouts
+
+
+def _size(item: dict[str, object], node: Node, seed: int) -> tuple[str, tuple[float, ...]]:
+    """What the size is of, and the item's own size, else draws from the prior of its node or the first one above."""
+    known = [float(str(item[f"{axis}_mm"])) for axis in AXES if item.get(f"{axis}_mm") is not None]
+    if node.pose == "upright" and item.get("height_mm") is not None:
+        return "height", (float(str(item["height_mm"])),)
+    if len(known) > 1 and node.pose != "upright":
+        return "longest", (max(known),)
+    above: Node | None = node
+    while above is not None:
+        try:
+            prior = above.prior()
+        except NoPrior:
+            above = above.parent
+            continue
+        drawn = prior.sample(MAX_DRAWS, seed)
+        if node.pose == "upright" and "height" in prior.dims:
+            return "height", tuple(drawn[:, prior.dims.index("height")].tolist())
+        return "longest", tuple(np.max(drawn, axis=1).tolist())
+    return "longest", ()
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -19,10 +19,7 @@ from metric_base.files import whole_folder
 from metric_base.images import read_picture
 from metric_tree.training.annotations import AnnotatedPicture, BadAnnotations, run_lengths
 from metric_tree.training.classes import Classes
-from metric_tree.training.composition import Picture, compose, random_background
-from metric_tree.training.pasted import Cutout
-
-__all__ = ["SPLITS", "DatasetSummary", "Plan", "background_files", "export_dataset"]
+from metric_tree.training.composition import Cutout, Picture, compose, random_background
 
 SPLITS = ("train", "val")
 

@@ -14,8 +14,6 @@ from pathlib import Path
 from metric_base.images import read_picture
 from metric_tree.training.annotations import AnnotatedObject, AnnotatedPicture, BadAnnotations, run_lengths
 
-__all__ = ["LISTS", "open_images_pictures"]
-
 #: How its names are read.
 LISTS = ("openimages_601",)
 

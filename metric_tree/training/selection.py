@@ -22,22 +22,11 @@ import numpy as np
 
 from metric_base.arrays import FloatArray
 from metric_base.folders import taxonomy_directory
+from metric_tree.node import Node, NoPrior
 from metric_tree.prior import Prior
-from metric_tree.tree import Node, NoPrior, Tree
+from metric_tree.tree import Tree
 from taxonomy.label_lists import vocabulary
 from taxonomy.levels import table_rows
-
-__all__ = [
-    "TRAINING_LISTS",
-    "CategoryCandidate",
-    "Rules",
-    "candidates",
-    "choose",
-    "divergence",
-    "narrowing",
-    "paper_selection",
-    "reason_against",
-]
 
 #: Lists of data sets with instance masks that anyone can train on: the paper's three, and LVIS.
 TRAINING_LISTS = ("coco_80", "ade20k_150", "openimages_601", "lvis_v1")

@@ -17,8 +17,6 @@ from metric_base.errors import InputError
 from metric_base.files import whole_file
 from metric_tree.training.selection import TRAINING_LISTS, CategoryCandidate, Rules
 
-__all__ = ["SUFFIXES", "write_figure"]
-
 SUFFIXES = (".png", ".svg", ".pdf")
 
 #: Told apart by people who see no red and green too (Okabe and Ito 2008).

@@ -16,8 +16,6 @@ import numpy as np
 from metric_base.arrays import FloatArray
 from models3d.model import Material, Pixels
 
-__all__ = ["Coordinates", "Materials"]
-
 #: What is seen of glass itself, its own colour, where all light goes through.
 PANE = 0.15
 

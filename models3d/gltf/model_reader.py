@@ -8,15 +8,12 @@ from typing import Any
 
 import numpy as np
 
-from metric_base.errors import FieldError, InputError, Unquoted, at_field, in_file
-from metric_base.records import expect
+from metric_base.errors import FieldError, InputError, Unquoted, at_field, expect, in_file
 from models3d.gltf.animation import GltfAnimation, posed_nodes, read_animation
 from models3d.gltf.document import MAX_TRIANGLES, GltfDocument, world_transforms
 from models3d.gltf.materials import Materials
 from models3d.gltf.primitives import FACES, Primitive, read_primitive
 from models3d.model import Animation, Model, Part
-
-__all__ = ["read_model"]
 
 #: Maximum absolute coordinate of a vertex, in metres.
 MAX_METRES = 1e9

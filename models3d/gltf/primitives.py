@@ -8,13 +8,10 @@ from typing import Any
 import numpy as np
 
 from metric_base.arrays import FloatArray, IntArray
-from metric_base.errors import Unquoted
-from metric_base.records import expect
+from metric_base.errors import Unquoted, expect
 from models3d.gltf.document import TRIANGLE_FAN, TRIANGLE_STRIP, TRIANGLES, GltfDocument, skin_transforms
 from models3d.gltf.materials import Materials
 from models3d.model import Material, Part
-
-__all__ = ["FACES", "Primitive", "read_primitive"]
 
 #: Values of `primitive.mode` that have faces.
 FACES = (TRIANGLES, TRIANGLE_STRIP, TRIANGLE_FAN)

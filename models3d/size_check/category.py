@@ -7,10 +7,9 @@ from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
 
 from metric_base.errors import InputError
-from metric_tree.tree import DETECTORS, Node, Tree
+from metric_tree.node import Node
+from metric_tree.tree import DETECTORS, Tree
 from models3d.asset import Word
-
-__all__ = ["NamedCategory", "category_of_words", "is_miniature", "named_category"]
 
 #: How much a text counts, by where it is from: a semantic label is made to be read, a material rarely names the object.
 SOURCE_WEIGHT = {

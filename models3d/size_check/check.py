@@ -4,33 +4,21 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from functools import lru_cache
 from itertools import combinations
 from pathlib import Path
 from typing import Any, Literal
 
-from estimator.assets.true_size import TrueSize, true_size
-from metric_tree.tree import Node, Tree, open_tree
+from metric_tree.node import Node
+from metric_tree.tree import Tree, open_tree
 from models3d.asset import Asset, AssetBody, Up, Word, joined_body
 from models3d.formats import read_asset
 from models3d.size_check.category import NamedCategory, category_of_words, is_miniature, named_category
 from models3d.size_check.hypotheses import CHANCE, NAMED_MINIATURE, TOY_CHANCE, ScaleHypothesis, What, hypotheses
-from models3d.size_check.size_model import SizeModel, size_model
-
-__all__ = [
-    "SCHEMA",
-    "AssetCheck",
-    "Verdict",
-    "check_asset",
-    "check_bodies",
-    "extents_text",
-    "node_model",
-    "verdict_line",
-]
+from models3d.size_check.size_model import extents_text, node_model, node_tier
+from models3d.size_check.true_size import TrueSize, true_size
 
 SCHEMA = "metric-tree/asset/1"
 Verdict = Literal["right", "wrong unit", "arbitrary scale", "turned", "stretched", "miniature", "not known"]
-
 #: An object is called wrong from this probability of all that is wrong with a scale. On the half of the categories
 #: that chose it, fewer than one right model in thirty is called wrong (docs/evidence/assets.md).
 MIN_WRONG = 0.6
@@ -44,7 +32,6 @@ TOY_KINDS = frozenset({"vehicle.n.01", "animal.n.01", "craft.n.02"})
 MAX_OBJECTS = 200
 #: Hypotheses of less probability are not listed.
 LISTED_PROBABILITY = 0.01
-
 VERDICTS: dict[What, Verdict] = {
     "right": "right", "unit": "wrong unit", "arbitrary": "arbitrary scale", "miniature": "miniature",
     "stretched": "stretched", "unlike": "not known",
@@ -176,26 +163,6 @@ def _miniature_chance(words: Sequence[Word], node: Node) -> float:
     return TOY_CHANCE if TOY_KINDS & {node.node_id, *node.hypernyms} else CHANCE["miniature"]
 
 
-def node_tier(node: Node) -> str | None:
-    """What the node's sizes rest on, None in a release that does not say."""
-    tier: str | None = getattr(node, "tier", None)
-    return tier
-
-
-def node_model(tree: Tree, node_id: str, is_broader: bool = False) -> SizeModel | None:
-    """The size model of a node over as many dimensions as its priors have; None if it has no prior."""
-    return _models(tree, node_id, is_broader)
-
-
-@lru_cache(maxsize=4096)
-def _models(tree: Tree, node_id: str, is_broader: bool) -> SizeModel | None:
-    node = tree.node(node_id)
-    if not node.prior_dims:
-        return None
-    dims = max(node.prior_dims, key=lambda names: (len(names), names == node.dims))
-    return size_model(node.prior(dims), node_tier(node), is_broader=is_broader)
-
-
 def _verdict(explanations: Sequence[ScaleHypothesis]) -> tuple[Verdict, float | None, float]:
     """The verdict, its factor and its probability, from the posterior of all hypotheses."""
     chance: dict[tuple[What, float | None], float] = {}
@@ -240,10 +207,3 @@ def verdict_line(check: AssetCheck) -> str:
     likely = f"; such objects are {height[0]:.3g} to {height[2]:.3g} m high" if height else ""
     times = f"x {check.factor:.4g}, " if check.factor is not None else ""
     return f"{check.verdict} ({times}p = {check.probability:.2f}): {what}, {size}{likely}"
-
-
-def extents_text(extents: Sequence[float]) -> str:
-    """Extents in words of a person: `0.52 x 0.90 x 0.50 m`, millimetres below 10 cm."""
-    if max(extents) < 0.1:
-        return " x ".join(f"{1000 * one:.3g}" for one in extents) + " mm"
-    return " x ".join(f"{one:.3g}" for one in extents) + " m"

@@ -17,17 +17,6 @@ from metric_base.arrays import FloatArray
 from models3d.asset import AXES, AssetBody, Up
 from models3d.size_check.size_model import SizeModel
 
-__all__ = [
-    "CHANCE",
-    "NAMED_MINIATURE",
-    "TOY_CHANCE",
-    "UNIT_FACTORS",
-    "ScaleHypothesis",
-    "What",
-    "hypotheses",
-    "ordered_sizes",
-]
-
 What = Literal["right", "unit", "arbitrary", "miniature", "stretched", "unlike"]
 
 #: Chance of each kind before the extents are seen. A file that is as it should be is the common case; of the faults

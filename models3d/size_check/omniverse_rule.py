@@ -9,8 +9,6 @@ from __future__ import annotations
 from pathlib import Path
 from typing import Any
 
-__all__ = ["plugin"]
-
 CATEGORY = "Metric-Tree"
 
 

@@ -10,8 +10,6 @@ from pathlib import Path
 from metric_base.files import whole_file
 from models3d.size_check.check import AssetCheck, verdict_line
 
-__all__ = ["drawing", "write_report"]
-
 #: Height of the person in metres, and of the drawing in pixels.
 PERSON_M, HEIGHT_PX, MARGIN_PX = 1.75, 260, 24
 #: A box that is drawn is at least this share of the tallest one; a smaller one is a mark with its size in words.

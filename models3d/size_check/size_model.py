@@ -9,15 +9,16 @@ With x = ln of the extents in mm and a component k of the prior,
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
-from functools import cached_property
+from functools import cached_property, lru_cache
 
 import numpy as np
 
 from metric_base.arrays import FloatArray
+from metric_tree.node import Node
 from metric_tree.prior import Prior
-
-__all__ = ["SizeModel", "size_model"]
+from metric_tree.tree import Tree
 
 #: Error of an artist's model: common to its sides, and of each side (sd of the natural log). Chosen on half of the
 #: categories of 707 open models (docs/evidence/assets.md).
@@ -30,9 +31,17 @@ UNLIKE_SHARE = {"norm": 0.05, "measured": 0.05, "few": 0.08, "models": 0.08, "bo
 UNLIKE_UNKNOWN = 0.1
 #: The least share where the category is a broader kind of what the file names.
 UNLIKE_BROADER = 0.3
-
 NAMED = ("length", "width", "height")
 SORTED = ("extent1", "extent2", "extent3")
+
+
+@lru_cache(maxsize=4096)
+def _models(tree: Tree, node_id: str, is_broader: bool) -> SizeModel | None:
+    node = tree.node(node_id)
+    if not node.prior_dims:
+        return None
+    dims = max(node.prior_dims, key=lambda names: (len(names), names == node.dims))
+    return size_model(node.prior(dims), node_tier(node), is_broader=is_broader)
 
 
 @dataclass(frozen=True, eq=False)
@@ -132,3 +141,21 @@ def size_model(prior: Prior, tier: str | None, *, is_broader: bool = False) -> S
         np.concatenate([prior.means, prior.means]),
         np.concatenate([body, body + unlike]),
     )
+
+
+def node_tier(node: Node) -> str | None:
+    """What the node's sizes rest on, None in a release that does not say."""
+    tier: str | None = getattr(node, "tier", None)
+    return tier
+
+
+def node_model(tree: Tree, node_id: str, is_broader: bool = False) -> SizeModel | None:
+    """The size model of a node over as many dimensions as its priors have; None if it has no prior."""
+    return _models(tree, node_id, is_broader)
+
+
+def extents_text(extents: Sequence[float]) -> str:
+    """Extents in words of a person: `0.52 x 0.90 x 0.50 m`, millimetres below 10 cm."""
+    if max(extents) < 0.1:
+        return " x ".join(f"{1000 * one:.3g}" for one in extents) + " mm"
+    return " x ".join(f"{one:.3g}" for one in extents) + " m"

@@ -8,11 +8,8 @@ from typing import Any
 
 import numpy as np
 
-from metric_base.errors import FieldError, Unquoted, in_file
-from metric_base.records import expect
+from metric_base.errors import FieldError, Unquoted, expect, in_file
 from models3d.asset import Asset, AssetBody, Up, Word, body_of
-
-__all__ = ["read_usd"]
 
 #: Largest file, most files that it may be composed of, most prims.
 MAX_BYTES, MAX_LAYERS, MAX_PRIMS = 1 << 29, 500, 200_000

@@ -9,9 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from metric_base.images import write_picture
-from models3d.model import Material
-
-__all__ = ["TEXTURES", "bind_material"]
+from models3d.model import Material, Part
 
 #: The folder of the textures, beside the stage.
 TEXTURES = "textures"
@@ -138,3 +136,27 @@ def _set_emission(surface: Any, material: Material, images: _Images) -> None:
         _connect(surface, "emissiveColor", "Color3f", image, "rgb")
     elif any(factor):
         surface.CreateInput("emissiveColor", Sdf.ValueTypeNames.Color3f).Set(Gf.Vec3f(*factor))
+
+
+def write_mesh(stage: Any, path: str, part: Part) -> Any:
+    """Define a `UsdGeom.Mesh` at `path` with the points, normals, colours and texture coordinates of a part."""
+    from pxr import Sdf, UsdGeom, Vt
+
+    mesh = UsdGeom.Mesh.Define(stage, path)
+    points = part.vertices.astype("f4")
+    mesh.CreatePointsAttr(Vt.Vec3fArray.FromNumpy(points))
+    mesh.CreateExtentAttr(Vt.Vec3fArray.FromNumpy(np.stack([points.min(axis=0), points.max(axis=0)])))
+    mesh.CreateFaceVertexCountsAttr(Vt.IntArray.FromNumpy(np.full(len(part.faces), 3, "i4")))
+    mesh.CreateFaceVertexIndicesAttr(Vt.IntArray.FromNumpy(part.faces.astype("i4").ravel()))
+    mesh.CreateNormalsAttr(Vt.Vec3fArray.FromNumpy(part.normals.astype("f4")))
+    mesh.SetNormalsInterpolation(UsdGeom.Tokens.vertex)
+    mesh.CreateSubdivisionSchemeAttr(UsdGeom.Tokens.none)
+    mesh.CreateDoubleSidedAttr(True)
+    if part.color is not None:
+        tint = (part.color[:, :3] * part.material.base_color[:3]).astype("f4")
+        mesh.CreateDisplayColorPrimvar(UsdGeom.Tokens.vertex).Set(Vt.Vec3fArray.FromNumpy(tint))
+    # USD counts v upwards, glTF downwards
+    uv = (part.uv * [1, -1] + [0, 1]).astype("f4")
+    primvar = UsdGeom.PrimvarsAPI(mesh).CreatePrimvar("st", Sdf.ValueTypeNames.TexCoord2fArray, UsdGeom.Tokens.vertex)
+    primvar.Set(Vt.Vec2fArray.FromNumpy(uv))
+    return mesh

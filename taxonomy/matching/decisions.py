@@ -15,28 +15,10 @@ from typing import Literal
 
 import msgspec
 
-from metric_base.errors import InputError, in_file
+from metric_base.errors import InputError, expect, in_file
 from metric_base.files import whole_file
 from metric_base.folders import is_checkout, taxonomy_directory, user_data_folder
-from metric_base.records import expect, json_lines
-
-__all__ = [
-    "EVERY_SOURCE",
-    "WITHDRAWN",
-    "Agreement",
-    "BadDecision",
-    "Decision",
-    "agreement",
-    "decision_folders",
-    "decisions",
-    "default_rulings",
-    "disagreements",
-    "record_decision",
-    "record_folder",
-    "rulings",
-    "standing",
-    "waiting",
-]
+from metric_base.records import json_lines
 
 #: What a decision is about: the concept of a source's words, or the parent of an inserted category.
 What = Literal["match", "insertion"]

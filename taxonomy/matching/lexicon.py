@@ -7,12 +7,10 @@ from collections.abc import Iterator, Mapping
 from functools import cache, cached_property
 
 from taxonomy.catalogue import default_catalogue
-from taxonomy.inserted_categories import PREFIX, InsertedCategory, insertions
+from taxonomy.categories import PREFIX, InsertedCategory, insertions
 from taxonomy.wordnet import WordNet, default_wordnet
 from taxonomy.words.senses import Sense
 from taxonomy.words.spelling import by_letters, fold_text, written_forms
-
-__all__ = ["Lexicon", "default_lexicon"]
 
 
 class Lexicon:

@@ -10,12 +10,10 @@ from typing import Literal
 
 import msgspec
 
-from metric_base.errors import InputError, at_field, in_file
+from metric_base.errors import InputError, at_field, expect, in_file
 from metric_base.folders import taxonomy_directory
-from metric_base.records import expect, record_of, toml_table
+from metric_base.records import record_of, toml_table
 from taxonomy.matching.sense_choice import DOMAINS
-
-__all__ = ["BadReading", "Reading", "Words", "default_readings", "reading_of", "readings"]
 
 #: `last` the last element of the category path; `path` all of it as one name (`coin 25 cents`); `alternatives` the
 #: words of its last element between commas, of which the first known counts; `title, last` the title, then the path.

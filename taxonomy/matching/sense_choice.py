@@ -6,10 +6,8 @@ from collections.abc import Collection, Sequence
 from dataclasses import dataclass
 from typing import Literal
 
-from taxonomy.inserted_categories import PREFIX
+from taxonomy.categories import PREFIX
 from taxonomy.words.senses import Sense, reviewed_meanings
-
-__all__ = ["DOMAINS", "Certainty", "Domain", "chosen_sense", "fits"]
 
 #: Why a sense was chosen: no other is possible; the domain prefers it; the category path names it too; it is
 #: the usual one in a reviewed order; it is the most frequent of several; it is the only one possible, yet not frequent.

@@ -11,8 +11,6 @@ from typing import NamedTuple  # which takes a quarter of a dataclass's time in 
 from taxonomy.words.senses import Sense, label_votes, reviewed_meanings, senses
 from taxonomy.words.spelling import by_letters, fold_text, passed_initials, plain_fold
 
-__all__ = ["NEAR_RATIO", "PERSON", "Candidate", "NameAnswer", "Names", "folded_forms", "own_names"]
-
 #: A juicer is an appliance before it is somebody.
 PERSON = "person.n.01"
 

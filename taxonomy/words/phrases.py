@@ -9,19 +9,6 @@ from itertools import pairwise
 
 from metric_base.folders import taxonomy_directory
 
-__all__ = [
-    "after_counts",
-    "container_and_content",
-    "endings",
-    "is_plain_adjective",
-    "leading_phrase",
-    "modifiers",
-    "noun_phrase",
-    "pairs",
-    "without_numbers",
-    "word_list",
-]
-
 # patterns are texts, which `re` compiles when one is first used and keeps: most names need none of them
 _ASIDES = r"\([^()]*\)|\[[^\[\]]*\]"
 _QUOTED = r"[\"“”][^\"“”]*[\"“”]|(?<!\w)['‘][^'’]+['’](?!\w)"

@@ -19,20 +19,6 @@ from typing import NamedTuple
 from metric_base.folders import taxonomy_directory
 from taxonomy.words.spelling import is_american, plain_fold, without_accents
 
-__all__ = [
-    "Meanings",
-    "Sense",
-    "coded_node",
-    "head_trust",
-    "is_english",
-    "label_votes",
-    "listed_nodes",
-    "node_uses",
-    "other_names",
-    "reviewed_meanings",
-    "senses",
-]
-
 # A scan of the longest table takes a millisecond, its index 40: it is made for those who ask often.
 MAX_SCANS = 50
 _ASKED: Counter[str] = Counter()

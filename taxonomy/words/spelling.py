@@ -9,20 +9,6 @@ from collections import defaultdict
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from functools import lru_cache
 
-__all__ = [
-    "by_letters",
-    "fold_text",
-    "is_american",
-    "one_edit",
-    "passed_initials",
-    "plain_fold",
-    "singular_phrases",
-    "singulars",
-    "spelling_of",
-    "without_accents",
-    "written_forms",
-]
-
 #: British to American, as WordNet's lemmas are spelt; whole words only, singular and plural.
 _SPELLINGS = {
     "aeroplane": "airplane", "aluminium": "aluminum", "armour": "armor", "catalogue": "catalog", "centre": "center",

@@ -11,9 +11,10 @@ from PIL import Image
 
 from estimator.evidence.gps import Gps
 from estimator.evidence.known_lengths import parse_known_lengths
+from estimator.instances.instance_reader import read_instances
 from estimator.pipeline import measure_objects
 from estimator.projection.cameras import pixels_in_view
-from estimator.reconstructions.scene_reader import read_instances, read_scene
+from estimator.reconstructions.scene_reader import read_scene
 
 PAGE = Path(__file__).resolve().parents[2] / "docs" / "reference" / "formats.md"
 #: A file's name in backquotes, the rest of its line, and its content in a fence.

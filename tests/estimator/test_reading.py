@@ -10,7 +10,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from estimator.reconstructions.scene_reader import read_instances, read_instances_and_warnings, read_scene
+from estimator.instances.instance_reader import read_instances, read_instances_and_warnings
+from estimator.reconstructions.scene_reader import read_scene
 from metric_base.errors import InputError
 from tests.synthetic.small_scene import write_small_scene
 

@@ -11,7 +11,7 @@ import httpx
 import pytest
 import uvicorn
 
-from explorer.content.release_catalogue import ReleaseCatalogue
+from explorer.catalogue import ReleaseCatalogue
 from explorer.server.app import application
 from explorer.static_site import write_site
 from metric_tree.tree import Tree, open_tree

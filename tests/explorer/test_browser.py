@@ -15,7 +15,7 @@ import pytest
 
 import metric_tree
 from estimator.views.glb import glb_bytes
-from explorer.content.release_catalogue import ReleaseCatalogue
+from explorer.catalogue import ReleaseCatalogue
 from explorer.routes import answer
 from tests.synthetic.browser import Browser
 from tests.synthetic.views import hand_view

@@ -10,8 +10,8 @@ from pathlib import Path
 import pytest
 
 import metric_tree
-from explorer.content.answers import sentence
-from explorer.content.release_catalogue import ReleaseCatalogue
+from explorer.catalogue import ReleaseCatalogue
+from explorer.responses import sentence
 from explorer.routes import answer, site_addresses
 from explorer.static_site import write_site
 from metric_base.errors import InputError
@@ -129,7 +129,7 @@ def test_a_site_replaces_nothing(trees: list[Tree], tmp_path: Path) -> None:
 
 
 def test_spreadsheets_run_no_cell() -> None:
-    from explorer.tables import csv_text
+    from metric_base.records import csv_text
 
     assert csv_text(["a"], [["=1+1"], ["plain"], [None], [[1.5, 2.0]]]) == b'a\n\'=1+1\nplain\n""\n1.5 2.0\n'
 

@@ -17,7 +17,7 @@ import schemathesis
 from hypothesis import HealthCheck, Phase, given, settings
 from schemathesis.specs.openapi.checks import positive_data_acceptance
 
-from explorer.content.release_catalogue import ReleaseCatalogue
+from explorer.catalogue import ReleaseCatalogue
 from explorer.schemas import NodeAnswer, PriorAnswer, Problem, SearchAnswer
 from tests.explorer.conftest import WEB
 
@@ -46,7 +46,7 @@ def test_questions_answer_as_the_tree_does(base: str, catalogue: ReleaseCatalogu
 
 
 def test_items_come_a_page_at_a_time(base: str, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("explorer.content.answers.PAGE_ROWS", 4)
+    monkeypatch.setattr("explorer.responses.PAGE_ROWS", 4)
     following, titles = "v1/nodes/pointer.n.01/items?page=cDE", []
     while following:
         page = WEB.get(f"{base}/{following}").json()

@@ -20,8 +20,8 @@ import pytest
 import metric_tree
 from metric_base.errors import InputError
 from metric_cli.subcommands import main
-from metric_tree.diff import release_diff
-from metric_tree.release_download import REGISTRY_VARIABLE, fetch_release, registry_entry
+from metric_tree.release.registry import REGISTRY_VARIABLE, fetch_release, registry_entry
+from metric_tree.reports.diff import release_diff
 from metric_tree.tree import Tree
 
 

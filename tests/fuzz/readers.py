@@ -9,7 +9,7 @@ from pathlib import Path
 import numpy as np
 
 from estimator.evidence.known_lengths import parse_known_lengths
-from estimator.instances.forms import read_instance_files
+from estimator.instances.instance_reader import read_instance_files
 from estimator.outputs.ground_truth import read_truth
 from estimator.reconstructions.objects_file import SCHEMA, read_objects
 from estimator.reconstructions.scene_reader import read_scene

@@ -12,16 +12,16 @@ import cv2
 import numpy as np
 from PIL import Image
 
+from benchmarks.user_study.answers import read_answers
+from benchmarks.user_study.curve import curve_of
+from benchmarks.user_study.page import ANSWERS_SCHEMA, STEPS
 from capture.sources.video import Video
 from estimator.detectors.detector import load_detector
-from estimator.evidence.depth_files import read_depth
+from estimator.evidence.depth_maps import read_depth
 from estimator.evidence.gps import Gps
 from estimator.reconstructions.scene_reader import read_scene
 from estimator.records.scene import Scene
 from insertion.scene.scale import read_scale
-from insertion.study.answers import read_answers
-from insertion.study.curve import curve_of
-from insertion.study.page import ANSWERS_SCHEMA, STEPS
 from metric_base.images import read_picture
 from models3d.gltf.model_reader import read_model
 from models3d.model import Part

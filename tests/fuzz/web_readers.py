@@ -12,11 +12,12 @@ from pathlib import Path
 import crawler.sites.registry
 from crawler.fetch.item_images import picture
 from crawler.imports import import_items, readings
-from crawler.imports.sources import source
+from crawler.imports.declaration import source
 from crawler.items import RawItem
-from crawler.page.page import absolute_url, page, saved_page
-from crawler.sites.registry import SITES, item_of, use_site
+from crawler.page.page import page, saved_page
+from crawler.page.urls import absolute_url
 from crawler.sites.listing import listed_items
+from crawler.sites.registry import SITES, item_of, use_site
 from metric_base.folders import data_folder
 from metric_tree.checks.release_files import findings
 from metric_tree.pipeline.ingest import blocks, items_of

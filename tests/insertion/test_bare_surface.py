@@ -8,11 +8,11 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from estimator.geometry.up import Up
+from estimator.records.objects import Up
 from estimator.records.scene import Camera, Scene, View
 from insertion.placement.at_pixel import place_at_point
 from insertion.placement.free_space import Space
-from insertion.placement.place import NoPlace
+from insertion.placement.placement import NoPlace
 from insertion.scene.point_cloud import Cloud
 from insertion.scene.supports import Supports, supports_of
 from metric_base.arrays import FloatArray

@@ -10,8 +10,7 @@ import numpy as np
 import pytest
 
 from capture.sources.video import Video
-from insertion.colour.source_frame import changed_frame, matrix_of
-from insertion.footage.video_writer import VideoWriter
+from insertion.footage.video_writer import VideoWriter, changed_frame, matrix_of
 
 TAGS = ("colorspace", "color_range", "color_primaries", "color_trc")
 #: pixel format, then matrix, range, primaries and transfer by their numbers: six kinds of video.

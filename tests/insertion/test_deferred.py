@@ -14,9 +14,9 @@ import pytest
 from insertion.light.environment_map import HEIGHT, WIDTH, Environment
 from insertion.render import deferred
 from insertion.render.body import body_of
-from insertion.render.context import gl_context
-from insertion.render.pinhole import Window
+from insertion.render.gpu import gl_context
 from insertion.render.renderer import ObjectImage, ObjectRenderer
+from insertion.scene.camera_rays import Window
 from metric_base.arrays import FloatArray
 from models3d.gltf.model_reader import read_model
 from tests.synthetic.insertions import write_glb

@@ -18,7 +18,7 @@ from insertion.light.environment_map import (
     reflection_levels,
     solid_angles,
 )
-from insertion.light.lamps_from_shading import Lamp
+from insertion.light.lamp_fit import Lamp
 from insertion.light.light_samples import (
     LAMP_SIGMA,
     LEAST_RADII,
@@ -29,7 +29,7 @@ from insertion.light.light_samples import (
     _points,
     environment_lights,
 )
-from insertion.placement.place import Place
+from insertion.placement.placement import Place
 from insertion.scene.occupancy import Occupancy
 from insertion.scene.point_cloud import Cloud
 

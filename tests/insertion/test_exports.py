@@ -16,7 +16,7 @@ import pytest
 
 from estimator.projection.cameras import pixels_in_view
 from estimator.scene_formats.nerfstudio import read_nerfstudio
-from insertion.blender.tracing import export_blend, traced_layers
+from insertion.blender.run import export_blend, traced_layers
 from insertion.exports.compositing import _normals
 from insertion.exports.gltf_scene import write_gltf_scene
 from insertion.exports.metric_frame import camera_keys, metric_frame, object_matrix

@@ -13,24 +13,33 @@ from unittest.mock import MagicMock
 import numpy as np
 import pytest
 
+from benchmarks.user_study.answers import ANSWERS, StudyAnswer
+from benchmarks.user_study.curve import (
+    SLIPS,
+    Observer,
+    Point,
+    StudyCurve,
+    _looking,
+    _table,
+    _tables,
+    fit_observer,
+    wilson,
+)
+from benchmarks.user_study.page import BIAS_SPREAD, expected_intervals
+from benchmarks.user_study.report import report_text
 from estimator.records.scene import Camera
 from insertion.blender import job
-from insertion.colour.source_frame import matrix_of
 from insertion.composite.compose import Joined
 from insertion.exports import compositing
 from insertion.exports.export_folder import LayerWriter
 from insertion.exports.metric_frame import MetricFrame, _key, frame_rate, keys_by_camera, metric_frame, object_matrix
 from insertion.footage.footage import STILLS_RATE
+from insertion.footage.video_writer import matrix_of
 from insertion.light.environment_map import HEIGHT, WIDTH, Environment
 from insertion.render.layers import ObjectLayers
-from insertion.render.pinhole import Window
 from insertion.render.renderer import ObjectImage
+from insertion.scene.camera_rays import Window, camera_rays
 from insertion.scene.pixel_box import PixelBox
-from insertion.scene.rays import camera_rays
-from insertion.study.answers import ANSWERS, StudyAnswer
-from insertion.study.curve import SLIPS, Observer, Point, StudyCurve, _looking, _table, _tables, fit_observer, wilson
-from insertion.study.plan import BIAS_SPREAD, expected_intervals
-from insertion.study.report import report_text
 from metric_base.images import read_picture
 from tests.insertion.test_received import _view
 

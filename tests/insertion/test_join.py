@@ -14,16 +14,15 @@ import pytest
 from estimator.records.scene import Camera, Instance, View
 from insertion.colour import linear_to_srgb
 from insertion.composite import compositor
+from insertion.composite.camera_look import Look
 from insertion.composite.compose import Joined, behind_each_other, compose, compose_traced
-from insertion.composite.exposure_and_grain import Look
 from insertion.composite.shadow_receivers import light_share, receivers_of
 from insertion.exports.compositing import CompositingLayers
 from insertion.footage.footage import Shot
 from insertion.light.environment_map import HEIGHT, WIDTH, Environment
 from insertion.render.body import Body, body_of, colliding, with_bodies
-from insertion.render.changed_pixels import window_behind
-from insertion.render.context import gl_context
-from insertion.render.layers import ObjectLayers, object_layers, through_lens
+from insertion.render.gpu import gl_context
+from insertion.render.layers import ObjectLayers, object_layers, through_lens, window_behind
 from insertion.render.renderer import ObjectImage, ObjectRenderer
 from insertion.scene.pixel_box import PixelBox
 from insertion.scene.point_cloud import FrontPoints

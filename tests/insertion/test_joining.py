@@ -8,11 +8,20 @@ import numpy as np
 import pytest
 
 from insertion.colour import linear_to_srgb, luminance, srgb_to_linear
-from insertion.composite import exposure_and_grain as match
+from insertion.composite import camera_look as match
 from insertion.composite import occlusion, shadow_receivers
-from insertion.composite.blur import BLUR_PX, REACH_PX, _direction, _with_widths, blur_layer, gradients
+from insertion.composite.camera_look import (
+    BLUR_PX,
+    REACH_PX,
+    Look,
+    Looks,
+    _direction,
+    _with_widths,
+    blur_layer,
+    gradients,
+    grain,
+)
 from insertion.composite.compose import Joined, _covered_part, behind_each_other, compose
-from insertion.composite.exposure_and_grain import Look, Looks, grain
 from insertion.render.layers import ObjectLayers
 from insertion.render.renderer import ObjectImage
 from insertion.scene.pixel_box import PixelBox

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from scipy.ndimage import distance_transform_edt
 
-from insertion.light import lamps_from_shading as shading
+from insertion.light import lamp_fit as shading
 from insertion.light.lamp_candidates import (
     ABOVE,
     BEYOND,
@@ -28,7 +28,7 @@ from insertion.light.lamp_candidates import (
     lamp_irradiance,
     open_share,
 )
-from insertion.light.lit_planes import (
+from insertion.light.lamp_fit import (
     CELL_WIDTHS,
     INDEPENDENT_CELLS,
     OTHER_SIGMA,

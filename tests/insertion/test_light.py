@@ -7,7 +7,7 @@ import pytest
 
 from insertion.light.environment_estimate import WHITE_ALBEDO, _raise_top
 from insertion.light.environment_map import HEIGHT, WIDTH, Environment, LampSpots, map_directions, solid_angles
-from insertion.light.lamps_from_shading import Shading, fit_shading
+from insertion.light.lamp_fit import Shading, fit_shading
 from insertion.light.light_samples import environment_lights
 from insertion.scene.plane_cells import Patches
 from metric_base.arrays import FloatArray

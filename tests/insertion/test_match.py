@@ -6,8 +6,7 @@ import numpy as np
 import pytest
 
 from insertion.colour import srgb_to_linear
-from insertion.composite.blur import blur_layer, blur_of
-from insertion.composite.exposure_and_grain import Look, _blend, _gain, grain, look_of
+from insertion.composite.camera_look import Look, _blend, _gain, blur_layer, blur_of, grain, look_of
 from insertion.scene.pixel_box import PixelBox
 from insertion.scene.point_cloud import Cloud, FrontPoints
 

@@ -12,9 +12,9 @@ import numpy as np
 import pytest
 from scipy.ndimage import median_filter
 
-from estimator.geometry.planes import SupportPlane
+from estimator.projection.visibility import Visibility
+from estimator.records.objects import SupportPlane
 from estimator.records.scene import Camera, Instance, Scene, View
-from estimator.visibility.sights import Visibility
 from insertion.composite.compose import Joined, behind_each_other
 from insertion.composite.occlusion import (
     _by_vote,
@@ -28,8 +28,7 @@ from insertion.composite.occlusion import (
 from insertion.footage.footage import Shot
 from insertion.render.layers import ObjectLayers
 from insertion.render.renderer import ObjectImage
-from insertion.scene.carried_masks import MaskCarrier, _carry
-from insertion.scene.moving_masks import cloud_beside, moving_masks, points_beside, uprights
+from insertion.scene.frame_masks import MaskCarrier, _carry, cloud_beside, moving_masks, points_beside, uprights
 from insertion.scene.pixel_box import PixelBox
 from insertion.scene.point_cloud import Cloud, FrontPoints, front_points
 

@@ -8,15 +8,15 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from estimator.geometry.planes import SupportPlane
+from estimator.records.objects import SupportPlane
 from estimator.records.scene import Camera, Scene, View
 from insertion.colour import linear_to_srgb
 from insertion.footage.footage import Stills
+from insertion.light.environment_estimate import GROUND_ALBEDO, sky_light, sky_pixels
 from insertion.light.environment_map import HEIGHT, Environment, map_directions
-from insertion.light.sky import GROUND_ALBEDO, sky_light, sky_pixels
 from insertion.light.sun import sun_direction
+from insertion.scene.camera_rays import camera_rays
 from insertion.scene.point_cloud import Cloud
-from insertion.scene.rays import camera_rays
 from metric_base.arrays import FloatArray
 
 UP = np.array([0.0, 0.0, 1.0])

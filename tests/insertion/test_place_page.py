@@ -11,7 +11,7 @@ import cv2
 import numpy as np
 import pytest
 
-from insertion.placement.place import At
+from insertion.placement.placement import At
 from insertion.request import ObjectRequest
 from metric_cli.insert_object.insert import _command_again
 from tests.synthetic.browser import Browser

@@ -18,8 +18,8 @@ from insertion.insertion_scene import PreparedScene
 from insertion.placement.free_space import candidates
 from insertion.placement.model_size import model_size
 from insertion.placement.on_category import instances_named
-from insertion.placement.place import At, NoPlace
 from insertion.placement.placed_object import Placed, place_objects, space_for
+from insertion.placement.placement import At, NoPlace
 from insertion.placement.preview import write_preview
 from insertion.placement_page import PlacePage
 from insertion.request import ObjectRequest

@@ -11,7 +11,7 @@ from estimator.records.scene import Camera, View
 from insertion.composite.shadow_receivers import light_share, receivers_of
 from insertion.light.environment_map import HEIGHT, WIDTH, Environment, LampSpots
 from insertion.render.body import body_of
-from insertion.render.context import gl_context
+from insertion.render.gpu import gl_context
 from insertion.render.layers import object_layers
 from insertion.render.renderer import ObjectRenderer
 from insertion.scene.pixel_box import PixelBox

@@ -12,16 +12,15 @@ import pytest
 from estimator.records.scene import Camera, View
 from insertion.light.environment_map import HEIGHT, WIDTH, Environment, map_directions
 from insertion.light.light_samples import Lights
-from insertion.render import changed_pixels as boxes
+from insertion.render import layers as boxes
 from insertion.render import shadow_maps, studio
 from insertion.render.body import SPOTS, Body, BodyPart, _area, _mean_colour, _spread_over, body_of, with_bodies
 from insertion.render.deferred import TILE, _tiles
 from insertion.render.layers import ObjectLayers, shadow_layer, through_lens
-from insertion.render.pinhole import Window, focal_lengths
 from insertion.render.renderer import ObjectImage
 from insertion.render.shadow_maps import MAP_PIXELS, PlaneMap
+from insertion.scene.camera_rays import Window, camera_rays, focal_lengths, normalized_pixels, pixel_grid, ray_through
 from insertion.scene.pixel_box import PixelBox
-from insertion.scene.rays import camera_rays, normalized_pixels, pixel_grid, ray_through
 from models3d.model import Material, Model, Part
 from tests.insertion.test_received import _view
 

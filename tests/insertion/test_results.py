@@ -9,8 +9,9 @@ from pathlib import Path
 
 import pytest
 
+from estimator.instances.instance_reader import read_instances
 from estimator.outputs.rescaled import write_scaled
-from estimator.reconstructions.scene_reader import read_instances, read_scene
+from estimator.reconstructions.scene_reader import read_scene
 from insertion.insert import open_prepared_scene
 from insertion.scene.scale import read_scale
 from metric_base.errors import InputError

@@ -8,17 +8,14 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from estimator.geometry.planes import SupportPlane
-from estimator.geometry.up import Up
+from estimator.records.objects import SupportPlane, Up
 from estimator.records.scene import Instance, Scene, View
-from insertion.light.open_air import shown_empty
+from insertion.light.lamp_candidates import shown_empty
 from insertion.placement import at_pixel, free_space, on_category
 from insertion.placement.free_space import Space
-from insertion.placement.heading import heading, turn_about
-from insertion.placement.place import NoPlace, Place
+from insertion.placement.placement import NoPlace, Place, heading, turn_about
 from insertion.scene import supports as surface
-from insertion.scene.carried_masks import MaskCarrier, _carry, _inverse_depth, _move_outline
-from insertion.scene.moving_masks import Upright, points_beside
+from insertion.scene.frame_masks import MaskCarrier, Upright, _carry, _inverse_depth, _move_outline, points_beside
 from insertion.scene.pixel_box import PixelBox, labels_in_box, mask_in_box
 from insertion.scene.point_cloud import Cloud, FrontPoints, coloured_cloud, even_rows
 from insertion.scene.supports import Supports, Surface

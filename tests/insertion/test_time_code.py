@@ -8,8 +8,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from insertion.footage.time_code import time_code_after
-from insertion.footage.video_writer import VideoWriter
+from insertion.footage.video_writer import VideoWriter, time_code_after
 
 
 @pytest.mark.parametrize(

@@ -11,7 +11,7 @@ from functools import partial
 import pytest
 
 import metric_cli.subcommands.data.build as command
-from crawler.imports.sources import declared_sources as declared
+from crawler.imports.declaration import declared_sources as declared
 from metric_cli.subcommands import main
 from metric_tree.pipeline.build import build_release
 from tests.synthetic.raw_fixture import SOURCES, synthetic_items, written

@@ -8,9 +8,10 @@ from typing import Any
 
 import pytest
 
+from metric_cli.errors import exit_status
 from metric_cli.subcommands import VERBS, main, parser_of
-from metric_cli.tables import exit_status, print_table
-from metric_tree.release_folders import PATH_VARIABLE
+from metric_cli.tables import print_table
+from metric_tree.release.registry import PATH_VARIABLE
 from metric_tree.tree import Tree
 from tests.synthetic import minitree
 

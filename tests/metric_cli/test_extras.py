@@ -12,8 +12,7 @@ from pathlib import Path
 
 import pytest
 
-from metric_cli.errors import MODULES_BY_EXTRA, missing_extra
-from metric_cli.tables import exit_status
+from metric_cli.errors import MODULES_BY_EXTRA, exit_status, missing_extra
 
 ROOT = Path(__file__).resolve().parents[2]
 PACKAGES = [path.parent.name for path in sorted(ROOT.glob("*/py.typed"))]

@@ -11,7 +11,7 @@ from pathlib import Path
 
 import pytest
 
-from metric_cli.arguments import arguments_of
+from metric_cli.parser import arguments_of
 from tests.metric_cli.test_paths import PARSERS
 
 ROOT = Path(__file__).resolve().parents[2]

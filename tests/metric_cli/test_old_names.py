@@ -8,13 +8,13 @@ from pathlib import Path
 
 import pytest
 
+from benchmarks.user_study.answers import read_answers
+from benchmarks.user_study.make import _page_parser
+from benchmarks.user_study.page import ANSWERS_SCHEMA
 from crawler.imports.declaration import Rule
-from insertion.study.answers import read_answers
-from insertion.study.page import ANSWERS_SCHEMA
 from metric_base.errors import InputError
-from metric_cli.insert_object.study import _page_parser
 from metric_cli.subcommands.data.build import add_arguments
-from metric_tree.cutouts.guides import guides
+from metric_tree.cutouts.guided import guides
 from taxonomy.matching.readings import Reading
 
 

@@ -19,12 +19,12 @@ import numpy as np
 import pytest
 from PIL import Image
 
+from benchmarks.user_study import make
 from metric_base.errors import InputError
-from metric_base.files import whole_file
-from metric_base.outputs import is_own_output, set_rules
-from metric_cli.arguments import OutputFile, arguments_of, check_paths, input_path, new_folder, output_folder
+from metric_base.files import is_own_output, set_rules, whole_file
 from metric_cli.estimate_scale import parser as estimate_scale
-from metric_cli.insert_object import insert, study
+from metric_cli.insert_object import insert
+from metric_cli.parser import OutputFile, arguments_of, check_paths, input_path, new_folder, output_folder
 from metric_cli.subcommands import VERBS, parser_of
 from tests.synthetic import minitree
 from tests.synthetic.raw_fixture import synthetic_items, written
@@ -33,8 +33,8 @@ from tests.synthetic.small_scene import write_small_scene
 PARSERS = {
     "estimate-scale": estimate_scale.parser(),
     "insert-object": insert.parser(),
-    "insert-object study": study._page_parser(),
-    "insert-object study report": study._report_parser(),
+    "insert-object study": make._page_parser(),
+    "insert-object study report": make._report_parser(),
     **{f"metric-tree {verb}": parser_of(verb) for verb in VERBS},
 }
 #: What a metavar says of an argument that may name a path.

@@ -76,7 +76,7 @@ def test_a_folder_without_models_is_one_line(folder: Path, capsys: pytest.Captur
 
 def test_wild_texture_coordinates_take_no_minutes() -> None:
     """Coordinates of one axis that run over hundreds of repeats: an anisotropic filter hangs on them in llvmpipe."""
-    from insertion.render.context import gl_context
+    from insertion.render.gpu import gl_context
     from insertion.render.studio import studio_views
     from models3d.model import Material, Model, Part
 
@@ -104,7 +104,7 @@ def test_a_crop_ends_with_the_last_pixel_that_is_not_clear(last: int) -> None:
 
 def test_glass_is_drawn_once_over_what_is_solid() -> None:
     """A solid cube in a clear one of half alpha: where one looks past the solid, through a near side and a far one."""
-    from insertion.render.context import gl_context
+    from insertion.render.gpu import gl_context
     from insertion.render.studio import studio_views
     from models3d.model import Material, Model, Part
 

@@ -16,7 +16,8 @@ from hypothesis import strategies as st
 
 from metric_base.escaping import visible, visible_json
 from metric_cli import programs, tables
-from metric_cli.tables import exit_status, print_table, warn
+from metric_cli.errors import exit_status
+from metric_cli.tables import print_table, warn
 
 HIDDEN = ["\x1b", "\x07", "\x7f", "\x9b", "\u202e", "\u2066", "\u200f", "\ud800", "\U000e0041", "\r", "\n"]
 

@@ -6,8 +6,8 @@ import os
 
 import pytest
 
+from metric_cli.programs import THREAD_VARIABLES
 from metric_cli.subcommands import main
-from metric_cli.threads import THREAD_VARIABLES
 
 
 @pytest.mark.parametrize("given", [None, *THREAD_VARIABLES])

@@ -6,9 +6,9 @@ import numpy as np
 import pytest
 
 from metric_base.errors import InputError
-from metric_tree.build.companions import height_records
 from metric_tree.curated.sizes import curated_heights
-from metric_tree.states import state_priors
+from metric_tree.node import state_priors
+from metric_tree.pipeline.companion_files import height_records
 from metric_tree.tree import open_tree
 
 SIZE_MM = {"length": 490, "width": 90, "height": 900}

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from metric_tree import AmbiguousName, BadRelease, NoPrior, Tree, UnknownName
-from metric_tree.release_folders import PATH_VARIABLE, release_directory, releases, version_key
+from metric_tree.release.registry import PATH_VARIABLE, release_directory, releases, version_key
 from tests.synthetic import minitree
 
 

@@ -9,7 +9,8 @@ from hypothesis import strategies as st
 
 from estimator.association.mask_checks import mask_iou as overlap
 from estimator.association.point_labels import sparse_labels
-from estimator.reconstructions.scene_reader import read_instances, read_scene
+from estimator.instances.instance_reader import read_instances
+from estimator.reconstructions.scene_reader import read_scene
 from metric_base.arrays import FloatArray
 from tests.synthetic.rooms.furnish import furnished_room
 from tests.synthetic.rooms.knobs import HARD, Knobs, with_knobs

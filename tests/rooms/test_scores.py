@@ -6,7 +6,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from sklearn.metrics import adjusted_rand_score
 
-from estimator.association.tracks import Track
+from estimator.records.objects import Track
 from tests.synthetic.rooms.quick import SyntheticScene
 from tests.synthetic.rooms.scores import Score, adjusted_rand_index, association_score, height_error, summary
 from tests.synthetic.rooms.sizes import TYPICAL_MM, drawn_sizes, plausible_sizes

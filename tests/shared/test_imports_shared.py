@@ -11,7 +11,7 @@ from statistics import median
 import pytest
 
 from crawler.imports import Import, import_items, readings
-from crawler.imports.sources import source, sources
+from crawler.imports.declaration import source, sources
 from crawler.items import RawItem
 from tests.synthetic.skips import skip_without
 

@@ -7,12 +7,13 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from estimator.instances.instance_reader import read_instances
 from estimator.projection.cameras import pixels_in_view
-from estimator.reconstructions.scene_reader import read_instances, read_scene
+from estimator.reconstructions.scene_reader import read_scene
 from insertion.footage.footage import PictureFootage, Stills
 from insertion.insertion_scene import prepare_scene
-from insertion.placement.place import At
 from insertion.placement.placed_object import place_objects
+from insertion.placement.placement import At
 from insertion.request import ObjectRequest
 from insertion.scene.scale import ScaleUsed
 from tests.synthetic.insertions import write_glb

@@ -9,7 +9,7 @@ import pytest
 
 from benchmarks.estimator.real_footage import sensor_rows
 from estimator.evidence.gps import local_metres
-from estimator.telemetry.recordings import read_telemetry
+from estimator.telemetry.readers import read_telemetry
 
 
 def test_the_walk_alone_gives_its_scale(shared: Path) -> None:

@@ -9,7 +9,7 @@ from typing import Any
 import pytest
 
 from metric_cli.estimate_scale.estimate import main
-from metric_tree.release_folders import releases
+from metric_tree.release.registry import releases
 
 pytestmark = [
     pytest.mark.shared,

@@ -10,9 +10,11 @@ import numpy as np
 import pytest
 from sklearn.metrics import adjusted_rand_score
 
-from estimator.geometry.measurement import PAPER, MeasurementOptions, Measurements
+from estimator.instances.instance_reader import read_instances
 from estimator.pipeline import measure_objects
-from estimator.reconstructions.scene_reader import read_instances, read_scene
+from estimator.reconstructions.scene_reader import read_scene
+from estimator.records.objects import Measurements
+from estimator.records.options import PAPER, MeasurementOptions
 from estimator.records.scene import Instance
 
 pytestmark = pytest.mark.shared

@@ -10,9 +10,10 @@ import pycolmap
 import pytest
 from pycocotools import mask as coco
 
+from estimator.instances.instance_reader import read_instances, read_instances_and_warnings
 from estimator.outputs.rescaled import write_scaled
 from estimator.projection.cameras import pixels_in_view
-from estimator.reconstructions.scene_reader import read_instances, read_instances_and_warnings, read_scene
+from estimator.reconstructions.scene_reader import read_scene
 
 pytestmark = pytest.mark.shared
 

@@ -14,7 +14,7 @@ import pytest
 
 from estimator.reconstructions.scene_reader import read_scene
 from metric_cli.estimate_scale.estimate import main
-from metric_tree.release_folders import releases
+from metric_tree.release.registry import releases
 from tests.synthetic.exports import write_export
 
 pytestmark = [

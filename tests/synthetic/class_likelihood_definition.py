@@ -14,10 +14,10 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from estimator.posterior.axes import prior_axes
+from estimator.posterior.axis_assignments import prior_axes
 from estimator.posterior.class_hypotheses import Hypothesis, hypotheses
 from estimator.posterior.class_likelihood import EFFECTIVE_OBJECTS
-from estimator.posterior.likelihood import ObjectEvidence, has_readings, hypothesis_rows, measurement_arrays
+from estimator.posterior.object_likelihood import ObjectEvidence, has_readings, hypothesis_rows, measurement_arrays
 from metric_base.arrays import FloatArray
 
 __all__ = ["class_log_likelihood", "hypothesis_likelihood"]

@@ -21,7 +21,8 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from estimator.reconstructions.scene_reader import read_instances_and_warnings, read_scene
+from estimator.instances.instance_reader import read_instances_and_warnings
+from estimator.reconstructions.scene_reader import read_scene
 from metric_base.errors import InputError
 from tests.synthetic.small_scene import write_small_scene
 

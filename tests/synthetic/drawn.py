@@ -6,13 +6,10 @@ from pathlib import Path
 
 import numpy as np
 
-from estimator.geometry.measurement import Measurements
-from estimator.geometry.up import Up
-from estimator.reconstructions.scene_reader import read_instances, read_scene
-from estimator.records.curve import Curve, Mode
-from estimator.records.measured_object import Box, MeasuredObject
-from estimator.records.result import Interval, ObjectReport, ScaleResult, UpReport, Verdict
-from estimator.results.scene_estimate import SceneEstimate
+from estimator.instances.instance_reader import read_instances
+from estimator.reconstructions.scene_reader import read_scene
+from estimator.records.objects import Box, MeasuredObject, Measurements, Up
+from estimator.records.result import Curve, Interval, Mode, ObjectReport, ScaleResult, SceneEstimate, UpReport, Verdict
 
 __all__ = ["SCALE", "drawn_estimate"]
 

@@ -13,16 +13,15 @@ import numpy as np
 from PIL import Image
 
 from estimator.evidence.camera_height import CameraHeight
+from estimator.evidence.depth_maps import MetricDepth
 from estimator.evidence.gps import Gps
 from estimator.evidence.known_lengths import KnownLength, known_length_evidence
-from estimator.evidence.marker import Marker
-from estimator.evidence.metric_depth import MetricDepth
+from estimator.evidence.markers import Marker
 from estimator.evidence.rig_baseline import RigBaseline
 from estimator.evidence.source import EvidenceSource
-from estimator.geometry.measurement import Measurements
 from estimator.projection.cameras import pixels_in_view
-from estimator.records.measured_object import MeasuredObject
-from estimator.records.scale_evidence import ScaleEvidence
+from estimator.records.objects import MeasuredObject, Measurements
+from estimator.records.result import ScaleEvidence
 from estimator.records.scene import Scene
 from metric_base.arrays import FloatArray
 from metric_tree.tree import Tree

@@ -6,8 +6,8 @@ import os
 import signal
 import time
 
-from metric_cli.subcommands.data.build import executor_of
-from metric_cli.tables import exit_status
+from metric_base.executors import executor_of
+from metric_cli.errors import exit_status
 
 
 def run() -> int:

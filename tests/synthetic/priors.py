@@ -6,8 +6,8 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from estimator.posterior.likelihood import ObjectEvidence
-from estimator.records.measured_object import MeasuredObject
+from estimator.posterior.object_likelihood import ObjectEvidence
+from estimator.records.objects import MeasuredObject
 from metric_base.arrays import FloatArray
 from metric_tree.axes import AXES
 from metric_tree.prior import Prior

@@ -6,7 +6,7 @@ from pathlib import Path
 
 import numpy as np
 
-from crawler.imports.sources import Source
+from crawler.imports.declaration import Source
 from crawler.items import Kind, RawItem
 
 #: Typical sizes in mm of the leaves of `small_taxonomy`, by our axes.

@@ -6,8 +6,7 @@ from typing import Any
 
 import numpy as np
 
-from estimator.geometry.box_edges import corners
-from estimator.records.measured_object import Box
+from estimator.records.objects import Box, corners
 from estimator.views.scene_view import COLOURS, BoxView, SceneView
 
 __all__ = ["hand_view"]

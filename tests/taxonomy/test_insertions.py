@@ -5,7 +5,7 @@ from functools import cache
 
 import pytest
 
-from taxonomy.inserted_categories import PREFIX
+from taxonomy.categories import PREFIX
 from taxonomy.matching.lexicon import Lexicon, default_lexicon
 from taxonomy.matching.sense_choice import DOMAINS, fits
 from taxonomy.words.spelling import fold_text, singulars
@@ -197,7 +197,7 @@ def partly_named(lexicon: Lexicon) -> set[str]:
 @pytest.mark.slow
 def test_the_check_finds_what_a_reader_found(lexicon) -> None:
     """Ids that were taken out for it: in one word, in another order, with a word more."""
-    from taxonomy.inserted_categories import InsertedCategory
+    from taxonomy.categories import InsertedCategory
 
     gone = {
         "mt:jam_pot": ("jam pot", "pot.n.01"),

@@ -5,42 +5,29 @@ from __future__ import annotations
 import argparse
 import os
 import re
-import signal
 import sys
 from collections import Counter
-from collections.abc import Callable, Iterator, Sequence
-from concurrent.futures import Executor, Future, ProcessPoolExecutor
-from contextlib import contextmanager
+from collections.abc import Sequence
 from datetime import UTC, datetime
-from multiprocessing import active_children, get_context
 from pathlib import Path
-from typing import Any, TypeVar
 
-from crawler.imports.sources import declared_sources
+from crawler.imports.declaration import declared_sources
 from crawler.items import STATED_KINDS
 from metric_base.errors import InputError
-from metric_cli.arguments import input_path, new_folder, output_folder
+from metric_base.executors import executor_of
+from metric_cli.parser import input_path, new_folder, output_folder
 from metric_cli.progress import progress_bars
 from metric_cli.tables import print_json, print_table, warn
 from metric_tree.pipeline.build import Build, BuildOptions, build_release, shipped_curated
 from metric_tree.pipeline.ingest import raw_files
 from metric_tree.release.release import open_release
 
-__all__ = ["HELP", "add_arguments", "executor_of", "run"]
-
 HELP = "Raw items to a release: matched, cleaned, fitted, published whole or not at all."
-
 #: The variable by which reproducible builds tell a date (reproducible-builds.org).
 DATE_VARIABLE = "SOURCE_DATE_EPOCH"
-
-_R = TypeVar("_R")
-
 #: A build in seconds of one processor, from that of release 2.0.0 (83 MB of raw items, 160 s): what it takes at least,
 #: and what each megabyte adds; held-out scores take longer. Packed files are some eight times as large unpacked.
 SECONDS_AT_LEAST, SECONDS_PER_MB, PACKED = 25, 1.6, 8
-
-#: How long a Dask scheduler may take to answer, in seconds.
-SCHEDULER_TIMEOUT = 10
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -147,49 +134,6 @@ def _print(build: Build, as_json: bool) -> None:
     rows = [(name, value) for name, value in counts.items() if not isinstance(value, dict)]
     print_table(["count", "value"], rows, title=f"{build.release.directory}: {manifest['name']} {manifest['version']}")
     print_table(["raw item", "rows"], Counter(counts["raw"]).most_common())
-
-
-class _Pool(ProcessPoolExecutor):
-    """Processes that leave an interrupt to their parent, which ends them.
-
-    The mask is inherited from before their first line: an initializer would come after seconds of imports.
-    """
-
-    def submit(self, fn: Callable[..., _R], /, *args: Any, **kwargs: Any) -> Future[_R]:
-        """As of the base; a worker that it starts has the interrupt blocked."""
-        before = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})
-        try:
-            return super().submit(fn, *args, **kwargs)
-        finally:
-            signal.pthread_sigmask(signal.SIG_SETMASK, before)
-
-
-@contextmanager
-def executor_of(workers: int, scheduler: str | None) -> Iterator[Executor | None]:
-    """Where the steps of a build run: a Dask scheduler, processes, or None for this process."""
-    if scheduler is not None:
-        from distributed import Client
-
-        try:
-            client = Client(scheduler, timeout=SCHEDULER_TIMEOUT)
-        except (OSError, TimeoutError, ValueError) as error:
-            raise InputError(f"--scheduler: expected a Dask scheduler at {scheduler}; found {error}") from None
-        with client:
-            yield client.get_executor()
-    elif workers > 1:
-        # spawned, not forked: Arrow's threads do not survive a fork
-        pool = _Pool(workers, mp_context=get_context("spawn"))
-        try:
-            yield pool
-        except KeyboardInterrupt:
-            signal.signal(signal.SIGINT, signal.SIG_IGN)  # a second one, which `timeout` sends, says nothing new
-            for worker in active_children():  # what they are at would be thrown away
-                worker.terminate()
-            raise
-        finally:
-            pool.shutdown(cancel_futures=True)
-    else:
-        yield None
 
 
 def _fold(text: str) -> tuple[int, int]:

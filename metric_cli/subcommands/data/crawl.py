@@ -12,10 +12,8 @@ from collections.abc import Callable, Mapping
 from typing import Any
 
 from crawler.fetch import DELAY_SECONDS
-from metric_cli.arguments import input_path, output_folder
+from metric_cli.parser import input_path, output_folder
 from metric_cli.tables import print_json, print_table
-
-__all__ = ["CONTACT_VARIABLE", "HELP", "add_arguments", "run"]
 
 HELP = "Run a spider into a raw-item data set: polite, resumable, safe to run unattended."
 

@@ -9,15 +9,12 @@ from typing import TYPE_CHECKING, Any
 
 from metric_base.errors import InputError
 from metric_base.input_files import read_text
-from metric_cli.arguments import input_path
-from metric_cli.parsers import add_tree
+from metric_cli.parser import add_tree, input_path
 from metric_cli.tables import print_json, print_table
 from metric_tree.tree import Tree, open_tree
 
 if TYPE_CHECKING:
     from crawler.items import RawItem
-
-__all__ = ["HELP", "add_arguments", "run"]
 
 HELP = "Why an item is in its category: source words, the matching rule, decisions, the path, and what the build did."
 

@@ -7,10 +7,8 @@ import json
 import sys
 
 from metric_base.escaping import visible_json
-from metric_cli.arguments import input_path
+from metric_cli.parser import input_path
 from metric_cli.tables import print_table
-
-__all__ = ["HELP", "add_arguments", "run"]
 
 HELP = "One saved web page to a raw item, by the spider that owns the URL's site, else the generic one."
 
@@ -24,8 +22,9 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def run(arguments: argparse.Namespace) -> int:
     """Print the raw item: one line with --json, a table without."""
-    from crawler.page.page import saved_page, web_address
+    from crawler.page.page import saved_page
     from crawler.page.time_limit import SlowPage, processor_budget
+    from crawler.page.urls import web_address
     from crawler.sites.registry import item_of, use_site
     from metric_base.errors import InputError
 

@@ -7,16 +7,14 @@ from collections.abc import Sequence
 from pathlib import Path
 
 from crawler.imports import Import, import_items, readings
+from crawler.imports.declaration import Source, source, sources
+from crawler.imports.importer import changed_files, source_folder, write_import, write_lines
 from crawler.imports.overview import overview, summary, terms
-from crawler.imports.source_files import changed_files, source_folder, write_import, write_lines
-from crawler.imports.sources import Source, source, sources
 from metric_base.errors import InputError
 from metric_base.files import output_file
-from metric_cli.arguments import OutputFile, input_path, output_folder
+from metric_cli.parser import OutputFile, input_path, output_folder
 from metric_cli.progress import with_bar
 from metric_cli.tables import print_json, print_table, warn
-
-__all__ = ["HELP", "add_arguments", "run"]
 
 HELP = "An open data set to raw items; refused rows are written, with reasons, to a quarantine file beside them."
 

@@ -13,16 +13,13 @@ from typing import TYPE_CHECKING
 from metric_base.errors import InputError, in_file
 from metric_base.files import whole_file
 from metric_base.spelling import near_spellings
-from metric_cli.arguments import OutputFile, input_path, output_folder
-from metric_cli.parsers import add_tree
+from metric_cli.parser import OutputFile, add_tree, input_path, output_folder
 from metric_cli.tables import print_json, print_table
 
 if TYPE_CHECKING:
     from collections.abc import Container, Iterable, Sequence
 
     from taxonomy.matching.decisions import Decision
-
-__all__ = ["HELP", "add_arguments", "run"]
 
 HELP = (
     "What waits for a reviewer (list), subjects without answers (blind), record a decision, agreement, proofread sizes."
@@ -140,7 +137,7 @@ def _unsettled_words(raw: Iterable[str], read: Container[str]) -> Counter[tuple[
 
 
 def _blind(arguments: argparse.Namespace) -> None:
-    from taxonomy.inserted_categories import insertions
+    from taxonomy.categories import insertions
     from taxonomy.matching.decisions import decisions
 
     if arguments.limit is not None and arguments.limit < 1:
@@ -238,7 +235,7 @@ def _expect_source(name: str, given: Sequence[Decision], folder: Path | None) ->
 
     The items of a generic crawl have their host as source, so that any host's name is one.
     """
-    from crawler.imports.sources import declared_sources
+    from crawler.imports.declaration import declared_sources
     from crawler.sites.registry import GENERIC, SITES
     from taxonomy.matching.decisions import EVERY_SOURCE, BadDecision
 
@@ -251,7 +248,7 @@ def _expect_source(name: str, given: Sequence[Decision], folder: Path | None) ->
 
 
 def _proof(arguments: argparse.Namespace) -> None:
-    from metric_tree.report.proofreading import proofreading_page
+    from explorer.pages.report_page import proofreading_page
     from metric_tree.tree import open_tree
 
     if arguments.limit < 1:

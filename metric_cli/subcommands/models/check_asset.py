@@ -11,17 +11,15 @@ from typing import TYPE_CHECKING, Any
 
 from metric_base.errors import InputError
 from metric_base.files import OutputNames
-from metric_cli.arguments import OutputFile, input_path
-from metric_cli.parsers import add_tree
+from metric_cli.errors import DONE, INPUT_ERROR, UNUSABLE
+from metric_cli.parser import OutputFile, add_tree, input_path
 from metric_cli.progress import with_bar
-from metric_cli.tables import DONE, INPUT_ERROR, UNUSABLE, print_table, warn
+from metric_cli.tables import print_table, warn
 
 if TYPE_CHECKING:
     from metric_tree.tree import Tree
     from models3d.asset import Asset
     from models3d.size_check.check import AssetCheck
-
-__all__ = ["HELP", "add_arguments", "run"]
 
 HELP = f"Whether 3-D models are at true size: one line a model; exit {UNUSABLE} if any is wrong."
 
@@ -167,7 +165,7 @@ def _print_counts(checks: list[AssetCheck]) -> None:
 
 
 def _fix(arguments: argparse.Namespace, check: AssetCheck, names: OutputNames | None) -> None:
-    from estimator.asset_files.mending import write_at_scale
+    from models3d.rescaling import write_at_scale
 
     source = Path(check.file)
     factor: Any = check.factor if check.verdict == "wrong unit" else None

@@ -11,15 +11,13 @@ from typing import TYPE_CHECKING, Any
 
 from metric_base.errors import InputError
 from metric_base.files import whole_file
-from metric_cli.arguments import input_path, output_folder
+from metric_cli.parser import input_path, output_folder
 from metric_cli.progress import with_bar
 from metric_cli.tables import print_json, print_table
 
 if TYPE_CHECKING:
     from crawler.fetch.item_images import Picture
     from crawler.items import RawItem
-
-__all__ = ["HELP", "add_arguments", "run"]
 
 HELP = "Four views of each item's textured model, with exact foreground, where `build` looks for pictures."
 
@@ -51,7 +49,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 def run(arguments: argparse.Namespace) -> int:
     """Draw all models of the items, and print how many pictures there are."""
     from crawler.items import raw_items
-    from insertion.render.context import gl_context
+    from insertion.render.gpu import gl_context
 
     items = [item for item in raw_items(arguments.raw) if not NOT_SHOWN & set(item.flags)]
     drawn = [item for item in items if (arguments.models / item.source_id).suffix == ".glb"]

@@ -5,11 +5,8 @@ from __future__ import annotations
 import argparse
 
 from metric_base.errors import InputError
-from metric_cli.arguments import OutputFile, input_path
-from metric_cli.parsers import add_tree
+from metric_cli.parser import OutputFile, add_tree, input_path
 from metric_cli.tables import print_json, print_table
-
-__all__ = ["HELP", "add_arguments", "run"]
 
 HELP = "The true size of a generated or normalised model, from its shape and its category."
 
@@ -27,9 +24,9 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def run(arguments: argparse.Namespace) -> int:
     """Print the factor with its interval; write the model where asked for."""
-    from estimator.asset_files.mending import write_at_scale
-    from estimator.assets.model_size import boxes_true_size, model_true_size
     from metric_tree.tree import open_tree
+    from models3d.rescaling import write_at_scale
+    from models3d.size_check.true_size import boxes_true_size, model_true_size
 
     tree = open_tree(arguments.tree)
     if arguments.batch is not None:

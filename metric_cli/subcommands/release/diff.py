@@ -7,10 +7,8 @@ from collections import Counter
 
 from metric_base.errors import InputError
 from metric_cli.tables import print_json, print_table
-from metric_tree.diff import ReleaseDiff, release_diff
+from metric_tree.reports.diff import ReleaseDiff, release_diff
 from metric_tree.tree import Tree, open_tree
-
-__all__ = ["HELP", "add_arguments", "run"]
 
 HELP = "What changed between two releases: nodes, tiers, priors that moved and the items that moved them, licences."
 

@@ -5,10 +5,8 @@ from __future__ import annotations
 import argparse
 
 from metric_cli.tables import print_json
+from metric_tree.release.registry import REGISTRY_VARIABLE, fetch_release
 from metric_tree.release.release import open_release
-from metric_tree.release_download import REGISTRY_VARIABLE, fetch_release
-
-__all__ = ["HELP", "add_arguments", "run"]
 
 HELP = (
     f"A release by its version, from the registry that {REGISTRY_VARIABLE} names; kept, verified, offline afterwards."

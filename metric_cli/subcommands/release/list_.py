@@ -8,11 +8,10 @@ from collections.abc import Iterator
 
 from metric_base.errors import InputError
 from metric_cli.tables import print_json, print_table
+from metric_tree.node import Node
+from metric_tree.release.registry import PATH_VARIABLE, releases
 from metric_tree.release.release import open_release
-from metric_tree.release_folders import PATH_VARIABLE, releases
-from metric_tree.tree import Node, open_tree
-
-__all__ = ["HELP", "add_arguments", "run"]
+from metric_tree.tree import open_tree
 
 HELP = f"The available releases, newest first; {PATH_VARIABLE} names further folders that hold some."
 

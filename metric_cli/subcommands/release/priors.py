@@ -6,14 +6,10 @@ import argparse
 import sys
 
 from metric_base.errors import InputError
-from metric_base.files import output_file, whole_file
-from metric_base.outputs import STAMP
-from metric_cli.arguments import OutputFile
-from metric_cli.parsers import add_tree
+from metric_base.files import STAMP, output_file, whole_file
+from metric_cli.parser import OutputFile, add_tree
 from metric_cli.tables import print_json, print_table
 from metric_tree.tree import open_tree
-
-__all__ = ["HELP", "add_arguments", "run"]
 
 HELP = "Sizes as a flat table, a row for each node or label: tier, items, quantiles in millimetres."
 

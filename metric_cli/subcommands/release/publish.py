@@ -5,12 +5,10 @@ from __future__ import annotations
 import argparse
 from pathlib import Path
 
-from metric_cli.arguments import new_folder
+from metric_cli.parser import new_folder
 from metric_cli.tables import print_json
-from metric_tree.release_folders import release_directory, releases
+from metric_tree.release.registry import release_directory, releases
 from metric_tree.tree import open_tree
-
-__all__ = ["HELP", "add_arguments", "run"]
 
 HELP = "A release as a folder for a data hub: tables, data card, licences, checksums, Croissant, datasheet, citation."
 

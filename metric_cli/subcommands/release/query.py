@@ -7,16 +7,14 @@ from pathlib import Path
 from typing import Any
 
 from metric_base.errors import InputError
-from metric_cli.arguments import OutputFile
-from metric_cli.parsers import add_tree
+from metric_cli.parser import OutputFile, add_tree
 from metric_cli.tables import print_json, print_table
 from metric_tree.context import Where, where_of
+from metric_tree.node import Node, NoPrior
 from metric_tree.prior import QUANTILES, Prior
 from metric_tree.release.schema import IMAGES
 from metric_tree.reports.description import is_mixed, item_quantiles, node_sentence, shipped_evidence
-from metric_tree.tree import Node, NoPrior, open_tree
-
-__all__ = ["HELP", "add_arguments", "run", "summary"]
+from metric_tree.tree import open_tree
 
 HELP = "A category: its node, path, counts, evidence, quantiles in millimetres and prior."
 

@@ -6,11 +6,9 @@ import argparse
 from pathlib import Path
 
 from metric_base.files import output_file, whole_file
-from metric_cli.arguments import OutputFile
+from metric_cli.parser import OutputFile
 from metric_cli.tables import print_json
 from metric_tree.tree import open_tree
-
-__all__ = ["HELP", "add_arguments", "run"]
 
 HELP = "A readable page about a release: counts, coverage of label lists, size distributions, findings, changes."
 
@@ -26,7 +24,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def run(arguments: argparse.Namespace) -> int:
     """Write the page; print where it is, or with `--json` the figures it shows."""
-    from metric_tree.report.page import page
+    from explorer.pages.report_page import page
     from metric_tree.reports.summary import coverage, level_counts
     from taxonomy.label_lists import vocabularies
 

@@ -5,11 +5,9 @@ from __future__ import annotations
 import argparse
 
 from metric_base.errors import InputError
-from metric_cli.parsers import add_tree
+from metric_cli.parser import add_tree
 from metric_cli.tables import print_json, print_table
 from metric_tree.tree import open_tree
-
-__all__ = ["HELP", "add_arguments", "run"]
 
 HELP = "Categories for a text, the likeliest first; tolerant of typing errors."
 

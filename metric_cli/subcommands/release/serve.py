@@ -9,8 +9,6 @@ import sys
 from metric_base.errors import InputError
 from metric_tree.tree import open_tree
 
-__all__ = ["HELP", "add_arguments", "run"]
-
 HELP = "The explorer and its JSON answers over HTTP; with --mcp as tools for agents over standard input and output."
 
 #: Seconds that requests in progress have to end after a request to stop.

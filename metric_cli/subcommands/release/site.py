@@ -5,11 +5,9 @@ from __future__ import annotations
 import argparse
 import time
 
-from metric_cli.arguments import new_folder
+from metric_cli.parser import new_folder
 from metric_cli.tables import print_json
 from metric_tree.tree import open_tree
-
-__all__ = ["HELP", "add_arguments", "run"]
 
 HELP = "Every page and JSON answer of the explorer as files, for any static host or a browser alone."
 

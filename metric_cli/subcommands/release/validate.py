@@ -6,11 +6,10 @@ import argparse
 from collections import Counter
 from pathlib import Path
 
-from metric_cli.tables import INPUT_ERROR, print_json, print_table
+from metric_cli.errors import INPUT_ERROR
+from metric_cli.tables import print_json, print_table
 from metric_tree.checks.release_files import CODES, findings
-from metric_tree.release_folders import release_directory
-
-__all__ = ["HELP", "add_arguments", "run"]
+from metric_tree.release.registry import release_directory
 
 HELP = "Every rule of a release, each finding with its code; exit 2 if any is an error (E)."
 

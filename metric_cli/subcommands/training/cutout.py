@@ -8,18 +8,16 @@ import sys
 from dataclasses import replace
 
 from metric_base.errors import InputError
-from metric_cli.arguments import input_path, new_folder
+from metric_base.executors import executor_of
+from metric_cli.parser import input_path, new_folder
 from metric_cli.progress import progress_bars
-from metric_cli.subcommands.data.build import executor_of
 from metric_cli.tables import print_json, print_table
 from metric_tree.cutouts.backend import BACKENDS, Settings
-from metric_tree.cutouts.guides import guides
+from metric_tree.cutouts.guided import guides
 from metric_tree.cutouts.quality import REASONS
 from metric_tree.cutouts.release_cutouts import cut_release
+from metric_tree.release.registry import release_directory
 from metric_tree.release.release import Release, open_release
-from metric_tree.release_folders import release_directory
-
-__all__ = ["HELP", "add_arguments", "run"]
 
 HELP = "Foreground cut-outs of a release's pictures, as a new release; the old one is not changed."
 

@@ -9,13 +9,11 @@ from pathlib import Path
 from typing import Any
 
 from metric_base.errors import InputError
-from metric_cli.arguments import input_path, new_folder
-from metric_cli.parsers import add_tree
+from metric_cli.parser import add_tree, input_path, new_folder
 from metric_cli.progress import with_bar
 from metric_cli.tables import print_json, print_table
-from metric_tree.tree import Node, Tree, open_tree
-
-__all__ = ["HELP", "add_arguments", "run"]
+from metric_tree.node import Node
+from metric_tree.tree import Tree, open_tree
 
 HELP = "Training data for instance segmentation (COCO format): pasted cut-outs, and matching pictures of other sets."
 
@@ -44,8 +42,8 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 def run(arguments: argparse.Namespace) -> int:
     """Write the data set and print what is in it."""
     from metric_tree.training.classes import Classes
+    from metric_tree.training.composition import cutouts_of
     from metric_tree.training.dataset import export_dataset
-    from metric_tree.training.pasted import cutouts_of
 
     plan = _plan(arguments)
     _see_coco(arguments.coco)

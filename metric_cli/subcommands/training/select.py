@@ -11,8 +11,7 @@ from typing import Any
 
 from metric_base.errors import InputError
 from metric_base.files import output_file, whole_file
-from metric_cli.arguments import OutputFile
-from metric_cli.parsers import add_tree
+from metric_cli.parser import OutputFile, add_tree
 from metric_cli.tables import print_json, print_table
 from metric_tree.training.selection import (
     TRAINING_LISTS,
@@ -24,8 +23,6 @@ from metric_tree.training.selection import (
     reason_against,
 )
 from metric_tree.tree import Tree, open_tree
-
-__all__ = ["HELP", "add_arguments", "run", "selection"]
 
 HELP = "The categories fit for instance segmentation and scale estimation, with the figures that decided."
 

@@ -10,7 +10,7 @@ from typing import Any
 
 import pytest
 
-from crawler.fetch.addresses import is_literal, is_public
+from crawler.fetch.network_limits import is_literal, is_public
 from tests.crawler.fetch.test_crawl_errors import CONTACT, ROOT
 from tests.synthetic.synthetic_site import Shop, SyntheticSite
 

@@ -20,7 +20,7 @@ from scrapy import Request
 from scrapy.http import Response
 
 from crawler.fetch.frontier import OFF_SITE, PRIVATE
-from crawler.fetch.settings import BanMiddleware
+from crawler.fetch.middlewares import BanMiddleware
 from crawler.fetch.sqlite_frontier import stored_counts
 from metric_cli.subcommands import main
 from tests.synthetic.synthetic_site import Shop, SyntheticSite

@@ -7,9 +7,9 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from crawler.fetch.crawl import SEGMENT_ITEMS, last_written, write_segments
 from crawler.fetch.frontier import OFF_SITE, PRIVATE, Outcome, Task, task_key
 from crawler.fetch.redis_frontier import NoRedis, RedisFrontier
-from crawler.fetch.segments import SEGMENT_ITEMS, last_written, write_segments
 from crawler.fetch.sqlite_frontier import SqliteFrontier
 
 

@@ -13,8 +13,9 @@ from twisted.internet.testing import StringTransport
 from twisted.web._newclient import Request
 from twisted.web.http_headers import Headers
 
-from crawler.fetch.header_limit import HEADER_BYTES, HeaderLimitFactory
-from crawler.fetch.settings import ROBOTS_BYTES, BoundedRobotParser, _retry_after, settings
+from crawler.fetch.middlewares import ROBOTS_BYTES, BoundedRobotParser, _retry_after
+from crawler.fetch.network_limits import HEADER_BYTES, HeaderLimitFactory
+from crawler.fetch.settings import settings
 
 
 @pytest.mark.parametrize(

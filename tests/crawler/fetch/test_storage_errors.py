@@ -18,8 +18,7 @@ import pytest
 from scrapy import Request
 from scrapy.http import Response
 
-from crawler.fetch.frontier import Outcome, Task
-from crawler.fetch.frontier_watch import FailFastFrontier
+from crawler.fetch.frontier import FailFastFrontier, Outcome, Task
 from crawler.fetch.redis_frontier import RedisFrontier
 from crawler.fetch.scheduler import KEY, CommitMiddleware
 from crawler.fetch.sqlite_frontier import SqliteFrontier, stored_counts

@@ -5,7 +5,7 @@ from __future__ import annotations
 from pathlib import Path
 
 from crawler.imports import Import, import_items, readings
-from crawler.imports.sources import source
+from crawler.imports.declaration import source
 
 HEAD = """
 id = "made_up"

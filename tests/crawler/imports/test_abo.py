@@ -12,7 +12,7 @@ from typing import Any
 import pytest
 
 from crawler.imports import Import, import_items, readings
-from crawler.imports.sources import source
+from crawler.imports.declaration import source
 from crawler.imports.table_files import BadTable
 from tests.crawler.imports.invented_tables import reasons, sizes
 

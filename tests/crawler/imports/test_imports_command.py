@@ -8,8 +8,8 @@ from typing import Any
 
 import pytest
 
-import crawler.imports.sources
-from crawler.imports import downloads, source_files
+import crawler.imports.declaration
+from crawler.imports import downloads, importer
 from crawler.items import raw_items
 from metric_cli.subcommands import main
 
@@ -198,14 +198,14 @@ def test_the_list_in_a_pipe_keeps_addresses_whole(world: Path, capsys: pytest.Ca
 
 def test_a_write_that_fails_leaves_the_old_file(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     path = tmp_path / "x.jsonl"
-    source_files.write_lines(path, ["old"])
+    importer.write_lines(path, ["old"])
 
     def full(_self: Path, data: bytes) -> int:
         raise OSError("no space left")
 
     monkeypatch.setattr(Path, "write_bytes", full)
     with pytest.raises(OSError, match="no space left"):
-        source_files.write_lines(path, ["new"])
+        importer.write_lines(path, ["new"])
     assert path.read_text() == "old\n"
     assert list(tmp_path.iterdir()) == [path]
 

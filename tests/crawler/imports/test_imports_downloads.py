@@ -15,8 +15,8 @@ from pathlib import Path
 import pytest
 
 from crawler.imports import downloads, import_items, readings
+from crawler.imports.declaration import Source, source
 from crawler.imports.downloads import NoInput, download
-from crawler.imports.sources import Source, source
 
 TABLE = b"no,w\n1,12.5\n2,40\n"
 

@@ -11,9 +11,9 @@ from typing import Any
 import pytest
 
 from crawler.imports import Import, import_items, readings
+from crawler.imports.declaration import source
 from crawler.imports.downloads import NoInput
-from crawler.imports.source_files import source_folder
-from crawler.imports.sources import source
+from crawler.imports.importer import source_folder
 from crawler.imports.table_files import BadTable
 from tests.crawler.imports.invented_tables import made_up, reasons, sizes
 

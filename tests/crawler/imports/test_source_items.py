@@ -8,8 +8,8 @@ from pathlib import Path
 
 import pytest
 
-from crawler.imports.source_files import source_folder
-from crawler.imports.sources import source
+from crawler.imports.declaration import source
+from crawler.imports.importer import source_folder
 from crawler.imports.table_files import BadTable
 from crawler.items import RawItem
 from tests.crawler.imports.invented_tables import HEAD, made_up

@@ -8,8 +8,7 @@ from pathlib import Path
 
 import pytest
 
-from crawler.imports.declaration import REASONS
-from crawler.imports.sources import OPEN_LICENCES, BadDeclaration, Source, UnknownSource, source, sources
+from crawler.imports.declaration import OPEN_LICENCES, REASONS, BadDeclaration, Source, UnknownSource, source, sources
 from crawler.items import BadRawItem, RawItem, raw_items
 from metric_base.errors import FieldError
 

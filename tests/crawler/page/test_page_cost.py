@@ -10,8 +10,9 @@ from pathlib import Path
 
 import pytest
 
-from crawler.page.page import absolute_url, page
+from crawler.page.page import page
 from crawler.page.time_limit import SlowPage, processor_budget
+from crawler.page.urls import absolute_url
 from crawler.sites.registry import item_of
 from metric_cli.subcommands import main
 

@@ -14,7 +14,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from crawler.items import RawItem
-from crawler.page.page import MAXIMUM_BYTES, BadPage, canonical_url, page, saved_page
+from crawler.page.page import MAXIMUM_BYTES, BadPage, page, saved_page
+from crawler.page.urls import canonical_url
 from crawler.sites.registry import SITES, item_of, site_of
 from metric_cli.subcommands import main
 

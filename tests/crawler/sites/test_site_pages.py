@@ -11,7 +11,7 @@ from scrapy.http import HtmlResponse
 
 from crawler.fetch.crawl import SPIDERS, spider_class
 from crawler.items import RawItem
-from crawler.page.page import source_id
+from crawler.page.urls import source_id
 from crawler.sites.registry import GENERIC, SITES, site_of
 from tests.crawler.sites.site_pages import PAGES, Stored, stored
 

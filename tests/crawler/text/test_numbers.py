@@ -11,8 +11,7 @@ from hypothesis import strategies as st
 
 from crawler.text.cell_lengths import AXES, UnreadableLength, extents_mm, length_mm, measures, words_mm
 from crawler.text.numbers import number
-from crawler.text.quantities import is_same_length
-from crawler.text.sizes import Length, flags_of, sizes
+from crawler.text.sizes import Length, flags_of, is_same_length, sizes
 from crawler.text.tokens import axis_of_letter, tokens
 from crawler.text.units import MILLIMETRES, UnknownUnit, millimetres, unit
 

@@ -16,8 +16,8 @@ from estimator.association.tracks import MIN_COMMON_FRACTION as NOT_CONTRADICTED
 from estimator.association.tracks import MIN_JOIN_AFFINITY as JOIN_SHARE
 from estimator.association.tracks import MIN_JOIN_IOU as JOIN_SHARE_ACROSS_CATEGORIES
 from estimator.association.tracks import _mask_points, shared_tracks
+from estimator.projection.visibility import indicator
 from estimator.records.scene import Instance
-from estimator.visibility.sights import indicator
 
 PIXEL = np.ones((1, 1), dtype=bool)
 

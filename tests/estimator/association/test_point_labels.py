@@ -8,8 +8,8 @@ from scipy.sparse import csr_array
 
 from estimator.association.point_labels import PointLabels, dense_labels, point_votes, sparse_labels
 from estimator.association.point_labels import pixels_in_masks as view_labels
+from estimator.projection.visibility import unhidden
 from estimator.records.scene import DenseCloud, Instance
-from estimator.visibility.depth_buffer import unhidden
 from tests.synthetic.shapes import box, floor, orbit, synthetic_scene
 
 

@@ -12,8 +12,8 @@ from estimator.association.clustering import merge_by_table as _merge_by_points
 from estimator.association.clustering import merge_in_rounds as merge_linked
 from estimator.association.point_labels import PointLabels, dense_labels, sparse_labels
 from estimator.association.tracks import incremental_tracks, shared_tracks, voted_category
+from estimator.projection.visibility import indicator
 from estimator.records.scene import Instance
-from estimator.visibility.sights import indicator
 from tests.synthetic.shapes import box, cylinder, floor, orbit, synthetic_scene
 
 PIXEL = np.ones((1, 1), dtype=bool)

@@ -15,9 +15,9 @@ from estimator.baselines import paper, sucar
 from estimator.baselines.candidate_search import CANDIDATES, candidate_scales, estimate_on
 from estimator.baselines.paper import PaperMixture, authors_lists, fit_mixture, paper_result
 from estimator.baselines.sucar import box_heights, prescribed_down, sucar_result
-from estimator.records.measured_object import MeasuredObject
+from estimator.records.objects import MeasuredObject
+from estimator.records.options import EstimateOptions
 from estimator.records.scene import Camera, Instance, Scene, View
-from estimator.results.reports import EstimateOptions
 from metric_base.errors import InputError
 from metric_cli.estimate_scale.estimate import main
 from metric_tree.tree import Tree

@@ -22,11 +22,12 @@ from onnx import TensorProto, helper
 from estimator.detectors.detect import detect_instances
 from estimator.detectors.detector import Detector, load_detector
 from estimator.detectors.registry import RegisteredDetector, download, registry
-from estimator.instances.label_names import label_names
-from estimator.reconstructions.scene_reader import read_instances, read_scene
+from estimator.instances.instance_reader import read_instances
+from estimator.reconstructions.scene_reader import read_scene
 from metric_base.errors import InputError
 from metric_cli.estimate_scale.estimate import main
 from metric_tree.tree import Tree
+from taxonomy.label_lists import label_names
 from tests.synthetic.detectors import COLOURS, box_mask_graph, constant_graph, paint_graph, save
 from tests.synthetic.small_scene import write_small_scene
 

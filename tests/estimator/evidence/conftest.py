@@ -6,8 +6,8 @@ from pathlib import Path
 
 import pytest
 
-from estimator.geometry.measurement import Measurements
 from estimator.pipeline import measure_objects
+from estimator.records.objects import Measurements
 from tests.synthetic.walk import Walk, synthetic_walk
 
 

@@ -8,8 +8,8 @@ from pathlib import Path
 import pytest
 
 from estimator.evidence.camera_height import PRESETS, CameraHeight
-from estimator.geometry.measurement import Measurements
 from estimator.pipeline import measure_objects
+from estimator.records.objects import Measurements
 from metric_base.errors import InputError
 from tests.synthetic.evidence import one
 from tests.synthetic.walk import Walk, synthetic_walk

@@ -10,16 +10,16 @@ import pytest
 
 import estimator
 from estimator.evidence.camera_height import CameraHeight
+from estimator.evidence.depth_maps import MetricDepth
 from estimator.evidence.gps import Gps
-from estimator.evidence.marker import Marker
-from estimator.evidence.metric_depth import MetricDepth
+from estimator.evidence.markers import Marker
 from estimator.evidence.rig_baseline import RigBaseline
 from estimator.evidence.source import EvidenceSource
-from estimator.geometry.measurement import Measurements
 from estimator.pipeline import measure_objects
-from estimator.records.scale_evidence import ScaleEvidence
+from estimator.records.objects import Measurements
+from estimator.records.options import EstimateOptions
+from estimator.records.result import ScaleEvidence
 from estimator.results.estimate import scale_of_objects
-from estimator.results.reports import EstimateOptions
 from metric_base.errors import InputError
 from metric_tree.tree import Tree, open_tree
 from tests.synthetic import minitree

@@ -13,9 +13,9 @@ from scipy.spatial.transform import Rotation
 
 from estimator.evidence import gps, imu
 from estimator.evidence.alignment import _samples, align, least_squares
-from estimator.evidence.camera_path import CameraPath
-from estimator.evidence.metric_depth import FRAME_SD, FRAME_WORTH, _log_ratio, frame_sd
-from estimator.evidence.triangulation import _error, triangulate
+from estimator.evidence.depth_maps import FRAME_SD, FRAME_WORTH, _log_ratio, frame_sd
+from estimator.evidence.markers import _error, triangulate
+from estimator.evidence.source import CameraPath
 from estimator.records.scene import Camera, View
 
 CAMERA = Camera("PINHOLE", 640, 480, np.array([500.0, 500, 320, 240]))

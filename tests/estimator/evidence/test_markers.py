@@ -7,10 +7,9 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from estimator.evidence.marker import Marker
-from estimator.evidence.triangulation import triangulate
-from estimator.geometry.measurement import Measurements
+from estimator.evidence.markers import Marker, triangulate
 from estimator.projection.cameras import pixels_in_view
+from estimator.records.objects import Measurements
 from estimator.records.scene import Camera
 from metric_base.errors import InputError
 from tests.synthetic.evidence import draw_marker, marker_picture, one

@@ -8,10 +8,10 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from estimator.evidence.camera_path import CameraPath
 from estimator.evidence.gps import VideoGps
 from estimator.evidence.imu import Imu, Inertial, inertial_scale
-from estimator.geometry.measurement import Measurements
+from estimator.evidence.source import CameraPath
+from estimator.records.objects import Measurements
 from estimator.telemetry.records import Positions, Samples, Telemetry
 from tests.synthetic.evidence import degrees_of, one
 from tests.synthetic.telemetry import walk_readings

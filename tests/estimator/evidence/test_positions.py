@@ -14,9 +14,9 @@ from hypothesis import strategies as st
 from estimator.evidence import gps
 from estimator.evidence.alignment import align
 from estimator.evidence.gps import Gps, _aligned_scale, local_metres
-from estimator.evidence.marker import Marker
-from estimator.geometry.measurement import Measurements
-from estimator.geometry.up import OBSERVED_METHODS, Up
+from estimator.evidence.markers import Marker
+from estimator.geometry.vertical import OBSERVED_METHODS
+from estimator.records.objects import Measurements, Up
 from metric_base.arrays import FloatArray
 from metric_base.errors import InputError
 from metric_cli.estimate_scale.evidence import recorded_sources

@@ -5,7 +5,7 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from estimator.geometry.box import eta, smallest_rectangle_axes
-from estimator.records.measured_object import ETA_THRESHOLD
+from estimator.records.objects import ETA_THRESHOLD
 from metric_base.arrays import FloatArray
 from tests.synthetic.shapes import Shape, Solid, orbit, synthetic_scene
 

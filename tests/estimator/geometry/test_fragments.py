@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from estimator.geometry.measurement import without_fragments
-from estimator.records.measured_object import Box, MeasuredObject
+from estimator.records.objects import Box, MeasuredObject
 
 
 def _object(category: str, centre: tuple[float, float, float], side: float, views: int) -> MeasuredObject:

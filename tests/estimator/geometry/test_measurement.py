@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from estimator.geometry.measurement import PAPER, MeasurementOptions
 from estimator.pipeline import measure_objects
+from estimator.records.options import PAPER, MeasurementOptions
 from estimator.records.scene import DenseCloud, Scene, View
 from tests.synthetic.shapes import Shape, ShapeScene, Solid, box, cylinder, floor, orbit, synthetic_scene
 

@@ -10,7 +10,7 @@ import pytest
 from scipy.sparse import csr_array
 
 from estimator.association.point_labels import dense_labels
-from estimator.geometry.noise import depth_noise, sight_moment
+from estimator.geometry.point_noise import depth_noise, sight_moment
 from estimator.records.scene import Scene
 from tests.synthetic.shapes import box, floor, orbit, synthetic_scene
 

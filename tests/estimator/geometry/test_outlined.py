@@ -12,11 +12,11 @@ import pytest
 from estimator.geometry.cuboid_fit import Cuboid
 from estimator.geometry.extents import HIDDEN_TOP_SIGMA
 from estimator.geometry.mask_outlines import mask_reaches
-from estimator.geometry.measurement import MeasurementOptions
 from estimator.geometry.outline_measurement import LEVEL_TOP, OutlineData, _outline_sizes
-from estimator.outlines.sight_errors import point_covariances
+from estimator.geometry.point_noise import point_covariances
 from estimator.pipeline import measure_objects
-from estimator.records.measured_object import Box, MeasuredObject
+from estimator.records.objects import Box, MeasuredObject
+from estimator.records.options import MeasurementOptions
 from tests.synthetic.rooms.few_points import FewPointsWorld, few_points_world
 from tests.synthetic.shapes import orbit
 

@@ -7,8 +7,8 @@ import pytest
 
 from estimator.association.point_labels import dense_labels
 from estimator.geometry.truncation import _occluded_pixels, outline, side_evidence
+from estimator.projection.visibility import Surroundings
 from estimator.records.scene import Instance
-from estimator.visibility.depth_buffer import Surroundings
 from tests.synthetic.shapes import box, cylinder, floor, orbit, synthetic_scene, view_at
 
 UP = np.array([0, 0, 1.0])

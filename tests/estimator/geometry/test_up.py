@@ -7,8 +7,7 @@ from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
 from estimator.geometry.planes import support_planes
-from estimator.geometry.up import camera_up, given_up, up_contradiction
-from estimator.geometry.vertical import refine_up
+from estimator.geometry.vertical import camera_up, given_up, refine_up, up_contradiction
 from estimator.records.scene import View
 from metric_base.errors import InputError
 from tests.synthetic.shapes import box, floor, synthetic_scene, view_at

@@ -14,7 +14,7 @@ import numpy as np
 import pytest
 from pycocotools import mask as coco
 
-from estimator.instances.forms import read_instance_files
+from estimator.instances.instance_reader import read_instance_files
 from estimator.instances.yolo import yolo_names
 from estimator.reconstructions.scene_reader import read_scene
 from estimator.records.scene import Instance, Scene

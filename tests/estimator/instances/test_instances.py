@@ -14,9 +14,9 @@ from hypothesis import assume, given, settings
 from hypothesis import strategies as st
 from pycocotools import mask as coco
 
+from estimator.instances.instance_reader import read_instances, read_instances_and_warnings
 from estimator.instances.mask_decoding import box_mask, coco_mask
-from estimator.instances.masks_in_views import mask_crop
-from estimator.reconstructions.scene_reader import read_instances, read_instances_and_warnings
+from estimator.instances.view_matching import mask_crop
 from estimator.records.scene import Camera, Instance, Scene, View
 from metric_base.errors import FieldError, InputError
 

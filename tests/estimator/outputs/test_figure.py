@@ -14,9 +14,7 @@ from matplotlib.figure import Figure
 
 from estimator.outputs.figure import figure, write_figure
 from estimator.outputs.plan import COLOURS
-from estimator.records.curve import Curve
-from estimator.records.scale_evidence import EvidenceReport
-from estimator.results.scene_estimate import SceneEstimate
+from estimator.records.result import Curve, EvidenceReport, SceneEstimate
 from metric_base.errors import InputError
 from tests.synthetic.drawn import SCALE, drawn_estimate
 from tests.synthetic.small_scene import write_small_scene

@@ -11,12 +11,10 @@ import cv2
 import numpy as np
 import pytest
 
-from estimator.geometry.box_edges import EDGES, corners, edge_axis, projected_edges
-from estimator.outputs.overlay import overlay, write_overlays
-from estimator.outputs.panels import UNTRUSTED
+from estimator.outputs.overlay import UNTRUSTED, overlay, projected_edges, write_overlays
 from estimator.outputs.size_labels import dimension_labels, size_interval
-from estimator.records.measured_object import Box
-from estimator.results.scene_estimate import SceneEstimate
+from estimator.records.objects import EDGES, Box, corners, edge_axis
+from estimator.records.result import SceneEstimate
 from metric_base.errors import InputError
 from tests.synthetic.drawn import SCALE, drawn_estimate
 from tests.synthetic.small_scene import write_small_scene

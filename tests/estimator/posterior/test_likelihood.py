@@ -13,9 +13,9 @@ from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 from scipy.stats import multivariate_normal
 
-from estimator.posterior import axis_assignments, likelihood
+from estimator.posterior import axis_assignments, object_likelihood
 from estimator.posterior.axis_assignments import LOG_BOX, TRUNCATION_SHIFTS, VERTICAL, Layout, variants
-from estimator.posterior.likelihood import OUTLIER_SHARE, measurement_arrays, rows, usable
+from estimator.posterior.object_likelihood import OUTLIER_SHARE, measurement_arrays, rows, usable
 from estimator.posterior.posterior import object_curves
 from metric_base.arrays import FloatArray
 from metric_tree.prior import Prior
@@ -29,10 +29,10 @@ def no_gross_errors(monkeypatch: pytest.MonkeyPatch) -> Iterator[None]:
     """The plain mixture: dimensions are cut or measured as their sigma says."""
     monkeypatch.setattr(axis_assignments, "GROSS_ERROR_SHARE", 0.0)
     variants.cache_clear()
-    likelihood._table.cache_clear()
+    object_likelihood._table.cache_clear()
     yield
     variants.cache_clear()
-    likelihood._table.cache_clear()
+    object_likelihood._table.cache_clear()
 
 
 def _density(of: Prior, y: FloatArray, u: float, order: tuple[int, ...], sigma: float) -> float:

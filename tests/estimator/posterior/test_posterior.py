@@ -13,11 +13,10 @@ from scipy.stats import norm
 
 from estimator.posterior import log_scale_grid
 from estimator.posterior.class_hypotheses import hypotheses
-from estimator.posterior.likelihood import ObjectEvidence
-from estimator.posterior.posterior import posterior
+from estimator.posterior.object_likelihood import ObjectEvidence
+from estimator.posterior.posterior import near_mass, posterior, status_of
 from estimator.posterior.shared_error import convolution, shared_error
-from estimator.posterior.status import near_mass, status_of
-from estimator.records.curve import Curve, Mode
+from estimator.records.result import Curve, Mode
 from metric_base.arrays import FloatArray
 from tests.synthetic.class_likelihood_definition import class_log_likelihood, hypothesis_likelihood
 from tests.synthetic.priors import evidence, prior

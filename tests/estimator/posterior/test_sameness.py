@@ -19,7 +19,7 @@ from estimator.posterior.class_hypotheses import (
     displaced_share,
     hypotheses,
 )
-from estimator.posterior.likelihood import ObjectEvidence
+from estimator.posterior.object_likelihood import ObjectEvidence
 from estimator.posterior.posterior import MOST_OBJECTS, Posterior, posterior
 from metric_tree.prior import Prior
 from tests.synthetic.priors import evidence, prior

@@ -14,7 +14,7 @@ from estimator.reconstructions.colmap import colmap_folder, read_colmap
 from estimator.reconstructions.scene_reader import read_scene
 from estimator.records.scene import Scene
 from metric_base.errors import InputError
-from tests.estimator.reconstructions.test_cameras import mild_params
+from tests.estimator.projection.test_cameras import mild_params
 from tests.synthetic.small_scene import small_model
 
 

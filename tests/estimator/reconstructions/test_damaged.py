@@ -10,7 +10,8 @@ import pytest
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
-from estimator.reconstructions.scene_reader import read_instances_and_warnings, read_scene
+from estimator.instances.instance_reader import read_instances_and_warnings
+from estimator.reconstructions.scene_reader import read_scene
 from estimator.records.scene import Instance, Scene
 from metric_base.errors import InputError
 from metric_cli.estimate_scale.estimate import main

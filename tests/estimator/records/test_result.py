@@ -10,11 +10,11 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from estimator.records.measured_object import MeasuredObject
+from estimator.records.objects import MeasuredObject
+from estimator.records.options import EstimateOptions
 from estimator.records.result import Alternative, Interval, ObjectReport, ScaleResult, UpReport
 from estimator.results.estimate import scale_of_objects
-from estimator.results.object_verdicts import outlier_reason
-from estimator.results.reports import EstimateOptions
+from estimator.results.scale_report import outlier_reason
 from metric_cli.estimate_scale.result_table import result_text
 from metric_tree.tree import Tree
 from tests.synthetic.priors import evidence, prior

@@ -10,10 +10,10 @@ import pytest
 
 import metric_tree
 from estimator.posterior.posterior import Estimate
-from estimator.records.measured_object import MeasuredObject
-from estimator.results.categories import meanings
+from estimator.records.objects import MeasuredObject
 from estimator.results.estimate import scale_of_objects
-from estimator.results.reports import _outlier_warnings
+from estimator.results.object_priors import meanings
+from estimator.results.scale_report import _outlier_warnings
 from metric_tree.tree import Tree
 
 

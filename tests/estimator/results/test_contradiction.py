@@ -8,12 +8,10 @@ import numpy as np
 import pytest
 
 from estimator.posterior.posterior import posterior
-from estimator.records.measured_object import MeasuredObject
-from estimator.records.result import ScaleResult
-from estimator.records.scale_evidence import ScaleEvidence
-from estimator.results.contradiction import contradiction_of
-from estimator.results.estimate import scale_of_objects
-from estimator.results.reports import EstimateOptions
+from estimator.records.objects import MeasuredObject
+from estimator.records.options import EstimateOptions
+from estimator.records.result import ScaleEvidence, ScaleResult
+from estimator.results.estimate import contradiction_of, scale_of_objects
 from metric_tree.tree import Tree
 from tests.synthetic.priors import evidence, prior
 

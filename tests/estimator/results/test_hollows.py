@@ -8,11 +8,11 @@ import numpy as np
 import pytest
 
 import metric_tree
-from estimator.records.measured_object import MeasuredObject
+from estimator.records.objects import MeasuredObject
+from estimator.records.options import EstimateOptions
 from estimator.records.result import ObjectReport
 from estimator.results.estimate import scale_of_objects
-from estimator.results.hollows import UNSEEN_UNDERSIDE, cut_sides
-from estimator.results.reports import EstimateOptions
+from estimator.results.object_priors import UNSEEN_UNDERSIDE, cut_sides
 from metric_tree.tree import Tree
 
 SINK = MeasuredObject("1", "sink", np.array([0.56, 0.44, 0.15]), np.full(3, 0.03))

@@ -8,10 +8,10 @@ import numpy as np
 import pytest
 
 import metric_tree
-from estimator.records.measured_object import MeasuredObject
-from estimator.records.scale_evidence import ScaleEvidence
+from estimator.records.objects import MeasuredObject
+from estimator.records.options import EstimateOptions
+from estimator.records.result import ScaleEvidence
 from estimator.results.estimate import scale_of_objects
-from estimator.results.reports import EstimateOptions
 from metric_tree.tree import Tree
 
 VASE = MeasuredObject("1", "vase", np.array([0.2, 0.2, 0.5]), np.full(3, 0.03))

@@ -8,7 +8,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 import metric_tree
-from estimator.results.places import Places, place_shares, prior_in_place, shipped_places
+from estimator.results.object_priors import Places, place_shares, prior_in_place, shipped_places
 from tests.synthetic.priors import prior
 
 CHAIR = prior("chair.n.01", [(560, 540, 950), (700, 640, 1100)])

@@ -10,9 +10,8 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from estimator.telemetry.camm import camm_telemetry, is_camm
 from estimator.telemetry.gpmf import Packet, gpmf_telemetry, keys
-from estimator.telemetry.recordings import read_telemetry, subtitle_positions
+from estimator.telemetry.readers import camm_telemetry, is_camm, read_telemetry, subtitle_positions
 from metric_base.errors import InputError
 from tests.synthetic.telemetry import camm_packet, gpmf_key, gpmf_stream
 

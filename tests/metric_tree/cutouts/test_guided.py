@@ -10,9 +10,8 @@ import numpy as np
 import pytest
 
 from metric_base.errors import InputError
-from metric_tree.cutouts.backend import Settings
-from metric_tree.cutouts.guided import guided_foreground
-from metric_tree.cutouts.guides import Guide, guides
+from metric_tree.cutouts.backend import Guide, Settings
+from metric_tree.cutouts.guided import guided_foreground, guides
 from metric_tree.cutouts.release_cutouts import cut
 
 ID = "a" * 64

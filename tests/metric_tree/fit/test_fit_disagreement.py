@@ -10,11 +10,10 @@ import pytest
 from metric_tree.axes import AXES
 from metric_tree.fit import evidence_model as kinds
 from metric_tree.fit.class_prior import class_mean, class_prior, shrunk_between
-from metric_tree.fit.class_rows import ClassRows
-from metric_tree.fit.evidence import KIND_WEIGHT
 from metric_tree.fit.evidence_model import KindModel, learn_kinds
 from metric_tree.fit.moments import VAGUE
 from metric_tree.fit.random_effects import source_means, with_statements
+from metric_tree.fit.rows import KIND_WEIGHT, ClassRows
 
 BETWEEN = np.array([[0.04, 0.02, 0.01], [0.02, 0.03, 0.0], [0.01, 0.0, 0.02]])
 WITHIN = 0.02 * np.eye(3)

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import pytest
 
-from metric_tree.fit.evidence import row_weights
+from metric_tree.fit.rows import row_weights
 
 
 def test_fifty_rows_of_a_source_have_half_of_its_largest_weight() -> None:

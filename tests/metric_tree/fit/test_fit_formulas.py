@@ -9,20 +9,9 @@ import pytest
 
 from metric_tree.context import Context
 from metric_tree.fit import contexts, evidence_model, intraclass_correlation
-from metric_tree.fit.class_rows import (
-    STATED_SHARED,
-    ClassRows,
-    nanmean,
-    own_belief,
-    statements_of,
-    take_rows,
-    weighted_rows,
-    within_range,
-    without_museums,
-)
 from metric_tree.fit.evidence_model import KindModel
+from metric_tree.fit.inner_priors import commonness, plain_weights
 from metric_tree.fit.mixture import Belief, Rows, _single_starts
-from metric_tree.fit.plain_names import commonness, plain_weights
 from metric_tree.fit.random_effects import (
     CERTAIN_ROWS,
     MEAN_HALF_ROWS,
@@ -32,6 +21,17 @@ from metric_tree.fit.random_effects import (
     source_means,
     with_min_eigenvalue,
     with_statements,
+)
+from metric_tree.fit.rows import (
+    STATED_SHARED,
+    ClassRows,
+    nanmean,
+    own_belief,
+    statements_of,
+    take_rows,
+    weighted_rows,
+    within_range,
+    without_museums,
 )
 from metric_tree.prior import Prior
 

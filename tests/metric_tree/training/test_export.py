@@ -13,8 +13,7 @@ from pycocotools.coco import COCO
 
 from metric_cli.subcommands import main
 from metric_tree.training.classes import Classes
-from metric_tree.training.composition import compose, random_background
-from metric_tree.training.pasted import Cutout, cutouts_of
+from metric_tree.training.composition import Cutout, compose, cutouts_of, random_background
 from metric_tree.tree import Tree
 from tests.metric_tree.training.conftest import CUTOUTS, EACH, export
 
@@ -104,7 +103,7 @@ def test_items_belong_to_one_split(tree: Tree, tmp_path: Path) -> None:
 
 
 def test_an_item_without_a_size_draws_from_its_prior(tree: Tree) -> None:
-    from metric_tree.training.pasted import _size
+    from metric_tree.training.composition import _size
 
     axis, sizes = _size({}, tree.node("swivel_chair.n.01"), seed=0)
     low, high = tree.node("swivel_chair.n.01").prior(("height",)).interval(0.9999)[0]

@@ -11,7 +11,7 @@ import pytest
 from pycocotools.coco import COCO
 
 from metric_base.errors import InputError
-from metric_tree.training.ade20k_challenge import CLASSES
+from metric_tree.training.ade20k import CLASSES
 from metric_tree.training.classes import Classes, _lookup
 from metric_tree.tree import Tree, open_tree
 from tests.metric_tree.training.conftest import export

@@ -10,15 +10,14 @@ from pathlib import Path
 
 import numpy as np
 
-from estimator.association.tracks import Track
 from estimator.baselines.paper import paper_result
 from estimator.baselines.sucar import box_heights, prescribed_down, sucar_result
-from estimator.geometry.measurement import PAPER, MeasurementOptions, Measurements
 from estimator.pipeline import measure_objects
+from estimator.records.objects import Measurements, Track
+from estimator.records.options import PAPER, EstimateOptions, MeasurementOptions
 from estimator.records.result import ScaleResult
 from estimator.records.scene import Instance, Scene
 from estimator.results.estimate import scale_of_objects
-from estimator.results.reports import EstimateOptions
 from metric_tree.tree import Tree
 from tests.synthetic.rooms.scores import Score, height_error
 from tests.synthetic.rooms.truth import Truth

@@ -9,10 +9,11 @@ from pathlib import Path
 import numpy as np
 import pyarrow as pa
 
-from estimator.results.categories import meanings
+from estimator.results.object_priors import meanings
 from metric_base.arrays import FloatArray
+from metric_tree.node import Node
 from metric_tree.pipeline.ingest import blocks, ingest_block, is_held_out, raw_files
-from metric_tree.tree import Node, Tree
+from metric_tree.tree import Tree
 from taxonomy.categories import Taxonomy
 from tests.synthetic.rooms.shapes import CATEGORIES
 from tests.synthetic.rooms.sizes import plausible_sizes

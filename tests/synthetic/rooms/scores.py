@@ -8,7 +8,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from estimator.association.tracks import Track
+from estimator.records.objects import Track
 from estimator.records.scene import Instance
 from metric_base.arrays import FloatArray
 from tests.synthetic.rooms.truth import Truth

@@ -15,7 +15,7 @@ from crawler.items import RawItem
 from metric_base.folders import taxonomy_directory
 from metric_base.records import json_record
 from metric_cli.subcommands import main
-from taxonomy.inserted_categories import insertions
+from taxonomy.categories import insertions
 from taxonomy.levels import replaced_ids
 from taxonomy.matching.decisions import (
     WITHDRAWN,

@@ -9,7 +9,7 @@ from pathlib import Path
 import pytest
 
 from metric_base.folders import taxonomy_directory
-from taxonomy.inserted_categories import BadInsertion, InsertedCategory, insertions
+from taxonomy.categories import BadInsertion, InsertedCategory, insertions
 from taxonomy.levels import replaced_ids
 from taxonomy.matching.decisions import Decision, decisions
 from taxonomy.matching.lexicon import Lexicon

@@ -1,0 +1,153 @@
+"""`python -m benchmarks.user_study`: make the page of the study, or report on its answers."""
+
+from __future__ import annotations
+
+import argparse
+import sys
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from metric_base.errors import InputError
+from metric_cli.errors import exit_status
+from metric_cli.parser import OneLineParser, OutputFile, add_overwrite, input_path
+
+PROGRAM = "python -m benchmarks.user_study"
+#: Maximum number of times that each size is shown.
+MAX_REPEATS = 10
+
+
+def main(argv: Sequence[str] | None = None) -> int:
+    """Run the command; return the exit status: 0, 2 (invalid input) or 1 (internal error)."""
+    words = list(sys.argv[1:] if argv is None else argv)
+    return exit_status(PROGRAM, lambda: _run(words))
+
+
+def _run(words: Sequence[str]) -> int:
+    if list(words[:1]) == ["report"]:
+        return _report(_report_parser().parse_args(words[1:]))
+    return _make(_page_parser().parse_args(words))
+
+
+def _page_parser() -> argparse.ArgumentParser:
+    from metric_cli.insert_object.request import add_scene_arguments
+
+    root = OneLineParser(
+        prog=PROGRAM,
+        description="The same insertion at the paper's eleven sizes as one page that works offline.",
+        allow_abbrev=False,
+    )
+    add_scene_arguments(root)
+    root.add_argument("--frame", metavar="NAME", help="the picture to show (default: the one that shows most of it)")
+    root.add_argument("--object", default="object", help="what the object is called on the page")
+    root.add_argument("--thing", dest="object", default=argparse.SUPPRESS, help=argparse.SUPPRESS)  # its old name
+    root.add_argument("--title", default="How large does it look?", help="heading of the page")
+    root.add_argument("--repeats", type=int, default=2, help="how often each size is shown (default: %(default)s)")
+    root.add_argument("--out", metavar="FILE", type=OutputFile(), required=True, help="the page, FILE.html")
+    add_overwrite(root)
+    return root
+
+
+def _report_parser() -> argparse.ArgumentParser:
+    root = OneLineParser(prog=f"{PROGRAM} report", description="The curve of the answers.", allow_abbrev=False)
+    root.add_argument(
+        "answers", metavar="ANSWERS", type=input_path, help="a file that the page saved, or a folder of them"
+    )
+    root.add_argument("--figure", metavar="FILE", type=OutputFile(), help="draw the curve (.png, .svg, .pdf)")
+    root.add_argument("--json", action="store_true", help="print the curve as JSON")
+    add_overwrite(root)
+    return root
+
+
+def _make(options: argparse.Namespace) -> int:
+    from benchmarks.user_study.page import plan_text, study_page
+    from insertion.placement.placed_object import place_objects
+    from metric_base.files import output_file, whole_file
+    from metric_cli.insert_object.request import prepared_scene_of, requests_of, tree_of
+
+    output_file(options.out)
+    if not 1 <= options.repeats <= MAX_REPEATS:
+        raise InputError(f"--repeats: expected 1 to {MAX_REPEATS}; found {options.repeats}")
+    requests = requests_of(options)
+    prepared = prepared_scene_of(options)
+    placed = place_objects(prepared, requests, tree_of(options))
+    pictures = _pictures(prepared, placed, options.frame)
+    with whole_file(options.out, "--out") as file:
+        file.write_text(study_page(pictures, options.title, options.object, options.repeats), encoding="utf-8")
+    sys.stdout.write(f"{options.out}: {len(pictures)} sizes, each shown {options.repeats} times\n")
+    sys.stdout.write(plan_text(options.repeats) + "\n")
+    return 0
+
+
+def _pictures(prepared: Any, placed: Sequence[Any], frame: str | None) -> dict[int, NDArray[np.uint8]]:
+    """The chosen picture (h, w, 3) at every step: the first object grows and shrinks about its foot, the rest stays."""
+    from benchmarks.user_study.page import STEPS
+    from insertion.composite.compositor import single_pictures
+    from insertion.placement.placed_object import resize
+    from metric_cli.progress import with_bar
+
+    chosen = _shot(prepared, placed, frame)
+    variants = [[resize(placed[0], 1 + step / 100), *placed[1:]] for step in STEPS]
+    drawn = with_bar(single_pictures(prepared, variants, chosen), "drawing the sizes", len(STEPS))
+    return dict(zip(STEPS, drawn, strict=True))
+
+
+def _shot(prepared: Any, placed: Sequence[Any], frame: str | None) -> Any:
+    """The named shot, or the one in which the object is largest and wholly inside."""
+    from estimator.projection.cameras import pixels_in_view
+
+    shots = [shot for shot in prepared.footage.shots if shot.view is not None]
+    if frame is not None:
+        named = [shot for shot in shots if frame in (shot.name, Path(shot.name).stem, str(shot.index))]
+        if not named:
+            raise InputError(f"--frame: expected the name or number of a picture with a known pose; found {frame!r}")
+        return named[0]
+    body = placed[0].body
+    corners = body.position + body.unit * 1.3 * body.corners[:: max(1, len(body.corners) // 500)]
+
+    def height(shot: Any) -> float:
+        pixels, _ = pixels_in_view(shot.view, corners)
+        return float(np.ptp(pixels[:, 1])) if np.isfinite(pixels).all() else 0.0
+
+    return max(shots, key=height)
+
+
+def _report(options: argparse.Namespace) -> int:
+    from benchmarks.user_study.answers import read_answers
+    from benchmarks.user_study.curve import curve_of
+    from benchmarks.user_study.report import report_text, write_curve
+    from metric_base.files import output_file
+    from metric_cli.tables import print_json
+
+    if options.figure is not None:
+        output_file(options.figure, "--figure")
+    warnings: list[str] = []
+    curve = curve_of(read_answers(options.answers, warnings))
+    for line in warnings:
+        sys.stderr.write(f"{PROGRAM} report: warning: {line}\n")
+    if options.figure is not None:
+        write_curve(curve, options.figure)
+    if options.json:
+        print_json(_record(curve))
+    else:
+        sys.stdout.write(report_text(curve) + "\n")
+    return 0
+
+
+def _record(curve: Any) -> dict[str, Any]:
+    from dataclasses import asdict
+
+    return {
+        "schema": "metric-tree/study-report/1",
+        "points": [asdict(point) for point in curve.points],
+        "participants": curve.participants,
+        "careless": curve.careless,
+        "flat": curve.flat,
+        "peak_percent": None if curve.flat else curve.observer.peak,
+        "peak_interval": curve.peak_interval,
+        "just_noticeable_percent": None if curve.flat else curve.observer.noticeable,
+        "just_noticeable_interval": curve.noticeable_interval,
+    }

@@ -1,1 +1,0 @@
-"""Outlines of objects and the upright cuboids that fit them, for objects on which few points lie."""

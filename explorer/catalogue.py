@@ -1,0 +1,212 @@
+"""A release made ready for pages: its tables in memory, rows by node, labels by node, codes by node.
+
+The tiers of evidence in words (docs/reference/tiers.md).
+"""
+
+from __future__ import annotations
+
+import hashlib
+import json
+from collections import defaultdict
+from collections.abc import Iterator, Mapping, Sequence
+from functools import cached_property
+from typing import Any
+
+import numpy as np
+import pyarrow as pa
+
+from explorer.urls import slug
+from metric_base.arrays import FloatArray, IntArray
+from metric_base.errors import InputError
+from metric_base.escaping import visible
+from metric_base.folders import taxonomy_directory
+from metric_tree.node import Node, NoPrior, UnknownName
+from metric_tree.prior import QUANTILES, Prior
+from metric_tree.tree import Tree
+from taxonomy.label_lists import Label, vocabularies, vocabulary
+
+#: Of a node without a prior.
+UNKNOWN = "unknown"
+#: Tier to what it means, the best first.
+MEANINGS = {
+    "norm": "a published norm fixes it",
+    "measured": "many real items of several sources",
+    "few": "few real items, or a single source",
+    "models": "3-D models and museum pieces",
+    "borrowed": "most of it comes from the categories around it",
+    "judged": "a language model's range; nothing was measured",
+    UNKNOWN: "nothing is known of its size",
+}
+#: Columns of `ReleaseCatalogue.sizes`.
+AXES = ("length", "width", "height", "extent1", "extent2", "extent3")
+
+
+class ReleaseCatalogue:
+    """One release for pages and answers, among those that the same site or server has.
+
+    Parameters
+    ----------
+    trees : the first is at the root, each other under `releases/VERSION/`
+    place : the place of this one among them
+    """
+
+    def __init__(self, trees: Sequence[Tree], place: int = 0) -> None:
+        tree = trees[place]
+        self.tree, self.main = tree, trees[0]
+        self.others = tuple(other for other in trees if other is not tree)
+        self.nodes = {node.node_id: node for node in tree}
+        self.by_slug = {slug(node_id): node_id for node_id in self.nodes}
+        if len({name.casefold() for name in self.by_slug}) != len(self.nodes):
+            raise InputError(
+                f"{tree.release.directory}: node_id: expected ids that differ as file names; found two alike"
+            )
+        self._quantiles: dict[str, FloatArray] = {}
+        self._tiers: dict[str, str] = {}
+
+    @cached_property
+    def etag(self) -> str:
+        """A name of the release's content: the start of the sha256 of its manifest."""
+        text = json.dumps(self.tree.release.manifest, sort_keys=True)
+        return hashlib.sha256(text.encode()).hexdigest()[:16]
+
+    def way_to(self, tree: Tree) -> str:
+        """The way from this release's root to that of another."""
+        up = "" if self.tree is self.main else "../../"
+        return up if tree is self.main else f"{up}releases/{tree.version}/"
+
+    def node(self, name: str) -> Node:
+        """The node of an id or a slug; UnknownName if there is none."""
+        node_id = name if name in self.nodes else self.by_slug.get(name, "")
+        if node_id not in self.nodes:
+            raise UnknownName(f"{name}: no node has this id")
+        return self.nodes[node_id]
+
+    def tier(self, node: Node) -> str:
+        """The tier of a node's default prior."""
+        if node.node_id not in self._tiers:
+            self._tiers[node.node_id] = node.tier or UNKNOWN
+        return self._tiers[node.node_id]
+
+    def prior(self, node: Node) -> Prior | None:
+        """The default prior of a node, else its widest one; None where it has none."""
+        try:
+            return node.prior()
+        except NoPrior:
+            dims = max(node.prior_dims, key=len, default=None)
+            return None if dims is None else node.prior(dims)
+
+    def dims(self, node: Node) -> tuple[str, ...]:
+        """The dimensions of a node's default prior; none where it has no prior."""
+        prior = self.prior(node)
+        return prior.dims if prior is not None else ()
+
+    def quantiles(self, node: Node) -> FloatArray:
+        """`QUANTILES` of a node's default prior, (5, d) in mm; d is 0 where it has none."""
+        if node.node_id not in self._quantiles:
+            prior = self.prior(node)
+            self._quantiles[node.node_id] = (
+                np.zeros((len(QUANTILES), 0)) if prior is None else prior.quantiles(QUANTILES)
+            )
+        return self._quantiles[node.node_id]
+
+    @cached_property
+    def items(self) -> pa.Table:
+        """All shipped items; InputError where one is of no node."""
+        table = self.tree.release.table("items")
+        if strays := set(table["node_id"].unique().to_pylist()) - set(self.nodes):
+            raise InputError(self._refusal("node_id", "ids of nodes", min(strays)))
+        return table
+
+    @cached_property
+    def sizes(self) -> FloatArray:
+        """Sizes of all items, (n, 6) in mm by `AXES`, NaN where not stated."""
+        table = np.full((self.items.num_rows, 6), np.nan)
+        for column, name in enumerate(("length_mm", "width_mm", "height_mm")):
+            table[:, column] = self.items[name].to_numpy(zero_copy_only=False).astype(float)
+        for row, extents in enumerate(self.items["extents_mm"].to_pylist()):
+            for column, value in enumerate((extents or ())[:3]):
+                table[row, 3 + column] = value
+        if len(bad := table[~np.isnan(table) & ~((table > 0) & (table < np.inf))]):
+            raise InputError(self._refusal("length_mm, width_mm, height_mm, extents_mm", "positive sizes", str(bad[0])))
+        return table
+
+    def _refusal(self, field: str, expected: str, found: str) -> str:
+        return f"{self.tree.release.directory}/items.parquet: {field}: expected {expected}; found {visible(found)}"
+
+    @cached_property
+    def kinds(self) -> Any:
+        """Kinds of evidence of all items, (n,) texts."""
+        return np.array(self.items["kind"].to_pylist(), dtype=object)
+
+    def rows(self, node: Node) -> IntArray:
+        """Rows in `items` of the items at or below a node, in the order of the table."""
+        found = [self._own_rows[one.node_id] for one in node.descendants() if one.node_id in self._own_rows]
+        return np.sort(np.concatenate(found)) if found else np.zeros(0, dtype=int)
+
+    def images(self, node: Node) -> list[dict[str, Any]]:
+        """The pictures of the items at or below a node."""
+        return [row for one in node.descendants() for row in self._images.get(one.node_id, ())]
+
+    @cached_property
+    def item_rows(self) -> Mapping[str, int]:
+        """Row in `items` by item id."""
+        return {item_id: row for row, item_id in enumerate(self.items["item_id"].to_pylist())}
+
+    @cached_property
+    def _own_rows(self) -> dict[str, IntArray]:
+        return _rows_by(self.items["node_id"].to_pylist())
+
+    @cached_property
+    def rows_by_source(self) -> dict[str, IntArray]:
+        """Rows in `items` by source id."""
+        return _rows_by(self.items["source"].to_pylist())
+
+    @cached_property
+    def _images(self) -> dict[str, list[dict[str, Any]]]:
+        found: dict[str, list[dict[str, Any]]] = defaultdict(list)
+        for row in self.tree.release.table("images").to_pylist():
+            found[row["node_id"]].append(row)
+        return found
+
+    @cached_property
+    def sources(self) -> dict[str, dict[str, Any]]:
+        """The manifest's record of each source."""
+        return {record["id"]: record for record in self.tree.release.manifest["sources"]}
+
+    @cached_property
+    def vocabularies(self) -> dict[str, tuple[Label, ...]]:
+        """The label lists of detectors by name."""
+        return {name: vocabulary(name) for name in vocabularies()}
+
+    @cached_property
+    def labels(self) -> Mapping[str, list[tuple[str, str]]]:
+        """List and label of each node that a list names, by node id."""
+        found: dict[str, list[tuple[str, str]]] = defaultdict(list)
+        for name, labels in self.vocabularies.items():
+            for label in labels:
+                if label.node_id in self.nodes:
+                    found[str(label.node_id)].append((name, label.label))
+        return found
+
+    @cached_property
+    def codes(self) -> Mapping[str, list[str]]:
+        """WordNet offsets (`n03001627`) and Freebase ids (`/m/01mzpv`) by node id."""
+        found: dict[str, list[str]] = defaultdict(list)
+        for line in (taxonomy_directory() / "codes.tsv").read_text(encoding="utf-8").splitlines():
+            code, _, node_id = line.partition("\t")
+            found[node_id].append(code)
+        return found
+
+    def of_tier(self) -> Iterator[tuple[str, int]]:
+        """How many nodes are of each tier."""
+        counts: dict[str, int] = defaultdict(int)
+        for node in self.nodes.values():
+            counts[self.tier(node)] += 1
+        yield from counts.items()
+
+
+def _rows_by(names: Sequence[str]) -> dict[str, IntArray]:
+    rows: dict[str, list[int]] = defaultdict(list)
+    for row, name in enumerate(names):
+        rows[name].append(row)
+    return {name: np.array(own) for name, own in rows.items()}

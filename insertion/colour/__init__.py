@@ -1,1 +1,0 @@
-"""The encoding of pictures: display values to linear light and back."""

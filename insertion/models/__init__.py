@@ -1,1 +1,0 @@
-"""Models to insert: glTF reading and the size in metres."""

@@ -1,0 +1,143 @@
+"""The OpenGL context: EGL, so that no display is needed; software rendering (Mesa's llvmpipe) is enough.
+
+The parts of a body on the graphics card: vertex buffers and textures.
+"""
+
+from __future__ import annotations
+
+import os
+import re
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from insertion.render.body import BodyPart
+from metric_base.errors import InputError
+from models3d.model import Material
+
+#: Names of the material's textures in the shader, and their texture units.
+_UNITS = {"base_texture": 3, "surface_texture": 4, "normal_texture": 5, "emissive_texture": 6}
+_LAYOUT = "3f 3f 2f 4f"
+_SHADERS = Path(__file__).parent / "shaders"
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class LoadedPart:
+    """One part: its vertex arrays for the picture, its facts and its shadows, its textures by name, its material.
+
+    buffers : of the vertices and of the faces.
+    """
+
+    drawn: Any
+    gathered: Any
+    cast: Any
+    textures: dict[str, Any]
+    material: Material
+    middle: NDArray[np.float64]
+    buffers: tuple[Any, Any]
+
+    def at_vertices(self, part: BodyPart) -> LoadedPart:
+        """The same part with its vertices elsewhere; the old one is not used any more."""
+        self.buffers[0].write(_rows(part))
+        return replace(self, middle=part.vertices.mean(axis=0))
+
+    def release(self) -> None:
+        """Give the memory of the card back."""
+        for item in (self.drawn, self.gathered, self.cast, *self.textures.values(), *self.buffers):
+            if item:
+                item.release()
+
+    def bind(self, program: Any) -> None:
+        """Hand the material to the shader; what the shader does not use is skipped."""
+        for name, unit in _UNITS.items():
+            flag = "has_" + name.split("_", 1)[0]
+            if name in self.textures:
+                self.textures[name].use(unit)
+            _set(program, flag, name in self.textures)
+            _set(program, name, unit)
+        cutoff = self.material.alpha_cutoff
+        _set(program, "alpha_cutoff", -1.0 if cutoff is None else cutoff)
+        _set(program, "base_color", tuple(float(v) for v in self.material.base_color))
+        _set(program, "emissive", tuple(float(v) for v in self.material.emissive))
+        _set(program, "metallic", self.material.metallic)
+        _set(program, "roughness", self.material.roughness)
+
+
+def load_part(
+    context: Any, picture_program: Any, shadow_program: Any, part: BodyPart, facts_program: Any = None
+) -> LoadedPart:
+    """Upload one part; without a program for its facts, `gathered` is None."""
+    vertices = context.buffer(_rows(part))
+    index = context.buffer(np.ascontiguousarray(part.faces, dtype="i4").tobytes())
+    names = ("place", "normal", "uv", "tint")
+    drawn = context.vertex_array(picture_program, [(vertices, _LAYOUT, *names)], index)
+    gathered = facts_program and context.vertex_array(facts_program, [(vertices, _LAYOUT, *names)], index)
+    cast = context.vertex_array(shadow_program, [(vertices, "3f 12x 2f 16x", "place", "uv")], index)
+    material = part.material
+    stored = {
+        "base_texture": material.base_texture,
+        "surface_texture": material.surface_texture,
+        "normal_texture": material.normal_texture,
+        "emissive_texture": material.emissive_texture,
+    }
+    textures = {name: _texture(context, pixels) for name, pixels in stored.items() if pixels is not None}
+    return LoadedPart(drawn, gathered, cast, textures, material, part.vertices.mean(axis=0), (vertices, index))
+
+
+def _rows(part: BodyPart) -> bytes:
+    """The vertices as they are uploaded."""
+    return np.hstack([part.vertices, part.normals, part.uv, part.tint]).astype("f4").tobytes()
+
+
+def _texture(context: Any, pixels: NDArray[np.uint8]) -> Any:
+    """A repeating texture with mipmaps, (h, w, c); glTF's first row is v = 0, as is OpenGL's.
+
+    No anisotropic filter: where texture coordinates run wild, llvmpipe samples one pixel for minutes.
+    """
+    import moderngl
+
+    texture = context.texture((pixels.shape[1], pixels.shape[0]), 4, np.ascontiguousarray(pixels).tobytes())
+    texture.build_mipmaps()
+    texture.filter = (moderngl.LINEAR_MIPMAP_LINEAR, moderngl.LINEAR)
+    return texture
+
+
+def _set(program: Any, name: str, value: object) -> None:
+    if name in program:
+        program[name].value = value
+
+
+class NoRenderer(InputError):
+    """No OpenGL context can be made on this machine; the message says what to install."""
+
+
+def gl_context() -> Any:
+    """A moderngl context on EGL. Raises NoRenderer with the package to install."""
+    try:
+        import moderngl
+    except ImportError:
+        raise NoRenderer("moderngl is not installed; run: pip install 'metric-tree[insert]'") from None
+    os.environ.setdefault("EGL_LOG_LEVEL", "fatal")  # or Mesa adds lines of its own
+    try:
+        settings: Any = {"backend": "egl"}  # moderngl's stub types this word as a mapping
+        return moderngl.create_context(standalone=True, require=330, **settings)
+    except Exception as error:
+        reason = " ".join(str(error).split())
+        message = f"no OpenGL without a display ({reason}); run: apt-get install libegl1 libgl1-mesa-dri"
+        raise NoRenderer(message) from error
+
+
+def check_renderer() -> None:
+    """Raise NoRenderer where no context can be made, before any work is done."""
+    gl_context().release()
+
+
+def shader(name: str, **constants: int) -> str:
+    """The text of a shader file; `constants` become `#define`s after its version line, `//!part` the file part.glsl."""
+    version, _, body = (_SHADERS / name).read_text(encoding="utf-8").partition("\n")
+    body = re.sub(r"^//!(\w+)$", lambda part: (_SHADERS / f"{part[1]}.glsl").read_text("utf-8"), body, flags=re.M)
+    defines = "".join(f"#define {key} {value}\n" for key, value in constants.items())
+    return f"{version}\n{defines}{body}"

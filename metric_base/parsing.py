@@ -1,0 +1,114 @@
+"""What is read of binary files and JSON documents; every count is checked before it is believed.
+
+Records of a file of comma-separated values, with every error as one line that names the file.
+"""
+
+from __future__ import annotations
+
+import csv
+import struct
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import DTypeLike, NDArray
+
+from metric_base.errors import FieldError, InputError, Unquoted
+from metric_base.input_files import read_bytes, read_text
+
+_JSON_KINDS = {
+    type(None): "null", bool: "a truth value", int: "a number", float: "a number", str: "a string",
+    list: "an array", dict: "an object",
+}  # fmt: skip
+_COUNT = struct.Struct("<Q")
+
+
+def json_object(value: object, field: str = "document") -> dict[str, Any]:
+    """`value` if it is a JSON object."""
+    if not isinstance(value, dict):
+        raise FieldError(field, "an object", Unquoted(_JSON_KINDS.get(type(value), "something else")))
+    return value
+
+
+def json_array(value: object, field: str = "document") -> list[Any]:
+    """`value` if it is a JSON array."""
+    if not isinstance(value, list):
+        raise FieldError(field, "an array", Unquoted(_JSON_KINDS.get(type(value), "something else")))
+    return value
+
+
+class ByteReader:
+    """A little-endian binary file and a place in it; every count is checked against the bytes that remain."""
+
+    def __init__(self, path: Path) -> None:
+        self.path = path
+        self.data = read_bytes(path)
+        self.place = 0
+
+    @property
+    def remaining(self) -> int:
+        """Bytes from the place to the end."""
+        return len(self.data) - self.place
+
+    def take(self, layout: struct.Struct, field: str) -> tuple[Any, ...]:
+        """The next values in the layout."""
+        self._need(layout.size, field)
+        values = layout.unpack_from(self.data, self.place)
+        self.place += layout.size
+        return values
+
+    def count(self, field: str, smallest: int, layout: struct.Struct = _COUNT) -> int:
+        """The next count of records of at least `smallest` bytes each, believed only if they could fit."""
+        (count,) = self.take(layout, field)
+        if count * smallest > self.remaining:
+            expected = f"at most {self.remaining // smallest} (the rest of the file holds no more)"
+            raise InputError.at(self.path, field, expected, count)
+        return int(count)
+
+    def rows(self, dtype: DTypeLike, n: int, field: str) -> NDArray[Any]:
+        """The next n records, (n,), as a view of the bytes, without a copy; InputError if the file ends before."""
+        record = np.dtype(dtype)
+        self._need(n * record.itemsize, field)
+        rows = np.frombuffer(self.data, dtype=record, count=n, offset=self.place)
+        self.place += n * record.itemsize
+        return rows
+
+    def name(self, field: str) -> str:
+        """The next zero-terminated UTF-8 string."""
+        end = self.data.find(b"\0", self.place)
+        if end < 0:
+            raise InputError.at(self.path, field, "a name that ends in a zero byte", Unquoted("the end of the file"))
+        raw = self.data[self.place : end]
+        self.place = end + 1
+        try:
+            return raw.decode("utf-8")
+        except UnicodeDecodeError:
+            raise InputError.at(self.path, field, "UTF-8", raw) from None
+
+    def end(self) -> None:
+        """InputError if bytes are left over: the counts before them cannot be trusted."""
+        if self.remaining:
+            raise InputError.at(self.path, "end", "the end of the file", Unquoted(f"{self.remaining} more bytes"))
+
+    def _need(self, size: int, field: str) -> None:
+        if size > self.remaining:
+            raise InputError.at(self.path, field, f"{size} bytes", Unquoted(f"{self.remaining} left in the file"))
+
+
+def csv_records(file: Path, text: str | None = None) -> tuple[list[str], list[tuple[int, dict[Any, Any]]]]:
+    """Names of the columns, and each record with the number of its line; `text` stands in for the file's.
+
+    A record that is too short has None in its last columns; what is too much is a list under the key None.
+
+    Raises
+    ------
+    InputError
+        The file cannot be read, or a line is no record.
+    """
+    reader = csv.DictReader((read_text(file) if text is None else text).splitlines(), skipinitialspace=True)
+    try:
+        names = list(reader.fieldnames or ())
+        return names, [(reader.line_num, record) for record in reader]
+    except csv.Error as error:
+        line = reader.line_num + 1
+        raise InputError.at(file, f"line {line}", "comma-separated values", Unquoted(str(error))) from None

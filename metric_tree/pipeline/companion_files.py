@@ -1,0 +1,199 @@
+"""What a build writes beside its tables: pictures, README, LICENSE, successors, and the log that a maintainer reads.
+
+What became of the ids of earlier releases: each leads to a node of this one.
+
+README.md and LICENSE of a release: what lies in it, how it is read, whom to name.
+"""
+
+from __future__ import annotations
+
+import json
+import shutil
+from collections import Counter
+from collections.abc import Collection, Container, Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import pyarrow as pa
+import pyarrow.parquet as pq
+
+from metric_base.errors import InputError
+from metric_base.files import whole_file
+from metric_base.folders import taxonomy_directory
+from metric_tree.axes import AXES
+from metric_tree.curated.sizes import curated_heights, curated_ranges, curated_states, norms
+from metric_tree.fit.class_prior import NEW_SOURCE
+from metric_tree.pipeline.ingest import believed_spread
+from metric_tree.release.images import collect_pictures, picture_files
+from metric_tree.release.schema import TABLES
+from taxonomy.levels import replaced_ids, table_rows
+
+_COLUMNS = ("release", "node_id", "parent_id")
+#: Columns of `successors.parquet`.
+SUCCESSORS = pa.schema([("old_id", pa.string()), ("release", pa.string()), ("node_id", pa.string())])
+_MEANING = {
+    "nodes.parquet": "a category of the tree",
+    "items.parquet": "an item with its size, source and licence",
+    "priors.parquet": "a size distribution, with its tier and the counts behind it",
+    "images.parquet": "a picture of an item",
+}
+
+
+@dataclass(frozen=True, slots=True)
+class FormerNode:
+    """A node of an earlier release; the root has no parent."""
+
+    release: str
+    node_id: str
+    parent_id: str | None
+
+
+def former_nodes(path: Path | None = None) -> list[FormerNode]:
+    """The nodes of releases 1.0.0 and 2.0.0 (`data/taxonomy/former_ids.csv`)."""
+    rows = table_rows(path or taxonomy_directory() / "former_ids.csv", _COLUMNS)
+    return [FormerNode(row["release"], row["node_id"], row["parent_id"] or None) for _, row in rows]
+
+
+def successor_table(former: Collection[FormerNode], nodes: Collection[str], replaced: Mapping[str, str]) -> pa.Table:
+    """Columns `old_id`, `release`, `node_id`: the id itself, what replaced it, or else the successor of its parent.
+
+    Parameters
+    ----------
+    nodes : ids of the new release; replaced : ids that are gone and what replaces each
+
+    Raises
+    ------
+    InputError
+        Not even a parent leads to a node.
+    """
+    parents = {(one.release, one.node_id): one.parent_id for one in former}
+
+    def successor(release: str, node_id: str) -> str:
+        current: str | None = node_id
+        while current is not None:
+            following = replaced.get(current, current)
+            for known in (current, following, f"{following}/other", current.removesuffix("/other")):
+                if known in nodes:
+                    return known
+            current = parents.get((release, current))
+        raise InputError(f"former_ids.csv: {node_id} of {release}: expected a way to a node; found none")
+
+    rows = [
+        {"old_id": one.node_id, "release": one.release, "node_id": successor(one.release, one.node_id)}
+        for one in sorted(former, key=lambda one: (one.release, one.node_id))
+    ]
+    return pa.Table.from_pylist(rows, schema=SUCCESSORS)
+
+
+def readme_text(manifest: Mapping[str, Any], rows: Mapping[str, int]) -> str:
+    """The README of a release; rows : of each table."""
+    lines = [
+        f"# {manifest['name']} {manifest['version']}",
+        "",
+        f"Object sizes by category, of {manifest['created']}. A release is never changed once published.",
+        "",
+        "| file | one row is | rows |",
+        "|---|---|---|",
+        *(f"| `{name}` | {_MEANING[name]} | {rows[name]} |" for name in TABLES),
+        "| `successors.parquet` | an id of an earlier release and the node that it leads to | |",
+        "| `manifest.json` | sources, counts, models of the evidence, checksums of every file | |",
+        "",
+        "Columns and units are in the tables' own schemas; lengths are in mm, priors over ln mm. `tier` says what a",
+        "size rests on: norm, measured, few, models, borrowed, judged. A language model wrote judged ranges and",
+        "norms: `judged_by` in the manifest has names and dates. Each row has its licence; LICENSE says whom to name.",
+        "",
+        "```python",
+        "import metric_tree",
+        "",
+        f'tree = metric_tree.open("{manifest["version"]}")  # or the path of this folder',
+        "```",
+    ]
+    return "\n".join(lines) + "\n"
+
+
+def licence_text(manifest: Mapping[str, Any]) -> str:
+    """Whose terms hold for the rows of a release, source by source."""
+    shown = [record for record in manifest["sources"] if record["n_rows"]]
+    lines = [
+        "Each row of items.parquet and images.parquet is under the licence that it names. Norms, judged ranges, nodes",
+        "and priors are the project's own, under the Apache License 2.0 (https://www.apache.org/licenses/LICENSE-2.0).",
+        "",
+        "Rows are owed to:",
+        "",
+        *(
+            f"- {record['id']} ({record['licence']}): "
+            f"{record['attribution'] or 'each row names its author in its own field'}"
+            for record in shown
+        ),
+    ]
+    return "\n".join(lines) + "\n"
+
+
+def state_records(nodes: Container[str]) -> dict[str, list[dict[str, Any]]]:
+    """The states of the release's nodes, as the manifest has them (`metric_tree.node`)."""
+    records: dict[str, list[dict[str, Any]]] = {}
+    for one in curated_states():
+        ends = dict(zip(AXES, zip(one.low, one.typical, one.high, strict=True), strict=True))
+        known = {axis: (low, mid, high) for axis, (low, mid, high) in ends.items() if low and mid and high}
+        believed = {axis: believed_spread(low, high) for axis, (low, _, high) in known.items()}
+        spreads = {axis: round(sd * float(NEW_SOURCE.factor(0, sd)) ** 0.5, 4) for axis, sd in believed.items()}
+        sizes = {axis: typical for axis, (_, typical, _) in known.items()}
+        record = {"state": one.state, "plain": one.plain, "size_mm": sizes, "sd_log": spreads, "reason": one.reason}
+        if one.node_id in nodes:
+            records.setdefault(one.node_id, []).append(record)
+    return dict(sorted(records.items()))
+
+
+def height_records(nodes: Container[str]) -> dict[str, dict[str, Any]]:
+    """What the heights of the release's hollow nodes are, as the manifest has them (`Node.height_is`)."""
+    return {
+        one.node_id: {"height": one.height, "underside_seen": one.underside_seen, "reason": one.reason}
+        for one in sorted(curated_heights(), key=lambda one: one.node_id)
+        if one.node_id in nodes
+    }
+
+
+def writers() -> list[dict[str, Any]]:
+    """Who wrote the norms and the judged ranges, when, and how many rows."""
+    counts = Counter(
+        (table, row.reviewer, row.written)
+        for table, rows in (("norms.csv", norms()), ("ranges.csv", curated_ranges()))
+        for row in rows
+    )
+    return [
+        {"table": table, "writer": writer, "date": date, "rows": n}
+        for (table, writer, date), n in sorted(counts.items())
+    ]
+
+
+def write_texts(folder: Path, tables: Mapping[str, pa.Table], manifest: Mapping[str, Any], *, former: bool) -> None:
+    """README and LICENSE, and with `former` the successors of the ids of earlier releases."""
+    rows = {name: table.num_rows for name, table in tables.items()}
+    (folder / "README.md").write_text(readme_text(manifest, rows), encoding="utf-8")
+    (folder / "LICENSE").write_text(licence_text(manifest), encoding="utf-8")
+    if former:
+        table = successor_table(
+            former_nodes(), frozenset(tables["nodes.parquet"]["node_id"].to_pylist()), replaced_ids()
+        )
+        pq.write_table(table, folder / "successors.parquet", compression="zstd")
+
+
+def add_pictures(raw: Sequence[Path], tables: dict[str, pa.Table], report: dict[str, Any], folder: Path) -> None:
+    """Put the pictures that lie beside the raw items into the tables, the report and a folder."""
+    files = picture_files(raw)
+    if not files:
+        return
+    pictures = collect_pictures(files, tables["items.parquet"], folder)
+    tables["images.parquet"] = pictures.rows
+    report["pictures"] = {"taken": pictures.rows.num_rows, "left_out": dict(pictures.refused)}
+
+
+def write_log(log: Path, work: Path, content: Mapping[str, Any]) -> None:
+    """`quarantine.jsonl` of the refused rows in a work folder, and `report.json`."""
+    with whole_file(log / "quarantine.jsonl", "--log") as place, place.open("wb") as quarantine:
+        for path in sorted(work.glob("*.refused"), reverse=True):  # ingest first, then clean
+            with path.open("rb") as part:
+                shutil.copyfileobj(part, quarantine)
+    with whole_file(log / "report.json", "--log") as place:
+        place.write_text(json.dumps(content, indent=1, ensure_ascii=False) + "\n", encoding="utf-8")

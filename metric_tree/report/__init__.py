@@ -1,1 +1,0 @@
-"""What a person looks at: the HTML page of a release and contact sheets."""

@@ -1,0 +1,92 @@
+"""The camera model that explains a wide lens, found by observations that the fit has not seen."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+from scipy.spatial.transform import Rotation
+
+from capture.mapping.camera_models import chosen_model, model_scores, start_params
+from capture.mapping.model_metrics import model_shape, residual_pattern
+from capture.mapping.refusals import PATTERN
+from estimator.reconstructions.pycolmap_library import pycolmap
+
+WIDE = [375.0, 375.0, 424.0, 240.0, 0.043, 0.041, -0.037, 0.01]
+
+
+def _model(folder: Path, model: str, params: list[float]) -> Path:
+    """Twelve cameras that walk and turn before points that fill their pictures, with a third of a pixel of noise."""
+    generator = np.random.default_rng(0)
+    reconstruction = pycolmap.Reconstruction()
+    lens = pycolmap.Camera(model=model, width=848, height=480, params=params, camera_id=1)
+    reconstruction.add_camera_with_trivial_rig(lens)
+    points = generator.uniform([-9, -5, 2], [9, 5, 9], (500, 3))
+    turns = Rotation.from_euler("yx", [[0.04 * (k - 6), 0.03 * (k % 3)] for k in range(12)])
+    observed: list[list[tuple[int, int]]] = [[] for _ in points]
+    for number, turn in enumerate(turns, 1):
+        pose = pycolmap.Rigid3d(pycolmap.Rotation3d(turn.as_quat()), -turn.apply([0.3 * number, 0.1 * (number % 4), 0]))
+        local = turn.apply(points) + pose.translation
+        pixels = np.asarray(lens.img_from_cam(local)) + generator.normal(0, 0.3, (len(points), 2))
+        angle = np.linalg.norm(local[:, :2], axis=1) / local[:, 2]
+        inside = (local[:, 2] > 0.5) & (angle < 2) & (pixels > 0).all(axis=1) & (pixels < (848, 480)).all(axis=1)
+        rows = np.flatnonzero(inside)
+        image = pycolmap.Image(name=f"{number}.jpg", keypoints=pixels[rows], camera_id=1, image_id=number)
+        reconstruction.add_image_with_trivial_frame(image, pose)
+        for place, row in enumerate(rows):
+            observed[row].append((number, place))
+    for point, elements in zip(points, observed, strict=True):
+        if len(elements) > 1:
+            track = pycolmap.Track([pycolmap.TrackElement(*element) for element in elements])
+            reconstruction.add_point3D(point, track, np.zeros(3, dtype=np.uint8))
+    folder.mkdir()
+    reconstruction.write_binary(str(folder))
+    return folder
+
+
+def _fitted(folder: Path, model: str) -> Path:
+    """The model again with another camera model, adjusted."""
+    reconstruction = pycolmap.Reconstruction(folder)
+    (camera,) = reconstruction.cameras.values()
+    params = start_params(camera, model)
+    camera.model = getattr(pycolmap.CameraModelId, model)
+    camera.params = params
+    pycolmap.bundle_adjustment(reconstruction, pycolmap.BundleAdjustmentOptions(print_summary=False))
+    reconstruction.write_binary(str(folder))
+    return folder
+
+
+def test_a_fisheye_lens_under_a_radial_model_is_found(tmp_path: Path) -> None:
+    folder = _fitted(_model(tmp_path / "wide", "OPENCV_FISHEYE", WIDE), "SIMPLE_RADIAL")
+    shape = model_shape(folder)
+    assert shape is not None
+    assert shape.pattern > PATTERN
+    scores = model_scores(str(folder))
+    assert chosen_model(scores) == "OPENCV_FISHEYE"
+    assert scores["OPENCV_FISHEYE"]["params"][0] == pytest.approx(375, rel=0.03)
+
+
+def test_a_plain_lens_keeps_the_simple_model(tmp_path: Path) -> None:
+    folder = _model(tmp_path / "plain", "SIMPLE_RADIAL", [700.0, 424.0, 240.0, -0.05])
+    shape = model_shape(folder)
+    assert shape is not None
+    assert shape.pattern < PATTERN
+    assert chosen_model(model_scores(str(folder), ("SIMPLE_RADIAL", "OPENCV_FISHEYE"))) == "SIMPLE_RADIAL"
+
+
+@pytest.mark.parametrize("model", ["OPENCV", "OPENCV_FISHEYE", "THIN_PRISM_FISHEYE", "SIMPLE_RADIAL"])
+def test_another_model_starts_where_the_first_one_ended(model: str) -> None:
+    lens = pycolmap.Camera(model="SIMPLE_RADIAL", width=848, height=480, params=[600.0, 424.0, 240.0, -0.08])
+    other = pycolmap.Camera(model=model, width=848, height=480, params=start_params(lens, model))
+    pixels = np.array([[424.0, 240.0], [800.0, 240.0], [424.0, 30.0], [100.0, 400.0]])
+    assert np.asarray(other.img_from_cam(lens.cam_ray_from_img(pixels))) == pytest.approx(pixels, abs=0.5)
+
+
+def test_noise_is_no_pattern() -> None:
+    generator = np.random.default_rng(0)
+    pixels = generator.uniform(0, 640, (5000, 2))
+    noise = generator.normal(0, 0.6, (5000, 2))
+    assert residual_pattern(noise, pixels, (640, 640)) < 0.05
+    bent = noise + 0.4 * (pixels / 320 - 1) ** 3
+    assert residual_pattern(bent, pixels, (640, 640)) > 0.2

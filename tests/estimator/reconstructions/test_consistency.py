@@ -1,0 +1,107 @@
+"""A reconstruction that contradicts its own observations says so; a good one is silent."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from estimator import estimate_scale
+from estimator.reconstructions.model_checks import consistency, contradictions
+from tests.synthetic.shapes import box, floor, orbit, synthetic_scene
+
+
+@pytest.fixture(scope="module")
+def good():
+    objects = [floor(4), box("cabinet", (0.6, 0.4, 0.8), (0, 0, 0))]
+    return synthetic_scene(objects, orbit(5, 2.5, 1.4, size=(200, 150), focal=160.0), dense=100, sparse=400).scene
+
+
+@pytest.fixture(scope="module")
+def good_scene():
+    objects = [floor(4), box("chair", (0.6, 0.4, 0.8), (0, 0, 0))]
+    synthetic = synthetic_scene(objects, orbit(5, 2.5, 1.4, size=(200, 150), focal=160.0), dense=400, sparse=400)
+    return synthetic.scene, synthetic.instances
+
+
+def shaken(scene, pixels):
+    """The scene with keypoints that are off by a normal error of so many pixels in x and y."""
+    random = np.random.default_rng(0)
+    views = [replace(v, keypoints=v.keypoints + random.normal(0, pixels, v.keypoints.shape)) for v in scene.views]
+    return replace(scene, views=tuple(views))
+
+
+def test_a_good_scene_is_consistent(good):
+    measures = consistency(good)
+    assert measures.reprojection_share < 0.004
+    assert measures.behind == 0
+    assert 1 < measures.depth_ratio < 20
+    assert contradictions(measures) == ((), ())
+
+
+def test_the_median_error_is_that_of_the_keypoints(good):
+    """The distance of a normal error in two dimensions has the median 1.177 sigma."""
+    measures = consistency(shaken(good, 10.0))
+    assert measures.reprojection_px == pytest.approx(11.77, rel=0.1)
+    assert measures.reprojection_share == pytest.approx(measures.reprojection_px / 200)
+
+
+@pytest.mark.parametrize(("pixels", "doubts", "errors"), [(1.5, 1, 0), (10.0, 0, 1)])
+def test_keypoints_that_miss_are_doubted_and_then_rule_the_model_out(good, pixels, doubts, errors):
+    doubtful, ruled_out = contradictions(consistency(shaken(good, pixels)))
+    assert (len(doubtful), len(ruled_out)) == (doubts, errors)
+
+
+def test_points_behind_the_cameras_rule_the_model_out(good):
+    about = np.array([-1.0, 1.0, -1.0])
+    turned = tuple(
+        replace(v, rotation=about[:, None] * v.rotation, translation=about * v.translation) for v in good.views
+    )
+    measures = consistency(replace(good, views=turned))
+    assert measures.behind == 1
+    assert any("behind" in sentence for sentence in contradictions(measures)[1])
+
+
+def test_depths_of_many_orders_are_doubted(good):
+    centre = good.views[0].centre
+    reach = np.geomspace(1, 1e5, len(good.points))[:, None]
+    far = replace(good, points=centre + (good.points - centre) * reach)
+    measures = consistency(replace(far, views=far.views[:1]))
+    assert any("factor" in sentence for sentence in contradictions(measures)[0])
+
+
+def test_without_observations_nothing_is_said(good):
+    nothing = {"keypoints": np.empty((0, 2)), "point_index": np.empty(0, dtype=np.int64)}
+    measures = consistency(replace(good, views=tuple(replace(v, **nothing) for v in good.views)))
+    assert np.isnan(measures.reprojection_px)
+    assert contradictions(measures) == ((), ())
+
+
+def test_parts_that_do_not_fit_rule_the_model_out(good):
+    """A third of the points is moved aside: the median error stays small."""
+    moved = good.points + np.where(np.arange(len(good.points)) % 3 == 0, 0.5, 0.0)[:, None]
+    measures = consistency(replace(good, points=moved))
+    assert measures.reprojection_share < 0.004
+    assert measures.misses > 0.1
+    assert any("do not fit" in sentence for sentence in contradictions(measures)[1])
+
+
+@pytest.mark.filterwarnings("error")
+def test_a_scene_that_is_ruled_out_prints_no_warnings_of_numpy(good_scene, mini):
+    """A scene in units of 1e300: its points are at one place as far as numbers go."""
+    scene, instances = good_scene
+    views = tuple(replace(v, translation=v.translation * 1e-300) for v in scene.views)
+    tiny = replace(scene, points=scene.points * 1e-300, views=views, dense=None)
+    result = estimate_scale(tiny, instances, mini)
+    assert result.status == "unresolved"
+
+
+def test_groups_of_views_without_a_common_point_are_doubted(good):
+    assert consistency(good).groups == 1
+    half = len(good.points) // 2
+    views = []
+    for number, view in enumerate(good.views):
+        own = (view.point_index < half) == (number < 2)
+        views.append(replace(view, keypoints=view.keypoints[own], point_index=view.point_index[own]))
+    parted = consistency(replace(good, views=tuple(views)))
+    assert parted.groups == 2
+    assert any("2 groups" in sentence for sentence in contradictions(parted)[0])

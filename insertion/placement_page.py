@@ -18,8 +18,7 @@ from insertion.composite.compositor import single_pictures
 from insertion.footage.footage import Shot
 from insertion.insertion_scene import PreparedScene
 from insertion.placement.placed_object import Placed, place_objects
-from insertion.placement.placement import At
-from insertion.request import ObjectRequest
+from insertion.request import At, ObjectRequest
 from metric_base.errors import InputError, expect
 from metric_base.local_page import LocalPage
 

@@ -5,7 +5,34 @@ from __future__ import annotations
 from dataclasses import dataclass
 from pathlib import Path
 
-from insertion.placement.placement import At
+from insertion.scene.supports import Surface
+from metric_base.arrays import FloatArray
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Place:
+    """The bottom centre of an object on a support plane.
+
+    position : (3,) in the scene; basis : (3, 3) rows two horizontal axes and up; camera : (3,) the camera that the
+    place was chosen from; support : a name for a person; plane : its number, lowest first, None for a small level
+    patch that is no plane, whose extent is `surface` if it is known.
+    """
+
+    position: FloatArray
+    basis: FloatArray
+    camera: FloatArray
+    support: str
+    plane: int | None = None
+    surface: Surface | None = None
+
+
+@dataclass(frozen=True, slots=True)
+class At:
+    """A point in one picture: its name or number, and the pixel (COLMAP's, from the upper left corner)."""
+
+    frame: str
+    x: float
+    y: float
 
 
 @dataclass(frozen=True, slots=True)

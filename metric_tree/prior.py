@@ -26,40 +26,36 @@ if TYPE_CHECKING:
     from metric_tree.context import Context, ContextModel, Where
 
 FAMILY = "lognormal-mixture"
-
 #: Largest |ln mm| of a mean: ten thousand kilometres, and a billionth of a millimetre.
 LARGEST_LOG_MM = 23.0
-
 #: What every table, page and answer shows: the ends of the 90 % interval, the quartiles and the median.
 QUANTILES = (0.05, 0.25, 0.5, 0.75, 0.95)
-
 #: Those of a table without room for the quartiles, and the place of the median among all.
 INTERVAL_QUANTILES, MEDIAN = QUANTILES[::2], QUANTILES.index(0.5)
-
 #: Half-width of the bracket of a quantile in component standard deviations: holds all but 2e-19 of a Gaussian.
 BRACKET_SD = 9.0
-
 #: Most steps to a quantile: halvings alone, 18 sd / 2^60, reach the resolution of a double for any spread met here.
 MOST_STEPS = 60
-
 #: A step of ln size that no longer matters: a nanometre in a metre. Far out in a tail no step is much finer.
 LEAST_STEP = 1e-9
-
 #: A context that changes a size by less leaves it unchanged: half a percent is below what any source states.
 LEAST_CHANGE = 0.005
-
 #: Smallest standard deviation of the shared error in any direction, natural log. A class whose sources agree by
 #: chance, or that has one source only, may still be 3 % off in a scene: the floor that the fit puts on spreads too.
 FLOOR_SD = 0.03
-
 #: Where the release says nothing of how a class's sources disagree (its B is under the floor in every direction): an
 #: error of 8 % common to all dimensions and of 5 % in each, what cars of one continent are off on another's streets.
 LONE_COMMON_SD, LONE_OWN_SD = 0.08, 0.05
-
 #: Kinds of evidence of which a row has the share of the fit's weight.
 SHARED_KINDS = (
     "product", "measured", "standard", "norm", "statistic", "asset", "museum", "default", "judged",
 )  # fmt: skip
+#: Ashman's D above which two Gaussians are cleanly parted (Ashman, Bird and Zepf 1994 give 2).
+MIN_ASHMAN_D = 2.0
+#: A second kind of object makes up at least this share of a mixed class.
+MIN_COMPONENT_SHARE = 0.1
+#: Two kinds of one category differ by half in size or more; cutlery for fish and meat is no mixed class.
+MIN_SIZE_RATIO = 1.5
 
 
 class UnknownDimension(InputError, KeyError):
@@ -349,3 +345,15 @@ def _change(offset: float) -> str:
 def _expect(node_id: str, name: str, holds: bool, expected: str, value: object) -> None:
     if not holds:
         raise InputError(f"prior of {node_id}: {name}: expected {expected}; found {value}")
+
+
+def has_distinct_components(prior: Prior) -> bool:
+    """Whether two components of a prior are cleanly parted: two kinds of object under one name."""
+    if len(prior.weights) < 2:
+        return False
+    centre = prior.means.mean(axis=1)  # ln of the geometric mean size
+    spread = np.sqrt(prior.covariances.mean(axis=(1, 2)))
+    apart = np.abs(centre[:, None] - centre)
+    d = np.sqrt(2) * apart / np.hypot(spread[:, None], spread)
+    enough = np.minimum(prior.weights[:, None], prior.weights) >= MIN_COMPONENT_SHARE
+    return bool(((d > MIN_ASHMAN_D) & enough & (apart > np.log(MIN_SIZE_RATIO))).any())

@@ -6,7 +6,6 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import Literal
 
-from estimator.geometry.category_rules import stands
 from estimator.records.result import ScaleEvidence
 from metric_tree.context import Where
 
@@ -37,8 +36,9 @@ class MeasurementOptions:
         Keep objects that are parts of others.
     level_tops : bool
         Measure tables up to their top, without the objects on it.
-    standing : callable
-        Whether a category stands on the floor (True), hangs (False), or may do either (None).
+    standing : callable, optional
+        Whether a category stands on the floor (True), hangs (False), or may do either (None); by default
+        `estimator.geometry.category_rules.stands`.
     up : sequence of float, optional
         Known vertical.
     """
@@ -53,7 +53,7 @@ class MeasurementOptions:
     stated_tracks: bool = True
     fragments: bool = False
     level_tops: bool = True
-    standing: Callable[[str], bool | None] = stands
+    standing: Callable[[str], bool | None] | None = None
     up: Sequence[float] | None = None
 
 

@@ -28,7 +28,7 @@ from insertion.footage.footage import Stills
 from insertion.light.environment_map import HEIGHT, WIDTH, Environment, LampSpots, map_directions, solid_angles
 from insertion.light.lamp_fit import Lamp, Shading
 from insertion.light.light_samples import LAMP_SIGMA
-from insertion.placement.placement import Place
+from insertion.request import Place
 from insertion.scene.camera_rays import camera_rays
 from insertion.scene.occupancy import Occupancy
 from insertion.scene.point_cloud import Cloud, even_rows

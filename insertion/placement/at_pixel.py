@@ -8,7 +8,8 @@ from estimator.projection.cameras import pixels_in_view
 from estimator.records.objects import SupportPlane
 from estimator.records.scene import View
 from insertion.placement.free_space import NEAR_POINTS, Space
-from insertion.placement.placement import NoPlace, Place
+from insertion.placement.placement import NoPlace
+from insertion.request import Place
 from insertion.scene.camera_rays import ray_through
 from insertion.scene.point_cloud import Cloud, front_points
 from insertion.scene.supports import Surface, cell_centres

@@ -9,7 +9,7 @@ from scipy.ndimage import distance_transform_edt
 
 from estimator.projection.cameras import pixels_in_view
 from estimator.records.scene import Scene, View
-from insertion.placement.placement import Place
+from insertion.request import Place
 from insertion.scene.point_cloud import Cloud
 from insertion.scene.supports import Supports, Surface, free_cells
 from metric_base.arrays import BoolArray, FloatArray

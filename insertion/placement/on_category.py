@@ -13,7 +13,8 @@ from estimator.geometry.planes import level_basis
 from estimator.records.objects import SupportPlane
 from estimator.records.scene import Instance
 from insertion.placement.free_space import NEAR_POINTS, Space, free_places
-from insertion.placement.placement import NoPlace, Place
+from insertion.placement.placement import NoPlace
+from insertion.request import Place
 from insertion.scene.point_cloud import FrontPoints, front_points
 from insertion.scene.supports import Surface, surface_of
 from metric_base.arrays import BoolArray, FloatArray, IntArray

@@ -15,9 +15,9 @@ from insertion.placement.free_space import Space, candidates
 from insertion.placement.model_size import SizeUsed, model_size
 from insertion.placement.on_category import instances_named, place_on_category
 from insertion.placement.path import Walk, walk_along
-from insertion.placement.placement import NoPlace, Place, heading, turn_about
+from insertion.placement.placement import NoPlace, heading, turn_about
 from insertion.render.body import Body, body_of, colliding
-from insertion.request import ObjectRequest
+from insertion.request import ObjectRequest, Place
 from insertion.scene.supports import Surface
 from metric_base.arrays import FloatArray
 from metric_base.errors import InputError

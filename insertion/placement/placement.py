@@ -6,13 +6,12 @@ Which way an object looks.
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
 
 import numpy as np
 
+from insertion.request import At, Place
 from insertion.scene.plane_cells import plane_patches
 from insertion.scene.point_cloud import Cloud
-from insertion.scene.supports import Surface
 from metric_base.arrays import FloatArray
 from metric_base.errors import InputError
 
@@ -23,32 +22,6 @@ UPRIGHT, WALL_SHARE = 0.2, 0.4
 
 class NoPlace(InputError):
     """There is nothing to stand on where the object was asked to stand; the message says why."""
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class Place:
-    """The bottom centre of an object on a support plane.
-
-    position : (3,) in the scene; basis : (3, 3) rows two horizontal axes and up; camera : (3,) the camera that the
-    place was chosen from; support : a name for a person; plane : its number, lowest first, None for a small level
-    patch that is no plane, whose extent is `surface` if it is known.
-    """
-
-    position: FloatArray
-    basis: FloatArray
-    camera: FloatArray
-    support: str
-    plane: int | None = None
-    surface: Surface | None = None
-
-
-@dataclass(frozen=True, slots=True)
-class At:
-    """A point in one picture: its name or number, and the pixel (COLMAP's, from the upper left corner)."""
-
-    frame: str
-    x: float
-    y: float
 
 
 def point_of(words: str) -> At | None:

@@ -12,7 +12,8 @@ import numpy as np
 from estimator.projection.cameras import pixels_in_view
 from insertion.placement.at_pixel import plane_coordinates
 from insertion.placement.free_space import Space, candidates
-from insertion.placement.placement import NoPlace, Place
+from insertion.placement.placement import NoPlace
+from insertion.request import Place
 from metric_base.files import whole_file
 
 if TYPE_CHECKING:

@@ -15,7 +15,7 @@ from metric_base.arrays import FloatArray
 from metric_tree.checks.duplicates import duplicates
 from metric_tree.checks.finding import Finding
 from metric_tree.checks.unit_errors import MIN_REFERENCE_ROWS, Reference, reference, sibling_reference, slip_factors
-from metric_tree.pipeline.clean import extents_of
+from metric_tree.fit.rows import extents_of
 
 #: From a hundredth of a millimetre (foil) to five kilometres (the longest ship has 458 m, the highest building 828 m; a
 #: suspension bridge is two or three kilometres long).

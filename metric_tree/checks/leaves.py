@@ -21,8 +21,7 @@ from metric_base.arrays import FloatArray
 from metric_tree.axes import AXES, EXTENTS
 from metric_tree.checks.finding import Finding
 from metric_tree.curated.sizes import settled_findings
-from metric_tree.fit.rows import JUDGED, NORM
-from metric_tree.pipeline.clean import extents_of
+from metric_tree.fit.rows import JUDGED, NORM, extents_of
 from metric_tree.prior import Prior
 
 CODES = {

@@ -10,6 +10,8 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
+import pyarrow as pa
+import pyarrow.compute as pc
 from numpy.typing import NDArray
 
 from metric_base.arrays import FloatArray, IntArray
@@ -273,3 +275,18 @@ def within_range(shared: FloatArray, statements: Statements) -> FloatArray:
     sd = np.sqrt(np.diagonal(shared))
     scale = np.minimum(1.0, bound / np.maximum(sd, 1e-12))
     return np.asarray(shared * np.outer(scale, scale))
+
+
+def extents_of(table: pa.Table) -> FloatArray:
+    """Column `extents_mm` as (n, 3), NaN beyond the last."""
+    return matrix_of_lists(table["extents_mm"])
+
+
+def matrix_of_lists(column: pa.ChunkedArray) -> FloatArray:
+    """A list column as (n, 3), NaN beyond the last."""
+    lengths = pc.fill_null(pc.list_value_length(column), 0).to_numpy(zero_copy_only=False).astype(np.intp)
+    rows = np.repeat(np.arange(len(lengths)), lengths)
+    place = np.arange(len(rows)) - np.repeat(np.cumsum(lengths) - lengths, lengths)
+    padded = np.full((len(lengths), 3), np.nan)
+    padded[rows, place] = pc.list_flatten(column).to_numpy(zero_copy_only=False)
+    return padded

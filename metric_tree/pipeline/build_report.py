@@ -15,17 +15,8 @@ from metric_tree.fit.evidence_model import KindModel
 from metric_tree.fit.rows import JUDGED
 from metric_tree.pipeline.clean import NodeClass
 from metric_tree.pipeline.hierarchy import Hierarchy
-from metric_tree.prior import Prior
+from metric_tree.prior import Prior, has_distinct_components
 from taxonomy.categories import Category
-
-#: Ashman's D above which two Gaussians are cleanly parted (Ashman, Bird and Zepf 1994 give 2).
-MIN_ASHMAN_D = 2.0
-
-#: A second kind of object makes up at least this share of a mixed class.
-MIN_COMPONENT_SHARE = 0.1
-
-#: Two kinds of one category differ by half in size or more; cutlery for fish and meat is no mixed class.
-MIN_SIZE_RATIO = 1.5
 
 
 def report(
@@ -47,7 +38,7 @@ def report(
         "raw": dict(sorted(counts.items())),
         "evidence_model": model.record(),
         "disagreements": disagreements(classes, priors),
-        "mixed": sorted(node_id for node_id, prior in priors.items() if is_mixed(prior)),
+        "mixed": sorted(node_id for node_id, prior in priors.items() if has_distinct_components(prior)),
         "leaves": [{"code": one.code, "node_id": one.node_id, "message": one.message} for one in findings],
     }
 
@@ -110,15 +101,3 @@ def disagreements(classes: Sequence[NodeClass], priors: Mapping[str, Prior]) -> 
             }
         )
     return sorted(records, key=lambda record: -float(record["observed_sd"]))
-
-
-def is_mixed(prior: Prior) -> bool:
-    """Whether two components of a prior are cleanly parted: two kinds of object under one name."""
-    if len(prior.weights) < 2:
-        return False
-    centre = prior.means.mean(axis=1)  # ln of the geometric mean size
-    spread = np.sqrt(prior.covariances.mean(axis=(1, 2)))
-    apart = np.abs(centre[:, None] - centre)
-    d = np.sqrt(2) * apart / np.hypot(spread[:, None], spread)
-    enough = np.minimum(prior.weights[:, None], prior.weights) >= MIN_COMPONENT_SHARE
-    return bool(((d > MIN_ASHMAN_D) & enough & (apart > np.log(MIN_SIZE_RATIO))).any())

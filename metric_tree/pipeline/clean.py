@@ -22,7 +22,16 @@ from metric_tree.fit.evidence_model import KindModel
 from metric_tree.fit.intraclass_correlation import Sameness, class_sameness
 from metric_tree.fit.mixture import Belief
 from metric_tree.fit.moments import Moments, extent_moments, moments
-from metric_tree.fit.rows import JUDGED, NORM, STATEMENTS, STRONG, ClassRows, without_open_numbers
+from metric_tree.fit.rows import (
+    JUDGED,
+    NORM,
+    STATEMENTS,
+    STRONG,
+    ClassRows,
+    extents_of,
+    matrix_of_lists,
+    without_open_numbers,
+)
 from metric_tree.pipeline.ingest import refusal
 from metric_tree.prior import Prior
 from metric_tree.release.schema import ITEMS
@@ -30,10 +39,8 @@ from metric_tree.release.schema import ITEMS
 #: Rows of one source in one class that the fit takes, those of the lowest hash: its weight there is bounded anyway
 #: (`evidence.SOURCE_HALF`), and two hundred tell its mean to a fourteenth of its spread.
 FIT_ROWS = 200
-
 #: Flag of rows whose size may be that of the package.
 PACKAGE = "suspect_package"
-
 REFUSALS = {
     "repeated_id": "the source has the id twice",
     "duplicate": "the same figures again, in the same source or of the same product in another",
@@ -113,11 +120,6 @@ def class_priors(
     """The priors of the classes of one shard, in their order; `rows` as in `Cleaned`."""
     classes: list[ClassRows] = pickle.loads(rows)  # noqa: S301 - made by `cleaned` in this build
     return [class_prior(one, beliefs[one.node_id], model, families[one.node_id], seed, heldout) for one in classes]
-
-
-def extents_of(table: pa.Table) -> FloatArray:
-    """Column `extents_mm` as (n, 3), NaN beyond the last."""
-    return _matrix_of_lists(table["extents_mm"])
 
 
 def _refusal_reasons(
@@ -270,17 +272,7 @@ def _range_sd(table: pa.Table) -> FloatArray:
     """(n, 3) standard deviations in log mm of stated ranges, NaN without."""
     if table["range_sd"].null_count == table.num_rows:
         return np.full((table.num_rows, 3), np.nan)
-    return _matrix_of_lists(table["range_sd"])
-
-
-def _matrix_of_lists(column: pa.ChunkedArray) -> FloatArray:
-    """A list column as (n, 3), NaN beyond the last."""
-    lengths = pc.fill_null(pc.list_value_length(column), 0).to_numpy(zero_copy_only=False).astype(np.intp)
-    rows = np.repeat(np.arange(len(lengths)), lengths)
-    place = np.arange(len(rows)) - np.repeat(np.cumsum(lengths) - lengths, lengths)
-    padded = np.full((len(lengths), 3), np.nan)
-    padded[rows, place] = pc.list_flatten(column).to_numpy(zero_copy_only=False)
-    return padded
+    return matrix_of_lists(table["range_sd"])
 
 
 def _strings(table: pa.Table, column: str) -> NDArray[np.str_]:

@@ -25,7 +25,7 @@ from metric_base.errors import InputError
 from metric_base.files import sole_holder
 from metric_base.folders import code_folder, taxonomy_directory
 from metric_tree.checks.unit_errors import MIN_REFERENCE_ROWS, Reference, sibling_reference
-from metric_tree.pipeline.clean import extents_of
+from metric_tree.fit.rows import extents_of
 from metric_tree.pipeline.ingest import ROWS, SHARDS
 from taxonomy.categories import Category
 

@@ -11,7 +11,7 @@ import pyarrow as pa
 
 from crawler.items import STATED_KINDS
 from metric_tree.node import Node, UnknownName
-from metric_tree.pipeline.build_report import MIN_COMPONENT_SHARE, is_mixed
+from metric_tree.prior import MIN_COMPONENT_SHARE, has_distinct_components
 from metric_tree.tree import Tree
 from taxonomy.label_lists import Label, vocabulary
 
@@ -117,7 +117,7 @@ def mixed_leaves(tree: Tree) -> list[tuple[str, int, str]]:
     for node in tree:
         if not node.children and node.n_items >= MIN_ITEMS and node.prior_dims:
             prior = node.prior(max(node.prior_dims, key=len))
-            if is_mixed(prior):
+            if has_distinct_components(prior):
                 parts = sorted(zip(np.exp(prior.means.mean(axis=1)), prior.weights, strict=True))
                 text = ", ".join(
                     f"{size:.0f} mm ({weight:.0%})" for size, weight in parts if weight >= MIN_COMPONENT_SHARE

@@ -29,7 +29,7 @@ from insertion.light.light_samples import (
     _points,
     environment_lights,
 )
-from insertion.placement.placement import Place
+from insertion.request import Place
 from insertion.scene.occupancy import Occupancy
 from insertion.scene.point_cloud import Cloud
 

@@ -11,8 +11,7 @@ import cv2
 import numpy as np
 import pytest
 
-from insertion.placement.placement import At
-from insertion.request import ObjectRequest
+from insertion.request import At, ObjectRequest
 from metric_cli.insert_object.insert import _command_again
 from tests.synthetic.browser import Browser
 

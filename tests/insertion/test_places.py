@@ -19,10 +19,10 @@ from insertion.placement.free_space import candidates
 from insertion.placement.model_size import model_size
 from insertion.placement.on_category import instances_named
 from insertion.placement.placed_object import Placed, place_objects, space_for
-from insertion.placement.placement import At, NoPlace
+from insertion.placement.placement import NoPlace
 from insertion.placement.preview import write_preview
 from insertion.placement_page import PlacePage
-from insertion.request import ObjectRequest
+from insertion.request import At, ObjectRequest
 from metric_base.errors import InputError
 from metric_cli.insert_object.insert import parser
 from metric_cli.insert_object.request import prepared_scene_of as stage_of_arguments

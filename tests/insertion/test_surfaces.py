@@ -13,7 +13,8 @@ from estimator.records.scene import Instance, Scene, View
 from insertion.light.lamp_candidates import shown_empty
 from insertion.placement import at_pixel, free_space, on_category
 from insertion.placement.free_space import Space
-from insertion.placement.placement import NoPlace, Place, heading, turn_about
+from insertion.placement.placement import NoPlace, heading, turn_about
+from insertion.request import Place
 from insertion.scene import supports as surface
 from insertion.scene.frame_masks import MaskCarrier, Upright, _carry, _inverse_depth, _move_outline, points_beside
 from insertion.scene.pixel_box import PixelBox, labels_in_box, mask_in_box

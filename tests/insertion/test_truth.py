@@ -17,8 +17,7 @@ from insertion.composite.compositor import insert_objects, single_pictures
 from insertion.insertion_scene import PreparedScene
 from insertion.placement.at_pixel import plane_coordinates
 from insertion.placement.placed_object import Placed, place_objects, space_for
-from insertion.placement.placement import At
-from insertion.request import ObjectRequest
+from insertion.request import At, ObjectRequest
 from insertion.result import InsertionResult
 from tests.synthetic.insertions import RecordedRoom, added, in_unit, prepared_scene_of, video_room, write_glb
 from tests.synthetic.rooms.render import Renderer

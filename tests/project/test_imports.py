@@ -32,6 +32,7 @@ taxonomy.matching
 metric_tree
 metric_tree.release
 metric_tree.tree metric_tree.node
+metric_tree.release.publication
 metric_tree.reports
 metric_tree.curated
 metric_tree.fit
@@ -43,10 +44,12 @@ models3d.gltf.document models3d.gltf.animation models3d.gltf.boxes
 models3d models3d.usd models3d.gltf
 models3d.formats models3d.rescaling
 models3d.size_check
+estimator.reconstructions.pycolmap_library
 estimator.records
 estimator.projection
 estimator.reconstructions
 estimator.scene_formats
+estimator.reconstructions.scene_reader
 estimator.instances
 estimator.detectors
 estimator.association
@@ -63,11 +66,13 @@ capture
 capture.sources
 capture.mapping
 capture.dense capture.masks
+capture.quality_warnings
 capture.localisation
 capture.pipeline
 insertion.colour insertion.footage insertion.scene
 insertion.request insertion.result
 insertion.light
+insertion.insertion_scene
 insertion.render
 insertion.placement
 insertion.composite
@@ -76,6 +81,7 @@ insertion
 insertion.placement_page insertion.insert
 explorer explorer.charts
 explorer.responses
+explorer.tables
 explorer.pages
 explorer.routes
 explorer.server explorer.static_site

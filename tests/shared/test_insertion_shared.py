@@ -13,8 +13,7 @@ from estimator.reconstructions.scene_reader import read_scene
 from insertion.footage.footage import PictureFootage, Stills
 from insertion.insertion_scene import prepare_scene
 from insertion.placement.placed_object import place_objects
-from insertion.placement.placement import At
-from insertion.request import ObjectRequest
+from insertion.request import At, ObjectRequest
 from insertion.scene.scale import ScaleUsed
 from tests.synthetic.insertions import write_glb
 from tests.synthetic.rooms.shapes import solid

@@ -114,10 +114,10 @@ def capture_video(
 
     Examples
     --------
-    >>> import estimator, tempfile
+    >>> import capture, tempfile
     >>> with tempfile.TemporaryDirectory() as folder:
-    ...     capture = estimator.capture_video("data/scenes/demo_video/video.mp4", folder, frames=8)
-    >>> len(capture.scene.views)
+    ...     result = capture.capture_video("data/scenes/demo_video/video.mp4", folder, frames=8)
+    >>> len(result.scene.views)
     8
     """
     folder = WorkFolder(Path(work))

@@ -23,7 +23,7 @@ WIDTH = "100"
 NOTE = "<!-- Written by `make reference`. Do not edit. -->"
 #: Commands: the program, and where its parser comes from.
 PROGRAMS = {"estimate-scale": "metric_cli.estimate_scale.estimate", "insert-object": "metric_cli.insert_object.insert"}
-APIS = ("metric_tree", "estimator", "insertion")
+APIS = ("metric_tree", "estimator", "capture", "models3d", "insertion")
 
 
 def commands() -> str:

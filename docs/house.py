@@ -15,7 +15,7 @@ from xml.sax.saxutils import escape
 ROOT = Path(__file__).resolve().parents[1]
 sys.path.insert(0, str(ROOT))
 
-from tests.test_arrow import PACKAGES, ROOMS  # noqa: E402
+from tests.project.test_imports import PACKAGES, ROOMS  # noqa: E402
 
 PICTURE = ROOT / "docs" / "pictures" / "architecture.svg"
 WIDTH, MARGIN, LINE, CHIP, GAP = 960, 20, 19, 26, 26

@@ -13,12 +13,11 @@ A scene is in units of unknown metric size; `result.scale` is metres per unit. N
 
 from __future__ import annotations
 
+import warnings
 from importlib import import_module
 from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
-    from capture.mapping.refusals import CaptureFailure
-    from capture.pipeline import Capture, capture_video
     from estimator.instances.instance_reader import read_instances
     from estimator.pipeline import estimate_scale, measure_objects
     from estimator.reconstructions.scene_reader import read_scene
@@ -26,20 +25,14 @@ if TYPE_CHECKING:
     from estimator.records.result import ScaleResult
     from estimator.records.scene import Camera, Instance, Scene, View
     from estimator.results.estimate import scale_of_objects
-    from models3d.size_check.check import AssetCheck, check_asset
 
 __all__ = [
-    "AssetCheck",
     "Camera",
-    "Capture",
-    "CaptureFailure",
     "Instance",
     "MeasuredObject",
     "ScaleResult",
     "Scene",
     "View",
-    "capture_video",
-    "check_asset",
     "estimate_scale",
     "measure_objects",
     "read_instances",
@@ -47,28 +40,35 @@ __all__ = [
     "scale_of_objects",
 ]
 
-#: The module of each name; it is imported when the name is first used, so that light commands stay light.
+#: Module of each public name, imported on first use, so that light commands stay light.
 _HOMES = {
-    "AssetCheck": "models3d.size_check.check",
     "Camera": "estimator.records.scene",
-    "Capture": "capture.pipeline",
-    "CaptureFailure": "capture.mapping.failures",
     "Instance": "estimator.records.scene",
     "MeasuredObject": "estimator.records.objects",
     "ScaleResult": "estimator.records.result",
     "Scene": "estimator.records.scene",
     "View": "estimator.records.scene",
-    "check_asset": "models3d.size_check.check",
-    "capture_video": "capture.pipeline",
     "estimate_scale": "estimator.pipeline",
     "measure_objects": "estimator.pipeline",
-    "read_instances": "estimator.reconstructions.scene_reader",
+    "read_instances": "estimator.instances.instance_reader",
     "read_scene": "estimator.reconstructions.scene_reader",
     "scale_of_objects": "estimator.results.estimate",
+}
+#: Package of the names that have moved out of `estimator`; the aliases are removed in the next release.
+_MOVED = {
+    "AssetCheck": "models3d",
+    "Capture": "capture",
+    "CaptureFailure": "capture",
+    "capture_video": "capture",
+    "check_asset": "models3d",
 }
 
 
 def __getattr__(name: str) -> object:
+    if name in _MOVED:
+        message = f"estimator.{name} has moved to {_MOVED[name]}.{name}"
+        warnings.warn(message, DeprecationWarning, stacklevel=2)
+        return getattr(import_module(_MOVED[name]), name)
     if name not in _HOMES:
         raise AttributeError(f"module 'estimator' has no attribute {name!r}")
     return getattr(import_module(_HOMES[name]), name)

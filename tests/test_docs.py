@@ -12,7 +12,7 @@ from pathlib import Path
 
 import pytest
 
-from tests.test_arrow import PACKAGES
+from tests.project.test_imports import PACKAGES
 
 ROOT = Path(__file__).resolve().parents[1]
 ROOMS = (
@@ -22,6 +22,7 @@ ROOMS = (
     "metric_base",
     "models3d",
     "estimator",
+    "capture",
     "insertion",
     "metric_cli",
     "tests",

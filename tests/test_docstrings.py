@@ -10,7 +10,7 @@ from pathlib import Path
 from typing import TypeVar
 
 ROOT = Path(__file__).resolve().parents[1]
-PACKAGES = ("crawler", "taxonomy", "metric_tree", "metric_base", "models3d", "estimator", "insertion")
+PACKAGES = ("crawler", "taxonomy", "metric_tree", "metric_base", "models3d", "estimator", "capture", "insertion")
 
 Node = TypeVar("Node", ast.FunctionDef, ast.ClassDef)
 

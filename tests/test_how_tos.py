@@ -13,7 +13,7 @@ import pytest
 from starlette.testclient import TestClient
 
 import metric_tree
-from benchmarks.user_study.page import ANSWERS_SCHEMA
+from benchmarks.user_study.answers import ANSWERS_SCHEMA
 from explorer.server.app import application
 from metric_cli.estimate_scale.estimate import main as estimate_scale
 from tests.metric_cli.test_paths import _command

@@ -10,7 +10,7 @@ from typing import Annotated, Literal, get_args
 
 import msgspec
 
-from benchmarks.user_study.page import ANSWERS_SCHEMA
+ANSWERS_SCHEMA = "metric-tree/study-answers/1"
 from metric_base.errors import InputError, expect, in_file
 from metric_base.input_files import folder_entries, read_bytes
 from metric_base.records import json_record

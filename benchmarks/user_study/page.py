@@ -14,12 +14,12 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
+from benchmarks.user_study.answers import ANSWERS_SCHEMA
 from benchmarks.user_study.curve import JUST_NOTICEABLE, Observer
 from metric_base.arrays import FloatArray
 
 #: The paper's changes of size, in per cent.
 STEPS = (-30, -20, -15, -10, -5, 0, 5, 10, 15, 20, 30)
-ANSWERS_SCHEMA = "metric-tree/study-answers/1"
 _TEMPLATE = Path(__file__).with_name("page.html")
 JPEG_QUALITY = 92
 #: At most 0.65 say "right", at -5 %, as in the paper; an error of a quarter in perceived size makes it so.

@@ -97,8 +97,8 @@ def check_asset(path: Path | str, category: str | None = None, tree: Tree | None
     InputError
         The file cannot be read, or `category` is no name of the tree.
 
-    >>> import estimator
-    >>> (check,) = estimator.check_asset("data/models/rocking_horse.glb", category="rocking horse")
+    >>> import models3d
+    >>> (check,) = models3d.check_asset("data/models/rocking_horse.glb", category="rocking horse")
     >>> check.verdict
     'right'
     """

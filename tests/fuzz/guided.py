@@ -20,7 +20,7 @@ from pathlib import Path
 import atheris
 
 with atheris.instrument_imports(
-    include=["metric_base", "crawler", "taxonomy", "metric_tree", "models3d", "estimator", "insertion"]
+    include=["metric_base", "crawler", "taxonomy", "metric_tree", "models3d", "estimator", "capture", "insertion"]
 ):
     from tests.fuzz.mutations import mutated
     from tests.fuzz.outcomes import KEPT, Bench, bound_memory, peak_mib

@@ -17,7 +17,7 @@ import numpy as np
 
 from metric_base.errors import InputError
 from tests.fuzz.mutations import mutated
-from tests.fuzz.readers import Reader
+from tests.fuzz.reader import Reader
 
 __all__ = ["COUNTS", "KEPT", "Bench", "bound_memory", "fuzz", "one_outcome", "peak_mib"]
 

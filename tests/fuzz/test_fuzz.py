@@ -7,7 +7,8 @@ from pathlib import Path
 import pytest
 
 from tests.fuzz.outcomes import Bench, fuzz
-from tests.fuzz.readers import READERS, Reader, write_seeds
+from tests.fuzz.reader import Reader
+from tests.fuzz.readers import READERS, write_seeds
 
 #: Inputs that once did harm: `<reader>--<file of the seed>`, with a number between them where there are more.
 CORPUS = Path(__file__).parent / "corpus"

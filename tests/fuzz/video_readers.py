@@ -12,9 +12,9 @@ import cv2
 import numpy as np
 from PIL import Image
 
-from benchmarks.user_study.answers import read_answers
+from benchmarks.user_study.answers import ANSWERS_SCHEMA, read_answers
 from benchmarks.user_study.curve import curve_of
-from benchmarks.user_study.page import ANSWERS_SCHEMA, STEPS
+from benchmarks.user_study.page import STEPS
 from capture.sources.video import Video
 from estimator.detectors.detector import load_detector
 from estimator.evidence.depth_maps import read_depth

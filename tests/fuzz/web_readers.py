@@ -20,9 +20,10 @@ from crawler.sites.listing import listed_items
 from crawler.sites.registry import SITES, item_of, use_site
 from metric_base.folders import data_folder
 from metric_tree.checks.release_files import findings
+from metric_tree.node import UnknownName
 from metric_tree.pipeline.ingest import blocks, items_of
 from metric_tree.release.release import MANIFEST, sha256
-from metric_tree.tree import Tree, UnknownName, open_tree
+from metric_tree.tree import Tree, open_tree
 from tests.crawler.page.shop_pages import MADE, OTHERS
 from tests.fuzz.reader import Reader
 from tests.synthetic.hostile_pictures import shop_picture

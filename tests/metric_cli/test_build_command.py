@@ -12,6 +12,7 @@ import pytest
 
 import metric_cli.subcommands.data.build as command
 from crawler.imports.declaration import declared_sources as declared
+from metric_base import executors
 from metric_cli.subcommands import main
 from metric_tree.pipeline.build import build_release
 from tests.synthetic.raw_fixture import SOURCES, synthetic_items, written
@@ -77,7 +78,7 @@ def test_the_date_may_come_from_the_environment(raw, tmp_path, capsys, monkeypat
     ],
 )
 def test_bad_arguments_are_one_line(raw, tmp_path, capsys, monkeypatch, words, message):
-    monkeypatch.setattr(command, "SCHEDULER_TIMEOUT", 0.3)
+    monkeypatch.setattr(executors, "SCHEDULER_TIMEOUT", 0.3)
     assert run(raw, "--out", tmp_path / "release", *words) == 2
     printed = capsys.readouterr()
     assert printed.out == ""

@@ -22,6 +22,7 @@ PACKAGES = (
     "metric_tree",
     "models3d",
     "estimator",
+    "capture",
     "insertion",
     "explorer",
     "metric_cli",

@@ -8,9 +8,8 @@ from pathlib import Path
 
 import pytest
 
-from benchmarks.user_study.answers import read_answers
+from benchmarks.user_study.answers import ANSWERS_SCHEMA, read_answers
 from benchmarks.user_study.make import _page_parser
-from benchmarks.user_study.page import ANSWERS_SCHEMA
 from crawler.imports.declaration import Rule
 from metric_base.errors import InputError
 from metric_cli.subcommands.data.build import add_arguments

@@ -15,7 +15,7 @@ from metric_tree.checks.release_files import findings
 from metric_tree.pipeline.build import PRIVATE_LICENCE, build_release
 from metric_tree.pipeline.ingest import raw_files
 from metric_tree.release.images import image_path, picture_files
-from tests.synthetic.picture_fixture import shop_picture
+from tests.synthetic.hostile_pictures import shop_picture
 from tests.synthetic.raw_fixture import SOURCES, synthetic_items, written
 from tests.synthetic.small_taxonomy import small_taxonomy
 

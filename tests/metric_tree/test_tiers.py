@@ -11,9 +11,10 @@ from hypothesis import strategies as st
 
 from metric_base.errors import InputError
 from metric_tree import tiers
+from metric_tree.node import ThinEvidence
 from metric_tree.prior import Prior
 from metric_tree.tiers import TIERS, Evidence, at_least, leaf_tier, mixture_tier, tier_of_shares
-from metric_tree.tree import ThinEvidence, open_tree
+from metric_tree.tree import open_tree
 from tests.synthetic import minitree
 from tests.synthetic.priors import prior as synthetic_prior
 

@@ -13,10 +13,10 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from benchmarks.user_study.answers import ANSWERS, StudyAnswer, read_answers
+from benchmarks.user_study.answers import ANSWERS, ANSWERS_SCHEMA, StudyAnswer, read_answers
 from benchmarks.user_study.curve import Observer, curve_of, wilson
-from benchmarks.user_study.make import run_study
-from benchmarks.user_study.page import ANSWERS_SCHEMA, FLAT, STEPS, expected_intervals, plan_text, study_page
+from benchmarks.user_study.make import main
+from benchmarks.user_study.page import FLAT, STEPS, expected_intervals, plan_text, study_page
 from benchmarks.user_study.report import report_text, write_curve
 from metric_base.errors import InputError
 from metric_cli.insert_object.insert import main
@@ -136,7 +136,7 @@ def test_the_report_is_printed(tmp_path: Path, capsys: pytest.CaptureFixture[str
         record = {"schema": ANSWERS_SCHEMA, "participant": f"p{person}", "answers": rows}
         (tmp_path / f"{person}.json").write_text(json.dumps(record))
     figure = tmp_path / "curve.png"
-    assert run_study(["report", str(tmp_path), "--figure", str(figure)]) == 0
+    assert main(["report", str(tmp_path), "--figure", str(figure)]) == 0
     assert "just-noticeable step" in capsys.readouterr().out
     assert figure.stat().st_size > 5000
 

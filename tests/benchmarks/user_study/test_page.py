@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 from benchmarks.user_study.answers import read_answers
-from benchmarks.user_study.make import run_study
+from benchmarks.user_study.make import main
 from benchmarks.user_study.page import STEPS, study_page
 from tests.synthetic.browser import Browser
 
@@ -45,5 +45,5 @@ def test_answers_are_saved_and_reported(tmp_path: Path, capsys: pytest.CaptureFi
     assert sorted(answers) == sorted(STEPS)
     assert (answers[-30], answers[0], answers[30]) == ("too small", "right", "too large")
     assert json.loads(file.read_text())["object"] == "chair"
-    assert run_study(["report", str(saved)]) == 0
+    assert main(["report", str(saved)]) == 0
     assert "1 participant(s)" in capsys.readouterr().out

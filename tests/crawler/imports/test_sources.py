@@ -8,9 +8,10 @@ from pathlib import Path
 
 import pytest
 
-from crawler.imports.declaration import OPEN_LICENCES, REASONS, BadDeclaration, Source, UnknownSource, source, sources
+from crawler.imports.declaration import OPEN_LICENCES, REASONS, Source, UnknownSource, source, sources
 from crawler.items import BadRawItem, RawItem, raw_items
 from metric_base.errors import FieldError
+from metric_base.records import BadDeclaration
 
 ROOT = Path(__file__).resolve().parents[3]
 SHA = "0" * 64

@@ -19,7 +19,8 @@ from metric_tree.cutouts.backend import Settings
 from metric_tree.cutouts.release_cutouts import TABLE, cut, cut_release
 from metric_tree.release.release import sha256
 from tests.synthetic.hostile_pictures import HOSTILE as MAKERS
-from tests.synthetic.picture_fixture import HOSTILE, encoded, release_with, shop_picture, wallpaper
+from tests.synthetic.hostile_pictures import encoded, shop_picture
+from tests.synthetic.picture_fixture import HOSTILE, release_with, wallpaper
 
 PLAIN = Settings("plain")
 

@@ -17,7 +17,8 @@ from metric_tree.cutouts.backend import Auto, Foreground
 from metric_tree.cutouts.network import Network, has_weights
 from metric_tree.cutouts.plain import Plain, background
 from metric_tree.cutouts.quality import assessment
-from tests.synthetic.picture_fixture import shop_picture, wallpaper
+from tests.synthetic.hostile_pictures import shop_picture
+from tests.synthetic.picture_fixture import wallpaper
 
 SHAPE = (160, 200)
 

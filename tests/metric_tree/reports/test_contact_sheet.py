@@ -15,7 +15,8 @@ from metric_tree.cutouts.backend import Settings
 from metric_tree.cutouts.release_cutouts import cut_release
 from metric_tree.reports.contact_sheet import LARGEST, MARGIN, _scale, _spread, bar_length, picture_rows, tiles
 from metric_tree.tree import open_tree
-from tests.synthetic.picture_fixture import HOSTILE, release_with, shop_picture, wallpaper
+from tests.synthetic.hostile_pictures import shop_picture
+from tests.synthetic.picture_fixture import HOSTILE, release_with, wallpaper
 
 
 @pytest.fixture

@@ -9,8 +9,8 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from taxonomy.naming.names import Names
-from taxonomy.naming.resolver import NameAnswer, Resolver, _slip
+from taxonomy.naming.names import NameAnswer, Names
+from taxonomy.naming.resolver import Resolver, _slip
 from taxonomy.words import senses as tables
 from taxonomy.words.phrases import after_counts, container_and_content, leading_phrase, without_numbers
 from taxonomy.words.spelling import fold_text, plain_fold, singular_phrases

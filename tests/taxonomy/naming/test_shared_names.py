@@ -12,7 +12,7 @@ import pytest
 import metric_tree
 from metric_base.folders import taxonomy_directory
 from metric_tree.curated.sizes import curated_ranges
-from metric_tree.tree import AmbiguousName
+from metric_tree.node import AmbiguousName
 from taxonomy.catalogue import OTHER, default_catalogue
 from taxonomy.categories import Category
 from taxonomy.levels import LEAF

@@ -10,11 +10,12 @@ from typing import Annotated, Literal, get_args
 
 import msgspec
 
-ANSWERS_SCHEMA = "metric-tree/study-answers/1"
 from metric_base.errors import InputError, expect, in_file
 from metric_base.input_files import folder_entries, read_bytes
 from metric_base.records import json_record
 
+#: Schema of a file of answers.
+ANSWERS_SCHEMA = "metric-tree/study-answers/1"
 Judgement = Literal["too small", "right", "too large"]
 ANSWERS: tuple[str, ...] = get_args(Judgement)
 #: Most steps times participants: the page has 11 steps.

@@ -33,8 +33,8 @@ from tests.synthetic.small_scene import write_small_scene
 PARSERS = {
     "estimate-scale": estimate_scale.parser(),
     "insert-object": insert.parser(),
-    "insert-object study": make._page_parser(),
-    "insert-object study report": make._report_parser(),
+    "python -m benchmarks.user_study": make._page_parser(),
+    "python -m benchmarks.user_study report": make._report_parser(),
     **{f"metric-tree {verb}": parser_of(verb) for verb in VERBS},
 }
 #: What a metavar says of an argument that may name a path.
@@ -56,8 +56,8 @@ RUNS = {
     "estimate-scale --write-scaled": "scene",
     "estimate-scale --work": "photos --frames 2",
     "insert-object": "scene --model chair.gltf --scale 0.3 --out absent.mp4",
-    "insert-object study": "scene --model chair.gltf --scale 0.3 --out absent.html",
-    "insert-object study report": "answers.json",
+    "python -m benchmarks.user_study": "scene --model chair.gltf --scale 0.3 --out absent.html",
+    "python -m benchmarks.user_study report": "answers.json",
     "metric-tree query": "rat --tree mini",
     "metric-tree crawl": "generic --out absent --start-url http://127.0.0.1:9/ --contact me@example.org --delay 0",
     "metric-tree import": "table --sources declared --input table.csv",

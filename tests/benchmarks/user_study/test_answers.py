@@ -19,7 +19,7 @@ from benchmarks.user_study.make import main
 from benchmarks.user_study.page import FLAT, STEPS, expected_intervals, plan_text, study_page
 from benchmarks.user_study.report import report_text, write_curve
 from metric_base.errors import InputError
-from metric_cli.insert_object.insert import main
+from metric_cli.insert_object.insert import main as insert_object
 
 
 def _answers(observer: Observer, participants: int, repeats: int, seed: int) -> list[StudyAnswer]:
@@ -153,10 +153,10 @@ def test_a_flat_curve_is_drawn_without_an_observer(tmp_path: Path) -> None:
 def test_a_scene_folder_may_be_called_study(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    (tmp_path / "study").mkdir()
     monkeypatch.chdir(tmp_path)
-    words = ["--model", "a.glb", "--scale", "1"]
-    assert main(["study", *words, "--out", "pictures"]) == 2
+    words = ["study", "--model", "a.glb", "--scale", "1", "--out", "images"]
+    assert insert_object(words) == 2
+    assert "python -m benchmarks.user_study" in capsys.readouterr().err
+    (tmp_path / "study").mkdir()
+    assert insert_object(words) == 2
     assert "insert-object: study" in capsys.readouterr().err  # read as a scene, which it is not
-    assert main(["study", "study", *words, "--out", "page.html"]) == 2
-    assert "insert-object study: study" in capsys.readouterr().err

@@ -78,7 +78,7 @@ RUNS = {
 ENDINGS = {
     "FILE.png": ".png", "FILE.html": ".html", "FILE.csv": ".csv", "FILE.md": ".md", "FILE.jsonl": ".jsonl",
     "--figure": ".svg", "--preview": ".png", "--parquet": ".parquet", "--fix": ".gltf", "metric-tree report": ".html",
-    "insert-object study": ".html", "insert-object": ".mp4", "metric-tree true-size": ".gltf",
+    "python -m benchmarks.user_study": ".html", "insert-object": ".mp4", "metric-tree true-size": ".gltf",
 }  # fmt: skip
 #: What commands keep in folders, here of somebody else.
 KEPT = (

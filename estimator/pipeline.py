@@ -18,7 +18,7 @@ from estimator.records.digests import cloud_digest, masks_digest, model_digest, 
 from estimator.records.objects import MeasuredObject
 from estimator.records.options import EstimateOptions
 from estimator.records.result import ScaleEvidence, ScaleResult, SceneEstimate, UpReport
-from estimator.records.scene import Instance, Scene
+from estimator.records.scene import Instance, Scene, SceneProblem
 from estimator.results.estimate import scale_of_objects
 from metric_base.errors import InputError
 from metric_base.progress import stopwatch
@@ -163,7 +163,7 @@ def measure_objects(
     from estimator.association.tracks import associate
     from estimator.geometry.canonical_frame import sorted_scene
     from estimator.geometry.measurement import in_world, measure_tracks
-    from estimator.geometry.vertical import given_up
+    from estimator.geometry.vertical import up_from_vector
     from estimator.records.options import MeasurementOptions
 
     options = options or MeasurementOptions()
@@ -171,13 +171,13 @@ def measure_objects(
     with stopwatch(seconds, "order"):
         # Algorithm 1 goes through the frames as they were taken
         world = sorted_scene(scene, instances, keep_views=options.association == "incremental")
-    given = None if options.up is None else given_up(world.frame.basis @ np.asarray(options.up))
+    given = None if options.up is None else up_from_vector(world.frame.basis @ np.asarray(options.up))
     ours = world.scene, world.instances
     association = associate(*ours, options.association, options.dense, options.stated_tracks, seconds)
     measured = in_world(measure_tracks(*ours, association, options, given, seconds), world)
     doubled = (_ambiguity_of(len(instances)),) if instances and not world.instances else ()
     notes = _up_warnings(measured.up, options.supports and not measured.planes)
-    return replace(measured, warnings=(*measured.warnings, *doubled, *notes))
+    return replace(measured, problems=(*measured.problems, *map(SceneProblem, (*doubled, *notes))))
 
 
 def _ambiguity_of(masks: int) -> str:
@@ -213,8 +213,12 @@ def _estimate(
     paper_lists: Path | None = None,
 ) -> SceneEstimate:
     """The estimate and what it is of."""
+    from estimator.reconstructions.model_checks import check_reconstruction
+
     scene, instances = masks.scene, masks.instances
-    doubts, errors = _self_contradictions(scene)
+    problems = check_reconstruction(scene)
+    errors = tuple(problem.message for problem in problems if problem.is_fatal)
+    doubts = (problem.message for problem in problems if not problem.is_fatal)
     warnings, seconds = (*scene.warnings, *masks.warnings, *doubts), dict(masks.seconds)
     measurements = None
     if options.method == "sucar":
@@ -229,8 +233,9 @@ def _estimate(
         with np.errstate(all="ignore" if errors else "warn"):
             measurements = measure_objects(scene, instances, replace(choices, up=options.up))
         seconds |= measurements.timings
-        warnings, up = (*warnings, *measurements.warnings), _up_report(measurements.up)
-        errors = (*errors, *measurements.errors)
+        up = _up_report(measurements.up)
+        warnings = (*warnings, *(problem.message for problem in measurements.problems if not problem.is_fatal))
+        errors = (*errors, *(problem.message for problem in measurements.problems if problem.is_fatal))
         if options.method == "paper":
             from estimator.baselines.paper import paper_result
 
@@ -254,16 +259,6 @@ def _result_of(result: ScaleResult, options: EstimateOptions, of: Mapping[str, s
     up = None if options.up is None else [float(value) for value in options.up]
     asked = (result.method, options.level, options.trust_known_length, str(options.where), up, rows, result.tree)
     return replace(result, of={**of, "options": options_digest(asked)})
-
-
-def _self_contradictions(scene: Scene) -> tuple[tuple[str, ...], tuple[str, ...]]:
-    """Doubts about the reconstruction itself, and what rules it out: degenerate, or against its own observations."""
-    from estimator.reconstructions.model_checks import consistency, contradictions, degeneracy
-
-    degenerate = degeneracy(scene)
-    if degenerate is not None:
-        return (), (f"{degenerate.code}: {degenerate.message}",)
-    return contradictions(consistency(scene))
 
 
 def _reject(result: ScaleResult, errors: Sequence[str]) -> ScaleResult:

@@ -14,7 +14,7 @@ from collections.abc import Mapping, Sequence
 import numpy as np
 
 from estimator.baselines.candidate_search import candidate_scales, estimate_on
-from estimator.geometry.vertical import given_up
+from estimator.geometry.vertical import up_from_vector
 from estimator.projection.cameras import pixels_in_view, view_rays
 from estimator.records.objects import MeasuredObject
 from estimator.records.options import EstimateOptions
@@ -45,7 +45,7 @@ def sucar_result(
     """The scale by every detection's box; each row of the result is one detection."""
     by_name = meanings(tree, {item.category for item in instances}, HEIGHT)
     started = time.perf_counter()
-    down = prescribed_down(scene) if options.up is None else -given_up(options.up).vector
+    down = prescribed_down(scene) if options.up is None else -up_from_vector(options.up).vector
     heights = box_heights(scene, instances, down)
     boxes = [
         _object(number, item, height) for number, (item, height) in enumerate(zip(instances, heights, strict=True))

@@ -29,7 +29,7 @@ from estimator.geometry.planes import (
     peaks,
 )
 from estimator.records.objects import Up
-from estimator.records.scene import View
+from estimator.records.scene import SceneProblem, View
 from metric_base.arrays import BoolArray, FloatArray
 from metric_base.errors import InputError
 
@@ -102,7 +102,7 @@ def camera_up(views: Sequence[View]) -> Up:
     return _mean_up(mean_up, vectors[:, 2])
 
 
-def given_up(vector: Sequence[float] | FloatArray) -> Up:
+def up_from_vector(vector: Sequence[float] | FloatArray) -> Up:
     """Up that is known from outside, such as from an inertial unit: a vector (3,) of any length but 0.
 
     Raises
@@ -117,18 +117,18 @@ def given_up(vector: Sequence[float] | FloatArray) -> Up:
     return Up(direction / np.linalg.norm(direction), "given", GIVEN_DEG)
 
 
-def up_contradiction(given: Up, seen: Up) -> tuple[tuple[str, ...], tuple[str, ...]]:
-    """How a given up contradicts what the cameras and level surfaces show: sentences of doubt, and of rejection."""
+def up_problems(given: Up, seen: Up) -> tuple[SceneProblem, ...]:
+    """Return the contradiction between a given vertical and that of the cameras and level surfaces, if there is one."""
     if seen.method == "none":
-        return (), ()
+        return ()
     angle = float(np.degrees(np.arccos(np.clip(given.vector @ seen.vector, -1, 1))))
     limit = BELIEVED_SIGMAS * float(np.hypot(given.sigma_deg, seen.sigma_deg))
     if angle <= limit:
-        return (), ()
+        return ()
     if 180 - angle <= limit:
-        return (f"the given up points down ({seen.method}): gravity points down, up is its opposite",), ()
+        return (SceneProblem(f"the given up points down ({seen.method}): gravity points down, up is its opposite"),)
     sentence = f"the given up is {angle:.0f}° from what the scene shows ({seen.method}, ±{seen.sigma_deg:.1f}°)"
-    return ((), (sentence,)) if min(angle, 180 - angle) > WRONG_UP_DEG + limit else ((sentence,), ())
+    return (SceneProblem(sentence, min(angle, 180 - angle) > WRONG_UP_DEG + limit),)
 
 
 def _mean_up(mean_up: FloatArray, x_axis: FloatArray) -> Up:

@@ -12,7 +12,7 @@ from scipy.sparse import csr_array
 from scipy.sparse.csgraph import connected_components
 
 from estimator.projection.cameras import project
-from estimator.records.scene import Scene, View
+from estimator.records.scene import Scene, SceneProblem, View
 from metric_base.arrays import FloatArray
 
 # Observations of a view that are looked at; a thousand give a median to a few per cent.
@@ -62,6 +62,17 @@ class Consistency:
     groups: int
 
 
+def check_reconstruction(scene: Scene) -> tuple[SceneProblem, ...]:
+    """Check a reconstruction for degenerate geometry and, if there is none, for large reprojection errors.
+
+    A degenerate reconstruction is a single fatal problem, whose message begins with its code.
+    """
+    degenerate = degeneracy(scene)
+    if degenerate is not None:
+        return (SceneProblem(f"{degenerate.code}: {degenerate.message}", is_fatal=True),)
+    return reprojection_problems(consistency(scene))
+
+
 def consistency(scene: Scene) -> Consistency:
     """The agreement of a scene's observations with its own geometry.
 
@@ -91,26 +102,25 @@ def consistency(scene: Scene) -> Consistency:
     )
 
 
-def contradictions(measures: Consistency) -> tuple[tuple[str, ...], tuple[str, ...]]:
-    """What the measures say against a reconstruction: sentences of doubt, and sentences that rule it out."""
-    doubts: list[str] = []
-    errors: list[str] = []
+def reprojection_problems(measures: Consistency) -> tuple[SceneProblem, ...]:
+    """Return the contradictions between a reconstruction and its observations."""
+    problems: list[SceneProblem] = []
     if measures.reprojection_share > DOUBTFUL_ERROR:
-        sentence = f"the points miss their own observations by {measures.reprojection_px:.1f} pixels (median)"
-        (errors if measures.reprojection_share > WRONG_ERROR else doubts).append(sentence)
+        message = f"the points miss their own observations by {measures.reprojection_px:.1f} pixels (median)"
+        problems.append(SceneProblem(message, measures.reprojection_share > WRONG_ERROR))
     elif measures.misses > DOUBTFUL_MISSES:
-        sentence = (
-            f"{measures.misses:.0%} of the observations are more than {WRONG_ERROR:.0%} of the image off their points"
-        )
-        (errors if measures.misses > WRONG_MISSES else doubts).append(f"{sentence}: parts of the model do not fit")
+        fraction = f"{measures.misses:.0%} of the observations are more than {WRONG_ERROR:.0%} of the image off"
+        message = f"{fraction} their points: parts of the model do not fit"
+        problems.append(SceneProblem(message, measures.misses > WRONG_MISSES))
     if measures.behind > DOUBTFUL_BEHIND:
-        sentence = f"{measures.behind:.0%} of the observed points are behind their camera"
-        (errors if measures.behind > WRONG_BEHIND else doubts).append(sentence)
+        message = f"{measures.behind:.0%} of the observed points are behind their camera"
+        problems.append(SceneProblem(message, measures.behind > WRONG_BEHIND))
     if measures.depth_ratio > DOUBTFUL_DEPTHS:
-        doubts.append(f"the depths in a view span a factor {measures.depth_ratio:.0f}")
+        problems.append(SceneProblem(f"the depths in a view span a factor {measures.depth_ratio:.0f}"))
     if measures.groups > 1:
-        doubts.append(f"the views fall into {measures.groups} groups that share no point: each may have its own scale")
-    return tuple(doubts), tuple(errors)
+        groups = f"{measures.groups} groups that share no point"
+        problems.append(SceneProblem(f"the views fall into {groups}: each may have its own scale"))
+    return tuple(problems)
 
 
 def _errors_and_depths(view: View, points: FloatArray, keypoints: FloatArray) -> tuple[FloatArray, FloatArray]:

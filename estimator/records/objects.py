@@ -9,6 +9,7 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
+from estimator.records.scene import SceneProblem
 from metric_base.arrays import BoolArray, FloatArray, IntArray
 
 #: The paper's threshold of a plausible dimension: a confidence eta of so much or more (section 4.2, example figure).
@@ -134,8 +135,8 @@ class Measurements:
     tracks : tuple of Track
     timings : dict
         Seconds by stage.
-    warnings, errors : tuple of str
-        Doubts about the masks and the given vertical, and reasons to reject them.
+    problems : tuple of SceneProblem
+        Contradictions in the masks and in the vertical.
     """
 
     objects: tuple[MeasuredObject, ...]
@@ -143,5 +144,4 @@ class Measurements:
     planes: tuple[SupportPlane, ...]
     tracks: tuple[Track, ...]
     timings: dict[str, float] = field(default_factory=dict)
-    warnings: tuple[str, ...] = ()
-    errors: tuple[str, ...] = ()
+    problems: tuple[SceneProblem, ...] = ()

@@ -109,6 +109,23 @@ class Instance:
     track: str | None = None
 
 
+@dataclass(frozen=True, slots=True, eq=False)
+class InstanceSet:
+    """The instances of a scene, and warnings about their files."""
+
+    instances: tuple[Instance, ...]
+    warnings: tuple[str, ...] = ()
+    is_default: bool = False  #: The masks are those in the folder of the scene, which the caller did not name.
+
+
+@dataclass(frozen=True, slots=True)
+class SceneProblem:
+    """A contradiction in a reconstruction, in its masks or in its vertical."""
+
+    message: str  #: A sentence without a final period.
+    is_fatal: bool = False  #: No scale follows from the scene; otherwise the message is a warning.
+
+
 #: Where a scene comes from.
 Format = Literal[
     "colmap-binary",

@@ -145,10 +145,10 @@ def _scale(words: str | None) -> float | Path | None:
 
 
 def _up(words: str | None) -> Up | None:
-    from estimator.geometry.vertical import given_up
+    from estimator.geometry.vertical import up_from_vector
 
     try:
-        return None if words is None else given_up(tuple(float(part) for part in words.split(",")))
+        return None if words is None else up_from_vector(tuple(float(part) for part in words.split(",")))
     except (ValueError, TypeError):
         raise InputError.at("--up", "direction", "X,Y,Z, three finite numbers, not all 0", words) from None
 

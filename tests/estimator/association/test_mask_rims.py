@@ -6,8 +6,7 @@ import cv2
 import numpy as np
 import pytest
 
-from estimator.association.mask_checks import rim_agreement
-from estimator.association.mask_checks import rim_warnings as rim_doubts
+from estimator.association.mask_checks import rim_agreement, rim_warnings
 from estimator.association.point_labels import sparse_labels
 from estimator.association.tracks import shared_tracks
 from tests.synthetic.rooms.furnish import furnished_room
@@ -30,14 +29,14 @@ def test_masks_grown_by_a_fifth_are_doubtful(room, share, doubtful):
     masks = [wider(mask, round(share * np.sqrt(mask.mask.sum()))) for mask in room.instances]
     labels = sparse_labels(room.scene, masks)
     tracks = [track.members for track in shared_tracks(masks, [labels])]
-    doubts = rim_doubts(rim_agreement(room.scene.views, labels, masks, tracks))
-    assert len(doubts) == doubtful
+    problems = rim_warnings(rim_agreement(room.scene.views, labels, masks, tracks))
+    assert len(problems) == doubtful
     if doubtful:
-        assert "larger than their objects" in doubts[0]
+        assert "larger than their objects" in problems[0].message
 
 
 def test_boxes_and_lone_masks_say_nothing(room):
     labels = sparse_labels(room.scene, room.instances)
     boxes = [replace(mask, from_box=True) for mask in room.instances]
-    assert rim_doubts(rim_agreement(room.scene.views, labels, boxes, [range(len(boxes))])) == ()
-    assert rim_doubts(rim_agreement(room.scene.views, labels, room.instances, [(0,), (1,)])) == ()
+    assert rim_warnings(rim_agreement(room.scene.views, labels, boxes, [range(len(boxes))])) == ()
+    assert rim_warnings(rim_agreement(room.scene.views, labels, room.instances, [(0,), (1,)])) == ()

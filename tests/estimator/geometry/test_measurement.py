@@ -187,4 +187,4 @@ def test_a_scene_without_points():
     )
     found = measure_objects(scene, ())
     assert found.planes == ()
-    assert any("support plane" in warning for warning in found.warnings)
+    assert any("support plane" in problem.message for problem in found.problems)

@@ -7,7 +7,7 @@ from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
 from estimator.geometry.planes import support_planes
-from estimator.geometry.vertical import camera_up, given_up, refine_up, up_contradiction
+from estimator.geometry.vertical import camera_up, refine_up, up_from_vector, up_problems
 from estimator.records.scene import View
 from metric_base.errors import InputError
 from tests.synthetic.shapes import box, floor, synthetic_scene, view_at
@@ -78,7 +78,7 @@ def test_scattered_cameras_leave_up_unknown():
     up = camera_up(views + flipped)
     assert up.method == "none"
     assert np.linalg.norm(up.vector) == pytest.approx(1)
-    assert up_contradiction(given_up(np.cross(up.vector, [1, 2, 3])), up) == ((), ()), "nothing to contradict"
+    assert up_problems(up_from_vector(np.cross(up.vector, [1, 2, 3])), up) == (), "nothing to contradict"
 
 
 def test_no_views_is_an_error_with_a_name():
@@ -168,20 +168,20 @@ def test_sigma_widens_where_levels_disagree():
 )
 def test_a_given_up_is_compared_with_what_the_cameras_show(tilt, doubt, error):
     seen = camera_up(panned(np.linspace(-90, 90, 20), np.zeros(20)))
-    given = given_up(7 * Rotation.from_euler("x", tilt, degrees=True).apply(UP))
+    given = up_from_vector(7 * Rotation.from_euler("x", tilt, degrees=True).apply(UP))
     assert off_deg(given.vector) == pytest.approx(tilt)
-    for lines, words in zip(up_contradiction(given, seen), (doubt, error), strict=True):
-        assert len(lines) == (words is not None)
-        assert all(words in line for line in lines)
+    problems = up_problems(given, seen)
+    assert [problem.is_fatal for problem in problems] == ([error is not None] if doubt or error else [])
+    assert all((doubt or error) in problem.message for problem in problems)
 
 
 @pytest.mark.parametrize("length", [1e-300, 1e-5, 3.0, 1e300])
 def test_the_length_of_a_given_up_says_nothing(length):
     with np.errstate(all="raise", under="ignore"):
-        assert given_up((0, length, length)).vector == pytest.approx([0, np.sqrt(0.5), np.sqrt(0.5)])
+        assert up_from_vector((0, length, length)).vector == pytest.approx([0, np.sqrt(0.5), np.sqrt(0.5)])
 
 
 @pytest.mark.parametrize("vector", [(0, 0, 0), (1, 2), (1, 2, np.nan), (np.inf, 0, 0)])
 def test_what_is_no_direction_is_refused(vector):
     with pytest.raises(InputError, match="three finite numbers"):
-        given_up(vector)
+        up_from_vector(vector)

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from estimator import estimate_scale
-from estimator.reconstructions.model_checks import consistency, contradictions
+from estimator.reconstructions.model_checks import consistency, reprojection_problems
 from tests.synthetic.shapes import box, floor, orbit, synthetic_scene
 
 
@@ -35,7 +35,7 @@ def test_a_good_scene_is_consistent(good):
     assert measures.reprojection_share < 0.004
     assert measures.behind == 0
     assert 1 < measures.depth_ratio < 20
-    assert contradictions(measures) == ((), ())
+    assert reprojection_problems(measures) == ()
 
 
 def test_the_median_error_is_that_of_the_keypoints(good):
@@ -47,8 +47,8 @@ def test_the_median_error_is_that_of_the_keypoints(good):
 
 @pytest.mark.parametrize(("pixels", "doubts", "errors"), [(1.5, 1, 0), (10.0, 0, 1)])
 def test_keypoints_that_miss_are_doubted_and_then_rule_the_model_out(good, pixels, doubts, errors):
-    doubtful, ruled_out = contradictions(consistency(shaken(good, pixels)))
-    assert (len(doubtful), len(ruled_out)) == (doubts, errors)
+    problems = reprojection_problems(consistency(shaken(good, pixels)))
+    assert [problem.is_fatal for problem in problems] == [False] * doubts + [True] * errors
 
 
 def test_points_behind_the_cameras_rule_the_model_out(good):
@@ -58,7 +58,7 @@ def test_points_behind_the_cameras_rule_the_model_out(good):
     )
     measures = consistency(replace(good, views=turned))
     assert measures.behind == 1
-    assert any("behind" in sentence for sentence in contradictions(measures)[1])
+    assert any("behind" in problem.message and problem.is_fatal for problem in reprojection_problems(measures))
 
 
 def test_depths_of_many_orders_are_doubted(good):
@@ -66,14 +66,14 @@ def test_depths_of_many_orders_are_doubted(good):
     reach = np.geomspace(1, 1e5, len(good.points))[:, None]
     far = replace(good, points=centre + (good.points - centre) * reach)
     measures = consistency(replace(far, views=far.views[:1]))
-    assert any("factor" in sentence for sentence in contradictions(measures)[0])
+    assert any("factor" in problem.message and not problem.is_fatal for problem in reprojection_problems(measures))
 
 
 def test_without_observations_nothing_is_said(good):
     nothing = {"keypoints": np.empty((0, 2)), "point_index": np.empty(0, dtype=np.int64)}
     measures = consistency(replace(good, views=tuple(replace(v, **nothing) for v in good.views)))
     assert np.isnan(measures.reprojection_px)
-    assert contradictions(measures) == ((), ())
+    assert reprojection_problems(measures) == ()
 
 
 def test_parts_that_do_not_fit_rule_the_model_out(good):
@@ -82,7 +82,7 @@ def test_parts_that_do_not_fit_rule_the_model_out(good):
     measures = consistency(replace(good, points=moved))
     assert measures.reprojection_share < 0.004
     assert measures.misses > 0.1
-    assert any("do not fit" in sentence for sentence in contradictions(measures)[1])
+    assert any("do not fit" in problem.message and problem.is_fatal for problem in reprojection_problems(measures))
 
 
 @pytest.mark.filterwarnings("error")
@@ -104,4 +104,4 @@ def test_groups_of_views_without_a_common_point_are_doubted(good):
         views.append(replace(view, keypoints=view.keypoints[own], point_index=view.point_index[own]))
     parted = consistency(replace(good, views=tuple(views)))
     assert parted.groups == 2
-    assert any("2 groups" in sentence for sentence in contradictions(parted)[0])
+    assert any("2 groups" in problem.message and not problem.is_fatal for problem in reprojection_problems(parted))

@@ -37,7 +37,7 @@ def json_array(value: object, field: str = "document") -> list[Any]:
     return value
 
 
-class ByteReader:
+class BinaryReader:
     """A little-endian binary file and a place in it; every count is checked against the bytes that remain."""
 
     def __init__(self, path: Path) -> None:

@@ -1,4 +1,4 @@
-"""A model that moves by itself: which of its animations plays, and the room that it takes."""
+"""Choose the animation that an inserted model plays, and compute the space that it occupies over time."""
 
 from __future__ import annotations
 
@@ -10,58 +10,63 @@ from metric_base.arrays import FloatArray
 from metric_base.errors import InputError
 from models3d.model import Animation, Model
 
-#: Poses of an animation, evenly over its time, that say how low and how wide it gets.
-POSES = 16
+#: Number of poses, evenly spaced over the duration, from which the bounds of an animation are computed.
+N_POSES = 16
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Acting:
-    """A model as it stands at first.
-
-    motion : what plays, None where it stands still; bounds : (2, 3) corners of the first pose, the lower one as low as
-    any pose, so that the object stands by its lowest moment; reach : (2, 3) corners of all poses.
-    """
+class Playback:
+    """A model in its first pose, and the animation that moves it."""
 
     model: Model
-    motion: Animation | None
+    #: Animation that plays, or None if the model does not move.
+    animation: Animation | None
+    #: (2, 3) lowest and highest corner of the first pose in metres of the file. The lower height is that of all poses,
+    #: so that the object touches its support at its lowest moment.
     bounds: FloatArray
-    reach: FloatArray
+    #: (2, 3) lowest and highest corner of all poses in metres of the file.
+    bounds_over_time: FloatArray
 
-    def at(self, time_s: float) -> Model:
-        """The model at a time from the first picture."""
-        return self.model if self.motion is None else self.model.at(self.motion, time_s)
+    def posed(self, time_s: float) -> Model:
+        """Return the model `time_s` seconds after the first frame."""
+        return self.model if self.animation is None else self.model.posed(self.animation, time_s)
 
 
-def acting(model: Model, clip: str | None, at_time_s: float | None) -> Acting:
-    """The model with its animation.
+def select_playback(model: Model, clip: str | None, at_time_s: float | None) -> Playback:
+    """Choose the animation of a model, or freeze the model in one of its poses.
 
-    clip : name or number of the animation, the first without, `none` for the file's own pose; at_time_s : the pose of
-    this time, which does not change then. Raises InputError for an animation that the file does not have.
+    Parameters
+    ----------
+    model : Model
+    clip : str, optional
+        Name or number of an animation; `none` selects the pose of the file. The first animation by default.
+    at_time_s : float, optional
+        Freeze the model in the pose of this time, in seconds.
+
+    Raises
+    ------
+    InputError
+        The model does not have this animation, or `at_time_s` is given for a model without one.
     """
-    motion = _chosen(model, clip)
-    if motion is None:
+    animation: Animation | None = None
+    if clip is None:
+        animation = model.animations[0] if model.animations else None
+    elif clip != "none":
+        animation = next((animation for animation in model.animations if animation.name == clip), None)
+        if animation is None and clip.isdecimal() and int(clip) < len(model.animations):
+            animation = model.animations[int(clip)]
+        if animation is None:
+            names = ", ".join(animation.name for animation in model.animations) or "no animation"
+            raise InputError(f"--clip: expected none or one of {model.name} ({names}); found {clip!r}")
+    if animation is None:
         if at_time_s is not None:
             raise InputError(f"--at-time: expected a model with an animation; {model.name} has none that plays")
-        return Acting(model, None, model.bounds, model.bounds)
-    first = model.at(motion, at_time_s or 0.0)
+        return Playback(model, None, model.bounds, model.bounds)
+    first = model.posed(animation, at_time_s or 0.0)
     if at_time_s is not None:
-        return Acting(first, None, first.bounds, first.bounds)
-    poses = [model.at(motion, k * motion.duration_s / POSES).bounds for k in range(POSES)]
-    reach = np.array([np.min([low for low, _ in poses], axis=0), np.max([high for _, high in poses], axis=0)])
+        return Playback(first, None, first.bounds, first.bounds)
+    poses = [model.posed(animation, k * animation.duration_s / N_POSES).bounds for k in range(N_POSES)]
+    over_time = np.array([np.min([low for low, _ in poses], axis=0), np.max([high for _, high in poses], axis=0)])
     bounds = first.bounds
-    bounds[0, 1] = reach[0, 1]
-    return Acting(replace(model, parts=first.parts), motion, bounds, reach)
-
-
-def _chosen(model: Model, clip: str | None) -> Animation | None:
-    if clip == "none" or (clip is None and not model.motions):
-        return None
-    if clip is None:
-        return model.motions[0]
-    named = next((motion for motion in model.motions if motion.name == clip), None)
-    if named is None and clip.isdecimal() and int(clip) < len(model.motions):
-        named = model.motions[int(clip)]
-    if named is None:
-        names = ", ".join(motion.name for motion in model.motions) or "no animation"
-        raise InputError(f"--clip: expected none or one of {model.name} ({names}); found {clip!r}")
-    return named
+    bounds[0, 1] = over_time[0, 1]
+    return Playback(replace(model, meshes=first.meshes), animation, bounds, over_time)

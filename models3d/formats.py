@@ -14,7 +14,7 @@ import numpy as np
 
 from metric_base.errors import InputError, Unquoted
 from metric_base.input_files import read_text
-from models3d.asset import Asset, AssetBody, Up, Word
+from models3d.asset import Asset, AssetBody, NameText, Up
 
 GLTF_SUFFIXES = (".gltf", ".glb")
 ROBOT_SUFFIXES = (".urdf", ".sdf", ".xml", ".mjcf")
@@ -32,7 +32,7 @@ COLUMNS = ("name", "x", "y", "z")
 MAX_TABLE_BYTES = 1 << 28
 
 
-def asset_files(paths: Iterable[Path]) -> Iterator[Path]:
+def find_models(paths: Iterable[Path]) -> Iterator[Path]:
     """The files of models: files as they are named, and of folders all below them, in order of name."""
     for path in paths:
         if path.is_dir():
@@ -50,7 +50,7 @@ def read_asset(path: Path) -> Asset:
         It is of no known format, damaged, too large, or names files outside its folder.
     """
     asset = _read(path)
-    words = (Word("file name", path.stem), Word("folder", path.parent.name))
+    words = (NameText("file name", path.stem), NameText("folder", path.parent.name))
     return Asset(asset.file, asset.format, asset.unit_m, asset.up, asset.bodies, (*asset.words, *words))
 
 
@@ -133,7 +133,7 @@ def read_boxes(path: Path, up: Up | None = None) -> Iterator[Asset]:
             raise InputError.at(place, "x, y, z", "sizes in metres, at least one above 0", Unquoted(texts))
         stated: Up | None = row["up"] if row.get("up") in ("x", "y", "z") else up  # type: ignore[assignment]
         text = str(row.get("category") or row["name"])
-        body = AssetBody(str(row["name"]), np.zeros(3), sizes, (Word("title", text),))
+        body = AssetBody(str(row["name"]), np.zeros(3), sizes, (NameText("title", text),))
         yield Asset(place, "box", 1.0, stated, (body,))
 
 

@@ -9,7 +9,7 @@ import numpy as np
 
 from metric_base.errors import FieldError, Unquoted, expect, in_file
 from metric_base.input_files import read_bytes
-from models3d.asset import Asset, AssetBody, Up, Word, body_of
+from models3d.asset import Asset, AssetBody, NameText, Up, body_from_box
 
 #: Largest file of a mesh.
 MAX_BYTES = 1 << 29
@@ -56,7 +56,7 @@ def read_collada(path: Path) -> Asset:
             raise FieldError("content", "a readable COLLADA file", Unquoted(f"{type(error).__name__}")) from None
         expect(bool(bodies), "content", "at least one vertex", Unquoted("none"))
     title = document.assetInfo.title
-    return Asset(path, "dae", unit, up, bodies, (Word("title", title),) if title else ())
+    return Asset(path, "dae", unit, up, bodies, (NameText("title", title),) if title else ())
 
 
 def _collada_bodies(document: object, unit_m: float) -> list[AssetBody]:
@@ -66,11 +66,13 @@ def _collada_bodies(document: object, unit_m: float) -> list[AssetBody]:
         if clouds:
             points = np.concatenate(clouds).astype(float)
             name = str(bound.original.name or bound.original.id or "geometry")
-            bodies.append(body_of(name, (points.min(axis=0), points.max(axis=0)), unit_m, (Word("mesh", name),)))
+            bodies.append(
+                body_from_box(name, (points.min(axis=0), points.max(axis=0)), unit_m, (NameText("mesh", name),))
+            )
     return bodies
 
 
 def _body(name: str, bounds: np.ndarray[tuple[int, int], np.dtype[np.float64]]) -> AssetBody:
     """The body of corners (2, 3)."""
-    words = (Word("mesh", name),) if not name.startswith("geometry_") else ()
-    return body_of(name, (bounds[0], bounds[1]), 1.0, words)
+    words = (NameText("mesh", name),) if not name.startswith("geometry_") else ()
+    return body_from_box(name, (bounds[0], bounds[1]), 1.0, words)

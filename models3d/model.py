@@ -45,7 +45,7 @@ class Material:
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Part:
+class Mesh:
     """Triangles of one material.
 
     vertices : (n, 3) metres, +y up, +z the front (glTF's axes); normals : (n, 3) unit; uv : (n, 2) with v down, as
@@ -66,7 +66,7 @@ class Animation:
 
     name: str
     duration_s: float
-    parts: Callable[[float], tuple[Part, ...]]
+    meshes: Callable[[float], tuple[Mesh, ...]]
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -74,18 +74,18 @@ class Model:
     """A model: its file's name, its parts, what was left out of the file, and how it may move."""
 
     name: str
-    parts: tuple[Part, ...]
+    meshes: tuple[Mesh, ...]
     warnings: tuple[str, ...] = ()
-    motions: tuple[Animation, ...] = ()
+    animations: tuple[Animation, ...] = ()
 
-    def at(self, motion: Animation, time_s: float) -> Model:
+    def posed(self, animation: Animation, time_s: float) -> Model:
         """The model in the pose of a motion at a time; the motion repeats."""
-        return replace(self, parts=motion.parts(time_s % motion.duration_s))
+        return replace(self, meshes=animation.meshes(time_s % animation.duration_s))
 
     @property
     def bounds(self) -> FloatArray:
         """(2, 3) lowest and highest corner, metres of the file."""
-        used = [part.vertices[np.unique(part.faces)] for part in self.parts]
+        used = [part.vertices[np.unique(part.faces)] for part in self.meshes]
         return np.array([np.min([v.min(axis=0) for v in used], axis=0), np.max([v.max(axis=0) for v in used], axis=0)])
 
     @property

@@ -20,7 +20,7 @@ import numpy as np
 from metric_base.errors import FieldError, InputError, Unquoted, at_field, expect, in_file
 from metric_base.files import whole_file
 from metric_base.input_files import read_bytes
-from models3d.asset import Asset, joined_body
+from models3d.asset import Asset, merge_bodies
 from models3d.formats import GLTF_SUFFIXES, ROBOT_SUFFIXES, USD, read_asset
 from models3d.gltf.document import CHUNK_HEAD, MAX_BYTES, read_container, write_container
 
@@ -154,7 +154,7 @@ def _write(work: Path, data: bytes) -> None:
 
 
 def _check(before: Asset, after: Asset, factor: float) -> None:
-    was, now = (joined_body(asset.bodies, "").extents_m for asset in (before, after))
+    was, now = (merge_bodies(asset.bodies, "").extents_m for asset in (before, after))
     near = np.allclose(now, was * factor, rtol=SAME_SHARE, atol=SAME_SHARE * float(was.max()) * factor)
     expect(bool(near), "--fix", f"{(was * factor).round(6).tolist()} m when read again", Unquoted(str(now.tolist())))
 

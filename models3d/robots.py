@@ -15,7 +15,7 @@ import numpy as np
 from metric_base.arrays import FloatArray
 from metric_base.errors import FieldError, Unquoted, expect, in_file
 from metric_base.input_files import read_bytes
-from models3d.asset import Asset, AssetBody, Word, body_of
+from models3d.asset import Asset, AssetBody, NameText, body_from_box
 
 MAX_BYTES = 1 << 26
 #: Most shapes of a file, and most levels of bodies in it.
@@ -43,7 +43,7 @@ def read_robot(path: Path, read_mesh: MeshReader) -> Asset:
             raise FieldError("content", "numbers and names as the format has them", Unquoted(str(error))) from None
         expect(bool(bodies), "content", "at least one visual shape", Unquoted("none"))
     name = root.get("name") or root.get("model")
-    return Asset(path, str(root.tag), 1.0, "z", bodies, (Word("robot", name),) if name else ())
+    return Asset(path, str(root.tag), 1.0, "z", bodies, (NameText("robot", name),) if name else ())
 
 
 class _Meshes:
@@ -99,10 +99,10 @@ def _urdf(root: Any, meshes: _Meshes) -> Iterator[AssetBody]:
             corners = _urdf_corners(visual.find("geometry"), meshes)
             if corners is not None:
                 clouds.append(_transform_points(corners, frame(link.get("name", "")) @ _origin(visual.find("origin"))))
-        words.append(Word("body", link.get("name", "")))
+        words.append(NameText("body", link.get("name", "")))
     if clouds:
         points = np.concatenate(clouds)
-        yield body_of(root.get("name") or "robot", (points.min(axis=0), points.max(axis=0)), 1.0, tuple(words))
+        yield body_from_box(root.get("name") or "robot", (points.min(axis=0), points.max(axis=0)), 1.0, tuple(words))
 
 
 def _urdf_corners(geometry: Any, meshes: _Meshes) -> FloatArray | None:
@@ -131,7 +131,7 @@ def _sdf(root: Any, meshes: _Meshes) -> Iterator[AssetBody]:
         if clouds:
             points = np.concatenate(clouds)
             name = model.get("name", "model")
-            yield body_of(name, (points.min(axis=0), points.max(axis=0)), 1.0, (Word("model", name),))
+            yield body_from_box(name, (points.min(axis=0), points.max(axis=0)), 1.0, (NameText("model", name),))
 
 
 def _sdf_corners(geometry: Any, meshes: _Meshes) -> FloatArray | None:
@@ -180,8 +180,8 @@ def _mjcf(root: Any, meshes: _Meshes) -> Iterator[AssetBody]:
             cloud = np.concatenate(points)
             name = body.get("name", f"body {number}")
             names = [name, *(one.get("name", "") for one in body.iter("body"))]
-            words = tuple(Word("body", text) for text in dict.fromkeys(names) if text)
-            yield body_of(name, (cloud.min(axis=0), cloud.max(axis=0)), 1.0, words)
+            words = tuple(NameText("body", text) for text in dict.fromkeys(names) if text)
+            yield body_from_box(name, (cloud.min(axis=0), cloud.max(axis=0)), 1.0, words)
 
 
 def _mjcf_corners(geom: Any, files: dict[str, Any], meshes: _Meshes, below: str) -> FloatArray | None:

@@ -25,7 +25,7 @@ from metric_base.arrays import FloatArray
 from metric_base.errors import InputError
 from metric_tree.pipeline.build import BuildOptions, build_release
 from metric_tree.tree import Tree, open_tree
-from models3d.asset import Asset, AssetBody, Word
+from models3d.asset import Asset, AssetBody, NameText
 from models3d.size_check.category import named_category
 from models3d.size_check.check import AssetCheck, check_body
 
@@ -97,7 +97,7 @@ def _trials(rows: Iterable[dict[str, str]], tree: Tree) -> Iterator[Trial]:
         size = np.array([float(row[f"{axis}_mm"]) for axis in ("length", "height", "width")]) / 1000  # y up
         for error, extents, centred in _errors(size, generator):
             low = -extents / 2 if centred else np.zeros(3)
-            body = AssetBody(row["file"], low, low + extents, (Word("title", row["category"]),))
+            body = AssetBody(row["file"], low, low + extents, (NameText("title", row["category"]),))
             check = check_body(row["file"], body, Asset(Path(row["file"]), "glb", 1.0, "y", (body,)), tree, category)
             if check.hypotheses:
                 wrong = sum(one.probability for one in check.hypotheses if one.what not in ("right", "unlike"))

@@ -113,7 +113,7 @@ def _of_frames(document: dict[str, Any], names: set[str]) -> dict[str, Any]:
 
 
 def _annotation(number: int, instance: Instance, scene: Scene, category: int) -> dict[str, Any]:
-    from pycocotools import mask as coco_mask
+    from pycocotools import mask as decode_segmentation
 
     camera = scene.views[instance.view].camera
     height, width = instance.mask.shape
@@ -130,6 +130,6 @@ def _annotation(number: int, instance: Instance, scene: Scene, category: int) ->
     if not instance.from_box:
         whole = np.zeros((camera.height, camera.width), dtype=np.uint8, order="F")
         whole[y : y + height, x : x + width] = instance.mask
-        code = coco_mask.encode(whole)
+        code = decode_segmentation.encode(whole)
         row["segmentation"] = {"size": [int(n) for n in code["size"]], "counts": code["counts"].decode("ascii")}
     return row

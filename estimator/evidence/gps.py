@@ -14,7 +14,7 @@ import numpy as np
 from estimator.evidence.alignment import Alignment, align, least_squares
 from estimator.evidence.source import CameraPath, silent
 from estimator.geometry.vertical import BELIEVED_SIGMAS, OBSERVED_METHODS, WRONG_UP_DEG
-from estimator.instances.view_matching import ViewNames, image_file, image_folders
+from estimator.instances.view_matching import ViewLookup, image_file, image_folders
 from estimator.records.objects import Up
 from estimator.records.result import ScaleEvidence
 from estimator.records.scene import Scene
@@ -222,7 +222,7 @@ def local_metres(degrees: FloatArray) -> FloatArray:
 
 def _table_positions(file: Path, scene: Scene) -> tuple[dict[int, FloatArray], bool]:
     """Metres (3,) by row of the view, and whether the third of them is a height."""
-    rows = ViewNames(scene)
+    rows = ViewLookup(scene)
     fields, records = csv_records(file)
     names = {field.strip().lower() for field in fields}
     columns = next((kind for kind in (("lat", "lon", "alt"), ("x", "y", "z")) if {"name", *kind} <= names), None)

@@ -16,7 +16,7 @@ from estimator.geometry.cuboid_fit import Cuboid, Sightings, fit_cuboid
 from estimator.geometry.extents import HIDDEN_TOP_SIGMA
 from estimator.geometry.mask_outlines import Outlines, Reaches, mask_reaches
 from estimator.geometry.planes import BELOW_FLOOR_SHARE, floor_of
-from estimator.projection.visibility import row_members
+from estimator.projection.visibility import row_indices
 from estimator.records.objects import Box, MeasuredObject, SupportPlane, Up
 from estimator.records.scene import Instance, Scene
 from metric_base.arrays import BoolArray, FloatArray, IntArray
@@ -242,7 +242,7 @@ def _yaw(item: MeasuredObject, basis: FloatArray) -> float:
 
 def _median_depth(scene: Scene, instance: Instance, labels: Sequence[PointLabels], row: int) -> float:
     """Median depth of the points of a mask, NaN without any."""
-    rows = [row_members(cloud.membership, row) for cloud in labels]
+    rows = [row_indices(cloud.membership, row) for cloud in labels]
     view = scene.views[instance.view]
     points = np.concatenate([cloud.points[own] for cloud, own in zip(labels, rows, strict=True)])
     return float(np.median(points @ view.rotation[2] + view.translation[2])) if len(points) else np.nan
@@ -257,7 +257,7 @@ def _sightings(item: MeasuredObject, data: OutlineData) -> Sightings | None:
     own: IntArray = item.point_rows[:: max(1, -(-len(item.point_rows) // MAX_POINTS))]
     eyes = np.full((len(own), 3), np.nan)
     for member in item.members:
-        seen = np.isin(own, row_members(labels.membership, member)) & np.isnan(eyes[:, 0])
+        seen = np.isin(own, row_indices(labels.membership, member)) & np.isnan(eyes[:, 0])
         eyes[seen] = data.scene.views[data.instances[member].view].centre
     kept = np.isfinite(eyes[:, 0])
     if not kept.any():

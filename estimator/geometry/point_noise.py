@@ -16,7 +16,7 @@ import numpy as np
 from estimator.association.point_labels import PointLabels
 from estimator.geometry.extents import quantiles
 from estimator.projection.cameras import pixels_in_view
-from estimator.projection.visibility import row_members
+from estimator.projection.visibility import row_indices
 from estimator.records.scene import View
 from metric_base.arrays import FloatArray, IntArray
 
@@ -48,7 +48,7 @@ def depth_noise(views: Sequence[View], labels: PointLabels) -> float:
     """
     step = max(1, -(-len(views) // MAX_VIEWS))
     residuals = [
-        _residuals(labels.points, row_members(labels.visibility, index), views[index])
+        _residuals(labels.points, row_indices(labels.visibility, index), views[index])
         for index in range(0, len(views), step)
     ]
     shares = np.concatenate([*residuals, np.empty(0)])

@@ -14,7 +14,7 @@ import cv2
 import numpy as np
 
 from estimator.projection.cameras import project
-from estimator.projection.visibility import DEPTH_CELLS, Surroundings
+from estimator.projection.visibility import DEPTH_IMAGE_WIDTH, DepthImages
 from estimator.records.scene import Instance, View
 from metric_base.arrays import BoolArray, FloatArray
 
@@ -99,7 +99,7 @@ def outline(instance: Instance, width: int, height: int) -> Outline:
 def side_evidence(
     members: Sequence[Instance],
     outlines: Sequence[Outline],
-    surroundings: Surroundings,
+    surroundings: DepthImages,
     box: tuple[FloatArray, FloatArray, FloatArray],
     points: FloatArray,
 ) -> Sides:
@@ -145,7 +145,7 @@ def _cut_and_excess(
     view: View,
     instance: Instance,
     border: Outline,
-    surroundings: Surroundings,
+    surroundings: DepthImages,
     box: tuple[FloatArray, FloatArray, FloatArray],
     own: FloatArray,
 ) -> tuple[BoolArray, FloatArray]:
@@ -185,12 +185,12 @@ def _occluded_pixels(
     instance: Instance,
     pixels: FloatArray,
     towards: FloatArray,
-    surroundings: Surroundings,
+    surroundings: DepthImages,
     foot_and_size: tuple[float, FloatArray],
 ) -> BoolArray:
     """(k,) whether just outside each outline pixel (k, 2), towards (k, 2), lies something nearer than just inside."""
     foot, size = foot_and_size
-    step = 1.5 * surroundings.scene.views[instance.view].camera.width / DEPTH_CELLS * towards
+    step = 1.5 * surroundings.scene.views[instance.view].camera.width / DEPTH_IMAGE_WIDTH * towards
     depth, height = surroundings.depths_and_heights(instance.view, np.vstack([pixels + step, pixels - step]))
     outside, inside = np.split(depth, 2)
     nearer = outside < inside - NEARER_SHARE * float(np.linalg.norm(size))

@@ -14,8 +14,8 @@ from typing import Any
 import numpy as np
 
 from estimator.instances.label_images import read_png
-from estimator.instances.mask_decoding import box_mask, coco_mask, picture_size
-from estimator.instances.view_matching import ViewNames, differs_in_aspect, joined_instances, mask_crop
+from estimator.instances.mask_decoding import box_mask, checked_image_size, decode_segmentation
+from estimator.instances.view_matching import ViewLookup, differs_in_aspect, finish_instances, mask_crop
 from estimator.records.scene import Instance, Scene
 from metric_base.errors import FieldError, InputError, Unquoted, at_field, in_file
 from metric_base.input_files import is_file, read_json
@@ -66,7 +66,7 @@ def read_coco(
     warnings = [*warnings, *_warnings(file, annotations, frame, scene, instances)]
     if categories is not None and frame.file != categories:
         warnings.append(ignored_categories(categories, file, "is a dataset"))
-    return joined_instances(file, scene, names, instances, warnings)
+    return finish_instances(file, scene, names, instances, warnings)
 
 
 def _expect_boxes_inside(annotations: list[Any], frame: CocoFrame, scene: Scene) -> None:
@@ -120,7 +120,7 @@ def _name_themselves(annotations: list[Any]) -> bool:
 
 def _own_frame(file: Path, annotations: list[Any], scene: Scene) -> tuple[CocoFrame, list[Any], list[str]]:
     """The frame of results whose entries name their images; ids become those names, also in the annotations."""
-    rows, coco = ViewNames(scene), label_names("coco_91")
+    rows, coco = ViewLookup(scene), label_names("coco_91")
     images: dict[Hashable, CocoImage] = {}
     categories: dict[Hashable, str] = {}
     entries, by_number = [], 0
@@ -174,14 +174,14 @@ def _is_turned(image: CocoImage, scene: Scene) -> bool:
 
 
 def _frame(file: Path, document: dict[str, Any], scene: Scene) -> CocoFrame:
-    rows = ViewNames(scene)
+    rows = ViewLookup(scene)
     images: dict[Hashable, CocoImage] = {}
     for field, key, image in entries_by_id("images", document):
         with at_field(field):
             name = _text("file_name", image.get("file_name"))
             size = (image.get("width"), image.get("height"))
             with at_field("width and height"):
-                stated = None if size == (None, None) else picture_size(size)
+                stated = None if size == (None, None) else checked_image_size(size)
         images[key] = CocoImage(name, stated, rows.row(name))
     return CocoFrame(file, images, category_names(document))
 
@@ -242,7 +242,7 @@ def _instance(row: int, entry: object, frame: CocoFrame, scene: Scene) -> Instan
         size = image.size or (camera.width, camera.height)
         segmentation = annotation.get("segmentation")
         crop = mask_crop(
-            coco_mask(segmentation, size) if segmentation else box_mask(annotation.get("bbox"), size), camera
+            decode_segmentation(segmentation, size) if segmentation else box_mask(annotation.get("bbox"), size), camera
         )
     if crop is None:
         return None
@@ -274,7 +274,7 @@ def read_panoptic(scene: Scene, file: Path, document: Any) -> tuple[tuple[Instan
     InputError
         The file or a PNG of it is damaged, or the PNG of a view is missing.
     """
-    rows = ViewNames(scene)
+    rows = ViewLookup(scene)
     instances: list[Instance | None] = []
     names: list[str] = []
     with in_file(file):
@@ -291,7 +291,7 @@ def read_panoptic(scene: Scene, file: Path, document: Any) -> tuple[tuple[Instan
                 names.append(name)
                 if row is not None:
                     instances += _instances(scene, row, file, annotation, categories, countable)
-    return joined_instances(file, scene, names, instances, ())
+    return finish_instances(file, scene, names, instances, ())
 
 
 def _object_categories(document: dict[str, Any]) -> set[Hashable]:

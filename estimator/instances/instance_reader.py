@@ -14,7 +14,7 @@ from estimator.instances.coco import ignored_categories, is_panoptic, read_coco,
 from estimator.instances.label_images import CATEGORIES, read_label_images
 from estimator.instances.labelme import is_labelme, read_labelme
 from estimator.instances.mask_arrays import LABELS, MASK_SUFFIXES, read_mask_files
-from estimator.instances.view_matching import ViewNames, joined_instances, mask_crop
+from estimator.instances.view_matching import ViewLookup, finish_instances, mask_crop
 from estimator.instances.yolo import NAME_FILES, read_yolo
 from estimator.reconstructions.scene_reader import LEVELS_UP
 from estimator.records.scene import Instance, Scene
@@ -37,13 +37,13 @@ def instances_of_masks(masks: MasksByImage, scene: Scene) -> tuple[tuple[Instanc
 
     A mask of another size than its camera is resampled; an empty one is left out.
     """
-    rows = ViewNames(scene)
+    rows = ViewLookup(scene)
     instances: list[Instance | None] = []
     for name, entries in masks.items():
         row = rows.row(name)
         for entry in entries:
             instances.append(None if row is None else _instance(str(len(instances) + 1), name, row, entry, scene))
-    return joined_instances(SOURCE, scene, list(masks), instances, ())
+    return finish_instances(SOURCE, scene, list(masks), instances, ())
 
 
 def _instance(
@@ -64,7 +64,7 @@ def _instance(
     return None if crop is None else Instance(number, row, category, crop[0], crop[1], float(score))
 
 
-def holds_instances(folder: Path) -> bool:
+def has_instances(folder: Path) -> bool:
     """Whether a folder called `instances` holds masks in a form that is read."""
     return folder.is_dir() and any(
         entry.name in {CATEGORIES, LABELS, *NAME_FILES} or entry.suffix in {".npz", ".json"}
@@ -164,7 +164,7 @@ def default_instances(scene: Scene) -> Path | None:
     folders = dict.fromkeys(folder for start in starts for folder in (start, *list(start.parents)[:LEVELS_UP]))
     for folder in folders:
         for place in (folder / INSTANCES, folder / PICTURES):
-            if place.is_file() or holds_instances(place):
+            if place.is_file() or has_instances(place):
                 return place
     return None
 

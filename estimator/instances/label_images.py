@@ -21,8 +21,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from estimator.instances.mask_decoding import picture_size
-from estimator.instances.view_matching import ViewNames, joined_instances, mask_crop
+from estimator.instances.mask_decoding import checked_image_size
+from estimator.instances.view_matching import ViewLookup, finish_instances, mask_crop
 from estimator.records.scene import Instance, Scene
 from metric_base.arrays import BoolArray
 from metric_base.errors import FieldError, InputError, Unquoted, at_field, in_file
@@ -45,7 +45,7 @@ def read_label_images(scene: Scene, folder: Path) -> tuple[tuple[Instance, ...],
     files = [file for file in folder_entries(folder) if file.suffix == ".png"]
     if not files:
         raise InputError.at(folder, "pictures", "at least one <image>.png", 0)
-    rows = ViewNames(scene)
+    rows = ViewLookup(scene)
     instances: list[Instance | None] = []
     for file in files:
         row = _row(rows, file)
@@ -53,7 +53,7 @@ def read_label_images(scene: Scene, folder: Path) -> tuple[tuple[Instance, ...],
             instances += _of_picture(scene, row, file, names, objects)
     meaning = "objects (a name stands at several values)" if objects else "categories (each name stands once)"
     warnings = [f"{folder}: pixel values are read as {meaning}"]
-    return joined_instances(folder, scene, [_matching_name(rows, file) for file in files], instances, warnings)
+    return finish_instances(folder, scene, [_matching_name(rows, file) for file in files], instances, warnings)
 
 
 def _names(file: Path) -> dict[int, str]:
@@ -70,12 +70,12 @@ def _names(file: Path) -> dict[int, str]:
     return names
 
 
-def _matching_name(rows: ViewNames, file: Path) -> str:
+def _matching_name(rows: ViewLookup, file: Path) -> str:
     """The image that the picture speaks of: OpenSfM appends `.png` to the image's whole name."""
     return file.stem if rows.row(file.stem) is not None else file.name
 
 
-def _row(rows: ViewNames, file: Path) -> int | None:
+def _row(rows: ViewLookup, file: Path) -> int | None:
     return rows.row(_matching_name(rows, file))
 
 
@@ -148,5 +148,5 @@ def _check_png(file: Path, data: bytes) -> None:
             )
         if kind == b"IHDR":
             with in_file(file), at_field("size"):
-                picture_size(struct.unpack_from(">II", data, place + _CHUNK.size))
+                checked_image_size(struct.unpack_from(">II", data, place + _CHUNK.size))
         place = end + 4

@@ -9,8 +9,8 @@ from typing import Any
 
 import numpy as np
 
-from estimator.instances.mask_decoding import box_mask, coco_mask, picture_size
-from estimator.instances.view_matching import ViewNames, joined_instances, mask_crop
+from estimator.instances.mask_decoding import box_mask, checked_image_size, decode_segmentation
+from estimator.instances.view_matching import ViewLookup, finish_instances, mask_crop
 from estimator.records.scene import Instance, Scene
 from metric_base.arrays import BoolArray
 from metric_base.errors import FieldError, at_field, in_file
@@ -37,7 +37,7 @@ def read_labelme(scene: Scene, files: list[Path], source: Path) -> tuple[tuple[I
     InputError
         A file is damaged, or a shape is not what its type says.
     """
-    rows = ViewNames(scene)
+    rows = ViewLookup(scene)
     instances: list[Instance | None] = []
     names: list[str] = []
     for file in files:
@@ -51,14 +51,14 @@ def read_labelme(scene: Scene, files: list[Path], source: Path) -> tuple[tuple[I
             names.append(name if row is None else scene.views[row].name)
             if row is not None:
                 instances += _instances(scene, row, document)
-    return joined_instances(source, scene, names, instances, ())
+    return finish_instances(source, scene, names, instances, ())
 
 
 def _instances(scene: Scene, row: int, document: dict[str, Any]) -> list[Instance | None]:
     camera = scene.views[row].camera
     with at_field("imageWidth and imageHeight"):
         stated = (document.get("imageWidth"), document.get("imageHeight"))
-        size = (camera.width, camera.height) if stated == (None, None) else picture_size(stated)
+        size = (camera.width, camera.height) if stated == (None, None) else checked_image_size(stated)
     masks: dict[tuple[str, str], tuple[BoolArray, bool]] = {}
     for number, value in enumerate(json_array(document["shapes"], "shapes")):
         with at_field(f"shapes[{number}]"):
@@ -88,14 +88,14 @@ def _mask(shape: dict[str, Any], size: tuple[int, int]) -> BoolArray | None:
     kind = shape.get("shape_type", "polygon")
     points = _points(shape.get("points"))
     if kind == "polygon" and len(points) > 2:
-        return coco_mask([points.ravel().tolist()], size)
+        return decode_segmentation([points.ravel().tolist()], size)
     if kind == "rectangle" and len(points) == 2:
         low, high = points.min(axis=0), points.max(axis=0)
         return box_mask([*low.tolist(), *(high - low).tolist()], size)
     if kind == "circle" and len(points) == 2:
         angles = np.linspace(0, 2 * np.pi, _CIRCLE, endpoint=False)
         edge = points[0] + np.hypot(*(points[1] - points[0])) * np.column_stack([np.cos(angles), np.sin(angles)])
-        return coco_mask([edge.ravel().tolist()], size)
+        return decode_segmentation([edge.ravel().tolist()], size)
     if kind == "mask" and len(points) == 2:
         return _stored_mask(shape.get("mask"), points[0], size)
     if kind in ("point", "points", "line", "linestrip"):

@@ -16,8 +16,8 @@ from typing import Any
 
 import numpy as np
 
-from estimator.instances.mask_decoding import coco_mask
-from estimator.instances.view_matching import ViewNames, joined_instances, mask_crop
+from estimator.instances.mask_decoding import decode_segmentation
+from estimator.instances.view_matching import ViewLookup, finish_instances, mask_crop
 from estimator.projection.cameras import MAX_PIXELS
 from estimator.records.scene import Instance, Scene
 from metric_base.arrays import BoolArray
@@ -55,7 +55,7 @@ def read_mask_files(
     if stated.is_file():
         with in_file(stated):
             labels = json_object(read_json(stated))
-    rows = ViewNames(scene)
+    rows = ViewLookup(scene)
     instances: list[Instance | None] = []
     unnamed = 0
     for file in files:
@@ -72,7 +72,7 @@ def read_mask_files(
                     score = masks.scores[number] if masks.scores else 1.0
                     instances.append(Instance(f"{row}:{number}", row, name, *crop, score=score))
     warnings = [f"{folder}: {unnamed} masks without a label are left out"] if unnamed else []
-    return joined_instances(folder, scene, [rows.name_of_stem(file.stem) for file in files], instances, warnings)
+    return finish_instances(folder, scene, [rows.name_of_stem(file.stem) for file in files], instances, warnings)
 
 
 def _names(masks: _Masks, labels: dict[str, Any], image: str, stem: str) -> list[str | None]:
@@ -135,7 +135,7 @@ def _sam_masks(entries: list[Any]) -> _Masks:
             runs = entry.get("segmentation")
             if not isinstance(runs, dict):
                 raise FieldError("segmentation", "run lengths (output_mode='coco_rle')", Unquoted(type(runs).__name__))
-            masks.append(coco_mask(runs, (1, 1)))
+            masks.append(decode_segmentation(runs, (1, 1)))
             labels.append(next((entry[key] for key in ("label", "category", "class_name") if key in entry), None))
             score = entry.get("score", entry.get("predicted_iou", 1.0))
             scores.append(float(min(max(score, 0.0), 1.0)) if isinstance(score, int | float) else 1.0)

@@ -19,7 +19,7 @@ MAX_OUTLINE_PX = 2_000_000
 _MAX_LETTERS = 6
 
 
-def picture_size(size: object) -> tuple[int, int]:
+def checked_image_size(size: object) -> tuple[int, int]:
     """`size` as two whole numbers, if a picture can have these sides."""
     if isinstance(size, list | tuple) and len(size) == 2:
         first, second = size
@@ -29,13 +29,13 @@ def picture_size(size: object) -> tuple[int, int]:
     raise FieldError("", f"two whole numbers from 1 to {MAX_SIDE_PX}", size)
 
 
-def coco_mask(segmentation: object, size: tuple[int, int]) -> BoolArray:
+def decode_segmentation(segmentation: object, size: tuple[int, int]) -> BoolArray:
     """(h, w) of a `segmentation`: polygons on a picture of `size` (width, height), or run lengths of their own size."""
     if isinstance(segmentation, list):
         return _polygon_mask(segmentation, size)
     runs = json_object(segmentation, "segmentation")
     with at_field("segmentation size"):
-        height, width = picture_size(runs.get("size"))
+        height, width = checked_image_size(runs.get("size"))
     lengths = _run_lengths(runs.get("counts"))
     if (lengths < 0).any() or lengths.sum() != width * height:
         expected = f"runs that add up to {height} x {width} pixels"

@@ -55,7 +55,7 @@ def image_file(folders: tuple[Path, ...], view: View) -> Path | None:
     return None
 
 
-class ViewNames:
+class ViewLookup:
     """The rows of a scene's views by file name, then by base name where only one view bears it."""
 
     def __init__(self, scene: Scene) -> None:
@@ -86,14 +86,14 @@ class ViewNames:
         return stem if row is None else self._names[row]
 
 
-def joined_instances(
+def finish_instances(
     file: Path, scene: Scene, names: Sequence[str], entries: Iterable[Instance | None], warnings: Iterable[str]
 ) -> tuple[tuple[Instance, ...], tuple[str, ...]]:
     """The instances that are there, and warnings with one more for images that match no view.
 
     names : the image files that the masks speak of. InputError where none of them is a view.
     """
-    rows = ViewNames(scene)
+    rows = ViewLookup(scene)
     lost = [name for name in names if rows.row(name) is None]
     if names and len(lost) == len(names):
         expected = f"names of the model's views, such as {scene.views[0].name!r}"

@@ -11,8 +11,8 @@ from pathlib import Path
 
 import numpy as np
 
-from estimator.instances.mask_decoding import box_mask, coco_mask
-from estimator.instances.view_matching import ViewNames, joined_instances, mask_crop
+from estimator.instances.mask_decoding import box_mask, decode_segmentation
+from estimator.instances.view_matching import ViewLookup, finish_instances, mask_crop
 from estimator.records.scene import Instance, Scene
 from metric_base.errors import FieldError, InputError, Unquoted, at_field, in_file
 from metric_base.input_files import folder_entries, read_text
@@ -48,7 +48,7 @@ def read_yolo(
         for file in folder_entries(folder / place)
         if file.suffix == ".txt" and file.name not in NAME_FILES
     ]
-    rows = ViewNames(scene)
+    rows = ViewLookup(scene)
     instances: list[Instance | None] = []
     for file in files:
         row = rows.row_of_stem(file.stem)
@@ -58,7 +58,7 @@ def read_yolo(
                     if line.strip():
                         with at_field(f"line {number}"):
                             instances.append(_instance(scene, row, f"{row}:{number}", line, categories))
-    return joined_instances(folder, scene, [rows.name_of_stem(file.stem) for file in files], instances, ())
+    return finish_instances(folder, scene, [rows.name_of_stem(file.stem) for file in files], instances, ())
 
 
 def yolo_names(file: Path) -> dict[int, str]:
@@ -109,6 +109,6 @@ def _instance(scene: Scene, row: int, identity: str, line: str, categories: dict
         mask = box_mask([x - w / 2, y - h / 2, w, h], size)
     else:
         corners = numbers[1 : len(numbers) - has_score].reshape(-1, 2) * size
-        mask = coco_mask([corners.ravel().tolist()], size)
+        mask = decode_segmentation([corners.ravel().tolist()], size)
     crop = mask_crop(mask, camera)
     return None if crop is None else Instance(identity, row, category, *crop, score=score, from_box=is_box)

@@ -17,7 +17,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from estimator.outputs.ground_truth import read_truth
-from estimator.outputs.plan import COLOURS, bare_axes, draw_scene
+from estimator.outputs.plan import COLOURS, draw_scene, hide_spines
 from estimator.records.result import Curve, ScaleResult, Verdict
 from metric_base.arrays import FloatArray
 from metric_base.errors import InputError
@@ -164,7 +164,7 @@ def _draw_posterior(axes: Axes, result: ScaleResult, truth: float | None) -> Non
     handles = _legend(truth, level, len(result.modes))
     axes.legend(handles=handles, fontsize=8, loc="upper right", frameon=False)
     axes.set_title(_title(result), fontsize=12, loc="left", color="black" if interval is not None else WARNING_COLOUR)
-    bare_axes(axes)
+    hide_spines(axes)
 
 
 def _title(result: ScaleResult) -> str:
@@ -236,7 +236,7 @@ def _draw_rows(axes: Axes, result: ScaleResult, rows: Sequence[_Row]) -> None:
     axes.set_xlim(low, high)
     _scale_ticks(axes, low, high)
     axes.set_xlabel(_caption(result, rows), fontsize=9)
-    bare_axes(axes)
+    hide_spines(axes)
 
 
 def _scale_ticks(axes: Axes, low: float, high: float) -> None:

@@ -16,7 +16,7 @@ _STEP_PX, _FLATTENED = 24.0, 1.6
 _OVERLAP_COST, _COVER_COST = 3.0, 110.0
 
 
-def label_places(
+def place_labels(
     objects: FloatArray,
     sizes: FloatArray,
     canvas: tuple[float, float],

@@ -18,7 +18,7 @@ import numpy as np
 
 from estimator.instances.view_matching import image_file, image_folders
 from estimator.outputs.ground_truth import read_truth
-from estimator.outputs.label_placement import label_places
+from estimator.outputs.label_placement import place_labels
 from estimator.outputs.size_labels import DimensionLabel, dimension_labels
 from estimator.projection.cameras import project
 from estimator.records.objects import EDGES, Box, MeasuredObject, corners, edge_axis
@@ -61,7 +61,7 @@ def projected_edges(box: Box, view: View) -> FloatArray:
     return project(view.camera, points_camera).reshape(len(EDGES), _PIECES + 1, 2)
 
 
-def with_panels(
+def draw_panels(
     canvas: Any, texts: Sequence[tuple[ObjectReport, tuple[DimensionLabel, ...]]], edges: Sequence[FloatArray]
 ) -> Any:
     """The canvas (h, w, 3) with a panel of text beside each object, none over another where there is room.
@@ -73,7 +73,7 @@ def with_panels(
     bold, plain = _fonts()
     sizes = np.array([_panel_size(report, labels, bold, plain) for report, labels in texts]).reshape(-1, 2)
     bounds = np.array([_visible_bounds(lines, canvas.shape) for lines in edges]).reshape(-1, 4)
-    places = np.rint(label_places(bounds, sizes, (canvas.shape[1], canvas.shape[0])))
+    places = np.rint(place_labels(bounds, sizes, (canvas.shape[1], canvas.shape[0])))
     sheet = Image.fromarray(canvas)
     shade = Image.new("RGBA", sheet.size, (0, 0, 0, 0))
     draw = ImageDraw.Draw(shade)
@@ -198,7 +198,7 @@ def overlay(estimate: SceneEstimate, row: int, picture: Any) -> Any:
     edges = [_on_canvas(projected_edges(item.box, view), factor) for item, _, _ in shown if item.box is not None]
     for (_, _, labels), lines in zip(shown, edges, strict=True):
         _draw_edges(canvas, lines, labels)
-    drawn = with_panels(canvas, [(report, labels) for _, report, labels in shown], edges)
+    drawn = draw_panels(canvas, [(report, labels) for _, report, labels in shown], edges)
     if not shown:
         return drawn
     interval = estimate.result.interval

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from estimator.geometry.planes import level_basis
-from estimator.outputs.label_placement import label_places
+from estimator.outputs.label_placement import place_labels
 from estimator.records.objects import MeasuredObject, corners
 from estimator.records.scene import Scene
 from metric_base.arrays import FloatArray
@@ -59,7 +59,7 @@ def draw_scene(above: Axes, side: Axes, estimate: SceneEstimate) -> None:
         axes.set_aspect("equal")
         axes.set_title(f"{name}, metres", fontsize=10, loc="left")
         axes.tick_params(labelsize=8)
-        bare_axes(axes, keep_left=True)
+        hide_spines(axes, keep_left=True)
     side.set_xlabel("pink: cameras; boxes with ids: blue used, orange outlier, grey skipped; dots: points", fontsize=9)
     figure = above.get_figure(root=True)
     if figure is not None:
@@ -128,7 +128,7 @@ def _label_boxes(axes: Axes, outlines: Sequence[FloatArray], ids: Sequence[str],
     bounds = np.array([np.concatenate([corner.min(axis=0), corner.max(axis=0)]) for corner in corners_px])
     shown = [visible(name)[:MAX_LABEL] for name in ids]
     sizes = np.array([(LETTER_PX * max(len(name), 1) + 3, LINE_PX) for name in shown])
-    places = label_places(bounds, sizes, tuple((high - low).tolist()), step=6.0, cover_cost=0.0) + sizes / 2
+    places = place_labels(bounds, sizes, tuple((high - low).tolist()), step=6.0, cover_cost=0.0) + sizes / 2
     middles = (bounds[:, :2] + bounds[:, 2:]) / 2
     for name, place, middle, colour in zip(shown, places, middles, colours, strict=True):
         moved = np.hypot(*(place - middle)) > LINE_PX
@@ -141,7 +141,7 @@ def _label_boxes(axes: Axes, outlines: Sequence[FloatArray], ids: Sequence[str],
         text.set_path_effects([Stroke(linewidth=2, foreground="white"), Normal()])
 
 
-def bare_axes(axes: Axes, keep_left: bool = False) -> None:
+def hide_spines(axes: Axes, keep_left: bool = False) -> None:
     """Axes without the lines that frame nothing."""
     for name in ("top", "right") if keep_left else ("top", "right", "left"):
         axes.spines[name].set_visible(False)

@@ -27,7 +27,7 @@ from metric_base.arrays import IntArray
 from metric_base.errors import FieldError, InputError, Unquoted, at_field, in_file
 from metric_base.files import whole_folder
 from metric_base.input_files import read_bytes, read_text
-from metric_base.parsing import ByteReader
+from metric_base.parsing import BinaryReader
 
 _RIG = struct.Struct("<II")  # id, number of sensors
 _SENSOR = struct.Struct("<iI")  # type, id
@@ -51,7 +51,7 @@ def write_scaled_colmap(source: Path, suffix: str, scale: float, target: Path) -
         if part in {"rigs", "frames"} and not file.is_file():
             continue
         if suffix == ".bin":
-            reader = ByteReader(file)
+            reader = BinaryReader(file)
             (target / file.name).write_bytes(_scaled_bytes(reader.data, _BINARY_PLACES[part](reader), scale))
         else:
             (target / file.name).write_text(_scaled_text(file, part, scale), encoding="utf-8")
@@ -67,17 +67,17 @@ def _scaled_bytes(data: bytes, places: IntArray, scale: float) -> bytearray:
     return scaled
 
 
-def _image_translations(reader: ByteReader) -> IntArray:
+def _image_translations(reader: BinaryReader) -> IntArray:
     """(n,) bytes at which the translations of the images begin."""
     return np.array(image_places(reader), dtype=np.int64) + 4 + _ROTATION_BYTES
 
 
-def _point_coordinates(reader: ByteReader) -> IntArray:
+def _point_coordinates(reader: BinaryReader) -> IntArray:
     """(n,) bytes at which the coordinates of the points begin."""
     return point_places(reader) + 8
 
 
-def _rig_translations(reader: ByteReader) -> IntArray:
+def _rig_translations(reader: BinaryReader) -> IntArray:
     """(n,) bytes at which the translations of the rigs' sensors begin."""
     places = []
     for rig in range(reader.count("number of rigs", _RIG.size)):
@@ -91,7 +91,7 @@ def _rig_translations(reader: ByteReader) -> IntArray:
     return np.array(places, dtype=np.int64)
 
 
-def _frame_translations(reader: ByteReader) -> IntArray:
+def _frame_translations(reader: BinaryReader) -> IntArray:
     """(n,) bytes at which the translations of the frames begin."""
     places = []
     for frame in range(reader.count("number of frames", _FRAME.size)):
@@ -101,7 +101,7 @@ def _frame_translations(reader: ByteReader) -> IntArray:
     return np.array(places, dtype=np.int64)
 
 
-_BINARY_PLACES: dict[str, Callable[[ByteReader], IntArray]] = {
+_BINARY_PLACES: dict[str, Callable[[BinaryReader], IntArray]] = {
     "images": _image_translations,
     "points3D": _point_coordinates,
     "rigs": _rig_translations,
@@ -154,7 +154,7 @@ def _scaled_line(line: str, part: str, scale: float) -> str:
     return " ".join(words)
 
 
-def write_scaled(scene: Scene, scale: float, folder: Path) -> None:
+def write_rescaled(scene: Scene, scale: float, folder: Path) -> None:
     """The files of `scene` in a new `folder`, laid out as in the original, at `scale` metres per scene unit.
 
     InputError where the folder exists, the scene has no files or others than those it was read from, or the scale is

@@ -32,7 +32,7 @@ LEAST_POINTS, MOST_POINTS = 8, 4096
 FINE_POINTS_PER_STEP = 8
 
 #: Width in log scale of what a line that is wrong may say: sizes over a factor of 50, as of an object's outlier.
-WRONG_LINE_WIDTH_LOG = math.log(50.0)
+WRONG_EVIDENCE_WIDTH_LOG = math.log(50.0)
 
 #: Two peaks with no dip under this part of the lower one between them are one mode.
 MAX_DIP_WITHIN_MODE = 0.9
@@ -81,7 +81,7 @@ def curve(grid: FloatArray, log_density: FloatArray, lines: FloatArray) -> Curve
     return Curve(fine, density / total, float(rest[0]) / total, float(rest[1]) / total)
 
 
-def wider_curve(posterior: Curve, power: float) -> Curve:
+def tempered_posterior(posterior: Curve, power: float) -> Curve:
     """The posterior with its logarithm times `power`: as if all that was said were said by so much less."""
     top = float(posterior.density.max())
     density = (posterior.density / top) ** power
@@ -96,7 +96,9 @@ def wider_curve(posterior: Curve, power: float) -> Curve:
 def log_lines(u: FloatArray, lines: FloatArray) -> FloatArray:
     """(n, g) log density of each line (n, 3) at u (g,): a Gaussian, and with its doubt as probability anything."""
     mean, sd, doubt = lines.T[:, :, None]
-    gauss = np.log1p(-doubt) - 0.5 * ((u - mean) / sd) ** 2 - np.log(sd * math.sqrt(2 * math.pi) / WRONG_LINE_WIDTH_LOG)
+    gauss = (
+        np.log1p(-doubt) - 0.5 * ((u - mean) / sd) ** 2 - np.log(sd * math.sqrt(2 * math.pi) / WRONG_EVIDENCE_WIDTH_LOG)
+    )
     with np.errstate(divide="ignore"):
         return np.asarray(np.logaddexp(gauss, np.log(doubt)))
 

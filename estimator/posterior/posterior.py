@@ -179,7 +179,7 @@ def posterior(evidence: Sequence[ObjectEvidence], lines: FloatArray | None = Non
     line_weight = grid.line_weights(answer, lines)
     alone = not (line_weight > MIN_BELIEVED).any()
     if alone and contradicts(weight):
-        answer = grid.wider_curve(answer, CONTRADICTED_POWER)
+        answer = grid.tempered_posterior(answer, CONTRADICTED_POWER)
     modes, bounds = grid.modes(answer), grid.interval(answer, level)
     doubt = doubt_of(modes, bounds, answer, weight if alone else None)
     return Posterior(

@@ -1,1 +1,1 @@
-"""Which view sees which point: by its own observations, by a cloud's lists, or by a depth buffer."""
+"""Projection of points into views, and the points that each view sees."""

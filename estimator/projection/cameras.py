@@ -1,4 +1,4 @@
-"""Cameras: COLMAP's models by name, checked once, and the projection of points through their lenses."""
+"""Camera models of COLMAP: validation, projection with lens distortion, and rays of pixels."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from estimator.records.scene import Camera, View
 from metric_base.arrays import FloatArray
 from metric_base.errors import FieldError, Unquoted
 
-#: COLMAP's camera models by name: number in binary files, parameters in file order (colmap/sensor/models.h).
+#: Camera models of COLMAP by name: number in binary files, parameters in file order (colmap/sensor/models.h).
 CAMERA_MODELS: dict[str, tuple[int, tuple[str, ...]]] = {
     "SIMPLE_PINHOLE": (0, ("f", "cx", "cy")),
     "PINHOLE": (1, ("fx", "fy", "cx", "cy")),
@@ -38,21 +38,35 @@ CAMERA_MODELS: dict[str, tuple[int, tuple[str, ...]]] = {
 #: Models without distortion.
 PINHOLES = frozenset({"PINHOLE", "SIMPLE_PINHOLE"})
 
-#: Longest side of an image that is believed: JPEG stops at 65,535 and stitched surveys at about as much.
+#: Maximum side of an image in pixels: JPEG allows 65,535, and stitched survey images are about as large.
 MAX_SIDE_PX = 100_000
-#: Most pixels of an image that is believed; a mask of it takes as many bytes.
+#: Maximum number of pixels of an image; a mask needs one byte for each.
 MAX_PIXELS = 2**28
-#: Widest angle from the axis at which a lens is sampled, just short of the plane through the camera.
-_WIDEST = np.deg2rad(89.9)
-_STEPS = 1024
-_DIRECTIONS = 16
+#: Maximum angle from the optical axis at which a lens is sampled, just below 90 degrees; in radians.
+_MAX_ANGLE = np.deg2rad(89.9)
+#: Number of angles at which a lens is sampled.
+_N_ANGLES = 1024
+#: Number of directions around the optical axis in which a lens is sampled.
+_N_AZIMUTHS = 16
 
 
 def make_camera(model: str, size: tuple[int, int], params: Any) -> Camera:
-    """A camera whose every number was checked.
+    """Create a camera from values of a file.
 
-    size : (width, height) in pixels. FieldError for an unknown model, a wrong number of parameters, sizes outside
-    1 ... MAX_SIDE_PX, numbers that are not finite, or a focal length that is not positive.
+    Parameters
+    ----------
+    model : str
+        One of `CAMERA_MODELS`.
+    size : (width, height)
+        Image size in pixels.
+    params : array_like of float
+        Parameters in the order of `CAMERA_MODELS`.
+
+    Raises
+    ------
+    FieldError
+        The model is unknown, a side exceeds `MAX_SIDE_PX`, there are too many pixels, the number of parameters is
+        wrong, a parameter is not finite, or a focal length is not positive.
     """
     if model not in CAMERA_MODELS:
         raise FieldError("model", "one of COLMAP's, such as PINHOLE or OPENCV, and no panorama", model)
@@ -72,29 +86,43 @@ def make_camera(model: str, size: tuple[int, int], params: Any) -> Camera:
 
 
 def project(camera: Camera, points_camera: FloatArray) -> FloatArray:
-    """(n, 2) pixels of (n, 3) points in the camera's frame, by COLMAP's own models, distortion included.
+    """Project points to pixels, with the distortion model of COLMAP.
 
-    NaN behind the camera, and beyond the angle at which the lens polynomial turns back on itself: past it,
-    points far outside the picture would be drawn inside it.
+    Parameters
+    ----------
+    camera : Camera
+    points_camera : (n, 3) ndarray of float
+        Points in the frame of the camera.
+
+    Returns
+    -------
+    (n, 2) ndarray of float
+        NaN behind the camera, and beyond the angle at which the distortion polynomial has its maximum: farther out,
+        points outside the field of view would project into the image.
     """
     if camera.model in PINHOLES:
-        return _pinhole_pixels(camera, points_camera)
+        # x = f X / Z + c; one row per coordinate in memory
+        *focal, centre_x, centre_y = camera.params
+        x, y, z = np.asarray(points_camera, dtype=np.float64).T
+        with np.errstate(divide="ignore", invalid="ignore", over="ignore"):
+            rows = np.array([x / z * focal[0] + centre_x, y / z * focal[-1] + centre_y])
+            invalid = np.flatnonzero(~((z > 0) & np.isfinite(rows[0]) & np.isfinite(rows[1])))
+        rows[:, invalid] = np.nan
+        return rows.T
     points = np.ascontiguousarray(points_camera, dtype=np.float64)
     if not len(points):
         return np.empty((0, 2))
-    pixels = _raw_projected(camera, points)
-    limit = _widest_tangent(camera.model, camera.width, camera.height, camera.params.tobytes())
-    # (n,) tangent of the angle from the axis is hypot(x, y) / z
-    hidden = ~(points[:, 2] > 0) | ~np.isfinite(pixels).all(axis=1)
-    if np.isfinite(limit):
-        hidden |= np.hypot(points[:, 0], points[:, 1]) > limit * points[:, 2]
-    pixels[hidden] = np.nan
+    pixels = _project_unchecked(camera, points)
+    limit = _max_tangent(camera.model, camera.width, camera.height, camera.params.tobytes())
+    is_invalid = ~(points[:, 2] > 0) | ~np.isfinite(pixels).all(axis=1)
+    if np.isfinite(limit):  # the tangent of the angle from the axis is hypot(x, y) / z
+        is_invalid |= np.hypot(points[:, 0], points[:, 1]) > limit * points[:, 2]
+    pixels[is_invalid] = np.nan
     return pixels
 
 
 def pixels_in_view(view: View, points: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """(n, 2) pixels and (n,) depths of (n, 3) world points; pixels are NaN outside the picture or behind it."""
-    # (n, 3) = (n, 3) @ (3, 3): x_camera = R x_world + t
+    """Return pixels (n, 2) and depths (n,) of world points (n, 3); pixels outside the image are NaN."""
     points_camera = points @ view.rotation.T + view.translation
     pixels = project(view.camera, points_camera)
     with np.errstate(invalid="ignore"):
@@ -104,32 +132,21 @@ def pixels_in_view(view: View, points: FloatArray) -> tuple[FloatArray, FloatArr
 
 
 def view_rays(camera: Camera, pixels: FloatArray) -> FloatArray:
-    """(n, 3) rays of unit depth in the camera's frame through pixels (n, 2), lens distortion removed."""
+    """Return the rays (n, 3) through pixels (n, 2) in the frame of the camera, undistorted and of unit depth."""
     if camera.model == "PINHOLE":
-        flat = (pixels - camera.params[2:]) / camera.params[:2]
+        directions = (pixels - camera.params[2:]) / camera.params[:2]
     elif camera.model == "SIMPLE_PINHOLE":
-        flat = (pixels - camera.params[1:]) / camera.params[0]
+        directions = (pixels - camera.params[1:]) / camera.params[0]
     else:
         from estimator.reconstructions.pycolmap_library import pycolmap
 
         lens = pycolmap.Camera(model=camera.model, width=camera.width, height=camera.height, params=camera.params)
-        flat = np.asarray(lens.cam_from_img(pixels), dtype=float)[:, :2]
-    return np.column_stack([flat, np.ones(len(pixels))])
+        directions = np.asarray(lens.cam_from_img(pixels), dtype=float)[:, :2]
+    return np.column_stack([directions, np.ones(len(pixels))])
 
 
-def _pinhole_pixels(camera: Camera, points: FloatArray) -> FloatArray:
-    """(n, 2) pixels of (n, 3) points, NaN behind the camera; x = f X / Z + c, coordinate by coordinate in memory."""
-    *focal, centre_x, centre_y = camera.params
-    x, y, z = np.asarray(points, dtype=np.float64).T
-    with np.errstate(divide="ignore", invalid="ignore", over="ignore"):
-        pixels = np.array([x / z * focal[0] + centre_x, y / z * focal[-1] + centre_y])
-        hidden = np.flatnonzero(~((z > 0) & np.isfinite(pixels[0]) & np.isfinite(pixels[1])))
-    pixels[:, hidden] = np.nan
-    return pixels.T
-
-
-def _raw_projected(camera: Camera, points: FloatArray) -> FloatArray:
-    """(n, 2) pixels as COLMAP gives them; pycolmap is a heavy import, so pinholes do without."""
+def _project_unchecked(camera: Camera, points: FloatArray) -> FloatArray:
+    """Return the pixels (n, 2) of points (n, 3) by pycolmap, which is imported only for lenses with distortion."""
     from estimator.reconstructions.pycolmap_library import pycolmap
 
     lens = pycolmap.Camera(model=camera.model, width=camera.width, height=camera.height, params=camera.params)
@@ -137,23 +154,23 @@ def _raw_projected(camera: Camera, points: FloatArray) -> FloatArray:
 
 
 @lru_cache(maxsize=256)
-def _widest_tangent(model: str, width: int, height: int, params: bytes) -> float:
-    """Tangent of the widest angle up to which pixels move outwards with the angle, in every direction."""
+def _max_tangent(model: str, width: int, height: int, params: bytes) -> float:
+    """Return the tangent of the angle up to which the image radius increases in every direction; may be infinite."""
     camera = Camera(model, width, height, np.frombuffer(params, dtype=np.float64))
-    angles = np.linspace(0.0, _WIDEST, _STEPS)
-    azimuths = np.linspace(0.0, 2 * np.pi, _DIRECTIONS, endpoint=False)
-    # (directions, steps, 3) unit rays
+    angles = np.linspace(0.0, _MAX_ANGLE, _N_ANGLES)
+    azimuths = np.linspace(0.0, 2 * np.pi, _N_AZIMUTHS, endpoint=False)
+    # (azimuths, angles, 3) unit rays
     rays = np.stack(
         [
             np.outer(np.cos(azimuths), np.sin(angles)),
             np.outer(np.sin(azimuths), np.sin(angles)),
-            np.broadcast_to(np.cos(angles), (_DIRECTIONS, _STEPS)),
+            np.broadcast_to(np.cos(angles), (_N_AZIMUTHS, _N_ANGLES)),
         ],
         axis=-1,
     )
-    pixels = _raw_projected(camera, np.ascontiguousarray(rays.reshape(-1, 3))).reshape(_DIRECTIONS, _STEPS, 2)
+    pixels = _project_unchecked(camera, np.ascontiguousarray(rays.reshape(-1, 3))).reshape(_N_AZIMUTHS, _N_ANGLES, 2)
     with np.errstate(invalid="ignore", over="ignore"):
         radius = np.linalg.norm(pixels - pixels[:1, :1], axis=-1)
-        turns = ~(np.diff(radius, axis=1) > 0)  # NaN counts as a turn
-    first = np.where(turns.any(axis=1), turns.argmax(axis=1), _STEPS - 1).min()
-    return float(np.tan(angles[first])) if first < _STEPS - 1 else np.inf
+        decreases = ~(np.diff(radius, axis=1) > 0)  # also where the radius is NaN
+    first = np.where(decreases.any(axis=1), decreases.argmax(axis=1), _N_ANGLES - 1).min()
+    return float(np.tan(angles[first])) if first < _N_ANGLES - 1 else np.inf

@@ -22,7 +22,7 @@ from estimator.records.scene import Camera
 from metric_base.arrays import FloatArray, IntArray
 from metric_base.errors import FieldError, InputError, Unquoted, at_field, in_file
 from metric_base.input_files import read_text
-from metric_base.parsing import ByteReader
+from metric_base.parsing import BinaryReader
 
 _CAMERA = struct.Struct("<IiQQ")  # id, model, width, height; then the parameters
 _IMAGE = struct.Struct("<I7dI")  # id, quaternion, translation, camera id; then the name and the keypoints
@@ -64,13 +64,13 @@ class ColmapModel:
 
 def read_binary_model(folder: Path) -> ColmapModel:
     """cameras.bin, images.bin and points3D.bin; rigs.bin and frames.bin repeat what the images say."""
-    cameras = _binary_cameras(ByteReader(folder / "cameras.bin"))
-    images = _binary_images(ByteReader(folder / "images.bin"))
-    ids, points = _binary_points(ByteReader(folder / "points3D.bin"))
+    cameras = _binary_cameras(BinaryReader(folder / "cameras.bin"))
+    images = _binary_images(BinaryReader(folder / "images.bin"))
+    ids, points = _binary_points(BinaryReader(folder / "points3D.bin"))
     return ColmapModel(cameras, images, ids, points)
 
 
-def image_places(reader: ByteReader) -> list[int]:
+def image_places(reader: BinaryReader) -> list[int]:
     """Where each image's record starts in the file."""
     places = []
     for number in range(reader.count("number of images", _IMAGE.size + 1 + 8)):
@@ -82,7 +82,7 @@ def image_places(reader: ByteReader) -> list[int]:
     return places
 
 
-def point_places(reader: ByteReader) -> IntArray:
+def point_places(reader: BinaryReader) -> IntArray:
     """(n,) where each point's record starts: the one walk through the file that its layout forces."""
     n = reader.count("number of points", _POINT.size)
     data, place, last = reader.data, reader.place, len(reader.data) - _POINT.size
@@ -103,7 +103,7 @@ def point_places(reader: ByteReader) -> IntArray:
     return places
 
 
-def _binary_cameras(reader: ByteReader) -> dict[int, Camera]:
+def _binary_cameras(reader: BinaryReader) -> dict[int, Camera]:
     cameras: dict[int, Camera] = {}
     for number in range(reader.count("number of cameras", _CAMERA.size)):
         camera_id, model_number, width, height = reader.take(_CAMERA, f"camera {number}")
@@ -120,7 +120,7 @@ def _binary_cameras(reader: ByteReader) -> dict[int, Camera]:
     return cameras
 
 
-def _binary_images(reader: ByteReader) -> tuple[ColmapImage, ...]:
+def _binary_images(reader: BinaryReader) -> tuple[ColmapImage, ...]:
     images = []
     for number in range(reader.count("number of images", _IMAGE.size + 1 + 8)):
         image_id, *pose, camera_id = reader.take(_IMAGE, f"image {number}")
@@ -137,7 +137,7 @@ def _binary_images(reader: ByteReader) -> tuple[ColmapImage, ...]:
     return tuple(images)
 
 
-def _binary_points(reader: ByteReader) -> tuple[IntArray, FloatArray]:
+def _binary_points(reader: BinaryReader) -> tuple[IntArray, FloatArray]:
     """Ids (n,) and positions (n, 3) of the points."""
     places = point_places(reader)
     data = np.frombuffer(reader.data, dtype=np.uint8)

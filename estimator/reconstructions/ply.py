@@ -10,7 +10,7 @@ import numpy as np
 from estimator.records.scene import MAX_COORDINATE, DenseCloud
 from metric_base.arrays import FloatArray, IntArray
 from metric_base.errors import FieldError, InputError, Unquoted, in_file
-from metric_base.parsing import ByteReader
+from metric_base.parsing import BinaryReader
 
 #: Where reconstructions keep their dense cloud, in the order of preference: COLMAP's and OpenSfM's places.
 DENSE_PLACES = (
@@ -48,7 +48,7 @@ class PlyLayout:
     skipped: int
 
 
-def dense_file(*folders: Path) -> Path | None:
+def find_dense_cloud(*folders: Path) -> Path | None:
     """The first dense cloud in its usual places under the folders, or None."""
     places = (folder / place for folder in folders for place in DENSE_PLACES)
     return next((place for place in places if place.is_file()), None)
@@ -86,10 +86,10 @@ def read_visibility(path: Path, n_points: int, n_views: int) -> tuple[IntArray, 
     model.
     """
     with in_file(path):
-        return _visibility(ByteReader(path), n_points, n_views)
+        return _visibility(BinaryReader(path), n_points, n_views)
 
 
-def _visibility(reader: ByteReader, n_points: int, n_views: int) -> tuple[IntArray, IntArray]:
+def _visibility(reader: BinaryReader, n_points: int, n_views: int) -> tuple[IntArray, IntArray]:
     """Offsets (n + 1,) and views (m,) of the bytes of a visibility file."""
     n = reader.count("number of points", 4)
     if n != n_points:
@@ -188,10 +188,10 @@ def _record(form: str, properties: list[tuple[str | None, str]]) -> np.dtype[np.
 def read_points(path: Path) -> FloatArray:
     """(n, 3) positions of the vertices."""
     with in_file(path):
-        return _points(ByteReader(path))
+        return _points(BinaryReader(path))
 
 
-def _points(reader: ByteReader) -> FloatArray:
+def _points(reader: BinaryReader) -> FloatArray:
     """(n, 3) positions of the vertices in a file's bytes."""
     layout = ply_layout(reader.data)
     if not layout.count:

@@ -9,9 +9,9 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from estimator.projection.cameras import pixels_in_view
-from estimator.projection.visibility import views_by_depth
+from estimator.projection.visibility import infer_observations
 from estimator.reconstructions.colmap import colmap_folder, model_suffix, read_colmap
-from estimator.reconstructions.ply import dense_file, read_dense_cloud
+from estimator.reconstructions.ply import find_dense_cloud, read_dense_cloud
 from estimator.records.scene import DenseCloud, Scene
 from metric_base.arrays import FloatArray, IntArray
 from metric_base.errors import InputError, Unquoted
@@ -106,12 +106,12 @@ def _with_observations(scene: Scene) -> Scene:
     if not len(scene.points) or any(len(view.point_index) for view in scene.views):
         return scene
     warning = f"{scene.path}: it states no observations, so points are projected where no nearer point hides them"
-    views = views_by_depth(scene.views, scene.points)
+    views = infer_observations(scene.views, scene.points)
     return replace(scene, views=views, warnings=(*scene.warnings, warning), observed=False)
 
 
 def _with_dense(scene: Scene, file: Path | None) -> Scene:
-    place = file or dense_file(scene.path, scene.model_path or scene.path)
+    place = file or find_dense_cloud(scene.path, scene.model_path or scene.path)
     if place is None:
         return scene
     cloud, warnings = read_dense_cloud(place, len(scene.views), _bounds(scene))

@@ -39,7 +39,7 @@ LEAST_NARROWING, MOST_HELPS = 0.05, 3
 MOST_SKIPPED_CLASSES = 6
 
 #: The log width of the interval where nothing is known: sizes over a factor of 50 (`posterior.grid`).
-NOTHING_KNOWN_LOG = log_scale_grid.WRONG_LINE_WIDTH_LOG
+NOTHING_KNOWN_LOG = log_scale_grid.WRONG_EVIDENCE_WIDTH_LOG
 
 #: A supposed measurement: the posterior's evidence and lines (k, 3) if the scale were so many metres per unit.
 _Supposed = Callable[[float], Posterior]

@@ -12,7 +12,7 @@ import numpy as np
 
 from estimator.projection.cameras import make_camera
 from estimator.records.scene import Scene, View
-from estimator.scene_formats.common import FLIP, observed_views, picture_size, posed_view
+from estimator.scene_formats.common import FLIP, checked_image_size, observed_views, posed_view
 from metric_base.arrays import FloatArray
 from metric_base.errors import FieldError, InputError, Unquoted, at_field, in_file
 from metric_base.input_files import read_text
@@ -91,7 +91,7 @@ class _Numbers:
 
 def _view(file: Path, name: str, numbers: FloatArray) -> View:
     """The view of its 15 numbers (15,): focal length, two distortions, rotation, translation."""
-    width, height = picture_size(file, name)
+    width, height = checked_image_size(file, name)
     camera = make_camera("RADIAL", (width, height), [numbers[0], width / 2, height / 2, *numbers[1:3]])
     rotation, translation = FLIP @ numbers[3:12].reshape(3, 3), FLIP @ numbers[12:]
     return posed_view(name, camera, rotation, -rotation.T @ translation)

@@ -121,7 +121,7 @@ def picture_file(file: Path, name: str) -> Path | None:
     return next((path for path in candidates if is_file(path)), None)
 
 
-def picture_size(file: Path, name: str) -> tuple[int, int]:
+def checked_image_size(file: Path, name: str) -> tuple[int, int]:
     """(width, height) of a picture that `file` names but whose size it does not state.
 
     Raises

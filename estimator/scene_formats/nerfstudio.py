@@ -16,9 +16,9 @@ from estimator.projection.cameras import make_camera
 from estimator.records.scene import Camera, Scene, View
 from estimator.scene_formats.common import (
     FLIP,
+    checked_image_size,
     matrix_of,
     number_of,
-    picture_size,
     pinhole_camera,
     points_beside,
     posed_view,
@@ -95,7 +95,7 @@ def _view(file: Path, document: dict[str, Any], frame: dict[str, Any], world: Fl
 def _camera(file: Path, entry: dict[str, Any], name: str) -> Camera:
     """The camera of a frame's own numbers, or of the document's."""
     stated = "w" in entry and "h" in entry
-    size = (round(number_of(entry, "w")), round(number_of(entry, "h"))) if stated else picture_size(file, name)
+    size = (round(number_of(entry, "w")), round(number_of(entry, "h"))) if stated else checked_image_size(file, name)
     if "fl_x" in entry or "fl_y" in entry:
         focal_x = number_of(entry, "fl_x", entry.get("fl_y"))
         focal = (focal_x, number_of(entry, "fl_y", focal_x))

@@ -12,7 +12,7 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from estimator.records.scene import Scene, View
-from estimator.scene_formats.common import FLIP, brown_camera, number_of, picture_size, points_beside, posed_view
+from estimator.scene_formats.common import FLIP, brown_camera, checked_image_size, number_of, points_beside, posed_view
 from metric_base.errors import FieldError, at_field, in_file
 from metric_base.input_files import read_text
 from metric_base.parsing import csv_records
@@ -59,7 +59,7 @@ def _view(file: Path, row: dict[str, str]) -> View:
     name = row["#name"].strip() if row["#name"] else ""
     if not name:
         raise FieldError("#name", "a name", row["#name"])
-    size = picture_size(file, name)
+    size = checked_image_size(file, name)
     pixels = max(size) / FILM_MM
     focal = number_of(row, "f") * pixels
     centre = (size[0] / 2 + number_of(row, "px", 0.0) * pixels, size[1] / 2 + number_of(row, "py", 0.0) * pixels)

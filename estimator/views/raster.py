@@ -29,11 +29,11 @@ def write_view(view: SceneView, path: Path, option: str = "--view-png") -> None:
     """Write the picture whole or not at all; InputError where it cannot be written."""
     with whole_file(path, option) as work:
         picture = work.with_name(work.name + path.suffix)
-        write_picture(picture, view_picture(view)[..., ::-1])
+        write_picture(picture, render_view(view)[..., ::-1])
         picture.replace(work)
 
 
-def view_picture(view: SceneView, width: int = WIDTH, height: int = HEIGHT) -> Any:
+def render_view(view: SceneView, width: int = WIDTH, height: int = HEIGHT) -> Any:
     """(height, width, 3) uint8, red green blue."""
     import cv2
 

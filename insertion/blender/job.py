@@ -114,7 +114,7 @@ def _window(window: Window) -> dict[str, float]:
 def _object(item: Placed, frame: MetricFrame, posed: Path) -> dict[str, Any]:
     """A model with its matrix; one with animations is written to `posed` as it stands."""
     file = item.request.model
-    if item.model.motions:
+    if item.model.animations:
         write_gltf_model(posed, item.model)
         file = posed
     return {"file": str(file.resolve()), "matrix": object_matrix(item, frame).tolist()}

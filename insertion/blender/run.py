@@ -58,7 +58,7 @@ def write_layer_scene(folder: Path, prepared: PreparedScene, objects: Sequence[P
     job = insertion_job(objects, camera_keys(posed, frame), frame, environment, own, full_window)
     for number, (item, entry) in enumerate(zip(objects, job["objects"], strict=True), start=1):
         entry["file"] = f"model{number}.glb"
-        if item.request.model.suffix.lower() == ".glb" and not item.model.motions:
+        if item.request.model.suffix.lower() == ".glb" and not item.model.animations:
             shutil.copyfile(item.request.model, own / entry["file"])
         else:
             write_gltf_model(own / entry["file"], item.model)

@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from capture.sources.image_folder import PICTURE_SUFFIXES
-from estimator.outputs.rescaled import write_scaled
+from estimator.outputs.rescaled import write_rescaled
 from insertion.composite.compose import Composite, Joined
 from insertion.exports.gltf_scene import write_gltf_scene
 from insertion.exports.metric_frame import camera_keys, frame_rate, metric_frame
@@ -40,7 +40,7 @@ def write_exports(
     keys = [replace(key, name=names[key.name].as_posix()) for key in camera_keys(prepared.footage.shots, frame)]
     write_gltf_scene(folder / "scene.glb", objects, keys, frame)
     write_transforms(folder / "transforms.json", keys, "pictures", frame(prepared.scene.points))
-    write_scaled(prepared.scene, prepared.scale.metres_per_unit, folder / "colmap")
+    write_rescaled(prepared.scene, prepared.scale.metres_per_unit, folder / "colmap")
     records = [result.to_json() for result in results]
     (folder / "insertion.json").write_text(json.dumps(records, indent=1) + "\n", encoding="utf-8")
     try:

@@ -43,7 +43,7 @@ def write_usd_scene(
     for number, placed in enumerate(objects):
         path = f"/World/object{number}"
         _set_matrix(UsdGeom.Xform.Define(stage, path), object_matrix(placed, frame))
-        for row, part in enumerate(placed.model.parts):
+        for row, part in enumerate(placed.model.meshes):
             mesh = write_mesh(stage, f"{path}/part{row}", part)
             bind_material(stage, mesh, part.material, file.parent, f"object{number}_part{row}")
     stage.GetRootLayer().Save()

@@ -22,7 +22,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from estimator.geometry.planes import level_basis
-from estimator.projection.visibility import unhidden
+from estimator.projection.visibility import project_unoccluded
 from insertion.colour import luminance, srgb_to_linear
 from insertion.footage.footage import Stills
 from insertion.light.environment_map import HEIGHT, WIDTH, Environment, LampSpots, map_directions, solid_angles
@@ -262,7 +262,7 @@ def _depth_grid(cloud: Cloud, stills: Stills, row: int, shape: tuple[int, ...]) 
     from scipy.spatial import cKDTree
 
     step = max(1, len(cloud.points) // 20_000)
-    sight = unhidden(stills.scene.views[row], cloud.points[::step])
+    sight = project_unoccluded(stills.scene.views[row], cloud.points[::step])
     if not len(sight.pixels):
         return np.full(shape, float(np.linalg.norm(np.ptp(cloud.points, axis=0)))), np.full(shape, np.inf)
     y, x = np.indices(shape) * STEP + STEP // 2

@@ -21,7 +21,7 @@ from insertion.request import ObjectRequest, Place
 from insertion.scene.supports import Surface
 from metric_base.arrays import FloatArray
 from metric_base.errors import InputError
-from models3d.animation_playback import Acting, acting
+from models3d.animation_playback import Playback, select_playback
 from models3d.gltf.model_reader import read_model
 from models3d.model import Model
 
@@ -49,22 +49,22 @@ class Placed:
     body: Body
     surface: Surface | None = None
     warnings: tuple[str, ...] = ()
-    act: Acting | None = None
+    act: Playback | None = None
     walk: Walk | None = None
 
     @property
     def moves(self) -> bool:
         """Whether the object is not the same at all times."""
-        return self.walk is not None or (self.act is not None and self.act.motion is not None)
+        return self.walk is not None or (self.act is not None and self.act.animation is not None)
 
     def body_at(self, time_s: float) -> Body:
         """The object at a time from the first picture: `body` itself where it stands still."""
         if not self.moves or self.act is None:
             return self.body
-        model, bounds = self.act.at(time_s), self.act.bounds
+        model, bounds = self.act.posed(time_s), self.act.bounds
         position, front = self.place.position, self.front
         if self.walk is not None:
-            model = self.act.at(min(time_s, self.walk.arrival_s))  # who has arrived stands
+            model = self.act.posed(min(time_s, self.walk.arrival_s))  # who has arrived stands
             position = self.walk.place(time_s)
             front = turn_about(self.walk.front(time_s), self.place.basis[2], self.heading_deg)
         unit = self.body.unit / float((bounds[1] - bounds[0]).max())
@@ -114,9 +114,9 @@ def space_for(prepared: PreparedScene, model: Model, size: SizeUsed, extents: Fl
 def _place_object(
     prepared: PreparedScene, request: ObjectRequest, tree: Tree | None, earlier: Sequence[Placed]
 ) -> Placed:
-    act = acting(read_model(request.model), request.clip, request.at_time_s)
+    act = select_playback(read_model(request.model), request.clip, request.at_time_s)
     size = model_size(act.model, request.size, tree, request.category)
-    space = space_for(prepared, act.model, size, act.reach[1] - act.reach[0])
+    space = space_for(prepared, act.model, size, act.bounds_over_time[1] - act.bounds_over_time[0])
     options = [_standing(prepared, request, act, size, place) for place in _places(prepared, request, space, tree)]
     free = next((one for one in options if not any(colliding(one.body, other.body) for other in earlier)), None)
     if free is not None:
@@ -127,7 +127,7 @@ def _place_object(
     return replace(chosen, warnings=tuple(f"{model.name}: goes through {name}" for name in through))
 
 
-def _standing(prepared: PreparedScene, request: ObjectRequest, act: Acting, size: SizeUsed, place: Place) -> Placed:
+def _standing(prepared: PreparedScene, request: ObjectRequest, act: Playback, size: SizeUsed, place: Place) -> Placed:
     surface = place.surface if place.plane is None else prepared.supports.surfaces[place.plane]
     walk = _walk(prepared, request, place) if request.path else None
     if walk is None:

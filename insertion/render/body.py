@@ -100,7 +100,7 @@ def body_of(
             part.faces,
             part.material,
         )
-        for part in model.parts
+        for part in model.meshes
     )
     return Body(parts, np.asarray(position, dtype=np.float64), basis, unit * units_per_metre)
 

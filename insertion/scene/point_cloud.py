@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from estimator.projection.visibility import Visibility, scene_visibility, unhidden
+from estimator.projection.visibility import Visibility, project_unoccluded, scene_visibility
 from estimator.records.scene import Scene, View
 from insertion.colour import srgb_to_linear
 from insertion.footage.footage import Stills
@@ -86,9 +86,9 @@ def front_points(view: View, cloud: Cloud, row: int | None = None) -> FrontPoint
     known = cloud.visibility
     if row is not None and known is not None and known.complete:
         listed = known.rows[row]
-        sight = unhidden(view, cloud.points[listed])
+        sight = project_unoccluded(view, cloud.points[listed])
         return FrontPoints(listed[sight.rows], sight.pixels, sight.depths, cloud.dense)
-    sight = unhidden(view, cloud.points)
+    sight = project_unoccluded(view, cloud.points)
     observed = None if known is None or known.complete else np.isin(sight.rows, known.nearest(view))
     return FrontPoints(sight.rows, sight.pixels, sight.depths, cloud.dense, observed)
 
@@ -102,7 +102,7 @@ def coloured_cloud(scene: Scene, stills: Stills) -> Cloud:
     total = np.zeros((len(points), 3))
     count = np.zeros(len(points))
     for row in even_rows(stills.rows, MAX_STILLS):
-        sight = unhidden(scene.views[row], points)
+        sight = project_unoccluded(scene.views[row], points)
         at, seen = sight.pixels.astype(np.int64), sight.rows
         total[seen] += srgb_to_linear(stills.picture(row)[at[:, 1], at[:, 0]])
         count[seen] += 1

@@ -13,7 +13,7 @@ from models3d.gltf.animation import GltfAnimation, posed_nodes, read_animation
 from models3d.gltf.document import MAX_TRIANGLES, GltfDocument, world_transforms
 from models3d.gltf.materials import Materials
 from models3d.gltf.primitives import FACES, Primitive, read_primitive
-from models3d.model import Animation, Model, Part
+from models3d.model import Animation, Mesh, Model
 
 #: Maximum absolute coordinate of a vertex, in metres.
 MAX_METRES = 1e9
@@ -57,10 +57,10 @@ def read_model(path: Path) -> Model:
                             if record.get("mode", 4) in FACES and "POSITION" in record.get("attributes", {})
                         ]
 
-                def posed_parts(nodes: Sequence[Mapping[str, Any]]) -> tuple[Part, ...]:
+                def posed_parts(nodes: Sequence[Mapping[str, Any]]) -> tuple[Mesh, ...]:
                     """Return the parts of all drawn nodes in the pose of these nodes."""
                     world = world_transforms(nodes)
-                    parts: list[Part] = []
+                    parts: list[Mesh] = []
                     for index in drawn:
                         node = nodes[index]
                         joints = document.joint_transforms(node["skin"], world) if "skin" in node else None
@@ -85,7 +85,7 @@ def read_model(path: Path) -> Model:
         _check_parts(parts)
 
     def motion(animation: GltfAnimation) -> Animation:
-        def parts_at(time_s: float) -> tuple[Part, ...]:
+        def parts_at(time_s: float) -> tuple[Mesh, ...]:
             return posed_parts(posed_nodes(document.nodes, animation, time_s))
 
         return Animation(animation.name, animation.duration_s, parts_at)
@@ -96,7 +96,7 @@ def read_model(path: Path) -> Model:
     return Model(path.name, parts, (*ignored, *materials.warnings), motions)
 
 
-def _check_parts(parts: Sequence[Part]) -> None:
+def _check_parts(parts: Sequence[Mesh]) -> None:
     """Raise FieldError unless the parts have finite vertices, attributes for each vertex, and an extent."""
     triangles = sum(len(part.faces) for part in parts)
     expect(triangles > 0, "meshes", "at least one triangle", Unquoted("none"))

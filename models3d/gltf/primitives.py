@@ -11,7 +11,7 @@ from metric_base.arrays import FloatArray, IntArray
 from metric_base.errors import Unquoted, expect
 from models3d.gltf.document import TRIANGLE_FAN, TRIANGLE_STRIP, TRIANGLES, GltfDocument, skin_transforms
 from models3d.gltf.materials import Materials
-from models3d.model import Material, Part
+from models3d.model import Material, Mesh
 
 #: Values of `primitive.mode` that have faces.
 FACES = (TRIANGLES, TRIANGLE_STRIP, TRIANGLE_FAN)
@@ -36,7 +36,7 @@ class Primitive:
     weights: FloatArray | None
     targets: tuple[tuple[FloatArray | None, FloatArray | None], ...]
 
-    def pose(self, matrix: FloatArray, joints: FloatArray | None, morphs: FloatArray) -> Part:
+    def pose(self, matrix: FloatArray, joints: FloatArray | None, morphs: FloatArray) -> Mesh:
         """The part in the frame of the file.
 
         matrix : (4, 4) of the node; joints : (j, 4, 4) of its skin, which count in its place; morphs : (t,) weights of
@@ -58,7 +58,7 @@ class Primitive:
             normals[faces] = np.cross(edges[:, 0], edges[:, 1])[:, None]
         else:
             normals = np.einsum("nij,nj->ni", turn, normals) * np.where(mirrored, -1.0, 1.0)[:, None]
-        return Part(moved, _unit(normals), self.uv, faces, self.material, self.color)
+        return Mesh(moved, _unit(normals), self.uv, faces, self.material, self.color)
 
     def _with_targets(self, morphs: FloatArray) -> tuple[FloatArray, FloatArray | None]:
         """Points and normals (n, 3) with the targets by their weights (t,)."""

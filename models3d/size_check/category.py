@@ -9,7 +9,7 @@ from dataclasses import dataclass
 from metric_base.errors import InputError
 from metric_tree.node import Node
 from metric_tree.tree import DETECTORS, Tree
-from models3d.asset import Word
+from models3d.asset import NameText
 
 #: How much a text counts, by where it is from: a semantic label is made to be read, a material rarely names the object.
 SOURCE_WEIGHT = {
@@ -70,7 +70,7 @@ def named_category(tree: Tree, name: str) -> NamedCategory:
     return NamedCategory(node, "stated", 1.0, tree.resolve(name, DETECTORS).how == "broader kind")
 
 
-def category_of_words(words: Iterable[Word], tree: Tree) -> NamedCategory:
+def category_of_words(words: Iterable[NameText], tree: Tree) -> NamedCategory:
     """The category that most of the words name, if they agree."""
     votes: dict[str, float] = {}
     best: dict[str, tuple[float, str, bool]] = {}
@@ -87,7 +87,7 @@ def category_of_words(words: Iterable[Word], tree: Tree) -> NamedCategory:
     return _winner(votes, best, tree)
 
 
-def is_miniature(words: Iterable[Word]) -> bool:
+def is_miniature(words: Iterable[NameText]) -> bool:
     """Whether the words call the object a toy or a miniature, or state a scale of models."""
     return any(_MINIATURE.search(word.text.replace("_", " ")) for word in words)
 

@@ -10,10 +10,10 @@ from typing import Any, Literal
 
 from metric_tree.node import Node
 from metric_tree.tree import Tree, open_tree
-from models3d.asset import Asset, AssetBody, Up, Word, joined_body
+from models3d.asset import Asset, AssetBody, NameText, Up, merge_bodies
 from models3d.formats import read_asset
 from models3d.size_check.category import NamedCategory, category_of_words, is_miniature, named_category
-from models3d.size_check.hypotheses import CHANCE, NAMED_MINIATURE, TOY_CHANCE, ScaleHypothesis, What, hypotheses
+from models3d.size_check.hypotheses import CHANCE, NAMED_MINIATURE, TOY_CHANCE, ScaleHypothesis, ScaleKind, hypotheses
 from models3d.size_check.size_model import extents_text, node_model, node_tier
 from models3d.size_check.true_size import TrueSize, true_size
 
@@ -32,7 +32,7 @@ TOY_KINDS = frozenset({"vehicle.n.01", "animal.n.01", "craft.n.02"})
 MAX_OBJECTS = 200
 #: Hypotheses of less probability are not listed.
 LISTED_PROBABILITY = 0.01
-VERDICTS: dict[What, Verdict] = {
+VERDICTS: dict[ScaleKind, Verdict] = {
     "right": "right", "unit": "wrong unit", "arbitrary": "arbitrary scale", "miniature": "miniature",
     "stretched": "stretched", "unlike": "not known",
 }  # fmt: skip
@@ -114,7 +114,7 @@ def check_bodies(asset: Asset, tree: Tree, category: str | None = None) -> tuple
         `category` is no name of the tree.
     """
     named = named_category(tree, category) if category is not None else None
-    bodies = _objects(asset, tree) if named is None else (joined_body(asset.bodies, asset.file.stem),)
+    bodies = _objects(asset, tree) if named is None else (merge_bodies(asset.bodies, asset.file.stem),)
     return tuple(
         check_body(str(asset.file), body, asset, tree, named or category_of_words((*body.words, *asset.words), tree))
         for body in bodies
@@ -129,7 +129,7 @@ def _objects(asset: Asset, tree: Tree) -> tuple[AssetBody, ...]:
         apart = all(not one.overlaps(other) for one, other in combinations(bodies[:MAX_OBJECTS], 2))
         if None not in nodes and apart:
             return bodies
-    return (joined_body(bodies, asset.file.stem),)
+    return (merge_bodies(bodies, asset.file.stem),)
 
 
 def check_body(file: str, body: AssetBody, asset: Asset, tree: Tree, category: NamedCategory) -> AssetCheck:
@@ -157,7 +157,7 @@ def check_body(file: str, body: AssetBody, asset: Asset, tree: Tree, category: N
     )
 
 
-def _miniature_chance(words: Sequence[Word], node: Node) -> float:
+def _miniature_chance(words: Sequence[NameText], node: Node) -> float:
     if is_miniature(words):
         return NAMED_MINIATURE
     return TOY_CHANCE if TOY_KINDS & {node.node_id, *node.hypernyms} else CHANCE["miniature"]
@@ -165,11 +165,11 @@ def _miniature_chance(words: Sequence[Word], node: Node) -> float:
 
 def _verdict(explanations: Sequence[ScaleHypothesis]) -> tuple[Verdict, float | None, float]:
     """The verdict, its factor and its probability, from the posterior of all hypotheses."""
-    chance: dict[tuple[What, float | None], float] = {}
+    chance: dict[tuple[ScaleKind, float | None], float] = {}
     for one in explanations:
         key = (one.what, one.factor)
         chance[key] = chance.get(key, 0.0) + one.probability
-    kinds: dict[What, float] = {}
+    kinds: dict[ScaleKind, float] = {}
     for (what, _), share in chance.items():
         kinds[what] = kinds.get(what, 0.0) + share
     turned = sum(one.probability for one in explanations if one.what == "right" and one.turned)

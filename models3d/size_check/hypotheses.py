@@ -17,11 +17,11 @@ from metric_base.arrays import FloatArray
 from models3d.asset import AXES, AssetBody, Up
 from models3d.size_check.size_model import SizeModel
 
-What = Literal["right", "unit", "arbitrary", "miniature", "stretched", "unlike"]
+ScaleKind = Literal["right", "unit", "arbitrary", "miniature", "stretched", "unlike"]
 
 #: Chance of each kind before the extents are seen. A file that is as it should be is the common case; of the faults
 #: those of units and of normalised meshes are reported most (docs/explanation/assets.md names the threads).
-CHANCE: Mapping[What, float] = {
+CHANCE: Mapping[ScaleKind, float] = {
     "right": 0.70,
     "unit": 0.18,
     "arbitrary": 0.06,
@@ -68,7 +68,7 @@ class ScaleHypothesis:
     up; turned : whether that is not the stated one; axis : the stretched side, 0 length, 1 width, 2 height.
     """
 
-    what: What
+    what: ScaleKind
     factor: float | None
     up: Up
     turned: bool
@@ -86,7 +86,7 @@ def hypotheses(
     ups = _up_chances(up, model)
     x = np.stack([ordered_sizes(body.extents_m, axis, model.is_sorted) for axis in ups])  # (o, 3) ln mm
     chance = {**CHANCE, "miniature": miniature}
-    rows: list[tuple[What, float | None, int | None, FloatArray]] = []
+    rows: list[tuple[ScaleKind, float | None, int | None, FloatArray]] = []
     rows.append(("right", 1.0, None, np.log(chance["right"]) + model.log_density(x) + _log_round(body)))
     for factor, share in UNIT_FACTORS.items():
         rows.append(("unit", factor, None, np.log(chance["unit"] * share) + model.log_density(x + np.log(factor))))

@@ -18,7 +18,7 @@ import numpy as np
 from metric_base.arrays import FloatArray
 from metric_base.errors import InputError
 from metric_tree.tree import Tree
-from models3d.asset import AXES, AssetBody, Up, joined_body
+from models3d.asset import AXES, AssetBody, Up, merge_bodies
 from models3d.formats import read_asset, read_boxes
 from models3d.size_check.category import category_of_words, named_category
 from models3d.size_check.hypotheses import ordered_sizes
@@ -115,7 +115,7 @@ def model_true_size(path: Path, category: str, tree: Tree) -> ModelSize:
     model = node_model(tree, named.node.node_id, named.is_broader)
     if model is None:
         raise InputError(f"--category: expected a category with a known size; found {named.node.name}")
-    body = joined_body(asset.bodies, path.stem)
+    body = merge_bodies(asset.bodies, path.stem)
     size = true_size(body, asset.up, model)
     tier = node_tier(named.node)
     reason = (

@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 
 from metric_base.errors import FieldError, Unquoted, expect, in_file
-from models3d.asset import Asset, AssetBody, Up, Word, body_of
+from models3d.asset import Asset, AssetBody, NameText, Up, body_from_box
 
 #: Largest file, most files that it may be composed of, most prims.
 MAX_BYTES, MAX_LAYERS, MAX_PRIMS = 1 << 29, 500, 200_000
@@ -74,33 +74,33 @@ def _bodies(stage: Any, unit_m: float) -> Iterator[AssetBody]:
         box = boxes.ComputeWorldBound(prim).ComputeAlignedRange()
         if not box.IsEmpty():
             words = tuple(_prim_words(prim))
-            yield body_of(prim.GetName(), (np.array(box.GetMin()), np.array(box.GetMax())), unit_m, words)
+            yield body_from_box(prim.GetName(), (np.array(box.GetMin()), np.array(box.GetMax())), unit_m, words)
 
 
-def _stage_words(stage: Any) -> Iterator[Word]:
+def _stage_words(stage: Any) -> Iterator[NameText]:
     prim = stage.GetDefaultPrim()
     if prim:
-        yield Word("model", prim.GetName())
+        yield NameText("model", prim.GetName())
         yield from _labels(prim)
         for above in prim.GetChildren():
             yield from _labels(above)
 
 
-def _prim_words(prim: Any) -> Iterator[Word]:
+def _prim_words(prim: Any) -> Iterator[NameText]:
     from pxr import Usd
 
     for number, one in enumerate(Usd.PrimRange(prim)):
         if number > MAX_PRIMS:
             return
         yield from _labels(one)
-        yield Word("material" if one.GetTypeName() == "Material" else "node", one.GetName())
+        yield NameText("material" if one.GetTypeName() == "Material" else "node", one.GetName())
 
 
-def _labels(prim: Any) -> Iterator[Word]:
+def _labels(prim: Any) -> Iterator[NameText]:
     """Semantic labels: `semantics:labels:*` (UsdSemantics) and the older `semantic:...:params:semanticData`."""
     for attribute in prim.GetAttributes():
         name = attribute.GetName()
         if name.startswith(("semantics:labels:", "semantic:")) and not name.endswith("semanticType"):
             value = attribute.Get()
             for text in [value] if isinstance(value, str) else list(value or ()):
-                yield Word("semantic", str(text))
+                yield NameText("semantic", str(text))

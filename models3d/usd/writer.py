@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from metric_base.images import write_picture
-from models3d.model import Material, Part
+from models3d.model import Material, Mesh
 
 #: The folder of the textures, beside the stage.
 TEXTURES = "textures"
@@ -138,7 +138,7 @@ def _set_emission(surface: Any, material: Material, images: _Images) -> None:
         surface.CreateInput("emissiveColor", Sdf.ValueTypeNames.Color3f).Set(Gf.Vec3f(*factor))
 
 
-def write_mesh(stage: Any, path: str, part: Part) -> Any:
+def write_mesh(stage: Any, path: str, part: Mesh) -> Any:
     """Define a `UsdGeom.Mesh` at `path` with the points, normals, colours and texture coordinates of a part."""
     from pxr import Sdf, UsdGeom, Vt
 

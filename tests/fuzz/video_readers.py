@@ -24,7 +24,7 @@ from estimator.records.scene import Scene
 from insertion.scene.scale import read_scale
 from metric_base.images import read_picture
 from models3d.gltf.model_reader import read_model
-from models3d.model import Part
+from models3d.model import Mesh
 from tests.fuzz.reader import Reader
 from tests.synthetic.detectors import paint_graph
 from tests.synthetic.videos import times_of, write_video
@@ -36,11 +36,11 @@ def _model(folder: Path, _seeds: Path) -> None:
     for file in sorted(folder.glob("model*")):
         model = read_model(file)
         assert np.isfinite(model.extents).all(), "a size that is not finite"
-        for part in model.parts:
+        for part in model.meshes:
             _check_part(part)
 
 
-def _check_part(part: Part) -> None:
+def _check_part(part: Mesh) -> None:
     count, material = len(part.vertices), part.material
     assert not len(part.faces) or (part.faces.min() >= 0 and part.faces.max() < count), "a face without corners"
     assert part.normals.shape == part.vertices.shape, "corners without normals"

@@ -65,7 +65,7 @@ def test_a_metric_camera_sees_the_foot_where_the_scene_does(scene: tuple[Prepare
 def test_the_model_has_its_metres(scene: tuple[PreparedScene, Placed]) -> None:
     prepared, placed = scene
     matrix = object_matrix(placed, metric_frame([placed], prepared.scale.metres_per_unit))
-    corners = np.concatenate([part.vertices for part in placed.model.parts]) @ matrix[:3, :3].T + matrix[:3, 3]
+    corners = np.concatenate([part.vertices for part in placed.model.meshes]) @ matrix[:3, :3].T + matrix[:3, 3]
     assert np.linalg.det(matrix[:3, :3]) == pytest.approx(1.0)
     assert corners[:, 1].min() == pytest.approx(0, abs=1e-6)
     assert corners[:, 1].max() == pytest.approx(HEIGHT, abs=1e-5)
@@ -100,10 +100,10 @@ def test_files_have_the_glow_and_the_tints_of_the_model(
     from pxr import Usd
 
     prepared, placed = scene
-    (part,) = placed.model.parts
+    (part,) = placed.model.meshes
     material = replace(part.material, base_color=[0.5, 0.25, 1.0, 1.0], emissive=[strength, 0, strength / 2])
     tint = np.tile([0.4, 0.8, 0.6, 1.0], (len(part.vertices), 1))
-    model = replace(placed.model, parts=(replace(part, color=tint, material=material),))
+    model = replace(placed.model, meshes=(replace(part, color=tint, material=material),))
     frame = metric_frame([placed], prepared.scale.metres_per_unit)
     keys = camera_keys(prepared.footage.shots, frame)
     write_gltf_scene(tmp_path / "scene.glb", [replace(placed, model=model)], keys, frame)

@@ -26,7 +26,7 @@ from insertion.render.layers import ObjectLayers, object_layers, through_lens, w
 from insertion.render.renderer import ObjectImage, ObjectRenderer
 from insertion.scene.pixel_box import PixelBox
 from insertion.scene.point_cloud import FrontPoints
-from models3d.model import Material, Model, Part
+from models3d.model import Material, Mesh, Model
 from tests.synthetic.rooms.shapes import solid
 
 BOX = PixelBox(0, 0, 40, 30)
@@ -76,7 +76,7 @@ def _box_model(size: _Triple, colour: _Triple = (0.5, 0.5, 0.5), metal: bool = F
     normals = np.repeat(across / np.linalg.norm(across, axis=1, keepdims=True), 3, axis=0)
     faces = np.arange(len(corners)).reshape(-1, 3)
     material = Material(np.array([*colour, 1.0]), *((1.0, 0.05) if metal else (0.0, 0.9)))
-    return Model("box", (Part(corners, normals, np.zeros((len(corners), 2)), faces, material),))
+    return Model("box", (Mesh(corners, normals, np.zeros((len(corners), 2)), faces, material),))
 
 
 def _body(x: float, size: _Triple = (0.3, 0.3, 0.6), y: float = 0.0, model: Model | None = None) -> Body:

@@ -13,7 +13,7 @@ from hypothesis import strategies as st
 
 from insertion.placement.path import path_of, walk_along
 from metric_base.errors import InputError
-from models3d.animation_playback import acting
+from models3d.animation_playback import select_playback
 from models3d.gltf.animation import Channel
 from models3d.gltf.boxes import read_gltf
 from models3d.gltf.document import GltfWriter
@@ -46,7 +46,7 @@ def _animate(document: GltfWriter, node: int, path: str, times: list[float], val
 
 def _corners(model: Model) -> np.ndarray:
     """(6, 3) vertices in the order of the faces."""
-    (part,) = model.parts
+    (part,) = model.meshes
     return part.vertices[part.faces.reshape(-1)]
 
 
@@ -76,7 +76,7 @@ def test_a_skin_turns_the_head_about_its_joint(tmp_path: Path) -> None:
     for time_s, angle in ((0.0, 0.0), (1.0, 45.0), (1.5, 67.5), (2.5, 22.5)):  # the motion repeats after 2 s
         c, s = np.cos(np.radians(angle)), np.sin(np.radians(angle))
         head = (POINTS[3:] - [0, 2, 0]) @ np.array([[c, s, 0], [-s, c, 0], [0, 0, 1]]) + [0, 2, 0]
-        np.testing.assert_allclose(_corners(model.at(model.motions[0], time_s)), [*POINTS[:3], *head], atol=1e-6)
+        np.testing.assert_allclose(_corners(model.posed(model.animations[0], time_s)), [*POINTS[:3], *head], atol=1e-6)
     (body,) = read_gltf(file).bodies
     np.testing.assert_allclose([body.low_m, body.high_m], [POINTS.min(axis=0), POINTS.max(axis=0)], atol=1e-6)
 
@@ -93,7 +93,7 @@ def test_a_morph_target_moves_by_its_weight(tmp_path: Path) -> None:
 
     model = read_model(_file(tmp_path / "morph.glb", build))
     assert _corners(model)[5, 1] == pytest.approx(3.5)
-    assert _corners(model.at(model.motions[0], 0.75))[5, 1] == pytest.approx(4.5)
+    assert _corners(model.posed(model.animations[0], 0.75))[5, 1] == pytest.approx(4.5)
 
 
 def test_a_node_turns_its_mesh_and_a_mirror_keeps_faces_outside(tmp_path: Path) -> None:
@@ -104,10 +104,10 @@ def test_a_node_turns_its_mesh_and_a_mirror_keeps_faces_outside(tmp_path: Path) 
         return [node]
 
     model = read_model(_file(tmp_path / "turn.glb", build))
-    turned = model.at(model.motions[0], 0.9999999)
+    turned = model.posed(model.animations[0], 0.9999999)
     low, high = turned.bounds
     np.testing.assert_allclose([low, high], [[-3, -0.5, 0], [0, 0, 0]], atol=1e-5)
-    for part in (model.parts[0], turned.parts[0]):
+    for part in (model.meshes[0], turned.meshes[0]):
         corners = part.vertices[part.faces]
         across = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
         assert (across[:, 2] > 0).all()  # the file's own faces look along +z, and a mirror in x keeps that
@@ -137,19 +137,19 @@ def test_what_plays_is_chosen_and_stands_by_its_lowest_moment(tmp_path: Path) ->
         return [node]
 
     model = read_model(_file(tmp_path / "jump.glb", build))
-    jumping = acting(model, None, None)
-    assert jumping.motion is not None
+    jumping = select_playback(model, None, None)
+    assert jumping.animation is not None
     assert jumping.bounds[0, 1] == pytest.approx(0.0)  # it begins a metre above where it lands
-    assert jumping.at(0.0).bounds[0, 1] == pytest.approx(1.0)
-    assert jumping.reach[1, 1] == pytest.approx(4.0)
-    still = acting(model, "0", 0.5)
-    assert still.motion is None
+    assert jumping.posed(0.0).bounds[0, 1] == pytest.approx(1.0)
+    assert jumping.bounds_over_time[1, 1] == pytest.approx(4.0)
+    still = select_playback(model, "0", 0.5)
+    assert still.animation is None
     assert still.model.bounds[0, 1] == pytest.approx(0.5)
-    assert acting(model, "none", None).motion is None
+    assert select_playback(model, "none", None).animation is None
     with pytest.raises(InputError, match=r"--clip: expected none or one of jump.glb \(translation\); found 'run'"):
-        acting(model, "run", None)
+        select_playback(model, "run", None)
     with pytest.raises(InputError, match="--at-time: expected a model with an animation"):
-        acting(model, "none", 1.0)
+        select_playback(model, "none", 1.0)
 
 
 @pytest.mark.parametrize(

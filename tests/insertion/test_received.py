@@ -17,7 +17,7 @@ from insertion.render.renderer import ObjectRenderer
 from insertion.scene.pixel_box import PixelBox
 from insertion.scene.point_cloud import FrontPoints
 from metric_base.arrays import BoolArray, FloatArray
-from models3d.model import Material, Model, Part
+from models3d.model import Material, Mesh, Model
 from tests.synthetic.rooms.shapes import solid
 
 SIZE = (320, 240)
@@ -70,7 +70,7 @@ def renderer() -> ObjectRenderer:
     corners = mesh.vertices[mesh.faces].reshape(-1, 3)[:, [0, 2, 1]] * [1, 1, -1]
     normals = np.tile([0.0, 1.0, 0.0], (len(corners), 1))
     faces = np.arange(len(corners)).reshape(-1, 3)
-    part = Part(
+    part = Mesh(
         corners, normals, np.zeros((len(corners), 2)), faces, Material(np.array([0.5, 0.5, 0.5, 1.0]), 0.0, 0.9)
     )
     body = body_of(Model("box", (part,), ()), np.zeros(3), np.eye(3), np.array([0.0, -1.0, 0.0]), 1.0)

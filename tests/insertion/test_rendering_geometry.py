@@ -21,7 +21,7 @@ from insertion.render.renderer import ObjectImage
 from insertion.render.shadow_maps import MAP_PIXELS, PlaneMap
 from insertion.scene.camera_rays import Window, camera_rays, focal_lengths, normalized_pixels, pixel_grid, ray_through
 from insertion.scene.pixel_box import PixelBox
-from models3d.model import Material, Model, Part
+from models3d.model import Material, Mesh, Model
 from tests.insertion.test_received import _view
 
 CAMERA = Camera("PINHOLE", 320, 240, np.array([280.0, 300.0, 150.0, 130.0]))
@@ -43,7 +43,7 @@ def _square(side: float = 1.0, z: float = 0.0) -> BodyPart:
 def _model(low: tuple[float, float, float], high: tuple[float, float, float]) -> Model:
     corners = np.array([low, high, (low[0], high[1], high[2])], dtype=float)
     normals = np.tile([0.0, 0.0, 1.0], (3, 1))
-    return Model("m", (Part(corners, normals, np.zeros((3, 2)), np.array([[0, 1, 2]]), MATERIAL),))
+    return Model("m", (Mesh(corners, normals, np.zeros((3, 2)), np.array([[0, 1, 2]]), MATERIAL),))
 
 
 def test_a_model_stands_at_its_place_and_looks_along_its_heading() -> None:

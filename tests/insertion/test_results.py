@@ -10,7 +10,7 @@ from pathlib import Path
 import pytest
 
 from estimator.instances.instance_reader import read_instances
-from estimator.outputs.rescaled import write_scaled
+from estimator.outputs.rescaled import write_rescaled
 from estimator.reconstructions.scene_reader import read_scene
 from insertion.insert import open_prepared_scene
 from insertion.scene.scale import read_scale
@@ -49,7 +49,7 @@ def _other_masks(folder: Path) -> None:
 
 
 def _other_model(folder: Path) -> None:
-    write_scaled(read_scene(folder), 1.25, folder / "metric")
+    write_rescaled(read_scene(folder), 1.25, folder / "metric")
     shutil.rmtree(folder / "sparse")
     shutil.move(folder / "metric" / "sparse", folder / "sparse")
 
@@ -70,7 +70,7 @@ def test_a_folder_that_was_exchanged_is_not_written_at_scale(estimated: Path, tm
     read_instances(None, scene)
     earlier = replace(scene, points=scene.points * 1.1)
     with pytest.raises(InputError, match="exchanged since it was read"):
-        write_scaled(earlier, 0.3, tmp_path / "metric")
+        write_rescaled(earlier, 0.3, tmp_path / "metric")
     assert not list(tmp_path.iterdir())
 
 

@@ -78,12 +78,12 @@ def test_wild_texture_coordinates_take_no_minutes() -> None:
     """Coordinates of one axis that run over hundreds of repeats: an anisotropic filter hangs on them in llvmpipe."""
     from insertion.render.gpu import gl_context
     from insertion.render.studio import studio_views
-    from models3d.model import Material, Model, Part
+    from models3d.model import Material, Mesh, Model
 
     box = trimesh.creation.box((1, 1, 1))
     wild = np.column_stack([np.zeros(8), np.random.default_rng(0).uniform(-15, 275, 8)])
     texture = np.full((417, 500, 4), 200, np.uint8)
-    part = Part(
+    part = Mesh(
         np.asarray(box.vertices),
         np.asarray(box.vertex_normals),
         wild,
@@ -106,12 +106,12 @@ def test_glass_is_drawn_once_over_what_is_solid() -> None:
     """A solid cube in a clear one of half alpha: where one looks past the solid, through a near side and a far one."""
     from insertion.render.gpu import gl_context
     from insertion.render.studio import studio_views
-    from models3d.model import Material, Model, Part
+    from models3d.model import Material, Mesh, Model
 
-    def cube(side: float, material: Material) -> Part:
+    def cube(side: float, material: Material) -> Mesh:
         box = trimesh.creation.box((side, side, side))
         no_uv = np.zeros((8, 2))
-        return Part(np.asarray(box.vertices), np.asarray(box.vertex_normals), no_uv, np.asarray(box.faces), material)
+        return Mesh(np.asarray(box.vertices), np.asarray(box.vertex_normals), no_uv, np.asarray(box.faces), material)
 
     clear = cube(1.0, Material(np.array([1.0, 1, 1, 0.5]), metallic=0.0, blend=True))
     solid = cube(0.5, Material(np.array([0.2, 0.2, 0.2, 1.0]), metallic=0.0))

@@ -14,7 +14,7 @@ from hypothesis import strategies as st
 import metric_tree
 from metric_base.errors import InputError
 from metric_cli.subcommands import main
-from models3d.asset import Asset, AssetBody, Word
+from models3d.asset import Asset, AssetBody, NameText
 from models3d.formats import read_asset, read_assets
 from models3d.rescaling import write_at_scale
 from models3d.size_check.category import category_of_words
@@ -124,15 +124,21 @@ def test_a_lying_wardrobe_is_turned() -> None:
 
 
 def test_what_the_file_calls_it() -> None:
-    words = [Word("file name", "SM_OfficeChair_01_LOD0"), Word("material", "red wood"), Word("node", "Cube.003")]
+    words = [
+        NameText("file name", "SM_OfficeChair_01_LOD0"),
+        NameText("material", "red wood"),
+        NameText("node", "Cube.003"),
+    ]
     category = category_of_words(words, TREE)
     assert category.node is not None
     assert "chair" in category.node.name
     assert category.source == "file name"
-    doubtful = category_of_words([Word("node", "table"), Word("node", "lamp"), Word("node", "elephant")], TREE)
+    doubtful = category_of_words(
+        [NameText("node", "table"), NameText("node", "lamp"), NameText("node", "elephant")], TREE
+    )
     assert doubtful.node is None
     assert len(doubtful.others) == 3
-    assert category_of_words([Word("node", "zzqx 17")], TREE).node is None
+    assert category_of_words([NameText("node", "zzqx 17")], TREE).node is None
 
 
 def test_a_scene_is_judged_body_by_body(tmp_path: Path) -> None:

@@ -60,14 +60,14 @@ def test_a_model_has_the_size_of_its_file(chair: Path) -> None:
 def test_a_dark_linear_factor_keeps_its_digits(chair: Path, tmp_path: Path) -> None:
     dark = [0.0031, 0.0132, 0.0007, 1.0]
     material = [{"pbrMetallicRoughness": {"baseColorFactor": dark, "metallicFactor": 0.25, "roughnessFactor": 0.5}}]
-    part = read_model(_with(chair, tmp_path / "dark.glb", materials=material)).parts[0]
+    part = read_model(_with(chair, tmp_path / "dark.glb", materials=material)).meshes[0]
     assert part.material.base_color == pytest.approx(dark)
     assert (part.material.metallic, part.material.roughness) == (0.25, 0.5)
 
 
 def test_faces_without_normals_are_flat(chair: Path) -> None:
     """Averaged normals at the corners of a box turn its faces away from the light."""
-    part = read_model(chair).parts[0]
+    part = read_model(chair).meshes[0]
     corners = part.vertices[part.faces]
     across = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
     across /= np.linalg.norm(across, axis=1, keepdims=True)
@@ -152,7 +152,7 @@ def _square(
 
 
 def test_a_strip_is_two_triangles_that_look_the_same_way(tmp_path: Path) -> None:
-    (part,) = _square(tmp_path / "a.glb", lambda *_: None).parts
+    (part,) = _square(tmp_path / "a.glb", lambda *_: None).meshes
     assert len(part.faces) == 2
     np.testing.assert_allclose(part.normals, np.tile([0, 0, 1.0], (6, 1)))
 
@@ -177,7 +177,7 @@ def test_normals_and_faces_follow_their_node(tmp_path: Path, scale: list[float])
     document.add("meshes", {"primitives": [{"attributes": attributes}]})
     file = tmp_path / "a.glb"
     file.write_bytes(document.to_bytes([document.add("nodes", {"mesh": 0, "scale": scale})]))
-    (part,) = read_model(file).parts
+    (part,) = read_model(file).meshes
     one, two, three = part.vertices[part.faces[0]]
     across = np.cross(two - one, three - one)
     np.testing.assert_allclose(part.normals[0], across / np.linalg.norm(across), atol=1e-6)
@@ -189,7 +189,7 @@ def test_vertex_colours_stay_beside_a_material_and_are_not_rounded(tmp_path: Pat
     tint = np.array([0.1234567, 0.5, 0.002, *alpha])
     (part,) = _square(
         tmp_path / "a.glb", lambda p, d: p["attributes"].update(COLOR_0=d.add_accessor(np.tile(tint, (4, 1))))
-    ).parts
+    ).meshes
     assert part.color is not None
     np.testing.assert_allclose(part.color[0], [*tint, 1][:4], rtol=1e-6)
     assert part.material.base_texture is not None
@@ -212,13 +212,13 @@ def test_a_texture_takes_its_own_coordinates(tmp_path: Path, moved: dict[str, An
         primitive["attributes"]["TEXCOORD_1"] = document.add_accessor(CORNERS + 1)
 
     colour = {"baseColorTexture": {"index": 0, "extensions": {"KHR_texture_transform": moved}}}
-    (part,) = _square(tmp_path / "a.glb", change, {"pbrMetallicRoughness": colour}).parts
+    (part,) = _square(tmp_path / "a.glb", change, {"pbrMetallicRoughness": colour}).meshes
     assert tuple(part.uv[0]) == pytest.approx(uv)  # corner (1, 1) of the second set
 
 
 def test_a_material_that_says_nothing_is_white_metal_without_a_glow(tmp_path: Path) -> None:
     """glTF 2.0, 5.22: the defaults."""
-    (part,) = _square(tmp_path / "a.glb", lambda *_: None, {"pbrMetallicRoughness": {}}).parts
+    (part,) = _square(tmp_path / "a.glb", lambda *_: None, {"pbrMetallicRoughness": {}}).meshes
     material = part.material
     assert (material.base_color.tolist(), material.metallic, material.roughness) == ([1, 1, 1, 1], 1.0, 1.0)
     assert (material.emissive.tolist(), material.blend, material.alpha_cutoff) == ([0, 0, 0], False, None)
@@ -234,7 +234,7 @@ def test_corners_that_are_not_there_are_named(tmp_path: Path) -> None:
 
 def test_a_texture_with_other_coordinates_than_the_colour_is_left_out_with_a_word(tmp_path: Path) -> None:
     model = _square(tmp_path / "a.glb", lambda *_: None, {"normalTexture": {"index": 0, "texCoord": 1}})
-    assert model.parts[0].material.normal_texture is None
+    assert model.meshes[0].material.normal_texture is None
     assert model.warnings == ("a texture with coordinates of its own is left out",)
 
 
@@ -244,7 +244,7 @@ def test_glass_is_seen_through_and_lamps_shine(tmp_path: Path) -> None:
         "KHR_materials_emissive_strength": {"emissiveStrength": 4.0},
     }
     model = _square(tmp_path / "a.glb", lambda *_: None, {"extensions": extensions, "emissiveFactor": [0, 0.5, 0]})
-    material = model.parts[0].material
+    material = model.meshes[0].material
     assert (material.blend, material.base_color[3]) == (True, pytest.approx(0.4))
     assert material.emissive.tolist() == [0, 2.0, 0]
     assert "thin pane" in model.warnings[0]

@@ -69,7 +69,7 @@ def test_colour_bears_texture_everywhere(room: World) -> None:
 
 
 def test_masks_of_a_frame_are_the_renderers(room: World) -> None:
-    from pycocotools import mask as coco_mask
+    from pycocotools import mask as decode_segmentation
 
     frame = frames(room, 0)[0]
     found = instances_of(room, [frame.ids])
@@ -78,6 +78,6 @@ def test_masks_of_a_frame_are_the_renderers(room: World) -> None:
     numbers = {item.track: k + 1 for k, item in enumerate(room.objects)}
     for annotation in dataset["annotations"]:
         assert np.array_equal(
-            coco_mask.decode(annotation["segmentation"]) == 1, frame.ids == numbers[annotation["track_id"]]
+            decode_segmentation.decode(annotation["segmentation"]) == 1, frame.ids == numbers[annotation["track_id"]]
         )
         assert annotation["area"] == (frame.ids == numbers[annotation["track_id"]]).sum()

@@ -11,7 +11,7 @@ import pytest
 from pycocotools import mask as coco
 
 from estimator.instances.instance_reader import read_instances, read_instances_and_warnings
-from estimator.outputs.rescaled import write_scaled
+from estimator.outputs.rescaled import write_rescaled
 from estimator.projection.cameras import pixels_in_view
 from estimator.reconstructions.scene_reader import read_scene
 
@@ -106,7 +106,7 @@ def test_detectors_boxes_find_their_categories(office: Path) -> None:
 def test_the_scaled_office_is_metric(office: Path, tmp_path: Path) -> None:
     truth = json.loads((office / "truth.json").read_text(encoding="utf-8"))
     scene = read_scene(office, "none")
-    write_scaled(scene, truth["metres_per_unit"], tmp_path / "metric")
+    write_rescaled(scene, truth["metres_per_unit"], tmp_path / "metric")
     scaled = {view.name: view.centre for view in read_scene(tmp_path / "metric").views}
     centres = np.array([scaled[name] for name in sorted(scaled)])
     # the camera's path is 4.61 m by motion capture, sampled once a second by both

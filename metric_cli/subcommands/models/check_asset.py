@@ -105,7 +105,7 @@ def _outcomes(arguments: argparse.Namespace, tree: Tree, done: set[str]) -> Iter
 
 def _assets(arguments: argparse.Namespace) -> Iterable[Asset | InputError]:
     from metric_base.input_files import read_text
-    from models3d.formats import asset_files, read_assets, read_boxes
+    from models3d.formats import find_models, read_assets, read_boxes
 
     files = list(arguments.files)
     if arguments.batch is not None:
@@ -114,7 +114,7 @@ def _assets(arguments: argparse.Namespace) -> Iterable[Asset | InputError]:
         else:
             folder = arguments.batch.parent
             files += [folder / line.strip() for line in read_text(arguments.batch).split("\n") if line.strip()]
-    for _, asset in read_assets(asset_files(files)):
+    for _, asset in read_assets(find_models(files)):
         yield asset
 
 

@@ -16,7 +16,7 @@ from estimator.association.tracks import MIN_COMMON_FRACTION as NOT_CONTRADICTED
 from estimator.association.tracks import MIN_JOIN_AFFINITY as JOIN_SHARE
 from estimator.association.tracks import MIN_JOIN_IOU as JOIN_SHARE_ACROSS_CATEGORIES
 from estimator.association.tracks import _mask_points, shared_tracks
-from estimator.projection.visibility import indicator
+from estimator.projection.visibility import indicator_matrix
 from estimator.records.scene import Instance
 
 PIXEL = np.ones((1, 1), dtype=bool)
@@ -24,7 +24,7 @@ PIXEL = np.ones((1, 1), dtype=bool)
 
 def cloud_of(points, members, seen):
     """Labels of points whose masks hold `members` and whose views see `seen`."""
-    inside, visible = indicator(members, len(points)), indicator(seen, len(points))
+    inside, visible = indicator_matrix(members, len(points)), indicator_matrix(seen, len(points))
     return PointLabels(points, np.arange(len(points)), inside, visible, visible, inside)
 
 

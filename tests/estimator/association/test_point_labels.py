@@ -8,7 +8,7 @@ from scipy.sparse import csr_array
 
 from estimator.association.point_labels import PointLabels, dense_labels, point_votes, sparse_labels
 from estimator.association.point_labels import pixels_in_masks as view_labels
-from estimator.projection.visibility import unhidden
+from estimator.projection.visibility import project_unoccluded
 from estimator.records.scene import DenseCloud, Instance
 from tests.synthetic.shapes import box, floor, orbit, synthetic_scene
 
@@ -97,7 +97,7 @@ def test_a_missed_detection_is_no_vote_against(synthetic):
 def test_points_behind_the_camera_are_not_seen(synthetic):
     view = synthetic.scene.views[0]
     behind = view.centre - 2.0 * view.rotation[2] + np.random.default_rng(0).normal(0, 0.1, (50, 3))
-    sight = unhidden(view, behind)
+    sight = project_unoccluded(view, behind)
     assert sight.rows.size == 0
     assert sight.pixels.shape == (0, 2)
 

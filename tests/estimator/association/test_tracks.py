@@ -12,7 +12,7 @@ from estimator.association.clustering import merge_by_table as _merge_by_points
 from estimator.association.clustering import merge_in_rounds as merge_linked
 from estimator.association.point_labels import PointLabels, dense_labels, sparse_labels
 from estimator.association.tracks import incremental_tracks, shared_tracks, voted_category
-from estimator.projection.visibility import indicator
+from estimator.projection.visibility import indicator_matrix
 from estimator.records.scene import Instance
 from tests.synthetic.shapes import box, cylinder, floor, orbit, synthetic_scene
 
@@ -25,7 +25,7 @@ def mask(name, view, category="bottle", score=1.0):
 
 def labels_of(points, members, seen):
     """Labels of points whose masks hold `members` and whose views see `seen`."""
-    inside, visible = indicator(members, len(points)), indicator(seen, len(points))
+    inside, visible = indicator_matrix(members, len(points)), indicator_matrix(seen, len(points))
     return PointLabels(points, np.arange(len(points)), inside, visible, visible, inside)
 
 

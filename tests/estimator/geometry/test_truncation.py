@@ -7,7 +7,7 @@ import pytest
 
 from estimator.association.point_labels import dense_labels
 from estimator.geometry.truncation import _occluded_pixels, outline, side_evidence
-from estimator.projection.visibility import Surroundings
+from estimator.projection.visibility import DepthImages
 from estimator.records.scene import Instance
 from tests.synthetic.shapes import box, cylinder, floor, orbit, synthetic_scene, view_at
 
@@ -22,7 +22,7 @@ def sides_of(synthetic, number, axes, low, high, instances=None):
     masks = [instance for instance in instances if instance.track == str(number)]
     borders = [outline(mask, 200, 150) for mask in masks]
     points = synthetic.scene.dense.points[synthetic.owner == number]
-    around = Surroundings(synthetic.scene, labels.points, labels.visibility, UP)
+    around = DepthImages(synthetic.scene, labels.points, labels.visibility, UP)
     return side_evidence(masks, borders, around, (axes, np.asarray(low, float), np.asarray(high, float)), points)
 
 

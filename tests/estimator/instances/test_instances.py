@@ -15,7 +15,7 @@ from hypothesis import strategies as st
 from pycocotools import mask as coco
 
 from estimator.instances.instance_reader import read_instances, read_instances_and_warnings
-from estimator.instances.mask_decoding import box_mask, coco_mask
+from estimator.instances.mask_decoding import box_mask, decode_segmentation
 from estimator.instances.view_matching import mask_crop
 from estimator.records.scene import Camera, Instance, Scene, View
 from metric_base.errors import FieldError, InputError
@@ -65,7 +65,7 @@ def test_run_lengths_are_pycocotools(mask: np.ndarray, compressed: bool) -> None
     if not compressed:
         edges = np.flatnonzero(np.diff(mask.T.ravel().astype(int), prepend=0))
         counts = np.diff([0, *edges, mask.size]).tolist()
-    read = coco_mask({"size": [30, 40], "counts": counts}, (1, 1))
+    read = decode_segmentation({"size": [30, 40], "counts": counts}, (1, 1))
     np.testing.assert_array_equal(read, mask)
 
 
@@ -75,14 +75,14 @@ def test_polygons_are_pycocotools(seed: int, corners: int, parts: int) -> None:
     rng = np.random.default_rng(seed)
     polygons = [(rng.random((corners, 2)) * (40, 30)).ravel().tolist() for _ in range(parts)]
     runs = coco.merge(coco.frPyObjects(polygons, 30, 40))
-    np.testing.assert_array_equal(coco_mask(polygons, (40, 30)), coco.decode(runs).astype(bool))
+    np.testing.assert_array_equal(decode_segmentation(polygons, (40, 30)), coco.decode(runs).astype(bool))
 
 
 def test_a_polygon_far_beyond_the_picture_is_cut_to_it() -> None:
-    everything = coco_mask([[-1e9, -1e9, 1e9, -1e9, 1e9, 1e9, -1e9, 1e9]], (40, 30))
+    everything = decode_segmentation([[-1e9, -1e9, 1e9, -1e9, 1e9, 1e9, -1e9, 1e9]], (40, 30))
     assert everything.all()
     with pytest.raises(FieldError, match="outlines of at most"):
-        coco_mask([[0, 0, 50_000, 0] * 100 + [0, 9]], (50_000, 100))
+        decode_segmentation([[0, 0, 50_000, 0] * 100 + [0, 9]], (50_000, 100))
 
 
 @pytest.mark.parametrize(

@@ -9,7 +9,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from estimator.outputs.rescaled import write_scaled
+from estimator.outputs.rescaled import write_rescaled
 from estimator.reconstructions.scene_reader import read_scene
 from metric_base.errors import InputError
 from metric_base.files import whole_file, whole_folder
@@ -38,7 +38,7 @@ def test_a_scaled_model(small_disk: Path, tmp_path: Path) -> None:
     with pytest.raises(
         InputError, match="--write-scaled: expected a place that can be written, found No space left"
     ) as error:
-        write_scaled(read_scene(tmp_path / "whole" / "colmap"), 0.5, small_disk / "metric")
+        write_rescaled(read_scene(tmp_path / "whole" / "colmap"), 0.5, small_disk / "metric")
     assert "\n" not in str(error.value)
     assert [path.name for path in small_disk.iterdir()] == ["filler"]
 

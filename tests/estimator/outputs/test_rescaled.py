@@ -10,7 +10,7 @@ import numpy as np
 import pycolmap
 import pytest
 
-from estimator.outputs.rescaled import TRANSFORM, write_colmap_model, write_scaled
+from estimator.outputs.rescaled import TRANSFORM, write_colmap_model, write_rescaled
 from estimator.reconstructions.scene_reader import read_scene
 from estimator.records.scene import Scene
 from metric_base.errors import InputError
@@ -40,7 +40,7 @@ def check_scaled(scene: Scene, scaled: Scene, scale: float) -> None:
 @pytest.mark.parametrize("form", ["colmap", "text", "opensfm"])
 def test_every_form_reads_back_scaled(form: str, small: Path, tmp_path: Path) -> None:
     scene = read_scene(small / form)
-    write_scaled(scene, SCALE, tmp_path / "metric")
+    write_rescaled(scene, SCALE, tmp_path / "metric")
     scaled = read_scene(tmp_path / "metric")
     check_scaled(scene, scaled, SCALE)
     if scene.dense is not None:
@@ -56,7 +56,7 @@ def test_visibility_counts_the_views_of_the_written_model(small: Path, tmp_path:
     (tmp_path / "in").mkdir()
     (tmp_path / "in" / "reconstruction.json").write_text(json.dumps(document), encoding="utf-8")
     scene = read_scene(tmp_path / "in", small / "colmap" / "dense.ply")
-    write_scaled(scene, SCALE, tmp_path / "out")
+    write_rescaled(scene, SCALE, tmp_path / "out")
     scaled = read_scene(tmp_path / "out")
     assert scene.dense is not None
     assert scaled.dense is not None
@@ -71,7 +71,7 @@ def test_colmap_reads_what_its_own_transform_gives(suffix: str, tmp_path: Path) 
     folder.mkdir(parents=True)
     reconstruction = small_model()
     (reconstruction.write_binary if suffix == "bin" else reconstruction.write_text)(str(folder))
-    write_scaled(read_scene(tmp_path / "scene"), SCALE, tmp_path / "metric")
+    write_rescaled(read_scene(tmp_path / "scene"), SCALE, tmp_path / "metric")
     scaled = pycolmap.Reconstruction(str(tmp_path / "metric" / "sparse" / "0"))
     reconstruction.transform(pycolmap.Sim3d(SCALE, pycolmap.Rotation3d(), np.zeros(3)))
     assert sorted(scaled.images) == sorted(reconstruction.images)
@@ -88,7 +88,7 @@ def test_colmap_reads_what_its_own_transform_gives(suffix: str, tmp_path: Path) 
 
 
 def test_the_transform_file_is_colmaps(small: Path, tmp_path: Path) -> None:
-    write_scaled(read_scene(small / "colmap"), SCALE, tmp_path / "metric")
+    write_rescaled(read_scene(small / "colmap"), SCALE, tmp_path / "metric")
     words = (tmp_path / "metric" / TRANSFORM).read_text(encoding="utf-8").split()
     assert [float(word) for word in words] == [SCALE, 1, 0, 0, 0, 0, 0, 0]
 
@@ -100,7 +100,7 @@ def test_only_the_chosen_reconstruction_is_written(small: Path, tmp_path: Path) 
     (tmp_path / "in").mkdir()
     several = json.dumps([document[0] | {"shots": {name: shot}}, document[0] | rigs])
     (tmp_path / "in" / "reconstruction.json").write_text(several, encoding="utf-8")
-    write_scaled(read_scene(tmp_path / "in"), 0.5, tmp_path / "out")
+    write_rescaled(read_scene(tmp_path / "in"), 0.5, tmp_path / "out")
     (written,) = json.loads((tmp_path / "out" / "reconstruction.json").read_text(encoding="utf-8"))
     assert len(written["shots"]) == 8
     assert written["rig_instances"]["r"]["translation"] == [0.5, 1, 2]
@@ -115,7 +115,7 @@ def test_clouds_of_other_forms(form: str, small: Path, tmp_path: Path) -> None:
     for file in (small / "text").glob("*.txt"):
         (tmp_path / "in" / file.name).write_bytes(file.read_bytes())
     (tmp_path / "in" / "fused.ply").write_bytes(header + (b"1 2 7 3\n4 5 8 6\n" if form == "ascii" else rows.tobytes()))
-    write_scaled(read_scene(tmp_path / "in"), SCALE, tmp_path / "out")
+    write_rescaled(read_scene(tmp_path / "in"), SCALE, tmp_path / "out")
     dense = read_scene(tmp_path / "out").dense
     assert dense is not None
     np.testing.assert_array_equal(dense.points, np.array([[1, 2, 3], [4, 5, 6]]) * SCALE)
@@ -128,23 +128,23 @@ def test_nothing_is_left_where_writing_fails(small: Path, tmp_path: Path) -> Non
     scene = read_scene(tmp_path / "in")
     (tmp_path / "in" / "frames.bin").write_bytes(b"\xff" * 8)
     with pytest.raises(InputError, match=r"frames\.bin"):
-        write_scaled(scene, SCALE, tmp_path / "metric")
+        write_rescaled(scene, SCALE, tmp_path / "metric")
     assert sorted(path.name for path in tmp_path.iterdir()) == ["in"]
 
 
 def test_a_place_that_cannot_be_written_is_one_line(small: Path, tmp_path: Path) -> None:
     (tmp_path / "file").write_text("x", encoding="utf-8")
     with pytest.raises(InputError, match="--write-scaled: expected a place that can be written"):
-        write_scaled(read_scene(small / "colmap"), SCALE, tmp_path / "file" / "metric")
+        write_rescaled(read_scene(small / "colmap"), SCALE, tmp_path / "file" / "metric")
 
 
 def test_an_existing_folder_and_impossible_scales_are_refused(small: Path, tmp_path: Path) -> None:
     scene = read_scene(small / "colmap")
     with pytest.raises(InputError, match="a folder that is not there yet"):
-        write_scaled(scene, SCALE, tmp_path)
+        write_rescaled(scene, SCALE, tmp_path)
     for scale in (0.0, -1.0, float("nan"), float("inf")):
         with pytest.raises(InputError, match="a positive number"):
-            write_scaled(scene, scale, tmp_path / "metric")
+            write_rescaled(scene, scale, tmp_path / "metric")
 
 
 @pytest.mark.parametrize("name", ["a.jpg\n7 1 0 0 0 0 0 0 1 b.jpg", "a\r.jpg", "a\x85.jpg", " a.jpg"])
@@ -159,7 +159,7 @@ def test_no_name_of_a_picture_adds_a_line_to_a_model(small: Path, tmp_path: Path
 def test_a_scene_of_another_program_becomes_a_colmap_model(small: Path, tmp_path: Path) -> None:
     write_export(read_scene(small / "colmap", "none"), "meshroom", tmp_path / "meshroom")
     scene = read_scene(tmp_path / "meshroom")
-    write_scaled(scene, SCALE, tmp_path / "metric")
+    write_rescaled(scene, SCALE, tmp_path / "metric")
     scaled = read_scene(tmp_path / "metric")
     assert scaled.format == "colmap-text"
     np.testing.assert_allclose(scaled.points, scene.points * SCALE, rtol=1e-12)

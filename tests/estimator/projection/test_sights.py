@@ -9,7 +9,7 @@ import numpy as np
 from hypothesis import given
 from hypothesis import strategies as st
 
-from estimator.projection.visibility import Visibility, listed_rows, scene_visibility
+from estimator.projection.visibility import Visibility, points_by_view, scene_visibility
 from estimator.records.scene import Camera, DenseCloud, Scene, View
 
 CAMERA = Camera("PINHOLE", 64, 48, np.array([50.0, 50.0, 32.0, 24.0]))
@@ -28,7 +28,7 @@ def _cloud(seen_by: list[set[int]]) -> DenseCloud:
 
 @given(st.lists(st.sets(st.integers(0, 3)), max_size=12), st.integers(1, 3))
 def test_a_view_lists_the_points_that_list_the_view(seen_by: list[set[int]], step: int) -> None:
-    rows = listed_rows(_cloud(seen_by), 4, step)
+    rows = points_by_view(_cloud(seen_by), 4, step)
     assert rows is not None
     expected = [[k for k, views in enumerate(seen_by[::step]) if view in views] for view in range(4)]
     assert [own.tolist() for own in rows] == expected

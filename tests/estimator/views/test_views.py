@@ -13,7 +13,7 @@ import pytest
 import trimesh
 
 from estimator.views.glb import FACES, glb_bytes
-from estimator.views.raster import view_picture
+from estimator.views.raster import render_view
 from estimator.views.scene_view import COLOURS, box_on_ray
 from estimator.views.window import words_of
 from metric_cli.estimate_scale.estimate import main
@@ -67,7 +67,7 @@ def test_faces_look_outward():
 
 
 def test_the_picture_has_all_of_the_view():
-    picture = view_picture(hand_view(), 600, 400)
+    picture = render_view(hand_view(), 600, 400)
     assert picture.shape == (400, 600, 3)
     for name in ("used", "outlier", "camera", "up"):
         assert (np.abs(picture.astype(int) - COLOURS[name]).max(axis=2) < 12).sum() > 15, name

@@ -64,7 +64,7 @@ def blurred_masks(
 
 def coco_dataset(world: World, ids: Sequence[IntArray], names: Sequence[str]) -> dict[str, Any]:
     """A COCO dataset with run-length masks, `score` and `track_id`; names : file name of each frame."""
-    from pycocotools import mask as coco_mask
+    from pycocotools import mask as decode_segmentation
 
     labels = sorted({item.label for item in world.objects})
     annotations: list[dict[str, Any]] = []
@@ -73,7 +73,7 @@ def coco_dataset(world: World, ids: Sequence[IntArray], names: Sequence[str]) ->
         x, y = instance.origin
         height, width = instance.mask.shape
         whole[y : y + height, x : x + width] = instance.mask
-        code = coco_mask.encode(whole)
+        code = decode_segmentation.encode(whole)
         annotations.append(
             {
                 "id": len(annotations) + 1,

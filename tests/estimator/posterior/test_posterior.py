@@ -228,12 +228,12 @@ def test_what_calls_most_objects_outliers_is_uncertain(weight: tuple[float, ...]
 
 def test_a_tempered_gaussian_is_wider_by_the_root_of_the_power() -> None:
     plain = Curve(bell(0.1).log_scale, bell(0.1).density / (0.1 * np.sqrt(2 * np.pi)), 0.0, 0.0)
-    wide = log_scale_grid.wider_curve(plain, 0.25)
+    wide = log_scale_grid.tempered_posterior(plain, 0.25)
     assert np.log(log_scale_grid.interval(wide, 0.9)) == pytest.approx(
         2 * np.log(log_scale_grid.interval(plain, 0.9)), rel=1e-3
     )
     assert log_scale_grid.modes(wide)[0].scale == pytest.approx(log_scale_grid.modes(plain)[0].scale)
-    flat = log_scale_grid.wider_curve(replace(plain, density=0.5 * plain.density, below=0.25, above=0.25), 0.5)
+    flat = log_scale_grid.tempered_posterior(replace(plain, density=0.5 * plain.density, below=0.25, above=0.25), 0.5)
     step = flat.log_scale[1] - flat.log_scale[0]
     assert flat.density.sum() * step + flat.below + flat.above == pytest.approx(1.0, abs=1e-3)
     assert flat.below == pytest.approx(flat.above)

@@ -110,7 +110,7 @@ def test_a_request_to_terminate_after_pycolmap_came_is_one_line_and_leaves_nothi
 import sys, time
 from pathlib import Path
 from metric_base.files import whole_folder
-from metric_cli.tables import exit_status
+from metric_cli.errors import exit_status
 
 def run():
     from estimator.reconstructions.pycolmap_library import pycolmap

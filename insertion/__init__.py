@@ -7,16 +7,18 @@ from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
     from insertion.insert import Insertion, insert_objects
-    from insertion.request import ObjectRequest
+    from insertion.request import InsertionRequest, ObjectRequest, SceneSource
     from insertion.result import InsertionResult
 
-__all__ = ["Insertion", "InsertionResult", "ObjectRequest", "insert_objects"]
+__all__ = ["Insertion", "InsertionRequest", "InsertionResult", "ObjectRequest", "SceneSource", "insert_objects"]
 
 #: The module of each name; it is imported when the name is first used.
 _HOMES = {
     "Insertion": "insertion.insert",
+    "InsertionRequest": "insertion.request",
     "InsertionResult": "insertion.result",
     "ObjectRequest": "insertion.request",
+    "SceneSource": "insertion.request",
     "insert_objects": "insertion.insert",
 }
 

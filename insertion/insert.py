@@ -9,9 +9,9 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Literal
 
 from estimator.records.result import ScaleResult
-from insertion.request import ObjectRequest
+from insertion.request import InsertionRequest, ObjectRequest, SceneSource
 from insertion.result import InsertionResult
-from insertion.scene.scale import ScaleUsed, read_scale, scale_of_result
+from insertion.scene.scale import read_scale, scale_of_result
 from metric_base.errors import InputError
 from metric_base.progress import ProgressCallback, silent
 
@@ -87,71 +87,54 @@ def insert_objects(
     ['height', 'length', 'width']
     """
     used = scale_of_result(scale) if isinstance(scale, ScaleResult) else read_scale(Path(scene), scale)
-    prepared = open_prepared_scene(
-        Path(scene), used, images=images, instances=instances, moving=moving, dense=dense, up=up
-    )
-    requests = [item if isinstance(item, ObjectRequest) else ObjectRequest(Path(item)) for item in objects]
-    return insert_into(
-        prepared,
-        requests,
-        Path(out),
+    request = InsertionRequest(
+        scene=SceneSource(
+            folder=Path(scene), scale=used, images=images, instances=instances, moving=moving, dense=dense, up=up
+        ),
+        objects=tuple(item if isinstance(item, ObjectRequest) else ObjectRequest(Path(item)) for item in objects),
         tree=tree,
-        show_interval=show_interval,
-        renderer=renderer,
-        export=export,
-        layers=layers,
-        frames=frames,
+        out=Path(out),
         codec=codec,
-        progress=progress,
+        frames=frames,
+        renderer=renderer,
+        show_interval=show_interval,
+        layers=layers,
+        export=export,
     )
+    return insert(request, open_scene(request.scene), progress)
 
 
-def open_prepared_scene(
-    folder: Path,
-    scale: ScaleUsed,
-    *,
-    images: Path | None = None,
-    instances: Path | None = None,
-    moving: Path | None = None,
-    dense: str | None = None,
-    up: Up | None = None,
-) -> PreparedScene:
-    """The scene of a folder, ready for insertion; arguments as of `insert_objects`."""
+def open_scene(source: SceneSource) -> PreparedScene:
+    """Read a scene for insertion. Raises InputError if a file cannot be read, or the scale is of another scene."""
     from estimator.instances.instance_reader import read_instances
     from estimator.reconstructions.scene_reader import read_scene
     from insertion.footage.footage import PictureFootage, Stills, video_footage
     from insertion.insertion_scene import prepare_scene
     from insertion.scene.frame_masks import cloud_beside, moving_masks
 
-    scene = read_scene(folder, dense)
+    folder = source.folder
+    scene = read_scene(folder, source.dense)
     frames = folder / "frames"
-    stills = Stills(scene, images or (frames if frames.is_dir() else None))
+    stills = Stills(scene, source.images or (frames if frames.is_dir() else None))
     footage = video_footage(folder, scene) or PictureFootage(stills)
     default = any((folder / name).exists() for name in ("instances.json", "instances"))
-    masks = read_instances(instances, scene) if instances or default else ()
-    scale.check(scene, masks if instances is None else None)
-    prepared = prepare_scene(scene, stills, footage, masks, scale, up)
-    if moving is None:
+    masks = read_instances(source.instances, scene) if source.instances or default else ()
+    source.scale.check(scene, masks if source.instances is None else None)
+    prepared = prepare_scene(scene, stills, footage, masks, source.scale, source.up)
+    if source.moving is None:
         return prepared
-    masks_of = moving_masks(moving, scene, footage.shots)
+    masks_of = moving_masks(source.moving, scene, footage.shots)
     return replace(prepared, moving=masks_of, cloud=cloud_beside(prepared.cloud, masks_of, footage.shots))
 
 
-def insert_into(
-    prepared: PreparedScene,
-    requests: Sequence[ObjectRequest],
-    out: Path,
-    *,
-    tree: Tree | None = None,
-    show_interval: bool = False,
-    renderer: str = "embedded",
-    export: Path | None = None,
-    layers: Path | None = None,
-    frames: tuple[int, int] | None = None,
-    codec: str | None = None,
-    progress: ProgressCallback = silent,
-) -> Insertion:
-    """As `insert_objects`, into a prepared scene."""
+def insert(request: InsertionRequest, prepared: PreparedScene, progress: ProgressCallback = silent) -> Insertion:
+    """Run an insertion into an opened scene, which may be of an earlier request.
+
+    Raises
+    ------
+    InputError
+        A file cannot be read or written, or there is no position for an object.
+    """
     from insertion.blender.run import export_blend, traced_layers, write_layer_scene
     from insertion.composite import compositor as drawing
     from insertion.exports.compositing import CompositingLayers
@@ -160,20 +143,20 @@ def insert_into(
     from insertion.footage.image_writer import picture_writer
     from insertion.placement.placed_object import place_objects
 
-    if show_interval and prepared.scale.low is None:
-        raise InputError("--show-interval: expected a scale with an interval, as SCENE/result.json has; found --scale")
+    if request.out is None:
+        raise InputError("--out: expected a video or a folder; found none")
     video = prepared.footage if isinstance(prepared.footage, VideoFootage) else None
     source, turned = (video.source, video.turned_deg) if video is not None else (None, 0)
-    placed = place_objects(prepared, requests, tree)
+    placed = place_objects(prepared, request.objects, request.tree)
     moving = next((item.model.name for item in placed if item.moves), None)
-    if renderer == "blender" and moving is not None:
+    if request.renderer == "blender" and moving is not None:
         how = "objects that stand still (--at-time SECONDS or --clip none stops an animation)"
         raise InputError(f"--renderer blender: expected {how}; found {moving}, which moves")
-    prepared = prepared if frames is None else prepared.with_frames(frames)
+    prepared = prepared if request.frames is None else prepared.with_frames(request.frames)
     with (
-        picture_writer(out, source, turned, codec) as write,
-        _whole(export, "--export") as folder,
-        _whole(layers, "--layers") as compositing,
+        picture_writer(request.out, source, turned, request.codec) as write,
+        _whole(request.export, "--export") as folder,
+        _whole(request.layers, "--layers") as compositing,
     ):
         sinks: list[drawing.LayerSink] = []
         if folder is not None:
@@ -184,10 +167,10 @@ def insert_into(
             prepared,
             placed,
             write,
-            show_interval=show_interval,
+            show_interval=request.show_interval,
             video=video is not None,
             layers=sinks,
-            tracer=traced_layers if renderer == "blender" else None,
+            tracer=traced_layers if request.renderer == "blender" else None,
             progress=progress,
         )
         warnings = list(prepared.scale.doubts())
@@ -196,7 +179,7 @@ def insert_into(
         if folder is not None:
             warnings += [*write_exports(folder, prepared, placed, results), *export_blend(folder, prepared, placed)]
             warnings += [f"{item.model.name}: stands in the export as at first" for item in placed if item.moves]
-    return Insertion(tuple(results), out, tuple(warnings))
+    return Insertion(tuple(results), request.out, tuple(warnings))
 
 
 @contextmanager

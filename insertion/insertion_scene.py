@@ -20,7 +20,7 @@ from insertion.scene.frame_masks import MaskCarrier
 from insertion.scene.occupancy import occupancy_of
 from insertion.scene.plane_cells import plane_patches
 from insertion.scene.point_cloud import Cloud, coloured_cloud
-from insertion.scene.scale import ScaleUsed
+from insertion.scene.scale import MetricScale
 from insertion.scene.supports import Supports, supports_of
 from metric_base.errors import InputError
 
@@ -38,7 +38,7 @@ class PreparedScene:
     cloud: Cloud
     supports: Supports
     instances: tuple[Instance, ...]
-    scale: ScaleUsed
+    scale: MetricScale
     carrier: MaskCarrier
     shading: Callable[[], Shading | Outdoors | None]
     moving: Mapping[int, tuple[Instance, ...]] = field(default_factory=dict)
@@ -71,7 +71,7 @@ def prepare_scene(
     stills: Stills,
     footage: Footage,
     instances: Sequence[Instance],
-    scale: ScaleUsed,
+    scale: MetricScale,
     up: Up | None = None,
 ) -> PreparedScene:
     """A scene prepared for insertion; reads the stills once for the cloud's colours. up : if it is known."""
@@ -106,11 +106,3 @@ def _shading(scene: Scene, stills: Stills, cloud: Cloud, supports: Supports) -> 
         return None
     empty = partial(shown_empty, cloud=cloud, stills=stills)
     return fit_shading(patches, up, empty, occupancy_of(cloud))
-
-
-def frame_range(words: str) -> tuple[int, int]:
-    """The words of `--frames`, FIRST:LAST. Raises InputError for anything else."""
-    first, colon, last = words.partition(":")
-    if not (colon and first.isdecimal() and last.isdecimal() and int(first) <= int(last)):
-        raise InputError(f"--frames: expected FIRST:LAST, two numbers of pictures from 0; found {words!r}")
-    return int(first), int(last)

@@ -18,7 +18,7 @@ from insertion.composite.compositor import single_pictures
 from insertion.footage.footage import Shot
 from insertion.insertion_scene import PreparedScene
 from insertion.placement.placed_object import Placed, place_objects
-from insertion.request import At, ObjectRequest
+from insertion.request import ObjectRequest, PixelPosition
 from metric_base.errors import InputError, expect
 from metric_base.local_page import LocalPage
 
@@ -133,7 +133,7 @@ class PlacePage(LocalPage):
         return {shot.index: shot for shot in self._kept.shots}[number]
 
     def _request_at(self, number: int, at: tuple[float, float], facing: int) -> ObjectRequest:
-        return replace(self._request, at=At(self._shot(number).name, *at), facing=float(facing))
+        return replace(self._request, at=PixelPosition(self._shot(number).name, *at), facing=float(facing))
 
     def _place(self, request: ObjectRequest) -> Placed:
         return place_objects(self._prepared, [request], self._tree)[0]

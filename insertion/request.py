@@ -1,61 +1,158 @@
-"""What the caller asks for: one object, its size, its place."""
+"""Records of an insertion request, and the parsers of the option values that belong to them.
+
+A request contains final values only: every option is parsed and every default file is found before it is constructed.
+The command and `insertion.insert_objects` construct it; the stages of an insertion only read it.
+"""
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 from pathlib import Path
+from typing import TYPE_CHECKING, Literal
 
+from insertion.scene.scale import MetricScale
 from insertion.scene.supports import Surface
 from metric_base.arrays import FloatArray
+from metric_base.errors import InputError
+
+if TYPE_CHECKING:
+    from estimator.records.objects import Up
+    from metric_tree.tree import Tree
+
+Renderer = Literal["embedded", "blender"]
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Place:
-    """The bottom centre of an object on a support plane.
+    """Position of an object on a support plane."""
 
-    position : (3,) in the scene; basis : (3, 3) rows two horizontal axes and up; camera : (3,) the camera that the
-    place was chosen from; support : a name for a person; plane : its number, lowest first, None for a small level
-    patch that is no plane, whose extent is `surface` if it is known.
-    """
-
-    position: FloatArray
-    basis: FloatArray
-    camera: FloatArray
-    support: str
-    plane: int | None = None
-    surface: Surface | None = None
+    position: FloatArray  #: (3,) bottom centre of the object, scene units
+    basis: FloatArray  #: (3, 3) rows: two horizontal unit axes and up
+    camera: FloatArray  #: (3,) centre of the camera that the position was chosen from
+    support: str  #: name of the support for messages
+    plane: int | None = None  #: index of the support plane, lowest first; None for a surface that is no support plane
+    surface: Surface | None = None  #: extent of the surface, if `plane` is None and the extent is known
 
 
 @dataclass(frozen=True, slots=True)
-class At:
-    """A point in one picture: its name or number, and the pixel (COLMAP's, from the upper left corner)."""
+class PixelPosition:
+    """Position in one frame, in COLMAP pixels: the centre of the first pixel is (0.5, 0.5)."""
 
-    frame: str
+    frame: str  #: file name of the frame, with or without suffix, or its index
     x: float
     y: float
 
 
 @dataclass(frozen=True, slots=True)
 class ObjectRequest:
-    """One object.
+    """One object to insert: its model, size, position and motion.
 
-    model : its file; size : the words of `--size`; at : a point in a picture; on : a category; plane and xy_m : a plane
-    and metres along its axes from its middle; without any of these, free space. facing : `camera`, `wall` or degrees;
-    category : for `--size prior`.
-    clip : name or number of the animation that plays, the first without, `none` for none; at_time_s : the pose of this
-    time of it, and no other; path : points that the object follows, pixels of the picture of `at` or metres as xy_m;
-    speed_m_s : metres a second on that way, else it takes the whole video.
+    The position is given by one of `at`, `on` and `plane`. Without them the object stands in free space.
     """
 
-    model: Path
-    size: str = "file"
-    at: At | None = None
-    on: str | None = None
-    plane: int | None = None
-    xy_m: tuple[float, float] = (0.0, 0.0)
-    facing: float | str = "camera"
-    category: str | None = None
-    clip: str | None = None
-    at_time_s: float | None = None
-    path: tuple[tuple[float, float], ...] = ()
-    speed_m_s: float | None = None
+    model: Path  #: glTF or GLB file
+    size: str = "file"  #: `file`, `prior`, or `height=METRES` (also `length=`, `width=`)
+    at: PixelPosition | None = None  #: pixel that shows the position
+    on: str | None = None  #: category of the object to stand on
+    plane: int | None = None  #: index of a support plane, lowest first
+    xy_m: tuple[float, float] = (0.0, 0.0)  #: metres along the axes of the plane, from its centre
+    facing: float | str = "camera"  #: `camera`, `wall`, or degrees from the direction to the camera
+    category: str | None = None  #: category of the object in the tree, for the size `prior`
+    clip: str | None = None  #: name or index of the animation; None for the first one, "none" for none
+    at_time_s: float | None = None  #: time in the animation at which the object is frozen
+    path: tuple[tuple[float, float], ...] = ()  #: corners of a path, pixels of the frame of `at`, or metres as `xy_m`
+    speed_m_s: float | None = None  #: speed on the path; None if the path takes the whole video
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class SceneSource:
+    """Files of a scene, and its scale."""
+
+    folder: Path  #: COLMAP model folder, or work folder of `capture_video`
+    scale: MetricScale
+    images: Path | None = None  #: folder of the images; None for the folder next to or above the model
+    instances: Path | None = None  #: masks of possible occluders; None for the file in `folder`, if it exists
+    moving: Path | None = None  #: masks of moving people and objects in every frame
+    dense: str | None = None  #: PLY file of the dense cloud, "none", or None for the file next to the model
+    up: Up | None = None  #: the vertical, if it is known
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class InsertionRequest:
+    """One run of an insertion.
+
+    Raises
+    ------
+    InputError
+        The request has no objects, or an interval is requested of a scale without one.
+    """
+
+    scene: SceneSource
+    objects: tuple[ObjectRequest, ...]
+    tree: Tree | None = None  #: release for sizes by the prior and for categories; None if no object needs it
+    out: Path | None = None  #: video, or new folder of PNG files; None if only a preview or the page is requested
+    codec: str | None = None  #: key of `insertion.footage.video_writer.CODECS`; None for the default of the source
+    frames: tuple[int, int] | None = None  #: first and last index of the frames to write, inclusive
+    renderer: Renderer = "embedded"
+    show_interval: bool = False  #: draw outlines at both ends of the scale interval
+    layers: Path | None = None  #: new folder for OpenEXR layers
+    export: Path | None = None  #: new folder for the scene in metres
+
+    def __post_init__(self) -> None:
+        if not self.objects:
+            raise InputError("--model: expected at least one object; found none")
+        if self.show_interval and self.scene.scale.low is None:
+            found = "expected a scale with an interval, as SCENE/result.json has; found --scale"
+            raise InputError(f"--show-interval: {found}")
+
+
+def parse_pixel_position(text: str) -> PixelPosition | None:
+    """Parse `frame=NAME_OR_INDEX,x=PX,y=PX`; None for `auto`. Raises InputError for anything else."""
+    if text == "auto":
+        return None
+    fields = dict(part.split("=", 1) for part in text.split(",") if "=" in part)
+    try:
+        x, y = float(fields.get("x", "nan")), float(fields.get("y", "nan"))
+    except ValueError:
+        x = y = math.nan
+    if set(fields) != {"frame", "x", "y"} or not (math.isfinite(x) and math.isfinite(y)):
+        raise InputError(f"--at: expected frame=NAME_OR_INDEX,x=PIXELS,y=PIXELS or auto; found {text!r}")
+    return PixelPosition(fields["frame"], x, y)
+
+
+def parse_facing(text: str) -> float | str:
+    """Parse `camera`, `wall`, or degrees from the direction to the camera. Raises InputError for anything else."""
+    if text in ("camera", "wall"):
+        return text
+    try:
+        degrees = float(text)
+    except ValueError:
+        degrees = math.nan
+    if not math.isfinite(degrees):
+        raise InputError(f"--facing: expected camera, wall or degrees; found {text!r}")
+    return degrees
+
+
+def parse_path(text: str) -> tuple[tuple[float, float], ...]:
+    """Parse the corners of a path, `X,Y X,Y ...`. Raises InputError for anything else."""
+    corners = []
+    for token in text.split():
+        try:
+            corner = tuple(float(part) for part in token.split(","))
+        except ValueError:
+            corner = ()
+        if len(corner) != 2 or not all(map(math.isfinite, corner)):
+            raise InputError(f"--path: expected X,Y X,Y ... (pixels with --at, metres with --plane); found {token!r}")
+        corners.append((corner[0], corner[1]))
+    if not corners:
+        raise InputError("--path: expected X,Y X,Y ... (pixels with --at, metres with --plane); found nothing")
+    return tuple(corners)
+
+
+def parse_frame_range(text: str) -> tuple[int, int]:
+    """Parse FIRST:LAST, two indices of frames from 0. Raises InputError for anything else."""
+    first, colon, last = text.partition(":")
+    if not (colon and first.isdecimal() and last.isdecimal() and int(first) <= int(last)):
+        raise InputError(f"--frames: expected FIRST:LAST, two indices of frames from 0; found {text!r}")
+    return int(first), int(last)

@@ -6,7 +6,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field
 from typing import Any
 
-from insertion.scene.scale import ScaleUsed
+from insertion.scene.scale import MetricScale
 from metric_base.arrays import FloatArray
 
 SCHEMA = "metric-tree/insertion/1"
@@ -31,7 +31,7 @@ class InsertionResult:
     """One inserted object."""
 
     model: str
-    scale: ScaleUsed
+    scale: MetricScale
     size_m: Mapping[str, float]
     position: FloatArray
     up: FloatArray

@@ -99,10 +99,10 @@ def run(work: Path) -> tuple[float, float, dict[str, list[dict[str, dict[str, fl
 def drawing_cost(work: Path) -> tuple[float, float]:
     """CPU seconds a frame of the renderer alone, and of all that is drawn, without decoding and encoding."""
     from insertion.composite import compositor as frames
-    from insertion.insert import open_prepared_scene
+    from insertion.insert import open_scene
     from insertion.placement.placed_object import place_objects
     from insertion.render.renderer import ObjectRenderer
-    from insertion.request import ObjectRequest
+    from insertion.request import ObjectRequest, SceneSource
     from insertion.scene.scale import read_scale
 
     spent = {"alone": 0.0, "whole": 0.0}
@@ -116,7 +116,7 @@ def drawing_cost(work: Path) -> tuple[float, float]:
 
         return run_it
 
-    prepared = open_prepared_scene(work, read_scale(work, None))
+    prepared = open_scene(SceneSource(folder=work, scale=read_scale(work, None)))
     placed = place_objects(prepared, [ObjectRequest(MODEL)])
     with (
         mock.patch.object(ObjectRenderer, "image", clocked(ObjectRenderer.image, "alone")),

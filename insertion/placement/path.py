@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from dataclasses import dataclass
 
 import numpy as np
@@ -60,20 +59,3 @@ def walk_along(corners: FloatArray, metres_per_unit: float, speed_m_s: float | N
     speed = along[-1] / duration_s if speed_m_s is None else speed_m_s / metres_per_unit
     rounding = min(ROUND_SHARE * float(along[-1]), ROUND_M / metres_per_unit)
     return Walk(corners, along, float(speed), rounding)
-
-
-def path_of(words: str) -> tuple[tuple[float, float], ...]:
-    """The words of `--path`, `X,Y X,Y ...`. Raises InputError for anything else."""
-    points = []
-    for word in words.split():
-        parts = word.split(",")
-        try:
-            point = tuple(float(part) for part in parts)
-        except ValueError:
-            point = ()
-        if len(point) != 2 or not all(map(math.isfinite, point)):
-            raise InputError(f"--path: expected X,Y X,Y ... (pixels with --at, metres with --plane); found {word!r}")
-        points.append((point[0], point[1]))
-    if not points:
-        raise InputError("--path: expected X,Y X,Y ... (pixels with --at, metres with --plane); found nothing")
-    return tuple(points)

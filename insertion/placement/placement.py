@@ -5,11 +5,9 @@ Which way an object looks.
 
 from __future__ import annotations
 
-import math
-
 import numpy as np
 
-from insertion.request import At, Place
+from insertion.request import Place
 from insertion.scene.plane_cells import plane_patches
 from insertion.scene.point_cloud import Cloud
 from metric_base.arrays import FloatArray
@@ -22,33 +20,6 @@ UPRIGHT, WALL_SHARE = 0.2, 0.4
 
 class NoPlace(InputError):
     """There is nothing to stand on where the object was asked to stand; the message says why."""
-
-
-def point_of(words: str) -> At | None:
-    """`frame=NAME_OR_INDEX,x=PX,y=PX`, or None for `auto`. Raises InputError for anything else."""
-    if words == "auto":
-        return None
-    fields = dict(part.split("=", 1) for part in words.split(",") if "=" in part)
-    try:
-        x, y = float(fields.get("x", "nan")), float(fields.get("y", "nan"))
-    except ValueError:
-        x = y = math.nan
-    if set(fields) != {"frame", "x", "y"} or not (math.isfinite(x) and math.isfinite(y)):
-        raise InputError(f"--at: expected frame=NAME_OR_INDEX,x=PIXELS,y=PIXELS or auto; found {words!r}")
-    return At(fields["frame"], x, y)
-
-
-def facing_of(words: str) -> float | str:
-    """`camera`, `wall`, or degrees turned from the camera. Raises InputError for anything else."""
-    if words in ("camera", "wall"):
-        return words
-    try:
-        degrees = float(words)
-    except ValueError:
-        degrees = math.nan
-    if not math.isfinite(degrees):
-        raise InputError(f"--facing: expected camera, wall or degrees; found {words!r}")
-    return degrees
 
 
 def heading(place: Place, facing: float | str, cloud: Cloud) -> tuple[FloatArray, float]:

@@ -18,7 +18,7 @@ from insertion.render.renderer import ObjectImage, ObjectRenderer
 from insertion.render.shadow_maps import PlaneMap
 from insertion.scene.camera_rays import Window, camera_rays, focal_lengths
 from insertion.scene.pixel_box import PixelBox
-from insertion.scene.scale import ScaleUsed
+from insertion.scene.scale import MetricScale
 from metric_base.arrays import FloatArray
 
 #: Pixels around the projected vertices: blur and filters reach so far.
@@ -199,7 +199,7 @@ def shadow_layer(
 
 
 def draw_interval(
-    picture: NDArray[np.uint8], view: View, renderer: ObjectRenderer, scale: ScaleUsed
+    picture: NDArray[np.uint8], view: View, renderer: ObjectRenderer, scale: MetricScale
 ) -> NDArray[np.uint8]:
     """The picture (h, w, 3) with the object's outline at both ends of the scale's interval, if it has one."""
     import cv2

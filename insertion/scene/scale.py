@@ -24,7 +24,7 @@ MAX_RESULT_BYTES = 1 << 27
 
 
 @dataclass(frozen=True, slots=True)
-class ScaleUsed:
+class MetricScale:
     """metres_per_unit; low, high : its interval, None where none is known; source : `result` or `option`.
 
     of : sha256 of the model and the masks that a result is of, and `file` where it was read.
@@ -77,14 +77,14 @@ class _Result(msgspec.Struct):
         expect(self.schema.startswith(SCALE_SCHEMA), "schema", SCALE_SCHEMA, self.schema)
 
 
-def scale_of_result(result: ScaleResult) -> ScaleUsed:
+def scale_of_result(result: ScaleResult) -> MetricScale:
     """The scale of a result of `estimate_scale`. Raises InputError where it has none."""
     if result.scale is None or result.interval is None:
         raise InputError.at("insert_objects", "scale", "a result that has a scale", result.status)
-    return ScaleUsed(result.scale, result.interval.low, result.interval.high, "result", result.of)
+    return MetricScale(result.scale, result.interval.low, result.interval.high, "result", result.of)
 
 
-def read_scale(folder: Path, stated: float | Path | None) -> ScaleUsed:
+def read_scale(folder: Path, stated: float | Path | None) -> MetricScale:
     """The scale that is stated, or that of a result's file, else that of `result.json` in the folder.
 
     Raises InputError where there is neither, or the result is unresolved.
@@ -92,7 +92,7 @@ def read_scale(folder: Path, stated: float | Path | None) -> ScaleUsed:
     if isinstance(stated, float | int):
         if not SMALLEST_SCALE < stated < 1 / SMALLEST_SCALE:
             raise InputError(f"--scale: expected metres per scene unit, above {SMALLEST_SCALE:g}; found {stated}")
-        return ScaleUsed(stated, None, None, "option")
+        return MetricScale(stated, None, None, "option")
     file = stated or folder / "result.json"
     if not file.is_file():
         how = f"--scale METRES_PER_UNIT, or {file} (estimate-scale {folder} --output {file})"
@@ -106,4 +106,4 @@ def read_scale(folder: Path, stated: float | Path | None) -> ScaleUsed:
             sound = value is None or SMALLEST_SCALE < value < 1 / SMALLEST_SCALE
             expect(sound, field, f"metres per unit above {SMALLEST_SCALE:g}", value)
     assert result.scale is not None
-    return ScaleUsed(result.scale, interval.low, interval.high, "result", result.of | {"file": str(file)})
+    return MetricScale(result.scale, interval.low, interval.high, "result", result.of | {"file": str(file)})

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING
 
 from metric_base.errors import InputError
 from metric_cli.errors import statuses_text
-from metric_cli.insert_object.request import add_scene_arguments, prepared_scene_of, requests_of, tree_of
+from metric_cli.insert_object.request import add_scene_arguments, requests_of, scene_source_of, tree_of
 from metric_cli.parser import OutputFile, new_folder
 
 if TYPE_CHECKING:
@@ -80,14 +80,15 @@ def parser() -> argparse.ArgumentParser:
 
 
 def _run(options: argparse.Namespace, words: Sequence[str]) -> int:
-    from insertion.insert import insert_into
-    from insertion.insertion_scene import frame_range
+    from insertion.insert import insert, open_scene
+    from insertion.request import InsertionRequest, parse_frame_range
     from metric_cli.progress import progress_bars
     from metric_cli.tables import warn
 
     _check_outputs(options)
     requests = requests_of(options)
-    prepared = prepared_scene_of(options)
+    source = scene_source_of(options)
+    prepared = open_scene(source)
     tree = tree_of(options)
     if options.preview is not None:
         _preview(prepared, requests[0], tree, options)
@@ -96,19 +97,19 @@ def _run(options: argparse.Namespace, words: Sequence[str]) -> int:
     if options.out is None:
         return 0
     with progress_bars() as shown:
-        insertion = insert_into(
-            prepared,
-            requests,
-            options.out,
+        request = InsertionRequest(
+            scene=source,
+            objects=tuple(requests),
             tree=tree,
-            show_interval=options.show_interval,
-            renderer=options.renderer,
-            export=options.export,
-            layers=options.layers,
-            frames=None if options.frames is None else frame_range(options.frames),
+            out=options.out,
             codec=options.codec,
-            progress=shown,
+            frames=None if options.frames is None else parse_frame_range(options.frames),
+            renderer=options.renderer,
+            show_interval=options.show_interval,
+            layers=options.layers,
+            export=options.export,
         )
+        insertion = insert(request, prepared, shown)
     for line in (*insertion.warnings, *(line for result in insertion.objects for line in result.warnings)):
         warn(line, PROGRAM)
     _print(insertion.objects, options.json)

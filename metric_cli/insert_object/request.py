@@ -13,7 +13,7 @@ from metric_cli.parser import input_path
 if TYPE_CHECKING:
     from estimator.records.objects import Up
     from insertion.insertion_scene import PreparedScene
-    from insertion.request import ObjectRequest
+    from insertion.request import ObjectRequest, SceneSource
 
 #: Metres beyond which no plane of a scene reaches.
 FARTHEST_M = 1e6
@@ -79,12 +79,19 @@ def requests_of(options: argparse.Namespace) -> list[ObjectRequest]:
 
 def prepared_scene_of(options: argparse.Namespace) -> PreparedScene:
     """The scene of the arguments, ready for insertion."""
-    from insertion.insert import open_prepared_scene
+    from insertion.insert import open_scene
+
+    return open_scene(scene_source_of(options))
+
+
+def scene_source_of(options: argparse.Namespace) -> SceneSource:
+    """The files and the scale of the scene."""
+    from insertion.request import SceneSource
     from insertion.scene.scale import read_scale
 
-    return open_prepared_scene(
-        options.scene,
-        read_scale(options.scene, _scale(options.scale)),
+    return SceneSource(
+        folder=options.scene,
+        scale=read_scale(options.scene, _scale(options.scale)),
         images=options.images,
         instances=options.instances,
         moving=options.moving,
@@ -103,9 +110,7 @@ def tree_of(options: argparse.Namespace) -> Any:
 
 
 def _request(stated: dict[str, Any]) -> ObjectRequest:
-    from insertion.placement.path import path_of
-    from insertion.placement.placement import facing_of, point_of
-    from insertion.request import ObjectRequest
+    from insertion.request import ObjectRequest, parse_facing, parse_path, parse_pixel_position
 
     ways = [name for name in ("at", "on", "plane") if stated.get(name) is not None]
     if len(ways) > 1:
@@ -113,15 +118,15 @@ def _request(stated: dict[str, Any]) -> ObjectRequest:
     return ObjectRequest(
         stated["model"],
         stated.get("size") or "file",
-        point_of(stated.get("at") or "auto"),
+        parse_pixel_position(stated.get("at") or "auto"),
         stated.get("on"),
         stated.get("plane"),
         _xy(stated.get("xy") or "0,0"),
-        facing_of(stated.get("facing") or "camera"),
+        parse_facing(stated.get("facing") or "camera"),
         stated.get("category"),
         stated.get("clip"),
         _number(stated, "at_time", 0.0, LONGEST_S),
-        () if stated.get("path") is None else path_of(stated["path"]),
+        () if stated.get("path") is None else parse_path(stated["path"]),
         _number(stated, "speed", SLOWEST_M_S, FASTEST_M_S),
     )
 

@@ -22,12 +22,12 @@ from insertion.exports.gltf_scene import write_gltf_scene
 from insertion.exports.metric_frame import camera_keys, metric_frame, object_matrix
 from insertion.exports.nerfstudio import write_transforms
 from insertion.exports.usd_scene import write_usd_scene
-from insertion.insert import insert_into
+from insertion.insert import insert
 from insertion.insertion_scene import PreparedScene
 from insertion.light.environment_estimate import environment_at
 from insertion.placement.placed_object import Placed, place_objects
 from insertion.render.studio import _camera_axes
-from insertion.request import ObjectRequest
+from insertion.request import InsertionRequest, ObjectRequest, SceneSource
 from models3d.gltf.document import GltfWriter
 from tests.synthetic.insertions import prepared_scene_of, video_room, write_glb
 from tests.synthetic.rooms.shapes import solid
@@ -264,7 +264,9 @@ def test_blender_joins_the_layers_to_our_frame(scene: tuple[PreparedScene, Place
 
     prepared, placed = scene
     out, layers = tmp_path / "out", tmp_path / "layers"
-    insert_into(prepared, [placed.request], out, layers=layers, frames=(1, 2))
+    source = SceneSource(folder=tmp_path, scale=prepared.scale)
+    request = InsertionRequest(scene=source, objects=(placed.request,), out=out, layers=layers, frames=(1, 2))
+    insert(request, prepared)
     job = json.loads((layers / "blender" / "job.json").read_text())
     assert (job["first"], job["last"], [key["frame"] for key in job["keys"]]) == (2, 3, [2, 3])
     assert all((layers / name / "000002.exr").is_file() for name in ("plate", "object", "shadow", "matte"))

@@ -11,7 +11,8 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from insertion.placement.path import path_of, walk_along
+from insertion.placement.path import walk_along
+from insertion.request import parse_path
 from metric_base.errors import InputError
 from models3d.animation_playback import select_playback
 from models3d.gltf.animation import Channel
@@ -182,7 +183,7 @@ def test_a_way_is_walked_at_one_speed_with_the_front_ahead() -> None:
     assert walk_along(corners, 2.0, 1.0, 0.0).arrival_s == pytest.approx(8.0)  # 4 units are 8 m
     for words in ("", "1", "1,2,3", "1,a", "1,nan"):
         with pytest.raises(InputError, match="--path"):
-            path_of(words)
-    assert path_of("1,2 3,4.5") == ((1.0, 2.0), (3.0, 4.5))
+            parse_path(words)
+    assert parse_path("1,2 3,4.5") == ((1.0, 2.0), (3.0, 4.5))
     with pytest.raises(InputError, match="--path: expected points apart"):
         walk_along(np.zeros((2, 3)), 1.0, None, 1.0)

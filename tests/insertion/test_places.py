@@ -22,7 +22,7 @@ from insertion.placement.placed_object import Placed, place_objects, space_for
 from insertion.placement.placement import NoPlace
 from insertion.placement.preview import write_preview
 from insertion.placement_page import PlacePage
-from insertion.request import At, ObjectRequest
+from insertion.request import ObjectRequest, PixelPosition
 from metric_base.errors import InputError
 from metric_cli.insert_object.insert import parser
 from metric_cli.insert_object.request import prepared_scene_of as stage_of_arguments
@@ -99,7 +99,7 @@ def test_on_a_category_is_on_its_top(room: RecordedRoom, prepared: PreparedScene
         ObjectRequest,
         lambda cup: ObjectRequest(cup, size="height=0.4", facing="wall"),
         lambda cup: ObjectRequest(cup, on="coffee table", facing=30.0),
-        lambda cup: ObjectRequest(cup, at=At("2", 320.0, 300.0)),
+        lambda cup: ObjectRequest(cup, at=PixelPosition("2", 320.0, 300.0)),
         lambda cup: ObjectRequest(cup, plane=0, xy_m=(0.3, -0.2)),
         lambda cup: ObjectRequest(cup, plane=0, path=((0.4, 0.0), (0.4, 0.3)), speed_m_s=0.5),
     ],
@@ -190,7 +190,7 @@ def test_the_page_of_a_place_answers_with_the_box_the_picture_and_the_command(
     assert np.abs(plain.astype(int) - own).mean() < 3  # JPEG
     wish = "2/320/400/30"
     corners = json.loads((page.answer(f"box/{wish}") or ("", b""))[1])["corners"]
-    asked = ObjectRequest(cup, at=At(frames[2]["name"], 320.0, 400.0), facing=30.0)
+    asked = ObjectRequest(cup, at=PixelPosition(frames[2]["name"], 320.0, 400.0), facing=30.0)
     (placed,) = place_objects(prepared, [asked])
     view = prepared.scene.views[2]
     true, _ = pixels_in_view(view, placed.body.position + placed.body.unit * placed.body.corners)

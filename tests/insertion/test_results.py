@@ -12,7 +12,8 @@ import pytest
 from estimator.instances.instance_reader import read_instances
 from estimator.outputs.rescaled import write_rescaled
 from estimator.reconstructions.scene_reader import read_scene
-from insertion.insert import open_prepared_scene
+from insertion.insert import open_scene
+from insertion.request import SceneSource
 from insertion.scene.scale import read_scale
 from metric_base.errors import InputError
 from metric_cli.estimate_scale.estimate import main
@@ -32,7 +33,7 @@ def test_a_result_states_what_it_is_of(estimated: Path, tmp_path: Path) -> None:
     of = json.loads((estimated / "result.json").read_text())["of"]
     assert of["masks_from"] == "scene"
     assert all(len(of[name]) == 64 for name in ("model", "masks", "options"))
-    open_prepared_scene(estimated, read_scale(estimated, None))
+    open_scene(SceneSource(folder=estimated, scale=read_scale(estimated, None)))
     for name, words in (("level", ["--level", "0.8"]), ("same", [])):
         file = tmp_path / f"{name}.json"
         assert main([str(estimated), "--output", str(file), "--quiet", *words]) == 0
@@ -61,8 +62,8 @@ def test_a_result_of_something_else_is_refused(change, what: str, estimated: Pat
     change(folder)
     for stated in (None, estimated / "result.json"):
         with pytest.raises(InputError, match=what):
-            open_prepared_scene(folder, read_scale(folder, stated))
-    open_prepared_scene(folder, read_scale(folder, 0.3))  # a number is the user's own word
+            open_scene(SceneSource(folder=folder, scale=read_scale(folder, stated)))
+    open_scene(SceneSource(folder=folder, scale=read_scale(folder, 0.3)))  # a number is the user's own word
 
 
 def test_a_folder_that_was_exchanged_is_not_written_at_scale(estimated: Path, tmp_path: Path) -> None:

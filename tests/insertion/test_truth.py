@@ -17,7 +17,7 @@ from insertion.composite.compositor import insert_objects, single_pictures
 from insertion.insertion_scene import PreparedScene
 from insertion.placement.at_pixel import plane_coordinates
 from insertion.placement.placed_object import Placed, place_objects, space_for
-from insertion.request import At, ObjectRequest
+from insertion.request import ObjectRequest, PixelPosition
 from insertion.result import InsertionResult
 from tests.synthetic.insertions import RecordedRoom, added, in_unit, prepared_scene_of, video_room, write_glb
 from tests.synthetic.rooms.render import Renderer
@@ -154,7 +154,7 @@ def test_far_pixels_do_not_change(inserted: Inserted) -> None:
 def _mean_changes(inserted: Inserted) -> dict[str, list[list[float]]]:
     """Mean change of colour by cells around the chair in each picture, and around one that a table partly hides."""
     shot = inserted.prepared.footage.shots[BEHIND_TABLE[0]]
-    point = At(shot.name, *BEHIND_TABLE[1:])
+    point = PixelPosition(shot.name, *BEHIND_TABLE[1:])
     behind = place_objects(inserted.prepared, [replace(inserted.placed.request, at=point)])
     (picture,) = single_pictures(inserted.prepared, [behind], shot)
     named = zip(inserted.pictures.items(), inserted.result.frames, strict=True)

@@ -13,8 +13,8 @@ from estimator.reconstructions.scene_reader import read_scene
 from insertion.footage.footage import PictureFootage, Stills
 from insertion.insertion_scene import prepare_scene
 from insertion.placement.placed_object import place_objects
-from insertion.request import At, ObjectRequest
-from insertion.scene.scale import ScaleUsed
+from insertion.request import PixelPosition, ObjectRequest
+from insertion.scene.scale import MetricScale
 from tests.synthetic.insertions import write_glb
 from tests.synthetic.rooms.shapes import solid
 
@@ -29,12 +29,12 @@ def test_a_twin_is_as_high_as_the_bottle(shared: Path, tmp_path: Path) -> None:
     scene = read_scene(shared / "data" / "scenes" / "tum_office")
     instances = read_instances(None, scene)
     stills = Stills(scene)
-    prepared = prepare_scene(scene, stills, PictureFootage(stills), instances, ScaleUsed(SCALE, None, None, "option"))
+    prepared = prepare_scene(scene, stills, PictureFootage(stills), instances, MetricScale(SCALE, None, None, "option"))
     bottles = [item for item in instances if item.track == TRACK]
     shown = next(item for item in bottles if scene.views[item.view].name.startswith(FRAME))
     height, width = shown.mask.shape
     # the middle of the foot is a little above its front edge
-    at = At(FRAME, shown.origin[0] + width / 2, shown.origin[1] + height - 0.15 * width)
+    at = PixelPosition(FRAME, shown.origin[0] + width / 2, shown.origin[1] + height - 0.15 * width)
     model = write_glb(solid("bottle", SIZE), tmp_path / "bottle.glb")
     (twin,) = place_objects(prepared, [ObjectRequest(model, at=at)])
     ratios = []

@@ -10,7 +10,7 @@ import numpy as np
 from estimator.records.scene import DenseCloud, Instance, Scene
 from insertion.footage.footage import PictureFootage, Stills
 from insertion.insertion_scene import PreparedScene, prepare_scene
-from insertion.scene.scale import ScaleUsed
+from insertion.scene.scale import MetricScale
 from metric_base.arrays import FloatArray
 from tests.synthetic.rooms.furnish import furnished_room, turn_about_z
 from tests.synthetic.rooms.knobs import Knobs
@@ -72,7 +72,7 @@ def prepared_scene_of(room: RecordedRoom, scale_error: float = 1.0, dense: bool 
         scene = replace(scene, dense=None)
     assert dense is False or isinstance(scene.dense, DenseCloud)
     stills = Stills(scene)
-    scale = ScaleUsed(scale_error / room.to_scene.scale, None, None, "option")
+    scale = MetricScale(scale_error / room.to_scene.scale, None, None, "option")
     return prepare_scene(scene, stills, PictureFootage(stills), room.instances, scale)
 
 

@@ -13,7 +13,7 @@ from estimator.reconstructions.scene_reader import read_scene
 from insertion.footage.footage import PictureFootage, Stills
 from insertion.insertion_scene import prepare_scene
 from insertion.placement.placed_object import place_objects
-from insertion.request import PixelPosition, ObjectRequest
+from insertion.request import ObjectRequest, PixelPosition
 from insertion.scene.scale import MetricScale
 from tests.synthetic.insertions import write_glb
 from tests.synthetic.rooms.shapes import solid

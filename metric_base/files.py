@@ -1,11 +1,7 @@
-"""Files and folders that appear whole or not at all, and paths that never lead out of a folder.
+"""Files and folders that appear whole or not at all, safe file names, locks, and protection against overwriting.
 
-A file or folder that one process at a time holds; the system lets go of it when the process ends, killed too.
-
-Who may replace what: an existing file only if this program wrote it, and never an input of the run.
-
-A JSON file of ours names its schema; into pictures, figures, pages, tables and videos a stamp is written that their
-readers pass over. Everything else that exists belongs to somebody.
+A file or a folder that one process at a time holds is released by the system when the process ends, also if it is
+killed. An existing file is replaced only with `--overwrite`, and an input of the run never.
 """
 
 from __future__ import annotations
@@ -18,7 +14,6 @@ import platform
 import re
 import shutil
 import stat
-import struct
 import sys
 import unicodedata
 import zlib
@@ -30,25 +25,16 @@ from pathlib import Path
 
 from metric_base.errors import InputError
 
-#: What our JSON files have as `schema`, whatever their kind.
-ANY_SCHEMA = "metric-tree/"
-STAMP = b"written by metric-tree"
-#: Bytes at the beginning and at the end of a file among which a stamp is, and at the beginning a schema.
-_ENDS, _SCHEMA_BYTES = 1 << 16, 512
-_JSON = (".json", ".jsonl")
-#: The first line of tables.
-_TABLES = (b"node,name,divergence,samples,sources",)
-#: Folders whose pictures are input, whoever wrote them.
-_PICTURE_FOLDERS = frozenset({"images", "frames", "instances", "pictures", "masks", "depth"})
-#: Folders above a model in which its pictures are looked for.
+#: Bytes at the beginning of a JSON file in which its schema is.
+_SCHEMA_BYTES = 512
+#: Suffixes of files that the readers of models, masks, measurements and releases open in an input folder.
+_INPUT_SUFFIXES = frozenset(
+    {".bin", ".csv", ".db", ".json", ".jsonl", ".npy", ".npz", ".parquet", ".ply", ".toml", ".txt", ".vis"}
+)
+#: Folders of images, masks and depth maps, which are inputs whatever their files are called.
+_IMAGE_FOLDERS = frozenset({"images", "frames", "instances", "pictures", "masks", "depth"})
+#: Number of folders above a model that are searched for its images.
 _LEVELS_UP = 3
-_PNG = b"\x89PNG\r\n\x1a\n"
-_COMMENT = b"<!-- " + STAMP + b" -->\n"
-_JPEG = b"\xff\xfe" + struct.pack(">H", len(STAMP) + 2) + STAMP
-_FREE = struct.pack(">I", len(STAMP) + 8) + b"free" + STAMP
-_VOID = b"\xec" + bytes([0x80 | len(STAMP)]) + STAMP
-_CHUNK = STAMP + b" " * (-len(STAMP) % 4)
-_AT_END = frozenset({".svg", ".html", ".md", ".pdf", ".mp4", ".m4v", ".mov", ".mkv", ".webm"})
 #: What a system says about a place that cannot be written, as against an internal error.
 WRITE_ERRORS = frozenset({
     errno.ENOSPC, errno.EDQUOT, errno.EROFS, errno.EFBIG, errno.EIO, errno.EACCES, errno.EPERM, errno.ENOENT,
@@ -122,45 +108,51 @@ _NO_RULES = OutputRules()
 
 
 def set_rules(inputs: Iterable[Path], overwrite: bool) -> None:
-    """State what a run reads, and what `--overwrite` says; it holds in this context (`contextvars`)."""
+    """Register the inputs and the `--overwrite` setting of a run in the current context (`contextvars`)."""
     _RULES.set(OutputRules(tuple(_with_companions(inputs)), overwrite))
 
 
-def check_output(path: Path, option: str, schema: str | None = ANY_SCHEMA) -> None:
-    """See that a file may be written: it is not there, or it is ours and not read in this run.
+def check_output(path: Path, option: str, schema: str | None = None) -> None:
+    """Raise an error if writing a file would replace an input of the run, or an existing file without `--overwrite`.
 
-    schema : what the `schema` of a JSON file that may be replaced begins with; None where no JSON file may be.
+    Parameters
+    ----------
+    path : Path
+        File to write.
+    option : str
+        Option that names it.
+    schema : str, optional
+        Prefix of the `schema` of a JSON file that may be replaced without `--overwrite`, because the command continues
+        it or owns its folder.
 
     Raises
     ------
     InputError
-        It is an input, or somebody else's, and `--overwrite` was not given.
     """
     if path.is_dir() or is_special(path) or not path.exists():
         return
-    rules, own = _RULES.get(_NO_RULES), is_own_output(path, schema)
+    rules, is_own = _RULES.get(_NO_RULES), schema is not None and has_schema(path, schema)
     for source in rules.inputs:
-        if _is_read(path, source, own):
+        if _is_read(path, source, is_own):
             raise InputError(f"{option}: {path} is read in this run ({source}); choose another name")
-    if not own and not rules.overwrite:
-        raise InputError(
-            f"{option}: {path} already exists and is not an output of this program; choose another name, or --overwrite"
-        )
+    if not is_own and not rules.overwrite:
+        raise InputError(f"{option}: {path} already exists; choose another name, or add --overwrite")
 
 
-def is_own_output(path: Path, schema: str | None = ANY_SCHEMA) -> bool:
-    """Whether a file is one that this program writes: by its schema, its stamp or its first line; or it is empty."""
+def has_schema(path: Path, schema: str) -> bool:
+    """Return True if the `schema` at the beginning of a JSON file, which may be compressed, begins with `schema`."""
     try:
-        head, tail = _ends(path)
+        if path.suffix == ".gz":
+            import gzip  # not on the path of a query
+
+            with gzip.open(path) as packed:
+                start = packed.read(_SCHEMA_BYTES)
+        else:
+            with path.open("rb") as content:
+                start = content.read(_SCHEMA_BYTES)
     except (OSError, EOFError, zlib.error):
         return False
-    if not head:
-        return True  # nothing is lost
-    names = "".join(path.suffixes[-2:]).lower()
-    if any(suffix in names for suffix in _JSON):
-        start = head[:_SCHEMA_BYTES].replace(b'": "', b'":"')
-        return schema is not None and f'"schema":"{schema}'.encode() in start
-    return STAMP in head or STAMP in tail or head.startswith(_TABLES)
+    return f'"schema":"{schema}'.encode() in start.replace(b'": "', b'":"')
 
 
 def is_special(path: Path) -> bool:
@@ -172,71 +164,8 @@ def is_special(path: Path) -> bool:
     return not (stat.S_ISREG(mode) or stat.S_ISDIR(mode))
 
 
-def stamp_file(file: Path, suffix: str) -> None:
-    """Write our stamp into a finished file where its readers pass over it; nothing where the form has no such place.
-
-    suffix : of the name that the file will have.
-    """
-    form = _STAMPS.get(suffix.lower())
-    if form is None or not file.is_file() or STAMP in b"".join(_ends(file)):
-        return
-    if suffix.lower() in _AT_END:
-        with file.open("ab") as content:
-            content.write(form)
-        return
-    data = file.read_bytes()
-    if data[: len(_PNG)] == _PNG:
-        place = len(_PNG) + 25  # behind IHDR, which is first and of fixed length
-        file.write_bytes(data[:place] + form + data[place:])
-    elif data[:2] == b"\xff\xd8":
-        file.write_bytes(data[:2] + form + data[2:])
-    elif data[:4] in (b"RIFF", b"glTF"):
-        # both state their whole length: RIFF without its first eight bytes, glTF with them
-        at, less = (4, 8) if data[:4] == b"RIFF" else (8, 0)
-        data += form
-        file.write_bytes(data[:at] + struct.pack("<I", len(data) - less) + data[at + 4 :])
-
-
-def _chunk(kind: bytes, data: bytes) -> bytes:
-    """A chunk of PNG."""
-    return struct.pack(">I", len(data)) + kind + data + struct.pack(">I", zlib.crc32(kind + data))
-
-
-#: The stamp in each form: a text chunk of PNG, a comment of JPEG, SVG, HTML, Markdown and PDF, a `free` box of MP4, a
-#: `Void` element of Matroska, a chunk of a kind that readers of WebP and glTF do not know.
-_STAMPS = {
-    ".png": _chunk(b"tEXt", b"Software\x00" + STAMP),
-    ".jpg": _JPEG,
-    ".jpeg": _JPEG,
-    ".webp": b"MTRE" + struct.pack("<I", len(_CHUNK)) + _CHUNK,
-    ".glb": struct.pack("<I", len(_CHUNK)) + b"MTRE" + _CHUNK,
-    ".svg": _COMMENT,
-    ".html": _COMMENT,
-    ".md": _COMMENT,
-    ".pdf": b"% " + STAMP + b"\n",
-    ".mp4": _FREE,
-    ".m4v": _FREE,
-    ".mov": _FREE,
-    ".mkv": _VOID,
-    ".webm": _VOID,
-}
-
-
-def _ends(path: Path) -> tuple[bytes, bytes]:
-    """The first and the last bytes of a file; of a packed one the first that are in it."""
-    if path.suffix == ".gz":
-        import gzip  # not of a query
-
-        with gzip.open(path) as packed:
-            return packed.read(_ENDS), b""
-    with path.open("rb") as content:
-        head = content.read(_ENDS)
-        content.seek(max(0, content.seek(0, os.SEEK_END) - _ENDS))
-        return head, content.read()
-
-
-def _is_read(path: Path, source: Path, own: bool) -> bool:
-    """Whether a file is an input or part of a folder that is one, where results of ours may be written again."""
+def _is_read(path: Path, source: Path, is_own: bool) -> bool:
+    """Return True if `path` is the input `source`, or a file in the folder `source` that a reader may open."""
     if not source.exists():
         return False
     if path.samefile(source):
@@ -244,7 +173,9 @@ def _is_read(path: Path, source: Path, own: bool) -> bool:
     real = path.resolve()
     if not source.is_dir() or not real.is_relative_to(source.resolve()):
         return False
-    return not own or real.parent.name in _PICTURE_FOLDERS
+    if real.parent.name in _IMAGE_FOLDERS or not any(child.is_dir() for child in source.iterdir()):
+        return True  # a folder without folders may be one of images
+    return real.suffix.lower() in _INPUT_SUFFIXES and not is_own
 
 
 def _with_companions(inputs: Iterable[Path]) -> Iterator[Path]:
@@ -280,7 +211,7 @@ def _texts_of(file: Path, key: str) -> list[str]:
 
 
 @contextmanager
-def whole_file(path: Path, option: str | None = None, schema: str = ANY_SCHEMA) -> Iterator[Path]:
+def whole_file(path: Path, option: str | None = None, schema: str | None = None) -> Iterator[Path]:
     """A temporary path to write to; `path` has its content when the block ends, and is untouched when it fails.
 
     The temporary name ends otherwise than the path's, so that what a kill leaves behind is not read as one of its
@@ -310,8 +241,6 @@ def whole_file(path: Path, option: str | None = None, schema: str = ANY_SCHEMA) 
         work = part_of(target_path)
         try:
             yield work
-            if option is not None:
-                stamp_file(work, path.suffix)
             work.replace(target_path)
         finally:
             with suppress(OSError):  # the error that led here says more

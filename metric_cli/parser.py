@@ -79,7 +79,8 @@ def new_folder(text: str) -> Path:
 class OutputFile:
     """The type of an argument that names a file to write.
 
-    schema : of the JSON that it may replace; None where the file is none: a page over a manifest is no new page.
+    schema : str, optional
+        Schema of the JSON file that the command continues or replaces without `--overwrite`.
     """
 
     def __init__(self, schema: str | None = None) -> None:
@@ -93,14 +94,14 @@ class OutputFile:
 def add_overwrite(parser: argparse.ArgumentParser) -> None:
     """Add `--overwrite` where a file is written."""
     if any(isinstance(action.type, OutputFile) for action in arguments_of(parser)):
-        words = "replace existing files of others, too; an input of the run is never replaced"
+        words = "replace existing files; an input of the run is never replaced"
         parser.add_argument("--overwrite", action="store_true", help=words)
 
 
 def check_paths(parser: argparse.ArgumentParser, options: argparse.Namespace) -> None:
-    """See that no output would replace an input or a file of others: before any work.
+    """Check before any work that no output would replace an input or an existing file.
 
-    Every value that names something existing, but for the outputs, is an input.
+    Every value that names an existing file or folder, except for the outputs, is an input.
 
     Raises
     ------

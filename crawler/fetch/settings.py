@@ -36,9 +36,9 @@ def settings(
     delay : seconds between two requests to one site, where AutoThrottle does not ask for more.
     """
     guards = {
-        "crawler.fetch.settings.GuardMiddleware": 40,
-        "crawler.fetch.settings.BanMiddleware": 560,
-        "crawler.fetch.settings.RefusedHostMiddleware": 570,  # nearer to the download than Scrapy's retries
+        "crawler.fetch.middlewares.GuardMiddleware": 40,
+        "crawler.fetch.middlewares.BanMiddleware": 560,
+        "crawler.fetch.middlewares.RefusedHostMiddleware": 570,  # nearer to the download than Scrapy's retries
     }
     own = {
         "METRIC_TREE_PRIVATE": private,
@@ -51,7 +51,7 @@ def settings(
     }
     manners = {
         "ROBOTSTXT_OBEY": True,
-        "ROBOTSTXT_PARSER": "crawler.fetch.settings.BoundedRobotParser",
+        "ROBOTSTXT_PARSER": "crawler.fetch.middlewares.BoundedRobotParser",
         "USER_AGENT": user_agent(contact),
         "AUTOTHROTTLE_ENABLED": delay > 0,
         "AUTOTHROTTLE_START_DELAY": delay,

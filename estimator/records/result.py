@@ -230,12 +230,13 @@ class ScaleResult:
         warnings.warn("ScaleResult.record is called to_json", DeprecationWarning, stacklevel=2)
         return self.to_json()
 
-    def save(self, path: Path, option: str | None = None) -> None:
+    def save(self, path: Path, option: str | None = None, schema: str | None = None) -> None:
         """Write the JSON beside `path` and rename it: never half a file.
 
-        InputError where the system cannot write there and `option` says who named the place.
+        `option` and `schema` are those of `metric_base.files.whole_file`, which raises an `InputError` if the system
+        cannot write there or the file exists.
         """
-        with whole_file(path, option, SCHEMA.rpartition("/")[0] + "/") as work:
+        with whole_file(path, option, schema) as work:
             work.write_text(self.json() + "\n", encoding="utf-8")
 
     def _object(self, item: ObjectReport) -> dict[str, Any]:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import argparse
+import gzip
 import json
 import os
 import re
@@ -21,7 +22,7 @@ from PIL import Image
 
 from benchmarks.user_study import make
 from metric_base.errors import InputError
-from metric_base.files import is_own_output, set_rules, whole_file
+from metric_base.files import check_output, has_schema, set_rules, whole_file
 from metric_cli.estimate_scale import parser as estimate_scale
 from metric_cli.insert_object import insert
 from metric_cli.parser import OutputFile, arguments_of, check_paths, input_path, new_folder, output_folder
@@ -95,6 +96,9 @@ def _command(name: str) -> Callable[[list[str]], int]:
     from metric_cli.estimate_scale.estimate import main as estimate_main
     from metric_cli.subcommands import main as tree_main
 
+    if name.startswith("python -m benchmarks.user_study"):
+        words = name.split()[3:]
+        return lambda more: make.main([*words, *more])
     program, *verb = name.split()
     if verb == ["crawl"]:  # a reactor runs once in a process
         code = "import sys; from metric_cli.subcommands import main; sys.exit(main(sys.argv[1:]))"
@@ -216,7 +220,7 @@ class _Walk:
         self.status("others", "folder of others")
         status = self.status(f"own{ending}", "absent")
         if status in {0, 3} and Path(f"own{ending}").is_file():
-            assert self.status(f"own{ending}", "own") == status
+            assert self.status(f"own{ending}", "own", "--overwrite") == status
 
     def try_folder(self, ending: str, new: bool) -> None:
         """An option that names a folder, which must be new or may be kept."""
@@ -234,7 +238,7 @@ class _Walk:
 def test_a_whole_command_replaces_no_input_and_no_file_of_others(
     name: str, action: argparse.Action, inputs: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """Inputs, links to them, files and folders of others stay as they are; an own output may be written again."""
+    """Inputs, links to them, and existing files and folders stay as they are; `--overwrite` replaces an output."""
     place = tmp_path / "run"
     shutil.copytree(inputs, place)
     monkeypatch.chdir(place)
@@ -271,49 +275,48 @@ def test_every_argument_that_names_a_path_says_whether_it_is_read_or_written(nam
         assert action.type is not Path, action
 
 
-@pytest.mark.parametrize("suffix", [".png", ".jpg", ".webp"])
-def test_a_stamped_picture_is_ours_and_the_same_picture(tmp_path: Path, suffix: str) -> None:
-    from PIL import Image
-
-    picture, file = Image.new("RGB", (7, 5), (200, 30, 60)), tmp_path / f"out{suffix}"
-    with whole_file(file, "--figure") as work:
-        picture.save(work, {".jpg": "JPEG", ".png": "PNG", ".webp": "WEBP"}[suffix])
-    assert is_own_output(file)
-    assert Image.open(file).getpixel((3, 2)) == pytest.approx((200, 30, 60), abs=6)
-    plain = tmp_path / f"plain{suffix}"
-    picture.save(plain)
-    assert not is_own_output(plain)
-    with whole_file(file, "--figure") as work:  # an own output may be written again
-        picture.save(work, {".jpg": "JPEG", ".png": "PNG", ".webp": "WEBP"}[suffix])
-    with pytest.raises(InputError, match="already exists"), whole_file(plain, "--figure") as work:
-        work.write_bytes(b"")
+def test_an_existing_output_is_replaced_with_overwrite_only(tmp_path: Path) -> None:
+    file = tmp_path / "out.png"
+    for is_allowed in (True, False):
+        set_rules((), overwrite=is_allowed)
+        file.write_text("before")
+        if is_allowed:
+            with whole_file(file, "--figure") as work:
+                work.write_text("after")
+        else:
+            with pytest.raises(InputError, match="already exists"), whole_file(file, "--figure") as work:
+                work.write_text("after")
+        assert file.read_text() == ("after" if is_allowed else "before")
 
 
-@pytest.mark.parametrize("suffix", [".mp4", ".mkv", ".webm"])
-def test_a_stamped_video_is_ours_and_plays(tmp_path: Path, suffix: str) -> None:
-    import av
-    import numpy as np
-
-    from insertion.footage.video_writer import VideoWriter
-
+@pytest.mark.parametrize("suffix", [".json", ".jsonl.gz"])
+def test_a_command_continues_a_file_of_its_schema(tmp_path: Path, suffix: str) -> None:
+    set_rules((), overwrite=False)
     file = tmp_path / f"out{suffix}"
-    with whole_file(file, "--out") as work, VideoWriter(work, suffix) as video:
-        for number in range(5):
-            video.write(np.full((32, 32, 3), 40 * number, dtype=np.uint8), number / 10)
-    assert is_own_output(file)
-    with av.open(str(file)) as container:
-        assert sum(1 for _ in container.decode(video=0)) == 5
+    for schema, is_allowed in (("metric-tree/asset/1", True), ("metric-tree/scale/1", False)):
+        text = json.dumps({"schema": schema}).encode()
+        file.write_bytes(gzip.compress(text) if suffix.endswith(".gz") else text)
+        assert has_schema(file, "metric-tree/asset/") is is_allowed
+        if is_allowed:
+            check_output(file, "--out", "metric-tree/asset/")
+        else:
+            with pytest.raises(InputError, match="already exists"):
+                check_output(file, "--out", "metric-tree/asset/")
 
 
-def test_a_stamped_model_is_ours_and_the_same_model(tmp_path: Path) -> None:
-    from models3d.gltf.model_reader import read_model
-
-    source = Path(__file__).resolve().parents[2] / "data" / "models" / "rocking_horse.glb"
-    file = tmp_path / "out.glb"
-    with whole_file(file, "--fix") as work:
-        work.write_bytes(source.read_bytes())
-    assert is_own_output(file)
-    assert read_model(file).size_m == read_model(source).size_m
+def test_files_of_an_input_folder_are_inputs(tmp_path: Path) -> None:
+    scene = tmp_path / "scene"
+    (scene / "images").mkdir(parents=True)
+    names = {"images/a.png": True, "points.ply": True, "instances.json": True, "figure.png": False, "page.html": False}
+    set_rules((scene,), overwrite=True)
+    for name, is_input in names.items():
+        (scene / name).write_text("")
+        if is_input:
+            with pytest.raises(InputError, match="is read in this run"):
+                check_output(scene / name, "--out")
+        else:
+            check_output(scene / name, "--out")
+    set_rules((), overwrite=False)
 
 
 def test_buffers_and_videos_that_an_input_names_are_inputs(tmp_path: Path) -> None:

@@ -6,7 +6,7 @@ import argparse
 import sys
 
 from metric_base.errors import InputError
-from metric_base.files import STAMP, output_file, whole_file
+from metric_base.files import output_file, whole_file
 from metric_cli.parser import OutputFile, add_tree
 from metric_cli.tables import print_json, print_table
 from metric_tree.tree import open_tree
@@ -36,7 +36,6 @@ def run(arguments: argparse.Namespace) -> int:
 
         if arguments.json:
             raise InputError("--json: expected it without --parquet; found both")
-        table = table.replace_schema_metadata({**(table.schema.metadata or {}), b"origin": STAMP})
         with whole_file(arguments.parquet, "--parquet") as work:
             pq.write_table(table, work, compression="zstd")
     elif arguments.json:

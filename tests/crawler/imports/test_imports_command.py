@@ -54,7 +54,7 @@ def world(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
         data = tmp_path / "data" / name
         data.mkdir(parents=True)
         (data / "table.csv").write_text("no,w\n1,12.5\n2,?x\n3,\n4,12.5\n", encoding="utf-8")
-    monkeypatch.setattr(crawler.imports.sources, "_own_folder", lambda: folder)
+    monkeypatch.setattr(crawler.imports.declaration, "_own_folder", lambda: folder)
     monkeypatch.setenv(downloads.CACHE_VARIABLE, str(tmp_path / "cache"))
     return tmp_path
 

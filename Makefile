@@ -48,7 +48,7 @@ coverage: .venv/.dev ## the tests with the share of lines and branches they run;
 
 reference: .venv/.dev ## write the generated pages of the reference
 	$(BIN)/python docs/generate.py
-	$(BIN)/python docs/package_diagram.py
+	$(BIN)/python docs/draw_architecture.py
 
 docs: | $(UV) ## build the documentation as a site, strict about links: out/docs
 	NO_MKDOCS_2_WARNING=1 $(UV) tool run --quiet --python $(PYTHON) --with-requirements .ci/docs.lock.txt --from mkdocs mkdocs build --quiet

@@ -22,7 +22,7 @@ FOLDER = Path(__file__).resolve().parent / "reference"
 WIDTH = "100"
 NOTE = "<!-- Written by `make reference`. Do not edit. -->"
 #: Commands: the program, and where its parser comes from.
-PROGRAMS = {"estimate-scale": "metric_cli.estimate_scale.estimate", "insert-object": "metric_cli.insert_object.insert"}
+PROGRAMS = {"estimate-scale": "metric_cli.estimate_scale.parser", "insert-object": "metric_cli.insert_object.insert"}
 APIS = ("metric_tree", "estimator", "capture", "models3d", "insertion")
 
 

@@ -93,7 +93,9 @@ def test_generated_pages_are_current(tmp_path: Path) -> None:
 
 
 def test_the_drawing_of_the_packages_is_current() -> None:
-    code = "import sys; sys.path.insert(0, 'docs'); import package_diagram; print(package_diagram.drawing(), end='')"
+    code = (
+        "import sys; sys.path.insert(0, 'docs'); import draw_architecture; print(draw_architecture.drawing(), end='')"
+    )
     drawn = subprocess.run([sys.executable, "-c", code], check=True, cwd=ROOT, capture_output=True, text=True).stdout
     assert drawn == (ROOT / "docs/pictures/architecture.svg").read_text(encoding="utf-8"), "run `make reference`"
 

@@ -44,12 +44,12 @@ def drawing() -> str:
     """Return the drawing as SVG: a package is below all packages that import it."""
     imports = package_imports()
     row_of: dict[str, int] = {}
-    for package in PACKAGES:
-        row_of[package] = 1 + max((row_of[below] for below in imports[package]), default=-1)
+    for package in reversed(PACKAGES):
+        row_of[package] = 1 + max((row_of[user] for user in row_of if package in imports[user]), default=-1)
     rows = [[package for package in PACKAGES if row_of[package] == row] for row in range(max(row_of.values()) + 1)]
     places: dict[str, tuple[float, float, float, float]] = {}
     parts, top = [], float(MARGIN)
-    for row in reversed(rows):
+    for row in rows:
         width = (WIDTH - 2 * MARGIN - GAP * (len(row) - 1)) / len(row)
         cards = [_card(package, MARGIN + column * (width + GAP), top, width) for column, package in enumerate(row)]
         for column, package in enumerate(row):

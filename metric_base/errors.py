@@ -1,4 +1,4 @@
-"""The one kind of error that is the input's and not the program's: commands answer it with one line and exit 2."""
+"""Errors of invalid input, which commands report in one line with exit status 2."""
 
 from __future__ import annotations
 
@@ -9,36 +9,52 @@ from typing import Self, TypeVar
 
 Name = TypeVar("Name", bound=Path | str)
 
-#: How much of a strange value an error shows: a line of a terminal, not a page.
+#: Maximum number of characters of a found value in a message: one line of a terminal.
 MAX_SHOWN = 120
-#: The same of what was expected, where names from the file may be quoted.
+#: Maximum number of characters of an expectation, which may quote names from the file.
 MAX_EXPECTED = 600
 
 
 class Unquoted(str):
-    """Unquoted about a value, which an error shows as they are: without quotes, control characters escaped."""
+    """Words about a value that a message shows without quotes, with control characters escaped."""
 
     __slots__ = ()
 
     def __new__(cls, words: str) -> Self:
-        """The words, with control characters escaped."""
+        """Return the words with control characters escaped."""
         return super().__new__(cls, words.encode("unicode_escape").decode("ascii"))
 
 
 class InputError(ValueError):
-    """An input is invalid: the message names the file, the field, what was expected and what was found."""
+    """An input is invalid: the message states the file, the field, the expected and the found value in one line.
+
+    Attributes
+    ----------
+    file, field : str or None
+        File (a path, perhaps with a line) and field that are invalid, if the error was raised by `at`.
+    """
+
+    file: str | None = None
+    field: str | None = None
 
     @classmethod
     def at(cls, file: Path | str, field: str, expected: str, found: object) -> Self:
-        """The error in one line; `found` is shown by its repr, or as `Unquoted`, cut to a readable length."""
+        """Return the error of a field; `found` is shown by its repr, or as `Unquoted`, cut to a readable length."""
         shown = found if isinstance(found, Unquoted) else repr(found)
-        return cls(f"{file}: {field[:MAX_SHOWN]}: expected {expected[:MAX_EXPECTED]}, found {shown[:MAX_SHOWN]}")
+        error = cls(f"{file}: {field[:MAX_SHOWN]}: expected {expected[:MAX_EXPECTED]}, found {shown[:MAX_SHOWN]}")
+        error.file, error.field = str(file), field
+        return error
 
 
 class FieldError(ValueError):
-    """A value is invalid, in a file that only a caller knows: `in_file` makes an `InputError` of it.
+    """A value is invalid in a file that only a caller knows: `in_file` converts this to an `InputError`.
 
-    field : where in the document, as far as is known; it may be empty. expected, found : as of `InputError.at`.
+    Parameters
+    ----------
+    field : str
+        Place in the document as far as it is known; it may be empty.
+    expected, found
+        See `InputError.at`.
     """
 
     def __init__(self, field: str, expected: str, found: object) -> None:
@@ -46,18 +62,18 @@ class FieldError(ValueError):
         self.field, self.expected, self.found = field, expected, found
 
     def __str__(self) -> str:
-        """What an `InputError` says after the file."""
+        """Return the message of the `InputError` without the file."""
         return f"{self.field}: expected {self.expected}, found {self.found!r}"
 
 
 def expect(holds: bool, field: str, expected: str, found: object) -> None:
-    """Raise a `FieldError` unless `holds`; whoever knows the file adds it (`in_file`)."""
+    """Raise a `FieldError` unless `holds`; `in_file` adds the file."""
     if not holds:
         raise FieldError(field, expected, found)
 
 
 class at_field:  # noqa: N801 - a context manager, as those of contextlib
-    """Within the block a `FieldError` gets `field` before its own; a plain class, for it is entered once a record."""
+    """Put `field` before the field of a `FieldError` of the block; a class, because it is entered once per record."""
 
     __slots__ = ("field",)
 
@@ -65,10 +81,10 @@ class at_field:  # noqa: N801 - a context manager, as those of contextlib
         self.field = field
 
     def __enter__(self) -> None:
-        """Nothing to prepare."""
+        """Enter the block."""
 
     def __exit__(self, _kind: type[BaseException] | None, error: BaseException | None, _trace: object) -> None:
-        """Add the field to an error."""
+        """Add the field to the error."""
         if isinstance(error, FieldError):
             gap = "" if not self.field or not error.field or error.field[0] in ".[" else " "
             raise FieldError(f"{self.field}{gap}{error.field}", error.expected, error.found) from None
@@ -76,9 +92,12 @@ class at_field:  # noqa: N801 - a context manager, as those of contextlib
 
 @contextmanager
 def in_file(file: Name, kind: type[InputError] = InputError) -> Iterator[Name]:
-    """Within the block a `FieldError` becomes an error of the file, of this kind; the block is given the file.
+    """Convert a `FieldError` of the block to an `InputError` of type `kind` that states the file.
 
-    `file` is a path, or a path with a line: `decisions.jsonl:12`.
+    Parameters
+    ----------
+    file : Path or str
+        A path, or a path with a line such as `decisions.jsonl:12`; it is also the value of the `with` statement.
     """
     try:
         yield file
@@ -87,4 +106,4 @@ def in_file(file: Name, kind: type[InputError] = InputError) -> Iterator[Name]:
 
 
 class StorageError(InputError):
-    """Files of a run, or the server that it shares with others, cannot be written or asked."""
+    """The files of a run, or the server that it shares with others, cannot be read or written."""

@@ -1,19 +1,17 @@
-"""What is read of binary files and JSON documents; every count is checked before it is believed.
-
-Records of a file of comma-separated values, with every error as one line that names the file.
-"""
+"""Readers of untrusted binary files, JSON values and comma-separated values; every count is checked before use."""
 
 from __future__ import annotations
 
 import csv
 import struct
+from collections.abc import Iterator, Sequence
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 from numpy.typing import DTypeLike, NDArray
 
-from metric_base.errors import FieldError, InputError, Unquoted
+from metric_base.errors import FieldError, InputError, Unquoted, expect, in_file
 from metric_base.input_files import read_bytes, read_text
 
 _JSON_KINDS = {
@@ -95,7 +93,7 @@ class BinaryReader:
             raise InputError.at(self.path, field, f"{size} bytes", Unquoted(f"{self.remaining} left in the file"))
 
 
-def csv_records(file: Path, text: str | None = None) -> tuple[list[str], list[tuple[int, dict[Any, Any]]]]:
+def csv_rows(file: Path, text: str | None = None) -> tuple[list[str], list[tuple[int, dict[Any, Any]]]]:
     """Names of the columns, and each record with the number of its line; `text` stands in for the file's.
 
     A record that is too short has None in its last columns; what is too much is a list under the key None.
@@ -112,3 +110,42 @@ def csv_records(file: Path, text: str | None = None) -> tuple[list[str], list[tu
     except csv.Error as error:
         line = reader.line_num + 1
         raise InputError.at(file, f"line {line}", "comma-separated values", Unquoted(str(error))) from None
+
+
+def table_rows(
+    file: Path, columns: Sequence[str], error_type: type[InputError] = InputError
+) -> Iterator[tuple[str, dict[str, str]]]:
+    """Read the rows of a comma-separated table with a header, as text (`records.read_csv` reads typed records).
+
+    Parameters
+    ----------
+    file : Path
+    columns : sequence of str
+        Columns that the table must have; others are ignored.
+    error_type : type of InputError
+
+    Yields
+    ------
+    tuple of str and dict
+        The place `file:line`, and the cell of each of `columns`; missing cells at the end of a row are empty.
+
+    Raises
+    ------
+    InputError
+        Of type `error_type`: the file cannot be read or lacks a column.
+    """
+    try:
+        with file.open(encoding="utf-8", newline="") as lines:
+            reader = csv.reader(lines)
+            header = next(reader, [])
+            missing = sorted(set(columns) - set(header))
+            with in_file(file, error_type):
+                expect(not missing, "header", f"columns {', '.join(columns)}", Unquoted(f"no {', '.join(missing)}"))
+            cells = [(name, header.index(name)) for name in columns]
+            name_of_file = str(file)
+            for row in filter(None, reader):
+                short = len(row) < len(header)
+                filled = [*row, *[""] * (len(header) - len(row))] if short else row
+                yield f"{name_of_file}:{reader.line_num}", {name: filled[place] for name, place in cells}
+    except OSError as error:
+        raise error_type(f"{file}: expected a table; found {error.strerror}") from None

@@ -1,8 +1,7 @@
-"""JSON and TOML checked against a record of their fields; an error names the field, what was expected and found.
+"""Typed records from JSON, JSON Lines, TOML and CSV; an error states the field, the expected and the found value.
 
-The records are dataclasses or `msgspec.Struct`s. Their own `__post_init__` checks with `expect` what a type cannot say.
-
-Field, expected and found are read from the text of msgspec's message: its exception carries nothing else.
+Records are dataclasses or `msgspec.Struct`s. Their `__post_init__` checks with `expect` what a type cannot express.
+Field, expected and found value are parsed from the message of msgspec, because its exception has no other attributes.
 """
 
 from __future__ import annotations
@@ -22,6 +21,7 @@ import msgspec
 
 from metric_base.errors import FieldError, InputError, Unquoted, expect, in_file
 from metric_base.input_files import read_text
+from metric_base.parsing import table_rows
 
 Record = TypeVar("Record")
 _PLACE = re.compile(r" - at `(key in )?`?\$?\.?([^`]*)`$")
@@ -81,6 +81,31 @@ def json_lines(
             with in_file(f"{path}:{number}", error_type) as place:
                 record = json_record(line, kind)
             yield place, record
+
+
+def read_csv(path: Path, kind: type[Record], error_type: type[InputError] = InputError) -> Iterator[tuple[str, Record]]:
+    """Read the rows of a comma-separated table of ours as records.
+
+    The columns are the fields of `kind`; other columns are ignored. An empty cell is an omitted field.
+
+    Yields
+    ------
+    tuple of str and Record
+        The place `file:line`, and the record.
+
+    Raises
+    ------
+    InputError
+        Of type `error_type`: the file cannot be read, lacks a column, or a cell is invalid.
+    """
+    for place, row in table_rows(path, tuple(_fields(kind)), error_type):
+        with in_file(place, error_type):
+            try:
+                record = record_of({name: cell for name, cell in row.items() if cell}, kind, cells=True)
+            except FieldError as error:
+                expected = re.sub(r"\bfloat\b", "a number", error.expected.replace(" | null", ""))
+                raise FieldError(error.field, expected, row.get(error.field) or Unquoted("none")) from None
+        yield place, record
 
 
 def toml_table(path: Path, error_type: type[InputError] = BadDeclaration) -> dict[str, Any]:

@@ -13,6 +13,7 @@ from pathlib import Path
 
 from metric_base.errors import expect, in_file
 from metric_base.folders import taxonomy_directory
+from metric_base.parsing import table_rows
 from metric_base.records import record_of
 from taxonomy.categories import PREFIX, Category, InsertedCategory, Pose, insertions
 from taxonomy.label_lists import vocabularies, vocabulary
@@ -25,7 +26,6 @@ from taxonomy.levels import (
     frozen_levels,
     parse_dims,
     replaced_ids,
-    table_rows,
 )
 
 #: Ends the id of a leaf that holds what a source names no closer than an inner node.
@@ -231,7 +231,7 @@ def default_catalogue(directory: Path | None = None) -> Catalogue:
         A table is missing or breaks a rule.
     """
     folder = directory or taxonomy_directory()
-    synsets = [row for _, row in table_rows(folder / "synsets.csv", _SYNSETS)]
+    synsets = [row for _, row in table_rows(folder / "synsets.csv", _SYNSETS, BadLevels)]
     words = SynsetTable(
         {row["synset"]: tuple(row["parents"].split()) for row in synsets},
         {row["synset"]: tuple(filter(None, row["lemmas"].split("; "))) for row in synsets},
@@ -254,7 +254,7 @@ def _reviewed_aliases(folder: Path) -> ReviewedAliases:
     """
     by_action: dict[str, dict[str, list[str]]] = {"add": {}, "drop": {}}
     file = folder / "aliases.csv"
-    for place, row in table_rows(file, _ALIASES) if file.is_file() else ():
+    for place, row in table_rows(file, _ALIASES, BadLevels) if file.is_file() else ():
         with in_file(place, BadLevels):
             expect(row["action"] in by_action, "action", "add or drop", row["action"])
         by_action[row["action"]].setdefault(row["node_id"], []).append(row["alias"])
@@ -273,7 +273,7 @@ def _labels(directory: Path | None) -> dict[str, tuple[str, ...]]:
 
 
 def _leaf_rows(file: Path) -> Iterator[Leaf]:
-    for place, row in table_rows(file, _LEAVES):
+    for place, row in table_rows(file, _LEAVES, BadLevels):
         with in_file(place, BadLevels):
             cells = {
                 "hypernym": row["hypernym"] or None,

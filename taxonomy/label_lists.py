@@ -15,8 +15,9 @@ from pathlib import Path
 
 from metric_base.errors import InputError
 from metric_base.folders import taxonomy_directory
+from metric_base.parsing import table_rows
 from metric_base.spelling import near_spellings
-from taxonomy.levels import replaced_ids, table_rows
+from taxonomy.levels import BadLevels, replaced_ids
 
 #: Reason of labels that have no size of their own (walls, floors, skies), so that they need no prior.
 STUFF = "stuff"
@@ -72,7 +73,7 @@ def vocabulary(name: str, directory: Path | None = None) -> tuple[Label, ...]:
     if name not in vocabularies(directory):
         at_hand = ", ".join(vocabularies(directory))
         raise UnknownLabel(f"vocabulary: expected one of {at_hand}; found {name!r}")
-    rows = table_rows((directory or taxonomy_directory()) / _FOLDER / f"{name}.csv", _COLUMNS)
+    rows = table_rows((directory or taxonomy_directory()) / _FOLDER / f"{name}.csv", _COLUMNS, BadLevels)
     replaced = replaced_ids(directory)
     return tuple(
         Label(row["label"], replaced.get(row["node_id"], row["node_id"]) or None, row["reason"]) for _, row in rows

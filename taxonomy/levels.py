@@ -7,14 +7,14 @@ what came in before it. What no kind claims waits for a reviewer.
 
 from __future__ import annotations
 
-import csv
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cache, cached_property
 from pathlib import Path
 
-from metric_base.errors import InputError, Unquoted, expect, in_file
+from metric_base.errors import InputError, expect, in_file
 from metric_base.folders import taxonomy_directory
+from metric_base.parsing import table_rows
 from taxonomy.categories import Pose
 
 #: Depth of the kinds, on which leaves hang, and of the leaves; the root is 1.
@@ -123,39 +123,14 @@ def replaced_ids(directory: Path | None = None) -> Mapping[str, str]:
     BadLevels
         The table cannot be read.
     """
-    rows = table_rows((directory or taxonomy_directory()) / "successors.csv", _SUCCESSORS)
+    rows = table_rows((directory or taxonomy_directory()) / "successors.csv", _SUCCESSORS, BadLevels)
     return {row["node_id"]: row["successor"] for _, row in rows}
-
-
-def table_rows(file: Path, columns: Sequence[str]) -> Iterator[tuple[str, dict[str, str]]]:
-    """Rows of a comma-separated table with at least these columns, each with its place `file:line`.
-
-    Raises
-    ------
-    BadLevels
-        The file cannot be read or lacks a column.
-    """
-    try:
-        with file.open(encoding="utf-8", newline="") as lines:
-            reader = csv.reader(lines)
-            header = next(reader, [])
-            missing = sorted(set(columns) - set(header))
-            with in_file(file, BadLevels):
-                expect(not missing, "header", f"columns {', '.join(columns)}", Unquoted(f"no {', '.join(missing)}"))
-            cells = [(name, header.index(name)) for name in columns]
-            name_of_file = str(file)
-            for row in filter(None, reader):
-                short = len(row) < len(header)
-                filled = [*row, *[""] * (len(header) - len(row))] if short else row
-                yield f"{name_of_file}:{reader.line_num}", {name: filled[place] for name, place in cells}
-    except OSError as error:
-        raise BadLevels(f"{file}: expected a table; found {error.strerror}") from None
 
 
 def _inner_nodes(file: Path) -> Iterator[InnerNode]:
     from metric_base.records import record_of  # msgspec is a tenth of what a query costs, and most ask for no node here
 
-    for place, row in table_rows(file, _COLUMNS):
+    for place, row in table_rows(file, _COLUMNS, BadLevels):
         cells = {"parent_id": row["parent_id"] or None, "claims": row["claims"].split()}
         with in_file(place, BadLevels):
             yield record_of(row | cells | {"dims": parse_dims(row["dims"])}, InnerNode, cells=True)

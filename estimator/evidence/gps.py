@@ -21,7 +21,7 @@ from estimator.records.scene import Scene
 from estimator.telemetry.records import Positions
 from metric_base.arrays import FloatArray
 from metric_base.errors import FieldError, InputError, Unquoted, at_field, in_file
-from metric_base.parsing import csv_records
+from metric_base.parsing import csv_rows
 
 if TYPE_CHECKING:
     from estimator.records.objects import Measurements
@@ -223,7 +223,7 @@ def local_metres(degrees: FloatArray) -> FloatArray:
 def _table_positions(file: Path, scene: Scene) -> tuple[dict[int, FloatArray], bool]:
     """Metres (3,) by row of the view, and whether the third of them is a height."""
     rows = ViewLookup(scene)
-    fields, records = csv_records(file)
+    fields, records = csv_rows(file)
     names = {field.strip().lower() for field in fields}
     columns = next((kind for kind in (("lat", "lon", "alt"), ("x", "y", "z")) if {"name", *kind} <= names), None)
     if columns is None:

@@ -15,7 +15,7 @@ from estimator.records.scene import Scene, View
 from estimator.scene_formats.common import FLIP, brown_camera, checked_image_size, number_of, points_beside, posed_view
 from metric_base.errors import FieldError, at_field, in_file
 from metric_base.input_files import read_text
-from metric_base.parsing import csv_records
+from metric_base.parsing import csv_rows
 
 PLY_FILES = ("points.ply", "sparse_pc.ply", "sparse.ply", "point_cloud.ply")
 COLUMNS = ("#name", "x", "y", "alt", "heading", "pitch", "roll", "f")
@@ -42,7 +42,7 @@ def read_realitycapture(file: Path) -> Scene:
         The file is damaged, or a picture is missing.
     """
     with in_file(file):
-        names, records = csv_records(file, _without_count(read_text(file)))
+        names, records = csv_rows(file, _without_count(read_text(file)))
         if not set(names) >= set(COLUMNS):
             raise FieldError("columns", ", ".join(COLUMNS), names)
         views: list[View] = []

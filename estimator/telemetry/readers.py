@@ -22,7 +22,7 @@ from estimator.telemetry.records import Positions, Samples, Telemetry
 from metric_base.arrays import FloatArray
 from metric_base.errors import FieldError, InputError, Unquoted, at_field, in_file
 from metric_base.input_files import read_json, read_text
-from metric_base.parsing import csv_records
+from metric_base.parsing import csv_rows
 
 #: Layout of the packets by type, after their first four bytes.
 LAYOUTS = {0: "<3f", 1: "<2i", 2: "<3f", 3: "<3f", 4: "<3f", 5: "<3d", 6: "<di2d7f", 7: "<3f"}
@@ -180,7 +180,7 @@ def _csv_telemetry(file: Path) -> Telemetry:
 
     `timestamp` in place of `time_s` counts from the first row.
     """
-    fields, records = csv_records(file)
+    fields, records = csv_rows(file)
     names = {field.strip().lower() for field in fields}
     kinds = [kind for kind in (FORCE, RATE, *PLACES.values()) if set(kind) <= names]
     clock = next((name for name in (TIME, STAMP) if name in names), None)

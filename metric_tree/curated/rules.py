@@ -1,10 +1,8 @@
-"""How often people mean which child by a plain name (`data/curated/frequencies.csv`).
+"""Rules of reviewers: rows that are excluded from a class, and how often people mean which child by a plain name.
 
-`stated` is what a reviewer said. Where `count` says how many objects ScanNet's and Matterport3D's annotators gave the
-child's name (the plain name of the leaf of plain objects), `weight` is their share with the reviewer's word as fifty
-objects more; else it is the reviewer's word.
-
-Rows that a reviewer took out of a class, with the reason (`data/curated/exclusions.csv`).
+`exclusions.csv` lists rows with a reason. In `frequencies.csv`, `stated` is the reviewer's estimate; if `count` has the
+number of objects to which the annotators of ScanNet and Matterport3D gave the name of the child (the plain name for the
+leaf of plain objects), `weight` is their share, with the estimate as fifty objects more; otherwise it is the estimate.
 """
 
 from __future__ import annotations
@@ -14,13 +12,31 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from functools import cache
 from pathlib import Path
+from typing import Annotated
 
-from metric_base.errors import InputError
+import msgspec
+
+from metric_base.errors import InputError, Unquoted, expect, in_file
 from metric_base.folders import taxonomy_directory
-from taxonomy.levels import table_rows
+from metric_base.records import read_csv
 
-EXCLUSION_COLUMNS = ("source", "node_id", "title", "reason")
-FREQUENCY_COLUMNS = ("node_id", "child_id", "weight", "reason")
+
+class _ExclusionRow(msgspec.Struct, kw_only=True):
+    """A row of `exclusions.csv`."""
+
+    source: Annotated[str, msgspec.Meta(min_length=1)]
+    node_id: str = ""
+    title: str = ""
+    reason: Annotated[str, msgspec.Meta(min_length=1)]
+
+
+class _FrequencyRow(msgspec.Struct, kw_only=True):
+    """A row of `frequencies.csv`."""
+
+    node_id: str
+    child_id: str
+    weight: Annotated[float, msgspec.Meta(gt=0, le=1e9)]
+    reason: str = ""
 
 
 class BadExclusion(InputError):
@@ -53,14 +69,11 @@ class Exclusions:
             A row has no source, no reason, or neither a node nor a word.
         """
         rules: dict[str, list[tuple[str, re.Pattern[str] | None]]] = {}
-        for where, row in table_rows(path, EXCLUSION_COLUMNS):
-            for name in ("source", "reason"):
-                if not row[name]:
-                    raise BadExclusion(f"{where}: {name}: expected a value; found none")
-            if not (row["node_id"] or row["title"]):
-                raise BadExclusion(f"{where}: node_id, title: expected one of them; found neither")
-            word = re.compile(rf"\b{re.escape(row['title'])}\b", re.IGNORECASE) if row["title"] else None
-            rules.setdefault(row["source"], []).append((row["node_id"], word))
+        for place, row in read_csv(path, _ExclusionRow, BadExclusion):
+            with in_file(place, BadExclusion):
+                expect(bool(row.node_id or row.title), "node_id, title", "one of them", Unquoted("neither"))
+            word = re.compile(rf"\b{re.escape(row.title)}\b", re.IGNORECASE) if row.title else None
+            rules.setdefault(row.source, []).append((row.node_id, word))
         return cls(rules)
 
 
@@ -85,15 +98,10 @@ def stated_frequencies(path: Path | None = None) -> Mapping[str, Mapping[str, fl
         A weight is no positive number, or a child is named twice.
     """
     weights: dict[str, dict[str, float]] = {}
-    for where, row in table_rows(
-        path or taxonomy_directory().parent / "curated" / "frequencies.csv", FREQUENCY_COLUMNS
-    ):
-        try:
-            weight = float(row["weight"])
-        except ValueError:
-            weight = 0.0
-        children = weights.setdefault(row["node_id"], {})
-        if not 0 < weight < float("inf") or row["child_id"] in children:
-            raise BadFrequency(f"{where}: weight: expected one positive number for a child; found {row['weight']!r}")
-        children[row["child_id"]] = weight
+    table = path or taxonomy_directory().parent / "curated" / "frequencies.csv"
+    for place, row in read_csv(table, _FrequencyRow, BadFrequency):
+        children = weights.setdefault(row.node_id, {})
+        with in_file(place, BadFrequency):
+            expect(row.child_id not in children, "child_id", "a child, once for each node", row.child_id)
+        children[row.child_id] = row.weight
     return weights

@@ -9,38 +9,29 @@ written for classes that have measured items before these were opened, to see ho
 
 from __future__ import annotations
 
-import dataclasses
-import re
 from collections.abc import Iterator
 from dataclasses import dataclass
 from functools import cache
 from pathlib import Path
-from typing import Any
+from typing import Annotated, Any, Literal
+
+import msgspec
 
 from crawler.items import RawItem
 from metric_base.errors import Unquoted, expect, in_file
 from metric_base.folders import taxonomy_directory
-from taxonomy.levels import DIMENSIONS, BadLevels, table_rows
+from metric_base.records import read_csv
+from taxonomy.levels import DIMENSIONS, BadLevels
 
 #: Source ids of the rows in a release; they are the project's own words, under its own licence.
 SOURCE, NORMS = "judged", "norms"
 LICENCE = "Apache-2.0"
 
 _AXES = tuple(DIMENSIONS.values())
-_ENDS = ("low", "typical", "high")
-_COLUMNS = ("node_id", *(f"{axis}_{end}" for axis in _AXES for end in _ENDS), "reason", "reviewer", "written")
-_NORM_COLUMNS = (
-    "node_id", "size", *_COLUMNS[1:-3], "document", "clause", "region", "reviewer", "written",
-)  # fmt: skip
-
-_STATE_COLUMNS = ("node_id", "state", "plain", *_COLUMNS[1:])
-
-_HEIGHT_COLUMNS = ("node_id", "height", "underside", "reason", "reviewer", "written")
-
-#: A comma that nobody quoted moves the cells: the last one is then no date.
-_DATE = re.compile(r"\d{4}(-\d\d){0,2}")
-
-_SETTLED_COLUMNS = ("code", "node_id", "reason", "reviewer", "written")
+#: A date; a comma without quotes moves the cells of a row, so that its last cell is no date.
+_Date = Annotated[str, msgspec.Meta(pattern=r"^\d{4}(-\d\d){0,2}$")]
+_Text = Annotated[str, msgspec.Meta(min_length=1)]
+_Millimetres = Annotated[float, msgspec.Meta(gt=0, le=1e9)]
 
 #: Two writers' ranges; the second knew how narrow the first one's were.
 BLIND_TABLES = ("blind", "blind_wide")
@@ -208,46 +199,123 @@ def _item(row: CuratedRange | Norm, **fields: Any) -> RawItem:
     )
 
 
+class _SizeRow(msgspec.Struct, kw_only=True):
+    """Columns of sizes in mm by axis; an axis has all three values in order, or none."""
+
+    node_id: _Text
+    length_low: _Millimetres | None = None
+    length_typical: _Millimetres | None = None
+    length_high: _Millimetres | None = None
+    width_low: _Millimetres | None = None
+    width_typical: _Millimetres | None = None
+    width_high: _Millimetres | None = None
+    height_low: _Millimetres | None = None
+    height_typical: _Millimetres | None = None
+    height_high: _Millimetres | None = None
+    reviewer: str = ""
+
+    def __post_init__(self) -> None:
+        for axis in _AXES:
+            ends = [getattr(self, f"{axis}_{end}") for end in ("low", "typical", "high")]
+            known = [end for end in ends if end is not None]
+            expect(
+                len(known) in {0, 3} and known == sorted(known), axis, "low, typical and high in order, or none", ends
+            )
+        expect(any(self.sizes()["typical"]), self.node_id, "at least one axis and a reason", Unquoted("none"))
+
+    def sizes(self) -> dict[str, Triple]:
+        """Return low, typical and high of length, width and height."""
+        return {end: tuple(getattr(self, f"{axis}_{end}") for axis in _AXES) for end in ("low", "typical", "high")}
+
+
+class _NormRow(_SizeRow, kw_only=True):
+    """A row of `norms.csv`."""
+
+    size: _Text
+    document: _Text
+    clause: Annotated[str, msgspec.Meta(pattern=r"^[^;]+$")]  # a semicolon separates norms elsewhere
+    region: str | None = None
+    written: _Text
+
+
+class _RangeRow(_SizeRow, kw_only=True):
+    """A row of `ranges.csv` and of the tables of blind ranges."""
+
+    reason: _Text
+    written: _Date
+
+    def fields(self) -> dict[str, Any]:
+        """Return the fields of a `CuratedRange`."""
+        texts = {name: getattr(self, name) for name in ("node_id", "reason", "reviewer", "written")}
+        return texts | self.sizes()
+
+
+class _StateRow(_RangeRow, kw_only=True):
+    """A row of `states.csv`."""
+
+    state: str = ""
+    plain: _Text
+
+
+class _HeightRow(msgspec.Struct, kw_only=True):
+    """A row of `heights.csv`."""
+
+    node_id: _Text
+    height: _Text
+    underside: Literal["seen", "unseen"]
+    reason: _Text
+    reviewer: _Text
+    written: _Text
+
+
+class _AcceptedRow(msgspec.Struct, kw_only=True):
+    """A row of `settled.csv`."""
+
+    code: _Text
+    node_id: _Text
+    reason: _Text
+    reviewer: _Text
+    written: _Text
+
+
 @cache
 def _norms(file: Path) -> tuple[Norm, ...]:
     rows: list[Norm] = []
     axes: dict[str, tuple[bool, ...]] = {}
-    for place, row in table_rows(file, _NORM_COLUMNS):
+    for place, row in read_csv(file, _NormRow, BadRange):
+        sizes = row.sizes()
+        stated = tuple(value is not None for value in sizes["typical"])
         with in_file(place, BadRange):
-            low, typical, high = _triples(row)
-            for column in ("size", "document", "clause", "reviewer", "written"):
-                expect(bool(row[column]), column, "a text", Unquoted("none"))
-            expect(";" not in row["clause"], "clause", "no semicolon, which parts norms", row["clause"])
-            stated = tuple(value is not None for value in typical)
-            expect(
-                axes.setdefault(row["node_id"], stated) == stated, "axes", "those of the class's other sizes", stated
+            expect(axes.setdefault(row.node_id, stated) == stated, "axes", "those of the class's other sizes", stated)
+        rows.append(
+            Norm(
+                node_id=row.node_id,
+                size=row.size,
+                low=sizes["low"],
+                typical=sizes["typical"],
+                high=sizes["high"],
+                document=row.document,
+                clause=row.clause,
+                region=row.region,
+                reviewer=row.reviewer,
+                written=row.written,
             )
-            texts = {name: row[name] for name in ("node_id", "size", "document", "clause", "reviewer", "written")}
-            rows.append(Norm(low=low, typical=typical, high=high, region=row["region"] or None, **texts))
+        )
     return tuple(rows)
 
 
 @cache
 def _accepted_rows(file: Path) -> frozenset[tuple[str, str]]:
-    if not file.is_file():  # a taxonomy of one's own
+    if not file.is_file():  # another taxonomy than the shipped one
         return frozenset()
-    rows = []
-    for place, row in table_rows(file, _SETTLED_COLUMNS):
-        with in_file(place, BadRange):
-            for column in _SETTLED_COLUMNS:
-                expect(bool(row[column]), column, "a text", Unquoted("none"))
-        rows.append((row["code"], row["node_id"]))
-    return frozenset(rows)
+    return frozenset((row.code, row.node_id) for _, row in read_csv(file, _AcceptedRow, BadRange))
 
 
 @cache
 def _ranges(file: Path) -> tuple[CuratedRange, ...]:
-    ranges = []
-    for place, row in table_rows(file, _COLUMNS):
-        with in_file(place, BadRange):
-            ranges.append(_range(row))
     chosen: dict[str, CuratedRange] = {}
-    for one in ranges:
+    for _, row in read_csv(file, _RangeRow, BadRange):
+        one = CuratedRange(**row.fields())
         before = chosen.get(one.node_id)
         if before is None or before.is_programs or not one.is_programs:
             chosen[one.node_id] = one
@@ -259,13 +327,11 @@ def _states(file: Path) -> tuple[CuratedState, ...]:
     if not file.is_file():
         return ()
     states: dict[tuple[str, str], CuratedState] = {}
-    for place, row in table_rows(file, _STATE_COLUMNS):
+    for place, row in read_csv(file, _StateRow, BadRange):
+        key = row.node_id, row.state
         with in_file(place, BadRange):
-            one, state = _range(row), row["state"]
-            expect(bool(state) and (one.node_id, state) not in states, "state", "a name, once for each node", state)
-            expect(bool(row["plain"]), "plain", "the state of the plain prior", Unquoted("none"))
-            fields = {field.name: getattr(one, field.name) for field in dataclasses.fields(one)}
-            states[one.node_id, state] = CuratedState(state=state, plain=row["plain"], **fields)
+            expect(bool(row.state) and key not in states, "state", "a name, once for each node", row.state)
+        states[key] = CuratedState(state=row.state, plain=row.plain, **row.fields())
     return tuple(states.values())
 
 
@@ -274,53 +340,17 @@ def _heights(file: Path) -> tuple[CuratedHeight, ...]:
     if not file.is_file():
         return ()
     heights: dict[str, CuratedHeight] = {}
-    for place, row in table_rows(file, _HEIGHT_COLUMNS):
-        node_id, seen = row["node_id"], row["underside"]
+    for place, row in read_csv(file, _HeightRow, BadRange):
         with in_file(place, BadRange):
-            expect(bool(node_id) and node_id not in heights, "node_id", "a node, once", node_id)
-            expect(seen in {"seen", "unseen"}, "underside", "seen or unseen", seen)
-            for column in _HEIGHT_COLUMNS:
-                expect(bool(row[column]), column, "a text", Unquoted("none"))
-        heights[node_id] = CuratedHeight(
-            node_id=node_id, height=row["height"], underside_seen=seen == "seen", reason=row["reason"]
+            expect(row.node_id not in heights, "node_id", "a node, once", row.node_id)
+        heights[row.node_id] = CuratedHeight(
+            node_id=row.node_id, height=row.height, underside_seen=row.underside == "seen", reason=row.reason
         )
     return tuple(heights.values())
 
 
-def _range(row: dict[str, str]) -> CuratedRange:
-    low, typical, high = _triples(row)
-    expect(bool(row["reason"]), row["node_id"], "at least one axis and a reason", Unquoted("none"))
-    expect(_DATE.fullmatch(row["written"]) is not None, "written", "a date such as 2026-11-22", row["written"])
-    texts = {name: row[name] for name in ("node_id", "reason", "reviewer", "written")}
-    return CuratedRange(low=low, typical=typical, high=high, **texts)
-
-
-def _triples(row: dict[str, str]) -> tuple[Triple, Triple, Triple]:
-    """Low, typical and high of the three axes; each axis has all of them, in order, or none."""
-    values = [[_number(row, f"{axis}_{end}") for end in _ENDS] for axis in _AXES]
-    for axis, ends in zip(_AXES, values, strict=True):
-        known = [end for end in ends if end is not None]
-        expect(len(known) in {0, 3} and known == sorted(known), axis, "low, typical and high in order, or none", ends)
-    low, typical, high = zip(*values, strict=True)
-    expect(bool(any(typical)), row["node_id"], "at least one axis and a reason", Unquoted("none"))
-    return low, typical, high
-
-
-def _number(row: dict[str, str], column: str) -> float | None:
-    """Millimetres of a cell, None of an empty one."""
-    cell = row[column]
-    if not cell:
-        return None
-    try:
-        value = float(cell)
-    except ValueError:
-        value = 0.0
-    expect(0 < value < float("inf"), column, "millimetres", cell)
-    return value
-
-
 def _not_none(value: float | None) -> float:
-    if value is None:  # _range checks that an axis has all three numbers or none
+    if value is None:  # `_SizeRow` checks that an axis has all three values or none
         raise AssertionError
     return value
 

@@ -21,13 +21,14 @@ import pyarrow.parquet as pq
 from metric_base.errors import InputError
 from metric_base.files import whole_file
 from metric_base.folders import taxonomy_directory
+from metric_base.parsing import table_rows
 from metric_tree.axes import AXES
 from metric_tree.curated.sizes import curated_heights, curated_ranges, curated_states, norms
 from metric_tree.fit.class_prior import NEW_SOURCE
 from metric_tree.pipeline.ingest import believed_spread
 from metric_tree.release.images import collect_pictures, picture_files
 from metric_tree.release.schema import TABLES
-from taxonomy.levels import replaced_ids, table_rows
+from taxonomy.levels import BadLevels, replaced_ids
 
 _COLUMNS = ("release", "node_id", "parent_id")
 #: Columns of `successors.parquet`.
@@ -51,7 +52,7 @@ class FormerNode:
 
 def former_nodes(path: Path | None = None) -> list[FormerNode]:
     """The nodes of releases 1.0.0 and 2.0.0 (`data/taxonomy/former_ids.csv`)."""
-    rows = table_rows(path or taxonomy_directory() / "former_ids.csv", _COLUMNS)
+    rows = table_rows(path or taxonomy_directory() / "former_ids.csv", _COLUMNS, BadLevels)
     return [FormerNode(row["release"], row["node_id"], row["parent_id"] or None) for _, row in rows]
 
 

@@ -22,11 +22,12 @@ import numpy as np
 
 from metric_base.arrays import FloatArray
 from metric_base.folders import taxonomy_directory
+from metric_base.parsing import table_rows
 from metric_tree.node import Node, NoPrior
 from metric_tree.prior import Prior
 from metric_tree.tree import Tree
 from taxonomy.label_lists import vocabulary
-from taxonomy.levels import table_rows
+from taxonomy.levels import BadLevels
 
 #: Lists of data sets with instance masks that anyone can train on: the paper's three, and LVIS.
 TRAINING_LISTS = ("coco_80", "ade20k_150", "openimages_601", "lvis_v1")
@@ -156,7 +157,7 @@ def narrowing(prior: Prior, noise: float = MEASUREMENT_SD, seed: int = 0) -> flo
 
 def paper_selection(directory: Path | None = None) -> tuple[tuple[str, str], ...]:
     """The paper's 43 categories: (the authors' file name, our node id)."""
-    rows = table_rows((directory or taxonomy_directory()) / "paper_43.csv", ("list", "label", "node_id"))
+    rows = table_rows((directory or taxonomy_directory()) / "paper_43.csv", ("list", "label", "node_id"), BadLevels)
     return tuple((row["label"], row["node_id"]) for _, row in rows)
 
 

@@ -91,8 +91,8 @@ def test_a_row_reads_as_it_is_written(tmp_path_factory, ends):
     [
         ("3,2,1,,,,,,", "length: expected low, typical and high in order"),
         ("1,2,,,,,,,", "length: expected low, typical and high in order"),
-        ("one,2,3,,,,,,", "length_low: expected millimetres, found 'one'"),
-        ("-1,2,3,,,,,,", "length_low: expected millimetres"),
+        ("one,2,3,,,,,,", "length_low: expected a number, found 'one'"),
+        ("-1,2,3,,,,,,", "length_low: expected a number > 0.0, found '-1'"),
         (",,,,,,,,", "expected at least one axis"),
     ],
 )

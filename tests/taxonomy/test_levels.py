@@ -3,7 +3,8 @@
 import pytest
 
 from metric_base.errors import FieldError
-from taxonomy.levels import BadLevels, InnerNode, Levels, frozen_levels, table_rows
+from metric_base.parsing import table_rows
+from taxonomy.levels import BadLevels, InnerNode, Levels, frozen_levels
 
 
 def inner(node_id, level, parent=None, claims=()):
@@ -59,11 +60,11 @@ def test_a_bad_table_is_named_in_one_line(tmp_path):
     with pytest.raises(BadLevels, match=r"levels.csv:2: pose: expected one of"):
         frozen_levels(table)
     with pytest.raises(BadLevels, match="expected a table"):
-        list(table_rows(tmp_path / "none.csv", ("a",)))
+        list(table_rows(tmp_path / "none.csv", ("a",), BadLevels))
 
 
 def test_cells_that_a_row_leaves_out_at_its_end_are_empty(tmp_path):
     table = tmp_path / "table.csv"
     table.write_text("a,b,c,d,e\n1,2\n1,2,3,4,5\n", encoding="utf-8")
-    rows = [row for _, row in table_rows(table, ("a", "b", "c", "e"))]
+    rows = [row for _, row in table_rows(table, ("a", "b", "c", "e"), BadLevels)]
     assert rows == [{"a": "1", "b": "2", "c": "", "e": ""}, {"a": "1", "b": "2", "c": "3", "e": "5"}]

@@ -1,24 +1,27 @@
-"""From what the user has to a result: objects of a file, or a scene with its instances; with the time of each step.
+"""Estimate the metric scale of a scene or of measured objects: the stages in order, with their durations.
 
-The one place that conducts the rooms: reading, checks, association, geometry, evidence, posterior.
+`estimate_scene` reads a scene and its masks, checks them, and measures the objects (`measure_objects`). The method
+(`METHODS`) then estimates the scale from the objects and the other evidence.
 """
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field, replace
+import warnings
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 import metric_tree
-from estimator.records import METHODS
-from estimator.records.digests import cloud_digest, masks_digest, model_digest, objects_digest, options_digest
+from estimator import records
+from estimator.baselines.paper import paper_result
+from estimator.records.digests import objects_digest, scene_digests
 from estimator.records.objects import MeasuredObject
-from estimator.records.options import EstimateOptions
-from estimator.records.result import ScaleEvidence, ScaleResult, SceneEstimate, UpReport
-from estimator.records.scene import Instance, Scene, SceneProblem
+from estimator.records.options import PAPER, EstimateOptions, MeasurementOptions
+from estimator.records.result import ResultContext, ScaleEvidence, ScaleResult, SceneEstimate, UpReport
+from estimator.records.scene import Instance, InstanceSet, Scene, SceneProblem
 from estimator.results.estimate import scale_of_objects
 from metric_base.errors import InputError
 from metric_base.progress import stopwatch
@@ -28,8 +31,25 @@ from metric_tree.tree import Tree
 if TYPE_CHECKING:
     from estimator.detectors.detector import Detector
     from estimator.evidence.source import EvidenceSource
-    from estimator.records.objects import Measurements, Up
-    from estimator.records.options import MeasurementOptions
+    from estimator.records.objects import Measurements
+
+
+@dataclass(frozen=True, slots=True)
+class Method:
+    """A method that estimates the scale from measured objects."""
+
+    measurement: MeasurementOptions
+    estimate: Callable[[Sequence[MeasuredObject], Tree, EstimateOptions, ResultContext], ScaleResult]
+    uses_evidence: bool  #: It uses evidence other than objects.
+
+
+#: The methods that measure objects, by the name in `EstimateOptions`. `sucar`, which measures none, is in
+#: `estimate_scene`.
+METHODS = {
+    "default": Method(MeasurementOptions(), scale_of_objects, uses_evidence=True),
+    "height": Method(MeasurementOptions(), scale_of_objects, uses_evidence=True),
+    "paper": Method(PAPER, paper_result, uses_evidence=False),
+}
 
 
 def estimate_scale(
@@ -43,24 +63,34 @@ def estimate_scale(
     up: Sequence[float] | None = None,
     where: Where | Mapping[str, Any] | str | None = None,
 ) -> ScaleResult:
-    """The scale of a scene, in metres per scene unit, from the sizes of the objects that its instances show.
+    """Estimate the scale of a scene, in metres per scene unit, from the sizes of its objects.
 
     Parameters
     ----------
-    scene, instances : as `read_scene` and `read_instances` return them, or made by hand
-    tree : the release with the size priors, by default the newest available
-    level : mass of the equal-tailed interval, between 0 and 1
-    evidence : beside the objects, for `default` and `height`: `ScaleEvidence`, or sources that look at the scene
-        (`estimator.evidence`: camera height, GPS, markers, metric depth, a rig's baseline)
-    method : `default`, or a baseline: `height`, `paper`, `sucar`
-    up : the vertical of the scene's axes where it is known from outside (an inertial unit), of any length; it replaces
-        what the cameras and level surfaces show, and a warning says if they contradict it
-    where : region and year of the objects, `{"region": "europe", "year": 2011}`, either or both, for `default` and
-        `height`
+    scene : Scene
+        Result of `read_scene`, or constructed by the caller.
+    instances : sequence of Instance
+        Result of `read_instances`, or constructed by the caller.
+    tree : Tree, optional
+        Release with the size priors; by default the newest available.
+    level : float, default 0.9
+        Mass of the equal-tailed interval, between 0 and 1.
+    evidence : sequence of ScaleEvidence or EvidenceSource
+        Other evidence for the methods `default` and `height`. Sources (`estimator.evidence`: camera height, GPS,
+        markers, metric depth, baseline of a rig) observe the scene.
+    method : {"default", "height", "paper", "sucar"}
+        The last three are baselines.
+    up : sequence of float, optional
+        Known vertical in the axes of the scene (from an inertial unit), of any length. It replaces the estimate from
+        cameras and level surfaces; a contradiction between them is a warning.
+    where : Where, dict or str, optional
+        Region and year of the objects, such as `{"region": "europe", "year": 2011}`, one or both, for the methods
+        `default` and `height`.
 
     Returns
     -------
-    ScaleResult; its `scale` and `interval` are None where `status` is `unresolved`.
+    ScaleResult
+        `scale` and `interval` are None if `status` is `unresolved`.
 
     Raises
     ------
@@ -78,79 +108,114 @@ def estimate_scale(
     """
     if not 0 < level < 1:
         raise InputError.at("estimate_scale", "level", "a number between 0 and 1", level)
-    if method not in METHODS:
-        raise InputError.at("estimate_scale", "method", f"one of {', '.join(METHODS)}", method)
+    if method not in records.METHODS:
+        raise InputError.at("estimate_scale", "method", f"one of {', '.join(records.METHODS)}", method)
     if tree is None:
         tree = metric_tree.open()
     ready = tuple(item for item in evidence if isinstance(item, ScaleEvidence))
     sources = tuple(item for item in evidence if not isinstance(item, ScaleEvidence))
-    asked = None if where is None else where_of(where)
-    options = EstimateOptions(method=method, level=level, evidence=ready, up=up, where=asked)
-    return _estimate(_SceneMasks(scene, tuple(instances)), tree, options, sources).result
+    context = None if where is None else where_of(where)
+    options = EstimateOptions(method=method, level=level, evidence=ready, up=up, where=context)
+    return estimate_scene(scene, tree, options, instances=InstanceSet(tuple(instances)), sources=sources).result
 
 
-def objects_result(
-    objects: Sequence[MeasuredObject], tree: Tree, options: EstimateOptions, paper_lists: Path | None = None
-) -> ScaleResult:
-    """The scale from sizes measured elsewhere, by the methods `default`, `height` and `paper`."""
-    if options.method == "paper":
-        from estimator.baselines.paper import paper_result
-
-        result = paper_result(objects, tree, options, paper_lists)
-    else:
-        result = scale_of_objects(objects, tree, options)
-    return _result_of(result, options, {"objects": objects_digest(objects)})
-
-
-def scene_estimate(
+def estimate_scene(
     source: Path | Scene,
     tree: Tree,
     options: EstimateOptions,
     *,
-    instances: Path | None = None,
+    instances: Path | InstanceSet | None = None,
     categories: Path | None = None,
     dense: Path | str | None = None,
-    paper_lists: Path | None = None,
     images: Path | None = None,
     detector: Detector | None = None,
     sources: Sequence[EvidenceSource] = (),
 ) -> SceneEstimate:
-    """The scale of a reconstruction on disk.
+    """Estimate the scale of a reconstruction and of its masks.
 
     Parameters
     ----------
-    source : a scene, or where it is; instances, categories, dense : as `estimator.reconstructions.scene_reader` takes
-    them
-    tree, options : as `scale_of_objects`
-    paper_lists : the authors' lists, for the second arm of `paper`
-    sources : evidence that looks at the scene
-    images, detector : the folder of the pictures and what finds the instances in them, in place of `instances`
+    source : Path or Scene
+        Scene, or the folder of a reconstruction.
+    tree : Tree
+        Release with the size priors.
+    options : EstimateOptions
+    instances : Path or InstanceSet, optional
+        Masks, or their file; by default those in the folder of the scene (`read_instances`).
+    categories, dense
+        As in `read_instances` and `read_scene`.
+    images, detector : Path and Detector, optional
+        Folder of the images and the detector that finds the instances in them, instead of `instances`.
+    sources : sequence of EvidenceSource
+        Evidence that is observed in the scene.
+
+    Returns
+    -------
+    SceneEstimate
+        The result, and the scene, instances and measurements that it is based on.
     """
-    from estimator.instances.instance_reader import default_instances, read_instances_and_warnings
+    from estimator.reconstructions.model_checks import check_reconstruction
     from estimator.reconstructions.scene_reader import read_scene
 
     seconds: dict[str, float] = {}
     with stopwatch(seconds, "reading"):
         scene = source if isinstance(source, Scene) else read_scene(source, dense)
-        if images is not None and detector is not None:
-            from estimator.detectors.detect import detect_instances
-
-            masks, warnings = detect_instances(scene, images, detector)
-        elif instances is None and (options.evidence or sources) and default_instances(scene) is None:
-            masks, warnings = (), ("no instances, so the scale is that of the other evidence alone",)
+        if isinstance(instances, InstanceSet):
+            masks = instances
         else:
-            masks, warnings = read_instances_and_warnings(scene, instances, categories)
-    beside = bool(masks) and instances is None and detector is None
-    return _estimate(_SceneMasks(scene, masks, warnings, seconds, beside), tree, options, sources, paper_lists)
+            has_evidence = bool(options.evidence or sources)
+            masks = _scene_instances(scene, instances, categories, images, detector, has_evidence)
+    warned = tuple(SceneProblem(message) for message in (*scene.warnings, *masks.warnings))
+    problems = (*warned, *check_reconstruction(scene))
+    context = ResultContext(problems=problems, digests=scene_digests(scene, masks), seconds=seconds)
+    if options.method == "sucar":
+        from estimator.baselines.sucar import sucar_result
+
+        return SceneEstimate(sucar_result(scene, masks.instances, tree, options, context), scene, masks.instances, None)
+
+    method = METHODS[options.method]
+    is_invalid = any(problem.is_fatal for problem in problems)
+    # Zeros and infinities of an invalid scene are no news.
+    with np.errstate(all="ignore" if is_invalid else "warn"):
+        measurements = measure_objects(scene, masks.instances, replace(method.measurement, up=options.up))
+    x, y, z = measurements.up.vector.tolist()
+    context = replace(
+        context,
+        up=UpReport((x, y, z), measurements.up.method, measurements.up.sigma_deg),
+        problems=(*problems, *measurements.problems),
+        seconds=seconds | measurements.timings,
+    )
+    if method.uses_evidence:
+        observed = [row for item in sources for row in item.observe(scene, measurements)]
+        options = replace(options, evidence=(*options.evidence, *observed))
+    result = method.estimate(measurements.objects, tree, options, context)
+    return SceneEstimate(result, scene, masks.instances, measurements)
+
+
+def estimate_objects(objects: Sequence[MeasuredObject], tree: Tree, options: EstimateOptions) -> ScaleResult:
+    """Estimate the scale from objects that another program measured, by the methods `default`, `height` and `paper`."""
+    context = ResultContext(digests={"objects": objects_digest(objects)})
+    return METHODS[options.method].estimate(objects, tree, options, context)
 
 
 def measure_objects(
     scene: Scene, instances: Sequence[Instance], options: MeasurementOptions | None = None
 ) -> Measurements:
-    """The objects of a scene in scene units, one for every track, by labels, tracks, up, planes and dimensions.
+    """Measure the objects of a scene in scene units, one for each track of instances.
 
-    A copy of the scene in another frame or order gives the same, but for rounding (`canonical_frame`). ValueError for
-    a scene without views.
+    The result does not depend on the frame of the scene or on the order of its lists, except for rounding
+    (`canonical_frame`).
+
+    Parameters
+    ----------
+    scene : Scene
+    instances : sequence of Instance
+    options : MeasurementOptions, optional
+
+    Raises
+    ------
+    ValueError
+        The scene has no views.
 
     Examples
     --------
@@ -161,122 +226,62 @@ def measure_objects(
     (3,)
     """
     from estimator.association.tracks import associate
-    from estimator.geometry.canonical_frame import sorted_scene
-    from estimator.geometry.measurement import in_world, measure_tracks
+    from estimator.geometry.canonical_frame import normalise_scene
+    from estimator.geometry.measurement import measure_tracks, scene_geometry, to_world
     from estimator.geometry.vertical import up_from_vector
-    from estimator.records.options import MeasurementOptions
 
     options = options or MeasurementOptions()
     seconds: dict[str, float] = {}
     with stopwatch(seconds, "order"):
-        # Algorithm 1 goes through the frames as they were taken
-        world = sorted_scene(scene, instances, keep_views=options.association == "incremental")
-    given = None if options.up is None else up_from_vector(world.frame.basis @ np.asarray(options.up))
-    ours = world.scene, world.instances
-    association = associate(*ours, options.association, options.dense, options.stated_tracks, seconds)
-    measured = in_world(measure_tracks(*ours, association, options, given, seconds), world)
-    doubled = (_ambiguity_of(len(instances)),) if instances and not world.instances else ()
-    notes = _up_warnings(measured.up, options.supports and not measured.planes)
-    return replace(measured, problems=(*measured.problems, *map(SceneProblem, (*doubled, *notes))))
+        # Algorithm 1 of the paper needs the frames in the order in which they were taken.
+        inner = normalise_scene(scene, instances, keep_views=options.association == "incremental")
+    given = None if options.up is None else up_from_vector(inner.frame.basis @ np.asarray(options.up))
+    association = associate(inner.scene, inner.instances, options, seconds)
+    geometry = scene_geometry(inner.scene, association.clouds, options, given, seconds)
+    problems = [*association.problems, *geometry.problems]
+    if instances and not inner.instances:
+        doubled = f"the {len(instances)} masks lie in pairs on the same pixels under two categories of equal score"
+        problems.append(SceneProblem(f"{doubled}: nothing says which is right, and none is taken"))
+    if geometry.up.method == "none":
+        problems.append(SceneProblem("up is unknown: the cameras neither turn nor agree on it"))
+    if geometry.up.method == "mean-camera-up":
+        uncertain = "up is the mean camera up: the cameras hardly turn and no level surface is visible"
+        problems.append(SceneProblem(uncertain))
+    if options.supports and not geometry.planes:
+        problems.append(SceneProblem("no support plane was found: heights are those of the points alone"))
+    objects = measure_tracks(inner.scene, inner.instances, association, geometry, options, seconds)
+    return to_world(objects, association.tracks, geometry, inner, tuple(problems), seconds)
 
 
-def _ambiguity_of(masks: int) -> str:
-    same = f"the {masks} masks lie in pairs on the same pixels under two categories of equal score"
-    return f"{same}: nothing says which is right, and none is taken"
+def _scene_instances(
+    scene: Scene,
+    file: Path | None,
+    categories: Path | None,
+    images: Path | None,
+    detector: Detector | None,
+    has_evidence: bool,
+) -> InstanceSet:
+    """Detect the instances of a scene in its images, or read them; parameters as in `estimate_scene`.
+
+    A scene without masks has no instances if it has other evidence.
+    """
+    from estimator.instances.instance_reader import default_instances, read_instances_and_warnings
+
+    if images is not None and detector is not None:
+        from estimator.detectors.detect import detect_instances
+
+        return InstanceSet(*detect_instances(scene, images, detector))
+    if file is None and has_evidence and default_instances(scene) is None:
+        return InstanceSet((), ("no instances, so the scale is that of the other evidence alone",))
+    instances, warned = read_instances_and_warnings(scene, file, categories)
+    return InstanceSet(instances, warned, is_default=bool(instances) and file is None)
 
 
-def _up_warnings(up: Up, no_planes: bool) -> list[str]:
-    lines = {
-        "none": "up is unknown: the cameras neither turn nor agree on it",
-        "mean-camera-up": "up is the mean camera up: the cameras hardly turn and no level surface is visible",
-    }
-    warnings = [lines[up.method]] if up.method in lines else []
-    return [*warnings, "no support plane was found: heights are those of the points alone"] if no_planes else warnings
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class _SceneMasks:
-    """A scene, its masks, warnings and times of reading; beside : the masks are those that lie with the scene."""
-
-    scene: Scene
-    instances: tuple[Instance, ...]
-    warnings: tuple[str, ...] = ()
-    seconds: Mapping[str, float] = field(default_factory=dict)
-    beside: bool = False
-
-
-def _estimate(
-    masks: _SceneMasks,
-    tree: Tree,
-    options: EstimateOptions,
-    sources: Sequence[EvidenceSource] = (),
-    paper_lists: Path | None = None,
-) -> SceneEstimate:
-    """The estimate and what it is of."""
-    from estimator.reconstructions.model_checks import check_reconstruction
-
-    scene, instances = masks.scene, masks.instances
-    problems = check_reconstruction(scene)
-    errors = tuple(problem.message for problem in problems if problem.is_fatal)
-    doubts = (problem.message for problem in problems if not problem.is_fatal)
-    warnings, seconds = (*scene.warnings, *masks.warnings, *doubts), dict(masks.seconds)
-    measurements = None
-    if options.method == "sucar":
-        from estimator.baselines.sucar import sucar_result
-
-        result = sucar_result(scene, instances, tree, options, warnings, seconds)
-    else:
-        from estimator.records.options import PAPER, MeasurementOptions
-
-        choices = PAPER if options.method == "paper" else MeasurementOptions()
-        # of a scene that is ruled out nothing is used: its zeros and infinities are no news
-        with np.errstate(all="ignore" if errors else "warn"):
-            measurements = measure_objects(scene, instances, replace(choices, up=options.up))
-        seconds |= measurements.timings
-        up = _up_report(measurements.up)
-        warnings = (*warnings, *(problem.message for problem in measurements.problems if not problem.is_fatal))
-        errors = (*errors, *(problem.message for problem in measurements.problems if problem.is_fatal))
-        if options.method == "paper":
-            from estimator.baselines.paper import paper_result
-
-            result = paper_result(measurements.objects, tree, options, paper_lists, up, warnings, seconds)
-        else:
-            observed = [row for source in sources for row in source.observe(scene, measurements)]
-            options = replace(options, evidence=(*options.evidence, *observed))
-            result = scale_of_objects(measurements.objects, tree, options, up, warnings, seconds)
-    of = {
-        "model": model_digest(scene),
-        "cloud": cloud_digest(scene),
-        "masks": masks_digest(scene, instances),
-        "masks_from": "scene" if masks.beside else None,
-    }
-    return SceneEstimate(_result_of(_reject(result, errors), options, of), scene, instances, measurements)
-
-
-def _result_of(result: ScaleResult, options: EstimateOptions, of: Mapping[str, str | None]) -> ScaleResult:
-    """The result with the digests of what it is of, and of what was asked for."""
-    rows = [(row.kind, row.id, row.scale, row.sd_log) for row in result.evidence]
-    up = None if options.up is None else [float(value) for value in options.up]
-    asked = (result.method, options.level, options.trust_known_length, str(options.where), up, rows, result.tree)
-    return replace(result, of={**of, "options": options_digest(asked)})
-
-
-def _reject(result: ScaleResult, errors: Sequence[str]) -> ScaleResult:
-    """The result, unresolved where the reconstruction itself is invalid."""
-    if not errors:
-        return result
-    lines = [f"unresolved: {error}" for error in errors]
-    # without its curve nothing is drawn of it: the sizes of such a scene are no sizes
-    return replace(
-        result,
-        status="unresolved",
-        scale=None,
-        interval=None,
-        curve=None,
-        would_help=(),
-        warnings=(*result.warnings, *lines),
-    )
-
-
-def _up_report(up: Up) -> UpReport:
-    return UpReport((float(up.vector[0]), float(up.vector[1]), float(up.vector[2])), up.method, up.sigma_deg)
+def __getattr__(name: str) -> object:
+    """Return a function under its name before version 5, which is removed in the next release."""
+    renamed = {"scene_estimate": estimate_scene, "objects_result": estimate_objects}
+    if name not in renamed:
+        raise AttributeError(f"module 'estimator.pipeline' has no attribute {name!r}")
+    message = f"estimator.pipeline.{name} is called {renamed[name].__name__}"
+    warnings.warn(message, DeprecationWarning, stacklevel=2)
+    return renamed[name]

@@ -16,7 +16,7 @@ from benchmarks.accuracy.outcomes import Outcome
 from estimator.posterior.axis_assignments import is_sorted, prior_axes
 from estimator.records.objects import MeasuredObject
 from estimator.results.estimate import scale_of_objects
-from estimator.results.object_priors import meanings
+from estimator.results.object_priors import resolve_categories
 from metric_base.arrays import FloatArray
 from metric_tree.pipeline.build import BuildOptions, build_release, shipped_curated, shipped_taxonomy
 from metric_tree.tree import Tree, open_tree
@@ -99,7 +99,7 @@ def _offsets(entries: Sequence[tuple[str, list[float]]], tree: Tree) -> dict[str
     for label, sizes in entries:
         by_label[label].append(np.log(sorted_extents(sizes)))
     offsets = {}
-    for label, meaning in meanings(tree, set(by_label)).items():
+    for label, meaning in resolve_categories(tree, set(by_label)).items():
         if meaning.prior is not None and not is_sorted(meaning.prior):
             axes, prior = prior_axes(meaning.prior), meaning.prior
             offsets[label] = np.zeros(3)

@@ -24,7 +24,7 @@ from benchmarks.common import ROOT, SHARED, options_parser, print_rows
 from benchmarks.estimator.mistake_cases import MISTAKES, MUNICH, RIGHT, SEOUL, Base, Case, masks_of
 from estimator.evidence.gps import Gps
 from estimator.instances.instance_reader import read_instances
-from estimator.pipeline import scene_estimate
+from estimator.pipeline import estimate_scene
 from estimator.reconstructions.scene_reader import read_scene
 from estimator.records.options import EstimateOptions
 from estimator.records.result import ScaleResult
@@ -80,7 +80,7 @@ def answer(case: Case, tree: metric_tree.Tree) -> ScaleResult | str:
         try:
             masks = None if case.dataset is None else file
             scene = replace(case.scene, path=Path(folder))  # beside the real one are its own masks
-            return scene_estimate(scene, tree, EstimateOptions(up=case.up), instances=masks, sources=sources).result
+            return estimate_scene(scene, tree, EstimateOptions(up=case.up), instances=masks, sources=sources).result
         except InputError as error:
             return re.sub(r"\S*/(?=\w)", "", str(error))
         except Exception as error:  # noqa: BLE001 - what the command calls an internal error

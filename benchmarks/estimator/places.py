@@ -11,6 +11,8 @@ import json
 from collections import Counter
 from collections.abc import Mapping, Sequence
 from pathlib import Path
+from typing import Any
+from unittest.mock import patch
 
 import numpy as np
 from scipy.optimize import minimize
@@ -22,8 +24,14 @@ from estimator.posterior.axis_assignments import LOG_BOX, is_sorted, prior_axes
 from estimator.posterior.object_likelihood import OUTLIER_SHARE
 from estimator.posterior.posterior import posterior
 from estimator.records.objects import MeasuredObject
-from estimator.results import estimate, object_priors
-from estimator.results.object_priors import MOST_OF_A_CLASS, LabelMeaning, Places, evidence_of, meanings
+from estimator.results import object_priors
+from estimator.results.object_priors import (
+    MAX_COUNT_PER_CLASS,
+    CategoryMatch,
+    SceneTypes,
+    object_evidence,
+    resolve_categories,
+)
 from metric_base.arrays import FloatArray
 from metric_base.files import whole_file
 
@@ -47,7 +55,7 @@ def main() -> None:
     arguments = parser.parse_args()
     tree, _ = unseen_tree(arguments.raw, arguments.cache)
     rooms = [room for _, room in sorted(rooms_of(BOXES).items())]
-    by_name = meanings(tree, {label for room in rooms for label, _ in room})
+    by_name = resolve_categories(tree, {label for room in rooms for label, _ in room})
     if arguments.write:
         with whole_file(OUT) as target:
             target.write_text(json.dumps(_record(learned(rooms[::2], by_name, IN_USE))) + "\n", encoding="utf-8")
@@ -65,11 +73,11 @@ def main() -> None:
         )
 
 
-def learned(rooms: Sequence[Room], by_name: Mapping[str, LabelMeaning], count: int) -> Places:
+def learned(rooms: Sequence[Room], by_name: Mapping[str, CategoryMatch], count: int) -> SceneTypes:
     """So many places: a mixture of Poisson rates of the classes, then the tilts that the sizes there ask for."""
     labels = sorted(name for name, one in by_name.items() if one.node is not None)
     counts = np.array([[Counter(label for label, _ in room)[name] for name in labels] for room in rooms], dtype=float)
-    share, rates, belongs = _mixture(np.minimum(counts, MOST_OF_A_CLASS), count)
+    share, rates, belongs = _mixture(np.minimum(counts, MAX_COUNT_PER_CLASS), count)
     tilts = {}
     for column, label in enumerate(labels):
         node, prior = by_name[label].node, by_name[label].prior
@@ -89,7 +97,7 @@ def learned(rooms: Sequence[Room], by_name: Mapping[str, LabelMeaning], count: i
         tilts[node.node_id] = np.zeros((count, 3))
         tilts[node.node_id][:, axes] = own - part @ own / part.sum() if count > 1 else own
     nodes = tuple(node.node_id for name in labels if (node := by_name[name].node) is not None)
-    return Places(nodes, share, np.maximum(rates, LEAST_RATE), tilts)
+    return SceneTypes(nodes, share, np.maximum(rates, LEAST_RATE), tilts)
 
 
 def _mixture(counts: FloatArray, count: int) -> tuple[FloatArray, FloatArray, FloatArray]:
@@ -131,21 +139,26 @@ def _tilt(likelihood: FloatArray, part: FloatArray, weights: FloatArray, feature
     return np.asarray(minimize(loss, np.zeros(features.shape[1]), method="BFGS").x)
 
 
-def _judged(rooms: Sequence[Room], by_name: Mapping[str, LabelMeaning], own: Places | None) -> FloatArray:
+def _judged(rooms: Sequence[Room], by_name: Mapping[str, CategoryMatch], own: SceneTypes | None) -> FloatArray:
     """(n, 3) error of the highest mode, CRPS, whether the interval holds the truth, of each room with these places."""
-    shares, tilted = object_priors.place_shares, object_priors.prior_in_place
-    vars(estimate).update(
-        place_shares=lambda nodes: None if own is None else shares(nodes, own),
-        prior_in_place=lambda prior, share: tilted(prior, share, own),
-    )
+    probabilities, tilted = object_priors.scene_type_probabilities, object_priors.prior_for_scene_type
+    replaced: dict[str, Any] = {
+        "scene_type_probabilities": lambda nodes: None if own is None else probabilities(nodes, own),
+        "prior_for_scene_type": lambda prior, probability: tilted(prior, probability, own),
+    }
+    with patch.multiple(object_priors, **replaced):
+        return _outcomes(rooms, by_name)
+
+
+def _outcomes(rooms: Sequence[Room], by_name: Mapping[str, CategoryMatch]) -> FloatArray:
+    """Return error, CRPS and coverage (n, 3) of the rooms."""
     rows = []
     for room in rooms:
         objects = [
             MeasuredObject(str(row), label, sorted_extents(sizes) / 1000, np.array(SIGMA))
             for row, (label, sizes) in enumerate(room)
         ]
-        stated, _ = evidence_of(objects, by_name)
-        one = posterior(list(stated.values()))
+        one = posterior(object_evidence(objects, by_name).objects)
         held = one.interval[0] <= 1 <= one.interval[1]
         rows.append((abs(one.modes[0].scale - 1), crps_of(one.curve, 0.0), float(held)))
     return np.array(rows)
@@ -157,11 +170,11 @@ def _difference(apart: FloatArray) -> str:
     return f"{apart.mean():+.4f} ({low:+.4f} to {high:+.4f})"
 
 
-def _record(own: Places) -> dict[str, object]:
+def _record(own: SceneTypes) -> dict[str, object]:
     return {
         "schema": "metric-tree/places/1",
         "nodes": own.nodes,
-        "share": own.share.round(3).tolist(),
+        "share": own.probability.round(3).tolist(),
         "rates": own.rates.round(3).tolist(),
         "tilts": {node: rows.round(2).tolist() for node, rows in own.tilts.items()},
     }

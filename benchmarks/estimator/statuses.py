@@ -21,7 +21,7 @@ from estimator.posterior import posterior as posterior_module
 from estimator.posterior.object_likelihood import ObjectEvidence
 from estimator.posterior.posterior import Estimate, posterior
 from estimator.records.objects import MeasuredObject
-from estimator.results.object_priors import evidence_of, meanings
+from estimator.results.object_priors import object_evidence, resolve_categories
 from metric_tree.tree import Tree
 
 BOXES = SHARED / "sizes" / "scannet18_boxes" / "scannet18_boxes.csv"
@@ -92,7 +92,7 @@ def _rooms(tree: Tree, subsets: Sequence[int | None] = SUBSETS, shift: int = 0) 
     by_room, generator = rooms_of(BOXES), np.random.default_rng(1)
     labels = sorted({category for objects in by_room.values() for category, _ in objects})
     label = {name: labels[(number + shift) % len(labels)] for number, name in enumerate(labels)}
-    by_name = meanings(tree, {category for entries in by_room.values() for category, _ in entries})
+    by_name = resolve_categories(tree, {category for entries in by_room.values() for category, _ in entries})
     for number, (_, entries) in enumerate(sorted(by_room.items())):
         scale = float(np.exp(generator.uniform(-3, 3)))
         objects = [
@@ -102,10 +102,10 @@ def _rooms(tree: Tree, subsets: Sequence[int | None] = SUBSETS, shift: int = 0) 
         for count in subsets:
             take = min(count or len(objects), len(objects))
             some = [objects[row] for row in generator.choice(len(objects), take, replace=False)]
-            stated, _ = evidence_of(some, by_name)
-            if stated:
+            objects_used = object_evidence(some, by_name).objects
+            if objects_used:
                 half = "odd rooms" if number % 2 else "even rooms"
-                yield half, count, posterior(list(stated.values())), float(np.log(scale))
+                yield half, count, posterior(objects_used), float(np.log(scale))
 
 
 def _simulations() -> Iterator[Row]:

@@ -17,7 +17,7 @@ import numpy as np
 
 from estimator.geometry.outline_measurement import MIN_BOX_VIEWS
 from estimator.records.scene import Scene
-from estimator.results.object_priors import LabelMeaning, meanings
+from estimator.results.object_priors import CategoryMatch, resolve_categories
 from metric_base.errors import InputError, Unquoted
 from metric_base.files import whole_file
 from metric_base.input_files import read_json
@@ -232,12 +232,12 @@ class ObjectNames:
 
     def __call__(self, text: str) -> dict[str, Any]:
         """Whether the name is known, a sentence about it, and names that begin like it or mean something near it."""
-        meaning = meanings(self.tree, {text})[text]
+        meaning = resolve_categories(self.tree, {text})[text]
         offers = [node.name for node in self.tree.search(text, OFFERED)]
         return {"known": meaning.prior is not None, "says": _sentence(meaning), "offers": list(dict.fromkeys(offers))}
 
 
-def _sentence(meaning: LabelMeaning) -> str:
+def _sentence(meaning: CategoryMatch) -> str:
     """The node with its median size, or why there is none."""
     if meaning.node is None or meaning.prior is None:
         return str(meaning.reason)

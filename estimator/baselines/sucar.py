@@ -1,15 +1,15 @@
-"""Sucar and Hayet's estimate: heights of back-projected detection boxes against a height prior per class.
+"""The estimate of Sucar and Hayet: heights of back-projected detection boxes and a prior of the height of each class.
 
 E. Sucar and J.-B. Hayet, "Probabilistic global scale estimation for monoSLAM based on generic object detection", 2017,
-as the paper describes its baseline: every detection's 2-D box is projected back into the scene at the depth of the
-map points in it, its height along a prescribed vertical is compared with the class's height, h* = s h, and every frame
-counts as a new observation. No association, no confidence, no truncation.
+as the paper describes its baseline. Every detection is projected back into the scene at the depth of the map points in
+its box. Its height along a prescribed vertical is compared with the height of its class, h* = s h, and every frame is a
+new observation. There is no association, confidence or truncation.
 """
 
 from __future__ import annotations
 
-import time
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
+from dataclasses import replace
 
 import numpy as np
 
@@ -18,20 +18,21 @@ from estimator.geometry.vertical import up_from_vector
 from estimator.projection.cameras import pixels_in_view, view_rays
 from estimator.records.objects import MeasuredObject
 from estimator.records.options import EstimateOptions
-from estimator.records.result import ScaleResult, UpReport
+from estimator.records.result import ResultContext, ScaleResult, UpReport
 from estimator.records.scene import Instance, Scene, View
 from estimator.results.estimate import HEIGHT
-from estimator.results.object_priors import LabelMeaning, meanings
-from estimator.results.scale_report import ScaleAnswer, result_of
+from estimator.results.object_priors import resolve_categories, selected_evidence
+from estimator.results.scale_report import build_result
 from metric_base.arrays import FloatArray
+from metric_base.progress import stopwatch
 from metric_tree.prior import Prior
 from metric_tree.tree import Tree
 
-#: Fewer map points than this in a box give no depth.
-LEAST_POINTS = 3
-
-#: Draws that give the mean and the deviation in mm of a class's heights.
-DRAWS, SEED = 4000, 0
+#: Minimum number of map points in a box for a depth.
+MIN_POINTS = 3
+#: Number of samples for the mean and the standard deviation of the heights of a class, and their seed.
+N_SAMPLES = 4000
+SEED = 0
 
 
 def sucar_result(
@@ -39,22 +40,62 @@ def sucar_result(
     instances: Sequence[Instance],
     tree: Tree,
     options: EstimateOptions,
-    warnings: Sequence[str] = (),
-    seconds: Mapping[str, float] | None = None,
+    context: ResultContext | None = None,
 ) -> ScaleResult:
-    """The scale by every detection's box; each row of the result is one detection."""
-    by_name = meanings(tree, {item.category for item in instances}, HEIGHT)
-    started = time.perf_counter()
-    down = prescribed_down(scene) if options.up is None else -up_from_vector(options.up).vector
-    heights = box_heights(scene, instances, down)
-    boxes = [
-        _object(number, item, height) for number, (item, height) in enumerate(zip(instances, heights, strict=True))
-    ]
-    answer = _answer(boxes, by_name, options)
+    """Estimate the scale from the box of every detection, each of which is an object of the result.
+
+    Parameters
+    ----------
+    scene : Scene
+    instances : sequence of Instance
+    tree : Tree
+        Release with the priors of the heights.
+    options : EstimateOptions
+        Its fields `level` and `up` are used. By default the vertical is that of the first camera.
+    context : ResultContext, optional
+        Problems, digests and durations of the scene.
+    """
+    context = context or ResultContext()
+    matches = resolve_categories(tree, {item.category for item in instances}, HEIGHT)
+    seconds = dict(context.seconds)
+    with stopwatch(seconds, "posterior"):
+        down = prescribed_down(scene) if options.up is None else -up_from_vector(options.up).vector
+        heights = box_heights(scene, instances, down)
+        boxes = [
+            MeasuredObject(
+                id=str(number),
+                category=item.category,
+                extents=np.array([np.nan, np.nan, height]),
+                sigma=np.full(3, np.nan),
+                score=item.score,
+                views=1,
+                skipped=None if np.isfinite(height) and height > 0 else "no depth in its box",
+            )
+            for number, (item, height) in enumerate(zip(instances, heights, strict=True), start=1)
+        ]
+        reasons = [box.skipped or matches[box.category].reason for box in boxes]
+        used = [index for index, reason in enumerate(reasons) if reason is None]
+        estimate = None
+        if used:
+            moments = {name: _moments(match.prior) for name, match in matches.items() if match.prior is not None}
+            mean, sd = np.array([moments[boxes[index].category] for index in used]).T  # (n,) mm
+            mm = np.array([boxes[index].extents[2] for index in used]) * 1000
+            scales = candidate_scales(mean / mm)
+            residuals = (scales * mm[:, None] - mean[:, None]) / sd[:, None]
+            estimate = estimate_on(scales, -0.5 * residuals**2 - np.log(sd)[:, None], options.level)
+    status, reason = ("unresolved", None) if estimate is None else (estimate.status, estimate.doubt)
+    x, y, z = down.tolist()
     how = "prescribed: first camera" if options.up is None else "given"
-    up = UpReport((float(-down[0]), float(-down[1]), float(-down[2])), how, 0.0)
-    elapsed = {**(seconds or {}), "posterior": time.perf_counter() - started}
-    return result_of(boxes, tree, by_name, answer, options, up, warnings, elapsed)
+    return build_result(
+        selected_evidence(boxes, matches, reasons, dict.fromkeys(used, HEIGHT)),
+        estimate,
+        tree,
+        options,
+        replace(context, up=UpReport((-x, -y, -z), how, 0.0)),
+        status=status,
+        reason=reason,
+        seconds=seconds,
+    )
 
 
 def prescribed_down(scene: Scene) -> FloatArray:
@@ -99,7 +140,7 @@ def _depth(scene: Scene, view: View, low: FloatArray, high: FloatArray) -> float
         pixels, all_depths = pixels_in_view(view, scene.points)
         with np.errstate(invalid="ignore"):
             depths = all_depths[((pixels >= low) & (pixels <= high)).all(axis=1)]
-    return float(np.median(depths)) if len(depths) >= LEAST_POINTS else np.nan
+    return float(np.median(depths)) if len(depths) >= MIN_POINTS else np.nan
 
 
 def _along(down: FloatArray, centre: FloatArray, ray: FloatArray) -> float:
@@ -109,35 +150,7 @@ def _along(down: FloatArray, centre: FloatArray, ray: FloatArray) -> float:
     return float(reach * (ray @ down) - centre @ down)
 
 
-def _object(number: int, item: Instance, height: float) -> MeasuredObject:
-    return MeasuredObject(
-        id=str(number + 1),
-        category=item.category,
-        extents=np.array([np.nan, np.nan, height]),
-        sigma=np.full(3, np.nan),
-        score=item.score,
-        views=1,
-        skipped=None if np.isfinite(height) and height > 0 else "no depth in its box",
-    )
-
-
-def _answer(
-    boxes: Sequence[MeasuredObject], by_name: Mapping[str, LabelMeaning], options: EstimateOptions
-) -> ScaleAnswer:
-    reasons = [box.skipped or by_name[box.category].reason for box in boxes]
-    places = [place for place, reason in enumerate(reasons) if reason is None]
-    if not places:
-        return ScaleAnswer(None, places, [], reasons)
-    moments = {name: _moments(meaning.prior) for name, meaning in by_name.items() if meaning.prior is not None}
-    mean, sd = np.array([moments[boxes[place].category] for place in places]).T  # (n,) mm
-    mm = np.array([boxes[place].extents[2] for place in places]) * 1000
-    scales = candidate_scales(mean / mm)
-    off = (scales * mm[:, None] - mean[:, None]) / sd[:, None]
-    log_likelihood = -0.5 * off**2 - np.log(sd)[:, None]
-    return ScaleAnswer(estimate_on(scales, log_likelihood, options.level), places, [HEIGHT] * len(places), reasons)
-
-
 def _moments(prior: Prior) -> tuple[float, float]:
     """Mean and standard deviation in mm of the class's heights: the Gaussian of the method."""
-    heights = prior.sample(DRAWS, SEED)[:, 0]
+    heights = prior.sample(N_SAMPLES, SEED)[:, 0]
     return float(heights.mean()), float(heights.std())

@@ -50,16 +50,16 @@ class CanonicalFrame:
             point_index=rows,
         )
 
-    def world_box(self, box: Box) -> Box:
+    def box_to_world(self, box: Box) -> Box:
         """A box of the own frame in the world."""
         return Box(box.centre @ self.basis + self.origin, box.axes @ self.basis, box.extents)
 
-    def world_up(self, up: Up) -> Up:
+    def up_to_world(self, up: Up) -> Up:
         """The vertical in the world."""
         known = None if up.known is None else up.known @ self.basis
         return replace(up, vector=up.vector @ self.basis, known=known)
 
-    def world_plane(self, plane: SupportPlane) -> SupportPlane:
+    def plane_to_world(self, plane: SupportPlane) -> SupportPlane:
         """A support plane of the own frame in the world."""
         basis = plane.basis @ self.basis
         shift = basis @ self.origin
@@ -67,19 +67,18 @@ class CanonicalFrame:
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class SortedScene:
+class NormalisedScene:
     """A scene in its own frame, with everything in an order that follows from its content.
 
-    points, dense : (n,) rows of the given scene's clouds; instances : the masks, at most one on an object in a view;
-    rows : (m,) which of the given ones they are.
+    instances : the masks, at most one on an object in a view.
     """
 
     frame: CanonicalFrame
     scene: Scene
     instances: tuple[Instance, ...]
-    points: IntArray
-    dense: IntArray
-    rows: IntArray
+    point_rows: IntArray  #: (n,) index of each sparse point in the given scene.
+    dense_rows: IntArray  #: (k,) index of each dense point in the given cloud.
+    mask_rows: IntArray  #: (m,) index of each instance among the given ones.
 
 
 def canonical_frame(views: Sequence[View]) -> CanonicalFrame:
@@ -97,7 +96,7 @@ def canonical_frame(views: Sequence[View]) -> CanonicalFrame:
     return CanonicalFrame(origin, np.stack([ahead, np.cross(basis[2], ahead), basis[2]]))
 
 
-def sorted_scene(scene: Scene, instances: Sequence[Instance], *, keep_views: bool = False) -> SortedScene:
+def normalise_scene(scene: Scene, instances: Sequence[Instance], *, keep_views: bool = False) -> NormalisedScene:
     """The scene and its masks in their own frame and order; the views as they are with `keep_views`.
 
     A dense cloud of more than `MAX_PAIRS` pairs of a view and a point is thinned. ValueError for a scene without views.
@@ -116,7 +115,7 @@ def sorted_scene(scene: Scene, instances: Sequence[Instance], *, keep_views: boo
     rows = _instance_order(instances, view_rank)
     masks = [replace(instances[row], view=int(view_rank[instances[row].view])) for row in rows.tolist()]
     distinct = np.arange(len(masks)) if keep_views else without_duplicates(masks)
-    return SortedScene(
+    return NormalisedScene(
         frame,
         replace(scene, views=views, points=points[order], dense=dense),
         tuple(masks[k] for k in distinct.tolist()),

@@ -9,7 +9,17 @@ from typing import Any
 import numpy as np
 
 from estimator.records.objects import MeasuredObject
-from estimator.records.scene import Instance, Scene
+from estimator.records.scene import Instance, InstanceSet, Scene
+
+
+def scene_digests(scene: Scene, masks: InstanceSet) -> dict[str, str | None]:
+    """Return the digests of model, cloud and masks, and whether the masks are those in the folder of the scene."""
+    return {
+        "model": model_digest(scene),
+        "cloud": cloud_digest(scene),
+        "masks": masks_digest(scene, masks.instances),
+        "masks_from": "scene" if masks.is_default else None,
+    }
 
 
 def model_digest(scene: Scene) -> str:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from pathlib import Path
 from typing import Literal
 
 from estimator.records.result import ScaleEvidence
@@ -86,3 +87,4 @@ class EstimateOptions:
     trust_known_length: bool = False
     up: Sequence[float] | None = None
     where: Where | None = None
+    paper_lists: Path | None = None  #: Folder of the authors' lists (`scale_metrics`), for the method `paper`.

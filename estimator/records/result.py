@@ -17,7 +17,7 @@ from dataclasses import dataclass, field, fields, is_dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal
 
-from estimator.records.scene import Instance, Scene
+from estimator.records.scene import Instance, Scene, SceneProblem
 from metric_base.arrays import FloatArray
 from metric_base.errors import InputError
 from metric_base.files import whole_file
@@ -112,6 +112,16 @@ class UpReport:
     vector: tuple[float, float, float]
     method: str
     sigma_deg: float
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class ResultContext:
+    """Values of a result that do not depend on the method."""
+
+    up: UpReport | None = None
+    problems: tuple[SceneProblem, ...] = ()  #: Of the model, the masks and the vertical, in the order of the stages.
+    digests: Mapping[str, str | None] | None = None  #: SHA-256 of the inputs; None for a result without `of`.
+    seconds: Mapping[str, float] = field(default_factory=dict)  #: Duration of the earlier stages.
 
 
 @dataclass(frozen=True, slots=True)

@@ -1,20 +1,23 @@
-"""The type of place that a scene's classes suggest, and how common the kinds of a plain name are there.
+"""Combine measured objects with the priors of their categories (`object_evidence`).
 
-A plain name is a mixture of kinds whose weights differ between bedrooms, offices, kitchens and bathrooms. `places.json`
-holds places that were learned, without names, from rooms whose classes and sizes are known
-(`benchmarks.estimator.places`): each has a share, a rate of every class, and for each class a tilt a, under which the
-weight of a component with mean m is proportional to w exp(a' (m - mean)). Over all places a class's tilts have the mean
-zero: what the rooms of one source have in common is no type of place. The classes of a scene are a draw from the rates
-of its place, so that a class without a mask says nothing; one place more is unknown and leaves all as it is.
+Categories. A category name is resolved to a node of the tree as detectors use it: a `mouse` is a device.
 
-What a category name means in the tree, read as detectors mean it: a `mouse` is a device.
+Scene types. The prior of a general name is a mixture of kinds, whose weights differ between bedrooms, offices, kitchens
+and bathrooms. `places.json` contains unnamed scene types that were learned from rooms with known classes and sizes
+(`benchmarks.estimator.places`). Each has a probability, a rate of every class, and a tilt a for each class, under which
+the weight of a component with mean m is proportional to w exp(a' (m - mean)). The mean of the tilts of a class over all
+scene types is zero, because a property that all rooms of a source have in common is no scene type. The classes of a
+scene are a sample from the rates of its type; a class without a mask has no influence. One more type is unknown and
+leaves the weights unchanged.
 
-Heights of what is built in: nobody sees the underside of a sink, or what is under a counter as part of it.
+Hidden undersides. The height of a built-in object (a sink, a counter) is truncated, because no image shows its
+underside.
 """
 
 from __future__ import annotations
 
 import json
+import math
 from collections import Counter
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
@@ -25,206 +28,270 @@ import numpy as np
 
 from estimator.posterior.object_likelihood import ObjectEvidence, usable
 from estimator.records.objects import MeasuredObject
+from estimator.records.result import ScaleEvidence
 from metric_base.arrays import BoolArray, FloatArray
 from metric_base.errors import InputError
 from metric_base.spelling import ADVICE
+from metric_tree.axes import AXES, EXTENTS
 from metric_tree.context import Where
 from metric_tree.node import Node
 from metric_tree.prior import Prior
 from metric_tree.tree import DETECTORS, Tree
 
-#: What is left of the score of an object whose label is read as a broader kind: a foosball table is no usual table, and
-#: its chance of being unlike the prior is one in four rather than one in ten.
+#: Factor of the score of an object whose label is more specific than its node: the size of a foosball table may not be
+#: that of a table, and its outlier probability is 0.25 instead of 0.1.
 BROADER_SCORE = 0.7
-#: Unknown names for which others are offered: each takes some milliseconds, and nobody reads more of them.
+#: Maximum number of unknown names for which similar names are suggested; each search takes some milliseconds.
 MAX_ADVISED_NAMES = 50
-#: The note of an object whose height is truncated for this reason alone.
-UNSEEN_UNDERSIDE = "its underside is not seen"
-#: Further objects of a class say no more of the place: ten chairs are one decision.
-MOST_OF_A_CLASS = 3
-#: Probability that a scene is none of the places, before its classes are seen.
-UNKNOWN_SHARE = 0.1
-#: Probabilities of places are rounded to this, so that scenes alike share one prior and its tables.
-STEP = 0.02
-#: Classes of the table that a scene must have: one class alone says too little of its place.
-LEAST_CLASSES = 2
+#: Note of an object whose height is truncated only because its underside is hidden.
+HIDDEN_UNDERSIDE = "its underside is not seen"
+#: Maximum count of a class in the probability of a scene type: ten chairs result from one decision.
+MAX_COUNT_PER_CLASS = 3
+#: Prior probability that the type of a scene is unknown.
+UNKNOWN_TYPE_PROBABILITY = 0.1
+#: Resolution of the probabilities of scene types. Rounding lets similar scenes share a cached prior.
+PROBABILITY_STEP = 0.02
+#: Minimum number of classes in the table that a scene must have; one class does not indicate a scene type.
+MIN_CLASSES = 2
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class LabelMeaning:
-    """The node of a category name and its prior, or the reason why there is none.
-
-    broader : the name says more than the node does, as `foosball table` does of a table.
-    """
+class CategoryMatch:
+    """Node and prior of a category name, or the reason why there is none."""
 
     node: Node | None
     prior: Prior | None
     reason: str | None = None
-    broader: bool = False
+    is_broader: bool = False  #: The name is more specific than the node, as `foosball table` than `table`.
 
     @property
     def error(self) -> str | None:
-        """The reason without the names that may be meant: a warning lists them, once."""
+        """The reason without suggested names, which only a warning lists."""
         return None if self.reason is None else self.reason.partition(ADVICE)[0]
 
     @property
     def notes(self) -> tuple[str, ...]:
-        """What is said of every object of this name."""
-        return (f"read as the broader kind {self.node.name}",) if self.broader and self.node is not None else ()
+        """Notes of every object with this name."""
+        return (f"read as the broader kind {self.node.name}",) if self.is_broader and self.node is not None else ()
 
 
-def meanings(
+@dataclass(frozen=True, slots=True, eq=False)
+class EvidenceSet:
+    """All evidence for the scale of a scene."""
+
+    measured: tuple[MeasuredObject, ...]  #: All objects, used or not.
+    matches: Mapping[str, CategoryMatch]  #: Match of each category.
+    reasons: tuple[str | None, ...]  #: Reason why a measured object is not used, or None.
+    objects: tuple[ObjectEvidence, ...]  #: The n objects that are used, with their priors; empty for the baselines.
+    indices: tuple[int, ...]  #: (n,) index of each of them in `measured`.
+    used: tuple[tuple[str, ...], ...]  #: (n,) names of the dimensions that are used.
+    gaussians: FloatArray  #: (k, 3) mean and standard deviation of log scale, and doubt, of the other evidence.
+
+
+def resolve_categories(
     tree: Tree, names: set[str], dims: tuple[str, ...] | None = None, where: Where | None = None
-) -> dict[str, LabelMeaning]:
-    """What each name means. With `dims` the prior is over these alone, else over the node's own.
+) -> dict[str, CategoryMatch]:
+    """Find the node and the prior of each category name.
 
-    With `where` it is that of a region and a year. A name that means no node, or several alike, or a node without
-    such a prior, has a reason instead: it is listed, not fatal.
+    Parameters
+    ----------
+    tree : Tree
+    names : set of str
+    dims : tuple of str, optional
+        Dimensions of the priors; by default those of each node.
+    where : Where, optional
+        Region and year of the priors.
+
+    Returns
+    -------
+    dict
+        `CategoryMatch` of each name. A name without a node, with several equally good nodes, or whose node has no such
+        prior has a reason.
     """
-    known: dict[str, LabelMeaning] = {}
+    matches: dict[str, CategoryMatch] = {}
     unknown = 0
     for name in sorted(names):
-        known[name] = _meaning(tree, name, dims, where, unknown < MAX_ADVISED_NAMES)
-        unknown += known[name].node is None
-    return known
+        matches[name] = _match(tree, name, dims, where, unknown < MAX_ADVISED_NAMES)
+        unknown += matches[name].node is None
+    return matches
 
 
-def _meaning(tree: Tree, name: str, dims: tuple[str, ...] | None, where: Where | None, advice: bool) -> LabelMeaning:
+def _match(tree: Tree, name: str, dims: tuple[str, ...] | None, where: Where | None, advice: bool) -> CategoryMatch:
     try:
         node = tree.find(name, DETECTORS, advice=advice)
     except InputError as error:
-        return LabelMeaning(None, None, str(error))
+        return CategoryMatch(None, None, str(error))
+    words, node_words = _words(name), _words(node.name)
+    is_broader = (
+        words != node_words
+        and words[-len(node_words) :] == node_words
+        and not any(words == _words(alias) for alias in node.aliases)
+        and tree.resolve(name, DETECTORS).how in {"label list", "broader kind"}
+    )
     try:
-        return LabelMeaning(node, node.prior(dims, where), broader=_is_broader(tree, name, node))
+        return CategoryMatch(node, node.prior(dims, where), is_broader=is_broader)
     except InputError as error:
-        return LabelMeaning(node, None, str(error))
-
-
-def _is_broader(tree: Tree, name: str, node: Node) -> bool:
-    """Whether a name ends with the name of its node and says more, which is neither an adjective nor a known name."""
-    words, own = _words(name), _words(node.name)
-    if words == own or words[-len(own) :] != own or any(words == _words(alias) for alias in node.aliases):
-        return False
-    return tree.resolve(name, DETECTORS).how in {"label list", "broader kind"}
+        return CategoryMatch(node, None, str(error))
 
 
 def _words(name: str) -> list[str]:
     return name.lower().replace("_", " ").replace("-", " ").split()
 
 
-def with_unseen_undersides(
-    objects: Sequence[MeasuredObject], by_name: Mapping[str, LabelMeaning]
+def truncate_hidden_heights(
+    objects: Sequence[MeasuredObject], matches: Mapping[str, CategoryMatch]
 ) -> tuple[MeasuredObject, ...]:
-    """The objects, the heights of what is built in truncated: what is seen ends above the underside.
+    """Mark the heights of built-in objects as truncated: the images end above their undersides.
 
-    An object that reaches down to the plane that it stands on is whole. Where the prior judges no other whole side,
-    the height stays: it is better than nothing.
+    An object that reaches down to its support plane is complete. If the prior contains no other complete side, the
+    height is kept, because the object would be unusable without it.
     """
-    return tuple(_with_unseen_underside(item, by_name[item.category]) for item in objects)
+    result = []
+    for item in objects:
+        match, cut = matches[item.category], np.asarray(item.truncated, dtype=bool)
+        dims = () if match.prior is None else match.prior.dims
+        others = np.isfinite(item.extents[:2]) & ~cut[:2] & [axis in dims for axis in ("length", "width")]
+        is_complete = not item.vertical_known or item.unsupported_height is not None
+        if match.node is None or match.node.underside_seen or is_complete or cut[2] or not others.any():
+            result.append(item)
+        else:
+            truncated, notes = np.array([*cut[:2], True]), (*item.notes, HIDDEN_UNDERSIDE)
+            result.append(replace(item, truncated=truncated, notes=notes))
+    return tuple(result)
 
 
-def cut_sides(item: MeasuredObject) -> BoolArray:
-    """(3,) the truncated sides that another picture may show."""
+def visible_truncations(item: MeasuredObject) -> BoolArray:
+    """Return the truncated sides (3,) that another image may show."""
     cut = np.asarray(item.truncated, dtype=bool)
-    return cut & [True, True, UNSEEN_UNDERSIDE not in item.notes]
-
-
-def _with_unseen_underside(item: MeasuredObject, meaning: LabelMeaning) -> MeasuredObject:
-    cut = np.asarray(item.truncated, dtype=bool)
-    judged = () if meaning.prior is None else meaning.prior.dims
-    others = np.isfinite(item.extents[:2]) & ~cut[:2] & [axis in judged for axis in ("length", "width")]
-    stands = not item.vertical_known or item.unsupported_height is not None
-    if meaning.node is None or meaning.node.underside_seen or stands or cut[2] or not others.any():
-        return item
-    return replace(item, truncated=np.array([*cut[:2], True]), notes=(*item.notes, UNSEEN_UNDERSIDE))
+    return cut & [True, True, HIDDEN_UNDERSIDE not in item.notes]
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Places:
-    """The k places.
+class SceneTypes:
+    """The k scene types with the rates of c classes."""
 
-    share : (k,) sum one; rates : (k, c) of the c nodes; tilts : (k, 3) by node, for length, width, height.
-    """
+    nodes: tuple[str, ...]  #: (c,) node of each class.
+    probability: FloatArray  #: (k,) prior probabilities, with sum one.
+    rates: FloatArray  #: (k, c) rate of each class.
+    tilts: dict[str, FloatArray]  #: (k, 3) tilts along length, width and height, by node.
 
-    nodes: tuple[str, ...]
-    share: FloatArray
-    rates: FloatArray
-    tilts: dict[str, FloatArray]
-
-    def shares_of(self, counts: Sequence[int]) -> FloatArray:
-        """(k + 1,) probability of each place, and of none, given how many objects of each node there are, (c,)."""
-        rates = np.vstack([self.rates, self.share @ self.rates])
+    def probabilities(self, counts: Sequence[int]) -> FloatArray:
+        """Return the probability (k + 1,) of each type, and of an unknown one, given the counts (c,) of the classes."""
+        rates = np.vstack([self.rates, self.probability @ self.rates])
         rates /= rates.sum(axis=1, keepdims=True)
-        before = np.append((1 - UNKNOWN_SHARE) * self.share, UNKNOWN_SHARE)
-        log_share = np.log(before) + np.log(rates) @ np.minimum(counts, MOST_OF_A_CLASS)
-        share = np.exp(log_share - log_share.max())
-        return np.asarray(share / share.sum())
+        before = np.append((1 - UNKNOWN_TYPE_PROBABILITY) * self.probability, UNKNOWN_TYPE_PROBABILITY)
+        log_probability = np.log(before) + np.log(rates) @ np.minimum(counts, MAX_COUNT_PER_CLASS)
+        probability = np.exp(log_probability - log_probability.max())
+        return np.asarray(probability / probability.sum())
 
 
 @lru_cache(maxsize=1)
-def shipped_places() -> Places:
-    """The places of `places.json`."""
+def shipped_scene_types() -> SceneTypes:
+    """Return the scene types of `places.json`."""
     table = json.loads(Path(__file__).with_name("places.json").read_text(encoding="utf-8"))
     tilts = {node: np.array(rows, dtype=float) for node, rows in table["tilts"].items()}
-    return Places(tuple(table["nodes"]), np.array(table["share"]), np.array(table["rates"]), tilts)
+    return SceneTypes(tuple(table["nodes"]), np.array(table["share"]), np.array(table["rates"]), tilts)
 
 
-def place_shares(nodes: Sequence[Node], places: Places | None = None) -> tuple[float, ...] | None:
-    """The probability of each place, the last of none, given the objects' nodes; None where they say too little."""
-    places = places or shipped_places()
-    count = Counter(name for node in nodes if (name := _counted_as(node, places)) is not None)
-    if len(count) < LEAST_CLASSES:
+def scene_type_probabilities(nodes: Sequence[Node], types: SceneTypes | None = None) -> tuple[float, ...] | None:
+    """Return the probability of each scene type, the last of an unknown one, given the nodes of the objects.
+
+    An object is counted as the closest ancestor of its node that the types contain. None if the objects have fewer than
+    `MIN_CLASSES` of these classes.
+    """
+    types = types or shipped_scene_types()
+    count: Counter[str] = Counter()
+    for node in nodes:
+        ancestor: Node | None = node
+        while ancestor is not None and ancestor.node_id not in types.nodes:
+            ancestor = ancestor.parent
+        if ancestor is not None:
+            count[ancestor.node_id] += 1
+    if len(count) < MIN_CLASSES:
         return None
-    share = places.shares_of([count[name] for name in places.nodes])
-    return tuple((np.round(share / STEP) * STEP).tolist())
-
-
-def _counted_as(own: Node, places: Places) -> str | None:
-    """The id of the node, or of the one above it that the places know."""
-    node: Node | None = own
-    while node is not None:
-        if node.node_id in places.nodes:
-            return node.node_id
-        node = node.parent
-    return None
+    probability = types.probabilities([count[name] for name in types.nodes])
+    return tuple((np.round(probability / PROBABILITY_STEP) * PROBABILITY_STEP).tolist())
 
 
 @lru_cache(maxsize=2048)
-def prior_in_place(prior: Prior, share: tuple[float, ...], places: Places | None = None) -> Prior:
-    """The prior with its components' weights as they are in places of these probabilities, as `place_shares` says."""
-    places = places or shipped_places()
-    tilts = places.tilts.get(prior.node_id)
+def prior_for_scene_type(prior: Prior, probability: tuple[float, ...], types: SceneTypes | None = None) -> Prior:
+    """Return the prior with the component weights for scenes of these types.
+
+    Parameters
+    ----------
+    prior : Prior
+    probability : tuple of float
+        Probabilities from `scene_type_probabilities`.
+    types : SceneTypes, optional
+    """
+    types = types or shipped_scene_types()
+    tilts = types.tilts.get(prior.node_id)
     axes = [("length", "width", "height").index(dim) for dim in prior.dims if dim in ("length", "width", "height")]
     if tilts is None or len(axes) < len(prior.dims) or len(prior.weights) < 2:
         return prior
     features = prior.means - prior.weights @ prior.means  # (k, d)
     log_weight = np.log(np.maximum(prior.weights, 1e-300)) + np.vstack([tilts, np.zeros(3)])[:, axes] @ features.T
-    by_place = np.exp(log_weight - log_weight.max(axis=1, keepdims=True))
-    by_place /= by_place.sum(axis=1, keepdims=True)
-    weights = np.array(share) @ by_place
+    by_type = np.exp(log_weight - log_weight.max(axis=1, keepdims=True))
+    by_type /= by_type.sum(axis=1, keepdims=True)
+    weights = np.array(probability) @ by_type
     return replace(prior, weights=weights / weights.sum())
 
 
-def evidence_of(
-    objects: Sequence[MeasuredObject], by_name: Mapping[str, LabelMeaning]
-) -> tuple[dict[int, ObjectEvidence], list[str | None]]:
-    """The objects that can speak, by place in the list, and per object the reason why it cannot, or None.
+def object_evidence(
+    objects: Sequence[MeasuredObject], matches: Mapping[str, CategoryMatch], others: Sequence[ScaleEvidence] = ()
+) -> EvidenceSet:
+    """Combine measured objects with the priors of their categories, and with other evidence.
 
-    Their priors are those of the type of place that the classes suggest (`places`).
+    An object is used if it was measured, its category has a prior, and at least one extent that the prior contains is
+    finite and not truncated. The priors are those of the scene type that the categories indicate.
     """
-    reasons = [item.skipped or by_name[item.category].error for item in objects]
-    stated: dict[int, ObjectEvidence] = {}
-    share = place_shares([node for item in objects if (node := by_name[item.category].node) is not None])
-    for place, item in enumerate(objects):
-        meaning = by_name[item.category]
-        if reasons[place] is None and meaning.node is not None and meaning.prior is not None:
-            judged = replace(item, score=BROADER_SCORE * item.score) if meaning.broader else item
-            prior = meaning.prior if share is None else prior_in_place(meaning.prior, share)
-            stated[place] = ObjectEvidence(judged, prior, meaning.node.pose)
-    for place, there in zip(list(stated), usable(list(stated.values())).tolist(), strict=True):
-        if not any(there):
-            reasons[place] = f"none of its extents is among {', '.join(stated.pop(place).prior.dims)}"
-        elif not np.any(there & ~np.asarray(objects[place].truncated, dtype=bool)):
-            reasons[place] = "every extent that its prior judges is truncated"
-            del stated[place]
-    return stated, reasons
+    reasons = [item.skipped or matches[item.category].error for item in objects]
+    probability = scene_type_probabilities(
+        [node for item in objects if (node := matches[item.category].node) is not None]
+    )
+    candidates: dict[int, ObjectEvidence] = {}
+    for index, item in enumerate(objects):
+        match = matches[item.category]
+        if reasons[index] is None and match.node is not None and match.prior is not None:
+            judged = replace(item, score=BROADER_SCORE * item.score) if match.is_broader else item
+            prior = match.prior if probability is None else prior_for_scene_type(match.prior, probability)
+            candidates[index] = ObjectEvidence(judged, prior, match.node.pose)
+    used: dict[int, tuple[str, ...]] = {}
+    for index, in_prior in zip(candidates, usable(list(candidates.values())), strict=True):
+        is_complete = in_prior & ~np.asarray(objects[index].truncated, dtype=bool)
+        if not in_prior.any():
+            reasons[index] = f"none of its extents is among {', '.join(candidates[index].prior.dims)}"
+        elif not is_complete.any():
+            reasons[index] = "every extent that its prior judges is truncated"
+        else:
+            used[index] = names_of(objects[index], is_complete)
+    gaussians = [(math.log(item.scale), item.sd_log, item.doubt) for item in others if item.scale is not None]
+    return EvidenceSet(
+        measured=tuple(objects),
+        matches=matches,
+        reasons=tuple(reasons),
+        objects=tuple(candidates[index] for index in used),
+        indices=tuple(used),
+        used=tuple(used.values()),
+        gaussians=np.array(gaussians, dtype=float).reshape(-1, 3),
+    )
+
+
+def selected_evidence(
+    objects: Sequence[MeasuredObject],
+    matches: Mapping[str, CategoryMatch],
+    reasons: Sequence[str | None],
+    used: Mapping[int, tuple[str, ...]],
+) -> EvidenceSet:
+    """Return the objects that a baseline uses, without priors: `used` has the dimensions of each by its index."""
+    return EvidenceSet(tuple(objects), matches, tuple(reasons), (), tuple(used), tuple(used.values()), np.zeros((0, 3)))
+
+
+def dimension_names(item: MeasuredObject) -> tuple[str, str, str]:
+    """Return the names of the three extents; a box without a vertical has sorted extents."""
+    return (AXES[0], AXES[1], AXES[2]) if item.vertical_known else EXTENTS
+
+
+def names_of(item: MeasuredObject, chosen: BoolArray) -> tuple[str, ...]:
+    """Return the names of the extents that are chosen, (3,) bool."""
+    return tuple(name for name, keep in zip(dimension_names(item), chosen, strict=True) if keep)

@@ -1,231 +1,238 @@
-"""Why an object counted or not, in words: the verdict, and the dimension that speaks against it.
-
-The result of any method: what was asked, what was answered, and a report on every object.
-"""
+"""Build the result of a method (`build_result`): a report for each object, its verdict and reason, and the warnings."""
 
 from __future__ import annotations
 
 import math
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
 from functools import lru_cache
 
 import numpy as np
 
 from estimator.posterior.axis_assignments import is_sorted
-from estimator.posterior.object_likelihood import ObjectEvidence
 from estimator.posterior.posterior import Estimate
+from estimator.records.digests import options_digest
 from estimator.records.objects import MeasuredObject
 from estimator.records.options import EstimateOptions
-from estimator.records.result import EvidenceReport, Interval, ObjectReport, ScaleResult, UpReport, Verdict
-from estimator.results.object_priors import LabelMeaning
-from metric_base.arrays import BoolArray, FloatArray
+from estimator.records.result import (
+    Alternative,
+    EvidenceReport,
+    Help,
+    Interval,
+    ObjectReport,
+    ResultContext,
+    ScaleResult,
+    Status,
+    Verdict,
+)
+from estimator.results.object_priors import EvidenceSet, dimension_names, names_of
+from metric_base.arrays import FloatArray
 from metric_tree.axes import AXES, EXTENTS
 from metric_tree.prior import Prior
 from metric_tree.tree import Tree
 
-#: An object is an outlier when this is less likely than not.
-OUTLIER_WEIGHT = 0.5
-#: "Usual" sizes are the middle 90 % of the class.
-USUAL_LEVEL = 0.9
-#: What a person calls the sorted extents.
-_IN_WORDS = dict(zip(EXTENTS, ("longest side", "middle side", "shortest side"), strict=True))
-# One outlier of two is the usual case of a scene of two objects; the interval says so itself.
-MIN_OUTLIERS = 2
-# Characters of a category that a warning shows: more than any name has.
-LONGEST_NAME = 200
+#: Maximum probability of an outlier: an object with less than this probability of matching its label is an outlier.
+MIN_OBJECT_WEIGHT = 0.5
+#: Mass of the interval of typical sizes of a class.
+TYPICAL_LEVEL = 0.9
+#: Names of sorted extents in messages.
+_EXTENT_NAMES = dict(zip(EXTENTS, ("longest side", "middle side", "shortest side"), strict=True))
+#: Minimum number of outliers for a warning. One of two objects is often an outlier, which the interval shows already.
+MIN_WARNED_OUTLIERS = 2
+#: Minimum fraction of outliers among the objects for the warning.
+MIN_WARNED_OUTLIER_FRACTION = 0.5
+#: Maximum number of characters of a category in a warning; no name of a category is as long.
+MAX_NAME_CHARS = 200
+
+
+def build_result(
+    evidence: EvidenceSet,
+    estimate: Estimate | None,
+    tree: Tree,
+    options: EstimateOptions,
+    context: ResultContext,
+    *,
+    status: Status,
+    reason: str | None = None,
+    notes: Sequence[str] = (),
+    reports: Sequence[EvidenceReport] = (),
+    would_help: Sequence[Help] = (),
+    without_support: Alternative | None = None,
+    leave_one_class_out: tuple[Alternative, ...] | None = None,
+    object_curves: Mapping[str, FloatArray] | None = None,
+    seconds: Mapping[str, float],
+) -> ScaleResult:
+    """Build the result of any method that estimates a density over log scale.
+
+    Parameters
+    ----------
+    evidence : EvidenceSet
+        The objects, used or not.
+    estimate : Estimate or None
+        None if there is no evidence.
+    tree : Tree
+        Release of the priors.
+    options : EstimateOptions
+    context : ResultContext
+        A fatal problem makes the result unresolved, without scale, curve and advice.
+    status : {"resolved", "uncertain", "unresolved"}
+        Status of the scale without regard to the problems.
+    reason : str, optional
+        Reason if it is not resolved.
+    notes : sequence of str
+        Warnings of the method.
+    reports : sequence of EvidenceReport
+        Reports on the evidence other than objects.
+    would_help, without_support, leave_one_class_out, object_curves
+        Fields of `ScaleResult`; a curve has the shape (g,) of its grid.
+    seconds : dict
+        Duration of each stage.
+    """
+    is_invalid = any(problem.is_fatal for problem in context.problems)
+    is_stated = estimate is not None and status != "unresolved" and not is_invalid
+    rows = {index: row for row, index in enumerate(evidence.indices)}
+    digests: dict[str, str | None] = {}
+    if context.digests is not None:
+        up = None if options.up is None else [float(value) for value in options.up]
+        others = [(row.kind, row.id, row.scale, row.sd_log) for row in reports]
+        where, release = str(options.where), (tree.name, tree.version)
+        values = (options.method, options.level, options.trust_known_length, where, up, others, release)
+        digests = {**context.digests, "options": options_digest(values)}
+    return ScaleResult(
+        status="unresolved" if is_invalid else status,
+        method=options.method,
+        scale=estimate.modes[0].scale if estimate is not None and is_stated else None,
+        interval=Interval(options.level, *estimate.interval) if estimate is not None and is_stated else None,
+        modes=estimate.modes if estimate is not None else (),
+        tree=(tree.name, tree.version),
+        objects=tuple(
+            _object_report(evidence, index, rows.get(index), estimate) for index in range(len(evidence.measured))
+        ),
+        up=context.up,
+        warnings=(
+            *(problem.message for problem in context.problems if not problem.is_fatal),
+            *notes,
+            *_result_warnings(evidence, estimate, status, reason),
+            *(f"unresolved: {problem.message}" for problem in context.problems if problem.is_fatal),
+        ),
+        without_support=without_support,
+        leave_one_class_out=leave_one_class_out,
+        evidence=tuple(reports),
+        would_help=() if is_invalid else tuple(would_help),
+        seconds=seconds,
+        of=digests,
+        # Nothing is drawn of a result without a curve: the sizes in an invalid scene are wrong.
+        curve=estimate.curve if estimate is not None and not is_invalid else None,
+        object_curves=object_curves or {},
+    )
 
 
 def verdict(weight: float | None) -> Verdict:
-    """`used` or `outlier` by the probability of not being an outlier; `skipped` for an object that did not speak."""
+    """Return `used` or `outlier` by the probability that an object matches its label; `skipped` for None."""
     if weight is None:
         return "skipped"
-    return "used" if weight >= OUTLIER_WEIGHT else "outlier"
+    return "used" if weight >= MIN_OBJECT_WEIGHT else "outlier"
 
 
-def dimension_names(item: MeasuredObject) -> tuple[str, str, str]:
-    """What the object's three extents are called: a free box has sorted extents."""
-    return (AXES[0], AXES[1], AXES[2]) if item.vertical_known else EXTENTS
+def outlier_reason(
+    item: MeasuredObject, prior: Prior, scale: float, own_scale: float, height_is: str | None = None
+) -> str:
+    """Return the dimension that is furthest outside the typical sizes of the class, or state that the proportions are.
 
-
-def outlier_reason(item: ObjectEvidence, scale: float, own_scale: float, height_is: str | None = None) -> str:
-    """The dimension that lies furthest from the class's usual sizes at `scale`, else that the proportions do.
-
-    height_is : what the height of the class is, where that needs words
+    Parameters
+    ----------
+    item : MeasuredObject
+    prior : Prior
+        Prior of its class.
+    scale, own_scale : float
+        Scale of the scene, and the scale that the object alone indicates, in metres per unit.
+    height_is : str, optional
+        Definition of the height of the class, if it needs one.
     """
-    names, sizes = _judged_sizes(item, scale)
-    off = [
-        (_excess(size, *bounds), name, size, bounds)
-        for name, size, bounds in zip(names, sizes, _usual(item.prior), strict=True)
-    ]
-    share, name, size, (low, high) = max(off, key=lambda entry: entry[0])
-    if share > 1:
-        side = "only " if size < low else ""
-        meant = f" ({height_is})" if height_is and name == "height" else ""
-        return f"{_IN_WORDS.get(name, name)} {side}{_metres(size)}, usual {_metres(low)} to {_metres(high)}{meant}"
-    return f"proportions unlike its class; alone it says scale {own_scale:.3g}"
-
-
-def _judged_sizes(item: ObjectEvidence, scale: float) -> tuple[tuple[str, ...], list[float]]:
-    """The prior's dimensions and the object's sizes on them in mm; a free box is judged by its sorted extents."""
-    extents = np.asarray(item.object.extents) * scale * 1000
-    if is_sorted(item.prior):
-        extents = np.sort(extents)[::-1]
-        return item.prior.dims, [float(extents[EXTENTS.index(name)]) for name in item.prior.dims]
-    return item.prior.dims, [float(extents[AXES.index(name)]) for name in item.prior.dims]
-
-
-def _excess(size: float, low: float, high: float) -> float:
-    """How many half-widths of the usual range a size lies from its middle, in log size; 0 where it is missing."""
-    if not np.isfinite(size):
-        return 0.0
-    middle, half = 0.5 * np.log(low * high), 0.5 * np.log(high / low)
-    return float(abs(np.log(size) - middle) / max(half, 1e-9))
+    extents = np.asarray(item.extents) * scale * 1000
+    names = AXES
+    if is_sorted(prior):
+        extents, names = np.sort(extents)[::-1], EXTENTS
+    furthest, message = 1.0, f"proportions unlike its class; alone it says scale {own_scale:.3g}"
+    for name, (low, high) in zip(prior.dims, _typical_sizes(prior), strict=True):
+        size = float(extents[names.index(name)])
+        # Distance from the centre of the typical sizes in half widths, in log size; over 1 is outside.
+        centre, half = 0.5 * np.log(low * high), 0.5 * np.log(high / low)
+        distance = float(abs(np.log(size) - centre) / max(half, 1e-9)) if np.isfinite(size) else 0.0
+        if distance > furthest:
+            side = "only " if size < low else ""
+            definition = f" ({height_is})" if height_is and name == "height" else ""
+            typical = f"usual {low / 1000:.3g} m to {high / 1000:.3g} m{definition}"
+            furthest, message = distance, f"{_EXTENT_NAMES.get(name, name)} {side}{size / 1000:.3g} m, {typical}"
+    return message
 
 
 @lru_cache(maxsize=1024)
-def _usual(prior: Prior) -> FloatArray:
-    """(d, 2) sizes in mm between which the prior's objects usually are."""
-    return prior.interval(USUAL_LEVEL)
+def _typical_sizes(prior: Prior) -> FloatArray:
+    """Return the bounds (d, 2) of typical sizes in millimetres."""
+    return prior.interval(TYPICAL_LEVEL)
 
 
-def _metres(mm: float) -> str:
-    return f"{mm / 1000:.3g} m"
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class ScaleAnswer:
-    """What a method estimate, and about which objects.
-
-    places : of the n objects that spoke, among all; used : the dimensions of each that counted; reasons : for every
-    object why it did not speak, or None. evidence : the rows of the other evidence.
-    """
-
-    estimate: Estimate | None
-    places: Sequence[int]
-    used: Sequence[tuple[str, ...]]
-    reasons: Sequence[str | None]
-    evidence: tuple[EvidenceReport, ...] = ()
-
-
-def result_of(
-    objects: Sequence[MeasuredObject],
-    tree: Tree,
-    by_name: Mapping[str, LabelMeaning],
-    answer: ScaleAnswer,
-    options: EstimateOptions,
-    up: UpReport | None,
-    warnings: Sequence[str],
-    seconds: Mapping[str, float],
-) -> ScaleResult:
-    """The result of any method that ends in a posterior over log scale."""
-    estimate = answer.estimate
-    answered = estimate is not None and estimate.status != "unresolved"
-    scale = estimate.modes[0].scale if estimate is not None and answered else None
-    interval = Interval(options.level, *estimate.interval) if estimate is not None and answered else None
-    return ScaleResult(
-        status="unresolved" if estimate is None else estimate.status,
-        method=options.method,
-        scale=scale,
-        interval=interval,
-        modes=estimate.modes if estimate is not None else (),
-        tree=(tree.name, tree.version),
-        objects=tuple(_reports(objects, by_name, answer)),
-        up=up,
-        warnings=(*warnings, *_outlier_warnings(estimate), *_warnings(estimate, objects, by_name)),
-        evidence=answer.evidence,
-        seconds=seconds,
-        curve=estimate.curve if estimate is not None else None,
-    )
-
-
-def _reports(
-    objects: Sequence[MeasuredObject], by_name: Mapping[str, LabelMeaning], answer: ScaleAnswer
-) -> list[ObjectReport]:
-    row_of = {place: row for row, place in enumerate(answer.places)}
-    return [
-        _report(item, by_name[item.category], answer, row_of.get(place), answer.reasons[place])
-        for place, item in enumerate(objects)
-    ]
-
-
-def _report(
-    item: MeasuredObject, meaning: LabelMeaning, answer: ScaleAnswer, row: int | None, reason: str | None
-) -> ObjectReport:
-    weight, own, said = 0.0, None, verdict(None)
+def _object_report(evidence: EvidenceSet, index: int, row: int | None, estimate: Estimate | None) -> ObjectReport:
+    """Return the report on measured object `index`, which has index `row` among the used ones, or None."""
+    item, reason = evidence.measured[index], evidence.reasons[index]
+    match = evidence.matches[item.category]
+    weight, own_scale, outcome = 0.0, None, verdict(None)
     used: tuple[str, ...] = ()
-    if row is not None and answer.estimate is not None:
-        weight, own = float(answer.estimate.weight[row]), float(answer.estimate.own_scale[row])
-        used, said = answer.used[row], verdict(weight)
-        if said == "outlier" and meaning.prior is not None:
-            node = meaning.node
-            judged = ObjectEvidence(item, meaning.prior, node.pose if node is not None else "upright")
-            height_is = node.height_is if node is not None else None
-            reason = outlier_reason(judged, answer.estimate.modes[0].scale, own, height_is)
+    if row is not None and estimate is not None:
+        weight, own_scale = float(estimate.weight[row]), float(estimate.own_scale[row])
+        used, outcome = evidence.used[row], verdict(weight)
+        if outcome == "outlier" and match.prior is not None:
+            height_is = match.node.height_is if match.node is not None else None
+            reason = outlier_reason(item, match.prior, estimate.modes[0].scale, own_scale, height_is)
     return ObjectReport(
         id=item.id,
         category=item.category,
-        node=meaning.node.node_id if meaning.node is not None else None,
+        node=match.node.node_id if match.node is not None else None,
         points=item.points,
-        dimensions=named_values(item, item.extents),
-        confidence=named_values(item, item.confidence),
+        dimensions=_named_values(item, item.extents),
+        confidence=_named_values(item, item.confidence),
         truncated=names_of(item, np.asarray(item.truncated, dtype=bool)),
         used=used,
-        scale=own,
+        scale=own_scale,
         weight=weight,
-        verdict=said,
+        verdict=outcome,
         reason=reason,
         score=item.score,
-        notes=(*item.notes, *meaning.notes),
+        notes=(*item.notes, *match.notes),
         views=item.views,
-        tier=meaning.prior.tier if meaning.prior is not None else None,
+        tier=match.prior.tier if match.prior is not None else None,
     )
 
 
-def names_of(item: MeasuredObject, chosen: BoolArray) -> tuple[str, ...]:
-    """Names of the extents that are chosen, (3,) bool."""
-    names = dimension_names(item)
-    return tuple(name for name, keep in zip(names, chosen, strict=True) if keep)
-
-
-def named_values(item: MeasuredObject, values: FloatArray) -> dict[str, float]:
-    """The finite ones of the values (3,), by the names of the object's extents."""
+def _named_values(item: MeasuredObject, values: FloatArray) -> dict[str, float]:
+    """Return the finite values among (3,), by the names of the extents."""
     return {
         name: float(value) for name, value in zip(dimension_names(item), values, strict=True) if math.isfinite(value)
     }
 
 
-def _outlier_warnings(estimate: Estimate | None) -> list[str]:
-    """A line where half of the objects or more are outliers: what the rest says may be chance."""
-    if estimate is None or estimate.status == "unresolved":
-        return []
-    weights = [verdict(float(weight)) for weight in estimate.weight]
-    outliers = weights.count("outlier")
-    if 2 * outliers < len(weights) or outliers < MIN_OUTLIERS:
-        return []
-    return [f"{outliers} of {len(weights)} objects are outliers: check their labels and masks"]
-
-
-def _warnings(
-    estimate: Estimate | None, objects: Sequence[MeasuredObject], by_name: Mapping[str, LabelMeaning]
-) -> list[str]:
-    unknown = sorted({item.category for item in objects if by_name[item.category].prior is None})
-    lines = [_reason_with_name(name, by_name[name].reason) for name in unknown]
+def _result_warnings(evidence: EvidenceSet, estimate: Estimate | None, status: Status, reason: str | None) -> list[str]:
+    """Return the warnings about outliers and unknown categories, and the reason of the status."""
+    warnings = []
+    if estimate is not None and status != "unresolved":
+        verdicts = [verdict(float(weight)) for weight in estimate.weight]
+        outliers = verdicts.count("outlier")
+        # If half of the objects are outliers, the others may agree by chance.
+        if outliers >= max(MIN_WARNED_OUTLIERS, MIN_WARNED_OUTLIER_FRACTION * len(verdicts)):
+            warnings.append(f"{outliers} of {len(verdicts)} objects are outliers: check their labels and masks")
+    for name in sorted({item.category for item in evidence.measured}):
+        if evidence.matches[name].prior is not None:
+            continue
+        message = evidence.matches[name].reason or ""
+        if message.startswith(f"{name!r}: "):
+            message = f"category {message}"
+        elif repr(name) not in message:
+            short = name if len(name) <= MAX_NAME_CHARS else f"{name[:MAX_NAME_CHARS]}..."
+            message = f"category {short!r}: {message}"
+        warnings.append(message)
     if estimate is None:
-        lines.append(
-            "unresolved: no usable object"
-            if objects
-            else "unresolved: no object, and no other evidence that could be used"
-        )
-    elif estimate.doubt is not None:
-        lines.append(f"{estimate.status}: {estimate.doubt}")
-    return lines
-
-
-def _reason_with_name(name: str, reason: str | None) -> str:
-    """What a warning states about a category; most reasons say its name themselves."""
-    reason = reason or ""
-    if reason.startswith(f"{name!r}: "):
-        return f"category {reason}"
-    short = name if len(name) <= LONGEST_NAME else f"{name[:LONGEST_NAME]}..."
-    return reason if repr(name) in reason else f"category {short!r}: {reason}"
+        nothing = "no usable object" if evidence.measured else "no object, and no other evidence that could be used"
+        warnings.append(f"unresolved: {nothing}")
+    elif reason is not None:
+        warnings.append(f"{status}: {reason}")
+    return warnings

@@ -43,7 +43,7 @@ def scale_record(request: ScaleRequest, tree: Tree) -> dict[str, Any]:
     InputError
         The request has too many objects, or a field of one is invalid.
     """
-    from estimator.pipeline import objects_result
+    from estimator.pipeline import estimate_objects
     from estimator.reconstructions.objects_file import parse_objects
     from estimator.records.options import EstimateOptions
 
@@ -54,7 +54,7 @@ def scale_record(request: ScaleRequest, tree: Tree) -> dict[str, Any]:
     objects = parse_objects(Path("request"), {"schema": request.schema, "objects": request.objects})
     where = where_of(request.where) if request.where is not None else None
     options = EstimateOptions(level=request.level, evidence=_lengths(request.known_lengths), where=where)
-    record = objects_result(objects, tree, options).to_json()
+    record = estimate_objects(objects, tree, options).to_json()
     record.pop("seconds", None)  # the same request has the same bytes
     return record
 

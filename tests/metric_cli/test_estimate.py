@@ -220,7 +220,7 @@ def test_an_error_of_the_program_is_one(
     def broken(*_: object, **__: object) -> None:
         raise RuntimeError("from within")
 
-    monkeypatch.setattr("estimator.pipeline.scale_of_objects", broken)
+    monkeypatch.setattr("estimator.results.estimate.posterior", broken)
     objects = objects_file(tmp_path, {"category": "swivel chair", "dimensions": CHAIR})
     status, out, err = estimate(capsys, "--objects", objects, "--tree", tree)
     assert (status, out) == (1, "")
@@ -252,7 +252,7 @@ def test_missing_pictures_are_found_out_before_the_work(
     tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:
     small_model().write_binary(str(tmp_path))
-    monkeypatch.setattr("estimator.pipeline.scene_estimate", lambda *_, **__: pytest.fail("the work was done"))
+    monkeypatch.setattr("estimator.pipeline.estimate_scene", lambda *_, **__: pytest.fail("the work was done"))
     status, _, err = estimate(capsys, tmp_path, "--overlay", tmp_path / "out")
     assert status == 2
     assert "the pictures of the views (name their folder with --images)" in err

@@ -8,7 +8,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
-from estimator.geometry.canonical_frame import canonical_frame, sorted_scene
+from estimator.geometry.canonical_frame import canonical_frame, normalise_scene
 from estimator.pipeline import measure_objects
 from estimator.records.scene import DenseCloud
 from tests.synthetic.shapes import box, cylinder, floor, orbit, synthetic_scene
@@ -138,7 +138,7 @@ def test_the_own_frame_is_level_and_has_no_far_origin(room):
     assert np.allclose(frame.basis @ frame.basis.T, np.eye(3))
     assert np.linalg.det(frame.basis) == pytest.approx(1)
     assert frame.basis[2] @ [0, 0, 1] > 0.99
-    own = sorted_scene(room.scene, room.instances).scene
+    own = normalise_scene(room.scene, room.instances).scene
     assert np.allclose(np.mean([view.centre for view in own.views], axis=0), 0, atol=1e-9)
     assert (np.diff(own.points[:, 0]) >= 0).all()
 

@@ -106,13 +106,15 @@ def test_unmeasured_objects_share_a_line() -> None:
 def test_outlier_reason_names_the_dimension_that_is_off() -> None:
     chair = prior("chair.n.01", [(560, 540, 950)])
     low = evidence(chair, (0.56, 0.54, 0.30))
-    assert outlier_reason(low, 1.0, 0.7).startswith("height only 0.3 m, usual ")
+    assert outlier_reason(low.object, low.prior, 1.0, 0.7).startswith("height only 0.3 m, usual ")
     long = evidence(chair, (2.0, 0.54, 0.95))
-    assert outlier_reason(long, 1.0, 0.7).startswith("length 2 m, usual ")
+    assert outlier_reason(long.object, long.prior, 1.0, 0.7).startswith("length 2 m, usual ")
     usual = evidence(chair, (0.56, 0.54, 0.95))
-    assert "proportions" in outlier_reason(usual, 1.0, 0.7)
+    assert "proportions" in outlier_reason(usual.object, usual.prior, 1.0, 0.7)
     stone = prior("stone.n.01", [(90, 60, 40)], dims=("extent1", "extent2", "extent3"))
-    assert outlier_reason(evidence(stone, (0.06, 0.9, 0.04)), 1.0, 0.7).startswith("longest side 0.9 m, usual ")
+    assert outlier_reason(evidence(stone, (0.06, 0.9, 0.04)).object, stone, 1.0, 0.7).startswith(
+        "longest side 0.9 m, usual "
+    )
 
 
 def test_support_planes_are_reported_both_ways(mini: Tree) -> None:

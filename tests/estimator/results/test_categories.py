@@ -2,18 +2,15 @@
 
 from __future__ import annotations
 
-from types import SimpleNamespace
-from typing import cast
-
 import numpy as np
 import pytest
 
 import metric_tree
-from estimator.posterior.posterior import Estimate
 from estimator.records.objects import MeasuredObject
+from estimator.records.options import EstimateOptions
+from estimator.records.result import ScaleEvidence
 from estimator.results.estimate import scale_of_objects
-from estimator.results.object_priors import meanings
-from estimator.results.scale_report import _outlier_warnings
+from estimator.results.object_priors import resolve_categories
 from metric_tree.tree import Tree
 
 
@@ -23,8 +20,8 @@ def shipped() -> Tree:
 
 
 def test_a_label_that_says_more_than_its_node_is_a_broader_kind(shipped: Tree) -> None:
-    by_name = meanings(shipped, {"foosball table", "table", "dining table", "wooden cabinet", "cell phone"})
-    assert [name for name, meaning in by_name.items() if meaning.broader] == ["foosball table"]
+    by_name = resolve_categories(shipped, {"foosball table", "table", "dining table", "wooden cabinet", "cell phone"})
+    assert [name for name, meaning in by_name.items() if meaning.is_broader] == ["foosball table"]
 
 
 def test_a_broader_kind_is_said_and_weighs_less(shipped: Tree) -> None:
@@ -44,10 +41,20 @@ def test_a_warning_shows_the_beginning_of_a_long_name(shipped: Tree) -> None:
     assert max(map(len, scale_of_objects([item], shipped).warnings)) < 1000
 
 
-@pytest.mark.parametrize(
-    ("weights", "status", "lines"),
-    [([0.9, 0.9, 0.1], "resolved", 0), ([0.9, 0.1, 0.9, 0.1], "resolved", 1), ([0.9, 0.1], "resolved", 0)],
-)
-def test_half_of_the_objects_as_outliers_is_said(weights: list[float], status: str, lines: int) -> None:
-    estimate = cast(Estimate, SimpleNamespace(status=status, weight=np.array(weights)))
-    assert len(_outlier_warnings(estimate)) == lines
+@pytest.mark.parametrize(("wrong", "warned"), [(1, False), (2, True)])
+def test_half_of_the_objects_as_outliers_is_a_warning(shipped: Tree, wrong: int, warned: bool) -> None:
+    """Two of four outliers are a warning, one of four is not (`MIN_WARNED_OUTLIERS`, half of the objects)."""
+    sizes = [
+        ("chair", (0.5, 0.5, 0.9)),
+        ("sofa", (2.0, 0.9, 0.85)),
+        ("desk", (1.4, 0.7, 0.74)),
+        ("bed", (2.0, 1.6, 0.9)),
+    ]
+    objects = [
+        MeasuredObject(str(n), name, np.array(size) * (6.0 if n >= len(sizes) - wrong else 1.0), np.full(3, 0.02))
+        for n, (name, size) in enumerate(sizes)
+    ]
+    evidence = (ScaleEvidence("gps", "csv", 1.0, 0.02),)
+    result = scale_of_objects(objects, shipped, EstimateOptions(evidence=evidence))
+    assert [item.verdict for item in result.objects].count("outlier") == wrong
+    assert any(f"{wrong} of 4 objects are outliers" in line for line in result.warnings) == warned

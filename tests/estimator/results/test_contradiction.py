@@ -11,7 +11,7 @@ from estimator.posterior.posterior import posterior
 from estimator.records.objects import MeasuredObject
 from estimator.records.options import EstimateOptions
 from estimator.records.result import ScaleEvidence, ScaleResult
-from estimator.results.estimate import contradiction_of, scale_of_objects
+from estimator.results.estimate import known_length_conflict, scale_of_objects
 from metric_tree.tree import Tree
 from tests.synthetic.priors import evidence, prior
 
@@ -75,8 +75,8 @@ def test_objects_that_are_outliers_without_it_are_not_held_against_a_length() ->
     items = [evidence(chair, (1.12, 1.08, 1.90), name=str(n)) for n in range(3)]
     items.append(evidence(chair, (9.0, 8.0, 20.0), name="far"))
     lines = np.array([[math.log(0.5), 0.01, 0.0]])
-    assert contradiction_of(posterior(items, lines), items, [length(0.5)]) is None
-    assert contradiction_of(posterior(items), items, []) is None, "nothing is known"
+    assert known_length_conflict(posterior(items, lines), items, EstimateOptions(evidence=(length(0.5),))) is None
+    assert known_length_conflict(posterior(items), items, EstimateOptions()) is None, "nothing is known"
 
 
 def test_evidence_that_may_be_wrong_gives_way_to_the_objects(mini: Tree) -> None:
@@ -131,21 +131,12 @@ def test_an_object_of_which_no_dimension_counts_is_skipped(mini: Tree) -> None:
     assert second.verdict == "used"
 
 
-@pytest.mark.parametrize("known", [0.25, 1.0])
-def test_the_chance_of_a_contradiction_is_that_of_the_nearer_tail(known: float) -> None:
-    """By as much too small as too large: both are as unlikely under the objects, whichever side they lie on."""
-    item = evidence(prior("chair.n.01", [(1000.0, 1000.0, 1000.0)]), (2.0, 2.0, 2.0))
-    found = contradiction_of(posterior([item]), [item], (length(known),))
-    assert found is not None
-    assert 0 < found.chance < 0.05
-
-
-def test_objects_of_all_sizes_under_one_name_are_unresolved(mini: Tree) -> None:
-    """Swivel chairs at half a metre a unit, and what is no chair; one odd object among many is an outlier as ever."""
-    chairs = [("swivel chair", CHAIR)] * 4
-    others = [("swivel chair", (0.2, 0.2, 0.3)), ("swivel chair", (9.0, 5.0, 1.0))]
-    result = answer(mini, None, *chairs, *others)
-    assert (result.status, result.scale) == ("unresolved", None)
-    assert result.warnings[-1].startswith("unresolved: 2 of 6 objects are outliers, and all are called 'swivel chair'")
-    assert answer(mini, None, *chairs, others[0]).scale == pytest.approx(0.5, rel=0.1)
-    assert answer(mini, 0.5, *chairs, *others).scale == pytest.approx(0.5, rel=0.1)
+@pytest.mark.parametrize(("known", "is_decisive"), [(0.38, True), (0.40, False), (0.60, False), (0.65, True)])
+def test_a_length_in_a_tail_of_the_objects_is_decisive(known: float, is_decisive: bool) -> None:
+    """On each side of `MIN_TAIL_MASS`, for lengths that are too small and too large: the tail is that on their side."""
+    items = [evidence(prior(f"{name}.n.01", [(1000.0, 1000.0, 1000.0)]), (2.0, 2.0, 2.0), name=name) for name in "abc"]
+    estimate = posterior(items, np.array([[math.log(known), 0.01, 0.0]]))
+    conflict = known_length_conflict(estimate, items, EstimateOptions(evidence=(length(known),)))
+    assert conflict is not None
+    assert conflict.is_decisive == is_decisive
+    assert ("a chance of less than" in conflict.message) == is_decisive

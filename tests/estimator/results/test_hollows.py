@@ -12,7 +12,7 @@ from estimator.records.objects import MeasuredObject
 from estimator.records.options import EstimateOptions
 from estimator.records.result import ObjectReport
 from estimator.results.estimate import scale_of_objects
-from estimator.results.object_priors import UNSEEN_UNDERSIDE, cut_sides
+from estimator.results.object_priors import HIDDEN_UNDERSIDE, visible_truncations
 from metric_tree.tree import Tree
 
 SINK = MeasuredObject("1", "sink", np.array([0.56, 0.44, 0.15]), np.full(3, 0.03))
@@ -25,7 +25,7 @@ def tree() -> Tree:
 
 def test_the_height_of_a_sink_ends_inside(tree: Tree) -> None:
     report = _report(SINK, tree)
-    assert (report.truncated, report.used, report.notes) == (("height",), ("length", "width"), (UNSEEN_UNDERSIDE,))
+    assert (report.truncated, report.used, report.notes) == (("height",), ("length", "width"), (HIDDEN_UNDERSIDE,))
 
 
 @pytest.mark.parametrize(
@@ -49,8 +49,8 @@ def test_a_method_of_heights_alone_keeps_the_height(tree: Tree) -> None:
 
 def test_no_picture_can_show_an_underside() -> None:
     cut = replace(SINK, truncated=np.array([True, False, True]))
-    assert cut_sides(cut).tolist() == [True, False, True]
-    assert cut_sides(replace(cut, notes=(UNSEEN_UNDERSIDE,))).tolist() == [True, False, False]
+    assert visible_truncations(cut).tolist() == [True, False, True]
+    assert visible_truncations(replace(cut, notes=(HIDDEN_UNDERSIDE,))).tolist() == [True, False, False]
 
 
 def test_a_wrong_height_says_which_height_is_usual(tree: Tree) -> None:

@@ -70,9 +70,9 @@ def scores(
             if how not in measurements:
                 measurements[how] = measure_objects(case.scene, case.instances, replace(how, stated_tracks=False))
             taken = measurements[how]
-            options = EstimateOptions(method=method)
+            options = EstimateOptions(method=method, paper_lists=lists if arm == AUTHORS else None)
             if method == "paper":
-                result = paper_result(taken.objects, tree, options, lists if arm == AUTHORS else None)
+                result = paper_result(taken.objects, tree, options)
             else:
                 result = scale_of_objects(taken.objects, tree, options)
             heights = np.array([entry.extents[2] for entry in taken.objects])

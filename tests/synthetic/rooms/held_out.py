@@ -9,7 +9,7 @@ from pathlib import Path
 import numpy as np
 import pyarrow as pa
 
-from estimator.results.object_priors import meanings
+from estimator.results.object_priors import resolve_categories
 from metric_base.arrays import FloatArray
 from metric_tree.node import Node
 from metric_tree.pipeline.ingest import blocks, ingest_block, is_held_out, raw_files
@@ -46,7 +46,7 @@ def held_out_pool(
         for node, size, out, kind in zip(nodes, sizes, held, kinds, strict=True)
     ]
     pool = {}
-    for category, meaning in meanings(tree, set(CATEGORIES)).items():
+    for category, meaning in resolve_categories(tree, set(CATEGORIES)).items():
         if meaning.node is None:
             continue
         below = _below(meaning.node)

@@ -69,7 +69,11 @@ def test_a_table_of_plain_words_is_as_rich_draws_it(lines: list[list[str]]) -> N
 
 
 def _program(body: str) -> list[str]:
-    return [sys.executable, "-c", f"import sys\nfrom metric_cli.tables import *\n{body}"]
+    return [
+        sys.executable,
+        "-c",
+        f"import sys\nfrom metric_cli.errors import *\nfrom metric_cli.tables import *\n{body}",
+    ]
 
 
 def _run(body: str, **options: object) -> subprocess.CompletedProcess[bytes]:

@@ -145,8 +145,9 @@ def test_a_flat_curve_is_drawn_without_an_observer(tmp_path: Path) -> None:
     curve, lines = curve_of(_answers(Observer(0, 0.1, 0.1), 3, 3, 0)), []
     with mpl.rc_context({"svg.fonttype": "none"}):
         for flat in (False, True):
-            write_curve(replace(curve, flat=flat), tmp_path / "curve.svg")
-            lines.append(">observer<" in (tmp_path / "curve.svg").read_text())
+            file = tmp_path / f"curve-{flat}.svg"
+            write_curve(replace(curve, flat=flat), file)
+            lines.append(">observer<" in file.read_text())
     assert lines == [True, False]
 
 

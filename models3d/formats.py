@@ -1,4 +1,4 @@
-"""Files of 3-D models of every format, each read in a process of its own with bounds; tables of boxes."""
+"""Read 3-D model files of all formats, each in a separate process with limits of time and memory; tables of boxes."""
 
 from __future__ import annotations
 
@@ -7,7 +7,7 @@ import multiprocessing
 from collections.abc import Iterable, Iterator
 from concurrent.futures import ProcessPoolExecutor
 from concurrent.futures import TimeoutError as FutureTimeout
-from concurrent.futures.process import BrokenProcessPool
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -18,22 +18,24 @@ from models3d.asset import Asset, AssetBody, NameText, Up
 
 GLTF_SUFFIXES = (".gltf", ".glb")
 ROBOT_SUFFIXES = (".urdf", ".sdf", ".xml", ".mjcf")
-#: What trimesh reads here; none of them states a unit or what is up.
-MESH = (".obj", ".stl", ".ply", ".off")
-USD = (".usd", ".usda", ".usdc", ".usdz")
-#: The files that are read, by their ending.
-SUFFIXES = (*GLTF_SUFFIXES, *USD, *MESH, ".dae", *ROBOT_SUFFIXES)
-#: Seconds and bytes of memory that reading one file may take: the largest sound one, of 512 MiB, takes half of these.
-MAX_SECONDS, MAX_MEMORY = 120.0, 6 << 30
+#: Formats that are read by trimesh. None of them defines a unit or an up axis.
+MESH_SUFFIXES = (".obj", ".stl", ".ply", ".off")
+USD_SUFFIXES = (".usd", ".usda", ".usdc", ".usdz")
+#: Suffixes of all formats.
+SUFFIXES = (*GLTF_SUFFIXES, *USD_SUFFIXES, *MESH_SUFFIXES, ".dae", *ROBOT_SUFFIXES)
+#: Maximum time for reading one file, in seconds. A valid file of the maximum size, 512 MiB, takes half of it.
+MAX_SECONDS = 120.0
+#: Maximum memory for reading one file, in bytes. A valid file of the maximum size takes half of it.
+MAX_MEMORY = 6 << 30
 
-#: Columns of a table of boxes.
+#: Required columns of a table of boxes.
 COLUMNS = ("name", "x", "y", "z")
-#: Largest table as text.
+#: Maximum size of a CSV table, in bytes.
 MAX_TABLE_BYTES = 1 << 28
 
 
 def find_models(paths: Iterable[Path]) -> Iterator[Path]:
-    """The files of models: files as they are named, and of folders all below them, in order of name."""
+    """Yield these files, and the model files in these folders and below them, sorted by path."""
     for path in paths:
         if path.is_dir():
             yield from (file for file in sorted(path.rglob("*")) if file.suffix.lower() in SUFFIXES and file.is_file())
@@ -42,39 +44,58 @@ def find_models(paths: Iterable[Path]) -> Iterator[Path]:
 
 
 def read_asset(path: Path) -> Asset:
-    """What a file states, with the words of its own name and of its folder's, in this process.
+    """Read the content of a model file in this process, without limits of time and memory.
+
+    Parameters
+    ----------
+    path : Path
+        File with one of the suffixes `SUFFIXES`.
+
+    Returns
+    -------
+    Asset
+        Its texts include the names of the file and of its folder.
 
     Raises
     ------
     InputError
-        It is of no known format, damaged, too large, or names files outside its folder.
+        The format is unknown, or the file is damaged, too large, or refers to files outside its folder.
     """
     asset = _read(path)
-    words = (NameText("file name", path.stem), NameText("folder", path.parent.name))
-    return Asset(asset.file, asset.format, asset.unit_m, asset.up, asset.bodies, (*asset.words, *words))
+    return replace(asset, texts=(*asset.texts, NameText("file name", path.stem), NameText("folder", path.parent.name)))
 
 
 def read_assets(paths: Iterable[Path]) -> Iterator[tuple[Path, Asset | InputError]]:
-    """What each file states, or why it cannot be read; a file that ends its process ends no other's."""
+    """Read model files in a separate process, with the limits `MAX_SECONDS` and `MAX_MEMORY` for each file.
+
+    Yields
+    ------
+    path : Path
+    result : Asset or InputError
+        The content, or the reason why the file cannot be read. A file that crashes the process, or causes any other
+        error in it, does not affect the files after it.
+    """
     pool: ProcessPoolExecutor | None = None
     try:
         for path in paths:
-            pool = pool or _pool()
+            pool = pool or ProcessPoolExecutor(1, multiprocessing.get_context("spawn"), _limit_memory)
             try:
                 yield path, pool.submit(read_asset, path).result(MAX_SECONDS)
             except InputError as error:
                 yield path, error
-            except (BrokenProcessPool, FutureTimeout, MemoryError) as error:
-                how = f"more than {MAX_SECONDS:g} s" if isinstance(error, FutureTimeout) else "one that ends its reader"
+            except Exception as error:  # noqa: BLE001 - a crash, MemoryError, or an error of a reader
+                is_slow = isinstance(error, FutureTimeout)
+                found = f"more than {MAX_SECONDS:g} s" if is_slow else "a file that ends its reader"
                 _stop(pool)
                 pool = None
-                yield path, InputError(f"{path}: file: expected a model that can be read, found {how}")
+                yield path, InputError(f"{path}: file: expected a model that can be read, found {found}")
     finally:
         if pool is not None:
             _stop(pool)
 
 
 def _read(path: Path) -> Asset:
+    """Read a file with the reader of its format; robots call this function for their meshes."""
     suffix = path.suffix.lower()
     if not path.is_file():
         raise InputError(f"{path}: file: expected a 3-D model, found {'a folder' if path.is_dir() else 'no such file'}")
@@ -82,7 +103,7 @@ def _read(path: Path) -> Asset:
         from models3d.gltf.boxes import read_gltf
 
         return read_gltf(path)
-    if suffix in USD:
+    if suffix in USD_SUFFIXES:
         from models3d.usd.reader import read_usd
 
         return read_usd(path)
@@ -90,18 +111,15 @@ def _read(path: Path) -> Asset:
         from models3d.robots import read_robot
 
         return read_robot(path, _read)
-    if suffix in MESH or suffix == ".dae":
+    if suffix in MESH_SUFFIXES or suffix == ".dae":
         from models3d.meshes import read_collada, read_mesh
 
         return read_collada(path) if suffix == ".dae" else read_mesh(path)
-    raise InputError(f"{path}: file: expected one of {', '.join(SUFFIXES)}, found {suffix or 'no ending'}")
-
-
-def _pool() -> ProcessPoolExecutor:
-    return ProcessPoolExecutor(1, multiprocessing.get_context("spawn"), _limit_memory)
+    raise InputError(f"{path}: file: expected one of {', '.join(SUFFIXES)}, found {suffix or 'no suffix'}")
 
 
 def _limit_memory() -> None:
+    """Limit the memory of this process; the initialiser of the pool, which must be importable."""
     import resource
 
     _, hard = resource.getrlimit(resource.RLIMIT_AS)
@@ -109,35 +127,43 @@ def _limit_memory() -> None:
 
 
 def _stop(pool: ProcessPoolExecutor) -> None:
+    """Kill the process of a pool, which may still be reading."""
     for process in list((pool._processes or {}).values()):
         process.kill()
     pool.shutdown(wait=False, cancel_futures=True)
 
 
 def read_boxes(path: Path, up: Up | None = None) -> Iterator[Asset]:
-    """An asset for each row of a CSV or Parquet table with the columns name, x, y, z (metres) and perhaps category, up.
+    """Yield an asset for each row of a table of boxes.
+
+    Parameters
+    ----------
+    path : Path
+        CSV or Parquet table with the columns `name`, `x`, `y`, `z` (metres) and optionally `category` and `up`.
+    up : {"x", "y", "z"}, optional
+        Axis that points up in rows without `up`.
 
     Raises
     ------
     InputError
-        The table has other columns, or a size is no positive number.
+        A column is missing, or a size is not a number of at least 0.
     """
-    for number, row in enumerate(_rows(path), start=2):
-        place = Path(f"{path}:{number}")
+    for line, row in enumerate(_rows(path), start=2):
+        position = Path(f"{path}:{line}")
         try:
             sizes = np.array([float(row[axis]) for axis in COLUMNS[1:]])
         except (TypeError, ValueError):
             sizes = np.array([np.nan] * 3)
         if not (np.isfinite(sizes).all() and (sizes >= 0).all() and sizes.max() > 0):
-            texts = ", ".join(str(row[axis]) for axis in COLUMNS[1:])
-            raise InputError.at(place, "x, y, z", "sizes in metres, at least one above 0", Unquoted(texts))
-        stated: Up | None = row["up"] if row.get("up") in ("x", "y", "z") else up  # type: ignore[assignment]
-        text = str(row.get("category") or row["name"])
-        body = AssetBody(str(row["name"]), np.zeros(3), sizes, (NameText("title", text),))
-        yield Asset(place, "box", 1.0, stated, (body,))
+            found = ", ".join(str(row[axis]) for axis in COLUMNS[1:])
+            raise InputError.at(position, "x, y, z", "sizes in metres, at least one above 0", Unquoted(found))
+        row_up: Up | None = row["up"] if row.get("up") in ("x", "y", "z") else up  # type: ignore[assignment]
+        title = NameText("title", str(row.get("category") or row["name"]))
+        yield Asset(position, "box", 1.0, row_up, (AssetBody(str(row["name"]), np.zeros(3), sizes, (title,)),))
 
 
 def _rows(path: Path) -> Iterator[dict[str, str]]:
+    """Yield the rows of a CSV or Parquet table that has the required columns."""
     if path.suffix.lower() == ".parquet":
         import pyarrow as pa
         import pyarrow.parquet as pq
@@ -146,15 +172,10 @@ def _rows(path: Path) -> Iterator[dict[str, str]]:
             table = pq.read_table(path)
         except (pa.ArrowInvalid, OSError) as error:
             raise InputError.at(path, "file", "a Parquet table", Unquoted(type(error).__name__)) from None
-        _check_columns(path, table.column_names)
-        yield from table.to_pylist()
-        return
-    rows = csv.DictReader(read_text(path, MAX_TABLE_BYTES).splitlines())
-    _check_columns(path, list(rows.fieldnames or []))
-    yield from rows
-
-
-def _check_columns(path: Path, names: list[str]) -> None:
-    missing = [name for name in COLUMNS if name not in names]
-    if missing:
+        names, rows = table.column_names, iter(table.to_pylist())
+    else:
+        rows = csv.DictReader(read_text(path, MAX_TABLE_BYTES).splitlines())
+        names = list(rows.fieldnames or [])
+    if not set(COLUMNS) <= set(names):
         raise InputError.at(path, "columns", ", ".join(COLUMNS), Unquoted(", ".join(names) or "none"))
+    yield from rows

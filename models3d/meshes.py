@@ -1,4 +1,4 @@
-"""The bodies of files of plain meshes: OBJ, STL, PLY, OFF by trimesh, COLLADA by pycollada."""
+"""Boxes of the objects in plain mesh files: OBJ, STL, PLY, OFF (trimesh) and COLLADA (pycollada)."""
 
 from __future__ import annotations
 
@@ -9,16 +9,22 @@ import numpy as np
 
 from metric_base.errors import FieldError, Unquoted, expect, in_file
 from metric_base.input_files import read_bytes
-from models3d.asset import Asset, AssetBody, NameText, Up, body_from_box
+from models3d.asset import Asset, NameText, Up, body_from_box
 
-#: Largest file of a mesh.
+#: Maximum size of a file, in bytes.
 MAX_BYTES = 1 << 29
-#: Up axes of COLLADA's `asset`.
+#: Values of `up_axis` in the `asset` element of COLLADA.
 _UP: dict[str, Up] = {"X_UP": "x", "Y_UP": "y", "Z_UP": "z"}
 
 
 def read_mesh(path: Path) -> Asset:
-    """What an OBJ, STL, PLY or OFF file states: its groups of faces. Materials and other files are not read."""
+    """Read the groups of faces of an OBJ, STL, PLY or OFF file; materials and other files are not read.
+
+    Raises
+    ------
+    InputError
+        The file is damaged, too large, or has no vertex.
+    """
     import trimesh
 
     kind = path.suffix.lower().removeprefix(".")
@@ -29,18 +35,26 @@ def read_mesh(path: Path) -> Asset:
             loaded = trimesh.load(
                 io.BytesIO(data), file_type=kind, process=False, resolver=None, force="scene", **options
             )
-            boxes = [(name, shape.bounds) for name, shape in loaded.geometry.items() if shape.bounds is not None]
-        except Exception as error:  # noqa: BLE001 - a dozen kinds for damaged files, without a common base
-            raise FieldError(
-                "content", f"a readable {kind.upper()} file", Unquoted(f"{type(error).__name__}")
-            ) from None
+            boxes = {name: shape.bounds for name, shape in loaded.geometry.items() if shape.bounds is not None}
+        except Exception as error:  # noqa: BLE001 - trimesh raises a dozen unrelated types for damaged files
+            raise FieldError("content", f"a readable {kind.upper()} file", Unquoted(type(error).__name__)) from None
         expect(bool(boxes), "content", "at least one vertex", Unquoted("none"))
-        bodies = tuple(_body(name, np.asarray(bounds, dtype=float)) for name, bounds in boxes)
-    return Asset(path, kind, None, None, bodies)
+        bodies = []
+        for name, bounds in boxes.items():
+            # trimesh numbers groups without a name: geometry_0, geometry_1, ...
+            texts = (NameText("mesh", name),) if not name.startswith("geometry_") else ()
+            bodies.append(body_from_box(name, (bounds[0], bounds[1]), 1.0, texts))
+    return Asset(path, kind, None, None, tuple(bodies), has_external_files=kind == "obj" and b"mtllib" in data)
 
 
 def read_collada(path: Path) -> Asset:
-    """What a COLLADA file states, with the unit and the up axis of its `asset`."""
+    """Read the geometries of a COLLADA file, with the unit and the up axis of its `asset` element.
+
+    Raises
+    ------
+    InputError
+        The file is damaged, too large, or has no vertex.
+    """
     import collada
 
     with in_file(path):
@@ -49,30 +63,19 @@ def read_collada(path: Path) -> Asset:
             document = collada.Collada(io.BytesIO(data), ignore=[collada.DaeError])
             unit = document.assetInfo.unitmeter
             up = _UP.get(str(document.assetInfo.upaxis))
-            bodies = tuple(_collada_bodies(document, 1.0 if unit is None else float(unit)))
+            bodies = []
+            for geometry in document.scene.objects("geometry"):
+                clouds = [part.vertex for part in geometry.primitives() if part.vertex is not None and len(part.vertex)]
+                if clouds:
+                    points = np.concatenate(clouds).astype(float)
+                    name = str(geometry.original.name or geometry.original.id or "geometry")
+                    box = points.min(axis=0), points.max(axis=0)
+                    unit_m = 1.0 if unit is None else float(unit)
+                    bodies.append(body_from_box(name, box, unit_m, (NameText("mesh", name),)))
         except FieldError:
             raise
-        except Exception as error:  # noqa: BLE001 - its errors and those of its XML reader have no common base
-            raise FieldError("content", "a readable COLLADA file", Unquoted(f"{type(error).__name__}")) from None
+        except Exception as error:  # noqa: BLE001 - the errors of pycollada and its XML reader have no common base
+            raise FieldError("content", "a readable COLLADA file", Unquoted(type(error).__name__)) from None
         expect(bool(bodies), "content", "at least one vertex", Unquoted("none"))
     title = document.assetInfo.title
-    return Asset(path, "dae", unit, up, bodies, (NameText("title", title),) if title else ())
-
-
-def _collada_bodies(document: object, unit_m: float) -> list[AssetBody]:
-    bodies = []
-    for bound in document.scene.objects("geometry"):  # type: ignore[attr-defined]
-        clouds = [part.vertex for part in bound.primitives() if part.vertex is not None and len(part.vertex)]
-        if clouds:
-            points = np.concatenate(clouds).astype(float)
-            name = str(bound.original.name or bound.original.id or "geometry")
-            bodies.append(
-                body_from_box(name, (points.min(axis=0), points.max(axis=0)), unit_m, (NameText("mesh", name),))
-            )
-    return bodies
-
-
-def _body(name: str, bounds: np.ndarray[tuple[int, int], np.dtype[np.float64]]) -> AssetBody:
-    """The body of corners (2, 3)."""
-    words = (NameText("mesh", name),) if not name.startswith("geometry_") else ()
-    return body_from_box(name, (bounds[0], bounds[1]), 1.0, words)
+    return Asset(path, "dae", unit, up, tuple(bodies), (NameText("title", title),) if title else ())

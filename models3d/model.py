@@ -1,4 +1,4 @@
-"""A model to insert: triangles with physically based materials, in the file's own metres."""
+"""A renderable model: triangles with physically based materials, in metres of its file, and its animations."""
 
 from __future__ import annotations
 
@@ -15,22 +15,25 @@ Pixels = NDArray[np.uint8]
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Material:
-    """A glTF 2.0 metallic-roughness material.
+    """A metallic-roughness material of glTF 2.0. Textures are (h, w, 4) arrays of uint8, or None."""
 
-    base_color : (4,) linear factor; metallic, roughness : factors; emissive : (3,) linear factor. Textures are
-    (h, w, 4) uint8 or None: base and emissive in sRGB, `surface` (roughness in green, metallic in blue) and `normal`
-    linear. alpha_cutoff : None unless the alpha mode is MASK; blend : whether the alpha mode is BLEND.
-    """
-
+    #: (4,) linear RGBA factor.
     base_color: FloatArray
     metallic: float = 1.0
     roughness: float = 1.0
+    #: (3,) linear RGB factor.
     emissive: FloatArray = (0.0, 0.0, 0.0)  # type: ignore[assignment]  # made an array below
+    #: sRGB colour.
     base_texture: Pixels | None = None
+    #: Roughness in the green channel, metalness in the blue one; linear.
     surface_texture: Pixels | None = None
+    #: Normals (n + 1) / 2; linear.
     normal_texture: Pixels | None = None
+    #: sRGB colour.
     emissive_texture: Pixels | None = None
+    #: Threshold of the alpha mode MASK; None in other modes.
     alpha_cutoff: float | None = None
+    #: True in the alpha mode BLEND.
     blend: bool = False
 
     def __post_init__(self) -> None:
@@ -39,62 +42,66 @@ class Material:
 
     @property
     def textures(self) -> tuple[Pixels, ...]:
-        """Those that there are, each (h, w, 4)."""
-        stated = (self.base_texture, self.surface_texture, self.normal_texture, self.emissive_texture)
-        return tuple(pixels for pixels in stated if pixels is not None)
+        """The textures that are not None."""
+        textures = (self.base_texture, self.surface_texture, self.normal_texture, self.emissive_texture)
+        return tuple(pixels for pixels in textures if pixels is not None)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Mesh:
-    """Triangles of one material.
+    """Triangles of one material."""
 
-    vertices : (n, 3) metres, +y up, +z the front (glTF's axes); normals : (n, 3) unit; uv : (n, 2) with v down, as
-    glTF has it; faces : (m, 3) rows of vertices; color : (n, 4) linear vertex colour, or None.
-    """
-
+    #: (n, 3) metres; +y is up and +z is the front, as in glTF.
     vertices: FloatArray
+    #: (n, 3) unit vectors.
     normals: FloatArray
+    #: (n, 2) texture coordinates; v increases downwards, as in glTF.
     uv: FloatArray
+    #: (m, 3) rows of `vertices`.
     faces: IntArray
     material: Material
+    #: (n, 4) linear vertex colours, or None.
     color: FloatArray | None = None
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Animation:
-    """An animation of a file by its name; parts : those of the model at a time from 0 to duration_s, which repeats."""
+    """A named animation of a file."""
 
     name: str
     duration_s: float
+    #: Returns the meshes of the model at a time from 0 to `duration_s`.
     meshes: Callable[[float], tuple[Mesh, ...]]
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Model:
-    """A model: its file's name, its parts, what was left out of the file, and how it may move."""
+    """A model in one pose."""
 
+    #: Name of the file.
     name: str
     meshes: tuple[Mesh, ...]
+    #: Content of the file that is not represented.
     warnings: tuple[str, ...] = ()
     animations: tuple[Animation, ...] = ()
 
     def posed(self, animation: Animation, time_s: float) -> Model:
-        """The model in the pose of a motion at a time; the motion repeats."""
+        """Return the model in the pose of an animation, which repeats, at a time."""
         return replace(self, meshes=animation.meshes(time_s % animation.duration_s))
 
     @property
     def bounds(self) -> FloatArray:
-        """(2, 3) lowest and highest corner, metres of the file."""
-        used = [part.vertices[np.unique(part.faces)] for part in self.meshes]
+        """(2, 3) lowest and highest corner in metres of the file."""
+        used = [mesh.vertices[np.unique(mesh.faces)] for mesh in self.meshes]
         return np.array([np.min([v.min(axis=0) for v in used], axis=0), np.max([v.max(axis=0) for v in used], axis=0)])
 
     @property
     def extents(self) -> FloatArray:
-        """(3,) extents along x, y (up) and z, metres of the file."""
+        """(3,) extents along x, y (up) and z in metres of the file."""
         return np.asarray(self.bounds[1] - self.bounds[0])
 
     @property
     def size_m(self) -> dict[str, float]:
-        """Length and width (the longer and the shorter horizontal extent) and height, metres of the file."""
+        """Length and width (the longer and the shorter horizontal extent) and height in metres of the file."""
         x, y, z = (float(v) for v in self.extents)
         return {"length": max(x, z), "width": min(x, z), "height": y}

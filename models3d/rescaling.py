@@ -1,9 +1,8 @@
-"""A model's file at another size: written anew with a factor on all lengths, read again and checked.
+"""Write a model file at another scale: all its lengths times a factor, and everything else unchanged.
 
-What states a size is changed and nothing else: a root node of glTF, `metersPerUnit` of USD, the unit of COLLADA, the
-vertices of OBJ, STL and PLY, scales, sizes and places of URDF, SDF and MJCF.
-
-A glTF file with its vertices, translations, bindings and movements times a factor, without a node above them.
+The factor is written to the place that defines the scale of the format: a node above the roots of glTF (or, on request,
+all its vertices, translations and bind poses), `metersPerUnit` of USD, the unit of COLLADA, the vertices of OBJ, STL
+and PLY, and the scales, sizes and positions of URDF, SDF and MJCF. The written file is read again and compared.
 """
 
 from __future__ import annotations
@@ -11,7 +10,6 @@ from __future__ import annotations
 import re
 import shutil
 import struct
-from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import Any
 
@@ -21,24 +19,25 @@ from metric_base.errors import FieldError, InputError, Unquoted, at_field, expec
 from metric_base.files import whole_file
 from metric_base.input_files import read_bytes
 from models3d.asset import Asset, merge_bodies
-from models3d.formats import GLTF_SUFFIXES, ROBOT_SUFFIXES, USD, read_asset
+from models3d.formats import GLTF_SUFFIXES, ROBOT_SUFFIXES, USD_SUFFIXES, read_assets
 from models3d.gltf.document import CHUNK_HEAD, MAX_BYTES, read_container, write_container
 
 _FLOAT = 5126
-#: How far the extents that are read again may be from what they should be: float32 keeps seven digits.
-SAME_SHARE = 1e-3
+#: Maximum relative error of the extents of the written file; 32-bit floats have seven digits.
+MAX_EXTENT_ERROR = 1e-3
 _NUMBER = rb"[-+]?(?:\d+\.?\d*|\.\d+)(?:[eE][-+]?\d+)?"
 _OBJ_VERTEX = re.compile(rb"^(v[ \t]+)(%b)([ \t]+)(%b)([ \t]+)(%b)" % (_NUMBER, _NUMBER, _NUMBER), re.M)
 _STL_VERTEX = re.compile(rb"(vertex\s+)(%b)(\s+)(%b)(\s+)(%b)" % (_NUMBER, _NUMBER, _NUMBER), re.I)
 _DAE_UNIT = re.compile(rb"(<unit\b[^>]*\bmeter\s*=\s*[\"'])([^\"']+)([\"'])")
-#: Types of PLY's properties, old and new names.
-_PLY_KINDS = {
+#: Old and new names of the types of PLY properties, as NumPy types.
+_PLY_DTYPES = {
     "char": "i1", "uchar": "u1", "short": "i2", "ushort": "u2", "int": "i4", "uint": "u4", "float": "f4",
     "double": "f8",
     "int8": "i1", "uint8": "u1", "int16": "i2", "uint16": "u2", "int32": "i4", "uint32": "u4", "float32": "f4",
     "float64": "f8",
 }  # fmt: skip
-#: Attributes and elements that hold lengths, by format; the others of a `pose` are angles.
+#: For each root element of a robot description, the elements that contain lengths, with the attributes that do. An
+#: empty string stands for the text of the element; of a `pose`, only the first three numbers are lengths.
 _LENGTHS = {
     "robot": {"origin": "xyz", "box": "size", "cylinder": "radius length", "sphere": "radius",
               "mesh": "scale"},
@@ -48,272 +47,262 @@ _LENGTHS = {
 }  # fmt: skip
 
 
-def bake(header: dict[str, Any], binary: bytearray, factor: float) -> bytes:
-    """Multiply all lengths of a GLB's record and of its binary chunk (with its head); the chunk's bytes are returned.
+def write_at_scale(asset: Asset, out: Path, factor: float, *, baked: bool = False) -> None:
+    """Write the file of an asset with all its lengths times `factor`.
 
-    FieldError for a file whose buffers are other files, or whose vertices are no plain 32-bit numbers.
+    Parameters
+    ----------
+    asset : Asset
+        Content of the file, as read by `read_asset` or `read_assets`.
+    out : Path
+        File to write. Its format is that of the input.
+    factor : float
+    baked : bool, default False
+        Change the vertices of a glTF file instead of adding a node above them.
+
+    Raises
+    ------
+    InputError
+        `out` is the input, or is in another folder although the model refers to other files; or the format cannot be
+        rescaled.
     """
+    path, suffix = asset.file, asset.file.suffix.lower()
+    if out.exists() and out.samefile(path):
+        raise InputError(f"{out}: --fix: expected another file than the input, found the same")
+    if baked and suffix not in GLTF_SUFFIXES:
+        raise InputError(f"--bake: expected a glTF file; found {path}")
+    if suffix not in _WRITERS:
+        raise InputError(f"{path}: --fix: expected a format whose size can be written, found {suffix}")
+    writer = _write_baked_gltf if baked else _WRITERS[suffix]
+    with in_file(path):
+        may_move = not asset.has_external_files or out.resolve().parent == path.resolve().parent
+        expect(may_move, "--fix", "a file in the same folder: the model refers to other files", out)
+        with whole_file(out, "--fix") as work:
+            copy = work.with_name(work.name + path.suffix)  # readers recognise a format by its suffix
+            try:
+                writer(path, copy, factor)
+                ((_, written),) = read_assets([copy])
+                if isinstance(written, InputError):
+                    raise written
+                before, after = (merge_bodies(content.bodies, "").extents_m for content in (asset, written))
+                tolerance = MAX_EXTENT_ERROR * float(before.max()) * factor
+                is_right = np.allclose(after, before * factor, rtol=MAX_EXTENT_ERROR, atol=tolerance)
+                expected = f"{(before * factor).round(6).tolist()} m when the file is read again"
+                expect(bool(is_right), "--fix", expected, Unquoted(str(after.tolist())))
+                copy.replace(work)
+            finally:
+                copy.unlink(missing_ok=True)
+
+
+def _write_gltf(path: Path, copy: Path, factor: float) -> None:
+    """Add a node with a scale above the roots of every scene."""
+    data = read_bytes(path, limit=MAX_BYTES)
+    header, chunks = read_container(data, compressed=True)
+    nodes = header.setdefault("nodes", [])
+    for scene in header.get("scenes", []):
+        nodes.append({"name": "true size", "scale": [factor] * 3, "children": list(scene.get("nodes", []))})
+        scene["nodes"] = [len(nodes) - 1]
+    copy.write_bytes(write_container(header, chunks, binary=data.startswith(b"glTF")))
+
+
+def _write_baked_gltf(path: Path, copy: Path, factor: float) -> None:
+    """Multiply the vertices, morph targets, translations and bind poses of a glTF file with one internal buffer."""
+    data = read_bytes(path, limit=MAX_BYTES)
+    header, content = read_container(data)
+    chunks = bytearray(content)
     buffers = header.get("buffers", [])
-    whole = len(buffers) <= 1 and all("uri" not in buffer for buffer in buffers)
-    expect(
-        whole, "buffers", "one buffer in the file itself (without --bake any file goes)", Unquoted(f"{len(buffers)}")
-    )
-    for number, columns in sorted(_length_accessors(header)):
-        with at_field(f"accessors[{number}]"):
-            _scale(header, header["accessors"][number], binary, columns, factor)
+    is_internal = len(buffers) <= 1 and all("uri" not in buffer for buffer in buffers)
+    expected = "one buffer in the file itself (without --bake any file is accepted)"
+    expect(is_internal, "buffers", expected, Unquoted(f"{len(buffers)}"))
+    try:
+        for index, columns in sorted(_length_accessors(header).items()):
+            with at_field(f"accessors[{index}]"):
+                record = header["accessors"][index]
+                is_plain = record.get("componentType") == _FLOAT and "sparse" not in record and "bufferView" in record
+                expected = "32-bit numbers in a buffer (without --bake any file is accepted)"
+                expect(is_plain, "values", expected, Unquoted("others"))
+                width = 16 if record.get("type") == "MAT4" else 3
+                view = header["bufferViews"][record["bufferView"]]
+                start = CHUNK_HEAD + view.get("byteOffset", 0) + record.get("byteOffset", 0)
+                stride = view.get("byteStride", 4 * width)
+                values = np.ndarray((record["count"], width), "<f4", chunks, start, (stride, 4))
+                values[:, columns] *= np.float32(factor)
+                for bound in ("min", "max"):
+                    if bound in record and width == 3:
+                        record[bound] = [float(np.float32(value) * np.float32(factor)) for value in record[bound]]
+    except FieldError:
+        raise
+    except (LookupError, TypeError, ValueError) as error:
+        damage = Unquoted(f"{type(error).__name__}: {error}")
+        raise FieldError("accessors", "vertices and keyframes within the buffer", damage) from None
     for node in header.get("nodes", []):
         if "translation" in node:
             node["translation"] = [value * factor for value in node["translation"]]
         if "matrix" in node:
             node["matrix"][12:15] = [value * factor for value in node["matrix"][12:15]]
-    return bytes(binary)
+    copy.write_bytes(write_container(header, bytes(chunks), binary=data.startswith(b"glTF")))
 
 
-def _length_accessors(header: dict[str, Any]) -> Iterator[tuple[int, tuple[int, ...]]]:
-    """The accessors that hold lengths, each once, with the columns that do."""
-    columns: dict[int, tuple[int, ...]] = {}
+def _length_accessors(header: dict[str, Any]) -> dict[int, list[int]]:
+    """Return the accessors that contain lengths, each with the columns that do."""
+    columns: dict[int, list[int]] = {}
     for mesh in header.get("meshes", []):
-        for part in mesh.get("primitives", []):
-            for attributes in (part.get("attributes", {}), *part.get("targets", [])):
+        for primitive in mesh.get("primitives", []):
+            for attributes in (primitive.get("attributes", {}), *primitive.get("targets", [])):
                 if "POSITION" in attributes:
-                    columns[attributes["POSITION"]] = (0, 1, 2)
+                    columns[attributes["POSITION"]] = [0, 1, 2]
     for skin in header.get("skins", []):
         if "inverseBindMatrices" in skin:
-            columns[skin["inverseBindMatrices"]] = (12, 13, 14)
+            columns[skin["inverseBindMatrices"]] = [12, 13, 14]
     for animation in header.get("animations", []):
         for channel in animation.get("channels", []):
             if channel.get("target", {}).get("path") == "translation":
-                columns[animation["samplers"][channel["sampler"]]["output"]] = (0, 1, 2)
-    yield from columns.items()
+                columns[animation["samplers"][channel["sampler"]]["output"]] = [0, 1, 2]
+    return columns
 
 
-def _scale(
-    header: dict[str, Any], row: dict[str, Any], binary: bytearray, columns: tuple[int, ...], factor: float
-) -> None:
-    width = 16 if row.get("type") == "MAT4" else 3
-    plain = row.get("componentType") == _FLOAT and "sparse" not in row and "bufferView" in row
-    expect(plain, "values", "32-bit numbers in a buffer (without --bake any file goes)", Unquoted("others"))
-    view = header["bufferViews"][row["bufferView"]]
-    start = CHUNK_HEAD + view.get("byteOffset", 0) + row.get("byteOffset", 0)
-    stride = view.get("byteStride", 4 * width)
-    values = np.ndarray((row["count"], width), "<f4", binary, start, (stride, 4))  # (n, k)
-    values[:, list(columns)] *= np.float32(factor)
-    for bound in ("min", "max"):
-        if bound in row and width == 3:
-            row[bound] = [float(np.float32(value) * np.float32(factor)) for value in row[bound]]
-
-
-def write_at_scale(path: Path, out: Path, factor: float, *, baked: bool = False) -> None:
-    """Write `path` to `out` with all its lengths times `factor`.
-
-    baked : the vertices of a glTF file themselves, not a node above them.
-
-    Raises
-    ------
-    InputError
-        `out` is the input; it is in another folder although the file names files beside it; the format cannot hold it.
-    """
-    if out.exists() and out.samefile(path):
-        raise InputError(f"{out}: --fix: expected another file than the input, found the same")
-    before = read_asset(path)
-    write = _writer(path, baked)
-    with in_file(path):
-        beside = out.resolve().parent == path.resolve().parent
-        expect(
-            beside or not _names_files(path, before), "--fix", "a file in the same folder: the model names others", out
-        )
-        with whole_file(out, "--fix") as work:
-            written = work.with_name(work.name + path.suffix)  # readers know a format by the ending
-            try:
-                write(path, written, factor)
-                _check(before, read_asset(written), factor)
-                written.replace(work)
-            finally:
-                written.unlink(missing_ok=True)
-
-
-def _writer(path: Path, baked: bool) -> Callable[[Path, Path, float], None]:
-    suffix = path.suffix.lower()
-    if suffix in GLTF_SUFFIXES:
-        return lambda source, work, factor: _write_gltf(source, work, factor, baked)
-    if baked:
-        raise InputError(f"--bake: expected a glTF file; found {path}")
-    if suffix in USD:
-        return _write_usd
-    if suffix in ROBOT_SUFFIXES:
-        return _write_robot
-    plain = {".obj": _obj, ".stl": _stl, ".ply": _ply, ".dae": _dae}
-    if suffix not in plain:
-        raise InputError(f"{path}: --fix: expected a format whose size can be written, found {suffix}")
-    change = plain[suffix]
-    return lambda source, work, factor: _write(work, change(read_bytes(source, limit=MAX_BYTES), factor))
-
-
-def _write(work: Path, data: bytes) -> None:
-    work.write_bytes(data)
-
-
-def _check(before: Asset, after: Asset, factor: float) -> None:
-    was, now = (merge_bodies(asset.bodies, "").extents_m for asset in (before, after))
-    near = np.allclose(now, was * factor, rtol=SAME_SHARE, atol=SAME_SHARE * float(was.max()) * factor)
-    expect(bool(near), "--fix", f"{(was * factor).round(6).tolist()} m when read again", Unquoted(str(now.tolist())))
-
-
-def _names_files(path: Path, asset: Asset) -> bool:
-    """Whether the file needs others beside it."""
-    if asset.format == "gltf":
-        header, _ = read_container(read_bytes(path, limit=MAX_BYTES), compressed=True)
-        rows = [*header.get("buffers", []), *header.get("images", [])]
-        return any(not str(row.get("uri", "data:")).startswith("data:") for row in rows)
-    if asset.format in ("urdf", "robot", "sdf", "mujoco"):
-        return b"mesh" in read_bytes(path, limit=MAX_BYTES)
-    return path.suffix.lower() == ".obj" and b"mtllib" in read_bytes(path, limit=MAX_BYTES)
-
-
-def _write_gltf(path: Path, work: Path, factor: float, baked: bool) -> None:
-    """Scale a glTF file: its vertices if `baked`, else by a node with a scale above the roots of every scene."""
-    data = read_bytes(path, limit=MAX_BYTES)
-    header, chunks = read_container(data, compressed=not baked)
-    if baked:
-        chunks = bake(header, bytearray(chunks), factor)
-    else:
-        nodes = header.setdefault("nodes", [])
-        for scene in header.get("scenes", []):
-            nodes.append({"name": "true size", "scale": [factor] * 3, "children": list(scene.get("nodes", []))})
-            scene["nodes"] = [len(nodes) - 1]
-    work.write_bytes(write_container(header, chunks, binary=data.startswith(b"glTF")))
-
-
-def _write_usd(path: Path, work: Path, factor: float) -> None:
-    from pxr import Sdf, Usd, UsdGeom
-
-    stage = Usd.Stage.Open(str(path))
-    unit = float(UsdGeom.GetStageMetersPerUnit(stage)) * factor
-    if path.suffix.lower() == ".usdz":
-        _write_usdz(path, work, unit)
-        return
-    shutil.copyfile(path, work)
-    layer = Sdf.Layer.FindOrOpen(str(work))
-    layer.pseudoRoot.SetInfo("metersPerUnit", unit)
-    layer.Save()
-
-
-def _write_usdz(path: Path, copy: Path, unit: float) -> None:
-    """The package again, its first layer with another unit, the other files as they are."""
+def _write_usd(path: Path, copy: Path, factor: float) -> None:
+    """Multiply `metersPerUnit`, in a package that of its first layer; all other files of a package are unchanged."""
     import tempfile
     import zipfile
 
-    from pxr import Sdf, Usd
+    from pxr import Sdf, Usd, UsdGeom
 
+    unit = float(UsdGeom.GetStageMetersPerUnit(Usd.Stage.Open(str(path)))) * factor
+
+    def set_unit(file: Path) -> None:
+        """Write the unit into a layer."""
+        layer = Sdf.Layer.FindOrOpen(str(file))
+        layer.pseudoRoot.SetInfo("metersPerUnit", unit)
+        layer.Save()
+
+    if path.suffix.lower() != ".usdz":
+        shutil.copyfile(path, copy)
+        set_unit(copy)
+        return
     with tempfile.TemporaryDirectory() as folder, zipfile.ZipFile(path) as package:
         package.extractall(folder)
         writer = (Sdf.ZipFileWriter if hasattr(Sdf, "ZipFileWriter") else Usd.ZipFileWriter).CreateNew(str(copy))
-        for number, name in enumerate(package.namelist()):
+        for index, name in enumerate(package.namelist()):
             file = Path(folder, name)
-            if number == 0:
-                layer = Sdf.Layer.FindOrOpen(str(file))
-                layer.pseudoRoot.SetInfo("metersPerUnit", unit)
-                layer.Save()
+            if index == 0:
+                set_unit(file)
             writer.AddFile(str(file), name)
         writer.Save()
 
 
-def _write_robot(path: Path, work: Path, factor: float) -> None:
+def _write_robot(path: Path, copy: Path, factor: float) -> None:
+    """Multiply all lengths of a URDF, SDF or MJCF file, and the scales of its meshes."""
     from lxml import etree
 
     parser = etree.XMLParser(resolve_entities=False, no_network=True, load_dtd=False)
     tree = etree.fromstring(read_bytes(path, limit=MAX_BYTES), parser).getroottree()
     root = tree.getroot()
-    _scale_meshes(root)
-    lengths = _LENGTHS[str(root.tag)]
-    for element in root.iter(*lengths):
-        names = lengths[element.tag].split()
-        if not names:
-            element.text = _times(element.text or "", factor, 3 if element.tag == "pose" else None)
-        for name in names:
-            if element.get(name) is not None:
-                element.set(name, _times(element.get(name), factor))
-    tree.write(str(work), xml_declaration=True, encoding="utf-8")
-
-
-def _scale_meshes(root: Any) -> None:
-    """A scale of 1 for each mesh that states none, so that each has one to multiply."""
-    from lxml import etree
-
-    for mesh in root.iter("mesh"):
+    for mesh in root.iter("mesh"):  # meshes without a scale get one
         if root.tag == "sdf":
             if mesh.find("scale") is None:
                 etree.SubElement(mesh, "scale").text = "1 1 1"
         elif mesh.get("scale") is None:
             mesh.set("scale", "1 1 1")
 
+    def multiplied(text: str, n_lengths: int | None = None) -> str:
+        """Multiply the first `n_lengths` numbers of a text, or all."""
+        numbers = text.split()
+        return " ".join(
+            f"{float(number) * factor:.9g}" if n_lengths is None or index < n_lengths else number
+            for index, number in enumerate(numbers)
+        )
 
-def _times(text: str, factor: float, count: int | None = None) -> str:
-    """The numbers of a text times a factor, of a pose the first three."""
-    values = text.split()
-    return " ".join(f"{float(one) * factor:.9g}" if count is None or n < count else one for n, one in enumerate(values))
+    lengths = _LENGTHS[str(root.tag)]
+    for element in root.iter(*lengths):
+        names = lengths[element.tag].split()
+        if not names:
+            element.text = multiplied(element.text or "", 3 if element.tag == "pose" else None)
+        for name in names:
+            if element.get(name) is not None:
+                element.set(name, multiplied(element.get(name)))
+    tree.write(str(copy), xml_declaration=True, encoding="utf-8")
 
 
-def _obj(data: bytes, factor: float) -> bytes:
-    return _OBJ_VERTEX.sub(lambda match: _scaled_match(match, factor), data)
+def _write_obj(path: Path, copy: Path, factor: float) -> None:
+    """Multiply the vertices of an OBJ file."""
+    data = read_bytes(path, limit=MAX_BYTES)
+    copy.write_bytes(_OBJ_VERTEX.sub(lambda match: _scaled_vertex(match, factor), data))
 
 
-def _stl(data: bytes, factor: float) -> bytes:
+def _write_stl(path: Path, copy: Path, factor: float) -> None:
+    """Multiply the vertices of a binary or ASCII STL file."""
+    data = read_bytes(path, limit=MAX_BYTES)
     count = struct.unpack_from("<I", data, 80)[0] if len(data) >= 84 else -1
-    if len(data) != 84 + 50 * count:
-        return _STL_VERTEX.sub(lambda match: _scaled_match(match, factor), data)
-    rows = np.frombuffer(data, np.dtype([("normal", "<f4", 3), ("corners", "<f4", 9), ("extra", "<u2")]), -1, 84).copy()
-    rows["corners"] *= np.float32(factor)
-    return data[:84] + rows.tobytes()
+    if len(data) == 84 + 50 * count:
+        facet = np.dtype([("normal", "<f4", 3), ("vertices", "<f4", 9), ("attributes", "<u2")])
+        rows = np.frombuffer(data, facet, -1, 84).copy()
+        rows["vertices"] *= np.float32(factor)
+        copy.write_bytes(data[:84] + rows.tobytes())
+    else:
+        copy.write_bytes(_STL_VERTEX.sub(lambda match: _scaled_vertex(match, factor), data))
 
 
-def _ply(data: bytes, factor: float) -> bytes:
-    """The vertices of a PLY file, which come first in every file that is met."""
-    end = data.index(b"end_header")
-    start = data.index(b"\n", end) + 1
+def _scaled_vertex(match: re.Match[bytes], factor: float) -> bytes:
+    """Return a matched vertex with its three numbers (groups 2, 4, 6) times the factor."""
+    parts = list(match.groups())
+    for index in (1, 3, 5):
+        parts[index] = f"{float(parts[index]) * factor:.9g}".encode()
+    return b"".join(parts)
+
+
+def _write_ply(path: Path, copy: Path, factor: float) -> None:
+    """Multiply the vertices of a PLY file, which must be its first element."""
+    data = read_bytes(path, limit=MAX_BYTES)
+    start = data.index(b"\n", data.index(b"end_header")) + 1
     header = data[:start].decode("ascii", errors="replace").split("\n")
-    elements = [line.split() for line in header if line.startswith(("element", "property", "format"))]
-    form = next(words[1] for words in elements if words[0] == "format")
-    places = [n for n, words in enumerate(elements) if words[0] == "element"]
-    expect(elements[places[0]][1] == "vertex", "element", "vertices first", elements[places[0]][1])
-    count = int(elements[places[0]][2])
-    stop = places[1] if len(places) > 1 else len(elements)
-    properties = [words for words in elements[places[0] + 1 : stop] if words[0] == "property"]
-    expect(
-        all(len(words) == 3 for words in properties), "property", "numbers, no lists, for vertices", Unquoted("lists")
-    )
-    names = [words[2] for words in properties]
+    lines = [line.split() for line in header if line.startswith(("element", "property", "format"))]
+    form = next(words[1] for words in lines if words[0] == "format")
+    first, *others = [index for index, words in enumerate(lines) if words[0] == "element"]
+    expect(lines[first][1] == "vertex", "element", "vertices first", lines[first][1])
+    count = int(lines[first][2])
+    properties = [words for words in lines[first + 1 : others[0] if others else None] if words[0] == "property"]
+    is_plain = all(len(words) == 3 for words in properties)
+    expect(is_plain, "property", "numbers, no lists, for vertices", Unquoted("lists"))
     if form == "ascii":
-        lines = data[start:].split(b"\n")
-        for number in range(count):
-            values = lines[number].split()
-            for axis in "xyz":
-                values[names.index(axis)] = f"{float(values[names.index(axis)]) * factor:.9g}".encode()
-            lines[number] = b" ".join(values)
-        return data[:start] + b"\n".join(lines)
+        columns = [[words[2] for words in properties].index(axis) for axis in "xyz"]
+        rows = data[start:].split(b"\n")
+        for index in range(count):
+            values = rows[index].split()
+            for column in columns:
+                values[column] = f"{float(values[column]) * factor:.9g}".encode()
+            rows[index] = b" ".join(values)
+        copy.write_bytes(data[:start] + b"\n".join(rows))
+        return
     order = "<" if "little" in form else ">"
-    kind = np.dtype([(words[2], order + _PLY_KINDS[words[1]]) for words in properties])
-    rows = np.frombuffer(data, kind, count, start).copy()
+    vertex = np.dtype([(words[2], order + _PLY_DTYPES[words[1]]) for words in properties])
+    vertices = np.frombuffer(data, vertex, count, start).copy()
     for axis in "xyz":
-        rows[axis] = rows[axis] * factor
-    return data[:start] + rows.tobytes() + data[start + rows.nbytes :]
+        vertices[axis] = vertices[axis] * factor
+    copy.write_bytes(data[:start] + vertices.tobytes() + data[start + vertices.nbytes :])
 
 
-def _dae(data: bytes, factor: float) -> bytes:
-    """Another unit: 1 where the file states none, which is COLLADA's rule."""
+def _write_dae(path: Path, copy: Path, factor: float) -> None:
+    """Multiply the unit of a COLLADA file; a file without one is in metres."""
+    data = read_bytes(path, limit=MAX_BYTES)
     unit = _DAE_UNIT.search(data)
     if unit is not None:
-        return data[: unit.start(2)] + f"{float(unit[2]) * factor:.9g}".encode() + data[unit.end(2) :]
-    place = data.find(b"<up_axis")
-    place = place if place >= 0 else data.find(b"</asset>")
-    if place < 0:
+        value = f"{float(unit[2]) * factor:.9g}".encode()
+        copy.write_bytes(data[: unit.start(2)] + value + data[unit.end(2) :])
+        return
+    position = next((p for tag in (b"<up_axis", b"</asset>") if (p := data.find(tag)) >= 0), -1)
+    if position < 0:
         raise FieldError("asset", "a COLLADA file with an asset element", Unquoted("none"))
-    return data[:place] + f'<unit name="true" meter="{factor:.9g}"/>'.encode() + data[place:]
+    copy.write_bytes(data[:position] + f'<unit name="true" meter="{factor:.9g}"/>'.encode() + data[position:])
 
 
-def _scaled_match(match: re.Match[bytes], factor: float) -> bytes:
-    """A vertex's line with its three numbers (groups 2, 4, 6) times the factor."""
-    parts = [match[1], match[2], match[3], match[4], match[5], match[6]]
-    for place in (1, 3, 5):
-        parts[place] = f"{float(parts[place]) * factor:.9g}".encode()
-    return b"".join(parts)
+#: The function that writes a format at another scale, by the suffix of the file.
+_WRITERS = {
+    **dict.fromkeys(GLTF_SUFFIXES, _write_gltf),
+    **dict.fromkeys(USD_SUFFIXES, _write_usd),
+    **dict.fromkeys(ROBOT_SUFFIXES, _write_robot),
+    ".obj": _write_obj,
+    ".stl": _write_stl,
+    ".ply": _write_ply,
+    ".dae": _write_dae,
+}

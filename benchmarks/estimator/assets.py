@@ -100,7 +100,7 @@ def _trials(rows: Iterable[dict[str, str]], tree: Tree) -> Iterator[Trial]:
             body = AssetBody(row["file"], low, low + extents, (NameText("title", row["category"]),))
             check = check_body(row["file"], body, Asset(Path(row["file"]), "glb", 1.0, "y", (body,)), tree, category)
             if check.hypotheses:
-                wrong = sum(one.probability for one in check.hypotheses if one.what not in ("right", "unlike"))
+                wrong = sum(one.probability for one in check.hypotheses if one.kind not in ("right", "unlike"))
                 yield Trial(error, row["category"], check.tier or "not stated", wrong, check)
 
 

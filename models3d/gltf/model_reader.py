@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -10,9 +10,9 @@ import numpy as np
 
 from metric_base.errors import FieldError, InputError, Unquoted, at_field, expect, in_file
 from models3d.gltf.animation import GltfAnimation, posed_nodes, read_animation
-from models3d.gltf.document import MAX_TRIANGLES, GltfDocument, world_transforms
+from models3d.gltf.document import MAX_TRIANGLES, TRIANGLES, GltfDocument, world_transforms
 from models3d.gltf.materials import Materials
-from models3d.gltf.primitives import FACES, Primitive, read_primitive
+from models3d.gltf.primitives import FACE_MODES, Primitive, read_primitive
 from models3d.model import Animation, Mesh, Model
 
 #: Maximum absolute coordinate of a vertex, in metres.
@@ -30,8 +30,8 @@ def read_model(path: Path) -> Model:
     Returns
     -------
     Model
-        One part for each primitive that a node draws, in the frame of the file; points and lines are skipped with a
-        warning. The animations that move something are its motions.
+        One mesh for each primitive that a node draws, in the frame of the file, with its vertex colours; points and
+        lines are skipped with a warning. Animations that do not move anything are omitted.
 
     Raises
     ------
@@ -43,37 +43,43 @@ def read_model(path: Path) -> Model:
         raise InputError(f"{path}: expected a glTF file (.glb or .gltf); found {kind}")
     with in_file(path):
         try:
-            with np.errstate(all="ignore"):  # infinite and undefined values are rejected in `_check_parts`
+            with np.errstate(all="ignore"):  # infinite and undefined values are rejected in `_check_meshes`
                 document = GltfDocument.open(path)
                 document.check_images()
                 materials = Materials(document.header, document.image)
                 drawn = [index for index in document.walk(document.roots()) if "mesh" in document.nodes[index]]
-                meshes: dict[int, list[Primitive]] = {}
+                primitives: dict[int, list[Primitive]] = {}
                 for mesh in dict.fromkeys(int(document.nodes[index]["mesh"]) for index in drawn):
                     with at_field(f"meshes[{mesh}]"):
-                        meshes[mesh] = [
+                        primitives[mesh] = [
                             read_primitive(record, document, materials)
                             for record in document.header["meshes"][mesh].get("primitives", [])
-                            if record.get("mode", 4) in FACES and "POSITION" in record.get("attributes", {})
+                            if record.get("mode", TRIANGLES) in FACE_MODES
+                            and "POSITION" in record.get("attributes", {})
                         ]
 
-                def posed_parts(nodes: Sequence[Mapping[str, Any]]) -> tuple[Mesh, ...]:
-                    """Return the parts of all drawn nodes in the pose of these nodes."""
+                def posed_meshes(nodes: Sequence[Mapping[str, Any]]) -> tuple[Mesh, ...]:
+                    """Return the meshes of all drawn nodes in the pose of these nodes."""
                     world = world_transforms(nodes)
-                    parts: list[Mesh] = []
+                    meshes: list[Mesh] = []
                     for index in drawn:
                         node = nodes[index]
                         joints = document.joint_transforms(node["skin"], world) if "skin" in node else None
                         weights = node.get("weights", document.header["meshes"][int(node["mesh"])].get("weights", []))
-                        morphs = np.asarray(weights, dtype=np.float64)
-                        primitives = [row for row in meshes[int(node["mesh"])] if len(row.faces)]
-                        parts += [primitive.pose(world[index], joints, morphs) for primitive in primitives]
-                    return tuple(parts)
+                        morph_weights = np.asarray(weights, dtype=np.float64)
+                        with_faces = [primitive for primitive in primitives[int(node["mesh"])] if len(primitive.faces)]
+                        meshes += [primitive.pose(world[index], joints, morph_weights) for primitive in with_faces]
+                    return tuple(meshes)
 
-                parts = posed_parts(document.nodes)
+                meshes = posed_meshes(document.nodes)
                 animations = [
                     read_animation(document, index) for index in range(len(document.header.get("animations", [])))
                 ]
+                modes = {
+                    primitive.get("mode", TRIANGLES)
+                    for mesh in document.header.get("meshes", [])
+                    for primitive in mesh.get("primitives", [])
+                }
         except (FieldError, InputError):
             raise
         except (
@@ -82,41 +88,40 @@ def read_model(path: Path) -> Model:
         ) as error:  # fmt: skip
             damage = Unquoted(f"{type(error).__name__}: {error}")
             raise FieldError("content", "a readable glTF 2.0 file", damage) from None
-        _check_parts(parts)
+        _check_meshes(meshes)
 
-    def motion(animation: GltfAnimation) -> Animation:
-        def parts_at(time_s: float) -> tuple[Mesh, ...]:
-            return posed_parts(posed_nodes(document.nodes, animation, time_s))
+    def meshes_at(animation: GltfAnimation) -> Callable[[float], tuple[Mesh, ...]]:
+        return lambda time_s: posed_meshes(posed_nodes(document.nodes, animation, time_s))
 
-        return Animation(animation.name, animation.duration_s, parts_at)
+    moving = (row for row in animations if row.channels and row.duration_s > 0)
+    ignored = () if modes <= set(FACE_MODES) else ("points and lines are ignored",)
+    return Model(
+        path.name,
+        meshes,
+        (*ignored, *materials.warnings),
+        tuple(Animation(row.name, row.duration_s, meshes_at(row)) for row in moving),
+    )
 
-    motions = tuple(motion(row) for row in animations if row.channels and row.duration_s > 0)
-    modes = {part.get("mode", 4) for mesh in document.header.get("meshes", []) for part in mesh.get("primitives", [])}
-    ignored = () if modes <= set(FACES) else ("points and lines are ignored",)
-    return Model(path.name, parts, (*ignored, *materials.warnings), motions)
 
-
-def _check_parts(parts: Sequence[Mesh]) -> None:
-    """Raise FieldError unless the parts have finite vertices, attributes for each vertex, and an extent."""
-    triangles = sum(len(part.faces) for part in parts)
+def _check_meshes(meshes: Sequence[Mesh]) -> None:
+    """Raise FieldError unless the meshes have finite vertices, attributes for each vertex, and an extent."""
+    triangles = sum(len(mesh.faces) for mesh in meshes)
     expect(triangles > 0, "meshes", "at least one triangle", Unquoted("none"))
     expect(triangles <= MAX_TRIANGLES, "meshes", f"at most {MAX_TRIANGLES} triangles", triangles)
-    finite = all((np.abs(part.vertices) < MAX_METRES).all() for part in parts)
+    finite = all((np.abs(mesh.vertices) < MAX_METRES).all() for mesh in meshes)
     expect(finite, "POSITION", f"finite numbers below {MAX_METRES:g}", Unquoted("others"))
-    for part in parts:
-        count, material = len(part.vertices), part.material
-        inside = not len(part.faces) or (part.faces.min() >= 0 and part.faces.max() < count)
+    for mesh in meshes:
+        count, material = len(mesh.vertices), mesh.material
+        inside = not len(mesh.faces) or (mesh.faces.min() >= 0 and mesh.faces.max() < count)
         expect(bool(inside), "indices", f"numbers from 0 to {count - 1}", Unquoted("others"))
-        for field, values, columns in (("NORMAL", part.normals, 3), ("TEXCOORD_0", part.uv, 2)):
-            shaped = values.shape == (count, columns)
-            expect(shaped, field, "a value for each corner", Unquoted("another number of them"))
-        for field, values in (("NORMAL", part.normals), ("TEXCOORD_0", part.uv)):
+        for field, values, columns in (("NORMAL", mesh.normals, 3), ("TEXCOORD_0", mesh.uv, 2)):
+            expect(values.shape == (count, columns), field, "a value for each vertex", Unquoted("another number"))
             expect(bool(np.isfinite(values).all()), field, "finite numbers", Unquoted("others"))
         factors = np.array([material.metallic, material.roughness, material.alpha_cutoff or 0.0])
-        sound = material.base_color.shape == (4,) and material.emissive.shape == (3,)
+        is_valid = material.base_color.shape == (4,) and material.emissive.shape == (3,)
         colours = (material.base_color, material.emissive, factors)
-        sound = sound and all((np.isfinite(colour) & (colour >= 0)).all() for colour in colours)
-        expect(bool(sound), "materials", "colours of four and three numbers from 0", Unquoted("others"))
-    corners = np.concatenate([part.vertices for part in parts])
+        is_valid = is_valid and all((np.isfinite(colour) & (colour >= 0)).all() for colour in colours)
+        expect(bool(is_valid), "materials", "colours of four and three numbers of at least 0", Unquoted("others"))
+    corners = np.concatenate([mesh.vertices for mesh in meshes])
     extent = (corners.max(axis=0) - corners.min(axis=0)).max()
-    expect(extent > 0, "POSITION", "a body with an extent", Unquoted("a single point"))
+    expect(extent > 0, "POSITION", "an object with an extent", Unquoted("a single point"))

@@ -1,9 +1,9 @@
-"""What a file of a model shows, by its own words: title, nodes, meshes, file name, folder, materials."""
+"""Determine the category of a model from the texts of its file: title, nodes, meshes, file name, folder, materials."""
 
 from __future__ import annotations
 
 import re
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterable
 from dataclasses import dataclass
 
 from metric_base.errors import InputError
@@ -11,28 +11,35 @@ from metric_tree.node import Node
 from metric_tree.tree import DETECTORS, Tree
 from models3d.asset import NameText
 
-#: How much a text counts, by where it is from: a semantic label is made to be read, a material rarely names the object.
+#: Weight of a text by its source. Semantic labels are written for programs; a material rarely names the object.
 SOURCE_WEIGHT = {
     "semantic": 1.0, "title": 0.9, "file name": 0.85, "robot": 0.85, "model": 0.85, "node": 0.6, "mesh": 0.6, "body":
     0.6, "extras": 0.5, "folder": 0.4, "material": 0.2,
 }  # fmt: skip
+#: Weight of a text from another source.
 OTHER_WEIGHT = 0.3
-#: A second text that says the same adds this share of its weight: a hundred nodes are not a hundred opinions.
-REPEATED_SHARE = 0.1
-#: How far the tree's answer is to be believed, by how it was reached.
-ANSWER_WEIGHT = {"broader kind": 0.6, "modifier stripped": 0.85}
-#: Each word of a text that is left out at its beginning takes this share of its weight.
-DROPPED_WEIGHT = 0.7
-#: Least share of all weights for the category to be taken, and least weight: one material is no answer.
-MIN_SHARE, MIN_WEIGHT = 0.55, 0.3
-#: Texts of a file that are read, and words of a text: files with a million nodes are not read to the end.
-MAX_TEXTS, MAX_TEXT_WORDS, MAX_TEXT_CHARS = 60, 6, 120
-#: As many other readings as a doubtful answer lists.
-LISTED = 4
+#: Fraction of its weight that a repeated vote adds, because the names of many nodes are not independent.
+REPEATED_FRACTION = 0.1
+#: Weight of a category by the way in which the tree resolved the text; 1 for other ways.
+RESOLUTION_WEIGHT = {"broader kind": 0.6, "modifier stripped": 0.85}
+#: Factor of the weight for each word of a text that is ignored.
+DROPPED_WORD_FACTOR = 0.7
+#: Minimum fraction of the votes for the category.
+MIN_VOTE_FRACTION = 0.55
+#: Minimum weight of the strongest vote for the category; a material alone does not reach it.
+MIN_VOTE_WEIGHT = 0.3
+#: Maximum number of texts of a file that are read, because files may have a million nodes.
+MAX_TEXTS = 60
+#: Maximum number of words of a text that are read.
+MAX_TEXT_WORDS = 6
+#: Maximum number of characters of a text that are read.
+MAX_TEXT_CHARS = 120
+#: Maximum number of other categories that are listed.
+MAX_LISTED = 4
 
 _SPLIT = re.compile(r"(?<=[a-z])(?=[A-Z])|(?<=[A-Za-z])(?=[0-9])|(?<=[0-9])(?=[A-Za-z])|[^A-Za-zÀ-ÿ0-9]+")
-#: Words of files and tools that name no object.
-_EMPTY = frozenset(
+#: Words of files and tools that do not name an object.
+_STOP_WORDS = frozenset(
     """
     a an the of and model models mesh meshes geometry geom object obj node root scene group default untitled
     polygon poly low high lowpoly highpoly lod final new old copy export exported asset assets collada dae gltf
@@ -49,100 +56,88 @@ _MINIATURE = re.compile(
 
 @dataclass(frozen=True, slots=True, eq=False)
 class NamedCategory:
-    """A node, or None where the words do not say; how sure, where it is from, and the other readings."""
+    """Category of a model, or the reason why it is unknown."""
 
     node: Node | None
+    #: Source of the strongest text, `stated`, or the reason if `node` is None.
     source: str
-    share: float
+    #: Fraction of the votes, 0 to 1.
+    fraction: float
+    #: True if the node is a broader category than the text.
     is_broader: bool = False
+    #: Names of the categories with fewer votes, at most `MAX_LISTED`.
     others: tuple[str, ...] = ()
 
 
 def named_category(tree: Tree, name: str) -> NamedCategory:
-    """The category that a person names.
+    """Return the category that the user specified by name.
 
     Raises
     ------
     metric_tree.tree.UnknownName
-        No node has the name, or several have.
+        No node, or more than one, has the name.
     """
     node = tree.find(name, DETECTORS)
     return NamedCategory(node, "stated", 1.0, tree.resolve(name, DETECTORS).how == "broader kind")
 
 
-def category_of_words(words: Iterable[NameText], tree: Tree) -> NamedCategory:
-    """The category that most of the words name, if they agree."""
+def category_of_texts(texts: Iterable[NameText], tree: Tree) -> NamedCategory:
+    """Return the category that most texts of a model file name, or none if they disagree."""
+    # 1. Each text votes for a node; repeated votes add little.
     votes: dict[str, float] = {}
-    best: dict[str, tuple[float, str, bool]] = {}
-    for word in list(dict.fromkeys(words))[:MAX_TEXTS]:
-        answer = _answer(word.text, tree)
-        if answer is None:
+    strongest: dict[str, tuple[float, str, bool]] = {}
+    for text in list(dict.fromkeys(texts))[:MAX_TEXTS]:
+        match = _node_of_text(text.text, tree)
+        if match is None:
             continue
-        node, weight, broader = answer
-        weight *= SOURCE_WEIGHT.get(word.source, OTHER_WEIGHT)
-        first, second = sorted((votes.get(node.node_id, 0.0), weight))
-        votes[node.node_id] = second + REPEATED_SHARE * first
-        if weight > best.get(node.node_id, (0.0, "", False))[0]:
-            best[node.node_id] = (weight, word.source, broader)
-    return _winner(votes, best, tree)
-
-
-def is_miniature(words: Iterable[NameText]) -> bool:
-    """Whether the words call the object a toy or a miniature, or state a scale of models."""
-    return any(_MINIATURE.search(word.text.replace("_", " ")) for word in words)
-
-
-def _winner(votes: dict[str, float], best: dict[str, tuple[float, str, bool]], tree: Tree) -> NamedCategory:
+        node, weight, is_broader = match
+        weight *= SOURCE_WEIGHT.get(text.source, OTHER_WEIGHT)
+        smaller, larger = sorted((votes.get(node.node_id, 0.0), weight))
+        votes[node.node_id] = larger + REPEATED_FRACTION * smaller
+        if weight > strongest.get(node.node_id, (0.0, "", False))[0]:
+            strongest[node.node_id] = (weight, text.source, is_broader)
     if not votes:
-        return NamedCategory(None, "no word of the file names a category", 0.0)
-    votes = _with_kin(votes, tree)
-    total = sum(votes.values())
-    ranked = sorted(votes, key=lambda node_id: -votes[node_id])
-    first = ranked[0]
-    share = votes[first] / total
-    others = tuple(tree.node(node_id).name for node_id in ranked[1 : LISTED + 1])
-    weight, source, broader = best[first]
-    if share < MIN_SHARE or weight < MIN_WEIGHT:
-        return NamedCategory(None, "its words do not agree", share, others=(tree.node(first).name, *others)[:LISTED])
-    return NamedCategory(tree.node(first), source, share, broader, others)
+        return NamedCategory(None, "no text of the file names a category", 0.0)
+    # 2. A vote for a broad category supports its subcategories: "chair" also counts for "dining chair".
+    broader: dict[str, list[str]] = {}
+    for node_id in votes:
+        node = tree.node(node_id)
+        ancestors = set(node.hypernyms)
+        while node.parent is not None:
+            node = node.parent
+            ancestors.add(node.node_id)
+        broader[node_id] = [other for other in votes if other in ancestors and other != node_id]
+    absorbed = {other for others in broader.values() for other in others}
+    totals = {k: vote + sum(votes[other] for other in broader[k]) for k, vote in votes.items() if k not in absorbed}
+    # 3. The winner needs a majority of the votes and one strong vote.
+    ranked = sorted(totals, key=lambda node_id: -totals[node_id])
+    names = tuple(tree.node(node_id).name for node_id in ranked)
+    fraction = totals[ranked[0]] / sum(totals.values())
+    weight, source, is_broader = strongest[ranked[0]]
+    if fraction < MIN_VOTE_FRACTION or weight < MIN_VOTE_WEIGHT:
+        return NamedCategory(None, "the texts of the file disagree", fraction, others=names[:MAX_LISTED])
+    return NamedCategory(tree.node(ranked[0]), source, fraction, is_broader, names[1 : MAX_LISTED + 1])
 
 
-def _answer(text: str, tree: Tree) -> tuple[Node, float, bool] | None:
-    """The node of a text, how much the answer counts, and whether it is a broader kind."""
+def is_miniature(texts: Iterable[NameText]) -> bool:
+    """Return True if a text contains toy, miniature or a similar word, or the scale of a model, such as 1:24."""
+    return any(_MINIATURE.search(text.text.replace("_", " ")) for text in texts)
+
+
+def _node_of_text(text: str, tree: Tree) -> tuple[Node, float, bool] | None:
+    """Return the node of the longest phrase of a text, its weight, and whether it is a broader category."""
     parts = [part for part in _SPLIT.split(text[:MAX_TEXT_CHARS]) if part]
-    words = [part.lower() for part in parts if len(part) > 1 and not part.isdigit() and part.lower() not in _EMPTY]
+    words = [part.lower() for part in parts if len(part) > 1 and not part.isdigit() and part.lower() not in _STOP_WORDS]
     words = words[-MAX_TEXT_WORDS:]
-    for phrase, dropped in _phrases(words):
-        try:
-            meaning = tree.resolve(phrase, DETECTORS, advice=False)
-        except InputError:
-            continue
-        if meaning.ambiguous:
-            return None
-        weight = ANSWER_WEIGHT.get(meaning.how, 1.0) * DROPPED_WEIGHT**dropped
-        return meaning.node, weight, meaning.how == "broader kind"
+    for n_dropped in range(len(words)):
+        for start in range(n_dropped, -1, -1):  # of phrases with equal length, the last one first
+            phrase = " ".join(words[start : start + len(words) - n_dropped])
+            try:
+                match = tree.resolve(phrase, DETECTORS, advice=False)
+            except InputError:
+                continue
+            if match.ambiguous:
+                return None
+            weight = RESOLUTION_WEIGHT.get(match.how, 1.0) * DROPPED_WORD_FACTOR**n_dropped
+            return match.node, weight, match.how == "broader kind"
     return None
-
-
-def _phrases(words: list[str]) -> Iterator[tuple[str, int]]:
-    """Runs of words, the longest first, of these the last first, with how many words each leaves out."""
-    for dropped in range(len(words)):
-        for start in range(dropped, -1, -1):
-            yield " ".join(words[start : start + len(words) - dropped]), dropped
-
-
-def _with_kin(votes: dict[str, float], tree: Tree) -> dict[str, float]:
-    """The votes, those of a kind added to the kinds of it that have votes too: a dining chair is a chair."""
-    above = {node_id: {*tree.node(node_id).hypernyms, *_parents(tree.node(node_id))} for node_id in votes}
-    general = {kind for node_id in votes for kind in above[node_id] if kind in votes and kind != node_id}
-    return {
-        node_id: vote + sum(votes[kind] for kind in above[node_id] if kind in votes and kind != node_id)
-        for node_id, vote in votes.items()
-        if node_id not in general
-    }
-
-
-def _parents(node: Node) -> Iterator[str]:
-    while node.parent is not None:
-        node = node.parent
-        yield node.node_id

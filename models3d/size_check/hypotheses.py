@@ -1,8 +1,8 @@
-"""What may be wrong with a stated size: the hypotheses, their prior chances, and their posterior for one object.
+"""Explain the extents of an object: hypotheses about its scale, with their posterior probabilities.
 
-A hypothesis is an orientation (as stated, or turned) and a kind of scale: right, a slip of the unit by a factor, an
-arbitrary scale (a mesh normalised to a unit box among them), a miniature, one stretched side, or none of these. Each
-gives a density of the stated extents from the same size model, so that proportions and size count in all of them.
+A hypothesis is an orientation (that of the file, or rotated) and a kind of scale: right, a wrong unit, an arbitrary
+scale (including meshes that are normalised to a unit box), a miniature, one stretched side, or none of these. The same
+size model gives the density of the extents for each hypothesis, so that proportions and size count in all of them.
 """
 
 from __future__ import annotations
@@ -17,10 +17,11 @@ from metric_base.arrays import FloatArray
 from models3d.asset import AXES, AssetBody, Up
 from models3d.size_check.size_model import SizeModel
 
+#: Kinds of scale; `unlike` is unexplained.
 ScaleKind = Literal["right", "unit", "arbitrary", "miniature", "stretched", "unlike"]
 
-#: Chance of each kind before the extents are seen. A file that is as it should be is the common case; of the faults
-#: those of units and of normalised meshes are reported most (docs/explanation/assets.md names the threads).
+#: Prior probability of each kind. Most files are right; of the errors, wrong units and normalised meshes are reported
+#: most often (docs/explanation/assets.md lists the reports).
 CHANCE: Mapping[ScaleKind, float] = {
     "right": 0.70,
     "unit": 0.18,
@@ -29,67 +30,95 @@ CHANCE: Mapping[ScaleKind, float] = {
     "stretched": 0.02,
     "unlike": 0.03,
 }
-#: The same of a miniature where the file's own words say toy, miniature, figurine or a ratio.
+#: Prior probability of a miniature if the texts of the file contain toy, miniature, figurine or a ratio.
 NAMED_MINIATURE = 0.5
-#: What the stated size is to be multiplied by, with the share of all slips: millimetres or centimetres read as metres
-#: and the reverse, inches, feet, and a metre taken for one of these twice.
+#: Prior probability of a miniature in categories of which toys are common: vehicles and animals.
+TOY_CHANCE = 0.06
+#: Factors that correct a wrong unit, with their probabilities: millimetres or centimetres read as metres and the
+#: reverse, inches, feet, and conversions that were applied twice.
 UNIT_FACTORS: Mapping[float, float] = {
     0.001: 0.20, 0.01: 0.25, 0.1: 0.07, 10.0: 0.07, 100.0: 0.12, 1000.0: 0.09,
     0.0254: 0.05, 25.4: 0.03, 2.54: 0.02, 1 / 2.54: 0.02, 39.37: 0.02, 0.3048: 0.03, 1 / 0.3048: 0.03,
 }  # fmt: skip
-#: Of kinds of which toys are common: vehicles and animals.
-TOY_CHANCE = 0.06
-#: Models and toys are so many times smaller than what they show, from garden railways to 1:87 and a little beyond.
+#: Ratios of the true size to that of a miniature, from garden railways to somewhat beyond 1:87.
 MINIATURE_RATIOS = tuple(float(ratio) for ratio in np.geomspace(6, 110, 22))
-#: An arbitrary scale is any within this factor either way, all alike in the logarithm.
+#: Maximum factor of an arbitrary scale, in both directions; its logarithm is uniformly distributed.
 ARBITRARY_RANGE = 1e4
-#: Share of the arbitrary scales that normalise a box, and to what its longest side then is.
-NORMALISED_SHARE, NORMALISED_M, NORMALISED_SD = 0.6, (1.0, 2.0, 0.5, 100.0), 0.001
-#: A normalised mesh is centred on the origin this often, any other this often.
-CENTRED_NORMALISED, CENTRED_OTHER = 0.8, 0.2
-#: Share of true-sized models drawn to a round number, and the round numbers' distance at 1 m.
-ROUND_SHARE, ROUND_STEP = 0.2, 0.1
-#: Chance that an object is turned where the file states its up axis, and of each axis where it does not.
-TURNED = 0.04
+#: Fraction of the arbitrary scales that are normalised to a box.
+NORMALISED_FRACTION = 0.6
+#: Longest sides of normalised boxes, in metres.
+NORMALISED_M = (1.0, 2.0, 0.5, 100.0)
+#: Standard deviation of the logarithm of the longest side of a normalised box.
+NORMALISED_SD = 0.001
+#: Probability that a normalised mesh is centred on the origin.
+CENTRED_NORMALISED = 0.8
+#: Probability that another mesh is centred on the origin.
+CENTRED_OTHER = 0.2
+#: Fraction of the models with the right scale whose longest side is a round number.
+ROUND_FRACTION = 0.2
+#: Step between round numbers, relative to the power of ten below the longest side.
+ROUND_STEP = 0.1
+#: Prior probability that an object is rotated although the file states its up axis.
+ROTATED_CHANCE = 0.04
+#: Prior probability of each up axis if the file does not state it.
 UP_UNSTATED: Mapping[Up, float] = {"x": 0.04, "y": 0.5, "z": 0.46}
-#: A stretched side is longer or shorter by a factor up to this.
+#: Maximum factor of a stretched side, in both directions; its logarithm is uniformly distributed.
 STRETCH_RANGE = 10.0
-#: What is unlike anything known has sides anywhere in this range, all alike in the logarithm.
+#: Range of each side of an unexplained object, as a factor; its logarithm is uniformly distributed.
 UNLIKE_RANGE = 1e4
-#: A side of no extent counts as this many metres, so that a plane has a logarithm.
-LEAST_M = 1e-6
+#: Minimum side in metres, so that the logarithm of a plane is defined.
+MIN_SIDE_M = 1e-6
 
 
 @dataclass(frozen=True, slots=True)
 class ScaleHypothesis:
-    """One explanation of the stated extents, with its posterior probability.
+    """One explanation of the extents of an object."""
 
-    factor : what the stated size is to be multiplied by, None where the kind says nothing; up : the axis that points
-    up; turned : whether that is not the stated one; axis : the stretched side, 0 length, 1 width, 2 height.
-    """
-
-    what: ScaleKind
+    kind: ScaleKind
+    #: Factor that corrects the size; None if the kind does not determine it.
     factor: float | None
+    #: Axis that points up.
     up: Up
-    turned: bool
+    #: True if `up` differs from the up axis of the file.
+    is_rotated: bool
+    #: Posterior probability.
     probability: float
+    #: The stretched side: 0 length, 1 width, 2 height.
     axis: int | None = None
 
 
 def hypotheses(
     body: AssetBody, up: Up | None, model: SizeModel, miniature: float = CHANCE["miniature"]
 ) -> tuple[ScaleHypothesis, ...]:
-    """All explanations of one body's extents, the likeliest first; their probabilities sum to 1.
+    """Compute the posterior probabilities of all explanations of the extents of an object.
 
-    miniature : chance that it is one, before its extents are seen.
+    Parameters
+    ----------
+    body : AssetBody
+    up : {"x", "y", "z"} or None
+        Up axis of the file, if it is known.
+    model : SizeModel
+        Extents of true-sized models of the category.
+    miniature : float
+        Prior probability of a miniature.
+
+    Returns
+    -------
+    tuple of ScaleHypothesis
+        Sorted by probability, the highest first; the probabilities sum to 1.
     """
-    ups = _up_chances(up, model)
-    x = np.stack([ordered_sizes(body.extents_m, axis, model.is_sorted) for axis in ups])  # (o, 3) ln mm
+    if model.is_sorted:  # the model has no vertical axis
+        up_chance: dict[Up, float] = {up or "y": 1.0}
+    elif up is None:
+        up_chance = dict(UP_UNSTATED)
+    else:
+        up_chance = {up: 1 - ROTATED_CHANCE, **{axis: ROTATED_CHANCE / 2 for axis in AXES if axis != up}}
+    x = np.stack([ordered_sizes(body.extents_m, axis, model.is_sorted) for axis in up_chance])  # (o, 3) ln mm
     chance = {**CHANCE, "miniature": miniature}
     rows: list[tuple[ScaleKind, float | None, int | None, FloatArray]] = []
     rows.append(("right", 1.0, None, np.log(chance["right"]) + model.log_density(x) + _log_round(body)))
-    for factor, share in UNIT_FACTORS.items():
-        rows.append(("unit", factor, None, np.log(chance["unit"] * share) + model.log_density(x + np.log(factor))))
+    for factor, fraction in UNIT_FACTORS.items():
+        rows.append(("unit", factor, None, np.log(chance["unit"] * fraction) + model.log_density(x + np.log(factor))))
     rows.append(("arbitrary", None, None, np.log(chance["arbitrary"]) + _log_arbitrary(body, model, x)))
     each = np.log(chance["miniature"] / len(MINIATURE_RATIOS))
     rows += [("miniature", ratio, None, each + model.log_density(x + np.log(ratio))) for ratio in MINIATURE_RATIOS]
@@ -98,29 +127,20 @@ def hypotheses(
         rows.append(("stretched", None, axis, np.log(chance["stretched"] / len(model.axes)) + others))
     unlike = -len(model.axes) * np.log(np.log(UNLIKE_RANGE))
     rows.append(("unlike", None, None, np.full(len(x), np.log(chance["unlike"]) + unlike)))
-    table = np.stack([row[3] for row in rows]) + np.log(list(ups.values()))  # (h, o)
+    table = np.stack([row[3] for row in rows]) + np.log(list(up_chance.values()))  # (h, o)
     weights = np.exp(table - table.max())
     weights /= weights.sum()
     explanations = [
-        ScaleHypothesis(what, factor, axis_up, up is not None and axis_up != up, float(weights[h, o]), axis)
-        for h, (what, factor, axis, _) in enumerate(rows)
-        for o, axis_up in enumerate(ups)
+        ScaleHypothesis(kind, factor, axis_up, up is not None and axis_up != up, float(weights[h, o]), axis)
+        for h, (kind, factor, axis, _) in enumerate(rows)
+        for o, axis_up in enumerate(up_chance)
     ]
-    return tuple(sorted(explanations, key=lambda one: -one.probability))
-
-
-def _up_chances(up: Up | None, model: SizeModel) -> dict[Up, float]:
-    """The axes that may point up with their chances; one where the size model does not know the vertical."""
-    if model.is_sorted:
-        return {up or "y": 1.0}
-    if up is None:
-        return dict(UP_UNSTATED)
-    return {up: 1 - TURNED, **{axis: TURNED / 2 for axis in AXES if axis != up}}
+    return tuple(sorted(explanations, key=lambda hypothesis: -hypothesis.probability))
 
 
 def ordered_sizes(extents_m: FloatArray, up: Up, is_sorted: bool) -> FloatArray:
-    """(3,) ln mm of length, width, height with this axis up, or of the extents, longest first."""
-    sizes = np.log(np.maximum(extents_m, LEAST_M) * 1000)
+    """Return ln mm (3,) of length, width and height with this up axis, or of the extents, the longest first."""
+    sizes = np.log(np.maximum(extents_m, MIN_SIDE_M) * 1000)
     if is_sorted:
         return np.sort(sizes)[::-1]
     vertical = AXES.index(up)
@@ -129,24 +149,25 @@ def ordered_sizes(extents_m: FloatArray, up: Up, is_sorted: bool) -> FloatArray:
 
 
 def _log_arbitrary(body: AssetBody, model: SizeModel, x: FloatArray) -> FloatArray:
-    """(o,) log density of x (o, 3) at an arbitrary scale: its proportions, and the chance of its size."""
-    any_size = (1 - NORMALISED_SHARE) * _centre_chance(body, CENTRED_OTHER) / (2 * np.log(ARBITRARY_RANGE))
-    longest = np.log(max(float(body.extents_m.max()), LEAST_M))
+    """Return the log density (o,) of ln mm x (o, 3) at an arbitrary scale: proportions times the density of the size.
+
+    Normalised meshes are concentrated at a few sizes and are usually centred on the origin.
+    """
+    centred_normalised = CENTRED_NORMALISED if body.is_centred else 1 - CENTRED_NORMALISED
+    centred_other = CENTRED_OTHER if body.is_centred else 1 - CENTRED_OTHER
+    any_size = (1 - NORMALISED_FRACTION) * centred_other / (2 * np.log(ARBITRARY_RANGE))
+    longest = np.log(max(float(body.extents_m.max()), MIN_SIDE_M))
     z = (longest - np.log(NORMALISED_M)) / NORMALISED_SD
     at_unit = float(np.mean(np.exp(-(z**2) / 2))) / (NORMALISED_SD * np.sqrt(2 * np.pi))
-    size = any_size + NORMALISED_SHARE * at_unit * _centre_chance(body, CENTRED_NORMALISED)
-    return np.asarray(model.log_evidence(x) + np.log(size / _centre_chance(body, CENTRED_OTHER)))
-
-
-def _centre_chance(body: AssetBody, chance: float) -> float:
-    return chance if body.centred else 1 - chance
+    size = any_size + NORMALISED_FRACTION * at_unit * centred_normalised
+    return np.asarray(model.log_evidence(x) + np.log(size / centred_other))
 
 
 def _log_round(body: AssetBody) -> float:
-    """What a round longest side adds: round numbers are common where the scale is right."""
-    longest = max(float(body.extents_m.max()), LEAST_M)
+    """Return the log factor for a round longest side: round numbers are common if the scale is right."""
+    longest = max(float(body.extents_m.max()), MIN_SIDE_M)
     step = ROUND_STEP * 10 ** np.floor(np.log10(longest))
-    off = abs(longest / step - round(longest / step)) * step / longest
-    share_of_line = 2 * NORMALISED_SD * longest / step  # of all sizes, how many are as near to a round one
-    is_round = off < NORMALISED_SD
-    return float(np.log((1 - ROUND_SHARE) + (ROUND_SHARE / share_of_line if is_round else 0.0)))
+    distance = abs(longest / step - round(longest / step)) * step / longest
+    close_fraction = 2 * NORMALISED_SD * longest / step  # fraction of all sizes that are as close to a round one
+    is_round = distance < NORMALISED_SD
+    return float(np.log((1 - ROUND_FRACTION) + (ROUND_FRACTION / close_fraction if is_round else 0.0)))

@@ -1,7 +1,7 @@
-"""The check as a rule of NVIDIA's Asset Validator, which finds it by the entry point group `omni.asset_validator`.
+"""Rule for NVIDIA's Asset Validator, which loads it from the entry point group `omni.asset_validator`.
 
-With `omniverse-asset-validator` installed beside this package, `omni_asset_validate` has the rule `TrueSizeChecker` in
-the category `Metric-Tree`. The interface is that of its documentation, "Authoring rules" and "Plugins".
+If `omniverse-asset-validator` is installed, `omni_asset_validate` has the rule `TrueSizeChecker` in the category
+`Metric-Tree`. The interface is documented in "Authoring rules" and "Plugins" of the validator.
 """
 
 from __future__ import annotations
@@ -13,7 +13,7 @@ CATEGORY = "Metric-Tree"
 
 
 class AssetValidatorPlugin:
-    """Registers the rule when the validator starts, and takes it back when it ends."""
+    """Register the rule when the validator starts, and remove it when it ends."""
 
     def __init__(self) -> None:
         self._rule: type | None = None
@@ -26,7 +26,7 @@ class AssetValidatorPlugin:
         register_rule(CATEGORY)(self._rule)
 
     def on_shutdown(self) -> None:
-        """Take the rule back."""
+        """Remove the rule."""
         from omni.asset_validator import CategoryRuleRegistry
 
         if self._rule is not None:
@@ -35,14 +35,14 @@ class AssetValidatorPlugin:
 
 
 def _rule() -> type:
-    """The rule's class; its base comes with the validator, which need not be installed."""
+    """Return the class of the rule; its base class is part of the validator, which is optional."""
     from omni.asset_validator import BaseRuleChecker
 
     class TrueSizeChecker(BaseRuleChecker):  # type: ignore[misc]
-        """The stage is as large as such objects are; if not, the likeliest factor is stated."""
+        """Check that the objects of a stage have their true size."""
 
         def CheckStage(self, stage: Any) -> None:  # noqa: N802 - the validator's name
-            """Report each object of the stage that is not at true size."""
+            """Report each object of the stage that does not have its true size."""
             from metric_base.errors import InputError
             from models3d.size_check.check import check_asset, verdict_line
 

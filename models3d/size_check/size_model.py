@@ -1,8 +1,8 @@
-"""The density of the extents that a true-sized model of a category has: the size prior, widened by what artists do.
+"""Density of the extents of true-sized 3-D models of a category: the size prior, widened by the errors of artists.
 
-A model is an artist's object: its size differs from that of the objects it shows by an error common to its three sides
-and by one of each side. A share of the models, larger where the prior rests on less, shows something unlike the prior.
-With x = ln of the extents in mm and a component k of the prior,
+The size of a model differs from that of the object that it shows by an error that its sides have in common and by one
+of each side. A fraction e of the models, larger for categories with little evidence, deviates much more. With x = ln of
+the extents in mm and a component k of the prior,
 
     p(x) = sum_k w_k [(1 - e) N(x; m_k, C_k) + e N(x; m_k, C_k + wide)],  C_k = S_k + B + artist
 """
@@ -20,70 +20,68 @@ from metric_tree.node import Node
 from metric_tree.prior import Prior
 from metric_tree.tree import Tree
 
-#: Error of an artist's model: common to its sides, and of each side (sd of the natural log). Chosen on half of the
-#: categories of 707 open models (docs/evidence/assets.md).
-ARTIST_COMMON_SD, ARTIST_OWN_SD = 0.15, 0.12
-#: What is unlike the prior differs by this much more, in common and by side.
-UNLIKE_COMMON_SD, UNLIKE_OWN_SD = 0.6, 0.5
-#: Share of models that are unlike the prior, by what the prior rests on.
-UNLIKE_SHARE = {"norm": 0.05, "measured": 0.05, "few": 0.08, "models": 0.08, "borrowed": 0.15, "judged": 0.12}
-#: Where a release does not say what its priors rest on.
+#: Standard deviation of the log error that the sides of a model have in common. Chosen on half of the categories of 707
+#: open models (docs/evidence/assets.md).
+ARTIST_COMMON_SD = 0.15
+#: Standard deviation of the log error of each side.
+ARTIST_SIDE_SD = 0.12
+#: Additional standard deviations of models that deviate much from the prior: in common, and of each side.
+UNLIKE_COMMON_SD = 0.6
+UNLIKE_SIDE_SD = 0.5
+#: Fraction of models that deviate much from the prior, by the tier of the prior.
+UNLIKE_FRACTION = {"norm": 0.05, "measured": 0.05, "few": 0.08, "models": 0.08, "borrowed": 0.15, "judged": 0.12}
+#: The same for a release without tiers.
 UNLIKE_UNKNOWN = 0.1
-#: The least share where the category is a broader kind of what the file names.
+#: Minimum of this fraction if the category is broader than the text of the file.
 UNLIKE_BROADER = 0.3
 NAMED = ("length", "width", "height")
 SORTED = ("extent1", "extent2", "extent3")
 
 
-@lru_cache(maxsize=4096)
-def _models(tree: Tree, node_id: str, is_broader: bool) -> SizeModel | None:
-    node = tree.node(node_id)
-    if not node.prior_dims:
-        return None
-    dims = max(node.prior_dims, key=lambda names: (len(names), names == node.dims))
-    return size_model(node.prior(dims), node_tier(node), is_broader=is_broader)
-
-
 @dataclass(frozen=True, eq=False)
 class SizeModel:
-    """A mixture of Gaussians over ln mm.
+    """A mixture of k Gaussians over d of the logarithms of the extents in mm."""
 
-    axes : (d,) which of length, width, height (or, if `is_sorted`, of the extents, longest first) the model covers;
-    weights : (k,); means : (k, d); covariances : (k, d, d).
-    """
-
+    #: (d,) indices into length, width, height; or, if `is_sorted`, into the extents, the longest first.
     axes: tuple[int, ...]
     is_sorted: bool
+    #: (k,)
     weights: FloatArray
+    #: (k, d)
     means: FloatArray
+    #: (k, d, d)
     covariances: FloatArray
 
     def log_density(self, x: FloatArray) -> FloatArray:
-        """Log density of ln mm, x : (n, 3) -> (n,)."""
-        return self._mixture(self._quadratic(x)[0])
+        """Return the log density (n,) of ln mm, x (n, 3)."""
+        return self._log_mixture(self._log_components(x)[0])
 
     def log_evidence(self, x: FloatArray) -> FloatArray:
-        """Log of the integral of the density of x + u over all u: what the proportions say, x : (n, 3) -> (n,).
+        """Return the log (n,) of the integral of the density of x + u over all u: the evidence of the proportions.
 
         For a component with r = m - x, L = C^-1, l = 1'L1 and u = 1'Lr / l it is
         |C|^(-1/2) l^(-1/2) exp(-(r'Lr - l u^2) / 2) (2 pi)^(-(d-1)/2).
+
+        x : (n, 3) ln mm
         """
-        log_terms, u, precision = self._shifts(x)
-        del u, precision
-        return self._mixture(log_terms)
+        log_terms, _, _ = self._shifts(x)
+        return self._log_mixture(log_terms)
 
     def shift_components(self, x: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
-        """The posterior of u with x + u from this density, for one x : (3,): weights, means and sds, (k,) each."""
+        """Return weights, means and standard deviations (k,) of the posterior of u, with x + u from this density.
+
+        x : (3,) ln mm
+        """
         log_terms, u, precision = self._shifts(x[None])
         logs = log_terms[0] + np.log(self.weights)
         weights = np.exp(logs - logs.max())
         return weights / weights.sum(), u[0], 1 / np.sqrt(precision)
 
     def without(self, axis: int) -> SizeModel:
-        """The exact marginal without one of `axes`."""
-        keep = np.array([place for place, one in enumerate(self.axes) if one != axis])
+        """Return the exact marginal without one of `axes`."""
+        keep = np.array([index for index, kept in enumerate(self.axes) if kept != axis])
         return SizeModel(
-            tuple(self.axes[place] for place in keep),
+            tuple(self.axes[index] for index in keep),
             self.is_sorted,
             self.weights,
             self.means[:, keep],
@@ -91,71 +89,83 @@ class SizeModel:
         )
 
     @cached_property
-    def _inverse(self) -> FloatArray:
-        """(k, d, d)."""
+    def _precisions(self) -> FloatArray:
+        """(k, d, d) inverse covariances."""
         return np.asarray(np.linalg.inv(self.covariances))
 
     @cached_property
-    def _log_norm(self) -> FloatArray:
-        """(k,)."""
+    def _log_norms(self) -> FloatArray:
+        """(k,) logarithms of the normalisation."""
         return np.asarray(-0.5 * (np.linalg.slogdet(self.covariances)[1] + len(self.axes) * np.log(2 * np.pi)))
 
-    def _quadratic(self, x: FloatArray) -> tuple[FloatArray, FloatArray]:
-        """Log density of each component, (n, k), and the residuals m - x, (n, k, d)."""
+    def _log_components(self, x: FloatArray) -> tuple[FloatArray, FloatArray]:
+        """Return the log density of each component (n, k) and the residuals m - x (n, k, d)."""
         residual = self.means - x[:, None, list(self.axes)]
-        squares = np.einsum("nki,kij,nkj->nk", residual, self._inverse, residual)
-        return self._log_norm - squares / 2, residual
+        squares = np.einsum("nki,kij,nkj->nk", residual, self._precisions, residual)
+        return self._log_norms - squares / 2, residual
 
     def _shifts(self, x: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
-        """Log evidence (n, k), best shift (n, k) and its precision (k,) of each component."""
-        logs, residual = self._quadratic(x)
-        pull = self._inverse.sum(axis=1)  # (k, d)
-        precision = pull.sum(axis=1)  # (k,)
-        u = np.einsum("nki,ki->nk", residual, pull) / precision
+        """Return log evidence (n, k), best shift (n, k) and its precision (k,) for each component."""
+        logs, residual = self._log_components(x)
+        row_sums = self._precisions.sum(axis=1)  # (k, d)
+        precision = row_sums.sum(axis=1)  # (k,)
+        u = np.einsum("nki,ki->nk", residual, row_sums) / precision
         return logs + precision * u**2 / 2 + np.log(2 * np.pi / precision) / 2, u, precision
 
-    def _mixture(self, logs: FloatArray) -> FloatArray:
-        """(n,) log of the weighted sum over components of exp(logs), (n, k)."""
+    def _log_mixture(self, logs: FloatArray) -> FloatArray:
+        """Return the log (n,) of the weighted sum of exp(logs), (n, k), over the components."""
         logs = logs + np.log(self.weights)
         top = logs.max(axis=1, keepdims=True)
         return np.asarray(top[:, 0] + np.log(np.exp(logs - top).sum(axis=1)))
 
 
 def size_model(prior: Prior, tier: str | None, *, is_broader: bool = False) -> SizeModel:
-    """The density of true-sized models of a category with this prior, which rests on `tier`.
+    """Return the density of true-sized models of a category.
 
-    is_broader : the category is a broader kind of what the file names.
+    Parameters
+    ----------
+    prior : Prior
+        Size prior of the category.
+    tier : str or None
+        Evidence tier of the prior.
+    is_broader : bool, default False
+        The category is broader than the text of the file.
     """
     is_sorted = prior.dims[0] in SORTED
     names = SORTED if is_sorted else NAMED
     d = len(prior.dims)
-    artist = ARTIST_COMMON_SD**2 + ARTIST_OWN_SD**2 * np.eye(d)
-    unlike = UNLIKE_COMMON_SD**2 + UNLIKE_OWN_SD**2 * np.eye(d)
-    body = prior.covariances + prior.shared_covariance + artist
-    share = UNLIKE_UNKNOWN if tier is None else UNLIKE_SHARE[tier]
-    share = max(share, UNLIKE_BROADER) if is_broader else share
+    artist = ARTIST_COMMON_SD**2 + ARTIST_SIDE_SD**2 * np.eye(d)
+    unlike = UNLIKE_COMMON_SD**2 + UNLIKE_SIDE_SD**2 * np.eye(d)
+    covariances = prior.covariances + prior.shared_covariance + artist
+    fraction = UNLIKE_UNKNOWN if tier is None else UNLIKE_FRACTION[tier]
+    fraction = max(fraction, UNLIKE_BROADER) if is_broader else fraction
     return SizeModel(
         tuple(names.index(name) for name in prior.dims),
         is_sorted,
-        np.concatenate([(1 - share) * prior.weights, share * prior.weights]),
+        np.concatenate([(1 - fraction) * prior.weights, fraction * prior.weights]),
         np.concatenate([prior.means, prior.means]),
-        np.concatenate([body, body + unlike]),
+        np.concatenate([covariances, covariances + unlike]),
     )
 
 
 def node_tier(node: Node) -> str | None:
-    """What the node's sizes rest on, None in a release that does not say."""
+    """Return the evidence tier of the sizes of a node, None in a release without tiers."""
     tier: str | None = getattr(node, "tier", None)
     return tier
 
 
+@lru_cache(maxsize=4096)
 def node_model(tree: Tree, node_id: str, is_broader: bool = False) -> SizeModel | None:
-    """The size model of a node over as many dimensions as its priors have; None if it has no prior."""
-    return _models(tree, node_id, is_broader)
+    """Return the size model of a node over as many dimensions as its priors have; None if it has no prior."""
+    node = tree.node(node_id)
+    if not node.prior_dims:
+        return None
+    dims = max(node.prior_dims, key=lambda names: (len(names), names == node.dims))
+    return size_model(node.prior(dims), node_tier(node), is_broader=is_broader)
 
 
 def extents_text(extents: Sequence[float]) -> str:
-    """Extents in words of a person: `0.52 x 0.90 x 0.50 m`, millimetres below 10 cm."""
+    """Format extents in metres for users: `0.52 x 0.90 x 0.50 m`, in millimetres below 10 cm."""
     if max(extents) < 0.1:
-        return " x ".join(f"{1000 * one:.3g}" for one in extents) + " mm"
-    return " x ".join(f"{one:.3g}" for one in extents) + " m"
+        return " x ".join(f"{1000 * extent:.3g}" for extent in extents) + " mm"
+    return " x ".join(f"{extent:.3g}" for extent in extents) + " m"

@@ -1,4 +1,4 @@
-"""The bodies of a USD file, by usd-core; references that lead out of the model's folder are refused."""
+"""Boxes of the objects in a USD file (usd-core); references to files outside its folder are refused."""
 
 from __future__ import annotations
 
@@ -11,44 +11,64 @@ import numpy as np
 from metric_base.errors import FieldError, Unquoted, expect, in_file
 from models3d.asset import Asset, AssetBody, NameText, Up, body_from_box
 
-#: Largest file, most files that it may be composed of, most prims.
-MAX_BYTES, MAX_LAYERS, MAX_PRIMS = 1 << 29, 500, 200_000
+#: Maximum size of the file, in bytes.
+MAX_BYTES = 1 << 29
+#: Maximum number of files that a stage is composed of.
+MAX_LAYERS = 500
+#: Maximum number of prims of an object whose names are read.
+MAX_PRIMS = 200_000
 
 
 def read_usd(path: Path) -> Asset:
-    """What a USD file states in its default time, with `metersPerUnit` and `upAxis`.
+    """Read a USD file at its earliest time.
 
-    Where it states no unit, USD's rule is centimetres, and no up axis is y.
+    Parameters
+    ----------
+    path : Path
+        A `.usd`, `.usda`, `.usdc` or `.usdz` file.
+
+    Returns
+    -------
+    Asset
+        The unit is `metersPerUnit`, by default 0.01, and the up axis is `upAxis`, by default y.
+
+    Raises
+    ------
+    InputError
+        The file is damaged, too large, refers to files outside its folder, or has no shape.
     """
     from pxr import Usd, UsdGeom
 
     with in_file(path):
         expect(path.stat().st_size <= MAX_BYTES, "file", f"at most {MAX_BYTES} bytes", path.stat().st_size)
-        _check_layers(path)
+        n_layers = _count_layers(path)
         try:
             stage = Usd.Stage.Open(str(path))
-        except Exception as error:  # noqa: BLE001 - Tf.ErrorException, which is no class of Python's
+        except Exception as error:  # noqa: BLE001 - Tf.ErrorException is not a Python exception class
             raise FieldError("content", "a readable USD file", Unquoted(" ".join(str(error).split()))) from None
         unit = float(UsdGeom.GetStageMetersPerUnit(stage))
         up: Up = "z" if str(UsdGeom.GetStageUpAxis(stage)).lower() == "z" else "y"
         expect(0 < unit < np.inf, "metersPerUnit", "a positive number", unit)
         bodies = tuple(_bodies(stage, unit))
         expect(bool(bodies), "content", "at least one shape", Unquoted("none"))
-        words = tuple(_stage_words(stage))
-    return Asset(path, "usd", unit, up, bodies, words)
+        texts: list[NameText] = []
+        if model := stage.GetDefaultPrim():
+            texts = [NameText("model", model.GetName()), *_labels(model)]
+            texts += [label for child in model.GetChildren() for label in _labels(child)]
+    return Asset(path, "usd", unit, up, bodies, tuple(texts), has_external_files=n_layers > 1)
 
 
-def _check_layers(path: Path) -> None:
-    """FieldError if a file that takes part is outside the folder, or there are too many; nothing is composed yet."""
+def _count_layers(path: Path) -> int:
+    """Return the number of files of a stage before it is composed; FieldError if one is outside the folder."""
     from pxr import Sdf
 
     folder = path.parent.resolve()
-    waiting, known = [path.resolve()], {path.resolve()}
+    waiting, found = [path.resolve()], {path.resolve()}
     while waiting:
         file = waiting.pop()
         try:
             layer = Sdf.Layer.FindOrOpen(str(file))
-        except Exception as error:  # noqa: BLE001 - as above
+        except Exception as error:  # noqa: BLE001 - Tf.ErrorException is not a Python exception class
             raise FieldError("content", "a readable USD file", Unquoted(" ".join(str(error).split()))) from None
         if layer is None:
             expect(file != path.resolve(), "content", "a readable USD file", Unquoted("another"))
@@ -56,13 +76,15 @@ def _check_layers(path: Path) -> None:
         for name in layer.GetCompositionAssetDependencies() if path.suffix.lower() != ".usdz" else ():
             target = (file.parent / name).resolve()
             expect(target.is_relative_to(folder), "reference", "a file in the folder of the model", name)
-            if target not in known:
-                known.add(target)
+            if target not in found:
+                found.add(target)
                 waiting.append(target)
-        expect(len(known) <= MAX_LAYERS, "references", f"at most {MAX_LAYERS} files", len(known))
+        expect(len(found) <= MAX_LAYERS, "references", f"at most {MAX_LAYERS} files", len(found))
+    return len(found)
 
 
 def _bodies(stage: Any, unit_m: float) -> Iterator[AssetBody]:
+    """Yield an object for each root prim; of a chain of single children, the last prim is the object."""
     from pxr import Usd, UsdGeom
 
     purposes = [UsdGeom.Tokens.default_, UsdGeom.Tokens.render]
@@ -70,34 +92,22 @@ def _bodies(stage: Any, unit_m: float) -> Iterator[AssetBody]:
     roots = [prim for prim in stage.GetPseudoRoot().GetChildren() if prim.IsActive()]
     while len(roots) == 1 and not roots[0].IsA(UsdGeom.Gprim) and roots[0].GetChildren():
         roots = list(roots[0].GetChildren())
-    for prim in roots:
-        box = boxes.ComputeWorldBound(prim).ComputeAlignedRange()
-        if not box.IsEmpty():
-            words = tuple(_prim_words(prim))
-            yield body_from_box(prim.GetName(), (np.array(box.GetMin()), np.array(box.GetMax())), unit_m, words)
-
-
-def _stage_words(stage: Any) -> Iterator[NameText]:
-    prim = stage.GetDefaultPrim()
-    if prim:
-        yield NameText("model", prim.GetName())
-        yield from _labels(prim)
-        for above in prim.GetChildren():
-            yield from _labels(above)
-
-
-def _prim_words(prim: Any) -> Iterator[NameText]:
-    from pxr import Usd
-
-    for number, one in enumerate(Usd.PrimRange(prim)):
-        if number > MAX_PRIMS:
-            return
-        yield from _labels(one)
-        yield NameText("material" if one.GetTypeName() == "Material" else "node", one.GetName())
+    for root in roots:
+        box = boxes.ComputeWorldBound(root).ComputeAlignedRange()
+        if box.IsEmpty():
+            continue
+        texts: list[NameText] = []
+        for index, prim in enumerate(Usd.PrimRange(root)):
+            if index > MAX_PRIMS:
+                break
+            texts += _labels(prim)
+            texts.append(NameText("material" if prim.GetTypeName() == "Material" else "node", prim.GetName()))
+        corners = np.array(box.GetMin()), np.array(box.GetMax())
+        yield body_from_box(root.GetName(), corners, unit_m, tuple(texts))
 
 
 def _labels(prim: Any) -> Iterator[NameText]:
-    """Semantic labels: `semantics:labels:*` (UsdSemantics) and the older `semantic:...:params:semanticData`."""
+    """Yield semantic labels: `semantics:labels:*` (UsdSemantics) and the older `semantic:...:params:semanticData`."""
     for attribute in prim.GetAttributes():
         name = attribute.GetName()
         if name.startswith(("semantics:labels:", "semantic:")) and not name.endswith("semanticType"):

@@ -17,7 +17,7 @@ from metric_cli.subcommands import main
 from models3d.asset import Asset, AssetBody, NameText
 from models3d.formats import read_asset, read_assets
 from models3d.rescaling import write_at_scale
-from models3d.size_check.category import category_of_words
+from models3d.size_check.category import category_of_texts
 from models3d.size_check.check import check_bodies
 from models3d.size_check.hypotheses import hypotheses
 from models3d.size_check.size_model import size_model
@@ -65,7 +65,7 @@ def test_a_slip_of_the_unit_is_found_and_mended(tmp_path: Path, ending: str) -> 
     assert (check.verdict, check.factor) == ("wrong unit", pytest.approx(0.01))
     before = path.read_bytes()
     fixed = path.with_name(f"fixed{path.suffix}")
-    write_at_scale(path, fixed, 0.01)
+    write_at_scale(read_asset(path), fixed, 0.01)
     (after,) = check_bodies(read_asset(fixed), TREE, "chair")
     assert after.verdict == "right"
     assert path.read_bytes() == before
@@ -73,31 +73,31 @@ def test_a_slip_of_the_unit_is_found_and_mended(tmp_path: Path, ending: str) -> 
 
 def test_all_but_the_size_stays_as_it_was(tmp_path: Path) -> None:
     path = write_chair(tmp_path, "glb", 100.0)
-    write_at_scale(path, tmp_path / "fixed.glb", 0.01)
+    write_at_scale(read_asset(path), tmp_path / "fixed.glb", 0.01)
     header, chunk = path.read_bytes(), (tmp_path / "fixed.glb").read_bytes()
     start = 20 + int.from_bytes(header[12:16], "little")
     assert header[start:] in chunk  # the binary chunk, to the byte
     dae = write_chair(tmp_path, "dae", 100.0)
-    write_at_scale(dae, tmp_path / "fixed.dae", 0.01)
+    write_at_scale(read_asset(dae), tmp_path / "fixed.dae", 0.01)
     assert len((tmp_path / "fixed.dae").read_bytes()) - len(dae.read_bytes()) < 60  # one unit
 
 
 def test_baked_vertices_need_no_node(tmp_path: Path) -> None:
     path = write_chair(tmp_path, "glb", 100.0)
-    write_at_scale(path, tmp_path / "baked.glb", 0.01, baked=True)
+    write_at_scale(read_asset(path), tmp_path / "baked.glb", 0.01, baked=True)
     loaded = trimesh.load(tmp_path / "baked.glb", force="scene")
     np.testing.assert_allclose(next(iter(loaded.geometry.values())).extents, CHAIR, rtol=1e-5)
     with pytest.raises(InputError, match="expected a glTF file"):
-        write_at_scale(write_chair(tmp_path, "stl"), tmp_path / "x.stl", 0.01, baked=True)
+        write_at_scale(read_asset(write_chair(tmp_path, "stl")), tmp_path / "x.stl", 0.01, baked=True)
 
 
 def test_nothing_is_written_over_the_input_or_away_from_what_it_names(tmp_path: Path) -> None:
     path = write_chair(tmp_path, "urdf", 100.0)
     with pytest.raises(InputError, match="another file than the input"):
-        write_at_scale(path, path, 0.01)
+        write_at_scale(read_asset(path), path, 0.01)
     (tmp_path / "other").mkdir()
     with pytest.raises(InputError, match="the same folder"):
-        write_at_scale(path, tmp_path / "other" / "chair.urdf", 0.01)
+        write_at_scale(read_asset(path), tmp_path / "other" / "chair.urdf", 0.01)
     assert list((tmp_path / "other").iterdir()) == []
 
 
@@ -129,16 +129,16 @@ def test_what_the_file_calls_it() -> None:
         NameText("material", "red wood"),
         NameText("node", "Cube.003"),
     ]
-    category = category_of_words(words, TREE)
+    category = category_of_texts(words, TREE)
     assert category.node is not None
     assert "chair" in category.node.name
     assert category.source == "file name"
-    doubtful = category_of_words(
+    doubtful = category_of_texts(
         [NameText("node", "table"), NameText("node", "lamp"), NameText("node", "elephant")], TREE
     )
     assert doubtful.node is None
     assert len(doubtful.others) == 3
-    assert category_of_words([NameText("node", "zzqx 17")], TREE).node is None
+    assert category_of_texts([NameText("node", "zzqx 17")], TREE).node is None
 
 
 def test_a_scene_is_judged_body_by_body(tmp_path: Path) -> None:
@@ -166,11 +166,11 @@ def test_probabilities_are_a_distribution_and_follow_the_scale(shift: float, sid
 
 def test_the_true_size_of_a_generated_mesh(tmp_path: Path) -> None:
     path = write_chair(tmp_path, "obj", 1 / 0.86)
-    answer = model_true_size(path, "chair", TREE)
+    answer = model_true_size(read_asset(path), "chair", TREE)
     assert answer.factor[0] < 0.86 < answer.factor[2]
     assert answer.factor[2] / answer.factor[0] < 3
     with pytest.raises(InputError, match="no node is called"):
-        model_true_size(path, "qwertz", TREE)
+        model_true_size(read_asset(path), "qwertz", TREE)
 
 
 @pytest.mark.parametrize(

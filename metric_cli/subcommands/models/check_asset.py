@@ -5,7 +5,7 @@ from __future__ import annotations
 import argparse
 import json
 from collections import Counter
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterable
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -17,7 +17,6 @@ from metric_cli.progress import with_bar
 from metric_cli.tables import print_table, warn
 
 if TYPE_CHECKING:
-    from metric_tree.tree import Tree
     from models3d.asset import Asset
     from models3d.size_check.check import AssetCheck
 
@@ -63,6 +62,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 def run(arguments: argparse.Namespace) -> int:
     """Check each model; 3 if one is wrong, else 2 if one cannot be read."""
     from metric_tree.tree import open_tree
+    from models3d.size_check.check import check_bodies
 
     if not arguments.files and arguments.batch is None:
         raise InputError("arguments: expected FILE... or --batch LIST; found neither")
@@ -72,15 +72,16 @@ def run(arguments: argparse.Namespace) -> int:
     checks, unread = [], 0
     done = _files_there(arguments.out)
     names = OutputNames(arguments.fix) if arguments.fix is not None and _are_many(arguments) else None
-    for outcome in with_bar(_outcomes(arguments, tree, done), "models"):
-        if isinstance(outcome, InputError):
-            warn(str(outcome))
+    for asset in with_bar(_assets(arguments), "models"):
+        if isinstance(asset, InputError):
+            warn(str(asset))
             unread += 1
-            continue
-        checks.append(outcome)
-        _print_line(arguments, outcome)
-        if arguments.fix is not None and outcome.is_wrong:
-            _fix(arguments, outcome, names)
+        elif str(asset.file) not in done:
+            for check in check_bodies(asset, tree, arguments.category):
+                checks.append(check)
+                _print_line(arguments, check)
+                if arguments.fix is not None and check.is_wrong:
+                    _fix(arguments, asset, check, names)
     if arguments.report is not None:
         from models3d.size_check.report import write_report
 
@@ -89,18 +90,6 @@ def run(arguments: argparse.Namespace) -> int:
         _print_counts(checks)
     wrong = any(check.is_wrong or (arguments.strict and check.verdict == "not known") for check in checks)
     return UNUSABLE if wrong else INPUT_ERROR if unread else DONE
-
-
-def _outcomes(arguments: argparse.Namespace, tree: Tree, done: set[str]) -> Iterator[AssetCheck | InputError]:
-    from models3d.size_check.check import check_bodies
-
-    for asset in _assets(arguments):
-        if not isinstance(asset, InputError) and str(asset.file) in done:
-            continue
-        if isinstance(asset, InputError):
-            yield asset
-        else:
-            yield from check_bodies(asset, tree, arguments.category)
 
 
 def _assets(arguments: argparse.Namespace) -> Iterable[Asset | InputError]:
@@ -164,17 +153,16 @@ def _print_counts(checks: list[AssetCheck]) -> None:
     print_table(["verdict", "models"], counts.most_common())
 
 
-def _fix(arguments: argparse.Namespace, check: AssetCheck, names: OutputNames | None) -> None:
+def _fix(arguments: argparse.Namespace, asset: Asset, check: AssetCheck, names: OutputNames | None) -> None:
     from models3d.rescaling import write_at_scale
 
-    source = Path(check.file)
     factor: Any = check.factor if check.verdict == "wrong unit" else None
     if check.verdict == "arbitrary scale" and check.true_size is not None:
         factor = check.true_size.factor[1]
     if factor is None:
-        warn(f"{source}: not written: {check.verdict} says no factor")
+        warn(f"{check.file}: not written: {check.verdict} says no factor")
         return
     if names is not None:
         arguments.fix.mkdir(parents=True, exist_ok=True)
-    out = arguments.fix if names is None else names.path(source.name)
-    write_at_scale(source, out, factor, baked=arguments.bake)
+    out = arguments.fix if names is None else names.path(asset.file.name)
+    write_at_scale(asset, out, factor, baked=arguments.bake)

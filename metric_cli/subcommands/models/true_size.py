@@ -3,10 +3,14 @@
 from __future__ import annotations
 
 import argparse
+from typing import TYPE_CHECKING
 
 from metric_base.errors import InputError
 from metric_cli.parser import OutputFile, add_tree, input_path
 from metric_cli.tables import print_json, print_table
+
+if TYPE_CHECKING:
+    from models3d.asset import Asset
 
 HELP = "The true size of a generated or normalised model, from its shape and its category."
 
@@ -25,18 +29,25 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 def run(arguments: argparse.Namespace) -> int:
     """Print the factor with its interval; write the model where asked for."""
     from metric_tree.tree import open_tree
+    from models3d.formats import read_assets
     from models3d.rescaling import write_at_scale
     from models3d.size_check.true_size import boxes_true_size, model_true_size
 
     tree = open_tree(arguments.tree)
+    asset: Asset | None = None
+    if arguments.model is not None:
+        ((_, content),) = read_assets([arguments.model])
+        if isinstance(content, InputError):
+            raise content
+        asset = content
     if arguments.batch is not None:
         answer = boxes_true_size(arguments.batch, tree)
-    elif arguments.model is None or arguments.category is None:
+    elif asset is None or arguments.category is None:
         raise InputError("arguments: expected MODEL --category NAME, or --batch TABLE; found neither")
     else:
-        answer = model_true_size(arguments.model, arguments.category, tree)
-    if arguments.out is not None and arguments.model is not None:
-        write_at_scale(arguments.model, arguments.out, answer.factor[1], baked=arguments.bake)
+        answer = model_true_size(asset, arguments.category, tree)
+    if arguments.out is not None and asset is not None:
+        write_at_scale(asset, arguments.out, answer.factor[1], baked=arguments.bake)
     if arguments.json:
         print_json(answer.to_json())
         return 0

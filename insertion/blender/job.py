@@ -9,7 +9,6 @@ from typing import Any
 import numpy as np
 
 from estimator.records.scene import Camera
-from insertion.exports.gltf_scene import write_gltf_model
 from insertion.exports.metric_frame import CameraKey, MetricFrame, object_matrix
 from insertion.light.environment_map import Environment
 from insertion.placement.placed_object import Placed
@@ -18,6 +17,7 @@ from insertion.scene.camera_rays import Window, focal_lengths
 from insertion.scene.pixel_box import PixelBox
 from metric_base.arrays import FloatArray
 from metric_base.images import write_picture
+from models3d.gltf.model_writer import write_gltf_model
 
 #: Paths a pixel; the denoiser does the rest.
 SAMPLES = 32

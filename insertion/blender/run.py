@@ -24,7 +24,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from insertion.blender.job import full_window, ideal_window, insertion_job
-from insertion.exports.gltf_scene import write_gltf_model
 from insertion.exports.metric_frame import camera_keys, frame_rate, metric_frame
 from insertion.footage.footage import Shot
 from insertion.insertion_scene import PreparedScene
@@ -35,6 +34,7 @@ from insertion.render.layers import through_lens
 from insertion.scene.pixel_box import PixelBox
 from metric_base.errors import InputError
 from metric_base.progress import ProgressCallback, silent
+from models3d.gltf.model_writer import write_gltf_model
 
 _SCRIPTS = {"scene.py": "layer_script.py", "script.py": "script.py"}
 VARIABLE = "METRIC_TREE_BLENDER"

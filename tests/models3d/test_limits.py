@@ -1,0 +1,104 @@
+"""Readers of model files: damaged files, limits, and what a failure of one file means for the others."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from metric_base.errors import InputError
+from metric_cli.subcommands import main
+from models3d import formats
+from models3d.asset import Asset
+from models3d.formats import read_asset, read_assets
+from models3d.gltf import document
+from models3d.gltf.document import GltfWriter
+from models3d.gltf.model_reader import read_model
+from tests.models3d.models import write_chair
+
+
+def _gltf(path: Path, **fields: object) -> Path:
+    path.write_text(json.dumps({"asset": {"version": "2.0"}, **fields}), encoding="utf-8")
+    return path
+
+
+def _fail_on_bad(path: Path) -> Asset:
+    if path.name == "bad.stl":
+        raise TypeError("an error of a reader")
+    return read_asset(path)
+
+
+def test_primitives_that_are_a_number_do_not_stop_the_command(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    bad = _gltf(tmp_path / "bad.gltf", nodes=[{"mesh": 0}], meshes=[{"primitives": 5}])
+    good = write_chair(tmp_path, "glb")
+    assert main(["check-asset", str(bad), str(good), "--category", "chair"]) == 2
+    out, err = capsys.readouterr()
+    assert f"{bad}: content: expected" in err
+    assert "internal error" not in err
+    assert "right (p = " in out
+
+
+def test_primitives_of_a_mesh_that_no_node_draws_are_checked(tmp_path: Path) -> None:
+    writer = GltfWriter("test")
+    corners = writer.add_accessor(np.eye(3))
+    writer.add("meshes", {"primitives": [{"attributes": {"POSITION": corners}}]})
+    writer.add("meshes", {"primitives": 5})
+    file = tmp_path / "a.glb"
+    file.write_bytes(writer.to_bytes([writer.add("nodes", {"mesh": 0})]))
+    with pytest.raises(InputError, match="expected a readable glTF"):
+        read_model(file)
+
+
+def test_external_files_that_are_too_large_are_named(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    path = write_chair(tmp_path, "gltf")
+    buffer = next(file for file in tmp_path.iterdir() if file.suffix == ".bin")
+    monkeypatch.setattr(document, "MAX_BYTES", 20_000)
+    assert read_model(path).meshes
+    buffer.write_bytes(buffer.read_bytes() + b"\0" * 20_000)
+    with pytest.raises(InputError, match=r"expected at most [\d,]+ bytes") as caught:
+        read_model(path)
+    assert "readable glTF" not in str(caught.value)
+
+
+def test_an_error_of_a_reader_does_not_affect_other_files(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    good = write_chair(tmp_path, "stl")
+    (tmp_path / "bad.stl").write_bytes(good.read_bytes())
+    monkeypatch.setattr(formats, "read_asset", _fail_on_bad)
+    results = [result for _, result in read_assets([tmp_path / "bad.stl", good])]
+    assert isinstance(results[0], InputError)
+    assert "found a file that ends its reader" in str(results[0])
+    assert isinstance(results[1], Asset)
+
+
+def test_a_file_that_takes_too_long_is_refused(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(formats, "MAX_SECONDS", 1e-3)
+    ((_, result),) = read_assets([write_chair(tmp_path, "stl")])
+    assert "found more than 0.001 s" in str(result)
+
+
+@pytest.mark.parametrize("shape", ["<sphere/>", '<cylinder length="1"/>', "<box/>", '<sphere radius="nan"/>'])
+def test_a_shape_without_its_size_is_named(tmp_path: Path, shape: str) -> None:
+    path = tmp_path / "r.urdf"
+    path.write_text(f'<robot name="r"><link name="l"><visual><geometry>{shape}</geometry></visual></link></robot>')
+    with pytest.raises(InputError, match=r"r\.urdf: .*expected"):
+        read_asset(path)
+
+
+@pytest.mark.parametrize(
+    ("ending", "refers"), [("glb", False), ("gltf", True), ("stl", False), ("urdf", True), ("sdf", False)]
+)
+def test_files_that_refer_to_others_are_marked(tmp_path: Path, ending: str, refers: bool) -> None:
+    assert read_asset(write_chair(tmp_path, ending)).has_external_files == refers
+
+
+def test_fix_reads_a_file_only_within_the_limits(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """The reader of this process fails, that of the separate process does not."""
+    path = write_chair(tmp_path, "glb", 100.0)
+    monkeypatch.setattr(document.GltfDocument, "open", None)
+    out = tmp_path / "fixed.glb"
+    assert main(["check-asset", str(path), "--category", "chair", "--fix", str(out)]) == 3
+    assert out.exists()

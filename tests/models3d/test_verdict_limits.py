@@ -1,0 +1,136 @@
+"""Thresholds of the check of model sizes: an example on each side of every one that decides a verdict."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from pathlib import Path
+
+import numpy as np
+import pytest
+import trimesh
+
+import metric_tree
+from metric_cli.subcommands import main
+from models3d.asset import Asset, AssetBody, NameText
+from models3d.size_check.category import category_of_texts
+from models3d.size_check.check import AssetCheck, check_bodies
+from models3d.size_check.report import write_report
+from tests.models3d.models import CHAIR
+
+TREE = metric_tree.open()
+
+
+def _check(extents: Iterable[float], category: str = "chair") -> AssetCheck:
+    high = np.array(list(extents))
+    body = AssetBody("model", np.zeros(3), high)
+    (check,) = check_bodies(Asset(Path("model.glb"), "gltf", 1.0, "y", (body,)), TREE, category)
+    return check
+
+
+def _probability(check: AssetCheck, *kinds: str) -> float:
+    return sum(row.probability for row in check.hypotheses if row.kind in kinds)
+
+
+def test_a_scale_is_wrong_from_a_probability_of_60_percent() -> None:
+    near = {True: 1.0, False: 1.0}
+    for factor in np.geomspace(1.2, 6.0, 120):
+        check = _check(CHAIR * factor)
+        wrong = 1 - _probability(check, "right", "unlike")
+        stretched = _probability(check, "stretched")
+        rotated = sum(row.probability for row in check.hypotheses if row.kind == "right" and row.is_rotated)
+        if stretched > 0.3 or rotated > 0.5:
+            continue
+        assert check.is_wrong == (wrong >= 0.6)
+        near[check.is_wrong] = min(near[check.is_wrong], abs(wrong - 0.6))
+    assert max(near.values()) < 0.1  # the series comes close to the threshold on both sides
+
+
+def test_a_side_is_stretched_from_a_probability_of_95_percent() -> None:
+    near = {True: 1.0, False: 1.0}
+    for factor in np.geomspace(1.5, 10.0, 150):
+        check = _check(CHAIR * [1, 1, factor])
+        stretched = _probability(check, "stretched")
+        others = max(_probability(check, kind) for kind in ("unit", "arbitrary", "miniature"))
+        if stretched < max(others, 0.6):
+            continue
+        assert (check.verdict == "stretched") == (stretched >= 0.95)
+        near[stretched >= 0.95] = min(near[stretched >= 0.95], abs(stretched - 0.95))
+    assert max(near.values()) < 0.05
+
+
+def test_a_model_is_turned_from_a_probability_of_80_percent() -> None:
+    near = {True: 1.0, False: 1.0}
+    for height in np.linspace(0.3, 1.9, 200):
+        check = _check([1.0, height, 2.1], "wardrobe")
+        rotated = sum(row.probability for row in check.hypotheses if row.kind == "right" and row.is_rotated)
+        if 1 - _probability(check, "right", "unlike") >= 0.55:
+            continue
+        assert (check.verdict == "turned") == (rotated >= 0.8)
+        near[rotated >= 0.8] = min(near[rotated >= 0.8], abs(rotated - 0.8))
+    assert max(near.values()) < 0.1
+
+
+@pytest.mark.parametrize(
+    ("texts", "named"),
+    [
+        # a fraction of 0.563 and of 0.541, on both sides of 0.55
+        ([("file name", "chair"), ("node", "lamp"), ("node", "Lamp 2")], True),
+        ([("file name", "chair"), ("node", "lamp"), ("node", "Lamp 2"), ("node", "LAMP")], False),
+        # a weight of 0.3 and of 0.2, on both sides of 0.3
+        ([("comment", "chair")], True),
+        ([("material", "chair")], False),
+    ],
+)
+def test_a_category_needs_most_votes_and_a_strong_one(texts: list[tuple[str, str]], named: bool) -> None:
+    category = category_of_texts([NameText(*text) for text in texts], TREE)
+    assert (category.node is not None) == named
+
+
+def test_a_vote_for_a_broad_category_supports_its_subcategories() -> None:
+    texts = [NameText("node", "chair"), NameText("node", "dining chair"), NameText("material", "lamp")]
+    category = category_of_texts(texts, TREE)
+    assert category.node is not None
+    assert category.node.name == "dining chair"
+
+
+@pytest.mark.parametrize(("overlap", "n_objects"), [(0.04, 2), (0.06, 1)])
+def test_objects_that_overlap_are_one(overlap: float, n_objects: int) -> None:
+    low = CHAIR * (1 - overlap)
+    bodies = (
+        AssetBody("chair", np.zeros(3), CHAIR, (NameText("node", "chair"),)),
+        AssetBody("lamp", low, low + CHAIR, (NameText("node", "floor lamp"),)),
+    )
+    assert len(check_bodies(Asset(Path("a.glb"), "gltf", 1.0, "y", bodies), TREE)) == n_objects
+
+
+@pytest.mark.parametrize(("offset", "is_centred"), [(0.004, True), (0.006, False)])
+def test_a_box_is_centred_within_half_a_percent(offset: float, is_centred: bool) -> None:
+    sides = np.array([1.0, 0.5, 0.2])
+    shift = np.array([0.0, offset, 0.0])
+    assert AssetBody("b", shift - sides / 2, shift + sides / 2).is_centred == is_centred
+
+
+def test_hypotheses_are_listed_from_a_probability_of_one_percent() -> None:
+    check = _check(CHAIR * 1.6)
+    listed = {round(row["probability"], 4) for row in check.to_json()["hypotheses"]}
+    probabilities = [row.probability for row in check.hypotheses]
+    assert listed == {round(p, 4) for p in probabilities if p >= 0.01}
+    assert min(probabilities) < 0.01
+
+
+def test_strict_also_fails_for_unknown_categories(tmp_path: Path) -> None:
+    folder = tmp_path / "qq"
+    folder.mkdir()
+    file = folder / "zzqx.stl"
+    trimesh.creation.box(CHAIR).export(file)
+    assert main(["check-asset", str(file)]) == 0
+    assert main(["check-asset", str(file), "--strict"]) == 3
+
+
+def test_a_report_draws_what_is_not_right(tmp_path: Path) -> None:
+    checks = [_check(CHAIR), _check(CHAIR * 1000), _check([0.0, 0.0, 0.0])]
+    write_report(tmp_path / "page.html", checks)
+    page = (tmp_path / "page.html").read_text(encoding="utf-8")
+    assert page.count("<svg") == 1
+    assert "3 models, 1 of them wrong" in page
+    assert page.index("wrong unit") < page.index("right (p")

@@ -1,0 +1,369 @@
+"""Digests of the results of all three programs, to prove that a refactoring changes none of them.
+
+    python -m benchmarks.identity --out before.json [--checkout DIR] [--parts scenes queries ...]
+    python -m benchmarks.identity --against before.json [--parts ...] [--cases 'scenes/demo_room*'] [--wording]
+
+The first command runs the cases of `PARTS` and writes their results; the second runs them again and prints every
+difference. Its exit status is 1 if a result differs. Cases use the three programs (`metric_cli.programs`) and the
+public API (`metric_tree.open`) in processes of their own, so the same script also runs an old `--checkout`.
+
+There are three kinds of entries:
+
+result   compared exactly: exit status, JSON and CSV on standard output, content of written files. Images and videos
+         are compared by pixels, glTF by its JSON and its buffers, Parquet by columns, JSON by values. Seconds and
+         the paths of the checkout and of the output folder are removed.
+near     numbers that may differ by `TOLERANCE`. Captures are near: pycolmap writes the images to its database in the
+         order in which its threads finish, so two runs of one version differ in about the fifth digit.
+wording  messages, tables for people, and the bytes of the files. They are counted, listed with `--wording`, and never
+         fail.
+
+`--keep DIR` keeps all outputs there, so that two runs can be compared with `diff -r`. Without WordNet
+(`METRIC_TREE_WORDNET`) there is no `build`, without Blender no Cycles, without `../shared/data` no case that reads it.
+"""
+
+from __future__ import annotations
+
+import argparse
+import difflib
+import fnmatch
+import gzip
+import hashlib
+import json
+import os
+import re
+import shutil
+import subprocess
+import sys
+import tempfile
+import time
+from collections.abc import Iterator, Mapping, Sequence
+from concurrent.futures import ThreadPoolExecutor
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any, TypeAlias
+
+import av
+import cv2
+import numpy as np
+import pyarrow.parquet
+
+from benchmarks.common import ROOT, options_parser
+from benchmarks.identity_cases import PARTS, Case
+
+#: Maximum relative difference of a `near` number: of one version, two captures differ by up to 0.03 % (six runs of
+#: `demo_video`).
+TOLERANCE = 1e-3
+#: Maximum length of a stored value in characters, so that the file has a few megabytes; longer values are digests only.
+MAX_STORED = 20_000
+#: Maximum number of files that are entries of their own; a larger folder is one entry per subfolder and suffix.
+MAX_FILES = 200
+#: Maximum number of lines that explain a difference.
+MAX_LINES = 6
+#: Keys of JSON results whose values are times.
+VOLATILE = {"seconds", "cpu_seconds"}
+#: A line of progress, whose number depends on the time: `features: 16 of 20`.
+PROGRESS = re.compile(r"[a-z ]+: [\d,]+( of [\d,]+)?")
+#: Time limit of a case in seconds.
+LIMIT_S = 900
+#: Start of a program as its console script starts it.
+START = "import sys; from metric_cli import programs; sys.exit(programs.{}())"
+
+Entries: TypeAlias = dict[str, dict[str, Any]]
+
+
+@dataclass(frozen=True)
+class Outcome:
+    """A finished case: exit status, standard output and errors without paths, and the folder of its files."""
+
+    case: Case
+    status: int
+    output: str
+    errors: str
+    folder: Path
+
+
+class Runner:
+    """Runs cases in a checkout; outputs go to a folder per case."""
+
+    def __init__(self, checkout: Path, outputs: Path) -> None:
+        self.checkout = checkout
+        self.outputs = outputs
+        home = outputs / "home"
+        home.mkdir(parents=True, exist_ok=True)
+        kept = {name: value for name, value in os.environ.items() if name != "METRIC_TREE_PATH"}
+        self.environment = kept | {"PYTHONPATH": str(checkout), "HOME": str(home), "SOURCE_DATE_EPOCH": "1767225600"}
+        self.environment |= {"XDG_CACHE_HOME": str(home), "COLUMNS": "120", "PYTHONDONTWRITEBYTECODE": "1"}
+
+    def outcome(self, case: Case) -> Outcome:
+        """Run one case."""
+        folder = self.outputs / case.name
+        folder.mkdir(parents=True)
+        words = [word.replace("{out}", str(folder)) for word in case.words]
+        code = case.code or START.format(case.program)
+        command = [sys.executable, "-c", code, *words]
+        run = subprocess.run(
+            command, cwd=self.checkout, env=self.environment, capture_output=True, timeout=LIMIT_S, check=False
+        )
+        texts = [self.without_paths(data, folder).decode("utf-8", "replace") for data in (run.stdout, run.stderr)]
+        return Outcome(case, run.returncode, texts[0], texts[1], folder)
+
+    def without_paths(self, data: bytes, folder: Path) -> bytes:
+        """Replace the output folder and the checkout by names."""
+        return data.replace(str(folder).encode(), b"OUT").replace(str(self.checkout).encode(), b"ROOT")
+
+    def entries(self, outcome: Outcome) -> Entries:
+        """Entries of a finished case, by name."""
+        name, case = outcome.case.name, outcome.case
+        made: Entries = {f"{name}:status": _entry("result", outcome.status)}
+        messages = [line for line in outcome.errors.splitlines() if not PROGRESS.fullmatch(line)]
+        if messages:
+            made[f"{name}:errors"] = _entry("wording", messages)
+        values = _json_values(outcome.output)
+        if values is None and "--csv" in case.words:
+            values = outcome.output
+        if case.capture:
+            return made | _capture_entries(outcome, values)
+        if values is None and outcome.output:
+            made[f"{name}:output"] = _entry("wording", outcome.output.splitlines())
+        elif case.split and isinstance(values, dict):
+            made |= {f"{name}:{key}": _entry("result", value) for key, value in values.items()}
+        elif values is not None:
+            made[f"{name}:output"] = _entry("result", values)
+        return made | self._file_entries(outcome)
+
+    def _file_entries(self, outcome: Outcome) -> Entries:
+        """Content of the files that a case wrote (result), and their bytes (wording)."""
+        folder, name = outcome.folder, outcome.case.name
+        files = sorted(file for file in folder.rglob("*") if file.is_file() and file.name != ".lock")
+        contents: dict[str, Any] = {}
+        sums = {}
+        for file in files:
+            data = file.read_bytes()
+            path = file.relative_to(folder).as_posix()
+            contents[path] = file_content(file, self.without_paths(data, folder))
+            sums[path] = _digest(self.without_paths(data, folder))[:12]
+        if not files:
+            return {}
+        if len(files) > MAX_FILES:
+            groups: dict[str, Any] = {}
+            for path, content in contents.items():
+                group = "/".join([*Path(path).parent.parts[:2], f"*{Path(path).suffix}"])
+                groups.setdefault(group, []).append([path, content])
+            return {f"{name}/{group}": _entry("result", content) for group, content in groups.items()}
+        made = {f"{name}/{path}": _entry("result", content) for path, content in contents.items()}
+        return made | {f"{name}:bytes": _entry("wording", [f"{path} {value}" for path, value in sums.items()])}
+
+
+def file_content(file: Path, data: bytes) -> Any:
+    """Return what a file contains, without its encoding, as JSON values; the digest of `data` for unknown formats.
+
+    Parameters
+    ----------
+    file : written file.
+    data : its bytes, without paths of this run.
+    """
+    read = {
+        ".gz": lambda: _digest(gzip.decompress(file.read_bytes())),
+        ".json": lambda: _json_values(data.decode()),
+        ".jsonl": lambda: _json_values(data.decode()),
+        ".png": lambda: _image_content(data),
+        ".webp": lambda: _image_content(data),
+        ".glb": lambda: [
+            json.loads(data[20 : 20 + (end := int.from_bytes(data[12:16], "little"))]),
+            _digest(data[20 + end :]),
+        ],
+        ".mp4": lambda: _video_content(file),
+        ".mkv": lambda: _video_content(file),
+        ".parquet": lambda: _table_content(file),
+    }.get(file.suffix.lower())
+    return read() if read else _digest(data)
+
+
+def _image_content(data: bytes) -> list[Any]:
+    image = cv2.imdecode(np.frombuffer(data, np.uint8), cv2.IMREAD_UNCHANGED)
+    return (
+        ["not an image", _digest(data)] if image is None else [image.shape, image.dtype.name, _digest(image.tobytes())]
+    )
+
+
+def _video_content(file: Path) -> list[Any]:
+    with av.open(str(file)) as video:
+        frames = [
+            [frame.pts, frame.format.name, _digest(frame.to_ndarray().tobytes())] for frame in video.decode(video=0)
+        ]
+    return frames
+
+
+def _table_content(file: Path) -> dict[str, Any]:
+    table = pyarrow.parquet.read_table(file)
+    return {column: [str(table[column].type), table[column].to_pylist()] for column in table.column_names}
+
+
+def _capture_entries(outcome: Outcome, values: Any) -> Entries:
+    """Return the exact and the near entries of a capture.
+
+    Exact are the names of the written files and the names and origins of the frames. Near are the parameters of the
+    camera, and the scene without its similarity: directions between the camera axes, distances between consecutive
+    camera centres divided by their mean; and the scale times this mean, which is in metres.
+    """
+    name, folder = outcome.case.name, outcome.folder / "work"
+    written = sorted(path.relative_to(folder).as_posix() for path in folder.rglob("*") if path.is_file())
+    poses_file = folder / "frame_poses.json"
+    status = values.get("status") if isinstance(values, dict) else None
+    made = {f"{name}:files": _entry("result", written), f"{name}:scale": _entry("result", status)}
+    if not poses_file.is_file():
+        return made
+    poses = json.loads(poses_file.read_text())
+    frames = [frame for frame in poses["frames"] if frame.get("rotation") is not None]
+    rotations = np.array([frame["rotation"] for frame in frames])
+    centres = -np.einsum("nji,nj->ni", rotations, np.array([frame["translation"] for frame in frames]))
+    steps = np.linalg.norm(np.diff(centres, axis=0), axis=1)
+    made[f"{name}:frames"] = _entry("result", [[frame["name"], frame["origin"]] for frame in poses["frames"]])
+    camera = poses["camera"]
+    made[f"{name}:camera"] = _entry("result", {key: camera[key] for key in ("model", "width", "height")})
+    near = {"focal": camera["params"][0], "steps": list(steps / steps.mean())}
+    near["turns"] = list(np.einsum("nij,nij->n", rotations[:-1], rotations[1:]))
+    if isinstance(values, dict) and values.get("scale"):
+        near["step_m"] = values["scale"] * steps.mean()
+    return made | {f"{name}:model": _entry("near", near)}
+
+
+def differences(before: Mapping[str, Any], after: Mapping[str, Any]) -> Iterator[tuple[str, str, list[str]]]:
+    """Yield name, kind and explanation of every entry that differs."""
+    for name in sorted({**before, **after}):
+        old, new = before.get(name), after.get(name)
+        if old is None or new is None:
+            yield name, (old or new or {})["kind"], ["only before" if new is None else "only after"]
+        elif new["kind"] == "near":
+            worst = max(_relative_differences(old["value"], new["value"]), default=0.0)
+            if not worst <= TOLERANCE:
+                yield name, "near", [f"relative difference {worst:.2g}, more than {TOLERANCE:.2g}"]
+        elif old["digest"] != new["digest"]:
+            texts = [json.dumps(entry.get("value", "value not stored"), indent=1) for entry in (old, new)]
+            lines = difflib.unified_diff(*(text.splitlines() for text in texts), lineterm="", n=0)
+            changed = [line[:240] for line in lines if not line.startswith(("---", "+++", "@@"))]
+            yield name, new["kind"], changed
+
+
+def main(arguments: Sequence[str] | None = None) -> int:
+    """Run the cases; write or compare."""
+    parser = options_parser(__doc__)
+    action = parser.add_mutually_exclusive_group(required=True)
+    action.add_argument("--out", type=Path, metavar="FILE", help="write the entries to this JSON file")
+    action.add_argument("--against", type=Path, metavar="FILE", help="compare with the entries in this file")
+    parser.add_argument("--checkout", type=Path, default=ROOT, metavar="DIR", help="checkout to run (default: this)")
+    parser.add_argument("--parts", nargs="+", choices=PARTS, default=list(PARTS), help="parts (default: all)")
+    parser.add_argument("--cases", default="*", metavar="GLOB", help="only cases whose name matches")
+    parser.add_argument("--jobs", type=int, default=2, metavar="N", help="cases at a time (default: %(default)s)")
+    parser.add_argument("--keep", type=Path, metavar="DIR", help="keep the outputs of the cases in a new folder")
+    parser.add_argument("--wording", action="store_true", help="also print the differences in wording")
+    options = parser.parse_args(arguments)
+    if options.keep and options.keep.exists():
+        parser.error(f"--keep: {options.keep} exists")
+    outputs = options.keep.resolve() if options.keep else Path(tempfile.mkdtemp(prefix="identity-"))
+    try:
+        made = _run_parts(Runner(options.checkout.resolve(), outputs), options)
+    finally:
+        if not options.keep:
+            shutil.rmtree(outputs, ignore_errors=True)
+    if options.out:
+        options.out.write_text(json.dumps(made, indent=0, sort_keys=True) + "\n")
+        print(f"{options.out}: {sum(map(len, made.values())):,} entries")
+        return 0
+    before = json.loads(options.against.read_text())
+    selected = {case: before[case] for case in before if _selected(case, options)}
+    return _compare(selected, made, options.wording)
+
+
+def _run_parts(runner: Runner, options: argparse.Namespace) -> dict[str, Entries]:
+    """Entries by case, with a line of progress per part."""
+    made: dict[str, Entries] = {}
+    for part in options.parts:
+        started = time.monotonic()
+        cases = [case for case in PARTS[part](runner.checkout) if _selected(case.name, options)]
+        with ThreadPoolExecutor(options.jobs) as pool:
+            for outcome in pool.map(runner.outcome, cases):
+                made[outcome.case.name] = runner.entries(outcome)
+        state = (
+            f"{len(cases)} cases, {time.monotonic() - started:.0f} s" if cases else "no case, or its input is missing"
+        )
+        print(f"{part}: {state}", file=sys.stderr, flush=True)
+    return made
+
+
+def _selected(case: str, options: argparse.Namespace) -> bool:
+    return case.partition("/")[0] in options.parts and fnmatch.fnmatch(case, options.cases)
+
+
+def _compare(before: Mapping[str, Entries], after: Mapping[str, Entries], with_wording: bool) -> int:
+    """Print the differences of all cases in `after`, and of those missing there; 1 if a result differs."""
+    failed = worded = 0
+    for case in sorted({**before, **after}):
+        if case not in before or case not in after:
+            failed += 1
+            print(f"result: {case}: only {'before' if case in before else 'after'}")
+            continue
+        for name, kind, lines in differences(before[case], after[case]):
+            failed += kind != "wording"
+            worded += kind == "wording"
+            if kind != "wording" or with_wording:
+                print(f"{kind}: {name}", *lines[:MAX_LINES], sep="\n    ")
+                if len(lines) > MAX_LINES:
+                    print(f"    ... {len(lines) - MAX_LINES} more lines")
+    compared = sum(len(entries) for case, entries in after.items() if case in before)
+    print(f"{compared:,} entries: {failed} results differ, {worded} differ in wording or bytes")
+    return 1 if failed else 0
+
+
+def _entry(kind: str, value: Any) -> dict[str, Any]:
+    """An entry with its digest; the value itself if it is short, or if it is compared with a tolerance."""
+    text = json.dumps(_timeless(value), sort_keys=True, default=str)
+    entry = {"kind": kind, "digest": _digest(text.encode())}
+    if kind == "near" or len(text) <= MAX_STORED:
+        entry["value"] = json.loads(text)
+    return entry
+
+
+def _timeless(value: Any) -> Any:
+    """The value without times, at every depth."""
+    if isinstance(value, dict):
+        return {key: _timeless(part) for key, part in value.items() if key not in VOLATILE}
+    if isinstance(value, list):
+        return [_timeless(part) for part in value]
+    return value
+
+
+def _json_values(text: str) -> Any:
+    """The JSON value of a text, or those of its lines; None if it is no JSON object or array."""
+    if not text.startswith(("{", "[")):
+        return None
+    try:
+        return json.loads(text)
+    except ValueError:
+        pass
+    try:
+        return [json.loads(line) for line in text.splitlines()]
+    except ValueError:
+        return None
+
+
+def _relative_differences(old: Any, new: Any) -> Iterator[float]:
+    """Relative differences of the numbers in two values; infinity if their forms differ."""
+    if isinstance(old, dict) and isinstance(new, dict) and old.keys() == new.keys():
+        for key in old:
+            yield from _relative_differences(old[key], new[key])
+    elif isinstance(old, list) and isinstance(new, list) and len(old) == len(new):
+        for pair in zip(old, new, strict=True):
+            yield from _relative_differences(*pair)
+    elif isinstance(old, int | float) and isinstance(new, int | float):
+        yield abs(old - new) / max(abs(old), abs(new), 1e-12)
+    else:
+        yield float("inf")
+
+
+def _digest(data: bytes) -> str:
+    return hashlib.sha256(data).hexdigest()
+
+
+if __name__ == "__main__":
+    sys.exit(main())

@@ -17,6 +17,8 @@ near     numbers that may differ by `TOLERANCE`. Captures are near: pycolmap wri
 wording  messages, tables for people, and the bytes of the files. They are counted, listed with `--wording`, and never
          fail.
 
+`--works DIR` names a folder with finished work folders, here `demo_video` (`VIDEO` in `identity_cases` states
+the command). A result that starts from one is exact, because the capture is not repeated.
 `--keep DIR` keeps all outputs there, so that two runs can be compared with `diff -r`. Without WordNet
 (`METRIC_TREE_WORDNET`) there is no `build`, without Blender no Cycles, without `../shared/data` no case that reads it.
 """
@@ -36,7 +38,7 @@ import subprocess
 import sys
 import tempfile
 import time
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 from pathlib import Path
@@ -85,9 +87,10 @@ class Outcome:
 class Runner:
     """Runs cases in a checkout; outputs go to a folder per case."""
 
-    def __init__(self, checkout: Path, outputs: Path) -> None:
+    def __init__(self, checkout: Path, outputs: Path, works: Path | None) -> None:
         self.checkout = checkout
         self.outputs = outputs
+        self.works = works
         home = outputs / "home"
         home.mkdir(parents=True, exist_ok=True)
         kept = {name: value for name, value in os.environ.items() if name != "METRIC_TREE_PATH"}
@@ -98,6 +101,8 @@ class Runner:
         """Run one case."""
         folder = self.outputs / case.name
         folder.mkdir(parents=True)
+        if case.work and self.works:
+            shutil.copytree(self.works / case.work, folder / "work")
         words = [word.replace("{out}", str(folder)) for word in case.words]
         code = case.code or START.format(case.program)
         command = [sys.executable, "-c", code, *words]
@@ -134,7 +139,7 @@ class Runner:
     def _file_entries(self, outcome: Outcome) -> Entries:
         """Content of the files that a case wrote (result), and their bytes (wording)."""
         folder, name = outcome.folder, outcome.case.name
-        files = sorted(file for file in folder.rglob("*") if file.is_file() and file.name != ".lock")
+        files = sorted(file for file in folder.rglob("*") if file.is_file() and folder / "work" not in file.parents)
         contents: dict[str, Any] = {}
         sums = {}
         for file in files:
@@ -162,36 +167,38 @@ def file_content(file: Path, data: bytes) -> Any:
     file : written file.
     data : its bytes, without paths of this run.
     """
-    read = {
+    read: Callable[[], Any] = {
         ".gz": lambda: _digest(gzip.decompress(file.read_bytes())),
         ".json": lambda: _json_values(data.decode()),
         ".jsonl": lambda: _json_values(data.decode()),
         ".png": lambda: _image_content(data),
         ".webp": lambda: _image_content(data),
-        ".glb": lambda: [
-            json.loads(data[20 : 20 + (end := int.from_bytes(data[12:16], "little"))]),
-            _digest(data[20 + end :]),
-        ],
+        ".glb": lambda: _gltf_content(data),
         ".mp4": lambda: _video_content(file),
         ".mkv": lambda: _video_content(file),
         ".parquet": lambda: _table_content(file),
-    }.get(file.suffix.lower())
-    return read() if read else _digest(data)
+    }.get(file.suffix.lower(), lambda: _digest(data))
+    return read()
 
 
 def _image_content(data: bytes) -> list[Any]:
     image = cv2.imdecode(np.frombuffer(data, np.uint8), cv2.IMREAD_UNCHANGED)
-    return (
-        ["not an image", _digest(data)] if image is None else [image.shape, image.dtype.name, _digest(image.tobytes())]
-    )
+    if image is None:
+        return ["not an image", _digest(data)]
+    return [image.shape, image.dtype.name, _digest(image.tobytes())]
+
+
+def _gltf_content(data: bytes) -> list[Any]:
+    """JSON of a GLB, and the digest of its buffer."""
+    end = 20 + int.from_bytes(data[12:16], "little")
+    return [json.loads(data[20:end]), _digest(data[end:])]
 
 
 def _video_content(file: Path) -> list[Any]:
     with av.open(str(file)) as video:
-        frames = [
-            [frame.pts, frame.format.name, _digest(frame.to_ndarray().tobytes())] for frame in video.decode(video=0)
+        return [
+            (frame.pts, frame.format.name, _digest(frame.to_ndarray().tobytes())) for frame in video.decode(video=0)
         ]
-    return frames
 
 
 def _table_content(file: Path) -> dict[str, Any]:
@@ -239,8 +246,8 @@ def differences(before: Mapping[str, Any], after: Mapping[str, Any]) -> Iterator
             if not worst <= TOLERANCE:
                 yield name, "near", [f"relative difference {worst:.2g}, more than {TOLERANCE:.2g}"]
         elif old["digest"] != new["digest"]:
-            texts = [json.dumps(entry.get("value", "value not stored"), indent=1) for entry in (old, new)]
-            lines = difflib.unified_diff(*(text.splitlines() for text in texts), lineterm="", n=0)
+            stored = [json.dumps(entry.get("value", "value not stored"), indent=1).splitlines() for entry in (old, new)]
+            lines = difflib.unified_diff(stored[0], stored[1], lineterm="", n=0)
             changed = [line[:240] for line in lines if not line.startswith(("---", "+++", "@@"))]
             yield name, new["kind"], changed
 
@@ -254,25 +261,28 @@ def main(arguments: Sequence[str] | None = None) -> int:
     parser.add_argument("--checkout", type=Path, default=ROOT, metavar="DIR", help="checkout to run (default: this)")
     parser.add_argument("--parts", nargs="+", choices=PARTS, default=list(PARTS), help="parts (default: all)")
     parser.add_argument("--cases", default="*", metavar="GLOB", help="only cases whose name matches")
+    parser.add_argument("--works", type=Path, metavar="DIR", help="finished work folders (default: those of --against)")
     parser.add_argument("--jobs", type=int, default=2, metavar="N", help="cases at a time (default: %(default)s)")
     parser.add_argument("--keep", type=Path, metavar="DIR", help="keep the outputs of the cases in a new folder")
     parser.add_argument("--wording", action="store_true", help="also print the differences in wording")
     options = parser.parse_args(arguments)
     if options.keep and options.keep.exists():
         parser.error(f"--keep: {options.keep} exists")
+    before = json.loads(options.against.read_text()) if options.against else {"works": None, "cases": {}}
+    works = options.works or (Path(before["works"]) if before["works"] else None)
     outputs = options.keep.resolve() if options.keep else Path(tempfile.mkdtemp(prefix="identity-"))
     try:
-        made = _run_parts(Runner(options.checkout.resolve(), outputs), options)
+        made = _run_parts(Runner(options.checkout.resolve(), outputs, works and works.resolve()), options)
     finally:
         if not options.keep:
             shutil.rmtree(outputs, ignore_errors=True)
-    if options.out:
-        options.out.write_text(json.dumps(made, indent=0, sort_keys=True) + "\n")
-        print(f"{options.out}: {sum(map(len, made.values())):,} entries")
-        return 0
-    before = json.loads(options.against.read_text())
-    selected = {case: before[case] for case in before if _selected(case, options)}
-    return _compare(selected, made, options.wording)
+    if options.against:
+        selected = {name: entries for name, entries in before["cases"].items() if _selected(name, options)}
+        return _compare(selected, made, options.wording)
+    report = {"works": str(works.resolve()) if works else None, "cases": made}
+    options.out.write_text(json.dumps(report, indent=0, sort_keys=True) + "\n")
+    print(f"{options.out}: {sum(map(len, made.values())):,} entries of {len(made)} cases")
+    return 0
 
 
 def _run_parts(runner: Runner, options: argparse.Namespace) -> dict[str, Entries]:
@@ -281,6 +291,7 @@ def _run_parts(runner: Runner, options: argparse.Namespace) -> dict[str, Entries
     for part in options.parts:
         started = time.monotonic()
         cases = [case for case in PARTS[part](runner.checkout) if _selected(case.name, options)]
+        cases = [case for case in cases if not case.work or runner.works]
         with ThreadPoolExecutor(options.jobs) as pool:
             for outcome in pool.map(runner.outcome, cases):
                 made[outcome.case.name] = runner.entries(outcome)

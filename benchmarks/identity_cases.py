@@ -23,6 +23,8 @@ LAMPS = "data/examples"
 LAMPS_URL = "https://lamps.example/1"
 DEMO = "data/scenes/demo_room"
 TUM = f"{SHARED}/scenes/tum_office"
+#: A video with masks. `estimate-scale` with these arguments and `--work WORKS/demo_video` makes the work folder.
+VIDEO = "data/scenes/demo_video/video.mp4 --instances data/scenes/demo_video/instances.json --frames 20"
 #: Raw items of a build that takes 30 s: sizes from a standard, a register and two sets of 3-D models, with images.
 RAW = " ".join(
     f"data/raw/{name}.jsonl.gz" for name in ("paper_sizes", "energy_star_2025", "gazebo_models", "tdw_models")
@@ -35,6 +37,7 @@ class Case:
 
     name : `part/case`, and the output folder. words : command line. code : Python code that runs instead of the
     program. split : one entry per key of the JSON output. capture : compare as a capture, with a tolerance.
+    work : name of a finished work folder that is copied to `{out}/work`.
     """
 
     name: str
@@ -43,12 +46,13 @@ class Case:
     code: str = ""
     split: bool = False
     capture: bool = False
+    work: str = ""
 
 
-def _case(name: str, line: str, *, split: bool = False, capture: bool = False) -> Case:
+def _case(name: str, line: str, *, split: bool = False, capture: bool = False, work: str = "") -> Case:
     """A case from a line as in a shell: `metric-tree list --json`."""
     program, *words = shlex.split(line)
-    return Case(name, program.replace("-", "_"), tuple(words), split=split, capture=capture)
+    return Case(name, program.replace("-", "_"), tuple(words), split=split, capture=capture, work=work)
 
 
 def scenes(root: Path) -> list[Case]:
@@ -80,7 +84,8 @@ def scenes(root: Path) -> list[Case]:
         lines[f"damaged_{scene.name}"] = f"{SHARED}/damaged/{scene.name} --json"
     for objects in sorted(damaged.glob("*objects_x*.json")):
         lines[f"{objects.stem}"] = f"--objects {SHARED}/damaged/{objects.name} --json"
-    return [_case(f"scenes/{name}", f"estimate-scale {line}") for name, line in lines.items()]
+    resumed = _case("scenes/video_resumed", f"estimate-scale {VIDEO} --json --work {{out}}/work", work="demo_video")
+    return [*(_case(f"scenes/{name}", f"estimate-scale {line}") for name, line in lines.items()), resumed]
 
 
 #: `metric-tree query NAME --json` for 200 names of the release, in one process.
@@ -187,13 +192,15 @@ def insertion(root: Path) -> list[Case]:
         " --scale {out}/result.json --frames 0:1 --out {out}/frames --show-interval"
     )
     cases = [_case(f"insertion/{name}", line) for name, line in lines.items()]
-    return [*cases, Case("insertion/interval", "", tuple(shlex.split(interval)), SEQUENCE)]
+    cases.append(Case("insertion/interval", "", tuple(shlex.split(interval)), SEQUENCE))
+    video = f"insert-object {{out}}/work --model {MODEL} --size height=0.4 --json --frames 20:23"
+    outputs = {"video": "--out {out}/video.mkv --codec lossless --layers {out}/layers", "h264": "--out {out}/video.mp4"}
+    return [*cases, *(_case(f"insertion/{key}", f"{video} {line}", work="demo_video") for key, line in outputs.items())]
 
 
 def capture(root: Path) -> list[Case]:
     """A video with masks, a set of images without (no scale, exit status 2), and one of little texture."""
-    video = "data/scenes/demo_video"
-    lines = {"demo_video": f"{video}/video.mp4 --instances {video}/instances.json --frames 20"}
+    lines = {"demo_video": VIDEO}
     captures = f"{SHARED}/captures"
     if (root / captures).is_dir():
         lines |= {"seoul_bull": f"{captures}/seoul_bull/images", "banana_lowtex": f"{captures}/banana_lowtex/images"}

@@ -67,7 +67,7 @@ def _left_out(names: list[str], n_frames: int) -> str:
 
 def write_cautions(cautions: tuple[str, ...], folder: Path) -> None:
     """Keep them in a work folder."""
-    with whole_file(folder / CAUTIONS_FILE, "--work") as file:
+    with whole_file(folder / CAUTIONS_FILE, "--work", "metric-tree/cautions/") as file:
         file.write_text(json.dumps({"schema": SCHEMA, "cautions": list(cautions)}) + "\n", encoding="utf-8")
 
 

@@ -1,5 +1,6 @@
 # Two commands set everything up: `make demo` and `make test`. They need Python 3.11 or newer and network access
-# to Python's package index; `make test` also asks for a few Debian packages (`.ci/system-packages` says which).
+# to Python's package index. `make test` also needs a few Debian packages (listed in `.ci/system-packages`): it asks
+# before it installs them; `make system-packages` and CI do not ask.
 
 PYTHON ?= python3
 UV := $(shell command -v uv 2>/dev/null || echo $(CURDIR)/.tools/bin/uv)
@@ -14,7 +15,7 @@ unexport PYTHONDONTWRITEBYTECODE
 # The writer of the SBOM; it is run from an environment of its own.
 CYCLONEDX := 7.5.0
 
-.PHONY: help demo demo-video test check coverage reference lock docs dist release-check sbom clean fuzz hunt
+.PHONY: system help demo demo-video test quick system-packages check coverage reference lock docs dist release-check sbom clean fuzz hunt
 .DEFAULT_GOAL := demo
 
 help: ## list what make can do
@@ -31,11 +32,21 @@ demo-video: .venv/.insert ## a shipped video: its reconstruction, its scale by i
 	$(BIN)/insert-object out/walk_carpark --model data/models/rocking_horse.glb --size height=0.9 --facing 60 --at frame=150,x=390,y=350 --frames 110:170 --out out/demo_video.mp4
 	@echo "video: out/demo_video.mp4; what it is of: data/scenes/walk_carpark/README.md"
 
-test: check ## lint, types and all tests
+test: system check ## lint, types and all tests
 	$(BIN)/python -m pytest -n 4 --dist loadfile --no-loadscope-reorder
 
-check: .venv/.dev ## lint and types
+# P is a package, or nothing for all of them.
+P ?=
+quick: check ## lint, types and the fast tests, of one package with P=estimator
+	$(BIN)/python -m pytest -q -n 2 --dist loadfile --quick tests/$(P)
+
+system:
 	@.ci/system-packages
+
+system-packages: ## install the Debian packages of the tests without asking
+	@YES=1 .ci/system-packages
+
+check: .venv/.dev ## lint and types
 	$(BIN)/ruff check .
 	$(BIN)/ruff format --check .
 	$(BIN)/mypy
@@ -43,7 +54,7 @@ check: .venv/.dev ## lint and types
 hunt: .venv/.dev ## the property tests on new random examples
 	HYPOTHESIS_PROFILE=hunt $(BIN)/python -m pytest -n 2 -m hypothesis
 
-coverage: .venv/.dev ## the tests with the share of lines and branches they run; 90 % is the floor
+coverage: system .venv/.dev ## the tests with the share of lines and branches they run; 90 % is the floor
 	$(BIN)/python -m pytest -n 4 --dist loadfile --no-loadscope-reorder --cov --cov-fail-under=90 --cov-report=term:skip-covered --cov-report=xml:out/coverage.xml
 
 reference: .venv/.dev ## write the generated pages of the reference

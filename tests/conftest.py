@@ -4,6 +4,7 @@ import json
 import math
 import os
 import signal
+from collections import Counter
 from pathlib import Path
 from typing import Any
 
@@ -26,10 +27,44 @@ settings.register_profile("hunt", deadline=None, max_examples=1000, suppress_hea
 settings.load_profile(os.environ.get("HYPOTHESIS_PROFILE", "suite"))
 
 
-def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
-    """Files with slow tests come first, or one process would end the suite with them while the others wait."""
-    slow = {item.path for item in items if item.get_closest_marker("slow")}
-    items.sort(key=lambda item: item.path not in slow)
+#: Seconds of each test file in a complete run, written by `--record-durations`.
+DURATIONS = Path(__file__).with_name("durations.json")
+#: Maximum recorded seconds of a file that `--quick` runs: all such files together take under two minutes.
+QUICK_FILE_S = 2.0
+
+
+def pytest_addoption(parser: pytest.Parser) -> None:
+    parser.addoption("--quick", action="store_true", help="run only the files whose recorded time is short")
+    parser.addoption("--record-durations", action="store_true", help=f"write the seconds per file to {DURATIONS.name}")
+
+
+def pytest_configure(config: pytest.Config) -> None:
+    if config.getoption("--record-durations") and not hasattr(config, "workerinput"):
+        config.pluginmanager.register(DurationRecorder())
+
+
+class DurationRecorder:
+    """Sum of the times of the tests of each file."""
+
+    def __init__(self) -> None:
+        self.seconds: Counter[str] = Counter()
+
+    def pytest_runtest_logreport(self, report: pytest.TestReport) -> None:
+        self.seconds[report.nodeid.partition("::")[0]] += report.duration
+
+    def pytest_sessionfinish(self) -> None:
+        rounded = {name: round(seconds, 1) for name, seconds in sorted(self.seconds.items())}
+        DURATIONS.write_text(json.dumps(rounded, indent=0) + "\n", encoding="utf-8")
+
+
+def pytest_collection_modifyitems(config: pytest.Config, items: list[pytest.Item]) -> None:
+    """Start with the longest files, so that no process runs them at the end while the others wait."""
+    recorded: dict[str, float] = json.loads(DURATIONS.read_text(encoding="utf-8"))
+    seconds = {item: recorded.get(item.nodeid.partition("::")[0], 0.0) for item in items}
+    if config.getoption("--quick"):
+        config.hook.pytest_deselected(items=[item for item in items if seconds[item] > QUICK_FILE_S])
+        items[:] = [item for item in items if seconds[item] <= QUICK_FILE_S]
+    items.sort(key=lambda item: -seconds[item])
 
 
 @pytest.fixture(autouse=True)

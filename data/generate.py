@@ -6,20 +6,22 @@
     python -m data.generate repeated ../shared/data/sizes
     python -m data.generate photographs ../shared/data/pictures
 
-`words`: `data/taxonomy/senses.tsv` has a line for each noun of WordNet with a sense that is an object, and for each
+The commands `words`, `codes` and `reliability` write to `data/taxonomy/generated`.
+
+`words`: `senses.tsv` has a line for each noun of WordNet with a sense that is an object, and for each
 name of an inserted category: the word, then its senses in WordNet's order, each as `count:node>node`, where `count` is
 how often WordNet's tagged texts use the word so and the nodes are the concept's own node and those above it, nearest
 first. `heads.tsv` says how far a head noun can be trusted: of the known compounds that end in the word (`car door`,
 `barn door`), how many are kinds of each node that the word alone names. `near_words.txt` has the English words, with
 the forms of verbs, that are one letter off a word of a name without being one: `tunnel` is not a misspelt `funnel`.
 
-`photographs`: `data/raw/pictures-1-0.jsonl` and its files are the photographs of objects whose cut by
+`photographs`: `data/raw/pictures-1-0.jsonl` and its files in `data/images` are the photographs of objects whose cut by
 `data/curated/guides.jsonl` its reviewer calls good, cropped, with transparency; they hang on the range of their kind.
 
 `codes`: `codes.tsv` has the ids of label lists: ImageNet's `n02119789`, Open Images' `/m/01mzpv`.
 
 `reliability`: how often each rule of the matcher is right on the development half of the labelled strings, without the
-decisions on the strings themselves (`data/taxonomy/reliability.json`).
+decisions on the strings themselves (`reliability.json`).
 
 `repeated`: rows of sets of ScanNet's boxes that another set states better (`data/sources/*.superseded.txt`). A box
 along the room's axes under a fine name is better than one under a coarse name; a minimal box, which has a footprint of
@@ -44,7 +46,6 @@ from PIL import Image
 
 from benchmarks.taxonomy.matching import counts_by_rule, labelled, matcher_without
 from metric_base.files import whole_file
-from metric_base.folders import taxonomy_directory
 from metric_tree.cutouts.guided import METHOD, guided_foreground, guides
 from metric_tree.cutouts.quality import assessment
 from taxonomy.catalogue import OTHER, Catalogue, default_catalogue
@@ -55,6 +56,9 @@ from taxonomy.wordnet import WordNet, default_wordnet
 from taxonomy.words.spelling import fold_text, one_edit
 
 RAW = Path(__file__).with_name("raw")
+
+#: Tables that the commands `words`, `codes` and `reliability` write.
+GENERATED = Path(__file__).parent / "taxonomy" / "generated"
 
 #: Longer side of a photograph that ships, in pixels.
 LARGEST_PX = 512
@@ -246,15 +250,15 @@ def write_words() -> None:
     lines = sense_lines(catalogue, wordnet)
     senses = (f"{word}\t" + ";".join(f"{n}:{'>'.join(nodes)}" for n, nodes in lines[word]) for word in sorted(lines))
     names = (fold_text(name) for one in catalogue.categories for name in (one.name, *one.aliases))
-    _write(taxonomy_directory() / "senses.tsv", senses)
-    _write(taxonomy_directory() / "heads.tsv", ("\t".join(map(str, row)) for row in head_lines(lines)))
-    _write(taxonomy_directory() / "near_words.txt", near_words(names, wordnet))
+    _write(GENERATED / "senses.tsv", senses)
+    _write(GENERATED / "heads.tsv", ("\t".join(map(str, row)) for row in head_lines(lines)))
+    _write(GENERATED / "near_words.txt", near_words(names, wordnet))
 
 
 def write_reliability() -> None:
     """Write the share of right findings of each rule; rules on titles keep their counts."""
     development = [one for one in labelled() if one.half == "development"]
-    file = taxonomy_directory() / "reliability.json"
+    file = GENERATED / "reliability.json"
     record = json.loads(file.read_text(encoding="utf-8"))
     titles = {rule: tuple(counts) for rule, counts in record["counts"].items() if rule.startswith("title ")}
     own = counts_by_rule(development, matcher_without(development, default_rulings(), {}))
@@ -280,7 +284,7 @@ def write_photographs(folder: Path) -> None:
         image.thumbnail((LARGEST_PX, LARGEST_PX))
         image.save(sink := BytesIO(), "WEBP", quality=90, method=6)
         image_id = hashlib.sha256(sink.getvalue()).hexdigest()
-        (file := RAW / "pictures" / image_id[:2] / f"{image_id}.webp").parent.mkdir(exist_ok=True)
+        (file := RAW.parent / "images" / image_id[:2] / f"{image_id}.webp").parent.mkdir(exist_ok=True)
         file.write_bytes(sink.getvalue())
         records.append(
             {
@@ -321,7 +325,7 @@ def main() -> None:
         write_photographs(arguments.pictures)
     elif arguments.kind == "codes":
         lists = {"imagenet_1k": arguments.imagenet, "openimages_601": arguments.openimages}
-        _write(taxonomy_directory() / "codes.tsv", ("\t".join(row) for row in sorted(set(code_lines(lists)))))
+        _write(GENERATED / "codes.tsv", ("\t".join(row) for row in sorted(set(code_lines(lists)))))
     else:
         for name, ids in superseded(arguments.sizes).items():
             _write(SOURCES / f"{name}.superseded.txt", ids)

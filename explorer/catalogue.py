@@ -192,7 +192,7 @@ class ReleaseCatalogue:
     def codes(self) -> Mapping[str, list[str]]:
         """WordNet offsets (`n03001627`) and Freebase ids (`/m/01mzpv`) by node id."""
         found: dict[str, list[str]] = defaultdict(list)
-        for line in (taxonomy_directory() / "codes.tsv").read_text(encoding="utf-8").splitlines():
+        for line in (taxonomy_directory() / "generated" / "codes.tsv").read_text(encoding="utf-8").splitlines():
             code, _, node_id = line.partition("\t")
             found[node_id].append(code)
         return found

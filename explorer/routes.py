@@ -46,7 +46,6 @@ from explorer.urls import (
     prior_of,
 )
 from metric_tree.node import Node
-from metric_tree.release.images import FOLDER
 
 _TYPES = {
     "html": "text/html; charset=utf-8",
@@ -135,13 +134,6 @@ def site_addresses(catalogue: ReleaseCatalogue) -> Iterator[str]:
         yield from (f"vocabularies/{name}.html", f"vocabularies/{name}.csv", f"v1/vocabularies/{name}.json")
     for node in catalogue.nodes.values():
         yield from _node_addresses(catalogue, node.node_id)
-
-
-def picture_paths(catalogue: ReleaseCatalogue) -> list[str]:
-    """The pictures that pages show, relative to the release, on disk and in the site alike."""
-    table = catalogue.tree.release.table("images")
-    named = [path for column in ("cutout_path", "path") for path in table[column].to_pylist() if path]
-    return [path for path in dict.fromkeys(named) if path.startswith(f"{FOLDER}/") and ".." not in path]
 
 
 def _node_addresses(catalogue: ReleaseCatalogue, node_id: str) -> Iterator[str]:

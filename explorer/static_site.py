@@ -10,10 +10,10 @@ from multiprocessing import get_context
 from pathlib import Path
 
 from explorer.catalogue import ReleaseCatalogue
-from explorer.routes import answer, picture_paths, site_addresses
+from explorer.routes import answer, site_addresses
 from metric_base.errors import InputError
 from metric_base.files import whole_folder
-from metric_tree.release.release import link_file
+from metric_tree.release.images import link_images
 from metric_tree.tree import Tree, open_tree
 
 #: Addresses that a worker writes at a time.
@@ -54,9 +54,7 @@ def _write_release(folder: Path, trees: Sequence[Tree], place: int, workers: int
     addresses = list(site_addresses(catalogue))
     for parent in {(folder / address).parent for address in addresses}:
         parent.mkdir(parents=True, exist_ok=True)
-    for path in picture_paths(catalogue):
-        (folder / path).parent.mkdir(parents=True, exist_ok=True)
-        link_file(catalogue.tree.release.directory / path, folder / path)
+    link_images(catalogue.tree.release, folder)
     chunks = [addresses[start : start + CHUNK] for start in range(0, len(addresses), CHUNK)]
     directories = [tree.release.directory for tree in trees]
     if workers == 1 or len(chunks) == 1:

@@ -63,7 +63,7 @@ class ReviewedAliases:
 
 
 class SynsetTable:
-    """Parents and words of the synsets that the tree uses, from `synsets.csv`: an extract of WordNet 3.0."""
+    """Parents and words of the synsets that the tree uses, from `generated/synsets.csv`: an extract of WordNet 3.0."""
 
     def __init__(self, parents: Mapping[str, tuple[str, ...]], lemmas: Mapping[str, tuple[str, ...]]) -> None:
         self._parents = parents
@@ -231,7 +231,7 @@ def default_catalogue(directory: Path | None = None) -> Catalogue:
         A table is missing or breaks a rule.
     """
     folder = directory or taxonomy_directory()
-    synsets = [row for _, row in table_rows(folder / "synsets.csv", _SYNSETS, BadLevels)]
+    synsets = [row for _, row in table_rows(folder / "generated" / "synsets.csv", _SYNSETS, BadLevels)]
     words = SynsetTable(
         {row["synset"]: tuple(row["parents"].split()) for row in synsets},
         {row["synset"]: tuple(filter(None, row["lemmas"].split("; "))) for row in synsets},

@@ -19,7 +19,6 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 
 from benchmarks.common import options_parser, print_rows
-from metric_base.folders import taxonomy_directory
 from metric_base.records import json_lines
 from taxonomy.levels import replaced_ids
 from taxonomy.matching.decisions import NONE, BadDecision, Decision, agreement, decisions, default_rulings
@@ -28,9 +27,9 @@ from taxonomy.matching.matcher import ConceptMatch, Matcher, default_matcher
 from taxonomy.matching.readings import default_readings
 from taxonomy.matching.reliability import measured_reliability
 
-LABELS = taxonomy_directory() / "labelled_strings.csv"
+LABELS = Path(__file__).with_name("labelled_strings.csv")
 HALVES = ("development", "held-out")
-INDEPENDENT = taxonomy_directory() / "independent_reading.jsonl"
+INDEPENDENT = Path(__file__).with_name("independent_reading.jsonl")
 REVIEWERS = ("program: language model, first reading", "program: language model, second reading")
 
 Row = tuple[object, ...]

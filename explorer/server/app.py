@@ -11,7 +11,6 @@ from collections.abc import AsyncIterator, Awaitable, Callable, Sequence
 from contextlib import asynccontextmanager
 from functools import partial
 from importlib.resources import files
-from pathlib import Path
 
 from starlette.applications import Starlette
 from starlette.concurrency import run_in_threadpool
@@ -31,7 +30,7 @@ from explorer.urls import slug
 from metric_base.errors import InputError
 from metric_tree.node import NoPrior, UnknownName
 from metric_tree.prior import QUANTILES
-from metric_tree.release.images import FOLDER
+from metric_tree.release.images import FOLDER, stored_file
 from metric_tree.tree import Tree
 
 #: Bytes of a request's body: 500 objects take some 100 kB.
@@ -176,8 +175,8 @@ class Explorer:
         return response_of(request, found, self._etag(catalogue))
 
     def _picture(self, request: Request, catalogue: ReleaseCatalogue, address: str) -> Response:
-        path: Path = catalogue.tree.release.directory / address
-        if not path.is_file():
+        path = stored_file(catalogue.tree.release.directory, address)
+        if path is None:
             return problem(404, f"nothing is at /{address}", request.url.path)
         kind = {"webp": "image/webp", "jpg": "image/jpeg", "png": "image/png"}[path.suffix[1:]]
         return response_of(request, Delivered(Answer(path.read_bytes(), kind)), path.stem, PICTURE_S)

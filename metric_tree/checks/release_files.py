@@ -14,7 +14,7 @@ import pyarrow as pa
 
 from metric_tree.checks import items, leaves, nodes, priors
 from metric_tree.checks.finding import Finding
-from metric_tree.release.images import image_path
+from metric_tree.release.images import image_path, stored_file
 from metric_tree.release.release import BadRelease, Release, open_release, sha256
 from metric_tree.release.schema import ADDED_COLUMNS, FORMER_TYPES, TABLES
 
@@ -90,8 +90,8 @@ def _file_findings(release: Release) -> Iterator[Finding]:
 
 def _extra_findings(release: Release) -> Iterator[Finding]:
     for name, recorded in release.manifest.get("extras", {}).items():
-        path = release.directory / name
-        digest = sha256(path) if path.is_file() else "no file"
+        path = stored_file(release.directory, name)
+        digest = "no file" if path is None else sha256(path)
         if digest != recorded:
             yield Finding("E106", name, f"expected sha256 {recorded}; found {digest}")
 
@@ -133,7 +133,7 @@ def _image_findings(release: Release, tables: _Tables) -> Iterator[Finding]:
 
 CODES |= {
     "E501": "a picture of an item that the release does not hold",
-    "E502": "a picture or cut-out whose file is missing, or lies outside the release",
+    "E502": "a picture or cut-out whose file is missing, or lies outside the release and the shared store",
     "E503": "a picture without a licence",
     "E504": "a picture whose bytes are not those that its id names",
 }

@@ -25,8 +25,8 @@ from metric_base.errors import InputError
 from metric_base.files import inside
 from metric_tree.cutouts.backend import RGB, Auto, Backend, Settings
 from metric_tree.pipeline.work_folder import BuildFolder, SerialExecutor, fingerprint, sole_writer
-from metric_tree.release.images import image_path
-from metric_tree.release.release import Release, link_file, publish_release, sha256
+from metric_tree.release.images import image_path, link_images
+from metric_tree.release.release import Release, publish_release, sha256
 from metric_tree.release.schema import IMAGES
 
 #: The table of all cuts inside a release, those set aside too.
@@ -166,6 +166,8 @@ def cut_release(
     key = fingerprint([release.directory / "images.parquet", *_code()], repr(settings) + _model_sha(settings))
     with sole_writer(out), BuildFolder.open(out.with_name(f"{out.name}.cutout"), key) as work:
         extras = work.directory / "extras"
+        extras.mkdir(exist_ok=True)
+        link_images(release, extras)
         cuts: list[Cut] = []
         calls = ((batch, settings) for batch in _batches(paths))
         for done in work.map(
@@ -174,7 +176,6 @@ def cut_release(
             cuts += done
             if progress is not None:
                 progress(len(cuts), len(paths))
-        _link_files(release, extras)
         pq.write_table(_table(cuts), extras / TABLE, compression="zstd")
         tables = {f"{name}.parquet": release.table(name) for name in ("nodes", "items", "priors")}
         tables["images.parquet"] = _images_with_cuts(images, cuts)
@@ -244,16 +245,6 @@ def _batches(paths: Mapping[str, Path]) -> Iterator[list[tuple[str, bytes]]]:
     ids = list(paths)
     for first in range(0, len(ids), PICTURES_PER_CALL):
         yield [(image_id, paths[image_id].read_bytes()) for image_id in ids[first : first + PICTURES_PER_CALL]]
-
-
-def _link_files(release: Release, extras: Path) -> None:
-    """All files of the old release that are not its tables, into the new one's."""
-    extras.mkdir(exist_ok=True)
-    for source in sorted((release.directory / "pictures").rglob("*")):
-        target = extras / source.relative_to(release.directory)
-        if source.is_file() and not target.exists():
-            target.parent.mkdir(parents=True, exist_ok=True)
-            link_file(source, target)
 
 
 def _table(cuts: Sequence[Cut]) -> pa.Table:

@@ -23,7 +23,7 @@ from typing import Any
 import numpy as np
 
 from metric_base.arrays import FloatArray, IntArray
-from metric_base.folders import taxonomy_directory
+from metric_base.folders import data_folder
 from metric_tree.fit.random_effects import SourceMeans
 
 #: Prior standard deviation of a kind's bias (ln size). Kinds that are not here are of objects in the world: they define
@@ -174,8 +174,8 @@ def learn_kinds(classes: Iterable[tuple[str, SourceMeans]], kinds: Sequence[str]
 
 @cache
 def shipped_model() -> KindModel:
-    """What the sources of the shipped release gave (`data/curated/evidence_model.json`)."""
-    path = taxonomy_directory().parent / "curated" / "evidence_model.json"
+    """What the sources of the shipped release gave (`data/fitted/evidence_model.json`)."""
+    path = data_folder() / "fitted" / "evidence_model.json"
     return KindModel.of_record(json.loads(path.read_text(encoding="utf-8")))
 
 

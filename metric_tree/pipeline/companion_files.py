@@ -51,8 +51,8 @@ class FormerNode:
 
 
 def former_nodes(path: Path | None = None) -> list[FormerNode]:
-    """The nodes of releases 1.0.0 and 2.0.0 (`data/taxonomy/former_ids.csv`)."""
-    rows = table_rows(path or taxonomy_directory() / "former_ids.csv", _COLUMNS, BadLevels)
+    """Return the nodes of releases 1.0.0 and 2.0.0 (`data/taxonomy/generated/former_ids.csv`)."""
+    rows = table_rows(path or taxonomy_directory() / "generated" / "former_ids.csv", _COLUMNS, BadLevels)
     return [FormerNode(row["release"], row["node_id"], row["parent_id"] or None) for _, row in rows]
 
 

@@ -3,6 +3,9 @@
 Files are content-addressed (`pictures/aa/<sha256>.jpg`) and not packed into shards: a picture shown by two items or two
 releases lies once (releases link to it), one node's pictures are read without the others', and a removed picture takes
 nothing with it. `images.parquet` is the index; sorted by node, so that a node's rows are few row groups.
+
+A release that is built, published or downloaded contains its images. The shipped releases and raw items share one
+store, `data/images/aa/<sha256>.webp`. `stored_file` finds an image in either place.
 """
 
 from __future__ import annotations
@@ -19,16 +22,19 @@ import pyarrow.compute as pc
 from crawler.fetch.item_images import SCHEMA as PICTURE
 from metric_base.errors import expect, in_file
 from metric_base.records import json_record
-from metric_tree.release.release import link_file, sha256
+from metric_tree.release.release import BadRelease, Release, link_file, sha256
 from metric_tree.release.schema import IMAGES
 
 #: Where pictures lie inside a release, as inside a crawl.
 FOLDER = "pictures"
 
+#: Folder of the images that shipped releases and raw items share, in the same layout as `pictures`.
+STORE = "images"
+
 #: Segments of picture records (`crawler.fetch.crawl`).
 _SEGMENT = re.compile(r"pictures-\d+-\d+\.jsonl")
 
-#: The only paths that a record may name: what `crawler.fetch.item_images` writes.
+#: The only paths that a record may name, and those of the store: what `crawler.fetch.item_images` writes.
 _STORED = re.compile(r"([0-9a-f]{2})/(?P<id>\1[0-9a-f]{62})\.(jpg|png|webp)")
 
 _STRINGS = ("image_id", "item_id", "source_url", "path")
@@ -87,11 +93,72 @@ def collect_pictures(files: Sequence[Path], items: pa.Table, folder: Path) -> Ga
 
 
 def image_path(release: Path, row: Mapping[str, Any], column: str = "path") -> Path | None:
-    """The file of a row's picture (or `cutout_path`), or None if there is none inside the release."""
-    if row[column] is None:
-        return None
-    path = (release / row[column]).resolve()
-    return path if path.is_file() and path.is_relative_to(release.resolve()) else None
+    """Return the file of a row's image (or `cutout_path`), None if it is neither in the release nor in the store."""
+    return None if row[column] is None else stored_file(release, row[column])
+
+
+def stored_file(folder: Path, name: str) -> Path | None:
+    """Return the path of a file that a release or a crawl names.
+
+    The file in the folder itself takes precedence. Otherwise an image is looked up in the shared store: the folder
+    `images` next to the given folder or one level above, so that `data/raw` and `data/release/3.0.0` share
+    `data/images`.
+
+    Parameters
+    ----------
+    folder : folder of the release or the crawl.
+    name : path relative to the folder, such as `pictures/aa/<sha256>.webp`.
+
+    Returns
+    -------
+    Path or None
+        None if the file does not exist, or if it is outside the folder and the store.
+    """
+    whole = folder.resolve()
+    places = [(whole, name)]
+    parent, _, stored = name.partition("/")
+    if parent == FOLDER and _STORED.fullmatch(stored):
+        places += [(above / STORE, stored) for above in (whole.parent, whole.parent.parent)]
+    for place, relative in places:
+        path = place / relative
+        if path.is_file() and path.resolve().is_relative_to(place.resolve()):
+            return path
+    return None
+
+
+def image_files(release: Release) -> dict[str, Path]:
+    """Return the files of all images that a release names below `pictures`, by name, cut-outs first.
+
+    Raises
+    ------
+    BadRelease
+        An image is neither in the release nor in the shared store.
+    """
+    table = release.table("images", columns=["cutout_path", "path"])
+    names = [name for column in ("cutout_path", "path") for name in table[column].to_pylist() if name]
+    files: dict[str, Path] = {}
+    for name in dict.fromkeys(names):
+        if name.startswith(f"{FOLDER}/") and ".." not in name:
+            file = stored_file(release.directory, name)
+            if file is None:
+                raise BadRelease(f"{release.directory / name}: expected the file of an image; found none")
+            files[name] = file
+    return files
+
+
+def link_images(release: Release, target: Path) -> None:
+    """Link the images of a release into another folder under the same names; existing files are kept.
+
+    Raises
+    ------
+    BadRelease
+        An image is neither in the release nor in the shared store.
+    """
+    for name, file in image_files(release).items():
+        link = target / name
+        link.parent.mkdir(parents=True, exist_ok=True)
+        if not link.exists():
+            link_file(file, link)
 
 
 def _files(record: Mapping[str, Any], path: str) -> dict[str, Any]:
@@ -104,10 +171,11 @@ def _files(record: Mapping[str, Any], path: str) -> dict[str, Any]:
 def _take(home: Path, record: Mapping[str, Any], known: Mapping[str, Any], folder: Path) -> str | None:
     if record["item_id"] not in known:
         return "no_item"
-    source, target = home / FOLDER / record["path"], folder / FOLDER / record["path"]
+    name = f"{FOLDER}/{record['path']}"
+    source, target = stored_file(home, name), folder / name
     if target.exists():
         return None
-    if not source.is_file():
+    if source is None:
         return "no_file"
     if sha256(source) != record["image_id"]:
         return "changed"

@@ -13,8 +13,8 @@ import pyarrow.parquet as pq
 from metric_base.errors import InputError
 from metric_base.files import whole_folder
 from metric_base.records import csv_text
-from metric_tree.release.images import FOLDER
-from metric_tree.release.release import link_file, sha256
+from metric_tree.release.images import link_images
+from metric_tree.release.release import sha256
 from metric_tree.tree import Tree
 
 #: The tables of a publication and what a row of each is; a reader of the hub shows the first of them.
@@ -50,8 +50,7 @@ def publish(tree: Tree, out: Path) -> list[Path]:
     with whole_folder(out, "DIR") as work:
         for name in TABLES:
             pq.write_table(_table(tree, name), work / f"{name}.parquet", compression="zstd", store_schema=False)
-        if (tree.release.directory / FOLDER).is_dir():
-            _link_pictures(tree.release.directory, work)
+        link_images(tree.release, work)
         licences = _licences(tree)
         (work / "licences.csv").write_bytes(csv_text(("licence", "sources", "rows", "attribution"), licences))
         sources = [[row.get(name) for name in _SOURCE] for row in tree.release.manifest["sources"]]
@@ -82,14 +81,6 @@ def _table(tree: Tree, name: str) -> pa.Table:
             values = pa.array([{key: row.get(key, 0.0) for key in keys} for row in maps], kind)
             table = table.set_column(place, pa.field(field.name, kind, metadata=field.metadata), values)
     return table.replace_schema_metadata(None)
-
-
-def _link_pictures(directory: Path, work: Path) -> None:
-    for path in (directory / FOLDER).rglob("*"):
-        if path.is_file():
-            target = work / path.relative_to(directory)
-            target.parent.mkdir(parents=True, exist_ok=True)
-            link_file(path, target)
 
 
 def _licences(tree: Tree) -> list[tuple[str, str, int, str]]:

@@ -21,7 +21,7 @@ from typing import Any
 
 from metric_base.errors import InputError
 from metric_base.folders import data_folder
-from metric_tree.release.release import MANIFEST, BadRelease, sha256
+from metric_tree.release.release import MANIFEST, BadRelease, open_release, sha256
 
 REGISTRY_VARIABLE, CACHE_VARIABLE = "METRIC_TREE_REGISTRY", "METRIC_TREE_CACHE"
 SCHEMA = "metric-tree/registry/1"
@@ -145,8 +145,12 @@ def _is_release(files: Any) -> bool:
 
 
 def registry_entry(directory: Path) -> dict[str, str]:
-    """The files of a release and their sha256, as a registry has them."""
-    return {str(path.relative_to(directory)): sha256(path) for path in sorted(directory.rglob("*")) if path.is_file()}
+    """The files of a release and their sha256, as a registry has them; images of the shared store among them."""
+    from metric_tree.release.images import image_files  # with what a query does not need
+
+    own = {path.relative_to(directory).as_posix(): path for path in directory.rglob("*") if path.is_file()}
+    files = own | image_files(open_release(directory))
+    return {name: sha256(file) for name, file in sorted(files.items())}
 
 
 def releases() -> list[Path]:

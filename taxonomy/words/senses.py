@@ -68,7 +68,7 @@ class Meanings(NamedTuple):
 
 def senses(word: str) -> tuple[Sense, ...]:
     """The senses of a folded word in WordNet's order, as nodes of the tree; empty if unknown."""
-    line = _value("senses.tsv", word)
+    line = _value("generated/senses.tsv", word)
     return tuple(_sense(part) for part in line.split(";")) if line else ()
 
 
@@ -83,7 +83,7 @@ def reviewed_meanings(word: str) -> Meanings | None:
 
 def head_trust(head: str) -> dict[str, tuple[int, int]]:
     """By node: how many of the known compounds that end in a word are such items, and how many there are."""
-    lines = _text("heads.tsv")
+    lines = _text("generated/heads.tsv")
     trust = {}
     at = lines.find(f"\n{head}\t")
     while at >= 0:
@@ -96,12 +96,12 @@ def head_trust(head: str) -> dict[str, tuple[int, int]]:
 
 def coded_node(code: str) -> str | None:
     """The node of ImageNet's `n02119789` or Open Images' `/m/01mzpv`; None if the code is unknown."""
-    return _value("codes.tsv", code) or None
+    return _value("generated/codes.tsv", code) or None
 
 
 def is_english(word: str) -> bool:
     """Whether a folded word is English though no name has it: `tunnel` is not a misspelt `funnel`."""
-    return bool(senses(word)) or f"\n{word}\n" in _text("near_words.txt")
+    return bool(senses(word)) or f"\n{word}\n" in _text("generated/near_words.txt")
 
 
 def other_names(form: str) -> Mapping[str, str]:

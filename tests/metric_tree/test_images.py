@@ -4,18 +4,23 @@ from __future__ import annotations
 
 import json
 from functools import partial
+from pathlib import Path
 
 import pytest
 
 import metric_cli.subcommands.data.build as command
 import metric_tree
 from crawler.fetch.item_images import picture
+from explorer.static_site import write_site
 from metric_cli.subcommands import main
 from metric_tree.checks.release_files import findings
 from metric_tree.pipeline.build import PRIVATE_LICENCE, build_release
 from metric_tree.pipeline.ingest import raw_files
-from metric_tree.release.images import image_path, picture_files
-from tests.synthetic.hostile_pictures import shop_picture
+from metric_tree.release.images import image_files, image_path, picture_files, stored_file
+from metric_tree.release.publication import publish
+from metric_tree.release.registry import registry_entry
+from metric_tree.release.release import BadRelease, sha256
+from tests.synthetic.picture_fixture import release_with, shop_picture
 from tests.synthetic.raw_fixture import SOURCES, synthetic_items, written
 from tests.synthetic.small_taxonomy import small_taxonomy
 
@@ -119,3 +124,82 @@ def test_a_crooked_record_is_one_line(crawl, tmp_path, capsys, old, new, message
     assert message in said
     assert said.count("\n") == 1
     assert not (tmp_path / "release").exists()
+
+
+def test_an_image_in_the_release_takes_precedence_over_the_shared_store(tmp_path):
+    own = tmp_path / "release" / "1.0.0" / "pictures" / "aa" / f"{'a' * 64}.webp"
+    stored, name = tmp_path / "images" / "aa" / own.name, f"pictures/aa/{own.name}"
+    release, crawl = tmp_path / "release" / "1.0.0", tmp_path / "raw"
+    for folder in (own.parent, stored.parent, crawl):
+        folder.mkdir(parents=True)
+    assert stored_file(release, name) is None
+    stored.write_bytes(b"stored")
+    assert stored_file(release, name) == stored_file(crawl, name) == stored
+    own.write_bytes(b"own")
+    assert stored_file(release, name) == own
+    assert stored_file(crawl, name) == stored
+
+
+@pytest.mark.parametrize(
+    "name",
+    ["pictures/aa/../../secret.webp", "pictures/secret.webp", "../images/secret.webp", "/etc/hostname", "pictures"],
+)
+def test_names_that_are_no_images_are_not_looked_up_in_the_store(tmp_path, name):
+    release = tmp_path / "release" / "1.0.0"
+    (tmp_path / "images").mkdir()
+    (release / "pictures" / "aa").mkdir(parents=True)
+    for folder in (tmp_path / "images", tmp_path):
+        (folder / "secret.webp").write_bytes(b"secret")
+    assert stored_file(release, name) is None
+
+
+def test_a_link_out_of_the_store_is_not_followed(tmp_path):
+    (tmp_path / "secret.webp").write_bytes(b"secret")
+    link = tmp_path / "data" / "images" / "aa" / f"{'a' * 64}.webp"
+    link.parent.mkdir(parents=True)
+    link.symlink_to(tmp_path / "secret.webp")
+    (tmp_path / "data" / "raw").mkdir()
+    assert stored_file(tmp_path / "data" / "raw", f"pictures/aa/{link.name}") is None
+
+
+@pytest.fixture
+def shared(tmp_path):
+    """A release in `data/release` whose two images are in `data/images`."""
+    release = release_with(tmp_path / "data" / "release" / "1.0.0", [shop_picture(0), shop_picture(1)])
+    (release.directory / "pictures").rename(tmp_path / "data" / "images")
+    return release
+
+
+def test_a_release_whose_images_are_in_the_store_is_valid_until_one_is_missing(shared, tmp_path):
+    assert not [finding for finding in findings(shared.directory) if finding.is_error]
+    image = sorted((tmp_path / "data" / "images").rglob("*.jpg"))[0]
+    image.unlink()
+    errors = {finding.code: finding for finding in findings(shared.directory) if finding.is_error}
+    assert set(errors) == {"E106", "E502"}
+    assert errors["E106"].subject == f"pictures/{image.parent.name}/{image.name}"
+    assert errors["E502"].message.endswith(f"pictures/{image.parent.name}/{image.name}")
+
+
+def test_changed_bytes_in_the_store_are_found(shared, tmp_path):
+    sorted((tmp_path / "data" / "images").rglob("*.jpg"))[0].write_bytes(b"changed")
+    assert {finding.code for finding in findings(shared.directory) if finding.is_error} == {"E106", "E504"}
+
+
+def test_publications_sites_and_registries_contain_the_images_of_the_store(shared, tmp_path):
+    tree = metric_tree.open(shared.directory)
+    images = set(image_files(shared))
+    assert len(images) == 2
+    publish(tree, tmp_path / "publication")
+    write_site(tmp_path / "site", [tree], 1)
+    assert images <= set(registry_entry(shared.directory))
+    for name in images:
+        for folder in ("publication", "site"):
+            assert sha256(tmp_path / folder / name) == Path(name).stem
+
+
+def test_a_missing_image_stops_a_publication(shared, tmp_path):
+    image = sorted((tmp_path / "data" / "images").rglob("*.jpg"))[0]
+    image.unlink()
+    with pytest.raises(BadRelease, match=rf"{image.name}: expected the file of an image; found none"):
+        publish(metric_tree.open(shared.directory), tmp_path / "publication")
+    assert not (tmp_path / "publication").exists()

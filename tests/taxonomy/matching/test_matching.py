@@ -19,6 +19,8 @@ from taxonomy.matching.reliability import THRESHOLD, reliabilities
 from taxonomy.wordnet import WordNet
 from taxonomy.words.spelling import fold_text
 
+LABELS = Path(__file__).resolve().parents[3] / "benchmarks" / "taxonomy" / "labelled_strings.csv"
+
 INSERTED = {
     "mt:office_chair": InsertedCategory(
         id="mt:office_chair", name="office chair", parent="swivel_chair.n.01", aliases=("desk chair",)
@@ -313,7 +315,7 @@ def test_shipped_tables_match_by_example(source: str, path: tuple[str, ...], tit
 @pytest.mark.usefixtures("wordnet")
 def test_the_matcher_keeps_its_precision_and_coverage() -> None:
     """The development half only: the held-out half is looked at by hand, and seldom (docs/explanation/matching.md)."""
-    with (taxonomy_directory() / "labelled_strings.csv").open(encoding="utf-8", newline="") as lines:
+    with LABELS.open(encoding="utf-8", newline="") as lines:
         rows = [row for row in csv.DictReader(lines) if row["half"] == "development"]
     gone = replaced_ids()
     matched = right = named = covered = 0
@@ -329,7 +331,7 @@ def test_the_matcher_keeps_its_precision_and_coverage() -> None:
 
 
 def test_the_reliability_that_ships_is_of_the_development_half() -> None:
-    record = json.loads((taxonomy_directory() / "reliability.json").read_text(encoding="utf-8"))
+    record = json.loads((taxonomy_directory() / "generated" / "reliability.json").read_text(encoding="utf-8"))
     assert record["measured_on"].startswith("development half")
     assert record["reliability"] == reliabilities(record["counts"])
     assert record["counts"]["title compound/sole"] == [90, 114]  # of real titles, which the labelled strings lack

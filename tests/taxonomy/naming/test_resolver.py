@@ -286,7 +286,7 @@ def test_a_word_means_the_same_however_often_the_table_was_asked(monkeypatch: py
     words = ["chair", "table", "word99", "", "a\tb", "armchair"]
     monkeypatch.setattr(tables, "_ASKED", Counter())
     scanned = [tables.senses(word) for word in words]
-    monkeypatch.setattr(tables, "_ASKED", Counter({"senses.tsv": tables.MAX_SCANS}))
+    monkeypatch.setattr(tables, "_ASKED", Counter({"generated/senses.tsv": tables.MAX_SCANS}))
     assert [tables.senses(word) for word in words] == scanned
     assert any(scanned)
 

@@ -105,7 +105,7 @@ class VideoGps:
         centres, rows = self.path.at(self.positions.times_s, LONGEST_GAP_S)
         if len(rows) < LEAST_POSITIONS:
             return silent(VIDEO_KIND, self.name, f"{len(rows)} positions along the path, {LEAST_POSITIONS} needed")
-        places = self.positions.places[rows]
+        places = self.positions.positions[rows]
         metres = local_metres(places) if self.positions.geodetic else places
         up = measurements.up if self.positions.geodetic else None
         accuracy = self.positions.accuracy_m or USUAL_ACCURACY_M

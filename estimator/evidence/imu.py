@@ -81,7 +81,7 @@ class Imu:
 
     def _of_path(self, path: Positions) -> tuple[ScaleEvidence, ...]:
         centres, rows = self.path.at(path.times_s, LONGEST_GAP_S)
-        alignment = align(centres, path.places[rows]) if len(rows) > 3 else None
+        alignment = align(centres, path.positions[rows]) if len(rows) > 3 else None
         if alignment is None or alignment.extent < 3 * alignment.residual:
             return silent(KIND, self.name, "the logged path and that of the camera do not agree")
         return (ScaleEvidence(KIND, self.name, alignment.scale, math.hypot(alignment.sd_log, LEAST_SD)),)

@@ -1,1 +1,1 @@
-"""What a camera recorded beside its pictures: accelerometer, gyroscope, positions; read from videos and logs."""
+"""Sensor data that a camera recorded with its images: accelerometer, gyroscope, positions; from videos and logs."""

@@ -1,8 +1,9 @@
-"""GoPro's metadata format (GPMF), after its public description: https://gopro.github.io/gpmf-parser/.
+"""Read the metadata format of GoPro (GPMF; https://gopro.github.io/gpmf-parser/).
 
-A stream is a row of keys: four letters, a type, the size of one value, how many there are, and the values, big endian,
-padded to four bytes. Type 0 holds keys itself. A sensor is a key `STRM` with its samples last and what applies to them
-before: `SCAL` divides, `ORIN` names the axes, `STMP` is the time of the first sample in microseconds.
+A stream is a sequence of keys: four characters, a type, the size of a value, the number of values, and the values, big
+endian and padded to four bytes. Type 0 contains keys. A sensor is a key `STRM` that contains its samples, after the
+keys that apply to them: `SCAL` divides the values, `ORIN` names the axes, `STMP` is the time of the first sample in
+microseconds.
 """
 
 from __future__ import annotations
@@ -10,30 +11,35 @@ from __future__ import annotations
 import itertools
 import struct
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 
 import numpy as np
 
 from estimator.telemetry.records import Positions, Samples, Telemetry
 from metric_base.arrays import FloatArray
 
-#: Depth at which nested keys are no longer followed, and keys of one packet that are looked at.
-MAX_DEPTH, MAX_KEYS = 8, 100_000
-#: NumPy's names for the numbers of GPMF; Q numbers are fixed point.
-NUMBERS = {b"b": ">i1", b"B": ">u1", b"s": ">i2", b"S": ">u2", b"l": ">i4", b"L": ">u4", b"j": ">i8", b"J": ">u8"}
-NUMBERS |= {b"f": ">f4", b"d": ">f8", b"q": ">i4", b"Q": ">i8"}
-FIXED_POINT = {b"q": 2.0**16, b"Q": 2.0**32}
-#: Least kind of fix: 2 is a position without altitude, 3 one with it.
-LEAST_FIX = 2
-#: Metres of one position per unit of dilution of precision, as consumer receivers have it.
+#: Maximum depth of nested keys.
+MAX_DEPTH = 8
+#: Maximum number of keys of a sensor in one packet.
+MAX_KEYS = 100_000
+#: NumPy types of the numeric types of GPMF.
+_DTYPES = {b"b": ">i1", b"B": ">u1", b"s": ">i2", b"S": ">u2", b"l": ">i4", b"L": ">u4", b"j": ">i8", b"J": ">u8"}
+_DTYPES |= {b"f": ">f4", b"d": ">f8", b"q": ">i4", b"Q": ">i8"}
+#: Divisors of fixed-point types.
+_FIXED_POINT = {b"q": 2.0**16, b"Q": 2.0**32}
+#: Minimum type of a satellite fix: 2 is a position without altitude, 3 with altitude.
+MIN_FIX = 2
+#: Standard deviation of a position in metres per unit of dilution of precision, for consumer receivers.
 METRES_PER_DILUTION = 2.5
-#: Gap in seconds between packets, above which samples are not spread over it.
-LONGEST_PACKET_S = 10.0
+#: Maximum duration of a packet in seconds; samples are not distributed over a longer gap.
+MAX_PACKET_S = 10.0
+#: Sensors that are read. Positions come from the first of the last three that is present.
+_INERTIAL, _RECEIVERS = (b"ACCL", b"GYRO"), (b"GPS9", b"GPS5", b"GPRI")
 
 
 @dataclass(frozen=True, slots=True)
 class Packet:
-    """One packet of a metadata track: its time and length in seconds on the clock of the video, and its bytes."""
+    """One packet of a metadata track, with its start and duration in seconds in the time of the video."""
 
     time_s: float
     duration_s: float
@@ -41,7 +47,9 @@ class Packet:
 
 
 @dataclass(frozen=True, slots=True)
-class _Key:
+class Key:
+    """One key of a stream, with its encoded values."""
+
     name: bytes
     kind: bytes
     size: int
@@ -49,159 +57,151 @@ class _Key:
     value: bytes
 
 
-@dataclass(slots=True)
-class _Sensor:
-    """Samples of one sensor over the packets: start of each packet's samples in seconds, and their values (n, k)."""
-
-    starts: list[float] = field(default_factory=list)
-    stamps: list[float | None] = field(default_factory=list)
-    values: list[FloatArray] = field(default_factory=list)
-
-
-def keys(data: bytes) -> Iterator[_Key]:
-    """The keys of a stream up to its end, or to what does not fit."""
-    at = 0
-    while at + 8 <= len(data):
-        name, kind, size, repeat = struct.unpack_from(">4scBH", data, at)
-        at += 8
+def keys(data: bytes) -> Iterator[Key]:
+    """Yield the keys of a stream up to its end, or up to the first key that exceeds it."""
+    position = 0
+    while position + 8 <= len(data):
+        name, kind, size, repeat = struct.unpack_from(">4scBH", data, position)
+        position += 8
         length = size * repeat
-        if name == b"\0\0\0\0" or at + length > len(data):
+        if name == b"\0\0\0\0" or position + length > len(data):
             return
-        yield _Key(name, kind, size, repeat, data[at : at + length])
-        at += (length + 3) // 4 * 4
+        yield Key(name, kind, size, repeat, data[position : position + length])
+        position += (length + 3) // 4 * 4
 
 
 def gpmf_telemetry(packets: Sequence[Packet]) -> Telemetry:
-    """Accelerometer, gyroscope and positions of a GPMF track; what is damaged is left out."""
-    sensors: dict[bytes, _Sensor] = {}
+    """Read accelerometer, gyroscope and positions of a GPMF track; damaged data are ignored."""
+    sensors: dict[bytes, list[tuple[float, float | None, FloatArray]]] = {}
     dilution: list[float] = []
     for packet in packets:
-        for rows in _streams(packet.data, 0):
-            _add(rows, packet.time_s, sensors, dilution)
-    ends = {packet.time_s: packet.duration_s for packet in packets}
-    fallback = {name: _times_and_values(sensor, ends) for name, sensor in sensors.items()}
-    positions = next((fallback[name] for name in (b"GPS9", b"GPS5", b"GPRI") if name in fallback), None)
+        for stream in _streams(packet.data, 0):
+            for name, stamp_s, values in _samples(stream, dilution):
+                sensors.setdefault(name, []).append((packet.time_s, stamp_s, values))
+    durations = {packet.time_s: packet.duration_s for packet in packets}
+    rows = {name: _timed_rows(samples, durations) for name, samples in sensors.items()}
+    empty = np.empty((0, 4))
+    receiver = next((rows[name] for name in _RECEIVERS if name in rows), None)
+    accuracy_m = METRES_PER_DILUTION * float(np.median(dilution)) if dilution else None
     return Telemetry(
-        _vectors(fallback.get(b"ACCL")),
-        _vectors(fallback.get(b"GYRO")),
-        _positions(positions, METRES_PER_DILUTION * float(np.median(dilution)) if dilution else None),
+        Samples.from_rows(rows.get(b"ACCL", empty)),
+        Samples.from_rows(rows.get(b"GYRO", empty)),
+        None if receiver is None else Positions.from_rows(receiver, geodetic=True, accuracy_m=accuracy_m),
     )
 
 
-def _streams(data: bytes, depth: int) -> Iterator[list[_Key]]:
-    """The keys of every `STRM`, however deep."""
+def _streams(data: bytes, depth: int) -> Iterator[dict[bytes, Key]]:
+    """Yield the keys of every `STRM` at any depth, by name."""
     if depth > MAX_DEPTH:
         return
     for key in keys(data):
         if key.kind != b"\0":
             continue
         if key.name == b"STRM":
-            yield [row for _, row in zip(range(MAX_KEYS), keys(key.value), strict=False)]
+            yield {field.name: field for field in itertools.islice(keys(key.value), MAX_KEYS)}
         else:
             yield from _streams(key.value, depth + 1)
 
 
-def _add(rows: list[_Key], time_s: float, sensors: dict[bytes, _Sensor], dilution: list[float]) -> None:
-    about = {row.name: row for row in rows}
-    for name in (b"ACCL", b"GYRO", b"GPS5", b"GPS9", b"GPRI"):
-        if name not in about:
+def _samples(stream: dict[bytes, Key], dilution: list[float]) -> Iterator[tuple[bytes, float | None, FloatArray]]:
+    """Yield name, start in seconds (or None) and values (n, 3) of each sensor of a stream that has valid samples.
+
+    Dilutions of precision are appended to `dilution`.
+    """
+    for name in (*_INERTIAL, *_RECEIVERS):
+        if name not in stream:
             continue
-        values = _values(about[name], about)
-        values = _in_axis_order(values, about) if name in (b"ACCL", b"GYRO") else _places(name, values, about, dilution)
-        stamp = _numbers(about[b"STMP"]) if b"STMP" in about else np.empty((0, 1))
+        key = stream[name]
+        is_mixed = key.kind == b"?" and b"TYPE" in stream
+        table = _mixed_numbers(key, stream[b"TYPE"].value) if is_mixed else _numbers(key)
+        if b"SCAL" in stream and table.size:
+            scale = _numbers(stream[b"SCAL"]).ravel()
+            if scale.size in (1, table.shape[1]) and (scale != 0).all():
+                table = table / scale
+        table = table[np.isfinite(table).all(axis=1)]
+        values = _in_axis_order(table, stream) if name in _INERTIAL else _fixes(name, table, stream, dilution)
         if len(values):
-            sensor = sensors.setdefault(name, _Sensor())
-            sensor.starts.append(time_s)
-            sensor.stamps.append(float(stamp[0, 0]) * 1e-6 if stamp.size else None)
-            sensor.values.append(values)
+            stamp = _numbers(stream[b"STMP"]) if b"STMP" in stream else np.empty((0, 1))
+            yield name, float(stamp[0, 0]) * 1e-6 if stamp.size else None, values
 
 
-def _numbers(key: _Key) -> FloatArray:
-    """(n, k) numbers of a key, empty where they are of no known type."""
-    dtype = np.dtype(NUMBERS[key.kind]) if key.kind in NUMBERS else None
+def _numbers(key: Key) -> FloatArray:
+    """Return the numbers (n, k) of a key; empty if its type is unknown."""
+    dtype = np.dtype(_DTYPES[key.kind]) if key.kind in _DTYPES else None
     if dtype is None or key.size % dtype.itemsize or not key.repeat:
         return np.empty((0, 1))
     table = np.frombuffer(key.value, dtype).reshape(key.repeat, -1).astype(np.float64)
-    return np.asarray(table / FIXED_POINT.get(key.kind, 1.0))
+    return np.asarray(table / _FIXED_POINT.get(key.kind, 1.0))
 
 
-def _values(key: _Key, about: dict[bytes, _Key]) -> FloatArray:
-    """(n, k) scaled values of the samples, which may be of several types side by side (`TYPE`)."""
-    table = _columns_of_types(key, about[b"TYPE"].value) if key.kind == b"?" and b"TYPE" in about else _numbers(key)
-    if b"SCAL" in about and table.size:
-        scale = _numbers(about[b"SCAL"]).ravel()
-        if scale.size in (1, table.shape[1]) and (scale != 0).all():
-            table = table / scale
-    return np.asarray(table[np.isfinite(table).all(axis=1)])
-
-
-def _columns_of_types(key: _Key, kinds: bytes) -> FloatArray:
-    """(n, k) numbers of rows whose columns are of several types."""
-    types = [NUMBERS.get(kinds[k : k + 1]) for k in range(len(kinds))]
-    if not types or any(kind is None for kind in types):
+def _mixed_numbers(key: Key, kinds: bytes) -> FloatArray:
+    """Return the numbers (n, k) of a key whose columns have different types; empty if one is unknown."""
+    dtypes = [_DTYPES.get(kinds[k : k + 1]) for k in range(len(kinds))]
+    if not dtypes or any(dtype is None for dtype in dtypes):
         return np.empty((0, 1))
-    row = np.dtype([(f"c{k}", kind) for k, kind in enumerate(types) if kind is not None])
+    row = np.dtype([(f"c{k}", dtype) for k, dtype in enumerate(dtypes) if dtype is not None])
     if row.itemsize != key.size or not key.repeat:
         return np.empty((0, 1))
     table = np.frombuffer(key.value, row)
     return np.column_stack([table[name].astype(np.float64) for name in table.dtype.names or ()])
 
 
-def _in_axis_order(values: FloatArray, about: dict[bytes, _Key]) -> FloatArray:
-    """(n, 3) in the order x, y, z by `ORIN`: a capital letter is the axis, a small one its opposite."""
+def _in_axis_order(values: FloatArray, stream: dict[bytes, Key]) -> FloatArray:
+    """Return values (n, 3) in the order x, y, z, according to `ORIN`: lower case is the opposite of an axis."""
     if values.shape[1] != 3:
         return np.empty((0, 3))
-    letters = about[b"ORIN"].value.decode("latin-1") if b"ORIN" in about else "XYZ"
+    letters = stream[b"ORIN"].value.decode("latin-1") if b"ORIN" in stream else "XYZ"
     if sorted(letters.upper()) != ["X", "Y", "Z"]:
         return values
-    oriented = np.empty_like(values)
+    ordered = np.empty_like(values)
     for column, letter in enumerate(letters):
-        oriented[:, "XYZ".index(letter.upper())] = values[:, column] * (1 if letter.isupper() else -1)
-    return oriented
+        ordered[:, "XYZ".index(letter.upper())] = values[:, column] * (1 if letter.isupper() else -1)
+    return ordered
 
 
-def _places(name: bytes, values: FloatArray, about: dict[bytes, _Key], dilution: list[float]) -> FloatArray:
-    """(n, 3) latitude, longitude, altitude of samples with a fix; their dilution of precision is added to the list."""
+def _fixes(name: bytes, values: FloatArray, stream: dict[bytes, Key], dilution: list[float]) -> FloatArray:
+    """Return latitude, longitude and altitude (n, 3) of the samples with a fix, and append their dilutions."""
     if name == b"GPRI":  # Karma: time, latitude, longitude, altitude, accuracies, speed, heading, fix, satellites
-        return values[values[:, 8] >= LEAST_FIX, 1:4] if values.shape[1] >= 10 else np.empty((0, 3))
-    if name == b"GPS9":  # ... speeds, days, seconds, dilution, fix
+        return values[values[:, 8] >= MIN_FIX, 1:4] if values.shape[1] >= 10 else np.empty((0, 3))
+    if name == b"GPS9":  # latitude, longitude, altitude, speeds, days, seconds, dilution, fix
         if values.shape[1] < 9:
             return np.empty((0, 3))
         dilution.extend(values[:, 7].tolist())
-        return np.asarray(values[values[:, 8] >= LEAST_FIX, :3])
-    fix = _numbers(about[b"GPSF"]) if b"GPSF" in about else np.empty((0, 1))
-    if values.shape[1] < 5 or (fix.size and fix[0, 0] < LEAST_FIX):
+        return np.asarray(values[values[:, 8] >= MIN_FIX, :3])
+    fix = _numbers(stream[b"GPSF"]) if b"GPSF" in stream else np.empty((0, 1))
+    if values.shape[1] < 5 or (fix.size and fix[0, 0] < MIN_FIX):
         return np.empty((0, 3))
-    if b"GPSP" in about and (precision := _numbers(about[b"GPSP"])).size:
+    if b"GPSP" in stream and (precision := _numbers(stream[b"GPSP"])).size:
         dilution.append(float(precision[0, 0]) / 100)
     return np.asarray(values[:, :3])
 
 
-def _times_and_values(sensor: _Sensor, durations: dict[float, float]) -> tuple[FloatArray, FloatArray]:
-    """Times (n,) and values (n, k): samples are evenly spread from the start of their packet to that of the next.
+def _timed_rows(samples: Sequence[tuple[float, float | None, FloatArray]], durations: dict[float, float]) -> FloatArray:
+    """Return rows (n, 4) of time and values: samples are evenly distributed from one packet to the next.
 
-    The packets' own clock is used where all have one; it begins before the first frame by an unknown, small time, which
-    the alignment with the path of the camera finds.
+    Parameters
+    ----------
+    samples : sequence of (start, stamp, values)
+        For each packet its start in the time of the video, the time of its first sample in the clock of the sensor (or
+        None), and the values (m, 3).
+    durations : dict of float to float
+        Durations of the packets by their start.
+
+    Notes
+    -----
+    The clock of the sensor is used if all packets have it. It starts slightly before the first frame; the alignment
+    with the camera path determines the offset.
     """
-    stamps = [stamp for stamp in sensor.stamps if stamp is not None]
-    own = len(stamps) == len(sensor.values) and all(b > a for a, b in itertools.pairwise(stamps))
-    starts = [stamp - stamps[0] + sensor.starts[0] for stamp in stamps] if own else sensor.starts
-    times, step = [], None
-    for k, (start, values) in enumerate(zip(starts, sensor.values, strict=True)):
-        length = starts[k + 1] - start if k + 1 < len(starts) else durations.get(sensor.starts[k], 0.0)
-        if 0 < length < LONGEST_PACKET_S and not (k + 1 == len(starts) and step is not None):
-            step = length / len(values)  # the last packet may be shorter than its time: the step of the one before
-        times.append(start + (step or 0.0) * np.arange(len(values)))
-    whole, table = np.concatenate(times), np.concatenate(sensor.values)
-    kept = np.diff(whole, prepend=-np.inf) > 0
-    return whole[kept], table[kept]
-
-
-def _vectors(timed: tuple[FloatArray, FloatArray] | None) -> Samples:
-    """Times (n,) and values (n, 3) as samples; none of None."""
-    return Samples(np.empty(0), np.empty((0, 3))) if timed is None else Samples(*timed)
-
-
-def _positions(timed: tuple[FloatArray, FloatArray] | None, accuracy_m: float | None) -> Positions | None:
-    """Times (n,) and places (n, 3) as positions."""
-    return None if timed is None else Positions(*timed, geodetic=True, accuracy_m=accuracy_m)
+    packet_starts = [start for start, _, _ in samples]
+    stamps = [stamp for _, stamp, _ in samples if stamp is not None]
+    has_clock = len(stamps) == len(samples) and all(b > a for a, b in itertools.pairwise(stamps))
+    starts = [stamp - stamps[0] + packet_starts[0] for stamp in stamps] if has_clock else packet_starts
+    rows, step = [], None
+    for k, (start, (packet_start, _, values)) in enumerate(zip(starts, samples, strict=True)):
+        is_last = k + 1 == len(starts)
+        length = durations.get(packet_start, 0.0) if is_last else starts[k + 1] - start
+        # The last packet may contain fewer samples than its duration: it has the step of the packet before.
+        if 0 < length < MAX_PACKET_S and not (is_last and step is not None):
+            step = length / len(values)
+        rows.append(np.column_stack([start + (step or 0.0) * np.arange(len(values)), values]))
+    return np.concatenate(rows)

@@ -32,7 +32,7 @@ def test_a_gopro_track() -> None:
     assert telemetry.specific_force.times_s == pytest.approx(np.arange(8) / 4)
     assert telemetry.specific_force.values[5] == pytest.approx([5.0, 9.81, -2.0])  # the third channel is y, z turned
     assert telemetry.positions is not None
-    assert telemetry.positions.places[1] == pytest.approx([33.1267701, -117.3273436, -22.959])
+    assert telemetry.positions.positions[1] == pytest.approx([33.1267701, -117.3273436, -22.959])
     assert telemetry.positions.accuracy_m == pytest.approx(2.5 * 1.54)
     assert not len(telemetry.angular_rate)
 
@@ -76,7 +76,7 @@ def test_a_camm_track() -> None:
     assert telemetry.specific_force.values[2] == pytest.approx([1.0, 2.0, 9.5])
     assert telemetry.angular_rate.values[0] == pytest.approx([0.1, 0.2, 0.3])
     assert telemetry.positions is not None
-    assert telemetry.positions.places.tolist() == [[48.1, 11.5, 520.0]]
+    assert telemetry.positions.positions.tolist() == [[48.1, 11.5, 520.0]]
     assert telemetry.positions.accuracy_m == pytest.approx(4.0)
     assert not is_camm(b"\0\0\x03\0")
 
@@ -104,7 +104,7 @@ def test_the_subtitles_of_a_drone(tmp_path: Path) -> None:
     positions = read_telemetry(tmp_path / "clip.srt").positions
     assert positions is not None
     assert positions.times_s.tolist() == [0.0, 1.5, 4.0]
-    assert positions.places.tolist() == [[47.3764, 8.5403, 418.5], [47.3765, 8.5404, 419.0], [47.3766, 8.5405, 19.0]]
+    assert positions.positions.tolist() == [[47.3764, 8.5403, 418.5], [47.3765, 8.5404, 419.0], [47.3766, 8.5405, 19.0]]
 
 
 def test_logs(tmp_path: Path) -> None:
@@ -118,7 +118,7 @@ def test_logs(tmp_path: Path) -> None:
     path = read_telemetry(tmp_path / "metadata.json").path
     assert path is not None
     assert path.times_s.tolist() == [0.0, 1 / 60, 2 / 60]
-    assert path.places[2].tolist() == [1.0, 2.0, 3.0]
+    assert path.positions[2].tolist() == [1.0, 2.0, 3.0]
 
 
 @pytest.mark.parametrize(
@@ -149,4 +149,4 @@ def test_the_poses_of_a_telephones_own_tracking_are_a_path_in_metres(tmp_path: P
     assert log.path is not None
     assert not log.path.geodetic
     np.testing.assert_allclose(log.path.times_s, np.arange(5) / 60, atol=1e-9)
-    np.testing.assert_allclose(log.path.places[3], [0.3, 1.0, -0.6])
+    np.testing.assert_allclose(log.path.positions[3], [0.3, 1.0, -0.6])

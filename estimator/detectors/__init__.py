@@ -1,1 +1,1 @@
-"""Detectors of the user: ONNX graphs run on the pictures of a scene, and the list of open ones."""
+"""Instance masks from ONNX detectors of the user or of the registry."""

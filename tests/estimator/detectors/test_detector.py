@@ -206,12 +206,12 @@ def test_errors_of_graphs_and_pictures_name_the_file(folder: Path, tmp_path: Pat
 @pytest.mark.parametrize(
     ("answer", "words"),
     [
-        ({"count": 1_000_000}, "detections: expected at most 1,000 of score 0.5 or more in a picture, found 1,000,000"),
+        ({"count": 1_000_000}, "detections: expected at most 1,000 of score 0.5 or more in an image, found 1,000,000"),
         ({"count": 3, "score": math.nan}, "scores: expected numbers from 0 to 1, found nan"),
         ({"count": 3, "score": math.inf}, "scores: expected numbers from 0 to 1, found inf"),
         ({"count": 3, "mask": (0, 0)}, "masks: expected sides of 1 to 10,000 pixels"),
-        ({"count": 1, "mask": (60_000, 60_000)}, "run: expected an answer"),
-        ({"count": 1 << 40}, "run: expected an answer"),
+        ({"count": 1, "mask": (60_000, 60_000)}, "run: expected outputs"),
+        ({"count": 1 << 40}, "run: expected outputs"),
     ],
 )
 def test_what_no_detector_answers_is_one_line(tmp_path: Path, answer: dict[str, Any], words: str) -> None:

@@ -139,3 +139,22 @@ def test_a_graph_of_none_of_them_is_one_line(tmp_path: Path) -> None:
     graph = _graph(tmp_path / "net.onnx", {"embedding": np.zeros((1, 512), dtype=np.float32)})
     with pytest.raises(InputError, match="YOLO or of RT-DETR, found embedding"):
         load_detector(graph)
+
+
+@pytest.mark.parametrize(("iou", "count"), [(0.68, 2), (0.72, 1)])
+def test_boxes_of_a_class_that_overlap_by_seven_tenths_are_one(tmp_path: Path, iou: float, count: int) -> None:
+    """Two equal boxes that are shifted by s of their width have an IoU of (1 - s) / (1 + s)."""
+    shift = (1 - iou) / (1 + iou)
+    rows = np.zeros((1, 84, 400), dtype=np.float32)
+    rows[0, :4, 0], rows[0, :4, 1] = (200, 200, 100, 100), (200 + 100 * shift, 200, 100, 100)
+    rows[0, 4 + CLASS, :2] = 0.9, 0.8
+    detector = load_detector(_graph(tmp_path / "net.onnx", {"output0": rows}))
+    assert len(detector(np.zeros((HEIGHT, WIDTH, 3), dtype=np.uint8)).labels) == count
+
+
+@pytest.mark.parametrize(("score", "count"), [(0.499, 0), (0.501, 1)])
+def test_detections_have_a_score_of_at_least_one_half(tmp_path: Path, score: float, count: int) -> None:
+    rows = np.zeros((1, 84, 400), dtype=np.float32)
+    rows[0, :4, 0], rows[0, 4 + CLASS, 0] = (200, 200, 100, 100), score
+    detector = load_detector(_graph(tmp_path / "net.onnx", {"output0": rows}))
+    assert len(detector(np.zeros((HEIGHT, WIDTH, 3), dtype=np.uint8)).labels) == count

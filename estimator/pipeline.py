@@ -227,7 +227,8 @@ def measure_objects(
     """
     from estimator.association.tracks import associate
     from estimator.geometry.canonical_frame import normalise_scene
-    from estimator.geometry.measurement import measure_tracks, scene_geometry, to_world
+    from estimator.geometry.measurement import measure_tracks, to_world
+    from estimator.geometry.scene_geometry import scene_geometry
     from estimator.geometry.vertical import up_from_vector
 
     options = options or MeasurementOptions()

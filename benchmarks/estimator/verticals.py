@@ -13,7 +13,7 @@ from pathlib import Path
 import numpy as np
 
 from benchmarks.common import print_rows, seeds_parser
-from estimator.geometry.planes import height_bin, peaks
+from estimator.geometry.planes import height_bin_width, height_peaks
 from estimator.geometry.vertical import camera_up, refine_up
 from estimator.reconstructions.scene_reader import read_scene
 from estimator.records.scene import View
@@ -73,8 +73,8 @@ def _rooms(first: int, end: int) -> Iterator[Case]:
                 for points in (room.scene.points, *(() if dense is None else (dense.points,))):
                     yield name, room.truth.up, room.scene.views, points
                     heights = points @ room.truth.up
-                    width = height_bin(heights)
-                    levels = peaks(heights, width)
+                    width = height_bin_width(heights)
+                    levels = height_peaks(heights, width)
                     if levels:
                         bare = np.abs(heights - levels[0]) > FLOOR_BINS * width
                         kept = bare | (generator.random(len(heights)) < BARE)

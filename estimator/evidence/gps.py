@@ -13,7 +13,7 @@ import numpy as np
 
 from estimator.evidence.alignment import Alignment, align, least_squares
 from estimator.evidence.source import CameraPath, silent
-from estimator.geometry.vertical import BELIEVED_SIGMAS, OBSERVED_METHODS, WRONG_UP_DEG
+from estimator.geometry.vertical import MAX_TILT_SIGMAS, MAX_UP_ERROR_DEG, OBSERVED_METHODS
 from estimator.instances.view_matching import ViewLookup, image_file, image_folders
 from estimator.records.objects import Up
 from estimator.records.result import ScaleEvidence
@@ -165,7 +165,7 @@ def _damage(
         return None
     tilt = float(np.degrees(np.arccos(np.clip((alignment.rotation @ up.vector)[2], -1, 1))))
     sigma_deg = _tilt_sigma(centres[alignment.inliers], alignment, accuracy_m)
-    limit = WRONG_UP_DEG + BELIEVED_SIGMAS * math.hypot(up.sigma_deg, sigma_deg)
+    limit = MAX_UP_ERROR_DEG + MAX_TILT_SIGMAS * math.hypot(up.sigma_deg, sigma_deg)
     return f"their up is {tilt:.0f}° from that of the cameras" if tilt > limit else None
 
 

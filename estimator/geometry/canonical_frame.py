@@ -56,8 +56,8 @@ class CanonicalFrame:
 
     def up_to_world(self, up: Up) -> Up:
         """The vertical in the world."""
-        known = None if up.known is None else up.known @ self.basis
-        return replace(up, vector=up.vector @ self.basis, known=known)
+        axis = None if up.reliable_axis is None else up.reliable_axis @ self.basis
+        return replace(up, vector=up.vector @ self.basis, reliable_axis=axis)
 
     def plane_to_world(self, plane: SupportPlane) -> SupportPlane:
         """A support plane of the own frame in the world."""

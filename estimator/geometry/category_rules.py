@@ -48,7 +48,7 @@ _PHRASES = {
 }
 
 
-def stands(category: str) -> bool | None:
+def stands_on_floor(category: str) -> bool | None:
     """True where the category stands on the floor, False where it hangs, None where the name does not settle it."""
     words = category.lower().replace("_", " ").replace("-", " ").split()
     for phrase in (" ".join(words), " ".join(words[-2:])):

@@ -1,12 +1,12 @@
-"""The upright cuboid whose projection fits an object's outlines in all views, and its few points.
+"""Fit an upright cuboid to the outlines of an object in all views, and to its few points.
 
-Points are few on small, far and half-hidden objects, and of a box most points are background. Outlines say more: each
-is where the object ends in that direction. A cuboid seen from several sides has to fit them all, so that its sides come
-with the spread that the views leave. Its depth comes from the points, each as good as its rays make it, from the
-surface that it stands on, and from the parallax of the outlines themselves. Outlines and points are one likelihood.
+Small, distant and half-occluded objects have few points, and most points in a box are background. An outline determines
+where the object ends in each direction. A cuboid seen from several sides must fit all outlines, so the uncertainty of
+its sides follows from the views. Its depth is determined by the points, each with the error of its rays, by the surface
+that it stands on, and by the parallax of the outlines. Outlines and points have a common likelihood.
 
-Edges at the border of a picture, or behind another object, are not used; elsewhere an edge may lie inside the object's
-outline, where something hides the rest, rather than outside it.
+Edges at the border of an image or at an occluder are not used. Elsewhere, an edge may be inside the outline of the
+object, where an occluder hides the rest, rather than outside it.
 """
 
 from __future__ import annotations
@@ -18,23 +18,27 @@ import numpy as np
 from estimator.geometry.mask_outlines import DIRECTIONS, Outlines
 from metric_base.arrays import FloatArray
 
-# Towards a corner the outline may stay inside the cuboid's by so many times more than it may elsewhere.
-CORNER_TIMES = 3.0
+# Factor of the tolerance for an outline inside that of the cuboid in the diagonal directions: objects do not fill the
+# corners of their cuboid.
+CORNER_SLACK_FACTOR = 3.0
 DIAGONAL = np.arange(len(DIRECTIONS)) >= 4
-# Residuals, in standard deviations, at which an edge counts half: inside the outline, where objects may be hidden, and
-# outside.
-HALF_INSIDE, HALF_OUTSIDE = 1.5, 2.5
-# The same for a point before the cuboid's face and behind it: masks take in a piece of the wall behind.
-HALF_BEFORE, HALF_BEHIND = 2.5, 1.5
-# A point may lie behind the face where its ray enters by this share of the way to the other side: objects have hollows.
-HOLLOW_SHARE = 0.3
-# Points of one object err together where they share their views: all of them count as at most so many.
+# Residual in standard deviations at which an edge has half of its weight: inside the outline of the cuboid, where the
+# object may be occluded, and outside.
+INSIDE_HALF_WEIGHT_SIGMAS = 1.5
+OUTSIDE_HALF_WEIGHT_SIGMAS = 2.5
+# The same for a point in front of the face of the cuboid, and behind it: masks include a part of the wall behind.
+FRONT_HALF_WEIGHT_SIGMAS = 2.5
+BEHIND_HALF_WEIGHT_SIGMAS = 1.5
+# Distance of a point behind the face where its ray enters, relative to the path of the ray in the cuboid: objects have
+# hollows.
+HOLLOW_FRACTION = 0.3
+# Maximum number of independent points: points of one object in the same views have common errors.
 MAX_INDEPENDENT_POINTS = 8
-# Neighbouring views err alike, by the same bulge that no cuboid has: all views count as at most so many.
+# Maximum number of independent views: the deviations of the object from a cuboid are the same in adjacent views.
 MAX_INDEPENDENT_VIEWS = 4
-# Footprints are between a rectangle and an ellipse: an octagon with corners cut off from this share of half a side.
+# Fraction of half a side at which the corners of a footprint are cut off: an octagon between rectangle and ellipse.
 CORNER = 0.75
-# The corners (16, 3) of the octagon's prism with unit sides.
+# Corners (16, 3) of the prism over this octagon, with unit sides.
 UNIT_CORNERS = np.array(
     [
         (x * a / 2, y * b / 2, z)
@@ -44,207 +48,214 @@ UNIT_CORNERS = np.array(
         for z in (-0.5, 0.5)
     ]
 )
-# What is known of a cuboid before: its sides within a factor of 1.8 of what single outlines show. The centre is open by
-# `CENTRE_SD` distances, which only says that it is somewhere ahead.
-SIDE_SD, CENTRE_SD, YAW_SD = (0.6, 0.6, 0.5), 0.7, 2.0
-# Length and width that a fit starts from, over what the outlines are wide: they show the one or the other.
-START_LENGTH, START_WIDTH = 1.25, 0.75
-# Steps of the fit, the change at which it ends, and its damping at the start and at most.
-STEPS, COST_TOLERANCE, DAMPING, MOST_DAMPING = 40, 1e-6, 1e-2, 1e3
-# Furthest that one step goes, in sizes, natural logs and radians.
-MOST_STEP = 0.4
-# Starts whose cost is higher by this much are no explanation of the outlines.
-WORSE_COST = 12.0
+# Standard deviation of the log sides around the start: single outlines determine them within a factor of 1.8.
+SIDE_SD = (0.6, 0.6, 0.5)
+# Standard deviation of the centre around the start, relative to its distance: it is somewhere in front of the cameras.
+CENTRE_SD = 0.7
+# Standard deviation of the yaw around the start, in radians.
+YAW_SD = 2.0
+# Length and width at the start, relative to the width of the outlines, which show one or the other.
+START_LENGTH = 1.25
+START_WIDTH = 0.75
+# Maximum number of steps of a fit.
+MAX_STEPS = 40
+# Relative decrease of the cost at which a fit ends.
+COST_TOLERANCE = 1e-6
+# Damping at the start, and the damping above which a fit ends.
+DAMPING = 1e-2
+MAX_DAMPING = 1e3
+# Maximum change of a parameter in one step, in sizes, natural logarithms and radians.
+MAX_PARAMETER_STEP = 0.4
+# Minimum difference from the lowest cost at which a start is discarded: it does not explain the outlines.
+MIN_WORSE_COST = 12.0
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Sightings:
-    """Points of an object, each along one line of sight, in the level basis.
+class PointRays:
+    """Points of an object, each on one line of sight, in the level basis."""
 
-    eyes : (n, 3); rays : (n, 3) unit; depths : (n,) along them; sigma : (n,) one standard deviation of the depth.
-    """
-
-    eyes: FloatArray
-    rays: FloatArray
-    depths: FloatArray
-    sigma: FloatArray
+    eyes: FloatArray  #: (n, 3)
+    rays: FloatArray  #: (n, 3) unit vectors.
+    depths: FloatArray  #: (n,) distance along the ray, in scene units.
+    sigma: FloatArray  #: (n,) standard deviation of the depth.
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Cuboid:
-    """An upright cuboid: centre (3,) in the level basis, yaw in radians, extents (3,) length >= width, height.
+    """An upright cuboid in the level basis."""
 
-    covariance : (3, 3) of the log extents; misfit : root mean square of the residuals that count.
-    """
-
-    centre: FloatArray
-    yaw: float
-    extents: FloatArray
-    covariance: FloatArray
-    misfit: float
+    centre: FloatArray  #: (3,)
+    yaw: float  #: In radians.
+    extents: FloatArray  #: (3,) length >= width, height.
+    covariance: FloatArray  #: (3, 3) of the log extents.
+    misfit: float  #: Root mean square of the weighted residuals.
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class _Data:
-    """All that a fit is of: outlines, points, height and standard deviation of the foot."""
-
-    outlines: Outlines
-    points: Sightings | None
-    foot: tuple[float, float] | None
+# Outlines, points, and height and standard deviation of the foot.
+_Data = tuple[Outlines, PointRays | None, tuple[float, float] | None]
+# Cost, parameters (7,), covariance (7, 7) and misfit of a fit.
+_Fit = tuple[float, FloatArray, FloatArray, float]
 
 
 def fit_cuboid(
     outlines: Outlines,
-    middle: FloatArray,
+    centre: FloatArray,
     yaw: float,
     foot: tuple[float, float] | None = None,
-    points: Sightings | None = None,
+    points: PointRays | None = None,
     centre_sd: float | None = None,
 ) -> Cuboid:
-    """The cuboid that fits best, by damped least squares with weights 1 / (1 + r^2 / c^2) from four headings.
+    """Fit a cuboid by damped least squares with weights 1 / (1 + r^2 / c^2), from four values of the yaw.
 
-    Where several headings explain the outlines, the extents and their covariance are of all of them together.
+    If several of them explain the outlines, the extents and their covariance are those of the mixture.
 
     Parameters
     ----------
-    middle : (3,) about where the object is, in the level basis
-    yaw : about how its footprint is turned
-    foot : height and standard deviation of what it stands on, scene units
-    points : its points, each as good as its rays
-    centre_sd : one standard deviation of `middle` in scene units, where nothing else says how far away the object is
+    outlines : Outlines
+    centre : (3,) ndarray of float
+        Approximate centre in the level basis.
+    yaw : float
+        Approximate yaw in radians.
+    foot : tuple of float, optional
+        Height of the surface below the object and its standard deviation, in scene units.
+    points : PointRays, optional
+    centre_sd : float, optional
+        Standard deviation of `centre` in scene units, if nothing else determines the distance of the object.
     """
-    depth = (outlines.rotation @ middle + outlines.translation)[:, 2]
-    near = depth > 0
-    spans = (outlines.reach[:, :2] + outlines.reach[:, 2:4])[near] * depth[near, None]  # (k, 2) width and height
-    across, tall = np.maximum(np.median(spans, axis=0), np.finfo(float).tiny) if near.any() else (1.0, 1.0)
-    away = float(np.median(np.linalg.norm(outlines.rotation @ middle + outlines.translation, axis=1)))
-    data = _Data(outlines, points, foot)
+    depth = (outlines.rotation @ centre + outlines.translation)[:, 2]
+    is_ahead = depth > 0
+    projections = outlines.max_projections
+    spans = (projections[:, :2] + projections[:, 2:4])[is_ahead] * depth[is_ahead, None]  # (k, 2) width and height
+    width, height = np.maximum(np.median(spans, axis=0), np.finfo(float).tiny) if is_ahead.any() else (1.0, 1.0)
+    distance = float(np.median(np.linalg.norm(outlines.rotation @ centre + outlines.translation, axis=1)))
     fits = []
     for turn in np.arange(4) * np.pi / 4:
         start = np.array(
-            [*middle, yaw + turn, np.log(START_LENGTH * across), np.log(START_WIDTH * across), np.log(tall)]
+            [*centre, yaw + turn, np.log(START_LENGTH * width), np.log(START_WIDTH * width), np.log(height)]
         )
-        fits.append(_fit(data, start, float(np.sqrt(across * tall)), centre_sd or CENTRE_SD * away))
-    return _join(fits)
+        size = float(np.sqrt(width * height))
+        fits.append(_fit((outlines, points, foot), start, size, centre_sd or CENTRE_SD * distance))
+    return _mixture(fits)
 
 
-def entry_depths(parameters: FloatArray, sight: Sightings) -> tuple[FloatArray, FloatArray]:
-    """(k, n) depth at which each ray enters k cuboids, parameters (k, 7), and how long it stays inside.
+def ray_entry_depths(parameters: FloatArray, points: PointRays) -> tuple[FloatArray, FloatArray]:
+    """Return the depth (k, n) at which each ray enters k cuboids with parameters (k, 7), and its path inside (k, n).
 
-    A ray that misses enters and leaves where it comes nearest to doing both.
+    A ray that misses a cuboid has a path of 0 and the mean of the two depths at which it is closest.
     """
     c, s = np.cos(parameters[:, 3, None]), np.sin(parameters[:, 3, None])
-    x, y, z = sight.eyes.T[:, None] - parameters.T[:3, :, None]  # (k, n) each
-    p, q, r = sight.rays.T
+    x, y, z = points.eyes.T[:, None] - parameters.T[:3, :, None]  # (k, n) each
+    p, q, r = points.rays.T
     halves = np.exp(parameters.T[4:, :, None]) / 2  # (3, k, 1)
     enter, leave = np.array(-np.inf), np.array(np.inf)
-    # in each cuboid's own axes, one after the other
+    # Along each axis of the cuboids, one after the other.
     for start, ray, half in zip(
         (c * x + s * y, c * y - s * x, z), (c * p + s * q, c * q - s * p, r), halves, strict=True
     ):
         slope = np.where(np.abs(ray) < 1e-9, 1e-9, ray)
-        one, two = (-half - start) / slope, (half - start) / slope
-        enter, leave = np.maximum(enter, np.minimum(one, two)), np.minimum(leave, np.maximum(one, two))
-    missed = enter > leave
-    middle = (enter + leave) / 2
-    return np.where(missed, middle, enter), np.where(missed, 0.0, leave - enter)
+        low, high = (-half - start) / slope, (half - start) / slope
+        enter, leave = np.maximum(enter, np.minimum(low, high)), np.minimum(leave, np.maximum(low, high))
+    is_miss = enter > leave
+    return np.where(is_miss, (enter + leave) / 2, enter), np.where(is_miss, 0.0, leave - enter)
 
 
-def _reaches(outlines: Outlines, parameters: FloatArray) -> FloatArray:
-    """(k, v, 8) how far k cuboids reach in each picture, parameters (k, 7): centre, yaw, log extents."""
+def cuboid_projections(outlines: Outlines, parameters: FloatArray) -> FloatArray:
+    """Return the largest projections (k, v, 8) of k cuboids on `DIRECTIONS` in each view.
+
+    The parameters (k, 7) of a cuboid are its centre, yaw and log extents.
+    """
     c, s = np.cos(parameters[:, 3]), np.sin(parameters[:, 3])  # (k,)
     x, y, z = UNIT_CORNERS.T[:, :, None] * np.exp(parameters.T[4:, None])  # (16, k) each
     world = np.array([c * x - s * y, s * x + c * y, z]) + parameters.T[:3, None]  # (3, 16, k)
-    turned = outlines.rotation.transpose(1, 2, 0)  # (3, 3, v)
-    camera = world.reshape(3, -1).T @ turned + outlines.translation.T[:, None]  # (3, 16 k, v)
-    # what is behind the camera is far to the side
-    at = camera[:2] / np.maximum(camera[2], 1e-3 * np.abs(camera).max())
-    furthest = (DIRECTIONS @ at.reshape(2, len(UNIT_CORNERS), -1).transpose(1, 0, 2)).max(axis=0)  # (8, k v)
+    rotation = outlines.rotation.transpose(1, 2, 0)  # (3, 3, v)
+    camera = world.reshape(3, -1).T @ rotation + outlines.translation.T[:, None]  # (3, 16 k, v)
+    # Corners behind the camera are far to the side.
+    image = camera[:2] / np.maximum(camera[2], 1e-3 * np.abs(camera).max())
+    furthest = (DIRECTIONS @ image.reshape(2, len(UNIT_CORNERS), -1).transpose(1, 0, 2)).max(axis=0)  # (8, k v)
     return np.asarray(furthest.reshape(len(DIRECTIONS), len(parameters), -1).transpose(1, 2, 0))
 
 
-def _fit(data: _Data, start: FloatArray, size: float, centre_sd: float) -> tuple[float, FloatArray, FloatArray, float]:
-    """Cost, parameters (7,), covariance (7, 7) of them, and misfit of one start."""
+def _fit(data: _Data, start: FloatArray, size: float, centre_sd: float) -> _Fit:
+    """Fit a cuboid of about `size` from the parameters `start` (7,)."""
     unit = np.array([size, size, size, 1, 1, 1, 1])
-    step, most = 1e-3 * unit, MOST_STEP * unit
+    step, max_change = 1e-3 * unit, MAX_PARAMETER_STEP * unit
     prior_sd = np.array([*[centre_sd] * 3, YAW_SD, *SIDE_SD])
-    at = start.copy()
-    damping, cost, centre = DAMPING, np.inf, start
-    known = np.diag(prior_sd**-2)
-    normal, pull, misfit = known, np.zeros(7), 1.0
-    for _ in range(STEPS):
-        rows, weight, residual, loss = _residuals(data, at, step)
-        now = loss + float((((at - start) / prior_sd) ** 2).sum())
-        if now < cost:
-            done = cost - now < COST_TOLERANCE * max(now, 1.0)
-            cost, centre, damping = now, at, damping / 3
-            normal = rows.T @ (rows * weight[:, None]) + known
-            pull = rows.T @ (weight * residual) + (at - start) / prior_sd**2
+    prior_precision = np.diag(prior_sd**-2)
+    trial, best, best_cost, damping = start.copy(), start, np.inf, DAMPING
+    normal, gradient, misfit = prior_precision, np.zeros(7), 1.0
+    for _ in range(MAX_STEPS):
+        jacobian, weight, residual, loss = _residuals(data, trial, step)
+        cost = loss + float((((trial - start) / prior_sd) ** 2).sum())
+        if cost < best_cost:
+            is_done = best_cost - cost < COST_TOLERANCE * max(cost, 1.0)
+            best_cost, best, damping = cost, trial, damping / 3
+            normal = jacobian.T @ (jacobian * weight[:, None]) + prior_precision
+            gradient = jacobian.T @ (weight * residual) + (trial - start) / prior_sd**2
             misfit = float(np.sqrt((weight * residual**2).sum() / max(float(weight.sum()), 1.0)))
         else:
-            done, damping = damping > MOST_DAMPING, damping * 10
-        if done:
+            is_done, damping = damping > MAX_DAMPING, damping * 10
+        if is_done:
             break
-        change = -np.linalg.solve(normal + damping * np.diag(np.diag(normal)), pull)
-        at = centre + np.clip(change, -most, most)
-    return cost, centre, np.asarray(np.linalg.inv(normal)), misfit
+        change = -np.linalg.solve(normal + damping * np.diag(np.diag(normal)), gradient)
+        trial = best + np.clip(change, -max_change, max_change)
+    return best_cost, best, np.asarray(np.linalg.inv(normal)), misfit
 
 
-def _residuals(data: _Data, at: FloatArray, step: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray, float]:
-    """Slopes (m, 7), weights (m,) and residuals (m,) of all that is fitted, and its robust cost."""
-    trial = at + np.vstack([np.zeros(7), np.diag(step)])
-    outlines = data.outlines
-    reaches = _reaches(outlines, trial) / outlines.sigma
-    residual = (reaches[0] - outlines.reach / outlines.sigma).ravel()
-    slope = ((reaches[1:] - reaches[0]).reshape(7, -1) / step[:, None]).T
-    # objects do not fill the corners of their cuboid
-    loose = np.where((residual.reshape(-1, len(DIRECTIONS)) > 0) & DIAGONAL, 1 / CORNER_TIMES, 1.0).ravel()
-    residual, slope = residual * loose, slope * loose[:, None]
-    half = np.where(residual > 0, HALF_INSIDE, HALF_OUTSIDE)
-    share = min(1.0, MAX_INDEPENDENT_VIEWS / len(outlines.reach))
-    parts = [(slope, residual, half, share * outlines.free.ravel())]
-    if data.points is not None and len(data.points.depths):
-        parts.append(_point_residuals(data.points, trial, step))
-    if data.foot is not None:
-        height = np.exp(at[6])
-        own = np.array([[0, 0, 1, 0, 0, 0, -height / 2]]) / data.foot[1]
-        off = np.array([(at[2] - height / 2 - data.foot[0]) / data.foot[1]])
-        parts.append((own, off, np.array([HALF_OUTSIDE]), np.ones(1)))
-    rows, residuals, halves, counts = (np.concatenate(each) for each in zip(*parts, strict=True))
+def _residuals(
+    data: _Data, parameters: FloatArray, step: FloatArray
+) -> tuple[FloatArray, FloatArray, FloatArray, float]:
+    """Return Jacobian (m, 7), weights (m,) and residuals (m,) at `parameters` (7,), and the robust cost.
+
+    The Jacobian is by finite differences of size `step` (7,).
+    """
+    outlines, points, foot = data
+    trials = parameters + np.vstack([np.zeros(7), np.diag(step)])
+    # 1. Outlines.
+    projections = cuboid_projections(outlines, trials) / outlines.sigma
+    residual = (projections[0] - outlines.max_projections / outlines.sigma).ravel()
+    jacobian = ((projections[1:] - projections[0]).reshape(7, -1) / step[:, None]).T
+    is_slack = (residual.reshape(-1, len(DIRECTIONS)) > 0) & DIAGONAL
+    slack = np.where(is_slack, 1 / CORNER_SLACK_FACTOR, 1.0).ravel()
+    residual, jacobian = residual * slack, jacobian * slack[:, None]
+    half = np.where(residual > 0, INSIDE_HALF_WEIGHT_SIGMAS, OUTSIDE_HALF_WEIGHT_SIGMAS)
+    view_weight = min(1.0, MAX_INDEPENDENT_VIEWS / len(outlines.max_projections))
+    parts = [(jacobian, residual, half, view_weight * outlines.is_free.ravel())]
+    # 2. Points, against the faces where their rays enter.
+    if points is not None and len(points.depths):
+        enter, inside = ray_entry_depths(trials, points)
+        is_behind = points.depths > enter[0]
+        sigma = np.hypot(points.sigma, np.where(is_behind, HOLLOW_FRACTION * inside[0], 0.0))
+        residual = (enter[0] - points.depths) / sigma
+        jacobian = ((enter[1:] - enter[0]) / (sigma * step[:, None])).T
+        half = np.where(is_behind, BEHIND_HALF_WEIGHT_SIGMAS, FRONT_HALF_WEIGHT_SIGMAS)
+        parts.append((jacobian, residual, half, np.full(len(sigma), min(1.0, MAX_INDEPENDENT_POINTS / len(sigma)))))
+    # 3. Foot.
+    if foot is not None:
+        height = np.exp(parameters[6])
+        jacobian = np.array([[0, 0, 1, 0, 0, 0, -height / 2]]) / foot[1]
+        residual = np.array([(parameters[2] - height / 2 - foot[0]) / foot[1]])
+        parts.append((jacobian, residual, np.array([OUTSIDE_HALF_WEIGHT_SIGMAS]), np.ones(1)))
+    jacobians, residuals, halves, counts = (np.concatenate(part) for part in zip(*parts, strict=True))
     weight = counts / (1 + (residuals / halves) ** 2)
-    return rows, weight, residuals, float((counts * halves**2 * np.log1p((residuals / halves) ** 2)).sum())
+    cost = float((counts * halves**2 * np.log1p((residuals / halves) ** 2)).sum())
+    return jacobians, weight, residuals, cost
 
 
-def _point_residuals(
-    points: Sightings, trial: FloatArray, step: FloatArray
-) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray]:
-    """Slopes (n, 7), residuals (n,), half-weight residuals (n,) and counts (n,) of the points against the faces."""
-    enter, inside = entry_depths(trial, points)
-    behind = points.depths > enter[0]
-    sigma = np.hypot(points.sigma, np.where(behind, HOLLOW_SHARE * inside[0], 0.0))
-    residual = (enter[0] - points.depths) / sigma
-    slope = ((enter[1:] - enter[0]) / (sigma * step[:, None])).T
-    half = np.where(behind, HALF_BEHIND, HALF_BEFORE)
-    return slope, residual, half, np.full(len(sigma), min(1.0, MAX_INDEPENDENT_POINTS / len(sigma)))
-
-
-def _join(fits: list[tuple[float, FloatArray, FloatArray, float]]) -> Cuboid:
-    """The cuboid of several fits (cost, (7,), (7, 7), misfit), each with the weight of its cost."""
-    fits = [fit for fit in fits if np.isfinite(fit[0])] or fits[:1]  # wild cameras make no sense of any heading
-    least = min(fit[0] for fit in fits)
-    kept = [fit for fit in fits if not fit[0] - least >= WORSE_COST]
-    weights = np.array([np.exp(-(fit[0] - least) / 2) if np.isfinite(least) else 1.0 for fit in kept])
+def _mixture(fits: list[_Fit]) -> Cuboid:
+    """Return the mixture of several fits, weighted by their costs, at the centre and yaw of the best one."""
+    fits = [fit for fit in fits if np.isfinite(fit[0])] or fits[:1]  # no yaw explains invalid cameras
+    lowest = min(fit[0] for fit in fits)
+    fits = [fit for fit in fits if not fit[0] - lowest >= MIN_WORSE_COST]
+    weights = np.array([np.exp(-(fit[0] - lowest) / 2) if np.isfinite(lowest) else 1.0 for fit in fits])
     weights /= weights.sum()
-    logs, covariances, centres, yaws = [], [], [], []
-    for _, at, covariance, misfit in kept:
-        order = [4, 5, 6] if at[4] >= at[5] else [5, 4, 6]
-        logs.append(at[order])
+    logs, covariances, yaws = [], [], []
+    for _, parameters, covariance, misfit in fits:
+        order = [4, 5, 6] if parameters[4] >= parameters[5] else [5, 4, 6]
+        logs.append(parameters[order])
         covariances.append(covariance[np.ix_(order, order)] * max(misfit, 1.0) ** 2)
-        centres.append(at[:3])
-        yaws.append(at[3] + (0.0 if order[0] == 4 else np.pi / 2))
+        yaws.append(parameters[3] + (0.0 if order[0] == 4 else np.pi / 2))
     mean = weights @ np.array(logs)
-    off = np.array(logs) - mean
-    spread = np.einsum("k,kij->ij", weights, np.array(covariances) + off[:, :, None] * off[:, None, :])
+    offsets = np.array(logs) - mean
+    covariance = np.einsum("k,kij->ij", weights, np.array(covariances) + offsets[:, :, None] * offsets[:, None, :])
     best = int(weights.argmax())
-    extents = np.exp(mean)
-    return Cuboid(centres[best], float(yaws[best]), extents, spread, kept[best][3])
+    return Cuboid(fits[best][1][:3], float(yaws[best]), np.exp(mean), covariance, fits[best][3])

@@ -1,7 +1,7 @@
-"""Support planes: the level surfaces that objects stand on (floor, desk tops, road), peaks of the heights of a cloud.
+"""Find the level surfaces of a cloud (floor, table tops, road) as peaks of the histogram of its heights.
 
-Points are first thinned to one per cell of space, so that a surface counts by its area and not by how richly it was
-reconstructed.
+The points are first reduced to one per voxel, so that a surface is weighted by its area and not by the density of its
+points.
 """
 
 from __future__ import annotations
@@ -15,127 +15,135 @@ from estimator.records.objects import SupportPlane
 from metric_base.arrays import FloatArray, IntArray
 from metric_base.statistics import robust_sigma
 
-# Height bins over the middle 96 % of heights: 2 cm in a room, twice the noise of an ordinary dense cloud.
+# Number of height bins over the central 96 % of heights: 2 cm in a room, twice the noise of a typical dense cloud.
 HEIGHT_BINS = 150
-# Cells of space along the cloud's diagonal when thinning: 3 cm in a room of six metres.
-THINNING_CELLS = 200
+# Number of voxels along the diagonal of the cloud: 3 cm in a room of six metres.
+VOXELS_PER_DIAGONAL = 200
+# Maximum number of points after downsampling.
 MAX_POINTS = 40_000
-# A plane's bin holds this many times the bins around it; clutter varies by less.
-PEAK_RATIO = 2.0
-# Bins around a peak that say what is ordinary there: a third of all heights, so that a thick noisy floor is a minority.
+# Minimum ratio of the smoothed count of a peak to the median count around it; clutter varies by less.
+MIN_PEAK_TO_MEDIAN = 2.0
+# Number of bins of this median, a third of all heights, so that a thick noisy floor is a minority.
 SURROUNDING_BINS = 51
-# Half the thickness of a level surface and the smoothing before its peak is sought, in bins.
+# Half thickness of a level surface, in bins.
 HALF_THICKNESS_BINS = 2.5
+# Standard deviation of the Gaussian that smooths the histogram, in bins.
 SMOOTHING_BINS = 1.5
-# A plane holds at least this share of the thinned points and this many of them: a table top is a hundredth of a room's
-# surfaces.
-MIN_SHARE = 0.008
+# Minimum fraction of the points in a plane. A table top has a hundredth of the surface of a room.
+MIN_PLANE_FRACTION = 0.008
+# Minimum number of points in a plane.
 MIN_POINTS = 25
-# Two planes closer than this many bins are one surface with noise.
+# Minimum distance of two planes in bins; closer ones are one surface with noise.
 MIN_BINS_APART = 6
-# Cells of a plane's map, in height bins: large enough that a sparse surface has no holes.
+# Side of the cells in the map of a plane, in height bins: large enough for a sparse surface without holes.
 CELL_BINS = 6
-# Below a floor lie only strays: one point in twenty. Below a table lie floor, legs and walls.
-BELOW_FLOOR_SHARE = 0.05
-# ... but below a glossy floor are mirror images of what stands on it: one point in seven. Only a plane that is as wide
-# as this share of the widest may have as many.
-BELOW_GLOSSY_SHARE, WIDE_SHARE = 0.15, 0.5
-# Beyond this part along x a vertical counts as near the x axis.
+# Maximum fraction of points below a floor, which are outliers. More points are below a table: floor, legs and walls.
+MAX_BELOW_FLOOR_FRACTION = 0.05
+# Maximum fraction of points below a glossy floor, where the mirror images of objects are. It applies to wide planes.
+MAX_BELOW_GLOSSY_FLOOR_FRACTION = 0.15
+# Minimum area of a wide plane relative to the widest one.
+MIN_WIDE_FRACTION = 0.5
+# Minimum x component of a vertical that is treated as parallel to the x axis.
 NEAR_X = 0.9
 
 
 def level_basis(up: FloatArray) -> FloatArray:
-    """(3, 3) right-handed rows: two horizontal unit axes, then the unit vector `up` (3,).
+    """Return right-handed unit rows (3, 3): two horizontal axes, then the unit vector `up` (3,).
 
-    The first is the x axis without its part along `up`, or the y axis where up is near x: no jump near any vertical of
-    a frame whose z is up.
+    The first is the x axis without its component along `up`, or the y axis if `up` is close to x. It is continuous
+    around the vertical of a frame whose z axis is up.
     """
     seed = np.array([1.0, 0, 0]) if abs(up[0]) < NEAR_X else np.array([0, 1.0, 0])
-    one = seed - (seed @ up) * up
-    one /= np.linalg.norm(one)
-    return np.stack([one, np.cross(up, one), up])
+    first = seed - (seed @ up) * up
+    first /= np.linalg.norm(first)
+    return np.stack([first, np.cross(up, first), up])
 
 
-def support_planes(up: FloatArray, points: FloatArray) -> tuple[SupportPlane, ...]:
-    """Level surfaces of the cloud (n, 3), lowest first."""
-    thin = one_per_cell(points)
-    if len(thin) < MIN_POINTS:
+def support_planes(
+    up: FloatArray, points: FloatArray, downsampled: FloatArray | None = None
+) -> tuple[SupportPlane, ...]:
+    """Find the level surfaces of a cloud, lowest first.
+
+    Parameters
+    ----------
+    up : (3,) ndarray of float
+        Unit vertical.
+    points : (n, 3) ndarray of float
+    downsampled : (m, 3) ndarray of float, optional
+        Result of `voxel_downsample(points)`, if it is already computed.
+    """
+    if downsampled is None:
+        downsampled = voxel_downsample(points)
+    if len(downsampled) < MIN_POINTS:
         return ()
     basis = level_basis(up)
-    local = thin @ basis.T
-    bin_width = height_bin(local[:, 2])
+    local = downsampled @ basis.T
+    bin_width = height_bin_width(local[:, 2])
+    cell = CELL_BINS * bin_width
     planes = []
-    for height in peaks(local[:, 2], bin_width):
-        near = np.abs(local[:, 2] - height) < HALF_THICKNESS_BINS * bin_width
-        inliers = local[near]
-        planes.append(_plane(basis, inliers, bin_width))
+    for peak in height_peaks(local[:, 2], bin_width):
+        inliers = local[np.abs(local[:, 2] - peak) < HALF_THICKNESS_BINS * bin_width]
+        origin = inliers[:, :2].min(axis=0) - cell
+        index = ((inliers[:, :2] - origin) // cell).astype(np.int64)
+        cells = np.zeros(index.max(axis=0) + 2, dtype=bool)
+        cells[tuple(index.T)] = True
+        height, sigma = float(np.median(inliers[:, 2])), robust_sigma(inliers[:, 2])
+        planes.append(SupportPlane(basis, height, sigma, len(inliers), origin, cell, binary_dilation(cells)))
     return tuple(planes)
 
 
 def floor_of(planes: Sequence[SupportPlane], points: FloatArray) -> SupportPlane | None:
-    """The plane that everything may stand on, None where the cloud (n, 3) shows none.
+    """Return the plane that objects can stand on, or None if the cloud (n, 3) shows none.
 
-    It is the lowest plane with next to nothing below it. A glossy floor has mirror images below it, so a wide plane may
-    have more: as wide as the widest of them.
+    It is the lowest plane with almost no points below it. A plane that is almost as wide as the widest may be a glossy
+    floor and have more points below it, which are mirror images.
     """
     widest = max((np.count_nonzero(plane.cells) for plane in planes), default=0)
     for plane in planes:
-        below = points @ plane.basis[2] < plane.height - 2 * HALF_THICKNESS_BINS * plane.cell / CELL_BINS
-        wide = np.count_nonzero(plane.cells) >= WIDE_SHARE * widest
-        if np.count_nonzero(below) <= (BELOW_GLOSSY_SHARE if wide else BELOW_FLOOR_SHARE) * len(points):
-            return plane if wide or plane is planes[0] else None
+        is_below = points @ plane.basis[2] < plane.height - 2 * HALF_THICKNESS_BINS * plane.cell / CELL_BINS
+        is_wide = np.count_nonzero(plane.cells) >= MIN_WIDE_FRACTION * widest
+        max_fraction = MAX_BELOW_GLOSSY_FLOOR_FRACTION if is_wide else MAX_BELOW_FLOOR_FRACTION
+        if np.count_nonzero(is_below) <= max_fraction * len(points):
+            return plane if is_wide or plane is planes[0] else None
     return None
 
 
-def peaks(heights: FloatArray, bin_width: float) -> list[float]:
-    """Heights of the level surfaces in heights (n,), lowest first: bins that stand out, strongest kept."""
-    counts, low = _histogram(heights, bin_width)
+def height_peaks(heights: FloatArray, bin_width: float) -> list[float]:
+    """Find the level surfaces among heights (n,): bins that stand out from those around them.
+
+    Of peaks closer than `MIN_BINS_APART`, the highest is kept. The result is sorted.
+    """
+    low, high = np.percentile(heights, [0.5, 99.5])
+    index = ((heights - low) // bin_width).astype(np.int64)
+    bins = int((high - low) // bin_width) + 1
+    counts = np.bincount(index[(index >= 0) & (index < bins)], minlength=bins).astype(float)
     smooth = gaussian_filter1d(counts, SMOOTHING_BINS, mode="constant")
     around = np.maximum(median_filter(smooth, SURROUNDING_BINS, mode="reflect"), 1.0)
-    held = np.convolve(counts, np.ones(2 * int(HALF_THICKNESS_BINS) + 1), mode="same")
-    strong = (smooth >= PEAK_RATIO * around) & (held >= max(MIN_POINTS, MIN_SHARE * len(heights)))
-    kept: list[int] = []
-    for index in np.argsort(-smooth):
-        if strong[index] and all(abs(int(index) - other) >= MIN_BINS_APART for other in kept):
-            kept.append(int(index))
-    return sorted(low + (index + 0.5) * bin_width for index in kept)
+    in_plane = np.convolve(counts, np.ones(2 * int(HALF_THICKNESS_BINS) + 1), mode="same")
+    is_peak = (smooth >= MIN_PEAK_TO_MEDIAN * around) & (in_plane >= max(MIN_POINTS, MIN_PLANE_FRACTION * len(heights)))
+    peaks: list[int] = []
+    for peak in np.argsort(-smooth):
+        if is_peak[peak] and all(abs(int(peak) - other) >= MIN_BINS_APART for other in peaks):
+            peaks.append(int(peak))
+    return sorted(float(low) + (peak + 0.5) * bin_width for peak in peaks)
 
 
-def _plane(basis: FloatArray, inliers: FloatArray, bin_width: float) -> SupportPlane:
-    """The plane of its inliers (n, 3) in level coordinates, whose axes are the rows of `basis` (3, 3)."""
-    cell = CELL_BINS * bin_width
-    origin = inliers[:, :2].min(axis=0) - cell
-    index = ((inliers[:, :2] - origin) // cell).astype(np.int64)
-    cells = np.zeros(index.max(axis=0) + 2, dtype=bool)
-    cells[tuple(index.T)] = True
-    middle, sigma = float(np.median(inliers[:, 2])), robust_sigma(inliers[:, 2])
-    return SupportPlane(basis, middle, sigma, len(inliers), origin, cell, binary_dilation(cells))
-
-
-def one_per_cell(points: FloatArray) -> FloatArray:
-    """One of the points (n, 3) per cell of space, (m, 3), at most `MAX_POINTS`."""
+def voxel_downsample(points: FloatArray) -> FloatArray:
+    """Return one of the points (n, 3) per voxel, (m, 3), at most `MAX_POINTS`."""
     points = points[:: max(1, -(-len(points) // (4 * MAX_POINTS)))]
     if len(points) < MIN_POINTS:
         return points
     low, high = np.percentile(points, [2, 98], axis=0)
-    cell = max(float(np.linalg.norm(high - low)) / THINNING_CELLS, np.finfo(float).tiny)
-    index = np.clip((points - low) // cell, -THINNING_CELLS, 2 * THINNING_CELLS).astype(np.int64) + THINNING_CELLS
-    side = 3 * THINNING_CELLS + 1
+    voxel = max(float(np.linalg.norm(high - low)) / VOXELS_PER_DIAGONAL, np.finfo(float).tiny)
+    index = np.clip((points - low) // voxel, -VOXELS_PER_DIAGONAL, 2 * VOXELS_PER_DIAGONAL).astype(np.int64)
+    index += VOXELS_PER_DIAGONAL
+    side = 3 * VOXELS_PER_DIAGONAL + 1
     keys = (index[:, 0] * side + index[:, 1]) * side + index[:, 2]
     rows: IntArray = np.unique(keys, return_index=True)[1]
     return points[rows[:: max(1, -(-len(rows) // MAX_POINTS))]]
 
 
-def height_bin(heights: FloatArray) -> float:
-    """Width of a bin of the heights (n,) of a whole scene."""
+def height_bin_width(heights: FloatArray) -> float:
+    """Return the width of a height bin for the heights (n,) of a scene."""
     low, high = np.percentile(heights, [2, 98])
     return max(float(high - low) / HEIGHT_BINS, np.finfo(float).tiny)
-
-
-def _histogram(heights: FloatArray, bin_width: float) -> tuple[FloatArray, float]:
-    """Counts per bin (b,) over the middle of the heights (n,), and the lower end of the first bin."""
-    low, high = np.percentile(heights, [0.5, 99.5])
-    index = ((heights - low) // bin_width).astype(np.int64)
-    bins = int((high - low) // bin_width) + 1
-    inside = (index >= 0) & (index < bins)
-    return np.bincount(index[inside], minlength=bins).astype(float), float(low)

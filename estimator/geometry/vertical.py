@@ -1,20 +1,17 @@
-"""The vertical of a cloud: from the cameras and all level surfaces together; where these scatter, its sigma is wider.
+"""Estimate the vertical of a scene from its cameras (paper section 4.2) and its level surfaces.
 
-Walls spread evenly over heights and level surfaces pile up at one, so the right vertical is the one whose histogram of
-heights is most peaked. Near it every surface has a plane of its own, and is level but for its own slope. The camera and
-the surfaces are then combined by their covariances; if they scatter by more than these say, the sum is as doubtful.
+Cameras. The paper uses the unit vector most orthogonal to the x axes of all cameras. It is undefined if the cameras
+hardly turn, so the gap between the eigenvalues decides. If it is too small, only the direction orthogonal to the mean x
+axis is known, and the mean camera up is used within it.
 
-Up: the vertical of a scene, from the cameras and then from the planes in it (paper section 4.2).
-
-The paper takes the unit vector most orthogonal to all camera x axes. That is undefined when the cameras hardly turn, so
-the eigen-gap decides: where it is too small only the direction across the x axes is known, the mean camera up fills in
-the rest, and a level surface of the scene settles it where there is one.
+Level surfaces. The heights of walls are spread evenly and those of level surfaces coincide, so the correct vertical has
+the sharpest histogram of heights. Near it, a plane is fitted to each level surface. Cameras and surfaces are combined
+by their covariances; if they scatter by more than these, the standard deviation is increased.
 """
 
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
 
 import numpy as np
 from scipy.ndimage import gaussian_filter1d
@@ -23,71 +20,94 @@ from estimator.geometry.planes import (
     HALF_THICKNESS_BINS,
     MIN_POINTS,
     SMOOTHING_BINS,
-    height_bin,
+    height_bin_width,
+    height_peaks,
     level_basis,
-    one_per_cell,
-    peaks,
+    voxel_downsample,
 )
 from estimator.records.objects import Up
 from estimator.records.scene import SceneProblem, View
 from metric_base.arrays import BoolArray, FloatArray
 from metric_base.errors import InputError
 
-# People hold a camera level within about two degrees from frame to frame; fewer views than would show that
-# spread cannot prove a better one.
+# Minimum standard deviation of the roll of a camera, in degrees. People hold a camera level within about two degrees,
+# and few views cannot prove less.
 ROLL_DEG = 2.0
-# Neighbouring frames of a video lean together: about four make one independent reading.
+# Number of frames of one independent observation of the roll: consecutive frames of a video lean alike.
 FRAMES_PER_READING = 4.0
-# Beyond this the vertical from x axes is worse than the mean camera up with a level surface: a height of a metre-wide
-# object is then off by a tenth.
+# Maximum standard deviation of a vertical from x axes, in degrees. Beyond it, the mean camera up with a level surface
+# is better: the height of an object that is as wide as high is then off by a tenth.
 OBSERVABLE_DEG = 6.0
-# Pitch of hand-held cameras: they look down on objects by some 15 degrees, and the mean camera up leans by as much.
+# Standard deviation of the pitch of hand-held cameras, in degrees: they look down on objects by about this angle, and
+# the mean camera up leans by as much.
 PITCH_DEG = 15.0
-# Gravity by an inertial unit is good to some tenths of a degree at rest, and to about this on a moving hand.
+# Minimum length of the mean camera up orthogonal to the x axis; a shorter one has no meaningful direction.
+MIN_MEAN_UP = 0.1
+# Standard deviation of a vertical from an inertial unit, in degrees: some tenths at rest, and about this in motion.
 GIVEN_DEG = 1.0
-# Two verticals within this tilt, in their standard deviations, are believed to be one.
-BELIEVED_SIGMAS = 3.0
-#: How the methods begin by which the vertical is observed, or given: not guessed from how people hold cameras.
+# Maximum angle between two verticals that are the same, in standard deviations.
+MAX_TILT_SIGMAS = 3.0
+#: Prefixes of the methods in which the vertical is observed or given, not derived from how people hold cameras.
 OBSERVED_METHODS = ("camera-x-axes", "given")
-#: Heights along an up that is so far off are a seventh short, or take in the sides: no scale follows from them.
-WRONG_UP_DEG = 30.0
+#: Angle in degrees from which a given vertical is wrong: heights are a seventh too small, or include the sides.
+MAX_UP_ERROR_DEG = 30.0
+# Maximum number of points for the search of the sharpest histogram.
 MAX_SEARCH_POINTS = 6_000
-# A surface is thinner than a height bin: with bins of this share of it the sharpest vertical is 0.2 degrees off in the
-# median where a floor has few points, 0.7 with whole bins (hard synthetic rooms, seeds 1100 to 1103).
+# Width of a fine bin relative to a height bin: a surface is thinner than a height bin. With 0.25, the median error of
+# the sharpest vertical is 0.2 degrees if a floor has few points, and 0.7 with 1 (hard synthetic rooms, seeds 1100 to
+# 1103).
 FINE_BIN = 0.25
-# Sums of this power of the counts are of a few full bins; sums of squares are of all bins that are not empty.
-POWER = 3
-# Steps of the search to either side, and the widest tilt that they cover with fine bins. A wider search, of cameras
-# that hardly turn, begins with whole bins.
-STEPS, WIDEST_DEG = 12, 15.0
-# One point in so many at either end is a stray.
-STRAYS = 200
-# Roll of a hand-held camera about a known horizontal axis, and where the search from the best of the grid ends.
-KNOWN_DEG, FINEST_DEG = 1.0, 0.05
-# A peak twice as sharp outweighs a tilt of two and a half standard deviations.
-BELIEF_WEIGHT = 0.2
-# The window about a plane cuts a tilted surface short, so each fit goes part of the way.
-ROUNDS = 12
-# Bins of the planes' own fits, in height bins: thinner than for support planes, so that what lies on one takes no part.
+# Exponent of the counts in the sharpness: a few full bins determine sums of cubes, all occupied bins sums of squares.
+SHARPNESS_POWER = 3
+# Number of steps of the search in each direction.
+STEPS = 12
+# Maximum tilt in degrees that is searched with fine bins only. A wider search, for cameras that hardly turn, begins
+# with height bins.
+MAX_FINE_DEG = 15.0
+# The highest and the lowest 1 / TRIM_DENOMINATOR of the points are outliers.
+TRIM_DENOMINATOR = 200
+# Standard deviation in degrees of the roll of a hand-held camera about a known horizontal axis.
+KNOWN_AXIS_DEG = 1.0
+# Step in degrees at which the search ends.
+MIN_STEP_DEG = 0.05
+# Weight of the cameras' estimate in the search: a peak twice as sharp outweighs a tilt of 2.5 standard deviations.
+CAMERA_PRIOR_WEIGHT = 0.2
+# Number of rounds of a plane fit. The window around the plane truncates a tilted surface, so each round covers a part
+# of the correction.
+FIT_ROUNDS = 12
+# Width of the bins of plane fits relative to a height bin, to exclude objects on the surface.
 FIT_BIN = 0.5
-# A fit that ends further from the start than this is of a slope or a wall.
-MOST_SLOPE_DEG = 8.0
-# Errors of neighbouring points go together: every tenth counts as one of its own.
+# Maximum angle in degrees between the normal of a level surface and the start; a larger one is a slope or a wall.
+MAX_SLOPE_DEG = 8.0
+# Number of points per independent observation of a plane: the errors of neighbouring points are correlated.
 POINTS_PER_READING = 10.0
-# However many points a level surface has, reconstructions bend by about a hundredth of their width and floors slope a
-# little; a surface of a part of the scene's width slopes by as much more. With 0.7, 80 to 97 % of hard synthetic rooms
-# with tilted tables (seeds 1100 to 1103) are within 1.5 standard deviations.
+# Standard deviation in degrees of the slope of a surface that is as wide as the scene, whatever its number of points:
+# reconstructions bend by about a hundredth of their width, and floors slope slightly. It is inversely proportional to
+# the width. With 0.7, 80 to 97 % of hard synthetic rooms with tilted tables (seeds 1100 to 1103) are within 1.5
+# standard deviations.
 SLOPE_DEG = 0.7
-# What no scatter shows: all surfaces bend alike.
+# Standard deviation in degrees of an error that all surfaces share.
 COMMON_DEG = 0.3
+
+# Normal (3,), standard deviations (3,) of the points along the axes (3, 3), whose first is the normal; rows (n,) bool.
+_Surface = tuple[FloatArray, FloatArray, FloatArray, BoolArray]
 
 
 def camera_up(views: Sequence[View]) -> Up:
-    """Up from the cameras alone.
+    """Estimate the vertical from the cameras.
 
-    Equation: n = argmin |R x| over unit x, R the (v, 3) camera x axes; n is the eigenvector of the smallest eigenvalue
-    of R^T R. Its tilt towards eigenvector j has variance k roll^2 / (lambda_j - lambda_1), k frames making one reading,
-    so the gap to the second eigenvalue decides. The sign is that of the mean camera up. Without views: ValueError.
+    It is n = argmin ``|R x|`` over unit vectors x, with the x axes R (v, 3) of the cameras: the eigenvector of the
+    smallest eigenvalue of R^T R. The variance of its tilt towards eigenvector j is k roll^2 / (lambda_j - lambda_1),
+    with k frames per independent observation. The sign is that of the mean camera up.
+
+    Parameters
+    ----------
+    views : sequence of View
+
+    Raises
+    ------
+    ValueError
+        There are no views.
     """
     if not views:
         raise ValueError("up needs at least one view")
@@ -99,176 +119,183 @@ def camera_up(views: Sequence[View]) -> Up:
     normal = vectors[:, 0]
     if sigma <= OBSERVABLE_DEG and abs(normal @ mean_up) > 0.5 * np.linalg.norm(mean_up):
         return Up(normal * np.sign(normal @ mean_up), "camera-x-axes", float(sigma))
-    return _mean_up(mean_up, vectors[:, 2])
+    x_axis = vectors[:, 2]
+    across = mean_up - (mean_up @ x_axis) * x_axis
+    length = float(np.linalg.norm(across))
+    if length >= MIN_MEAN_UP:
+        return Up(across / length, "mean-camera-up", PITCH_DEG, x_axis)
+    other = [1.0, 0, 0] if abs(x_axis[0]) < 0.9 else [0, 1.0, 0]
+    return Up(np.cross(x_axis, other), "none", 90.0)
 
 
 def up_from_vector(vector: Sequence[float] | FloatArray) -> Up:
-    """Up that is known from outside, such as from an inertial unit: a vector (3,) of any length but 0.
+    """Return a known vertical, such as that of an inertial unit; `vector` (3,) has any length except 0.
 
     Raises
     ------
     InputError
-        It is not three finite numbers, or all are 0.
+        The vector is not three finite numbers, or all are 0.
     """
     direction = np.asarray(vector, dtype=float)
     if direction.shape != (3,) or not np.isfinite(direction).all() or not direction.any():
         raise InputError.at("up", "direction", "three finite numbers, not all 0", tuple(vector))
-    direction = direction / np.abs(direction).max()  # its square may be no number
+    direction = direction / np.abs(direction).max()  # its square may overflow
     return Up(direction / np.linalg.norm(direction), "given", GIVEN_DEG)
 
 
-def up_problems(given: Up, seen: Up) -> tuple[SceneProblem, ...]:
+def up_problems(given: Up, estimated: Up) -> tuple[SceneProblem, ...]:
     """Return the contradiction between a given vertical and that of the cameras and level surfaces, if there is one."""
-    if seen.method == "none":
+    if estimated.method == "none":
         return ()
-    angle = float(np.degrees(np.arccos(np.clip(given.vector @ seen.vector, -1, 1))))
-    limit = BELIEVED_SIGMAS * float(np.hypot(given.sigma_deg, seen.sigma_deg))
+    angle = float(np.degrees(np.arccos(np.clip(given.vector @ estimated.vector, -1, 1))))
+    limit = MAX_TILT_SIGMAS * float(np.hypot(given.sigma_deg, estimated.sigma_deg))
     if angle <= limit:
         return ()
     if 180 - angle <= limit:
-        return (SceneProblem(f"the given up points down ({seen.method}): gravity points down, up is its opposite"),)
-    sentence = f"the given up is {angle:.0f}° from what the scene shows ({seen.method}, ±{seen.sigma_deg:.1f}°)"
-    return (SceneProblem(sentence, min(angle, 180 - angle) > WRONG_UP_DEG + limit),)
+        gravity = "gravity points down, up is its opposite"
+        return (SceneProblem(f"the given up points down ({estimated.method}): {gravity}"),)
+    uncertainty = f"{estimated.method}, ±{estimated.sigma_deg:.1f}°"
+    message = f"the given up is {angle:.0f}° from what the scene shows ({uncertainty})"
+    return (SceneProblem(message, min(angle, 180 - angle) > MAX_UP_ERROR_DEG + limit),)
 
 
-def _mean_up(mean_up: FloatArray, x_axis: FloatArray) -> Up:
-    """Mean camera up (3,) made orthogonal to the common x axis (3,); scattered cameras leave it wide open."""
-    across = mean_up - (mean_up @ x_axis) * x_axis
-    length = float(np.linalg.norm(across))
-    if length < 0.1:
-        return Up(
-            np.cross(x_axis, [1.0, 0, 0]) if abs(x_axis[0]) < 0.9 else np.cross(x_axis, [0, 1.0, 0]), "none", 90.0
-        )
-    return Up(across / length, "mean-camera-up", PITCH_DEG, x_axis)
+def refine_up(up: Up, points: FloatArray, downsampled: FloatArray | None = None) -> Up:
+    """Refine a vertical by the level surfaces of a cloud.
 
+    Parameters
+    ----------
+    up : Up
+        Vertical of the cameras.
+    points : (n, 3) ndarray of float
+    downsampled : (m, 3) ndarray of float, optional
+        Result of `voxel_downsample(points)`, if it is already computed.
 
-@dataclass(frozen=True, slots=True, eq=False)
-class _Surface:
-    """A plane fitted to points of its own: unit normal (3,), the points' standard deviations (3,) along `axes` (3, 3).
-
-    The first axis is the normal; rows : (n,) which points.
+    Returns
+    -------
+    Up
+        `up` itself if it is unknown or the cloud has no level surface.
     """
-
-    normal: FloatArray
-    spread: FloatArray
-    axes: FloatArray
-    rows: BoolArray
-
-
-def refine_up(up: Up, points: FloatArray) -> Up:
-    """Up after the level surfaces of the cloud (n, 3); the same where there is none to believe."""
-    thin = one_per_cell(points)
-    if len(thin) < MIN_POINTS or up.method == "none":
+    if downsampled is None:
+        downsampled = voxel_downsample(points)
+    if len(downsampled) < MIN_POINTS or up.method == "none":
         return up
-    bin_width = height_bin(thin @ up.vector)
-    start = _most_peaked(up, thin[:: -(-len(thin) // MAX_SEARCH_POINTS)], bin_width)
-    surfaces = _surfaces(start, thin, bin_width)
-    return _combine(up, start, surfaces, thin) if surfaces else up
+    bin_width = height_bin_width(downsampled @ up.vector)
+    start = _sharpest_vertical(up, downsampled[:: -(-len(downsampled) // MAX_SEARCH_POINTS)], bin_width)
+    surfaces = _level_surfaces(start, downsampled, bin_width)
+    return _combine(up, start, surfaces, downsampled) if surfaces else up
 
 
-def _most_peaked(up: Up, points: FloatArray, bin_width: float) -> FloatArray:
-    """(3,) the vertical near `up` whose histogram of heights is most peaked, the cameras' own belief counted in."""
+def _sharpest_vertical(up: Up, points: FloatArray, bin_width: float) -> FloatArray:
+    """Return the vertical (3,) near `up` with the sharpest histogram of the heights of points (n, 3).
+
+    The cameras' estimate has a weight. The search is a grid of tilts, followed by a pattern search.
+    """
     basis = level_basis(up.vector)
-    known = up.known if up.known is not None else basis[0]
-    known = known - (known @ up.vector) * up.vector
-    known /= np.linalg.norm(known)
-    # the tilt about the known axis is open by sigma, the other one by the roll of a hand-held camera
-    sigma = np.array([up.sigma_deg, KNOWN_DEG if up.known is not None else up.sigma_deg])
-    axes = np.stack([np.cross(known, up.vector), known])
-    middle, reach = np.zeros(2), BELIEVED_SIGMAS * sigma
-    for width in (bin_width, FINE_BIN * bin_width) if reach[0] > WIDEST_DEG else (FINE_BIN * bin_width,):
+    axis = up.reliable_axis if up.reliable_axis is not None else basis[0]
+    axis = axis - (axis @ up.vector) * up.vector
+    axis /= np.linalg.norm(axis)
+    # The standard deviation is that of the tilt about the known axis; the other tilt is the roll of the camera.
+    sigma = np.array([up.sigma_deg, KNOWN_AXIS_DEG if up.reliable_axis is not None else up.sigma_deg])
+    axes = np.stack([np.cross(axis, up.vector), axis])
+    centre, radius = np.zeros(2), MAX_TILT_SIGMAS * sigma
+    for width in (bin_width, FINE_BIN * bin_width) if radius[0] > MAX_FINE_DEG else (FINE_BIN * bin_width,):
         steps = np.linspace(-1, 1, 2 * STEPS + 1)
-        grid = middle + np.stack(np.meshgrid(steps, steps, indexing="ij"), axis=-1).reshape(-1, 2) * reach
-        middle = grid[_sharpness(grid, sigma, up.vector, axes, points, width).argmax()]
-        reach = np.minimum(reach, WIDEST_DEG)
-    step = float(reach.max()) / STEPS
-    while step > FINEST_DEG:
-        around = middle + step * np.array([[0, 0], [1, 0], [-1, 0], [0, 1], [0, -1]])
+        grid = centre + np.stack(np.meshgrid(steps, steps, indexing="ij"), axis=-1).reshape(-1, 2) * radius
+        centre = grid[_sharpness(grid, sigma, up.vector, axes, points, width).argmax()]
+        radius = np.minimum(radius, MAX_FINE_DEG)
+    step = float(radius.max()) / STEPS
+    while step > MIN_STEP_DEG:
+        around = centre + step * np.array([[0, 0], [1, 0], [-1, 0], [0, 1], [0, -1]])
         best = int(_sharpness(around, sigma, up.vector, axes, points, FINE_BIN * bin_width).argmax())
-        middle, step = around[best], step / (1 if best else 2)
-    return np.asarray(_directions(up.vector, axes, middle[None])[0])
+        centre, step = around[best], step / (1 if best else 2)
+    return np.asarray(_tilt_up(up.vector, axes, centre[None])[0])
 
 
-def _directions(up: FloatArray, axes: FloatArray, degrees: FloatArray) -> FloatArray:
-    """(k, 3) unit vectors that lean from `up` along the two `axes` (2, 3) by angles (k, 2)."""
-    leaning = up + np.tan(np.radians(degrees)) @ axes
-    return np.asarray(leaning / np.linalg.norm(leaning, axis=1, keepdims=True))
+def _tilt_up(up: FloatArray, axes: FloatArray, degrees: FloatArray) -> FloatArray:
+    """Return `up` (3,) tilted along the two `axes` (2, 3) by angles (k, 2), as unit vectors (k, 3)."""
+    vectors = up + np.tan(np.radians(degrees)) @ axes
+    return np.asarray(vectors / np.linalg.norm(vectors, axis=1, keepdims=True))
 
 
 def _sharpness(
     degrees: FloatArray, sigma: FloatArray, up: FloatArray, axes: FloatArray, points: FloatArray, bin_width: float
 ) -> FloatArray:
-    """(k,) how peaked the heights of the points (n, 3) are along each of the tilts (k, 2), and how likely these are."""
+    """Return the log sharpness (k,) of the heights of points (n, 3) for tilts (k, 2), plus the log prior of the tilt.
+
+    `axes` (2, 3) are the directions of the tilts and `sigma` (2,) their standard deviations in degrees.
+    """
     score = np.empty(len(degrees))
-    for row, vector in enumerate(_directions(up, axes, degrees)):
+    for row, vector in enumerate(_tilt_up(up, axes, degrees)):
         heights = points @ vector
-        ends = len(heights) // STRAYS
+        ends = len(heights) // TRIM_DENOMINATOR
         heights = np.partition(heights, (ends, -1 - ends))[ends : len(heights) - ends]
         counts = np.bincount(((heights - heights[0]) / bin_width).astype(np.int64))
-        sharp = gaussian_filter1d(counts.astype(float), SMOOTHING_BINS, mode="constant")
-        score[row] = 2 / POWER * np.log((sharp**POWER).sum())
-    return np.asarray(score - BELIEF_WEIGHT / 2 * np.square(degrees / sigma).sum(axis=1))
+        smooth = gaussian_filter1d(counts.astype(float), SMOOTHING_BINS, mode="constant")
+        score[row] = 2 / SHARPNESS_POWER * np.log((smooth**SHARPNESS_POWER).sum())
+    return np.asarray(score - CAMERA_PRIOR_WEIGHT / 2 * np.square(degrees / sigma).sum(axis=1))
 
 
-def _surfaces(start: FloatArray, points: FloatArray, bin_width: float) -> list[_Surface]:
-    """The planes near level of points (n, 3) at the peaks of their heights along `start` (3,), those of most first.
+def _level_surfaces(start: FloatArray, points: FloatArray, bin_width: float) -> list[_Surface]:
+    """Fit planes to points (n, 3) at the peaks of their heights along `start` (3,); those with most points are first.
 
-    A surface that leans is no peak in fine bins, and one with things on it no plane in coarse ones.
+    Peaks are found with two bin widths: a tilted surface is no peak in fine bins, and a surface with objects on it is
+    no plane in coarse ones. Of two planes that share half of their points, the one with more points is kept.
     """
     widths = (bin_width, FIT_BIN * bin_width)
     fits = [
-        _fit(start, height, points, width, widths[1]) for width in widths for height in peaks(points @ start, width)
+        _fit_plane(start, height, points, width, widths[1])
+        for width in widths
+        for height in height_peaks(points @ start, width)
     ]
-    kept: list[_Surface] = []
-    for fit in sorted((fit for fit in fits if fit is not None), key=lambda one: -np.count_nonzero(one.rows)):
-        # two peaks may be one surface
-        if all(2 * np.count_nonzero(fit.rows & other.rows) < np.count_nonzero(fit.rows) for other in kept):
-            kept.append(fit)
-    return kept
+    surfaces: list[_Surface] = []
+    for fit in sorted((fit for fit in fits if fit is not None), key=lambda fit: -np.count_nonzero(fit[3])):
+        rows = fit[3]
+        if all(2 * np.count_nonzero(rows & other[3]) < np.count_nonzero(rows) for other in surfaces):
+            surfaces.append(fit)
+    return surfaces
 
 
-def _fit(start: FloatArray, height: float, points: FloatArray, first: float, last: float) -> _Surface | None:
-    """The plane of points (n, 3) about a height along `start` (3,), its normal free; None if it is not near level.
+def _fit_plane(start: FloatArray, height: float, points: FloatArray, first: float, last: float) -> _Surface | None:
+    """Fit a plane to points (n, 3) around a height along `start` (3,); None if it is not nearly level.
 
-    first, last : bin widths of the window about the plane in the first and the last round
+    The window around the plane shrinks from the bin width `first` in the first round to `last` in the last.
     """
     normal, centre = start, height * start
-    for width in np.geomspace(first, last, ROUNDS):
+    for width in np.geomspace(first, last, FIT_ROUNDS):
         rows = np.abs((points - centre) @ normal) < HALF_THICKNESS_BINS * width
         if np.count_nonzero(rows) < MIN_POINTS:
             return None
         centre = points[rows].mean(axis=0)
         values, vectors = np.linalg.eigh(np.cov(points[rows].T))
         normal = vectors[:, 0] * np.sign(vectors[:, 0] @ start)
-    if normal @ start < np.cos(np.radians(MOST_SLOPE_DEG)):
+    if normal @ start < np.cos(np.radians(MAX_SLOPE_DEG)):
         return None
-    return _Surface(normal, np.sqrt(np.maximum(values, 0.0)), vectors.T, rows)
+    return normal, np.sqrt(np.maximum(values, 0.0)), vectors.T, rows
 
 
 def _combine(up: Up, start: FloatArray, surfaces: list[_Surface], points: FloatArray) -> Up:
-    """Up from the cameras and the surfaces among the points (n, 3), by their covariances.
+    """Combine the verticals of the cameras and of the surfaces among points (n, 3) by their covariances.
 
-    Equation: with x_k the tilt of cue k against `start` (3,) and C_k its covariance, x = S sum C_k^-1 x_k and S = (sum
-    C_k^-1)^-1, times the sum of (x_k - x)^T C_k^-1 (x_k - x) over 2 (k - 1) where that is more than 1 (Birge 1932). A
-    surface's C is along each of its axes (flatness / width)^2 / readings + (0.7 degrees, times the scene's width over
-    its own if that is larger)^2.
+    With the tilt x_k of vertical k against `start` (3,) and its covariance C_k, x = S sum C_k^-1 x_k and
+    S = (sum C_k^-1)^-1, times the sum of (x_k - x)^T C_k^-1 (x_k - x) over 2 (k - 1) if that is more than 1 (Birge
+    1932). Along each axis of a surface, C_k is (flatness / width)^2 per independent observation, plus
+    (0.7 degrees * max(width of the scene / width, 1))^2.
     """
     basis = level_basis(start)
     across = np.percentile(points @ basis[:2].T, [84, 16], axis=0)
-    width = float(np.sqrt(np.prod(across[0] - across[1])) / 2)
-    tilts = [
-        np.degrees(basis[:2] @ normal / (basis[2] @ normal)) for normal in (up.vector, *(s.normal for s in surfaces))
-    ]
+    scene_width = float(np.sqrt(np.prod(across[0] - across[1])) / 2)
+    normals = (up.vector, *(normal for normal, _, _, _ in surfaces))
+    tilts = [np.degrees(basis[:2] @ normal / (basis[2] @ normal)) for normal in normals]
     precisions = [np.eye(2) / up.sigma_deg**2]
-    for one in surfaces:
-        readings = max(np.count_nonzero(one.rows) / POINTS_PER_READING, 1.0)
-        fitted = np.degrees(one.spread[0] / one.spread[1:] / np.sqrt(readings))
-        sloping = SLOPE_DEG * np.maximum(width / one.spread[1:], 1.0)
-        sides = one.axes[1:] @ basis[:2].T
-        precisions.append(np.linalg.inv((sides.T * (fitted**2 + sloping**2)) @ sides))
+    for _, deviations, axes, rows in surfaces:
+        readings = max(np.count_nonzero(rows) / POINTS_PER_READING, 1.0)
+        fit_deg = np.degrees(deviations[0] / deviations[1:] / np.sqrt(readings))
+        slope_deg = SLOPE_DEG * np.maximum(scene_width / deviations[1:], 1.0)
+        sides = axes[1:] @ basis[:2].T
+        precisions.append(np.linalg.inv((sides.T * (fit_deg**2 + slope_deg**2)) @ sides))
     covariance = np.linalg.inv(sum(precisions))
-    tilt = covariance @ sum(own @ x for own, x in zip(precisions, tilts, strict=True))
-    scatter = sum(float((x - tilt) @ own @ (x - tilt)) for own, x in zip(precisions, tilts, strict=True))
+    tilt = covariance @ sum(precision @ x for precision, x in zip(precisions, tilts, strict=True))
+    scatter = sum(float((x - tilt) @ precision @ (x - tilt)) for precision, x in zip(precisions, tilts, strict=True))
     variance = np.trace(covariance) / 2 * max(scatter / (2 * len(surfaces)), 1.0)
-    vector = _directions(start, basis[:2], tilt[None])[0]
+    vector = _tilt_up(start, basis[:2], tilt[None])[0]
     return Up(vector, f"{up.method}+plane", float(np.sqrt(variance + COMMON_DEG**2)))

@@ -112,14 +112,14 @@ class SupportPlane:
 class Up:
     """The vertical: `vector` (3,) unit, pointing up; `method` its name; `sigma_deg` one standard deviation of its tilt.
 
-    `known` (3,) is a horizontal direction known well (the mean camera x axis) where the tilt about it is not; else
-    None.
+    `reliable_axis` (3,) is a horizontal direction that is accurate (the mean camera x axis) although the tilt about it
+    is not; else None.
     """
 
     vector: FloatArray
     method: str
     sigma_deg: float
-    known: FloatArray | None = None
+    reliable_axis: FloatArray | None = None
 
 
 @dataclass(frozen=True, slots=True, eq=False)

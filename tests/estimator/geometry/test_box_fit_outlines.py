@@ -6,7 +6,7 @@ import numpy as np
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from estimator.geometry.cuboid_fit import _reaches
+from estimator.geometry.cuboid_fit import cuboid_projections
 from estimator.geometry.mask_outlines import Outlines
 
 LOG = st.floats(-1.0, 1.0)
@@ -24,7 +24,7 @@ def camera(distance: float) -> Outlines:
 def test_half_a_turn_and_an_exchange_of_sides_change_nothing(
     yaw: float, length: float, width: float, height: float, aside: float
 ) -> None:
-    one, half, quarter, mirrored = _reaches(
+    one, half, quarter, mirrored = cuboid_projections(
         camera(12.0),
         np.array([
             [aside, 0.3, 0.1, yaw, length, width, height],

@@ -8,8 +8,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from estimator.geometry.cuboid_fit import Sightings, entry_depths, fit_cuboid
-from estimator.geometry.mask_outlines import Outlines, mask_reaches
+from estimator.geometry.cuboid_fit import PointRays, fit_cuboid, ray_entry_depths
+from estimator.geometry.mask_outlines import Outlines, mask_contour, outline_extents
 from estimator.projection.cameras import project
 from estimator.records.scene import Instance, Scene, View
 from metric_base.arrays import FloatArray
@@ -48,8 +48,9 @@ def _boxes(views: tuple[View, ...], size: FloatArray = SIZE, yaw: float = 0.3) -
 def box_edges(boxes: list[Instance], views: tuple[View, ...], basis: FloatArray) -> Outlines:
     """The outlines of one object's boxes, each in its own view."""
     scene = Scene(Path("memory"), "memory", tuple(views), np.empty((0, 3)))
-    reaches = mask_reaches(scene, boxes, np.full(len(boxes), np.nan))
-    return reaches.of(range(len(boxes)), boxes, scene, basis)
+    contours = [mask_contour(item) for item in boxes]
+    extents = outline_extents(scene, boxes, contours, np.full(len(boxes), np.nan))
+    return extents.of_object(range(len(boxes)), [scene.views[item.view] for item in boxes], basis)
 
 
 def test_sides_of_a_cylinder_are_a_seventh_short_and_its_height_is_right() -> None:
@@ -78,7 +79,7 @@ def test_edges_at_the_border_say_nothing() -> None:
     # so near that every picture cuts the top off: the height is unknown, unlike the sides
     views = orbit(10, 1.3, 0.5, target=(0.1, -0.2, 0.0))
     edges = box_edges(_boxes(views), views, np.eye(3))
-    assert not edges.free[:, 1].any()
+    assert not edges.is_free[:, 1].any()
     cuboid = fit_cuboid(edges, MIDDLE, 0.0, foot=(0.0, 0.02))
     sigma = np.sqrt(np.diag(cuboid.covariance))
     assert sigma[2] > 2 * sigma[:2].min()
@@ -93,8 +94,8 @@ def test_sigma_grows_where_views_are_few() -> None:
 
 
 def test_a_ray_enters_where_the_near_face_is_and_a_miss_lies_between() -> None:
-    sight = Sightings(np.array([[-5.0, 0, 0], [-5, 3, 0]]), np.array([[1.0, 0, 0]] * 2), np.ones(2), np.ones(2))
-    enter, inside = entry_depths(np.array([[0.0, 0, 0, 0.0, *np.log([2.0, 1.0, 1.0])]]), sight)
+    sight = PointRays(np.array([[-5.0, 0, 0], [-5, 3, 0]]), np.array([[1.0, 0, 0]] * 2), np.ones(2), np.ones(2))
+    enter, inside = ray_entry_depths(np.array([[0.0, 0, 0, 0.0, *np.log([2.0, 1.0, 1.0])]]), sight)
     assert enter[0, 0] == pytest.approx(4.0)
     assert inside[0].tolist() == pytest.approx([2.0, 0.0])
 
@@ -106,7 +107,7 @@ def test_one_view_and_a_point_give_a_size_and_half_the_depth_half_of_it() -> Non
     ray = (MIDDLE - eye) / np.linalg.norm(MIDDLE - eye)
     for share in (1.0, 0.5):
         depth = share * float(np.linalg.norm(MIDDLE - eye))
-        point = Sightings(eye[None], ray[None], np.array([depth]), np.array([0.01]))
+        point = PointRays(eye[None], ray[None], np.array([depth]), np.array([0.01]))
         cuboid = fit_cuboid(edges, eye + depth * ray, 0.0, points=point)
         assert cuboid.extents[2] == pytest.approx(share * SIZE[2], rel=0.15)
         assert np.sqrt(cuboid.covariance[0, 0]) > 2 * np.sqrt(cuboid.covariance[2, 2])

@@ -3,16 +3,14 @@
 from __future__ import annotations
 
 from dataclasses import replace
-from types import SimpleNamespace
-from typing import cast
 
 import numpy as np
 import pytest
 
 from estimator.geometry.cuboid_fit import Cuboid
 from estimator.geometry.extents import HIDDEN_TOP_SIGMA
-from estimator.geometry.mask_outlines import mask_reaches
-from estimator.geometry.outline_measurement import LEVEL_TOP, OutlineData, _outline_sizes
+from estimator.geometry.mask_outlines import mask_contour, outline_extents
+from estimator.geometry.outline_measurement import LEVEL_TOP, combine_sizes
 from estimator.geometry.point_noise import point_covariances
 from estimator.pipeline import measure_objects
 from estimator.records.objects import Box, MeasuredObject
@@ -68,11 +66,12 @@ def test_an_edge_behind_a_nearer_mask_is_not_free(world: FewPointsWorld) -> None
         first, id="cover", mask=np.ones((height, 20), dtype=bool), origin=(first.origin[0] + width, first.origin[1])
     )
     solid = replace(first, mask=np.ones_like(first.mask))
-    alone = mask_reaches(world.scene, [solid], np.array([5.0]))
+    contours = [mask_contour(solid), mask_contour(beside)]
+    alone = outline_extents(world.scene, [solid], contours[:1], np.array([5.0]))
     for depth, free in ((4.0, False), (6.0, True)):
-        covered = mask_reaches(world.scene, [solid, beside], np.array([5.0, depth]))
-        assert covered.free[0, 2] == (free and alone.free[0, 2])
-        assert covered.free[0, 0] == alone.free[0, 0]
+        covered = outline_extents(world.scene, [solid, beside], contours, np.array([5.0, depth]))
+        assert covered.is_free[0, 2] == (free and alone.is_free[0, 2])
+        assert covered.is_free[0, 0] == alone.is_free[0, 0]
 
 
 def test_many_points_of_a_short_baseline_do_not_stretch_an_object() -> None:
@@ -89,13 +88,12 @@ def test_many_points_of_a_short_baseline_do_not_stretch_an_object() -> None:
 def test_what_lies_on_a_table_is_no_height_of_it_by_outlines() -> None:
     """Outlines of a table 60 wide and 45 high with a television on it are 110 high."""
     cuboid = Cuboid(np.zeros(3), 0.0, np.array([0.9, 0.6, 1.1]), np.diag([1e-4] * 3), 0.0)
-    data = cast("OutlineData", SimpleNamespace(basis=np.eye(3)))
 
     def sizes(height: float, sigma: float, notes: tuple[str, ...]) -> MeasuredObject:
         seen = np.array([0.8, 0.5, height])
         item = MeasuredObject("1", "table", seen, np.array([0.2, 0.3, sigma]), notes=notes)
         item = replace(item, box=Box(np.zeros(3), np.eye(3), seen))
-        return _outline_sizes(item, cuboid, data, (False, False), np.zeros(3, dtype=bool), 0.001)
+        return combine_sizes(item, cuboid, np.eye(3), (False, False), np.zeros(3, dtype=bool), 0.001)
 
     level = sizes(0.45, 0.08, (LEVEL_TOP,))
     assert level.extents == pytest.approx([0.9, 0.6, 0.45])

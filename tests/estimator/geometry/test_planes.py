@@ -6,9 +6,9 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
-from estimator.geometry.category_rules import stands
-from estimator.geometry.planes import floor_of, level_basis, support_planes
-from estimator.geometry.support import Level, foot_on, ground_of, level_below
+from estimator.geometry.category_rules import stands_on_floor
+from estimator.geometry.planes import floor_of, level_basis, support_planes, voxel_downsample
+from estimator.geometry.support import SupportCloud, SupportLevel, find_support_level, foot_on_level
 from tests.synthetic.shapes import box, floor, orbit, synthetic_scene
 
 UP = np.array([0, 0, 1.0])
@@ -78,7 +78,7 @@ def test_level_basis_is_right_handed():
 def test_few_points_have_no_planes():
     assert support_planes(UP, np.empty((0, 3))) == ()
     assert support_planes(UP, np.zeros((5, 3))) == ()
-    assert ground_of(np.empty((0, 3)), np.eye(3), ()) is None
+    assert SupportCloud.from_points(np.empty((0, 3)), None) is None
 
 
 def corners(x, y, half=0.15):
@@ -89,49 +89,50 @@ def test_the_level_around_an_object_is_found_though_hidden_below_it(room):
     """The box on the table: the surface it hides is read off around it; beside the table it is the floor."""
     points = room.scene.dense.points
     basis = np.eye(3)
-    ground = ground_of(points, basis, support_planes(UP, points))
-    on_table = level_below(ground, corners(0.2, 0), np.array([0, 0, 0.75]), np.array([0.3, 0.3, 1.02]), None)
+    planes = support_planes(UP, points)
+    ground = SupportCloud.from_points(voxel_downsample(points) @ basis.T, floor_of(planes, points))
+    on_table = find_support_level(ground, corners(0.2, 0), np.array([0, 0, 0.75]), np.array([0.3, 0.3, 1.02]), None)
     assert on_table.height == pytest.approx(0.72, abs=0.015)
-    on_floor = level_below(ground, corners(1.2, -1.0), np.array([0, 0, 0.1]), np.array([0.3, 0.3, 1.0]), None)
+    on_floor = find_support_level(ground, corners(1.2, -1.0), np.array([0, 0, 0.1]), np.array([0.3, 0.3, 1.0]), None)
     assert on_floor.height == pytest.approx(0.0, abs=0.015)
 
 
 def test_a_small_gap_is_filled_and_a_large_one_is_not():
-    foot = foot_on(Level(-0.2, 0.01), LOW, HIGH, 0.01, None, np.nan)
-    assert foot.filled
+    foot = foot_on_level(SupportLevel(-0.2, 0.01), LOW, HIGH, 0.01, None, np.nan)
+    assert foot.is_extended
     assert foot.bottom == -0.2
     assert foot.sigma > 0.005
-    hanging = foot_on(Level(-1.0, 0.01), LOW, HIGH, 0.01, None, np.nan)
-    assert not hanging.standing
+    hanging = foot_on_level(SupportLevel(-1.0, 0.01), LOW, HIGH, 0.01, None, np.nan)
+    assert not hanging.is_supported
     assert hanging.bottom == 0
 
 
 def test_masks_decide_where_they_tell():
-    level = Level(-0.3, 0.01)
-    assert foot_on(level, LOW, HIGH, 0.01, None, 0.9).filled
-    assert not foot_on(level, LOW, HIGH, 0.01, None, 0.1).filled
+    level = SupportLevel(-0.3, 0.01)
+    assert foot_on_level(level, LOW, HIGH, 0.01, None, 0.9).is_extended
+    assert not foot_on_level(level, LOW, HIGH, 0.01, None, 0.1).is_extended
 
 
 def test_objects_that_hang_are_never_dropped_to_the_floor():
-    assert not foot_on(Level(-0.3, 0.01), LOW, HIGH, 0.01, False, 0.9).filled
-    assert not foot_on(Level(-1.5, 0.01), LOW, HIGH, 0.01, stands("clock"), np.nan).filled
+    assert not foot_on_level(SupportLevel(-0.3, 0.01), LOW, HIGH, 0.01, False, 0.9).is_extended
+    assert not foot_on_level(SupportLevel(-1.5, 0.01), LOW, HIGH, 0.01, stands_on_floor("clock"), np.nan).is_extended
 
 
 def test_a_table_top_reaches_the_floor_and_says_so_without_one():
     low, high = np.array([0, 0, 0.68]), np.array([1.2, 0.8, 0.74])
-    foot = foot_on(Level(0.0, 0.01), low, high, 0.01, stands("desk"), np.nan)
-    assert foot.filled
+    foot = foot_on_level(SupportLevel(0.0, 0.01), low, high, 0.01, stands_on_floor("desk"), np.nan)
+    assert foot.is_extended
     assert high[2] - foot.bottom == pytest.approx(0.74)
     assert foot.sigma > 0.03
-    without = foot_on(None, low, high, 0.01, stands("desk"), np.nan)
-    assert without.short
-    assert not foot_on(None, low, high, 0.01, stands("keyboard"), np.nan).short
+    without = foot_on_level(None, low, high, 0.01, stands_on_floor("desk"), np.nan)
+    assert without.is_truncated
+    assert not foot_on_level(None, low, high, 0.01, stands_on_floor("keyboard"), np.nan).is_truncated
 
 
 def test_contact_settles_the_foot_on_the_level():
-    foot = foot_on(Level(0.02, 0.005), LOW, HIGH, 0.03, None, np.nan)
-    assert foot.standing
-    assert not foot.filled
+    foot = foot_on_level(SupportLevel(0.02, 0.005), LOW, HIGH, 0.03, None, np.nan)
+    assert foot.is_supported
+    assert not foot.is_extended
     assert foot.bottom == 0.02
 
 
@@ -154,4 +155,4 @@ def test_contact_settles_the_foot_on_the_level():
     ],
 )
 def test_the_name_settles_who_stands(category, answer):
-    assert stands(category) is answer
+    assert stands_on_floor(category) is answer

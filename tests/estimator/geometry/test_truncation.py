@@ -1,18 +1,22 @@
 """Which sides are cut: image border, something nearer, a side no view sees, a mask that outreaches the points."""
 
-from types import SimpleNamespace
-
 import numpy as np
 import pytest
 
 from estimator.association.point_labels import dense_labels
-from estimator.geometry.truncation import _occluded_pixels, outline, side_evidence
+from estimator.geometry.mask_outlines import mask_contour
+from estimator.geometry.truncation import mask_outline, side_visibility
 from estimator.projection.visibility import DepthImages
 from estimator.records.scene import Instance
 from tests.synthetic.shapes import box, cylinder, floor, orbit, synthetic_scene, view_at
 
 UP = np.array([0, 0, 1.0])
 LOW_END, HIGH_END = 0, 1
+
+
+def outline(mask, width, height):
+    """The outline of a mask in an image of the given size."""
+    return mask_outline(mask, mask_contour(mask), width, height)
 
 
 def sides_of(synthetic, number, axes, low, high, instances=None):
@@ -23,7 +27,7 @@ def sides_of(synthetic, number, axes, low, high, instances=None):
     borders = [outline(mask, 200, 150) for mask in masks]
     points = synthetic.scene.dense.points[synthetic.owner == number]
     around = DepthImages(synthetic.scene, labels.points, labels.visibility, UP)
-    return side_evidence(masks, borders, around, (axes, np.asarray(low, float), np.asarray(high, float)), points)
+    return side_visibility(masks, borders, around, (axes, np.asarray(low, float), np.asarray(high, float)), points)
 
 
 def views_around(radius=2.5, height=1.4, count=8, arc=360.0):
@@ -34,7 +38,7 @@ def test_an_object_seen_whole_from_all_around_is_cut_nowhere():
     synthetic = synthetic_scene([floor(6), box("cabinet", (0.6, 0.4, 0.8), (0, 0, 0))], views_around(), dense=8000)
     sides = sides_of(synthetic, 1, np.eye(3), [-0.3, -0.2, 0], [0.3, 0.2, 0.8])
     assert not sides.truncated.any()
-    assert sides.shown.shape == (8, 3, 2)
+    assert sides.is_shown.shape == (8, 3, 2)
 
 
 def test_the_image_border_cuts_the_side_towards_it():
@@ -117,7 +121,7 @@ def test_a_mask_that_goes_further_than_the_points_says_so():
     )
     sides = sides_of(bare, 1, np.eye(3), [-0.3, -0.2, 0], [0.3, 0.2, 0.6])
     assert sides.truncated[2, HIGH_END]
-    assert sides.beyond[2, HIGH_END] == pytest.approx(0.5, abs=0.15)
+    assert sides.median_excess[2, HIGH_END] == pytest.approx(0.5, abs=0.15)
     assert not sides.truncated[2, LOW_END]
 
 
@@ -128,7 +132,7 @@ def test_a_boxs_border_says_nothing_about_the_outline():
         for i in synthetic.instances
     )
     sides = sides_of(synthetic, 1, np.eye(3), [-0.25, -0.25, 0], [0.25, 0.25, 0.5], boxes)
-    assert np.isnan(sides.beyond).all()
+    assert np.isnan(sides.median_excess).all()
 
 
 def test_outline_of_an_empty_mask_is_empty():
@@ -138,19 +142,7 @@ def test_outline_of_an_empty_mask_is_empty():
 
 def test_outline_knows_the_border():
     inner = outline(Instance("1", 0, "cup", np.ones((4, 4), dtype=bool), (8, 8)), 20, 20)
-    assert not inner.at_border.any()
+    assert not inner.is_at_border.any()
     left = outline(Instance("1", 0, "cup", np.ones((4, 4), dtype=bool), (0, 8)), 20, 20)
-    assert left.at_border.any()
-    assert not left.at_border.all()
-
-
-def test_what_is_nearer_hides_only_above_the_foot():
-    """Beside an object on the floor the floor in front of it is nearer than the object, and hides nothing."""
-    pixels, towards = np.array([[50.0, 60], [50, 90], [50, 95]]), np.tile([0.0, 1.0], (3, 1))
-    depth, height = np.array([1.0, 1.0, 2.95, 3.0, 3.0, 3.0]), np.array([0.4, 0.0, 0.4, 0.5, 0.5, 0.5])
-    camera = SimpleNamespace(width=200)
-    around = SimpleNamespace(
-        scene=SimpleNamespace(views=[SimpleNamespace(camera=camera)]), depths_and_heights=lambda *_: (depth, height)
-    )
-    occluded = _occluded_pixels(SimpleNamespace(view=0), pixels, towards, around, (0.0, np.array([0.6, 0.4, 0.8])))
-    assert occluded.tolist() == [True, False, False]
+    assert left.is_at_border.any()
+    assert not left.is_at_border.all()

@@ -61,8 +61,8 @@ def test_straight_driving_falls_back_by_name_and_keeps_the_sign():
     up = camera_up(views)
     assert up.method == "mean-camera-up"
     assert off_deg(up.vector) < 5
-    assert up.known is not None
-    assert abs(up.known @ up.vector) < 1e-9
+    assert up.reliable_axis is not None
+    assert abs(up.reliable_axis @ up.vector) < 1e-9
 
 
 def test_scattered_cameras_leave_up_unknown():

@@ -19,7 +19,6 @@ from itertools import islice
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal, Protocol, TypeAlias
 
-from crawler.fetch import DELAY_SECONDS
 from crawler.fetch.frontier import OFF_SITE, PRIVATE, FailFastFrontier, Frontier, has_no_result, storage_errors
 from crawler.fetch.sqlite_frontier import SqliteFrontier, stored_counts
 from crawler.page.urls import web_address
@@ -94,7 +93,7 @@ class Crawl:
     contact: str
     cache: Path | None = None
     private: bool = False
-    delay: float = DELAY_SECONDS
+    delay: float | None = None
     redis: str = ""
     worker: str = ""
     site: Path | None = None
@@ -161,7 +160,8 @@ def run_crawl(crawl: Crawl, progress: Callable[[Mapping[str, Any]], None] | None
     place = crawl.redis or str(crawl.folder / "frontier.sqlite")
     with storage_errors(place):
         frontier = FailFastFrontier(_frontier(crawl, spider), place)
-    options = settings(contact=crawl.contact, cache=crawl.cache, private=crawl.private, delay=crawl.delay)
+    delay = getattr(spider, "site", GENERIC).delay_s if crawl.delay is None else crawl.delay
+    options = settings(contact=crawl.contact, cache=crawl.cache, private=crawl.private, delay=delay)
     options |= {"LOG_INSTALL_ROOT_HANDLER": False, LIMIT_SETTING: crawl.limit}
     process = CrawlerProcess(options | dict(crawl.overrides))
     crawler = process.create_crawler(spider)

@@ -17,14 +17,14 @@ SCHEMA = "metric-tree/picture/1"
 #: Why a picture is refused.
 Refusal = Literal["empty", "too_many_bytes", "no_picture", "too_small", "too_large", "animated", "broken"]
 
-#: Bytes of one picture: ten times a large product photograph.
-MAXIMUM_BYTES = 20_000_000
+#: Maximum size of an image in bytes: ten times a large product photograph.
+MAX_BYTES = 20_000_000
 
-#: Sides in pixels: below, a cut-out has no edge to speak of; above, a picture is a bomb or a poster.
+#: Minimum and maximum side in pixels: smaller images have no usable edge, larger ones are posters or attacks.
 SIDE_RANGE_PX = (64, 12_000)
 
-#: Pixels: forty million are 160 MB once unpacked with transparency.
-MAXIMUM_PIXELS = 40_000_000
+#: Maximum number of pixels: forty million take 160 MB when decoded with transparency.
+MAX_PIXELS = 40_000_000
 
 _ENDINGS = {"JPEG": "jpg", "PNG": "png", "WEBP": "webp"}
 
@@ -77,7 +77,7 @@ def decode_picture(body: bytes) -> Any | Refusal:
     """The Pillow image of a body, its pixels unpacked, or why it was refused."""
     if not body:
         return "empty"
-    if len(body) > MAXIMUM_BYTES:
+    if len(body) > MAX_BYTES:
         return "too_many_bytes"
     from PIL import Image, UnidentifiedImageError
 
@@ -99,7 +99,7 @@ def _refusal(image: Any) -> Refusal | None:
         return "animated"
     if min(image.size) < SIDE_RANGE_PX[0]:
         return "too_small"
-    if max(image.size) > SIDE_RANGE_PX[1] or image.width * image.height > MAXIMUM_PIXELS:
+    if max(image.size) > SIDE_RANGE_PX[1] or image.width * image.height > MAX_PIXELS:
         return "too_large"
     return None if image.format in _ENDINGS else "no_picture"
 

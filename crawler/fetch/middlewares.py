@@ -16,17 +16,23 @@ from scrapy.robotstxt import ProtegoRobotParser
 from crawler.fetch.frontier import OFF_SITE, PRIVATE
 from crawler.fetch.network_limits import REFUSED, is_literal, is_public
 
-#: First pause after a ban, doubled with each further one up to the longest; so many in a row end the crawl.
-BAN_SECONDS, LONGEST_BAN_SECONDS, MOST_BANS = 30.0, 1800.0, 6
-#: RFC 9309: at least 500 KiB of robots.txt are read. Longest date of a `Retry-After`.
-ROBOTS_BYTES, LONGEST_DATE = 500 * 1024, 64
-#: What a page says instead of its product when the site takes us for a robot.
+#: First pause after a ban in seconds; it doubles with each further ban.
+BAN_SECONDS = 30.0
+#: Maximum pause after a ban in seconds.
+MAX_BAN_SECONDS = 1800.0
+#: Number of consecutive bans that end the crawl.
+MAX_BANS = 6
+#: Number of bytes of robots.txt that are read; RFC 9309 demands at least 500 KiB.
+ROBOTS_BYTES = 500 * 1024
+#: Maximum number of characters of the date of a `Retry-After` header.
+MAX_DATE = 64
+#: Texts of pages for suspected robots.
 _BAN_PAGE = re.compile(
     rb"captcha|robot check|are you a (?:human|robot)|unusual traffic|access denied|verify you are human"
     rb"|automated access",
     re.IGNORECASE,
 )
-#: A ban page is short; a product page that mentions captchas is not.
+#: Maximum size of a ban page in bytes; product pages that mention captchas are larger.
 BAN_PAGE_BYTES = 20_000
 
 
@@ -101,7 +107,7 @@ class BanMiddleware:
         engine = self._crawler.engine
         if engine is None:
             return
-        if self._in_a_row > MOST_BANS:
+        if self._in_a_row > MAX_BANS:
             self._crawler.spider.banned = True
             from scrapy.utils.defer import deferred_from_coro
 
@@ -111,7 +117,7 @@ class BanMiddleware:
         # A first refusal that names its end is believed; after that it is our own patience that grows.
         own = first * 2 ** (self._in_a_row - 1)
         seconds = asked if asked is not None and self._in_a_row == 1 else max(asked or 0.0, own)
-        seconds = min(seconds, LONGEST_BAN_SECONDS)
+        seconds = min(seconds, MAX_BAN_SECONDS)
         engine.pause()
         reactor.callLater(seconds, engine.unpause)
 
@@ -126,7 +132,7 @@ def is_ban(response: Response) -> bool:
 
 def _retry_after(response: Response) -> float | None:
     """Seconds that a site asks for, stated as such or as a date; None for what is neither."""
-    after = (response.headers.get("Retry-After") or b"").strip()[:LONGEST_DATE]
+    after = (response.headers.get("Retry-After") or b"").strip()[:MAX_DATE]
     if after.isdigit():
         return float(after)
     try:

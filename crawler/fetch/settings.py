@@ -7,15 +7,15 @@ from typing import Any
 
 from scrapy.settings import default_settings
 
-from crawler.fetch import DELAY_SECONDS
-from crawler.page.page import MAXIMUM_BYTES
+from crawler.page.page import MAX_BYTES
+from crawler.sites.site import DELAY_SECONDS
 
-#: Scrapy gave this setting another name.
+#: Name of the resolver setting, which differs between versions of Scrapy.
 _RESOLVER_SETTING = "TWISTED_DNS_RESOLVER" if hasattr(default_settings, "TWISTED_DNS_RESOLVER") else "DNS_RESOLVER"
-#: A download that takes longer is a trap or a dead server; half a minute serves any honest page.
+#: Maximum duration of a download in seconds.
 DOWNLOAD_SECONDS = 30
-#: An address so many links deep is a trap; a category of a hundred listing pages, each behind the last, is not.
-DEEPEST_LINK = 120
+#: Maximum link depth (`DEPTH_LIMIT`): stops crawler traps, but allows a category of 100 consecutive listing pages.
+MAX_DEPTH = 120
 
 
 def user_agent(contact: str) -> str:
@@ -33,7 +33,7 @@ def settings(
     contact : an address or a page where a site's owner reaches whoever crawls.
     cache : folder of the HTTP cache; pages are asked for again only if they changed (RFC 9111, conditional requests).
     private : whether addresses of this machine and its network may be fetched (tests, a mirror).
-    delay : seconds between two requests to one site, where AutoThrottle does not ask for more.
+    delay : minimum seconds between two requests to a site; AutoThrottle may increase it.
     """
     guards = {
         "crawler.fetch.middlewares.GuardMiddleware": 40,
@@ -66,10 +66,10 @@ def settings(
     }
     bounds = {
         "DOWNLOAD_TIMEOUT": DOWNLOAD_SECONDS,
-        "DOWNLOAD_MAXSIZE": MAXIMUM_BYTES,
+        "DOWNLOAD_MAXSIZE": MAX_BYTES,
         "DOWNLOAD_HANDLERS": dict.fromkeys(("http", "https"), "crawler.fetch.network_limits.HeaderLimitHandler"),
         "DOWNLOAD_WARNSIZE": 0,
-        "DEPTH_LIMIT": DEEPEST_LINK,
+        "DEPTH_LIMIT": MAX_DEPTH,
         "URLLENGTH_LIMIT": 2000,
         "LOG_ENABLED": False,
         "LOGSTATS_INTERVAL": 0,

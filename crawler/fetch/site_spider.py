@@ -13,20 +13,19 @@ from scrapy.http import Response
 from crawler.fetch.item_images import Picture, picture
 from crawler.items import RawItem
 from crawler.page.page import Page, page
-from crawler.page.statements import raw_item
 from crawler.page.time_limit import processor_budget
 from crawler.page.urls import absolute_url
 from crawler.sites.listing import listed_items
 from crawler.sites.site import Site
 
-#: Product pages before listings before pictures: a crawl that is stopped has items, not addresses.
+#: Priorities: product pages first, so that an interrupted crawl has items and not addresses.
 PRODUCT, LISTING, PICTURE = 20, 10, 0
 
-#: An address that repeats a part so often is a trap: a calendar, a menu that links into itself.
+#: Minimum number of repetitions of a path segment in addresses of crawler traps (calendars, recursive menus).
 MAX_REPEATED_PARTS = 3
 
-#: Letters of an address; longer ones are made by a program that goes on.
-LONGEST_URL = 2000
+#: Maximum number of characters of an address; longer ones are generated without end.
+MAX_URL = 2000
 
 _NO_PAGE = re.compile(r"\.(?:jpe?g|png|gif|webp|svg|pdf|zip|css|js|ico|mp4|woff2?)(?:$|\?)", re.IGNORECASE)
 
@@ -97,7 +96,7 @@ class SiteSpider(scrapy.Spider):
             if self.site.listed_order:
                 yield from listed_items(read, self.site)
             return
-        item = raw_item(read, self.site.source(read.url), self.site.product(read))
+        item = self.site.item(read)
         if item.extents_mm is None:
             yield "no_size" if item.title else "no_product"
             return
@@ -105,7 +104,7 @@ class SiteSpider(scrapy.Spider):
         yield from self._picture_requests(item)
 
     def _may_follow(self, url: str) -> bool:
-        if len(url) > LONGEST_URL:
+        if len(url) > MAX_URL:
             return False
         parts = [part for part in urlsplit(url).path.split("/") if part]
         trapped = any(parts.count(part) >= MAX_REPEATED_PARTS for part in parts)

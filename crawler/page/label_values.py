@@ -1,11 +1,8 @@
 """Label and value pairs of a page: tables, definition lists, rows of boxes, lines with a colon.
 
-The search runs from the value: only text with a digit is looked at, and from there up to its label and its heading.
-That is the part of a page that could hold a size; the rest costs nothing.
-
-The regions of a page: the text of an element, its heading, whether it shows the product or something else.
-
-The answers are kept: the facts of a page ask the same of the same elements again and again.
+The search starts at values: only text with a digit is examined, and from there the elements up to its label and its
+heading. Other parts of the page cost nothing. Results for elements are cached, because texts of one table lead to the
+same elements.
 """
 
 from __future__ import annotations
@@ -23,60 +20,69 @@ from crawler.page.page import Element, Page, squeeze
 from crawler.text.sizes import consensus, names_unit, sizes
 from crawler.text.vocabulary import is_dimension_label, is_of_others, is_package, is_whole, names_an_axis, plain
 
-#: A label, and a value, are no longer than this; longer texts are prose.
-LABEL_LENGTH, VALUE_LENGTH = 70, 260
-#: So far up a heading is looked for.
-HEADING_CLIMB = 9
-#: The first texts of an element that are joined; a longer element is prose anyway.
+#: Maximum number of characters of a label; longer texts are prose.
+MAX_LABEL = 70
+#: Maximum number of characters of a value; longer texts are prose.
+MAX_VALUE = 260
+#: Number of ancestors that are searched for a heading.
+MAX_HEADING_LEVELS = 9
+#: Maximum number of texts of an element that are joined; an element with more is prose.
 MAX_JOINED_TEXTS = 80
 #: Regions that show other items than the product, or opinions about it.
 _ELSEWHERE = re.compile(
     r"(compar|carousel|similar|recommend|related|sponsor|also$|bought|upsell|review|question|answer|rating|advert|ads?$"
     r"|breadcrumb|nav$|navbar|footer|cookie|customer|faqs?$|bundle|accessor|recently|suggest)"
 )
-#: The words of a class or id: `itemValue_XPfaq` holds item, value and a hash, no frequent questions.
+#: Words of a class or id: `itemValue_XPfaq` contains item, value and a hash, and not the word `faq`.
 _NAME_WORDS = re.compile(r"[A-Z]?[a-z]+|[A-Z]+(?![a-z])")
-#: Regions about the package; their facts carry it in their heading, so that no later step takes them for the item.
+#: Regions about the package; the headings of their pairs contain it, so that they are not taken for sizes of the item.
 _PACKAGE_REGION = re.compile(r"packag(?!e-?details-?page)|shipping|delivery|verpackung|emballage", re.IGNORECASE)
 SKIPPED = frozenset({"script", "style", "noscript", "template", "select", "option", "nav", "footer", "head"})
 _HEADINGS = frozenset({"h1", "h2", "h3", "h4", "h5", "h6", "legend", "summary", "caption", "dt"})
 _BOLD, _BOXES = frozenset({"b", "strong"}), frozenset({"ul", "ol", "dl", "table", "p", "div"})
 _HEADING_CLASS = re.compile(r"title|heading|header|group-?name|section-?name|caption", re.IGNORECASE)
-#: Where a pair is; an `entry` is a list's line or one whose label is an element of its own.
+#: Place of a pair; an `entry` is a line of a list, or a line whose label is a separate element.
 Place = Literal["table", "list", "row", "entry", "line", "json", "prose"]
-#: So far up from its text a value's label is looked for; deeper nesting is decoration.
+#: Number of ancestors of a text that are searched for its label; deeper nesting is decoration.
 MAX_LABEL_LEVELS = 5
-#: Elements of a box of lines, and letters of a line; what is longer is prose.
-MOST_LINES, LINE_LENGTH = 120, 90
-#: Cells of a row, and boxes beside each other, that can be a table of sizes; what is longer is something else.
-MOST_CELLS, MOST_BOXES = 40, 12
-#: So many elements before a value its label is looked for.
-MOST_BEFORE = 8
-#: What a size has whose unit is elsewhere, in its label or its heading.
+#: Maximum number of child elements of a box of lines.
+MAX_LINES = 120
+#: Maximum number of characters of a line; a box with longer lines is prose.
+MAX_LINE = 90
+#: Maximum number of cells of a row of a table of sizes.
+MAX_CELLS = 40
+#: Maximum number of neighbouring boxes of which two are a label and its value.
+MAX_BOXES = 12
+#: Number of elements before a value that are searched for its label.
+MAX_BEFORE = 8
+#: Characters of a composed size, whose unit may be in its label or its heading.
 _COMPOSED = re.compile(r"[x×X*:]")
-#: So far up a line's list entry is looked for.
-ENTRY_CLIMB = 3
+#: Number of ancestors that are searched for the list of a line.
+MAX_ENTRY_LEVELS = 3
 _LABEL_TAGS = frozenset({"b", "strong", "span", "em"})
-#: Longer texts are articles.
-LONGEST_TEXT = 2000
-#: Text that is not blank; a digit is then found by a regular expression, which is faster than XPath's `translate`.
+#: Maximum number of characters of a text; longer ones are articles.
+MAX_TEXT = 2000
+#: Texts that are not blank; a regular expression finds those with a digit faster than `translate` of XPath.
 _TEXTS = XPath("/html/body//text()[normalize-space()]")
 HAS_DIGIT = re.compile("[0-9¼½¾⅓-⅞]")
 _INNER_LABEL = re.compile(r"(?<=[.;,!)•·|-])\s*([^\W\d_][^\d:.;,]{2,40}?)\s*:\s*(?=\S*\d|[^:]*:?[^:]*\d)(.+)")
-_OWN_LABEL = re.compile(rf"([^\d:]{{2,{LABEL_LENGTH}}}?)\s*:\s*(?=\S*\d|[^:]*\d)(.+)")
-#: A line of one axis by its letter, `H 84.5 cm`.
+_OWN_LABEL = re.compile(rf"([^\d:]{{2,{MAX_LABEL}}}?)\s*:\s*(?=\S*\d|[^:]*\d)(.+)")
+#: A line with the letter of an axis: `H 84.5 cm`.
 _LETTER_FIRST = re.compile(r"([HWDLBTØ])\.?\s*(\d[\d.,/ ]*\s?(?:[cm]?m|in|inches|[\"″]))\.?")
-#: A label for the size above labels for its axes: `Medidas: Alto: 18 cm, Ancho: 61 cm`.
+#: A label of a size before labels of its axes: `Medidas: Alto: 18 cm, Ancho: 61 cm`.
 _SIZE_OF_AXES = re.compile(r"([^\d:]{2,40}?)\s*:\s*([^\d:]{1,20}:\s*\d.*)")
-#: A line that begins with a word for the size and goes on with the size.
+#: A line that begins with a word for a size, followed by the size.
 _SIZE_FIRST = re.compile(r"([^\W\d_]+(?: [^\W\d_]{4,})?) ((?:[^\W\d_]{1,2} ?)?\d.*)")
 
 
 class Regions:
-    """The regions of one page. Elements are held, so that lxml's proxies and with them the answers stay."""
+    """Text, heading and kind of the elements of one page.
+
+    The caches hold the elements, because lxml would otherwise discard their proxies and with them the keys.
+    """
 
     def __init__(self, root: Element) -> None:
-        #: What holds the page's title holds the product, whatever it is called: WooCommerce's is `shipping-taxable`.
+        # ancestors of the title contain the product, whatever their class is (WooCommerce: `shipping-taxable`)
         self._main = frozenset(box for title in islice(root.iter("h1"), 1) for box in title.iterancestors())
         self._texts: dict[Element, str] = {}
         self._elsewhere: dict[Element, bool] = {}
@@ -84,31 +90,31 @@ class Regions:
         self._titles_before: dict[Element, str] = {}
 
     def text(self, element: Element) -> str:
-        """The visible text of an element, cut where it becomes prose."""
+        """Return the visible text of an element, cut at the length of prose."""
         known = self._texts.get(element)
         if known is None:
-            known = squeeze(" ".join(islice(element.itertext(), MAX_JOINED_TEXTS))[: 4 * VALUE_LENGTH])
+            known = squeeze(" ".join(islice(element.itertext(), MAX_JOINED_TEXTS))[: 4 * MAX_VALUE])
             self._texts[element] = known
         return known
 
     def is_elsewhere(self, element: Element) -> bool:
-        """Whether an element is in a region of other products, opinions or navigation."""
+        """Return True if an element is in a region of other products, opinions or navigation."""
         line = []
         here = element
         while here is not None and here not in self._elsewhere:
             line.append(here)
             here = here.getparent()
-        answer = self._elsewhere[here] if here is not None else False
+        found = self._elsewhere[here] if here is not None else False
         for step in reversed(line):
-            answer = answer or (step not in self._main and _points_elsewhere(step))
-            self._elsewhere[step] = answer
-        return answer
+            found = found or (step not in self._main and _points_elsewhere(step))
+            self._elsewhere[step] = found
+        return found
 
     def heading(self, element: Element) -> str:
-        """The nearest heading above an element: a heading tag, or a box before it that calls itself a title."""
+        """Return the nearest heading above an element: a heading tag, or a box before it with a class of titles."""
         heading = self._nearest_heading(element)
         here = element
-        for _ in range(HEADING_CLIMB):
+        for _ in range(MAX_HEADING_LEVELS):
             if here not in self._main and _is_package_region(f"{here.get('id') or ''} {here.get('class') or ''}"):
                 return f"{heading} (package)".strip()
             here = here.getparent()
@@ -118,7 +124,7 @@ class Regions:
 
     def _nearest_heading(self, element: Element) -> str:
         here = element
-        for _ in range(HEADING_CLIMB):
+        for _ in range(MAX_HEADING_LEVELS):
             if title := self._title_before(here):
                 return title
             here = here.getparent()
@@ -127,7 +133,7 @@ class Regions:
         return ""
 
     def _title_before(self, element: Element) -> str:
-        """The title of the nearest of the elements before this one that is a title or holds one."""
+        """Return the title of the nearest preceding element that is a title or contains one."""
         line = []
         title = ""
         here = element
@@ -158,12 +164,12 @@ class Regions:
         else:
             inner = next(element.iter("h2"), None)
             inner = inner if inner is not None else next(element.iter("h3"), None)
-            title = self.text(inner) if inner is not None and len(self.text(element)) <= LABEL_LENGTH else ""
-        return title if len(title) <= LABEL_LENGTH else ""
+            title = self.text(inner) if inner is not None and len(self.text(element)) <= MAX_LABEL else ""
+        return title if len(title) <= MAX_LABEL else ""
 
 
 def _is_above(element: Element) -> bool:
-    """Whether bold text is a heading: alone on its line, right above a box or a list."""
+    """Return True if bold text is a heading: the only text of its line, directly above a box or a list."""
     if element.tag not in _BOLD or (element.tail or "").strip():
         return False
     below = element.getnext()
@@ -178,7 +184,7 @@ def _points_elsewhere(element: Element) -> bool:
     return _names_elsewhere(f"{element.get('id') or ''} {element.get('class') or ''}")
 
 
-# A site uses some hundreds of class names, over and over.
+# cached, because a site uses the same few hundred class names on all pages
 @lru_cache(maxsize=4096)
 def _names_elsewhere(names: str) -> bool:
     return any(_ELSEWHERE.match(word.lower()) for word in _NAME_WORDS.findall(names))
@@ -195,31 +201,31 @@ def _is_heading_class(names: str) -> bool:
 
 
 @dataclass(frozen=True, slots=True)
-class Fact:
-    """A label and the value beside it; `section` is the heading above, `container` identifies rows of one table."""
+class LabelValue:
+    """A label and its value."""
 
     label: str
     value: str
-    section: str
+    section: str  #: Heading above the pair.
     place: Place
-    container: int
+    container: int  #: Number of the table or list of the pair.
 
 
-def facts(page: Page) -> Iterator[Fact]:
-    """The pairs whose value holds a number, in the order of the page; those of other products are left out."""
-    reader = _FactReader(page.root)
+def label_values(page: Page) -> Iterator[LabelValue]:
+    """Return the pairs whose value has a number, in the order of the page, without those of other products."""
+    reader = _PairReader(page.root)
     seen: set[tuple[str, str, str]] = set()
     for text in _TEXTS(page.root):
-        if not HAS_DIGIT.search(text) or len(text) >= LONGEST_TEXT:
+        if not HAS_DIGIT.search(text) or len(text) >= MAX_TEXT:
             continue
         element = text.getparent() if text.is_text else text.getparent().getparent()
         if element is None or reader.regions.is_elsewhere(element):
             continue
-        for fact in reader.facts_of(element, squeeze(text)):
-            key = (fact.label, fact.value, fact.section)
-            if key not in seen and not is_of_others(plain(fact.section)):
+        for pair in reader.pairs_of(element, squeeze(text)):
+            key = (pair.label, pair.value, pair.section)
+            if key not in seen and not is_of_others(plain(pair.section)):
                 seen.add(key)
-                yield fact
+                yield pair
 
 
 @dataclass(frozen=True, slots=True)
@@ -230,8 +236,8 @@ class _Pair:
     container: Element
 
 
-class _FactReader:
-    """The pairs of one page; what was found for an element is kept, since its texts lead to it one by one."""
+class _PairReader:
+    """Reader of the pairs of one page, with a cache per element."""
 
     def __init__(self, root: Element) -> None:
         self.regions = Regions(root)
@@ -242,7 +248,7 @@ class _FactReader:
         self._cells_of: dict[Element, list[Element]] = {}
         self._first_rows_of: dict[Element, list[list[Element]]] = {}
 
-    def facts_of(self, element: Element, text: str) -> Iterator[Fact]:
+    def pairs_of(self, element: Element, text: str) -> Iterator[LabelValue]:
         here = element
         for _ in range(MAX_LABEL_LEVELS):
             parent = here.getparent()
@@ -261,8 +267,8 @@ class _FactReader:
                 yield from _split(pair.label, pair.value, heading, pair.place, self._number(pair.container))
                 return
             here = parent
-        whole = self._text(element) if len(text) < VALUE_LENGTH else text
-        value = whole if len(whole) <= VALUE_LENGTH else text
+        whole = self._text(element) if len(text) < MAX_VALUE else text
+        value = whole if len(whole) <= MAX_VALUE else text
         entry = self._entry(element, value)
         box = element.getparent() if entry is None else entry
         heading = ""
@@ -275,24 +281,24 @@ class _FactReader:
         yield from _split("", value, heading or self.regions.heading(element), place, self._number(box))
 
     def _lines(self, element: Element) -> list[tuple[str, str]]:
-        """The lines of a box that breaks part, each with the line that heads it: `Overall:`, then `Width: 3 cm`."""
+        """Return the lines of a box with line breaks, each with its heading line: `Overall:`, then `Width: 3 cm`."""
         if element not in self._lines_of:
             lines = list(_parts(element)) if element.find("br") is not None else []
-            listed = all(len(line) <= LINE_LENGTH for line, _ in lines)  # else it is an opinion, or a story
+            listed = all(len(line) <= MAX_LINE for line, _ in lines)  # otherwise it is prose
             self._lines_of[element] = lines if listed else []
         return self._lines_of[element]
 
     def _labelled_line(self, element: Element, text: str) -> str | None:
-        """The line of a box that breaks part, where it has a label of its own: `Height: 7.2 in<br>Width: 1.4 in`."""
+        """Return the line with a label in a box with line breaks: `Height: 7.2 in<br>Width: 1.4 in`."""
         for line, _ in self._lines(element):
             if text in line and (own := _OWN_LABEL.match(line)) and names_a_size(plain(own[1])):
                 return line
         return None
 
     def _entry(self, element: Element, value: str) -> Element | None:
-        """What a line is an entry of: the list around it, or the box of a line that begins with `<b>Label</b>`."""
+        """Return the list of a line, or the parent of a line that begins with `<b>Label</b>`; None for other lines."""
         here = element
-        for _ in range(ENTRY_CLIMB):
+        for _ in range(MAX_ENTRY_LEVELS):
             if here is None or self._text(here) != value:
                 break
             if here.tag == "li":
@@ -310,10 +316,10 @@ class _FactReader:
             return None
         row = here.getparent()
         filled = self._cells(row)
-        if len(filled) > MOST_CELLS:
+        if len(filled) > MAX_CELLS:
             return _Pair("table", "", "", row)
         if len(filled) > 2 and filled[0].get("rowspan", "1") != "1":
-            filled = filled[1:]  # it names the group that this row is the first of
+            filled = filled[1:]  # the name of the group whose first row this is
         if len(filled) == 2 and here is filled[1]:
             return _Pair("table", self._text(filled[0]), self._text(here), row.getparent())
         if len(filled) == 4 and here in {filled[1], filled[3]} and not HAS_DIGIT.search(self._text(filled[2])):
@@ -321,22 +327,23 @@ class _FactReader:
         return self._grid(row, filled, filled.index(here)) if len(filled) > 2 and here in filled else None
 
     def _cells(self, row: Element) -> list[Element]:
-        """The cells of a row that hold text, up to one more than `MOST_CELLS`."""
+        """Return the cells of a row that have text, at most one more than `MAX_CELLS`."""
         if row not in self._cells_of:
             filled = (cell for cell in row if cell.tag in {"td", "th"} and self._text(cell))
-            self._cells_of[row] = list(islice(filled, MOST_CELLS + 1))
+            self._cells_of[row] = list(islice(filled, MAX_CELLS + 1))
         return self._cells_of[row]
 
     def _first_rows(self, table: Element) -> list[list[Element]]:
-        """The cells of the first three rows of a table that hold text."""
+        """Return the cells with text of the first three rows of a table that have any."""
         if table not in self._first_rows_of:
             self._first_rows_of[table] = list(islice(filter(None, map(self._cells, table.iter("tr"))), 3))
         return self._first_rows_of[table]
 
     def _grid(self, row: Element, filled: list[Element], column: int) -> _Pair:
-        """A table of more columns: a column for each system of units, or one row below a row of axes.
+        """Return the pair of a cell in a table of several columns.
 
-        Anything else is a table of several products, or of sizes to choose from: a pair without a label.
+        The columns are systems of units, or axes in a row above. Any other table lists several products or sizes to
+        choose from: the pair has no label.
         """
         texts = [self._text(cell) for cell in filled]
         if column and names_a_size(plain(texts[0])) and _is_one_length(texts[1:], texts[0]):
@@ -348,7 +355,7 @@ class _FactReader:
             alone = len(others) == 1 and row is others[0][0].getparent()
             if alone and len(labels) == len(texts):
                 return _Pair("table", labels[column], texts[column], table)
-            # Rows with a name of their own: of a single item, or of the whole and its parts.
+            # rows with names: of a single item, or of the whole and its parts
             if column and len(labels) == len(texts) - 1 and (alone or is_whole(plain(texts[0]))):
                 return _Pair("table", labels[column - 1], texts[column], table)
         return _Pair("table", "", "", row)
@@ -356,27 +363,26 @@ class _FactReader:
     def _definition(self, here: Element) -> _Pair | None:
         if here.tag != "dd":
             return None
-        before = islice(here.itersiblings(preceding=True), MOST_BEFORE)
+        before = islice(here.itersiblings(preceding=True), MAX_BEFORE)
         term = next((element for element in before if element.tag == "dt"), None)
         whole = next(here.iterancestors("dl"), here.getparent())
         return None if term is None else _Pair("list", self._text(term), self._text(here), whole)
 
     def _pair(self, here: Element, parent: Element) -> _Pair | None:
-        """A box whose one neighbour before it is a short label: `<div>Width</div><div>4 cm</div>`."""
-        if _is_longer(here.iter("li"), 1) or _is_longer(parent, MOST_BOXES):
-            return None  # a heading above a list, whose entries have labels of their own; a long row of boxes
-        # The parent has few elements, so few come before this one.
+        """Return the pair of a box after a short label: `<div>Width</div><div>4 cm</div>`."""
+        if _is_longer(here.iter("li"), 1) or _is_longer(parent, MAX_BOXES):
+            return None  # a list, whose entries have their own labels, or a long row of boxes
         before = next(filter(self._text, here.itersiblings(preceding=True)), None)
         if before is None or before.tag in SKIPPED | {"td", "tr", "img"}:
             return None
         label = self._text(before)
-        if len(label) > LABEL_LENGTH or HAS_DIGIT.search(label):
+        if len(label) > MAX_LABEL or HAS_DIGIT.search(label):
             return None
         tail = squeeze(before.tail or "")
-        if len(tail) > LABEL_LENGTH or not names_a_size(plain(f"{label} {tail}").strip(" :")):
+        if len(tail) > MAX_LABEL or not names_a_size(plain(f"{label} {tail}").strip(" :")):
             return None
         value = self._text(here)
-        if len(value) > VALUE_LENGTH:
+        if len(value) > MAX_VALUE:
             return None
         above = parent.getparent()
         return _Pair("row", f"{label} {tail}".strip(), value, parent if above is None else above)
@@ -384,7 +390,7 @@ class _FactReader:
 
 def _parts(element: Element) -> Iterator[tuple[str, str]]:
     lines = [[element.text or ""]]
-    for child in islice(element, MOST_LINES):
+    for child in islice(element, MAX_LINES):
         if child.tag == "br":
             lines.append([])
         else:
@@ -397,21 +403,21 @@ def _parts(element: Element) -> Iterator[tuple[str, str]]:
         yield line, head
 
 
-@lru_cache(maxsize=4096)  # as for `plain`
+@lru_cache(maxsize=4096)
 def names_a_size(letters: str) -> bool:
-    """Whether a plain label without digits names a size, an axis or a package."""
+    """Return True if a plain label without digits names a size, an axis or a package."""
     if HAS_DIGIT.search(letters):
         return False
     return is_dimension_label(letters) or names_an_axis(letters) or is_package(letters)
 
 
-def _is_longer(elements: Iterable[Element], most: int) -> bool:
-    """Whether there are more elements than `most`; lxml's own `len` would count them all each time."""
-    return sum(1 for _ in islice(elements, most + 1)) > most
+def _is_longer(elements: Iterable[Element], maximum: int) -> bool:
+    """Return True if there are more than `maximum` elements; `len` of lxml would count all of them."""
+    return sum(1 for _ in islice(elements, maximum + 1)) > maximum
 
 
 def _is_one_length(texts: list[str], label: str) -> bool:
-    """Whether cells state one length in several systems."""
+    """Return True if cells state one length in several systems of units."""
     read = [sizes(text, label) for text in texts]
     if not all(len(stated) == 1 and len(stated[0].lengths) == 1 for stated in read):
         return False
@@ -420,20 +426,20 @@ def _is_one_length(texts: list[str], label: str) -> bool:
     return len(units) > 1 and size is not None and "contradicts_itself" not in size.flags
 
 
-def _split(label: str, value: str, section: str, place: Place, container: int) -> Iterator[Fact]:
-    """The pair, or that of a value that has a label of its own: `Width: 3 cm`, `Size H75, W120 cm`."""
-    if not value or len(value) > VALUE_LENGTH * 2:
+def _split(label: str, value: str, section: str, place: Place, container: int) -> Iterator[LabelValue]:
+    """Return the pair, or that within a value with its own label: `Width: 3 cm`, `Size H75, W120 cm`."""
+    if not value or len(value) > MAX_VALUE * 2:
         return
     label = label.strip(" :\u00a0")
     if place == "row" and (own := _OWN_LABEL.match(value)) and is_dimension_label(plain(own[1])):
-        section, label, value = label, own[1].strip(), own[2]  # what stood beside it is its heading
+        section, label, value = label, own[1].strip(), own[2]  # the outer label is the heading
     own = None if label else _OWN_LABEL.match(value) or _LETTER_FIRST.fullmatch(value) or _size_first(value)
     if own:
         label, value = own[1].strip(), own[2]
     if label and not names_a_size(plain(label)) and (inner := _inner_label(value)):
         label, value, place = inner[1].strip(), inner[2], "prose"
     named = label or (place == "entry" and is_dimension_label(plain(section)))
-    yield Fact(label, value, section, place if named else "prose", container)
+    yield LabelValue(label, value, section, place if named else "prose", container)
 
 
 def _size_first(value: str) -> re.Match[str] | None:
@@ -442,5 +448,5 @@ def _size_first(value: str) -> re.Match[str] | None:
 
 
 def _inner_label(value: str) -> re.Match[str] | None:
-    """A label for the size in the middle of a text: `Material: MDF. Medidas: alto: 83 cm, ancho: 120 cm`."""
+    """Find a label of a size within a text: `Material: MDF. Medidas: alto: 83 cm, ancho: 120 cm`."""
     return next((match for match in _INNER_LABEL.finditer(value) if is_dimension_label(plain(match[1]))), None)

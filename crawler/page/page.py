@@ -1,4 +1,4 @@
-"""A web page, parsed once: its tree, its language, its site. One reader for live and for saved pages."""
+"""Web pages, parsed once: element tree, language, links. Live and saved pages have the same reader."""
 
 from __future__ import annotations
 
@@ -16,18 +16,18 @@ from w3lib.encoding import html_to_unicode
 from crawler.text.vocabulary import Language, language_of
 from metric_base.errors import InputError
 
-#: lxml's own element: the classes of `lxml.html` would cost a call of Python for each.
+#: Element of lxml; the classes of `lxml.html` would cost a Python call each.
 Element: TypeAlias = etree._Element
-#: The largest page that is read, after decompression: ten times the largest product page we have seen (3.1 MB).
-MAXIMUM_BYTES = 32_000_000
+#: Maximum size of a page in bytes after decompression: ten times the largest product page seen (3.1 MB).
+MAX_BYTES = 32_000_000
 _INVISIBLE = re.compile("[\u00ad\u034f\u061c\u200b-\u200f\u202a-\u202e\u2060-\u2064\u2066-\u2069\ufeff\ufe0e\ufe0f]")
-#: What steers a terminal and says nothing: C0 and C1 controls without white space.
+#: Control characters (C0 and C1) that are not white space.
 _CONTROLS = re.compile("[\x00-\x1f\x7f-\x9f]")
-#: What no person sees; taken out once, so that nothing that reads the tree has to ask for it.
+#: Invisible elements, removed once for all readers of the tree.
 _UNSEEN = ("script", "style", "template", "noscript", "select")
 _LINKS = etree.XPath("//a/@href", smart_strings=False)
 _LINKED_DATA = etree.XPath("//script[contains(@type, 'ld+json')]/text()", smart_strings=False)
-#: First bytes of what people save beside pages.
+#: First bytes of other files that users save with pages.
 _SIGNATURES = {
     b"\xff\xd8\xff": "a JPEG picture",
     b"\x89PNG": "a PNG picture",
@@ -39,10 +39,10 @@ _SIGNATURES = {
 }
 #: Marks of UTF-16, whose zero bytes are text.
 _MARKS = (b"\xff\xfe", b"\xfe\xff")
-#: Bytes that no text holds, and how far to look for them (WHATWG MIME Sniffing, 3 and 5.1).
+#: Bytes that no text contains, and number of bytes that are examined (WHATWG MIME Sniffing, 3 and 5.1).
 _BINARY = re.compile(rb"[\x00-\x08\x0b\x0e-\x1a\x1c-\x1f]")
 SNIFFED_BYTES = 1445
-#: An element of HTML; without any, a text is no page.
+#: An element of HTML; a text without any is not a page.
 _ELEMENT = re.compile(
     rb"<(?:!doctype\s+html|html|head|body|title|meta|link|base|script|style|div|span|p|a|h[1-6]|table|t[rdh]|[uod]l|li|d[td]"
     rb"|main|article|section|header|footer|nav|form|img|b|i|br|center|font)[\s/>]",
@@ -81,12 +81,12 @@ def page(body: bytes, url: str, content_type: str | None = None) -> Page:
     Raises
     ------
     BadPage
-        The body is empty, larger than `MAXIMUM_BYTES`, or holds no element.
+        The body is empty, larger than `MAX_BYTES`, or holds no element.
     """
     if not body or body.isspace():
         raise BadPage(f"{url}: expected a page; found nothing")
-    if len(body) > MAXIMUM_BYTES:
-        raise BadPage(f"{url}: expected at most {MAXIMUM_BYTES} bytes; found {len(body)}")
+    if len(body) > MAX_BYTES:
+        raise BadPage(f"{url}: expected at most {MAX_BYTES} bytes; found {len(body)}")
     text, data = _decode(body, content_type)
     # The parser gets the encoding, so that no declaration inside the page can mislead it.
     parser = etree.HTMLParser(encoding="utf-8", remove_comments=True, remove_pis=True)
@@ -108,12 +108,12 @@ def saved_page(path: Path, url: str) -> Page:
     Raises
     ------
     BadPage
-        There is no such file, it holds something else than HTML, is damaged, or unpacks to more than `MAXIMUM_BYTES`.
+        There is no such file, it holds something else than HTML, is damaged, or unpacks to more than `MAX_BYTES`.
     """
     if not path.is_file():
         raise BadPage(f"{path}: expected an HTML page; found {'a folder' if path.is_dir() else 'no file'}")
-    if path.stat().st_size > MAXIMUM_BYTES:
-        raise BadPage(f"{path}: expected at most {MAXIMUM_BYTES} bytes; found {path.stat().st_size}")
+    if path.stat().st_size > MAX_BYTES:
+        raise BadPage(f"{path}: expected at most {MAX_BYTES} bytes; found {path.stat().st_size}")
     body = path.read_bytes()
     if body[:2] == b"\x1f\x8b":
         body = _unpack(path, body)
@@ -141,11 +141,11 @@ def _unpack(path: Path, body: bytes) -> bytes:
     # One call with a bound: a small file may unpack to gigabytes.
     unpacker = zlib.decompressobj(wbits=31)
     try:
-        unpacked = unpacker.decompress(body, MAXIMUM_BYTES + 1)
+        unpacked = unpacker.decompress(body, MAX_BYTES + 1)
     except (zlib.error, gzip.BadGzipFile) as error:
         raise BadPage(f"{path}: expected a gzip file; found {error}") from None
-    if len(unpacked) > MAXIMUM_BYTES:
-        raise BadPage(f"{path}: expected at most {MAXIMUM_BYTES} bytes unpacked; found more")
+    if len(unpacked) > MAX_BYTES:
+        raise BadPage(f"{path}: expected at most {MAX_BYTES} bytes unpacked; found more")
     return unpacked
 
 

@@ -16,31 +16,31 @@ from lxml.etree import XPath
 from crawler.page.page import Element, Page, squeeze
 from crawler.page.urls import absolute_url
 
-#: More pictures of one product add little.
-MAXIMUM_IMAGES = 12
+#: Maximum number of images of a product.
+MAX_IMAGES = 12
 
-#: Boxes that may be a breadcrumb; the first few that call themselves one are looked at.
+#: Tags of breadcrumbs, and number of boxes with such a class that are examined.
 _BREADCRUMB_TAGS, _BREADCRUMB_BOXES = ("nav", "ol", "ul", "div"), 3
 
 _BREADCRUMB_MARKS = ("readcrumb", "readCrumb")
 
-#: What parts the steps of a category in one text; shops write `Home & Living < Vases` in the same order.
+#: Separators of the steps of a category; shops also write `Home & Living < Vases`, in the same order.
 _CATEGORY_MARKS = re.compile("[/<>]")
 
 #: Types of schema.org that are items with a size.
 _PRODUCT_TYPES = ("Product", "ProductGroup", "IndividualProduct", "ProductModel", "Book")
 _USEFUL_TYPE = re.compile(rf"schema\.org/(?:{'|'.join(_PRODUCT_TYPES)}|BreadcrumbList)\b")
 
-#: Properties of an item that say nothing of it, at length.
+#: Long properties without information on the item.
 _UNREAD = frozenset({"review", "reviews", "offers", "aggregateRating", "isRelatedTo", "isSimilarTo"})
 
 _AXES = ("width", "height", "depth", "length", "diameter", "size")
 
-#: Variants of one product that are compared.
-MAXIMUM_VARIANTS = 50
+#: Maximum number of variants of a product that are compared.
+MAX_VARIANTS = 50
 
-#: Objects of one list that are looked at.
-MAXIMUM_OBJECTS = 200
+#: Maximum number of objects of a list that are examined.
+MAX_OBJECTS = 200
 
 #: UN/CEFACT codes that schema.org's QuantitativeValue uses.
 _UNIT_CODES = {"MMT": "mm", "CMT": "cm", "MTR": "m", "INH": "in", "FOT": "ft"}
@@ -137,7 +137,7 @@ def _objects(value: Any) -> Iterator[Mapping[str, Any]]:
     while pending:
         here = pending.pop()
         if isinstance(here, list):
-            pending.extend(reversed(here[:MAXIMUM_OBJECTS]))
+            pending.extend(reversed(here[:MAX_OBJECTS]))
         elif isinstance(here, dict):
             yield here
             pending.extend(part for key in ("mainEntity", "@graph") if (part := here.get(key)))
@@ -159,7 +159,7 @@ def _sizes(product: Mapping[str, Any]) -> Iterator[tuple[str, str]]:
         if isinstance(label, str) and (text := _quantity(known)):
             yield squeeze(label), text
     variants = [
-        tuple(_sizes(part)) for part in _list(product.get("hasVariant"))[:MAXIMUM_VARIANTS] if isinstance(part, dict)
+        tuple(_sizes(part)) for part in _list(product.get("hasVariant"))[:MAX_VARIANTS] if isinstance(part, dict)
     ]
     if variants and all(sizes == variants[0] for sizes in variants):
         yield from variants[0]
@@ -232,7 +232,7 @@ def _images(page: Page, product: Mapping[str, Any]) -> tuple[str, ...]:
     listed = [_name(image, "url") or _name(image, "contentUrl") for image in _list(product.get("image"))]
     listed = listed or [_meta(page, "og:image")]
     addresses = [absolute_url(page.url, address) for address in listed if address]
-    return tuple(dict.fromkeys(address for address in addresses if address))[:MAXIMUM_IMAGES]
+    return tuple(dict.fromkeys(address for address in addresses if address))[:MAX_IMAGES]
 
 
 def _name(value: Any, key: str = "name") -> str | None:

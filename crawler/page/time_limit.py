@@ -7,10 +7,10 @@ import threading
 from collections.abc import Iterator
 from contextlib import contextmanager
 
-#: Seconds of processor time for one page: twenty times what the slowest product page takes that we have seen.
+#: Maximum processor time of a page in seconds: twenty times that of the slowest product page seen.
 PAGE_SECONDS = 2.0
 
-#: Seconds until the next interruption where a library swallowed the last one.
+#: Seconds until the next interruption if a library has suppressed the last one.
 _AGAIN = 0.2
 
 

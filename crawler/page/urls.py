@@ -8,7 +8,7 @@ from urllib.parse import urljoin, urlsplit, urlunsplit
 
 from crawler.page.page import BadPage
 
-#: Parameters that only say where a visitor came from.
+#: Query parameters that identify only the origin of a visitor.
 _TRACKING = re.compile(r"utm_\w+|gclid|fbclid")
 
 

@@ -1,4 +1,4 @@
-"""Pages that state the sizes of many items, one beside each link: tables and tiles of cars and the like."""
+"""Items of listing pages that state the size of each item next to its link, such as tables and tiles of cars."""
 
 from __future__ import annotations
 
@@ -12,17 +12,17 @@ from crawler.page.urls import absolute_url, source_id
 from crawler.sites.site import Site
 from crawler.text.sizes import Size, consensus, sizes
 
-#: So far above its link the box of an entry is looked for.
+#: Number of ancestors of a link that are searched for the box of its entry.
 MAX_BOX_LEVELS = 5
 
-#: An entry is a tile or a row; a longer text is the list itself, or an article.
-LONGEST_ENTRY = 600
+#: Maximum number of characters of an entry; longer texts are the list itself or an article.
+MAX_ENTRY = 600
 
 
 def listed_items(page: Page, site: Site, now: datetime | None = None) -> Iterator[RawItem]:
-    """An item for every link to a product beside which its three outer lengths are.
+    """Return an item for each link to a product next to which its three outer lengths are.
 
-    The lengths belong to a link if the smallest box that holds both links to no other product.
+    The lengths belong to the link if the smallest box with both contains no link to another product.
     """
     retrieved = (now or datetime.now(UTC)).isoformat(timespec="seconds")
     seen: set[str] = set()
@@ -53,7 +53,7 @@ def _entry(link: Element, url: str, page: Page, site: Site) -> tuple[Size, str] 
     for _ in range(MAX_BOX_LEVELS):
         here = here.getparent()
         text = squeeze(" ".join(here.itertext())) if here is not None else ""
-        if not text or len(text) > LONGEST_ENTRY or _leads_elsewhere(here, url, page, site):
+        if not text or len(text) > MAX_ENTRY or _leads_elsewhere(here, url, page, site):
             return None
         read = [size for size in sizes(text, site.listed_order, page.language) if len(size.lengths) == 3]
         size = consensus([size for size in read if size.meaning == "whole"])
@@ -68,7 +68,7 @@ def _leads_elsewhere(box: Element, url: str, page: Page, site: Site) -> bool:
 
 
 def _title(link: Element) -> str:
-    """The link's words, else its picture's, else the last part of its address."""
+    """Return the text of the link, or that of its image, or the last part of its address."""
     picture = next(link.iter("img"), None)
     words = squeeze(" ".join(link.itertext())) or squeeze("" if picture is None else picture.get("alt") or "")
     return words or re.split(r"[/?]", (link.get("href") or "").rstrip("/"))[-1]

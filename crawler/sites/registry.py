@@ -8,7 +8,6 @@ from urllib.parse import urlsplit
 
 from crawler.items import RawItem
 from crawler.page.page import Page
-from crawler.page.statements import raw_item
 from crawler.sites.site import Site
 from metric_base.records import toml_record
 
@@ -60,5 +59,4 @@ def canonical_url(url: str) -> str:
 
 def item_of(page: Page) -> RawItem:
     """The raw item of a page, by the rules of its site."""
-    site = site_of(page.url)
-    return raw_item(page, site.source(page.url), site.product(page))
+    return site_of(page.url).item(page)

@@ -1,4 +1,4 @@
-"""The rules of a site, as data: where its title, breadcrumb, brand and pictures are, and what its ids look like."""
+"""Declaration of a site: addresses of its pages, XPaths of title, breadcrumb, brand and images, and its politeness."""
 
 from __future__ import annotations
 
@@ -11,40 +11,37 @@ from urllib.parse import quote, quote_plus, urlsplit
 import msgspec
 from lxml.etree import HTMLParser, XPath, XPathError, fromstring
 
+from crawler.items import RawItem
 from crawler.page.page import Element, Page, squeeze
-from crawler.page.product import MAXIMUM_IMAGES, Product, product
+from crawler.page.product import MAX_IMAGES, Product, product
+from crawler.page.statements import page_item
 from crawler.page.urls import absolute_url, canonical_url
 from metric_base.errors import expect
 
+#: Default delay between two requests to a site in seconds: the pace of a person who browses.
+DELAY_SECONDS = 1.0
+
 
 class Site(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
-    """A site's rules; every XPath may be empty, then schema.org data and headings serve.
-
-    hosts : regular expressions of whole host names, without `www.`.
-    product_page, listing_page : regular expressions on addresses; empty ones match all.
-    templates : addresses to begin with, with `{query}` or `{category}` to be filled in.
-    id : a regular expression on the address whose first group is the site's own id of the product.
-    category, images : XPaths that yield texts and addresses; title, brand : XPaths of an element or text.
-    listed_order : the order of axes (`L x W x H`) of sizes beside links on listing pages; empty where
-        listings state none.
-    pictures : a regular expression of the pictures' addresses that the site's terms allow to store; None where they
-        allow none: then the links alone are kept. `data/sources/SITES.md` says why.
-    ignored_parameters : a regular expression of the names of query parameters that do not change a page of this site.
-    """
+    """Rules of a site. If an XPath is empty, schema.org data and headings are used."""
 
     name: str
-    hosts: tuple[str, ...]
-    id: str = ""
-    product_page: str = ""
-    listing_page: str = ""
-    templates: tuple[str, ...] = ()
-    title: str = ""
-    category: str = ""
-    brand: str = ""
-    images: str = ""
+    hosts: tuple[str, ...]  #: Regular expressions of whole host names, without `www.`.
+    id: str = ""  #: Regular expression on the address whose first group is the id of the product.
+    product_page: str = ""  #: Regular expression on addresses of products; empty: all.
+    listing_page: str = ""  #: Regular expression on addresses of listings; empty: all.
+    templates: tuple[str, ...] = ()  #: Start addresses with `{query}` or `{category}`.
+    title: str = ""  #: XPath of an element or a text.
+    category: str = ""  #: XPath of texts.
+    brand: str = ""  #: XPath of an element or a text.
+    images: str = ""  #: XPath of addresses.
+    #: Order of the axes (`L x W x H`) of sizes next to links on listing pages; empty if listings state none.
     listed_order: str = ""
+    #: Regular expression on addresses of images that the terms of the site allow to store; None if they allow none, so
+    #: that only links are kept (reasons: `data/sources/SITES.md`).
     pictures: str | None = None
-    ignored_parameters: str = ""
+    ignored_parameters: str = ""  #: Regular expression on names of query parameters that do not change a page.
+    delay_s: float = DELAY_SECONDS  #: Minimum delay between two requests.
 
     def __post_init__(self) -> None:
         expect(bool(re.fullmatch(r"[a-z0-9_]+", self.name)), "name", "small letters, digits and _", self.name)
@@ -60,35 +57,35 @@ class Site(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True
             expect(not set("{}") & set("".join(parts)), "templates", "no fields but {query} and {category}", template)
 
     def owns(self, url: str) -> bool:
-        """Whether an address belongs to the site."""
+        """Return True if an address belongs to the site."""
         return self.owns_host(urlsplit(url).hostname or "")
 
     def owns_host(self, host: str) -> bool:
-        """Whether a host, with or without `www.`, belongs to the site."""
+        """Return True if a host, with or without `www.`, belongs to the site."""
         return any(re.fullmatch(pattern, host.removeprefix("www.")) for pattern in self.hosts)
 
     def source(self, url: str) -> str:
-        """The source of items of a page: the site's name; of any other site its host, so that two shops are two."""
+        """Return the source of the items of a page: the name of the site, or the host if no site is declared."""
         return self.name if self.hosts else (urlsplit(url).hostname or self.name).removeprefix("www.")
 
     def canonical_url(self, url: str) -> str:
-        """The address by which the site's page is known, `crawler.page.page.canonical_url`."""
+        """Return the canonical address of a page of the site (`crawler.page.urls.canonical_url`)."""
         return canonical_url(url, self.ignored_parameters)
 
     def is_product(self, url: str) -> bool:
-        """Whether an address is a product's page."""
+        """Return True if an address is the page of a product."""
         return bool(re.search(self.product_page, url))
 
     def is_listing(self, url: str) -> bool:
-        """Whether an address lists products or categories."""
+        """Return True if an address lists products or categories."""
         return bool(re.search(self.listing_page, url))
 
     def may_store(self, picture_url: str) -> bool:
-        """Whether a picture may be stored, by what is known of the site's terms."""
+        """Return True if the terms of the site allow to store an image."""
         return self.pictures is not None and bool(re.search(self.pictures, picture_url))
 
     def addresses(self, query: str = "", category: str = "") -> Iterator[str]:
-        """Addresses to begin with: the templates that what is given fills."""
+        """Return the start addresses: the templates filled with the query or the category."""
         given = {"query": quote_plus(query), "category": quote(category.strip("/"))}
         for template in self.templates:
             wanted = _FIELD.findall(template)
@@ -96,7 +93,7 @@ class Site(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True
                 yield _FIELD.sub(lambda field: given[field[0][1:-1]], template)
 
     def product(self, page: Page) -> Product:
-        """The product of one of the site's pages; what its rules do not find is read as on any site."""
+        """Return the product of a page; fields without a rule are read from structured data and headings."""
         own_id = re.search(self.id, page.url) if self.id else None
         images = filter(None, (absolute_url(page.url, address) for address in _texts(page, self.images)))
         own = Product(
@@ -104,18 +101,24 @@ class Site(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True
             title=next(_texts(page, self.title), ""),
             category_path=tuple(_texts(page, self.category)),
             brand=next(_texts(page, self.brand), None),
-            images=tuple(dict.fromkeys(images))[:MAXIMUM_IMAGES],
+            images=tuple(dict.fromkeys(images))[:MAX_IMAGES],
         )
         return product(page, own)
 
+    def item(self, page: Page) -> RawItem:
+        """Return the raw item of a product page of the site."""
+        return page_item(page, self.source(page.url), self.product(page))
 
-#: What a template of addresses may hold.
+
+#: Fields of a template of addresses.
 _FIELD = re.compile(r"\{query\}|\{category\}")
-#: An XPath is tried on pages of so many elements and may take so much processor time on each: libxml2 cannot be
-#: interrupted while it looks, so one that takes the square of a page would keep a crawl from the next.
-_TRIED_ON, _TRIAL_SECONDS = (4, 16, 64, 256, 1024), 0.05
-#: Longest XPath; a longer one could nest so deep that even the smallest trial would not end.
-_LONGEST_XPATH = 300
+#: Numbers of elements of the pages on which an XPath is tried: libxml2 cannot be interrupted during a search, so an
+#: XPath of quadratic cost would block a crawl.
+_TRIAL_ELEMENTS = (4, 16, 64, 256, 1024)
+#: Maximum processor time of a trial in seconds.
+_TRIAL_SECONDS = 0.05
+#: Maximum number of characters of an XPath; a deeply nested one might not end on the smallest trial.
+_MAX_XPATH = 300
 
 
 def _expect_pattern(field: str, pattern: str) -> None:
@@ -128,9 +131,9 @@ def _expect_pattern(field: str, pattern: str) -> None:
 def _expect_xpath(field: str, xpath: str) -> None:
     if not xpath:
         return
-    expect(len(xpath) <= _LONGEST_XPATH and xpath.count("[") < 6, field, "a short XPath", xpath)
+    expect(len(xpath) <= _MAX_XPATH and xpath.count("[") < 6, field, "a short XPath", xpath)
     try:
-        for count in _TRIED_ON:
+        for count in _TRIAL_ELEMENTS:
             began = time.process_time()
             answer = _compiled(xpath)(_trial_page(count))
             seconds = time.process_time() - began

@@ -11,7 +11,6 @@ import time
 from collections.abc import Callable, Mapping
 from typing import Any
 
-from crawler.fetch import DELAY_SECONDS
 from metric_cli.parser import input_path, output_folder
 from metric_cli.tables import print_json, print_table
 
@@ -41,8 +40,8 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         default=os.environ.get(CONTACT_VARIABLE),
         help=f"your e-mail address or page (default: {CONTACT_VARIABLE})",
     )
-    delay = "between requests to one site (default: %(default)s)"
-    add("--delay", type=float, default=DELAY_SECONDS, metavar="SECONDS", help=delay)
+    delay = "minimum time between two requests (default: that of the site, 1)"
+    add("--delay", type=float, metavar="SECONDS", help=delay)
     add("--cache", type=output_folder, metavar="DIR", help="HTTP cache for conditional requests")
     add("--redis", default="", metavar="URL", help="share the frontier with other workers")
     add("--worker", default="", metavar="NAME", help="this worker's folder in DIR, with --redis")
@@ -100,7 +99,7 @@ def _check(arguments: argparse.Namespace) -> None:
         raise InputError(f"--worker: expected a name of letters, digits, - and _; found {arguments.worker!r}")
     if limit is not None and limit < 1:
         raise InputError(f"--limit: expected 1 or more items; found {limit}")
-    if not (math.isfinite(delay) and delay >= 0):
+    if delay is not None and not (math.isfinite(delay) and delay >= 0):
         raise InputError(f"--delay: expected 0 or more seconds; found {delay}")
 
 

@@ -14,7 +14,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from crawler.items import RawItem
-from crawler.page.page import MAXIMUM_BYTES, BadPage, page, saved_page
+from crawler.page.page import MAX_BYTES, BadPage, page, saved_page
 from crawler.page.urls import canonical_url
 from crawler.sites.registry import SITES, item_of, site_of
 from metric_cli.subcommands import main
@@ -200,7 +200,7 @@ def test_hostile_pages_cost_one_page(body: bytes) -> None:
 
 def test_a_bomb_is_not_unpacked(tmp_path: Path) -> None:
     path = tmp_path / "bomb.html"
-    path.write_bytes(gzip.compress(b"0" * (MAXIMUM_BYTES + 10)))
+    path.write_bytes(gzip.compress(b"0" * (MAX_BYTES + 10)))
     with pytest.raises(BadPage, match="expected at most"):
         saved_page(path, "https://shop.example/p/1")
 

@@ -289,8 +289,9 @@ def _names_item_with_axes(pair: LabelValue, language: Language | None, title: st
 
 
 def _is_stated(size: Size, pair: LabelValue) -> bool:
-    """Return True if a size is a statement: prose without a size word must have three axes, or two and no other
-    words.
+    """Return True if a size is a statement.
+
+    Prose without a size word must have three axes, or two axes and no other words.
     """
     if pair.place == "prose" and not is_dimension_label(plain(f"{pair.value} {pair.section}")):
         is_bare = not is_foreign(plain(pair.value))

@@ -1,14 +1,11 @@
-"""The frontier of a crawl: what is to be fetched, what is being fetched, what came of it. Durable at every moment.
+"""The frontier of a crawl: waiting, leased, finished and failed pages, durable at every moment.
 
-A page is one transaction: its items, its links and the mark that it is done are written together or not at all. A
-process that is killed therefore loses nothing and repeats nothing: what it had leased is fetched again, what it had
-finished is not. (Scrapy's JOBDIR keeps no such promise: it forgets requests in flight and what it had not yet flushed.)
+A page is one transaction: its items, its links and its completion are written together. A process that is killed loses
+nothing and repeats nothing: pages that it had leased are fetched again, finished pages are not. (The JOBDIR of Scrapy
+forgets requests in flight and unwritten state.)
 
-A frontier that is watched: when it can no longer be written or asked, the crawl ends and says so.
-
-A crawl that went on without its frontier would fetch pages and lose them, or sit on pages that it has leased. So the
-first error ends it: from then on nothing waits and nothing is written, Scrapy finds the crawl finished, and the error
-is raised where the crawl was started. What was leased is fetched again by the resumed crawl.
+`FailFastFrontier` ends the crawl at the first storage error: afterwards no task waits and nothing is written, so that
+Scrapy finishes, and the error is raised where the crawl was started.
 """
 
 from __future__ import annotations
@@ -26,194 +23,193 @@ from typing import Any, Literal, Protocol, TypeVar
 from crawler.sites.registry import canonical_url
 from metric_base.errors import InputError, StorageError
 
-#: Refusals that come of a crawl's options and not of the page: a resume with other options offers these tasks again.
+#: Refusals because of options of the crawl: a resume with other options adds these tasks again.
 OFF_SITE, PRIVATE = "off the site", "private address"
 REFUSALS = (OFF_SITE, PRIVATE)
-Answer = TypeVar("Answer")
-#: What a system says where nothing more can be written.
+Result = TypeVar("Result")
+#: Errors of the system that mean that nothing can be written.
 FULL = frozenset({errno.ENOSPC, errno.EDQUOT, errno.EFBIG, errno.EROFS, errno.EIO})
 _NOTHING = dict.fromkeys(("waiting", "leased", "done", "failed", "items", "pictures"), 0)
 
 
 @dataclass(frozen=True, slots=True)
 class Task:
-    """One address to fetch: the name of the spider's method for it, small facts that travel along, its priority."""
+    """An address to fetch."""
 
     url: str
-    callback: str = "parse"
-    meta: Mapping[str, Any] = field(default_factory=dict)
+    callback: str = "parse"  #: Name of the method of the spider that parses the response.
+    meta: Mapping[str, Any] = field(default_factory=dict)  #: Values that accompany the request.
     priority: int = 0
     key: str = ""
 
     def text(self) -> str:
-        """The task as JSON; no pickle, since a shared frontier must not run what it is given."""
+        """Return the task as JSON; a pickle from a shared frontier could execute code."""
         return json.dumps([self.url, self.callback, dict(self.meta), self.priority, self.key], ensure_ascii=False)
 
     @classmethod
     def from_text(cls, text: str) -> Task:
-        """The task of its JSON."""
+        """Return the task of a JSON text."""
         url, callback, meta, priority, key = json.loads(text)
         return cls(url, callback, meta, priority, key)
 
 
 def task_key(url: str, callback: str = "parse") -> str:
-    """The identity of a task: one canonical address is fetched once for one purpose."""
+    """Return the identity of a task: a canonical address is fetched once per callback."""
     return hashlib.sha256(f"{callback} {canonical_url(url)}".encode()).hexdigest()[:32]
 
 
 @dataclass(frozen=True, slots=True)
 class Outcome:
-    """What came of a task: `items` and `pictures` as JSON lines by their ids, tasks it led to, why it failed.
-
-    most : new items to take at most, None for all; a page of which items were left over waits to be fetched again.
-    An answer is a page with items or a picture, never both, so that what was new of either is one number.
-    """
+    """Result of a task. A response has items or a picture, never both, so that one number counts the new ones."""
 
     key: str
-    items: Sequence[tuple[str, str]] = ()
-    tasks: Sequence[Task] = ()
+    items: Sequence[tuple[str, str]] = ()  #: Ids and JSON lines.
+    tasks: Sequence[Task] = ()  #: Links.
     failure: str | None = None
-    pictures: Sequence[tuple[str, str]] = ()
-    most: int | None = None
+    pictures: Sequence[tuple[str, str]] = ()  #: Ids and JSON lines.
+    #: Maximum number of new items; None: no limit. A page with further items waits to be fetched again.
+    max_items: int | None = None
 
     def __post_init__(self) -> None:
         if self.items and self.pictures:
             raise ValueError(f"{self.key}: expected items or pictures; found both")
 
     def is_whole(self, new: int) -> bool:
-        """Whether no item was left over, where `new` were taken."""
-        return self.most is None or new < self.most or len(self.items) <= new
+        """Return True if no item is left after `new` were taken."""
+        return self.max_items is None or new < self.max_items or len(self.items) <= new
 
 
 class Frontier(Protocol):
-    """What the scheduler asks of a frontier; `frontier_sqlite` is one process's, `frontier_redis` everyone's."""
+    """Interface of a frontier: `SqliteFrontier` for one process, `RedisFrontier` for several."""
 
     def add(self, tasks: Iterable[Task]) -> int:
-        """Add the tasks whose keys are new; the number of them."""
+        """Add the tasks whose keys are new; return their number."""
 
     def lease(self) -> Task | None:
-        """The next task, now in this process's hands; None where nothing waits."""
+        """Lease the next task to this process; None if no task waits."""
 
     def put_back(self, task: Task) -> None:
-        """Return a leased task, perhaps with another address (a redirect) or other facts (a retry)."""
+        """Return a leased task, perhaps with another address (a redirect) or other values (a retry)."""
 
     def commit(self, outcome: Outcome) -> int:
-        """Write what came of a leased task, in one transaction; the number of items and pictures that were new."""
+        """Write the result of a leased task in one transaction; return the number of new items or pictures."""
 
     def is_exhausted(self) -> bool:
-        """Whether nothing waits, and nothing is in any worker's hands and might come back."""
+        """Return True if no task waits and no worker has a leased task."""
 
     def counts(self) -> dict[str, int]:
         """Tasks by state, items, and pictures."""
 
     def origin(self) -> dict[str, Any]:
-        """What the crawl began with, as it was remembered; empty if nothing was."""
+        """Return the stored start addresses, query and category; empty if there are none."""
 
     def remember(self, origin: Mapping[str, Any]) -> None:
-        """Keep what the crawl began with, for a resume that does not name it."""
+        """Store start addresses, query and category for a resume."""
 
     def reopen(self, reason: str) -> int:
-        """Let the tasks that were refused for a reason (of `REFUSALS`) wait again; the number of them."""
+        """Let the tasks that were refused for a reason of `REFUSALS` wait again; return their number."""
 
     def start_over(self) -> None:
-        """Forget all tasks: those of a crawl that came to nothing."""
+        """Remove all tasks of a crawl without result."""
 
     def lines(self, after: int = 0, kind: Literal["items", "pictures"] = "items") -> Iterable[tuple[int, str]]:
-        """Numbers and JSON lines of this process's items or pictures behind a number, in the order they came."""
+        """Return numbers and JSON lines of the items or pictures of this process after a number, in order."""
 
     def close(self) -> None:
         """Release files and connections."""
 
 
 def has_no_result(counts: Mapping[str, int]) -> bool:
-    """Whether a crawl ended and no page came home; its folder may be used as if it were free."""
+    """Return True if a crawl ended without a page, so that its folder can be used again."""
     return not any(counts[state] for state in ("waiting", "leased", "done", "items"))
 
 
 def store_errors() -> tuple[type[Exception], ...]:
-    """What the libraries below a frontier raise: SQLite's errors, the system's, Redis' where it is in use."""
+    """Return the error types of SQLite, of the system, and of Redis if it is imported."""
     redis = sys.modules.get("redis")
     return (sqlite3.Error, OSError, StorageError, *([] if redis is None else [redis.RedisError]))
 
 
 class FailFastFrontier:
-    """A frontier whose first error is kept and reported once.
+    """Wrap a frontier so that its first storage error ends the crawl and is reported once.
 
     Parameters
     ----------
-    place : the file or server, for the message.
+    frontier : Frontier
+    place : str
+        File or server, for the message.
     """
 
     def __init__(self, frontier: Frontier, place: str) -> None:
         self._frontier = frontier
         self._place = place
-        #: What ends the crawl; whoever runs it sets this.
+        #: Called at the first error; ends the crawl.
         self.on_error: Callable[[], object] = lambda: None
-        #: Why the crawl cannot go on; None as long as it can.
+        #: The first error, or None.
         self.error: StorageError | None = None
 
     def fail(self, error: Exception) -> None:
-        """Keep the first error, and end the crawl."""
+        """Store the first error, and end the crawl."""
         if self.error is None:
             self.error = _storage_error(error, self._place)
             self.on_error()
 
-    def watch(self, call: Callable[[], Answer], otherwise: Answer) -> Answer:
-        """What the call returns; `otherwise` where it fails, or a call before it did."""
+    def call_or(self, default: Result, call: Callable[[], Result]) -> Result:
+        """Return `call()`, or `default` if this call or an earlier one failed."""
         if self.error is not None:
-            return otherwise
+            return default
         try:
             return call()
         except store_errors() as error:
             self.fail(error)
-            return otherwise
+            return default
 
     def add(self, tasks: Iterable[Task]) -> int:
-        """Add the tasks whose keys are new; the number of them."""
-        return self.watch(lambda: self._frontier.add(tasks), 0)
+        """Add the tasks whose keys are new; return their number."""
+        return self.call_or(0, lambda: self._frontier.add(tasks))
 
     def lease(self) -> Task | None:
-        """The next task; None where nothing waits, or the frontier failed."""
-        return self.watch(self._frontier.lease, None)
+        """Lease the next task; None if no task waits or the frontier failed."""
+        return self.call_or(None, self._frontier.lease)
 
     def put_back(self, task: Task) -> None:
         """Return a leased task."""
-        self.watch(lambda: self._frontier.put_back(task), None)
+        self.call_or(None, lambda: self._frontier.put_back(task))
 
     def commit(self, outcome: Outcome) -> int:
-        """Write what came of a leased task; the number of items and pictures that were new."""
-        return self.watch(lambda: self._frontier.commit(outcome), 0)
+        """Write the result of a leased task; return the number of new items or pictures."""
+        return self.call_or(0, lambda: self._frontier.commit(outcome))
 
     def is_exhausted(self) -> bool:
-        """Whether nothing is left to do, or the frontier failed."""
-        return self.watch(self._frontier.is_exhausted, True)
+        """Return True if no task is left or the frontier failed."""
+        return self.call_or(True, self._frontier.is_exhausted)
 
     def counts(self) -> dict[str, int]:
         """Tasks by state, items, and pictures."""
-        return self.watch(self._frontier.counts, dict(_NOTHING))
+        return self.call_or(dict(_NOTHING), self._frontier.counts)
 
     def origin(self) -> dict[str, Any]:
-        """What the crawl began with."""
+        """Return the stored start addresses, query and category."""
         return self._frontier.origin()
 
     def remember(self, origin: Mapping[str, Any]) -> None:
-        """Keep what the crawl began with."""
+        """Store start addresses, query and category."""
         self._frontier.remember(origin)
 
     def reopen(self, reason: str) -> int:
-        """Let the tasks that were refused for a reason wait again; the number of them."""
+        """Let the tasks that were refused for a reason wait again; return their number."""
         return self._frontier.reopen(reason)
 
     def start_over(self) -> None:
-        """Forget all tasks."""
+        """Remove all tasks."""
         self._frontier.start_over()
 
     def lines(self, after: int = 0, kind: Literal["items", "pictures"] = "items") -> Iterable[tuple[int, str]]:
-        """Numbers and JSON lines of the items or pictures behind a number."""
+        """Return numbers and JSON lines of the items or pictures after a number."""
         return self._frontier.lines(after, kind)
 
     def close(self) -> None:
-        """Release files and connections; a frontier that failed may fail again, which says nothing new."""
+        """Release files and connections."""
         try:
             self._frontier.close()
         except store_errors() as error:
@@ -222,7 +218,7 @@ class FailFastFrontier:
 
 @contextmanager
 def storage_errors(place: str) -> Iterator[None]:
-    """What the libraries below a frontier raise inside the block, as a `StorageError` that names the place."""
+    """Convert storage errors of the block to a `StorageError` that names the place."""
     try:
         yield
     except InputError:
@@ -234,7 +230,7 @@ def storage_errors(place: str) -> Iterator[None]:
 def _storage_error(error: Exception, place: str) -> StorageError:
     if isinstance(error, StorageError):
         return error
-    said = " ".join(str(error).split())
-    # a damaged file is not healed by another try
-    advice = "" if "not a database" in said or "malformed" in said else "; --resume goes on"
-    return StorageError(f"{place}: expected a frontier that can be written and asked, found: {said}{advice}")
+    message = " ".join(str(error).split())
+    # a resume does not repair a damaged file
+    advice = "" if "not a database" in message or "malformed" in message else "; --resume continues the crawl"
+    return StorageError(f"{place}: expected a frontier that can be read and written, found: {message}{advice}")

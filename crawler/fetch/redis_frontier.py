@@ -118,7 +118,9 @@ class RedisFrontier:
 
     def commit(self, outcome: Outcome) -> int:
         """Items to this worker's file first, then the links and the mark to Redis."""
-        new = self._items.commit(Outcome(outcome.key, outcome.items, pictures=outcome.pictures, most=outcome.most))
+        new = self._items.commit(
+            Outcome(outcome.key, outcome.items, pictures=outcome.pictures, max_items=outcome.max_items)
+        )
         self.add(outcome.tasks)
         pipe = self._redis.pipeline(transaction=True)
         pipe.zrem(self._keys["leases"], outcome.key)

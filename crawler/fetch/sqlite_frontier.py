@@ -71,7 +71,7 @@ class SqliteFrontier:
     def commit(self, outcome: Outcome) -> int:
         """Items, links and the mark that the task is done, in one transaction."""
         with self._transaction():
-            new = self._store("items", outcome.items, outcome.most)
+            new = self._store("items", outcome.items, outcome.max_items)
             state = DONE if outcome.is_whole(new) else WAITING
             new += self._store("pictures", outcome.pictures)
             self._insert(outcome.tasks)

@@ -116,7 +116,7 @@ def test_a_page_of_which_items_are_left_over_waits_again(tmp_path: Path) -> None
     frontier.add([Task("http://a.example/1")])
     task = frontier.lease()
     assert task is not None
-    assert frontier.commit(Outcome(task.key, [_item(1), _item(2)], most=1)) == 1
+    assert frontier.commit(Outcome(task.key, [_item(1), _item(2)], max_items=1)) == 1
     assert (frontier.counts()["waiting"], frontier.counts()["items"]) == (1, 1)
     assert frontier.lease() == task
     assert frontier.commit(Outcome(task.key, [_item(1), _item(2)])) == 1

@@ -61,7 +61,7 @@ def test_a_disk_that_is_full_at_the_commit_leaves_the_page_to_be_fetched_again(t
     ended: list[bool] = []
     watched.on_error = lambda: ended.append(True)
     assert watched.commit(Outcome(task.key, many)) == 0
-    assert "f.sqlite: expected a frontier that can be written and asked, found: database or disk is full" in str(
+    assert "f.sqlite: expected a frontier that can be read and written, found: database or disk is full" in str(
         watched.error
     )
     assert (watched.lease(), watched.is_exhausted(), ended) == (None, True, [True])
@@ -126,7 +126,7 @@ def test_a_file_that_may_not_grow_ends_the_crawl_with_one_line(tmp_path: Path) -
             cwd=ROOT, capture_output=True, text=True, timeout=180, check=False, preexec_fn=bounded,
         )  # fmt: skip
         assert (done.returncode, done.stderr.count("\n"), done.stdout) == (2, 1, ""), done.stderr
-        assert "frontier.sqlite: expected a frontier that can be written and asked" in done.stderr
+        assert "frontier.sqlite: expected a frontier that can be read and written" in done.stderr
 
 
 @pytest.mark.slow
@@ -149,7 +149,7 @@ def test_a_crawl_whose_server_is_stopped_ends_with_one_line_and_goes_on_when_it_
         site.shop = replace(site.shop, delay=0.0)
         output, message = process.communicate(timeout=180)
         assert (process.returncode, message.count("\n"), output) == (2, 1, ""), message
-        assert f"{redis_server.url}: expected a frontier that can be written and asked" in message
+        assert f"{redis_server.url}: expected a frontier that can be read and written" in message
         assert 0 < stored_counts(out / "one" / "frontier.sqlite")["items"] < 150
         redis_server.start()
         again = words("generic", out, *more, "--resume", "--json")

@@ -1,1 +1,1 @@
-"""A result in three dimensions: what is shown, as a glTF file, as a picture, and in a window."""
+"""3-D views of an estimate: their content, as a glTF file, as an image, and in a window."""

@@ -1,6 +1,6 @@
-"""What a view in three dimensions shows of an estimate: points, cameras, boxes with sizes, support planes, up.
+"""Content of a 3-D view of an estimate: points, cameras, boxes with sizes, support planes and the vertical.
 
-The frame is glTF's: y is up, lengths are in metres where a scale is known, else in scene units.
+The frame is that of glTF, with y up. Lengths are in metres if a scale is known, otherwise in scene units.
 """
 
 from __future__ import annotations
@@ -14,10 +14,10 @@ import numpy as np
 from estimator.outputs.size_labels import dimension_labels
 from estimator.records.objects import Box, MeasuredObject, SupportPlane, corners
 from estimator.records.result import ObjectReport, ScaleResult, SceneEstimate
-from estimator.records.scene import Scene, View
+from estimator.records.scene import View
 from metric_base.arrays import FloatArray, IntArray
 
-#: Red, green and blue, 0 to 255, by verdict, and of what is no object.
+#: Red, green and blue, 0 to 255, of boxes and points by verdict, and of other elements.
 COLOURS: Mapping[str, tuple[int, int, int]] = {
     "used": (11, 126, 110),
     "outlier": (200, 70, 20),
@@ -28,96 +28,119 @@ COLOURS: Mapping[str, tuple[int, int, int]] = {
     "up": (120, 60, 170),
 }
 
-#: Points that are shown at most: a file of a megabyte, which a telephone turns without a jerk.
-MOST_POINTS = 60_000
+#: Maximum number of points: a file of one megabyte, which phones rotate smoothly.
+MAX_POINTS = 60_000
 
-#: A camera's pyramid is as deep as this part of the scene's size.
-CAMERA_SHARE = 0.04
+#: Depth of the pyramid of a camera, relative to the diagonal of the scene.
+CAMERA_FRACTION = 0.04
 
-#: The arrow of up is as long as this part of the scene's size.
-UP_SHARE = 0.25
+#: Length of the arrow of the vertical, relative to the diagonal of the scene.
+UP_FRACTION = 0.25
 
-#: Share of the points at either end of an axis that do not count for the scene's size: stray points are far away.
-STRAY = 0.02
+#: Fraction of the points at each end of an axis that is ignored for the extent of the scene, because of outliers.
+OUTLIER_FRACTION = 0.02
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class BoxView:
-    """A box: corners (8, 3) in the order of `box_edges.corners`, name and sizes; `said` is what a click on it says."""
+    """The box of an object."""
 
     id: str
     verdict: str
+    #: (8, 3) in the order of `estimator.records.objects.corners`.
     corners: FloatArray
     title: str
     sizes: str
-    said: Mapping[str, Any]
+    #: Report of the object, shown after a click on the box.
+    report: Mapping[str, Any]
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class SceneView:
-    """What is shown. Lines are pairs of ends (n, 2, 3); planes are quadrilaterals (4, 3), in turn around.
+    """Content of a view."""
 
-    points : (n, 3); point_colours : (n, 3) 0 to 255; unit : `m`, or `units` where no scale is known; headline : the
-    result in a line.
-    """
-
+    #: (n, 3)
     points: FloatArray
+    #: (n, 3) from 0 to 255.
     point_colours: IntArray
+    #: (k, 2, 3) ends of lines.
     cameras: FloatArray
     boxes: tuple[BoxView, ...]
+    #: Consecutive corners (4, 3) of each plane.
     planes: tuple[FloatArray, ...]
+    #: (1, 2, 3) ends of the arrow of the vertical.
     up: FloatArray
+    #: `m`, or `units` if no scale is known.
     unit: str
+    #: The result in one line.
     headline: str
 
     def bounds(self) -> FloatArray:
-        """(2, 3) lowest and highest corner of what is shown, without stray points."""
+        """Return the lowest and the highest corner (2, 3) of the content, without outliers of the points."""
         parts = [box.corners for box in self.boxes] + [self.cameras.reshape(-1, 3)]
         if len(self.points):
-            parts.append(np.quantile(self.points, [STRAY, 1 - STRAY], axis=0))
-        everything = np.concatenate(parts) if parts else np.zeros((0, 3))
-        if not len(everything):
+            parts.append(np.quantile(self.points, [OUTLIER_FRACTION, 1 - OUTLIER_FRACTION], axis=0))
+        content = np.concatenate(parts) if parts else np.zeros((0, 3))
+        if not len(content):
             return np.array([[-1.0] * 3, [1.0] * 3])
-        return np.stack([everything.min(axis=0), everything.max(axis=0)])
+        return np.stack([content.min(axis=0), content.max(axis=0)])
 
 
 def scene_view(estimate: SceneEstimate) -> SceneView:
-    """What is shown of an estimate; one that measured no object has points and cameras alone."""
+    """Return the view of an estimate; without measured objects, it contains points and cameras."""
     result, scene, measured = estimate.result, estimate.scene, estimate.measurements
     scale = result.best_scale or 1.0
-    turn = _upright(result) * scale
+    rotation = _upright_rotation(result) * scale
     reports = {report.id: report for report in result.objects}
     objects = [item for item in measured.objects if item.box is not None] if measured else []
-    cloud = scene.dense.points if scene.dense is not None else scene.points
-    rows, verdicts = _shown_points(scene, objects, reports, len(cloud))
-    points = cloud[rows] @ turn.T
-    size = _size(points, [view.centre @ turn.T for view in scene.views])
-    planes = tuple(_quadrilateral(plane) @ turn.T for plane in measured.planes) if measured else ()
-    low = np.quantile(points, STRAY, axis=0) if len(points) else np.zeros(3)
+
+    # A regular sample of the cloud, coloured by the verdicts of the objects.
+    cloud, cloud_name = (scene.points, "sparse") if scene.dense is None else (scene.dense.points, "dense")
+    count = len(cloud)
+    names = np.full(count, "point", dtype=object)
+    for item in objects:
+        if item.point_rows is not None and item.cloud == cloud_name:
+            names[item.point_rows] = reports[item.id].verdict
+    rows = np.unique(np.linspace(0, count - 1, min(count, MAX_POINTS)).astype(np.int64)) if count else np.zeros(0, int)
+    points = cloud[rows] @ rotation.T
+    colours = np.array([COLOURS[name] for name in names[rows].tolist()], dtype=np.int64).reshape(-1, 3)
+
+    # The diagonal of the scene, of the points without outliers and of the cameras.
+    inner = [np.quantile(points, [OUTLIER_FRACTION, 1 - OUTLIER_FRACTION], axis=0)] if count else []
+    positions = np.concatenate([*inner, np.array([view.centre @ rotation.T for view in scene.views]).reshape(-1, 3)])
+    diagonal = float(np.linalg.norm(np.ptp(positions, axis=0))) or 1.0 if len(positions) else 1.0
+
+    low = np.quantile(points, OUTLIER_FRACTION, axis=0) if count else np.zeros(3)
     return SceneView(
         points=points,
-        point_colours=np.array([COLOURS[name] for name in verdicts], dtype=np.int64).reshape(-1, 3),
-        cameras=np.concatenate([_pyramid(view, size * CAMERA_SHARE / scale) for view in scene.views]) @ turn.T,
-        boxes=tuple(_box(item, item.box, reports[item.id], result, turn) for item in objects if item.box is not None),
-        planes=planes,
-        up=np.stack([low, low + np.array([0, size * UP_SHARE, 0])])[None],
+        point_colours=colours,
+        cameras=np.concatenate([_pyramid(view, diagonal * CAMERA_FRACTION / scale) for view in scene.views])
+        @ rotation.T,
+        boxes=tuple(
+            _box_view(item, item.box, reports[item.id], result, rotation) for item in objects if item.box is not None
+        ),
+        planes=tuple(_rectangle(plane) @ rotation.T for plane in measured.planes) if measured else (),
+        up=np.stack([low, low + np.array([0, diagonal * UP_FRACTION, 0])])[None],
         unit="m" if result.best_scale else "units",
         headline=_headline(result),
     )
 
 
 def box_on_ray(view: SceneView, origin: FloatArray, direction: FloatArray) -> BoxView | None:
-    """The box that a ray meets first; None if it meets none.
+    """Return the first box on a ray, or None.
 
-    origin, direction : (3,) in the frame of the view; of boxes that hold one another the inner one is met where the ray
-    enters both from outside at the same place only.
+    Parameters
+    ----------
+    view : SceneView
+    origin, direction : (3,) ndarray of float
+        In the frame of the view.
     """
     nearest: tuple[float, BoxView] | None = None
     for box in view.boxes:
-        centre, axes = box.corners.mean(axis=0), box.corners[[1, 2, 4]] - box.corners[0]  # rows: whole edges
-        halves = np.linalg.norm(axes, axis=1) / 2
-        units = axes / np.maximum(2 * halves, 1e-12)[:, None]
-        start, along = units @ (origin - centre), units @ direction
+        centre, edges = box.corners.mean(axis=0), box.corners[[1, 2, 4]] - box.corners[0]
+        halves = np.linalg.norm(edges, axis=1) / 2
+        axes = edges / np.maximum(2 * halves, 1e-12)[:, None]
+        start, along = axes @ (origin - centre), axes @ direction
         with np.errstate(divide="ignore", invalid="ignore"):
             ends = np.stack([(-halves - start) / along, (halves - start) / along])
         enter, leave = np.nanmax(ends.min(axis=0)), np.nanmin(ends.max(axis=0))
@@ -126,8 +149,8 @@ def box_on_ray(view: SceneView, origin: FloatArray, direction: FloatArray) -> Bo
     return None if nearest is None else nearest[1]
 
 
-def _upright(result: ScaleResult) -> FloatArray:
-    """(3, 3) rotation that takes the scene's up to +y; of a scene without one the cameras' -y."""
+def _upright_rotation(result: ScaleResult) -> FloatArray:
+    """Return the rotation (3, 3) that turns the vertical of the scene to +y; without one, -y points up."""
     up = np.array(result.up.vector if result.up is not None else (0.0, -1.0, 0.0))
     up = up / np.linalg.norm(up)
     seed = np.array([1.0, 0, 0]) if abs(up[0]) < 0.9 else np.array([0, 0, 1.0])
@@ -136,28 +159,8 @@ def _upright(result: ScaleResult) -> FloatArray:
     return np.stack([right, up, np.cross(right, up)])
 
 
-def _size(points: FloatArray, centres: list[FloatArray]) -> float:
-    """The diagonal of the scene without its stray points, of points (n, 3) and of the cameras' centres, each (3,)."""
-    parts = [np.quantile(points, [STRAY, 1 - STRAY], axis=0)] if len(points) else []
-    places = np.concatenate([*parts, np.array(centres).reshape(-1, 3)])
-    return float(np.linalg.norm(np.ptp(places, axis=0))) or 1.0 if len(places) else 1.0
-
-
-def _shown_points(
-    scene: Scene, objects: list[MeasuredObject], reports: Mapping[str, ObjectReport], count: int
-) -> tuple[IntArray, list[str]]:
-    """Rows (m,) of the cloud that are shown, spread evenly, and what each is of: a verdict, or `point`."""
-    names = np.full(count, "point", dtype=object)
-    shown = "dense" if scene.dense is not None else "sparse"
-    for item in objects:
-        if item.point_rows is not None and item.cloud == shown:
-            names[item.point_rows] = reports[item.id].verdict
-    rows = np.unique(np.linspace(0, count - 1, min(count, MOST_POINTS)).astype(np.int64)) if count else np.zeros(0, int)
-    return rows, names[rows].tolist()
-
-
 def _pyramid(view: View, depth: float) -> FloatArray:
-    """(8, 2, 3) lines of a camera: from its centre to the picture's corners, and around these."""
+    """Return the lines (8, 2, 3) from a camera centre to the corners of its image plane, and around them."""
     camera = view.camera
     focal = float(camera.params[0])
     half = np.array([camera.width, camera.height]) / (2 * focal) * depth
@@ -166,22 +169,24 @@ def _pyramid(view: View, depth: float) -> FloatArray:
     return np.array([[view.centre, end] for end in ends] + [[ends[k], ends[(k + 1) % 4]] for k in range(4)])
 
 
-def _quadrilateral(plane: SupportPlane) -> FloatArray:
-    """(4, 3) corners in the scene of the rectangle in which a level surface was seen."""
-    seen = np.argwhere(plane.cells)
-    low, high = seen.min(axis=0), seen.max(axis=0) + 1
+def _rectangle(plane: SupportPlane) -> FloatArray:
+    """Return the corners (4, 3) in the scene of the rectangle around the observed cells of a plane."""
+    observed = np.argwhere(plane.cells)
+    low, high = observed.min(axis=0), observed.max(axis=0) + 1
     ends = plane.origin + np.array([[low[0], low[1]], [high[0], low[1]], [high[0], high[1]], [low[0], high[1]]]) * (
         plane.cell
     )
     return np.column_stack([ends, np.full(4, plane.height)]) @ plane.basis
 
 
-def _box(item: MeasuredObject, box: Box, report: ObjectReport, result: ScaleResult, turn: FloatArray) -> BoxView:
-    """The box of an object; turn : (3, 3) from the scene's frame to the view's."""
+def _box_view(
+    item: MeasuredObject, box: Box, report: ObjectReport, result: ScaleResult, rotation: FloatArray
+) -> BoxView:
+    """Return the box of an object; `rotation` (3, 3) turns the frame of the scene to that of the view."""
     labels = dimension_labels(item, report, result, {})
-    marks = [">" if short else "" for short in item.truncated]
+    marks = [">" if is_truncated else "" for is_truncated in item.truncated]
     extents = [f"{mark}{size:.2f}" for mark, size in zip(marks, item.extents * (result.best_scale or 1), strict=True)]
-    said = {
+    record = {
         "id": report.id,
         "category": report.category,
         "node": report.node,
@@ -194,10 +199,12 @@ def _box(item: MeasuredObject, box: Box, report: ObjectReport, result: ScaleResu
     }
     known = [text for text, size in zip(extents, item.extents, strict=True) if np.isfinite(size)]
     sizes = " x ".join(known) + (" m" if result.best_scale else " units")
-    return BoxView(report.id, report.verdict, corners(box) @ turn.T, f"{report.category} {report.id}", sizes, said)
+    title = f"{report.category} {report.id}"
+    return BoxView(report.id, report.verdict, corners(box) @ rotation.T, title, sizes, record)
 
 
 def _headline(result: ScaleResult) -> str:
+    """Return status, scale and interval in one line."""
     if result.scale is None or result.interval is None:
         return "unresolved" + ("; sizes are those of the likeliest scale" if result.best_scale else "")
     low, high = result.interval.low, result.interval.high

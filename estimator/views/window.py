@@ -1,4 +1,4 @@
-"""The view in a window of Open3D: turn, move, and click on a box for what it says."""
+"""Show the 3-D view of an estimate in an Open3D window; a click on a box shows its report."""
 
 from __future__ import annotations
 
@@ -12,20 +12,22 @@ from estimator.records.objects import EDGES
 from estimator.views.scene_view import COLOURS, BoxView, SceneView, box_on_ray
 from metric_base.errors import InputError
 
+#: Initial size of the window in pixels.
 WIDTH, HEIGHT = 1280, 860
-
-#: Pixels that the pointer may move between press and release of a click.
-CLICK_PX = 4
+#: Maximum movement of the pointer between press and release of a click, in pixels.
+MAX_CLICK_PX = 4
+#: Exponent from sRGB values (0 to 1) to the linear light that the renderer uses, approximately.
+GAMMA = 2.2
 
 
 def check_display() -> None:
-    """InputError where there is no display, before any work is done."""
+    """Raise InputError if there is no display; called before any other work."""
     if sys.platform.startswith("linux") and not (os.environ.get("DISPLAY") or os.environ.get("WAYLAND_DISPLAY")):
         raise InputError("--view: expected a display; found none (--view-png and --view-glb need none)")
 
 
 def show(view: SceneView) -> None:
-    """Open the window, and return when it is closed; it needs the extra `view`."""
+    """Open the window, and return when it is closed. Open3D is part of the extra `view`."""
     from open3d.visualization import gui
 
     application = gui.Application.instance
@@ -34,18 +36,20 @@ def show(view: SceneView) -> None:
     application.run()
 
 
-def words_of(box: BoxView | None) -> str:
-    """What the panel shows of a box, or of none."""
+def report_text(box: BoxView | None) -> str:
+    """Return the report of a box, or an instruction if no box is selected."""
     if box is None:
-        return "Click on a box for what it says."
-    said = box.said
-    lines = [box.title, f"category: {said['node'] or 'not known'} ({said['tier'] or 'no size'})", *said["sizes"]]
-    lines.append(f"{said['verdict']}, weight {said['weight']:g}" + (f": {said['reason']}" if said["reason"] else ""))
+        return "Click on a box to see its report."
+    report = box.report
+    lines = [box.title, f"category: {report['node'] or 'not known'} ({report['tier'] or 'no size'})", *report["sizes"]]
+    lines.append(
+        f"{report['verdict']}, weight {report['weight']:g}" + (f": {report['reason']}" if report["reason"] else "")
+    )
     return "\n".join(lines)
 
 
 class _Window:
-    """Open3D's scene beside a panel of words."""
+    """The scene, and a panel with the report."""
 
     def __init__(self, view: SceneView) -> None:
         from open3d.visualization import gui, rendering
@@ -55,7 +59,7 @@ class _Window:
         self._widget = gui.SceneWidget()
         self._widget.scene = rendering.Open3DScene(self.window.renderer)
         self._widget.scene.set_background([0.98, 0.98, 0.97, 1])
-        self._label = gui.Label(f"{view.headline}\n\n{words_of(None)}")
+        self._label = gui.Label(f"{view.headline}\n\n{report_text(None)}")
         self._panel = gui.Vert(0, gui.Margins(12, 12, 12, 12))
         self._panel.add_child(self._label)
         self.window.add_child(self._widget)
@@ -65,20 +69,21 @@ class _Window:
         self._fill()
 
     def _fill(self) -> None:
+        """Add the content of the view and place the camera."""
         import open3d as o3d
 
         view, scene = self._view, self._widget.scene
         if len(view.points):
             cloud = o3d.geometry.PointCloud(o3d.utility.Vector3dVector(view.points))
-            cloud.colors = o3d.utility.Vector3dVector(_linear(view.point_colours))
+            cloud.colors = o3d.utility.Vector3dVector((view.point_colours / 255) ** GAMMA)
             scene.add_geometry("points", cloud, _material("defaultUnlit", point_size=3))
         for name, lines in (("camera", view.cameras), ("up", view.up)):
             if len(lines):
                 scene.add_geometry(name, _lines(lines, COLOURS[name]), _material("unlitLine", line_width=1.5))
         for number, plane in enumerate(view.planes):
-            around = np.stack([plane, np.roll(plane, -1, axis=0)], axis=1)
+            outline = np.stack([plane, np.roll(plane, -1, axis=0)], axis=1)
             scene.add_geometry(
-                f"plane {number}", _lines(around, COLOURS["plane"]), _material("unlitLine", line_width=2)
+                f"plane {number}", _lines(outline, COLOURS["plane"]), _material("unlitLine", line_width=2)
             )
         for box in view.boxes:
             lines = _lines(box.corners[EDGES], COLOURS[box.verdict])
@@ -92,33 +97,36 @@ class _Window:
         self._widget.look_at((low + high) / 2, eye, [0, 1, 0])
 
     def _lay_out(self, _context: Any) -> None:
+        """Divide the window between the scene and the panel."""
         from open3d.visualization import gui
 
-        whole = self.window.content_rect
-        wide = 22 * self.window.theme.font_size
-        self._widget.frame = gui.Rect(whole.x, whole.y, whole.width - wide, whole.height)
-        self._panel.frame = gui.Rect(whole.get_right() - wide, whole.y, wide, whole.height)
+        area = self.window.content_rect
+        panel_width = 22 * self.window.theme.font_size
+        self._widget.frame = gui.Rect(area.x, area.y, area.width - panel_width, area.height)
+        self._panel.frame = gui.Rect(area.get_right() - panel_width, area.y, panel_width, area.height)
 
     def _on_mouse(self, event: Any) -> Any:
+        """Show the report of the box under a click; other events move the camera."""
         from open3d.visualization import gui
 
         if event.type == gui.MouseEvent.Type.BUTTON_DOWN:
             self._pressed = (event.x, event.y)
         elif event.type == gui.MouseEvent.Type.BUTTON_UP:
             moved = max(abs(event.x - self._pressed[0]), abs(event.y - self._pressed[1]))
-            if moved <= CLICK_PX:
+            if moved <= MAX_CLICK_PX:
                 box = self.box_at(event.x - self._widget.frame.x, event.y - self._widget.frame.y)
-                self._label.text = f"{self._view.headline}\n\n{words_of(box)}"
+                self._label.text = f"{self._view.headline}\n\n{report_text(box)}"
         return gui.Widget.EventCallbackResult.IGNORED
 
     def box_at(self, x: float, y: float) -> BoxView | None:
-        """The box under a pixel of the scene."""
+        """Return the box at a pixel of the scene, or None."""
         camera, frame = self._widget.scene.camera, self._widget.frame
         near, far = (np.array(camera.unproject(x, y, depth, frame.width, frame.height)) for depth in (0.0, 0.9))
         return box_on_ray(self._view, near, far - near)
 
 
 def _material(shader: str, **values: Any) -> Any:
+    """Return a material of the renderer."""
     from open3d.visualization import rendering
 
     material = rendering.MaterialRecord()
@@ -128,16 +136,12 @@ def _material(shader: str, **values: Any) -> Any:
     return material
 
 
-def _linear(colour: Any) -> Any:
-    """A colour as light, 0 to 1: the renderer's own measure."""
-    return (np.asarray(colour) / 255) ** 2.2
-
-
 def _lines(ends: Any, colour: tuple[int, int, int]) -> Any:
+    """Return lines between pairs of points (n, 2, 3)."""
     import open3d as o3d
 
-    places = ends.reshape(-1, 3)
-    pairs = np.arange(len(places)).reshape(-1, 2)
-    lines = o3d.geometry.LineSet(o3d.utility.Vector3dVector(places), o3d.utility.Vector2iVector(pairs))
-    lines.paint_uniform_color(_linear(colour))
+    points = ends.reshape(-1, 3)
+    pairs = np.arange(len(points)).reshape(-1, 2)
+    lines = o3d.geometry.LineSet(o3d.utility.Vector3dVector(points), o3d.utility.Vector2iVector(pairs))
+    lines.paint_uniform_color((np.asarray(colour) / 255) ** GAMMA)
     return lines

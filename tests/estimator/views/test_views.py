@@ -15,7 +15,7 @@ import trimesh
 from estimator.views.glb import FACES, glb_bytes
 from estimator.views.raster import render_view
 from estimator.views.scene_view import COLOURS, box_on_ray
-from estimator.views.window import words_of
+from estimator.views.window import report_text
 from metric_cli.estimate_scale.estimate import main
 from tests.synthetic.views import hand_view
 
@@ -36,11 +36,11 @@ ROOM = Path(__file__).resolve().parents[3] / "data" / "scenes" / "demo_room"
 def test_a_click_meets_the_nearest_box(origin, direction, name):
     met = box_on_ray(hand_view(), np.array(origin, dtype=float), np.array(direction, dtype=float))
     assert (met and met.id) == name
-    assert ("weight 0.9" in words_of(met)) == (name is not None)
+    assert ("weight 0.9" in report_text(met)) == (name is not None)
 
 
 def test_what_is_said_of_an_outlier():
-    assert words_of(hand_view().boxes[2]).endswith("outlier, weight 0.9: too small by half")
+    assert report_text(hand_view().boxes[2]).endswith("outlier, weight 0.9: too small by half")
 
 
 def test_the_file_is_gltf_with_a_node_for_each_box():

@@ -21,7 +21,7 @@ from benchmarks.accuracy.outcomes import crps_of
 from benchmarks.accuracy.unseen import SIGMA, rooms_of, sorted_extents, unseen_tree
 from benchmarks.common import ROOT, SHARED, options_parser
 from estimator.posterior.axis_assignments import LOG_BOX, is_sorted, prior_axes
-from estimator.posterior.object_likelihood import OUTLIER_SHARE
+from estimator.posterior.object_likelihood import OUTLIER_PROBABILITY
 from estimator.posterior.posterior import posterior
 from estimator.records.objects import MeasuredObject
 from estimator.results import object_priors
@@ -128,12 +128,12 @@ def _densities(x: FloatArray, mean: FloatArray, covariance: FloatArray) -> Float
 
 def _tilt(likelihood: FloatArray, part: FloatArray, weights: FloatArray, features: FloatArray) -> FloatArray:
     """(d,) the tilt of one place: likelihood (n, k) of objects under the components, part (n,) of each in the place."""
-    flat = OUTLIER_SHARE * np.exp(-LOG_BOX) ** features.shape[1]
+    flat = OUTLIER_PROBABILITY * np.exp(-LOG_BOX) ** features.shape[1]
     log_weight = np.log(np.maximum(weights, 1e-9))
 
     def loss(tilt: FloatArray) -> float:
         tilted = np.exp(log_weight + features @ tilt)
-        density = (1 - OUTLIER_SHARE) * likelihood @ (tilted / tilted.sum()) + flat
+        density = (1 - OUTLIER_PROBABILITY) * likelihood @ (tilted / tilted.sum()) + flat
         return float(-part @ np.log(density) + 0.5 * tilt @ tilt / TILT_SD**2)
 
     return np.asarray(minimize(loss, np.zeros(features.shape[1]), method="BFGS").x)

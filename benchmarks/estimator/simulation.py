@@ -19,10 +19,10 @@ import numpy as np
 import metric_tree
 from estimator.baselines.candidate_search import candidate_scales, estimate_on
 from estimator.baselines.paper import PaperMixture, fit_mixture
-from estimator.posterior.axis_assignments import GROSS_ERROR_SD_LOG, GROSS_ERROR_SHARE, LOG_BOX
+from estimator.posterior.axis_assignments import GROSS_ERROR_PROBABILITY, GROSS_ERROR_SD_LOG, LOG_BOX
 from estimator.posterior.class_hypotheses import hypotheses
 from estimator.posterior.log_scale_grid import PRIOR_MARGIN_LOG
-from estimator.posterior.object_likelihood import OUTLIER_SHARE, ObjectEvidence
+from estimator.posterior.object_likelihood import OUTLIER_PROBABILITY, ObjectEvidence
 from estimator.posterior.posterior import Estimate, posterior
 from estimator.posterior.shared_error import shared_error
 from estimator.records.objects import ETA_THRESHOLD, MeasuredObject
@@ -165,14 +165,14 @@ def _modelled_class(prior: Prior, several: bool, generator: np.random.Generator)
     middle = prior.weights @ prior.means
 
     def draw() -> FloatArray:
-        if generator.random() < OUTLIER_SHARE:
+        if generator.random() < OUTLIER_PROBABILITY:
             anything = LOG_BOX * generator.uniform(-0.5, 0.5, 3)
             return np.asarray(np.exp(middle + anything - anything.mean() + PRIOR_MARGIN_LOG * generator.uniform(-1, 1)))
         component = _component(way.prior, generator)
         size = generator.multivariate_normal(way.prior.means[component], way.prior.covariances[component]) + error
         wrong = generator.random()
-        if wrong < 3 * GROSS_ERROR_SHARE:
-            size[int(wrong / GROSS_ERROR_SHARE)] += GROSS_ERROR_SD_LOG * generator.standard_normal()
+        if wrong < 3 * GROSS_ERROR_PROBABILITY:
+            size[int(wrong / GROSS_ERROR_PROBABILITY)] += GROSS_ERROR_SD_LOG * generator.standard_normal()
         return np.asarray(np.exp(size))
 
     return draw

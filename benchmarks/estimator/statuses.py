@@ -46,11 +46,11 @@ def main() -> None:
     rows = [*_rooms(tree), *_simulations()]
     parts = {name: [row for row in rows if row[0] == name] for name in ("simulated", "even rooms", "odd rooms")}
     print("| unresolved under a mass near the mode of | " + " | ".join(parts) + " |\n|---" + "|---" * 3 + "|")
-    shipped = posterior_module.LEAST_NEAR_MASS
+    shipped = posterior_module.MIN_PEAK_MASS
     for limit in LIMITS:
-        posterior_module.LEAST_NEAR_MASS = limit
+        posterior_module.MIN_PEAK_MASS = limit
         print(f"| {limit} | " + " | ".join(_share(_of(own, "unresolved")) for own in parts.values()) + " |")
-    posterior_module.LEAST_NEAR_MASS = shipped
+    posterior_module.MIN_PEAK_MASS = shipped
     print("\n| odd rooms | status | off by more than 15 % | error, median | mean | coverage |\n|---" + "|---" * 5 + "|")
     for count in SUBSETS:
         of_count = [row for row in parts["odd rooms"] if row[1] == count]
@@ -64,10 +64,10 @@ def _contradicted_table(tree: Tree) -> None:
     print("|---|---|---|---|---|---|")
     for shift in SHIFTS:
         runs = []
-        for power in (1.0, posterior_module.CONTRADICTED_POWER):
-            posterior_module.CONTRADICTED_POWER = power
+        for power in (1.0, posterior_module.TEMPERING_EXPONENT):
+            posterior_module.TEMPERING_EXPONENT = power
             runs.append([row for row in _rooms(tree, (None, 3, 5), shift) if row[0] == "odd rooms"])
-        pairs = [pair for pair in zip(*runs, strict=True) if posterior_module.contradicts(pair[0][2].weight)]
+        pairs = [pair for pair in zip(*runs, strict=True) if posterior_module.mostly_outliers(pair[0][2].weight)]
         # those that would be unresolved anyhow say nothing of this
         pairs = [(plain, wide) for plain, wide in pairs if plain[2].status != "unresolved"]
         wide = [wide for _, wide in pairs]
@@ -123,7 +123,7 @@ def _of(rows: Sequence[Row], wanted: str) -> list[Row]:
     return [
         row
         for row in rows
-        if posterior_module.status_of(row[2].modes, row[2].interval, row[2].curve, row[2].weight) == wanted
+        if posterior_module.status_reason(row[2].modes, row[2].interval, row[2].curve, row[2].weight)[0] == wanted
     ]
 
 
@@ -132,7 +132,7 @@ def _errors(rows: Sequence[Row]) -> np.ndarray[tuple[int], np.dtype[np.float64]]
 
 
 def _share(rows: Sequence[Row]) -> str:
-    return f"{np.mean(_errors(rows) > posterior_module.NEAR - 1):.0%} of {len(rows)}" if rows else "none"
+    return f"{np.mean(_errors(rows) > posterior_module.PEAK_WIDTH_RATIO - 1):.0%} of {len(rows)}" if rows else "none"
 
 
 def _figures(rows: Sequence[Row]) -> str:

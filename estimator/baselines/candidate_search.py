@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from estimator.posterior.log_scale_grid import interval, modes
-from estimator.posterior.posterior import Estimate, doubt_of
+from estimator.posterior.posterior import Estimate, status_reason
 from estimator.records.result import Curve
 from metric_base.arrays import FloatArray
 
@@ -35,13 +35,13 @@ def estimate_on(scales: FloatArray, log_likelihood: FloatArray, level: float) ->
     density /= density.sum() * (log_scale[1] - log_scale[0])
     curve = Curve(log_scale, density, 0.0, 0.0)
     peaks, bounds = modes(curve), interval(curve, level)
-    doubt = doubt_of(peaks, bounds, curve)
+    status, reason = status_reason(peaks, bounds, curve)
     return Estimate(
         curve=curve,
         modes=peaks,
         interval=bounds,
-        status="resolved" if doubt is None else doubt[0],
-        doubt=None if doubt is None else doubt[1],
+        status=status,
+        reason=reason,
         weight=np.ones(len(log_likelihood)),
         own_scale=scales[log_likelihood.argmax(axis=1)],
     )

@@ -77,7 +77,7 @@ def paper_result(
         mixtures, notes = _mixtures(matches, authors)
     with stopwatch(seconds, "posterior"):
         evidence, estimate = _estimate(objects, matches, mixtures, options.level)
-    status, reason = ("unresolved", None) if estimate is None else (estimate.status, estimate.doubt)
+    status, reason = ("unresolved", None) if estimate is None else (estimate.status, estimate.reason)
     return build_result(
         evidence, estimate, tree, options, context, status=status, reason=reason, notes=notes, seconds=seconds
     )

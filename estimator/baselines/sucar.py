@@ -83,7 +83,7 @@ def sucar_result(
             scales = candidate_scales(mean / mm)
             residuals = (scales * mm[:, None] - mean[:, None]) / sd[:, None]
             estimate = estimate_on(scales, -0.5 * residuals**2 - np.log(sd)[:, None], options.level)
-    status, reason = ("unresolved", None) if estimate is None else (estimate.status, estimate.doubt)
+    status, reason = ("unresolved", None) if estimate is None else (estimate.status, estimate.reason)
     x, y, z = down.tolist()
     how = "prescribed: first camera" if options.up is None else "given"
     return build_result(

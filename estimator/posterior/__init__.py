@@ -1,1 +1,1 @@
-"""Measured objects and priors to a posterior over log scale (paper, section 4.3)."""
+"""Posterior of the scale from measured objects, size priors and other evidence (paper, section 4.3)."""

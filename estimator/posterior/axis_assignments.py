@@ -1,9 +1,9 @@
-"""How the measured extents of one object may be its prior's axes, and what each way says about sides that are cut.
+"""Enumerate the assignments of the measured extents of an object to the axes of its prior, with their errors.
 
-Which axis is which: with the vertical known both horizontal sides are sorted and the order matters only
-where one is cut or noisy; with the vertical unknown, or for an object that also stands or lies otherwise, the density
-is the sum over the assignments that the pose allows. A cut side is more often short than long: its log extent is
-shifted by a mixture of amounts, of which one is wide.
+If the vertical is known, the two horizontal sides are sorted, and their order is ambiguous only if one is truncated or
+they are similar. If it is unknown, or the object may have another pose, the density is the sum over all assignments
+that the pose allows. A truncated side is more often too short than too long: its log extent is shifted by a mixture
+with one wide component.
 """
 
 from __future__ import annotations
@@ -19,64 +19,64 @@ from metric_base.arrays import BoolArray, FloatArray, IntArray
 from metric_tree.axes import AXES, EXTENTS
 from metric_tree.prior import Prior
 
-#: Width of the flat density over log size that stands for "anything": sizes over a factor of 50.
+#: Width of the flat density of an outlier in log size: sizes within a factor of 50.
 LOG_BOX = math.log(50.0)
-#: Of a cut side: weight, mean and standard deviation of ln(true / measured). A flag is often wrong, and smear along the
-#: ray lengthens sides that are cut: most are near their length, the others are short by any amount or, less often,
-#: long. Chosen on hard synthetic rooms (docs/evidence/results.md).
-TRUNCATION_SHIFTS = ((0.6, 0.05, 0.15), (0.4, 0.3, 0.8))
-#: Of a dimension that is neither cut nor flagged: the probability that it is grossly wrong all the same (points of the
-#: object behind, a part that was not reconstructed, an object that leans), and its error then, one standard deviation
-#: of ln(true / measured): a third. At most one dimension of an object; two make it an outlier.
-#: In `benchmarks/estimator/simulation.py` with 20 % of dimensions off by up to a half it brings the 90th percentile
-#: of the error
-#: from 8.7 to 7.6 % and the coverage from 85 to 88 %, and costs nothing where none is.
-GROSS_ERROR_SHARE, GROSS_ERROR_SD_LOG = 0.1, 0.4
-#: Probability that each axis of the prior (length, width, height) is the vertical one, by the node's ordinary pose.
-#: `flat`: one such object in five stands on an edge (a book in a row, a phone on its stand); `any`: no pose is usual.
+#: Components of ln(true / measured) of a truncated side: weight, mean, standard deviation. Many flags are wrong, and
+#: noise along the line of sight lengthens truncated sides: most have about their true length, the others are too short
+#: by any amount, or less often too long. Chosen on hard synthetic rooms (docs/evidence/results.md).
+TRUNCATION_MIXTURE = ((0.6, 0.05, 0.15), (0.4, 0.3, 0.8))
+#: Probability that a dimension without a flag has a gross error (points of an object behind it, a part that was not
+#: reconstructed, an object that leans). At most one dimension of an object has one; with two, it is an outlier. In
+#: `benchmarks/estimator/simulation.py`, with 20 % of the dimensions off by up to a half, it reduces the 90th percentile
+#: of the error from 8.7 to 7.6 % and increases the coverage from 85 to 88 %; without such errors it has no effect.
+GROSS_ERROR_PROBABILITY = 0.1
+#: Standard deviation of ln(true / measured) of a gross error.
+GROSS_ERROR_SD_LOG = 0.4
+#: Probability that each axis of the prior (length, width, height) is vertical, by the usual pose of the category. One
+#: in five `flat` objects is on its edge (a book in a row, a phone on its stand).
 VERTICAL = {"upright": (0.0, 0.0, 1.0), "flat": (0.1, 0.1, 0.8), "any": (1 / 3, 1 / 3, 1 / 3)}
-#: Weight of each of the six orders of a free box by how many of its extents are missing. None missing: the density
-#: of sorted extents is the plain sum over orders. Else the six orders stand for three, or thrice two, equal ones.
+#: Weight of each of the six orders of a box with unknown vertical, by the number of its missing extents. If none is
+#: missing, the density of sorted extents is the sum over all orders; otherwise several orders are equal.
 FREE_ORDER_WEIGHT = (1.0, 1 / 3, 1 / 6, 0.0)
 
 
 @dataclass(frozen=True, slots=True)
 class Layout:
-    """What decides the assignments of an object; hashable, so that equal objects share one table.
-
-    missing, truncated, modelled : one bool per measured extent (two) and per axis of the prior (one).
-    sorted_prior : the prior is over sorted extents, and so are the measured ones.
-    horizontal_close : the two horizontal sides are too near each other for their order to be sure.
-    """
+    """Properties of an object that determine its assignments; hashable, so that similar objects share one table."""
 
     pose: str
     vertical_known: bool
+    #: The prior is over sorted extents, and so are the measured ones.
     sorted_prior: bool
+    #: For each measured extent.
     missing: tuple[bool, bool, bool]
+    #: For each measured extent.
     truncated: tuple[bool, bool, bool]
+    #: For each axis of the prior.
     modelled: tuple[bool, bool, bool]
+    #: The difference of the two horizontal sides is too small for a certain order.
     horizontal_close: bool
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Variants:
-    """The v ways to read one object.
+    """The v variants of an object: an assignment with errors of its sides."""
 
-    measured : (v, 3) row of the measured extent that stands on each axis of the prior; active : (v, 3) bool, the axis
-    has both a prior and a measurement; shift, variance : (v, 3) mean and variance of ln(true / measured) from a cut;
-    log_weight : (v,), plus ln(LOG_BOX) for every active axis, so that ways of unlike dimension compare; gross : (v,)
-    bool, a dimension is taken to be grossly wrong.
-    """
-
+    #: (v, 3) measured extent of each axis of the prior.
     measured: IntArray
+    #: (v, 3) the axis has both a prior and a measurement.
     active: BoolArray
+    #: (v, 3) mean of ln(true / measured) due to truncation.
     shift: FloatArray
+    #: (v, 3) variance of ln(true / measured) due to truncation or a gross error.
     variance: FloatArray
+    #: (v,) including ln(LOG_BOX) for each active axis, so that variants with different dimensions are comparable.
     log_weight: FloatArray
+    #: (v,) one dimension has a gross error.
     gross: BoolArray
 
-    def of_reading(self, vertical: int) -> Variants:
-        """The variants whose vertical is this measured extent, as the distribution given that; all if there is none."""
+    def with_vertical(self, vertical: int) -> Variants:
+        """Return the conditional distribution of the variants with this vertical extent; all if none has it."""
         chosen = self.measured[:, 2] == vertical
         if not chosen.any():
             return self
@@ -84,15 +84,15 @@ class Variants:
         return replace(these, log_weight=these.log_weight + math.log(3))
 
     def without_gross_errors(self) -> Variants:
-        """The variants in which no dimension is grossly wrong."""
+        """Return the variants without a gross error."""
         return self._of(~self.gross)
 
-    def of_wide_cuts(self) -> Variants:
-        """The variants in which no cut side is taken to be near its measured length."""
-        return self._of(~(self.variance == TRUNCATION_SHIFTS[0][2] ** 2).any(axis=1))
+    def with_wide_truncation(self) -> Variants:
+        """Return the variants in which each truncated side has the wide error."""
+        return self._of(~(self.variance == TRUNCATION_MIXTURE[0][2] ** 2).any(axis=1))
 
     def _of(self, chosen: BoolArray) -> Variants:
-        """The variants of a mask (v,)."""
+        """Return the variants of a mask (v,)."""
         return Variants(
             measured=self.measured[chosen],
             active=self.active[chosen],
@@ -105,14 +105,23 @@ class Variants:
 
 @lru_cache(maxsize=1024)
 def variants(layout: Layout) -> Variants:
-    """The assignments of a layout, each with every combination of shifts of its cut sides.
+    """Return the assignments of a layout, each with all combinations of errors of its sides.
 
-    log_weight holds ln(weight) + a ln(LOG_BOX) for a active axes: relative to the outlier's flat
-    density, so that the outlier itself has weight one whatever was measured.
+    `log_weight` is ln(weight) + a ln(LOG_BOX) for a active axes, which is relative to the flat density of an outlier:
+    the outlier has the weight 1 for any number of measurements.
     """
+    is_ordered = layout.sorted_prior and not (any(layout.missing) or any(layout.truncated))
+    orders: list[tuple[tuple[int, ...], float]]
+    if is_ordered:
+        orders = [((0, 1, 2), 1.0)]
+    elif layout.vertical_known and not layout.sorted_prior:
+        orders = _orders_with_vertical(layout)
+    else:
+        weight = FREE_ORDER_WEIGHT[sum(layout.missing)]
+        orders = [(order, weight) for order in permutations(range(3)) if weight > 0]
     rows = [
         (order, active, errors, math.log(weight), gross)
-        for order, weight in _orders(layout)
+        for order, weight in orders
         for active in [tuple(layout.modelled[axis] and not layout.missing[order[axis]] for axis in range(3))]
         for errors, gross in _errors(active, tuple(layout.truncated[order[axis]] for axis in range(3)))
         if any(active)
@@ -131,33 +140,20 @@ def variants(layout: Layout) -> Variants:
     )
 
 
-def _orders(layout: Layout) -> list[tuple[tuple[int, ...], float]]:
-    """(measured extent of each axis of the prior, weight) of every assignment that is allowed."""
-    if layout.sorted_prior:
-        certain = not (any(layout.missing) or any(layout.truncated))
-        return [((0, 1, 2), 1.0)] if certain else _free_orders(layout)
-    return _standing_orders(layout) if layout.vertical_known else _free_orders(layout)
+def _orders_with_vertical(layout: Layout) -> list[tuple[tuple[int, ...], float]]:
+    """Return (measured extent of each axis of the prior, weight) of the assignments with a known vertical.
 
-
-def _free_orders(layout: Layout) -> list[tuple[tuple[int, ...], float]]:
-    weight = FREE_ORDER_WEIGHT[sum(layout.missing)]
-    return [(order, weight) for order in permutations(range(3)) if weight > 0]
-
-
-def _standing_orders(layout: Layout) -> list[tuple[tuple[int, ...], float]]:
-    """Orders with the vertical known: the axis that stands up takes the height, the others both orders of the sides.
-
-    Sorted sides have the sum of both orders as their density, so each order has the whole weight of its pose.
+    The vertical axis has the measured height. The density of sorted sides is the sum over both orders of the horizontal
+    axes, so that each order has the full weight of its pose.
     """
     sides_may_swap = layout.horizontal_close or layout.truncated[0] or layout.truncated[1]
     orders = []
     for vertical, weight in enumerate(VERTICAL[layout.pose]):
         if weight == 0:
             continue
-        usual = vertical == 2
         first, second = (axis for axis in range(3) if axis != vertical)
         for long_side, short_side in ((first, second), (second, first)):
-            if usual and (long_side, short_side) == (1, 0) and not sides_may_swap:
+            if vertical == 2 and (long_side, short_side) == (1, 0) and not sides_may_swap:
                 continue
             order = [0, 0, 0]
             order[long_side], order[short_side], order[vertical] = 0, 1, 2
@@ -168,35 +164,31 @@ def _standing_orders(layout: Layout) -> list[tuple[tuple[int, ...], float]]:
 def _errors(
     active: tuple[bool, ...], cut: tuple[bool, ...]
 ) -> list[tuple[tuple[tuple[float, float, float], ...], bool]]:
-    """Every combination of (weight, shift, standard deviation) over the three axes, and whether one is grossly wrong.
+    """Return all combinations of (weight, mean, standard deviation) of the axes, and whether one is a gross error.
 
-    A gross error needs another dimension to show it, and a cut side has its own wide component.
+    A gross error is possible if there is another dimension; a truncated side already has a wide component.
     """
-    none, cuts = (1.0, 0.0, 0.0), [on and is_cut for on, is_cut in zip(active, cut, strict=True)]
-    suspects = (
-        [axis for axis in range(3) if active[axis] and not cuts[axis]]
-        if sum(active) > 1 and GROSS_ERROR_SHARE > 0
-        else []
-    )
-    combinations = list(product(*(TRUNCATION_SHIFTS if is_cut else (none,) for is_cut in cuts)))
-    if not suspects:
+    is_shifted = [on and is_cut for on, is_cut in zip(active, cut, strict=True)]
+    combinations = list(product(*(TRUNCATION_MIXTURE if shifted else ((1.0, 0.0, 0.0),) for shifted in is_shifted)))
+    candidates = [axis for axis in range(3) if active[axis] and not is_shifted[axis]]
+    if not candidates or sum(active) < 2 or GROSS_ERROR_PROBABILITY == 0:
         return [(errors, False) for errors in combinations]
-    ways = []
+    result = []
     for errors in combinations:
-        for wrong in (None, *suspects):
-            weight = 1 - len(suspects) * GROSS_ERROR_SHARE if wrong is None else GROSS_ERROR_SHARE
-            axis = suspects[0] if wrong is None else wrong
+        for wrong in (None, *candidates):
+            weight = 1 - len(candidates) * GROSS_ERROR_PROBABILITY if wrong is None else GROSS_ERROR_PROBABILITY
+            axis = candidates[0] if wrong is None else wrong
             changed = (weight, 0.0, 0.0 if wrong is None else GROSS_ERROR_SD_LOG)
-            ways.append(((*errors[:axis], changed, *errors[axis + 1 :]), wrong is not None))
-    return ways
+            result.append(((*errors[:axis], changed, *errors[axis + 1 :]), wrong is not None))
+    return result
 
 
 def is_sorted(prior: Prior) -> bool:
-    """Whether the prior is over sorted extents, not over length, width, height."""
+    """Return True if the prior is over sorted extents instead of length, width and height."""
     return prior.dims[0] in EXTENTS
 
 
 def prior_axes(prior: Prior) -> IntArray:
-    """(d,) place of each of the prior's dimensions among length, width, height, or among the sorted extents."""
+    """Return the indices (d,) of the dimensions of a prior in length, width, height or in the sorted extents."""
     names = EXTENTS if is_sorted(prior) else AXES
     return np.array([names.index(name) for name in prior.dims])

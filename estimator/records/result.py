@@ -26,7 +26,7 @@ if TYPE_CHECKING:
     from estimator.records.objects import Measurements
 
 #: Probability that evidence is wrong before the objects are consulted, as for an object
-#: (`posterior.likelihood.OUTLIER_SHARE`).
+#: (`posterior.likelihood.OUTLIER_PROBABILITY`).
 DOUBT = 0.1
 SCHEMA = "metric-tree/scale/1"
 Status = Literal["resolved", "uncertain", "unresolved"]

@@ -101,7 +101,7 @@ def scale_of_objects(
         has_evidence = bool(evidence.objects) or len(evidence.gaussians) > 0
         estimate = posterior(evidence.objects, evidence.gaussians, options.level) if has_evidence else None
         conflict = None if estimate is None else known_length_conflict(estimate, evidence.objects, options)
-        status, reason = ("unresolved", None) if estimate is None else (estimate.status, estimate.doubt)
+        status, reason = ("unresolved", None) if estimate is None else (estimate.status, estimate.reason)
         if conflict is not None and conflict.is_decisive:
             status, reason = "unresolved", None
         elif estimate is not None and not len(evidence.gaussians):
@@ -212,7 +212,7 @@ def _evidence_reports(
 ) -> tuple[EvidenceReport, ...]:
     """Return the report on each piece of evidence other than objects, in the given order."""
     reports = []
-    weights = iter([] if estimate is None else estimate.line_weight.tolist())
+    weights = iter([] if estimate is None else estimate.evidence_weight.tolist())
     for item in others:
         if item.scale is None or estimate is None:
             reports.append(EvidenceReport(item.kind, item.id, None, None, 0.0, "skipped", item.reason))

@@ -17,7 +17,7 @@ import numpy as np
 from estimator.posterior.axis_assignments import prior_axes
 from estimator.posterior.class_hypotheses import Hypothesis, hypotheses
 from estimator.posterior.class_likelihood import EFFECTIVE_OBJECTS
-from estimator.posterior.object_likelihood import ObjectEvidence, has_readings, hypothesis_rows, measurement_arrays
+from estimator.posterior.object_likelihood import ObjectEvidence, has_open_vertical, hypothesis_rows, measurement_arrays
 from metric_base.arrays import FloatArray
 
 __all__ = ["class_log_likelihood", "hypothesis_likelihood"]
@@ -31,7 +31,7 @@ def class_log_likelihood(evidence: Sequence[ObjectEvidence], u: FloatArray, poin
 
     points : of the grid along each axis
     """
-    ways = hypotheses(evidence[0].prior, any(has_readings(item) for item in evidence))
+    ways = hypotheses(evidence[0].prior, any(has_open_vertical(item) for item in evidence))
     values = [np.exp(way.log_weight) * hypothesis_likelihood(evidence, way, u, points) for way in ways]
     return np.asarray(np.log(np.sum(values, axis=0)))
 

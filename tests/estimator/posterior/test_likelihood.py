@@ -14,8 +14,8 @@ from hypothesis import strategies as st
 from scipy.stats import multivariate_normal
 
 from estimator.posterior import axis_assignments, object_likelihood
-from estimator.posterior.axis_assignments import LOG_BOX, TRUNCATION_SHIFTS, VERTICAL, Layout, variants
-from estimator.posterior.object_likelihood import OUTLIER_SHARE, measurement_arrays, rows, usable
+from estimator.posterior.axis_assignments import LOG_BOX, TRUNCATION_MIXTURE, VERTICAL, Layout, variants
+from estimator.posterior.object_likelihood import OUTLIER_PROBABILITY, measurement_arrays, rows, usable
 from estimator.posterior.posterior import object_curves
 from metric_base.arrays import FloatArray
 from metric_tree.prior import Prior
@@ -27,7 +27,7 @@ CHAIR = prior("chair.n.01", [(560, 540, 950), (700, 640, 1100)])
 @pytest.fixture
 def no_gross_errors(monkeypatch: pytest.MonkeyPatch) -> Iterator[None]:
     """The plain mixture: dimensions are cut or measured as their sigma says."""
-    monkeypatch.setattr(axis_assignments, "GROSS_ERROR_SHARE", 0.0)
+    monkeypatch.setattr(axis_assignments, "GROSS_ERROR_PROBABILITY", 0.0)
     variants.cache_clear()
     object_likelihood._table.cache_clear()
     yield
@@ -55,7 +55,7 @@ def test_curve_is_the_mixture_on_the_line(u: float, stretch: list[float], sigma:
     sizes[0] = max(sizes[0], sizes[1] * 2.4)
     item = evidence(CHAIR, sizes, sigma=sigma)
     found = object_curves([item], np.array([u, u + 1e-3]))[0, 0]
-    expected = (1 - OUTLIER_SHARE) * _density(CHAIR, np.log(sizes), u, (0, 1, 2), sigma) + OUTLIER_SHARE
+    expected = (1 - OUTLIER_PROBABILITY) * _density(CHAIR, np.log(sizes), u, (0, 1, 2), sigma) + OUTLIER_PROBABILITY
     assert found == pytest.approx(expected, rel=2e-3)
 
 
@@ -70,7 +70,7 @@ def test_errors_that_go_together_are_in_the_density() -> None:
         spread = covariance + CHAIR.shared_covariance + noise
         expected += weight * multivariate_normal(mean, spread).pdf(np.log(1000 * sizes)) * LOG_BOX**3
     found = object_curves([item], np.array([0.0, 1e-3]))[0, 0]
-    assert found == pytest.approx((1 - OUTLIER_SHARE) * expected + OUTLIER_SHARE, rel=2e-3)
+    assert found == pytest.approx((1 - OUTLIER_PROBABILITY) * expected + OUTLIER_PROBABILITY, rel=2e-3)
 
 
 @pytest.mark.usefixtures("no_gross_errors")
@@ -79,7 +79,7 @@ def test_free_box_sums_all_orders() -> None:
     item = evidence(CHAIR, sizes, vertical_known=False)
     found = object_curves([item], np.array([-0.05, 0.0]))[0, 1]
     total = sum(_density(CHAIR, np.log(sizes), 0.0, order, 0.03) for order in permutations(range(3)))
-    assert found == pytest.approx((1 - OUTLIER_SHARE) * total + OUTLIER_SHARE, rel=2e-3)
+    assert found == pytest.approx((1 - OUTLIER_PROBABILITY) * total + OUTLIER_PROBABILITY, rel=2e-3)
 
 
 @pytest.mark.usefixtures("no_gross_errors")
@@ -92,9 +92,9 @@ def test_lying_object_may_stand() -> None:
         _density(book, np.log([0.17, 0.025, 0.24]), 0.0, (2, 0, 1), 0.03)
         + _density(book, np.log([0.17, 0.025, 0.24]), 0.0, (2, 1, 0), 0.03)
     )
-    assert found == pytest.approx((1 - OUTLIER_SHARE) * total + OUTLIER_SHARE, rel=2e-3)
+    assert found == pytest.approx((1 - OUTLIER_PROBABILITY) * total + OUTLIER_PROBABILITY, rel=2e-3)
     upright = object_curves([evidence(book, (0.17, 0.025, 0.24))], np.array([-0.02, 0.0]))[0, 1]
-    assert upright < 2 * OUTLIER_SHARE
+    assert upright < 2 * OUTLIER_PROBABILITY
 
 
 @pytest.mark.usefixtures("no_gross_errors")
@@ -116,7 +116,7 @@ def test_missing_dimension_is_marginalised() -> None:
         sd = math.sqrt(covariance[2, 2] + CHAIR.shared_covariance[2, 2] + 0.03**2)
         z = (math.log(1000.0) - mean[2]) / sd
         total += weight * math.exp(-(z**2) / 2) / (sd * math.sqrt(2 * math.pi))
-    assert found == pytest.approx((1 - OUTLIER_SHARE) * total * LOG_BOX + OUTLIER_SHARE, rel=2e-3)
+    assert found == pytest.approx((1 - OUTLIER_PROBABILITY) * total * LOG_BOX + OUTLIER_PROBABILITY, rel=2e-3)
 
 
 def test_cut_side_is_rather_short_than_long() -> None:
@@ -163,7 +163,7 @@ def test_one_gross_error_is_borne() -> None:
 
 
 def test_shifts_sum_to_one() -> None:
-    assert sum(weight for weight, *_ in TRUNCATION_SHIFTS) == pytest.approx(1)
+    assert sum(weight for weight, *_ in TRUNCATION_MIXTURE) == pytest.approx(1)
 
 
 def test_a_low_score_makes_an_outlier_likelier() -> None:

@@ -14,7 +14,7 @@ from scipy.stats import norm
 from estimator.posterior import log_scale_grid
 from estimator.posterior.class_hypotheses import hypotheses
 from estimator.posterior.object_likelihood import ObjectEvidence
-from estimator.posterior.posterior import near_mass, posterior, status_of
+from estimator.posterior.posterior import peak_mass, posterior, status_reason
 from estimator.posterior.shared_error import convolution, shared_error
 from estimator.records.result import Curve, Mode
 from metric_base.arrays import FloatArray
@@ -210,12 +210,12 @@ def bell(sd: float) -> Curve:
 
 def test_status_rule_of_the_contract() -> None:
     best, sharp = Mode(1.0, 0.85), bell(0.1)
-    assert status_of([best, Mode(1.24, 0.15)], (0.9, 1.3), sharp) == "resolved"
-    assert status_of([best, Mode(1.26, 0.15)], (0.9, 1.3), sharp) == "uncertain"
-    assert status_of([best, Mode(0.79, 0.15)], (0.7, 1.1), sharp) == "uncertain"
-    assert status_of([best, Mode(1.5, 0.09)], (0.9, 1.3), sharp) == "resolved"
-    assert status_of([best], (0.7, 0.7 * 1.79), sharp) == "resolved"
-    assert status_of([best], (0.7, 0.7 * 1.81), sharp) == "uncertain"
+    assert status_reason([best, Mode(1.24, 0.15)], (0.9, 1.3), sharp)[0] == "resolved"
+    assert status_reason([best, Mode(1.26, 0.15)], (0.9, 1.3), sharp)[0] == "uncertain"
+    assert status_reason([best, Mode(0.79, 0.15)], (0.7, 1.1), sharp)[0] == "uncertain"
+    assert status_reason([best, Mode(1.5, 0.09)], (0.9, 1.3), sharp)[0] == "resolved"
+    assert status_reason([best], (0.7, 0.7 * 1.79), sharp)[0] == "resolved"
+    assert status_reason([best], (0.7, 0.7 * 1.81), sharp)[0] == "uncertain"
 
 
 @pytest.mark.parametrize(
@@ -223,7 +223,7 @@ def test_status_rule_of_the_contract() -> None:
     [((0.9, 0.9, 0.9, 0.1), "resolved"), ((0.9, 0.1, 0.1), "uncertain"), ((0.1, 0.1), "resolved"), ((), "resolved")],
 )
 def test_what_calls_most_objects_outliers_is_uncertain(weight: tuple[float, ...], status: str) -> None:
-    assert status_of([Mode(1.0, 1.0)], (0.9, 1.1), bell(0.05), np.array(weight)) == status
+    assert status_reason([Mode(1.0, 1.0)], (0.9, 1.1), bell(0.05), np.array(weight))[0] == status
 
 
 def test_a_tempered_gaussian_is_wider_by_the_root_of_the_power() -> None:
@@ -249,15 +249,15 @@ def test_other_evidence_carries_a_scale_that_no_object_supports() -> None:
 @pytest.mark.parametrize(("sd", "status"), [(0.29, "resolved"), (0.32, "unresolved"), (1.0, "unresolved")])
 def test_unresolved_is_what_has_little_mass_near_its_mode(sd: float, status: str) -> None:
     """A Gaussian of 0.308 in log scale has 35 % within 15 %."""
-    assert status_of([Mode(1.0, 1.0)], (0.9, 1.1), bell(sd)) == status
-    assert near_mass(bell(0.308), 1.0) == pytest.approx(0.35, abs=0.005)
+    assert status_reason([Mode(1.0, 1.0)], (0.9, 1.1), bell(sd))[0] == status
+    assert peak_mass(bell(0.308), 1.0) == pytest.approx(0.35, abs=0.005)
 
 
 @pytest.mark.parametrize(
     ("below", "above", "status"), [(0, 0, "resolved"), (0.3, 0, "unresolved"), (0, 0.3, "unresolved")]
 )
 def test_mass_beyond_either_end_of_the_grid_leaves_the_scale_open(below: float, above: float, status: str) -> None:
-    assert status_of([Mode(1.0, 1.0)], (0.9, 1.1), replace(bell(0.05), below=below, above=above)) == status
+    assert status_reason([Mode(1.0, 1.0)], (0.9, 1.1), replace(bell(0.05), below=below, above=above))[0] == status
 
 
 @given(st.floats(0.03, 0.4), st.floats(-0.5, 0.5), st.floats(0.6, 0.99))
@@ -302,3 +302,47 @@ def test_convolution_keeps_constants_and_widens_bumps(sd: float, base: float, ha
     found = convolution(base + np.exp(-0.5 * (own / 0.1) ** 2), own, u, np.array([sd]))[0][0]
     wide = math.hypot(sd, 0.1)
     assert found == pytest.approx(base + 0.1 / wide * np.exp(-0.5 * (u / wide) ** 2), abs=5e-3)
+
+
+@pytest.mark.parametrize(
+    ("mass", "status"), [(0.099, "resolved"), (0.101, "uncertain"), (0.349, "uncertain"), (0.351, "unresolved")]
+)
+def test_a_competing_mode_matters_from_a_tenth_and_contradicts_from_a_third(mass: float, status: str) -> None:
+    assert status_reason([Mode(1.0, 1 - mass), Mode(1.5, mass)], (0.9, 1.1), bell(0.1))[0] == status
+
+
+@pytest.mark.parametrize(("edge", "status"), [(0.249, "resolved"), (0.251, "unresolved")])
+def test_a_quarter_of_the_mass_beyond_the_objects_is_too_much(edge: float, status: str) -> None:
+    assert status_reason([Mode(1.0, 1.0)], (0.9, 1.1), replace(bell(0.05), above=edge))[0] == status
+
+
+@pytest.mark.parametrize(("weight", "status"), [(0.401, "resolved"), (0.399, "uncertain")])
+def test_objects_contradict_the_model_below_a_mean_weight_of_four_tenths(weight: float, status: str) -> None:
+    found, reason = status_reason([Mode(1.0, 1.0)], (0.9, 1.1), bell(0.05), np.full(3, weight))
+    assert found == status
+    assert (reason is None) == (status == "resolved")
+
+
+@pytest.mark.parametrize(("mass", "count"), [(0.004, 1), (0.006, 2)])
+def test_modes_have_a_mass_of_at_least_half_a_percent(mass: float, count: int) -> None:
+    u = np.linspace(-3, 3, 6001)
+    density = (1 - mass) * np.exp(-0.5 * (u / 0.1) ** 2) + mass * np.exp(-0.5 * ((u - 2) / 0.1) ** 2)
+    density /= density.sum() * (u[1] - u[0])
+    assert len(log_scale_grid.modes(Curve(u, density, 0.0, 0.0))) == count
+
+
+@pytest.mark.parametrize(("dip", "count"), [(0.91, 1), (0.89, 2)])
+def test_peaks_with_a_dip_below_nine_tenths_are_separate_modes(dip: float, count: int) -> None:
+    u = np.linspace(-1, 1, 2001)
+    density = np.exp(-0.5 * ((np.abs(u) - 0.3) / 0.1) ** 2)
+    density = np.where(np.abs(u) < 0.3, np.maximum(density, dip), density)
+    density /= density.sum() * (u[1] - u[0])
+    assert len(log_scale_grid.modes(Curve(u, density, 0.0, 0.0))) == count
+
+
+@pytest.mark.parametrize(("doubt", "status"), [(0.05, "resolved"), (0.97, "unresolved")])
+def test_other_evidence_determines_the_scale_if_it_is_probably_right(doubt: float, status: str) -> None:
+    items = [evidence(CHAIR, np.array([1, 1, 1]) * size, name=str(size)) for size in (0.01, 1.0, 100.0, 1e4)]
+    result = posterior(items, np.array([[0.0, 0.02, doubt]]))
+    assert (result.evidence_weight[0] > 0.5) == (status == "resolved")
+    assert result.status == status

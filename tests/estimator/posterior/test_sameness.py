@@ -12,15 +12,14 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from estimator.posterior.class_hypotheses import (
-    ALIKE_SHARE,
-    DISPLACED_SHARE,
-    RELATED_SHARE,
-    _kind_weights,
-    displaced_share,
+    BIAS_PROBABILITY,
+    ONE_KIND_FRACTION,
+    RELATED_FRACTION,
+    bias_probability,
     hypotheses,
 )
 from estimator.posterior.object_likelihood import ObjectEvidence
-from estimator.posterior.posterior import MOST_OBJECTS, Posterior, posterior
+from estimator.posterior.posterior import MAX_OBJECTS_PER_CLASS, Posterior, posterior
 from metric_tree.prior import Prior
 from tests.synthetic.priors import evidence, prior
 
@@ -73,7 +72,7 @@ def test_hypotheses_keep_the_spread_of_one_object() -> None:
             + shared
         )
 
-    assorted, related, *kinds = [way for way in hypotheses(BOTTLE) if not way.foreign]
+    assorted, related, *kinds = [way for way in hypotheses(BOTTLE) if not way.is_mislabelled]
     plain = spread(BOTTLE, assorted.error.covariance)
     assert spread(related.prior, related.error.covariance) == pytest.approx(plain)
     weights = np.exp([way.log_weight for way in kinds])
@@ -86,9 +85,10 @@ def test_hypotheses_keep_the_spread_of_one_object() -> None:
 
 @pytest.mark.parametrize("stated", [0.1, 0.4, 0.8])
 def test_a_stated_sameness_is_the_mean_share(stated: float) -> None:
-    weights = _kind_weights(replace(BOTTLE, sameness=stated))
-    assert weights.sum() == pytest.approx(1)
-    assert weights @ [0.0, RELATED_SHARE, ALIKE_SHARE] == pytest.approx(stated, abs=1e-6)
+    plain = [row for row in hypotheses(replace(BOTTLE, sameness=stated)) if not row.is_mislabelled]
+    assorted, related, *kinds = np.exp([row.log_weight for row in plain])
+    weights = np.array([assorted, related, sum(kinds)]) / (assorted + related + sum(kinds))
+    assert weights @ [0.0, RELATED_FRACTION, ONE_KIND_FRACTION] == pytest.approx(stated, abs=1e-6)
 
 
 def test_identical_objects_know_little_more_than_one() -> None:
@@ -182,15 +182,15 @@ def test_a_catalogued_class_keeps_its_height_where_its_footprint_is_contradicted
 
 def test_only_what_was_not_measured_in_place_is_displaced() -> None:
     by_share = [
-        displaced_share(replace(CATALOGUED, share_by_kind={"product": 1 - m, "measured": m})) for m in (0, 0.5, 1)
+        bias_probability(replace(CATALOGUED, share_by_kind={"product": 1 - m, "measured": m})) for m in (0, 0.5, 1)
     ]
-    assert by_share == pytest.approx([DISPLACED_SHARE, DISPLACED_SHARE / 2, 0])
-    assert displaced_share(replace(CATALOGUED, tier="norm")) == 0
-    assert displaced_share(PERSON) == 0
+    assert by_share == pytest.approx([BIAS_PROBABILITY, BIAS_PROBABILITY / 2, 0])
+    assert bias_probability(replace(CATALOGUED, tier="norm")) == 0
+    assert bias_probability(PERSON) == 0
 
 
 def test_large_classes_are_thinned_alike_in_any_order() -> None:
-    items = drawn(CHAIR, 3 * MOST_OBJECTS, seed=5)
+    items = drawn(CHAIR, 3 * MAX_OBJECTS_PER_CLASS, seed=5)
     there, here = posterior(items[::-1]), posterior(items)
     assert there.modes[0].scale == pytest.approx(here.modes[0].scale, rel=1e-6)
 

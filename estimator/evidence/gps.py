@@ -1,4 +1,9 @@
-"""Positions of the cameras in metres: GPS in the pictures (EXIF) or beside the video, or a table."""
+"""Estimate the scale from positions of the cameras in metres: GPS of images (EXIF) or of a video, or a table.
+
+The cameras are aligned with their positions by a robust similarity. It is rejected if the path is short relative to the
+residual, if most positions are outliers, or if the positions are no similar copy of the path: stretched in one
+direction (degrees used as metres, exchanged columns) or with another vertical.
+"""
 
 from __future__ import annotations
 
@@ -12,7 +17,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from estimator.evidence.alignment import Alignment, align, least_squares
-from estimator.evidence.source import CameraPath, silent
+from estimator.evidence.source import CameraPath, skipped_evidence
 from estimator.geometry.vertical import MAX_TILT_SIGMAS, MAX_UP_ERROR_DEG, OBSERVED_METHODS
 from estimator.instances.view_matching import ViewLookup, image_file, image_folders
 from estimator.records.objects import Up
@@ -27,19 +32,20 @@ if TYPE_CHECKING:
     from estimator.records.objects import Measurements
 
 KIND, VIDEO_KIND = "gps", "gps_video"
-#: Frames further apart than this leave a gap in the path of a video.
-LONGEST_GAP_S = 1.0
-#: Worse than this, natural log, positions say nothing that the objects do not.
-MOST_SD = 0.2
-#: Metres (or degrees) beyond which no position on the earth is, whatever its origin.
-FARTHEST_M = 1e9
-
+#: Maximum time in seconds between the frames of a video without a gap in its path.
+MAX_GAP_S = 1.0
+#: Maximum standard deviation of the log scale; objects determine it better.
+MAX_LOG_SD = 0.2
+#: Maximum absolute value of a coordinate in metres or degrees, for any origin on the earth.
+MAX_COORDINATE = 1e9
+#: Maximum absolute latitude in degrees.
 POLE_DEG = 90.0
-
-#: Positions are no similar copy of the cameras when a stretch of this ratio between two directions of the path leaves
-#: less than this share of the residual. The path must reach this share of its extent in both directions.
-STRETCH, STRETCHED_SHARE, LEAST_SPREAD = 1.06, 0.5, 0.1
-
+#: Minimum ratio of the scales in two directions of the path, for stretched positions.
+MIN_STRETCH = 1.06
+#: Maximum residual with a stretch, relative to the residual of the similarity, for stretched positions.
+MAX_STRETCHED_RESIDUAL = 0.5
+#: Minimum extent of the path in these directions, relative to its largest extent.
+MIN_DIRECTION_EXTENT = 0.1
 #: WGS 84: semi-major axis in metres, first eccentricity squared.
 AXIS_M, ECCENTRICITY_2 = 6378137.0, 6.69437999014e-3
 
@@ -47,165 +53,177 @@ AXIS_M, ECCENTRICITY_2 = 6378137.0, 6.69437999014e-3
 EXIF_GPS, LAT_REF, LAT, LON_REF, LON, ALT_REF, ALT = 0x8825, 1, 2, 3, 4, 5, 6
 #: EXIF: dilution of precision, and the horizontal error in metres.
 DILUTION, POSITIONING_ERROR = 0x0B, 0x1F
-#: Metres of one position per unit of dilution, and where neither is stated, as telephones under open sky have it.
-METRES_PER_DILUTION, USUAL_ACCURACY_M = 2.5, 5.0
-#: Share of a receiver's error that changes along one recording, the rest moves the whole path.
-DRIFT_SHARE = 0.1
-#: Error of the length of a path by errors at its ends, over its root mean square extent: sqrt(2) / sqrt(12).
+#: Error of a position in metres per unit of dilution.
+METRES_PER_DILUTION = 2.5
+#: Error of a position in metres if none is stated: that of a phone under open sky.
+TYPICAL_ACCURACY_M = 5.0
+#: Fraction of the error of a receiver that changes along a recording; the remainder shifts the path.
+DRIFT_FRACTION = 0.1
+#: Error of the length of a path by errors at its ends, relative to its root mean square extent: sqrt(2) / sqrt(12).
 END_TO_END = 0.41
-#: Pictures that are looked at for GPS when nobody asked for it.
-PROBED = 5
-
-#: Fewer positions align with anything.
-LEAST_POSITIONS = 4
-
-#: A path shorter than this many residuals says nothing about the scale.
-LEAST_EXTENT = 3.0
-
-#: Receivers drift together over a path: no scale from GPS is better than this, natural log.
-LEAST_SD = 0.01
+#: Number of images that are searched for GPS without a request.
+N_PROBED_IMAGES = 5
+#: Minimum number of positions; fewer fit any path.
+MIN_POSITIONS = 4
+#: Minimum extent of a path relative to the residual of its alignment.
+MIN_EXTENT_RESIDUALS = 3.0
+#: Minimum standard deviation of the log scale: the errors of a receiver along a path have a common drift.
+MIN_LOG_SD = 0.01
 
 
 @dataclass(frozen=True, slots=True)
 class Gps:
-    """Camera positions of `source`: "exif", or a CSV file with a header.
+    """Camera positions in a CSV file with a header, or in the EXIF data of the images.
 
-    Its columns are `name`, and `lat`, `lon`, `alt` in degrees and metres (WGS 84), or `x`, `y`, `z` in metres.
-    images : the folder of the pictures, if it is not `images` beside or above the model.
+    The columns of the file are `name`, and `lat`, `lon`, `alt` in degrees and metres (WGS 84), or `x`, `y`, `z` in
+    metres.
     """
 
-    source: str | Path
-    images: Path | None = None
+    source: str | Path  #: The file, or "exif".
+    images: Path | None = None  #: Folder of the images, if it is not `images` next to or above the model.
 
     def observe(self, scene: Scene, measurements: Measurements) -> tuple[ScaleEvidence, ...]:
-        """The scale of the similarity from the cameras to their positions; silent where the path is too short."""
+        """Return the scale of the similarity from the cameras to their positions; skipped if the path is too short."""
         if self.source == "exif":
-            (positions, accuracy), geodetic = _exif_positions(scene, self.images), True
+            (positions, accuracy), geodetic = exif_positions(scene, self.images), True
             name = "exif"
         else:
             (positions, geodetic), accuracy = _table_positions(Path(self.source), scene), None
             name = Path(self.source).name
-        if len(positions) < LEAST_POSITIONS:
-            return silent(KIND, name, f"{len(positions)} views have a position, {LEAST_POSITIONS} needed")
+        if len(positions) < MIN_POSITIONS:
+            return skipped_evidence(KIND, name, f"{len(positions)} views have a position, {MIN_POSITIONS} needed")
         centres = np.array([scene.views[row].centre for row in positions])
         up = measurements.up if geodetic else None
-        return _aligned_scale(KIND, name, centres, np.array(list(positions.values())), accuracy, up)
+        return position_evidence(KIND, name, centres, np.array(list(positions.values())), accuracy, up)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class VideoGps:
-    """The positions that a video, or a log of it, states over time, and the path of its camera; name : of the file."""
+    """Positions over time in a video or its log, and the path of the camera."""
 
     positions: Positions
     path: CameraPath
-    name: str
+    name: str  #: Name of the file.
 
     def observe(self, scene: Scene, measurements: Measurements) -> tuple[ScaleEvidence, ...]:  # noqa: ARG002
-        """The scale of the similarity from the path to the positions; silent where the path is too short."""
-        centres, rows = self.path.at(self.positions.times_s, LONGEST_GAP_S)
-        if len(rows) < LEAST_POSITIONS:
-            return silent(VIDEO_KIND, self.name, f"{len(rows)} positions along the path, {LEAST_POSITIONS} needed")
-        places = self.positions.positions[rows]
-        metres = local_metres(places) if self.positions.geodetic else places
+        """Return the scale of the similarity from the path to the positions; skipped if the path is too short."""
+        centres, rows = self.path.interpolate(self.positions.times_s, MAX_GAP_S)
+        if len(rows) < MIN_POSITIONS:
+            return skipped_evidence(
+                VIDEO_KIND, self.name, f"{len(rows)} positions along the path, {MIN_POSITIONS} needed"
+            )
+        metres = self.positions.positions[rows]
+        metres = east_north_up(metres) if self.positions.geodetic else metres
         up = measurements.up if self.positions.geodetic else None
-        accuracy = self.positions.accuracy_m or USUAL_ACCURACY_M
-        return _aligned_scale(VIDEO_KIND, self.name, centres, metres, accuracy, up)
+        accuracy = self.positions.accuracy_m or TYPICAL_ACCURACY_M
+        return position_evidence(VIDEO_KIND, self.name, centres, metres, accuracy, up)
 
 
 def pictures_have_gps(scene: Scene, images: Path | None) -> bool:
-    """Whether some of a few pictures of the scene state where they were taken."""
-    some = scene.views[:: max(1, len(scene.views) // PROBED)][:PROBED]
-    return len(_exif_positions(replace(scene, views=tuple(some)), images)[0]) > 0
+    """Return whether any of a few images of the scene has a position."""
+    probed = scene.views[:: max(1, len(scene.views) // N_PROBED_IMAGES)][:N_PROBED_IMAGES]
+    return len(exif_positions(replace(scene, views=tuple(probed)), images)[0]) > 0
 
 
-def _aligned_scale(
+def position_evidence(
     kind: str, name: str, centres: FloatArray, metres: FloatArray, accuracy_m: float | None, up: Up | None
 ) -> tuple[ScaleEvidence, ...]:
-    """The scale from centres (n, 3) to positions (n, 3) in metres, or why there is none.
+    """Return the scale from camera centres to positions, or the reason why there is none.
 
-    up : of the scene, where the third coordinate of the positions is known to be the height; accuracy_m : of a
-    receiver's position, None for a table, whose errors are independent. A receiver's drift along the path, and then its
-    length is as wrong as its ends, however many positions there are.
+    Parameters
+    ----------
+    kind, name : str
+        Fields of the evidence.
+    centres : (n, 3) ndarray of float
+        Camera centres in scene units.
+    metres : (n, 3) ndarray of float
+        Their positions in metres.
+    accuracy_m : float or None
+        Error in metres of the positions of a receiver, which drift along the path: the length of the path is then as
+        wrong as its ends, for any number of positions. None for a table, whose errors are independent.
+    up : Up or None
+        Vertical of the scene if the third coordinate of the positions is the height, else None.
     """
     alignment = align(centres, metres)
     if alignment is None:
-        return silent(kind, name, "the positions or the cameras are at one place")
-    if alignment.extent < LEAST_EXTENT * alignment.residual:
+        return skipped_evidence(kind, name, "the positions or the cameras are at one place")
+    if alignment.extent < MIN_EXTENT_RESIDUALS * alignment.residual:
         extent = f"{alignment.extent:.2g} m with an error of {alignment.residual:.2g} m"
-        return silent(kind, name, f"the path is too short for its positions: {extent}")
+        return skipped_evidence(kind, name, f"the path is too short for its positions: {extent}")
     if 2 * np.count_nonzero(alignment.inliers) <= len(metres):
-        return silent(kind, name, "most positions contradict the reconstruction")
-    damage = _damage(alignment, centres, metres, up, accuracy_m)
+        return skipped_evidence(kind, name, "most positions contradict the reconstruction")
+    damage = _distortion(alignment, centres, metres, up, accuracy_m)
     if damage is not None:
-        return silent(kind, name, f"{damage}: latitude and longitude exchanged, a lost sign, or not in degrees?")
-    sd = math.hypot(alignment.sd_log, LEAST_SD)
+        cause = "latitude and longitude exchanged, a lost sign, or not in degrees?"
+        return skipped_evidence(kind, name, f"{damage}: {cause}")
+    sd = math.hypot(alignment.sd_log, MIN_LOG_SD)
     if accuracy_m is not None:
-        drift = END_TO_END * math.hypot(alignment.residual, DRIFT_SHARE * accuracy_m) / alignment.extent
+        drift = END_TO_END * math.hypot(alignment.residual, DRIFT_FRACTION * accuracy_m) / alignment.extent
         sd = math.hypot(sd, drift)
-    if sd > MOST_SD:
+    if sd > MAX_LOG_SD:
         extent = f"{alignment.extent:.2g} m with receivers good to {accuracy_m or 0:.2g} m"
-        return silent(kind, name, f"the path is too short for its positions: {extent}")
+        return skipped_evidence(kind, name, f"the path is too short for its positions: {extent}")
     return (ScaleEvidence(kind, name, alignment.scale, sd),)
 
 
-def _damage(
+def _distortion(
     alignment: Alignment, centres: FloatArray, metres: FloatArray, up: Up | None, accuracy_m: float | None
 ) -> str | None:
-    """What shows that positions (n, 3) are no similar copy of centres (n, 3), though a similarity fits most of them.
+    """Return the reason why positions (n, 3) are no similar copy of centres (n, 3), or None.
 
-    A robust similarity fits a part of a stretched path well, so that a stretch is looked for in all positions too. A
-    level path without its third direction is also its mirror image turned over, and then up is down.
+    A robust similarity fits a part of a stretched path well, so a stretch is also searched in all positions. A level
+    path is equal to its mirror image rotated by 180 degrees, whose vertical points down.
     """
-    whole = least_squares(centres, metres, np.ones(len(centres), dtype=bool))
-    for fit in (alignment, whole):
-        stretch = None if fit is None else _stretch(centres[fit.inliers], metres[fit.inliers], fit.residual)
+    of_all = least_squares(centres, metres, np.ones(len(centres), dtype=bool))
+    for fit in (alignment, of_all):
+        stretch = None if fit is None else stretch_ratio(centres[fit.inliers], metres[fit.inliers], fit.residual)
         if stretch is not None:
             return f"the positions are stretched by {stretch:.2f} in one direction against the cameras"
     if up is None or not up.method.startswith(OBSERVED_METHODS):
         return None
     tilt = float(np.degrees(np.arccos(np.clip((alignment.rotation @ up.vector)[2], -1, 1))))
-    sigma_deg = _tilt_sigma(centres[alignment.inliers], alignment, accuracy_m)
+    sigma_deg = tilt_sigma(centres[alignment.inliers], alignment, accuracy_m)
     limit = MAX_UP_ERROR_DEG + MAX_TILT_SIGMAS * math.hypot(up.sigma_deg, sigma_deg)
     return f"their up is {tilt:.0f}° from that of the cameras" if tilt > limit else None
 
 
-def _tilt_sigma(centres: FloatArray, alignment: Alignment, accuracy_m: float | None) -> float:
-    """Standard deviation in degrees of the up of the positions, by which the cameras (n, 3) are turned onto them.
+def tilt_sigma(centres: FloatArray, alignment: Alignment, accuracy_m: float | None) -> float:
+    """Return the standard deviation in degrees of the vertical after the alignment of centres (n, 3) with positions.
 
-    Equation: a turn w moves a position x by w x x, so that its information is sum(|x|^2 I - x x') / error^2. The x are
-    those of the cameras, in metres: on a straight walk the positions beside the line are noise, and about the line any
-    turn fits. A receiver's errors drift together, so that many positions count as one.
+    A rotation w moves a position x by w x x, so its information is sum(|x|^2 I - x x') / error^2. The positions x are
+    those of the cameras, in metres: on a straight walk, deviations of the positions from the line are noise, and any
+    rotation about the line fits. The errors of a receiver drift, so many positions are one independent observation.
     """
-    own = alignment.scale * (centres - centres.mean(axis=0)) @ alignment.rotation.T
-    information = float((own**2).sum()) * np.eye(3) - own.T @ own
+    x = alignment.scale * (centres - centres.mean(axis=0)) @ alignment.rotation.T
+    information = float((x**2).sum()) * np.eye(3) - x.T @ x
     error2 = alignment.residual**2
     if accuracy_m is not None:
-        error2 = len(own) * math.hypot(alignment.residual, DRIFT_SHARE * accuracy_m) ** 2
-    turns = np.linalg.pinv(information, rcond=1e-9, hermitian=True)
-    about_level = float(np.trace(turns[:2, :2])) * error2
-    return math.degrees(math.sqrt(max(about_level, 0.0)))
+        error2 = len(x) * math.hypot(alignment.residual, DRIFT_FRACTION * accuracy_m) ** 2
+    covariance = np.linalg.pinv(information, rcond=1e-9, hermitian=True)
+    horizontal = float(np.trace(covariance[:2, :2])) * error2
+    return math.degrees(math.sqrt(max(horizontal, 0.0)))
 
 
-def _stretch(centres: FloatArray, metres: FloatArray, residual: float) -> float | None:
-    """How much more the positions (n, 3) are drawn out in one direction of the path (n, 3) than in another.
+def stretch_ratio(centres: FloatArray, metres: FloatArray, residual: float) -> float | None:
+    """Return the ratio of the largest to the smallest scale from directions of the path (n, 3) to positions (n, 3).
 
-    None where a linear map that may stretch leaves about as much `residual` (metres of a coordinate) as the similarity.
+    None if a linear map leaves about the same `residual` (in metres, per coordinate) as the similarity.
     """
-    own, aim = centres - centres.mean(axis=0), metres - metres.mean(axis=0)
-    _, spread, axes = np.linalg.svd(own, full_matrices=False)
-    wide = spread > LEAST_SPREAD * spread[0]
-    count, free = len(own), 3 * len(own) - 3 * int(wide.sum()) - 3
-    if wide.sum() < 2 or free < count:
+    source, target = centres - centres.mean(axis=0), metres - metres.mean(axis=0)
+    _, extents, axes = np.linalg.svd(source, full_matrices=False)
+    is_wide = extents > MIN_DIRECTION_EXTENT * extents[0]
+    freedom = 3 * len(source) - 3 * int(is_wide.sum()) - 3
+    if is_wide.sum() < 2 or freedom < len(source):
         return None
-    along = own @ axes[wide].T
-    linear, *_ = np.linalg.lstsq(along, aim, rcond=None)
-    left = math.sqrt(float(((aim - along @ linear) ** 2).sum()) / free)
-    sizes = np.linalg.svd(linear, compute_uv=False)
-    ratio = float(sizes[0] / max(sizes[-1], 1e-12))
-    return ratio if ratio > STRETCH and left < STRETCHED_SHARE * residual else None
+    along = source @ axes[is_wide].T
+    linear, *_ = np.linalg.lstsq(along, target, rcond=None)
+    linear_residual = math.sqrt(float(((target - along @ linear) ** 2).sum()) / freedom)
+    scales = np.linalg.svd(linear, compute_uv=False)
+    ratio = float(scales[0] / max(scales[-1], 1e-12))
+    return ratio if ratio > MIN_STRETCH and linear_residual < MAX_STRETCHED_RESIDUAL * residual else None
 
 
-def local_metres(degrees: FloatArray) -> FloatArray:
+def east_north_up(degrees: FloatArray) -> FloatArray:
     """East, north, up (n, 3) in metres about the first of latitude, longitude (degrees), altitude (metres), (n, 3).
 
     With N the radius of curvature in the prime vertical and M in the meridian: east = (N + h) cos(lat) d lon,
@@ -221,7 +239,7 @@ def local_metres(degrees: FloatArray) -> FloatArray:
 
 
 def _table_positions(file: Path, scene: Scene) -> tuple[dict[int, FloatArray], bool]:
-    """Metres (3,) by row of the view, and whether the third of them is a height."""
+    """Read the positions (3,) in metres by index of the view, and whether the third coordinate is a height."""
     rows = ViewLookup(scene)
     fields, records = csv_rows(file)
     names = {field.strip().lower() for field in fields}
@@ -243,18 +261,18 @@ def _table_positions(file: Path, scene: Scene) -> tuple[dict[int, FloatArray], b
 
 
 def _numbers(cells: Iterable[Any]) -> list[float]:
-    """Three finite numbers; FieldError where they are not."""
+    """Parse three finite numbers; FieldError if they are not."""
     try:
         numbers = [float(cell) for cell in cells]
     except (TypeError, ValueError):
         raise FieldError("", "three numbers after the name", list(cells)) from None
-    if not all(abs(number) < FARTHEST_M for number in numbers):
-        raise FieldError("", f"finite numbers below {FARTHEST_M:g}", numbers)
+    if not all(abs(number) < MAX_COORDINATE for number in numbers):
+        raise FieldError("", f"finite numbers below {MAX_COORDINATE:g}", numbers)
     return numbers
 
 
-def _exif_positions(scene: Scene, images: Path | None) -> tuple[dict[int, FloatArray], float]:
-    """Metres (3,) by row of the view whose picture has GPS, and the median accuracy that the pictures state."""
+def exif_positions(scene: Scene, images: Path | None) -> tuple[dict[int, FloatArray], float]:
+    """Read the positions (3,) in metres by index of the view from the images, and their median error in metres."""
     from PIL import Image
 
     folders, values, accuracies = image_folders(scene, images), dict[int, list[float]](), list[float]()
@@ -265,38 +283,38 @@ def _exif_positions(scene: Scene, images: Path | None) -> tuple[dict[int, FloatA
         try:
             with warnings.catch_warnings(action="ignore"), Image.open(file) as picture:
                 tags = picture.getexif().get_ifd(EXIF_GPS)
-                position, accuracy = _exif_degrees(tags), _exif_accuracy(tags)
+                position, accuracy = exif_position(tags), exif_accuracy(tags)
         except (OSError, ValueError, ZeroDivisionError, TypeError):
-            continue  # a picture without readable EXIF has no position
+            continue  # an image without readable EXIF has no position
         if position is not None:
             values[row] = position
             accuracies.append(accuracy)
-    return _in_metres(values, geodetic=True), float(np.median(accuracies)) if accuracies else USUAL_ACCURACY_M
+    return _in_metres(values, geodetic=True), float(np.median(accuracies)) if accuracies else TYPICAL_ACCURACY_M
 
 
-def _exif_accuracy(tags: Mapping[int, Any]) -> float:
-    """Metres of a position, as its error or dilution of precision state it."""
+def exif_accuracy(tags: Mapping[int, Any]) -> float:
+    """Return the error of a position in metres, from the stated error or dilution of precision."""
     for tag, metres in ((POSITIONING_ERROR, 1.0), (DILUTION, METRES_PER_DILUTION)):
         value = float(tags.get(tag, 0.0)) * metres
-        if 0 < value < FARTHEST_M:
+        if 0 < value < MAX_COORDINATE:
             return value
-    return USUAL_ACCURACY_M
+    return TYPICAL_ACCURACY_M
 
 
-def _exif_degrees(tags: Mapping[int, Any]) -> list[float] | None:
-    """Latitude, longitude in degrees, altitude in metres; None without the first two."""
+def exif_position(tags: Mapping[int, Any]) -> list[float] | None:
+    """Return latitude and longitude in degrees and altitude in metres; None without the first two."""
     if LAT not in tags or LON not in tags:
         return None
     lat, lon = (sum(float(part) / 60**place for place, part in enumerate(tags[tag])) for tag in (LAT, LON))
     below = tags.get(ALT_REF) in (1, b"\x01")
     altitude = float(tags.get(ALT, 0.0)) * (-1 if below else 1)
     numbers = [-lat if tags.get(LAT_REF) == "S" else lat, -lon if tags.get(LON_REF) == "W" else lon, altitude]
-    return numbers if all(abs(number) < FARTHEST_M for number in numbers) else None
+    return numbers if all(abs(number) < MAX_COORDINATE for number in numbers) else None
 
 
 def _in_metres(values: Mapping[int, list[float]], geodetic: bool) -> dict[int, FloatArray]:
-    """Positions (3,) in metres by view, of degrees and metres if `geodetic` (an east-north-up frame)."""
+    """Return the positions (3,) in metres by view; those in degrees (`geodetic`) in an east-north-up frame."""
     if not values:
         return {}
     table = np.array(list(values.values()))
-    return dict(zip(values, local_metres(table) if geodetic else table, strict=True))
+    return dict(zip(values, east_north_up(table) if geodetic else table, strict=True))

@@ -1,4 +1,4 @@
-"""Known lengths: distances in the scene that someone measured in metres, as evidence beside the objects."""
+"""Known lengths: distances in the scene that the user measured in metres, as evidence in addition to the objects."""
 
 from __future__ import annotations
 
@@ -12,40 +12,41 @@ import numpy as np
 from estimator.records.result import ScaleEvidence
 from estimator.records.scene import MAX_COORDINATE
 from metric_base.arrays import FloatArray
-from metric_base.errors import FieldError, Unquoted, at_field, in_file
+from metric_base.errors import FieldError, InputError, Unquoted, at_field, in_file
 from metric_base.input_files import read_text
 
-#: How far off a length is whose points were picked by hand in a sparse cloud, where nothing else is stated.
+#: Default standard deviation of the log length, for points that are selected manually in a sparse cloud.
 DEFAULT_SIGMA = 0.01
-#: Shorter or longer than anything that is measured beside a reconstruction: the orbit of the Moon, an atom.
-MAX_METRES, MIN_METRES = 1e9, 1e-10
+#: Range of valid lengths in metres, from an atom to the orbit of the Moon.
+MIN_METRES = 1e-10
+MAX_METRES = 1e9
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class KnownLength:
-    """The distance between two points of the scene.
+    """The distance between two points of the scene."""
 
-    a, b : (3,) in scene units; metres : the true distance; sigma : one standard deviation of its natural log.
-    """
-
-    a: FloatArray
-    b: FloatArray
-    metres: float
-    sigma: float = DEFAULT_SIGMA
+    a: FloatArray  #: (3,) in scene units.
+    b: FloatArray  #: (3,) in scene units.
+    metres: float  #: True distance.
+    sigma: float = DEFAULT_SIGMA  #: Standard deviation of its natural log.
 
     @property
     def distance(self) -> float:
-        """Scene units between the points."""
+        """Distance of the points in scene units."""
         return float(np.linalg.norm(self.b - self.a))
 
     @property
     def log_scale(self) -> float:
-        """Natural log of the scale (metres per scene unit) that this length alone gives."""
+        """Natural log of the scale by this length, in metres per scene unit."""
         return float(np.log(self.metres / self.distance))
 
 
 def known_length_evidence(lengths: Sequence[KnownLength]) -> tuple[ScaleEvidence, ...]:
-    """Each length as evidence without doubt: the user says so. The result says what contradicts it."""
+    """Return each length as certain evidence (doubt 0), because the user states it.
+
+    The result reports contradictions (`results.estimate.known_length_conflict`).
+    """
     return tuple(
         ScaleEvidence("known_length", str(number), math.exp(length.log_scale), length.sigma, doubt=0.0)
         for number, length in enumerate(lengths, 1)
@@ -53,13 +54,13 @@ def known_length_evidence(lengths: Sequence[KnownLength]) -> tuple[ScaleEvidence
 
 
 def parse_known_lengths(words: Sequence[str]) -> tuple[KnownLength, ...]:
-    """The lengths that the words of one `--known-length` state: two points and metres, or a file.
+    """Parse the arguments of one `--known-length`: two points and metres, or a file.
 
-    A point is `x,y,z`, in brackets where it begins with a minus sign. A file holds a length a line, seven numbers
-    (x y z of both points, metres) and, if known, an eighth, one standard deviation in metres; `#` begins a comment.
+    A point is `x,y,z`, in brackets if it begins with a minus sign. A file has one length per line: seven numbers
+    (x y z of both points, metres) and optionally an eighth, the standard deviation in metres; `#` begins a comment.
     """
     if len(words) == 1:
-        return _lengths_of(Path(words[0]))
+        return _read_lengths(Path(words[0]))
     with in_file("--known-length"):
         if len(words) != 3:
             raise FieldError("arguments", "A B metres, or a file", Unquoted(" ".join(words)))
@@ -70,22 +71,20 @@ def parse_known_lengths(words: Sequence[str]) -> tuple[KnownLength, ...]:
         return (_length(np.array([*a, *b, metres])),)
 
 
-def _lengths_of(file: Path) -> tuple[KnownLength, ...]:
-    lines = [(number, line.partition("#")[0].strip()) for number, line in enumerate(read_text(file).split("\n"), 1)]
-    with in_file(file):
-        lengths = tuple(_line_length(number, line) for number, line in lines if line)
-        if not lengths:
-            raise FieldError("lengths", "at least one line", 0)
-    return lengths
-
-
-def _line_length(number: int, line: str) -> KnownLength:
-    with at_field(f"line {number}"):
-        return _length(_numbers(line, 7, 8))
+def _read_lengths(file: Path) -> tuple[KnownLength, ...]:
+    lengths = []
+    for number, line in enumerate(read_text(file).split("\n"), 1):
+        text = line.partition("#")[0].strip()
+        if text:
+            with in_file(file), at_field(f"line {number}"):
+                lengths.append(_length(_numbers(text, 7, 8)))
+    if not lengths:
+        raise InputError.at(file, "lengths", "at least one line", 0)
+    return tuple(lengths)
 
 
 def _length(numbers: FloatArray) -> KnownLength:
-    """A known length of its seven numbers (7,): two points and metres."""
+    """Return the known length of seven or eight numbers: two points, metres and standard deviation in metres."""
     a, b, metres = numbers[:3], numbers[3:6], float(numbers[6])
     if not MIN_METRES <= metres <= MAX_METRES:
         raise FieldError("metres", f"{MIN_METRES:g} to {MAX_METRES:g}", metres)
@@ -97,14 +96,14 @@ def _length(numbers: FloatArray) -> KnownLength:
     return KnownLength(a, b, metres, sigma)
 
 
-def _numbers(text: str, least: int, most: int | None = None) -> FloatArray:
-    """(n,) finite numbers, from `least` to `most`, apart by blanks or commas."""
+def _numbers(text: str, min_count: int, max_count: int | None = None) -> FloatArray:
+    """Parse finite numbers (n,) that are separated by blanks or commas; by default, n is `min_count`."""
     parts = text.strip().strip("()[]").replace(",", " ").split()
     try:
         numbers = np.array([float(part) for part in parts])
     except ValueError:
         raise FieldError("", "numbers", text) from None
-    if not least <= len(numbers) <= (most or least) or not (np.abs(numbers) < MAX_COORDINATE).all():
-        many = f"{least}" if most is None else f"{least} or {most}"
-        raise FieldError("", f"{many} finite numbers", text)
+    if not min_count <= len(numbers) <= (max_count or min_count) or not (np.abs(numbers) < MAX_COORDINATE).all():
+        count = f"{min_count}" if max_count is None else f"{min_count} or {max_count}"
+        raise FieldError("", f"{count} finite numbers", text)
     return numbers

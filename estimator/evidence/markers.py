@@ -1,13 +1,10 @@
-"""Corners of square markers, to a hundredth of their side.
+"""Estimate the scale from printed markers of known size in the images: ArUco, AprilTag, and ChArUco boards.
 
-OpenCV refines a marker's corner as one of a chessboard, where four fields meet (`CORNER_REFINE_SUBPIX`): at the outer
-corner of a black square that is outside by a part of the blur: a marker 40 pixels wide comes out 2 to 3 % too large.
-Its way of AprilTag 2 fits the edges and has no such bias, but takes half a second a megapixel. So markers are found in
-the picture, and their corners in a cut-out around each; those that are not found there are left out.
-
-Markers of a stated size in the pictures: ArUco, AprilTag, and ChArUco boards.
-
-A point from the pixels where several views see it.
+The corners of a marker are refined in a crop around it. OpenCV refines a corner like that of a chessboard, where four
+fields meet (`CORNER_REFINE_SUBPIX`); at the outer corner of a black square, the result is outside by a fraction of the
+blur, and a marker 40 pixels wide is 2 to 3 % too large. The method of AprilTag 2 fits the edges and has no such bias,
+but takes half a second per megapixel. Markers are therefore detected in the image, and their corners in the crop;
+markers that are not detected in the crop are not used. The corners are triangulated and aligned with the marker.
 """
 
 from __future__ import annotations
@@ -21,7 +18,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from estimator.evidence.alignment import align
-from estimator.evidence.source import silent
+from estimator.evidence.source import skipped_evidence
 from estimator.instances.view_matching import image_file, image_folders
 from estimator.projection.cameras import pixels_in_view, view_rays
 from estimator.records.result import ScaleEvidence
@@ -33,128 +30,123 @@ from metric_base.images import read_picture
 if TYPE_CHECKING:
     from estimator.records.objects import Measurements
 
-#: A cut-out has this part of the marker's box on each side, for its white border, and at least so many pixels.
-MARGIN, LEAST_MARGIN = 0.3, 6
-#: A cut-out is made larger or smaller until the marker is so many pixels wide: edges are then found to a thousandth of
-#: it, and a small one is found at all.
-LEAST_SIDE, MOST_SIDE = 100.0, 200.0
-#: Corners that move further than this share of the box belong to another marker.
-MOST_MOVE = 0.2
-#: Rays nearer to parallel than this (radians) meet anywhere.
-LEAST_ANGLE = 0.01
 KIND = "marker"
-#: Most columns or rows of a board: its picture would have thousands of pixels.
+#: Margin of a crop around a marker for its white border, relative to its box, and its minimum in pixels.
+CROP_MARGIN = 0.3
+MIN_CROP_MARGIN_PX = 6
+#: Range of the width in pixels to which the marker in a crop is resized: its edges are then accurate to a thousandth of
+#: it, and a small marker is detected.
+MIN_CROP_SIDE_PX = 100.0
+MAX_CROP_SIDE_PX = 200.0
+#: Maximum movement of a corner by the refinement, relative to the box; beyond it, the corner is that of another marker.
+MAX_CORNER_MOVE = 0.2
+#: Minimum angle between rays in radians; more parallel rays have no accurate intersection.
+MIN_RAY_ANGLE = 0.01
+#: Maximum number of columns or rows of a board: its image would have thousands of pixels.
 MAX_SQUARES = 200
-#: Printers and paper stretch by half a per cent: no marker is better, natural log.
-LEAST_SD = 0.005
-#: Corners that project further than this share of the longer image side from where they were seen are not theirs.
-MOST_ERROR = 0.005
+#: Minimum standard deviation of the log scale: printers and paper stretch by half a per cent.
+MIN_LOG_SD = 0.005
+#: Maximum standard deviation of the log scale of one marker.
+MAX_LOG_SD = 1.0
+#: Maximum reprojection error of a corner, relative to the longer side of the image.
+MAX_REPROJECTION_ERROR = 0.005
 #: Corners of one marker, in metres times its side: clockwise from the upper left, as OpenCV finds them.
 SQUARE: FloatArray = np.array([[0.0, 0, 0], [1, 0, 0], [1, 1, 0], [0, 1, 0]])
 
 
-def marker_corners(picture: Any, dictionary: Any) -> list[tuple[int, FloatArray]]:
-    """The markers of an OpenCV dictionary in a grey picture: number and corners (4, 2), clockwise from the upper left.
+def refined_marker_corners(image: Any, dictionary: Any) -> list[tuple[int, FloatArray]]:
+    """Detect the markers of an OpenCV dictionary in a grey image (h, w).
 
-    Pixels as OpenCV counts them: the middle of the first is (0, 0).
+    Returns
+    -------
+    list of tuple
+        Id and corners (4, 2) of each marker, clockwise from the upper left. The centre of the first pixel is (0, 0), as
+        in OpenCV.
     """
     import cv2
 
     parameters = cv2.aruco.DetectorParameters()
-    seen = _markers(cv2.aruco.ArucoDetector(dictionary, parameters), picture)
+    coarse = _detect_markers(cv2.aruco.ArucoDetector(dictionary, parameters), image)
     parameters.cornerRefinementMethod = cv2.aruco.CORNER_REFINE_APRILTAG
-    fine = cv2.aruco.ArucoDetector(dictionary, parameters)
-    refined = [(number, _refine(picture, fine, number, corners)) for number, corners in seen]
-    return [(number, corners) for number, corners in refined if corners is not None]
+    detector = cv2.aruco.ArucoDetector(dictionary, parameters)
+    refined = [(marker, _refine(image, detector, marker, corners)) for marker, corners in coarse]
+    return [(marker, corners) for marker, corners in refined if corners is not None]
 
 
-def _markers(detector: Any, picture: Any) -> list[tuple[int, FloatArray]]:
-    """The markers that a detector sees in a grey picture (h, w): number and corners (4, 2) in pixels."""
-    corners, numbers, _ = detector.detectMarkers(picture)
-    if numbers is None:
+def _detect_markers(detector: Any, image: Any) -> list[tuple[int, FloatArray]]:
+    """Return the id and the corners (4, 2) of the markers in a grey image (h, w)."""
+    corners, markers, _ = detector.detectMarkers(image)
+    if markers is None:
         return []
     squares = [np.asarray(square, dtype=float).reshape(4, 2) for square in corners]
-    return list(zip(np.ravel(numbers).tolist(), squares, strict=True))
+    return list(zip(np.ravel(markers).tolist(), squares, strict=True))
 
 
-def _refine(picture: Any, detector: Any, number: int, corners: FloatArray) -> FloatArray | None:
-    """The corners (4, 2) as the detector finds them in a cut-out; None if it does not: coarse ones say too much."""
+def _refine(image: Any, detector: Any, marker: int, corners: FloatArray) -> FloatArray | None:
+    """Return the corners (4, 2) of a marker from a crop around it; None if the marker is not detected there."""
     import cv2
 
     low, high = corners.min(axis=0), corners.max(axis=0)
     extent = float((high - low).max())
-    margin = max(MARGIN * extent, LEAST_MARGIN)
+    margin = max(CROP_MARGIN * extent, MIN_CROP_MARGIN_PX)
     left, top = np.maximum(np.floor(low - margin), 0).astype(int)
     right, bottom = np.ceil(high + margin).astype(int) + 1
-    part = np.ascontiguousarray(picture[top:bottom, left:right])
-    factor = float(np.clip(extent, LEAST_SIDE, MOST_SIDE)) / extent
+    crop = np.ascontiguousarray(image[top:bottom, left:right])
+    factor = float(np.clip(extent, MIN_CROP_SIDE_PX, MAX_CROP_SIDE_PX)) / extent
     if factor != 1:
-        part = cv2.resize(
-            part, None, fx=factor, fy=factor, interpolation=cv2.INTER_AREA if factor < 1 else cv2.INTER_CUBIC
-        )
-    ratio = np.array(part.shape[1::-1]) / np.array(picture[top:bottom, left:right].shape[1::-1])
-    others = [
-        (square + 0.5) / ratio - 0.5 + (left, top) for marker, square in _markers(detector, part) if marker == number
+        interpolation = cv2.INTER_AREA if factor < 1 else cv2.INTER_CUBIC
+        crop = cv2.resize(crop, None, fx=factor, fy=factor, interpolation=interpolation)
+    ratio = np.array(crop.shape[1::-1]) / np.array(image[top:bottom, left:right].shape[1::-1])
+    candidates = [
+        (square + 0.5) / ratio - 0.5 + (left, top)
+        for other, square in _detect_markers(detector, crop)
+        if other == marker
     ]
-    moves = [float(np.linalg.norm(square - corners, axis=1).max()) for square in others]
-    if not moves or min(moves) > MOST_MOVE * extent:
+    moves = [float(np.linalg.norm(square - corners, axis=1).max()) for square in candidates]
+    if not moves or min(moves) > MAX_CORNER_MOVE * extent:
         return None
-    return np.asarray(others[int(np.argmin(moves))])
+    return np.asarray(candidates[int(np.argmin(moves))])
 
 
-def triangulate(views: Sequence[View], pixels: FloatArray, most_error: float) -> FloatArray | None:
-    """The point (3,) nearest to the rays through `pixels` (n, 2), one a view.
+def triangulate(views: Sequence[View], pixels: FloatArray, max_error: float) -> FloatArray | None:
+    """Return the point (3,) closest to the rays through `pixels` (n, 2), one in each view.
 
-    Least squares of the distances from the rays c + t d:  sum (I - d d') x = sum (I - d d') c.  The worst view is left
-    out until all agree within `most_error` of the longer image side; None where two views or less are left, or where
-    the rays are nearly parallel.
+    It solves sum (I - d d') x = sum (I - d d') c for the rays c + t d. The view with the largest reprojection error is
+    removed until all errors are at most `max_error`, relative to the longer side of the image. None if fewer than two
+    views remain, or if the rays are nearly parallel.
     """
     views, pixels = list(views), pixels.copy()
     while len(views) >= 2:
-        point = _nearest(views, pixels)
-        if point is None:
+        directions = np.array(
+            [view_rays(view.camera, pixel[None])[0] @ view.rotation for view, pixel in zip(views, pixels, strict=True)]
+        )
+        directions /= np.linalg.norm(directions, axis=1, keepdims=True)
+        if float((directions @ directions.T).min()) > np.cos(MIN_RAY_ANGLE):
             return None
-        errors = [_error(view, pixel, point) for view, pixel in zip(views, pixels, strict=True)]
+        across = np.eye(3) - directions[:, :, None] * directions[:, None, :]  # (n, 3, 3)
+        centres = np.array([view.centre for view in views])
+        point = np.asarray(np.linalg.solve(across.sum(axis=0), np.einsum("nij,nj->i", across, centres)))
+        errors = []
+        for view, pixel in zip(views, pixels, strict=True):
+            projected, depths = pixels_in_view(view, point[None])
+            error = float(np.linalg.norm(projected[0] - pixel)) / max(view.camera.width, view.camera.height)
+            errors.append(error if np.isfinite(error) and depths[0] > 0 else np.inf)
         worst = int(np.argmax(errors))
-        if errors[worst] <= most_error:
+        if errors[worst] <= max_error:
             return point
         views.pop(worst)
         pixels = np.delete(pixels, worst, axis=0)
     return None
 
 
-def _nearest(views: Sequence[View], pixels: FloatArray) -> FloatArray | None:
-    """(3,) point nearest to the rays of one pixel (2,) per view; None of nearly parallel rays."""
-    directions = np.array(
-        [view_rays(view.camera, pixel[None])[0] @ view.rotation for view, pixel in zip(views, pixels, strict=True)]
-    )
-    directions /= np.linalg.norm(directions, axis=1, keepdims=True)
-    if float((directions @ directions.T).min()) > np.cos(LEAST_ANGLE):
-        return None
-    across = np.eye(3) - directions[:, :, None] * directions[:, None, :]  # (n, 3, 3)
-    centres = np.array([view.centre for view in views])
-    return np.asarray(np.linalg.solve(across.sum(axis=0), np.einsum("nij,nj->i", across, centres)))
-
-
-def _error(view: View, pixel: FloatArray, point: FloatArray) -> float:
-    """Distance of a pixel (2,) from that of a point (3,), as a share of the longer side; infinite behind the camera."""
-    projected, depths = pixels_in_view(view, point[None])
-    distance = float(np.linalg.norm(projected[0] - pixel)) / max(view.camera.width, view.camera.height)
-    return distance if np.isfinite(distance) and depths[0] > 0 else np.inf
-
-
 @dataclass(frozen=True, slots=True)
 class Marker:
-    """Markers of an OpenCV dictionary (`DICT_4X4_50`, `APRILTAG_36h11`) with sides of `metres`.
+    """Markers of an OpenCV dictionary, or a ChArUco board."""
 
-    board : (columns, rows, marker side in metres) of a ChArUco board, whose squares then have sides of `metres`;
-    images : the folder of the pictures, if it is not `images` beside or above the model.
-    """
-
-    dictionary: str
-    metres: float
-    board: tuple[int, int, float] | None = None
-    images: Path | None = None
+    dictionary: str  #: Such as `DICT_4X4_50` or `APRILTAG_36h11`.
+    metres: float  #: Side of a marker, or of a square of the board.
+    board: tuple[int, int, float] | None = None  #: Columns, rows and side of a marker in metres of a ChArUco board.
+    images: Path | None = None  #: Folder of the images, if it is not `images` next to or above the model.
 
     def __post_init__(self) -> None:
         if not (math.isfinite(self.metres) and self.metres > 0):
@@ -162,10 +154,9 @@ class Marker:
         if _dictionary_name(self.dictionary) is None:
             expected = "a dictionary of OpenCV, such as DICT_4X4_50 or APRILTAG_36h11"
             raise InputError.at("--marker", "dictionary", expected, self.dictionary)
-        if self.board is not None:
-            self._check_board(*self.board)
-
-    def _check_board(self, columns: int, rows: int, side: float) -> None:
+        if self.board is None:
+            return
+        columns, rows, side = self.board
         if not (2 <= columns <= MAX_SQUARES and 2 <= rows <= MAX_SQUARES):
             raise InputError.at("--marker", "board", f"2 to {MAX_SQUARES} columns and rows", (columns, rows))
         if not 0 < side < self.metres:
@@ -173,7 +164,7 @@ class Marker:
 
     @classmethod
     def of(cls, text: str) -> Marker:
-        """The markers of `DICT:METRES`, or of `charuco:DICT:COLUMNSxROWS:SQUARE:MARKER` with sides in metres.
+        """Parse `DICT:METRES`, or `charuco:DICT:COLUMNSxROWS:SQUARE:MARKER` with sides in metres.
 
         >>> Marker.of("DICT_4X4_50:0.10")
         Marker(dictionary='DICT_4X4_50', metres=0.1, board=None, images=None)
@@ -192,95 +183,98 @@ class Marker:
         raise InputError.at("--marker", "value", expected, text)
 
     def observe(self, scene: Scene, measurements: Measurements) -> tuple[ScaleEvidence, ...]:  # noqa: ARG002
-        """One row for each marker that two views or more show; its corners are triangulated."""
+        """Return the scale by each marker whose corners at least two views show."""
         seen = self._corners(scene)
         if seen is None:
-            return silent(KIND, self.dictionary, "no picture of the scene was found (--images DIR names their folder)")
-        measured = [_row(name, self._shape(corners), corners, scene) for name, corners in sorted(seen.items())]
+            missing = "no picture of the scene was found (--images DIR names their folder)"
+            return skipped_evidence(KIND, self.dictionary, missing)
+        measured = [
+            _marker_evidence(name, self._shape(corners), corners, scene) for name, corners in sorted(seen.items())
+        ]
         rows = [row for row in measured if row is not None]
-        return tuple(rows) or silent(KIND, self.dictionary, "no marker is in two pictures or more")
+        return tuple(rows) or skipped_evidence(KIND, self.dictionary, "no marker is in two pictures or more")
 
     def _shape(self, corners: Mapping[int, object]) -> dict[int, FloatArray]:
-        """Metres (3,) of each corner in the marker's own frame."""
+        """Return the position (3,) in metres of each corner in the frame of the marker."""
         if self.board is None:
             return {number: self.metres * SQUARE[number] for number in corners}
         columns = self.board[0] - 1  # inner corners
         return {n: self.metres * np.array([n % columns, n // columns, 0.0]) for n in corners}
 
     def _corners(self, scene: Scene) -> dict[str, dict[int, list[tuple[int, FloatArray]]]] | None:
-        """By marker and corner: (row of the view, pixel (2,)); None where there is no picture."""
+        """Return, by marker and corner, the index of the view and the pixel (2,); None without images."""
         import cv2
 
         folders, detect = image_folders(scene, self.images), self._detector()
         seen: dict[str, dict[int, list[tuple[int, FloatArray]]]] = {}
-        pictures = 0
+        n_images = 0
         for row, view in enumerate(scene.views):
             file = image_file(folders, view)
-            picture = None if file is None else read_picture(file, cv2.IMREAD_GRAYSCALE)
-            if picture is None:
+            image = None if file is None else read_picture(file, cv2.IMREAD_GRAYSCALE)
+            if image is None:
                 continue
-            pictures += 1
-            ratio = np.array([view.camera.width / picture.shape[1], view.camera.height / picture.shape[0]])
-            for name, number, pixel in detect(picture):
-                # OpenCV's pixel centres are whole numbers, the scene's are halves
+            n_images += 1
+            ratio = np.array([view.camera.width / image.shape[1], view.camera.height / image.shape[0]])
+            for name, number, pixel in detect(image):
+                # The centre of the first pixel is (0, 0) in OpenCV and (0.5, 0.5) in the scene.
                 seen.setdefault(name, {}).setdefault(number, []).append((row, (pixel + 0.5) * ratio))
-        return seen if pictures else None
+        return seen if n_images else None
 
     def _detector(self) -> Callable[[Any], Sequence[tuple[str, int, FloatArray]]]:
-        """What finds (marker, corner, pixel (2,)) in a grey picture."""
+        """Return a function that finds (marker, corner, pixel (2,)) in a grey image."""
         import cv2
 
         dictionary = cv2.aruco.getPredefinedDictionary(getattr(cv2.aruco, str(_dictionary_name(self.dictionary))))
         if self.board is None:
-            return lambda picture: _aruco_corners(dictionary, picture)
+            return lambda image: _aruco_corners(dictionary, image)
         columns, rows, side = self.board
         board = cv2.aruco.CharucoBoard((columns, rows), self.metres, side, dictionary)
         charuco = cv2.aruco.CharucoDetector(board)
-        return lambda picture: _board_corners(charuco, picture)
+        return lambda image: _board_corners(charuco, image)
 
 
 def _dictionary_name(name: str) -> str | None:
-    """OpenCV's name of a dictionary, or None."""
+    """Return the name of a dictionary in OpenCV, or None."""
     import cv2
 
     known = {known.lower(): known for known in dir(cv2.aruco) if known.startswith("DICT_")}
     return known.get(name.lower()) or known.get(f"dict_{name.lower()}")
 
 
-def _aruco_corners(dictionary: Any, picture: Any) -> list[tuple[str, int, FloatArray]]:
-    """Name, corner number and pixel (2,) of every corner of a marker in a picture."""
+def _aruco_corners(dictionary: Any, image: Any) -> list[tuple[str, int, FloatArray]]:
+    """Return name, corner index and pixel (2,) of every corner of a marker in an image."""
     return [
         (str(number), place, pixel)
-        for number, square in marker_corners(picture, dictionary)
+        for number, square in refined_marker_corners(image, dictionary)
         for place, pixel in enumerate(square)
     ]
 
 
-def _board_corners(detector: Any, picture: Any) -> list[tuple[str, int, FloatArray]]:
-    """Name, corner number and pixel (2,) of every corner of a board in a picture."""
-    corners, ids, *_ = detector.detectBoard(picture)
+def _board_corners(detector: Any, image: Any) -> list[tuple[str, int, FloatArray]]:
+    """Return name, corner index and pixel (2,) of every corner of a board in an image."""
+    corners, ids, *_ = detector.detectBoard(image)
     if ids is None:
         return []
     pixels = np.asarray(corners, dtype=float).reshape(-1, 2)
     return [("board", int(number), pixel) for number, pixel in zip(np.ravel(ids), pixels, strict=True)]
 
 
-def _row(
+def _marker_evidence(
     name: str, shape: Mapping[int, FloatArray], corners: Mapping[int, Sequence[tuple[int, FloatArray]]], scene: Scene
 ) -> ScaleEvidence | None:
-    """The evidence of one marker, or None where too few of its corners are in two views.
+    """Return the evidence of one marker, or None if fewer than three of its corners are in two views.
 
-    shape : (3,) metres of each corner; corners : of each, rows of the views with its pixel (2,).
+    `shape` has the position (3,) in metres of each corner, and `corners` the indices of its views with pixels (2,).
     """
     places = {}
     for number, seen in corners.items():
         views = [scene.views[row] for row, _ in seen]
-        point = triangulate(views, np.array([pixel for _, pixel in seen]), MOST_ERROR)
+        point = triangulate(views, np.array([pixel for _, pixel in seen]), MAX_REPROJECTION_ERROR)
         if point is not None:
             places[number] = point
     if len(places) < 3:
         return None
     alignment = align(np.array(list(places.values())), np.array([shape[number] for number in places]))
-    if alignment is None or alignment.sd_log > 1:
+    if alignment is None or alignment.sd_log > MAX_LOG_SD:
         return None
-    return ScaleEvidence(KIND, name, alignment.scale, math.hypot(alignment.sd_log, LEAST_SD))
+    return ScaleEvidence(KIND, name, alignment.scale, math.hypot(alignment.sd_log, MIN_LOG_SD))

@@ -1,4 +1,4 @@
-"""The distance between the cameras of a rig, such as a stereo pair, as evidence."""
+"""Estimate the scale from the known distance between the cameras of a rig, such as a stereo pair."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from estimator.evidence.source import silent
+from estimator.evidence.source import skipped_evidence
 from estimator.records.result import ScaleEvidence
 from estimator.records.scene import Scene
 from metric_base.arrays import FloatArray
@@ -21,16 +21,17 @@ from metric_base.statistics import robust_sigma
 if TYPE_CHECKING:
     from estimator.records.objects import Measurements
 
-#: A rig's baseline is stated to a millimetre or so, and the reconstruction's is no better: natural log.
-LEAST_SD = 0.005
+#: Minimum standard deviation of the log scale: a baseline is stated to about a millimetre, and that of the
+#: reconstruction is no better.
+MIN_LOG_SD = 0.005
 
 
 @dataclass(frozen=True, slots=True)
 class RigBaseline:
-    """The distance in metres between two cameras of a rig, such as a stereo pair.
+    """The distance between two cameras of a rig.
 
-    first, second : folders of the two cameras' pictures, as the model names them (`left/0001.png`,
-    `right/0001.png`), or prefixes that end in `_` or `-`; pictures of one moment have the same name after them.
+    The cameras are given by the folders of their images in the model (`left/0001.png`, `right/0001.png`), or by
+    prefixes that end in `_` or `-`. Simultaneous images have the same name after them.
     """
 
     first: str
@@ -38,24 +39,24 @@ class RigBaseline:
     metres: float
 
     def observe(self, scene: Scene, measurements: Measurements) -> tuple[ScaleEvidence, ...]:  # noqa: ARG002
-        """The scale by the median distance of the pairs, with the spread of that median."""
+        """Return the scale by the median distance of the pairs, with the standard deviation of the median."""
         name = f"{self.first} to {self.second}"
         first, second = (_centres(scene, folder) for folder in (self.first, self.second))
         distances = np.array([np.linalg.norm(first[key] - second[key]) for key in sorted(first.keys() & second.keys())])
         if not len(distances):
-            return silent("baseline", name, "no two pictures of one moment")
-        middle = float(np.median(distances))
-        if not middle > 0:
-            return silent("baseline", name, "both cameras are at one place")
-        spread = robust_sigma(distances) / middle / math.sqrt(len(distances))
-        return (ScaleEvidence("baseline", name, self.metres / middle, math.hypot(spread, LEAST_SD)),)
+            return skipped_evidence("baseline", name, "no two pictures of one moment")
+        median = float(np.median(distances))
+        if not median > 0:
+            return skipped_evidence("baseline", name, "both cameras are at one place")
+        median_sd = robust_sigma(distances) / median / math.sqrt(len(distances))
+        return (ScaleEvidence("baseline", name, self.metres / median, math.hypot(median_sd, MIN_LOG_SD)),)
 
 
 def rig_baselines(file: Path) -> tuple[RigBaseline, ...]:
-    """The baselines in metres that a rig configuration of COLMAP states, from each reference to the other cameras.
+    """Read the baselines in metres from the reference to the other cameras in a rig configuration of COLMAP.
 
-    It is a list of rigs with `cameras`, each with an `image_prefix`, and a `cam_from_rig_translation` but for the one
-    with `ref_sensor`: the length of the translation is the baseline.
+    The file is a list of rigs with `cameras`. Each camera has an `image_prefix` and, except for that with `ref_sensor`,
+    a `cam_from_rig_translation`, whose length is the baseline.
 
     Raises
     ------
@@ -97,6 +98,6 @@ def _length(translation: object) -> float:
 
 
 def _centres(scene: Scene, folder: str) -> dict[str, FloatArray]:
-    """Camera centres (3,) of the pictures of a folder, or a prefix, by the rest of their name."""
+    """Return the camera centres (3,) of the images in a folder, or with a prefix, by the remainder of their name."""
     prefix = folder if folder.endswith(("/", "_", "-")) else f"{folder}/"
     return {view.name.removeprefix(prefix): view.centre for view in scene.views if view.name.startswith(prefix)}

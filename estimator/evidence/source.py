@@ -1,7 +1,4 @@
-"""What every kind of evidence is to the pipeline: something that looks at a scene and says scales.
-
-The path of the camera over the time of its video, for evidence that has times.
-"""
+"""The protocol of evidence sources, and the path of a camera over time for evidence with times."""
 
 from __future__ import annotations
 
@@ -20,29 +17,33 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class CameraPath:
-    """times_s : (n,), increasing, 0 at the first frame of the video; centres : (n, 3) in scene units."""
+    """The path of the camera of a video."""
 
-    times_s: FloatArray
-    centres: FloatArray
+    times_s: FloatArray  #: (n,) increasing, 0 at the first frame of the video.
+    centres: FloatArray  #: (n, 3) in scene units.
 
-    def at(self, times_s: FloatArray, longest_gap_s: float) -> tuple[FloatArray, IntArray]:
-        """Centres (m, 3) at those of the times that lie between frames less than so far apart, and the times' rows."""
+    def interpolate(self, times_s: FloatArray, max_gap_s: float) -> tuple[FloatArray, IntArray]:
+        """Interpolate the camera centres at `times_s`, except in gaps of `max_gap_s` or more between frames.
+
+        Return the centres (m, 3) and the indices (m,) of the times.
+        """
         if len(self.times_s) < 2:
             return np.empty((0, 3)), np.empty(0, dtype=np.int64)
         after = np.searchsorted(self.times_s, times_s).clip(1, len(self.times_s) - 1)
         gap = self.times_s[after] - self.times_s[after - 1]
-        inside = (times_s >= self.times_s[0]) & (times_s <= self.times_s[-1]) & (gap < longest_gap_s)
-        rows = np.flatnonzero(inside)
-        places = np.column_stack([np.interp(times_s[rows], self.times_s, column) for column in self.centres.T])
-        return places, rows
+        rows = np.flatnonzero((times_s >= self.times_s[0]) & (times_s <= self.times_s[-1]) & (gap < max_gap_s))
+        centres = np.column_stack([np.interp(times_s[rows], self.times_s, column) for column in self.centres.T])
+        return centres, rows
 
 
 @runtime_checkable
 class EvidenceSource(Protocol):
-    """A kind of evidence that the user asked for."""
+    """A source of evidence that the user requests, such as `Gps`."""
 
     def observe(self, scene: Scene, measurements: Measurements) -> tuple[ScaleEvidence, ...]:
-        """What it states about a scene, in metres per scene unit; one row with a reason where it cannot speak.
+        """Return the evidence in a scene, in metres per scene unit.
+
+        A source without a result returns one row with the reason (`skipped_evidence`).
 
         Raises
         ------
@@ -52,6 +53,6 @@ class EvidenceSource(Protocol):
         ...
 
 
-def silent(kind: str, name: str, reason: str) -> tuple[ScaleEvidence, ...]:
-    """The row of evidence that cannot speak."""
+def skipped_evidence(kind: str, name: str, reason: str) -> tuple[ScaleEvidence, ...]:
+    """Return the row of a source without a result."""
     return (ScaleEvidence(kind, name, None, None, reason=reason),)

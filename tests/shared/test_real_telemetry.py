@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from benchmarks.estimator.real_footage import sensor_rows
-from estimator.evidence.gps import local_metres
+from estimator.evidence.gps import east_north_up
 from estimator.telemetry.readers import read_telemetry
 
 
@@ -27,5 +27,5 @@ def test_a_drone(shared: Path) -> None:
     assert len(telemetry.specific_force) > 2000
     assert np.linalg.norm(telemetry.specific_force.values.mean(axis=0)) == pytest.approx(9.8, abs=0.3)
     assert telemetry.positions is not None
-    track = local_metres(telemetry.positions.positions)
+    track = east_north_up(telemetry.positions.positions)
     assert 5 < np.linalg.norm(track[-1] - track[0]) < 200

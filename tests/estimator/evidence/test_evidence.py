@@ -175,3 +175,13 @@ def test_the_printed_rows_of_evidence(walk: Walk, mini: Tree) -> None:
     (gps,) = (line for line in text.splitlines() if "gps" in line)
     assert "used" in height
     assert "skipped: 0 views have a position" in gps
+
+
+def test_every_exported_source_observes() -> None:
+    """The docstring of `estimate_scale` refers to `estimator.evidence`."""
+    import estimator.evidence as sources
+
+    named = {name: getattr(sources, name) for name in sources.__all__}
+    assert {name for name, source in named.items() if hasattr(source, "observe")} == set(named) - {"KnownLength"}
+    with pytest.raises(AttributeError, match="no attribute"):
+        sources.__getattr__("Barometer")

@@ -9,12 +9,13 @@ from typing import Any
 
 import numpy as np
 import pytest
+from scipy.linalg import orthogonal_procrustes
 from scipy.spatial.transform import Rotation
 
 from estimator.evidence import gps, imu
-from estimator.evidence.alignment import _samples, align, least_squares
-from estimator.evidence.depth_maps import FRAME_SD, FRAME_WORTH, _log_ratio, frame_sd
-from estimator.evidence.markers import _error, triangulate
+from estimator.evidence.alignment import align, least_squares, minimal_samples
+from estimator.evidence.depth_maps import FRAME_PRIOR_COUNT, FRAME_SD, frame_sd, view_log_ratio
+from estimator.evidence.markers import triangulate
 from estimator.evidence.source import CameraPath
 from estimator.records.scene import Camera, View
 
@@ -36,8 +37,7 @@ def test_a_point_is_where_rays_meet_and_the_worst_is_left_out() -> None:
     point = np.array([0.4, -0.2, 3.0])
     pixels = _pixels(views, point)
     assert triangulate(views, pixels, 0.005) == pytest.approx(point)
-    assert _error(views[0], pixels[0] + [0, 6.4], point) == pytest.approx(0.01)
-    assert _error(views[0], pixels[0], -point) == math.inf
+    assert triangulate(views, _pixels(views, -point), 0.005) is None, "behind the cameras"
     wrong = pixels + np.array([[0, 0], [0, 60], [0, 0], [0, 0]])
     assert triangulate(views, wrong, 0.005) == pytest.approx(point)
     assert triangulate(views[:2], wrong[:2], 0.005) is None
@@ -49,10 +49,10 @@ def test_a_point_is_where_rays_meet_and_the_worst_is_left_out() -> None:
 
 def test_a_path_is_known_between_near_frames() -> None:
     path = CameraPath(np.array([1.0, 1.4, 3.0, 3.2]), np.array([[0.0, 0, 0], [4, 0, 0], [5, 8, 0], [5, 9, 0]]))
-    places, rows = path.at(np.array([0.9, 1.0, 1.1, 2.0, 3.1, 3.2, 3.3]), 1.0)
+    places, rows = path.interpolate(np.array([0.9, 1.0, 1.1, 2.0, 3.1, 3.2, 3.3]), 1.0)
     assert rows.tolist() == [1, 2, 4, 5]
     assert places == pytest.approx(np.array([[0.0, 0, 0], [1, 0, 0], [5, 8.5, 0], [5, 9, 0]]))
-    assert len(CameraPath(np.array([1.0]), np.zeros((1, 3))).at(np.array([1.0]), 1.0)[1]) == 0
+    assert len(CameraPath(np.array([1.0]), np.zeros((1, 3))).interpolate(np.array([1.0]), 1.0)[1]) == 0
 
 
 def test_an_alignment_has_its_scale_error_and_extent() -> None:
@@ -77,8 +77,8 @@ def test_an_alignment_has_its_scale_error_and_extent() -> None:
     assert robust.inliers[15:].mean() > 0.9
     assert align(source[:2], target[:2]) is None
     assert align(np.zeros((5, 3)), target[:5]) is None
-    assert _samples(3).tolist() == [[0, 1, 2]]
-    assert all(len(set(row)) == 3 for row in _samples(5).tolist())
+    assert minimal_samples(3).tolist() == [[0, 1, 2]]
+    assert all(len(set(row)) == 3 for row in minimal_samples(5).tolist())
 
 
 def test_a_stretched_copy_is_seen() -> None:
@@ -90,10 +90,10 @@ def test_a_stretched_copy_is_seen() -> None:
         target = noisy * [factor, 1, 1]
         fit = least_squares(walk, target, np.ones(60, bool))
         assert fit is not None
-        seen = gps._stretch(walk, target, fit.residual)
+        seen = gps.stretch_ratio(walk, target, fit.residual)
         assert seen == (None if stretch is None else pytest.approx(stretch, rel=0.01))
     line = walk * [1, 0.001, 1]
-    assert gps._stretch(line, 2 * line * [1, 3, 1], 1.0) is None
+    assert gps.stretch_ratio(line, 2 * line * [1, 3, 1], 1.0) is None
 
 
 def test_the_tilt_of_positions_is_as_sure_as_their_path_is_wide() -> None:
@@ -104,27 +104,27 @@ def test_the_tilt_of_positions_is_as_sure_as_their_path_is_wide() -> None:
     own = walk - walk.mean(axis=0)
     information = (own**2).sum() * np.eye(3) - own.T @ own
     expected = np.degrees(np.sqrt(np.trace(np.linalg.inv(information)[:2, :2]) * 0.25))
-    assert gps._tilt_sigma(walk, sure, None) == pytest.approx(expected)
-    drift = 50 * np.hypot(0.5, gps.DRIFT_SHARE * 4.0) ** 2
-    assert gps._tilt_sigma(walk, sure, 4.0) == pytest.approx(expected * np.sqrt(drift / 0.25))
+    assert gps.tilt_sigma(walk, sure, None) == pytest.approx(expected)
+    drift = 50 * np.hypot(0.5, gps.DRIFT_FRACTION * 4.0) ** 2
+    assert gps.tilt_sigma(walk, sure, 4.0) == pytest.approx(expected * np.sqrt(drift / 0.25))
 
 
 def test_exif_says_degrees_and_how_good_they_are() -> None:
     tags: dict[int, Any] = {1: "S", 2: (48, 30, 36), 3: "W", 4: (11, 15, 0), 5: b"\x01", 6: 120.0}
-    assert gps._exif_degrees(tags) == pytest.approx([-(48 + 0.5 + 0.01), -11.25, -120.0])
-    assert gps._exif_degrees(tags | {1: "N", 3: "E", 5: 0}) == pytest.approx([48.51, 11.25, 120.0])
-    assert gps._exif_degrees({2: (1, 2, 3)}) is None
-    assert gps._exif_accuracy({}) == gps.USUAL_ACCURACY_M
-    assert gps._exif_accuracy({0x1F: 3.0, 0x0B: 9.0}) == 3.0
-    assert gps._exif_accuracy({0x0B: 2.0}) == 2.0 * gps.METRES_PER_DILUTION
-    assert gps._exif_accuracy({0x1F: -1.0}) == gps.USUAL_ACCURACY_M
+    assert gps.exif_position(tags) == pytest.approx([-(48 + 0.5 + 0.01), -11.25, -120.0])
+    assert gps.exif_position(tags | {1: "N", 3: "E", 5: 0}) == pytest.approx([48.51, 11.25, 120.0])
+    assert gps.exif_position({2: (1, 2, 3)}) is None
+    assert gps.exif_accuracy({}) == gps.TYPICAL_ACCURACY_M
+    assert gps.exif_accuracy({0x1F: 3.0, 0x0B: 9.0}) == 3.0
+    assert gps.exif_accuracy({0x0B: 2.0}) == 2.0 * gps.METRES_PER_DILUTION
+    assert gps.exif_accuracy({0x1F: -1.0}) == gps.TYPICAL_ACCURACY_M
 
 
 def test_the_scales_of_pictures_are_shrunk_to_what_is_usual() -> None:
     ratios = np.array([0.1, 0.5, 0.3, 0.3, 0.2])
     own = 1.4826 * np.median(np.abs(ratios - 0.3))
     assert frame_sd(ratios) == pytest.approx(
-        np.sqrt((4 * own**2 + FRAME_WORTH * FRAME_SD**2) / (4 + FRAME_WORTH)), rel=0.01
+        np.sqrt((4 * own**2 + FRAME_PRIOR_COUNT * FRAME_SD**2) / (4 + FRAME_PRIOR_COUNT)), rel=0.01
     )
     assert frame_sd(ratios[:1]) == pytest.approx(FRAME_SD)
 
@@ -139,23 +139,12 @@ def test_the_ratio_of_a_map_is_read_at_its_own_pixels() -> None:
     depth[:, :160] = 5.0
     left = points[:, 0] < 0
     wanted = np.median(np.where(left, np.log(2.5), np.log(1.5))[np.abs(points[:, 1]) < 0.96])
-    assert _log_ratio(view, scene, depth) == pytest.approx(wanted)  # type: ignore[arg-type]
+    assert view_log_ratio(view, scene, depth) == pytest.approx(wanted)  # type: ignore[arg-type]
     own = replace(view, keypoints=np.zeros((25, 2)), point_index=np.flatnonzero(left)[:25])
-    assert _log_ratio(own, scene, depth) == pytest.approx(np.log(2.5))  # type: ignore[arg-type]
+    assert view_log_ratio(own, scene, depth) == pytest.approx(np.log(2.5))  # type: ignore[arg-type]
     few = replace(view, keypoints=np.zeros((15, 2)), point_index=np.flatnonzero(left)[:15])
-    assert _log_ratio(few, scene, depth) is None  # type: ignore[arg-type]
-    assert _log_ratio(view, scene, np.where(depth > 4, np.nan, depth)) == pytest.approx(np.log(1.5))  # type: ignore[arg-type]
-
-
-def test_windows_are_half_a_window_apart() -> None:
-    def starts(length: float) -> list[float]:
-        times = np.linspace(2.0, 2.0 + length, 9)
-        return [float(start) for start in imu._starts(CameraPath(times, np.zeros((9, 3))))]
-
-    assert starts(7.0) == [2.0]
-    assert starts(10.0) == [2.0]
-    assert starts(20.0) == pytest.approx([2, 7, 12])
-    assert starts(24.0) == pytest.approx([2, 2 + 14 / 3, 2 + 28 / 3, 16])
+    assert view_log_ratio(few, scene, depth) is None  # type: ignore[arg-type]
+    assert view_log_ratio(view, scene, np.where(depth > 4, np.nan, depth)) == pytest.approx(np.log(1.5))  # type: ignore[arg-type]
 
 
 def test_a_force_in_axes_that_do_not_turn() -> None:
@@ -164,7 +153,7 @@ def test_a_force_in_axes_that_do_not_turn() -> None:
     turn = Rotation.from_rotvec(times[:, None] * rate)
     fixed = np.array([1.0, 2.0, 9.8])
     seen = turn.inv().apply(np.tile(fixed, (401, 1)))
-    assert imu._in_fixed_frame(times, seen, np.tile(rate, (401, 1))) == pytest.approx(
+    assert imu.force_in_fixed_frame(times, seen, np.tile(rate, (401, 1))) == pytest.approx(
         np.tile(fixed, (401, 1)), abs=1e-9
     )
 
@@ -173,13 +162,13 @@ def test_a_swing_is_integrated_twice_and_drift_goes() -> None:
     times = np.linspace(0, 10, 2001)
     swing = np.column_stack([0.02 * np.sin(2 * np.pi * 1.5 * times), 0 * times, 0.01 * np.cos(2 * np.pi * 2 * times)])
     acceleration = -((2 * np.pi * np.array([1.5, 0, 2])) ** 2) * swing
-    moved = imu._twice_integrated(times, acceleration + np.array([0.3, -0.1, 9.8]))
-    left, true = imu._without_drift(times, moved), imu._without_drift(times, swing)
+    moved = imu.double_integral(times, acceleration + np.array([0.3, -0.1, 9.8]))
+    left, true = imu.remove_drift(times, moved), imu.remove_drift(times, swing)
     assert np.abs(left - true).max() < 3e-4
     drift = np.polynomial.polynomial.polyval(times, [1, -2, 0.3, 0.1])[:, None] * [1, 2, 3]
-    assert imu._without_drift(times, swing + drift) == pytest.approx(true, abs=1e-9)
+    assert imu.remove_drift(times, swing + drift) == pytest.approx(true, abs=1e-9)
     short = times <= 3
-    assert imu._without_drift(times[short], drift[short] * 0 + times[short, None] ** 2) == pytest.approx(0, abs=1e-9)
+    assert imu.remove_drift(times[short], drift[short] * 0 + times[short, None] ** 2) == pytest.approx(0, abs=1e-9)
 
 
 def test_the_scale_of_swings_is_that_along_gravity() -> None:
@@ -189,18 +178,16 @@ def test_the_scale_of_swings_is_that_along_gravity() -> None:
     turn = Rotation.from_euler("xyz", [0.5, -1.0, 0.3]).as_matrix()
     up = np.array([0.0, 0.0, 1.0])
     camera = (unit / 0.4) @ turn
-    assert imu._rotation(camera, unit) == pytest.approx(turn, abs=1e-6)
-    fit = imu._fit([(camera, unit)] * 2, [up, up])
-    assert (fit.scale, fit.scale_of_all, fit.correlation) == pytest.approx((0.4, 0.4, 1.0))
-    assert fit.sd_log == pytest.approx(0, abs=1e-6)
-    assert fit.swing_m == pytest.approx(np.sqrt((unit[:, 2] ** 2).mean()))
+    scale, sd_log, correlation, swing_m = imu.fit_swings([(camera, unit)] * 2, [up, up])
+    assert (scale, correlation) == pytest.approx((0.4, 1.0))
+    assert sd_log == pytest.approx(0, abs=1e-6)
+    assert swing_m == pytest.approx(np.sqrt((unit[:, 2] ** 2).mean()))
     tilted = unit + np.column_stack([0.3 * unit[:, 2], 0 * times, 0 * times])
     noisy = camera + generator.normal(0, 0.3, camera.shape)
-    rough = imu._fit([(noisy, tilted)], [up])
-    assert rough.correlation < 0.99
-    lost = 1 - np.sum((noisy @ imu._rotation(noisy, tilted).T)[:, 2] * tilted[:, 2]) / np.sqrt(
-        np.sum((noisy @ imu._rotation(noisy, tilted).T)[:, 2] ** 2) * np.sum(tilted[:, 2] ** 2)
-    )
-    assert rough.sd_log >= 0.5 * np.hypot(lost, np.log(rough.scale / rough.scale_of_all))
-    against = imu._fit([(0 * camera, unit)], [up])
-    assert (against.correlation, against.sd_log) == (0.0, math.inf)
+    _, sd_log, correlation, _ = imu.fit_swings([(noisy, tilted)], [up])
+    assert correlation < 0.99
+    aligned = noisy @ orthogonal_procrustes(noisy, tilted)[0]
+    lost = 1 - aligned[:, 2] @ tilted[:, 2] / np.sqrt((aligned[:, 2] ** 2).sum() * (tilted[:, 2] ** 2).sum())
+    assert sd_log >= 0.5 * lost > 0
+    _, sd_log, correlation, _ = imu.fit_swings([(0 * camera, unit)], [up])
+    assert (correlation, sd_log) == (0.0, math.inf)

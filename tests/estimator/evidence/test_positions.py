@@ -13,7 +13,7 @@ from hypothesis import strategies as st
 
 from estimator.evidence import gps
 from estimator.evidence.alignment import align
-from estimator.evidence.gps import Gps, _aligned_scale, local_metres
+from estimator.evidence.gps import Gps, east_north_up, position_evidence
 from estimator.evidence.markers import Marker
 from estimator.geometry.vertical import OBSERVED_METHODS
 from estimator.records.objects import Measurements, Up
@@ -73,10 +73,10 @@ def test_a_receiver_that_drifts_along_a_straight_walk_says_nothing_of_up() -> No
     cameras = np.column_stack([along, 0.04 * np.sin(along), 0.01 * np.cos(3 * along)]) / 1.1
     drift = np.column_stack([0.3 * np.sin(along / 5), 0.08 * np.sin(along / 3), -0.08 * np.sin(along / 4)])
     up = Up(np.array([0.0, 0.0, -1.0]), OBSERVED_METHODS[0], 0.7)  # the other way round, by the positions
-    row = one(_aligned_scale("gps_video", "walk", cameras, 1.1 * cameras + drift, 5.0, up))
+    row = one(position_evidence("gps_video", "walk", cameras, 1.1 * cameras + drift, 5.0, up))
     assert row.scale == pytest.approx(1.1, rel=0.05)
     wide = np.column_stack([cameras[:, 0], np.cos(along), 0.2 * np.sin(3 * along)])
-    exact = _aligned_scale("gps", "table", wide, 1.1 * wide, None, up)
+    exact = position_evidence("gps", "table", wide, 1.1 * wide, None, up)
     assert "their up is 180" in str(one(exact).reason)
 
 
@@ -105,7 +105,7 @@ def test_pictures_in_a_folder_of_another_name(walk: Walk, nothing: Measurements,
 
 
 def test_a_path_over_the_date_line_is_short() -> None:
-    metres = local_metres(np.array([[10.0, 179.9999, 0.0], [10.0, -179.9999, 5.0]]))
+    metres = east_north_up(np.array([[10.0, 179.9999, 0.0], [10.0, -179.9999, 5.0]]))
     assert np.linalg.norm(metres[1]) == pytest.approx(22.4, abs=0.6)
 
 
@@ -154,15 +154,15 @@ def _earth_centred(degrees: np.ndarray) -> np.ndarray:
 
 
 @given(st.floats(-70, 70), st.floats(-180, 180), st.floats(-300, 3000))
-def test_local_metres_are_those_of_the_ellipsoid(lat: float, lon: float, height: float) -> None:
+def test_east_north_up_is_those_of_the_ellipsoid(lat: float, lon: float, height: float) -> None:
     places = np.array([[lat, lon, height], [lat + 0.005, lon, height], [lat, lon + 0.005, height + 7]])
-    found, exact = local_metres(places), _earth_centred(places)
+    found, exact = east_north_up(places), _earth_centred(places)
     assert np.linalg.norm(found[1:], axis=1) == pytest.approx(np.linalg.norm(exact[1:] - exact[0], axis=1), rel=2e-4)
 
 
 def test_pictures_all_over_the_scene_are_asked_for_gps(walk: Walk, monkeypatch: pytest.MonkeyPatch) -> None:
     asked = []
-    monkeypatch.setattr(gps, "_exif_positions", lambda scene, _: asked.extend(scene.views) or ({}, 0.0))
+    monkeypatch.setattr(gps, "exif_positions", lambda scene, _: asked.extend(scene.views) or ({}, 0.0))
     views = tuple(replace(walk.scene.views[0], name=str(number)) for number in range(40))
     assert not gps.pictures_have_gps(replace(walk.scene, views=views), None)
     assert [int(view.name) for view in asked] == [0, 8, 16, 24, 32]

@@ -20,6 +20,7 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 import numpy as np
+from numpy.polynomial.legendre import legfit, legval
 
 from estimator.evidence.alignment import align
 from estimator.evidence.source import CameraPath, skipped_evidence
@@ -212,18 +213,18 @@ def force_in_fixed_frame(times_s: FloatArray, force: FloatArray, rates: FloatArr
 
 def double_integral(times_s: FloatArray, acceleration: FloatArray) -> FloatArray:
     """Return the path (m, 3) of accelerations (m, 3) without their mean, by the trapezoidal rule."""
-    step = np.diff(times_s, prepend=times_s[0])[:, None]
-    fluctuation = acceleration - acceleration.mean(axis=0)
-    speed = np.cumsum(step * (fluctuation + np.roll(fluctuation, 1, axis=0)) / 2, axis=0)
-    return np.asarray(np.cumsum(step * (speed + np.roll(speed, 1, axis=0)) / 2, axis=0))
+    from scipy.integrate import cumulative_trapezoid
+
+    speed = cumulative_trapezoid(acceleration - acceleration.mean(axis=0), times_s, axis=0, initial=0)
+    return np.asarray(cumulative_trapezoid(speed, times_s, axis=0, initial=0))
 
 
 def remove_drift(times_s: FloatArray, path: FloatArray) -> FloatArray:
     """Subtract from a path (n, 3) its polynomial with one degree per `SECONDS_PER_DEGREE`, of degree 2 at least."""
     length = times_s[-1] - times_s[0]
     degree = max(2, round(length / SECONDS_PER_DEGREE))
-    terms = np.polynomial.legendre.legvander(2 * (times_s - times_s[0]) / length - 1, degree)
-    return np.asarray(path - terms @ np.linalg.lstsq(terms, path, rcond=None)[0])
+    x = 2 * (times_s - times_s[0]) / length - 1
+    return np.asarray(path - legval(x, legfit(x, path, degree)).T)
 
 
 def fit_swings(swings: list[tuple[FloatArray, FloatArray]], up: list[FloatArray]) -> tuple[float, float, float, float]:
@@ -233,12 +234,13 @@ def fit_swings(swings: list[tuple[FloatArray, FloatArray]], up: list[FloatArray]
     noise, and half of the log ratio to the scale of all components. `up` (3,) of each window is in the axes of the path
     of the unit.
     """
+    from scipy.linalg import orthogonal_procrustes
+
     sums: list[FloatArray] = []  # of each part: products, squares of camera and unit, along gravity and in total
     for (camera, unit), vertical in zip(swings, up, strict=True):
         # Orthogonal matrix from the path of the camera to that of the unit. It may be a reflection: logs with
         # left-handed axes, or with the other sign of the specific force, mirror the path.
-        left, _, right = np.linalg.svd(unit.T @ camera)
-        aligned = camera @ np.asarray(left @ right).T
+        aligned = camera @ orthogonal_procrustes(camera, unit)[0]
         for rows in np.array_split(np.arange(len(camera)), WINDOW_PARTS):
             camera_up, unit_up = aligned[rows] @ vertical, unit[rows] @ vertical
             along = [camera_up @ unit_up, camera_up @ camera_up, unit_up @ unit_up]

@@ -46,9 +46,6 @@ MIN_STRETCH = 1.06
 MAX_STRETCHED_RESIDUAL = 0.5
 #: Minimum extent of the path in these directions, relative to its largest extent.
 MIN_DIRECTION_EXTENT = 0.1
-#: WGS 84: semi-major axis in metres, first eccentricity squared.
-AXIS_M, ECCENTRICITY_2 = 6378137.0, 6.69437999014e-3
-
 #: EXIF: the tag of the GPS directory, and its tags of latitude, longitude and altitude with their references.
 EXIF_GPS, LAT_REF, LAT, LON_REF, LON, ALT_REF, ALT = 0x8825, 1, 2, 3, 4, 5, 6
 #: EXIF: dilution of precision, and the horizontal error in metres.
@@ -224,18 +221,14 @@ def stretch_ratio(centres: FloatArray, metres: FloatArray, residual: float) -> f
 
 
 def east_north_up(degrees: FloatArray) -> FloatArray:
-    """East, north, up (n, 3) in metres about the first of latitude, longitude (degrees), altitude (metres), (n, 3).
+    """Return east, north and up (n, 3) in metres around the first of latitude, longitude (degrees) and altitude (n, 3).
 
-    With N the radius of curvature in the prime vertical and M in the meridian: east = (N + h) cos(lat) d lon,
-    north = (M + h) d lat. Exact to 1e-4 over ten kilometres.
+    The ellipsoid is WGS 84, and altitudes are in metres.
     """
-    lat, lon = np.radians(degrees[:, 0]), np.radians(degrees[:, 1])
-    height = degrees[:, 2]
-    bulge = 1 - ECCENTRICITY_2 * math.sin(lat[0]) ** 2
-    prime, meridian = AXIS_M / math.sqrt(bulge), AXIS_M * (1 - ECCENTRICITY_2) / bulge**1.5
-    east = (prime + height[0]) * math.cos(lat[0]) * np.remainder(lon - lon[0] + np.pi, 2 * np.pi)
-    east -= (prime + height[0]) * math.cos(lat[0]) * np.pi
-    return np.column_stack([east, (meridian + height[0]) * (lat - lat[0]), height - height[0]])
+    from estimator.reconstructions.pycolmap_library import pycolmap
+
+    latitude, longitude, altitude = degrees[0]
+    return np.asarray(pycolmap.GPSTransform().ellipsoid_to_enu(degrees, latitude, longitude, altitude))
 
 
 def _table_positions(file: Path, scene: Scene) -> tuple[dict[int, FloatArray], bool]:

@@ -84,7 +84,7 @@ def _read_lengths(file: Path) -> tuple[KnownLength, ...]:
 
 
 def _length(numbers: FloatArray) -> KnownLength:
-    """Return the known length of seven or eight numbers: two points, metres and standard deviation in metres."""
+    """Return the known length of numbers (7,) or (8,): two points, metres, and the standard deviation in metres."""
     a, b, metres = numbers[:3], numbers[3:6], float(numbers[6])
     if not MIN_METRES <= metres <= MAX_METRES:
         raise FieldError("metres", f"{MIN_METRES:g} to {MAX_METRES:g}", metres)

@@ -144,7 +144,7 @@ class ReleaseCatalogue:
         return np.sort(np.concatenate(found)) if found else np.zeros(0, dtype=int)
 
     def images(self, node: Node) -> list[dict[str, Any]]:
-        """The pictures of the items at or below a node."""
+        """The images of the items at or below a node."""
         return [row for one in node.descendants() for row in self._images.get(one.node_id, ())]
 
     @cached_property

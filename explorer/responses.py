@@ -50,7 +50,7 @@ from metric_tree.prior import FAMILY, MEDIAN, QUANTILES, Prior
 from metric_tree.reports.description import node_sentence
 from metric_tree.tree import LONGEST_NAME, Tree
 
-#: Pictures of one answer: more than a page shows.
+#: Images of one answer: more than a page shows.
 MOST_IMAGES = 12
 #: Most hits of a search, quantiles and sizes of one question, nodes of a comparison: each some milliseconds at most.
 MOST_HITS, MOST_QUANTILES, MOST_SIZES, MOST_COMPARED = 50, 50, 100, 6
@@ -200,7 +200,7 @@ def items_answer(catalogue: ReleaseCatalogue, node: Node, page: int = 1) -> Item
 
 
 def images_answer(catalogue: ReleaseCatalogue, node: Node) -> ImagesAnswer:
-    """The pictures of items at or below a node."""
+    """The images of items at or below a node."""
     images = catalogue.images(node)
     reference_ = tree_reference(catalogue.tree)
     return ImagesAnswer(tree=reference_, node=node.node_id, n_images=len(images), images=images[:MOST_IMAGES])

@@ -125,7 +125,7 @@ def answer(catalogue: ReleaseCatalogue, address: str) -> Answer | None:
 
 
 def site_addresses(catalogue: ReleaseCatalogue) -> Iterator[str]:
-    """Every address of the static site but the pictures; those of the nodes last."""
+    """Every address of the static site but the images; those of the nodes last."""
     yield from _PAGES
     yield from (f"assets/{name}" for name in _ASSETS)
     yield from (f"sources/{source}.html" for source in catalogue.sources)

@@ -98,7 +98,7 @@ class ItemsAnswer(msgspec.Struct, kw_only=True):
 
 
 class ImagesAnswer(msgspec.Struct, kw_only=True):
-    """The pictures of items at or below a node, the first 12; paths are relative to the release."""
+    """The images of items at or below a node, the first 12; paths are relative to the release."""
 
     schema: str = "metric-tree/images/1"
     tree: TreeRef

@@ -22,7 +22,7 @@ CHUNK = 400
 
 @dataclass(frozen=True, slots=True)
 class Written:
-    """Files of a site and their bytes, pictures among them."""
+    """Files of a site and their bytes, images among them."""
 
     files: int
     bytes: int

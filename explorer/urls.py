@@ -38,7 +38,7 @@ def items_of(node_id: str) -> str:
 
 
 def images_of(node_id: str) -> str:
-    """The JSON of a node's pictures."""
+    """The JSON of a node's images."""
     return f"v1/nodes/{slug(node_id)}/images.json"
 
 

@@ -156,7 +156,7 @@ def has_schema(path: Path, schema: str) -> bool:
 
 
 def is_special(path: Path) -> bool:
-    """Whether there is something at the path that is neither a file nor a folder: a device, a pipe, a socket."""
+    """Return True if there is something at the path that is neither a file nor a folder: a device, a pipe, a socket."""
     try:
         mode = path.stat().st_mode
     except OSError:
@@ -179,7 +179,7 @@ def _is_read(path: Path, source: Path, is_own: bool) -> bool:
 
 
 def _with_companions(inputs: Iterable[Path]) -> Iterator[Path]:
-    """The inputs and what they name: buffers and textures, the video of a work folder, pictures beside a model."""
+    """The inputs and what they name: buffers and textures, the video of a work folder, images beside a model."""
     for path in inputs:
         yield path
         if path.suffix.lower() == ".gltf":

@@ -18,7 +18,7 @@ def data_folder() -> Path:
 
 
 def is_checkout() -> bool:
-    """Whether the program runs from a checkout, whose data a maintainer changes, and not from an installation."""
+    """Return True if the program runs from a checkout, whose data a maintainer may change."""
     return data_folder() == code_folder() / "data"
 
 

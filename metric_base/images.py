@@ -1,4 +1,4 @@
-"""Pictures that strangers made, decoded by OpenCV: of bounded size, and a refusal is an answer, not an error."""
+"""Images that strangers made, decoded by OpenCV: of bounded size, and a refusal is an answer, not an error."""
 
 from __future__ import annotations
 
@@ -10,9 +10,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-#: Most pixels of a picture, twice those of the largest cameras.
+#: Most pixels of an image, twice those of the largest cameras.
 MAX_PIXELS = 1 << 28
-#: Most bytes of a picture's file.
+#: Most bytes of an image's file.
 MAX_BYTES = 1 << 30
 
 # OpenCV reads these when it is first loaded: the size that it may take, and that it says nothing of damaged files.
@@ -21,14 +21,14 @@ os.environ.setdefault("OPENCV_LOG_LEVEL", "OFF")
 
 
 def read_picture(file: Path, flags: int) -> NDArray[Any] | None:
-    """(h, w) or (h, w, c) pixels of a file, as `cv2.imread` gives them; None if it is no picture or too large."""
+    """(h, w) or (h, w, c) pixels of a file, as `cv2.imread` gives them; None if it is no image or too large."""
     if not file.is_file() or file.stat().st_size > MAX_BYTES:
         return None
     return decode_picture(np.fromfile(file, dtype=np.uint8), flags)
 
 
 def decode_picture(data: bytes | NDArray[np.uint8], flags: int) -> NDArray[Any] | None:
-    """(h, w) or (h, w, c) pixels of a file's bytes, as `cv2.imdecode` gives them; None if they are no picture."""
+    """(h, w) or (h, w, c) pixels of a file's bytes, as `cv2.imdecode` gives them; None if they are no image."""
     import cv2
 
     array = np.frombuffer(data, dtype=np.uint8) if isinstance(data, bytes) else data
@@ -54,6 +54,6 @@ def write_picture(file: Path, pixels: NDArray[Any], flags: Sequence[int] = ()) -
     import cv2
 
     whole, encoded = cv2.imencode(file.suffix, pixels, flags)
-    assert whole, file.suffix  # a picture in memory always encodes
+    assert whole, file.suffix  # an image in memory always encodes
     file.parent.mkdir(parents=True, exist_ok=True)
     file.write_bytes(encoded.tobytes())

@@ -22,9 +22,9 @@ _HALF_CHARACTER = re.compile(r"\\u[dD][89a-fA-F]")
 #: Standard input by the name that commands give it.
 STDIN = "-"
 #: Largest files that are read: binary ones become arrays of their own size, text about three times as much, JSON
-#: about ten times (COCO's largest annotations, of 118,000 pictures, are 450 MB).
+#: about ten times (COCO's largest annotations, of 118,000 images, are 450 MB).
 MAX_BYTES, MAX_TEXT_BYTES, MAX_JSON_BYTES = 1 << 33, 1 << 31, 1 << 29
-#: Most files in a folder of pictures or masks: ten hours of video at three pictures a second.
+#: Most files in a folder of images or masks: ten hours of video at three images a second.
 MAX_ENTRIES = 100_000
 #: How long a pipe may have no writer.
 PIPE_SECONDS = 2.0
@@ -98,7 +98,7 @@ def _read_pipe(path: Path, descriptor: int, limit: int, whole: bool) -> bytes:
 
 
 def is_file(path: Path) -> bool:
-    """Whether there is a regular file; no name, however long or strange, is an error."""
+    """Return True if there is a regular file; no name, however long or strange, is an error."""
     try:
         return path.is_file()
     except (OSError, ValueError):

@@ -84,7 +84,7 @@ class _QuietServer(ThreadingHTTPServer):
 
 
 def is_count(text: str) -> bool:
-    """Whether a text is a number of few digits."""
+    """Return True if a text is a number of few digits."""
     return re.fullmatch(r"[0-9]{1,12}", text) is not None
 
 

@@ -141,7 +141,7 @@ def toml_record(path: Path, kind: type[Record], error_type: type[InputError] = B
 
 
 def _fields(kind: type) -> dict[str, bool]:
-    """Whether each field is required, by name."""
+    """Return True if each field is required, by name."""
     if is_dataclass(kind):
         return {one.name: one.default is one.default_factory for one in dataclass_fields(kind)}
     return {one.name: one.required for one in msgspec.structs.fields(kind)}

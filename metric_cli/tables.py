@@ -78,7 +78,7 @@ def table_text(
 
 
 def _is_one_wide(text: str) -> bool:
-    """Whether each sign of a text takes one column, as far as is known without a table of all signs."""
+    """Return True if each sign of a text takes one column, as far as is known without a table of all signs."""
     return text.isprintable() and all(sign.isascii() or sign in PLAIN for sign in text)
 
 

@@ -136,7 +136,7 @@ def _flat(
     stated: Mapping[str, float], horizontal: list[float], height: float | None, outer: tuple[float, ...]
 ) -> Sizes:
     if len(outer) == 3:
-        # a height beside a depth is that of a face seen from the front (a phone, a picture), which lies down here
+        # a height beside a depth is that of a face seen from the front (a phone, an image), which lies down here
         if height is not None and "depth" not in stated and height < MIN_STANDING_RATIO * min(horizontal):
             return Sizes(max(horizontal), min(horizontal), height, outer)
         return Sizes(outer[0], outer[1], outer[2], outer)

@@ -148,7 +148,7 @@ class KnownContexts(NamedTuple):
         return ", ".join((*self.regions, *([years] if self.years else [])))
 
     def covers(self, where: Where, near: float) -> bool:
-        """Whether something is known of the place or its region, or of years that are as `near` to the year."""
+        """Return True if something is known of the place or its region, or of years that are as `near` to the year."""
         region, year = region_of(where.region) if where.region else None, where.year
         of_place = region is not None and any(region_of(one) == region for one in self.regions)
         return of_place or (year is not None and any(abs(one - year) <= near for one in self.years))
@@ -282,7 +282,10 @@ def _nearness(contexts: Sequence[Context], where: Where, model: ContextModel) ->
 
 
 def _kinship(a: Sequence[str], b: Sequence[str]) -> tuple[FloatArray, FloatArray]:
-    """Whether places are one country, and whether they are only of one region, (n, m) each; the world is no place."""
+    """Return whether pairs of places are one country, and whether they share only the region, (n, m) each.
+
+    The world is not a place.
+    """
     of_a, of_b = (np.array([region_of(place) or place for place in places]) for places in (a, b))
     same = (np.asarray(a)[:, None] == np.asarray(b)) & ~np.isin(np.asarray(a), sorted(REGIONS))[:, None]
     alike = (of_a[:, None] == of_b) & (of_a != "world")[:, None]

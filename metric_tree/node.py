@@ -191,7 +191,7 @@ class Node:
         return self._rows("items", columns)
 
     def images(self) -> pa.Table:
-        """The pictures of items at or below this node (`metric_tree.release.schema.IMAGES`)."""
+        """The images of items at or below this node (`metric_tree.release.schema.IMAGES`)."""
         return self._rows("images")
 
     @property

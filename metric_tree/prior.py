@@ -348,7 +348,7 @@ def _expect(node_id: str, name: str, holds: bool, expected: str, value: object) 
 
 
 def has_distinct_components(prior: Prior) -> bool:
-    """Whether two components of a prior are cleanly parted: two kinds of object under one name."""
+    """Return True if two components of a prior are cleanly parted: two kinds of object under one name."""
     if len(prior.weights) < 2:
         return False
     centre = prior.means.mean(axis=1)  # ln of the geometric mean size

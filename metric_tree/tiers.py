@@ -123,7 +123,7 @@ def tier_of_shares(shares: Mapping[str, float], n: int, n_sources: int, borrowed
 
 
 def at_least(tier: str, least: str) -> bool:
-    """Whether a tier is `least` or a better one.
+    """Return True if a tier is `least` or a better one.
 
     Raises
     ------

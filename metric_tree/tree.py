@@ -1,4 +1,4 @@
-"""The tree of a release, as a program asks it: names, nodes, items, pictures, priors.
+"""The tree of a release, as a program asks it: names, nodes, items, images, priors.
 
 The table of priors of a release: read when the first prior is asked for, each prior made once.
 
@@ -145,7 +145,7 @@ class Tree:
         return len(self._places)
 
     def __contains__(self, name: object) -> bool:
-        """Whether `find` answers a name; a node is asked for by its id."""
+        """Return True if `find` answers a name; a node is asked for by its id."""
         if isinstance(name, Node):
             return name.node_id in self._places
         if not isinstance(name, str):
@@ -181,7 +181,7 @@ class Tree:
         return tuple(node for node in self if node.node_id not in self._below)
 
     def has_node(self, node_id: str) -> bool:
-        """Whether a node has this id."""
+        """Return True if a node has this id."""
         return node_id in self._places
 
     def node(self, node_id: str) -> Node:

@@ -50,7 +50,7 @@ class Label:
 
     @property
     def needs_prior(self) -> bool:
-        """Whether it names an item: stuff and void labels do not."""
+        """Return True if it names an item: stuff and void labels do not."""
         return self.reason != STUFF and not self.reason.startswith(VOID)
 
 

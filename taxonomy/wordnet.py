@@ -74,7 +74,7 @@ class WordNet:
         return tuple(self._at(offset) for offset in offsets)
 
     def knows(self, synset: str) -> bool:
-        """Whether the name is a noun synset."""
+        """Return True if the name is a noun synset."""
         try:
             self._synset(synset)
         except UnknownSynset:
@@ -91,7 +91,7 @@ class WordNet:
         return str(self._synset(synset).name())
 
     def is_instance(self, synset: str) -> bool:
-        """Whether the synset is one particular item or person, such as one inventor."""
+        """Return True if the synset is one particular item or person, such as one inventor."""
         return bool(self._synset(synset).instance_hypernyms())
 
     def children(self, synset: str) -> tuple[str, ...]:
@@ -117,7 +117,7 @@ class WordNet:
         return tuple(seen)
 
     def is_a(self, synset: str, kind: str) -> bool:
-        """Whether `kind` is the synset or one above it."""
+        """Return True if `kind` is the synset or one above it."""
         return synset == kind or kind in self.hypernyms(synset)
 
     def lemmas(self, synset: str) -> tuple[str, ...]:

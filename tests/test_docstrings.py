@@ -1,4 +1,4 @@
-"""Functions that take or return arrays say their shapes, private too; names are nouns and verbs, no participles."""
+"""Docstrings of functions that take or return arrays state the shapes, also of private functions."""
 
 from __future__ import annotations
 
@@ -7,12 +7,9 @@ import re
 from collections.abc import Iterator
 from functools import cache
 from pathlib import Path
-from typing import TypeVar
 
 ROOT = Path(__file__).resolve().parents[1]
 PACKAGES = ("crawler", "taxonomy", "metric_tree", "metric_base", "models3d", "estimator", "capture", "insertion")
-
-Node = TypeVar("Node", ast.FunctionDef, ast.ClassDef)
 
 #: Names of annotations that are arrays.
 ARRAY = re.compile(r"\b(NDArray|Arrays|ndarray|(Float|Int|Bool)Array|FloatPicture|GreyPicture|Linear|Grey|RGB)\b")
@@ -34,14 +31,6 @@ def _trees() -> dict[Path, ast.Module]:
     return {file: ast.parse(file.read_text(encoding="utf-8")) for file in files}
 
 
-def _nodes(kind: type[Node]) -> Iterator[tuple[str, Node]]:
-    """(file:line, node) of all nodes of a kind."""
-    for file, tree in _trees().items():
-        for node in ast.walk(tree):
-            if isinstance(node, kind):
-                yield f"{file.relative_to(ROOT)}:{node.lineno}", node
-
-
 def _functions(file: Path, body: ast.Module | ast.ClassDef) -> Iterator[tuple[str, str, str]]:
     """Those of a module or a class; a function within a function is part of that one."""
     for node in body.body:
@@ -58,23 +47,3 @@ def test_functions_name_the_shapes_of_their_arrays() -> None:
     functions = list(array_functions())
     assert sum(name.startswith("_") for _, name, _ in functions) > 100
     assert [f"{place} {name}" for place, name, text in functions if not SHAPE.search(text)] == []
-
-
-def test_no_function_is_called_by_a_bare_participle() -> None:
-    """`measured()` leaves open what is measured; `measure_objects` says it. Properties may be adjectives."""
-    assert [
-        f"{place} {node.name}"
-        for place, node in _nodes(ast.FunctionDef)
-        if re.fullmatch(r"_?[a-z]+ed", node.name) and node.name != "_need"
-        if not any("property" in ast.unparse(one) for one in node.decorator_list)
-    ] == []
-
-
-def test_no_local_is_called_found() -> None:
-    """An error's `found` is what the input said; a local of that name says nothing."""
-    assert [
-        f"{place} {node.name}"
-        for place, node in _nodes(ast.FunctionDef)
-        for name in ast.walk(node)
-        if isinstance(name, ast.Name) and name.id == "found" and isinstance(name.ctx, ast.Store)
-    ] == []

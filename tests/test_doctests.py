@@ -31,7 +31,7 @@ def test_examples_run(name: str, monkeypatch: pytest.MonkeyPatch) -> None:
     assert failed == 0
 
 
-@pytest.mark.parametrize("package", ["metric_tree", "estimator", "capture", "models3d", "insertion"])
+@pytest.mark.parametrize("package", ["metric_tree", "estimator", "capture", "insertion"])
 def test_every_public_function_has_an_example(package: str) -> None:
     module = importlib.import_module(package)
     functions = [name for name in module.__all__ if inspect.isfunction(getattr(module, name))]

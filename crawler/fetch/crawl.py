@@ -266,13 +266,13 @@ def _origin(crawl: Crawl, spider: Any, before: Mapping[str, Any]) -> dict[str, A
 
 
 def last_written(folder: Path, kind: Kind = "items") -> int:
-    """Return the number of the last item (or picture) in a complete segment."""
+    """Return the number of the last item (or image) in a complete segment."""
     matches = (_SEGMENT.fullmatch(path.name) for path in folder.glob(f"{kind}-*.jsonl"))
     return max((int(match["last"]) for match in matches if match), default=0)
 
 
 def write_segments(frontier: Any, folder: Path) -> int:
-    """Write all items and pictures that no segment contains yet; return the number of items."""
+    """Write all items and images that no segment contains yet; return the number of items."""
     count = 0
     kinds: tuple[Kind, ...] = ("pictures", "items")
     for kind in kinds:

@@ -60,7 +60,7 @@ def task_key(url: str, callback: str = "parse") -> str:
 
 @dataclass(frozen=True, slots=True)
 class Outcome:
-    """Result of a task. A response has items or a picture, never both, so that one number counts the new ones."""
+    """Result of a task. A response has items or an image, never both, so that one number counts the new ones."""
 
     key: str
     items: Sequence[tuple[str, str]] = ()  #: Ids and JSON lines.
@@ -92,13 +92,13 @@ class Frontier(Protocol):
         """Return a leased task, perhaps with another address (a redirect) or other values (a retry)."""
 
     def commit(self, outcome: Outcome) -> int:
-        """Write the result of a leased task in one transaction; return the number of new items or pictures."""
+        """Write the result of a leased task in one transaction; return the number of new items or images."""
 
     def is_exhausted(self) -> bool:
         """Return True if no task waits and no worker has a leased task."""
 
     def counts(self) -> dict[str, int]:
-        """Tasks by state, items, and pictures."""
+        """Tasks by state, items, and images."""
 
     def origin(self) -> dict[str, Any]:
         """Return the stored start addresses, query and category; empty if there are none."""
@@ -113,7 +113,7 @@ class Frontier(Protocol):
         """Remove all tasks of a crawl without result."""
 
     def lines(self, after: int = 0, kind: Literal["items", "pictures"] = "items") -> Iterable[tuple[int, str]]:
-        """Return numbers and JSON lines of the items or pictures of this process after a number, in order."""
+        """Return numbers and JSON lines of the items or images of this process after a number, in order."""
 
     def close(self) -> None:
         """Release files and connections."""
@@ -177,7 +177,7 @@ class FailFastFrontier:
         self.call_or(None, lambda: self._frontier.put_back(task))
 
     def commit(self, outcome: Outcome) -> int:
-        """Write the result of a leased task; return the number of new items or pictures."""
+        """Write the result of a leased task; return the number of new items or images."""
         return self.call_or(0, lambda: self._frontier.commit(outcome))
 
     def is_exhausted(self) -> bool:
@@ -185,7 +185,7 @@ class FailFastFrontier:
         return self.call_or(True, self._frontier.is_exhausted)
 
     def counts(self) -> dict[str, int]:
-        """Tasks by state, items, and pictures."""
+        """Tasks by state, items, and images."""
         return self.call_or(dict(_NOTHING), self._frontier.counts)
 
     def origin(self) -> dict[str, Any]:
@@ -205,7 +205,7 @@ class FailFastFrontier:
         self._frontier.start_over()
 
     def lines(self, after: int = 0, kind: Literal["items", "pictures"] = "items") -> Iterable[tuple[int, str]]:
-        """Return numbers and JSON lines of the items or pictures after a number."""
+        """Return numbers and JSON lines of the items or images after a number."""
         return self._frontier.lines(after, kind)
 
     def close(self) -> None:

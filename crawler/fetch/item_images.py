@@ -1,4 +1,4 @@
-"""Pictures of items: verified as what they claim to be, stored once under the hash of their bytes."""
+"""Images of items: verified as what they claim to be, stored once under the hash of their bytes."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from metric_base.files import whole_file
 
 SCHEMA = "metric-tree/picture/1"
 
-#: Why a picture is refused.
+#: Why an image is refused.
 Refusal = Literal["empty", "too_many_bytes", "no_picture", "too_small", "too_large", "animated", "broken"]
 
 #: Maximum size of an image in bytes: ten times a large product photograph.
@@ -31,10 +31,10 @@ _ENDINGS = {"JPEG": "jpg", "PNG": "png", "WEBP": "webp"}
 
 @dataclass(frozen=True, slots=True)
 class Picture:
-    """A stored picture: its hash, its item, where it came from, its file and its size.
+    """A stored image: its hash, its item, where it came from, its file and its size.
 
-    attribution : whom to name, if not its source; pixels_per_metre : of an orthographic picture;
-    foreground_share : of a picture whose own transparency is an exact mask.
+    attribution : whom to name, if not its source; pixels_per_metre : of an orthographic image;
+    foreground_share : of an image whose own transparency is an exact mask.
     """
 
     image_id: str
@@ -49,7 +49,7 @@ class Picture:
 
     @property
     def identity(self) -> str:
-        """What makes the record one: a picture shown by two items is two records and one file."""
+        """What makes the record one: an image shown by two items is two records and one file."""
         return f"picture:{self.image_id}:{self.item_id}"
 
     def line(self) -> str:
@@ -59,7 +59,7 @@ class Picture:
 
 
 def picture(body: bytes, url: str, item_id: str, folder: Path) -> Picture | Refusal:
-    """The picture of a body, stored in `folder`, or why it was refused.
+    """The image of a body, stored in `folder`, or why it was refused.
 
     Only JPEG, PNG and WebP stills pass; the header's size is checked before a pixel is unpacked.
     """
@@ -94,7 +94,7 @@ def decode_picture(body: bytes) -> Any | Refusal:
 
 
 def _refusal(image: Any) -> Refusal | None:
-    """Why a picture is refused by its header alone."""
+    """Why an image is refused by its header alone."""
     if getattr(image, "is_animated", False):
         return "animated"
     if min(image.size) < SIDE_RANGE_PX[0]:

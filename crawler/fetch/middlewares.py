@@ -123,7 +123,7 @@ class BanMiddleware:
 
 
 def is_ban(response: Response) -> bool:
-    """Whether a site answers that it takes us for a robot: 429, 503, or a short page with a captcha."""
+    """Return True if a site answers that it takes us for a robot: 429, 503, or a short page with a captcha."""
     if response.status in {429, 503}:
         return True
     short = isinstance(response, TextResponse) and len(response.body) < BAN_PAGE_BYTES

@@ -43,7 +43,7 @@ HEADER_BYTES = 256 * 1024
 
 
 def is_public(address: str) -> bool:
-    """Whether an IP address is of the public internet and carries no other address inside."""
+    """Return True if an IP address is of the public internet and carries no other address inside."""
     parsed = ipaddress.ip_address(address.partition("%")[0])
     if not parsed.is_global or parsed.is_multicast or parsed.is_reserved:
         return False
@@ -51,7 +51,7 @@ def is_public(address: str) -> bool:
 
 
 def is_literal(host: str) -> bool:
-    """Whether a host is an IP address and no name."""
+    """Return True if a host is an IP address and no name."""
     try:
         ipaddress.ip_address(host.partition("%")[0])
     except ValueError:

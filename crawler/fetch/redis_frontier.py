@@ -141,7 +141,7 @@ class RedisFrontier:
         pipe.hincrby(self._keys["done" if outcome.failure is None else "failed"], outcome.failure or "pages", 1)
 
     def is_exhausted(self) -> bool:
-        """Whether no task waits or is leased by anyone.
+        """Return True if no task waits or is leased by anyone.
 
         Raises
         ------
@@ -158,7 +158,7 @@ class RedisFrontier:
         return True
 
     def counts(self) -> dict[str, int]:
-        """Tasks by state over all workers, and this worker's items and pictures."""
+        """Tasks by state over all workers, and this worker's items and images."""
         done = sum(map(int, self._redis.hvals(self._keys["done"])))
         failed = sum(map(int, self._redis.hvals(self._keys["failed"])))
         kept = self._items.counts()
@@ -176,7 +176,7 @@ class RedisFrontier:
         return {reason: int(count) for reason, count in counts.items() if int(count)}
 
     def lines(self, after: int = 0, kind: Literal["items", "pictures"] = "items") -> Iterable[tuple[int, str]]:
-        """Numbers and JSON lines of this worker's items or pictures."""
+        """Numbers and JSON lines of this worker's items or images."""
         return self._items.lines(after, kind)
 
     def origin(self) -> dict[str, Any]:

@@ -71,7 +71,7 @@ class FrontierScheduler(BaseScheduler):
         self._spider = spider
 
     def has_pending_requests(self) -> bool:
-        """Whether anything waits, or is in any worker's hands and might come back."""
+        """Return True if anything waits, or is in any worker's hands and might come back."""
         return not self._frontier.is_exhausted()
 
     def enqueue_request(self, request: Request) -> bool:
@@ -188,7 +188,7 @@ def _count(stats: StatsCollector | None, name: str, count: int, url: str) -> Non
 
 
 def _is_picture(response: Response) -> bool:
-    """Whether an answer is an item's picture: such a request alone names its item."""
+    """Return True if an answer is an item's image: such a request alone names its item."""
     return "item" in response.meta
 
 

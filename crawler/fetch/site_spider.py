@@ -36,7 +36,7 @@ class SiteSpider(scrapy.Spider):
     Parameters
     ----------
     start : addresses to begin with; the site's own if none. query, category : filled into the site's templates.
-    pictures : folder for the items' pictures, where the site's terms allow to store them; None keeps the links alone.
+    images : folder for the items' images, where the site's terms allow to store them; None keeps the links alone.
     """
 
     name = "site"
@@ -64,7 +64,7 @@ class SiteSpider(scrapy.Spider):
         return " or ".join(f"--{name}" for name in ("start-url", *fields))
 
     def allows(self, url: str) -> bool:
-        """Whether an address is the site's: asked before every download, after every redirect."""
+        """Return True if an address is the site's: asked before every download, after every redirect."""
         host = urlsplit(url).hostname
         return self.site.owns(url) or host in self._hosts or (self._pictures is not None and bool(_NO_PAGE.search(url)))
 
@@ -87,7 +87,7 @@ class SiteSpider(scrapy.Spider):
         yield from parts
 
     def picture(self, response: Response, **_: Any) -> Iterator[Any]:
-        """The picture of an item: verified, stored once under the hash of its bytes."""
+        """The image of an item: verified, stored once under the hash of its bytes."""
         outcome = picture(response.body, response.url, response.meta["item"], self._pictures)
         yield outcome if isinstance(outcome, Picture) else f"picture_{outcome}"
 
@@ -111,7 +111,7 @@ class SiteSpider(scrapy.Spider):
         return not trapped and not _NO_PAGE.search(url) and self.allows(url)
 
     def _picture_requests(self, item: RawItem) -> Iterator[scrapy.Request | str]:
-        """Requests of the pictures that may be stored; of the others the item keeps the links."""
+        """Requests of the images that may be stored; of the others the item keeps the links."""
         for url in item.images if self._pictures is not None else ():
             if self.site.may_store(url):
                 yield _request(url, callback=self.picture, priority=PICTURE, meta={"item": item.identity})

@@ -82,12 +82,12 @@ class SqliteFrontier:
         return new
 
     def is_exhausted(self) -> bool:
-        """Whether no task waits or is leased; asked before every request, so it counts nothing."""
+        """Return True if no task waits or is leased; asked before every request, so it counts nothing."""
         query = "SELECT EXISTS (SELECT 1 FROM tasks WHERE state IN (?, ?))"
         return not self._connection.execute(query, (WAITING, LEASED)).fetchone()[0]
 
     def counts(self) -> dict[str, int]:
-        """Tasks by state, items, and pictures."""
+        """Tasks by state, items, and images."""
         return _counts(self._connection)
 
     def origin(self) -> dict[str, Any]:
@@ -114,7 +114,7 @@ class SqliteFrontier:
         return dict(self._connection.execute(query, (FAILED,)).fetchall())
 
     def lines(self, after: int = 0, kind: Literal["items", "pictures"] = "items") -> Iterator[tuple[int, str]]:
-        """Numbers and JSON lines of the items or pictures behind a number, in the order in which they came."""
+        """Numbers and JSON lines of the items or images behind a number, in the order in which they came."""
         yield from self._connection.execute(_LINES[kind], (after,))
 
     def close(self) -> None:
@@ -151,7 +151,7 @@ def stored_counts(path: Path) -> dict[str, int]:
     connection = sqlite3.connect(f"file:{quote(str(path))}?mode=ro", uri=True)
     try:
         return _counts(connection)
-    except sqlite3.OperationalError:  # killed before its tables were made, or made before pictures had one
+    except sqlite3.OperationalError:  # killed before its tables were made, or made before images had one
         return dict.fromkeys((*_STATES, *_COUNT), 1)
     finally:
         connection.close()

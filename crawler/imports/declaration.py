@@ -313,7 +313,7 @@ class Source(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=Tr
 
     @property
     def downloads(self) -> str:
-        """Whether the files can be downloaded: yes, no, or only while their repository keeps them as they were."""
+        """Return whether the files can be downloaded: yes, no, or only while their repository is unchanged."""
         if not self.files or not all(file.url for file in self.files):
             return "no"
         return "while unchanged" if any(_MOVING in file.url for file in self.files) else "yes"

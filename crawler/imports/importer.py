@@ -143,7 +143,7 @@ def source_folder(source: Source, given: Path | None) -> Path:
 
 
 def _is_repository(source: Source, folder: Path) -> bool:
-    """Whether the folder is the source's own repository, one folder of which may have the source's name."""
+    """Return True if the folder is the source's own repository, one folder of which may have the source's name."""
     return any(any(folder.glob(table.records)) for table in source.tables if table.records)
 
 

@@ -13,7 +13,7 @@ from crawler.text.cell_lengths import Measure, measures, words_mm
 
 _TABLE = Table(files=("walters_dims.jsonl",), records="objects/data/**/*.json", format="jsonl")
 
-#: Classes and object names whose size is that of a sheet or a picture.
+#: Classes and object names whose size is that of a sheet or an image.
 _FLAT_CLASSES = frozenset({"Manuscripts & Rare Books", "Painting & Drawing", "Prints"})
 _FLAT_NAMES = re.compile(
     r"folio|leaf|leaves|painting|drawing|print|photograph|miniature|icon|portrait|calligraph", re.IGNORECASE

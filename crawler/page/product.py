@@ -48,7 +48,7 @@ _UNIT_CODES = {"MMT": "mm", "CMT": "cm", "MTR": "m", "INH": "in", "FOT": "ft"}
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Product:
-    """A product: the site's own id, title, breadcrumb, brand, pictures, and sizes as (label, text) pairs."""
+    """A product: the site's own id, title, breadcrumb, brand, images, and sizes as (label, text) pairs."""
 
     id: str | None = None
     title: str = ""

@@ -11,7 +11,7 @@ from crawler.page.page import Page
 from crawler.sites.site import Site
 from metric_base.records import toml_record
 
-#: Any site: schema.org data, Open Graph, breadcrumbs, tables. The user who asks for pictures knows its terms.
+#: Any site: schema.org data, Open Graph, breadcrumbs, tables. The user who asks for images knows its terms.
 GENERIC = Site(name="generic", hosts=(), pictures="")
 
 #: Sites with rules of their own, first match wins: the declarations in this folder.

@@ -74,7 +74,7 @@ class Measure:
 
     @property
     def is_range(self) -> bool:
-        """Whether two different lengths are stated."""
+        """Return True if two different lengths are stated."""
         return self.low_mm != self.high_mm
 
 

@@ -88,7 +88,7 @@ def quantities(run: Sequence[Token]) -> list[Quantity]:
 
 
 def _axes_lead(run: Sequence[Token]) -> bool:
-    """Whether axis words come before their numbers (`W 30 x D 40`) and not behind (`30 W x 40 D`)."""
+    """Return True if axis words come before their numbers (`W 30 x D 40`) and not behind (`30 W x 40 D`)."""
     first_axis = next((i for i, token in enumerate(run) if token.kind == "axis"), None)
     first_number = next((i for i, token in enumerate(run) if token.kind == "number"), None)
     return first_axis is not None and first_number is not None and first_axis < first_number
@@ -174,7 +174,7 @@ def _axis_behind(run: Sequence[Token], place: int) -> tuple[str | None, int]:
 
 
 def _is_of(run: Sequence[Token], place: int) -> bool:
-    """Whether the next word leads to an axis: `180 cm in length`, `90 cm de largo`."""
+    """Return True if the next word leads to an axis: `180 cm in length`, `90 cm de largo`."""
     return _kind(run, place) == "word" and run[place].text in {"in", "de", "di", "em"}
 
 
@@ -189,7 +189,7 @@ def unit_word(text: str) -> str | None:
 
 
 def is_same_length(one: float, other: float) -> bool:
-    """Whether two lengths, mm, may be one stated twice and rounded (`AGREEMENT_SHARE`)."""
+    """Return True if two lengths, mm, may be one stated twice and rounded (`AGREEMENT_SHARE`)."""
     return abs(one - other) <= max(AGREEMENT_SHARE * max(one, other), AGREEMENT_MM)
 
 
@@ -255,13 +255,13 @@ def sizes(text: str, label: str = "", language: Language | None = None, unit: st
 
 
 def names_unit(text: str) -> bool:
-    """Whether a text may name a unit of length; if neither text nor label names one, there is no size."""
+    """Return True if a text may name a unit of length; if neither text nor label names one, there is no size."""
     return bool(_UNIT.search(text))
 
 
 @lru_cache(maxsize=4096)  # labels come again on every page
 def orders_axes(label: str, language: Language | None = None) -> bool:
-    """Whether a label announces a size by its axes alone: `H x W x D`, `Altura x Largura x Profundidade`."""
+    """Return True if a label announces a size by its axes alone: `H x W x D`, `Altura x Largura x Profundidade`."""
     return len(label) > 2 and any(token.kind == "header" for token in tokens(label, language))
 
 
@@ -412,7 +412,7 @@ def _continues(group: Sequence[Quantity], number: Quantity) -> bool:
 
 
 def _turns(words: Sequence[str]) -> bool:
-    """Whether words between two lengths turn to another item."""
+    """Return True if words between two lengths turn to another item."""
     said = " ".join(words)
     return is_package(said) or is_component(said)
 

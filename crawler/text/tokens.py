@@ -136,7 +136,10 @@ def _token(match: re.Match[str], language: Language | None, run: list[Token]) ->
 
 
 def _may_carry(run: list[Token], text: str) -> bool:
-    """Whether a unit may follow: behind a number, or the letters of axes (`63H cm`, `75 (H) cm`, `(L x W x H) cm`)."""
+    """Return True if a unit may follow, after a number or the letters of axes.
+
+    Examples: `63H cm`, `75 (H) cm`, `(L x W x H) cm`.
+    """
     if not run:
         return False
     before = run[-2] if len(run) > 1 and run[-1].kind == "close" else run[-1]

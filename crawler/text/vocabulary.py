@@ -180,7 +180,7 @@ _SMALL_WORDS = frozenset(
 
 @_remembered
 def is_package(label: str) -> bool:
-    """Whether a plain label speaks of the package and not of the item."""
+    """Return True if a plain label speaks of the package and not of the item."""
     return bool(_PACKAGE.search(_UNPACKED.sub(" ", label)))
 
 
@@ -191,15 +191,15 @@ def axis_of_word(word: str) -> str | None:
 
 @_remembered
 def names_an_axis(label: str) -> bool:
-    """Whether a word of a plain label names an axis: `heel height`."""
+    """Return True if a word of a plain label names an axis: `heel height`."""
     return any(axis_of_word(word) for word in _WORD.findall(label))
 
 
 @_remembered
 def is_foreign(label: str, title: str = "") -> bool:
-    """Whether a plain label holds a word that neither names a size nor the item: `heel height`, `turntable diameter`.
+    """Return True if a plain label has a word for another item: `heel height`, `turntable diameter`.
 
-    Words of the item's own plain title are the item's: a `table height` is a table's height.
+    Words of the plain title belong to the item: a `table height` is the height of a table.
     """
     words = [word for word in _WORD.findall(_ASIDE.sub(" ", _BRACKETS.sub(" ", label))) if len(word) > 1]
     return any(not _names_the_object(word, title) for word in words)
@@ -212,7 +212,7 @@ def _names_the_object(word: str, title: str) -> bool:
 
 @_remembered
 def is_component(label: str) -> bool:
-    """Whether a plain label speaks of a part, an adjustment or another quantity.
+    """Return True if a plain label speaks of a part, an adjustment or another quantity.
 
     `depth without handles`, `dimensions & weight`, `size (kettle + base)` and `the complete model measures` do not.
     """
@@ -223,38 +223,38 @@ def is_component(label: str) -> bool:
 
 @_remembered
 def is_stripped(label: str) -> bool:
-    """Whether a plain label measures an item without what it stands on: a screen `without stand`."""
+    """Return True if a plain label measures an item without what it stands on: a screen `without stand`."""
     return bool(_STRIPPED.search(label))
 
 
 @_remembered
 def is_part_heading(heading: str) -> bool:
-    """Whether a plain heading announces the size of a part: `seat dimensions`, but not `dimensions and weight`."""
+    """Return True if a plain heading announces the size of a part: `seat dimensions`, not `dimensions and weight`."""
     single = not re.search(r"[&,/+]|\b(and|und|et|e|y|en)\b", heading)
     return single and is_dimension_label(heading) and is_component(heading) and not is_whole(heading)
 
 
 @_remembered
 def is_part_name(heading: str, title: str) -> bool:
-    """Whether a plain heading is no more than the name of a part, `seat`, and not a word of the plain title."""
+    """Return True if a plain heading is no more than the name of a part, `seat`, and not a word of the plain title."""
     return len(heading.split()) <= 2 and heading not in title and is_component(heading) and not is_whole(heading)
 
 
 @_remembered
 def is_of_others(heading: str) -> bool:
-    """Whether a plain heading is above other products: `you may also like`."""
+    """Return True if a plain heading is above other products: `you may also like`."""
     return bool(_OTHERS.search(heading))
 
 
 @_remembered
 def is_whole(label: str) -> bool:
-    """Whether a plain label says that the whole item is meant."""
+    """Return True if a plain label says that the whole item is meant."""
     return bool(_WHOLE.search(label))
 
 
 @_remembered
 def is_dimension_label(label: str) -> bool:
-    """Whether a plain label announces a size."""
+    """Return True if a plain label announces a size."""
     return bool(_DIMENSION.search(label))
 
 

@@ -279,7 +279,7 @@ def _load_graph(path: Path) -> Any:
 
 
 def _run_graph(session: Any, path: Path, outputs: list[str] | None, inputs: dict[str, Any]) -> list[NDArray[Any]]:
-    """Return the outputs of a graph, by default all, for arrays by input name, within time and memory limits."""
+    """Return outputs of any shape of a graph, by default all, for arrays by input name, within limits."""
     import onnxruntime
 
     options = onnxruntime.RunOptions()

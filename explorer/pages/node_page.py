@@ -32,7 +32,7 @@ MOST_ROWS = 9
 MOSTLY = 0.8
 #: Items in the page itself; the others are loaded when they are asked for.
 SHOWN_ITEMS = 16
-#: Pictures of a page, and pixels of the largest one's longest side; no picture is drawn smaller than the least.
+#: Images of a page, and pixels of the largest one's longest side; no image is drawn smaller than the least.
 SHOWN_PICTURES, LARGEST_PX, LEAST_PX = 12, 180, 12
 #: Steps of the slider of years at most.
 YEAR_STEPS = 9
@@ -259,7 +259,7 @@ def _item(catalogue: ReleaseCatalogue, row: int) -> dict[str, Any]:
 
 
 def _pictures(catalogue: ReleaseCatalogue, node: Node) -> list[dict[str, Any]]:
-    """Cut-out pictures with their items' sizes, all to one scale."""
+    """Cut-out images with their items' sizes, all to one scale."""
     found: list[tuple[dict[str, Any], dict[str, Any], str, float]] = []
     for image in catalogue.images(node):
         path, row = image["cutout_path"] or image["path"], catalogue.item_rows.get(image["item_id"])
@@ -274,7 +274,7 @@ def _pictures(catalogue: ReleaseCatalogue, node: Node) -> list[dict[str, Any]]:
 
 
 def _longest_side_mm(image: dict[str, Any], item: dict[str, Any]) -> float:
-    """How long the longer side of a picture is: by its own scale if it states one, else as long as the item."""
+    """How long the longer side of an image is: by its own scale if it states one, else as long as the item."""
     side, scale = max(image["width_px"], image["height_px"]), image["pixels_per_metre"]
     return float(1000 * side / scale if scale else max(item["extents_mm"]))
 

@@ -36,7 +36,7 @@ from metric_tree.tree import Tree
 #: Bytes of a request's body: 500 objects take some 100 kB.
 MOST_BODY = 1_000_000
 
-#: Seconds for which a picture, whose name is its content, is kept.
+#: Seconds for which an image, whose name is its content, is kept.
 PICTURE_S = 31_536_000
 
 _JSON = "application/json"

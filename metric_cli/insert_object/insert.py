@@ -1,4 +1,4 @@
-"""The `insert-object` command: arguments in, pictures and a result out; heavy imports wait until they are used."""
+"""The `insert-object` command: arguments in, images and a result out; heavy imports wait until they are used."""
 
 from __future__ import annotations
 

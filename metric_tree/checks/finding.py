@@ -15,5 +15,5 @@ class Finding:
 
     @property
     def is_error(self) -> bool:
-        """Whether the release breaks the format."""
+        """Return True if the release breaks the format."""
         return self.code.startswith("E")

@@ -163,7 +163,7 @@ def _shape_findings(node_id: str, distinct: FloatArray) -> Iterator[Finding]:
 
 
 def _is_regular(values: FloatArray) -> bool:
-    """Whether values (n,) have equal steps."""
+    """Return True if values (n,) have equal steps."""
     steps = np.diff(np.sort(values))
     return len(values) >= MIN_REFERENCE_ROWS and bool(np.allclose(steps, steps[0], rtol=1e-3))
 

@@ -154,7 +154,7 @@ def _toy_findings(leaf: LeafSize) -> Iterator[LeafFinding]:
 
 
 def _whole(mean: FloatArray) -> bool:
-    """Whether a mean size (3,) states every axis."""
+    """Return True if a mean size (3,) states every axis."""
     return not bool(np.isnan(mean).any())
 
 

@@ -1,7 +1,7 @@
 """The coded checks of a release: every rule of `metric-tree/1`, each finding with its code.
 
 E is an error (the release breaks the format), W a warning (a maintainer should look). Codes: 1xx files, 2xx tree,
-3xx items, 4xx priors, 5xx pictures. Each code has a fixture in `tests/metric_tree/checks/test_checks.py`.
+3xx items, 4xx priors, 5xx images. Each code has a fixture in `tests/metric_tree/checks/test_checks.py`.
 """
 
 from __future__ import annotations

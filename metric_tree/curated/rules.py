@@ -53,7 +53,7 @@ class Exclusions:
     rules: dict[str, list[tuple[str, re.Pattern[str] | None]]]
 
     def covers(self, source: str, node_id: str, title: str) -> bool:
-        """Whether a row is excluded."""
+        """Return True if a row is excluded."""
         return any(
             node in ("", node_id) and (pattern is None or pattern.search(title) is not None)
             for node, pattern in self.rules.get(source, ())

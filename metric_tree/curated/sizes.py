@@ -58,7 +58,7 @@ class CuratedRange:
 
     @property
     def is_programs(self) -> bool:
-        """Whether a program wrote it: it yields to a person's."""
+        """Return True if a program wrote it: it yields to a person's."""
         return self.reviewer.startswith("program")
 
 

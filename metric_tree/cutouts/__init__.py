@@ -1,1 +1,1 @@
-"""Foreground masks of a release's pictures: one protocol, a backend without weights, one with a network."""
+"""Foreground masks of a release's images: one protocol, a backend without weights, one with a network."""

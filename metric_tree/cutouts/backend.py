@@ -19,7 +19,7 @@ BACKENDS: tuple[str, ...] = get_args(BackendName)
 
 
 class Guide(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
-    """Where the object is in one picture, by whom, and what the reviewer judges of the cut."""
+    """Where the object is in one image, by whom, and what the reviewer judges of the cut."""
 
     picture: str
     polygon: tuple[Point, ...] = ()
@@ -44,7 +44,7 @@ class Guide(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=Tru
 
     @property
     def undrawn(self) -> bool:
-        """Whether its reviewer found nothing in the picture to draw round."""
+        """Return True if its reviewer found nothing in the image to draw round."""
         return self.verdict == "poor" and not self.polygon and self.box is None
 
 
@@ -62,10 +62,10 @@ class Foreground:
 
 
 class Backend(Protocol):
-    """Anything that separates the foreground of a picture."""
+    """Anything that separates the foreground of an image."""
 
     def foreground(self, picture: RGB) -> Foreground:
-        """The foreground of a picture, (h, w, 3) uint8 in RGB."""
+        """The foreground of an image, (h, w, 3) uint8 in RGB."""
         ...
 
 
@@ -74,7 +74,7 @@ class Settings:
     """A backend by name and the network it takes: a rembg model's name or the path of an ONNX file.
 
     weights : whether the network's weights are available; without them `auto` leaves what is not plain; drawn : guides
-    of persons, which say of their pictures where the object is.
+    of persons, which say of their images where the object is.
     """
 
     name: BackendName = "auto"
@@ -91,7 +91,7 @@ class Auto:
     network: Backend | None
 
     def foreground(self, picture: RGB) -> Foreground:
-        """The foreground of a picture (h, w, 3): the plain backend's if that vouches for it, else the network's."""
+        """The foreground of an image (h, w, 3): the plain backend's if that vouches for it, else the network's."""
         plain = self.plain.foreground(picture)
         if plain.refused is None:
             return plain

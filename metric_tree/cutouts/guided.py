@@ -1,9 +1,9 @@
 """Foregrounds by a person's guide (`metric_tree.cutouts.guided`): GrabCut finds the edge that the guide only means.
 
-Guides for cutting pictures, drawn by a person: where the object is.
+Guides for cutting images, drawn by a person: where the object is.
 
 A file of guides has one JSON object a line: `picture` (sha256), one of `polygon` ([[x, y], ...]) and `box` ([x, y,
-width, height]), and `object` and `ground` (strokes, lists of points), in pixels of the upright picture; `verdict` is
+width, height]), and `object` and `ground` (strokes, lists of points), in pixels of the upright image; `verdict` is
 what its reviewer judges of the cut: `good`, or `poor` with `why`. A poor one needs no outline: no object is whole.
 """
 
@@ -20,7 +20,7 @@ from metric_tree.cutouts.backend import RGB, Foreground, Guide
 
 METHOD = "guided"
 #: The guide's edge is off by this share of the object's shorter side: between its shrunken and its grown outline the
-#: picture decides.
+#: image decides.
 BAND = 0.09
 #: Width of a scribble in pixels, and rounds of GrabCut (Rother et al. 2004).
 STROKE, ROUNDS = 5, 5
@@ -29,7 +29,7 @@ SOFT = 0.8
 
 
 def guides(path: Path) -> dict[str, Guide]:
-    """The guides of a file by picture; a later one replaces an earlier one.
+    """The guides of a file by image; a later one replaces an earlier one.
 
     Raises
     ------
@@ -40,9 +40,9 @@ def guides(path: Path) -> dict[str, Guide]:
 
 
 def guided_foreground(picture: RGB, guide: Guide) -> Foreground:
-    """The foreground of a picture (h, w, 3) under a guide; `refused` is `poor` if its reviewer does not vouch for it.
+    """The foreground of an image (h, w, 3) under a guide; `refused` is `poor` if its reviewer does not vouch for it.
 
-    A guide that lies outside the picture finds nothing.
+    A guide that lies outside the image finds nothing.
     """
     refused = "poor" if guide.verdict == "poor" else None
     if guide.undrawn:

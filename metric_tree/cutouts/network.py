@@ -59,16 +59,16 @@ class Network:
         return cls(session, f"rembg:{path.stem if path.suffix == '.onnx' else model}")
 
     def foreground(self, picture: RGB) -> Foreground:
-        """The network's soft mask (h, w) of a picture (h, w, 3)."""
+        """The network's soft mask (h, w) of an image (h, w, 3)."""
         from PIL import Image
 
-        with np.errstate(invalid="ignore"):  # a blank picture gives 0 / 0, which rembg turns into an empty mask
+        with np.errstate(invalid="ignore"):  # a blank image gives 0 / 0, which rembg turns into an empty mask
             mask = _rembg().remove(Image.fromarray(picture), session=self.session, only_mask=True)
         return Foreground(np.asarray(mask.convert("L"), np.uint8), self.method)
 
 
 def has_weights(model: str) -> bool:
-    """Whether rembg and the weights of a model are on this machine; found without loading rembg, which takes seconds.
+    """Return True if rembg and the weights of a model are installed; rembg, which takes seconds, is not imported.
 
     Raises
     ------

@@ -1,10 +1,10 @@
-"""Foregrounds of shop pictures without a network: the background is what the border shows.
+"""Foregrounds of shop images without a network: the background is what the border shows.
 
-1. A plane of colour over the picture, fitted to its border (so that falling light is still plain).
+1. A plane of colour over the image, fitted to its border (so that falling light is still plain).
 2. Background is what is near that plane and hangs together with the border; a paraboloid fitted to all of it follows
    a lamp's round light further in; enclosed holes of its very colour are background too.
 3. Shadow is background: darker, of the same hue, soft.
-4. GrabCut (Rother et al. 2004) settles what lies between, on a small copy; the edge is read in the full picture.
+4. GrabCut (Rother et al. 2004) settles what lies between, on a small copy; the edge is read in the full image.
 """
 
 from __future__ import annotations
@@ -31,7 +31,7 @@ MIN_LAB_DISTANCE = 5.0
 #: In standard deviations of the border's own noise, beside `MIN_LAB_DISTANCE`.
 NOISE_FACTOR = 4.0
 
-#: A border is plain where this share of it follows the plane; the rest is room for an object that leaves the picture.
+#: A border is plain where this share of it follows the plane; the rest is room for an object that leaves the image.
 PLAIN_SHARE = 0.75
 
 #: And where the noise about the plane (Lab) is no more than film grain: wallpaper and wood have 5 and more.
@@ -49,7 +49,7 @@ SHADOW_STEP = 5.0
 #: Longer side of the copy that grabCut works on, in pixels, and its rounds.
 COPY_SIDE_PX, ROUNDS = 320, 2
 
-#: An enclosed patch of the very background colour is a hole (a handle, between legs) from this share of the picture.
+#: An enclosed patch of the very background colour is a hole (a handle, between legs) from this share of the image.
 HOLE_SHARE = 0.0005
 
 
@@ -63,7 +63,7 @@ class Background:
 
     @property
     def is_plain(self) -> bool:
-        """Whether border statistics can tell foreground from background."""
+        """Return True if border statistics can tell foreground from background."""
         return self.share >= PLAIN_SHARE and self.noise <= PLAIN_NOISE
 
     @property
@@ -79,7 +79,7 @@ class Plain:
     refined: bool = True
 
     def foreground(self, picture: RGB) -> Foreground:
-        """The foreground of a picture (h, w, 3); `not_plain` if the border says nothing about the background."""
+        """The foreground of an image (h, w, 3); `not_plain` if the border says nothing about the background."""
         lab = cv2.cvtColor(picture.astype(np.float32) / 255.0, cv2.COLOR_RGB2LAB)
         ground = background(lab)
         if not ground.is_plain:
@@ -142,7 +142,7 @@ def _robust_plane(place: NDArray[np.float64], colour: NDArray[np.float64]) -> ND
 
 
 def _mask(picture: RGB, lab: Floats, ground: Background, refined: bool) -> Mask:
-    """(h, w) foreground of a picture (h, w, 3) over its background, with its edge refined if asked."""
+    """(h, w) foreground of an image (h, w, 3) over its background, with its edge refined if asked."""
     ground = _relief(lab, ground)
     distance = np.linalg.norm(lab - ground.lab, axis=2)
     whole = _remove_dust(~_holes(distance, _reach(distance <= ground.tolerance), ground))
@@ -208,7 +208,7 @@ def _settle(picture: RGB, small: Mask, shadow: Mask) -> Mask:
 
 
 def _full_edge(whole: Mask, settled: Mask) -> Mask:
-    """The settled mask in full size; within a pixel of the small copy the full picture's own edge is taken."""
+    """The settled mask in full size; within a pixel of the small copy the full image's own edge is taken."""
     if whole.shape == settled.shape:
         return settled
     size, kernel, small = whole.shape[::-1], np.ones((3, 3), np.uint8), settled.astype(np.uint8)
@@ -218,7 +218,7 @@ def _full_edge(whole: Mask, settled: Mask) -> Mask:
 
 
 def _remove_dust(mask: Mask) -> Mask:
-    """The mask without specks of under a ten-thousandth of the picture."""
+    """The mask without specks of under a ten-thousandth of the image."""
     _, labels, stats, _ = cv2.connectedComponentsWithStats(mask.astype(np.uint8), connectivity=8)
     large = stats[:, cv2.CC_STAT_AREA] >= 1e-4 * mask.size
     large[0] = False

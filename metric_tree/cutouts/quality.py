@@ -1,4 +1,4 @@
-"""How far a mask can be trusted, judged by the picture and the mask alone, and why one is set aside."""
+"""How far a mask can be trusted, judged by the image and the mask alone, and why one is set aside."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ REASONS = {
 #: Foreground shares outside which nothing was found, or everything.
 MIN_FOREGROUND_SHARE, MAX_FOREGROUND_SHARE = 0.005, 0.97
 
-#: Share of the picture's border that an object may cover: more is a detail, cut off on several sides.
+#: Share of the image's border that an object may cover: more is a detail, cut off on several sides.
 MAX_BORDER_SHARE = 0.6
 
 #: A second part of this share of the largest is a second object, not a loose handle.
@@ -43,7 +43,7 @@ EDGE_STEP_PX = 3
 
 @dataclass(frozen=True, slots=True)
 class Assessment:
-    """Of one mask. box : x, y, width, height in pixels; share : of the picture; quality : 0 to 1; reason : or None."""
+    """Of one mask. box : x, y, width, height in pixels; share : of the image; quality : 0 to 1; reason : or None."""
 
     box: tuple[int, int, int, int]
     share: float
@@ -52,7 +52,7 @@ class Assessment:
 
 
 def assessment(picture: RGB, alpha: NDArray[np.uint8]) -> Assessment:
-    """Box, share and quality of the mask alpha (h, w) of a picture (h, w, 3), and why it is set aside, if so."""
+    """Box, share and quality of the mask alpha (h, w) of an image (h, w, 3), and why it is set aside, if so."""
     mask = alpha >= 128
     share = float(mask.mean())
     if share < MIN_FOREGROUND_SHARE:

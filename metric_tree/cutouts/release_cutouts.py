@@ -1,6 +1,6 @@
-"""Foreground cut-outs for the pictures of a release: a new release, with the old one's files linked into it.
+"""Foreground cut-outs for the images of a release: a new release, with the old one's files linked into it.
 
-A release is never changed once published, so cutting publishes another. Each picture gives one row of
+A release is never changed once published, so cutting publishes another. Each image gives one row of
 `cutouts.parquet` and, unless it is set aside, one PNG with transparency, cropped to its box, whose alpha is the mask:
 `cutouts/aa/<sha256 of the picture>.png`.
 Finished work waits in a work folder until then; an interrupted run continues from it.
@@ -34,13 +34,13 @@ TABLE = "cutouts.parquet"
 
 FOLDER = "cutouts"
 
-#: Pictures of one call: a few seconds of a worker's time, so that a kill loses little.
+#: Images of one call: a few seconds of a worker's time, so that a kill loses little.
 PICTURES_PER_CALL = 8
 
 #: A file's own transparency is its mask from this share of clear pixels; less is a soft frame.
 CLEAR_SHARE = 0.01
 
-#: Longer side of the picture that is cut, in pixels: beyond it an edge gains nothing that a training set could use.
+#: Longer side of the image that is cut, in pixels: beyond it an edge gains nothing that a training set could use.
 MAX_SIDE_PX = 1600
 
 
@@ -48,7 +48,7 @@ def _column(name: str, kind: pa.DataType, meaning: str) -> pa.Field:
     return pa.field(name, kind, metadata={"meaning": meaning})
 
 
-#: One row is a picture (not an item: two items may show it).
+#: One row is an image (not an item: two items may show it).
 CUTOUTS = pa.schema(
     [
         _column("image_id", pa.string(), "sha256 of the picture"),
@@ -69,7 +69,7 @@ CUTOUTS = pa.schema(
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Cut:
-    """One picture's cut: a row of `CUTOUTS`, and the PNG, empty once it is written or where the cut is set aside."""
+    """One image's cut: a row of `CUTOUTS`, and the PNG, empty once it is written or where the cut is set aside."""
 
     image_id: str
     png: bytes = b""
@@ -99,7 +99,7 @@ def backend(settings: Settings) -> Backend:
 
 
 def cut(image_id: str, body: bytes, settings: Settings) -> Cut:
-    """The cut of one picture's bytes; a file that is no picture is set aside and harms no other."""
+    """The cut of one image's bytes; a file that is no image is set aside and harms no other."""
     import numpy as np
 
     from metric_tree.cutouts.backend import Foreground
@@ -147,12 +147,12 @@ def cut_release(
     executor: Executor | None = None,
     progress: Callable[[int, int], None] | None = None,
 ) -> Release:
-    """Publish at `out` the release with cut-outs of all its pictures; `progress` is called with (done, all).
+    """Publish at `out` the release with cut-outs of all its images; `progress` is called with (done, all).
 
     Raises
     ------
     InputError
-        Something is at `out` already or another process is writing it, or the release has no pictures.
+        Something is at `out` already or another process is writing it, or the release has no images.
     """
     if out.exists():
         raise InputError(f"{out}: already exists; expected a new path for a release")
@@ -199,7 +199,7 @@ def _pixels(image: Any) -> tuple[RGB, Any | None]:
 
 
 def _png(rgba: Any, box: tuple[int, int, int, int]) -> bytes:
-    """The box of an RGBA picture as PNG, its clear pixels black, so that it packs well and shows no background."""
+    """The box of an RGBA image as PNG, its clear pixels black, so that it packs well and shows no background."""
     import numpy as np
     from PIL import Image
 
@@ -234,7 +234,7 @@ def _write_cuts(cuts: Sequence[Cut], extras: Path) -> list[Cut]:
 
 
 def _files(release: Release, images: pa.Table) -> dict[str, Path]:
-    """File of each picture, by its id, in the order of the ids."""
+    """File of each image, by its id, in the order of the ids."""
     rows = images.select(["image_id", "path"]).to_pylist()
     paths = {row["image_id"]: path for row in rows if (path := image_path(release.directory, row)) is not None}
     return dict(sorted(paths.items()))

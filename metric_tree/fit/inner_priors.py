@@ -290,7 +290,7 @@ def plain_weights(
 
 
 def is_part(child_id: str, node_id: str) -> bool:
-    """Whether a child is a part of the node, or an object for it, by its name: a toilet seat is no toilet.
+    """Return True if a child is a part of the node, or an object for it, by its name: a toilet seat is no toilet.
 
     >>> is_part("toilet_seat.n.01", "toilet.n.02"), is_part("flush_toilet.n.01", "toilet.n.02")
     (True, False)
@@ -300,9 +300,10 @@ def is_part(child_id: str, node_id: str) -> bool:
 
 
 def is_called(child: Category, node: Category) -> bool:
-    """Whether people call a child by the node's plain name: a kind of it in WordNet, or its name ends in that of it.
+    """Return True if people use the plain name of a node for a child.
 
-    A steam iron is an iron, and an ironing board is none.
+    The child is a hyponym in WordNet, or its name ends in the name of the node: a steam iron is an iron, an ironing
+    board is not.
     """
     if node.synset is not None and node.synset in child.hypernyms:
         return True

@@ -130,7 +130,7 @@ class ClassRows:
 
     @property
     def is_stated(self) -> bool:
-        """Whether nothing but ranges and means is known of the class."""
+        """Return True if nothing but ranges and means is known of the class."""
         return set(self.kinds) <= STATEMENTS
 
     @property

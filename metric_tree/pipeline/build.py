@@ -72,7 +72,7 @@ from taxonomy.categories import Taxonomy
 
 _R = TypeVar("_R")
 
-#: Licence of rows and pictures that nobody gave on: their site's own terms hold, and the release stays at home.
+#: Licence of rows and images that nobody gave on: their site's own terms hold, and the release stays at home.
 PRIVATE_LICENCE = "none: own use only"
 
 #: What the manifest states of priors that were not fitted here.
@@ -85,8 +85,8 @@ class BuildOptions:
 
     created : ISO date of the release; fold_out : fold I of N of the items that the build does not see;
     noncommercial : whether sources that exclude commercial use take part; heldout : whether priors are scored;
-    private : sources without an open licence whose rows and pictures are kept all the same, for the builder's own use;
-    pictures : whether pictures beside the raw items are taken.
+    private : sources without an open licence whose rows and images are kept all the same, for the builder's own use;
+    images : whether images beside the raw items are taken.
     """
 
     version: str
@@ -141,7 +141,7 @@ def build_release(
 
     Parameters
     ----------
-    raw : files or folders of raw items, with the pictures of a crawl beside them; log : `<out>.build` by default
+    raw : files or folders of raw items, with the images of a crawl beside them; log : `<out>.build` by default
     taxonomy : a function at the top of a module, so that a worker can call it
     curated : raw items of the kinds `norm` and `judged`
     declared : sources by id, those of `data/sources` by default; rows of others are used and not shipped

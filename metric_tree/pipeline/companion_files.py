@@ -1,4 +1,4 @@
-"""What a build writes beside its tables: pictures, README, LICENSE, successors, and the log that a maintainer reads.
+"""What a build writes beside its tables: images, README, LICENSE, successors, and the log that a maintainer reads.
 
 What became of the ids of earlier releases: each leads to a node of this one.
 
@@ -181,7 +181,7 @@ def write_texts(folder: Path, tables: Mapping[str, pa.Table], manifest: Mapping[
 
 
 def add_pictures(raw: Sequence[Path], tables: dict[str, pa.Table], report: dict[str, Any], folder: Path) -> None:
-    """Put the pictures that lie beside the raw items into the tables, the report and a folder."""
+    """Put the images that lie beside the raw items into the tables, the report and a folder."""
     files = picture_files(raw)
     if not files:
         return

@@ -50,7 +50,7 @@ WIDENING, WIDENING_POWER, MOST_WIDENING = 0.76, 0.71, 1.7
 #: Flags of raw items that no build takes: sizes found in prose or typed into a form, and toys of the object.
 UNUSED_FLAGS = ("low_trust", "placeholder", "toy_replica")
 
-#: Raw files of a folder; beside them lie what `metric-tree import` refused and the pictures of a crawl.
+#: Raw files of a folder; beside them lie what `metric-tree import` refused and the images of a crawl.
 _RAW = re.compile(r"^(?!pictures-\d).*(?<!\.quarantine)\.jsonl(\.gz)?$")
 
 ROWS = pa.schema(
@@ -138,7 +138,7 @@ def item_hash(item_id: str) -> int:
 
 
 def is_held_out(item_id: str, fold: int, folds: int) -> bool:
-    """Whether an item belongs to a fold (0 to folds - 1); a build with `--fold-out fold/folds` does not see it."""
+    """Return True if an item belongs to a fold (0 to folds - 1), which `--fold-out fold/folds` omits."""
     return item_hash(item_id) % folds == fold
 
 

@@ -1,7 +1,7 @@
-"""Pictures of items: from a crawl into a release, and from a release back into memory.
+"""Images of items: from a crawl into a release, and from a release back into memory.
 
-Files are content-addressed (`pictures/aa/<sha256>.jpg`) and not packed into shards: a picture shown by two items or two
-releases lies once (releases link to it), one node's pictures are read without the others', and a removed picture takes
+Files are content-addressed (`pictures/aa/<sha256>.jpg`) and not packed into shards: an image shown by two items or two
+releases lies once (releases link to it), one node's images are read without the others', and a removed image takes
 nothing with it. `images.parquet` is the index; sorted by node, so that a node's rows are few row groups.
 
 A release that is built, published or downloaded contains its images. The shipped releases and raw items share one
@@ -25,13 +25,13 @@ from metric_base.records import json_record
 from metric_tree.release.release import BadRelease, Release, link_file, sha256
 from metric_tree.release.schema import IMAGES
 
-#: Where pictures lie inside a release, as inside a crawl.
+#: Where images lie inside a release, as inside a crawl.
 FOLDER = "pictures"
 
 #: Folder of the images that shipped releases and raw items share, in the same layout as `pictures`.
 STORE = "images"
 
-#: Segments of picture records (`crawler.fetch.crawl`).
+#: Segments of image records (`crawler.fetch.crawl`).
 _SEGMENT = re.compile(r"pictures-\d+-\d+\.jsonl")
 
 #: The only paths that a record may name, and those of the store: what `crawler.fetch.item_images` writes.
@@ -42,14 +42,14 @@ _STRINGS = ("image_id", "item_id", "source_url", "path")
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Gathered:
-    """rows : a table of `metric_tree.release.schema.IMAGES`; refused : pictures left out, by reason."""
+    """rows : a table of `metric_tree.release.schema.IMAGES`; refused : images left out, by reason."""
 
     rows: pa.Table
     refused: Mapping[str, int]
 
 
 def picture_files(paths: Iterable[Path]) -> list[Path]:
-    """The picture records in the given folders and all below them, and right beside the given files."""
+    """The image records in the given folders and all below them, and right beside the given files."""
     pattern = "pictures-*.jsonl"
     files = {
         file: None
@@ -60,17 +60,17 @@ def picture_files(paths: Iterable[Path]) -> list[Path]:
 
 
 def collect_pictures(files: Sequence[Path], items: pa.Table, folder: Path) -> Gathered:
-    """The pictures of the items of a release, their files linked into `folder`.
+    """The images of the items of a release, their files linked into `folder`.
 
-    A picture takes the licence of its item: its source's terms, unless its record states its own, as that of a
-    photograph does which shows the kind and hangs on the kind's range. Left out are pictures
+    An image takes the licence of its item: its source's terms, unless its record states its own, as that of a
+    photograph does which shows the kind and hangs on the kind's range. Left out are images
     of items that the release does not show (`no_item`), without a file (`no_file`), and whose bytes are not those that
     their name says (`changed`).
 
     Raises
     ------
     InputError
-        A line is no picture record.
+        A line is no image record.
     """
     records = list(_records(files))
     wanted = pa.array({record["item_id"] for _, record in records}, pa.string())
@@ -162,7 +162,7 @@ def link_images(release: Release, target: Path) -> None:
 
 
 def _files(record: Mapping[str, Any], path: str) -> dict[str, Any]:
-    """The columns about the file; a picture with an exact mask in it is its own cut-out."""
+    """The columns about the file; an image with an exact mask in it is its own cut-out."""
     if record.get("foreground_share") is None:
         return {"path": path, "method": None}
     return {"path": path, "cutout_path": path}
@@ -195,7 +195,7 @@ def _records(files: Iterable[Path]) -> Iterator[tuple[Path, dict[str, Any]]]:
 
 
 def _check_record(record: Mapping[str, Any]) -> None:
-    """FieldError where a field of a picture's record is not what it must be."""
+    """FieldError where a field of an image's record is not what it must be."""
     expect(record.get("schema") == PICTURE, "schema", PICTURE, record.get("schema"))
     for name in _STRINGS:
         expect(isinstance(record.get(name), str), name, "a string", record.get(name))

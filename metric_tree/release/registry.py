@@ -133,7 +133,7 @@ def _byte_stream(address: str, start: int = 0) -> Any:
 
 
 def _is_release(files: Any) -> bool:
-    """Whether it is files with checksums, none of which leads out of its folder."""
+    """Return True if it is files with checksums, none of which leads out of its folder."""
     return (
         isinstance(files, dict)
         and "manifest.json" in files

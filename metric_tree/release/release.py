@@ -100,7 +100,7 @@ def publish_release(
     ----------
     tables : by the names of `metric_tree.release.schema.TABLES`; each is cast to its schema.
     manifest : `name`, `version`, `created`, `sources`, `counts` and whatever else; `schema` and `files` are added.
-    extras : a folder whose contents (pictures, texts) are linked into the release, or copied where the disk cannot;
+    extras : a folder whose contents (images, texts) are linked into the release, or copied where the disk cannot;
         their checksums go into the manifest.
 
     Raises
@@ -218,7 +218,7 @@ def _see_fields(manifest: Mapping[str, Any], path: Path) -> None:
 
 
 def _is_by_node(value: object, kind: type) -> bool:
-    """Whether a value has a record for each node, or a list of records."""
+    """Return True if a value has a record for each node, or a list of records."""
     if not isinstance(value, dict) or not all(isinstance(one, kind) for one in value.values()):
         return False
     records = chain.from_iterable(value.values()) if kind is list else value.values()
@@ -251,7 +251,7 @@ def _rows_of(file: pq.ParquetFile, node_ids: frozenset[str], columns: Sequence[s
 
 
 def _may_hold(group: pq.RowGroupMetaData, node_ids: Collection[str]) -> bool:
-    """Whether a row group may have a row of these nodes, by the least and the greatest id that it states."""
+    """Return True if a row group may have a row of these nodes, by the least and the greatest id that it states."""
     column = next(one for k in range(group.num_columns) if (one := group.column(k)).path_in_schema == "node_id")
     stated = column.statistics
     return stated is None or not stated.has_min_max or any(stated.min <= one <= stated.max for one in node_ids)
@@ -292,7 +292,7 @@ def see_nodes(ids: Sequence[str], parents: Sequence[str | None], directory: Path
 
 
 def _in_circle(parents: Sequence[str | None], places: Mapping[str, int]) -> int | None:
-    """The row of a node that is above itself: what walks such a tree does not end. None where there is none.
+    """The row of a node that is above itself: what walks such a tree does not end. None if there is none.
 
     parents : ids by row; places : row by id.
     """

@@ -1,7 +1,7 @@
-"""Contact sheet of a node's pictures, all to one scale, with a size bar: appearance and size together.
+"""Contact sheet of a node's images, all to one scale, with a size bar: appearance and size together.
 
 The longer side of a cut-out's box is drawn as long as the longest stated extent of its item. That is exact where the
-picture looks square at that side, as most shop pictures do; an object seen over its corner is drawn up to three tenths
+image looks square at that side, as most shop images do; an object seen over its corner is drawn up to three tenths
 too small, one seen along its longest side too large.
 """
 
@@ -37,9 +37,9 @@ COLUMN_PX = 150
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Tile:
-    """A picture to be drawn: its file, whether that is a cut-out, what its scale is known by, the label and the credit.
+    """An image to be drawn: its file, whether that is a cut-out, what its scale is known by, the label and the credit.
 
-    `pixels_per_mm` is known of a rendered picture; the longer side of any other counts as the object's longest extent.
+    `pixels_per_mm` is known of a rendered image; the longer side of any other counts as the object's longest extent.
     """
 
     path: Path
@@ -52,7 +52,7 @@ class Tile:
 
 
 def picture_rows(node: Node, count: int) -> list[dict[str, Any]]:
-    """Rows of at most `count` pictures of a node, each with its item's fields: cut ones first, spread over sizes."""
+    """Rows of at most `count` images of a node, each with its item's fields: cut ones first, spread over sizes."""
     import pyarrow.compute as pc
 
     images, items = node.images(), node.items()
@@ -66,7 +66,7 @@ def picture_rows(node: Node, count: int) -> list[dict[str, Any]]:
 
 
 def tiles(release: Path, rows: Sequence[Mapping[str, Any]]) -> list[Tile]:
-    """What of the rows can be drawn: those whose file is a picture, cut-outs where there are any."""
+    """What of the rows can be drawn: those whose file is an image, cut-outs where there are any."""
     tiles = []
     for row in rows:
         cut = image_path(release, row, "cutout_path")
@@ -81,12 +81,12 @@ def tiles(release: Path, rows: Sequence[Mapping[str, Any]]) -> list[Tile]:
 
 
 def write_sheet(file: Path, node: Node, count: int) -> list[dict[str, Any]]:
-    """Draw at most `count` pictures of a node into a PNG; the rows that are on it.
+    """Draw at most `count` images of a node into a PNG; the rows that are on it.
 
     Raises
     ------
     InputError
-        The node has no pictures of items with a size, or the file's name does not end in `.png`.
+        The node has no images of items with a size, or the file's name does not end in `.png`.
     """
     if file.suffix.lower() != ".png":
         raise InputError(f"--sheet: expected a name that ends in .png; found {file}")
@@ -149,14 +149,14 @@ def _sheet(pictured: Sequence[Tile], title: str) -> Any:
 
 
 def _credit_lines(pictured: Sequence[Tile]) -> list[str]:
-    """Whom to name for the pictures, as their licences ask, in lines that fit on the sheet."""
+    """Whom to name for the images, as their licences ask, in lines that fit on the sheet."""
     owed = "; ".join(sorted({tile.credit for tile in pictured}))
     note = "" if all(tile.is_cut for tile in pictured) else " Framed: not cut, the frame is drawn as the object."
     return wrap(f"Pictures: {owed}.{note}", CREDIT_LETTERS)
 
 
 def _scale(tile: Tile, mm_per_px: float) -> Any:
-    """The picture at the sheet's scale, RGBA; one that is not cut has a frame."""
+    """The image at the sheet's scale, RGBA; one that is not cut has a frame."""
     from PIL import Image, ImageOps
 
     with Image.open(tile.path, formats=["PNG", "JPEG", "WEBP"]) as file:

@@ -77,7 +77,7 @@ def _main_axis(prior: Prior) -> int:
 
 
 def is_mixed(node: Node, prior: Prior) -> bool:
-    """Whether a node holds items so unlike that one size says little: nine of ten differ by more than `MIXED_RATIO`."""
+    """Return True if the 90 % interval of an inner node spans more than a factor of `MIXED_RATIO`."""
     low, high = prior.interval(0.9).T
     return bool(node.children) and bool(np.any(high > MIXED_RATIO * low))
 

@@ -4,13 +4,13 @@
 |---|---|---|
 | full set 2021_17_01 | `<name>.json` with polygons, `<name>_seg.png` | `polygon_picture` |
 | full sets of 2016 and 2017 | `<name>_atr.txt`, `<name>_seg.png` | `attribute_picture` |
-| instance challenge of 2017 | `annotations_instance/*/<name>.png` (pictures: `images/*/`) | `challenge_picture` |
+| instance challenge of 2017 | `annotations_instance/*/<name>.png` (images: `images/*/`) | `challenge_picture` |
 
-The index of a full set (`index_ade20k.pkl`, `.mat`) repeats the files beside the pictures and is not read: a pickle
+The index of a full set (`index_ade20k.pkl`, `.mat`) repeats the files beside the images and is not read: a pickle
 from elsewhere may run code. The scene parsing challenge's `annotations/` hold classes without instances: of two chairs
 side by side nobody can tell one from the other, so they are refused with the place where the instances are.
 
-ADE20K, the full sets of 2016 and 2017: beside each picture `<name>_seg.png` and `<name>_atr.txt`.
+ADE20K, the full sets of 2016 and 2017: beside each image `<name>_seg.png` and `<name>_atr.txt`.
 
 A line of `_atr.txt` is `instance # part level # occluded # class names # name as typed # "attributes"`. Blue in
 `_seg.png` parts the objects: instance k is the k-th of the blue values that occur, 0 (nothing annotated) not counted.
@@ -19,12 +19,12 @@ Red and green hold the class, which the line names; `_parts_N.png` hold parts an
 ADE20K in the form of the Places Challenge 2017, which most of its users have (ADEChallengeData2016).
 
 `annotations_instance/<split>/<name>.png`: red is one of 100 classes, green the number of the instance, whatever its
-class; 0 is neither. The pictures are `images/<split>/<name>.jpg`, beside `annotations_instance`.
+class; 0 is neither. The images are `images/<split>/<name>.jpg`, beside `annotations_instance`.
 
-ADE20K, the full set 2021_17_01: beside each picture a JSON with polygons and a picture of classes, `*_seg.png`.
+ADE20K, the full set 2021_17_01: beside each image a JSON with polygons and an image of classes, `*_seg.png`.
 
 In `*_seg.png` the class of a pixel is red / 10 * 256 + green, the `name_ndx` of the JSON. Polygons run beneath what
-stands in front; the class picture shows what is seen. The visible mask of an object is where both agree.
+stands in front; the class image shows what is seen. The visible mask of an object is where both agree.
 """
 
 from __future__ import annotations
@@ -70,18 +70,18 @@ LISTS = ("ade20k_150",)
 
 
 def attribute_files(folder: Path) -> list[Path]:
-    """The annotations that have a picture and its objects' picture beside them."""
+    """The annotations that have an image and its objects' image beside them."""
     paths = sorted(folder.rglob(f"*{_ENDING}"))
     return [file for file in paths if _beside(file, ".jpg").is_file() and _beside(file, "_seg.png").is_file()]
 
 
 def attribute_picture(file: Path) -> AnnotatedPicture:
-    """The picture of an annotation.
+    """The image of an annotation.
 
     Raises
     ------
     BadAnnotations
-        A line is of another form, or `_seg.png` is no picture of three channels.
+        A line is of another form, or `_seg.png` is no image of three channels.
     """
     blue = coded_picture(_beside(file, "_seg.png"))[:, :, 2]
     values = np.unique(blue[blue > 0])
@@ -98,7 +98,7 @@ def attribute_picture(file: Path) -> AnnotatedPicture:
 
 
 def _attribute_object(line: str, blue: NDArray[np.int64], values: NDArray[np.int64]) -> AnnotatedObject | None:
-    """The object of a line; None for a part, and for one that the picture does not show.
+    """The object of a line; None for a part, and for one that the image does not show.
 
     blue : (h, w) codes of the instances; values : (n,) codes above 0, ascending.
     """
@@ -121,17 +121,17 @@ def _beside(file: Path, ending: str) -> Path:
 
 
 def challenge_files(folder: Path) -> list[Path]:
-    """The instance pictures of a folder."""
+    """The instance images of a folder."""
     return sorted(file for file in folder.rglob("*.png") if file.parent.parent.name == _FOLDER)
 
 
 def challenge_picture(file: Path) -> AnnotatedPicture:
-    """The picture of an instance picture.
+    """The image of an instance image.
 
     Raises
     ------
     BadAnnotations
-        The picture does not have three channels, or a class is not one of the hundred.
+        The image does not have three channels, or a class is not one of the hundred.
     """
     coded = coded_picture(file)
     classes, instances = coded[:, :, 0], coded[:, :, 1]
@@ -148,12 +148,12 @@ def challenge_picture(file: Path) -> AnnotatedPicture:
 
 
 def polygon_files(folder: Path) -> list[Path]:
-    """The annotations that have a picture beside them."""
+    """The annotations that have an image beside them."""
     return [file for file in sorted(folder.rglob("*.json")) if file.with_suffix(".jpg").is_file()]
 
 
 def polygon_picture(file: Path) -> AnnotatedPicture:
-    """The picture of an annotation.
+    """The image of an annotation.
 
     Raises
     ------
@@ -200,7 +200,7 @@ def _draw(polygon: dict[str, list[float]], size: tuple[int, int]) -> BoolArray:
 
 
 def _classes(file: Path, size: tuple[int, int]) -> NDArray[np.int64] | None:
-    """(h, w) class numbers of the picture of classes, or None if there is no such picture."""
+    """(h, w) class numbers of the image of classes, or None if there is no such image."""
     path = file.with_name(f"{file.stem}_seg.png")
     if not path.is_file():
         return None
@@ -209,12 +209,12 @@ def _classes(file: Path, size: tuple[int, int]) -> NDArray[np.int64] | None:
 
 
 def ade20k_pictures(folder: Path) -> Iterator[AnnotatedPicture]:
-    """The pictures of a folder, in the order of their paths; parts of objects are left out.
+    """The images of a folder, in the order of their paths; parts of objects are left out.
 
     Raises
     ------
     BadAnnotations
-        There is no annotated picture, or an annotation is not ADE20K's.
+        There is no annotated image, or an annotation is not ADE20K's.
     """
     for annotated_files, annotated_picture in (
         (polygon_files, polygon_picture),

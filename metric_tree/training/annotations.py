@@ -1,4 +1,4 @@
-"""What every reader of another data set returns: pictures with named masks."""
+"""What every reader of another data set returns: images with named masks."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ class BadAnnotations(InputError):
 
 @dataclass(frozen=True, slots=True, eq=False)
 class AnnotatedObject:
-    """One object of a picture: the set's own label (or its synonyms, first first) and COCO's `segmentation` of it."""
+    """One object of an image: the set's own label (or its synonyms, first first) and COCO's `segmentation` of it."""
 
     names: tuple[str, ...]
     segmentation: Any
@@ -36,7 +36,7 @@ class AnnotatedObject:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class AnnotatedPicture:
-    """A picture on the user's disk and all that is annotated in it."""
+    """An image on the user's disk and all that is annotated in it."""
 
     file: Path
     width: int
@@ -48,12 +48,12 @@ class AnnotatedPicture:
 
 
 def coded_picture(path: Path, size: tuple[int, int] | None = None) -> IntArray:
-    """(h, w, 3) red, green, blue of a picture whose colours are numbers.
+    """(h, w, 3) red, green, blue of an image whose colours are numbers.
 
     Raises
     ------
     BadAnnotations
-        It is no picture of three channels, or not of the given (height, width).
+        It is no image of three channels, or not of the given (height, width).
     """
     import cv2
 

@@ -21,7 +21,7 @@ class Classes:
     Raises
     ------
     InputError
-        One node lies below another: its pictures would be of both classes.
+        One node lies below another: its images would be of both classes.
     """
 
     def __init__(self, tree: Tree, nodes: Sequence[Node]) -> None:

@@ -17,9 +17,9 @@ _PARTS = ("images", "annotations", "categories")
 
 
 def coco_pictures(file: Path, images: Path) -> Iterator[AnnotatedPicture]:
-    """The pictures of an annotation file, in its order, with all their objects.
+    """The images of an annotation file, in its order, with all their objects.
 
-    images : folder of the pictures. LVIS names no file but an address, whose last two parts are folder and file.
+    images : folder of the images. LVIS names no file but an address, whose last two parts are folder and file.
 
     Raises
     ------

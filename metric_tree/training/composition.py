@@ -1,8 +1,8 @@
-"""One synthetic picture: cut-outs on a background at plausible relative sizes, with exact masks.
+"""One synthetic image: cut-outs on a background at plausible relative sizes, with exact masks.
 
-One scale (pixels per millimetre) holds for the whole picture, set by its first object; every other object takes its
+One scale (pixels per millimetre) holds for the whole image, set by its first object; every other object takes its
 size from the tree and that scale, times a jitter that stands for its distance. What would be too small to see or would
-fill the picture is not placed: so a mouse is seen beside a keyboard and a car beside a person. Nearer objects are
+fill the image is not placed: so a mouse is seen beside a keyboard and a car beside a person. Nearer objects are
 larger, lower, and in front. Cut-outs are pasted with several borders (Dwibedi, Misra, Hebert 2017, "Cut, Paste and
 Learn"), lest a detector learn the seam.
 
@@ -31,13 +31,13 @@ from metric_tree.training.classes import Classes
 MAX_DRAWS = 16
 Picture = NDArray[np.uint8]
 Labels = NDArray[np.int16]
-#: Objects tried per picture; COCO has seven on average.
+#: Objects tried per image; COCO has seven on average.
 LEAST_OBJECTS, MOST_OBJECTS = 2, 9
-#: Cut-outs looked at for each object until one has a plausible size at the picture's scale.
+#: Cut-outs looked at for each object until one has a plausible size at the image's scale.
 MAX_TRIES = 12
-#: The first object's longest side as a share of the picture's shorter one.
+#: The first object's longest side as a share of the image's shorter one.
 FIRST_SHARE = (0.15, 0.75)
-#: Sides in pixels that are placed: COCO's small objects begin under 32, and beyond the picture nothing is recognised.
+#: Sides in pixels that are placed: COCO's small objects begin under 32, and beyond the image nothing is recognised.
 LEAST_SIDE_PX, MOST_SIDE_SHARE = 24, 0.9
 #: One sigma of the log of an object's distance: objects of one scene stand up to some 40 % nearer or farther.
 DISTANCE_SD = 0.18
@@ -51,7 +51,7 @@ BRIGHTNESS, TINT = (0.7, 1.15), (0.92, 1.08)
 HUE_SHARE = 0.35
 #: Opacity from which a pixel counts as the object's.
 MIN_OPAQUE_ALPHA = 128
-#: Longest side at which a cut-out is kept in memory; enough for MOST_SIDE_SHARE of a picture of 640 pixels.
+#: Longest side at which a cut-out is kept in memory; enough for MOST_SIDE_SHARE of an image of 640 pixels.
 KEPT_SIDE_PX, KEPT_CUTOUTS = 640, 64
 
 
@@ -59,7 +59,7 @@ KEPT_SIDE_PX, KEPT_CUTOUTS = 640, 64
 class Cutout:
     """An RGBA cut-out of one item.
 
-    category : the class's id. axis : what of the picture `sizes_mm` is the size of: `height` of the cut-out's tight
+    category : the class's id. axis : what of the image `sizes_mm` is the size of: `height` of the cut-out's tight
     box, or its `longest` side. sizes_mm : the item's own size, or draws from its node's prior.
     """
 
@@ -75,8 +75,8 @@ class Cutout:
 def cutouts_of(classes: Classes, seed: int) -> list[Cutout]:
     """The cut-outs of the classes' nodes, in the order of their items and images.
 
-    A shop photographs an upright object from the front: its picture's height is the object's. What lies flat is shown
-    from above and what has no pose from any side: there the longest side of the picture is the longest extent.
+    A shop photographs an upright object from the front: its image's height is the object's. What lies flat is shown
+    from above and what has no pose from any side: there the longest side of the image is the longest extent.
     """
     cutouts = []
     for category, root in enumerate(classes.nodes, start=1):
@@ -114,7 +114,7 @@ def _size(item: dict[str, object], node: Node, seed: int) -> tuple[str, tuple[fl
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Pasted:
-    """An object of a picture: mask (H, W) of its visible part, and the size it was drawn from."""
+    """An object of an image: mask (H, W) of its visible part, and the size it was drawn from."""
 
     cutout: Cutout
     mask: BoolArray
@@ -124,7 +124,7 @@ class Pasted:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Composition:
-    """A picture (H, W, 3) BGR, its objects from far to near, and its scale."""
+    """An image (H, W, 3) BGR, its objects from far to near, and its scale."""
 
     picture: Picture
     objects: tuple[Pasted, ...]
@@ -144,7 +144,7 @@ class _Layer:
 
 
 def compose(cutouts: Sequence[Sequence[Cutout]], background: Picture, generator: np.random.Generator) -> Composition:
-    """A picture made of cut-outs, the same for the same generator.
+    """An image made of cut-outs, the same for the same generator.
 
     Parameters
     ----------
@@ -165,7 +165,7 @@ def compose(cutouts: Sequence[Sequence[Cutout]], background: Picture, generator:
 
 
 def random_background(size: tuple[int, int], generator: np.random.Generator) -> Picture:
-    """(H, W, 3) of soft coloured patches with grain, where the user has no pictures to paste on."""
+    """(H, W, 3) of soft coloured patches with grain, where the user has no images to paste on."""
     import cv2
 
     height, width = size
@@ -180,7 +180,7 @@ def random_background(size: tuple[int, int], generator: np.random.Generator) -> 
 def _place(
     cutouts: Sequence[Sequence[Cutout]], size: tuple[int, int], generator: np.random.Generator
 ) -> tuple[list[_Layer], float]:
-    """The layers from far to near and the picture's pixels per millimetre."""
+    """The layers from far to near and the image's pixels per millimetre."""
     height, width = size
     first, first_mm = _draw(cutouts, generator)
     pixels = _pixels(first.file)
@@ -247,7 +247,7 @@ def _visible(layers: list[_Layer], size: tuple[int, int]) -> tuple[Labels, list[
 
 
 def _window(layer: _Layer, size: tuple[int, int]) -> tuple[Picture, tuple[slice, slice]]:
-    """The part of a layer inside the picture, and its place."""
+    """The part of a layer inside the image, and its place."""
     h, w = layer.pixels.shape[:2]
     top, left = max(-layer.y, 0), max(-layer.x, 0)
     bottom, right = max(min(h, size[0] - layer.y), top), max(min(w, size[1] - layer.x), left)
@@ -256,7 +256,7 @@ def _window(layer: _Layer, size: tuple[int, int]) -> tuple[Picture, tuple[slice,
 
 
 def _paint(picture: NDArray[np.float32], layer: _Layer, generator: np.random.Generator) -> None:
-    """Draw a layer into the picture (H, W, 3) BGR, values 0 to 255, in place."""
+    """Draw a layer into the image (H, W, 3) BGR, values 0 to 255, in place."""
     import cv2
 
     light = generator.uniform(*BRIGHTNESS) * generator.uniform(*TINT, 3)
@@ -269,7 +269,7 @@ def _paint(picture: NDArray[np.float32], layer: _Layer, generator: np.random.Gen
 
 
 def _reference(cutout: Cutout, pixels: Picture) -> int:
-    """Pixels of the cut-out's kept picture that its size is the size of."""
+    """Pixels of the cut-out's kept image that its size is the size of."""
     return int(pixels.shape[0] if cutout.axis == "height" else max(pixels.shape[:2]))
 
 

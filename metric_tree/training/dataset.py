@@ -1,4 +1,4 @@
-"""A COCO instance-segmentation data set on disk: synthetic pictures and the user's own, written whole or not at all."""
+"""A COCO instance-segmentation data set on disk: synthetic images and the user's own, written whole or not at all."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ from metric_tree.training.composition import Cutout, Picture, compose, random_ba
 
 SPLITS = ("train", "val")
 
-#: Quality of the synthetic pictures' JPEG: COCO's own are about that.
+#: Quality of the synthetic images' JPEG: COCO's own are about that.
 JPEG_QUALITY = 92
 
 _SUFFIXES = frozenset({".jpg", ".jpeg", ".png", ".webp", ".bmp"})
@@ -31,7 +31,7 @@ _SUFFIXES = frozenset({".jpg", ".jpeg", ".png", ".webp", ".bmp"})
 
 @dataclass(frozen=True, slots=True)
 class Plan:
-    """What to make: pictures in all, (width, height) of each, share of the validation split, processes."""
+    """What to make: images in all, (width, height) of each, share of the validation split, processes."""
 
     pictures: int
     size: tuple[int, int] = (640, 480)
@@ -43,7 +43,7 @@ class Plan:
 
 @dataclass(slots=True)
 class DatasetSummary:
-    """What was written: pictures and objects per split and class, and labels that were too wide to tell."""
+    """What was written: images and objects per split and class, and labels that were too wide to tell."""
 
     pictures: Counter[str] = field(default_factory=Counter)
     objects: Counter[str] = field(default_factory=Counter)
@@ -61,10 +61,10 @@ def export_dataset(
 ) -> DatasetSummary:
     """Write the data set: `images/<split>/`, `annotations/instances_<split>.json`; the same bytes for the same input.
 
-    Items and the user's pictures belong to one split each, by a hash of their name, so that what is tested on was
-    never trained on. The user's pictures stay where they are and are named by their whole path.
+    Items and the user's images belong to one split each, by a hash of their name, so that what is tested on was
+    never trained on. The user's images stay where they are and are named by their whole path.
 
-    others : for each further set, how its labels are read, and its pictures
+    others : for each further set, how its labels are read, and its images
 
     Raises
     ------
@@ -94,7 +94,7 @@ def export_dataset(
 def _synthetic_pictures(
     work: Path, cutouts: Sequence[Cutout], plan: Plan
 ) -> Iterator[tuple[str, dict[str, Any], list[dict[str, Any]]]]:
-    """Synthetic pictures with their annotations, each from its own number and the seed, whatever the processes."""
+    """Synthetic images with their annotations, each from its own number and the seed, whatever the processes."""
     if not cutouts or not plan.pictures:
         return
     groups = {
@@ -150,7 +150,7 @@ def _picture(
 
 
 def _background(plan: Plan, size: tuple[int, int], generator: np.random.Generator) -> Picture:
-    """A random window, of the picture's shape, of one of the user's pictures, else a made one."""
+    """A random window, of the image's shape, of one of the user's images, else a made one."""
     import cv2
 
     if not plan.backgrounds:
@@ -180,7 +180,7 @@ def _groups(cutouts: Sequence[Cutout]) -> list[list[Cutout]]:
 def _matching_pictures(
     others: Iterable[tuple[tuple[str, ...], Iterable[AnnotatedPicture]]], classes: Classes, plan: Plan
 ) -> Iterator[tuple[str, tuple[dict[str, Any], list[dict[str, Any]]]]]:
-    """Split and entry of every picture of the other sets that has an object of our classes."""
+    """Split and entry of every image of the other sets that has an object of our classes."""
     for lists, pictures in others:
         for picture in pictures:
             record = _match(picture, classes, lists)
@@ -191,7 +191,7 @@ def _matching_pictures(
 def _match(
     picture: AnnotatedPicture, classes: Classes, lists: tuple[str, ...]
 ) -> tuple[dict[str, Any], list[dict[str, Any]]] | None:
-    """A picture of another set with its objects of our classes; None if it has none or is missing."""
+    """An image of another set with its objects of our classes; None if it has none or is missing."""
     annotations = []
     for one in picture:
         category = classes.of_label(one.names, lists)
@@ -246,7 +246,7 @@ def _split(name: str, val_share: float) -> str:
 
 
 def background_files(folder: Path) -> tuple[Path, ...]:
-    """The pictures of a folder, in the order of their paths; InputError if there are none."""
+    """The images of a folder, in the order of their paths; InputError if there are none."""
     files = tuple(path for path in sorted(folder.rglob("*")) if path.suffix.lower() in _SUFFIXES)
     if not files:
         raise InputError(f"{folder}: expected pictures to paste on; found none")

@@ -1,8 +1,8 @@
-"""Open Images, segmentation masks (V5 to V7): a table of masks, pictures of masks, a table of class names.
+"""Open Images, segmentation masks (V5 to V7): a table of masks, images of masks, a table of class names.
 
-The folder holds, at any depth, a table of masks, a table of class names, the masks' pictures and the pictures
+The folder holds, at any depth, a table of masks, a table of class names, the masks' images and the images
 `<ImageID>.jpg`, called as the set calls them (V7's class names have a header, V5's none) or as FiftyOne stores them. A
-mask's picture may be of another size than the picture's own: it covers the same view.
+mask's image may be of another size than the image's own: it covers the same view.
 """
 
 from __future__ import annotations
@@ -24,7 +24,7 @@ _COLUMNS = ("MaskPath", "ImageID", "LabelName")
 
 
 def open_images_pictures(folder: Path) -> Iterator[AnnotatedPicture]:
-    """The pictures that are in the folder and have masks, in the order of their ids.
+    """The images that are in the folder and have masks, in the order of their ids.
 
     Raises
     ------
@@ -73,7 +73,7 @@ def _names(folder: Path) -> dict[str, str]:
 
 
 def _rows(folder: Path) -> dict[str, list[tuple[str, str]]]:
-    """Mask file and label of each picture's objects."""
+    """Mask file and label of each image's objects."""
     rows: dict[str, list[tuple[str, str]]] = {}
     tables = _files(folder, TABLES)
     if not tables:

@@ -1,7 +1,7 @@
 """Which categories are fit for instance segmentation and scale estimation (paper 3, the three rules).
 
 The paper chooses 43 by three rules: sizes diverge little, samples are enough, and other well-known data sets hold
-training pictures. Each rule has its figure here. The better figure is what they are for: how far one object of the
+training images. Each rule has its figure here. The better figure is what they are for: how far one object of the
 category narrows the log of the scale. With u = log scale, flat over R before, and y = x - u 1 + noise the log of an
 object's measured extents,
 

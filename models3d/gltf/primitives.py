@@ -133,7 +133,7 @@ def _joints(attributes: dict[str, Any], document: GltfDocument) -> tuple[FloatAr
 
 
 def _target(target: dict[str, Any], document: GltfDocument, count: int) -> tuple[FloatArray | None, FloatArray | None]:
-    """Return the displacements (count, 3) of points and normals of a morph target, or None."""
+    """Return the displacements (n, 3) of the n = `count` points and normals of a morph target, or None."""
     added = [document.accessor(target[name], (3,)) if name in target else None for name in ("POSITION", "NORMAL")]
     for values in added:
         is_valid = values is None or (len(values) == count and bool(np.isfinite(values).all()))

@@ -69,7 +69,7 @@ class Decision(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=
 
     @property
     def is_programs(self) -> bool:
-        """Whether a program read it: its word yields to that of a named person."""
+        """Return True if a program read it: its word yields to that of a named person."""
         return self.reviewer.startswith(PROGRAM)
 
     def line(self) -> str:

@@ -56,7 +56,7 @@ class Lexicon:
         return Sense((concept, *self.hypernyms(concept)))
 
     def knows(self, concept: str) -> bool:
-        """Whether the id is an insertion or a noun synset."""
+        """Return True if the id is an insertion or a noun synset."""
         return concept in self.inserted or (not concept.startswith(PREFIX) and self.wordnet.knows(concept))
 
     def canonical(self, concept: str) -> str:
@@ -70,7 +70,7 @@ class Lexicon:
         return self._chains[concept]
 
     def is_a(self, concept: str, kind: str) -> bool:
-        """Whether the concept is the kind or below it."""
+        """Return True if the concept is the kind or below it."""
         return concept == kind or kind in self.hypernyms(concept)
 
     def name(self, concept: str) -> str:

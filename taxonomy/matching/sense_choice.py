@@ -119,7 +119,7 @@ def chosen_sense(
 
 
 def fits(sense: Sense, domain: Domain) -> bool:
-    """Whether the domain holds a sense and it says enough to have a size."""
+    """Return True if the domain holds a sense and it says enough to have a size."""
     if sense.concept.startswith(PREFIX) and not domain.narrow:
         return True  # a reviewer has put it in as an item with a size, wherever WordNet would have it
     return sense.concept not in _SAYS_NOTHING and sense.is_a(domain.requires)

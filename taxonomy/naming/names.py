@@ -67,7 +67,7 @@ class NameAnswer(NamedTuple):
 
     @property
     def ambiguous(self) -> bool:
-        """Whether another sense is as likely."""
+        """Return True if another sense is as likely."""
         return self.margin < NEAR_RATIO
 
 
@@ -168,7 +168,7 @@ class Names:
         return () if parent is None else (parent, *self.ancestors(parent))
 
     def has_kinds(self, node_id: str) -> bool:
-        """Whether there are nodes right below one."""
+        """Return True if there are nodes right below one."""
         return node_id in self._above
 
     @cached_property
@@ -176,7 +176,7 @@ class Names:
         return frozenset(self._parents.values())
 
     def kin(self, one: str, other: str) -> bool:
-        """Whether one of two nodes is above the other, in the tree or in WordNet."""
+        """Return True if one of two nodes is above the other, in the tree or in WordNet."""
         if one in self.ancestors(other) or other in self.ancestors(one):
             return True
         return one in self._hypernyms(other) or other in self._hypernyms(one)
@@ -238,7 +238,7 @@ def _sense_score(place: int, known: Sequence[Sense]) -> float:
 
 
 def _astray(place: int, known: Sequence[Sense], form: str) -> bool:
-    """Whether the taxonomy calls another item by the word, which it means first, and this one hardly ever."""
+    """Return True if the taxonomy calls another item by the word, which it means first, and this one hardly ever."""
     lemma = form.replace(" ", "_")
     first = any(sense.chain and sense.concept.partition(".")[0] == lemma for sense in known[:place])
     counts = [sense.count + 1 for sense in known if sense.chain]

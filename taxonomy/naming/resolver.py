@@ -55,7 +55,7 @@ _BRACKETS = re.compile(r"[\s_]*\(([^()]*)\)")
 LEAST_MISSPELT = 5
 _LANGUAGES = {"de": "German", "fr": "French", "es": "Spanish", "it": "Italian"}
 _COUNTING = re.compile(r"(?:an?|the|one|two|three|four|five|six|of|\d[\d.,]*|inch(?:es)?|cm|mm|m|ft)$", re.IGNORECASE)
-#: A picture of a chair has no size of a chair, and neither has what is made after one. A photo does not begin so:
+#: An image of a chair has no size of a chair, and neither has what is made after one. A photo does not begin so:
 #: labels of detectors that read prompts are "a photo of a chair".
 _DEPICTING = re.compile(
     r"(?:an?\s+|the\s+)?(?P<noun>picture|painting|drawing|poster|statue|sculpture|sticker|figurine|toy|portrait|mural|"
@@ -120,12 +120,12 @@ class Nearest:
 
 
 def _slips(words: Sequence[str], others: Sequence[str]) -> bool:
-    """Whether two names have the same words but for slips of spelling."""
+    """Return True if two names have the same words but for slips of spelling."""
     return len(words) == len(others) and all(map(_slip, words, others))
 
 
 def _slip(word: str, other: str) -> bool:
-    """Whether a word is the other but for a slip: the same beginning, at most a letter in four differs."""
+    """Return True if a word is the other but for a slip: the same beginning, at most a letter in four differs."""
     import difflib
 
     same = sum(block.size for block in difflib.SequenceMatcher(None, word, other).get_matching_blocks())
@@ -255,7 +255,7 @@ class Resolver:
         return first._replace(form=near[0], note=f"taken as {name}: {text.strip()!r} is not in the tree")
 
     def _is_slip(self, form: str, name: str) -> bool:
-        """Whether two names differ in one word, which is long and neither English nor of a name in the first."""
+        """Return True if two names differ in one word, which is long and neither English nor of a name in the first."""
         words, of_name = form.split(), name.split()
         unlike = [pair for pair in zip(words, of_name, strict=False) if pair[0] != pair[1]]
         if len(words) != len(of_name) or len(unlike) != 1 or min(map(len, unlike[0])) < LEAST_MISSPELT - 1:
@@ -385,7 +385,7 @@ class Resolver:
         return None if self._too_broad(node, form.rpartition(" ")[2]) else _certain(node, "broader kind")
 
     def _too_broad(self, node: str, head: str) -> bool:
-        """Whether a node is so far up that it says little of a size, unless the text calls it by its own name."""
+        """Return True if a node is too general for a size, unless the text has its name."""
         heads = {head, *singular_phrases(head)}
         depth = len(self._names.ancestors(node)) + 1
         named = any(node in self._names.owners(one) for one in heads)
@@ -393,7 +393,7 @@ class Resolver:
         return broad and node != PERSON and self._names.has_kinds(node)
 
     def _misleads(self, form: str, answer: NameAnswer) -> bool:
-        """Whether WordNet knows a whole name as something that lives, and what is left of it does not, or the reverse.
+        """Return True if, in WordNet, either the whole name or its rest is a living being, but not both.
 
         A blue tit is a bird and not a blue tit.
         """
@@ -401,7 +401,7 @@ class Resolver:
         return bool(kinds) and all(self._lives(kind) != self._lives(answer.node_id) for kind in kinds)
 
     def _is_of_another_kind(self, modifier: str, head: str) -> bool:
-        """Whether a compound's first noun is something that lives or is eaten, and its head is neither.
+        """Return True if a compound's first noun is something that lives or is eaten, and its head is neither.
 
         The bulb of garlic is not a light bulb, and a dog's bed is not for people.
         """

@@ -22,7 +22,7 @@ _AFTER_NOUN = (
     rf"(?i)\s*(?:[,;:|]|\s[-–—]\s|\s(?:{_FOLLOWING}|w|f|depicting|showing|containing|representing|decorated|inscribed|"
     r"commemorating|made|used|including|incl|based|after|to)\b|(?<=[a-z])\+|/(?=\s))"
 )
-#: Begins what a picture shows an item do, or where it is: `man riding a bike`.
+#: Begins what an image shows an item do, or where it is: `man riding a bike`.
 _AFTER_NAME = (
     rf"(?i)\s+(?:{_FOLLOWING}|near|next|beside|behind|under|against|above|below|inside|who|that|which|wearing|riding|"
     r"holding|carrying|sitting|standing|lying|walking|running|driving|parked|made|using|playing|eating|looking|"
@@ -122,7 +122,7 @@ def modifiers(words: Sequence[str]) -> int:
 
 
 def is_plain_adjective(word: str) -> bool:
-    """Whether the word is a colour or a size, so that a compound that begins with it is rarely a name."""
+    """Return True if the word is a colour or a size, so that a compound that begins with it is rarely a name."""
     return word in word_list("colours") or word in word_list("sizes") or word in {"old", "young", "new"}
 
 

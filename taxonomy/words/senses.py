@@ -55,7 +55,7 @@ class Sense:
         return self.chain[0]
 
     def is_a(self, kinds: Iterable[str]) -> bool:
-        """Whether the concept is one of the kinds or below one."""
+        """Return True if the concept is one of the kinds or below one."""
         return any(kind in self.chain for kind in kinds)
 
 
@@ -100,7 +100,7 @@ def coded_node(code: str) -> str | None:
 
 
 def is_english(word: str) -> bool:
-    """Whether a folded word is English though no name has it: `tunnel` is not a misspelt `funnel`."""
+    """Return True if a folded word is English though no name has it: `tunnel` is not a misspelt `funnel`."""
     return bool(senses(word)) or f"\n{word}\n" in _text("generated/near_words.txt")
 
 
@@ -110,7 +110,10 @@ def other_names(form: str) -> Mapping[str, str]:
 
 
 def _may_be_other_name(form: str) -> bool:
-    """Whether the table has the letters of its longest word; folding it all takes as long as the rest of an answer."""
+    """Return True if the table has the letters of its longest word.
+
+    Folding the whole table would take as long as the rest of a query.
+    """
     word = max(form.split(), key=len, default="")
     return _without_umlauts(word) in _other_letters() or is_american(word)
 

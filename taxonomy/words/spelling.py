@@ -77,7 +77,7 @@ def without_accents(text: str) -> str:
 
 
 def is_american(word: str) -> bool:
-    """Whether a folded word may have been spelt otherwise before it was folded."""
+    """Return True if a folded word may have been spelt otherwise before it was folded."""
     return word in _SPELLINGS.values()
 
 
@@ -131,7 +131,7 @@ def singular_phrases(phrase: str, irregular: Mapping[str, Sequence[str]] = IRREG
 
 
 def one_edit(word: str, other: str) -> bool:
-    """Whether two words differ by one letter that is missing, added, another, or in the place of its neighbour.
+    """Return True if two words differ by one letter that is missing, added, another, or in the place of its neighbour.
 
     >>> one_edit("televison", "television"), one_edit("chiar", "chair"), one_edit("cat", "dog")
     (True, True, False)

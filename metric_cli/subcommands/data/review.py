@@ -164,7 +164,7 @@ def _blind(arguments: argparse.Namespace) -> None:
 
 
 def _examples(raw: Sequence[Path], subjects: set[str]) -> dict[str, dict[str, str]]:
-    """Title, size in mm, picture and page of the first item of each subject that the raw items have."""
+    """Title, size in mm, image and page of the first item of each subject that the raw items have."""
     if not raw:
         return {}
     from metric_tree.pipeline.ingest import blocks, items_of, raw_files

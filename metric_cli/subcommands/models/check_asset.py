@@ -112,7 +112,7 @@ def _is_table(batch: Path | None) -> bool:
 
 
 def _are_many(arguments: argparse.Namespace) -> bool:
-    """Whether `--fix` names a folder: there may be several models."""
+    """Return True if `--fix` names a folder: there may be several models."""
     files = arguments.files
     return arguments.batch is not None or len(files) > 1 or files[0].is_dir()
 

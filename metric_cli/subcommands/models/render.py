@@ -1,4 +1,4 @@
-"""`metric-tree render RAW --models DIR --out DIR`: pictures of items that have a textured model."""
+"""`metric-tree render RAW --models DIR --out DIR`: images of items that have a textured model."""
 
 from __future__ import annotations
 
@@ -21,13 +21,13 @@ if TYPE_CHECKING:
 
 HELP = "Four views of each item's textured model, with exact foreground, where `build` looks for pictures."
 
-#: Longest diagonal of a model in pixels: a picture is some 3 kB, and an object can be recognised.
+#: Longest diagonal of a model in pixels: an image is some 3 kB, and an object can be recognised.
 PIXELS = 256
 #: WebP quality at which edges show no blocks at this size.
 QUALITY = 70
-#: Mesa's variable for the threads of its software renderer: on pictures this small they wait more than they work.
+#: Mesa's variable for the threads of its software renderer: on images this small they wait more than they work.
 THREADS = "LP_NUM_THREADS"
-#: Flags of items that are not drawn: a picture would show a brand.
+#: Flags of items that are not drawn: an image would show a brand.
 NOT_SHOWN = frozenset({"trademark"})
 
 
@@ -47,7 +47,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def run(arguments: argparse.Namespace) -> int:
-    """Draw all models of the items, and print how many pictures there are."""
+    """Draw all models of the items, and print how many images there are."""
     from crawler.items import raw_items
     from insertion.render.gpu import gl_context
 

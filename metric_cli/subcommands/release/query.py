@@ -18,7 +18,7 @@ from metric_tree.tree import open_tree
 
 HELP = "A category: its node, path, counts, evidence, quantiles in millimetres and prior."
 
-#: Pictures of a sheet where no number is given.
+#: Images of a sheet where no number is given.
 SHEET_IMAGES = 12
 
 
@@ -90,7 +90,7 @@ def summary(node: Node, dims: tuple[str, ...] | None = None, where: Where | None
 
 
 def _images(node: Node, count: int | None, sheet: Path | None) -> list[dict[str, Any]]:
-    """The fields of pictures that a person needs to use and to credit them; drawn where a sheet is asked for."""
+    """The fields of images that a person needs to use and to credit them; drawn where a sheet is asked for."""
     from metric_tree.reports.contact_sheet import picture_rows, write_sheet
 
     if count is not None and count < 1:

@@ -113,7 +113,7 @@ def _nodes(tree: Tree, categories: str | None) -> list[Node]:
 
 
 def _see_coco(given: Iterable[tuple[Path, Path]]) -> None:
-    """The annotation files and the folders of their pictures, asked before the work."""
+    """The annotation files and the folders of their images, asked before the work."""
     for file, images in given:
         if not file.is_file():
             raise InputError(f"--coco: expected a JSON file; found no file {file}")

@@ -4,19 +4,16 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
 
 import numpy as np
 
 from estimator.evidence.source import skipped_evidence
 from estimator.geometry.planes import floor_of
+from estimator.records.objects import Measurements
 from estimator.records.result import ScaleEvidence
 from estimator.records.scene import Scene
 from metric_base.errors import InputError
 from metric_base.statistics import robust_sigma
-
-if TYPE_CHECKING:
-    from estimator.records.objects import Measurements
 
 KIND = "camera_height"
 

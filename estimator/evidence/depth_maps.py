@@ -18,21 +18,18 @@ import zlib
 from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path, PurePosixPath
-from typing import TYPE_CHECKING
 
 import numpy as np
 
 from estimator.evidence.source import skipped_evidence
 from estimator.projection.cameras import pixels_in_view
+from estimator.records.objects import Measurements
 from estimator.records.result import ScaleEvidence
 from estimator.records.scene import Scene, View
 from metric_base.arrays import FloatArray
 from metric_base.errors import InputError, Unquoted
 from metric_base.images import read_picture
 from metric_base.statistics import robust_sigma
-
-if TYPE_CHECKING:
-    from estimator.records.objects import Measurements
 
 KIND = "metric_depth"
 #: First bytes of an EXR file, as a number.

@@ -12,7 +12,7 @@ import warnings
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 
@@ -20,16 +20,13 @@ from estimator.evidence.alignment import Alignment, align, least_squares
 from estimator.evidence.source import CameraPath, skipped_evidence
 from estimator.geometry.vertical import MAX_TILT_SIGMAS, MAX_UP_ERROR_DEG, OBSERVED_METHODS
 from estimator.instances.view_matching import ViewLookup, image_file, image_folders
-from estimator.records.objects import Up
+from estimator.records.objects import Measurements, Up
 from estimator.records.result import ScaleEvidence
 from estimator.records.scene import Scene
 from estimator.telemetry.records import Positions
 from metric_base.arrays import FloatArray
 from metric_base.errors import FieldError, InputError, Unquoted, at_field, in_file
 from metric_base.parsing import csv_rows
-
-if TYPE_CHECKING:
-    from estimator.records.objects import Measurements
 
 KIND, VIDEO_KIND = "gps", "gps_video"
 #: Maximum time in seconds between the frames of a video without a gap in its path.

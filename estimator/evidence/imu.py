@@ -17,20 +17,17 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.polynomial.legendre import legfit, legval
 
 from estimator.evidence.alignment import align
 from estimator.evidence.source import CameraPath, skipped_evidence
+from estimator.records.objects import Measurements
 from estimator.records.result import ScaleEvidence
 from estimator.records.scene import Scene
 from estimator.telemetry.records import Positions, Samples, Telemetry
 from metric_base.arrays import FloatArray
-
-if TYPE_CHECKING:
-    from estimator.records.objects import Measurements
 
 KIND = "imu"
 #: Length of a window in seconds, and its minimum.

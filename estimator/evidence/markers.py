@@ -13,7 +13,7 @@ import math
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 
@@ -21,14 +21,12 @@ from estimator.evidence.alignment import align
 from estimator.evidence.source import skipped_evidence
 from estimator.instances.view_matching import image_file, image_folders
 from estimator.projection.cameras import pixels_in_view, view_rays
+from estimator.records.objects import Measurements
 from estimator.records.result import ScaleEvidence
 from estimator.records.scene import Scene, View
 from metric_base.arrays import FloatArray
 from metric_base.errors import InputError
 from metric_base.images import read_picture
-
-if TYPE_CHECKING:
-    from estimator.records.objects import Measurements
 
 KIND = "marker"
 #: Margin of a crop around a marker for its white border, relative to its box, and its minimum in pixels.

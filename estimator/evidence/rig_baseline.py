@@ -5,11 +5,12 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 
 from estimator.evidence.source import skipped_evidence
+from estimator.records.objects import Measurements
 from estimator.records.result import ScaleEvidence
 from estimator.records.scene import Scene
 from metric_base.arrays import FloatArray
@@ -17,9 +18,6 @@ from metric_base.errors import FieldError, in_file
 from metric_base.input_files import read_json
 from metric_base.parsing import json_array, json_object
 from metric_base.statistics import robust_sigma
-
-if TYPE_CHECKING:
-    from estimator.records.objects import Measurements
 
 #: Minimum standard deviation of the log scale: a baseline is stated to about a millimetre, and that of the
 #: reconstruction is no better.

@@ -3,16 +3,14 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Protocol, runtime_checkable
+from typing import Protocol, runtime_checkable
 
 import numpy as np
 
+from estimator.records.objects import Measurements
 from estimator.records.result import ScaleEvidence
 from estimator.records.scene import Scene
 from metric_base.arrays import FloatArray, IntArray
-
-if TYPE_CHECKING:
-    from estimator.records.objects import Measurements
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -1,21 +1,20 @@
-"""Which categories stand on the floor, which hang, and which end at a level top: where the name alone settles it.
+"""Categories that stand on the floor, that hang, and that end at a level top, if the name determines it.
 
-The tree's hypernyms do not say this, so that the lists are here: a mirror and a wardrobe are both furniture, a wall
-clock and a washing machine both devices. The answer decides how far an object whose foot is not reconstructed may
-reach down. A caller that knows more, such as
-the tree's hypernyms, passes its own function to `measure_objects`.
+The lists are here because hypernyms do not contain this: a mirror and a wardrobe are furniture, a wall clock and a
+washing machine are devices. They determine whether an object whose foot is not reconstructed is extended downwards. A
+caller with better information passes its own function (`MeasurementOptions.standing`).
 """
 
 from __future__ import annotations
 
-# Objects whose foot is on the floor or the road whenever they are in use; "cabinet", "lamp" and "plant" may be either.
+# Objects whose foot is on the floor or the road when they are used. "cabinet", "lamp" and "plant" may also hang.
 _FLOOR = frozenset(
     """
     armchair bathtub bed bench bicycle bike bookcase bookshelf bus car chair couch crib cupboard cyclist desk dishwasher
     door dresser fireplug freezer fridge futon hydrant loveseat motorbike motorcycle nightstand ottoman pedestrian
     person pram refrigerator scooter settee sideboard sofa stool stroller suv table toilet tram truck van wardrobe
     washer
-    """.split()  # noqa: SIM905  a list of words reads better than a list of strings
+    """.split()  # noqa: SIM905  words are more legible than a list of strings
 )
 # Objects on walls, ceilings, poles or in the air.
 _HUNG = frozenset(
@@ -24,7 +23,7 @@ _HUNG = frozenset(
     poster radiator sconce shower sink tapestry towel washbasin whiteboard window
     """.split()  # noqa: SIM905
 )
-# What ends at a level top on which other objects lie. Beds have headboards, benches backs; cabinets may hang.
+# Objects that end at a level top with other objects on it. Beds have headboards, benches have backs, cabinets may hang.
 _LEVEL = frozenset(["counter", "desk", "nightstand", "ottoman", "sideboard", "stand", "stool", "table"])
 _PHRASES = {
     "ceiling lamp": False,
@@ -49,7 +48,7 @@ _PHRASES = {
 
 
 def stands_on_floor(category: str) -> bool | None:
-    """True where the category stands on the floor, False where it hangs, None where the name does not settle it."""
+    """Return True if a category stands on the floor, False if it hangs, and None if its name does not determine it."""
     words = category.lower().replace("_", " ").replace("-", " ").split()
     for phrase in (" ".join(words), " ".join(words[-2:])):
         if phrase in _PHRASES:
@@ -59,6 +58,6 @@ def stands_on_floor(category: str) -> bool | None:
 
 
 def has_level_top(category: str) -> bool:
-    """Whether the category's own height is that of a level top."""
+    """Return whether the height of a category is that of a level top."""
     words = category.lower().replace("_", " ").replace("-", " ").split()
     return bool(words) and words[-1] in _LEVEL

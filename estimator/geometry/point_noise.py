@@ -1,10 +1,10 @@
-"""Depth noise of a cloud, read where it is plain: in the pictures, not in space.
+"""Estimate the noise of clouds: depth noise of dense points, covariances of sparse points.
 
-Dense points err along their lines of sight by a share of their distance. In space that noise looks like shape
-once it is as thick as the neighbourhood it is looked for in; in a picture, neighbours stay neighbours whatever their
-depths, and the inverse depth of a plane is linear in the pixel.
+Dense points have errors along their lines of sight that are proportional to the distance (`depth_noise`). They are
+estimated in the images: in space, noise is not distinguishable from shape if it is as large as the neighbourhood, but
+in an image, neighbours are the same for any depths, and the inverse depth of a plane is linear in the pixel.
 
-Errors of sparse points: how far the rays that meet in a point leave its place open.
+Sparse points have the error of the intersection of their rays (`point_covariances`).
 """
 
 from __future__ import annotations
@@ -20,71 +20,94 @@ from estimator.projection.visibility import row_indices
 from estimator.records.scene import View
 from metric_base.arrays import FloatArray, IntArray
 
-# Views that are read, and cells of each: noise is much the same in all, and 400 cells tell a quantile to a twentieth.
+# Maximum number of views for the depth noise; it is similar in all.
 MAX_VIEWS = 4
+# Maximum number of cells per view: 400 cells determine a quantile within 0.05.
 MAX_CELLS = 100
-# Points of a cell: three are spent on the plane, and the others tell its residual to a sixth.
+# Number of points per cell: three determine the plane, and the others its residual within a sixth.
 POINTS_PER_CELL = 24
 MIN_POINTS_PER_CELL = 10
-# Fewer cells are mostly outlines.
+# Minimum number of cells; fewer are mainly at the borders of objects.
 MIN_CELLS = 30
-# Cells that hold an outline look thick, and of a sparse cloud most do: flat ones lie in the lowest part, and there the
-# residual of some twenty points is this share of what all flat cells show.
-FLAT_CELLS, FLAT_SHARE = 0.15, 0.86
-# A keypoint is off by at least this much, in pixels, and in a good model by 1 at the most.
-LEAST_PX, MOST_PX = 0.5, 3.0
-# Observations of a view that say how far keypoints are off.
+# Quantile of the residuals that is that of flat cells. Cells at the border of an object have large residuals, and most
+# cells of a sparse cloud are such cells.
+FLAT_CELL_QUANTILE = 0.15
+# Ratio of the residual of about twenty points at this quantile to the noise of flat cells.
+FLAT_CELL_RATIO = 0.86
+# Range of the standard deviation of a keypoint in pixels; it is at most 1 in a good model.
+MIN_KEYPOINT_SIGMA_PX = 0.5
+MAX_KEYPOINT_SIGMA_PX = 3.0
+# Median of a Rayleigh distribution relative to its parameter.
+RAYLEIGH_MEDIAN = 1.18
+# Maximum number of observations per view for this standard deviation.
 MAX_OBSERVATIONS = 500
-# No point is known better than to this share of its distance, and none worse than to this multiple of it: without a
-# baseline the rays leave the depth open.
-LEAST_SHARE, MOST_SHARE = 0.002, 1.0
+# Range of the standard deviation of a point relative to its distance: without a baseline, the rays do not determine the
+# depth.
+MIN_POINT_SIGMA = 0.002
+MAX_POINT_SIGMA = 1.0
 
 
 def depth_noise(views: Sequence[View], labels: PointLabels) -> float:
-    """Standard deviation of the points along their lines of sight as a share of the distance, 0 where unknown.
+    """Estimate the standard deviation of points along their lines of sight, relative to the distance; 0 if unknown.
 
-    Equation: per cell of a picture, 1 / z = a + b x + c y by least squares; the 15 % quantile over all cells of the
-    residual's standard deviation over the mean of 1 / z, over 0.86.
+    In each cell of an image, 1 / z = a + b x + c y is fitted. The noise is the 15 % quantile over all cells of the
+    standard deviation of the residual relative to the mean of 1 / z, divided by 0.86.
+
+    Parameters
+    ----------
+    views : sequence of View
+    labels : PointLabels
+        The cloud, with n points.
     """
     step = max(1, -(-len(views) // MAX_VIEWS))
     residuals = [
         _residuals(labels.points, row_indices(labels.visibility, index), views[index])
         for index in range(0, len(views), step)
     ]
-    shares = np.concatenate([*residuals, np.empty(0)])
-    return float(quantiles(shares, np.array([FLAT_CELLS]))[0]) / FLAT_SHARE if shares.size >= MIN_CELLS else 0.0
+    relative = np.concatenate([*residuals, np.empty(0)])
+    if relative.size < MIN_CELLS:
+        return 0.0
+    return float(quantiles(relative, np.array([FLAT_CELL_QUANTILE]))[0]) / FLAT_CELL_RATIO
 
 
-def sight_moment(eyes: FloatArray, place: FloatArray) -> tuple[float, FloatArray]:
-    """Median distance of cameras (v, 3) from a place (3,), and the second moment (3, 3) of their directions to it."""
-    rays = place - eyes
+def view_direction_moment(eyes: FloatArray, position: FloatArray) -> tuple[float, FloatArray]:
+    """Return the median distance of cameras (v, 3) from a position (3,), and the second moment (3, 3) of directions."""
+    rays = position - eyes
     distances = np.sqrt(np.einsum("vi,vi->v", rays, rays))
     units = rays / np.maximum(distances, np.finfo(float).tiny)[:, None]
     return float(np.median(distances)), np.asarray(units.T @ units / len(units))
 
 
 def _residuals(points: FloatArray, rows: IntArray, view: View) -> FloatArray:
-    """(k,) relative residual of the plane of each cell of a picture that has points enough."""
+    """Return the relative residual (k,) of the plane in each cell of a view with enough of the points `rows` (m,)."""
     camera = view.rotation @ points.take(rows, axis=0).T + view.translation[:, None]
     camera = camera[:, camera[2] > 0]
     if camera.shape[1] < MIN_POINTS_PER_CELL:
         return np.empty(0)
     inverse = 1 / camera[2]
-    sight = np.array([camera[0] * inverse, camera[1] * inverse, inverse])
-    cells = _cells(*sight[:2])
+    image = np.array([camera[0] * inverse, camera[1] * inverse, inverse])  # x, y and 1 / z
+    # Square cells with about `POINTS_PER_CELL` points.
+    x, y = image[:2]
+    width, height = float(np.ptp(x)), float(np.ptp(y))
+    side = max(np.sqrt(width * height * POINTS_PER_CELL / len(x)), max(width, height) / len(x), np.finfo(float).tiny)
+    column, row = ((x - x.min()) / side).astype(np.int64), ((y - y.min()) / side).astype(np.int64)
+    cells = np.asarray(row * (column.max() + 1) + column)
     full = np.flatnonzero(np.bincount(cells) >= MIN_POINTS_PER_CELL)
     full = full[:: max(1, -(-full.size // MAX_CELLS))]
-    cell = np.full(int(cells.max()) + 1, -1)
-    cell[full] = np.arange(full.size)
-    kept = np.flatnonzero(cell[cells] >= 0)
-    return _plane_residuals(sight.take(kept, axis=1), cell[cells[kept]])
+    number = np.full(int(cells.max()) + 1, -1)
+    number[full] = np.arange(full.size)
+    keep = np.flatnonzero(number[cells] >= 0)
+    return _plane_residuals(image.take(keep, axis=1), number[cells[keep]])
 
 
-def _plane_residuals(sight: FloatArray, cells: IntArray) -> FloatArray:
-    """(k,) of x, y and 1 / z (3, n) in k cells: standard deviation of 1 / z about its plane over its mean."""
+def _plane_residuals(image: FloatArray, cells: IntArray) -> FloatArray:
+    """Return the standard deviation of 1 / z around its plane relative to its mean, (k,), in k cells.
+
+    `image` (3, n) has x, y and 1 / z of the points, and `cells` (n,) their cells.
+    """
     count = np.bincount(cells)
-    means = np.array([np.bincount(cells, row) for row in sight]) / count
-    x, y, w = sight - means[:, cells]
+    means = np.array([np.bincount(cells, row) for row in image]) / count
+    x, y, w = image - means[:, cells]
     xx, xy, yy, xw, yw, ww = (
         np.bincount(cells, one * two) for one, two in ((x, x), (x, y), (y, y), (x, w), (y, w), (w, w))
     )
@@ -93,19 +116,11 @@ def _plane_residuals(sight: FloatArray, cells: IntArray) -> FloatArray:
     return np.asarray(np.sqrt(np.maximum(ww - explained, 0.0) / (count - 3)) / means[2])
 
 
-def _cells(x: FloatArray, y: FloatArray) -> IntArray:
-    """(n,) cell of each point in a square grid over the picture that holds about `POINTS_PER_CELL` in each."""
-    across, along = float(np.ptp(x)), float(np.ptp(y))
-    side = max(np.sqrt(across * along * POINTS_PER_CELL / len(x)), max(across, along) / len(x), np.finfo(float).tiny)
-    columns, lines = ((x - x.min()) / side).astype(np.int64), ((y - y.min()) / side).astype(np.int64)
-    return np.asarray(lines * (columns.max() + 1) + columns)
-
-
 def point_covariances(views: Sequence[View], points: FloatArray) -> FloatArray:
-    """(n, 3, 3) covariance of each sparse point (n, 3) from the rays of its observations, in the world.
+    """Return the covariance (n, 3, 3) in the world of each sparse point (n, 3) from the rays of its observations.
 
-    Equation: C = (sum over its views of (f / (s d))^2 (1 - r r'))^-1 with the focal length f and the error s in
-    pixels, the distance d and the unit ray r. Without observations it is `MOST_SHARE` of the distance all round.
+    It is C = (sum over its views of (f / (s d))^2 (1 - r r'))^-1 with the focal length f and the error s in pixels, the
+    distance d and the unit ray r. Without observations, the standard deviation is `MAX_POINT_SIGMA` in all directions.
     """
     information = np.zeros((len(points), 3, 3))
     distance = np.full(len(points), np.inf)
@@ -113,26 +128,27 @@ def point_covariances(views: Sequence[View], points: FloatArray) -> FloatArray:
     for view in views:
         rows = view.point_index
         rays = points[rows] - view.centre
-        away = np.maximum(np.linalg.norm(rays, axis=1), np.finfo(float).tiny)
-        rays = rays / away[:, None]
-        # the first parameter of every camera model is a focal length in pixels
-        sharp = (float(view.camera.params[0]) / (error * away)) ** 2
-        own = sharp[:, None, None] * (np.eye(3) - rays[:, :, None] * rays[:, None, :])
-        np.add.at(information, rows, own)
-        np.minimum.at(distance, rows, away)
-    far = np.where(np.isfinite(distance), distance, 1.0)[:, None, None]
-    covariance = np.linalg.inv(information + np.eye(3) / (MOST_SHARE * far) ** 2)
-    return np.asarray(covariance + np.eye(3) * (LEAST_SHARE * far) ** 2)
+        lengths = np.maximum(np.linalg.norm(rays, axis=1), np.finfo(float).tiny)
+        rays = rays / lengths[:, None]
+        # The first parameter of every camera model is a focal length in pixels.
+        precision = (float(view.camera.params[0]) / (error * lengths)) ** 2
+        across = precision[:, None, None] * (np.eye(3) - rays[:, :, None] * rays[:, None, :])
+        np.add.at(information, rows, across)
+        np.minimum.at(distance, rows, lengths)
+    closest = np.where(np.isfinite(distance), distance, 1.0)[:, None, None]
+    covariance = np.linalg.inv(information + np.eye(3) / (MAX_POINT_SIGMA * closest) ** 2)
+    return np.asarray(covariance + np.eye(3) * (MIN_POINT_SIGMA * closest) ** 2)
 
 
 def keypoint_error(views: Sequence[View], points: FloatArray) -> float:
-    """Standard deviation of the keypoints of points (n, 3) along either axis of a picture, in pixels."""
-    misses = [np.empty(0)]
+    """Estimate the standard deviation in pixels of the keypoints of points (n, 3) along each axis of the image."""
+    errors = [np.empty(0)]
     for view in views:
         step = max(1, -(-len(view.point_index) // MAX_OBSERVATIONS))
         pixels, _ = pixels_in_view(view, points[view.point_index[::step]])
-        misses.append(np.linalg.norm(pixels - view.keypoints[::step], axis=1))
-    every = np.concatenate(misses)
-    every = every[np.isfinite(every)]
-    # the median of a Rayleigh distribution is 1.18 of its parameter
-    return float(np.clip(np.median(every) / 1.18, LEAST_PX, MOST_PX)) if every.size else MOST_PX
+        errors.append(np.linalg.norm(pixels - view.keypoints[::step], axis=1))
+    error = np.concatenate(errors)
+    error = error[np.isfinite(error)]
+    if not error.size:
+        return MAX_KEYPOINT_SIGMA_PX
+    return float(np.clip(np.median(error) / RAYLEIGH_MEDIAN, MIN_KEYPOINT_SIGMA_PX, MAX_KEYPOINT_SIGMA_PX))

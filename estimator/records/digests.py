@@ -1,4 +1,4 @@
-"""Digests of what a result is of: the reconstruction and the masks as they were read, not as the files are now."""
+"""Digests of the inputs of a result, as they were read: independent of later changes of the files."""
 
 from __future__ import annotations
 
@@ -23,37 +23,34 @@ def scene_digests(scene: Scene, masks: InstanceSet) -> dict[str, str | None]:
 
 
 def model_digest(scene: Scene) -> str:
-    """Sha256 of the cameras, poses, observations and sparse points of a scene."""
-    return _digest(_model_parts(scene))
+    """Return the SHA-256 of the cameras, poses, observations and sparse points of a scene."""
+    parts: list[Any] = []
+    for view in scene.views:
+        camera = view.camera
+        parts.append(f"{view.name}\0{camera.model} {camera.width} {camera.height}")
+        parts += (camera.params, view.rotation, view.translation, view.keypoints, view.point_index)
+    return _digest([*parts, scene.points])
 
 
 def cloud_digest(scene: Scene) -> str | None:
-    """Sha256 of the dense points; None without any."""
+    """Return the SHA-256 of the dense points; None without a cloud."""
     return None if scene.dense is None else _digest([scene.dense.points])
 
 
 def masks_digest(scene: Scene, instances: Sequence[Instance]) -> str | None:
-    """Sha256 of the masks with their categories and pictures; None of no mask."""
+    """Return the SHA-256 of the masks with their categories and views; None without masks."""
     return _digest(_mask_parts(scene, instances)) if instances else None
 
 
 def objects_digest(objects: Sequence[MeasuredObject]) -> str:
-    """Sha256 of sizes that were measured elsewhere."""
+    """Return the SHA-256 of objects that another program measured."""
     parts = [part for one in objects for part in (f"{one.id}\0{one.category}", one.extents, one.sigma, one.truncated)]
     return _digest(parts)
 
 
 def options_digest(options: object) -> str:
-    """Sha256 of what was asked for: a row of numbers and words."""
+    """Return the SHA-256 of a tuple of numbers and strings."""
     return _digest([repr(options)])
-
-
-def _model_parts(scene: Scene) -> Iterable[Any]:
-    for view in scene.views:
-        camera = view.camera
-        yield f"{view.name}\0{camera.model} {camera.width} {camera.height}"
-        yield from (camera.params, view.rotation, view.translation, view.keypoints, view.point_index)
-    yield scene.points
 
 
 def _mask_parts(scene: Scene, instances: Sequence[Instance]) -> Iterable[Any]:

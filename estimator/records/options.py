@@ -15,47 +15,22 @@ AssociationMethod = Literal["shared", "incremental"]
 
 @dataclass(frozen=True, slots=True)
 class MeasurementOptions:
-    """How to measure objects; `PAPER` has the choices of the paper. The extent rule is the same for all.
+    """How to measure objects; `PAPER` has the choices of the paper. The extent rule is the same for all."""
 
-    Attributes
-    ----------
-    association : {"shared", "incremental"}
-        See `associate`.
-    outliers, robust_footprint
-        See `fit_box`.
-    supports : bool
-        Extend objects down to the plane that they stand on.
-    planes_for_up : bool
-        Refine the vertical by the level surfaces of the scene.
-    dense : bool
-        Use the dense cloud.
-    cuboids : bool
-        Measure objects with boxes or few points by the cuboid that fits their outlines.
-    stated_tracks : bool
-        Merge masks with one track in the annotation, unless the views contradict it.
-    fragments : bool
-        Keep objects that are parts of others.
-    level_tops : bool
-        Measure tables up to their top, without the objects on it.
-    standing : callable, optional
-        Whether a category stands on the floor (True), hangs (False), or may do either (None); by default
-        `estimator.geometry.category_rules.stands`.
-    up : sequence of float, optional
-        Known vertical.
-    """
-
-    association: AssociationMethod = "shared"
-    outliers: Literal["neighbours", "forest"] = "neighbours"
-    robust_footprint: bool = True
-    supports: bool = True
-    planes_for_up: bool = True
-    dense: bool = True
-    cuboids: bool = True
-    stated_tracks: bool = True
-    fragments: bool = False
-    level_tops: bool = True
+    association: AssociationMethod = "shared"  #: See `association.tracks`.
+    outliers: Literal["neighbours", "forest"] = "neighbours"  #: See `geometry.box.fit_box`.
+    robust_footprint: bool = True  #: See `geometry.box.fit_box`.
+    supports: bool = True  #: Extend objects down to the plane that they stand on.
+    planes_for_up: bool = True  #: Refine the vertical by the level surfaces of the scene.
+    dense: bool = True  #: Use the dense cloud.
+    cuboids: bool = True  #: Measure objects with boxes or few points by the cuboid that fits their outlines.
+    stated_tracks: bool = True  #: Merge masks with one track in the annotation, unless the views contradict it.
+    fragments: bool = False  #: Keep objects that are parts of others.
+    level_tops: bool = True  #: Measure tables up to their top, without the objects on it.
+    #: Whether a category stands on the floor (True), hangs (False), or may do either (None); by default
+    #: `geometry.category_rules.stands_on_floor`.
     standing: Callable[[str], bool | None] | None = None
-    up: Sequence[float] | None = None
+    up: Sequence[float] | None = None  #: Known vertical.
 
 
 PAPER = MeasurementOptions(
@@ -73,18 +48,13 @@ PAPER = MeasurementOptions(
 
 @dataclass(frozen=True, slots=True)
 class EstimateOptions:
-    """What the caller asks of an estimate.
+    """Options of an estimate."""
 
-    evidence : beside the objects; trust_known_length : a known length that contradicts the objects is believed;
-    up : the vertical in the scene's axes where it is known from outside; where : region and year of the objects, which
-    the baselines do not use.
-    """
-
-    method: str = "default"
-    level: float = 0.9
-    evidence: tuple[ScaleEvidence, ...] = ()
-    leave_one_class_out: bool = False
-    trust_known_length: bool = False
-    up: Sequence[float] | None = None
-    where: Where | None = None
+    method: str = "default"  #: One of `estimator.records.METHODS`.
+    level: float = 0.9  #: Mass of the interval.
+    evidence: tuple[ScaleEvidence, ...] = ()  #: Evidence other than objects.
+    leave_one_class_out: bool = False  #: Also estimate the scale without each class in turn.
+    trust_known_length: bool = False  #: Use a known length that contradicts the objects.
+    up: Sequence[float] | None = None  #: Known vertical in the axes of the scene.
+    where: Where | None = None  #: Region and year of the objects; not used by the baselines.
     paper_lists: Path | None = None  #: Folder of the authors' lists (`scale_metrics`), for the method `paper`.

@@ -1,10 +1,7 @@
-"""The answer: `metric-tree/scale/1`, as a record that prints, saves and explains itself (docs/reference/formats.md).
+"""The result of an estimate (`ScaleResult`, format `metric-tree/scale/1`, see docs/reference/formats.md) and its parts.
 
-A density over log scale, and its modes.
-
-Evidence for the scale beside the objects: a known length, the camera's height, GPS, a marker, metric depth.
-
-An estimate together with the scene, instances and measurements that it came from.
+`Curve` is the density over log scale. `ScaleEvidence` is evidence other than objects: a known length, the height of the
+camera, GPS, a marker, metric depth. `SceneEstimate` is a result with the scene that it is based on.
 """
 
 from __future__ import annotations
@@ -15,61 +12,55 @@ import warnings
 from collections.abc import Mapping
 from dataclasses import dataclass, field, fields, is_dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Literal
+from typing import Any, Literal
 
+from estimator.records.objects import Measurements
 from estimator.records.scene import Instance, Scene, SceneProblem
 from metric_base.arrays import FloatArray
 from metric_base.errors import InputError
 from metric_base.files import whole_file
 
-if TYPE_CHECKING:
-    from estimator.records.objects import Measurements
-
-#: Probability that evidence is wrong before the objects are consulted, as for an object
+#: Prior probability that evidence is wrong, the same as for an object
 #: (`posterior.likelihood.OUTLIER_PROBABILITY`).
 DOUBT = 0.1
 SCHEMA = "metric-tree/scale/1"
 Status = Literal["resolved", "uncertain", "unresolved"]
 Verdict = Literal["used", "outlier", "skipped"]
-#: Digits that a reader can use: the fourth of a scale is a hundredth of the best interval met.
+#: Number of significant digits in JSON; the fourth digit of a scale is a hundredth of the narrowest intervals.
 DIGITS = 5
 
 
 @dataclass(frozen=True, slots=True)
 class Mode:
-    """A local maximum of the posterior: `scale` in metres per unit, the `mass` of its basin."""
+    """A local maximum of the posterior."""
 
-    scale: float
-    mass: float
+    scale: float  #: Metres per unit.
+    mass: float  #: Probability of its basin.
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Curve:
-    """A density over log scale: log_scale (g,), density (g,), and the mass beyond each end of the grid."""
+    """A density over log scale."""
 
-    log_scale: FloatArray
-    density: FloatArray
-    below: float
-    above: float
+    log_scale: FloatArray  #: (g,)
+    density: FloatArray  #: (g,)
+    below: float  #: Probability below the grid.
+    above: float  #: Probability above the grid.
 
 
 @dataclass(frozen=True, slots=True)
 class ScaleEvidence:
-    """What one piece of evidence says: log scale ~ N(ln `scale`, `sd_log`^2), or why it says nothing.
-
-    kind : such as `known_length`, `camera_height`, `gps`, `marker`, `metric_depth`, `baseline`; id : which of its kind;
-    scale : metres per scene unit, sd_log : its standard deviation, natural log; both None where `reason` says why it
-    could not speak. doubt : probability that it is wrong altogether, 0 for what the user states as certain.
+    """One piece of evidence: log scale ~ N(ln `scale`, `sd_log`^2), or the reason why there is none.
 
     >>> ScaleEvidence("camera_height", "floor", scale=0.5, sd_log=0.1).doubt
     0.1
     """
 
-    kind: str
-    id: str
-    scale: float | None
-    sd_log: float | None
-    doubt: float = DOUBT
+    kind: str  #: Such as `known_length`, `camera_height`, `gps`, `marker`, `metric_depth` or `baseline`.
+    id: str  #: Identifier within its kind.
+    scale: float | None  #: Metres per scene unit; None with a reason.
+    sd_log: float | None  #: Standard deviation of its natural log; None with a reason.
+    doubt: float = DOUBT  #: Probability that it is wrong, 0 if the user states it as certain.
     reason: str | None = None
 
     def __post_init__(self) -> None:
@@ -85,33 +76,33 @@ class ScaleEvidence:
 
 @dataclass(frozen=True, slots=True)
 class EvidenceReport:
-    """A row of the result: the evidence, the probability that it is right, and the verdict with its reason."""
+    """Report on one piece of evidence other than objects."""
 
     kind: str
     id: str
     scale: float | None
     sd_log: float | None
-    weight: float
+    weight: float  #: Probability that it is right.
     verdict: Literal["used", "outlier", "skipped"]
     reason: str | None
 
 
 @dataclass(frozen=True, slots=True)
 class Interval:
-    """Equal-tailed interval of the scale: `level` of the posterior between `low` and `high` metres per unit."""
+    """Equal-tailed interval of the scale."""
 
-    level: float
-    low: float
-    high: float
+    level: float  #: Its probability.
+    low: float  #: Metres per unit.
+    high: float  #: Metres per unit.
 
 
 @dataclass(frozen=True, slots=True)
 class UpReport:
-    """The vertical in the scene: unit `vector`, how it was found, one standard deviation in degrees."""
+    """The vertical of the scene."""
 
-    vector: tuple[float, float, float]
+    vector: tuple[float, float, float]  #: Unit vector that points up.
     method: str
-    sigma_deg: float
+    sigma_deg: float  #: Standard deviation of its tilt.
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -126,7 +117,7 @@ class ResultContext:
 
 @dataclass(frozen=True, slots=True)
 class Alternative:
-    """The scale under another assumption (`name`): a class left out, or heights without support planes."""
+    """The scale under another assumption (`name`): without one class, or without support planes."""
 
     name: str
     scale: float
@@ -137,30 +128,27 @@ class Alternative:
 
 @dataclass(frozen=True, slots=True)
 class Help:
-    """A measurement that would help: in words, of which object, and the part of the interval's log width it takes."""
+    """A measurement that would narrow the interval."""
 
-    what: str
-    object: str | None
-    narrows_by: float
+    what: str  #: Description for the user.
+    object: str | None  #: Category and id of the object.
+    narrows_by: float  #: Relative decrease of the log width of the interval.
 
 
 @dataclass(frozen=True, slots=True)
 class ObjectReport:
-    """One object: its extents in scene units by dimension, what was used, its own scale, and the verdict.
-
-    views : pictures whose masks it was measured from; tier : what the size of its category rests on.
-    """
+    """Report on one object."""
 
     id: str
     category: str
     node: str | None
     points: int
-    dimensions: Mapping[str, float]
+    dimensions: Mapping[str, float]  #: Extents in scene units.
     confidence: Mapping[str, float]
     truncated: tuple[str, ...]
-    used: tuple[str, ...]
-    scale: float | None
-    weight: float
+    used: tuple[str, ...]  #: Dimensions that constrain the scale.
+    scale: float | None  #: Scale that the object alone indicates.
+    weight: float  #: Probability that it matches its label.
     verdict: Verdict
     reason: str | None
     score: float = 1.0
@@ -171,10 +159,7 @@ class ObjectReport:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class ScaleResult:
-    """The scale of a scene; `of` : sha256 of the model, masks and options that it is of.
-
-    `curve` and `object_curves` (id to density over `curve.log_scale`) serve figures only.
-    """
+    """The scale of a scene."""
 
     status: Status
     method: str
@@ -190,19 +175,19 @@ class ScaleResult:
     evidence: tuple[EvidenceReport, ...] = ()
     would_help: tuple[Help, ...] = ()
     seconds: Mapping[str, float] = field(default_factory=dict)
-    of: Mapping[str, str | None] = field(default_factory=dict)
-    curve: Curve | None = None
-    object_curves: Mapping[str, FloatArray] = field(default_factory=dict)
+    of: Mapping[str, str | None] = field(default_factory=dict)  #: SHA-256 of the model, masks and options.
+    curve: Curve | None = None  #: For figures.
+    object_curves: Mapping[str, FloatArray] = field(default_factory=dict)  #: (g,) densities by object, for figures.
 
     @property
     def best_scale(self) -> float | None:
-        """The scale, or of an unresolved one the highest mode, for what is drawn of it; None where nothing spoke."""
+        """The scale or, if it is unresolved, the highest mode, for drawings; None without evidence."""
         if self.scale is not None or not self.modes:
             return self.scale
         return self.modes[0].scale
 
     def to_json(self) -> dict[str, Any]:
-        """The result as a JSON object (`metric-tree/scale/1`)."""
+        """Return the result as a JSON object (`metric-tree/scale/1`)."""
         record: dict[str, Any] = {
             "schema": SCHEMA,
             "status": self.status,
@@ -232,11 +217,11 @@ class ScaleResult:
         return record
 
     def json(self) -> str:
-        """The record as text, one field a line."""
+        """Return the JSON object as text, with one field per line."""
         return json.dumps(self.to_json(), indent=1, ensure_ascii=False, allow_nan=False)
 
     def record(self) -> dict[str, Any]:
-        """The old name of `to_json`."""
+        """Deprecated name of `to_json`."""
         warnings.warn("ScaleResult.record is called to_json", DeprecationWarning, stacklevel=2)
         return self.to_json()
 
@@ -258,7 +243,7 @@ class ScaleResult:
 
 
 def _plain(value: Any) -> Any:
-    """A record or a value as JSON has it: numbers rounded to `DIGITS`, None for those that are not finite."""
+    """Return a record or a value for JSON: numbers are rounded to `DIGITS`, and None if they are not finite."""
     if is_dataclass(value):
         return {one.name: _plain(getattr(value, one.name)) for one in fields(value)}
     if isinstance(value, Mapping):
@@ -272,9 +257,9 @@ def _plain(value: Any) -> Any:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class SceneEstimate:
-    """The result of a scene and what it came from; `measurements` is None for `sucar`, which measures no object."""
+    """The result of a scene, and the scene, instances and measurements that it is based on."""
 
     result: ScaleResult
     scene: Scene
     instances: tuple[Instance, ...]
-    measurements: Measurements | None
+    measurements: Measurements | None  #: None for `sucar`, which measures no objects.

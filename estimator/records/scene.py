@@ -1,8 +1,7 @@
-"""The one internal form of a reconstruction: cameras, views, points, instances. Frozen, checked at the door.
+"""A reconstruction (`Scene`) with its cameras, views, points and instances, validated when it is constructed.
 
-Frames and units: world and camera coordinates are in scene units of unknown metric size; a camera looks along
-its +z axis, +x is right and +y is down (COLMAP's and OpenCV's convention). Pixels are COLMAP's: the centre of
-the upper left pixel is (0.5, 0.5).
+World and camera coordinates are in scene units of unknown metric size. A camera looks along its +z axis, +x is right
+and +y is down, as in COLMAP and OpenCV. The centre of the upper left pixel is (0.5, 0.5), as in COLMAP.
 """
 
 from __future__ import annotations
@@ -16,19 +15,19 @@ import numpy as np
 from metric_base.arrays import BoolArray, FloatArray, IntArray
 from metric_base.errors import InputError, Unquoted
 
-#: Beyond this a coordinate has no digits left for an object beside the origin (and its square none to spare);
-#: geocentric metres are 6e6, so no real model comes near.
+#: Maximum absolute coordinate. Larger ones have no digits left for an object near the origin; geocentric coordinates
+#: are 6e6 metres.
 MAX_COORDINATE = 1e12
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Camera:
-    """Intrinsics in COLMAP's words: `model` is COLMAP's name (`PINHOLE`, `OPENCV`, ...), `params` its order."""
+    """Intrinsics of a camera."""
 
-    model: str
+    model: str  #: Name in COLMAP, such as `PINHOLE` or `OPENCV`.
     width: int
     height: int
-    params: FloatArray
+    params: FloatArray  #: (p,) in the order of COLMAP; the first is a focal length in pixels.
 
     def __post_init__(self) -> None:
         if self.width < 1 or self.height < 1:
@@ -39,18 +38,14 @@ class Camera:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class View:
-    """One registered image.
-
-    rotation : (3, 3) world to camera; translation : (3,), so that x_camera = rotation @ x_world + translation.
-    keypoints : (m, 2) pixels of the observations that have a point; point_index : (m,) rows of `Scene.points`.
-    """
+    """One registered image, with x_camera = rotation @ x_world + translation."""
 
     name: str
     camera: Camera
-    rotation: FloatArray
-    translation: FloatArray
-    keypoints: FloatArray
-    point_index: IntArray
+    rotation: FloatArray  #: (3, 3) from world to camera.
+    translation: FloatArray  #: (3,)
+    keypoints: FloatArray  #: (m, 2) pixels of the observations that have a point.
+    point_index: IntArray  #: (m,) indices of these points in `Scene.points`.
 
     def __post_init__(self) -> None:
         if self.rotation.shape != (3, 3) or self.translation.shape != (3,):
@@ -62,25 +57,20 @@ class View:
 
     @property
     def centre(self) -> FloatArray:
-        """(3,) camera centre in the world."""
+        """Camera centre (3,) in the world."""
         return np.asarray(-self.rotation.T @ self.translation)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class DenseCloud:
-    """A dense cloud in the frame of the scene.
+    """A dense cloud in the frame of the scene."""
 
-    points : (n, 3); visible_offsets : (n + 1,) and visible_views : (m,) say which rows of `Scene.views` see a
-    point (compressed rows), or both are None where no visibility file is there. `path` is the file it came from,
-    `file_views` the rows of `Scene.views` by the positions that its visibility file counts, None where these are
-    the same.
-    """
-
-    points: FloatArray
+    points: FloatArray  #: (n, 3)
+    #: (n + 1,) offsets in `visible_views` (compressed rows) of the views that see each point; None if unknown.
     visible_offsets: IntArray | None = None
-    visible_views: IntArray | None = None
-    path: Path | None = None
-    file_views: IntArray | None = None
+    visible_views: IntArray | None = None  #: (m,) indices in `Scene.views`.
+    path: Path | None = None  #: File of the cloud.
+    file_views: IntArray | None = None  #: Index in `Scene.views` of each view of the visibility file; None if equal.
 
     def __post_init__(self) -> None:
         if self.points.ndim != 2 or self.points.shape[1] != 3:
@@ -92,21 +82,16 @@ class DenseCloud:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Instance:
-    """One detection in one view.
-
-    mask : (h, w) bool crop whose upper left pixel is `origin` (x, y) of the image at camera resolution.
-    `from_box` marks a box that stands in for a mask: its border is not trusted.
-    `track` is the annotation's own identity over frames where the file states one.
-    """
+    """One detection in one view."""
 
     id: str
-    view: int
+    view: int  #: Index in `Scene.views`.
     category: str
-    mask: BoolArray
-    origin: tuple[int, int]
+    mask: BoolArray  #: (h, w) crop of the mask at the resolution of the camera.
+    origin: tuple[int, int]  #: x and y of the upper left pixel of the crop.
     score: float = 1.0
-    from_box: bool = False
-    track: str | None = None
+    from_box: bool = False  #: The mask is the box of a detector, whose border is not that of the object.
+    track: str | None = None  #: Identity over frames in the annotation, if it contains one.
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -126,7 +111,7 @@ class SceneProblem:
     is_fatal: bool = False  #: No scale follows from the scene; otherwise the message is a warning.
 
 
-#: Where a scene comes from.
+#: Source of a scene.
 Format = Literal[
     "colmap-binary",
     "colmap-text",
@@ -142,21 +127,16 @@ Format = Literal[
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Scene:
-    """A reconstruction.
+    """A reconstruction."""
 
-    path : the folder that was named; points : (n, 3) sparse points; views in the order of the model file;
-    model_path : the folder of the model's own files, which may lie below `path` (`sparse/0`); observed : whether the
-    model says which view sees which sparse point, rather than their order in depth.
-    """
-
-    path: Path
+    path: Path  #: Folder that the user named.
     format: Format
-    views: tuple[View, ...]
-    points: FloatArray
+    views: tuple[View, ...]  #: In the order of the model file.
+    points: FloatArray  #: (n, 3) sparse points.
     dense: DenseCloud | None = None
     warnings: tuple[str, ...] = ()
-    model_path: Path | None = None
-    observed: bool = True
+    model_path: Path | None = None  #: Folder of the files of the model, such as `sparse/0` below `path`.
+    observed: bool = True  #: The model contains the observations; otherwise they are inferred from depth.
 
     def __post_init__(self) -> None:
         if self.points.ndim != 2 or self.points.shape[1] != 3:

@@ -10,7 +10,7 @@ import pytest
 from scipy.sparse import csr_array
 
 from estimator.association.point_labels import dense_labels
-from estimator.geometry.point_noise import depth_noise, sight_moment
+from estimator.geometry.point_noise import depth_noise, view_direction_moment
 from estimator.records.scene import Scene
 from tests.synthetic.shapes import box, floor, orbit, synthetic_scene
 
@@ -45,7 +45,7 @@ def test_a_cloud_that_nobody_sees_tells_nothing() -> None:
 def test_lines_of_sight_of_a_ring_of_views() -> None:
     views = orbit(12, 3.0, 1.0, target=(0, 0, 0))
     eyes = np.array([-view.rotation.T @ view.translation for view in views])
-    distance, moment = sight_moment(eyes, np.zeros(3))
+    distance, moment = view_direction_moment(eyes, np.zeros(3))
     assert distance == pytest.approx(np.hypot(3.0, 1.0))
     assert np.trace(moment) == pytest.approx(1.0)
     assert moment[0, 0] == pytest.approx(moment[1, 1])

@@ -1,5 +1,5 @@
-"""Importers: an open data set, read by its declaration, into raw items and refusals."""
+"""Importers of open data sets: declared tables and special readers to raw items."""
 
-from crawler.imports.importer import Import, import_items, readings
+from crawler.imports.importer import Import, import_source, row_items
 
-__all__ = ["Import", "import_items", "readings"]
+__all__ = ["Import", "import_source", "row_items"]

@@ -17,7 +17,8 @@ from typing import IO, Any
 
 from crawler.imports.declaration import Source
 from crawler.imports.table_files import BadTable, whole_json
-from crawler.imports.table_items import Reading, Refused, item
+from crawler.imports.table_items import RowRejected, row_item
+from crawler.items import RawItem
 from crawler.text.units import millimetres, unit
 
 _FILES = "listings_*.json*"
@@ -46,7 +47,7 @@ _LONGEST = 1 << 22
 _EMPTY_LINES = 1000
 
 
-def readings(source: Source, folder: Path) -> Iterator[Reading]:
+def row_items(source: Source, folder: Path) -> Iterator[RawItem | RowRejected]:
     """A reading per listing: of the folder `listings/metadata`, one of its files, or `abo-listings.tar`.
 
     A product that several marketplaces list is read once, where it comes first.
@@ -64,11 +65,11 @@ def readings(source: Source, folder: Path) -> Iterator[Reading]:
             item_id = str(listing.get("item_id") or "")
             try:
                 if item_id in seen:
-                    raise Refused("superseded", "item_id", item_id)
+                    raise RowRejected("superseded", "item_id", item_id)
                 seen.add(item_id)
                 yield _item(source, listing, item_id or place)
-            except Refused as refused:
-                yield refused.refusal(source, place)
+            except RowRejected as rejected:
+                yield rejected.at(source, place)
 
 
 def _files(folder: Path) -> Iterator[tuple[str, Iterable[bytes]]]:
@@ -118,14 +119,14 @@ def _listing(line: bytes, place: str) -> Mapping[str, Any]:
     return listing
 
 
-def _item(source: Source, listing: Mapping[str, Any], item_id: str) -> Reading:
+def _item(source: Source, listing: Mapping[str, Any], item_id: str) -> RawItem:
     code = _text(listing, "product_type").upper()
     if code in _NOT_AN_OBJECT:
-        raise Refused("not_an_object", "product_type", code)
+        raise RowRejected("not_an_object", "product_type", code)
     words = _sizes(listing)
     title = _text(listing, "item_name")
     domain = str(listing.get("domain_name") or "")
-    return item(
+    return row_item(
         source,
         item_id,
         words,
@@ -142,11 +143,11 @@ def _sizes(listing: Mapping[str, Any]) -> dict[str, float]:
     """The stated axes in mm."""
     stated = listing.get("item_dimensions")
     if not isinstance(stated, dict):
-        raise Refused("no_size", "item_dimensions", stated or "")
+        raise RowRejected("no_size", "item_dimensions", stated or "")
     values = {axis: _length(axis, stated[axis]) for axis in _AXES if stated.get(axis)}
     typed = {str((stated.get(axis) or {}).get("value")) for axis in values}
     if len(values) == len(_AXES) and typed <= {str(_UNFILLED), "1"}:
-        raise Refused("marked_unusable", "item_dimensions", "1 x 1 x 1")
+        raise RowRejected("marked_unusable", "item_dimensions", "1 x 1 x 1")
     return values
 
 
@@ -156,11 +157,11 @@ def _length(axis: str, stated: Any) -> float:
         if isinstance(one, dict) and isinstance(one.get("value"), int | float):
             key = unit(str(one.get("unit") or ""))
             if key is None:
-                raise Refused("unreadable", f"item_dimensions.{axis}", one)
+                raise RowRejected("unreadable", f"item_dimensions.{axis}", one)
             if not -_LARGEST < one["value"] < _LARGEST:
                 break
             return millimetres(float(one["value"]), key)
-    raise Refused("unreadable", f"item_dimensions.{axis}", stated)
+    raise RowRejected("unreadable", f"item_dimensions.{axis}", stated)
 
 
 def _text(listing: Mapping[str, Any], field: str) -> str:

@@ -8,7 +8,8 @@ from typing import Any
 
 from crawler.imports.declaration import Source
 from crawler.imports.table_files import BadTable, yaml_document
-from crawler.imports.table_items import Reading, Refused, item
+from crawler.imports.table_items import RowRejected, row_item
+from crawler.items import RawItem
 from crawler.text.units import millimetres
 
 #: Classes whose tables give a whole part, by the start of their id: category, and the column of each axis.
@@ -29,7 +30,7 @@ _WHOLE: Mapping[str, tuple[tuple[str, ...], Mapping[str, str]]] = {
 _UNITS = {"Length (mm)": "mm", "Length (in)": "in"}
 
 
-def readings(source: Source, folder: Path) -> Iterator[Reading]:
+def row_items(source: Source, folder: Path) -> Iterator[RawItem | RowRejected]:
     """A reading per table row of every class in `*.blt`, in the order of files, classes and rows."""
     paths = sorted(folder.glob("*.blt"))
     if not paths:
@@ -39,10 +40,10 @@ def readings(source: Source, folder: Path) -> Iterator[Reading]:
         if not isinstance(document, Mapping) or not isinstance(document.get("classes"), list):
             raise BadTable(f"{path}: classes: expected a list; found none")
         for entry in document["classes"]:
-            yield from _class_readings(source, entry)
+            yield from _class_items(source, entry)
 
 
-def _class_readings(source: Source, entry: Mapping[str, Any]) -> Iterator[Reading]:
+def _class_items(source: Source, entry: Mapping[str, Any]) -> Iterator[RawItem | RowRejected]:
     parameters = entry.get("parameters") or {}
     units = {name: _UNITS[kind] for name, kind in (parameters.get("types") or {}).items() if kind in _UNITS}
     tables = parameters.get("tables") or []
@@ -53,23 +54,23 @@ def _class_readings(source: Source, entry: Mapping[str, Any]) -> Iterator[Readin
                 continue
             try:
                 yield _item(source, entry, str(key), row, units)
-            except Refused as refused:
-                yield refused.refusal(source, f"{entry['id']}:{key}")
+            except RowRejected as rejected:
+                yield rejected.at(source, f"{entry['id']}:{key}")
 
 
 def _item(
     source: Source, entry: Mapping[str, Any], key: str, row: Mapping[str, Any], units: Mapping[str, str]
-) -> Reading:
+) -> RawItem:
     whole = next((value for start, value in _WHOLE.items() if entry["id"].startswith(start)), None)
     if whole is None or not set(whole[1].values()) & set(row):
-        raise Refused("part_not_whole", "class", entry["id"])
+        raise RowRejected("part_not_whole", "class", entry["id"])
     category, axes = whole
     words = {
         axis: millimetres(float(row[column]), units.get(column, "mm"))
         for axis, column in axes.items()
         if isinstance(row.get(column), int | float)
     }
-    return item(source, f"{entry['id']}-{key}", words, category=category, title=f"{_name(entry)} {key}")
+    return row_item(source, f"{entry['id']}-{key}", words, category=category, title=f"{_name(entry)} {key}")
 
 
 def _name(entry: Mapping[str, Any]) -> str:

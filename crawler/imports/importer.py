@@ -1,9 +1,4 @@
-"""Where the files of an import come from and go to: a folder or a download; JSON Lines at one stroke.
-
-What comes of a row: a raw item, or a refusal with its reason.
-
-The items of a source: every row read, identical items merged, large categories drawn down.
-"""
+"""Import a source: find its files, read every row, merge identical items, sample large categories, write JSON Lines."""
 
 from __future__ import annotations
 
@@ -18,7 +13,7 @@ from pathlib import Path
 
 from crawler.imports.declaration import Source
 from crawler.imports.downloads import NoInput, download
-from crawler.imports.table_items import Reading, Refusal, table_readings
+from crawler.imports.table_items import RowRejected, table_row_items
 from crawler.items import RawItem
 from metric_base.files import whole_file
 
@@ -28,79 +23,99 @@ SAMPLED = "sampled"
 
 @dataclass(frozen=True, slots=True)
 class Import:
-    """What an import yields: items, refusals, and how many rows were read; rows = counts + refusals + left out."""
+    """Result of an import: rows = counts of the items + rejected rows + sampled out."""
 
     source: Source
     items: tuple[RawItem, ...]
-    refusals: tuple[Refusal, ...]
+    rejected: tuple[RowRejected, ...]
     n_rows: int
     n_sampled_out: int = 0
 
     @property
     def reasons(self) -> dict[str, int]:
-        """Refused rows by reason code."""
-        return dict(sorted(Counter(refusal.reason for refusal in self.refusals).items()))
+        """Number of rejected rows by reason code."""
+        return dict(sorted(Counter(row.reason for row in self.rejected).items()))
 
 
-def readings(source: Source, folder: Path) -> Iterator[Reading]:
-    """What comes of each row of the source, whose files lie in `folder`, in their order."""
+def import_source(source: Source, folder: Path) -> Import:
+    """Import the files of a source.
+
+    Identical items are merged if the declaration demands it (`collapse`, `one_per_title`), and large categories are
+    sampled (`per_category`). Source ids are made unique: a repeated one gets `#2`, `#3`.
+
+    Parameters
+    ----------
+    source : Source
+    folder : Path
+        Folder of its files, or the one file.
+    """
+    items: list[RawItem] = []
+    rejected: list[RowRejected] = []
+    for outcome in row_items(source, folder):
+        if isinstance(outcome, RowRejected):
+            rejected.append(outcome)
+        else:
+            items.append(outcome)
+    n_rows = len(items) + len(rejected)
+    kept = _without_copies(items) if source.collapse else items
+    kept = _one_per_title(kept) if source.one_per_title else kept
+    drawn = list(_sample(kept, source.per_category)) if source.per_category else kept
+    n_out = sum(item.count for item in kept) - sum(item.count for item in drawn)
+    unique, seen = [], Counter[str]()
+    for item in drawn:
+        seen[item.source_id] += 1
+        times = seen[item.source_id]
+        unique.append(replace(item, source_id=f"{item.source_id}#{times}") if times > 1 else item)
+    return Import(source, tuple(unique), tuple(rejected), n_rows, n_out)
+
+
+def row_items(source: Source, folder: Path) -> Iterator[RawItem | RowRejected]:
+    """Return an item or a rejection for each row of the files of a source, in order."""
     if source.excluded:
         return iter(())
     if source.reader:
         module = import_module(f"crawler.imports.{source.reader}")
-        outcomes: Iterator[Reading] = module.readings(source, folder)
+        outcomes: Iterator[RawItem | RowRejected] = module.row_items(source, folder)
         return outcomes
-    return table_readings(source, folder)
+    return table_row_items(source, folder)
 
 
-def import_items(source: Source, outcomes: Iterable[Reading]) -> Import:
-    """The readings of a source, with identical items made one and large categories drawn down.
-
-    Source ids are made unique: a repeated one gets `#2`, `#3`.
-    """
-    items: list[RawItem] = []
-    refusals: list[Refusal] = []
-    for reading in outcomes:
-        if isinstance(reading, Refusal):
-            refusals.append(reading)
-        else:
-            items.append(reading)
-    n_rows = len(items) + len(refusals)
-    kept = list(_collapse(items)) if source.collapse else items
-    kept = list(_one_per_title(kept)) if source.one_per_title else kept
-    drawn = list(_draw(kept, source.per_category)) if source.per_category else kept
-    n_out = sum(i.count for i in kept) - sum(i.count for i in drawn)
-    return Import(source, tuple(_unique(drawn)), tuple(refusals), n_rows, n_out)
-
-
-def _collapse(items: Iterable[RawItem]) -> Iterator[RawItem]:
-    """Identical items (category, title, brand, sizes, flags) as one with their number, the first standing for all."""
+def _without_copies(items: Iterable[RawItem]) -> list[RawItem]:
+    """Merge items of the same category, title, brand, sizes and flags into the first, with their number as count."""
     groups: dict[object, list[RawItem]] = {}
     for item in items:
         sizes = tuple(sorted((axis, value or 0.0) for axis, value in item.dimensions_mm.items()))
         key = (item.category_path, item.title, item.brand, sizes, item.extents_mm, item.flags)
         groups.setdefault(key, []).append(item)
-    for group in groups.values():
-        yield replace(group[0], count=sum(item.count for item in group)) if len(group) > 1 else group[0]
+    return [
+        replace(group[0], count=sum(item.count for item in group)) if len(group) > 1 else group[0]
+        for group in groups.values()
+    ]
 
 
-def _one_per_title(items: Iterable[RawItem]) -> Iterator[RawItem]:
-    """One item per title: the middle one by volume, standing for as many rows as there were."""
+def _one_per_title(items: Iterable[RawItem]) -> list[RawItem]:
+    """Keep the item of median volume for each title, with the number of rows as count."""
     groups: dict[str, list[RawItem]] = defaultdict(list)
     for item in items:
         groups[item.title].append(item)
+    kept = []
     for group in groups.values():
-        middle = sorted(group, key=lambda item: math.prod(item.extents_mm or ()))[(len(group) - 1) // 2]
-        yield replace(middle, count=sum(item.count for item in group)) if len(group) > 1 else middle
+        median = sorted(group, key=lambda item: math.prod(item.extents_mm or ()))[(len(group) - 1) // 2]
+        kept.append(replace(median, count=sum(item.count for item in group)) if len(group) > 1 else median)
+    return kept
 
 
-def _draw(items: list[RawItem], per_category: int) -> Iterator[RawItem]:
-    """At most `per_category` items of each category: those whose ids have the lowest hashes, in their old order."""
+def _sample(items: list[RawItem], per_category: int) -> Iterator[RawItem]:
+    """Keep at most `per_category` items of each category, those with the lowest hashes of their ids, in order."""
+
+    def digest(item: RawItem) -> str:
+        return hashlib.sha256(f"{item.source}:{item.source_id}".encode()).hexdigest()
+
     by_category: dict[tuple[str, ...], list[RawItem]] = defaultdict(list)
     for item in items:
         by_category[item.category_path].append(item)
     large = {path: group for path, group in by_category.items() if len(group) > per_category}
-    kept = {id(item) for group in large.values() for item in sorted(group, key=_hash)[:per_category]}
+    kept = {id(item) for group in large.values() for item in sorted(group, key=digest)[:per_category]}
     for item in items:
         if item.category_path not in large:
             yield item
@@ -108,20 +123,8 @@ def _draw(items: list[RawItem], per_category: int) -> Iterator[RawItem]:
             yield replace(item, flags=(*item.flags, SAMPLED))
 
 
-def _hash(item: RawItem) -> str:
-    return hashlib.sha256(f"{item.source}:{item.source_id}".encode()).hexdigest()
-
-
-def _unique(items: Iterable[RawItem]) -> Iterator[RawItem]:
-    seen: Counter[str] = Counter()
-    for item in items:
-        seen[item.source_id] += 1
-        times = seen[item.source_id]
-        yield replace(item, source_id=f"{item.source_id}#{times}") if times > 1 else item
-
-
 def source_folder(source: Source, given: Path | None) -> Path:
-    """The folder (or the one file) to read: `given`, its subfolder of the source's name, else the download.
+    """Return the folder (or the one file) to read: `given`, its subfolder with the name of the source, or the download.
 
     Raises
     ------
@@ -131,7 +134,9 @@ def source_folder(source: Source, given: Path | None) -> Path:
     if given is None:
         return download(source)
     below = given / source.id
-    if below.is_dir() and not _is_repository(source, given):
+    # the repository of a source may have a folder with the name of the source
+    is_repository = any(any(given.glob(table.records)) for table in source.tables if table.records)
+    if below.is_dir() and not is_repository:
         return below
     if not given.exists():
         raise NoInput(f"{given}: expected the files of {source.id}; found no such file or folder")
@@ -142,13 +147,8 @@ def source_folder(source: Source, given: Path | None) -> Path:
     return given
 
 
-def _is_repository(source: Source, folder: Path) -> bool:
-    """Return True if the folder is the source's own repository, one folder of which may have the source's name."""
-    return any(any(folder.glob(table.records)) for table in source.tables if table.records)
-
-
 def changed_files(source: Source, folder: Path) -> Iterator[Path]:
-    """The declared files that are there but are not, byte for byte, those that the declaration was checked with."""
+    """Return the files that exist but differ from those with which the declaration was checked (SHA-256)."""
     for file in source.files:
         itself = folder.is_file() and folder.name == Path(file.path).name
         path = folder if itself else folder / file.path
@@ -159,22 +159,21 @@ def changed_files(source: Source, folder: Path) -> Iterator[Path]:
 
 
 def quarantine_path(path: Path) -> Path:
-    """The quarantine file beside an import: `ikea.jsonl.gz` has `ikea.quarantine.jsonl.gz`."""
+    """Return the quarantine file of an import: `ikea.quarantine.jsonl.gz` for `ikea.jsonl.gz`."""
     stem, _, rest = path.name.partition(".jsonl")
     return path.with_name(f"{stem}.quarantine.jsonl{rest}")
 
 
 def write_import(result: Import, path: Path, option: str | None = None) -> None:
-    """The items of an import as JSON Lines (gzip by the name) and its refusals in the quarantine file beside it."""
-    write_lines(quarantine_path(path), (refusal.line() for refusal in result.refusals), option)
+    """Write the items of an import as JSON Lines (gzip by the name), and rejected rows to the quarantine file."""
+    write_lines(quarantine_path(path), (row.line() for row in result.rejected), option)
     write_lines(path, (item.line() for item in result.items), option)
 
 
 def write_lines(path: Path, lines: Iterable[str], option: str | None = None) -> None:
-    """A text file, gzip where the name ends in `.gz`, written aside and renamed; the same lines give the same bytes."""
+    """Write a text file, compressed if the name ends in `.gz`; the same lines give the same bytes."""
     path.parent.mkdir(parents=True, exist_ok=True)
     text = "".join(f"{line}\n" for line in lines).encode()
-    # mtime 0 and no name inside: the bytes depend on the lines alone.
     data = gzip.compress(text, compresslevel=9, mtime=0) if path.suffix == ".gz" else text
     with whole_file(path, option) as work:
         work.write_bytes(data)

@@ -66,7 +66,7 @@ def summary(result: Import) -> dict[str, Any]:
         "items": len(result.items),
         "physical_rows": sum(item.count for item in result.items),
         "sampled_out": result.n_sampled_out,
-        "refused": len(result.refusals),
+        "refused": len(result.rejected),
         "reasons": result.reasons,
         "excluded": source.excluded,
     }

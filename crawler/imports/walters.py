@@ -8,7 +8,8 @@ from pathlib import Path
 
 from crawler.imports.declaration import Source, Table
 from crawler.imports.table_files import Row, record_rows, rows
-from crawler.imports.table_items import Reading, Refused, item, year
+from crawler.imports.table_items import RowRejected, row_item, year
+from crawler.items import RawItem
 from crawler.text.cell_lengths import Measure, measures, words_mm
 
 _TABLE = Table(files=("walters_dims.jsonl",), records="objects/data/**/*.json", format="jsonl")
@@ -40,22 +41,22 @@ _QUALIFIED = re.compile(
 _BOUNDS_MM = (1.0, 6000.0)
 
 
-def readings(source: Source, folder: Path) -> Iterator[Reading]:
+def row_items(source: Source, folder: Path) -> Iterator[RawItem | RowRejected]:
     """A reading per object of `walters_dims.jsonl`, or of the museum's own repository."""
     path = folder if folder.is_file() else folder / _TABLE.files[0]
     for row in rows(_TABLE, path) if path.is_file() else record_rows(_TABLE, folder):
         try:
             yield _item(source, row)
-        except Refused as refused:
-            yield refused.refusal(source, row["ObjectID"])
+        except RowRejected as rejected:
+            yield rejected.at(source, row["ObjectID"])
 
 
-def _item(source: Source, row: Row) -> Reading:
+def _item(source: Source, row: Row) -> RawItem:
     names = row["ObjectName"]
     _refuse_flat(row["Classification"], names)
     words, extents = _size(row["Dimensions"])
     first = re.split(r"[;,]", names, maxsplit=1)[0]
-    return item(
+    return row_item(
         source,
         row["ObjectID"],
         words,
@@ -71,24 +72,24 @@ def _item(source: Source, row: Row) -> Reading:
 
 def _refuse_flat(classification: str, names: str) -> None:
     if (classification in _FLAT_CLASSES and not _BOOK.match(names)) or _FLAT_NAMES.search(names):
-        raise Refused("flat_picture", "ObjectName", names or classification)
+        raise RowRejected("flat_picture", "ObjectName", names or classification)
     if _PART_NAMES.search(names):
-        raise Refused("part_not_whole", "ObjectName", names)
+        raise RowRejected("part_not_whole", "ObjectName", names)
     if _SET_NAMES.search(names):
-        raise Refused("set_of_objects", "ObjectName", names)
+        raise RowRejected("set_of_objects", "ObjectName", names)
 
 
 def _size(text: str) -> tuple[dict[str, float], tuple[float, ...] | None]:
     """Axis words and extents of the first statement about the whole; bare figures give extents alone."""
     statements = [part.strip() for part in re.split(r"[;\r\n]+", text) if part.strip()]
     if not statements:
-        raise Refused("no_size", "Dimensions", text)
+        raise RowRejected("no_size", "Dimensions", text)
     for statement in statements:
         if whole := _whole(statement):
             if len(whole) > 3:
-                raise Refused("several_states", "Dimensions", text)
+                raise RowRejected("several_states", "Dimensions", text)
             return _by_words(whole, statement)
-    raise Refused("part_not_whole" if any(map(measures, statements)) else "unreadable", "Dimensions", text)
+    raise RowRejected("part_not_whole" if any(map(measures, statements)) else "unreadable", "Dimensions", text)
 
 
 def _whole(statement: str) -> tuple[Measure, ...]:

@@ -11,7 +11,7 @@ from pathlib import Path
 
 import crawler.sites.registry
 from crawler.fetch.item_images import picture
-from crawler.imports import import_items, readings
+from crawler.imports import import_source
 from crawler.imports.declaration import source
 from crawler.items import RawItem
 from crawler.page.page import page, saved_page
@@ -75,7 +75,7 @@ def _site(folder: Path, _seeds: Path) -> None:
 
 def _source(folder: Path, _seeds: Path) -> None:
     declared = source("lamps", folder)
-    for item in import_items(declared, readings(declared, folder)).items:
+    for item in import_source(declared, folder).items:
         _check_item(item.line())
 
 

@@ -10,7 +10,7 @@ from statistics import median
 
 import pytest
 
-from crawler.imports import Import, import_items, readings
+from crawler.imports import Import, import_source
 from crawler.imports.declaration import source, sources
 from crawler.items import RawItem
 from tests.synthetic.skips import skip_without
@@ -76,7 +76,7 @@ def imports(shared: Path) -> Imports:
     @cache
     def result(name: str) -> Import:
         declared = source(name)
-        return import_items(declared, readings(declared, shared / "data" / "sizes" / name))
+        return import_source(declared, shared / "data" / "sizes" / name)
 
     return result
 
@@ -115,7 +115,7 @@ def test_the_declared_files_are_those_at_hand(shared: Path) -> None:
 def test_every_row_is_accounted_for(imports: Imports, name: str) -> None:
     result = imports(name)
     assert result.items
-    assert sum(item.count for item in result.items) + len(result.refusals) + result.n_sampled_out == result.n_rows
+    assert sum(item.count for item in result.items) + len(result.rejected) + result.n_sampled_out == result.n_rows
     assert result.n_rows == ROWS.get(name, result.n_rows)
     assert len({item.source_id for item in result.items}) == len(result.items)
     assert all(
@@ -246,7 +246,7 @@ def test_cars_collapse_and_slips_are_refused(imports: Imports) -> None:
 
 def test_phones_and_tablets_are_told_apart_and_odd_rows_refused(imports: Imports) -> None:
     result = imports("gsmarena_2021")
-    assert 80 <= len(result.refusals) <= 110
+    assert 80 <= len(result.rejected) <= 110
     assert median(axis(of(result, "mobile phone"), "height")) < 150 < 200 < median(axis(of(result, "tablet"), "height"))
     assert all(min(item.extents_mm or ()) * 10 >= 40 for item in result.items)
 

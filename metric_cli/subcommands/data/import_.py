@@ -6,7 +6,7 @@ import argparse
 from collections.abc import Sequence
 from pathlib import Path
 
-from crawler.imports import Import, import_items, readings
+from crawler.imports import Import, import_source
 from crawler.imports.declaration import Source, source, sources
 from crawler.imports.importer import changed_files, source_folder, write_import, write_lines
 from crawler.imports.overview import overview, summary, terms
@@ -59,7 +59,7 @@ def run(arguments: argparse.Namespace) -> int:
     summaries = []
     for declared in with_bar(chosen, "importing"):
         folder = source_folder(declared, arguments.input)
-        result = import_items(declared, readings(declared, folder))
+        result = import_source(declared, folder)
         if arguments.input:
             _warn_of_changes(declared, folder)
         _write(result, arguments)

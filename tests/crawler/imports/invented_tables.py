@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from pathlib import Path
 
-from crawler.imports import Import, import_items, readings
+from crawler.imports import Import, import_source
 from crawler.imports.declaration import source
 
 HEAD = """
@@ -27,7 +27,7 @@ def made_up(folder: Path, declaration: str, **files: str) -> Import:
         folder.joinpath(".".join(name.rsplit("_", 1))).write_text(text, encoding="utf-8")
     (folder / "made_up.toml").write_text(HEAD + declaration, encoding="utf-8")
     declared = source("made_up", folder)
-    return import_items(declared, readings(declared, folder))
+    return import_source(declared, folder)
 
 
 def sizes(result: Import) -> list[dict[str, float]]:
@@ -35,4 +35,4 @@ def sizes(result: Import) -> list[dict[str, float]]:
 
 
 def reasons(result: Import) -> list[tuple[str, str]]:
-    return [(refusal.reason, refusal.field) for refusal in result.refusals]
+    return [(row.reason, row.field) for row in result.rejected]

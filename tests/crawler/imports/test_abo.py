@@ -11,7 +11,7 @@ from typing import Any
 
 import pytest
 
-from crawler.imports import Import, import_items, readings
+from crawler.imports import Import, import_source, row_items
 from crawler.imports.declaration import source
 from crawler.imports.table_files import BadTable
 from tests.crawler.imports.invented_tables import reasons, sizes
@@ -39,7 +39,7 @@ def imported(folder: Path, *listings: dict[str, Any]) -> Import:
     lines = "".join(f"{json.dumps(one)}\n" for one in listings).encode()
     (metadata / "listings_0.json.gz").write_bytes(gzip.compress(lines))
     declared = source("abo")
-    return import_items(declared, readings(declared, folder))
+    return import_source(declared, folder)
 
 
 def test_sizes_titles_and_categories_in_every_language(tmp_path: Path) -> None:
@@ -91,24 +91,24 @@ def test_the_published_archive_and_damaged_files(tmp_path: Path) -> None:
             entry = tarfile.TarInfo(name)
             entry.size = len(lines)
             tar.addfile(entry, io.BytesIO(lines))
-    assert [one.source_id for one in import_items(declared, readings(declared, archive)).items] == ["C1"]
+    assert [one.source_id for one in import_source(declared, archive).items] == ["C1"]
     deep, half = b'{"a":' + b"[" * 200_000, b'{"item_id": "\\ud800"}\n'
     broken = (lines[:-9], b"[1]\n", b"{\n", deep, half)
     for name, data in zip(("listings_0.json.gz", *(f"listings_{k}.json" for k in range(1, 5))), broken, strict=True):
         (damaged := tmp_path / name).write_bytes(data)
         with pytest.raises(BadTable):
-            list(readings(declared, damaged))
+            list(row_items(declared, damaged))
     (empty := tmp_path / "listings_6.json.gz").write_bytes(gzip.compress(b"\n" * 1_000_000 + lines))
     with pytest.raises(BadTable, match="1000 empty lines in a row"):
-        list(readings(declared, empty))
+        list(row_items(declared, empty))
     with pytest.raises(BadTable, match="no such file"):
-        list(readings(declared, tmp_path / "none"))
+        list(row_items(declared, tmp_path / "none"))
 
 
 @pytest.mark.parametrize("value", ["NaN", "Infinity", "-1e308", "1" + "0" * 400])
 def test_a_number_that_is_no_length_is_a_refused_row(tmp_path: Path, value: str) -> None:
     lines = [json.dumps(listing("A1")), json.dumps(listing("A2")).replace('"value": 30', f'"value": {value}')]
     (tmp_path / "listings_1.json").write_text("\n".join(lines))
-    result = import_items(source("abo"), readings(source("abo"), tmp_path))
+    result = import_source(source("abo"), tmp_path)
     assert [one.source_id for one in result.items] == ["A1"]
     assert [reason for reason, _ in reasons(result)] == ["unreadable"]

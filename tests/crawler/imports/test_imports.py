@@ -34,7 +34,7 @@ def test_semicolons_decimal_commas_and_missing_axes(tmp_path: Path) -> None:
     assert stool.category_path == ("Kitchen", "Bar stool")
     assert (stool.source_id, stool.year, stool.region, stool.licence) == ("7", 2001, "NO", "CC0-1.0")
     assert reasons(result) == [("no_size", "dimensions")]
-    assert result.refusals[0].row == "table:2"
+    assert result.rejected[0].row == "table:2"
 
 
 def test_a_table_without_header_in_inches(tmp_path: Path) -> None:
@@ -242,7 +242,7 @@ def test_the_rest_of_the_files_is_accounted_for(tmp_path: Path) -> None:
         heads_csv="k\n5\n6\n",
     )
     assert sizes(result) == [{"width": 13}]
-    assert [refusal.row for refusal in result.refusals] == ["heads:1", "heads:2"]
+    assert [row.row for row in result.rejected] == ["heads:1", "heads:2"]
 
 
 def test_a_diameter_counts_twice_and_the_widest_of_several_wins(tmp_path: Path) -> None:

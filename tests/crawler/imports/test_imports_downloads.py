@@ -14,7 +14,7 @@ from pathlib import Path
 
 import pytest
 
-from crawler.imports import downloads, import_items, readings
+from crawler.imports import downloads, import_source
 from crawler.imports.declaration import Source, source
 from crawler.imports.downloads import NoInput, download
 
@@ -100,7 +100,7 @@ def test_a_download_is_verified_kept_and_read(site: Site, tmp_path: Path) -> Non
     folder = download(table)
     assert (folder / "table.csv").read_bytes() == TABLE
     assert folder.is_relative_to(tmp_path / "cache")
-    assert [item.extents_mm for item in import_items(table, readings(table, folder)).items] == [(125.0,), (400.0,)]
+    assert [item.extents_mm for item in import_source(table, folder).items] == [(125.0,), (400.0,)]
     download(table)
     assert site.asked["/table.csv"] == 1
 

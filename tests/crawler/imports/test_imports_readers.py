@@ -10,7 +10,7 @@ from typing import Any
 
 import pytest
 
-from crawler.imports import Import, import_items, readings
+from crawler.imports import Import, import_source, row_items
 from crawler.imports.declaration import source
 from crawler.imports.downloads import NoInput
 from crawler.imports.importer import source_folder
@@ -26,7 +26,7 @@ def walters(folder: Path, *objects: dict[str, Any]) -> Import:
     lines = [json.dumps(blank | {"ObjectID": n} | given) for n, given in enumerate(objects)]
     (folder / "walters_dims.jsonl").write_text("\n".join(lines), encoding="utf-8")
     declared = source("walters")
-    return import_items(declared, readings(declared, folder))
+    return import_source(declared, folder)
 
 
 def test_museum_sentences(tmp_path: Path) -> None:
@@ -96,7 +96,7 @@ classes:
         encoding="utf-8",
     )
     declared = source("bolts")
-    result = import_items(declared, readings(declared, tmp_path))
+    result = import_source(declared, tmp_path)
     assert sizes(result) == [{"width": 19.05, "height": 11.112}]
     assert result.items[0].title == "Made-up nut 1/2 in"
     assert reasons(result) == [("part_not_whole", "class")]
@@ -106,7 +106,7 @@ classes:
 def test_a_damaged_table_of_standard_parts_is_one_clear_line(tmp_path: Path, damage: str) -> None:
     (tmp_path / "made.blt").write_text(damage, encoding="utf-8")
     with pytest.raises(BadTable, match=r"made\.blt: .*expected .*; found "):
-        list(readings(source("bolts"), tmp_path))
+        list(row_items(source("bolts"), tmp_path))
 
 
 TABLE = """[[tables]]

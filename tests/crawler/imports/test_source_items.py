@@ -51,7 +51,7 @@ def test_a_large_category_is_drawn_down_the_same_way_every_time(tmp_path: Path) 
 
 def test_an_excluded_source_has_no_items(tmp_path: Path) -> None:
     result = made_up(tmp_path, 'excluded = "parcels, not objects"')
-    assert (result.items, result.refusals, result.n_rows) == ((), (), 0)
+    assert (result.items, result.rejected, result.n_rows) == ((), (), 0)
 
 
 RECORDS = """
@@ -76,7 +76,8 @@ def test_the_records_of_a_repository_stand_for_the_file_made_of_them(tmp_path: P
     lines = "".join(json.dumps(record) + "\n" for record in records)
     of_file, of_folder = made_up(joined, RECORDS, table_jsonl=lines), made_up(repository, RECORDS)
     assert [item.source_id for item in of_folder.items] == ["2", "3"]
-    assert (of_folder.items, of_folder.refusals) == (of_file.items, of_file.refusals)
+    assert of_folder.items == of_file.items
+    assert [row.line() for row in of_folder.rejected] == [row.line() for row in of_file.rejected]
 
 
 def test_a_repository_with_a_folder_of_the_source_name_is_read_from_its_root(tmp_path: Path) -> None:

@@ -1,1 +1,1 @@
-"""Instance masks from files: COCO, label images, YOLO, labelme, arrays."""
+"""Read instance masks from files: COCO, label images, YOLO, labelme, arrays."""

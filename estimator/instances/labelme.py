@@ -1,4 +1,4 @@
-"""labelme's files: one JSON for each image, with shapes (polygons, rectangles, circles, masks) and their labels."""
+"""Read labelme files: one JSON document per image, with labelled polygons, rectangles, circles and masks."""
 
 from __future__ import annotations
 
@@ -18,26 +18,40 @@ from metric_base.images import decode_picture
 from metric_base.input_files import read_json
 from metric_base.parsing import json_array, json_object
 
-#: Corners of a circle drawn as a polygon.
-_CIRCLE = 64
+#: Number of corners of the polygon that approximates a circle.
+_N_CIRCLE_CORNERS = 64
+#: Maximum absolute coordinate of a point, in pixels.
+_MAX_COORDINATE = 1e9
 
 
 def is_labelme(document: object) -> bool:
-    """Whether a JSON document is of this form."""
+    """Return True if a JSON document is a labelme file."""
     return isinstance(document, dict) and "shapes" in document and "imagePath" in document
 
 
 def read_labelme(scene: Scene, files: list[Path], source: Path) -> tuple[tuple[Instance, ...], tuple[str, ...]]:
-    """The instances of labelme's files, and warnings; shapes without an area (points, lines) are left out.
+    """Read labelme files.
 
-    Shapes of one label and `group_id` in a picture are one object. source : what was named, for messages.
+    Parameters
+    ----------
+    scene : Scene
+    files : list of Path
+    source : Path
+        File or folder specified by the user, for messages.
+
+    Returns
+    -------
+    instances : tuple of Instance
+        Shapes with the same label and `group_id` in an image are one object. Shapes without an area (points, lines) are
+        omitted.
+    warnings : tuple of str
 
     Raises
     ------
     InputError
-        A file is damaged, or a shape is not what its type says.
+        A file is damaged, or a shape does not match its type.
     """
-    rows = ViewLookup(scene)
+    lookup = ViewLookup(scene)
     instances: list[Instance | None] = []
     names: list[str] = []
     for file in files:
@@ -46,8 +60,8 @@ def read_labelme(scene: Scene, files: list[Path], source: Path) -> tuple[tuple[I
             if not is_labelme(document):
                 continue
             name = document["imagePath"] if isinstance(document["imagePath"], str) else file.stem
-            row = rows.row(name)
-            row = rows.row_of_stem(file.stem) if row is None else row
+            row = lookup.row(name)
+            row = lookup.row_of_stem(file.stem) if row is None else row
             names.append(name if row is None else scene.views[row].name)
             if row is not None:
                 instances += _instances(scene, row, document)
@@ -55,13 +69,14 @@ def read_labelme(scene: Scene, files: list[Path], source: Path) -> tuple[tuple[I
 
 
 def _instances(scene: Scene, row: int, document: dict[str, Any]) -> list[Instance | None]:
+    """Return the instances of a labelme document in a view."""
     camera = scene.views[row].camera
     with at_field("imageWidth and imageHeight"):
-        stated = (document.get("imageWidth"), document.get("imageHeight"))
-        size = (camera.width, camera.height) if stated == (None, None) else checked_image_size(stated)
+        size = (document.get("imageWidth"), document.get("imageHeight"))
+        size = (camera.width, camera.height) if size == (None, None) else checked_image_size(size)
     masks: dict[tuple[str, str], tuple[BoolArray, bool]] = {}
-    for number, value in enumerate(json_array(document["shapes"], "shapes")):
-        with at_field(f"shapes[{number}]"):
+    for index, value in enumerate(json_array(document["shapes"], "shapes")):
+        with at_field(f"shapes[{index}]"):
             shape = json_object(value, "")
             label = shape.get("label")
             if not isinstance(label, str) or not label.strip():
@@ -69,11 +84,11 @@ def _instances(scene: Scene, row: int, document: dict[str, Any]) -> list[Instanc
             mask = _mask(shape, size)
             if mask is not None:
                 group = shape.get("group_id")
-                key = (label, f"shape {number}" if group is None else f"group {group}")
-                before = masks.get(key)
+                key = (label, f"shape {index}" if group is None else f"group {group}")
                 is_box = shape.get("shape_type") == "rectangle"
-                if before is not None:
-                    mask, is_box = before[0] | mask, before[1] and is_box
+                if key in masks:
+                    other, other_is_box = masks[key]
+                    mask, is_box = other | mask, other_is_box and is_box
                 masks[key] = (mask, is_box)
     instances: list[Instance | None] = []
     for (label, name), (mask, is_box) in masks.items():
@@ -84,16 +99,23 @@ def _instances(scene: Scene, row: int, document: dict[str, Any]) -> list[Instanc
 
 
 def _mask(shape: dict[str, Any], size: tuple[int, int]) -> BoolArray | None:
-    """(h, w) of a shape, or None where it has no area."""
+    """Return the mask (h, w) of a shape, or None if it has no area."""
     kind = shape.get("shape_type", "polygon")
-    points = _points(shape.get("points"))
+    try:
+        points = np.array(json_array(shape.get("points"), "points"), dtype=np.float64).reshape(-1, 2)
+    except (TypeError, ValueError, OverflowError) as error:
+        if isinstance(error, FieldError):
+            raise
+        raise FieldError("points", "pairs of numbers", shape.get("points")) from None
+    if not (np.abs(points) < _MAX_COORDINATE).all():
+        raise FieldError("points", "finite numbers", shape.get("points"))
     if kind == "polygon" and len(points) > 2:
         return decode_segmentation([points.ravel().tolist()], size)
     if kind == "rectangle" and len(points) == 2:
         low, high = points.min(axis=0), points.max(axis=0)
         return box_mask([*low.tolist(), *(high - low).tolist()], size)
     if kind == "circle" and len(points) == 2:
-        angles = np.linspace(0, 2 * np.pi, _CIRCLE, endpoint=False)
+        angles = np.linspace(0, 2 * np.pi, _N_CIRCLE_CORNERS, endpoint=False)
         edge = points[0] + np.hypot(*(points[1] - points[0])) * np.column_stack([np.cos(angles), np.sin(angles)])
         return decode_segmentation([edge.ravel().tolist()], size)
     if kind == "mask" and len(points) == 2:
@@ -104,7 +126,7 @@ def _mask(shape: dict[str, Any], size: tuple[int, int]) -> BoolArray | None:
 
 
 def _stored_mask(text: object, corner: np.ndarray[Any, Any], size: tuple[int, int]) -> BoolArray:
-    """(h, w) of a mask that is a PNG in base64, its upper left corner at `corner`."""
+    """Return the mask (h, w) of a PNG in base64, whose upper left corner is at `corner` (2,)."""
     import cv2
 
     try:
@@ -114,19 +136,8 @@ def _stored_mask(text: object, corner: np.ndarray[Any, Any], size: tuple[int, in
     crop = decode_picture(data, cv2.IMREAD_GRAYSCALE)
     if crop is None:
         raise FieldError("mask", "a PNG in base64", text)
-    whole = np.zeros((size[1], size[0]), dtype=bool)
+    mask = np.zeros((size[1], size[0]), dtype=bool)
     left, top = np.clip(np.rint(corner), 0, size).astype(int)
-    part = whole[top : top + crop.shape[0], left : left + crop.shape[1]]
+    part = mask[top : top + crop.shape[0], left : left + crop.shape[1]]
     part[:] = crop[: part.shape[0], : part.shape[1]] > 0
-    return whole
-
-
-def _points(value: object) -> np.ndarray[Any, np.dtype[np.float64]]:
-    """(n, 2) finite corners."""
-    try:
-        points = np.array(json_array(value, "points"), dtype=np.float64).reshape(-1, 2)
-    except (TypeError, ValueError, OverflowError):
-        raise FieldError("points", "pairs of numbers", value) from None
-    if not (np.abs(points) < 1e9).all():
-        raise FieldError("points", "finite numbers", value)
-    return points
+    return mask

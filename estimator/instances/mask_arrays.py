@@ -1,8 +1,8 @@
-"""Masks in a file for each image, as Segment Anything's users keep them, with a JSON of labels.
+"""Read mask files of Segment Anything: one file per image, with an optional JSON file of labels.
 
-`<image>.npz` or `<image>.npy` holds `masks` (n, h, w), and may hold `labels` (n,) and `scores` (n,); `<image>.json` is
-the list that SAM's automatic generator returns, with run lengths. Labels that the files lack are in `labels.json`:
-`{"<image>": ["chair", ...]}`, or `{"0": "chair", ...}` for labels that are numbers.
+`<image>.npz` or `<image>.npy` contains `masks` (n, h, w), and optionally `labels` (n,) and `scores` (n,).
+`<image>.json` is the list that the automatic mask generator of SAM returns, with run lengths. Labels that the files do
+not contain are in `labels.json`: `{"<image>": ["chair", ...]}`, or `{"0": "chair", ...}` for labels that are numbers.
 """
 
 from __future__ import annotations
@@ -10,7 +10,6 @@ from __future__ import annotations
 import io
 import zipfile
 from collections.abc import Iterator
-from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
@@ -27,69 +26,83 @@ from metric_base.parsing import json_array, json_object
 
 LABELS = "labels.json"
 MASK_SUFFIXES = (".npz", ".npy", ".json")
-#: Most masks of a picture, and bytes of them all: 125 of a picture of 4 megapixels, for all are in memory at once.
-MAX_MASKS, MAX_MASK_BYTES = 10_000, 1 << 29
+#: Maximum number of masks of an image.
+MAX_MASKS = 10_000
+#: Maximum size of the masks of an image in bytes, because all are in memory: 125 masks of 4 megapixels.
+MAX_MASK_BYTES = 1 << 29
 
-
-@dataclass(frozen=True, slots=True)
-class _Masks:
-    """masks : n of (h, w); labels, scores : as many, or empty where the file has none."""
-
-    masks: list[BoolArray]
-    labels: list[object]
-    scores: list[float]
+#: n masks (h, w) of an image, and n labels and scores, which are empty if the file has none.
+ImageMasks = tuple[list[BoolArray], list[object], list[float]]
 
 
 def read_mask_files(
     scene: Scene, folder: Path, files: list[Path], labels_file: Path | None = None
 ) -> tuple[tuple[Instance, ...], tuple[str, ...]]:
-    """The instances of a folder of mask files, and warnings; masks without a label are left out with a warning.
+    """Read mask files of a folder.
+
+    Parameters
+    ----------
+    scene : Scene
+    folder : Path
+    files : list of Path
+        Mask files of the folder.
+    labels_file : Path, optional
+        By default `labels.json` in the folder.
+
+    Returns
+    -------
+    instances : tuple of Instance
+    warnings : tuple of str
+        Masks without a label are omitted with a warning.
 
     Raises
     ------
     InputError
-        A file is damaged, holds Python objects, or its labels are not as many as its masks.
+        A file is damaged, contains Python objects, or the numbers of its labels and masks differ.
     """
-    stated = labels_file or folder / LABELS
+    path = labels_file or folder / LABELS
     labels: dict[str, Any] = {}
-    if stated.is_file():
-        with in_file(stated):
-            labels = json_object(read_json(stated))
-    rows = ViewLookup(scene)
+    if path.is_file():
+        with in_file(path):
+            labels = json_object(read_json(path))
+    lookup = ViewLookup(scene)
     instances: list[Instance | None] = []
-    unnamed = 0
+    n_unnamed = 0
     for file in files:
-        row = rows.row_of_stem(file.stem)
+        row = lookup.row_of_stem(file.stem)
         if row is None:
             continue
         with in_file(file):
-            masks = _read(file)
-            names = _names(masks, labels, scene.views[row].name, file.stem)
-            for number, (mask, name) in enumerate(zip(masks.masks, names, strict=True)):
-                unnamed += name is None
+            masks, mask_labels, scores = _read(file)
+            names = _names(len(masks), mask_labels, labels, scene.views[row].name, file.stem)
+            for number, (mask, name) in enumerate(zip(masks, names, strict=True)):
+                n_unnamed += name is None
                 crop = None if name is None else mask_crop(np.asarray(mask > 0), scene.views[row].camera)
                 if name is not None and crop is not None:
-                    score = masks.scores[number] if masks.scores else 1.0
+                    score = scores[number] if scores else 1.0
                     instances.append(Instance(f"{row}:{number}", row, name, *crop, score=score))
-    warnings = [f"{folder}: {unnamed} masks without a label are left out"] if unnamed else []
-    return finish_instances(folder, scene, [rows.name_of_stem(file.stem) for file in files], instances, warnings)
+    warnings = [f"{folder}: {n_unnamed} masks without a label are omitted"] if n_unnamed else []
+    return finish_instances(folder, scene, [lookup.name_of_stem(file.stem) for file in files], instances, warnings)
 
 
-def _names(masks: _Masks, labels: dict[str, Any], image: str, stem: str) -> list[str | None]:
-    """The label of each mask, or None."""
-    stated: Any = masks.labels or next((labels[key] for key in (image, Path(image).name, stem) if key in labels), None)
-    if isinstance(stated, dict):
-        stated = [stated.get(str(number)) for number in range(len(masks.masks))]
-    if stated is None:
-        return [None] * len(masks.masks)
-    if not isinstance(stated, list) or len(stated) != len(masks.masks):
-        count = len(stated) if isinstance(stated, list) else stated
-        raise FieldError("labels", f"{len(masks.masks)}, as many as masks", count)
-    named = [label if isinstance(label, str) else labels.get(str(label)) for label in stated]
+def _names(count: int, mask_labels: list[object], labels: dict[str, Any], image: str, stem: str) -> list[str | None]:
+    """Return the name of each of `count` masks of an image, or None.
+
+    mask_labels : labels of the mask file, may be empty; labels : content of `labels.json`
+    """
+    found: Any = mask_labels or next((labels[key] for key in (image, Path(image).name, stem) if key in labels), None)
+    if isinstance(found, dict):
+        found = [found.get(str(number)) for number in range(count)]
+    if found is None:
+        return [None] * count
+    if not isinstance(found, list) or len(found) != count:
+        raise FieldError("labels", f"{count}, as many as masks", len(found) if isinstance(found, list) else found)
+    named = [label if isinstance(label, str) else labels.get(str(label)) for label in found]
     return [label if isinstance(label, str) and label.strip() else None for label in named]
 
 
-def _read(file: Path) -> _Masks:
+def _read(file: Path) -> ImageMasks:
+    """Read a mask file."""
     if file.suffix == ".json":
         return _sam_masks(json_array(read_json(file)))
     arrays = dict(_arrays(read_bytes(file, limit=MAX_MASK_BYTES), file.suffix))
@@ -104,11 +117,11 @@ def _read(file: Path) -> _Masks:
     )
     if numbers and len(numbers) != len(masks):
         raise FieldError("scores", f"{len(masks)}, as many as masks", len(numbers))
-    return _Masks(list(masks), labels.ravel().tolist(), numbers)
+    return list(masks), labels.ravel().tolist(), numbers
 
 
 def _arrays(data: bytes, suffix: str) -> Iterator[tuple[str, np.ndarray[Any, Any]]]:
-    """Names and arrays of any shape of an .npz or .npy file; nothing is unpacked that says it is too large."""
+    """Yield names and arrays, of any shape, of an .npz or .npy file; the size is checked before unpacking."""
     try:
         if suffix == ".npy":
             yield "masks", np.load(io.BytesIO(data), allow_pickle=False)
@@ -121,13 +134,14 @@ def _arrays(data: bytes, suffix: str) -> Iterator[tuple[str, np.ndarray[Any, Any
             yield from ((name, arrays[name]) for name in arrays.files)
     except FieldError:
         raise
-    except Exception as error:  # noqa: BLE001 - NumPy and zipfile raise a dozen kinds for damaged data
+    except Exception as error:  # noqa: BLE001 - NumPy and zipfile raise a dozen types for damaged data
         raise FieldError(
             "arrays", "NumPy arrays of numbers or text", Unquoted(str(error) or type(error).__name__)
         ) from None
 
 
-def _sam_masks(entries: list[Any]) -> _Masks:
+def _sam_masks(entries: list[Any]) -> ImageMasks:
+    """Return the masks of SAM's automatic mask generator."""
     masks, labels, scores = [], [], []
     for number, value in enumerate(entries):
         with at_field(f"[{number}]"):
@@ -139,4 +153,4 @@ def _sam_masks(entries: list[Any]) -> _Masks:
             labels.append(next((entry[key] for key in ("label", "category", "class_name") if key in entry), None))
             score = entry.get("score", entry.get("predicted_iou", 1.0))
             scores.append(float(min(max(score, 0.0), 1.0)) if isinstance(score, int | float) else 1.0)
-    return _Masks(masks, labels if any(label is not None for label in labels) else [], scores)
+    return masks, labels if any(label is not None for label in labels) else [], scores

@@ -1,7 +1,4 @@
-"""Instances: masks of any size as crops at the camera's resolution, joined to the views by file name.
-
-Pictures: where a scene's own images are.
-"""
+"""Match masks and image files to the views of a scene, by file name."""
 
 from __future__ import annotations
 
@@ -12,42 +9,57 @@ from pathlib import Path, PurePosixPath
 import numpy as np
 
 from estimator.records.scene import Camera, Instance, Scene, View
-from metric_base.arrays import BoolArray, IntArray
+from metric_base.arrays import BoolArray
 from metric_base.errors import FieldError, InputError, Unquoted
 from metric_base.input_files import is_file
 
-#: Folders of pictures, by preference: COLMAP's and OpenSfM's, and that of a work folder of `estimate-scale`.
-IMAGES = ("images", "frames")
-#: How far above the model the images are looked for: `scene/dense/0/sparse` is the deepest usual place.
-_LEVELS_UP = 3
-#: A mask whose shape differs by more than this from its camera's was likely made on a rotated or cropped picture.
-ASPECT_TOLERANCE = 0.02
-#: By more than this it was: no lens correction changes a shape so much. Natural log, a tenth.
-OTHER_ASPECT = 0.1
+#: Names of image folders, the preferred one first: of COLMAP and OpenSfM, and of the work folder of `estimate-scale`.
+IMAGE_FOLDERS = ("images", "frames")
+#: Number of folders above a model in which images and masks are searched; `scene/dense/0/sparse` is the deepest usual
+#: location of a model.
+MAX_LEVELS_UP = 3
+#: Maximum log difference of the aspect ratios of a mask and its camera without a warning. A larger one suggests a
+#: rotated or cropped image.
+MAX_ASPECT_DIFFERENCE = 0.02
+#: Maximum log difference that is accepted; undistortion does not change the aspect ratio by so much.
+MAX_ACCEPTED_ASPECT_DIFFERENCE = 0.1
+
+
+def folders_above(scene: Scene) -> tuple[Path, ...]:
+    """Return the folders of the scene and of its model, each followed by `MAX_LEVELS_UP` folders above it."""
+    starts = [path.resolve() for path in (scene.path, scene.model_path) if path is not None]
+    return tuple(dict.fromkeys(folder for start in starts for folder in (start, *start.parents[:MAX_LEVELS_UP])))
 
 
 def image_folders(scene: Scene, named: Path | None = None) -> tuple[Path, ...]:
-    """The folder that the user named, then `images` and `frames` beside or above the model, nearest first.
+    """Return the folders that may contain the images of a scene.
 
-    A folder may be a link; all are resolved, so that what lies in them is told from what a name leads out to.
+    Parameters
+    ----------
+    scene : Scene
+    named : Path, optional
+        Folder specified by the user.
+
+    Returns
+    -------
+    tuple of Path
+        The specified folder, then `images` and `frames` in or above the model, the nearest first. Links are resolved,
+        so that files outside the folders can be detected.
 
     Raises
     ------
     InputError
-        What the user named is no folder.
+        `named` is not a folder.
     """
     if named is not None and not named.is_dir():
         raise InputError.at(named, "--images", "a folder", Unquoted("a file" if named.exists() else "nothing"))
-    starts = [path.resolve() for path in (scene.path, scene.model_path) if path is not None]
-    places = [
-        place / name for start in starts for place in (start, *list(start.parents)[:_LEVELS_UP]) for name in IMAGES
-    ]
+    candidates = [folder / name for folder in folders_above(scene) for name in IMAGE_FOLDERS]
     first = [] if named is None else [named.resolve()]
-    return tuple(dict.fromkeys([*first, *(place.resolve() for place in places if place.is_dir())]))
+    return tuple(dict.fromkeys([*first, *(folder.resolve() for folder in candidates if folder.is_dir())]))
 
 
 def image_file(folders: tuple[Path, ...], view: View) -> Path | None:
-    """The view's picture in the first folder that has it, or None; a name never leads out of the folder."""
+    """Return the image of a view in the first folder that contains it, or None; links out of the folder are ignored."""
     for folder in folders:
         file = folder / view.name
         if is_file(file) and file.resolve().is_relative_to(folder):
@@ -56,32 +68,31 @@ def image_file(folders: tuple[Path, ...], view: View) -> Path | None:
 
 
 class ViewLookup:
-    """The rows of a scene's views by file name, then by base name where only one view bears it."""
+    """Find the rows of the views of a scene by file name, or by base name if it is unique."""
 
     def __init__(self, scene: Scene) -> None:
-        names = [_fold(view.name) for view in scene.views]
+        names = [_normalised(view.name) for view in scene.views]
         bases = [PurePosixPath(name).name for name in names]
-        once = Counter(bases)
-        self._by_name = {name: row for row, name in enumerate(names)}
-        self._by_base = {base: row for row, base in enumerate(bases) if once[base] == 1}
         stems = [PurePosixPath(base).stem for base in bases]
-        counts = Counter(stems)
-        self._by_stem = {stem: row for row, stem in enumerate(stems) if counts[stem] == 1}
+        n_bases, n_stems = Counter(bases), Counter(stems)
+        self._by_name = {name: row for row, name in enumerate(names)}
+        self._by_base = {base: row for row, base in enumerate(bases) if n_bases[base] == 1}
+        self._by_stem = {stem: row for row, stem in enumerate(stems) if n_stems[stem] == 1}
         self._names = [view.name for view in scene.views]
 
     def row(self, file_name: str) -> int | None:
-        """The view of an image file, or None."""
-        name = _fold(file_name)
+        """Return the view of an image file, or None."""
+        name = _normalised(file_name)
         exact = self._by_name.get(name)
         return self._by_base.get(PurePosixPath(name).name) if exact is None else exact
 
     def row_of_stem(self, stem: str) -> int | None:
-        """The view of a file that has the name of its image, with or without the image's own ending, or None."""
+        """Return the view of a file whose stem is the name of an image, with or without its suffix, or None."""
         row = self.row(stem)
-        return self._by_stem.get(_fold(stem)) if row is None else row
+        return self._by_stem.get(_normalised(stem)) if row is None else row
 
     def name_of_stem(self, stem: str) -> str:
-        """The name of that view, or the stem itself."""
+        """Return the name of this view, or the stem if there is none."""
         row = self.row_of_stem(stem)
         return stem if row is None else self._names[row]
 
@@ -89,60 +100,67 @@ class ViewLookup:
 def finish_instances(
     file: Path, scene: Scene, names: Sequence[str], entries: Iterable[Instance | None], warnings: Iterable[str]
 ) -> tuple[tuple[Instance, ...], tuple[str, ...]]:
-    """The instances that are there, and warnings with one more for images that match no view.
+    """Drop missing instances, and warn about images that match no view.
 
-    names : the image files that the masks speak of. InputError where none of them is a view.
+    Parameters
+    ----------
+    file : Path
+        Source of the masks, for messages.
+    scene : Scene
+    names : sequence of str
+        Image files to which the masks belong.
+    entries : iterable of Instance or None
+    warnings : iterable of str
+
+    Raises
+    ------
+    InputError
+        None of the images is a view.
     """
-    rows = ViewLookup(scene)
-    lost = [name for name in names if rows.row(name) is None]
-    if names and len(lost) == len(names):
+    lookup = ViewLookup(scene)
+    unmatched = [name for name in names if lookup.row(name) is None]
+    if names and len(unmatched) == len(names):
         expected = f"names of the model's views, such as {scene.views[0].name!r}"
-        raise InputError.at(
-            file, "image names", expected, Unquoted(f"{lost[0]!r} and {len(lost) - 1} others, none of them")
-        )
+        found = Unquoted(f"{unmatched[0]!r} and {len(unmatched) - 1} others, none of them")
+        raise InputError.at(file, "image names", expected, found)
     instances = tuple(instance for instance in entries if instance is not None)
-    about_lost = (f"{file}: {len(lost)} of {len(names)} images match no view, such as {lost[0]!r}",) if lost else ()
-    return instances, (*warnings, *about_lost)
+    if not unmatched:
+        return instances, tuple(warnings)
+    warning = f"{file}: {len(unmatched)} of {len(names)} images match no view, such as {unmatched[0]!r}"
+    return instances, (*warnings, warning)
 
 
 def mask_crop(mask: BoolArray, camera: Camera) -> tuple[BoolArray, tuple[int, int]] | None:
-    """The crop of a (h, w) mask at the camera's resolution and its upper left pixel, or None if it has no pixel.
+    """Return the crop of a mask (h, w) at the resolution of a camera, and its upper left pixel; None if it is empty.
 
-    Each pixel of the camera takes the mask's value at its own centre; only the crop is ever resampled.
+    Each pixel of the camera has the value of the mask at its centre.
 
     Raises
     ------
     FieldError
-        The mask is of a picture of another shape: a crop, one with bars, one that was turned.
+        The mask has another aspect ratio: its image was cropped, padded or rotated.
     """
     height, width = mask.shape
-    if aspect_difference((width, height), camera) > OTHER_ASPECT:
-        shown = Unquoted(f"{width} x {height}: cropped, padded, squeezed or turned")
-        raise FieldError("mask size", f"the shape of its picture, {camera.width} x {camera.height} pixels", shown)
-    rows, columns = _source_pixels(camera.height, mask.shape[0]), _source_pixels(camera.width, mask.shape[1])
-    row_hits = np.flatnonzero(np.asarray(mask.any(axis=1))[rows])
-    column_hits = np.flatnonzero(np.asarray(mask.any(axis=0))[columns])
-    if not len(row_hits) or not len(column_hits):
+    if aspect_difference((width, height), camera) > MAX_ACCEPTED_ASPECT_DIFFERENCE:
+        found = Unquoted(f"{width} x {height}: cropped, padded, squeezed or turned")
+        raise FieldError("mask size", f"the shape of its image, {camera.width} x {camera.height} pixels", found)
+    # Row and column of the mask at the centre of each pixel of the camera.
+    rows = ((np.arange(camera.height) + 0.5) * height / camera.height).astype(np.int64)
+    columns = ((np.arange(camera.width) + 0.5) * width / camera.width).astype(np.int64)
+    used_rows = np.flatnonzero(np.asarray(mask.any(axis=1))[rows])
+    used_columns = np.flatnonzero(np.asarray(mask.any(axis=0))[columns])
+    if not len(used_rows) or not len(used_columns):
         return None
-    top, left = int(row_hits[0]), int(column_hits[0])
-    crop = mask[np.ix_(rows[top : row_hits[-1] + 1], columns[left : column_hits[-1] + 1])]
+    top, left = int(used_rows[0]), int(used_columns[0])
+    crop = mask[np.ix_(rows[top : used_rows[-1] + 1], columns[left : used_columns[-1] + 1])]
     return (crop, (left, top)) if crop.any() else None
 
 
-def differs_in_aspect(size: tuple[int, int], camera: Camera) -> bool:
-    """Whether a picture of `size` (width, height) is of another shape than the camera's."""
-    return aspect_difference(size, camera) > ASPECT_TOLERANCE
-
-
 def aspect_difference(size: tuple[int, int], camera: Camera) -> float:
-    """How far the aspect of a picture of `size` (width, height) is from the camera's, natural log."""
+    """Return the absolute log difference of the aspect ratios of an image (width, height) and a camera."""
     return abs(float(np.log((size[0] / size[1]) / (camera.width / camera.height))))
 
 
-def _source_pixels(length: int, source_length: int) -> IntArray:
-    """(n,) the source's pixel under the centre of each of n = `length` pixels."""
-    return ((np.arange(length) + 0.5) * source_length / length).astype(np.int64)
-
-
-def _fold(name: str) -> str:
+def _normalised(name: str) -> str:
+    """Return a file name with forward slashes and without `./`."""
     return name.replace("\\", "/").removeprefix("./")

@@ -1,7 +1,7 @@
-"""YOLO's text files: one for each image, one line for each object, in shares of the picture's sides.
+"""Read text files of YOLO: one file per image, one line per object, with coordinates relative to the image size.
 
-`class x y w h [score]` is a box by its middle, `class x1 y1 x2 y2 x3 y3 ... [score]` a polygon. Names come from
-`data.yaml` (its `names`), or from `classes.txt`, a name a line.
+`class x y w h [score]` is a box with the centre x, y, and `class x1 y1 x2 y2 x3 y3 ... [score]` a polygon. The names of
+the classes are in `data.yaml` (its `names`), or in `classes.txt`, one per line.
 """
 
 from __future__ import annotations
@@ -18,51 +18,65 @@ from metric_base.errors import FieldError, InputError, Unquoted, at_field, in_fi
 from metric_base.input_files import folder_entries, read_text
 
 NAME_FILES = ("data.yaml", "data.yml", "dataset.yaml", "classes.txt", "obj.names")
-#: Where the text files are, seen from the folder that was named.
-LABELS = (".", "labels")
+#: Folders of the text files, relative to the specified folder.
+LABEL_FOLDERS = (".", "labels")
+#: Number of values of a box, without and with a score.
 _BOX, _BOX_AND_SCORE = 5, 6
+#: Maximum absolute value of a coordinate.
+_MAX_COORDINATE = 1e9
 
 
 def read_yolo(
     scene: Scene, folder: Path, names_file: Path | None = None
 ) -> tuple[tuple[Instance, ...], tuple[str, ...]]:
-    """The instances of a folder of text files, and warnings.
+    """Read a folder of text files.
 
-    names_file : `data.yaml` or `classes.txt`, by default the one in the folder or above it.
+    Parameters
+    ----------
+    scene : Scene
+    folder : Path
+    names_file : Path, optional
+        `data.yaml` or `classes.txt`; by default the one in the folder or above it.
+
+    Returns
+    -------
+    instances : tuple of Instance
+    warnings : tuple of str
 
     Raises
     ------
     InputError
-        There are no names, or a line is no box and no polygon.
+        The names are missing, or a line is neither a box nor a polygon.
     """
-    named = names_file or _names_file(folder)
-    if named is None:
-        raise InputError.at(
-            folder, "names", f"{' or '.join(NAME_FILES)} in it or above it, or --categories", Unquoted("none")
-        )
-    categories = yolo_names(named)
+    folders = (folder, folder.parent, folder.parent.parent)
+    candidates = (above / name for above in folders for name in NAME_FILES)
+    path = names_file or next((candidate for candidate in candidates if candidate.is_file()), None)
+    if path is None:
+        expected = f"{' or '.join(NAME_FILES)} in it or above it, or --categories"
+        raise InputError.at(folder, "names", expected, Unquoted("none"))
+    categories = yolo_names(path)
     files = [
         file
-        for place in LABELS
-        if (folder / place).is_dir()
-        for file in folder_entries(folder / place)
+        for subfolder in LABEL_FOLDERS
+        if (folder / subfolder).is_dir()
+        for file in folder_entries(folder / subfolder)
         if file.suffix == ".txt" and file.name not in NAME_FILES
     ]
-    rows = ViewLookup(scene)
+    lookup = ViewLookup(scene)
     instances: list[Instance | None] = []
     for file in files:
-        row = rows.row_of_stem(file.stem)
+        row = lookup.row_of_stem(file.stem)
         if row is not None:
             with in_file(file):
                 for number, line in enumerate(read_text(file).splitlines() if file.stat().st_size else [], start=1):
                     if line.strip():
                         with at_field(f"line {number}"):
                             instances.append(_instance(scene, row, f"{row}:{number}", line, categories))
-    return finish_instances(folder, scene, [rows.name_of_stem(file.stem) for file in files], instances, ())
+    return finish_instances(folder, scene, [lookup.name_of_stem(file.stem) for file in files], instances, ())
 
 
 def yolo_names(file: Path) -> dict[int, str]:
-    """Names by class number, of `data.yaml` (a list or a mapping under `names`) or of a list, a name a line."""
+    """Return the class names by number of `data.yaml` (a list or a mapping under `names`) or of a list with lines."""
     text = read_text(file)
     if file.suffix not in {".yaml", ".yml"}:
         return dict(enumerate(line.strip() for line in text.splitlines() if line.strip()))
@@ -82,21 +96,17 @@ def yolo_names(file: Path) -> dict[int, str]:
     return names
 
 
-def _names_file(folder: Path) -> Path | None:
-    places = (place / name for place in (folder, folder.parent, folder.parent.parent) for name in NAME_FILES)
-    return next((path for path in places if path.is_file()), None)
-
-
 def _instance(scene: Scene, row: int, identity: str, line: str, categories: dict[int, str]) -> Instance | None:
+    """Return the object of a line, or None if its mask is empty."""
     try:
         numbers = np.array([float(word) for word in line.split()])
     except ValueError:
         raise FieldError("", "numbers", line) from None
-    if not (np.abs(numbers) < 1e9).all() or len(numbers) < _BOX:
+    if not (np.abs(numbers) < _MAX_COORDINATE).all() or len(numbers) < _BOX:
         raise FieldError("", "class x y w h, or class and at least three corners", line)
     category = categories.get(int(numbers[0]), "")
     if not category:
-        raise FieldError("class", f"0 to {max(categories)}, as the names have it", int(numbers[0]))
+        raise FieldError("class", f"0 to {max(categories)}, according to the names", int(numbers[0]))
     camera = scene.views[row].camera
     size = (camera.width, camera.height)
     is_box = len(numbers) in (_BOX, _BOX_AND_SCORE)

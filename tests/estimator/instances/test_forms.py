@@ -191,7 +191,7 @@ def test_coco_ids_without_names_are_cocos_own(scene: Scene, tmp_path: Path) -> N
     (tmp_path / "results.json").write_text(json.dumps([entry]))
     (instance,), warnings = read_instance_files(scene, tmp_path / "results.json")
     assert instance.category == "chair"
-    assert "COCO's own" in warnings[0]
+    assert "read as those of COCO" in warnings[0]
 
 
 @pytest.mark.parametrize(

@@ -12,6 +12,7 @@ import numpy as np
 import pytest
 from hypothesis import assume, given, settings
 from hypothesis import strategies as st
+from PIL import Image
 from pycocotools import mask as coco
 
 from estimator.instances.instance_reader import read_instances, read_instances_and_warnings
@@ -250,3 +251,32 @@ def test_pictures_of_three_channels_are_refused(tmp_path: Path) -> None:
     pictures(tmp_path, {"1": "chair"}, a=np.ones((30, 40, 3), dtype=np.uint8))
     with pytest.raises(InputError, match="channels: expected 1"):
         read_instances(None, scene_of(tmp_path, "a.jpg"))
+
+
+def test_values_of_an_image_with_a_palette_are_its_indices(tmp_path: Path) -> None:
+    values = np.zeros((30, 40), dtype=np.uint8)
+    values[2:8, 2:8] = 3
+    pictures(tmp_path, {"3": "chair", "0": "wall"})
+    image = Image.fromarray(values).convert("P")
+    image.putdata(values.ravel().tolist())
+    image.save(tmp_path / "instances" / "a.jpg.png")
+    instances = read_instances(None, scene_of(tmp_path, "a.jpg"))
+    assert {instance.category: int(instance.mask.sum()) for instance in instances} == {"chair": 36, "wall": 1200 - 36}
+
+
+@pytest.mark.parametrize(("area", "count"), [(1, 1), (2, 2)])
+def test_parts_below_two_percent_of_the_largest_are_noise(tmp_path: Path, area: int, count: int) -> None:
+    values = np.zeros((30, 40), dtype=np.uint8)
+    values[2:12, 2:10], values[20, 20 : 20 + area] = 1, 1
+    pictures(tmp_path, {"1": "chair", "2": "cup"}, a=values)
+    assert len(read_instances(None, scene_of(tmp_path, "a.jpg"))) == count
+
+
+@pytest.mark.parametrize(("width", "accepted"), [(44, True), (45, False)])
+def test_masks_may_differ_by_a_tenth_in_their_aspect_ratio(width: int, accepted: bool) -> None:
+    camera = Camera("PINHOLE", 40, 30, np.array([40.0, 40, 20, 15]))
+    if accepted:
+        assert mask_crop(np.ones((30, width), dtype=bool), camera) is not None
+    else:
+        with pytest.raises(FieldError, match="mask size"):
+            mask_crop(np.ones((30, width), dtype=bool), camera)

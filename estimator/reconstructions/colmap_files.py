@@ -70,18 +70,6 @@ def read_binary_model(folder: Path) -> ColmapModel:
     return ColmapModel(cameras, images, ids, points)
 
 
-def image_places(reader: BinaryReader) -> list[int]:
-    """Where each image's record starts in the file."""
-    places = []
-    for number in range(reader.count("number of images", _IMAGE.size + 1 + 8)):
-        places.append(reader.place)
-        reader.take(_IMAGE, f"image {number}")
-        reader.name(f"image {number} name")
-        field = f"image {number} keypoints"
-        reader.rows(_KEYPOINT, reader.count(field, _KEYPOINT.itemsize), field)
-    return places
-
-
 def point_places(reader: BinaryReader) -> IntArray:
     """(n,) where each point's record starts: the one walk through the file that its layout forces."""
     n = reader.count("number of points", _POINT.size)

@@ -6,6 +6,7 @@ import json
 from pathlib import Path
 
 import pyarrow.parquet as pq
+import pytest
 
 from metric_tree.release.images import FOLDER, STORE, stored_file
 from metric_tree.release.release import sha256
@@ -48,3 +49,10 @@ def test_releases_and_raw_items_find_the_images_in_the_store() -> None:
     name = f"{FOLDER}/{sorted(_named())[0]}"
     for folder in (RELEASES[-1], DATA / "raw"):
         assert stored_file(folder, name) == DATA / STORE / name.removeprefix(f"{FOLDER}/")
+
+
+@pytest.mark.parametrize("release", RELEASES, ids=lambda release: release.name)
+def test_texts_of_shipped_releases_are_unchanged(release: Path) -> None:
+    extras = json.loads((release / "manifest.json").read_text(encoding="utf-8")).get("extras", {})
+    texts = {name: digest for name, digest in extras.items() if not name.startswith(f"{FOLDER}/")}
+    assert {name: sha256(release / name) for name in texts} == texts

@@ -14,7 +14,6 @@ from collections.abc import Sequence
 import numpy as np
 
 from estimator.association.point_labels import PointLabels
-from estimator.geometry.extents import quantiles
 from estimator.projection.cameras import pixels_in_view
 from estimator.projection.visibility import row_indices
 from estimator.records.scene import View
@@ -67,7 +66,7 @@ def depth_noise(views: Sequence[View], labels: PointLabels) -> float:
     relative = np.concatenate([*residuals, np.empty(0)])
     if relative.size < MIN_CELLS:
         return 0.0
-    return float(quantiles(relative, np.array([FLAT_CELL_QUANTILE]))[0]) / FLAT_CELL_RATIO
+    return float(np.quantile(relative, FLAT_CELL_QUANTILE)) / FLAT_CELL_RATIO
 
 
 def view_direction_moment(eyes: FloatArray, position: FloatArray) -> tuple[float, FloatArray]:

@@ -1,4 +1,4 @@
-"""Metric scale of a reconstruction from the sizes of the objects in it.
+"""Estimate the metric scale of a reconstruction from the sizes of its objects.
 
 >>> import estimator
 >>> scene = estimator.read_scene("data/scenes/demo_room")
@@ -7,8 +7,9 @@
 >>> result.status
 'resolved'
 
-A scene is in units of unknown metric size; `result.scale` is metres per unit. Nothing of it needs a file on disk:
-`read_scene` also takes a `pycolmap.Reconstruction`, and `read_instances` masks as arrays.
+A scene is in units of unknown metric size; `result.scale` is in metres per unit. No files are required: `read_scene`
+also accepts a `pycolmap.Reconstruction`, and `read_instances` accepts masks as arrays. Other evidence is in
+`estimator.evidence`.
 """
 
 from __future__ import annotations
@@ -19,36 +20,51 @@ from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
     from estimator.instances.instance_reader import read_instances
-    from estimator.pipeline import estimate_scale, measure_objects
+    from estimator.pipeline import estimate_scale, estimate_scene, measure_objects
     from estimator.reconstructions.scene_reader import read_scene
-    from estimator.records.objects import MeasuredObject
-    from estimator.records.result import ScaleResult
-    from estimator.records.scene import Camera, Instance, Scene, View
+    from estimator.records.objects import MeasuredObject, Measurements
+    from estimator.records.options import EstimateOptions, MeasurementOptions
+    from estimator.records.result import ScaleEvidence, ScaleResult, SceneEstimate
+    from estimator.records.scene import Camera, DenseCloud, Instance, Scene, View
     from estimator.results.estimate import scale_of_objects
 
 __all__ = [
     "Camera",
+    "DenseCloud",
+    "EstimateOptions",
     "Instance",
     "MeasuredObject",
+    "MeasurementOptions",
+    "Measurements",
+    "ScaleEvidence",
     "ScaleResult",
     "Scene",
+    "SceneEstimate",
     "View",
     "estimate_scale",
+    "estimate_scene",
     "measure_objects",
     "read_instances",
     "read_scene",
     "scale_of_objects",
 ]
 
-#: Module of each public name, imported on first use, so that light commands stay light.
-_HOMES = {
+#: Module of each public name, imported on first use, so that light commands do not import SciPy.
+_MODULES = {
     "Camera": "estimator.records.scene",
+    "DenseCloud": "estimator.records.scene",
+    "EstimateOptions": "estimator.records.options",
     "Instance": "estimator.records.scene",
     "MeasuredObject": "estimator.records.objects",
+    "MeasurementOptions": "estimator.records.options",
+    "Measurements": "estimator.records.objects",
+    "ScaleEvidence": "estimator.records.result",
     "ScaleResult": "estimator.records.result",
     "Scene": "estimator.records.scene",
+    "SceneEstimate": "estimator.records.result",
     "View": "estimator.records.scene",
     "estimate_scale": "estimator.pipeline",
+    "estimate_scene": "estimator.pipeline",
     "measure_objects": "estimator.pipeline",
     "read_instances": "estimator.instances.instance_reader",
     "read_scene": "estimator.reconstructions.scene_reader",
@@ -69,9 +85,9 @@ def __getattr__(name: str) -> object:
         message = f"estimator.{name} has moved to {_MOVED[name]}.{name}"
         warnings.warn(message, DeprecationWarning, stacklevel=2)
         return getattr(import_module(_MOVED[name]), name)
-    if name not in _HOMES:
+    if name not in _MODULES:
         raise AttributeError(f"module 'estimator' has no attribute {name!r}")
-    return getattr(import_module(_HOMES[name]), name)
+    return getattr(import_module(_MODULES[name]), name)
 
 
 def __dir__() -> list[str]:

@@ -153,6 +153,15 @@ def estimate_scene(
     -------
     SceneEstimate
         The result, and the scene, instances and measurements that it is based on.
+
+    Examples
+    --------
+    >>> from pathlib import Path
+    >>> import metric_tree
+    >>> from estimator import EstimateOptions, estimate_scene
+    >>> estimate = estimate_scene(Path("data/scenes/demo_room"), metric_tree.open(), EstimateOptions())
+    >>> estimate.result.status, len(estimate.measurements.objects) == len(estimate.result.objects)
+    ('resolved', True)
     """
     from estimator.reconstructions.model_checks import check_reconstruction
     from estimator.reconstructions.scene_reader import read_scene
@@ -241,15 +250,15 @@ def measure_objects(
     geometry = scene_geometry(inner.scene, association.clouds, options, given, seconds)
     problems = [*association.problems, *geometry.problems]
     if instances and not inner.instances:
-        doubled = f"the {len(instances)} masks lie in pairs on the same pixels under two categories of equal score"
-        problems.append(SceneProblem(f"{doubled}: nothing says which is right, and none is taken"))
+        doubled = f"the {len(instances)} masks are pairs of equal masks with two categories of equal score"
+        problems.append(SceneProblem(f"{doubled}: the correct ones are unknown, and none is used"))
     if geometry.up.method == "none":
         problems.append(SceneProblem("up is unknown: the cameras neither turn nor agree on it"))
     if geometry.up.method == "mean-camera-up":
         uncertain = "up is the mean camera up: the cameras hardly turn and no level surface is visible"
         problems.append(SceneProblem(uncertain))
     if options.supports and not geometry.planes:
-        problems.append(SceneProblem("no support plane was found: heights are those of the points alone"))
+        problems.append(SceneProblem("no support plane was found: objects are not extended down to one"))
     objects = measure_tracks(inner.scene, inner.instances, association, geometry, options, seconds)
     return to_world(objects, association.tracks, geometry, inner, tuple(problems), seconds)
 
@@ -273,7 +282,7 @@ def _scene_instances(
 
         return InstanceSet(*detect_instances(scene, images, detector))
     if file is None and has_evidence and default_instances(scene) is None:
-        return InstanceSet((), ("no instances, so the scale is that of the other evidence alone",))
+        return InstanceSet((), ("no instances: the scale is based on the other evidence",))
     instances, warned = read_instances_and_warnings(scene, file, categories)
     return InstanceSet(instances, warned, is_default=bool(instances) and file is None)
 

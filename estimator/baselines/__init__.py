@@ -1,1 +1,1 @@
-"""Named baselines: what the paper and its predecessor did, for comparison in the same command."""
+"""Baselines for comparison: the method of the paper, and that of Sucar and Hayet."""

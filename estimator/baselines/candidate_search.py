@@ -1,4 +1,4 @@
-"""The search that both baselines share: likelihoods on a row of candidate scales, the highest product wins."""
+"""Search of both baselines: the candidate scale with the highest product of likelihoods."""
 
 from __future__ import annotations
 
@@ -9,24 +9,22 @@ from estimator.posterior.posterior import Estimate, status_reason
 from estimator.records.result import Curve
 from metric_base.arrays import FloatArray
 
-#: Candidate scales between the limits: the paper names neither its limits nor its step; this step is a thousandth of
-#: the answer where the limits are a factor of ten apart.
+#: Number of candidate scales between the limits. The paper states neither limits nor step; this step is a thousandth of
+#: the result if the ratio of the limits is ten.
 CANDIDATES = 2000
-
-#: The limits reach this factor beyond the scales that single objects propose.
+#: Ratio of the limits to the extreme scales of single objects.
 MARGIN = 1.6
 
 
 def candidate_scales(proposed: FloatArray) -> FloatArray:
-    """Evenly spaced candidates (g,) around the scales (n,) that the objects' typical sizes propose (paper 4.3)."""
+    """Return evenly spaced candidates (g,) around the scales (n,) by the typical sizes of the objects (paper 4.3)."""
     return np.linspace(float(proposed.min()) / MARGIN, float(proposed.max()) * MARGIN, CANDIDATES)
 
 
 def estimate_on(scales: FloatArray, log_likelihood: FloatArray, level: float) -> Estimate:
-    """The estimate from log likelihoods (n, g) of n objects on candidate scales (g,).
+    """Return the estimate from log likelihoods (n, g) of n objects on candidate scales (g,).
 
-    The product is taken as it stands, s* = argmax prod_i phi_i(s L_i): no Jacobian, no outliers, flat over the
-    candidates; every object has weight one.
+    It maximises s* = argmax prod_i phi_i(s L_i), without Jacobian, outliers or prior. Every object has the weight 1.
     """
     total = log_likelihood.sum(axis=0)
     log_scale = np.linspace(np.log(scales[0]), np.log(scales[-1]), 2 * len(scales))

@@ -134,7 +134,9 @@ def _list(path: Path) -> tuple[tuple[str, ...], FloatArray]:
             [[float(cell) for cell in line.split(",")] for line in read_text(path).split("\n") if line.strip()]
         )
     except ValueError:
-        raise InputError.at(path, "rows", "numbers apart by commas, as many in each line", Unquoted("others")) from None
+        raise InputError.at(
+            path, "rows", "numbers separated by commas, the same number in each line", Unquoted("others")
+        ) from None
     sizes = rows * (MM_PER_INCH if path.stem == "diningchair" else 1.0)
     if sizes.shape[1] == 1:
         return ("height",), sizes

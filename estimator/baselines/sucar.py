@@ -99,21 +99,21 @@ def sucar_result(
 
 
 def prescribed_down(scene: Scene) -> FloatArray:
-    """(3,) the vertical that the method prescribes: the y axis of the first camera."""
+    """Return the prescribed downward direction (3,): the y axis of the first camera."""
     return np.asarray(scene.views[0].rotation[1])
 
 
 def box_heights(scene: Scene, instances: Sequence[Instance], down: FloatArray) -> FloatArray:
-    """(n,) height in scene units of each detection's box along the prescribed vertical; NaN without depth.
+    """Return the height (n,) of the box of each detection along `down` (3,), in scene units; NaN without depth.
 
-    The box's middle column meets the vertical line through its centre, which lies at the median depth of the map
-    points observed inside the box.
+    The centre of the box is at the median depth of the map points observed in the box. Its height is the distance
+    between the points of the vertical line through the centre that project to the upper and the lower edge.
     """
     return np.array([_box_height(scene, item, down) for item in instances])
 
 
 def _box_height(scene: Scene, item: Instance, down: FloatArray) -> float:
-    """Height of the mask's box along `down` (3,), in scene units; NaN where it is not known."""
+    """Return the height of the box of a mask along `down` (3,), in scene units; NaN if it is unknown."""
     view = scene.views[item.view]
     columns, rows = np.flatnonzero(item.mask.any(axis=0)), np.flatnonzero(item.mask.any(axis=1))
     if not len(columns):
@@ -123,8 +123,8 @@ def _box_height(scene: Scene, item: Instance, down: FloatArray) -> float:
     depth = _depth(scene, view, low, high)
     if not np.isfinite(depth):
         return np.nan
-    middle = 0.5 * (low + high)
-    pixels = np.array([middle, [middle[0], low[1]], [middle[0], high[1]]])
+    centre_pixel = 0.5 * (low + high)
+    pixels = np.array([centre_pixel, [centre_pixel[0], low[1]], [centre_pixel[0], high[1]]])
     rays = view_rays(view.camera, pixels) @ view.rotation  # (3, 3) world, unit depth
     centre = rays[0] * depth  # from the camera centre
     top, bottom = (_along(down, centre, ray) for ray in rays[1:])
@@ -132,7 +132,7 @@ def _box_height(scene: Scene, item: Instance, down: FloatArray) -> float:
 
 
 def _depth(scene: Scene, view: View, low: FloatArray, high: FloatArray) -> float:
-    """Median depth of the points in the box from `low` (2,) to `high` (2,), pixels."""
+    """Return the median depth of the points in the box from pixel `low` (2,) to `high` (2,); NaN for too few."""
     if len(view.point_index):
         inside = ((view.keypoints >= low) & (view.keypoints <= high)).all(axis=1)
         depths = (scene.points[view.point_index[inside]] @ view.rotation.T + view.translation)[:, 2]
@@ -144,13 +144,13 @@ def _depth(scene: Scene, view: View, low: FloatArray, high: FloatArray) -> float
 
 
 def _along(down: FloatArray, centre: FloatArray, ray: FloatArray) -> float:
-    """Place t on the line centre + t down nearest to a ray through the origin; all (3,)."""
-    across = ray - (ray @ down) * down  # the ray seen along the line
+    """Return t of the point on the line centre + t down that is closest to a ray through the origin; all (3,)."""
+    across = ray - (ray @ down) * down  # component orthogonal to the line
     reach = (centre @ across) / max(float(across @ across), 1e-12)
     return float(reach * (ray @ down) - centre @ down)
 
 
 def _moments(prior: Prior) -> tuple[float, float]:
-    """Mean and standard deviation in mm of the class's heights: the Gaussian of the method."""
+    """Return the mean and the standard deviation in mm of the heights of a class: the Gaussian of the method."""
     heights = prior.sample(N_SAMPLES, SEED)[:, 0]
     return float(heights.mean()), float(heights.std())

@@ -184,13 +184,13 @@ class Marker:
         """Return the scale by each marker whose corners at least two views show."""
         seen = self._corners(scene)
         if seen is None:
-            missing = "no picture of the scene was found (--images DIR names their folder)"
+            missing = "no image of the scene was found (--images DIR names their folder)"
             return skipped_evidence(KIND, self.dictionary, missing)
         measured = [
             _marker_evidence(name, self._shape(corners), corners, scene) for name, corners in sorted(seen.items())
         ]
         rows = [row for row in measured if row is not None]
-        return tuple(rows) or skipped_evidence(KIND, self.dictionary, "no marker is in two pictures or more")
+        return tuple(rows) or skipped_evidence(KIND, self.dictionary, "no marker is in two or more images")
 
     def _shape(self, corners: Mapping[int, object]) -> dict[int, FloatArray]:
         """Return the position (3,) in metres of each corner in the frame of the marker."""

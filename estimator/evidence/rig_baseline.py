@@ -42,7 +42,7 @@ class RigBaseline:
         first, second = (_centres(scene, folder) for folder in (self.first, self.second))
         distances = np.array([np.linalg.norm(first[key] - second[key]) for key in sorted(first.keys() & second.keys())])
         if not len(distances):
-            return skipped_evidence("baseline", name, "no two pictures of one moment")
+            return skipped_evidence("baseline", name, "the two cameras have no simultaneous images")
         median = float(np.median(distances))
         if not median > 0:
             return skipped_evidence("baseline", name, "both cameras are at one place")

@@ -1,1 +1,1 @@
-"""Measured objects in scene units, from the points and masks of one object each (paper section 4.2)."""
+"""Measure objects in scene units, from their points and masks (paper section 4.2)."""

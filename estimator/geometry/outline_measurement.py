@@ -137,7 +137,7 @@ def measure_by_outlines(item: MeasuredObject, data: OutlineData) -> MeasuredObje
     foot = _foot_on_plane(floor, data, 0.0, None) if stands and floor is not None else None
     centre = _approximate_centre(points, outlines, foot)
     if centre is None:
-        return replace(item, skipped="no points, and no floor under it, say how far away it is")
+        return replace(item, skipped="its distance is unknown: it has no points, and no floor is below it")
     if foot is not None and points is not None:
         foot = _foot_on_ground(foot, data, centre, outlines.size_at(centre))
     is_extended = item.unsupported_height is not None and bool(item.notes)

@@ -1,1 +1,1 @@
-"""From measured objects and a tree to a result: names to priors, posterior, verdicts in words."""
+"""From measured objects and a tree to a result: priors of the categories, scale, verdicts, advice."""

@@ -99,7 +99,7 @@ def _complete_sides(evidence: EvidenceSet, posterior_of: Callable[..., Posterior
             return posterior_of([*others, _with_class_size(item, cut, scale)])
 
         name = f"{item.object.category} {item.object.id}"
-        yield f"two more pictures of the {name} from the side that is cut", name, posterior_at
+        yield f"two more images of the {name} from the side that is cut", name, posterior_at
 
 
 def _known_length(evidence: EvidenceSet, level: float) -> Iterator[_Measurement]:
@@ -129,7 +129,7 @@ def _skipped_objects(evidence: EvidenceSet, posterior_of: Callable[..., Posterio
             skipped.setdefault(item.category, []).append(item)
     for category, members in sorted(skipped.items(), key=lambda pair: -len(pair[1]))[:MAX_SKIPPED_CLASSES]:
         count = "" if len(members) == 1 else f"one of the {len(members)} objects "
-        text = f"masks of {count}{category!r} that could not be measured, in more pictures"
+        text = f"masks of {count}{category!r} that could not be measured, in more images"
         posterior_at = _with_another(evidence.matches[category], evidence, posterior_of)
         yield text, f"{members[0].category} {members[0].id}", posterior_at
 

@@ -178,7 +178,7 @@ def known_length_conflict(
     tail = min(min(value, 1 - value + 1e-12) for value in below)
 
     trusted = options.trust_known_length
-    scales = f"{estimate.modes[0].scale:.4g} m per unit, {low:.4g} to {high:.4g} by the objects alone"
+    scales = f"{estimate.modes[0].scale:.4g} m per unit, {low:.4g} to {high:.4g} by the objects"
     check = "check the points, the metres and the labels"
     if kept >= MIN_KEPT_WEIGHT and tail >= MIN_TAIL_MASS:
         message = f"the known lengths are outside the objects' own interval: {scales}; {check}"
@@ -186,7 +186,7 @@ def known_length_conflict(
     outliers = sum(verdict(float(weight)) == "outlier" for weight in estimate.weight)
     finding = f"{outliers} of {len(evidence)} objects would be outliers"
     if kept >= MIN_KEPT_WEIGHT:
-        finding = f"the objects leave it a chance of less than {MIN_TAIL_MASS:g}"
+        finding = f"their probability by the objects is less than {MIN_TAIL_MASS:g}"
     message = f"the known lengths contradict the objects: {scales}, and {finding}; {check}"
     if trusted:
         return LengthConflict(low, high, message, is_decisive=False)
@@ -203,8 +203,8 @@ def single_category_reason(estimate: Posterior, evidence: Sequence[ObjectEvidenc
     outliers = sum(verdict(float(weight)) == "outlier" for weight in estimate.weight)
     if len(names) != 1 or outliers < max(MIN_WRONG_LABELS, MIN_WRONG_LABEL_FRACTION * len(evidence)):
         return None
-    name = next(iter(names))
-    return f"{outliers} of {len(evidence)} objects are outliers, and all are called {name!r}: their labels are wrong"
+    category = f"all have the category {next(iter(names))!r}"
+    return f"{outliers} of {len(evidence)} objects are outliers, and {category}: their labels are wrong"
 
 
 def _evidence_reports(
@@ -219,10 +219,10 @@ def _evidence_reports(
             continue
         weight, reason = next(weights), None
         if item.doubt == 0 and conflict is not None and not conflict.low <= item.scale <= conflict.high:
-            reason = f"the objects alone say {conflict.low:.4g} to {conflict.high:.4g}"
+            reason = f"the scale by the objects is {conflict.low:.4g} to {conflict.high:.4g}"
         outcome: Verdict = "used"
         if weight < MIN_EVIDENCE_WEIGHT:
-            outcome, reason = "outlier", f"all else says {estimate.modes[0].scale:.4g}"
+            outcome, reason = "outlier", f"the scale by all other evidence is {estimate.modes[0].scale:.4g}"
         reports.append(EvidenceReport(item.kind, item.id, item.scale, item.sd_log, weight, outcome, reason))
     return tuple(reports)
 
@@ -232,7 +232,7 @@ def _context_warnings(matches: Mapping[str, CategoryMatch], options: EstimateOpt
     if options.where is None:
         return []
     names = sorted(name for name, match in matches.items() if match.prior is not None and not match.prior.contexts)
-    plain = f"where: {options.where}: no size by region or year, so that plain priors hold: {', '.join(names)}"
+    plain = f"where: {options.where}: no sizes by region or year; plain priors are used for: {', '.join(names)}"
     return [plain] if names else []
 
 

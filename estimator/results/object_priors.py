@@ -44,7 +44,7 @@ BROADER_SCORE = 0.7
 #: Maximum number of unknown names for which similar names are suggested; each search takes some milliseconds.
 MAX_ADVISED_NAMES = 50
 #: Note of an object whose height is truncated only because its underside is hidden.
-HIDDEN_UNDERSIDE = "its underside is not seen"
+HIDDEN_UNDERSIDE = "its underside is hidden"
 #: Maximum count of a class in the probability of a scene type: ten chairs result from one decision.
 MAX_COUNT_PER_CLASS = 3
 #: Prior probability that the type of a scene is unknown.
@@ -72,7 +72,9 @@ class CategoryMatch:
     @property
     def notes(self) -> tuple[str, ...]:
         """Notes of every object with this name."""
-        return (f"read as the broader kind {self.node.name}",) if self.is_broader and self.node is not None else ()
+        return (
+            (f"treated as the broader category {self.node.name}",) if self.is_broader and self.node is not None else ()
+        )
 
 
 @dataclass(frozen=True, slots=True, eq=False)

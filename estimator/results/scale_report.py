@@ -152,7 +152,7 @@ def outlier_reason(
     names = AXES
     if is_sorted(prior):
         extents, names = np.sort(extents)[::-1], EXTENTS
-    furthest, message = 1.0, f"proportions unlike its class; alone it says scale {own_scale:.3g}"
+    furthest, message = 1.0, f"its proportions are unlike its class; the scale by this object is {own_scale:.3g}"
     for name, (low, high) in zip(prior.dims, _typical_sizes(prior), strict=True):
         size = float(extents[names.index(name)])
         # Distance from the centre of the typical sizes in half widths, in log size; over 1 is outside.

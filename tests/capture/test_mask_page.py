@@ -140,7 +140,7 @@ def test_the_page_ends_with_the_answer_and_lets_one_draw_on(tmp_path: Path) -> N
     def estimate(document: dict[str, Any]) -> tuple[dict[str, Any], bytes]:
         estimated.append(len(document["annotations"]))
         rows = [["chair 1", "measured", "0.50 × 0.50 × 0.90", "0.48", "used: <b>"]]
-        missing = ["would help: two more pictures of the chair 1"]
+        missing = ["would help: two more images of the chair 1"]
         columns = ["object", "tier", "metres", "own scale", "verdict"]
         record = {"headline": f"scale {len(estimated)}", "columns": columns, "rows": rows, "missing": missing}
         return record, cv2.imencode(".png", np.zeros((20, 30, 3), np.uint8))[1].tobytes()

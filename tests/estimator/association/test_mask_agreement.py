@@ -80,4 +80,4 @@ def test_masks_that_stand_twice_under_two_categories_are_said(synthetic):
     twice = [*synthetic.instances, *(replace(mask, category="lamp", id=f"{mask.id}b") for mask in synthetic.instances)]
     found = measure_objects(synthetic.scene, twice)
     assert found.objects == ()
-    assert any("in pairs on the same pixels" in problem.message for problem in found.problems)
+    assert any("pairs of equal masks" in problem.message for problem in found.problems)

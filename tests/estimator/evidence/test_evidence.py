@@ -71,7 +71,7 @@ def test_each_kind_right_wrong_and_against_the_objects(kind: str, rig: Walk, tre
         assert against.scale == pytest.approx(rig.scale, rel=0.03)
         (row,) = against.evidence
         assert (row.verdict, row.weight < 0.1) == ("outlier", True)
-        assert f"all else says {against.modes[0].scale:.4g}" in str(row.reason)
+        assert f"the scale by all other evidence is {against.modes[0].scale:.4g}" in str(row.reason)
 
 
 def _width(result: estimator.ScaleResult) -> float:

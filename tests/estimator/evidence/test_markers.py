@@ -25,9 +25,9 @@ def test_a_small_marker_seen_aslant_is_not_too_large(walk: Walk, nothing: Measur
 
 def test_pictures_without_a_marker(walk: Walk, nothing: Measurements, tmp_path: Path) -> None:
     marker = Marker("DICT_4X4_50", 0.1)
-    assert one(marker.observe(walk.scene, nothing)).reason.startswith("no picture of the scene was found")
+    assert one(marker.observe(walk.scene, nothing)).reason.startswith("no image of the scene was found")
     draw_marker(walk, np.full((50, 50), 80, dtype=np.uint8), 0.5)
-    assert one(marker.observe(walk.scene, nothing)).reason == "no marker is in two pictures or more"
+    assert one(marker.observe(walk.scene, nothing)).reason == "no marker is in two or more images"
 
 
 @pytest.mark.parametrize(

@@ -101,7 +101,7 @@ def test_pictures_in_a_folder_of_another_name(walk: Walk, nothing: Measurements,
     assert one(Gps("exif").observe(walk.scene, nothing)).scale is None
     assert one(Gps("exif", tmp_path / "pictures").observe(walk.scene, nothing)).scale is not None
     marker = Marker("DICT_4X4_50", 0.1, images=tmp_path / "pictures")
-    assert one(marker.observe(walk.scene, nothing)).reason == "no marker is in two pictures or more"
+    assert one(marker.observe(walk.scene, nothing)).reason == "no marker is in two or more images"
 
 
 def test_a_path_over_the_date_line_is_short() -> None:

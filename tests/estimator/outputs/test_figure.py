@@ -143,7 +143,7 @@ def test_other_evidence_has_rows_before_the_objects(estimate: SceneEstimate) -> 
     rows = (
         EvidenceReport("known_length", "1", 0.5, 0.01, 1.0, "used", None),
         EvidenceReport("gps", "exif", None, None, 0.0, "skipped", "2 views have a position"),
-        EvidenceReport("marker", "7", 3.0, 0.01, 0.0, "outlier", "all else says 0.5"),
+        EvidenceReport("marker", "7", 3.0, 0.01, 0.0, "outlier", "the scale by all other evidence is 0.5"),
     )
     drawn = figure(replace(estimate, result=replace(estimate.result, evidence=rows)))
     body = panels(drawn)[1]

@@ -32,7 +32,7 @@ def test_a_broader_kind_is_said_and_weighs_less(shipped: Tree) -> None:
 
     plain, broader = result("table"), result("foosball table")
     assert plain.node == broader.node
-    assert broader.notes == ("read as the broader kind table",)
+    assert broader.notes == ("treated as the broader category table",)
     assert broader.weight < plain.weight
 
 

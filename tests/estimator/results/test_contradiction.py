@@ -45,7 +45,7 @@ def test_a_length_far_from_the_objects_is_reported(mini: Tree, known: float) -> 
     (row,) = result.evidence
     assert (row.kind, row.scale) == ("known_length", known)
     assert row.reason is not None
-    assert row.reason.startswith("the objects alone say")
+    assert row.reason.startswith("the scale by the objects is")
 
 
 @pytest.mark.parametrize("known", [5.0, 1.27, 0.15, 0.05, 500.0])
@@ -98,7 +98,9 @@ def test_evidence_that_may_be_wrong_gives_way_to_the_objects(mini: Tree) -> None
     assert right.interval.high / right.interval.low < plain.interval.high / plain.interval.low
     assert wrong.scale == pytest.approx(plain.scale, rel=0.05)
     assert wrong.evidence[0].verdict == "outlier"
-    assert wrong.warnings[0].startswith(f"gps csv: contradicts the rest: all else says {wrong.scale:.4g}")
+    assert wrong.warnings[0].startswith(
+        f"gps csv: contradicts the rest: the scale by all other evidence is {wrong.scale:.4g}"
+    )
     assert silent.scale == plain.scale
     assert silent.evidence[0].verdict == "skipped"
     assert silent.to_json()["evidence"][0] == {
@@ -139,4 +141,4 @@ def test_a_length_in_a_tail_of_the_objects_is_decisive(known: float, is_decisive
     conflict = known_length_conflict(estimate, items, EstimateOptions(evidence=(length(known),)))
     assert conflict is not None
     assert conflict.is_decisive == is_decisive
-    assert ("a chance of less than" in conflict.message) == is_decisive
+    assert ("probability by the objects is less than" in conflict.message) == is_decisive

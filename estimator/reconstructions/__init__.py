@@ -1,1 +1,1 @@
-"""COLMAP, OpenSfM and PLY files to a `Scene`, with the checks of each file."""
+"""Read reconstructions of COLMAP and OpenSfM and dense clouds as a `Scene`, and check them."""

@@ -6,7 +6,11 @@ import numpy as np
 import pytest
 
 from estimator import estimate_scale
-from estimator.reconstructions.model_checks import consistency, reprojection_problems
+from estimator.reconstructions.model_checks import (
+    ReprojectionStatistics,
+    reprojection_problems,
+    reprojection_statistics,
+)
 from tests.synthetic.shapes import box, floor, orbit, synthetic_scene
 
 
@@ -31,8 +35,8 @@ def shaken(scene, pixels):
 
 
 def test_a_good_scene_is_consistent(good):
-    measures = consistency(good)
-    assert measures.reprojection_share < 0.004
+    measures = reprojection_statistics(good)
+    assert measures.median_relative < 0.004
     assert measures.behind == 0
     assert 1 < measures.depth_ratio < 20
     assert reprojection_problems(measures) == ()
@@ -40,14 +44,14 @@ def test_a_good_scene_is_consistent(good):
 
 def test_the_median_error_is_that_of_the_keypoints(good):
     """The distance of a normal error in two dimensions has the median 1.177 sigma."""
-    measures = consistency(shaken(good, 10.0))
-    assert measures.reprojection_px == pytest.approx(11.77, rel=0.1)
-    assert measures.reprojection_share == pytest.approx(measures.reprojection_px / 200)
+    measures = reprojection_statistics(shaken(good, 10.0))
+    assert measures.median_px == pytest.approx(11.77, rel=0.1)
+    assert measures.median_relative == pytest.approx(measures.median_px / 200)
 
 
 @pytest.mark.parametrize(("pixels", "doubts", "errors"), [(1.5, 1, 0), (10.0, 0, 1)])
 def test_keypoints_that_miss_are_doubted_and_then_rule_the_model_out(good, pixels, doubts, errors):
-    problems = reprojection_problems(consistency(shaken(good, pixels)))
+    problems = reprojection_problems(reprojection_statistics(shaken(good, pixels)))
     assert [problem.is_fatal for problem in problems] == [False] * doubts + [True] * errors
 
 
@@ -56,7 +60,7 @@ def test_points_behind_the_cameras_rule_the_model_out(good):
     turned = tuple(
         replace(v, rotation=about[:, None] * v.rotation, translation=about * v.translation) for v in good.views
     )
-    measures = consistency(replace(good, views=turned))
+    measures = reprojection_statistics(replace(good, views=turned))
     assert measures.behind == 1
     assert any("behind" in problem.message and problem.is_fatal for problem in reprojection_problems(measures))
 
@@ -65,22 +69,22 @@ def test_depths_of_many_orders_are_doubted(good):
     centre = good.views[0].centre
     reach = np.geomspace(1, 1e5, len(good.points))[:, None]
     far = replace(good, points=centre + (good.points - centre) * reach)
-    measures = consistency(replace(far, views=far.views[:1]))
+    measures = reprojection_statistics(replace(far, views=far.views[:1]))
     assert any("factor" in problem.message and not problem.is_fatal for problem in reprojection_problems(measures))
 
 
 def test_without_observations_nothing_is_said(good):
     nothing = {"keypoints": np.empty((0, 2)), "point_index": np.empty(0, dtype=np.int64)}
-    measures = consistency(replace(good, views=tuple(replace(v, **nothing) for v in good.views)))
-    assert np.isnan(measures.reprojection_px)
+    measures = reprojection_statistics(replace(good, views=tuple(replace(v, **nothing) for v in good.views)))
+    assert np.isnan(measures.median_px)
     assert reprojection_problems(measures) == ()
 
 
 def test_parts_that_do_not_fit_rule_the_model_out(good):
     """A third of the points is moved aside: the median error stays small."""
     moved = good.points + np.where(np.arange(len(good.points)) % 3 == 0, 0.5, 0.0)[:, None]
-    measures = consistency(replace(good, points=moved))
-    assert measures.reprojection_share < 0.004
+    measures = reprojection_statistics(replace(good, points=moved))
+    assert measures.median_relative < 0.004
     assert measures.misses > 0.1
     assert any("do not fit" in problem.message and problem.is_fatal for problem in reprojection_problems(measures))
 
@@ -96,12 +100,37 @@ def test_a_scene_that_is_ruled_out_prints_no_warnings_of_numpy(good_scene, mini)
 
 
 def test_groups_of_views_without_a_common_point_are_doubted(good):
-    assert consistency(good).groups == 1
+    assert reprojection_statistics(good).groups == 1
     half = len(good.points) // 2
     views = []
     for number, view in enumerate(good.views):
         own = (view.point_index < half) == (number < 2)
         views.append(replace(view, keypoints=view.keypoints[own], point_index=view.point_index[own]))
-    parted = consistency(replace(good, views=tuple(views)))
+    parted = reprojection_statistics(replace(good, views=tuple(views)))
     assert parted.groups == 2
     assert any("2 groups" in problem.message and not problem.is_fatal for problem in reprojection_problems(parted))
+
+
+GOOD = ReprojectionStatistics(0.3, 3e-4, 0.0, 0.0, 5.0, 1)
+
+
+@pytest.mark.parametrize(
+    ("field", "accepted", "doubtful", "wrong"),
+    [
+        ("median_relative", 0.0039, 0.0041, 0.0201),
+        ("misses", 0.019, 0.021, 0.101),
+        ("behind", 0.019, 0.021, 0.201),
+        ("depth_ratio", 299.0, 301.0, None),
+        ("groups", 1, 2, None),
+    ],
+)
+def test_every_measure_has_a_warning_and_an_error(
+    field: str, accepted: float, doubtful: float, wrong: float | None
+) -> None:
+    """Values close to the thresholds, on both sides."""
+    assert reprojection_problems(replace(GOOD, **{field: accepted})) == ()
+    (warning,) = reprojection_problems(replace(GOOD, **{field: doubtful}))
+    assert not warning.is_fatal
+    if wrong is not None:
+        (error,) = reprojection_problems(replace(GOOD, **{field: wrong}))
+        assert error.is_fatal

@@ -1,4 +1,4 @@
-"""Images of items: verified as what they claim to be, stored once under the hash of their bytes."""
+"""Images of items: checked, and stored once under the hash of their bytes."""
 
 from __future__ import annotations
 
@@ -31,10 +31,10 @@ _ENDINGS = {"JPEG": "jpg", "PNG": "png", "WEBP": "webp"}
 
 @dataclass(frozen=True, slots=True)
 class Picture:
-    """A stored image: its hash, its item, where it came from, its file and its size.
+    """A stored image, with its hash, item, source, file and size.
 
-    attribution : whom to name, if not its source; pixels_per_metre : of an orthographic image;
-    foreground_share : of an image whose own transparency is an exact mask.
+    attribution : who is to be named, if not the source; pixels_per_metre : of an orthographic image;
+    foreground_share : of an image whose transparency is an exact mask.
     """
 
     image_id: str
@@ -94,7 +94,7 @@ def decode_picture(body: bytes) -> Any | Refusal:
 
 
 def _refusal(image: Any) -> Refusal | None:
-    """Why an image is refused by its header alone."""
+    """Return the reason to reject an image because of its header, or None."""
     if getattr(image, "is_animated", False):
         return "animated"
     if min(image.size) < SIDE_RANGE_PX[0]:
@@ -112,4 +112,4 @@ def _store(path: Path, body: bytes) -> None:
         with whole_file(path) as work:
             work.write_bytes(body)
     except OSError as error:
-        raise StorageError(f"{path}: expected room for a picture, found: {error.strerror}") from None
+        raise StorageError(f"{path}: expected space for an image, found: {error.strerror}") from None

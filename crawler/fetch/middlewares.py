@@ -37,7 +37,7 @@ BAN_PAGE_BYTES = 20_000
 
 
 class GuardMiddleware:
-    """Refuses what a crawl must not fetch: other sites, other schemes, this machine and its network."""
+    """Reject requests to other sites, other schemes, this machine and its network."""
 
     def __init__(self, crawler: Crawler) -> None:
         self._private: bool = crawler.settings.getbool("METRIC_TREE_PRIVATE")
@@ -63,7 +63,7 @@ class GuardMiddleware:
 
 
 class RefusedHostMiddleware:
-    """Says of a name that leads to an address of this machine or its network what it is: it is not asked again."""
+    """Reject names that resolve to an address of this machine or its network, without a retry."""
 
     def process_exception(self, request: Request, exception: Exception) -> None:  # noqa: ARG002 - Scrapy passes it
         """Raise IgnoreRequest where the resolver refused the request's host."""
@@ -114,7 +114,7 @@ class BanMiddleware:
             deferred_from_coro(engine.close_spider_async(reason="banned"))
             return
         first = self._crawler.settings.getfloat("METRIC_TREE_BAN_SECONDS", BAN_SECONDS)
-        # A first refusal that names its end is believed; after that it is our own patience that grows.
+        # the pause of the first ban is that of the header; further bans double our own
         own = first * 2 ** (self._in_a_row - 1)
         seconds = asked if asked is not None and self._in_a_row == 1 else max(asked or 0.0, own)
         seconds = min(seconds, MAX_BAN_SECONDS)
@@ -123,7 +123,7 @@ class BanMiddleware:
 
 
 def is_ban(response: Response) -> bool:
-    """Return True if a site answers that it takes us for a robot: 429, 503, or a short page with a captcha."""
+    """Return True if a response is a ban of robots: status 429 or 503, or a short page with a captcha."""
     if response.status in {429, 503}:
         return True
     short = isinstance(response, TextResponse) and len(response.body) < BAN_PAGE_BYTES
@@ -131,7 +131,7 @@ def is_ban(response: Response) -> bool:
 
 
 def _retry_after(response: Response) -> float | None:
-    """Seconds that a site asks for, stated as such or as a date; None for what is neither."""
+    """Return the seconds of a `Retry-After` header, a number or a date; None for other values."""
     after = (response.headers.get("Retry-After") or b"").strip()[:MAX_DATE]
     if after.isdigit():
         return float(after)
@@ -143,7 +143,7 @@ def _retry_after(response: Response) -> float | None:
 
 
 class BoundedRobotParser(ProtegoRobotParser):
-    """The rules of `robots.txt` as far as RFC 9309 asks for them: half a megabyte, cut at a line."""
+    """Rules of `robots.txt`, limited to the size that RFC 9309 demands and cut at a line."""
 
     @classmethod
     def from_crawler(cls, crawler: Crawler, robotstxt_body: bytes) -> BoundedRobotParser:

@@ -24,7 +24,7 @@ if TYPE_CHECKING:
 
 #: Names that the resolver refused in this process, which runs one crawl: Scrapy hands a resolver no crawler.
 REFUSED: set[str] = set()
-#: Networks that carry another address inside, or that no host of the web has, though they count as global.
+#: Networks that contain another address, or that no web host has, although they are global.
 _NOT_PUBLIC = [
     ipaddress.ip_network(text)
     for text in (
@@ -63,7 +63,7 @@ class PublicResolver(CachingThreadedResolver):
     """Scrapy's resolver, which keeps its answers for the whole crawl, for public addresses alone."""
 
     def getHostByName(self, name: str, timeout: Any = ()) -> Any:  # noqa: N802 - Twisted's name
-        """The address of a name, as a Deferred that fails where it is not public."""
+        """Return the address of a name as a Deferred that fails if the address is not public."""
         return super().getHostByName(name, timeout).addCallback(self._public, name)
 
     def _public(self, address: str, name: str) -> str:

@@ -1,9 +1,9 @@
-"""The frontier that several processes or machines share: Redis, with leases that run out.
+"""A frontier that several processes or machines share: Redis, with leases that expire.
 
-scrapy-redis was looked at and not taken: it pops a request before it is fetched, so that a killed worker loses what it
-held, and it pickles requests. Here a lease names its worker and its end; a worker that dies lets its leases run out and
-another takes them up. Items stay with the worker that read them, in its own SQLite file, written before the task is
-marked done: a worker killed between the two leaves an item that the next one reads again under the same id.
+Leases of a killed worker expire, and other workers fetch its pages. Items are stored by the worker that read them in an
+SQLite file before the task is marked as done; after a kill between the two, the page is read again and gives the same
+ids. scrapy-redis is not used, because it removes a request before it is fetched, so that a killed worker loses its
+requests, and because it pickles requests.
 """
 
 from __future__ import annotations
@@ -18,9 +18,7 @@ from crawler.fetch.frontier import REFUSALS, Outcome, Task, task_key
 from crawler.fetch.sqlite_frontier import SqliteFrontier
 from metric_base.errors import InputError, StorageError
 
-#: A page that is not done after this time is given to another worker: the longest download (see
-#: `crawler.fetch.settings`),
-#: with its delays, fits in many times over.
+#: Seconds after which another worker may fetch a leased page: several times the longest download with its delays.
 LEASE_SECONDS = 180.0
 
 
@@ -68,12 +66,12 @@ end
 return count
 """
 
-#: What Redis keeps of a crawl; `refused` names why, of tasks that a resume with other options offers again.
+#: Keys of a crawl in Redis; `refused` has the reasons of tasks that a resume with other options adds again.
 _PARTS = ("seen", "tasks", "queue", "leases", "done", "failed", "refused", "origin")
 
 
 class RedisFrontier:
-    """A shared frontier. `name` keeps crawls on one server apart; `folder` is where this worker keeps its items."""
+    """A shared frontier. `name` separates crawls on one server; `folder` contains the items of this worker."""
 
     def __init__(self, url: str, name: str, folder: Path, lease_seconds: float = LEASE_SECONDS) -> None:
         import redis
@@ -81,7 +79,7 @@ class RedisFrontier:
         try:
             self._redis: Any = redis.Redis.from_url(url, decode_responses=True, socket_timeout=30)
             self._redis.ping()
-        except (redis.RedisError, ValueError) as error:  # an address of another kind is a ValueError
+        except (redis.RedisError, ValueError) as error:  # a malformed address is a ValueError
             raise NoRedis(f"{url}: expected a Redis server; found {error}") from None
         self._keys = {part: f"metric-tree:{name}:{part}" for part in _PARTS}
         self._add = self._redis.register_script(_ADD)
@@ -92,7 +90,7 @@ class RedisFrontier:
         self._items = SqliteFrontier(folder / "frontier.sqlite")
 
     def add(self, tasks: Iterable[Task]) -> int:
-        """Add the tasks whose keys are new; the number of them."""
+        """Add the tasks whose keys are new; return their number."""
         arguments: list[Any] = []
         for task in tasks:
             key = task.key or task_key(task.url, task.callback)
@@ -102,7 +100,7 @@ class RedisFrontier:
         return int(self._add(keys=keys, args=arguments)) if arguments else 0
 
     def lease(self) -> Task | None:
-        """The next task; leases that ran out count as waiting."""
+        """Lease the next task; tasks with an expired lease wait."""
         now = time.time()
         keys = [self._keys[part] for part in ("tasks", "queue", "leases")]
         text = self._lease(keys=keys, args=[now, now + self._lease_seconds])
@@ -117,7 +115,7 @@ class RedisFrontier:
         pipe.execute()
 
     def commit(self, outcome: Outcome) -> int:
-        """Items to this worker's file first, then the links and the mark to Redis."""
+        """Write the items to the file of this worker, then the links and the completion to Redis."""
         new = self._items.commit(
             Outcome(outcome.key, outcome.items, pictures=outcome.pictures, max_items=outcome.max_items)
         )
@@ -133,7 +131,7 @@ class RedisFrontier:
         return new
 
     def _settle(self, pipe: Any, outcome: Outcome) -> None:
-        """The mark that a task is done or failed; a refused one is kept."""
+        """Mark a task as done or failed; a refused one is kept."""
         if outcome.failure in REFUSALS:
             pipe.hset(self._keys["refused"], outcome.key, outcome.failure)
         else:
@@ -141,24 +139,24 @@ class RedisFrontier:
         pipe.hincrby(self._keys["done" if outcome.failure is None else "failed"], outcome.failure or "pages", 1)
 
     def is_exhausted(self) -> bool:
-        """Return True if no task waits or is leased by anyone.
+        """Return True if no task waits or is leased.
 
         Raises
         ------
         StorageError
-            The server no longer knows the crawl: it was started again without its data, and nothing left is not done.
+            The server has lost the crawl (it was restarted without its data), so that the empty queue means nothing.
         """
         if self._redis.zcard(self._keys["queue"]) or self._redis.zcard(self._keys["leases"]):
             return False
         if self._is_begun and not self._redis.exists(self._keys["origin"]):
             raise StorageError(
-                f"{self._url}: expected the crawl's tasks, found a server that has lost them;"
-                " --resume with what the crawl began with goes on"
+                f"{self._url}: expected the tasks of the crawl, found a server that has lost them;"
+                " --resume with the same start addresses continues the crawl"
             )
         return True
 
     def counts(self) -> dict[str, int]:
-        """Tasks by state over all workers, and this worker's items and images."""
+        """Return tasks by state over all workers, and the numbers of items and images of this worker."""
         done = sum(map(int, self._redis.hvals(self._keys["done"])))
         failed = sum(map(int, self._redis.hvals(self._keys["failed"])))
         kept = self._items.counts()
@@ -171,30 +169,30 @@ class RedisFrontier:
         return {"waiting": waiting, "leased": int(leased), "done": done, "failed": failed} | own
 
     def failures(self) -> dict[str, int]:
-        """Failed tasks by their reason, over all workers."""
+        """Return failed tasks by reason over all workers."""
         counts = self._redis.hgetall(self._keys["failed"])
         return {reason: int(count) for reason, count in counts.items() if int(count)}
 
     def lines(self, after: int = 0, kind: Literal["items", "pictures"] = "items") -> Iterable[tuple[int, str]]:
-        """Numbers and JSON lines of this worker's items or images."""
+        """Return numbers and JSON lines of the items or images of this worker."""
         return self._items.lines(after, kind)
 
     def origin(self) -> dict[str, Any]:
-        """What the crawl began with, by whichever worker; empty if nothing was remembered."""
+        """Return the stored start addresses, query and category; empty if there are none."""
         return dict(json.loads(self._redis.get(self._keys["origin"]) or "{}"))
 
     def remember(self, origin: Mapping[str, Any]) -> None:
-        """Keep what the crawl began with, for every worker."""
+        """Store start addresses, query and category for all workers."""
         self._redis.set(self._keys["origin"], json.dumps(dict(origin)))
         self._is_begun = True
 
     def reopen(self, reason: str) -> int:
-        """Let the tasks that were refused for a reason wait again; the number of them."""
+        """Let the tasks that were refused for a reason wait again; return their number."""
         keys = [self._keys[part] for part in ("refused", "queue", "failed")]
         return int(self._reopen(keys=keys, args=[reason]))
 
     def start_over(self) -> None:
-        """Forget all tasks, and what came of them."""
+        """Remove all tasks and their results."""
         self._redis.delete(*(key for part, key in self._keys.items() if part != "origin"))
 
     def close(self) -> None:

@@ -24,19 +24,19 @@ from metric_base.errors import StorageError
 #: The request's meta that holds the task's key.
 KEY = "frontier_key"
 
-#: The setting that holds the number of new items after which a crawl ends; 0 for no end.
+#: Setting: number of new items after which a crawl ends; 0: no limit.
 LIMIT_SETTING = "METRIC_TREE_LIMIT"
 
-#: Addresses that a spider remembers: some twenty megabytes. Forgetting costs time only, the frontier knows them all.
+#: Maximum number of addresses that a spider stores, about 20 MB; the frontier has all of them.
 MAX_REMEMBERED_URLS = 100_000
 
-#: Begins the names of what is counted for each site: host, then what.
+#: Prefix of the counters of a site: host and name follow.
 SITES = "metric_tree/sites/"
 
-#: Set once a failure is committed: Scrapy passes the errback's empty output through the spider middlewares too.
+#: Set when a failure is committed, because Scrapy passes the empty output of the errback to the spider middlewares.
 _SETTLED = "frontier_settled"
 
-#: What of a request's meta outlives the process: the counters of Scrapy's own middlewares and what spiders hand on.
+#: Keys of the meta of a request that are stored: counters of Scrapy's middlewares, and values of spiders.
 _LASTING = ("depth", "retry_times", "redirect_times", "redirect_urls", "bans", "item")
 
 
@@ -47,7 +47,7 @@ def frontier_of(crawler: Crawler) -> FailFastFrontier:
 
 
 def close_crawl(crawler: Crawler, reason: str) -> None:
-    """End a crawl that runs; what is in flight is waited for."""
+    """End a running crawl after its requests in flight."""
     from scrapy.utils.defer import deferred_from_coro
 
     if crawler.engine is not None and crawler.engine.spider is not None:
@@ -55,7 +55,7 @@ def close_crawl(crawler: Crawler, reason: str) -> None:
 
 
 class FrontierScheduler(BaseScheduler):
-    """Requests come from the frontier and go back to it; nothing waits in memory, so memory does not grow."""
+    """Take requests from the frontier and return them to it; no request waits in memory."""
 
     def __init__(self, frontier: FailFastFrontier) -> None:
         self._frontier = frontier
@@ -71,11 +71,11 @@ class FrontierScheduler(BaseScheduler):
         self._spider = spider
 
     def has_pending_requests(self) -> bool:
-        """Return True if anything waits, or is in any worker's hands and might come back."""
+        """Return True if a task waits or is leased by a worker."""
         return not self._frontier.is_exhausted()
 
     def enqueue_request(self, request: Request) -> bool:
-        """Add a request to the frontier; one that is leased (a redirect, a retry) goes back to it."""
+        """Add a request to the frontier; a leased one (redirect, retry) is returned to it."""
         task = _task(request)
         if task.key:
             self._frontier.put_back(task)
@@ -110,7 +110,7 @@ class FrontierScheduler(BaseScheduler):
 
 
 class CommitMiddleware:
-    """Everything a page yields, written at once: its items, its links, and that it is done."""
+    """Commit the items, links and completion of a page in one transaction."""
 
     def __init__(self, crawler: Crawler) -> None:
         self._frontier = frontier_of(crawler)
@@ -125,7 +125,7 @@ class CommitMiddleware:
         return cls(crawler)
 
     async def process_spider_output(self, response: Response, result: AsyncIterator[Any]) -> AsyncIterator[Any]:
-        """Collect and commit; nothing is passed on, the scheduler takes the links from the frontier."""
+        """Collect the output of a page and commit it; the scheduler takes the links from the frontier."""
         items: list[tuple[str, str]] = []
         pictures: list[tuple[str, str]] = []
         tasks: list[Task] = []
@@ -150,11 +150,11 @@ class CommitMiddleware:
             most = max(self._limit - self._accepted, 0) if self._limit else None
             outcome = Outcome(response.meta[KEY], items, tasks, failure, pictures, most)
             self._settle(outcome, _is_picture(response), response.url)
-        if False:  # Scrapy asks for an asynchronous generator; this one yields nothing
+        if False:  # Scrapy needs an asynchronous generator
             yield
 
     def _settle(self, outcome: Outcome, is_picture: bool, url: str) -> None:
-        """Commit, count, and end the crawl with the last item that was asked for."""
+        """Commit and count a page, and end the crawl at its limit of items."""
         new = self._frontier.commit(outcome)
         if self._frontier.error is not None:
             return
@@ -181,19 +181,19 @@ class CommitMiddleware:
 
 
 def _count(stats: StatsCollector | None, name: str, count: int, url: str) -> None:
-    """Count for the crawl, and for the site of an address."""
+    """Increase a counter of the crawl and of the site of an address."""
     if count and stats is not None:
         stats.inc_value(f"metric_tree/{name}", count)
         stats.inc_value(f"{SITES}{urlsplit(url).hostname}/{name}", count)
 
 
 def _is_picture(response: Response) -> bool:
-    """Return True if an answer is an item's image: such a request alone names its item."""
+    """Return True if a response is the image of an item: only such requests contain an item."""
     return "item" in response.meta
 
 
 def _remember(known: set[str] | None, tasks: list[Task]) -> None:
-    """Tell the spider which addresses the frontier holds, so that it does not offer them page after page."""
+    """Store known addresses in the spider, so that it does not yield them on every page."""
     if known is not None:
         if len(known) > MAX_REMEMBERED_URLS:
             known.clear()
@@ -214,7 +214,7 @@ def _task(request: Request, depth: int | None = None) -> Task:
 def _reason(error: BaseException) -> str:
     if isinstance(error, HttpError):
         return f"http {error.response.status}"
-    # Scrapy cancels an answer that grows too large, and ignores one that unpacks to too much.
+    # Scrapy cancels a response that is too large, and ignores one that is too large when decompressed
     if isinstance(error, DownloadCancelledError) or str(error).startswith("Ignored response"):
         return "too large"
     if isinstance(error, IgnoreRequest):

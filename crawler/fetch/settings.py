@@ -19,26 +19,27 @@ MAX_DEPTH = 120
 
 
 def user_agent(contact: str) -> str:
-    """Who we are and how to reach us."""
+    """Return the user agent with the contact."""
     return f"metric-tree/1 (object sizes for research; {contact})"
 
 
 def settings(
     *, contact: str, cache: Path | None = None, private: bool = False, delay: float = DELAY_SECONDS
 ) -> dict[str, Any]:
-    """Scrapy's settings for a crawl that may be left alone.
+    """Return Scrapy's settings of a polite crawl that can run unattended.
 
     Parameters
     ----------
-    contact : an address or a page where a site's owner reaches whoever crawls.
-    cache : folder of the HTTP cache; pages are asked for again only if they changed (RFC 9111, conditional requests).
+    contact : address or page of the person who crawls, for owners of sites.
+    cache : folder of the HTTP cache; pages are fetched again only if they have changed (RFC 9111, conditional
+    requests).
     private : whether addresses of this machine and its network may be fetched (tests, a mirror).
     delay : minimum seconds between two requests to a site; AutoThrottle may increase it.
     """
     guards = {
         "crawler.fetch.middlewares.GuardMiddleware": 40,
         "crawler.fetch.middlewares.BanMiddleware": 560,
-        "crawler.fetch.middlewares.RefusedHostMiddleware": 570,  # nearer to the download than Scrapy's retries
+        "crawler.fetch.middlewares.RefusedHostMiddleware": 570,  # closer to the download than Scrapy's retries
     }
     own = {
         "METRIC_TREE_PRIVATE": private,

@@ -54,17 +54,17 @@ class SiteSpider(scrapy.Spider):
 
     @classmethod
     def origins(cls, start: Iterable[str] = (), query: str = "", category: str = "") -> list[str]:
-        """The addresses to begin with: those given, and the site's own that what is given fills."""
+        """Return the start addresses: the given ones, and the filled templates of the site."""
         return [*start, *cls.site.addresses(query=query, category=category)]
 
     @classmethod
     def required_options(cls) -> str:
-        """The options of which one must be given."""
+        """Return the options of which one is required."""
         fields = [name for name in ("query", "category") if any(f"{{{name}}}" in url for url in cls.site.templates)]
         return " or ".join(f"--{name}" for name in ("start-url", *fields))
 
     def allows(self, url: str) -> bool:
-        """Return True if an address is the site's: asked before every download, after every redirect."""
+        """Return True if an address belongs to the site; checked before downloads and after redirects."""
         host = urlsplit(url).hostname
         return self.site.owns(url) or host in self._hosts or (self._pictures is not None and bool(_NO_PAGE.search(url)))
 
@@ -74,10 +74,7 @@ class SiteSpider(scrapy.Spider):
             yield scrapy.Request(url, priority=LISTING)
 
     def parse(self, response: Response, **_: Any) -> Iterator[Any]:
-        """The item of a product page, and the links of any page.
-
-        What is dropped is yielded as its reason, and counted.
-        """
+        """Yield the item of a product page and the links of a page; dropped parts are yielded as their reason."""
         if b"html" not in (response.headers.get("Content-Type") or b"html"):
             yield "no_html"
             return
@@ -135,7 +132,7 @@ class SiteSpider(scrapy.Spider):
 
 
 def _request(url: str, **named: Any) -> scrapy.Request | str:
-    """The request of a link; one that Scrapy refuses costs itself alone."""
+    """Return the request of a link, or `bad_link` if Scrapy rejects the address."""
     try:
         return scrapy.Request(url, **named)
     except ValueError:

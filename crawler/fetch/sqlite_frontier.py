@@ -1,4 +1,4 @@
-"""The frontier of one process: an SQLite file that also holds the items until they are written out."""
+"""The frontier of one process: an SQLite file that also stores the items until they are written to segments."""
 
 from __future__ import annotations
 
@@ -37,7 +37,7 @@ _COUNT = {"items": "SELECT count(*) FROM items", "pictures": "SELECT count(*) FR
 
 
 class SqliteFrontier:
-    """A frontier in one file. Opening it puts back whatever a killed process had in its hands."""
+    """A frontier in one file. When it is opened, tasks that a killed process had leased wait again."""
 
     def __init__(self, path: Path) -> None:
         path.parent.mkdir(parents=True, exist_ok=True)
@@ -49,12 +49,12 @@ class SqliteFrontier:
         self._number = int(row[0])
 
     def add(self, tasks: Iterable[Task]) -> int:
-        """Add the tasks whose keys are new; the number of them."""
+        """Add the tasks whose keys are new; return their number."""
         with self._transaction():
             return self._insert(tasks)
 
     def lease(self) -> Task | None:
-        """The next task by priority, then age."""
+        """Lease the next task by priority, then age."""
         row = self._connection.execute(
             "UPDATE tasks SET state=? WHERE key=(SELECT key FROM tasks WHERE state=? ORDER BY priority DESC, number"
             " LIMIT 1) RETURNING text",
@@ -69,7 +69,7 @@ class SqliteFrontier:
         )
 
     def commit(self, outcome: Outcome) -> int:
-        """Items, links and the mark that the task is done, in one transaction."""
+        """Write items, links and the completion of a task in one transaction."""
         with self._transaction():
             new = self._store("items", outcome.items, outcome.max_items)
             state = DONE if outcome.is_whole(new) else WAITING
@@ -82,43 +82,43 @@ class SqliteFrontier:
         return new
 
     def is_exhausted(self) -> bool:
-        """Return True if no task waits or is leased; asked before every request, so it counts nothing."""
+        """Return True if no task waits or is leased; a fast query, because it runs before every request."""
         query = "SELECT EXISTS (SELECT 1 FROM tasks WHERE state IN (?, ?))"
         return not self._connection.execute(query, (WAITING, LEASED)).fetchone()[0]
 
     def counts(self) -> dict[str, int]:
-        """Tasks by state, items, and images."""
+        """Return tasks by state, and the numbers of items and images."""
         return _counts(self._connection)
 
     def origin(self) -> dict[str, Any]:
-        """What the crawl began with; empty if nothing was remembered."""
+        """Return the stored start addresses, query and category; empty if there are none."""
         row = self._connection.execute("SELECT text FROM origin").fetchone()
         return dict(json.loads(row[0])) if row else {}
 
     def remember(self, origin: Mapping[str, Any]) -> None:
-        """Keep what the crawl began with."""
+        """Store start addresses, query and category."""
         self._connection.execute("INSERT OR REPLACE INTO origin VALUES (1, ?)", (json.dumps(dict(origin)),))
 
     def reopen(self, reason: str) -> int:
-        """Let the tasks that were refused for a reason wait again; the number of them."""
+        """Let the tasks that were refused for a reason wait again; return their number."""
         query = "UPDATE tasks SET state=?, failure=NULL WHERE state=? AND failure=?"
         return self._connection.execute(query, (WAITING, FAILED, reason)).rowcount
 
     def start_over(self) -> None:
-        """Forget all tasks."""
+        """Remove all tasks."""
         self._connection.execute("DELETE FROM tasks")
 
     def failures(self) -> dict[str, int]:
-        """Failed tasks by their reason."""
+        """Return failed tasks by reason."""
         query = "SELECT failure, count(*) FROM tasks WHERE state=? GROUP BY failure ORDER BY 2 DESC"
         return dict(self._connection.execute(query, (FAILED,)).fetchall())
 
     def lines(self, after: int = 0, kind: Literal["items", "pictures"] = "items") -> Iterator[tuple[int, str]]:
-        """Numbers and JSON lines of the items or images behind a number, in the order in which they came."""
+        """Return numbers and JSON lines of the items or images after a number, in order."""
         yield from self._connection.execute(_LINES[kind], (after,))
 
     def close(self) -> None:
-        """Close the file; its journal is folded into it."""
+        """Close the file."""
         self._connection.close()
 
     def _insert(self, tasks: Iterable[Task]) -> int:
@@ -133,11 +133,11 @@ class SqliteFrontier:
             ).rowcount
         return added
 
-    def _store(self, kind: str, entries: Sequence[tuple[str, str]], most: int | None = None) -> int:
-        """Insert entries until `most` of them were new; the number that were."""
+    def _store(self, kind: str, entries: Sequence[tuple[str, str]], max_new: int | None = None) -> int:
+        """Insert entries until `max_new` of them were new; return the number of new ones."""
         new = 0
         for entry in entries:
-            if new == most:
+            if new == max_new:
                 break
             new += self._connection.execute(_STORE[kind], entry).rowcount
         return new
@@ -147,7 +147,7 @@ class SqliteFrontier:
 
 
 def stored_counts(path: Path) -> dict[str, int]:
-    """The counts of a frontier's file that another process may have open: nothing is put back, nothing written."""
+    """Return the counts of a frontier file without a change; another process may have it open."""
     connection = sqlite3.connect(f"file:{quote(str(path))}?mode=ro", uri=True)
     try:
         return _counts(connection)
@@ -164,7 +164,7 @@ def _counts(connection: sqlite3.Connection) -> dict[str, int]:
 
 
 class _Transaction:
-    """BEGIN IMMEDIATE to COMMIT, or ROLLBACK where the body raised."""
+    """BEGIN IMMEDIATE to COMMIT, or ROLLBACK if the block raises an error."""
 
     def __init__(self, connection: sqlite3.Connection) -> None:
         self._connection = connection

@@ -16,7 +16,7 @@ from crawler.text.units import millimetres
 
 ENDPOINT = "https://query.wikidata.org/sparql"
 
-#: Rows of one page: the service answers this many of a large class well inside its minute.
+#: Number of rows of a page, for which the service stays within its limit of one minute.
 PAGE_ROWS = 500
 
 #: Property to the axis word of a raw item.
@@ -30,7 +30,7 @@ UNITS = {
 
 
 def query(class_id: str, offset: int, rows: int = PAGE_ROWS) -> str:
-    """The SPARQL of one page: items of a class or its subclasses, each property as `amount unit`, in a fixed order."""
+    """Return the SPARQL query of a page of items of a class and its subclasses, in a fixed order."""
     parts = "\n".join(
         f"  OPTIONAL {{ ?item p:{p}/psv:{p} [wikibase:quantityAmount ?a{p}; wikibase:quantityUnit ?u{p}] . }}"
         for p in PROPERTIES
@@ -83,7 +83,7 @@ class WikidataSpider(scrapy.Spider):
 
     @classmethod
     def origins(cls, query: str = "", category: str = "", **_: object) -> list[str]:
-        """The class to begin with, as a list of one or none."""
+        """Return the class to start with, as a list of at most one."""
         return [name for name in (category or query,) if name]
 
     @classmethod

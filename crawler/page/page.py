@@ -32,7 +32,7 @@ _SIGNATURES = {
     b"\xff\xd8\xff": "a JPEG picture",
     b"\x89PNG": "a PNG picture",
     b"GIF8": "a GIF picture",
-    b"RIFF": "a WebP picture or another RIFF file",
+    b"RIFF": "a WebP image or another RIFF file",
     b"%PDF-": "a PDF",
     b"PK\x03\x04": "a ZIP archive or an office document",
     b"SQLite format 3": "an SQLite file",
@@ -51,7 +51,7 @@ _ELEMENT = re.compile(
 
 
 class BadPage(InputError):
-    """A file that is no page that can be read."""
+    """A file is not a readable page."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -150,7 +150,7 @@ def _unpack(path: Path, body: bytes) -> bytes:
 
 
 def other_content(body: bytes) -> str | None:
-    """What a body holds instead of HTML, in words; None where it may be HTML."""
+    """Return the kind of content of a body that is not HTML, or None."""
     if not body or body.isspace():
         return "nothing"
     for start, name in _SIGNATURES.items():

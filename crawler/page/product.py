@@ -1,4 +1,4 @@
-"""What a page says its product is: schema.org data (JSON-LD, microdata), Open Graph, breadcrumbs, headings."""
+"""Product of a page from schema.org data (JSON-LD, microdata), Open Graph, breadcrumbs and headings."""
 
 from __future__ import annotations
 
@@ -149,7 +149,7 @@ def _is(node: Mapping[str, Any], *names: str) -> bool:
 
 
 def _sizes(product: Mapping[str, Any]) -> Iterator[tuple[str, str]]:
-    """Label and text of every size that an item's data states; of variants only what all of them share."""
+    """Return label and text of the sizes in the data of an item; of variants only common ones."""
     for axis in _AXES:
         if text := _quantity(product.get(axis)):
             yield axis, text
@@ -184,7 +184,7 @@ def _quantity(value: Any) -> str | None:
 
 
 def _breadcrumb(page: Page, nodes: list[Mapping[str, Any]], title: str) -> tuple[str, ...]:
-    """The page's breadcrumb: its data's, or where that knows no category the one that it shows."""
+    """Return the breadcrumb of the structured data, or the visible one."""
     declared: tuple[str, ...] = ()
     for node in nodes:
         if _is(node, "BreadcrumbList"):
@@ -201,7 +201,7 @@ def _breadcrumb(page: Page, nodes: list[Mapping[str, Any]], title: str) -> tuple
 
 
 def _breadcrumb_boxes(page: Page) -> Iterator[Element]:
-    """The boxes that call themselves one, by class, id or label; after them those that do in any attribute."""
+    """Return boxes with a mark of breadcrumbs in class, id or label, then those with it in any attribute."""
     if not any(mark in page.text for mark in _BREADCRUMB_MARKS):
         return
     for names in (("class", "id", "aria-label"), None):

@@ -1,4 +1,4 @@
-"""A budget of processor time for work on one page: a page that is made to be slow costs that page alone."""
+"""Limit of processor time per page, so that a slow page does not delay a crawl."""
 
 from __future__ import annotations
 

@@ -23,7 +23,7 @@ def web_address(url: str, field: str) -> str:
     try:
         parts = urlsplit(url)
         sound = parts.scheme in {"http", "https"} and bool(parts.hostname) and parts.port != 0
-    except ValueError:  # a port that is no number, a bracket that is not closed
+    except ValueError:  # an invalid port, or a bracket that is not closed
         sound = False
     if not sound or re.search(r"\s", url):
         raise BadPage(f"{field}: expected an http(s) address; found {url!r}")
@@ -31,12 +31,12 @@ def web_address(url: str, field: str) -> str:
 
 
 def absolute_url(base: str, address: str) -> str:
-    """The whole address of a link without its fragment; empty where it is malformed or not of the web."""
+    """Return the absolute address of a link without fragment; empty if it is malformed or not a web address."""
     try:
         url = _joined_url(base, address.strip()).partition("#")[0]
         parts = urlsplit(url)
         sound = parts.scheme in {"http", "https"} and bool(parts.hostname) and parts.port != 0
-    except ValueError:  # a port that is no number, a bracket that is not closed
+    except ValueError:  # an invalid port, or a bracket that is not closed
         return ""
     return url if sound else ""
 
@@ -59,7 +59,7 @@ def canonical_url(url: str, ignored: str = "") -> str:
     Raises
     ------
     ValueError
-        The address is malformed: a port that is no number, a bracket that is not closed.
+        The address is malformed: an invalid port, or a bracket that is not closed.
     """
     parts = urlsplit(url)
     names = _TRACKING if not ignored else re.compile(f"{_TRACKING.pattern}|{ignored}")
@@ -69,5 +69,5 @@ def canonical_url(url: str, ignored: str = "") -> str:
 
 
 def source_id(url: str) -> str:
-    """The id of a page that has none of its own: the sha256 of its canonical address."""
+    """Return the id of a page without a product id: the SHA-256 of its canonical address."""
     return hashlib.sha256(canonical_url(url).encode()).hexdigest()

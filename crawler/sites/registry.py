@@ -1,4 +1,4 @@
-"""Sites whose pages the common reader needs help with; a new site is one TOML file."""
+"""Registry of the declared sites; a new site is one TOML file."""
 
 from __future__ import annotations
 
@@ -11,24 +11,24 @@ from crawler.page.page import Page
 from crawler.sites.site import Site
 from metric_base.records import toml_record
 
-#: Any site: schema.org data, Open Graph, breadcrumbs, tables. The user who asks for images knows its terms.
+#: Rules of undeclared sites; users who store images are responsible for the terms of the site.
 GENERIC = Site(name="generic", hosts=(), pictures="")
 
-#: Sites with rules of their own, first match wins: the declarations in this folder.
+#: Declared sites of this folder; the first match counts.
 SITES: tuple[Site, ...] = tuple(toml_record(path, Site) for path in sorted(Path(__file__).parent.glob("*.toml")))
 
 
-#: The site of a declaration outside the package, where a command was given one: it goes before all others.
+#: Declared site of a user (`use_site`), which takes precedence.
 _GIVEN: list[Site] = []
 
 
 def use_site(path: Path) -> Site:
-    """The site that a TOML file declares; from now on its addresses are its own.
+    """Register the site of a TOML file, which takes precedence over the shipped sites.
 
     Raises
     ------
     BadDeclaration
-        The file is no TOML, or fields are missing (all are named), unknown or not what they must be.
+        The file is not TOML, or fields are missing (all are named), unknown or invalid.
     """
     site = toml_record(path, Site)
     _GIVEN[:] = [site]
@@ -37,17 +37,17 @@ def use_site(path: Path) -> Site:
 
 
 def site_of(url: str) -> Site:
-    """The site that owns an address, else the generic one."""
+    """Return the site of an address, or the generic site."""
     return _site_of_host(urlsplit(url).hostname or "")
 
 
-@lru_cache(maxsize=4096)  # asked for every link of every page
+@lru_cache(maxsize=4096)  # called for every link of every page
 def _site_of_host(host: str) -> Site:
     return next((site for site in (*_GIVEN, *SITES) if site.owns_host(host)), GENERIC)
 
 
 def canonical_url(url: str) -> str:
-    """The address by which a page is known, by the rules of its site.
+    """Return the canonical address of a page by the rules of its site.
 
     Raises
     ------
@@ -58,5 +58,5 @@ def canonical_url(url: str) -> str:
 
 
 def item_of(page: Page) -> RawItem:
-    """The raw item of a page, by the rules of its site."""
+    """Return the raw item of a page by the rules of its site."""
     return site_of(page.url).item(page)

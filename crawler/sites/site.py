@@ -145,7 +145,7 @@ def _expect_xpath(field: str, xpath: str) -> None:
 
 @cache
 def _trial_page(count: int) -> Element:
-    """A page of so many elements: lists of links and texts in each other."""
+    """Return a page with about `count` elements."""
     rows = "".join(f'<li class="x"><a href="/{n}">a <b>1</b></a></li>' for n in range(count // 3))
     page: Element = fromstring(f"<html><body><div><h1>a</h1><ul>{rows}</ul></div></body></html>", HTMLParser())
     return page

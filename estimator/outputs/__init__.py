@@ -1,1 +1,1 @@
-"""What an estimate writes: table, figure, overlay, scaled model."""
+"""Files that an estimate writes: figure, overlays, and the scene at metric scale."""

@@ -1,8 +1,8 @@
-"""The figure of an estimate: what every object says about the scale, and where the objects are.
+"""Draw the figure of an estimate: the evidence of each object for the scale, and the positions of the objects.
 
-Left, the posterior over the scale with its interval and modes, and under it one row with its own likelihood for each
-other evidence and each object; the truth where the scene knows it. Right, the scene from above and from the side with
-the objects' boxes, in metres (`plan`).
+The left half shows the posterior of the scale with its interval and modes, and below it a row with the likelihood of
+each object and each other evidence alone; and the true scale, if it is known. The right half shows the scene from above
+and from the side, with the boxes of the objects in metres (`plan`).
 """
 
 from __future__ import annotations
@@ -18,7 +18,7 @@ import numpy as np
 
 from estimator.outputs.ground_truth import read_truth
 from estimator.outputs.plan import COLOURS, draw_scene, hide_spines
-from estimator.records.result import Curve, ScaleResult, Verdict
+from estimator.records.result import ScaleResult, Verdict
 from metric_base.arrays import FloatArray
 from metric_base.errors import InputError
 from metric_base.escaping import visible
@@ -31,20 +31,22 @@ if TYPE_CHECKING:
 
     from estimator.records.result import SceneEstimate
 
+#: Colours of the posterior, of the true scale, and of the title of an unresolved scale.
 POSTERIOR_COLOUR, TRUTH_COLOUR, WARNING_COLOUR = "#222222", "#009E73", "#B00020"
 FORMATS = (".png", ".pdf", ".svg")
-#: More rows of objects than this are no longer read; the most certain of them are drawn.
+#: Maximum number of rows of objects; the most certain objects are drawn.
 MAX_ROWS = 45
-ROW_INCHES, HEAD_INCHES, FOOT_INCHES, LEAST_INCHES, WIDTH_INCHES = 0.21, 2.4, 0.9, 7.0, 14.0
-#: Longest name of a row that is shown.
-MAX_LABEL = 40
-#: How far the axis of scales goes beyond the interval and the objects' own scales, as a ratio.
+#: Heights of a row, of the posterior and of the axis, and minimum height and width of the figure, in inches.
+ROW_INCHES, HEAD_INCHES, FOOT_INCHES, MIN_INCHES, WIDTH_INCHES = 0.21, 2.4, 0.9, 7.0, 14.0
+#: Maximum number of characters of the name of a row.
+MAX_LABEL_CHARS = 40
+#: Margin of the axis around the interval and the scales of the objects, as a ratio.
 AXIS_MARGIN = 1.25
-#: Share of the objects' own scales that the axis leaves out at either end, so that one outlier does not flatten all.
-AXIS_TAIL = 0.1
-#: Likelihood of an object under which its row is blank, as a share of its peak.
-_FAINT = 1e-3
-#: Numbers on the axis of scales within a decade, from coarse to fine, and how many find room beside each other.
+#: Fraction of the scales of single objects at each end that the axis need not include, because of outliers.
+AXIS_TAIL_FRACTION = 0.1
+#: Minimum likelihood that is drawn, relative to its peak.
+_MIN_DRAWN_LIKELIHOOD = 1e-3
+#: Ticks of the axis of scales within a decade, from coarse to fine.
 _TICK_STEPS = (
     (1,),
     (1, 3),
@@ -53,11 +55,24 @@ _TICK_STEPS = (
     tuple(np.arange(1, 10, 0.5)),
     tuple(np.arange(1, 10, 0.1)),
 )
+#: Maximum number of ticks.
 MAX_TICKS = 10
 
 
 def write_figure(estimate: SceneEstimate | ScaleResult, file: Path) -> None:
-    """Draw the figure into a file whose ending names the format (`.png`, `.pdf`, `.svg`), whole or not at all."""
+    """Write the figure to a file.
+
+    Parameters
+    ----------
+    estimate : SceneEstimate or ScaleResult
+    file : Path
+        With the suffix `.png`, `.pdf` or `.svg`.
+
+    Raises
+    ------
+    InputError
+        The suffix is another one, or the file cannot be written.
+    """
     if file.suffix.lower() not in FORMATS:
         raise InputError.at(file, "--figure", f"a name that ends in {', '.join(FORMATS)}", file.suffix)
     drawn = figure(estimate)
@@ -66,14 +81,14 @@ def write_figure(estimate: SceneEstimate | ScaleResult, file: Path) -> None:
 
 
 def figure_png(estimate: SceneEstimate | ScaleResult) -> bytes:
-    """The figure as the bytes of a PNG file."""
+    """Return the figure as a PNG file."""
     file = io.BytesIO()
     figure(estimate).savefig(file, format="png", dpi=100)
     return file.getvalue()
 
 
 def figure(estimate: SceneEstimate | ScaleResult) -> Figure:
-    """The figure of an estimate; parts that it has no numbers for are left blank. A bare result has no right half."""
+    """Return the figure of an estimate, or of a result without its scene, which has no right half."""
     from matplotlib.backends.backend_agg import FigureCanvasAgg
     from matplotlib.figure import Figure
 
@@ -81,13 +96,13 @@ def figure(estimate: SceneEstimate | ScaleResult) -> Figure:
     result = estimate if isinstance(estimate, ScaleResult) else estimate.result
     rows = _rows(result)
     rows_inches = ROW_INCHES * max(len(rows), 1)
-    height = max(LEAST_INCHES, HEAD_INCHES + rows_inches + FOOT_INCHES)
+    height = max(MIN_INCHES, HEAD_INCHES + rows_inches + FOOT_INCHES)
     halves = 1 if scene is None else 2
     drawn = Figure(figsize=(WIDTH_INCHES * halves / 2, height), layout="constrained")
     FigureCanvasAgg(drawn)
     left, *right = np.ravel(np.asarray(drawn.subfigures(1, halves), dtype=object))
-    share = min(HEAD_INCHES, 0.4 * height)
-    head, body = left.subplots(2, 1, sharex=True, height_ratios=(share, height - share))
+    head_height = min(HEAD_INCHES, 0.4 * height)
+    head, body = left.subplots(2, 1, sharex=True, height_ratios=(head_height, height - head_height))
     _draw_posterior(head, result, None if scene is None else read_truth(scene.scene.path).scale)
     _draw_rows(body, result, rows)
     if scene is not None:
@@ -98,53 +113,48 @@ def figure(estimate: SceneEstimate | ScaleResult) -> Figure:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class _Row:
-    """A row under the posterior: an object or other evidence. `curve` (g,) is its own likelihood, its peak 1."""
+    """A row below the posterior: an object or other evidence."""
 
     name: str
+    #: (g,) likelihood of this row alone, with a peak of 1.
     curve: FloatArray
+    #: Metres per unit at the peak.
     scale: float
     verdict: Verdict
 
 
 def _rows(result: ScaleResult) -> list[_Row]:
-    """What spoke: the other evidence, then the objects by class, at most MAX_ROWS, those with the sharpest curves."""
+    """Return the rows of other evidence and of at most `MAX_ROWS` objects with the sharpest likelihoods, by class."""
     if result.curve is None:
         return []
-    objects = [
-        _Row(f"{report.category} {report.id}", _own_curve(result, report.id), report.scale, report.verdict)
-        for report in result.objects
-        if report.id in result.object_curves and report.scale
-    ]
-    width = {row.name: float(row.curve.sum()) for row in objects}  # the area over the height
-    kept = sorted(objects, key=lambda row: width[row.name])[:MAX_ROWS]
-    category = {f"{report.category} {report.id}": report.category for report in result.objects}
-    return [*_evidence_rows(result, result.curve), *sorted(kept, key=lambda row: (category[row.name], width[row.name]))]
-
-
-def _evidence_rows(result: ScaleResult, curve: Curve) -> list[_Row]:
-    rows = []
+    evidence = []
     for item in result.evidence:
         if item.scale is not None and item.sd_log is not None:
-            own = np.exp(-0.5 * ((curve.log_scale - math.log(item.scale)) / item.sd_log) ** 2)
-            rows.append(_Row(f"{item.kind.replace('_', ' ')} {item.id}", own, item.scale, item.verdict))
-    return rows
-
-
-def _own_curve(result: ScaleResult, object_id: str) -> FloatArray:
-    """(g,) the object's likelihood without the floor that makes it an outlier, its peak 1."""
-    curve = np.asarray(result.object_curves[object_id], dtype=np.float64)
-    curve = curve - curve.min()
-    return np.asarray(curve / max(float(curve.max()), np.finfo(np.float64).tiny))
+            likelihood = np.exp(-0.5 * ((result.curve.log_scale - math.log(item.scale)) / item.sd_log) ** 2)
+            evidence.append(_Row(f"{item.kind.replace('_', ' ')} {item.id}", likelihood, item.scale, item.verdict))
+    objects = []
+    for report in result.objects:
+        if report.id in result.object_curves and report.scale:
+            # Without the flat density of an outlier.
+            likelihood = np.asarray(result.object_curves[report.id], dtype=np.float64)
+            likelihood = likelihood - likelihood.min()
+            likelihood = likelihood / max(float(likelihood.max()), np.finfo(np.float64).tiny)
+            objects.append(_Row(f"{report.category} {report.id}", likelihood, report.scale, report.verdict))
+    width = {row.name: float(row.curve.sum()) for row in objects}  # the area over the height
+    sharpest = sorted(objects, key=lambda row: width[row.name])[:MAX_ROWS]
+    category = {f"{report.category} {report.id}": report.category for report in result.objects}
+    return [*evidence, *sorted(sharpest, key=lambda row: (category[row.name], width[row.name]))]
 
 
 def _draw_posterior(axes: Axes, result: ScaleResult, truth: float | None) -> None:
+    """Draw the posterior with its interval and modes, and the true scale."""
     if result.curve is None or result.best_scale is None:
         axes.set_axis_off()
         return
     scales = np.exp(result.curve.log_scale)
     density = result.curve.density / result.curve.density.max()
     interval = result.interval
-    if interval is not None:  # from end to end, not from the first to the last point of the grid between them
+    if interval is not None:  # up to its ends, which are between grid points
         inside = np.clip(scales, interval.low, interval.high)
         under = np.interp(np.log(inside), result.curve.log_scale, density)
         axes.fill_between(inside, under, color=POSTERIOR_COLOUR, alpha=0.18, linewidth=0)
@@ -168,7 +178,7 @@ def _draw_posterior(axes: Axes, result: ScaleResult, truth: float | None) -> Non
 
 
 def _title(result: ScaleResult) -> str:
-    """The scale and its interval, or that there is none, marked where it is not resolved."""
+    """Return the scale and its interval in one line, with a status other than `resolved`."""
     scale = f"{result.best_scale:.4g} m per scene unit"
     if result.interval is None:
         return f"UNRESOLVED: the highest mode is {scale}"
@@ -178,14 +188,14 @@ def _title(result: ScaleResult) -> str:
 
 
 def _legend(truth: float | None, level: float | None, modes: int) -> list[Artist]:
-    """What the curve, the shade and the lines are."""
+    """Return the entries of the legend."""
     from matplotlib.lines import Line2D
     from matplotlib.patches import Patch
 
-    dots = "mode" if modes == 1 else "modes, with their mass"
+    mode_label = "mode" if modes == 1 else "modes, with their mass"
     handles: list[Artist] = [
         Line2D([], [], color=POSTERIOR_COLOUR, linewidth=1.6, label="posterior of the scale"),
-        Line2D([], [], color=POSTERIOR_COLOUR, linewidth=0.8, linestyle=":", label=dots),
+        Line2D([], [], color=POSTERIOR_COLOUR, linewidth=0.8, linestyle=":", label=mode_label),
     ]
     if level is not None:
         handles.insert(1, Patch(color=POSTERIOR_COLOUR, alpha=0.18, linewidth=0, label=f"{level:.0%} interval"))
@@ -195,10 +205,10 @@ def _legend(truth: float | None, level: float | None, modes: int) -> list[Artist
 
 
 def _scale_range(result: ScaleResult) -> tuple[float, float]:
-    """What the axis of scales holds: the interval, and the own scales of most objects and other evidence."""
+    """Return the limits of the axis: the interval, and the scales of most objects and other evidence alone."""
     scales = [item.scale for item in result.objects] + [item.scale for item in result.evidence]
-    own = [scale for scale in scales if scale]
-    ends = list(np.quantile(own, [AXIS_TAIL, 1 - AXIS_TAIL])) if own else []
+    single = [scale for scale in scales if scale]
+    ends = list(np.quantile(single, [AXIS_TAIL_FRACTION, 1 - AXIS_TAIL_FRACTION])) if single else []
     if result.interval is not None:
         ends += [result.interval.low, result.interval.high]
     elif result.modes:
@@ -207,7 +217,7 @@ def _scale_range(result: ScaleResult) -> tuple[float, float]:
 
 
 def _draw_rows(axes: Axes, result: ScaleResult, rows: Sequence[_Row]) -> None:
-    """One row for each object and other evidence: its likelihood, its own scale where that is outside, its name."""
+    """Draw the rows of objects and other evidence: likelihood, scale if it is outside the axis, and name."""
     from matplotlib.patheffects import Normal, Stroke
 
     if result.curve is None or not rows:
@@ -217,18 +227,18 @@ def _draw_rows(axes: Axes, result: ScaleResult, rows: Sequence[_Row]) -> None:
     scales = np.exp(result.curve.log_scale)
     if result.interval is not None:
         axes.axvspan(result.interval.low, result.interval.high, color=POSTERIOR_COLOUR, alpha=0.08, linewidth=0)
-    for place, row in enumerate(rows):
+    for y, row in enumerate(rows):
         colour = COLOURS[row.verdict]
-        shown = np.where(row.curve > _FAINT, 0.85 * row.curve, np.nan)
-        axes.fill_between(scales, place, place - shown, color=colour, alpha=0.45, linewidth=0)
-        axes.plot(scales, place - shown, color=colour, linewidth=0.8)
+        height = np.where(row.curve > _MIN_DRAWN_LIKELIHOOD, 0.85 * row.curve, np.nan)
+        axes.fill_between(scales, y, y - height, color=colour, alpha=0.45, linewidth=0)
+        axes.plot(scales, y - height, color=colour, linewidth=0.8)
         if not low <= row.scale <= high:
             mark, edge = ("◂", low) if row.scale < low else ("▸", high)
             side = "left" if row.scale < low else "right"
             label = f"{mark} {row.scale:.2g}" if side == "left" else f"{row.scale:.2g} {mark}"
-            text = axes.text(edge, place - 0.1, label, color=colour, fontsize=7, ha=side, va="bottom")
+            text = axes.text(edge, y - 0.1, label, color=colour, fontsize=7, ha=side, va="bottom")
             text.set_path_effects([Stroke(linewidth=2, foreground="white"), Normal()])
-    labels = [visible(row.name)[:MAX_LABEL] for row in rows]
+    labels = [visible(row.name)[:MAX_LABEL_CHARS] for row in rows]
     axes.set_yticks(np.arange(len(rows)) - 0.25, labels, fontsize=8, parse_math=False)
     for tick, row in zip(axes.get_yticklabels(), rows, strict=True):
         tick.set_color(COLOURS[row.verdict])
@@ -240,12 +250,12 @@ def _draw_rows(axes: Axes, result: ScaleResult, rows: Sequence[_Row]) -> None:
 
 
 def _scale_ticks(axes: Axes, low: float, high: float) -> None:
-    """Plain numbers on the log axis, as many as fit."""
+    """Set decimal tick labels on the log axis, with the finest steps of at most `MAX_TICKS` ticks."""
     from matplotlib.ticker import FixedLocator, FuncFormatter, NullLocator
 
     decades = 10.0 ** np.arange(math.floor(math.log10(low)), math.ceil(math.log10(high)) + 1)
     ticks: FloatArray = np.empty(0)
-    for steps in _TICK_STEPS:  # the finest that does not crowd
+    for steps in _TICK_STEPS:
         finer = np.outer(decades, steps).ravel()
         finer = finer[(finer >= low) & (finer <= high)]
         ticks = finer if len(finer) <= MAX_TICKS else ticks
@@ -255,11 +265,11 @@ def _scale_ticks(axes: Axes, low: float, high: float) -> None:
 
 
 def _caption(result: ScaleResult, rows: Sequence[_Row]) -> str:
-    """What the rows are, and how many objects spoke or did not."""
+    """Return the caption of the rows, with the number of used, outlying and skipped objects."""
     verdicts = [item.verdict for item in result.objects if item.dimensions]
     verdicts += [item.verdict for item in result.evidence]
     counts = {name: verdicts.count(name) for name in ("used", "outlier", "skipped")}
-    text = f"scale in metres per scene unit; rows: what each says alone   (blue {counts['used']} used, "
+    text = f"scale in metres per scene unit; rows: likelihood of each alone   (blue {counts['used']} used, "
     text += f"orange {counts['outlier']} outliers; {counts['skipped']} skipped"
-    spoke = counts["used"] + counts["outlier"]
-    return text + (f"; {len(rows)} of {spoke} drawn)" if len(rows) < spoke else ")")
+    n_rows = counts["used"] + counts["outlier"]
+    return text + (f"; {len(rows)} of {n_rows} drawn)" if len(rows) < n_rows else ")")

@@ -1,4 +1,4 @@
-"""What a scene's own `truth.json` knows, for pictures that show truth beside estimate. No estimate reads it."""
+"""Read `truth.json` of a scene, for figures that compare estimate and truth. Estimates do not use it."""
 
 from __future__ import annotations
 
@@ -16,14 +16,16 @@ TRUTH = "truth.json"
 
 @dataclass(frozen=True, slots=True)
 class SceneTruth:
-    """True scale in metres per scene unit, and true sizes in metres by the instances' track and dimension."""
+    """True scale and sizes of a scene."""
 
+    #: Metres per scene unit.
     scale: float | None = None
+    #: Sizes in metres, by track of the instances and dimension.
     sizes: Mapping[str, Mapping[str, float]] = field(default_factory=dict)
 
 
 def read_truth(folder: Path) -> SceneTruth:
-    """The truth beside a scene, empty where there is none or it is of another form: it only decorates."""
+    """Return the truth of a scene; empty if the file is missing or has another format, because it is optional."""
     try:
         document = read_json(folder / TRUTH)
     except InputError:
@@ -39,29 +41,29 @@ def read_truth(folder: Path) -> SceneTruth:
     return SceneTruth(_number(document.get("metres_per_unit")), sizes)
 
 
-def _number(stated: Any) -> float | None:
-    """The positive number that is stated, alone or as the `value` of an object, or None."""
-    value = stated.get("value") if isinstance(stated, dict) else stated
+def _number(entry: Any) -> float | None:
+    """Return a positive number, which may be the `value` of an object, or None."""
+    value = entry.get("value") if isinstance(entry, dict) else entry
     if isinstance(value, bool) or not isinstance(value, int | float) or not 0 < value < MAX_COORDINATE:
         return None
     return float(value)
 
 
-def _dimensions(stated: Mapping[str, float | None]) -> dict[str, float]:
-    """Length, width and height of what a person measured, whose words are edge, diameter, depth and thickness too.
+def _dimensions(measured: Mapping[str, float | None]) -> dict[str, float]:
+    """Convert manually measured sizes, which may be called edge, diameter, depth or thickness, to dimensions.
 
-    The longer horizontal size is the length whatever it was called; an object without a height lies flat, so that
-    its thickness is its height; a ball has its diameter in every direction.
+    The longer horizontal size is the length. The thickness of an object without a height is its height, because it is
+    on its side. The diameter of a ball is its size in all directions.
     """
-    known = {name: value for name, value in stated.items() if value is not None}
+    known = {name: value for name, value in measured.items() if value is not None}
     if "edge" in known:
         return dict.fromkeys(("length", "width", "height"), known["edge"])
     if "diameter" in known:
-        across = known["diameter"]
-        return {"length": across, "width": across, "height": known.get("height", across)}
+        diameter = known["diameter"]
+        return {"length": diameter, "width": diameter, "height": known.get("height", diameter)}
     height = known.get("height", known.get("thickness"))
-    level = [known[name] for name in ("length", "width", "depth") if name in known]
+    horizontal = [known[name] for name in ("length", "width", "depth") if name in known]
     if "height" in known and "thickness" in known:
-        level.append(known["thickness"])
-    sizes = dict(zip(("length", "width"), sorted(level, reverse=True), strict=False))
+        horizontal.append(known["thickness"])
+    sizes = dict(zip(("length", "width"), sorted(horizontal, reverse=True), strict=False))
     return sizes if height is None else {**sizes, "height": height}

@@ -1,4 +1,4 @@
-"""Where to put labels so that each is near its object, and none lies over another or over what it speaks of."""
+"""Place labels close to their objects, so that they cover neither each other nor the objects."""
 
 from __future__ import annotations
 
@@ -8,12 +8,19 @@ import numpy as np
 
 from metric_base.arrays import FloatArray
 
-#: Rings of places tried around the middle of an object; further out a label no longer belongs to it.
-_RINGS, _PER_RING = 16, 24
-#: Distance between rings in pixels, and how much wider than high they are, as labels are.
-_STEP_PX, _FLATTENED = 24.0, 1.6
-#: What it costs beside a pixel of distance: a pixel of overlap with another label, and an object wholly covered.
-_OVERLAP_COST, _COVER_COST = 3.0, 110.0
+#: Number of rings of candidate positions around the centre of an object; farther out, a label is not associated with
+#: it.
+_N_RINGS = 16
+#: Number of candidates of a ring.
+_N_PER_RING = 24
+#: Distance between rings in pixels.
+_RING_STEP_PX = 24.0
+#: Ratio of the width of a ring to its height.
+_RING_ASPECT = 1.6
+#: Cost of a square pixel of overlap with another label, compared with a pixel of distance.
+_OVERLAP_COST = 3.0
+#: Cost of covering a complete object, compared with a pixel of distance.
+_COVER_COST = 110.0
 
 
 def place_labels(
@@ -21,42 +28,55 @@ def place_labels(
     sizes: FloatArray,
     canvas: tuple[float, float],
     *,
-    step: float = _STEP_PX,
+    step: float = _RING_STEP_PX,
     cover_cost: float = _COVER_COST,
 ) -> FloatArray:
-    """(n, 2) upper left corners of labels on a canvas (width, height).
+    """Place labels by a greedy search, the largest label first, over positions on rings around their objects.
 
-    objects : (n, 4) left, top, right, bottom of what each label speaks of; sizes : (n, 2) width and height of the
-    labels. Greedy, the largest label first: of the places on rings around the object, `step` pixels
-    apart, the one that costs least; `cover_cost` is what it costs to cover a whole object.
+    Parameters
+    ----------
+    objects : (n, 4) ndarray of float
+        Left, top, right and bottom of the object of each label, in pixels.
+    sizes : (n, 2) ndarray of float
+        Width and height of each label.
+    canvas : (width, height)
+    step : float
+        Distance between rings, in pixels.
+    cover_cost : float
+        Cost of covering a complete object.
+
+    Returns
+    -------
+    (n, 2) ndarray of float
+        Upper left corners of the labels.
     """
     corners = np.zeros((len(sizes), 2))
     taken: list[FloatArray] = []
     for row in np.argsort(-sizes.prod(axis=1), kind="stable"):
-        places = _candidates(objects[row], sizes[row], canvas, step)  # (c, 2)
-        labels = np.hstack([places, places + sizes[row]])
-        middle = (objects[row, :2] + objects[row, 2:]) / 2
-        cost = np.linalg.norm(places + sizes[row] / 2 - middle, axis=1)
+        candidates = _candidates(objects[row], sizes[row], canvas, step)  # (c, 2)
+        labels = np.hstack([candidates, candidates + sizes[row]])
+        centre = (objects[row, :2] + objects[row, 2:]) / 2
+        cost = np.linalg.norm(candidates + sizes[row] / 2 - centre, axis=1)
         cost += _OVERLAP_COST * _shared_area(labels, taken).sum(axis=1)
         area = np.maximum((objects[:, 2:] - objects[:, :2]).prod(axis=1), 1.0)
         cost += cover_cost * (_shared_area(labels, objects) / area).sum(axis=1)
         best = int(cost.argmin())
-        corners[row] = places[best]
+        corners[row] = candidates[best]
         taken.append(labels[best])
     return corners
 
 
 def _candidates(bounds: FloatArray, size: FloatArray, canvas: tuple[float, float], step: float) -> FloatArray:
-    """(c, 2) corners that centre the label on rings around the object, kept inside the canvas."""
-    angles = np.linspace(-np.pi / 2, 1.5 * np.pi, _PER_RING, endpoint=False)
-    around = np.column_stack([_FLATTENED * np.cos(angles), np.sin(angles)])
-    radii = step * np.arange(_RINGS)
+    """Return the corners (c, 2) of a label whose centre is on rings around an object, within the canvas."""
+    angles = np.linspace(-np.pi / 2, 1.5 * np.pi, _N_PER_RING, endpoint=False)
+    around = np.column_stack([_RING_ASPECT * np.cos(angles), np.sin(angles)])
+    radii = step * np.arange(_N_RINGS)
     centres = (bounds[:2] + bounds[2:]) / 2 + (radii[:, None, None] * around).reshape(-1, 2)
     return np.asarray(np.clip(centres - size / 2, 0, np.maximum(np.array(canvas) - size, 0)))
 
 
 def _shared_area(labels: FloatArray, others: Sequence[FloatArray] | FloatArray) -> FloatArray:
-    """(c, k) area that each of c boxes shares with each of k others."""
+    """Return the areas (c, k) of the intersections of c boxes and k other boxes."""
     boxes = np.asarray(others, dtype=np.float64).reshape(-1, 4)
     low = np.maximum(labels[:, None, :2], boxes[None, :, :2])
     high = np.minimum(labels[:, None, 2:], boxes[None, :, 2:])

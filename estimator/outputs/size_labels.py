@@ -1,4 +1,4 @@
-"""Sizes in words, as they stand beside an object in a picture: estimate, interval, truth."""
+"""Format the sizes of an object for images and views: estimate, interval, and true size."""
 
 from __future__ import annotations
 
@@ -16,46 +16,69 @@ _SHORT = ("l", "w", "h")
 
 @dataclass(frozen=True, slots=True)
 class DimensionLabel:
-    """One dimension of one object in words: its axis (0 to 2), whether it counted, and its text."""
+    """Text of one dimension of an object."""
 
+    #: 0 length, 1 width, 2 height.
     axis: int
-    trusted: bool
+    #: True if the dimension was used for the scale.
+    is_used: bool
     text: str
 
 
 def dimension_labels(
     item: MeasuredObject, report: ObjectReport, result: ScaleResult, truth: Mapping[str, float]
 ) -> tuple[DimensionLabel, ...]:
-    """What to write of an object: each dimension in metres with its interval, those that did not count without.
+    """Return the labels of an object: dimensions in metres, with intervals for those that were used for the scale.
 
-    Of an unresolved scale the metres are those of its highest mode, without an interval.
+    If the scale is unresolved, the sizes are those at its highest mode, without intervals.
+
+    Parameters
+    ----------
+    item : MeasuredObject
+    report : ObjectReport
+    result : ScaleResult
+    truth : mapping of str to float
+        True sizes in metres by dimension, may be empty.
     """
     labels = []
     for axis, name in enumerate(AXES):
         size = float(item.extents[axis])
         if not math.isfinite(size) or result.best_scale is None:
             continue
-        trusted = report.verdict == "used" and name in report.used
+        is_used = report.verdict == "used" and name in report.used
         text = f"{'>' if item.truncated[axis] else ''}{size * result.best_scale:.2f}"
-        if trusted and result.interval is not None:
+        if is_used and result.interval is not None:
             low, high = size_interval(size, float(item.sigma[axis]), result)
             text += f" [{low:.2f}, {high:.2f}]"
-        known = f"  G {truth[name]:.2f}" if name in truth else ""
+        true_size = f"  G {truth[name]:.2f}" if name in truth else ""
         mark = "E " if truth else ""
-        labels.append(DimensionLabel(axis, trusted, f"{_SHORT[axis]} {mark}{text}{known}"))
+        labels.append(DimensionLabel(axis, is_used, f"{_SHORT[axis]} {mark}{text}{true_size}"))
     return tuple(labels)
 
 
 def size_interval(size: float, sigma: float, result: ScaleResult) -> tuple[float, float]:
-    """The interval of a size in metres at the result's level: those of the scale and of the measurement, in quadrature.
+    """Return the interval of a size in metres, with the errors of scale and measurement added in quadrature.
 
-    The scale's own half-widths in log scale are kept apart, for its posterior need not be even.
+    The lower and upper half widths of the scale differ, because its posterior may be asymmetric.
+
+    Parameters
+    ----------
+    size : float
+        Extent in scene units.
+    sigma : float
+        Standard deviation of its logarithm, may be NaN.
+    result : ScaleResult
+
+    Raises
+    ------
+    ValueError
+        The scale is not resolved.
     """
     if result.interval is None or result.scale is None:
         raise ValueError("size_interval: expected a resolved result")
     quantile = NormalDist().inv_cdf(0.5 + result.interval.level / 2)
-    spread = quantile * sigma if math.isfinite(sigma) else 0.0
-    down = math.hypot(math.log(result.scale / result.interval.low), spread)
-    up = math.hypot(math.log(result.interval.high / result.scale), spread)
+    half_width = quantile * sigma if math.isfinite(sigma) else 0.0
+    down = math.hypot(math.log(result.scale / result.interval.low), half_width)
+    up = math.hypot(math.log(result.interval.high / result.scale), half_width)
     metres = size * result.scale
     return metres * math.exp(-down), metres * math.exp(up)

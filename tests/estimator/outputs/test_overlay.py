@@ -11,7 +11,7 @@ import cv2
 import numpy as np
 import pytest
 
-from estimator.outputs.overlay import UNTRUSTED, overlay, projected_edges, write_overlays
+from estimator.outputs.overlay import UNUSED, overlay, projected_edges, write_overlays
 from estimator.outputs.size_labels import dimension_labels, size_interval
 from estimator.records.objects import EDGES, Box, corners, edge_axis
 from estimator.records.result import SceneEstimate
@@ -73,11 +73,11 @@ def test_sizes_in_words(estimate: SceneEstimate) -> None:
     report, other = estimate.result.objects
     length, width, height = dimension_labels(chair, report, estimate.result, {"height": 0.41})
     assert length.text.startswith("l E 0.30 [")
-    assert (length.trusted, width.trusted, height.trusted) == (True, False, True)
+    assert (length.is_used, width.is_used, height.is_used) == (True, False, True)
     assert width.text == "w E >0.20", "cut, and so no interval"
     assert height.text.endswith("G 0.41")
     assert dimension_labels(chair, report, estimate.result, {})[0].text.startswith("l 0.30 [")
-    assert not any(label.trusted for label in dimension_labels(table, other, estimate.result, {}))
+    assert not any(label.is_used for label in dimension_labels(table, other, estimate.result, {}))
 
 
 def test_the_interval_of_a_size_joins_scale_and_measurement(estimate: SceneEstimate) -> None:
@@ -93,7 +93,7 @@ def test_a_frame_is_enlarged_and_drawn_upon(estimate: SceneEstimate) -> None:
     picture = np.full((240, 320, 3), GREY, dtype=np.uint8)
     drawn = overlay(estimate, 1, picture)
     assert drawn.shape == (1228, 1600, 3)
-    assert (drawn == UNTRUSTED).all(axis=2).sum() > 300, "the outlier's sizes are red"
+    assert (drawn == UNUSED).all(axis=2).sum() > 300, "the outlier's sizes are red"
     assert (np.abs(drawn.astype(int) - GREY) <= 2).all(axis=2).mean() > 0.5, "most of the picture is still there"
     bare = overlay(replace(estimate, measurements=None), 1, picture)
     assert (np.abs(bare.astype(int) - GREY) <= 2).all()
@@ -129,6 +129,6 @@ def test_an_unreadable_picture_is_one_line_and_leaves_nothing(folder: Path, tmp_
     scene = shutil.copytree(folder, tmp_path / "scene")
     picture = max((scene / "images").rglob("*.*"))
     picture.write_bytes(picture.read_bytes()[:20])
-    with pytest.raises(InputError, match=f"{picture.name}: picture: expected one that OpenCV reads"):
+    with pytest.raises(InputError, match=f"{picture.name}: image: expected an image that OpenCV reads"):
         write_overlays(drawn_estimate(scene), tmp_path / "overlay")
     assert [path.name for path in tmp_path.iterdir()] == ["scene"]

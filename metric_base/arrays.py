@@ -1,4 +1,4 @@
-"""Array types that every package uses; a docstring beside each use states the shape."""
+"""Array types of all packages; docstrings state the shapes."""
 
 from __future__ import annotations
 

@@ -49,8 +49,8 @@ def executor_of(workers: int, scheduler: str | None) -> Iterator[Executor | None
         try:
             yield pool
         except KeyboardInterrupt:
-            signal.signal(signal.SIGINT, signal.SIG_IGN)  # a second one, which `timeout` sends, says nothing new
-            for worker in active_children():  # what they are at would be thrown away
+            signal.signal(signal.SIGINT, signal.SIG_IGN)  # ignore a second interrupt, which `timeout` sends
+            for worker in active_children():  # their results would be discarded
                 worker.terminate()
             raise
         finally:

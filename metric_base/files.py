@@ -35,7 +35,7 @@ _INPUT_SUFFIXES = frozenset(
 _IMAGE_FOLDERS = frozenset({"images", "frames", "instances", "pictures", "masks", "depth"})
 #: Number of folders above a model that are searched for its images.
 _LEVELS_UP = 3
-#: What a system says about a place that cannot be written, as against an internal error.
+#: Errors of the system that mean that a place cannot be written; others are internal errors.
 WRITE_ERRORS = frozenset({
     errno.ENOSPC, errno.EDQUOT, errno.EROFS, errno.EFBIG, errno.EIO, errno.EACCES, errno.EPERM, errno.ENOENT,
     errno.ENOTDIR, errno.EISDIR, errno.EEXIST, errno.ENOTEMPTY, errno.ENAMETOOLONG, errno.ELOOP, errno.ENXIO,
@@ -47,7 +47,7 @@ _RESERVED = re.compile(r"(con|prn|aux|nul|com[0-9¹²³]|lpt[0-9¹²³]|conin\$|
 _UNFIT = re.compile(r'[<>:"|?*\x00-\x1f\x7f-\x9f\u200e\u200f\u2028-\u202e\u2066-\u2069\ud800-\udfff]')
 #: Longest name of a file in bytes, less room for a temporary ending.
 MAX_NAME_BYTES = 200
-#: Tells machines that share a disk apart in the names of temporary files.
+#: Part of the names of temporary files that identifies the machine, for shared disks.
 _MACHINE = f"{zlib.crc32(platform.node().encode()):08x}"
 
 
@@ -95,7 +95,7 @@ def _lock(descriptor: int) -> None:
 
 @dataclass(frozen=True, slots=True)
 class OutputRules:
-    """Of one run: the files and folders that it reads, and whether its outputs may replace files of others."""
+    """Inputs of a run, and whether its outputs may replace existing files."""
 
     inputs: tuple[Path, ...] = ()
     overwrite: bool = False
@@ -179,7 +179,7 @@ def _is_read(path: Path, source: Path, is_own: bool) -> bool:
 
 
 def _with_companions(inputs: Iterable[Path]) -> Iterator[Path]:
-    """The inputs and what they name: buffers and textures, the video of a work folder, images beside a model."""
+    """Return the inputs and the files that they refer to: buffers, textures, the video of a work folder, images."""
     for path in inputs:
         yield path
         if path.suffix.lower() == ".gltf":
@@ -190,7 +190,7 @@ def _with_companions(inputs: Iterable[Path]) -> Iterator[Path]:
             above = [path.resolve(), *path.resolve().parents][: _LEVELS_UP + 1]
             yield from (place / "images" for place in above if (place / "images").is_dir())
         elif path.is_file() and path.suffix.lower() in (".bin", ".txt"):
-            yield path.parent  # any file of a model stands for its folder
+            yield path.parent  # a file of a model represents its folder
 
 
 def _texts_of(file: Path, key: str) -> list[str]:
@@ -206,17 +206,16 @@ def _texts_of(file: Path, key: str) -> list[str]:
     try:
         json.loads(file.read_text(encoding="utf-8"), object_hook=collect)
     except (OSError, ValueError, RecursionError):
-        return []  # whoever reads it says what is wrong with it
+        return []  # its reader reports the error
     return texts
 
 
 @contextmanager
 def whole_file(path: Path, option: str | None = None, schema: str | None = None) -> Iterator[Path]:
-    """A temporary path to write to; `path` has its content when the block ends, and is untouched when it fails.
+    """Provide a temporary path that replaces `path` at the end of the block; after an error `path` is unchanged.
 
-    The temporary name ends otherwise than the path's, so that what a kill leaves behind is not read as one of its
-    kind; the next run removes it. A symbolic link stays and the file that it names is replaced; a device or a pipe is
-    written to in place.
+    The suffix of the temporary name differs, so that a file of a killed run is not read; the next run removes it. If
+    `path` is a symbolic link, its target is replaced; devices and pipes are written directly.
 
     Raises
     ------
@@ -243,15 +242,15 @@ def whole_file(path: Path, option: str | None = None, schema: str | None = None)
             yield work
             work.replace(target_path)
         finally:
-            with suppress(OSError):  # the error that led here says more
+            with suppress(OSError):  # the first error is more informative
                 work.unlink(missing_ok=True)
 
 
 @contextmanager
 def whole_folder(path: Path, option: str | None = None) -> Iterator[Path]:
-    """A temporary folder beside `path` that takes its name when the block ends, and is removed when it fails.
+    """Provide a temporary folder that is renamed to `path` at the end of the block, and removed after an error.
 
-    What a killed run left of the same path is removed first.
+    Temporary folders of killed runs for the same path are removed first.
 
     Raises
     ------
@@ -280,10 +279,10 @@ def whole_folder(path: Path, option: str | None = None) -> Iterator[Path]:
 
 
 def inside(folder: Path, name: str) -> Path:
-    """A path below `folder` for a name that a file states, which is not to be trusted.
+    """Return a path below `folder` for an untrusted name from a file.
 
     Drives, roots and steps upwards are dropped, so that `../a/b.png` becomes `folder/a/b.png`; characters that a
-    system or a terminal takes amiss become `_`; the device names of Windows (`con`, `nul.txt`) get a `_` in front;
+    system or a terminal does not accept become `_`; the device names of Windows (`con`, `nul.txt`) get a `_` in front;
     long parts are shortened. Two names can give one path: `OutputNames` keeps them apart.
     """
     parts = [part for part in re.split(r"[/\\]", name) if part.strip(" .")]
@@ -334,7 +333,7 @@ def output_names(names: Iterable[str]) -> dict[str, Path]:
 
 
 def output_file(path: Path, option: str = "--out") -> Path:
-    """The path of a file that a command will write: asked before the work, so that none is done for nothing.
+    """Check the path of a file that a command will write, before the work.
 
     Raises
     ------
@@ -373,7 +372,7 @@ def _write_errors(path: Path, option: str | None) -> Iterator[None]:
 
 
 def part_of(path: Path) -> Path:
-    """The temporary file beside `path` that this process writes to."""
+    """Return the temporary file of this process next to `path`."""
     return path.with_name(f".{path.name}.{_MACHINE}.{os.getpid()}.part")
 
 

@@ -1,4 +1,4 @@
-"""Where the files that the project ships are: inside the package once installed, beside it in a checkout."""
+"""Locations of shipped data: in the installed package, or in the checkout."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ def is_checkout() -> bool:
 
 
 def user_data_folder() -> Path:
-    """Where a user's own data are kept: `$XDG_DATA_HOME/metric-tree`, or `~/.local/share/metric-tree`."""
+    """Return the folder of user data: `$XDG_DATA_HOME/metric-tree`, or `~/.local/share/metric-tree`."""
     home = os.environ.get("XDG_DATA_HOME")
     return (Path(home) if home else Path.home() / ".local" / "share") / "metric-tree"
 

@@ -1,4 +1,4 @@
-"""Images that strangers made, decoded by OpenCV: of bounded size, and a refusal is an answer, not an error."""
+"""Decode untrusted images of bounded size with OpenCV; the result is None if an image cannot be decoded."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-#: Most pixels of an image, twice those of the largest cameras.
+#: Maximum number of pixels of an image: twice the largest cameras.
 MAX_PIXELS = 1 << 28
 #: Most bytes of an image's file.
 MAX_BYTES = 1 << 30
@@ -21,14 +21,14 @@ os.environ.setdefault("OPENCV_LOG_LEVEL", "OFF")
 
 
 def read_picture(file: Path, flags: int) -> NDArray[Any] | None:
-    """(h, w) or (h, w, c) pixels of a file, as `cv2.imread` gives them; None if it is no image or too large."""
+    """Return the pixels (h, w) or (h, w, c) of a file as `cv2.imread`; None if it is not an image or too large."""
     if not file.is_file() or file.stat().st_size > MAX_BYTES:
         return None
     return decode_picture(np.fromfile(file, dtype=np.uint8), flags)
 
 
 def decode_picture(data: bytes | NDArray[np.uint8], flags: int) -> NDArray[Any] | None:
-    """(h, w) or (h, w, c) pixels of a file's bytes, as `cv2.imdecode` gives them; None if they are no image."""
+    """Return the pixels (h, w) or (h, w, c) of an encoded image as `cv2.imdecode`; None if it is not an image."""
     import cv2
 
     array = np.frombuffer(data, dtype=np.uint8) if isinstance(data, bytes) else data
@@ -36,15 +36,13 @@ def decode_picture(data: bytes | NDArray[np.uint8], flags: int) -> NDArray[Any] 
         return None
     try:
         pixels = cv2.imdecode(array, flags)
-    except cv2.error:  # more pixels than it takes, or a size that is none
+    except cv2.error:  # too many pixels, or an invalid size
         return None
     return None if pixels is None else np.asarray(pixels)
 
 
 def write_picture(file: Path, pixels: NDArray[Any], flags: Sequence[int] = ()) -> None:
-    """Write (h, w) or (h, w, c) pixels, as `cv2.imwrite` does, in the form of the file's ending.
-
-    Encoded first, then written: OpenCV's own writer does not say why it failed.
+    """Write pixels (h, w) or (h, w, c) in the format of the suffix, as `cv2.imwrite`, with errors of the system.
 
     Raises
     ------

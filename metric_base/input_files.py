@@ -17,11 +17,11 @@ from typing import Any
 
 from metric_base.errors import InputError, Unquoted
 
-#: JSON's escape of a surrogate; a half of a pair is no character that can be written or looked up.
+#: Escape of a surrogate in JSON; half of a pair is not a valid character.
 _HALF_CHARACTER = re.compile(r"\\u[dD][89a-fA-F]")
 #: Standard input by the name that commands give it.
 STDIN = "-"
-#: Largest files that are read: binary ones become arrays of their own size, text about three times as much, JSON
+#: Maximum sizes of files: binary files become arrays of the same size, text three times as much, JSON
 #: about ten times (COCO's largest annotations, of 118,000 images, are 450 MB).
 MAX_BYTES, MAX_TEXT_BYTES, MAX_JSON_BYTES = 1 << 33, 1 << 31, 1 << 29
 #: Most files in a folder of images or masks: ten hours of video at three images a second.
@@ -32,7 +32,7 @@ _PIPE_BYTES = 1 << 20
 
 
 def read_bytes(path: Path, most: int = -1, limit: int = MAX_BYTES, *, may_be_empty: bool = False) -> bytes:
-    """The whole file, or its first `most` bytes; `-` is standard input.
+    """Read a file, or its first `most` bytes; `-` is standard input.
 
     Raises
     ------
@@ -77,7 +77,7 @@ def open_file(path: Path) -> Iterator[int]:
 
 
 def _read_pipe(path: Path, descriptor: int, limit: int, whole: bool) -> bytes:
-    """What comes through a pipe, at most `limit` bytes; more are an error where the whole is asked for."""
+    """Read at most `limit` bytes from a pipe; more are an error if the whole content is required."""
     parts, size, patience = [], 0, time.monotonic() + PIPE_SECONDS
     while size <= limit:
         try:
@@ -90,7 +90,7 @@ def _read_pipe(path: Path, descriptor: int, limit: int, whole: bool) -> bytes:
             size += len(part)
         elif size or time.monotonic() > patience or str(path) == STDIN:
             return b"".join(parts)
-        else:  # nobody has opened it yet
+        else:  # no writer has opened it yet
             time.sleep(0.02)
     if whole:
         raise InputError.at(path, "file", f"at most {limit:,} bytes", Unquoted("more"))

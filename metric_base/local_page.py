@@ -1,4 +1,4 @@
-"""A page for the person at this machine: on loopback alone, under a secret path, until they are done."""
+"""A page for the local user: served on loopback under a secret path until the user has finished."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from typing import Any
 
 from metric_base.errors import InputError, Unquoted
 
-#: Most bytes of one request: ten thousand corners.
+#: Maximum size of a request in bytes: ten thousand corners.
 MOST_BYTES = 1 << 20
 #: How long a request may take to arrive.
 REQUEST_SECONDS = 30.0
@@ -23,9 +23,9 @@ LOOPBACK = "127.0.0.1"
 
 
 class LocalPage(ABC):
-    """A page with what it asks for; `answer` and `receive` say what is served.
+    """Server of a page; subclasses implement `answer` and `receive`.
 
-    url : where to open it; a secret part of it keeps other users of the machine and other pages out.
+    url : address of the page; its secret part excludes other users of the machine and other pages.
     """
 
     def __init__(self, option: str, port: int = 0) -> None:
@@ -44,7 +44,7 @@ class LocalPage(ABC):
         thread = threading.Thread(target=self._server.serve_forever, args=(POLL_SECONDS,), daemon=True)
         thread.start()
         try:
-            while not self._finished.wait(0.2):  # a wait without an end would not hear Ctrl-C
+            while not self._finished.wait(0.2):  # a wait without a limit would block Ctrl-C
                 continue
         finally:
             self._server.shutdown()
@@ -70,14 +70,17 @@ class LocalPage(ABC):
     def below(self, path: str, host: str | None) -> str | None:
         """The path below the secret one, None where the request is not for this page."""
         port = self._server.server_address[1]
-        if host not in {f"{LOOPBACK}:{port}", f"localhost:{port}"}:  # a name of another site that resolves to us
+        if host not in {
+            f"{LOOPBACK}:{port}",
+            f"localhost:{port}",
+        }:  # the host name of another site that resolves to this machine
             return None
         prefix = f"/{self._secret}/"
         return path[len(prefix) :] if path.startswith(prefix) else None
 
 
 class _QuietServer(ThreadingHTTPServer):
-    """A server that says nothing of a browser that closes its tab half-way."""
+    """A server that ignores connections that a browser closes."""
 
     def handle_error(self, request: Any, client_address: Any) -> None:
         """Let the connection go: the terminal is for the person."""

@@ -56,7 +56,7 @@ class BinaryReader:
         return values
 
     def count(self, field: str, smallest: int, layout: struct.Struct = _COUNT) -> int:
-        """The next count of records of at least `smallest` bytes each, believed only if they could fit."""
+        """Read a count of records of at least `smallest` bytes each; an error if they cannot fit in the file."""
         (count,) = self.take(layout, field)
         if count * smallest > self.remaining:
             expected = f"at most {self.remaining // smallest} (the rest of the file holds no more)"
@@ -84,7 +84,7 @@ class BinaryReader:
             raise InputError.at(self.path, field, "UTF-8", raw) from None
 
     def end(self) -> None:
-        """InputError if bytes are left over: the counts before them cannot be trusted."""
+        """Raise an InputError if bytes remain, because the counts before them are then unreliable."""
         if self.remaining:
             raise InputError.at(self.path, "end", "the end of the file", Unquoted(f"{self.remaining} more bytes"))
 
@@ -94,9 +94,9 @@ class BinaryReader:
 
 
 def csv_rows(file: Path, text: str | None = None) -> tuple[list[str], list[tuple[int, dict[Any, Any]]]]:
-    """Names of the columns, and each record with the number of its line; `text` stands in for the file's.
+    """Return the names of the columns, and each record with its line number; `text` replaces the content of the file.
 
-    A record that is too short has None in its last columns; what is too much is a list under the key None.
+    Missing cells at the end of a record are None; surplus cells are a list under the key None.
 
     Raises
     ------

@@ -9,16 +9,16 @@ from typing import TypeVar
 
 Item = TypeVar("Item")
 
-#: What is called with the name of a step, how much of it is done and, once known, of how much.
+#: Callback with the name of a step, the completed amount, and the total if it is known.
 ProgressCallback = Callable[[str, int, int | None], None]
-#: What is called with a sentence about how the work is done, while it is done.
+#: Callback with a sentence about the work in progress.
 NoticeCallback = Callable[[str], None]
 
 
 def with_progress(
     items: Iterable[Item], step: str, progress: ProgressCallback, total: int | None = None
 ) -> Iterator[Item]:
-    """The items, each reported when its consumer asks for the next; total : where `items` has no length.
+    """Yield the items, and report each when the next is requested; total : number of items without a length.
 
     >>> list(with_progress("ab", "letters", lambda *report: print(report)))
     ('letters', 0, 2)
@@ -35,11 +35,11 @@ def with_progress(
 
 
 def silent(_step: str, _done: int, _total: int | None) -> None:
-    """Progress that nobody looks at."""
+    """Ignore progress."""
 
 
 def no_notice(_sentence: str) -> None:
-    """Notices that nobody reads."""
+    """Ignore notices."""
 
 
 @contextmanager

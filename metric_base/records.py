@@ -33,16 +33,16 @@ MAX_TOML_BYTES = 1 << 22
 
 
 class BadDeclaration(InputError):
-    """A TOML file that is invalid: the message names the file, the field, what was expected and what was found."""
+    """A TOML file is invalid."""
 
 
 def record_of(values: object, kind: type[Record], *, cells: bool = False) -> Record:
-    """The record of parsed values; those of `cells` of a CSV file are texts, numbers too.
+    """Convert parsed values to a record; values of CSV `cells` are texts.
 
     Raises
     ------
     FieldError
-        A field is missing, unknown or not what it must be.
+        A field is missing, unknown or invalid.
     """
     try:
         return msgspec.convert(values, kind, strict=not cells, dec_hook=_pattern)
@@ -51,12 +51,12 @@ def record_of(values: object, kind: type[Record], *, cells: bool = False) -> Rec
 
 
 def json_record(line: str | bytes, kind: type[Record]) -> Record:
-    """The record of a JSON object.
+    """Parse a JSON object to a record.
 
     Raises
     ------
     FieldError
-        The text is no JSON object, or a field is missing, unknown or not what it must be.
+        The text is not a JSON object, or a field is missing, unknown or invalid.
     """
     try:
         return msgspec.json.decode(line, type=kind)
@@ -109,12 +109,12 @@ def read_csv(path: Path, kind: type[Record], error_type: type[InputError] = Inpu
 
 
 def toml_table(path: Path, error_type: type[InputError] = BadDeclaration) -> dict[str, Any]:
-    """The values of a TOML file.
+    """Read the values of a TOML file.
 
     Raises
     ------
     InputError
-        Of the type `error_type`: the file cannot be read or is no TOML.
+        Of the type `error_type`: the file cannot be read or is not TOML.
     """
     try:
         return tomllib.loads(read_text(path, MAX_TOML_BYTES, may_be_empty=True))
@@ -124,13 +124,13 @@ def toml_table(path: Path, error_type: type[InputError] = BadDeclaration) -> dic
 
 
 def toml_record(path: Path, kind: type[Record], error_type: type[InputError] = BadDeclaration) -> Record:
-    """The record of a TOML file.
+    """Read the record of a TOML file.
 
     Raises
     ------
     InputError
-        Of the type `error_type`: the file cannot be read or is no TOML; fields are missing (all are named), unknown,
-        or not what they must be.
+        Of the type `error_type`: the file cannot be read or is not TOML; fields are missing (all are named), unknown,
+        or invalid.
     """
     values = toml_table(path, error_type)
     with in_file(path, error_type):
@@ -148,7 +148,7 @@ def _fields(kind: type) -> dict[str, bool]:
 
 
 def _field_error(error: msgspec.ValidationError, kind: type) -> FieldError:
-    """An error of msgspec in our words: the place first, then what was expected and found."""
+    """Convert an error of msgspec to place, expected and found value."""
     match = _PLACE.search(str(error))
     place = match[2] if match else ""
     if isinstance(error.__cause__, FieldError):

@@ -25,12 +25,12 @@ _CODES: Mapping[str, str] = {
 #: Region of each country code; Antarctica and the uninhabited Bouvet Island have none.
 COUNTRIES: Mapping[str, str] = {code: region for region, codes in _CODES.items() for code in codes.split()}
 
-#: Regions of the world, `world` among them for what is of no region in particular.
+#: Regions of the world, and `world` for sizes without a region.
 REGIONS = frozenset({"world", *_CODES})
 
 
 def region_of(place: str) -> str | None:
-    """The region of a country code, of itself if it is a region already; None of neither.
+    """Return the region of a country code or of a region; None for other texts.
 
     >>> region_of("DE"), region_of("europe"), region_of("Germany")
     ('europe', 'europe', None)
@@ -39,7 +39,7 @@ def region_of(place: str) -> str | None:
 
 
 def country_of(name: str) -> str | None:
-    """The code of a country by its English name, or one that its people use; None if it is not one.
+    """Return the code of a country by its English or native name; None for other texts.
 
     >>> country_of("Germany"), country_of("usa"), country_of("Atlantis")
     ('DE', 'US', None)

@@ -1,4 +1,4 @@
-"""Names that were probably meant by one that is unknown."""
+"""Suggestions for unknown names."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ def near_spellings(word: str, known: Iterable[str], n: int = 3, cutoff: float = 
 
 
 def advice(names: Sequence[str]) -> str:
-    """The end of a message: the names that may be meant, or nothing.
+    """Return the end of a message with suggested names, or an empty text.
 
     >>> advice(["mug", "cup"])
     "; did you mean 'mug' or 'cup'?"

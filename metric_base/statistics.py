@@ -37,7 +37,7 @@ def mixture_log_density(
     x: NDArray[np.float64], weights: NDArray[np.float64], means: NDArray[np.float64], covariances: NDArray[np.float64]
 ) -> NDArray[np.float64]:
     """Log density of a Gaussian mixture at each row, (n,); weights (k,), the rest as in `gaussian_log_densities`."""
-    with np.errstate(divide="ignore"):  # a component of weight zero counts for nothing
+    with np.errstate(divide="ignore"):  # a component of weight zero has no effect
         terms = np.log(weights)[:, None] + gaussian_log_densities(x, means, covariances)  # (k, n)
     top = terms.max(axis=0)
     return np.asarray(top + np.log(np.exp(terms - top).sum(axis=0)))

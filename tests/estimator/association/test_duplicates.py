@@ -50,3 +50,9 @@ def test_overlap_is_symmetric_and_right_for_rectangles(place, size):
 def test_empty_masks_overlap_nothing():
     empty = replace(mask(0, 0, 4, 4), mask=np.zeros((4, 4), dtype=bool))
     assert overlap(empty, empty) == 0
+
+
+@pytest.mark.parametrize(("shift", "count"), [(3, 1), (4, 2)])
+def test_masks_with_an_iou_of_seven_tenths_are_duplicates(shift, count):
+    """Masks 20 wide have an IoU of 17 / 23 = 0.74 with a shift of 3, and of 16 / 24 = 0.67 with a shift of 4."""
+    assert len(distinct_rows([mask(0, 0, 20, 20), mask(shift, 0, 20, 20)])) == count

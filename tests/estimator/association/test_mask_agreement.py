@@ -5,7 +5,14 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from estimator.association.mask_checks import mask_agreement, mask_contradictions, track_agreement, track_contradictions
+from estimator.association.mask_checks import (
+    MaskAgreement,
+    mask_agreement,
+    mask_contradictions,
+    rim_warnings,
+    track_agreement,
+    track_contradictions,
+)
 from estimator.association.point_labels import sparse_labels
 from estimator.pipeline import measure_objects
 from tests.synthetic.shapes import box, floor, orbit, synthetic_scene
@@ -81,3 +88,35 @@ def test_masks_that_stand_twice_under_two_categories_are_said(synthetic):
     found = measure_objects(synthetic.scene, twice)
     assert found.objects == ()
     assert any("pairs of equal masks" in problem.message for problem in found.problems)
+
+
+@pytest.mark.parametrize(
+    ("cover", "names", "pairs", "fatal"),
+    [
+        (0.59, 0.79, 200, False),  # a warning: below MIN_COVER and MIN_NAMES
+        (0.61, 0.79, 200, None),
+        (0.59, 0.81, 200, None),
+        (0.59, 0.79, 199, None),  # too few pairs
+        (0.44, 0.64, 200, True),  # below MIN_VALID_COVER and MIN_VALID_NAMES
+        (0.46, 0.64, 200, False),
+        (0.44, 0.66, 200, False),
+        (0.24, 0.79, 200, True),  # below NO_COVER
+        (0.26, 0.79, 200, False),
+    ],
+)
+def test_both_sides_of_the_thresholds_of_mask_agreement(cover, names, pairs, fatal):
+    problems = mask_contradictions(MaskAgreement(cover, names, pairs))
+    assert [problem.is_fatal for problem in problems] == ([] if fatal is None else [fatal])
+
+
+@pytest.mark.parametrize(("agreement", "fatal"), [(0.73, None), (0.71, False), (0.63, False), (0.61, True)])
+def test_both_sides_of_the_thresholds_of_track_agreement(agreement, fatal):
+    assert [p.is_fatal for p in track_contradictions(agreement)] == ([] if fatal is None else [fatal])
+
+
+@pytest.mark.parametrize(
+    ("inside", "outside", "warned"), [(0.79, 0.1, True), (0.81, 0.1, False), (0.7, 0.16, True), (0.7, 0.17, False)]
+)
+def test_both_sides_of_the_thresholds_of_rims(inside, outside, warned):
+    """MIN_RIM_AGREEMENT of 0.8, MIN_RIM_RATIO of 1.8."""
+    assert bool(rim_warnings((inside, outside))) == warned

@@ -188,3 +188,42 @@ def test_parts_too_large_for_a_table_give_the_same_objects(table, monkeypatch):
     usual = groups(shared_tracks(table.instances, clouds))
     monkeypatch.setattr(clustering, "MAX_TABLE_GROUPS", 0)
     assert groups(shared_tracks(table.instances, clouds)) == usual
+
+
+def pair_of_masks(common, categories=("chair", "chair"), n=100, from_box=False):
+    """Tracks of two masks of n points in two views that see all points, with `common` points in both masks."""
+    points = np.zeros((2 * n, 3))
+    points[:, 0] = np.arange(2 * n) * 0.01
+    first, second = np.arange(n), np.arange(n - common, 2 * n - common)
+    everything = np.arange(2 * n)
+    labels = labels_of(points, [first, second], [everything, everything])
+    instances = [mask("a", 0, categories[0]), mask("b", 1, categories[1])]
+    instances = [replace(item, from_box=from_box) for item in instances]
+    return groups(shared_tracks(instances, [labels]))
+
+
+@pytest.mark.parametrize(("common", "merged"), [(45, False), (60, True)])
+def test_masks_of_two_neighbouring_chairs_are_merged_from_half_of_their_points(common, merged):
+    """On each side of `MIN_JOIN_AFFINITY`, 0.5 of the smaller mask. Boxes are not merged by position."""
+    assert pair_of_masks(common, from_box=True) == ([[0, 1]] if merged else [[0], [1]])
+
+
+@pytest.mark.parametrize(("common", "merged"), [(15, False), (25, True)])
+def test_masks_at_one_position_are_merged_from_a_fifth_of_common_points(common, merged):
+    """On each side of `MIN_COMMON_FRACTION`, 0.2: below it, the views contradict that they are one object.
+
+    The other points of the two masks alternate along a line.
+    """
+    points = np.arange(200)[:, None] * [0.01, 0, 0]
+    both = np.linspace(0, 199, common).astype(int)
+    others = np.setdiff1d(np.arange(200), both)
+    members = [np.union1d(both, others[start::2][: 100 - common]) for start in (0, 1)]
+    labels = labels_of(points, members, [np.arange(200)] * 2)
+    tracks = shared_tracks([mask("a", 0, "chair"), mask("b", 1, "chair")], [labels])
+    assert groups(tracks) == ([[0, 1]] if merged else [[0], [1]])
+
+
+@pytest.mark.parametrize(("common", "merged"), [(78, False), (88, True)])
+def test_masks_of_two_categories_are_merged_by_iou(common, merged):
+    """On each side of `MIN_JOIN_IOU`, 0.7: 78 common points of 122 are 0.64, 88 of 112 are 0.79."""
+    assert pair_of_masks(common, ("cup", "bucket")) == ([[0, 1]] if merged else [[0], [1]])

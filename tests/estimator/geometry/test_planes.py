@@ -156,3 +156,39 @@ def test_contact_settles_the_foot_on_the_level():
 )
 def test_the_name_settles_who_stands(category, answer):
     assert stands_on_floor(category) is answer
+
+
+@pytest.mark.parametrize(
+    ("gap", "stands", "reach", "is_extended"),
+    [
+        (0.34, None, np.nan, True),  # MAX_UNOBSERVED_GAP of 0.35
+        (0.36, None, np.nan, False),
+        (0.11, None, 0.0, True),  # MAX_OBSERVED_GAP of 0.12
+        (0.13, None, 0.0, False),
+        (0.5, None, 0.51, True),  # MIN_REACH_FRACTION of 0.5
+        (0.5, None, 0.49, False),
+        (11.9, True, np.nan, True),  # MAX_FLOOR_GAP of 12
+        (12.1, True, np.nan, False),
+        (0.1, False, 1.0, False),
+    ],
+)
+def test_both_sides_of_the_gaps_that_are_filled(gap, stands, reach, is_extended):
+    """Gaps are relative to the height of the object, 1 unit."""
+    low, high = np.array([0.0, 0.0, 0.0]), np.array([0.5, 0.5, 1.0])
+    foot = foot_on_level(SupportLevel(-gap, 0.0), low, high, 0.01, stands, reach)
+    assert foot.is_extended == is_extended
+    assert foot.bottom == (-gap if is_extended else 0.0)
+
+
+@pytest.mark.parametrize(("gap", "touches"), [(0.055, True), (0.065, False)])
+def test_a_foot_touches_its_level_within_six_per_cent_of_the_height(gap, touches):
+    """On each side of `MAX_CONTACT_FRACTION`; a hanging object is not extended."""
+    low, high = np.array([0.0, 0.0, 0.0]), np.array([0.5, 0.5, 1.0])
+    assert foot_on_level(SupportLevel(-gap, 0.0), low, high, 0.01, False, np.nan).is_supported == touches
+
+
+@pytest.mark.parametrize(("height", "is_truncated"), [(0.34, True), (0.36, False)])
+def test_a_flat_object_on_the_floor_has_no_legs(height, is_truncated):
+    """On each side of `MAX_SLAB_ASPECT`, relative to the smaller side, 1 unit."""
+    foot = foot_on_level(None, np.zeros(3), np.array([2.0, 1.0, height]), 0.01, True, np.nan)
+    assert foot.is_truncated == is_truncated

@@ -1,13 +1,16 @@
 """Which sides are cut: image border, something nearer, a side no view sees, a mask that outreaches the points."""
 
+from pathlib import Path
+
 import numpy as np
 import pytest
+from scipy.sparse import csr_array
 
 from estimator.association.point_labels import dense_labels
 from estimator.geometry.mask_outlines import mask_contour
-from estimator.geometry.truncation import mask_outline, side_visibility
+from estimator.geometry.truncation import MaskOutline, SideVisibility, mask_outline, side_visibility
 from estimator.projection.visibility import DepthImages
-from estimator.records.scene import Instance
+from estimator.records.scene import Camera, Instance, Scene, View
 from tests.synthetic.shapes import box, cylinder, floor, orbit, synthetic_scene, view_at
 
 UP = np.array([0, 0, 1.0])
@@ -146,3 +149,53 @@ def test_outline_knows_the_border():
     left = outline(Instance("1", 0, "cup", np.ones((4, 4), dtype=bool), (0, 8)), 20, 20)
     assert left.is_at_border.any()
     assert not left.is_at_border.all()
+
+
+@pytest.mark.parametrize(("excess", "truncated"), [(0.055, False), (0.065, True)])
+def test_masks_exceed_the_points_from_six_per_cent(excess, truncated):
+    """On each side of `MIN_EXCESS_FRACTION`."""
+    sides = SideVisibility(np.ones((3, 3, 2), dtype=bool), np.full((3, 3, 2), excess))
+    assert (sides.truncated == truncated).all()
+
+
+@pytest.mark.parametrize(("views", "truncated"), [(1, True), (2, False)])
+def test_a_side_is_complete_if_two_views_show_it(views, truncated):
+    """On each side of `MIN_COMPLETE_VIEWS`; the excess of the masks is unknown with a single view."""
+    is_shown = np.arange(4)[:, None, None] < views
+    sides = SideVisibility(np.broadcast_to(is_shown, (4, 3, 2)), np.full((4, 3, 2), np.nan))
+    assert (sides.truncated == truncated).all()
+
+
+def test_a_side_behind_the_camera_is_truncated():
+    """A hedge that passes the camera: the side behind it has no direction in the image."""
+    views = [
+        view_at(np.array([0.0, -0.6, z]), np.array([3.0, 0.0, z]), "v", size=(200, 150), focal=160.0)
+        for z in (0.9, 1.0)
+    ]
+    synthetic = synthetic_scene([floor(20), box("hedge", (8.0, 0.4, 0.8), (0, 0, 0))], views, dense=8000)
+    sides = sides_of(synthetic, 1, np.eye(3), [-4.0, -0.2, 0], [4.0, 0.2, 0.8])
+    assert sides.truncated[0, LOW_END]
+    assert np.isnan(sides.median_excess[0, LOW_END])
+
+
+@pytest.mark.parametrize(("touching", "truncated"), [(0.2, False), (0.3, True)])
+def test_a_quarter_of_the_outer_outline_at_the_border_truncates_a_side(touching, truncated):
+    """On each side of `MIN_CUT_FRACTION`: the outline towards +x, of which a part is at the border of the image."""
+    camera = Camera("PINHOLE", 200, 150, np.array([160.0, 160.0, 100.0, 75.0]))
+    view = View("v", camera, np.eye(3), np.zeros(3), np.empty((0, 2)), np.empty(0, dtype=np.int64))
+    points = np.array([[x, y, 2.0] for x in (-0.3, 0.3) for y in (-0.3, 0.3)])
+    scene = Scene(Path("memory"), "memory", (view, view), points)
+    visibility = csr_array(np.ones((2, 4)))
+    images = DepthImages(scene, points, visibility, UP)
+    y = np.linspace(60.0, 90.0, 101)
+    pixels = np.vstack([np.column_stack([np.full(101, 124.0), y]), np.column_stack([np.full(101, 76.0), y])])
+    is_at_border = np.zeros(202, dtype=bool)
+    is_at_border[: round(101 * touching)] = True
+    masks = [Instance("1", row, "box", np.ones((30, 48), dtype=bool), (76, 60), from_box=True) for row in (0, 1)]
+    outlines = [MaskOutline(pixels, is_at_border)] * 2
+    axes = np.array([[1.0, 0, 0], [0, 0, 1], [0, -1, 0]])
+    sides = side_visibility(
+        masks, outlines, images, (axes, np.array([-0.3, 1.9, -0.2]), np.array([0.3, 2.1, 0.2])), points
+    )
+    assert sides.truncated[0, HIGH_END] == truncated
+    assert not sides.truncated[0, LOW_END]

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -11,7 +12,7 @@ from estimator.posterior.posterior import posterior
 from estimator.records.objects import MeasuredObject
 from estimator.records.options import EstimateOptions
 from estimator.records.result import ScaleEvidence, ScaleResult
-from estimator.results.estimate import known_length_conflict, scale_of_objects
+from estimator.results.estimate import known_length_conflict, scale_of_objects, single_category_reason
 from metric_tree.tree import Tree
 from tests.synthetic.priors import evidence, prior
 
@@ -142,3 +143,38 @@ def test_a_length_in_a_tail_of_the_objects_is_decisive(known: float, is_decisive
     assert conflict is not None
     assert conflict.is_decisive == is_decisive
     assert ("probability by the objects is less than" in conflict.message) == is_decisive
+
+
+@pytest.mark.parametrize(
+    ("weights", "is_wrong"),
+    [
+        ([0.9, 0.4], False),  # one outlier: MIN_WRONG_LABELS is 2
+        ([0.9, 0.4, 0.4], True),
+        ([0.9] * 5 + [0.4] * 2, False),  # 0.29 of the objects: MIN_WRONG_LABEL_FRACTION is 0.3
+        ([0.9] * 4 + [0.4] * 2, True),
+        ([0.9, 0.51, 0.51], False),  # no outliers: MIN_OBJECT_WEIGHT is 0.5
+        ([0.9, 0.49, 0.49], True),
+    ],
+)
+def test_both_sides_of_the_outliers_of_a_single_category(weights: list[float], is_wrong: bool) -> None:
+    chair = prior("chair.n.01", [(560, 540, 950)])
+    items = [evidence(chair, (1.12, 1.08, 1.90), name=str(n)) for n in range(len(weights))]
+    estimate = replace(posterior(items), weight=np.array(weights))
+    reason = single_category_reason(estimate, items)
+    assert (reason is not None) == is_wrong
+    stool = evidence(prior("stool.n.01", [(420, 400, 760)]), (0.84, 0.8, 1.52), name="stool")
+    two = replace(estimate, weight=np.array([*weights, 0.9]))
+    assert single_category_reason(two, [*items, stool]) is None, "two categories"
+
+
+@pytest.mark.parametrize(("gps", "outcome"), [(0.535, "used"), (0.9, "outlier")])
+def test_evidence_that_is_probably_wrong_is_an_outlier(mini: Tree, gps: float, outcome: str) -> None:
+    """On each side of `MIN_EVIDENCE_WEIGHT`, 0.5."""
+    objects = [
+        MeasuredObject(str(n), name, np.array(size), np.full(3, 0.03))
+        for n, (name, size) in enumerate([("swivel chair", CHAIR), ("bar stool", STOOL)] * 2)
+    ]
+    (row,) = scale_of_objects(
+        objects, mini, EstimateOptions(evidence=(ScaleEvidence("gps", "csv", gps, 0.02),))
+    ).evidence
+    assert (row.verdict, row.weight >= 0.5) == (outcome, outcome == "used")

@@ -1,6 +1,7 @@
 """Which sides are cut: image border, something nearer, a side no view sees, a mask that outreaches the points."""
 
 from pathlib import Path
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -166,36 +167,50 @@ def test_a_side_is_complete_if_two_views_show_it(views, truncated):
     assert (sides.truncated == truncated).all()
 
 
+def sides_in_two_views(box_at, pixels, is_at_border, images=None, from_box=True):
+    """Visibility of the sides of a box in two equal views from the origin along z, with y down."""
+    camera = Camera("PINHOLE", 200, 150, np.array([160.0, 160.0, 100.0, 75.0]))
+    view = View("v", camera, np.eye(3), np.zeros(3), np.empty((0, 2)), np.empty(0, dtype=np.int64))
+    points = np.array([[x, y, 2.0] for x in (-0.3, 0.3) for y in (-0.2, 0.2)])
+    scene = Scene(Path("memory"), "memory", (view, view), points)
+    images = images or DepthImages(scene, points, csr_array(np.ones((2, 4))), UP)
+    images = SimpleNamespace(scene=scene, depths_and_heights=images.depths_and_heights)
+    masks = [Instance("1", row, "box", np.ones((30, 48), dtype=bool), (76, 60), from_box=from_box) for row in (0, 1)]
+    return side_visibility(masks, [MaskOutline(pixels, is_at_border)] * 2, images, box_at, points)
+
+
+Y = np.linspace(60.0, 90.0, 101)
+#: Left and right side of an outline.
+OUTLINE = np.vstack([np.column_stack([np.full(101, x), Y]) for x in (76.0, 124.0)])
+#: Axes, low and high ends of a box in front of the camera: length along x, height upwards.
+AHEAD = (np.array([[1.0, 0, 0], [0, 0, 1], [0, -1, 0]]), np.array([-0.3, 1.9, -0.2]), np.array([0.3, 2.1, 0.2]))
+
+
 def test_a_side_behind_the_camera_is_truncated():
-    """A hedge that passes the camera: the side behind it has no direction in the image."""
-    views = [
-        view_at(np.array([0.0, -0.6, z]), np.array([3.0, 0.0, z]), "v", size=(200, 150), focal=160.0)
-        for z in (0.9, 1.0)
-    ]
-    synthetic = synthetic_scene([floor(20), box("hedge", (8.0, 0.4, 0.8), (0, 0, 0))], views, dense=8000)
-    sides = sides_of(synthetic, 1, np.eye(3), [-4.0, -0.2, 0], [4.0, 0.2, 0.8])
-    assert sides.truncated[0, LOW_END]
-    assert np.isnan(sides.median_excess[0, LOW_END])
+    """A wall that passes the camera: the centre of its end behind the camera has no direction in the image."""
+    axes = np.array([[0.0, 0, 1], [1, 0, 0], [0, -1, 0]])
+    wall = (axes, np.array([-1.0, 0.9, -0.1]), np.array([3.0, 1.1, 0.1]))
+    sides = sides_in_two_views(wall, OUTLINE, np.zeros(202, dtype=bool))
+    assert sides.truncated[0].tolist() == [True, False]
+
+
+@pytest.mark.parametrize(("height", "truncated"), [(-0.18, False), (-0.14, True)])
+def test_an_occluder_is_above_the_foot(height, truncated):
+    """On each side of `MIN_OCCLUDER_HEIGHT`: the floor in front of an object is closer than the object."""
+
+    def depths_and_heights(_, pixels):
+        n = len(pixels) // 2  # outside of the outline, then inside
+        return np.repeat([1.0, 2.0], n), np.full(2 * n, height)
+
+    images = SimpleNamespace(depths_and_heights=depths_and_heights)
+    sides = sides_in_two_views(AHEAD, OUTLINE, np.zeros(202, dtype=bool), images, from_box=False)
+    assert (sides.is_shown[:, 0] != truncated).all()
 
 
 @pytest.mark.parametrize(("touching", "truncated"), [(0.2, False), (0.3, True)])
 def test_a_quarter_of_the_outer_outline_at_the_border_truncates_a_side(touching, truncated):
-    """On each side of `MIN_CUT_FRACTION`: the outline towards +x, of which a part is at the border of the image."""
-    camera = Camera("PINHOLE", 200, 150, np.array([160.0, 160.0, 100.0, 75.0]))
-    view = View("v", camera, np.eye(3), np.zeros(3), np.empty((0, 2)), np.empty(0, dtype=np.int64))
-    points = np.array([[x, y, 2.0] for x in (-0.3, 0.3) for y in (-0.3, 0.3)])
-    scene = Scene(Path("memory"), "memory", (view, view), points)
-    visibility = csr_array(np.ones((2, 4)))
-    images = DepthImages(scene, points, visibility, UP)
-    y = np.linspace(60.0, 90.0, 101)
-    pixels = np.vstack([np.column_stack([np.full(101, 124.0), y]), np.column_stack([np.full(101, 76.0), y])])
+    """On each side of `MIN_CUT_FRACTION`: a part of the right outline is at the border of the image."""
     is_at_border = np.zeros(202, dtype=bool)
-    is_at_border[: round(101 * touching)] = True
-    masks = [Instance("1", row, "box", np.ones((30, 48), dtype=bool), (76, 60), from_box=True) for row in (0, 1)]
-    outlines = [MaskOutline(pixels, is_at_border)] * 2
-    axes = np.array([[1.0, 0, 0], [0, 0, 1], [0, -1, 0]])
-    sides = side_visibility(
-        masks, outlines, images, (axes, np.array([-0.3, 1.9, -0.2]), np.array([0.3, 2.1, 0.2])), points
-    )
-    assert sides.truncated[0, HIGH_END] == truncated
-    assert not sides.truncated[0, LOW_END]
+    is_at_border[101 : 101 + round(101 * touching)] = True
+    sides = sides_in_two_views(AHEAD, OUTLINE, is_at_border)
+    assert sides.truncated[0].tolist() == [False, truncated]

@@ -163,7 +163,7 @@ def serve(pipe: Connection) -> None:
     bare = Starlette(routes=[Route("/", nothing)])
     servers = [
         uvicorn.Server(uvicorn.Config(app, port=0, log_level="error", access_log=False, timeout_keep_alive=600))
-        for app in (bare, application([metric_tree.open()], warm=True))
+        for app in (bare, application([metric_tree.open()], preload=True))
     ]
     for server in servers:
         threading.Thread(target=server.run, daemon=True).start()

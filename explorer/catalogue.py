@@ -55,7 +55,7 @@ class ReleaseCatalogue:
         self.tree, self.main = tree, trees[0]
         self.others = tuple(other for other in trees if other is not tree)
         self.nodes = {node.node_id: node for node in tree}
-        self.by_slug = {slug(node_id): node_id for node_id in self.nodes}
+        self.by_slug = {slug(node_id): node for node_id, node in self.nodes.items()}
         if len({name.casefold() for name in self.by_slug}) != len(self.nodes):
             raise InputError(
                 f"{tree.release.directory}: node_id: expected ids that differ as file names; found two alike"
@@ -69,17 +69,17 @@ class ReleaseCatalogue:
         text = json.dumps(self.tree.release.manifest, sort_keys=True)
         return hashlib.sha256(text.encode()).hexdigest()[:16]
 
-    def way_to(self, tree: Tree) -> str:
+    def relative_root(self, tree: Tree) -> str:
         """The way from this release's root to that of another."""
         up = "" if self.tree is self.main else "../../"
         return up if tree is self.main else f"{up}releases/{tree.version}/"
 
     def node(self, name: str) -> Node:
         """The node of an id or a slug; UnknownName if there is none."""
-        node_id = name if name in self.nodes else self.by_slug.get(name, "")
-        if node_id not in self.nodes:
+        node = self.nodes.get(name) or self.by_slug.get(name)
+        if node is None:
             raise UnknownName(f"{name}: no node has this id")
-        return self.nodes[node_id]
+        return node
 
     def tier(self, node: Node) -> str:
         """The tier of a node's default prior."""
@@ -197,7 +197,7 @@ class ReleaseCatalogue:
             found[node_id].append(code)
         return found
 
-    def of_tier(self) -> Iterator[tuple[str, int]]:
+    def tier_counts(self) -> Iterator[tuple[str, int]]:
         """How many nodes are of each tier."""
         counts: dict[str, int] = defaultdict(int)
         for node in self.nodes.values():

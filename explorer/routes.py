@@ -1,12 +1,13 @@
-"""From a release and an address to bytes: the one function behind the files of a site and the answers of a server."""
+"""The route table: every address of a release with its content, for the static site, the server and OpenAPI."""
 
 from __future__ import annotations
 
 import re
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass
-from functools import cache
+from functools import cached_property, partial
 from importlib.resources import files
+from typing import Any
 
 import msgspec
 
@@ -25,29 +26,34 @@ from explorer.pages.release_pages import (
     vocabulary_page,
 )
 from explorer.responses import (
-    images_answer,
-    items_answer,
-    node_answer,
-    prior_answer,
-    releases_answer,
-    vocabulary_answer,
+    images_response,
+    items_response,
+    node_response,
+    prior_response,
+    releases_response,
+    search_response,
+    vocabulary_response,
+)
+from explorer.schemas import (
+    ImagesAnswer,
+    ItemsAnswer,
+    ItemsQuery,
+    NodeAnswer,
+    NoQuery,
+    PriorAnswer,
+    PriorQuery,
+    ReleasesAnswer,
+    SearchAnswer,
+    SearchQuery,
+    VocabularyAnswer,
 )
 from explorer.search_index import name_index, size_index
 from explorer.tables import items_csv, items_parquet, vocabulary_csv
-from explorer.urls import (
-    LEAST_PARQUET,
-    LISTED_LEVEL,
-    csv_of,
-    images_of,
-    items_of,
-    json_of,
-    page_of,
-    parquet_of,
-    prior_of,
-)
+from explorer.urls import LISTED_LEVEL, MIN_PARQUET_ROWS
+from metric_base.errors import InputError
 from metric_tree.node import Node
 
-_TYPES = {
+MEDIA_TYPES = {
     "html": "text/html; charset=utf-8",
     "json": "application/json",
     "js": "text/javascript; charset=utf-8",
@@ -60,119 +66,194 @@ _TYPES = {
     "png": "image/png",
 }
 
-#: Pages of the whole release.
-_PAGES: dict[str, Callable[[ReleaseCatalogue], bytes]] = {
-    "index.html": home_page,
-    "tree.html": tree_page,
-    "about.html": about_page,
-    "compare.html": compare_page,
-    "scale.html": scale_page,
-    "sources/index.html": sources_page,
-    "vocabularies/index.html": vocabularies_page,
-    "assets/names.js": name_index,
-    "assets/sizes.js": size_index,
-    "v1/releases.json": lambda catalogue: msgspec.json.encode(releases_answer(catalogue)),
+ASSETS = ("style.css", "page.js", "search.js", "compare.js", "scale.js", "view3d.js", "icon.svg")
+
+#: Values of the parameter of an address in a static site, by their text. The parameter `id` also accepts the id of a
+#: node, which may contain "/" and ":"; `""` is the value of an address without a parameter.
+PARAMETERS: dict[str, Callable[[ReleaseCatalogue], Mapping[str, Any]]] = {
+    "": lambda _: {"": None},
+    "source": lambda catalogue: {source: source for source in catalogue.sources},
+    "version": lambda catalogue: {tree.version: tree for tree in catalogue.others},
+    "name": lambda catalogue: {name: name for name in catalogue.vocabularies},
+    "slug": lambda catalogue: catalogue.by_slug,
+    "id": lambda catalogue: catalogue.by_slug,
 }
-
-_ASSETS = ("style.css", "page.js", "search.js", "compare.js", "scale.js", "view3d.js", "icon.svg")
-
-
-def _prior(catalogue: ReleaseCatalogue, node: Node) -> bytes | None:
-    prior = catalogue.prior(node)
-    return None if prior is None else msgspec.json.encode(prior_answer(catalogue, node, prior))
-
-
-#: What there is of each node, by the end of its address after `v1/nodes/SLUG`.
-_NODE_FILES: dict[str, Callable[[ReleaseCatalogue, Node], bytes | None]] = {
-    ".json": lambda catalogue, node: msgspec.json.encode(node_answer(catalogue, node)),
-    "/prior.json": _prior,
-    "/items.json": lambda catalogue, node: msgspec.json.encode(items_answer(catalogue, node)),
-    "/images.json": lambda catalogue, node: msgspec.json.encode(images_answer(catalogue, node)),
-    "/items.csv": items_csv,
-    "/items.parquet": items_parquet,
-}
-
-#: Pages and files of label lists: folder and ending.
-_LISTS: dict[tuple[str, str], Callable[[ReleaseCatalogue, str], bytes]] = {
-    ("vocabularies", "html"): vocabulary_page,
-    ("vocabularies", "csv"): vocabulary_csv,
-    ("v1/vocabularies", "json"): lambda catalogue, name: msgspec.json.encode(vocabulary_answer(catalogue, name)),
-}
-
-_NODE_FILE = re.compile(
-    r"v1/nodes/(?P<slug>[^/]+?)(?P<rest>(?:/(?:prior|items|images))?\.json|/items\.(?:csv|parquet))"
-)
-_NAMED = re.compile(r"(?P<folder>nodes|sources|changes|(?:v1/)?vocabularies)/(?P<name>[^/]+)\.(?P<kind>html|json|csv)")
 
 
 @dataclass(frozen=True, slots=True)
-class Answer:
+class Rendered:
     """The bytes at an address, and their media type."""
 
     body: bytes
     media_type: str
 
 
-def answer(catalogue: ReleaseCatalogue, address: str) -> Answer | None:
-    """What is at an address of a release; None if nothing is.
+@dataclass(frozen=True)
+class Route:
+    """An address of a release, with at most one parameter in braces (a key of `PARAMETERS`).
 
-    Parameters
-    ----------
-    address : relative to the release, as `explorer.urls` writes them: `nodes/chair.n.01.html`
+    `render` is called with the catalogue, the value of the parameter if there is one, and the query if `query` is a
+    record. It returns bytes, a record to encode as JSON, or None if nothing has this address.
     """
-    body = _body(catalogue, address)
-    return None if body is None else Answer(body, _TYPES[address.rpartition(".")[2]])
+
+    path: str
+    render: Callable[..., bytes | msgspec.Struct | None]
+    query: type[msgspec.Struct] | None = None  #: record of the query string; None: a query string is ignored
+    response: type[msgspec.Struct] | None = None  #: record of the response; None: not described by OpenAPI
+    operation: str = ""  #: name of the operation in OpenAPI
+    summary: str = ""  #: description in OpenAPI
+    listed: Callable[[ReleaseCatalogue, Any], bool] | None = None  #: values in a static site; None: all of `PARAMETERS`
+    is_static: bool = True  #: False if only a server has the address
+    is_quick: bool = False  #: rendering takes less time than a change of thread
+
+    @cached_property
+    def parameter(self) -> str:
+        """Name of the parameter, empty if there is none."""
+        return self.path.partition("{")[2].partition("}")[0]
+
+    @cached_property
+    def pattern(self) -> re.Pattern[str]:
+        """Pattern of the addresses; JSON is also available without the suffix."""
+        text = re.escape(self.path).replace(r"\{id\}", "(.+?)")
+        text = re.sub(r"\\\{\w+\\\}", "([^/]+?)", text)
+        return re.compile(re.sub(r"\\\.json$", r"(?:\\.json)?", text))
+
+    def parse_query(self, fields: Mapping[str, str]) -> msgspec.Struct | None:
+        """Return the record of a query string, None if the route has none. Raises InputError for an invalid field."""
+        if self.query is None:
+            return None
+        try:
+            return msgspec.convert(dict(fields), self.query, strict=False)
+        except msgspec.ValidationError as error:
+            known = ", ".join(self.query.__struct_fields__) or "none"
+            raise InputError(f"query string: {error} (parameters of this address: {known})") from None
+
+    def content(self, catalogue: ReleaseCatalogue, value: Any, query: msgspec.Struct | None = None) -> Rendered | None:
+        """Return the content for a value of the parameter, None if nothing has this address."""
+        values: tuple[Any, ...] = (value,) if self.parameter else ()
+        if self.query is not None:
+            values += (query if query is not None else msgspec.convert({}, self.query),)
+        made = self.render(catalogue, *values)
+        if made is None:
+            return None
+        media_type = MEDIA_TYPES.get(self.path.rpartition(".")[2], MEDIA_TYPES["json"])
+        return Rendered(made if isinstance(made, bytes) else msgspec.json.encode(made), media_type)
 
 
-def site_addresses(catalogue: ReleaseCatalogue) -> Iterator[str]:
-    """Every address of the static site but the images; those of the nodes last."""
-    yield from _PAGES
-    yield from (f"assets/{name}" for name in _ASSETS)
-    yield from (f"sources/{source}.html" for source in catalogue.sources)
-    yield from (f"changes/{tree.version}.html" for tree in catalogue.others)
-    for name in catalogue.vocabularies:
-        yield from (f"vocabularies/{name}.html", f"vocabularies/{name}.csv", f"v1/vocabularies/{name}.json")
-    for node in catalogue.nodes.values():
-        yield from _node_addresses(catalogue, node.node_id)
-
-
-def _node_addresses(catalogue: ReleaseCatalogue, node_id: str) -> Iterator[str]:
-    node, rows = catalogue.nodes[node_id], len(catalogue.rows(catalogue.nodes[node_id]))
-    yield from (page_of(node_id), json_of(node_id), items_of(node_id), images_of(node_id))
-    if catalogue.prior(node) is not None:
-        yield prior_of(node_id)
-    listed = node.level >= LISTED_LEVEL
-    if rows and listed:
-        yield csv_of(node_id)
-    if rows >= LEAST_PARQUET and listed:
-        yield parquet_of(node_id)
-
-
-def _body(catalogue: ReleaseCatalogue, address: str) -> bytes | None:
-    if address in _PAGES:
-        return _PAGES[address](catalogue)
-    folder, _, name = address.partition("/")
-    if folder == "assets":
-        return _asset(name) if name in _ASSETS else None
-    if folder == "v1" and (match := _NODE_FILE.fullmatch(address)):
-        known = match["slug"] in catalogue.by_slug
-        return _NODE_FILES[match["rest"]](catalogue, catalogue.node(match["slug"])) if known else None
-    match = _NAMED.fullmatch(address)
-    return _named(catalogue, match["folder"], match["name"], match["kind"]) if match else None
-
-
-@cache
-def _asset(name: str) -> bytes:
+def _asset(name: str, _: ReleaseCatalogue) -> bytes:
     return files("explorer.pages").joinpath("assets", name).read_bytes()
 
 
-def _named(catalogue: ReleaseCatalogue, folder: str, name: str, kind: str) -> bytes | None:
-    if folder == "nodes":
-        return node_page(catalogue, catalogue.node(name)) if kind == "html" and name in catalogue.by_slug else None
-    if folder == "sources":
-        return source_page(catalogue, name) if kind == "html" and name in catalogue.sources else None
-    if folder == "changes":
-        other = next((tree for tree in catalogue.others if tree.version == name), None)
-        return change_page(catalogue, other) if kind == "html" and other is not None else None
-    made = _LISTS.get((folder, kind))
-    return made(catalogue, name) if made and name in catalogue.vocabularies else None
+def _has_prior(catalogue: ReleaseCatalogue, node: Node) -> bool:
+    return catalogue.prior(node) is not None
+
+
+def _has_csv(catalogue: ReleaseCatalogue, node: Node) -> bool:
+    return node.level >= LISTED_LEVEL and len(catalogue.rows(node)) > 0
+
+
+def _has_parquet(catalogue: ReleaseCatalogue, node: Node) -> bool:
+    return node.level >= LISTED_LEVEL and len(catalogue.rows(node)) >= MIN_PARQUET_ROWS
+
+
+#: The first route whose pattern matches an address serves it.
+ROUTES = (
+    Route("index.html", home_page),
+    Route("tree.html", tree_page),
+    Route("about.html", about_page),
+    Route("compare.html", compare_page),
+    Route("scale.html", scale_page),
+    Route("sources/index.html", sources_page),
+    Route("sources/{source}.html", source_page),
+    Route("changes/{version}.html", change_page),
+    Route("vocabularies/index.html", vocabularies_page),
+    Route("vocabularies/{name}.html", vocabulary_page),
+    Route("vocabularies/{name}.csv", vocabulary_csv),
+    Route("assets/names.js", name_index),
+    Route("assets/sizes.js", size_index),
+    *(Route(f"assets/{name}", partial(_asset, name)) for name in ASSETS),
+    Route("nodes/{slug}.html", node_page),
+    Route(
+        "v1/releases.json",
+        releases_response,
+        response=ReleasesAnswer,
+        operation="releases",
+        summary="The releases of this server.",
+    ),
+    Route(
+        "v1/search",
+        search_response,
+        SearchQuery,
+        SearchAnswer,
+        "search",
+        "Categories for a text, the most likely first.",
+        is_static=False,
+    ),
+    Route("v1/nodes/{slug}/items.csv", items_csv, listed=_has_csv),
+    Route("v1/nodes/{slug}/items.parquet", items_parquet, listed=_has_parquet),
+    Route(
+        "v1/nodes/{id}/prior.json",
+        prior_response,
+        PriorQuery,
+        PriorAnswer,
+        "prior",
+        "Its size distribution.",
+        listed=_has_prior,
+        is_quick=True,
+    ),
+    Route("v1/nodes/{id}/items.json", items_response, ItemsQuery, ItemsAnswer, "items", "Its published items by page."),
+    Route("v1/nodes/{id}/images.json", images_response, NoQuery, ImagesAnswer, "images", "Images of its items."),
+    Route("v1/nodes/{id}.json", node_response, NoQuery, NodeAnswer, "node", "A category."),
+    Route(
+        "v1/vocabularies/{name}.json",
+        vocabulary_response,
+        response=VocabularyAnswer,
+        operation="vocabulary",
+        summary="A label list with sizes.",
+    ),
+)
+
+
+def find_route(catalogue: ReleaseCatalogue, address: str) -> tuple[Route, str, Any] | None:
+    """Return the route of an address, the text of its parameter and its value; None if nothing has this address.
+
+    Raises
+    ------
+    UnknownName
+        The address is of a node that the release does not have.
+    """
+    for route in ROUTES:
+        match = route.pattern.fullmatch(address)
+        if match is None:
+            continue
+        text = match[1] if route.parameter else ""
+        if route.parameter == "id":
+            return route, text, catalogue.node(text)
+        values = PARAMETERS[route.parameter](catalogue)
+        return (route, text, values[text]) if text in values else None
+    return None
+
+
+def render(catalogue: ReleaseCatalogue, address: str) -> Rendered | None:
+    """Return the content of an address of a release (`nodes/chair.n.01.html`), None if nothing has this address.
+
+    Raises
+    ------
+    UnknownName
+        The address is of a node that the release does not have.
+    """
+    found = find_route(catalogue, address)
+    if found is None:
+        return None
+    route, _, value = found
+    return route.content(catalogue, value)
+
+
+def site_addresses(catalogue: ReleaseCatalogue) -> Iterator[str]:
+    """Yield every address of the static site except images; all addresses of one value of a parameter together."""
+    for parameter, values in PARAMETERS.items():
+        routes = [route for route in ROUTES if route.is_static and route.parameter == parameter]
+        for text, value in values(catalogue).items():
+            for route in routes:
+                if route.listed is None or route.listed(catalogue, value):
+                    yield route.path.replace(f"{{{parameter}}}", text)

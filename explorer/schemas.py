@@ -2,9 +2,15 @@
 
 from __future__ import annotations
 
-from typing import Any
+from typing import Annotated, Any
 
 import msgspec
+from msgspec import UNSET, Meta, UnsetType
+
+from metric_tree.tree import LONGEST_NAME
+
+#: Maximum number of hits of a search, which takes some milliseconds.
+MAX_HITS = 50
 
 #: Sizes in mm by dimension and quantile: `{"height": {"0.5": 912.0}}`.
 Quantiles = dict[str, dict[str, float]]
@@ -107,6 +113,19 @@ class ImagesAnswer(msgspec.Struct, kw_only=True):
     images: list[dict[str, Any]]
 
 
+class ComparedNode(NodeRef):
+    """A node of a comparison, with its quantiles."""
+
+    quantiles_mm: Quantiles
+
+
+class ComparisonAnswer(msgspec.Struct, kw_only=True):
+    """Nodes side by side."""
+
+    schema: str = "metric-tree/comparison/1"
+    nodes: list[ComparedNode]
+
+
 class SearchHit(msgspec.Struct):
     """A node that a text may mean, the name that matched left to the reader."""
 
@@ -163,6 +182,45 @@ class VocabularyAnswer(msgspec.Struct, kw_only=True):
     tree: TreeRef
     vocabulary: str
     labels: list[VocabularyRow]
+
+
+class NoQuery(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
+    """Query string of an address without parameters."""
+
+
+class SearchQuery(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
+    """Query string of a search."""
+
+    q: Annotated[str, Meta(min_length=1, max_length=LONGEST_NAME, description="text to search", examples=["chair"])]
+    limit: Annotated[int, Meta(ge=1, le=MAX_HITS, description="maximum number of hits", examples=[5])] = 10
+
+
+class PriorQuery(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
+    """Query string of a prior; lists are separated by commas.
+
+    A field without a description is a former name, which OpenAPI does not list.
+    """
+
+    dims: Annotated[
+        str, Meta(description="dimensions: length, width, height or extent1, extent2, extent3", examples=["height"])
+    ] = ""
+    where: Annotated[str, Meta(description="region and year, or one of them", examples=["region=europe,year=2011"])] = (
+        ""
+    )
+    quantiles: Annotated[str, Meta(description="numbers between 0 and 1", examples=["0.05,0.5,0.95"])] | UnsetType = (
+        UNSET
+    )
+    density_at: Annotated[
+        str, Meta(description="sizes in mm, one number per dimension and then the next size", examples=["900,950"])
+    ] = ""
+    q: str | UnsetType = UNSET
+
+
+class ItemsQuery(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
+    """Query string of the items of a node."""
+
+    cursor: Annotated[str, Meta(description="the `next` token of the previous page", examples=["cDE"])] = ""
+    page: str = ""
 
 
 class ScaleRequest(msgspec.Struct, kw_only=True):

@@ -1,4 +1,4 @@
-"""The static site: every page and answer as a file, which any host serves and a browser opens from the disk."""
+"""The static site: every page and record as a file, for any web host and for browsers without a server."""
 
 from __future__ import annotations
 
@@ -10,31 +10,31 @@ from multiprocessing import get_context
 from pathlib import Path
 
 from explorer.catalogue import ReleaseCatalogue
-from explorer.routes import answer, site_addresses
+from explorer.routes import render, site_addresses
 from metric_base.errors import InputError
 from metric_base.files import whole_folder
 from metric_tree.release.images import link_images
 from metric_tree.tree import Tree, open_tree
 
-#: Addresses that a worker writes at a time.
+#: Number of addresses of a job of a worker process.
 CHUNK = 400
 
 
 @dataclass(frozen=True, slots=True)
-class Written:
-    """Files of a site and their bytes, images among them."""
+class SiteSize:
+    """Number of files of a site and their total size in bytes, images included."""
 
     files: int
     bytes: int
 
 
-def write_site(out: Path, trees: Sequence[Tree], workers: int | None = None) -> Written:
-    """Write the site of releases into a new folder: the first at its root, the others under `releases/VERSION/`.
+def write_site(out: Path, trees: Sequence[Tree], workers: int | None = None) -> SiteSize:
+    """Write the site of releases into a new folder: the first at the root, the others under `releases/VERSION/`.
 
     Raises
     ------
     InputError
-        `out` exists, or two releases have one version.
+        `out` exists, or two releases have the same version.
     """
     if out.exists():
         raise InputError(f"{out}: already exists; a site is written into a new folder")
@@ -46,7 +46,7 @@ def write_site(out: Path, trees: Sequence[Tree], workers: int | None = None) -> 
             folder = work / "releases" / tree.version if place else work
             _write_release(folder, trees, place, workers or os.cpu_count() or 1)
         written = [path.stat().st_size for path in work.rglob("*") if path.is_file()]
-    return Written(len(written), sum(written))
+    return SiteSize(len(written), sum(written))
 
 
 def _write_release(folder: Path, trees: Sequence[Tree], place: int, workers: int) -> None:
@@ -62,7 +62,7 @@ def _write_release(folder: Path, trees: Sequence[Tree], place: int, workers: int
         for chunk in chunks:
             _write(folder, chunk)
         return
-    # spawned, not forked: Arrow's threads do not live through a fork
+    # spawn, not fork: the threads of Arrow do not survive a fork
     with ProcessPoolExecutor(workers, get_context("spawn"), _start_worker, (directories, place)) as pool:
         for done in [pool.submit(_write, folder, chunk) for chunk in chunks]:
             done.result()
@@ -77,7 +77,7 @@ def _start_worker(directories: Sequence[Path], place: int) -> None:
 
 def _write(folder: Path, addresses: Sequence[str]) -> None:
     for address in addresses:
-        made = answer(_worker["catalogue"], address)
-        if made is None:
-            raise RuntimeError(f"{address}: the site lists an address that has nothing")
-        (folder / address).write_bytes(made.body)
+        rendered = render(_worker["catalogue"], address)
+        if rendered is None:
+            raise RuntimeError(f"{address}: the site lists an address without content")
+        (folder / address).write_bytes(rendered.body)

@@ -8,7 +8,7 @@ from typing import Any
 import pyarrow.parquet as pq
 
 from explorer.catalogue import ReleaseCatalogue
-from explorer.responses import vocabulary_answer
+from explorer.responses import vocabulary_response
 from metric_base.records import csv_text
 from metric_tree.node import Node
 from metric_tree.prior import INTERVAL_QUANTILES
@@ -32,7 +32,7 @@ def vocabulary_csv(catalogue: ReleaseCatalogue, name: str) -> bytes:
     dims = ("length", "width", "height", "extent1", "extent2", "extent3")
     columns = [f"{dim}_q{round(100 * q):02d}_mm" for dim in dims for q in INTERVAL_QUANTILES]
     rows: list[list[Any]] = []
-    for row in vocabulary_answer(catalogue, name).labels:
+    for row in vocabulary_response(catalogue, name).labels:
         sizes = row.quantiles_mm or {}
         figures = [sizes.get(dim, {}).get(f"{q:g}") for dim in dims for q in INTERVAL_QUANTILES]
         rows.append([row.label, row.node, row.name, row.tier, row.n_items, *figures])

@@ -42,7 +42,7 @@ class DrawnBox:
     names: tuple[str, str, str]
 
 
-def to_scale(name: str, box: DrawnBox) -> str:
+def size_comparison(name: str, box: DrawnBox) -> str:
     """The SVG of an object beside what everyone knows the size of."""
     longest = max(box.across[2], box.up[2], box.deep[2] if box.deep else 0)
     beside = [one for one in _REFERENCES if LEAST_SHARE <= one[2] / longest <= MOST_SHARE]

@@ -16,10 +16,10 @@ from markupsafe import Markup
 from explorer.catalogue import AXES, ReleaseCatalogue
 from explorer.charts.axis import LogAxis, length_text
 from explorer.charts.distributions import KINDS, distribution, scatter
-from explorer.charts.size_comparison import DrawnBox, to_scale
+from explorer.charts.size_comparison import DrawnBox, size_comparison
 from explorer.pages.templating import main_dimension, page_bytes, web_address
-from explorer.responses import node_answer, outside_links, shown_name
-from explorer.urls import LEAST_PARQUET, LISTED_LEVEL, csv_of, json_of, page_of, parquet_of, prior_of, slug
+from explorer.responses import node_response, outside_links, shown_name
+from explorer.urls import LISTED_LEVEL, MIN_PARQUET_ROWS, csv_of, json_of, page_of, parquet_of, prior_of, slug
 from metric_base.arrays import FloatArray, IntArray
 from metric_base.regions import region_of
 from metric_tree.context import Where
@@ -101,7 +101,7 @@ def _row(
 
 def node_page(catalogue: ReleaseCatalogue, node: Node) -> bytes:
     """The page of a node."""
-    answer = node_answer(catalogue, node)
+    answer = node_response(catalogue, node)
     prior, rows = catalogue.prior(node), catalogue.rows(node)
     sizes, kinds = catalogue.sizes[rows], catalogue.kinds[rows]
     table = catalogue.quantiles(node)
@@ -122,7 +122,7 @@ def node_page(catalogue: ReleaseCatalogue, node: Node) -> bytes:
         evidence=_evidence(node, answer.n_sources),
         quantiles=QUANTILES,
         sizes=list(zip(answer.dims, table.T.tolist(), strict=True)),
-        drawing=Markup(to_scale(shown_name(node), _box(prior, table))) if prior else "",
+        drawing=Markup(size_comparison(shown_name(node), _box(prior, table))) if prior else "",
         distributions=[
             (dim, Markup(_distribution(dim, prior, table[::2, place], sizes, kinds)))
             for place, dim in enumerate(prior.dims)
@@ -141,7 +141,7 @@ def node_page(catalogue: ReleaseCatalogue, node: Node) -> bytes:
         items=[_item(catalogue, row) for row in _spread(rows, sizes)],
         n_shipped=len(rows),
         listed=node.level >= LISTED_LEVEL,
-        parquet=len(rows) >= LEAST_PARQUET,
+        parquet=len(rows) >= MIN_PARQUET_ROWS,
         dims_code="(" + ", ".join(f'"{dim}"' for dim in answer.dims) + ("," if len(answer.dims) == 1 else "") + ")",
         json_href=json_of(node.node_id),
         prior_href=prior_of(node.node_id),

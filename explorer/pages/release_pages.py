@@ -17,7 +17,7 @@ from explorer.catalogue import AXES, MEANINGS, ReleaseCatalogue
 from explorer.charts.axis import length_text
 from explorer.charts.icicle import icicle
 from explorer.pages.templating import page_bytes, web_address
-from explorer.responses import sentence, shown_name, vocabulary_answer
+from explorer.responses import sentence, shown_name, vocabulary_response
 from explorer.urls import page_of
 from metric_base.arrays import IntArray
 from metric_tree.node import Node
@@ -133,7 +133,7 @@ def vocabularies_page(catalogue: ReleaseCatalogue) -> bytes:
 
 def vocabulary_page(catalogue: ReleaseCatalogue, name: str) -> bytes:
     """Each label of a list, its node, its tier and its size."""
-    labels = vocabulary_answer(catalogue, name).labels
+    labels = vocabulary_response(catalogue, name).labels
     return page_bytes(catalogue, "vocabulary.html", "../", name, name=name, labels=labels)
 
 
@@ -171,7 +171,7 @@ def _distance(offs: list[float]) -> str:
 def home_page(catalogue: ReleaseCatalogue) -> bytes:
     """The first page."""
     nodes = [catalogue.nodes[node_id] for node_id in TYPICAL if node_id in catalogue.nodes]
-    counts = dict(catalogue.of_tier())
+    counts = dict(catalogue.tier_counts())
     return page_bytes(
         catalogue,
         "home.html",
@@ -225,7 +225,7 @@ def scale_page(catalogue: ReleaseCatalogue) -> bytes:
 def _releases(catalogue: ReleaseCatalogue) -> list[dict[str, Any]]:
     here: dict[str, Any] = {"name": label(catalogue.tree), "href": "index.html", "changes": None}
     others = [
-        {"name": label(tree), "href": f"{catalogue.way_to(tree)}index.html", "changes": f"changes/{tree.version}.html"}
+        {"name": label(tree), "href": f"{catalogue.relative_root(tree)}index.html", "changes": f"changes/{tree.version}.html"}
         for tree in catalogue.others
     ]
     return [here, *others]

@@ -1,4 +1,4 @@
-"""How bytes go out: ETag of the release, caching, gzip, reading from other origins, and errors in one shape."""
+"""HTTP responses: ETag of the release, cache headers, gzip, cross-origin access, and errors as problem details."""
 
 from __future__ import annotations
 
@@ -11,21 +11,22 @@ import msgspec
 from starlette.requests import Request
 from starlette.responses import Response
 
-from explorer.routes import Answer
+from explorer.routes import Rendered
 from explorer.schemas import Problem
 
-#: Bytes of answers that are kept ready; some 2,000 pages.
-SHELF_BYTES = 64_000_000
+#: Maximum size of the response cache in bytes: about 2,000 pages.
+MAX_CACHE_BYTES = 64_000_000
+#: Bytes of a response with its compressed form, relative to those of the response.
+COMPRESSED_FACTOR = 1.4
+#: Memory of an entry of the cache without the bodies, in bytes.
+ENTRY_BYTES = 500
+#: Minimum size of a compressed response in bytes.
+MIN_GZIP_BYTES = 500
 
-#: Bytes of an answer with its compressed form over those of the answer alone.
-WITH_GZIP = 1.4
+#: Media types that are compressed already.
+_COMPRESSED = {"image/webp", "image/jpeg", "image/png", "application/vnd.apache.parquet"}
 
-#: Shorter answers are sent as they are.
-LEAST_GZIP = 500
-
-_PLAIN = {"image/webp", "image/jpeg", "image/png", "application/vnd.apache.parquet"}
-
-#: Headers of every answer: pages load nothing from outside, and anybody may read the data.
+#: Headers of every response: pages load nothing from other sites, and every site may read the data.
 _HEADERS = {
     "access-control-allow-origin": "*",
     "x-content-type-options": "nosniff",
@@ -35,70 +36,71 @@ _HEADERS = {
 }
 
 
-class Delivered:
-    """An answer, and the same compressed once a client takes it so; empty where that is no shorter."""
+class CachedResponse:
+    """Content, and its compressed form once a client accepts it; empty if it is not compressed."""
 
-    def __init__(self, answer: Answer) -> None:
-        self.answer = answer
+    def __init__(self, content: Rendered) -> None:
+        self.content = content
 
     @cached_property
     def compressed(self) -> bytes:
         """The compressed form; the same bytes each time."""
-        if self.answer.media_type in _PLAIN or len(self.answer.body) < LEAST_GZIP:
+        if self.content.media_type in _COMPRESSED or len(self.content.body) < MIN_GZIP_BYTES:
             return b""
-        return gzip.compress(self.answer.body, 6, mtime=0)
+        return gzip.compress(self.content.body, 6, mtime=0)
+
+    @property
+    def size(self) -> int:
+        """Estimated memory in bytes."""
+        return int(len(self.content.body) * COMPRESSED_FACTOR) + ENTRY_BYTES
 
 
-class Shelf:
-    """Answers that were made, the latest used; at most `SHELF_BYTES`."""
+class ResponseCache:
+    """Least-recently-used cache of responses, at most `MAX_CACHE_BYTES`."""
 
     def __init__(self) -> None:
-        self._answers: OrderedDict[object, Delivered] = OrderedDict()
+        self._responses: OrderedDict[object, CachedResponse] = OrderedDict()
         self._bytes = 0
 
-    def get(self, key: object) -> Delivered | None:
-        """The answer of a key, if it is there."""
-        found = self._answers.get(key)
-        if found is not None:
-            self._answers.move_to_end(key)
-        return found
+    def get(self, key: object) -> CachedResponse | None:
+        """Return the response of a key, None if it is not cached."""
+        cached = self._responses.get(key)
+        if cached is not None:
+            self._responses.move_to_end(key)
+        return cached
 
-    def put(self, key: object, answer: Delivered) -> None:
-        """Keep an answer; the ones that were used longest ago make room."""
-        if key in self._answers:
+    def put(self, key: object, response: CachedResponse) -> None:
+        """Store a response, and remove the least recently used ones if the cache is full."""
+        if key in self._responses:
             return
-        self._answers[key] = answer
-        self._bytes += _weight(answer)
-        while self._bytes > SHELF_BYTES:
-            _, old = self._answers.popitem(last=False)
-            self._bytes -= _weight(old)
+        self._responses[key] = response
+        self._bytes += response.size
+        while self._bytes > MAX_CACHE_BYTES:
+            _, oldest = self._responses.popitem(last=False)
+            self._bytes -= oldest.size
 
 
-def response_of(request: Request, made: Delivered, etag: str, seconds: int = 300) -> Response:
-    """The response: 304 where the client has it, compressed where it takes that."""
+def conditional_response(request: Request, cached: CachedResponse, etag: str, max_age_s: int = 300) -> Response:
+    """Return the response: status 304 if the client has this version, compressed if the client accepts that."""
     headers = {
         **_HEADERS,
         "etag": f'"{etag}"',
-        "cache-control": f"public, max-age={seconds}",
+        "cache-control": f"public, max-age={max_age_s}",
         "vary": "accept-encoding",
     }
     if f'"{etag}"' in request.headers.get("if-none-match", ""):
         return Response(status_code=304, headers=headers)
-    body = made.answer.body
-    if "gzip" in request.headers.get("accept-encoding", "") and made.compressed:
-        body = made.compressed
+    body = cached.content.body
+    if "gzip" in request.headers.get("accept-encoding", "") and cached.compressed:
+        body = cached.compressed
         headers["content-encoding"] = "gzip"
-    headers["content-type"] = made.answer.media_type
+    headers["content-type"] = cached.content.media_type
     return Response(body, headers=headers)
 
 
 def problem(status: int, detail: str, instance: str | None = None, headers: dict[str, str] | None = None) -> Response:
-    """An error as RFC 9457 has it."""
+    """Return an error as problem details (RFC 9457)."""
     body = Problem(title=HTTPStatus(status).phrase, status=status, detail=detail, instance=instance)
     return Response(
         msgspec.json.encode(body), status, {**_HEADERS, **(headers or {})}, media_type="application/problem+json"
     )
-
-
-def _weight(made: Delivered) -> int:
-    return int(len(made.answer.body) * WITH_GZIP) + 500

@@ -1,4 +1,4 @@
-"""The scale of measured objects, computed in processes of its own, so that a slow request never blocks a read."""
+"""Scales of measured objects, estimated in separate processes so that a slow request does not block reads."""
 
 from __future__ import annotations
 
@@ -18,25 +18,33 @@ from metric_base.errors import InputError
 from metric_tree.context import where_of
 from metric_tree.tree import Tree, open_tree
 
-#: Objects and known lengths of one request: 500 objects take a second or so.
-MOST_OBJECTS, MOST_LENGTHS = 500, 100
+#: Maximum number of objects of a request: 500 take about one second.
+MAX_OBJECTS = 500
+#: Maximum number of known lengths of a request.
+MAX_LENGTHS = 100
+#: Open range of a known length in scene units and in metres.
+LENGTH_RANGE = (1e-12, 1e12)
+#: Open range of the standard deviation of the natural log of a known length.
+LENGTH_SIGMA_RANGE = (1e-6, 10.0)
 
-#: Seconds that an answer may take.
-LIMIT_S = 20.0
+#: Maximum duration of a job in seconds.
+MAX_JOB_S = 20.0
 
-#: Jobs that run at once, and that wait or run: more are refused at once rather than answered late.
-RUNNING, MOST_JOBS = 2, 10
+#: Number of processes.
+N_PROCESSES = 2
+#: Maximum number of jobs that wait or run; more are refused at once, because they would end after `MAX_JOB_S`.
+MAX_JOBS = 10
 
-#: One standard deviation of the natural log of a known length whose error is not stated, as of `--known-length`.
+#: Default standard deviation of the natural log of a known length, as for `--known-length`.
 LENGTH_SIGMA = 0.01
 
 
-class Busy(Exception):
-    """Too many jobs wait, or this one took too long."""
+class ServiceUnavailable(Exception):
+    """Too many jobs wait, or this one takes too long."""
 
 
 def scale_record(request: ScaleRequest, tree: Tree) -> dict[str, Any]:
-    """The posterior of measured objects and known lengths, as `metric-tree/scale/1`.
+    """Return the posterior of measured objects and known lengths, as `metric-tree/scale/1`.
 
     Raises
     ------
@@ -47,8 +55,8 @@ def scale_record(request: ScaleRequest, tree: Tree) -> dict[str, Any]:
     from estimator.reconstructions.objects_file import parse_objects
     from estimator.records.options import EstimateOptions
 
-    if not 1 <= len(request.objects) <= MOST_OBJECTS:
-        raise InputError(f"objects: expected 1 to {MOST_OBJECTS}; found {len(request.objects)}")
+    if not 1 <= len(request.objects) <= MAX_OBJECTS:
+        raise InputError(f"objects: expected 1 to {MAX_OBJECTS}; found {len(request.objects)}")
     if not 0 < request.level < 1:
         raise InputError(f"level: expected a number between 0 and 1; found {request.level:g}")
     objects = parse_objects(Path("request"), {"schema": request.schema, "objects": request.objects})
@@ -62,8 +70,8 @@ def scale_record(request: ScaleRequest, tree: Tree) -> dict[str, Any]:
 def _lengths(lengths: Sequence[dict[str, float]]) -> tuple[Any, ...]:
     from estimator.records.result import ScaleEvidence
 
-    if len(lengths) > MOST_LENGTHS:
-        raise InputError(f"known_lengths: expected at most {MOST_LENGTHS}; found {len(lengths)}")
+    if len(lengths) > MAX_LENGTHS:
+        raise InputError(f"known_lengths: expected at most {MAX_LENGTHS}; found {len(lengths)}")
     rows = []
     for number, length in enumerate(lengths, 1):
         units, metres = length.get("units", 0.0), length.get("metres", 0.0)
@@ -80,49 +88,49 @@ def _lengths(lengths: Sequence[dict[str, float]]) -> tuple[Any, ...]:
 
 
 class ScaleJobs:
-    """Processes that compute scales; started by `warm`, or by the first request."""
+    """Processes that estimate scales, started by `preload` or by the first request."""
 
     def __init__(self, directory: Path) -> None:
         self._directory = directory
         self._pool: ProcessPoolExecutor | None = None
         self._jobs = 0
 
-    async def answer(self, body: bytes) -> bytes:
-        """The JSON of a request's answer.
+    async def result(self, body: bytes) -> bytes:
+        """Return the JSON of the result of a request.
 
         Raises
         ------
         InputError
             The request is invalid.
-        Busy
-            Too many jobs wait, or this one took longer than `LIMIT_S`.
+        ServiceUnavailable
+            Too many jobs wait, or this one takes longer than `MAX_JOB_S`.
         """
-        if self._jobs >= MOST_JOBS:
-            raise Busy("too many scale requests at once; try again in a few seconds")
+        if self._jobs >= MAX_JOBS:
+            raise ServiceUnavailable("too many scale requests at once; try again in a few seconds")
         self._jobs += 1
         try:
             job = asyncio.get_running_loop().run_in_executor(self._processes(), _scale, body)
-            return await asyncio.wait_for(asyncio.shield(job), LIMIT_S)
+            return await asyncio.wait_for(asyncio.shield(job), MAX_JOB_S)
         except TimeoutError:
-            raise Busy(f"the answer took longer than {LIMIT_S:g} s; ask with fewer objects") from None
+            raise ServiceUnavailable(f"the estimate took longer than {MAX_JOB_S:g} s; send fewer objects") from None
         except BrokenProcessPool:
             self.stop()
-            raise Busy("the computing process ended; try again") from None
+            raise ServiceUnavailable("the worker process ended unexpectedly; try again") from None
         finally:
             self._jobs -= 1
 
-    def warm(self) -> None:
-        """Start the processes; the first request then finds the estimator and the release in memory."""
-        for _ in range(RUNNING):
-            self._processes().submit(_rehearse)
+    def preload(self) -> None:
+        """Start the processes, so that the first request finds the estimator and the release in memory."""
+        for _ in range(N_PROCESSES):
+            self._processes().submit(_warm_up)
 
     def _processes(self) -> ProcessPoolExecutor:
         if self._pool is None:
-            self._pool = ProcessPoolExecutor(RUNNING, get_context("spawn"), _start, (self._directory,))
+            self._pool = ProcessPoolExecutor(N_PROCESSES, get_context("spawn"), _start, (self._directory,))
         return self._pool
 
     def stop(self) -> None:
-        """End the processes; a job that runs is given up."""
+        """End the processes and abandon the running jobs."""
         if self._pool is not None:
             self._pool.shutdown(wait=False, cancel_futures=True)
             self._pool = None
@@ -135,8 +143,8 @@ def _start(directory: Path) -> None:
     _trees["tree"] = open_tree(directory)
 
 
-def _rehearse() -> None:
-    """A small scale: what it loads stays loaded."""
+def _warm_up() -> None:
+    """Estimate a small scale, which loads the modules of the estimator."""
     scale_record(ScaleRequest(objects=[{"category": "chair", "dimensions": {"height": 0.45}}]), _trees["tree"])
 
 
@@ -149,7 +157,7 @@ def _scale(body: bytes) -> bytes:
 
 
 def _finite(value: Any) -> Any:
-    """JSON has no infinity: such a number is null."""
+    """Return the value with None for numbers that are not finite, which JSON cannot represent."""
     if isinstance(value, dict):
         return {name: _finite(one) for name, one in value.items()}
     if isinstance(value, list | tuple):

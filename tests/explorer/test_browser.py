@@ -16,7 +16,7 @@ import pytest
 import metric_tree
 from estimator.views.glb import glb_bytes
 from explorer.catalogue import ReleaseCatalogue
-from explorer.routes import answer
+from explorer.routes import render
 from tests.synthetic.browser import Browser
 from tests.synthetic.views import hand_view
 
@@ -192,7 +192,7 @@ def test_the_sliders_of_a_region_and_a_year(browser: Browser, tmp_path: Path) ->
     (tmp_path / "assets").mkdir()
     catalogue = ReleaseCatalogue([metric_tree.open()])
     for address in ("nodes/car.n.01.html", "assets/page.js", "assets/style.css"):
-        made = answer(catalogue, address)
+        made = render(catalogue, address)
         assert made is not None
         (tmp_path / address).write_bytes(made.body)
     see(browser, (tmp_path / "nodes" / "car.n.01.html").as_uri())

@@ -12,9 +12,10 @@ import pytest
 import metric_tree
 from explorer.catalogue import ReleaseCatalogue
 from explorer.responses import sentence
-from explorer.routes import answer, site_addresses
+from explorer.routes import ROUTES, find_route, render, site_addresses
 from explorer.static_site import write_site
 from metric_base.errors import InputError
+from metric_tree.node import UnknownName
 from metric_tree.tree import Tree
 from tests.explorer.conftest import WEB
 from tests.synthetic import minitree
@@ -63,7 +64,7 @@ def test_text_of_a_source_is_escaped(trees: list[Tree]) -> None:
     rows = catalogue.items.to_pylist()
     rows[0]["title"], rows[0]["url"] = "<script>alert(1)</script>", "javascript:alert(1)"
     catalogue.__dict__["items"] = type(catalogue.items).from_pylist(rows, schema=catalogue.items.schema)
-    page = answer(catalogue, f"nodes/{rows[0]['node_id']}.html")
+    page = render(catalogue, f"nodes/{rows[0]['node_id']}.html")
     assert page is not None
     assert b"<script>alert" not in page.body
     assert b"javascript:" not in page.body
@@ -78,7 +79,7 @@ def test_a_page_says_which_height_is_meant() -> None:
 
 
 def test_a_page_says_the_tier_then_the_size(catalogue: ReleaseCatalogue) -> None:
-    page = answer(catalogue, "nodes/swivel_chair.n.01.html")
+    page = render(catalogue, "nodes/swivel_chair.n.01.html")
     assert page is not None
     text = page.body.decode()
     assert (
@@ -91,7 +92,7 @@ def test_a_page_says_the_tier_then_the_size(catalogue: ReleaseCatalogue) -> None
 
 
 def test_the_index_of_names_means_what_the_resolver_means(catalogue: ReleaseCatalogue) -> None:
-    synthetic = answer(catalogue, "assets/names.js")
+    synthetic = render(catalogue, "assets/names.js")
     assert synthetic is not None
     content = json.loads(synthetic.body.decode().removeprefix("var MT_NAMES=").rstrip(";\n"))
     nodes = [line.split("\t")[0] for line in content["nodes"].split("\n")]
@@ -104,7 +105,7 @@ def test_the_index_of_names_means_what_the_resolver_means(catalogue: ReleaseCata
 
 
 def test_what_changed(catalogue: ReleaseCatalogue) -> None:
-    page = answer(catalogue, "changes/0.0.1.html")
+    page = render(catalogue, "changes/0.0.1.html")
     assert page is not None
     text = page.body.decode()
     assert "bar stool" in text.partition("New categories")[0]
@@ -114,10 +115,39 @@ def test_what_changed(catalogue: ReleaseCatalogue) -> None:
 
 
 @pytest.mark.parametrize(
-    "address", ["nodes/none.html", "v1/nodes/none.json", "../manifest.json", "assets/../x", "v1/nodes/a/b/c.json", ""]
+    "address",
+    ["nodes/none.html", "v1/nodes/none/items.csv", "../manifest.json", "assets/../x", "vocabularies/x.csv", ""],
 )
 def test_nothing_is_elsewhere(catalogue: ReleaseCatalogue, address: str) -> None:
-    assert answer(catalogue, address) is None
+    assert render(catalogue, address) is None
+
+
+@pytest.mark.parametrize("address", ["v1/nodes/none.json", "v1/nodes/a/b/c.json", "v1/nodes/none/prior"])
+def test_an_unknown_node_is_an_error_with_its_name(catalogue: ReleaseCatalogue, address: str) -> None:
+    with pytest.raises(UnknownName, match="no node has this id"):
+        render(catalogue, address)
+
+
+def test_every_address_of_the_site_belongs_to_the_route_that_lists_it(catalogue: ReleaseCatalogue) -> None:
+    """No earlier route with a wider pattern takes an address, and every static route has addresses."""
+    served = set()
+    for address in site_addresses(catalogue):
+        found = find_route(catalogue, address)
+        assert found is not None, address
+        route, text, _ = found
+        assert route.path.replace(f"{{{route.parameter}}}", text) == address
+        served.add(route.path)
+    assert {route.path for route in ROUTES if route.is_static} - served == {"v1/nodes/{slug}/items.parquet"}
+
+
+@pytest.mark.parametrize("change", [-1, 0])
+def test_nodes_with_enough_items_have_a_parquet_file(
+    catalogue: ReleaseCatalogue, monkeypatch: pytest.MonkeyPatch, change: int
+) -> None:
+    node = catalogue.by_slug["mt-bar_stool"]
+    monkeypatch.setattr("explorer.routes.MIN_PARQUET_ROWS", len(catalogue.rows(node)) - change)
+    address = "v1/nodes/mt-bar_stool/items.parquet"
+    assert (address in set(site_addresses(catalogue))) == (change == 0)
 
 
 def test_a_site_replaces_nothing(trees: list[Tree], tmp_path: Path) -> None:

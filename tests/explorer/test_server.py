@@ -61,8 +61,12 @@ def test_items_come_a_page_at_a_time(base: str, monkeypatch: pytest.MonkeyPatch)
         ("/nowhere", 404, "nothing is at"),
         ("/v1/nodes/none", 404, "no node has this id"),
         ("/releases/9.9.9/index.html", 404, "no release"),
-        ("/v1/search?q=", 422, "1 to 300"),
-        ("/v1/search?q=a&limit=0", 422, "1 to 50"),
+        ("/v1/search", 422, "required field `q`"),
+        ("/v1/search?q=", 422, "length >= 1"),
+        ("/v1/search?q=%20", 422, "spaces only"),
+        ("/v1/search?q=" + "a" * 301, 422, "length <= 300"),
+        ("/v1/search?q=a&limit=0", 422, "`int` >= 1"),
+        ("/v1/search?q=a&limit=51", 422, "`int` <= 50"),
         ("/v1/search?q=a&limti=3", 422, "limti"),
         ("/v1/nodes/rat.n.01/prior?dims=depth", 422, "expected a prior that holds depth"),
         ("/v1/nodes/rat.n.01/prior?dims=height,height", 422, "each once"),
@@ -129,7 +133,7 @@ def test_a_request_of_the_scale_is_checked(base: str, body: bytes, status: int, 
 
 
 def test_too_many_jobs_are_refused_at_once(base: str, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("explorer.server.scale_jobs.MOST_JOBS", 0)
+    monkeypatch.setattr("explorer.server.scale_jobs.MAX_JOBS", 0)
     answer = WEB.post(f"{base}/v1/scale", json=OBJECTS)
     assert (answer.status_code, answer.headers["retry-after"]) == (503, "5")
 

@@ -48,7 +48,7 @@ def run(arguments: argparse.Namespace) -> int:
         stream=sys.stderr, level=logging.WARNING if arguments.quiet else logging.INFO, format="%(message)s"
     )
     uvicorn.run(
-        application(trees, warm=True),
+        application(trees, preload=True),
         host=arguments.host,
         port=arguments.port,
         access_log=False,

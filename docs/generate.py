@@ -22,21 +22,21 @@ FOLDER = Path(__file__).resolve().parent / "reference"
 WIDTH = "100"
 NOTE = "<!-- Written by `make reference`. Do not edit. -->"
 #: Commands: the program, and where its parser comes from.
-PROGRAMS = {"estimate-scale": "metric_cli.estimate_scale.parser", "insert-object": "metric_cli.insert_object.insert"}
+PROGRAMS = {"estimate-scale": "metric_cli.estimate_scale.parser", "insert-object": "metric_cli.insert_object.parser"}
 APIS = ("metric_tree", "estimator", "capture", "models3d", "insertion")
 
 
 def commands() -> str:
-    """`reference/commands.md`: the help of every command and verb."""
+    """`reference/commands.md`: the help of every command and subcommand."""
     os.environ["COLUMNS"] = WIDTH
     rule = "Every command takes `--help` and `--json`. Results go to standard output, all else to standard error."
     parts = [f"# Commands\n\n{NOTE}\n\n{rule}"]
     for program, module in PROGRAMS.items():
         if importlib.util.find_spec(module.partition(".")[0]) is not None:
             parts.append(_help(program, importlib.import_module(module).parser()))
-    from metric_cli.subcommands import VERBS, parser_of
+    from metric_cli.subcommands import SUBCOMMANDS, parser_of
 
-    parts += [_help(f"metric-tree {verb}", parser_of(verb)) for verb in VERBS]
+    parts += [_help(f"metric-tree {subcommand}", parser_of(subcommand)) for subcommand in SUBCOMMANDS]
     return "\n\n".join(parts) + "\n"
 
 

@@ -1,6 +1,6 @@
 """Arguments that name paths: what a run reads and what it writes, so that no output replaces a file of others.
 
-Completion scripts for shells, made from the programs' own options and verbs.
+Completion scripts for shells, made from the programs' own options and subcommands.
 
 What the parsers of several commands have alike: the options of every program, and of a release.
 """
@@ -124,7 +124,7 @@ def check_paths(parser: argparse.ArgumentParser, options: argparse.Namespace) ->
 
 
 def arguments_of(parser: argparse.ArgumentParser) -> Iterator[argparse.Action]:
-    """The arguments of a parser and of the verbs below it."""
+    """The arguments of a parser and of the subcommands below it."""
     for action in parser._actions:
         yield action
         if isinstance(action, argparse._SubParsersAction):
@@ -165,21 +165,25 @@ def option_helps(parser: argparse.ArgumentParser) -> dict[str, str]:
     return {name: action.help or "" for name, action in actions if name.startswith("--")}
 
 
-def completion_script(program: str, verbs: Mapping[str, Mapping[str, str]], shell: str) -> str:
-    """What to source so that a shell completes verbs and options of a program, and files elsewhere.
+def completion_script(program: str, subcommands: Mapping[str, Mapping[str, str]], shell: str) -> str:
+    """Return the script with which a shell completes subcommands, options and files of a program.
 
-    verbs : help by option, by verb; the options of a program without verbs are those of the verb `""`.
+    subcommands : help by option, by subcommand; `""` is the subcommand of a program without subcommands.
     """
     if shell == "fish":
-        return "".join(_fish_lines(program, verb, options) for verb, options in verbs.items())
-    names = " ".join(verb for verb in verbs if verb)
-    cases = "".join(f'        "{verb}") words="{" ".join(options)}" ;;\n' for verb, options in verbs.items() if verb)
+        return "".join(_fish_lines(program, subcommand, options) for subcommand, options in subcommands.items())
+    names = " ".join(subcommand for subcommand in subcommands if subcommand)
+    cases = "".join(
+        f'        "{subcommand}") words="{" ".join(options)}" ;;\n'
+        for subcommand, options in subcommands.items()
+        if subcommand
+    )
     function = f"_{program.replace('-', '_')}"
     choice = f'    case "${{COMP_WORDS[1]}}" in\n{cases}    esac\n' if names else ""
     first = f'    if [[ $COMP_CWORD -eq 1 ]]; then words="{names} $words"; fi\n' if names else ""
     listed = '"$word" == -* || $COMP_CWORD -eq 1' if names else '"$word" == -*'
     bash = f"""{function}() {{
-    local word="${{COMP_WORDS[COMP_CWORD]}}" words="{" ".join(verbs.get("", {}))}"
+    local word="${{COMP_WORDS[COMP_CWORD]}}" words="{" ".join(subcommands.get("", {}))}"
 {choice}{first}    if [[ {listed} ]]; then
         COMPREPLY=($(compgen -W "$words" -- "$word"))
     else
@@ -191,9 +195,9 @@ complete -o filenames -F {function} {program}
     return bash if shell == "bash" else f"autoload -U +X bashcompinit && bashcompinit\n{bash}"
 
 
-def _fish_lines(program: str, verb: str, options: Mapping[str, str]) -> str:
-    named = f"complete -c {program} -n __fish_use_subcommand -a {verb}\n" if verb else ""
-    where = f" -n '__fish_seen_subcommand_from {verb}'" if verb else ""
+def _fish_lines(program: str, subcommand: str, options: Mapping[str, str]) -> str:
+    named = f"complete -c {program} -n __fish_use_subcommand -a {subcommand}\n" if subcommand else ""
+    where = f" -n '__fish_seen_subcommand_from {subcommand}'" if subcommand else ""
     lines = (f"complete -c {program}{where} -l {name[2:]} -d '{_quoted(text)}'\n" for name, text in options.items())
     return named + "".join(lines)
 
@@ -203,10 +207,11 @@ def _quoted(text: str) -> str:
     return text.replace("%(default)s", "see --help").replace("\\", "\\\\").replace("'", "\\'")
 
 
-def program_parser(program: str, description: str, epilog: str) -> OneLineParser:
-    """The parser of a program without verbs."""
+def program_parser(program: str, description: str, epilog: str, usage: str) -> OneLineParser:
+    """Return the parser of a program without subcommands; `usage` states the required and the common arguments."""
     return OneLineParser(
         prog=program,
+        usage=usage,
         description=description,
         epilog=epilog,
         formatter_class=argparse.RawDescriptionHelpFormatter,

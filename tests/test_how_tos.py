@@ -98,8 +98,8 @@ def test_the_commands_of_a_how_to_run(name: str, tmp_path: Path, monkeypatch: py
     assert lines
     for line in lines:
         words = shlex.split(line.removeprefix("$ ").partition(" >")[0], comments=True)
-        verb = 2 if words[0] == "metric-tree" else 1
-        status = _command(" ".join(words[:verb]))(words[verb:])
+        n_names = 2 if words[0] == "metric-tree" else 1
+        status = _command(" ".join(words[:n_names]))(words[n_names:])
         assert status in (statuses | {1} if "--fail-over" in line else statuses), line
 
 

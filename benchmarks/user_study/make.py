@@ -33,14 +33,15 @@ def _run(words: Sequence[str]) -> int:
 
 
 def _page_parser() -> argparse.ArgumentParser:
-    from metric_cli.insert_object.request import add_scene_arguments
+    from metric_cli.insert_object.parser import add_objects, add_scene
 
     root = OneLineParser(
         prog=PROGRAM,
         description="The same insertion at the paper's eleven sizes as one page that works offline.",
         allow_abbrev=False,
     )
-    add_scene_arguments(root)
+    add_scene(root)
+    add_objects(root)
     root.add_argument("--frame", metavar="NAME", help="the picture to show (default: the one that shows most of it)")
     root.add_argument("--object", default="object", help="what the object is called on the page")
     root.add_argument("--thing", dest="object", default=argparse.SUPPRESS, help=argparse.SUPPRESS)  # its old name
@@ -64,16 +65,17 @@ def _report_parser() -> argparse.ArgumentParser:
 
 def _make(options: argparse.Namespace) -> int:
     from benchmarks.user_study.page import plan_text, study_page
+    from insertion.insert import open_scene
     from insertion.placement.placed_object import place_objects
     from metric_base.files import output_file, whole_file
-    from metric_cli.insert_object.request import prepared_scene_of, requests_of, tree_of
+    from metric_cli.insert_object.request import parse_objects, parse_scene, tree_for
 
     output_file(options.out)
     if not 1 <= options.repeats <= MAX_REPEATS:
         raise InputError(f"--repeats: expected 1 to {MAX_REPEATS}; found {options.repeats}")
-    requests = requests_of(options)
-    prepared = prepared_scene_of(options)
-    placed = place_objects(prepared, requests, tree_of(options))
+    requests = parse_objects(options.objects)
+    prepared = open_scene(parse_scene(options))
+    placed = place_objects(prepared, requests, tree_for(requests, options.tree))
     pictures = _pictures(prepared, placed, options.frame)
     with whole_file(options.out, "--out") as file:
         file.write_text(study_page(pictures, options.title, options.object, options.repeats), encoding="utf-8")

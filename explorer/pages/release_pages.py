@@ -225,7 +225,11 @@ def scale_page(catalogue: ReleaseCatalogue) -> bytes:
 def _releases(catalogue: ReleaseCatalogue) -> list[dict[str, Any]]:
     here: dict[str, Any] = {"name": label(catalogue.tree), "href": "index.html", "changes": None}
     others = [
-        {"name": label(tree), "href": f"{catalogue.relative_root(tree)}index.html", "changes": f"changes/{tree.version}.html"}
+        {
+            "name": label(tree),
+            "href": f"{catalogue.relative_root(tree)}index.html",
+            "changes": f"changes/{tree.version}.html",
+        }
         for tree in catalogue.others
     ]
     return [here, *others]

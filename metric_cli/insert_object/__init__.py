@@ -1,1 +1,1 @@
-"""`insert-object` and `insert-object study`."""
+"""`insert-object`."""

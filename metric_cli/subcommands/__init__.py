@@ -10,73 +10,82 @@ import sys
 from collections.abc import Sequence
 from importlib import import_module
 
-from metric_cli.errors import exit_status
+from metric_cli.errors import DONE, INPUT_ERROR, exit_status
 from metric_cli.parser import SHELLS, OneLineParser, add_overwrite, completion_script, option_helps, version
 from metric_cli.programs import use_one_thread
 
-__all__ = ["VERBS", "main", "parser_of"]
+__all__ = ["SUBCOMMANDS", "main", "parser_of"]
 
-#: Help line of each subcommand in the overview; `HELP` of its module describes it in full.
-VERBS = {
-    "query": "a category: path, counts, sizes, prior",
-    "list": "the available releases",
-    "extract": "one saved web page to a raw item",
-    "crawl": "run a spider into a raw-item data set",
-    "import": "an open data set into raw items",
-    "build": "raw items to a release",
-    "review": "what waits for a reviewer; record a decision",
-    "explain": "why an item is in its category",
-    "validate": "every rule of a release",
-    "report": "a readable page about a release",
-    "check-asset": "whether 3-D models are at true size",
-    "true-size": "the true size of a model without one",
-    "select": "the categories fit for segmentation and scale",
-    "render": "pictures of items that have a textured model",
-    "cutout": "foreground masks for the images of a release",
-    "export": "training data for instance segmentation",
-    "search": "categories for a text",
-    "priors": "sizes as a flat table",
-    "diff": "what changed between two releases",
-    "fetch": "a release from a registry",
-    "publish": "a release as a folder for a data hub",
-    "serve": "the explorer and its JSON over HTTP",
-    "site": "the explorer as files",
+#: Module and help line of each subcommand in the overview, by topic; `HELP` of the module describes it in full.
+SUBCOMMANDS = {
+    "query": ("release.query", "size, path, counts and prior of a category"),
+    "search": ("release.search", "categories for a text"),
+    "list": ("release.list_", "the available releases"),
+    "priors": ("release.priors", "sizes as a flat table"),
+    "diff": ("release.diff", "differences between two releases"),
+    "report": ("release.report", "readable page about a release"),
+    "serve": ("release.serve", "the explorer and its JSON over HTTP"),
+    "site": ("release.site", "the explorer as files"),
+    "fetch": ("release.fetch", "download a release from a registry"),
+    "publish": ("release.publish", "a release as a folder for a data hub"),
+    "validate": ("release.validate", "check all rules of a release"),
+    "check-asset": ("models.check_asset", "check whether 3-D models have true size"),
+    "true-size": ("models.true_size", "find the true size of a model and rescale it"),
+    "render": ("models.render", "render items that have a textured model"),
+    "crawl": ("data.crawl", "run a spider into a raw-item data set"),
+    "extract": ("data.extract", "one saved web page to a raw item"),
+    "import": ("data.import_", "open data sets to raw items"),
+    "build": ("data.build", "raw items to a release"),
+    "review": ("data.review", "list open questions for reviewers, or record a decision"),
+    "explain": ("data.explain", "why an item is in its category"),
+    "select": ("training.select", "categories for segmentation and scale estimation"),
+    "cutout": ("training.cutout", "foreground masks for the images of a release"),
+    "export": ("training.export", "training data for instance segmentation"),
 }
-
-#: Folder of the modules of each topic.
-_TOPICS = {
-    **dict.fromkeys(("build", "crawl", "explain", "extract", "import", "review"), "data"),
-    **dict.fromkeys(("check-asset", "render", "true-size"), "models"),
-    **dict.fromkeys(("cutout", "export", "select"), "training"),
-    **dict.fromkeys(
-        ("diff", "fetch", "list", "priors", "publish", "query", "report", "search", "serve", "site", "validate"),
-        "release",
-    ),
+#: Heading of each topic in the overview.
+TOPICS = {
+    "release": "sizes and releases",
+    "models": "3-D models",
+    "data": "from web pages and open data sets to a release",
+    "training": "training data for detectors",
 }
-#: Modules whose names would hide a keyword or a built-in type.
-_MODULES = {"import": "import_", "list": "list_"}
 
 
 def main(argv: Sequence[str] | None = None) -> int:
-    """Run `metric-tree`; the exit status is 0 done, 2 the input is invalid, 1 the program is."""
+    """Run `metric-tree`; the exit status is 0, 2 for invalid input, 1 for an internal error."""
     use_one_thread()
-    words = list(sys.argv[1:] if argv is None else argv)
-    if len(words) == 2 and words[0] == "--completion" and words[1] in SHELLS:
+    arguments = list(sys.argv[1:] if argv is None else argv)
+    if len(arguments) == 2 and arguments[0] == "--completion" and arguments[1] in SHELLS:
         options = {"--completion": "", "--help": "", "--version": ""}
-        verbs = {"": options, **{verb: option_helps(parser_of(verb)) for verb in VERBS}}
-        sys.stdout.write(completion_script("metric-tree", verbs, words[1]))
-        return 0
-    if not words or words[0] not in VERBS:
-        return _overview(words)
-    return exit_status(f"metric-tree {words[0]}", lambda: _run(words[0], words[1:]))
+        subcommands = {"": options, **{name: option_helps(parser_of(name)) for name in SUBCOMMANDS}}
+        sys.stdout.write(completion_script("metric-tree", subcommands, arguments[1]))
+        return DONE
+    if arguments and arguments[0] in SUBCOMMANDS:
+        name, *rest = arguments
+
+        def run() -> int:
+            options = parser_of(name).parse_args(rest)
+            status: int = options.run(options)
+            return status
+
+        return exit_status(f"metric-tree {name}", run)
+    parser = _overview_parser()
+    if not arguments:
+        parser.print_help()
+        return DONE
+    general = {"-h", "--help", "--version"}
+    is_completion = arguments[0] == "--completion"
+    parser.parse_args(arguments if is_completion else [argument for argument in arguments if argument in general])
+    expected = f"expected one of {', '.join(SUBCOMMANDS)}; found {arguments[0]!r}"
+    sys.stderr.write(f"metric-tree: subcommand: {expected}\n")
+    return INPUT_ERROR
 
 
-def parser_of(verb: str) -> argparse.ArgumentParser:
-    """The argument parser of a verb."""
-    name = _MODULES.get(verb, verb.replace("-", "_"))
-    module = import_module(f"metric_cli.subcommands.{_TOPICS[verb]}.{name}")
+def parser_of(subcommand: str) -> argparse.ArgumentParser:
+    """Return the argument parser of a subcommand."""
+    module = import_module(f"metric_cli.subcommands.{SUBCOMMANDS[subcommand][0]}")
     parser = OneLineParser(
-        prog=f"metric-tree {verb}", description=module.HELP, conflict_handler="resolve", allow_abbrev=False
+        prog=f"metric-tree {subcommand}", description=module.HELP, conflict_handler="resolve", allow_abbrev=False
     )
     parser.add_argument("--json", action="store_true", help="print the result as JSON")
     module.add_arguments(parser)
@@ -85,32 +94,17 @@ def parser_of(verb: str) -> argparse.ArgumentParser:
     return parser
 
 
-def _run(verb: str, words: Sequence[str]) -> int:
-    arguments = parser_of(verb).parse_args(words)
-    status: int = arguments.run(arguments)
-    return status
-
-
-def _overview(words: Sequence[str]) -> int:
-    parser = _overview_parser()
-    if not words:
-        parser.print_help()
-        return 0
-    parser.parse_args(
-        words if words[0] == "--completion" else [word for word in words if word in {"-h", "--help", "--version"}]
-    )
-    sys.stderr.write(f"metric-tree: verb: expected one of {', '.join(VERBS)}; found {words[0]!r}\n")
-    return 2
-
-
 def _overview_parser() -> argparse.ArgumentParser:
-    width = max(map(len, VERBS))
-    verbs = "\n".join(f"  {verb:<{width}}  {what}" for verb, what in VERBS.items())
+    width = max(map(len, SUBCOMMANDS))
+    lines = []
+    for topic, heading in TOPICS.items():
+        rows = ((name, text) for name, (module, text) in SUBCOMMANDS.items() if module.partition(".")[0] == topic)
+        lines += [f"{heading}:", *(f"  {name:<{width}}  {text}" for name, text in rows), ""]
     parser = argparse.ArgumentParser(
         prog="metric-tree",
-        usage="metric-tree VERB [ARGUMENT ...]",
+        usage="metric-tree SUBCOMMAND [ARGUMENT ...]",
         description="Object sizes by category, from raw data to priors.",
-        epilog=f"verbs:\n{verbs}\n\n`metric-tree VERB --help` says what a verb takes.",
+        epilog="\n".join([*lines, "`metric-tree SUBCOMMAND --help` lists the arguments of a subcommand."]),
         formatter_class=argparse.RawDescriptionHelpFormatter,
     )
     parser.add_argument("--version", action="version", version=f"metric-tree {version()}")

@@ -12,7 +12,7 @@ import numpy as np
 import pytest
 
 from insertion.request import ObjectRequest, PixelPosition
-from metric_cli.insert_object.insert import _command_again
+from metric_cli.insert_object.insert import command_line
 from tests.synthetic.browser import Browser
 
 ROOM = Path("data/scenes/demo_room").resolve()
@@ -77,6 +77,8 @@ def test_an_object_is_dragged_drawn_and_put_there_by_the_command(tmp_path: Path)
 @pytest.mark.parametrize("before", [["--at", "auto", "--place"], ["--place", "8001", "--facing=wall"], ["--on", "a b"]])
 def test_the_command_has_one_place(before: list[str]) -> None:
     request = ObjectRequest(Path("m.glb"), at=PixelPosition("0 1.png", 3.25, 4.0), facing=-30.0)
-    words = shlex.split(_command_again(request, ["scene", "--model", "m.glb", *before, "--size", "height=2"], False))
+    words = shlex.split(
+        command_line(request, ["scene", "--model", "m.glb", *before, "--size", "height=2"], has_out=True)
+    )
     assert words == ["insert-object", "scene", "--model", "m.glb", "--size", "height=2",
                      "--at", "frame=0 1.png,x=3.2,y=4.0", "--facing", "-30"]  # fmt: skip

@@ -24,9 +24,8 @@ from insertion.placement.preview import write_preview
 from insertion.placement_page import PlacePage
 from insertion.request import ObjectRequest, PixelPosition
 from metric_base.errors import InputError
-from metric_cli.insert_object.insert import parser
-from metric_cli.insert_object.request import prepared_scene_of as stage_of_arguments
-from metric_cli.insert_object.request import requests_of
+from metric_cli.insert_object.parser import parser
+from metric_cli.insert_object.request import parse_objects, parse_scene
 from models3d.gltf.model_reader import read_model
 from tests.synthetic.insertions import RecordedRoom, in_unit, prepared_scene_of, video_room, write_glb
 from tests.synthetic.minitree import release
@@ -62,7 +61,7 @@ def cup(room: RecordedRoom) -> Path:
 def test_up_that_is_no_direction_is_one_line(words: str) -> None:
     options = parser().parse_args(["scene", "--scale", "1", "--up", words, "--model", "a.glb", "--out", "out"])
     with pytest.raises(InputError, match="--up: direction: expected X,Y,Z"):
-        stage_of_arguments(options)
+        parse_scene(options)
 
 
 def test_a_plane_just_above_a_better_one_is_not_offered(prepared: PreparedScene, cup: Path) -> None:
@@ -172,7 +171,7 @@ def test_the_preview_lists_the_options_of_each_place(prepared: PreparedScene, cu
     places = write_preview(prepared, space_for(prepared, placed.model, placed.size), tmp_path / "places.png")
     assert (tmp_path / "places.png").stat().st_size > 10_000
     words = ["scene", "--scale", "1", "--model", str(cup), *places[0].options.split(), "--out", "out"]
-    (request,) = requests_of(parser().parse_args(words))
+    (request,) = parse_objects(parser().parse_args(words).objects)
     (again,) = place_objects(prepared, [request])
     np.testing.assert_allclose(again.place.position, placed.place.position, atol=1e-3 / prepared.scale.metres_per_unit)
 
@@ -216,7 +215,7 @@ def test_the_page_of_a_place_answers_with_the_box_the_picture_and_the_command(
 @pytest.mark.parametrize("words", [["--xy", "-0.5,0.2"], ["--xy=-0.5,0.2"]])
 def test_metres_may_be_negative(words: list[str]) -> None:
     options = parser().parse_args(["scene", "--model", "a.glb", "--plane", "0", *words, "--out", "out"])
-    assert requests_of(options)[0].xy_m == (-0.5, 0.2)
+    assert parse_objects(options.objects)[0].xy_m == (-0.5, 0.2)
 
 
 def test_on_what_is_not_there_is_refused(prepared: PreparedScene, cup: Path) -> None:

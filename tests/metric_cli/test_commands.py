@@ -1,5 +1,6 @@
 from __future__ import annotations
 
+import argparse
 import os
 import subprocess
 import sys
@@ -9,18 +10,28 @@ from typing import Any
 import pytest
 
 from metric_cli.errors import exit_status
-from metric_cli.subcommands import VERBS, main, parser_of
+from metric_cli.estimate_scale.parser import parser as estimate_scale_parser
+from metric_cli.insert_object.parser import parser as insert_object_parser
+from metric_cli.subcommands import SUBCOMMANDS, main, parser_of
 from metric_cli.tables import print_table
 from metric_tree.release.registry import PATH_VARIABLE
 from metric_tree.tree import Tree
 from tests.synthetic import minitree
 
 
-@pytest.mark.parametrize("verb", VERBS)
-def test_every_verb_has_help_and_json(verb: str) -> None:
-    text = parser_of(verb).format_help()
+@pytest.mark.parametrize(
+    "parser", [estimate_scale_parser(), insert_object_parser(), *map(parser_of, SUBCOMMANDS)], ids=lambda one: one.prog
+)
+def test_a_help_fits_on_two_screens(parser: argparse.ArgumentParser, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setenv("COLUMNS", "80")
+    assert parser.format_help().count("\n") <= 2 * 48
+
+
+@pytest.mark.parametrize("subcommand", SUBCOMMANDS)
+def test_every_subcommand_has_help_and_json(subcommand: str) -> None:
+    text = parser_of(subcommand).format_help()
     assert "--json" in text
-    assert f"metric-tree {verb}" in text
+    assert f"metric-tree {subcommand}" in text
 
 
 def test_query(mini: Tree, shown: Any) -> None:
@@ -75,7 +86,7 @@ def test_validate(mini: Tree, tmp_path: Path, shown: Any) -> None:
     assert [finding["code"] for finding in found if finding["code"].startswith("E")] == ["E305"]
 
 
-def test_an_unknown_verb_is_one_line(capsys: pytest.CaptureFixture[str]) -> None:
+def test_an_unknown_subcommand_is_one_line(capsys: pytest.CaptureFixture[str]) -> None:
     assert main(["quary"]) == 2
     assert "expected one of query" in capsys.readouterr().err
     assert main([]) == 0

@@ -9,7 +9,7 @@ import pytest
 
 from metric_cli.estimate_scale.estimate import main as estimate_scale
 from metric_cli.insert_object.insert import main as insert_object
-from metric_cli.subcommands import VERBS, main
+from metric_cli.subcommands import SUBCOMMANDS, main
 
 
 @pytest.fixture(scope="module")
@@ -48,11 +48,11 @@ def test_bash_completes(scripts: dict[str, str], words: list[str], expected: set
     assert set(done.stdout.split()) == expected
 
 
-def test_other_shells_name_every_verb(capsys: pytest.CaptureFixture[str]) -> None:
+def test_other_shells_name_every_subcommand(capsys: pytest.CaptureFixture[str]) -> None:
     for shell in ("zsh", "fish"):
         assert main(["--completion", shell]) == 0
         text = capsys.readouterr().out
-        assert all(verb in text for verb in VERBS)
+        assert all(subcommand in text for subcommand in SUBCOMMANDS)
     assert "__fish_seen_subcommand_from diff' -l fail-over" in text
 
 

@@ -32,8 +32,10 @@ OTHERS = {"--background", "--factory-startup", "--python", "--workspace", "--ins
 #: Scripts that another program runs, with options of their own.
 SCRIPTS = {"layer_script.py"}
 NAMED = re.compile(r"(?<![\w-])(--[a-z][a-z-]+[a-z])(?: ([A-Z]{2,}))?")
-#: A verb before its option: `build --include-withheld`, `metric-tree review record ... --why`.
-OF_VERB = re.compile(rf"\b({'|'.join(name.split()[-1] for name in PARSERS if ' ' in name)}) (--[a-z][a-z-]+[a-z])")
+#: A subcommand before its option: `build --include-withheld`, `metric-tree review record ... --why`.
+OF_SUBCOMMAND = re.compile(
+    rf"\b({'|'.join(name.split()[-1] for name in PARSERS if ' ' in name)}) (--[a-z][a-z-]+[a-z])"
+)
 PAGES = sorted([ROOT / "README.md", *(ROOT / "docs").rglob("*.md")])
 
 
@@ -66,9 +68,9 @@ def test_options_that_messages_name_are_there() -> None:
             known = actions.get(option, [])
             if option not in OTHERS and not any(not value or action.nargs != 0 for action in known):
                 wrong.append((file, option, value))
-        for verb, option in OF_VERB.findall(text):
-            if not any(name.split()[-1] == verb and option in _options(name) for name in PARSERS):
-                wrong.append((file, verb, option))
+        for subcommand, option in OF_SUBCOMMAND.findall(text):
+            if not any(name.split()[-1] == subcommand and option in _options(name) for name in PARSERS):
+                wrong.append((file, subcommand, option))
     assert wrong == []
 
 

@@ -25,18 +25,19 @@ from metric_base.errors import InputError
 from metric_base.files import check_output, has_schema, set_rules, whole_file
 from metric_cli.estimate_scale import parser as estimate_scale
 from metric_cli.insert_object import insert
+from metric_cli.insert_object.parser import parser as insert_object_parser
 from metric_cli.parser import OutputFile, arguments_of, check_paths, input_path, new_folder, output_folder
-from metric_cli.subcommands import VERBS, parser_of
+from metric_cli.subcommands import SUBCOMMANDS, parser_of
 from tests.synthetic import minitree
 from tests.synthetic.raw_fixture import synthetic_items, written
 from tests.synthetic.small_scene import write_small_scene
 
 PARSERS = {
     "estimate-scale": estimate_scale.parser(),
-    "insert-object": insert.parser(),
+    "insert-object": insert_object_parser(),
     "python -m benchmarks.user_study": make._page_parser(),
     "python -m benchmarks.user_study report": make._report_parser(),
-    **{f"metric-tree {verb}": parser_of(verb) for verb in VERBS},
+    **{f"metric-tree {subcommand}": parser_of(subcommand) for subcommand in SUBCOMMANDS},
 }
 #: What a metavar says of an argument that may name a path.
 NAMES_PATH = re.compile(r"FILE|DIR|PATH|OUT|SCENE|WORK|RAW|LIST|JSON|IMAGES")
@@ -99,12 +100,12 @@ def _command(name: str) -> Callable[[list[str]], int]:
     if name.startswith("python -m benchmarks.user_study"):
         words = name.split()[3:]
         return lambda more: make.main([*words, *more])
-    program, *verb = name.split()
-    if verb == ["crawl"]:  # a reactor runs once in a process
+    program, *subcommand = name.split()
+    if subcommand == ["crawl"]:  # a reactor runs once in a process
         code = "import sys; from metric_cli.subcommands import main; sys.exit(main(sys.argv[1:]))"
-        return lambda words: subprocess.run([sys.executable, "-c", code, *verb, *words], check=False).returncode
+        return lambda words: subprocess.run([sys.executable, "-c", code, *subcommand, *words], check=False).returncode
     main = {"estimate-scale": estimate_main, "insert-object": insert.main, "metric-tree": tree_main}[program]
-    return lambda words: main([*verb, *words])
+    return lambda words: main([*subcommand, *words])
 
 
 @pytest.fixture(scope="module")

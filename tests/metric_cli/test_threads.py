@@ -20,6 +20,6 @@ def test_one_thread_unless_the_user_says_so(
     if given is not None:
         monkeypatch.setenv(given, "3")
     assert main([]) == 0
-    assert "VERB" in capsys.readouterr().out
+    assert "SUBCOMMAND" in capsys.readouterr().out
     found = {name: os.environ[name] for name in THREAD_VARIABLES if name in os.environ}
     assert found == ({THREAD_VARIABLES[0]: "1"} if given is None else {given: "3"})

@@ -31,7 +31,7 @@ SECONDS_AT_LEAST, SECONDS_PER_MB, PACKED = 25, 1.6, 8
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
-    """Declare the verb's arguments."""
+    """Declare the arguments of the subcommand."""
     add = parser.add_argument
     add("raw", metavar="RAW", nargs="+", type=input_path, help="*.jsonl, *.jsonl.gz, or folders of them")
     add("--out", metavar="DIR", type=new_folder, required=True, help="the release; it must not exist yet")

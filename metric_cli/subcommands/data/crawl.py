@@ -24,7 +24,7 @@ _CONTACT = re.compile(r".*(?:[^@\s]+@[^@\s]+|https?://[^\s/]+).*")
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
-    """Declare the verb's arguments."""
+    """Declare the arguments of the subcommand."""
     add = parser.add_argument
     add("spider", metavar="SPIDER", help="amazon, ikea, ..., wikidata, or generic for any site")
     add("--site", type=input_path, metavar="FILE.toml", help="a site of your own; SPIDER is its name")

@@ -22,7 +22,7 @@ SCHEMA = "metric-tree/explain/1"
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
-    """Declare the verb's arguments."""
+    """Declare the arguments of the subcommand."""
     parser.add_argument("item", metavar="ITEM_ID", help="<source>:<source_id>, as in a release's items")
     parser.add_argument("raw", metavar="RAW", nargs="*", type=input_path, help="raw items to look for its words in")
     parser.add_argument(

@@ -14,7 +14,7 @@ HELP = "One saved web page to a raw item, by the spider that owns the URL's site
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
-    """Declare the verb's arguments."""
+    """Declare the arguments of the subcommand."""
     parser.add_argument("file", type=input_path, metavar="FILE", help="HTML, gzipped or not")
     parser.add_argument("--site", type=input_path, metavar="FILE.toml", help="a site of your own, whose page this is")
     parser.add_argument("--url", required=True, help="the address the page was saved from")

@@ -22,7 +22,7 @@ SCHEMA = "metric-tree/import/1"
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
-    """Declare the verb's arguments."""
+    """Declare the arguments of the subcommand."""
     add = parser.add_argument
     add("source", nargs="?", metavar="SOURCE", help="id of a declared source; --list names them")
     add("--all", action="store_true", help="every declared source")

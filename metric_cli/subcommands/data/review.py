@@ -50,7 +50,7 @@ SEED = 1
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
-    """Declare the verb's arguments."""
+    """Declare the arguments of the subcommand."""
     actions = parser.add_subparsers(dest="action", metavar="list|blind|record|agreement|proof", required=True)
     waits = actions.add_parser("list", help="subjects that wait, and words of raw items that no rule settles")
     waits.add_argument(

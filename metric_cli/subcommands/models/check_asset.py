@@ -24,7 +24,7 @@ HELP = f"Whether 3-D models are at true size: one line a model; exit {UNUSABLE} 
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
-    """Declare the verb's arguments."""
+    """Declare the arguments of the subcommand."""
     add = parser.add_argument
     add(
         "files",

@@ -32,7 +32,7 @@ NOT_SHOWN = frozenset({"trademark"})
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
-    """Declare the verb's arguments."""
+    """Declare the arguments of the subcommand."""
     parser.add_argument(
         "raw", metavar="RAW", type=input_path, help="raw items whose ids are paths of models (.glb) in --models"
     )

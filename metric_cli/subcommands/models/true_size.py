@@ -16,7 +16,7 @@ HELP = "The true size of a generated or normalised model, from its shape and its
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
-    """Declare the verb's arguments."""
+    """Declare the arguments of the subcommand."""
     add = parser.add_argument
     add("model", metavar="MODEL", type=input_path, nargs="?", help="glTF, USD, OBJ, STL, PLY, DAE, URDF, SDF or MJCF")
     add("--category", metavar="NAME", help="what it is")

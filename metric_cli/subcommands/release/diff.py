@@ -17,7 +17,7 @@ SHOWN = 20
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
-    """Declare the verb's arguments."""
+    """Declare the arguments of the subcommand."""
     parser.add_argument("before", metavar="A", help="version or folder of the earlier release")
     parser.add_argument("after", metavar="B", help="version or folder of the later one")
     parser.add_argument(

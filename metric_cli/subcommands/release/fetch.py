@@ -14,7 +14,7 @@ HELP = (
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
-    """Declare the verb's arguments."""
+    """Declare the arguments of the subcommand."""
     parser.add_argument("version", metavar="VERSION", help="version of the release")
     parser.add_argument(
         "--registry", metavar="ADDRESS", help=f"path or address of a registry (default: {REGISTRY_VARIABLE})"

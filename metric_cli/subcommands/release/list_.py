@@ -21,7 +21,7 @@ LEVELS = 5
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
-    """Declare the verb's arguments."""
+    """Declare the arguments of the subcommand."""
     parser.add_argument(
         "--tree",
         metavar="REF",

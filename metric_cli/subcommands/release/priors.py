@@ -17,7 +17,7 @@ _SHOWN = ("tier", "n_items", "length_q50_mm", "width_q50_mm", "height_q05_mm", "
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
-    """Declare the verb's arguments."""
+    """Declare the arguments of the subcommand."""
     parser.add_argument("--vocabulary", metavar="NAME", help="the labels of this list (coco_80, lvis_v1, ...)")
     form = parser.add_mutually_exclusive_group()
     form.add_argument("--csv", action="store_true", help="print it as CSV")

@@ -14,7 +14,7 @@ HELP = "A release as a folder for a data hub: tables, data card, licences, check
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
-    """Declare the verb's arguments."""
+    """Declare the arguments of the subcommand."""
     parser.add_argument("out", metavar="DIR", type=new_folder, help="folder to write; it must not exist")
     parser.add_argument(
         "--tree", metavar="REF", help="version or folder of a release (default: the open twin of the shipped one)"

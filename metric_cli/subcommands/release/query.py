@@ -23,7 +23,7 @@ SHEET_IMAGES = 12
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
-    """Declare the verb's arguments."""
+    """Declare the arguments of the subcommand."""
     add = parser.add_argument
     add("name", metavar="NAME", help="name, synset, alias or detector label")
     add("--dims", help="dimensions, with commas: length,width,height or extent1,extent2,extent3")

@@ -14,7 +14,7 @@ HELP = "A readable page about a release: counts, coverage of label lists, size d
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
-    """Declare the verb's arguments."""
+    """Declare the arguments of the subcommand."""
     parser.add_argument("release", metavar="DIR", nargs="?", help="folder or version of a release (default: shipped)")
     parser.add_argument("--against", metavar="DIR", help="an earlier release, to say what changed since")
     parser.add_argument(

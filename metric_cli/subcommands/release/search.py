@@ -13,7 +13,7 @@ HELP = "Categories for a text, the likeliest first; tolerant of typing errors."
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
-    """Declare the verb's arguments."""
+    """Declare the arguments of the subcommand."""
     parser.add_argument("text", metavar="TEXT", help="a name, or part of one")
     parser.add_argument("--limit", metavar="N", type=int, default=10, help="most rows (10)")
     add_tree(parser)

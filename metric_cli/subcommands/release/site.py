@@ -13,7 +13,7 @@ HELP = "Every page and JSON answer of the explorer as files, for any static host
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
-    """Declare the verb's arguments."""
+    """Declare the arguments of the subcommand."""
     parser.add_argument("out", metavar="OUT", type=new_folder, help="folder to write; it must not exist")
     parser.add_argument(
         "--tree",

@@ -18,7 +18,7 @@ SHOWN = 10
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
-    """Declare the verb's arguments."""
+    """Declare the arguments of the subcommand."""
     parser.add_argument("release", metavar="DIR", nargs="?", help="folder or version of a release (default: shipped)")
     parser.add_argument("--codes", action="store_true", help="list the codes and what they mean")
     parser.add_argument("--all", action="store_true", help=f"print all findings, not {SHOWN} of each code")

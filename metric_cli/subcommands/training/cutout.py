@@ -23,7 +23,7 @@ HELP = "Foreground cut-outs of a release's pictures, as a new release; the old o
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
-    """Declare the verb's arguments."""
+    """Declare the arguments of the subcommand."""
     add = parser.add_argument
     add("release", metavar="RELEASE", help="folder or version of a release with pictures")
     add("--out", metavar="DIR", type=new_folder, required=True, help="the new release; it must not exist yet")

@@ -19,7 +19,7 @@ HELP = "Training data for instance segmentation (COCO format): pasted cut-outs, 
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
-    """Declare the verb's arguments."""
+    """Declare the arguments of the subcommand."""
     add = parser.add_argument
     add("--out", type=new_folder, required=True, metavar="DIR", help="a folder that does not exist yet")
     add("--categories", metavar="FILE.csv|NAME,NAME", help="what `select --out` wrote, or names (default: select's)")

@@ -30,7 +30,7 @@ _COLUMNS = ("node", "name", "divergence", "samples", "sources", "lists", "sd", "
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
-    """Declare the verb's arguments."""
+    """Declare the arguments of the subcommand."""
     add = parser.add_argument
     rules = Rules()
     add("--count", type=int, default=rules.count, help="how many (default: %(default)s, as the paper)")

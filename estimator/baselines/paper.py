@@ -39,9 +39,9 @@ ITEMS_PER_COMPONENT = 3
 #: take 4 s and give the same result as 50.
 MAX_ITEMS = 150
 #: Minimum number of shipped items of a class. With fewer, the mixture is fitted to samples from the prior, because a
-#: mixture of two components is not that of the paper.
+#: mixture of two components differs from the paper.
 MIN_ITEMS = 9
-#: Millimetres per inch, the unit of one of the authors' lists.
+#: Millimetres per inch, the unit of a list by the authors.
 MM_PER_INCH = 25.4
 SEED = 0
 
@@ -128,7 +128,7 @@ def authors_lists(folder: Path, tree: Tree) -> dict[str, tuple[tuple[str, ...], 
 
 
 def _list(path: Path) -> tuple[tuple[str, ...], FloatArray]:
-    """Return the column names (d,) and the values (n, d) in mm of one of the authors' lists."""
+    """Return the column names (d,) and the values (n, d) in mm of a list by the authors."""
     try:
         rows = np.array(
             [[float(cell) for cell in line.split(",")] for line in read_text(path).split("\n") if line.strip()]

@@ -51,7 +51,7 @@ def sucar_result(
     tree : Tree
         Release with the priors of the heights.
     options : EstimateOptions
-        Its fields `level` and `up` are used. By default the vertical is that of the first camera.
+        Its fields `level` and `up` are used. The default vertical is the y axis of the first camera.
     context : ResultContext, optional
         Problems, digests and durations of the scene.
     """

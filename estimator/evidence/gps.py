@@ -49,7 +49,7 @@ EXIF_GPS, LAT_REF, LAT, LON_REF, LON, ALT_REF, ALT = 0x8825, 1, 2, 3, 4, 5, 6
 DILUTION, POSITIONING_ERROR = 0x0B, 0x1F
 #: Error of a position in metres per unit of dilution.
 METRES_PER_DILUTION = 2.5
-#: Error of a position in metres if none is stated: that of a phone under open sky.
+#: Error of a position in metres if none is stated: typical of a phone under open sky.
 TYPICAL_ACCURACY_M = 5.0
 #: Fraction of the error of a receiver that changes along a recording; the remainder shifts the path.
 DRIFT_FRACTION = 0.1
@@ -122,7 +122,7 @@ def pictures_have_gps(scene: Scene, images: Path | None) -> bool:
 def position_evidence(
     kind: str, name: str, centres: FloatArray, metres: FloatArray, accuracy_m: float | None, up: Up | None
 ) -> tuple[ScaleEvidence, ...]:
-    """Return the scale from camera centres to positions, or the reason why there is none.
+    """Return the scale from camera centres to positions, or the reason for its absence.
 
     Parameters
     ----------

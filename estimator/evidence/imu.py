@@ -1,4 +1,4 @@
-"""Estimate the scale from an inertial unit: its path, integrated from accelerations, against that of the camera.
+"""Estimate the scale from an inertial unit: its path, integrated from accelerations, against the path of the camera.
 
 The angular rates w rotate the specific force f of the unit into a fixed frame: a(t) = R(t) f(t) with R' = R [w]. Its
 double integral is the path of the unit up to a polynomial: initial velocity (degree 1), gravity and bias (2), and the
@@ -111,7 +111,7 @@ def inertial_scale(force: Samples, rate: Samples, path: CameraPath) -> Inertial 
     Returns
     -------
     Inertial or str
-        The reason if there is no scale.
+        The reason if the scale is undetermined.
     """
     reason = _missing_readings(force, rate, path)
     if reason is not None:
@@ -227,15 +227,15 @@ def remove_drift(times_s: FloatArray, path: FloatArray) -> FloatArray:
 def fit_swings(swings: list[tuple[FloatArray, FloatArray]], up: list[FloatArray]) -> tuple[float, float, float, float]:
     """Return scale, its log standard deviation, correlation, and root mean square swing in metres, of all windows.
 
-    The standard deviation is that of a jackknife over the parts of the windows, plus half of the loss of correlation by
-    noise, and half of the log ratio to the scale of all components. `up` (3,) of each window is in the axes of the path
-    of the unit.
+    The standard deviation is a jackknife estimate over the parts of the windows, plus half of the loss of correlation
+    by noise, and half of the log ratio to the scale of all components. `up` (3,) of each window is in the axes of the
+    path of the unit.
     """
     from scipy.linalg import orthogonal_procrustes
 
     sums: list[FloatArray] = []  # of each part: products, squares of camera and unit, along gravity and in total
     for (camera, unit), vertical in zip(swings, up, strict=True):
-        # Orthogonal matrix from the path of the camera to that of the unit. It may be a reflection: logs with
+        # Orthogonal matrix from the camera path to the unit path. It may be a reflection: logs with
         # left-handed axes, or with the other sign of the specific force, mirror the path.
         aligned = camera @ orthogonal_procrustes(camera, unit)[0]
         for rows in np.array_split(np.arange(len(camera)), WINDOW_PARTS):

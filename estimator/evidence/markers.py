@@ -1,6 +1,6 @@
 """Estimate the scale from printed markers of known size in the images: ArUco, AprilTag, and ChArUco boards.
 
-The corners of a marker are refined in a crop around it. OpenCV refines a corner like that of a chessboard, where four
+The corners of a marker are refined in a crop around it. OpenCV refines a corner like a chessboard corner, where four
 fields meet (`CORNER_REFINE_SUBPIX`); at the outer corner of a black square, the result is outside by a fraction of the
 blur, and a marker 40 pixels wide is 2 to 3 % too large. The method of AprilTag 2 fits the edges and has no such bias,
 but takes half a second per megapixel. Markers are therefore detected in the image, and their corners in the crop;
@@ -36,7 +36,7 @@ MIN_CROP_MARGIN_PX = 6
 #: it, and a small marker is detected.
 MIN_CROP_SIDE_PX = 100.0
 MAX_CROP_SIDE_PX = 200.0
-#: Maximum movement of a corner by the refinement, relative to the box; beyond it, the corner is that of another marker.
+#: Maximum movement of a corner by the refinement, relative to the box; beyond it, the corner belongs to another marker.
 MAX_CORNER_MOVE = 0.2
 #: Minimum angle between rays in radians; more parallel rays have no accurate intersection.
 MIN_RAY_ANGLE = 0.01
@@ -44,11 +44,11 @@ MIN_RAY_ANGLE = 0.01
 MAX_SQUARES = 200
 #: Minimum standard deviation of the log scale: printers and paper stretch by half a per cent.
 MIN_LOG_SD = 0.005
-#: Maximum standard deviation of the log scale of one marker.
+#: Maximum standard deviation of the log scale of a marker.
 MAX_LOG_SD = 1.0
 #: Maximum reprojection error of a corner, relative to the longer side of the image.
 MAX_REPROJECTION_ERROR = 0.005
-#: Corners of one marker, in metres times its side: clockwise from the upper left, as OpenCV finds them.
+#: Corners of a marker, in multiples of its side: clockwise from the upper left, as OpenCV finds them.
 SQUARE: FloatArray = np.array([[0.0, 0, 0], [1, 0, 0], [1, 1, 0], [0, 1, 0]])
 
 
@@ -260,7 +260,7 @@ def _board_corners(detector: Any, image: Any) -> list[tuple[str, int, FloatArray
 def _marker_evidence(
     name: str, shape: Mapping[int, FloatArray], corners: Mapping[int, Sequence[tuple[int, FloatArray]]], scene: Scene
 ) -> ScaleEvidence | None:
-    """Return the evidence of one marker, or None if fewer than three of its corners are in two views.
+    """Return the evidence of a marker, or None if fewer than three of its corners are in two views.
 
     `shape` has the position (3,) in metres of each corner, and `corners` the indices of its views with pixels (2,).
     """

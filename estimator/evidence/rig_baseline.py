@@ -19,8 +19,8 @@ from metric_base.input_files import read_json
 from metric_base.parsing import json_array, json_object
 from metric_base.statistics import robust_sigma
 
-#: Minimum standard deviation of the log scale: a baseline is stated to about a millimetre, and that of the
-#: reconstruction is no better.
+#: Minimum standard deviation of the log scale: a baseline is accurate to about a millimetre, in the
+#: reconstruction as well.
 MIN_LOG_SD = 0.005
 
 

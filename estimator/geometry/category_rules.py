@@ -58,6 +58,6 @@ def stands_on_floor(category: str) -> bool | None:
 
 
 def has_level_top(category: str) -> bool:
-    """Return whether the height of a category is that of a level top."""
+    """Return whether the height of a category ends at a level top."""
     words = category.lower().replace("_", " ").replace("-", " ").split()
     return bool(words) and words[-1] in _LEVEL

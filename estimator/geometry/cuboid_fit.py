@@ -18,7 +18,7 @@ import numpy as np
 from estimator.geometry.mask_outlines import DIRECTIONS, Outlines
 from metric_base.arrays import FloatArray
 
-# Factor of the tolerance for an outline inside that of the cuboid in the diagonal directions: objects do not fill the
+# Factor of the tolerance for an outline inside the cuboid in the diagonal directions: objects do not fill the
 # corners of their cuboid.
 CORNER_SLACK_FACTOR = 3.0
 DIAGONAL = np.arange(len(DIRECTIONS)) >= 4
@@ -107,7 +107,7 @@ def fit_cuboid(
 ) -> Cuboid:
     """Fit a cuboid by damped least squares with weights 1 / (1 + r^2 / c^2), from four values of the yaw.
 
-    If several of them explain the outlines, the extents and their covariance are those of the mixture.
+    If several of them explain the outlines, the extents and their covariance refer to the mixture.
 
     Parameters
     ----------

@@ -38,10 +38,10 @@ MIN_CUT_FRACTION = 0.25
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Outlines:
-    """The outlines of one object in v views, at unit depth."""
+    """The outlines of an object in v views, at unit depth."""
 
     max_projections: FloatArray  #: (v, 8) largest projection of the outline on each of `DIRECTIONS`.
-    sigma: FloatArray  #: (v, 8) standard deviation of them.
+    sigma: FloatArray  #: (v, 8) their standard deviation.
     is_free: BoolArray  #: (v, 8) the object ends there, and not at the border of the image or at an occluder.
     rotation: FloatArray  #: (v, 3, 3) from the level basis to the cameras.
     translation: FloatArray  #: (v, 3)

@@ -39,7 +39,7 @@ MIN_BOX_VIEWS = 3
 FIT_SIGMA_FACTOR = 2.2
 # Standard deviation of log length, width and height that is added to it.
 BOX_SIGMA = (0.09, 0.13, 0.06)
-# Standard deviation of log length, width and height that is added to that of the fit to masks.
+# Standard deviation of log length, width and height that is added to the fit to masks.
 MASK_SIGMA = (0.08, 0.14, 0.06)
 # Minimum root mean square residual that is assumed for a fit to boxes.
 MIN_BOX_MISFIT = 0.5
@@ -198,7 +198,7 @@ def combine_sizes(
     is_cut: BoolArray,
     pixel_size: float,
 ) -> MeasuredObject:
-    """Combine the size of an object by its points with that of the cuboid of its outlines.
+    """Combine the size of an object by its points with the cuboid of its outlines.
 
     Parameters
     ----------
@@ -336,7 +336,7 @@ def _foot_on_ground(
 ) -> tuple[float, float]:
     """Return the foot on the floor, or on lower ground if the points around `position` (3,) show some.
 
-    A path and the street next to it are not one plane. `size` is that of the object, in scene units.
+    A path and the street next to it are not one plane. `size` is the size of the object in scene units.
     """
     cloud, floor = data.geometry.support_cloud, data.geometry.floor
     if cloud is None or floor is None:

@@ -23,7 +23,7 @@ from estimator.results.object_priors import CategoryMatch, EvidenceSet, resolve_
 from metric_base.arrays import BoolArray, FloatArray
 from metric_tree.tree import Tree
 
-#: Quantiles of the posterior at which a measurement is simulated: the centres of three parts of equal mass.
+#: Quantiles of the posterior at which a measurement is simulated: centres of three parts with equal mass.
 SUPPOSED_QUANTILES = (1 / 6, 1 / 2, 5 / 6)
 #: Standard deviation of the log size of a well measured object.
 MEASURED_SD_LOG = 0.05
@@ -166,6 +166,6 @@ def _with_class_size(item: ObjectEvidence, sides: BoolArray, scale: float) -> Ob
         sigma=np.where(sides, MEASURED_SD_LOG, item.object.sigma),
         vertical_known=item.object.vertical_known and not (is_sorted(item.prior) and sides.all()),
         truncated=item.object.truncated & ~sides,
-        covariance=None,  # the common errors were those of the replaced extents
+        covariance=None,  # the common errors belong to the replaced extents
     )
     return replace(item, object=measured)

@@ -33,11 +33,11 @@ from metric_tree.tree import Tree
 #: Minimum summed weight of the objects with a known length, relative to their weight without it. Below it, most
 #: objects would have to be outliers, so that the known length contradicts them.
 MIN_KEPT_WEIGHT = 0.5
-#: Minimum probability, by the objects alone, of a scale at least as extreme as that of a known length; below it, the
+#: Minimum probability, by the objects, of a scale at least as extreme as a known length; below it, the
 #: known length contradicts the objects.
 MIN_TAIL_MASS = 1e-4
 #: Minimum fraction of outliers among objects of a single category, and their minimum number, for labels that must be
-#: wrong. In synthetic rooms whose masks are all called "person" the fraction is 0.31 to 1; among objects of one
+#: wrong. In synthetic rooms with the category "person" for all masks the fraction is 0.31 to 1; among objects of one
 #: category with right labels it is at most 0.2.
 MIN_WRONG_LABEL_FRACTION = 0.3
 MIN_WRONG_LABELS = 2
@@ -50,7 +50,7 @@ HEIGHT = ("height",)
 class LengthConflict(NamedTuple):
     """A contradiction between known lengths and objects."""
 
-    low: float  #: Interval of the scale by the objects alone, in metres per unit.
+    low: float  #: Interval of the scale by the objects, in metres per unit.
     high: float
     message: str
     is_decisive: bool  #: The scale is unresolved.
@@ -159,7 +159,7 @@ def known_length_conflict(
     Returns
     -------
     LengthConflict or None
-        None if a known length is inside the interval of the objects alone. The conflict is decisive, unless known
+        None if a known length is inside the interval by the objects. The conflict is decisive, unless known
         lengths are trusted, if the objects lose most of their weight or leave the length a probability below
         `MIN_TAIL_MASS`.
     """
@@ -171,7 +171,7 @@ def known_length_conflict(
     if all(low <= scale <= high for scale in certain):
         return None
     kept = float(estimate.weight.sum()) / max(float(alone.weight.sum()), 1e-9)
-    # Smallest probability, by the objects alone, of a scale at least as extreme as a known one, on its side.
+    # Smallest probability, by the objects, of a scale at least as extreme as a known one, on its side.
     curve = alone.curve
     mass = curve.density / curve.density.sum() * (1 - curve.below - curve.above)
     below = [curve.below + float(mass[curve.log_scale <= math.log(scale)].sum()) for scale in certain]

@@ -57,7 +57,7 @@ MIN_CLASSES = 2
 
 @dataclass(frozen=True, slots=True, eq=False)
 class CategoryMatch:
-    """Node and prior of a category name, or the reason why there is none."""
+    """Node and prior of a category name, or the reason for their absence."""
 
     node: Node | None
     prior: Prior | None
@@ -85,7 +85,7 @@ class EvidenceSet:
     matches: Mapping[str, CategoryMatch]  #: Match of each category.
     reasons: tuple[str | None, ...]  #: Reason why a measured object is not used, or None.
     objects: tuple[ObjectEvidence, ...]  #: The n objects that are used, with their priors; empty for the baselines.
-    indices: tuple[int, ...]  #: (n,) index of each of them in `measured`.
+    indices: tuple[int, ...]  #: (n,) their indices in `measured`.
     used: tuple[tuple[str, ...], ...]  #: (n,) names of the dimensions that are used.
     gaussians: FloatArray  #: (k, 3) mean and standard deviation of log scale, and doubt, of the other evidence.
 
@@ -100,7 +100,7 @@ def resolve_categories(
     tree : Tree
     names : set of str
     dims : tuple of str, optional
-        Dimensions of the priors; by default those of each node.
+        Dimensions of the priors; by default the dimensions of each node.
     where : Where, optional
         Region and year of the priors.
 
@@ -245,7 +245,7 @@ def object_evidence(
     """Combine measured objects with the priors of their categories, and with other evidence.
 
     An object is used if it was measured, its category has a prior, and at least one extent that the prior contains is
-    finite and not truncated. The priors are those of the scene type that the categories indicate.
+    finite and not truncated. The priors depend on the scene type that the categories indicate.
     """
     reasons = [item.skipped or matches[item.category].error for item in objects]
     probability = scene_type_probabilities(

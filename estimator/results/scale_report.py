@@ -120,7 +120,7 @@ def build_result(
         would_help=() if is_invalid else tuple(would_help),
         seconds=seconds,
         of=digests,
-        # Nothing is drawn of a result without a curve: the sizes in an invalid scene are wrong.
+        # A result without a curve is not drawn: the sizes in an invalid scene are wrong.
         curve=estimate.curve if estimate is not None and not is_invalid else None,
         object_curves=object_curves or {},
     )
@@ -136,7 +136,7 @@ def verdict(weight: float | None) -> Verdict:
 def outlier_reason(
     item: MeasuredObject, prior: Prior, scale: float, own_scale: float, height_is: str | None = None
 ) -> str:
-    """Return the dimension that is furthest outside the typical sizes of the class, or state that the proportions are.
+    """Return the dimension that is furthest outside the typical sizes of the class, or else name the proportions.
 
     Parameters
     ----------
@@ -144,7 +144,7 @@ def outlier_reason(
     prior : Prior
         Prior of its class.
     scale, own_scale : float
-        Scale of the scene, and the scale that the object alone indicates, in metres per unit.
+        Scale of the scene, and the scale by the object, in metres per unit.
     height_is : str, optional
         Definition of the height of the class, if it needs one.
     """

@@ -1,4 +1,4 @@
-"""Objects measured elsewhere: the reader of `metric-tree/objects/1` (docs/reference/formats.md, `--objects`)."""
+"""Read measured objects of other programs: `metric-tree/objects/1` (docs/reference/formats.md, option `--objects`)."""
 
 from __future__ import annotations
 
@@ -18,11 +18,11 @@ from metric_base.parsing import json_array, json_object
 
 SCHEMA = "metric-tree/objects/1"
 
-#: Standard deviation of a stated extent, natural log, where the file gives no `sigma`: the paper's figures of size
-#: noise run from 0 to 15 %, a careful reconstruction is good for 5 %.
-STATED_SIGMA = 0.05
+#: Standard deviation of the log of an extent without `sigma`. The paper evaluates errors of 0 to 15 %; a careful
+#: reconstruction has 5 %.
+DEFAULT_SIGMA = 0.05
 
-#: Most objects of a file; each takes some 15 kB, and a scene of thousands says no more.
+#: Maximum number of objects of a file; each needs about 15 kB, and thousands do not improve the scale.
 MAX_OBJECTS = 50_000
 
 _Positive = Annotated[float, msgspec.Meta(gt=1e-300, lt=1e300)]
@@ -54,7 +54,7 @@ class _FreeConfidence(msgspec.Struct, forbid_unknown_fields=True):
 
 
 class _Entry(msgspec.Struct):
-    """What every object states; fields that we do not know are ignored."""
+    """Fields of all objects; unknown fields are ignored."""
 
     category: Annotated[str, msgspec.Meta(pattern=r"\S")]
     id: str | int | None = None
@@ -62,7 +62,7 @@ class _Entry(msgspec.Struct):
 
 
 class _Upright(_Entry, kw_only=True):
-    """An object whose vertical is known."""
+    """An object with a known vertical."""
 
     dimensions: _Lengths
     confidence: _Confidence = msgspec.field(default_factory=_Confidence)
@@ -71,7 +71,7 @@ class _Upright(_Entry, kw_only=True):
 
 
 class _Free(_Entry, kw_only=True):
-    """An object of which only the sorted extents are known."""
+    """An object with sorted extents."""
 
     extents: Annotated[list[_Positive], msgspec.Meta(min_length=1, max_length=3)]
     confidence: _FreeConfidence = msgspec.field(default_factory=_FreeConfidence)
@@ -79,7 +79,7 @@ class _Free(_Entry, kw_only=True):
     truncated: list[Literal["extent1", "extent2", "extent3"]] = []
 
 
-#: What a field should hold, in words, for an error in it; any other is a length.
+#: Expected values of fields, for messages; other fields are lengths.
 _EXPECTED = {
     "category": "a name", "id": "text or a number", "extents": "one to three lengths", "truncated": "an array",
     "score": "a number from 0 to 1", "dimensions": "an object", "confidence": "an object", "sigma": "an object",
@@ -89,55 +89,56 @@ _NAMED = re.compile(r"(?:missing required|unknown) field `(\w+)`")
 
 
 def read_objects(path: Path) -> tuple[MeasuredObject, ...]:
-    """The objects of a file, in its order.
+    """Read the objects of a file.
 
     Raises
     ------
     InputError
-        The file cannot be read, or is of another schema, or a field is not what it must be.
+        The file cannot be read, has another schema, or a field is invalid.
     """
     return parse_objects(path, read_json(path))
 
 
 def parse_objects(path: Path, document: object) -> tuple[MeasuredObject, ...]:
-    """The objects of a parsed document; `path` is for messages."""
+    """Return the objects of a parsed document; `path` is used in messages."""
     with in_file(path):
         record = json_object(document)
         if record.get("schema") != SCHEMA:
             raise FieldError("schema", SCHEMA, record.get("schema"))
         objects = []
-        seen: set[str] = set()
+        ids: set[str] = set()
         entries = json_array(record.get("objects"), "objects")
         if len(entries) > MAX_OBJECTS:
             raise FieldError("objects", f"at most {MAX_OBJECTS:,}", len(entries))
-        for place, entry in enumerate(entries):
-            with at_field(f"objects[{place}]"):
-                item = _object(place, json_object(entry, ""))
-                if item.id in seen:
-                    raise FieldError(".id", "an id of its own", item.id)
-            seen.add(item.id)
+        for index, entry in enumerate(entries):
+            with at_field(f"objects[{index}]"):
+                item = _object(index, json_object(entry, ""))
+                if item.id in ids:
+                    raise FieldError(".id", "a unique id", item.id)
+            ids.add(item.id)
             objects.append(item)
     return tuple(objects)
 
 
-def _object(place: int, record: dict[str, Any]) -> MeasuredObject:
+def _object(index: int, record: dict[str, Any]) -> MeasuredObject:
+    """Return an object; its position `index` is its default id."""
     if "dimensions" not in record and "extents" not in record and "category" in record:
         raise FieldError(".dimensions", "dimensions or extents", None)
     entry: _Upright | _Free = _convert(record, _Upright if "dimensions" in record else _Free)
     names = entry.sigma.__struct_fields__
     extents = _sorted_extents(entry.extents) if isinstance(entry, _Free) else _numbers(entry.dimensions)
     confidence, sigma = _numbers(entry.confidence), _numbers(entry.sigma)
-    sigma = np.where(np.isnan(sigma), STATED_SIGMA, sigma)
+    sigma = np.where(np.isnan(sigma), DEFAULT_SIGMA, sigma)
     with np.errstate(invalid="ignore"):
-        # a side of less confidence has an end that is thinly seen: its extent can only be short
+        # A side with a low confidence has few points at one end: its extent may be too small.
         truncated = np.array([name in entry.truncated for name in names]) | (confidence < ETA_THRESHOLD)
     notes: tuple[str, ...] = ()
-    if isinstance(entry, _Upright) and extents[1] > extents[0]:  # length is the longer horizontal side
+    if isinstance(entry, _Upright) and extents[1] > extents[0]:  # the length is the longer horizontal side
         order = [1, 0, 2]
         extents, sigma, confidence, truncated = extents[order], sigma[order], confidence[order], truncated[order]
         notes = ("width was longer than length: exchanged",)
     return MeasuredObject(
-        id=str(place if entry.id is None else entry.id),
+        id=str(index if entry.id is None else entry.id),
         category=entry.category,
         extents=extents,
         sigma=sigma,
@@ -150,7 +151,7 @@ def _object(place: int, record: dict[str, Any]) -> MeasuredObject:
 
 
 def _convert(record: dict[str, Any], kind: type[_Upright | _Free]) -> _Upright | _Free:
-    """The record by its schema; FieldError with the place of the first value that does not fit."""
+    """Convert a record; FieldError for its first invalid value."""
     try:
         entry = msgspec.convert(record, kind)
     except msgspec.ValidationError as error:
@@ -161,13 +162,13 @@ def _convert(record: dict[str, Any], kind: type[_Upright | _Free]) -> _Upright |
         numbers = getattr(entry, field, None)
         for name in () if numbers is None else numbers.__struct_fields__:
             value = getattr(numbers, name)
-            if value is not None and math.isnan(value):  # no bound of a schema holds it back
+            if value is not None and math.isnan(value):  # the bounds of a schema accept NaN
                 raise FieldError(f".{field}.{name}", "a positive number", value)
     return entry
 
 
 def _field_error(record: dict[str, Any], message: str) -> FieldError:
-    """Msgspec's message as an error, with what was found in the place that it names."""
+    """Convert a message of msgspec to an error with the invalid value."""
     match = _PLACE.search(message)
     field = match[1] if match else ""
     value: Any = record
@@ -175,7 +176,7 @@ def _field_error(record: dict[str, Any], message: str) -> FieldError:
         value = value[int(name) if isinstance(value, list) else name]
     last = next((name for name in reversed(re.findall(r"\w+", field)) if not name.isdecimal()), "")
     if named := _NAMED.search(message):
-        if last:  # an unknown name within an object of numbers
+        if last:  # an unknown dimension
             return FieldError(field, f"some of {_names(last, record)}", named[1])
         return FieldError(f".{named[1]}", _EXPECTED[named[1]], None)
     if field.endswith("]"):
@@ -187,12 +188,13 @@ def _field_error(record: dict[str, Any], message: str) -> FieldError:
 
 
 def _names(field: str, record: dict[str, Any]) -> str:
+    """Return the names of the dimensions of an object, for messages."""
     kind = _Lengths if field == "dimensions" or "dimensions" in record else _FreeLengths
     return ", ".join(kind.__struct_fields__)
 
 
 def _sorted_extents(lengths: list[float]) -> FloatArray:
-    """(3,) extents, longest first, NaN where there are fewer."""
+    """Return three extents (3,), the longest first; missing ones are NaN."""
     if not all(map(math.isfinite, lengths)):
         raise FieldError(".extents", "positive numbers", lengths)
     if lengths != sorted(lengths, reverse=True):
@@ -201,6 +203,6 @@ def _sorted_extents(lengths: list[float]) -> FloatArray:
 
 
 def _numbers(numbers: msgspec.Struct) -> FloatArray:
-    """(3,) numbers in the order of their names, NaN where none is given; null counts as not given."""
+    """Return the numbers (3,) of a record; missing ones and null are NaN."""
     values = (getattr(numbers, name) for name in numbers.__struct_fields__)
     return np.array([math.nan if value is None else value for value in values])

@@ -1,10 +1,9 @@
-"""OpenSfM datasets as a scene (opensfm/io.py and opensfm/features.py of mapillary/OpenSfM).
+"""Read OpenSfM datasets as a scene: `reconstruction.json` and `tracks.csv` (opensfm/io.py and opensfm/features.py).
 
-OpenSfM measures a picture from its middle in units of its longer side s: a normalised (u, v) is the pixel
-(s u + width / 2, s v + height / 2), the centre of the upper left pixel at (0.5, 0.5) as in COLMAP. A shot's
-rotation is angle-axis, world to camera.
-
-OpenSfM's tracks.csv: which point was seen where, one observation a line, tab separated, in versions 0 to 2.
+Coordinates of OpenSfM are relative to the centre of the image, in units of its longer side s: (u, v) is the pixel
+(s u + width / 2, s v + height / 2), with the centre of the upper left pixel at (0.5, 0.5) as in COLMAP. The rotation of
+a shot is an angle-axis vector from world to camera. `tracks.csv` has one tab-separated observation per line, in
+versions 0 to 2.
 """
 
 from __future__ import annotations
@@ -27,14 +26,15 @@ from metric_base.errors import FieldError, InputError, Unquoted, at_field, in_fi
 from metric_base.input_files import read_bytes, read_json
 from metric_base.parsing import json_array, json_object
 
-_FIRST_BYTES = 1000  # hold the line of the version and the start of the first observation
+#: Bytes at the start of `tracks.csv` that contain the version and the start of the first observation.
+_FIRST_BYTES = 1000
 _VERSION = b"OPENSFM_TRACKS_VERSION"
-#: The columns that every version begins with; what follows (scale, colour, segmentation) is not needed.
+#: Columns at the start of all versions; the others (scale, colour, segmentation) are not used.
 _COLUMNS = {"f0": pa.dictionary(pa.int32(), pa.string()), "f1": pa.string(), "f3": pa.float64(), "f4": pa.float64()}
 RECONSTRUCTION = "reconstruction.json"
 TRACKS = "tracks.csv"
-#: OpenSfM's projections as COLMAP models: its name, then where each of COLMAP's parameters comes from; `*` marks
-#: lengths in units of the longer side, `+` the principal point, "" a zero.
+#: COLMAP model of each projection of OpenSfM, and the source of each of its parameters: `*` marks lengths in units of
+#: the longer side, `+` the principal point, and "" a zero.
 PROJECTIONS: dict[str, tuple[str, tuple[str, ...]]] = {
     "perspective": ("RADIAL", ("*focal", "+x", "+y", "k1", "k2")),
     "fisheye": ("RADIAL_FISHEYE", ("*focal", "+x", "+y", "k1", "k2")),
@@ -49,25 +49,41 @@ _FOCAL_NAMES = {"*focal", "*focal_x", "*focal_y"}
 def read_observations(
     file: Path, images: Sequence[str], tracks: Sequence[str]
 ) -> tuple[IntArray, IntArray, FloatArray]:
-    """Rows of `images` (m,), rows of `tracks` (m,) and normalised positions (m, 2) of the observations of both.
+    """Read the observations of `tracks.csv`.
 
-    Observations of other images or of tracks without a point are left out. InputError for a file that is no table
-    of that kind.
+    Parameters
+    ----------
+    file : Path
+    images, tracks : sequence of str
+        Names of the images and of the points; other observations are ignored.
+
+    Returns
+    -------
+    image_rows, track_rows : (m,) ndarray of int
+        Indices in `images` and `tracks`.
+    positions : (m, 2) ndarray of float
+        Normalised coordinates.
+
+    Raises
+    ------
+    InputError
+        The file has another format, or a position is not finite.
     """
     table = _table(file)
     image_rows = _rows_in(table["f0"], images)
     track_rows = _rows_in(table["f1"], tracks)
-    known = (image_rows >= 0) & (track_rows >= 0)
-    positions = np.column_stack([table[column].to_numpy()[known] for column in ("f3", "f4")])
-    good = np.abs(positions) < MAX_COORDINATE  # false for NaN as well
-    if not good.all():
-        row = int((~good).any(axis=1).argmax())
+    is_known = (image_rows >= 0) & (track_rows >= 0)
+    positions = np.column_stack([table[column].to_numpy()[is_known] for column in ("f3", "f4")])
+    is_valid = np.abs(positions) < MAX_COORDINATE  # also False for NaN
+    if not is_valid.all():
+        row = int((~is_valid).any(axis=1).argmax())
         expected = f"finite numbers below {MAX_COORDINATE:g}"
         raise InputError.at(file, "position", expected, positions[row].tolist())
-    return image_rows[known], track_rows[known], positions
+    return image_rows[is_known], track_rows[is_known], positions
 
 
 def _table(file: Path) -> pa.Table:
+    """Read the used columns of `tracks.csv`."""
     head = read_bytes(file, most=_FIRST_BYTES)
     has_version = head.startswith(_VERSION)
     if has_version and not head.partition(b"\n")[2].strip():
@@ -76,7 +92,7 @@ def _table(file: Path) -> pa.Table:
         return _observations_of(file, has_version, in_threads=True)
     except (pa.ArrowInvalid, KeyError):
         pass
-    try:  # threads report whichever error they meet first; alone, the reader always reports the same one
+    try:  # without threads, the reader always reports the same error
         return _observations_of(file, has_version, in_threads=False)
     except (pa.ArrowInvalid, KeyError) as error:
         expected = "tab-separated image, track, feature, x, y, ..."
@@ -84,8 +100,9 @@ def _table(file: Path) -> pa.Table:
 
 
 def _observations_of(file: Path, has_version: bool, in_threads: bool) -> pa.Table:
-    # By its name: Arrow's threads let go of a Python object only after an error is told, and tracemalloc, stopped
-    # meanwhile, crashes in them (CPython 128679).
+    """Read the used columns with PyArrow."""
+    # The file is passed by name: the threads of Arrow release a Python object only after an error is reported, and
+    # tracemalloc crashes in them if it is stopped before (CPython 128679).
     return csv.read_csv(
         str(file),
         read_options=csv.ReadOptions(
@@ -97,7 +114,7 @@ def _observations_of(file: Path, has_version: bool, in_threads: bool) -> pa.Tabl
 
 
 def _rows_in(column: pa.ChunkedArray, names: Sequence[str]) -> IntArray:
-    """(m,) row of each value in `names`, -1 where it is not there; a dictionary column is looked up once a value."""
+    """Return the index (m,) of each value of a column in `names`, or -1."""
     if pa.types.is_dictionary(column.type):
         encoded = column.combine_chunks()
         rows = _rows_in(pa.chunked_array([encoded.dictionary]), names)
@@ -107,9 +124,22 @@ def _rows_in(column: pa.ChunkedArray, names: Sequence[str]) -> IntArray:
 
 
 def read_opensfm(folder: Path) -> Scene:
-    """The largest reconstruction of a dataset folder, with a warning where others are left out.
+    """Read the largest reconstruction of a dataset.
 
-    Without tracks.csv every point is taken as seen wherever it projects, which sees through walls: a warning too.
+    Parameters
+    ----------
+    folder : Path
+        Folder of `reconstruction.json`, and optionally of `tracks.csv` with the observations.
+
+    Returns
+    -------
+    Scene
+        Its warnings mention other reconstructions, and missing observations.
+
+    Raises
+    ------
+    InputError
+        A file is damaged.
     """
     file = folder / RECONSTRUCTION
     document, warnings = largest_reconstruction(file)
@@ -173,28 +203,34 @@ def _camera(document: dict[str, Any]) -> Camera:
 
 
 def _points(documents: dict[str, Any]) -> tuple[list[str], FloatArray]:
-    """Names and positions (n, 3) of the points; FieldError names the first faulty one."""
+    """Return names and positions (n, 3) of the points; FieldError for the first invalid one."""
     try:
         points = np.array([point["coordinates"] for point in documents.values()], dtype=np.float64)
     except (TypeError, KeyError, ValueError, OverflowError):
         points = np.empty(0)
     if (documents and points.shape != (len(documents), 3)) or not (np.abs(points) < MAX_COORDINATE).all():
-        name, coordinates = _faulty_point(documents)
+        name, coordinates = next(
+            (
+                (name, coordinates)
+                for name, document in documents.items()
+                if not _is_triple(
+                    coordinates := document.get("coordinates") if isinstance(document, dict) else document
+                )
+            ),
+            ("", None),
+        )
         expected = f"coordinates of three finite numbers below {MAX_COORDINATE:g}"
         raise FieldError(f"point {name!r}", expected, coordinates)
     return list(documents), points.reshape(-1, 3)
 
 
-def _faulty_point(documents: dict[str, Any]) -> tuple[str, object]:
-    """The first point that is invalid, looked for only when one is."""
-    for name, document in documents.items():
-        coordinates = document.get("coordinates") if isinstance(document, dict) else document
-        if not (isinstance(coordinates, list) and len(coordinates) == 3 and all(map(_believable, coordinates))):
-            return name, coordinates
-    return "", None
+def _is_triple(values: object) -> bool:
+    """Return True for a list of three numbers below `MAX_COORDINATE`."""
+    return isinstance(values, list) and len(values) == 3 and all(map(_is_coordinate, values))
 
 
-def _believable(value: object) -> bool:
+def _is_coordinate(value: object) -> bool:
+    """Return True for a number below `MAX_COORDINATE`."""
     return isinstance(value, int | float) and abs(value) < MAX_COORDINATE
 
 
@@ -216,17 +252,15 @@ def _view(name: str, entry: object, cameras: dict[str, Camera]) -> View:
 
 
 def _with_observations(file: Path, views: tuple[View, ...], names: list[str]) -> tuple[View, ...]:
-    """The views with their own observations of the points, tracks joined by id and images by name."""
+    """Return the views with the observations of `tracks.csv`; `names` are those of the points."""
     rows, tracks, normalised = read_observations(file, [view.name for view in views], names)
     order = np.argsort(rows, kind="stable")
     parts = np.split(order, np.searchsorted(rows[order], np.arange(1, len(views))))
-    return tuple(_with_keypoints(view, normalised[part], tracks[part]) for view, part in zip(views, parts, strict=True))
-
-
-def _with_keypoints(view: View, normalised: FloatArray, tracks: IntArray) -> View:
-    """The view with keypoints of normalised positions (k, 2) on the points of rows `tracks` (k,)."""
-    size = np.array([view.camera.width, view.camera.height], dtype=np.float64)
-    return replace(view, keypoints=normalised * size.max() + size / 2, point_index=tracks)
+    observed = []
+    for view, part in zip(views, parts, strict=True):
+        size = np.array([view.camera.width, view.camera.height], dtype=np.float64)
+        observed.append(replace(view, keypoints=normalised[part] * size.max() + size / 2, point_index=tracks[part]))
+    return tuple(observed)
 
 
 def _whole(field: str, value: object) -> int:
@@ -240,13 +274,13 @@ def _whole(field: str, value: object) -> int:
 def _number(field: str, value: object, default: float | None) -> float:
     if value is None and default is not None:
         return default
-    if not isinstance(value, int | float) or isinstance(value, bool) or not _believable(value):
+    if not isinstance(value, int | float) or isinstance(value, bool) or not _is_coordinate(value):
         raise FieldError(field, "a number", value)
     return float(value)
 
 
 def _triple(field: str, value: object) -> FloatArray:
-    """(3,) finite numbers of a list; FieldError at `field` where they are not."""
-    if not (isinstance(value, list) and len(value) == 3 and all(map(_believable, value))):
+    """Return three finite numbers (3,)."""
+    if not _is_triple(value):
         raise FieldError(field, "three finite numbers", Unquoted(str(value)))
     return np.array(value, dtype=np.float64)

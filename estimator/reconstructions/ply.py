@@ -1,4 +1,4 @@
-"""Dense clouds: PLY files with any scalar properties, and COLMAP's visibility lists beside them."""
+"""Read dense clouds: PLY files with any scalar properties, and the visibility lists of COLMAP."""
 
 from __future__ import annotations
 
@@ -12,8 +12,8 @@ from metric_base.arrays import FloatArray, IntArray
 from metric_base.errors import FieldError, InputError, Unquoted, in_file
 from metric_base.parsing import BinaryReader
 
-#: Where reconstructions keep their dense cloud, in the order of preference: COLMAP's and OpenSfM's places.
-DENSE_PLACES = (
+#: Paths of the dense clouds of COLMAP and OpenSfM, the preferred one first.
+DENSE_CLOUDS = (
     "dense.ply",
     "fused.ply",
     "dense/fused.ply",
@@ -27,109 +27,130 @@ _TYPES = {
     "double": "f8", "float64": "f8",
 }  # fmt: skip
 _BYTE_ORDERS = {"binary_little_endian": "<", "binary_big_endian": ">", "ascii": "="}
-#: No header is longer; a file without its end is not searched to its last byte.
+#: Maximum size of a header, in bytes; the rest of a file is not searched for its end.
 MAX_HEADER_BYTES = 1 << 16
 
-#: Views that two bytes can number: the lists of a large cloud take a quarter of the memory.
-FEW_VIEWS = 1 << 15
+#: Maximum number of views whose indices are stored in two bytes, which saves three quarters of the memory.
+MAX_INT16_VIEWS = 1 << 15
 
 
 @dataclass(frozen=True, slots=True)
 class PlyLayout:
-    """Where the vertices of a PLY file lie: format, record of one vertex, their number, and the offset of the first.
-
-    skipped : lines (ascii) or bytes (binary) of the elements before the vertices.
-    """
+    """Position and type of the vertices of a PLY file."""
 
     format: str
+    #: Record of one vertex.
     vertex: np.dtype[np.void]
+    #: Number of vertices.
     count: int
+    #: Offset of the first byte after the header.
     body: int
+    #: Lines (ASCII) or bytes (binary) of the elements before the vertices.
     skipped: int
 
 
 def find_dense_cloud(*folders: Path) -> Path | None:
-    """The first dense cloud in its usual places under the folders, or None."""
-    places = (folder / place for folder in folders for place in DENSE_PLACES)
-    return next((place for place in places if place.is_file()), None)
+    """Return the first dense cloud at a usual path below these folders, or None."""
+    paths = (folder / name for folder in folders for name in DENSE_CLOUDS)
+    return next((path for path in paths if path.is_file()), None)
 
 
 def read_dense_cloud(path: Path, n_views: int, bounds: FloatArray | None = None) -> tuple[DenseCloud, tuple[str, ...]]:
-    """The cloud with its visibility where `<path>.vis` exists, and warnings.
+    """Read a dense cloud, with its visibility lists if `<path>.vis` exists.
 
-    bounds : (2, 3) low and high corner; points outside, and points without a position, are left out.
+    Parameters
+    ----------
+    path : Path
+    n_views : int
+        Number of views of the model.
+    bounds : (2, 3) ndarray of float, optional
+        Lowest and highest corner of accepted points. Points outside, and points without a position, are dropped.
+
+    Returns
+    -------
+    cloud : DenseCloud
+    warnings : tuple of str
+
+    Raises
+    ------
+    InputError
+        A file is damaged, or no point is accepted.
     """
     points = read_points(path)
-    beside = path.with_name(f"{path.name}.vis")
-    offsets, views = read_visibility(beside, len(points), n_views) if beside.is_file() else (None, None)
-    good = (np.abs(points) < MAX_COORDINATE).all(axis=1)
+    visibility = path.with_name(f"{path.name}.vis")
+    offsets, views = read_visibility(visibility, len(points), n_views) if visibility.is_file() else (None, None)
+    keep = (np.abs(points) < MAX_COORDINATE).all(axis=1)
     if bounds is not None:
-        good &= ((points > bounds[0]) & (points < bounds[1])).all(axis=1)
-    if not good.any():
+        keep &= ((points > bounds[0]) & (points < bounds[1])).all(axis=1)
+    if not keep.any():
         raise InputError.at(
             path, "vertices", "at least one point near the cameras", Unquoted(f"{len(points)} without a position")
         )
-    if good.all():
+    if keep.all():
         return DenseCloud(points, offsets, views, path), ()
     if offsets is not None and views is not None:
         counts = np.diff(offsets)
-        views = views[np.repeat(good, counts)]
-        offsets = np.concatenate([[0], np.cumsum(counts[good])])
-    warning = f"{path}: {np.count_nonzero(~good)} points without a position, or far from everything, are left out"
-    return DenseCloud(points[good], offsets, views, path), (warning,)
+        views = views[np.repeat(keep, counts)]
+        offsets = np.concatenate([[0], np.cumsum(counts[keep])])
+    warning = f"{path}: {np.count_nonzero(~keep)} points without a position, or far from the cameras, are omitted"
+    return DenseCloud(points[keep], offsets, views, path), (warning,)
 
 
 def read_visibility(path: Path, n_points: int, n_views: int) -> tuple[IntArray, IntArray]:
-    """Offsets (n + 1,) and views (m,) of COLMAP's `fused.ply.vis`: uint64 n; for each point uint32 k, k uint32.
+    """Read visibility lists (`fused.ply.vis`): uint64 n; for each point uint32 k, and k uint32.
 
-    The numbers are positions of the images in the model's file. InputError where it does not fit the cloud or the
-    model.
+    Returns
+    -------
+    offsets : (n + 1,) ndarray of int
+        Range of each point in `views`.
+    views : (m,) ndarray of int
+        Positions of the images in the file of the model.
+
+    Raises
+    ------
+    InputError
+        The file is damaged, or does not match the cloud or the model.
     """
     with in_file(path):
-        return _visibility(BinaryReader(path), n_points, n_views)
-
-
-def _visibility(reader: BinaryReader, n_points: int, n_views: int) -> tuple[IntArray, IntArray]:
-    """Offsets (n + 1,) and views (m,) of the bytes of a visibility file."""
-    n = reader.count("number of points", 4)
-    if n != n_points:
-        raise FieldError("number of points", f"{n_points} as in the cloud", n)
-    if reader.remaining % 4:
-        raise FieldError("size", "whole numbers of 4 bytes", Unquoted(f"{reader.remaining} bytes after the count"))
-    words = reader.rows("<u4", reader.remaining // 4, "visibility")
-    places = _list_places(words, n)
-    listed = np.ones(len(words), dtype=bool)
-    listed[places] = False
-    views = words[listed]
-    if len(views) and views.max() >= n_views:
-        raise FieldError("image", f"positions below {n_views}, the number of images", int(views.max()))
-    return np.concatenate([[0], np.cumsum(words[places], dtype=np.int64)]), views.astype(
-        np.int16 if n_views <= FEW_VIEWS else np.int32
-    )
+        reader = BinaryReader(path)
+        n = reader.count("number of points", 4)
+        if n != n_points:
+            raise FieldError("number of points", f"{n_points} as in the cloud", n)
+        if reader.remaining % 4:
+            raise FieldError("size", "whole numbers of 4 bytes", Unquoted(f"{reader.remaining} bytes after the count"))
+        words = reader.rows("<u4", reader.remaining // 4, "visibility")
+        starts = _list_starts(words, n)
+        is_view = np.ones(len(words), dtype=bool)
+        is_view[starts] = False
+        views = words[is_view]
+        if len(views) and views.max() >= n_views:
+            raise FieldError("image", f"positions below {n_views}, the number of images", int(views.max()))
+    offsets = np.concatenate([[0], np.cumsum(words[starts], dtype=np.int64)])
+    return offsets, views.astype(np.int16 if n_views <= MAX_INT16_VIEWS else np.int32)
 
 
 def visibility_bytes(offsets: IntArray, views: IntArray) -> bytes:
-    """The visibility file of offsets (n + 1,) and views (m,), the inverse of `read_visibility`."""
+    """Return a visibility file with offsets (n + 1,) and views (m,); the inverse of `read_visibility`."""
     words = np.insert(views, offsets[:-1], np.diff(offsets))
     return np.uint64(len(offsets) - 1).tobytes() + words.astype("<u4").tobytes()
 
 
-def _list_places(words: np.ndarray[tuple[int], np.dtype[np.uint32]], n: int) -> IntArray:
-    """(n,) where each point's length stands: the one walk that the layout forces."""
-    places = np.empty(n, dtype=np.int64)
-    lengths, end, place = memoryview(words.tobytes()).cast("I"), len(words), 0
+def _list_starts(words: np.ndarray[tuple[int], np.dtype[np.uint32]], n: int) -> IntArray:
+    """Return the index (n,) of the length of each list in the words (k,) of a visibility file."""
+    starts = np.empty(n, dtype=np.int64)
+    lengths, end, start = memoryview(words.tobytes()).cast("I"), len(words), 0
     for row in range(n):
-        if place >= end:
+        if start >= end:
             raise FieldError(f"point {row}", "a list of images", Unquoted("the end of the file"))
-        places[row] = place
-        place += 1 + lengths[place]
-    if place != end:
-        raise FieldError("size", f"{4 * place} bytes of lists", Unquoted(f"{4 * end}"))
-    return places
+        starts[row] = start
+        start += 1 + lengths[start]
+    if start != end:
+        raise FieldError("size", f"{4 * start} bytes of lists", Unquoted(f"{4 * end}"))
+    return starts
 
 
 def ply_layout(data: bytes) -> PlyLayout:
-    """What the header promises; FieldError where it is no header, or promises more bytes than there are."""
+    """Parse the header; FieldError if it is invalid, or describes more vertices than the file contains."""
     end = data.find(b"end_header", 0, MAX_HEADER_BYTES)
     line_end = data.find(b"\n", end)
     if not data.startswith(b"ply") or end < 0 or line_end < 0:
@@ -160,7 +181,7 @@ def ply_layout(data: bytes) -> PlyLayout:
 
 
 def _elements(lines: list[list[str]]) -> list[tuple[str, int, list[tuple[str | None, str]]]]:
-    """Name, count and properties (type, None for a list, and name) of each element."""
+    """Return name, count and properties of each element; a property has a type, None for a list, and a name."""
     elements: list[tuple[str, int, list[tuple[str | None, str]]]] = []
     for words in lines:
         if words[0] == "element":
@@ -179,6 +200,7 @@ def _elements(lines: list[list[str]]) -> list[tuple[str, int, list[tuple[str | N
 
 
 def _record(form: str, properties: list[tuple[str | None, str]]) -> np.dtype[np.void]:
+    """Return the NumPy type of the scalar properties of an element."""
     names = [name for _, name in properties]
     if len(set(names)) != len(names):
         raise FieldError("properties", "each name once", names)
@@ -186,32 +208,34 @@ def _record(form: str, properties: list[tuple[str | None, str]]) -> np.dtype[np.
 
 
 def read_points(path: Path) -> FloatArray:
-    """(n, 3) positions of the vertices."""
+    """Return the positions (n, 3) of the vertices of a PLY file.
+
+    Raises
+    ------
+    InputError
+        The file is damaged, or has no vertex.
+    """
     with in_file(path):
-        return _points(BinaryReader(path))
-
-
-def _points(reader: BinaryReader) -> FloatArray:
-    """(n, 3) positions of the vertices in a file's bytes."""
-    layout = ply_layout(reader.data)
-    if not layout.count:
-        raise FieldError("number of vertices", "at least one", 0)
-    if layout.format == "ascii":
-        return _ascii_points(reader.data, layout)
-    reader.place = layout.body + layout.skipped
-    rows = reader.rows(layout.vertex, layout.count, "vertices")
+        reader = BinaryReader(path)
+        layout = ply_layout(reader.data)
+        if not layout.count:
+            raise FieldError("number of vertices", "at least one", 0)
+        if layout.format == "ascii":
+            return _ascii_points(reader.data, layout)
+        reader.place = layout.body + layout.skipped
+        rows = reader.rows(layout.vertex, layout.count, "vertices")
     with np.errstate(invalid="ignore"):
         return np.column_stack([rows[axis].astype(np.float64) for axis in "xyz"])
 
 
 def _ascii_points(data: bytes, layout: PlyLayout) -> FloatArray:
-    """(n, 3) positions of the vertices of an ASCII file."""
+    """Return the positions (n, 3) of the vertices of an ASCII file."""
     names = list(layout.vertex.names or ())
     lines = data[layout.body :].decode("ascii", "replace").split("\n")[layout.skipped : layout.skipped + layout.count]
     try:
         points = np.loadtxt(lines, dtype=np.float64, usecols=[names.index(axis) for axis in "xyz"], ndmin=2)
     except ValueError as error:
-        raise FieldError("vertices", f"{len(names)} numbers a line", Unquoted(str(error))) from None
+        raise FieldError("vertices", f"{len(names)} numbers per line", Unquoted(str(error))) from None
     if len(points) != layout.count:
         raise FieldError("vertices", f"{layout.count} lines", Unquoted(f"{len(points)}"))
     return points

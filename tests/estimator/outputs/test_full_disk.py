@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextvars
 import subprocess
 from collections.abc import Iterator
 from pathlib import Path
@@ -12,7 +13,7 @@ import pytest
 from estimator.outputs.rescaled import write_rescaled
 from estimator.reconstructions.scene_reader import read_scene
 from metric_base.errors import InputError
-from metric_base.files import whole_file, whole_folder
+from metric_base.files import set_rules, whole_file, whole_folder
 from metric_base.images import write_picture
 from metric_cli.estimate_scale.estimate import main
 from tests.synthetic.small_scene import write_small_scene
@@ -57,8 +58,14 @@ def test_a_file_that_was_there_stays(small_disk: Path) -> None:
     file = small_disk / "result.json"
     before = '{"schema": "metric-tree/scale/1"}'
     file.write_text(before)
-    with pytest.raises(InputError, match="No space left"), whole_file(file, "--output") as work:
-        work.write_bytes(b"x" * 100_000)
+
+    def overwrite() -> None:
+        set_rules([], overwrite=True)
+        with whole_file(file, "--output") as work:
+            work.write_bytes(b"x" * 100_000)
+
+    with pytest.raises(InputError, match="No space left"):
+        contextvars.copy_context().run(overwrite)
     assert [(path.name, path.read_text()) for path in small_disk.iterdir()] == [("result.json", before)]
 
 

@@ -11,7 +11,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from estimator.reconstructions.objects_file import SCHEMA, STATED_SIGMA, parse_objects, read_objects
+from estimator.reconstructions.objects_file import DEFAULT_SIGMA, SCHEMA, parse_objects, read_objects
 from metric_base.errors import InputError
 
 CAR: dict[str, Any] = {
@@ -41,7 +41,7 @@ def test_the_contract_example(tmp_path: Path) -> None:
     assert car.truncated.tolist() == [True, False, False]
     assert car.confidence[0] == 0.9
     assert math.isnan(car.confidence[1])
-    assert car.sigma.tolist() == [STATED_SIGMA] * 3
+    assert car.sigma.tolist() == [DEFAULT_SIGMA] * 3
 
 
 def test_the_example_of_the_documentation(tmp_path: Path) -> None:
@@ -103,7 +103,7 @@ def test_width_longer_than_length_is_exchanged(tmp_path: Path) -> None:
         (_document({"category": "x", "extents": [1, 2]}), "expected the longest first"),
         (_document({"category": "x", "extents": []}), "expected one to three lengths"),
         (_document({"category": "x", "extents": [4, 3, 2, 1]}), "expected one to three lengths"),
-        (_document(CAR, CAR), r"objects\[1\].id: expected an id of its own"),
+        (_document(CAR, CAR), r"objects\[1\].id: expected a unique id"),
         (_document(CAR | {"id": {}}), "id: expected text or a number"),
     ],
 )

@@ -1,1 +1,1 @@
-"""Reconstructions of other programs: nerfstudio, Bundler, Metashape, RealityCapture, Meshroom."""
+"""Read reconstructions of other programs: nerfstudio, Bundler, Metashape, RealityCapture, Meshroom."""

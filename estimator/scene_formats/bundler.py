@@ -1,7 +1,7 @@
-"""Bundler's `bundle.out` (version 0.3), with the names of its pictures in `list.txt` or `<bundle>.list.txt`.
+"""Read `bundle.out` of Bundler (version 0.3), with the names of its images in `list.txt` or `<bundle>.list.txt`.
 
-A Bundler camera looks along -z with y up, x_camera = R x + t; pixels count from the middle of the picture, y up.
-The file states no sizes: they are read from the pictures.
+The viewing direction of a camera is -z, with y up, x_camera = R x + t. Pixels are relative to the centre of the image,
+with y up. The sizes of the images are read from the images themselves.
 """
 
 from __future__ import annotations
@@ -18,16 +18,17 @@ from metric_base.errors import FieldError, InputError, Unquoted, at_field, in_fi
 from metric_base.input_files import read_text
 
 _HEADER = "# Bundle file v0.3"
-_CAMERA_NUMBERS = 15  # f k1 k2, R, t
+#: Numbers of a camera: f k1 k2, R, t.
+_N_CAMERA_NUMBERS = 15
 
 
 def read_bundler(file: Path) -> Scene:
-    """The scene of a bundle file; cameras of focal length zero were not registered and are left out.
+    """Read a bundle file; cameras with a focal length of zero are not registered and omitted.
 
     Raises
     ------
     InputError
-        The file is damaged, or its list of pictures or a picture is missing.
+        The file is damaged, or its list of images or an image is missing.
     """
     head, _, body = read_text(file).partition("\n")
     if head.strip() != _HEADER:
@@ -39,10 +40,10 @@ def read_bundler(file: Path) -> Scene:
     names = _names(file)
     with in_file(file):
         reader = _Numbers(numbers)
-        n_views, n_points = (reader.whole("counts") for _ in range(2))
+        n_views, n_points = (reader.count("counts") for _ in range(2))
         if n_views != len(names):
             raise FieldError("number of cameras", f"{len(names)}, as many as the list names", n_views)
-        cameras = reader.take(n_views * _CAMERA_NUMBERS, "cameras").reshape(n_views, _CAMERA_NUMBERS)
+        cameras = reader.take(n_views * _N_CAMERA_NUMBERS, "cameras").reshape(n_views, _N_CAMERA_NUMBERS)
         views: list[View] = []
         row_of = np.full(n_views, -1, dtype=np.int64)
         for row in np.flatnonzero(cameras[:, 0] > 0).tolist():
@@ -51,46 +52,45 @@ def read_bundler(file: Path) -> Scene:
                 views.append(_view(file, names[row], cameras[row]))
         if not views:
             raise FieldError("cameras", "at least one with a focal length", 0)
-        points, seen = _points(reader, n_points)
-    rows = row_of[np.clip(seen[:, 0].astype(np.int64), 0, n_views - 1)]
-    kept = rows >= 0
-    rows, seen = rows[kept], seen[kept]
+        points, observations = _points(reader, n_points)
+    rows = row_of[np.clip(observations[:, 0].astype(np.int64), 0, n_views - 1)]
+    is_registered = rows >= 0
+    rows, observations = rows[is_registered], observations[is_registered]
     sizes = np.array([(view.camera.width, view.camera.height) for view in views], dtype=np.float64)
-    pixels = seen[:, 2:] * (1, -1) + sizes[rows] / 2
+    pixels = observations[:, 2:] * (1, -1) + sizes[rows] / 2
     return Scene(
         file.parent,
         "bundler",
-        observed_views(views, rows, seen[:, 1].astype(np.int64), pixels),
+        observed_views(views, rows, observations[:, 1].astype(np.int64), pixels),
         points,
         model_path=file.parent,
     )
 
 
 class _Numbers:
-    """A row of numbers and a place in it."""
+    """Reader of a sequence of numbers (n,)."""
 
     def __init__(self, values: FloatArray) -> None:
-        """Begin at the first of the numbers (n,)."""
-        self.values, self.place = values, 0
+        self.values, self.position = values, 0
 
     def take(self, count: int, field: str) -> FloatArray:
-        """The next n = `count` numbers, (n,); FieldError if they are missing or not finite."""
-        part = self.values[self.place : self.place + count]
+        """Return the next numbers (count,); FieldError if they are missing or not finite."""
+        part = self.values[self.position : self.position + count]
         if len(part) < count or not np.isfinite(part).all():
             raise FieldError(field, f"{count} finite numbers", Unquoted(f"{len(part)} in the rest of the file"))
-        self.place += count
+        self.position += count
         return part
 
-    def whole(self, field: str) -> int:
-        """The next number, a count of objects that the rest of the file has room for."""
+    def count(self, field: str) -> int:
+        """Return the next number, a count that is not larger than the file."""
         value = float(self.take(1, field)[0])
         if not (value.is_integer() and 0 <= value <= len(self.values)):
-            raise FieldError(field, "a count that the file has room for", value)
+            raise FieldError(field, "a count within the size of the file", value)
         return int(value)
 
 
 def _view(file: Path, name: str, numbers: FloatArray) -> View:
-    """The view of its 15 numbers (15,): focal length, two distortions, rotation, translation."""
+    """Return the view of 15 numbers (15,): focal length, two distortion coefficients, rotation, translation."""
     width, height = checked_image_size(file, name)
     camera = make_camera("RADIAL", (width, height), [numbers[0], width / 2, height / 2, *numbers[1:3]])
     rotation, translation = FLIP @ numbers[3:12].reshape(3, 3), FLIP @ numbers[12:]
@@ -98,23 +98,22 @@ def _view(file: Path, name: str, numbers: FloatArray) -> View:
 
 
 def _points(reader: _Numbers, count: int) -> tuple[FloatArray, FloatArray]:
-    """(n, 3) points, and (m, 4) camera, point, x, y of their observations."""
+    """Return points (n, 3), and camera, point, x, y (m, 4) of their observations."""
     points, lists = np.empty((count, 3)), [np.empty((0, 4))]
     for row in range(count):
         points[row] = reader.take(6, f"point {row}")[:3]
-        views = reader.take(4 * reader.whole(f"point {row} views"), f"point {row} views").reshape(-1, 4).copy()
+        views = reader.take(4 * reader.count(f"point {row} views"), f"point {row} views").reshape(-1, 4).copy()
         views[:, 1] = row
         lists.append(views)
     return points, np.concatenate(lists)
 
 
 def _names(file: Path) -> list[str]:
-    """The pictures' names, in the order of the cameras; what follows a name on its line is a focal length."""
+    """Return the names of the images in the order of the cameras; a focal length may follow a name."""
     for name in (f"{file.stem}.list.txt", f"{file.name}.list.txt", "list.txt", "../list.txt"):
         path = file.parent / name
         if path.is_file():
             lines = [line.strip() for line in read_text(path).splitlines()]
             return [line.split(" 0 ")[0].strip() for line in lines if line]
-    raise InputError.at(
-        file, "pictures", f"their names in {file.stem}.list.txt or list.txt beside it", Unquoted("no list")
-    )
+    expected = f"their names in {file.stem}.list.txt or list.txt in its folder"
+    raise InputError.at(file, "images", expected, Unquoted("no list"))

@@ -1,4 +1,4 @@
-"""Which program a reconstruction comes from, by the names and first bytes of its files."""
+"""Recognise the program of a reconstruction by the names and first bytes of its files."""
 
 from __future__ import annotations
 
@@ -13,13 +13,13 @@ from estimator.scene_formats.nerfstudio import read_nerfstudio
 from estimator.scene_formats.realitycapture import is_realitycapture, read_realitycapture
 from metric_base.input_files import folder_entries, read_bytes
 
-#: What the files of the exports are called, for a message.
+#: Names of the files of all programs, for a message.
 EXPORT_NAMES = "transforms.json, *.sfm, bundle.out, a Metashape *.xml, a RealityCapture *.csv"
 
-#: Where an export that has cameras alone has its points.
+#: Source of the points for files that contain only cameras.
 _POINTS_ADVICE = {
     "meshroom": "let the node ConvertSfMFormat write .sfm with the structure",
-    "nerfstudio": "name the COLMAP model that it was made of",
+    "nerfstudio": "specify the COLMAP model from which it was made",
 }
 
 _FIRST_BYTES = 4096
@@ -30,7 +30,7 @@ _READERS: dict[str, Callable[[Path], Scene]] = {
     "metashape": read_metashape,
     "realitycapture": read_realitycapture,
 }
-#: What to do with a file that is no reconstruction, by its ending.
+#: Advice about files that are not reconstructions, by suffix.
 _ADVICE = {
     ".ply": "a point cloud: name the folder with the cameras, and the cloud with --dense",
     ".db": "COLMAP's database of matches: run `colmap mapper` and name the model's folder, such as sparse/0",
@@ -45,7 +45,7 @@ _ADVICE = {
 
 
 def export_file(path: Path) -> tuple[Path, str] | None:
-    """The file of an export and its program: `path` itself, or the first in a folder that is one; None if none is."""
+    """Return the first file of another program at a path or in a folder, and its program; None if there is none."""
     if path.is_file():
         program = _program(path)
         return None if program is None else (path, program)
@@ -60,37 +60,37 @@ def export_file(path: Path) -> tuple[Path, str] | None:
 
 
 def read_export(file: Path, program: str) -> Scene:
-    """The scene of a file that `export_file` named."""
+    """Read a file that `export_file` returned."""
     return _READERS[program](file)
 
 
 def advice_on_file(path: Path) -> str:
-    """What a file is that was named in place of a reconstruction, and what to do."""
+    """Return the kind of a file that is not a reconstruction, and what to do."""
     return _ADVICE.get(path.suffix.lower(), "a file of another kind: name the folder of the reconstruction")
 
 
 def points_advice(program: str) -> str:
-    """What is expected where the file of a program states cameras and no points."""
-    own = _POINTS_ADVICE.get(program)
-    ways = ["put points.ply in the same frame beside it", "name a cloud with --dense", *([] if own is None else [own])]
-    return f"at least one sparse or dense point ({', or '.join(ways)})"
+    """Return the expected points for a file that contains only cameras, for a message."""
+    options = ["put points.ply in the same frame into its folder", "specify a cloud with --dense"]
+    options += [_POINTS_ADVICE[program]] if program in _POINTS_ADVICE else []
+    return f"at least one sparse or dense point ({', or '.join(options)})"
 
 
 def _program(file: Path) -> str | None:
-    """The program that wrote a file, by its name, else by its first bytes."""
+    """Return the program of a file by its name, or else by its first bytes."""
     suffix = file.suffix.lower()
     if suffix == ".sfm":
         return "meshroom"
     if file.name.startswith("transforms") and suffix == ".json":
         return "nerfstudio"
-    if suffix not in _SIGNS:
+    if suffix not in _SIGNATURES:
         return None
-    program, is_one = _SIGNS[suffix]
-    return program if is_one(read_bytes(file, most=_FIRST_BYTES).decode("utf-8-sig", "replace")) else None
+    program, matches = _SIGNATURES[suffix]
+    return program if matches(read_bytes(file, most=_FIRST_BYTES).decode("utf-8-sig", "replace")) else None
 
 
-#: Program and sign, by ending, of files whose name says nothing.
-_SIGNS: dict[str, tuple[str, Callable[[str], bool]]] = {
+#: Program and test of the first bytes, by suffix.
+_SIGNATURES: dict[str, tuple[str, Callable[[str], bool]]] = {
     ".out": ("bundler", lambda head: head.startswith("# Bundle file")),
     ".xml": ("metashape", lambda head: "<chunk" in head),
     ".csv": ("realitycapture", is_realitycapture),

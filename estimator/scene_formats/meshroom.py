@@ -1,7 +1,7 @@
-"""Meshroom's and AliceVision's `.sfm` files (JSON): views, intrinsics, poses and the structure with its observations.
+"""Read `.sfm` files of Meshroom and AliceVision (JSON): views, intrinsics, poses, and the structure with observations.
 
-`rotation` is world to camera, column by column; the principal point counts from the middle of the picture from file
-version 1.2.1 on, from its corner before.
+`rotation` is the rotation from world to camera, by columns. The principal point is relative to the centre of the image
+since version 1.2.1 of the format, and to its corner before.
 """
 
 from __future__ import annotations
@@ -18,33 +18,33 @@ from estimator.scene_formats.common import (
     number_of,
     observed_views,
     pinhole_camera,
-    points_beside,
     posed_view,
+    read_point_file,
 )
 from metric_base.arrays import FloatArray
 from metric_base.errors import FieldError, at_field, in_file
 from metric_base.input_files import read_json
 from metric_base.parsing import json_array, json_object
 
-#: From here on the principal point is relative to the middle (AliceVision, SfmDataIO changelog).
+#: First version in which the principal point is relative to the centre (AliceVision, changelog of SfmDataIO).
 CENTRED_VERSION = (1, 2, 1)
-#: AliceVision's distortion models by the names that its versions used, and OpenCV's numbers in their order.
+#: Distortion models of AliceVision, by the names of its versions, with the corresponding parameters of OpenCV.
 MODELS = {
     "pinhole": (), "none": (), "radial1": ("k1",), "radialk1": ("k1",), "radial3": ("k1", "k2", "k3"),
     "radialk3": ("k1", "k2", "k3"), "brown": ("k1", "k2", "k3", "p1", "p2"),
 }  # fmt: skip
 FISHEYES = ("fisheye4", "equidistant")
-#: Where points are of a file that has none: cameras.sfm, which Meshroom writes beside sfm.abc.
+#: Point clouds for files without points, such as `cameras.sfm`.
 PLY_FILES = ("points.ply", "cloud_and_poses.ply")
 
 
 def read_meshroom(file: Path) -> Scene:
-    """The scene of an `.sfm` file; views without a pose are left out.
+    """Read an `.sfm` file; views without a pose are omitted.
 
     Raises
     ------
     InputError
-        The file is damaged, or has a lens that COLMAP has no model for.
+        The file is damaged, or COLMAP has no model for a lens.
     """
     with in_file(file):
         document = json_object(read_json(file))
@@ -62,18 +62,21 @@ def read_meshroom(file: Path) -> Scene:
             raise FieldError("poses", "at least one view with a pose", 0)
         landmarks = _entries(document, "structure") if "structure" in document else []
         points = matrix_of([entry.get("X") for entry in landmarks], (len(landmarks), 3), "structure X")
-        points = points if len(points) else points_beside(file, PLY_FILES)
-        seen = _observations(landmarks, row_of)
+        points = points if len(points) else read_point_file(file, PLY_FILES)
+        observations = _observations(landmarks, row_of)
     points = np.clip(points, -MAX_COORDINATE / 2, MAX_COORDINATE / 2)
-    placed = observed_views(views, seen[:, 0].astype(np.int64), seen[:, 1].astype(np.int64), seen[:, 2:])
-    return Scene(file.parent, "meshroom", placed, points, model_path=file.parent)
+    rows, point_rows = observations[:, 0].astype(np.int64), observations[:, 1].astype(np.int64)
+    observed = observed_views(views, rows, point_rows, observations[:, 2:])
+    return Scene(file.parent, "meshroom", observed, points, model_path=file.parent)
 
 
 def _entries(document: dict[str, Any], part: str) -> list[dict[str, Any]]:
+    """Return the objects of an array of the document."""
     return [json_object(entry, f"{part}[{row}]") for row, entry in enumerate(json_array(document.get(part), part))]
 
 
 def _cameras(document: dict[str, Any]) -> dict[str, Camera]:
+    """Return the cameras by intrinsic id."""
     version = document.get("version")
     try:
         numbers = tuple(int(part) for part in version) if isinstance(version, list) else (0,)
@@ -86,11 +89,12 @@ def _cameras(document: dict[str, Any]) -> dict[str, Camera]:
     return cameras
 
 
-def _camera(entry: dict[str, Any], centred: bool) -> Camera:
+def _camera(entry: dict[str, Any], is_centred: bool) -> Camera:
+    """Return the camera of an intrinsic; `is_centred` refers to its principal point."""
     size = (round(number_of(entry, "width")), round(number_of(entry, "height")))
     if "pxFocalLength" in entry:
-        stated = entry["pxFocalLength"]
-        focal = matrix_of(stated if isinstance(stated, list) else [stated, stated], (2,), "pxFocalLength")
+        value = entry["pxFocalLength"]
+        focal = matrix_of(value if isinstance(value, list) else [value, value], (2,), "pxFocalLength")
     else:
         focal_mm, ratio = number_of(entry, "focalLength"), number_of(entry, "pixelRatio", 1.0)
         sensor_mm = number_of(entry, "sensorWidth")
@@ -99,9 +103,9 @@ def _camera(entry: dict[str, Any], centred: bool) -> Camera:
         focal_x = focal_mm * size[0] / sensor_mm
         focal = np.array([focal_x, focal_x * ratio])
     centre = matrix_of(
-        entry.get("principalPoint", [0, 0] if centred else [side / 2 for side in size]), (2,), "principalPoint"
+        entry.get("principalPoint", [0, 0] if is_centred else [side / 2 for side in size]), (2,), "principalPoint"
     )
-    centre = centre + np.array(size) / 2 if centred else centre
+    centre = centre + np.array(size) / 2 if is_centred else centre
     kind = str(entry.get("distortionType") or entry.get("type", "pinhole")).lower()
     params = entry.get("distortionParams") or []
     values = matrix_of(params, (len(params) if isinstance(params, list) else 0,), "distortionParams").tolist()
@@ -114,6 +118,7 @@ def _camera(entry: dict[str, Any], centred: bool) -> Camera:
 
 
 def _view(entry: dict[str, Any], pose: dict[str, Any], cameras: dict[str, Camera]) -> View:
+    """Return a view with its pose."""
     camera = cameras.get(str(entry.get("intrinsicId")))
     if camera is None:
         raise FieldError("intrinsicId", "an intrinsic of the file", entry.get("intrinsicId"))
@@ -128,7 +133,7 @@ def _view(entry: dict[str, Any], pose: dict[str, Any], cameras: dict[str, Camera
 
 
 def _observations(landmarks: list[dict[str, Any]], row_of: dict[str, int]) -> FloatArray:
-    """(m, 4) view, point, x, y of the observations in views that have a pose."""
+    """Return view, point, x, y (m, 4) of the observations in views with a pose."""
     rows = []
     for point, entry in enumerate(landmarks):
         for observation in entry.get("observations") or []:

@@ -1,7 +1,8 @@
-"""Agisoft Metashape's cameras (File, Export, Export Cameras, Agisoft XML), with points in a PLY file beside it.
+"""Read cameras of Agisoft Metashape (File, Export, Export Cameras, Agisoft XML), with points in a PLY file.
 
-A camera's `transform` is camera to component, axes right, down, forward; a component's own transform leads into the
-chunk, where exported points are. Metashape's p1 and p2 are OpenCV's p2 and p1 (its manual, appendix "Camera models").
+The `transform` of a camera leads from the camera, with the axes right, down, forward, to its component. The transform
+of the component leads to the chunk, whose frame exported points have. p1 and p2 of Metashape are p2 and p1 of OpenCV
+(manual, appendix "Camera models").
 """
 
 from __future__ import annotations
@@ -13,34 +14,34 @@ import numpy as np
 
 from estimator.projection.cameras import make_camera
 from estimator.records.scene import Camera, Scene, View
-from estimator.scene_formats.common import brown_camera, matrix_of, points_beside, posed_view
+from estimator.scene_formats.common import brown_camera, matrix_of, posed_view, read_point_file
 from metric_base.arrays import FloatArray
 from metric_base.errors import FieldError, Unquoted, at_field, in_file
 from metric_base.input_files import read_text
 
 PLY_FILES = ("points.ply", "sparse_pc.ply", "sparse.ply", "tie_points.ply", "point_cloud.ply")
-#: The names of the equidistant fisheye in versions 1 and 2.
+#: Names of the equidistant fisheye model in versions 1 and 2.
 FISHEYES = ("fisheye", "equidistant_fisheye")
-#: COLMAP's cameras have no skew; up to this share of the focal length it is left out, which is a pixel or two.
-MOST_SKEW = 1e-3
-#: No such file is longer: a camera takes a kilobyte.
+#: Maximum skew relative to the focal length, which is a pixel or two; it is ignored, because COLMAP has no skew.
+MAX_SKEW = 1e-3
+#: Maximum size of a file, in bytes; a camera needs a kilobyte.
 MAX_BYTES = 1 << 28
 
 
 def read_metashape(file: Path) -> Scene:
-    """The scene of a camera file; cameras that were not aligned are left out.
+    """Read a camera file; cameras that are not aligned are omitted.
 
     Raises
     ------
     InputError
-        The file is damaged, of another kind, or has a lens that COLMAP has no model for.
+        The file is damaged or of another kind, or COLMAP has no model for a lens.
     """
     with in_file(file):
         chunk = _root(read_text(file, MAX_BYTES)).find("chunk")
         if chunk is None:
             raise FieldError("document", "a chunk with cameras", None)
         cameras = {sensor.get("id", ""): sensor for sensor in chunk.iterfind("sensors/sensor")}
-        whole = _transform(chunk.find("transform"))  # of files that state it for all cameras
+        common = _transform(chunk.find("transform"))  # of cameras without a component
         components = {
             part.get("id", ""): _transform(part.find("transform")) for part in chunk.iterfind("components/component")
         }
@@ -50,27 +51,28 @@ def read_metashape(file: Path) -> Scene:
             n_cameras += 1
             if (transform := entry.find("transform")) is not None:
                 with at_field(f"camera {entry.get('label')!r}"):
-                    views.append(_view(entry, transform, cameras, components, whole))
+                    views.append(_view(entry, transform, cameras, components, common))
         if not views:
             raise FieldError("cameras", "at least one that is aligned", n_cameras)
-    points = points_beside(file, (f"{file.stem}.ply", *PLY_FILES))
+    points = read_point_file(file, (f"{file.stem}.ply", *PLY_FILES))
     warnings = []
-    if lost := n_cameras - len(views):
-        warnings.append(f"{file}: {lost} of {n_cameras} cameras are not aligned and left out")
+    if missing := n_cameras - len(views):
+        warnings.append(f"{file}: {missing} of {n_cameras} cameras are not aligned and omitted")
     return Scene(file.parent, "metashape", tuple(views), points, None, tuple(warnings), file.parent)
 
 
 def _root(text: str) -> ET.Element:
+    """Parse an XML document without entities."""
     if "<!DOCTYPE" in text or "<!ENTITY" in text:
-        raise FieldError("XML", "a document without entities of its own", Unquoted("a DOCTYPE"))
+        raise FieldError("XML", "a document without entities", Unquoted("a DOCTYPE"))
     try:
-        return ET.fromstring(text)  # noqa: S314 - it has no entities
+        return ET.fromstring(text)  # noqa: S314 - the document has no entities
     except (ET.ParseError, ValueError) as error:
         raise FieldError("XML", "a valid document", Unquoted(str(error))) from None
 
 
 def _transform(node: ET.Element | None) -> FloatArray:
-    """(4, 4) of a component: rotation and scale, and translation."""
+    """Return the transform (4, 4) of a component: rotation, scale and translation."""
     matrix = np.eye(4)
     if node is None:
         return matrix
@@ -88,22 +90,23 @@ def _view(
     transform: ET.Element,
     sensors: dict[str, ET.Element],
     components: dict[str, FloatArray],
-    whole: FloatArray,
+    common: FloatArray,
 ) -> View:
-    """The view of a camera; components, whole : (4, 4) transforms, the second of cameras without a component."""
+    """Return the view of a camera; `components` and `common` (of cameras without a component) are (4, 4) transforms."""
     sensor = sensors.get(entry.get("sensor_id", ""))
     if sensor is None:
         raise FieldError("sensor_id", "a sensor of the file", entry.get("sensor_id"))
-    pose = components.get(entry.get("component_id", ""), whole) @ matrix_of(
+    pose = components.get(entry.get("component_id", ""), common) @ matrix_of(
         (transform.text or "").split(), (4, 4), "transform"
     )
-    scale = np.cbrt(np.linalg.det(pose[:3, :3]))  # the component's
+    scale = np.cbrt(np.linalg.det(pose[:3, :3]))  # of the component
     if not scale > 0:
         raise FieldError("transform", "a rotation, a scale above 0 and a position", Unquoted("another matrix"))
     return posed_view(entry.get("label", ""), _camera(sensor), (pose[:3, :3] / scale).T, pose[:3, 3])
 
 
 def _camera(sensor: ET.Element) -> Camera:
+    """Return the camera of a sensor, with its adjusted calibration."""
     resolution = sensor.find("resolution")
     calibrations = [node for node in sensor.iterfind("calibration") if node.find("f") is not None]
     adjusted = [node for node in calibrations if node.get("class") == "adjusted"] or calibrations
@@ -117,8 +120,8 @@ def _camera(sensor: ET.Element) -> Camera:
     focal, skew = _number(node, "f"), _number(node, "b2", 0.0)
     centre = (size[0] / 2 + _number(node, "cx", 0.0), size[1] / 2 + _number(node, "cy", 0.0))
     focals = (focal + _number(node, "b1", 0.0), focal)
-    if abs(skew) > MOST_SKEW * focal:
-        raise FieldError("b2", f"a skew under {MOST_SKEW:g} of the focal length; fix b2 at 0 and align again", skew)
+    if abs(skew) > MAX_SKEW * focal:
+        raise FieldError("b2", f"a skew under {MAX_SKEW:g} of the focal length; fix b2 at 0 and align again", skew)
     radial = {name: _number(node, name, 0.0) for name in ("k1", "k2", "k3", "k4")}
     if sensor.get("type") in FISHEYES:
         return make_camera("OPENCV_FISHEYE", size, [*focals, *centre, *radial.values()])
@@ -133,6 +136,7 @@ def _camera(sensor: ET.Element) -> Camera:
 
 
 def _number(node: ET.Element, name: str, default: float | None = None) -> float:
+    """Return the number of a child element."""
     text = node.findtext(name)
     if text is None and default is not None:
         return default

@@ -1,7 +1,8 @@
-"""nerfstudio's `transforms.json` (and instant-ngp's): poses and cameras, with points in a PLY file beside it.
+"""Read `transforms.json` of nerfstudio and instant-ngp: poses and cameras, with points in a PLY file.
 
-`transform_matrix` is camera to world with axes right, up, back. What nerfstudio's own converter turned the world by is
-stated as `applied_transform`, and undone here, so that the scene is that of the reconstruction it was made from.
+`transform_matrix` is the transform from camera to world, with the axes right, up, back. `applied_transform` is the
+transform of the world by the converter of nerfstudio. It is reversed, so that the scene has the frame of the original
+reconstruction.
 """
 
 from __future__ import annotations
@@ -20,15 +21,15 @@ from estimator.scene_formats.common import (
     matrix_of,
     number_of,
     pinhole_camera,
-    points_beside,
     posed_view,
+    read_point_file,
 )
 from metric_base.arrays import FloatArray
 from metric_base.errors import FieldError, at_field, in_file
 from metric_base.input_files import read_json
 from metric_base.parsing import json_array, json_object
 
-#: Where the sparse points are, where `ply_file_path` does not say.
+#: Files of the sparse points, without `ply_file_path`.
 PLY_FILES = ("sparse_pc.ply", "points.ply", "sparse_point_cloud.ply", "points3D.ply", "point_cloud.ply")
 PINHOLES = (
     "OPENCV",
@@ -44,12 +45,12 @@ _DISTORTION = ("k1", "k2", "p1", "p2", "k3", "k4")
 
 
 def read_nerfstudio(file: Path) -> Scene:
-    """The scene of a `transforms.json`, which states no observations.
+    """Read a `transforms.json`, which has no observations.
 
     Raises
     ------
     InputError
-        The file is damaged, a pose is no rotation, or a size is not stated and its picture not there.
+        The file is damaged, a pose is not a rotation, or an image without a stated size is missing.
     """
     with in_file(file):
         document = json_object(read_json(file))
@@ -60,14 +61,14 @@ def read_nerfstudio(file: Path) -> Scene:
                 views.append(_view(file, document, json_object(entry, ""), world))
         if not views:
             raise FieldError("frames", "at least one", 0)
-    stated = document.get("ply_file_path")
-    points = points_beside(file, ([stated] if isinstance(stated, str) else []) + list(PLY_FILES))
-    points = (points - world[:, 3]) @ world[:, :3]  # R^-1 (x - t), R a rotation
+    ply_file = document.get("ply_file_path")
+    points = read_point_file(file, ([ply_file] if isinstance(ply_file, str) else []) + list(PLY_FILES))
+    points = (points - world[:, 3]) @ world[:, :3]  # R^-1 (x - t) with the rotation R
     return Scene(file.parent, "nerfstudio", tuple(views), points, model_path=file.parent)
 
 
 def _world(document: dict[str, Any]) -> FloatArray:
-    """(3, 4) what the world of the file is turned and moved by against that of the reconstruction."""
+    """Return the transform (3, 4) from the world of the reconstruction to that of the file."""
     applied = document.get("applied_transform")
     matrix = (
         np.eye(4)[:3]
@@ -80,7 +81,7 @@ def _world(document: dict[str, Any]) -> FloatArray:
 
 
 def _view(file: Path, document: dict[str, Any], frame: dict[str, Any], world: FloatArray) -> View:
-    """The view of a frame; world : (3, 4) what the file's world is turned and moved by."""
+    """Return the view of a frame; `world` (3, 4) is the transform of the world of the reconstruction."""
     name = frame.get("file_path")
     if not isinstance(name, str) or not name:
         raise FieldError("file_path", "a name", name)
@@ -93,9 +94,9 @@ def _view(file: Path, document: dict[str, Any], frame: dict[str, Any], world: Fl
 
 
 def _camera(file: Path, entry: dict[str, Any], name: str) -> Camera:
-    """The camera of a frame's own numbers, or of the document's."""
-    stated = "w" in entry and "h" in entry
-    size = (round(number_of(entry, "w")), round(number_of(entry, "h"))) if stated else checked_image_size(file, name)
+    """Return the camera of a frame; `entry` contains the values of the document and of the frame."""
+    has_size = "w" in entry and "h" in entry
+    size = (round(number_of(entry, "w")), round(number_of(entry, "h"))) if has_size else checked_image_size(file, name)
     if "fl_x" in entry or "fl_y" in entry:
         focal_x = number_of(entry, "fl_x", entry.get("fl_y"))
         focal = (focal_x, number_of(entry, "fl_y", focal_x))

@@ -45,7 +45,7 @@ def test_the_same_scene(program: str, by_file: bool, colmap: Scene, tmp_path: Pa
     scene = read_scene(file if by_file else file.parent)
     assert scene.format == program
     assert_same_scene(colmap, scene, program)
-    assert any("projected" in line for line in scene.warnings) != (program in OBSERVED)
+    assert any("no observations" in line for line in scene.warnings) != (program in OBSERVED)
     assert all(len(view.point_index) for view in scene.views)
 
 
@@ -82,7 +82,7 @@ def test_learned_reconstructions_state_no_observations(tmp_path: Path) -> None:
     (tmp_path / "points3D.txt").write_text("1 0 0 2 9 9 9 0\n2 0.1 0 2 9 9 9 0\n3 0 0 -2 9 9 9 0\n")
     scene = read_scene(tmp_path)
     assert [view.point_index.tolist() for view in scene.views] == [[0, 1], [0, 1]]
-    assert any("projected" in line for line in scene.warnings)
+    assert any("no observations" in line for line in scene.warnings)
 
 
 @pytest.mark.parametrize(

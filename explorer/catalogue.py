@@ -27,7 +27,7 @@ from taxonomy.label_lists import Label, vocabularies, vocabulary
 
 #: Of a node without a prior.
 UNKNOWN = "unknown"
-#: Tier to what it means, the best first.
+#: Meaning of each tier, the best first.
 MEANINGS = {
     "norm": "a published norm fixes it",
     "measured": "many real items of several sources",
@@ -42,12 +42,14 @@ AXES = ("length", "width", "height", "extent1", "extent2", "extent3")
 
 
 class ReleaseCatalogue:
-    """One release for pages and answers, among those that the same site or server has.
+    """Tables and indices of one release of a site or server.
 
     Parameters
     ----------
-    trees : the first is at the root, each other under `releases/VERSION/`
-    place : the place of this one among them
+    trees : sequence of Tree
+        All releases of the site; the first is at the root, the others are under `releases/VERSION/`.
+    place : int, default 0
+        Index of this release in `trees`.
     """
 
     def __init__(self, trees: Sequence[Tree], place: int = 0) -> None:
@@ -58,7 +60,7 @@ class ReleaseCatalogue:
         self.by_slug = {slug(node_id): node for node_id, node in self.nodes.items()}
         if len({name.casefold() for name in self.by_slug}) != len(self.nodes):
             raise InputError(
-                f"{tree.release.directory}: node_id: expected ids that differ as file names; found two alike"
+                f"{tree.release.directory}: node_id: expected ids that differ as file names; found two that are equal"
             )
         self._quantiles: dict[str, FloatArray] = {}
         self._tiers: dict[str, str] = {}
@@ -70,25 +72,25 @@ class ReleaseCatalogue:
         return hashlib.sha256(text.encode()).hexdigest()[:16]
 
     def relative_root(self, tree: Tree) -> str:
-        """The way from this release's root to that of another."""
+        """Return the relative URL from the root of this release to the root of `tree`."""
         up = "" if self.tree is self.main else "../../"
         return up if tree is self.main else f"{up}releases/{tree.version}/"
 
     def node(self, name: str) -> Node:
-        """The node of an id or a slug; UnknownName if there is none."""
+        """Return the node of an id or a slug. Raises UnknownName if the release has no such node."""
         node = self.nodes.get(name) or self.by_slug.get(name)
         if node is None:
             raise UnknownName(f"{name}: no node has this id")
         return node
 
     def tier(self, node: Node) -> str:
-        """The tier of a node's default prior."""
+        """Return the tier of the default prior of a node."""
         if node.node_id not in self._tiers:
             self._tiers[node.node_id] = node.tier or UNKNOWN
         return self._tiers[node.node_id]
 
     def prior(self, node: Node) -> Prior | None:
-        """The default prior of a node, else its widest one; None where it has none."""
+        """Return the default prior of a node, otherwise the one with most dimensions; None if the node has no prior."""
         try:
             return node.prior()
         except NoPrior:
@@ -96,12 +98,12 @@ class ReleaseCatalogue:
             return None if dims is None else node.prior(dims)
 
     def dims(self, node: Node) -> tuple[str, ...]:
-        """The dimensions of a node's default prior; none where it has no prior."""
+        """Return the dimensions of the default prior of a node, empty without a prior."""
         prior = self.prior(node)
         return prior.dims if prior is not None else ()
 
     def quantiles(self, node: Node) -> FloatArray:
-        """`QUANTILES` of a node's default prior, (5, d) in mm; d is 0 where it has none."""
+        """Return `QUANTILES` (5, d) of the default prior of a node in mm; d is 0 without a prior."""
         if node.node_id not in self._quantiles:
             prior = self.prior(node)
             self._quantiles[node.node_id] = (
@@ -111,7 +113,7 @@ class ReleaseCatalogue:
 
     @cached_property
     def items(self) -> pa.Table:
-        """All shipped items; InputError where one is of no node."""
+        """All published items. Raises InputError if an item has an unknown node."""
         table = self.tree.release.table("items")
         if strays := set(table["node_id"].unique().to_pylist()) - set(self.nodes):
             raise InputError(self._refusal("node_id", "ids of nodes", min(strays)))
@@ -198,7 +200,7 @@ class ReleaseCatalogue:
         return found
 
     def tier_counts(self) -> Iterator[tuple[str, int]]:
-        """How many nodes are of each tier."""
+        """Yield each tier with its number of nodes."""
         counts: dict[str, int] = defaultdict(int)
         for node in self.nodes.values():
             counts[self.tier(node)] += 1

@@ -1,4 +1,4 @@
-"""The JSON answers, as msgspec records: one schema for the files of a site, the server and its OpenAPI description."""
+"""Records of JSON responses and of query strings, for the static site, the server and its OpenAPI description."""
 
 from __future__ import annotations
 
@@ -37,7 +37,7 @@ class NodeRef(msgspec.Struct):
 class PriorAnswer(msgspec.Struct, kw_only=True):
     """A size distribution over ln mm: weights (k,), means (k, d), covariances (k, d, d), and B (d, d) between sources.
 
-    `log_density` has one number for each of the sizes that were asked for with `density_at`.
+    `log_density` has one number for each of the sizes in `density_at`.
     """
 
     schema: str = "metric-tree/prior/1"
@@ -60,7 +60,7 @@ class PriorAnswer(msgspec.Struct, kw_only=True):
 
 
 class NodeAnswer(msgspec.Struct, kw_only=True):
-    """A category: where it is in the tree, its sizes, and what they rest on."""
+    """A category: its position in the tree, its sizes and their evidence."""
 
     schema: str = "metric-tree/node/1"
     tree: TreeRef
@@ -90,7 +90,7 @@ class NodeAnswer(msgspec.Struct, kw_only=True):
 
 
 class ItemsAnswer(msgspec.Struct, kw_only=True):
-    """A page of the shipped items at or below a node; a field without a value is left out.
+    """A page of the shipped items at or below a node; fields without a value are omitted.
 
     `next` is the address of the page after it.
     """
@@ -164,7 +164,7 @@ class ReleasesAnswer(msgspec.Struct, kw_only=True):
 
 
 class VocabularyRow(msgspec.Struct):
-    """A label, its node, and the node's size; null where it names nothing with a size."""
+    """A label with its node and the size of the node; null if the label has no node or no size."""
 
     label: str
     node: str | None

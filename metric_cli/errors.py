@@ -1,4 +1,4 @@
-"""Optional dependencies: which extra of the distribution brings a module that is missing."""
+"""Exceptions to exit statuses and one-line messages, extras of missing modules, and streams that never fail."""
 
 from __future__ import annotations
 
@@ -38,8 +38,8 @@ MODULES_BY_EXTRA: dict[str, tuple[str, ...]] = {
     "view": ("open3d",),
 }
 #: Set to see the traceback of an internal error.
-DEBUG_VARIABLE = "METRIC_TREE_DEBUG"
-#: What a path should have been where the system refuses it.
+DEBUG_ENV = "METRIC_TREE_DEBUG"
+#: Expected and found state of a path, by the error of the system.
 _PATH_ERRORS: dict[type[OSError], str] = {
     FileNotFoundError: "an existing file or folder; found none",
     IsADirectoryError: "a file; found a folder",
@@ -47,8 +47,8 @@ _PATH_ERRORS: dict[type[OSError], str] = {
     FileExistsError: "a folder, or nothing yet; found a file",
     PermissionError: "leave to read or write it; found none",
 }
-#: Exit statuses. UNUSABLE: the run went well and its answer is no, such as an unresolved scale or a wrong model.
-DONE, INTERNAL_ERROR, INPUT_ERROR, UNUSABLE, TERMINATED = 0, 1, 2, 3, 143
+#: Exit statuses. EXIT_NEGATIVE_RESULT: the run succeeded with a negative result, such as an unresolved scale.
+DONE, INTERNAL_ERROR, INPUT_ERROR, EXIT_NEGATIVE_RESULT, TERMINATED = 0, 1, 2, 3, 143
 
 
 def missing_extra(module: str | None) -> str | None:
@@ -67,7 +67,7 @@ def exit_status(program: str, run: Callable[[], int]) -> int:
     Ctrl-C and a request to terminate end it with one line and status 130 or 143, after its temporary files are
     removed. A closed standard output is no error.
     """
-    make_streams_forgiving()
+    configure_streams()
     with orderly_termination():
         try:
             status = copy_context().run(run)  # what one run reads and may replace is forgotten after it
@@ -80,14 +80,14 @@ def exit_status(program: str, run: Callable[[], int]) -> int:
             status = _report(program, "terminated", TERMINATED)
         except Exception as error:  # noqa: BLE001 - the last door: what is not the input's error is the program's
             status = _error_status(program, error)
-    flush_or_silence(sys.stdout)
+    flush_or_discard(sys.stdout)
     return status
 
 
-def statuses_text(done: str = "", input_error: str = "", unusable: str = "") -> str:
-    """The end of a program's help: what its exit statuses say, in lines of its width."""
+def exit_status_help(done: str = "", input_error: str = "", unusable: str = "") -> str:
+    """Return the description of the exit statuses for the end of a help text."""
     parts = [f"{DONE} done{done}", f"{INPUT_ERROR} the input is invalid (one line says where){input_error}"]
-    parts += [f"{UNUSABLE} {unusable}"] if unusable else []
+    parts += [f"{EXIT_NEGATIVE_RESULT} {unusable}"] if unusable else []
     return textwrap.fill(f"Exit status: {'; '.join(parts)}; {INTERNAL_ERROR} an internal error.", HELP_WIDTH) + "\n"
 
 
@@ -100,13 +100,13 @@ def _error_status(program: str, error: Exception) -> int:
     message = _input_error(error)
     if message is not None:
         return _report(program, message, INPUT_ERROR)
-    if os.environ.get(DEBUG_VARIABLE):
+    if os.environ.get(DEBUG_ENV):
         traceback.print_exc()
     return _report(program, f"internal error: {type(error).__name__}: {error}", INTERNAL_ERROR)
 
 
 def _input_error(error: Exception) -> str | None:
-    """The line about an error that the user can mend; None for an internal error."""
+    """Return the message of an error that the user can correct, None for an internal error."""
     if isinstance(error, InputError):
         return str(error)
     if isinstance(error, OSError) and isinstance(error, tuple(_PATH_ERRORS)):
@@ -124,7 +124,7 @@ def _report(program: str, message: str, status: int) -> int:
     return status
 
 
-def make_streams_forgiving() -> None:
+def configure_streams() -> None:
     """Make standard output and error take every character; a stream that is closed becomes silent."""
     codecs.register_error(_HANDLER, _plain)
     # a stream is None where the program was started with it closed
@@ -135,8 +135,8 @@ def make_streams_forgiving() -> None:
             stream.reconfigure(errors=_HANDLER)
 
 
-def flush_or_silence(stream: TextIO) -> None:
-    """Write what the stream holds; where that fails, drop it, so that the interpreter's last flush is no error."""
+def flush_or_discard(stream: TextIO) -> None:
+    """Flush the stream, or discard its content if that fails, so that the last flush at exit does not fail."""
     try:
         stream.flush()
     except (OSError, ValueError):

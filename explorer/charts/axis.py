@@ -20,7 +20,7 @@ _UNITS = (("km", 1e6, 2e6), ("m", 1e3, 1e3), ("cm", 10.0, 20.0), ("mm", 1.0, 0.0
 #: Ticks of an axis at most: more would meet at the width of a telephone.
 MOST_TICKS = 6
 #: Pixels between two ticks at least: as wide as their lengths in words.
-LEAST_GAP = 38.0
+MIN_TICK_GAP_PX = 38.0
 
 
 def _unit(mm: float) -> tuple[str, float]:
@@ -81,8 +81,8 @@ class LogAxis:
             for power in range(first, last + 1):
                 near = [step * 10.0**power for step in steps if self.low <= step * 10.0**power <= self.high]
                 for tick in near:
-                    apart = min((abs(self.at(tick) - self.at(other)) for other in kept), default=LEAST_GAP)
-                    if apart >= LEAST_GAP and len(kept) < MOST_TICKS:
+                    apart = min((abs(self.at(tick) - self.at(other)) for other in kept), default=MIN_TICK_GAP_PX)
+                    if apart >= MIN_TICK_GAP_PX and len(kept) < MOST_TICKS:
                         kept.append(tick)
         return sorted(kept)
 

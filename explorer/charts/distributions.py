@@ -7,32 +7,32 @@ from __future__ import annotations
 
 import numpy as np
 
-from explorer.charts.axis import LEAST_GAP, LogAxis, length_text, path_data, range_text, svg
+from explorer.charts.axis import MIN_TICK_GAP_PX, LogAxis, length_text, path_data, range_text, svg
 from metric_base.arrays import FloatArray
 from metric_tree.prior import Prior
 
 #: Kinds of evidence in the order in which they are stacked: the strongest at the bottom.
 KINDS = ("measured", "product", "standard", "norm", "statistic", "museum", "asset", "curated", "judged", "default")
 WIDTH, TOP, BOTTOM = 340, 8, 118
-#: Half of the widest length in words stands beside the ends of the axis.
-MARGIN = LEAST_GAP / 2
+#: Margin at the ends of the axis in pixels: half of the widest label.
+MARGIN = MIN_TICK_GAP_PX / 2
 #: Points of the curve and bins of the histogram.
 POINTS, BINS = 49, 24
-#: Fewest items for a histogram; fewer are drawn as marks under the curve.
-LEAST_BARS = 8
+#: Minimum number of items for a histogram.
+MIN_HISTOGRAM_ITEMS = 8
 #: Half-width of the axis in standard deviations of ln size, which holds 99.7 % of a normal distribution.
 REACH_SD = 3.0
 #: Items at either end that the axis may leave out.
 TRIM = 0.5
 SCATTER_WIDTH, HEIGHT, LEFT, SCATTER_BOTTOM, SCATTER_TOP, RIGHT = 340, 230, 46, 206, 8, 330
-#: Items drawn at most: a page stays light, and more points are one blot.
-MOST_POINTS = 300
+#: Maximum number of items in a scatter chart.
+MAX_SCATTER_POINTS = 300
 #: Squared Mahalanobis radius that holds 0.9 of a Gaussian of two dimensions: -2 ln 0.1.
 RADIUS_SQUARED = -2 * np.log(0.1)
 
 
 def length_axis(prior: Prior, sizes: FloatArray) -> LogAxis:
-    """The axis of a prior of one dimension and the sizes (n,) in mm of its items."""
+    """Return the axis for a prior of one dimension and the sizes (n,) of items in mm."""
     mean, sd = float(prior.weights @ prior.means[:, 0]), float(prior.log_sd()[0])
     low, high = np.exp(mean - REACH_SD * sd), np.exp(mean + REACH_SD * sd)
     if sizes.size:
@@ -69,7 +69,7 @@ def distribution(name: str, prior: Prior, interval: FloatArray, sizes: FloatArra
 
 def _stacks(sizes: FloatArray, kinds: FloatArray, edges: FloatArray) -> list[dict[str, float]]:
     """The density of items over ln mm by kind in each bin."""
-    if sizes.size < LEAST_BARS:
+    if sizes.size < MIN_HISTOGRAM_ITEMS:
         return []
     width = float(np.log(edges[1] / edges[0])) * sizes.size
     counts = {kind: np.histogram(sizes[kinds == kind], edges)[0] / width for kind in KINDS if (kinds == kind).any()}
@@ -77,7 +77,7 @@ def _stacks(sizes: FloatArray, kinds: FloatArray, edges: FloatArray) -> list[dic
 
 
 def _bars(bars: list[dict[str, float]], edges: FloatArray, axis: LogAxis, height: float) -> str:
-    """One path for each kind: rectangles that stand on those of the kinds before it."""
+    """Return one path per kind: stacked rectangles."""
     paths: dict[str, list[str]] = {}
     at = axis.along(edges).tolist()
     for number, stack in enumerate(bars):
@@ -109,7 +109,7 @@ def scatter(prior: Prior, sizes: FloatArray, kinds: FloatArray) -> str:
     side = f'<path class="grid" d="{lines}"/>' + "".join(
         f'<text class="end" x="{LEFT - 4}" y="{y + 4:.0f}">{text}</text>' for y, text in ticks
     )
-    chosen = np.linspace(0, len(sizes) - 1, min(len(sizes), MOST_POINTS)).astype(int)
+    chosen = np.linspace(0, len(sizes) - 1, min(len(sizes), MAX_SCATTER_POINTS)).astype(int)
     points = "".join(_points(kind, sizes[chosen][kinds[chosen] == kind], right, up) for kind in KINDS)
     curves = "".join(
         f'<path class="contour" d="{path_data(_ellipse(prior, k, right, up))}Z"/>'
@@ -133,7 +133,7 @@ def _points(kind: str, sizes: FloatArray, right: LogAxis, up: LogAxis) -> str:
 
 
 def _ellipse(prior: Prior, k: int, right: LogAxis, up: LogAxis) -> list[tuple[float, float]]:
-    """Pixels of the curve that holds nine tenths of one component."""
+    """Return the pixels of the ellipse with 90 % of the mass of one component."""
     covariance = prior.covariances[k] + prior.shared_covariance
     lower = np.linalg.cholesky(covariance) * np.sqrt(RADIUS_SQUARED)
     angles = np.linspace(0, 2 * np.pi, 36, endpoint=False)

@@ -11,11 +11,11 @@ from metric_tree.node import Node
 
 WIDTH, HEIGHT, LEVELS = 1000, 1400, 5
 
-#: Pixels under which a node is not drawn: it is in the outline.
-LEAST = 2.2
+#: Minimum height of a node in pixels; smaller nodes are listed in the outline only.
+MIN_NODE_HEIGHT_PX = 2.2
 
-#: Pixels from which a node has its name in it, and pixels of a letter.
-LEAST_NAMED, LETTER = 11, 6.3
+#: Minimum height of a node with its name, and width of a letter, in pixels.
+MIN_NAMED_HEIGHT_PX, LETTER_WIDTH_PX = 11, 6.3
 
 
 def icicle(root: Node, tier: Callable[[Node], str]) -> str:
@@ -29,17 +29,21 @@ def icicle(root: Node, tier: Callable[[Node], str]) -> str:
 
 def _draw(node: Node, top: float, bottom: float, tier: Callable[[Node], str], parts: list[str]) -> None:
     height = bottom - top
-    if height < LEAST:
+    if height < MIN_NODE_HEIGHT_PX:
         return
     column = WIDTH / LEVELS
     x, kind = (node.level - 1) * column, tier(node)
     said = f"{node.name}, {kind}, {node.n_items:,} items"
-    shown = node.name if len(node.name) * LETTER < column - 10 else f"{node.name[: int(column / LETTER) - 3]}…"
+    shown = (
+        node.name
+        if len(node.name) * LETTER_WIDTH_PX < column - 10
+        else f"{node.name[: int(column / LETTER_WIDTH_PX) - 3]}…"
+    )
     text = f'<text x="{x + 5:.0f}" y="{top + min(height / 2 + 4, 14):.1f}">{escape(shown)}</text>'
     parts.append(
         f'<a href="{escape(page_of(node.node_id))}"><rect class="tier-{kind}" x="{x:.0f}" y="{top:.1f}" '
         f'width="{column - 1:.0f}" height="{max(height - 0.7, 0.5):.1f}"/><title>{escape(said)}</title>'
-        f"{text if height >= LEAST_NAMED else ''}</a>"
+        f"{text if height >= MIN_NAMED_HEIGHT_PX else ''}</a>"
     )
     children = sorted(node.children, key=lambda one: -one.n_items)
     total = sum(child.n_items for child in children)

@@ -1,4 +1,4 @@
-"""An object drawn to scale beside a person, a door and a hand: front and side, with the 5 to 95 % band."""
+"""Draw an object to scale next to a person, a door and a hand: front and side view, with the 5 to 95 % band."""
 
 from __future__ import annotations
 
@@ -28,13 +28,13 @@ _REFERENCES = (
     ),
 )
 
-#: A reference is shown if its height is between these shares of the object's longest side.
-LEAST_SHARE, MOST_SHARE = 0.035, 9.0
+#: Range of the height of a reference, relative to the longest side of the object, for which it is drawn.
+MIN_REFERENCE_RATIO, MAX_REFERENCE_RATIO = 0.035, 9.0
 
 
 @dataclass(frozen=True, slots=True)
 class DrawnBox:
-    """An object's extents in mm: what is across, deep and up at the 5 %, 50 % and 95 % quantile, and their names."""
+    """Quantiles (5 %, 50 %, 95 %) of width, depth and height of an object in mm, and the names of these dimensions."""
 
     across: tuple[float, float, float]
     up: tuple[float, float, float]
@@ -43,11 +43,11 @@ class DrawnBox:
 
 
 def size_comparison(name: str, box: DrawnBox) -> str:
-    """The SVG of an object beside what everyone knows the size of."""
+    """Return the SVG of an object next to references of familiar size."""
     longest = max(box.across[2], box.up[2], box.deep[2] if box.deep else 0)
-    beside = [one for one in _REFERENCES if LEAST_SHARE <= one[2] / longest <= MOST_SHARE]
+    beside = [one for one in _REFERENCES if MIN_REFERENCE_RATIO <= one[2] / longest <= MAX_REFERENCE_RATIO]
     if len(beside) == len(_REFERENCES) and longest < 450:
-        beside = [_REFERENCES[2]]  # beside a person a mug is a dot
+        beside = [_REFERENCES[2]]  # next to a person, a mug would be a dot
     widths = [box.across[2], *([box.deep[2]] if box.deep else []), *(one[1] for one in beside)]
     tallest = max(box.up[2], *(one[2] for one in beside), 0) if beside else box.up[2]
     scale = min((WIDTH - 2 * MARGIN - GAP * (len(widths) - 1)) / sum(widths), (FLOOR - MARGIN) / tallest)

@@ -26,18 +26,18 @@ from metric_tree.context import Where
 from metric_tree.node import Node
 from metric_tree.prior import INTERVAL_QUANTILES, QUANTILES, Prior
 
-#: Rows of one table: a page stays light.
-MOST_ROWS = 9
-#: Share of the rows from which a dimension may be the axis, though another is known of more rows.
-MOSTLY = 0.8
-#: Items in the page itself; the others are loaded when they are asked for.
-SHOWN_ITEMS = 16
+#: Maximum number of rows of a comparison of nodes.
+MAX_ROWS = 9
+#: Minimum fraction of the most frequent dimension's rows for a dimension to be the axis.
+MIN_AXIS_FRACTION = 0.8
+#: Maximum number of items in the page; the browser loads the others on demand.
+MAX_ITEMS = 16
 #: Images of a page, and pixels of the largest one's longest side; no image is drawn smaller than the least.
-SHOWN_PICTURES, LARGEST_PX, LEAST_PX = 12, 180, 12
-#: Steps of the slider of years at most.
-YEAR_STEPS = 9
-#: Fewest items for a drawing of one dimension against another.
-LEAST_POINTS = 5
+MAX_IMAGES, MAX_IMAGE_PX, MIN_IMAGE_PX = 12, 180, 12
+#: Maximum number of steps of the slider of years.
+MAX_YEAR_STEPS = 9
+#: Minimum number of items for a scatter chart.
+MIN_SCATTER_ITEMS = 5
 ISSUES = "https://github.com/metric-tree/metric-tree/issues/new"
 
 
@@ -50,7 +50,7 @@ def multiples(catalogue: ReleaseCatalogue, nodes: Sequence[Node], beside: Node) 
     if not nodes:
         return None
     order = sorted(nodes, key=lambda node: (node is not beside, -node.n_items, node.name))
-    shown = sorted(order[:MOST_ROWS], key=lambda node: (-node.n_items, node.name))
+    shown = sorted(order[:MAX_ROWS], key=lambda node: (-node.n_items, node.name))
     dim = main_dimension(_common(catalogue, shown))
     spans: dict[str, tuple[float, float, float] | None] = {node.node_id: _span(catalogue, node, dim) for node in shown}
     known = [span for span in spans.values() if span is not None]
@@ -74,7 +74,7 @@ def _common(catalogue: ReleaseCatalogue, nodes: Sequence[Node]) -> list[str]:
         for dim in catalogue.dims(node):
             counts[dim] = counts.get(dim, 0) + 1
     most = max(counts.values(), default=0)
-    return [dim for dim, count in counts.items() if count >= MOSTLY * most]
+    return [dim for dim, count in counts.items() if count >= MIN_AXIS_FRACTION * most]
 
 
 def _span(catalogue: ReleaseCatalogue, node: Node, dim: str) -> tuple[float, float, float] | None:
@@ -172,7 +172,7 @@ def _scatter(prior: Prior, sizes: FloatArray, kinds: Any) -> tuple[str, str]:
         return "", ""
     columns = sizes[:, [AXES.index(dim) for dim in pair]]
     known = ~np.isnan(columns).any(axis=1)
-    if known.sum() < LEAST_POINTS:
+    if known.sum() < MIN_SCATTER_ITEMS:
         return "", ""
     return scatter(prior.marginal(pair), columns[known], kinds[known]), f"{pair[0]} against {pair[1]}"
 
@@ -214,7 +214,9 @@ def _context(node: Node, prior: Prior) -> dict[str, Any] | None:
 
 def _year_steps(first: float, last: float) -> list[float]:
     """Round years from the first to the last."""
-    step = next(step for step in (1, 2, 5, 10, 20, 50, 100, 200, 500, 1000) if (last - first) / step < YEAR_STEPS - 1)
+    step = next(
+        step for step in (1, 2, 5, 10, 20, 50, 100, 200, 500, 1000) if (last - first) / step < MAX_YEAR_STEPS - 1
+    )
     years = range(int(first // step * step), int(math.ceil(last / step) * step) + 1, step)
     return [float(year) for year in years]
 
@@ -245,7 +247,7 @@ def _spread(rows: IntArray, sizes: FloatArray) -> IntArray:
     """Rows of the items that a page shows: spread over the sizes, the largest first."""
     largest = np.nanmax(np.nan_to_num(sizes), axis=1) if len(rows) else np.zeros(0)
     order = np.argsort(-largest, kind="stable")
-    chosen = np.linspace(0, len(order) - 1, min(SHOWN_ITEMS, len(order))).astype(int)
+    chosen = np.linspace(0, len(order) - 1, min(MAX_ITEMS, len(order))).astype(int)
     spread: IntArray = rows[order[chosen]]
     return spread
 
@@ -263,12 +265,12 @@ def _pictures(catalogue: ReleaseCatalogue, node: Node) -> list[dict[str, Any]]:
     found: list[tuple[dict[str, Any], dict[str, Any], str, float]] = []
     for image in catalogue.images(node):
         path, row = image["cutout_path"] or image["path"], catalogue.item_rows.get(image["item_id"])
-        if path is None or row is None or len(found) >= 4 * SHOWN_PICTURES:
+        if path is None or row is None or len(found) >= 4 * MAX_IMAGES:
             continue
         (item,) = catalogue.items.slice(row, 1).to_pylist()
         if item["extents_mm"]:
             found.append((image, item, path, _longest_side_mm(image, item)))
-    chosen = [found[k] for k in np.linspace(0, len(found) - 1, min(len(found), SHOWN_PICTURES)).astype(int)]
+    chosen = [found[k] for k in np.linspace(0, len(found) - 1, min(len(found), MAX_IMAGES)).astype(int)]
     largest = max((longest for *_, longest in chosen), default=1.0)
     return [_picture(image, item, path, longest / largest) for image, item, path, longest in chosen]
 
@@ -281,7 +283,7 @@ def _longest_side_mm(image: dict[str, Any], item: dict[str, Any]) -> float:
 
 def _picture(image: dict[str, Any], item: dict[str, Any], path: str, share: float) -> dict[str, Any]:
     side = max(image["width_px"], image["height_px"])
-    pixels = max(share * LARGEST_PX, LEAST_PX) / side
+    pixels = max(share * MAX_IMAGE_PX, MIN_IMAGE_PX) / side
     credit = image.get("attribution") or f"{item['source']} ({image['licence'] or 'no licence stated'})"
     return {
         "path": path,

@@ -14,19 +14,19 @@ from explorer.urls import page_of, slug
 
 
 def page_bytes(catalogue: ReleaseCatalogue, template: str, root: str, title: str, **values: Any) -> bytes:
-    """A page as UTF-8; `root` leads from its folder to that of the release (`../` or nothing)."""
+    """Return a page as UTF-8; `root` is the relative URL of the release folder (`../` or empty)."""
     tree, created = catalogue.tree, catalogue.tree.release.manifest["created"]
     text = _environment().get_template(template).render(tree=tree, created=created, root=root, title=title, **values)
     return text.encode()
 
 
 def web_address(text: Any) -> str:
-    """An address that a link may have: of the web, and of nothing else that a source may state; else nothing."""
+    """Return the URL if it is a web address, otherwise an empty string: sources may state other schemes."""
     return text if isinstance(text, str) and urlsplit(text).scheme in {"http", "https"} else ""
 
 
 def main_dimension(dims: Any) -> str:
-    """The dimension that stands for a size: the height, else the first."""
+    """Return the main dimension of a size: the height, otherwise the first."""
     return "height" if "height" in dims else next(iter(dims), "")
 
 

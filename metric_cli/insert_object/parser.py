@@ -5,7 +5,7 @@ from __future__ import annotations
 import argparse
 from typing import Any
 
-from metric_cli.errors import statuses_text
+from metric_cli.errors import exit_status_help
 from metric_cli.parser import (
     OneLineParser,
     OutputFile,
@@ -23,7 +23,7 @@ CODECS = ("h264", "hevc", "prores", "lossless", "vp9")
 EPILOG = f"""\
 For several objects, repeat --model: the options of an object belong to the --model before them. The size of an object
 in metres is divided by the scale; it is not adjusted otherwise.
-{statuses_text(input_error=", or there is no level surface at the position")}"""
+{exit_status_help(input_error=", or there is no level surface at the position")}"""
 
 
 class _PerModel(argparse.Action):

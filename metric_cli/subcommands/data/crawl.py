@@ -17,7 +17,7 @@ from metric_cli.tables import print_json, print_table
 HELP = "Run a spider into a raw-item data set: polite, resumable, safe to run unattended."
 
 #: Where a site's owner reaches whoever crawls; asked for once, not on every call.
-CONTACT_VARIABLE = "METRIC_TREE_CONTACT"
+CONTACT_ENV = "METRIC_TREE_CONTACT"
 
 #: A mail address or a page, perhaps with a name beside it.
 _CONTACT = re.compile(r".*(?:[^@\s]+@[^@\s]+|https?://[^\s/]+).*")
@@ -37,8 +37,8 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     add("--pictures", action="store_true", help="download pictures where the site's terms allow it")
     add(
         "--contact",
-        default=os.environ.get(CONTACT_VARIABLE),
-        help=f"your e-mail address or page (default: {CONTACT_VARIABLE})",
+        default=os.environ.get(CONTACT_ENV),
+        help=f"your e-mail address or page (default: {CONTACT_ENV})",
     )
     delay = "minimum time between two requests (default: that of the site, 1)"
     add("--delay", type=float, metavar="SECONDS", help=delay)
@@ -94,7 +94,7 @@ def _check(arguments: argparse.Namespace) -> None:
     contact, limit, delay = arguments.contact, arguments.limit, arguments.delay
     if not contact or not _CONTACT.fullmatch(contact) or not contact.isprintable():
         given = repr(contact) if contact else "none"
-        raise InputError(f"--contact: expected a mail address or a page's URL, or {CONTACT_VARIABLE}; found {given}")
+        raise InputError(f"--contact: expected a mail address or a page's URL, or {CONTACT_ENV}; found {given}")
     if arguments.worker and not re.fullmatch(r"[\w.-]*\w[\w.-]*", arguments.worker):
         raise InputError(f"--worker: expected a name of letters, digits, - and _; found {arguments.worker!r}")
     if limit is not None and limit < 1:

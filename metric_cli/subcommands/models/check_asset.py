@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Any
 
 from metric_base.errors import InputError
 from metric_base.files import OutputNames
-from metric_cli.errors import DONE, INPUT_ERROR, UNUSABLE
+from metric_cli.errors import DONE, EXIT_NEGATIVE_RESULT, INPUT_ERROR
 from metric_cli.parser import OutputFile, add_tree, input_path
 from metric_cli.progress import with_bar
 from metric_cli.tables import print_table, warn
@@ -20,7 +20,7 @@ if TYPE_CHECKING:
     from models3d.asset import Asset
     from models3d.size_check.check import AssetCheck
 
-HELP = f"Whether 3-D models are at true size: one line a model; exit {UNUSABLE} if any is wrong."
+HELP = f"Whether 3-D models are at true size: one line a model; exit {EXIT_NEGATIVE_RESULT} if any is wrong."
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -55,7 +55,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         help="write what is wrong at its true size: a file, or a folder for many",
     )
     add("--bake", action="store_true", help="with --fix: change the vertices of glTF, not a node above them")
-    add("--strict", action="store_true", help=f"exit {UNUSABLE} also for what is not known")
+    add("--strict", action="store_true", help=f"exit {EXIT_NEGATIVE_RESULT} also for what is not known")
     add_tree(parser)
 
 
@@ -89,7 +89,7 @@ def run(arguments: argparse.Namespace) -> int:
     if not arguments.json and len(checks) > 1:
         _print_counts(checks)
     wrong = any(check.is_wrong or (arguments.strict and check.verdict == "not known") for check in checks)
-    return UNUSABLE if wrong else INPUT_ERROR if unread else DONE
+    return EXIT_NEGATIVE_RESULT if wrong else INPUT_ERROR if unread else DONE
 
 
 def _assets(arguments: argparse.Namespace) -> Iterable[Asset | InputError]:

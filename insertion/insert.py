@@ -1,10 +1,10 @@
-"""Objects into the pictures of a scene, by one call: `insertion.insert_objects`."""
+"""Insert virtual objects into the images of a scene: `insertion.insert_objects`, and the order of the stages."""
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
-from contextlib import contextmanager
-from dataclasses import dataclass, replace
+from collections.abc import Sequence
+from contextlib import ExitStack
+from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Literal
 
@@ -17,21 +17,18 @@ from metric_base.progress import ProgressCallback, silent
 
 if TYPE_CHECKING:
     from estimator.records.objects import Up
-    from insertion.insertion_scene import PreparedScene
+    from insertion.composite.compositor import LayerSink
+    from insertion.insertion_scene import InsertionScene
     from metric_tree.tree import Tree
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Insertion:
-    """What was inserted.
+    """Results and files of an insertion."""
 
-    objects : one result for each object, with its place and its silhouette in each frame; out : the video or the
-    folder that was written; warnings : what could not be checked or written.
-    """
-
-    objects: tuple[InsertionResult, ...]
-    out: Path
-    warnings: tuple[str, ...] = ()
+    objects: tuple[InsertionResult, ...]  #: one per object, with its position and its silhouette in each frame
+    out: Path  #: the video, or the folder of images
+    warnings: tuple[str, ...] = ()  #: checks that could not be made, and files that could not be written
 
 
 def insert_objects(
@@ -54,27 +51,54 @@ def insert_objects(
     codec: str | None = None,
     progress: ProgressCallback = silent,
 ) -> Insertion:
-    """Draw glTF models into the pictures of a reconstruction, or into its video, at their true size.
+    """Insert glTF models into the images of a reconstruction, or into its video, at their true size.
 
     Parameters
     ----------
-    scene : a COLMAP model folder with its pictures, or a work folder of `capture_video`
-    objects : glTF or GLB files in metres, at a free place each, or `ObjectRequest`s with a place and a size
-    scale : metres per scene unit, a result of `estimate_scale`, its file, or None for `result.json` in the folder
-    out : a video (`out.mp4`), or a new folder for one PNG a frame
-    images : the pictures, by default beside or above the model; instances : masks of what may hide the objects
-    moving : masks of people and objects that move, of every frame
-    dense : dense cloud, or `none`; up : the vertical, if it is known; tree : for sizes by the prior
-    show_interval : whether to draw the outline at both ends of the scale's interval
-    renderer : the embedded one, or Blender's Cycles; export : a new folder for the scene in metres
-    layers : a new folder for the layers of each picture; frames : the first and the last picture that are drawn
-    codec : of the video, one of `insertion.footage.video_writer.CODECS`
-    progress : is called with the name of a step, how much of it is done, and of how much or None
+    scene : Path or str
+        COLMAP model folder with its images, or work folder of `capture_video`.
+    objects : sequence of ObjectRequest, Path or str
+        Models in metres (glTF or GLB), each in free space, or requests with a position and a size.
+    scale : float, Path, ScaleResult or None
+        Metres per scene unit, a result of `estimate_scale`, its file, or None for `result.json` in the folder.
+    out : Path or str
+        Video (`out.mp4`), or new folder for one PNG per frame.
+    images : Path, optional
+        Folder of the images; next to or above the model by default.
+    instances : Path, optional
+        Masks of possible occluders.
+    moving : Path, optional
+        Masks of moving people and objects in every frame.
+    dense : str, optional
+        Dense cloud, or "none".
+    up : Up, optional
+        The vertical, if it is known.
+    tree : Tree, optional
+        Release for sizes by the prior and for categories.
+    show_interval : bool
+        Draw the outlines of the objects at both ends of the scale interval.
+    renderer : {"embedded", "blender"}
+        The embedded renderer, or Blender's Cycles.
+    export : Path, optional
+        New folder for the scene in metres.
+    layers : Path, optional
+        New folder for the layers of each frame.
+    frames : tuple of int, optional
+        First and last index of the frames to write, inclusive.
+    codec : str, optional
+        Codec of the video, a key of `insertion.footage.video_writer.CODECS`.
+    progress : callable
+        Receives the name of a step, its completed part, and its total or None.
+
+    Returns
+    -------
+    Insertion
+        Results of the objects, and warnings.
 
     Raises
     ------
     InputError
-        A file cannot be read or written, or there is no place for an object.
+        A file cannot be read or written, or there is no position for an object.
 
     Examples
     --------
@@ -86,6 +110,8 @@ def insert_objects(
     >>> sorted(made.objects[0].size_m)
     ['height', 'length', 'width']
     """
+    from insertion.insertion_scene import open_scene
+
     used = scale_of_result(scale) if isinstance(scale, ScaleResult) else read_scale(Path(scene), scale)
     request = InsertionRequest(
         scene=SceneSource(
@@ -104,31 +130,8 @@ def insert_objects(
     return insert(request, open_scene(request.scene), progress)
 
 
-def open_scene(source: SceneSource) -> PreparedScene:
-    """Read a scene for insertion. Raises InputError if a file cannot be read, or the scale is of another scene."""
-    from estimator.instances.instance_reader import read_instances
-    from estimator.reconstructions.scene_reader import read_scene
-    from insertion.footage.footage import PictureFootage, Stills, video_footage
-    from insertion.insertion_scene import prepare_scene
-    from insertion.scene.frame_masks import cloud_beside, moving_masks
-
-    folder = source.folder
-    scene = read_scene(folder, source.dense)
-    frames = folder / "frames"
-    stills = Stills(scene, source.images or (frames if frames.is_dir() else None))
-    footage = video_footage(folder, scene) or PictureFootage(stills)
-    default = any((folder / name).exists() for name in ("instances.json", "instances"))
-    masks = read_instances(source.instances, scene) if source.instances or default else ()
-    source.scale.check(scene, masks if source.instances is None else None)
-    prepared = prepare_scene(scene, stills, footage, masks, source.scale, source.up)
-    if source.moving is None:
-        return prepared
-    masks_of = moving_masks(source.moving, scene, footage.shots)
-    return replace(prepared, moving=masks_of, cloud=cloud_beside(prepared.cloud, masks_of, footage.shots))
-
-
-def insert(request: InsertionRequest, prepared: PreparedScene, progress: ProgressCallback = silent) -> Insertion:
-    """Run an insertion into an opened scene, which may be of an earlier request.
+def insert(request: InsertionRequest, scene: InsertionScene, progress: ProgressCallback = silent) -> Insertion:
+    """Run an insertion into an opened scene.
 
     Raises
     ------
@@ -136,59 +139,63 @@ def insert(request: InsertionRequest, prepared: PreparedScene, progress: Progres
         A file cannot be read or written, or there is no position for an object.
     """
     from insertion.blender.run import export_blend, traced_layers, write_layer_scene
-    from insertion.composite import compositor as drawing
+    from insertion.composite.compositor import composite_footage
     from insertion.exports.compositing import CompositingLayers
     from insertion.exports.export_folder import LayerWriter, write_exports
     from insertion.footage.footage import VideoFootage
-    from insertion.footage.image_writer import picture_writer
+    from insertion.footage.image_writer import frame_writer
     from insertion.placement.placed_object import place_objects
+    from metric_base.files import whole_folder
 
+    # 1. Objects at their positions, and the frames to write.
     if request.out is None:
         raise InputError("--out: expected a video or a folder; found none")
-    video = prepared.footage if isinstance(prepared.footage, VideoFootage) else None
-    source, turned = (video.source, video.turned_deg) if video is not None else (None, 0)
-    placed = place_objects(prepared, request.objects, request.tree)
-    moving = next((item.model.name for item in placed if item.moves), None)
+    video = scene.footage if isinstance(scene.footage, VideoFootage) else None
+    objects = place_objects(request.objects, scene.space, scene.footage.frames, request.tree)
+    moving = next((item.model.name for item in objects if item.moves), None)
     if request.renderer == "blender" and moving is not None:
         how = "objects that stand still (--at-time SECONDS or --clip none stops an animation)"
         raise InputError(f"--renderer blender: expected {how}; found {moving}, which moves")
-    prepared = prepared if request.frames is None else prepared.with_frames(request.frames)
-    with (
-        picture_writer(request.out, source, turned, request.codec) as write,
-        _whole(request.export, "--export") as folder,
-        _whole(request.layers, "--layers") as compositing,
-    ):
-        sinks: list[drawing.LayerSink] = []
-        if folder is not None:
-            sinks.append(LayerWriter(folder, prepared.footage.shots, prepared.scale.metres_per_unit))
-        if compositing is not None:
-            sinks.append(CompositingLayers(compositing, prepared, placed))
-        results = drawing.insert_objects(
-            prepared,
-            placed,
+    footage = scene.footage if request.frames is None else scene.footage.between(*request.frames)
+    frames, metres_per_unit = footage.frames, scene.scale.metres_per_unit
+
+    # 2. The composited frames, with their layers.
+    warnings = list(scene.scale.warnings())
+    with ExitStack() as stack:
+        source, turned_deg = (video.source, video.turned_deg) if video is not None else (None, 0)
+        write = stack.enter_context(frame_writer(request.out, source, turned_deg, request.codec))
+        export = request.export and stack.enter_context(whole_folder(request.export, "--export"))
+        layers = request.layers and stack.enter_context(whole_folder(request.layers, "--layers"))
+        sinks: list[LayerSink] = []
+        if export is not None:
+            sinks.append(LayerWriter(export, frames, metres_per_unit))
+        if layers is not None:
+            sinks.append(CompositingLayers(layers, objects, frames, metres_per_unit))
+        environment, tracing = None, None
+        if request.renderer == "blender" or export is not None or layers is not None:
+            environment = scene.light.environment(objects[0].placement.position, objects[0].height)
+            if request.renderer == "blender":
+                tracing = traced_layers(objects, frames, metres_per_unit, environment, progress)
+        results = composite_footage(
+            objects,
+            scene.light,
+            scene.content,
+            footage,
+            scene.scale,
             write,
             show_interval=request.show_interval,
-            video=video is not None,
-            layers=sinks,
-            tracer=traced_layers if request.renderer == "blender" else None,
+            smooth_look=video is not None,
+            sinks=sinks,
+            tracing=tracing,
             progress=progress,
         )
-        warnings = list(prepared.scale.doubts())
-        if compositing is not None and any(shot.view is not None for shot in prepared.footage.shots):
-            write_layer_scene(compositing, prepared, placed)
-        if folder is not None:
-            warnings += [*write_exports(folder, prepared, placed, results), *export_blend(folder, prepared, placed)]
-            warnings += [f"{item.model.name}: stands in the export as at first" for item in placed if item.moves]
+
+        # 3. Files for other programs.
+        if layers is not None and environment is not None and any(frame.view is not None for frame in frames):
+            write_layer_scene(layers, objects, frames, metres_per_unit, environment)
+        if export is not None and environment is not None:
+            warnings += write_exports(export, scene.scene, objects, frames, metres_per_unit, results)
+            warnings += export_blend(export, objects, frames, metres_per_unit, environment)
+            moving_names = [item.model.name for item in objects if item.moves]
+            warnings += [f"{name}: is exported in the pose of the first frame" for name in moving_names]
     return Insertion(tuple(results), request.out, tuple(warnings))
-
-
-@contextmanager
-def _whole(folder: Path | None, option: str) -> Iterator[Path | None]:
-    """The folder that an option names, which appears whole; None where nothing is to be written."""
-    if folder is None:
-        yield None
-        return
-    from metric_base.files import whole_folder
-
-    with whole_folder(folder, option) as temporary:
-        yield temporary

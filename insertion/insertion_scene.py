@@ -1,108 +1,99 @@
-"""The scene made ready for insertion: cloud, support planes, masks by view, scale."""
+"""A scene opened for insertion: everything that does not depend on the objects."""
 
 from __future__ import annotations
 
 from collections import defaultdict
-from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, field, replace
-from functools import cache, partial
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
 
-import numpy as np
-
+from estimator.instances.instance_reader import read_instances
+from estimator.reconstructions.scene_reader import read_scene
 from estimator.records.objects import Up
 from estimator.records.scene import Instance, Scene
-from insertion.footage.footage import Footage, FrameRange, Shot, Stills
-from insertion.light.environment_estimate import Outdoors, shows_sky
-from insertion.light.lamp_candidates import shown_empty
-from insertion.light.lamp_fit import Shading, fit_shading
-from insertion.light.sun import sun_direction
-from insertion.scene.frame_masks import MaskCarrier
-from insertion.scene.occupancy import occupancy_of
-from insertion.scene.plane_cells import plane_patches
-from insertion.scene.point_cloud import Cloud, coloured_cloud
+from insertion.footage.footage import Footage, ImageSequence, Stills, video_footage
+from insertion.light.light_model import LightModel
+from insertion.placement.placement import PlacementSpace
+from insertion.request import SceneSource
+from insertion.scene.frame_masks import FrameContent, MaskPropagator, moving_masks, static_cloud
+from insertion.scene.point_cloud import coloured_cloud
 from insertion.scene.scale import MetricScale
-from insertion.scene.supports import Supports, supports_of
-from metric_base.errors import InputError
+from insertion.scene.supports import support_surfaces
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class PreparedScene:
-    """Everything about the scene that does not depend on an object; shading is found when it is first asked for.
+class InsertionScene:
+    """A scene, divided into what each stage of an insertion reads."""
 
-    moving : by the number of a shot, the masks of what moves in it.
-    """
-
-    scene: Scene
-    stills: Stills
-    footage: Footage
-    cloud: Cloud
-    supports: Supports
-    instances: tuple[Instance, ...]
+    scene: Scene  #: the reconstruction
+    stills: Stills  #: its images
+    footage: Footage  #: frames to write
+    space: PlacementSpace
+    content: FrameContent
+    light: LightModel  #: estimated on first use
     scale: MetricScale
-    carrier: MaskCarrier
-    shading: Callable[[], Shading | Outdoors | None]
-    moving: Mapping[int, tuple[Instance, ...]] = field(default_factory=dict)
-
-    @property
-    def start_s(self) -> float:
-        """When the first picture of the whole footage is shown."""
-        whole = self.footage.whole if isinstance(self.footage, FrameRange) else self.footage
-        return whole.shots[0].clock_s if whole.shots else 0.0
-
-    def with_frames(self, frames: tuple[int, int]) -> PreparedScene:
-        """It with the shots from the first to the last number of `frames`. Raises InputError if there are none."""
-        footage = FrameRange(self.footage, *frames)
-        if not footage.shots:
-            last = len(self.footage.shots) - 1
-            raise InputError(f"--frames: expected numbers from 0 to {last}; found {frames[0]}:{frames[1]}")
-        return replace(self, footage=footage)
-
-    def masks(self, shot: Shot) -> Sequence[Instance]:
-        """The masks of a shot, carried over from the nearest annotated view where it has none of its own."""
-        if shot.view is None:
-            return ()
-        # the frames of a video may be larger than those that were reconstructed
-        own = shot.row is not None and self.scene.views[shot.row].camera.width == shot.view.camera.width
-        return self.carrier.masks(shot.row if own else None, shot.view)
 
 
-def prepare_scene(
+def open_scene(source: SceneSource) -> InsertionScene:
+    """Read a scene for insertion.
+
+    Raises
+    ------
+    InputError
+        A file cannot be read, or the scale was computed from another scene.
+    """
+    folder = source.folder
+    scene = read_scene(folder, source.dense)
+    frames = folder / "frames"
+    stills = Stills(scene, source.images or (frames if frames.is_dir() else None))
+    footage = video_footage(folder, scene) or ImageSequence(stills)
+    has_masks = any((folder / name).exists() for name in ("instances.json", "instances"))
+    masks = read_instances(source.instances, scene) if source.instances or has_masks else ()
+    source.scale.check(scene, masks if source.instances is None else None)
+    moving = {} if source.moving is None else moving_masks(source.moving, scene, footage.frames)
+    return build_scene(scene, stills, footage, masks, source.scale, source.up, moving)
+
+
+def build_scene(
     scene: Scene,
     stills: Stills,
     footage: Footage,
     instances: Sequence[Instance],
     scale: MetricScale,
     up: Up | None = None,
-) -> PreparedScene:
-    """A scene prepared for insertion; reads the stills once for the cloud's colours. up : if it is known."""
+    moving: Mapping[int, tuple[Instance, ...]] | None = None,
+) -> InsertionScene:
+    """Build a scene for insertion. The images are read once for the colours of the cloud.
+
+    Parameters
+    ----------
+    scene : Scene
+        The reconstruction.
+    stills : Stills
+        Its images.
+    footage : Footage
+        Frames to write.
+    instances : sequence of Instance
+        Masks of possible occluders and of objects to stand on.
+    scale : MetricScale
+        Metres per unit.
+    up : Up, optional
+        The vertical, if it is known.
+    moving : mapping of int to tuple of Instance, optional
+        Masks of moving objects, by the index of the frame.
+    """
     by_view: dict[int, list[Instance]] = defaultdict(list)
     for item in instances:
-        if not item.from_box:  # a box has no edge to hide behind
+        if not item.from_box:  # a box has no outline that occludes
             by_view[item.view].append(item)
     cloud = coloured_cloud(scene, stills)
-    supports = supports_of(scene, cloud, up)
-    return PreparedScene(
+    supports = support_surfaces(scene, cloud, up)
+    static = static_cloud(cloud, moving, footage.frames) if moving else cloud
+    return InsertionScene(
         scene,
         stills,
         footage,
-        cloud,
-        supports,
-        tuple(instances),
+        PlacementSpace(scene.views, static, supports, tuple(instances), scale.metres_per_unit),
+        FrameContent(scene, static, supports, MaskPropagator(scene, by_view, cloud), moving or {}),
+        LightModel(scene, stills, supports, cloud, static),
         scale,
-        MaskCarrier(scene, by_view, cloud),
-        cache(lambda: _shading(scene, stills, cloud, supports)),
     )
-
-
-def _shading(scene: Scene, stills: Stills, cloud: Cloud, supports: Supports) -> Shading | Outdoors | None:
-    """The lamps of the scene, or the sun; takes a second or two, hence only when something is drawn."""
-    up = supports.up.vector
-    if shows_sky(cloud, stills, up):
-        ground = supports.ground(cloud)
-        return Outdoors(None if ground is None else sun_direction(cloud, stills, ground.plane))
-    centres = np.array([view.centre for view in scene.views])
-    patches = plane_patches(cloud, centres)
-    if not len(patches.places):
-        return None
-    empty = partial(shown_empty, cloud=cloud, stills=stills)
-    return fit_shading(patches, up, empty, occupancy_of(cloud))

@@ -1,23 +1,23 @@
-"""A page on which a person puts an object into a picture: it is dragged, turned and drawn, and the command said."""
+"""Local web page on which the user drags, turns and renders an object in a frame (`--place`)."""
 
 from __future__ import annotations
 
 import json
 import re
 import threading
-from collections.abc import Callable, Iterator
-from dataclasses import dataclass, replace
+from collections.abc import Callable
+from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from estimator.projection.cameras import project
-from insertion.composite.compositor import single_pictures
-from insertion.footage.footage import Shot
-from insertion.insertion_scene import PreparedScene
-from insertion.placement.placed_object import Placed, place_objects
+from insertion.colour import Image
+from insertion.composite.compositor import composite_variants
+from insertion.footage.footage import Frame
+from insertion.insertion_scene import InsertionScene
+from insertion.placement.placed_object import PlacedObject, place_objects
 from insertion.request import ObjectRequest, PixelPosition
 from metric_base.errors import InputError, expect
 from metric_base.local_page import LocalPage
@@ -25,42 +25,57 @@ from metric_base.local_page import LocalPage
 if TYPE_CHECKING:
     from metric_tree.tree import Tree
 
-#: Pictures that are offered, spread over the footage.
-MOST_FRAMES = 12
-#: A wish in a path: number of the picture, pixel, degrees.
-_WISH = re.compile(
+#: Maximum number of frames on the page, evenly spaced.
+MAX_FRAMES = 12
+#: A path of the page: action, index of the frame, pixel, degrees.
+_ACTION = re.compile(
     r"(box|drawn|picture)/([0-9]{1,7})/(-?[0-9]{1,6}(?:\.[0-9]+)?)/(-?[0-9]{1,6}(?:\.[0-9]+)?)/(-?[0-9]{1,4})"
 )
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class _Kept:
-    """Some pictures of the footage, decoded once."""
+class PlacementPage(LocalPage):
+    """The page.
 
-    shots: tuple[Shot, ...]
-    kept: tuple[NDArray[np.uint8], ...]
+    Parameters
+    ----------
+    scene : InsertionScene
+        The scene. Up to `MAX_FRAMES` of its frames with a pose are decoded once.
+    request : ObjectRequest
+        The object; its position is replaced.
+    tree : Tree, optional
+        Release for a size by the prior.
+    command : callable
+        Returns the command that repeats a request.
+    port : int
+        Port of the page; 0 for a free one.
 
-    def pictures(self) -> Iterator[tuple[Shot, NDArray[np.uint8]]]:
-        """Every shot with its picture (h, w, 3)."""
-        yield from zip(self.shots, self.kept, strict=True)
+    Attributes
+    ----------
+    chosen : ObjectRequest or None
+        The request with the chosen position, when the user has finished.
 
-
-class PlacePage(LocalPage):
-    """The page; `chosen` is the request with the place once the person is done.
-
-    command : the words of a command that puts the object of a request there.
+    Raises
+    ------
+    InputError
+        No frame has a known pose.
     """
 
     def __init__(
         self,
-        prepared: PreparedScene,
+        scene: InsertionScene,
         request: ObjectRequest,
         tree: Tree | None,
         command: Callable[[ObjectRequest], str],
         port: int = 0,
     ) -> None:
-        self._kept = _some_pictures(prepared)
-        self._prepared, self._tree, self._command = replace(prepared, footage=self._kept), tree, command
+        posed = [frame for frame in scene.footage.frames if frame.view is not None]
+        if not posed:
+            raise InputError("--place: expected a frame with a known pose; found none")
+        rows = np.unique(np.linspace(0, len(posed) - 1, min(len(posed), MAX_FRAMES)).round().astype(int))
+        wanted = {posed[row].index for row in rows}
+        self._images = {frame.index: (frame, image) for frame, image in scene.footage if frame.index in wanted}
+        self._frames = tuple(frame for frame, _ in self._images.values())
+        self._scene, self._tree, self._command = scene, tree, command
         self._request = replace(request, on=None, plane=None)
         self._lock = threading.Lock()  # one renderer at a time
         self._drawn: dict[str, bytes] = {}
@@ -68,97 +83,85 @@ class PlacePage(LocalPage):
         super().__init__("--place", port)
 
     def answer(self, path: str) -> tuple[str, bytes] | None:
-        """The page, its pictures, the outline of the object at a place, and the picture with it."""
+        """Return the page, its frames, the outline of the object at a position, or the frame with the object."""
         if path == "":
             return "text/html; charset=utf-8", Path(__file__).with_suffix(".html").read_bytes()
         if path == "start":
-            return _json(
-                {"model": self._request.model.name, "frames": [self._frame(shot) for shot in self._kept.shots]}
-            )
-        wish = _WISH.fullmatch(path)
-        if wish is not None:
-            return self._wish(
-                wish[1], path.split("/", 1)[1], int(wish[2]), (float(wish[3]), float(wish[4])), int(wish[5])
-            )
-        for shot, picture in self._kept.pictures():
-            if path == f"frame/{shot.index}":
-                return "image/jpeg", _jpeg(picture)
+            frames = []
+            for frame in self._frames:
+                assert frame.view is not None  # only such frames are on the page
+                camera = frame.view.camera
+                frames.append(
+                    {"number": frame.index, "name": frame.name, "width": camera.width, "height": camera.height}
+                )
+            return _json({"model": self._request.model.name, "frames": frames})
+        action = _ACTION.fullmatch(path)
+        if action is not None:
+            key = path.split("/", 1)[1]
+            return self._act(action[1], key, int(action[2]), (float(action[3]), float(action[4])), int(action[5]))
+        for index, (_, image) in self._images.items():
+            if path == f"frame/{index}":
+                return "image/jpeg", _jpeg(image)
         return None
 
     def receive(self, path: str, body: bytes) -> tuple[int, dict[str, str]] | None:
-        """Take the place that is sent to `done`."""
+        """Receive the chosen position at `done`."""
         if path != "done":
             return None
         try:
             stated = json.loads(body)
             expect(isinstance(stated, dict), "place", "frame, x, y and facing", stated)
-            asked = self._request_at(
-                int(stated["frame"]), (float(stated["x"]), float(stated["y"])), int(stated["facing"])
-            )
-            self._place(asked)
+            pixel = float(stated["x"]), float(stated["y"])
+            request = self._request_at(int(stated["frame"]), pixel, int(stated["facing"]))
+            self._place(request)
         except (InputError, ValueError, TypeError, LookupError, ArithmeticError, RecursionError) as error:
             return 400, {"error": str(error)}
-        self.chosen = asked
+        self.chosen = request
         self.finish()
-        return 200, {"command": self._command(asked)}
+        return 200, {"command": self._command(request)}
 
-    def _frame(self, shot: Shot) -> dict[str, Any]:
-        assert shot.view is not None  # only such are kept
-        return {
-            "number": shot.index, "name": shot.name, "width": shot.view.camera.width, "height": shot.view.camera.height
-        }  # fmt: skip
-
-    def _wish(self, kind: str, key: str, number: int, at: tuple[float, float], facing: int) -> tuple[str, bytes] | None:
+    def _act(
+        self, kind: str, key: str, index: int, pixel: tuple[float, float], facing: int
+    ) -> tuple[str, bytes] | None:
+        """Return the box of the object at a pixel, the command with the frame drawn, or the drawn frame."""
         if kind == "picture":
             return ("image/jpeg", self._drawn[key]) if key in self._drawn else None
         try:
-            asked = self._request_at(number, at, facing)
-            placed = self._place(asked)
+            request = self._request_at(index, pixel, facing)
+            placed = self._place(request)
         except LookupError:
             return None
         except InputError as error:
             return _json({"refused": str(error)})
-        shot = self._shot(number)
+        frame, plate = self._images[index]
         if kind == "box":
-            return _json({"corners": _box_corners(placed, shot, self._prepared.scale.metres_per_unit)})
+            return _json({"corners": _box_corners(placed, frame)})
         with self._lock:
-            (picture,) = single_pictures(self._prepared, [[placed]], shot)
-            self._drawn = {key: _jpeg(picture)}
+            scene, start_s = self._scene, self._frames[0].clock_s
+            (image,) = composite_variants([[placed]], scene.light, scene.content, start_s, frame, plate)
+            self._drawn = {key: _jpeg(image)}
         size = " x ".join(f"{value:.3g}" for value in placed.size_m.values())
-        says = [f"{size} m on {placed.place.support}", *placed.size.warnings, *placed.warnings]
-        return _json({"command": self._command(asked), "says": says})
+        lines = [f"{size} m on {placed.placement.support}", *placed.size.warnings, *placed.warnings]
+        return _json({"command": self._command(request), "says": lines})
 
-    def _shot(self, number: int) -> Shot:
-        """Raises LookupError for a picture that is not on the page."""
-        return {shot.index: shot for shot in self._kept.shots}[number]
+    def _request_at(self, index: int, pixel: tuple[float, float], facing: int) -> ObjectRequest:
+        """Return the request at a pixel. Raises LookupError for a frame that is not on the page."""
+        return replace(self._request, at=PixelPosition(self._images[index][0].name, *pixel), facing=float(facing))
 
-    def _request_at(self, number: int, at: tuple[float, float], facing: int) -> ObjectRequest:
-        return replace(self._request, at=PixelPosition(self._shot(number).name, *at), facing=float(facing))
-
-    def _place(self, request: ObjectRequest) -> Placed:
-        return place_objects(self._prepared, [request], self._tree)[0]
+    def _place(self, request: ObjectRequest) -> PlacedObject:
+        return place_objects([request], self._scene.space, self._frames, self._tree)[0]
 
 
-def _some_pictures(prepared: PreparedScene) -> _Kept:
-    """Pictures with a pose, spread over the footage. Raises InputError without any."""
-    posed = [shot for shot in prepared.footage.shots if shot.view is not None]
-    if not posed:
-        raise InputError("--place: expected a picture with a known pose; found none")
-    rows = np.unique(np.linspace(0, len(posed) - 1, min(len(posed), MOST_FRAMES)).round().astype(int))
-    wanted = {posed[row].index for row in rows}
-    pairs = [(shot, picture) for shot, picture in prepared.footage.pictures() if shot.index in wanted]
-    return _Kept(tuple(shot for shot, _ in pairs), tuple(picture for _, picture in pairs))
-
-
-def _box_corners(placed: Placed, shot: Shot, metres_per_unit: float) -> list[list[float] | None]:
-    """Pixels of the corners of the object's box, x fastest, then y (up), then z; None where it is not seen."""
-    assert shot.view is not None
+def _box_corners(placed: PlacedObject, frame: Frame) -> list[list[float] | None]:
+    """Return the pixels of the corners of the object's box, x fastest, then y (up), then z; None if not visible."""
+    assert frame.view is not None
     low, high = placed.model.bounds
     foot = np.array([(low[0] + high[0]) / 2, low[1], (low[2] + high[2]) / 2])
     corners = np.array([[x, y, z] for z in (low[2], high[2]) for y in (low[1], high[1]) for x in (low[0], high[0])])
-    scene = placed.place.position + (corners - foot) * (placed.size.factor / metres_per_unit) @ placed.turn.T
-    local = scene @ shot.view.rotation.T + shot.view.translation
-    pixels = project(shot.view.camera, local)
+    units = placed.size.factor / placed.metres_per_unit
+    scene = placed.placement.position + (corners - foot) * units @ placed.turn.T
+    local = scene @ frame.view.rotation.T + frame.view.translation
+    pixels = project(frame.view.camera, local)
     return [
         pixel.tolist() if np.isfinite(pixel).all() and z > 0 else None
         for pixel, z in zip(pixels, local[:, 2], strict=True)
@@ -169,8 +172,8 @@ def _json(record: dict[str, Any]) -> tuple[str, bytes]:
     return "application/json", json.dumps(record).encode()
 
 
-def _jpeg(picture: NDArray[np.uint8]) -> bytes:
-    """A picture (h, w, 3) as JPEG."""
+def _jpeg(image: Image) -> bytes:
+    """Return an image (h, w, 3) as JPEG."""
     import cv2
 
-    return cv2.imencode(".jpg", picture[..., ::-1], [cv2.IMWRITE_JPEG_QUALITY, 92])[1].tobytes()
+    return cv2.imencode(".jpg", image[..., ::-1], [cv2.IMWRITE_JPEG_QUALITY, 92])[1].tobytes()

@@ -12,8 +12,6 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Literal
 
 from insertion.scene.scale import MetricScale
-from insertion.scene.supports import Surface
-from metric_base.arrays import FloatArray
 from metric_base.errors import InputError
 
 if TYPE_CHECKING:
@@ -21,18 +19,6 @@ if TYPE_CHECKING:
     from metric_tree.tree import Tree
 
 Renderer = Literal["embedded", "blender"]
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class Place:
-    """Position of an object on a support plane."""
-
-    position: FloatArray  #: (3,) bottom centre of the object, scene units
-    basis: FloatArray  #: (3, 3) rows: two horizontal unit axes and up
-    camera: FloatArray  #: (3,) centre of the camera that the position was chosen from
-    support: str  #: name of the support for messages
-    plane: int | None = None  #: index of the support plane, lowest first; None for a surface that is no support plane
-    surface: Surface | None = None  #: extent of the surface, if `plane` is None and the extent is known
 
 
 @dataclass(frozen=True, slots=True)

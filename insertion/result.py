@@ -1,4 +1,4 @@
-"""What an insertion did: the record behind `insert-object --json` (metric-tree/insertion/1)."""
+"""Results of an insertion, as `insert-object --json` prints them (metric-tree/insertion/1)."""
 
 from __future__ import annotations
 
@@ -14,16 +14,19 @@ SCHEMA = "metric-tree/insertion/1"
 
 @dataclass(frozen=True, slots=True)
 class FrameReport:
-    """One picture.
+    """One object in one frame."""
 
-    silhouette : x, y, width, height of the object's own pixels, None where it is out of the picture; visible : the
-    share of them that nothing hides.
-    """
-
-    image: str
+    image: str  #: name of the frame
     time_s: float | None
-    silhouette: tuple[int, int, int, int] | None
-    visible: float
+    silhouette: tuple[int, int, int, int] | None  #: x, y, width, height in pixels; None if it is out of the frame
+    visible: float  #: fraction of its pixels that are not occluded
+
+    def to_json(self) -> dict[str, Any]:
+        """Return the JSON record."""
+        box = None
+        if self.silhouette is not None:
+            box = dict(zip(("x", "y", "width", "height"), self.silhouette, strict=True))
+        return {"image": self.image, "time_s": self.time_s, "silhouette": box, "visible": round(self.visible, 4)}
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -32,17 +35,17 @@ class InsertionResult:
 
     model: str
     scale: MetricScale
-    size_m: Mapping[str, float]
-    position: FloatArray
-    up: FloatArray
+    size_m: Mapping[str, float]  #: length, width and height
+    position: FloatArray  #: (3,) bottom centre in the scene
+    up: FloatArray  #: (3,) unit vector
     heading_deg: float
     support: str
     frames: tuple[FrameReport, ...]
-    seconds: Mapping[str, float]
+    seconds: Mapping[str, float]  #: time of each stage
     warnings: tuple[str, ...] = field(default=())
 
     def to_json(self) -> dict[str, Any]:
-        """The record as it is printed."""
+        """Return the JSON record."""
         scale = self.scale
         return {
             "schema": SCHEMA,
@@ -58,14 +61,7 @@ class InsertionResult:
                 "heading_deg": self.heading_deg,
                 "support": self.support,
             },
-            "frames": [_frame(frame) for frame in self.frames],
+            "frames": [frame.to_json() for frame in self.frames],
             "seconds": {name: round(value, 3) for name, value in self.seconds.items()},
             "warnings": list(self.warnings),
         }  # fmt: skip
-
-
-def _frame(frame: FrameReport) -> dict[str, Any]:
-    box = None
-    if frame.silhouette is not None:
-        box = dict(zip(("x", "y", "width", "height"), frame.silhouette, strict=True))
-    return {"image": frame.image, "time_s": frame.time_s, "silhouette": box, "visible": round(frame.visible, 4)}

@@ -123,7 +123,7 @@ def drawing_cost(work: Path) -> tuple[float, float]:
         mock.patch.object(frames._Compositor, "draw", clocked(frames._Compositor.draw, "whole")),
     ):
         frames.insert_objects(prepared, placed, lambda *_: None, video=True)
-    count = len(prepared.footage.shots)
+    count = len(prepared.footage.frames)
     return spent["alone"] / count, spent["whole"] / count
 
 

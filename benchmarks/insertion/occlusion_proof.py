@@ -22,14 +22,14 @@ from numpy.typing import NDArray
 from benchmarks.insertion.hiding_places import hiding_place
 from estimator.projection.visibility import scene_visibility
 from estimator.records.scene import View
-from insertion.composite.occlusion import hidden_share, on_support
+from insertion.composite.occlusion import occluded_fraction, on_support
 from insertion.light.environment_map import HEIGHT, WIDTH, Environment
 from insertion.render.body import Body, body_of
 from insertion.render.gpu import gl_context
 from insertion.render.layers import object_box, object_layer
 from insertion.render.renderer import ObjectRenderer
-from insertion.scene.frame_masks import MaskCarrier
-from insertion.scene.point_cloud import Cloud, front_points
+from insertion.scene.frame_masks import MaskPropagator
+from insertion.scene.point_cloud import ColouredPoints, visible_points
 from metric_base.arrays import BoolArray, FloatArray
 from models3d.gltf.model_reader import read_model
 from tests.synthetic.insertions import standing, write_glb
@@ -179,8 +179,8 @@ def _true_outlines(world: World) -> tuple[tuple[BoolArray, ...], tuple[BoolArray
 class Known:
     """What a setting knows of a scene."""
 
-    cloud: Cloud
-    carrier: MaskCarrier
+    cloud: ColouredPoints
+    carrier: MaskPropagator
 
 
 def _known(hidden: HiddenObject, setting: Setting) -> Known:
@@ -188,12 +188,12 @@ def _known(hidden: HiddenObject, setting: Setting) -> Known:
     dense = scene.dense if setting.dense else None
     points = scene.points if dense is None else np.concatenate([scene.points, dense.points])
     known = scene_visibility(replace(scene, dense=None)) if dense is None else None
-    cloud = Cloud(points, np.zeros((len(points), 3), np.float32), dense is not None, visibility=known)
+    cloud = ColouredPoints(points, np.zeros((len(points), 3), np.float32), dense is not None, visibility=known)
     by_view = {
         row: [item for item in hidden.synthetic.instances if item.view == row]
         for row in (range(0, len(scene.views), setting.masks) if setting.masks else ())
     }
-    return Known(cloud, MaskCarrier(scene, by_view, cloud))
+    return Known(cloud, MaskPropagator(scene, by_view, cloud))
 
 
 def frame_outlines(
@@ -211,10 +211,10 @@ def frame_outlines(
     layer = object_layer(renderer, view, box)
     outlines[0][box.slices] = layer.alpha > 0.5
     for number, each in enumerate(known):
-        front = front_points(view, each.cloud, row)
+        front = visible_points(view, each.cloud, row)
         masks, support = each.carrier.masks(row, view), on_support(hidden.body, each.cloud, front)
         for guided, picture in enumerate((None, hidden.pictures[index][box.slices])):
-            share = hidden_share(layer, box, view, masks, front, support, picture).share
+            share = occluded_fraction(layer, box, view, masks, front, support, picture).share
             outlines[1 + 2 * number + guided][box.slices] = layer.alpha * (1 - share) > 0.5
     return outlines
 

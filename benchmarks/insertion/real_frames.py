@@ -17,17 +17,17 @@ from estimator.instances.instance_reader import read_instances
 from estimator.reconstructions.scene_reader import read_scene
 from estimator.records.scene import Instance
 from insertion.colour import linear_to_srgb
-from insertion.composite.camera_look import look_of
+from insertion.composite.camera_look import measure_look
 from insertion.insert import open_scene
 from insertion.request import SceneSource
 from insertion.scene.pixel_box import PixelBox, mask_in_box
-from insertion.scene.point_cloud import Cloud, FrontPoints
+from insertion.scene.point_cloud import ColouredPoints, VisiblePoints
 from insertion.scene.scale import read_scale
 
 #: A mask is in front where it hides this share of the object's own pixels in it.
 IN_FRONT = 0.97
-_NOTHING = FrontPoints(np.zeros(0, np.int64), np.zeros((0, 2)), np.zeros(0), False)
-_EMPTY = Cloud(np.zeros((0, 3)), np.zeros((0, 3), np.float32), False)
+_NOTHING = VisiblePoints(np.zeros(0, np.int64), np.zeros((0, 2)), np.zeros(0), False)
+_EMPTY = ColouredPoints(np.zeros((0, 3)), np.zeros((0, 3), np.float32), False)
 
 
 def read_exr(file: Path) -> np.ndarray:
@@ -60,7 +60,7 @@ def _masks_by_picture(folder: Path, moving: Path | None) -> dict[str, list[Insta
     """The masks of each picture: of what moves where its file is stated, else those of the scene."""
     if moving is not None:
         prepared = open_scene(SceneSource(folder=folder, scale=read_scale(folder, None), moving=moving))
-        return {shot.name: list(prepared.moving.get(shot.index, ())) for shot in prepared.footage.shots}
+        return {shot.name: list(prepared.moving.get(shot.index, ())) for shot in prepared.footage.frames}
     scene = read_scene(folder)
     known = any((folder / name).exists() for name in ("instances.json", "instances"))
     instances = read_instances(None, scene) if known else ()
@@ -87,7 +87,7 @@ def _frame(options: argparse.Namespace, name: str, layer: str, masks: list[Insta
         eroded = cv2.erode(mask.astype(np.uint8), np.ones((5, 5), np.uint8)) > 0
         inside, fronts = inside + int((changed & eroded).sum()), fronts + 1
     seen = cv2.erode((covering[..., 3] > 0.99).astype(np.uint8), np.ones((9, 9), np.uint8)) > 0
-    levels = look_of(before, _NOTHING, _EMPTY).grain.mean()
+    levels = measure_look(before, _NOTHING, _EMPTY).grain.mean()
     smooth = frame.astype(np.float32) - cv2.GaussianBlur(frame, (0, 0), 2.0)
     flat = seen & (cv2.GaussianBlur(np.abs(smooth).mean(axis=-1), (0, 0), 3.0) < np.quantile(np.abs(smooth)[seen], 0.5))
     return {

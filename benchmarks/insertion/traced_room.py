@@ -20,12 +20,12 @@ from numpy.typing import NDArray
 from benchmarks.insertion.traced_scene import FOCAL, ROOMS, SIZE, TO_JOB, VIEWS, TracedRoom, traced_pictures
 from insertion.colour import luminance, srgb_to_linear
 from insertion.composite.compositor import insert_objects
-from insertion.exports.metric_frame import MetricFrame, metric_frame, object_matrix
-from insertion.insertion_scene import PreparedScene
+from insertion.exports.metric_frame import MetricTransform, metric_transform, object_matrix
+from insertion.insertion_scene import InsertionScene
 from insertion.placement.at_pixel import plane_coordinates
 from insertion.placement.free_space import candidates
-from insertion.placement.model_size import SizeUsed
-from insertion.placement.placed_object import Placed, place_objects, space_for
+from insertion.placement.model_size import ModelSize
+from insertion.placement.placed_object import PlacedObject, place_objects, space_for
 from insertion.request import ObjectRequest
 from insertion.scene.camera_rays import camera_rays
 from models3d.gltf.model_reader import read_model
@@ -85,22 +85,22 @@ def judge(room: TracedRoom, out: Path) -> dict[str, Any]:
     return _compared(prepared, placed, judged, [ours[row] for row in judged], truth, out)
 
 
-def _placed(prepared: PreparedScene, model: Path) -> Placed:
+def _placed(prepared: InsertionScene, model: Path) -> PlacedObject:
     """The object at the best free place of the floor."""
-    space = space_for(prepared, read_model(model), SizeUsed(1.0, "file"))
+    space = space_for(prepared, read_model(model), ModelSize(1.0, "file"))
     place = next(one for one in candidates(space) if one.plane == 0)
     x, y = plane_coordinates(space, place) * prepared.scale.metres_per_unit
     return place_objects(prepared, [ObjectRequest(model, plane=0, xy_m=(float(x), float(y)), facing=30.0)])[0]
 
 
-def _object_in_world(placed: Placed, prepared: PreparedScene, to_scene: Similarity) -> dict[str, Any]:
+def _object_in_world(placed: PlacedObject, prepared: InsertionScene, to_scene: Similarity) -> dict[str, Any]:
     """The object of a tracer's job, where it stands in the synthetic world."""
-    frame = metric_frame([placed], prepared.scale.metres_per_unit)
+    frame = metric_transform([placed], prepared.scale.metres_per_unit)
     matrix = TO_JOB @ _to_world(frame, to_scene) @ object_matrix(placed, frame)
     return {"file": str(placed.request.model.resolve()), "matrix": matrix.tolist()}
 
 
-def _to_world(frame: MetricFrame, to_scene: Similarity) -> NDArray[np.float64]:
+def _to_world(frame: MetricTransform, to_scene: Similarity) -> NDArray[np.float64]:
     """(4, 4) from the metric frame of the insertion to the synthetic world."""
     matrix = np.eye(4)
     matrix[:3, :3] = to_scene.rotation.T @ frame.rotation.T
@@ -109,8 +109,8 @@ def _to_world(frame: MetricFrame, to_scene: Similarity) -> NDArray[np.float64]:
 
 
 def _compared(
-    prepared: PreparedScene,
-    placed: Placed,
+    prepared: InsertionScene,
+    placed: PlacedObject,
     rows: Sequence[int],
     ours: Sequence[NDArray[np.uint8]],
     truth: Sequence[NDArray[np.uint8]],
@@ -157,7 +157,9 @@ def _compared(
     }
 
 
-def _floor_places(prepared: PreparedScene, placed: Placed, row: int) -> tuple[NDArray[np.float64], NDArray[np.bool_]]:
+def _floor_places(
+    prepared: InsertionScene, placed: PlacedObject, row: int
+) -> tuple[NDArray[np.float64], NDArray[np.bool_]]:
     """(h, w, 2) place of each pixel on the floor about the object's foot in its heights, and whether it is near."""
     view, basis = prepared.scene.views[row], placed.place.basis
     rays = np.dstack([camera_rays(view.camera), np.ones(SIZE[::-1])]) @ view.rotation @ basis.T
@@ -174,7 +176,7 @@ def _ratio(after: NDArray[np.uint8], before: NDArray[np.uint8]) -> NDArray[np.fl
     )
 
 
-def _object_mask(prepared: PreparedScene, placed: Placed, row: int) -> NDArray[np.bool_]:
+def _object_mask(prepared: InsertionScene, placed: PlacedObject, row: int) -> NDArray[np.bool_]:
     """Pixels of the object that nothing hides, by our own renderer's outline."""
     from insertion.light.environment_map import HEIGHT, WIDTH, Environment
     from insertion.render.gpu import gl_context

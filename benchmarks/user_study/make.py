@@ -101,9 +101,9 @@ def _shot(prepared: Any, placed: Sequence[Any], frame: str | None) -> Any:
     """The named shot, or the one in which the object is largest and wholly inside."""
     from estimator.projection.cameras import pixels_in_view
 
-    shots = [shot for shot in prepared.footage.shots if shot.view is not None]
+    frames = [shot for shot in prepared.footage.frames if shot.view is not None]
     if frame is not None:
-        named = [shot for shot in shots if frame in (shot.name, Path(shot.name).stem, str(shot.index))]
+        named = [shot for shot in frames if frame in (shot.name, Path(shot.name).stem, str(shot.index))]
         if not named:
             raise InputError(f"--frame: expected the name or number of a picture with a known pose; found {frame!r}")
         return named[0]
@@ -114,7 +114,7 @@ def _shot(prepared: Any, placed: Sequence[Any], frame: str | None) -> Any:
         pixels, _ = pixels_in_view(shot.view, corners)
         return float(np.ptp(pixels[:, 1])) if np.isfinite(pixels).all() else 0.0
 
-    return max(shots, key=height)
+    return max(frames, key=height)
 
 
 def _report(options: argparse.Namespace) -> int:

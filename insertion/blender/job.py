@@ -9,9 +9,9 @@ from typing import Any
 import numpy as np
 
 from estimator.records.scene import Camera
-from insertion.exports.metric_frame import CameraKey, MetricFrame, object_matrix
+from insertion.exports.metric_frame import CameraKeyframe, MetricTransform, object_matrix
 from insertion.light.environment_map import Environment
-from insertion.placement.placed_object import Placed
+from insertion.placement.placed_object import PlacedObject
 from insertion.render.layers import window_behind
 from insertion.scene.camera_rays import Window, focal_lengths
 from insertion.scene.pixel_box import PixelBox
@@ -38,9 +38,9 @@ def ideal_window(camera: Camera) -> Window:
 
 
 def insertion_job(
-    objects: Sequence[Placed],
-    keys: Sequence[CameraKey],
-    frame: MetricFrame,
+    objects: Sequence[PlacedObject],
+    keys: Sequence[CameraKeyframe],
+    transform: MetricTransform,
     environment: Environment,
     folder: Path,
     window_of: Callable[[Camera], Window] = full_window,
@@ -50,10 +50,10 @@ def insertion_job(
     window_of : what is seen by a camera: a picture with a margin that a lens is then bent over, or `ideal_window`.
     """
     return {
-        "objects": [_object(item, frame, folder / f"model{number}.glb") for number, item in enumerate(objects)],
+        "objects": [_object(item, transform, folder / f"model{number}.glb") for number, item in enumerate(objects)],
         "catchers": [
             {"corners": corners.tolist(), "albedo": support_albedo(environment)}
-            for corners in _catchers(objects, frame)
+            for corners in _catchers(objects, transform)
         ],
         "environment": str(write_environment(environment, folder / "environment.hdr")),
         "window": _window(window_of(keys[0].camera)),
@@ -71,33 +71,35 @@ def insertion_job(
     }
 
 
-def _catchers(objects: Sequence[Placed], frame: MetricFrame) -> list[FloatArray]:
+def _catchers(objects: Sequence[PlacedObject], transform: MetricTransform) -> list[FloatArray]:
     """(4, 3) corners in the metric frame of a rectangle under each object, one for all that stand equally high.
 
     That of a table is no larger than what was seen of it: beyond, it would shade what stands below.
     """
     levels: dict[int, FloatArray] = {}  # by the height in steps of SAME_LEVEL_M: x and y of two corners, and the height
-    axes = objects[0].place.basis
+    axes = objects[0].placement.basis
     for item in objects:
-        x, y, height = axes @ item.place.position
+        x, y, height = axes @ item.placement.position
         reach = min([CATCHER_SIZES * item.body.unit, *(_as_far_as(item, other, axes) for other in objects)])
         low, high = np.array([x, y]) - reach, np.array([x, y]) + reach
-        if item.place.plane != 0 and item.surface is not None and item.surface.solid.any():
+        if item.placement.plane != 0 and item.surface is not None and item.surface.solid.any():
             cells = np.argwhere(item.surface.solid)
             low = np.maximum(low, item.surface.origin + cells.min(axis=0) * item.surface.cell)
             high = np.minimum(high, item.surface.origin + (cells.max(axis=0) + 1) * item.surface.cell)
-        key = round(height * frame.scale / SAME_LEVEL_M)
+        key = round(height * transform.scale / SAME_LEVEL_M)
         old = levels.get(key, np.array([*low, *high, height]))
         levels[key] = np.array([*np.minimum(old[:2], low), *np.maximum(old[2:4], high), old[4]])
-    return [frame(np.array([[a, b, h], [c, b, h], [c, d, h], [a, d, h]]) @ axes) for a, b, c, d, h in levels.values()]
+    return [
+        transform(np.array([[a, b, h], [c, b, h], [c, d, h], [a, d, h]]) @ axes) for a, b, c, d, h in levels.values()
+    ]
 
 
-def _as_far_as(item: Placed, other: Placed, axes: FloatArray) -> float:
+def _as_far_as(item: PlacedObject, other: PlacedObject, axes: FloatArray) -> float:
     """How far the catcher under an object may reach, so that it does not cut into another that stands lower by little.
 
     axes : (3, 3) rows two horizontal axes and up. The result is in scene units.
     """
-    way = axes @ (other.place.position - item.place.position)
+    way = axes @ (other.placement.position - item.placement.position)
     if not 0 < -way[2] < other.body.unit:
         return np.inf
     return max(float(np.abs(way[:2]).max()) - other.body.unit / 2, item.body.unit / 2)
@@ -111,13 +113,13 @@ def _window(window: Window) -> dict[str, float]:
     }  # fmt: skip
 
 
-def _object(item: Placed, frame: MetricFrame, posed: Path) -> dict[str, Any]:
+def _object(item: PlacedObject, transform: MetricTransform, posed: Path) -> dict[str, Any]:
     """A model with its matrix; one with animations is written to `posed` as it stands."""
     file = item.request.model
     if item.model.animations:
         write_gltf_model(posed, item.model)
         file = posed
-    return {"file": str(file.resolve()), "matrix": object_matrix(item, frame).tolist()}
+    return {"file": str(file.resolve()), "matrix": object_matrix(item, transform).tolist()}
 
 
 def support_albedo(environment: Environment) -> list[float]:

@@ -24,12 +24,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from insertion.blender.job import full_window, ideal_window, insertion_job
-from insertion.exports.metric_frame import camera_keys, frame_rate, metric_frame
-from insertion.footage.footage import Shot
-from insertion.insertion_scene import PreparedScene
-from insertion.light.environment_estimate import environment_at
+from insertion.exports.metric_frame import camera_keyframes, frame_rate, metric_transform
+from insertion.footage.footage import Frame
 from insertion.light.environment_map import Environment
-from insertion.placement.placed_object import Placed
+from insertion.placement.placed_object import PlacedObject
 from insertion.render.layers import through_lens
 from insertion.scene.pixel_box import PixelBox
 from metric_base.errors import InputError
@@ -44,34 +42,37 @@ _SCRIPT = Path(__file__).with_name("script.py")
 Layer = NDArray[np.float32]
 
 
-def write_layer_scene(folder: Path, prepared: PreparedScene, objects: Sequence[Placed]) -> None:
+def write_layer_scene(
+    folder: Path,
+    objects: Sequence[PlacedObject],
+    frames: Sequence[Frame],
+    metres_per_unit: float,
+    environment: Environment,
+) -> None:
     """Write the script with all that it needs into `folder / "blender"`; pictures without a pose have no camera key."""
     own = folder / "blender"
     own.mkdir()
     for name, source in _SCRIPTS.items():
         shutil.copyfile(Path(__file__).with_name(source), own / name)
-    frame = metric_frame(objects, prepared.scale.metres_per_unit)
-    posed = [shot for shot in prepared.footage.shots if shot.view is not None]
-    first = objects[0]
-    height = float(first.model.extents[1]) * first.size.factor / prepared.scale.metres_per_unit
-    environment = environment_at(first.place, height, prepared.cloud, prepared.stills, prepared.shading())
-    job = insertion_job(objects, camera_keys(posed, frame), frame, environment, own, full_window)
+    transform = metric_transform(objects, metres_per_unit)
+    posed = [frame for frame in frames if frame.view is not None]
+    job = insertion_job(objects, camera_keyframes(posed, transform), transform, environment, own, full_window)
     for number, (item, entry) in enumerate(zip(objects, job["objects"], strict=True), start=1):
         entry["file"] = f"model{number}.glb"
         if item.request.model.suffix.lower() == ".glb" and not item.model.animations:
             shutil.copyfile(item.request.model, own / entry["file"])
         else:
             write_gltf_model(own / entry["file"], item.model)
-    for shot, key in zip(posed, job["keys"], strict=True):
-        key["frame"] = shot.index + 1
-    shots, camera = prepared.footage.shots, posed[0].view
+    for frame, key in zip(posed, job["keys"], strict=True):
+        key["frame"] = frame.index + 1
+    camera = posed[0].view
     assert camera is not None  # these have one
     job |= {
         "environment": "environment.hdr",
         "size": [camera.camera.width, camera.camera.height],
-        "first": shots[0].index + 1,
-        "last": shots[-1].index + 1,
-        "rate": frame_rate(shots),
+        "first": frames[0].index + 1,
+        "last": frames[-1].index + 1,
+        "rate": frame_rate(frames),
     }
     (own / "job.json").write_text(json.dumps(job, indent=1) + "\n", encoding="utf-8")
 
@@ -123,44 +124,56 @@ def _run(
 
 @contextmanager
 def traced_layers(
-    prepared: PreparedScene, objects: Sequence[Placed], environment: Environment, progress: ProgressCallback = silent
-) -> Iterator[Callable[[Shot], Layer]]:
+    objects: Sequence[PlacedObject],
+    frames: Sequence[Frame],
+    metres_per_unit: float,
+    environment: Environment,
+    progress: ProgressCallback = silent,
+) -> Iterator[Callable[[Frame], Layer]]:
     """A function from a shot to its (h, w, 4) layer through the lens; all are rendered first, in one run."""
-    frame = metric_frame(objects, prepared.scale.metres_per_unit)
-    shots = [shot for shot in prepared.footage.shots if shot.view is not None]
+    transform = metric_transform(objects, metres_per_unit)
+    posed = [frame for frame in frames if frame.view is not None]
     with tempfile.TemporaryDirectory(prefix="insert-object-") as name:
         folder = Path(name)
-        job = insertion_job(objects, camera_keys(shots, frame), frame, environment, folder)
+        job = insertion_job(objects, camera_keyframes(posed, transform), transform, environment, folder)
         run_blender(job | {"out": str(folder)}, folder, progress)
-        stems = {shot.index: f"{number:06d}" for number, shot in enumerate(shots)}
+        stems = {frame.index: f"{number:06d}" for number, frame in enumerate(posed)}
 
-        def layer(shot: Shot) -> Layer:
-            assert shot.view is not None  # only shots with a pose are drawn on
-            ideal = np.load(folder / f"{stems[shot.index]}.npy", allow_pickle=False).astype(np.float32)
-            camera = shot.view.camera
-            return through_lens(ideal, shot.view, PixelBox(0, 0, camera.width, camera.height))
+        def layer(frame: Frame) -> Layer:
+            assert frame.view is not None  # only shots with a pose are drawn on
+            ideal = np.load(folder / f"{stems[frame.index]}.npy", allow_pickle=False).astype(np.float32)
+            camera = frame.view.camera
+            return through_lens(ideal, frame.view, PixelBox(0, 0, camera.width, camera.height))
 
         yield layer
 
 
-def export_blend(folder: Path, prepared: PreparedScene, objects: Sequence[Placed]) -> list[str]:
+def export_blend(
+    folder: Path,
+    objects: Sequence[PlacedObject],
+    frames: Sequence[Frame],
+    metres_per_unit: float,
+    environment: Environment,
+) -> list[str]:
     """`scene.blend` in the folder if there is a Blender; what could not be written, one line each."""
     try:
         blender_program()
     except InputError:
         return [f"scene.blend is not written: there is no Blender (on PATH, or named by {VARIABLE})"]
-    first = objects[0]
-    height = float(first.model.extents[1]) * first.size.factor / prepared.scale.metres_per_unit
-    environment = environment_at(first.place, height, prepared.cloud, prepared.stills, prepared.shading())
-    write_blend(folder / "scene.blend", prepared, objects, environment)
+    write_blend(folder / "scene.blend", objects, frames, metres_per_unit, environment)
     return []
 
 
-def write_blend(file: Path, prepared: PreparedScene, objects: Sequence[Placed], environment: Environment) -> None:
+def write_blend(
+    file: Path,
+    objects: Sequence[PlacedObject],
+    frames: Sequence[Frame],
+    metres_per_unit: float,
+    environment: Environment,
+) -> None:
     """The scene with its animated camera as a `.blend` file, which packs what it needs."""
-    frame = metric_frame(objects, prepared.scale.metres_per_unit)
-    shots = prepared.footage.shots
+    transform = metric_transform(objects, metres_per_unit)
     with tempfile.TemporaryDirectory(prefix="insert-object-") as name:
         folder = Path(name)
-        job = insertion_job(objects, camera_keys(shots, frame), frame, environment, folder, ideal_window)
-        run_blender(job | {"blend": str(file.resolve()), "rate": frame_rate(shots)}, folder)
+        job = insertion_job(objects, camera_keyframes(frames, transform), transform, environment, folder, ideal_window)
+        run_blender(job | {"blend": str(file.resolve()), "rate": frame_rate(frames)}, folder)

@@ -1,1 +1,1 @@
-"""The rendered object into the picture: shadow, occlusion, exposure, blur and grain."""
+"""Compositing of rendered objects: occlusion, shadows, camera look."""

@@ -1,6 +1,6 @@
-"""What makes an object belong to a picture: the exposure, white balance, blur and grain measured in the picture.
+"""Measure the look of a frame: exposure and white balance, blur, and grain, which the inserted objects receive.
 
-The blur of a picture, by direction: a lens blurs all edges alike, a moving camera those across its way.
+The blur depends on the direction: a lens blurs all edges equally, a moving camera those across its motion.
 """
 
 from __future__ import annotations
@@ -10,104 +10,211 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from insertion.colour import srgb_to_linear
+from insertion.colour import Image, srgb_to_linear
 from insertion.scene.pixel_box import PixelBox
-from insertion.scene.point_cloud import Cloud, FrontPoints
+from insertion.scene.point_cloud import ColouredPoints, VisiblePoints
 
-#: Edges that show the blur: the strongest gradients of each direction, and of these the sharpest.
-EDGE_SHARE, SHARPEST = 0.02, 0.3
-#: Directions in which it is measured, over half a turn.
+#: Fraction of the gradients of a direction that are edges: the strongest.
+EDGE_FRACTION = 0.02
+#: Quantile of the widths of the edges that is the blur: the sharpest edges show it.
+SHARP_EDGE_QUANTILE = 0.3
+#: Number of directions of the blur over half a turn.
 DIRECTIONS = 6
-#: Blur is believed between these, in pixels (one sigma); the renderer's own is the first.
-BLUR_PX = (0.35, 4.0)
-#: Fewer pixels of a direction say nothing of it.
-MIN_PIXELS = 400
-#: One pixel in so many along each side says how strong the strongest edges are.
-SAMPLED = 3
-#: Pixels that the widest blur reaches.
-REACH_PX = 12
-_Grey = NDArray[np.float32]
-Picture = NDArray[np.uint8]
-#: Points that a gain rests on, and the widest change from picture to picture that is believed.
-MIN_POINTS, MAX_STOPS = 30, 2.0
-#: The share of a new picture in the running look: a camera's exposure and grain move slower than its frames, and
-#: the smear of a moving hand does not.
-NEW_SHARE, NEW_BLUR = 0.35, 0.8
-#: Grain is at most so many times as strong as this quantile over small squares of what is finest in the picture; what
-#: is smoother than that is texture.
-FINEST_TIMES, FINEST_SHARE, SQUARE_PX = 2.6, 0.35, 8
-#: Smoothness of such grain in pixels, one sigma.
-FINEST_PX = 0.6
-#: Most of the grain that is believed to be common to the three channels.
-MOST_COMMON = 0.98
-#: In a video, so many frames share one measurement of the grain.
+#: Minimum standard deviation of the blur in pixels, that of the renderer.
+MIN_BLUR_PX = 0.35
+#: Maximum standard deviation of the blur in pixels; larger values are measured on textures without edges.
+MAX_BLUR_PX = 4.0
+#: Minimum standard deviation of a blur that is applied, in pixels: a kernel of whole pixels cannot be narrower.
+MIN_KERNEL_PX = 0.15
+#: Minimum number of pixels with a gradient of one direction.
+MIN_DIRECTION_PIXELS = 400
+#: Distance between the pixels that determine the threshold of an edge.
+EDGE_STEP_PX = 3
+#: Maximum reach of the blur, in pixels.
+MAX_BLUR_REACH_PX = 12
+#: Minimum number of points for the gain.
+MIN_GAIN_POINTS = 30
+#: Maximum gain between the frame and the mean of the cloud, in stops.
+MAX_GAIN_STOPS = 2.0
+#: Range of linear values that are neither noise nor clipped.
+GAIN_RANGE = (0.02, 0.9)
+#: Weight of a new frame in the running look: exposure and grain change more slowly than frames.
+UPDATE_WEIGHT = 0.35
+#: Weight of a new frame in the running blur: the motion blur of a hand-held camera changes quickly.
+BLUR_UPDATE_WEIGHT = 0.8
+#: Number of levels of brightness with separate grain.
+GRAIN_BINS = 8
+#: Minimum number of pixels for the grain of one level of brightness.
+MIN_BIN_PIXELS = 150
+#: Minimum number of flat pixels for the grain.
+MIN_FLAT_PIXELS = 200
+#: Fraction of the pixels that are flat: those with the smallest gradients.
+FLAT_FRACTION = 0.3
+#: Range of grey levels with grain: the black border of a lens and clipped pixels have none.
+GRAIN_LEVELS = (4, 251)
+#: Maximum ratio of the grain to the finest differences in the frame; smoother variation is texture.
+MAX_GRAIN_RATIO = 2.6
+#: Quantile of the squares of the frame, and their side in pixels, that determines the finest differences.
+FINEST_QUANTILE, SQUARE_PX = 0.35, 8
+#: Maximum smoothness of the grain in pixels (standard deviation), in frames with texture and in others.
+MAX_TEXTURED_GRAIN_PX, MAX_GRAIN_PX = 0.6, 1.2
+#: Maximum correlation of the grain of two channels.
+MAX_COMMON = 0.98
+#: Number of frames of a video that share one measurement of the grain.
 GRAIN_FRAMES = 30
-_BINS = 8
+_Grey = NDArray[np.float32]
 
 
-def blur_of(grey: _Grey) -> NDArray[np.float64]:
-    """(2, 2) covariance of the blur of a grey picture (h, w) in square pixels, from its strongest edges.
+@dataclass(frozen=True, slots=True, eq=False)
+class CameraLook:
+    """The look of one frame."""
 
-    Zhuo and Sim (2011): a step edge blurred by s has the gradient 1 / (sqrt(2 pi) s); blurred again by s0 it falls by
-    the ratio R = sqrt(s^2 + s0^2) / s, so s = s0 / sqrt(R^2 - 1). Edges with the normal n have s^2 = n^T C n.
+    gain: NDArray[np.float64]  #: (3,) factor on linear light of this frame over the mean of the cloud
+    blur: NDArray[np.float64]  #: (2, 2) covariance in square pixels, of the lens and of the motion of the camera
+    grain: NDArray[np.float64]  #: (GRAIN_BINS, 3) standard deviation in levels, by brightness and channel
+    grain_px: float  #: standard deviation of the smoothness of the grain, in pixels
+    common: float = 0.75  #: fraction of the grain that the channels have in common
+
+
+class CameraLookTracker:
+    """Looks of consecutive frames.
+
+    Parameters
+    ----------
+    smooth : bool
+        The frames belong to one video: gain, blur and grain are smoothed over time.
+    """
+
+    def __init__(self, smooth: bool) -> None:
+        self._smooth = smooth
+        self._last: CameraLook | None = None
+        self._frames = 0
+
+    def next(self, image: Image, points: VisiblePoints, cloud: ColouredPoints) -> CameraLook:
+        """Return the look of the next frame (h, w, 3)."""
+        same_grain = self._last if self._smooth and self._frames % GRAIN_FRAMES else None
+        look = measure_look(image, points, cloud, same_grain)
+        if self._smooth and self._last is not None:
+            old, new, weight = self._last, look, UPDATE_WEIGHT
+            look = CameraLook(
+                np.exp((1 - weight) * np.log(old.gain) + weight * np.log(new.gain)),
+                (1 - BLUR_UPDATE_WEIGHT) * old.blur + BLUR_UPDATE_WEIGHT * new.blur,
+                (1 - weight) * old.grain + weight * new.grain,
+                (1 - weight) * old.grain_px + weight * new.grain_px,
+                (1 - weight) * old.common + weight * new.common,
+            )
+        self._last, self._frames = look, self._frames + 1
+        return look
+
+
+def measure_look(
+    image: Image, points: VisiblePoints, cloud: ColouredPoints, same_grain: CameraLook | None = None
+) -> CameraLook:
+    """Measure the look of a frame.
+
+    Parameters
+    ----------
+    image : (h, w, 3) ndarray of uint8
+        The frame.
+    points : VisiblePoints
+        Visible points of the cloud.
+    cloud : ColouredPoints
+        Points with their mean colours.
+    same_grain : CameraLook, optional
+        Look whose grain is used.
     """
     import cv2
 
+    grey = cv2.cvtColor(image, cv2.COLOR_RGB2GRAY).astype(np.float32)
+    gain, blur = measure_gain(image, points, cloud), measure_blur(grey)
+    if same_grain is not None:
+        return replace(same_grain, gain=gain, blur=blur)
+    return CameraLook(gain, blur, *measure_grain(image, grey))
+
+
+def measure_gain(image: Image, points: VisiblePoints, cloud: ColouredPoints) -> NDArray[np.float64]:
+    """Return the median ratio (3,) of the linear colours of a frame (h, w, 3) to those of the cloud.
+
+    Dark and clipped points are not used. The gain is 1 if there are too few points.
+    """
+    step = max(1, len(points.rows) // 8000)
+    columns, rows = points.pixels[::step].astype(np.int64).T
+    colours, mean = srgb_to_linear(image[rows, columns]), cloud.colours[points.rows[::step]]
+    low, high = GAIN_RANGE
+    is_valid = (colours > low).all(axis=1) & (colours < high).all(axis=1)
+    is_valid &= (mean > low).all(axis=1) & (mean < high).all(axis=1)
+    if np.count_nonzero(is_valid) < MIN_GAIN_POINTS:
+        return np.ones(3)
+    ratio = np.median(np.log(colours[is_valid] / mean[is_valid]), axis=0)
+    limit = MAX_GAIN_STOPS * np.log(2)
+    return np.asarray(np.exp(np.clip(ratio, -limit, limit)), dtype=np.float64)
+
+
+def measure_blur(grey: _Grey) -> NDArray[np.float64]:
+    """Estimate the covariance (2, 2) of the blur of a grey image (h, w) in square pixels, from its strongest edges.
+
+    A step edge blurred by s has the gradient 1 / (sqrt(2 pi) s). A second blur by s0 decreases it by the ratio
+    R = sqrt(s^2 + s0^2) / s, so that s = s0 / sqrt(R^2 - 1) (Zhuo and Sim 2011). Edges with normal n have
+    s^2 = n^T C n.
+    """
+    import cv2
+
+    # 1. Threshold of the gradient in each direction, from a sample of the pixels.
     first, second = gradients(grey), gradients(cv2.GaussianBlur(grey, (0, 0), 1.0))
     size = cv2.magnitude(*first)
-    # which way an edge looks is asked of few pixels for the limit, and of the strong ones
-    some = np.s_[::SAMPLED, ::SAMPLED]
-    usual, direction = size[some], _direction(first[0][some], first[1][some])
-    limits = np.full(DIRECTIONS, np.inf, np.float32)
-    for number in range(DIRECTIONS):
-        own = usual[direction == number]
-        if len(own) * SAMPLED**2 >= MIN_PIXELS:
-            limits[number] = np.quantile(own, 1 - EDGE_SHARE)
-    strong = np.flatnonzero(size >= limits.min())
+    sample = np.s_[::EDGE_STEP_PX, ::EDGE_STEP_PX]
+    sample_size, direction = size[sample], direction_index(first[0][sample], first[1][sample])
+    thresholds = np.full(DIRECTIONS, np.inf, np.float32)
+    for index in range(DIRECTIONS):
+        sizes = sample_size[direction == index]
+        if len(sizes) * EDGE_STEP_PX**2 >= MIN_DIRECTION_PIXELS:
+            thresholds[index] = np.quantile(sizes, 1 - EDGE_FRACTION)
+    strong = np.flatnonzero(size >= thresholds.min())
     edges = [(across.ravel()[strong], down.ravel()[strong]) for across, down in (first, second)]
-    direction, size = _direction(*edges[0]), size.ravel()[strong]
+    direction, size = direction_index(*edges[0]), size.ravel()[strong]
+
+    # 2. Variance of the blur across the sharpest edges of each direction.
     rows, values = [], []
-    for number in map(int, np.flatnonzero(np.isfinite(limits))):
-        angle = np.pi * number / DIRECTIONS
-        own = (direction == number) & (size >= limits[number])
+    for index in map(int, np.flatnonzero(np.isfinite(thresholds))):
+        angle = np.pi * index / DIRECTIONS
+        is_edge = (direction == index) & (size >= thresholds[index])
         c, s = np.cos(angle), np.sin(angle)
-        before, after = (np.abs(c * across[own] + s * down[own]) for across, down in edges)
+        before, after = (np.abs(c * across[is_edge] + s * down[is_edge]) for across, down in edges)
         ratio = before / np.maximum(after, 1e-3)
         sigma = 1.0 / np.sqrt(np.maximum(ratio**2 - 1, 1e-3))
-        # a pixel's own area blurs by 0.29, and the gradient's stencil by 0.7
-        values.append(float(np.quantile(sigma, SHARPEST)) ** 2 - 0.5)
+        # the area of a pixel blurs by 0.29 pixels, and the stencil of the gradient by 0.7
+        values.append(float(np.quantile(sigma, SHARP_EDGE_QUANTILE)) ** 2 - 0.5)
         rows.append([c * c, 2 * c * s, s * s])
     if len(rows) < 3:
-        return np.eye(2) * BLUR_PX[0] ** 2
+        return np.eye(2) * MIN_BLUR_PX**2
     xx, xy, yy = np.linalg.lstsq(np.array(rows), np.array(values), rcond=None)[0]
-    return _with_widths(np.array([[xx, xy], [xy, yy]]), *BLUR_PX)
+    return limit_widths(np.array([[xx, xy], [xy, yy]]), MIN_BLUR_PX, MAX_BLUR_PX)
 
 
-def _direction(across: _Grey, down: _Grey) -> NDArray[np.int64]:
-    """Number of the direction, of DIRECTIONS over half a turn, that each gradient is nearest to; of any shape."""
+def direction_index(across: _Grey, down: _Grey) -> NDArray[np.int64]:
+    """Return the index of the nearest direction, of DIRECTIONS over half a turn, of gradients of any shape."""
     turn = np.arctan2(down, across) * np.float32(DIRECTIONS / np.pi)
     return np.asarray(np.rint(turn).astype(np.int64) % DIRECTIONS)
 
 
 def blur_layer(layer: _Grey, covariance: NDArray[np.float64]) -> _Grey:
-    """A layer (h, w, c) blurred by a picture's blur (2, 2), less the renderer's own."""
+    """Blur a layer (h, w, c) by the covariance (2, 2) of a frame, without the blur of the renderer."""
     import cv2
 
-    rest = _with_widths(covariance - np.eye(2) * BLUR_PX[0] ** 2, 0.0, BLUR_PX[1])
-    widest = float(np.sqrt(np.linalg.eigvalsh(rest)[1]))
-    if widest < 0.15:
+    remaining = limit_widths(covariance - np.eye(2) * MIN_BLUR_PX**2, 0.0, MAX_BLUR_PX)
+    widest = float(np.sqrt(np.linalg.eigvalsh(remaining)[1]))
+    if widest < MIN_KERNEL_PX:
         return layer
-    # a kernel of whole pixels cannot be narrower than this
-    sharp = np.linalg.inv(rest + np.eye(2) * 0.15**2)
+    precision = np.linalg.inv(remaining + np.eye(2) * MIN_KERNEL_PX**2)
     reach = int(np.ceil(3 * widest))
     y, x = np.mgrid[-reach : reach + 1, -reach : reach + 1]
-    kernel = np.exp(-0.5 * (sharp[0, 0] * x * x + 2 * sharp[0, 1] * x * y + sharp[1, 1] * y * y))
+    kernel = np.exp(-0.5 * (precision[0, 0] * x * x + 2 * precision[0, 1] * x * y + precision[1, 1] * y * y))
     kernel = (kernel / kernel.sum()).astype(np.float32)
     return np.asarray(cv2.filter2D(layer, -1, kernel, borderType=cv2.BORDER_REPLICATE), dtype=np.float32)
 
 
 def gradients(grey: _Grey) -> tuple[_Grey, _Grey]:
-    """Gradients (h, w) of a grey picture (h, w) in levels per pixel, to the right and down."""
+    """Return the gradients (h, w) of a grey image (h, w) in levels per pixel, to the right and down."""
     import cv2
 
     row = np.array([[-0.5, 0, 0.5]], np.float32)
@@ -115,59 +222,108 @@ def gradients(grey: _Grey) -> tuple[_Grey, _Grey]:
     return np.asarray(across, dtype=np.float32), np.asarray(down, dtype=np.float32)
 
 
-def _with_widths(covariance: NDArray[np.float64], least: float, most: float) -> NDArray[np.float64]:
-    """A covariance (2, 2) whose widths are between two, in pixels."""
+def limit_widths(covariance: NDArray[np.float64], min_px: float, max_px: float) -> NDArray[np.float64]:
+    """Limit the standard deviations of a covariance (2, 2) along its axes, in pixels."""
     squares, axes = np.linalg.eigh(covariance)
-    return np.asarray((axes * np.clip(squares, least**2, most**2)) @ axes.T)
+    return np.asarray((axes * np.clip(squares, min_px**2, max_px**2)) @ axes.T)
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class Look:
-    """The look of one picture.
+def measure_grain(image: Image, grey: _Grey) -> tuple[NDArray[np.float64], float, float]:
+    """Measure the grain of a frame in its flattest parts.
 
-    gain : (3,) on linear light, of this picture over the cloud's mean; blur : (2, 2) covariance in square pixels, of
-    the lens and of the smear of a moving camera; grain : (_BINS, 3) one sigma in levels by brightness and channel;
-    grain_px : one sigma of the grain's own smoothness; common : share of the grain that the channels have in common.
+    Parameters
+    ----------
+    image : (h, w, 3) ndarray of uint8
+        The frame.
+    grey : (h, w) ndarray of float32
+        Its grey levels, 0 to 255.
+
+    Returns
+    -------
+    sigma : (GRAIN_BINS, 3) ndarray of float
+        Standard deviation in levels, by brightness and channel.
+    smoothness : float
+        Standard deviation of the smoothness of the grain, in pixels.
+    common : float
+        Mean correlation of two channels.
     """
-
-    gain: NDArray[np.float64]
-    blur: NDArray[np.float64]
-    grain: NDArray[np.float64]
-    grain_px: float
-    common: float = 0.75
-
-
-class Looks:
-    """Looks of the pictures of one video, smooth in time; a still has its own look."""
-
-    def __init__(self, smooth: bool) -> None:
-        self._smooth = smooth
-        self._last: Look | None = None
-        self._frames = 0
-
-    def next(self, picture: Picture, front: FrontPoints, cloud: Cloud) -> Look:
-        """The look of the next picture (h, w, 3)."""
-        same_grain = self._last if self._smooth and self._frames % GRAIN_FRAMES else None
-        look = look_of(picture, front, cloud, same_grain)
-        if self._smooth and self._last is not None:
-            look = _blend(self._last, look)
-        self._last, self._frames = look, self._frames + 1
-        return look
-
-
-def look_of(picture: Picture, front: FrontPoints, cloud: Cloud, same_grain: Look | None = None) -> Look:
-    """The look of one (h, w, 3) picture; same_grain : another look whose grain it has."""
     import cv2
 
-    grey = cv2.cvtColor(picture, cv2.COLOR_RGB2GRAY).astype(np.float32)
-    gain, blur = _gain(picture, front, cloud), blur_of(grey)
-    if same_grain is not None:
-        return replace(same_grain, gain=gain, blur=blur)
-    return Look(gain, blur, *_grain_of(picture, grey))
+    # 1. Flat pixels, and their differences from the blurred frame.
+    none = np.zeros((GRAIN_BINS, 3)), 0.0, 0.0
+    colour = image.astype(np.float32)
+    base = cv2.GaussianBlur(grey, (0, 0), 2.0)
+    residual, residuals = grey - base, colour - cv2.GaussianBlur(colour, (0, 0), 2.0)
+    slope = cv2.GaussianBlur(np.hypot(*gradients(base)), (0, 0), 2.0)
+    is_flat = (grey > GRAIN_LEVELS[0]) & (grey < GRAIN_LEVELS[1])
+    if np.count_nonzero(is_flat) < MIN_FLAT_PIXELS:
+        return none
+    is_flat &= slope <= np.quantile(slope[is_flat], FLAT_FRACTION)
+    if np.count_nonzero(is_flat) < MIN_FLAT_PIXELS:
+        return none
+
+    # 2. Standard deviation by brightness without the grain: brightness with it would select tails of the grain.
+    max_sigma = MAX_GRAIN_RATIO * finest_difference(grey)
+    flat = residuals[is_flat]  # (n, 3)
+    overall = np.array([robust_width(flat[:, k]) for k in range(3)])
+    sigma = np.tile(overall, (GRAIN_BINS, 1))
+    bins = np.clip((colour[is_flat] - flat) / 256 * GRAIN_BINS, 0, GRAIN_BINS - 1).astype(np.int64)
+    for channel in range(3):
+        for index in range(GRAIN_BINS):
+            in_bin = flat[:, channel][bins[:, channel] == index]
+            if len(in_bin) > MIN_BIN_PIXELS:
+                sigma[index, channel] = robust_width(in_bin)
+
+    # 3. Smoothness, from the correlation of neighbours: that of white noise blurred by s is exp(-1 / (4 s^2)).
+    both = is_flat[:, 1:] & is_flat[:, :-1]
+    variance = max(float(np.mean(residual[is_flat] ** 2)), 1e-9)
+    correlation = float(np.mean(residual[:, 1:][both] * residual[:, :-1][both]) / variance)
+    smoothness = float(np.sqrt(-0.25 / np.log(correlation))) if 0.02 < correlation < 0.95 else 0.0
+    scaled = flat / np.maximum(flat.std(axis=0), 1e-6)
+    common = np.mean(scaled * np.roll(scaled, 1, axis=1))
+    is_textured = bool(overall.mean() > max_sigma)
+    smoothness = min(smoothness, MAX_TEXTURED_GRAIN_PX if is_textured else MAX_GRAIN_PX)
+    return np.minimum(sigma, max_sigma), smoothness, float(np.clip(common, 0.0, MAX_COMMON))
 
 
-def grain(look: Look, box: PixelBox, levels: NDArray[np.float32], seed: int) -> NDArray[np.float32]:
-    """(h, w, 3) grain in levels for a box; levels : (h, w, 3) sRGB values in 0 to 255."""
+def robust_width(residuals: NDArray[np.float32]) -> float:
+    """Return the standard deviation of levels (n,), from the wider of their central half and two thirds.
+
+    Most of the levels may be 0 after rounding.
+    """
+    half, two_thirds = np.percentile(np.abs(residuals - np.median(residuals)), [50, 68.27])
+    return float(max(half / 0.6745, two_thirds))
+
+
+def finest_difference(grey: _Grey) -> float:
+    """Return the standard deviation of diagonal differences of neighbours in the plainest squares of a grey image.
+
+    White grain has its own standard deviation. Texture, which is smooth between pixels, has a small one.
+
+    Parameters
+    ----------
+    grey : (h, w) ndarray of float32
+        Grey levels, 0 to 255.
+
+    Returns
+    -------
+    float
+        Infinity without a square that is neither black nor clipped.
+    """
+    diagonal = (grey[:-1, :-1] - grey[1:, :-1] - grey[:-1, 1:] + grey[1:, 1:]) / 2
+    rows, columns = (side // SQUARE_PX for side in diagonal.shape)
+    if not rows * columns:
+        return float("inf")
+    shape = (rows, SQUARE_PX, columns, SQUARE_PX)
+    differences, levels = (part[: rows * SQUARE_PX, : columns * SQUARE_PX].reshape(shape) for part in (diagonal, grey))
+    is_exposed = (levels.min(axis=(1, 3)) > GRAIN_LEVELS[0]) & (levels.max(axis=(1, 3)) < GRAIN_LEVELS[1])
+    if not is_exposed.any():
+        return float("inf")
+    return float(np.quantile(np.sqrt((differences**2).mean(axis=(1, 3)))[is_exposed], FINEST_QUANTILE))
+
+
+def grain(look: CameraLook, box: PixelBox, levels: NDArray[np.float32], seed: int) -> NDArray[np.float32]:
+    """Return random grain (h, w, 3) in levels for a box with sRGB values `levels` (h, w, 3), 0 to 255."""
     import cv2
 
     generator = np.random.default_rng([seed, 77])
@@ -176,95 +332,6 @@ def grain(look: Look, box: PixelBox, levels: NDArray[np.float32], seed: int) -> 
     if look.grain_px > 0.2:
         noise = cv2.GaussianBlur(noise, (0, 0), look.grain_px)
         noise /= max(float(noise.std()), 1e-6)
-    centres = (np.arange(_BINS) + 0.5) * 256 / _BINS
+    centres = (np.arange(GRAIN_BINS) + 0.5) * 256 / GRAIN_BINS
     sigma = np.stack([np.interp(levels[..., k], centres, look.grain[:, k]) for k in range(3)], axis=-1)
     return np.asarray(noise * sigma, dtype=np.float32)
-
-
-def _blend(old: Look, new: Look) -> Look:
-    mix = NEW_SHARE
-    return Look(
-        np.exp((1 - mix) * np.log(old.gain) + mix * np.log(new.gain)),
-        (1 - NEW_BLUR) * old.blur + NEW_BLUR * new.blur,
-        (1 - mix) * old.grain + mix * new.grain,
-        (1 - mix) * old.grain_px + mix * new.grain_px,
-        (1 - mix) * old.common + mix * new.common,
-    )
-
-
-def _gain(picture: Picture, front: FrontPoints, cloud: Cloud) -> NDArray[np.float64]:
-    """(3,) median ratio of the picture's linear colours to the cloud's, of points that are not hidden or clipped."""
-    step = max(1, len(front.rows) // 8000)
-    rows, at = front.rows[::step], front.pixels[::step].astype(np.int64)
-    here, mean = srgb_to_linear(picture[at[:, 1], at[:, 0]]), cloud.colours[rows]
-    good = (here > 0.02).all(axis=1) & (here < 0.9).all(axis=1) & (mean > 0.02).all(axis=1) & (mean < 0.9).all(axis=1)
-    if np.count_nonzero(good) < MIN_POINTS:
-        return np.ones(3)
-    ratio = np.median(np.log(here[good] / mean[good]), axis=0)
-    limit = MAX_STOPS * np.log(2)
-    return np.asarray(np.exp(np.clip(ratio, -limit, limit)), dtype=np.float64)
-
-
-def _grain_of(picture: Picture, grey: NDArray[np.float32]) -> tuple[NDArray[np.float64], float, float]:
-    """One sigma of the grain by brightness and channel, its smoothness in pixels, and what the channels share of it.
-
-    From the flattest parts of a picture (h, w, 3) and its grey (h, w) in levels 0 to 255; the sigmas are (_BINS, 3).
-    """
-    import cv2
-
-    colour = picture.astype(np.float32)
-    base = cv2.GaussianBlur(grey, (0, 0), 2.0)
-    rest, rests = grey - base, colour - cv2.GaussianBlur(colour, (0, 0), 2.0)
-    slope = cv2.GaussianBlur(np.hypot(*gradients(base)), (0, 0), 2.0)
-    flat = (grey > 4) & (grey < 251)  # the black rim of a lens and what is clipped have no grain
-    if np.count_nonzero(flat) < 200:
-        return np.zeros((_BINS, 3)), 0.0, 0.0
-    flat &= slope <= np.quantile(slope[flat], 0.3)
-    if np.count_nonzero(flat) < 200:
-        return np.zeros((_BINS, 3)), 0.0, 0.0
-    finest = FINEST_TIMES * _finest(grey)
-    plain = rests[flat]  # (n, 3)
-    overall = np.array([_sigma(plain[:, k]) for k in range(3)])
-    levels = np.tile(overall, (_BINS, 1))
-    # by the brightness without the grain: by that with it, a bin may have the tails of its neighbour's grain alone
-    index = np.clip((colour[flat] - plain) / 256 * _BINS, 0, _BINS - 1).astype(np.int64)
-    for k in range(3):
-        for bin_number in range(_BINS):
-            own = plain[:, k][index[:, k] == bin_number]
-            if len(own) > 150:
-                levels[bin_number, k] = _sigma(own)
-    both = flat[:, 1:] & flat[:, :-1]
-    alike = float(np.mean(rest[:, 1:][both] * rest[:, :-1][both]) / max(float(np.mean(rest[flat] ** 2)), 1e-9))
-    # white noise blurred by s has the correlation exp(-1 / (4 s^2)) between neighbours
-    smooth = float(np.sqrt(-0.25 / np.log(alike))) if 0.02 < alike < 0.95 else 0.0
-    scaled = plain / np.maximum(plain.std(axis=0), 1e-6)
-    across = np.mean(scaled * np.roll(scaled, 1, axis=1))  # the mean correlation of two channels
-    textured = bool(overall.mean() > finest)
-    return (
-        np.minimum(levels, finest),
-        min(smooth, FINEST_PX if textured else 1.2),
-        float(np.clip(across, 0.0, MOST_COMMON)),
-    )
-
-
-def _sigma(rest: NDArray[np.float32]) -> float:
-    """One sigma of levels (n,), most of which may be 0 after rounding: the wider of the middle half and two thirds."""
-    low, high = np.percentile(np.abs(rest - np.median(rest)), [50, 68.27])
-    return float(max(low / 0.6745, high))
-
-
-def _finest(grey: NDArray[np.float32]) -> float:
-    """Sigma of the diagonal differences of neighbours in the plainest squares of a grey picture (h, w).
-
-    White grain of one sigma gives one; texture, which is smooth from pixel to pixel, gives little.
-    """
-    diagonal = (grey[:-1, :-1] - grey[1:, :-1] - grey[:-1, 1:] + grey[1:, 1:]) / 2
-    rows, columns = (side // SQUARE_PX for side in diagonal.shape)
-    if not rows * columns:
-        return float("inf")
-    cut = (rows, SQUARE_PX, columns, SQUARE_PX)
-    squares = [part[: rows * SQUARE_PX, : columns * SQUARE_PX].reshape(cut) for part in (diagonal, grey)]
-    exposed = (squares[1].min(axis=(1, 3)) > 4) & (squares[1].max(axis=(1, 3)) < 251)
-    if not exposed.any():
-        return float("inf")
-    return float(np.quantile(np.sqrt((squares[0] ** 2).mean(axis=(1, 3)))[exposed], FINEST_SHARE))

@@ -1,4 +1,4 @@
-"""Layers joined to a picture: the light that the objects take, then the objects, each behind what hides it."""
+"""Composite object layers over a plate: the light that the objects remove, then the objects behind their occluders."""
 
 from __future__ import annotations
 
@@ -8,41 +8,38 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from insertion.colour import linear_to_srgb, srgb_to_linear
-from insertion.composite.camera_look import REACH_PX, Look, blur_layer, grain
+from insertion.colour import Image, linear_to_srgb, srgb_to_linear
+from insertion.composite.camera_look import MAX_BLUR_REACH_PX, CameraLook, blur_layer, grain
 from insertion.render.layers import ObjectLayers
 from insertion.scene.pixel_box import PixelBox
 
-Picture = NDArray[np.uint8]
-#: Pixels of the picture change where an object covers this much of them, or takes this much of their light.
-LEAST_COVER, LEAST_LOSS = 1e-3, 1e-3
+#: Minimum coverage by the objects of a pixel that changes.
+MIN_COVERAGE = 1e-3
+#: Minimum fraction of the light that the objects remove from a pixel that changes.
+MIN_LOSS = 1e-3
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Joined:
-    """The layers of one object with what the picture does to them, over the box of the layers.
-
-    hidden : (h, w) share of each pixel in which something hides the object; share : (h, w, 3) of the light that the
-    object leaves to what each pixel shows.
-    """
+class ObjectComposite:
+    """Layers of one object with its occlusion and its shadow, over the box of the layers."""
 
     layers: ObjectLayers
-    hidden: NDArray[np.float32]
-    share: NDArray[np.float32]
+    occluded: NDArray[np.float32]  #: (h, w) occluded fraction of each pixel
+    transmitted: NDArray[np.float32]  #: (h, w, 3) fraction of the light that reaches the surface past the object
 
     @property
     def alpha(self) -> NDArray[np.float32]:
         """(h, w) visible coverage."""
-        return self.layers.image.alpha * (1 - self.hidden)
+        return self.layers.image.alpha * (1 - self.occluded)
 
     @property
     def visible(self) -> float:
-        """The share of the object's coverage that nothing hides."""
+        """Fraction of the coverage that is not occluded."""
         total = float(self.layers.image.alpha.sum())
         return float(self.alpha.sum()) / total if total > 0 else 0.0
 
-    def whole(self, shape: tuple[int, ...]) -> tuple[NDArray[np.float32], NDArray[np.float32]]:
-        """(h, w) visible coverage and depth (NaN where the object is not) over a whole picture of a shape."""
+    def full_size(self, shape: tuple[int, ...]) -> tuple[NDArray[np.float32], NDArray[np.float32]]:
+        """Return visible coverage and depth (h, w) over an image of a shape; the depth is NaN beyond the object."""
         alpha, depth = np.zeros(shape[:2], np.float32), np.full(shape[:2], np.nan, np.float32)
         alpha[self.layers.box.slices], depth[self.layers.box.slices] = self.alpha, self.layers.image.depth
         return alpha, depth
@@ -50,127 +47,153 @@ class Joined:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Composite:
-    """A picture (h, w, 3) with objects, and what it was joined from over a box of it; outside it is the plate.
+    """An image with objects, and its layers over a box; outside it is the plate."""
 
-    over : (h, w, 4) the objects, linear and premultiplied; left : (h, w, 3) of the plate's light; both count in the
-    pixels that are `changed` (h, w).
-    """
-
-    picture: Picture
+    image: Image  #: (h, w, 3)
     box: PixelBox
-    over: NDArray[np.float32]
-    left: NDArray[np.float32]
-    changed: NDArray[np.bool_]
+    foreground: NDArray[np.float32]  #: (h, w, 4) objects, linear and premultiplied
+    transmittance: NDArray[np.float32]  #: (h, w, 3) fraction of the light of the plate that remains
+    changed: NDArray[np.bool_]  #: (h, w) pixels that differ from the plate; the layers hold in these only
 
     @property
-    def covering(self) -> NDArray[np.float32]:
-        """(h, w, 4) the objects as they are seen, linear and premultiplied."""
-        return self.over * self.changed[..., None]
+    def visible_foreground(self) -> NDArray[np.float32]:
+        """(h, w, 4) the foreground, 0 in unchanged pixels."""
+        return self.foreground * self.changed[..., None]
 
     @property
-    def share(self) -> NDArray[np.float32]:
-        """(h, w, 3) of the plate's light that is left."""
-        return np.where(self.changed[..., None], self.left, np.float32(1.0))
+    def visible_transmittance(self) -> NDArray[np.float32]:
+        """(h, w, 3) the transmittance, 1 in unchanged pixels."""
+        return np.where(self.changed[..., None], self.transmittance, np.float32(1.0))
 
 
-def behind_each_other(joined: Sequence[Joined]) -> list[Joined]:
-    """The objects, each hidden also where another one is nearer, pixel by pixel."""
+def occlude_mutually(objects: Sequence[ObjectComposite]) -> list[ObjectComposite]:
+    """Return the objects, each occluded also by the coverage of closer ones, for each pixel."""
     result = []
-    for number, item in enumerate(joined):
-        hidden, box = item.hidden.copy(), item.layers.box
-        for other_number, other in enumerate(joined):
+    for index, item in enumerate(objects):
+        occluded, box = item.occluded.copy(), item.layers.box
+        for other_index, other in enumerate(objects):
             common = box.overlap(other.layers.box)
-            if other_number == number or common is None:
+            if other_index == index or common is None:
                 continue
-            here, there = common.within(box), common.within(other.layers.box)
+            part, other_part = common.within(box), common.within(other.layers.box)
             with np.errstate(invalid="ignore"):
-                nearer = other.layers.image.depth[there] < item.layers.image.depth[here]
-            # what hides the other one hides this one behind it, too
-            cover = other.layers.image.alpha[there] * nearer
-            hidden[here] = 1 - (1 - hidden[here]) * (1 - cover)
-        result.append(replace(item, hidden=hidden))
+                is_closer = other.layers.image.depth[other_part] < item.layers.image.depth[part]
+            # an occluder of the other object occludes this one behind it too
+            coverage = other.layers.image.alpha[other_part] * is_closer
+            occluded[part] = 1 - (1 - occluded[part]) * (1 - coverage)
+        result.append(replace(item, occluded=occluded))
     return result
 
 
-def compose(picture: Picture, joined: Sequence[Joined], look: Look, seed: int) -> Composite:
-    """The picture (h, w, 3) with all objects.
+def composite_objects(plate: Image, objects: Sequence[ObjectComposite], look: CameraLook, seed: int) -> Composite:
+    """Composite objects over a plate.
 
-    In linear light, with a = alpha (1 - hidden) of each object:
-    out = frame * product of share * (1 - sum of a) + gain * sum of object * (1 - hidden).
+    In linear light, with a = alpha * (1 - occluded) and t = transmitted of each object::
+
+        image = plate * prod(t) * (1 - sum(a)) + gain * sum(colour * (1 - occluded))
+
+    Parameters
+    ----------
+    plate : (h, w, 3) ndarray of uint8
+        The frame without objects.
+    objects : sequence of ObjectComposite
+        The objects.
+    look : CameraLook
+        Exposure, blur and grain of the frame.
+    seed : int
+        Seed of the grain.
     """
-    if not joined:
+    if not objects:
         box = PixelBox(0, 0, 1, 1)
-        nothing, whole = np.zeros((1, 1, 4), np.float32), np.ones((1, 1, 3), np.float32)
-        return Composite(picture, box, nothing, whole, np.zeros((1, 1), bool))
-    box = joined[0].layers.box
-    for item in joined[1:]:
+        nothing, everything = np.zeros((1, 1, 4), np.float32), np.ones((1, 1, 3), np.float32)
+        return Composite(plate, box, nothing, everything, np.zeros((1, 1), bool))
+    box = objects[0].layers.box
+    for item in objects[1:]:
         box = box.union(item.layers.box)
-    share = np.ones((*box.shape, 3), np.float32)
-    covering = np.zeros((*box.shape, 4), np.float32)
-    for item in joined:
-        own, image = item.layers.box.within(box), item.layers.image
-        share[own] *= item.share
-        covering[own] += np.dstack([image.colour, image.alpha]) * (1 - item.hidden)[..., None]
-    return _covered_picture(picture, covering, share, look, box, seed)
+    transmittance = np.ones((*box.shape, 3), np.float32)
+    foreground = np.zeros((*box.shape, 4), np.float32)
+    for item in objects:
+        part, image = item.layers.box.within(box), item.layers.image
+        transmittance[part] *= item.transmitted
+        foreground[part] += np.dstack([image.colour, image.alpha]) * (1 - item.occluded)[..., None]
+    return _over_plate(plate, foreground, transmittance, look, box, seed)
 
 
-def compose_traced(
-    picture: Picture, traced: NDArray[np.float32], joined: Sequence[Joined], look: Look, seed: int
+def composite_traced(
+    plate: Image, traced: NDArray[np.float32], objects: Sequence[ObjectComposite], look: CameraLook, seed: int
 ) -> Composite:
-    """The picture (h, w, 3) with all objects as another renderer drew them together.
+    """Composite objects that another renderer has rendered together.
 
-    traced : (h, w, 4) linear light, premultiplied, of the objects and their shadows on the support, through the lens.
-    joined : the layers of the objects over the whole picture, whose depths say which of them each pixel shows.
+    Parameters
+    ----------
+    plate : (h, w, 3) ndarray of uint8
+        The frame without objects.
+    traced : (h, w, 4) ndarray of float32
+        Objects and their shadows on the support through the lens, in linear light, premultiplied.
+    objects : sequence of ObjectComposite
+        Layers over the whole image; their depths determine which object a pixel shows.
+    look : CameraLook
+        Exposure, blur and grain of the frame.
+    seed : int
+        Seed of the grain.
     """
-    whole = PixelBox(0, 0, picture.shape[1], picture.shape[0])
-    depth = np.full(whole.shape, np.inf, np.float32)
-    # a pixel of the shadow alone is hidden where the receiver is not what it shows
-    hidden = np.ones(whole.shape, np.float32)
-    for item in joined:
-        hidden = np.minimum(hidden, 1 - (item.share < 1 - LEAST_LOSS).any(axis=-1))
-    for item in joined:
-        own = np.nan_to_num(item.layers.image.depth, nan=np.inf)
-        nearer = own < depth
-        hidden[nearer], depth[nearer] = item.hidden[nearer], own[nearer]
-    covering = traced * (1 - hidden)[..., None]
-    return _covered_picture(picture, covering, np.ones((*whole.shape, 3), np.float32), look, whole, seed)
+    box = PixelBox(0, 0, plate.shape[1], plate.shape[0])
+    depth = np.full(box.shape, np.inf, np.float32)
+    # a pixel of the shadow alone is occluded if it does not show the receiver
+    occluded = np.ones(box.shape, np.float32)
+    for item in objects:
+        occluded = np.minimum(occluded, 1 - (item.transmitted < 1 - MIN_LOSS).any(axis=-1))
+    for item in objects:
+        object_depth = np.nan_to_num(item.layers.image.depth, nan=np.inf)
+        is_closer = object_depth < depth
+        occluded[is_closer], depth[is_closer] = item.occluded[is_closer], object_depth[is_closer]
+    foreground = traced * (1 - occluded)[..., None]
+    return _over_plate(plate, foreground, np.ones((*box.shape, 3), np.float32), look, box, seed)
 
 
-def _covered_picture(
-    picture: Picture, covering: NDArray[np.float32], share: NDArray[np.float32], look: Look, box: PixelBox, seed: int
+def _over_plate(
+    plate: Image,
+    foreground: NDArray[np.float32],
+    transmittance: NDArray[np.float32],
+    look: CameraLook,
+    box: PixelBox,
+    seed: int,
 ) -> Composite:
-    """The picture (h, w, 3), 8-bit sRGB, with a layer over a box of it.
+    """Composite a foreground (h, w, 4) and a transmittance (h, w, 3) over a box of a plate (h, w, 3).
 
-    covering : (h, w, 4) of the box, linear and premultiplied; share : (h, w, 3) of the light that is left.
+    The foreground receives the gain, the blur and the grain of the frame.
     """
     import cv2
 
-    before = picture[box.slices]
+    before = plate[box.slices]
     gain = np.append(look.gain, 1.0).astype(np.float32)
-    part = _covered_part(covering[..., 3])  # of the box; blur and grain are there alone
-    own = np.s_[part.y0 : part.y1, part.x0 : part.x1]
-    covering = covering.copy()
-    covering[own] = blur_layer(covering[own] * gain, look.blur)
-    np.clip(covering[..., 3], 0.0, 1.0, out=covering[..., 3])
-    least = np.minimum(np.minimum(share[..., 0], share[..., 1]), share[..., 2])  # much faster than along an axis
-    changed = (covering[..., 3] > LEAST_COVER) | (least < 1 - LEAST_LOSS)
-    light, alpha = srgb_to_linear(before) * share, covering[own][..., 3:]
-    light[own] = light[own] * (1 - alpha) + covering[own][..., :3]
-    grey = linear_to_srgb(light)
-    grey[own] += grain(look, part, grey[own], seed) * alpha
-    out = picture.copy()
-    out[box.slices] = np.where(changed[..., None], cv2.add(grey, 0.0, dtype=cv2.CV_8U), before)  # rounded and clipped
-    return Composite(out, box, covering, share, changed)
+    part = covered_box(foreground[..., 3])  # blur and grain are computed in this part only
+    covered = part.slices
+    foreground = foreground.copy()
+    foreground[covered] = blur_layer(foreground[covered] * gain, look.blur)
+    np.clip(foreground[..., 3], 0.0, 1.0, out=foreground[..., 3])
+    # two minima are much faster than one along the last axis
+    darkest = np.minimum(np.minimum(transmittance[..., 0], transmittance[..., 1]), transmittance[..., 2])
+    changed = (foreground[..., 3] > MIN_COVERAGE) | (darkest < 1 - MIN_LOSS)
+    light, alpha = srgb_to_linear(before) * transmittance, foreground[covered][..., 3:]
+    light[covered] = light[covered] * (1 - alpha) + foreground[covered][..., :3]
+    levels = linear_to_srgb(light)
+    levels[covered] += grain(look, part, levels[covered], seed) * alpha
+    image = plate.copy()
+    rounded = cv2.add(levels, 0.0, dtype=cv2.CV_8U)  # rounded and clipped
+    image[box.slices] = np.where(changed[..., None], rounded, before)
+    return Composite(image, box, foreground, transmittance, changed)
 
 
-def _covered_part(alpha: NDArray[np.float32]) -> PixelBox:
-    """The part of an array (h, w) that the objects cover, as far as a blur spreads them; one pixel without any."""
+def covered_box(alpha: NDArray[np.float32]) -> PixelBox:
+    """Return the box of the covered pixels of a layer (h, w), enlarged by the blur; one pixel if none is covered."""
     rows, columns = np.flatnonzero(alpha.any(axis=1)), np.flatnonzero(alpha.any(axis=0))
     if not len(rows):
         return PixelBox(0, 0, 1, 1)
     height, width = alpha.shape
-    low, high = (int(columns[0]), int(rows[0])), (int(columns[-1]) + 1, int(rows[-1]) + 1)
     return PixelBox(
-        max(low[0] - REACH_PX, 0), max(low[1] - REACH_PX, 0), min(high[0] + REACH_PX, width),
-        min(high[1] + REACH_PX, height),
-    )  # fmt: skip
+        max(int(columns[0]) - MAX_BLUR_REACH_PX, 0),
+        max(int(rows[0]) - MAX_BLUR_REACH_PX, 0),
+        min(int(columns[-1]) + 1 + MAX_BLUR_REACH_PX, width),
+        min(int(rows[-1]) + 1 + MAX_BLUR_REACH_PX, height),
+    )

@@ -1,83 +1,101 @@
-"""Composite virtual objects into the frames of a scene: render, occlude, cast shadows, join."""
+"""Composite virtual objects into the frames of a scene: render, occlude, cast shadows, composite."""
 
 from __future__ import annotations
 
 import time
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import AbstractContextManager, closing, nullcontext
-from dataclasses import replace
 from typing import Any, Protocol
 
 import numpy as np
 from numpy.typing import NDArray
 
-from insertion.composite.camera_look import Looks
-from insertion.composite.compose import Composite, Joined, behind_each_other, compose, compose_traced
-from insertion.composite.occlusion import hidden_share, on_support
-from insertion.composite.shadow_receivers import light_share, receivers_of
-from insertion.footage.footage import Shot
-from insertion.insertion_scene import PreparedScene
-from insertion.light.environment_estimate import environment_at
-from insertion.light.environment_map import Environment
-from insertion.placement.placed_object import Placed
+from estimator.records.scene import View
+from insertion.colour import Image
+from insertion.composite.camera_look import CameraLookTracker
+from insertion.composite.compose import (
+    Composite,
+    ObjectComposite,
+    composite_objects,
+    composite_traced,
+    occlude_mutually,
+)
+from insertion.composite.occlusion import occluded_fraction, on_support
+from insertion.composite.shadow_receivers import transmitted_light
+from insertion.footage.footage import Footage, Frame
+from insertion.light.light_model import LightModel
+from insertion.placement.placed_object import PlacedObject
 from insertion.render.body import Body
 from insertion.render.gpu import gl_context
-from insertion.render.layers import draw_interval, object_layers
+from insertion.render.layers import draw_outline, object_layers
 from insertion.render.renderer import ObjectRenderer
 from insertion.result import FrameReport, InsertionResult
-from insertion.scene.frame_masks import points_beside, uprights
-from insertion.scene.point_cloud import front_points
+from insertion.scene.frame_masks import FrameContent, VisibleFrame
+from insertion.scene.scale import MetricScale
 from metric_base.progress import ProgressCallback, silent, with_progress
 
-#: An (h, w, 3) sRGB image.
-Picture = NDArray[np.uint8]
-Writer = Callable[[Shot, Picture], None]
-#: Returns the (h, w, 4) layer of a shot in linear light, premultiplied.
-Traced = Callable[[Shot], NDArray[np.float32]]
-#: Starts another renderer.
-Tracer = Callable[[PreparedScene, Sequence[Placed], Environment, ProgressCallback], AbstractContextManager[Traced]]
+Writer = Callable[[Frame, Image], None]
+#: Returns the layer (h, w, 4) of a frame in linear light, premultiplied.
+Tracer = Callable[[Frame], NDArray[np.float32]]
 #: Height at which the light on the support is estimated, as a fraction of the height of the object.
 SUPPORT_LIGHT_HEIGHT = 0.1
+#: Colours (red, green, blue) of the outlines at the low and the high end of the scale interval.
+LOW_COLOUR, HIGH_COLOUR = (255, 190, 60), (80, 220, 255)
 
 
 class LayerSink(Protocol):
     """Receives the layers of every frame."""
 
-    def picture(self, shot: Shot, picture: Picture) -> None:
+    def plate(self, frame: Frame, image: Image) -> None:
         """Receive the frame without objects, (h, w, 3)."""
 
-    def layers(self, shot: Shot, number: int, joined: Joined) -> None:
-        """Receive the layers of the object with this index."""
+    def layers(self, frame: Frame, index: int, item: ObjectComposite) -> None:
+        """Receive the layers of the object with this index. Not called if it is out of the frame."""
 
-    def composite(self, shot: Shot, composite: Composite) -> None:
-        """Receive the frame with all objects and the layers it is composited from. Not called without a pose."""
+    def composite(self, frame: Frame, composite: Composite) -> None:
+        """Receive the frame with all objects and its layers. Not called for a frame without a pose."""
 
 
-def insert_objects(
-    prepared: PreparedScene,
-    objects: Sequence[Placed],
+def composite_footage(
+    objects: Sequence[PlacedObject],
+    light: LightModel,
+    content: FrameContent,
+    footage: Footage,
+    scale: MetricScale,
     write: Writer,
     *,
     show_interval: bool = False,
-    video: bool = False,
-    layers: Sequence[LayerSink] = (),
-    tracer: Tracer | None = None,
+    smooth_look: bool = False,
+    sinks: Sequence[LayerSink] = (),
+    tracing: AbstractContextManager[Tracer] | None = None,
     progress: ProgressCallback = silent,
 ) -> list[InsertionResult]:
     """Composite objects into every frame of the footage. Frames without a pose are unchanged.
 
     Parameters
     ----------
+    objects : sequence of PlacedObject
+        The objects.
+    light : LightModel
+        Light of the scene.
+    content : FrameContent
+        Points and masks of the scene.
+    footage : Footage
+        Frames to write.
+    scale : MetricScale
+        For the results, and for the outlines at both ends of its interval.
     write : callable
-        Receives each shot with its finished frame, in order.
+        Receives each frame with its finished image, in order.
     show_interval : bool
         Draw the outlines of the objects at both ends of the scale interval.
-    video : bool
+    smooth_look : bool
         The frames belong to one video, so that exposure, blur and grain change slowly.
-    layers : sequence of LayerSink
+    sinks : sequence of LayerSink
         Receive the layers of every frame.
-    tracer : callable, optional
-        Renderer of the objects in place of the embedded one.
+    tracing : context manager, optional
+        Yields a renderer of the objects in place of the embedded one.
+    progress : callable
+        Receives the number of finished frames.
 
     Returns
     -------
@@ -86,33 +104,31 @@ def insert_objects(
     """
     seconds = {"light": 0.0, "render": 0.0, "encode": 0.0}
     started = time.perf_counter()
-    with closing(_Compositor(prepared, objects, Looks(smooth=video), show_interval, layers)) as compositor:
-        tracing: AbstractContextManager[Traced | None] = nullcontext(None)
-        if tracer is not None:
-            tracing = tracer(prepared, objects, compositor.renderers[0].environment, progress)
-        with tracing as traced:
-            seconds["light"] = time.perf_counter() - started
-            shots = prepared.footage.shots
-            for shot, picture in with_progress(prepared.footage.pictures(), "inserting", progress, len(shots)):
-                started = time.perf_counter()
-                for sink in layers:
-                    sink.picture(shot, picture)
-                out = compositor.draw(shot, picture, traced)
-                rendered = time.perf_counter()
-                write(shot, out)
-                seconds["render"] += rendered - started
-                seconds["encode"] += time.perf_counter() - rendered
-    unposed = sum(shot.view is None for shot in shots)
-    warnings = [f"{unposed} frame(s) have no known pose and are left as they are"] if unposed else []
+    interval = scale if show_interval else None
+    compositor = Compositor(objects, light, content, footage.start_s, smooth_look, interval, sinks)
+    renderer: AbstractContextManager[Tracer | None] = nullcontext(None) if tracing is None else tracing
+    with closing(compositor), renderer as tracer:
+        seconds["light"] = time.perf_counter() - started
+        for frame, image in with_progress(iter(footage), "inserting", progress, len(footage.frames)):
+            started = time.perf_counter()
+            for sink in sinks:
+                sink.plate(frame, image)
+            finished = compositor.draw(frame, image, tracer)
+            rendered = time.perf_counter()
+            write(frame, finished)
+            seconds["render"] += rendered - started
+            seconds["encode"] += time.perf_counter() - rendered
+    unposed = sum(frame.view is None for frame in footage.frames)
+    warnings = [f"{unposed} frame(s) have no known pose and are unchanged"] if unposed else []
     return [
         InsertionResult(
             placed.model.name,
-            prepared.scale,
+            scale,
             placed.size_m,
-            placed.place.position,
-            placed.place.basis[2],
+            placed.placement.position,
+            placed.placement.basis[2],
             placed.heading_deg,
-            placed.place.support,
+            placed.placement.support,
             tuple(reports),
             dict(seconds),
             (*placed.model.warnings, *placed.size.warnings, *placed.warnings, *warnings),
@@ -121,24 +137,45 @@ def insert_objects(
     ]
 
 
-def single_pictures(prepared: PreparedScene, variants: Sequence[Sequence[Placed]], shot: Shot) -> Iterator[Picture]:
-    """Yield the frame (h, w, 3) of one shot with each of several sets of objects; it is decoded once.
+def composite_variants(
+    variants: Sequence[Sequence[PlacedObject]],
+    light: LightModel,
+    content: FrameContent,
+    start_s: float,
+    frame: Frame,
+    image: Image,
+) -> Iterator[Image]:
+    """Yield one frame (h, w, 3) with each of several sets of objects.
 
-    Raises
-    ------
-    LookupError
-        The footage does not contain the shot.
+    Parameters
+    ----------
+    start_s : float
+        Presentation time of the first frame of the footage.
+    frame : Frame
+        The frame.
+    image : (h, w, 3) ndarray of uint8
+        Its image.
     """
-    picture = next((image for other, image in prepared.footage.pictures() if other.index == shot.index), None)
-    if picture is None:
-        raise LookupError(shot.name)
     for objects in variants:
-        with closing(_Compositor(prepared, objects, Looks(smooth=False))) as compositor:
-            yield compositor.draw(shot, picture)
+        with closing(Compositor(objects, light, content, start_s)) as compositor:
+            yield compositor.draw(frame, image)
 
 
-class _Compositor:
+class Compositor:
     """Draws a set of objects into one frame after another.
+
+    Parameters
+    ----------
+    objects, light, content : sequence of PlacedObject, LightModel, FrameContent
+        The objects and the scene.
+    start_s : float
+        Presentation time of the first frame of the footage.
+    smooth_look : bool
+        The frames belong to one video.
+    interval : MetricScale, optional
+        Scale whose interval is shown by outlines.
+    sinks : sequence of LayerSink
+        Receive the layers of every frame.
 
     Attributes
     ----------
@@ -150,21 +187,30 @@ class _Compositor:
 
     def __init__(
         self,
-        prepared: PreparedScene,
-        objects: Sequence[Placed],
-        looks: Looks,
-        show_interval: bool = False,
+        objects: Sequence[PlacedObject],
+        light: LightModel,
+        content: FrameContent,
+        start_s: float,
+        smooth_look: bool = False,
+        interval: MetricScale | None = None,
         sinks: Sequence[LayerSink] = (),
     ) -> None:
-        self._prepared, self._objects, self._looks = prepared, objects, looks
-        self._show_interval, self._sinks = show_interval, sinks
+        self._objects, self._content, self._start_s, self._sinks = objects, content, start_s, sinks
+        self._looks = CameraLookTracker(smooth=smooth_look)
+        self._outlines: list[tuple[float, tuple[int, int, int]]] = []  # size ratio and colour
+        if interval is not None and interval.low is not None and interval.high is not None:
+            # an object of m metres is m / scale units long: it is larger at the low end
+            self._outlines = [
+                (interval.metres_per_unit / interval.low, LOW_COLOUR),
+                (interval.metres_per_unit / interval.high, HIGH_COLOUR),
+            ]
         self.reports: list[list[FrameReport]] = [[] for _ in objects]
         self._context = gl_context()
         try:
             bodies = [item.body for item in objects]
             moves = any(item.moves for item in objects)
             self.renderers = [
-                _renderer(self._context, prepared, item, *_other_bodies(bodies, index), moves)
+                _renderer(self._context, light, item, *other_bodies(bodies, index), moves)
                 for index, item in enumerate(objects)
             ]
         except BaseException:
@@ -175,59 +221,84 @@ class _Compositor:
         """Release the OpenGL context."""
         self._context.release()
 
-    def draw(self, shot: Shot, picture: Picture, trace: Traced | None = None) -> Picture:
-        """Return the frame (h, w, 3) with all objects; `trace` renders them in place of the embedded renderer."""
-        view = shot.view
+    def draw(self, frame: Frame, plate: Image, tracer: Tracer | None = None) -> Image:
+        """Return a frame with all objects.
+
+        Parameters
+        ----------
+        frame : Frame
+            The frame.
+        plate : (h, w, 3) ndarray of uint8
+            Its image without objects.
+        tracer : callable, optional
+            Renders the objects in place of the embedded renderer.
+        """
+        view = frame.view
         if view is None:
             for reports in self.reports:
-                reports.append(FrameReport(shot.name, shot.time_s, None, 0.0))
-            return picture
-        prepared, cloud = self._prepared, self._prepared.cloud
-        self._move_objects(shot.clock_s - prepared.start_s)
+                reports.append(FrameReport(frame.name, frame.time_s, None, 0.0))
+            return plate
+        self._move_objects(frame.clock_s - self._start_s)
 
         # 1. Content of the frame: visible points, masks, and the look of the camera.
-        moving = prepared.moving.get(shot.index, ())
-        points = points_beside(front_points(view, cloud, shot.row), moving)
-        look = self._looks.next(picture, points, cloud)
-        masks = prepared.masks(shot)
-        traced = None if trace is None else trace(shot)
-        ground = prepared.supports.ground(cloud) if moving else None
-        billboards = [] if ground is None else uprights(moving, view, ground.plane)
+        cloud, visible = self._content.cloud, self._content.at(frame)
+        look = self._looks.next(plate, visible.points, cloud)
+        traced = None if tracer is None else tracer(frame)
 
         # 2. Each object with its occluders and its shadow; objects out of the frame have no layers.
-        by_index: dict[int, Joined] = {}
+        by_index: dict[int, ObjectComposite] = {}
         for index, (item, renderer) in enumerate(zip(self._objects, self.renderers, strict=True)):
-            layers = object_layers(renderer, view, whole=traced is not None)
-            if layers is None:
-                continue
-            body, surface = renderer.body, item.surface
-            support = on_support(body, cloud, points, 0.0 if surface is None else surface.plane.sigma)
-            part = picture[layers.box.slices]
-            occlusion = hidden_share(layers.image, layers.box, view, masks, points, support, part, billboards)
-            receivers = receivers_of(layers, body, view, points, [*masks, *moving], surface, occlusion.front)
-            lit = (receivers.places[..., 3] > 0).any()
-            received = renderer.received_light(receivers.places, receivers.normals) if lit else None
-            by_index[index] = Joined(layers, occlusion.share, light_share(layers, receivers, received))
-        by_index = dict(zip(by_index, behind_each_other(list(by_index.values())), strict=True))
+            layered_item = self._layer(item, renderer, view, plate, visible, traced is not None)
+            if layered_item is not None:
+                by_index[index] = layered_item
+        by_index = dict(zip(by_index, occlude_mutually(list(by_index.values())), strict=True))
 
         # 3. The composite, with the look of the camera and grain that depends on the frame only.
-        joined, seed = list(by_index.values()), shot.index * 16
+        layered, seed = list(by_index.values()), frame.index * 16
         if traced is None:
-            composite = compose(picture, joined, look, seed)
+            composite = composite_objects(plate, layered, look, seed)
         else:
-            composite = compose_traced(picture, traced, joined, look, seed)
-        out = composite.picture
+            composite = composite_traced(plate, traced, layered, look, seed)
+        image = composite.image
         for index, renderer in enumerate(self.renderers):
-            one = by_index.get(index)
-            silhouette, visible = (None, 0.0) if one is None else (one.layers.silhouette, one.visible)
-            self.reports[index].append(FrameReport(shot.name, shot.time_s, silhouette, visible))
-            for sink in self._sinks if one is not None else ():
-                sink.layers(shot, index, by_index[index])
-            if self._show_interval:
-                out = draw_interval(out, view, renderer, prepared.scale)
+            shown = by_index.get(index)
+            silhouette, fraction = None, 0.0
+            if shown is not None:
+                silhouette, fraction = shown.layers.silhouette, shown.visible
+                for sink in self._sinks:
+                    sink.layers(frame, index, shown)
+            self.reports[index].append(FrameReport(frame.name, frame.time_s, silhouette, fraction))
+            for ratio, colour in self._outlines:
+                image = draw_outline(image, view, renderer, ratio, colour)
         for sink in self._sinks:
-            sink.composite(shot, composite)
-        return out
+            sink.composite(frame, composite)
+        return image
+
+    def _layer(
+        self,
+        item: PlacedObject,
+        renderer: ObjectRenderer,
+        view: View,
+        plate: Image,
+        visible: VisibleFrame,
+        full_size: bool,
+    ) -> ObjectComposite | None:
+        """Return the layers of one object with its occlusion and its shadow; None if it is out of the frame."""
+        layers = object_layers(renderer, view, full_size)
+        if layers is None:
+            return None
+        body, surface, points = renderer.body, item.surface, visible.points
+        sigma = 0.0 if surface is None else surface.plane.sigma
+        support = on_support(body, self._content.cloud, points, sigma)
+        part = plate[layers.box.slices]
+        occluded, occluders = occluded_fraction(
+            layers.image, layers.box, view, visible.masks, points, support, part, visible.billboards
+        )
+        masks = [*visible.masks, *visible.moving]
+        transmitted = transmitted_light(
+            layers, renderer.irradiance_fraction, body, view, points, masks, surface, occluders
+        )
+        return ObjectComposite(layers, occluded, transmitted)
 
     def _move_objects(self, time_s: float) -> None:
         """Move animated objects to their poses `time_s` seconds after the first frame.
@@ -239,26 +310,25 @@ class _Compositor:
         moved = [after is not before for after, before in zip(new, old, strict=True)]
         for index, renderer in enumerate(self.renderers):
             neighbours = [k for k in range(len(new)) if k != index and moved[k]]
-            affected = any(new[index].near(new[k]) or old[index].near(old[k]) for k in neighbours)
+            affected = any(new[index].is_near(new[k]) or old[index].is_near(old[k]) for k in neighbours)
             if moved[index] or affected:
-                renderer.stand(new[index], *_other_bodies(new, index))
+                renderer.set_pose(new[index], *other_bodies(new, index))
 
 
 def _renderer(
-    context: Any, prepared: PreparedScene, item: Placed, others: Sequence[Body], earlier: Sequence[Body], moves: bool
+    context: Any, light: LightModel, item: PlacedObject, others: Sequence[Body], earlier: Sequence[Body], moves: bool
 ) -> ObjectRenderer:
     """Return the renderer of an object in the light at its position, with the other bodies that shade it."""
-    height = float(item.model.extents[1]) * item.size.factor / prepared.scale.metres_per_unit
-    place = item.place
-    if item.walk is not None:  # only the lamps have a position; other light is estimated at the middle of the path
-        place = replace(place, position=item.walk.place(item.walk.arrival_s / 2))
-    environment, support_light = (
-        environment_at(place, extent, prepared.cloud, prepared.stills, prepared.shading())
-        for extent in (height, SUPPORT_LIGHT_HEIGHT * height)
+    position = item.placement.position
+    if item.path is not None:  # lamps have a position; other light is estimated at the middle of the path
+        position = item.path.position(item.path.arrival_s / 2)
+    environment = light.environment(position, item.height)
+    support_environment = light.environment(position, SUPPORT_LIGHT_HEIGHT * item.height)
+    return ObjectRenderer(
+        context, item.body, environment, support_environment, casters=others, earlier=earlier, moves=moves
     )
-    return ObjectRenderer(context, item.body, environment, support_light, shading=others, before=earlier, moves=moves)
 
 
-def _other_bodies(bodies: Sequence[Body], index: int) -> tuple[list[Body], list[Body]]:
+def other_bodies(bodies: Sequence[Body], index: int) -> tuple[list[Body], list[Body]]:
     """Return all bodies except the one with this index, and those before it."""
     return [*bodies[:index], *bodies[index + 1 :]], list(bodies[:index])

@@ -17,11 +17,10 @@ from numpy.typing import NDArray
 from estimator.projection.cameras import project
 from estimator.records.scene import Camera
 from insertion.colour import srgb_to_linear
-from insertion.composite.camera_look import REACH_PX
-from insertion.composite.compose import Composite, Joined
-from insertion.footage.footage import Shot
-from insertion.insertion_scene import PreparedScene
-from insertion.placement.placed_object import Placed
+from insertion.composite.camera_look import MAX_BLUR_REACH_PX
+from insertion.composite.compose import Composite, ObjectComposite
+from insertion.footage.footage import Frame
+from insertion.placement.placed_object import PlacedObject
 from insertion.render.layers import window_behind
 from insertion.scene.camera_rays import camera_rays
 from insertion.scene.pixel_box import PixelBox
@@ -52,11 +51,13 @@ LAYERS = {
 class CompositingLayers:
     """Writes the layers of each picture into an existing folder; a picture without objects has a plate alone."""
 
-    def __init__(self, folder: Path, prepared: PreparedScene, objects: Sequence[Placed]) -> None:
-        self._folder, self._metres = folder, prepared.scale.metres_per_unit
+    def __init__(
+        self, folder: Path, objects: Sequence[PlacedObject], frames: Sequence[Frame], metres_per_unit: float
+    ) -> None:
+        self._folder, self._metres = folder, metres_per_unit
         # numbered from 1 without gaps, as programs read a sequence
-        self._names = {shot.name: Path(f"{shot.index + 1:06d}.exr") for shot in prepared.footage.shots}
-        self._joined: dict[int, Joined] = {}
+        self._names = {frame.name: Path(f"{frame.index + 1:06d}.exr") for frame in frames}
+        self._layered: dict[int, ObjectComposite] = {}
         self._several = len(objects) > 1
         self._cameras: dict[bytes, tuple[str, NDArray[np.float32]]] = {}
         self._plate: NDArray[np.uint8] = np.zeros((0, 0, 3), np.uint8)
@@ -65,53 +66,56 @@ class CompositingLayers:
             "formula": "linear(picture) = plate * shadow * (1 - object.A) + object.RGB; sRGB encoding (IEC 61966-2-1)",
             "layers": LAYERS,
             "objects": {number: item.model.name for number, item in enumerate(objects, start=1)},
-            "pictures": {shot.name: self._names[shot.name].as_posix() for shot in prepared.footage.shots},
+            "pictures": {frame.name: self._names[frame.name].as_posix() for frame in frames},
         }
         (folder / "layers.json").write_text(json.dumps(record, indent=1) + "\n", encoding="utf-8")
 
-    def picture(self, shot: Shot, picture: NDArray[np.uint8]) -> None:
+    def plate(self, frame: Frame, image: NDArray[np.uint8]) -> None:
         """Write the plate (h, w, 3), with and without its lens."""
-        self._plate, self._joined = picture, {}
-        light = srgb_to_linear(picture)
-        self._write("plate", shot, light, half=False)
-        if shot.view is not None:
-            self._write("undistorted", shot, self._straight(shot.view.camera, light))
+        self._plate, self._layered = image, {}
+        light = srgb_to_linear(image)
+        self._write("plate", frame, light, half=False)
+        if frame.view is not None:
+            self._write("undistorted", frame, self._straight(frame.view.camera, light))
 
-    def layers(self, shot: Shot, number: int, joined: Joined) -> None:
+    def layers(self, frame: Frame, index: int, item: ObjectComposite) -> None:
         """Keep the layers of one object until the picture is whole."""
-        assert shot.name in self._names
-        self._joined[number] = joined
+        assert frame.name in self._names
+        self._layered[index] = item
 
-    def composite(self, shot: Shot, composite: Composite) -> None:
+    def composite(self, frame: Frame, composite: Composite) -> None:
         """Write what the picture was joined from."""
         shape = self._plate.shape[:2]
         whole = np.zeros((*shape, 4), np.float32)
         shadow = np.ones((*shape, 3), np.float32)
-        whole[..., :3], whole[composite.box.slices][..., 3] = 0.0, composite.covering[..., 3]
-        shadow[composite.box.slices] = composite.share
+        whole[..., :3], whole[composite.box.slices][..., 3] = 0.0, composite.visible_foreground[..., 3]
+        shadow[composite.box.slices] = composite.visible_transmittance
         # what the eight bits of the picture hold beyond the plate: object, blur and grain in one
         rest = srgb_to_linear(self._plate) * shadow * (1 - whole[..., 3:])
         seen = whole[..., 3] > 0
-        whole[seen, :3] = (srgb_to_linear(composite.picture) - rest)[seen]
-        self._write("object", shot, whole)
+        whole[seen, :3] = (srgb_to_linear(composite.image) - rest)[seen]
+        self._write("object", frame, whole)
         for own, share in self._shares(shape).items() if self._several else ():
-            self._write(f"object_{own}", shot, whole * share[..., None])
-        self._write("shadow", shot, shadow)
+            self._write(f"object_{own}", frame, whole * share[..., None])
+        self._write("shadow", frame, shadow)
         depth, hidden, number = self._nearest(shape)
-        self._write("depth", shot, np.nan_to_num(depth * self._metres, posinf=0.0), half=False)
-        self._write("occlusion", shot, hidden)
-        if shot.view is not None:
-            self._write("matte", shot, self._straight(shot.view.camera, hidden))
-            self._write("normal", shot, _normals(depth, camera_rays(shot.view.camera)))
-        name = self._names[shot.name].with_suffix(".png")
+        self._write("depth", frame, np.nan_to_num(depth * self._metres, posinf=0.0), half=False)
+        self._write("occlusion", frame, hidden)
+        if frame.view is not None:
+            self._write("matte", frame, self._straight(frame.view.camera, hidden))
+            self._write("normal", frame, _normals(depth, camera_rays(frame.view.camera)))
+        name = self._names[frame.name].with_suffix(".png")
         write_picture(self._folder / "id" / name, number)
 
     def _shares(self, shape: tuple[int, ...]) -> dict[int, NDArray[np.float32]]:
         """By its number from 1, the (h, w) share of each object in what is seen: by coverage, or by what is near."""
         import cv2
 
-        covers = {number + 1: joined.whole(shape)[0] for number, joined in self._joined.items()}
-        covers = {number: own + BESIDE * cv2.GaussianBlur(own, (0, 0), REACH_PX / 3) for number, own in covers.items()}
+        covers = {number + 1: item.full_size(shape)[0] for number, item in self._layered.items()}
+        covers = {
+            number: own + BESIDE * cv2.GaussianBlur(own, (0, 0), MAX_BLUR_REACH_PX / 3)
+            for number, own in covers.items()
+        }
         total = np.maximum(sum(covers.values(), np.zeros(shape, np.float32)), 1e-12)
         return {number: np.asarray(own / total, dtype=np.float32) for number, own in covers.items()}
 
@@ -119,11 +123,11 @@ class CompositingLayers:
         """(h, w) depth in scene units (infinite without), hidden share and number of the nearest object."""
         depth = np.full(shape, np.inf, np.float32)
         hidden, number = np.zeros(shape, np.float32), np.zeros(shape, np.uint8)
-        for own, joined in self._joined.items():
-            part = joined.layers.box.slices
-            nearer = np.nan_to_num(joined.layers.image.depth, nan=np.inf) < depth[part]
-            depth[part][nearer] = joined.layers.image.depth[nearer]
-            hidden[part][nearer] = joined.hidden[nearer]
+        for own, item in self._layered.items():
+            part = item.layers.box.slices
+            nearer = np.nan_to_num(item.layers.image.depth, nan=np.inf) < depth[part]
+            depth[part][nearer] = item.layers.image.depth[nearer]
+            hidden[part][nearer] = item.occluded[nearer]
             number[part][nearer] = own + 1
         return depth, hidden, number
 
@@ -139,9 +143,9 @@ class CompositingLayers:
         back = self._cameras[key][1]
         return np.asarray(cv2.remap(layer, back[..., 0], back[..., 1], cv2.INTER_LINEAR), dtype=np.float32)
 
-    def _write(self, layer: str, shot: Shot, pixels: NDArray[np.float32], half: bool = True) -> None:
+    def _write(self, layer: str, frame: Frame, pixels: NDArray[np.float32], half: bool = True) -> None:
         """Write a layer (h, w) or (h, w, c) of a picture."""
-        _save(self._folder / layer / self._names[shot.name], exr_bytes(pixels, half=half))
+        _save(self._folder / layer / self._names[frame.name], exr_bytes(pixels, half=half))
 
 
 def _lens_maps(camera: Camera) -> tuple[FloatArray, NDArray[np.float32]]:
@@ -169,12 +173,12 @@ def exr_bytes(pixels: NDArray[np.floating], half: bool = True) -> bytes:
     context: Any = av.codec.CodecContext.create("exr", "w")
     context.width, context.height, context.pix_fmt, context.time_base = width, height, name, Fraction(1, 25)
     context.options = {"format": "half" if half else "float", "compression": "zip16"}
-    frame = av.VideoFrame(width, height, name)
-    for plane, channel in zip(frame.planes, order, strict=True):
+    transform = av.VideoFrame(width, height, name)
+    for plane, channel in zip(transform.planes, order, strict=True):
         rows = np.frombuffer(memoryview(plane), np.uint8).reshape(height, -1)
         rows[:, : 4 * width] = np.ascontiguousarray(stacked[..., channel], np.float32).view(np.uint8)
-    frame.pts = 0
-    return b"".join(bytes(packet) for packet in [*context.encode(frame), *context.encode(None)])
+    transform.pts = 0
+    return b"".join(bytes(packet) for packet in [*context.encode(transform), *context.encode(None)])
 
 
 def _save(file: Path, data: bytes) -> None:

@@ -8,13 +8,13 @@ from dataclasses import dataclass
 import numpy as np
 
 from estimator.records.scene import Camera, View
-from insertion.footage.footage import STILLS_RATE, Shot
-from insertion.placement.placed_object import Placed
+from insertion.footage.footage import STILLS_RATE, Frame
+from insertion.placement.placed_object import PlacedObject
 from metric_base.arrays import FloatArray
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class MetricFrame:
+class MetricTransform:
     """x_metric = scale * rotation @ (x_scene - origin); rotation : (3, 3), its second row is up."""
 
     scale: float
@@ -27,7 +27,7 @@ class MetricFrame:
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class CameraKey:
+class CameraKeyframe:
     """The camera of one picture.
 
     time_s : seconds since the first picture; camera : its lens; matrix : (4, 4) camera to metric frame with OpenGL's
@@ -40,35 +40,37 @@ class CameraKey:
     matrix: FloatArray
 
 
-def metric_frame(objects: Sequence[Placed], metres_per_unit: float) -> MetricFrame:
+def metric_transform(objects: Sequence[PlacedObject], metres_per_unit: float) -> MetricTransform:
     """The frame about the first object."""
-    place = objects[0].place
+    place = objects[0].placement
     one, two, up = place.basis
-    return MetricFrame(metres_per_unit, np.stack([one, up, -two]), place.position)
+    return MetricTransform(metres_per_unit, np.stack([one, up, -two]), place.position)
 
 
-def camera_keys(shots: Sequence[Shot], frame: MetricFrame) -> list[CameraKey]:
+def camera_keyframes(frames: Sequence[Frame], transform: MetricTransform) -> list[CameraKeyframe]:
     """The cameras of all pictures with a known pose."""
-    times = _times(shots)
+    times = _times(frames)
     return [
-        _key(shot, shot.view, time_s, frame) for shot, time_s in zip(shots, times, strict=True) if shot.view is not None
+        _key(frame, frame.view, time_s, transform)
+        for frame, time_s in zip(frames, times, strict=True)
+        if frame.view is not None
     ]
 
 
-def frame_rate(shots: Sequence[Shot]) -> float:
+def frame_rate(frames: Sequence[Frame]) -> float:
     """Pictures a second: the usual one of a video whose rate varies."""
-    steps = np.diff(_times(shots))
+    steps = np.diff(_times(frames))
     return float(1 / np.median(steps)) if len(steps) and np.median(steps) > 0 else STILLS_RATE
 
 
-def _times(shots: Sequence[Shot]) -> list[float]:
+def _times(frames: Sequence[Frame]) -> list[float]:
     """Seconds of each picture since the first."""
-    return [shot.clock_s - shots[0].clock_s for shot in shots]
+    return [frame.clock_s - frames[0].clock_s for frame in frames]
 
 
-def keys_by_camera(keys: Sequence[CameraKey]) -> list[tuple[Camera, list[CameraKey]]]:
+def keyframes_by_camera(keys: Sequence[CameraKeyframe]) -> list[tuple[Camera, list[CameraKeyframe]]]:
     """The keys of each lens, in the order in which the lenses come; lenses of the same numbers are one."""
-    lenses: dict[tuple[str, int, int, bytes], tuple[Camera, list[CameraKey]]] = {}
+    lenses: dict[tuple[str, int, int, bytes], tuple[Camera, list[CameraKeyframe]]] = {}
     for key in keys:
         lens = key.camera
         same = (lens.model, lens.width, lens.height, lens.params.tobytes())
@@ -76,19 +78,19 @@ def keys_by_camera(keys: Sequence[CameraKey]) -> list[tuple[Camera, list[CameraK
     return list(lenses.values())
 
 
-def object_matrix(placed: Placed, frame: MetricFrame) -> FloatArray:
+def object_matrix(placed: PlacedObject, transform: MetricTransform) -> FloatArray:
     """(4, 4) from the model's file (its own metres) to the metric frame: turned, sized and moved."""
-    low, high = placed.model.bounds if placed.act is None else placed.act.bounds
+    low, high = placed.model.bounds if placed.playback is None else placed.playback.bounds
     foot = np.array([(low[0] + high[0]) / 2, low[1], (low[2] + high[2]) / 2])
     matrix = np.eye(4)
-    matrix[:3, :3] = placed.size.factor * frame.rotation @ placed.turn
-    matrix[:3, 3] = frame(placed.place.position[None])[0] - matrix[:3, :3] @ foot
+    matrix[:3, :3] = placed.size.factor * transform.rotation @ placed.turn
+    matrix[:3, 3] = transform(placed.placement.position[None])[0] - matrix[:3, :3] @ foot
     return matrix
 
 
-def _key(shot: Shot, view: View, time_s: float, frame: MetricFrame) -> CameraKey:
+def _key(frame: Frame, view: View, time_s: float, transform: MetricTransform) -> CameraKeyframe:
     matrix = np.eye(4)
     # COLMAP's camera looks along +z with y down
-    matrix[:3, :3] = frame.rotation @ view.rotation.T @ np.diag([1.0, -1.0, -1.0])
-    matrix[:3, 3] = frame(view.centre[None])[0]
-    return CameraKey(shot.name, time_s, view.camera, matrix)
+    matrix[:3, :3] = transform.rotation @ view.rotation.T @ np.diag([1.0, -1.0, -1.0])
+    matrix[:3, 3] = transform(view.centre[None])[0]
+    return CameraKeyframe(frame.name, time_s, view.camera, matrix)

@@ -11,7 +11,7 @@ import numpy as np
 
 from estimator.projection.cameras import CAMERA_MODELS
 from estimator.records.scene import Camera
-from insertion.exports.metric_frame import CameraKey, keys_by_camera
+from insertion.exports.metric_frame import CameraKeyframe, keyframes_by_camera
 from metric_base.arrays import FloatArray
 from metric_base.errors import InputError
 
@@ -26,13 +26,13 @@ _TURN = np.array([[1, 0, 0, 0], [0, 0, -1, 0], [0, 1, 0, 0], [0, 0, 0, 1]], dtyp
 POINTS_FILE = "sparse_pc.ply"
 
 
-def write_transforms(file: Path, keys: Sequence[CameraKey], pictures: str, points: FloatArray) -> None:
+def write_transforms(file: Path, keys: Sequence[CameraKeyframe], pictures: str, points: FloatArray) -> None:
     """Write the file, and the points (n, 3) of the metric frame as `sparse_pc.ply` beside it.
 
     pictures : folder of the pictures, relative to it. nerfstudio counts pixels as COLMAP does: the centre of the first
     is (0.5, 0.5) (its issue 3048). Raises InputError for a camera that it does not know.
     """
-    lenses = keys_by_camera(keys)
+    lenses = keyframes_by_camera(keys)
     for camera, _ in lenses:
         if camera.model not in _MODELS:
             raise InputError(f"--export: transforms.json: expected one of {', '.join(_MODELS)}; found {camera.model}")

@@ -9,8 +9,8 @@ from typing import Any
 import numpy as np
 
 from estimator.records.scene import Camera
-from insertion.exports.metric_frame import CameraKey, MetricFrame, keys_by_camera, object_matrix
-from insertion.placement.placed_object import Placed
+from insertion.exports.metric_frame import CameraKeyframe, MetricTransform, keyframes_by_camera, object_matrix
+from insertion.placement.placed_object import PlacedObject
 from insertion.scene.camera_rays import focal_lengths
 from models3d.usd.writer import bind_material, write_mesh
 
@@ -21,7 +21,7 @@ NEAR_M, FAR_M = 0.01, 1000.0
 
 
 def write_usd_scene(
-    file: Path, objects: Sequence[Placed], keys: Sequence[CameraKey], frame: MetricFrame, rate: float
+    file: Path, objects: Sequence[PlacedObject], keys: Sequence[CameraKeyframe], transform: MetricTransform, rate: float
 ) -> None:
     """Write a `.usda` file, with textures in a folder beside it and a camera for each that took the pictures.
 
@@ -38,18 +38,18 @@ def write_usd_scene(
     stage.SetStartTimeCode(0.0)
     stage.SetEndTimeCode(max(key.time_s for key in keys) * rate)
     stage.SetDefaultPrim(UsdGeom.Xform.Define(stage, "/World").GetPrim())
-    for number, (camera, own) in enumerate(keys_by_camera(keys)):
+    for number, (camera, own) in enumerate(keyframes_by_camera(keys)):
         _camera(stage, f"/World/camera{number or ''}", camera, own, rate)
     for number, placed in enumerate(objects):
         path = f"/World/object{number}"
-        _set_matrix(UsdGeom.Xform.Define(stage, path), object_matrix(placed, frame))
+        _set_matrix(UsdGeom.Xform.Define(stage, path), object_matrix(placed, transform))
         for row, part in enumerate(placed.model.meshes):
             mesh = write_mesh(stage, f"{path}/part{row}", part)
             bind_material(stage, mesh, part.material, file.parent, f"object{number}_part{row}")
     stage.GetRootLayer().Save()
 
 
-def _camera(stage: Any, path: str, camera: Camera, keys: Sequence[CameraKey], rate: float) -> None:
+def _camera(stage: Any, path: str, camera: Camera, keys: Sequence[CameraKeyframe], rate: float) -> None:
     """A camera moved by its keys; rate : time codes a second."""
     from pxr import Gf, UsdGeom
 

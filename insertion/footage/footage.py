@@ -1,65 +1,101 @@
-"""The pictures that are drawn on, each with its pose and time; and the stills that the reconstruction was made of.
-
-A video with the pose of every frame, as a work folder of `estimate-scale VIDEO` keeps it.
-"""
+"""Input frames of an insertion with pose and time (`Footage`), and the images of the reconstruction (`Stills`)."""
 
 from __future__ import annotations
 
+from abc import ABC, abstractmethod
 from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Protocol
 
 import numpy as np
-from numpy.typing import NDArray
 
-from capture.frame_poses import FILE_NAME, FramePose, FramePoses, read_frame_poses
+from capture.frame_poses import FILE_NAME, FramePoses, read_frame_poses
 from capture.sources.video import VIDEO_SUFFIXES, Video
 from estimator.instances.view_matching import image_file, image_folders
-from estimator.records.scene import Camera, Scene, View
+from estimator.records.scene import Scene, View
+from insertion.colour import Image
 from metric_base.errors import InputError
 from metric_base.images import read_picture
 
-Picture = NDArray[np.uint8]
-#: Pictures without times count as so many a second, in a video that is made of them and for what moves.
+#: Frame rate of images without times, in frames per second: for animated objects and for a video made of images.
 STILLS_RATE = 6.0
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Shot:
-    """One picture of the output.
+class Frame:
+    """One frame of the footage."""
 
-    index : its number, from 0; name : the picture's file name; time_s : presentation time, None for stills; view : its
-    camera and pose, None where none is known; row : its row in `Scene.views`, None if it was not reconstructed.
-    """
-
-    index: int
-    name: str
-    time_s: float | None
-    view: View | None
-    row: int | None
+    index: int  #: from 0
+    name: str  #: file name
+    time_s: float | None  #: presentation time; None for images without times
+    view: View | None  #: camera and pose; None if the pose is not known
+    row: int | None  #: index in `Scene.views`; None if the frame was not reconstructed
 
     @property
     def clock_s(self) -> float:
-        """When the picture is shown, seconds."""
+        """Presentation time in seconds, that of a sequence at `STILLS_RATE` for images without times."""
         return self.index / STILLS_RATE if self.time_s is None else self.time_s
 
 
-class Footage(Protocol):
-    """What is drawn on, in order."""
+class Footage(ABC):
+    """Frames in order of time. Iteration yields each frame with its image, decoded one at a time."""
+
+    frames: tuple[Frame, ...]
+
+    @abstractmethod
+    def __iter__(self) -> Iterator[tuple[Frame, Image]]:
+        """Yield every frame with its upright image (h, w, 3)."""
 
     @property
-    def shots(self) -> tuple[Shot, ...]:
-        """All pictures in order."""
-        ...
+    def start_s(self) -> float:
+        """Presentation time of the first frame of the complete footage."""
+        return self.frames[0].clock_s if self.frames else 0.0
 
-    def pictures(self) -> Iterator[tuple[Shot, Picture]]:
-        """Every shot with its (h, w, 3) uint8 RGB picture, upright; one at a time."""
-        ...
+    def between(self, first: int, last: int) -> FrameRange:
+        """Return the frames with an index from `first` to `last`. Raises InputError if there are none."""
+        part = FrameRange(self, first, last)
+        if not part.frames:
+            end = len(self.frames) - 1
+            raise InputError(f"--frames: expected numbers from 0 to {end}; found {first}:{last}")
+        return part
+
+
+class FrameRange(Footage):
+    """A range of the frames of other footage."""
+
+    def __init__(self, complete: Footage, first: int, last: int) -> None:
+        self._complete = complete
+        self.frames = tuple(frame for frame in complete.frames if first <= frame.index <= last)
+
+    @property
+    def start_s(self) -> float:
+        """Presentation time of the first frame of the complete footage: animations do not depend on the range."""
+        return self._complete.start_s
+
+    def __iter__(self) -> Iterator[tuple[Frame, Image]]:
+        """Yield every frame of the range with its image (h, w, 3)."""
+        for frame, image in self._complete:
+            if frame.index > self.frames[-1].index:
+                return
+            if frame.index >= self.frames[0].index:
+                yield frame, image
 
 
 class Stills:
-    """The pictures of a reconstruction's own views, read when they are asked for."""
+    """Images of the views of a reconstruction, read on demand.
+
+    Attributes
+    ----------
+    scene : Scene
+        The reconstruction.
+    rows : tuple of int
+        Indices of the views that have an image.
+
+    Raises
+    ------
+    InputError
+        No view has an image.
+    """
 
     def __init__(self, scene: Scene, folder: Path | None = None) -> None:
         self.scene = scene
@@ -67,102 +103,87 @@ class Stills:
         self._files = [image_file(folders, view) for view in scene.views]
         self.rows = tuple(row for row, file in enumerate(self._files) if file is not None)
         if not self.rows:
-            places = ", ".join(str(place) for place in folders) or "no folder `images` beside or above the model"
+            found = ", ".join(str(folder) for folder in folders) or "no folder `images` next to or above the model"
             raise InputError(
-                f"{scene.path}: pictures: expected the pictures of its views (--images DIR); found none in {places}"
+                f"{scene.path}: images: expected the images of its views (--images DIR); found none in {found}"
             )
 
-    def picture(self, row: int) -> Picture:
-        """(h, w, 3) uint8 RGB of a view. Raises InputError for a file that is no picture or has another shape."""
+    def image(self, row: int) -> Image:
+        """Read the image (h, w, 3) of a view. Raises InputError if it cannot be decoded or has another size."""
         import cv2
 
         file, camera = self._files[row], self.scene.views[row].camera
         pixels = None if file is None else read_picture(file, cv2.IMREAD_COLOR | cv2.IMREAD_IGNORE_ORIENTATION)
         if pixels is None:
-            raise InputError(f"{file}: picture: expected one that OpenCV reads; found none")
+            raise InputError(f"{file}: not an image that OpenCV can decode")
         if pixels.shape[:2] != (camera.height, camera.width):
             size = f"{pixels.shape[1]} x {pixels.shape[0]}"
             raise InputError(f"{file}: size: expected {camera.width} x {camera.height}, as its camera; found {size}")
         return np.ascontiguousarray(pixels[..., ::-1])
 
 
-class PictureFootage:
-    """A scene whose own pictures are drawn on, in the order of their names."""
+class ImageSequence(Footage):
+    """The images of a reconstruction as footage, in the order of their names."""
 
     def __init__(self, stills: Stills) -> None:
         views = stills.scene.views
         rows = sorted(stills.rows, key=lambda row: views[row].name)
         self._stills = stills
-        self.shots: tuple[Shot, ...] = tuple(
-            Shot(index, views[row].name, None, views[row], row) for index, row in enumerate(rows)
-        )
+        self.frames = tuple(Frame(index, views[row].name, None, views[row], row) for index, row in enumerate(rows))
 
-    def pictures(self) -> Iterator[tuple[Shot, Picture]]:
-        """Every shot with its picture (h, w, 3)."""
-        for shot in self.shots:
-            assert shot.row is not None  # every shot is a view here
-            yield shot, self._stills.picture(shot.row)
+    def __iter__(self) -> Iterator[tuple[Frame, Image]]:
+        """Yield every frame with its image (h, w, 3)."""
+        for frame in self.frames:
+            assert frame.row is not None  # every frame is a view of the reconstruction
+            yield frame, self._stills.image(frame.row)
 
 
-class FrameRange:
-    """Footage of which only some shots are drawn on; `whole` is all of it."""
+class VideoFootage(Footage):
+    """Frames of a video.
 
-    def __init__(self, whole: Footage, first: int, last: int) -> None:
-        self.whole = whole
-        self.shots: tuple[Shot, ...] = tuple(shot for shot in whole.shots if first <= shot.index <= last)
-
-    def pictures(self) -> Iterator[tuple[Shot, Picture]]:
-        """Every shot of the range with its picture (h, w, 3)."""
-        for shot, picture in self.whole.pictures():
-            if shot.index > self.shots[-1].index:
-                return
-            if shot.index >= self.shots[0].index:
-                yield shot, picture
-
-
-class VideoFootage:
-    """The frames of a video, decoded one at a time.
-
-    source : the video; turned_deg : the clockwise rotation that its container asks for, applied to the frames.
+    Attributes
+    ----------
+    source : Path
+        The video.
+    turned_deg : int
+        Clockwise rotation that its container requests, applied to the frames.
     """
 
     def __init__(self, video: Video, poses: FramePoses, scene: Scene) -> None:
         self._video = video
         self.source, self.turned_deg = video.path, video.turned_deg
         rows = {Path(view.name).stem: row for row, view in enumerate(scene.views)}
-        self.shots: tuple[Shot, ...] = tuple(
-            Shot(
-                pose.index,
-                f"{pose.index:06d}.png",
-                pose.time_s,
-                _view(pose, poses.camera),
-                None if pose.name is None else rows.get(Path(pose.name).stem),
-            )
-            for pose in poses.frames
-        )
+        frames = []
+        for pose in poses.frames:
+            name, view = f"{pose.index:06d}.png", None
+            if pose.rotation is not None and pose.translation is not None and poses.camera is not None:
+                no_points = np.empty((0, 2)), np.empty(0, dtype=np.int64)
+                view = View(name, poses.camera, pose.rotation, pose.translation, *no_points)
+            row = None if pose.name is None else rows.get(Path(pose.name).stem)
+            frames.append(Frame(pose.index, name, pose.time_s, view, row))
+        self.frames = tuple(frames)
 
-    def pictures(self) -> Iterator[tuple[Shot, NDArray[np.uint8]]]:
-        """Every shot with its upright picture (h, w, 3)."""
-        shots = {shot.index: shot for shot in self.shots}
-        for frame in self._video.frames():
-            if frame.index in shots:
-                yield shots[frame.index], frame.colour
+    def __iter__(self) -> Iterator[tuple[Frame, Image]]:
+        """Yield every frame with its upright image (h, w, 3)."""
+        frames = {frame.index: frame for frame in self.frames}
+        for decoded in self._video.frames():
+            if decoded.index in frames:
+                yield frames[decoded.index], decoded.colour
 
 
 def video_footage(work: Path, scene: Scene) -> VideoFootage | None:
-    """The footage of a work folder that was made from a video; None for another folder."""
+    """Return the footage of a work folder made from a video; None for another folder.
+
+    Raises
+    ------
+    InputError
+        The video does not exist any more.
+    """
     if not (work / FILE_NAME).is_file():
         return None
     poses = read_frame_poses(work)
     if poses.source.suffix.lower() not in VIDEO_SUFFIXES:
         return None
     if not poses.source.is_file():
-        raise InputError(f"{work / FILE_NAME}: source: expected the video {poses.source}; it is not there any more")
+        raise InputError(f"{work / FILE_NAME}: source: expected the video {poses.source}; the file does not exist")
     return VideoFootage(Video(poses.source), poses, scene)
-
-
-def _view(pose: FramePose, camera: Camera | None) -> View | None:
-    if pose.rotation is None or pose.translation is None or camera is None:
-        return None
-    nothing = np.empty((0, 2)), np.empty(0, dtype=np.int64)
-    return View(f"{pose.index:06d}.png", camera, pose.rotation, pose.translation, *nothing)

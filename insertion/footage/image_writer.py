@@ -1,4 +1,4 @@
-"""Where the pictures go: a folder of PNG files, or a video."""
+"""Output of an insertion: a folder of PNG files, or a video."""
 
 from __future__ import annotations
 
@@ -6,23 +6,20 @@ from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
 
-import numpy as np
-from numpy.typing import NDArray
-
 from capture.sources.video import VIDEO_SUFFIXES
-from insertion.footage.footage import Shot
+from insertion.colour import Image
+from insertion.footage.footage import Frame
 from metric_base.errors import InputError
 from metric_base.files import OutputNames, output_file, whole_file, whole_folder
 from metric_base.images import write_picture
 
-Picture = NDArray[np.uint8]
-Writer = Callable[[Shot, Picture], None]
-#: What a preview may be written as.
+Writer = Callable[[Frame, Image], None]
+#: File suffixes of a preview.
 PREVIEWS = (".png", ".jpg", ".jpeg", ".webp")
 
 
 def output_kind(out: Path) -> str:
-    """`video` or `folder`. Raises InputError for a place that cannot be written, before any work is done."""
+    """Return `video` or `folder`. Raises InputError for a path that cannot be written."""
     if out.suffix.lower() in VIDEO_SUFFIXES:
         if not out.absolute().parent.is_dir():
             raise InputError(f"--out: expected a file in an existing folder; found no folder {out.parent}")
@@ -31,33 +28,41 @@ def output_kind(out: Path) -> str:
         kinds = ", ".join(sorted(VIDEO_SUFFIXES))
         raise InputError(f"--out: expected a folder or a video ({kinds}); found {out.name!r}")
     if out.exists():
-        raise InputError(f"--out: expected a folder that is not there yet; found {out}")
+        raise InputError(f"--out: expected a new folder; {out} exists")
     return "folder"
 
 
-def preview_place(file: Path) -> None:
-    """InputError for a place that no picture can be written to, before any work is done."""
+def check_preview_path(file: Path) -> None:
+    """Raise InputError for a path that no image can be written to."""
     if file.suffix.lower() not in PREVIEWS:
-        raise InputError(f"--preview: expected a picture ({', '.join(PREVIEWS)}); found {file.name!r}")
+        raise InputError(f"--preview: expected an image file ({', '.join(PREVIEWS)}); found {file.name!r}")
     output_file(file, "--preview")
 
 
 @contextmanager
-def picture_writer(
+def frame_writer(
     out: Path, source: Path | None = None, turned_deg: int = 0, codec: str | None = None
 ) -> Iterator[Writer]:
-    """A function that writes one picture after another; `out` appears when all are written.
+    """Yield a function that writes one frame after another. `out` appears when all are written.
 
-    source : the video whose sound and colours are kept; turned_deg : the clockwise rotation its player applies, kept as
-    well; codec : what `--codec` names, for a video.
+    Parameters
+    ----------
+    out : Path
+        A video, or a new folder.
+    source : Path, optional
+        Video whose sound and colour encoding are kept.
+    turned_deg : int
+        Clockwise rotation that the container of the source requests; the output requests it too.
+    codec : str, optional
+        Key of `insertion.footage.video_writer.CODECS`, for a video.
     """
     if output_kind(out) == "folder":
         with whole_folder(out, "--out") as folder:
             names = OutputNames(folder)
 
-            def write_png(shot: Shot, picture: Picture) -> None:
-                stem = shot.name.removesuffix(Path(shot.name).suffix)
-                write_picture(names.path(f"{stem}.png"), picture[..., ::-1])
+            def write_png(frame: Frame, image: Image) -> None:
+                stem = frame.name.removesuffix(Path(frame.name).suffix)
+                write_picture(names.path(f"{stem}.png"), image[..., ::-1])
 
             yield write_png
         return
@@ -65,7 +70,7 @@ def picture_writer(
 
     with whole_file(out, "--out") as file, VideoWriter(file, out.suffix, source, turned_deg, codec) as video:
 
-        def write(shot: Shot, picture: Picture) -> None:
-            video.write(picture, shot.clock_s, shot.index)
+        def write_frame(frame: Frame, image: Image) -> None:
+            video.write(image, frame.clock_s, frame.index)
 
-        yield write
+        yield write_frame

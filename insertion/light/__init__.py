@@ -1,1 +1,1 @@
-"""The light of the scene at a place: an environment from the pictures, and directional lights drawn from it."""
+"""The light of a scene: lamps of a room, sun and sky, and the environment map at a position."""

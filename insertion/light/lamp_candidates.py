@@ -1,6 +1,6 @@
-"""Where a lamp may be, and how a lamp there would light the cells of the planes, shadows included.
+"""Candidate lamps of a room, and the irradiance of the cells of its planes by a lamp, with shadows.
 
-Places that the pictures show to be empty air: no lamp hangs there.
+Lamps are not in positions that are visibly free: an image shows a surface behind them and no clipped pixels nearby.
 """
 
 from __future__ import annotations
@@ -13,226 +13,287 @@ import numpy as np
 from estimator.projection.cameras import pixels_in_view
 from insertion.footage.footage import Stills
 from insertion.scene.occupancy import Occupancy
-from insertion.scene.plane_cells import CELL, Patches
-from insertion.scene.point_cloud import Cloud, even_rows, front_points
+from insertion.scene.plane_cells import CELL, PlaneCells
+from insertion.scene.point_cloud import ColouredPoints, evenly_spaced, visible_points
 from metric_base.arrays import BoolArray, FloatArray
 
-#: Candidates along the horizontal axes and up; lamps are in the upper part of the room.
-GRID, LEVELS, LOWEST = 11, 6, 0.45
-#: Most lamps hang in this upper part of the room, or are windows in a wall: the log odds of one that stands about.
-OVERHEAD, STANDING = 0.8, -4.0
-#: Walls that no picture shows are further out than what they show, by this share of it.
-BEYOND = 0.12
-#: The ceiling is higher than what the pictures show of the walls, by this share of it.
-ABOVE = 0.2
-#: Cells of the ceiling along each side.
+#: Number of candidates along each horizontal axis of the room, and of heights.
+GRID, LEVELS = 11, 6
+#: Minimum height of a candidate, as a fraction of the height of the room: lamps are in the upper part.
+MIN_HEIGHT = 0.45
+#: Minimum height of a lamp that hangs, as a fraction of the height of the room. Lower omnidirectional lamps stand.
+MIN_HANGING_HEIGHT = 0.8
+#: Log odds of a standing lamp against a hanging lamp or a window.
+STANDING_LOG_ODDS = -4.0
+#: Distance of the walls beyond their visible part, as a fraction of the extent of the room.
+WALL_MARGIN_FRACTION = 0.12
+#: Height of the ceiling above the visible walls, as a fraction of their height.
+CEILING_MARGIN_FRACTION = 0.2
+#: Number of cells of the ceiling along each side.
 CEILING_CELLS = 8
-#: A room whose ceiling is not seen is taken to be this high, in longer sides.
-HEIGHT_SHARE = 0.55
-#: A plane is upright if its normal's cosine with up is below this.
-UPRIGHT = 0.3
-#: Irradiance of a lamp of strength 1 at an ordinary place, in 1 / diagonal^2: a third of a diagonal away.
-USUAL = 10.0
-#: Lamps that are tried about a place, and one sigma of how their direction tilts.
-NEARBY, TILT = 16, 0.35
-#: No lamp is nearer to a surface than this, in diagonals.
-NEAREST = 0.04
-#: How far from the middle of a cell its spots are, in sides of the cell; how many are asked for lamps all over a room,
-#: of which only the order matters, for lamps about a place, and for the share of a cell that is lit.
-SPOT = 0.3
-SPOTS_ALL_OVER, SPOTS_NEAR, SPOTS = 1, 2, 4
-#: Stills that are asked.
+#: Minimum height of a room, as a fraction of its longer side, if no image shows the ceiling.
+MIN_HEIGHT_RATIO = 0.55
+#: Maximum cosine with up of the normal of a wall.
+MAX_WALL_UP_COSINE = 0.3
+#: Irradiance of a lamp of strength 1 at a typical distance (a third of a diagonal), in 1 / diagonal^2.
+TYPICAL_IRRADIANCE = 10.0
+#: Number of positions about a lamp in the local search.
+N_LOCAL_CANDIDATES = 16
+#: Standard deviation of the components of a perturbed direction.
+DIRECTION_SIGMA = 0.35
+#: Minimum distance between a lamp and a surface, in diagonals.
+MIN_DISTANCE = 0.04
+#: Distance of the sample points of a cell from its centre, in sides of the cell.
+SAMPLE_OFFSET = 0.3
+#: Sample points per cell in the coarse search; one is enough to rank candidates.
+COARSE_SAMPLES_PER_CELL = 1
+#: Sample points per cell in the local search.
+LOCAL_SAMPLES_PER_CELL = 2
+#: Sample points per cell for the visible fraction of a cell.
+SAMPLES_PER_CELL = 4
+#: Maximum number of images in the test for free positions.
 MAX_STILLS = 12
-#: Neighbouring points of the cloud that say how far a picture sees, no further than so many pixels at a width of 640.
-POINTS, REACH_PX = 5, 30.0
-#: A place is in front of what the picture shows if it is nearer than this share of its depth.
-IN_FRONT = 0.9
-#: A lamp is brighter than a picture can hold: a grey level within so many pixels at a width of 640.
-DAZZLING, AROUND_PX = 245, 12
+#: Number of nearest points that determine the depth of an image at a pixel.
+DEPTH_POINTS = 5
+#: Maximum distance of these points from the pixel, in pixels at an image width of 640.
+MAX_POINT_PX = 30.0
+#: Maximum depth of a free position, as a fraction of the depth of the image.
+MAX_FREE_DEPTH = 0.9
+#: Minimum grey level of a clipped pixel, which may show a lamp.
+MIN_CLIPPED_LEVEL = 245
+#: Radius in which clipped pixels are searched, in pixels at an image width of 640.
+CLIPPED_RADIUS_PX = 12
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Candidates:
-    """Lamps that may be.
+    """Candidate lamps."""
 
-    places, facing : (c, 3) in the scene, facing 0 for a lamp that shines alike to all sides; irradiance : (c, n) on the
-    cells at a strength of 1; sent_up : (c,) mean irradiance of the ceiling, the same; log_prior : (c,); spacing :
-    between those of the whole room, scene units, which is about as large as lamps are; basis : (3, 3) rows two
-    horizontal axes and up; barred : (b, 3) places between them at which no lamp is; ceiling : its cells, whose
-    brightness is not known.
-    """
-
-    places: FloatArray
-    facing: FloatArray
-    irradiance: FloatArray
-    sent_up: FloatArray
-    log_prior: FloatArray
-    spacing: float
-    basis: FloatArray
-    barred: FloatArray
-    ceiling: Patches
+    positions: FloatArray  #: (c, 3) in the scene
+    facing: FloatArray  #: (c, 3) unit direction of a lamp; 0 for an omnidirectional one
+    irradiance: FloatArray  #: (c, n) irradiance of the cells by a lamp of strength 1
+    ceiling_irradiance: FloatArray  #: (c,) mean irradiance of the ceiling by a lamp of strength 1
+    log_prior: FloatArray  #: (c,)
+    spacing: float  #: spacing of the candidates of the room, scene units; about the size of a lamp
+    basis: FloatArray  #: (3, 3) rows: two horizontal axes and up
+    excluded: FloatArray  #: (b, 3) positions of the grid that cannot hold a lamp
+    ceiling: PlaneCells  #: cells of the ceiling; their brightness is not known
 
 
-def candidates_in(
-    patches: Patches, up: FloatArray, impossible: Callable[[FloatArray], BoolArray] | None, occupancy: Occupancy | None
-) -> Candidates:
-    """Lamps all over the room; up : (3,) unit vector; impossible : which of (n, 3) places no lamp is at, (n,)."""
-    basis = _basis(patches, up)
-    local = patches.places @ basis.T
-    low, high = local.min(axis=0), local.max(axis=0)
-    high[2] = max(high[2] + ABOVE * (high - low)[2], low[2] + HEIGHT_SHARE * float((high - low)[:2].max()))
-    beyond = BEYOND * (high - low)
-    steps = [np.linspace(low[k] - beyond[k], high[k] + beyond[k], GRID) for k in range(2)]
-    levels = np.linspace(low[2] + LOWEST * (high[2] - low[2]), high[2], LEVELS)
-    grid = np.stack(np.meshgrid(*steps, levels, indexing="ij"), axis=-1).reshape(-1, 3)
-    kept = np.ones(len(grid), dtype=bool) if impossible is None else ~impossible(grid @ basis)
-    barred = grid[~kept] @ basis
-    grid, facing = _with_facing(grid[kept], steps, levels)
-    places, facing = grid @ basis, facing @ basis
-    standing = ~facing.any(axis=1) & (grid[:, 2] < low[2] + OVERHEAD * (high[2] - low[2]))
-    odds = np.where(standing, STANDING, 0.0)
-    light = lamp_irradiance(patches, places, facing, occupancy, SPOTS_ALL_OVER)
-    ceiling = _ceiling(patches, places, basis)
-    spacing = float(steps[0][1] - steps[0][0])
-    return Candidates(places, facing, light, _sent_up(ceiling, places, facing), odds, spacing, basis, barred, ceiling)
-
-
-def candidates_near(
-    all_over: Candidates,
-    place: FloatArray,
-    facing: FloatArray,
-    spread: float,
-    patches: Patches,
+def room_candidates(
+    cells: PlaneCells,
+    up: FloatArray,
+    is_free: Callable[[FloatArray], BoolArray] | None,
     occupancy: Occupancy | None,
-    generator: np.random.Generator,
 ) -> Candidates:
-    """Lamps about a place (3,), the first at it; facing : (3,) as it is, nearly so, downwards, or to all sides.
+    """Return candidate lamps in the whole room.
 
-    all_over : those of the whole room; spread : one sigma of their places, scene units.
+    Parameters
+    ----------
+    cells : PlaneCells
+        Cells of the planes of the room.
+    up : (3,) ndarray of float
+        Unit vector.
+    is_free : callable, optional
+        Returns which of (n, 3) positions are visibly free and cannot hold a lamp, (n,).
+    occupancy : Occupancy, optional
+        Grid that casts shadows.
     """
-    offsets = generator.normal(0.0, spread, (NEARBY, 3))
-    offsets[0] = 0.0
-    nearly = facing + generator.normal(0.0, TILT, (NEARBY, 3)) * facing.any()
-    nearly /= np.maximum(np.linalg.norm(nearly, axis=1, keepdims=True), 1e-9)
-    ways = [np.tile(facing, (NEARBY, 1)), nearly, np.tile(-all_over.basis[2], (NEARBY, 1)), np.zeros((NEARBY, 3))]
-    places = place + offsets
-    local, room = places @ all_over.basis.T, all_over.places @ all_over.basis.T
-    outside = ((local < room.min(axis=0)) | (local > room.max(axis=0))).any(axis=1)
-    odds = np.tile(np.where(outside | _where_barred(all_over, places), -np.inf, 0.0), len(ways))
-    odds[0] = 0.0
-    places, directions = np.tile(places, (len(ways), 1)), np.concatenate(ways)
-    light = lamp_irradiance(patches, places, directions, occupancy, SPOTS_NEAR)
-    sent_up = _sent_up(all_over.ceiling, places, directions)
-    return replace(all_over, places=places, facing=directions, irradiance=light, sent_up=sent_up, log_prior=odds)
-
-
-def _ceiling(patches: Patches, places: FloatArray, basis: FloatArray) -> Patches:
-    """Cells of the ceiling over the patches, as high as the highest of places (c, 3); their brightness is not known."""
-    local = patches.places @ basis.T
+    # 1. Axes of the room, along the walls if there are any, and its extent.
+    upright = cells.normals[np.abs(cells.normals @ up) < MAX_WALL_UP_COSINE]
+    across = upright[0] if len(upright) else np.array([1.0, 0, 0] if abs(up[0]) < 0.8 else [0, 1.0, 0])
+    across = across - (across @ up) * up
+    across /= np.linalg.norm(across)
+    basis = np.array([across, np.cross(up, across), up])
+    local = cells.positions @ basis.T
     low, high = local.min(axis=0), local.max(axis=0)
-    top = [float((places @ basis[2]).max())]
-    sides = [np.linspace(low[k], high[k], CEILING_CELLS) for k in range(2)]
-    cells = np.stack(np.meshgrid(*sides, top, indexing="ij"), axis=-1).reshape(-1, 3) @ basis
-    downward = np.broadcast_to(-basis[2], cells.shape)
-    return Patches(cells, downward, np.zeros(len(cells)), np.zeros(len(cells), dtype=np.int64), patches.diagonal)
-
-
-def _sent_up(ceiling: Patches, places: FloatArray, facing: FloatArray) -> FloatArray:
-    """(c,) mean irradiance of the ceiling by lamps at places with directions (c, 3) and a strength of 1."""
-    return np.asarray(lamp_irradiance(ceiling, places, facing, None).mean(axis=1))
-
-
-def _where_barred(candidates: Candidates, places: FloatArray) -> BoolArray:
-    """(n,) whether a place (n, 3) is nearer to one at which no lamp is than to any at which one may be."""
-    if not len(candidates.barred):
-        return np.zeros(len(places), dtype=bool)
-    free, barred = (
-        np.linalg.norm(places[:, None] - some, axis=-1).min(axis=1) for some in (candidates.places, candidates.barred)
+    high[2] = max(
+        high[2] + CEILING_MARGIN_FRACTION * (high - low)[2],
+        low[2] + MIN_HEIGHT_RATIO * float((high - low)[:2].max()),
     )
-    return np.asarray(barred < free)
 
+    # 2. A grid of positions, without the visibly free ones.
+    margin = WALL_MARGIN_FRACTION * (high - low)
+    steps = [np.linspace(low[k] - margin[k], high[k] + margin[k], GRID) for k in range(2)]
+    levels = np.linspace(low[2] + MIN_HEIGHT * (high[2] - low[2]), high[2], LEVELS)
+    grid = np.stack(np.meshgrid(*steps, levels, indexing="ij"), axis=-1).reshape(-1, 3)
+    keep = np.ones(len(grid), dtype=bool) if is_free is None else ~is_free(grid @ basis)
+    excluded = grid[~keep] @ basis
+    grid = grid[keep]
 
-def lamp_irradiance(
-    patches: Patches, places: FloatArray, facing: FloatArray, occupancy: Occupancy | None, spots: int = SPOTS
-) -> FloatArray:
-    """(c, n) irradiance of lamps at places with directions (c, 3) and a strength of 1 on the cells.
-
-    spots : of each cell that are asked whether they see a lamp.
-    """
-    away = places[:, None] - patches.places  # (c, n, 3)
-    distance = np.maximum(np.linalg.norm(away, axis=-1), NEAREST * patches.diagonal)
-    cosine = np.maximum(np.einsum("cnk,nk->cn", away, patches.normals) / distance, 0.0)
-    shone = np.maximum(-np.einsum("cnk,ck->cn", away, facing) / distance, 0.0)
-    shone[~facing.any(axis=1)] = 1.0
-    irradiance = cosine * shone * (patches.diagonal / distance) ** 2 / USUAL
-    if occupancy is None:
-        return np.asarray(irradiance)
-    alone, row = np.unique(places, axis=0, return_inverse=True)
-    return np.asarray(irradiance * open_share(patches, occupancy, alone, spots)[row.ravel()])
-
-
-def open_share(patches: Patches, occupancy: Occupancy, places: FloatArray, spots: int = SPOTS) -> FloatArray:
-    """(c, n) share of each cell that a lamp at each of (c, 3) places reaches: of its middle, or of 2 or 4 `spots`."""
-    normals = patches.normals
-    seed = np.where(np.abs(normals[:, :1]) < 0.8, [[1.0, 0.0, 0.0]], [[0.0, 1.0, 0.0]])
-    across = np.cross(normals, seed)
-    across *= SPOT * CELL * patches.diagonal / np.linalg.norm(across, axis=1, keepdims=True)
-    along = np.cross(normals, across)
-    ways = [(0, 0)] if spots == 1 else [(-0.7, -0.7), (0.7, 0.7)] if spots == 2 else [(-1, 0), (1, 0), (0, -1), (0, 1)]
-    at = np.stack([patches.places + k * across + m * along for k, m in ways], axis=1)
-    shown = occupancy.open_segments(at.reshape(-1, 3), np.repeat(normals, len(ways), axis=0), places)
-    return np.asarray(shown.reshape(len(places), -1, len(ways)).mean(axis=-1))
-
-
-def _with_facing(grid: FloatArray, steps: list[FloatArray], levels: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """Places with how a lamp there may shine: to all sides, from high up downwards, from a wall inwards.
-
-    grid : (m, 3) along two horizontal axes and up; steps : (g,) on each horizontal axis; levels : (l,) heights; places
-    and directions are (c, 3).
-    """
-    ways = [(grid, np.zeros(3)), (grid[grid[:, 2] >= levels[LEVELS // 2]], np.array([0.0, 0.0, -1.0]))]
+    # 3. Directions: omnidirectional anywhere, downwards from the upper half, inwards from a wall.
+    groups = [(grid, np.zeros(3)), (grid[grid[:, 2] >= levels[LEVELS // 2]], np.array([0.0, 0.0, -1.0]))]
     for axis in range(2):
         for end, inward in ((0, 1.0), (-1, -1.0)):
             direction = np.zeros(3)
             direction[axis] = inward
-            ways.append((grid[grid[:, axis] == steps[axis][end]], direction))
-    return np.concatenate([some for some, _ in ways]), np.concatenate([np.tile(way, (len(s), 1)) for s, way in ways])
+            groups.append((grid[grid[:, axis] == steps[axis][end]], direction))
+    grid = np.concatenate([group for group, _ in groups])
+    facing = np.concatenate([np.tile(direction, (len(group), 1)) for group, direction in groups])
+    positions, facing = grid @ basis, facing @ basis
+    is_standing = ~facing.any(axis=1) & (grid[:, 2] < low[2] + MIN_HANGING_HEIGHT * (high[2] - low[2]))
+    log_prior = np.where(is_standing, STANDING_LOG_ODDS, 0.0)
+    irradiance = lamp_irradiance(cells, positions, facing, occupancy, COARSE_SAMPLES_PER_CELL)
+
+    # 4. Cells of the ceiling, as high as the highest candidate.
+    top = [float((positions @ basis[2]).max())] if len(positions) else [float(high[2])]
+    sides = [np.linspace(low[k], high[k], CEILING_CELLS) for k in range(2)]
+    centres = np.stack(np.meshgrid(*sides, top, indexing="ij"), axis=-1).reshape(-1, 3) @ basis
+    downward = np.broadcast_to(-basis[2], centres.shape)
+    unknown, plane = np.zeros(len(centres)), np.zeros(len(centres), dtype=np.int64)
+    ceiling = PlaneCells(centres, downward, unknown, plane, cells.diagonal)
+    ceiling_irradiance = _ceiling_irradiance(ceiling, positions, facing)
+    spacing = float(steps[0][1] - steps[0][0])
+    return Candidates(positions, facing, irradiance, ceiling_irradiance, log_prior, spacing, basis, excluded, ceiling)
 
 
-def _basis(patches: Patches, up: FloatArray) -> FloatArray:
-    """(3, 3) rows two horizontal axes, along the walls where there are any, and up."""
-    upright = patches.normals[np.abs(patches.normals @ up) < UPRIGHT]
-    across = upright[0] if len(upright) else np.array([1.0, 0, 0] if abs(up[0]) < 0.8 else [0, 1.0, 0])
-    across = across - (across @ up) * up
-    across /= np.linalg.norm(across)
-    return np.array([across, np.cross(up, across), up])
+def local_candidates(
+    room: Candidates,
+    position: FloatArray,
+    facing: FloatArray,
+    spread: float,
+    cells: PlaneCells,
+    occupancy: Occupancy | None,
+    generator: np.random.Generator,
+) -> Candidates:
+    """Return candidate lamps near a position, the first at the position.
+
+    Each candidate keeps the direction `facing`, has it perturbed, points down, or is omnidirectional. Positions outside
+    the grid of the room, or closer to an excluded position than to a candidate, are impossible.
+
+    Parameters
+    ----------
+    room : Candidates
+        Candidates of the whole room.
+    position, facing : (3,) ndarray of float
+        A lamp.
+    spread : float
+        Standard deviation of the positions, in scene units.
+    """
+    offsets = generator.normal(0.0, spread, (N_LOCAL_CANDIDATES, 3))
+    offsets[0] = 0.0
+    perturbed = facing + generator.normal(0.0, DIRECTION_SIGMA, (N_LOCAL_CANDIDATES, 3)) * facing.any()
+    perturbed /= np.maximum(np.linalg.norm(perturbed, axis=1, keepdims=True), 1e-9)
+    directions = [
+        np.tile(facing, (N_LOCAL_CANDIDATES, 1)),
+        perturbed,
+        np.tile(-room.basis[2], (N_LOCAL_CANDIDATES, 1)),
+        np.zeros((N_LOCAL_CANDIDATES, 3)),
+    ]
+    positions = position + offsets
+    local, grid = positions @ room.basis.T, room.positions @ room.basis.T
+    is_impossible = ((local < grid.min(axis=0)) | (local > grid.max(axis=0))).any(axis=1)
+    if len(room.excluded):
+        to_candidate, to_excluded = (
+            np.linalg.norm(positions[:, None] - others, axis=-1).min(axis=1)
+            for others in (room.positions, room.excluded)
+        )
+        is_impossible |= to_excluded < to_candidate
+    log_prior = np.tile(np.where(is_impossible, -np.inf, 0.0), len(directions))
+    log_prior[0] = 0.0
+    positions, all_facing = np.tile(positions, (len(directions), 1)), np.concatenate(directions)
+    return replace(
+        room,
+        positions=positions,
+        facing=all_facing,
+        irradiance=lamp_irradiance(cells, positions, all_facing, occupancy, LOCAL_SAMPLES_PER_CELL),
+        ceiling_irradiance=_ceiling_irradiance(room.ceiling, positions, all_facing),
+        log_prior=log_prior,
+    )
 
 
-def shown_empty(places: FloatArray, cloud: Cloud, stills: Stills) -> BoolArray:
-    """(n,) places (n, 3) that some picture looks through without being dazzled."""
+def _ceiling_irradiance(ceiling: PlaneCells, positions: FloatArray, facing: FloatArray) -> FloatArray:
+    """Return the mean irradiance (c,) of the ceiling by lamps of strength 1 at positions with directions (c, 3)."""
+    return np.asarray(lamp_irradiance(ceiling, positions, facing, None).mean(axis=1))
+
+
+def lamp_irradiance(
+    cells: PlaneCells,
+    positions: FloatArray,
+    facing: FloatArray,
+    occupancy: Occupancy | None,
+    samples: int = SAMPLES_PER_CELL,
+) -> FloatArray:
+    """Compute the irradiance of cells by lamps of strength 1.
+
+    Parameters
+    ----------
+    cells : PlaneCells
+        n cells.
+    positions, facing : (c, 3) ndarray of float
+        Positions and directions of the lamps; a direction of 0 is omnidirectional.
+    occupancy : Occupancy, optional
+        Grid that casts shadows.
+    samples : int
+        Number of sample points per cell for the visibility test: 1, 2 or 4.
+
+    Returns
+    -------
+    (c, n) ndarray of float
+    """
+    away = positions[:, None] - cells.positions  # (c, n, 3)
+    distance = np.maximum(np.linalg.norm(away, axis=-1), MIN_DISTANCE * cells.diagonal)
+    cosine = np.maximum(np.einsum("cnk,nk->cn", away, cells.normals) / distance, 0.0)
+    lobe = np.maximum(-np.einsum("cnk,ck->cn", away, facing) / distance, 0.0)
+    lobe[~facing.any(axis=1)] = 1.0
+    irradiance = cosine * lobe * (cells.diagonal / distance) ** 2 / TYPICAL_IRRADIANCE
+    if occupancy is None:
+        return np.asarray(irradiance)
+    distinct, row = np.unique(positions, axis=0, return_inverse=True)
+    return np.asarray(irradiance * visible_fraction(cells, occupancy, distinct, samples)[row.ravel()])
+
+
+def visible_fraction(
+    cells: PlaneCells, occupancy: Occupancy, positions: FloatArray, samples: int = SAMPLES_PER_CELL
+) -> FloatArray:
+    """Return the fraction (c, n) of the sample points of each cell that see each position (c, 3).
+
+    Parameters
+    ----------
+    samples : int
+        Number of sample points per cell: the centre, or 2 or 4 points about it.
+    """
+    normals = cells.normals
+    seed = np.where(np.abs(normals[:, :1]) < 0.8, [[1.0, 0.0, 0.0]], [[0.0, 1.0, 0.0]])
+    across = np.cross(normals, seed)
+    across *= SAMPLE_OFFSET * CELL * cells.diagonal / np.linalg.norm(across, axis=1, keepdims=True)
+    along = np.cross(normals, across)
+    patterns: dict[int, list[tuple[float, float]]] = {1: [(0, 0)], 2: [(-0.7, -0.7), (0.7, 0.7)]}
+    pattern = patterns.get(samples, [(-1, 0), (1, 0), (0, -1), (0, 1)])
+    points = np.stack([cells.positions + k * across + m * along for k, m in pattern], axis=1)
+    is_visible = occupancy.is_unobstructed(points.reshape(-1, 3), np.repeat(normals, len(pattern), axis=0), positions)
+    return np.asarray(is_visible.reshape(len(positions), -1, len(pattern)).mean(axis=-1))
+
+
+def is_visibly_free(positions: FloatArray, cloud: ColouredPoints, stills: Stills) -> BoolArray:
+    """Return which positions (n, 3) an image looks through without clipped pixels nearby.
+
+    Parameters
+    ----------
+    positions : (n, 3) ndarray of float
+        Positions in the scene.
+    cloud : ColouredPoints
+        Points of the scene.
+    stills : Stills
+        Images of the reconstruction.
+    """
+    import cv2
     from scipy.spatial import cKDTree
 
-    empty = np.zeros(len(places), dtype=bool)
-    for row in even_rows(stills.rows, MAX_STILLS):
+    free = np.zeros(len(positions), dtype=bool)
+    for row in evenly_spaced(stills.rows, MAX_STILLS):
         view = stills.scene.views[row]
-        front = front_points(view, cloud, row)
-        pixels, depths = pixels_in_view(view, places)
-        inside = np.flatnonzero(np.isfinite(pixels[:, 0]) & ~empty)
-        if not len(inside) or len(front.rows) < POINTS:
+        points = visible_points(view, cloud, row)
+        pixels, depths = pixels_in_view(view, positions)
+        inside = np.flatnonzero(np.isfinite(pixels[:, 0]) & ~free)
+        if not len(inside) or len(points.rows) < DEPTH_POINTS:
             continue
-        times = view.camera.width / 640
-        distance, nearest = cKDTree(front.pixels).query(pixels[inside], k=POINTS)
-        behind = np.median(front.depths[nearest], axis=1)
-        through = (depths[inside] < IN_FRONT * behind) & (distance[:, -1] < REACH_PX * times)
-        empty[inside] |= through & ~_dazzling(stills.picture(row), pixels[inside], AROUND_PX * times)
-    return empty
-
-
-def _dazzling(picture: np.ndarray, pixels: FloatArray, reach: float) -> BoolArray:
-    """(n,) whether the picture is clipped near each pixel."""
-    import cv2
-
-    size = 2 * round(reach) + 1
-    brightest = cv2.dilate(picture.max(axis=-1), np.ones((size, size), np.uint8))
-    at = pixels.astype(np.int64)
-    return np.asarray(brightest[at[:, 1], at[:, 0]] >= DAZZLING)
+        width_factor = view.camera.width / 640
+        distance, nearest = cKDTree(points.pixels).query(pixels[inside], k=DEPTH_POINTS)
+        surface = np.median(points.depths[nearest], axis=1)
+        in_front = (depths[inside] < MAX_FREE_DEPTH * surface) & (distance[:, -1] < MAX_POINT_PX * width_factor)
+        size = 2 * round(CLIPPED_RADIUS_PX * width_factor) + 1
+        brightest = cv2.dilate(stills.image(row).max(axis=-1), np.ones((size, size), np.uint8))
+        columns, rows = pixels[inside].astype(np.int64).T
+        free[inside] |= in_front & (brightest[rows, columns] < MIN_CLIPPED_LEVEL)
+    return free

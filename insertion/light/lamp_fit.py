@@ -1,12 +1,24 @@
-"""Lamps from the shading of planes: where the light of a scene comes from, and how much of it comes from nowhere.
+"""Estimate position, direction, strength and colour of the lamps of a room from the shading of its planes.
 
-A matt plane of one colour with albedo a has the radiance a / pi (A + sum_l P_l v_l c_l / r_l^2): the ambient
-irradiance A, which is what the rest of the room sends and the pictures show, and, from each lamp l at the distance r_l
-that it sees (v_l), its strength times the cosine c_l. The colour is unknown, but on one plane it is the same: how the
-brightness changes over the plane, above all in shadows, says where the lamps are and how strong. Candidates for lamps
-fill the room; the best are moved about until they fit. The albedo of the lightest planes has a say in their strength.
+Model. A matt cell with albedo a has the radiance
 
-Planes of one colour each, lit alike or not: how well a field of light explains the brightness of their cells.
+    L = a / pi * (A + sum_l P_l v_l cos(theta_l) / r_l^2),    A = A_seen + g * A_unseen
+
+with the ambient irradiance A and, for each lamp l, its strength P_l (times the cosine to its axis, if any), distance
+r_l, angle theta_l to the normal, and v_l, the fraction of the cell that it reaches. A_seen is gathered from surfaces
+in the images; g is the brightness of the others, mainly the ceiling. The albedo is constant on a plane of one paint.
+The likelihood is a Cauchy density of the log luminance minus its median on the plane. Its weight is 0.25, against
+log-normal priors on the direct-to-ambient ratio (16), on g and on the albedo of the lightest cells (0.55).
+
+Algorithm.
+1. Candidates: a grid in the room, omnidirectional, downwards or away from a wall, except at visibly free positions.
+2. Greedy search: best lamp, best pair, then a third lamp, as long as the log posterior increases by at least 2.
+3. After each step, random local search over one lamp at a time, with a decreasing radius.
+4. With an occupancy grid, step 3 again without partly shadowed cells, which bias the strengths down.
+5. Strengths and g become their posterior means; the colour of each lamp is fitted per channel.
+
+Limits. None for fewer than 60 cells or 2 planes. At most 3 lamps, each about as large as the grid spacing. Contrast
+determines only the ratio of strengths to g; their level depends on the priors. No shadows without an occupancy grid.
 """
 
 from __future__ import annotations
@@ -16,408 +28,472 @@ from collections.abc import Callable
 from dataclasses import dataclass, field, replace
 
 import numpy as np
-from numpy.typing import NDArray
 
 from insertion.colour import luminance
 from insertion.light.lamp_candidates import (
-    NEARBY,
-    UPRIGHT,
-    USUAL,
+    MAX_WALL_UP_COSINE,
+    N_LOCAL_CANDIDATES,
+    TYPICAL_IRRADIANCE,
     Candidates,
-    candidates_in,
-    candidates_near,
     lamp_irradiance,
-    open_share,
+    local_candidates,
+    room_candidates,
+    visible_fraction,
 )
 from insertion.scene.occupancy import Occupancy
-from insertion.scene.plane_cells import Patches
+from insertion.scene.plane_cells import PlaneCells
 from metric_base.arrays import BoolArray, FloatArray
 
-#: Widths of the errors of cells' log luminance (texture, uneven ambient light): what is tried. Shadows whose edge is
-#: wrong make few large errors.
+#: Candidate widths of the Cauchy density of log luminance (texture, uneven ambient light). Its tails accept the few
+#: large errors of shadows with a wrong edge.
 CELL_WIDTHS = np.geomspace(0.03, 0.4, 6)
-#: Neighbouring cells err alike: all cells together count as so many.
-INDEPENDENT_CELLS = 60
-#: One sigma of log albedo between walls (often painted alike) and between other planes.
-WALL_SIGMA, OTHER_SIGMA = 0.35, 0.8
-#: Cells and planes that a fit rests on.
-LEAST_CELLS, LEAST_PLANES = 60, 2
-#: Direct over ambient irradiance of one lamp at an ordinary place: what is tried.
-RATIOS = np.geomspace(0.6, 25.0, 7)
-#: Radiance of what no picture shows over the mean of the rest: what is tried, and one sigma of its logarithm.
-UNSEEN, UNSEEN_SIGMA = np.geomspace(0.5, 5.0, 9), 0.3
-#: What no picture shows is the ceiling above all: it reflects so much of what the pictures show and the lamps send up.
+#: Maximum effective number of cells: errors of neighbouring cells are correlated.
+MAX_EFFECTIVE_CELLS = 60
+#: Standard deviation of log albedo between walls, which often have the same paint, and between all planes.
+WALL_SIGMA, PLANE_SIGMA = 0.35, 0.8
+#: Minimum number of cells of a fit.
+MIN_FIT_CELLS = 60
+#: Minimum number of planes of a fit.
+MIN_FIT_PLANES = 2
+#: Candidate ratios of direct to ambient irradiance of one lamp at a typical position.
+DIRECT_TO_AMBIENT_GRID = np.geomspace(0.6, 25.0, 7)
+#: Candidate gains of the unseen surfaces: their radiance over the mean of the others.
+UNSEEN_GAIN_GRID = np.geomspace(0.5, 5.0, 9)
+#: Standard deviation of the log gain of the unseen surfaces.
+UNSEEN_SIGMA = 0.3
+#: Albedo of the ceiling, the largest unseen surface, which reflects the seen surfaces and the lamps.
 CEILING_ALBEDO = 0.85
-#: All lamps together at an ordinary place over the ambient irradiance, and one sigma of its logarithm: what keeps the
-#: energy of a closed room whose surfaces reflect a quarter to a half. The ten rooms that it was read off had 9 to 24.
-DIRECT, DIRECT_SIGMA = 16.0, 0.3
-#: How far the contrast counts: shadows whose edges are a little wrong say too little of the lamps.
-CONTRAST = 0.25
-#: Lamps that a pair is built on, and the best of these pairs that are moved about for a few turns.
-SEEDS, TRIED, FEW_TURNS = 8, 4, 3
-#: One sigma of the logarithm of a lamp's colour over grey in each channel: a camera balances its white for the light of
-#: the scene, and not for each lamp of it. What is tried.
-TINT_SIGMA, TINTS = 0.12, np.linspace(-0.6, 0.6, 25)
-#: A further lamp must raise the log posterior by this.
-WORTH, MOST_LAMPS = 2.0, 3
-#: How often each lamp is moved, how much less far every time, and the ratios that are tried, over the last one.
-TURNS, SHRINK = 9, 0.72
-#: A lamp's place is known to this share of the candidates' spacing, and a cell is taken as lit, or in shadow, if no
-#: more than this share of its spots and such places says otherwise.
-PLACE_SPREAD, LIT_MARGIN = 0.3, 0.1
-LOCAL_RATIOS = np.array([0.6, 0.78, 1.0, 1.28, 1.65])
-#: Candidates less likely than this share of the best are dropped.
-LEAST_WEIGHT = 0.02
-#: The lightest planes of what is seen (a painted wall) reflect this: the median of the lightest tenth of the cells, and
-#: one sigma of its logarithm.
-LIGHTEST_ALBEDO, LIGHTEST_SIGMA, LIGHTEST = 0.55, 0.1, 0.05
-#: Strengths of the lamps over those that were found, and brightness of what is not shown, that are tried at the end.
-LAMPS_TIMES, UNSEEN_AT_END = np.geomspace(0.25, 4.0, 33), np.geomspace(0.3, 5.0, 25)
+#: Prior median of the direct-to-ambient ratio of all lamps at a typical position. It conserves the energy of a closed
+#: room whose surfaces reflect a quarter to a half; ten rendered rooms had 9 to 24.
+DIRECT_TO_AMBIENT_PRIOR = 16.0
+#: Standard deviation of its logarithm.
+DIRECT_TO_AMBIENT_SIGMA = 0.3
+#: Weight of the contrast in the log posterior: shadows with slightly wrong edges make lamps look weak.
+CONTRAST_WEIGHT = 0.25
+#: Number of first lamps of pairs.
+N_PAIR_SEEDS = 8
+#: Minimum distance between the first lamps of pairs, in spacings of the candidates.
+MIN_SEED_SPACINGS = 1.5
+#: Number of pairs that are refined, and number of rounds for each.
+N_REFINED_PAIRS, PAIR_ROUNDS = 4, 3
+#: Standard deviation of the log colour of a lamp in each channel: cameras balance white for the scene, not per lamp.
+TINT_SIGMA = 0.12
+#: Candidate log colours.
+TINT_GRID = np.linspace(-0.6, 0.6, 25)
+#: Minimum increase of the log posterior by another lamp.
+MIN_LOG_POSTERIOR_GAIN = 2.0
+#: Maximum number of lamps.
+MAX_LAMPS = 3
+#: Number of rounds of the local search, and factor of the search radius per round.
+ROUNDS, SHRINK = 9, 0.72
+#: Standard deviation of the position of a fitted lamp, in spacings of the candidates.
+POSITION_SIGMA = 0.3
+#: Maximum fraction of a cell that contradicts its being lit or in shadow.
+MAX_UNCERTAIN_FRACTION = 0.1
+#: Candidate factors of a strength in the local search.
+LOCAL_FACTORS = np.array([0.6, 0.78, 1.0, 1.28, 1.65])
+#: Minimum weight of a candidate position, as a fraction of the largest weight.
+MIN_RELATIVE_WEIGHT = 0.02
+#: Prior median and log standard deviation of the albedo of the lightest cells, for example a painted wall.
+LIGHTEST_ALBEDO, LIGHTEST_SIGMA = 0.55, 0.1
+#: Fraction of the cells that are lighter than the lightest cells of the prior (the median of the lightest tenth).
+LIGHTEST_QUANTILE_TAIL = 0.05
+#: Candidate factors of the strengths, and candidate gains, for the posterior means.
+FINAL_FACTORS, FINAL_UNSEEN_GAINS = np.geomspace(0.25, 4.0, 33), np.geomspace(0.3, 5.0, 25)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class LitPlanes:
-    """What is explained: the cells, and what casts shadows on them.
+class PlaneShading:
+    """Cells of planes with their ambient irradiance in units of its mean."""
 
-    walls : (k,) whether each plane is upright; shown : (n,) irradiance of the cells by what the pictures show, over its
-    mean; missing : (n,) that of what they do not show if it were as bright as the rest; times : how bright it is;
-    tint : (n, 3) colour of the ambient light over its luminance.
-    """
-
-    patches: Patches
+    cells: PlaneCells
     occupancy: Occupancy | None
-    walls: BoolArray
-    shown: FloatArray
-    missing: FloatArray
-    unit: float
-    times: float = 1.0
-    tint: FloatArray | None = None
+    walls: BoolArray  #: (k,) planes that are upright
+    seen: FloatArray  #: (n,) irradiance from surfaces in the images
+    unseen: FloatArray  #: (n,) irradiance from the other surfaces, if they were as bright as the seen ones
+    unit: float  #: mean ambient irradiance in units of the images
+    gain: float = 1.0  #: brightness of the unseen surfaces over that of the seen ones
+    tint: FloatArray | None = None  #: (n, 3) colour of the ambient light over its luminance
 
-    def ambient(self, times: float) -> FloatArray:
-        """(n,) ambient irradiance on the cells."""
-        return np.asarray(self.shown + times * self.missing)
+    def ambient(self, gain: float) -> FloatArray:
+        """Return the ambient irradiance (n,) of the cells."""
+        return np.asarray(self.seen + gain * self.unseen)
 
-
-def lit_planes(patches: Patches, up: FloatArray, occupancy: Occupancy | None) -> LitPlanes:
-    """The cells with which planes are walls; up : (3,) unit vector."""
-    first = [int(np.argmax(patches.plane == k)) for k in range(int(patches.plane.max()) + 1)]
-    walls = np.asarray(np.abs(patches.normals[first] @ up) < UPRIGHT)
-    if occupancy is None:
-        return LitPlanes(patches, None, walls, np.zeros(len(patches.plane)), np.ones(len(patches.plane)), 1.0)
-    colours, missing = occupancy.gathered_light(patches.places, patches.normals)
-    mean = colours.sum(axis=0) / max(float((1 - missing).sum()), 1e-9)  # pi times the mean radiance of what is shown
-    whole = colours + missing[:, None] * mean
-    tint = whole / np.maximum(luminance(whole), 1e-12)[:, None]
-    shown, bright = luminance(colours).astype(np.float64), float(luminance(mean))
-    unit = float((shown + bright * missing).mean())
-    return LitPlanes(patches, occupancy, walls, shown / unit, bright * missing / unit, unit, tint=np.asarray(tint))
+    @property
+    def mean_irradiance(self) -> float:
+        """Irradiance of a position surrounded by the mean radiance of the images, in units of `unit`."""
+        return float((self.unseen.sum() + self.seen.sum()) / len(self.seen))
 
 
-def log_posterior(planes: LitPlanes, fields: FloatArray, values: FloatArray | None = None) -> FloatArray:
-    """(c,) log posterior of fields (c, n) of irradiance over the ambient one.
+def plane_shading(cells: PlaneCells, up: FloatArray, occupancy: Occupancy | None) -> PlaneShading:
+    """Return the cells with their ambient irradiance.
 
-    values : (n,) log radiance that they explain, the luminance without.
+    Parameters
+    ----------
+    up : (3,) ndarray of float
+        Unit vector.
+    occupancy : Occupancy, optional
+        Grid that the irradiance is gathered from; without it the ambient irradiance is 1 everywhere.
     """
-    plane, walls = planes.patches.plane, planes.walls
-    own = planes.patches.log_luminance if values is None else values
-    rest = (own - np.log(fields)).astype(np.float32)  # (c, n)
-    albedos = []
+    first = [int(np.argmax(cells.plane == k)) for k in range(int(cells.plane.max()) + 1)]
+    walls = np.asarray(np.abs(cells.normals[first] @ up) < MAX_WALL_UP_COSINE)
+    if occupancy is None:
+        return PlaneShading(cells, None, walls, np.zeros(len(cells.plane)), np.ones(len(cells.plane)), 1.0)
+    colours, unseen = occupancy.gather_irradiance(cells.positions, cells.normals)
+    mean = colours.sum(axis=0) / max(float((1 - unseen).sum()), 1e-9)  # pi times the mean radiance of seen surfaces
+    total = colours + unseen[:, None] * mean
+    tint = total / np.maximum(luminance(total), 1e-12)[:, None]
+    seen, brightness = luminance(colours).astype(np.float64), float(luminance(mean))
+    unit = float((seen + brightness * unseen).mean())
+    return PlaneShading(cells, occupancy, walls, seen / unit, brightness * unseen / unit, unit, tint=np.asarray(tint))
+
+
+def log_posterior(planes: PlaneShading, fields: FloatArray, values: FloatArray | None = None) -> FloatArray:
+    """Return the log posterior of fields of irradiance, up to their total level.
+
+    Parameters
+    ----------
+    planes : PlaneShading
+        The n cells.
+    fields : (c, n) ndarray of float
+        Irradiance of the cells over the mean ambient irradiance.
+    values : (n,) ndarray of float, optional
+        Log radiance to explain; the log luminance of the cells by default.
+
+    Returns
+    -------
+    (c,) ndarray of float
+        Log likelihood of the contrast on each plane, plus the log prior of the albedo of the planes.
+    """
+    plane, walls = planes.cells.plane, planes.walls
+    observed = planes.cells.log_luminance if values is None else values
+    residuals = (observed - np.log(fields)).astype(np.float32)  # (c, n)
+    medians = []
     ends = np.searchsorted(plane, np.arange(len(walls) + 1))
     for start, end in itertools.pairwise(ends):
-        middle = np.partition(rest[:, start:end], (end - start) // 2, axis=1)[:, (end - start) // 2]
-        rest[:, start:end] -= middle[:, None]
-        albedos.append(middle)
-    total = min(INDEPENDENT_CELLS, len(plane)) * _log_likelihood(rest)
-    albedo = np.array(albedos, dtype=np.float64)  # (k, c)
-    for kind, sigma in ((walls, WALL_SIGMA), (np.ones(len(walls), dtype=bool), OTHER_SIGMA)):
+        half = (end - start) // 2
+        median = np.partition(residuals[:, start:end], half, axis=1)[:, half]
+        residuals[:, start:end] -= median[:, None]
+        medians.append(median)
+    # the Cauchy density of the width that explains the residuals best
+    squares = np.square(residuals)
+    by_width = [np.log1p(squares / np.float32(width**2)).mean(axis=1) + np.log(width) for width in CELL_WIDTHS]
+    log_likelihood = np.asarray(-np.min(by_width, axis=0), dtype=np.float64)
+    total = min(MAX_EFFECTIVE_CELLS, len(plane)) * log_likelihood
+    log_albedo = np.array(medians, dtype=np.float64)  # (k, c)
+    for kind, sigma in ((walls, WALL_SIGMA), (np.ones(len(walls), dtype=bool), PLANE_SIGMA)):
         if kind.sum() > 1:
-            total -= 0.5 * (((albedo[kind] - albedo[kind].mean(axis=0)) / sigma) ** 2).sum(axis=0)
-    return total
-
-
-def _log_likelihood(errors: NDArray[np.float32]) -> FloatArray:
-    """(c,) mean log likelihood of errors (c, n) under the Cauchy distribution of the width that explains them best."""
-    squares = np.square(errors)
-    each = [np.log1p(squares / np.float32(width**2)).mean(axis=1) + np.log(width) for width in CELL_WIDTHS]
-    return np.asarray(-np.min(each, axis=0), dtype=np.float64)
+            total -= 0.5 * (((log_albedo[kind] - log_albedo[kind].mean(axis=0)) / sigma) ** 2).sum(axis=0)
+    return np.asarray(total)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Lamp:
-    """One lamp as places it may be at.
+    """One lamp, as a distribution over positions."""
 
-    places : (c, 3) in the scene; facing : (c, 3) unit direction in which it shines most, by the cosine, or 0 where it
-    shines alike to all sides; weights : (c,) summing to 1; strengths : (c,) such that the irradiance across the light
-    is strength / r^2; size : about the diameter of what a place stands for, scene units; colour : (3,) linear, of
-    luminance 1.
-    """
-
-    places: FloatArray
-    facing: FloatArray
-    weights: FloatArray
-    strengths: FloatArray
-    size: float
-    colour: FloatArray = field(default_factory=lambda: np.ones(3))
+    positions: FloatArray  #: (c, 3) in the scene
+    facing: FloatArray  #: (c, 3) unit axis of the cosine lobe; 0 for an omnidirectional lamp
+    weights: FloatArray  #: (c,) sum to 1
+    strengths: FloatArray  #: (c,) irradiance across the light times the squared distance
+    size: float  #: approximate diameter, scene units
+    colour: FloatArray = field(default_factory=lambda: np.ones(3))  #: (3,) linear, of luminance 1
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Shading:
-    """The light without the lamps, as irradiance in units of the pictures' radiance, and the lamps.
+class RoomLight:
+    """The light of a room, in units of the radiance of the images."""
 
-    ambient : on the planes, their mean; unseen : radiance of what no picture shows, the ceiling above all; occupancy :
-    what stands between the lamps and a place, None where nothing is known to.
-    """
-
-    ambient: float
-    unseen: float
+    ambient: float  #: mean irradiance of the planes without the lamps
+    unseen: float  #: radiance of surfaces that no image shows, mainly of the ceiling
     lamps: tuple[Lamp, ...]
-    occupancy: Occupancy | None = None
+    occupancy: Occupancy | None = None  #: occluders between the lamps and a position
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class _Fitted:
-    """A lamp with the log posterior of all of them, and its best candidate.
-
-    irradiance : (n,) on the cells; place, facing : (3,); ratio : of direct over ambient irradiance; sent_up : mean
-    irradiance of the ceiling.
-    """
+class _FittedLamp:
+    """A lamp with its best candidate, and the log posterior of all lamps."""
 
     score: float
-    irradiance: FloatArray
+    irradiance: FloatArray  #: (n,) of the cells
     lamp: Lamp
-    place: FloatArray
-    facing: FloatArray
-    ratio: float
-    sent_up: float
+    position: FloatArray  #: (3,)
+    facing: FloatArray  #: (3,)
+    ratio: float  #: direct-to-ambient irradiance at a typical position
+    ceiling_irradiance: float  #: mean irradiance of the ceiling
 
-    def times(self, by: float) -> _Fitted:
-        """The same lamp `by` times as strong."""
-        lamp = replace(self.lamp, strengths=by * self.lamp.strengths)
+    def scaled(self, factor: float) -> _FittedLamp:
+        """Return the lamp with `factor` times its strength."""
         return replace(
-            self, irradiance=by * self.irradiance, lamp=lamp, ratio=by * self.ratio, sent_up=by * self.sent_up
+            self,
+            irradiance=factor * self.irradiance,
+            lamp=replace(self.lamp, strengths=factor * self.lamp.strengths),
+            ratio=factor * self.ratio,
+            ceiling_irradiance=factor * self.ceiling_irradiance,
         )
 
 
-def fit_shading(
-    patches: Patches,
+def fit_room_light(
+    cells: PlaneCells,
     up: FloatArray,
-    impossible: Callable[[FloatArray], BoolArray] | None = None,
+    is_free: Callable[[FloatArray], BoolArray] | None = None,
     occupancy: Occupancy | None = None,
-) -> Shading | None:
-    """The light that explains the patches; None where they are too few.
+) -> RoomLight | None:
+    """Estimate the lamps of a room from the shading of its planes (see the module docstring).
 
-    up : (3,) unit vector; impossible : which of (n, 3) places no lamp is at; occupancy : what casts shadows, and how
-    bright it is; without it nothing does, and the irradiance by all but lamps is 1.
+    Parameters
+    ----------
+    cells : PlaneCells
+        Cells of the planes with their brightness.
+    up : (3,) ndarray of float
+        Unit vector.
+    is_free : callable, optional
+        Returns which of (n, 3) positions are visibly free and cannot hold a lamp, (n,).
+    occupancy : Occupancy, optional
+        Grid that casts shadows and whose brightness is gathered. Without it there are no shadows, and the ambient
+        irradiance is the same everywhere.
+
+    Returns
+    -------
+    RoomLight or None
+        None if there are too few cells or planes, or no candidate.
     """
-    if len(patches.plane) < LEAST_CELLS or len(np.unique(patches.plane)) < LEAST_PLANES:
+    if len(cells.plane) < MIN_FIT_CELLS or len(np.unique(cells.plane)) < MIN_FIT_PLANES:
         return None
-    candidates = candidates_in(patches, up, impossible, occupancy)
-    if not len(candidates.places):
+    candidates = room_candidates(cells, up, is_free, occupancy)
+    if not len(candidates.positions):
         return None
-    planes = lit_planes(patches, up, occupancy)
-    lamps, planes = _lamps(planes, candidates)
+
+    # 1. Greedy search: another lamp as long as it increases the posterior enough.
+    planes = plane_shading(cells, up, occupancy)
+    score = -np.inf
+    lamps: list[_FittedLamp] = []
+    while len(lamps) < MAX_LAMPS:
+        if len(lamps) == 1:
+            extended = _best_pair(planes, candidates)
+        else:
+            extended = [*lamps, _best_lamp(planes, candidates, lamps, DIRECT_TO_AMBIENT_GRID)]
+        extended, changed = _refine_lamps(extended, planes, candidates)
+        if extended[-1].score < score + MIN_LOG_POSTERIOR_GAIN:
+            break
+        lamps, planes, score = extended, changed, extended[-1].score
     if occupancy is not None:
-        lamps, planes = _polish_sure(lamps, planes, up, candidates)
-    lamps, planes = _lamps_at_end(lamps, planes)
+        lamps, planes = _refine_on_certain_cells(lamps, planes, up, candidates)
+
+    # 2. Strengths and brightness of the unseen surfaces: geometric means over the posterior.
+    factor, gain = (grid.ravel() for grid in np.meshgrid(FINAL_FACTORS, FINAL_UNSEEN_GAINS))
+    scores = _lamp_log_posterior(planes, *_totals(lamps, planes, factor), gain)
+    weights = np.exp(scores - scores.max())
+    mean_factor, mean_gain = (float(np.exp(np.average(np.log(grid), weights=weights))) for grid in (factor, gain))
+    lamps, planes = [fitted.scaled(mean_factor) for fitted in lamps], replace(planes, gain=mean_gain)
+
+    # 3. From units of the mean ambient irradiance and the diagonal to those of the images and the scene.
     unit = planes.unit
     scaled = [
-        replace(fitted.lamp, strengths=fitted.lamp.strengths * unit * patches.diagonal**2, colour=colour)
+        replace(fitted.lamp, strengths=fitted.lamp.strengths * unit * cells.diagonal**2, colour=colour)
         for fitted, colour in zip(lamps, _lamp_colours(planes, lamps), strict=True)
     ]
-    ambient = unit * float(planes.ambient(planes.times).mean())
-    return Shading(ambient, unit * _shown_mean(planes) * planes.times / np.pi, tuple(scaled), occupancy)
+    ambient = unit * float(planes.ambient(planes.gain).mean())
+    return RoomLight(ambient, unit * planes.mean_irradiance * planes.gain / np.pi, tuple(scaled), occupancy)
 
 
-def _lamp_colours(planes: LitPlanes, lamps: list[_Fitted]) -> list[FloatArray]:
-    """(3,) colour of each lamp, of luminance 1: how the colour of a plane changes from shadow to light says it.
+def _lamp_colours(planes: PlaneShading, lamps: list[_FittedLamp]) -> list[FloatArray]:
+    """Return the colour (3,) of each lamp, of luminance 1, from the change of hue between shadow and light.
 
-    The ambient light has the colour of what the pictures show. Each channel is fitted alone, the lamps in turn.
+    The ambient light has the colour of the seen surfaces. Each channel is fitted separately, one lamp after another.
     """
-    if planes.patches.hue is None or planes.tint is None:
+    if planes.cells.hue is None or planes.tint is None:
         return [np.ones(3) for _ in lamps]
-    logs = np.zeros((len(lamps), 3))
+    log_colours = np.zeros((len(lamps), 3))
     for channel in range(3):
-        own = planes.patches.log_luminance + planes.patches.hue[:, channel]
-        ambient = planes.ambient(planes.times) * planes.tint[:, channel]
-        for turn in range(2 * len(lamps)):
-            number = turn % len(lamps)
-            others = [np.exp(logs[k, channel]) * lamps[k].irradiance for k in range(len(lamps)) if k != number]
+        observed = planes.cells.log_luminance + planes.cells.hue[:, channel]
+        ambient = planes.ambient(planes.gain) * planes.tint[:, channel]
+        for step in range(2 * len(lamps)):
+            index = step % len(lamps)
+            others = [np.exp(log_colours[k, channel]) * lamps[k].irradiance for k in range(len(lamps)) if k != index]
             fields = ambient + sum(others, np.zeros(len(ambient)))
-            fields = fields + np.exp(TINTS)[:, None] * lamps[number].irradiance
-            scores = log_posterior(planes, fields, own) - 0.5 * (TINTS / TINT_SIGMA) ** 2
-            logs[number, channel] = TINTS[int(scores.argmax())]
-    return [np.exp(row) / float(luminance(np.exp(row))) for row in logs]
+            fields = fields + np.exp(TINT_GRID)[:, None] * lamps[index].irradiance
+            scores = log_posterior(planes, fields, observed) - 0.5 * (TINT_GRID / TINT_SIGMA) ** 2
+            log_colours[index, channel] = TINT_GRID[int(scores.argmax())]
+    return [np.exp(row) / float(luminance(np.exp(row))) for row in log_colours]
 
 
-def _lamps(planes: LitPlanes, candidates: Candidates) -> tuple[list[_Fitted], LitPlanes]:
-    """One lamp, and further ones while each explains enough."""
-    score = -np.inf
-    lamps: list[_Fitted] = []
-    while len(lamps) < MOST_LAMPS:
-        if len(lamps) == 1:
-            more = _best_pair(planes, candidates)
-        else:
-            more = [*lamps, _best_lamp(planes, candidates, lamps, RATIOS)]
-        more, changed = _polish(more, planes, candidates)
-        if more[-1].score < score + WORTH:
-            break
-        lamps, planes, score = more, changed, more[-1].score
-    return lamps, planes
+def _best_pair(planes: PlaneShading, candidates: Candidates) -> list[_FittedLamp]:
+    """Return the two lamps that explain the cells best together; the best single lamp may be between them.
 
-
-def _best_pair(planes: LitPlanes, candidates: Candidates) -> list[_Fitted]:
-    """Two lamps that explain the cells together; what explains most alone may stand between them.
-
-    The first of the two is one of the best alone that are not near to each other.
+    The first lamp of a pair is one of the best single ones that are not close to each other.
     """
-    scores = _all_scores(planes, candidates, [], RATIOS)
+    scores = _candidate_scores(planes, candidates, [], DIRECT_TO_AMBIENT_GRID)
     order = np.argsort(-scores.max(axis=1))
     seeds: list[int] = []
     for row in order:
-        away = candidates.places[seeds] - candidates.places[row]
-        if len(seeds) < SEEDS and (not seeds or np.linalg.norm(away, axis=1).min() > 1.5 * candidates.spacing):
+        away = candidates.positions[seeds] - candidates.positions[row]
+        min_distance = MIN_SEED_SPACINGS * candidates.spacing
+        if len(seeds) < N_PAIR_SEEDS and (not seeds or np.linalg.norm(away, axis=1).min() > min_distance):
             seeds.append(int(row))
     pairs = []
     for row in seeds:
-        ratio = float(RATIOS[scores[row].argmax()]) / 2
-        one = _lamp_of_row(candidates, row, ratio, scores, RATIOS)
-        pairs.append([one, _best_lamp(planes, candidates, [one], RATIOS)])
+        ratio = float(DIRECT_TO_AMBIENT_GRID[scores[row].argmax()]) / 2
+        first = _lamp_of_row(candidates, row, ratio, scores, DIRECT_TO_AMBIENT_GRID)
+        pairs.append([first, _best_lamp(planes, candidates, [first], DIRECT_TO_AMBIENT_GRID)])
     pairs.sort(key=lambda pair: -pair[1].score)
-    tried = [_polish(pair, planes, candidates, FEW_TURNS)[0] for pair in pairs[:TRIED]]
-    return max(tried, key=lambda pair: pair[1].score)
+    refined = [_refine_lamps(pair, planes, candidates, PAIR_ROUNDS)[0] for pair in pairs[:N_REFINED_PAIRS]]
+    return max(refined, key=lambda pair: pair[1].score)
 
 
-def _polish_sure(
-    lamps: list[_Fitted], planes: LitPlanes, up: FloatArray, candidates: Candidates
-) -> tuple[list[_Fitted], LitPlanes]:
-    """The lamps polished on the cells that are clearly lit or clearly in shadow; up : (3,) unit vector.
+def _refine_on_certain_cells(
+    lamps: list[_FittedLamp], planes: PlaneShading, up: FloatArray, candidates: Candidates
+) -> tuple[list[_FittedLamp], PlaneShading]:
+    """Refine lamps on the cells that are certainly lit or certainly in shadow.
 
-    A cell taken for lit that is in shadow, or the other way round, makes every lamp look weaker than it is.
+    A cell in shadow that is taken as lit, or the reverse, makes every lamp look weaker than it is.
     """
     assert planes.occupancy is not None
     generator = np.random.default_rng(1)
-    settled = np.ones(len(planes.shown), dtype=bool)
+    is_certain = np.ones(len(planes.seen), dtype=bool)
     for fitted in lamps:
-        places = fitted.place + generator.normal(0.0, PLACE_SPREAD * candidates.spacing, (NEARBY, 3))
-        share = open_share(planes.patches, planes.occupancy, places).mean(axis=0)
-        settled &= (share < LIT_MARGIN) | (share > 1 - LIT_MARGIN) | (fitted.irradiance < LIT_MARGIN)
-    some = planes.patches.cells(settled)
-    if len(some.plane) < LEAST_CELLS or len(np.unique(some.plane)) < LEAST_PLANES:
+        sigma = POSITION_SIGMA * candidates.spacing
+        positions = fitted.position + generator.normal(0.0, sigma, (N_LOCAL_CANDIDATES, 3))
+        fraction = visible_fraction(planes.cells, planes.occupancy, positions).mean(axis=0)
+        is_dark, is_lit = fraction < MAX_UNCERTAIN_FRACTION, fraction > 1 - MAX_UNCERTAIN_FRACTION
+        is_certain &= is_dark | is_lit | (fitted.irradiance < MAX_UNCERTAIN_FRACTION)
+    certain = planes.cells.subset(is_certain)
+    if len(certain.plane) < MIN_FIT_CELLS or len(np.unique(certain.plane)) < MIN_FIT_PLANES:
         return lamps, planes
-    fewer = replace(lit_planes(some, up, planes.occupancy), times=planes.times)
-    lamps, fewer = _polish([_on_cells(fitted, fewer) for fitted in lamps], fewer, candidates)
-    return [_on_cells(fitted, planes) for fitted in lamps], replace(planes, times=fewer.times)
+    subset = replace(plane_shading(certain, up, planes.occupancy), gain=planes.gain)
+    lamps, subset = _refine_lamps([_on_cells(fitted, subset) for fitted in lamps], subset, candidates)
+    return [_on_cells(fitted, planes) for fitted in lamps], replace(planes, gain=subset.gain)
 
 
-def _on_cells(fitted: _Fitted, planes: LitPlanes) -> _Fitted:
-    """The same lamp over other cells."""
-    light = lamp_irradiance(planes.patches, fitted.place[None], fitted.facing[None], planes.occupancy)[0]
+def _on_cells(fitted: _FittedLamp, planes: PlaneShading) -> _FittedLamp:
+    """Return a lamp with its irradiance of other cells."""
+    light = lamp_irradiance(planes.cells, fitted.position[None], fitted.facing[None], planes.occupancy)[0]
     return replace(fitted, irradiance=fitted.ratio * light)
 
 
-def _polish(
-    lamps: list[_Fitted], planes: LitPlanes, candidates: Candidates, turns: int = TURNS
-) -> tuple[list[_Fitted], LitPlanes]:
-    """The lamps moved about, one after another, ever less far: shadows say where they are to a hand's breadth."""
-    generator = np.random.default_rng(0)
-    for turn in range(turns * len(lamps)):
-        number = turn % len(lamps)
-        if number == 0:
-            lamps, planes = _balance_lamps(lamps, planes)
-        old, others = lamps[number], lamps[:number] + lamps[number + 1 :]
-        spread = candidates.spacing * SHRINK ** (turn // len(lamps))
-        near = candidates_near(candidates, old.place, old.facing, spread, planes.patches, planes.occupancy, generator)
-        new = _best_lamp(planes, near, others, old.ratio * LOCAL_RATIOS)
-        lamps = [*others[:number], new, *others[number:]]
-    last = lamps[-1].score
-    return [replace(fitted, score=last) for fitted in lamps], planes
+def _refine_lamps(
+    lamps: list[_FittedLamp], planes: PlaneShading, candidates: Candidates, rounds: int = ROUNDS
+) -> tuple[list[_FittedLamp], PlaneShading]:
+    """Refine lamps by random local search, one at a time, with a search radius that shrinks by SHRINK per round.
 
-
-def _balance_lamps(lamps: list[_Fitted], planes: LitPlanes) -> tuple[list[_Fitted], LitPlanes]:
-    """The lamps, all brighter or darker, with the brightness of what is not shown: what explains the planes best.
-
-    The two go together: a stronger lamp beside more light from everywhere leaves shadows as they are.
+    At the start of a round, all strengths are scaled together with the brightness of the unseen surfaces: stronger
+    lamps and more ambient light leave the contrast of shadows unchanged.
     """
-    factor, times = (grid.ravel() for grid in np.meshgrid(LOCAL_RATIOS, UNSEEN))
-    best = int(_scores(planes, *_sums(lamps, planes, factor), times).argmax())
-    return [fitted.times(float(factor[best])) for fitted in lamps], replace(planes, times=float(times[best]))
+    generator = np.random.default_rng(0)
+    for step in range(rounds * len(lamps)):
+        index = step % len(lamps)
+        if index == 0:
+            factor, gain = (grid.ravel() for grid in np.meshgrid(LOCAL_FACTORS, UNSEEN_GAIN_GRID))
+            best = int(_lamp_log_posterior(planes, *_totals(lamps, planes, factor), gain).argmax())
+            lamps = [fitted.scaled(float(factor[best])) for fitted in lamps]
+            planes = replace(planes, gain=float(gain[best]))
+        old, others = lamps[index], lamps[:index] + lamps[index + 1 :]
+        spread = candidates.spacing * SHRINK ** (step // len(lamps))
+        near = local_candidates(candidates, old.position, old.facing, spread, planes.cells, planes.occupancy, generator)
+        new = _best_lamp(planes, near, others, old.ratio * LOCAL_FACTORS)
+        lamps = [*others[:index], new, *others[index:]]
+    score = lamps[-1].score
+    return [replace(fitted, score=score) for fitted in lamps], planes
 
 
-def _best_lamp(planes: LitPlanes, candidates: Candidates, others: list[_Fitted], ratios: FloatArray) -> _Fitted:
-    """One lamp beside others; ratios : (q,) of direct over ambient irradiance that are tried."""
-    scores = _all_scores(planes, candidates, others, ratios)
+def _best_lamp(
+    planes: PlaneShading, candidates: Candidates, others: list[_FittedLamp], ratios: FloatArray
+) -> _FittedLamp:
+    """Return the best lamp in addition to others; `ratios` (q,) are candidate direct-to-ambient ratios."""
+    scores = _candidate_scores(planes, candidates, others, ratios)
     row, best = (int(k) for k in np.unravel_index(int(scores.argmax()), scores.shape))
     return _lamp_of_row(candidates, row, float(ratios[best]), scores, ratios)
 
 
-def _all_scores(planes: LitPlanes, candidates: Candidates, others: list[_Fitted], ratios: FloatArray) -> FloatArray:
-    """(c, q) log posterior of each candidate beside others, by its ratio (q,)."""
-    direct, ratio, sent_up = _sums(others, planes)
+def _candidate_scores(
+    planes: PlaneShading, candidates: Candidates, others: list[_FittedLamp], ratios: FloatArray
+) -> FloatArray:
+    """Return the log posterior (c, q) of each candidate in addition to others, by its ratio (q,)."""
+    direct, ratio, ceiling = _totals(others, planes)
     scores = [
-        _scores(planes, direct + q * candidates.irradiance, ratio + q, sent_up + q * candidates.sent_up, planes.times)
+        _lamp_log_posterior(
+            planes,
+            direct + q * candidates.irradiance,
+            ratio + q,
+            ceiling + q * candidates.ceiling_irradiance,
+            planes.gain,
+        )
         for q in ratios
     ]
     return np.asarray(np.array(scores).T + candidates.log_prior[:, None])
 
 
-def _sums(
-    lamps: list[_Fitted], planes: LitPlanes, factor: FloatArray | float = 1.0
+def _totals(
+    lamps: list[_FittedLamp], planes: PlaneShading, factor: FloatArray | float = 1.0
 ) -> tuple[FloatArray, FloatArray, FloatArray]:
-    """Of all lamps, `factor` (c,) times as strong: what they send to the cells (c, n), their ratio, what they send up.
+    """Return sums over lamps of `factor` (c,) times their strength.
 
-    ratio, sent up : (c,) direct over ambient irradiance, and irradiance of the ceiling; one factor leaves out the c.
+    Returns
+    -------
+    direct : (c, n) ndarray of float
+        Irradiance of the cells. The axis c is absent for one factor, here and below.
+    ratio : (c,) ndarray of float
+        Direct-to-ambient ratio at a typical position.
+    ceiling : (c,) ndarray of float
+        Irradiance of the ceiling.
     """
-    direct = sum((fitted.irradiance for fitted in lamps), np.zeros(len(planes.shown)))
-    ratio, sent_up = sum(fitted.ratio for fitted in lamps), sum(fitted.sent_up for fitted in lamps)
-    return np.multiply.outer(factor, direct), np.multiply.outer(factor, ratio), np.multiply.outer(factor, sent_up)
+    direct = sum((fitted.irradiance for fitted in lamps), np.zeros(len(planes.seen)))
+    ratio, ceiling = sum(fitted.ratio for fitted in lamps), sum(fitted.ceiling_irradiance for fitted in lamps)
+    return np.multiply.outer(factor, direct), np.multiply.outer(factor, ratio), np.multiply.outer(factor, ceiling)
 
 
-def _scores(
-    planes: LitPlanes, direct: FloatArray, ratio: FloatArray | float, sent_up: FloatArray, times: FloatArray | float
+def _lamp_log_posterior(
+    planes: PlaneShading,
+    direct: FloatArray,
+    ratio: FloatArray | float,
+    ceiling: FloatArray,
+    gain: FloatArray | float,
 ) -> FloatArray:
-    """(c,) log posterior of lamps, and of what no picture shows, by all that is known of both.
+    """Return the log posterior (c,) of lamps and of the brightness of the unseen surfaces.
 
-    The contrast of shadows alone leaves a ridge: stronger lamps beside more light from everywhere explain it as well,
-    and shadows whose edges are a little wrong make lamps look weak. The albedo of the lightest planes says how much
-    light there is in all, and the lamps say how bright the ceiling is.
-    direct : (c, n) irradiance of the cells by the lamps; ratio, sent_up, times : (c,) or one for all.
+    The contrast of shadows alone leaves a ridge, because stronger lamps and more ambient light explain it as well. The
+    albedo of the lightest cells determines the total light, and the lamps determine the brightness of the ceiling.
+
+    Parameters
+    ----------
+    direct : (c, n) ndarray of float
+        Irradiance of the cells by the lamps.
+    ratio, ceiling, gain : (c,) ndarray of float, or float
+        Direct-to-ambient ratio, irradiance of the ceiling by the lamps, and brightness of the unseen surfaces.
     """
-    fields = planes.shown + np.multiply.outer(np.asarray(times), planes.missing) + direct
-    ceiling = CEILING_ALBEDO * (1 + sent_up / _shown_mean(planes))
-    scores = CONTRAST * log_posterior(planes, fields) - 0.5 * (np.log(ratio / DIRECT) / DIRECT_SIGMA) ** 2
-    scores = scores - 0.5 * (np.log(times / ceiling) / UNSEEN_SIGMA) ** 2
-    lightest = np.quantile(planes.patches.log_luminance - np.log(fields), 1 - LIGHTEST, axis=1)
+    fields = planes.seen + np.multiply.outer(np.asarray(gain), planes.unseen) + direct
+    expected_gain = CEILING_ALBEDO * (1 + ceiling / planes.mean_irradiance)
+    scores = CONTRAST_WEIGHT * log_posterior(planes, fields)
+    scores = scores - 0.5 * (np.log(ratio / DIRECT_TO_AMBIENT_PRIOR) / DIRECT_TO_AMBIENT_SIGMA) ** 2
+    scores = scores - 0.5 * (np.log(gain / expected_gain) / UNSEEN_SIGMA) ** 2
+    lightest = np.quantile(planes.cells.log_luminance - np.log(fields), 1 - LIGHTEST_QUANTILE_TAIL, axis=1)
     albedo = np.pi * np.exp(lightest) / planes.unit
     return np.asarray(scores - 0.5 * (np.log(albedo / LIGHTEST_ALBEDO) / LIGHTEST_SIGMA) ** 2)
 
 
-def _lamp_of_row(candidates: Candidates, row: int, ratio: float, scores: FloatArray, ratios: FloatArray) -> _Fitted:
-    """The candidate of a row; scores : (c, q) by candidate and ratio (q,)."""
-    lamp = _lamp(candidates, scores, ratios)
-    place, facing = candidates.places[row], candidates.facing[row]
-    light, sent_up = ratio * candidates.irradiance[row], ratio * float(candidates.sent_up[row])
-    return _Fitted(float(scores.max()), light, lamp, place, facing, ratio, sent_up)
+def _lamp_of_row(candidates: Candidates, row: int, ratio: float, scores: FloatArray, ratios: FloatArray) -> _FittedLamp:
+    """Return the candidate of a row, with the likely candidates as its distribution.
 
-
-def _lamp(candidates: Candidates, scores: FloatArray, ratios: FloatArray) -> Lamp:
-    """The likely candidates with their mean ratios (q,); scores : (c, q) log posterior by candidate and ratio."""
+    Parameters
+    ----------
+    ratio : float
+        Direct-to-ambient ratio of the candidate.
+    scores : (c, q) ndarray of float
+        Log posterior of each candidate and ratio.
+    ratios : (q,) ndarray of float
+        Candidate ratios.
+    """
     weight = np.exp(scores - scores.max())  # (c, q)
-    kept = np.flatnonzero(weight.sum(axis=1) > LEAST_WEIGHT * weight.sum(axis=1).max())
-    weight = weight[kept]
-    ratio = (weight * ratios).sum(axis=1) / weight.sum(axis=1)
-    share = weight.sum(axis=1) / weight.sum()
-    return Lamp(candidates.places[kept], candidates.facing[kept], share, ratio / USUAL, candidates.spacing)
-
-
-def _lamps_at_end(lamps: list[_Fitted], planes: LitPlanes) -> tuple[list[_Fitted], LitPlanes]:
-    """The lamps, all stronger or weaker, with the brightness of what is not shown: the mean over the posterior."""
-    factor, times = (grid.ravel() for grid in np.meshgrid(LAMPS_TIMES, UNSEEN_AT_END))
-    scores = _scores(planes, *_sums(lamps, planes, factor), times)
-    weights = np.exp(scores - scores.max())
-    by, unseen = (float(np.exp(np.average(np.log(values), weights=weights))) for values in (factor, times))
-    return [fitted.times(by) for fitted in lamps], replace(planes, times=unseen)
-
-
-def _shown_mean(planes: LitPlanes) -> float:
-    """Irradiance of a place that sees the mean of what the pictures show all around, in units of `planes.unit`."""
-    return float((planes.missing.sum() + planes.shown.sum()) / len(planes.shown))
+    likely = np.flatnonzero(weight.sum(axis=1) > MIN_RELATIVE_WEIGHT * weight.sum(axis=1).max())
+    weight = weight[likely]
+    mean_ratio = (weight * ratios).sum(axis=1) / weight.sum(axis=1)
+    lamp = Lamp(
+        candidates.positions[likely],
+        candidates.facing[likely],
+        weight.sum(axis=1) / weight.sum(),
+        mean_ratio / TYPICAL_IRRADIANCE,
+        candidates.spacing,
+    )
+    irradiance = ratio * candidates.irradiance[row]
+    ceiling_irradiance = ratio * float(candidates.ceiling_irradiance[row])
+    position, facing = candidates.positions[row], candidates.facing[row]
+    return _FittedLamp(float(scores.max()), irradiance, lamp, position, facing, ratio, ceiling_irradiance)

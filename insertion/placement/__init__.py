@@ -1,1 +1,1 @@
-"""Where an object is to stand: support planes, points in pictures, free space, headings."""
+"""Placement of objects: positions, orientation, size and motion."""

@@ -1,4 +1,4 @@
-"""A place by a point in a picture, or by a plane with coordinates."""
+"""Placement at a pixel of a frame, or at coordinates on a support plane."""
 
 from __future__ import annotations
 
@@ -7,240 +7,295 @@ import numpy as np
 from estimator.projection.cameras import pixels_in_view
 from estimator.records.objects import SupportPlane
 from estimator.records.scene import View
-from insertion.placement.free_space import NEAR_POINTS, Space
-from insertion.placement.placement import NoPlace
-from insertion.request import Place
+from insertion.placement.free_space import MIN_POINTS
+from insertion.placement.placement import Placement, PlacementError, PlacementSpace
 from insertion.scene.camera_rays import ray_through
-from insertion.scene.point_cloud import Cloud, front_points
+from insertion.scene.point_cloud import visible_points
 from insertion.scene.supports import Surface, cell_centres
 from metric_base.arrays import FloatArray
 from metric_base.statistics import robust_sigma
 
-#: The cloud around the point that was clicked, in pixels at a width of 640.
-NEAR_PX = 14.0
-#: Points within this share of their depth of a plane are on it: the noise of a cloud.
-SAME_HEIGHT = 0.012
-#: An object stands on a plane if the points around it are at the plane's height within so many times that.
-FLUSH_HEIGHTS = 1.5
-#: A small level patch: its points rise and fall by no more than this share of their distance from the camera.
-LEVEL_SHARE = 0.008
-#: A bare surface is made of what is around the click: within so many pixels at a width of 640, wider each time, of so
-#: many points at one height, which are this share of all points there that are not above it.
-AROUND_PX, LEAST_LEVEL, LEAST_SHARE = (14.0, 28.0, 56.0, 112.0), 6, 0.3
-#: Whoever looks along a surface (by this cosine with up) sees no place on it; a made surface is no nearer, and no
-#: farther, than its points by this factor; and nothing is nearer at the click by this share of the depth.
-GRAZING, BARE_DEPTHS, BARE_NEARER = 0.03, 1.5, 0.9
-#: The ground goes on from what was seen of it by so much of its distance from the camera.
-GROUND_GOES_ON = 0.5
-#: Sides of the cells of a made surface along its extent.
+#: Radius around the pixel in which points of the cloud are used, in pixels at an image width of 640.
+POINT_RADIUS_PX = 14.0
+#: Maximum number of these points.
+MAX_NEAR_POINTS = 40
+#: Maximum depth of these points over their 20th percentile: others are on a surface behind.
+MAX_DEPTH_RATIO = 1.1
+#: Maximum distance of a point on a plane, as a fraction of its depth: the noise of a cloud.
+HEIGHT_TOLERANCE = 0.012
+#: Maximum median height above a plane of the points on it, in height tolerances. A street slopes, its plane does not.
+MAX_FLUSH_TOLERANCES = 1.5
+#: Minimum fraction of the points around the pixel that are on the plane of the position.
+MIN_ON_PLANE = 0.5
+#: Maximum difference to the plane with most points of a plane that is still considered.
+MAX_ON_PLANE_DIFFERENCE = 0.1
+#: Maximum standard deviation of the heights of a small level surface, as a fraction of the depth.
+MAX_PATCH_ROUGHNESS = 0.008
+#: Minimum sine between a ray and a small level surface.
+MIN_PATCH_SINE = 0.05
+#: Maximum ratio, and inverse minimum ratio, of the depth of a small level surface to that of its points.
+MAX_PATCH_DEPTH_RATIO = 2
+#: Radii around the pixel in which points of a bare surface are searched, in pixels at an image width of 640.
+BARE_RADII_PX = (14.0, 28.0, 56.0, 112.0)
+#: Minimum number of points at one height on a bare surface.
+MIN_LEVEL_POINTS = 6
+#: Minimum number of these points, as a fraction of the points around the pixel that are not above them.
+MIN_LEVEL_FRACTION = 0.3
+#: Minimum sine between a ray and a bare surface: flatter rays do not determine a position.
+MIN_RAY_SINE = 0.03
+#: Maximum ratio of the depth of a bare surface to those of its points, and the inverse of the minimum.
+MAX_BARE_DEPTH_RATIO = 1.5
+#: Maximum depth of an occluder of a bare surface, as a fraction of the depth of the surface.
+MAX_OCCLUDER_DEPTH = 0.9
+#: Minimum number of points next to the pixel that make an occluder.
+MIN_OCCLUDER_POINTS = 3
+#: Maximum extrapolation of the ground beyond its observed cells, as a fraction of the depth.
+MAX_GROUND_EXTRAPOLATION = 0.5
+#: Number of cells of a bare surface along its longer side.
 BARE_CELLS = 12
 
 
-def place_at_point(space: Space, view: View, x: float, y: float) -> Place:
-    """Where the ray through a pixel meets what is level there. Raises NoPlace with the reason where nothing is."""
+def placement_at_pixel(space: PlacementSpace, view: View, x: float, y: float, radius: float) -> Placement:
+    """Return the placement where the ray through a pixel meets a level surface.
+
+    The points of the cloud around the pixel select the support plane. Without a suitable plane, a small level patch of
+    the cloud, the height of the surrounding points, or the extrapolated ground is used.
+
+    Parameters
+    ----------
+    space : PlacementSpace
+        The scene.
+    view : View
+        Camera and pose of the frame.
+    x, y : float
+        Pixel.
+    radius : float
+        Half the diagonal of the footprint of the object, in scene units.
+
+    Raises
+    ------
+    PlacementError
+        The pixel is out of the image, or shows no level surface.
+    """
     if not (0 <= x <= view.camera.width and 0 <= y <= view.camera.height):
         size = f"{view.camera.width} x {view.camera.height}"
-        raise NoPlace(f"--at: expected a pixel of {view.name} ({size}); found x={x:g}, y={y:g}")
+        raise PlacementError(f"--at: expected a pixel of {view.name} ({size}); found x={x:g}, y={y:g}")
     ray = ray_through(view, x, y)
-    points, _ = _near(space.cloud, view, x, y)
-    numbers = range(len(space.supports.surfaces))
-    hits = [hit for number in numbers if (hit := _hit(space, number, view, ray)) is not None]
-    if len(points) >= NEAR_POINTS:
-        # what the pixel shows decides between planes, and against all of them
-        crossed, hits = hits, [hit for hit in hits if _flush(space, hit[1], points, hit[0])]
-        if crossed and not hits:
-            return _bare_level(space, view, x, y, ray)
-        shares = {hit: _share_on(space, hit[1], points, hit[0]) for hit in hits}
-        # of two planes at nearly one height, the one that more of the points are on
-        most = max(shares.values(), default=0.0)
-        hits = [hit for hit in hits if shares[hit] > max(0.5, most - 0.1)]
-        if not hits:
-            return _level_patch(space, view, x, y, ray)
-    if not hits:
-        return _bare_level(space, view, x, y, ray)
-    depth, plane = min(hits)
-    return _place(space, plane, view.centre + ray * depth, view.centre)
+    hits = []  # depth and index of the planes that the ray meets
+    for number, surface in enumerate(space.supports.surfaces):
+        depth = _depth_on_surface(surface, view, ray)
+        if depth is not None:
+            hits.append((depth, number))
+    points, depths = _front_points(space, view, x, y)
+    if len(points) < MIN_POINTS:
+        return _on_plane(space, view, ray, min(hits)) if hits else _bare_placement(space, view, x, y, ray, radius)
+    fractions: dict[tuple[float, int], float] = {}  # fraction of the points that are on each plane
+    for depth, number in hits:
+        plane = space.supports.surfaces[number].plane
+        tolerance = HEIGHT_TOLERANCE * depth
+        heights = points @ plane.basis[2] - plane.height
+        on_plane = np.abs(heights) < max(3 * plane.sigma, tolerance)
+        if not on_plane.any() or abs(float(np.median(heights[on_plane]))) < MAX_FLUSH_TOLERANCES * tolerance:
+            fractions[depth, number] = float(np.mean(on_plane))
+    if hits and not fractions:
+        return _bare_placement(space, view, x, y, ray, radius)
+    # of two planes at almost the same height, the one with more points
+    most = max(fractions.values(), default=0.0)
+    accepted = [hit for hit in fractions if fractions[hit] > max(MIN_ON_PLANE, most - MAX_ON_PLANE_DIFFERENCE)]
+    if not accepted:
+        return _patch_placement(space, view, x, y, ray, points, depths)
+    return _on_plane(space, view, ray, min(accepted))
 
 
-def place_on_plane(space: Space, plane: int, at: FloatArray, camera: FloatArray) -> Place:
-    """A place on a plane, `at` (2,) scene units from the middle of what was seen of it, along its own axes."""
-    planes = space.supports.surfaces
-    if not planes:
-        raise NoPlace("--plane: no support plane was reconstructed")
-    if not 0 <= plane < len(planes):
-        raise NoPlace(f"--plane: expected 0 to {len(planes) - 1} (lowest first); found {plane}")
-    chosen = planes[plane]
-    position = plane_point(chosen, at)
-    if not chosen.holds((chosen.plane.basis[:2] @ position)[None])[0]:
-        raise NoPlace(f"--xy: expected a point on plane {plane}; found one beside what was seen of it")
-    return _place(space, plane, position, camera)
+def _on_plane(space: PlacementSpace, view: View, ray: FloatArray, hit: tuple[float, int]) -> Placement:
+    """Return the placement at a depth on a ray (3,) and the index of a plane."""
+    depth, number = hit
+    plane = space.supports.surfaces[number].plane
+    return Placement(view.centre + ray * depth, plane.basis, view.centre, f"plane {number}", number)
 
 
-def plane_point(surface: Surface, at: FloatArray) -> FloatArray:
-    """(3,) point of a plane, `at` (2,) scene units from the middle of what was seen of it, along its own axes."""
-    return np.asarray(np.append(_middle(surface) + at, surface.plane.height) @ surface.plane.basis)
+def placement_on_plane(space: PlacementSpace, plane: int, offset: FloatArray, camera: FloatArray) -> Placement:
+    """Return a placement on a support plane.
+
+    Parameters
+    ----------
+    plane : int
+        Index of the plane, lowest first.
+    offset : (2,) ndarray of float
+        Position relative to the centre of the observed part, along the axes of the plane, in scene units.
+    camera : (3,) ndarray of float
+        Centre of the camera that the object may face.
+
+    Raises
+    ------
+    PlacementError
+        The plane does not exist, or the position is outside its observed part.
+    """
+    surfaces = space.supports.surfaces
+    if not surfaces:
+        raise PlacementError("--plane: no support plane was reconstructed")
+    if not 0 <= plane < len(surfaces):
+        raise PlacementError(f"--plane: expected 0 to {len(surfaces) - 1} (lowest first); found {plane}")
+    surface = surfaces[plane]
+    position = plane_point(surface, offset)
+    if not surface.contains((surface.plane.basis[:2] @ position)[None])[0]:
+        how = "--preview lists valid positions"
+        raise PlacementError(f"--xy: the point is outside the observed part of plane {plane}; {how}")
+    return Placement(position, surface.plane.basis, camera, f"plane {plane}", plane)
 
 
-def level_point(place: Place, view: View, x: float, y: float) -> FloatArray:
-    """(3,) where the ray through a pixel is level with a place. Raises NoPlace where it never is."""
-    up, ray = place.basis[2], ray_through(view, x, y)
-    toward = float(ray @ up)
-    depth = float((place.position - view.centre) @ up) / toward if abs(toward) > GRAZING else -1.0
+def plane_point(surface: Surface, offset: FloatArray) -> FloatArray:
+    """Return the point (3,) of a plane at `offset` (2,) from the centre of its observed part, in scene units."""
+    return np.asarray(np.append(surface.centre + offset, surface.plane.height) @ surface.plane.basis)
+
+
+def plane_coordinates(space: PlacementSpace, placement: Placement) -> FloatArray:
+    """Return the `offset` (2,) of `placement_on_plane` for a placement on a plane."""
+    assert placement.plane is not None
+    return np.asarray(placement.basis[:2] @ placement.position - space.supports.surfaces[placement.plane].centre)
+
+
+def level_point(placement: Placement, view: View, x: float, y: float) -> FloatArray:
+    """Return the point (3,) on the ray through a pixel at the height of a placement.
+
+    Raises
+    ------
+    PlacementError
+        The ray does not meet this height in front of the camera.
+    """
+    up, ray = placement.basis[2], ray_through(view, x, y)
+    rise = float(ray @ up)
+    depth = float((placement.position - view.centre) @ up) / rise if abs(rise) > MIN_RAY_SINE else -1.0
     if depth <= 0:
-        raise NoPlace(f"--path: expected pixels of {view.name} that show the surface; found x={x:g}, y={y:g}")
+        raise PlacementError(f"--path: expected pixels of {view.name} that show the surface; found x={x:g}, y={y:g}")
     return np.asarray(view.centre + depth * ray)
 
 
-def plane_coordinates(space: Space, place: Place) -> FloatArray:
-    """(2,) what `place_on_plane` takes for a place on a plane."""
-    assert place.plane is not None
-    return np.asarray(place.basis[:2] @ place.position - _middle(space.supports.surfaces[place.plane]))
-
-
-def _place(space: Space, plane: int, position: FloatArray, camera: FloatArray) -> Place:
-    """A place on a support plane, position and camera (3,)."""
-    chosen = space.supports.surfaces[plane]
-    return Place(np.asarray(position), chosen.plane.basis, camera, f"plane {plane}", plane)
-
-
-def _hit(space: Space, number: int, view: View, ray: FloatArray) -> tuple[float, int] | None:
-    """Distance along the ray (3,) (in depths: the ray has z = 1 in the camera) to a plane where it was seen."""
-    surface = space.supports.surfaces[number]
+def _depth_on_surface(surface: Surface, view: View, ray: FloatArray) -> float | None:
+    """Return the depth at which a ray (3,) meets the observed part of a plane from above; None if it does not."""
     plane = surface.plane
-    toward = float(ray @ plane.basis[2])
-    rise = plane.height - float(view.centre @ plane.basis[2])
-    if abs(toward) < 1e-9 or rise / toward <= 0 or rise >= 0:  # from above only: nothing stands on a ceiling
+    rise = float(ray @ plane.basis[2])
+    height = plane.height - float(view.centre @ plane.basis[2])
+    if abs(rise) < 1e-9 or height / rise <= 0 or height >= 0:  # nothing stands on a ceiling
         return None
-    depth = rise / toward
+    depth = height / rise
     local = (view.centre + depth * ray) @ plane.basis[:2].T
-    return (depth, number) if surface.holds(local[None])[0] else None
+    return depth if surface.contains(local[None])[0] else None
 
 
-def _share_on(space: Space, number: int, points: FloatArray, depth: float) -> float:
-    """Share of the points (n, 3) on a plane, within its roughness and the cloud's own noise at this depth."""
-    plane = space.supports.surfaces[number].plane
-    rise = points @ plane.basis[2] - plane.height
-    return float(np.mean(np.abs(rise) < max(3 * plane.sigma, SAME_HEIGHT * depth)))
-
-
-def _flush(space: Space, number: int, points: FloatArray, depth: float) -> bool:
-    """Whether a plane that the points (n, 3) are on is at their height: a street slopes, and its plane does not."""
-    plane = space.supports.surfaces[number].plane
-    rise = points @ plane.basis[2] - plane.height
-    on_plane = np.abs(rise) < max(3 * plane.sigma, SAME_HEIGHT * depth)
-    return not on_plane.any() or abs(float(np.median(rise[on_plane]))) < FLUSH_HEIGHTS * SAME_HEIGHT * depth
-
-
-def _near(cloud: Cloud, view: View, x: float, y: float) -> tuple[FloatArray, FloatArray]:
-    """Points (n, 3) and depths (n,) of the front surface around a pixel, the nearest pixels first."""
-    pixels, depths = pixels_in_view(view, cloud.points)
+def _front_points(space: PlacementSpace, view: View, x: float, y: float) -> tuple[FloatArray, FloatArray]:
+    """Return points (n, 3) and depths (n,) of the front surface around a pixel, the closest pixels first."""
+    pixels, depths = pixels_in_view(view, space.cloud.points)
     with np.errstate(invalid="ignore"):
         distance = np.hypot(pixels[:, 0] - x, pixels[:, 1] - y)
-    reach = NEAR_PX * view.camera.width / 640
-    rows = np.flatnonzero(distance < reach)
-    rows = rows[np.argsort(distance[rows])][:40]
+    rows = np.flatnonzero(distance < POINT_RADIUS_PX * view.camera.width / 640)
+    rows = rows[np.argsort(distance[rows])][:MAX_NEAR_POINTS]
     if len(rows):
-        rows = rows[depths[rows] < 1.1 * np.percentile(depths[rows], 20)]
-    return cloud.points[rows], depths[rows]
+        rows = rows[depths[rows] < MAX_DEPTH_RATIO * np.percentile(depths[rows], 20)]
+    return space.cloud.points[rows], depths[rows]
 
 
-def _level_patch(space: Space, view: View, x: float, y: float, ray: FloatArray) -> Place:
-    """A small level surface where the ray (3,) ends that is no support plane, such as the top of a box."""
-    points, depths = _near(space.cloud, view, x, y)
+def _patch_placement(
+    space: PlacementSpace, view: View, x: float, y: float, ray: FloatArray, points: FloatArray, depths: FloatArray
+) -> Placement:
+    """Return the placement on a small level surface that is no support plane, such as the top of a box.
+
+    Parameters
+    ----------
+    ray : (3,) ndarray of float
+        Direction through the pixel.
+    points, depths : (n, 3) and (n,) ndarray of float
+        Points around the pixel and their depths.
+    """
     up = space.supports.up.vector
     heights = points @ up
-    spread = robust_sigma(heights)
-    toward = float(ray @ up)
-    if spread > LEVEL_SHARE * float(np.median(depths)) or toward > -0.05:
-        raise NoPlace(f"--at: what is at x={x:g}, y={y:g} of {view.name} is not level; see --preview for free places")
-    depth = (float(np.median(heights)) - float(view.centre @ up)) / toward
-    if not 0.5 < depth / float(np.median(depths)) < 2:
-        raise NoPlace(f"--at: no level surface was reconstructed at x={x:g}, y={y:g} of {view.name}; see --preview")
-    basis = space.supports.surfaces[0].plane.basis if space.supports.surfaces else _basis(up)
-    return Place(view.centre + depth * ray, basis, view.centre, "level patch")
+    median_depth = float(np.median(depths))
+    rise = float(ray @ up)
+    if robust_sigma(heights) > MAX_PATCH_ROUGHNESS * median_depth or rise > -MIN_PATCH_SINE:
+        how = "--preview shows free positions"
+        raise PlacementError(f"--at: the surface at x={x:g}, y={y:g} of {view.name} is not level; {how}")
+    depth = (float(np.median(heights)) - float(view.centre @ up)) / rise
+    if not 1 / MAX_PATCH_DEPTH_RATIO < depth / median_depth < MAX_PATCH_DEPTH_RATIO:
+        raise _no_level_surface(view, x, y)
+    return Placement(view.centre + depth * ray, space.supports.basis, view.centre, "level patch")
 
 
-def _bare_level(space: Space, view: View, x: float, y: float, ray: FloatArray) -> Place:
-    """A place on a bare surface that the ray (3,) meets: level, at the height of the points around it in the picture.
+def _bare_placement(space: PlacementSpace, view: View, x: float, y: float, ray: FloatArray, radius: float) -> Placement:
+    """Return the placement on a bare surface: at the height of the points around the pixel, or on the ground.
 
-    Raises NoPlace where these have no height in common.
+    Parameters
+    ----------
+    ray : (3,) ndarray of float
+        Direction through the pixel.
+    radius : float
+        Half the diagonal of the footprint of the object, in scene units.
     """
-    up, toward = space.supports.up.vector, float(ray @ space.supports.up.vector)
-    refused = NoPlace(f"--at: no level surface was reconstructed at x={x:g}, y={y:g} of {view.name}; see --preview")
-    if toward > -GRAZING:
-        raise refused
-    sight = front_points(view, space.cloud)
+    up, rise = space.supports.up.vector, float(ray @ space.supports.up.vector)
+    if rise > -MIN_RAY_SINE:
+        raise _no_level_surface(view, x, y)
+    sight = visible_points(view, space.cloud)
     distance = np.hypot(*(sight.pixels - [x, y]).T) * 640 / view.camera.width
-    eye = float(view.centre @ up)
-    for reach in AROUND_PX:
-        near = np.flatnonzero(distance < reach)
-        if len(near) < LEAST_LEVEL:
+    eye_height = float(view.centre @ up)
+    for bare_radius in BARE_RADII_PX:
+        near = np.flatnonzero(distance < bare_radius)
+        if len(near) < MIN_LEVEL_POINTS:
             continue
         heights, depths = space.cloud.points[sight.rows[near]] @ up, sight.depths[near]
-        noise = SAME_HEIGHT * depths
-        # the height that most points share, those next to the click first
-        same = np.abs(heights[:, None] - heights) < noise
-        best = int((same @ (1 / (distance[near] + 5.0))).argmax())
-        level = np.flatnonzero(same[best])
-        above = heights > heights[best] + noise
-        depth = (float(np.median(heights[level])) - eye) / toward
-        close = near[distance[near] < AROUND_PX[0] / 2]
-        hidden = len(close) >= 3 and float(np.median(sight.depths[close])) < BARE_NEARER * depth
-        between = depths[level].min() / BARE_DEPTHS < depth < depths[level].max() * BARE_DEPTHS
-        if len(level) >= max(LEAST_LEVEL, LEAST_SHARE * np.count_nonzero(~above)) and between and not hidden:
-            return _bare_place(space, view, view.centre + depth * ray, space.cloud.points[sight.rows[near[level]]])
-    around = sight.rows[distance < AROUND_PX[-1]], sight.depths[distance < AROUND_PX[-1]]
-    position = _on_ground(space, view, ray, space.cloud.points[around[0]], around[1])
-    if position is None:
-        raise refused
-    return _bare_place(space, view, position, np.empty((0, 3)))
+        noise = HEIGHT_TOLERANCE * depths
+        # the height that most points share, weighted by their proximity to the pixel
+        is_level = np.abs(heights[:, None] - heights) < noise
+        best = int((is_level @ (1 / (distance[near] + 5.0))).argmax())
+        level = np.flatnonzero(is_level[best])
+        is_above = heights > heights[best] + noise
+        depth = (float(np.median(heights[level])) - eye_height) / rise
+        next_to = near[distance[near] < BARE_RADII_PX[0] / 2]
+        is_occluded = len(next_to) >= MIN_OCCLUDER_POINTS and (
+            float(np.median(sight.depths[next_to])) < MAX_OCCLUDER_DEPTH * depth
+        )
+        in_range = depths[level].min() / MAX_BARE_DEPTH_RATIO < depth < depths[level].max() * MAX_BARE_DEPTH_RATIO
+        min_count = max(MIN_LEVEL_POINTS, MIN_LEVEL_FRACTION * np.count_nonzero(~is_above))
+        if len(level) >= min_count and in_range and not is_occluded:
+            points = space.cloud.points[sight.rows[near[level]]]
+            return _on_bare_surface(space, view.centre + depth * ray, view.centre, points, radius)
 
-
-def _on_ground(space: Space, view: View, ray: FloatArray, points: FloatArray, depths: FloatArray) -> FloatArray | None:
-    """(3,) where a ray (3,) meets the ground beside what was seen of it.
-
-    points (n, 3) at depths (n,) : what the picture shows around; None where most of it is above the ground and nearer.
-    """
+    # No common height: the ground, extrapolated, unless most of the surroundings are above it and closer.
     ground = space.supports.ground(space.cloud)
     if ground is None:
-        return None
+        raise _no_level_surface(view, x, y)
+    around = distance < BARE_RADII_PX[-1]
+    points, depths = space.cloud.points[sight.rows[around]], sight.depths[around]
     up, height = ground.plane.basis[2], ground.plane.height
     depth = (height - float(view.centre @ up)) / float(ray @ up)
-    above = points @ up - height > np.maximum(3 * ground.plane.sigma, SAME_HEIGHT * depths)
+    is_above = points @ up - height > np.maximum(3 * ground.plane.sigma, HEIGHT_TOLERANCE * depths)
     position = view.centre + depth * ray
-    seen = cell_centres(ground.origin, ground.cell, ground.solid.shape)[ground.solid]
-    apart = np.linalg.norm(seen - ground.plane.basis[:2] @ position, axis=1).min(initial=np.inf)
-    in_front = above & (depths < BARE_NEARER * depth)
-    bare = depth > 0 and apart < GROUND_GOES_ON * depth and 2 * np.count_nonzero(in_front) <= len(points)
-    return np.asarray(position) if bare else None
+    observed = cell_centres(ground.origin, ground.cell, ground.solid.shape)[ground.solid]
+    gap = np.linalg.norm(observed - ground.plane.basis[:2] @ position, axis=1).min(initial=np.inf)
+    is_in_front = is_above & (depths < MAX_OCCLUDER_DEPTH * depth)
+    is_close = depth > 0 and gap < MAX_GROUND_EXTRAPOLATION * depth
+    if not is_close or 2 * np.count_nonzero(is_in_front) > len(points):
+        raise _no_level_surface(view, x, y)
+    return _on_bare_surface(space, np.asarray(position), view.centre, np.empty((0, 3)), radius)
 
 
-def _bare_place(space: Space, view: View, position: FloatArray, points: FloatArray) -> Place:
-    """A place (3,) on a surface made of the points (n, 3) around it."""
-    surface = _surface_at(space, position, points)
-    return Place(position, surface.plane.basis, view.centre, "bare surface", None, surface)
+def _on_bare_surface(
+    space: PlacementSpace, position: FloatArray, camera: FloatArray, points: FloatArray, radius: float
+) -> Placement:
+    """Return a placement on a level surface through `position` (3,) with the extent of points (n, 3).
 
-
-def _surface_at(space: Space, position: FloatArray, points: FloatArray) -> Surface:
-    """A level surface through a position (3,), as wide as the points (n, 3) around it and solid all over."""
-    basis = space.supports.surfaces[0].plane.basis if space.supports.surfaces else _basis(space.supports.up.vector)
+    The surface is solid. It extends three radii of the object beyond the points.
+    """
+    basis = space.supports.basis
     flat = np.vstack([points, position[None]]) @ basis[:2].T
-    low, high = flat.min(axis=0) - 3 * space.radius, flat.max(axis=0) + 3 * space.radius
+    low, high = flat.min(axis=0) - 3 * radius, flat.max(axis=0) + 3 * radius
     cell = float((high - low).max()) / BARE_CELLS
     cells = np.ones(tuple(np.ceil((high - low) / cell).astype(int)), dtype=bool)
     sigma = robust_sigma((points - position) @ basis[2]) if len(points) > 1 else 0.0
     plane = SupportPlane(basis, float(position @ basis[2]), sigma, len(points), low, cell, cells)
-    return Surface(-1, plane, low, cell, cells, np.empty((0, 2)), np.empty(0))
+    surface = Surface(-1, plane, low, cell, cells, np.empty((0, 2)), np.empty(0))
+    return Placement(position, basis, camera, "bare surface", None, surface)
 
 
-def _basis(up: FloatArray) -> FloatArray:
-    """(3, 3) axes as rows, `up` (3,) last."""
-    from estimator.geometry.planes import level_basis
-
-    return level_basis(up)
-
-
-def _middle(surface: Surface) -> FloatArray:
-    """(2,) centre of the solid cells of a plane."""
-    centres = cell_centres(surface.origin, surface.cell, surface.solid.shape)
-    return np.asarray(centres[surface.solid].mean(axis=0))
+def _no_level_surface(view: View, x: float, y: float) -> PlacementError:
+    """Return the error of a pixel that shows no level surface."""
+    how = "--preview shows free positions"
+    return PlacementError(f"--at: no level surface was reconstructed at x={x:g}, y={y:g} of {view.name}; {how}")

@@ -1,4 +1,4 @@
-"""The size in metres at which a model is inserted."""
+"""Size of a model in metres: that of its file, a stated extent, or the prior median of its category."""
 
 from __future__ import annotations
 
@@ -13,76 +13,76 @@ if TYPE_CHECKING:
     from metric_tree.tree import Tree
 
 _STATED = re.compile(r"(length|width|height)=([0-9.eE+-]+)\Z")
-#: A model's file is in metres by glTF's rule; one larger or smaller than this was made in another unit.
-PLAUSIBLE_M = (0.002, 100.0)
+#: Minimum and maximum extent of a plausible file, in metres. glTF prescribes metres; other files use another unit.
+PLAUSIBLE_EXTENT_M = (0.002, 100.0)
+#: Maximum stated extent in metres, larger than any building.
+MAX_EXTENT_M = 10_000.0
 
 
 @dataclass(frozen=True, slots=True)
-class SizeUsed:
-    """The factor on the file's metres, where it comes from, and what is odd about it."""
+class ModelSize:
+    """Size of a model."""
 
-    factor: float
-    source: str
+    factor: float  #: factor on the metres of the file
+    source: str  #: origin of the size, for messages
     warnings: tuple[str, ...] = ()
 
 
-#: Metres of the largest object that is inserted: larger than anything that was built.
-LARGEST_M = 10_000.0
+def model_size(model: Model, request: str, tree: Tree | None = None, category: str | None = None) -> ModelSize:
+    """Return the size of a model.
 
+    Parameters
+    ----------
+    model : Model
+        The model in the metres of its file.
+    request : str
+        `file` (the metres of the file), `height=0.9` (also `length=`, `width=`, metres), or `prior` (the median height
+        of the category, else its length or width).
+    tree : Tree, optional
+        Release of the priors.
+    category : str, optional
+        Category of the object in the tree.
 
-def model_size(model: Model, request: str, tree: Tree | None = None, category: str | None = None) -> SizeUsed:
-    """The size that `--size` asks for.
-
-    request : `file` (the file's own metres), `height=0.9` (also `length=`, `width=`, metres), or `prior` (the median
-    height of the category in the tree). Raises InputError for anything else.
+    Raises
+    ------
+    InputError
+        The request is invalid, or the category has no known extent.
     """
     if request == "file":
-        return SizeUsed(1.0, "file", _plausible(model))
+        longest = max(model.size_m.values())
+        if PLAUSIBLE_EXTENT_M[0] <= longest <= PLAUSIBLE_EXTENT_M[1]:
+            return ModelSize(1.0, "file")
+        how = "if that is wrong, use --size height=METRES"
+        return ModelSize(1.0, "file", (f"{model.name}: is {longest:.4g} m long according to its file; {how}",))
     if request == "prior":
-        return _prior_size(model, tree, category)
+        if tree is None or category is None:
+            raise InputError("--size prior: expected --category NAME, a category of the tree; found none")
+        from metric_tree.tree import DETECTORS
+
+        node = tree.find(category, DETECTORS)  # a word with several senses has that of the detectors' label lists
+        dims = tuple(node.dims or ())
+        axis = "height" if "height" in dims else next((d for d in dims if d in ("length", "width")), None)
+        if axis is None:
+            how = "expected a category with a known height, length or width"
+            raise InputError(f"--size prior: {how}; found {node.node_id}")
+        metres = float(node.prior((axis,)).quantile(0.5)[0]) / 1000.0
+        return ModelSize(metres / _extent(model, axis), f"prior of {node.node_id}: {axis} {metres:.3g} m")
     stated = _STATED.match(request)
     if stated is None:
-        raise InputError(
-            f"--size: expected file, prior, height=METRES, length=METRES or width=METRES; found {request!r}"
-        )
+        how = "expected file, prior, height=METRES, length=METRES or width=METRES"
+        raise InputError(f"--size: {how}; found {request!r}")
     try:
         metres = float(stated[2])
     except ValueError:
         metres = float("nan")
-    if not 0 < metres <= LARGEST_M:
-        raise InputError(f"--size {stated[1]}: expected metres above 0, {LARGEST_M:g} at most; found {stated[2]!r}")
-    return SizeUsed(metres / _extent(model, stated[1]), request)
+    if not 0 < metres <= MAX_EXTENT_M:
+        raise InputError(f"--size {stated[1]}: expected metres above 0, at most {MAX_EXTENT_M:g}; found {stated[2]!r}")
+    return ModelSize(metres / _extent(model, stated[1]), request)
 
 
-def _extent(model: Model, name: str) -> float:
-    extent = model.size_m[name]
+def _extent(model: Model, axis: str) -> float:
+    """Return the extent of a model along an axis. Raises InputError if it is zero."""
+    extent = model.size_m[axis]
     if extent <= 0:
-        raise InputError(f"--size {name}: expected a model with a {name}; {model.name} has none")
+        raise InputError(f"--size {axis}: expected a model with a {axis}; {model.name} has none")
     return extent
-
-
-def _plausible(model: Model) -> tuple[str, ...]:
-    largest = max(model.size_m.values())
-    if PLAUSIBLE_M[0] <= largest <= PLAUSIBLE_M[1]:
-        return ()
-    return (
-        f"{model.name}: its file says that it is {largest:.4g} m long; if that is not so, use --size height=METRES",
-    )
-
-
-def _prior_size(model: Model, tree: Tree | None, category: str | None) -> SizeUsed:
-    if tree is None or category is None:
-        raise InputError("--size prior: expected --category NAME, a category of the tree; found none")
-    from metric_tree.tree import DETECTORS
-
-    node = tree.find(category, DETECTORS)  # a bat of a scene is a stick, as detectors mean it
-    dims = tuple(node.dims or ())
-    name = "height" if "height" in dims else next((d for d in dims if d in ("length", "width")), None)
-    if name is None:
-        raise InputError(
-            f"--size prior: expected a category with a known height, length or width; found {node.node_id}"
-        )
-    median_mm = float(node.prior((name,)).quantile(0.5)[0])
-    return SizeUsed(
-        median_mm / 1000.0 / _extent(model, name), f"prior of {node.node_id}: {name} {median_mm / 1000:.3g} m"
-    )

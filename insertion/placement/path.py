@@ -1,4 +1,4 @@
-"""A way over a level surface, which an object follows at one speed with its front ahead."""
+"""Motion of an object along a path over a level surface, with constant speed and the front ahead."""
 
 from __future__ import annotations
 
@@ -9,53 +9,61 @@ import numpy as np
 from metric_base.arrays import FloatArray
 from metric_base.errors import InputError
 
-#: Corners are rounded in the direction over this share of the way before and after, and no more than these metres.
-ROUND_SHARE, ROUND_M = 0.1, 0.3
+#: Length over which the direction turns before and after a corner, as a fraction of the path.
+ROUNDING_FRACTION = 0.1
+#: Maximum of this length, in metres.
+MAX_ROUNDING_M = 0.3
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Walk:
-    """The way.
+class PathMotion:
+    """Motion along a path. The object stands at the end after its arrival."""
 
-    corners : (k, 3) in the scene; along : (k,) way to each of them; speed : scene units a second; rounding : way over
-    which a turn is spread, scene units.
-    """
-
-    corners: FloatArray
-    along: FloatArray
-    speed: float
-    rounding: float
+    corners: FloatArray  #: (k, 3) in the scene
+    lengths: FloatArray  #: (k,) length of the path up to each corner, scene units
+    speed: float  #: scene units per second
+    rounding: float  #: length over which the direction turns at a corner, scene units
 
     @property
     def arrival_s(self) -> float:
-        """When the end is reached."""
-        return float(self.along[-1]) / self.speed
+        """Time of the arrival at the end, in seconds."""
+        return float(self.lengths[-1]) / self.speed
 
-    def place(self, time_s: float) -> FloatArray:
-        """(3,) place at a time; the object waits at the end."""
-        return self._at(self.speed * time_s)
+    def position(self, time_s: float) -> FloatArray:
+        """Return the position (3,) at a time."""
+        return self._position_after(self.speed * time_s)
 
     def front(self, time_s: float) -> FloatArray:
-        """(3,) unit direction of the way at a time."""
-        at = float(np.clip(self.speed * time_s, 0.0, self.along[-1]))
-        ahead = self._at(at + self.rounding) - self._at(at - self.rounding)
+        """Return the unit direction (3,) of the path at a time."""
+        length = float(np.clip(self.speed * time_s, 0.0, self.lengths[-1]))
+        ahead = self._position_after(length + self.rounding) - self._position_after(length - self.rounding)
         return np.asarray(ahead / max(float(np.linalg.norm(ahead)), 1e-12))
 
-    def _at(self, way: float) -> FloatArray:
-        """(3,) place after a way, scene units."""
-        return np.array([np.interp(way, self.along, self.corners[:, k]) for k in range(3)])
+    def _position_after(self, length: float) -> FloatArray:
+        """Return the position (3,) after a length of the path, in scene units."""
+        return np.array([np.interp(length, self.lengths, self.corners[:, k]) for k in range(3)])
 
 
-def walk_along(corners: FloatArray, metres_per_unit: float, speed_m_s: float | None, duration_s: float) -> Walk:
-    """The way through corners (k, 3); without a speed (metres a second) it takes the whole of `duration_s`.
+def path_motion(corners: FloatArray, metres_per_unit: float, speed_m_s: float | None, duration_s: float) -> PathMotion:
+    """Return the motion along a path.
 
-    Raises InputError where the corners are one place, or there is no time.
+    Parameters
+    ----------
+    corners : (k, 3) ndarray of float
+        Corners in the scene.
+    speed_m_s : float or None
+        Metres per second; None for a motion that takes `duration_s`.
+
+    Raises
+    ------
+    InputError
+        The path has no length, or there is neither a speed nor a duration.
     """
-    along = np.concatenate([[0.0], np.cumsum(np.linalg.norm(np.diff(corners, axis=0), axis=1))])
-    if along[-1] <= 0:
-        raise InputError("--path: expected points apart from the object's place; found only that place")
+    lengths = np.concatenate([[0.0], np.cumsum(np.linalg.norm(np.diff(corners, axis=0), axis=1))])
+    if lengths[-1] <= 0:
+        raise InputError("--path: expected points other than the position of the object; found only that position")
     if speed_m_s is None and duration_s <= 0:
-        raise InputError("--path: expected more than one picture, or --speed; found one")
-    speed = along[-1] / duration_s if speed_m_s is None else speed_m_s / metres_per_unit
-    rounding = min(ROUND_SHARE * float(along[-1]), ROUND_M / metres_per_unit)
-    return Walk(corners, along, float(speed), rounding)
+        raise InputError("--path: expected several frames, or --speed; found one frame")
+    speed = lengths[-1] / duration_s if speed_m_s is None else speed_m_s / metres_per_unit
+    rounding = min(ROUNDING_FRACTION * float(lengths[-1]), MAX_ROUNDING_M / metres_per_unit)
+    return PathMotion(corners, lengths, float(speed), rounding)

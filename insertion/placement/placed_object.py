@@ -1,4 +1,4 @@
-"""Objects at their places: from requests to bodies in the scene."""
+"""Objects in the scene: from requests to models with size, position, orientation and motion."""
 
 from __future__ import annotations
 
@@ -9,15 +9,15 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from estimator.records.scene import View
-from insertion.insertion_scene import PreparedScene
-from insertion.placement.at_pixel import level_point, place_at_point, place_on_plane, plane_point
-from insertion.placement.free_space import Space, candidates
-from insertion.placement.model_size import SizeUsed, model_size
-from insertion.placement.on_category import instances_named, place_on_category
-from insertion.placement.path import Walk, walk_along
-from insertion.placement.placement import NoPlace, heading, turn_about
+from insertion.footage.footage import Frame
+from insertion.placement.at_pixel import level_point, placement_at_pixel, placement_on_plane, plane_point
+from insertion.placement.free_space import free_positions
+from insertion.placement.model_size import ModelSize, model_size
+from insertion.placement.on_category import instances_named, placement_on_category
+from insertion.placement.path import PathMotion, path_motion
+from insertion.placement.placement import Placement, PlacementError, PlacementSpace, heading, turn_about
 from insertion.render.body import Body, body_of, colliding
-from insertion.request import ObjectRequest, Place
+from insertion.request import ObjectRequest
 from insertion.scene.supports import Surface
 from metric_base.arrays import FloatArray
 from metric_base.errors import InputError
@@ -28,187 +28,238 @@ from models3d.model import Model
 if TYPE_CHECKING:
     from metric_tree.tree import Tree
 
-#: This share of the cloud's points inside the object's box is no stray.
-TAKEN_SHARE = 3e-4
+#: Maximum fraction of the points of the cloud inside an object without a warning: stray points.
+MAX_COLLIDING_FRACTION = 3e-4
+#: Height above the foot that is not tested for collisions, as a fraction of the height of the object: the support.
+FOOT_FRACTION = 0.1
+#: Distance from the bounding box that is not tested for collisions, as a fraction of the largest extent.
+COLLISION_MARGIN = 0.05
+#: Number of positions on a path that are tested against the extent of the surface.
+PATH_SAMPLES = 21
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Placed:
-    """An object at its place, ready to be rendered.
-
-    model, front, heading_deg, body : as it stands at first; front : (3,) horizontal unit direction of its front;
-    surface : what it stands on, if its extent is known; act : how it moves by itself; walk : the way that it follows.
-    """
+class PlacedObject:
+    """An object at its position, ready to be rendered. Model, front and body are those of the first frame."""
 
     request: ObjectRequest
     model: Model
-    size: SizeUsed
-    place: Place
-    front: FloatArray
-    heading_deg: float
+    size: ModelSize
+    placement: Placement
+    front: FloatArray  #: (3,) horizontal unit direction of the front
+    heading_deg: float  #: angle of the front, from the direction to the camera or from the path
     body: Body
-    surface: Surface | None = None
+    metres_per_unit: float
+    surface: Surface | None = None  #: extent of the support, if it is known
     warnings: tuple[str, ...] = ()
-    act: Playback | None = None
-    walk: Walk | None = None
+    playback: Playback | None = None  #: animation of the model
+    path: PathMotion | None = None
 
     @property
     def moves(self) -> bool:
-        """Whether the object is not the same at all times."""
-        return self.walk is not None or (self.act is not None and self.act.animation is not None)
+        """Whether the object changes with time."""
+        return self.path is not None or (self.playback is not None and self.playback.animation is not None)
 
-    def body_at(self, time_s: float) -> Body:
-        """The object at a time from the first picture: `body` itself where it stands still."""
-        if not self.moves or self.act is None:
-            return self.body
-        model, bounds = self.act.posed(time_s), self.act.bounds
-        position, front = self.place.position, self.front
-        if self.walk is not None:
-            model = self.act.posed(min(time_s, self.walk.arrival_s))  # who has arrived stands
-            position = self.walk.place(time_s)
-            front = turn_about(self.walk.front(time_s), self.place.basis[2], self.heading_deg)
-        unit = self.body.unit / float((bounds[1] - bounds[0]).max())
-        return body_of(model, position, self.place.basis, front, unit, bounds)
+    @property
+    def height(self) -> float:
+        """Height in scene units."""
+        return float(self.model.extents[1]) * self.size.factor / self.metres_per_unit
 
     @property
     def size_m(self) -> dict[str, float]:
-        """Length, width and height in metres as inserted."""
+        """Length, width and height in metres."""
         return {name: value * self.size.factor for name, value in self.model.size_m.items()}
 
     @property
     def turn(self) -> FloatArray:
-        """(3, 3) rotation of the model's axes into the scene."""
-        up = self.place.basis[2]
+        """(3, 3) rotation from the axes of the model to the scene."""
+        up = self.placement.basis[2]
         return np.column_stack([np.cross(up, self.front), up, self.front])
 
+    def body_at(self, time_s: float) -> Body:
+        """Return the body `time_s` seconds after the first frame; `body` itself if the object does not move."""
+        if not self.moves or self.playback is None:
+            return self.body
+        model, bounds = self.playback.posed(time_s), self.playback.bounds
+        position, front = self.placement.position, self.front
+        if self.path is not None:
+            model = self.playback.posed(min(time_s, self.path.arrival_s))  # the animation ends on arrival
+            position = self.path.position(time_s)
+            front = turn_about(self.path.front(time_s), self.placement.basis[2], self.heading_deg)
+        unit = self.body.unit / float((bounds[1] - bounds[0]).max())
+        return body_of(model, position, self.placement.basis, front, unit, bounds)
 
-def place_objects(prepared: PreparedScene, requests: Sequence[ObjectRequest], tree: Tree | None = None) -> list[Placed]:
-    """Every object at its place. Raises InputError, or NoPlace with the reason.
 
-    An object in free space keeps clear of those before it; of another one that goes through them, it is a warning.
+def place_objects(
+    requests: Sequence[ObjectRequest], space: PlacementSpace, frames: Sequence[Frame], tree: Tree | None = None
+) -> list[PlacedObject]:
+    """Place objects in a scene, one after another.
+
+    Objects in free space avoid the earlier ones. If an object collides with an earlier one, it has a warning.
+
+    Parameters
+    ----------
+    requests : sequence of ObjectRequest
+        The objects.
+    space : PlacementSpace
+        The scene.
+    frames : sequence of Frame
+        Frames of the complete footage, for positions in a frame and for the duration of a path.
+    tree : Tree, optional
+        Release for sizes by the prior and for categories.
+
+    Raises
+    ------
+    InputError
+        A model cannot be read, or a request is invalid.
+    PlacementError
+        There is no position for an object.
     """
-    placed: list[Placed] = []
+    placed: list[PlacedObject] = []
     for number, request in enumerate(requests, start=1):
         try:
-            placed.append(_place_object(prepared, request, tree, placed))
-        except NoPlace as error:
+            placed.append(_place_object(request, space, frames, tree, placed))
+        except PlacementError as error:
             if len(requests) == 1:
                 raise
-            raise NoPlace(f"object {number} ({request.model.name}): {error}") from None
+            raise PlacementError(f"object {number} ({request.model.name}): {error}") from None
     return placed
 
 
-def resize(placed: Placed, times: float) -> Placed:
-    """The same object grown about its foot."""
-    size = replace(placed.size, factor=placed.size.factor * times)
-    return replace(placed, size=size, body=replace(placed.body, unit=placed.body.unit * times))
+def resize(placed: PlacedObject, factor: float) -> PlacedObject:
+    """Return an object scaled about its foot."""
+    size = replace(placed.size, factor=placed.size.factor * factor)
+    return replace(placed, size=size, body=replace(placed.body, unit=placed.body.unit * factor))
 
 
-def space_for(prepared: PreparedScene, model: Model, size: SizeUsed, extents: FloatArray | None = None) -> Space:
-    """The scene as places for this model are sought in it; extents : (3,) of its reach, its own without."""
-    units = size.factor / prepared.scale.metres_per_unit
+def footprint(
+    model: Model, size: ModelSize, metres_per_unit: float, extents: FloatArray | None = None
+) -> tuple[float, float]:
+    """Return half the diagonal of the footprint of a model and its height, in scene units.
+
+    Parameters
+    ----------
+    extents : (3,) ndarray of float, optional
+        Extents of all poses of an animation, in metres of the file; those of the model by default.
+    """
+    units = size.factor / metres_per_unit
     x, y, z = model.extents if extents is None else extents
-    return Space(prepared.scene, prepared.cloud, prepared.supports, float(np.hypot(x, z)) / 2 * units, float(y) * units)
+    return float(np.hypot(x, z)) / 2 * units, float(y) * units
 
 
 def _place_object(
-    prepared: PreparedScene, request: ObjectRequest, tree: Tree | None, earlier: Sequence[Placed]
-) -> Placed:
-    act = select_playback(read_model(request.model), request.clip, request.at_time_s)
-    size = model_size(act.model, request.size, tree, request.category)
-    space = space_for(prepared, act.model, size, act.bounds_over_time[1] - act.bounds_over_time[0])
-    options = [_standing(prepared, request, act, size, place) for place in _places(prepared, request, space, tree)]
-    free = next((one for one in options if not any(colliding(one.body, other.body) for other in earlier)), None)
-    if free is not None:
-        return free
-    chosen = options[0]
-    model = act.model
-    through = [other.model.name for other in earlier if colliding(chosen.body, other.body)]
-    return replace(chosen, warnings=tuple(f"{model.name}: goes through {name}" for name in through))
-
-
-def _standing(prepared: PreparedScene, request: ObjectRequest, act: Playback, size: SizeUsed, place: Place) -> Placed:
-    surface = place.surface if place.plane is None else prepared.supports.surfaces[place.plane]
-    walk = _walk(prepared, request, place) if request.path else None
-    if walk is None:
-        front, angle = heading(place, request.facing, prepared.cloud)
-    else:
-        angle = _path_turn(request)
-        front = turn_about(walk.front(0.0), place.basis[2], angle)
-    # metres divided by the scale, and nothing else
-    body = body_of(
-        act.model, place.position, place.basis, front, size.factor / prepared.scale.metres_per_unit, act.bounds
-    )
-    words = [*_taken(prepared, act.model, body), *_beside(walk, place, surface)]
-    return Placed(request, act.model, size, place, front, angle, body, surface, tuple(words), act, walk)
-
-
-def _path_turn(request: ObjectRequest) -> float:
-    """Degrees from the way's direction to the object's front. Raises InputError for a wall."""
-    if request.facing == "wall":
-        raise InputError("--facing: expected degrees from the way of --path; found wall")
-    return 0.0 if isinstance(request.facing, str) else float(request.facing)
-
-
-def _walk(prepared: PreparedScene, request: ObjectRequest, place: Place) -> Walk:
-    """The way from the object's place through the points of `--path`, level with the place."""
+    request: ObjectRequest,
+    space: PlacementSpace,
+    frames: Sequence[Frame],
+    tree: Tree | None,
+    earlier: Sequence[PlacedObject],
+) -> PlacedObject:
+    """Return the first option of an object that collides with no earlier one, else the best option with a warning."""
+    playback = select_playback(read_model(request.model), request.clip, request.at_time_s)
+    size = model_size(playback.model, request.size, tree, request.category)
+    extents = playback.bounds_over_time[1] - playback.bounds_over_time[0]
+    radius, height = footprint(playback.model, size, space.metres_per_unit, extents)
     if request.at is not None:
-        view = _view_of(prepared, request.at.frame)
-        corners = [level_point(place, view, x, y) for x, y in request.path]
+        view = _view_of(frames, request.at.frame)
+        placements = [placement_at_pixel(space, view, request.at.x, request.at.y, radius)]
+    elif request.on is not None:
+        named = instances_named(space.instances, request.on, tree)
+        placements = [placement_on_category(space, request.on, named, radius, height)]
     elif request.plane is not None:
-        surface = prepared.supports.surfaces[request.plane]
-        corners = [plane_point(surface, np.array(xy) / prepared.scale.metres_per_unit) for xy in request.path]
+        offset = np.array(request.xy_m) / space.metres_per_unit
+        placements = [placement_on_plane(space, request.plane, offset, space.views[0].centre)]
     else:
-        raise InputError("--path: expected --at frame=...,x=...,y=... or --plane with it; found neither")
-    shots = prepared.footage.shots
-    lasting = shots[-1].clock_s - shots[0].clock_s
-    return walk_along(np.array([place.position, *corners]), prepared.scale.metres_per_unit, request.speed_m_s, lasting)
+        placements = free_positions(space, radius, height)
+        if not placements:
+            how = "specify --at frame=...,x=...,y=... or a smaller --size"
+            raise PlacementError(f"--at auto: no free level space of this size that the camera sees long enough; {how}")
+    options = [_stand(request, playback, size, placement, space, frames) for placement in placements]
+    for option in options:
+        if not any(colliding(option.body, other.body) for other in earlier):
+            return option
+    best, name = options[0], playback.model.name
+    others = [other.model.name for other in earlier if colliding(best.body, other.body)]
+    return replace(best, warnings=tuple(f"{name}: intersects {other}" for other in others))
 
 
-def _beside(walk: Walk | None, place: Place, surface: Surface | None) -> tuple[str, ...]:
-    """A warning where a way leaves what was seen of the surface."""
-    if walk is None or surface is None or place.plane is None:
-        return ()
-    steps = np.array([walk.place(k / 20 * walk.arrival_s) for k in range(21)])
-    outside = np.count_nonzero(~surface.holds(steps @ place.basis[:2].T))
-    words = f"--path: {outside} of 21 places on the way are beside what was seen of {place.support}"
-    return (words,) if outside else ()
+def _stand(
+    request: ObjectRequest,
+    playback: Playback,
+    size: ModelSize,
+    placement: Placement,
+    space: PlacementSpace,
+    frames: Sequence[Frame],
+) -> PlacedObject:
+    """Return an object at a placement, with its orientation or path."""
+    surface = placement.surface if placement.plane is None else space.supports.surfaces[placement.plane]
+    path = _path_of(request, placement, space, frames) if request.path else None
+    if path is None:
+        front, angle = heading(placement, request.facing, space.cloud)
+    else:
+        if request.facing == "wall":
+            raise InputError("--facing: expected degrees from the direction of --path; found wall")
+        angle = 0.0 if isinstance(request.facing, str) else float(request.facing)
+        front = turn_about(path.front(0.0), placement.basis[2], angle)
+    # metres divided by the scale, and nothing else
+    units_per_metre = size.factor / space.metres_per_unit
+    model, bounds = playback.model, playback.bounds
+    body = body_of(model, placement.position, placement.basis, front, units_per_metre, bounds)
 
-
-def _places(prepared: PreparedScene, request: ObjectRequest, space: Space, tree: Tree | None) -> list[Place]:
-    """The places that a request allows, the best first; the one that it names, or several in free space."""
-    if request.at is not None:
-        return [place_at_point(space, _view_of(prepared, request.at.frame), request.at.x, request.at.y)]
-    if request.on is not None:
-        return [place_on_category(space, request.on, instances_named(prepared.instances, request.on, tree))]
-    if request.plane is not None:
-        at = np.array(request.xy_m) / prepared.scale.metres_per_unit
-        return [place_on_plane(space, request.plane, at, prepared.scene.views[0].centre)]
-    options = candidates(space)
-    if not options:
-        how = "state --at frame=...,x=...,y=... or a smaller --size"
-        raise NoPlace(f"--at auto: no free level space of this size that the camera sees long enough; {how}")
-    return options
-
-
-def _view_of(prepared: PreparedScene, frame: str) -> View:
-    """The view of a shot by its name, its name without suffix, or its number."""
-    shots = prepared.footage.shots
-    chosen = next((s for s in shots if frame in (s.name, s.name.rsplit(".", 1)[0])), None)
-    if chosen is None and frame.isdecimal() and int(frame) < len(shots):
-        chosen = shots[int(frame)]
-    if chosen is None:
-        raise NoPlace(f"--at frame: expected a picture's name or a number from 0 to {len(shots) - 1}; found {frame!r}")
-    if chosen.view is None:
-        raise NoPlace(f"--at frame: expected a picture with a known pose; {chosen.name} has none")
-    return chosen.view
-
-
-def _taken(prepared: PreparedScene, model: Model, body: Body) -> tuple[str, ...]:
-    """A warning where the cloud has points in the space of the object."""
-    local = (prepared.cloud.points - body.position) @ body.basis.T / body.unit
+    warnings = []
+    local = (space.cloud.points - body.position) @ body.basis.T / body.unit
     corners = body.corners @ body.basis.T
     low, high = corners.min(axis=0), corners.max(axis=0)
-    low[2] += 0.1 * (high[2] - low[2])
-    share = np.mean(np.all((local > low + 0.05) & (local < high - 0.05), axis=1))
-    return (f"{model.name}: something else is in its place",) if share > TAKEN_SHARE else ()
+    low[2] += FOOT_FRACTION * (high[2] - low[2])
+    is_inside = np.all((local > low + COLLISION_MARGIN) & (local < high - COLLISION_MARGIN), axis=1)
+    if np.mean(is_inside) > MAX_COLLIDING_FRACTION:
+        warnings.append(f"{model.name}: intersects points of the scene")
+    if path is not None and surface is not None and placement.plane is not None:
+        times = [k / (PATH_SAMPLES - 1) * path.arrival_s for k in range(PATH_SAMPLES)]
+        positions = np.array([path.position(time_s) for time_s in times])
+        outside = np.count_nonzero(~surface.contains(positions @ placement.basis[:2].T))
+        if outside:
+            where = f"outside the observed part of {placement.support}"
+            warnings.append(f"--path: {outside} of {PATH_SAMPLES} sample points are {where}")
+    return PlacedObject(
+        request,
+        model,
+        size,
+        placement,
+        front,
+        angle,
+        body,
+        space.metres_per_unit,
+        surface,
+        tuple(warnings),
+        playback,
+        path,
+    )
+
+
+def _path_of(
+    request: ObjectRequest, placement: Placement, space: PlacementSpace, frames: Sequence[Frame]
+) -> PathMotion:
+    """Return the path from the position of an object through the requested corners, at the height of the position."""
+    if request.at is not None:
+        view = _view_of(frames, request.at.frame)
+        corners = [level_point(placement, view, x, y) for x, y in request.path]
+    elif request.plane is not None:
+        surface = space.supports.surfaces[request.plane]
+        corners = [plane_point(surface, np.array(xy) / space.metres_per_unit) for xy in request.path]
+    else:
+        raise InputError("--path: expected --at frame=...,x=...,y=... or --plane with it; found neither")
+    duration_s = frames[-1].clock_s - frames[0].clock_s
+    return path_motion(np.array([placement.position, *corners]), space.metres_per_unit, request.speed_m_s, duration_s)
+
+
+def _view_of(frames: Sequence[Frame], name: str) -> View:
+    """Return the view of a frame by its name, its name without suffix, or its index."""
+    chosen = next((frame for frame in frames if name in (frame.name, frame.name.rsplit(".", 1)[0])), None)
+    if chosen is None and name.isdecimal() and int(name) < len(frames):
+        chosen = frames[int(name)]
+    if chosen is None:
+        last = len(frames) - 1
+        raise PlacementError(f"--at frame: expected the name of a frame or an index from 0 to {last}; found {name!r}")
+    if chosen.view is None:
+        raise PlacementError(f"--at frame: expected a frame with a known pose; {chosen.name} has none")
+    return chosen.view

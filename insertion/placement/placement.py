@@ -1,67 +1,111 @@
-"""A place: where an object stands and which way it looks, and the words of `--at` and `--facing` that ask for one.
-
-Which way an object looks.
-"""
+"""Position and orientation of an object on a support (`Placement`), and the scene as placement reads it."""
 
 from __future__ import annotations
 
+from dataclasses import dataclass
+
 import numpy as np
 
-from insertion.request import Place
-from insertion.scene.plane_cells import plane_patches
-from insertion.scene.point_cloud import Cloud
+from estimator.records.scene import Instance, View
+from insertion.scene.plane_cells import find_plane_cells
+from insertion.scene.point_cloud import ColouredPoints
+from insertion.scene.supports import SupportSurfaces, Surface
 from metric_base.arrays import FloatArray
 from metric_base.errors import InputError
 
-#: A plane whose normal's cosine with up is below this is upright; it is a wall if it spans this share of the scene's
-#: own height, as a wall does between furniture and the pictures' upper border.
-UPRIGHT, WALL_SHARE = 0.2, 0.4
+#: Maximum cosine with up of the normal of a wall.
+MAX_WALL_UP_COSINE = 0.2
+#: Minimum height of a wall, as a fraction of the height of the scene: its visible part is between the furniture and the
+#: upper border of the images.
+MIN_WALL_HEIGHT = 0.4
 
 
-class NoPlace(InputError):
-    """There is nothing to stand on where the object was asked to stand; the message says why."""
+class PlacementError(InputError):
+    """An object cannot stand at the requested position."""
 
 
-def heading(place: Place, facing: float | str, cloud: Cloud) -> tuple[FloatArray, float]:
-    """The horizontal unit direction (3,) of the object's front, and its angle in degrees.
+@dataclass(frozen=True, slots=True, eq=False)
+class Placement:
+    """Position of an object on a support."""
 
-    The angle is counted from the direction to the camera of the place, counter-clockwise seen from above. facing :
-    `camera`, `wall` (the back to the nearest wall) or degrees. Raises NoPlace where there is no wall.
+    position: FloatArray  #: (3,) bottom centre of the object, scene units
+    basis: FloatArray  #: (3, 3) rows: two horizontal unit axes and up
+    camera: FloatArray  #: (3,) centre of the camera that the position was chosen from
+    support: str  #: name of the support for messages
+    plane: int | None = None  #: index of the support plane, lowest first; None for a surface that is no support plane
+    surface: Surface | None = None  #: extent of the surface, if `plane` is None and the extent is known
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class PlacementSpace:
+    """The parts of a scene that placement reads."""
+
+    views: tuple[View, ...]
+    cloud: ColouredPoints
+    supports: SupportSurfaces
+    instances: tuple[Instance, ...]
+    metres_per_unit: float
+
+
+def heading(placement: Placement, facing: float | str, cloud: ColouredPoints) -> tuple[FloatArray, float]:
+    """Compute the orientation of an object.
+
+    Parameters
+    ----------
+    placement : Placement
+        Position and camera.
+    facing : float or str
+        `camera`, `wall` (the back to the nearest wall), or degrees from the direction to the camera.
+    cloud : ColouredPoints
+        Points of the scene, for walls.
+
+    Returns
+    -------
+    front : (3,) ndarray of float
+        Horizontal unit direction of the front of the object.
+    degrees : float
+        Angle from the direction to the camera, counter-clockwise seen from above.
+
+    Raises
+    ------
+    PlacementError
+        The cloud has no wall.
     """
-    up = place.basis[2]
-    to_camera = place.camera - place.position
+    up = placement.basis[2]
+    to_camera = placement.camera - placement.position
     to_camera = to_camera - (to_camera @ up) * up
     length = float(np.linalg.norm(to_camera))
-    front = to_camera / length if length > 1e-9 else place.basis[0]
+    front = to_camera / length if length > 1e-9 else placement.basis[0]
     if facing == "camera":
         return front, 0.0
     if facing == "wall":
-        away = _away_from_wall(place, cloud)
+        away = _away_from_wall(placement, cloud)
         angle = float(np.degrees(np.arctan2(np.cross(front, away) @ up, front @ away)))
         return away, angle
     return turn_about(front, up, float(facing)), float(facing)
 
 
 def turn_about(front: FloatArray, up: FloatArray, degrees: float) -> FloatArray:
-    """A horizontal direction (3,) turned counter-clockwise seen from above; up : (3,) unit vector."""
+    """Rotate a horizontal direction (3,) counter-clockwise seen from above; `up` is a unit vector (3,)."""
     angle = np.radians(degrees)
     return np.asarray(np.cos(angle) * front + np.sin(angle) * np.cross(up, front))
 
 
-def _away_from_wall(place: Place, cloud: Cloud) -> FloatArray:
-    """Horizontal unit direction (3,) away from the nearest wall: an upright plane of the cloud that is tall enough."""
-    patches = plane_patches(cloud, place.camera[None])
-    up = place.basis[2]
+def _away_from_wall(placement: Placement, cloud: ColouredPoints) -> FloatArray:
+    """Return the horizontal unit direction (3,) away from the nearest wall, an upright plane of sufficient height."""
+    cells = find_plane_cells(cloud, placement.camera[None])
+    up = placement.basis[2]
     low, high = np.percentile(cloud.points @ up, [2, 98])
     walls = []
-    for number in np.unique(patches.plane):
-        own = patches.plane == number
-        normal, cells = patches.normals[own][0], patches.places[own]
-        if abs(normal @ up) < UPRIGHT and np.ptp(cells @ up) > WALL_SHARE * (high - low):
-            distance = float(np.abs((cells - place.position) @ normal).mean())
+    for index in np.unique(cells.plane):
+        on_plane = cells.plane == index
+        normal, positions = cells.normals[on_plane][0], cells.positions[on_plane]
+        is_upright = abs(normal @ up) < MAX_WALL_UP_COSINE
+        if is_upright and np.ptp(positions @ up) > MIN_WALL_HEIGHT * (high - low):
+            distance = float(np.abs((positions - placement.position) @ normal).mean())
             walls.append((distance, normal))
     if not walls:
-        raise NoPlace("--facing wall: expected a wall in the cloud; found no tall upright surface")
+        raise PlacementError("--facing wall: expected a wall in the cloud; found no tall upright surface")
     normal = min(walls, key=lambda wall: wall[0])[1]
     flat = normal - (normal @ up) * up
     return np.asarray(flat / np.linalg.norm(flat))

@@ -62,7 +62,7 @@ class Body:
         scale, offset = other.unit / self.unit, (other.position - self.position) / self.unit
         return tuple(replace(part, vertices=scale * part.vertices + offset) for part in other.parts)
 
-    def near(self, other: Body) -> bool:
+    def is_near(self, other: Body) -> bool:
         """Whether another body is so near that one may shade the other."""
         apart = float(np.linalg.norm(other.position - self.position))
         return apart < SHADING_SIZES * (self.unit + other.unit)
@@ -105,7 +105,7 @@ def body_of(
     return Body(parts, np.asarray(position, dtype=np.float64), basis, unit * units_per_metre)
 
 
-def with_bodies(environment: Environment, body: Body, others: Sequence[Body]) -> Environment:
+def environment_with_objects(environment: Environment, body: Body, others: Sequence[Body]) -> Environment:
     """The environment about the middle of a body with other bodies in it, for what the body mirrors.
 
     Each cell of the map shows the nearest of the points spread over the others, matt under the environment's light.

@@ -12,11 +12,11 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from insertion.render.gpu import LoadedPart
+from insertion.render.gpu import GpuPart
 from insertion.scene.camera_rays import Window
 
 #: Names of the facts in the shader that lights them, in the order of the outputs that gather them.
-FACTS = ("place_rough", "normal_metal", "geometric_depth", "base_alpha", "glow_covered")
+GBUFFER = ("place_rough", "normal_metal", "geometric_depth", "base_alpha", "glow_covered")
 #: Texture units of the facts; those below are taken by the light.
 _FIRST_UNIT = 7
 #: The facts of a pixel take 320 bytes, so a large window is drawn in tiles of this side.
@@ -36,7 +36,7 @@ class DeferredTargets:
         self._lit: Any = None
 
     def draw(
-        self, parts: Sequence[LoadedPart], gather: Any, cover: Any, window: Window
+        self, parts: Sequence[GpuPart], gather: Any, cover: Any, window: Window
     ) -> tuple[NDArray[np.float32], NDArray[np.float32]]:
         """(h, w, 4) linear radiance and coverage, and (h, w, 2) depth times coverage and coverage.
 
@@ -54,7 +54,7 @@ class DeferredTargets:
             seen[rows, columns] = _read(self._lit, width, height, 1, 2)
         return colour, seen
 
-    def _gather(self, parts: Sequence[LoadedPart], program: Any, viewport: tuple[int, int, int, int]) -> None:
+    def _gather(self, parts: Sequence[GpuPart], program: Any, viewport: tuple[int, int, int, int]) -> None:
         context, target = self._context, self._gathered
         target.use()
         target.viewport = viewport
@@ -70,7 +70,7 @@ class DeferredTargets:
         self._lit.use()
         self._lit.viewport = (0, 0, width, height)
         context.disable(context.DEPTH_TEST | context.BLEND)
-        for unit, (name, texture) in enumerate(zip(FACTS, self._facts, strict=True), start=_FIRST_UNIT):
+        for unit, (name, texture) in enumerate(zip(GBUFFER, self._facts, strict=True), start=_FIRST_UNIT):
             texture.use(unit)
             cover.program[name].value = unit
         cover.render(mode=context.TRIANGLE_STRIP)
@@ -84,7 +84,7 @@ class DeferredTargets:
             if old is not None:
                 old.release()
         make = self._context
-        self._facts = [make.texture(size, 4, samples=self._samples, dtype="f4") for _ in FACTS]
+        self._facts = [make.texture(size, 4, samples=self._samples, dtype="f4") for _ in GBUFFER]
         self._gathered = make.framebuffer(self._facts, make.depth_renderbuffer(size, samples=self._samples))
         self._lit = make.framebuffer([make.renderbuffer(size, 4, dtype="f4") for _ in range(2)])
         self._size = size

@@ -25,7 +25,7 @@ _SHADERS = Path(__file__).parent / "shaders"
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class LoadedPart:
+class GpuPart:
     """One part: its vertex arrays for the picture, its facts and its shadows, its textures by name, its material.
 
     buffers : of the vertices and of the faces.
@@ -39,7 +39,7 @@ class LoadedPart:
     middle: NDArray[np.float64]
     buffers: tuple[Any, Any]
 
-    def at_vertices(self, part: BodyPart) -> LoadedPart:
+    def at_vertices(self, part: BodyPart) -> GpuPart:
         """The same part with its vertices elsewhere; the old one is not used any more."""
         self.buffers[0].write(_rows(part))
         return replace(self, middle=part.vertices.mean(axis=0))
@@ -68,7 +68,7 @@ class LoadedPart:
 
 def load_part(
     context: Any, picture_program: Any, shadow_program: Any, part: BodyPart, facts_program: Any = None
-) -> LoadedPart:
+) -> GpuPart:
     """Upload one part; without a program for its facts, `gathered` is None."""
     vertices = context.buffer(_rows(part))
     index = context.buffer(np.ascontiguousarray(part.faces, dtype="i4").tobytes())
@@ -84,7 +84,7 @@ def load_part(
         "emissive_texture": material.emissive_texture,
     }
     textures = {name: _texture(context, pixels) for name, pixels in stored.items() if pixels is not None}
-    return LoadedPart(drawn, gathered, cast, textures, material, part.vertices.mean(axis=0), (vertices, index))
+    return GpuPart(drawn, gathered, cast, textures, material, part.vertices.mean(axis=0), (vertices, index))
 
 
 def _rows(part: BodyPart) -> bytes:

@@ -15,22 +15,19 @@ from estimator.projection.cameras import project
 from estimator.records.scene import Camera, View
 from insertion.render.body import Body
 from insertion.render.renderer import ObjectImage, ObjectRenderer
-from insertion.render.shadow_maps import PlaneMap
+from insertion.render.shadow_maps import ShadowCatcher
 from insertion.scene.camera_rays import Window, camera_rays, focal_lengths
 from insertion.scene.pixel_box import PixelBox
-from insertion.scene.scale import MetricScale
 from metric_base.arrays import FloatArray
 
 #: Pixels around the projected vertices: blur and filters reach so far.
 MARGIN_PX = 6
 #: Light on the plane that is dimmed by less than this is not worth a pixel.
-SHADOW_SHARE = 0.004
+MIN_SHADOW = 0.004
 #: A shadow on other objects is drawn this far from the object, in its sizes: as far as that on its support.
 CAST_SIZES = 3.0
 #: The ideal picture behind a strongly curved lens is cut at this many times the picture.
 WIDEST = 3.0
-#: Colours (red, green, blue) at the low and the high end of the scale: the object is larger at the low end.
-LOW, HIGH = (255, 190, 60), (80, 220, 255)
 
 
 def object_box(view: View, body: Body) -> PixelBox | None:
@@ -38,7 +35,7 @@ def object_box(view: View, body: Body) -> PixelBox | None:
     return _box_of(view, body.position + body.unit * body.corners)
 
 
-def shadow_box(view: View, body: Body, plane: PlaneMap) -> PixelBox | None:
+def shadow_box(view: View, body: Body, plane: ShadowCatcher) -> PixelBox | None:
     """Pixels that the shadow on the support plane may cover; None where it is out of the picture."""
     flat = _shadow_places(plane)
     if not len(flat) or (view.centre - body.position) @ body.basis[2] <= 0:
@@ -72,9 +69,9 @@ def window_behind(camera: Camera, box: PixelBox) -> Window:
 
 
 @lru_cache(maxsize=8)
-def _shadow_places(plane: PlaneMap) -> FloatArray:
+def _shadow_places(plane: ShadowCatcher) -> FloatArray:
     """(n, 2) some of the places of a map that lie in shadow, along the plane's axes in the local frame."""
-    cells = np.argwhere((1 - plane.share).max(axis=-1) > SHADOW_SHARE)  # rows, columns
+    cells = np.argwhere((1 - plane.share).max(axis=-1) > MIN_SHADOW)  # rows, columns
     cells = cells[:: max(1, len(cells) // 4000), ::-1]
     return np.asarray(((cells + 0.5) / len(plane.share) * 2 - 1) * plane.radius)
 
@@ -107,7 +104,7 @@ class ObjectLayers:
 
     box: PixelBox
     image: ObjectImage
-    plane_share: NDArray[np.float32]
+    catcher_light: NDArray[np.float32]
     plane_depth: NDArray[np.float32]
 
     @property
@@ -121,7 +118,7 @@ class ObjectLayers:
         return x, y, int(columns[-1] - columns[0]) + 1, int(rows[-1] - rows[0]) + 1
 
 
-def object_layers(renderer: ObjectRenderer, view: View, whole: bool = False) -> ObjectLayers | None:
+def object_layers(renderer: ObjectRenderer, view: View, full_size: bool = False) -> ObjectLayers | None:
     """The layers of an object in a view; None where neither it nor its shadow is in the picture.
 
     whole : over the whole picture instead of the box that they change.
@@ -132,8 +129,8 @@ def object_layers(renderer: ObjectRenderer, view: View, whole: bool = False) -> 
         return None
     box = dark.union(own) if dark is not None else own
     assert box is not None  # one of the two is there
-    box = box.union(cast_box(view, renderer.body, renderer.casting))
-    if whole:
+    box = box.union(cast_box(view, renderer.body, renderer.shadow_directions))
+    if full_size:
         box = PixelBox(0, 0, view.camera.width, view.camera.height)
     image = ObjectImage(
         np.zeros((*box.shape, 3), np.float32), np.zeros(box.shape, np.float32), np.full(box.shape, np.nan, np.float32)
@@ -198,25 +195,16 @@ def shadow_layer(
     return np.asarray(share, dtype=np.float32), depth
 
 
-def draw_interval(
-    picture: NDArray[np.uint8], view: View, renderer: ObjectRenderer, scale: MetricScale
+def draw_outline(
+    image: NDArray[np.uint8], view: View, renderer: ObjectRenderer, ratio: float, colour: tuple[int, int, int]
 ) -> NDArray[np.uint8]:
-    """The picture (h, w, 3) with the object's outline at both ends of the scale's interval, if it has one."""
+    """Return an image (h, w, 3) with the outline of the object scaled by `ratio` about its foot."""
     import cv2
 
-    if scale.low is None or scale.high is None:
-        return picture
-    out = picture.copy()
-    for end, colour in ((scale.low, LOW), (scale.high, HIGH)):
-        # an object of m metres is m / scale units long
-        mask = _outline(view, renderer, scale.metres_per_unit / end)
-        lines, _ = cv2.findContours(mask, cv2.RETR_EXTERNAL, cv2.CHAIN_APPROX_NONE)
-        cv2.drawContours(out, lines, -1, colour, max(1, round(view.camera.width / 640)), cv2.LINE_AA)
+    box = PixelBox(0, 0, view.camera.width, view.camera.height)
+    alpha = renderer.outline(window_behind(view.camera, box), view.rotation, view.translation, ratio)
+    mask = np.asarray(through_lens(alpha, view, box) > 0.5, dtype=np.uint8)
+    lines, _ = cv2.findContours(mask, cv2.RETR_EXTERNAL, cv2.CHAIN_APPROX_NONE)
+    out = image.copy()
+    cv2.drawContours(out, lines, -1, colour, max(1, round(view.camera.width / 640)), cv2.LINE_AA)
     return out
-
-
-def _outline(view: View, renderer: ObjectRenderer, scale_factor: float) -> NDArray[np.uint8]:
-    """(h, w) mask, 0 or 1, of the object grown by a factor about its foot, in the real picture."""
-    whole = PixelBox(0, 0, view.camera.width, view.camera.height)
-    alpha = renderer.outline(window_behind(view.camera, whole), view.rotation, view.translation, scale_factor)
-    return np.asarray(through_lens(alpha, view, whole) > 0.5, dtype=np.uint8)

@@ -14,12 +14,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from insertion.colour import luminance
-from insertion.light.environment_map import LEVELS, Environment, reflection_levels
-from insertion.light.light_samples import Lights, environment_lights
-from insertion.render.body import Body, BodyPart, with_bodies
+from insertion.light.environment_map import LEVELS, Environment, prefiltered_environment
+from insertion.light.light_samples import LightSamples, sample_lights
+from insertion.render.body import Body, BodyPart, environment_with_objects
 from insertion.render.deferred import DeferredTargets
-from insertion.render.gpu import LoadedPart, load_part, shader
-from insertion.render.shadow_maps import Caster, PlaneMap, light_axes, plane_map, shadow_atlas
+from insertion.render.gpu import GpuPart, load_part, shader
+from insertion.render.shadow_maps import Caster, ShadowCatcher, light_axes, shadow_atlas, shadow_catcher
 from insertion.scene.camera_rays import Window
 from metric_base.arrays import FloatArray
 
@@ -55,13 +55,13 @@ class ObjectRenderer:
         environment: Environment,
         ground: Environment | None = None,
         *,
-        shading: Sequence[Body] = (),
-        before: Sequence[Body] = (),
+        casters: Sequence[Body] = (),
+        earlier: Sequence[Body] = (),
         moves: bool = False,
     ) -> None:
         """The environment is about the middle of the body; ground : about its foot, where that differs.
 
-        shading : other inserted bodies, whose shadow falls on this one and which it mirrors; before : those of them
+        casters : other inserted bodies, whose shadow falls on this one and which it mirrors; earlier : those of them
         whose shadow is on the support already; moves : whether `stand` will put it, or them, elsewhere.
         """
         self.environment, self._ground = environment, environment if ground is None else ground
@@ -69,7 +69,7 @@ class ObjectRenderer:
         corners = body.corners
         middle = (corners.min(axis=0) + corners.max(axis=0)) / 2
         number = len(_local_lights(environment, body, OBJECT_CUTS, middle, 0.0).power)
-        others = {"OTHERS": 1} if any(moves or body.near(other) for other in shading) else {}
+        others = {"OTHERS": 1} if any(moves or body.is_near(other) for other in casters) else {}
         self._program = self._context.program(
             vertex_shader=shader("surface.vert"), fragment_shader=self._lit_shader("surface.frag", number, **others)
         )
@@ -77,22 +77,22 @@ class ObjectRenderer:
             vertex_shader=shader("full.vert"), fragment_shader=self._lit_shader("receive.frag", number)
         )
         self._gather = self._context.program(
-            vertex_shader=shader("surface.vert"), fragment_shader=shader("gather.frag")
+            vertex_shader=shader("surface.vert"), fragment_shader=shader("gbuffer.frag")
         )
         self._light = self._context.program(
             vertex_shader=shader("full.vert"),
-            fragment_shader=self._lit_shader("light_samples.frag", number, SAMPLES=SAMPLES, **others),
+            fragment_shader=self._lit_shader("lighting.frag", number, SAMPLES=SAMPLES, **others),
         )
         self._cast = self._context.program(
             vertex_shader=shader("depth_only.vert"), fragment_shader=shader("depth_only.frag")
         )
-        self._parts: list[LoadedPart] = []
+        self._parts: list[GpuPart] = []
         self._atlas: Any = None
         self._others: Any = None
         self._mirrors = False
         self._environment: Any = None
         self._plane_texture: Any = None
-        self.stand(body, shading, before)
+        self.set_pose(body, casters, earlier)
         self._solid = not any(part.material.blend for part in self._parts)
         self._deferred = DeferredTargets(self._context, SAMPLES)
         self._targets: dict[tuple[int, int], tuple[Any, Any]] = {}
@@ -100,7 +100,7 @@ class ObjectRenderer:
         self._cover = self._context.vertex_array(self._receive, [(quad, "2f", "corner")])
         self._light_cover = self._context.vertex_array(self._light, [(quad, "2f", "corner")])
 
-    def stand(self, body: Body, shading: Sequence[Body] = (), before: Sequence[Body] = ()) -> None:
+    def set_pose(self, body: Body, casters: Sequence[Body] = (), earlier: Sequence[Body] = ()) -> None:
         """Put the body, of the same parts, where it is now, with what else stands there; the light stays.
 
         All that depends on where it stands is made again: the shadow maps, the light on the plane, the reflections.
@@ -111,7 +111,7 @@ class ObjectRenderer:
         caster = Caster(middle, float(np.linalg.norm(corners - middle, axis=1).max()) * 1.02)
         lights = _local_lights(self.environment, body, OBJECT_CUTS, middle, caster.radius)
         #: (n, 3) towards the lights that cast the shadow
-        self.casting = _strongest(lights)
+        self.shadow_directions = _strongest(lights)
         first = not self._parts
         if first:
             self._parts = [self._load(part, self._gather) for part in body.parts]
@@ -121,11 +121,11 @@ class ObjectRenderer:
         self._atlas = shadow_atlas(self._context, self._cast, self._parts, lights, caster)
         # what moves is drawn again for each picture
         cuts = OBJECT_CUTS if self._moves else PLANE_CUTS
-        above = _local_lights(self._ground, body, cuts, np.zeros(3), 0.0).above(body.basis[2])
-        returned = _returned_light(self._ground, body, above)
-        earlier = [part for other in before if body.near(other) for part in body.parts_of(other)]
-        loaded = [self._load(part) for part in earlier]
-        self.plane: PlaneMap = plane_map(
+        above = _local_lights(self._ground, body, cuts, np.zeros(3), 0.0).above_horizon(body.basis[2])
+        returned = _bounce_light(self._ground, body, above)
+        earlier_parts = [part for other in earlier if body.is_near(other) for part in body.parts_of(other)]
+        loaded = [self._load(part) for part in earlier_parts]
+        self.plane: ShadowCatcher = shadow_catcher(
             self._context,
             self._cast,
             self._parts,
@@ -134,12 +134,12 @@ class ObjectRenderer:
             body.basis,
             corners,
             loaded,
-            np.concatenate([corners, *(part.vertices for part in earlier)]),
+            np.concatenate([corners, *(part.vertices for part in earlier_parts)]),
         )
         _release(*loaded)
         for program in (self._program, self._light, self._receive):
-            _set_lights(program, lights, _returned_light(self.environment, body, lights), caster)
-        near = [other for other in shading if body.near(other)]
+            _set_lights(program, lights, _bounce_light(self.environment, body, lights), caster)
+        near = [other for other in casters if body.is_near(other)]
         if "other_atlas" in self._program:
             self._set_others(near)
         _release(self._plane_texture)
@@ -148,10 +148,10 @@ class ObjectRenderer:
         for program in (self._program, self._light):
             program["map_radius"].value = self.plane.radius
         if first or near or self._mirrors:
-            self._set_surroundings(with_bodies(self.environment, body, near))
+            self._set_surroundings(environment_with_objects(self.environment, body, near))
         self._mirrors = bool(near)
 
-    def _load(self, part: BodyPart, facts: Any = None) -> LoadedPart:
+    def _load(self, part: BodyPart, facts: Any = None) -> GpuPart:
         return load_part(self._context, self._program, self._cast, part, facts)
 
     def _set_others(self, others: Sequence[Body]) -> None:
@@ -207,7 +207,7 @@ class ObjectRenderer:
         rotation, offset = body.camera(rotation, translation)
         depths = self.body.corners @ rotation[2] + offset[2]
         near = max(float(depths.min()) * 0.8, 1e-3)
-        clip = window.clip(rotation, offset, near, max(float(depths.max()) * 1.2, near * 2))
+        clip = window.projection(rotation, offset, near, max(float(depths.max()) * 1.2, near * 2))
         eye = tuple(float(v) for v in -rotation.T @ offset)
         for program in (self._program, self._gather):
             program["clip"].write(clip.T.astype("f4").tobytes())
@@ -226,7 +226,7 @@ class ObjectRenderer:
         self._context.copy_framebuffer(plain, smooth)
         return _read(plain, window, 0, 4), _read(plain, window, 1, 2)
 
-    def received_light(self, places: NDArray[np.float32], normals: NDArray[np.float32]) -> NDArray[np.float32]:
+    def irradiance_fraction(self, places: NDArray[np.float32], normals: NDArray[np.float32]) -> NDArray[np.float32]:
         """(h, w, 3) share of the light that still reaches other objects.
 
         places : (h, w, 4) in the local frame, the fourth 1 where a place is known; normals : (h, w, 3) unit.
@@ -260,7 +260,7 @@ class ObjectRenderer:
 
         basis = self.body.basis
         _release(self._environment)
-        levels = reflection_levels(environment)
+        levels = prefiltered_environment(environment)
         self._environment = self._context.texture(levels[0].shape[1::-1], 3, levels[0].tobytes(), dtype="f4")
         self._environment.build_mipmaps(0, LEVELS)
         for level, picture in enumerate(levels):
@@ -336,16 +336,16 @@ def _read(target: Any, window: Window, attachment: int, components: int) -> NDAr
     return flat.reshape(window.height, window.width, components)
 
 
-def _local_lights(environment: Environment, body: Body, cuts: int, place: FloatArray, radius: float) -> Lights:
+def _local_lights(environment: Environment, body: Body, cuts: int, place: FloatArray, radius: float) -> LightSamples:
     """The lights about a place (3,) in the body's frame, of which something within `radius` is lit."""
-    lights = environment_lights(environment, cuts).in_unit(body.unit)
+    lights = sample_lights(environment, cuts).scaled(body.unit)
     if environment.lamps is None:
         return lights
-    middle = (environment.lamps.middle - body.position) / body.unit
-    return lights.about(place - middle, radius)
+    middle = (environment.lamps.centre - body.position) / body.unit
+    return lights.seen_from(place - middle, radius)
 
 
-def _strongest(lights: Lights) -> FloatArray:
+def _strongest(lights: LightSamples) -> FloatArray:
     """(n, 3) directions towards the points of lamps, or, without any, towards the lights that have half the power."""
     if lights.near.any():
         return lights.directions[lights.near > 0]
@@ -354,7 +354,7 @@ def _strongest(lights: Lights) -> FloatArray:
     return lights.directions[order[: int(np.searchsorted(share, 0.5)) + 1]]
 
 
-def _returned_light(environment: Environment, body: Body, lights: Lights) -> FloatArray:
+def _bounce_light(environment: Environment, body: Body, lights: LightSamples) -> FloatArray:
     """(n, 3) what a surface gets instead of a light that the body itself hides: the light that the body sends back.
 
     The body's surface is taken to face along the way of the hidden light, to be matt and to have one mean colour:
@@ -364,7 +364,7 @@ def _returned_light(environment: Environment, body: Body, lights: Lights) -> Flo
     return np.asarray(lights.angle[:, None] * body.albedo / np.pi * back)
 
 
-def _set_lights(program: Any, lights: Lights, returned: FloatArray, caster: Caster) -> None:
+def _set_lights(program: Any, lights: LightSamples, returned: FloatArray, caster: Caster) -> None:
     """Hand the lights to a program; returned : (n, 3) what comes back of each from what the object lights."""
     right, above = light_axes(lights, caster.radius)
     rows = {

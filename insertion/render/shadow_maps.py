@@ -12,8 +12,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from insertion.light.light_samples import Lights
-from insertion.render.gpu import LoadedPart, shader
+from insertion.light.light_samples import LightSamples
+from insertion.render.gpu import GpuPart, shader
 from metric_base.arrays import FloatArray
 
 #: Pixels along one light's shadow map.
@@ -36,7 +36,7 @@ class Caster:
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class PlaneMap:
+class ShadowCatcher:
     """share : (MAP_PIXELS, MAP_PIXELS, 3) of the light that still reaches the support plane; radius : half its side.
 
     Columns go along the plane's first axis, rows along its second, from -radius to radius about the object's foot.
@@ -46,7 +46,7 @@ class PlaneMap:
     radius: float
 
 
-def light_axes(lights: Lights, radius: float) -> tuple[FloatArray, FloatArray]:
+def light_axes(lights: LightSamples, radius: float) -> tuple[FloatArray, FloatArray]:
     """(n, 3) right and up axes of each light's shadow map, divided by the radius of what casts.
 
     A light at the distance d sees the sphere of radius r under the tangent r / sqrt(d^2 - r^2).
@@ -58,7 +58,7 @@ def light_axes(lights: Lights, radius: float) -> tuple[FloatArray, FloatArray]:
     return right / wide, np.cross(lights.directions, right) / wide
 
 
-def shadow_atlas(context: Any, program: Any, parts: Sequence[LoadedPart], lights: Lights, caster: Caster) -> Any:
+def shadow_atlas(context: Any, program: Any, parts: Sequence[GpuPart], lights: LightSamples, caster: Caster) -> Any:
     """A depth texture of tiles, one for each light."""
     tiles = int(np.ceil(np.sqrt(len(lights.directions))))
     atlas = context.depth_texture((tiles * TILE, tiles * TILE))
@@ -79,17 +79,17 @@ def shadow_atlas(context: Any, program: Any, parts: Sequence[LoadedPart], lights
     return atlas
 
 
-def plane_map(
+def shadow_catcher(
     context: Any,
     program: Any,
-    parts: Sequence[LoadedPart],
-    lights: Lights,
+    parts: Sequence[GpuPart],
+    lights: LightSamples,
     returned: FloatArray,
     basis: FloatArray,
     corners: FloatArray,
-    others: Sequence[LoadedPart] = (),
+    others: Sequence[GpuPart] = (),
     all_corners: FloatArray | None = None,
-) -> PlaneMap:
+) -> ShadowCatcher:
     """The light on the support plane with the object over it without: 1 - sum of (w_i - b_i) h_i / sum of w_i.
 
     Beside `others`, which are inserted already, it is the light with all objects over the light with the others alone,
@@ -108,18 +108,18 @@ def plane_map(
     before = np.zeros_like(missing) if not others else _missing_light(*arguments, others, ends)
     left = _open_light(local, lights, reach) - before
     share = 1 - np.maximum(missing - before, 0.0) / np.maximum(left, 1e-12)
-    return PlaneMap(np.clip(share, 0.0, 1.0).astype(np.float32), reach)
+    return ShadowCatcher(np.clip(share, 0.0, 1.0).astype(np.float32), reach)
 
 
 def _missing_light(
     context: Any,
     program: Any,
-    lights: Lights,
+    lights: LightSamples,
     local: FloatArray,
     returned: FloatArray,
     basis: FloatArray,
     reach: float,
-    parts: Sequence[LoadedPart],
+    parts: Sequence[GpuPart],
     corners: FloatArray,
 ) -> NDArray[np.float32]:
     """(MAP_PIXELS, MAP_PIXELS, 3) irradiance that parts with vertices `corners` (n, 3) take from the plane.
@@ -129,7 +129,7 @@ def _missing_light(
     blocked = context.texture((MAP_PIXELS, MAP_PIXELS), 1, dtype="f1")
     lost = context.texture((MAP_PIXELS, MAP_PIXELS), 4, dtype="f4")
     flat, sums = context.framebuffer([blocked]), context.framebuffer([lost])
-    weigh = context.program(vertex_shader=shader("full.vert"), fragment_shader=shader("weigh.frag"))
+    weigh = context.program(vertex_shader=shader("full.vert"), fragment_shader=shader("accumulate.frag"))
     weigh["reach"].value = reach
     quad = context.buffer(np.array([-1, -1, 1, -1, -1, 1, 1, 1], "f4").tobytes())
     cover = context.vertex_array(weigh, [(quad, "2f", "corner")])
@@ -159,7 +159,7 @@ def _missing_light(
     return missing
 
 
-def _open_light(directions: FloatArray, lights: Lights, reach: float) -> NDArray[np.float32]:
+def _open_light(directions: FloatArray, lights: LightSamples, reach: float) -> NDArray[np.float32]:
     """(MAP_PIXELS, MAP_PIXELS, 3) irradiance of the plane without the object; directions : (n, 3) on its own axes."""
     import cv2
 
@@ -202,7 +202,7 @@ def _shadow_matrix(direction: FloatArray, near: float, basis: FloatArray, reach:
     return clip
 
 
-def _cast(program: Any, parts: Sequence[LoadedPart], clip: FloatArray) -> None:
+def _cast(program: Any, parts: Sequence[GpuPart], clip: FloatArray) -> None:
     """Draw the parts that cast a shadow through `clip` (4, 4)."""
     program["clip"].write(clip.T.astype("f4").tobytes())
     for part in parts:

@@ -1,1 +1,1 @@
-"""What is drawn on: the pictures with their poses and times, the coloured cloud, depth and masks of each picture."""
+"""The scene of an insertion: point cloud, support surfaces, masks of every frame, scale."""

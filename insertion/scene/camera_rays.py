@@ -1,7 +1,4 @@
-"""The part of an ideal picture that is rendered: a window of the undistorted image plane.
-
-Rays through pixels, by COLMAP's own camera models.
-"""
+"""Rays of pixels by COLMAP's camera models, and windows of the undistorted image plane."""
 
 from __future__ import annotations
 
@@ -20,23 +17,23 @@ _PINHOLES = ("PINHOLE", "SIMPLE_PINHOLE")
 
 @dataclass(frozen=True, slots=True)
 class Window:
-    """Pixels x0 .. x0 + width of a pinhole picture with focal lengths fx, fy and principal point (cx, cy).
+    """Rectangle of a pinhole image, in COLMAP's pixels: the centre of the first pixel is (0.5, 0.5)."""
 
-    COLMAP's pixels: the centre of a picture's first pixel is (0.5, 0.5).
-    """
-
-    fx: float
+    fx: float  #: focal lengths in pixels
     fy: float
-    cx: float
+    cx: float  #: principal point
     cy: float
-    x0: int
+    x0: int  #: first pixel of the rectangle
     y0: int
     width: int
     height: int
 
-    def clip(self, rotation: FloatArray, translation: FloatArray, near: float, far: float) -> FloatArray:
-        """(4, 4) local to clip space; y points down, so that the first row read back is the window's upper row."""
-        ahead = np.array([
+    def projection(self, rotation: FloatArray, translation: FloatArray, near: float, far: float) -> FloatArray:
+        """Return the matrix (4, 4) from local to clip space.
+
+        The y axis points down, so that the first row that is read back is the upper row of the window.
+        """
+        perspective = np.array([
             [2 * self.fx / self.width, 0, 2 * (self.cx - self.x0) / self.width - 1, 0],
             [0, 2 * self.fy / self.height, 2 * (self.cy - self.y0) / self.height - 1, 0],
             [0, 0, (far + near) / (far - near), -2 * far * near / (far - near)],
@@ -44,18 +41,18 @@ class Window:
         ])  # fmt: skip
         view = np.eye(4)
         view[:3, :3], view[:3, 3] = rotation, translation
-        return np.asarray(ahead @ view)
+        return np.asarray(perspective @ view)
 
 
 def focal_lengths(camera: Camera) -> tuple[float, float, float, float]:
-    """fx, fy, cx, cy of the ideal picture: the camera's own, its lens left out."""
+    """Return fx, fy, cx, cy of the undistorted image of a camera."""
     values = dict(zip(CAMERA_MODELS[camera.model][1], camera.params.tolist(), strict=True))
     focal = values.get("f", 0.0)
     return values.get("fx", focal), values.get("fy", focal), values["cx"], values["cy"]
 
 
 def normalized_pixels(camera: Camera, pixels: FloatArray) -> FloatArray:
-    """(n, 2) x / z and y / z in the camera of (n, 2) pixels, the lens undone."""
+    """Return x / z and y / z (n, 2) in camera axes of distorted pixels (n, 2)."""
     if camera.model in _PINHOLES:
         return np.asarray((pixels - camera.params[-2:]) / camera.params[:-2])
     from estimator.reconstructions.pycolmap_library import pycolmap
@@ -65,25 +62,31 @@ def normalized_pixels(camera: Camera, pixels: FloatArray) -> FloatArray:
 
 
 def ray_through(view: View, x: float, y: float) -> FloatArray:
-    """(3,) direction in the scene of the ray through a pixel, of length 1 along the optical axis."""
+    """Return the direction (3,) in the scene of the ray through a pixel, of length 1 along the optical axis."""
     flat = normalized_pixels(view.camera, np.array([[x, y]]))[0]
     return np.asarray(np.append(flat, 1.0) @ view.rotation)
 
 
 def pixel_grid(x0: int, y0: int, width: int, height: int) -> FloatArray:
-    """(n, 2) centres of the n = width height pixels of a box, row by row."""
+    """Return the centres (n, 2) of the n = width * height pixels of a box, row by row."""
     x, y = np.meshgrid(x0 + np.arange(width) + 0.5, y0 + np.arange(height) + 0.5)
     return np.column_stack([x.ravel(), y.ravel()])
 
 
 def camera_rays(camera: Camera) -> NDArray[np.float32]:
-    """(h, w, 2) x / z and y / z of every pixel's centre; made once for a camera."""
+    """Return x / z and y / z (h, w, 2) of the centre of every pixel. The result is cached per camera."""
     return _rays(camera.model, camera.width, camera.height, camera.params.tobytes())
 
 
 @lru_cache(maxsize=2)
 def _rays(model: str, width: int, height: int, params: bytes) -> NDArray[np.float32]:
-    """(h, w, 2) x / z and y / z of a camera's pixels, kept for cameras of equal parameters."""
+    """Return the rays (h, w, 2) of a camera; the arguments are hashable."""
     camera = Camera(model, width, height, np.frombuffer(params, dtype=np.float64))
     flat = normalized_pixels(camera, pixel_grid(0, 0, width, height))
     return flat.reshape(height, width, 2).astype(np.float32)
+
+
+def scene_positions(view: View, rays: NDArray[np.float32], depth: NDArray[np.floating]) -> FloatArray:
+    """Return the positions (..., 3) in the scene of points at `depth` (...) on `rays` (..., 2) of a view."""
+    local = np.concatenate([rays, np.ones((*rays.shape[:-1], 1), np.float32)], axis=-1) * depth[..., None]
+    return np.asarray((local - view.translation) @ view.rotation)

@@ -1,20 +1,18 @@
-"""Masks of frames that nobody annotated: carried over from the annotated view that is nearest.
+"""Content of a frame besides the objects: masks of possible occluders, moving objects and visible points.
 
-An object's points give its inverse depth as a plane over its mask, 1 / z = a + b u + c v, which is exact for flat
-objects and near enough for others over a small step of the camera. Its outline goes through that depth into the new
-frame.
+Frames without annotation take the masks of the nearest annotated view. The points of an object give its inverse depth
+as a plane over its mask, 1 / z = a + b u + c v, which is exact for flat objects and accurate for others if the camera
+moves little. The outline is transformed into the new frame through this depth.
 
-Masks of people and objects that move: the reconstruction knows nothing of them, so their feet say how far they are.
-
-A mask's lowest pixels are taken to stand on the ground. The object is then an upright plane through that place, facing
-the camera; what is hidden by it is decided pixel by pixel.
+Moving people and objects are not in the reconstruction. Their depth is estimated from the lowest pixels of their masks,
+which stand on the ground: the object is a vertical plane (billboard) at this position that faces the camera.
 """
 
 from __future__ import annotations
 
 from collections import defaultdict
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 
 import numpy as np
@@ -23,216 +21,282 @@ from numpy.typing import NDArray
 from estimator.projection.cameras import pixels_in_view, project
 from estimator.records.objects import SupportPlane
 from estimator.records.scene import Instance, Scene, View
-from insertion.footage.footage import Shot
+from insertion.footage.footage import Frame
 from insertion.scene.camera_rays import camera_rays, normalized_pixels, ray_through
-from insertion.scene.pixel_box import PixelBox, mask_in_box
-from insertion.scene.point_cloud import Cloud, FrontPoints, front_points
+from insertion.scene.pixel_box import PixelBox, mask_in_box, pixels_in_mask
+from insertion.scene.point_cloud import ColouredPoints, VisiblePoints, visible_points
+from insertion.scene.supports import SupportSurfaces
 from metric_base.arrays import BoolArray, FloatArray
 
-#: Points that an object's depth rests on.
+#: Minimum number of points for the depth of an object.
 MIN_POINTS = 6
-#: Beyond this angle between two cameras' axes, or this share of the median depth between them, an object shows another
-#: side, and its outline does not carry.
-MAX_TURN_DEG, MAX_STEP = 25.0, 0.35
-#: Of a mask's height, its lowest part shows the feet.
-FEET_SHARE = 0.04
-#: A ray that meets the ground under a flatter angle than this (sine) says nothing of the distance.
-GRAZING = 0.01
+#: Maximum relative difference of a point's inverse depth from the median; others are seen through the mask.
+MAX_DEPTH_DIFFERENCE = 0.3
+#: Maximum angle between the optical axes of two views, in degrees, for the propagation of masks. Beyond it, and beyond
+#: `MAX_STEP`, an object shows another side.
+MAX_TURN_DEG = 25.0
+#: Maximum distance between two views as a fraction of the median depth.
+MAX_STEP = 0.35
+#: Height of the feet as a fraction of the height of a mask.
+FEET_FRACTION = 0.04
+#: Minimum sine of the angle between a ray and the ground: flatter rays do not determine a distance.
+MIN_GROUND_SINE = 0.01
 
 
-class MaskCarrier:
-    """The masks of any view of a scene with some annotated views."""
+class MaskPropagator:
+    """Masks of any view of a scene with some annotated views.
 
-    def __init__(self, scene: Scene, by_view: Mapping[int, Sequence[Instance]], cloud: Cloud) -> None:
+    Parameters
+    ----------
+    scene : Scene
+        The reconstruction.
+    by_view : mapping of int to sequence of Instance
+        Masks of the annotated views, by index.
+    cloud : ColouredPoints
+        Points of the scene.
+    """
+
+    def __init__(self, scene: Scene, by_view: Mapping[int, Sequence[Instance]], cloud: ColouredPoints) -> None:
         self._scene, self._by_view, self._cloud = scene, by_view, cloud
-        self._depths: dict[int, list[FloatArray | None]] = {}
-        self._reach = _median_depth(scene, cloud)
+        self._depth_planes: dict[int, list[FloatArray | None]] = {}
+        self._median_depth = 1.0
+        if len(scene.views) and len(cloud.points):
+            depths = visible_points(scene.views[len(scene.views) // 2], cloud).depths
+            self._median_depth = float(np.median(depths)) if len(depths) else 1.0
 
     def masks(self, row: int | None, view: View) -> Sequence[Instance]:
-        """The masks of a view: its own (`row` of the scene), or those of the nearest annotated view, carried over."""
+        """Return the masks of a view: its own, or those of the nearest annotated view, propagated.
+
+        Parameters
+        ----------
+        row : int or None
+            Index of the view in the scene, if it is a view of the reconstruction.
+        """
         if row is not None and row in self._by_view:
             return self._by_view[row]
-        source = self._nearest(view)
+        source, min_cost = None, 1.0
+        for annotated in self._by_view:
+            other = self._scene.views[annotated]
+            turn = np.degrees(np.arccos(np.clip(float(other.rotation[2] @ view.rotation[2]), -1, 1)))
+            step = float(np.linalg.norm(other.centre - view.centre)) / self._median_depth
+            cost = max(turn / MAX_TURN_DEG, step / MAX_STEP)
+            if cost < min_cost:
+                source, min_cost = annotated, cost
         if source is None:
             return ()
-        depths = self._depths.setdefault(source, self._planes(source))
-        carried = [
-            _carry(item, self._scene.views[source], view, plane)
-            for item, plane in zip(self._by_view[source], depths, strict=True)
+        if source not in self._depth_planes:
+            annotated_view = self._scene.views[source]
+            points = visible_points(annotated_view, self._cloud)
+            flat = normalized_pixels(annotated_view.camera, points.pixels)
+            self._depth_planes[source] = [inverse_depth_plane(item, points, flat) for item in self._by_view[source]]
+        propagated = [
+            propagate_mask(item, self._scene.views[source], view, plane)
+            for item, plane in zip(self._by_view[source], self._depth_planes[source], strict=True)
             if plane is not None
         ]
-        return [item for item in carried if item is not None]
-
-    def _nearest(self, view: View) -> int | None:
-        best, least = None, 1.0
-        for row in self._by_view:
-            other = self._scene.views[row]
-            turn = np.degrees(np.arccos(np.clip(float(other.rotation[2] @ view.rotation[2]), -1, 1)))
-            step = float(np.linalg.norm(other.centre - view.centre)) / self._reach
-            cost = max(turn / MAX_TURN_DEG, step / MAX_STEP)
-            if cost < least:
-                best, least = row, cost
-        return best
-
-    def _planes(self, row: int) -> list[FloatArray | None]:
-        """(3,) inverse depth a, b, c over normalized coordinates, of each instance of a view; None without points."""
-        view = self._scene.views[row]
-        front = front_points(view, self._cloud)
-        flat = normalized_pixels(view.camera, front.pixels)
-        return [_inverse_depth(item, front.pixels, flat, front.depths) for item in self._by_view[row]]
+        return [item for item in propagated if item is not None]
 
 
-def _inverse_depth(item: Instance, pixels: FloatArray, flat: FloatArray, depths: FloatArray) -> FloatArray | None:
-    """(3,) plane of inverse depth a + b x + c y through the points in the mask; None of too few."""
-    at = np.floor(pixels - item.origin).astype(np.int64)
-    inside = np.all((at >= 0) & (at < item.mask.shape[::-1]), axis=1)
-    rows = np.flatnonzero(inside)
-    rows = rows[item.mask[at[rows, 1], at[rows, 0]]]
+def inverse_depth_plane(item: Instance, points: VisiblePoints, flat: FloatArray) -> FloatArray | None:
+    """Fit the inverse depth of an object as a plane over normalised pixels, 1 / z = a + b u + c v.
+
+    Parameters
+    ----------
+    item : Instance
+        Mask of the object.
+    points : VisiblePoints
+        Visible points of its view.
+    flat : (m, 2) ndarray of float
+        Normalised pixels of the points.
+
+    Returns
+    -------
+    (3,) ndarray of float, or None
+        a, b and c; None if the mask contains too few points.
+    """
+    rows = np.flatnonzero(pixels_in_mask(item, points.pixels))
     if len(rows) < MIN_POINTS:
         return None
-    inverse = 1 / depths[rows]
-    middle = np.median(inverse)
-    kept = rows[np.abs(inverse - middle) < 0.3 * middle]  # what shines through the mask is left out
-    if len(kept) < MIN_POINTS:
-        return np.array([middle, 0.0, 0.0])
-    centre = flat[kept].mean(axis=0)
-    system = np.column_stack([np.ones(len(kept)), flat[kept] - centre])
-    # a small object has no slope that its few points could tell
-    ridge = np.diag([0.0, 1.0, 1.0]) * 1e-3 * len(kept)
-    a, b, c = np.linalg.solve(system.T @ system + ridge, system.T @ (1 / depths[kept]))
+    inverse = 1 / points.depths[rows]
+    median = np.median(inverse)
+    inliers = rows[np.abs(inverse - median) < MAX_DEPTH_DIFFERENCE * median]
+    if len(inliers) < MIN_POINTS:
+        return np.array([median, 0.0, 0.0])
+    centre = flat[inliers].mean(axis=0)
+    system = np.column_stack([np.ones(len(inliers)), flat[inliers] - centre])
+    # the few points of a small object do not determine a slope
+    ridge = np.diag([0.0, 1.0, 1.0]) * 1e-3 * len(inliers)
+    a, b, c = np.linalg.solve(system.T @ system + ridge, system.T @ (1 / points.depths[inliers]))
     return np.array([a - b * centre[0] - c * centre[1], b, c])
 
 
-def _carry(item: Instance, source: View, view: View, plane: FloatArray) -> Instance | None:
-    """The instance as the other view shows it, its surface the `plane` (3,); None if out of the picture."""
+def propagate_mask(item: Instance, source: View, view: View, plane: FloatArray) -> Instance | None:
+    """Transform a mask into another view.
+
+    Parameters
+    ----------
+    item : Instance
+        Mask in the view `source`.
+    plane : (3,) ndarray of float
+        Plane of inverse depth of the object.
+
+    Returns
+    -------
+    Instance or None
+        None if a part of the outline is behind the camera, or the mask is out of the image.
+    """
     import cv2
 
     outlines, _ = cv2.findContours(item.mask.astype(np.uint8), cv2.RETR_CCOMP, cv2.CHAIN_APPROX_NONE)
-    moved = [_move_outline(line[:, 0] + np.array(item.origin) + 0.5, source, view, plane) for line in outlines]
-    kept = [line for line in moved if line is not None]
-    if not kept or len(kept) < len(moved):
+    moved = []
+    for outline in outlines:
+        corners = np.asarray(outline[:, 0] + np.array(item.origin) + 0.5, dtype=np.float64)
+        flat = normalized_pixels(source.camera, corners)
+        inverse = plane[0] + flat @ plane[1:]
+        if (inverse <= 0).any():
+            return None
+        local = np.column_stack([flat, np.ones(len(flat))]) / inverse[:, None]
+        scene = (local - source.translation) @ source.rotation
+        pixels = project(view.camera, scene @ view.rotation.T + view.translation)
+        if not np.isfinite(pixels).all():
+            return None
+        moved.append(pixels)
+    if not moved:
         return None
-    corners = np.concatenate(kept)
+    corners = np.concatenate(moved)
     size = np.array([view.camera.width, view.camera.height])
     low = np.clip(np.floor(corners.min(axis=0)), 0, size).astype(int)
     high = np.clip(np.ceil(corners.max(axis=0)) + 1, 0, size).astype(int)
     if (high - low < 2).any():
         return None
     mask = np.zeros((high[1] - low[1], high[0] - low[0]), np.uint8)
-    cv2.fillPoly(mask, [np.rint((line - low - 0.5) * 16).astype(np.int32) for line in kept], 1, shift=4)
+    cv2.fillPoly(mask, [np.rint((outline - low - 0.5) * 16).astype(np.int32) for outline in moved], 1, shift=4)
     return replace(item, mask=mask.astype(bool), origin=(int(low[0]), int(low[1])))
 
 
-def _move_outline(outline: NDArray[np.floating], source: View, view: View, plane: FloatArray) -> FloatArray | None:
-    """(n, 2) pixels in the other view of an outline (n, 2) on the plane (3,) of inverse depth; None if behind."""
-    flat = normalized_pixels(source.camera, np.asarray(outline, dtype=np.float64))
-    inverse = plane[0] + flat @ plane[1:]
-    if (inverse <= 0).any():
-        return None
-    local = np.column_stack([flat, np.ones(len(flat))]) / inverse[:, None]
-    scene = (local - source.translation) @ source.rotation
-    pixels = project(view.camera, scene @ view.rotation.T + view.translation)
-    return pixels if np.isfinite(pixels).all() else None
-
-
-def _median_depth(scene: Scene, cloud: Cloud) -> float:
-    if not len(scene.views) or not len(cloud.points):
-        return 1.0
-    view = scene.views[len(scene.views) // 2]
-    depths = front_points(view, cloud).depths
-    return float(np.median(depths)) if len(depths) else 1.0
-
-
 @dataclass(frozen=True, slots=True, eq=False)
-class Upright:
-    """An object that moves, in one picture; depth : along the optical axis is offset / (direction . ray)."""
+class Billboard:
+    """A moving object in one frame, as a plane: its depth is offset / (direction . ray)."""
 
     item: Instance
-    direction: FloatArray
-    offset: float
+    direction: FloatArray  #: (3,) horizontal unit normal in camera axes
+    offset: float  #: distance of the plane from the camera, scene units
 
-    def hides(self, box: PixelBox, view: View, behind: NDArray[np.float32]) -> BoolArray:
-        """(h, w) pixels of a box in which it is nearer than `behind` (h, w)."""
+    def occludes(self, box: PixelBox, view: View, depth: NDArray[np.float32]) -> BoolArray:
+        """Return the pixels (h, w) of a box in which the object is closer than `depth` (h, w)."""
         mask = mask_in_box(self.item, box)
         if mask is None:
             return np.zeros(box.shape, dtype=bool)
         rays = camera_rays(view.camera)[box.slices]
         along = rays[..., 0] * self.direction[0] + rays[..., 1] * self.direction[1] + self.direction[2]
         with np.errstate(divide="ignore", invalid="ignore"):
-            return np.asarray(mask & (along > 0) & (self.offset / along < behind))
+            return np.asarray(mask & (along > 0) & (self.offset / along < depth))
 
 
-def moving_masks(file: Path, scene: Scene, shots: Sequence[Shot]) -> Mapping[int, tuple[Instance, ...]]:
-    """The masks of a file by the number of the shot that each is of; the file names the frames as the shots are named.
+def billboards(items: Sequence[Instance], view: View, ground: SupportPlane) -> list[Billboard]:
+    """Return the billboards of moving objects in a view. Objects whose feet are above the horizon are omitted."""
+    result = []
+    up = ground.basis[2]
+    for item in items:
+        rows = np.flatnonzero(item.mask.any(axis=1))
+        if not len(rows):
+            continue
+        bottom = int(rows[-1])
+        height = max(1, round(FEET_FRACTION * (bottom - int(rows[0]) + 1)))
+        columns = np.nonzero(item.mask[max(bottom - height + 1, 0) : bottom + 1])[1]
+        x, y = item.origin[0] + float(np.median(columns)) + 0.5, item.origin[1] + bottom + 1.0
+        ray = ray_through(view, x, y)
+        rise = float(ray @ up)
+        if rise > -MIN_GROUND_SINE * float(np.linalg.norm(ray)):
+            continue
+        depth = (ground.height - float(view.centre @ up)) / rise
+        if depth <= 0:
+            continue
+        level = ray - rise * up
+        normal = view.rotation @ (level / max(float(np.linalg.norm(level)), 1e-12))
+        foot = depth * (view.rotation @ ray)
+        result.append(Billboard(item, normal, float(foot @ normal)))
+    return result
 
-    Raises InputError where it cannot be read, or names no frame.
+
+def moving_masks(file: Path, scene: Scene, frames: Sequence[Frame]) -> Mapping[int, tuple[Instance, ...]]:
+    """Read the masks of moving objects, by the index of the frame.
+
+    Raises
+    ------
+    InputError
+        The file cannot be read, or names no frame of the footage.
     """
-    from dataclasses import replace
-
     from estimator.instances.instance_reader import read_instances
 
-    posed = [shot for shot in shots if shot.view is not None]
-    views = tuple(replace(shot.view, name=shot.name) for shot in posed if shot.view is not None)
+    posed = [frame for frame in frames if frame.view is not None]
+    views = tuple(replace(frame.view, name=frame.name) for frame in posed if frame.view is not None)
     masks: dict[int, list[Instance]] = defaultdict(list)
     for item in read_instances(file, replace(scene, views=views)):
         masks[posed[item.view].index].append(item)
     return {index: tuple(items) for index, items in masks.items()}
 
 
-def uprights(items: Sequence[Instance], view: View, ground: SupportPlane) -> list[Upright]:
-    """What each mask is in the view; one whose feet are above the horizon is left out."""
-    objects = [_upright(item, view, ground) for item in items]
-    return [one for one in objects if one is not None]
+def static_cloud(
+    cloud: ColouredPoints, moving: Mapping[int, Sequence[Instance]], frames: Sequence[Frame]
+) -> ColouredPoints:
+    """Return the points that are not on moving objects; the positions of those are wrong.
 
-
-def _upright(item: Instance, view: View, ground: SupportPlane) -> Upright | None:
-    rows = np.flatnonzero(item.mask.any(axis=1))
-    if not len(rows):
-        return None
-    bottom = int(rows[-1])
-    high = max(1, round(FEET_SHARE * (bottom - int(rows[0]) + 1)))
-    columns = np.nonzero(item.mask[max(bottom - high + 1, 0) : bottom + 1])[1]
-    x, y = item.origin[0] + float(np.median(columns)) + 0.5, item.origin[1] + bottom + 1.0
-    up, ray = ground.basis[2], ray_through(view, x, y)
-    toward = float(ray @ up)
-    if toward > -GRAZING * float(np.linalg.norm(ray)):
-        return None
-    depth = (ground.height - float(view.centre @ up)) / toward
-    if depth <= 0:
-        return None
-    level = ray - toward * up  # the horizontal way to it
-    facing = view.rotation @ (level / max(float(np.linalg.norm(level)), 1e-12))  # in the camera
-    foot = depth * (view.rotation @ ray)
-    return Upright(item, facing, float(foot @ facing))
-
-
-def cloud_beside(cloud: Cloud, moving: Mapping[int, Sequence[Instance]], shots: Sequence[Shot]) -> Cloud:
-    """The cloud without the points that are on what moves: where they are is wrong.
-
-    A point is left out if it is in the masks of most of the shots that have masks and that it is in the picture of.
+    A point is removed if more than half of the frames that have masks, and in whose image it is, have it in a mask.
     """
-    inside, shown = np.zeros(len(cloud.points), np.int64), np.zeros(len(cloud.points), np.int64)
-    for shot in shots:
-        if shot.view is None or not moving.get(shot.index):
+    masked, shown = np.zeros(len(cloud.points), np.int64), np.zeros(len(cloud.points), np.int64)
+    for frame in frames:
+        if frame.view is None or not moving.get(frame.index):
             continue
-        pixels = pixels_in_view(shot.view, cloud.points)[0]
-        seen = np.isfinite(pixels).all(axis=1)
-        shown += seen
-        inside[seen] += _in_masks(pixels[seen], moving[shot.index])
-    return cloud.subset(2 * inside <= shown)
+        pixels = pixels_in_view(frame.view, cloud.points)[0]
+        in_image = np.isfinite(pixels).all(axis=1)
+        shown += in_image
+        masked[in_image] += _in_masks(pixels[in_image], moving[frame.index])
+    return cloud.subset(2 * masked <= shown)
 
 
-def points_beside(front: FrontPoints, items: Sequence[Instance]) -> FrontPoints:
-    """The points that a picture shows where nothing that moves stands before them."""
-    free = ~_in_masks(front.pixels, items)
-    return front if free.all() else front.kept(free)
+def static_points(points: VisiblePoints, items: Sequence[Instance]) -> VisiblePoints:
+    """Return the visible points that are in none of the masks of moving objects."""
+    free = ~_in_masks(points.pixels, items)
+    return points if free.all() else points.subset(free)
 
 
 def _in_masks(pixels: FloatArray, items: Sequence[Instance]) -> BoolArray:
-    """(n,) whether each of the pixels (n, 2) is in one of the masks."""
+    """Return which of the pixels (n, 2) are in at least one mask."""
     inside = np.zeros(len(pixels), dtype=bool)
     for item in items:
-        at = np.floor(pixels - item.origin).astype(np.int64)
-        rows = np.flatnonzero(((at >= 0) & (at < item.mask.shape[::-1])).all(axis=1))
-        inside[rows[item.mask[at[rows, 1], at[rows, 0]]]] = True
+        inside |= pixels_in_mask(item, pixels)
     return inside
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class VisibleFrame:
+    """What a frame shows besides the inserted objects."""
+
+    points: VisiblePoints  #: points of the cloud that are not behind moving objects
+    masks: Sequence[Instance]  #: masks of static objects
+    moving: Sequence[Instance]  #: masks of moving objects
+    billboards: Sequence[Billboard]  #: moving objects of known depth
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class FrameContent:
+    """Points and masks of the scene, for any frame with a pose."""
+
+    scene: Scene
+    cloud: ColouredPoints  #: static points
+    supports: SupportSurfaces
+    propagator: MaskPropagator
+    moving: Mapping[int, tuple[Instance, ...]] = field(default_factory=dict)  #: masks by the index of the frame
+
+    def at(self, frame: Frame) -> VisibleFrame:
+        """Return the content of a frame, whose pose is known."""
+        view, row = frame.view, frame.row
+        assert view is not None
+        moving = self.moving.get(frame.index, ())
+        points = static_points(visible_points(view, self.cloud, row), moving)
+        # the frames of a video may be larger than those that were reconstructed
+        is_same_size = row is not None and self.scene.views[row].camera.width == view.camera.width
+        masks = self.propagator.masks(row if is_same_size else None, view)
+        ground = self.supports.ground(self.cloud) if moving else None
+        return VisibleFrame(points, masks, moving, [] if ground is None else billboards(moving, view, ground.plane))

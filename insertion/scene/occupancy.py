@@ -1,4 +1,4 @@
-"""What the cloud says is between two places: a grid of cells that points fill."""
+"""Occupancy grid of a point cloud: visibility between positions, and light gathered from the occupied cells."""
 
 from __future__ import annotations
 
@@ -7,112 +7,127 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from insertion.scene.point_cloud import Cloud
+from insertion.scene.point_cloud import ColouredPoints
 from metric_base.arrays import BoolArray, FloatArray, IntArray
 
-#: Side of a cell in diagonals of the cloud.
+#: Side of a cell as a fraction of the diagonal of the cloud.
 CELL = 0.009
-#: A cell with fewer points than this share of what the filled cells usually hold is a stray's.
-LEAST_SHARE = 0.15
-#: A segment starts so far above its surface, in cells, and is free near its other end, where the lamp itself is.
-ABOVE, AT_END = 1.5, 2.0
-#: The least way between two cells that a segment asks.
-LEAST_STRIDE = np.float32(0.7)
-#: The cloud beyond these percentiles is strays.
-EXTENT = (0.5, 99.5)
-#: Rays that say how open a place is.
+#: Minimum number of points of an occupied cell, as a fraction of the median; cells with fewer contain stray points.
+MIN_POINT_FRACTION = 0.15
+#: Distance of the start of a segment from its surface, in cells.
+START_OFFSET = 1.5
+#: Length at the end of a segment that is not tested, in cells: the lamp itself is there.
+END_MARGIN = 2.0
+#: Minimum step along a segment, in cells.
+MIN_STEP = np.float32(0.7)
+#: Percentiles of the coordinates that bound the grid; points beyond them are stray points.
+EXTENT_PERCENTILES = (0.5, 99.5)
+#: Number of rays per position for the gathered light.
 RAYS = 96
-#: Segments that are followed at a time.
+#: Number of segments that are followed at a time, which limits the memory.
 CHUNK = 200_000
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Occupancy:
-    """Which cells are full, as the way to the nearest one, and how bright they are.
+    """Occupancy grid. Cell (0, 0, 0) starts at `origin`."""
 
-    distance : (a, b, c) of each cell to the nearest cell with points, in cells; light : (a, b, c, 3) mean linear colour
-    of the points in it; cell (0, 0, 0) starts at `origin` (3,) and has the side `cell`, scene units.
-    """
+    distance: NDArray[np.float32]  #: (a, b, c) distance to the nearest occupied cell, in cells
+    light: NDArray[np.float32]  #: (a, b, c, 3) mean linear colour of the points in a cell
+    origin: FloatArray  #: (3,) in the scene
+    cell: float  #: side of a cell, scene units
 
-    distance: NDArray[np.float32]
-    light: NDArray[np.float32]
-    origin: FloatArray
-    cell: float
+    def is_unobstructed(self, positions: FloatArray, normals: FloatArray, ends: FloatArray) -> BoolArray:
+        """Return whether the segments between positions on surfaces and end points are free.
 
-    def open_segments(self, places: FloatArray, normals: FloatArray, ends: FloatArray) -> BoolArray:
-        """(e, p) whether nothing is between each of `ends` (e, 3) and places (p, 3) on surfaces of normals (p, 3)."""
-        starts = ((places - self.origin) / self.cell + ABOVE * normals).astype(np.float32)
+        Parameters
+        ----------
+        positions, normals : (p, 3) ndarray of float
+            Positions on surfaces and the unit normals of the surfaces.
+        ends : (e, 3) ndarray of float
+            End points, for example lamps.
+
+        Returns
+        -------
+        (e, p) ndarray of bool
+        """
+        starts = ((positions - self.origin) / self.cell + START_OFFSET * normals).astype(np.float32)
         goals = ((ends - self.origin) / self.cell).astype(np.float32)
         rows = max(1, CHUNK // len(starts))
         parts = [
-            self._met(np.tile(starts, (len(some), 1)), np.repeat(some, len(starts), axis=0)) < 0
-            for some in (goals[k : k + rows] for k in range(0, len(goals), rows))
+            self._first_hit(np.tile(starts, (len(chunk), 1)), np.repeat(chunk, len(starts), axis=0)) < 0
+            for chunk in (goals[k : k + rows] for k in range(0, len(goals), rows))
         ]
         return np.concatenate(parts).reshape(len(ends), -1) if parts else np.ones((0, len(starts)), dtype=bool)
 
-    def gathered_light(self, places: FloatArray, normals: FloatArray) -> tuple[FloatArray, FloatArray]:
-        """(p, 3) irradiance of what places (p, 3) with normals (p, 3) look at, and (p,) the share that meets nothing.
+    def gather_irradiance(self, positions: FloatArray, normals: FloatArray) -> tuple[FloatArray, FloatArray]:
+        """Return the irradiance (p, 3) from occupied cells, and the fraction (p,) of rays that leave the grid.
 
-        Rays go out by the cosine about the normal, so that irradiance is pi times their mean radiance.
+        Rays are distributed by the cosine about the normal, so that irradiance is pi times their mean radiance.
+
+        Parameters
+        ----------
+        positions, normals : (p, 3) ndarray of float
+            Positions on surfaces and the unit normals of the surfaces.
         """
-        starts = ((places - self.origin) / self.cell + ABOVE * normals).astype(np.float32)
-        ways = np.random.default_rng(0).normal(size=(RAYS, 1, 3))
-        ways /= np.linalg.norm(ways, axis=-1, keepdims=True)
-        ways = normals + ways  # (r, p, 3) a unit sphere on the tip of the normal: by the cosine
-        ways /= np.maximum(np.linalg.norm(ways, axis=-1, keepdims=True), 1e-6)
-        goals = starts + (ways * float(np.linalg.norm(self.distance.shape))).astype(np.float32)
-        met = self._met(np.tile(starts, (RAYS, 1)), goals.reshape(-1, 3)).reshape(RAYS, -1)
-        radiance = np.where(met[..., None] >= 0, self.light.reshape(-1, 3)[met], 0.0)
-        return np.asarray(np.pi * radiance.mean(axis=0)), np.asarray((met < 0).mean(axis=0))
+        starts = ((positions - self.origin) / self.cell + START_OFFSET * normals).astype(np.float32)
+        directions = np.random.default_rng(0).normal(size=(RAYS, 1, 3))
+        directions /= np.linalg.norm(directions, axis=-1, keepdims=True)
+        directions = normals + directions  # (r, p, 3) a unit sphere about the tip of the normal: cosine distribution
+        directions /= np.maximum(np.linalg.norm(directions, axis=-1, keepdims=True), 1e-6)
+        goals = starts + (directions * float(np.linalg.norm(self.distance.shape))).astype(np.float32)
+        hit = self._first_hit(np.tile(starts, (RAYS, 1)), goals.reshape(-1, 3)).reshape(RAYS, -1)
+        radiance = np.where(hit[..., None] >= 0, self.light.reshape(-1, 3)[hit], 0.0)
+        return np.asarray(np.pi * radiance.mean(axis=0)), np.asarray((hit < 0).mean(axis=0))
 
-    def _met(self, starts: NDArray[np.float32], goals: NDArray[np.float32]) -> IntArray:
-        """(s,) flat number of the full cell that each segment (s, 3) in cells meets, -1 for none.
+    def _first_hit(self, starts: NDArray[np.float32], goals: NDArray[np.float32]) -> IntArray:
+        """Return the flat index (s,) of the first occupied cell on each segment, -1 if there is none.
 
-        Each segment strides by the distance to anything, and ends where it leaves the grid.
+        Sphere tracing: each step is as long as the distance to the nearest occupied cell. A segment ends at the border
+        of the grid.
+
+        Parameters
+        ----------
+        starts, goals : (s, 3) ndarray of float32
+            Ends of the segments, in cells.
         """
-        way = goals - starts
-        length = np.linalg.norm(way, axis=1)
-        way /= np.maximum(length, 1e-6)[:, None]
+        direction = goals - starts
+        length = np.linalg.norm(direction, axis=1)
+        direction /= np.maximum(length, 1e-6)[:, None]
         with np.errstate(divide="ignore", invalid="ignore"):
-            leaves = np.where(way > 0, np.array(self.distance.shape, np.float32) - starts, -starts) / way
-        end = np.minimum(length - AT_END, np.where(way == 0, np.inf, leaves).min(axis=1))
-        met = np.full(len(way), -1, dtype=np.int64)
+            border = np.where(direction > 0, np.array(self.distance.shape, np.float32) - starts, -starts) / direction
+        end = np.minimum(length - END_MARGIN, np.where(direction == 0, np.inf, border).min(axis=1))
+        first = np.full(len(direction), -1, dtype=np.int64)
         row = np.flatnonzero(end > 0)
-        # one array for each axis: numpy is several times faster on these than on triples
-        start, step, end = starts[row].T.copy(), way[row].T.copy(), end[row]
+        # one array per axis: NumPy is several times faster on these than on triples
+        start, step, end = starts[row].T.copy(), direction[row].T.copy(), end[row]
         along = np.zeros(len(row), dtype=np.float32)
         distance = self.distance.ravel()
         while len(row):
-            cell = self._cell_number(start, step, along)
+            cell = np.zeros(len(along), dtype=np.int64)
+            for axis, size in enumerate(self.distance.shape):
+                index = (start[axis] + along * step[axis]).astype(np.int32)
+                cell = cell * size + np.minimum(np.maximum(index, 0), size - 1)
             room = distance[cell]
             hit = (room == 0) & (end > 0)
-            met[row[hit]] = cell[hit]
-            along += np.maximum(room - 1.0, LEAST_STRIDE)
-            left = ~hit & (along < end)
-            if np.count_nonzero(left) < 0.9 * len(left):
-                row, start, step, along, end = row[left], start[:, left], step[:, left], along[left], end[left]
+            first[row[hit]] = cell[hit]
+            along += np.maximum(room - 1.0, MIN_STEP)
+            remaining = ~hit & (along < end)
+            if np.count_nonzero(remaining) < 0.9 * len(remaining):
+                row, along, end = row[remaining], along[remaining], end[remaining]
+                start, step = start[:, remaining], step[:, remaining]
             else:
-                end = np.where(left, end, -1.0)  # arrays are made anew only when it saves work
-                if not left.any():
+                end = np.where(remaining, end, -1.0)  # new arrays are made only if that saves work
+                if not remaining.any():
                     break
-        return met
-
-    def _cell_number(
-        self, start: NDArray[np.float32], step: NDArray[np.float32], along: NDArray[np.float32]
-    ) -> IntArray:
-        """(s,) flat numbers of the cells at `along` (s,) from `start` in the direction `step` (3, s)."""
-        number = np.zeros(len(along), dtype=np.int64)
-        for axis, size in enumerate(self.distance.shape):
-            at = (start[axis] + along * step[axis]).astype(np.int32)
-            number = number * size + np.minimum(np.maximum(at, 0), size - 1)
-        return number
+        return first
 
 
-def occupancy_of(cloud: Cloud) -> Occupancy:
-    """The cells that the points of a cloud fill."""
+def occupancy_of(cloud: ColouredPoints) -> Occupancy:
+    """Return the occupancy grid of a cloud."""
     from scipy.ndimage import distance_transform_edt
 
-    low, high = np.percentile(cloud.points, EXTENT, axis=0)
+    low, high = np.percentile(cloud.points, EXTENT_PERCENTILES, axis=0)
     cell = max(CELL * float(np.linalg.norm(high - low)), 1e-12)
     shape = tuple(int(n) + 1 for n in np.floor((high - low) / cell))
     index = np.floor((cloud.points - low) / cell).astype(np.int64)
@@ -121,11 +136,11 @@ def occupancy_of(cloud: Cloud) -> Occupancy:
     colours = cloud.colours[inside]
     known = np.isfinite(colours[:, 0])
     n = int(np.prod(shape))
-    count, lit = np.bincount(flat, minlength=n), np.bincount(flat[known], minlength=n)
+    count, known_count = np.bincount(flat, minlength=n), np.bincount(flat[known], minlength=n)
     total = np.stack([np.bincount(flat[known], colours[known, c], n) for c in range(3)], axis=-1)
-    usual = np.median(colours[known], axis=0) if known.any() else np.zeros(3)
-    light = np.where(lit[:, None] > 0, total / np.maximum(lit, 1)[:, None], usual)
-    least = LEAST_SHARE * float(np.median(count[count > 0])) if count.any() else 1.0
-    full = (count >= max(least, 1.0)).reshape(shape)
+    median = np.median(colours[known], axis=0) if known.any() else np.zeros(3)
+    light = np.where(known_count[:, None] > 0, total / np.maximum(known_count, 1)[:, None], median)
+    min_count = MIN_POINT_FRACTION * float(np.median(count[count > 0])) if count.any() else 1.0
+    full = (count >= max(min_count, 1.0)).reshape(shape)
     distance = distance_transform_edt(~full) if full.any() else np.full(shape, float(max(shape)))
     return Occupancy(distance.astype(np.float32), light.reshape(*shape, 3).astype(np.float32), low, cell)

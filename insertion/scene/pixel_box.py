@@ -1,4 +1,4 @@
-"""A box of pixels of a picture, and an instance's mask over it."""
+"""Boxes of pixels, and the masks of instances over them."""
 
 from __future__ import annotations
 
@@ -9,11 +9,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from estimator.records.scene import Instance
+from metric_base.arrays import BoolArray, FloatArray
 
 
 @dataclass(frozen=True, slots=True)
 class PixelBox:
-    """Pixels x0 .. x1, y0 .. y1 of a picture, the ends not included."""
+    """Pixels x0 to x1 and y0 to y1 of an image, without the ends."""
 
     x0: int
     y0: int
@@ -27,43 +28,52 @@ class PixelBox:
 
     @property
     def slices(self) -> tuple[slice, slice]:
-        """For arrays (h, w, ...)."""
+        """Slices of the box in an array (h, w, ...)."""
         return slice(self.y0, self.y1), slice(self.x0, self.x1)
 
     def union(self, other: PixelBox | None) -> PixelBox:
-        """The box about both."""
+        """Return the smallest box that contains both."""
         if other is None:
             return self
         return PixelBox(min(self.x0, other.x0), min(self.y0, other.y0), max(self.x1, other.x1), max(self.y1, other.y1))
 
     def overlap(self, other: PixelBox) -> PixelBox | None:
-        """What both have in common; None without any pixel."""
+        """Return the intersection; None if it is empty."""
         part = PixelBox(max(self.x0, other.x0), max(self.y0, other.y0), min(self.x1, other.x1), min(self.y1, other.y1))
         return part if part.x0 < part.x1 and part.y0 < part.y1 else None
 
     def within(self, outer: PixelBox) -> tuple[slice, slice]:
-        """Slices of this box in an array over `outer`, which contains it."""
+        """Return the slices of this box in an array over `outer`, which contains it."""
         return (slice(self.y0 - outer.y0, self.y1 - outer.y0), slice(self.x0 - outer.x0, self.x1 - outer.x0))
 
 
 def mask_in_box(item: Instance, box: PixelBox) -> NDArray[np.bool_] | None:
-    """(h, w) the instance's mask over the box, None where they do not meet."""
+    """Return the mask (h, w) of an instance over a box; None if they do not overlap."""
     x, y = item.origin
     height, width = item.mask.shape
-    own = PixelBox(x, y, x + width, y + height)
-    common = own.overlap(box)
+    mask_box = PixelBox(x, y, x + width, y + height)
+    common = mask_box.overlap(box)
     if common is None:
         return None
     mask = np.zeros(box.shape, dtype=bool)
-    mask[common.within(box)] = item.mask[common.within(own)]
+    mask[common.within(box)] = item.mask[common.within(mask_box)]
     return mask
 
 
 def labels_in_box(instances: Sequence[Instance], box: PixelBox) -> NDArray[np.int32]:
-    """(h, w) one plus the row of the last instance whose mask has the pixel, 0 without one."""
+    """Return labels (h, w): one plus the index of the last instance whose mask contains the pixel, 0 without one."""
     labels = np.zeros(box.shape, dtype=np.int32)
-    for number, item in enumerate(instances, start=1):
+    for label, item in enumerate(instances, start=1):
         mask = mask_in_box(item, box)
         if mask is not None:
-            labels[mask] = number
+            labels[mask] = label
     return labels
+
+
+def pixels_in_mask(item: Instance, pixels: FloatArray) -> BoolArray:
+    """Return which of the pixels (n, 2) are in the mask of an instance."""
+    index = np.floor(pixels - item.origin).astype(np.int64)
+    rows = np.flatnonzero(((index >= 0) & (index < item.mask.shape[::-1])).all(axis=1))
+    inside = np.zeros(len(pixels), dtype=bool)
+    inside[rows] = item.mask[index[rows, 1], index[rows, 0]]
+    return inside

@@ -1,4 +1,4 @@
-"""The cloud with colours: the mean linear colour of each point over the stills that see it."""
+"""Points of a scene with the mean linear colour of the images that show them, and the points visible in a view."""
 
 from __future__ import annotations
 
@@ -14,114 +14,107 @@ from insertion.footage.footage import Stills
 from insertion.scene.stray_points import stray_points
 from metric_base.arrays import BoolArray, FloatArray, IntArray
 
-#: More dense points than this add time and no light.
+#: Maximum number of dense points. More points cost time and do not change the light.
 MAX_POINTS = 150_000
-#: Stills that colour the cloud.
+#: Maximum number of images that colour the points.
 MAX_STILLS = 40
-#: Views that are asked whether they see through a point.
-STRAY_VIEWS = 16
+#: Maximum number of views that vote on stray points.
+MAX_STRAY_VOTING_VIEWS = 16
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Cloud:
-    """The points of a scene.
+class ColouredPoints:
+    """The points of a scene."""
 
-    points : (n, 3) in the scene; colours : (n, 3) linear, NaN where no still shows the point; dense : whether a dense
-    cloud is among them; visibility : which of them each view of the scene is known to see, or None.
-    """
+    points: FloatArray  #: (n, 3) in the scene
+    colours: NDArray[np.float32]  #: (n, 3) linear; NaN if no image shows the point
+    dense: bool  #: the points include a dense cloud
+    visibility: Visibility | None = None  #: points that each view of the scene observes, if recorded
 
-    points: FloatArray
-    colours: NDArray[np.float32]
-    dense: bool
-    visibility: Visibility | None = None
-
-    def subset(self, kept: BoolArray) -> Cloud:
-        """The points that are kept, (n,)."""
-        known = None if self.visibility is None else self.visibility.of_points(kept)
-        return Cloud(self.points[kept], self.colours[kept], self.dense, known)
+    def subset(self, keep: BoolArray) -> ColouredPoints:
+        """Return the points that are selected by `keep` (n,)."""
+        known = None if self.visibility is None else self.visibility.of_points(keep)
+        return ColouredPoints(self.points[keep], self.colours[keep], self.dense, known)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class FrontPoints:
-    """The points that one view sees.
+class VisiblePoints:
+    """Points of a cloud that are visible in one view.
 
-    rows : (m,) of the cloud; pixels : (m, 2); depths : (m,) scene units; dense : as the cloud's; observed : (m,)
-    whether each was seen by the scene's view that is most like this one, None where all count alike. Sparse points
-    are too few to hide one another: the others may shine through what stands before them.
+    Sparse points are too few to occlude one another: those that are not `observed` may be behind a surface.
     """
 
-    rows: IntArray
-    pixels: FloatArray
-    depths: FloatArray
-    dense: bool
+    rows: IntArray  #: (m,) indices in the cloud
+    pixels: FloatArray  #: (m, 2)
+    depths: FloatArray  #: (m,) scene units
+    dense: bool  #: as that of the cloud
+    #: (m,) points observed by the view of the scene that is most similar to this one; None if all points are reliable
     observed: BoolArray | None = None
 
-    def inside(self, x0: int, y0: int, x1: int, y1: int) -> FrontPoints:
-        """Those within a box of pixels, the ends not included."""
-        return self.kept(self._within(x0, y0, x1, y1))
+    def subset(self, keep: BoolArray) -> VisiblePoints:
+        """Return the points that are selected by `keep` (m,)."""
+        observed = None if self.observed is None else self.observed[keep]
+        return VisiblePoints(self.rows[keep], self.pixels[keep], self.depths[keep], self.dense, observed)
 
-    def kept(self, which: BoolArray) -> FrontPoints:
-        """Those of which `which` (m,) says so."""
-        observed = None if self.observed is None else self.observed[which]
-        return FrontPoints(self.rows[which], self.pixels[which], self.depths[which], self.dense, observed)
-
-    def seen_points(self) -> FrontPoints:
-        """Those that the view is known to see, all where nothing is known: sparse points show what is behind others."""
-        return self if self.observed is None else self.kept(self.observed)
-
-    def marks_inside(self, marks: BoolArray, x0: int, y0: int, x1: int, y1: int) -> BoolArray:
-        """The marks (m,) of the points that `inside` keeps."""
-        return marks[self._within(x0, y0, x1, y1)]
-
-    def _within(self, x0: int, y0: int, x1: int, y1: int) -> BoolArray:
-        """(n,) whether each point's pixel is in the box."""
+    def in_box(self, x0: int, y0: int, x1: int, y1: int) -> BoolArray:
+        """Return which points (m,) are in a box of pixels, without its ends."""
         return np.asarray(np.all((self.pixels >= [x0, y0]) & (self.pixels < [x1, y1]), axis=1))
 
+    def inside(self, x0: int, y0: int, x1: int, y1: int) -> VisiblePoints:
+        """Return the points in a box of pixels, without its ends."""
+        return self.subset(self.in_box(x0, y0, x1, y1))
 
-def front_points(view: View, cloud: Cloud, row: int | None = None) -> FrontPoints:
-    """The points of the cloud that a view sees and no other point hides.
+    def observed_points(self) -> VisiblePoints:
+        """Return the points that the view is known to observe; all if that is not known."""
+        return self if self.observed is None else self.subset(self.observed)
 
-    row : of the view in the scene, if it is one of the scene's: then its own visibility decides, where it is known.
+
+def visible_points(view: View, cloud: ColouredPoints, row: int | None = None) -> VisiblePoints:
+    """Return the points of a cloud that are visible in a view.
+
+    Parameters
+    ----------
+    view : View
+        Camera and pose.
+    cloud : ColouredPoints
+        Points of the scene.
+    row : int, optional
+        Index of the view in the scene. The recorded visibility of this view is used if it is complete.
     """
     known = cloud.visibility
     if row is not None and known is not None and known.complete:
         listed = known.rows[row]
         sight = project_unoccluded(view, cloud.points[listed])
-        return FrontPoints(listed[sight.rows], sight.pixels, sight.depths, cloud.dense)
+        return VisiblePoints(listed[sight.rows], sight.pixels, sight.depths, cloud.dense)
     sight = project_unoccluded(view, cloud.points)
     observed = None if known is None or known.complete else np.isin(sight.rows, known.nearest(view))
-    return FrontPoints(sight.rows, sight.pixels, sight.depths, cloud.dense, observed)
+    return VisiblePoints(sight.rows, sight.pixels, sight.depths, cloud.dense, observed)
 
 
-def coloured_cloud(scene: Scene, stills: Stills) -> Cloud:
-    """Sparse and dense points of the scene with their colours."""
+def coloured_cloud(scene: Scene, stills: Stills) -> ColouredPoints:
+    """Return the sparse and dense points of a scene with their colours, without stray points."""
     points, step = scene.points, 1
     if scene.dense is not None:
         step = max(1, -(-len(scene.dense.points) // MAX_POINTS))
         points = np.concatenate([points, scene.dense.points[::step]])
     total = np.zeros((len(points), 3))
     count = np.zeros(len(points))
-    for row in even_rows(stills.rows, MAX_STILLS):
+    for row in evenly_spaced(stills.rows, MAX_STILLS):
         sight = project_unoccluded(scene.views[row], points)
-        at, seen = sight.pixels.astype(np.int64), sight.rows
-        total[seen] += srgb_to_linear(stills.picture(row)[at[:, 1], at[:, 0]])
-        count[seen] += 1
+        columns, rows = sight.pixels.astype(np.int64).T
+        total[sight.rows] += srgb_to_linear(stills.image(row)[rows, columns])
+        count[sight.rows] += 1
     with np.errstate(invalid="ignore"):
         colours = np.where(count[:, None] > 0, total / np.maximum(count, 1)[:, None], np.nan)
-    dense = scene.dense is not None
-    return _without_strays(Cloud(points, colours.astype(np.float32), dense, scene_visibility(scene, step)), scene)
-
-
-def _without_strays(cloud: Cloud, scene: Scene) -> Cloud:
-    """The cloud without the points that views see through, where it is known all that each view sees."""
-    known = cloud.visibility
+    known = scene_visibility(scene, step)
+    cloud = ColouredPoints(points, colours.astype(np.float32), scene.dense is not None, known)
     if known is None or not known.complete:
         return cloud
-    asked = even_rows(tuple(range(len(scene.views))), STRAY_VIEWS)
-    return cloud.subset(~stray_points(cloud.points, [scene.views[k] for k in asked], [known.rows[k] for k in asked]))
+    voting = evenly_spaced(tuple(range(len(scene.views))), MAX_STRAY_VOTING_VIEWS)
+    return cloud.subset(~stray_points(points, [scene.views[k] for k in voting], [known.rows[k] for k in voting]))
 
 
-def even_rows(rows: tuple[int, ...], most: int) -> list[int]:
-    """At most `most` of the rows, evenly spread."""
-    chosen = np.unique(np.linspace(0, len(rows) - 1, min(len(rows), most)).round().astype(np.int64))
+def evenly_spaced(rows: tuple[int, ...], max_count: int) -> list[int]:
+    """Return at most `max_count` of the rows, evenly spaced."""
+    chosen = np.unique(np.linspace(0, len(rows) - 1, min(len(rows), max_count)).round().astype(np.int64))
     return [rows[k] for k in chosen]

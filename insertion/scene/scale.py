@@ -1,4 +1,4 @@
-"""The scale that objects are inserted at: stated, or as estimate-scale left it in the folder."""
+"""The scale of an insertion: stated by the user, or read from a result of `estimate-scale`."""
 
 from __future__ import annotations
 
@@ -15,48 +15,53 @@ from metric_base.errors import InputError, Unquoted, expect, in_file
 from metric_base.input_files import read_bytes
 from metric_base.records import json_record
 
-#: The major version of a result that is read here.
+#: Major version of the results that are read.
 SCALE_SCHEMA = "metric-tree/scale/1"
-#: No scene's unit is smaller in metres, and none is larger than its inverse.
-SMALLEST_SCALE = 1e-12
-#: Largest result; one of 10,000 objects has some 10 MB.
+#: Minimum metres per unit; the inverse is the maximum.
+MIN_SCALE = 1e-12
+#: Maximum size of a result file. A result of 10,000 objects has about 10 MB.
 MAX_RESULT_BYTES = 1 << 27
 
 
 @dataclass(frozen=True, slots=True)
 class MetricScale:
-    """metres_per_unit; low, high : its interval, None where none is known; source : `result` or `option`.
-
-    of : sha256 of the model and the masks that a result is of, and `file` where it was read.
-    """
+    """Metres per scene unit, with its interval and origin."""
 
     metres_per_unit: float
-    low: float | None
+    low: float | None  #: ends of the interval; None if it is not known
     high: float | None
-    source: str
+    source: str  #: "result" or "option"
+    #: of a result: SHA-256 of the model and of the masks that it was computed from, and the path of its `file`
     of: Mapping[str, str | None] = field(default_factory=dict)
 
     def check(self, scene: Scene, masks: Sequence[Instance] | None) -> None:
-        """See that the scale is of this scene; masks : those that lie with it, None where others were named.
+        """Check that the scale was computed from this scene.
+
+        Parameters
+        ----------
+        scene : Scene
+            The reconstruction.
+        masks : sequence of Instance or None
+            Masks in the folder of the scene; None if the user specified other masks.
 
         Raises
         ------
         InputError
-            It is of another reconstruction, or of other masks.
+            The scale was computed from another reconstruction, or from other masks.
         """
         file = self.of.get("file") or "result"
         if self.of.get("model") not in {None, model_digest(scene)}:
             raise InputError.at(file, "of.model", f"the result of {scene.path}", Unquoted("one of another model"))
-        beside = self.of.get("masks_from") == "scene" and masks is not None
-        if beside and self.of.get("masks") != masks_digest(scene, masks or ()):
+        has_masks = self.of.get("masks_from") == "scene" and masks is not None
+        if has_masks and self.of.get("masks") != masks_digest(scene, masks or ()):
             raise InputError.at(file, "of.masks", f"the result of the masks of {scene.path}", Unquoted("one of others"))
 
-    def doubts(self) -> tuple[str, ...]:
-        """What cannot be checked, as sentences: a result of an earlier version does not say what it is of."""
+    def warnings(self) -> tuple[str, ...]:
+        """Return a warning if a result of an earlier version does not record its model."""
         if self.source != "result" or self.of.get("model"):
             return ()
         name = self.of.get("file") or "the result"
-        return (f"{name} does not say which model it is of: see that it is of this scene, or run estimate-scale again",)
+        return (f"{name} does not record its model: check that it is of this scene, or run estimate-scale again",)
 
 
 class _Interval(msgspec.Struct):
@@ -65,7 +70,7 @@ class _Interval(msgspec.Struct):
 
 
 class _Result(msgspec.Struct):
-    """What is read of a result of estimate-scale."""
+    """Fields of a result of `estimate-scale` that are read."""
 
     schema: str
     status: str = ""
@@ -78,20 +83,30 @@ class _Result(msgspec.Struct):
 
 
 def scale_of_result(result: ScaleResult) -> MetricScale:
-    """The scale of a result of `estimate_scale`. Raises InputError where it has none."""
+    """Return the scale of a result of `estimate_scale`. Raises InputError if it has none."""
     if result.scale is None or result.interval is None:
         raise InputError.at("insert_objects", "scale", "a result that has a scale", result.status)
     return MetricScale(result.scale, result.interval.low, result.interval.high, "result", result.of)
 
 
 def read_scale(folder: Path, stated: float | Path | None) -> MetricScale:
-    """The scale that is stated, or that of a result's file, else that of `result.json` in the folder.
+    """Return the scale of a scene.
 
-    Raises InputError where there is neither, or the result is unresolved.
+    Parameters
+    ----------
+    folder : Path
+        Folder of the scene.
+    stated : float, Path or None
+        Metres per unit, a result file, or None for `result.json` in the folder.
+
+    Raises
+    ------
+    InputError
+        The file does not exist, or its scale is unresolved.
     """
     if isinstance(stated, float | int):
-        if not SMALLEST_SCALE < stated < 1 / SMALLEST_SCALE:
-            raise InputError(f"--scale: expected metres per scene unit, above {SMALLEST_SCALE:g}; found {stated}")
+        if not MIN_SCALE < stated < 1 / MIN_SCALE:
+            raise InputError(f"--scale: expected metres per scene unit, above {MIN_SCALE:g}; found {stated}")
         return MetricScale(stated, None, None, "option")
     file = stated or folder / "result.json"
     if not file.is_file():
@@ -100,10 +115,10 @@ def read_scale(folder: Path, stated: float | Path | None) -> MetricScale:
     with in_file(file):
         result = json_record(read_bytes(file, limit=MAX_RESULT_BYTES), _Result)
         resolved = result.status in {"resolved", "uncertain"} and result.scale is not None
-        expect(resolved, "status", "resolved or uncertain (or state --scale)", result.status)
+        expect(resolved, "status", "resolved or uncertain (or specify --scale)", result.status)
         interval = result.interval or _Interval()
-        for field, value in (("scale", result.scale), ("interval.low", interval.low), ("interval.high", interval.high)):
-            sound = value is None or SMALLEST_SCALE < value < 1 / SMALLEST_SCALE
-            expect(sound, field, f"metres per unit above {SMALLEST_SCALE:g}", value)
+        for name, value in (("scale", result.scale), ("interval.low", interval.low), ("interval.high", interval.high)):
+            is_valid = value is None or MIN_SCALE < value < 1 / MIN_SCALE
+            expect(is_valid, name, f"metres per unit above {MIN_SCALE:g}", value)
     assert result.scale is not None
     return MetricScale(result.scale, interval.low, interval.high, "result", result.of | {"file": str(file)})

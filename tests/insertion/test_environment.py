@@ -11,27 +11,27 @@ from insertion.light.environment_map import (
     LEVELS,
     WIDTH,
     Environment,
-    LampSpots,
-    _lobe,
+    SphereLights,
     _shrink,
+    ggx_lobe,
     map_directions,
-    reflection_levels,
+    prefiltered_environment,
     solid_angles,
 )
 from insertion.light.lamp_fit import Lamp
 from insertion.light.light_samples import (
     LAMP_SIGMA,
     LEAST_RADII,
-    Lights,
+    LightSamples,
     _cut,
     _half,
     _halves,
     _points,
-    environment_lights,
+    sample_lights,
 )
-from insertion.request import Place
+from insertion.request import Placement
 from insertion.scene.occupancy import Occupancy
-from insertion.scene.point_cloud import Cloud
+from insertion.scene.point_cloud import ColouredPoints
 
 #: Axes of a map that is turned against the scene: its up is the scene's +y.
 TURNED = np.array([[0.0, 0.0, 1.0], [1.0, 0.0, 0.0], [0.0, 1.0, 0.0]])
@@ -74,7 +74,7 @@ def test_one_bright_cell_lights_by_the_cosine() -> None:
 
 
 def test_reflections_are_ever_smoother_maps_of_half_the_size() -> None:
-    levels = reflection_levels(_one_cell(20, 70))
+    levels = prefiltered_environment(_one_cell(20, 70))
     assert [level.shape for level in levels] == [(HEIGHT >> k, WIDTH >> k, 3) for k in range(LEVELS + 1)]
     peaks = [float(level.max() / level.mean()) for level in levels]
     assert sorted(peaks, reverse=True) == peaks
@@ -85,10 +85,10 @@ def test_reflections_are_ever_smoother_maps_of_half_the_size() -> None:
 
 def test_the_lobe_is_ggx_about_half_the_angle() -> None:
     alpha2 = 0.5**4
-    assert _lobe(np.array(1.0), 0.5) == pytest.approx(1 / alpha2)
-    assert _lobe(np.array(0.5), 0.5) == pytest.approx(alpha2 / (0.75 * (alpha2 - 1) + 1) ** 2 * 0.5)
-    assert _lobe(np.array(-0.5), 0.5) == 0
-    assert _lobe(np.array(1.0), 0.01) == _lobe(np.array(1.0), 0.05)
+    assert ggx_lobe(np.array(1.0), 0.5) == pytest.approx(1 / alpha2)
+    assert ggx_lobe(np.array(0.5), 0.5) == pytest.approx(alpha2 / (0.75 * (alpha2 - 1) + 1) ** 2 * 0.5)
+    assert ggx_lobe(np.array(-0.5), 0.5) == 0
+    assert ggx_lobe(np.array(1.0), 0.01) == ggx_lobe(np.array(1.0), 0.05)
     blocks = np.arange(24, dtype=np.float32).reshape(4, 6, 1).repeat(3, axis=2)
     assert _shrink(blocks, 2, 3)[..., 1] == pytest.approx(np.array([[3.5, 5.5, 7.5], [15.5, 17.5, 19.5]]))
 
@@ -109,7 +109,7 @@ def test_lights_have_the_energy_the_angle_and_the_middle_of_a_map() -> None:
 
 def test_a_bright_spot_has_a_light_of_its_own() -> None:
     environment = _one_cell(20, 70)
-    lights = environment_lights(environment, 6)
+    lights = sample_lights(environment, 6)
     best = int(lights.power[:, 0].argmax())
     assert lights.power[best] == pytest.approx(np.full(3, 50 * solid_angles()[20]), rel=1e-6)
     assert lights.directions[best] @ (map_directions()[20, 70] @ TURNED) > 0.97
@@ -129,29 +129,33 @@ def test_a_part_is_cut_where_its_energy_halves() -> None:
 def test_lights_from_another_place() -> None:
     """A lamp 2 m above, and the sun: one comes nearer and changes its way, the other does not."""
     up, sun = np.array([0.0, 0.0, 1.0]), np.array([0.6, 0.0, 0.8])
-    lights = Lights(np.array([up, sun]), np.array([[3.0] * 3, [1.0] * 3]), np.array([0.5, 0.0]), np.array([0.0, 0.1]))
-    side = lights.about(np.array([1.5, 0.0, 0.0]), 0.1)
+    lights = LightSamples(
+        np.array([up, sun]), np.array([[3.0] * 3, [1.0] * 3]), np.array([0.5, 0.0]), np.array([0.0, 0.1])
+    )
+    side = lights.seen_from(np.array([1.5, 0.0, 0.0]), 0.1)
     assert side.directions == pytest.approx(np.array([[-0.6, 0.0, 0.8], sun]))
     assert side.power[:, 0] == pytest.approx([3.0 * 2**2 / 2.5**2, 1.0])
     assert side.near == pytest.approx([1 / 2.5, 0.0])
-    large = lights.about(np.zeros(3), 2.0)
+    large = lights.seen_from(np.zeros(3), 2.0)
     assert large.near == pytest.approx([1 / (LEAST_RADII * 2.0), 0.0])
-    assert lights.in_unit(0.1).near == pytest.approx([0.05, 0.0])
-    assert lights.above(np.array([1.0, 0.0, 0.0])).angle.tolist() == [0.1]
+    assert lights.scaled(0.1).near == pytest.approx([0.05, 0.0])
+    assert lights.above_horizon(np.array([1.0, 0.0, 0.0])).angle.tolist() == [0.1]
     assert lights.rows(np.array([True, False])).angle.tolist() == [0.0]
 
 
 def test_a_lamp_becomes_points_all_over_it() -> None:
-    lamp = LampSpots(np.array([[0.0, 0, 3.0]]), np.array([[2.0, 1.0, 0.5]]), np.array([0.5]), np.array([0.0, 0, 1.0]))
+    lamp = SphereLights(
+        np.array([[0.0, 0, 3.0]]), np.array([[2.0, 1.0, 0.5]]), np.array([0.5]), np.array([0.0, 0, 1.0])
+    )
     points = _points(lamp, 512)
     places = points.directions / points.near[:, None] + lamp.middle
     assert places.mean(axis=0) == pytest.approx([0, 0, 3.0], abs=0.02)
     assert places.std(axis=0) == pytest.approx(np.full(3, LAMP_SIGMA * 0.5), rel=0.05)
     assert points.power.sum(axis=0) == pytest.approx(np.array([2.0, 1.0, 0.5]) / 2**2, rel=1e-6)
     assert not points.angle.any()
-    inside = LampSpots(np.array([[0.0, 0, 0.01]]), np.ones((1, 3)), np.array([0.5]), np.zeros(3))
+    inside = SphereLights(np.array([[0.0, 0, 0.01]]), np.ones((1, 3)), np.array([0.5]), np.zeros(3))
     assert (1 / _points(inside, 64).near).min() >= 0.25  # not nearer than its own radius
-    two = LampSpots(
+    two = SphereLights(
         np.array([[0.0, 0, 1.0], [0.0, 0, -2.0]]), np.full((2, 3), 3.0), np.array([0.01, 0.01]), np.zeros(3)
     )
     below = _points(two, 100).directions[:, 2] < 0
@@ -174,13 +178,13 @@ def test_a_lamp_shines_by_its_facing_and_colour() -> None:
 
 def test_lamps_add_their_irradiance_to_the_rest() -> None:
     rest, middle = np.full((HEIGHT, WIDTH, 3), 0.2), np.array([1.0, 2.0, 3.0])
-    lamps = LampSpots(middle + 2.0 * TURNED[2:], np.array([[8.0, 4.0, 2.0]]), np.array([0.2]), middle)
+    lamps = SphereLights(middle + 2.0 * TURNED[2:], np.array([[8.0, 4.0, 2.0]]), np.array([0.2]), middle)
     lit = estimate._with_lamps(rest, SEEN, TURNED, lamps)
-    assert lit.rest == pytest.approx(0.2)
+    assert lit.ambient == pytest.approx(0.2)
     added = lit.irradiance(TURNED[2]) - 0.2 * np.pi
     assert added == pytest.approx([2.0, 1.0, 0.5], rel=0.03)
     assert lit.irradiance(-TURNED[2]) == pytest.approx(np.full(3, 0.2 * np.pi), rel=0.01)
-    near = LampSpots(middle[None] + 0.01, np.ones((1, 3)), np.array([2.0]), middle)
+    near = SphereLights(middle[None] + 0.01, np.ones((1, 3)), np.array([2.0]), middle)
     total = ((estimate._with_lamps(rest, SEEN, TURNED, near).radiance - 0.2) * solid_angles()[:, None, None]).sum()
     assert total == pytest.approx(3.0, rel=1e-3)  # never nearer than its radius
 
@@ -196,8 +200,10 @@ def _wall(height: int) -> Occupancy:
 
 
 def test_a_wall_takes_the_light_of_a_lamp_behind_it() -> None:
-    place = Place(np.array([1.5, 1.0, 0.05]), np.eye(3), np.zeros(3), "floor", 0)
-    lamps = LampSpots(np.array([[0.1, 1.0, 0.5], [1.5, 1.0, 1.9]]), np.ones((2, 3)), np.full(2, 0.02), place.position)
+    place = Placement(np.array([1.5, 1.0, 0.05]), np.eye(3), np.zeros(3), "floor", 0)
+    lamps = SphereLights(
+        np.array([[0.1, 1.0, 0.5], [1.5, 1.0, 1.9]]), np.ones((2, 3)), np.full(2, 0.02), place.position
+    )
     assert estimate._share_reaching(lamps, _wall(20), place, 0.6) == pytest.approx([0.0, 1.0])
     assert estimate._share_reaching(lamps, _wall(1), place, 0.6) == pytest.approx([1.0, 1.0], abs=0.2)
     part = estimate._share_reaching(lamps, _wall(6), place, 1.2)[0]
@@ -238,11 +244,11 @@ def test_the_unseen_upper_part_gets_its_radiance_within_bounds(wanted: float, le
 
 def test_without_planes_a_lamp_is_over_the_middle_of_the_room() -> None:
     generator = np.random.default_rng(0)
-    room = Cloud(generator.uniform([0, 0, 0], [8, 4, 2.5], (4000, 3)), np.ones((4000, 3), np.float32), True)
+    room = ColouredPoints(generator.uniform([0, 0, 0], [8, 4, 2.5], (4000, 3)), np.ones((4000, 3), np.float32), True)
     toward = estimate._lamp_direction(np.array([1.0, 1.0, 0.5]), np.eye(3), room)
     away = np.array([3.0, 1.0, 0.95 * 2.5 - 0.5])
     assert toward == pytest.approx(away / np.linalg.norm(away), abs=0.02)
-    low = Cloud(room.points * [1, 1, 0.01], room.colours, True)
+    low = ColouredPoints(room.points * [1, 1, 0.01], room.colours, True)
     assert estimate._lamp_direction(np.array([4.0, 2.0, 0.0]), np.eye(3), low)[2] > 0.99
     greys = np.repeat(np.arange(100.0)[:, None], 3, axis=1).astype(np.float32)
     samples = estimate._Samples(np.zeros((100, 3)), greys, np.zeros(100, bool))

@@ -19,13 +19,13 @@ from estimator.scene_formats.nerfstudio import read_nerfstudio
 from insertion.blender.run import export_blend, traced_layers
 from insertion.exports.compositing import _normals
 from insertion.exports.gltf_scene import write_gltf_scene
-from insertion.exports.metric_frame import camera_keys, metric_frame, object_matrix
+from insertion.exports.metric_frame import camera_keyframes, metric_transform, object_matrix
 from insertion.exports.nerfstudio import write_transforms
 from insertion.exports.usd_scene import write_usd_scene
 from insertion.insert import insert
-from insertion.insertion_scene import PreparedScene
+from insertion.insertion_scene import InsertionScene
 from insertion.light.environment_estimate import environment_at
-from insertion.placement.placed_object import Placed, place_objects
+from insertion.placement.placed_object import PlacedObject, place_objects
 from insertion.render.studio import _camera_axes
 from insertion.request import InsertionRequest, ObjectRequest, SceneSource
 from models3d.gltf.document import GltfWriter
@@ -36,7 +36,7 @@ HEIGHT = 0.8
 
 
 @pytest.fixture(scope="module")
-def scene(tmp_path_factory: pytest.TempPathFactory) -> tuple[PreparedScene, Placed]:
+def scene(tmp_path_factory: pytest.TempPathFactory) -> tuple[InsertionScene, PlacedObject]:
     room = video_room("bedroom", 1001, tmp_path_factory.mktemp("room"), views=4)
     prepared = prepared_scene_of(room)
     model = write_glb(solid("chair", np.array([0.4, 0.4, HEIGHT])), room.folder / "chair.glb")
@@ -49,10 +49,10 @@ def _pixel(matrix: np.ndarray, focal: float, centre: tuple[float, float], point:
     return np.array([centre[0] + focal * local[0] / -local[2], centre[1] - focal * local[1] / -local[2]])
 
 
-def test_a_metric_camera_sees_the_foot_where_the_scene_does(scene: tuple[PreparedScene, Placed]) -> None:
+def test_a_metric_camera_sees_the_foot_where_the_scene_does(scene: tuple[InsertionScene, PlacedObject]) -> None:
     prepared, placed = scene
-    frame = metric_frame([placed], prepared.scale.metres_per_unit)
-    for shot, key in zip(prepared.footage.shots, camera_keys(prepared.footage.shots, frame), strict=True):
+    frame = metric_transform([placed], prepared.scale.metres_per_unit)
+    for shot, key in zip(prepared.footage.frames, camera_keyframes(prepared.footage.frames, frame), strict=True):
         view = shot.view
         assert view is not None
         local = view.rotation @ placed.place.position + view.translation
@@ -62,9 +62,9 @@ def test_a_metric_camera_sees_the_foot_where_the_scene_does(scene: tuple[Prepare
         assert frame(top[None])[0] == pytest.approx([0, HEIGHT, 0], abs=1e-9)
 
 
-def test_the_model_has_its_metres(scene: tuple[PreparedScene, Placed]) -> None:
+def test_the_model_has_its_metres(scene: tuple[InsertionScene, PlacedObject]) -> None:
     prepared, placed = scene
-    matrix = object_matrix(placed, metric_frame([placed], prepared.scale.metres_per_unit))
+    matrix = object_matrix(placed, metric_transform([placed], prepared.scale.metres_per_unit))
     corners = np.concatenate([part.vertices for part in placed.model.meshes]) @ matrix[:3, :3].T + matrix[:3, 3]
     assert np.linalg.det(matrix[:3, :3]) == pytest.approx(1.0)
     assert corners[:, 1].min() == pytest.approx(0, abs=1e-6)
@@ -78,12 +78,12 @@ def _header(file: Path) -> dict[str, Any]:
     return header
 
 
-def test_glb_has_an_animated_camera(scene: tuple[PreparedScene, Placed], tmp_path: Path) -> None:
+def test_glb_has_an_animated_camera(scene: tuple[InsertionScene, PlacedObject], tmp_path: Path) -> None:
     import trimesh
 
     prepared, placed = scene
-    frame = metric_frame([placed], prepared.scale.metres_per_unit)
-    keys = camera_keys(prepared.footage.shots, frame)
+    frame = metric_transform([placed], prepared.scale.metres_per_unit)
+    keys = camera_keyframes(prepared.footage.frames, frame)
     write_gltf_scene(tmp_path / "scene.glb", [placed], keys, frame)
     header = _header(tmp_path / "scene.glb")
     assert header["cameras"][0]["perspective"]["yfov"] == pytest.approx(2 * np.arctan(240 / 500))
@@ -94,7 +94,7 @@ def test_glb_has_an_animated_camera(scene: tuple[PreparedScene, Placed], tmp_pat
 
 @pytest.mark.parametrize("strength", [0.5, 4.0])
 def test_files_have_the_glow_and_the_tints_of_the_model(
-    scene: tuple[PreparedScene, Placed], tmp_path: Path, strength: float
+    scene: tuple[InsertionScene, PlacedObject], tmp_path: Path, strength: float
 ) -> None:
     pytest.importorskip("pxr", reason="usd-core is not installed")
     from pxr import Usd
@@ -104,8 +104,8 @@ def test_files_have_the_glow_and_the_tints_of_the_model(
     material = replace(part.material, base_color=[0.5, 0.25, 1.0, 1.0], emissive=[strength, 0, strength / 2])
     tint = np.tile([0.4, 0.8, 0.6, 1.0], (len(part.vertices), 1))
     model = replace(placed.model, meshes=(replace(part, color=tint, material=material),))
-    frame = metric_frame([placed], prepared.scale.metres_per_unit)
-    keys = camera_keys(prepared.footage.shots, frame)
+    frame = metric_transform([placed], prepared.scale.metres_per_unit)
+    keys = camera_keyframes(prepared.footage.frames, frame)
     write_gltf_scene(tmp_path / "scene.glb", [replace(placed, model=model)], keys, frame)
     (record,) = _header(tmp_path / "scene.glb")["materials"]
     extension = record.get("extensions", {}).get("KHR_materials_emissive_strength", {"emissiveStrength": 1.0})
@@ -120,14 +120,14 @@ def test_files_have_the_glow_and_the_tints_of_the_model(
     )
 
 
-def test_usd_has_the_same_camera(scene: tuple[PreparedScene, Placed], tmp_path: Path) -> None:
+def test_usd_has_the_same_camera(scene: tuple[InsertionScene, PlacedObject], tmp_path: Path) -> None:
     pxr = pytest.importorskip("pxr", reason="usd-core is not installed")
     from pxr import Usd, UsdGeom
 
     assert pxr is not None
     prepared, placed = scene
-    frame = metric_frame([placed], prepared.scale.metres_per_unit)
-    keys = camera_keys(prepared.footage.shots, frame)
+    frame = metric_transform([placed], prepared.scale.metres_per_unit)
+    keys = camera_keyframes(prepared.footage.frames, frame)
     write_usd_scene(tmp_path / "scene.usda", [placed], keys, frame, 25.0)
     usd = Usd.Stage.Open(str(tmp_path / "scene.usda"))
     assert UsdGeom.GetStageMetersPerUnit(usd) == 1.0
@@ -147,26 +147,26 @@ def test_usd_has_the_same_camera(scene: tuple[PreparedScene, Placed], tmp_path: 
 
 
 def test_nerfstudio_has_the_pixels_and_the_points_of_the_scene(
-    scene: tuple[PreparedScene, Placed], tmp_path: Path
+    scene: tuple[InsertionScene, PlacedObject], tmp_path: Path
 ) -> None:
     """Read again as nerfstudio's files are read: pixels count from the corner, as in COLMAP."""
     prepared, placed = scene
-    frame = metric_frame([placed], prepared.scale.metres_per_unit)
-    keys = camera_keys(prepared.footage.shots, frame)
+    frame = metric_transform([placed], prepared.scale.metres_per_unit)
+    keys = camera_keyframes(prepared.footage.frames, frame)
     write_transforms(tmp_path / "transforms.json", keys, "pictures", frame(prepared.scene.points))
     again = read_nerfstudio(tmp_path / "transforms.json")
     metres = prepared.scale.metres_per_unit
     assert np.ptp(again.points[:, 2]) == pytest.approx(np.ptp(prepared.scene.points @ placed.place.basis[2]) * metres)
-    for view, shot in zip(again.views, prepared.footage.shots, strict=True):
+    for view, shot in zip(again.views, prepared.footage.frames, strict=True):
         assert shot.view is not None
         pixels = pixels_in_view(view, again.points[:50])[0]
         np.testing.assert_allclose(pixels, pixels_in_view(shot.view, prepared.scene.points[:50])[0], atol=1e-2)
 
 
-def test_pictures_of_two_cameras_keep_both(scene: tuple[PreparedScene, Placed], tmp_path: Path) -> None:
+def test_pictures_of_two_cameras_keep_both(scene: tuple[InsertionScene, PlacedObject], tmp_path: Path) -> None:
     prepared, placed = scene
-    frame = metric_frame([placed], prepared.scale.metres_per_unit)
-    keys = camera_keys(prepared.footage.shots, frame)
+    frame = metric_transform([placed], prepared.scale.metres_per_unit)
+    keys = camera_keyframes(prepared.footage.frames, frame)
     other = replace(keys[1].camera, model="PINHOLE", height=640, width=480, params=np.array([400.0, 410, 240, 320]))
     keys[1] = replace(keys[1], camera=other)
     write_gltf_scene(tmp_path / "scene.glb", [placed], keys, frame)
@@ -213,7 +213,7 @@ def blender(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
 
 @pytest.mark.slow
 def test_blender_is_asked_for_the_scene_in_metres(
-    scene: tuple[PreparedScene, Placed], blender: Path, tmp_path: Path
+    scene: tuple[InsertionScene, PlacedObject], blender: Path, tmp_path: Path
 ) -> None:
     prepared, placed = scene
     assert export_blend(tmp_path, prepared, [placed]) == []
@@ -221,8 +221,8 @@ def test_blender_is_asked_for_the_scene_in_metres(
     asked = json.loads(blender.read_text())
     assert asked["words"][:3] == ["--background", "--factory-startup", "--python"]
     assert asked["words"][-2] == "--"
-    frame = metric_frame([placed], prepared.scale.metres_per_unit)
-    keys = camera_keys(prepared.footage.shots, frame)
+    frame = metric_transform([placed], prepared.scale.metres_per_unit)
+    keys = camera_keyframes(prepared.footage.frames, frame)
     for stated, key in zip(asked["job"]["keys"], keys, strict=True):
         np.testing.assert_allclose(stated["matrix"], key.matrix)
     np.testing.assert_allclose(asked["job"]["objects"][0]["matrix"], object_matrix(placed, frame))
@@ -244,7 +244,9 @@ print("SAW" + json.dumps({
 """
 
 
-def test_the_real_blender_saves_the_object_in_metres(scene: tuple[PreparedScene, Placed], tmp_path: Path) -> None:
+def test_the_real_blender_saves_the_object_in_metres(
+    scene: tuple[InsertionScene, PlacedObject], tmp_path: Path
+) -> None:
     program = os.environ.get("METRIC_TREE_BLENDER", "")
     if "python" not in Path(program).name:
         pytest.skip("METRIC_TREE_BLENDER names no Python with bpy (pip install bpy)")
@@ -259,7 +261,7 @@ def test_the_real_blender_saves_the_object_in_metres(scene: tuple[PreparedScene,
     assert (saw["packed"], saw["catchers"], saw["moves"]) == ([True], 1, True)
 
 
-def test_blender_joins_the_layers_to_our_frame(scene: tuple[PreparedScene, Placed], tmp_path: Path) -> None:
+def test_blender_joins_the_layers_to_our_frame(scene: tuple[InsertionScene, PlacedObject], tmp_path: Path) -> None:
     import cv2
 
     prepared, placed = scene
@@ -283,10 +285,10 @@ def test_blender_joins_the_layers_to_our_frame(scene: tuple[PreparedScene, Place
     assert (frame == again).mean() > 0.98
 
 
-def test_what_blender_draws_is_in_the_picture(scene: tuple[PreparedScene, Placed], blender: Path) -> None:
+def test_what_blender_draws_is_in_the_picture(scene: tuple[InsertionScene, PlacedObject], blender: Path) -> None:
     prepared, placed = scene
     environment = environment_at(placed.place, HEIGHT, prepared.cloud, prepared.stills)
-    shot = next(shot for shot in prepared.footage.shots if shot.view is not None)
+    shot = next(shot for shot in prepared.footage.frames if shot.view is not None)
     with traced_layers(prepared, [placed], environment) as traced:
         layer = traced(shot)
     assert json.loads(blender.read_text())["job"]["samples"] > 0
@@ -295,7 +297,7 @@ def test_what_blender_draws_is_in_the_picture(scene: tuple[PreparedScene, Placed
 
 
 def test_without_blender_the_rest_is_exported(
-    scene: tuple[PreparedScene, Placed], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+    scene: tuple[InsertionScene, PlacedObject], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     prepared, placed = scene
     monkeypatch.setenv("METRIC_TREE_BLENDER", str(tmp_path / "none"))

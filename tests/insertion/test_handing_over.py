@@ -29,10 +29,17 @@ from benchmarks.user_study.page import BIAS_SPREAD, expected_intervals
 from benchmarks.user_study.report import report_text
 from estimator.records.scene import Camera
 from insertion.blender import job
-from insertion.composite.compose import Joined
+from insertion.composite.compose import ObjectComposite
 from insertion.exports import compositing
 from insertion.exports.export_folder import LayerWriter
-from insertion.exports.metric_frame import MetricFrame, _key, frame_rate, keys_by_camera, metric_frame, object_matrix
+from insertion.exports.metric_frame import (
+    MetricTransform,
+    _key,
+    frame_rate,
+    keyframes_by_camera,
+    metric_transform,
+    object_matrix,
+)
 from insertion.footage.footage import STILLS_RATE
 from insertion.footage.video_writer import matrix_of
 from insertion.light.environment_map import HEIGHT, WIDTH, Environment
@@ -52,23 +59,23 @@ def _shots(times: list[float]) -> list[Any]:
 
 def test_the_metric_frame_has_metres_and_up() -> None:
     place: Any = SimpleNamespace(basis=np.array([[0.0, 0, 1], [1, 0, 0], [0, 1, 0]]), position=np.array([1.0, 2, 3]))
-    frame = metric_frame([SimpleNamespace(place=place)], 0.5)  # type: ignore[list-item]
-    assert frame(np.array([[1.0, 2, 3], [1, 4, 3], [1, 2, 5], [3, 2, 3]])) == pytest.approx(
+    transform = metric_transform([SimpleNamespace(place=place)], 0.5)  # type: ignore[list-item]
+    assert transform(np.array([[1.0, 2, 3], [1, 4, 3], [1, 2, 5], [3, 2, 3]])) == pytest.approx(
         np.array([[0.0, 0, 0], [0, 1, 0], [1, 0, 0], [0, 0, -1]])
     )
     view = _view()
-    key = _key(_shots([0.0])[0], view, 2.5, frame)
+    key = _key(_shots([0.0])[0], view, 2.5, transform)
     assert (key.name, key.time_s) == ("0.png", 2.5)
-    assert key.matrix[:3, 3] == pytest.approx(frame(view.centre[None])[0])
-    ahead = frame.rotation @ view.rotation[2]
+    assert key.matrix[:3, 3] == pytest.approx(transform(view.centre[None])[0])
+    ahead = transform.rotation @ view.rotation[2]
     assert key.matrix[:3, :3] @ [0, 0, -1] == pytest.approx(ahead)
-    assert key.matrix[:3, :3] @ [0, -1, 0] == pytest.approx(frame.rotation @ view.rotation[1])
+    assert key.matrix[:3, :3] @ [0, -1, 0] == pytest.approx(transform.rotation @ view.rotation[1])
     assert key.matrix[3].tolist() == [0, 0, 0, 1]
     model = SimpleNamespace(bounds=np.array([[0.0, 1, 0], [2, 5, 4]]))
     placed: Any = SimpleNamespace(
-        act=None, model=model, size=SimpleNamespace(factor=2.0), turn=frame.rotation.T, place=place
+        act=None, model=model, size=SimpleNamespace(factor=2.0), turn=transform.rotation.T, place=place
     )
-    matrix = object_matrix(placed, frame)
+    matrix = object_matrix(placed, transform)
     assert matrix @ [1, 1, 2, 1] == pytest.approx([0, 0, 0, 1])
     assert matrix @ [1, 2, 2, 1] == pytest.approx([0, 2, 0, 1])
 
@@ -81,7 +88,7 @@ def test_a_rate_is_the_usual_one_and_lenses_of_one_kind_are_one() -> None:
     keys: Any = [
         SimpleNamespace(camera=camera, name=name) for name, camera in zip("abc", (LENS, other, LENS), strict=True)
     ]
-    assert [(lens, [key.name for key in own]) for lens, own in keys_by_camera(keys)] == [
+    assert [(lens, [key.name for key in own]) for lens, own in keyframes_by_camera(keys)] == [
         (LENS, ["a", "c"]),
         (other, ["b"]),
     ]
@@ -101,15 +108,17 @@ def test_the_maps_of_a_lens_are_each_other_s_inverse() -> None:
     assert (middle % 1).tolist() == [0.5, 0.5]
 
 
-def _joined(box: PixelBox, depth: float, hidden: float) -> Joined:
+def _joined(box: PixelBox, depth: float, hidden: float) -> ObjectComposite:
     alpha = np.full(box.shape, 0.5, np.float32)
     image = ObjectImage(np.zeros((*box.shape, 3), np.float32), alpha, np.full(box.shape, depth, np.float32))
     layers = ObjectLayers(box, image, np.ones((*box.shape, 3), np.float32), alpha)
-    return Joined(layers, np.full(box.shape, hidden, np.float32), np.ones((*box.shape, 3), np.float32))
+    return ObjectComposite(layers, np.full(box.shape, hidden, np.float32), np.ones((*box.shape, 3), np.float32))
 
 
-def _writer(folder: Path, shots: list[Any], metres: float = 2.0) -> compositing.CompositingLayers:
-    prepared: Any = SimpleNamespace(scale=SimpleNamespace(metres_per_unit=metres), footage=SimpleNamespace(shots=shots))
+def _writer(folder: Path, frames: list[Any], metres: float = 2.0) -> compositing.CompositingLayers:
+    prepared: Any = SimpleNamespace(
+        scale=SimpleNamespace(metres_per_unit=metres), footage=SimpleNamespace(frames=frames)
+    )
     return compositing.CompositingLayers(folder, prepared, [])
 
 
@@ -147,9 +156,9 @@ def test_an_exr_has_its_channels_in_their_order(tmp_path: Path, channels: int) -
     pixels = np.random.default_rng(0).uniform(0, 1, (10, 14, channels)).astype(np.float32)
     (tmp_path / "a.exr").write_bytes(compositing.exr_bytes(pixels if channels > 1 else pixels[..., 0], half=False))
     with av.open(str(tmp_path / "a.exr")) as container:
-        frame = next(container.decode(video=0))
+        transform = next(container.decode(video=0))
     order = {1: [0], 3: [1, 2, 0], 4: [1, 2, 0, 3]}[channels]
-    for plane, channel in zip(frame.planes, order, strict=True):
+    for plane, channel in zip(transform.planes, order, strict=True):
         rows = np.frombuffer(memoryview(plane), np.float32).reshape(10, -1)[:, :14]
         assert rows == pytest.approx(pixels[..., channel], abs=1e-7)
 
@@ -173,13 +182,13 @@ def test_depth_is_in_millimetres_of_sixteen_bits(tmp_path: Path) -> None:
 
 
 def test_a_catcher_is_under_each_level_and_reflects_what_is_below() -> None:
-    frame = MetricFrame(0.5, np.eye(3)[[0, 2, 1]], np.zeros(3))
+    transform = MetricTransform(0.5, np.eye(3)[[0, 2, 1]], np.zeros(3))
 
     def item(x: float, height: float, unit: float, plane: int = 0, surface: Any = None) -> Any:
         place = SimpleNamespace(basis=np.eye(3), position=np.array([x, 0.0, height]), plane=plane)
         return SimpleNamespace(place=place, body=SimpleNamespace(unit=unit), surface=surface)
 
-    (corners,) = job._catchers([item(0.0, 1.0, 0.2), item(1.0, 1.004, 0.1)], frame)
+    (corners,) = job._catchers([item(0.0, 1.0, 0.2), item(1.0, 1.004, 0.1)], transform)
     assert corners[:, 0].min() == pytest.approx(-0.5 * 8 * 0.2)
     assert corners[:, 0].max() == pytest.approx(0.5 * 1.8)
     assert corners[:, 1] == pytest.approx([0.5] * 4)
@@ -187,7 +196,7 @@ def test_a_catcher_is_under_each_level_and_reflects_what_is_below() -> None:
     solid = np.zeros((10, 10), bool)
     solid[2:5, 3:9] = True
     table = SimpleNamespace(solid=solid, origin=np.array([-1.0, -1.0]), cell=0.2)
-    ends = job._catchers([item(0.0, 1.0, 1.0, 1, table)], frame)[0]
+    ends = job._catchers([item(0.0, 1.0, 1.0, 1, table)], transform)[0]
     assert ends[:, 0].min() == pytest.approx(0.5 * -0.6)
     assert ends[:, 0].max() == pytest.approx(0.5 * 0.0)
     assert ends[:, 2].max() == pytest.approx(0.5 * 0.8)

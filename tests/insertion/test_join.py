@@ -14,28 +14,28 @@ import pytest
 from estimator.records.scene import Camera, Instance, View
 from insertion.colour import linear_to_srgb
 from insertion.composite import compositor
-from insertion.composite.camera_look import Look
-from insertion.composite.compose import Joined, behind_each_other, compose, compose_traced
-from insertion.composite.shadow_receivers import light_share, receivers_of
+from insertion.composite.camera_look import CameraLook
+from insertion.composite.compose import ObjectComposite, composite_objects, composite_traced, occlude_mutually
+from insertion.composite.shadow_receivers import shadow_receivers, transmitted_light
 from insertion.exports.compositing import CompositingLayers
-from insertion.footage.footage import Shot
+from insertion.footage.footage import Frame
 from insertion.light.environment_map import HEIGHT, WIDTH, Environment
-from insertion.render.body import Body, body_of, colliding, with_bodies
+from insertion.render.body import Body, body_of, colliding, environment_with_objects
 from insertion.render.gpu import gl_context
 from insertion.render.layers import ObjectLayers, object_layers, through_lens, window_behind
 from insertion.render.renderer import ObjectImage, ObjectRenderer
 from insertion.scene.pixel_box import PixelBox
-from insertion.scene.point_cloud import FrontPoints
+from insertion.scene.point_cloud import VisiblePoints
 from models3d.model import Material, Mesh, Model
 from tests.synthetic.rooms.shapes import solid
 
 BOX = PixelBox(0, 0, 40, 30)
-LOOK = Look(np.ones(3), np.eye(2) * 0.35**2, np.zeros((8, 3)), 0.0)
+LOOK = CameraLook(np.ones(3), np.eye(2) * 0.35**2, np.zeros((8, 3)), 0.0)
 GREY = np.full((30, 40, 3), 100, np.uint8)
 SIZE = (320, 240)
 
 
-def _flat(colour: float, depth: float, columns: slice, hidden: float = 0.0) -> Joined:
+def _flat(colour: float, depth: float, columns: slice, hidden: float = 0.0) -> ObjectComposite:
     """A flat object over some columns of the box; hidden : everywhere."""
     alpha = np.zeros(BOX.shape, np.float32)
     alpha[:, columns] = 1.0
@@ -43,16 +43,16 @@ def _flat(colour: float, depth: float, columns: slice, hidden: float = 0.0) -> J
         np.repeat(colour * alpha[..., None], 3, axis=2), alpha, np.where(alpha > 0, depth, np.nan).astype(np.float32)
     )
     layers = ObjectLayers(BOX, image, np.ones((*BOX.shape, 3), np.float32), np.full(BOX.shape, np.nan, np.float32))
-    return Joined(layers, np.full(BOX.shape, hidden, np.float32), np.ones((*BOX.shape, 3), np.float32))
+    return ObjectComposite(layers, np.full(BOX.shape, hidden, np.float32), np.ones((*BOX.shape, 3), np.float32))
 
 
 def test_the_nearer_object_blocks_the_farther_one_pixel_by_pixel() -> None:
     near, far = _flat(0.9, 2.0, slice(0, 20)), _flat(0.1, 3.0, slice(10, 40))
     for order in ([near, far], [far, near]):
-        out = compose(GREY, behind_each_other(order), LOOK, 0).picture
+        out = composite_objects(GREY, occlude_mutually(order), LOOK, 0).picture
         assert (out[15, :20] == round(float(linear_to_srgb(np.array(0.9))))).all()
         assert (out[15, 21:] == round(float(linear_to_srgb(np.array(0.1))))).all()
-    visible = behind_each_other([near, far])[1].visible
+    visible = occlude_mutually([near, far])[1].visible
     assert visible == pytest.approx(2 / 3, abs=0.01)
 
 
@@ -61,7 +61,7 @@ def test_a_traced_object_before_a_hidden_one_stays() -> None:
     near, far = _flat(0.9, 2.0, slice(0, 20)), _flat(0.1, 3.0, slice(10, 40), hidden=1.0)
     traced = np.zeros((*BOX.shape, 4), np.float32)
     traced[:, :20], traced[:, 20:] = (0.9, 0.9, 0.9, 1.0), (0.1, 0.1, 0.1, 1.0)
-    out = compose_traced(GREY, traced, behind_each_other([near, far]), LOOK, 0).picture
+    out = composite_traced(GREY, traced, occlude_mutually([near, far]), LOOK, 0).picture
     assert (out[15, :19] > 230).all()
     assert (out[15, 22:] == 100).all()
 
@@ -125,10 +125,10 @@ def test_an_object_stands_in_the_shadow_of_another_and_shadows_are_not_doubled(c
     # the shares of both multiply to the light with both: where each alone takes the lamp, it is taken once
     first = object_layers(ObjectRenderer(context, one, _environment()), view, whole=True)
     assert first is not None
-    both = first.plane_share < 0.3
-    assert (lit.plane_share < 0.3)[both].any()
-    doubled = (first.plane_share * lit.plane_share)[both & (lit.plane_share < 0.3)]
-    once = (first.plane_share * dark.plane_share)[both & (lit.plane_share < 0.3)]
+    both = first.catcher_light < 0.3
+    assert (lit.catcher_light < 0.3)[both].any()
+    doubled = (first.catcher_light * lit.catcher_light)[both & (lit.catcher_light < 0.3)]
+    once = (first.catcher_light * dark.catcher_light)[both & (lit.catcher_light < 0.3)]
     assert once.mean() > 1.5 * doubled.mean()
 
 
@@ -139,7 +139,7 @@ def _even_light() -> Environment:
 def test_what_is_mirrored_has_its_colour_and_its_place() -> None:
     """Closed form: a red box in even light sends back its colour, in the directions in which it is seen."""
     red = _body(0.9, model=_box_model((0.3, 0.3, 0.6), (0.8, 0.1, 0.1)))
-    radiance = with_bodies(_even_light(), _body(0.0), [red]).radiance
+    radiance = environment_with_objects(_even_light(), _body(0.0), [red]).radiance
     changed = (radiance != 1).any(axis=-1)
     np.testing.assert_allclose(radiance[changed], np.tile([0.8, 0.1, 0.1], (changed.sum(), 1)), rtol=1e-5)
     turn = (np.arange(WIDTH) + 0.5) / WIDTH * 2 * np.pi - np.pi
@@ -173,19 +173,19 @@ def test_an_object_that_moved_is_drawn_as_one_that_stood_there(context: Any) -> 
     before, there, other, view = _body(-0.4), _body(0.1, y=0.2), _body(0.5, (0.3, 0.3, 0.3)), _view()
     moved = ObjectRenderer(context, before, _environment(), shading=[other], before=[other], moves=True)
     fresh = ObjectRenderer(context, there, _environment(), shading=[other], before=[other], moves=True)
-    moved.stand(there, [other], [other])
+    moved.set_pose(there, [other], [other])
     one, two = (object_layers(renderer, view, whole=True) for renderer in (moved, fresh))
     assert one is not None
     assert two is not None
     np.testing.assert_array_equal(one.image.colour, two.image.colour)
-    np.testing.assert_array_equal(one.plane_share, two.plane_share)
-    moved.stand(there)  # the other one has gone
+    np.testing.assert_array_equal(one.catcher_light, two.catcher_light)
+    moved.set_pose(there)  # the other one has gone
     fresh = ObjectRenderer(context, there, _environment(), moves=True)
     one, two = (object_layers(renderer, view, whole=True) for renderer in (moved, fresh))
     assert one is not None
     assert two is not None
     np.testing.assert_allclose(one.image.colour, two.image.colour, atol=1e-3)
-    np.testing.assert_array_equal(one.plane_share, two.plane_share)
+    np.testing.assert_array_equal(one.catcher_light, two.catcher_light)
 
 
 def test_no_shadow_falls_on_what_stands_in_front(context: Any) -> None:
@@ -193,7 +193,7 @@ def test_no_shadow_falls_on_what_stands_in_front(context: Any) -> None:
     body, view = _body(0.0), _view()
     layers = object_layers(ObjectRenderer(context, body, _environment()), view, whole=True)
     assert layers is not None
-    dark = (1 - layers.plane_share).max(axis=-1) > 0.3
+    dark = (1 - layers.catcher_light).max(axis=-1) > 0.3
     rows, columns = np.nonzero(dark & (layers.image.alpha < 0.01))
     x, y = int(np.median(columns)), int(np.median(rows))
     mask = np.ones((16, 20), bool)
@@ -205,17 +205,17 @@ def test_no_shadow_falls_on_what_stands_in_front(context: Any) -> None:
         own = np.random.default_rng(0).uniform([x - 9, y - 7], [x + 9, y + 7], (count, 2))
         pixels = np.concatenate([floor[outside], own])
         depths = np.concatenate([depth[outside], np.full(count, 0.5)])
-        front = FrontPoints(np.arange(len(pixels)), pixels, depths, False)
+        front = VisiblePoints(np.arange(len(pixels)), pixels, depths, False)
         nothing = np.zeros(layers.box.shape, bool)
-        receivers = receivers_of(layers, body, view, front, [board], None, nothing)
-        share = light_share(layers, receivers, None)
+        receivers = shadow_receivers(layers, body, view, front, [board], None, nothing)
+        share = transmitted_light(layers, receivers, None)
         inside = np.zeros(layers.box.shape, bool)
         inside[y - 8 : y + 8, x - 10 : x + 10] = True
         assert (share[inside] == 1).all()
         assert share[dark & ~inside].mean() < 0.7
     for dense in (False, True):  # points without a mask hide the object where they are dense, and take its shadow there
-        front = FrontPoints(np.arange(len(pixels)), pixels, depths, dense)
-        share = light_share(layers, receivers_of(layers, body, view, front, [], None, nothing), None)
+        front = VisiblePoints(np.arange(len(pixels)), pixels, depths, dense)
+        share = transmitted_light(layers, shadow_receivers(layers, body, view, front, [], None, nothing), None)
         assert (share[inside & dark].mean() > 0.95) == dense
 
 
@@ -238,14 +238,14 @@ def test_layers_joined_again_by_others_are_the_picture(tmp_path: Path) -> None:
     """FFmpeg's own decoder of OpenEXR, and the formula that the layers state."""
     import av
 
-    noisy = Look(np.ones(3), np.eye(2) * 1.5**2, np.full((8, 3), 2.0), 0.5)
+    noisy = CameraLook(np.ones(3), np.eye(2) * 1.5**2, np.full((8, 3), 2.0), 0.5)
     plate = np.random.default_rng(3).integers(20, 230, GREY.shape).astype(np.uint8)
     one = replace(_flat(0.6, 2.0, slice(0, 15)), share=np.full((*BOX.shape, 3), 0.7, np.float32))
-    joined = behind_each_other([one, _flat(0.2, 3.0, slice(10, 30), hidden=0.4)])
-    composite = compose(plate, joined, noisy, 5)
-    shot = Shot(0, "a/0.png", None, None, None)
+    joined = occlude_mutually([one, _flat(0.2, 3.0, slice(10, 30), hidden=0.4)])
+    composite = composite_objects(plate, joined, noisy, 5)
+    shot = Frame(0, "a/0.png", None, None, None)
     names = [SimpleNamespace(model=SimpleNamespace(name=name)) for name in ("one", "two")]
-    prepared: Any = SimpleNamespace(scale=SimpleNamespace(metres_per_unit=3.0), footage=SimpleNamespace(shots=[shot]))
+    prepared: Any = SimpleNamespace(scale=SimpleNamespace(metres_per_unit=3.0), footage=SimpleNamespace(frames=[shot]))
     sink = CompositingLayers(tmp_path, prepared, names)  # type: ignore[arg-type]
     sink.picture(shot, plate)
     for number, item in enumerate(joined):
@@ -279,10 +279,10 @@ class _Footage:
 
     def __init__(self) -> None:
         self.decoded = 0
-        self.shots = tuple(SimpleNamespace(index=k, name=str(k), time_s=None, view=None, row=None) for k in range(3))
+        self.frames = tuple(SimpleNamespace(index=k, name=str(k), time_s=None, view=None, row=None) for k in range(3))
 
     def pictures(self) -> Iterator[tuple[Any, np.ndarray]]:
-        for shot in self.shots:
+        for shot in self.frames:
             self.decoded += 1
             yield shot, GREY
 
@@ -293,7 +293,7 @@ def _prepared() -> Any:
 
 def test_a_picture_is_decoded_once_for_all_sizes() -> None:
     prepared = _prepared()
-    assert len(list(compositor.single_pictures(prepared, [[]] * 11, prepared.footage.shots[1]))) == 11
+    assert len(list(compositor.single_pictures(prepared, [[]] * 11, prepared.footage.frames[1]))) == 11
     assert prepared.footage.decoded <= 3
 
 

@@ -13,36 +13,36 @@ from insertion.composite import occlusion, shadow_receivers
 from insertion.composite.camera_look import (
     BLUR_PX,
     REACH_PX,
-    Look,
-    Looks,
+    CameraLook,
+    CameraLookTracker,
     _direction,
     _with_widths,
     blur_layer,
     gradients,
     grain,
 )
-from insertion.composite.compose import Joined, _covered_part, behind_each_other, compose
+from insertion.composite.compose import ObjectComposite, _covered_part, composite_objects, occlude_mutually
 from insertion.render.layers import ObjectLayers
 from insertion.render.renderer import ObjectImage
 from insertion.scene.pixel_box import PixelBox
-from insertion.scene.point_cloud import Cloud, FrontPoints
+from insertion.scene.point_cloud import ColouredPoints, VisiblePoints
 from tests.insertion.test_received import _view
 
 SHARP = np.eye(2) * BLUR_PX[0] ** 2
-LOOK = Look(np.ones(3), SHARP, np.zeros((8, 3)), 0.0)
+LOOK = CameraLook(np.ones(3), SHARP, np.zeros((8, 3)), 0.0)
 GREY = np.full((30, 40, 3), 100, np.uint8)
 
 
 def _joined(
     box: PixelBox, alpha: float, colour: float, hidden: float = 0.0, share: float = 1.0, depth: float = 2.0
-) -> Joined:
+) -> ObjectComposite:
     shape = box.shape
     image = ObjectImage(
         np.full((*shape, 3), colour * alpha, np.float32), np.full(shape, alpha, np.float32),
         np.full(shape, depth, np.float32),
     )  # fmt: skip
     layers = ObjectLayers(box, image, np.ones((*shape, 3), np.float32), np.full(shape, np.nan, np.float32))
-    return Joined(layers, np.full(shape, hidden, np.float32), np.full((*shape, 3), share, np.float32))
+    return ObjectComposite(layers, np.full(shape, hidden, np.float32), np.full((*shape, 3), share, np.float32))
 
 
 def _srgb(light: float) -> int:
@@ -53,7 +53,7 @@ def test_a_blend_is_by_its_formula_in_linear_light() -> None:
     plate = float(srgb_to_linear(np.array(100, np.uint8)))
     item = _joined(PixelBox(8, 6, 30, 25), 0.8, 0.6, hidden=0.25, share=0.5)
     gain = np.array([1.5, 1.0, 0.5])
-    out = compose(GREY, [item], replace(LOOK, gain=gain), 0)
+    out = composite_objects(GREY, [item], replace(LOOK, gain=gain), 0)
     cover = 0.8 * 0.75
     wanted = [_srgb(plate * 0.5 * (1 - cover) + g * 0.6 * cover) for g in gain]
     assert np.abs(out.picture[6:25, 8:30].astype(int) - wanted).max() <= 1
@@ -73,7 +73,7 @@ def test_shares_multiply_and_objects_add_where_boxes_meet() -> None:
         _joined(PixelBox(0, 0, 20, 30), 0.5, 0.9, share=0.5),
         _joined(PixelBox(15, 5, 40, 20), 0.0, 0.0, share=0.4),
     )
-    out = compose(GREY, [one, two], LOOK, 0)
+    out = composite_objects(GREY, [one, two], LOOK, 0)
     assert out.box == PixelBox(0, 0, 40, 30)
     assert out.share[10, 17] == pytest.approx(0.2)
     assert out.share[25, 30] == pytest.approx(1)
@@ -84,7 +84,7 @@ def test_shares_multiply_and_objects_add_where_boxes_meet() -> None:
     assert np.isnan(depth[0, 0])
     assert (depth[5:20, 15:] == 2.0).all()
     assert not alpha.any()
-    nothing = compose(GREY, [], LOOK, 0)
+    nothing = composite_objects(GREY, [], LOOK, 0)
     assert nothing.picture is GREY
     assert not nothing.changed.any()
     assert nothing.share == pytest.approx(1)
@@ -95,7 +95,7 @@ def test_a_half_clear_object_hides_half_of_what_is_behind() -> None:
         _joined(PixelBox(0, 0, 20, 20), 0.5, 1.0, hidden=0.2),
         _joined(PixelBox(10, 10, 30, 30), 1.0, 1.0, 0.5, depth=3.0),
     )
-    first, second = behind_each_other([near, far])
+    first, second = occlude_mutually([near, far])
     assert first.hidden == pytest.approx(0.2)
     assert second.hidden[:10, :10] == pytest.approx(1 - 0.5 * 0.5)
     assert second.hidden[10:, 10:] == pytest.approx(0.5)
@@ -160,7 +160,7 @@ def test_widths_of_a_blur_are_kept_within_bounds() -> None:
 
 def test_grain_has_its_strength_by_brightness_its_smoothness_and_what_channels_share() -> None:
     sigma = np.tile(np.linspace(1, 8, 8)[:, None], 3) * [1.0, 0.5, 0.25]
-    look = Look(np.ones(3), SHARP, sigma, 0.0, 0.6)
+    look = CameraLook(np.ones(3), SHARP, sigma, 0.0, 0.6)
     box = PixelBox(0, 0, 150, 120)
     for level, strength in ((16, 1.0), (128, 4.5), (240, 8.0), (0, 1.0)):
         noise = grain(look, box, np.full((120, 150, 3), level, np.float32), 3)
@@ -213,12 +213,16 @@ def test_the_spread_of_levels_and_of_what_is_finest() -> None:
     assert match._finest(0 * white) == np.inf
 
 
-def _lit(points: int, gain: np.ndarray) -> tuple[np.ndarray, FrontPoints, Cloud]:
+def _lit(points: int, gain: np.ndarray) -> tuple[np.ndarray, VisiblePoints, ColouredPoints]:
     picture = np.full((20, 30, 3), 120, np.uint8)
     rows, columns = np.divmod(np.arange(points), 30)
-    front = FrontPoints(np.arange(points), np.column_stack([columns, rows]) + 0.5, np.ones(points), False)
+    front = VisiblePoints(np.arange(points), np.column_stack([columns, rows]) + 0.5, np.ones(points), False)
     colours = srgb_to_linear(picture[0, 0])[None] / gain
-    return picture, front, Cloud(np.zeros((points, 3)), np.tile(colours, (points, 1)).astype(np.float32), False)
+    return (
+        picture,
+        front,
+        ColouredPoints(np.zeros((points, 3)), np.tile(colours, (points, 1)).astype(np.float32), False),
+    )
 
 
 def test_a_gain_needs_points_and_is_no_wider_than_two_stops() -> None:
@@ -232,21 +236,23 @@ def test_a_gain_needs_points_and_is_no_wider_than_two_stops() -> None:
 
 
 def test_looks_of_a_video_are_smooth_and_those_of_stills_are_not(monkeypatch: pytest.MonkeyPatch) -> None:
-    asked: list[Look | None] = []
+    asked: list[CameraLook | None] = []
 
-    def look_of(picture: np.ndarray, front: FrontPoints, cloud: Cloud, same: Look | None) -> Look:
+    def measure_look(
+        picture: np.ndarray, front: VisiblePoints, cloud: ColouredPoints, same: CameraLook | None
+    ) -> CameraLook:
         asked.append(same)
-        return Look(np.full(3, float(picture.max())), SHARP * picture.max(), np.full((8, 3), 2.0), 0.5)
+        return CameraLook(np.full(3, float(picture.max())), SHARP * picture.max(), np.full((8, 3), 2.0), 0.5)
 
-    monkeypatch.setattr(match, "look_of", look_of)
+    monkeypatch.setattr(match, "look_of", measure_look)
     _, front, cloud = _lit(1, np.ones(3))
     bright, dark = np.full((2, 2, 3), 4, np.uint8), np.ones((2, 2, 3), np.uint8)
-    stills = Looks(smooth=False)
+    stills = CameraLookTracker(smooth=False)
     assert [stills.next(p, front, cloud).gain[0] for p in (bright, dark)] == [4, 1]
     assert asked == [None, None]
-    video = Looks(smooth=True)
+    video = CameraLookTracker(smooth=True)
     first, second = (video.next(p, front, cloud) for p in (bright, dark))
-    assert second.gain[0] == pytest.approx(4 ** (1 - match.NEW_SHARE))
+    assert second.gain[0] == pytest.approx(4 ** (1 - match.UPDATE_WEIGHT))
     assert second.blur[0, 0] / SHARP[0, 0] == pytest.approx(match.NEW_BLUR * 1 + (1 - match.NEW_BLUR) * 4)
     for _ in range(match.GRAIN_FRAMES - 1):
         video.next(dark, front, cloud)
@@ -372,7 +378,7 @@ def test_what_is_around_a_bare_place_may_be_nearer() -> None:
     x = np.linspace(1, 39, 20)
     pixels = np.column_stack([100 + np.tile(x, 2), 50 + np.repeat([3.0, 7.0], 20)])
     depths = np.where(pixels[:, 0] < 120, 1.5, 2.5)
-    front = FrontPoints(np.arange(40), pixels, depths, True)
+    front = VisiblePoints(np.arange(40), pixels, depths, True)
     free = shadow_receivers._not_nearer(where, least, front, np.zeros(40, np.int32), box, 2)
     assert not free[:, :7].any()
     assert free[:, 13:].all()

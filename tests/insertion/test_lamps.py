@@ -23,36 +23,36 @@ from insertion.light.lamp_candidates import (
     USUAL,
     _basis,
     _where_barred,
-    candidates_in,
-    candidates_near,
     lamp_irradiance,
-    open_share,
+    local_candidates,
+    room_candidates,
+    visible_fraction,
 )
 from insertion.light.lamp_fit import (
     CELL_WIDTHS,
     INDEPENDENT_CELLS,
     OTHER_SIGMA,
     WALL_SIGMA,
-    LitPlanes,
-    lit_planes,
+    PlaneShading,
     log_posterior,
+    plane_shading,
 )
 from insertion.scene.occupancy import Occupancy
-from insertion.scene.plane_cells import Patches
+from insertion.scene.plane_cells import PlaneCells
 
 UP = np.array([0.0, 0.0, 1.0])
 DIAGONAL = 6.0
 
 
-def _cells(places: list[tuple[float, float, float]], normal: tuple[float, float, float], plane: int = 0) -> Patches:
+def _cells(places: list[tuple[float, float, float]], normal: tuple[float, float, float], plane: int = 0) -> PlaneCells:
     count = len(places)
-    return Patches(
+    return PlaneCells(
         np.array(places, dtype=float), np.tile(np.array(normal, dtype=float), (count, 1)), np.zeros(count),
         np.full(count, plane), DIAGONAL,
     )  # fmt: skip
 
 
-def _room() -> Patches:
+def _room() -> PlaneCells:
     """A floor of 4 x 3 and two walls 2 high, 25 cells each, with a known brightness."""
     steps = np.linspace(0.1, 0.9, 5)
     a, b = (grid.ravel() for grid in np.meshgrid(steps, steps))
@@ -62,7 +62,7 @@ def _room() -> Patches:
     ])  # fmt: skip
     normals = np.repeat(np.array([[0.0, 0, 1], [1, 0, 0], [0, -1, 0]]), 25, axis=0)
     light = np.random.default_rng(0).normal(-1.0, 0.3, 75)
-    return Patches(places, normals, light, np.repeat([0, 1, 2], 25), DIAGONAL)
+    return PlaneCells(places, normals, light, np.repeat([0, 1, 2], 25), DIAGONAL)
 
 
 def test_a_lamp_lights_by_both_cosines_and_the_squared_distance() -> None:
@@ -92,7 +92,7 @@ def test_a_wall_shades_the_cells_behind_it() -> None:
     floor, wall = _cells([(0, 0, 0), (2, 0, 0)], (0, 0, 1)), _occupancy_with_wall()
     low, high = np.array([[2.5, 0.0, 0.5]]), np.array([[0.3, 0.0, 1.2]])
     for spots in (1, 2, 4):
-        assert open_share(floor, wall, np.concatenate([low, high]), spots).tolist() == [[0, 1], [1, 0]]
+        assert visible_fraction(floor, wall, np.concatenate([low, high]), spots).tolist() == [[0, 1], [1, 0]]
     plain = lamp_irradiance(floor, np.concatenate([low, high, low]), np.zeros((3, 3)), None)
     shaded = lamp_irradiance(floor, np.concatenate([low, high, low]), np.zeros((3, 3)), wall)
     assert shaded == pytest.approx(plain * [[0, 1], [1, 0], [0, 1]])
@@ -100,7 +100,7 @@ def test_a_wall_shades_the_cells_behind_it() -> None:
 
 def test_the_candidates_of_a_room() -> None:
     room = _room()
-    all_over = candidates_in(room, UP, None, None)
+    all_over = room_candidates(room, UP, None, None)
     local = room.places @ all_over.basis.T
     low, high = local.min(axis=0), local.max(axis=0)
     size = high - low
@@ -125,15 +125,15 @@ def test_the_candidates_of_a_room() -> None:
 
 def test_no_candidate_is_where_none_can_be() -> None:
     room = _room()
-    free = candidates_in(room, UP, None, None)
-    half = candidates_in(room, UP, lambda places: places[:, 0] > 2, None)
+    free = room_candidates(room, UP, None, None)
+    half = room_candidates(room, UP, lambda places: places[:, 0] > 2, None)
     assert (half.places[:, 0] <= 2).all()
     assert (half.barred[:, 0] > 2).all()
     assert len(free.barred) == 0
     assert _where_barred(half, np.array([[0.5, 1, 1.9], [3.5, 1, 1.9]])).tolist() == [False, True]
     assert not _where_barred(free, np.array([[0.5, 1, 1.9], [3.5, 1, 1.9]])).any()
     place, generator = np.array([1.9, 1.5, 1.9]), np.random.default_rng(0)
-    near = candidates_near(half, place, -UP, 0.5, room, None, generator)
+    near = local_candidates(half, place, -UP, 0.5, room, None, generator)
     assert near.places[0].tolist() == place.tolist()
     assert near.facing[0].tolist() == [0, 0, -1]
     assert len(near.places) == 4 * NEARBY
@@ -163,7 +163,7 @@ def test_axes_are_along_a_wall() -> None:
 
 def test_the_ceiling_is_as_high_as_the_highest_lamp_and_looks_down() -> None:
     room = _room()
-    all_over = candidates_in(room, UP, None, None)
+    all_over = room_candidates(room, UP, None, None)
     above = all_over.ceiling
     assert len(above.places) == CEILING_CELLS**2
     assert above.places[:, 2] == pytest.approx(all_over.places[:, 2].max())
@@ -171,12 +171,12 @@ def test_the_ceiling_is_as_high_as_the_highest_lamp_and_looks_down() -> None:
     assert above.places[:, :2].min(axis=0) == pytest.approx(room.places[:, :2].min(axis=0))
     assert above.places[:, :2].max(axis=0) == pytest.approx(room.places[:, :2].max(axis=0))
     some = slice(None, None, 97)
-    sent_up = lamp_irradiance(above, all_over.places[some], all_over.facing[some], None).mean(axis=1)
-    assert all_over.sent_up[some] == pytest.approx(sent_up)
-    assert not all_over.sent_up[all_over.facing @ UP < -0.99].any()
+    ceiling_irradiance = lamp_irradiance(above, all_over.places[some], all_over.facing[some], None).mean(axis=1)
+    assert all_over.ceiling_irradiance[some] == pytest.approx(ceiling_irradiance)
+    assert not all_over.ceiling_irradiance[all_over.facing @ UP < -0.99].any()
 
 
-def _explained(planes: LitPlanes, field: np.ndarray) -> float:
+def _explained(planes: PlaneShading, field: np.ndarray) -> float:
     """The log posterior by its formula, one plane after another."""
     rest = planes.patches.log_luminance - np.log(field)
     albedo = []
@@ -194,7 +194,7 @@ def _explained(planes: LitPlanes, field: np.ndarray) -> float:
 
 
 def test_a_field_is_as_likely_as_the_formula_says() -> None:
-    planes = lit_planes(_room(), UP, None)
+    planes = plane_shading(_room(), UP, None)
     assert planes.walls.tolist() == [False, True, True]
     assert planes.ambient(2.0) == pytest.approx(2.0)
     fields = np.exp(np.random.default_rng(1).normal(0, 0.5, (3, 75)))
@@ -211,7 +211,7 @@ def test_the_ambient_light_of_a_closed_room_is_what_its_walls_send() -> None:
     walls[1:-1, 1:-1, 1:-1] = False
     light = np.broadcast_to(np.array([0.2, 0.1, 0.05], np.float32), (30, 30, 30, 3)).copy()
     closed = Occupancy(distance_transform_edt(~walls).astype(np.float32), light, np.full(3, -2.0), 0.2)
-    planes = lit_planes(_room(), UP, closed)
+    planes = plane_shading(_room(), UP, closed)
     bright = 0.2 * 0.2126 + 0.1 * 0.7152 + 0.05 * 0.0722
     assert planes.unit == pytest.approx(np.pi * bright, rel=1e-4)
     assert planes.shown == pytest.approx(1, rel=1e-4)
@@ -220,24 +220,24 @@ def test_the_ambient_light_of_a_closed_room_is_what_its_walls_send() -> None:
     assert shading._shown_mean(planes) == pytest.approx(1, rel=1e-4)
     assert shading._shown_mean(replace(planes, missing=np.full(75, 0.5))) == pytest.approx(1.5, rel=1e-4)
     walls[:, :, -1:] = False
-    opened = lit_planes(
+    opened = plane_shading(
         _room(), UP, Occupancy(distance_transform_edt(~walls).astype(np.float32), light, np.full(3, -2.0), 0.2)
     )
     assert (opened.shown + opened.missing).mean() == pytest.approx(1, rel=1e-4)
     assert opened.missing.max() > 0.05
 
 
-def _fitted(planes: LitPlanes, ratio: float) -> shading._Fitted:
-    candidates = candidates_in(planes.patches, UP, None, None)
+def _fitted(planes: PlaneShading, ratio: float) -> shading._Fitted:
+    candidates = room_candidates(planes.patches, UP, None, None)
     scores = np.zeros((len(candidates.places), 2))
     scores[5, 1] = 50.0
     return shading._lamp_of_row(candidates, 5, ratio, scores, np.array([1.0, ratio]))
 
 
 def test_a_fitted_lamp_is_the_likely_candidate_at_its_strength() -> None:
-    planes = lit_planes(_room(), UP, None)
+    planes = plane_shading(_room(), UP, None)
     one = _fitted(planes, 6.0)
-    candidates = candidates_in(planes.patches, UP, None, None)
+    candidates = room_candidates(planes.patches, UP, None, None)
     assert one.lamp.places.tolist() == [candidates.places[5].tolist()]
     assert one.lamp.strengths == pytest.approx([6.0 / USUAL])
     assert (one.score, one.lamp.weights.tolist(), one.lamp.size) == (50.0, [1.0], candidates.spacing)
@@ -245,10 +245,10 @@ def test_a_fitted_lamp_is_the_likely_candidate_at_its_strength() -> None:
     twice = one.times(2.0)
     assert (twice.ratio, twice.lamp.strengths[0]) == pytest.approx((12.0, 12.0 / USUAL))
     assert twice.irradiance == pytest.approx(2 * one.irradiance)
-    direct, ratio, sent_up = shading._sums([one, twice], planes, np.array([1.0, 0.5]))
+    direct, ratio, ceiling_irradiance = shading._sums([one, twice], planes, np.array([1.0, 0.5]))
     assert direct == pytest.approx(np.outer([3.0, 1.5], one.irradiance))
     assert ratio == pytest.approx([18.0, 9.0])
-    assert sent_up == pytest.approx(np.array([18.0, 9.0]) * candidates.sent_up[5])
+    assert ceiling_irradiance == pytest.approx(np.array([18.0, 9.0]) * candidates.ceiling_irradiance[5])
     scores = np.log(np.array([[1.0, 3.0], [2.0, 2.0], [1e-3, 1e-3]]))
     some = replace(candidates, places=candidates.places[:3], facing=candidates.facing[:3])
     mixed = shading._lamp(some, scores, np.array([1.0, 5.0]))
@@ -257,12 +257,12 @@ def test_a_fitted_lamp_is_the_likely_candidate_at_its_strength() -> None:
 
 
 def test_scores_add_all_that_is_known_of_lamps_and_of_what_is_not_shown() -> None:
-    planes = replace(lit_planes(_room(), UP, None), times=2.0)
-    candidates = candidates_in(planes.patches, UP, None, None)
+    planes = replace(plane_shading(_room(), UP, None), times=2.0)
+    candidates = room_candidates(planes.patches, UP, None, None)
     rows = [3, 700, 1100]
     few = replace(
         candidates, places=candidates.places[rows], facing=candidates.facing[rows],
-        irradiance=candidates.irradiance[rows], sent_up=candidates.sent_up[rows], log_prior=np.array([0.0, -1.0, -2.0]),
+        irradiance=candidates.irradiance[rows], ceiling_irradiance=candidates.ceiling_irradiance[rows], log_prior=np.array([0.0, -1.0, -2.0]),
     )  # fmt: skip
     other = _fitted(planes, 8.0)
     ratios = np.array([2.0, 4.0])
@@ -270,7 +270,7 @@ def test_scores_add_all_that_is_known_of_lamps_and_of_what_is_not_shown() -> Non
     for row in range(3):
         for column, ratio in enumerate(ratios):
             field = 2.0 + other.irradiance + ratio * few.irradiance[row]
-            ceiling = shading.CEILING_ALBEDO * (1 + other.sent_up + ratio * few.sent_up[row])
+            ceiling = shading.CEILING_ALBEDO * (1 + other.ceiling_irradiance + ratio * few.ceiling_irradiance[row])
             lightest = np.pi * np.exp(np.quantile(planes.patches.log_luminance - np.log(field), 1 - shading.LIGHTEST))
             terms = [
                 np.log((ratio + 8.0) / shading.DIRECT) / shading.DIRECT_SIGMA,
@@ -285,7 +285,7 @@ def test_a_lamp_s_colour_is_how_planes_change_from_shadow_to_light() -> None:
     """White planes, ambient light of one colour, and an orange lamp: each channel is lit by its own strength."""
     room = _room()
     tint, lamp_colour = np.array([1.0, 1.0, 1.0]), np.exp(np.array([0.25, 0.0, -0.4]))
-    planes = replace(lit_planes(room, UP, None), tint=np.tile(tint, (75, 1)))
+    planes = replace(plane_shading(room, UP, None), tint=np.tile(tint, (75, 1)))
     fitted = _fitted(planes, 8.0)
     field = 1.0 + fitted.irradiance
     bright = np.log(field)
@@ -298,9 +298,9 @@ def test_a_lamp_s_colour_is_how_planes_change_from_shadow_to_light() -> None:
 
 
 def test_lamps_and_what_is_not_shown_are_balanced_together() -> None:
-    planes = lit_planes(_room(), UP, None)
+    planes = plane_shading(_room(), UP, None)
     fitted = _fitted(planes, shading.DIRECT / 1.28)
-    times = shading.CEILING_ALBEDO * (1 + 1.28 * fitted.sent_up)
+    times = shading.CEILING_ALBEDO * (1 + 1.28 * fitted.ceiling_irradiance)
     light = shading.LIGHTEST_ALBEDO / np.pi * (times + 1.28 * fitted.irradiance)
     true = replace(planes, patches=replace(planes.patches, log_luminance=np.log(light)))
     (brighter,), balanced = shading._balance_lamps([fitted], true)

@@ -6,10 +6,10 @@ import numpy as np
 import pytest
 
 from insertion.light.environment_estimate import WHITE_ALBEDO, _raise_top
-from insertion.light.environment_map import HEIGHT, WIDTH, Environment, LampSpots, map_directions, solid_angles
+from insertion.light.environment_map import HEIGHT, WIDTH, Environment, SphereLights, map_directions, solid_angles
 from insertion.light.lamp_fit import Shading, fit_shading
-from insertion.light.light_samples import environment_lights
-from insertion.scene.plane_cells import Patches
+from insertion.light.light_samples import sample_lights
+from insertion.scene.plane_cells import PlaneCells
 from metric_base.arrays import FloatArray
 
 UP = np.array([0.0, 0.0, 1.0])
@@ -22,7 +22,7 @@ PLANES = (
 )
 
 
-def _room(lamp: tuple[float, float, float] | None, strength: float, seed: int = 0) -> Patches:
+def _room(lamp: tuple[float, float, float] | None, strength: float, seed: int = 0) -> PlaneCells:
     """Cells lit by an ambient irradiance of 1 and one lamp that shines down, with a tenth of noise."""
     generator = np.random.default_rng(seed)
     places, normals, light, plane = [], [], [], []
@@ -39,7 +39,7 @@ def _room(lamp: tuple[float, float, float] | None, strength: float, seed: int = 
         light.append(np.log(albedo / np.pi * irradiance) + generator.normal(0, 0.1, 60))
         plane.append(np.full(60, number))
     diagonal = float(np.linalg.norm([5.0, 4.0, 2.5]))
-    return Patches(
+    return PlaneCells(
         np.concatenate(places), np.concatenate(normals), np.concatenate(light), np.concatenate(plane), diagonal
     )
 
@@ -89,7 +89,7 @@ def test_no_lamp_is_where_none_can_be() -> None:
 
 def test_too_few_cells_say_nothing() -> None:
     room = _room(None, 0.0)
-    few = Patches(room.places[:20], room.normals[:20], room.log_luminance[:20], room.plane[:20], room.diagonal)
+    few = PlaneCells(room.places[:20], room.normals[:20], room.log_luminance[:20], room.plane[:20], room.diagonal)
     assert fit_shading(few, UP) is None
 
 
@@ -97,11 +97,11 @@ def test_a_lamp_is_brighter_nearby() -> None:
     """Its points send power / r^2 to every place, from where it is; the rest sends the same to all."""
     rest = np.full((HEIGHT, WIDTH, 3), 0.1, np.float32)
     place, power = np.array([0.0, 1.0, 2.0]), np.array([3.0, 2.0, 1.0])
-    lamps = LampSpots(place[None], power[None], np.array([0.02]), np.zeros(3))
-    lights = environment_lights(Environment(rest, np.eye(3), rest[..., 0], rest, lamps), 5)
+    lamps = SphereLights(place[None], power[None], np.array([0.02]), np.zeros(3))
+    lights = sample_lights(Environment(rest, np.eye(3), rest[..., 0], rest, lamps), 5)
     assert lights.power[lights.near == 0].sum(axis=0) == pytest.approx(np.full(3, 0.4 * np.pi), rel=1e-3)
     for offset in (np.zeros(3), np.array([0.5, 0.0, 0.5]), np.array([-1.0, 0.3, 0.0])):
-        moved = lights.about(offset, 0.1)
+        moved = lights.seen_from(offset, 0.1)
         points, away = moved.rows(moved.near > 0), place - offset
         assert points.power.sum(axis=0) == pytest.approx(power / (away @ away), rel=0.02)
         assert (points.directions @ away / np.linalg.norm(away)).min() > 0.999

@@ -6,13 +6,13 @@ import numpy as np
 import pytest
 
 from insertion.colour import srgb_to_linear
-from insertion.composite.camera_look import Look, _blend, _gain, blur_layer, blur_of, grain, look_of
+from insertion.composite.camera_look import CameraLook, _blend, _gain, blur_layer, blur_of, grain, measure_look
 from insertion.scene.pixel_box import PixelBox
-from insertion.scene.point_cloud import Cloud, FrontPoints
+from insertion.scene.point_cloud import ColouredPoints, VisiblePoints
 
 SHAPE = (240, 320)
-NOTHING = FrontPoints(np.zeros(0, np.int64), np.zeros((0, 2)), np.zeros(0), False)
-EMPTY = Cloud(np.zeros((0, 3)), np.zeros((0, 3), np.float32), False)
+NOTHING = VisiblePoints(np.zeros(0, np.int64), np.zeros((0, 2)), np.zeros(0), False)
+EMPTY = ColouredPoints(np.zeros((0, 3)), np.zeros((0, 3), np.float32), False)
 
 
 def _patchwork(seed: int = 3) -> np.ndarray:
@@ -40,9 +40,9 @@ def _smear(picture: np.ndarray, length: int, down: bool) -> np.ndarray:
     return np.asarray(cv2.filter2D(picture, -1, kernel))
 
 
-def _look(grey: np.ndarray) -> Look:
+def _look(grey: np.ndarray) -> CameraLook:
     picture = np.repeat(np.clip(np.rint(grey), 0, 255).astype(np.uint8)[..., None], 3, axis=2)
-    return look_of(picture, NOTHING, EMPTY)
+    return measure_look(picture, NOTHING, EMPTY)
 
 
 @pytest.mark.parametrize("sigma", [2.0, 5.0])
@@ -63,7 +63,7 @@ def test_grain_has_its_sigma_its_smoothness_and_what_channels_share(common: floa
     own, shared = generator.normal(0, 1, (*SHAPE, 3)), generator.normal(0, 1, (*SHAPE, 1))
     noise = np.sqrt(1 - common) * own + np.sqrt(common) * shared
     noise = cv2.GaussianBlur(noise, (0, 0), smooth) if smooth else noise
-    look = look_of(np.rint(122 + 4 * noise / noise.std()).astype(np.uint8), NOTHING, EMPTY)
+    look = measure_look(np.rint(122 + 4 * noise / noise.std()).astype(np.uint8), NOTHING, EMPTY)
     assert look.grain == pytest.approx(np.full(look.grain.shape, 3.7), rel=0.08)
     assert look.grain_px == pytest.approx(px, abs=0.03)
     assert look.common == pytest.approx(common, abs=0.03)
@@ -102,8 +102,8 @@ def test_a_layer_is_smeared_as_the_picture_is() -> None:
 
 
 def test_looks_of_neighbouring_frames_blend() -> None:
-    old = Look(np.array([1.0, 2.0, 3.0]), 1.5, np.full((16, 3), 2.0), 0.7, 0.4)
-    new = Look(np.array([2.0, 2.0, 4.0]), 2.5, np.full((16, 3), 4.0), 1.3, 0.8)
+    old = CameraLook(np.array([1.0, 2.0, 3.0]), 1.5, np.full((16, 3), 2.0), 0.7, 0.4)
+    new = CameraLook(np.array([2.0, 2.0, 4.0]), 2.5, np.full((16, 3), 4.0), 1.3, 0.8)
     for look in (old, new):
         same = _blend(look, look)
         assert np.allclose(same.gain, look.gain)
@@ -119,6 +119,6 @@ def test_the_gain_is_that_of_the_colours_at_the_points() -> None:
     picture = np.repeat(generator.integers(80, 180, (1, SHAPE[1], 3)), SHAPE[0], axis=0).astype(np.uint8)
     at = np.stack([generator.integers(0, SHAPE[1], 400), generator.integers(0, SHAPE[0], 400)], axis=1)
     linear = srgb_to_linear(picture[at[:, 1], at[:, 0]])
-    cloud = Cloud(np.zeros((400, 3)), (linear / [1.2, 1.0, 0.8]).astype(np.float32), False)
-    gain = _gain(picture, FrontPoints(np.arange(400), at.astype(float), np.ones(400), False), cloud)
+    cloud = ColouredPoints(np.zeros((400, 3)), (linear / [1.2, 1.0, 0.8]).astype(np.float32), False)
+    gain = _gain(picture, VisiblePoints(np.arange(400), at.astype(float), np.ones(400), False), cloud)
     assert gain == pytest.approx([1.2, 1.0, 0.8], rel=1e-3)

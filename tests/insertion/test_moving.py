@@ -11,7 +11,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from insertion.placement.path import walk_along
+from insertion.placement.path import path_motion
 from insertion.request import parse_path
 from metric_base.errors import InputError
 from models3d.animation_playback import select_playback
@@ -173,17 +173,17 @@ def test_keys_that_are_none_are_refused(tmp_path: Path, times: list[float], valu
 
 def test_a_way_is_walked_at_one_speed_with_the_front_ahead() -> None:
     corners = np.array([[0, 0, 0], [3, 0, 0], [3, 1, 0.0]])
-    whole = walk_along(corners, 2.0, None, 8.0)
+    whole = path_motion(corners, 2.0, None, 8.0)
     np.testing.assert_allclose(whole.place(0), corners[0])
     np.testing.assert_allclose(whole.place(3), [1.5, 0, 0])
     np.testing.assert_allclose(whole.place(99), corners[2])
     np.testing.assert_allclose(whole.front(3), [1, 0, 0], atol=1e-9)
     np.testing.assert_allclose(whole.front(8), [0, 1, 0], atol=1e-9)
     assert whole.arrival_s == pytest.approx(8.0)
-    assert walk_along(corners, 2.0, 1.0, 0.0).arrival_s == pytest.approx(8.0)  # 4 units are 8 m
+    assert path_motion(corners, 2.0, 1.0, 0.0).arrival_s == pytest.approx(8.0)  # 4 units are 8 m
     for words in ("", "1", "1,2,3", "1,a", "1,nan"):
         with pytest.raises(InputError, match="--path"):
             parse_path(words)
     assert parse_path("1,2 3,4.5") == ((1.0, 2.0), (3.0, 4.5))
     with pytest.raises(InputError, match="--path: expected points apart"):
-        walk_along(np.zeros((2, 3)), 1.0, None, 1.0)
+        path_motion(np.zeros((2, 3)), 1.0, None, 1.0)

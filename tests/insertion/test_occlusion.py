@@ -15,22 +15,22 @@ from scipy.ndimage import median_filter
 from estimator.projection.visibility import Visibility
 from estimator.records.objects import SupportPlane
 from estimator.records.scene import Camera, Instance, Scene, View
-from insertion.composite.compose import Joined, behind_each_other
+from insertion.composite.compose import ObjectComposite, occlude_mutually
 from insertion.composite.occlusion import (
     _by_vote,
     _nearer_pixels,
     _stands_on,
     _without_gaps,
-    hidden_share,
     matte,
+    occluded_fraction,
     on_support,
 )
-from insertion.footage.footage import Shot
+from insertion.footage.footage import Frame
 from insertion.render.layers import ObjectLayers
 from insertion.render.renderer import ObjectImage
-from insertion.scene.frame_masks import MaskCarrier, _carry, cloud_beside, moving_masks, points_beside, uprights
+from insertion.scene.frame_masks import MaskPropagator, _carry, billboards, moving_masks, static_cloud, static_points
 from insertion.scene.pixel_box import PixelBox
-from insertion.scene.point_cloud import Cloud, FrontPoints, front_points
+from insertion.scene.point_cloud import ColouredPoints, VisiblePoints, visible_points
 
 BOX = PixelBox(0, 0, 160, 120)
 VIEW = View(
@@ -53,16 +53,16 @@ def _object(name: str, *boxes: tuple[int, int, int, int]) -> Instance:
     return Instance(name, 0, name, mask, (0, 0), 1.0)
 
 
-def _points(*parts: tuple[tuple[int, int, int, int], float], count: int = 25) -> FrontPoints:
+def _points(*parts: tuple[tuple[int, int, int, int], float], count: int = 25) -> VisiblePoints:
     """Points spread over boxes of pixels (x0, y0, x1, y1), each at a depth."""
     generator = np.random.default_rng(0)
     pixels = np.concatenate([generator.uniform(box[:2], box[2:], (count, 2)) for box, _ in parts])
     depths = np.repeat([depth for _, depth in parts], count)
-    return FrontPoints(np.arange(len(pixels)), pixels, depths * generator.normal(1, 0.002, len(depths)), False)
+    return VisiblePoints(np.arange(len(pixels)), pixels, depths * generator.normal(1, 0.002, len(depths)), False)
 
 
-def _hidden(objects: Sequence[Instance], points: FrontPoints) -> np.ndarray:
-    return hidden_share(_image(), BOX, VIEW, objects, points, np.zeros(len(points.rows), bool)).share > 0.5
+def _hidden(objects: Sequence[Instance], points: VisiblePoints) -> np.ndarray:
+    return occluded_fraction(_image(), BOX, VIEW, objects, points, np.zeros(len(points.rows), bool)).share > 0.5
 
 
 def test_the_near_leg_of_a_table_hides_and_the_far_one_does_not() -> None:
@@ -108,8 +108,8 @@ def test_a_film_frame_trusts_what_its_nearest_view_observed() -> None:
     points = np.array([[0.0, 0.0, 2.0], [1.0, 0.0, 4.0]])
     rows = (np.array([0]), np.array([1]))
     known = Visibility(rows, np.array([[0.0, 0, 0], [5.0, 0, 0]]), np.array([[0.0, 0, 1], [0.0, 0, 1]]), complete=False)
-    cloud = Cloud(points, np.zeros((2, 3), np.float32), False, known)
-    front = front_points(VIEW, cloud)
+    cloud = ColouredPoints(points, np.zeros((2, 3), np.float32), False, known)
+    front = visible_points(VIEW, cloud)
     assert front.observed is not None
     assert dict(zip(front.rows.tolist(), front.observed.tolist(), strict=True)) == {0: True, 1: False}
 
@@ -123,7 +123,7 @@ def test_a_gap_of_lines_closes_as_one_of_columns() -> None:
 
 
 def test_a_box_has_its_first_pixels_and_not_its_last() -> None:
-    front = FrontPoints(np.arange(4), np.array([[2.0, 3], [8, 3], [2, 9], [7.9, 8.9]]), np.ones(4), False)
+    front = VisiblePoints(np.arange(4), np.array([[2.0, 3], [8, 3], [2, 9], [7.9, 8.9]]), np.ones(4), False)
     assert front.marks_inside(np.arange(4), 2, 3, 8, 9).tolist() == [0, 3]
 
 
@@ -135,20 +135,20 @@ def test_a_mask_that_starts_inside_the_picture_is_carried_to_its_place() -> None
     assert np.abs(np.array(carried.mask.shape) - [16, 20]).max() <= 3
 
 
-def _joined(depth: float, alpha: float = 1.0) -> Joined:
+def _joined(depth: float, alpha: float = 1.0) -> ObjectComposite:
     image = ObjectImage(
         np.ones((*BOX.shape, 3), np.float32),
         np.full(BOX.shape, alpha, np.float32),
         np.full(BOX.shape, depth, np.float32),
     )
     layers = ObjectLayers(BOX, image, np.ones((*BOX.shape, 3), np.float32), np.full(BOX.shape, np.nan, np.float32))
-    return Joined(layers, np.zeros(BOX.shape, np.float32), np.ones((*BOX.shape, 3), np.float32))
+    return ObjectComposite(layers, np.zeros(BOX.shape, np.float32), np.ones((*BOX.shape, 3), np.float32))
 
 
 def test_objects_hide_what_is_behind_them_and_not_each_other() -> None:
-    near, far = behind_each_other([_joined(NEAR), _joined(FAR)])
+    near, far = occlude_mutually([_joined(NEAR), _joined(FAR)])
     assert (near.visible, far.visible) == (1.0, 0.0)
-    assert [item.visible for item in behind_each_other([_joined(NEAR), _joined(NEAR)])] == [1.0, 1.0]
+    assert [item.visible for item in occlude_mutually([_joined(NEAR), _joined(NEAR)])] == [1.0, 1.0]
     assert _joined(NEAR, alpha=0.0).visible == 0.0
 
 
@@ -156,8 +156,8 @@ def test_masks_come_from_the_nearest_view_of_the_scene() -> None:
     """Steps count by the depth of the scene: a metre is little before a wall ten metres away."""
     views = tuple(replace(VIEW, name=f"{x}.png", translation=np.array([-x, 0.0, 0.0])) for x in (0.0, 2.0, 9.0))
     wall = np.column_stack([np.random.default_rng(0).uniform(-3, 3, (400, 2)), np.full(400, 10.0)])
-    cloud = Cloud(wall, np.zeros((400, 3), np.float32), True)
-    carrier = MaskCarrier(Scene(Path(), "colmap", views, wall, None), {0: (), 1: (), 2: ()}, cloud)
+    cloud = ColouredPoints(wall, np.zeros((400, 3), np.float32), True)
+    carrier = MaskPropagator(Scene(Path(), "colmap", views, wall, None), {0: (), 1: (), 2: ()}, cloud)
     for x, nearest in ((0.5, 0), (1.5, 1), (20.0, None)):
         assert carrier._nearest(replace(VIEW, translation=np.array([-x, 0.0, 0.0]))) == nearest
 
@@ -179,16 +179,16 @@ def test_what_moves_hides_the_object_by_its_feet_on_the_ground() -> None:
     box = PixelBox(100, 100, 540, 470)
     behind = np.full(box.shape, 3.0, np.float32)
     for depth, hides in ((2.0, True), (2.9, True), (3.1, False), (6.0, False)):
-        (one,) = uprights([_walker(depth, (300, 340))], VIEW, _ground())
+        (one,) = billboards([_walker(depth, (300, 340))], VIEW, _ground())
         assert one.offset == pytest.approx(depth, rel=0.01)
         hidden = one.hides(box, VIEW, behind)
         assert hidden.any() == hides
         if hides:
             assert hidden[:, 200:240].sum() == hidden.sum() > 1000
-    (cut,) = uprights([_walker(1.5, (300, 340))], VIEW, _ground())  # its feet are below the picture
+    (cut,) = billboards([_walker(1.5, (300, 340))], VIEW, _ground())  # its feet are below the picture
     assert cut.hides(box, VIEW, behind).any()
     flying = Instance("bird", 0, "bird", np.ones((20, 20), bool), (300, 50), 1.0)
-    assert uprights([flying], VIEW, _ground()) == []
+    assert billboards([flying], VIEW, _ground()) == []
 
 
 def test_an_upright_object_is_seen_from_above_at_its_own_depth() -> None:
@@ -200,7 +200,7 @@ def test_an_upright_object_is_seen_from_above_at_its_own_depth() -> None:
     pixels = 500 * ends[:, :2] / ends[:, 2:] + [320, 240]
     top, bottom = round(pixels[1, 1]), round(pixels[0, 1])
     item = Instance("walker", 0, "person", np.ones((bottom - top, 40), bool), (300, top), 1.0)
-    (one,) = uprights([item], view, _ground())
+    (one,) = billboards([item], view, _ground())
     for row, depth in ((top + 2, ends[1, 2]), (bottom - 2, ends[0, 2])):
         box = PixelBox(315, row, 325, row + 1)
         for share, hides in ((0.97, False), (1.03, True)):
@@ -210,20 +210,20 @@ def test_an_upright_object_is_seen_from_above_at_its_own_depth() -> None:
 
 def test_points_behind_what_moves_are_not_seen() -> None:
     points = _points(((0, 0, 60, 120), FAR), ((100, 0, 160, 120), FAR))
-    left = points_beside(points, [_object("walker", (0, 0, 80, 120))])
+    left = static_points(points, [_object("walker", (0, 0, 80, 120))])
     assert len(left.rows) == 25
     assert left.pixels[:, 0].min() >= 100
-    assert points_beside(left, [_object("walker", (0, 0, 80, 120))]) is left
+    assert static_points(left, [_object("walker", (0, 0, 80, 120))]) is left
 
 
 def test_points_on_what_moves_are_not_of_the_cloud() -> None:
     """A car in the left of two of three frames; the third has no mask and does not count."""
     left, right = np.array([[-1.6, -1.4, 4.0]]), np.array([[0.4, 0, 4.0]])
-    cloud = Cloud(np.vstack([left, right]), np.zeros((2, 3), np.float32), False)
-    shots = [Shot(k, f"{k}.png", None, VIEW, None) for k in range(3)]
+    cloud = ColouredPoints(np.vstack([left, right]), np.zeros((2, 3), np.float32), False)
+    frames = [Frame(k, f"{k}.png", None, VIEW, None) for k in range(3)]
     car = _object("car", (80, 0, 160, 120))
-    np.testing.assert_array_equal(cloud_beside(cloud, {0: (car,), 1: (car,)}, shots).points, right)
-    assert len(cloud_beside(cloud, {0: (car,), 1: (_object("car", (0, 0, 1, 1)),)}, shots).points) == 2
+    np.testing.assert_array_equal(static_cloud(cloud, {0: (car,), 1: (car,)}, frames).points, right)
+    assert len(static_cloud(cloud, {0: (car,), 1: (_object("car", (0, 0, 1, 1)),)}, frames).points) == 2
 
 
 def test_masks_of_frames_are_read_by_the_names_of_the_frames(tmp_path: Path) -> None:
@@ -233,8 +233,8 @@ def test_masks_of_frames_are_read_by_the_names_of_the_frames(tmp_path: Path) -> 
     document = {"images": images, "categories": [{"id": 1, "name": "person"}], "annotations": [annotation]}
     file = tmp_path / "moving.json"
     file.write_text(json.dumps(document))
-    shots = [Shot(k, f"{k:06d}.png", k / 30, None if k == 1 else VIEW, None) for k in range(3)]
-    read = moving_masks(file, Scene(tmp_path, "memory", (VIEW,), np.zeros((0, 3))), shots)
+    frames = [Frame(k, f"{k:06d}.png", k / 30, None if k == 1 else VIEW, None) for k in range(3)]
+    read = moving_masks(file, Scene(tmp_path, "memory", (VIEW,), np.zeros((0, 3))), frames)
     assert list(read) == [2]
     assert read[2][0].mask.sum() == pytest.approx(8000, rel=0.05)
 
@@ -310,8 +310,8 @@ def test_points_at_the_height_of_the_foot_are_what_it_stands_on() -> None:
     """A twentieth of the object, or what a cloud is off by there; never a third of the object."""
     heights = np.array([0.09, 0.11, -0.09, 0.23, 0.25, 0.55, 0.65])
     depths = np.array([1.0, 1.0, 1.0, 20.0, 20.0, 200.0, 200.0])
-    cloud = Cloud(np.column_stack([np.zeros((7, 2)), heights + 1]), np.zeros((7, 3), np.float32), False)
-    front = FrontPoints(np.arange(7), np.zeros((7, 2)), depths, False)
+    cloud = ColouredPoints(np.column_stack([np.zeros((7, 2)), heights + 1]), np.zeros((7, 3), np.float32), False)
+    front = VisiblePoints(np.arange(7), np.zeros((7, 2)), depths, False)
     body = SimpleNamespace(position=np.array([5.0, 5.0, 1.0]), basis=np.eye(3), unit=2.0)
     assert on_support(body, cloud, front).tolist() == [True, False, True, True, False, True, False]  # type: ignore[arg-type]
     assert on_support(body, cloud, front, sigma=0.05).tolist()[:2] == [True, True]  # type: ignore[arg-type]

@@ -7,8 +7,8 @@ import pytest
 from scipy.ndimage import distance_transform_edt
 
 from insertion.scene.occupancy import ABOVE, CELL, Occupancy, occupancy_of
-from insertion.scene.plane_cells import Patches, _normals, _of_one_hue, _planes, plane_patches
-from insertion.scene.point_cloud import Cloud
+from insertion.scene.plane_cells import PlaneCells, _normals, _of_one_hue, _planes, plane_cells_of
+from insertion.scene.point_cloud import ColouredPoints
 from metric_base.arrays import BoolArray
 
 SIDE = 24
@@ -37,21 +37,21 @@ def _slab(axis: int) -> BoolArray:
 def test_a_wall_is_between_its_sides_and_not_beside_them(axis: int) -> None:
     grid, start, end, beside = _grid(_slab(axis)), np.full(3, 5.5), np.full(3, 5.5), np.full(3, 5.5)
     end[axis], beside[(axis + 1) % 3] = 20.5, 20.5
-    assert not grid.open_segments(_at(*start), 0 * UP, _at(*end)).any()
-    assert not grid.open_segments(_at(*end), 0 * UP, _at(*start)).any()
-    assert grid.open_segments(_at(*start), 0 * UP, _at(*beside)).all()
+    assert not grid.is_unobstructed(_at(*start), 0 * UP, _at(*end)).any()
+    assert not grid.is_unobstructed(_at(*end), 0 * UP, _at(*start)).any()
+    assert grid.is_unobstructed(_at(*start), 0 * UP, _at(*beside)).all()
 
 
 def test_a_segment_starts_above_its_own_surface_and_ends_before_the_lamp() -> None:
     floor = _slab(2)
     grid = _grid(floor)
     on_floor, lamp = _at(5.5, 5.5, 13.9), _at(15.5, 5.5, 20.5)
-    assert grid.open_segments(on_floor, UP, lamp).all()
-    assert not grid.open_segments(on_floor, -ABOVE * UP, lamp).any()
+    assert grid.is_unobstructed(on_floor, UP, lamp).all()
+    assert not grid.is_unobstructed(on_floor, -ABOVE * UP, lamp).any()
     ceiling = np.zeros_like(floor)
     ceiling[..., 20] = True
-    assert _grid(ceiling).open_segments(_at(5.5, 5.5, 5.5), UP, _at(5.5, 5.5, 21.5)).all()  # within the lamp itself
-    assert not _grid(ceiling).open_segments(_at(5.5, 5.5, 5.5), UP, _at(5.5, 5.5, 23.5)).any()
+    assert _grid(ceiling).is_unobstructed(_at(5.5, 5.5, 5.5), UP, _at(5.5, 5.5, 21.5)).all()  # within the lamp itself
+    assert not _grid(ceiling).is_unobstructed(_at(5.5, 5.5, 5.5), UP, _at(5.5, 5.5, 23.5)).any()
 
 
 def test_each_end_is_asked_from_each_place() -> None:
@@ -60,22 +60,22 @@ def test_each_end_is_asked_from_each_place() -> None:
     grid = _grid(hole)
     places = np.concatenate([_at(4.5, 6, 6), _at(4.5, 18, 18)])
     ends = np.concatenate([_at(21.5, 6, 6), _at(21.5, 18, 18), _at(2.5, 6, 6)])
-    opened = grid.open_segments(places, np.zeros((2, 3)), ends)
+    opened = grid.is_unobstructed(places, np.zeros((2, 3)), ends)
     assert opened.tolist() == [[True, False], [False, False], [True, True]]
-    assert grid.open_segments(places, np.zeros((2, 3)), np.empty((0, 3))).shape == (0, 2)
+    assert grid.is_unobstructed(places, np.zeros((2, 3)), np.empty((0, 3))).shape == (0, 2)
 
 
 def test_a_place_outside_the_grid_is_seen_through_the_grid_s_side() -> None:
     grid = _grid(_slab(0))
-    assert grid.open_segments(_at(20.5, 5.5, 5.5), 0 * UP, _at(60.0, 5.5, 5.5)).all()
-    assert not grid.open_segments(_at(5.5, 5.5, 5.5), 0 * UP, _at(60.0, 5.5, 5.5)).any()
+    assert grid.is_unobstructed(_at(20.5, 5.5, 5.5), 0 * UP, _at(60.0, 5.5, 5.5)).all()
+    assert not grid.is_unobstructed(_at(5.5, 5.5, 5.5), 0 * UP, _at(60.0, 5.5, 5.5)).any()
 
 
 def test_light_gathered_in_a_closed_room_is_pi_times_its_radiance() -> None:
     walls = np.ones((SIDE,) * 3, bool)
     walls[2:-2, 2:-2, 2:-2] = False
     for normal in (UP, -UP, np.array([[0.0, 1.0, 0.0]])):
-        light, missing = _grid(walls).gathered_light(_at(12, 12, 12), normal)
+        light, missing = _grid(walls).gather_irradiance(_at(12, 12, 12), normal)
         assert light[0] == pytest.approx(np.pi * np.array([0.2, 0.4, 0.6]), rel=1e-5)
         assert missing.tolist() == [0.0]
 
@@ -85,7 +85,7 @@ def test_light_of_a_lower_half_reaches_what_looks_down() -> None:
     floor[..., :2] = True
     grid = _grid(floor, (1.0, 1.0, 1.0))
     for normal, share in ((-UP, 1.0), (UP, 0.0)):
-        light, missing = grid.gathered_light(_at(12, 12, 3.5), normal)
+        light, missing = grid.gather_irradiance(_at(12, 12, 3.5), normal)
         assert light[0] == pytest.approx(np.full(3, share * np.pi), abs=0.35)
         assert missing[0] == pytest.approx(1 - light[0, 0] / np.pi)
 
@@ -101,7 +101,7 @@ def test_cells_are_full_where_points_are_and_have_their_colour() -> None:
     points = _wall_points(200)
     colours = np.where(points[:, :1] > 0, [[0.5, 0.1, 0.1]], [[0.1, 0.1, 0.9]]).astype(np.float32)
     colours[::7] = np.nan
-    grid = occupancy_of(Cloud(points, colours, True))
+    grid = occupancy_of(ColouredPoints(points, colours, True))
     assert grid.cell == pytest.approx(CELL * np.linalg.norm([4, 4, 3]), rel=0.02)
     assert grid.light.shape == (*grid.distance.shape, 3)
     assert np.abs(np.array(grid.distance.shape) * grid.cell - [4, 4, 3]).max() < 3 * grid.cell
@@ -112,13 +112,13 @@ def test_cells_are_full_where_points_are_and_have_their_colour() -> None:
     floor, wall = ((np.array(at) - grid.origin) / grid.cell for at in ([3.0, 2.0, 0.0], [0.0, 2.0, 2.0]))
     assert grid.light[tuple(np.maximum(floor, 0).astype(int))] == pytest.approx([0.5, 0.1, 0.1])
     assert grid.light[tuple(np.maximum(wall, 0).astype(int))] == pytest.approx([0.1, 0.1, 0.9])
-    assert grid.open_segments(np.array([[2.0, 2.0, 0.0]]), UP, np.array([[1.0, 1.0, 2.5]])).all()
+    assert grid.is_unobstructed(np.array([[2.0, 2.0, 0.0]]), UP, np.array([[1.0, 1.0, 2.5]])).all()
 
 
 def test_a_stray_fills_no_cell() -> None:
     dense = np.repeat(_wall_points(), 12, axis=0)
     stray = np.array([[2.0, 2.0, 1.5]])
-    cloud = Cloud(np.concatenate([dense, stray]), np.ones((len(dense) + 1, 3), np.float32), True)
+    cloud = ColouredPoints(np.concatenate([dense, stray]), np.ones((len(dense) + 1, 3), np.float32), True)
     grid = occupancy_of(cloud)
     at = tuple(((stray[0] - grid.origin) / grid.cell).astype(int))
     assert grid.distance[at] > 10
@@ -132,7 +132,7 @@ def test_planes_and_paints_of_a_room() -> None:
     colours = np.concatenate([
         np.where(floor[:, :1] < 2, [[0.4, 0.2, 0.1]], [[0.1, 0.2, 0.4]]), np.full((2000, 3), 0.3)
     ]).astype(np.float32)  # fmt: skip
-    patches = plane_patches(Cloud(np.concatenate([floor, wall]), colours, True), np.array([[2.0, 1.0, 1.5]]))
+    patches = plane_cells_of(ColouredPoints(np.concatenate([floor, wall]), colours, True), np.array([[2.0, 1.0, 1.5]]))
     assert len(np.unique(patches.plane)) == 3
     on_wall = patches.places[:, 2] > 0.1
     assert np.abs(patches.normals[on_wall] - [0, -1, 0]).max() < 0.05
@@ -154,12 +154,16 @@ def test_planes_and_paints_of_a_room() -> None:
 
 def test_too_few_or_too_dark_points_have_no_planes() -> None:
     points = np.random.default_rng(0).uniform(0, 1, (139, 3))
-    assert not len(plane_patches(Cloud(points, np.full((139, 3), 0.5, np.float32), True), np.zeros((1, 3))).plane)
+    assert not len(
+        plane_cells_of(ColouredPoints(points, np.full((139, 3), 0.5, np.float32), True), np.zeros((1, 3))).plane
+    )
     room = _wall_points()
     for level in (0.003, 0.95):
-        dull = Cloud(room, np.full((len(room), 3), level, np.float32), True)
-        assert not len(plane_patches(dull, np.ones((1, 3))).plane)
-    assert len(plane_patches(Cloud(room, np.full((len(room), 3), 0.5, np.float32), True), np.ones((1, 3))).plane)
+        dull = ColouredPoints(room, np.full((len(room), 3), level, np.float32), True)
+        assert not len(plane_cells_of(dull, np.ones((1, 3))).plane)
+    assert len(
+        plane_cells_of(ColouredPoints(room, np.full((len(room), 3), 0.5, np.float32), True), np.ones((1, 3))).plane
+    )
 
 
 def test_a_surface_looks_at_the_eye_and_a_ball_of_points_is_none() -> None:
@@ -185,7 +189,9 @@ def test_paints_of_a_plane_are_told_apart_by_hue() -> None:
 
 def test_some_cells_with_their_planes_numbered_anew() -> None:
     plane = np.array([0] * 4 + [1] * 4 + [2] * 4)
-    patches = Patches(np.arange(36.0).reshape(12, 3), np.ones((12, 3)), np.arange(12.0), plane, 5.0, np.ones((12, 3)))
+    patches = PlaneCells(
+        np.arange(36.0).reshape(12, 3), np.ones((12, 3)), np.arange(12.0), plane, 5.0, np.ones((12, 3))
+    )
     kept = patches.cells(np.array([True] * 4 + [True] * 2 + [False] * 3 + [True] * 3))
     assert kept.plane.tolist() == [0] * 4 + [1] * 3
     assert kept.log_luminance.tolist() == [0, 1, 2, 3, 9, 10, 11]

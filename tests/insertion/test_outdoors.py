@@ -16,7 +16,7 @@ from insertion.light.environment_estimate import GROUND_ALBEDO, sky_light, sky_p
 from insertion.light.environment_map import HEIGHT, Environment, map_directions
 from insertion.light.sun import sun_direction
 from insertion.scene.camera_rays import camera_rays
-from insertion.scene.point_cloud import Cloud
+from insertion.scene.point_cloud import ColouredPoints
 from metric_base.arrays import FloatArray
 
 UP = np.array([0.0, 0.0, 1.0])
@@ -57,7 +57,7 @@ class _Drawn(Stills):
         return np.rint(linear_to_srgb(light.astype(np.float32))).astype(np.uint8)
 
 
-def _posts() -> Cloud:
+def _posts() -> ColouredPoints:
     """Points on the ground and on the posts."""
     flat = np.random.default_rng(5).uniform((-8, 0), (8, 30), (3000, 2))
     posts = [
@@ -65,7 +65,7 @@ def _posts() -> Cloud:
         for foot, high in zip(FEET, HEIGHTS, strict=True)
     ]
     points = np.concatenate([np.column_stack([flat, np.zeros(len(flat))]), *posts])
-    return Cloud(points, np.full(points.shape, np.nan, np.float32), dense=False)
+    return ColouredPoints(points, np.full(points.shape, np.nan, np.float32), dense=False)
 
 
 @pytest.mark.parametrize(("elevation", "azimuth"), [(50, 200), (35, 310)])

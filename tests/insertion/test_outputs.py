@@ -8,9 +8,9 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from insertion.composite.compose import Joined
+from insertion.composite.compose import ObjectComposite
 from insertion.exports.export_folder import LayerWriter
-from insertion.footage.footage import Shot
+from insertion.footage.footage import Frame
 from insertion.footage.image_writer import picture_writer, preview_place
 from insertion.render.layers import ObjectLayers
 from insertion.render.renderer import ObjectImage
@@ -19,7 +19,7 @@ from metric_base.errors import InputError
 
 PICTURE = np.full((8, 9, 3), 90, dtype=np.uint8)
 NAMES = ("../images/a.jpg", "/etc/a.png", "a.jpg", "a.png", "b/../../c.jpg", "A.PNG", "no ending")
-SHOTS = [Shot(index, name, None, None, index) for index, name in enumerate(NAMES)]
+SHOTS = [Frame(index, name, None, None, index) for index, name in enumerate(NAMES)]
 
 
 @pytest.fixture
@@ -45,7 +45,7 @@ def test_no_name_leads_out_of_an_export(tmp_path: Path, source: Path) -> None:
     layers = LayerWriter(tmp_path / "export", SHOTS, 0.5)
     ones, colours = np.ones((8, 9), np.float32), np.ones((8, 9, 3), np.float32)
     image = ObjectImage(colours, ones, ones)
-    joined = Joined(ObjectLayers(PixelBox(0, 0, 9, 8), image, colours, ones), 0 * ones, colours)
+    joined = ObjectComposite(ObjectLayers(PixelBox(0, 0, 9, 8), image, colours, ones), 0 * ones, colours)
     for shot in SHOTS:
         layers.picture(shot, PICTURE)
         layers.layers(shot, 0, joined)

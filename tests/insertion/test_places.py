@@ -14,12 +14,12 @@ from scipy.spatial.transform import Rotation
 
 import metric_tree
 from estimator.projection.cameras import pixels_in_view
-from insertion.insertion_scene import PreparedScene
+from insertion.insertion_scene import InsertionScene
 from insertion.placement.free_space import candidates
 from insertion.placement.model_size import model_size
 from insertion.placement.on_category import instances_named
-from insertion.placement.placed_object import Placed, place_objects, space_for
-from insertion.placement.placement import NoPlace
+from insertion.placement.placed_object import PlacedObject, place_objects, space_for
+from insertion.placement.placement import PlacementError
 from insertion.placement.preview import write_preview
 from insertion.placement_page import PlacePage
 from insertion.request import ObjectRequest, PixelPosition
@@ -43,12 +43,12 @@ def room(tmp_path_factory: pytest.TempPathFactory) -> RecordedRoom:
 
 
 @pytest.fixture(scope="module")
-def prepared(room: RecordedRoom) -> PreparedScene:
+def prepared(room: RecordedRoom) -> InsertionScene:
     return prepared_scene_of(room)
 
 
 @pytest.fixture(scope="module")
-def in_other_unit(room: RecordedRoom) -> PreparedScene:
+def in_other_unit(room: RecordedRoom) -> InsertionScene:
     return prepared_scene_of(in_unit(room, UNIT))
 
 
@@ -64,7 +64,7 @@ def test_up_that_is_no_direction_is_one_line(words: str) -> None:
         parse_scene(options)
 
 
-def test_a_plane_just_above_a_better_one_is_not_offered(prepared: PreparedScene, cup: Path) -> None:
+def test_a_plane_just_above_a_better_one_is_not_offered(prepared: InsertionScene, cup: Path) -> None:
     model = read_model(cup)
     space = space_for(prepared, model, model_size(model, "file"))
     plain = candidates(space)
@@ -77,12 +77,12 @@ def test_a_plane_just_above_a_better_one_is_not_offered(prepared: PreparedScene,
     assert {place.plane for place in plain} <= {place.plane for place in candidates(both)}
 
 
-def _foot(room: RecordedRoom, placed: Placed) -> np.ndarray:
+def _foot(room: RecordedRoom, placed: PlacedObject) -> np.ndarray:
     """Where the object stands, in metres of the synthetic room."""
     return np.asarray(room.to_scene.inverse(placed.place.position[None])[0])
 
 
-def test_on_a_category_is_on_its_top(room: RecordedRoom, prepared: PreparedScene, cup: Path) -> None:
+def test_on_a_category_is_on_its_top(room: RecordedRoom, prepared: InsertionScene, cup: Path) -> None:
     (placed,) = place_objects(prepared, [ObjectRequest(cup, on="coffee table")])
     table = next(entry for entry in room.world.objects if entry.category == "coffee table")
     foot = _foot(room, placed)
@@ -104,7 +104,7 @@ def test_on_a_category_is_on_its_top(room: RecordedRoom, prepared: PreparedScene
     ],
 )
 def test_the_unit_of_the_reconstruction_does_not_move_an_object(
-    prepared: PreparedScene, in_other_unit: PreparedScene, cup: Path, request_of: Callable[[Path], ObjectRequest]
+    prepared: InsertionScene, in_other_unit: InsertionScene, cup: Path, request_of: Callable[[Path], ObjectRequest]
 ) -> None:
     (one,), (other,) = (place_objects(scene, [request_of(cup)]) for scene in (prepared, in_other_unit))
     assert (one.place.support, one.place.plane, one.warnings) == (
@@ -122,23 +122,23 @@ def test_the_unit_of_the_reconstruction_does_not_move_an_object(
         assert bodies[1].unit / UNIT == pytest.approx(bodies[0].unit)
 
 
-def test_who_walks_looks_along_the_way_or_so_many_degrees_from_it(prepared: PreparedScene, cup: Path) -> None:
+def test_who_walks_looks_along_the_way_or_so_many_degrees_from_it(prepared: InsertionScene, cup: Path) -> None:
     way = ObjectRequest(cup, plane=0, path=((0.4, 0.0), (0.4, 0.3)), speed_m_s=0.5)
     ahead, aside = (place_objects(prepared, [replace(way, facing=turn)])[0].body_at(0.3) for turn in (0.0, 70.0))
     turn = Rotation.from_rotvec(70.0 * ahead.basis[2], degrees=True)
     np.testing.assert_allclose(aside.parts[0].vertices, turn.apply(ahead.parts[0].vertices), atol=1e-5)
 
 
-def test_the_last_word_of_a_category_is_enough(room: RecordedRoom, prepared: PreparedScene, cup: Path) -> None:
+def test_the_last_word_of_a_category_is_enough(room: RecordedRoom, prepared: InsertionScene, cup: Path) -> None:
     one, other = (place_objects(prepared, [ObjectRequest(cup, on=name)])[0] for name in ("coffee table", "Table"))
     np.testing.assert_allclose(_foot(room, one), _foot(room, other))
 
 
-def test_the_tree_knows_what_a_sofa_is(prepared: PreparedScene) -> None:
+def test_the_tree_knows_what_a_sofa_is(prepared: InsertionScene) -> None:
     assert {item.category for item in instances_named(prepared.instances, "sofa")} == {"couch"}
 
 
-def test_a_word_is_read_as_detectors_mean_it(prepared: PreparedScene, cup: Path) -> None:
+def test_a_word_is_read_as_detectors_mean_it(prepared: InsertionScene, cup: Path) -> None:
     """By itself "bat" is an animal or a stick: the label lists of detectors decide, in `--on` and in `--size prior`."""
     tree = metric_tree.open()
     one, other = (replace(prepared.instances[0], category=name) for name in ("bat", "couch"))
@@ -149,7 +149,7 @@ def test_a_word_is_read_as_detectors_mean_it(prepared: PreparedScene, cup: Path)
     assert model_size(read_model(cup), "prior", tree, "bat").source.startswith(f"prior of {listed.node_id}")
 
 
-def test_a_top_that_is_no_plane_of_the_scene(room: RecordedRoom, prepared: PreparedScene, cup: Path) -> None:
+def test_a_top_that_is_no_plane_of_the_scene(room: RecordedRoom, prepared: InsertionScene, cup: Path) -> None:
     """Without the plane of the table's top, the object's own points say where its top is."""
     placed = place_objects(prepared, [ObjectRequest(cup, on="coffee table")])[0].place
     others = tuple(one for one in prepared.supports.surfaces if one.number != placed.plane)
@@ -161,12 +161,12 @@ def test_a_top_that_is_no_plane_of_the_scene(room: RecordedRoom, prepared: Prepa
     assert (again.position - placed.position) @ up * prepared.scale.metres_per_unit == pytest.approx(0, abs=0.015)
 
 
-def test_what_is_larger_than_everything_has_no_place(prepared: PreparedScene, cup: Path) -> None:
-    with pytest.raises(NoPlace, match="--at auto: no free level space of this size"):
+def test_what_is_larger_than_everything_has_no_place(prepared: InsertionScene, cup: Path) -> None:
+    with pytest.raises(PlacementError, match="--at auto: no free level space of this size"):
         place_objects(prepared, [ObjectRequest(cup, size="height=300")])
 
 
-def test_the_preview_lists_the_options_of_each_place(prepared: PreparedScene, cup: Path, tmp_path: Path) -> None:
+def test_the_preview_lists_the_options_of_each_place(prepared: InsertionScene, cup: Path, tmp_path: Path) -> None:
     (placed,) = place_objects(prepared, [ObjectRequest(cup)])
     places = write_preview(prepared, space_for(prepared, placed.model, placed.size), tmp_path / "places.png")
     assert (tmp_path / "places.png").stat().st_size > 10_000
@@ -177,7 +177,7 @@ def test_the_preview_lists_the_options_of_each_place(prepared: PreparedScene, cu
 
 
 def test_the_page_of_a_place_answers_with_the_box_the_picture_and_the_command(
-    room: RecordedRoom, prepared: PreparedScene, cup: Path
+    room: RecordedRoom, prepared: InsertionScene, cup: Path
 ) -> None:
     page = PlacePage(prepared, ObjectRequest(cup, on="couch", plane=3), None, lambda asked: f"at {asked.at}")
     kind, start = page.answer("start") or ("", b"")
@@ -218,12 +218,14 @@ def test_metres_may_be_negative(words: list[str]) -> None:
     assert parse_objects(options.objects)[0].xy_m == (-0.5, 0.2)
 
 
-def test_on_what_is_not_there_is_refused(prepared: PreparedScene, cup: Path) -> None:
-    with pytest.raises(NoPlace, match=r"--on: expected a category of the instances \(.*couch.*\); found 'piano'"):
+def test_on_what_is_not_there_is_refused(prepared: InsertionScene, cup: Path) -> None:
+    with pytest.raises(
+        PlacementError, match=r"--on: expected a category of the instances \(.*couch.*\); found 'piano'"
+    ):
         place_objects(prepared, [ObjectRequest(cup, on="piano")])
 
 
-def test_a_plane_and_metres_along_it(room: RecordedRoom, prepared: PreparedScene, cup: Path) -> None:
+def test_a_plane_and_metres_along_it(room: RecordedRoom, prepared: InsertionScene, cup: Path) -> None:
     """The lowest plane is the floor, and metres are metres whatever the scene's unit is."""
     one, other = (place_objects(prepared, [ObjectRequest(cup, plane=0, xy_m=(x, 0.0))])[0] for x in (0.0, 0.3))
     feet = _foot(room, one), _foot(room, other)
@@ -233,13 +235,13 @@ def test_a_plane_and_metres_along_it(room: RecordedRoom, prepared: PreparedScene
 
 @pytest.mark.parametrize(("plane", "xy", "word"), [(99, (0.0, 0.0), "--plane"), (0, (50.0, 0.0), "--xy")])
 def test_no_such_plane_or_point(
-    prepared: PreparedScene, cup: Path, plane: int, xy: tuple[float, float], word: str
+    prepared: InsertionScene, cup: Path, plane: int, xy: tuple[float, float], word: str
 ) -> None:
-    with pytest.raises(NoPlace, match=word):
+    with pytest.raises(PlacementError, match=word):
         place_objects(prepared, [ObjectRequest(cup, plane=plane, xy_m=xy)])
 
 
-def test_facing_the_wall_is_square_to_the_room(room: RecordedRoom, prepared: PreparedScene, cup: Path) -> None:
+def test_facing_the_wall_is_square_to_the_room(room: RecordedRoom, prepared: InsertionScene, cup: Path) -> None:
     (placed,) = place_objects(prepared, [ObjectRequest(cup, plane=0, facing="wall")])
     front = room.to_scene.rotation.T @ placed.front
     # walls run along x and y; within ten degrees
@@ -250,7 +252,7 @@ def test_facing_the_wall_is_square_to_the_room(room: RecordedRoom, prepared: Pre
     assert front[axis] * inward[axis] > 0 or abs(inward[axis]) < 0.5
 
 
-def test_the_size_of_the_prior(room: RecordedRoom, prepared: PreparedScene, cup: Path, tmp_path: Path) -> None:
+def test_the_size_of_the_prior(room: RecordedRoom, prepared: InsertionScene, cup: Path, tmp_path: Path) -> None:
     import metric_tree
 
     tree = metric_tree.open(release(tmp_path / "tree").directory)

@@ -8,14 +8,14 @@ import numpy as np
 import pytest
 
 from estimator.records.scene import Camera, View
-from insertion.composite.shadow_receivers import light_share, receivers_of
-from insertion.light.environment_map import HEIGHT, WIDTH, Environment, LampSpots
+from insertion.composite.shadow_receivers import shadow_receivers, transmitted_light
+from insertion.light.environment_map import HEIGHT, WIDTH, Environment, SphereLights
 from insertion.render.body import body_of
 from insertion.render.gpu import gl_context
 from insertion.render.layers import object_layers
 from insertion.render.renderer import ObjectRenderer
 from insertion.scene.pixel_box import PixelBox
-from insertion.scene.point_cloud import FrontPoints
+from insertion.scene.point_cloud import VisiblePoints
 from metric_base.arrays import BoolArray, FloatArray
 from models3d.model import Material, Mesh, Model
 from tests.synthetic.rooms.shapes import solid
@@ -44,7 +44,7 @@ def _pixel(view: View, place: tuple[float, float, float]) -> tuple[int, int]:
     return int(at[1]), int(at[0])
 
 
-def _front(view: View) -> FrontPoints:
+def _front(view: View) -> VisiblePoints:
     """A point for each pixel, on the nearest of the floor, the side and the board."""
     x, y = np.meshgrid(np.arange(SIZE[0]) + 0.5, np.arange(SIZE[1]) + 0.5)
     pixels = np.column_stack([x.ravel(), y.ravel()])
@@ -61,7 +61,7 @@ def _front(view: View) -> FrontPoints:
         depths.append(np.where((depth > 0) & inside(eye + depth[:, None] * ways), depth, np.inf))
     nearest: FloatArray = np.min(depths, axis=0)
     kept = np.isfinite(nearest)
-    return FrontPoints(np.flatnonzero(kept), pixels[kept], nearest[kept], True)
+    return VisiblePoints(np.flatnonzero(kept), pixels[kept], nearest[kept], True)
 
 
 @pytest.fixture(scope="module")
@@ -76,7 +76,7 @@ def renderer() -> ObjectRenderer:
     body = body_of(Model("box", (part,), ()), np.zeros(3), np.eye(3), np.array([0.0, -1.0, 0.0]), 1.0)
     rest = np.full((HEIGHT, WIDTH, 3), 0.05, np.float32)
     middle = np.array([0.0, 0.0, 0.3])
-    lamps = LampSpots(LAMP[None], np.full((1, 3), 12.0), np.array([0.1]), middle)
+    lamps = SphereLights(LAMP[None], np.full((1, 3), 12.0), np.array([0.1]), middle)
     return ObjectRenderer(gl_context(), body, Environment(rest, np.eye(3), rest[..., 0], rest, lamps))
 
 
@@ -84,9 +84,9 @@ def test_the_shadow_is_on_what_stands_beside_and_not_on_what_is_in_front(rendere
     view, whole = _view(), PixelBox(0, 0, *SIZE)
     layers = object_layers(renderer, view, whole=True)
     assert layers is not None
-    share = layers.plane_share
-    receivers = receivers_of(layers, renderer.body, view, _front(view), (), None, np.zeros(whole.shape, bool))
-    received = light_share(layers, receivers, renderer.received_light(receivers.places, receivers.normals))
+    share = layers.catcher_light
+    receivers = shadow_receivers(layers, renderer.body, view, _front(view), (), None, np.zeros(whole.shape, bool))
+    received = transmitted_light(layers, receivers, renderer.irradiance_fraction(receivers.places, receivers.normals))
     board, floor = _pixel(view, (-0.125, BOARD_Y, 0.6)), _pixel(view, (0.5, -0.12, 0.0))
     assert share[board].max() < 0.6  # the floor behind the board is in shadow
     assert received[board].min() > 0.95

@@ -11,14 +11,23 @@ import pytest
 
 from estimator.records.scene import Camera, View
 from insertion.light.environment_map import HEIGHT, WIDTH, Environment, map_directions
-from insertion.light.light_samples import Lights
+from insertion.light.light_samples import LightSamples
 from insertion.render import layers as boxes
 from insertion.render import shadow_maps, studio
-from insertion.render.body import SPOTS, Body, BodyPart, _area, _mean_colour, _spread_over, body_of, with_bodies
+from insertion.render.body import (
+    SPOTS,
+    Body,
+    BodyPart,
+    _area,
+    _mean_colour,
+    _spread_over,
+    body_of,
+    environment_with_objects,
+)
 from insertion.render.deferred import TILE, _tiles
 from insertion.render.layers import ObjectLayers, shadow_layer, through_lens
 from insertion.render.renderer import ObjectImage
-from insertion.render.shadow_maps import MAP_PIXELS, PlaneMap
+from insertion.render.shadow_maps import MAP_PIXELS, ShadowCatcher
 from insertion.scene.camera_rays import Window, camera_rays, focal_lengths, normalized_pixels, pixel_grid, ray_through
 from insertion.scene.pixel_box import PixelBox
 from models3d.model import Material, Mesh, Model
@@ -111,7 +120,7 @@ def test_what_stands_beside_is_in_the_mirror() -> None:
     board = _square(1.0)
     upright = replace(board, vertices=board.vertices[:, [2, 0, 1]])  # across x
     two = Body((upright,), np.array([1.0, 0, 0]), np.eye(3), 1.0)
-    shown = with_bodies(environment, mirror, [two])
+    shown = environment_with_objects(environment, mirror, [two])
     changed = np.abs(shown.radiance - 2.0).max(axis=-1) > 1e-3
     directions = map_directions()[changed]
     assert directions[:, 0].min() > 0.75
@@ -120,15 +129,15 @@ def test_what_stands_beside_is_in_the_mirror() -> None:
     assert shown.radiance[changed] == pytest.approx(
         np.tile(2.0 * MATERIAL.base_color[:3], (changed.sum(), 1)), rel=0.01
     )
-    assert with_bodies(environment, mirror, []) is environment
+    assert environment_with_objects(environment, mirror, []) is environment
     nearer = replace(two, position=np.array([0.5, 0, 0]), parts=(replace(upright, tint=0 * upright.tint),))
-    assert with_bodies(environment, mirror, [nearer, two]).radiance[HEIGHT // 2, WIDTH // 2].max() == 0
+    assert environment_with_objects(environment, mirror, [nearer, two]).radiance[HEIGHT // 2, WIDTH // 2].max() == 0
 
 
 def test_a_light_s_map_holds_what_casts() -> None:
     directions = np.array([[0.0, 0.6, 0.8], [0.0, 0.0, 1.0], [1.0, 0.0, 0.0]])
     near = np.array([0.0, 0.25, 0.5])
-    lights = Lights(directions, np.ones((3, 3)), near, np.zeros(3))
+    lights = LightSamples(directions, np.ones((3, 3)), near, np.zeros(3))
     right, above = shadow_maps.light_axes(lights, 1.5)
     wide = 1.5 / np.sqrt(1 - np.minimum(1.5 * near, 0.9) ** 2)
     assert np.linalg.norm(right, axis=1) == pytest.approx(1 / wide)
@@ -175,7 +184,7 @@ def test_the_part_of_a_map_that_a_light_darkens() -> None:
 
 
 def test_light_on_the_open_plane_falls_with_the_cube_of_the_distance() -> None:
-    lights = Lights(np.array([[0.0, 0, 1]]), np.array([[3.0, 2.0, 1.0]]), np.array([0.5]), np.zeros(1))
+    lights = LightSamples(np.array([[0.0, 0, 1]]), np.array([[3.0, 2.0, 1.0]]), np.array([0.5]), np.zeros(1))
     light = shadow_maps._open_light(lights.directions, lights, 4.0)
     assert light.shape == (MAP_PIXELS, MAP_PIXELS, 3)
     for row, column in ((MAP_PIXELS // 2, MAP_PIXELS // 2), (200, 700)):
@@ -249,7 +258,7 @@ def test_boxes_hold_an_object_and_its_shadows() -> None:
     assert boxes.object_box(view, replace(body, position=np.array([50.0, 0, 0]))) is None
     share = np.ones((64, 64, 3), np.float32)
     share[10:20, 30:50] = 0.5
-    plane = PlaneMap(share, 2.0)
+    plane = ShadowCatcher(share, 2.0)
     places = boxes._shadow_places(plane)
     assert places.min(axis=0) == pytest.approx([(30.5 / 32 - 1) * 2, (10.5 / 32 - 1) * 2])
     assert places.max(axis=0) == pytest.approx([(49.5 / 32 - 1) * 2, (19.5 / 32 - 1) * 2])
@@ -260,7 +269,7 @@ def test_boxes_hold_an_object_and_its_shadows() -> None:
     assert dark.y1 == pytest.approx(np.ceil(at[:, 1].max()) + margin)
     below = replace(view, translation=-view.rotation @ (view.centre * [1, 1, -1]))
     assert boxes.shadow_box(below, body, plane) is None
-    assert boxes.shadow_box(view, body, PlaneMap(np.ones_like(share), 2.0)) is None
+    assert boxes.shadow_box(view, body, ShadowCatcher(np.ones_like(share), 2.0)) is None
     far = boxes.cast_box(view, body, np.array([[0.6, 0.0, 0.8]]))
     ends = np.concatenate([body.corners, body.corners - body.corners[:, 2:] / 0.8 * [0.6, 0.0, 0.8]])
     cast = _at(view, body.position + body.unit * ends)
@@ -292,7 +301,7 @@ def test_the_shadow_is_where_each_pixel_looks_at_the_plane() -> None:
     size = 64
     rows, columns = np.indices((size, size))
     share = np.dstack([columns / 100, rows / 100, 0 * rows + 0.25]).astype(np.float32)
-    renderer: Any = SimpleNamespace(body=body, plane=PlaneMap(share, 1.0))
+    renderer: Any = SimpleNamespace(body=body, plane=ShadowCatcher(share, 1.0))
     box = PixelBox(0, 0, 320, 240)
     seen, depth = shadow_layer(renderer, view, box)
     for place in ([0.1, -0.2], [-0.3, 0.25]):

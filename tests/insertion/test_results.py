@@ -77,9 +77,9 @@ def test_a_folder_that_was_exchanged_is_not_written_at_scale(estimated: Path, tm
 
 def test_a_result_that_does_not_say_what_it_is_of_is_used_with_a_warning(estimated: Path, tmp_path: Path) -> None:
     record = json.loads((estimated / "result.json").read_text())
-    assert read_scale(estimated, None).doubts() == ()
-    assert read_scale(estimated, 0.3).doubts() == ()
+    assert read_scale(estimated, None).warnings() == ()
+    assert read_scale(estimated, 0.3).warnings() == ()
     old = tmp_path / "old.json"
     old.write_text(json.dumps({name: value for name, value in record.items() if name != "of"}))
-    (line,) = read_scale(estimated, old).doubts()
+    (line,) = read_scale(estimated, old).warnings()
     assert "old.json does not say which model it is of" in line

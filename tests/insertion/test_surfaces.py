@@ -10,16 +10,16 @@ import pytest
 
 from estimator.records.objects import SupportPlane, Up
 from estimator.records.scene import Instance, Scene, View
-from insertion.light.lamp_candidates import shown_empty
+from insertion.light.lamp_candidates import is_visibly_free
 from insertion.placement import at_pixel, free_space, on_category
 from insertion.placement.free_space import Space
-from insertion.placement.placement import NoPlace, heading, turn_about
-from insertion.request import Place
+from insertion.placement.placement import PlacementError, heading, turn_about
+from insertion.request import Placement
 from insertion.scene import supports as surface
-from insertion.scene.frame_masks import MaskCarrier, Upright, _carry, _inverse_depth, _move_outline, points_beside
+from insertion.scene.frame_masks import Billboard, MaskPropagator, _carry, _inverse_depth, _move_outline, static_points
 from insertion.scene.pixel_box import PixelBox, labels_in_box, mask_in_box
-from insertion.scene.point_cloud import Cloud, FrontPoints, coloured_cloud, even_rows
-from insertion.scene.supports import Supports, Surface
+from insertion.scene.point_cloud import ColouredPoints, VisiblePoints, coloured_cloud, evenly_spaced
+from insertion.scene.supports import SupportSurfaces, Surface
 from metric_base.arrays import FloatArray
 from tests.insertion.test_bare_surface import CAMERA, EYE, FOCAL, HEIGHT, ROTATION, VIEW, WIDTH
 
@@ -45,8 +45,8 @@ def _grid(low: tuple[float, float], high: tuple[float, float], height: float, st
 def _space(
     points: FloatArray, *surfaces: Surface, radius: float = 0.1, height: float = 0.3, views: tuple[View, ...] = (VIEW,)
 ) -> Space:
-    cloud = Cloud(points, np.full((len(points), 3), 0.3, np.float32), True)
-    supports = Supports(Up(UP, "cameras", 0.0), tuple(surfaces))
+    cloud = ColouredPoints(points, np.full((len(points), 3), 0.3, np.float32), True)
+    supports = SupportSurfaces(Up(UP, "cameras", 0.0), tuple(surfaces))
     return Space(Scene(Path("memory"), "memory", views, points), cloud, supports, radius, height)
 
 
@@ -64,7 +64,7 @@ def test_a_surface_holds_its_solid_cells() -> None:
     solid[1, 2] = solid[3, 5] = True
     one = _surface(solid, 0.5)  # from (-1, -1.5)
     at = np.array([[-0.49, -0.49], [-0.01, -0.01], [0.01, -0.3], [0.99, 1.49], [1.01, 1.4], [-1.2, 0], [np.nan, 0]])
-    assert one.holds(at).tolist() == [True, True, False, True, False, False, False]
+    assert one.contains(at).tolist() == [True, True, False, True, False, False, False]
     centres = surface.cell_centres(np.array([1.0, 2.0]), 0.5, (2, 3))
     assert centres[1, 2].tolist() == [1.75, 3.25]
 
@@ -80,7 +80,7 @@ def test_discs_and_free_cells() -> None:
     taken = np.array([[0.05, 0.05, 0.5], [0.55, 0.55, 1.2], [-0.55, 0.55, 0.07]])
     rows, columns = np.indices((20, 20))
     for radius, reach in ((0.31, 3.1), (0.25, 2.5)):  # metres, cells
-        around = surface.free_cells(_surface(solid, taken=taken), radius, 1.0)
+        around = surface.free_cells(_surface(solid, obstacles=taken), radius, 1.0)
         near = np.hypot(rows - 10, columns - 10) <= reach
         assert np.array_equal(around, surface.free_cells(_surface(solid), radius, 1.0) & ~near)
     assert not surface.free_cells(_surface(solid), 1.01, 1.0).any()
@@ -88,17 +88,17 @@ def test_discs_and_free_cells() -> None:
 
 def test_a_surface_is_where_its_points_are_nearer_than_rays_below() -> None:
     table, floor = _grid((-0.5, -1), (0.5, 1), 1.0), _grid((-2, -2), (2, 2), 0.0)
-    cloud = Cloud(np.concatenate([table, floor]), np.zeros((len(table) + len(floor), 3), np.float32), True)
+    cloud = ColouredPoints(np.concatenate([table, floor]), np.zeros((len(table) + len(floor), 3), np.float32), True)
     views = (replace(VIEW, translation=-ROTATION @ np.array([0.0, 0.0, 4.0])),)
     plane = _plane(1.0, (8, 8), 0.5)
     one = surface.surface_of(3, plane, cloud, views)
     assert (one.number, one.cell, one.solid.shape) == (3, pytest.approx(0.5 / 3), (24, 24))
     at = np.array([[0.0, 0.0], [0.4, 0.8], [1.2, 0.0], [-1.2, 0.5]])
-    assert one.holds(at).tolist() == [True, True, False, False]
-    assert not len(one.taken)
+    assert one.contains(at).tolist() == [True, True, False, False]
+    assert not len(one.obstacles)
     low = surface.surface_of(0, _plane(0.0, (8, 8), 0.5), cloud, views)
-    assert len(low.rise) == len(table)
-    assert low.rise == pytest.approx(1.0)
+    assert len(low.obstacle_heights) == len(table)
+    assert low.obstacle_heights == pytest.approx(1.0)
     none = surface.surface_of(1, _plane(2.0, (8, 8), 0.5), cloud, views)
     assert not none.solid.any()
     passing = surface._passing(plane, cloud, views, 0.3)
@@ -115,8 +115,8 @@ def test_distances_are_those_of_the_third_nearest_point() -> None:
 
 
 def test_a_heading_is_counted_from_the_camera_against_the_clock() -> None:
-    place = Place(np.array([1.0, 1.0, 0.0]), np.eye(3), np.array([1.0, -2.0, 5.0]), "floor", 0)
-    room = Cloud(np.zeros((0, 3)), np.zeros((0, 3), np.float32), True)
+    place = Placement(np.array([1.0, 1.0, 0.0]), np.eye(3), np.array([1.0, -2.0, 5.0]), "floor", 0)
+    room = ColouredPoints(np.zeros((0, 3)), np.zeros((0, 3), np.float32), True)
     assert heading(place, "camera", room)[0] == pytest.approx([0, -1, 0])
     front, angle = heading(place, 90.0, room)
     assert front == pytest.approx([1, 0, 0])
@@ -131,8 +131,8 @@ def test_a_back_is_to_the_nearest_tall_wall() -> None:
     near, far, low = (generator.uniform(0, 1, (600, 3)) for _ in range(3))
     walls = [near * [4, 0, 2.5] + [0, 0, 0], far * [0, 4, 2.5] + [4, 0, 0], low * [4, 0, 0.4] + [0, 1.0, 0]]
     points = np.concatenate([*walls, generator.uniform(0, 4, (600, 3)) * [1, 1, 0]])
-    cloud = Cloud(points, np.full((len(points), 3), 0.4, np.float32), True)
-    place = Place(np.array([2.0, 1.2, 0.0]), np.eye(3), np.array([2.0, 3.0, 1.5]), "floor", 0)
+    cloud = ColouredPoints(points, np.full((len(points), 3), 0.4, np.float32), True)
+    place = Placement(np.array([2.0, 1.2, 0.0]), np.eye(3), np.array([2.0, 3.0, 1.5]), "floor", 0)
     front, angle = heading(place, "wall", cloud)
     assert front == pytest.approx([0, 1, 0], abs=0.02)
     assert np.linalg.norm(front) == pytest.approx(1, abs=1e-9)
@@ -142,8 +142,8 @@ def test_a_back_is_to_the_nearest_tall_wall() -> None:
     )
     assert right == pytest.approx([-1, 0, 0], abs=0.02)
     assert turned == pytest.approx(-90.0, abs=2)
-    flat = Cloud(points[-600:], cloud.colours[-600:], True)
-    with pytest.raises(NoPlace, match="no tall upright surface"):
+    flat = ColouredPoints(points[-600:], cloud.colours[-600:], True)
+    with pytest.raises(PlacementError, match="no tall upright surface"):
         heading(place, "wall", flat)
 
 
@@ -170,7 +170,7 @@ def test_a_place_on_a_plane_is_counted_from_its_middle() -> None:
     solid[10:, :] = True  # x from 0 to 1, middle 0.5
     one = _surface(solid, height=0.7)
     space = _space(np.empty((0, 3)), one)
-    place = at_pixel.place_on_plane(space, 0, np.array([0.3, -0.2]), EYE)
+    place = at_pixel.placement_on_plane(space, 0, np.array([0.3, -0.2]), EYE)
     assert place.position == pytest.approx([0.8, -0.2, 0.7])
     assert (place.support, place.plane) == ("plane 0", 0)
     assert at_pixel.plane_coordinates(space, place) == pytest.approx([0.3, -0.2])
@@ -180,17 +180,17 @@ def test_a_place_on_a_plane_is_counted_from_its_middle() -> None:
         (-1, [0, 0], "found -1"),
         (0, [-1, 0], "beside what was seen"),
     ):
-        with pytest.raises(NoPlace, match=words):
-            at_pixel.place_on_plane(space, number, np.array(at, dtype=float), EYE)
+        with pytest.raises(PlacementError, match=words):
+            at_pixel.placement_on_plane(space, number, np.array(at, dtype=float), EYE)
     assert at_pixel.level_point(place, VIEW, WIDTH / 2 + 50, HEIGHT / 2 + 100) == pytest.approx([0.23, -0.46, 0.7])
     level = replace(VIEW, rotation=np.array([[1.0, 0, 0], [0, 0, -1], [0, 1, 0]]))
-    with pytest.raises(NoPlace, match="that show the surface"):
+    with pytest.raises(PlacementError, match="that show the surface"):
         at_pixel.level_point(place, level, WIDTH / 2, HEIGHT / 2)
 
 
 def test_points_around_a_click_are_those_of_the_front() -> None:
     points = np.array([[0, 0, 1.0], [0.02, 0, 1.0], [0, 0.01, 1.05], [0, 0, 0.0], [0.5, 0, 1.0]])
-    cloud = Cloud(points, np.zeros((5, 3), np.float32), True)
+    cloud = ColouredPoints(points, np.zeros((5, 3), np.float32), True)
     near, depths = at_pixel._near(cloud, VIEW, WIDTH / 2, HEIGHT / 2)
     assert sorted(map(tuple, near.tolist())) == sorted(map(tuple, points[:3].tolist()))
     assert np.sort(depths) == pytest.approx([1.95, 2.0, 2.0])
@@ -205,7 +205,7 @@ def test_a_level_patch_is_the_top_of_a_box_and_a_slope_is_none() -> None:
     assert place.position == pytest.approx([0, 0, 0.8])
     assert (place.support, place.plane) == ("level patch", None)
     slope = _space(np.column_stack([top[:, :2], 0.8 + top[:, 0]]))
-    with pytest.raises(NoPlace, match="is not level"):
+    with pytest.raises(PlacementError, match="is not level"):
         at_pixel._level_patch(slope, VIEW, WIDTH / 2, HEIGHT / 2, ray)
 
 
@@ -267,7 +267,7 @@ def _item(view: int, origin: tuple[int, int], shape: tuple[int, int], name: str 
 
 
 def test_points_of_an_object_are_in_most_of_its_masks() -> None:
-    sight = FrontPoints(np.array([7, 8, 9]), np.array([[10.5, 10.5], [12.0, 10.0], [5.0, 11.0]]), np.ones(3), True)
+    sight = VisiblePoints(np.array([7, 8, 9]), np.array([[10.5, 10.5], [12.0, 10.0], [5.0, 11.0]]), np.ones(3), True)
     assert on_category._rows_in(_item(0, (10, 10), (2, 2)), sight).tolist() == [7]
     seen = {k: replace(sight, rows=np.arange(4)) for k in range(3)}
     parts = [(0, np.array([0, 1, 2])), (1, np.array([0, 1])), (2, np.array([0]))]
@@ -304,9 +304,9 @@ def test_masks_over_boxes_of_pixels() -> None:
 
 
 def test_rows_are_spread_evenly() -> None:
-    assert even_rows(tuple(range(10, 20)), 4) == [10, 13, 16, 19]
-    assert even_rows((5, 7), 4) == [5, 7]
-    assert even_rows((5, 7, 9), 1) == [5]
+    assert evenly_spaced(tuple(range(10, 20)), 4) == [10, 13, 16, 19]
+    assert evenly_spaced((5, 7), 4) == [5, 7]
+    assert evenly_spaced((5, 7, 9), 1) == [5]
 
 
 def test_inverse_depth_is_a_plane_over_a_mask() -> None:
@@ -338,9 +338,9 @@ def test_an_outline_is_carried_over_its_plane() -> None:
     assert moved == pytest.approx(np.column_stack([320 + FOCAL * (x - 0.3) / 3.5, 240 + FOCAL * y / 3.5]))
     assert _move_outline(outline, VIEW, other, np.array([-0.1, 0, 0])) is None
     floor = _grid((-1, -1), (1, 1), 0.0, 0.05)
-    cloud = Cloud(floor, np.zeros((len(floor), 3), np.float32), True)
+    cloud = ColouredPoints(floor, np.zeros((len(floor), 3), np.float32), True)
     scene = Scene(Path("memory"), "memory", (VIEW,), floor)
-    carrier = MaskCarrier(scene, {0: [_item(0, (300, 200), (60, 40))]}, cloud)
+    carrier = MaskPropagator(scene, {0: [_item(0, (300, 200), (60, 40))]}, cloud)
     assert carrier.masks(0, VIEW)[0].origin == (300, 200)
     (carried,) = carrier.masks(None, other)
     left, top = 320 + FOCAL * (-20 / FOCAL * 3 - 0.3) / 3.5, 240 + FOCAL * (-40 / FOCAL * 3) / 3.5
@@ -362,25 +362,25 @@ def test_a_mask_of_which_a_part_is_behind_is_not_carried() -> None:
 
 def test_what_moves_hides_by_its_upright_plane() -> None:
     item = _item(0, (310, 230), (20, 20))
-    upright = Upright(item, np.array([0.0, 0.0, 1.0]), 2.0)
+    upright = Billboard(item, np.array([0.0, 0.0, 1.0]), 2.0)
     box = PixelBox(300, 220, 340, 260)
     behind = np.full(box.shape, 3.0, np.float32)
     behind[:, 20:] = 1.5
     hidden = upright.hides(box, VIEW, behind)
     assert hidden[10:30, 10:20].all()
     assert hidden.sum() == 200
-    slanted = Upright(item, np.array([10.0, 0.0, 1.0]), 2.0).hides(box, VIEW, np.full(box.shape, 1.8, np.float32))
+    slanted = Billboard(item, np.array([10.0, 0.0, 1.0]), 2.0).hides(box, VIEW, np.full(box.shape, 1.8, np.float32))
     assert slanted[15, 10:].tolist() == [((k + 310.5 - 320) / FOCAL * 10 + 1) * 1.8 > 2.0 and k < 20 for k in range(30)]
-    front = FrontPoints(
+    front = VisiblePoints(
         np.arange(3),
         np.array([[311.0, 231.0], [309.9, 231.0], [329.9, 249.9]]),
         np.ones(3),
         False,
         np.array([True, False, True]),
     )
-    beside = points_beside(front, [item])
+    beside = static_points(front, [item])
     assert (beside.rows.tolist(), beside.observed) == ([1], np.array([False]))
-    assert points_beside(front, []) is front
+    assert static_points(front, []) is front
 
 
 def test_a_cloud_has_the_mean_colour_of_the_stills_that_see_it() -> None:
@@ -409,9 +409,9 @@ def test_what_a_picture_looks_through_is_empty_unless_it_is_dazzled(bright: bool
     if bright:
         picture[HEIGHT // 2 + 10, WIDTH // 2 - 10] = (0, 245, 0)
     stills = SimpleNamespace(scene=scene, rows=(0,), picture=lambda row: picture)
-    cloud = Cloud(floor, np.zeros((len(floor), 3), np.float32), True)
+    cloud = ColouredPoints(floor, np.zeros((len(floor), 3), np.float32), True)
     high, low, beside, above = [0, 0, 1.0], [0, 0, 0.25], [0.0, 5.0, 1.0], [0, 0, 4.0]
     places = np.array([high, low, beside, above, [0.5, 0.3, 1.0]])
-    assert shown_empty(places, cloud, stills).tolist() == [not bright, False, False, False, True]  # type: ignore[arg-type]
-    far = Cloud(floor[np.abs(floor[:, 0]) > 0.5], cloud.colours, True)
-    assert shown_empty(places[:1], far, stills).tolist() == [False]  # type: ignore[arg-type]
+    assert is_visibly_free(places, cloud, stills).tolist() == [not bright, False, False, False, True]  # type: ignore[arg-type]
+    far = ColouredPoints(floor[np.abs(floor[:, 0]) > 0.5], cloud.colours, True)
+    assert is_visibly_free(places[:1], far, stills).tolist() == [False]  # type: ignore[arg-type]

@@ -14,9 +14,9 @@ import pytest
 from estimator.projection.cameras import pixels_in_view
 from estimator.records.scene import Instance
 from insertion.composite.compositor import insert_objects, single_pictures
-from insertion.insertion_scene import PreparedScene
+from insertion.insertion_scene import InsertionScene
 from insertion.placement.at_pixel import plane_coordinates
-from insertion.placement.placed_object import Placed, place_objects, space_for
+from insertion.placement.placed_object import PlacedObject, place_objects, space_for
 from insertion.request import ObjectRequest, PixelPosition
 from insertion.result import InsertionResult
 from tests.synthetic.insertions import RecordedRoom, added, in_unit, prepared_scene_of, video_room, write_glb
@@ -37,8 +37,8 @@ BEHIND_TABLE = (5, 510.0, 262.0)
 @dataclass(frozen=True, slots=True, eq=False)
 class Inserted:
     room: RecordedRoom
-    prepared: PreparedScene
-    placed: Placed
+    prepared: InsertionScene
+    placed: PlacedObject
     result: InsertionResult
     pictures: dict[str, np.ndarray]
 
@@ -75,8 +75,8 @@ def test_a_model_that_walks_has_its_true_size_all_along(room: RecordedRoom) -> N
     (walks,) = place_objects(prepared, [request])
     some = prepared.with_frames((2, 4))
     (result,) = insert_objects(some, [walks], lambda *_: None)
-    last = prepared.footage.shots[-1]
-    for shot, frame in zip(some.footage.shots, result.frames, strict=True):
+    last = prepared.footage.frames[-1]
+    for shot, frame in zip(some.footage.frames, result.frames, strict=True):
         body = walks.body_at(shot.clock_s - prepared.start_s)
         gone = np.linalg.norm(body.position - walks.place.position) * prepared.scale.metres_per_unit
         assert gone == pytest.approx(0.4 * shot.index / last.index, abs=1e-6)
@@ -153,7 +153,7 @@ def test_far_pixels_do_not_change(inserted: Inserted) -> None:
 
 def _mean_changes(inserted: Inserted) -> dict[str, list[list[float]]]:
     """Mean change of colour by cells around the chair in each picture, and around one that a table partly hides."""
-    shot = inserted.prepared.footage.shots[BEHIND_TABLE[0]]
+    shot = inserted.prepared.footage.frames[BEHIND_TABLE[0]]
     point = PixelPosition(shot.name, *BEHIND_TABLE[1:])
     behind = place_objects(inserted.prepared, [replace(inserted.placed.request, at=point)])
     (picture,) = single_pictures(inserted.prepared, [behind], shot)
@@ -189,7 +189,7 @@ def test_the_light_on_the_object_and_around_it_is_as_it_was_looked_at(inserted: 
 def test_the_unit_of_the_reconstruction_does_not_show(inserted: Inserted) -> None:
     prepared = prepared_scene_of(in_unit(inserted.room, UNIT))
     (placed,) = place_objects(prepared, [inserted.placed.request])
-    shot = prepared.footage.shots[2]
+    shot = prepared.footage.frames[2]
     (again,) = single_pictures(prepared, [[placed]], shot)
     assert np.abs(again.astype(int) - inserted.pictures[shot.name]).max() <= 2  # levels, by rounding
 
@@ -208,7 +208,7 @@ def test_who_walks_before_an_object_hides_it(room: RecordedRoom) -> None:
     placed = place_objects(prepared, [ObjectRequest(model)])
     assert prepared.supports.ground(prepared.cloud) is not None
     some = prepared.with_frames((2, 2))
-    (shot,) = some.footage.shots
+    (shot,) = some.footage.frames
     assert shot.view is not None
     camera = shot.view.camera
     near = Instance("walker", 0, "person", np.ones((camera.height, camera.width), bool), (0, 0))

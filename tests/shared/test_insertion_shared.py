@@ -10,7 +10,7 @@ import pytest
 from estimator.instances.instance_reader import read_instances
 from estimator.projection.cameras import pixels_in_view
 from estimator.reconstructions.scene_reader import read_scene
-from insertion.footage.footage import PictureFootage, Stills
+from insertion.footage.footage import ImageSequence, Stills
 from insertion.insertion_scene import prepare_scene
 from insertion.placement.placed_object import place_objects
 from insertion.request import ObjectRequest, PixelPosition
@@ -29,7 +29,7 @@ def test_a_twin_is_as_high_as_the_bottle(shared: Path, tmp_path: Path) -> None:
     scene = read_scene(shared / "data" / "scenes" / "tum_office")
     instances = read_instances(None, scene)
     stills = Stills(scene)
-    prepared = prepare_scene(scene, stills, PictureFootage(stills), instances, MetricScale(SCALE, None, None, "option"))
+    prepared = prepare_scene(scene, stills, ImageSequence(stills), instances, MetricScale(SCALE, None, None, "option"))
     bottles = [item for item in instances if item.track == TRACK]
     shown = next(item for item in bottles if scene.views[item.view].name.startswith(FRAME))
     height, width = shown.mask.shape

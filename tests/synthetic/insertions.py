@@ -8,8 +8,8 @@ from pathlib import Path
 import numpy as np
 
 from estimator.records.scene import DenseCloud, Instance, Scene
-from insertion.footage.footage import PictureFootage, Stills
-from insertion.insertion_scene import PreparedScene, prepare_scene
+from insertion.footage.footage import ImageSequence, Stills
+from insertion.insertion_scene import InsertionScene, prepare_scene
 from insertion.scene.scale import MetricScale
 from metric_base.arrays import FloatArray
 from tests.synthetic.rooms.furnish import furnished_room, turn_about_z
@@ -65,7 +65,7 @@ def in_unit(room: RecordedRoom, factor: float) -> RecordedRoom:
     return replace(room, scene=scene, to_scene=replace(room.to_scene, scale=scale, translation=translation))
 
 
-def prepared_scene_of(room: RecordedRoom, scale_error: float = 1.0, dense: bool = True) -> PreparedScene:
+def prepared_scene_of(room: RecordedRoom, scale_error: float = 1.0, dense: bool = True) -> InsertionScene:
     """The prepared scene at the true scale times `scale_error`."""
     scene = room.scene
     if not dense:
@@ -73,7 +73,7 @@ def prepared_scene_of(room: RecordedRoom, scale_error: float = 1.0, dense: bool 
     assert dense is False or isinstance(scene.dense, DenseCloud)
     stills = Stills(scene)
     scale = MetricScale(scale_error / room.to_scene.scale, None, None, "option")
-    return prepare_scene(scene, stills, PictureFootage(stills), room.instances, scale)
+    return prepare_scene(scene, stills, ImageSequence(stills), room.instances, scale)
 
 
 def write_glb(mesh: Mesh, file: Path, colour: tuple[float, float, float] = (0.5, 0.3, 0.2)) -> Path:

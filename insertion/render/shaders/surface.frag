@@ -1,6 +1,6 @@
 #version 330
 //!lights
-//!facts
+//!gbuffer
 //!material
 //!shading
 uniform bool flat_only;         // coverage alone

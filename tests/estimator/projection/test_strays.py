@@ -9,7 +9,7 @@ import pytest
 
 from estimator.projection.visibility import Visibility
 from estimator.records.scene import Camera, Scene, View
-from insertion.scene.point_cloud import Cloud, _without_strays
+from insertion.scene.point_cloud import ColouredPoints, _without_strays
 from insertion.scene.stray_points import stray_points
 from metric_base.arrays import FloatArray
 
@@ -48,7 +48,7 @@ def test_a_cluster_in_the_air_goes_and_a_post_stays(width: float) -> None:
     assert not stray[: len(wall)].any()
     # what is left of the lists of the views means the same points
     known = Visibility(tuple(seen_by), np.array([view.centre for view in views]), np.tile([0.0, 0, 1], (5, 1)), True)
-    cloud = Cloud(points, np.zeros((len(points), 3), np.float32), True, visibility=known)
+    cloud = ColouredPoints(points, np.zeros((len(points), 3), np.float32), True, visibility=known)
     scene = Scene(Path(), "colmap", tuple(views), points, None)
     left = _without_strays(cloud, scene)
     assert len(left.points) == np.count_nonzero(~stray)

@@ -1,6 +1,6 @@
 #version 330
 // Facts without light, to be lit once a pixel instead of once a triangle.
-//!facts
+//!gbuffer
 //!material
 uniform vec3 eye;
 layout(location = 0) out vec4 place_rough;

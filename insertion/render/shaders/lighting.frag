@@ -1,7 +1,7 @@
 #version 330
 // Lights the samples of each pixel that differ, and takes their mean.
 //!lights
-//!facts
+//!gbuffer
 //!shading
 uniform sampler2DMS place_rough, normal_metal, geometric_depth, base_alpha, glow_covered;
 layout(location = 0) out vec4 colour;   // linear, premultiplied

@@ -1,0 +1,79 @@
+"""The light of a scene, and the environment map at any position in it."""
+
+from __future__ import annotations
+
+from functools import cached_property, partial
+
+import numpy as np
+
+from estimator.geometry.planes import level_basis
+from estimator.records.scene import Scene
+from insertion.footage.footage import Stills
+from insertion.light.environment_estimate import OutdoorLight, environment_at, is_outdoors
+from insertion.light.environment_map import Environment
+from insertion.light.lamp_candidates import is_visibly_free
+from insertion.light.lamp_fit import RoomLight, fit_room_light
+from insertion.light.sun import sun_direction
+from insertion.scene.occupancy import occupancy_of
+from insertion.scene.plane_cells import find_plane_cells
+from insertion.scene.point_cloud import ColouredPoints
+from insertion.scene.supports import SupportSurfaces
+from metric_base.arrays import FloatArray
+
+
+class LightModel:
+    """Light of a scene, estimated from the images of the reconstruction.
+
+    Parameters
+    ----------
+    scene : Scene
+        The reconstruction.
+    stills : Stills
+        Its images.
+    supports : SupportSurfaces
+        The vertical, and the ground outdoors.
+    cloud : ColouredPoints
+        Points that the lamps or the sun are fitted to.
+    static : ColouredPoints, optional
+        Points for the environment maps, without those on moving objects; `cloud` by default.
+    """
+
+    def __init__(
+        self,
+        scene: Scene,
+        stills: Stills,
+        supports: SupportSurfaces,
+        cloud: ColouredPoints,
+        static: ColouredPoints | None = None,
+    ) -> None:
+        self._scene, self._stills, self._supports = scene, stills, supports
+        self._cloud, self._static = cloud, cloud if static is None else static
+
+    @cached_property
+    def source(self) -> RoomLight | OutdoorLight | None:
+        """Lamps of a room, or the sun and the sky; None if neither is determined.
+
+        The fit takes 1 to 2 s, so it runs on first use.
+        """
+        up = self._supports.up.vector
+        if is_outdoors(self._cloud, self._stills, up):
+            ground = self._supports.ground(self._cloud)
+            return OutdoorLight(None if ground is None else sun_direction(self._cloud, self._stills, ground.plane))
+        cells = find_plane_cells(self._cloud, np.array([view.centre for view in self._scene.views]))
+        if not len(cells.positions):
+            return None
+        is_free = partial(is_visibly_free, cloud=self._cloud, stills=self._stills)
+        return fit_room_light(cells, up, is_free, occupancy_of(self._cloud))
+
+    def environment(self, position: FloatArray, height: float) -> Environment:
+        """Return the environment map about the middle of an object.
+
+        Parameters
+        ----------
+        position : (3,) ndarray of float
+            Bottom centre of the object in the scene.
+        height : float
+            Height of the object, in scene units.
+        """
+        basis = level_basis(self._supports.up.vector)
+        return environment_at(position, height, basis, self._static, self._stills, self.source)

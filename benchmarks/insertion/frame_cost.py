@@ -99,7 +99,7 @@ def run(work: Path) -> tuple[float, float, dict[str, list[dict[str, dict[str, fl
 def drawing_cost(work: Path) -> tuple[float, float]:
     """CPU seconds a frame of the renderer alone, and of all that is drawn, without decoding and encoding."""
     from insertion.composite import compositor as frames
-    from insertion.insert import open_scene
+    from insertion.insertion_scene import open_scene
     from insertion.placement.placed_object import place_objects
     from insertion.render.renderer import ObjectRenderer
     from insertion.request import ObjectRequest, SceneSource
@@ -117,12 +117,20 @@ def drawing_cost(work: Path) -> tuple[float, float]:
         return run_it
 
     prepared = open_scene(SceneSource(folder=work, scale=read_scale(work, None)))
-    placed = place_objects(prepared, [ObjectRequest(MODEL)])
+    placed = place_objects([ObjectRequest(MODEL)], prepared.space, prepared.footage.frames)
     with (
         mock.patch.object(ObjectRenderer, "image", clocked(ObjectRenderer.image, "alone")),
-        mock.patch.object(frames._Compositor, "draw", clocked(frames._Compositor.draw, "whole")),
+        mock.patch.object(frames.Compositor, "draw", clocked(frames.Compositor.draw, "whole")),
     ):
-        frames.insert_objects(prepared, placed, lambda *_: None, video=True)
+        frames.composite_footage(
+            placed,
+            prepared.light,
+            prepared.content,
+            prepared.footage,
+            prepared.scale,
+            lambda *_: None,
+            smooth_look=True,
+        )
     count = len(prepared.footage.frames)
     return spent["alone"] / count, spent["whole"] / count
 

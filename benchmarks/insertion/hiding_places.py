@@ -29,7 +29,7 @@ def hiding_place(world: World, mesh: Mesh) -> tuple[FloatArray, FloatArray, Floa
     """
     with Renderer(world) as renderer:
         depths = [renderer.frame(k, colour=False).depth for k in range(len(world.poses))]
-    taken = _points(world, depths)
+    taken = sample_lamps(world, depths)
     samples = _samples(mesh)
     best, score = None, -1.0
     middle = world.poses[len(world.poses) // 2].centre
@@ -60,7 +60,7 @@ def _samples(mesh: Mesh) -> FloatArray:
     return np.asarray(np.einsum("nk,nkc->nc", weights, corners[rows]))
 
 
-def _points(world: World, depths: Sequence[np.ndarray]) -> FloatArray:
+def sample_lamps(world: World, depths: Sequence[np.ndarray]) -> FloatArray:
     """(n, 3) places that the frames see."""
     camera, all_of_them = world.camera, []
     y, x = np.mgrid[0 : camera.height : PIXELS, 0 : camera.width : PIXELS]

@@ -214,7 +214,7 @@ def frame_outlines(
         front = visible_points(view, each.cloud, row)
         masks, support = each.carrier.masks(row, view), on_support(hidden.body, each.cloud, front)
         for guided, picture in enumerate((None, hidden.pictures[index][box.slices])):
-            share = occluded_fraction(layer, box, view, masks, front, support, picture).share
+            share = occluded_fraction(layer, box, view, masks, front, support, picture)[0]
             outlines[1 + 2 * number + guided][box.slices] = layer.alpha * (1 - share) > 0.5
     return outlines
 

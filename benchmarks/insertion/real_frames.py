@@ -18,7 +18,7 @@ from estimator.reconstructions.scene_reader import read_scene
 from estimator.records.scene import Instance
 from insertion.colour import linear_to_srgb
 from insertion.composite.camera_look import measure_look
-from insertion.insert import open_scene
+from insertion.insertion_scene import open_scene
 from insertion.request import SceneSource
 from insertion.scene.pixel_box import PixelBox, mask_in_box
 from insertion.scene.point_cloud import ColouredPoints, VisiblePoints
@@ -60,7 +60,7 @@ def _masks_by_picture(folder: Path, moving: Path | None) -> dict[str, list[Insta
     """The masks of each picture: of what moves where its file is stated, else those of the scene."""
     if moving is not None:
         prepared = open_scene(SceneSource(folder=folder, scale=read_scale(folder, None), moving=moving))
-        return {shot.name: list(prepared.moving.get(shot.index, ())) for shot in prepared.footage.frames}
+        return {shot.name: list(prepared.content.moving.get(shot.index, ())) for shot in prepared.footage.frames}
     scene = read_scene(folder)
     known = any((folder / name).exists() for name in ("instances.json", "instances"))
     instances = read_instances(None, scene) if known else ()

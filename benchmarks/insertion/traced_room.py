@@ -19,17 +19,16 @@ from numpy.typing import NDArray
 
 from benchmarks.insertion.traced_scene import FOCAL, ROOMS, SIZE, TO_JOB, VIEWS, TracedRoom, traced_pictures
 from insertion.colour import luminance, srgb_to_linear
-from insertion.composite.compositor import insert_objects
 from insertion.exports.metric_frame import MetricTransform, metric_transform, object_matrix
 from insertion.insertion_scene import InsertionScene
 from insertion.placement.at_pixel import plane_coordinates
-from insertion.placement.free_space import candidates
+from insertion.placement.free_space import free_positions
 from insertion.placement.model_size import ModelSize
-from insertion.placement.placed_object import PlacedObject, place_objects, space_for
+from insertion.placement.placed_object import PlacedObject, footprint
 from insertion.request import ObjectRequest
 from insertion.scene.camera_rays import camera_rays
 from models3d.gltf.model_reader import read_model
-from tests.synthetic.insertions import RecordedRoom, prepared_scene_of, write_glb
+from tests.synthetic.insertions import RecordedRoom, composite_into, place_in, prepared_scene_of, write_glb
 from tests.synthetic.rooms.furnish import furnished_room
 from tests.synthetic.rooms.knobs import Knobs
 from tests.synthetic.rooms.quick import quick_scene
@@ -75,7 +74,7 @@ def judge(room: TracedRoom, out: Path) -> dict[str, Any]:
     prepared = prepared_scene_of(RecordedRoom(world, scene, synthetic.instances, out, to_scene))
     placed = _placed(prepared, write_glb(solid(room.category, np.array(room.size)), out / "object.glb", room.colour))
     ours: list[NDArray[np.uint8]] = []
-    results = insert_objects(prepared, [placed], lambda _, picture: ours.append(picture))
+    results = composite_into(prepared, [placed], lambda _, picture: ours.append(picture))
     boxes = [frame.silhouette for frame in results[0].frames]
     shown = [
         0.0 if box is None else box[3] * frame.visible for box, frame in zip(boxes, results[0].frames, strict=True)
@@ -87,10 +86,11 @@ def judge(room: TracedRoom, out: Path) -> dict[str, Any]:
 
 def _placed(prepared: InsertionScene, model: Path) -> PlacedObject:
     """The object at the best free place of the floor."""
-    space = space_for(prepared, read_model(model), ModelSize(1.0, "file"))
-    place = next(one for one in candidates(space) if one.plane == 0)
-    x, y = plane_coordinates(space, place) * prepared.scale.metres_per_unit
-    return place_objects(prepared, [ObjectRequest(model, plane=0, xy_m=(float(x), float(y)), facing=30.0)])[0]
+    metres_per_unit = prepared.scale.metres_per_unit
+    radius, height = footprint(read_model(model), ModelSize(1.0, "file"), metres_per_unit)
+    place = next(one for one in free_positions(prepared.space, radius, height) if one.plane == 0)
+    x, y = plane_coordinates(prepared.space, place) * prepared.scale.metres_per_unit
+    return place_in(prepared, [ObjectRequest(model, plane=0, xy_m=(float(x), float(y)), facing=30.0)])[0]
 
 
 def _object_in_world(placed: PlacedObject, prepared: InsertionScene, to_scene: Similarity) -> dict[str, Any]:
@@ -123,7 +123,7 @@ def _compared(
     dark: list[list[NDArray[np.float32]]] = [[], []]
     ways = np.zeros((2, 3))  # sums of x, y and weight; each view sees another part of a shadow and has its true weight
     for row, one, two in zip(rows, ours, truth, strict=True):
-        bare, mask = prepared.stills.picture(row), _object_mask(prepared, placed, row)
+        bare, mask = prepared.stills.image(row), _object_mask(prepared, placed, row)
         inner = cv2.erode(mask.astype(np.uint8), np.ones((3, 3), np.uint8)) > 0
         outside = ~(cv2.dilate(mask.astype(np.uint8), np.ones((5, 5), np.uint8)) > 0)
         ratios = [cv2.GaussianBlur(_ratio(picture, bare), (0, 0), 1.0) for picture in (one, two)]
@@ -161,9 +161,9 @@ def _floor_places(
     prepared: InsertionScene, placed: PlacedObject, row: int
 ) -> tuple[NDArray[np.float64], NDArray[np.bool_]]:
     """(h, w, 2) place of each pixel on the floor about the object's foot in its heights, and whether it is near."""
-    view, basis = prepared.scene.views[row], placed.place.basis
+    view, basis = prepared.scene.views[row], placed.placement.basis
     rays = np.dstack([camera_rays(view.camera), np.ones(SIZE[::-1])]) @ view.rotation @ basis.T
-    start = basis @ (view.centre - placed.place.position)
+    start = basis @ (view.centre - placed.placement.position)
     with np.errstate(divide="ignore", invalid="ignore"):
         flat = start[:2] + rays[..., :2] * np.where(rays[..., 2] < 0, -start[2] / rays[..., 2], np.nan)[..., None]
     flat = np.nan_to_num(flat / (placed.size_m["height"] / prepared.scale.metres_per_unit), nan=1e6)
@@ -186,7 +186,7 @@ def _object_mask(prepared: InsertionScene, placed: PlacedObject, row: int) -> ND
 
     view = prepared.scene.views[row]
     ones = np.ones((HEIGHT, WIDTH, 3), np.float32)
-    renderer = ObjectRenderer(gl_context(), placed.body, Environment(ones, placed.place.basis, ones[..., 0]))
+    renderer = ObjectRenderer(gl_context(), placed.body, Environment(ones, placed.placement.basis, ones[..., 0]))
     window = window_behind(view.camera, PixelBox(0, 0, view.camera.width, view.camera.height))
     alpha = renderer.outline(window, view.rotation, view.translation, 1.0)
     y, x = -window.y0, -window.x0

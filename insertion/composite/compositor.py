@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 import time
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import AbstractContextManager, closing, nullcontext
@@ -246,12 +247,7 @@ class Compositor:
         traced = None if tracer is None else tracer(frame)
 
         # 2. Each object with its occluders and its shadow; objects out of the frame have no layers.
-        by_index: dict[int, ObjectComposite] = {}
-        for index, (item, renderer) in enumerate(zip(self._objects, self.renderers, strict=True)):
-            layered_item = self._layer(item, renderer, view, plate, visible, traced is not None)
-            if layered_item is not None:
-                by_index[index] = layered_item
-        by_index = dict(zip(by_index, occlude_mutually(list(by_index.values())), strict=True))
+        by_index = self._layers(view, plate, visible, full_size=traced is not None)
 
         # 3. The composite, with the look of the camera and grain that depends on the frame only.
         layered, seed = list(by_index.values()), frame.index * 16
@@ -259,46 +255,40 @@ class Compositor:
             composite = composite_objects(plate, layered, look, seed)
         else:
             composite = composite_traced(plate, traced, layered, look, seed)
-        image = composite.image
-        for index, renderer in enumerate(self.renderers):
+        for index, reports in enumerate(self.reports):
             shown = by_index.get(index)
             silhouette, fraction = None, 0.0
             if shown is not None:
                 silhouette, fraction = shown.layers.silhouette, shown.visible
                 for sink in self._sinks:
                     sink.layers(frame, index, shown)
-            self.reports[index].append(FrameReport(frame.name, frame.time_s, silhouette, fraction))
-            for ratio, colour in self._outlines:
-                image = draw_outline(image, view, renderer, ratio, colour)
+            reports.append(FrameReport(frame.name, frame.time_s, silhouette, fraction))
         for sink in self._sinks:
             sink.composite(frame, composite)
+        image = composite.image
+        for renderer, (ratio, colour) in itertools.product(self.renderers, self._outlines):
+            image = draw_outline(image, view, renderer, ratio, colour)
         return image
 
-    def _layer(
-        self,
-        item: PlacedObject,
-        renderer: ObjectRenderer,
-        view: View,
-        plate: Image,
-        visible: VisibleFrame,
-        full_size: bool,
-    ) -> ObjectComposite | None:
-        """Return the layers of one object with its occlusion and its shadow; None if it is out of the frame."""
-        layers = object_layers(renderer, view, full_size)
-        if layers is None:
-            return None
-        body, surface, points = renderer.body, item.surface, visible.points
-        sigma = 0.0 if surface is None else surface.plane.sigma
-        support = on_support(body, self._content.cloud, points, sigma)
-        part = plate[layers.box.slices]
-        occluded, occluders = occluded_fraction(
-            layers.image, layers.box, view, visible.masks, points, support, part, visible.billboards
-        )
-        masks = [*visible.masks, *visible.moving]
-        transmitted = transmitted_light(
-            layers, renderer.irradiance_fraction, body, view, points, masks, surface, occluders
-        )
-        return ObjectComposite(layers, occluded, transmitted)
+    def _layers(self, view: View, plate: Image, visible: VisibleFrame, full_size: bool) -> dict[int, ObjectComposite]:
+        """Return the layers of the objects with occlusion and shadow, by index; none for those out of the frame."""
+        by_index: dict[int, ObjectComposite] = {}
+        points, masks = visible.points, [*visible.masks, *visible.moving]
+        for index, (item, renderer) in enumerate(zip(self._objects, self.renderers, strict=True)):
+            layers = object_layers(renderer, view, full_size)
+            if layers is None:
+                continue
+            body, surface, box = renderer.body, item.surface, layers.box
+            sigma = 0.0 if surface is None else surface.plane.sigma
+            support = on_support(body, self._content.cloud, points, sigma)
+            occluded, occluders = occluded_fraction(
+                layers.image, box, view, visible.masks, points, support, plate[box.slices], visible.billboards
+            )
+            transmitted = transmitted_light(
+                layers, renderer.irradiance_fraction, body, view, points, masks, surface, occluders
+            )
+            by_index[index] = ObjectComposite(layers, occluded, transmitted)
+        return dict(zip(by_index, occlude_mutually(list(by_index.values())), strict=True))
 
     def _move_objects(self, time_s: float) -> None:
         """Move animated objects to their poses `time_s` seconds after the first frame.

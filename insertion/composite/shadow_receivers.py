@@ -110,8 +110,7 @@ def transmitted_light(
 
     # 2. Depth of each cell, that of the nearest points of the same instance.
     coarse, plane_depth = labels[cells], layers.plane_depth[cells]
-    reach = MAX_POINT_PX * view.camera.width / 640 / step
-    depth = _cell_depths(coarse, point_labels, pixels, inside.depths, reach)
+    depth = _cell_depths(coarse, point_labels, pixels, inside.depths, MAX_POINT_PX * view.camera.width / 640 / step)
 
     # 3. Cells of the support plane: their depth is that of the plane, or they are bare and nothing is in front.
     rays = camera_rays(view.camera)[box.slices][cells]
@@ -123,8 +122,9 @@ def transmitted_light(
     if is_bare.any():
         tolerance = max(PLANE_DEPTH_TOLERANCE, MAX_UNEVENNESS * body.unit / max(camera_height, 1e-9))
         has_no_label = point_labels == 0
-        min_depth = plane_depth * (1 - tolerance)
-        is_bare &= is_not_closer(is_bare, min_depth, pixels[has_no_label], inside.depths[has_no_label])
+        is_bare &= is_not_closer(
+            is_bare, plane_depth * (1 - tolerance), pixels[has_no_label], inside.depths[has_no_label]
+        )
         if surface is not None:
             flat = scene_positions(view, rays, plane_depth) @ surface.plane.basis[:2].T
             is_bare &= surface.contains(flat.reshape(-1, 2)).reshape(is_bare.shape)
@@ -145,12 +145,11 @@ def transmitted_light(
     # 5. Enlarge within the support plane and within other instances, so that no shadow crosses an edge.
     is_apart = ~np.isin(labels, flat_labels)
     coarse_apart = is_apart[cells]
-    shape = box.shape
-    plane_fraction = enlarge_within(on_plane[..., None].astype(np.float32), ~coarse_apart, 0.7, shape)
+    plane_fraction = enlarge_within(on_plane[..., None].astype(np.float32), ~coarse_apart, 0.7, box.shape)
     loss = np.where(is_known[..., None], 1 - received, 0.0).astype(np.float32)
-    light = 1 - (1 - layers.catcher_light) * plane_fraction - enlarge_within(loss, ~coarse_apart, 1.0, shape)
+    light = 1 - (1 - layers.catcher_light) * plane_fraction - enlarge_within(loss, ~coarse_apart, 1.0, box.shape)
     if coarse_apart.any():
-        light = np.where(is_apart[..., None], 1 - enlarge_within(loss, coarse_apart, 1.0, shape), light)
+        light = np.where(is_apart[..., None], 1 - enlarge_within(loss, coarse_apart, 1.0, box.shape), light)
     light[occluders] = 1.0
     return np.asarray(np.clip(light, 0.0, 1.0), dtype=np.float32)
 

@@ -99,12 +99,8 @@ def room_candidates(
     occupancy : Occupancy, optional
         Grid that casts shadows.
     """
-    # 1. Axes of the room, along the walls if there are any, and its extent.
-    upright = cells.normals[np.abs(cells.normals @ up) < MAX_WALL_UP_COSINE]
-    across = upright[0] if len(upright) else np.array([1.0, 0, 0] if abs(up[0]) < 0.8 else [0, 1.0, 0])
-    across = across - (across @ up) * up
-    across /= np.linalg.norm(across)
-    basis = np.array([across, np.cross(up, across), up])
+    # 1. Axes of the room and its extent.
+    basis = room_axes(cells, up)
     local = cells.positions @ basis.T
     low, high = local.min(axis=0), local.max(axis=0)
     high[2] = max(
@@ -145,6 +141,15 @@ def room_candidates(
     ceiling_irradiance = _ceiling_irradiance(ceiling, positions, facing)
     spacing = float(steps[0][1] - steps[0][0])
     return Candidates(positions, facing, irradiance, ceiling_irradiance, log_prior, spacing, basis, excluded, ceiling)
+
+
+def room_axes(cells: PlaneCells, up: FloatArray) -> FloatArray:
+    """Return two horizontal unit axes, along the walls if there are any, and up as rows (3, 3)."""
+    upright = cells.normals[np.abs(cells.normals @ up) < MAX_WALL_UP_COSINE]
+    across = upright[0] if len(upright) else np.array([1.0, 0, 0] if abs(up[0]) < 0.8 else [0, 1.0, 0])
+    across = across - (across @ up) * up
+    across /= np.linalg.norm(across)
+    return np.array([across, np.cross(up, across), up])
 
 
 def local_candidates(

@@ -382,10 +382,7 @@ def _refine_lamps(
     for step in range(rounds * len(lamps)):
         index = step % len(lamps)
         if index == 0:
-            factor, gain = (grid.ravel() for grid in np.meshgrid(LOCAL_FACTORS, UNSEEN_GAIN_GRID))
-            best = int(_lamp_log_posterior(planes, *_totals(lamps, planes, factor), gain).argmax())
-            lamps = [fitted.scaled(float(factor[best])) for fitted in lamps]
-            planes = replace(planes, gain=float(gain[best]))
+            lamps, planes = balance_lamps(lamps, planes)
         old, others = lamps[index], lamps[:index] + lamps[index + 1 :]
         spread = candidates.spacing * SHRINK ** (step // len(lamps))
         near = local_candidates(candidates, old.position, old.facing, spread, planes.cells, planes.occupancy, generator)
@@ -393,6 +390,13 @@ def _refine_lamps(
         lamps = [*others[:index], new, *others[index:]]
     score = lamps[-1].score
     return [replace(fitted, score=score) for fitted in lamps], planes
+
+
+def balance_lamps(lamps: list[_FittedLamp], planes: PlaneShading) -> tuple[list[_FittedLamp], PlaneShading]:
+    """Return the most likely common factor of all strengths, with the brightness of the unseen surfaces."""
+    factor, gain = (grid.ravel() for grid in np.meshgrid(LOCAL_FACTORS, UNSEEN_GAIN_GRID))
+    best = int(_lamp_log_posterior(planes, *_totals(lamps, planes, factor), gain).argmax())
+    return [fitted.scaled(float(factor[best])) for fitted in lamps], replace(planes, gain=float(gain[best]))
 
 
 def _best_lamp(

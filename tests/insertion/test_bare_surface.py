@@ -11,8 +11,7 @@ import pytest
 from estimator.records.objects import Up
 from estimator.records.scene import Camera, Scene, View
 from insertion.placement.at_pixel import placement_at_pixel
-from insertion.placement.free_space import Space
-from insertion.placement.placement import PlacementError
+from insertion.placement.placement import PlacementError, PlacementSpace
 from insertion.scene.point_cloud import ColouredPoints
 from insertion.scene.supports import SupportSurfaces, support_surfaces
 from metric_base.arrays import FloatArray
@@ -32,10 +31,10 @@ def _ring(height: float, count: int, turn: float = 0.0) -> FloatArray:
     return np.column_stack([reach * np.cos(angle), reach * np.sin(angle), np.full(count, height)])
 
 
-def _space(points: FloatArray) -> Space:
+def _space(points: FloatArray) -> PlacementSpace:
     cloud = ColouredPoints(points, np.zeros((len(points), 3), np.float32), False)
-    scene = Scene(Path("memory"), "memory", (VIEW,), points)
-    return Space(scene, cloud, SupportSurfaces(Up(np.array([0.0, 0.0, 1.0]), "cameras", 0.0), ()), 0.1, 0.2)
+    supports = SupportSurfaces(Up(np.array([0.0, 0.0, 1.0]), "cameras", 0.0), ())
+    return PlacementSpace((VIEW,), cloud, supports, (), 1.0)
 
 
 @pytest.mark.parametrize("others", [0, 8])
@@ -43,7 +42,7 @@ def test_the_place_is_at_the_height_of_most_points_around_it(others: int) -> Non
     """Twelve points share a height; up to eight others, each at one of its own, are lower or higher."""
     heights = np.array([-0.9, -0.7, -0.5, -0.3, 1.0, 1.1, 1.2, 1.3])[:others]
     points = np.vstack([_ring(0.0, 12), *(_ring(one, 1, turn=k + 0.3) for k, one in enumerate(heights))])
-    place = placement_at_pixel(_space(points), VIEW, WIDTH / 2, HEIGHT / 2)
+    place = placement_at_pixel(_space(points), VIEW, WIDTH / 2, HEIGHT / 2, 0.1)
     assert place.support == "bare surface"
     np.testing.assert_allclose(place.position, [0, 0, 0], atol=1e-6)
 
@@ -51,25 +50,26 @@ def test_the_place_is_at_the_height_of_most_points_around_it(others: int) -> Non
 def test_without_a_common_height_there_is_no_place() -> None:
     points = np.vstack([_ring(-1.0 + 0.2 * k, 1, turn=0.5 * k) for k in range(10)])
     with pytest.raises(PlacementError, match="no level surface was reconstructed"):
-        placement_at_pixel(_space(points), VIEW, WIDTH / 2, HEIGHT / 2)
+        placement_at_pixel(_space(points), VIEW, WIDTH / 2, HEIGHT / 2, 0.1)
 
 
 def test_what_is_nearer_at_the_click_hides_the_surface() -> None:
     points = np.vstack([_ring(0.0, 12), [[0.001 * k, 0.0, 1.5] for k in range(3)]])
     with pytest.raises(PlacementError, match="no level surface was reconstructed"):
-        placement_at_pixel(_space(points), VIEW, WIDTH / 2, HEIGHT / 2)
+        placement_at_pixel(_space(points), VIEW, WIDTH / 2, HEIGHT / 2, 0.1)
 
 
-def _road(points: FloatArray) -> Space:
+def _road(points: FloatArray) -> PlacementSpace:
     """A road, seen in a patch of 2 x 2 beside the middle of the picture, a wall beside it, and points elsewhere."""
     spread = np.random.default_rng(0).uniform(-1, 1, (1500, 3))
     known = np.vstack([spread * [1, 1, 0.001] - [1.5, 0, 0], spread * [0.01, 1, 1] + [-2.5, 0, 1]])
     space = _space(np.vstack([known, points]))
-    return replace(space, supports=support_surfaces(replace(space.scene, points=known), space.cloud, space.supports.up))
+    scene = Scene(Path("memory"), "memory", (VIEW,), known)
+    return replace(space, supports=support_surfaces(scene, space.cloud, space.supports.up))
 
 
 def test_the_ground_goes_on_beside_what_was_seen_of_it() -> None:
-    place = placement_at_pixel(_road(np.empty((0, 3))), VIEW, WIDTH / 2 + 20, HEIGHT / 2)
+    place = placement_at_pixel(_road(np.empty((0, 3))), VIEW, WIDTH / 2 + 20, HEIGHT / 2, 0.1)
     assert place.support == "bare surface"
     np.testing.assert_allclose(place.position, [20 / FOCAL * EYE[2], 0, 0], atol=0.02)
 
@@ -77,11 +77,11 @@ def test_the_ground_goes_on_beside_what_was_seen_of_it() -> None:
 def test_the_ground_is_no_place_where_the_picture_shows_something_above_it() -> None:
     rising = np.vstack([_ring(0.4 + 0.05 * k, 1, turn=0.1 * k) for k in range(40)])
     with pytest.raises(PlacementError, match="no level surface was reconstructed"):
-        placement_at_pixel(_road(rising), VIEW, WIDTH / 2 + 20, HEIGHT / 2)
+        placement_at_pixel(_road(rising), VIEW, WIDTH / 2 + 20, HEIGHT / 2, 0.1)
 
 
 def test_what_rises_a_little_beside_the_ground_does_not_take_the_place() -> None:
     """Kerbs and plants, nearer than the ground by less than a tenth."""
     kerb = np.vstack([_ring(0.1 + 0.02 * k, 1, turn=0.7 * k) for k in range(10)])
-    place = placement_at_pixel(_road(kerb), VIEW, WIDTH / 2 + 20, HEIGHT / 2)
+    place = placement_at_pixel(_road(kerb), VIEW, WIDTH / 2 + 20, HEIGHT / 2, 0.1)
     np.testing.assert_allclose(place.position, [20 / FOCAL * EYE[2], 0, 0], atol=0.02)

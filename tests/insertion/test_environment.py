@@ -12,7 +12,6 @@ from insertion.light.environment_map import (
     WIDTH,
     Environment,
     SphereLights,
-    _shrink,
     ggx_lobe,
     map_directions,
     prefiltered_environment,
@@ -21,15 +20,13 @@ from insertion.light.environment_map import (
 from insertion.light.lamp_fit import Lamp
 from insertion.light.light_samples import (
     LAMP_SIGMA,
-    LEAST_RADII,
+    MIN_DISTANCE_RADII,
     LightSamples,
-    _cut,
-    _half,
-    _halves,
-    _points,
+    divide_box,
+    median_cut,
+    sample_lamps,
     sample_lights,
 )
-from insertion.request import Placement
 from insertion.scene.occupancy import Occupancy
 from insertion.scene.point_cloud import ColouredPoints
 
@@ -89,13 +86,11 @@ def test_the_lobe_is_ggx_about_half_the_angle() -> None:
     assert ggx_lobe(np.array(0.5), 0.5) == pytest.approx(alpha2 / (0.75 * (alpha2 - 1) + 1) ** 2 * 0.5)
     assert ggx_lobe(np.array(-0.5), 0.5) == 0
     assert ggx_lobe(np.array(1.0), 0.01) == ggx_lobe(np.array(1.0), 0.05)
-    blocks = np.arange(24, dtype=np.float32).reshape(4, 6, 1).repeat(3, axis=2)
-    assert _shrink(blocks, 2, 3)[..., 1] == pytest.approx(np.array([[3.5, 5.5, 7.5], [15.5, 17.5, 19.5]]))
 
 
 def test_lights_have_the_energy_the_angle_and_the_middle_of_a_map() -> None:
     environment = _even(0.25)
-    lights = _cut(environment, environment.radiance, 5)
+    lights = median_cut(environment, environment.radiance, 5)
     assert lights.power.sum(axis=0) == pytest.approx(np.full(3, np.pi), rel=1e-6)
     assert lights.angle.sum() == pytest.approx(4 * np.pi)
     assert len(lights.near) == 32
@@ -117,13 +112,15 @@ def test_a_bright_spot_has_a_light_of_its_own() -> None:
 
 
 def test_a_part_is_cut_where_its_energy_halves() -> None:
-    assert [_half(np.array(sums, dtype=float)) for sums in ([1, 1, 1, 1], [4, 1, 1], [1, 1, 4], [0, 0])] == [2, 1, 2, 1]
+    for sums, cut in (([1, 1, 1, 1], 2), ([4, 1, 1], 1), ([1, 1, 4], 2), ([0, 0], 1)):
+        row = np.array(sums, dtype=float)[None]
+        assert divide_box(row, (0, 1, 0, len(sums))) == [(0, 1, 0, cut), (0, 1, cut, len(sums))]
     bright = np.ones((8, 16))
-    assert _halves(bright, (2, 6, 0, 16)) == [(2, 6, 0, 8), (2, 6, 8, 16)]
-    assert _halves(bright, (0, 8, 3, 5)) == [(0, 4, 3, 5), (4, 8, 3, 5)]
-    assert _halves(bright, (0, 1, 0, 4)) == [(0, 1, 0, 2), (0, 1, 2, 4)]
-    assert _halves(bright, (3, 4, 5, 6)) == [(3, 4, 5, 6)]
-    assert _halves(bright, (3, 5, 5, 6)) == [(3, 4, 5, 6), (4, 5, 5, 6)]
+    assert divide_box(bright, (2, 6, 0, 16)) == [(2, 6, 0, 8), (2, 6, 8, 16)]
+    assert divide_box(bright, (0, 8, 3, 5)) == [(0, 4, 3, 5), (4, 8, 3, 5)]
+    assert divide_box(bright, (0, 1, 0, 4)) == [(0, 1, 0, 2), (0, 1, 2, 4)]
+    assert divide_box(bright, (3, 4, 5, 6)) == [(3, 4, 5, 6)]
+    assert divide_box(bright, (3, 5, 5, 6)) == [(3, 4, 5, 6), (4, 5, 5, 6)]
 
 
 def test_lights_from_another_place() -> None:
@@ -137,28 +134,28 @@ def test_lights_from_another_place() -> None:
     assert side.power[:, 0] == pytest.approx([3.0 * 2**2 / 2.5**2, 1.0])
     assert side.near == pytest.approx([1 / 2.5, 0.0])
     large = lights.seen_from(np.zeros(3), 2.0)
-    assert large.near == pytest.approx([1 / (LEAST_RADII * 2.0), 0.0])
+    assert large.near == pytest.approx([1 / (MIN_DISTANCE_RADII * 2.0), 0.0])
     assert lights.scaled(0.1).near == pytest.approx([0.05, 0.0])
     assert lights.above_horizon(np.array([1.0, 0.0, 0.0])).angle.tolist() == [0.1]
-    assert lights.rows(np.array([True, False])).angle.tolist() == [0.0]
+    assert lights.subset(np.array([True, False])).angle.tolist() == [0.0]
 
 
 def test_a_lamp_becomes_points_all_over_it() -> None:
     lamp = SphereLights(
         np.array([[0.0, 0, 3.0]]), np.array([[2.0, 1.0, 0.5]]), np.array([0.5]), np.array([0.0, 0, 1.0])
     )
-    points = _points(lamp, 512)
-    places = points.directions / points.near[:, None] + lamp.middle
+    points = sample_lamps(lamp, 512)
+    places = points.directions / points.near[:, None] + lamp.centre
     assert places.mean(axis=0) == pytest.approx([0, 0, 3.0], abs=0.02)
     assert places.std(axis=0) == pytest.approx(np.full(3, LAMP_SIGMA * 0.5), rel=0.05)
     assert points.power.sum(axis=0) == pytest.approx(np.array([2.0, 1.0, 0.5]) / 2**2, rel=1e-6)
     assert not points.angle.any()
     inside = SphereLights(np.array([[0.0, 0, 0.01]]), np.ones((1, 3)), np.array([0.5]), np.zeros(3))
-    assert (1 / _points(inside, 64).near).min() >= 0.25  # not nearer than its own radius
+    assert (1 / sample_lamps(inside, 64).near).min() >= 0.25  # not nearer than its own radius
     two = SphereLights(
         np.array([[0.0, 0, 1.0], [0.0, 0, -2.0]]), np.full((2, 3), 3.0), np.array([0.01, 0.01]), np.zeros(3)
     )
-    below = _points(two, 100).directions[:, 2] < 0
+    below = sample_lamps(two, 100).directions[:, 2] < 0
     assert np.count_nonzero(below) == 20  # 3 / 4 against 3
 
 
@@ -168,24 +165,24 @@ def test_a_lamp_shines_by_its_facing_and_colour() -> None:
     lamp = Lamp(places, down, np.array([0.25, 0.75]), np.array([4.0, 8.0]), 0.3, np.array([1.0, 0.5, 2.0]))
     bulb = Lamp(places[:1], np.zeros((1, 3)), np.ones(1), np.array([5.0]), 0.2)
     up = Lamp(places[:1], -down[:1], np.ones(1), np.array([5.0]), 0.2)
-    spots = estimate._spots([lamp, bulb, up], np.zeros(3))
+    spots = estimate.lamp_spheres([lamp, bulb, up], np.zeros(3))
     assert spots.power == pytest.approx(
         np.array([[1.0, 0.5, 2.0], np.array([1.0, 0.5, 2.0]) * 6 * np.sqrt(0.5), [5.0] * 3, [0.0] * 3])
     )
     assert spots.size.tolist() == [0.3, 0.3, 0.2, 0.2]
-    assert spots.places == pytest.approx(np.concatenate([places, places[:1], places[:1]]))
+    assert spots.positions == pytest.approx(np.concatenate([places, places[:1], places[:1]]))
 
 
 def test_lamps_add_their_irradiance_to_the_rest() -> None:
     rest, middle = np.full((HEIGHT, WIDTH, 3), 0.2), np.array([1.0, 2.0, 3.0])
     lamps = SphereLights(middle + 2.0 * TURNED[2:], np.array([[8.0, 4.0, 2.0]]), np.array([0.2]), middle)
-    lit = estimate._with_lamps(rest, SEEN, TURNED, lamps)
+    lit = estimate.add_lamps(rest, SEEN, TURNED, lamps)
     assert lit.ambient == pytest.approx(0.2)
     added = lit.irradiance(TURNED[2]) - 0.2 * np.pi
     assert added == pytest.approx([2.0, 1.0, 0.5], rel=0.03)
     assert lit.irradiance(-TURNED[2]) == pytest.approx(np.full(3, 0.2 * np.pi), rel=0.01)
     near = SphereLights(middle[None] + 0.01, np.ones((1, 3)), np.array([2.0]), middle)
-    total = ((estimate._with_lamps(rest, SEEN, TURNED, near).radiance - 0.2) * solid_angles()[:, None, None]).sum()
+    total = ((estimate.add_lamps(rest, SEEN, TURNED, near).radiance - 0.2) * solid_angles()[:, None, None]).sum()
     assert total == pytest.approx(3.0, rel=1e-3)  # never nearer than its radius
 
 
@@ -200,13 +197,11 @@ def _wall(height: int) -> Occupancy:
 
 
 def test_a_wall_takes_the_light_of_a_lamp_behind_it() -> None:
-    place = Placement(np.array([1.5, 1.0, 0.05]), np.eye(3), np.zeros(3), "floor", 0)
-    lamps = SphereLights(
-        np.array([[0.1, 1.0, 0.5], [1.5, 1.0, 1.9]]), np.ones((2, 3)), np.full(2, 0.02), place.position
-    )
-    assert estimate._share_reaching(lamps, _wall(20), place, 0.6) == pytest.approx([0.0, 1.0])
-    assert estimate._share_reaching(lamps, _wall(1), place, 0.6) == pytest.approx([1.0, 1.0], abs=0.2)
-    part = estimate._share_reaching(lamps, _wall(6), place, 1.2)[0]
+    position, up = np.array([1.5, 1.0, 0.05]), np.array([0.0, 0.0, 1.0])
+    lamps = SphereLights(np.array([[0.1, 1.0, 0.5], [1.5, 1.0, 1.9]]), np.ones((2, 3)), np.full(2, 0.02), position)
+    assert estimate.reaching_fraction(lamps, _wall(20), position, up, 0.6) == pytest.approx([0.0, 1.0])
+    assert estimate.reaching_fraction(lamps, _wall(1), position, up, 0.6) == pytest.approx([1.0, 1.0], abs=0.2)
+    part = estimate.reaching_fraction(lamps, _wall(6), position, up, 1.2)[0]
     assert 0.2 < part < 0.9  # the top of the object sees it, the foot does not
 
 
@@ -214,7 +209,9 @@ def test_samples_are_averaged_by_direction() -> None:
     way = np.array([[0.0, 1.0, 0.1], [0.0, 1.0, 0.1], [1.0, 0.0, 0.1]])
     way /= np.linalg.norm(way, axis=1, keepdims=True)
     colours = np.array([[0.2, 0.4, 0.6], [0.4, 0.6, 0.8], [1.0, 1.0, 1.0]], np.float32)
-    shown, known, sky = estimate._shown(estimate._Samples(way, colours, np.array([True, False, True])))
+    shown, known, sky = estimate.average_by_direction(
+        estimate.DirectionSamples(way, colours, np.array([True, False, True]))
+    )
     row = int(np.arccos(way[0, 2]) / np.pi * HEIGHT)
     assert shown[row, WIDTH * 3 // 4] == pytest.approx([0.3, 0.5, 0.7])
     assert (known[row, WIDTH * 3 // 4], known[row, WIDTH // 2]) == (1.0, 0.5)
@@ -225,49 +222,46 @@ def test_samples_are_averaged_by_direction() -> None:
 def test_what_is_not_seen_has_the_colour_of_what_is() -> None:
     shown, seen = np.full((HEIGHT, WIDTH, 3), [0.2, 0.3, 0.4]), np.zeros((HEIGHT, WIDTH))
     seen[20:40, 10:50] = 1.0
-    filled = estimate._fill(shown * seen[..., None], seen)
+    filled = estimate.fill_unseen(shown * seen[..., None], seen)
     assert filled == pytest.approx(np.broadcast_to([0.2, 0.3, 0.4], filled.shape), rel=1e-6)
     shown[20:40, 10:50] = np.linspace(0, 1, 40)[None, :, None]
-    assert estimate._fill(shown * seen[..., None], seen)[20:40, 10:50] == pytest.approx(shown[20:40, 10:50])
+    assert estimate.fill_unseen(shown * seen[..., None], seen)[20:40, 10:50] == pytest.approx(shown[20:40, 10:50])
 
 
 @pytest.mark.parametrize(("wanted", "level"), [(0.3, 0.3), (9.0, 0.1 * 8), (0.001, 0.1 * 0.3)])
 def test_the_unseen_upper_part_gets_its_radiance_within_bounds(wanted: float, level: float) -> None:
     filled, seen = np.full((HEIGHT, WIDTH, 3), 0.1), np.zeros((HEIGHT, WIDTH))
     seen[:, :64] = 1.0
-    raised = estimate._with_unseen(filled, seen, wanted)
+    raised = estimate.scale_unseen(filled, seen, wanted)
     assert raised[: HEIGHT // 2, 64:] == pytest.approx(level, rel=1e-6)
     assert raised[:, :64] == pytest.approx(0.1)
     assert raised[HEIGHT // 2 :] == pytest.approx(0.1)
-    assert estimate._with_unseen(filled, np.ones_like(seen), wanted) == pytest.approx(0.1)
+    assert estimate.scale_unseen(filled, np.ones_like(seen), wanted) == pytest.approx(0.1)
 
 
 def test_without_planes_a_lamp_is_over_the_middle_of_the_room() -> None:
     generator = np.random.default_rng(0)
     room = ColouredPoints(generator.uniform([0, 0, 0], [8, 4, 2.5], (4000, 3)), np.ones((4000, 3), np.float32), True)
-    toward = estimate._lamp_direction(np.array([1.0, 1.0, 0.5]), np.eye(3), room)
+    toward = estimate.expected_lamp_direction(np.array([1.0, 1.0, 0.5]), np.eye(3), room)
     away = np.array([3.0, 1.0, 0.95 * 2.5 - 0.5])
     assert toward == pytest.approx(away / np.linalg.norm(away), abs=0.02)
     low = ColouredPoints(room.points * [1, 1, 0.01], room.colours, True)
-    assert estimate._lamp_direction(np.array([4.0, 2.0, 0.0]), np.eye(3), low)[2] > 0.99
-    greys = np.repeat(np.arange(100.0)[:, None], 3, axis=1).astype(np.float32)
-    samples = estimate._Samples(np.zeros((100, 3)), greys, np.zeros(100, bool))
-    assert estimate._white_level(samples) == pytest.approx(0.97 * 99, rel=1e-3)
+    assert estimate.expected_lamp_direction(np.array([4.0, 2.0, 0.0]), np.eye(3), low)[2] > 0.99
 
 
 def test_the_lobe_of_the_unseen_lamp_has_its_share() -> None:
     filled, seen = np.full((HEIGHT, WIDTH, 3), [0.1, 0.2, 0.1]), np.zeros((HEIGHT, WIDTH))
     seen[HEIGHT // 2 :] = 1.0
     toward = np.array([0.6, 0.0, 0.8])
-    raised = estimate._raise_top(filled, seen, 0.12, toward)
+    raised = estimate.raise_ceiling(filled, seen, 0.12, toward)
     weight = np.maximum(map_directions()[..., 2], 0) * solid_angles()[:, None]
     far = map_directions() @ toward < 0
     rest = raised[far & (map_directions()[..., 2] > 0)]
     before = float((weight * filled[..., 1]).sum())
     wanted = (weight[..., None] * raised).sum(axis=(0, 1))
-    assert rest[:, 1] / 0.2 == pytest.approx((1 - estimate.LAMP_SHARE) * wanted[1] / before, rel=1e-6)
+    assert rest[:, 1] / 0.2 == pytest.approx((1 - estimate.LAMP_FRACTION) * wanted[1] / before, rel=1e-6)
     assert wanted / wanted[1] == pytest.approx([0.5, 1.0, 0.5])
     lobe = (raised[..., 1] - rest[0, 1])[: HEIGHT // 2]
     cosine = np.maximum(map_directions() @ toward, 0.0)[: HEIGHT // 2]
-    assert lobe / lobe.max() == pytest.approx((cosine / cosine.max()) ** estimate.LAMP_POWER, abs=1e-9)
+    assert lobe / lobe.max() == pytest.approx((cosine / cosine.max()) ** estimate.LAMP_EXPONENT, abs=1e-9)
     assert raised[HEIGHT // 2 :] == pytest.approx(filled[HEIGHT // 2 :])

@@ -25,11 +25,12 @@ from insertion.exports.usd_scene import write_usd_scene
 from insertion.insert import insert
 from insertion.insertion_scene import InsertionScene
 from insertion.light.environment_estimate import environment_at
-from insertion.placement.placed_object import PlacedObject, place_objects
+from insertion.light.environment_map import Environment
+from insertion.placement.placed_object import PlacedObject
 from insertion.render.studio import _camera_axes
 from insertion.request import InsertionRequest, ObjectRequest, SceneSource
 from models3d.gltf.document import GltfWriter
-from tests.synthetic.insertions import prepared_scene_of, video_room, write_glb
+from tests.synthetic.insertions import place_in, prepared_scene_of, video_room, write_glb
 from tests.synthetic.rooms.shapes import solid
 
 HEIGHT = 0.8
@@ -40,7 +41,17 @@ def scene(tmp_path_factory: pytest.TempPathFactory) -> tuple[InsertionScene, Pla
     room = video_room("bedroom", 1001, tmp_path_factory.mktemp("room"), views=4)
     prepared = prepared_scene_of(room)
     model = write_glb(solid("chair", np.array([0.4, 0.4, HEIGHT])), room.folder / "chair.glb")
-    return prepared, place_objects(prepared, [ObjectRequest(model, facing=30.0)])[0]
+    return prepared, place_in(prepared, [ObjectRequest(model, facing=30.0)])[0]
+
+
+def _environment(prepared: InsertionScene, placed: PlacedObject) -> Environment:
+    position, basis = placed.placement.position, placed.placement.basis
+    return environment_at(position, HEIGHT, basis, prepared.content.cloud, prepared.stills)
+
+
+def _export_blend(folder: Path, prepared: InsertionScene, placed: PlacedObject) -> list[str]:
+    environment, metres_per_unit = _environment(prepared, placed), prepared.scale.metres_per_unit
+    return export_blend(folder, [placed], prepared.footage.frames, metres_per_unit, environment)
 
 
 def _pixel(matrix: np.ndarray, focal: float, centre: tuple[float, float], point: np.ndarray) -> np.ndarray:
@@ -55,9 +66,9 @@ def test_a_metric_camera_sees_the_foot_where_the_scene_does(scene: tuple[Inserti
     for shot, key in zip(prepared.footage.frames, camera_keyframes(prepared.footage.frames, frame), strict=True):
         view = shot.view
         assert view is not None
-        local = view.rotation @ placed.place.position + view.translation
+        local = view.rotation @ placed.placement.position + view.translation
         pixel = view.camera.params[0] * local[:2] / local[2] + view.camera.params[2:]
-        top = placed.place.position + placed.place.basis[2] * HEIGHT / prepared.scale.metres_per_unit
+        top = placed.placement.position + placed.placement.basis[2] * HEIGHT / prepared.scale.metres_per_unit
         assert _pixel(key.matrix, 500.0, (320.0, 240.0), np.zeros(3)) == pytest.approx(pixel, abs=1e-6)
         assert frame(top[None])[0] == pytest.approx([0, HEIGHT, 0], abs=1e-9)
 
@@ -156,7 +167,9 @@ def test_nerfstudio_has_the_pixels_and_the_points_of_the_scene(
     write_transforms(tmp_path / "transforms.json", keys, "pictures", frame(prepared.scene.points))
     again = read_nerfstudio(tmp_path / "transforms.json")
     metres = prepared.scale.metres_per_unit
-    assert np.ptp(again.points[:, 2]) == pytest.approx(np.ptp(prepared.scene.points @ placed.place.basis[2]) * metres)
+    assert np.ptp(again.points[:, 2]) == pytest.approx(
+        np.ptp(prepared.scene.points @ placed.placement.basis[2]) * metres
+    )
     for view, shot in zip(again.views, prepared.footage.frames, strict=True):
         assert shot.view is not None
         pixels = pixels_in_view(view, again.points[:50])[0]
@@ -216,7 +229,7 @@ def test_blender_is_asked_for_the_scene_in_metres(
     scene: tuple[InsertionScene, PlacedObject], blender: Path, tmp_path: Path
 ) -> None:
     prepared, placed = scene
-    assert export_blend(tmp_path, prepared, [placed]) == []
+    assert _export_blend(tmp_path, prepared, placed) == []
     assert (tmp_path / "scene.blend").read_bytes() == b"BLENDER"
     asked = json.loads(blender.read_text())
     assert asked["words"][:3] == ["--background", "--factory-startup", "--python"]
@@ -251,7 +264,7 @@ def test_the_real_blender_saves_the_object_in_metres(
     if "python" not in Path(program).name:
         pytest.skip("METRIC_TREE_BLENDER names no Python with bpy (pip install bpy)")
     prepared, placed = scene
-    assert export_blend(tmp_path, prepared, [placed]) == []
+    assert _export_blend(tmp_path, prepared, placed) == []
     clean = {name: value for name, value in os.environ.items() if name != "PYTHONPATH"}
     words = [program, "-c", OPENED, str(tmp_path / "scene.blend")]
     said = subprocess.run(words, capture_output=True, text=True, env=clean, check=True).stdout
@@ -287,9 +300,10 @@ def test_blender_joins_the_layers_to_our_frame(scene: tuple[InsertionScene, Plac
 
 def test_what_blender_draws_is_in_the_picture(scene: tuple[InsertionScene, PlacedObject], blender: Path) -> None:
     prepared, placed = scene
-    environment = environment_at(placed.place, HEIGHT, prepared.cloud, prepared.stills)
+    environment = _environment(prepared, placed)
     shot = next(shot for shot in prepared.footage.frames if shot.view is not None)
-    with traced_layers(prepared, [placed], environment) as traced:
+    metres_per_unit = prepared.scale.metres_per_unit
+    with traced_layers([placed], prepared.footage.frames, metres_per_unit, environment) as traced:
         layer = traced(shot)
     assert json.loads(blender.read_text())["job"]["samples"] > 0
     assert layer.shape == (480, 640, 4)
@@ -301,7 +315,7 @@ def test_without_blender_the_rest_is_exported(
 ) -> None:
     prepared, placed = scene
     monkeypatch.setenv("METRIC_TREE_BLENDER", str(tmp_path / "none"))
-    (line,) = export_blend(tmp_path, prepared, [placed])
+    (line,) = _export_blend(tmp_path, prepared, placed)
     assert "scene.blend is not written" in line
 
 

@@ -59,7 +59,7 @@ def _shots(times: list[float]) -> list[Any]:
 
 def test_the_metric_frame_has_metres_and_up() -> None:
     place: Any = SimpleNamespace(basis=np.array([[0.0, 0, 1], [1, 0, 0], [0, 1, 0]]), position=np.array([1.0, 2, 3]))
-    transform = metric_transform([SimpleNamespace(place=place)], 0.5)  # type: ignore[list-item]
+    transform = metric_transform([SimpleNamespace(placement=place)], 0.5)  # type: ignore[list-item]
     assert transform(np.array([[1.0, 2, 3], [1, 4, 3], [1, 2, 5], [3, 2, 3]])) == pytest.approx(
         np.array([[0.0, 0, 0], [0, 1, 0], [1, 0, 0], [0, 0, -1]])
     )
@@ -73,7 +73,7 @@ def test_the_metric_frame_has_metres_and_up() -> None:
     assert key.matrix[3].tolist() == [0, 0, 0, 1]
     model = SimpleNamespace(bounds=np.array([[0.0, 1, 0], [2, 5, 4]]))
     placed: Any = SimpleNamespace(
-        act=None, model=model, size=SimpleNamespace(factor=2.0), turn=transform.rotation.T, place=place
+        playback=None, model=model, size=SimpleNamespace(factor=2.0), turn=transform.rotation.T, placement=place
     )
     matrix = object_matrix(placed, transform)
     assert matrix @ [1, 1, 2, 1] == pytest.approx([0, 0, 0, 1])
@@ -116,10 +116,7 @@ def _joined(box: PixelBox, depth: float, hidden: float) -> ObjectComposite:
 
 
 def _writer(folder: Path, frames: list[Any], metres: float = 2.0) -> compositing.CompositingLayers:
-    prepared: Any = SimpleNamespace(
-        scale=SimpleNamespace(metres_per_unit=metres), footage=SimpleNamespace(frames=frames)
-    )
-    return compositing.CompositingLayers(folder, prepared, [])
+    return compositing.CompositingLayers(folder, [], frames, metres)
 
 
 def test_layers_of_the_nearest_object(tmp_path: Path) -> None:
@@ -166,7 +163,7 @@ def test_an_exr_has_its_channels_in_their_order(tmp_path: Path, channels: int) -
 def test_depth_is_in_millimetres_of_sixteen_bits(tmp_path: Path) -> None:
     (shot,) = _shots([0.0])
     writer = LayerWriter(tmp_path, [shot], 0.5)
-    writer.picture(shot, np.full((8, 10, 3), (10, 20, 30), np.uint8))
+    writer.plate(shot, np.full((8, 10, 3), (10, 20, 30), np.uint8))
     writer.layers(shot, 2, _joined(PixelBox(2, 1, 6, 5), 3.0, 0.5))
     depth, mask = (read_picture(tmp_path / name / "0_2.png", -1) for name in ("depth", "mask"))
     assert depth is not None
@@ -186,7 +183,7 @@ def test_a_catcher_is_under_each_level_and_reflects_what_is_below() -> None:
 
     def item(x: float, height: float, unit: float, plane: int = 0, surface: Any = None) -> Any:
         place = SimpleNamespace(basis=np.eye(3), position=np.array([x, 0.0, height]), plane=plane)
-        return SimpleNamespace(place=place, body=SimpleNamespace(unit=unit), surface=surface)
+        return SimpleNamespace(placement=place, body=SimpleNamespace(unit=unit), surface=surface)
 
     (corners,) = job._catchers([item(0.0, 1.0, 0.2), item(1.0, 1.004, 0.1)], transform)
     assert corners[:, 0].min() == pytest.approx(-0.5 * 8 * 0.2)

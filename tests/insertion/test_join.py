@@ -16,7 +16,7 @@ from insertion.colour import linear_to_srgb
 from insertion.composite import compositor
 from insertion.composite.camera_look import CameraLook
 from insertion.composite.compose import ObjectComposite, composite_objects, composite_traced, occlude_mutually
-from insertion.composite.shadow_receivers import shadow_receivers, transmitted_light
+from insertion.composite.shadow_receivers import transmitted_light
 from insertion.exports.compositing import CompositingLayers
 from insertion.footage.footage import Frame
 from insertion.light.environment_map import HEIGHT, WIDTH, Environment
@@ -49,7 +49,7 @@ def _flat(colour: float, depth: float, columns: slice, hidden: float = 0.0) -> O
 def test_the_nearer_object_blocks_the_farther_one_pixel_by_pixel() -> None:
     near, far = _flat(0.9, 2.0, slice(0, 20)), _flat(0.1, 3.0, slice(10, 40))
     for order in ([near, far], [far, near]):
-        out = composite_objects(GREY, occlude_mutually(order), LOOK, 0).picture
+        out = composite_objects(GREY, occlude_mutually(order), LOOK, 0).image
         assert (out[15, :20] == round(float(linear_to_srgb(np.array(0.9))))).all()
         assert (out[15, 21:] == round(float(linear_to_srgb(np.array(0.1))))).all()
     visible = occlude_mutually([near, far])[1].visible
@@ -61,7 +61,7 @@ def test_a_traced_object_before_a_hidden_one_stays() -> None:
     near, far = _flat(0.9, 2.0, slice(0, 20)), _flat(0.1, 3.0, slice(10, 40), hidden=1.0)
     traced = np.zeros((*BOX.shape, 4), np.float32)
     traced[:, :20], traced[:, 20:] = (0.9, 0.9, 0.9, 1.0), (0.1, 0.1, 0.1, 1.0)
-    out = composite_traced(GREY, traced, occlude_mutually([near, far]), LOOK, 0).picture
+    out = composite_traced(GREY, traced, occlude_mutually([near, far]), LOOK, 0).image
     assert (out[15, :19] > 230).all()
     assert (out[15, 22:] == 100).all()
 
@@ -116,14 +116,14 @@ def test_bodies_collide_where_their_surfaces_cross_and_not_where_they_touch() ->
 def test_an_object_stands_in_the_shadow_of_another_and_shadows_are_not_doubled(context: Any) -> None:
     one, two, view = _body(0.0), _body(0.5, (0.3, 0.3, 0.3)), _view()
     alone = ObjectRenderer(context, two, _environment())
-    shaded = ObjectRenderer(context, two, _environment(), shading=[one], before=[one])
-    lit, dark = (object_layers(renderer, view, whole=True) for renderer in (alone, shaded))
+    shaded = ObjectRenderer(context, two, _environment(), casters=[one], earlier=[one])
+    lit, dark = (object_layers(renderer, view, full_size=True) for renderer in (alone, shaded))
     assert lit is not None
     assert dark is not None
     inside = lit.image.alpha > 0.99
     assert dark.image.colour[inside].mean() < 0.7 * lit.image.colour[inside].mean()
     # the shares of both multiply to the light with both: where each alone takes the lamp, it is taken once
-    first = object_layers(ObjectRenderer(context, one, _environment()), view, whole=True)
+    first = object_layers(ObjectRenderer(context, one, _environment()), view, full_size=True)
     assert first is not None
     both = first.catcher_light < 0.3
     assert (lit.catcher_light < 0.3)[both].any()
@@ -154,12 +154,12 @@ def test_each_of_two_objects_mirrors_the_other(context: Any, first: bool) -> Non
     metal = _body(0.0, model=_box_model((0.3, 0.3, 0.6), (0.9, 0.9, 0.9), metal=True))
     red = _body(0.0, (0.3, 0.3, 0.3), -0.6, _box_model((0.3, 0.3, 0.3), (0.8, 0.05, 0.05)))
     bodies = [metal, red] if first else [red, metal]
-    others, before = compositor._other_bodies(bodies, bodies.index(metal))
+    others, before = compositor.other_bodies(bodies, bodies.index(metal))
     view = _view()
     redness = []
     for shading in (others, []):
-        renderer = ObjectRenderer(context, metal, _even_light(), shading=shading, before=before)
-        layers = object_layers(renderer, view, whole=True)
+        renderer = ObjectRenderer(context, metal, _even_light(), casters=shading, earlier=before)
+        layers = object_layers(renderer, view, full_size=True)
         assert layers is not None
         lower = np.flatnonzero((layers.image.alpha > 0.99).any(axis=1))[-40:-8]
         front = layers.image.colour[lower][layers.image.alpha[lower] > 0.99]
@@ -171,27 +171,31 @@ def test_each_of_two_objects_mirrors_the_other(context: Any, first: bool) -> Non
 def test_an_object_that_moved_is_drawn_as_one_that_stood_there(context: Any) -> None:
     """Shadow maps, the light on the floor and the shadow of the other one follow it."""
     before, there, other, view = _body(-0.4), _body(0.1, y=0.2), _body(0.5, (0.3, 0.3, 0.3)), _view()
-    moved = ObjectRenderer(context, before, _environment(), shading=[other], before=[other], moves=True)
-    fresh = ObjectRenderer(context, there, _environment(), shading=[other], before=[other], moves=True)
+    moved = ObjectRenderer(context, before, _environment(), casters=[other], earlier=[other], moves=True)
+    fresh = ObjectRenderer(context, there, _environment(), casters=[other], earlier=[other], moves=True)
     moved.set_pose(there, [other], [other])
-    one, two = (object_layers(renderer, view, whole=True) for renderer in (moved, fresh))
+    one, two = (object_layers(renderer, view, full_size=True) for renderer in (moved, fresh))
     assert one is not None
     assert two is not None
     np.testing.assert_array_equal(one.image.colour, two.image.colour)
     np.testing.assert_array_equal(one.catcher_light, two.catcher_light)
     moved.set_pose(there)  # the other one has gone
     fresh = ObjectRenderer(context, there, _environment(), moves=True)
-    one, two = (object_layers(renderer, view, whole=True) for renderer in (moved, fresh))
+    one, two = (object_layers(renderer, view, full_size=True) for renderer in (moved, fresh))
     assert one is not None
     assert two is not None
     np.testing.assert_allclose(one.image.colour, two.image.colour, atol=1e-3)
     np.testing.assert_array_equal(one.catcher_light, two.catcher_light)
 
 
+def _unshaded(positions: np.ndarray, _normals: np.ndarray) -> np.ndarray:
+    return np.ones((*positions.shape[:2], 3), np.float32)
+
+
 def test_no_shadow_falls_on_what_stands_in_front(context: Any) -> None:
     """A board before the floor, with an exact mask and few points: the floor's shadow was painted on it."""
     body, view = _body(0.0), _view()
-    layers = object_layers(ObjectRenderer(context, body, _environment()), view, whole=True)
+    layers = object_layers(ObjectRenderer(context, body, _environment()), view, full_size=True)
     assert layers is not None
     dark = (1 - layers.catcher_light).max(axis=-1) > 0.3
     rows, columns = np.nonzero(dark & (layers.image.alpha < 0.01))
@@ -207,15 +211,14 @@ def test_no_shadow_falls_on_what_stands_in_front(context: Any) -> None:
         depths = np.concatenate([depth[outside], np.full(count, 0.5)])
         front = VisiblePoints(np.arange(len(pixels)), pixels, depths, False)
         nothing = np.zeros(layers.box.shape, bool)
-        receivers = shadow_receivers(layers, body, view, front, [board], None, nothing)
-        share = transmitted_light(layers, receivers, None)
+        share = transmitted_light(layers, _unshaded, body, view, front, [board], None, nothing)
         inside = np.zeros(layers.box.shape, bool)
         inside[y - 8 : y + 8, x - 10 : x + 10] = True
         assert (share[inside] == 1).all()
         assert share[dark & ~inside].mean() < 0.7
     for dense in (False, True):  # points without a mask hide the object where they are dense, and take its shadow there
         front = VisiblePoints(np.arange(len(pixels)), pixels, depths, dense)
-        share = transmitted_light(layers, shadow_receivers(layers, body, view, front, [], None, nothing), None)
+        share = transmitted_light(layers, _unshaded, body, view, front, [], None, nothing)
         assert (share[inside & dark].mean() > 0.95) == dense
 
 
@@ -240,14 +243,13 @@ def test_layers_joined_again_by_others_are_the_picture(tmp_path: Path) -> None:
 
     noisy = CameraLook(np.ones(3), np.eye(2) * 1.5**2, np.full((8, 3), 2.0), 0.5)
     plate = np.random.default_rng(3).integers(20, 230, GREY.shape).astype(np.uint8)
-    one = replace(_flat(0.6, 2.0, slice(0, 15)), share=np.full((*BOX.shape, 3), 0.7, np.float32))
+    one = replace(_flat(0.6, 2.0, slice(0, 15)), transmitted=np.full((*BOX.shape, 3), 0.7, np.float32))
     joined = occlude_mutually([one, _flat(0.2, 3.0, slice(10, 30), hidden=0.4)])
     composite = composite_objects(plate, joined, noisy, 5)
     shot = Frame(0, "a/0.png", None, None, None)
     names = [SimpleNamespace(model=SimpleNamespace(name=name)) for name in ("one", "two")]
-    prepared: Any = SimpleNamespace(scale=SimpleNamespace(metres_per_unit=3.0), footage=SimpleNamespace(frames=[shot]))
-    sink = CompositingLayers(tmp_path, prepared, names)  # type: ignore[arg-type]
-    sink.picture(shot, plate)
+    sink = CompositingLayers(tmp_path, names, [shot], 3.0)  # type: ignore[arg-type]
+    sink.plate(shot, plate)
     for number, item in enumerate(joined):
         sink.layers(shot, number, item)
     sink.composite(shot, composite)
@@ -267,34 +269,25 @@ def test_layers_joined_again_by_others_are_the_picture(tmp_path: Path) -> None:
     covering = read("object")
     light = read("plate") * read("shadow") * (1 - covering[..., 3:]) + covering[..., :3]
     again = np.rint(linear_to_srgb(light))
-    assert np.abs(again - composite.picture).max() <= 1
-    assert (again == composite.picture).mean() > 0.99
+    assert np.abs(again - composite.image).max() <= 1
+    assert (again == composite.image).mean() > 0.99
     depth = read("depth")[..., 0]
     assert (depth[:, :15] == 2.0 * 3.0).all()  # metres
     assert (depth[:, 30:] == 0).all()
 
 
 class _Footage:
-    """Three shots; counts how often they are decoded."""
+    """Three frames without a pose."""
 
-    def __init__(self) -> None:
-        self.decoded = 0
-        self.frames = tuple(SimpleNamespace(index=k, name=str(k), time_s=None, view=None, row=None) for k in range(3))
+    start_s = 0.0
+    frames = tuple(SimpleNamespace(index=k, name=str(k), time_s=None, view=None, row=None) for k in range(3))
 
-    def pictures(self) -> Iterator[tuple[Any, np.ndarray]]:
-        for shot in self.frames:
-            self.decoded += 1
-            yield shot, GREY
+    def __iter__(self) -> Iterator[tuple[Any, np.ndarray]]:
+        for frame in self.frames:
+            yield frame, GREY
 
 
-def _prepared() -> Any:
-    return SimpleNamespace(footage=_Footage(), scale=None, start_s=0.0)
-
-
-def test_a_picture_is_decoded_once_for_all_sizes() -> None:
-    prepared = _prepared()
-    assert len(list(compositor.single_pictures(prepared, [[]] * 11, prepared.footage.frames[1]))) == 11
-    assert prepared.footage.decoded <= 3
+NOTHING: Any = None
 
 
 def test_the_context_is_released_where_writing_fails(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -304,8 +297,9 @@ def test_the_context_is_released_where_writing_fails(monkeypatch: pytest.MonkeyP
     def full(*_: object) -> None:
         raise OSError("disk full")
 
+    footage: Any = _Footage()
     with pytest.raises(OSError, match="disk full"):
-        compositor.insert_objects(_prepared(), [], full)
+        compositor.composite_footage([], NOTHING, NOTHING, footage, NOTHING, full)
     assert released == [1]
 
 
@@ -317,13 +311,15 @@ def test_each_result_has_its_own_seconds(monkeypatch: pytest.MonkeyPatch) -> Non
         size=SimpleNamespace(warnings=()),
         warnings=(),
         size_m={},
-        place=place,
+        placement=place,
         heading_deg=0.0,
         body=None,
         moves=False,
     )
     monkeypatch.setattr(compositor, "gl_context", lambda: SimpleNamespace(release=lambda: None))
     monkeypatch.setattr(compositor, "_renderer", lambda *_: SimpleNamespace(environment=None))
-    one, two = compositor.insert_objects(_prepared(), [placed, placed], lambda *_: None)  # type: ignore[list-item]
+    objects: Any = [placed, placed]
+    footage: Any = _Footage()
+    one, two = compositor.composite_footage(objects, NOTHING, NOTHING, footage, NOTHING, lambda *_: None)
     one.seconds["render"] = -1.0  # type: ignore[index]
     assert two.seconds["render"] >= 0

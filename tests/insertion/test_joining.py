@@ -7,28 +7,30 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from estimator.records.scene import Instance
 from insertion.colour import linear_to_srgb, luminance, srgb_to_linear
 from insertion.composite import camera_look as match
 from insertion.composite import occlusion, shadow_receivers
 from insertion.composite.camera_look import (
-    BLUR_PX,
-    REACH_PX,
+    MAX_BLUR_REACH_PX,
+    MIN_BLUR_PX,
     CameraLook,
     CameraLookTracker,
-    _direction,
-    _with_widths,
     blur_layer,
+    direction_index,
     gradients,
     grain,
+    limit_widths,
 )
-from insertion.composite.compose import ObjectComposite, _covered_part, composite_objects, occlude_mutually
+from insertion.composite.compose import ObjectComposite, composite_objects, covered_box, occlude_mutually
 from insertion.render.layers import ObjectLayers
 from insertion.render.renderer import ObjectImage
+from insertion.scene.camera_rays import scene_positions
 from insertion.scene.pixel_box import PixelBox
 from insertion.scene.point_cloud import ColouredPoints, VisiblePoints
 from tests.insertion.test_received import _view
 
-SHARP = np.eye(2) * BLUR_PX[0] ** 2
+SHARP = np.eye(2) * MIN_BLUR_PX**2
 LOOK = CameraLook(np.ones(3), SHARP, np.zeros((8, 3)), 0.0)
 GREY = np.full((30, 40, 3), 100, np.uint8)
 
@@ -56,13 +58,13 @@ def test_a_blend_is_by_its_formula_in_linear_light() -> None:
     out = composite_objects(GREY, [item], replace(LOOK, gain=gain), 0)
     cover = 0.8 * 0.75
     wanted = [_srgb(plate * 0.5 * (1 - cover) + g * 0.6 * cover) for g in gain]
-    assert np.abs(out.picture[6:25, 8:30].astype(int) - wanted).max() <= 1
-    assert (out.picture[:6] == 100).all()
-    assert (out.picture[:, 30:] == 100).all()
+    assert np.abs(out.image[6:25, 8:30].astype(int) - wanted).max() <= 1
+    assert (out.image[:6] == 100).all()
+    assert (out.image[:, 30:] == 100).all()
     assert out.box == item.layers.box
     assert out.changed.all()
-    assert out.covering[..., 3] == pytest.approx(cover)
-    assert out.share == pytest.approx(0.5)
+    assert out.visible_foreground[..., 3] == pytest.approx(cover)
+    assert out.visible_transmittance == pytest.approx(0.5)
     assert item.alpha == pytest.approx(cover)
     assert item.visible == pytest.approx(0.75)
 
@@ -75,19 +77,19 @@ def test_shares_multiply_and_objects_add_where_boxes_meet() -> None:
     )
     out = composite_objects(GREY, [one, two], LOOK, 0)
     assert out.box == PixelBox(0, 0, 40, 30)
-    assert out.share[10, 17] == pytest.approx(0.2)
-    assert out.share[25, 30] == pytest.approx(1)
-    assert abs(int(out.picture[10, 17, 0]) - _srgb(plate * 0.2 * 0.5 + 0.45)) <= 1
-    assert abs(int(out.picture[10, 30, 0]) - _srgb(plate * 0.4)) <= 1
-    assert out.picture[25, 30].tolist() == [100] * 3
-    alpha, depth = two.whole((30, 40, 3))
+    assert out.visible_transmittance[10, 17] == pytest.approx(0.2)
+    assert out.visible_transmittance[25, 30] == pytest.approx(1)
+    assert abs(int(out.image[10, 17, 0]) - _srgb(plate * 0.2 * 0.5 + 0.45)) <= 1
+    assert abs(int(out.image[10, 30, 0]) - _srgb(plate * 0.4)) <= 1
+    assert out.image[25, 30].tolist() == [100] * 3
+    alpha, depth = two.full_size((30, 40, 3))
     assert np.isnan(depth[0, 0])
     assert (depth[5:20, 15:] == 2.0).all()
     assert not alpha.any()
     nothing = composite_objects(GREY, [], LOOK, 0)
-    assert nothing.picture is GREY
+    assert nothing.image is GREY
     assert not nothing.changed.any()
-    assert nothing.share == pytest.approx(1)
+    assert nothing.visible_transmittance == pytest.approx(1)
 
 
 def test_a_half_clear_object_hides_half_of_what_is_behind() -> None:
@@ -96,18 +98,20 @@ def test_a_half_clear_object_hides_half_of_what_is_behind() -> None:
         _joined(PixelBox(10, 10, 30, 30), 1.0, 1.0, 0.5, depth=3.0),
     )
     first, second = occlude_mutually([near, far])
-    assert first.hidden == pytest.approx(0.2)
-    assert second.hidden[:10, :10] == pytest.approx(1 - 0.5 * 0.5)
-    assert second.hidden[10:, 10:] == pytest.approx(0.5)
+    assert first.occluded == pytest.approx(0.2)
+    assert second.occluded[:10, :10] == pytest.approx(1 - 0.5 * 0.5)
+    assert second.occluded[10:, 10:] == pytest.approx(0.5)
 
 
 def test_the_covered_part_has_room_for_a_blur_within_the_picture() -> None:
     alpha = np.zeros((60, 90), np.float32)
     alpha[30:33, 40:45] = 1
-    assert _covered_part(alpha) == PixelBox(40 - REACH_PX, 30 - REACH_PX, 45 + REACH_PX, 33 + REACH_PX)
+    assert covered_box(alpha) == PixelBox(
+        40 - MAX_BLUR_REACH_PX, 30 - MAX_BLUR_REACH_PX, 45 + MAX_BLUR_REACH_PX, 33 + MAX_BLUR_REACH_PX
+    )
     alpha[0, 0] = alpha[59, 89] = 0.1
-    assert _covered_part(alpha) == PixelBox(0, 0, 90, 60)
-    assert _covered_part(0 * alpha) == PixelBox(0, 0, 1, 1)
+    assert covered_box(alpha) == PixelBox(0, 0, 90, 60)
+    assert covered_box(0 * alpha) == PixelBox(0, 0, 1, 1)
 
 
 def test_boxes_meet_and_join_by_their_pixels() -> None:
@@ -134,7 +138,7 @@ def test_the_display_curve_and_its_inverse() -> None:
 
 def test_directions_of_edges_over_half_a_turn() -> None:
     angle = np.radians([0, 30, 60, 90, 120, 150, 179, 184, -90])
-    assert _direction(np.cos(angle).astype(np.float32), np.sin(angle).astype(np.float32)).tolist() == [
+    assert direction_index(np.cos(angle).astype(np.float32), np.sin(angle).astype(np.float32)).tolist() == [
         0, 1, 2, 3, 4, 5, 0, 0, 3,
     ]  # fmt: skip
     slope = np.fromfunction(lambda y, x: 3 * x - 2 * y, (8, 9)).astype(np.float32)
@@ -146,7 +150,7 @@ def test_directions_of_edges_over_half_a_turn() -> None:
 def test_widths_of_a_blur_are_kept_within_bounds() -> None:
     turn = np.array([[0.8, -0.6], [0.6, 0.8]])
     wide = turn @ np.diag([100.0, 0.01]) @ turn.T
-    assert _with_widths(wide, 0.35, 4.0) == pytest.approx(turn @ np.diag([16.0, 0.35**2]) @ turn.T)
+    assert limit_widths(wide, 0.35, 4.0) == pytest.approx(turn @ np.diag([16.0, 0.35**2]) @ turn.T)
     layer = np.zeros((31, 31, 4), np.float32)
     layer[15, 15] = 1
     slanted = turn @ np.diag([6.0, 1.0]) @ turn.T + SHARP
@@ -185,16 +189,16 @@ def test_the_grain_of_a_picture_is_read_off_by_brightness() -> None:
     noise[:, 120:] *= 2.0
     levels = np.where(np.arange(240) < 120, 60, 180)[None, :, None]
     picture = np.clip(np.rint(levels + 2.0 * noise), 0, 255).astype(np.uint8)
-    sigma, smooth, common = match._grain_of(picture, cv2.cvtColor(picture, cv2.COLOR_RGB2GRAY).astype(np.float32))
+    sigma, smooth, common = match.measure_grain(picture, cv2.cvtColor(picture, cv2.COLOR_RGB2GRAY).astype(np.float32))
     assert sigma[1] == pytest.approx([2.0] * 3, rel=0.1)
     assert sigma[5] == pytest.approx([4.0] * 3, rel=0.35)
     assert smooth < 0.45
     assert common == pytest.approx(0.5, abs=0.08)
     black = np.zeros((60, 60, 3), np.uint8)
-    assert match._grain_of(black, black[..., 0].astype(np.float32))[1:] == (0.0, 0.0)
+    assert match.measure_grain(black, black[..., 0].astype(np.float32))[1:] == (0.0, 0.0)
     blurred = cv2.GaussianBlur(noise[:, :120] * 8, (0, 0), 0.8)
     soft = np.clip(np.rint(100 + blurred), 0, 255).astype(np.uint8)
-    assert match._grain_of(soft, cv2.cvtColor(soft, cv2.COLOR_RGB2GRAY).astype(np.float32))[1] == pytest.approx(
+    assert match.measure_grain(soft, cv2.cvtColor(soft, cv2.COLOR_RGB2GRAY).astype(np.float32))[1] == pytest.approx(
         0.8, abs=0.25
     )
 
@@ -202,15 +206,15 @@ def test_the_grain_of_a_picture_is_read_off_by_brightness() -> None:
 def test_the_spread_of_levels_and_of_what_is_finest() -> None:
     generator = np.random.default_rng(0)
     levels = generator.normal(5.0, 3.0, 40000).astype(np.float32)
-    assert match._sigma(levels) == pytest.approx(3.0, rel=0.03)
-    assert match._sigma(np.array([0] * 65 + [-1, 1] * 20, np.float32)) == 1.0
+    assert match.robust_width(levels) == pytest.approx(3.0, rel=0.03)
+    assert match.robust_width(np.array([0] * 65 + [-1, 1] * 20, np.float32)) == 1.0
     white = generator.normal(100, 3.0, (160, 160)).astype(np.float32)
-    assert match._finest(white) == pytest.approx(3.0, rel=0.08)
-    assert match._finest(np.fromfunction(lambda y, x: 50 + x + 0.5 * y, (80, 80)).astype(np.float32)) == pytest.approx(
-        0
-    )
-    assert match._finest(white[:8, :8]) == np.inf
-    assert match._finest(0 * white) == np.inf
+    assert match.finest_difference(white) == pytest.approx(3.0, rel=0.08)
+    assert match.finest_difference(
+        np.fromfunction(lambda y, x: 50 + x + 0.5 * y, (80, 80)).astype(np.float32)
+    ) == pytest.approx(0)
+    assert match.finest_difference(white[:8, :8]) == np.inf
+    assert match.finest_difference(0 * white) == np.inf
 
 
 def _lit(points: int, gain: np.ndarray) -> tuple[np.ndarray, VisiblePoints, ColouredPoints]:
@@ -227,12 +231,12 @@ def _lit(points: int, gain: np.ndarray) -> tuple[np.ndarray, VisiblePoints, Colo
 
 def test_a_gain_needs_points_and_is_no_wider_than_two_stops() -> None:
     gain = np.array([1.3, 1.0, 0.7])
-    assert match._gain(*_lit(30, gain)) == pytest.approx(gain, rel=1e-5)
-    assert match._gain(*_lit(29, gain)).tolist() == [1, 1, 1]
-    assert match._gain(*_lit(60, np.array([8.0, 1.0, 0.25]))) == pytest.approx([4.0, 1.0, 0.25], rel=1e-5)
+    assert match.measure_gain(*_lit(30, gain)) == pytest.approx(gain, rel=1e-5)
+    assert match.measure_gain(*_lit(29, gain)).tolist() == [1, 1, 1]
+    assert match.measure_gain(*_lit(60, np.array([8.0, 1.0, 0.25]))) == pytest.approx([4.0, 1.0, 0.25], rel=1e-5)
     picture, front, cloud = _lit(60, gain)
     clipped = np.where(np.arange(20)[:, None, None] < 1, 255, picture).astype(np.uint8)
-    assert match._gain(clipped, front, cloud) == pytest.approx(gain, rel=1e-5)
+    assert match.measure_gain(clipped, front, cloud) == pytest.approx(gain, rel=1e-5)
 
 
 def test_looks_of_a_video_are_smooth_and_those_of_stills_are_not(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -244,7 +248,7 @@ def test_looks_of_a_video_are_smooth_and_those_of_stills_are_not(monkeypatch: py
         asked.append(same)
         return CameraLook(np.full(3, float(picture.max())), SHARP * picture.max(), np.full((8, 3), 2.0), 0.5)
 
-    monkeypatch.setattr(match, "look_of", measure_look)
+    monkeypatch.setattr(match, "measure_look", measure_look)
     _, front, cloud = _lit(1, np.ones(3))
     bright, dark = np.full((2, 2, 3), 4, np.uint8), np.ones((2, 2, 3), np.uint8)
     stills = CameraLookTracker(smooth=False)
@@ -253,7 +257,9 @@ def test_looks_of_a_video_are_smooth_and_those_of_stills_are_not(monkeypatch: py
     video = CameraLookTracker(smooth=True)
     first, second = (video.next(p, front, cloud) for p in (bright, dark))
     assert second.gain[0] == pytest.approx(4 ** (1 - match.UPDATE_WEIGHT))
-    assert second.blur[0, 0] / SHARP[0, 0] == pytest.approx(match.NEW_BLUR * 1 + (1 - match.NEW_BLUR) * 4)
+    assert second.blur[0, 0] / SHARP[0, 0] == pytest.approx(
+        match.BLUR_UPDATE_WEIGHT * 1 + (1 - match.BLUR_UPDATE_WEIGHT) * 4
+    )
     for _ in range(match.GRAIN_FRAMES - 1):
         video.next(dark, front, cloud)
     assert asked[3] is first
@@ -264,11 +270,11 @@ def test_points_vote_pixel_by_pixel_in_a_mask() -> None:
     mask = np.ones((20, 40), bool)
     x = np.linspace(1, 39, 20)
     pixels = np.column_stack([np.tile(x, 3), np.repeat([4.0, 10.0, 16.0], 20)])
-    vote = occlusion._by_vote(mask, pixels, pixels[:, 0] < 20)
+    vote = occlusion.vote_of_points(mask, pixels, pixels[:, 0] < 20)
     assert vote[:, :17].all()
     assert not vote[:, 23:].any()
     half = mask & (np.arange(40) < 10)
-    assert not occlusion._by_vote(half, pixels, np.ones(60, bool))[:, 14:].any()
+    assert not occlusion.vote_of_points(half, pixels, np.ones(60, bool))[:, 14:].any()
 
 
 def test_an_occluder_hides_by_the_share_of_its_nearer_points() -> None:
@@ -278,7 +284,7 @@ def test_an_occluder_hides_by_the_share_of_its_nearer_points() -> None:
     every = np.ones(10, bool)
 
     def part(depths: np.ndarray, observed: np.ndarray = every, around: np.ndarray = ~mask | mask) -> np.ndarray | None:
-        return occlusion._hidden_by(mask, around, behind, pixels, depths, observed)
+        return occlusion.occluded_by_mask(mask, around, behind, pixels, depths, observed)
 
     near, far = np.full(10, 2.0), np.full(10, 4.0)
     assert np.array_equal(part(near), mask)
@@ -299,12 +305,12 @@ def test_an_occluder_hides_by_the_share_of_its_nearer_points() -> None:
 def test_what_stands_on_something_hidden_is_hidden() -> None:
     hidden, cup = np.zeros((30, 30), bool), np.zeros((30, 30), bool)
     hidden[20:], cup[10:20, 12:16] = True, True
-    assert occlusion._stands_on(hidden, cup)
-    assert not occlusion._stands_on(hidden, np.roll(cup, -6, axis=0))
-    assert not occlusion._stands_on(hidden & (np.arange(30) < 14), cup)
+    assert occlusion.stands_on_occluder(hidden, cup)
+    assert not occlusion.stands_on_occluder(hidden, np.roll(cup, -6, axis=0))
+    assert not occlusion.stands_on_occluder(hidden & (np.arange(30) < 14), cup)
     bottom = np.zeros((30, 30), bool)
     bottom[28:] = True
-    assert not occlusion._stands_on(hidden, bottom | hidden)
+    assert not occlusion.stands_on_occluder(hidden, bottom | hidden)
 
 
 def test_a_dense_cloud_decides_where_there_is_no_mask() -> None:
@@ -313,23 +319,31 @@ def test_a_dense_cloud_decides_where_there_is_no_mask() -> None:
     where[:, 50:] = False
     x, y = (grid.ravel() + 0.5 for grid in np.meshgrid(np.arange(0, 60, 2), np.arange(0, 20, 2)))
     depths = np.where(x < 20, 2.0, np.where(x < 40, 2.95, 4.0))
-    nearer = occlusion._nearer_pixels(where, behind, np.column_stack([x, y]), depths, 10.0)
+    nearer = occlusion.occluded_by_points(where, behind, np.column_stack([x, y]), depths, 10.0)
     assert nearer[:, :17].all()
     assert not nearer[:, 24:].any()
-    few = occlusion._nearer_pixels(where, behind, np.column_stack([x, y])[:6], depths[:6], 10.0)
+    few = occlusion.occluded_by_points(where, behind, np.column_stack([x, y])[:6], depths[:6], 10.0)
     assert not few.any()
     corner = np.column_stack([x, y])[(x < 4) & (y < 10)]
-    reach = occlusion._nearer_pixels(where, behind, corner, np.full(len(corner), 2.0), 6.0)
+    reach = occlusion.occluded_by_points(where, behind, corner, np.full(len(corner), 2.0), 6.0)
     assert reach[4, :7].all()
     assert not reach[4, 14:].any()
-    assert not occlusion._nearer_pixels(where & False, behind, corner, np.full(len(corner), 2.0), 6.0).any()
+    assert not occlusion.occluded_by_points(where & False, behind, corner, np.full(len(corner), 2.0), 6.0).any()
 
 
 def test_depth_beyond_an_outline_is_that_of_its_nearest_pixel() -> None:
     depth = np.full((6, 8), np.nan, np.float32)
     depth[2, 1], depth[2, 6] = 1.5, 2.5
     image = ObjectImage(np.zeros((6, 8, 3), np.float32), np.zeros((6, 8), np.float32), depth)
-    assert occlusion._object_depth(image)[[0, 5, 3], [0, 7, 5]].tolist() == [1.5, 2.5, 2.5]
+    image.alpha[2, 1] = image.alpha[2, 6] = 1.0
+    view = _view()
+    points = VisiblePoints(np.arange(4), np.full((4, 2), 7.5) - [0.0, 2.0], np.full(4, 2.0), False)
+    mask = Instance("a", 0, "a", np.ones((6, 8), bool), (0, 0), 1.0)
+    assert occlusion.occluded_fraction(image, PixelBox(0, 0, 8, 6), view, [mask], points, np.zeros(4, bool))[1].all()
+    nearer = replace(points, pixels=np.full((4, 2), 0.5))
+    assert not occlusion.occluded_fraction(image, PixelBox(0, 0, 8, 6), view, [mask], nearer, np.zeros(4, bool))[
+        1
+    ].any()
 
 
 @pytest.mark.parametrize("shift", [-1, 0, 1])
@@ -338,23 +352,23 @@ def test_a_matte_moves_to_the_edge_of_the_picture(shift: int) -> None:
     picture[:, 30:] = (200, 180, 90)
     hidden = np.zeros((40, 60), bool)
     hidden[:, 30 + shift :] = True
-    share = occlusion.matte(hidden, picture, 4)
+    share = occlusion.guided_matte(hidden, picture, 4)
     assert share[:, :27] == pytest.approx(0, abs=0.02)
     assert share[:, 33:] == pytest.approx(1, abs=0.02)
     assert abs(float(share[20].sum()) - 30) < 0.75
-    plain = occlusion.matte(hidden, np.full_like(picture, 90), 4)
+    plain = occlusion.guided_matte(hidden, np.full_like(picture, 90), 4)
     assert abs(float(plain[20].sum()) - (30 - shift)) < 0.1
-    assert occlusion.matte(hidden & False, picture, 4).max() == 0
-    assert occlusion.matte(hidden | True, picture, 4).min() == 1
+    assert occlusion.guided_matte(hidden & False, picture, 4).max() == 0
+    assert occlusion.guided_matte(hidden | True, picture, 4).min() == 1
 
 
 def test_values_are_smoothed_among_their_own_kind() -> None:
     values = np.where(np.arange(20) < 10, 1.0, 5.0)[None, :, None].repeat(20, axis=0).astype(np.float32)
     left = np.broadcast_to(np.arange(20) < 10, (20, 20))
-    spread = shadow_receivers._spread(values, left, 1.0, (40, 40))
+    spread = shadow_receivers.enlarge_within(values, left, 1.0, (40, 40))
     assert spread.shape == (40, 40, 1)
     assert spread[:, :24] == pytest.approx(1, abs=1e-4)
-    assert shadow_receivers._spread(values, ~left, 1.0, (40, 40))[:, 17:] == pytest.approx(5, abs=1e-3)
+    assert shadow_receivers.enlarge_within(values, ~left, 1.0, (40, 40))[:, 17:] == pytest.approx(5, abs=1e-3)
 
 
 def test_places_are_on_their_rays_and_depths_on_the_nearest_points() -> None:
@@ -362,10 +376,10 @@ def test_places_are_on_their_rays_and_depths_on_the_nearest_points() -> None:
     local = np.array([[0.2, -0.1, 2.0], [-0.4, 0.3, 3.0]])
     scene = (local - view.translation) @ view.rotation
     rays = (local[:, :2] / local[:, 2:]).astype(np.float32)
-    assert shadow_receivers._scene_places(view, rays, local[:, 2]) == pytest.approx(scene, rel=1e-5)
+    assert scene_positions(view, rays, local[:, 2]) == pytest.approx(scene, rel=1e-5)
     where = np.ones((4, 10), bool)
     pixels = np.array([[0.5, 0.5], [0.5, 1.5], [1.5, 0.5], [9.5, 3.5]])
-    depths = shadow_receivers._nearest(where, pixels, np.array([1.0, 2.0, 4.0, 9.0]), 3.0).reshape(4, 10)
+    depths = shadow_receivers.depth_of_nearest(where, pixels, np.array([1.0, 2.0, 4.0, 9.0]), 3.0).reshape(4, 10)
     assert depths[0, 0] == 2.0
     assert np.isnan(depths[0, 6])
     assert depths[0, 4] == 4.0  # the two others are beyond reach, and say nothing
@@ -374,12 +388,10 @@ def test_places_are_on_their_rays_and_depths_on_the_nearest_points() -> None:
 
 def test_what_is_around_a_bare_place_may_be_nearer() -> None:
     where, least = np.ones((5, 20), bool), np.full((5, 20), 2.0, np.float32)
-    box = PixelBox(100, 50, 140, 60)
-    x = np.linspace(1, 39, 20)
-    pixels = np.column_stack([100 + np.tile(x, 2), 50 + np.repeat([3.0, 7.0], 20)])
-    depths = np.where(pixels[:, 0] < 120, 1.5, 2.5)
-    front = VisiblePoints(np.arange(40), pixels, depths, True)
-    free = shadow_receivers._not_nearer(where, least, front, np.zeros(40, np.int32), box, 2)
+    x = np.linspace(0.5, 19.5, 20)
+    pixels = np.column_stack([np.tile(x, 2), np.repeat([1.5, 3.5], 20)])
+    depths = np.where(pixels[:, 0] < 10, 1.5, 2.5)
+    free = shadow_receivers.is_not_closer(where, least, pixels, depths)
     assert not free[:, :7].any()
     assert free[:, 13:].all()
-    assert shadow_receivers._not_nearer(where, least, front, np.ones(40, np.int32), box, 2).all()
+    assert shadow_receivers.is_not_closer(where, least, pixels[:4], depths[:4]).all()

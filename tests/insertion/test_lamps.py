@@ -10,28 +10,27 @@ from scipy.ndimage import distance_transform_edt
 
 from insertion.light import lamp_fit as shading
 from insertion.light.lamp_candidates import (
-    ABOVE,
-    BEYOND,
     CEILING_CELLS,
+    CEILING_MARGIN_FRACTION,
     GRID,
-    HEIGHT_SHARE,
     LEVELS,
-    LOWEST,
-    NEARBY,
-    NEAREST,
-    STANDING,
-    USUAL,
-    _basis,
-    _where_barred,
+    MIN_DISTANCE,
+    MIN_HEIGHT,
+    MIN_HEIGHT_RATIO,
+    N_LOCAL_CANDIDATES,
+    STANDING_LOG_ODDS,
+    TYPICAL_IRRADIANCE,
+    WALL_MARGIN_FRACTION,
     lamp_irradiance,
     local_candidates,
+    room_axes,
     room_candidates,
     visible_fraction,
 )
 from insertion.light.lamp_fit import (
     CELL_WIDTHS,
-    INDEPENDENT_CELLS,
-    OTHER_SIGMA,
+    MAX_EFFECTIVE_CELLS,
+    PLANE_SIGMA,
     WALL_SIGMA,
     PlaneShading,
     log_posterior,
@@ -71,13 +70,13 @@ def test_a_lamp_lights_by_both_cosines_and_the_squared_distance() -> None:
     lamps = np.tile([0.0, 0.0, 2.0], (3, 1))
     light = lamp_irradiance(floor, lamps, np.array([bulb, down, sideways]), None)
     far = np.sqrt(13)
-    beside = (2 / far) * DIAGONAL**2 / 13 / USUAL
-    above = DIAGONAL**2 / 4 / USUAL
+    beside = (2 / far) * DIAGONAL**2 / 13 / TYPICAL_IRRADIANCE
+    above = DIAGONAL**2 / 4 / TYPICAL_IRRADIANCE
     assert light == pytest.approx(
         np.array([[above, beside, 0], [above, beside * 2 / far, 0], [0, beside * 3 / far, 0]]), rel=1e-9
     )
     touching = lamp_irradiance(floor, np.array([[0.0, 0.0, 0.01]]), np.zeros((1, 3)), None)[0, 0]
-    assert touching == pytest.approx(0.01 / (NEAREST * DIAGONAL) / NEAREST**2 / USUAL)
+    assert touching == pytest.approx(0.01 / (MIN_DISTANCE * DIAGONAL) / MIN_DISTANCE**2 / TYPICAL_IRRADIANCE)
 
 
 def _occupancy_with_wall() -> Occupancy:
@@ -101,14 +100,16 @@ def test_a_wall_shades_the_cells_behind_it() -> None:
 def test_the_candidates_of_a_room() -> None:
     room = _room()
     all_over = room_candidates(room, UP, None, None)
-    local = room.places @ all_over.basis.T
+    local = room.positions @ all_over.basis.T
     low, high = local.min(axis=0), local.max(axis=0)
     size = high - low
-    top = max(high[2] + ABOVE * size[2], low[2] + HEIGHT_SHARE * size[:2].max())
-    own = all_over.places @ all_over.basis.T
-    assert own.min(axis=0) == pytest.approx([*(low - BEYOND * size)[:2], low[2] + LOWEST * (top - low[2])])
-    assert own.max(axis=0) == pytest.approx([*(high + BEYOND * size)[:2], top])
-    assert all_over.spacing == pytest.approx(size[0] * (1 + 2 * BEYOND) / (GRID - 1))
+    top = max(high[2] + CEILING_MARGIN_FRACTION * size[2], low[2] + MIN_HEIGHT_RATIO * size[:2].max())
+    own = all_over.positions @ all_over.basis.T
+    assert own.min(axis=0) == pytest.approx(
+        [*(low - WALL_MARGIN_FRACTION * size)[:2], low[2] + MIN_HEIGHT * (top - low[2])]
+    )
+    assert own.max(axis=0) == pytest.approx([*(high + WALL_MARGIN_FRACTION * size)[:2], top])
+    assert all_over.spacing == pytest.approx(size[0] * (1 + 2 * WALL_MARGIN_FRACTION) / (GRID - 1))
     bulbs = ~all_over.facing.any(axis=1)
     downward = all_over.facing @ UP < -0.99
     inward = ~bulbs & ~downward
@@ -118,8 +119,8 @@ def test_the_candidates_of_a_room() -> None:
     toward = ((middle - own) @ np.eye(3) * (all_over.facing @ all_over.basis.T)).sum(axis=1)
     assert (toward[inward] > 0).all()
     standing = bulbs & (own[:, 2] < low[2] + 0.8 * (top - low[2]))
-    assert np.array_equal(all_over.log_prior, np.where(standing, STANDING, 0.0))
-    light = lamp_irradiance(room, all_over.places[::97], all_over.facing[::97], None)
+    assert np.array_equal(all_over.log_prior, np.where(standing, STANDING_LOG_ODDS, 0.0))
+    light = lamp_irradiance(room, all_over.positions[::97], all_over.facing[::97], None)
     assert all_over.irradiance[::97] == pytest.approx(light)
 
 
@@ -127,37 +128,41 @@ def test_no_candidate_is_where_none_can_be() -> None:
     room = _room()
     free = room_candidates(room, UP, None, None)
     half = room_candidates(room, UP, lambda places: places[:, 0] > 2, None)
-    assert (half.places[:, 0] <= 2).all()
-    assert (half.barred[:, 0] > 2).all()
-    assert len(free.barred) == 0
-    assert _where_barred(half, np.array([[0.5, 1, 1.9], [3.5, 1, 1.9]])).tolist() == [False, True]
-    assert not _where_barred(free, np.array([[0.5, 1, 1.9], [3.5, 1, 1.9]])).any()
+    assert (half.positions[:, 0] <= 2).all()
+    assert (half.excluded[:, 0] > 2).all()
+    assert len(free.excluded) == 0
     place, generator = np.array([1.9, 1.5, 1.9]), np.random.default_rng(0)
     near = local_candidates(half, place, -UP, 0.5, room, None, generator)
-    assert near.places[0].tolist() == place.tolist()
+    assert near.positions[0].tolist() == place.tolist()
     assert near.facing[0].tolist() == [0, 0, -1]
-    assert len(near.places) == 4 * NEARBY
+    assert len(near.positions) == 4 * N_LOCAL_CANDIDATES
     assert near.log_prior[0] == 0
-    outside = ((near.places < half.places.min(axis=0)) | (near.places > half.places.max(axis=0))).any(axis=1)
+    outside = ((near.positions < half.positions.min(axis=0)) | (near.positions > half.positions.max(axis=0))).any(
+        axis=1
+    )
     assert outside.any()
-    assert np.array_equal(np.isinf(near.log_prior[1:]), (outside | _where_barred(half, near.places))[1:])
-    assert np.linalg.norm(near.facing, axis=1)[: 3 * NEARBY] == pytest.approx(1)
-    assert not near.facing[3 * NEARBY :].any()
-    assert (near.facing[NEARBY : 2 * NEARBY] @ -UP).mean() == pytest.approx(0.9, abs=0.1)
-    assert near.places.std(axis=0).mean() == pytest.approx(0.5, rel=0.3)
+    to_free, to_excluded = (
+        np.linalg.norm(near.positions[:, None] - others, axis=-1).min(axis=1)
+        for others in (half.positions, half.excluded)
+    )
+    assert np.array_equal(np.isinf(near.log_prior[1:]), (outside | (to_excluded < to_free))[1:])
+    assert np.linalg.norm(near.facing, axis=1)[: 3 * N_LOCAL_CANDIDATES] == pytest.approx(1)
+    assert not near.facing[3 * N_LOCAL_CANDIDATES :].any()
+    assert (near.facing[N_LOCAL_CANDIDATES : 2 * N_LOCAL_CANDIDATES] @ -UP).mean() == pytest.approx(0.9, abs=0.1)
+    assert near.positions.std(axis=0).mean() == pytest.approx(0.5, rel=0.3)
 
 
 def test_axes_are_along_a_wall() -> None:
     turned = _room()
     angle = np.radians(20)
     turn = np.array([[np.cos(angle), -np.sin(angle), 0], [np.sin(angle), np.cos(angle), 0], [0, 0, 1]])
-    patches = replace(turned, places=turned.places @ turn.T, normals=turned.normals @ turn.T)
-    basis = _basis(patches, UP)
+    patches = replace(turned, positions=turned.positions @ turn.T, normals=turned.normals @ turn.T)
+    basis = room_axes(patches, UP)
     assert basis @ basis.T == pytest.approx(np.eye(3))
     assert np.linalg.det(basis) == pytest.approx(1)
     assert np.abs(basis[:2] @ turn[:, 0]).max() == pytest.approx(1)
     assert basis[2].tolist() == UP.tolist()
-    flat = _basis(_cells([(0, 0, 0)], (0, 0, 1)), np.array([1.0, 0, 0]))
+    flat = room_axes(_cells([(0, 0, 0)], (0, 0, 1)), np.array([1.0, 0, 0]))
     assert flat @ flat.T == pytest.approx(np.eye(3))
 
 
@@ -165,29 +170,29 @@ def test_the_ceiling_is_as_high_as_the_highest_lamp_and_looks_down() -> None:
     room = _room()
     all_over = room_candidates(room, UP, None, None)
     above = all_over.ceiling
-    assert len(above.places) == CEILING_CELLS**2
-    assert above.places[:, 2] == pytest.approx(all_over.places[:, 2].max())
+    assert len(above.positions) == CEILING_CELLS**2
+    assert above.positions[:, 2] == pytest.approx(all_over.positions[:, 2].max())
     assert np.abs(above.normals + UP).max() == 0
-    assert above.places[:, :2].min(axis=0) == pytest.approx(room.places[:, :2].min(axis=0))
-    assert above.places[:, :2].max(axis=0) == pytest.approx(room.places[:, :2].max(axis=0))
+    assert above.positions[:, :2].min(axis=0) == pytest.approx(room.positions[:, :2].min(axis=0))
+    assert above.positions[:, :2].max(axis=0) == pytest.approx(room.positions[:, :2].max(axis=0))
     some = slice(None, None, 97)
-    ceiling_irradiance = lamp_irradiance(above, all_over.places[some], all_over.facing[some], None).mean(axis=1)
+    ceiling_irradiance = lamp_irradiance(above, all_over.positions[some], all_over.facing[some], None).mean(axis=1)
     assert all_over.ceiling_irradiance[some] == pytest.approx(ceiling_irradiance)
     assert not all_over.ceiling_irradiance[all_over.facing @ UP < -0.99].any()
 
 
 def _explained(planes: PlaneShading, field: np.ndarray) -> float:
     """The log posterior by its formula, one plane after another."""
-    rest = planes.patches.log_luminance - np.log(field)
+    rest = planes.cells.log_luminance - np.log(field)
     albedo = []
     for number in range(len(planes.walls)):
-        own = planes.patches.plane == number
+        own = planes.cells.plane == number
         middle = np.sort(rest[own])[own.sum() // 2]
         rest[own] -= middle
         albedo.append(middle)
     widths = [np.mean(np.log1p((rest / width) ** 2)) + np.log(width) for width in CELL_WIDTHS]
-    total = -min(INDEPENDENT_CELLS, len(rest)) * min(widths)
-    for some, sigma in ((np.array(albedo)[planes.walls], WALL_SIGMA), (np.array(albedo), OTHER_SIGMA)):
+    total = -min(MAX_EFFECTIVE_CELLS, len(rest)) * min(widths)
+    for some, sigma in ((np.array(albedo)[planes.walls], WALL_SIGMA), (np.array(albedo), PLANE_SIGMA)):
         if len(some) > 1:
             total -= 0.5 * float((((some - some.mean()) / sigma) ** 2).sum())
     return float(total)
@@ -200,9 +205,9 @@ def test_a_field_is_as_likely_as_the_formula_says() -> None:
     fields = np.exp(np.random.default_rng(1).normal(0, 0.5, (3, 75)))
     values = [_explained(planes, field) for field in fields]
     assert log_posterior(planes, fields) == pytest.approx(values, rel=1e-4)
-    exact = np.exp(planes.patches.log_luminance)
+    exact = np.exp(planes.cells.log_luminance)
     assert log_posterior(planes, exact[None])[0] > max(values)
-    darker = planes.patches.log_luminance - 3.0
+    darker = planes.cells.log_luminance - 3.0
     assert log_posterior(planes, fields, darker) == pytest.approx(values, rel=1e-4)
 
 
@@ -214,22 +219,22 @@ def test_the_ambient_light_of_a_closed_room_is_what_its_walls_send() -> None:
     planes = plane_shading(_room(), UP, closed)
     bright = 0.2 * 0.2126 + 0.1 * 0.7152 + 0.05 * 0.0722
     assert planes.unit == pytest.approx(np.pi * bright, rel=1e-4)
-    assert planes.shown == pytest.approx(1, rel=1e-4)
-    assert planes.missing == pytest.approx(0, abs=1e-6)
+    assert planes.seen == pytest.approx(1, rel=1e-4)
+    assert planes.unseen == pytest.approx(0, abs=1e-6)
     assert planes.tint == pytest.approx(np.tile(np.array([0.2, 0.1, 0.05]) / bright, (75, 1)), rel=1e-4)
-    assert shading._shown_mean(planes) == pytest.approx(1, rel=1e-4)
-    assert shading._shown_mean(replace(planes, missing=np.full(75, 0.5))) == pytest.approx(1.5, rel=1e-4)
+    assert planes.mean_irradiance == pytest.approx(1, rel=1e-4)
+    assert replace(planes, unseen=np.full(75, 0.5)).mean_irradiance == pytest.approx(1.5, rel=1e-4)
     walls[:, :, -1:] = False
     opened = plane_shading(
         _room(), UP, Occupancy(distance_transform_edt(~walls).astype(np.float32), light, np.full(3, -2.0), 0.2)
     )
-    assert (opened.shown + opened.missing).mean() == pytest.approx(1, rel=1e-4)
-    assert opened.missing.max() > 0.05
+    assert (opened.seen + opened.unseen).mean() == pytest.approx(1, rel=1e-4)
+    assert opened.unseen.max() > 0.05
 
 
-def _fitted(planes: PlaneShading, ratio: float) -> shading._Fitted:
-    candidates = room_candidates(planes.patches, UP, None, None)
-    scores = np.zeros((len(candidates.places), 2))
+def _fitted(planes: PlaneShading, ratio: float) -> shading._FittedLamp:
+    candidates = room_candidates(planes.cells, UP, None, None)
+    scores = np.zeros((len(candidates.positions), 2))
     scores[5, 1] = 50.0
     return shading._lamp_of_row(candidates, 5, ratio, scores, np.array([1.0, ratio]))
 
@@ -237,47 +242,50 @@ def _fitted(planes: PlaneShading, ratio: float) -> shading._Fitted:
 def test_a_fitted_lamp_is_the_likely_candidate_at_its_strength() -> None:
     planes = plane_shading(_room(), UP, None)
     one = _fitted(planes, 6.0)
-    candidates = room_candidates(planes.patches, UP, None, None)
-    assert one.lamp.places.tolist() == [candidates.places[5].tolist()]
-    assert one.lamp.strengths == pytest.approx([6.0 / USUAL])
+    candidates = room_candidates(planes.cells, UP, None, None)
+    assert one.lamp.positions.tolist() == [candidates.positions[5].tolist()]
+    assert one.lamp.strengths == pytest.approx([6.0 / TYPICAL_IRRADIANCE])
     assert (one.score, one.lamp.weights.tolist(), one.lamp.size) == (50.0, [1.0], candidates.spacing)
     assert one.irradiance == pytest.approx(6.0 * candidates.irradiance[5])
-    twice = one.times(2.0)
-    assert (twice.ratio, twice.lamp.strengths[0]) == pytest.approx((12.0, 12.0 / USUAL))
+    twice = one.scaled(2.0)
+    assert (twice.ratio, twice.lamp.strengths[0]) == pytest.approx((12.0, 12.0 / TYPICAL_IRRADIANCE))
     assert twice.irradiance == pytest.approx(2 * one.irradiance)
-    direct, ratio, ceiling_irradiance = shading._sums([one, twice], planes, np.array([1.0, 0.5]))
+    direct, ratio, ceiling_irradiance = shading._totals([one, twice], planes, np.array([1.0, 0.5]))
     assert direct == pytest.approx(np.outer([3.0, 1.5], one.irradiance))
     assert ratio == pytest.approx([18.0, 9.0])
     assert ceiling_irradiance == pytest.approx(np.array([18.0, 9.0]) * candidates.ceiling_irradiance[5])
     scores = np.log(np.array([[1.0, 3.0], [2.0, 2.0], [1e-3, 1e-3]]))
-    some = replace(candidates, places=candidates.places[:3], facing=candidates.facing[:3])
-    mixed = shading._lamp(some, scores, np.array([1.0, 5.0]))
+    some = replace(candidates, positions=candidates.positions[:3], facing=candidates.facing[:3])
+    mixed = shading._lamp_of_row(some, 0, 5.0, scores, np.array([1.0, 5.0])).lamp
     assert mixed.weights == pytest.approx([0.5, 0.5])
-    assert mixed.strengths == pytest.approx([4.0 / USUAL, 3.0 / USUAL])
+    assert mixed.strengths == pytest.approx([4.0 / TYPICAL_IRRADIANCE, 3.0 / TYPICAL_IRRADIANCE])
 
 
 def test_scores_add_all_that_is_known_of_lamps_and_of_what_is_not_shown() -> None:
-    planes = replace(plane_shading(_room(), UP, None), times=2.0)
-    candidates = room_candidates(planes.patches, UP, None, None)
+    planes = replace(plane_shading(_room(), UP, None), gain=2.0)
+    candidates = room_candidates(planes.cells, UP, None, None)
     rows = [3, 700, 1100]
     few = replace(
-        candidates, places=candidates.places[rows], facing=candidates.facing[rows],
-        irradiance=candidates.irradiance[rows], ceiling_irradiance=candidates.ceiling_irradiance[rows], log_prior=np.array([0.0, -1.0, -2.0]),
+        candidates, positions=candidates.positions[rows], facing=candidates.facing[rows],
+        irradiance=candidates.irradiance[rows], ceiling_irradiance=candidates.ceiling_irradiance[rows],
+        log_prior=np.array([0.0, -1.0, -2.0]),
     )  # fmt: skip
     other = _fitted(planes, 8.0)
     ratios = np.array([2.0, 4.0])
-    scores = shading._all_scores(planes, few, [other], ratios)
+    scores = shading._candidate_scores(planes, few, [other], ratios)
     for row in range(3):
         for column, ratio in enumerate(ratios):
             field = 2.0 + other.irradiance + ratio * few.irradiance[row]
             ceiling = shading.CEILING_ALBEDO * (1 + other.ceiling_irradiance + ratio * few.ceiling_irradiance[row])
-            lightest = np.pi * np.exp(np.quantile(planes.patches.log_luminance - np.log(field), 1 - shading.LIGHTEST))
+            lightest = np.pi * np.exp(
+                np.quantile(planes.cells.log_luminance - np.log(field), 1 - shading.LIGHTEST_QUANTILE_TAIL)
+            )
             terms = [
-                np.log((ratio + 8.0) / shading.DIRECT) / shading.DIRECT_SIGMA,
+                np.log((ratio + 8.0) / shading.DIRECT_TO_AMBIENT_PRIOR) / shading.DIRECT_TO_AMBIENT_SIGMA,
                 np.log(2.0 / ceiling) / shading.UNSEEN_SIGMA,
                 np.log(lightest / shading.LIGHTEST_ALBEDO) / shading.LIGHTEST_SIGMA,
             ]
-            expected = shading.CONTRAST * _explained(planes, field) - 0.5 * np.square(terms).sum() - row
+            expected = shading.CONTRAST_WEIGHT * _explained(planes, field) - 0.5 * np.square(terms).sum() - row
             assert scores[row, column] == pytest.approx(expected, rel=1e-4)
 
 
@@ -290,7 +298,7 @@ def test_a_lamp_s_colour_is_how_planes_change_from_shadow_to_light() -> None:
     field = 1.0 + fitted.irradiance
     bright = np.log(field)
     hue = np.log(1.0 + fitted.irradiance[:, None] * lamp_colour) - bright[:, None]
-    painted = replace(planes, patches=replace(room, log_luminance=bright, hue=hue))
+    painted = replace(planes, cells=replace(room, log_luminance=bright, hue=hue))
     (colour,) = shading._lamp_colours(painted, [fitted])
     assert np.log(colour / colour[1]) == pytest.approx(np.log(lamp_colour), abs=0.051)
     assert colour @ [0.2126, 0.7152, 0.0722] == pytest.approx(1)
@@ -299,11 +307,11 @@ def test_a_lamp_s_colour_is_how_planes_change_from_shadow_to_light() -> None:
 
 def test_lamps_and_what_is_not_shown_are_balanced_together() -> None:
     planes = plane_shading(_room(), UP, None)
-    fitted = _fitted(planes, shading.DIRECT / 1.28)
+    fitted = _fitted(planes, shading.DIRECT_TO_AMBIENT_PRIOR / 1.28)
     times = shading.CEILING_ALBEDO * (1 + 1.28 * fitted.ceiling_irradiance)
     light = shading.LIGHTEST_ALBEDO / np.pi * (times + 1.28 * fitted.irradiance)
-    true = replace(planes, patches=replace(planes.patches, log_luminance=np.log(light)))
-    (brighter,), balanced = shading._balance_lamps([fitted], true)
-    assert brighter.ratio == pytest.approx(shading.DIRECT)
-    assert balanced.times == shading.UNSEEN[int(np.abs(np.log(shading.UNSEEN / times)).argmin())]
+    true = replace(planes, cells=replace(planes.cells, log_luminance=np.log(light)))
+    (brighter,), balanced = shading.balance_lamps([fitted], true)
+    assert brighter.ratio == pytest.approx(shading.DIRECT_TO_AMBIENT_PRIOR)
+    assert balanced.gain == shading.UNSEEN_GAIN_GRID[int(np.abs(np.log(shading.UNSEEN_GAIN_GRID / times)).argmin())]
     assert brighter.irradiance == pytest.approx(1.28 * fitted.irradiance)

@@ -5,9 +5,9 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from insertion.light.environment_estimate import WHITE_ALBEDO, _raise_top
+from insertion.light.environment_estimate import WHITE_ALBEDO, raise_ceiling
 from insertion.light.environment_map import HEIGHT, WIDTH, Environment, SphereLights, map_directions, solid_angles
-from insertion.light.lamp_fit import Shading, fit_shading
+from insertion.light.lamp_fit import RoomLight, fit_room_light
 from insertion.light.light_samples import sample_lights
 from insertion.scene.plane_cells import PlaneCells
 from metric_base.arrays import FloatArray
@@ -49,24 +49,24 @@ def _room(lamp: tuple[float, float, float] | None, strength: float, seed: int = 
 STRENGTH = 70.0
 
 
-def _down_at(shading: Shading, place: FloatArray) -> float:
+def _down_at(shading: RoomLight, place: FloatArray) -> float:
     """Irradiance of the floor by the lamps at a place (3,)."""
     total = 0.0
     for lamp in shading.lamps:
-        away = lamp.places - place
+        away = lamp.positions - place
         far = np.linalg.norm(away, axis=1)
         shone = np.where(lamp.facing.any(axis=1), np.maximum(-(away * lamp.facing).sum(axis=1) / far, 0), 1)
         total += float(lamp.weights @ (lamp.strengths * shone * away[:, 2] / far**3))
     return total
 
 
-def _lamp_place(shading: Shading) -> FloatArray:
-    return np.asarray(shading.lamps[0].weights @ shading.lamps[0].places)
+def _lamp_place(shading: RoomLight) -> FloatArray:
+    return np.asarray(shading.lamps[0].weights @ shading.lamps[0].positions)
 
 
 @pytest.mark.parametrize("lamp", [(1.0, -0.8, 2.4), (-1.2, 0.9, 2.3)])
 def test_a_lamp_is_where_the_shading_says(lamp: tuple[float, float, float]) -> None:
-    shading = fit_shading(_room(lamp, STRENGTH), UP)
+    shading = fit_room_light(_room(lamp, STRENGTH), UP)
     assert shading is not None
     assert len(shading.lamps) == 1
     assert np.linalg.norm(_lamp_place(shading) - lamp) < 0.7
@@ -74,23 +74,23 @@ def test_a_lamp_is_where_the_shading_says(lamp: tuple[float, float, float]) -> N
 
 
 def test_even_light_has_hardly_a_lamp_that_shines_down() -> None:
-    shading = fit_shading(_room(None, 0.0), UP)
+    shading = fit_room_light(_room(None, 0.0), UP)
     assert shading is not None
     assert _down_at(shading, np.zeros(3)) < 0.35 * shading.ambient
 
 
 def test_no_lamp_is_where_none_can_be() -> None:
     true = (1.0, -0.8, 2.4)
-    shading = fit_shading(_room(true, STRENGTH), UP, lambda places: places[:, 0] > 0)
+    shading = fit_room_light(_room(true, STRENGTH), UP, lambda places: places[:, 0] > 0)
     assert shading is not None
     spacing = 1.3 * 5.0 / 10
-    assert all((lamp.places[:, 0] <= spacing / 2).all() for lamp in shading.lamps)
+    assert all((lamp.positions[:, 0] <= spacing / 2).all() for lamp in shading.lamps)
 
 
 def test_too_few_cells_say_nothing() -> None:
     room = _room(None, 0.0)
-    few = PlaneCells(room.places[:20], room.normals[:20], room.log_luminance[:20], room.plane[:20], room.diagonal)
-    assert fit_shading(few, UP) is None
+    few = PlaneCells(room.positions[:20], room.normals[:20], room.log_luminance[:20], room.plane[:20], room.diagonal)
+    assert fit_room_light(few, UP) is None
 
 
 def test_a_lamp_is_brighter_nearby() -> None:
@@ -102,7 +102,7 @@ def test_a_lamp_is_brighter_nearby() -> None:
     assert lights.power[lights.near == 0].sum(axis=0) == pytest.approx(np.full(3, 0.4 * np.pi), rel=1e-3)
     for offset in (np.zeros(3), np.array([0.5, 0.0, 0.5]), np.array([-1.0, 0.3, 0.0])):
         moved = lights.seen_from(offset, 0.1)
-        points, away = moved.rows(moved.near > 0), place - offset
+        points, away = moved.subset(moved.near > 0), place - offset
         assert points.power.sum(axis=0) == pytest.approx(power / (away @ away), rel=0.02)
         assert (points.directions @ away / np.linalg.norm(away)).min() > 0.999
 
@@ -111,7 +111,7 @@ def test_the_unseen_part_makes_white_white() -> None:
     """Its irradiance is what is wanted: that of the lamp's lobe and of the rest together."""
     filled = np.full((HEIGHT, WIDTH, 3), 0.1)
     seen = np.zeros((HEIGHT, WIDTH))
-    raised = _raise_top(filled, seen, 0.12, np.array([0.0, 0.0, 1.0]))
+    raised = raise_ceiling(filled, seen, 0.12, np.array([0.0, 0.0, 1.0]))
     weight = np.maximum(map_directions()[..., 2], 0) * solid_angles()[:, None]
     irradiance = float((weight * raised[..., 0]).sum())
     assert irradiance == pytest.approx(np.pi * 0.12 / WHITE_ALBEDO, rel=1e-6)

@@ -2,11 +2,21 @@
 
 from __future__ import annotations
 
+from typing import Any
+
 import numpy as np
 import pytest
 
 from insertion.colour import srgb_to_linear
-from insertion.composite.camera_look import CameraLook, _blend, _gain, blur_layer, blur_of, grain, measure_look
+from insertion.composite import camera_look
+from insertion.composite.camera_look import (
+    CameraLook,
+    blur_layer,
+    grain,
+    measure_blur,
+    measure_gain,
+    measure_look,
+)
 from insertion.scene.pixel_box import PixelBox
 from insertion.scene.point_cloud import ColouredPoints, VisiblePoints
 
@@ -79,11 +89,11 @@ def test_texture_is_no_grain() -> None:
 
 @pytest.mark.parametrize("down", [False, True])
 def test_the_smear_of_a_moving_camera_has_a_direction(down: bool) -> None:
-    covariance = blur_of(_smear(_patchwork(), 5, down))
+    covariance = measure_blur(_smear(_patchwork(), 5, down))
     along, across = (covariance[1, 1], covariance[0, 0])[:: 1 if down else -1]
     assert np.sqrt(along) == pytest.approx(5 / np.sqrt(12), rel=0.3)
     assert np.sqrt(across) < 0.6
-    sharp = blur_of(_patchwork())
+    sharp = measure_blur(_patchwork())
     assert np.sqrt(np.linalg.eigvalsh(sharp)).max() < 0.6
 
 
@@ -101,15 +111,19 @@ def test_a_layer_is_smeared_as_the_picture_is() -> None:
     assert narrow[20, 20] < 0.9999
 
 
-def test_looks_of_neighbouring_frames_blend() -> None:
-    old = CameraLook(np.array([1.0, 2.0, 3.0]), 1.5, np.full((16, 3), 2.0), 0.7, 0.4)
-    new = CameraLook(np.array([2.0, 2.0, 4.0]), 2.5, np.full((16, 3), 4.0), 1.3, 0.8)
-    for look in (old, new):
-        same = _blend(look, look)
-        assert np.allclose(same.gain, look.gain)
-        assert np.allclose(same.grain, look.grain)
-        assert (same.grain_px, same.common) == pytest.approx((look.grain_px, look.common))
-    between = _blend(old, new)
+def test_looks_of_neighbouring_frames_blend(monkeypatch: pytest.MonkeyPatch) -> None:
+    old = CameraLook(np.array([1.0, 2.0, 3.0]), np.eye(2) * 1.5, np.full((8, 3), 2.0), 0.7, 0.4)
+    new = CameraLook(np.array([2.0, 2.0, 4.0]), np.eye(2) * 2.5, np.full((8, 3), 4.0), 1.3, 0.8)
+    looks = iter([old, old, new])
+    monkeypatch.setattr(camera_look, "measure_look", lambda *_: next(looks))
+    tracker = camera_look.CameraLookTracker(smooth=True)
+    nothing: Any = None
+    tracker.next(nothing, nothing, nothing)
+    same = tracker.next(nothing, nothing, nothing)
+    assert np.allclose(same.gain, old.gain)
+    assert np.allclose(same.grain, old.grain)
+    assert (same.grain_px, same.common) == pytest.approx((old.grain_px, old.common))
+    between = tracker.next(nothing, nothing, nothing)
     assert old.grain_px < between.grain_px < new.grain_px
     assert old.common < between.common < new.common
 
@@ -120,5 +134,5 @@ def test_the_gain_is_that_of_the_colours_at_the_points() -> None:
     at = np.stack([generator.integers(0, SHAPE[1], 400), generator.integers(0, SHAPE[0], 400)], axis=1)
     linear = srgb_to_linear(picture[at[:, 1], at[:, 0]])
     cloud = ColouredPoints(np.zeros((400, 3)), (linear / [1.2, 1.0, 0.8]).astype(np.float32), False)
-    gain = _gain(picture, VisiblePoints(np.arange(400), at.astype(float), np.ones(400), False), cloud)
+    gain = measure_gain(picture, VisiblePoints(np.arange(400), at.astype(float), np.ones(400), False), cloud)
     assert gain == pytest.approx([1.2, 1.0, 0.8], rel=1e-3)

@@ -174,9 +174,9 @@ def test_keys_that_are_none_are_refused(tmp_path: Path, times: list[float], valu
 def test_a_way_is_walked_at_one_speed_with_the_front_ahead() -> None:
     corners = np.array([[0, 0, 0], [3, 0, 0], [3, 1, 0.0]])
     whole = path_motion(corners, 2.0, None, 8.0)
-    np.testing.assert_allclose(whole.place(0), corners[0])
-    np.testing.assert_allclose(whole.place(3), [1.5, 0, 0])
-    np.testing.assert_allclose(whole.place(99), corners[2])
+    np.testing.assert_allclose(whole.position(0), corners[0])
+    np.testing.assert_allclose(whole.position(3), [1.5, 0, 0])
+    np.testing.assert_allclose(whole.position(99), corners[2])
     np.testing.assert_allclose(whole.front(3), [1, 0, 0], atol=1e-9)
     np.testing.assert_allclose(whole.front(8), [0, 1, 0], atol=1e-9)
     assert whole.arrival_s == pytest.approx(8.0)
@@ -185,5 +185,5 @@ def test_a_way_is_walked_at_one_speed_with_the_front_ahead() -> None:
         with pytest.raises(InputError, match="--path"):
             parse_path(words)
     assert parse_path("1,2 3,4.5") == ((1.0, 2.0), (3.0, 4.5))
-    with pytest.raises(InputError, match="--path: expected points apart"):
+    with pytest.raises(InputError, match="--path: expected points other"):
         path_motion(np.zeros((2, 3)), 1.0, None, 1.0)

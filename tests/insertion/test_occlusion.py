@@ -17,18 +17,25 @@ from estimator.records.objects import SupportPlane
 from estimator.records.scene import Camera, Instance, Scene, View
 from insertion.composite.compose import ObjectComposite, occlude_mutually
 from insertion.composite.occlusion import (
-    _by_vote,
-    _nearer_pixels,
-    _stands_on,
-    _without_gaps,
-    matte,
+    close_gaps,
+    guided_matte,
+    occluded_by_points,
     occluded_fraction,
     on_support,
+    stands_on_occluder,
+    vote_of_points,
 )
 from insertion.footage.footage import Frame
 from insertion.render.layers import ObjectLayers
 from insertion.render.renderer import ObjectImage
-from insertion.scene.frame_masks import MaskPropagator, _carry, billboards, moving_masks, static_cloud, static_points
+from insertion.scene.frame_masks import (
+    MaskPropagator,
+    billboards,
+    moving_masks,
+    propagate_mask,
+    static_cloud,
+    static_points,
+)
 from insertion.scene.pixel_box import PixelBox
 from insertion.scene.point_cloud import ColouredPoints, VisiblePoints, visible_points
 
@@ -62,7 +69,7 @@ def _points(*parts: tuple[tuple[int, int, int, int], float], count: int = 25) ->
 
 
 def _hidden(objects: Sequence[Instance], points: VisiblePoints) -> np.ndarray:
-    return occluded_fraction(_image(), BOX, VIEW, objects, points, np.zeros(len(points.rows), bool)).share > 0.5
+    return occluded_fraction(_image(), BOX, VIEW, objects, points, np.zeros(len(points.rows), bool))[0] > 0.5
 
 
 def test_the_near_leg_of_a_table_hides_and_the_far_one_does_not() -> None:
@@ -119,17 +126,17 @@ def test_a_gap_of_lines_closes_as_one_of_columns() -> None:
     for axis in (0, 1):
         hidden = np.ones(BOX.shape, bool)
         hidden[(slice(40, 50), slice(None)) if axis == 0 else (slice(None), slice(40, 50))] = False
-        assert _without_gaps(hidden, reach, behind, np.zeros((0, 2)), np.zeros(0))[20:-20, 20:-20].all()
+        assert close_gaps(hidden, reach, behind, np.zeros((0, 2)), np.zeros(0))[20:-20, 20:-20].all()
 
 
 def test_a_box_has_its_first_pixels_and_not_its_last() -> None:
     front = VisiblePoints(np.arange(4), np.array([[2.0, 3], [8, 3], [2, 9], [7.9, 8.9]]), np.ones(4), False)
-    assert front.marks_inside(np.arange(4), 2, 3, 8, 9).tolist() == [0, 3]
+    assert np.flatnonzero(front.in_box(2, 3, 8, 9)).tolist() == [0, 3]
 
 
 def test_a_mask_that_starts_inside_the_picture_is_carried_to_its_place() -> None:
     item = replace(_object("box", (0, 0, 20, 16)), origin=(300, 200))
-    carried = _carry(item, VIEW, VIEW, np.array([1 / NEAR, 0.0, 0.0]))
+    carried = propagate_mask(item, VIEW, VIEW, np.array([1 / NEAR, 0.0, 0.0]))
     assert carried is not None
     assert np.abs(np.array(carried.origin) - item.origin).max() <= 1
     assert np.abs(np.array(carried.mask.shape) - [16, 20]).max() <= 3
@@ -157,9 +164,12 @@ def test_masks_come_from_the_nearest_view_of_the_scene() -> None:
     views = tuple(replace(VIEW, name=f"{x}.png", translation=np.array([-x, 0.0, 0.0])) for x in (0.0, 2.0, 9.0))
     wall = np.column_stack([np.random.default_rng(0).uniform(-3, 3, (400, 2)), np.full(400, 10.0)])
     cloud = ColouredPoints(wall, np.zeros((400, 3), np.float32), True)
-    carrier = MaskPropagator(Scene(Path(), "colmap", views, wall, None), {0: (), 1: (), 2: ()}, cloud)
-    for x, nearest in ((0.5, 0), (1.5, 1), (20.0, None)):
-        assert carrier._nearest(replace(VIEW, translation=np.array([-x, 0.0, 0.0]))) == nearest
+    mask = Instance("", 0, "box", np.ones((100, 160), bool), (240, 190))
+    masks = {row: (replace(mask, view=row, id=str(row)),) for row in range(3)}
+    propagator = MaskPropagator(Scene(Path(), "memory", views, wall, None), masks, cloud)
+    for x, nearest in ((0.5, "0"), (1.5, "1"), (20.0, None)):
+        found = propagator.masks(None, replace(VIEW, translation=np.array([-x, 0.0, 0.0])))
+        assert [item.id for item in found] == ([] if nearest is None else [nearest])
 
 
 def _ground() -> SupportPlane:
@@ -181,12 +191,12 @@ def test_what_moves_hides_the_object_by_its_feet_on_the_ground() -> None:
     for depth, hides in ((2.0, True), (2.9, True), (3.1, False), (6.0, False)):
         (one,) = billboards([_walker(depth, (300, 340))], VIEW, _ground())
         assert one.offset == pytest.approx(depth, rel=0.01)
-        hidden = one.hides(box, VIEW, behind)
+        hidden = one.occludes(box, VIEW, behind)
         assert hidden.any() == hides
         if hides:
             assert hidden[:, 200:240].sum() == hidden.sum() > 1000
     (cut,) = billboards([_walker(1.5, (300, 340))], VIEW, _ground())  # its feet are below the picture
-    assert cut.hides(box, VIEW, behind).any()
+    assert cut.occludes(box, VIEW, behind).any()
     flying = Instance("bird", 0, "bird", np.ones((20, 20), bool), (300, 50), 1.0)
     assert billboards([flying], VIEW, _ground()) == []
 
@@ -205,7 +215,7 @@ def test_an_upright_object_is_seen_from_above_at_its_own_depth() -> None:
         box = PixelBox(315, row, 325, row + 1)
         for share, hides in ((0.97, False), (1.03, True)):
             behind = np.full(box.shape, depth * share, np.float32)
-            assert one.hides(box, view, behind).all() == hides
+            assert one.occludes(box, view, behind).all() == hides
 
 
 def test_points_behind_what_moves_are_not_seen() -> None:
@@ -243,9 +253,9 @@ def test_an_edge_goes_to_the_picture_s_edge_where_it_shows_one() -> None:
     hidden = np.zeros((80, 120), bool)
     hidden[:, :59] = True
     picture = np.full((80, 120, 3), 40, np.uint8)
-    stays = matte(hidden, picture, 6)[40]
+    stays = guided_matte(hidden, picture, 6)[40]
     picture[:, 60:] = 200
-    moved = matte(hidden, picture, 6)[40]
+    moved = guided_matte(hidden, picture, 6)[40]
     assert moved[59] > 0.7 > 0.3 > stays[59]
     assert moved[58] > 0.9 > 0.1 > moved[60]
 
@@ -257,7 +267,7 @@ def test_nothing_shines_through_a_mask_beyond_its_edge() -> None:
     noisy = np.clip(picture + np.random.default_rng(3).normal(0, 1.0, picture.shape), 0, 255).astype(np.uint8)
     hidden = np.zeros((80, 120), bool)
     hidden[:, 57:] = True
-    share = matte(hidden, noisy, 8)
+    share = guided_matte(hidden, noisy, 8)
     assert (share[:, 59:] == 1).all()
     assert (share[:, :55] == 0).all()
 
@@ -277,7 +287,7 @@ def test_a_pixel_of_a_mask_has_the_vote_of_its_five_nearest_points() -> None:
     votes = np.zeros(mask.shape, bool)
     for row, column in np.argwhere(mask):
         votes[row, column] = nearer[_nearest((column, row), points, 5)[0]].mean() > 0.5
-    np.testing.assert_array_equal(_by_vote(mask, points, nearer), median_filter(votes, 5))
+    np.testing.assert_array_equal(vote_of_points(mask, points, nearer), median_filter(votes, 5))
 
 
 def test_without_a_mask_most_of_seven_points_nearby_must_be_clearly_nearer() -> None:
@@ -291,8 +301,8 @@ def test_without_a_mask_most_of_seven_points_nearby_must_be_clearly_nearer() -> 
         rows, distance = _nearest((column, row), points, 7)
         hides[row, column] = (depths[rows] < 0.95 * OBJECT).mean() > 0.7 and distance[3] < 4.0
     assert 50 < hides.sum() < 400
-    np.testing.assert_array_equal(_nearer_pixels(where, behind, points, depths, 4.0), median_filter(hides, 5))
-    assert not _nearer_pixels(where, behind, points[:6], depths[:6], 4.0).any()
+    np.testing.assert_array_equal(occluded_by_points(where, behind, points, depths, 4.0), median_filter(hides, 5))
+    assert not occluded_by_points(where, behind, points[:6], depths[:6], 4.0).any()
 
 
 def test_a_thing_stands_on_what_is_hidden_below_it() -> None:
@@ -301,9 +311,9 @@ def test_a_thing_stands_on_what_is_hidden_below_it() -> None:
     for columns, stands in (((5, 11), True), ((5, 9), False)):
         hidden[:] = False
         hidden[10:, slice(*columns)] = True
-        assert _stands_on(hidden, mask) == stands
+        assert stands_on_occluder(hidden, mask) == stands
     mask[5:] = True  # nothing of the picture is below
-    assert not _stands_on(hidden, mask)
+    assert not stands_on_occluder(hidden, mask)
 
 
 def test_points_at_the_height_of_the_foot_are_what_it_stands_on() -> None:

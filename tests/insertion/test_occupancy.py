@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 from scipy.ndimage import distance_transform_edt
 
-from insertion.scene.occupancy import ABOVE, CELL, Occupancy, occupancy_of
-from insertion.scene.plane_cells import PlaneCells, _normals, _of_one_hue, _planes, plane_cells_of
+from insertion.scene.occupancy import CELL, START_OFFSET, Occupancy, occupancy_of
+from insertion.scene.plane_cells import PlaneCells, _divide_by_hue, _normals, find_plane_cells, fit_planes
 from insertion.scene.point_cloud import ColouredPoints
 from metric_base.arrays import BoolArray
 
@@ -47,7 +47,7 @@ def test_a_segment_starts_above_its_own_surface_and_ends_before_the_lamp() -> No
     grid = _grid(floor)
     on_floor, lamp = _at(5.5, 5.5, 13.9), _at(15.5, 5.5, 20.5)
     assert grid.is_unobstructed(on_floor, UP, lamp).all()
-    assert not grid.is_unobstructed(on_floor, -ABOVE * UP, lamp).any()
+    assert not grid.is_unobstructed(on_floor, -START_OFFSET * UP, lamp).any()
     ceiling = np.zeros_like(floor)
     ceiling[..., 20] = True
     assert _grid(ceiling).is_unobstructed(_at(5.5, 5.5, 5.5), UP, _at(5.5, 5.5, 21.5)).all()  # within the lamp itself
@@ -132,16 +132,18 @@ def test_planes_and_paints_of_a_room() -> None:
     colours = np.concatenate([
         np.where(floor[:, :1] < 2, [[0.4, 0.2, 0.1]], [[0.1, 0.2, 0.4]]), np.full((2000, 3), 0.3)
     ]).astype(np.float32)  # fmt: skip
-    patches = plane_cells_of(ColouredPoints(np.concatenate([floor, wall]), colours, True), np.array([[2.0, 1.0, 1.5]]))
+    patches = find_plane_cells(
+        ColouredPoints(np.concatenate([floor, wall]), colours, True), np.array([[2.0, 1.0, 1.5]])
+    )
     assert len(np.unique(patches.plane)) == 3
-    on_wall = patches.places[:, 2] > 0.1
+    on_wall = patches.positions[:, 2] > 0.1
     assert np.abs(patches.normals[on_wall] - [0, -1, 0]).max() < 0.05
     assert np.abs(patches.normals[~on_wall] - [0, 0, 1]).max() < 0.05
     assert patches.hue is not None
     for mine, colour in (
         (on_wall, [0.3, 0.3, 0.3]),
-        (~on_wall & (patches.places[:, 0] < 1.9), [0.4, 0.2, 0.1]),
-        (~on_wall & (patches.places[:, 0] > 2.1), [0.1, 0.2, 0.4]),
+        (~on_wall & (patches.positions[:, 0] < 1.9), [0.4, 0.2, 0.1]),
+        (~on_wall & (patches.positions[:, 0] > 2.1), [0.1, 0.2, 0.4]),
     ):
         bright = float(np.array(colour) @ [0.2126, 0.7152, 0.0722])
         assert len(np.unique(patches.plane[mine])) == 1
@@ -155,14 +157,14 @@ def test_planes_and_paints_of_a_room() -> None:
 def test_too_few_or_too_dark_points_have_no_planes() -> None:
     points = np.random.default_rng(0).uniform(0, 1, (139, 3))
     assert not len(
-        plane_cells_of(ColouredPoints(points, np.full((139, 3), 0.5, np.float32), True), np.zeros((1, 3))).plane
+        find_plane_cells(ColouredPoints(points, np.full((139, 3), 0.5, np.float32), True), np.zeros((1, 3))).plane
     )
     room = _wall_points()
     for level in (0.003, 0.95):
         dull = ColouredPoints(room, np.full((len(room), 3), level, np.float32), True)
-        assert not len(plane_cells_of(dull, np.ones((1, 3))).plane)
+        assert not len(find_plane_cells(dull, np.ones((1, 3))).plane)
     assert len(
-        plane_cells_of(ColouredPoints(room, np.full((len(room), 3), 0.5, np.float32), True), np.ones((1, 3))).plane
+        find_plane_cells(ColouredPoints(room, np.full((len(room), 3), 0.5, np.float32), True), np.ones((1, 3))).plane
     )
 
 
@@ -175,16 +177,16 @@ def test_a_surface_looks_at_the_eye_and_a_ball_of_points_is_none() -> None:
     np.testing.assert_allclose(normals[wall], np.tile([1.0, 0, 0], (wall.sum(), 1)), atol=1e-9)
     ball = np.random.default_rng(0).normal(size=(200, 3))
     assert _normals(ball, np.zeros(3))[1].mean() < 0.2
-    planes = _planes(points, normals, 0.05)
+    planes = fit_planes(points, normals, 0.05)
     assert [len(rows) for _, rows in planes[:2]] == pytest.approx([400, 400], abs=40)
     assert sorted(int(np.abs(normal).argmax()) for normal, _ in planes[:2]) == [0, 2]
 
 
 def test_paints_of_a_plane_are_told_apart_by_hue() -> None:
     hue = np.concatenate([np.full((40, 2), 0.1), np.full((30, 2), [0.5, 0.1]), np.full((20, 2), [0.1, 0.27])])
-    parts = _of_one_hue(hue, np.arange(90))
+    parts = _divide_by_hue(hue, np.arange(90))
     assert [sorted(part.tolist()) for part in parts] == [[*range(40), *range(70, 90)], [*range(40, 70)]]
-    assert _of_one_hue(hue, np.arange(14)) == []
+    assert _divide_by_hue(hue, np.arange(14)) == []
 
 
 def test_some_cells_with_their_planes_numbered_anew() -> None:
@@ -192,8 +194,8 @@ def test_some_cells_with_their_planes_numbered_anew() -> None:
     patches = PlaneCells(
         np.arange(36.0).reshape(12, 3), np.ones((12, 3)), np.arange(12.0), plane, 5.0, np.ones((12, 3))
     )
-    kept = patches.cells(np.array([True] * 4 + [True] * 2 + [False] * 3 + [True] * 3))
+    kept = patches.subset(np.array([True] * 4 + [True] * 2 + [False] * 3 + [True] * 3))
     assert kept.plane.tolist() == [0] * 4 + [1] * 3
     assert kept.log_luminance.tolist() == [0, 1, 2, 3, 9, 10, 11]
     assert kept.hue is not None
-    assert (kept.diagonal, len(kept.hue), kept.places[0].tolist()) == (5.0, 7, [0, 1, 2])
+    assert (kept.diagonal, len(kept.hue), kept.positions[0].tolist()) == (5.0, 7, [0, 1, 2])

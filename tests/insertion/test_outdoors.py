@@ -40,7 +40,7 @@ class _Drawn(Stills):
         self.scene = Scene(Path("drawn"), "colmap", views, np.empty((0, 3)))
         self.rows, self._sun = tuple(range(8)), sun
 
-    def picture(self, row: int) -> NDArray[np.uint8]:
+    def image(self, row: int) -> NDArray[np.uint8]:
         view = self.scene.views[row]
         rays = np.dstack([camera_rays(view.camera), np.ones((120, 160))]) @ view.rotation
         with np.errstate(divide="ignore"):

@@ -11,7 +11,7 @@ import pytest
 from insertion.composite.compose import ObjectComposite
 from insertion.exports.export_folder import LayerWriter
 from insertion.footage.footage import Frame
-from insertion.footage.image_writer import picture_writer, preview_place
+from insertion.footage.image_writer import check_preview_path, frame_writer
 from insertion.render.layers import ObjectLayers
 from insertion.render.renderer import ObjectImage
 from insertion.scene.pixel_box import PixelBox
@@ -32,7 +32,7 @@ def source(tmp_path: Path) -> Path:
 
 
 def test_no_name_leads_out_of_the_output_or_onto_another(tmp_path: Path, source: Path) -> None:
-    with picture_writer(tmp_path / "out") as write:
+    with frame_writer(tmp_path / "out") as write:
         for shot in SHOTS:
             write(shot, PICTURE)
     assert len([path for path in (tmp_path / "out").rglob("*") if path.is_file()]) == len(NAMES)
@@ -47,7 +47,7 @@ def test_no_name_leads_out_of_an_export(tmp_path: Path, source: Path) -> None:
     image = ObjectImage(colours, ones, ones)
     joined = ObjectComposite(ObjectLayers(PixelBox(0, 0, 9, 8), image, colours, ones), 0 * ones, colours)
     for shot in SHOTS:
-        layers.picture(shot, PICTURE)
+        layers.plate(shot, PICTURE)
         layers.layers(shot, 0, joined)
     for part in ("pictures", "mask", "depth"):
         assert len([path for path in (tmp_path / "export" / part).rglob("*") if path.is_file()]) == len(NAMES)
@@ -60,11 +60,11 @@ def test_a_disk_that_is_full_leaves_no_folder(tmp_path: Path, monkeypatch: pytes
         raise OSError(errno.ENOSPC, "No space left on device")
 
     monkeypatch.setattr(Path, "write_bytes", full)
-    with pytest.raises(InputError, match="No space left on device"), picture_writer(tmp_path / "out") as write:
+    with pytest.raises(InputError, match="No space left on device"), frame_writer(tmp_path / "out") as write:
         write(SHOTS[2], PICTURE)
     assert list(tmp_path.iterdir()) == []
 
 
 def test_a_preview_is_a_picture(tmp_path: Path) -> None:
-    with pytest.raises(InputError, match="--preview: expected a picture"):
-        preview_place(tmp_path / "preview.xyz")
+    with pytest.raises(InputError, match="--preview: expected an image file"):
+        check_preview_path(tmp_path / "preview.xyz")

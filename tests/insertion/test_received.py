@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from estimator.records.scene import Camera, View
-from insertion.composite.shadow_receivers import shadow_receivers, transmitted_light
+from insertion.composite.shadow_receivers import transmitted_light
 from insertion.light.environment_map import HEIGHT, WIDTH, Environment, SphereLights
 from insertion.render.body import body_of
 from insertion.render.gpu import gl_context
@@ -82,11 +82,13 @@ def renderer() -> ObjectRenderer:
 
 def test_the_shadow_is_on_what_stands_beside_and_not_on_what_is_in_front(renderer: ObjectRenderer) -> None:
     view, whole = _view(), PixelBox(0, 0, *SIZE)
-    layers = object_layers(renderer, view, whole=True)
+    layers = object_layers(renderer, view, full_size=True)
     assert layers is not None
     share = layers.catcher_light
-    receivers = shadow_receivers(layers, renderer.body, view, _front(view), (), None, np.zeros(whole.shape, bool))
-    received = transmitted_light(layers, receivers, renderer.irradiance_fraction(receivers.places, receivers.normals))
+    nothing = np.zeros(whole.shape, bool)
+    received = transmitted_light(
+        layers, renderer.irradiance_fraction, renderer.body, view, _front(view), (), None, nothing
+    )
     board, floor = _pixel(view, (-0.125, BOARD_Y, 0.6)), _pixel(view, (0.5, -0.12, 0.0))
     assert share[board].max() < 0.6  # the floor behind the board is in shadow
     assert received[board].min() > 0.95

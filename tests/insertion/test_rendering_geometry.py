@@ -76,9 +76,9 @@ def test_bodies_in_each_other_s_frame() -> None:
     )
     (part,) = one.parts_of(two)
     assert part.vertices * one.unit + one.position == pytest.approx(two.corners * two.unit + two.position)
-    assert one.near(two)
-    assert not one.near(replace(two, position=np.array([8.6, 2, 3])))
-    assert one.near(replace(two, position=np.array([8.4, 2, 3])))
+    assert one.is_near(two)
+    assert not one.is_near(replace(two, position=np.array([8.6, 2, 3])))
+    assert one.is_near(replace(two, position=np.array([8.4, 2, 3])))
     rotation, translation = np.array([[0.0, 1, 0], [0, 0, 1], [1, 0, 0]]), np.array([0.1, 0.2, 0.3])
     turn, offset = one.camera(rotation, translation)
     there = rotation @ (one.position + one.unit * one.corners[1]) + translation
@@ -196,7 +196,7 @@ def test_light_on_the_open_plane_falls_with_the_cube_of_the_distance() -> None:
 def test_a_window_s_clip_space_is_its_pixels() -> None:
     window = Window(280.0, 300.0, 150.0, 130.0, 20, -10, 200, 120)
     rotation, translation = _view().rotation, np.array([0.1, -0.2, 0.5])
-    clip = window.clip(rotation, translation, 0.5, 8.0)
+    clip = window.projection(rotation, translation, 0.5, 8.0)
     for local in ([0.0, 0.0, 2.0], [0.3, -0.2, 1.0]):
         at = clip @ np.append(rotation.T @ (np.array(local) - translation), 1.0)
         pixel = np.array([280.0, 300.0]) * local[:2] / local[2] + [150, 130]

@@ -12,7 +12,7 @@ import pytest
 from estimator.instances.instance_reader import read_instances
 from estimator.outputs.rescaled import write_rescaled
 from estimator.reconstructions.scene_reader import read_scene
-from insertion.insert import open_scene
+from insertion.insertion_scene import open_scene
 from insertion.request import SceneSource
 from insertion.scene.scale import read_scale
 from metric_base.errors import InputError
@@ -82,4 +82,4 @@ def test_a_result_that_does_not_say_what_it_is_of_is_used_with_a_warning(estimat
     old = tmp_path / "old.json"
     old.write_text(json.dumps({name: value for name, value in record.items() if name != "of"}))
     (line,) = read_scale(estimated, old).warnings()
-    assert "old.json does not say which model it is of" in line
+    assert "old.json does not record its model" in line

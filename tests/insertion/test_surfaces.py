@@ -12,12 +12,10 @@ from estimator.records.objects import SupportPlane, Up
 from estimator.records.scene import Instance, Scene, View
 from insertion.light.lamp_candidates import is_visibly_free
 from insertion.placement import at_pixel, free_space, on_category
-from insertion.placement.free_space import Space
-from insertion.placement.placement import PlacementError, heading, turn_about
-from insertion.request import Placement
+from insertion.placement.placement import Placement, PlacementError, PlacementSpace, heading, turn_about
 from insertion.scene import supports as surface
-from insertion.scene.frame_masks import Billboard, MaskPropagator, _carry, _inverse_depth, _move_outline, static_points
-from insertion.scene.pixel_box import PixelBox, labels_in_box, mask_in_box
+from insertion.scene.frame_masks import Billboard, MaskPropagator, inverse_depth_plane, propagate_mask, static_points
+from insertion.scene.pixel_box import PixelBox, labels_in_box, mask_in_box, pixels_in_mask
 from insertion.scene.point_cloud import ColouredPoints, VisiblePoints, coloured_cloud, evenly_spaced
 from insertion.scene.supports import SupportSurfaces, Surface
 from metric_base.arrays import FloatArray
@@ -42,12 +40,10 @@ def _grid(low: tuple[float, float], high: tuple[float, float], height: float, st
     return np.column_stack([x.ravel(), y.ravel(), np.full(x.size, height)])
 
 
-def _space(
-    points: FloatArray, *surfaces: Surface, radius: float = 0.1, height: float = 0.3, views: tuple[View, ...] = (VIEW,)
-) -> Space:
+def _space(points: FloatArray, *surfaces: Surface, views: tuple[View, ...] = (VIEW,)) -> PlacementSpace:
     cloud = ColouredPoints(points, np.full((len(points), 3), 0.3, np.float32), True)
     supports = SupportSurfaces(Up(UP, "cameras", 0.0), tuple(surfaces))
-    return Space(Scene(Path("memory"), "memory", views, points), cloud, supports, radius, height)
+    return PlacementSpace(views, cloud, supports, (), 1.0)
 
 
 def _looking(eye: tuple[float, float, float], target: tuple[float, float, float] = (0, 0, 0)) -> View:
@@ -70,9 +66,13 @@ def test_a_surface_holds_its_solid_cells() -> None:
 
 
 def test_discs_and_free_cells() -> None:
-    assert surface._disc(1.0).tolist() == [[False, True, False], [True, True, True], [False, True, False]]
-    assert surface._disc(0.2).sum() == 1
-    assert surface._disc(2.0).sum() == 13
+    for radius, cells in ((0.1, 5), (0.02, 1), (0.2, 13)):  # a hole of one cell takes a disc of cells
+        hole = np.ones((20, 20), bool)
+        hole[10, 10] = False
+        taken_cells = surface.free_cells(_surface(np.ones((20, 20), bool)), radius, 1.0) & ~surface.free_cells(
+            _surface(hole), radius, 1.0
+        )
+        assert taken_cells.sum() == cells
     solid = np.ones((20, 20), bool)
     free = surface.free_cells(_surface(solid), 0.31, 1.0)
     assert free.sum() == 14 * 14
@@ -80,7 +80,7 @@ def test_discs_and_free_cells() -> None:
     taken = np.array([[0.05, 0.05, 0.5], [0.55, 0.55, 1.2], [-0.55, 0.55, 0.07]])
     rows, columns = np.indices((20, 20))
     for radius, reach in ((0.31, 3.1), (0.25, 2.5)):  # metres, cells
-        around = surface.free_cells(_surface(solid, obstacles=taken), radius, 1.0)
+        around = surface.free_cells(_surface(solid, taken=taken), radius, 1.0)
         near = np.hypot(rows - 10, columns - 10) <= reach
         assert np.array_equal(around, surface.free_cells(_surface(solid), radius, 1.0) & ~near)
     assert not surface.free_cells(_surface(solid), 1.01, 1.0).any()
@@ -101,15 +101,15 @@ def test_a_surface_is_where_its_points_are_nearer_than_rays_below() -> None:
     assert low.obstacle_heights == pytest.approx(1.0)
     none = surface.surface_of(1, _plane(2.0, (8, 8), 0.5), cloud, views)
     assert not none.solid.any()
-    passing = surface._passing(plane, cloud, views, 0.3)
-    inside = surface._passing(_plane(5.0), cloud, views, 0.3)
+    passing = surface._ray_crossings(plane, cloud, views, 0.3)
+    inside = surface._ray_crossings(_plane(5.0), cloud, views, 0.3)
     assert len(inside) == 0
     assert np.abs(passing).max() == pytest.approx(2 * 0.75, rel=0.05)
 
 
 def test_distances_are_those_of_the_third_nearest_point() -> None:
     points = np.array([[0.0, 0], [1, 0], [2, 0], [3, 0]])
-    distance, spacing = surface._distance(points, np.array([[0.0, 0.0], [1.0, 0.0]]))
+    distance, spacing = surface._neighbour_distances(points, np.array([[0.0, 0.0], [1.0, 0.0]]))
     assert distance.tolist() == [2.0, 1.0]
     assert spacing == pytest.approx(2.5)
 
@@ -151,18 +151,22 @@ def test_a_ray_meets_planes_from_above_where_they_were_seen() -> None:
     solid = np.ones((10, 10), bool)
     space = _space(np.empty((0, 3)), _surface(solid, height=1.0), _surface(solid, height=5.0))
     down = np.array([0.1, 0.0, -1.0])
-    assert at_pixel._hit(space, 0, VIEW, down) == pytest.approx((2.0, 0))
-    assert at_pixel._hit(space, 1, VIEW, down) is None
-    assert at_pixel._hit(space, 0, VIEW, np.array([1.0, 0, -1.0])) is None
-    assert at_pixel._hit(space, 0, VIEW, -down) is None
-    points = np.array([[0, 0, 1.0], [0, 0, 1.02], [0, 0, 1.2], [0, 0, 1.03]])
-    assert at_pixel._share_on(space, 0, points, 2.0) == 0.5
-    assert at_pixel._flush(space, 0, points + 1.0, 2.0)
-    assert at_pixel._flush(space, 0, points, 2.0)
-    with_rough = replace(space.supports.surfaces[0], plane=replace(_plane(1.0), sigma=0.05))
-    rough = _space(np.empty((0, 3)), with_rough)
-    assert not at_pixel._flush(rough, 0, points + np.array([0, 0, 0.06]), 2.0)
-    assert at_pixel._share_on(rough, 0, points, 2.0) == 0.75
+    pixel = WIDTH / 2 + 0.1 * FOCAL, HEIGHT / 2  # down
+    placement = at_pixel.placement_at_pixel(space, VIEW, *pixel, 0.1)
+    assert (placement.plane, placement.support) == (0, "plane 0")
+    assert placement.position == pytest.approx(VIEW.centre + 2.0 * down)
+    beyond = WIDTH / 2 + 0.3 * FOCAL, HEIGHT / 2  # outside the solid cells: the ground is extrapolated
+    assert at_pixel.placement_at_pixel(space, VIEW, *beyond, 0.1).support == "bare surface"
+
+
+@pytest.mark.parametrize(("height", "plane"), [(1.0, 0), (1.02, 0), (1.03, None), (1.2, None)])
+def test_the_points_around_a_pixel_decide_on_a_plane(height: float, plane: int | None) -> None:
+    """At a depth of 2 m, points within 24 mm are on the plane; others make a level patch of their own."""
+    solid = np.ones((10, 10), bool)
+    x, y = np.meshgrid(np.linspace(-0.01, 0.01, 3), np.linspace(-0.01, 0.01, 3))
+    points = np.column_stack([x.ravel(), y.ravel(), np.full(9, height)])
+    space = _space(points, _surface(solid, height=1.0))
+    assert at_pixel.placement_at_pixel(space, VIEW, WIDTH / 2, HEIGHT / 2, 0.1).plane == plane
 
 
 def test_a_place_on_a_plane_is_counted_from_its_middle() -> None:
@@ -178,7 +182,7 @@ def test_a_place_on_a_plane_is_counted_from_its_middle() -> None:
     for number, at, words in (
         (1, [0, 0], "expected 0 to 0"),
         (-1, [0, 0], "found -1"),
-        (0, [-1, 0], "beside what was seen"),
+        (0, [-1, 0], "outside the observed part"),
     ):
         with pytest.raises(PlacementError, match=words):
             at_pixel.placement_on_plane(space, number, np.array(at, dtype=float), EYE)
@@ -190,73 +194,72 @@ def test_a_place_on_a_plane_is_counted_from_its_middle() -> None:
 
 def test_points_around_a_click_are_those_of_the_front() -> None:
     points = np.array([[0, 0, 1.0], [0.02, 0, 1.0], [0, 0.01, 1.05], [0, 0, 0.0], [0.5, 0, 1.0]])
-    cloud = ColouredPoints(points, np.zeros((5, 3), np.float32), True)
-    near, depths = at_pixel._near(cloud, VIEW, WIDTH / 2, HEIGHT / 2)
+    space = _space(points)
+    near, depths = at_pixel._front_points(space, VIEW, WIDTH / 2, HEIGHT / 2)
     assert sorted(map(tuple, near.tolist())) == sorted(map(tuple, points[:3].tolist()))
     assert np.sort(depths) == pytest.approx([1.95, 2.0, 2.0])
-    assert len(at_pixel._near(cloud, VIEW, 10, 10)[0]) == 0
+    assert len(at_pixel._front_points(space, VIEW, 10, 10)[0]) == 0
 
 
 def test_a_level_patch_is_the_top_of_a_box_and_a_slope_is_none() -> None:
     top = _grid((-0.1, -0.1), (0.1, 0.1), 0.8, 0.02)
     space = _space(top)
-    ray = np.array([0.0, 0.0, -1.0])
-    place = at_pixel._level_patch(space, VIEW, WIDTH / 2, HEIGHT / 2, ray)
+    place = at_pixel.placement_at_pixel(space, VIEW, WIDTH / 2, HEIGHT / 2, 0.1)
     assert place.position == pytest.approx([0, 0, 0.8])
     assert (place.support, place.plane) == ("level patch", None)
     slope = _space(np.column_stack([top[:, :2], 0.8 + top[:, 0]]))
     with pytest.raises(PlacementError, match="is not level"):
-        at_pixel._level_patch(slope, VIEW, WIDTH / 2, HEIGHT / 2, ray)
+        at_pixel.placement_at_pixel(slope, VIEW, WIDTH / 2, HEIGHT / 2, 0.1)
 
 
 def test_views_that_see_an_object_well_are_counted() -> None:
     floor = _grid((-2, -2), (2, 2), 0.0, 0.1)
     near, far, below = _looking((0, -3, 2)), _looking((0, -60, 30)), _looking((0, -3, -2))
-    space = _space(floor, radius=0.2, height=0.6, views=(near, far))
+    space = _space(floor, views=(near, far))
     points = np.array([[0.0, 0, 0], [30.0, 0, 0]])
-    shares, cameras = free_space._visibility(space, points, 0.04)
+    shares, cameras = free_space._visibility(space, points, 0.6, 0.04)
     assert shares.tolist() == [0.5, 0.0]
     assert cameras[0] == pytest.approx([0, -3, 2])
-    shares, cameras = free_space._visibility(_space(floor, height=0.6, views=(below, near)), points, 0.04)
+    shares, cameras = free_space._visibility(_space(floor, views=(below, near)), points, 0.6, 0.04)
     assert shares.tolist() == [0.5, 0.0]
     assert cameras[0] == pytest.approx([0, -3, 2])
-    large = _space(floor, height=3.5, views=(near,))
-    assert not free_space._visibility(large, points, 0.04)[0].any()
+    large = _space(floor, views=(near,))
+    assert not free_space._visibility(large, points, 3.5, 0.04)[0].any()
     side = _looking((0.5, -3, 2), (1.5, 0, 0))
-    best = free_space._visibility(_space(floor, height=0.6, views=(side, near)), points[:1], 0.04)[1]
+    best = free_space._visibility(_space(floor, views=(side, near)), points[:1], 0.6, 0.04)[1]
     assert best[0] == pytest.approx([0, -3, 2])
     wall = np.column_stack(
         [_grid((-1, 0), (1, 2.5), 0, 0.03)[:, 0], np.full(67 * 84, -1.0), _grid((-1, 0), (1, 2.5), 0, 0.03)[:, 1]]
     )
-    hidden = _space(np.concatenate([floor, wall]), height=0.6, views=(near,))
-    assert free_space._visible_points(hidden, near, np.array([[0.0, 0.3, 0.3]])).tolist() == [False]
-    assert free_space._visible_points(space, near, np.array([[0.0, 0.3, 0.3]])).tolist() == [True]
+    hidden = _space(np.concatenate([floor, wall]), views=(near,))
+    assert free_space._is_unoccluded(hidden, near, np.array([[0.0, 0.3, 0.3]])).tolist() == [False]
+    assert free_space._is_unoccluded(space, near, np.array([[0.0, 0.3, 0.3]])).tolist() == [True]
 
 
 def test_free_places_are_in_the_open_and_apart() -> None:
     floor = _grid((-2, -2), (2, 2), 0.0, 0.1)
     solid = np.ones((30, 30), bool)
-    space = _space(floor, _surface(solid, 0.1), radius=0.2, height=0.4, views=(_looking((0, -3, 3)),))
-    scored = free_space.free_places(space, space.supports.surfaces[0])
+    space = _space(floor, _surface(solid, 0.1), views=(_looking((0, -3, 3)),))
+    scored = free_space.positions_on_surface(space, space.supports.surfaces[0], 0.2, 0.4)
     assert len(scored) == 2
     assert scored[0][0] == pytest.approx(np.sqrt(900) * 0.1)
     first, second = (place.position for _, place in scored)
-    assert np.linalg.norm(first - second) > 3 * space.radius
+    assert np.linalg.norm(first - second) > 3 * 0.2
     assert (first[2], second[2]) == (0, 0)
     assert np.abs(first[:2]).max() < 0.7  # in the middle of the free space
     mask = np.zeros((30, 30), bool)
     mask[20:28, 3:9] = True
-    (_, place), *_ = free_space.free_places(space, space.supports.surfaces[0], mask)
+    (_, place), *_ = free_space.positions_on_surface(space, space.supports.surfaces[0], 0.2, 0.4, mask)
     row, column = ((place.position[:2] + 1.5) / 0.1).astype(int)
     assert mask[row, column]
     assert place.support == "plane 0"
-    assert free_space.free_places(space, _surface(np.zeros((30, 30), bool))) == []
-    assert len(free_space.candidates(space)) == 2
+    assert free_space.positions_on_surface(space, _surface(np.zeros((30, 30), bool)), 0.2, 0.4) == []
+    assert len(free_space.free_positions(space, 0.2, 0.4)) == 2
 
 
 def test_a_top_is_within_the_outline_of_its_points() -> None:
     one = _surface(np.ones((20, 20), bool))
-    mask = on_category._mask_of(one, np.array([[-0.5, -0.3], [0.5, -0.3], [0.5, 0.3], [-0.5, 0.3]]))
+    mask = on_category.outline_mask(one, np.array([[-0.5, -0.3], [0.5, -0.3], [0.5, 0.3], [-0.5, 0.3]]))
     rows, columns = np.nonzero(mask)
     assert (rows.min(), rows.max(), columns.min(), columns.max()) == (5, 15, 7, 13)
     assert mask.sum() == 11 * 7
@@ -267,11 +270,8 @@ def _item(view: int, origin: tuple[int, int], shape: tuple[int, int], name: str 
 
 
 def test_points_of_an_object_are_in_most_of_its_masks() -> None:
-    sight = VisiblePoints(np.array([7, 8, 9]), np.array([[10.5, 10.5], [12.0, 10.0], [5.0, 11.0]]), np.ones(3), True)
-    assert on_category._rows_in(_item(0, (10, 10), (2, 2)), sight).tolist() == [7]
-    seen = {k: replace(sight, rows=np.arange(4)) for k in range(3)}
-    parts = [(0, np.array([0, 1, 2])), (1, np.array([0, 1])), (2, np.array([0]))]
-    assert on_category._own_points(parts, seen, 5).tolist() == [True, True, False, False, False]
+    pixels = np.array([[10.5, 10.5], [12.0, 10.0], [5.0, 11.0]])
+    assert pixels_in_mask(_item(0, (10, 10), (2, 2)), pixels).tolist() == [True, False, False]
     box = _grid((-0.3, -0.3), (0.3, 0.3), 0.5, 0.05)
     other = _grid((0.8, -0.3), (1.4, 0.3), 0.5, 0.05)
     views = (VIEW, replace(VIEW, name="1", translation=-ROTATION @ np.array([0.2, 0, 3.0])))
@@ -283,9 +283,9 @@ def test_points_of_an_object_are_in_most_of_its_masks() -> None:
         return _item(view, (columns[0], 170), (140, columns[1] - columns[0]))
 
     items = [mask(v, low, high) for v in (0, 1) for low, high in ((-0.33, 0.31), (0.77, 1.41))]
-    objects = on_category._points_of_objects(space, items)
+    objects = on_category.points_of_objects(space, items)
     assert [len(points) for points in objects] == [len(box), len(other)]
-    level = on_category._own_level(space, np.concatenate([box, box - [0, 0, 0.3]]))
+    level = on_category.highest_level(space, np.concatenate([box, box - [0, 0, 0.3]]), 0.1)
     assert level is not None
     assert level[0].plane.height == pytest.approx(0.5, abs=0.01)
     assert level[1].any()
@@ -309,34 +309,41 @@ def test_rows_are_spread_evenly() -> None:
     assert evenly_spaced((5, 7, 9), 1) == [5]
 
 
+def _seen(pixels: FloatArray, depths: FloatArray) -> VisiblePoints:
+    return VisiblePoints(np.arange(len(pixels)), pixels, depths, True)
+
+
 def test_inverse_depth_is_a_plane_over_a_mask() -> None:
     generator = np.random.default_rng(0)
     pixels = generator.uniform(0, 40, (60, 2))
     flat = (pixels - 20) / 100
     depths = 1 / (0.5 + 0.4 * flat[:, 0] - 0.2 * flat[:, 1])
     item = _item(0, (0, 0), (40, 40))
-    plane = _inverse_depth(item, pixels, flat, depths)
+    plane = inverse_depth_plane(item, _seen(pixels, depths), flat)
     assert plane is not None
     assert plane == pytest.approx([0.5, 0.4, -0.2], abs=0.06)
-    assert _inverse_depth(item, pixels[:5], flat[:5], depths[:5]) is None
+    assert inverse_depth_plane(item, _seen(pixels[:5], depths[:5]), flat[:5]) is None
     strays = np.where(np.arange(60) < 6, 10.0, depths)
-    robust = _inverse_depth(item, pixels, flat, strays)
+    robust = inverse_depth_plane(item, _seen(pixels, strays), flat)
     assert robust == pytest.approx(plane, abs=0.04)
-    mixed = _inverse_depth(item, pixels[:8], flat[:8], np.array([1, 1, 1, 1, 4, 8, 16, 32.0]))
+    mixed = inverse_depth_plane(item, _seen(pixels[:8], np.array([1, 1, 1, 1, 4, 8, 16, 32.0])), flat[:8])
     assert mixed is not None
     assert mixed[1:].tolist() == [0, 0]
-    beside = _inverse_depth(replace(item, origin=(100, 100)), pixels, flat, depths)
+    beside = inverse_depth_plane(replace(item, origin=(100, 100)), _seen(pixels, depths), flat)
     assert beside is None
 
 
 def test_an_outline_is_carried_over_its_plane() -> None:
     """A floor seen from straight above: the other camera is moved by 0.3, and half a metre higher."""
     other = replace(VIEW, translation=-ROTATION @ np.array([0.3, 0.0, 3.5]))
-    outline = np.array([[300.0, 200.0], [340.0, 260.0]])
-    moved = _move_outline(outline, VIEW, other, np.array([1 / 3, 0.0, 0.0]))
-    x, y = (outline - [320, 240]).T / FOCAL * 3.0
-    assert moved == pytest.approx(np.column_stack([320 + FOCAL * (x - 0.3) / 3.5, 240 + FOCAL * y / 3.5]))
-    assert _move_outline(outline, VIEW, other, np.array([-0.1, 0, 0])) is None
+    item = _item(0, (300, 200), (60, 40))
+    moved = propagate_mask(item, VIEW, other, np.array([1 / 3, 0.0, 0.0]))
+    assert moved is not None
+    x, y = (np.array([[300.5, 200.5], [339.5, 259.5]]) - [320, 240]).T / FOCAL * 3.0
+    low, high = np.column_stack([320 + FOCAL * (x - 0.3) / 3.5, 240 + FOCAL * y / 3.5])
+    assert moved.origin == tuple(np.floor(low).astype(int))
+    assert moved.mask.shape[::-1] == tuple(np.ceil(high).astype(int) + 1 - np.floor(low).astype(int))
+    assert propagate_mask(item, VIEW, other, np.array([-0.1, 0, 0])) is None
     floor = _grid((-1, -1), (1, 1), 0.0, 0.05)
     cloud = ColouredPoints(floor, np.zeros((len(floor), 3), np.float32), True)
     scene = Scene(Path("memory"), "memory", (VIEW,), floor)
@@ -356,8 +363,8 @@ def test_a_mask_of_which_a_part_is_behind_is_not_carried() -> None:
     two[:, :20] = two[:, -20:] = True
     item = replace(_item(0, (120, 200), two.shape), mask=two)
     left = np.array([0.1, -0.3, 0.0])  # inverse depth 0 a third of a focal length right of the middle
-    assert _carry(item, VIEW, VIEW, np.array([0.5, -0.3, 0.0])) is not None
-    assert _carry(item, VIEW, VIEW, left) is None
+    assert propagate_mask(item, VIEW, VIEW, np.array([0.5, -0.3, 0.0])) is not None
+    assert propagate_mask(item, VIEW, VIEW, left) is None
 
 
 def test_what_moves_hides_by_its_upright_plane() -> None:
@@ -366,10 +373,10 @@ def test_what_moves_hides_by_its_upright_plane() -> None:
     box = PixelBox(300, 220, 340, 260)
     behind = np.full(box.shape, 3.0, np.float32)
     behind[:, 20:] = 1.5
-    hidden = upright.hides(box, VIEW, behind)
+    hidden = upright.occludes(box, VIEW, behind)
     assert hidden[10:30, 10:20].all()
     assert hidden.sum() == 200
-    slanted = Billboard(item, np.array([10.0, 0.0, 1.0]), 2.0).hides(box, VIEW, np.full(box.shape, 1.8, np.float32))
+    slanted = Billboard(item, np.array([10.0, 0.0, 1.0]), 2.0).occludes(box, VIEW, np.full(box.shape, 1.8, np.float32))
     assert slanted[15, 10:].tolist() == [((k + 310.5 - 320) / FOCAL * 10 + 1) * 1.8 > 2.0 and k < 20 for k in range(30)]
     front = VisiblePoints(
         np.arange(3),
@@ -391,7 +398,7 @@ def test_a_cloud_has_the_mean_colour_of_the_stills_that_see_it() -> None:
     scene = Scene(Path("memory"), "memory", views, points)
     pictures = [np.full((HEIGHT, WIDTH, 3), level, np.uint8) for level in (0, 255)]
     pictures[1][:, : WIDTH // 2] = (255, 0, 0)
-    stills = SimpleNamespace(scene=scene, rows=(0, 1), picture=lambda row: pictures[row])
+    stills = SimpleNamespace(scene=scene, rows=(0, 1), image=lambda row: pictures[row])
     cloud = coloured_cloud(scene, stills)  # type: ignore[arg-type]
     assert not cloud.dense
     assert cloud.colours[0] == pytest.approx([0.5, 0, 0])
@@ -408,7 +415,7 @@ def test_what_a_picture_looks_through_is_empty_unless_it_is_dazzled(bright: bool
     picture = np.full((HEIGHT, WIDTH, 3), 244, np.uint8)
     if bright:
         picture[HEIGHT // 2 + 10, WIDTH // 2 - 10] = (0, 245, 0)
-    stills = SimpleNamespace(scene=scene, rows=(0,), picture=lambda row: picture)
+    stills = SimpleNamespace(scene=scene, rows=(0,), image=lambda row: picture)
     cloud = ColouredPoints(floor, np.zeros((len(floor), 3), np.float32), True)
     high, low, beside, above = [0, 0, 1.0], [0, 0, 0.25], [0.0, 5.0, 1.0], [0, 0, 4.0]
     places = np.array([high, low, beside, above, [0.5, 0.3, 1.0]])

@@ -13,13 +13,23 @@ import pytest
 
 from estimator.projection.cameras import pixels_in_view
 from estimator.records.scene import Instance
-from insertion.composite.compositor import insert_objects, single_pictures
+from insertion.composite.compositor import composite_variants
+from insertion.footage.footage import Frame
 from insertion.insertion_scene import InsertionScene
 from insertion.placement.at_pixel import plane_coordinates
-from insertion.placement.placed_object import PlacedObject, place_objects, space_for
+from insertion.placement.placed_object import PlacedObject
 from insertion.request import ObjectRequest, PixelPosition
 from insertion.result import InsertionResult
-from tests.synthetic.insertions import RecordedRoom, added, in_unit, prepared_scene_of, video_room, write_glb
+from tests.synthetic.insertions import (
+    RecordedRoom,
+    added,
+    composite_into,
+    in_unit,
+    place_in,
+    prepared_scene_of,
+    video_room,
+    write_glb,
+)
 from tests.synthetic.rooms.render import Renderer
 from tests.synthetic.rooms.shapes import solid
 
@@ -51,9 +61,9 @@ def room(tmp_path_factory: pytest.TempPathFactory) -> RecordedRoom:
 def _insert(room: RecordedRoom, scale_error: float = 1.0) -> Inserted:
     prepared = prepared_scene_of(room, scale_error)
     model = write_glb(solid("chair", SIZE), room.folder / "chair.glb")
-    (placed,) = place_objects(prepared, [ObjectRequest(model)])
+    (placed,) = place_in(prepared, [ObjectRequest(model)])
     pictures: dict[str, np.ndarray] = {}
-    (result,) = insert_objects(prepared, [placed], lambda shot, picture: pictures.update({shot.name: picture}))
+    (result,) = composite_into(prepared, [placed], lambda shot, picture: pictures.update({shot.name: picture}))
     return Inserted(room, prepared, placed, result, pictures)
 
 
@@ -66,19 +76,17 @@ def test_a_model_that_walks_has_its_true_size_all_along(room: RecordedRoom) -> N
     """A chair drawn across the floor: in each picture it is where the way says, as the same chair would stand there."""
     prepared = prepared_scene_of(room)
     model = write_glb(solid("chair", SIZE), room.folder / "walks.glb")
-    (stands,) = place_objects(prepared, [ObjectRequest(model)])
-    assert stands.place.plane is not None
-    x, y = (
-        plane_coordinates(space_for(prepared, stands.model, stands.size), stands.place) * prepared.scale.metres_per_unit
-    )
-    request = ObjectRequest(model, plane=stands.place.plane, xy_m=(x, y), path=((x + 0.4, y),))
-    (walks,) = place_objects(prepared, [request])
-    some = prepared.with_frames((2, 4))
-    (result,) = insert_objects(some, [walks], lambda *_: None)
+    (stands,) = place_in(prepared, [ObjectRequest(model)])
+    assert stands.placement.plane is not None
+    x, y = plane_coordinates(prepared.space, stands.placement) * prepared.scale.metres_per_unit
+    request = ObjectRequest(model, plane=stands.placement.plane, xy_m=(x, y), path=((x + 0.4, y),))
+    (walks,) = place_in(prepared, [request])
+    some = prepared.footage.between(2, 4)
+    (result,) = composite_into(prepared, [walks], lambda *_: None, some)
     last = prepared.footage.frames[-1]
-    for shot, frame in zip(some.footage.frames, result.frames, strict=True):
-        body = walks.body_at(shot.clock_s - prepared.start_s)
-        gone = np.linalg.norm(body.position - walks.place.position) * prepared.scale.metres_per_unit
+    for shot, frame in zip(some.frames, result.frames, strict=True):
+        body = walks.body_at(shot.clock_s - prepared.footage.start_s)
+        gone = np.linalg.norm(body.position - walks.placement.position) * prepared.scale.metres_per_unit
         assert gone == pytest.approx(0.4 * shot.index / last.index, abs=1e-6)
         assert body.unit == pytest.approx(walks.body.unit)
         assert shot.view is not None
@@ -90,15 +98,22 @@ def test_a_model_that_walks_has_its_true_size_all_along(room: RecordedRoom) -> N
             np.testing.assert_allclose([box[0], box[1], box[2], box[3]], [*low, *(high - low)], atol=2.0)
 
 
+def _drawn(prepared: InsertionScene, objects: list[PlacedObject], frame: Frame) -> np.ndarray:
+    plate = next(image for other, image in prepared.footage if other.index == frame.index)
+    start_s = prepared.footage.start_s
+    (image,) = composite_variants([objects], prepared.light, prepared.content, start_s, frame, plate)
+    return image
+
+
 def _true_masks(inserted: Inserted, alone: bool) -> list[np.ndarray]:
     heading = inserted.placed.body.basis.T @ inserted.placed.body.basis @ _front(inserted)
-    world = added(inserted.room, solid("chair", SIZE), inserted.placed.place.position, heading, alone)
+    world = added(inserted.room, solid("chair", SIZE), inserted.placed.placement.position, heading, alone)
     with Renderer(world) as renderer:
         return [renderer.frame(k, colour=False).ids == len(world.objects) for k in range(len(world.poses))]
 
 
 def _front(inserted: Inserted) -> np.ndarray:
-    place = inserted.placed.place
+    place = inserted.placed.placement
     up = place.basis[2]
     toward = place.camera - place.position
     toward = toward - (toward @ up) * up
@@ -129,7 +144,7 @@ def test_the_silhouette_is_as_high_as_the_true_one(inserted: Inserted) -> None:
 @pytest.mark.parametrize("error", [0.8, 1.25])
 def test_a_wrong_scale_shows_in_full(room: RecordedRoom, inserted: Inserted, error: float) -> None:
     prepared = prepared_scene_of(room, error)
-    placed = place_objects(prepared, [inserted.placed.request])[0]
+    placed = place_in(prepared, [inserted.placed.request])[0]
     assert placed.body.unit * error == pytest.approx(inserted.placed.body.unit)
     assert placed.size_m == inserted.placed.size_m
 
@@ -155,8 +170,8 @@ def _mean_changes(inserted: Inserted) -> dict[str, list[list[float]]]:
     """Mean change of colour by cells around the chair in each picture, and around one that a table partly hides."""
     shot = inserted.prepared.footage.frames[BEHIND_TABLE[0]]
     point = PixelPosition(shot.name, *BEHIND_TABLE[1:])
-    behind = place_objects(inserted.prepared, [replace(inserted.placed.request, at=point)])
-    (picture,) = single_pictures(inserted.prepared, [behind], shot)
+    behind = place_in(inserted.prepared, [replace(inserted.placed.request, at=point)])
+    picture = _drawn(inserted.prepared, behind, shot)
     named = zip(inserted.pictures.items(), inserted.result.frames, strict=True)
     boxes = {name: (picture, frame.silhouette) for (name, picture), frame in named if frame.silhouette is not None}
     changes = {name: _cells(inserted.room, name, *seen) for name, seen in boxes.items()}
@@ -188,9 +203,9 @@ def test_the_light_on_the_object_and_around_it_is_as_it_was_looked_at(inserted: 
 
 def test_the_unit_of_the_reconstruction_does_not_show(inserted: Inserted) -> None:
     prepared = prepared_scene_of(in_unit(inserted.room, UNIT))
-    (placed,) = place_objects(prepared, [inserted.placed.request])
+    (placed,) = place_in(prepared, [inserted.placed.request])
     shot = prepared.footage.frames[2]
-    (again,) = single_pictures(prepared, [[placed]], shot)
+    again = _drawn(prepared, [placed], shot)
     assert np.abs(again.astype(int) - inserted.pictures[shot.name]).max() <= 2  # levels, by rounding
 
 
@@ -205,15 +220,16 @@ def test_who_walks_before_an_object_hides_it(room: RecordedRoom) -> None:
     """A mask all over the picture whose feet are below it: somebody right before the camera."""
     prepared = prepared_scene_of(room)
     model = write_glb(solid("chair", SIZE), room.folder / "chair.glb")
-    placed = place_objects(prepared, [ObjectRequest(model)])
-    assert prepared.supports.ground(prepared.cloud) is not None
-    some = prepared.with_frames((2, 2))
-    (shot,) = some.footage.frames
+    placed = place_in(prepared, [ObjectRequest(model)])
+    assert prepared.space.supports.ground(prepared.space.cloud) is not None
+    some = prepared.footage.between(2, 2)
+    (shot,) = some.frames
     assert shot.view is not None
     camera = shot.view.camera
     near = Instance("walker", 0, "person", np.ones((camera.height, camera.width), bool), (0, 0))
     for moving, visible in (((), True), ((near,), False)):
-        (result,) = insert_objects(replace(some, moving={2: moving}), placed, lambda *_: None)
+        scene = replace(prepared, content=replace(prepared.content, moving={2: moving}))
+        (result,) = composite_into(scene, placed, lambda *_: None, some)
         assert (result.frames[0].visible > 0.2) == visible
 
 

@@ -11,11 +11,10 @@ from estimator.instances.instance_reader import read_instances
 from estimator.projection.cameras import pixels_in_view
 from estimator.reconstructions.scene_reader import read_scene
 from insertion.footage.footage import ImageSequence, Stills
-from insertion.insertion_scene import prepare_scene
-from insertion.placement.placed_object import place_objects
+from insertion.insertion_scene import build_scene
 from insertion.request import ObjectRequest, PixelPosition
 from insertion.scene.scale import MetricScale
-from tests.synthetic.insertions import write_glb
+from tests.synthetic.insertions import place_in, write_glb
 from tests.synthetic.rooms.shapes import solid
 
 #: The office's truth.json: metres per unit, and the bottle's height and diameter (0.294 +- 0.012).
@@ -29,14 +28,14 @@ def test_a_twin_is_as_high_as_the_bottle(shared: Path, tmp_path: Path) -> None:
     scene = read_scene(shared / "data" / "scenes" / "tum_office")
     instances = read_instances(None, scene)
     stills = Stills(scene)
-    prepared = prepare_scene(scene, stills, ImageSequence(stills), instances, MetricScale(SCALE, None, None, "option"))
+    prepared = build_scene(scene, stills, ImageSequence(stills), instances, MetricScale(SCALE, None, None, "option"))
     bottles = [item for item in instances if item.track == TRACK]
     shown = next(item for item in bottles if scene.views[item.view].name.startswith(FRAME))
     height, width = shown.mask.shape
     # the middle of the foot is a little above its front edge
     at = PixelPosition(FRAME, shown.origin[0] + width / 2, shown.origin[1] + height - 0.15 * width)
     model = write_glb(solid("bottle", SIZE), tmp_path / "bottle.glb")
-    (twin,) = place_objects(prepared, [ObjectRequest(model, at=at)])
+    (twin,) = place_in(prepared, [ObjectRequest(model, at=at)])
     ratios = []
     for item in bottles:
         pixels, _ = pixels_in_view(scene.views[item.view], twin.body.position + twin.body.unit * twin.body.corners)

@@ -2,14 +2,20 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import numpy as np
 
 from estimator.records.scene import DenseCloud, Instance, Scene
-from insertion.footage.footage import ImageSequence, Stills
-from insertion.insertion_scene import InsertionScene, prepare_scene
+from insertion.composite.compositor import Writer, composite_footage
+from insertion.footage.footage import Footage, ImageSequence, Stills
+from insertion.insertion_scene import InsertionScene, build_scene
+from insertion.placement.placed_object import PlacedObject, place_objects
+from insertion.request import ObjectRequest
+from insertion.result import InsertionResult
 from insertion.scene.scale import MetricScale
 from metric_base.arrays import FloatArray
 from tests.synthetic.rooms.furnish import furnished_room, turn_about_z
@@ -21,7 +27,20 @@ from tests.synthetic.rooms.solids import Mesh, rotate
 from tests.synthetic.rooms.world import Placed, World
 from tests.synthetic.same_scene import moved_scene
 
-__all__ = ["RecordedRoom", "added", "in_unit", "prepared_scene_of", "standing", "video_room", "write_glb"]
+if TYPE_CHECKING:
+    from metric_tree.tree import Tree
+
+__all__ = [
+    "RecordedRoom",
+    "added",
+    "composite_into",
+    "in_unit",
+    "place_in",
+    "prepared_scene_of",
+    "standing",
+    "video_room",
+    "write_glb",
+]
 
 TRACK = "inserted"
 
@@ -73,7 +92,19 @@ def prepared_scene_of(room: RecordedRoom, scale_error: float = 1.0, dense: bool 
     assert dense is False or isinstance(scene.dense, DenseCloud)
     stills = Stills(scene)
     scale = MetricScale(scale_error / room.to_scene.scale, None, None, "option")
-    return prepare_scene(scene, stills, ImageSequence(stills), room.instances, scale)
+    return build_scene(scene, stills, ImageSequence(stills), room.instances, scale)
+
+
+def place_in(scene: InsertionScene, requests: Sequence[ObjectRequest], tree: Tree | None = None) -> list[PlacedObject]:
+    """The objects at their positions in a scene."""
+    return place_objects(requests, scene.space, scene.footage.frames, tree)
+
+
+def composite_into(
+    scene: InsertionScene, objects: Sequence[PlacedObject], write: Writer, footage: Footage | None = None
+) -> list[InsertionResult]:
+    """Composite objects into the footage of a scene, or a part of it."""
+    return composite_footage(objects, scene.light, scene.content, footage or scene.footage, scene.scale, write)
 
 
 def write_glb(mesh: Mesh, file: Path, colour: tuple[float, float, float] = (0.5, 0.3, 0.2)) -> Path:

@@ -345,7 +345,8 @@ def _refine_on_certain_cells(
 ) -> tuple[list[_FittedLamp], PlaneShading]:
     """Refine lamps on the cells that are certainly lit or certainly in shadow.
 
-    A cell in shadow that is taken as lit, or the reverse, makes every lamp look weaker than it is.
+    A cell in shadow that is taken as lit, or the reverse, makes every lamp look weaker than it is; `up` is a unit
+    vector (3,).
     """
     assert planes.occupancy is not None
     generator = np.random.default_rng(1)

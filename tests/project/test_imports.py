@@ -72,11 +72,11 @@ capture.pipeline
 insertion.colour insertion.footage insertion.scene
 insertion.request insertion.result
 insertion.light
-insertion.insertion_scene
 insertion.render
 insertion.placement
 insertion.composite
 insertion.exports insertion.blender
+insertion.insertion_scene
 insertion
 insertion.placement_page insertion.insert
 explorer explorer.charts

@@ -2,14 +2,12 @@
 
 from __future__ import annotations
 
-from pathlib import Path
-
 import numpy as np
 import pytest
 
 from estimator.projection.visibility import Visibility
-from estimator.records.scene import Camera, Scene, View
-from insertion.scene.point_cloud import ColouredPoints, _without_strays
+from estimator.records.scene import Camera, View
+from insertion.scene.point_cloud import ColouredPoints
 from insertion.scene.stray_points import stray_points
 from metric_base.arrays import FloatArray
 
@@ -49,8 +47,8 @@ def test_a_cluster_in_the_air_goes_and_a_post_stays(width: float) -> None:
     # what is left of the lists of the views means the same points
     known = Visibility(tuple(seen_by), np.array([view.centre for view in views]), np.tile([0.0, 0, 1], (5, 1)), True)
     cloud = ColouredPoints(points, np.zeros((len(points), 3), np.float32), True, visibility=known)
-    scene = Scene(Path(), "colmap", tuple(views), points, None)
-    left = _without_strays(cloud, scene)
+    left = cloud.subset(~stray)
+    assert left.visibility is not None
     assert len(left.points) == np.count_nonzero(~stray)
     for before, after in zip(seen_by, left.visibility.rows, strict=True):
         assert np.array_equal(points[before[~stray[before]]], left.points[after])

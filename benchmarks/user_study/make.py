@@ -65,7 +65,7 @@ def _report_parser() -> argparse.ArgumentParser:
 
 def _make(options: argparse.Namespace) -> int:
     from benchmarks.user_study.page import plan_text, study_page
-    from insertion.insert import open_scene
+    from insertion.insertion_scene import open_scene
     from insertion.placement.placed_object import place_objects
     from metric_base.files import output_file, whole_file
     from metric_cli.insert_object.request import parse_objects, parse_scene, tree_for
@@ -75,7 +75,7 @@ def _make(options: argparse.Namespace) -> int:
         raise InputError(f"--repeats: expected 1 to {MAX_REPEATS}; found {options.repeats}")
     requests = parse_objects(options.objects)
     prepared = open_scene(parse_scene(options))
-    placed = place_objects(prepared, requests, tree_for(requests, options.tree))
+    placed = place_objects(requests, prepared.space, prepared.footage.frames, tree_for(requests, options.tree))
     pictures = _pictures(prepared, placed, options.frame)
     with whole_file(options.out, "--out") as file:
         file.write_text(study_page(pictures, options.title, options.object, options.repeats), encoding="utf-8")
@@ -87,13 +87,16 @@ def _make(options: argparse.Namespace) -> int:
 def _pictures(prepared: Any, placed: Sequence[Any], frame: str | None) -> dict[int, NDArray[np.uint8]]:
     """The chosen picture (h, w, 3) at every step: the first object grows and shrinks about its foot, the rest stays."""
     from benchmarks.user_study.page import STEPS
-    from insertion.composite.compositor import single_pictures
+    from insertion.composite.compositor import composite_variants
     from insertion.placement.placed_object import resize
     from metric_cli.progress import with_bar
 
     chosen = _shot(prepared, placed, frame)
     variants = [[resize(placed[0], 1 + step / 100), *placed[1:]] for step in STEPS]
-    drawn = with_bar(single_pictures(prepared, variants, chosen), "drawing the sizes", len(STEPS))
+    image = next(image for shown, image in prepared.footage if shown.index == chosen.index)
+    light, content, start_s = prepared.light, prepared.content, prepared.footage.start_s
+    images = composite_variants(variants, light, content, start_s, chosen, image)
+    drawn = with_bar(images, "drawing the sizes", len(STEPS))
     return dict(zip(STEPS, drawn, strict=True))
 
 

@@ -14,7 +14,7 @@ from metric_cli.insert_object.parser import POSITION_OPTIONS, PROGRAM
 from metric_cli.insert_object.request import InsertCommand, parse_request
 
 if TYPE_CHECKING:
-    from insertion.insertion_scene import PreparedScene
+    from insertion.insertion_scene import InsertionScene
     from insertion.request import ObjectRequest
     from insertion.result import InsertionResult
 
@@ -30,7 +30,8 @@ def main(argv: Sequence[str] | None = None) -> int:
 
 def run(command: InsertCommand) -> int:
     """Write the preview, serve the placement page and insert the objects, as far as the command requests it."""
-    from insertion.insert import insert, open_scene
+    from insertion.insert import insert
+    from insertion.insertion_scene import open_scene
     from metric_cli.progress import progress_bars
     from metric_cli.tables import warn
 
@@ -50,10 +51,10 @@ def run(command: InsertCommand) -> int:
     return 0
 
 
-def _write_preview(command: InsertCommand, scene: PreparedScene) -> None:
+def _write_preview(command: InsertCommand, scene: InsertionScene) -> None:
     """Draw and list the free positions of the first object; the list is on standard output if nothing else is."""
     from insertion.placement.model_size import model_size
-    from insertion.placement.placed_object import space_for
+    from insertion.placement.placed_object import footprint
     from insertion.placement.preview import write_preview
     from metric_cli.tables import print_json
     from models3d.gltf.model_reader import read_model
@@ -62,7 +63,8 @@ def _write_preview(command: InsertCommand, scene: PreparedScene) -> None:
     request = command.request.objects[0]
     model = read_model(request.model)
     size = model_size(model, request.size, command.request.tree, request.category)
-    positions = write_preview(scene, space_for(scene, model, size), command.preview)
+    radius, height = footprint(model, size, scene.scale.metres_per_unit)
+    positions = write_preview(scene.space, scene.stills, radius, height, command.preview)
     is_only_output = command.request.out is None
     if command.as_json and is_only_output:
         print_json({"schema": "metric-tree/places/1", "places": [asdict(position) for position in positions]})
@@ -74,13 +76,13 @@ def _write_preview(command: InsertCommand, scene: PreparedScene) -> None:
         stream.write(f"{position.number}: {position.options}   {height_m:.2f} m above the lowest plane{note}\n")
 
 
-def _place_on_page(command: InsertCommand, scene: PreparedScene) -> ObjectRequest:
+def _place_on_page(command: InsertCommand, scene: InsertionScene) -> ObjectRequest:
     """Return the object with the position that the user chooses on the page; print the equivalent command."""
-    from insertion.placement_page import PlacePage
+    from insertion.placement_page import PlacementPage
 
     assert command.place_port is not None
     has_out = command.request.out is not None
-    page = PlacePage(
+    page = PlacementPage(
         scene,
         command.request.objects[0],
         command.request.tree,

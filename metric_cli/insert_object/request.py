@@ -75,7 +75,7 @@ def parse_request(argv: Sequence[str]) -> InsertCommand:
 def _check_outputs(options: argparse.Namespace) -> None:
     """Raise InputError if an output cannot be written or drawn; this precedes all work."""
     from insertion.blender.run import blender_program
-    from insertion.footage.image_writer import output_kind, preview_place
+    from insertion.footage.image_writer import check_preview_path, output_kind
     from insertion.render.gpu import check_renderer
 
     is_only_placed = options.preview is not None or options.place is not None
@@ -91,7 +91,7 @@ def _check_outputs(options: argparse.Namespace) -> None:
         output_kind(options.out)
         check_renderer()
     if options.preview is not None:
-        preview_place(options.preview)
+        check_preview_path(options.preview)
     if options.renderer == "blender":
         blender_program()
 

@@ -15,19 +15,19 @@ from scipy.spatial.transform import Rotation
 import metric_tree
 from estimator.projection.cameras import pixels_in_view
 from insertion.insertion_scene import InsertionScene
-from insertion.placement.free_space import candidates
+from insertion.placement.free_space import free_positions
 from insertion.placement.model_size import model_size
 from insertion.placement.on_category import instances_named
-from insertion.placement.placed_object import PlacedObject, place_objects, space_for
+from insertion.placement.placed_object import PlacedObject, footprint
 from insertion.placement.placement import PlacementError
 from insertion.placement.preview import write_preview
-from insertion.placement_page import PlacePage
+from insertion.placement_page import PlacementPage
 from insertion.request import ObjectRequest, PixelPosition
 from metric_base.errors import InputError
 from metric_cli.insert_object.parser import parser
 from metric_cli.insert_object.request import parse_objects, parse_scene
 from models3d.gltf.model_reader import read_model
-from tests.synthetic.insertions import RecordedRoom, in_unit, prepared_scene_of, video_room, write_glb
+from tests.synthetic.insertions import RecordedRoom, in_unit, place_in, prepared_scene_of, video_room, write_glb
 from tests.synthetic.minitree import release
 from tests.synthetic.rooms.kinds import KINDS
 from tests.synthetic.rooms.shapes import solid
@@ -65,25 +65,25 @@ def test_up_that_is_no_direction_is_one_line(words: str) -> None:
 
 
 def test_a_plane_just_above_a_better_one_is_not_offered(prepared: InsertionScene, cup: Path) -> None:
-    model = read_model(cup)
-    space = space_for(prepared, model, model_size(model, "file"))
-    plain = candidates(space)
+    model, space = read_model(cup), prepared.space
+    size = footprint(model, model_size(model, "file"), space.metres_per_unit)
+    plain = free_positions(space, *size)
     assert plain
-    floor = prepared.supports.surfaces[0]
+    floor = prepared.space.supports.surfaces[0]
     thin = replace(floor.plane, height=floor.plane.height + 0.3 * floor.plane.cell, points=floor.plane.points // 3)
-    phantom = replace(floor, number=len(prepared.supports.surfaces), plane=thin)
-    both = replace(space, supports=replace(space.supports, surfaces=(*prepared.supports.surfaces, phantom)))
-    assert phantom.number not in {place.plane for place in candidates(both)}
-    assert {place.plane for place in plain} <= {place.plane for place in candidates(both)}
+    phantom = replace(floor, number=len(prepared.space.supports.surfaces), plane=thin)
+    both = replace(space, supports=replace(space.supports, surfaces=(*prepared.space.supports.surfaces, phantom)))
+    assert phantom.number not in {place.plane for place in free_positions(both, *size)}
+    assert {place.plane for place in plain} <= {place.plane for place in free_positions(both, *size)}
 
 
 def _foot(room: RecordedRoom, placed: PlacedObject) -> np.ndarray:
     """Where the object stands, in metres of the synthetic room."""
-    return np.asarray(room.to_scene.inverse(placed.place.position[None])[0])
+    return np.asarray(room.to_scene.inverse(placed.placement.position[None])[0])
 
 
 def test_on_a_category_is_on_its_top(room: RecordedRoom, prepared: InsertionScene, cup: Path) -> None:
-    (placed,) = place_objects(prepared, [ObjectRequest(cup, on="coffee table")])
+    (placed,) = place_in(prepared, [ObjectRequest(cup, on="coffee table")])
     table = next(entry for entry in room.world.objects if entry.category == "coffee table")
     foot = _foot(room, placed)
     low, high = table.mesh.vertices.min(axis=0), table.mesh.vertices.max(axis=0)
@@ -106,10 +106,10 @@ def test_on_a_category_is_on_its_top(room: RecordedRoom, prepared: InsertionScen
 def test_the_unit_of_the_reconstruction_does_not_move_an_object(
     prepared: InsertionScene, in_other_unit: InsertionScene, cup: Path, request_of: Callable[[Path], ObjectRequest]
 ) -> None:
-    (one,), (other,) = (place_objects(scene, [request_of(cup)]) for scene in (prepared, in_other_unit))
-    assert (one.place.support, one.place.plane, one.warnings) == (
-        other.place.support,
-        other.place.plane,
+    (one,), (other,) = (place_in(scene, [request_of(cup)]) for scene in (prepared, in_other_unit))
+    assert (one.placement.support, one.placement.plane, one.warnings) == (
+        other.placement.support,
+        other.placement.plane,
         other.warnings,
     )
     assert other.size_m == pytest.approx(one.size_m)
@@ -124,24 +124,24 @@ def test_the_unit_of_the_reconstruction_does_not_move_an_object(
 
 def test_who_walks_looks_along_the_way_or_so_many_degrees_from_it(prepared: InsertionScene, cup: Path) -> None:
     way = ObjectRequest(cup, plane=0, path=((0.4, 0.0), (0.4, 0.3)), speed_m_s=0.5)
-    ahead, aside = (place_objects(prepared, [replace(way, facing=turn)])[0].body_at(0.3) for turn in (0.0, 70.0))
+    ahead, aside = (place_in(prepared, [replace(way, facing=turn)])[0].body_at(0.3) for turn in (0.0, 70.0))
     turn = Rotation.from_rotvec(70.0 * ahead.basis[2], degrees=True)
     np.testing.assert_allclose(aside.parts[0].vertices, turn.apply(ahead.parts[0].vertices), atol=1e-5)
 
 
 def test_the_last_word_of_a_category_is_enough(room: RecordedRoom, prepared: InsertionScene, cup: Path) -> None:
-    one, other = (place_objects(prepared, [ObjectRequest(cup, on=name)])[0] for name in ("coffee table", "Table"))
+    one, other = (place_in(prepared, [ObjectRequest(cup, on=name)])[0] for name in ("coffee table", "Table"))
     np.testing.assert_allclose(_foot(room, one), _foot(room, other))
 
 
 def test_the_tree_knows_what_a_sofa_is(prepared: InsertionScene) -> None:
-    assert {item.category for item in instances_named(prepared.instances, "sofa")} == {"couch"}
+    assert {item.category for item in instances_named(prepared.space.instances, "sofa")} == {"couch"}
 
 
 def test_a_word_is_read_as_detectors_mean_it(prepared: InsertionScene, cup: Path) -> None:
     """By itself "bat" is an animal or a stick: the label lists of detectors decide, in `--on` and in `--size prior`."""
     tree = metric_tree.open()
-    one, other = (replace(prepared.instances[0], category=name) for name in ("bat", "couch"))
+    one, other = (replace(prepared.space.instances[0], category=name) for name in ("bat", "couch"))
     with pytest.raises(metric_tree.UnknownName):
         tree.find("bat")
     listed = tree.find("bat", "detectors")
@@ -151,10 +151,11 @@ def test_a_word_is_read_as_detectors_mean_it(prepared: InsertionScene, cup: Path
 
 def test_a_top_that_is_no_plane_of_the_scene(room: RecordedRoom, prepared: InsertionScene, cup: Path) -> None:
     """Without the plane of the table's top, the object's own points say where its top is."""
-    placed = place_objects(prepared, [ObjectRequest(cup, on="coffee table")])[0].place
-    others = tuple(one for one in prepared.supports.surfaces if one.number != placed.plane)
-    fewer = replace(prepared, supports=replace(prepared.supports, surfaces=others))
-    again = place_objects(fewer, [ObjectRequest(cup, on="coffee table")])[0].place
+    placed = place_in(prepared, [ObjectRequest(cup, on="coffee table")])[0].placement
+    others = tuple(one for one in prepared.space.supports.surfaces if one.number != placed.plane)
+    supports = replace(prepared.space.supports, surfaces=others)
+    fewer = replace(prepared, space=replace(prepared.space, supports=supports))
+    again = place_in(fewer, [ObjectRequest(cup, on="coffee table")])[0].placement
     assert placed.plane is not None
     assert again.plane is None
     up = placed.basis[2]
@@ -163,23 +164,26 @@ def test_a_top_that_is_no_plane_of_the_scene(room: RecordedRoom, prepared: Inser
 
 def test_what_is_larger_than_everything_has_no_place(prepared: InsertionScene, cup: Path) -> None:
     with pytest.raises(PlacementError, match="--at auto: no free level space of this size"):
-        place_objects(prepared, [ObjectRequest(cup, size="height=300")])
+        place_in(prepared, [ObjectRequest(cup, size="height=300")])
 
 
 def test_the_preview_lists_the_options_of_each_place(prepared: InsertionScene, cup: Path, tmp_path: Path) -> None:
-    (placed,) = place_objects(prepared, [ObjectRequest(cup)])
-    places = write_preview(prepared, space_for(prepared, placed.model, placed.size), tmp_path / "places.png")
+    (placed,) = place_in(prepared, [ObjectRequest(cup)])
+    size = footprint(placed.model, placed.size, placed.metres_per_unit)
+    places = write_preview(prepared.space, prepared.stills, *size, tmp_path / "places.png")
     assert (tmp_path / "places.png").stat().st_size > 10_000
     words = ["scene", "--scale", "1", "--model", str(cup), *places[0].options.split(), "--out", "out"]
     (request,) = parse_objects(parser().parse_args(words).objects)
-    (again,) = place_objects(prepared, [request])
-    np.testing.assert_allclose(again.place.position, placed.place.position, atol=1e-3 / prepared.scale.metres_per_unit)
+    (again,) = place_in(prepared, [request])
+    np.testing.assert_allclose(
+        again.placement.position, placed.placement.position, atol=1e-3 / prepared.scale.metres_per_unit
+    )
 
 
 def test_the_page_of_a_place_answers_with_the_box_the_picture_and_the_command(
     room: RecordedRoom, prepared: InsertionScene, cup: Path
 ) -> None:
-    page = PlacePage(prepared, ObjectRequest(cup, on="couch", plane=3), None, lambda asked: f"at {asked.at}")
+    page = PlacementPage(prepared, ObjectRequest(cup, on="couch", plane=3), None, lambda asked: f"at {asked.at}")
     kind, start = page.answer("start") or ("", b"")
     frames = json.loads(start)["frames"]
     assert (kind, json.loads(start)["model"]) == ("application/json", "cup.glb")
@@ -190,7 +194,7 @@ def test_the_page_of_a_place_answers_with_the_box_the_picture_and_the_command(
     wish = "2/320/400/30"
     corners = json.loads((page.answer(f"box/{wish}") or ("", b""))[1])["corners"]
     asked = ObjectRequest(cup, at=PixelPosition(frames[2]["name"], 320.0, 400.0), facing=30.0)
-    (placed,) = place_objects(prepared, [asked])
+    (placed,) = place_in(prepared, [asked])
     view = prepared.scene.views[2]
     true, _ = pixels_in_view(view, placed.body.position + placed.body.unit * placed.body.corners)
     box, body = (np.array([points.min(axis=0), points.max(axis=0)]) for points in (np.array(corners), true))
@@ -222,12 +226,12 @@ def test_on_what_is_not_there_is_refused(prepared: InsertionScene, cup: Path) ->
     with pytest.raises(
         PlacementError, match=r"--on: expected a category of the instances \(.*couch.*\); found 'piano'"
     ):
-        place_objects(prepared, [ObjectRequest(cup, on="piano")])
+        place_in(prepared, [ObjectRequest(cup, on="piano")])
 
 
 def test_a_plane_and_metres_along_it(room: RecordedRoom, prepared: InsertionScene, cup: Path) -> None:
     """The lowest plane is the floor, and metres are metres whatever the scene's unit is."""
-    one, other = (place_objects(prepared, [ObjectRequest(cup, plane=0, xy_m=(x, 0.0))])[0] for x in (0.0, 0.3))
+    one, other = (place_in(prepared, [ObjectRequest(cup, plane=0, xy_m=(x, 0.0))])[0] for x in (0.0, 0.3))
     feet = _foot(room, one), _foot(room, other)
     assert feet[0][2] == pytest.approx(0.0, abs=0.02)
     assert np.linalg.norm(feet[1] - feet[0]) == pytest.approx(0.3, abs=0.005)
@@ -238,11 +242,11 @@ def test_no_such_plane_or_point(
     prepared: InsertionScene, cup: Path, plane: int, xy: tuple[float, float], word: str
 ) -> None:
     with pytest.raises(PlacementError, match=word):
-        place_objects(prepared, [ObjectRequest(cup, plane=plane, xy_m=xy)])
+        place_in(prepared, [ObjectRequest(cup, plane=plane, xy_m=xy)])
 
 
 def test_facing_the_wall_is_square_to_the_room(room: RecordedRoom, prepared: InsertionScene, cup: Path) -> None:
-    (placed,) = place_objects(prepared, [ObjectRequest(cup, plane=0, facing="wall")])
+    (placed,) = place_in(prepared, [ObjectRequest(cup, plane=0, facing="wall")])
     front = room.to_scene.rotation.T @ placed.front
     # walls run along x and y; within ten degrees
     assert np.abs(front[:2]).max() > np.cos(np.radians(10))
@@ -258,7 +262,7 @@ def test_the_size_of_the_prior(room: RecordedRoom, prepared: InsertionScene, cup
     tree = metric_tree.open(release(tmp_path / "tree").directory)
     names = [node.name for node in tree.leaves() if "height" in (node.dims or ())]
     request = replace(ObjectRequest(cup, plane=0), size="prior", category=names[0])
-    (placed,) = place_objects(prepared, [request], tree)
+    (placed,) = place_in(prepared, [request], tree)
     median = float(tree.find(names[0]).prior(("height",)).quantile(0.5)[0]) / 1000
     assert placed.size_m["height"] == pytest.approx(median, rel=1e-6)
     high = np.ptp(placed.body.corners @ placed.body.basis[2]) * placed.body.unit

@@ -135,7 +135,7 @@ def _depth(scene: Scene, view: View, low: FloatArray, high: FloatArray) -> float
     """Return the median depth of the points in the box from pixel `low` (2,) to `high` (2,); NaN for too few."""
     if len(view.point_index):
         inside = ((view.keypoints >= low) & (view.keypoints <= high)).all(axis=1)
-        depths = (scene.points[view.point_index[inside]] @ view.rotation.T + view.translation)[:, 2]
+        depths = (view.to_camera(scene.points[view.point_index[inside]]))[:, 2]
     else:
         pixels, all_depths = pixels_in_view(view, scene.points)
         with np.errstate(invalid="ignore"):

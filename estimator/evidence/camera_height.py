@@ -11,7 +11,7 @@ from estimator.evidence.source import skipped_evidence
 from estimator.geometry.planes import floor_of
 from estimator.records.objects import Measurements
 from estimator.records.result import ScaleEvidence
-from estimator.records.scene import Scene
+from estimator.records.scene import Scene, camera_centres
 from metric_base.errors import InputError
 from metric_base.statistics import robust_sigma
 
@@ -65,7 +65,7 @@ class CameraHeight:
         floor = floor_of(measurements.planes, points)
         if floor is None:
             return skipped_evidence(KIND, "floor", "no floor was found under the cameras")
-        heights = np.array([view.centre for view in scene.views]) @ floor.basis[2] - floor.height
+        heights = camera_centres(scene.views) @ floor.basis[2] - floor.height
         median = float(np.median(heights))
         if not median > 0 or np.mean(heights <= 0) >= MAX_BELOW_FRACTION:
             return skipped_evidence(KIND, "floor", "the cameras are under the lowest plane")

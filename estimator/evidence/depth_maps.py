@@ -26,7 +26,7 @@ from estimator.projection.cameras import pixels_in_view
 from estimator.records.objects import Measurements
 from estimator.records.result import ScaleEvidence
 from estimator.records.scene import Scene, View
-from metric_base.arrays import FloatArray
+from metric_base.arrays import FloatArray, evenly_spaced
 from metric_base.errors import InputError, Unquoted
 from metric_base.images import read_picture
 from metric_base.statistics import robust_sigma
@@ -336,7 +336,7 @@ class MetricDepth:
         if self.unit == "metres":
             return values
         # The first parameter of every camera model is a focal length in pixels.
-        focal = float(view.camera.params[0]) * values.shape[1] / view.camera.width
+        focal = view.camera.focal_px * values.shape[1] / view.camera.width
         if maps.focal is not None and len(maps.focal) in {1, len(maps.values)}:
             focal = float(maps.focal[row % len(maps.focal)])
         return np.asarray(values * (focal / FOCAL_UNITS[self.unit]))
@@ -366,7 +366,7 @@ def view_log_ratio(view: View, scene: Scene, depth: FloatArray) -> float | None:
     None if fewer than `MIN_POINTS` have a depth.
     """
     rows = view.point_index if len(view.point_index) else np.arange(len(scene.points))
-    rows = rows[:: max(1, -(-len(rows) // MAX_POINTS))]
+    rows = evenly_spaced(rows, MAX_POINTS)
     pixels, depths = pixels_in_view(view, scene.points[rows])
     height, width = depth.shape
     with np.errstate(invalid="ignore"):

@@ -23,7 +23,7 @@ from estimator.instances.view_matching import image_file, image_folders
 from estimator.projection.cameras import pixels_in_view, view_rays
 from estimator.records.objects import Measurements
 from estimator.records.result import ScaleEvidence
-from estimator.records.scene import Scene, View
+from estimator.records.scene import Scene, View, camera_centres
 from metric_base.arrays import FloatArray
 from metric_base.errors import InputError
 from metric_base.images import read_picture
@@ -122,7 +122,7 @@ def triangulate(views: Sequence[View], pixels: FloatArray, max_error: float) -> 
         if float((directions @ directions.T).min()) > np.cos(MIN_RAY_ANGLE):
             return None
         across = np.eye(3) - directions[:, :, None] * directions[:, None, :]  # (n, 3, 3)
-        centres = np.array([view.centre for view in views])
+        centres = camera_centres(views)
         point = np.asarray(np.linalg.solve(across.sum(axis=0), np.einsum("nij,nj->i", across, centres)))
         errors = []
         for view, pixel in zip(views, pixels, strict=True):

@@ -17,7 +17,7 @@ from estimator.association.mask_checks import without_duplicates
 from estimator.geometry.planes import level_basis
 from estimator.geometry.vertical import camera_up
 from estimator.records.objects import Box, SupportPlane, Up
-from estimator.records.scene import DenseCloud, Instance, Scene, View
+from estimator.records.scene import DenseCloud, Instance, Scene, View, camera_centres
 from metric_base.arrays import FloatArray, IntArray
 
 # Maximum number of pairs of a view and a dense point. A cloud with more is subsampled evenly, which limits memory and
@@ -86,7 +86,7 @@ def canonical_frame(views: Sequence[View]) -> CanonicalFrame:
         There are no views.
     """
     basis = level_basis(camera_up(views).vector)
-    centres = np.array([view.centre for view in views])
+    centres = camera_centres(views)
     origin = centres.mean(axis=0)
     direction = np.mean([view.rotation[2] for view in views], axis=0) @ basis[:2].T
     if np.linalg.norm(direction) < MIN_MEAN_DIRECTION:
@@ -142,7 +142,7 @@ def normalise_scene(scene: Scene, instances: Sequence[Instance], *, keep_views: 
 
 def _distinct_views(views: Sequence[View], frame: CanonicalFrame) -> tuple[IntArray, IntArray]:
     """Return the indices (k,) of the views without duplicates, sorted by position, and the rank (v,) of each view."""
-    centres = frame.points(np.array([view.centre for view in views]))
+    centres = frame.points(camera_centres(views))
     poses: dict[bytes, int] = {}
     order: list[int] = []
     rank = np.empty(len(views), dtype=np.int64)

@@ -134,7 +134,7 @@ def _outline_extents(
 ) -> tuple[FloatArray, FloatArray, BoolArray]:
     """Return the fields (8,) of `Outlines` of a mask with contour (k, 2); `occluders` are closer masks of its view."""
     camera = scene.views[instance.view].camera
-    focal = float(camera.params[0])  # the first parameter of every camera model is a focal length in pixels
+    focal = camera.focal_px  # the first parameter of every camera model is a focal length in pixels
     (height, width), origin = instance.mask.shape, np.array(instance.origin, dtype=float)
     if instance.from_box:
         pixels = np.array([[0, height / 2], [width / 2, 0], [width, height / 2], [width / 2, height]]) + origin

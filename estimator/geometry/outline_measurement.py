@@ -20,8 +20,8 @@ from estimator.geometry.point_noise import point_covariances
 from estimator.geometry.scene_geometry import SceneGeometry
 from estimator.projection.visibility import row_indices
 from estimator.records.objects import Box, MeasuredObject, SupportPlane
-from estimator.records.scene import Instance, Scene
-from metric_base.arrays import BoolArray, FloatArray, IntArray
+from estimator.records.scene import Instance, Scene, camera_centres
+from metric_base.arrays import BoolArray, FloatArray, IntArray, evenly_spaced
 
 # Minimum number of points of an object in the dense cloud; with fewer, the cloud with more points is used.
 MIN_DENSE_POINTS = 100
@@ -273,7 +273,7 @@ def _point_rays(item: MeasuredObject, data: OutlineData) -> PointRays | None:
         return None
     is_sparse = item.cloud == "sparse"
     cloud = data.clouds[0 if is_sparse else -1]
-    rows: IntArray = item.point_rows[:: max(1, -(-len(item.point_rows) // MAX_FIT_POINTS))]
+    rows: IntArray = evenly_spaced(item.point_rows, MAX_FIT_POINTS)
     eyes = np.full((len(rows), 3), np.nan)
     for member in item.members:
         is_new = np.isin(rows, row_indices(cloud.membership, member)) & np.isnan(eyes[:, 0])
@@ -322,7 +322,7 @@ def _foot_on_plane(
     """
     sigma = np.hypot(PLANE_SIGMA_FRACTION * plane.sigma, FOOT_SIGMA_FRACTION * height)
     if position is None:
-        eyes = np.array([view.centre for view in data.scene.views]) @ data.geometry.basis.T
+        eyes = camera_centres(data.scene.views) @ data.geometry.basis.T
         camera_height = abs(float(np.median(eyes[:, 2])) - plane.height)
         return plane.height, float(max(sigma, FOOT_SIGMA_FRACTION * camera_height))
     cells = np.argwhere(plane.cells) * plane.cell + plane.origin + plane.cell / 2

@@ -12,7 +12,7 @@ import numpy as np
 from scipy.ndimage import binary_dilation, gaussian_filter1d, median_filter
 
 from estimator.records.objects import SupportPlane
-from metric_base.arrays import FloatArray, IntArray
+from metric_base.arrays import FloatArray, IntArray, evenly_spaced
 from metric_base.statistics import robust_sigma
 
 # Number of height bins over the central 96 % of heights: 2 cm in a room, twice the noise of a typical dense cloud.
@@ -130,7 +130,7 @@ def height_peaks(heights: FloatArray, bin_width: float) -> list[float]:
 
 def voxel_downsample(points: FloatArray) -> FloatArray:
     """Return one of the points (n, 3) per voxel, (m, 3), at most `MAX_POINTS`."""
-    points = points[:: max(1, -(-len(points) // (4 * MAX_POINTS)))]
+    points = evenly_spaced(points, 4 * MAX_POINTS)
     if len(points) < MIN_POINTS:
         return points
     low, high = np.percentile(points, [2, 98], axis=0)
@@ -140,7 +140,7 @@ def voxel_downsample(points: FloatArray) -> FloatArray:
     side = 3 * VOXELS_PER_DIAGONAL + 1
     keys = (index[:, 0] * side + index[:, 1]) * side + index[:, 2]
     rows: IntArray = np.unique(keys, return_index=True)[1]
-    return points[rows[:: max(1, -(-len(rows) // MAX_POINTS))]]
+    return points[evenly_spaced(rows, MAX_POINTS)]
 
 
 def height_bin_width(heights: FloatArray) -> float:

@@ -130,7 +130,7 @@ def point_covariances(views: Sequence[View], points: FloatArray) -> FloatArray:
         lengths = np.maximum(np.linalg.norm(rays, axis=1), np.finfo(float).tiny)
         rays = rays / lengths[:, None]
         # The first parameter of every camera model is a focal length in pixels.
-        precision = (float(view.camera.params[0]) / (error * lengths)) ** 2
+        precision = (view.camera.focal_px / (error * lengths)) ** 2
         across = precision[:, None, None] * (np.eye(3) - rays[:, :, None] * rays[:, None, :])
         np.add.at(information, rows, across)
         np.minimum.at(distance, rows, lengths)

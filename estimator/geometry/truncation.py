@@ -16,7 +16,7 @@ from estimator.geometry.mask_outlines import BORDER_PX, is_at_border
 from estimator.projection.cameras import project
 from estimator.projection.visibility import DEPTH_IMAGE_WIDTH, DepthImages
 from estimator.records.scene import Instance
-from metric_base.arrays import BoolArray, FloatArray
+from metric_base.arrays import BoolArray, FloatArray, evenly_spaced
 
 # Maximum number of points of an outline.
 MAX_OUTLINE_POINTS = 128
@@ -117,7 +117,7 @@ def side_visibility(
     axes, low, high = box
     centre = (low + high) / 2 @ axes
     normals = np.stack([-axes, axes], axis=1)  # (3, 2, 3) outward
-    sampled = points[:: max(1, -(-len(points) // MAX_OBJECT_POINTS))]
+    sampled = evenly_spaced(points, MAX_OBJECT_POINTS)
     ends_on_top = _ends_on_top(points @ axes.T, low, high)
     is_shown = np.zeros((len(masks), 3, 2), dtype=bool)
     excess = np.full((len(masks), 3, 2), np.nan)
@@ -164,7 +164,7 @@ def _cut_and_excess(
     view = images.scene.views[mask.view]
     side_centres = np.stack([centre + (end - 0.5) * np.diag(size) for end in (0, 1)], axis=1).reshape(6, 3)
     world = np.vstack([np.vstack([centre, side_centres]) @ axes, points])
-    pixels = project(view.camera, world @ view.rotation.T + view.translation)
+    pixels = project(view.camera, view.to_camera(world))
     directions = pixels[1:7] - pixels[0]
     length = np.linalg.norm(directions, axis=1)
     with np.errstate(invalid="ignore", divide="ignore"):

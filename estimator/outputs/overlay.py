@@ -57,7 +57,7 @@ def projected_edges(box: Box, view: View) -> FloatArray:
     ends = corners(box)[EDGES]  # (12, 2, 3)
     steps = np.linspace(0.0, 1.0, _N_SEGMENTS + 1)[None, :, None]
     points = ends[:, None, 0] * (1 - steps) + ends[:, None, 1] * steps
-    points_camera = points.reshape(-1, 3) @ view.rotation.T + view.translation
+    points_camera = view.to_camera(points.reshape(-1, 3))
     return project(view.camera, points_camera).reshape(len(EDGES), _N_SEGMENTS + 1, 2)
 
 

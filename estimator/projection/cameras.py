@@ -123,7 +123,7 @@ def project(camera: Camera, points_camera: FloatArray) -> FloatArray:
 
 def pixels_in_view(view: View, points: FloatArray) -> tuple[FloatArray, FloatArray]:
     """Return pixels (n, 2) and depths (n,) of world points (n, 3); pixels outside the image are NaN."""
-    points_camera = points @ view.rotation.T + view.translation
+    points_camera = view.to_camera(points)
     pixels = project(view.camera, points_camera)
     with np.errstate(invalid="ignore"):
         inside = (pixels >= 0).all(axis=1) & (pixels < (view.camera.width, view.camera.height)).all(axis=1)

@@ -21,7 +21,7 @@ from scipy.sparse import csr_array
 
 from estimator.projection.cameras import PINHOLES, project
 from estimator.records.scene import DenseCloud, Scene, View
-from metric_base.arrays import BoolArray, FloatArray, IntArray
+from metric_base.arrays import BoolArray, FloatArray, IntArray, evenly_spaced
 
 #: Weight of a rotation by one radian in the distance between two views; a translation by the extent of all cameras has
 #: the weight 1.
@@ -201,7 +201,7 @@ def project_unoccluded(view: View, points: FloatArray, slant: float = 0.0) -> Pr
     nearest = np.full(int(cells.max()) + 1, np.inf, dtype=np.float32)
     np.minimum.at(nearest, cells, depths)
     # The first parameter of all camera models is a focal length in pixels.
-    tolerance = max(DEPTH_TOLERANCE, slant * cell / float(camera.params[0]))
+    tolerance = max(DEPTH_TOLERANCE, slant * cell / camera.focal_px)
     return projected.take_points(np.flatnonzero(depths <= nearest[cells] * np.float32(1 + tolerance)))
 
 
@@ -243,7 +243,7 @@ class DepthImages:
     def _draw(self, view_index: int) -> tuple[FloatArray, FloatArray]:
         """Return depth and height (h, w) of the nearest point in each cell of a view."""
         view, visible = self.scene.views[view_index], row_indices(self.visibility, view_index)
-        points = self.points[visible[:: max(1, -(-len(visible) // MAX_DEPTH_POINTS))]]
+        points = self.points[evenly_spaced(visible, MAX_DEPTH_POINTS)]
         n_rows = int(view.camera.height * DEPTH_IMAGE_WIDTH / view.camera.width) + 1
         depth, height = np.full((n_rows, DEPTH_IMAGE_WIDTH), np.inf), np.zeros((n_rows, DEPTH_IMAGE_WIDTH))
         projected = project_to_view(view, points)

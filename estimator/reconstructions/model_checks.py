@@ -9,7 +9,7 @@ from scipy.sparse import csr_array
 from scipy.sparse.csgraph import connected_components
 
 from estimator.projection.cameras import project
-from estimator.records.scene import Scene, SceneProblem
+from estimator.records.scene import Scene, SceneProblem, camera_centres
 from metric_base.arrays import FloatArray
 
 #: Maximum number of observations of a view that are evaluated; 1,000 determine a median to a few per cent.
@@ -85,7 +85,7 @@ def reprojection_statistics(scene: Scene) -> ReprojectionStatistics:
         points = scene.points[view.point_index[::step]]
         if not len(points):
             continue
-        points_camera = points @ view.rotation.T + view.translation
+        points_camera = view.to_camera(points)
         error = np.linalg.norm(project(view.camera, points_camera) - view.keypoints[::step], axis=1)
         error = error[np.isfinite(error)]
         depth = points_camera[:, 2]
@@ -164,7 +164,7 @@ def degeneracy(scene: Scene) -> SceneProblem | None:
     if shape is not None:
         message = f"{shape}_points: the points of the reconstruction are {_DESCRIPTIONS[shape]}"
         return SceneProblem(message, is_fatal=True)
-    centres = np.array([view.centre for view in scene.views])
+    centres = camera_centres(scene.views)
     distance = float(np.median(np.linalg.norm(points - np.median(centres, axis=0), axis=1)))
     if float(np.linalg.norm(centres - centres.mean(axis=0), axis=1).max()) < MIN_BASELINE_RATIO * distance:
         message = "coincident_cameras: all cameras are at one place, so that depths are unknown"

@@ -12,7 +12,7 @@ from estimator.projection.cameras import pixels_in_view
 from estimator.projection.visibility import infer_observations
 from estimator.reconstructions.colmap import colmap_folder, model_suffix, read_colmap
 from estimator.reconstructions.ply import find_dense_cloud, read_dense_cloud
-from estimator.records.scene import DenseCloud, Scene
+from estimator.records.scene import DenseCloud, Scene, camera_centres
 from metric_base.arrays import IntArray
 from metric_base.errors import InputError, Unquoted
 from metric_base.input_files import folder_entries
@@ -116,7 +116,7 @@ def _with_dense_cloud(scene: Scene, path: Path) -> Scene:
 
     A damaged cloud contains points at any distance; a grid of it would exceed the memory.
     """
-    positions = np.array([view.centre for view in scene.views])
+    positions = camera_centres(scene.views)
     if len(scene.points):
         inner = np.quantile(scene.points, [SPARSE_TAIL_FRACTION, 1 - SPARSE_TAIL_FRACTION], axis=0)
         positions = np.vstack([positions, inner])

@@ -6,6 +6,7 @@ and +y is down, as in COLMAP and OpenCV. The centre of the upper left pixel is (
 
 from __future__ import annotations
 
+from collections.abc import Iterable
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Literal
@@ -35,6 +36,11 @@ class Camera:
         if self.params.ndim != 1 or not np.isfinite(self.params).all():
             raise InputError.at("camera", "params", "a row of finite numbers", self.params.tolist())
 
+    @property
+    def focal_px(self) -> float:
+        """Focal length in pixels; that along x if the model has two."""
+        return float(self.params[0])
+
 
 @dataclass(frozen=True, slots=True, eq=False)
 class View:
@@ -59,6 +65,15 @@ class View:
     def centre(self) -> FloatArray:
         """Camera centre (3,) in the world."""
         return np.asarray(-self.rotation.T @ self.translation)
+
+    def to_camera(self, points: FloatArray) -> FloatArray:
+        """Transform points (n, 3) from the world to the frame of the camera."""
+        return np.asarray(points @ self.rotation.T + self.translation)
+
+
+def camera_centres(views: Iterable[View]) -> FloatArray:
+    """Return the camera centres (n, 3) of views."""
+    return np.array([view.centre for view in views])
 
 
 @dataclass(frozen=True, slots=True, eq=False)

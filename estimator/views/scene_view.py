@@ -162,7 +162,7 @@ def _upright_rotation(result: ScaleResult) -> FloatArray:
 def _pyramid(view: View, depth: float) -> FloatArray:
     """Return the lines (8, 2, 3) from a camera centre to the corners of its image plane, and around them."""
     camera = view.camera
-    focal = float(camera.params[0])
+    focal = camera.focal_px
     half = np.array([camera.width, camera.height]) / (2 * focal) * depth
     corners_camera = np.array([[x * half[0], y * half[1], depth] for x, y in ((-1, -1), (1, -1), (1, 1), (-1, 1))])
     ends = (corners_camera - view.translation) @ view.rotation

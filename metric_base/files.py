@@ -173,9 +173,10 @@ def _is_read(path: Path, source: Path, is_own: bool) -> bool:
     real = path.resolve()
     if not source.is_dir() or not real.is_relative_to(source.resolve()):
         return False
-    if real.parent.name in _IMAGE_FOLDERS or not any(child.is_dir() for child in source.iterdir()):
-        return True  # a folder without folders may be one of images
-    return real.suffix.lower() in _INPUT_SUFFIXES and not is_own
+    if real.parent.name in _IMAGE_FOLDERS:
+        return True
+    is_image_folder = not any(child.is_dir() for child in source.iterdir())  # it may be one: it has no subfolders
+    return not is_own and (is_image_folder or real.suffix.lower() in _INPUT_SUFFIXES)
 
 
 def _with_companions(inputs: Iterable[Path]) -> Iterator[Path]:

@@ -8,11 +8,13 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
+import msgspec
 import numpy as np
 
 from capture.frame_poses import FILE_NAME, FramePose, FramePoses, write_frame_poses
 from capture.localisation import localised_frames
 from capture.mapping.camera_prior import Lens
+from capture.mapping.mapper import ModelReport
 from capture.mapping.search import MODEL_STAGES, MORE_FRAMES, REPORT, ModelSearch
 from capture.mapping.worker import TimeLimit, limit_of
 from capture.quality_warnings import capture_cautions, read_cautions, write_cautions
@@ -161,7 +163,7 @@ def reconstruct(
         work.stage("dense", dense_inputs, DENSE, lambda part: _make_dense(part, work.path, progress, notice))
     else:
         work.discard_stale("dense", dense_inputs, DENSE)
-    report = read_json(work.path / REPORT)
+    report = msgspec.convert(read_json(work.path / REPORT), ModelReport)
     write_cautions(capture_cautions(path, frames, report, options.focal_px is not None), work.path)
 
 

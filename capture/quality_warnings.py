@@ -4,16 +4,15 @@ from __future__ import annotations
 
 import json
 from pathlib import Path
-from typing import Any
 
+from capture.mapping.mapper import ModelReport
 from capture.mapping.refusals import (
-    DOUBTFUL_PATTERN,
-    FOCAL_ERROR_TIMES,
-    SMEARED,
-    UNDETERMINED,
-    UNSTEADY,
-    UNSURE,
-    is_disputed,
+    FOCAL_ERROR_RATIO,
+    MAX_FOCAL_STD,
+    MIN_EDGE_STEEPNESS,
+    MIN_WARNED_FOCAL_STD,
+    MIN_WARNED_FOCAL_VARIATION,
+    MIN_WARNED_PATTERN,
 )
 from capture.sources.frames import Frames
 from metric_base.errors import InputError, in_file
@@ -23,46 +22,65 @@ from metric_base.parsing import json_array
 
 CAUTIONS_FILE = "cautions.json"
 SCHEMA = "metric-tree/cautions/1"
-#: Frames without a place that are named.
-MOST_NAMED = 5
+#: Maximum number of frames without a place that are named.
+MAX_NAMED = 5
 
 
-def capture_cautions(path: Path, frames: Frames, report: dict[str, Any], focal_given: bool) -> tuple[str, ...]:
-    """Sentences about a reconstruction that can be used.
+def capture_cautions(path: Path, frames: Frames, report: ModelReport, focal_given: bool) -> tuple[str, ...]:
+    """Return the warnings about a reconstruction that can be used.
 
-    path : the video or the folder of pictures; report : `reconstruction.json`; focal_given : by `--focal`.
+    Parameters
+    ----------
+    path : Path
+        The video or the folder of images.
+    frames : Frames
+    report : ModelReport
+        Report of its model.
+    focal_given : bool
+        Whether `--focal` was given.
     """
-    cautions = [f"{path}: {remark}" for remark in frames.remarks]
+    model = report.model
+    assert model is not None
+    warnings = list(frames.remarks)
     if frames.hdr is not None:
-        cautions.append(
-            f"{path}: an HDR video ({frames.hdr}); its frames are tone-mapped to an ordinary screen's range"
-        )
+        warnings.append(f"an HDR video ({frames.hdr}); its frames are tone-mapped to an ordinary screen's range")
     if not frames.one_camera:
-        words = "; --focal is not used" if focal_given else ""
-        cautions.append(
-            f"{path}: pictures of {len(frames.cameras())} cameras, by their sizes and EXIF's focal lengths{words}"
+        unused = "; --focal is not used" if focal_given else ""
+        warnings.append(f"pictures of {len(frames.cameras())} cameras, by their sizes and EXIF's focal lengths{unused}")
+    if report.left_out:
+        named = ", ".join([*report.left_out[:MAX_NAMED], *(["..."] if len(report.left_out) > MAX_NAMED else [])])
+        n = len(frames.names)
+        warnings.append(f"{len(report.left_out)} of {n} frames could not be placed and are not used: {named}")
+    compared = report.lenses is not None and report.lenses["chosen"] == model.camera
+    if frames.one_camera and model.pattern > MIN_WARNED_PATTERN and not compared:
+        warnings.append(
+            f"the camera model ({model.camera}) leaves a pattern in the residuals, so its focal length may be wrong by "
+            "10 to 20 %; name the lens with --camera-model and --focal if you know it"
         )
-    if report["model"]["left_out"]:
-        cautions.append(f"{path}: {_left_out(report['model']['left_out'], report['pairs']['frames'])}")
-    if frames.one_camera and _lens_is_doubtful(report):
-        cautions.append(
-            f"{path}: the camera model ({report['model']['camera']}) leaves a pattern in the residuals, so its focal "
-            "length may be wrong by a tenth or two; name the lens with --camera-model and --focal if you know it"
+    deviation = model.focal_deviation
+    if report.focal_held and (deviation is None or deviation > MAX_FOCAL_STD):
+        source = "--focal" if focal_given else "the file"
+        warnings.append(
+            f"the frames do not determine the focal length, and that of {source} is held ({model.focal:.2f} times the "
+            "longer side): if it is wrong by 10 %, everything is 10 % too deep or too shallow for its width"
         )
-    focal = _of_the_focal_length(report, "--focal" if focal_given else "the file")
-    return (*cautions, *(f"{path}: {words}" for words in (*focal, *_of_the_motion(report))))
-
-
-def _lens_is_doubtful(report: dict[str, Any]) -> bool:
-    """Whether the residuals show a pattern and no comparison on held out observations found that camera model best."""
-    model, choice = report["model"], report.get("lenses")
-    compared = choice is not None and choice["chosen"] == model["camera"]
-    return bool(model["pattern"] > DOUBTFUL_PATTERN) and not compared
-
-
-def _left_out(names: list[str], n_frames: int) -> str:
-    named = ", ".join([*names[:MOST_NAMED], *(["..."] if len(names) > MOST_NAMED else [])])
-    return f"{len(names)} of {n_frames} frames could not be placed and are not used: {named}"
+    elif not report.focal_held and deviation is not None and deviation > MIN_WARNED_FOCAL_STD:
+        warnings.append(
+            f"the frames determine the focal length only to about {100 * FOCAL_ERROR_RATIO * deviation:.0f} %, and so "
+            "depths against widths; walk around the objects, turn the camera as you walk, or give --focal"
+        )
+    low, high = report.pairs["edges"]
+    spread = model.focal_spread
+    if report.overruled is not None:
+        warnings.append(f"{report.overruled.message}; another mapper finds the same path")
+    elif low is not None and low < MIN_EDGE_STEEPNESS[0] and high < MIN_EDGE_STEEPNESS[1]:
+        warnings.append("the frames are blurred, and lengths may be wrong by several percent; move more slowly")
+    elif spread is not None and spread > MIN_WARNED_FOCAL_VARIATION:
+        warnings.append(
+            f"the frames disagree about the focal length, by {100 * spread:.1f} % from one to the next: a zoom, or "
+            "objects that move; lengths may be wrong by 10 %"
+        )
+    return tuple(f"{path}: {warning}" for warning in warnings)
 
 
 def write_cautions(cautions: tuple[str, ...], folder: Path) -> None:
@@ -88,39 +106,3 @@ def read_cautions(folder: Path) -> tuple[str, ...]:
     if not all(isinstance(row, str) for row in rows):
         raise InputError.at(file, "cautions", "sentences", rows)
     return tuple(rows)
-
-
-def _of_the_focal_length(report: dict[str, Any], stated_by: str) -> list[str]:
-    deviation, focal = report["model"]["focal_deviation"], report["model"]["focal"]
-    determined = deviation is not None and deviation < UNDETERMINED
-    if report["focal_held"] and not determined:
-        return [
-            f"the frames do not determine the focal length, and that of {stated_by} is held ({focal:.2f} times the "
-            "longer side): if it is wrong by 10 %, everything is 10 % too deep or too shallow for its width"
-        ]
-    if not report["focal_held"] and deviation > UNSURE:
-        share = FOCAL_ERROR_TIMES * deviation
-        return [
-            f"the frames determine the focal length only to about {100 * share:.0f} %, and so depths against "
-            "widths; walk around the objects, turn the camera as you walk, or give --focal"
-        ]
-    return []
-
-
-def _of_the_motion(report: dict[str, Any]) -> list[str]:
-    """What a smear, or objects that move, leave in a model that can be used."""
-    if is_disputed(report):
-        return [
-            f"two ways of computing the camera's path differ by {100 * report['disagreement']:.0f} % of its extent; "
-            "that which the matches of three frames agree with is used; more frames would settle it"
-        ]
-    low, high = report["pairs"]["edges"]
-    if low is not None and low < SMEARED[0] and high < SMEARED[1]:
-        return ["the frames are smeared, and lengths may be wrong by some per cent; move more slowly, in more light"]
-    spread = report["model"]["focal_spread"]
-    if spread is not None and spread > UNSTEADY:
-        return [
-            f"the frames disagree about the focal length, by {100 * spread:.1f} % from one to the next: a zoom, or "
-            "much of the picture moves; lengths may be wrong by a tenth"
-        ]
-    return []

@@ -70,7 +70,9 @@ class WorkFolder:
         """
         key = _key(name, inputs)
         if self.is_made(name, inputs):
-            return str(self._stamp(name)["digest"])
+            stamp = self._stamp(name)
+            self.processor_s[name] = float(stamp.get("cpu_seconds", 0.0))
+            return str(stamp["digest"])
         self.check_ownership({name: outputs})
         started, cpu = time.perf_counter(), sum(os.times()[:4])
         part = self.path / f"{_PART}{name}.part"

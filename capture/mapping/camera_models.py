@@ -11,7 +11,7 @@ from estimator.reconstructions.pycolmap_library import pycolmap
 from metric_base.arrays import FloatArray
 
 #: Models that are tried, simplest first. A telephone's lens is the first or second, an action camera's the third.
-TRIED_MODELS = ("SIMPLE_RADIAL", "OPENCV", "OPENCV_FISHEYE", "THIN_PRISM_FISHEYE")
+TRIED_MODELS = ("SIMPLE_RADIAL", "OPENCV", "OPENCV_FISHEYE")
 #: Only points that so many views see lose one of their observations.
 LEAST_TRACK = 4
 #: Share of such points that lose one.

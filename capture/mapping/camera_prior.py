@@ -6,6 +6,9 @@ from dataclasses import dataclass
 
 from estimator.projection.cameras import CAMERA_MODELS
 
+#: COLMAP's camera model of a wide lens that is not corrected.
+FISHEYE = "OPENCV_FISHEYE"
+
 
 @dataclass(frozen=True, slots=True)
 class Lens:
@@ -13,9 +16,8 @@ class Lens:
 
     fixed : the focal length is given by the user and not refined; width, height : of the frames; rough : the focal
     length is that of the camera's photographs, and its videos may be cropped: a start that is never held; free : the
-    frames share a camera whose model the user leaves open; start : parameters that the mapper begins with, if they are
-    not those of the features' database; wide : the focal length in pixels of an ideal fisheye lens, where the file
-    states that the camera has a wide one.
+    frames share a camera whose model the user leaves open; wide_px : the focal length in pixels of an ideal fisheye
+    lens, if the file states that the camera has a wide one.
     """
 
     model: str
@@ -25,7 +27,6 @@ class Lens:
     height: int
     rough: bool = False
     free: bool = False
-    start: tuple[float, ...] | None = None
     wide_px: float | None = None
 
     @property
@@ -41,11 +42,6 @@ class Lens:
         assert self.focal_px is not None
         known = {"cx": self.width / 2, "cy": self.height / 2} | dict.fromkeys(("f", "fx", "fy"), self.focal_px)
         return tuple(float(known.get(name, 0.0)) for name in CAMERA_MODELS[self.model][1])
-
-    @property
-    def held(self) -> bool:
-        """Whether its start is held until all frames have a place: a free fisheye lens ends anywhere with two."""
-        return self.start is not None and is_fisheye(self.model)
 
 
 def is_fisheye(model: str) -> bool:

@@ -1,4 +1,4 @@
-"""Frames and matched pairs of a capture: a graph with groups of linked frames."""
+"""Graph of the frames of a capture, with an edge for each pair of frames that has enough verified matches."""
 
 from __future__ import annotations
 
@@ -6,93 +6,78 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
+from scipy.sparse import coo_array
+from scipy.sparse.csgraph import connected_components
 
-from capture.mapping.model_metrics import _rotation_misfit, _steps_from
 from metric_base.arrays import FloatArray, IntArray
 
-#: Verified matches that make two frames belong together.
-LINKED = 30
+#: Minimum number of verified matches of linked frames; as many as a frame needs to be placed.
+MIN_LINK_INLIERS = 15
+#: Minimum number of verified matches of pairs whose motion is tested; with fewer, chance matches show any motion.
+MIN_TESTED_INLIERS = 30
+#: Minimum motion of a pair, relative to the longer side, that is tested for a rotation.
+MIN_TESTED_MOTION = 0.1
+#: Minimum part of the matches that one homography explains if the camera only rotates.
+MIN_ROTATION_INLIERS = 0.9
+#: Maximum logarithm of the ratio of the singular values of K^-1 H K of a rotation, which are equal without noise.
+MAX_ROTATION_MISFIT = 0.03
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Pair:
-    """Two frames that were matched.
+class FramePair:
+    """Two frames that were matched."""
 
-    matches : before verification; inliers : after it; planar : share of these that one homography explains;
-    moved_px : their median motion; homography : (3, 3) that one, or None.
-    """
-
-    first: int
+    first: int  #: Index of a frame.
     second: int
-    matches: int
-    inliers: int
-    planar: float
-    moved_px: float
-    homography: FloatArray | None
+    inliers: int  #: Number of verified matches.
+    planar: float  #: Part of them that one homography explains.
+    moved_px: float  #: Their median motion.
+    homography: FloatArray | None  #: (3, 3) matrix from the first to the second image.
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class CaptureEvidence:
-    """Frames and their pairs.
+class MatchGraph:
+    """Frames and their matched pairs."""
 
-    names : files of the chosen frames in order; keypoints : (n,) features of each; size : (width, height) of the
-    frames; edges : (n, 2) steepness of the edges in the least and the most steep direction.
-    """
-
-    names: list[str]
-    keypoints: IntArray
-    pairs: tuple[Pair, ...]
-    size: tuple[int, int]
-    edges: FloatArray
+    names: list[str]  #: Files of the frames in order.
+    keypoints: IntArray  #: (n,) number of features of each frame.
+    pairs: tuple[FramePair, ...]
+    size: tuple[int, int]  #: Width and height of the frames.
+    edges: FloatArray  #: (n, 2) `edge_sharpness` of the frames.
 
     @property
-    def linked_pairs(self) -> tuple[Pair, ...]:
-        """Pairs with enough verified matches."""
-        return tuple(pair for pair in self.pairs if pair.inliers >= LINKED)
+    def tested_pairs(self) -> tuple[FramePair, ...]:
+        """Pairs with enough verified matches for a test of their motion."""
+        return tuple(pair for pair in self.pairs if pair.inliers >= MIN_TESTED_INLIERS)
 
     def groups(self) -> list[list[int]]:
-        """Frames connected by linked pairs, largest group first."""
-        parent = list(range(len(self.names)))
+        """Return the indices of connected frames, largest group first."""
+        n = len(self.names)
+        linked = [(pair.first, pair.second) for pair in self.pairs if pair.inliers >= MIN_LINK_INLIERS]
+        links = np.array(linked, dtype=np.int64).reshape(-1, 2)
+        graph = coo_array((np.ones(len(links)), (links[:, 0], links[:, 1])), shape=(n, n))
+        count, labels = connected_components(graph, directed=False)
+        return sorted((np.flatnonzero(labels == label).tolist() for label in range(count)), key=len, reverse=True)
 
-        def root(frame: int) -> int:
-            while parent[frame] != frame:
-                parent[frame] = parent[parent[frame]]
-                frame = parent[frame]
-            return frame
-
-        for pair in self.linked_pairs:
-            parent[root(pair.first)] = root(pair.second)
-        members: dict[int, list[int]] = {}
-        for frame in range(len(self.names)):
-            members.setdefault(root(frame), []).append(frame)
-        return sorted(members.values(), key=len, reverse=True)
-
-    def most_steps(self) -> int:
-        """Linked pairs from one frame to another, at most, within the largest group; an orbit or a room has few."""
-        near: dict[int, set[int]] = {}
-        for pair in self.linked_pairs:
-            near.setdefault(pair.first, set()).add(pair.second)
-            near.setdefault(pair.second, set()).add(pair.first)
-        return max((_steps_from(frame, near) for frame in self.groups()[0]), default=0)
-
-    def rotation_share(self) -> float:
-        """Share of the linked pairs that move by a tenth of the picture or more and that a rotation alone explains."""
+    def rotation_ratio(self) -> float:
+        """Return the ratio of the pairs with enough motion that a rotation of the camera explains."""
         side = max(self.size)
-        moving = [pair for pair in self.linked_pairs if pair.moved_px > 0.1 * side]
-        if not moving:
+        moving = [pair for pair in self.tested_pairs if pair.moved_px > MIN_TESTED_MOTION * side]
+        planar = [pair.homography for pair in moving if pair.planar > MIN_ROTATION_INLIERS]
+        matrices = [matrix for matrix in planar if matrix is not None]
+        if not matrices:
             return 0.0
-        planar = [pair for pair in moving if pair.planar > 0.9 and pair.homography is not None]
-        misfits = np.array(
-            [_rotation_misfit(pair.homography, self.size) for pair in planar if pair.homography is not None]
-        )
-        if not len(misfits):
-            return 0.0
-        # (m, f) misfit of each pair at each focal length: one focal length must do for all
+        # K^-1 H K at focal lengths of 0.4 to 3 times the longer side, of which one must explain all pairs
+        focals = np.geomspace(0.4, 3.0, 25) * side
+        k = np.tile(np.array([[0, 0, self.size[0] / 2], [0, 0, self.size[1] / 2], [0, 0, 1.0]]), (len(focals), 1, 1))
+        k[:, 0, 0] = k[:, 1, 1] = focals
+        values = np.linalg.svd(np.linalg.inv(k) @ np.array(matrices)[:, None] @ k, compute_uv=False)
+        misfits = np.log(values[..., 0] / np.maximum(values[..., 2], 1e-12))  # (pairs, focal lengths)
         best = int(np.median(misfits, axis=0).argmin())
-        return float((misfits[:, best] < 0.03).sum() / len(moving))
+        return float((misfits[:, best] < MAX_ROTATION_MISFIT).sum() / len(moving))
 
     def edge_sharpness(self) -> tuple[float, float] | tuple[None, None]:
-        """Median over the frames of their least and most steep edges; None where no frame has edges."""
+        """Return the medians of the least and the steepest edges of the frames; None if no frame has edges."""
         seen = self.edges[np.isfinite(self.edges).all(axis=1)]
         if not len(seen):
             return None, None
@@ -100,8 +85,8 @@ class CaptureEvidence:
         return float(low), float(high)
 
     def summary(self) -> dict[str, Any]:
-        """Figures for the report."""
-        linked = self.linked_pairs
+        """Return the figures for `reconstruction.json`."""
+        linked = self.tested_pairs
         return {
             "frames": len(self.names),
             "keypoints": float(np.median(self.keypoints)) if len(self.keypoints) else 0.0,
@@ -109,7 +94,7 @@ class CaptureEvidence:
             "linked": len(linked),
             "groups": [len(group) for group in self.groups()][:5],
             "planar": float(np.median([pair.planar for pair in linked])) if linked else None,
-            "rotation": self.rotation_share(),
+            "rotation": self.rotation_ratio(),
             "moved": float(max((pair.moved_px for pair in linked), default=0.0)) / max(self.size),
             "edges": list(self.edge_sharpness()),
         }

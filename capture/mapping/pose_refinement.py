@@ -97,18 +97,33 @@ def _rotation(vector: FloatArray) -> FloatArray:
     return np.asarray(Rotation.from_rotvec(vector).as_matrix())
 
 
-def focal_spread(scene: Scene) -> float | None:
-    """Standard deviation over the frames of the logarithm of each one's own focal length, beyond what noise explains.
+def focal_variation(scene: Scene) -> tuple[float, float, float] | None:
+    """Return how the frames' own focal lengths vary, or None if fewer than three frames have enough points.
 
-    Every frame's pose and focal length are fitted to the points of the model, which stay. A zoom that one shared focal
-    length had to explain, or objects that moved, leave frames at odds; the residuals hardly show it. None with fewer
-    than three frames that see enough points.
+    The pose and the focal length of each frame are fitted to the points of the model, which are held. A zoom that one
+    shared focal length had to explain, or moving objects, leave frames that disagree; the residuals hardly show it.
+
+    Returns
+    -------
+    spread : float
+        Standard deviation of the logarithm of the focal lengths, beyond that of their noise.
+    change : float
+        Change of the logarithm from the first to the last frame in the order of the names, by linear regression.
+    error : float
+        Standard error of the change, by the scatter about the regression line.
     """
-    rows = [_focal_factor(scene, view) for view in scene.views if len(view.point_index) >= LEAST_POINTS]
+    views = sorted(scene.views, key=lambda view: view.name)
+    rows = [_focal_factor(scene, view) for view in views if len(view.point_index) >= LEAST_POINTS]
     if len(rows) < 3:
         return None
     factors, errors = np.array(rows).T
-    return float(np.sqrt(max(np.var(np.log(np.clip(factors, 0.1, 10.0))) - np.mean(errors**2), 0.0)))
+    logs = np.log(np.clip(factors, 0.1, 10.0))
+    spread = float(np.sqrt(max(np.var(logs) - np.mean(errors**2), 0.0)))
+    position = np.linspace(-0.5, 0.5, len(logs))
+    change = float(position @ logs / (position @ position))
+    scatter = logs - logs.mean() - change * position
+    error = float(np.sqrt(scatter @ scatter / (len(logs) - 2) / (position @ position)))
+    return spread, change, error
 
 
 def _focal_factor(scene: Scene, view: View) -> tuple[float, float]:

@@ -1,4 +1,4 @@
-"""The search for a model of frames: each rung of the ladder has its features, matches and mapping as stages."""
+"""Search for a model of the frames: each strategy has its features, matches and mapping as stages."""
 
 from __future__ import annotations
 
@@ -8,21 +8,23 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
+import msgspec
 import numpy as np
 
 from capture.mapping.camera_prior import Lens
-from capture.mapping.features import (
-    STRATEGIES,
-    FeatureStrategy,
-    make_features,
-    make_matches,
-    model_rank,
-    next_strategies,
-    predicted_s,
+from capture.mapping.features import MAIN, POOLED, QUICK, STRATEGIES, FeatureStrategy, make_features, make_matches
+from capture.mapping.mapper import ModelReport, make_model
+from capture.mapping.match_graph import FramePair, MatchGraph
+from capture.mapping.refusals import (
+    MIN_COMPARED_PATTERN,
+    MIN_FRAMES,
+    MIN_PLACED_RATIO,
+    MIN_WARNED_FOCAL_STD,
+    MIN_WHOLE_RATIO,
+    CaptureFailure,
+    refusal,
+    with_attempts,
 )
-from capture.mapping.mapper import make_model
-from capture.mapping.match_graph import CaptureEvidence, Pair
-from capture.mapping.refusals import CaptureFailure, Failure, after_all, failure, is_disputed, most_are_linked
 from capture.mapping.worker import OutOfTime, TimeLimit
 from capture.sources.frames import Frames
 from capture.work_folder import WorkFolder
@@ -30,17 +32,27 @@ from metric_base.input_files import read_json
 from metric_base.progress import ProgressCallback
 
 REPORT = "reconstruction.json"
+#: Strategies of the capture with their seconds and outcome.
+SUMMARY = "capture.json"
+SUMMARY_SCHEMA = "metric-tree/capture/1"
 #: Features and matches, kept so that a later stage can be made again.
 DATABASES = "databases"
-#: A video whose frames show too little in common is searched again with so many times as many: of a walk over snow
-#: (`snow_walk` as a video of ten frames a second) 49 frames fall into groups of 20, 9 and less; 90 are all placed.
+#: Factor of the number of frames of a video whose frames have too little in common: of `snow_walk` as a video of ten
+#: frames a second 49 frames fell into groups of 20, 9 and less; 90 are all placed.
 MORE_FRAMES = 2
-#: Failures of frames that are too far apart.
-OF_THE_LINKS = frozenset({"several_places", "too_few_frames"})
-#: What each stage writes.
-MODEL_STAGES: dict[str, tuple[str, ...]] = {"model": ("sparse", REPORT)}
-for _rung in STRATEGIES:
-    _end = _rung.suffix
+#: Minimum longer side in pixels of frames on which the quick strategy costs a tenth of the main one.
+MIN_QUICK_SIDE = 1500
+#: Failures that are due to the motion of the camera, or to the number of frames: no features change them.
+MOTION_FAILURES = frozenset({"static_camera", "pure_rotation"})
+#: Processor time of pooled features of 1,000 pixels, as a multiple of the main strategy's for as many pixels, and of
+#: guided matching relative to the main strategy's.
+POOLED_FEATURE_COST, POOLED_MATCH_COST = 5.0, 2.0
+#: Maximum predicted processor time of the pooled strategy in seconds, a minute on two cores.
+MAX_POOLED_S = 120.0
+#: Outputs of each stage.
+MODEL_STAGES: dict[str, tuple[str, ...]] = {"model": ("sparse", REPORT, SUMMARY)}
+for _strategy in STRATEGIES:
+    _end = _strategy.suffix
     for _stage in ("features", "matches"):
         MODEL_STAGES[_stage + _end] = tuple(f"{DATABASES}/{_stage}{_end}.{kind}" for kind in ("db", "json"))
     MODEL_STAGES[f"mapping{_end}"] = (f"{DATABASES}/model{_end}", f"{DATABASES}/model{_end}.json")
@@ -48,7 +60,7 @@ for _rung in STRATEGIES:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class ModelSearch:
-    """The ladder from frames to a model: what every rung starts from."""
+    """Search for a model of given frames."""
 
     work: WorkFolder
     frames_digest: str
@@ -60,145 +72,154 @@ class ModelSearch:
     progress: ProgressCallback
 
     def lacks_frames(self) -> bool:
-        """Whether a video has more frames, and the first rung, which this makes, links too few of these."""
+        """Return whether a video has more frames, and the main strategy, which this runs, links too few of these."""
         n, times_s = len(self.frames.names), self.frames.times_s
-        if times_s is None or len(times_s) < MORE_FRAMES * n:
+        if times_s is None or len(times_s) < MORE_FRAMES * n or max(self.frames.size) >= MIN_QUICK_SIDE:
             return False
         try:
-            self._rung_digest(STRATEGIES[0], self.limit)
+            _, report = self._run(MAIN)
         except OutOfTime:
             return False
-        code = _code(read_json(self.work.path / DATABASES / f"model{STRATEGIES[0].suffix}.json"))
-        return code in OF_THE_LINKS and not most_are_linked(self._evidence(STRATEGIES[0]))
+        n_linked = report.pairs["groups"][0]
+        return report.failure is not None and n_linked <= MIN_PLACED_RATIO * n and n >= MIN_FRAMES
 
     def make_sparse(self) -> str:
-        """`sparse/0` by the first rung of the ladder that places nearly all frames, or the one that places most.
+        """Make `sparse/0` of the best model, and return the digest of the stage.
 
-        Where the path of the global mapper is disputed, the next rung is tried too. Returns the digest of the stage.
+        The quick strategy is tried on large images, and used if its model has all frames and no doubt; the pooled one
+        if the main strategy placed too few frames. The best model is kept, also if the time ends a later strategy.
 
         Raises
         ------
         CaptureFailure
-            None of the rungs that may help, and for which there is time, gives a model that can be used; the failure is
-            that of the rung that placed most frames.
+            No strategy found a model that can be used; the failure is that of the best model.
         """
-        limit = self.limit
-        tried: list[tuple[FeatureStrategy, str, dict[str, Any]]] = []
-        above: tuple[FeatureStrategy, ...] = STRATEGIES
-        left = list[str]()
-        while above:
-            rung, *others = above
-            if tried and self._predicted_s(rung, tried[-1][0], limit) > limit.left_s:
-                left, above = [*left, rung.name], tuple(others)
+        reports: list[tuple[FeatureStrategy, str, ModelReport]] = []
+        left: list[str] = []
+        for strategy in STRATEGIES:
+            if not self._is_worthwhile(strategy, [report for _, _, report in reports]):
                 continue
             try:
-                digest = self._rung_digest(rung, limit)
+                reports.append((strategy, *self._run(strategy)))
             except OutOfTime:
-                left += [row.name for row in above]
-                break
-            report = read_json(self.work.path / DATABASES / f"model{rung.suffix}.json")
-            tried.append((rung, digest, report))
-            seen = None if report["failure"] is None else Failure(**report["failure"])
-            above = next_strategies(rung, seen, _placed_count(report), self._evidence(rung), is_disputed(report))
-        return self._chosen(tried, left)
-
-    def _predicted_s(self, rung: FeatureStrategy, done: FeatureStrategy, limit: TimeLimit) -> float:
-        spent = self.work.processor_s if limit.of_processor else self.work.seconds
-        return predicted_s(rung, done, spent, len(self.frames.names), self.in_order)
-
-    def _chosen(self, tried: list[tuple[FeatureStrategy, str, dict[str, Any]]], left: list[str]) -> str:
-        """The stage `model` of the best of the rungs, rows of rung, digest and report; left : for lack of time."""
-        if not tried:
-            raise CaptureFailure(after_all(failure("out_of_time", "the frames could not be placed in time"), [], left))
-        rung, digest, report = max(tried, key=lambda row: self._rank(row[2]))
-        n = len(self.frames.names)
-        ended = [
-            {"rung": row.name, "code": _code(result), "placed": _placed_count(result), "frames": n}
-            for row, _, result in tried
-        ]
-        report |= {"rung": rung.name if report["failure"] is None else None, "tried": ended, "left": left}
-        digest = self.work.stage(
-            "model",
-            {"rung": digest, "tried": ended},
-            MODEL_STAGES["model"],
-            lambda part: _make_chosen(part, self.work.path / DATABASES / f"model{rung.suffix}", report),
+                left.append(strategy.name)
+        if not reports:
+            out_of_time = refusal("out_of_time", "the frames could not be placed in time")
+            raise CaptureFailure(with_attempts(out_of_time, [], left))
+        strategy, digest, best = max(
+            reports, key=lambda row: (row[2].failure is None, row[2].n_placed, row[0].max_side)
         )
-        if report["failure"] is not None:
-            raise CaptureFailure(after_all(Failure(**report["failure"]), [row.name for row, _, _ in tried], left))
+        best.strategy, best.left = strategy.name, left
+        best.tried = [
+            {
+                "strategy": row.name,
+                "code": None if report.failure is None else report.failure.code,
+                "placed": report.n_placed,
+                "frames": len(self.frames.names),
+            }
+            for row, _, report in reports
+        ]
+        seconds = [sum(self._seconds(row).values()) for row, _, _ in reports]
+        figures = [msgspec.to_builtins(report.model) for _, _, report in reports]
+        summary = {
+            "schema": SUMMARY_SCHEMA,
+            "strategy": strategy.name,
+            "strategies": [
+                row | {"processor_s": round(spent, 1), "model": model}
+                for row, spent, model in zip(best.tried, seconds, figures, strict=True)
+            ],
+        }
+
+        def make(part: Path) -> None:
+            if best.failure is None:
+                shutil.copytree(self.work.path / DATABASES / f"model{strategy.suffix}", part / "sparse" / "0")
+            for name, document in ((REPORT, msgspec.to_builtins(best)), (SUMMARY, summary)):
+                (part / name).write_text(json.dumps(document, indent=1) + "\n", encoding="utf-8")
+
+        digest = self.work.stage("model", {"strategy": digest, "tried": best.tried}, MODEL_STAGES["model"], make)
+        if best.failure is not None:
+            raise CaptureFailure(with_attempts(best.failure, [row.name for row, _, _ in reports], left))
         return digest
 
-    def _rank(self, report: dict[str, Any]) -> tuple[bool, bool, int, float]:
-        failed, dispute = report["failure"] is not None, report["disagreement"] if is_disputed(report) else 0.0
-        return model_rank(failed, _placed_count(report), len(self.frames.names), dispute)
+    def _is_worthwhile(self, strategy: FeatureStrategy, reports: list[ModelReport]) -> bool:
+        """Return whether a strategy may improve on the best of the strategies before it."""
+        n = len(self.frames.names)
+        if strategy is QUICK:
+            return max(self.frames.size) >= MIN_QUICK_SIDE and n >= MIN_FRAMES
+        if not reports:
+            return strategy is MAIN
+        last = reports[-1]
+        code = None if last.failure is None else last.failure.code
+        if strategy is MAIN:
+            return not is_certain(last, n)
+        if (len(reports) == 1 and is_certain(last, n)) or n < MIN_FRAMES or code in MOTION_FAILURES:
+            return False
+        if last.n_placed >= MIN_WHOLE_RATIO * n:
+            return False
+        spent = self._seconds(MAIN)
+        pixels = min(1.0, POOLED.max_side / max(self.frames.size)) ** 2
+        predicted_s = spent["features"] * POOLED_FEATURE_COST * pixels + spent["matches"] * POOLED_MATCH_COST * pixels
+        return predicted_s <= MAX_POOLED_S
 
-    def _rung_digest(self, rung: FeatureStrategy, limit: TimeLimit) -> str:
-        """The stages of one rung: features, matches and, if they can be used, a model; the digest of the last."""
-        work, frames, lens = self.work, self.frames, self.lens
-        pictures, databases, end = work.path / "frames", work.path / DATABASES, rung.suffix
-        said: Any = {"limit": limit, "progress": self.progress}
-        features_digest = work.stage(
+    def _seconds(self, strategy: FeatureStrategy) -> dict[str, float]:
+        """Return the processor time of the stages of a strategy, 0 of a stage that is taken from an earlier run."""
+        stages = ("features", "matches", "mapping")
+        return {stage: self.work.processor_s.get(stage + strategy.suffix, 0.0) for stage in stages}
+
+    def _run(self, strategy: FeatureStrategy) -> tuple[str, ModelReport]:
+        """Make the features, matches and model of a strategy; return the digest of the last stage and its report."""
+        work, frames, lens, end = self.work, self.frames, self.lens, strategy.suffix
+        images, databases = work.path / "frames", work.path / DATABASES
+        options: Any = {"limit": self.limit, "progress": self.progress}
+        cameras = [(lens, frames.names)]
+        if not frames.one_camera:
+            groups = frames.cameras().items()
+            cameras = [
+                (Lens(lens.model, focal, False, width, height), names) for (width, height, focal), names in groups
+            ]
+
+        def part_databases(part: Path) -> Path:
+            (part / DATABASES).mkdir(exist_ok=True)
+            return part / DATABASES
+
+        digest = work.stage(
             f"features{end}",
             {"frames": self.frames_digest, "lens": [lens.model, lens.focal_px]},
             MODEL_STAGES[f"features{end}"],
-            lambda part: make_features(_make_folder(part / DATABASES), pictures, _cameras(frames, lens), rung, **said),
+            lambda part: make_features(part_databases(part), images, cameras, strategy, **options),
         )
-        matches_digest = work.stage(
+        digest = work.stage(
             f"matches{end}",
-            {"features": features_digest},
+            {"features": digest},
             MODEL_STAGES[f"matches{end}"],
             lambda part: make_matches(
-                _make_folder(part / DATABASES), databases, frames.names, self.in_order, rung, **said
+                part_databases(part), databases, frames.names, self.in_order, strategy, **options
             ),
         )
-        evidence, model = self._evidence(rung), f"{DATABASES}/model{end}"
-
-        def make(part: Path) -> None:
-            _make_folder(part / DATABASES)
-            make_model(part / model, databases / f"matches{end}.db", pictures, evidence, lens, **said)
-
-        inputs = {"matches": matches_digest, "fixed": lens.fixed, "free": lens.free, "wide": lens.wide_px}
-        inputs["time"] = self.max_time_s  # with more of it other lenses may come to an end
-        return work.stage(f"mapping{end}", inputs, MODEL_STAGES[f"mapping{end}"], make)
-
-    def _evidence(self, rung: FeatureStrategy) -> CaptureEvidence:
-        databases, frames = self.work.path / DATABASES, self.frames
-        keypoints = read_json(databases / f"features{rung.suffix}.json")["keypoints"]
-        pairs = tuple(_pair(row) for row in read_json(databases / f"matches{rung.suffix}.json")["pairs"])
+        keypoints = read_json(databases / f"features{end}.json")["keypoints"]
+        pairs = []
+        for first, second, inliers, planar, moved, homography in read_json(databases / f"matches{end}.json")["pairs"]:
+            matrix = None if homography is None else np.asarray(homography, dtype=np.float64)
+            pairs.append(FramePair(first, second, inliers, planar, moved, matrix))
         counts = np.array([keypoints.get(name, 0) for name in frames.names], dtype=np.int64)
-        return CaptureEvidence(frames.names, counts, pairs, frames.size, frames.edges)
+        graph = MatchGraph(frames.names, counts, tuple(pairs), frames.size, frames.edges)
+        inputs = {"matches": digest, "fixed": lens.fixed, "free": lens.free, "wide": lens.wide_px}
+        inputs["time"] = self.max_time_s  # with more of it the model may be better
+        digest = work.stage(
+            f"mapping{end}",
+            inputs,
+            MODEL_STAGES[f"mapping{end}"],
+            lambda part: make_model(
+                part_databases(part) / f"model{end}", databases / f"matches{end}.db", images, graph, lens, **options
+            ),
+        )
+        return digest, msgspec.convert(read_json(databases / f"model{end}.json"), ModelReport)
 
 
-def _placed_count(report: dict[str, Any]) -> int:
-    return 0 if report["model"] is None else int(report["model"]["registered"])
-
-
-def _code(report: dict[str, Any]) -> str | None:
-    return None if report["failure"] is None else str(report["failure"]["code"])
-
-
-def _make_chosen(part: Path, model: Path, report: dict[str, Any]) -> None:
-    """`sparse/0` and `reconstruction.json`, of the rung that counts."""
-    if report["failure"] is None:
-        shutil.copytree(model, part / "sparse" / "0")
-    (part / REPORT).write_text(json.dumps(report, indent=1) + "\n", encoding="utf-8")
-
-
-def _make_folder(folder: Path) -> Path:
-    folder.mkdir(exist_ok=True)
-    return folder
-
-
-def _cameras(frames: Frames, lens: Lens) -> list[tuple[Lens, list[str]]]:
-    """The lens of each camera, as it is stated, and its frames."""
-    if frames.one_camera:
-        return [(lens, frames.names)]
-    return [
-        (Lens(lens.model, focal, False, width, height), names)
-        for (width, height, focal), names in frames.cameras().items()
-    ]
-
-
-def _pair(row: list[Any]) -> Pair:
-    first, second, matches, inliers, _, planar, moved, homography = row
-    matrix = None if homography is None else np.asarray(homography, dtype=np.float64)
-    return Pair(first, second, matches, inliers, planar, moved, matrix)
+def is_certain(report: ModelReport, n_frames: int) -> bool:
+    """Return whether a model has all frames in one part, a determined focal length and no pattern of residuals."""
+    model = report.model
+    if report.failure is not None or model is None or model.registered < n_frames:
+        return False
+    is_determined = report.focal_held or (model.focal_deviation or 1.0) < MIN_WARNED_FOCAL_STD
+    return len(model.pieces) == 1 and model.contradicted == 0 and is_determined and model.pattern < MIN_COMPARED_PATTERN

@@ -8,7 +8,6 @@ from typing import Any
 
 import numpy as np
 
-from capture.mapping.model_metrics import TripletAgreement
 from estimator.reconstructions.pycolmap_library import pycolmap
 from metric_base.arrays import FloatArray, IntArray
 
@@ -60,6 +59,17 @@ class Triplet:
         return self.residual_px <= MOST_RESIDUAL_PX and not self.breaks
 
 
+@dataclass(frozen=True, slots=True)
+class TripletAgreement:
+    """Agreement of a model with the verified matches of three frames at a time."""
+
+    frames: int = 0  #: Number of frames of the model.
+    triplets: int = 0  #: Number of triplets that were examined.
+    contradicted: int = 0  #: Number of triplets that the model contradicts.
+    parts: tuple[tuple[str, ...], ...] = ()  #: Frames that triplets hold together, largest part first.
+    broken: tuple[str, ...] = ()  #: Frames of the largest part at which the length of the steps changes.
+
+
 def agreement(triplets: list[Triplet], frames: int) -> TripletAgreement:
     """Whether the triplets of a model of so many frames agree with it, and into which pieces its frames fall.
 
@@ -78,10 +88,9 @@ def agreement(triplets: list[Triplet], frames: int) -> TripletAgreement:
                 apart.append(piece)
         joined = [*apart, (sides, held)]
     pieces = sorted((tuple(sorted(held)) for _, held in joined), key=lambda names: (-len(names), names))
-    residual = float(np.median([row.residual_px for row in triplets])) if triplets else 0.0
     within = [row for row in triplets if pieces and set(row.names) <= set(pieces[0])]
     contradicted = len(triplets) - len(fitting)
-    return TripletAgreement(frames, len(triplets), contradicted, residual, tuple(pieces), broken_frames(within))
+    return TripletAgreement(frames, len(triplets), contradicted, tuple(pieces), broken_frames(within))
 
 
 def broken_frames(triplets: list[Triplet]) -> tuple[str, ...]:

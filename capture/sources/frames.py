@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import shutil
 from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
@@ -195,8 +196,10 @@ def _write_frame(folder: Path, frame: VideoFrame, source: Source) -> dict[str, A
     name = source.name_of(frame.index) if isinstance(source, PictureFolder) else f"{frame.index:06d}.jpg"
     file = folder / name
     assert file.suffix.lower() in PICTURE_SUFFIXES
-    quality = [cv2.IMWRITE_JPEG_QUALITY, JPEG_QUALITY]
-    write_picture(file, colour[:, :, ::-1], quality)
+    if isinstance(source, PictureFolder) and factor >= 1 and source.is_plain_jpeg[frame.index]:
+        shutil.copyfile(source.files[frame.index], file)  # with its EXIF, which COLMAP reads
+    else:
+        write_picture(file, colour[:, :, ::-1], [cv2.IMWRITE_JPEG_QUALITY, JPEG_QUALITY])
     stated = source.focals_px[frame.index] if isinstance(source, PictureFolder) else source.focal_px
     return {
         "index": frame.index,

@@ -2,10 +2,10 @@
 
 from __future__ import annotations
 
+import contextlib
 import re
 from collections.abc import Iterator
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -59,9 +59,11 @@ class PictureFolder:
             words = f"{foreign[0]}; convert it to JPEG" if foreign else "none"
             raise InputError.at(path, "pictures", ", ".join(sorted(PICTURE_SUFFIXES)), Unquoted(words))
         self.n_frames = len(self.files)
-        described = [_size_and_focal(file) for file in self.files]
-        self.width, self.height, _ = described[0]
-        self.focals_px = [focal for _, _, focal in described]
+        described = [_described(file) for file in self.files]
+        self.width, self.height, _, _ = described[0]
+        self.focals_px = [focal for _, _, focal, _ in described]
+        #: Whether COLMAP reads each image as it is shown: a JPEG that EXIF does not turn.
+        self.is_plain_jpeg = [is_upright for _, _, _, is_upright in described]
 
     def frames(self) -> Iterator[VideoFrame]:
         """The pictures, upright; their times are their positions, for they have none."""
@@ -79,27 +81,26 @@ def _natural(file: Path) -> list[tuple[int, str]]:
     return [(int(word), "") if word.isdecimal() else (-1, word) for word in words]
 
 
-def _size_and_focal(file: Path) -> tuple[int, int, float | None]:
-    """Width, height and focal length in pixels of a picture as it is shown upright."""
+def _described(file: Path) -> tuple[int, int, float | None, bool]:
+    """Return width, height and focal length in pixels of an upright image, and whether it is a JPEG that is upright."""
     from PIL import Image, UnidentifiedImageError
 
     try:
         with Image.open(file) as picture:
             exif = picture.getexif()
             width, height = picture.size
+            is_jpeg = picture.format == "JPEG"
     except (UnidentifiedImageError, OSError, ValueError, Image.DecompressionBombError) as error:
         raise InputError.at(file, "picture", "a picture that can be read", Unquoted(type(error).__name__)) from None
-    if exif.get(_ORIENTATION, 1) in (5, 6, 7, 8):
+    orientation = exif.get(_ORIENTATION, 1)
+    if orientation in (5, 6, 7, 8):
         width, height = height, width
-    return width, height, _focal_px(exif.get_ifd(_EXIF_IFD).get(_FOCAL_35MM), width, height)
-
-
-def _focal_px(equivalent: Any, width: int, height: int) -> float | None:
-    try:
-        value = float(equivalent)
-    except (TypeError, ValueError):
-        return None
-    return value / DIAGONAL_35MM * float(np.hypot(width, height)) if 5 < value < 1000 else None
+    focal_px = None
+    with contextlib.suppress(TypeError, ValueError):
+        millimetres = float(exif.get_ifd(_EXIF_IFD).get(_FOCAL_35MM, ""))
+        if 5 < millimetres < 1000:
+            focal_px = millimetres / DIAGONAL_35MM * float(np.hypot(width, height))
+    return width, height, focal_px, is_jpeg and orientation == 1
 
 
 def _colour(file: Path) -> NDArray[np.uint8]:

@@ -8,9 +8,9 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from capture.mapping.camera_models import chosen_model, model_scores, start_params
-from capture.mapping.model_metrics import model_shape, residual_pattern
-from capture.mapping.refusals import PATTERN
+from capture.mapping.camera_models import start_params
+from capture.mapping.incremental import choose_camera_model
+from capture.mapping.model_metrics import residual_pattern
 from estimator.reconstructions.pycolmap_library import pycolmap
 
 WIDE = [375.0, 375.0, 424.0, 240.0, 0.043, 0.041, -0.037, 0.01]
@@ -59,20 +59,18 @@ def _fitted(folder: Path, model: str) -> Path:
 
 def test_a_fisheye_lens_under_a_radial_model_is_found(tmp_path: Path) -> None:
     folder = _fitted(_model(tmp_path / "wide", "OPENCV_FISHEYE", WIDE), "SIMPLE_RADIAL")
-    shape = model_shape(folder)
-    assert shape is not None
-    assert shape.pattern > PATTERN
-    scores = model_scores(str(folder))
-    assert chosen_model(scores) == "OPENCV_FISHEYE"
-    assert scores["OPENCV_FISHEYE"]["params"][0] == pytest.approx(375, rel=0.03)
+    model = pycolmap.Reconstruction(folder)
+    choice = choose_camera_model(model, folder)
+    assert choice is not None
+    assert (choice["before"], choice["chosen"]) == ("SIMPLE_RADIAL", "OPENCV_FISHEYE")
+    (camera,) = model.cameras.values()
+    assert camera.model.name == "OPENCV_FISHEYE"
+    assert camera.params[0] == pytest.approx(375, rel=0.03)
 
 
 def test_a_plain_lens_keeps_the_simple_model(tmp_path: Path) -> None:
     folder = _model(tmp_path / "plain", "SIMPLE_RADIAL", [700.0, 424.0, 240.0, -0.05])
-    shape = model_shape(folder)
-    assert shape is not None
-    assert shape.pattern < PATTERN
-    assert chosen_model(model_scores(str(folder), ("SIMPLE_RADIAL", "OPENCV_FISHEYE"))) == "SIMPLE_RADIAL"
+    assert choose_camera_model(pycolmap.Reconstruction(folder), folder) is None
 
 
 @pytest.mark.parametrize("model", ["OPENCV", "OPENCV_FISHEYE", "THIN_PRISM_FISHEYE", "SIMPLE_RADIAL"])

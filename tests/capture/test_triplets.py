@@ -11,8 +11,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
-from capture.mapping.colmap_worker import write_models
-from capture.mapping.model_metrics import agreement_of
+from capture.mapping.incremental import measure
 from capture.mapping.triplets import (
     MOST_RESIDUAL_PX,
     Triplet,
@@ -41,10 +40,7 @@ def test_a_right_model_is_one_piece(made: tuple[Any, str]) -> None:
     model, file = made
     agreed = agreement(model_triplets(model, file), 10)
     assert agreed.triplets >= 10
-    assert (agreed.contradicted, len(agreed.pieces), len(agreed.pieces[0])) == (0, 1, 10)
-    assert agreed.residual_px < 0.01
-    assert agreement_of(agreed.json()) == agreed
-    assert agreement_of(None) is None
+    assert (agreed.contradicted, len(agreed.parts), len(agreed.parts[0])) == (0, 1, 10)
 
 
 @pytest.mark.parametrize(
@@ -60,13 +56,15 @@ def test_a_wrong_piece_is_taken_out(
     move_frames(model, set(names[7:]), Rotation.from_euler("y", turn_deg, degrees=True).as_matrix(), shift, factor)
     agreed = agreement(model_triplets(model, file), 10)
     assert agreed.contradicted > 0
-    assert agreed.pieces[0] == tuple(names[:right])
+    assert agreed.parts[0] == tuple(names[:right])
     output = Path(file).parent / "models"
-    request = {"database": file, "refine_focal": True, "colours": False, "output": str(output)}
-    written = write_models({0: model}, request)
-    assert agreement_of(written["agreement"]) == agreed
-    assert written["focal_deviation"] is not None
-    assert written["models"][0]["images"] == right
+    (output / "0").mkdir(parents=True)
+    model.write_binary(str(output / "0"))
+    (output / "0" / "matches.txt").write_text(file)
+    measured = measure({"output": str(output), "images": str(output), "fixed": False})
+    assert list(measured["model"]["names"]) == names[:right]
+    assert list(measured["model"]["pieces"]) == [len(part) for part in agreed.parts]
+    assert measured["model"]["focal_deviation"] is not None
     kept = pycolmap.Reconstruction(output / "0")
     assert sorted(image.name for image in kept.images.values()) == names[:right]
 
@@ -76,12 +74,11 @@ def test_pieces_are_joined_by_two_frames_and_not_by_one() -> None:
         return Triplet((names[0], names[1], names[2]), 20, 0.5)
 
     chain = [fitting(*"abc"), fitting(*"bcd"), fitting(*"def"), fitting(*"efg")]
-    assert agreement(chain, 7).pieces == (("a", "b", "c", "d"), ("d", "e", "f", "g"))
-    assert len(agreement([*chain, fitting(*"cde")], 7).pieces) == 1
+    assert agreement(chain, 7).parts == (("a", "b", "c", "d"), ("d", "e", "f", "g"))
+    assert len(agreement([*chain, fitting(*"cde")], 7).parts) == 1
     against = agreement([*chain, Triplet(("c", "d", "e"), 20, MOST_RESIDUAL_PX + 1)], 7)
-    assert (against.contradicted, len(against.pieces)) == (1, 2)
-    assert against.share == pytest.approx(0.2)
-    assert agreement([], 0).share == 0
+    assert (against.contradicted, len(against.parts)) == (1, 2)
+    assert agreement([], 0).parts == ()
 
 
 @pytest.mark.parametrize(("factor", "shown"), [(1.0, 0.0), (1.3, np.log(1.3)), (0.8, np.log(0.8))])

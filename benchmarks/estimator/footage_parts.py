@@ -76,7 +76,7 @@ def _parts(data: Path) -> Iterator[tuple[Path, str, list[str]]]:
 
 
 def _result(place: Path, names: list[str], shrink: bool, folder: Path) -> dict[str, Any]:
-    """What came of one part: placed, path error, rung; or the refusal, and whether it is wrong."""
+    """What came of one part: placed, path error, strategy; or the refusal, and whether it is wrong."""
     from capture.mapping.refusals import CaptureFailure
     from capture.pipeline import CaptureOptions, reconstruct
     from capture.work_folder import WorkFolder
@@ -94,7 +94,11 @@ def _result(place: Path, names: list[str], shrink: bool, folder: Path) -> dict[s
             wrong = alone["placed"] >= LEAST_PLACED * len(names) and alone["path"] < RIGHT_PATH
             return {"pictures": len(names), "code": refusal.failure.code, "alone": alone, "wrong": wrong}
     report = json.loads((folder / "capture" / "reconstruction.json").read_text(encoding="utf-8"))
-    return {"pictures": len(names), "rung": report.get("rung"), **_compared(place, folder / "capture" / "sparse" / "0")}
+    return {
+        "pictures": len(names),
+        "strategy": report["strategy"],
+        **_compared(place, folder / "capture" / "sparse" / "0"),
+    }
 
 
 def _write_picture(source: Path, target: Path, shrink: bool) -> None:
@@ -154,7 +158,7 @@ def _outcome(result: dict[str, Any]) -> str:
 
 
 def _table(out: Path) -> str:
-    lines = ["| part | outcome | placed | path | rung, or refusal |", "|---|---|---|---|---|"]
+    lines = ["| part | outcome | placed | path | strategy, or refusal |", "|---|---|---|---|---|"]
     counts: Counter[str] = Counter()
     for file in sorted(out.glob("*.json")):
         result = json.loads(file.read_text(encoding="utf-8"))
@@ -162,7 +166,7 @@ def _table(out: Path) -> str:
         placed = f"{result.get('placed', 0)} of {result['pictures']}" if "pictures" in result else ""
         path = f"{result['path']:.1%}" if "path" in result else ""
         lines.append(
-            f"| {file.stem} | {outcome} | {placed} | {path} | {result.get('rung') or result.get('code', '')} |"
+            f"| {file.stem} | {outcome} | {placed} | {path} | {result.get('strategy') or result.get('code', '')} |"
         )
     total = ", ".join(f"{count} {outcome}" for outcome, count in counts.most_common())
     return "\n".join([*lines, f"| **all {counts.total()}** | **{total}** | | | |"])

@@ -23,8 +23,8 @@ import numpy as np
 
 from benchmarks.child import run_child
 from benchmarks.common import write_between
-from capture.mapping.model_metrics import TripletAgreement
-from capture.mapping.refusals import LEAST_BROKEN, MOST_CONTRADICTED
+from capture.mapping.refusals import MAX_CONTRADICTED_RATIO, MIN_BROKEN_FRAMES
+from capture.mapping.triplets import TripletAgreement
 from estimator.records.result import ScaleEvidence
 from metric_base.arrays import FloatArray
 
@@ -33,6 +33,7 @@ __all__ = ["SETS", "FootageSet", "main", "path_error", "sensor_rows"]
 #: Seconds between the frames of `walk_carpark/video.mp4`.
 FRAME_S = 1001 / 30000
 PAGE = Path("docs/evidence/real_footage.md")
+AGAINST_PAGE = Path("docs/evidence/videos.md")
 
 
 @dataclass(frozen=True, slots=True)
@@ -88,6 +89,7 @@ def main() -> None:
     parser.add_argument("--limit-s", type=float, default=1800, help="seconds for one set (default: %(default)s)")
     parser.add_argument("--before", type=Path, metavar="DIR", help="results of another version")
     parser.add_argument("--write", action="store_true", help=f"write the tables of {PAGE} from the results")
+    parser.add_argument("--against", choices=["pycolmap"], help="run plain pycolmap on the same frames, too")
     parser.add_argument("--planted", action="store_true", help="a wrong piece in every model that --out holds")
     parser.add_argument("--sensors", action="store_true", help="the inertial unit and GPS of walk_carpark alone")
     parser.add_argument("--one", action="store_true", help=argparse.SUPPRESS)
@@ -106,7 +108,11 @@ def main() -> None:
     for row in chosen:
         if not options.write or not (options.out / f"{row.name}.json").is_file():
             _run(options.data, row, options.out, options.limit_s)
-    if options.write:
+            if options.against is not None:
+                _run_plain(options.data, row, options.out, options.limit_s)
+    if options.write and options.against is not None:
+        write_between(AGAINST_PAGE, "against pycolmap", _against_table(options.out))
+    elif options.write:
         write_between(PAGE, "sets", _table(options.out, options.before))
 
 
@@ -115,11 +121,9 @@ def path_error(centres: FloatArray, reference: FloatArray) -> float:
 
     The extent is the root mean square distance from its middle.
     """
-    from capture.mapping.model_metrics import aligned_centres
+    from capture.mapping.model_metrics import aligned_distance
 
-    moved = aligned_centres(centres, reference)
-    extent = np.sqrt(((reference - reference.mean(axis=0)) ** 2).sum(axis=1).mean())
-    return float(np.sqrt(((moved - reference) ** 2).sum(axis=1).mean()) / extent)
+    return aligned_distance(centres, reference)
 
 
 def _run(data: Path, row: FootageSet, out: Path, limit_s: float) -> None:
@@ -134,6 +138,66 @@ def _run(data: Path, row: FootageSet, out: Path, limit_s: float) -> None:
         result = json.loads(lines[-1]) if run.status == 0 and lines else {"failure": f"ended with {run.status}"}
     (out / f"{row.name}.json").write_text(json.dumps(result) + "\n", encoding="utf-8")
     print(row.name, json.dumps(result), flush=True)
+
+
+def _run_plain(data: Path, row: FootageSet, out: Path, limit_s: float) -> None:
+    """Run plain pycolmap on the images, or on the frames that ours chose of a video, and keep its result."""
+    place, scratch = data / row.place, out / f"{row.name}.plain"
+    shutil.rmtree(scratch, ignore_errors=True)
+    images = place / row.source if (place / row.source).is_dir() else out / row.name / "frames"
+    run = run_child([sys.executable, "-m", "benchmarks.estimator.plain_colmap", str(images), str(scratch)], limit_s)
+    lines = run.output.splitlines()
+    result = json.loads(lines[-1]) if run.status == 0 and lines else {"placed": 0, "focal": None}
+    result |= {"wall_s": round(run.wall_s, 1), "cpu_s": round(run.cpu_s, 1)}
+    if (scratch / "sparse" / "images.bin").is_file():
+        result |= _against_reference(place, row, scratch / "sparse")
+    (out / f"{row.name}.plain.json").write_text(json.dumps(result) + "\n", encoding="utf-8")
+    print(row.name, "plain", json.dumps(result), flush=True)
+
+
+def _against_table(out: Path) -> str:
+    """Rows of placed frames, path, focal length, wall and processor seconds, ours and of plain pycolmap."""
+    head = [
+        "set",
+        "placed",
+        "path",
+        "focal",
+        "wall, s",
+        "CPU, s",
+        "plain: placed",
+        "path",
+        "focal",
+        "wall, s",
+        "CPU, s",
+    ]
+    lines = ["| " + " | ".join([*head, "reference focal"]) + " |", "|---" * (len(head) + 1) + "|"]
+    for row in SETS:
+        result, file = _result(out, row), out / f"{row.name}.plain.json"
+        if not result or not file.is_file():
+            continue
+        plain = json.loads(file.read_text(encoding="utf-8"))
+        failure = result["failure"]
+        if failure is None:
+            cells = [
+                f"{len(result['model']['names'])} of {result['frames']}",
+                _path(result),
+                f"{result['model']['focal']:.3f}",
+            ]
+        else:
+            cells = [failure if isinstance(failure, str) else f"`{failure['code']}`", "", ""]
+        cells += [f"{result.get('wall_s', 0):.0f}", f"{result.get('cpu_s', 0):.0f}", str(plain["placed"]), _path(plain)]
+        cells += [
+            "" if plain["focal"] is None else f"{plain['focal']:.3f}",
+            f"{plain['wall_s']:.0f}",
+            f"{plain['cpu_s']:.0f}",
+        ]
+        reference = result.get("reference_focal", plain.get("reference_focal"))
+        lines.append("| " + " | ".join([f"`{row.name}`", *cells, f"{reference:.3f}" if reference else ""]) + " |")
+    return "\n".join(lines)
+
+
+def _path(result: dict[str, Any]) -> str:
+    return f"{100 * result['path_error']:.1f} %" if "path_error" in result else ""
 
 
 def _reconstruct(data: Path, row: FootageSet, out: Path) -> dict[str, Any]:
@@ -156,22 +220,22 @@ def _reconstruct(data: Path, row: FootageSet, out: Path) -> dict[str, Any]:
     return {
         "failure": failure,
         "frames": report["pairs"]["frames"],
-        "rung": report.get("rung"),
-        "tried": report.get("tried"),
+        "strategy": report["strategy"],
+        "tried": report["tried"],
         "model": report["model"],
         "pairs": report["pairs"],
         "disagreement": report["disagreement"],
         "cpu_s": round(sum(os.times()[:4]) - cpu, 1),
         "wall_s": round(time.perf_counter() - started, 1),
-        **(_against_reference(place, row, folder) if failure is None else {}),
+        **(_against_reference(place, row, folder / "sparse" / "0") if failure is None else {}),
     }
 
 
-def _against_reference(place: Path, row: FootageSet, folder: Path) -> dict[str, Any]:
+def _against_reference(place: Path, row: FootageSet, model: Path) -> dict[str, Any]:
     """Camera model and path of what was reconstructed, and how far they are from the reference's, if there is one."""
     from estimator.reconstructions.colmap import read_colmap
 
-    scene = read_colmap(folder / "sparse" / "0")
+    scene = read_colmap(model)
     camera = scene.views[0].camera
     result: dict[str, Any] = {
         "camera": [camera.model, camera.width, camera.height, np.round(camera.params, 4).tolist()]
@@ -214,7 +278,7 @@ def _cell(result: dict[str, Any]) -> list[str]:
         focal += f" ({result['reference_focal']:.3f})"
     path = f"{100 * result['path_error']:.1f} %" if "path_error" in result else ""
     return [
-        f"{model['registered']} of {result['frames']}",
+        f"{len(model['names'])} of {result['frames']}",
         focal,
         f"{model['error_px']:.2f}",
         path,
@@ -223,14 +287,14 @@ def _cell(result: dict[str, Any]) -> list[str]:
 
 
 def _table(out: Path, before: Path | None) -> str:
-    head = ["set", "", "placed", "focal length (reference)", "residual, px", "path", "s", "rung"]
+    head = ["set", "", "placed", "focal length (reference)", "residual, px", "path", "s", "strategy"]
     if before is not None:
         head += ["before", "path", "s"]
     lines = ["| " + " | ".join(head) + " |", "|---" * len(head) + "|"]
     for row in SETS:
         result, earlier = _result(out, row), {} if before is None else _result(before, row)
         use = "must be refused" if row.refused else "chosen on" if row.chosen_on else "reported"
-        cells = [f"`{row.name}`", use, *_cell(result), str(result.get("rung") or "")]
+        cells = [f"`{row.name}`", use, *_cell(result), str(result.get("strategy") or "")]
         if before is not None:
             placed, focal, _, path, seconds = _cell(earlier)
             cells += [placed + (f", f {focal}" if focal else ""), path, seconds]
@@ -286,16 +350,16 @@ LONGER = {"steps by .3": 1.3, "steps three times": 3.0}
 
 def _planted(out: Path) -> str:
     """Rows of the models as they are, and with their last third as a wrong piece."""
-    from capture.mapping.features import STRATEGIES as RUNGS
+    from capture.mapping.features import STRATEGIES
 
-    suffixes = {rung.name: rung.suffix for rung in RUNGS}
+    suffixes = {row.name: row.suffix for row in STRATEGIES}
     head = ["set", "frames", "triplets", "largest residual, px", "largest stretch", "contradicted", "pieces"]
     head += [*PLANTS, *LONGER]
     lines = ["| " + " | ".join(head) + " |", "|---" * len(head) + "|"]
     for row in SETS:
         result = _result(out, row)
         if result and result["failure"] is None:
-            database = out / row.name / "databases" / f"matches{suffixes[result['rung']]}.db"
+            database = out / row.name / "databases" / f"matches{suffixes[result['strategy']]}.db"
             with tempfile.TemporaryDirectory() as scratch:  # to open a database changes it
                 copied = shutil.copy(database, scratch)
                 lines.append(f"| `{row.name}` | " + " | ".join(_planted_cells(out / row.name, str(copied))) + " |")
@@ -314,14 +378,14 @@ def _planted_cells(folder: Path, database: str) -> list[str]:
     agreed = agreement(triplets, model.num_reg_images())
     worst, stretch = max(row.residual_px for row in triplets), max(abs(row.stretch) for row in triplets)
     cells = [str(agreed.frames), str(agreed.triplets), f"{worst:.1f}", f"{stretch:.2f}", str(agreed.contradicted)]
-    cells.append(", ".join(str(len(piece)) for piece in agreed.pieces))
+    cells.append(", ".join(str(len(piece)) for piece in agreed.parts))
     names = sorted(image.name for image in model.images.values() if image.has_pose)
     wrong = set(names[len(names) - len(names) // 3 :])
     for turn_deg, shift, factor in PLANTS.values():
         planted = pycolmap.Reconstruction(folder / "sparse" / "0")
         move_frames(planted, wrong, Rotation.from_euler("y", turn_deg, degrees=True).as_matrix(), shift, factor)
         found = agreement(model_triplets(planted, database), len(names))
-        kept = set(found.pieces[0]) if found.pieces else set()
+        kept = set(found.parts[0]) if found.parts else set()
         mixed = min(len(kept & wrong), len(kept - wrong))
         cells.append(f"{_refused(found)}{len(kept)} kept, {mixed} mixed")
     middle = set(names[len(names) * 5 // 12 : len(names) * 7 // 12])
@@ -329,12 +393,13 @@ def _planted_cells(folder: Path, database: str) -> list[str]:
         planted = pycolmap.Reconstruction(folder / "sparse" / "0")
         lengthen_steps(planted, middle, factor)
         found = agreement(model_triplets(planted, database), len(names))
-        cells.append(f"{_refused(found)}{len(found.pieces[0]) if found.pieces else 0} kept")
+        cells.append(f"{_refused(found)}{len(found.parts[0]) if found.parts else 0} kept")
     return cells
 
 
 def _refused(found: TripletAgreement) -> str:
-    wrong = found.share > MOST_CONTRADICTED or len(found.broken) >= LEAST_BROKEN
+    ratio = found.contradicted / max(found.triplets, 1)
+    wrong = ratio > MAX_CONTRADICTED_RATIO or len(found.broken) >= MIN_BROKEN_FRAMES
     return "refused, " if wrong else ""
 
 

@@ -16,10 +16,10 @@ from capture.mapping.features import MAIN, POOLED, QUICK, STRATEGIES, FeatureStr
 from capture.mapping.mapper import ModelReport, make_model
 from capture.mapping.match_graph import FramePair, MatchGraph
 from capture.mapping.refusals import (
-    MIN_COMPARED_PATTERN,
     MIN_FRAMES,
     MIN_PLACED_RATIO,
     MIN_WARNED_FOCAL_STD,
+    MIN_WARNED_PATTERN,
     MIN_WHOLE_RATIO,
     CaptureFailure,
     refusal,
@@ -217,9 +217,9 @@ class ModelSearch:
 
 
 def is_certain(report: ModelReport, n_frames: int) -> bool:
-    """Return whether a model has all frames in one part, a determined focal length and no pattern of residuals."""
+    """Return whether a model has all frames, a determined focal length and hardly a pattern of residuals."""
     model = report.model
     if report.failure is not None or model is None or model.registered < n_frames:
         return False
     is_determined = report.focal_held or (model.focal_deviation or 1.0) < MIN_WARNED_FOCAL_STD
-    return len(model.pieces) == 1 and model.contradicted == 0 and is_determined and model.pattern < MIN_COMPARED_PATTERN
+    return is_determined and model.pattern < MIN_WARNED_PATTERN

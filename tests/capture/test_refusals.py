@@ -146,6 +146,7 @@ LIMITS: list[tuple[str, dict[str, Any], dict[str, Any]]] = [
         {"contradicted": int(100 * MAX_CONTRADICTED_RATIO)},
     ),
     ("drift", {"broken": ("a.jpg",) * MIN_BROKEN_FRAMES}, {"broken": ("a.jpg",) * (MIN_BROKEN_FRAMES - 1)}),
+    ("several_places", {"pieces": (20, 11)}, {"pieces": (20, 10)}),
     ("too_few_frames", {"names": tuple(_graph(10).names)}, {"names": tuple(_graph(11).names)}),
 ]
 
@@ -195,10 +196,8 @@ def test_two_places_are_named() -> None:
     "change",
     [
         {"names": tuple(_graph(19).names)},
-        {"contradicted": 1},
-        {"pieces": (17, 3)},
         {"focal_deviation": MIN_WARNED_FOCAL_STD},
-        {"pattern": 0.06},
+        {"pattern": MIN_WARNED_PATTERN},
     ],
 )
 def test_a_doubtful_quick_model_is_not_used(change: dict[str, Any]) -> None:

@@ -8,18 +8,18 @@ ahead, +y down, and COLMAP's pixels, in which (0.5, 0.5) is the centre of the up
 from __future__ import annotations
 
 import json
-from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass, replace
 from pathlib import Path
-from typing import Any, Literal, get_args
+from typing import Literal
 
+import msgspec
 import numpy as np
 
 from estimator.records.scene import Camera
 from metric_base.arrays import FloatArray
 from metric_base.errors import InputError, in_file
 from metric_base.input_files import read_json
-from metric_base.parsing import json_array, json_object
+from metric_base.parsing import json_object
 
 FILE_NAME = "frame_poses.json"
 SCHEMA = "metric-tree/frame-poses/1"
@@ -87,6 +87,34 @@ class FramePoses:
         raise KeyError(frame)
 
 
+class _Camera(msgspec.Struct):
+    model: str
+    width: int
+    height: int
+    params: list[float]
+
+
+class _Pose(msgspec.Struct, kw_only=True):
+    index: int
+    time_s: float | None
+    name: str | None
+    origin: PoseOrigin
+    rotation: list[list[float]] | None
+    translation: list[float] | None
+    check_px: float | None
+    n_points: int
+
+
+class _Document(msgspec.Struct, kw_only=True):
+    """Layout of the file, as in docs/reference/formats.md."""
+
+    schema: str
+    source: str
+    turned_deg: int
+    camera: _Camera | None
+    frames: list[_Pose]
+
+
 def write_frame_poses(poses: FramePoses, file: Path) -> None:
     """Write the file; the caller makes it whole or absent."""
     camera = poses.camera
@@ -94,21 +122,21 @@ def write_frame_poses(poses: FramePoses, file: Path) -> None:
         "schema": SCHEMA,
         "source": str(poses.source),
         "turned_deg": poses.turned_deg,
-        "camera": None
-        if camera is None
-        else {
-            "model": camera.model,
-            "width": camera.width,
-            "height": camera.height,
-            "params": [float(value) for value in camera.params],
-        },
-        "frames": [_row(pose) for pose in poses.frames],
+        "camera": None if camera is None else {**asdict(camera), "params": camera.params.tolist()},
+        "frames": [
+            {
+                **asdict(pose),
+                "rotation": None if pose.rotation is None else np.asarray(pose.rotation).tolist(),
+                "translation": None if pose.translation is None else np.asarray(pose.translation).tolist(),
+            }
+            for pose in poses.frames
+        ],
     }
     file.write_text(json.dumps(document, allow_nan=False) + "\n", encoding="utf-8")
 
 
 def read_frame_poses(file: Path) -> FramePoses:
-    """The poses of a `frame_poses.json`, or of the one in a work folder.
+    """Return the poses of a `frame_poses.json`, or of the one in a work folder.
 
     Raises
     ------
@@ -117,66 +145,29 @@ def read_frame_poses(file: Path) -> FramePoses:
     """
     file = file / FILE_NAME if file.is_dir() else file
     with in_file(file):
-        document = json_object(read_json(file))
-    if document.get("schema") != SCHEMA:
-        raise InputError.at(file, "schema", SCHEMA, document.get("schema"))
+        record = json_object(read_json(file))
+    if record.get("schema") != SCHEMA:
+        raise InputError.at(file, "schema", SCHEMA, record.get("schema"))
     try:
-        camera = _camera(document["camera"])
-        with in_file(file):
-            frames = tuple(_pose(json_object(row, "frames")) for row in json_array(document["frames"], "frames"))
-        return FramePoses(Path(document["source"]), camera, int(document["turned_deg"]), frames)
-    except (KeyError, TypeError, ValueError) as error:
-        if isinstance(error, InputError):
-            raise
-        raise InputError.at(
-            file, "frames", "the fields of docs/reference/formats.md", f"{type(error).__name__}: {error}"
-        ) from None
-
-
-def _row(pose: FramePose) -> dict[str, Any]:
-    return {
-        "index": pose.index,
-        "time_s": pose.time_s,
-        "name": pose.name,
-        "origin": pose.origin,
-        "rotation": None if pose.rotation is None else np.asarray(pose.rotation).tolist(),
-        "translation": None if pose.translation is None else np.asarray(pose.translation).tolist(),
-        "check_px": pose.check_px,
-        "n_points": pose.n_points,
-    }
-
-
-def _camera(row: Any) -> Camera | None:
-    if row is None:
-        return None
-    return Camera(row["model"], int(row["width"]), int(row["height"]), np.asarray(row["params"], dtype=np.float64))
-
-
-def _pose(row: dict[str, Any]) -> FramePose:
-    origin: PoseOrigin = row["origin"]
-    if origin not in get_args(PoseOrigin):
-        raise ValueError(f"origin {origin!r}")
-    rotation, translation = _array(row["rotation"], (3, 3)), _array(row["translation"], (3,))
-    if (rotation is None or translation is None) != (origin == "none"):
-        raise ValueError(f"frame {row['index']}: a pose with origin {origin!r}")
-    time_s, check_px = row["time_s"], row["check_px"]
-    return FramePose(
-        index=int(row["index"]),
-        time_s=None if time_s is None else float(time_s),
-        name=row["name"],
-        origin=origin,
-        rotation=rotation,
-        translation=translation,
-        check_px=None if check_px is None else float(check_px),
-        n_points=int(row["n_points"]),
-    )
-
-
-def _array(value: Sequence[Any] | None, shape: tuple[int, ...]) -> FloatArray | None:
-    """The value as an array of `shape`, (3, 3) or (3,), None of None; ValueError if it is no such array of numbers."""
-    if value is None:
-        return None
-    array = np.asarray(value, dtype=np.float64)
-    if array.shape != shape or not np.isfinite(array).all():
-        raise ValueError(f"expected {shape} finite numbers")
-    return array
+        document = msgspec.convert(record, _Document)
+        frames = []
+        for row in document.frames:
+            rotation, translation = (
+                None if value is None else np.asarray(value, dtype=np.float64)
+                for value in (row.rotation, row.translation)
+            )
+            if (rotation is None or translation is None) != (row.origin == "none"):
+                raise ValueError(f"frame {row.index}: a pose with origin {row.origin!r}")
+            if (
+                rotation is not None
+                and translation is not None
+                and (rotation.shape, translation.shape) != ((3, 3), (3,))
+            ):
+                raise ValueError(f"frame {row.index}: expected (3, 3) and (3,) numbers")
+            pose = FramePose(row.index, row.time_s, row.name, row.origin, rotation, translation)
+            frames.append(replace(pose, check_px=row.check_px, n_points=row.n_points))
+    except ValueError as error:  # of msgspec, too
+        raise InputError.at(file, "frames", "the fields of docs/reference/formats.md", str(error)) from None
+    lens = document.camera
+    camera = None if lens is None else Camera(lens.model, lens.width, lens.height, np.asarray(lens.params))
+    return FramePoses(Path(document.source), camera, document.turned_deg, tuple(frames))

@@ -36,8 +36,8 @@ class ModelMetrics(msgspec.Struct, frozen=True, kw_only=True):
     focal_change: float = 0.0  #: Relative change of the focal length from the first to the last frame.
     focal_change_error: float = 0.0  #: Standard error of `focal_change`.
     pattern: float = 0.0  #: `residual_pattern`.
-    triplets: int = 0  #: Number of triplets of frames that were examined.
-    contradicted: int = 0  #: Number of triplets that the model contradicts.
+    triplets: int = 0  #: Number of triplets of frames within the largest part.
+    contradicted: int = 0  #: Number of these that the model contradicts.
     pieces: tuple[int, ...] = ()  #: Number of frames of each part that triplets hold together.
     broken: tuple[str, ...] = ()  #: Frames at which the length of the steps changes.
 

@@ -114,7 +114,7 @@ def focal_variation(scene: Scene) -> tuple[float, float, float] | None:
     """
     views = sorted(scene.views, key=lambda view: view.name)
     rows = [_focal_factor(scene, view) for view in views if len(view.point_index) >= LEAST_POINTS]
-    if len(rows) < 3:
+    if len(rows) < 3 or not np.isfinite(rows).all():  # a diverged camera model has no rays
         return None
     factors, errors = np.array(rows).T
     logs = np.log(np.clip(factors, 0.1, 10.0))

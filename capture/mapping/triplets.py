@@ -64,10 +64,11 @@ class TripletAgreement:
     """Agreement of a model with the verified matches of three frames at a time."""
 
     frames: int = 0  #: Number of frames of the model.
-    triplets: int = 0  #: Number of triplets that were examined.
-    contradicted: int = 0  #: Number of triplets that the model contradicts.
+    triplets: int = 0  #: Number of triplets within the largest part.
+    contradicted: int = 0  #: Number of these that the model contradicts.
     parts: tuple[tuple[str, ...], ...] = ()  #: Frames that triplets hold together, largest part first.
     broken: tuple[str, ...] = ()  #: Frames of the largest part at which the length of the steps changes.
+    loose: tuple[str, ...] = ()  #: Frames of triplets outside the largest part.
 
 
 def agreement(triplets: list[Triplet], frames: int) -> TripletAgreement:
@@ -88,9 +89,13 @@ def agreement(triplets: list[Triplet], frames: int) -> TripletAgreement:
                 apart.append(piece)
         joined = [*apart, (sides, held)]
     pieces = sorted((tuple(sorted(held)) for _, held in joined), key=lambda names: (-len(names), names))
-    within = [row for row in triplets if pieces and set(row.names) <= set(pieces[0])]
-    contradicted = len(triplets) - len(fitting)
-    return TripletAgreement(frames, len(triplets), contradicted, tuple(pieces), broken_frames(within))
+    held = set(pieces[0]) if pieces else set()
+    within = [row for row in triplets if held.issuperset(row.names)]
+    contradicted = sum(not row.fits for row in within)
+    loose = {name for row in triplets for name in row.names} - held
+    return TripletAgreement(
+        frames, len(within), contradicted, tuple(pieces), broken_frames(within), tuple(sorted(loose))
+    )
 
 
 def broken_frames(triplets: list[Triplet]) -> tuple[str, ...]:

@@ -55,8 +55,8 @@ def test_a_wrong_piece_is_taken_out(
     names = sorted(image.name for image in model.images.values())
     move_frames(model, set(names[7:]), Rotation.from_euler("y", turn_deg, degrees=True).as_matrix(), shift, factor)
     agreed = agreement(model_triplets(model, file), 10)
-    assert agreed.contradicted > 0
     assert agreed.parts[0] == tuple(names[:right])
+    assert agreed.loose == tuple(names[right:])
     output = Path(file).parent / "models"
     (output / "0").mkdir(parents=True)
     model.write_binary(str(output / "0"))
@@ -77,7 +77,9 @@ def test_pieces_are_joined_by_two_frames_and_not_by_one() -> None:
     assert agreement(chain, 7).parts == (("a", "b", "c", "d"), ("d", "e", "f", "g"))
     assert len(agreement([*chain, fitting(*"cde")], 7).parts) == 1
     against = agreement([*chain, Triplet(("c", "d", "e"), 20, MOST_RESIDUAL_PX + 1)], 7)
-    assert (against.contradicted, len(against.parts)) == (1, 2)
+    assert (against.contradicted, against.loose, len(against.parts)) == (0, ("e", "f", "g"), 2)
+    inside = agreement([*chain, Triplet(("b", "c", "d"), 20, MOST_RESIDUAL_PX + 1)], 7)
+    assert (inside.contradicted, inside.triplets) == (1, 3)
     assert agreement([], 0).parts == ()
 
 

@@ -17,7 +17,7 @@ from metric_base.errors import InputError, Unquoted
 from metric_base.files import sole_holder, whole_file
 
 #: Changed whenever a stage makes something else of the same inputs, so that old outputs are made again.
-VERSION = 8
+VERSION = 9
 STAMPS = "stamps"
 _LOCK = ".lock"
 #: What the names of our temporary files and folders begin with.

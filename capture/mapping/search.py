@@ -81,7 +81,7 @@ class ModelSearch:
         except OutOfTime:
             return False
         n_linked = report.pairs["groups"][0]
-        return report.failure is not None and n_linked <= MIN_PLACED_RATIO * n and n >= MIN_FRAMES
+        return report.failure is not None and n_linked <= MIN_PLACED_RATIO * n
 
     def make_sparse(self) -> str:
         """Make `sparse/0` of the best model, and return the digest of the stage.

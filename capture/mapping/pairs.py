@@ -44,16 +44,6 @@ def all_pairs(n: int) -> list[tuple[int, int]]:
     return [(a, b) for a in range(n) for b in range(a + 1, n)]
 
 
-def pair_count(n: int, exhaustive: int, in_order: bool) -> int:
-    """How many pairs of n frames are matched at most, where up to `exhaustive` frames are matched each with each.
-
-    >>> pair_count(10, 20, in_order=True)
-    45
-    """
-    every = n * (n - 1) // 2
-    return every if n <= exhaustive else min(every, n * (OVERLAP + (LOOPS if in_order else UNORDERED_LOOPS)))
-
-
 def _neighbour_pairs(n: int) -> set[tuple[int, int]]:
     """Pairs (a, b), a < b, of n frames in their order."""
     return {(a, a + (1 << k)) for k in range(OVERLAP) for a in range(n - (1 << k))}

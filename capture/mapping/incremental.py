@@ -76,14 +76,17 @@ def mapping(request: Request, say: Callable[[dict[str, Any]], None]) -> dict[str
         more = register_remaining(model, matches, guided, request, camera, output / str(n_written - 1))
         if more is not None:
             n_written, model, matches = write_model(more, guided, output), more, guided
-    if cut_loose_frames(model, matches, camera["fixed"]).loose:
+    agreed = cut_loose_frames(model, matches, camera["fixed"])
+    if agreed.loose:
         n_written = write_model(model, matches, output)
         model = pycolmap.Reconstruction(output / str(n_written - 1))
     is_free = request["free"] and not camera["fixed"] and len(model.cameras) == 1
     lenses = choose_camera_model(model, output / str(n_written - 1)) if is_free else None
     if lenses is not None and lenses["chosen"] != lenses["before"]:
         write_model(model, matches, output)
-    return measure(request | {"fixed": camera["fixed"]}) | {"lenses": lenses}
+    result = measure(request | {"fixed": camera["fixed"]})
+    result["model"]["pieces"] = [len(part) for part in agreed.parts]  # before the cut
+    return result | {"lenses": lenses}
 
 
 def write_model(model: Model, matches: Path, output: Path) -> int:

@@ -174,7 +174,7 @@ class _Tracker:
         out = row % HELD_OUT == 0
         if (~out).sum() < LEAST_POINTS:
             return none
-        focal = float(self._camera.params[0])
+        focal = self._camera.focal_px
         rotation, translation, agreeing = refined_pose(tracked.some(~out), guess.rotation, guess.translation, focal)
         check = self._check(tracked.some(out) if out.sum() >= 5 else tracked, rotation, translation)
         limit = LARGEST_CHECK * max(self._camera.width, self._camera.height) * self._source_px
@@ -186,7 +186,7 @@ class _Tracker:
 
     def _check(self, points: PosePoints, rotation: FloatArray, translation: FloatArray) -> float:
         """Median reprojection error, source pixels, of a pose: rotation (3, 3), translation (3,)."""
-        error = residuals_px(points, rotation, translation, float(self._camera.params[0]))
+        error = residuals_px(points, rotation, translation, self._camera.focal_px)
         return float(np.median(error)) * self._source_px if len(error) else float("nan")
 
     def _fill_gaps(

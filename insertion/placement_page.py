@@ -160,7 +160,7 @@ def _box_corners(placed: PlacedObject, frame: Frame) -> list[list[float] | None]
     corners = np.array([[x, y, z] for z in (low[2], high[2]) for y in (low[1], high[1]) for x in (low[0], high[0])])
     units = placed.size.factor / placed.metres_per_unit
     scene = placed.placement.position + (corners - foot) * units @ placed.turn.T
-    local = scene @ frame.view.rotation.T + frame.view.translation
+    local = frame.view.to_camera(scene)
     pixels = project(frame.view.camera, local)
     return [
         pixel.tolist() if np.isfinite(pixel).all() and z > 0 else None

@@ -80,7 +80,7 @@ def _views_and_sources(scene: Scene, chosen: Sequence[int], shared: IntArray) ->
 
 def _depth_range(scene: Scene, row: int) -> tuple[float, float]:
     view = scene.views[row]
-    depth = (scene.points[view.point_index] @ view.rotation.T + view.translation)[:, 2]
+    depth = (view.to_camera(scene.points[view.point_index]))[:, 2]
     near, far = np.quantile(depth[depth > 0], [0.01, 0.99])
     return 0.8 * float(near), 1.25 * float(far)
 

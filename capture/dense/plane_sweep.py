@@ -62,7 +62,7 @@ def pinhole_view(view: View, pictures: Path) -> PinholeView:
         raise InputError.at(pictures / view.name, "picture", "a picture that OpenCV reads", Unquoted("none"))
     factor = min(1.0, SIDE / max(camera.width, camera.height))
     width, height = round(camera.width * factor), round(camera.height * factor)
-    focal = float(camera.params[0]) * factor
+    focal = camera.focal_px * factor
     x, y = np.meshgrid(np.arange(width), np.arange(height))
     rays = np.column_stack([(x.ravel() + 0.5 - width / 2) / focal, (y.ravel() + 0.5 - height / 2) / focal])
     pixels = project(camera, np.column_stack([rays, np.ones(len(rays))])) - 0.5

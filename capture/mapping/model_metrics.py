@@ -11,7 +11,7 @@ from capture.mapping.pose_refinement import focal_variation
 from capture.mapping.triplets import TripletAgreement
 from estimator.projection.cameras import CAMERA_MODELS, project
 from estimator.reconstructions.colmap import read_colmap
-from estimator.records.scene import Scene
+from estimator.records.scene import Scene, camera_centres
 from metric_base.arrays import FloatArray
 
 #: Maximum number of points of which the triangulation angle is computed.
@@ -75,7 +75,7 @@ def model_metrics(folder: Path, focal_deviation: float | None, agreed: TripletAg
         points=len(scene.points),
         angle_deg=median_angle_deg(scene),
         error_px=float(np.nanmedian(np.linalg.norm(residuals, axis=1))),
-        focal=float(camera.params[0]) / side,
+        focal=camera.focal_px / side,
         lens_bend=float(bend) / side,
         camera=camera.model,
         aspect=max(ratio, 1 / ratio) if ratio > 0 else float("inf"),
@@ -121,7 +121,7 @@ def median_angle_deg(scene: Scene) -> float:
     ids, starts = np.unique(rows, return_index=True)
     chosen = np.unique(np.linspace(0, len(ids) - 1, min(len(ids), MAX_SAMPLED_POINTS)).astype(np.int64))
     ends = np.append(starts[1:], len(rows))
-    centres = np.array([view.centre for view in scene.views])
+    centres = camera_centres(scene.views)
     angles = []
     for k in chosen:
         rays = scene.points[ids[k]] - centres[views[starts[k] : ends[k]]]
@@ -134,7 +134,7 @@ def residuals_of(scene: Scene) -> tuple[FloatArray, FloatArray, tuple[int, int]]
     """Return the residuals and the pixels (n, 2) of all observations, and the size of the first view."""
     residuals = []
     for view in scene.views:
-        local = scene.points[view.point_index] @ view.rotation.T + view.translation
+        local = view.to_camera(scene.points[view.point_index])
         residuals.append(project(view.camera, local) - view.keypoints)
     camera = scene.views[0].camera
     pixels = np.concatenate([view.keypoints for view in scene.views])

@@ -133,8 +133,8 @@ def _focal_factor(scene: Scene, view: View) -> tuple[float, float]:
     error is that of a robust fit, A^-1 B A^-1 (Huber 1967): A the normal matrix, B the sum of the squared gradients.
     """
     points, rays = scene.points[view.point_index], rays_of(view.camera, view.keypoints)
-    width = HALF_WEIGHT_PX / float(view.camera.params[0])
-    local, factor = points @ view.rotation.T + view.translation, 1.0
+    width = HALF_WEIGHT_PX / view.camera.focal_px
+    local, factor = view.to_camera(points), 1.0
     for _ in range(FOCAL_STEPS):
         seen = local[:, 2] > 1e-9
         x, y = (local[seen, :2] / local[seen, 2:]).T

@@ -4,10 +4,8 @@ from __future__ import annotations
 
 from functools import cached_property, partial
 
-import numpy as np
-
 from estimator.geometry.planes import level_basis
-from estimator.records.scene import Scene
+from estimator.records.scene import Scene, camera_centres
 from insertion.footage.footage import Stills
 from insertion.light.environment_estimate import OutdoorLight, environment_at, is_outdoors
 from insertion.light.environment_map import Environment
@@ -59,7 +57,7 @@ class LightModel:
         if is_outdoors(self._cloud, self._stills, up):
             ground = self._supports.ground(self._cloud)
             return OutdoorLight(None if ground is None else sun_direction(self._cloud, self._stills, ground.plane))
-        cells = find_plane_cells(self._cloud, np.array([view.centre for view in self._scene.views]))
+        cells = find_plane_cells(self._cloud, camera_centres(self._scene.views))
         if not len(cells.positions):
             return None
         is_free = partial(is_visibly_free, cloud=self._cloud, stills=self._stills)

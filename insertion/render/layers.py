@@ -78,7 +78,7 @@ def _shadow_places(plane: ShadowCatcher) -> FloatArray:
 
 def _box_of(view: View, points: FloatArray) -> PixelBox | None:
     """Pixels that points (n, 3) of the scene cover, with a margin; None where they are out of the picture."""
-    local = points @ view.rotation.T + view.translation
+    local = view.to_camera(points)
     width, height = view.camera.width, view.camera.height
     ahead = local[:, 2] > 1e-6 * np.abs(local).max()
     if not ahead.any():

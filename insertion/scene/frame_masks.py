@@ -157,7 +157,7 @@ def propagate_mask(item: Instance, source: View, view: View, plane: FloatArray) 
             return None
         local = np.column_stack([flat, np.ones(len(flat))]) / inverse[:, None]
         scene = (local - source.translation) @ source.rotation
-        pixels = project(view.camera, scene @ view.rotation.T + view.translation)
+        pixels = project(view.camera, view.to_camera(scene))
         if not np.isfinite(pixels).all():
             return None
         moved.append(pixels)

@@ -40,7 +40,8 @@ def _functions(file: Path, body: ast.Module | ast.ClassDef) -> Iterator[tuple[st
             arguments = (*node.args.posonlyargs, *node.args.args, *node.args.kwonlyargs)
             notes = [note for note in (node.returns, *(argument.annotation for argument in arguments)) if note]
             if any(ARRAY.search(ast.unparse(note)) for note in notes):
-                yield f"{file.relative_to(ROOT)}:{node.lineno}", node.name, ast.get_docstring(node) or ""
+                documented = body if node.name == "__init__" else node
+                yield f"{file.relative_to(ROOT)}:{node.lineno}", node.name, ast.get_docstring(documented) or ""
 
 
 def test_functions_name_the_shapes_of_their_arrays() -> None:

@@ -265,7 +265,7 @@ def _draw_edges(canvas: Any, lines: FloatArray, labels: Sequence[DimensionLabel]
 
 
 def _most_visible_edge(lines: FloatArray, axis: int, shape: tuple[int, ...]) -> int | None:
-    """Return the edge along an axis with the largest length in the image, preferably a low one; None if none is."""
+    """Return the most visible of the lines (12, n, 2) along an axis, preferably a low one, or None."""
     best: tuple[float, int] | None = None
     for edge in range(len(lines)):
         if edge_axis(edge) != axis:

@@ -277,7 +277,7 @@ def line_density(components: ObjectComponents, u: FloatArray) -> NDArray[np.floa
 
 @lru_cache(maxsize=64)
 def _unit_powers(points: int) -> FloatArray:
-    """Return t^2, t and 1 (3, points) for t from -1 to 1."""
+    """Return t^2, t and 1 (3, n) for n = `points` values of t from -1 to 1."""
     return np.vander(np.linspace(-1, 1, points), 3).T
 
 

@@ -184,7 +184,7 @@ def _upsample(values: FloatArray, factor: int) -> FloatArray:
 
 @lru_cache(maxsize=8)
 def _lagrange(factor: int) -> FloatArray:
-    """Return the weights (4, factor) of four neighbours at the points from the second to the third."""
+    """Return the weights (4, n) of four neighbours at n = `factor` points from the second to the third."""
     t = np.arange(factor) / factor
     return np.array(
         [

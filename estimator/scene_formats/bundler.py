@@ -74,7 +74,7 @@ class _Numbers:
         self.values, self.position = values, 0
 
     def take(self, count: int, field: str) -> FloatArray:
-        """Return the next numbers (count,); FieldError if they are missing or not finite."""
+        """Return the next n = `count` numbers (n,); FieldError if they are missing or not finite."""
         part = self.values[self.position : self.position + count]
         if len(part) < count or not np.isfinite(part).all():
             raise FieldError(field, f"{count} finite numbers", Unquoted(f"{len(part)} in the rest of the file"))

@@ -255,7 +255,7 @@ def test_missing_pictures_are_found_out_before_the_work(
     monkeypatch.setattr("estimator.pipeline.estimate_scene", lambda *_, **__: pytest.fail("the work was done"))
     status, _, err = estimate(capsys, tmp_path, "--overlay", tmp_path / "out")
     assert status == 2
-    assert "the pictures of the views (name their folder with --images)" in err
+    assert "the images of the views (specify their folder with --images)" in err
 
 
 def test_a_known_length_needs_no_masks(tmp_path: Path, tree: Path, capsys: pytest.CaptureFixture[str]) -> None:

@@ -162,7 +162,7 @@ def test_too_few_points_are_skipped_with_a_reason(room):
     skipped = [item for item in objects if item.skipped is not None]
     assert skipped
     for item in skipped:
-        assert "how far away" in item.skipped
+        assert "its distance is unknown" in item.skipped
         assert np.isnan(item.extents).all()
         assert item.box is None
 

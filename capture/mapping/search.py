@@ -40,8 +40,9 @@ DATABASES = "databases"
 #: Factor of the number of frames of a video whose frames have too little in common: of `snow_walk` as a video of ten
 #: frames a second 49 frames fell into groups of 20, 9 and less; 90 are all placed.
 MORE_FRAMES = 2
-#: Minimum longer side in pixels of frames on which the quick strategy costs a tenth of the main one.
-MIN_QUICK_SIDE = 1500
+#: Minimum longer side in pixels of images on which the quick strategy costs a tenth of the main one; and of frames of
+#: videos, which overlap so much that it hardly fails: `demo_video` took 144 s of processor without it.
+MIN_QUICK_SIDE, MIN_QUICK_VIDEO_SIDE = 1500, 600
 #: Failures that are due to the motion of the camera, or to the number of frames: no features change them.
 MOTION_FAILURES = frozenset({"static_camera", "pure_rotation"})
 #: Processor time of pooled features of 1,000 pixels, as a multiple of the main strategy's for as many pixels, and of
@@ -74,9 +75,11 @@ class ModelSearch:
     def lacks_frames(self) -> bool:
         """Return whether a video has more frames, and the main strategy, which this runs, links too few of these."""
         n, times_s = len(self.frames.names), self.frames.times_s
-        if times_s is None or len(times_s) < MORE_FRAMES * n or max(self.frames.size) >= MIN_QUICK_SIDE:
+        if times_s is None or len(times_s) < MORE_FRAMES * n:
             return False
         try:
+            if self._is_worthwhile(QUICK, []) and is_certain(self._run(QUICK)[1], n):
+                return False
             _, report = self._run(MAIN)
         except OutOfTime:
             return False
@@ -145,7 +148,8 @@ class ModelSearch:
         """Return whether a strategy may improve on the best of the strategies before it."""
         n = len(self.frames.names)
         if strategy is QUICK:
-            return max(self.frames.size) >= MIN_QUICK_SIDE and n >= MIN_FRAMES
+            least = MIN_QUICK_VIDEO_SIDE if self.in_order else MIN_QUICK_SIDE
+            return max(self.frames.size) >= least and n >= MIN_FRAMES
         if not reports:
             return strategy is MAIN
         last = reports[-1]

@@ -48,7 +48,7 @@ def test_a_capture_ends_in_time_and_says_what_was_left(tmp_path: Path) -> None:
     with pytest.raises(CaptureFailure) as refusal:
         capture_video(VIDEO, tmp_path / "w", frames=40, max_time_s=1)
     assert refusal.value.failure.code == "out_of_time"
-    assert "left for lack of time, see --max-time: SIFT" in refusal.value.failure.message
+    assert "left for lack of time, see --max-time: quick SIFT; SIFT" in refusal.value.failure.message
     assert not (tmp_path / "w" / "sparse").exists()
     with pytest.raises(InputError, match="--max-time"):
         capture_video(VIDEO, tmp_path / "w", max_time_s=0)

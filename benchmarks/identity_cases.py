@@ -14,7 +14,7 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
 
-__all__ = ["PARTS", "Case"]
+__all__ = ["CAPTURES", "PARTS", "Case"]
 
 #: Real scenes, captures, models, pages and tables next to the checkout.
 SHARED = "../shared/data"
@@ -23,8 +23,15 @@ LAMPS = "data/examples"
 LAMPS_URL = "https://lamps.example/1"
 DEMO = "data/scenes/demo_room"
 TUM = f"{SHARED}/scenes/tum_office"
-#: A video with masks. `estimate-scale` with these arguments and `--work WORKS/demo_video` makes the work folder.
-VIDEO = "data/scenes/demo_video/video.mp4 --instances data/scenes/demo_video/instances.json --frames 20"
+#: Captures by the name of their work folder: input and options of `estimate-scale`. `seoul_bull` tries four camera
+#: models, `banana_lowtex` and `box_desk` have little texture (no masks, so exit status 2); the others have a scale.
+CAPTURES = {
+    "demo_video": "data/scenes/demo_video/video.mp4 --instances data/scenes/demo_video/instances.json --frames 20",
+    "walk_carpark": "data/scenes/walk_carpark/video.mp4 --frames 20",
+    "seoul_bull": f"{SHARED}/captures/seoul_bull/images",
+    "banana_lowtex": f"{SHARED}/captures/banana_lowtex/images",
+    "box_desk": f"{SHARED}/captures/box_desk/images",
+}
 #: Raw items of a build that takes 30 s: sizes from a standard, a register and two sets of 3-D models, with images.
 RAW = " ".join(
     f"data/raw/{name}.jsonl.gz" for name in ("paper_sizes", "energy_star_2025", "gazebo_models", "tdw_models")
@@ -36,8 +43,8 @@ class Case:
     """A process to run.
 
     name : `part/case`, and the output folder. words : command line. code : Python code that runs instead of the
-    program. split : one entry per key of the JSON output. capture : compare as a capture, with a tolerance.
-    work : name of a finished work folder that is copied to `{out}/work`.
+    program. split : one entry per key of the JSON output. fresh : a capture from the start, which is compared with a
+    tolerance. work : name of a work folder that is copied to `{out}/work`, with all stages or with `features_only`.
     """
 
     name: str
@@ -45,14 +52,16 @@ class Case:
     words: tuple[str, ...]
     code: str = ""
     split: bool = False
-    capture: bool = False
+    fresh: bool = False
     work: str = ""
+    features_only: bool = False
 
 
-def _case(name: str, line: str, *, split: bool = False, capture: bool = False, work: str = "") -> Case:
+def _case(name: str, line: str, *, split: bool = False, work: str = "", features_only: bool = False) -> Case:
     """A case from a line as in a shell: `metric-tree list --json`."""
     program, *words = shlex.split(line)
-    return Case(name, program.replace("-", "_"), tuple(words), split=split, capture=capture, work=work)
+    program = program.replace("-", "_")
+    return Case(name, program, tuple(words), split=split, work=work, features_only=features_only)
 
 
 def scenes(root: Path) -> list[Case]:
@@ -60,7 +69,7 @@ def scenes(root: Path) -> list[Case]:
     found = [
         model.parent for top in ("data/scenes", f"{SHARED}/scenes") for model in sorted((root / top).glob("*/sparse"))
     ]
-    lines = {f"{scene.parent.parts[-3]}_{scene.parent.name}": f"{scene.relative_to(root)} --json" for scene in found}
+    lines = {"_".join(scene.parts[-3:]): f"{scene.relative_to(root)} --json" for scene in found}
     lines |= {f"{method}_method": f"{DEMO} --json --method {method}" for method in ("paper", "sucar", "height")}
     lines |= {
         "all_outputs": f"{DEMO} --json --output {{out}}/result.json --figure {{out}}/figure.png"
@@ -84,7 +93,9 @@ def scenes(root: Path) -> list[Case]:
         lines[f"damaged_{scene.name}"] = f"{SHARED}/damaged/{scene.name} --json"
     for objects in sorted(damaged.glob("*objects_x*.json")):
         lines[f"{objects.stem}"] = f"--objects {SHARED}/damaged/{objects.name} --json"
-    resumed = _case("scenes/video_resumed", f"estimate-scale {VIDEO} --json --work {{out}}/work", work="demo_video")
+    resumed = _case(
+        "scenes/video_resumed", f"estimate-scale {CAPTURES['demo_video']} --json --work {{out}}/work", work="demo_video"
+    )
     return [*(_case(f"scenes/{name}", f"estimate-scale {line}") for name, line in lines.items()), resumed]
 
 
@@ -199,15 +210,17 @@ def insertion(root: Path) -> list[Case]:
 
 
 def capture(root: Path) -> list[Case]:
-    """A video with masks, a set of images without (no scale, exit status 2), and one of little texture."""
-    lines = {"demo_video": VIDEO}
-    captures = f"{SHARED}/captures"
-    if (root / captures).is_dir():
-        lines |= {"seoul_bull": f"{captures}/seoul_bull/images", "banana_lowtex": f"{captures}/banana_lowtex/images"}
-    return [
-        _case(f"capture/{name}", f"estimate-scale {line} --json --work {{out}}/work", capture=True)
-        for name, line in lines.items()
-    ]
+    """Captures from stored features, which are exact, and one from the start."""
+    lines = {name: f"estimate-scale {line} --json --work {{out}}/work" for name, line in CAPTURES.items()}
+    cases = [_case(f"capture/{name}", line, work=name, features_only=True) for name, line in lines.items()]
+    fresh = Case("capture/fresh", "estimate_scale", tuple(shlex.split(lines["demo_video"])[1:]), fresh=True)
+    return [*(case for case in cases if (root / case.words[0]).exists()), fresh]
+
+
+def dense(_root: Path) -> list[Case]:
+    """A dense cloud without a graphics card."""
+    line = f"estimate-scale {CAPTURES['demo_video']} --json --work {{out}}/work --dense auto"
+    return [_case("dense/demo_video", line, work="demo_video")]
 
 
 #: Answers of the explorer over HTTP: its OpenAPI description, queries, and errors.
@@ -368,6 +381,7 @@ PARTS: dict[str, Callable[[Path], list[Case]]] = {
     "build": build,
     "capture": capture,
     "models": models,
+    "dense": dense,
     "pages": pages,
     "site": site,
 }

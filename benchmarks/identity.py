@@ -73,8 +73,8 @@ MAX_LINES = 6
 VOLATILE = {"seconds", "cpu_seconds", "retrieved_at"}
 #: Files of the stages up to the features in a work folder.
 FEATURES = ["frames*", "databases", "features.*", "stamps", "*.jpg", "*.png"]
-#: Files of a work folder that are no results: databases and stamps of the stages, the frames.
-INTERNAL = {"databases", "stamps", "frames", ".lock"}
+#: Files of a work folder that are no results: databases and stamps of the stages, the frames and their list.
+INTERNAL = {"databases", "stamps", "frames", "frames.json", ".lock"}
 #: A line of progress, whose number depends on the time: `features: 16 of 20`.
 PROGRESS = re.compile(r"[a-z ]+: [\d,]+( of [\d,]+)?")
 SECONDS = re.compile(r"\b[\d.]+ s\b")

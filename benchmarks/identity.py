@@ -168,9 +168,8 @@ class Runner:
                 continue
             data = self.without_paths(file.read_bytes(), folder)
             contents[inside.as_posix()] = file_content(file, data)
-            if (
-                not any(f'"{key}"'.encode() in data for key in VOLATILE) and file.suffix != ".mkv"
-            ):  # has a random number
+            # Matroska files contain a random identifier.
+            if file.suffix != ".mkv" and not any(f'"{key}"'.encode() in data for key in VOLATILE):
                 sums[inside.as_posix()] = _digest(data)[:12]
         if not contents:
             return {}

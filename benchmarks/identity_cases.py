@@ -306,7 +306,7 @@ metric-tree search 'ofice chiar' --json
 metric-tree explain nothing:1
 metric-tree explain paper_sizes:a4 data/raw/paper_sizes.jsonl.gz --json
 metric-tree validate nowhere
-metric-tree validate --codes --json
+metric-tree validate --codes
 metric-tree report nowhere
 metric-tree diff 1.0.0 nowhere
 metric-tree diff 1.0.0 2.0.0 --factor 1.5

@@ -13,7 +13,7 @@ result   compared exactly: exit status, JSON and CSV on standard output, content
          are compared by pixels, glTF by its JSON and its buffers, Parquet by columns, JSON by values. Seconds and
          the paths of the checkout and of the output folder are removed.
 near     numbers that may differ by `TOLERANCE`: a capture from the start.
-wording  messages, tables for people, and the bytes of the files. They are counted, listed with `--wording`, and never
+wording  messages, tables for people, sentences in JSON (`PROSE`), and the bytes of the files. They are counted, listed with `--wording`, and never
          fail.
 
 pycolmap writes the images to its database in the order in which its threads finish. This order changes the numbers of
@@ -71,6 +71,9 @@ MAX_FILES = 200
 MAX_LINES = 6
 #: Keys of JSON results whose values are times.
 VOLATILE = {"seconds", "cpu_seconds", "retrieved_at"}
+#: Keys of JSON results whose values are sentences for people (or codes, which are single words): sentences are wording.
+PROSE = {"notes", "warnings", "cautions", "reason", "message", "headline", "formula", "description", "summary"}
+PROSE |= {"category_from", "why"}
 #: Files of the stages up to the features in a work folder.
 FEATURES = ["frames*", "databases", "features.*", "stamps", "*.jpg", "*.png"]
 #: Files of a work folder that are no results: databases and stamps of the stages, the frames and their list.
@@ -269,11 +272,18 @@ def differences(before: Mapping[str, Any], after: Mapping[str, Any]) -> Iterator
             worst = max(_relative_differences(old["value"], new["value"]), default=0.0)
             if not worst <= TOLERANCE:
                 yield name, "near", [f"relative difference {worst:.2g}, more than {TOLERANCE:.2g}"]
-        elif old["digest"] != new["digest"]:
-            stored = [json.dumps(entry.get("value", "value not stored"), indent=1).splitlines() for entry in (old, new)]
-            lines = difflib.unified_diff(stored[0], stored[1], lineterm="", n=0)
-            changed = [line[:240] for line in lines if not line.startswith(("---", "+++", "@@"))]
-            yield name, new["kind"], changed
+        else:
+            for key, kind in (("digest", new["kind"]), ("sentences", "wording")):
+                if old.get(key) != new.get(key):
+                    shown = "value" if key == "digest" else "sentences"
+                    yield name, kind, _changed_lines(old.get(shown), new.get(shown))
+
+
+def _changed_lines(old: Any, new: Any) -> list[str]:
+    """Lines of two values that differ, as in a unified diff."""
+    texts = [json.dumps("not stored" if value is None else value, indent=1).splitlines() for value in (old, new)]
+    lines = difflib.unified_diff(texts[0], texts[1], lineterm="", n=0)
+    return [line[:240] for line in lines if not line.startswith(("---", "+++", "@@"))]
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
@@ -361,19 +371,25 @@ def _compare(before: Mapping[str, Entries], after: Mapping[str, Entries], with_w
 
 def _entry(kind: str, value: Any) -> dict[str, Any]:
     """An entry with its digest; the value itself if it is short, or if it is compared with a tolerance."""
-    text = json.dumps(_timeless(value), sort_keys=True, default=str)
+    sentences: list[str] = []
+    text = json.dumps(_comparable(value, sentences), sort_keys=True, default=str)
     entry = {"kind": kind, "digest": _digest(text.encode())}
     if kind == "near" or len(text) <= MAX_STORED:
         entry["value"] = json.loads(text)
+    if sentences:
+        entry["sentences"] = sentences if len(str(sentences)) <= MAX_STORED else _digest(str(sentences).encode())
     return entry
 
 
-def _timeless(value: Any) -> Any:
-    """The value without times, at every depth."""
+def _comparable(value: Any, sentences: list[str], key: str = "") -> Any:
+    """The value without times, and with its sentences moved to a list, at every depth."""
     if isinstance(value, dict):
-        return {key: _timeless(part) for key, part in value.items() if key not in VOLATILE}
+        return {name: _comparable(part, sentences, name) for name, part in value.items() if name not in VOLATILE}
     if isinstance(value, list):
-        return [_timeless(part) for part in value]
+        return [_comparable(part, sentences, key) for part in value]
+    if key in PROSE and isinstance(value, str) and value.count(" ") > 1:
+        sentences.append(value)
+        return "a sentence"
     return value
 
 

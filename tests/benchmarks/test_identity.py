@@ -61,6 +61,19 @@ def test_seconds_are_no_difference():
     assert entries[0] == entries[1] != identity._entry("result", [{"scale": 1.6, "seconds": 1}])["digest"]
 
 
+def test_a_sentence_in_a_result_is_wording_and_a_code_is_not():
+    before, sentence, code = (
+        {"m": identity._entry("result", {"reason": reason, "notes": [note]})}
+        for reason, note in (
+            ("flat", "seen by one view"),
+            ("flat", "only one view sees it"),
+            ("round", "seen by one view"),
+        )
+    )
+    assert [kind for _, kind, _ in differences(before, sentence)] == ["wording"]
+    assert [kind for _, kind, _ in differences(before, code)] == ["result"]
+
+
 def test_an_image_is_compared_by_its_pixels(tmp_path):
     def content(pixels, comment):
         info = PngImagePlugin.PngInfo()

@@ -13,8 +13,8 @@ result   compared exactly: exit status, JSON and CSV on standard output, content
          are compared by pixels, glTF by its JSON and its buffers, Parquet by columns, JSON by values. Seconds and
          the paths of the checkout and of the output folder are removed.
 near     numbers that may differ by `TOLERANCE`: a capture from the start.
-wording  messages, tables for people, sentences in JSON (`PROSE`), and the bytes of the files. They are counted, listed with `--wording`, and never
-         fail.
+wording  messages, tables for people, sentences in JSON (`PROSE`), and the bytes of the files. They are counted,
+         listed with `--wording`, and never fail.
 
 pycolmap writes the images to its database in the order in which its threads finish. This order changes the numbers of
 the images, and with them the model: usually in the seventh digit, in 2 of 17 runs by more than 0.1 %, and once the
@@ -373,7 +373,7 @@ def _entry(kind: str, value: Any) -> dict[str, Any]:
     """An entry with its digest; the value itself if it is short, or if it is compared with a tolerance."""
     sentences: list[str] = []
     text = json.dumps(_comparable(value, sentences), sort_keys=True, default=str)
-    entry = {"kind": kind, "digest": _digest(text.encode())}
+    entry: dict[str, Any] = {"kind": kind, "digest": _digest(text.encode())}
     if kind == "near" or len(text) <= MAX_STORED:
         entry["value"] = json.loads(text)
     if sentences:

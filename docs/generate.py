@@ -1,7 +1,7 @@
 """Writes the parts of the reference that the code knows: `make reference`.
 
 `commands.md` comes from `--help`, `checks.md` from the codes of `metric-tree validate`, `api.md` from docstrings.
-`tests/test_docs.py` fails if a file differs from what the code says.
+`tests/project/test_docs.py` fails if a file differs from what the code says.
 """
 
 from __future__ import annotations

@@ -21,12 +21,12 @@ from capture.quality_warnings import read_cautions
 from estimator.reconstructions.scene_reader import read_scene
 from metric_base.arrays import FloatArray
 from metric_cli.estimate_scale.estimate import main
+from tests.support.skips import skip_without
 from tests.synthetic.detectors import hue_graph
 from tests.synthetic.rooms.masks import coco_dataset
 from tests.synthetic.rooms.render import NoOpenGL
 from tests.synthetic.rooms.similarity import similarity_between
 from tests.synthetic.rooms.world import Pinhole, Pose
-from tests.synthetic.skips import skip_without
 from tests.synthetic.videos import Lens, orbit, recorded, room, times_of, write_video
 
 LENS = Lens(320, 240, 250.0, k=-0.06)

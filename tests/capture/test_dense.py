@@ -15,8 +15,8 @@ from capture.dense.plane_filling import fill_planes
 from estimator.reconstructions.ply import read_dense_cloud
 from estimator.records.scene import Camera, Scene, View
 from metric_base.arrays import FloatArray
+from tests.support.skips import skip_without
 from tests.synthetic.rooms.render import NoOpenGL
-from tests.synthetic.skips import skip_without
 from tests.synthetic.videos import Lens, SyntheticFrame, orbit, recorded, room
 
 LENS = Lens(240, 180, 190.0, k=-0.05)

@@ -20,7 +20,7 @@ import metric_tree
 from capture.masks.drawing_page import Estimator, MaskPage, ObjectNames, frames_to_draw
 from estimator.records.scene import Camera, Scene, View
 from metric_base.errors import InputError
-from tests.synthetic.browser import Browser
+from tests.support.browser import Browser
 
 NAMES = [f"{k:06d}.jpg" for k in range(8)]
 

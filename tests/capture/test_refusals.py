@@ -41,9 +41,9 @@ from capture.mapping.search import is_certain
 from capture.quality_warnings import capture_cautions, read_cautions
 from capture.sources.frames import Frames
 from metric_cli.estimate_scale.estimate import main
+from tests.support.skips import skip_without
 from tests.synthetic.refused_videos import FRAMES, LENS, RARE_VIDEOS, REFUSED_VIDEOS
 from tests.synthetic.rooms.render import NoOpenGL
-from tests.synthetic.skips import skip_without
 from tests.synthetic.videos import SyntheticFrame, recorded, room, straight_ahead, times_of, write_video
 
 

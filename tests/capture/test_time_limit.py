@@ -36,7 +36,7 @@ def test_a_worker_is_ended_at_its_limit(tmp_path: Path) -> None:
 @pytest.mark.skipif(sys.platform == "win32", reason="a process has no limit of processor time there")
 def test_a_worker_is_ended_when_its_processor_time_is_used_up(tmp_path: Path) -> None:
     limit = TimeLimit(processor_s() + 0.5, of_processor=True)
-    process = start_worker("busy", {}, tmp_path, "tests.synthetic.busy_worker", limit)
+    process = start_worker("busy", {}, tmp_path, "tests.support.busy_worker", limit)
     before = processor_s()
     with pytest.raises(OutOfTime):
         wait_for_worker(process, "busy", tmp_path / "busy.log", limit=TimeLimit(before + 600, of_processor=True))

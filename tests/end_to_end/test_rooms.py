@@ -10,6 +10,7 @@ from typing import Any
 import pytest
 
 from metric_cli.estimate_scale.estimate import main
+from tests.support.skips import skip_without
 from tests.synthetic.exports import write_export
 from tests.synthetic.rooms.furnish import furnished_room
 from tests.synthetic.rooms.kinds import KINDS
@@ -18,7 +19,6 @@ from tests.synthetic.rooms.quick import quick_scene
 from tests.synthetic.rooms.reconstruct import reconstruct
 from tests.synthetic.rooms.render import NoOpenGL
 from tests.synthetic.rooms.scene_files import write_scene
-from tests.synthetic.skips import skip_without
 
 #: An answer further off than this is no estimate of anything: the true interval's own half width is 20 % or so.
 ROUGH = 0.35

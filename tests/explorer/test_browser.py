@@ -17,8 +17,8 @@ import metric_tree
 from estimator.views.glb import glb_bytes
 from explorer.catalogue import ReleaseCatalogue
 from explorer.routes import render
-from tests.synthetic.browser import Browser
-from tests.synthetic.views import hand_view
+from tests.support.browser import Browser
+from tests.support.views import hand_view
 
 ROOT = Path(__file__).resolve().parents[2]
 PAGES = [

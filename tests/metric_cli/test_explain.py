@@ -9,7 +9,7 @@ from crawler.items import RawItem
 from metric_cli.subcommands import main
 from metric_tree.tree import Tree
 from taxonomy.wordnet import NoWordNet, default_wordnet
-from tests.synthetic.skips import skip_without
+from tests.support.skips import skip_without
 
 
 def test_an_item_is_explained_from_its_words_to_its_node(mini: Tree, shown: Any, tmp_path: Path) -> None:

@@ -7,8 +7,8 @@ from pathlib import Path
 import pytest
 
 from taxonomy.wordnet import NoWordNet, WordNet, default_wordnet
+from tests.support.skips import skip_without
 from tests.synthetic.miniwordnet import write_wordnet
-from tests.synthetic.skips import skip_without
 
 
 @pytest.fixture(scope="session")

@@ -12,7 +12,7 @@ import pytest
 from benchmarks.user_study.answers import read_answers
 from benchmarks.user_study.make import main
 from benchmarks.user_study.page import STEPS, study_page
-from tests.synthetic.browser import Browser
+from tests.support.browser import Browser
 
 
 def test_answers_are_saved_and_reported(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:

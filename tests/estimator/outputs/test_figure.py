@@ -16,7 +16,7 @@ from estimator.outputs.figure import figure, write_figure
 from estimator.outputs.plan import COLOURS
 from estimator.records.result import Curve, EvidenceReport, SceneEstimate
 from metric_base.errors import InputError
-from tests.synthetic.drawn import SCALE, drawn_estimate
+from tests.support.drawn import SCALE, drawn_estimate
 from tests.synthetic.small_scene import write_small_scene
 
 

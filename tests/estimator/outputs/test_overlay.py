@@ -16,7 +16,7 @@ from estimator.outputs.size_labels import dimension_labels, size_interval
 from estimator.records.objects import EDGES, Box, corners, edge_axis
 from estimator.records.result import SceneEstimate
 from metric_base.errors import InputError
-from tests.synthetic.drawn import SCALE, drawn_estimate
+from tests.support.drawn import SCALE, drawn_estimate
 from tests.synthetic.small_scene import write_small_scene
 
 GREY = 90

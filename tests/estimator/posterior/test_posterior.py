@@ -18,7 +18,7 @@ from estimator.posterior.posterior import peak_mass, posterior, status_reason
 from estimator.posterior.shared_error import convolution, shared_error
 from estimator.records.result import Curve, Mode
 from metric_base.arrays import FloatArray
-from tests.synthetic.class_likelihood_definition import class_log_likelihood, hypothesis_likelihood
+from tests.support.class_likelihood_definition import class_log_likelihood, hypothesis_likelihood
 from tests.synthetic.priors import evidence, prior
 
 CHAIR = prior("chair.n.01", [(560, 540, 950), (700, 640, 1100)])

@@ -15,8 +15,8 @@ from estimator.reconstructions.scene_reader import read_scene
 from estimator.records.scene import Instance, Scene
 from metric_base.errors import InputError
 from metric_cli.estimate_scale.estimate import main
+from tests.support.damaged import CASES, Case, outcome
 from tests.synthetic import minitree
-from tests.synthetic.damaged import CASES, Case, outcome
 from tests.synthetic.small_scene import write_small_scene
 
 FORMS = ("colmap", "text", "opensfm")

@@ -17,7 +17,7 @@ from estimator.views.raster import render_view
 from estimator.views.scene_view import COLOURS, box_on_ray
 from estimator.views.window import report_text
 from metric_cli.estimate_scale.estimate import main
-from tests.synthetic.views import hand_view
+from tests.support.views import hand_view
 
 ROOM = Path(__file__).resolve().parents[3] / "data" / "scenes" / "demo_room"
 

@@ -6,8 +6,8 @@ from pathlib import Path
 
 from explorer.pages.report_page import page
 from metric_tree.tree import Tree
+from tests.support.browser import Browser
 from tests.synthetic import minitree
-from tests.synthetic.browser import Browser
 
 ROWS = "[...document.querySelectorAll('#categories tr')].slice(1)"
 SHOWN = f"{ROWS}.filter(row => row.offsetHeight).map(row => row.cells[1].textContent)"

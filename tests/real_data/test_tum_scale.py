@@ -18,7 +18,7 @@ from metric_tree.release.registry import releases
 from tests.synthetic.exports import write_export
 
 pytestmark = [
-    pytest.mark.shared,
+    pytest.mark.real_data,
     pytest.mark.skipif(not releases(), reason="no release is shipped yet"),
 ]
 

@@ -17,7 +17,7 @@ from estimator.records.objects import Measurements
 from estimator.records.options import PAPER, MeasurementOptions
 from estimator.records.scene import Instance
 
-pytestmark = pytest.mark.shared
+pytestmark = pytest.mark.real_data
 
 
 @pytest.fixture(scope="module")

@@ -28,7 +28,7 @@ from insertion.render.renderer import ObjectImage
 from insertion.scene.camera_rays import scene_positions
 from insertion.scene.pixel_box import PixelBox
 from insertion.scene.point_cloud import ColouredPoints, VisiblePoints
-from tests.insertion.test_received import _view
+from tests.insertion.composite.test_received import _view
 
 SHARP = np.eye(2) * MIN_BLUR_PX**2
 LOOK = CameraLook(np.ones(3), SHARP, np.zeros((8, 3)), 0.0)

@@ -19,7 +19,7 @@ from insertion.scene.pixel_box import PixelBox, labels_in_box, mask_in_box, pixe
 from insertion.scene.point_cloud import ColouredPoints, VisiblePoints, coloured_cloud, evenly_spaced
 from insertion.scene.supports import SupportSurfaces, Surface
 from metric_base.arrays import FloatArray
-from tests.insertion.test_bare_surface import CAMERA, EYE, FOCAL, HEIGHT, ROTATION, VIEW, WIDTH
+from tests.insertion.scene.test_bare_surface import CAMERA, EYE, FOCAL, HEIGHT, ROTATION, VIEW, WIDTH
 
 UP = np.array([0.0, 0.0, 1.0])
 

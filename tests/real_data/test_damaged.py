@@ -16,7 +16,7 @@ from estimator.reconstructions.scene_reader import read_scene
 from metric_base.errors import InputError
 from metric_cli.estimate_scale.estimate import main
 
-pytestmark = pytest.mark.shared
+pytestmark = pytest.mark.real_data
 
 DAMAGED = Path(__file__).resolve().parents[2].parent / "shared" / "data" / "damaged"
 OBJECTS = ["ansi_objects.json", "five_persons_dims.json", "five_persons_extents.json", "objects_x1.json"]

@@ -1,6 +1,6 @@
 """Damaged input of every kind: what the readers say about it, and how long they take.
 
-    python -m tests.synthetic.damaged            the table: kind, time, memory, message
+    python -m tests.support.damaged            the table: kind, time, memory, message
 
 Each case is a copy of the small scene with one object wrong. A reader must answer with one line (`InputError`, exit
 2 of the command); an exception of any other kind is printed as an internal error.

@@ -12,7 +12,7 @@ from metric_cli.estimate_scale.estimate import main
 from metric_tree.release.registry import releases
 
 pytestmark = [
-    pytest.mark.shared,
+    pytest.mark.real_data,
     pytest.mark.skipif(not releases(), reason="no release is shipped yet"),
 ]
 

@@ -1,4 +1,4 @@
-"""A worker that never ends of itself: `python -m tests.synthetic.busy_worker busy REQUEST PARENT SECONDS`."""
+"""A worker that never ends of itself: `python -m tests.support.busy_worker busy REQUEST PARENT SECONDS`."""
 
 from __future__ import annotations
 

@@ -14,7 +14,7 @@ import pytest
 
 from tests.project.test_imports import PACKAGES
 
-ROOT = Path(__file__).resolve().parents[1]
+ROOT = Path(__file__).resolve().parents[2]
 ROOMS = (
     "crawler",
     "taxonomy",

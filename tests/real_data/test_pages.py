@@ -24,7 +24,7 @@ def _extents(expect: dict[str, Any]) -> list[float]:
     return sorted([*expect["mm"], *twice][:3], reverse=True)
 
 
-@pytest.mark.shared
+@pytest.mark.real_data
 @pytest.mark.parametrize("truth", PAGES, ids=[page["file"] if page else "absent" for page in PAGES])
 def test_a_real_page(truth: dict[str, Any] | None) -> None:
     if truth is None:

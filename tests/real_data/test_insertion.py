@@ -23,7 +23,7 @@ SCALE, TRACK, SIZE = 0.37897, "4", np.array([0.100, 0.100, 0.294])
 FRAME = "1341847986.762616"
 
 
-@pytest.mark.shared
+@pytest.mark.real_data
 def test_a_twin_is_as_high_as_the_bottle(shared: Path, tmp_path: Path) -> None:
     scene = read_scene(shared / "data" / "scenes" / "tum_office")
     instances = read_instances(None, scene)

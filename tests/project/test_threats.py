@@ -5,7 +5,7 @@ from __future__ import annotations
 import ast
 from pathlib import Path
 
-ROOT = Path(__file__).resolve().parents[1]
+ROOT = Path(__file__).resolve().parents[2]
 PACKAGES = [path.parent for path in sorted(ROOT.glob("*/py.typed"))]
 #: What a build wrote itself, in its own process or its own work folder.
 MAY_UNPICKLE = {"metric_tree/pipeline/work_folder.py", "metric_tree/pipeline/clean.py"}

@@ -15,7 +15,7 @@ from estimator.outputs.rescaled import write_rescaled
 from estimator.projection.cameras import pixels_in_view
 from estimator.reconstructions.scene_reader import read_scene
 
-pytestmark = pytest.mark.shared
+pytestmark = pytest.mark.real_data
 
 #: From the scene's README: 17 images, 4959 points, 19794 observations, 293232 dense points, 326 masks, 102 boxes.
 VIEWS, POINTS, OBSERVATIONS, DENSE, MASKS, BOXES = 17, 4959, 19794, 293232, 326, 102

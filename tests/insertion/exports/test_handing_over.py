@@ -48,7 +48,7 @@ from insertion.render.renderer import ObjectImage
 from insertion.scene.camera_rays import Window, camera_rays
 from insertion.scene.pixel_box import PixelBox
 from metric_base.images import read_picture
-from tests.insertion.test_received import _view
+from tests.insertion.composite.test_received import _view
 
 LENS = Camera("SIMPLE_RADIAL", 320, 240, np.array([280.0, 160.0, 120.0, -0.15]))
 

@@ -13,9 +13,9 @@ import pytest
 from crawler.imports import Import, import_source
 from crawler.imports.declaration import source, sources
 from crawler.items import RawItem
-from tests.synthetic.skips import skip_without
+from tests.support.skips import skip_without
 
-pytestmark = pytest.mark.shared
+pytestmark = pytest.mark.real_data
 
 ROOT = Path(__file__).resolve().parents[2]
 

@@ -21,7 +21,7 @@ from tests.synthetic.insertions import write_glb
 from tests.synthetic.minitree import release
 from tests.synthetic.rooms.solids import box
 
-ROOT = Path(__file__).resolve().parents[1]
+ROOT = Path(__file__).resolve().parents[2]
 BLOCK = re.compile(r"^```(?:sh|console)\n(.*?)^```", re.MULTILINE | re.DOTALL)
 PROGRAM = re.compile(r"(?:\$ )?(metric-tree|estimate-scale|insert-object) ")
 ADDRESS = re.compile(r"^curl .*?http://127\.0\.0\.1:8000([^'\s]*)", re.MULTILINE)

@@ -2,11 +2,11 @@ from __future__ import annotations
 
 import pytest
 
+from tests.support.skips import skip_without
 from tests.synthetic.rooms.furnish import furnished_room
 from tests.synthetic.rooms.quick import SyntheticScene, quick_scene
 from tests.synthetic.rooms.render import NoOpenGL
 from tests.synthetic.rooms.world import World
-from tests.synthetic.skips import skip_without
 
 
 @pytest.fixture(scope="session")

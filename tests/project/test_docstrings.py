@@ -8,7 +8,7 @@ from collections.abc import Iterator
 from functools import cache
 from pathlib import Path
 
-ROOT = Path(__file__).resolve().parents[1]
+ROOT = Path(__file__).resolve().parents[2]
 PACKAGES = ("crawler", "taxonomy", "metric_tree", "metric_base", "models3d", "estimator", "capture", "insertion")
 
 #: Names of annotations that are arrays.

@@ -13,7 +13,7 @@ import pytest
 
 from insertion.request import ObjectRequest, PixelPosition
 from metric_cli.insert_object.insert import command_line
-from tests.synthetic.browser import Browser
+from tests.support.browser import Browser
 
 ROOM = Path("data/scenes/demo_room").resolve()
 MODEL = Path("data/models/rocking_horse.glb").resolve()

@@ -5,11 +5,11 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from tests.support.skips import skip_without
 from tests.synthetic.rooms.masks import coco_dataset, instances_of
 from tests.synthetic.rooms.render import Frame, NoOpenGL, Renderer
 from tests.synthetic.rooms.solids import box, join
 from tests.synthetic.rooms.world import Placed, World, pose_towards
-from tests.synthetic.skips import skip_without
 
 
 def frames(world: World, *indices: int, colour: bool = False) -> list[Frame]:

@@ -31,7 +31,7 @@ from insertion.render.shadow_maps import MAP_PIXELS, ShadowCatcher
 from insertion.scene.camera_rays import Window, camera_rays, focal_lengths, normalized_pixels, pixel_grid, ray_through
 from insertion.scene.pixel_box import PixelBox
 from models3d.model import Material, Mesh, Model
-from tests.insertion.test_received import _view
+from tests.insertion.composite.test_received import _view
 
 CAMERA = Camera("PINHOLE", 320, 240, np.array([280.0, 300.0, 150.0, 130.0]))
 LENS = Camera("SIMPLE_RADIAL", 320, 240, np.array([280.0, 160.0, 120.0, -0.15]))

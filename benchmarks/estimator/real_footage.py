@@ -1,9 +1,11 @@
-"""Real pictures and videos through the capture: `python -m benchmarks.estimator.real_footage DATA --out DIR [--write]`.
+"""Captures beside plain pycolmap: `python -m benchmarks.estimator.real_footage DATA --out DIR --against pycolmap`.
 
-DATA is the folder that holds `captures/` and `scenes/` (docs/evidence/real_footage.md says what each set is). Every set
-is reconstructed from its pictures or its video in a process of its own, and its cameras are compared with those of the
-reference model, after the similarity that brings them nearest. The result of a set is `DIR/NAME.json`; `--write` makes
-the tables of the page from these files, with those of `--before DIR` beside them.
+DATA is the folder that holds `captures/` and `scenes/`. Every case (a set, with `--parts` also the parts of the sets,
+with `--made` also the rendered captures and the constructed errors; see `footage_cases`) is reconstructed in a process
+of its own, and with `--against pycolmap` by plain pycolmap on the same frames right after it (`plain_colmap`). The
+results are `DIR/NAME.json` and `DIR/NAME.plain.json`; those that exist are kept, so that a run can be continued.
+
+`--write` writes the tables of docs/evidence/videos.md from the results, `--gates` prints the rates of the gates.
 """
 
 from __future__ import annotations
@@ -12,10 +14,11 @@ import argparse
 import json
 import os
 import shutil
+import subprocess
 import sys
 import tempfile
 import time
-from dataclasses import dataclass
+from importlib import import_module
 from pathlib import Path
 from typing import Any
 
@@ -23,12 +26,21 @@ import numpy as np
 
 from benchmarks.child import run_child
 from benchmarks.common import write_between
+from benchmarks.estimator.footage_cases import (
+    FootageCase,
+    made_cases,
+    make_input,
+    part_cases,
+    read_reference,
+    set_cases,
+)
+from benchmarks.estimator.footage_judging import Row, gate_table, judged, summary_rows, table
+from benchmarks.estimator.plain_colmap import camera_path
 from capture.mapping.refusals import MAX_CONTRADICTED_RATIO, MIN_BROKEN_FRAMES
 from capture.mapping.triplets import TripletAgreement
 from estimator.records.result import ScaleEvidence
-from metric_base.arrays import FloatArray
 
-__all__ = ["SETS", "FootageSet", "main", "path_error", "sensor_rows"]
+__all__ = ["main", "sensor_rows"]
 
 #: Seconds between the frames of `walk_carpark/video.mp4`.
 FRAME_S = 1001 / 30000
@@ -36,270 +48,159 @@ PAGE = Path("docs/evidence/real_footage.md")
 AGAINST_PAGE = Path("docs/evidence/videos.md")
 
 
-@dataclass(frozen=True, slots=True)
-class FootageSet:
-    """A set of real footage.
-
-    place : below DATA; source : the video or folder of pictures in it; chosen_on : whether options and gates of the
-    capture were chosen with it (the others are only reported); refused : whether it must be refused;
-    first : the number that the reference model's pictures give to frame 0 of a video, None for pictures; focal : of the
-    video's own lens over the longer side, where the reference's pictures were freed of its distortion.
-    """
-
-    place: str
-    source: str = "images"
-    chosen_on: bool = False
-    refused: bool = False
-    first: int | None = None
-    focal: float | None = None
-
-    @property
-    def name(self) -> str:
-        """Its folder, and the file where a folder has several sources."""
-        stem = Path(self.source).stem
-        return Path(self.place).name + ("" if stem == "images" else f"_{stem}")
-
-
-#: Cheapest first.
-SETS = (
-    FootageSet("captures/box_desk", chosen_on=True),
-    FootageSet("captures/seoul_bull"),
-    FootageSet("captures/banana_lowtex", chosen_on=True),
-    FootageSet("captures/seattle_backyard"),
-    FootageSet("scenes/tum_office"),
-    FootageSet("captures/hexgp_building", chosen_on=True),
-    FootageSet("scenes/lund_street", chosen_on=True),
-    FootageSet("scenes/carnd_highway", "video.mp4"),
-    FootageSet("scenes/walk_carpark", "video.mp4", chosen_on=True, first=1, focal=374.94 / 848),
-    FootageSet("scenes/gopro_karma_coast", "video.mp4"),
-    FootageSet("scenes/red_kitchen"),
-    FootageSet("captures/skull_flash", refused=True),
-    FootageSet("scenes/carnd_highway", "video2_solidWhiteRight.mp4"),
-    FootageSet("captures/snow_walk"),
-    FootageSet("scenes/walk_carpark"),
-)
-
-
 def main() -> None:
     """The command."""
-    parser = argparse.ArgumentParser(description=__doc__)
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("data", type=Path, metavar="DATA")
-    parser.add_argument("--out", type=Path, required=True, metavar="DIR")
-    parser.add_argument("--sets", nargs="+", default=[row.name for row in SETS], metavar="NAME")
-    parser.add_argument("--limit-s", type=float, default=1800, help="seconds for one set (default: %(default)s)")
-    parser.add_argument("--before", type=Path, metavar="DIR", help="results of another version")
-    parser.add_argument("--write", action="store_true", help=f"write the tables of {PAGE} from the results")
+    parser.add_argument("--out", type=Path, required=True, metavar="DIR", help="results, which a later run continues")
     parser.add_argument("--against", choices=["pycolmap"], help="run plain pycolmap on the same frames, too")
-    parser.add_argument("--planted", action="store_true", help="a wrong piece in every model that --out holds")
+    parser.add_argument("--parts", action="store_true", help="also the parts of the sets")
+    parser.add_argument("--made", action="store_true", help="also rendered captures and constructed errors")
+    parser.add_argument("--only", nargs="+", metavar="NAME", help="only these cases, of any kind, in this order")
+    parser.add_argument("--limit-s", type=float, default=1800, help="seconds for one case (default: %(default)s)")
+    parser.add_argument("--write", action="store_true", help=f"write the tables of {AGAINST_PAGE} from the results")
+    parser.add_argument("--gates", action="store_true", help="print the rates of the gates from the results")
+    parser.add_argument("--planted", action="store_true", help="a wrong piece in every set's model that --out holds")
     parser.add_argument("--sensors", action="store_true", help="the inertial unit and GPS of walk_carpark alone")
     parser.add_argument("--one", action="store_true", help=argparse.SUPPRESS)
     options = parser.parse_args()
     options.out.mkdir(parents=True, exist_ok=True)
-    chosen = sorted((row for row in SETS if row.name in options.sets), key=lambda row: options.sets.index(row.name))
-    if options.one:
-        print(json.dumps(_reconstruct(options.data, chosen[0], options.out)))
-        return
+    sets = set_cases(options.data)
     if options.sensors:
         write_between(PAGE, "sensors", _sensors(options.data / "scenes" / "walk_carpark"))
         return
     if options.planted:
-        write_between(PAGE, "planted", _planted(options.out))
+        write_between(PAGE, "planted", _planted(options.out, sets))
         return
-    for row in chosen:
-        if not options.write or not (options.out / f"{row.name}.json").is_file():
-            _run(options.data, row, options.out, options.limit_s)
-            if options.against is not None:
-                _run_plain(options.data, row, options.out, options.limit_s)
-    if options.write and options.against is not None:
-        write_between(AGAINST_PAGE, "against pycolmap", _against_table(options.out))
-    elif options.write:
-        write_between(PAGE, "sets", _table(options.out, options.before))
+    cases = [*sets, *part_cases(sets), *made_cases()]
+    if options.write or options.gates:
+        rows = [row for case in cases if (row := _row(case, options.out)) is not None]
+        if options.gates:
+            print(gate_table(rows))
+        if options.write:
+            write_between(AGAINST_PAGE, "summary against pycolmap", summary_rows(rows))
+            write_between(AGAINST_PAGE, "against pycolmap", table(rows))
+            write_between(AGAINST_PAGE, "gates", gate_table(rows))
+        return
+    groups = {"set"} | ({"part"} if options.parts else set())
+    groups |= {"choosing", "reported", "error"} if options.made else set()
+    by_name = {case.name: case for case in cases}
+    chosen = [by_name[name] for name in options.only or [case.name for case in cases if case.group in groups]]
+    if options.one:
+        print(json.dumps(_reconstruct(chosen[0], options.out)))
+        return
+    for case in chosen:
+        _run(case, options.data, options.out, options.limit_s, options.against is not None)
 
 
-def path_error(centres: FloatArray, reference: FloatArray) -> float:
-    """Root mean square distance between two paths (n, 3) after alignment, as a share of the reference's extent.
-
-    The extent is the root mean square distance from its middle.
-    """
-    from capture.mapping.model_metrics import aligned_distance
-
-    return aligned_distance(centres, reference)
-
-
-def _run(data: Path, row: FootageSet, out: Path, limit_s: float) -> None:
-    """Reconstruct one set in a process of its own and keep what came of it."""
-    words = ["-m", "benchmarks.estimator.real_footage", str(data), "--out", str(out), "--one", "--sets", row.name]
-    run = run_child([sys.executable, *words], limit_s, {"OMP_NUM_THREADS": "1"})
-    (out / f"{row.name}.log").write_text(run.errors, encoding="utf-8")
-    lines = run.output.splitlines()
-    if run.timed_out:
-        result = {"failure": f"no answer in {limit_s:.0f} s"}
-    else:
-        result = json.loads(lines[-1]) if run.status == 0 and lines else {"failure": f"ended with {run.status}"}
-    (out / f"{row.name}.json").write_text(json.dumps(result) + "\n", encoding="utf-8")
-    print(row.name, json.dumps(result), flush=True)
-
-
-def _run_plain(data: Path, row: FootageSet, out: Path, limit_s: float) -> None:
-    """Run plain pycolmap on the images, or on the frames that ours chose of a video, and keep its result."""
-    place, scratch = data / row.place, out / f"{row.name}.plain"
-    shutil.rmtree(scratch, ignore_errors=True)
-    images = place / row.source if (place / row.source).is_dir() else out / row.name / "frames"
-    run = run_child([sys.executable, "-m", "benchmarks.estimator.plain_colmap", str(images), str(scratch)], limit_s)
-    lines = run.output.splitlines()
-    result = json.loads(lines[-1]) if run.status == 0 and lines else {"placed": 0, "focal": None}
-    result |= {"wall_s": round(run.wall_s, 1), "cpu_s": round(run.cpu_s, 1)}
-    if (scratch / "sparse" / "images.bin").is_file():
-        result |= _against_reference(place, row, scratch / "sparse")
-    (out / f"{row.name}.plain.json").write_text(json.dumps(result) + "\n", encoding="utf-8")
-    print(row.name, "plain", json.dumps(result), flush=True)
+def _run(case: FootageCase, data: Path, out: Path, limit_s: float, is_plain: bool) -> None:
+    """Run a case by ours and by plain pycolmap, if their results do not exist, and keep the results."""
+    own, plain = out / f"{case.name}.json", out / f"{case.name}.plain.json"
+    work = out / "work" / case.name
+    if not own.is_file():
+        words = ["-m", "benchmarks.estimator.real_footage", str(data), "--out", str(out), "--only", case.name, "--one"]
+        run = run_child([sys.executable, *words], limit_s)
+        lines = run.output.splitlines()
+        nothing = {"code": "no answer", "frames": 0, "centres": {}, "focal": None, "metrics": None}
+        nothing |= {"wall_s": round(run.wall_s, 1), "cpu_s": round(run.cpu_s, 1), "status": run.status}
+        result = json.loads(lines[-1]) if run.status == 0 and lines else nothing
+        own.write_text(json.dumps(result) + "\n", encoding="utf-8")
+        if run.status:
+            (out / f"{case.name}.log").write_text(run.errors, encoding="utf-8")
+        print(case.name, _shown(case, result, out), flush=True)
+    if is_plain and not plain.is_file():
+        images = make_input(case, out / "inputs" / case.name)
+        images = images if images.is_dir() else work / "frames"
+        with tempfile.TemporaryDirectory() as scratch:
+            run = run_child([sys.executable, "-m", "benchmarks.estimator.plain_colmap", str(images), scratch], limit_s)
+        lines = run.output.splitlines()
+        nothing = {"frames": 0, "placed": 0, "centres": {}, "focal": None, "metrics": None, "status": run.status}
+        nothing |= {"wall_s": round(run.wall_s, 1), "cpu_s": round(run.cpu_s, 1)}
+        result = json.loads(lines[-1]) if run.status == 0 and lines else nothing
+        plain.write_text(json.dumps(result) + "\n", encoding="utf-8")
+        print(case.name, "plain", _shown(case, result, out), flush=True)
+    if case.group != "set":  # the models of sets stay for --planted
+        shutil.rmtree(work, ignore_errors=True)
 
 
-def _against_table(out: Path) -> str:
-    """Rows of placed frames, path, focal length, wall and processor seconds, ours and of plain pycolmap."""
-    head = [
-        "set",
-        "placed",
-        "path",
-        "focal",
-        "wall, s",
-        "CPU, s",
-        "plain: placed",
-        "path",
-        "focal",
-        "wall, s",
-        "CPU, s",
-    ]
-    lines = ["| " + " | ".join([*head, "reference focal"]) + " |", "|---" * (len(head) + 1) + "|"]
-    for row in SETS:
-        result, file = _result(out, row), out / f"{row.name}.plain.json"
-        if not result or not file.is_file():
-            continue
-        plain = json.loads(file.read_text(encoding="utf-8"))
-        failure = result["failure"]
-        if failure is None:
-            cells = [
-                f"{len(result['model']['names'])} of {result['frames']}",
-                _path(result),
-                f"{result['model']['focal']:.3f}",
-            ]
-        else:
-            cells = [failure if isinstance(failure, str) else f"`{failure['code']}`", "", ""]
-        cells += [f"{result.get('wall_s', 0):.0f}", f"{result.get('cpu_s', 0):.0f}", str(plain["placed"]), _path(plain)]
-        cells += [
-            "" if plain["focal"] is None else f"{plain['focal']:.3f}",
-            f"{plain['wall_s']:.0f}",
-            f"{plain['cpu_s']:.0f}",
-        ]
-        reference = result.get("reference_focal", plain.get("reference_focal"))
-        lines.append("| " + " | ".join([f"`{row.name}`", *cells, f"{reference:.3f}" if reference else ""]) + " |")
-    return "\n".join(lines)
+def _shown(case: FootageCase, result: dict[str, Any], out: Path) -> str:
+    """Return the result of a case in a line."""
+    judgement = judged(result, read_reference(case, out / "inputs"), case)
+    kept = ("code", "frames", "focal", "wall_s", "cpu_s", "load")
+    return f"{judgement} {[result.get(key) for key in kept]}"
 
 
-def _path(result: dict[str, Any]) -> str:
-    return f"{100 * result['path_error']:.1f} %" if "path_error" in result else ""
+def _row(case: FootageCase, out: Path) -> Row | None:
+    """Return the row of a case, None if ours has not been run."""
+    own, plain = out / f"{case.name}.json", out / f"{case.name}.plain.json"
+    if not own.is_file():
+        return None
+    reference = read_reference(case, out / "inputs")
+    ours = json.loads(own.read_text(encoding="utf-8"))
+    focal = None if reference is None else reference.focal
+    judgement = judged(ours, reference, case)
+    if not plain.is_file():
+        return Row(case, ours, judgement, reference_focal=focal)
+    other = json.loads(plain.read_text(encoding="utf-8"))
+    return Row(case, ours, judgement, other, judged(other, reference, case), focal)
 
 
-def _reconstruct(data: Path, row: FootageSet, out: Path) -> dict[str, Any]:
+def _reconstruct(case: FootageCase, out: Path) -> dict[str, Any]:
+    """Reconstruct a case, and return its outcome with the camera centres of the best model, also of a refused one."""
+    from capture.mapping.features import STRATEGIES
     from capture.mapping.refusals import CaptureFailure
+    from capture.mapping.worker import processor_s
     from capture.pipeline import CaptureOptions, reconstruct
     from capture.work_folder import WorkFolder
 
-    place = data / row.place
-    folder = out / row.name
+    source = make_input(case, out / "inputs" / case.name)
+    folder = out / "work" / case.name
     shutil.rmtree(folder, ignore_errors=True)
     work = WorkFolder(folder)
-    started, cpu = time.perf_counter(), sum(os.times()[:4])
-    failure = None
+    search: Any = import_module("capture.mapping.search")
+    make_model, paths = search.make_model, {}
+
+    def make_model_and_keep(output: Path, *words: Any, **options: Any) -> None:
+        """Make a model; read the last model of the mapping if it is refused, because the capture deletes it."""
+        make_model(output, *words, **options)
+        models = [] if output.exists() else list(output.parent.rglob("matches.txt"))
+        if models:
+            paths[output.name] = camera_path(max(models, key=lambda file: file.stat().st_mtime).parent)
+
+    search.make_model = make_model_and_keep
+    started, cpu, failure = time.perf_counter(), processor_s(), None
     with work.lock():
         try:
-            reconstruct(place / row.source, work, CaptureOptions())
+            reconstruct(source, work, CaptureOptions(camera_model=case.camera_model))
         except CaptureFailure as refusal:
-            failure = {"code": refusal.failure.code, "message": refusal.failure.message}
+            failure = refusal.failure
+    times = {"wall_s": round(time.perf_counter() - started, 1), "cpu_s": round(processor_s() - cpu, 1)}
     report = json.loads((folder / "reconstruction.json").read_text(encoding="utf-8"))
+    suffixes = {row.name: row.suffix for row in STRATEGIES}
+    path: dict[str, Any] = {"placed": 0, "centres": {}, "focal": None}
+    if failure is None:
+        path = camera_path(folder / "sparse" / "0")
+    elif report["strategy"] is not None:
+        path = paths.get(f"model{suffixes[report['strategy']]}", path)
+    commit = subprocess.run(
+        ["git", "log", "-1", "--format=%h", "--", "capture"], capture_output=True, text=True, check=False
+    )
     return {
-        "failure": failure,
+        "code": None if failure is None else failure.code,
+        "message": None if failure is None else failure.message,
+        **path,
         "frames": report["pairs"]["frames"],
+        "overruled": report["overruled"],
+        "held": report["focal_held"],
         "strategy": report["strategy"],
         "tried": report["tried"],
-        "model": report["model"],
-        "pairs": report["pairs"],
+        "metrics": report["model"],
         "disagreement": report["disagreement"],
-        "cpu_s": round(sum(os.times()[:4]) - cpu, 1),
-        "wall_s": round(time.perf_counter() - started, 1),
-        **(_against_reference(place, row, folder / "sparse" / "0") if failure is None else {}),
+        **times,
+        "stages_s": work.seconds,
+        "load": round(os.getloadavg()[0], 1),
+        "commit": commit.stdout.strip(),
     }
-
-
-def _against_reference(place: Path, row: FootageSet, model: Path) -> dict[str, Any]:
-    """Camera model and path of what was reconstructed, and how far they are from the reference's, if there is one."""
-    from estimator.reconstructions.colmap import read_colmap
-
-    scene = read_colmap(model)
-    camera = scene.views[0].camera
-    result: dict[str, Any] = {
-        "camera": [camera.model, camera.width, camera.height, np.round(camera.params, 4).tolist()]
-    }
-    if not (place / "sparse").is_dir():
-        return result
-    from estimator.reconstructions.pycolmap_library import pycolmap
-
-    reference = pycolmap.Reconstruction(place / "sparse" / "0")  # of some sets the cameras alone are given
-    known = {image.name: image.projection_center() for image in reference.images.values() if image.has_pose}
-    pairs = [(view.centre, known[name]) for view in scene.views if (name := _reference_name(view.name, row)) in known]
-    theirs = next(iter(reference.cameras.values()))
-    result |= {
-        "reference_focal": row.focal or float(theirs.params[0]) / max(theirs.width, theirs.height),
-        "reference_views": len(known),
-        "shared": len(pairs),
-    }
-    if len(pairs) > 2:
-        result["path_error"] = path_error(*(np.array(centres) for centres in zip(*pairs, strict=True)))
-    return result
-
-
-def _reference_name(name: str, row: FootageSet) -> str:
-    if row.first is None:
-        return name
-    return f"{int(Path(name).stem) + row.first:04d}.jpg"
-
-
-def _cell(result: dict[str, Any]) -> list[str]:
-    """Placed, focal length, residual, path, seconds of one result."""
-    if not result:
-        return ["not run", "", "", "", ""]
-    failure = result["failure"]
-    if failure is not None:
-        code = failure if isinstance(failure, str) else f"`{failure['code']}`"
-        return [code, "", "", "", f"{result.get('cpu_s', 0):.0f}"]
-    model = result["model"]
-    focal = f"{model['focal']:.3f}"
-    if "reference_focal" in result:
-        focal += f" ({result['reference_focal']:.3f})"
-    path = f"{100 * result['path_error']:.1f} %" if "path_error" in result else ""
-    return [
-        f"{len(model['names'])} of {result['frames']}",
-        focal,
-        f"{model['error_px']:.2f}",
-        path,
-        f"{result['cpu_s']:.0f}",
-    ]
-
-
-def _table(out: Path, before: Path | None) -> str:
-    head = ["set", "", "placed", "focal length (reference)", "residual, px", "path", "s", "strategy"]
-    if before is not None:
-        head += ["before", "path", "s"]
-    lines = ["| " + " | ".join(head) + " |", "|---" * len(head) + "|"]
-    for row in SETS:
-        result, earlier = _result(out, row), {} if before is None else _result(before, row)
-        use = "must be refused" if row.refused else "chosen on" if row.chosen_on else "reported"
-        cells = [f"`{row.name}`", use, *_cell(result), str(result.get("strategy") or "")]
-        if before is not None:
-            placed, focal, _, path, seconds = _cell(earlier)
-            cells += [placed + (f", f {focal}" if focal else ""), path, seconds]
-        lines.append("| " + " | ".join(cells) + " |")
-    return "\n".join(lines)
 
 
 def sensor_rows(place: Path) -> list[tuple[str, ScaleEvidence]]:
@@ -348,7 +249,7 @@ PLANTS = {"moved by .3": (0.0, 0.3, 1.0), "turned by 5 degrees": (5.0, 0.0, 1.0)
 LONGER = {"steps by .3": 1.3, "steps three times": 3.0}
 
 
-def _planted(out: Path) -> str:
+def _planted(out: Path, sets: list[FootageCase]) -> str:
     """Rows of the models as they are, and with their last third as a wrong piece."""
     from capture.mapping.features import STRATEGIES
 
@@ -356,13 +257,14 @@ def _planted(out: Path) -> str:
     head = ["set", "frames", "triplets", "largest residual, px", "largest stretch", "contradicted", "pieces"]
     head += [*PLANTS, *LONGER]
     lines = ["| " + " | ".join(head) + " |", "|---" * len(head) + "|"]
-    for row in SETS:
-        result = _result(out, row)
-        if result and result["failure"] is None:
-            database = out / row.name / "databases" / f"matches{suffixes[result['strategy']]}.db"
+    for case in sets:
+        file, folder = out / f"{case.name}.json", out / "work" / case.name
+        result = json.loads(file.read_text(encoding="utf-8")) if file.is_file() else {"code": "not run"}
+        if result["code"] is None:
+            database = folder / "databases" / f"matches{suffixes[result['strategy']]}.db"
             with tempfile.TemporaryDirectory() as scratch:  # to open a database changes it
                 copied = shutil.copy(database, scratch)
-                lines.append(f"| `{row.name}` | " + " | ".join(_planted_cells(out / row.name, str(copied))) + " |")
+                lines.append(f"| `{case.name}` | " + " | ".join(_planted_cells(folder, str(copied))) + " |")
     return "\n".join(lines)
 
 
@@ -401,11 +303,6 @@ def _refused(found: TripletAgreement) -> str:
     ratio = found.contradicted / max(found.triplets, 1)
     wrong = ratio > MAX_CONTRADICTED_RATIO or len(found.broken) >= MIN_BROKEN_FRAMES
     return "refused, " if wrong else ""
-
-
-def _result(folder: Path, row: FootageSet) -> dict[str, Any]:
-    file = folder / f"{row.name}.json"
-    return json.loads(file.read_text(encoding="utf-8")) if file.is_file() else {}
 
 
 if __name__ == "__main__":

@@ -8,16 +8,17 @@ import numpy as np
 
 from metric_base.arrays import FloatArray
 
-__all__ = ["look_of"]
+__all__ = ["MATERIALS", "look_of"]
 
 _Colour = tuple[float, float, float]
 
-#: material: two colours (r, g, b), contrast of the grain, share of large patches of the second colour, coarsest grain
+#: Material: two colours (r, g, b), contrast of the grain, share of large patches of the second colour, coarsest grain
 #: in metres.
-_MATERIALS: dict[str, tuple[_Colour, _Colour, float, float, float]] = {
+MATERIALS: dict[str, tuple[_Colour, _Colour, float, float, float]] = {
     "floor": ((0.62, 0.48, 0.34), (0.54, 0.41, 0.28), 0.55, 0.5, 0.20),
     "ceiling": ((0.9, 0.9, 0.88), (0.85, 0.85, 0.84), 0.25, 0.1, 0.3),
     "wall": ((0.82, 0.78, 0.70), (0.76, 0.73, 0.66), 0.4, 0.3, 0.2),
+    "plaster": ((0.82, 0.80, 0.76), (0.80, 0.78, 0.74), 0.05, 0.0, 0.2),
     "rug": ((0.52, 0.28, 0.26), (0.62, 0.55, 0.42), 0.6, 0.7, 0.16),
     "wood": ((0.60, 0.42, 0.26), (0.47, 0.31, 0.18), 0.7, 0.6, 0.12),
     "wood_dark": ((0.36, 0.25, 0.17), (0.28, 0.18, 0.12), 0.7, 0.5, 0.12),
@@ -51,7 +52,7 @@ _MATERIALS: dict[str, tuple[_Colour, _Colour, float, float, float]] = {
 
 def look_of(name: str, number: int, seed: int, texture: float) -> FloatArray:
     """(12,) two colours, contrast, patches, grain and an offset into the noise: its own variety of a material."""
-    first, second, contrast, patches, coarse = _MATERIALS[name]
+    first, second, contrast, patches, coarse = MATERIALS[name]
     generator = np.random.default_rng([seed, number, zlib.crc32(name.encode())])
     tint = generator.uniform(0.75, 1.2, 3) if number else np.ones(3)
     if number and name in ("fabric", "print", "paint", "picture"):

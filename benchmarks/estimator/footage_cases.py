@@ -205,7 +205,7 @@ def _film(case: FootageCase, source: Path, film: Path) -> Path:
 def _read_image(file: Path) -> NDArray[np.uint8]:
     image = cv2.imread(str(file))
     assert image is not None, file
-    return image.astype(np.uint8, copy=False)
+    return np.asarray(image, dtype=np.uint8)
 
 
 def read_reference(case: FootageCase, inputs: Path) -> Reference | None:

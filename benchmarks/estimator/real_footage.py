@@ -24,7 +24,7 @@ from typing import Any
 
 import numpy as np
 
-from benchmarks.child import run_child
+from benchmarks.child import ChildRun, run_child
 from benchmarks.common import write_between
 from benchmarks.estimator.footage_cases import (
     FootageCase,
@@ -90,37 +90,48 @@ def main() -> None:
         print(json.dumps(_reconstruct(chosen[0], options.out)))
         return
     for case in chosen:
-        _run(case, options.data, options.out, options.limit_s, options.against is not None)
+        _run(case, options)
 
 
-def _run(case: FootageCase, data: Path, out: Path, limit_s: float, is_plain: bool) -> None:
-    """Run a case by ours and by plain pycolmap, if their results do not exist, and keep the results."""
-    own, plain = out / f"{case.name}.json", out / f"{case.name}.plain.json"
-    work = out / "work" / case.name
-    if not own.is_file():
-        words = ["-m", "benchmarks.estimator.real_footage", str(data), "--out", str(out), "--only", case.name, "--one"]
-        run = run_child([sys.executable, *words], limit_s)
-        lines = run.output.splitlines()
-        nothing = {"code": "no answer", "frames": 0, "centres": {}, "focal": None, "metrics": None}
-        nothing |= {"wall_s": round(run.wall_s, 1), "cpu_s": round(run.cpu_s, 1), "status": run.status}
-        result = json.loads(lines[-1]) if run.status == 0 and lines else nothing
-        own.write_text(json.dumps(result) + "\n", encoding="utf-8")
-        if run.status:
-            (out / f"{case.name}.log").write_text(run.errors, encoding="utf-8")
-        print(case.name, _shown(case, result, out), flush=True)
-    if is_plain and not plain.is_file():
-        images = make_input(case, out / "inputs" / case.name)
-        images = images if images.is_dir() else work / "frames"
-        with tempfile.TemporaryDirectory() as scratch:
-            run = run_child([sys.executable, "-m", "benchmarks.estimator.plain_colmap", str(images), scratch], limit_s)
-        lines = run.output.splitlines()
-        nothing = {"frames": 0, "placed": 0, "centres": {}, "focal": None, "metrics": None, "status": run.status}
-        nothing |= {"wall_s": round(run.wall_s, 1), "cpu_s": round(run.cpu_s, 1)}
-        result = json.loads(lines[-1]) if run.status == 0 and lines else nothing
-        plain.write_text(json.dumps(result) + "\n", encoding="utf-8")
-        print(case.name, "plain", _shown(case, result, out), flush=True)
+def _run(case: FootageCase, options: argparse.Namespace) -> None:
+    """Run what has no result of a case yet: ours, and plain pycolmap if it is compared."""
+    if not (options.out / f"{case.name}.json").is_file():
+        _run_ours(case, options.data, options.out, options.limit_s)
+    if options.against is not None and not (options.out / f"{case.name}.plain.json").is_file():
+        _run_plain(case, options.out, options.limit_s)
     if case.group != "set":  # the models of sets stay for --planted
-        shutil.rmtree(work, ignore_errors=True)
+        shutil.rmtree(options.out / "work" / case.name, ignore_errors=True)
+
+
+def _run_ours(case: FootageCase, data: Path, out: Path, limit_s: float) -> None:
+    """Reconstruct a case in a process of its own, and keep the result."""
+    words = ["-m", "benchmarks.estimator.real_footage", str(data), "--out", str(out), "--only", case.name, "--one"]
+    run = run_child([sys.executable, *words], limit_s)
+    result = _result(run, {"code": "no answer", "frames": 0})
+    (out / f"{case.name}.json").write_text(json.dumps(result) + "\n", encoding="utf-8")
+    if run.status:
+        (out / f"{case.name}.log").write_text(run.errors, encoding="utf-8")
+    print(case.name, _shown(case, result, out), flush=True)
+
+
+def _run_plain(case: FootageCase, out: Path, limit_s: float) -> None:
+    """Run plain pycolmap on the images of a case, or on the frames that ours chose of a video, and keep the result."""
+    images = make_input(case, out / "inputs" / case.name)
+    images = images if images.is_dir() else out / "work" / case.name / "frames"
+    with tempfile.TemporaryDirectory() as scratch:
+        run = run_child([sys.executable, "-m", "benchmarks.estimator.plain_colmap", str(images), scratch], limit_s)
+    result = _result(run, {"frames": 0})
+    (out / f"{case.name}.plain.json").write_text(json.dumps(result) + "\n", encoding="utf-8")
+    print(case.name, "plain", _shown(case, result, out), flush=True)
+
+
+def _result(run: ChildRun, nothing: dict[str, Any]) -> dict[str, Any]:
+    """Return the result that a run printed; without one, no model and the time of the run."""
+    lines = run.output.splitlines()
+    if run.status == 0 and lines:
+        return dict(json.loads(lines[-1]))
+    nothing = nothing | {"placed": 0, "centres": {}, "focal": None, "metrics": None, "status": run.status}
+    return nothing | {"wall_s": round(run.wall_s, 1), "cpu_s": round(run.cpu_s, 1)}
 
 
 def _shown(case: FootageCase, result: dict[str, Any], out: Path) -> str:

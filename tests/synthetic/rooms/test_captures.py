@@ -9,10 +9,10 @@ from pathlib import Path
 
 import numpy as np
 
+from tests.support.skips import skip_without
 from tests.synthetic.captures import SMALL, RenderedCapture, rolling_shutter, write_capture
 from tests.synthetic.rooms.render import NoOpenGL
 from tests.synthetic.rooms.world import Pose
-from tests.support.skips import skip_without
 from tests.synthetic.videos import orbit, recorded, room
 
 

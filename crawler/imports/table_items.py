@@ -11,7 +11,7 @@ from typing import Any, Self
 from crawler.imports.declaration import REASONS, Cases, Rule, Source, Table
 from crawler.imports.table_files import FIELD, Row, _head, _part, _words, record_rows, rows
 from crawler.items import BadRawItem, RawItem
-from crawler.text.cell_lengths import AXES, UnreadableLength, extents_mm, length_mm, measures, words_mm
+from crawler.text.cell_lengths import AXES, UnreadableLength, dimensions_mm, extents_mm, length_mm, measures
 from crawler.text.units import millimetres
 from metric_base.errors import in_file
 
@@ -200,7 +200,7 @@ def _table_row_item(source: Source, table: Table, row: Row) -> RawItem:
             raise RowRejected("several_states", "text", text)
         if not lengths:
             raise RowRejected("no_size", "text", text)
-        words = words_mm(lengths, table.order)
+        words = dimensions_mm(lengths, table.order)
         if len(words) == len(lengths) or all(measure.axis for measure in lengths):
             extents = extents_mm(words) or ()
         else:

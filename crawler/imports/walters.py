@@ -10,7 +10,7 @@ from crawler.imports.declaration import Source, Table
 from crawler.imports.table_files import Row, record_rows, rows
 from crawler.imports.table_items import RowRejected, row_item, year
 from crawler.items import RawItem
-from crawler.text.cell_lengths import Measure, measures, words_mm
+from crawler.text.cell_lengths import Measure, dimensions_mm, measures
 
 _TABLE = Table(files=("walters_dims.jsonl",), records="objects/data/**/*.json", format="jsonl")
 
@@ -107,6 +107,6 @@ def _by_words(lengths: tuple[Measure, ...], statement: str) -> tuple[dict[str, f
     behind = _ORDER.search(statement)
     letters = re.findall(r"diam|[hwdl]", behind[1].lower()) if behind else []
     order = [_LETTERS[letter] for letter in letters]
-    words = words_mm(lengths, order) if len(order) in {0, len(lengths)} else {}
+    words = dimensions_mm(lengths, order) if len(order) in {0, len(lengths)} else {}
     complete = len(words) == len(lengths)
     return words, None if complete else tuple(measure.mm for measure in lengths)

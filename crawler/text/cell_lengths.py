@@ -1,19 +1,20 @@
-"""Lengths in the cells of tables and in museum texts: `12 1/4 x 3 in (31 x 8 cm)`, `H: 4,5 cm; Diam. 3`, `5 ft 11 in`.
+"""Parse lengths in table cells and museum texts: `12 1/4 x 3 in (31 x 8 cm)`, `H: 4,5 cm; Diam. 3`, `5 ft 11 in`.
 
-A small reader for texts that hold little but lengths; `sizes` reads the free prose of web pages.
+These texts contain little else than lengths. `sizes` parses the prose of web pages.
 """
 
 from __future__ import annotations
 
 import re
-from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
 
 from crawler.text.numbers import NUMBER, Decimal, number
+from crawler.text.sizes import INCHES_PER_FOOT
 from crawler.text.units import UNIT_WORDS, millimetres, unit
 from metric_base.errors import InputError
 
-#: The axis words a raw item may use.
+#: Axes of a raw item.
 AXES = ("length", "width", "height", "diameter", "depth")
 
 _AXIS_WORDS = {
@@ -27,16 +28,16 @@ _AXIS_WORDS = {
     }.items()
     for word in words.split()
 }
-
-
-def _alternatives(words: Mapping[str, str]) -> str:
-    longest_first = sorted(words, key=lambda word: (-len(word), word))
-    return "|".join(re.escape(word) + (r"(?![^\W\d_])" if word[-1].isalpha() else "") for word in longest_first)
-
-
-_WORD = rf"(?:{_alternatives(_AXIS_WORDS)})"
-_UNIT = rf"(?:{_alternatives(UNIT_WORDS)})"
-# Weights, volumes and shares are mixed with sizes: their numbers are not lengths, nor is a part of their digits.
+_WORD, _UNIT = (
+    "(?:"
+    + "|".join(
+        re.escape(word) + (r"(?![^\W\d_])" if word[-1].isalpha() else "")
+        for word in sorted(words, key=lambda word: (-len(word), word))
+    )
+    + ")"
+    for words in (_AXIS_WORDS, UNIT_WORDS)
+)
+#: Not followed by a unit of weight, volume or percentage, or by the rest of such a number.
 _NO_LENGTH = r"(?!\d|[.,]\d|\s*(?:cc|cm3|kg|g|lbs?|oz|ounces?|pounds?|ml|%|°)(?![^\W\d_]))"
 _LENGTH = re.compile(
     rf"(?:(?<![^\W\d_])(?P<before>{_WORD})[.:=\s]*)?"
@@ -47,67 +48,99 @@ _LENGTH = re.compile(
     re.IGNORECASE,
 )
 _ASIDE = re.compile(r"\([^()]*\)|\[[^\[\]]*\]")
-#: What may be between feet and their inches.
+#: Separators of feet and inches.
 _BETWEEN = re.compile(r"\s*(?:,|-|and)?\s*")
-INCHES_PER_FOOT = 12
+#: Cells without a value.
 _MISSING = frozenset({"", "-", "–", "--", "na", "n/a", "nan", "none", "null", "?", "unknown", "not available"})
 
 
 class UnreadableLength(InputError):
-    """A text that states something, but no single length."""
+    """A text that is not one length."""
 
 
 @dataclass(frozen=True, slots=True)
 class Measure:
-    """One length of a text: `low_mm` to `high_mm` (equal where no range is stated), the axis word, its place."""
+    """A length in a text."""
 
-    low_mm: float
-    high_mm: float
+    low: float
+    high: float  #: Equal to `low` unless the text states a range.
+    unit: str  #: Key of `MILLIMETRES`.
     axis: str | None
-    start: int
-    end: int
+    start: int  #: Index of its first character in the text.
+    end: int  #: Index after its last character.
+
+    @property
+    def low_mm(self) -> float:
+        """Lower end of the range."""
+        return millimetres(min(self.low, self.high), self.unit)
+
+    @property
+    def high_mm(self) -> float:
+        """Upper end of the range."""
+        return millimetres(max(self.low, self.high), self.unit)
 
     @property
     def mm(self) -> float:
-        """The length, the middle of a range."""
+        """Length; for a range, its centre."""
         return (self.low_mm + self.high_mm) / 2
 
     @property
     def is_range(self) -> bool:
-        """Return True if two different lengths are stated."""
+        """Return True if the text states two different lengths."""
         return self.low_mm != self.high_mm
 
 
-@dataclass(frozen=True, slots=True)
-class _Reading:
-    """A length before its unit is known."""
-
-    low: float
-    high: float
-    unit: str | None
-    axis: str | None
-    start: int
-    end: int
-
-
 def measures(text: str, default_unit: str | None = None, decimal: Decimal = None) -> tuple[Measure, ...]:
-    """The lengths of `text` in its order; one without a unit takes the next unit, else the last, else the default.
+    """Return the lengths in a text, in order.
 
-    The same size again in brackets, in another unit, is passed over. Lengths that have no unit at all are left out.
+    Parameters
+    ----------
+    text : str
+        Text in brackets is ignored if there are lengths outside of them: it repeats the size in another unit.
+    default_unit : str, optional
+        Unit of lengths if the text names none. A length without a unit has the unit of the next length, else of the
+        previous one; lengths without any unit are omitted.
+    decimal : {".", ","}, optional
+        Decimal separator (see `number`).
     """
-    plain = _ASIDE.sub(lambda aside: " " * len(aside[0]), text)
-    readings = tuple(_join_feet(plain, decimal)) or tuple(_join_feet(text, decimal))
-    units = _units(readings, default_unit)
-    return tuple(_measure(reading, key) for reading, key in zip(readings, units, strict=True) if key)
+    outside = _ASIDE.sub(lambda aside: " " * len(aside[0]), text)
+    lengths = _lengths(outside, decimal) or _lengths(text, decimal)
+    units = [length.unit for length in lengths]
+    for index in range(len(units) - 2, -1, -1):
+        units[index] = units[index] or units[index + 1]
+    for index in range(1, len(units)):
+        units[index] = units[index] or units[index - 1]
+    pairs = zip(lengths, units, strict=True)
+    return tuple(replace(length, unit=key) for length, own_unit in pairs if (key := own_unit or default_unit))
+
+
+def _lengths(text: str, decimal: Decimal) -> list[Measure]:
+    """Return the numbers with unit ("" if missing) and axis; feet and inches in a row are one length in inches."""
+    lengths: list[Measure] = []
+    for match in _LENGTH.finditer(text):
+        low = number(match["low"], decimal)
+        high = number(match["high"], decimal) if match["high"] else low
+        if low is None or high is None:
+            continue
+        word = match["before"] or match["after"]
+        key = unit(match["unit"]) or "" if match["unit"] else ""
+        length = Measure(low, high, key, _AXIS_WORDS[word.lower()] if word else None, *match.span())
+        feet = lengths[-1] if lengths and lengths[-1].unit == "ft" else None
+        if feet is not None and length.unit == "in" and _BETWEEN.fullmatch(text[feet.end : length.start]):
+            low, high = (INCHES_PER_FOOT * f + i for f, i in ((feet.low, length.low), (feet.high, length.high)))
+            lengths[-1] = Measure(low, high, "in", feet.axis or length.axis, feet.start, length.end)
+        else:
+            lengths.append(length)
+    return lengths
 
 
 def length_mm(text: str, default_unit: str, decimal: Decimal = None) -> float | None:
-    """The one length that a cell states, in mm; None where the cell is empty, says so, or is zero.
+    """Return the length in a table cell in mm; None if the cell is empty, marked as missing, or zero.
 
     Raises
     ------
     UnreadableLength
-        The cell states something else: no length, several, a negative one.
+        The cell contains no length, several, or a negative one.
     """
     if text.strip().lower() in _MISSING:
         return None
@@ -120,67 +153,30 @@ def length_mm(text: str, default_unit: str, decimal: Decimal = None) -> float | 
     return millimetres(value, default_unit) or None
 
 
-def words_mm(lengths: Sequence[Measure], order: Sequence[str] = ()) -> dict[str, float]:
-    """The lengths by axis word: by their own words, else by `order` where all are wordless and `order` is long enough.
+def dimensions_mm(lengths: Sequence[Measure], order: Sequence[str] = ()) -> dict[str, float]:
+    """Return lengths by axis, in mm.
 
-    Of one word stated twice the longer length counts: the outer size.
+    Parameters
+    ----------
+    lengths : sequence of Measure
+        Of several lengths along one axis the largest is used, because it is the outer size.
+    order : sequence of str
+        Axes of the lengths if none has an axis, at least one for each length.
     """
-    axes = [measure.axis for measure in lengths]
+    axes = [length.axis for length in lengths]
     if not any(axes) and len(lengths) <= len(order):
         axes = list(order[: len(lengths)])
-    words: dict[str, float] = {}
-    for axis, measure in zip(axes, lengths, strict=True):
+    by_axis: dict[str, float] = {}
+    for axis, length in zip(axes, lengths, strict=True):
         if axis:
-            words[axis] = max(measure.mm, words.get(axis, 0.0))
-    return words
+            by_axis[axis] = max(length.mm, by_axis.get(axis, 0.0))
+    return by_axis
 
 
-def extents_mm(words: Mapping[str, float | None]) -> tuple[float, ...] | None:
-    """The outer size, longest first; a diameter fills the two sides that no other word has named."""
-    sides = [value for axis, value in words.items() if value and axis != "diameter"]
-    diameter = words.get("diameter")
+def extents_mm(by_axis: Mapping[str, float | None]) -> tuple[float, ...] | None:
+    """Return at most three sizes, longest first; a diameter is used twice if there are fewer than two other sizes."""
+    sides = [value for axis, value in by_axis.items() if value and axis != "diameter"]
+    diameter = by_axis.get("diameter")
     if diameter:
         sides += [diameter] * min(2, 3 - len(sides))
     return tuple(sorted(sides, reverse=True)[:3]) or None
-
-
-def _readings(text: str, decimal: Decimal) -> Iterator[_Reading]:
-    for match in _LENGTH.finditer(text):
-        low = number(match["low"], decimal)
-        high = number(match["high"], decimal) if match["high"] else low
-        if low is not None and high is not None:
-            word = match["before"] or match["after"]
-            axis = _AXIS_WORDS[word.lower()] if word else None
-            yield _Reading(low, high, unit(match["unit"]) if match["unit"] else None, axis, *match.span())
-
-
-def _units(readings: Sequence[_Reading], default_unit: str | None) -> list[str | None]:
-    units = [reading.unit for reading in readings]
-    for i in range(len(units) - 2, -1, -1):
-        units[i] = units[i] or units[i + 1]
-    for i in range(1, len(units)):
-        units[i] = units[i] or units[i - 1]
-    return [u or default_unit for u in units]
-
-
-def _measure(reading: _Reading, key: str) -> Measure:
-    low, high = sorted((millimetres(reading.low, key), millimetres(reading.high, key)))
-    return Measure(low, high, reading.axis, reading.start, reading.end)
-
-
-def _join_feet(text: str, decimal: Decimal) -> Iterator[_Reading]:
-    """The lengths of a text, with feet and the inches right behind them made one, in inches."""
-    feet: _Reading | None = None
-    for here in _readings(text, decimal):
-        if feet and here.unit == "in" and _BETWEEN.fullmatch(text[feet.end : here.start]):
-            low, high = (INCHES_PER_FOOT * f + i for f, i in ((feet.low, here.low), (feet.high, here.high)))
-            yield _Reading(low, high, "in", feet.axis or here.axis, feet.start, here.end)
-            feet = None
-            continue
-        if feet:
-            yield feet
-        feet = here if here.unit == "ft" else None
-        if not feet:
-            yield here
-    if feet:
-        yield feet

@@ -1,11 +1,11 @@
-"""Numbers as people write them: decimal commas, thousands marks, vulgar and mixed fractions."""
+"""Parse numbers with decimal commas, thousands separators, and vulgar or mixed fractions."""
 
 from __future__ import annotations
 
 import re
 from typing import Literal
 
-#: Which mark parts the decimals; None leaves it to the number's own look.
+#: Decimal separator; None infers it from each number.
 Decimal = Literal[".", ","] | None
 
 _VULGAR = {
@@ -27,11 +27,11 @@ _VULGAR = {
 }
 _MARKS = "".join(_VULGAR)
 _SLASH = "[/⁄]"
-#: What a fraction of a length is in: inches are halved, a foot has twelve. `120/75/60` is three numbers.
+#: Denominators of fractions of inches and feet. `120/75/60` contains three numbers and no fraction.
 _PARTS = r"(?:2|3|4|5|6|8|10|12|16|32|64)(?![\d/])"
 
-#: A regular expression of one number, without groups: `12 1/4`, `12-1/4`, `12½`, `3/4`, `1,234.5`, `33,5`, `.75`.
-#: A space parts thousands only where the source declares it (`number` takes care); here it would glue two numbers.
+#: Regular expression for a number, without groups: `12 1/4`, `12-1/4`, `12½`, `3/4`, `1,234.5`, `33,5`, `.75`.
+#: Spaces are not thousands separators here, because they also separate numbers; `number` accepts them.
 NUMBER = (
     rf"(?:\d+(?:[ \u00a0]+|-)\d{{1,2}}{_SLASH}{_PARTS}|\d{{1,2}}{_SLASH}{_PARTS}|\d*[ \u00a0]?[{_MARKS}]"
     r"|\d{1,3}(?:,\d{3})+(?:\.\d+)?(?![\d,])|\d+(?:[.,]\d+)?|\.\d+)"
@@ -44,37 +44,35 @@ _SPACES = re.compile(r"[\s\u00a0\u202f']")
 
 
 def number(text: str, decimal: Decimal = None) -> float | None:
-    """The number that `text` is, or None if it is not a number.
+    """Parse a text that is one number.
 
-    With `decimal` None a single comma before exactly three digits parts thousands (`1,234`), any other comma
-    decimals (`33,5`), and a single point always decimals.
+    Parameters
+    ----------
+    text : str
+    decimal : {".", ","}, optional
+        Decimal separator. By default, a point separates decimals, and so does a comma, except a comma that is followed
+        by exactly three digits and preceded by others than zero (`1,234`): it separates thousands.
+
+    Returns
+    -------
+    float or None
+        None if the text is not a number.
     """
     text = text.strip()
     if mixed := _MIXED.fullmatch(text):
-        whole, above, below = (int(part or 0) for part in mixed.groups())
-        return whole + above / below if below else None
+        integer, numerator, denominator = (int(part or 0) for part in mixed.groups())
+        return integer + numerator / denominator if denominator else None
     if marked := _MARKED.fullmatch(text):
         return int(marked[1] or 0) + _VULGAR[marked[2]]
     if not _PLAIN.fullmatch(text):
         return None
     digits = _SPACES.sub("", text)
-    return _value(digits, decimal or _decimal_mark(digits))
-
-
-def _decimal_mark(digits: str) -> str:
-    """The mark that parts the decimals of `digits`, by its look alone."""
-    last = max(digits.rfind(","), digits.rfind("."))
-    if last < 0 or digits[last] == ".":
-        return "."
-    head, tail = digits[:last], digits[last + 1 :]
-    thousands = len(tail) == 3 and head.strip("0") != "" and len(head.split(",")[-1]) <= 3 and "." not in head
-    return "." if thousands else ","
-
-
-def _value(digits: str, decimal: str) -> float | None:
-    other = "," if decimal == "." else "."
-    plain = digits.replace(other, "").replace(decimal, ".")
+    if decimal is None:
+        integers, comma, decimals = digits.rpartition(",")
+        is_one_to_three_digits = len(integers.rpartition(",")[2]) <= 3 and "." not in integers
+        is_grouped = len(decimals) == 3 and integers.strip("0") != "" and is_one_to_three_digits
+        decimal = "," if comma and "." not in decimals and not is_grouped else "."
     try:
-        return float(plain)
+        return float(digits.replace("," if decimal == "." else ".", "").replace(decimal, "."))
     except ValueError:
         return None

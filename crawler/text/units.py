@@ -1,4 +1,4 @@
-"""The one table of length units, in millimetres, and of the words that pages use for them."""
+"""Length units in millimetres, and the words and signs for them in seven languages."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from metric_base.errors import InputError
 
 
 class UnknownUnit(InputError):
-    """A unit of length that the table does not hold."""
+    """A unit that is not a key of `MILLIMETRES`."""
 
 
 #: Millimetres in one unit. The inch is 25.4 mm exactly (international yard and pound agreement, 1959).
@@ -29,7 +29,7 @@ MILLIMETRES: Mapping[str, float] = MappingProxyType(
     }
 )
 
-#: Unit words of pages and tables, in small letters and without a closing full stop, to keys of `MILLIMETRES`.
+#: Keys of `MILLIMETRES` by unit word, in lower case and without a final full stop.
 UNIT_WORDS: Mapping[str, str] = MappingProxyType(
     {
         word: key
@@ -47,22 +47,22 @@ UNIT_WORDS: Mapping[str, str] = MappingProxyType(
     }
 )
 
-#: The marks among them (`″`, `''`), longest first, as alternatives of a regular expression.
+#: Unit words without letters (`″`, `''`), longest first, as alternatives of a regular expression.
 UNIT_MARKS = "|".join(sorted((word for word in UNIT_WORDS if not re.search(r"\w", word)), key=len, reverse=True))
 
 
 def unit(word: str) -> str | None:
-    """The key of `MILLIMETRES` that `word` names, or None: `Inches`, `in.`, `″` are `in`."""
+    """Return the key of `MILLIMETRES` for a unit word (`in` for `Inches`, `in.` and `″`), or None."""
     return UNIT_WORDS.get(word.strip().lower().rstrip("."))
 
 
 def millimetres(value: float, unit: str) -> float:
-    """`value` of `unit` in millimetres.
+    """Convert a length to millimetres.
 
     Raises
     ------
     UnknownUnit
-        The unit is not a key of `MILLIMETRES`.
+        `unit` is not a key of `MILLIMETRES`.
     """
     try:
         return value * MILLIMETRES[unit]

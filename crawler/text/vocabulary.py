@@ -1,7 +1,7 @@
-"""Words of product pages in seven languages: axes, whole and part, package, what is not a size.
+"""Vocabulary of product pages: words for axes, sizes, the whole product, its parts and its package.
 
-English, German, French, Italian, Spanish, Portuguese, Dutch. All words are in small letters without accents
-(`plain`), so that a page that drops its accents reads the same.
+The languages are English, German, French, Italian, Spanish, Portuguese and Dutch. Words are in lower case and without
+accents (`plain`), because some pages omit accents.
 """
 
 from __future__ import annotations
@@ -16,38 +16,37 @@ from typing import Literal
 Axis = Literal["length", "width", "height", "depth", "diameter"]
 Language = Literal["en", "de", "fr", "it", "es", "pt", "nl"]
 
-#: Signs that carry no letter: direction marks, zero-width spaces, soft hyphens, byte-order marks.
+#: Invisible characters: direction marks, zero-width spaces, soft hyphens, byte-order marks.
 _INVISIBLE = re.compile("[\u00ad\u034f\u061c\u200b-\u200f\u202a-\u202e\u2060-\u2064\u2066-\u2069\ufeff\ufe0e\ufe0f]")
 
+#: Cache of the tests below: the labels of a site are the same on every page, and each is tested several times.
+_cached = lru_cache(maxsize=4096)
 
-#: The labels of a site are the same on every page, and each is asked about several times.
-_remembered = lru_cache(maxsize=4096)
 
-
-@_remembered
+@_cached
 def plain(text: str) -> str:
-    """The text in small letters, without accents and invisible signs, spaces single."""
+    """Return a text in lower case, with single spaces and without accents and invisible characters."""
     if text.isascii():
         return " ".join(text.lower().split())
     letters = unicodedata.normalize("NFKD", _INVISIBLE.sub("", text).casefold())
     return " ".join("".join(c for c in letters if not unicodedata.combining(c)).split())
 
 
-def _table(groups: Mapping[str, str]) -> Mapping[str, str]:
-    return MappingProxyType({word: key for key, words in groups.items() for word in words.split()})
-
-
-#: Axis words; `largo` and its like mean a length, `fondo` and `profondeur` a depth.
-AXIS_WORDS: Mapping[str, str] = _table(
+#: Axes by word; `largo` is a length, `fondo` and `profondeur` are depths.
+AXIS_WORDS: Mapping[str, str] = MappingProxyType(
     {
-        "length": "length long longueur lunghezza lungh largo longitud comprimento compr lange laenge lengte lang",
-        "width": "width wide breadth beam breite breit largeur large larg larghezza ancho anchura largura breedte "
-        "breed wingspan envergure spannweite spanwijdte envergadura",
-        "height": "height high tall hohe hoehe hoch hauteur haut altezza alto altura alt hoogte hoog",
-        "depth": "depth deep thickness thick tiefe tief dicke dick starke profondeur profond prof epaisseur "
-        "profondita profondo spessore profundidad profundo fondo grosor espesor profundidade espessura diepte diep "
-        "dikte dik",
-        "diameter": "diameter diam dia durchmesser diametre diametro ø ⌀ doorsnede",
+        word: axis
+        for axis, words in {
+            "length": "length long longueur lunghezza lungh largo longitud comprimento compr lange laenge lengte lang",
+            "width": "width wide breadth beam breite breit largeur large larg larghezza ancho anchura largura breedte "
+            "breed wingspan envergure spannweite spanwijdte envergadura",
+            "height": "height high tall hohe hoehe hoch hauteur haut altezza alto altura alt hoogte hoog",
+            "depth": "depth deep thickness thick tiefe tief dicke dick starke profondeur profond prof epaisseur "
+            "profondita profondo spessore profundidad profundo fondo grosor espesor profundidade espessura diepte diep "
+            "dikte dik",
+            "diameter": "diameter diam dia durchmesser diametre diametro ø ⌀ doorsnede",
+        }.items()
+        for word in words.split()
     }
 )
 
@@ -59,19 +58,19 @@ _PACKAGE = re.compile(
     r"|embalad[oa]s?|empaques?|empacad[oa]s?"
     r"|livraison|imball\w*|confezione|spedizione|pacco|embalaje|envio|paquete|caja|embalagem|caixa"
     r"|verpakking\w*|verzend\w*|pakket\w*|doos|in (the )?box|folded for (shipping|transport)"
-    # What an item is carried in is measured like what it is sent in.
+    # bags and cases
     r"|carry(ing)? (bag|case)|stuff sack|packmass\w*|packsack|trage(tasche|beutel)|housse|sac de transport"
     r"|custodia|sacca|bolsa de transporte|saco de transporte|draagtas"
     r")\b"
 )
 
-#: `Size without packaging` is the item's.
+#: `Size without packaging` is the size of the item.
 _UNPACKED = re.compile(
     r"\b(without|excl\w*|ohne|hors|sans|senza|sin|sem|zonder)( the| the product)? "
     r"(pack(age|aging)?|verpackung|emballage|imball\w*|confezione|embalaje|embalagem|verpakking|box)\b"
 )
 
-#: Headings above other items than the page's own.
+#: Headings of other products.
 _OTHERS = re.compile(
     r"\b("
     r"you (may|might|could) also|also (like|bought|viewed|view|buy)|(frequently|often) bought|recommended for"
@@ -87,7 +86,7 @@ _OTHERS = re.compile(
     r")\b"
 )
 
-#: Parts that a size counts in or leaves out: `depth (excluding handles)`.
+#: Parts that a size includes or excludes: `depth (excluding handles)`.
 _ASIDE = re.compile(
     r"\b(excluding|excl|without|including|incl|inkl|inklusive|exkl|ohne|sans|hors|senza|sin|sem|zonder|exclusief"
     r"|inclusief)\b\.? \w+"
@@ -96,17 +95,17 @@ _ASIDE = re.compile(
 
 _WEIGHT = r"(?:weights?|gewicht|poids|peso|capacity)"
 _AND = r"(?:[&/,+]|\b(?:and|und|et|e|y|en)\b)"
-#: One heading for two quantities: `dimensions & weight`, `Gewicht und Abmessungen`.
+#: Headings of sizes and weights: `dimensions & weight`, `Gewicht und Abmessungen`.
 _AND_WEIGHT = re.compile(rf"{_AND}\s*{_WEIGHT}\b|\b{_WEIGHT}\s*{_AND}")
 
-#: Axes in their order, and what a lens says before them: `max. diameter x length`.
+#: An order of axes, and a word before it in the data of lenses: `max. diameter x length`.
 _ORDER = re.compile(r"[^\W\d_]{2,} ?[x×] ?[^\W\d_]{2,}")
 _MOST = re.compile(r"\bmax(?:imum)?\b\.?(?= [^\W\d_]{2,} ?[x×])")
 
-#: Parts that a size takes in together: `(kettle + base)`.
+#: Parts that a size includes: `(kettle + base)`.
 _TOGETHER = re.compile(r"\([^()]*(?:[&+]|\b(?:and|und|et|e|y|en)\b)[^()]*\)")
 
-#: Of the whole item, though its name is that of a part: `the complete model`.
+#: The whole item, although its name is that of a part: `the complete model`.
 _COMPLETE = re.compile(r"\b(?:complete|completed|finished|assembled|entire|whole) \w+")
 
 _WHOLE = re.compile(
@@ -118,7 +117,7 @@ _WHOLE = re.compile(
     r")\b"
 )
 
-#: Parts of items, and what is measured beside the item: their sizes are never the size of the whole.
+#: Parts of items, states of items (folded, extended) and other quantities: their sizes are not the size of the item.
 _COMPONENT = re.compile(
     r"\b("
     r"seat\w*|sh|arm\w*|foot ?(rest|board)s?|head ?(rest|board)s?|back ?(rest|plate|height|width|panel)?|backplate"
@@ -135,7 +134,7 @@ _COMPONENT = re.compile(
     r"|intern\w*|schermo|cavo|asiento|reposabrazos|respaldo|patas?|cajon\w*|interior\w*|pantalla"
     r"|plie(e|s|es)?|zusammengeklappt|gefaltet|geklappt|piegat[oaie]|chius[oaie]|plegad[oa]s?|dobrad[oa]s?|fechad[oa]s?"
     r"|ingeklapt|opgevouwen|collapsed|closed"
-    # What a built-in item is put into.
+    # openings for built-in items
     r"|nischen?\w*|einbau\w*|niche|nicho|nicchia|encastrement|incasso|inbouw\w*|built ?-?in (size|dim\w*)"
     r"|assento|encosto|bracos?|pes|gaveta\w*|ecra|tela|cabo|zit\w*|armleuning\w*|rugleuning\w*|poot"
     r"|poten|lade\w*|binnen\w*|scherm\w*|snoer\w*"
@@ -152,7 +151,7 @@ _DIMENSION = re.compile(
 )
 
 
-#: German and Dutch write `overall height` as one word.
+#: First parts of German and Dutch compounds such as `Gesamthöhe`, overall height.
 _OF_THE_WHOLE = re.compile(
     r"^(gesamt|produkt|artikel|gerate|geraete|mobel|aussen|product|artikel|totaal|buiten)(?=.{4})"
 )
@@ -165,7 +164,7 @@ _STRIPPED = re.compile(
 _BRACKETS = re.compile(r"\([^)]*\)")
 _WORD = re.compile(r"[^\W\d_]+")
 
-#: Words that say nothing of what is measured, and units.
+#: Units and words without information about the measured object.
 _SMALL_WORDS = frozenset(
     re.findall(
         r"\w+",
@@ -178,83 +177,82 @@ _SMALL_WORDS = frozenset(
 )
 
 
-@_remembered
+@_cached
 def is_package(label: str) -> bool:
-    """Return True if a plain label speaks of the package and not of the item."""
+    """Return True if a plain label names the package instead of the item."""
     return bool(_PACKAGE.search(_UNPACKED.sub(" ", label)))
 
 
 def axis_of_word(word: str) -> str | None:
-    """The axis that a plain word names, alone or behind a word for the whole: `hohe`, `gesamthohe`, `producthoogte`."""
+    """Return the axis of a plain word, which may be a compound: `hohe`, `gesamthohe`, `producthoogte`."""
     return AXIS_WORDS.get(word) or AXIS_WORDS.get(_OF_THE_WHOLE.sub("", word))
 
 
-@_remembered
+@_cached
 def names_an_axis(label: str) -> bool:
-    """Return True if a word of a plain label names an axis: `heel height`."""
+    """Return True if a plain label contains the name of an axis: `heel height`."""
     return any(axis_of_word(word) for word in _WORD.findall(label))
 
 
-@_remembered
+@_cached
 def is_foreign(label: str, title: str = "") -> bool:
-    """Return True if a plain label has a word for another item: `heel height`, `turntable diameter`.
+    """Return True if a plain label contains a word for another object: `heel height`, `turntable diameter`.
 
     Words of the plain title belong to the item: a `table height` is the height of a table.
     """
     words = [word for word in _WORD.findall(_ASIDE.sub(" ", _BRACKETS.sub(" ", label))) if len(word) > 1]
-    return any(not _names_the_object(word, title) for word in words)
+    return any(
+        not (axis_of_word(word) or word in _SMALL_WORDS or _WHOLE.search(word) or _DIMENSION.search(word))
+        and (len(word) <= 2 or word not in title)
+        for word in words
+    )
 
 
-def _names_the_object(word: str, title: str) -> bool:
-    known = axis_of_word(word) or word in _SMALL_WORDS or _WHOLE.search(word) or _DIMENSION.search(word)
-    return bool(known) or (len(word) > 2 and word in title)
-
-
-@_remembered
+@_cached
 def is_component(label: str) -> bool:
-    """Return True if a plain label speaks of a part, an adjustment or another quantity.
+    """Return True if a plain label names a part, an adjustment or another quantity.
 
-    `depth without handles`, `dimensions & weight`, `size (kettle + base)` and `the complete model measures` do not.
+    False for `depth without handles`, `dimensions & weight`, `size (kettle + base)` and `the complete model measures`.
     """
     if is_dimension_label(label) or _ORDER.search(label):
         label = _MOST.sub(" ", _AND_WEIGHT.sub(" ", _TOGETHER.sub(" ", label)))
     return bool(_COMPONENT.search(_COMPLETE.sub(" ", _ASIDE.sub(" ", label))))
 
 
-@_remembered
+@_cached
 def is_stripped(label: str) -> bool:
-    """Return True if a plain label measures an item without what it stands on: a screen `without stand`."""
+    """Return True if a plain label excludes the stand or base of the item: `without stand`."""
     return bool(_STRIPPED.search(label))
 
 
-@_remembered
+@_cached
 def is_part_heading(heading: str) -> bool:
     """Return True if a plain heading announces the size of a part: `seat dimensions`, not `dimensions and weight`."""
     single = not re.search(r"[&,/+]|\b(and|und|et|e|y|en)\b", heading)
     return single and is_dimension_label(heading) and is_component(heading) and not is_whole(heading)
 
 
-@_remembered
+@_cached
 def is_part_name(heading: str, title: str) -> bool:
-    """Return True if a plain heading is no more than the name of a part, `seat`, and not a word of the plain title."""
+    """Return True if a plain heading is just the name of a part (`seat`) that is not in the plain title."""
     return len(heading.split()) <= 2 and heading not in title and is_component(heading) and not is_whole(heading)
 
 
-@_remembered
+@_cached
 def is_of_others(heading: str) -> bool:
-    """Return True if a plain heading is above other products: `you may also like`."""
+    """Return True if a plain heading introduces other products: `you may also like`."""
     return bool(_OTHERS.search(heading))
 
 
-@_remembered
+@_cached
 def is_whole(label: str) -> bool:
-    """Return True if a plain label says that the whole item is meant."""
+    """Return True if a plain label refers to the whole item."""
     return bool(_WHOLE.search(label))
 
 
-@_remembered
+@_cached
 def is_dimension_label(label: str) -> bool:
-    """Return True if a plain label announces a size."""
+    """Return True if a plain label contains a word for a size."""
     return bool(_DIMENSION.search(label))
 
 
@@ -265,7 +263,7 @@ _SITE_LANGUAGE = {
 
 
 def language_of(declared: str | None, host: str = "") -> Language | None:
-    """The language of a page: what it declares (`de-DE`), else what its site's top-level domain suggests."""
+    """Return the declared language of a page (`de-DE`), else that of the top-level domain of its host, else None."""
     known: tuple[Language, ...] = ("en", "de", "fr", "it", "es", "pt", "nl")
     for candidate in (
         (declared or "").split("-")[0].split("_")[0].lower(),

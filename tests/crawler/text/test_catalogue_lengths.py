@@ -4,7 +4,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from crawler.text.cell_lengths import AXES, UnreadableLength, extents_mm, length_mm, measures, words_mm
+from crawler.text.cell_lengths import AXES, UnreadableLength, dimensions_mm, extents_mm, length_mm, measures
 from crawler.text.numbers import number
 from crawler.text.units import MILLIMETRES, UNIT_WORDS, unit
 
@@ -104,7 +104,7 @@ def test_the_size_in_brackets_is_the_same_size_again() -> None:
     "text", ["H: 9 x W: 4 x D: 3 cm", "9cm H x 4cm W x 3cm D", "height 9 cm, width 4 cm, depth 3 cm"]
 )
 def test_axis_words_stand_before_or_behind(text: str) -> None:
-    assert words_mm(measures(text)) == pytest.approx({"height": 90, "width": 40, "depth": 30})
+    assert dimensions_mm(measures(text)) == pytest.approx({"height": 90, "width": 40, "depth": 30})
 
 
 def test_weights_and_volumes_are_no_lengths() -> None:
@@ -120,13 +120,13 @@ def test_a_range_has_two_ends() -> None:
 
 def test_bare_figures_take_the_declared_order() -> None:
     found = measures("100 x 50 x 10 mm")
-    assert words_mm(found, ("height", "width", "depth")) == {"height": 100, "width": 50, "depth": 10}
-    assert words_mm(found) == {}
-    assert words_mm(found, ("height",)) == {}
+    assert dimensions_mm(found, ("height", "width", "depth")) == {"height": 100, "width": 50, "depth": 10}
+    assert dimensions_mm(found) == {}
+    assert dimensions_mm(found, ("height",)) == {}
 
 
 def test_of_a_word_stated_twice_the_outer_size_counts() -> None:
-    assert words_mm(measures("Diam 8 x Diam 11 x H 5 cm")) == {"diameter": 110, "height": 50}
+    assert dimensions_mm(measures("Diam 8 x Diam 11 x H 5 cm")) == {"diameter": 110, "height": 50}
 
 
 @pytest.mark.parametrize(

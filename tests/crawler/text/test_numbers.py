@@ -9,7 +9,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from crawler.text.cell_lengths import AXES, UnreadableLength, extents_mm, length_mm, measures, words_mm
+from crawler.text.cell_lengths import AXES, UnreadableLength, dimensions_mm, extents_mm, length_mm, measures
 from crawler.text.numbers import number
 from crawler.text.sizes import Length, flags_of, is_same_length, sizes
 from crawler.text.tokens import axis_of_letter, tokens
@@ -158,9 +158,9 @@ def test_a_diameter_fills_two_sides_and_no_more() -> None:
 
 
 def test_words_take_the_outer_size_and_an_order_where_none_is_named() -> None:
-    assert words_mm(measures("Height 3 cm, height 5 cm")) == {"height": 50}
-    assert words_mm(measures("3 x 5 cm"), ("width", "height")) == {"width": 30, "height": 50}
-    assert words_mm(measures("3 x 5 x 6 cm"), ("width", "height")) == {}
+    assert dimensions_mm(measures("Height 3 cm, height 5 cm")) == {"height": 50}
+    assert dimensions_mm(measures("3 x 5 cm"), ("width", "height")) == {"width": 30, "height": 50}
+    assert dimensions_mm(measures("3 x 5 x 6 cm"), ("width", "height")) == {}
 
 
 @pytest.mark.parametrize(

@@ -6,7 +6,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from crawler.text.sizes import ABSURD_MM, consensus, sizes
+from crawler.text.sizes import PLAUSIBLE_MM, consensus, sizes
 from crawler.text.units import MILLIMETRES
 from crawler.text.vocabulary import Language
 
@@ -165,7 +165,7 @@ def test_what_is_written_is_read_back(values: list[float], unit: str, data: st.D
     (size,) = sizes(text, "Dimensions")
     expected = [float(f"{value:g}") * MILLIMETRES[unit] for value in values]
     assert [length.mm for length in size.lengths] == pytest.approx(expected, abs=0.06)
-    low, high = ABSURD_MM
+    low, high = PLAUSIBLE_MM
     assert ("absurd_size" in size.flags) == any(not low <= round(mm, 1) <= high for mm in expected)
 
 
@@ -188,7 +188,7 @@ _pieces = [*"0123456789.,/x×X*-–'\"″½ ()[]:;|LWHDBTPAø\u00a0\n", "cm", "m
 @settings(max_examples=400)
 @given(st.lists(st.sampled_from(_pieces), max_size=60).map("".join), st.text(max_size=20))
 def test_nothing_crashes_it_and_nothing_absurd_goes_unflagged(text: str, label: str) -> None:
-    low, high = ABSURD_MM
+    low, high = PLAUSIBLE_MM
     for size in sizes(text, label):
         for length in size.lengths:
             assert math.isfinite(length.mm)

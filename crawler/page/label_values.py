@@ -1,14 +1,14 @@
 """Label and value pairs of a page: tables, definition lists, rows of boxes, lines with a colon.
 
-The search starts at values: only text with a digit is examined, and from there the elements up to its label and its
-heading. Other parts of the page cost nothing. Results for elements are cached, because texts of one table lead to the
+The search starts at the values: for each text with a digit, the elements around it are searched for a label and a
+heading. The rest of the page costs no time. Results for elements are cached, because the texts of a table lead to the
 same elements.
 """
 
 from __future__ import annotations
 
 import re
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass
 from functools import lru_cache
 from itertools import islice
@@ -18,7 +18,7 @@ from lxml.etree import XPath
 
 from crawler.page.page import Element, Page, squeeze
 from crawler.text.sizes import consensus, names_unit, sizes
-from crawler.text.vocabulary import is_dimension_label, is_of_others, is_package, is_whole, names_an_axis, plain
+from crawler.text.vocabulary import is_dimension_label, is_package, is_whole, names_an_axis, plain
 
 #: Maximum number of characters of a label; longer texts are prose.
 MAX_LABEL = 70
@@ -39,7 +39,13 @@ _NAME_WORDS = re.compile(r"[A-Z]?[a-z]+|[A-Z]+(?![a-z])")
 _PACKAGE_REGION = re.compile(r"packag(?!e-?details-?page)|shipping|delivery|verpackung|emballage", re.IGNORECASE)
 SKIPPED = frozenset({"script", "style", "noscript", "template", "select", "option", "nav", "footer", "head"})
 _HEADINGS = frozenset({"h1", "h2", "h3", "h4", "h5", "h6", "legend", "summary", "caption", "dt"})
-_BOLD, _BOXES = frozenset({"b", "strong"}), frozenset({"ul", "ol", "dl", "table", "p", "div"})
+_BOLD = frozenset({"b", "strong"})
+#: Elements below a line of bold text that make it a heading.
+_BOXES = frozenset({"ul", "ol", "dl", "table", "p", "div"})
+#: Elements that contain the whole page.
+_PAGE_TAGS = frozenset({"body", "html", "main"})
+#: Elements before a value that are not its label.
+_NO_LABEL_TAGS = SKIPPED | {"td", "tr", "img"}
 _HEADING_CLASS = re.compile(r"title|heading|header|group-?name|section-?name|caption", re.IGNORECASE)
 #: Place of a pair; an `entry` is a line of a list, or a line whose label is a separate element.
 Place = Literal["table", "list", "row", "entry", "line", "json", "prose"]
@@ -75,7 +81,46 @@ _SIZE_OF_AXES = re.compile(r"([^\d:]{2,40}?)\s*:\s*([^\d:]{1,20}:\s*\d.*)")
 _SIZE_FIRST = re.compile(r"([^\W\d_]+(?: [^\W\d_]{4,})?) ((?:[^\W\d_]{1,2} ?)?\d.*)")
 
 
-class Regions:
+@dataclass(frozen=True, slots=True)
+class LabelValue:
+    """A label and its value."""
+
+    label: str
+    value: str
+    section: str  #: Heading above the pair.
+    place: Place
+    container: int  #: Number of the table or list of the pair.
+
+
+#: A cell of a table of several products, or of sizes to choose from.
+_UNLABELLED_CELL = LabelValue("", "", "", "table", -1)
+
+
+def label_values(page: Page) -> Iterator[LabelValue]:
+    """Return the pairs whose value has a number, in the order of the page, outside of regions of other products."""
+    reader = _PairReader(page.root)
+    seen: set[tuple[str, str, str]] = set()
+    for text in _TEXTS(page.root):
+        if not HAS_DIGIT.search(text) or len(text) >= MAX_TEXT:
+            continue
+        element = text.getparent() if text.is_text else text.getparent().getparent()
+        if element is None or reader.regions.is_elsewhere(element):
+            continue
+        pair = reader.pair_of_text(element, squeeze(text))
+        if pair is not None and (key := (pair.label, pair.value, pair.section)) not in seen:
+            seen.add(key)
+            yield pair
+
+
+@lru_cache(maxsize=4096)
+def names_a_size(letters: str) -> bool:
+    """Return True if a plain label without digits names a size, an axis or a package."""
+    if HAS_DIGIT.search(letters):
+        return False
+    return is_dimension_label(letters) or names_an_axis(letters) or is_package(letters)
+
+
+class PageRegions:
     """Text, heading and kind of the elements of one page.
 
     The caches hold the elements, because lxml would otherwise discard their proxies and with them the keys.
@@ -91,240 +136,238 @@ class Regions:
 
     def text(self, element: Element) -> str:
         """Return the visible text of an element, cut at the length of prose."""
-        known = self._texts.get(element)
-        if known is None:
-            known = squeeze(" ".join(islice(element.itertext(), MAX_JOINED_TEXTS))[: 4 * MAX_VALUE])
-            self._texts[element] = known
-        return known
+        text = self._texts.get(element)
+        if text is None:
+            text = squeeze(" ".join(islice(element.itertext(), MAX_JOINED_TEXTS))[: 4 * MAX_VALUE])
+            self._texts[element] = text
+        return text
 
     def is_elsewhere(self, element: Element) -> bool:
         """Return True if an element is in a region of other products, opinions or navigation."""
-        line = []
-        here = element
-        while here is not None and here not in self._elsewhere:
-            line.append(here)
-            here = here.getparent()
-        found = self._elsewhere[here] if here is not None else False
-        for step in reversed(line):
-            found = found or (step not in self._main and _points_elsewhere(step))
-            self._elsewhere[step] = found
-        return found
+        path = []
+        current = element
+        while current is not None and current not in self._elsewhere:
+            path.append(current)
+            current = current.getparent()
+        is_elsewhere = self._elsewhere[current] if current is not None else False
+        for step in reversed(path):
+            if not is_elsewhere and step not in self._main:
+                names = f"{step.get('id') or ''} {step.get('class') or ''}"
+                is_elsewhere = step.tag in SKIPPED or (step.tag not in _PAGE_TAGS and _names_elsewhere(names))
+            self._elsewhere[step] = is_elsewhere
+        return is_elsewhere
 
     def heading(self, element: Element) -> str:
-        """Return the nearest heading above an element: a heading tag, or a box before it with a class of titles."""
-        heading = self._nearest_heading(element)
-        here = element
+        """Return the nearest title before an element or one of its ancestors, with a note in regions of packages."""
+        heading = ""
+        current = element
         for _ in range(MAX_HEADING_LEVELS):
-            if here not in self._main and _is_package_region(f"{here.get('id') or ''} {here.get('class') or ''}"):
+            heading = self._title_before(current)
+            current = current.getparent()
+            if heading or current is None or current.tag == "body":
+                break
+        current = element
+        for _ in range(MAX_HEADING_LEVELS):
+            names = f"{current.get('id') or ''} {current.get('class') or ''}"
+            if current not in self._main and _contains(_PACKAGE_REGION, names):
                 return f"{heading} (package)".strip()
-            here = here.getparent()
-            if here is None or here.tag in {"body", "main"}:
+            current = current.getparent()
+            if current is None or current.tag in {"body", "main"}:
                 break
         return heading
 
-    def _nearest_heading(self, element: Element) -> str:
-        here = element
-        for _ in range(MAX_HEADING_LEVELS):
-            if title := self._title_before(here):
-                return title
-            here = here.getparent()
-            if here is None or here.tag == "body":
-                break
-        return ""
-
     def _title_before(self, element: Element) -> str:
         """Return the title of the nearest preceding element that is a title or contains one."""
-        line = []
+        path = []
         title = ""
-        here = element
-        while here is not None and not title:
-            if here in self._titles_before:
-                title = self._titles_before[here]
+        current = element
+        while current is not None and not title:
+            if current in self._titles_before:
+                title = self._titles_before[current]
                 break
-            line.append(here)
-            here = here.getprevious()
-            title = self._title(here) if here is not None else ""
-        for step in line:
+            path.append(current)
+            current = current.getprevious()
+            title = self._title(current) if current is not None else ""
+        for step in path:
             self._titles_before[step] = title
         return title
 
     def _title(self, element: Element) -> str:
-        known = self._titles.get(element)
-        if known is None:
-            known = self._titles[element] = self._own_title(element)
-        return known
-
-    def _own_title(self, element: Element) -> str:
-        if element.tag in _HEADINGS or _is_heading_class(element.get("class") or ""):
+        """Return the text of a title, of bold text above a box or a list, or of the title in a short element."""
+        if element in self._titles:
+            return self._titles[element]
+        below = element.getnext()
+        is_above_box = below is not None and below.tag in _BOXES and not (element.tail or "").strip()
+        title = ""
+        if (
+            element.tag in _HEADINGS
+            or _contains(_HEADING_CLASS, element.get("class") or "")
+            or (element.tag in _BOLD and is_above_box)
+        ):
             title = self.text(element)
-        elif element.tag == "table":
-            return ""
-        elif _is_above(element):
-            title = self.text(element)
-        else:
+        elif element.tag != "table":
             inner = next(element.iter("h2"), None)
             inner = inner if inner is not None else next(element.iter("h3"), None)
             title = self.text(inner) if inner is not None and len(self.text(element)) <= MAX_LABEL else ""
-        return title if len(title) <= MAX_LABEL else ""
+        self._titles[element] = title if len(title) <= MAX_LABEL else ""
+        return self._titles[element]
 
 
-def _is_above(element: Element) -> bool:
-    """Return True if bold text is a heading: the only text of its line, directly above a box or a list."""
-    if element.tag not in _BOLD or (element.tail or "").strip():
-        return False
-    below = element.getnext()
-    return below is not None and below.tag in _BOXES
-
-
-def _points_elsewhere(element: Element) -> bool:
-    if element.tag in SKIPPED:
-        return True
-    if element.tag in {"body", "html", "main"}:
-        return False
-    return _names_elsewhere(f"{element.get('id') or ''} {element.get('class') or ''}")
-
-
-# cached, because a site uses the same few hundred class names on all pages
+# the tests of names are cached, because a site uses the same few hundred class names on all pages
 @lru_cache(maxsize=4096)
 def _names_elsewhere(names: str) -> bool:
     return any(_ELSEWHERE.match(word.lower()) for word in _NAME_WORDS.findall(names))
 
 
-@lru_cache(maxsize=4096)
-def _is_package_region(names: str) -> bool:
-    return bool(_PACKAGE_REGION.search(names))
-
-
-@lru_cache(maxsize=4096)
-def _is_heading_class(names: str) -> bool:
-    return bool(_HEADING_CLASS.search(names))
-
-
-@dataclass(frozen=True, slots=True)
-class LabelValue:
-    """A label and its value."""
-
-    label: str
-    value: str
-    section: str  #: Heading above the pair.
-    place: Place
-    container: int  #: Number of the table or list of the pair.
-
-
-def label_values(page: Page) -> Iterator[LabelValue]:
-    """Return the pairs whose value has a number, in the order of the page, without those of other products."""
-    reader = _PairReader(page.root)
-    seen: set[tuple[str, str, str]] = set()
-    for text in _TEXTS(page.root):
-        if not HAS_DIGIT.search(text) or len(text) >= MAX_TEXT:
-            continue
-        element = text.getparent() if text.is_text else text.getparent().getparent()
-        if element is None or reader.regions.is_elsewhere(element):
-            continue
-        for pair in reader.pairs_of(element, squeeze(text)):
-            key = (pair.label, pair.value, pair.section)
-            if key not in seen and not is_of_others(plain(pair.section)):
-                seen.add(key)
-                yield pair
-
-
-@dataclass(frozen=True, slots=True)
-class _Pair:
-    place: Place
-    label: str
-    value: str
-    container: Element
+@lru_cache(maxsize=8192)
+def _contains(pattern: re.Pattern[str], names: str) -> bool:
+    return bool(pattern.search(names))
 
 
 class _PairReader:
     """Reader of the pairs of one page, with a cache per element."""
 
     def __init__(self, root: Element) -> None:
-        self.regions = Regions(root)
+        self.regions = PageRegions(root)
         self._text = self.regions.text
-        self._pairs: dict[Element, _Pair | None] = {}
+        self._pairs: dict[Element, LabelValue | None] = {}
         self._containers: dict[Element, int] = {}
         self._lines_of: dict[Element, list[tuple[str, str]]] = {}
         self._cells_of: dict[Element, list[Element]] = {}
         self._first_rows_of: dict[Element, list[list[Element]]] = {}
 
-    def pairs_of(self, element: Element, text: str) -> Iterator[LabelValue]:
-        here = element
+    def pair_of_text(self, element: Element, text: str) -> LabelValue | None:
+        """Return the pair whose value contains a text of an element, or the text without a label."""
+        current = element
         for _ in range(MAX_LABEL_LEVELS):
-            parent = here.getparent()
-            if parent is None or here.tag in {"body", "main"}:
+            parent = current.getparent()
+            if parent is None or current.tag in {"body", "main"}:
                 break
-            if here not in self._pairs:
-                self._pairs[here] = self._row(here) or self._definition(here) or self._pair(here, parent)
-            pair = self._pairs[here]
+            if current not in self._pairs:
+                self._pairs[current] = self._pair_of_element(current, parent)
+            pair = self._pairs[current]
             if pair is not None:
-                if pair.place == "table" and not pair.label:
-                    return  # a table of several products, or of sizes to choose from
-                heading = self.regions.heading(pair.container)
-                if line := self._labelled_line(element, text):
-                    yield from _split("", line, pair.label or heading, "line", self._number(element))
-                    return
-                yield from _split(pair.label, pair.value, heading, pair.place, self._number(pair.container))
-                return
-            here = parent
-        whole = self._text(element) if len(text) < MAX_VALUE else text
-        value = whole if len(whole) <= MAX_VALUE else text
-        entry = self._entry(element, value)
-        box = element.getparent() if entry is None else entry
+                for line, _ in self._lines(element) if pair.label or pair.place != "table" else ():
+                    # a line with its own label in a box of lines: `Height: 7.2 in<br>Width: 1.4 in`
+                    if text in line and (own := _OWN_LABEL.match(line)) and names_a_size(plain(own[1])):
+                        return _split(LabelValue("", line, pair.label or pair.section, "line", self._number(element)))
+                return _split(pair)
+            current = parent
+        return self._line_of_text(element, text)
+
+    def _line_of_text(self, element: Element, text: str) -> LabelValue | None:
+        """Return the line of a text, with its label if it has one; None for prices, counts and dates."""
+        full_text = self._text(element) if len(text) < MAX_VALUE else text
+        value = full_text if len(full_text) <= MAX_VALUE else text
+        # 1. A line of a list is an entry of the list, a line that begins with `<b>Label</b>` one of its parent.
+        entries = None
+        current: Element | None = element
+        for _ in range(MAX_ENTRY_LEVELS):
+            if current is None or self._text(current) != value:
+                break
+            if current.tag == "li":
+                entries = current.getparent()
+                break
+            current = current.getparent()
+        first = next(iter(element), None)
+        is_label = first is not None and first.tag in _LABEL_TAGS and not (element.text or "").strip()
+        if entries is None and is_label and value.startswith(self._text(first)):
+            entries = element.getparent()
+        container = element.getparent() if entries is None else entries
+        # 2. In a box of lines, each line is an entry of the box.
         heading = ""
         if lines := self._lines(element):
             value, heading = next(((line, head) for line, head in lines if text in line), (value, ""))
-            entry = box = element
+            entries = container = element
         if not names_unit(value) and not _COMPOSED.search(value):
-            return  # a price, a count, a date
-        place: Place = "line" if entry is None else "entry"
-        yield from _split("", value, heading or self.regions.heading(element), place, self._number(box))
+            return None
+        section = heading or self.regions.heading(element)
+        return _split(LabelValue("", value, section, "line" if entries is None else "entry", self._number(container)))
 
     def _lines(self, element: Element) -> list[tuple[str, str]]:
         """Return the lines of a box with line breaks, each with its heading line: `Overall:`, then `Width: 3 cm`."""
         if element not in self._lines_of:
-            lines = list(_parts(element)) if element.find("br") is not None else []
-            listed = all(len(line) <= MAX_LINE for line, _ in lines)  # otherwise it is prose
-            self._lines_of[element] = lines if listed else []
+            lines: list[tuple[str, str]] = []
+            if element.find("br") is not None:
+                parts = [[element.text or ""]]
+                for child in islice(element, MAX_LINES):
+                    if child.tag == "br":
+                        parts.append([])
+                    else:
+                        parts[-1].extend(child.itertext())
+                    parts[-1].append(child.tail or "")
+                heading = ""
+                for line in (squeeze(" ".join(texts)) for texts in parts):
+                    heading = line if line.endswith(":") and not HAS_DIGIT.search(line) else heading
+                    lines.append((line, heading))
+            is_list = all(len(line) <= MAX_LINE for line, _ in lines)  # otherwise it is prose
+            self._lines_of[element] = lines if is_list else []
         return self._lines_of[element]
-
-    def _labelled_line(self, element: Element, text: str) -> str | None:
-        """Return the line with a label in a box with line breaks: `Height: 7.2 in<br>Width: 1.4 in`."""
-        for line, _ in self._lines(element):
-            if text in line and (own := _OWN_LABEL.match(line)) and names_a_size(plain(own[1])):
-                return line
-        return None
-
-    def _entry(self, element: Element, value: str) -> Element | None:
-        """Return the list of a line, or the parent of a line that begins with `<b>Label</b>`; None for other lines."""
-        here = element
-        for _ in range(MAX_ENTRY_LEVELS):
-            if here is None or self._text(here) != value:
-                break
-            if here.tag == "li":
-                return here.getparent()
-            here = here.getparent()
-        first = next(iter(element), None)
-        begins = first is not None and first.tag in _LABEL_TAGS and not (element.text or "").strip()
-        return element.getparent() if begins and value.startswith(self._text(first)) else None
 
     def _number(self, container: Element) -> int:
         return self._containers.setdefault(container, len(self._containers))
 
-    def _row(self, here: Element) -> _Pair | None:
-        if here.tag not in {"td", "th"}:
+    def _pair_of_element(self, element: Element, parent: Element) -> LabelValue | None:
+        """Return the pair whose value is an element: a cell, a definition, or a box after its label."""
+        if element.tag in {"td", "th"} and (pair := self._pair_of_cell(element)) is not None:
+            return pair
+        if element.tag == "dd":
+            before = islice(element.itersiblings(preceding=True), MAX_BEFORE)
+            term = next((sibling for sibling in before if sibling.tag == "dt"), None)
+            if term is not None:
+                whole = next(element.iterancestors("dl"), parent)
+                return self._pair(self._text(term), self._text(element), "list", whole)
+        # `<div>Width</div><div>4 cm</div>`
+        if _is_longer(element.iter("li"), 1) or _is_longer(parent, MAX_BOXES):
+            return None  # a list, whose entries have their own labels, or a long row of boxes
+        label_box = next(filter(self._text, element.itersiblings(preceding=True)), None)
+        if label_box is None or label_box.tag in _NO_LABEL_TAGS:
             return None
-        row = here.getparent()
-        filled = self._cells(row)
-        if len(filled) > MAX_CELLS:
-            return _Pair("table", "", "", row)
-        if len(filled) > 2 and filled[0].get("rowspan", "1") != "1":
-            filled = filled[1:]  # the name of the group whose first row this is
-        if len(filled) == 2 and here is filled[1]:
-            return _Pair("table", self._text(filled[0]), self._text(here), row.getparent())
-        if len(filled) == 4 and here in {filled[1], filled[3]} and not HAS_DIGIT.search(self._text(filled[2])):
-            return _Pair("table", self._text(filled[filled.index(here) - 1]), self._text(here), row.getparent())
-        return self._grid(row, filled, filled.index(here)) if len(filled) > 2 and here in filled else None
+        label, tail = self._text(label_box), squeeze(label_box.tail or "")
+        is_short = max(len(label), len(tail)) <= MAX_LABEL and not HAS_DIGIT.search(label)
+        if (
+            not is_short
+            or not names_a_size(plain(f"{label} {tail}").strip(" :"))
+            or len(self._text(element)) > MAX_VALUE
+        ):
+            return None
+        above = parent.getparent()
+        return self._pair(f"{label} {tail}".strip(), self._text(element), "row", parent if above is None else above)
+
+    def _pair(self, label: str, value: str, place: Place, container: Element) -> LabelValue:
+        return LabelValue(label, value, self.regions.heading(container), place, self._number(container))
+
+    def _pair_of_cell(self, cell: Element) -> LabelValue | None:
+        """Return the pair of a table cell; None if the cell has no label."""
+        row = cell.getparent()
+        cells = self._cells(row)
+        if len(cells) > MAX_CELLS:
+            return _UNLABELLED_CELL
+        if len(cells) > 2 and cells[0].get("rowspan", "1") != "1":
+            cells = cells[1:]  # the first one is the name of a group of rows
+        if cell not in cells or len(cells) < 2 or (len(cells) == 2 and cell is cells[0]):
+            return None
+        column = cells.index(cell)
+        texts = [self._text(cell) for cell in cells]
+        if len(cells) == 2 or (len(cells) == 4 and column % 2 and not HAS_DIGIT.search(texts[2])):
+            return self._pair(texts[column - 1], texts[column], "table", row.getparent())
+        # 1. The columns are systems of units.
+        if column and names_a_size(plain(texts[0])) and _is_one_length(texts[1:], texts[0]):
+            return self._pair(texts[0], " / ".join(texts[1:]), "table", row.getparent())
+        # 2. The columns are axes, named in the first row, of one item or of an item and its parts.
+        table = next(row.iterancestors("table"), row)
+        if table not in self._first_rows_of:
+            self._first_rows_of[table] = list(islice(filter(None, map(self._cells, table.iter("tr"))), 3))
+        header, *others = self._first_rows_of[table] or [[]]
+        labels = [self._text(cell) for cell in header]
+        if sum(names_a_size(plain(label)) for label in labels) > 1:
+            is_only_row = len(others) == 1 and row is others[0][0].getparent()
+            n_names = len(texts) - len(labels)
+            if (n_names == 0 and is_only_row) or (
+                n_names == 1 and column and (is_only_row or is_whole(plain(texts[0])))
+            ):
+                return self._pair(labels[column - n_names], texts[column], "table", table)
+        return _UNLABELLED_CELL
 
     def _cells(self, row: Element) -> list[Element]:
         """Return the cells of a row that have text, at most one more than `MAX_CELLS`."""
@@ -333,90 +376,13 @@ class _PairReader:
             self._cells_of[row] = list(islice(filled, MAX_CELLS + 1))
         return self._cells_of[row]
 
-    def _first_rows(self, table: Element) -> list[list[Element]]:
-        """Return the cells with text of the first three rows of a table that have any."""
-        if table not in self._first_rows_of:
-            self._first_rows_of[table] = list(islice(filter(None, map(self._cells, table.iter("tr"))), 3))
-        return self._first_rows_of[table]
-
-    def _grid(self, row: Element, filled: list[Element], column: int) -> _Pair:
-        """Return the pair of a cell in a table of several columns.
-
-        The columns are systems of units, or axes in a row above. Any other table lists several products or sizes to
-        choose from: the pair has no label.
-        """
-        texts = [self._text(cell) for cell in filled]
-        if column and names_a_size(plain(texts[0])) and _is_one_length(texts[1:], texts[0]):
-            return _Pair("table", texts[0], " / ".join(texts[1:]), row.getparent())
-        table = next(row.iterancestors("table"), row)
-        first, *others = self._first_rows(table) or [[]]
-        labels = [self._text(cell) for cell in first]
-        if sum(names_a_size(plain(label)) for label in labels) > 1:
-            alone = len(others) == 1 and row is others[0][0].getparent()
-            if alone and len(labels) == len(texts):
-                return _Pair("table", labels[column], texts[column], table)
-            # rows with names: of a single item, or of the whole and its parts
-            if column and len(labels) == len(texts) - 1 and (alone or is_whole(plain(texts[0]))):
-                return _Pair("table", labels[column - 1], texts[column], table)
-        return _Pair("table", "", "", row)
-
-    def _definition(self, here: Element) -> _Pair | None:
-        if here.tag != "dd":
-            return None
-        before = islice(here.itersiblings(preceding=True), MAX_BEFORE)
-        term = next((element for element in before if element.tag == "dt"), None)
-        whole = next(here.iterancestors("dl"), here.getparent())
-        return None if term is None else _Pair("list", self._text(term), self._text(here), whole)
-
-    def _pair(self, here: Element, parent: Element) -> _Pair | None:
-        """Return the pair of a box after a short label: `<div>Width</div><div>4 cm</div>`."""
-        if _is_longer(here.iter("li"), 1) or _is_longer(parent, MAX_BOXES):
-            return None  # a list, whose entries have their own labels, or a long row of boxes
-        before = next(filter(self._text, here.itersiblings(preceding=True)), None)
-        if before is None or before.tag in SKIPPED | {"td", "tr", "img"}:
-            return None
-        label = self._text(before)
-        if len(label) > MAX_LABEL or HAS_DIGIT.search(label):
-            return None
-        tail = squeeze(before.tail or "")
-        if len(tail) > MAX_LABEL or not names_a_size(plain(f"{label} {tail}").strip(" :")):
-            return None
-        value = self._text(here)
-        if len(value) > MAX_VALUE:
-            return None
-        above = parent.getparent()
-        return _Pair("row", f"{label} {tail}".strip(), value, parent if above is None else above)
-
-
-def _parts(element: Element) -> Iterator[tuple[str, str]]:
-    lines = [[element.text or ""]]
-    for child in islice(element, MAX_LINES):
-        if child.tag == "br":
-            lines.append([])
-        else:
-            lines[-1].extend(child.itertext())
-        lines[-1].append(child.tail or "")
-    head = ""
-    for line in (squeeze(" ".join(parts)) for parts in lines):
-        if line.endswith(":") and not HAS_DIGIT.search(line):
-            head = line
-        yield line, head
-
-
-@lru_cache(maxsize=4096)
-def names_a_size(letters: str) -> bool:
-    """Return True if a plain label without digits names a size, an axis or a package."""
-    if HAS_DIGIT.search(letters):
-        return False
-    return is_dimension_label(letters) or names_an_axis(letters) or is_package(letters)
-
 
 def _is_longer(elements: Iterable[Element], maximum: int) -> bool:
     """Return True if there are more than `maximum` elements; `len` of lxml would count all of them."""
     return sum(1 for _ in islice(elements, maximum + 1)) > maximum
 
 
-def _is_one_length(texts: list[str], label: str) -> bool:
+def _is_one_length(texts: Sequence[str], label: str) -> bool:
     """Return True if cells state one length in several systems of units."""
     read = [sizes(text, label) for text in texts]
     if not all(len(stated) == 1 and len(stated[0].lengths) == 1 for stated in read):
@@ -426,27 +392,23 @@ def _is_one_length(texts: list[str], label: str) -> bool:
     return len(units) > 1 and size is not None and "contradicts_itself" not in size.flags
 
 
-def _split(label: str, value: str, section: str, place: Place, container: int) -> Iterator[LabelValue]:
-    """Return the pair, or that within a value with its own label: `Width: 3 cm`, `Size H75, W120 cm`."""
+def _split(pair: LabelValue) -> LabelValue | None:
+    """Return a pair, or the pair in its value (`Width: 3 cm`, `Size H75, W120 cm`); None for no or too long values."""
+    label, value, section, place = pair.label.strip(" :\u00a0"), pair.value, pair.section, pair.place
     if not value or len(value) > MAX_VALUE * 2:
-        return
-    label = label.strip(" :\u00a0")
+        return None
     if place == "row" and (own := _OWN_LABEL.match(value)) and is_dimension_label(plain(own[1])):
         section, label, value = label, own[1].strip(), own[2]  # the outer label is the heading
-    own = None if label else _OWN_LABEL.match(value) or _LETTER_FIRST.fullmatch(value) or _size_first(value)
+    own = None if label else _OWN_LABEL.match(value) or _LETTER_FIRST.fullmatch(value)
+    if not label and own is None:
+        size = _SIZE_FIRST.match(value) or _SIZE_OF_AXES.match(value)
+        own = size if size and is_dimension_label(plain(size[1])) else None
     if own:
         label, value = own[1].strip(), own[2]
-    if label and not names_a_size(plain(label)) and (inner := _inner_label(value)):
-        label, value, place = inner[1].strip(), inner[2], "prose"
-    named = label or (place == "entry" and is_dimension_label(plain(section)))
-    yield LabelValue(label, value, section, place if named else "prose", container)
-
-
-def _size_first(value: str) -> re.Match[str] | None:
-    own = _SIZE_FIRST.match(value) or _SIZE_OF_AXES.match(value)
-    return own if own and is_dimension_label(plain(own[1])) else None
-
-
-def _inner_label(value: str) -> re.Match[str] | None:
-    """Find a label of a size within a text: `Material: MDF. Medidas: alto: 83 cm, ancho: 120 cm`."""
-    return next((match for match in _INNER_LABEL.finditer(value) if is_dimension_label(plain(match[1]))), None)
+    if label and not names_a_size(plain(label)):
+        # the label of a size within the text: `Material: MDF. Medidas: alto: 83 cm, ancho: 120 cm`
+        inner = next((match for match in _INNER_LABEL.finditer(value) if is_dimension_label(plain(match[1]))), None)
+        if inner:
+            label, value, place = inner[1].strip(), inner[2], "prose"
+    is_named = label or (place == "entry" and is_dimension_label(plain(section)))
+    return LabelValue(label, value, section, place if is_named else "prose", pair.container)

@@ -1,4 +1,4 @@
-"""Web pages, parsed once: element tree, language, links. Live and saved pages have the same reader."""
+"""Parse web pages, live or saved: element tree, language, links."""
 
 from __future__ import annotations
 
@@ -23,8 +23,8 @@ MAX_BYTES = 32_000_000
 _INVISIBLE = re.compile("[\u00ad\u034f\u061c\u200b-\u200f\u202a-\u202e\u2060-\u2064\u2066-\u2069\ufeff\ufe0e\ufe0f]")
 #: Control characters (C0 and C1) that are not white space.
 _CONTROLS = re.compile("[\x00-\x1f\x7f-\x9f]")
-#: Invisible elements, removed once for all readers of the tree.
-_UNSEEN = ("script", "style", "template", "noscript", "select")
+#: Tags of invisible elements, which are removed from the tree.
+_INVISIBLE_TAGS = ("script", "style", "template", "noscript", "select")
 _LINKS = etree.XPath("//a/@href", smart_strings=False)
 _LINKED_DATA = etree.XPath("//script[contains(@type, 'ld+json')]/text()", smart_strings=False)
 #: First bytes of other files that users save with pages.
@@ -37,12 +37,12 @@ _SIGNATURES = {
     b"PK\x03\x04": "a ZIP archive or an office document",
     b"SQLite format 3": "an SQLite file",
 }
-#: Marks of UTF-16, whose zero bytes are text.
+#: Byte order marks of UTF-16, in which zero bytes are text.
 _MARKS = (b"\xff\xfe", b"\xfe\xff")
 #: Bytes that no text contains, and number of bytes that are examined (WHATWG MIME Sniffing, 3 and 5.1).
 _BINARY = re.compile(rb"[\x00-\x08\x0b\x0e-\x1a\x1c-\x1f]")
 SNIFFED_BYTES = 1445
-#: An element of HTML; a text without any is not a page.
+#: An element of HTML; a text without an element is not a page.
 _ELEMENT = re.compile(
     rb"<(?:!doctype\s+html|html|head|body|title|meta|link|base|script|style|div|span|p|a|h[1-6]|table|t[rdh]|[uod]l|li|d[td]"
     rb"|main|article|section|header|footer|nav|form|img|b|i|br|center|font)[\s/>]",
@@ -56,59 +56,67 @@ class BadPage(InputError):
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Page:
-    """A parsed page.
-
-    `root` is lxml's html element without what nobody sees (scripts, styles, comments), `text` the source that it was
-    parsed from, `linked_data` the texts of its JSON-LD, `links` the addresses of its links as they are written.
-    """
+    """A parsed page."""
 
     url: str
-    text: str
-    root: Element
+    text: str  #: Source text.
+    root: Element  #: The html element, without scripts, styles, comments and other invisible elements.
     language: Language | None
-    linked_data: tuple[str, ...] = ()
-    links: tuple[str, ...] = ()
+    linked_data: tuple[str, ...] = ()  #: Texts of the JSON-LD.
+    links: tuple[str, ...] = ()  #: Addresses of the links, as written.
 
     @property
     def host(self) -> str:
-        """The site, in small letters, without port and leading `www.`."""
+        """Host in lower case, without port and leading `www.`."""
         return (urlsplit(self.url).hostname or "").removeprefix("www.")
 
 
 def page(body: bytes, url: str, content_type: str | None = None) -> Page:
-    """The page of a body.
+    """Parse a page.
+
+    Parameters
+    ----------
+    body : bytes
+        HTML in the encoding of `content_type`, of its byte order mark or declaration, else UTF-8.
+    url : str
+        Address of the page.
+    content_type : str, optional
+        HTTP header of this name.
 
     Raises
     ------
     BadPage
-        The body is empty, larger than `MAX_BYTES`, or holds no element.
+        The body is empty, larger than `MAX_BYTES`, or contains no element.
     """
     if not body or body.isspace():
         raise BadPage(f"{url}: expected a page; found nothing")
     if len(body) > MAX_BYTES:
         raise BadPage(f"{url}: expected at most {MAX_BYTES} bytes; found {len(body)}")
-    text, data = _decode(body, content_type)
-    # The parser gets the encoding, so that no declaration inside the page can mislead it.
+    encoding, text = html_to_unicode(content_type, body, default_encoding="utf-8")
+    if encoding != "utf-8" or "\ufffd" in text or "\x00" in text:
+        text = text.replace("\x00", "")
+        body = text.encode(errors="replace")
+    # the encoding is given to the parser, because declarations in pages may be wrong
     parser = etree.HTMLParser(encoding="utf-8", remove_comments=True, remove_pis=True)
     try:
-        root = etree.fromstring(data, parser)
+        root = etree.fromstring(body, parser)
     except (etree.XMLSyntaxError, ValueError) as error:
         raise BadPage(f"{url}: expected HTML; found {error}") from None
     if root is None:
         raise BadPage(f"{url}: expected HTML; found no element")
     linked_data, links = tuple(_LINKED_DATA(root)), tuple(_LINKS(root))
-    etree.strip_elements(root, *_UNSEEN, with_tail=False)
+    etree.strip_elements(root, *_INVISIBLE_TAGS, with_tail=False)
     declared = root.get("lang") or root.get("{http://www.w3.org/XML/1998/namespace}lang")
     return Page(url, text, root, language_of(declared, urlsplit(url).hostname or ""), linked_data, links)
 
 
 def saved_page(path: Path, url: str) -> Page:
-    """The page of a file, gzipped or not.
+    """Read and parse a page from a file, which may be compressed by gzip.
 
     Raises
     ------
     BadPage
-        There is no such file, it holds something else than HTML, is damaged, or unpacks to more than `MAX_BYTES`.
+        The file does not exist, is damaged or not HTML, or has more than `MAX_BYTES`, also after decompression.
     """
     if not path.is_file():
         raise BadPage(f"{path}: expected an HTML page; found {'a folder' if path.is_dir() else 'no file'}")
@@ -116,37 +124,21 @@ def saved_page(path: Path, url: str) -> Page:
         raise BadPage(f"{path}: expected at most {MAX_BYTES} bytes; found {path.stat().st_size}")
     body = path.read_bytes()
     if body[:2] == b"\x1f\x8b":
-        body = _unpack(path, body)
+        try:  # with a bound, because a small file may decompress to gigabytes
+            body = zlib.decompressobj(wbits=31).decompress(body, MAX_BYTES + 1)
+        except (zlib.error, gzip.BadGzipFile) as error:
+            raise BadPage(f"{path}: expected a gzip file; found {error}") from None
+        if len(body) > MAX_BYTES:
+            raise BadPage(f"{path}: expected at most {MAX_BYTES} bytes unpacked; found more")
     if other := other_content(body):
         raise BadPage(f"{path}: expected an HTML page; found {other}")
     return page(body, url)
 
 
 def squeeze(text: str) -> str:
-    """The text without invisible signs and controls, with single spaces."""
+    """Return a text with single spaces, and without invisible characters and control characters."""
     text = " ".join(text.split() if text.isascii() else _INVISIBLE.sub("", text).split())
     return text if text.isprintable() else _CONTROLS.sub("", text)
-
-
-def _decode(body: bytes, content_type: str | None) -> tuple[str, bytes]:
-    """A body's text, by the encoding that its header, its mark or itself names, else UTF-8; the same as clean UTF-8."""
-    encoding, text = html_to_unicode(content_type, body, default_encoding="utf-8")
-    if encoding == "utf-8" and "\ufffd" not in text and "\x00" not in text:
-        return text, body
-    text = text.replace("\x00", "")
-    return text, text.encode(errors="replace")
-
-
-def _unpack(path: Path, body: bytes) -> bytes:
-    # One call with a bound: a small file may unpack to gigabytes.
-    unpacker = zlib.decompressobj(wbits=31)
-    try:
-        unpacked = unpacker.decompress(body, MAX_BYTES + 1)
-    except (zlib.error, gzip.BadGzipFile) as error:
-        raise BadPage(f"{path}: expected a gzip file; found {error}") from None
-    if len(unpacked) > MAX_BYTES:
-        raise BadPage(f"{path}: expected at most {MAX_BYTES} bytes unpacked; found more")
-    return unpacked
 
 
 def other_content(body: bytes) -> str | None:

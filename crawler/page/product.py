@@ -5,7 +5,7 @@ from __future__ import annotations
 import html
 import json
 import re
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cache
 from itertools import islice
@@ -19,10 +19,11 @@ from crawler.page.urls import absolute_url
 #: Maximum number of images of a product.
 MAX_IMAGES = 12
 
-#: Tags of breadcrumbs, and number of boxes with such a class that are examined.
-_BREADCRUMB_TAGS, _BREADCRUMB_BOXES = ("nav", "ol", "ul", "div"), 3
-
+#: Number of boxes that are examined for a breadcrumb.
+MAX_BREADCRUMB_BOXES = 3
+_BREADCRUMB_TAGS = ("nav", "ol", "ul", "div")
 _BREADCRUMB_MARKS = ("readcrumb", "readCrumb")
+_BREADCRUMB_ATTRIBUTES = ("class", "id", "aria-label")
 
 #: Separators of the steps of a category; shops also write `Home & Living < Vases`, in the same order.
 _CATEGORY_MARKS = re.compile("[/<>]")
@@ -48,51 +49,74 @@ _UNIT_CODES = {"MMT": "mm", "CMT": "cm", "MTR": "m", "INH": "in", "FOT": "ft"}
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Product:
-    """A product: the site's own id, title, breadcrumb, brand, images, and sizes as (label, text) pairs."""
+    """A product of a page."""
 
     id: str | None = None
     title: str = ""
-    category_path: tuple[str, ...] = ()
+    category_path: tuple[str, ...] = ()  #: Breadcrumb.
     brand: str | None = None
-    images: tuple[str, ...] = ()
-    sizes: tuple[tuple[str, str], ...] = ()
+    images: tuple[str, ...] = ()  #: Addresses.
+    sizes: tuple[tuple[str, str], ...] = ()  #: Labels and texts of structured data.
 
 
-def product(page: Page, own: Product | None = None) -> Product:
-    """The product of a page of any site; what `own`, the site's own rules, has found already is not looked for."""
-    known = own or Product()
-    nodes = _nodes(page, bool(known.category_path))
-    product = next((node for node in nodes if _is(node, *_PRODUCT_TYPES)), {})
-    title = known.title or _title(page, product)
+def product(page: Page, known: Product | None = None) -> Product:
+    """Return the product of a page.
+
+    Parameters
+    ----------
+    page : Page
+    known : Product, optional
+        Fields that the rules of the site have determined; only the others are searched.
+    """
+    known = known or Product()
+    nodes = _structured_data(page, bool(known.category_path))
+    data = next((node for node in nodes if _is(node, *_PRODUCT_TYPES)), {})
+    heading, page_title = (next(page.root.iter(tag), None) for tag in ("h1", "title"))
+    title = known.title or _first(data.get("name"), _meta(page, "og:title")) or _text(heading) or _text(page_title)
+    category_path = known.category_path or _breadcrumb(page, nodes, title)
+    if not category_path:
+        category = data.get("category")
+        category = category[0] if isinstance(category, list) and category else category
+        category_path = _path(_CATEGORY_MARKS.split(category)) if isinstance(category, str) else ()
+    images = known.images
+    if not images:
+        listed = [_name(image, "url") or _name(image, "contentUrl") for image in _list(data.get("image"))]
+        addresses = (absolute_url(page.url, url) for url in listed or [_meta(page, "og:image")] if url)
+        images = tuple(dict.fromkeys(filter(None, addresses)))[:MAX_IMAGES]
     return Product(
-        id=known.id or _first(product.get("sku"), product.get("productID"), product.get("mpn"), product.get("gtin13")),
+        id=known.id or _first(data.get("sku"), data.get("productID"), data.get("mpn"), data.get("gtin13")),
         title=title,
-        category_path=known.category_path or _breadcrumb(page, nodes, title) or _category(product),
-        brand=known.brand or _name(product.get("brand")),
-        images=known.images or _images(page, product),
-        sizes=tuple(_sizes(product)),
+        category_path=category_path,
+        brand=known.brand or _name(data.get("brand")),
+        images=images,
+        sizes=tuple(_sizes(data)),
     )
 
 
-def _nodes(page: Page, has_category: bool) -> list[Mapping[str, Any]]:
-    """The page's objects: JSON-LD, and microdata where JSON-LD does not name the item or its place."""
-    nodes = [node for text in page.linked_data for node in _objects(_parse_json(text))]
-    named = any(_is(node, *_PRODUCT_TYPES) for node in nodes)
-    placed = has_category or any(_is(node, "BreadcrumbList") for node in nodes)
-    return nodes if named and placed else nodes + list(_microdata(page))
-
-
-def _microdata(page: Page) -> Iterator[Mapping[str, Any]]:
-    if "itemtype" not in page.text or not _USEFUL_TYPE.search(page.text):
-        return
+def _structured_data(page: Page, has_category: bool) -> list[Mapping[str, Any]]:
+    """Return the objects of the JSON-LD, and those of the microdata if the product or its breadcrumb is missing."""
+    nodes: list[Mapping[str, Any]] = []
+    for text in page.linked_data:
+        pending = [_parse_json(text)]
+        while pending:
+            value = pending.pop()
+            if isinstance(value, list):
+                pending.extend(reversed(value[:MAX_OBJECTS]))
+            elif isinstance(value, dict):
+                nodes.append(value)
+                pending.extend(part for key in ("mainEntity", "@graph") if (part := value.get(key)))
+    has_product = any(_is(node, *_PRODUCT_TYPES) for node in nodes)
+    has_category = has_category or any(_is(node, "BreadcrumbList") for node in nodes)
+    if (has_product and has_category) or "itemtype" not in page.text or not _USEFUL_TYPE.search(page.text):
+        return nodes
     try:
-        objects = _microdata_reader().extract_items(page.root, page.url)
-    except (ValueError, TypeError, RecursionError):  # broken markup costs its microdata, not the page
-        return
-    for item in objects:
-        properties = item.get("properties")
-        if isinstance(properties, dict):
-            yield {"@type": str(item.get("type", "")).rpartition("/")[2], **properties}
+        for item in _microdata_reader().extract_items(page.root, page.url):
+            properties = item.get("properties")
+            if isinstance(properties, dict):
+                nodes.append({"@type": str(item.get("type", "")).rpartition("/")[2], **properties})
+    except (ValueError, TypeError, RecursionError):  # invalid markup makes the microdata useless, but not the page
+        pass
+    return nodes
 
 
 @cache
@@ -102,9 +126,9 @@ def _microdata_reader() -> Any:
     wanted = [f"contains(@itemtype, 'schema.org/{kind}')" for kind in (*_PRODUCT_TYPES, "BreadcrumbList")]
 
     class Reader(MicrodataExtractor):  # type: ignore[misc]  # extruct has no types
-        """Extruct's, for the items that are of use, without what they hold of opinions and offers.
+        """Extractor of products and breadcrumbs without reviews and offers.
 
-        It would read every item of a page, and copy and clean each property of a page that is clean already.
+        The base class reads all items of a page, and copies and cleans each property, although the page is clean.
         """
 
         _xp_item = XPath(f"descendant-or-self::*[@itemscope][{' or '.join(wanted)}]")
@@ -131,18 +155,6 @@ def _parse_json(text: str) -> Any:
     return None
 
 
-def _objects(value: Any) -> Iterator[Mapping[str, Any]]:
-    """The objects of a JSON-LD value: itself, its graph, the members of its list."""
-    pending = [value]
-    while pending:
-        here = pending.pop()
-        if isinstance(here, list):
-            pending.extend(reversed(here[:MAX_OBJECTS]))
-        elif isinstance(here, dict):
-            yield here
-            pending.extend(part for key in ("mainEntity", "@graph") if (part := here.get(key)))
-
-
 def _is(node: Mapping[str, Any], *names: str) -> bool:
     types = node.get("@type")
     return any(str(kind).rpartition("/")[2] in names for kind in (types if isinstance(types, list) else [types]))
@@ -166,7 +178,7 @@ def _sizes(product: Mapping[str, Any]) -> Iterator[tuple[str, str]]:
 
 
 def _flat(value: Any) -> Any:
-    """An object of JSON-LD as it is, of microdata without the box around its properties."""
+    """Return the properties of an object of JSON-LD or microdata."""
     return value.get("properties", value) if isinstance(value, dict) else value
 
 
@@ -183,56 +195,30 @@ def _quantity(value: Any) -> str | None:
     return str(value) if isinstance(value, str | int | float) and str(value).strip() else None
 
 
-def _breadcrumb(page: Page, nodes: list[Mapping[str, Any]], title: str) -> tuple[str, ...]:
-    """Return the breadcrumb of the structured data, or the visible one."""
+def _breadcrumb(page: Page, nodes: Sequence[Mapping[str, Any]], title: str) -> tuple[str, ...]:
+    """Return the breadcrumb of the structured data, or the visible one if the former has no category."""
     declared: tuple[str, ...] = ()
-    for node in nodes:
-        if _is(node, "BreadcrumbList"):
-            steps = [step for step in _list(node.get("itemListElement")) if isinstance(step, dict)]
-            declared = _path([_step_name(step) for step in steps])
-            break
-    if any(step not in {title, "Shop"} for step in declared):
+    if (breadcrumb := next((node for node in nodes if _is(node, "BreadcrumbList")), None)) is not None:
+        steps = [step for step in _list(breadcrumb.get("itemListElement")) if isinstance(step, dict)]
+        items = ((step, step.get("item")) for step in steps)
+        declared = _path([_name(step) or (_name(item) if isinstance(item, dict) else None) for step, item in items])
+    is_empty = all(step in {title, "Shop"} for step in declared)
+    if not is_empty or not any(mark in page.text for mark in _BREADCRUMB_MARKS):
         return declared
-    for box in islice(_breadcrumb_boxes(page), _BREADCRUMB_BOXES):
-        path = _path([_text(link) for link in box.iter("a")])
-        if path:
-            return path
-    return declared
-
-
-def _breadcrumb_boxes(page: Page) -> Iterator[Element]:
-    """Return boxes with a mark of breadcrumbs in class, id or label, then those with it in any attribute."""
-    if not any(mark in page.text for mark in _BREADCRUMB_MARKS):
-        return
-    for names in (("class", "id", "aria-label"), None):
-        for box in page.root.iter(*_BREADCRUMB_TAGS):
-            said = box.values() if names is None else [box.get(name) or "" for name in names]
-            if any(mark in value for value in said for mark in _BREADCRUMB_MARKS):
-                yield box
-
-
-def _step_name(step: Mapping[str, Any]) -> str | None:
-    item = step.get("item")
-    return _name(step) or (_name(item) if isinstance(item, dict) else None)
+    boxes = (
+        box
+        for names in (_BREADCRUMB_ATTRIBUTES, None)  # then any attribute
+        for box in page.root.iter(*_BREADCRUMB_TAGS)
+        for values in (box.values() if names is None else [box.get(name) or "" for name in names],)
+        if any(mark in value for value in values for mark in _BREADCRUMB_MARKS)
+    )
+    paths = (_path([_text(link) for link in box.iter("a")]) for box in islice(boxes, MAX_BREADCRUMB_BOXES))
+    return next(filter(None, paths), declared)
 
 
 def _path(steps: list[str | None]) -> tuple[str, ...]:
     kept = [squeeze(step) for step in steps if step and squeeze(step)]
     return tuple(step for step in kept if step.lower() not in {"home", "startseite", "accueil", "inicio", "início"})[:8]
-
-
-def _category(product: Mapping[str, Any]) -> tuple[str, ...]:
-    text = product.get("category")
-    if isinstance(text, list):
-        text = text[0] if text else None
-    return _path(_CATEGORY_MARKS.split(text)) if isinstance(text, str) else ()
-
-
-def _images(page: Page, product: Mapping[str, Any]) -> tuple[str, ...]:
-    listed = [_name(image, "url") or _name(image, "contentUrl") for image in _list(product.get("image"))]
-    listed = listed or [_meta(page, "og:image")]
-    addresses = [absolute_url(page.url, address) for address in listed if address]
-    return tuple(dict.fromkeys(address for address in addresses if address))[:MAX_IMAGES]
 
 
 def _name(value: Any, key: str = "name") -> str | None:
@@ -249,12 +235,6 @@ def _first(*values: Any) -> str | None:
         if squeeze(text):
             return squeeze(html.unescape(text))
     return None
-
-
-def _title(page: Page, product: Mapping[str, Any]) -> str:
-    heading, title = (next(page.root.iter(tag), None) for tag in ("h1", "title"))
-    own = _first(product.get("name"), _meta(page, "og:title"))
-    return own or _text(heading) or _text(title)
 
 
 def _text(element: Element | None) -> str:

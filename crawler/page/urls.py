@@ -13,48 +13,50 @@ _TRACKING = re.compile(r"utm_\w+|gclid|fbclid")
 
 
 def web_address(url: str, field: str) -> str:
-    """The address, if it is one of the web.
+    """Return an address if it is a web address.
 
     Raises
     ------
     BadPage
-        The scheme is another than http and https, no host is named, or it has a blank.
+        The scheme is not http or https, the host is missing, or the address contains white space.
     """
-    try:
-        parts = urlsplit(url)
-        sound = parts.scheme in {"http", "https"} and bool(parts.hostname) and parts.port != 0
-    except ValueError:  # an invalid port, or a bracket that is not closed
-        sound = False
-    if not sound or re.search(r"\s", url):
+    if not _is_web_address(url) or re.search(r"\s", url):
         raise BadPage(f"{field}: expected an http(s) address; found {url!r}")
     return url
 
 
 def absolute_url(base: str, address: str) -> str:
     """Return the absolute address of a link without fragment; empty if it is malformed or not a web address."""
-    try:
-        url = _joined_url(base, address.strip()).partition("#")[0]
-        parts = urlsplit(url)
-        sound = parts.scheme in {"http", "https"} and bool(parts.hostname) and parts.port != 0
-    except ValueError:  # an invalid port, or a bracket that is not closed
-        return ""
-    return url if sound else ""
-
-
-def _joined_url(base: str, address: str) -> str:
-    """Most links name a path from the root, for which `urljoin` is slow."""
+    address = address.strip()
     if address.startswith("/") and not address.startswith("//") and "/." not in address:
+        # most links are paths from the root, for which `urljoin` is slow
         scheme, _, rest = base.partition("//")
-        return f"{scheme}//{rest.partition('/')[0]}{address}"
-    return urljoin(base, address)
+        url = f"{scheme}//{rest.partition('/')[0]}{address}"
+    else:
+        try:
+            url = urljoin(base, address)
+        except ValueError:  # a bracket that is not closed
+            return ""
+    url = url.partition("#")[0]
+    return url if _is_web_address(url) else ""
+
+
+def _is_web_address(url: str) -> bool:
+    try:
+        parts = urlsplit(url)
+        return parts.scheme in {"http", "https"} and bool(parts.hostname) and parts.port != 0
+    except ValueError:  # an invalid port, or a bracket that is not closed
+        return False
 
 
 def canonical_url(url: str, ignored: str = "") -> str:
-    """The address without fragment, port of the scheme, and tracking parameters; host in small letters.
+    """Return an address with its host in lower case and without fragment, default port and tracking parameters.
 
     Parameters
     ----------
-    ignored : a regular expression of the names of further parameters that do not change the page.
+    url : str
+    ignored : str
+        Regular expression on the names of further parameters that do not change the page.
 
     Raises
     ------
@@ -63,9 +65,9 @@ def canonical_url(url: str, ignored: str = "") -> str:
     """
     parts = urlsplit(url)
     names = _TRACKING if not ignored else re.compile(f"{_TRACKING.pattern}|{ignored}")
-    kept = "&".join(part for part in parts.query.split("&") if part and not names.fullmatch(part.partition("=")[0]))
+    query = "&".join(part for part in parts.query.split("&") if part and not names.fullmatch(part.partition("=")[0]))
     host = (parts.hostname or "") + (f":{parts.port}" if parts.port and parts.port not in {80, 443} else "")
-    return urlunsplit((parts.scheme.lower(), host, parts.path or "/", kept, ""))
+    return urlunsplit((parts.scheme.lower(), host, parts.path or "/", query, ""))
 
 
 def source_id(url: str) -> str:

@@ -27,19 +27,23 @@ def listed_items(page: Page, site: Site, now: datetime | None = None) -> Iterato
     retrieved = (now or datetime.now(UTC)).isoformat(timespec="seconds")
     seen: set[str] = set()
     for link in page.root.iter("a"):
-        url = absolute_url(page.url, link.get("href") or "")
+        address = link.get("href") or ""
+        url = absolute_url(page.url, address)
         if not url or url in seen or not site.is_product(url):
             continue
-        entry = _entry(link, url, page, site)
+        entry = _size_and_text(link, url, page, site)
         if entry is None:
             continue
         seen.add(url)
         size, text = entry
+        image = next(link.iter("img"), None)
+        link_text = squeeze(" ".join(link.itertext())) or squeeze("" if image is None else image.get("alt") or "")
+        own_id = re.search(site.id, url) if site.id else None
         yield RawItem(
             source=site.source(page.url),
-            source_id=_own_id(site, url),
+            source_id=own_id[1] if own_id else source_id(url),
             url=url,
-            title=_title(link),
+            title=link_text or re.split(r"[/?]", address.rstrip("/"))[-1],
             dimensions_text=text,
             dimensions_mm=size.dimensions_mm(),
             extents_mm=size.extents_mm(),
@@ -48,32 +52,19 @@ def listed_items(page: Page, site: Site, now: datetime | None = None) -> Iterato
         )
 
 
-def _entry(link: Element, url: str, page: Page, site: Site) -> tuple[Size, str] | None:
-    here = link
+def _size_and_text(link: Element, url: str, page: Page, site: Site) -> tuple[Size, str] | None:
+    """Return the size in the entry of a link, and the text of the entry; None if there is no such entry."""
+    box = link
     for _ in range(MAX_BOX_LEVELS):
-        here = here.getparent()
-        text = squeeze(" ".join(here.itertext())) if here is not None else ""
-        if not text or len(text) > MAX_ENTRY or _leads_elsewhere(here, url, page, site):
+        box = box.getparent()
+        text = squeeze(" ".join(box.itertext())) if box is not None else ""
+        if not text or len(text) > MAX_ENTRY:
+            return None
+        links = {absolute_url(page.url, other.get("href") or "") for other in box.iter("a")}
+        if any(other and other != url and site.is_product(other) for other in links):
             return None
         read = [size for size in sizes(text, site.listed_order, page.language) if len(size.lengths) == 3]
         size = consensus([size for size in read if size.meaning == "whole"])
         if size is not None:
             return size, text
     return None
-
-
-def _leads_elsewhere(box: Element, url: str, page: Page, site: Site) -> bool:
-    links = {absolute_url(page.url, link.get("href") or "") for link in box.iter("a")}
-    return any(other and other != url and site.is_product(other) for other in links)
-
-
-def _title(link: Element) -> str:
-    """Return the text of the link, or that of its image, or the last part of its address."""
-    picture = next(link.iter("img"), None)
-    words = squeeze(" ".join(link.itertext())) or squeeze("" if picture is None else picture.get("alt") or "")
-    return words or re.split(r"[/?]", (link.get("href") or "").rstrip("/"))[-1]
-
-
-def _own_id(site: Site, url: str) -> str:
-    match = re.search(site.id, url) if site.id else None
-    return match[1] if match else source_id(url)

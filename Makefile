@@ -15,7 +15,7 @@ unexport PYTHONDONTWRITEBYTECODE
 # The writer of the SBOM; it is run from an environment of its own.
 CYCLONEDX := 7.5.0
 
-.PHONY: system help demo demo-video test quick system-packages check coverage reference lock docs dist release-check sbom clean fuzz hunt
+.PHONY: system help demo demo-video test quick system-packages check coverage reference pictures lock docs dist release-check sbom clean fuzz hunt
 .DEFAULT_GOAL := demo
 
 help: ## list what make can do
@@ -60,6 +60,9 @@ coverage: system .venv/.dev ## the tests with the share of lines and branches th
 reference: .venv/.dev ## write the generated pages of the reference
 	$(BIN)/python docs/generate.py
 	$(BIN)/python docs/draw_architecture.py
+
+pictures: .venv/.dev ## write the images of the documentation from the shipped scenes (three minutes)
+	$(BIN)/python docs/draw_pictures.py
 
 docs: | $(UV) ## build the documentation as a site, strict about links: out/docs
 	NO_MKDOCS_2_WARNING=1 $(UV) tool run --quiet --python $(PYTHON) --with-requirements .ci/docs.lock.txt --from mkdocs mkdocs build --quiet

@@ -99,19 +99,19 @@ def _text(value: object) -> str:
     return f"{head}\n\n```text\n{rest}\n```" if line else head
 
 
-def picture_credits() -> str:
-    """`reference/credits.md`: whom the pictures of the shipped release are by."""
+def image_credits() -> str:
+    """`data/CREDITS.md`: the authors of the images of the shipped release."""
     import metric_tree
 
     rows = metric_tree.open().release.table("images").select(["attribution", "licence"]).to_pylist()
     credits_ = sorted({(row["attribution"] or "see the source", row["licence"]) for row in rows})
     lines = "\n".join(f"- {attribution} ({licence})" for attribution, licence in credits_)
-    intro = "The pictures of the shipped release are rendered from these models."
-    return f"# Credits of the pictures\n\n{NOTE}\n\n{intro}\n\n{lines}\n"
+    intro = "The images of the shipped release are rendered from these models."
+    return f"# Credits of the images\n\n{NOTE}\n\n{intro}\n\n{lines}\n"
 
 
-#: File in `docs/reference` to the function that writes it.
-PAGES = {"commands.md": commands, "checks.md": checks, "api.md": api, "credits.md": picture_credits}
+#: Page, relative to `docs/reference`, to the function that writes it.
+PAGES = {"commands.md": commands, "checks.md": checks, "api.md": api, "../../data/CREDITS.md": image_credits}
 
 
 def main(folder: Path = FOLDER) -> None:

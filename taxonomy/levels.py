@@ -1,4 +1,4 @@
-"""The frozen levels 1 to 4, and the rule that places a synset under them (docs/explanation/levels.md).
+"""The frozen levels 1 to 4, and the rule that places a synset under them (docs/explanation/taxonomy.md).
 
 A synset belongs to the nearest of its WordNet hypernyms that a kind (level 4) claims, itself first. Distance is counted
 in steps over all paths, and WordNet's own order breaks a tie, so that a place depends on the synset alone and never on

@@ -1,6 +1,6 @@
 """How often `check-asset` is right: open models at their true size and with each error put in.
 
-    python -m benchmarks.estimator.assets MODELS [--raw DIR] [--work DIR] [--write docs/evidence/assets.md]
+    python -m benchmarks.estimator.assets MODELS [--raw DIR] [--work DIR] [--write docs/evidence/model-sizes.md]
 
 MODELS holds `models.csv` and the files that it names. The tree that judges is built of the raw items in DIR without
 the sources of these models (`OWN_SOURCES`). Categories are halved by a hash of their name: the constants of

@@ -2,7 +2,7 @@
 
     python -m benchmarks.estimator.evidence [--write]
 
-prints the tables of docs/evidence/evidence.md, and writes them there with `--write`:
+prints the tables of docs/evidence/other-evidence.md, and writes them there with `--write`:
 
 - each kind right, wrong by two alone, wrong by two beside four right objects, and right beside objects of half their
   size (a model room): scale and interval by the true scale, weight, verdict;
@@ -38,7 +38,7 @@ from metric_tree.tree import Tree
 from tests.synthetic.evidence import KINDS, RIG_M, objects_of
 from tests.synthetic.walk import Walk, synthetic_walk, with_rig
 
-PAGE = Path("docs/evidence/evidence.md")
+PAGE = Path("docs/evidence/other-evidence.md")
 DEMO = Path("data/scenes/demo_room")
 OBJECTS = ("chair", "table", "bookcase", "couch")
 #: What simulated kinds are worth, natural log: a hand-held camera's height, positions, a marker, a network's metres.

@@ -29,7 +29,7 @@ NOT_FLAT = 4.605
 #: Draws of the bootstrap over participants.
 DRAWS = 150
 #: Over simulated studies of 27 people the just-noticeable step spreads so many times wider than the bootstrap says,
-#: which does not see who else might have been left out (docs/evidence/places_and_files.md).
+#: which does not see who else might have been left out (docs/evidence/insertion.md).
 WIDER = 1.35
 #: The share of slips.
 SLIPS = 0.02

@@ -23,7 +23,7 @@ from metric_tree.prior import Prior
 LOG_BOX = math.log(50.0)
 #: Components of ln(true / measured) of a truncated side: weight, mean, standard deviation. Many flags are wrong, and
 #: noise along the line of sight lengthens truncated sides: most have about their true length, the others are too short
-#: by any amount, or less often too long. Chosen on hard synthetic rooms (docs/evidence/results.md).
+#: by any amount, or less often too long. Chosen on hard synthetic rooms (docs/evidence/calibration.md).
 TRUNCATION_MIXTURE = ((0.6, 0.05, 0.15), (0.4, 0.3, 0.8))
 #: Probability that a dimension without a flag has a gross error (points of an object behind it, a part that was not
 #: reconstructed, an object that leans). At most one dimension of an object has one; with two, it is an outlier. In

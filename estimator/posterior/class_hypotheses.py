@@ -40,7 +40,7 @@ RELATED_FRACTION = 0.5
 #: Fraction rho of the variance of objects of one kind.
 ONE_KIND_FRACTION = 0.9
 #: Probability that the label of several objects means another object in this scene, or that the prior does not describe
-#: the objects in rooms. Chosen on rooms of a source that the priors do not contain (docs/evidence/results.md).
+#: the objects in rooms. Chosen on rooms of a source that the priors do not contain (docs/evidence/calibration.md).
 MISLABEL_PROBABILITY = 0.2
 #: The same for priors of one dimension, which have no proportions: with a higher probability, a scene with persons only
 #: would have no scale.
@@ -49,7 +49,7 @@ MISLABEL_PROBABILITY_1D = 0.03
 MISLABEL_SD_LOG = 0.7
 #: Probability that B is too small for this scene if no row of the class was measured in place; it decreases with the
 #: fraction of these rows. The values describe the differences of classes that both catalogues and rooms contain; chosen
-#: on one half of the rooms and streets (docs/evidence/results.md).
+#: on one half of the rooms and streets (docs/evidence/calibration.md).
 BIAS_PROBABILITY = 0.3
 #: Factor of B in this case.
 BIAS_FACTOR = 5.0

@@ -54,12 +54,12 @@ MAX_COMPETING_MASS = 0.35
 #: Ratio to the highest mode within which a scale is close to it.
 PEAK_WIDTH_RATIO = 1.15
 #: Minimum mass within this ratio; below it, a scale is unresolved. Chosen on simulated scenes and one half of the rooms
-#: of ScanNet, so that 70 % of the refused scales are off by more than the ratio (docs/evidence/results.md).
+#: of ScanNet, so that 70 % of the refused scales are off by more than the ratio (docs/evidence/calibration.md).
 MIN_PEAK_MASS = 0.35
 #: Minimum mean probability of the objects not to be outliers. Below it, the objects contradict the model: the logarithm
 #: of the posterior is multiplied by `TEMPERING_EXPONENT`, which widens it, and the scale is at most uncertain. Chosen
 #: on the even rooms of ScanNet and half of the simulated scenes, so that the interval of such scenes covers 90 %, and
-#: 70 % of those that become unresolved are off by more than `PEAK_WIDTH_RATIO` (docs/evidence/results.md).
+#: 70 % of those that become unresolved are off by more than `PEAK_WIDTH_RATIO` (docs/evidence/calibration.md).
 MIN_MEAN_WEIGHT = 0.4
 #: Minimum number of objects for this rule.
 MIN_JUDGED_OBJECTS = 3

@@ -4,7 +4,7 @@ A norm's row is one size that a standard allows, with its tolerance, document an
 range holds nine of ten such items in the writer's judgement. The rows enter the build as raw items of the kinds `norm`
 and `judged`. Three tables of ranges of one form: `ranges.csv` for the tree, and `blind.csv` and `blind_wide.csv`,
 written for classes that have measured items before these were opened, to see how far such ranges can be trusted
-(docs/explanation/levels.md).
+(docs/explanation/taxonomy.md).
 """
 
 from __future__ import annotations

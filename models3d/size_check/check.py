@@ -19,7 +19,7 @@ from models3d.size_check.true_size import TrueSize, true_size
 SCHEMA = "metric-tree/asset/1"
 Verdict = Literal["right", "wrong unit", "arbitrary scale", "turned", "stretched", "miniature", "not known"]
 #: Minimum probability of all wrong scales for a verdict that the scale is wrong. On the half of the categories that it
-#: was chosen on, fewer than one correct model in thirty is called wrong (docs/evidence/assets.md).
+#: was chosen on, fewer than one correct model in thirty is called wrong (docs/evidence/model-sizes.md).
 MIN_WRONG = 0.6
 #: Minimum probability of another orientation for the verdict `turned`. Open laptops and books on edge have their true
 #: size.

@@ -21,7 +21,7 @@ from models3d.size_check.size_model import SizeModel
 ScaleKind = Literal["right", "unit", "arbitrary", "miniature", "stretched", "unlike"]
 
 #: Prior probability of each kind. Most files are right; of the errors, wrong units and normalised meshes are reported
-#: most often (docs/explanation/assets.md lists the reports).
+#: most often (docs/explanation/model-sizes.md lists the reports).
 CHANCE: Mapping[ScaleKind, float] = {
     "right": 0.70,
     "unit": 0.18,

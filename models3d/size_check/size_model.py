@@ -21,7 +21,7 @@ from metric_tree.prior import Prior
 from metric_tree.tree import Tree
 
 #: Standard deviation of the log error that the sides of a model have in common. Chosen on half of the categories of 707
-#: open models (docs/evidence/assets.md).
+#: open models (docs/evidence/model-sizes.md).
 ARTIST_COMMON_SD = 0.15
 #: Standard deviation of the log error of each side.
 ARTIST_SIDE_SD = 0.12

@@ -35,9 +35,9 @@ def test_a_tutorial_runs_as_a_notebook(hooks: ModuleType, capsys: pytest.Capture
 
 def test_links_that_leave_the_pages_lead_to_the_repository(hooks: ModuleType) -> None:
     folder = ROOT / "docs" / "how-to"
-    text = hooks.repository_links("[a](../../README.md#x) [b](scenes.md) [c](https://example.org)", folder)
-    assert text == f"[a]({hooks.REPOSITORY}README.md#x) [b](scenes.md) [c](https://example.org)"
-    assert hooks.repository_links("[a](docs/how-to/scenes.md)", ROOT) == "[a](how-to/scenes.md)"
+    text = hooks.repository_links("[a](../../README.md#x) [b](evidence.md) [c](https://example.org)", folder)
+    assert text == f"[a]({hooks.REPOSITORY}README.md#x) [b](evidence.md) [c](https://example.org)"
+    assert hooks.repository_links("[a](docs/how-to/evidence.md)", ROOT) == "[a](how-to/evidence.md)"
     with pytest.raises(FileNotFoundError, match=r"nowhere\.md"):
         hooks.repository_links("[a](nowhere.md)", folder)
 

@@ -75,7 +75,7 @@ def test_without_observations(name: str, shared: Path, tmp_path: Path, capsys: p
     export = write_export(read_scene(scene, "none"), "nerfstudio", tmp_path / "export")
     _, observed = _estimate(capsys, scene, "--dense", "none")
     _, bare = _estimate(capsys, export, "--instances", scene / "instances.json")
-    # the office moves by 5.9 % (docs/evidence/few_points.md); the guess is in its interval
+    # the office moves by 5.9 % (docs/evidence/geometry.md); the guess is in its interval
     assert bare["scale"] == pytest.approx(observed["scale"], rel=0.06)
     assert bare["interval"]["low"] < observed["scale"] < bare["interval"]["high"]
 

@@ -10,7 +10,7 @@ from taxonomy.matching.lexicon import Lexicon, default_lexicon
 from taxonomy.matching.sense_choice import DOMAINS, fits
 from taxonomy.words.spelling import fold_text, singulars
 
-#: WordNet has the word but means something else, or lumps what differs in size (docs/explanation/matching.md).
+#: WordNet has the word but means something else, or lumps what differs in size (docs/explanation/taxonomy.md).
 HOMONYMS = frozenset(
     "mt:" + name
     for name in [

@@ -1,7 +1,7 @@
 """Fifty pages more, after the markup of shops, of marketplaces and of makers' sheets, as their writer remembers it.
 
 Written on 2026-11-22 by a language model before the reader was run on them; what it read then is in the evidence
-(`docs/evidence/release_3.md`). Two that it missed are expected as missed: Polish is not among its languages, and a
+(`docs/evidence/releases.md`). Two that it missed are expected as missed: Polish is not among its languages, and a
 sentence that names a size of bed states no axes.
 """
 

@@ -45,8 +45,9 @@ def test_the_contract_example(tmp_path: Path) -> None:
 
 
 def test_the_example_of_the_documentation(tmp_path: Path) -> None:
-    text = (Path(__file__).parents[3] / "docs" / "how-to" / "scenes.md").read_text(encoding="utf-8")
-    car, chair = _read(tmp_path, json.loads(text.partition("```json")[2].partition("```")[0]))
+    text = (Path(__file__).parents[3] / "docs" / "reference" / "formats.md").read_text(encoding="utf-8")
+    example = text.partition("\n## Objects\n")[2].partition("```json")[2].partition("```")[0]
+    car, chair = _read(tmp_path, json.loads(example))
     assert (car.id, car.truncated.tolist(), car.sigma.tolist()) == ("car-3", [True, False, False], [0.05, 0.05, 0.03])
     assert (chair.id, chair.vertical_known) == ("1", False)
 

@@ -260,7 +260,7 @@ def test_shipped_insertions_lack_in_wordnet(wordnet: WordNet) -> None:
     inserted = insertions()
     lexicon = Lexicon(wordnet, inserted)
     assert all(lexicon.knows(insertion.parent) for insertion in inserted.values())
-    #: WordNet has these words too, but lumps or means something else (reasons in docs/explanation/matching.md).
+    #: WordNet has these words too, but lumps or means something else (reasons in docs/explanation/taxonomy.md).
     known = {"mt:english_cocker_spaniel", "mt:common_bream", "mt:roller_bearing", "mt:round_table", "mt:plaque"}
     known |= {"mt:playground_ball", "mt:quadcopter", "mt:door_handle"}
     same = {
@@ -314,7 +314,7 @@ def test_shipped_tables_match_by_example(source: str, path: tuple[str, ...], tit
 
 @pytest.mark.usefixtures("wordnet")
 def test_the_matcher_keeps_its_precision_and_coverage() -> None:
-    """The development half only: the held-out half is looked at by hand, and seldom (docs/explanation/matching.md)."""
+    """The development half only: the held-out half is looked at by hand, and seldom (docs/explanation/taxonomy.md)."""
     with LABELS.open(encoding="utf-8", newline="") as lines:
         rows = [row for row in csv.DictReader(lines) if row["half"] == "development"]
     gone = replaced_ids()

@@ -1,0 +1,70 @@
+"""The images of the documentation agree with the results of the program (`make pictures` writes them)."""
+
+from __future__ import annotations
+
+import importlib.util
+import json
+import re
+from pathlib import Path
+from types import ModuleType
+from typing import Any
+
+import numpy as np
+import pytest
+from PIL import Image
+
+ROOT = Path(__file__).resolve().parents[2]
+PICTURES = ROOT / "docs" / "pictures"
+RESULTS: dict[str, dict[str, Any]] = json.loads((PICTURES / "results.json").read_text(encoding="utf-8"))
+#: Images whose video takes two minutes to reconstruct: only their size is tested.
+FROM_VIDEO = {"walk.jpg"}
+#: Maximum relative difference of numbers: the estimate depends on the version of the linear algebra.
+MAX_RELATIVE_DIFFERENCE = 0.02
+#: Maximum mean difference of grey values (0 to 255) of an image, reduced to a width of 320 pixels.
+MAX_GREY_DIFFERENCE = 4.0
+
+
+@pytest.fixture(scope="module")
+def drawing() -> ModuleType:
+    spec = importlib.util.spec_from_file_location("draw_pictures", ROOT / "docs" / "draw_pictures.py")
+    assert spec is not None
+    assert spec.loader is not None
+    module = importlib.util.module_from_spec(spec)
+    spec.loader.exec_module(module)
+    return module
+
+
+def _grey(file: Path) -> Any:
+    image = Image.open(file).convert("L")
+    return np.asarray(image.resize((320, round(320 * image.height / image.width))), float)
+
+
+def test_every_image_has_a_function_and_a_page(drawing: ModuleType) -> None:
+    files = {file.name for file in PICTURES.iterdir()} - {"results.json", "architecture.svg"}
+    assert files == set(drawing.IMAGES) == set(RESULTS)
+    pages = [ROOT / "README.md", *(ROOT / "docs").rglob("*.md")]
+    shown = {
+        Path(name).name for page in pages for name in re.findall(r"!\[[^\]]*\]\(([^)]+)\)", page.read_text("utf-8"))
+    }
+    assert files | {"architecture.svg"} <= shown
+
+
+@pytest.mark.parametrize("name", sorted(RESULTS))
+def test_images_have_the_recorded_size(name: str) -> None:
+    with Image.open(PICTURES / name) as image:
+        assert list(image.size) == RESULTS[name]["size"]
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("name", sorted(set(RESULTS) - FROM_VIDEO))
+def test_images_agree_with_the_program(name: str, drawing: ModuleType, tmp_path: Path) -> None:
+    current, recorded = drawing.draw(name, tmp_path), RESULTS[name]
+    assert current["size"] == recorded["size"]
+    for key in ("metres_per_unit", "interval"):
+        assert current[key] == pytest.approx(recorded[key], rel=MAX_RELATIVE_DIFFERENCE), key
+    assert list(current["objects"]) == list(recorded["objects"])
+    for label, (*metres, verdict) in current["objects"].items():
+        assert metres == pytest.approx(recorded["objects"][label][:-1], rel=MAX_RELATIVE_DIFFERENCE, abs=0.011), label
+        assert verdict == recorded["objects"][label][-1], label
+    difference = np.abs(_grey(tmp_path / name) - _grey(PICTURES / name)).mean()
+    assert difference < MAX_GREY_DIFFERENCE

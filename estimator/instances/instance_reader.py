@@ -38,7 +38,7 @@ def read_instances(
     Parameters
     ----------
     source : Path, str, mapping or None
-        File or folder in one of the supported formats (docs/how-to/scale-of-a-reconstruction.md), or None for `instances.json` or
+        File or folder in one of the supported formats (docs/reference/formats.md), or None for `instances.json` or
         `instances/` in the folder of the scene or above it. A mapping contains masks by image name:
         `(category, mask)` or `(category, mask, score)` with a mask (h, w) of bool, at any resolution.
     scene : Scene

@@ -40,7 +40,7 @@ def read_scene(source: Path | str | Reconstruction, dense: Path | str | None = N
     Parameters
     ----------
     source : Path, str or pycolmap.Reconstruction
-        Folder of a COLMAP model or of an OpenSfM dataset, a file of another program (docs/how-to/scale-of-a-reconstruction.md), or a
+        Folder of a COLMAP model or of an OpenSfM dataset, a file of another program (docs/reference/formats.md), or a
         reconstruction in memory.
     dense : Path or str, optional
         Dense cloud (PLY), or "none" for no cloud. By default the cloud in the folder of the model, if there is one.

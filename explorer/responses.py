@@ -32,19 +32,7 @@ from explorer.schemas import (
     VocabularyAnswer,
     VocabularyRow,
 )
-from explorer.urls import (
-    LISTED_LEVEL,
-    MIN_PARQUET_ROWS,
-    PAGE_ROWS,
-    csv_of,
-    images_of,
-    items_of,
-    json_of,
-    page_of,
-    parquet_of,
-    prior_of,
-    slug,
-)
+from explorer.urls import LISTED_LEVEL, MIN_PARQUET_ROWS, PAGE_ROWS, page_of, slug
 from metric_base.arrays import FloatArray
 from metric_base.errors import InputError
 from metric_tree.node import Node
@@ -124,17 +112,13 @@ def node_response(catalogue: ReleaseCatalogue, node: Node, _: NoQuery | None = N
     ancestors = [node]
     while ancestors[0].parent is not None:
         ancestors.insert(0, ancestors[0].parent)
-    links = {
-        "self": json_of(node.node_id),
-        "page": page_of(node.node_id),
-        "prior": prior_of(node.node_id),
-        "items": items_of(node.node_id),
-        "images": images_of(node.node_id),
-    }
+    url = f"v1/nodes/{slug(node.node_id)}"
+    links = {"self": f"{url}.json", "page": page_of(node.node_id)}
+    links |= {name: f"{url}/{name}.json" for name in ("prior", "items", "images")}
     if len(rows) and node.level >= LISTED_LEVEL:
-        links["csv"] = csv_of(node.node_id)
+        links["csv"] = f"{url}/items.csv"
         if len(rows) >= MIN_PARQUET_ROWS:
-            links["parquet"] = parquet_of(node.node_id)
+            links["parquet"] = f"{url}/items.parquet"
     return NodeAnswer(
         tree=tree_reference(catalogue.tree),
         node=node.node_id,

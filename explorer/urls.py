@@ -24,33 +24,3 @@ def slug(node_id: str) -> str:
 def page_of(node_id: str) -> str:
     """Return the URL of the page of a node."""
     return f"nodes/{slug(node_id)}.html"
-
-
-def json_of(node_id: str) -> str:
-    """Return the URL of the record of a node."""
-    return f"v1/nodes/{slug(node_id)}.json"
-
-
-def prior_of(node_id: str) -> str:
-    """Return the URL of the default prior of a node."""
-    return f"v1/nodes/{slug(node_id)}/prior.json"
-
-
-def items_of(node_id: str) -> str:
-    """Return the URL of the first page of items of a node."""
-    return f"v1/nodes/{slug(node_id)}/items.json"
-
-
-def images_of(node_id: str) -> str:
-    """Return the URL of the images of a node."""
-    return f"v1/nodes/{slug(node_id)}/images.json"
-
-
-def csv_of(node_id: str) -> str:
-    """Return the URL of the items of a node as CSV."""
-    return f"v1/nodes/{slug(node_id)}/items.csv"
-
-
-def parquet_of(node_id: str) -> str:
-    """Return the URL of the items of a node as Parquet."""
-    return f"v1/nodes/{slug(node_id)}/items.parquet"

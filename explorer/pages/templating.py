@@ -1,22 +1,31 @@
-"""The Jinja2 environment of the pages: escaping, and filters for lengths and addresses."""
+"""The Jinja2 environment of the pages: escaping, filters for lengths and addresses, cells of the report's tables."""
 
 from __future__ import annotations
 
+import re
+from collections.abc import Sequence
+from dataclasses import dataclass
 from functools import cache
+from html import escape
 from typing import Any
 from urllib.parse import urlsplit
 
 from jinja2 import Environment, PackageLoader, StrictUndefined
+from markupsafe import Markup
 
 from explorer.catalogue import MEANINGS, ReleaseCatalogue
 from explorer.charts.axis import length_text
 from explorer.urls import page_of, slug
+from metric_base.escaping import visible
+
+#: A cell that is a number, with an optional percentage: `70 (59%)`, `-39 %`.
+_NUMBER = re.compile(r"^[-+]?[\d.,]+( ?%)?( \(\d+%\))?$")
 
 
 def page_bytes(catalogue: ReleaseCatalogue, template: str, root: str, title: str, **values: Any) -> bytes:
     """Return a page as UTF-8; `root` is the relative URL of the release folder (`../` or empty)."""
     tree, created = catalogue.tree, catalogue.tree.release.manifest["created"]
-    text = _environment().get_template(template).render(tree=tree, created=created, root=root, title=title, **values)
+    text = environment().get_template(template).render(tree=tree, created=created, root=root, title=title, **values)
     return text.encode()
 
 
@@ -30,8 +39,43 @@ def main_dimension(dims: Any) -> str:
     return "height" if "height" in dims else next(iter(dims), "")
 
 
+@dataclass(frozen=True, slots=True)
+class Link:
+    """A cell whose text is a link, if its URL is a secure web address."""
+
+    text: str
+    url: str
+
+    def __str__(self) -> str:
+        return self.text
+
+
+def plain_html(text: object) -> Markup:
+    """Return text as HTML: no markup, and no characters that hide or reverse the text next to them."""
+    return Markup(escape(visible(str(text))))
+
+
+def cell_text(cell: object) -> str:
+    """Return the text of a cell; integers have separators of thousands."""
+    return f"{cell:,}" if isinstance(cell, int) else str(cell)
+
+
+def cell_html(cell: object) -> Markup:
+    """Return the content of a cell as HTML."""
+    text = plain_html(cell_text(cell))
+    if isinstance(cell, Link) and cell.url.startswith("https://"):
+        return Markup('<a href="{}">{}</a>').format(plain_html(cell.url), text)
+    return text
+
+
+def numeric_columns(rows: Sequence[Sequence[object]], n_columns: int) -> list[bool]:
+    """Return for each column whether all of its cells are numbers, False without rows."""
+    return [bool(rows) and all(_NUMBER.match(cell_text(row[n])) for row in rows) for n in range(n_columns)]
+
+
 @cache
-def _environment() -> Environment:
+def environment() -> Environment:
+    """Return the environment of all pages."""
     environment = Environment(
         loader=PackageLoader("explorer.pages"),
         autoescape=True,
@@ -46,6 +90,9 @@ def _environment() -> Environment:
         "length_text": length_text,
         "page": page_of,
         "slug": slug,
+        "plain": plain_html,
+        "cell": cell_html,
+        "numeric_columns": numeric_columns,
         "main_dim": lambda sizes: (main_dimension(sizes), sizes[main_dimension(sizes)]),
     }
     return environment

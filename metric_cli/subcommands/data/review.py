@@ -248,7 +248,7 @@ def _expect_source(name: str, given: Sequence[Decision], folder: Path | None) ->
 
 
 def _proof(arguments: argparse.Namespace) -> None:
-    from explorer.pages.report_page import proofreading_page
+    from explorer.pages.proofreading_page import proofreading_page
     from metric_tree.tree import open_tree
 
     if arguments.limit < 1:

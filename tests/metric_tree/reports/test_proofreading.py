@@ -5,7 +5,7 @@ from __future__ import annotations
 import re
 from pathlib import Path
 
-from explorer.pages.report_page import SOUND, thin_nodes
+from explorer.pages.proofreading_page import SOUND, thin_nodes
 from metric_cli.subcommands import main
 from metric_tree.tiers import TIERS
 from metric_tree.tree import open_tree

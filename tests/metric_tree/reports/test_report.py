@@ -5,7 +5,9 @@ import json
 import numpy as np
 import pytest
 
-from explorer.pages.report_page import Linked, page, size_figure, table, whole_page
+from explorer.charts.report_figures import size_figure
+from explorer.pages.report_page import page, report_html
+from explorer.pages.templating import Link, environment
 from metric_cli.subcommands import main
 from metric_tree.reports.summary import (
     coverage,
@@ -91,13 +93,15 @@ def test_a_class_of_two_kinds_is_named_with_its_parts(tmp_path, tree):
     assert mixed_leaves(two) == [("furniture > seat > chair > swivel chair", 14, "403 mm (70%), 2981 mm (30%)")]
 
 
+def table(head, rows):
+    return environment().get_template("report_pieces.html").module.table(head, rows)
+
+
 def test_numbers_stand_to_the_right_and_text_is_escaped():
-    text = table(
-        ("what", "how many", "share"), [("<b>", 1200, "70 (59%)"), (Linked("a", "https://x.org/?a&b"), 3, "–")]
-    )
+    text = table(("what", "how many", "share"), [("<b>", 1200, "70 (59%)"), (Link("a", "https://x.org/?a&b"), 3, "–")])
     assert "<td>&lt;b&gt;</td><td class=n>1,200</td><td>70 (59%)</td>" in text
     assert '<td><a href="https://x.org/?a&amp;b">a</a></td>' in text
-    assert "<a" not in table(("x",), [(Linked("a", "javascript:alert()"),)])
+    assert "<a" not in table(("x",), [(Link("a", "javascript:alert()"),)])
 
 
 def test_a_tree_that_is_none_has_no_page(tmp_path, capsys):
@@ -110,7 +114,7 @@ def test_a_tree_that_is_none_has_no_page(tmp_path, capsys):
 
 
 def test_text_cannot_turn_round_or_hide_what_stands_beside_it():
-    page = whole_page("a\u202eb", "\x1b[2J", [("c\ud800", table(["d\u200b"], [["e\u2066"]]))])
+    page = report_html("report_base.html", "a\u202eb", "\x1b[2J", ["c\ud800"]) + table(["d\u200b"], [["e\u2066"]])
     assert not any(mark in page for mark in "\u202e\x1b\ud800\u200b\u2066")
     assert "a\\u202eb" in page
     page.encode()

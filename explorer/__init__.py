@@ -1,5 +1,4 @@
-"""Metric-Tree in a browser and over HTTP: pages, JSON answers and tables of a release, as files or from a server.
+"""Web pages, JSON records and tables of a release, as static files or from an HTTP server.
 
-`renderer` has the one function from a release and an address to bytes; `site` writes all of them as files, `server`
-answers with the same bytes.
+`routes` is the table of all addresses. `static_site` writes their contents as files; `server` sends the same bytes.
 """

@@ -1,14 +1,11 @@
-"""A release made ready for pages: its tables in memory, rows by node, labels by node, codes by node.
-
-The tiers of evidence in words (docs/reference/tiers.md).
-"""
+"""Tables and indices of a release for pages: rows, labels and codes by node, and the meaning of the tiers."""
 
 from __future__ import annotations
 
 import hashlib
 import json
 from collections import defaultdict
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from functools import cached_property
 from typing import Any
 
@@ -25,7 +22,7 @@ from metric_tree.prior import QUANTILES, Prior
 from metric_tree.tree import Tree
 from taxonomy.label_lists import Label, vocabularies, vocabulary
 
-#: Of a node without a prior.
+#: Tier of a node without a prior.
 UNKNOWN = "unknown"
 #: Meaning of each tier, the best first.
 MEANINGS = {
@@ -50,9 +47,17 @@ class ReleaseCatalogue:
         All releases of the site; the first is at the root, the others are under `releases/VERSION/`.
     place : int, default 0
         Index of this release in `trees`.
+
+    Raises
+    ------
+    InputError
+        Two releases have the same version, or two ids are equal as file names.
     """
 
     def __init__(self, trees: Sequence[Tree], place: int = 0) -> None:
+        versions = [tree.version for tree in trees]
+        if len(set(versions)) != len(versions):
+            raise InputError(f"--tree: expected releases of different versions; found {', '.join(versions)}")
         tree = trees[place]
         self.tree, self.main = tree, trees[0]
         self.others = tuple(other for other in trees if other is not tree)
@@ -198,13 +203,6 @@ class ReleaseCatalogue:
             code, _, node_id = line.partition("\t")
             found[node_id].append(code)
         return found
-
-    def tier_counts(self) -> Iterator[tuple[str, int]]:
-        """Yield each tier with its number of nodes."""
-        counts: dict[str, int] = defaultdict(int)
-        for node in self.nodes.values():
-            counts[self.tier(node)] += 1
-        yield from counts.items()
 
 
 def _rows_by(names: Sequence[str]) -> dict[str, IntArray]:

@@ -144,16 +144,8 @@ def _asset(name: str, _: ReleaseCatalogue) -> bytes:
     return files("explorer.pages").joinpath("assets", name).read_bytes()
 
 
-def _has_prior(catalogue: ReleaseCatalogue, node: Node) -> bool:
-    return catalogue.prior(node) is not None
-
-
-def _has_csv(catalogue: ReleaseCatalogue, node: Node) -> bool:
-    return node.level >= LISTED_LEVEL and len(catalogue.rows(node)) > 0
-
-
-def _has_parquet(catalogue: ReleaseCatalogue, node: Node) -> bool:
-    return node.level >= LISTED_LEVEL and len(catalogue.rows(node)) >= MIN_PARQUET_ROWS
+def _has_items(catalogue: ReleaseCatalogue, node: Node, min_items: int = 1) -> bool:
+    return node.level >= LISTED_LEVEL and len(catalogue.rows(node)) >= min_items
 
 
 #: The first route whose pattern matches an address serves it.
@@ -189,8 +181,12 @@ ROUTES = (
         "Categories for a text, the most likely first.",
         is_static=False,
     ),
-    Route("v1/nodes/{slug}/items.csv", items_csv, listed=_has_csv),
-    Route("v1/nodes/{slug}/items.parquet", items_parquet, listed=_has_parquet),
+    Route("v1/nodes/{slug}/items.csv", items_csv, listed=_has_items),
+    Route(
+        "v1/nodes/{slug}/items.parquet",
+        items_parquet,
+        listed=lambda catalogue, node: _has_items(catalogue, node, MIN_PARQUET_ROWS),
+    ),
     Route(
         "v1/nodes/{id}/prior.json",
         prior_response,
@@ -198,7 +194,7 @@ ROUTES = (
         PriorAnswer,
         "prior",
         "Its size distribution.",
-        listed=_has_prior,
+        listed=lambda catalogue, node: catalogue.prior(node) is not None,
         is_quick=True,
     ),
     Route("v1/nodes/{id}/items.json", items_response, ItemsQuery, ItemsAnswer, "items", "Its published items by page."),

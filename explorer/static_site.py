@@ -38,34 +38,28 @@ def write_site(out: Path, trees: Sequence[Tree], workers: int | None = None) -> 
     """
     if out.exists():
         raise InputError(f"{out}: already exists; a site is written into a new folder")
-    versions = [tree.version for tree in trees]
-    if len(set(versions)) != len(versions):
-        raise InputError(f"--tree: expected releases of different versions; found {', '.join(versions)}")
+    workers = workers or os.cpu_count() or 1
     with whole_folder(out, "OUT") as work:
         for place, tree in enumerate(trees):
             folder = work / "releases" / tree.version if place else work
-            _write_release(folder, trees, place, workers or os.cpu_count() or 1)
-        written = [path.stat().st_size for path in work.rglob("*") if path.is_file()]
-    return SiteSize(len(written), sum(written))
-
-
-def _write_release(folder: Path, trees: Sequence[Tree], place: int, workers: int) -> None:
-    catalogue = ReleaseCatalogue(trees, place)
-    addresses = list(site_addresses(catalogue))
-    for parent in {(folder / address).parent for address in addresses}:
-        parent.mkdir(parents=True, exist_ok=True)
-    link_images(catalogue.tree.release, folder)
-    chunks = [addresses[start : start + CHUNK] for start in range(0, len(addresses), CHUNK)]
-    directories = [tree.release.directory for tree in trees]
-    if workers == 1 or len(chunks) == 1:
-        _worker["catalogue"] = catalogue
-        for chunk in chunks:
-            _write(folder, chunk)
-        return
-    # spawn, not fork: the threads of Arrow do not survive a fork
-    with ProcessPoolExecutor(workers, get_context("spawn"), _start_worker, (directories, place)) as pool:
-        for done in [pool.submit(_write, folder, chunk) for chunk in chunks]:
-            done.result()
+            catalogue = ReleaseCatalogue(trees, place)
+            addresses = list(site_addresses(catalogue))
+            for parent in {(folder / address).parent for address in addresses}:
+                parent.mkdir(parents=True, exist_ok=True)
+            link_images(tree.release, folder)
+            chunks = [addresses[start : start + CHUNK] for start in range(0, len(addresses), CHUNK)]
+            if workers == 1 or len(chunks) == 1:
+                _worker["catalogue"] = catalogue
+                for chunk in chunks:
+                    _write(folder, chunk)
+                continue
+            # spawn, not fork: the threads of Arrow do not survive a fork
+            directories = [tree.release.directory for tree in trees]
+            with ProcessPoolExecutor(workers, get_context("spawn"), _start_worker, (directories, place)) as pool:
+                for written in [pool.submit(_write, folder, chunk) for chunk in chunks]:
+                    written.result()
+        sizes = [path.stat().st_size for path in work.rglob("*") if path.is_file()]
+    return SiteSize(len(sizes), sum(sizes))
 
 
 _worker: dict[str, ReleaseCatalogue] = {}

@@ -1,1 +1,1 @@
-"""SVG drawings of sizes, made as text: distributions, length against height, an object to scale, the tree as areas."""
+"""Charts as SVG: distributions, scatter charts, size comparisons, icicle charts, and figures of the report."""

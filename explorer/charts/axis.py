@@ -1,7 +1,4 @@
-"""A logarithmic axis of lengths, and pieces of SVG that all drawings share.
-
-Lengths for people: millimetres as the unit in which such a size is named.
-"""
+"""A logarithmic axis of lengths, SVG elements that all charts share, and lengths as text in a suitable unit."""
 
 from __future__ import annotations
 
@@ -15,11 +12,11 @@ import numpy as np
 
 from metric_base.arrays import FloatArray
 
-#: Unit, millimetres in it, and the size in mm from which it is used.
+#: Name of each unit, its length in mm, and the minimum size in mm for which it is used.
 _UNITS = (("km", 1e6, 2e6), ("m", 1e3, 1e3), ("cm", 10.0, 20.0), ("mm", 1.0, 0.0))
-#: Ticks of an axis at most: more would meet at the width of a telephone.
-MOST_TICKS = 6
-#: Pixels between two ticks at least: as wide as their lengths in words.
+#: Maximum number of ticks of an axis; the labels of more would overlap on the screen of a phone.
+MAX_TICKS = 6
+#: Minimum distance of two ticks in pixels: the width of a label.
 MIN_TICK_GAP_PX = 38.0
 
 
@@ -28,14 +25,14 @@ def _unit(mm: float) -> tuple[str, float]:
 
 
 def number_text(value: float) -> str:
-    """A number with three significant digits at most, without an exponent."""
+    """Return a number with at most three significant digits, without an exponent."""
     if value >= 100:
         return f"{value:,.0f}"
     return f"{value:.3g}"
 
 
 def length_text(mm: float) -> str:
-    """A length in the unit in which such a size is named.
+    """Return a length in the usual unit for its size.
 
     >>> length_text(91.4), length_text(4500), length_text(0.25)
     ('9.14 cm', '4.5 m', '0.25 mm')
@@ -45,7 +42,7 @@ def length_text(mm: float) -> str:
 
 
 def range_text(low: float, high: float) -> str:
-    """Two lengths in the unit of the higher one.
+    """Return two lengths in the unit of the larger one.
 
     >>> range_text(80, 120)
     '8 to 12 cm'
@@ -64,17 +61,17 @@ class LogAxis:
     end: float
 
     def at(self, mm: float) -> float:
-        """The pixel of a length; one outside the axis is drawn at its end."""
+        """Return the pixel of a length; a length outside the axis is at its end."""
         share = (math.log(mm) - math.log(self.low)) / (math.log(self.high) - math.log(self.low))
         return self.start + min(max(share, 0.0), 1.0) * (self.end - self.start)
 
     def along(self, sizes: FloatArray) -> FloatArray:
-        """The pixels of many lengths in mm, an array of any shape; one outside the axis is drawn beyond its end."""
+        """Return the pixels of lengths in mm (an array of any shape); a length outside the axis is beyond its end."""
         share = np.log(sizes / self.low) / math.log(self.high / self.low)
         return np.asarray(self.start + share * (self.end - self.start))
 
     def ticks(self) -> list[float]:
-        """Round lengths in mm that do not meet: the roundest first, others between them where there is room."""
+        """Return round lengths in mm at a sufficient distance: powers of ten, then other steps if there is room."""
         first, last = math.floor(math.log10(self.low)), math.ceil(math.log10(self.high))
         kept: list[float] = []
         for steps in ((1,), (2, 5), (1.5, 3, 4, 6, 7, 8, 9)):
@@ -82,12 +79,12 @@ class LogAxis:
                 near = [step * 10.0**power for step in steps if self.low <= step * 10.0**power <= self.high]
                 for tick in near:
                     apart = min((abs(self.at(tick) - self.at(other)) for other in kept), default=MIN_TICK_GAP_PX)
-                    if apart >= MIN_TICK_GAP_PX and len(kept) < MOST_TICKS:
+                    if apart >= MIN_TICK_GAP_PX and len(kept) < MAX_TICKS:
                         kept.append(tick)
         return sorted(kept)
 
     def svg(self, y: float, top: float) -> str:
-        """The ticks as grid lines from `y` up to `top`, with their lengths below."""
+        """Return the ticks as grid lines from `y` up to `top`, with labels below them."""
         places = [(f"{self.at(tick):.0f}", length_text(tick)) for tick in self.ticks()]
         lines = "".join(f"M{x} {y:g}V{top:g}" for x, _ in places)
         return f'<path class="grid" d="{lines}"/>' + "".join(
@@ -96,14 +93,14 @@ class LogAxis:
 
 
 def path_data(points: Iterable[Sequence[float]]) -> str:
-    """The data of an SVG path through points: steps of tenths of a pixel, each from where the one before ended."""
+    """Return the data of an SVG path through points, as relative steps in tenths of a pixel."""
     tenths = [(round(10 * x), round(10 * y)) for x, y in points]
     steps = [(x - a, y - b) for (a, b), (x, y) in pairwise(tenths)]
     return f"M{tenths[0][0] / 10:g} {tenths[0][1] / 10:g}l" + " ".join(f"{x / 10:g} {y / 10:g}" for x, y in steps)
 
 
 def svg(width: float, height: float, title: str, body: str, kind: str = "") -> str:
-    """A drawing that fills its column, with a title that a screen reader reads."""
+    """Return a drawing that fills its column, with a title for screen readers."""
     return (
         f'<svg viewBox="0 0 {width:g} {height:g}" role="img" class="drawing {kind}" '
         f'aria-label="{escape(title)}">{body}</svg>'

@@ -1,9 +1,12 @@
-"""The distribution of one dimension: the prior's density, the items' histogram by kind, the median and the interval.
+"""Charts of sizes: density and histogram of one dimension, and a scatter chart of two dimensions.
 
-One dimension against another: the items by kind, and the curve that holds nine tenths of the prior.
+The density is that of the prior, with its median and 90 % interval. Histogram and points are the published items by
+kind of evidence. The contours of the scatter chart contain 90 % of each component of the prior.
 """
 
 from __future__ import annotations
+
+from itertools import pairwise
 
 import numpy as np
 
@@ -11,22 +14,24 @@ from explorer.charts.axis import MIN_TICK_GAP_PX, LogAxis, length_text, path_dat
 from metric_base.arrays import FloatArray
 from metric_tree.prior import Prior
 
-#: Kinds of evidence in the order in which they are stacked: the strongest at the bottom.
+#: Kinds of evidence from the bottom of a stacked bar to its top, the strongest first.
 KINDS = ("measured", "product", "standard", "norm", "statistic", "museum", "asset", "curated", "judged", "default")
 WIDTH, TOP, BOTTOM = 340, 8, 118
 #: Margin at the ends of the axis in pixels: half of the widest label.
 MARGIN = MIN_TICK_GAP_PX / 2
-#: Points of the curve and bins of the histogram.
+#: Number of points of the curve and of bins of the histogram.
 POINTS, BINS = 49, 24
 #: Minimum number of items for a histogram.
 MIN_HISTOGRAM_ITEMS = 8
 #: Half-width of the axis in standard deviations of ln size, which holds 99.7 % of a normal distribution.
 REACH_SD = 3.0
-#: Items at either end that the axis may leave out.
+#: Percentage of the items at each end that may be outside of the axis.
 TRIM = 0.5
 SCATTER_WIDTH, HEIGHT, LEFT, SCATTER_BOTTOM, SCATTER_TOP, RIGHT = 340, 230, 46, 206, 8, 330
 #: Maximum number of items in a scatter chart.
 MAX_SCATTER_POINTS = 300
+#: Minimum weight of a component of the prior for a contour.
+MIN_CONTOUR_WEIGHT = 0.05
 #: Squared Mahalanobis radius that holds 0.9 of a Gaussian of two dimensions: -2 ln 0.1.
 RADIUS_SQUARED = -2 * np.log(0.1)
 
@@ -42,63 +47,63 @@ def length_axis(prior: Prior, sizes: FloatArray) -> LogAxis:
 
 
 def distribution(name: str, prior: Prior, interval: FloatArray, sizes: FloatArray, kinds: FloatArray) -> str:
-    """The SVG of one dimension.
+    """Return the SVG of the distribution of one dimension.
 
     Parameters
     ----------
-    name : of the dimension; prior : over it alone; interval : (3,) mm, its 5 %, 50 % and 95 % quantile
-    sizes : (n,) mm of the shipped items; kinds : (n,) their kinds of evidence
+    name : str
+        Dimension.
+    prior : Prior
+        Prior over this dimension.
+    interval : (3,) ndarray of float
+        5, 50 and 95 % quantile of the prior in mm.
+    sizes : (n,) ndarray of float
+        Sizes of the published items in mm.
+    kinds : (n,) ndarray of str
+        Their kinds of evidence.
     """
     axis = length_axis(prior, sizes)
     grid = np.geomspace(axis.low, axis.high, POINTS)
     density = np.exp(prior.log_density(grid[:, None]))
     edges = np.geomspace(axis.low, axis.high, BINS + 1)
-    bars = _stacks(sizes, kinds, edges)
-    top = max(float(density.max()), max((sum(stack.values()) for stack in bars), default=0.0))
+    # Density of the items over ln mm by kind (rows) and bin, and the height of the stacked bars
+    counts: dict[str, FloatArray] = {}
+    if sizes.size >= MIN_HISTOGRAM_ITEMS:
+        width = float(np.log(edges[1] / edges[0])) * sizes.size
+        counts = {kind: np.histogram(sizes[kinds == kind], edges)[0] / width for kind in KINDS if (kinds == kind).any()}
+    top = max(float(density.max()), *(sum(column) for column in zip(*counts.values(), strict=True)), 0.0)
     low, median, high = interval.tolist()
     height = (BOTTOM - TOP) / top
     curve = path_data(zip(axis.along(grid), BOTTOM - density * height, strict=True))
+    # One path per kind: stacked rectangles
+    paths: dict[str, str] = {}
+    for bin_index, (left, right) in enumerate(pairwise(axis.along(edges).tolist())):
+        floor = float(BOTTOM)
+        for kind, count in counts.items():
+            if count[bin_index]:
+                up = float(count[bin_index]) * height
+                rectangle = f"M{left:.1f} {floor:.1f}v{-up:.1f}h{right - left - 0.6:.1f}v{up:.1f}z"
+                paths[kind] = paths.get(kind, "") + rectangle
+                floor -= up
+    bars = "".join(f'<path class="kind-{kind}" d="{data}"/>' for kind, data in paths.items())
     band = f'<path class="band" d="M{axis.at(low):.1f} {TOP}H{axis.at(high):.1f}V{BOTTOM}H{axis.at(low):.1f}Z"/>'
     middle = f'<path class="median" d="M{axis.at(median):.1f} {TOP}V{BOTTOM}"/>'
     said = f"{name}: median {length_text(median)}, 90 % interval {range_text(low, high)}, {sizes.size} shipped items"
-    body = (
-        band + axis.svg(BOTTOM, TOP) + _bars(bars, edges, axis, height) + middle + f'<path class="curve" d="{curve}"/>'
-    )
+    body = band + axis.svg(BOTTOM, TOP) + bars + middle + f'<path class="curve" d="{curve}"/>'
     return svg(WIDTH, BOTTOM + 18, said, body, "distribution")
 
 
-def _stacks(sizes: FloatArray, kinds: FloatArray, edges: FloatArray) -> list[dict[str, float]]:
-    """The density of items over ln mm by kind in each bin."""
-    if sizes.size < MIN_HISTOGRAM_ITEMS:
-        return []
-    width = float(np.log(edges[1] / edges[0])) * sizes.size
-    counts = {kind: np.histogram(sizes[kinds == kind], edges)[0] / width for kind in KINDS if (kinds == kind).any()}
-    return [{kind: float(count[bin_]) for kind, count in counts.items() if count[bin_]} for bin_ in range(BINS)]
-
-
-def _bars(bars: list[dict[str, float]], edges: FloatArray, axis: LogAxis, height: float) -> str:
-    """Return one path per kind: stacked rectangles."""
-    paths: dict[str, list[str]] = {}
-    at = axis.along(edges).tolist()
-    for number, stack in enumerate(bars):
-        left, right = at[number : number + 2]
-        floor = float(BOTTOM)
-        for kind in KINDS:
-            if kind in stack:
-                up = stack[kind] * height
-                paths.setdefault(kind, []).append(
-                    f"M{left:.1f} {floor:.1f}v{-up:.1f}h{right - left - 0.6:.1f}v{up:.1f}z"
-                )
-                floor -= up
-    return "".join(f'<path class="kind-{kind}" d="{"".join(data)}"/>' for kind, data in paths.items())
-
-
 def scatter(prior: Prior, sizes: FloatArray, kinds: FloatArray) -> str:
-    """The SVG of the two dimensions of a prior, the first to the right and the second up.
+    """Return the SVG of a scatter chart of two dimensions, the first to the right and the second up.
 
     Parameters
     ----------
-    prior : over two dimensions; sizes : (n, 2) mm of items with both; kinds : (n,)
+    prior : Prior
+        Prior over the two dimensions.
+    sizes : (n, 2) ndarray of float
+        Sizes in mm of the published items with both dimensions.
+    kinds : (n,) ndarray of str
+        Their kinds of evidence.
     """
     across = length_axis(prior.marginal(prior.dims[:1]), sizes[:, 0])
     upward = length_axis(prior.marginal(prior.dims[1:]), sizes[:, 1])
@@ -110,33 +115,27 @@ def scatter(prior: Prior, sizes: FloatArray, kinds: FloatArray) -> str:
         f'<text class="end" x="{LEFT - 4}" y="{y + 4:.0f}">{text}</text>' for y, text in ticks
     )
     chosen = np.linspace(0, len(sizes) - 1, min(len(sizes), MAX_SCATTER_POINTS)).astype(int)
-    points = "".join(_points(kind, sizes[chosen][kinds[chosen] == kind], right, up) for kind in KINDS)
-    curves = "".join(
-        f'<path class="contour" d="{path_data(_ellipse(prior, k, right, up))}Z"/>'
-        for k in range(len(prior.weights))
-        if prior.weights[k] >= 0.05
-    )
+    drawn = ""
+    for kind in KINDS:
+        of_kind = sizes[chosen][kinds[chosen] == kind]
+        if len(of_kind):
+            data = "".join(
+                f"M{x:.0f} {y:.0f}h0" for x, y in zip(right.along(of_kind[:, 0]), up.along(of_kind[:, 1]), strict=True)
+            )
+            drawn += f'<path class="dots dots-{kind}" d="{data}"/>'
+    # Ellipses with 90 % of the mass of the components
+    angles = np.linspace(0, 2 * np.pi, 36, endpoint=False)
+    circle = np.stack([np.cos(angles), np.sin(angles)], axis=1)  # (36, 2)
+    for k, weight in enumerate(prior.weights):
+        if weight >= MIN_CONTOUR_WEIGHT:
+            covariance = prior.covariances[k] + prior.shared_covariance
+            lower = np.linalg.cholesky(covariance) * np.sqrt(RADIUS_SQUARED)
+            outline = np.exp(prior.means[k] + circle @ lower.T)
+            pixels = zip(right.along(outline[:, 0]).tolist(), up.along(outline[:, 1]).tolist(), strict=True)
+            drawn += f'<path class="contour" d="{path_data(pixels)}Z"/>'
     window = f'x="{LEFT}" y="{SCATTER_TOP}" width="{RIGHT - LEFT}" height="{SCATTER_BOTTOM - SCATTER_TOP}"'
     # the view box clips points outside of the axes
     view = f'viewBox="{LEFT} {SCATTER_TOP} {RIGHT - LEFT} {SCATTER_BOTTOM - SCATTER_TOP}"'
-    inside = f"<svg {window} {view}>{points}{curves}</svg>"
+    inside = f"<svg {window} {view}>{drawn}</svg>"
     title = f"{prior.dims[0]} (across) against {prior.dims[1]} (up), {len(chosen)} of {len(sizes)} items"
     return svg(SCATTER_WIDTH, HEIGHT, title, right.svg(SCATTER_BOTTOM, SCATTER_TOP) + side + inside, "scatter")
-
-
-def _points(kind: str, sizes: FloatArray, right: LogAxis, up: LogAxis) -> str:
-    if not len(sizes):
-        return ""
-    places = zip(right.along(sizes[:, 0]).tolist(), up.along(sizes[:, 1]).tolist(), strict=True)
-    data = "".join(f"M{x:.0f} {y:.0f}h0" for x, y in places)
-    return f'<path class="dots dots-{kind}" d="{data}"/>'
-
-
-def _ellipse(prior: Prior, k: int, right: LogAxis, up: LogAxis) -> list[tuple[float, float]]:
-    """Return the pixels of the ellipse with 90 % of the mass of one component."""
-    covariance = prior.covariances[k] + prior.shared_covariance
-    lower = np.linalg.cholesky(covariance) * np.sqrt(RADIUS_SQUARED)
-    angles = np.linspace(0, 2 * np.pi, 36, endpoint=False)
-    logs = prior.means[k] + np.stack([np.cos(angles), np.sin(angles)], axis=1) @ lower.T  # (36, 2)
-    sizes = np.exp(logs)
-    return list(zip(right.along(sizes[:, 0]).tolist(), up.along(sizes[:, 1]).tolist(), strict=True))

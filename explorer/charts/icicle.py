@@ -1,4 +1,4 @@
-"""The tree as areas: a column for each level, a node's height its share of the items, its colour the tier."""
+"""Icicle chart of the tree: one column per level; the height is the fraction of the items, the colour is the tier."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ MIN_NAMED_HEIGHT_PX, LETTER_WIDTH_PX = 11, 6.3
 
 
 def icicle(root: Node, tier: Callable[[Node], str]) -> str:
-    """The SVG of a tree; each area is a link to its node."""
+    """Return the SVG of a tree; each area is a link to its node."""
     parts: list[str] = []
     _draw(root, 0.0, float(HEIGHT), tier, parts)
     title = "The tree: five columns for five levels; a node's height is its share of the items, its colour the tier"
@@ -34,11 +34,9 @@ def _draw(node: Node, top: float, bottom: float, tier: Callable[[Node], str], pa
     column = WIDTH / LEVELS
     x, kind = (node.level - 1) * column, tier(node)
     said = f"{node.name}, {kind}, {node.n_items:,} items"
-    shown = (
-        node.name
-        if len(node.name) * LETTER_WIDTH_PX < column - 10
-        else f"{node.name[: int(column / LETTER_WIDTH_PX) - 3]}…"
-    )
+    shown = node.name
+    if len(node.name) * LETTER_WIDTH_PX >= column - 10:
+        shown = f"{node.name[: int(column / LETTER_WIDTH_PX) - 3]}…"
     text = f'<text x="{x + 5:.0f}" y="{top + min(height / 2 + 4, 14):.1f}">{escape(shown)}</text>'
     parts.append(
         f'<a href="{escape(page_of(node.node_id))}"><rect class="tier-{kind}" x="{x:.0f}" y="{top:.1f}" '

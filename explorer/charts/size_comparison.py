@@ -28,6 +28,8 @@ _REFERENCES = (
     ),
 )
 
+#: Maximum length of the scale bar in pixels.
+MAX_BAR_PX = 90
 #: Range of the height of a reference, relative to the longest side of the object, for which it is drawn.
 MIN_REFERENCE_RATIO, MAX_REFERENCE_RATIO = 0.035, 9.0
 
@@ -54,10 +56,14 @@ def size_comparison(name: str, box: DrawnBox) -> str:
     x = (WIDTH - sum(widths) * scale - GAP * (len(widths) - 1)) / 2
     body = f'<path class="floor" d="M0 {FLOOR}H{WIDTH}"/>'
     labels: list[tuple[float, str]] = []
-    views = [(box.across, "front")] + ([(box.deep, "side")] if box.deep else [])
-    for widths_mm, view in views:
-        body += _bands(x + widths_mm[2] * scale / 2, widths_mm, box.up, scale)
-        labels.append((x + widths_mm[2] * scale / 2, view))
+    for widths_mm, view in [(box.across, "front")] + ([(box.deep, "side")] if box.deep else []):
+        centre = x + widths_mm[2] * scale / 2
+        for kind, q in (("band", 2), ("object", 1), ("least", 0)):  # boxes of the 95 %, 50 % and 5 % quantiles
+            body += (
+                f'<rect class="{kind}" x="{centre - widths_mm[q] * scale / 2:.1f}" y="{FLOOR - box.up[q] * scale:.1f}" '
+                f'width="{widths_mm[q] * scale:.1f}" height="{box.up[q] * scale:.1f}"/>'
+            )
+        labels.append((centre, view))
         x += widths_mm[2] * scale + GAP
     for reference, wide, high, outline in beside:
         body += (
@@ -66,40 +72,22 @@ def size_comparison(name: str, box: DrawnBox) -> str:
         )
         labels.append((x + wide * scale / 2, reference))
         x += wide * scale + GAP
-    body += _labels(labels) + _bar(scale)
+    # Names below the drawings, alternating between two lines if they would overlap
+    last, row = -100.0, 0
+    for centre, text in labels:
+        row = 1 - row if centre - last < 6 * len(text) + 12 else 0
+        last = centre
+        text_x = min(max(centre, 16.0), WIDTH - 20.0)
+        body += f'<text x="{text_x:.1f}" y="{FLOOR + 13 + 11 * row}">{text}</text>'
+    # A scale bar of a round length
+    max_mm = MAX_BAR_PX / scale
+    power = 10.0 ** int(f"{max_mm:e}".partition("e")[2])
+    length = next(step * power for step in (5, 2, 1) if step * power <= max_mm)
+    body += (
+        f'<path class="bar" d="M{MARGIN} {HEIGHT - 6}v4h{length * scale:.1f}v-4"/>'
+        f'<text class="start" x="{MARGIN + length * scale + 5:.1f}" y="{HEIGHT - 2}">{length_text(length)}</text>'
+    )
     known = f"{box.names[0]} {length_text(box.across[1])}, {box.names[1]} {length_text(box.up[1])}"
     deep = f", {box.names[2]} {length_text(box.deep[1])}" if box.deep else ""
     others = f" beside {', '.join(one[0] for one in beside)}" if beside else ""
     return svg(WIDTH, HEIGHT, f"{name} to scale{others}: {known}{deep}", body, "to-scale")
-
-
-def _bands(middle: float, wide: tuple[float, ...], high: tuple[float, ...], scale: float) -> str:
-    """The boxes of the 95 %, 50 % and 5 % quantiles, on the floor."""
-    boxes = zip(("band", "object", "least"), (2, 1, 0), strict=True)
-    return "".join(
-        f'<rect class="{kind}" x="{middle - wide[q] * scale / 2:.1f}" y="{FLOOR - high[q] * scale:.1f}" '
-        f'width="{wide[q] * scale:.1f}" height="{high[q] * scale:.1f}"/>'
-        for kind, q in boxes
-    )
-
-
-def _labels(labels: list[tuple[float, str]]) -> str:
-    """Names under the drawings; on two lines in turn, where narrow ones would meet."""
-    texts, last, row = "", -100.0, 0
-    for x, text in labels:
-        row = 1 - row if x - last < 6 * len(text) + 12 else 0
-        last = x
-        placed = min(max(x, 16.0), WIDTH - 20.0)
-        texts += f'<text x="{placed:.1f}" y="{FLOOR + 13 + 11 * row}">{text}</text>'
-    return texts
-
-
-def _bar(scale: float) -> str:
-    """A bar of a round length."""
-    most = 90 / scale
-    power = 10.0 ** int(f"{most:e}".partition("e")[2])
-    length = next(step * power for step in (5, 2, 1) if step * power <= most)
-    return (
-        f'<path class="bar" d="M{MARGIN} {HEIGHT - 6}v4h{length * scale:.1f}v-4"/>'
-        f'<text class="start" x="{MARGIN + length * scale + 5:.1f}" y="{HEIGHT - 2}">{length_text(length)}</text>'
-    )

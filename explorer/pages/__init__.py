@@ -1,1 +1,1 @@
-"""HTML pages of a release, from Jinja2 templates; each function returns the text of one page."""
+"""HTML pages of a release, from Jinja2 templates; one function per page."""

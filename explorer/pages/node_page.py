@@ -62,15 +62,14 @@ def node_page(catalogue: ReleaseCatalogue, node: Node) -> bytes:
         # length against height if both exist, otherwise the first two dimensions
         pair = ("length", "height") if {"length", "height"} <= set(prior.dims) else prior.dims[:2]
         columns = sizes[:, [AXES.index(dim) for dim in pair]]
-        known = ~np.isnan(columns).any(axis=1)
-        if len(pair) == 2 and known.sum() >= MIN_SCATTER_ITEMS:
-            plot = scatter(prior.marginal(pair), columns[known], kinds[known])
+        complete = ~np.isnan(columns).any(axis=1)
+        if len(pair) == 2 and complete.sum() >= MIN_SCATTER_ITEMS:
+            plot = scatter(prior.marginal(pair), columns[complete], kinds[complete])
             plot_dims = f"{pair[0]} against {pair[1]}"
-    source_rows = []
-    for name, n in answer.shipped["source"].items():
-        empty = {"title": name, "kind": "", "licence": ""}
-        row = {**empty, **catalogue.sources.get(name, {}), "id": name, "n": n}
-        source_rows.append({**row, "licence": row["licence"] or "none stated"})
+    source_rows = [
+        {"title": name, "kind": "", "licence": "", **catalogue.sources.get(name, {}), "id": name, "n": n}
+        for name, n in answer.shipped["source"].items()
+    ]
     siblings = node.parent.children if node.parent else ()
     report = f"Node: {node.node_id}\nRelease: {catalogue.tree.version}\n\nWhat is wrong:\n\nA source:\n"
     return page_bytes(
@@ -82,9 +81,7 @@ def node_page(catalogue: ReleaseCatalogue, node: Node) -> bytes:
         node=node,
         slug=slug(node.node_id),
         answer=answer,
-        line=[
-            {"name": name, "href": page_of(node_id)} for name, node_id in zip(answer.path, answer.path_ids, strict=True)
-        ],
+        line=[(name, page_of(node_id)) for name, node_id in zip(answer.path, answer.path_ids, strict=True)],
         quantiles=QUANTILES,
         sizes=list(zip(answer.dims, table.T.tolist(), strict=True)),
         drawing=Markup(drawing),
@@ -147,8 +144,7 @@ def category_bars(catalogue: ReleaseCatalogue, nodes: Sequence[Node], current: N
             }
         )
     href = page_of(current.parent_id) if current.parent_id else ""
-    more = len(nodes) - len(shown)
-    return {"dim": dim, "low": axis.low, "high": axis.high, "more": more, "href": href, "rows": rows}
+    return {"dim": dim, "low": axis.low, "high": axis.high, "more": len(nodes) - len(shown), "href": href, "rows": rows}
 
 
 def drawn_box(prior: Prior, table: FloatArray) -> DrawnBox:
@@ -173,21 +169,21 @@ def context_table(node: Node, prior: Prior) -> dict[str, Any] | None:
     stated_years = [context.year for context in prior.contexts if context.year is not None]
     if node.tree.context_model is None or not (regions or stated_years):
         return None
-    years: list[int] = []
+    years: list[int | None] = [None]
     if stated_years:
         first, last = min(stated_years), max(stated_years)
         steps = (1, 2, 5, 10, 20, 50, 100, 200, 500, 1000)
         step = next(step for step in steps if (last - first) / step < MAX_YEAR_STEPS - 1)
-        years = list(range(int(first // step * step), int(math.ceil(last / step) * step) + 1, step))
+        years = [*range(int(first // step * step), int(math.ceil(last / step) * step) + 1, step)]
     table: dict[str, list[list[list[float]]]] = {}
     for region in ("world", *sorted(filter(None, regions))):
         table[region] = []
-        for year in years or [None]:
+        for year in years:
             where = Where(None if region == "world" else region, None if year is None else float(year))
             is_default = where.region is None and where.year is None
             rows = (prior if is_default else node.prior(prior.dims, where)).quantiles(INTERVAL_QUANTILES).T
             table[region].append([[float(f"{mm:.4g}") for mm in row] for row in rows])
-    return {"regions": list(table), "years": years, "table": table}
+    return {"regions": list(table), "years": years if stated_years else [], "table": table}
 
 
 def images_to_scale(catalogue: ReleaseCatalogue, node: Node) -> list[dict[str, Any]]:

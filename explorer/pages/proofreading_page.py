@@ -55,7 +55,7 @@ def proofreading_page(tree: Tree, limit: int) -> str:
     )
     title = f"{tree.name} {tree.version}: an hour of proofreading"
     ends = ("low", "typical", "high")
-    return report_html("proofreading.html", title, note, ["Sizes"], axes=AXES, ends=ends, rows=rows)
+    return report_html("proofreading.html", title, note, axes=AXES, ends=ends, rows=rows)
 
 
 def range_texts(node: Node) -> Sequence[tuple[str, ...]]:

@@ -56,9 +56,9 @@ _EVIDENCE = {
 }
 
 
-def report_html(template: str, title: str, note: str, sections: Sequence[str], **values: Any) -> str:
-    """Return a page of one file: a title, a note, links to the sections, and the sections of the template."""
-    return environment().get_template(template).render(title=title, note=note, sections=sections, **values)
+def report_html(template: str, title: str, note: str, **values: Any) -> str:
+    """Return a page of one file: a title, a note, links to the sections of the template, and the sections."""
+    return environment().get_template(template).render(title=title, note=note, **values)
 
 
 def page(tree: Tree, against: Tree | None = None) -> str:
@@ -87,24 +87,13 @@ def page(tree: Tree, against: Tree | None = None) -> str:
     # What deserves attention
     counts = Counter(finding.code for finding in all_findings)
     examples = [f for code in sorted(counts) for f in [f for f in all_findings if f.code == code][:MAX_EXAMPLES]]
-    sections = [
-        "Find a category",
-        "What it holds",
-        "Where it comes from",
-        "Words of detectors",
-        "Sizes of typical categories",
-        "What to look at",
-    ]
     return report_html(
         "report.html",
         f"{tree.name} {label(tree)}",
         f"Release of {tree.release.manifest['created']}; {len(tree):,} categories on five levels.",
-        [*sections, f"What changed since {label(against)}"] if against else sections,
-        categories=(
-            ("category", "id", "path", "items", "tier", "median, mm"),
-            categories,
-            [" ".join((node.name, node.node_id, *node.aliases)) for node in nodes],
-        ),
+        against=label(against) if against else None,
+        categories=categories,
+        searched=[" ".join((node.name, node.node_id, *node.aliases)) for node in nodes],
         levels=level_counts(tree),
         kinds=[
             (_EVIDENCE.get(name, name), group["items"], *(group[f"leaves_{least}"] for least in (1, 10, 30)))

@@ -1,1 +1,1 @@
-"""The HTTP server and that of the Model Context Protocol: what cannot be a file, and the same bytes as the site."""
+"""Servers for HTTP and the Model Context Protocol: the bytes of the static site, and queries that have no file."""

@@ -66,7 +66,7 @@ class Explorer:
         """Return the content of a route, an image or the OpenAPI description."""
         path = request.path_params["path"]
         if path == "openapi.json":
-            return await self._cached(request, self.main, path, partial(_rendered_description, self.main))
+            return await self._cached(request, self.main, path, lambda: Rendered(description(self.main), _JSON))
         resolved = self.resolve_release(path)
         if resolved is None:
             return problem(404, f"no release is served at /{path[:200]}", request.url.path)
@@ -129,10 +129,6 @@ class Explorer:
         )
 
 
-def _rendered_description(catalogue: ReleaseCatalogue) -> Rendered:
-    return Rendered(description(catalogue), _JSON)
-
-
 def assets_digest() -> str:
     """Return a digest of templates, scripts and styles: eight hexadecimal digits."""
     digest = hashlib.sha256()
@@ -157,10 +153,6 @@ def application(trees: Sequence[Tree], preload: bool = False) -> ASGIApp:
     InputError
         Two releases have the same version.
     """
-    if len({tree.version for tree in trees}) != len(trees):
-        raise InputError(
-            f"--tree: expected releases of different versions; found {', '.join(t.version for t in trees)}"
-        )
     explorer = Explorer(trees)
 
     @asynccontextmanager

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from importlib.resources import files
 from typing import Any
 
 import msgspec
@@ -10,18 +11,12 @@ from explorer.catalogue import ReleaseCatalogue
 from explorer.routes import ROUTES, Route
 from explorer.schemas import Problem, ScaleRequest
 
-_EXAMPLE_REQUEST = {
-    "schema": "metric-tree/objects/1",
-    "objects": [
-        {"id": "chair 1", "category": "chair", "dimensions": {"length": 0.27, "width": 0.26, "height": 0.45}},
-        {"id": "mug 2", "category": "mug", "dimensions": {"height": 0.049}},
-    ],
-    "known_lengths": [{"units": 1.0, "metres": 2.0}],
-}
-
 
 def description(catalogue: ReleaseCatalogue) -> bytes:
-    """Return the description of a server whose main release is that of the catalogue, as JSON."""
+    """Return the description of a server whose main release is that of the catalogue, as JSON.
+
+    `openapi_base.json` describes the API in general and the two addresses that are not in the route table.
+    """
     described = [route for route in ROUTES if route.response is not None]
     records = [*(route.response for route in described), ScaleRequest, Problem]
     _, components = msgspec.json.schema_components(records, ref_template="#/components/schemas/{name}")
@@ -30,38 +25,21 @@ def description(catalogue: ReleaseCatalogue) -> bytes:
         "id": ("a node's id or its slug", example_node),
         "name": ("a label list", next(iter(catalogue.vocabularies), "coco_80")),
     }
-    document = {
-        "openapi": "3.1.0",
-        "info": {
-            "title": f"{catalogue.tree.name} {catalogue.tree.version}",
-            "version": catalogue.tree.version,
-            "description": "Object sizes by category. Sizes are in millimetres. Each response except searches and "
-            "queries is also a file of the static site, at the same path with `.json`. Other releases of the server "
-            "are under `/releases/VERSION/`.",
-            "license": {"name": "Apache-2.0 (code); each row of data under the licence that it names"},
-        },
-        "paths": {
-            **{f"/{route.path.removesuffix('.json')}": {"get": _get(route, examples)} for route in described},
-            "/v1/scale": {"post": _scale_operation()},
-            "/healthz": {
-                "get": {
-                    "operationId": "health",
-                    "summary": "State of the server.",
-                    "responses": {"200": _content("application/json", {"type": "object"}, "the server is ready")},
-                }
-            },
-        },
-        "components": {"schemas": components},
-    }
+    document = msgspec.json.decode(files("explorer.server").joinpath("openapi_base.json").read_bytes())
+    document["info"]["title"] = f"{catalogue.tree.name} {catalogue.tree.version}"
+    document["info"]["version"] = catalogue.tree.version
+    routes = {f"/{route.path.removesuffix('.json')}": {"get": operation(route, examples)} for route in described}
+    document["paths"] = routes | document["paths"]
+    document["components"]["schemas"] = components
     return msgspec.json.encode(document)
 
 
-def _get(route: Route, examples: dict[str, tuple[str, str]]) -> dict[str, Any]:
-    parameters = []
+def operation(route: Route, examples: dict[str, tuple[str, str]]) -> dict[str, Any]:
+    """Return the operation of a route; `examples` has the description and an example of each path parameter."""
+    fields = []
     if route.parameter:
         text, example = examples[route.parameter]
-        schema = {"type": "string", "minLength": 1}
-        parameters.append(_parameter(route.parameter, "path", text, schema, example, required=True))
+        fields.append((route.parameter, "path", text, True, {"type": "string", "minLength": 1}, example))
     if route.query is not None:
         _, records = msgspec.json.schema_components([route.query])
         query = records[route.query.__name__]
@@ -70,56 +48,20 @@ def _get(route: Route, examples: dict[str, tuple[str, str]]) -> dict[str, Any]:
                 text, (example, *_) = schema.pop("description"), schema.pop("examples")
                 if schema.get("default") == "":
                     del schema["default"]
-                required = name in query["required"]
-                parameters.append(_parameter(name, "query", text, schema, example, required))
-    assert route.response is not None
+                fields.append((name, "query", text, name in query["required"], schema, example))
+    keys = ("name", "in", "description", "required", "schema", "example")
+    responses = {"200": _content("application/json", route.response, "the record")}
+    for status, text in (("404", "the release has no such name"), ("422", "a parameter is invalid")):
+        responses[status] = _content("application/problem+json", Problem, text)
     return {
         "operationId": route.operation,
         "summary": route.summary,
-        "parameters": parameters,
-        "responses": {
-            "200": _content("application/json", _ref(route.response.__name__), "the record"),
-            "404": _error("the release has no such name"),
-            "422": _error("a parameter is invalid"),
-        },
+        "parameters": [dict(zip(keys, field, strict=True)) for field in fields],
+        "responses": responses,
     }
 
 
-def _scale_operation() -> dict[str, Any]:
-    body = {"application/json": {"schema": _ref("ScaleRequest"), "example": _EXAMPLE_REQUEST}}
-    errors = {"413": "the body is too long", "415": "the body is not JSON", "422": "a field is invalid", "503": "busy"}
-    result = {"type": "object", "required": ["schema", "status"]}
-    return {
-        "operationId": "scale",
-        "summary": "The posterior of the scale (metres per unit) from measured objects and known lengths.",
-        "requestBody": {"required": True, "content": body},
-        "responses": {
-            "200": _content("application/json", result, "metric-tree/scale/1"),
-            **{status: _error(text) for status, text in errors.items()},
-        },
-    }
-
-
-def _parameter(
-    name: str, place: str, text: str, schema: dict[str, Any], example: Any, required: bool
-) -> dict[str, Any]:
-    return {
-        "name": name,
-        "in": place,
-        "description": text,
-        "required": required,
-        "schema": schema,
-        "example": example,
-    }
-
-
-def _ref(record: str) -> dict[str, str]:
-    return {"$ref": f"#/components/schemas/{record}"}
-
-
-def _content(media_type: str, schema: dict[str, Any], text: str) -> dict[str, Any]:
+def _content(media_type: str, record: type[msgspec.Struct] | None, text: str) -> dict[str, Any]:
+    assert record is not None
+    schema = {"$ref": f"#/components/schemas/{record.__name__}"}
     return {"description": text, "content": {media_type: {"schema": schema}}}
-
-
-def _error(text: str) -> dict[str, Any]:
-    return _content("application/problem+json", _ref("Problem"), text)

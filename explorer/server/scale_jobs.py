@@ -3,8 +3,6 @@
 from __future__ import annotations
 
 import asyncio
-import math
-from collections.abc import Sequence
 from concurrent.futures import ProcessPoolExecutor
 from concurrent.futures.process import BrokenProcessPool
 from multiprocessing import get_context
@@ -54,6 +52,7 @@ def scale_record(request: ScaleRequest, tree: Tree) -> dict[str, Any]:
     from estimator.pipeline import estimate_objects
     from estimator.reconstructions.objects_file import parse_objects
     from estimator.records.options import EstimateOptions
+    from estimator.records.result import ScaleEvidence
 
     if not 1 <= len(request.objects) <= MAX_OBJECTS:
         raise InputError(f"objects: expected 1 to {MAX_OBJECTS}; found {len(request.objects)}")
@@ -61,30 +60,22 @@ def scale_record(request: ScaleRequest, tree: Tree) -> dict[str, Any]:
         raise InputError(f"level: expected a number between 0 and 1; found {request.level:g}")
     objects = parse_objects(Path("request"), {"schema": request.schema, "objects": request.objects})
     where = where_of(request.where) if request.where is not None else None
-    options = EstimateOptions(level=request.level, evidence=_lengths(request.known_lengths), where=where)
+    if len(request.known_lengths) > MAX_LENGTHS:
+        raise InputError(f"known_lengths: expected at most {MAX_LENGTHS}; found {len(request.known_lengths)}")
+    (low, high), (low_sigma, high_sigma) = LENGTH_RANGE, LENGTH_SIGMA_RANGE
+    evidence = []
+    for index, length in enumerate(request.known_lengths):
+        units, metres = length.get("units", 0.0), length.get("metres", 0.0)
+        sigma = length.get("sigma", LENGTH_SIGMA)
+        in_range = low < units < high and low < metres < high and low_sigma < sigma < high_sigma
+        if not in_range or set(length) - {"units", "metres", "sigma"}:
+            expected = "units and metres above 0, and sigma of their ratio's natural log from 1e-6 to 10"
+            raise InputError(f"known_lengths[{index}]: expected {expected}; found {length}")
+        evidence.append(ScaleEvidence("known_length", str(index + 1), metres / units, sigma, doubt=0.0))
+    options = EstimateOptions(level=request.level, evidence=tuple(evidence), where=where)
     record = estimate_objects(objects, tree, options).to_json()
     record.pop("seconds", None)  # the same request has the same bytes
     return record
-
-
-def _lengths(lengths: Sequence[dict[str, float]]) -> tuple[Any, ...]:
-    from estimator.records.result import ScaleEvidence
-
-    if len(lengths) > MAX_LENGTHS:
-        raise InputError(f"known_lengths: expected at most {MAX_LENGTHS}; found {len(lengths)}")
-    rows = []
-    for number, length in enumerate(lengths, 1):
-        units, metres = length.get("units", 0.0), length.get("metres", 0.0)
-        sigma = length.get("sigma", LENGTH_SIGMA)
-        if not (1e-12 < units < 1e12 and 1e-12 < metres < 1e12 and 1e-6 < sigma < 10) or set(length) - {
-            "units",
-            "metres",
-            "sigma",
-        }:
-            expected = "units and metres above 0, and sigma of their ratio's natural log from 1e-6 to 10"
-            raise InputError(f"known_lengths[{number - 1}]: expected {expected}; found {length}")
-        rows.append(ScaleEvidence("known_length", str(number), metres / units, sigma, doubt=0.0))
-    return tuple(rows)
 
 
 class ScaleJobs:
@@ -153,13 +144,4 @@ def _scale(body: bytes) -> bytes:
         request = msgspec.json.decode(body, type=ScaleRequest)
     except (msgspec.DecodeError, RecursionError, UnicodeDecodeError) as error:
         raise InputError(f"body: expected metric-tree/objects/1 as JSON; {error}") from None
-    return msgspec.json.encode(_finite(scale_record(request, _trees["tree"])))
-
-
-def _finite(value: Any) -> Any:
-    """Return the value with None for numbers that are not finite, which JSON cannot represent."""
-    if isinstance(value, dict):
-        return {name: _finite(one) for name, one in value.items()}
-    if isinstance(value, list | tuple):
-        return [_finite(one) for one in value]
-    return None if isinstance(value, float) and not math.isfinite(value) else value
+    return msgspec.json.encode(scale_record(request, _trees["tree"]))  # NaN becomes null

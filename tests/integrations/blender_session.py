@@ -28,13 +28,13 @@ for name, (place, size) in OBJECTS.items():
     bpy.context.object.scale = size
 bpy.context.view_layer.update()
 bpy.ops.object.select_all(action="SELECT")
-addon.ask_program = lambda _, table, ask=addon.ask_program: ask(program, table)
+addon.run_program = lambda _, table, run=addon.run_program: run(program, table)
 assert bpy.ops.metric_tree.find_size() == {"FINISHED"}
 settings = bpy.context.scene.metric_tree
 assert bpy.ops.metric_tree.apply_size() == {"FINISHED"}
 bpy.context.view_layer.update()
 heights = {one.name: one.dimensions.z for one in bpy.data.objects}
-answer = {"factor": settings.factor, "low": settings.low, "high": settings.high, "words": settings.answer}
+answer = {"factor": settings.factor, "low": settings.low, "high": settings.high, "words": settings.reason}
 Path(out).write_text(json.dumps({**answer, "heights": heights}), encoding="utf-8")
 
 if picture:

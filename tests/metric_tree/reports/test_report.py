@@ -114,7 +114,9 @@ def test_a_tree_that_is_none_has_no_page(tmp_path, capsys):
 
 
 def test_text_cannot_turn_round_or_hide_what_stands_beside_it():
-    page = report_html("report_base.html", "a\u202eb", "\x1b[2J", ["c\ud800"]) + table(["d\u200b"], [["e\u2066"]])
+    page = report_html("report_base.html", "a\u202eb", "\x1b[2J", sections=["c\ud800"]) + table(
+        ["d\u200b"], [["e\u2066"]]
+    )
     assert not any(mark in page for mark in "\u202e\x1b\ud800\u200b\u2066")
     assert "a\\u202eb" in page
     page.encode()

@@ -1,4 +1,4 @@
-"""A command in a process of its own: its answer, its processor seconds and its peak memory."""
+"""Run a command in a child process and measure its processor time and peak memory."""
 
 from __future__ import annotations
 
@@ -14,9 +14,9 @@ from pathlib import Path
 
 __all__ = ["ChildRun", "ours", "run_child"]
 
-#: Seconds between two looks at a running process.
+#: Interval in seconds at which a running process is polled.
 POLL_S = 0.02
-#: The modules with the `main` of the programs.
+#: Modules with the `main` function of the programs.
 PROGRAMS = {
     "metric-tree": "metric_cli.subcommands",
     "estimate-scale": "metric_cli.estimate_scale.estimate",
@@ -26,9 +26,10 @@ PROGRAMS = {
 
 @dataclass(frozen=True, slots=True)
 class ChildRun:
-    """A run that ended, or was killed after its time (`timed_out`).
+    """Result of a command that ended or was killed at its time limit (`timed_out`).
 
-    cpu_s : processor seconds of the process and of those that it started and waited for; peak_mib : of the process.
+    cpu_s : processor seconds of the process and of the children that it waited for.
+    peak_mib : peak resident memory of the process, without its children.
     """
 
     status: int
@@ -41,7 +42,7 @@ class ChildRun:
 
 
 def ours(program: str, *words: object) -> list[str]:
-    """The command line of one of our three programs, in this interpreter."""
+    """Return the command line of one of our three programs in this interpreter."""
     code = f"import sys; from {PROGRAMS[program]} import main; sys.exit(main(sys.argv[1:]))"
     return [sys.executable, "-c", code, *map(str, words)]
 
@@ -49,9 +50,9 @@ def ours(program: str, *words: object) -> list[str]:
 def run_child(
     words: Sequence[str], limit_s: float = float("inf"), environment: Mapping[str, str] | None = None
 ) -> ChildRun:
-    """Run a command; after `limit_s` its whole process group is killed with SIGKILL.
+    """Run a command, and kill its process group with SIGKILL after `limit_s` seconds.
 
-    environment : variables beside those of this process.
+    environment : variables in addition to the environment of this process.
     """
     with tempfile.TemporaryFile() as out, tempfile.TemporaryFile() as err:
         started, peak_kib = time.monotonic(), 0
@@ -78,9 +79,9 @@ def run_child(
 
 
 def _peak_kib(pid: int) -> int:
-    """Peak memory of a running process; that of `wait4` begins with its parent's."""
+    """Return the peak memory of a running process. The value of `wait4` includes the memory of the parent."""
     try:
         status = Path(f"/proc/{pid}/status").read_text(encoding="utf-8")
-    except OSError:  # it has ended
+    except OSError:  # the process has ended
         return 0
     return next((int(line.split()[1]) for line in status.splitlines() if line.startswith("VmHWM")), 0)

@@ -1,1 +1,1 @@
-"""How accurate the estimate is: one command writes docs/evidence/accuracy.md."""
+"""Accuracy of the scale estimate: one command writes docs/evidence/accuracy.md."""

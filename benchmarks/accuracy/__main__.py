@@ -1,12 +1,12 @@
-"""How accurate the estimate is, in one command: `docs/evidence/accuracy.md`.
+"""Measure the accuracy of the scale estimate and write `docs/evidence/accuracy.md`.
 
-    python -m benchmarks.accuracy --quick                                   # a few minutes, nothing is built
-    python -m benchmarks.accuracy --raw RAW --cache DIR --scenes DIR        # the whole
+    python -m benchmarks.accuracy --quick                                   # a few minutes, builds no tree
+    python -m benchmarks.accuracy --raw RAW --cache DIR --scenes DIR        # the complete report
 
-RAW holds raw items (`metric-tree import`): a tree is built in the cache without one fold of them, from which the
-synthetic rooms draw their sizes, and without the sources of ScanNet, whose rooms are judged. Without RAW the synthetic
-rooms draw typical sizes, and that part is left out. Seeds of synthetic rooms are 0 and up; constants are chosen on
-seeds from 1000 on.
+RAW contains raw items (`metric-tree import`). A tree is built in the cache without the sources of ScanNet, whose rooms
+are evaluated, and without one fold of the other items, from which the sizes of synthetic rooms are drawn. Without RAW
+the synthetic rooms have typical sizes, and the parts `unseen` and `streets` are skipped. The report uses seeds below
+1000; constants are tuned on seeds from 1000 on.
 """
 
 from __future__ import annotations
@@ -35,33 +35,38 @@ from tests.synthetic.rooms.sizes import Sizes, typical_sizes
 
 TEMPLATE = Path(__file__).with_name("page.md")
 PARTS = ("sameness", "structured", "errors", "unseen", "streets", "scenes", "methods")
-#: How much of everything --quick does.
+#: Options that `--quick` replaces.
 QUICK = {"rooms": [0], "streets": [0, 1], "scenes_a_cell": 10}
-#: Of the simulations; real rooms of a source never seen that are taken at most, and of them with --quick.
-SEED, UNSEEN_ROOMS, QUICK_ROOMS = 1, 300, 20
-#: Parts that judge trees built from raw items.
+#: Seed of the simulations.
+SEED = 1
+#: Maximum number of real rooms of an unseen source, without and with `--quick`.
+MAX_UNSEEN_ROOMS = 300
+MAX_QUICK_ROOMS = 20
+#: Parts that evaluate trees built from raw items.
 RAW_PARTS = ("unseen", "streets")
 
 
 def main(argv: Sequence[str] | None = None) -> int:
-    """Run the parts, keep their outcomes, write the page."""
+    """Run the selected parts, store their outcomes and write the page."""
     arguments = _arguments(argv)
     started = time.process_time()
     outcomes = read_outcomes(arguments.rows) if arguments.rows and arguments.rows.exists() else []
-    kept = [one for one in outcomes if one.part not in arguments.parts]
+    kept = [outcome for outcome in outcomes if outcome.part not in arguments.parts]
     release = metric_tree.open()
     rooms_tree, sizes = unseen_tree(arguments.raw, arguments.cache) if arguments.raw else (release, typical_sizes)
-    for part in (one for one in arguments.parts if arguments.raw or one not in RAW_PARTS):
+    for part in arguments.parts:
+        if part in RAW_PARTS and not arguments.raw:
+            continue
         begun = time.process_time()
-        own = list(_outcomes(part, arguments, release, rooms_tree, sizes))
-        kept += own
-        print(f"{part}: {len(own)} outcomes, {time.process_time() - begun:.0f} s", file=sys.stderr)
+        new = list(_outcomes(part, arguments, release, rooms_tree, sizes))
+        kept += new
+        print(f"{part}: {len(new)} outcomes, {time.process_time() - begun:.0f} s", file=sys.stderr)
         if arguments.rows:
             write_outcomes(kept, arguments.rows)
     arguments.out.mkdir(parents=True, exist_ok=True)
     facts = Facts(
         command=arguments.command,
-        earlier=tuple(dict.fromkeys(one.part for one in kept if one.part not in arguments.parts)),
+        earlier=tuple(dict.fromkeys(outcome.part for outcome in kept if outcome.part not in arguments.parts)),
         release=release.version,
         rooms=_rooms_text(arguments),
         minutes=(time.process_time() - started) / 60,
@@ -75,15 +80,15 @@ def _arguments(argv: Sequence[str] | None) -> argparse.Namespace:
     parser = options_parser(__doc__)
     parser.add_argument("--scenes", type=Path, action="append", default=[], help="folder of scenes with a truth.json")
     parser.add_argument("--raw", type=Path, help="folder of raw items")
-    parser.add_argument("--cache", type=Path, default=Path("/tmp/accuracy"), help="what is built of them")  # noqa: S108
-    parser.add_argument("--tables", type=Path, default=SHARED / "sizes", help="real rooms")
+    parser.add_argument("--cache", type=Path, default=Path("/tmp/accuracy"), help="folder of the built trees")  # noqa: S108
+    parser.add_argument("--tables", type=Path, default=SHARED / "sizes", help="folder with the tables of real rooms")
     parser.add_argument("--rooms", type=int, nargs="+", default=[0, 1, 2, 3], help="seeds of each kind of room")
     parser.add_argument("--streets", type=int, nargs="+", default=list(range(8)), help="seeds of streets")
-    parser.add_argument("--scenes-a-cell", type=int, default=300, help="simulated scenes of each setting")
+    parser.add_argument("--scenes-a-cell", type=int, default=300, help="number of simulated scenes per setting")
     parser.add_argument("--parts", nargs="+", choices=PARTS, default=list(PARTS))
-    parser.add_argument("--rows", type=Path, help="keep every outcome here; parts that are not run are taken from it")
+    parser.add_argument("--rows", type=Path, help="file of outcomes; parts that are not run are read from it")
     parser.add_argument("--out", type=Path, default=ROOT / "docs" / "evidence")
-    parser.add_argument("--quick", action="store_true", help="few of everything")
+    parser.add_argument("--quick", action="store_true", help="run a few scenes of each part")
     arguments = parser.parse_args(argv)
     words = sys.argv[1:] if argv is None else argv
     arguments.command = shlex.join(["python", "-m", "benchmarks.accuracy", *words])
@@ -109,14 +114,14 @@ def _outcomes(
 
 
 def _by_method(arguments: argparse.Namespace, tree: Tree, sizes: Sizes) -> Iterator[Outcome]:
-    """Table 1 on synthetic scenes, by the tree that has not seen their sizes."""
+    """Evaluate all methods on synthetic scenes, with a tree that was built without their sizes."""
     for synthetic in (synthetic_rooms(arguments.rooms, sizes), synthetic_streets(arguments.streets, sizes)):
         for case in synthetic:
             yield from scene_outcomes("methods", case, tree)
 
 
 def _on_disk(arguments: argparse.Namespace, release: Tree) -> Iterator[Outcome]:
-    """Table 1 on scenes on disk, by the release."""
+    """Evaluate all methods on scenes on disk, with the release."""
     for folder in arguments.scenes:
         for case in scenes_on_disk(folder):
             yield from scene_outcomes("scenes", case, release)
@@ -124,7 +129,7 @@ def _on_disk(arguments: argparse.Namespace, release: Tree) -> Iterator[Outcome]:
 
 @cache
 def _classes(release: Tree) -> World:
-    """The classes of the simulations, with the paper's fits: half a minute, for all parts at once."""
+    """Return the classes of the simulations with the paper's mixtures (half a minute; cached for all parts)."""
     return world(release, seed=SEED)
 
 
@@ -135,7 +140,7 @@ def _simulated(arguments: argparse.Namespace, release: Tree) -> Iterator[Outcome
 
 def _unseen(arguments: argparse.Namespace, tree: Tree) -> Iterator[Outcome]:
     file = arguments.tables / FAMILY[0] / f"{FAMILY[0]}.csv"
-    return unseen_outcomes(file, tree, QUICK_ROOMS if arguments.quick else UNSEEN_ROOMS, SEED)
+    return unseen_outcomes(file, tree, MAX_QUICK_ROOMS if arguments.quick else MAX_UNSEEN_ROOMS, SEED)
 
 
 def _rooms_text(arguments: argparse.Namespace) -> str:

@@ -1,4 +1,4 @@
-"""The scenes of the report: synthetic rooms and streets, and scenes on disk whose scale is known."""
+"""Scenes of the accuracy report: synthetic rooms and streets, and scenes on disk of known scale."""
 
 from __future__ import annotations
 
@@ -23,12 +23,12 @@ from tests.synthetic.rooms.street import street
 
 __all__ = ["scenes_on_disk", "synthetic_rooms", "synthetic_streets"]
 
-#: One standard deviation of the log of a true extent: none is known better than this.
+#: Standard deviation of the log of a true extent, about the accuracy of a careful measurement.
 TRUE_SIGMA = 0.02
 
 
 def synthetic_rooms(seeds: Sequence[int], sizes: Sizes) -> Iterator[Case]:
-    """Cluttered rooms of every kind, with masks and dense points, masks and sparse points, and a detector's boxes."""
+    """Yield cluttered rooms of every kind: with masks and dense points, masks and sparse points, or detected boxes."""
     for kind in KINDS:
         for seed in seeds:
             synthetic = quick_scene(furnished_room(kind, seed, CLUTTERED, sizes), CLUTTERED, seed)
@@ -41,15 +41,15 @@ def synthetic_rooms(seeds: Sequence[int], sizes: Sizes) -> Iterator[Case]:
 
 
 def synthetic_streets(seeds: Sequence[int], sizes: Sizes) -> Iterator[Case]:
-    """Drives past parked and moving cars."""
+    """Yield drives past parked and moving cars."""
     for seed in seeds:
         yield _case("synthetic streets", f"street {seed}", quick_scene(street(seed, sizes=sizes), seed=seed))
 
 
 def scenes_on_disk(folder: Path) -> Iterator[Case]:
-    """Every scene below a folder whose `truth.json` states its scale: masks, sparse points alone, boxes if any.
+    """Yield the scenes of a folder whose `truth.json` states the scale: with masks, with sparse points, with boxes.
 
-    Boxes are COCO results `detections*.json` beside a `detections*_categories.json`.
+    Boxes are COCO results `detections*.json` with a file `detections*_categories.json` in the same folder.
     """
     for path in sorted({file.parent for file in folder.glob("*/truth.json")}):
         truth = read_truth(path)
@@ -70,7 +70,7 @@ def scenes_on_disk(folder: Path) -> Iterator[Case]:
 
 
 def _case(group: str, name: str, synthetic: SyntheticScene) -> Case:
-    """A synthetic scene; tilted and moving objects have no height of their own."""
+    """Return a synthetic scene as a case. Tilted and moving objects have no true height."""
     entries = synthetic.truth.objects.items()
     scale = synthetic.truth.metres_per_unit
     exact = [MeasuredObject(track, item.category, item.size / scale, np.full(3, TRUE_SIGMA)) for track, item in entries]

@@ -1,4 +1,4 @@
-"""Every method on one scene: default, paper, sucar, height, and both without the extraction of dimensions."""
+"""Run all methods on a scene: default, height, paper, sucar, and default and paper without truncation flags."""
 
 from __future__ import annotations
 
@@ -21,21 +21,23 @@ from metric_tree.tree import Tree
 
 __all__ = ["METHODS", "TRUE_SIZES", "Case", "object_outcomes", "scene_outcomes"]
 
-#: The default on all objects of a synthetic scene at their true sizes: what the priors alone lose.
+#: The default method on the true sizes of all objects of a synthetic scene: the error due to the priors.
 TRUE_SIZES = "default, true sizes"
-#: In the order of the tables. "all dimensions" takes every side as measured: the paper's arm without its confidence,
-#: ours without truncation flags.
+#: Methods in the order of the tables. "all dimensions" uses every side as measured: the paper's method without its
+#: confidence, ours without truncation flags.
 METHODS = ("default", "height", "paper", "sucar", "default, all dimensions", "paper, all dimensions")
 
-#: Synthetic masks state their true objects; no method may see them.
+#: Synthetic masks contain the true object identities, which the methods must not use.
 UNTRACKED = MeasurementOptions(stated_tracks=False)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Case:
-    """A scene with its masks, and what is true of it.
+    """A scene with its masks and its ground truth.
 
-    scale : metres per unit; heights : metres, by track; exact : objects at their true sizes, where these are known.
+    scale : metres per unit.
+    heights : true heights in metres by track.
+    exact : objects with their true sizes, if these are known.
     """
 
     group: str
@@ -48,7 +50,7 @@ class Case:
 
 
 def scene_outcomes(part: str, case: Case, tree: Tree) -> Iterator[Outcome]:
-    """The outcome of each method; those that measure alike share the measurement."""
+    """Yield the outcome of each method. Methods with the same measurement options share the measurement."""
     ours = measure_objects(case.scene, case.instances, UNTRACKED).objects
     theirs = measure_objects(case.scene, case.instances, PAPER).objects
     if case.exact:
@@ -63,7 +65,10 @@ def scene_outcomes(part: str, case: Case, tree: Tree) -> Iterator[Outcome]:
             objects = theirs if method.startswith("paper") else ours
             result = _result(method, objects, tree)
             tall = np.array([entry.extents[2] for entry in objects])
-            tracks = [_track_of(entry, case.instances) for entry in objects]
+            # the true object of most masks of a measured object
+            tracks = [
+                Counter(case.instances[row].track for row in entry.members).most_common(1)[0][0] for entry in objects
+            ]
         error = _height_error(result, tall.tolist(), tracks, case.heights)
         yield outcome_of(part, case.group, case.name, method, result, case.scale, error)
 
@@ -77,7 +82,7 @@ def object_outcomes(
     tree: Tree,
     methods: Sequence[str],
 ) -> Iterator[Outcome]:
-    """The outcome of each method on objects that were measured elsewhere."""
+    """Yield the outcome of each method on objects that are already measured."""
     for method in methods:
         yield outcome_of(part, group, name, method, _result(method, objects, tree), scale)
 
@@ -85,21 +90,16 @@ def object_outcomes(
 def _result(method: str, objects: Sequence[MeasuredObject], tree: Tree) -> ScaleResult:
     name = method.partition(",")[0]
     if method.endswith("all dimensions"):
-        nothing = np.full(3, np.nan), np.zeros(3, dtype=bool)
-        objects = [replace(entry, confidence=nothing[0], truncated=nothing[1]) for entry in objects]
+        confidence, truncated = np.full(3, np.nan), np.zeros(3, dtype=bool)
+        objects = [replace(entry, confidence=confidence, truncated=truncated) for entry in objects]
     options = EstimateOptions(method=name, level=LEVEL)
     return paper_result(objects, tree, options) if name == "paper" else scale_of_objects(objects, tree, options)
-
-
-def _track_of(entry: MeasuredObject, instances: Sequence[Instance]) -> str | None:
-    """The true object that most masks of a measured one show."""
-    return Counter(instances[row].track for row in entry.members).most_common(1)[0][0]
 
 
 def _height_error(
     result: ScaleResult, heights: Sequence[float], tracks: Sequence[str | None], true: Mapping[str, float]
 ) -> float:
-    """Mean over objects of |scale * height / true height - 1| (paper section 5.1), by the highest mode."""
+    """Return the mean over objects of |scale * height / true height - 1| (paper, section 5.1) at the highest mode."""
     if not result.modes:
         return float("nan")
     scale = result.modes[0].scale

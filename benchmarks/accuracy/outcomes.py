@@ -1,4 +1,4 @@
-"""What one method made of one scene, and what many such outcomes say together."""
+"""Outcomes of methods on scenes, and summary statistics over them."""
 
 from __future__ import annotations
 
@@ -25,20 +25,24 @@ __all__ = [
     "write_outcomes",
 ]
 
-#: Mass of the intervals.
+#: Probability mass of the intervals.
 LEVEL = 0.9
-#: Resamples of the scenes for the interval of a difference, and their seed.
-RESAMPLES, SEED = 2000, 0
+#: Number of bootstrap resamples of the scenes for the interval of a difference.
+N_RESAMPLES = 2000
+#: Seed of the bootstrap.
+SEED = 0
 
 
 @dataclass(frozen=True, slots=True)
 class Outcome:
-    """One method on one scene.
+    """Result of one method on one scene, compared with the truth.
 
-    part, group : which experiment and setting; error : ln(scale / true) of the highest mode, also where the answer is
-    refused, NaN without any; low, high : the interval's ends as ln(end / true), NaN where none is stated; heights :
-    mean relative error of the objects' heights (the paper's measure), NaN where unknown; dimensions : that were used;
-    crps : of the posterior, NaN if the method gives no posterior.
+    part, group : experiment and setting.
+    error : ln(scale / true) of the highest mode, also if the estimate is refused; NaN without a mode.
+    low, high : ends of the interval as ln(end / true); NaN without an interval.
+    heights : mean relative error of the objects' heights (the paper's measure); NaN if unknown.
+    dimensions : number of dimensions used.
+    crps : continuous ranked probability score of the posterior; NaN if the method has no posterior.
     """
 
     part: str
@@ -56,9 +60,11 @@ class Outcome:
 
 @dataclass(frozen=True, slots=True)
 class Summary:
-    """Over n scenes; errors are |scale / true - 1| of those not refused, `bias` the median of ln(scale / true).
+    """Statistics over n scenes. Errors are |scale / true - 1| of the scenes that are not refused.
 
-    score, crps : mean interval score and CRPS in log scale (Gneiting and Raftery 2007); ratio : median high over low.
+    bias : median of ln(scale / true).
+    ratio : median of the upper over the lower end of the interval.
+    score, crps : mean interval score and CRPS in log scale (Gneiting and Raftery 2007).
     """
 
     n: int
@@ -76,9 +82,9 @@ class Summary:
 
 
 def crps_of(curve: Curve, truth: float) -> float:
-    """The integral of (F(u) - 1[u >= truth])^2 over log scale u, over the grid and out to the truth.
+    """Return the continuous ranked probability score of a posterior (Gneiting and Raftery 2007).
 
-    The continuous ranked probability score (Gneiting and Raftery 2007).
+    It is the integral of (F(u) - 1[u >= truth])^2 over log scale u, over the grid and from its end to the truth.
     """
     u, step = curve.log_scale, curve.log_scale[1] - curve.log_scale[0]
     below = curve.below + np.cumsum(curve.density) * step
@@ -89,7 +95,7 @@ def crps_of(curve: Curve, truth: float) -> float:
 def outcome_of(
     part: str, group: str, scene: str, method: str, result: ScaleResult, true: float, heights: float = float("nan")
 ) -> Outcome:
-    """The outcome of a result on a scene of so many metres per unit."""
+    """Return the outcome of a result on a scene of `true` metres per unit."""
     error = float(np.log(result.modes[0].scale / true)) if result.modes else float("nan")
     refused = result.interval is None or result.scale is None
     ends = (float("nan"),) * 2
@@ -101,20 +107,20 @@ def outcome_of(
 
 
 def select(outcomes: Iterable[Outcome], **wanted: str) -> list[Outcome]:
-    """The outcomes whose fields are as wanted."""
-    return [one for one in outcomes if all(getattr(one, name) == value for name, value in wanted.items())]
+    """Return the outcomes whose fields have the given values."""
+    return [row for row in outcomes if all(getattr(row, name) == value for name, value in wanted.items())]
 
 
 def summary(outcomes: Sequence[Outcome]) -> Summary:
-    """The figures of one method in one setting."""
-    answered = [one for one in outcomes if not one.refused and np.isfinite(one.error)]
-    signed = np.array([one.error for one in answered])
+    """Return the statistics of one method in one setting."""
+    answered = [row for row in outcomes if not row.refused and np.isfinite(row.error)]
+    signed = np.array([row.error for row in answered])
     errors = np.abs(np.exp(signed) - 1)
-    stated = [one for one in answered if np.isfinite(one.low)]
-    low, high = np.array([one.low for one in stated]), np.array([one.high for one in stated])
-    heights = np.array([one.heights for one in answered])
+    with_interval = [row for row in answered if np.isfinite(row.low)]
+    low, high = np.array([row.low for row in with_interval]), np.array([row.high for row in with_interval])
+    heights = np.array([row.heights for row in answered])
     heights = heights[np.isfinite(heights)]
-    crps = np.array([one.crps for one in answered])
+    crps = np.array([row.crps for row in answered])
     outside = np.maximum(np.maximum(low, -high), 0.0)
 
     def of(values: FloatArray, statistic: Callable[[FloatArray], object]) -> float:
@@ -137,31 +143,31 @@ def summary(outcomes: Sequence[Outcome]) -> Summary:
 
 
 def difference(ours: Sequence[Outcome], theirs: Sequence[Outcome]) -> tuple[float, float, float, int]:
-    """Mean of |error of ours| - |error of theirs| over the scenes of both, its 95 % interval, and how many they are.
+    """Return the mean of |error of ours| - |error of theirs|, its 95 % bootstrap interval and the number of scenes.
 
-    The highest mode counts, refused or not. The scenes are resampled in pairs.
+    The means are over the scenes of both methods. Errors are of the highest mode, refused or not.
     """
-    by_scene = {(one.group, one.scene): abs(np.expm1(one.error)) for one in theirs}
-    apart = np.array(
+    by_scene = {(row.group, row.scene): abs(np.expm1(row.error)) for row in theirs}
+    differences = np.array(
         [
-            abs(np.expm1(one.error)) - by_scene[one.group, one.scene]
-            for one in ours
-            if (one.group, one.scene) in by_scene
+            abs(np.expm1(row.error)) - by_scene[row.group, row.scene]
+            for row in ours
+            if (row.group, row.scene) in by_scene
         ]
     )
-    apart = apart[np.isfinite(apart)]
-    if not len(apart):
+    differences = differences[np.isfinite(differences)]
+    if not len(differences):
         return float("nan"), float("nan"), float("nan"), 0
-    drawn = np.random.default_rng(SEED).choice(apart, (RESAMPLES, len(apart))).mean(axis=1)
-    low, high = np.quantile(drawn, [0.025, 0.975])
-    return float(apart.mean()), float(low), float(high), len(apart)
+    resampled = np.random.default_rng(SEED).choice(differences, (N_RESAMPLES, len(differences))).mean(axis=1)
+    low, high = np.quantile(resampled, [0.025, 0.975])
+    return float(differences.mean()), float(low), float(high), len(differences)
 
 
 def write_outcomes(outcomes: Sequence[Outcome], file: Path) -> None:
-    """One JSON line for each."""
-    file.write_text("".join(json.dumps(asdict(one)) + "\n" for one in outcomes), encoding="utf-8")
+    """Write one JSON line for each outcome."""
+    file.write_text("".join(json.dumps(asdict(row)) + "\n" for row in outcomes), encoding="utf-8")
 
 
 def read_outcomes(file: Path) -> list[Outcome]:
-    """What `write_outcomes` wrote."""
+    """Read the file of `write_outcomes`."""
     return [Outcome(**json.loads(line)) for line in file.read_text(encoding="utf-8").splitlines()]

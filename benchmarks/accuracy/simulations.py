@@ -1,4 +1,4 @@
-"""Simulated scenes: the paper's figure of N objects and noise R, errors one at a time, and dimensions taken away."""
+"""Simulated scenes: the paper's figure of N objects with noise R, one kind of error at a time, and similar objects."""
 
 from __future__ import annotations
 
@@ -9,24 +9,26 @@ from itertools import chain, product
 import numpy as np
 
 from benchmarks.accuracy.outcomes import Outcome, crps_of
-from benchmarks.estimator.simulation import SAMENESS_NOISE, SAMENESS_SCENES, SAMENESS_SHARES, Knobs, World, estimates
+from benchmarks.estimator.simulation import SAMENESS_FRACTIONS, SAMENESS_NOISE, SAMENESS_SCENES, Knobs, World, estimates
 from estimator.posterior.posterior import Estimate
 
 __all__ = ["COUNTS", "FAULTS", "NOISES", "error_outcomes", "sameness_outcomes", "structured_outcomes"]
 
-#: The paper's axes (section 5, its figure of the simulation).
+#: Axes of the paper's figure of the simulation (section 5): numbers of objects, and maximum relative size errors.
 COUNTS = (1, 2, 3, 4, 5, 6, 7, 8, 9, 10, 20, 50)
 NOISES = (0.0, 0.03, 0.06, 0.09, 0.12, 0.15)
 
 _PLAIN = Knobs(cut=0.0, wrong=0.0, off=0.0)
-#: The paper's method takes thirty times as long, so it runs on one scene in so many, the first ones.
-PAPER_SHARE = 50
+#: The paper's method runs on the first 1/50 of the scenes, because it is thirty times slower than ours.
+PAPER_DIVISOR = 50
 
-#: One error at a time, eight objects and 6 % noise otherwise.
+#: Settings with one kind of error each; the defaults are eight objects and 6 % noise.
 FAULTS: Mapping[str, tuple[tuple[str, Knobs], ...]] = {
-    "truncated": tuple((f"{share:.0%}", replace(_PLAIN, cut=share)) for share in (0.0, 0.1, 0.2, 0.4)),
-    "mislabelled": tuple((f"{share:.0%}", replace(_PLAIN, wrong=share)) for share in (0.0, 0.1, 0.2, 0.3, 0.4)),
-    "size noise": tuple((f"{share:.0%}", replace(_PLAIN, noise=share)) for share in NOISES),
+    "truncated": tuple((f"{fraction:.0%}", replace(_PLAIN, cut=fraction)) for fraction in (0.0, 0.1, 0.2, 0.4)),
+    "mislabelled": tuple(
+        (f"{fraction:.0%}", replace(_PLAIN, wrong=fraction)) for fraction in (0.0, 0.1, 0.2, 0.3, 0.4)
+    ),
+    "size noise": tuple((f"{noise:.0%}", replace(_PLAIN, noise=noise)) for noise in NOISES),
     "objects": tuple((str(count), replace(_PLAIN, objects=count)) for count in (1, 2, 3, 5, 10, 20, 50)),
     "classes of 10 objects": tuple(
         (str(count), replace(_PLAIN, objects=10, classes=count)) for count in (1, 2, 3, 5, 7, 10)
@@ -37,7 +39,7 @@ FAULTS: Mapping[str, tuple[tuple[str, Knobs], ...]] = {
 def structured_outcomes(
     world: World, scenes: int, seed: int, counts: Sequence[int] = COUNTS, noises: Sequence[float] = NOISES
 ) -> Iterator[Outcome]:
-    """Scenes of N objects drawn from the size distributions themselves, sizes off by at most R."""
+    """Yield outcomes for scenes of N objects with sizes drawn from the priors and a relative error of at most R."""
     for count in counts:
         for noise in noises:
             knobs = replace(_PLAIN, objects=count, noise=noise)
@@ -45,29 +47,29 @@ def structured_outcomes(
 
 
 def sameness_outcomes(world: World, scenes: int, seed: int) -> Iterator[Outcome]:
-    """Scenes of so many objects of so many classes that share so much, as the groups `objects/classes/share`."""
-    for (objects, classes), share in product(SAMENESS_SCENES, SAMENESS_SHARES):
-        knobs = replace(_PLAIN, objects=objects, classes=classes, shared=share, noise=SAMENESS_NOISE)
-        group = f"{objects}/{classes}/{'as modelled' if share is None else f'{share:.0%}'}"
+    """Yield outcomes for scenes with similar objects, in the groups `objects/classes/shared fraction`."""
+    for (objects, classes), fraction in product(SAMENESS_SCENES, SAMENESS_FRACTIONS):
+        knobs = replace(_PLAIN, objects=objects, classes=classes, shared=fraction, noise=SAMENESS_NOISE)
+        group = f"{objects}/{classes}/{'as modelled' if fraction is None else f'{fraction:.0%}'}"
         yield from _of_method("sameness", group, estimates(world, knobs, scenes, seed, ("default",)))
 
 
 def error_outcomes(world: World, scenes: int, seed: int) -> Iterator[Outcome]:
-    """Every setting of `FAULTS`, as the groups `error: value`."""
+    """Yield outcomes for every setting of `FAULTS`, in the groups `error: value`."""
     for error, settings in FAULTS.items():
         for value, knobs in settings:
             yield from _outcomes("errors", f"{error}: {value}", world, knobs, scenes, seed)
 
 
 def _outcomes(part: str, group: str, world: World, knobs: Knobs, scenes: int, seed: int) -> Iterator[Outcome]:
-    fewer = max(scenes // PAPER_SHARE, 1)
+    fewer = max(scenes // PAPER_DIVISOR, 1)
     runs = (estimates(world, knobs, scenes, seed, ("default",)), estimates(world, knobs, fewer, seed, ("paper",)))
     yield from _of_method(part, group, chain(*runs))
 
 
 def _of_method(part: str, group: str, runs: Iterable[tuple[int, str, float, Estimate]]) -> Iterator[Outcome]:
-    for number, method, truth, estimate in runs:
+    for index, method, truth, estimate in runs:
         low, high = np.log(estimate.interval) - truth
         error, refused = float(np.log(estimate.modes[0].scale) - truth), estimate.status == "unresolved"
         crps = crps_of(estimate.curve, truth)
-        yield Outcome(part, group, str(number), method, error, refused, float(low), float(high), crps=crps)
+        yield Outcome(part, group, str(index), method, error, refused, float(low), float(high), crps=crps)

@@ -1,4 +1,4 @@
-"""Streets whose sources the priors never saw: boxes of nuScenes, Waymo, nuPlan and ApolloScape, named as detected."""
+"""Evaluate streets of unseen sources: boxes of nuScenes, Waymo, nuPlan and ApolloScape with detector labels."""
 
 from __future__ import annotations
 
@@ -21,34 +21,40 @@ from metric_tree.tree import Tree
 
 __all__ = ["MEASURED", "streets_outcomes"]
 
-#: Sources of streets measured in place: none of them is in the tree that judges these streets.
+#: Sources with street objects measured on site. The tree that evaluates these streets is built without them.
 MEASURED = (
     "nuscenes_mini", "waymo_motion_samples", "apolloscape_car_models", "published_class_means", "nuplan_samples",
     "interaction_ep0", "sind_tianjin", "ind_aachen_08", "ngsim_i80", "view_of_delft_example",
 )  # fmt: skip
-#: What a detector would call a set's categories; others are left out.
+#: Detector labels of the categories of the data sets; other categories are skipped.
 LABELS = {"pedestrian": "person", "bus": "bus", "truck": "truck", "bicycle": "bicycle", "motorcycle": "motorcycle",
           "traffic cone": "traffic cone"}  # fmt: skip
 CARS = frozenset({"vehicle", "car", "SUV", "2x", "3x", "sedan", "hatchback", "coupe", "MPV"})
-#: A vehicle that is longer or higher is no car, in mm.
-LONGEST_CAR, HIGHEST_CAR = 5600.0, 2100.0
-#: Scenes drawn of a set that does not say which objects stood together, and how many objects each has.
-DRAWN, OBJECTS = 60, (3, 11)
-#: Standard deviation of the log extents, stated and drawn.
+#: Maximum length and height of a car in mm; larger vehicles are skipped.
+MAX_CAR_LENGTH_MM = 5600.0
+MAX_CAR_HEIGHT_MM = 2100.0
+#: Number of scenes drawn from a data set that does not group objects by drive.
+N_DRAWN_SCENES = 60
+#: Minimum number of objects per scene, and the end (exclusive) of the number in a drawn scene.
+OBJECTS = (3, 11)
+#: Standard deviation of the log extents, both stated and simulated.
 NOISE = 0.05
-#: What leaves a car's width out: the tables of nuScenes, Waymo and ApolloScape say that mirrors are in it or that it is
-#: loose, and the width of the priors is the body's.
+#: Standard deviations of the log extents that ignore the width of a car. The tables of nuScenes, Waymo and ApolloScape
+#: state that the width includes the mirrors or is loose; the width of the priors is the width of the body.
 UNKNOWN_WIDTH = np.array([NOISE, 1.0, NOISE])
-#: Where and when the streets are, as one would say it with `--where`.
+#: Region and year of the streets in the syntax of `--where`, by a part of the group's name.
 WHERE = {"Boston": "US, 2018", "Singapore": "SG, 2018", "waymo": "US, 2020", "apolloscape": "CN, 2018"}
 
 StreetObject = tuple[str, FloatArray]
 
 
 def streets_outcomes(tables: Path, tree: Tree, seed: int) -> Iterator[Outcome]:
-    """Every scene by `default`, also without the widths of cars and with where it is, and `height`; random scales."""
+    """Yield the outcomes of `default` and `height` on every scene at a random scale.
+
+    `default` is also evaluated without the widths of cars, and with the region and year of the scene.
+    """
     generator = np.random.default_rng([seed, 47])
-    for number, (group, members) in enumerate(_scenes(tables, generator)):
+    for index, (group, members) in enumerate(_scenes(tables, generator)):
         scale = float(np.exp(generator.uniform(-3, 3)))
         objects = [
             MeasuredObject(
@@ -56,17 +62,17 @@ def streets_outcomes(tables: Path, tree: Tree, seed: int) -> Iterator[Outcome]:
             )
             for row, (label, sizes) in enumerate(members)
         ]
-        yield from object_outcomes("streets", group, str(number), objects, scale, tree, ("default", "height"))
-        bodies = [replace(one, sigma=UNKNOWN_WIDTH) if one.category == "car" else one for one in objects]
+        yield from object_outcomes("streets", group, str(index), objects, scale, tree, ("default", "height"))
+        bodies = [replace(item, sigma=UNKNOWN_WIDTH) if item.category == "car" else item for item in objects]
         bare = scale_of_objects(bodies, tree, EstimateOptions(level=LEVEL))
-        yield outcome_of("streets", group, str(number), "default, no widths of cars", bare, scale)
-        for place in (where_of(text) for word, text in WHERE.items() if word in group):
-            there = scale_of_objects(objects, tree, EstimateOptions(level=LEVEL, where=place))
-            yield outcome_of("streets", group, str(number), "default, with --where", there, scale)
+        yield outcome_of("streets", group, str(index), "default, no widths of cars", bare, scale)
+        for where in (where_of(text) for word, text in WHERE.items() if word in group):
+            local = scale_of_objects(objects, tree, EstimateOptions(level=LEVEL, where=where))
+            yield outcome_of("streets", group, str(index), "default, with --where", local, scale)
 
 
 def _scenes(tables: Path, generator: np.random.Generator) -> Iterator[tuple[str, list[StreetObject]]]:
-    """A set's name and the objects of a scene: those of a drive where the set says so, else drawn from one city."""
+    """Yield the group's name and the objects of a scene: of one drive if the set has drives, or drawn from one city."""
     for name in ("waymo_motion_samples", "nuplan_samples"):
         drives: dict[str, list[StreetObject]] = defaultdict(list)
         for row, item in _objects_of(tables, name):
@@ -77,23 +83,23 @@ def _scenes(tables: Path, generator: np.random.Generator) -> Iterator[tuple[str,
         f"nuscenes_mini, {city}": [item for row, item in nuscenes if row["region"] in (city, f"{city} USA")]
         for city in ("Boston", "Singapore")
     }
-    pools |= {f"{name}, cars": [one for one in pool if one[0] == "car"] for name, pool in pools.items()}
+    pools |= {f"{name}, cars": [item for item in pool if item[0] == "car"] for name, pool in pools.items()}
     pools["apolloscape_car_models"] = [
-        one for _, one in _objects_of(tables, "apolloscape_car_models") if one[0] == "car"
+        item for _, item in _objects_of(tables, "apolloscape_car_models") if item[0] == "car"
     ]
     for name, pool in pools.items():
-        for _ in range(DRAWN):
+        for _ in range(N_DRAWN_SCENES):
             rows = generator.choice(len(pool), int(generator.integers(*OBJECTS)), replace=False)
             yield name, [pool[row] for row in rows]
 
 
 def _objects_of(tables: Path, name: str) -> Iterator[tuple[dict[str, str], StreetObject]]:
-    """The rows of a table with a label and all three sizes, length first, in mm."""
+    """Yield the rows of a table that have a label and all three sizes (length, width, height in mm)."""
     with (tables / name / f"{name}.csv").open(encoding="utf-8", newline="") as lines:
         for row in csv.DictReader(lines):
             a, b, height = (float(row[f"{axis}_mm"] or "nan") for axis in ("length", "width", "height"))
             sizes = np.array([max(a, b), min(a, b), height])
-            is_car = row["category"] in CARS and sizes[0] < LONGEST_CAR and height < HIGHEST_CAR
+            is_car = row["category"] in CARS and sizes[0] < MAX_CAR_LENGTH_MM and height < MAX_CAR_HEIGHT_MM
             label = "car" if is_car else LABELS.get(row["category"])
             if label is not None and np.all(sizes > 0):
                 yield row, (label, sizes)

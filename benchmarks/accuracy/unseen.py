@@ -1,4 +1,4 @@
-"""Real rooms whose source the priors never saw: boxes of ScanNet against a tree that was built without any of it."""
+"""Evaluate real rooms of an unseen source: boxes of ScanNet with a tree that was built without ScanNet."""
 
 from __future__ import annotations
 
@@ -25,20 +25,21 @@ from tests.synthetic.rooms.sizes import Sizes, drawn_sizes
 
 __all__ = ["FAMILY", "SIGMA", "rooms_of", "sorted_extents", "tree_without", "unseen_outcomes", "unseen_tree"]
 
-#: Sources that show the same rooms: none of them is in the tree that judges these rooms.
+#: Sources with the same rooms. The tree that evaluates these rooms is built without them.
 FAMILY = ("scannet18_boxes", "scannet_fine_boxes", "vsibench_scannet")
-#: One fifth of the items is kept from the tree too: synthetic rooms draw their sizes from it.
+#: Fold of the items (index, number of folds) that the tree is built without. Synthetic rooms draw their sizes from it.
 FOLD = (0, 5)
-#: Rescans of a room repeat its objects.
+#: Suffix of the first scan of a room; rescans contain the same objects and are skipped.
 FIRST_SCAN = "_00"
-#: A room with fewer objects is no room.
-LEAST_OBJECTS = 3
-#: Boxes are aligned with the room, so an object that is turned in it is too long and too wide; heights are good.
+#: Minimum number of objects of a room.
+MIN_OBJECTS = 3
+#: Standard deviations of log length, width and height. Boxes are aligned with the room, so the length and width of a
+#: rotated object are too large; heights are accurate.
 SIGMA = (0.1, 0.15, 0.05)
 
 
 def unseen_tree(raw: Path, cache: Path) -> tuple[Tree, Sizes]:
-    """A tree built without `FAMILY` and without one fold, and sizes drawn from that fold; both are kept in `cache`."""
+    """Return a tree built without `FAMILY` and one fold, and sizes drawn from that fold. Both are stored in `cache`."""
     tree = tree_without(FAMILY, raw, cache / "tree")
     files = _files(raw, FAMILY)
     pool = pool_at(cache / "sizes.json", partial(held_out_pool, files, tree, shipped_taxonomy, FOLD))
@@ -46,7 +47,7 @@ def unseen_tree(raw: Path, cache: Path) -> tuple[Tree, Sizes]:
 
 
 def tree_without(sources: Sequence[str], raw: Path, out: Path) -> Tree:
-    """A tree built as the release is, norms and judged ranges with it, without some sources and without one fold."""
+    """Build a tree like the release (with norms and judged ranges) without some sources and without one fold."""
     if not out.exists():
         out.parent.mkdir(parents=True, exist_ok=True)
         options = BuildOptions(version="0.0.0", created="2026-11-22", name="accuracy", fold_out=FOLD, heldout=False)
@@ -54,17 +55,17 @@ def tree_without(sources: Sequence[str], raw: Path, out: Path) -> Tree:
     return open_tree(out)
 
 
-def _files(raw: Path, left_out: Sequence[str]) -> list[Path]:
-    """The files of raw items without those of some sources."""
+def _files(raw: Path, excluded: Sequence[str]) -> list[Path]:
+    """Return the files of raw items without some sources."""
     return [
         path
         for path in sorted(raw.glob("*.jsonl"))
-        if "quarantine" not in path.name and path.name.partition(".")[0] not in left_out and "pictures" not in path.name
+        if "quarantine" not in path.name and path.name.partition(".")[0] not in excluded and "pictures" not in path.name
     ]
 
 
 def unseen_outcomes(file: Path, tree: Tree, rooms: int, seed: int) -> Iterator[Outcome]:
-    """Every second room of a table of boxes, or so many of these at random, each under a random scale."""
+    """Yield outcomes for up to `rooms` random ones of every second room of a table of boxes, each at a random scale."""
     generator = np.random.default_rng([seed, 41])
     by_room = rooms_of(file)
     names = sorted(by_room)
@@ -80,21 +81,17 @@ def unseen_outcomes(file: Path, tree: Tree, rooms: int, seed: int) -> Iterator[O
         moved = [
             replace(item, extents=item.extents * np.exp(-offsets.get(item.category, np.zeros(3)))) for item in objects
         ]
-        for one in object_outcomes("unseen", file.stem, name, moved, scale, tree, ("default",)):
-            yield replace(one, method="default, centred priors")
-        yield from _pulls(name, objects, scale, tree)
-
-
-def _pulls(name: str, objects: Sequence[MeasuredObject], scale: float, tree: Tree) -> Iterator[Outcome]:
-    """What each object of a room states about the scale by itself, as the groups of the part `pulls`."""
-    for item in scale_of_objects(objects, tree).objects:
-        if item.scale is not None:
-            error = float(np.log(item.scale / scale))
-            yield Outcome("pulls", item.category, f"{name}/{item.id}", "alone", error, refused=False)
+        for outcome in object_outcomes("unseen", file.stem, name, moved, scale, tree, ("default",)):
+            yield replace(outcome, method="default, centred priors")
+        # the scale that each object implies, in the groups of the part `pulls`
+        for result in scale_of_objects(objects, tree).objects:
+            if result.scale is not None:
+                error = float(np.log(result.scale / scale))
+                yield Outcome("pulls", result.category, f"{name}/{result.id}", "alone", error, refused=False)
 
 
 def _offsets(entries: Sequence[tuple[str, list[float]]], tree: Tree) -> dict[str, FloatArray]:
-    """(3,) median of the log size less the prior's mean, by label, 0 on axes that the prior does not know."""
+    """Return the median log size minus the prior's mean (3,) by label, 0 on axes without a prior."""
     by_label: dict[str, list[FloatArray]] = defaultdict(list)
     for label, sizes in entries:
         by_label[label].append(np.log(sorted_extents(sizes)))
@@ -108,7 +105,7 @@ def _offsets(entries: Sequence[tuple[str, list[float]]], tree: Tree) -> dict[str
 
 
 def rooms_of(file: Path) -> dict[str, list[tuple[str, list[float]]]]:
-    """Category and length, width, height in mm of the objects of each room."""
+    """Return category and (length, width, height) in mm of the objects of each room."""
     rooms: dict[str, list[tuple[str, list[float]]]] = defaultdict(list)
     with file.open(encoding="utf-8", newline="") as lines:
         for row in csv.DictReader(lines):
@@ -116,9 +113,9 @@ def rooms_of(file: Path) -> dict[str, list[tuple[str, list[float]]]]:
             sizes = [float(row[f"{axis}_mm"] or "nan") for axis in ("length", "width", "height")]
             if room.endswith(FIRST_SCAN) and all(size > 0 for size in sizes):
                 rooms[room].append((row["category"], sizes))
-    return {name: entries for name, entries in rooms.items() if len(entries) >= LEAST_OBJECTS}
+    return {name: entries for name, entries in rooms.items() if len(entries) >= MIN_OBJECTS}
 
 
 def sorted_extents(sizes: list[float]) -> np.ndarray[tuple[int], np.dtype[np.float64]]:
-    """(3,) the longer horizontal side first."""
+    """Return the sizes (3,) with the longer horizontal side first."""
     return np.array([max(sizes[:2]), min(sizes[:2]), sizes[2]])

@@ -1,8 +1,9 @@
-"""The bare spider that ours is measured against: it fetches, parses and follows the links that ours follows, no more.
+"""Reference spider of the crawl benchmark: it fetches pages and follows the same links as ours, without extraction.
 
     python -m benchmarks.crawler.bare_spider http://127.0.0.1:PORT
 
-The rule on links is ours: the same host, no tracking, no fragment, no part of a path three times; 120 links deep.
+The link rules are ours: same host, no tracking parameters, no fragments, no path segment more than twice, at most 120
+links deep.
 """
 
 from __future__ import annotations
@@ -24,13 +25,13 @@ SETTINGS = {
 
 
 class Bare(scrapy.Spider):  # type: ignore[misc]  # Scrapy has no types
-    """Follows links and keeps nothing."""
+    """Follow links without storing any item."""
 
     name = "bare"
     allowed_domains = ("127.0.0.1",)
 
     def parse(self, response: Any, **_: Any) -> Iterator[Any]:
-        """The links of a page."""
+        """Yield requests for the links of a page."""
         if not hasattr(response, "xpath"):
             return
         for address in set(response.xpath("//a/@href").getall()):

@@ -1,10 +1,10 @@
-"""Cost of a crawl: ours beside a bare Scrapy spider on the same links of the same synthetic site.
+"""Compare the cost of our crawl with a bare Scrapy spider on the same links of the same synthetic site.
 
     python -m benchmarks.crawler.crawl --pages 1000 10000 [--real-sizes]
 
-The synthetic site (`tests/synthetic/synthetic_site.py`) runs in a process of its own; its time is not counted. CPU and
-memory are the operating system's figures of the crawling process. `--real-sizes` gives product pages the sizes of the
-sixteen saved real pages (235 to 3,149 kB, drawn evenly by number).
+The synthetic site (`tests/synthetic/synthetic_site.py`) runs in a separate process, whose time is not included. CPU
+time and memory of the crawling process are measured by the operating system. With `--real-sizes` product pages have
+the sizes of sixteen saved real pages (235 to 3,149 kB) in equal numbers.
 """
 
 from __future__ import annotations
@@ -24,19 +24,19 @@ from tests.synthetic.synthetic_site import Shop, SyntheticSite, expected
 
 
 class ServedShop:
-    """A synthetic site in another process: its address, and the addresses that were asked for."""
+    """A synthetic site in another process, with its address and a log of the requested addresses."""
 
     def __init__(self, shop: Shop) -> None:
-        self._here, there = multiprocessing.Pipe()
-        self._process = multiprocessing.Process(target=_serve, args=(shop, there), daemon=True)
+        self._pipe, site_pipe = multiprocessing.Pipe()
+        self._process = multiprocessing.Process(target=_serve, args=(shop, site_pipe), daemon=True)
         self._process.start()
-        self.base: str = self._here.recv()
+        self.base: str = self._pipe.recv()
 
-    def asked(self) -> Counter[str]:
-        """How often each address was asked for."""
-        self._here.send("asked")
-        found: Counter[str] = self._here.recv()
-        return found
+    def request_counts(self) -> Counter[str]:
+        """Return the number of requests per address."""
+        self._pipe.send("request counts")
+        counts: Counter[str] = self._pipe.recv()
+        return counts
 
     def close(self) -> None:
         """End the process."""
@@ -56,50 +56,43 @@ def _ours(base: str, out: Path) -> list[str]:
 
 
 def compared(shop: Shop) -> list[dict[str, Any]]:
-    """Ours and a bare spider over one synthetic site, and what ours collected against the truth."""
+    """Run a bare spider and ours on a synthetic site, and compare the collected items with the truth."""
     rows: list[dict[str, Any]] = []
-    asked: list[Counter[str]] = []
+    requested: list[Counter[str]] = []
     with tempfile.TemporaryDirectory() as scratch:
         out = Path(scratch) / "out"
         for name in ("bare", "ours"):
             served = ServedShop(shop)
             bare = [sys.executable, "-m", "benchmarks.crawler.bare_spider", served.base]
             run = run_child(bare if name == "bare" else _ours(served.base, out))
-            asked.append(served.asked())
+            requested.append(served.request_counts())
             served.close()
-            rows.append({"spider": name, **_rates(run, asked[-1])})
-        rows[-1] |= _against_truth(shop, out) | {"other_addresses": len(set(asked[0]) ^ set(asked[1]))}
+            rows.append({"spider": name, **_rates(run, requested[-1])})
+        rows[-1] |= _against_truth(shop, out) | {"other_addresses": len(set(requested[0]) ^ set(requested[1]))}
     return rows
 
 
-def _rates(run: ChildRun, asked: Counter[str]) -> dict[str, float]:
-    """A page is an answer that was asked for, of a product, a list or a calendar."""
-    pages = asked.total()
-    products = sum(path.startswith("/item/") for path in asked)
+def _rates(run: ChildRun, requested: Counter[str]) -> dict[str, float]:
+    """Return counts and rates. Every response (product, list or calendar) is a page."""
+    pages = requested.total()
+    products = sum(path.startswith("/item/") for path in requested)
     rates = {"ms_per_page": 1000 * run.cpu_s / pages, "ms_per_product": 1000 * run.cpu_s / products}
     counts = {"products": products, "pages": pages, "cpu_s": run.cpu_s, "peak_mb": run.peak_mib}
     return counts | rates | {"pages_per_s": pages / run.wall_s}
 
 
 def _against_truth(shop: Shop, out: Path) -> dict[str, int]:
-    truth, found = expected(shop), _items(out)
+    truth = expected(shop)
+    lines = [line for path in sorted(out.rglob("items-*.jsonl")) for line in path.read_text().splitlines()]
+    found = [(item["title"], tuple(item["extents_mm"])) for item in map(json.loads, lines)]
     right = sum(truth.get(title) == size for title, size in found)
     counts = {"expected": len(truth), "items": len(found), "right": right}
     missed = len(set(truth) - {title for title, _ in found})
     return counts | {"missed": missed, "doubled": len(found) - len(dict(found))}
 
 
-def _items(out: Path) -> list[tuple[str, tuple[float, ...]]]:
-    lines = [line for path in sorted(out.rglob("items-*.jsonl")) for line in path.read_text().splitlines()]
-    return [(item["title"], tuple(item["extents_mm"])) for item in map(json.loads, lines)]
-
-
-def _rounded(row: dict[str, Any]) -> dict[str, Any]:
-    return {name: round(value, 2) if isinstance(value, float) else value for name, value in row.items()}
-
-
 def main() -> None:
-    """Print a line per crawl."""
+    """Print one line per crawl."""
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--pages", type=int, nargs="*", default=[])
     parser.add_argument("--real-sizes", action="store_true")
@@ -107,7 +100,8 @@ def main() -> None:
     for pages in arguments.pages:
         shop = Shop(products=pages, sizes=REAL_SIZES if arguments.real_sizes else ())
         for row in compared(shop):
-            print(_rounded(row), flush=True)
+            rounded = {name: round(value, 2) if isinstance(value, float) else value for name, value in row.items()}
+            print(rounded, flush=True)
 
 
 if __name__ == "__main__":

@@ -2,10 +2,10 @@
 
     python -m benchmarks.estimator.assets MODELS [--raw DIR] [--work DIR] [--write docs/evidence/model-sizes.md]
 
-MODELS holds `models.csv` and the files that it names. The tree that judges is built of the raw items in DIR without
-the sources of these models (`OWN_SOURCES`). Categories are halved by a hash of their name: the constants of
-`estimator/assets` were chosen on the first half, the page reports the second. Models of several objects (stacks,
-sets) are left out: no single size is theirs.
+MODELS contains `models.csv` and the files that it names. The priors are from a tree that is built from the raw items
+in DIR without the sources of these models (`MODEL_SOURCES`). Categories are split in halves by a hash of their name:
+the constants of `models3d` were tuned on the first half, the page reports the second. Models of several objects
+(stacks, sets) are skipped, because they have no single size.
 """
 
 from __future__ import annotations
@@ -29,21 +29,23 @@ from models3d.asset import Asset, AssetBody, NameText
 from models3d.size_check.category import named_category
 from models3d.size_check.check import AssetCheck, check_body
 
-#: Sources that hold these models or their sizes.
-OWN_SOURCES = frozenset({"open_models", "gazebo_models", "sweethome3d", "ycb_hope_dims", "bop_small"})
-#: Words of models that show several objects.
+#: Sources that contain these models or their sizes.
+MODEL_SOURCES = frozenset({"open_models", "gazebo_models", "sweethome3d", "ycb_hope_dims", "bop_small"})
+#: Words in the categories of models with several objects.
 SEVERAL = ("stack", "row of", "set", "pair", "cards", "cutlery", "boxes", "books", "logs", "glasses", "tools", "apples",
            "flowers", "tulips", "pillows")  # fmt: skip
-SLIPS = (1000.0, 100.0, 25.4, 10.0, 3.28, 2.54, 0.394, 0.305, 0.1, 0.0394, 0.01, 0.001)
-#: Of what is random, and the half of the categories that is reported.
-SEED, REPORTED = 7, 1
-#: Edges of the reliability diagram.
+#: Factors of simulated unit errors.
+UNIT_ERRORS = (1000.0, 100.0, 25.4, 10.0, 3.28, 2.54, 0.394, 0.305, 0.1, 0.0394, 0.01, 0.001)
+SEED = 7
+#: Half of the categories that is reported.
+REPORTED_HALF = 1
+#: Edges of the bins of the reliability diagram.
 EDGES = (0.0, 0.2, 0.4, 0.6, 0.8, 0.9, 0.95, 0.99, 1.0001)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Trial:
-    """One model with one error (or none) and what is said of it."""
+    """One model with one error (or none) and the result of its check."""
 
     error: str
     category: str
@@ -56,13 +58,13 @@ def main() -> None:
     """Print the tables, or write them."""
     parser = options_parser(__doc__)
     parser.add_argument("models", type=Path)
-    parser.add_argument("--raw", type=Path, help="raw items of all sources; without it the shipped tree judges")
-    parser.add_argument("--work", type=Path, default=Path("/tmp/assets-tree"), help="the tree that is built")  # noqa: S108
+    parser.add_argument("--raw", type=Path, help="raw items of all sources (default: use the shipped tree)")
+    parser.add_argument("--work", type=Path, default=Path("/tmp/assets-tree"), help="folder of the built tree")  # noqa: S108
     parser.add_argument("--write", type=Path)
     arguments = parser.parse_args()
     tree = _tree(arguments.raw, arguments.work)
     rows = list(csv.DictReader((arguments.models / "models.csv").open(encoding="utf-8")))
-    trials = list(_trials([row for row in rows if _half(row["category"]) == REPORTED], tree))
+    trials = list(_trials([row for row in rows if _half(row["category"]) == REPORTED_HALF], tree))
     text = "\n".join(_page(trials))
     write_between(arguments.write, "tables", text) if arguments.write else print(text)
 
@@ -75,7 +77,7 @@ def _tree(raw: Path | None, work: Path) -> Tree:
             path
             for path in sorted(raw.glob("*.jsonl*"))
             if not any(word in path.name for word in ("quarantine", "pictures"))
-            and path.name.split(".")[0] not in OWN_SOURCES
+            and path.name.split(".")[0] not in MODEL_SOURCES
         ]
         build_release(files, work, BuildOptions(version="0.0.0", created="2026-11-22", name="assets", heldout=False))
     return open_tree(work)
@@ -100,13 +102,13 @@ def _trials(rows: Iterable[dict[str, str]], tree: Tree) -> Iterator[Trial]:
             body = AssetBody(row["file"], low, low + extents, (NameText("title", row["category"]),))
             check = check_body(row["file"], body, Asset(Path(row["file"]), "glb", 1.0, "y", (body,)), tree, category)
             if check.hypotheses:
-                wrong = sum(one.probability for one in check.hypotheses if one.kind not in ("right", "unlike"))
+                wrong = sum(item.probability for item in check.hypotheses if item.kind not in ("right", "unlike"))
                 yield Trial(error, row["category"], check.tier or "not stated", wrong, check)
 
 
 def _errors(size: FloatArray, generator: np.random.Generator) -> Iterator[tuple[str, FloatArray, bool]]:
     yield "none", size, False
-    for factor in SLIPS:
+    for factor in UNIT_ERRORS:
         yield f"x {factor:g}", size * factor, False
     yield "unit box", size / size.max(), True
     yield "any scale", size * np.exp(generator.uniform(-6, 6)), False
@@ -128,15 +130,19 @@ def _page(trials: list[Trial]) -> Iterator[str]:
     for trial in trials:
         groups[trial.error].append(trial)
     for error, group in groups.items():
-        not_right, wrong = (_share(flags) for flags in ((t.check.verdict != "right" for t in group), _wrong(group)))
-        yield f"| {error} | {not_right} | {wrong} | {_exact(error, group)} |"
+        not_right = _percent(trial.check.verdict != "right" for trial in group)
+        exact = ""
+        if error.startswith("x "):
+            factor = float(error[2:])
+            exact = _percent(t.check.factor is not None and abs(t.check.factor * factor - 1) < 0.02 for t in group)
+        yield f"| {error} | {not_right} | {_percent(_wrong(group))} | {exact} |"
     yield ""
     yield "| tier | models | right ones called wrong | slips of 10 and more called wrong |"
     yield "|---|---|---|---|"
     for tier in sorted({trial.tier for trial in trials}):
-        own = [t for t in right if t.tier == tier]
-        slips = [t for t in trials if t.tier == tier and t.error.startswith("x ") and not 0.11 < float(t.error[2:]) < 9]
-        yield f"| {tier} | {len(own)} | {_share(_wrong(own))} | {_share(_wrong(slips))} |"
+        of_tier = [t for t in right if t.tier == tier]
+        large = [t for t in trials if t.tier == tier and t.error.startswith("x ") and not 0.11 < float(t.error[2:]) < 9]
+        yield f"| {tier} | {len(of_tier)} | {_percent(_wrong(of_tier))} | {_percent(_wrong(large))} |"
     yield ""
     yield from _reliability(trials)
     yield ""
@@ -145,19 +151,22 @@ def _page(trials: list[Trial]) -> Iterator[str]:
 
 
 def _reliability(trials: list[Trial]) -> Iterator[str]:
-    """Stated probability of a wrong scale against how often it is wrong, with the errors as frequent as assumed."""
-    share = {
+    """Yield the table of the stated probability of a wrong scale against the observed frequency.
+
+    Trials are weighted so that the errors are as frequent as the prior assumes.
+    """
+    frequency = {
         "none": 0.75,
-        **dict.fromkeys((f"x {factor:g}" for factor in SLIPS), 0.18 / len(SLIPS)),
+        **dict.fromkeys((f"x {factor:g}" for factor in UNIT_ERRORS), 0.18 / len(UNIT_ERRORS)),
         "unit box": 0.04,
         "any scale": 0.03,
     }
     yield "| stated probability of a wrong scale | trials | wrong, weighted as the prior assumes |"
     yield "|---|---|---|"
-    used = [trial for trial in trials if trial.error in share]
+    used = [trial for trial in trials if trial.error in frequency]
     for low, high in pairwise(EDGES):
         inside = [trial for trial in used if low <= trial.wrong_probability < high]
-        weights = np.array([share[trial.error] for trial in inside])
+        weights = np.array([frequency[trial.error] for trial in inside])
         wrong = np.array([trial.error != "none" for trial in inside])
         if inside:
             yield f"| {low:.2f} to {min(high, 1):.2f} | {len(inside)} | {(weights * wrong).sum() / weights.sum():.2f} |"
@@ -167,16 +176,9 @@ def _wrong(trials: Iterable[Trial]) -> Iterator[bool]:
     return (trial.check.is_wrong for trial in trials)
 
 
-def _share(flags: Iterable[bool]) -> str:
+def _percent(flags: Iterable[bool]) -> str:
     values = list(flags)
     return f"{np.mean(values):.1%}" if values else "-"
-
-
-def _exact(error: str, group: list[Trial]) -> str:
-    if not error.startswith("x "):
-        return ""
-    factor = float(error[2:])
-    return _share(t.check.factor is not None and abs(t.check.factor * factor - 1) < 0.02 for t in group)
 
 
 if __name__ == "__main__":

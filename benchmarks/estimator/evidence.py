@@ -41,21 +41,22 @@ from tests.synthetic.walk import Walk, synthetic_walk, with_rig
 PAGE = Path("docs/evidence/other-evidence.md")
 DEMO = Path("data/scenes/demo_room")
 OBJECTS = ("chair", "table", "bookcase", "couch")
-#: What simulated kinds are worth, natural log: a hand-held camera's height, positions, a marker, a network's metres.
-SPREADS = {"camera height": 0.107, "GPS": 0.02, "marker": 0.01, "metric depth": 0.15}
-#: A wrong one is off by up to this either way, natural log.
-WRONG = 2.0
+#: Standard deviations of the log scale of simulated evidence: height of a hand-held camera, positions, a marker, the
+#: metric depth of a network.
+LOG_SDS = {"camera height": 0.107, "GPS": 0.02, "marker": 0.01, "metric depth": 0.15}
+#: Maximum error of the log scale of wrong evidence, in both directions.
+MAX_WRONG_LOG = 2.0
 LEVEL = 0.9
 Row = Sequence[object]
 
 
 def kind_rows(tree: Tree, folder: Path) -> Iterator[Row]:
-    """Rows of kind, case, what it says, scale, interval, weight and verdict; scales by the true one."""
+    """Yield kind, case, stated scale, scale, interval, weight and verdict; scales are relative to the true scale."""
     walk = with_rig(synthetic_walk(folder, views=12), RIG_M)
     shown = measure_objects(walk.scene, ())
     right = objects_of(tree, OBJECTS, walk.scale)
     small = objects_of(tree, OBJECTS, 2 * walk.scale)
-    yield ("none", "four objects", None, *_answer(scale_of_objects(right, tree), walk), None, None)
+    yield ("none", "four objects", None, *_scale_cells(scale_of_objects(right, tree), walk), None, None)
     for name, kind in KINDS.items():
         (true,), (wrong,) = (kind.rows(walk, shown, factor) for factor in (1.0, 2.0))
         cases = {
@@ -67,12 +68,12 @@ def kind_rows(tree: Tree, folder: Path) -> Iterator[Row]:
         for case, (evidence, objects) in cases.items():
             result = scale_of_objects(objects, tree, EstimateOptions(evidence=(evidence,)))
             (row,) = result.evidence
-            said = (evidence.scale or math.nan) / walk.scale
-            yield name, case, f"{said:.2f}", *_answer(result, walk), f"{row.weight:.2f}", row.verdict
+            stated = (evidence.scale or math.nan) / walk.scale
+            yield name, case, f"{stated:.2f}", *_scale_cells(result, walk), f"{row.weight:.2f}", row.verdict
 
 
-def _answer(result: ScaleResult, walk: Walk) -> tuple[str, str]:
-    """Scale and interval by the true scale; the modes of a scale that is unresolved."""
+def _scale_cells(result: ScaleResult, walk: Walk) -> tuple[str, str]:
+    """Return scale and interval relative to the true scale, or the modes of an unresolved scale."""
     if result.scale is None or result.interval is None:
         modes = ", ".join(f"{mode.scale / walk.scale:.2f}" for mode in result.modes)
         return f"unresolved ({modes})", "–"
@@ -81,7 +82,7 @@ def _answer(result: ScaleResult, walk: Walk) -> tuple[str, str]:
 
 
 def up_rows(tree: Tree) -> Iterator[Row]:
-    """Rows of the demo scene with no up, the true one, a tilted one, and gravity in its place."""
+    """Yield the results of the demo scene without up, with the true up, tilted ups, and gravity instead of up."""
     truth = json.loads((DEMO / "truth.json").read_text(encoding="utf-8"))
     up = np.array(truth["up_in_scene"])
     aside = np.cross(up, [1.0, 0, 0]) / np.linalg.norm(np.cross(up, [1.0, 0, 0]))
@@ -111,22 +112,22 @@ def _tilted(up: FloatArray, aside: FloatArray, degrees: float) -> FloatArray:
 
 
 def coverage_rows(tree: Tree, scenes: int) -> Iterator[Row]:
-    """Rows of objects, kinds, their number, coverage, median and mean error, and width of the interval."""
+    """Yield objects, evidence, wrong evidence, coverage, median and mean error, and log width of the interval."""
     classes = world(tree, baselines=False)
     knobs = Knobs(objects=3, classes=3)
     plans: list[tuple[int, tuple[str, ...], bool]] = [(3, (), False)]
-    plans += [(3, (name,), False) for name in SPREADS]
+    plans += [(3, (name,), False) for name in LOG_SDS]
     plans += [(objects, ("any",) * count, True) for objects in (0, 3) for count in (1, 2, 3)]
     for objects, names, may_fail in plans:
         values = []
-        for number in range(scenes):
-            generator = np.random.default_rng([7, number])
+        for seed in range(scenes):
+            generator = np.random.default_rng([7, seed])
             scale, entries = simulated(classes, knobs, generator)
-            said = [
+            evidence = [
                 ObjectEvidence(item, classes.priors[row], classes.nodes[row].pose) for row, item in entries[:objects]
             ]
             lines = _lines(names, math.log(scale), may_fail, generator)
-            estimate = posterior(said, lines, LEVEL)
+            estimate = posterior(evidence, lines, LEVEL)
             low, high = estimate.interval
             error = abs(estimate.modes[0].scale / scale - 1)
             values.append((low <= scale <= high, error, math.log(high / low)))
@@ -138,13 +139,13 @@ def coverage_rows(tree: Tree, scenes: int) -> Iterator[Row]:
 
 
 def _lines(names: Sequence[str], truth: float, may_fail: bool, generator: np.random.Generator) -> FloatArray:
-    """(k, 3) mean, spread and doubt of the kinds; "any" draws one of them at random."""
+    """Return mean, standard deviation and outlier probability (k, 3) of k kinds; "any" is a random kind."""
     rows = []
     for name in names:
-        spread = SPREADS[str(generator.choice(list(SPREADS))) if name == "any" else name]
+        log_sd = LOG_SDS[str(generator.choice(list(LOG_SDS))) if name == "any" else name]
         wrong = may_fail and generator.random() < DOUBT
-        mean = truth + (generator.uniform(-WRONG, WRONG) if wrong else generator.normal(0, spread))
-        rows.append((mean, spread, DOUBT))
+        mean = truth + (generator.uniform(-MAX_WRONG_LOG, MAX_WRONG_LOG) if wrong else generator.normal(0, log_sd))
+        rows.append((mean, log_sd, DOUBT))
     return np.array(rows, dtype=float).reshape(-1, 3)
 
 
@@ -153,7 +154,7 @@ def _table(header: str, rows: Iterator[Row]) -> str:
 
 
 def page(tree: Tree, scenes: int) -> str:
-    """The page with all tables."""
+    """Return the text of the page with all tables."""
     with tempfile.TemporaryDirectory() as folder:
         kinds = _table("evidence|beside|it says|scale|90 % interval|weight|verdict", kind_rows(tree, Path(folder)))
     ups = _table("`--up`|scale|90 % interval|warning", up_rows(tree))
@@ -164,9 +165,9 @@ def page(tree: Tree, scenes: int) -> str:
 
 
 def main(argv: Sequence[str] | None = None) -> int:
-    """Print the page, or write it."""
+    """Print the page, and write it with `--write`."""
     parser = options_parser(__doc__)
-    parser.add_argument("--scenes", type=int, default=300, help="simulated scenes a row (default: %(default)s)")
+    parser.add_argument("--scenes", type=int, default=300, help="simulated scenes per row (default: %(default)s)")
     parser.add_argument("--write", action="store_true", help=f"write {PAGE}")
     options = parser.parse_args(argv)
     text = page(metric_tree.open(), options.scenes)

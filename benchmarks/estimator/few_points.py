@@ -1,7 +1,8 @@
-"""Small, far, half-hidden objects with 1 to 30 points each: `python -m benchmarks.estimator.few_points`.
+"""Measure small, distant, partly occluded objects with 1 to 30 points: `python -m benchmarks.estimator.few_points`.
 
-Prints for each class of pixels, points and path the median |log error| of length, width and height, and how often the
-stated 90 % holds. Worlds of `tests.synthetic.rooms.few_points`; seeds from 1000 on are for development.
+Prints the median |log error| of length, width and height and the coverage of the 90 % interval, by path and by the
+numbers of pixels and points. The worlds are from `tests.synthetic.rooms.few_points`; seeds from 1000 on are for
+development.
 """
 
 from __future__ import annotations
@@ -17,16 +18,19 @@ from estimator.records.options import MeasurementOptions
 from metric_base.arrays import FloatArray
 from tests.synthetic.rooms.few_points import MAX_POINTS, PATHS, few_points_world
 
-#: What stands on the floor in these worlds; up is known from the aircraft where the camera looks down.
+#: Categories that stand on the floor in these worlds.
 STANDING = {"car": True, "chair": True}
-#: Standard deviations that hold the middle 90 % of a Gaussian.
-NINETY = 1.645
-PIXELS, POINTS = (50, 100, 200, 10_000), (0, 3, 8, 16, 10_000)
+#: Half width of the central 90 % interval of a Gaussian, in standard deviations.
+SIGMAS_90 = 1.645
+#: Upper ends of the bins of the mask diagonal in pixels.
+PIXEL_BINS = (50, 100, 200, 10_000)
+#: Upper ends of the bins of the number of points.
+POINT_BINS = (0, 3, 8, 16, 10_000)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Row:
-    """One object: log errors and sigmas (3,), or None where it was skipped."""
+    """Log errors (3,) (None if the object was skipped) and sigmas (3,) of one object."""
 
     path: str
     pixels: float
@@ -36,7 +40,7 @@ class Row:
 
 
 def main() -> None:
-    """The command."""
+    """Run the benchmark and print the table."""
     parser = seeds_parser(__doc__, 0, 5)
     parser.add_argument("--points", type=int, nargs=2, default=(1, MAX_POINTS), metavar=("FEWEST", "MOST"))
     parser.add_argument("--paths", nargs="+", choices=PATHS, default=PATHS)
@@ -49,16 +53,16 @@ def main() -> None:
     _print_class("all", measured)
     for path in PATHS:
         _print_class(path, [row for row in measured if row.path == path])
-    for low, high in zip((0, *PIXELS), PIXELS, strict=False):
-        _print_class(_range(low, high, PIXELS, "px"), [row for row in measured if low < row.pixels <= high])
-    for low, high in zip((-1, *POINTS), POINTS, strict=False):
-        _print_class(_range(low + 1, high, POINTS, "points"), [row for row in measured if low < row.points <= high])
+    for low, high in zip((0, *PIXEL_BINS), PIXEL_BINS, strict=False):
+        _print_class(_range(low, high, PIXEL_BINS, "px"), [row for row in measured if low < row.pixels <= high])
+    for low, high in zip((-1, *POINT_BINS), POINT_BINS, strict=False):
+        _print_class(_range(low + 1, high, POINT_BINS, "points"), [row for row in measured if low < row.points <= high])
 
 
 def world_rows(seed: int, path: str, points: tuple[int, int] = (1, MAX_POINTS)) -> Iterator[Row]:
-    """The objects of one world; those that are truncated on a side are left out there."""
+    """Yield the objects of one world. Errors of truncated axes are NaN."""
     world = few_points_world(seed, path, points)
-    up = (0.0, 0.0, 1.0) if path == "above" else None
+    up = (0.0, 0.0, 1.0) if path == "above" else None  # the aircraft states up
     options = MeasurementOptions(standing=STANDING.get, up=up)
     for item in measure_objects(world.scene, world.instances, options).objects:
         masks = [world.instances[row] for row in item.members]
@@ -76,11 +80,11 @@ def _print_class(name: str, rows: list[Row]) -> None:
     if not rows:
         return
     error = np.abs(np.array([row.error for row in rows], dtype=float))
-    inside = error < NINETY * np.array([row.sigma for row in rows])
-    shown = np.isfinite(error)
+    inside = error < SIGMAS_90 * np.array([row.sigma for row in rows])
+    is_known = np.isfinite(error)
     median = " ".join(f"{value:.1%}" for value in np.nanmedian(error, axis=0))
-    share = " ".join(f"{value:.2f}" for value in (inside & shown).sum(axis=0) / np.maximum(shown.sum(axis=0), 1))
-    print(f"| {name} | {len(rows)} | {median} | {share} |")
+    covered = (inside & is_known).sum(axis=0) / np.maximum(is_known.sum(axis=0), 1)
+    print(f"| {name} | {len(rows)} | {median} | {' '.join(f'{value:.2f}' for value in covered)} |")
 
 
 if __name__ == "__main__":

@@ -1,10 +1,10 @@
-"""Processor time and memory of `estimate-scale` on large scenes.
+"""Measure processor time and memory of `estimate-scale` on large scenes.
 
     python -m benchmarks.estimator.large_scene [--times 1 2 4]
 
-A synthetic room is recorded by `VIEWS` cameras and has about `POINTS` dense points; each of `--times` repeats its
-views, its masks and its points (all a millimetre apart) so often: time is linear if it grows as often. Each runs in
-a process of its own, from files.
+A synthetic room has `VIEWS` views and about `POINTS` dense points. For each number N of `--times`, the views, masks
+and points are repeated N times with offsets of about a millimetre, and the command runs on the files in a separate
+process. The time is linear in the size if it grows by the factor N.
 """
 
 from __future__ import annotations
@@ -25,13 +25,16 @@ from tests.synthetic.rooms.quick import SyntheticScene, quick_scene
 from tests.synthetic.rooms.scene_files import write_scene
 from tests.synthetic.rooms.world import World
 
-VIEWS, POINTS = 125, 500_000
-#: Most views of a dense point, and most observations of sparse points in a view.
-SEEN, OBSERVATIONS = 12, 3000
+VIEWS = 125
+POINTS = 500_000
+#: Maximum number of views of a dense point, as in a fusion of neighbouring views.
+MAX_VIEWS_PER_POINT = 12
+#: Maximum number of observed sparse points per view, as with SIFT on a video frame.
+MAX_OBSERVATIONS = 3000
 
 
 def repeated(synthetic: SyntheticScene, times: int) -> SyntheticScene:
-    """The scene with its views, masks and points so many times."""
+    """Return the scene with its views, masks and points repeated `times` times."""
     scene, generator = synthetic.scene, np.random.default_rng(0)
     assert scene.dense is not None
     unit = 0.001 / synthetic.truth.metres_per_unit
@@ -41,7 +44,7 @@ def repeated(synthetic: SyntheticScene, times: int) -> SyntheticScene:
             replace(
                 view,
                 name=f"{copy}-{view.name}",
-                # a view that is listed twice counts once
+                # without an offset, a repeated view would be dropped as a duplicate
                 translation=view.translation + generator.normal(0, unit, 3),
                 point_index=view.point_index + copy * len(scene.points),
             )
@@ -57,53 +60,53 @@ def repeated(synthetic: SyntheticScene, times: int) -> SyntheticScene:
 def _repeated_cloud(
     dense: DenseCloud, times: int, views: int, unit: float, generator: np.random.Generator
 ) -> DenseCloud:
-    """The cloud so many times, each copy seen by the views of its own, and `unit` apart."""
+    """Return `times` copies of the cloud, offset by about `unit`, each visible in the views of its copy."""
     assert dense.visible_offsets is not None
     assert dense.visible_views is not None
-    seen = np.concatenate([dense.visible_views + copy * views for copy in range(times)])
+    visible_views = np.concatenate([dense.visible_views + copy * views for copy in range(times)])
     ends = np.concatenate([dense.visible_offsets[1:] + copy * dense.visible_offsets[-1] for copy in range(times)])
     points = np.tile(dense.points, (times, 1)) + generator.normal(0, unit, (times * len(dense.points), 3))
-    return DenseCloud(points, np.concatenate([[0], ends]), seen)
+    return DenseCloud(points, np.concatenate([[0], ends]), visible_views)
 
 
-def _with_fewer(view: View, most: int) -> View:
-    """The view with at most so many observations, evenly taken: SIFT on a video frame gives as many."""
-    step = -(-len(view.point_index) // most)
+def _subsample_observations(view: View) -> View:
+    """Return the view with at most `MAX_OBSERVATIONS` observations, evenly selected."""
+    step = -(-len(view.point_index) // MAX_OBSERVATIONS)
     return replace(view, keypoints=view.keypoints[::step], point_index=view.point_index[::step])
 
 
-def _thinned(dense: DenseCloud, most: int) -> DenseCloud:
-    """The cloud with at most so many views of each point, as a fusion of neighbouring views gives."""
+def _limit_views(dense: DenseCloud) -> DenseCloud:
+    """Return the cloud with at most `MAX_VIEWS_PER_POINT` views of each point."""
     assert dense.visible_offsets is not None
     assert dense.visible_views is not None
     counts = np.diff(dense.visible_offsets)
     position = np.arange(len(dense.visible_views)) - np.repeat(dense.visible_offsets[:-1], counts)
-    kept = position < most
-    offsets = np.concatenate([[0], np.cumsum(np.minimum(counts, most))])
-    return replace(dense, visible_offsets=offsets, visible_views=dense.visible_views[kept])
+    keep = position < MAX_VIEWS_PER_POINT
+    offsets = np.concatenate([[0], np.cumsum(np.minimum(counts, MAX_VIEWS_PER_POINT))])
+    return replace(dense, visible_offsets=offsets, visible_views=dense.visible_views[keep])
 
 
 def main() -> None:
-    """Print the table, a row as soon as it is known."""
+    """Print the table, each row as soon as it is computed."""
     parser = options_parser(__doc__)
     parser.add_argument("--times", type=int, nargs="+", default=[1, 2, 4])
-    given = parser.parse_args()
+    options = parser.parse_args()
     world = furnished_room("sitting room", 7, Knobs(views=VIEWS))
     synthetic = quick_scene(world, Knobs(views=VIEWS), 7, dense_a_frame=POINTS // VIEWS)
     assert synthetic.scene.dense is not None
-    sparse = tuple(_with_fewer(view, OBSERVATIONS) for view in synthetic.scene.views)
+    views = tuple(_subsample_observations(view) for view in synthetic.scene.views)
     synthetic = replace(
-        synthetic, scene=replace(synthetic.scene, views=sparse, dense=_thinned(synthetic.scene.dense, SEEN))
+        synthetic, scene=replace(synthetic.scene, views=views, dense=_limit_views(synthetic.scene.dense))
     )
     columns = ("views", "dense points", "masks", "processor s", "peak MiB", "exit", "scale over true")
-    print_rows(columns, (_row(repeated(synthetic, times), world) for times in given.times))
+    print_rows(columns, (_row(repeated(synthetic, times), world) for times in options.times))
 
 
 def _row(large: SyntheticScene, world: World) -> tuple[object, ...]:
     dense = large.scene.dense
     assert dense is not None
-    with tempfile.TemporaryDirectory() as place:
-        folder = Path(place)
+    with tempfile.TemporaryDirectory() as scratch:
+        folder = Path(scratch)
         write_scene(large, world, folder)
         run = run_child(ours("estimate-scale", folder, "--quiet", "--json"))
         masks = len(json.loads((folder / "instances.json").read_bytes())["annotations"])

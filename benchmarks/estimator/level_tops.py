@@ -1,7 +1,8 @@
-"""Heights of objects with a level top and clutter on it: `python -m benchmarks.estimator.level_tops`.
+"""Measure heights of objects with a level top and clutter on it: `python -m benchmarks.estimator.level_tops`.
 
-In these hard synthetic rooms the masks of tables, desks and cabinets include most objects on them. Prints the error of
-their heights with dense and with sparse points, and of all other heights. Seeds 1100 and 1101 are for development.
+In these hard synthetic rooms the masks of tables, desks and cabinets include most objects on top of them. Prints the
+errors of their heights, and of all other heights, with dense and with sparse points. Seeds 1100 and 1101 are for
+development.
 """
 
 from __future__ import annotations
@@ -19,12 +20,12 @@ from tests.synthetic.rooms.knobs import CLUTTERED, with_knobs
 from tests.synthetic.rooms.quick import quick_scene
 
 KNOBS = with_knobs(CLUTTERED, views=12)
-#: Standard deviations that hold the middle 90 % of a Gaussian.
-NINETY = 1.645
+#: Half width of the central 90 % interval of a Gaussian, in standard deviations.
+SIGMAS_90 = 1.645
 
 
 def main() -> None:
-    """The command."""
+    """Run the benchmark and print the table."""
     options = seeds_parser(__doc__, 1102, 1104).parse_args()
     errors: dict[tuple[str, str], list[tuple[float, float]]] = {}
     for seed in range(*options.seeds):
@@ -42,8 +43,8 @@ def main() -> None:
     for (points, level), rows in sorted(errors.items()):
         error, sigma = np.array(rows).T
         size = np.abs(error)
-        spread = f"{np.median(size):.1%} | {np.quantile(size, 0.9):.1%} | {np.mean(size < NINETY * sigma):.2f}"
-        print(f"| {points} | {level} | {len(rows)} | {np.median(error):+.1%} | {spread} |")
+        sizes = f"{np.median(size):.1%} | {np.quantile(size, 0.9):.1%} | {np.mean(size < SIGMAS_90 * sigma):.2f}"
+        print(f"| {points} | {level} | {len(rows)} | {np.median(error):+.1%} | {sizes} |")
 
 
 if __name__ == "__main__":

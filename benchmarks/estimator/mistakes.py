@@ -1,9 +1,9 @@
-"""Thirty mistakes in each of ten scenes: right, refused, or wrong.
+"""Estimate the scale of ten scenes with each of thirty user mistakes, and count right, refused and wrong results.
 
     python -m benchmarks.estimator.mistakes [--synthetic SEED] [--json FILE] [--scene WORDS]
 
-Real scenes are those of `../shared/data/scenes` that are there. `--synthetic SEED` takes ten synthetic ones alone:
-thresholds are chosen on seeds from 40 on, never on the scenes of the table.
+Real scenes are read from `../shared/data/scenes` if they exist. `--synthetic SEED` runs ten synthetic scenes instead:
+thresholds are tuned on seeds from 40 on, never on the scenes of the table.
 """
 
 from __future__ import annotations
@@ -37,41 +37,41 @@ from tests.synthetic.rooms.street import street
 REAL = ("tum_office", "red_kitchen", "walk_carpark", "lund_street")
 INTERNAL = "internal error"
 OUTCOMES = ("wrong and silent", "wrong with a warning", INTERNAL, "refused", "right")
-#: How well a scale can be checked where the truth says nothing of its own error.
+#: Factor of the uncertainty of a true scale if `truth.json` does not state one.
 TOLERANCE = 1.02
-#: No dense points: the sparse ones say the same in less time.
-DENSE = 0
+#: Number of dense points per frame. Without them the outcomes are equal and the benchmark is faster.
+DENSE_POINTS = 0
 
 
 def bases(seed: int | None) -> Iterator[Base]:
-    """The ten scenes of the table, or ten synthetic ones."""
+    """Yield the ten scenes of the table, or ten synthetic scenes."""
     if seed is not None:
-        for number, kind in enumerate([*KINDS, *KINDS]):
-            yield _synthetic(kind, seed + number)
+        for index, kind in enumerate([*KINDS, *KINDS]):
+            yield _synthetic(kind, seed + index)
         return
     folders = [ROOT / "data" / "scenes" / "demo_room", *(SHARED / "scenes" / name for name in REAL)]
-    for number, folder in enumerate(folders):
+    for index, folder in enumerate(folders):
         if not folder.is_dir():
             continue
         scene, truth = read_scene(folder, "none"), json.loads((folder / "truth.json").read_text())
         scale = truth["metres_per_unit"]
         tolerance = max(TOLERANCE, 1 + truth.get("plus_minus", 0.0) / scale)
         masks = tuple(masks_of(scene, read_instances(None, scene)))
-        yield Base(folder.name, scene, masks, scale, tolerance, (MUNICH, SEOUL)[number % 2])
-    for number, kind in enumerate([*list(KINDS)[:4], "street"]):
-        yield _synthetic(kind, 7 + number)
+        yield Base(folder.name, scene, masks, scale, tolerance, (MUNICH, SEOUL)[index % 2])
+    for index, kind in enumerate([*list(KINDS)[:4], "street"]):
+        yield _synthetic(kind, 7 + index)
 
 
 def _synthetic(kind: str, seed: int) -> Base:
     world = street(seed) if kind == "street" else furnished_room(kind, seed)
-    found = quick_scene(world, seed=seed, dense_a_frame=DENSE)
-    masks = tuple(masks_of(found.scene, found.instances))
+    room = quick_scene(world, seed=seed, dense_a_frame=DENSE_POINTS)
+    masks = tuple(masks_of(room.scene, room.instances))
     name = f"{kind} {seed}"
-    return Base(name, found.scene, masks, found.truth.metres_per_unit, TOLERANCE, (MUNICH, SEOUL)[seed % 2])
+    return Base(name, room.scene, masks, room.truth.metres_per_unit, TOLERANCE, (MUNICH, SEOUL)[seed % 2])
 
 
-def answer(case: Case, tree: metric_tree.Tree) -> ScaleResult | str:
-    """The result, or why it was refused."""
+def result_of(case: Case, tree: metric_tree.Tree) -> ScaleResult | str:
+    """Return the result, or the message of a refusal."""
     with tempfile.TemporaryDirectory() as folder:
         file = Path(folder) / "instances.json"
         sources = (Gps(case.write_positions(Path(folder) / "gps.csv")),) if case.positions else ()
@@ -79,16 +79,19 @@ def answer(case: Case, tree: metric_tree.Tree) -> ScaleResult | str:
             file.write_text(json.dumps(case.dataset))
         try:
             masks = None if case.dataset is None else file
-            scene = replace(case.scene, path=Path(folder))  # beside the real one are its own masks
+            scene = replace(case.scene, path=Path(folder))  # the folder of the real scene contains masks
             return estimate_scene(scene, tree, EstimateOptions(up=case.up), instances=masks, sources=sources).result
         except InputError as error:
             return re.sub(r"\S*/(?=\w)", "", str(error))
-        except Exception as error:  # noqa: BLE001 - what the command calls an internal error
+        except Exception as error:  # noqa: BLE001 - the command reports it as an internal error
             return f"{INTERNAL}: {error!r}"
 
 
 def outcome(base: Base, result: ScaleResult | str, usual: set[str]) -> dict[str, Any]:
-    """What became of a case; usual : warnings of the same scene without a mistake, without their numbers."""
+    """Classify the result of a case.
+
+    usual : warnings of the same scene without a mistake, with numbers replaced (`_plain`).
+    """
     if isinstance(result, str):
         return {"outcome": INTERNAL if result.startswith(INTERNAL) else "refused", "ratio": None, "words": result}
     new = [line for line in result.warnings if _plain(line) not in usual]
@@ -107,7 +110,7 @@ def _plain(line: str) -> str:
 
 
 def run(options: argparse.Namespace) -> dict[str, dict[str, dict[str, Any]]]:
-    """Outcomes by scene, then by mistake; those without a mistake are called `right: ...`."""
+    """Return the outcomes by scene and mistake. Cases without a mistake have names `right: ...`."""
     tree = metric_tree.open()
     rows: dict[str, dict[str, dict[str, Any]]] = {}
     for base in bases(options.synthetic):
@@ -116,11 +119,11 @@ def run(options: argparse.Namespace) -> dict[str, dict[str, dict[str, Any]]]:
         row = rows.setdefault(base.name, {})
         usual: set[str] = set()
         for name, make in RIGHT.items():
-            result = answer(make(base), tree)
+            result = result_of(make(base), tree)
             usual |= set() if isinstance(result, str) else {_plain(line) for line in result.warnings}
             row[f"right: {name}"] = outcome(base, result, usual)
         for name, make in MISTAKES.items():
-            row[name] = outcome(base, answer(make(base), tree), usual)
+            row[name] = outcome(base, result_of(make(base), tree), usual)
         counts = Counter(cell["outcome"] for name, cell in row.items() if not name.startswith("right"))
         print(base.name, dict(counts), file=sys.stderr, flush=True)
         if options.json is not None:
@@ -129,7 +132,7 @@ def run(options: argparse.Namespace) -> dict[str, dict[str, dict[str, Any]]]:
 
 
 def table(rows: dict[str, dict[str, dict[str, Any]]]) -> Iterator[tuple[object, ...]]:
-    """A line of counts for each mistake, and the ratios of what is wrong and silent."""
+    """Yield the counts of the outcomes of each mistake, and the scale ratios of wrong results without a warning."""
     names = list(dict.fromkeys(name for row in rows.values() for name in row))
     for title, right in (("", False), ("without a mistake: ", True)):
         part = [name for name in names if name.startswith("right: ") == right]
@@ -137,19 +140,19 @@ def table(rows: dict[str, dict[str, dict[str, Any]]]) -> Iterator[tuple[object, 
         for name in part:
             counts = Counter(cell["outcome"] for cell in cells[name])
             silent = [f"{cell['ratio']:.2f}" for cell in cells[name] if cell["outcome"] == OUTCOMES[0]]
-            yield title + name.removeprefix("right: "), *(counts[one] for one in OUTCOMES), ", ".join(silent)
+            yield title + name.removeprefix("right: "), *(counts[outcome] for outcome in OUTCOMES), ", ".join(silent)
         total = Counter(cell["outcome"] for name in part for cell in cells[name])
-        of = max(sum(total.values()), 1)
-        shares = (f"**{total[one]}** ({total[one] / of:.1%})" for one in OUTCOMES)
-        yield f"**{title or 'mistakes: '}all {of}**", *shares, ""
+        cases = max(sum(total.values()), 1)
+        fractions = (f"**{total[outcome]}** ({total[outcome] / cases:.1%})" for outcome in OUTCOMES)
+        yield f"**{title or 'mistakes: '}all {cases}**", *fractions, ""
 
 
 def main() -> None:
-    """Run, and print the table."""
+    """Run the benchmark and print the table."""
     parser = options_parser(__doc__)
     parser.add_argument("--synthetic", type=int, metavar="SEED")
-    parser.add_argument("--json", type=Path, metavar="FILE", help="keep the outcomes")
-    parser.add_argument("--scene", default="", metavar="WORDS", help="scenes whose name these words are in")
+    parser.add_argument("--json", type=Path, metavar="FILE", help="write the outcomes to this file")
+    parser.add_argument("--scene", default="", metavar="WORDS", help="run only scenes with these words in the name")
     print_rows(("mistake", *OUTCOMES, "stated / true where wrong and silent"), table(run(parser.parse_args())))
 
 

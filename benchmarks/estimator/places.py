@@ -1,8 +1,10 @@
-"""Types of place, learned from rooms that do not name them, and what they are worth in rooms that took no part.
+"""Learn scene types from unlabelled rooms, and evaluate them on other rooms.
 
-`python -m benchmarks.estimator.places --raw RAW --cache DIR [--write]`. Rooms are those of ScanNet's
-boxes, judged by a tree without ScanNet (`benchmarks.accuracy.unseen`). Each half is judged with what the other says;
---write learns from the even rooms, which no report on unseen rooms has, and writes `estimator/results/places.json`.
+    python -m benchmarks.estimator.places --raw RAW --cache DIR [--write]
+
+The rooms are boxes of ScanNet, evaluated with a tree without ScanNet (`benchmarks.accuracy.unseen`). Each half of the
+rooms is evaluated with scene types learned from the other half. `--write` learns from the rooms with even numbers,
+which the report on unseen rooms does not use, and writes `estimator/results/places.json`.
 """
 
 from __future__ import annotations
@@ -37,12 +39,20 @@ from metric_base.files import whole_file
 
 BOXES = SHARED / "sizes" / "scannet18_boxes" / "scannet18_boxes.csv"
 OUT = ROOT / "estimator" / "results" / "places.json"
-#: Numbers of places that are compared; the one in use; starts of each fit and its steps.
-COUNTS, IN_USE, STARTS, STEPS = (1, 6, 8), 8, 8, 80
-#: No class is rarer in a place than this: one odd object shall not settle what the place is.
-LEAST_RATE = 0.005
-#: Standard deviation of a tilt before rooms are seen; rooms of a class that can say one.
-TILT_SD, LEAST_OBJECTS = 2.0, 20
+#: Numbers of scene types to compare.
+COUNTS = (1, 6, 8)
+#: Number of scene types in the shipped table.
+SHIPPED_COUNT = 8
+#: Random initialisations of the EM algorithm.
+N_STARTS = 8
+#: Iterations of the EM algorithm.
+N_ITERATIONS = 80
+#: Minimum rate of a class in a scene type, so that one unusual object does not determine the type.
+MIN_RATE = 0.005
+#: Prior standard deviation of a tilt.
+TILT_SD = 2.0
+#: Minimum number of objects of a class to fit its tilts.
+MIN_OBJECTS = 20
 
 Room = Sequence[tuple[str, list[float]]]
 
@@ -50,7 +60,7 @@ Room = Sequence[tuple[str, list[float]]]
 def main() -> None:
     parser = options_parser(__doc__)
     parser.add_argument("--raw", type=Path, required=True, help="folder of raw items")
-    parser.add_argument("--cache", type=Path, required=True, help="what is built of them")
+    parser.add_argument("--cache", type=Path, required=True, help="folder of the built tree")
     parser.add_argument("--write", action="store_true", help="learn from the even rooms and write the shipped table")
     arguments = parser.parse_args()
     tree, _ = unseen_tree(arguments.raw, arguments.cache)
@@ -58,76 +68,84 @@ def main() -> None:
     by_name = resolve_categories(tree, {label for room in rooms for label, _ in room})
     if arguments.write:
         with whole_file(OUT) as target:
-            target.write_text(json.dumps(_record(learned(rooms[::2], by_name, IN_USE))) + "\n", encoding="utf-8")
+            target.write_text(json.dumps(_record(learned(rooms[::2], by_name, SHIPPED_COUNT))) + "\n", encoding="utf-8")
         return
-    plain = _judged(rooms, by_name, None)
+    plain = _outcomes(rooms, by_name, None)
     print("| places | error | difference, 95 % | CRPS | difference, 95 % | coverage |\n|---|---|---|---|---|---|")
     print(f"| none | {plain[:, 0].mean():.1%} | | {plain[:, 1].mean():.4f} | | {plain[:, 2].mean():.2f} |")
     for count in COUNTS:
-        own = np.zeros_like(plain)
+        typed = np.zeros_like(plain)
         for half in (0, 1):
-            own[half::2] = _judged(rooms[half::2], by_name, learned(rooms[1 - half :: 2], by_name, count))
-        error, crps = (_difference(own[:, column] - plain[:, column]) for column in (0, 1))
-        print(
-            f"| {count} | {own[:, 0].mean():.1%} | {error} | {own[:, 1].mean():.4f} | {crps} | {own[:, 2].mean():.2f} |"
-        )
+            typed[half::2] = _outcomes(rooms[half::2], by_name, learned(rooms[1 - half :: 2], by_name, count))
+        error, crps = (_difference(typed[:, column] - plain[:, column]) for column in (0, 1))
+        means = f"{typed[:, 0].mean():.1%} | {error} | {typed[:, 1].mean():.4f} | {crps} | {typed[:, 2].mean():.2f}"
+        print(f"| {count} | {means} |")
 
 
 def learned(rooms: Sequence[Room], by_name: Mapping[str, CategoryMatch], count: int) -> SceneTypes:
-    """So many places: a mixture of Poisson rates of the classes, then the tilts that the sizes there ask for."""
-    labels = sorted(name for name, one in by_name.items() if one.node is not None)
+    """Learn `count` scene types: a mixture of Poisson rates of the classes, then the tilts of their priors."""
+    labels = sorted(name for name, match in by_name.items() if match.node is not None)
     counts = np.array([[Counter(label for label, _ in room)[name] for name in labels] for room in rooms], dtype=float)
-    share, rates, belongs = _mixture(np.minimum(counts, MAX_COUNT_PER_CLASS), count)
+    weights, rates, responsibilities = _mixture(np.minimum(counts, MAX_COUNT_PER_CLASS), count)
     tilts = {}
     for column, label in enumerate(labels):
         node, prior = by_name[label].node, by_name[label].prior
         objects = [(row, sizes) for row, room in enumerate(rooms) for name, sizes in room if name == label]
-        if node is None or prior is None or is_sorted(prior) or len(prior.weights) < 2 or len(objects) < LEAST_OBJECTS:
+        if node is None or prior is None or is_sorted(prior) or len(prior.weights) < 2 or len(objects) < MIN_OBJECTS:
             continue
         axes, rows = prior_axes(prior), [row for row, _ in objects]
         x = np.log([sorted_extents(sizes)[axes] for _, sizes in objects])
         noise = np.diag(np.array(SIGMA)[axes] ** 2)
         likelihood = np.array([_densities(x, m, s + prior.disagreement() + noise)
                                for m, s in zip(prior.means, prior.covariances, strict=True)]).T  # fmt: skip
-        # objects of one room are not independent: each has a part
-        weight = belongs[rows] / np.sqrt(counts[rows, column])[:, None]
+        # objects of one room are not independent, so their total weight is the square root of their number
+        weight = responsibilities[rows] / np.sqrt(counts[rows, column])[:, None]
         features = prior.means - prior.weights @ prior.means
-        own = np.array([_tilt(likelihood, weight[:, place], prior.weights, features) for place in range(count)])
-        part = share * rates[:, column]
+        fitted = np.array([_tilt(likelihood, weight[:, k], prior.weights, features) for k in range(count)])
+        part = weights * rates[:, column]
         tilts[node.node_id] = np.zeros((count, 3))
-        tilts[node.node_id][:, axes] = own - part @ own / part.sum() if count > 1 else own
+        tilts[node.node_id][:, axes] = fitted - part @ fitted / part.sum() if count > 1 else fitted
     nodes = tuple(node.node_id for name in labels if (node := by_name[name].node) is not None)
-    return SceneTypes(nodes, share, np.maximum(rates, LEAST_RATE), tilts)
+    return SceneTypes(nodes, weights, np.maximum(rates, MIN_RATE), tilts)
 
 
 def _mixture(counts: FloatArray, count: int) -> tuple[FloatArray, FloatArray, FloatArray]:
-    """Shares (k,), rates (k, c) and the rooms' probabilities (n, k) of a mixture of Poisson rates, the best of some."""
+    """Fit a mixture of k products of Poisson distributions to counts (n, c) by EM from several starts.
+
+    Returns
+    -------
+    weights, rates, responsibilities : (k,), (k, c) and (n, k) ndarrays of float
+    """
     generator, best, mean = np.random.default_rng(0), -np.inf, counts.mean(axis=0)
-    for _ in range(STARTS):
+    for _ in range(N_STARTS):
         rates = mean * np.exp(generator.normal(0, 0.7, (count, counts.shape[1]))) + 0.02
-        share = np.full(count, 1 / count)
-        for _ in range(STEPS):
-            log_part = np.log(share) + counts @ np.log(rates).T - rates.sum(axis=1)
+        weights = np.full(count, 1 / count)
+        for _ in range(N_ITERATIONS):
+            log_part = np.log(weights) + counts @ np.log(rates).T - rates.sum(axis=1)
             top = log_part.max(axis=1, keepdims=True)
             part = np.exp(log_part - top)
             total = float((top[:, 0] + np.log(part.sum(axis=1))).sum())
             part /= part.sum(axis=1, keepdims=True)
-            share = (part.sum(axis=0) + 1) / (len(counts) + count)
+            weights = (part.sum(axis=0) + 1) / (len(counts) + count)
             rates = (part.T @ counts + 0.5 * mean) / (part.sum(axis=0)[:, None] + 0.5)
         if total > best:
-            best, answer = total, (share, rates, part)
-    return answer
+            best, result = total, (weights, rates, part)
+    return result
 
 
 def _densities(x: FloatArray, mean: FloatArray, covariance: FloatArray) -> FloatArray:
-    """(n,) Gaussian densities of x (n, d)."""
+    """Return the Gaussian densities (n,) of x (n, d)."""
     off = x - mean
     distance = np.einsum("ij,ij->i", off @ np.linalg.inv(covariance), off)
     return np.asarray(np.exp(-0.5 * distance) / np.sqrt(np.linalg.det(2 * np.pi * covariance)))
 
 
 def _tilt(likelihood: FloatArray, part: FloatArray, weights: FloatArray, features: FloatArray) -> FloatArray:
-    """(d,) the tilt of one place: likelihood (n, k) of objects under the components, part (n,) of each in the place."""
+    """Return the tilt (d,) of one scene type.
+
+    likelihood : (n, k) densities of the objects under the components.
+    part : (n,) weights of the objects in the scene type.
+    """
     flat = OUTLIER_PROBABILITY * np.exp(-LOG_BOX) ** features.shape[1]
     log_weight = np.log(np.maximum(weights, 1e-9))
 
@@ -139,44 +157,40 @@ def _tilt(likelihood: FloatArray, part: FloatArray, weights: FloatArray, feature
     return np.asarray(minimize(loss, np.zeros(features.shape[1]), method="BFGS").x)
 
 
-def _judged(rooms: Sequence[Room], by_name: Mapping[str, CategoryMatch], own: SceneTypes | None) -> FloatArray:
-    """(n, 3) error of the highest mode, CRPS, whether the interval holds the truth, of each room with these places."""
+def _outcomes(rooms: Sequence[Room], by_name: Mapping[str, CategoryMatch], types: SceneTypes | None) -> FloatArray:
+    """Return the error of the highest mode, the CRPS and the coverage (n, 3) of the rooms with given scene types."""
     probabilities, tilted = object_priors.scene_type_probabilities, object_priors.prior_for_scene_type
     replaced: dict[str, Any] = {
-        "scene_type_probabilities": lambda nodes: None if own is None else probabilities(nodes, own),
-        "prior_for_scene_type": lambda prior, probability: tilted(prior, probability, own),
+        "scene_type_probabilities": lambda nodes: None if types is None else probabilities(nodes, types),
+        "prior_for_scene_type": lambda prior, probability: tilted(prior, probability, types),
     }
-    with patch.multiple(object_priors, **replaced):
-        return _outcomes(rooms, by_name)
-
-
-def _outcomes(rooms: Sequence[Room], by_name: Mapping[str, CategoryMatch]) -> FloatArray:
-    """Return error, CRPS and coverage (n, 3) of the rooms."""
     rows = []
-    for room in rooms:
-        objects = [
-            MeasuredObject(str(row), label, sorted_extents(sizes) / 1000, np.array(SIGMA))
-            for row, (label, sizes) in enumerate(room)
-        ]
-        one = posterior(object_evidence(objects, by_name).objects)
-        held = one.interval[0] <= 1 <= one.interval[1]
-        rows.append((abs(one.modes[0].scale - 1), crps_of(one.curve, 0.0), float(held)))
+    with patch.multiple(object_priors, **replaced):
+        for room in rooms:
+            objects = [
+                MeasuredObject(str(row), label, sorted_extents(sizes) / 1000, np.array(SIGMA))
+                for row, (label, sizes) in enumerate(room)
+            ]
+            estimate = posterior(object_evidence(objects, by_name).objects)
+            covered = estimate.interval[0] <= 1 <= estimate.interval[1]
+            rows.append((abs(estimate.modes[0].scale - 1), crps_of(estimate.curve, 0.0), float(covered)))
     return np.array(rows)
 
 
-def _difference(apart: FloatArray) -> str:
-    drawn = np.random.default_rng(0).choice(apart, (2000, len(apart))).mean(axis=1)
-    low, high = np.quantile(drawn, [0.025, 0.975])
-    return f"{apart.mean():+.4f} ({low:+.4f} to {high:+.4f})"
+def _difference(differences: FloatArray) -> str:
+    """Return the mean with its 95 % bootstrap interval as text."""
+    resampled = np.random.default_rng(0).choice(differences, (2000, len(differences))).mean(axis=1)
+    low, high = np.quantile(resampled, [0.025, 0.975])
+    return f"{differences.mean():+.4f} ({low:+.4f} to {high:+.4f})"
 
 
-def _record(own: SceneTypes) -> dict[str, object]:
+def _record(types: SceneTypes) -> dict[str, object]:
     return {
         "schema": "metric-tree/places/1",
-        "nodes": own.nodes,
-        "share": own.probability.round(3).tolist(),
-        "rates": own.rates.round(3).tolist(),
-        "tilts": {node: rows.round(2).tolist() for node, rows in own.tilts.items()},
+        "nodes": types.nodes,
+        "share": types.probability.round(3).tolist(),
+        "rates": types.rates.round(3).tolist(),
+        "tilts": {node: rows.round(2).tolist() for node, rows in types.tilts.items()},
     }
 
 

@@ -1,11 +1,11 @@
-"""Simulated scenes: the paper's two figures (section 5), and objects of a class that are alike.
+"""Simulate scenes for the paper's two figures (section 5) and for objects of a class with similar sizes.
 
-Objects have true sizes drawn from the priors of a release, with an error that all objects of a class in a scene share.
-Each scene has a random true scale. Knobs: number of objects, size noise (uniform within +-R, as in the paper), share of
-objects with cut sides, share with a wrong label, share of dimensions grossly off (neither cut nor flagged). What the
-estimators are given: sigma R / sqrt 3 (2 % at least); a cut side is flagged in nine of ten cases; eta is under 0.7 for
-six of ten cut sides and one of ten whole ones (the paper's figure of bottles is no better).
-`python -m benchmarks.accuracy --parts sameness structured errors` runs them.
+The true sizes are drawn from the priors of a release, with an error that all objects of a class in a scene share. Each
+scene has a random true scale. `Knobs` sets the number of objects, the size noise (uniform within +-R, as in the paper)
+and the fractions of objects with truncated sides, of objects with a wrong label, and of dimensions with an undetected
+gross error. The estimators receive a sigma of R / sqrt(3), at least 2 %. 90 % of the truncated sides are flagged; eta
+is below 0.7 for 60 % of the truncated and 10 % of the complete sides, similar to the paper's figure of bottles.
+`python -m benchmarks.accuracy --parts sameness structured errors` runs the simulations.
 """
 
 from __future__ import annotations
@@ -32,38 +32,57 @@ from metric_tree.node import Node
 from metric_tree.prior import Prior
 from metric_tree.tree import Tree
 
-__all__ = ["SAMENESS_NOISE", "SAMENESS_SCENES", "SAMENESS_SHARES", "Knobs", "World", "estimates", "simulated", "world"]
+__all__ = [
+    "SAMENESS_FRACTIONS",
+    "SAMENESS_NOISE",
+    "SAMENESS_SCENES",
+    "Knobs",
+    "World",
+    "estimates",
+    "simulated",
+    "world",
+]
 
-#: Objects and classes of the scenes whose objects share a part of their spread, and the parts; None: as modelled.
+#: Numbers of objects and classes of the scenes with similar objects.
 SAMENESS_SCENES = tuple((n, c) for n in (1, 3, 5, 10, 20, 50) for c in (1, 2, 3, 5, 10) if c <= n)
-SAMENESS_SHARES = (None, 0.0, 0.3, 0.6, 0.9)
+#: Fractions of the variation that objects of a class have in common (`Knobs.shared`).
+SAMENESS_FRACTIONS = (None, 0.0, 0.3, 0.6, 0.9)
 SAMENESS_NOISE = 0.05
 
-#: One more object of a class: (3,) length, width, height in mm, in the prior's order.
+#: Function that draws another object of a class: length, width, height (3,) in mm, in the prior's order.
 Draw = Callable[[], FloatArray]
 
-#: A class enters the pool with this many items of the fit and at most this spread of log height: what a detector's
-#: list of useful classes looks like.
-LEAST_ITEMS, WIDEST = 30, 0.35
+#: Minimum number of fitted items of a class, and maximum standard deviation of its log height. The remaining classes
+#: resemble a detector's list of useful classes.
+MIN_ITEMS = 30
+MAX_LOG_HEIGHT_SD = 0.35
 
-#: A scene shows at most so many classes: rooms repeat their chairs.
-CLASSES = 8
+#: Maximum number of classes of a scene, because rooms contain several objects of a class.
+MAX_CLASSES = 8
 
 LEVEL = 0.9
-FLAGGED, ETA_SEES, ETA_CRIES = 0.9, 0.6, 0.1
-MOST_ITEMS = 150
+#: Fraction of the truncated sides that are flagged.
+FLAGGED_FRACTION = 0.9
+#: Fractions of truncated and of complete sides with a low confidence eta.
+LOW_ETA_TRUNCATED = 0.6
+LOW_ETA_COMPLETE = 0.1
+#: Number of sizes that the paper's mixture of a class is fitted to.
+MIXTURE_ITEMS = 150
 
-#: A grossly wrong dimension is off by up to this, natural log: a third less to a half more, as the widths of bottles.
-OFF = 0.45
+#: Maximum gross error of a log dimension: a third less to half more, as for the widths of bottles.
+MAX_GROSS_ERROR_LOG = 0.45
 
 
 @dataclass(frozen=True, slots=True)
 class Knobs:
-    """One setting of the simulation; noise, cut, wrong and off are shares from 0 to 1.
+    """One setting of the simulation.
 
-    shared : the share of the spread within a source that the objects of a class in a scene have in common, and the
-    probability that they are of one component; None: drawn as the posterior assumes, its outliers and gross errors
-    included. classes : that a scene draws from, each at least once if it can; None: up to `CLASSES`, at random.
+    noise : maximum relative error of a size.
+    cut, wrong, off : fractions (0 to 1) of truncated objects, of wrong labels and of gross errors.
+    shared : fraction of the variation within a source that the objects of a class in a scene have in common, and
+        probability that they belong to the same component; None: drawn from the model of the posterior, with its
+        outliers and gross errors.
+    classes : number of classes of a scene, each with at least one object if possible; None: up to `MAX_CLASSES`.
     """
 
     objects: int = 8
@@ -77,7 +96,7 @@ class Knobs:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class World:
-    """Classes that scenes draw from: nodes, priors over length, width, height, the paper's mixtures."""
+    """Classes of the simulated objects: nodes, priors over length, width and height, and the paper's mixtures."""
 
     nodes: tuple[Node, ...]
     priors: tuple[Prior, ...]
@@ -85,91 +104,91 @@ class World:
 
 
 def world(tree: Tree, baselines: bool = True, seed: int = 0) -> World:
-    """The pool of classes."""
+    """Return the classes of a release that scenes draw from."""
     nodes, priors = [], []
     for node in tree.leaves():
         try:
             prior = node.prior(AXES)
         except metric_tree.NoPrior:
             continue
-        spread = float(np.log(prior.quantile(0.84)[2] / prior.quantile(0.16)[2]) / 2)
-        if prior.n >= LEAST_ITEMS and spread <= WIDEST:
+        log_height_sd = float(np.log(prior.quantile(0.84)[2] / prior.quantile(0.16)[2]) / 2)
+        if prior.n >= MIN_ITEMS and log_height_sd <= MAX_LOG_HEIGHT_SD:
             nodes.append(node)
             priors.append(prior)
-    mixtures = [fit_mixture(AXES, prior.sample(MOST_ITEMS, seed)) for prior in priors] if baselines else []
+    mixtures = [fit_mixture(AXES, prior.sample(MIXTURE_ITEMS, seed)) for prior in priors] if baselines else []
     return World(tuple(nodes), tuple(priors), tuple(mixtures))
 
 
 def simulated(
     world: World, knobs: Knobs, generator: np.random.Generator
 ) -> tuple[float, list[tuple[int, MeasuredObject]]]:
-    """A scene: its true scale (metres per unit), and its objects with the class that each is said to be."""
+    """Draw a scene: its true scale in metres per unit, and its objects, each with the index of its labelled class."""
     scale = float(np.exp(generator.uniform(-3, 3)))
-    pool = generator.choice(len(world.nodes), size=min(knobs.classes or CLASSES, len(world.nodes)), replace=False)
-    least = [] if knobs.classes is None else pool[: knobs.objects].tolist()
-    true = [*least, *generator.choice(pool, knobs.objects - len(least)).tolist()]
-    draws = {number: _class_draw(world, number, knobs.shared, true.count(number) > 1, generator) for number in pool}
+    pool = generator.choice(len(world.nodes), size=min(knobs.classes or MAX_CLASSES, len(world.nodes)), replace=False)
+    required = [] if knobs.classes is None else pool[: knobs.objects].tolist()
+    true = [*required, *generator.choice(pool, knobs.objects - len(required)).tolist()]
+    draws = {
+        index: _modelled_class(world.priors[index], true.count(index) > 1, generator)
+        if knobs.shared is None
+        else _sharing_class(world.priors[index], knobs.shared, generator)
+        for index in pool
+    }
     objects = []
     for number, true_class in enumerate(true):
         size = draws[true_class]()
-        said = true_class
+        label = true_class
         if generator.random() < knobs.wrong:
-            said = int(generator.choice([c for c in range(len(world.nodes)) if c != true_class]))
-        objects.append((said, _measured(str(number), world.nodes[said].node_id, size / 1000 / scale, knobs, generator)))
+            label = int(generator.choice([c for c in range(len(world.nodes)) if c != true_class]))
+        node_id = world.nodes[label].node_id
+        objects.append((label, _measured(str(number), node_id, size / 1000 / scale, knobs, generator)))
     return scale, objects
 
 
 def estimates(
     world: World, knobs: Knobs, scenes: int, seed: int, methods: Sequence[str]
 ) -> Iterator[tuple[int, str, float, Estimate]]:
-    """Number of the scene, method, log of the true scale and estimate, for each scene and method."""
-    for number in range(scenes):
-        scale, objects = simulated(world, knobs, np.random.default_rng([seed, number]))
+    """Yield index of the scene, method, log of the true scale and estimate, for each scene and method."""
+    for index in range(scenes):
+        scale, objects = simulated(world, knobs, np.random.default_rng([seed, index]))
         for name in methods:
-            yield number, name, float(np.log(scale)), _estimate(world, objects, name)
-
-
-def _class_draw(world: World, number: int, shared: float | None, several: bool, generator: np.random.Generator) -> Draw:
-    """How the objects of a class of this scene come by their sizes."""
-    prior = world.priors[number]
-    return _modelled_class(prior, several, generator) if shared is None else _sharing_class(prior, shared, generator)
+            yield index, name, float(np.log(scale)), _estimate(world, objects, name)
 
 
 def _sharing_class(prior: Prior, shared: float, generator: np.random.Generator) -> Draw:
-    """Objects that share an error between sources and `shared` of the spread within a source.
+    """Draw objects with a common error between sources and a common fraction of the variation within a source.
 
-    `shared` is also the probability that an object is of the scene's component.
+    `shared` is this fraction, and the probability that an object belongs to the scene's component.
     """
     error = generator.multivariate_normal(np.zeros(3), shared_error(prior).covariance)
-    usual, place = _component(prior, generator), generator.standard_normal(3)
+    scene_component, scene_normal = _component(prior, generator), generator.standard_normal(3)
 
     def draw() -> FloatArray:
-        component = usual if generator.random() < shared else _component(prior, generator)
-        own = math.sqrt(shared) * place + math.sqrt(1 - shared) * generator.standard_normal(3)
+        component = scene_component if generator.random() < shared else _component(prior, generator)
+        normal = math.sqrt(shared) * scene_normal + math.sqrt(1 - shared) * generator.standard_normal(3)
         lower = np.linalg.cholesky(prior.covariances[component])
-        return np.asarray(np.exp(prior.means[component] + lower @ own + error))
+        return np.asarray(np.exp(prior.means[component] + lower @ normal + error))
 
     return draw
 
 
 def _modelled_class(prior: Prior, several: bool, generator: np.random.Generator) -> Draw:
-    """Objects as the posterior takes them to be: a hypothesis of sameness, outliers and gross errors included.
+    """Draw objects from the model of the posterior: a hypothesis of similarity, with outliers and gross errors.
 
-    An outlier has any proportions, and a size for which the scale stays within the prior's reach.
-    several : the scene has more than one object of the class; of one alone the first hypothesis says all.
+    An outlier has random proportions and a size that keeps the scale within the range of the prior.
+    several : whether the scene has more than one object of the class; the hypotheses differ only then.
     """
-    ways = hypotheses(prior) if several else hypotheses(prior)[:1]
-    odds = np.exp([way.log_weight for way in ways])
-    way = ways[generator.choice(len(ways), p=odds / odds.sum())]
-    error = generator.multivariate_normal(np.zeros(3), way.error.covariance)
-    middle = prior.weights @ prior.means
+    models = hypotheses(prior) if several else hypotheses(prior)[:1]
+    odds = np.exp([model.log_weight for model in models])
+    model = models[generator.choice(len(models), p=odds / odds.sum())]
+    error = generator.multivariate_normal(np.zeros(3), model.error.covariance)
+    centre = prior.weights @ prior.means
 
     def draw() -> FloatArray:
         if generator.random() < OUTLIER_PROBABILITY:
-            anything = LOG_BOX * generator.uniform(-0.5, 0.5, 3)
-            return np.asarray(np.exp(middle + anything - anything.mean() + PRIOR_MARGIN_LOG * generator.uniform(-1, 1)))
-        component = _component(way.prior, generator)
-        size = generator.multivariate_normal(way.prior.means[component], way.prior.covariances[component]) + error
+            shape = LOG_BOX * generator.uniform(-0.5, 0.5, 3)
+            return np.asarray(np.exp(centre + shape - shape.mean() + PRIOR_MARGIN_LOG * generator.uniform(-1, 1)))
+        component = _component(model.prior, generator)
+        size = generator.multivariate_normal(model.prior.means[component], model.prior.covariances[component]) + error
         wrong = generator.random()
         if wrong < 3 * GROSS_ERROR_PROBABILITY:
             size[int(wrong / GROSS_ERROR_PROBABILITY)] += GROSS_ERROR_SD_LOG * generator.standard_normal()
@@ -191,9 +210,9 @@ def _measured(
         cut[generator.choice(3, size=generator.choice([1, 1, 2]), replace=False)] = True
         extents = np.where(cut, extents * generator.uniform(0.2, 0.95, 3), extents)
     off = generator.random(3) < knobs.off
-    extents = np.where(off, extents * np.exp(generator.uniform(-OFF, OFF, 3)), extents)
-    eta = np.where(generator.random(3) < np.where(cut, ETA_SEES, ETA_CRIES), 0.5, 1.0)
-    flagged = cut & (generator.random(3) < FLAGGED)
+    extents = np.where(off, extents * np.exp(generator.uniform(-MAX_GROSS_ERROR_LOG, MAX_GROSS_ERROR_LOG, 3)), extents)
+    eta = np.where(generator.random(3) < np.where(cut, LOW_ETA_TRUNCATED, LOW_ETA_COMPLETE), 0.5, 1.0)
+    flagged = cut & (generator.random(3) < FLAGGED_FRACTION)
     order = np.array([0, 1, 2]) if extents[0] >= extents[1] else np.array([1, 0, 2])
     sigma = np.full(3, max(knobs.noise / np.sqrt(3), 0.02))
     return MeasuredObject(name, node_id, extents[order], sigma, eta[order], flagged[order])
@@ -201,14 +220,14 @@ def _measured(
 
 def _estimate(world: World, objects: Sequence[tuple[int, MeasuredObject]], method: str) -> Estimate:
     if method == "default":
-        rows = [ObjectEvidence(item, world.priors[said], world.nodes[said].pose) for said, item in objects]
+        rows = [ObjectEvidence(item, world.priors[label], world.nodes[label].pose) for label, item in objects]
         return posterior(rows, level=LEVEL)
-    seen = [np.flatnonzero(item.confidence >= ETA_THRESHOLD).tolist() for _, item in objects]
-    if not any(seen):  # every dimension distrusted: the paper has nothing to say; take the boxes
-        seen = [[0, 1, 2] for _ in objects]
+    used = [np.flatnonzero(item.confidence >= ETA_THRESHOLD).tolist() for _, item in objects]
+    if not any(used):  # no dimension is confident: the paper's method has no estimate, so all dimensions are used
+        used = [[0, 1, 2] for _ in objects]
     terms = [
-        (world.mixtures[said], axes, item.extents[axes] * 1000)
-        for (said, item), axes in zip(objects, seen, strict=True)
+        (world.mixtures[label], axes, item.extents[axes] * 1000)
+        for (label, item), axes in zip(objects, used, strict=True)
         if axes
     ]
     proposed = [v for mixture, axes, mm in terms for v in (mixture.weights @ mixture.means)[axes] / mm]

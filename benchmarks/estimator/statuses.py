@@ -1,8 +1,10 @@
-"""What the three statuses are worth: of each, the share that is off by more than 15 %, by where it was measured.
+"""Measure the fraction of scales that are off by more than 15 % for each of the three statuses.
 
-`OMP_NUM_THREADS=1 python -m benchmarks.estimator.statuses --raw RAW --cache DIR`. Boxes of ScanNet's
-rooms, whole and 1, 2, 3 or 5 objects of them at random, against a tree without ScanNet (`benchmarks.accuracy.unseen`);
-simulated scenes of one or two classes. The limit was chosen on the simulations and the even rooms.
+    OMP_NUM_THREADS=1 python -m benchmarks.estimator.statuses --raw RAW --cache DIR
+
+The rooms are boxes of ScanNet, with all objects or 1, 2, 3 or 5 random ones, evaluated with a tree without ScanNet
+(`benchmarks.accuracy.unseen`). Simulated scenes have one or two classes. The limit was tuned on the simulations and on
+the rooms with even numbers.
 """
 
 from __future__ import annotations
@@ -26,20 +28,24 @@ from metric_tree.tree import Tree
 
 BOXES = SHARED / "sizes" / "scannet18_boxes" / "scannet18_boxes.csv"
 LIMITS = (0.3, 0.35, 0.4, 0.45, 0.5)
+#: Numbers of objects drawn from a room; None: all.
 SUBSETS = (None, 1, 2, 3, 5)
-#: How far labels are off: right, and two mistakes of a table of names.
+#: Offsets of the labels in the list of all labels: right, and two typical mistakes.
 SHIFTS = (0, 1, 3)
+#: Numbers of objects and classes of the simulated scenes.
 CELLS = ((1, 1), (2, 1), (2, 2), (3, 1), (3, 2), (5, 1), (5, 2), (10, 1), (10, 2))
-SCENES, SHARES = 150, (None, 0.0, 0.6)
+N_SCENES = 150
+#: Fractions of the variation that objects of a class share (`Knobs.shared`).
+SHARED_FRACTIONS = (None, 0.0, 0.6)
 
-#: Where it was measured, objects taken of a room, the estimate, the true log scale.
+#: Data set, number of objects drawn from a room, estimate, log of the true scale.
 Row = tuple[str, int | None, Estimate, float]
 
 
 def main() -> None:
     parser = options_parser(__doc__)
     parser.add_argument("--raw", type=Path, required=True, help="folder of raw items")
-    parser.add_argument("--cache", type=Path, required=True, help="what is built of them")
+    parser.add_argument("--cache", type=Path, required=True, help="folder of the built tree")
     arguments = parser.parse_args()
     tree, _ = unseen_tree(arguments.raw, arguments.cache)
     _contradicted_table(tree)
@@ -49,7 +55,7 @@ def main() -> None:
     shipped = posterior_module.MIN_PEAK_MASS
     for limit in LIMITS:
         posterior_module.MIN_PEAK_MASS = limit
-        print(f"| {limit} | " + " | ".join(_share(_of(own, "unresolved")) for own in parts.values()) + " |")
+        print(f"| {limit} | " + " | ".join(_wrong(_of(part, "unresolved")) for part in parts.values()) + " |")
     posterior_module.MIN_PEAK_MASS = shipped
     print("\n| odd rooms | status | off by more than 15 % | error, median | mean | coverage |\n|---" + "|---" * 5 + "|")
     for count in SUBSETS:
@@ -59,7 +65,7 @@ def main() -> None:
 
 
 def _contradicted_table(tree: Tree) -> None:
-    """Odd rooms, and 3 and 5 objects of them, of which most objects are outliers: what the widened posterior says."""
+    """Print the results of the widened posterior on odd rooms with mostly outliers (all, 3 and 5 objects)."""
     print("| labels | most are outliers | unresolved, off by over 15 % | uncertain, off | coverage | not widened |")
     print("|---|---|---|---|---|---|")
     for shift in SHIFTS:
@@ -68,32 +74,35 @@ def _contradicted_table(tree: Tree) -> None:
             posterior_module.TEMPERING_EXPONENT = power
             runs.append([row for row in _rooms(tree, (None, 3, 5), shift) if row[0] == "odd rooms"])
         pairs = [pair for pair in zip(*runs, strict=True) if posterior_module.mostly_outliers(pair[0][2].weight)]
-        # those that would be unresolved anyhow say nothing of this
+        # scales that are unresolved without widening too are no test of it
         pairs = [(plain, wide) for plain, wide in pairs if plain[2].status != "unresolved"]
         wide = [wide for _, wide in pairs]
         label = f"of the list {shift} further" if shift else "right"
-        refused, rest = _of(wide, "unresolved"), _of(wide, "uncertain")
-        held = [np.mean([_holds(row) for row in own]) for own in (wide, [plain for plain, _ in pairs])]
+        refused, accepted = _of(wide, "unresolved"), _of(wide, "uncertain")
+        coverage = [np.mean([_covers(row) for row in run]) for run in (wide, [plain for plain, _ in pairs])]
         print(
-            f"| {label} | {len(wide) / len(runs[0]):.1%} | {_share(refused)} | {_share(rest)} "
-            f"| {held[0]:.2f} | {held[1]:.2f} |"
+            f"| {label} | {len(wide) / len(runs[0]):.1%} | {_wrong(refused)} | {_wrong(accepted)} "
+            f"| {coverage[0]:.2f} | {coverage[1]:.2f} |"
         )
     print()
 
 
-def _holds(row: Row) -> bool:
-    """Whether the interval holds the truth."""
+def _covers(row: Row) -> bool:
+    """Return True if the interval contains the true scale."""
     low, high = row[2].interval
     return low <= math.exp(row[3]) <= high
 
 
 def _rooms(tree: Tree, subsets: Sequence[int | None] = SUBSETS, shift: int = 0) -> Iterator[Row]:
-    """Rooms and so many of their objects; `shift` : each label is that which stands so far on in the list of all."""
+    """Yield the estimates of the rooms and of subsets of their objects.
+
+    shift : offset of each label in the sorted list of all labels.
+    """
     by_room, generator = rooms_of(BOXES), np.random.default_rng(1)
     labels = sorted({category for objects in by_room.values() for category, _ in objects})
-    label = {name: labels[(number + shift) % len(labels)] for number, name in enumerate(labels)}
+    label = {name: labels[(index + shift) % len(labels)] for index, name in enumerate(labels)}
     by_name = resolve_categories(tree, {category for entries in by_room.values() for category, _ in entries})
-    for number, (_, entries) in enumerate(sorted(by_room.items())):
+    for index, (_, entries) in enumerate(sorted(by_room.items())):
         scale = float(np.exp(generator.uniform(-3, 3)))
         objects = [
             MeasuredObject(str(row), label[category], sorted_extents(sizes) / 1000 / scale, np.array(SIGMA))
@@ -101,25 +110,26 @@ def _rooms(tree: Tree, subsets: Sequence[int | None] = SUBSETS, shift: int = 0) 
         ]
         for count in subsets:
             take = min(count or len(objects), len(objects))
-            some = [objects[row] for row in generator.choice(len(objects), take, replace=False)]
-            objects_used = object_evidence(some, by_name).objects
-            if objects_used:
-                half = "odd rooms" if number % 2 else "even rooms"
-                yield half, count, posterior(objects_used), float(np.log(scale))
+            drawn = [objects[row] for row in generator.choice(len(objects), take, replace=False)]
+            evidence = object_evidence(drawn, by_name).objects
+            if evidence:
+                half = "odd rooms" if index % 2 else "even rooms"
+                yield half, count, posterior(evidence), float(np.log(scale))
 
 
 def _simulations() -> Iterator[Row]:
     classes = world(metric_tree.open(), baselines=False)
-    for shared in SHARES:
+    for shared in SHARED_FRACTIONS:
         for count, kinds in CELLS:
             knobs = Knobs(objects=count, classes=kinds, shared=shared, cut=0.2, wrong=0.1, noise=0.06)
-            for number in range(SCENES):
-                scale, objects = simulated(classes, knobs, np.random.default_rng([7, number, count, kinds]))
-                items = [ObjectEvidence(one, classes.priors[said], classes.nodes[said].pose) for said, one in objects]
+            for index in range(N_SCENES):
+                scale, objects = simulated(classes, knobs, np.random.default_rng([7, index, count, kinds]))
+                items = [ObjectEvidence(o, classes.priors[label], classes.nodes[label].pose) for label, o in objects]
                 yield "simulated", None, posterior(items), float(np.log(scale))
 
 
 def _of(rows: Sequence[Row], wanted: str) -> list[Row]:
+    """Return the rows with a status."""
     return [
         row
         for row in rows
@@ -128,10 +138,11 @@ def _of(rows: Sequence[Row], wanted: str) -> list[Row]:
 
 
 def _errors(rows: Sequence[Row]) -> np.ndarray[tuple[int], np.dtype[np.float64]]:
-    return np.array([abs(np.expm1(np.log(one.modes[0].scale) - true)) for _, _, one, true in rows])
+    return np.array([abs(np.expm1(np.log(estimate.modes[0].scale) - true)) for _, _, estimate, true in rows])
 
 
-def _share(rows: Sequence[Row]) -> str:
+def _wrong(rows: Sequence[Row]) -> str:
+    """Return the percentage of scales that are off by more than 15 %, and the number of rows."""
     return f"{np.mean(_errors(rows) > posterior_module.PEAK_WIDTH_RATIO - 1):.0%} of {len(rows)}" if rows else "none"
 
 
@@ -139,8 +150,8 @@ def _figures(rows: Sequence[Row]) -> str:
     if not rows:
         return "none | | |"
     errors = _errors(rows)
-    held = np.mean([_holds(row) for row in rows])
-    return f"{_share(rows)} | {np.median(errors):.1%} | {errors.mean():.1%} | {held:.2f}"
+    coverage = np.mean([_covers(row) for row in rows])
+    return f"{_wrong(rows)} | {np.median(errors):.1%} | {errors.mean():.1%} | {coverage:.2f}"
 
 
 if __name__ == "__main__":

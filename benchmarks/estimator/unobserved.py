@@ -1,8 +1,9 @@
-"""Scenes with and without observations: `python -m benchmarks.estimator.unobserved [SCENE ...]`.
+"""Compare scales of scenes with and without observations: `python -m benchmarks.estimator.unobserved [SCENE ...]`.
 
-Each room, or each named scene with its `instances.json`, is estimated as it is and from a nerfstudio export of its
-points, which states no observations: of the sparse points, and of the dense cloud where there is one. Prints how far
-the scale moves. Rooms have the errors of real depth; those of seeds 1100 and 1101 are for development.
+Each synthetic room, or each given scene with its `instances.json`, is estimated unchanged and from a nerfstudio export
+of its points, which does not state observations. Sparse points and, if the scene has one, the dense cloud are
+evaluated separately. Prints the change of the scale. Rooms have the errors of real depth; seeds 1100 and 1101 are for
+development.
 """
 
 from __future__ import annotations
@@ -26,36 +27,36 @@ from tests.synthetic.rooms.kinds import KINDS
 from tests.synthetic.rooms.knobs import HARD, with_knobs
 from tests.synthetic.rooms.quick import quick_scene
 
-#: Points of a dense cloud that an export holds at most: as many as splats of a room have.
-MOST_POINTS = 50_000
+#: Maximum number of exported points of a dense cloud, as many as the splats of a room.
+MAX_POINTS = 50_000
 VIEWS = 16
 
 
 def main() -> None:
-    """The command."""
+    """Run the benchmark and print the table."""
     parser = seeds_parser(__doc__, 1102, 1104)
     parser.add_argument("scenes", nargs="*", type=Path)
     options = parser.parse_args()
     moves: dict[str, list[float]] = {}
     print(table_head(("scene", "points", "with observations", "without", "moved by")))
     for name, scene, instances in _named(options.scenes) if options.scenes else _rooms(*options.seeds):
-        for points, given in _clouds(scene):
-            own = estimate_scale(given, instances)
-            bare = estimate_scale(_unobserved(given), instances)
-            moved = float(np.log(bare.scale / own.scale)) if own.scale and bare.scale else np.nan
+        for points, cloud in _clouds(scene):
+            observed = estimate_scale(cloud, instances)
+            bare = estimate_scale(_without_observations(cloud), instances)
+            moved = float(np.log(bare.scale / observed.scale)) if observed.scale and bare.scale else np.nan
             moves.setdefault(points, []).append(moved)
-            print(f"| {name} | {points} | {_shown(own)} | {_shown(bare)} | {moved:+.1%} |", flush=True)
-    for points, own_moves in moves.items():
-        sizes = np.abs(own_moves)
+            print(f"| {name} | {points} | {_scale_text(observed)} | {_scale_text(bare)} | {moved:+.1%} |", flush=True)
+    for points, changes in moves.items():
+        sizes = np.abs(changes)
         moved_by = f"median {np.nanmedian(sizes):.1%}, largest {np.nanmax(sizes):.1%}"
         within = f"{(sizes < 0.03).sum()} of {len(sizes)} within 3 %"
         print(f"{points}: {moved_by}, {within}, {np.isnan(sizes).sum()} unresolved")
 
 
-def _named(places: list[Path]) -> Iterator[tuple[str, Scene, tuple[Instance, ...]]]:
-    for place in places:
-        scene = read_scene(place)
-        yield place.name, scene, read_instances(None, scene)
+def _named(folders: list[Path]) -> Iterator[tuple[str, Scene, tuple[Instance, ...]]]:
+    for folder in folders:
+        scene = read_scene(folder)
+        yield folder.name, scene, read_instances(None, scene)
 
 
 def _rooms(first: int, end: int) -> Iterator[tuple[str, Scene, tuple[Instance, ...]]]:
@@ -67,22 +68,22 @@ def _rooms(first: int, end: int) -> Iterator[tuple[str, Scene, tuple[Instance, .
 
 
 def _clouds(scene: Scene) -> Iterator[tuple[str, Scene]]:
-    """The scene with its sparse points alone, and with its dense cloud."""
+    """Yield the scene with its sparse points only, and with its dense cloud."""
     yield "sparse", replace(scene, dense=None)
     if scene.dense is not None:
         yield "dense", scene
 
 
-def _unobserved(scene: Scene) -> Scene:
-    """The scene as nerfstudio's files give it; of a dense cloud at most `MOST_POINTS`."""
+def _without_observations(scene: Scene) -> Scene:
+    """Return the scene as read from a nerfstudio export, with at most `MAX_POINTS` points of a dense cloud."""
     if scene.dense is not None:
-        step = -(-len(scene.dense.points) // MOST_POINTS)
+        step = -(-len(scene.dense.points) // MAX_POINTS)
         scene = replace(scene, points=scene.dense.points[::step], dense=None)
     with TemporaryDirectory() as folder:
         return read_scene(write_export(scene, "nerfstudio", Path(folder)))
 
 
-def _shown(result: ScaleResult) -> str:
+def _scale_text(result: ScaleResult) -> str:
     if result.scale is None or result.interval is None:
         return result.status
     return f"{result.scale:.4g} ({result.interval.low:.4g} to {result.interval.high:.4g})"

@@ -1,7 +1,10 @@
-"""How far up is off, and what is stated: `OMP_NUM_THREADS=1 python -m benchmarks.estimator.verticals [SCENE ...]`.
+"""Measure the error of the up vector and of its stated uncertainty.
 
-Hard synthetic rooms, half of them with every second object leaning by four degrees, each with its floor and with a
-tenth of the floor's points, sparse and dense; and scenes on disk that state up. Seeds 1100 to 1103 are for development.
+    OMP_NUM_THREADS=1 python -m benchmarks.estimator.verticals [SCENE ...]
+
+The scenes are hard synthetic rooms, half of them with every second object tilted by four degrees, with all or a tenth
+of the floor's points, sparse and dense; and scenes on disk whose `truth.json` states up. Seeds 1100 to 1103 are for
+development.
 """
 
 from __future__ import annotations
@@ -23,17 +26,21 @@ from tests.synthetic.rooms.kinds import KINDS
 from tests.synthetic.rooms.knobs import HARD, with_knobs
 from tests.synthetic.rooms.quick import quick_scene
 
-#: Degrees and share of the objects that lean, and the share of a bare floor's points.
-LEANING_DEG, LEANING, BARE = 4.0, 0.5, 0.1
-#: Height bins about a floor that are its points.
+#: Tilt of the tilted objects in degrees.
+TILT_DEG = 4.0
+#: Fraction of tilted objects.
+TILTED_FRACTION = 0.5
+#: Fraction of the points that a bare floor keeps.
+BARE_FLOOR_FRACTION = 0.1
+#: Half width, in height bins, of the layer of floor points.
 FLOOR_BINS = 3
 
-#: What kind of scene, its true up, its views, its points.
+#: Kind of scene, true up vector, views, points.
 Case = tuple[str, FloatArray, tuple[View, ...], FloatArray]
 
 
 def main() -> None:
-    """The command."""
+    """Run the benchmark and print the table."""
     parser = seeds_parser(__doc__, 0, 2)
     parser.add_argument("scenes", nargs="*", type=Path, help="scenes with a truth.json")
     options = parser.parse_args()
@@ -66,7 +73,7 @@ def _rooms(first: int, end: int) -> Iterator[Case]:
         for kind in KINDS:
             for name, knobs in (
                 ("level", HARD),
-                ("every second object leans", with_knobs(HARD, tilted=LEANING, tilt_deg=LEANING_DEG)),
+                ("every second object leans", with_knobs(HARD, tilted=TILTED_FRACTION, tilt_deg=TILT_DEG)),
             ):
                 room = quick_scene(furnished_room(kind, seed, knobs), knobs, seed=seed)
                 dense = room.scene.dense
@@ -76,9 +83,9 @@ def _rooms(first: int, end: int) -> Iterator[Case]:
                     width = height_bin_width(heights)
                     levels = height_peaks(heights, width)
                     if levels:
-                        bare = np.abs(heights - levels[0]) > FLOOR_BINS * width
-                        kept = bare | (generator.random(len(heights)) < BARE)
-                        yield f"{name}, floor bare", room.truth.up, room.scene.views, points[kept]
+                        above = np.abs(heights - levels[0]) > FLOOR_BINS * width
+                        keep = above | (generator.random(len(heights)) < BARE_FLOOR_FRACTION)
+                        yield f"{name}, floor bare", room.truth.up, room.scene.views, points[keep]
 
 
 if __name__ == "__main__":

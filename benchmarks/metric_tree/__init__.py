@@ -1,1 +1,1 @@
-"""Benchmarks of the build, the priors and the pictures."""
+"""Benchmarks of releases and their priors."""

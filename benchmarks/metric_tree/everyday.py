@@ -1,15 +1,15 @@
-"""How the priors of a hundred everyday objects compare with sizes that were written down before looking.
-
-`everyday_objects.csv` holds, for each object, sizes that 5, 50 and 95 % of such objects do not exceed, in mm by length,
-width and height in the ordinary pose. It was written from general knowledge before any prior of release 2.0.0 was
-computed, and is not changed afterwards. Who wrote the table of excluded rows had seen it. `everyday_objects_second.csv`
-is a fresh one: a language model wrote it on 2026-11-22 at 06:38, before it had seen a prior of its objects, the first
-list or the tables of ranges; it too is not changed.
+"""Compare the priors of a hundred everyday objects with sizes that were estimated independently.
 
     python -m benchmarks.metric_tree.everyday [RELEASE] [--list second]
 
-An axis is off where the prior's median differs from the written one by more than 1.4. It is absurdly wide where the
-prior's 90 % interval spans more than a factor of six and more than twice the written factor.
+`everyday_objects.csv` contains, for each object, the 5, 50 and 95 % quantiles of length, width and height in the usual
+pose, in mm. It was written from general knowledge before any prior of release 2.0.0 was computed and has not been
+changed since. The author of the table of excluded rows had seen it. `everyday_objects_second.csv` is a second list,
+written by a language model on 2026-11-22 at 06:38 without access to the priors of its objects, to the first list or to
+the tables of ranges; it has not been changed either.
+
+An axis is *off* if the medians differ by more than a factor of 1.4. It is *wide* if the prior's 90 % interval spans
+more than a factor of six and more than twice the factor of the list.
 """
 
 from __future__ import annotations
@@ -34,12 +34,15 @@ LISTS = {
     "first": Path(__file__).with_name("everyday_objects.csv"),
     "second": Path(__file__).with_name("everyday_objects_second.csv"),
 }
-OFF, WIDE = 1.4, 6.0
+#: Maximum ratio of the medians.
+MAX_MEDIAN_RATIO = 1.4
+#: Maximum ratio of the ends of a 90 % interval.
+MAX_INTERVAL_RATIO = 6.0
 
 
 @dataclass(frozen=True, slots=True)
 class Axis:
-    """One axis of one object: written and prior sizes in mm at 5, 50 and 95 %."""
+    """5, 50 and 95 % quantiles of one axis of an object in mm, from the list and from the prior."""
 
     name: str
     node_id: str
@@ -49,32 +52,32 @@ class Axis:
 
     @property
     def is_off(self) -> bool:
-        """Whether the medians differ by more than `OFF`."""
-        return bool(abs(np.log(self.prior[1] / self.written[1])) > np.log(OFF))
+        """Whether the medians differ by more than a factor of `MAX_MEDIAN_RATIO`."""
+        return bool(abs(np.log(self.prior[1] / self.written[1])) > np.log(MAX_MEDIAN_RATIO))
 
     @property
     def is_wide(self) -> bool:
-        """Whether the prior's 90 % interval is absurdly wide."""
-        return self.prior[2] / self.prior[0] > max(WIDE, 2 * self.written[2] / self.written[0])
+        """Whether the prior's 90 % interval is too wide."""
+        return self.prior[2] / self.prior[0] > max(MAX_INTERVAL_RATIO, 2 * self.written[2] / self.written[0])
 
 
 def objects(path: Path) -> dict[str, FloatArray]:
-    """Written sizes (3, 3) of each object: a row for length, width, height; columns 5, 50, 95 %."""
+    """Read the sizes (3, 3) of each object: rows length, width, height; columns 5, 50, 95 %."""
     with path.open(encoding="utf-8", newline="") as lines:
         rows = list(csv.DictReader(lines))
     return {row["name"]: np.array([[float(row[f"{a}_{q}"]) for q in ("05", "50", "95")] for a in AXES]) for row in rows}
 
 
 def axes_of(name: str, written: FloatArray, node_id: str, priors: list[Prior]) -> Iterator[Axis]:
-    """The axes of an object that its priors have; extents are compared with the written sizes, longest first."""
+    """Yield the axes of an object that its priors have. Extents are compared with the sorted sizes, longest first."""
     done: set[str] = set()
-    for prior in sorted(priors, key=lambda one: -len(one.dims)):
+    for prior in sorted(priors, key=lambda prior: -len(prior.dims)):
         quantiles = np.stack([prior.quantile(q) for q in (0.05, 0.5, 0.95)], axis=1)  # (d, 3)
         for axis, sizes in zip(prior.dims, quantiles, strict=True):
             if axis not in done:
                 done.add(axis)
-                own = written[AXES.index(axis)] if axis in AXES else -np.sort(-written, axis=0)[EXTENTS.index(axis)]
-                yield Axis(name, node_id, axis, tuple(own.tolist()), tuple(sizes.tolist()))
+                row = written[AXES.index(axis)] if axis in AXES else -np.sort(-written, axis=0)[EXTENTS.index(axis)]
+                yield Axis(name, node_id, axis, tuple(row.tolist()), tuple(sizes.tolist()))
 
 
 def _measured(tree: Tree, written_sizes: Mapping[str, FloatArray]) -> tuple[list[Axis], list[str]]:
@@ -91,7 +94,7 @@ def _measured(tree: Tree, written_sizes: Mapping[str, FloatArray]) -> tuple[list
 
 
 def main() -> None:
-    """Print the shares and the axes in error."""
+    """Print the axes with errors, and the percentages of errors."""
     parser = options_parser(__doc__)
     parser.add_argument("release", nargs="?", help="version or folder of a release (default: shipped)")
     parser.add_argument("--list", choices=LISTS, default="first", help="which list (default: %(default)s)")
@@ -103,25 +106,27 @@ def main() -> None:
         ["object", "node", "axis", "written 5/50/95 % mm", "prior 5/50/95 % mm", "error"],
         [
             (
-                one.name,
-                one.node_id,
-                one.axis,
-                _sizes(one.written),
-                _sizes(one.prior),
-                " ".join(one.is_off * ["off"] + one.is_wide * ["wide"]),
+                axis.name,
+                axis.node_id,
+                axis.axis,
+                _sizes(axis.written),
+                _sizes(axis.prior),
+                " ".join(axis.is_off * ["off"] + axis.is_wide * ["wide"]),
             )
-            for one in sorted(axes, key=lambda one: one.name)
-            if one.is_off or one.is_wide
+            for axis in sorted(axes, key=lambda axis: axis.name)
+            if axis.is_off or axis.is_wide
         ],
     )
-    by_tier = {tier: [one for one in axes if tree.tier(one.node_id) == tier] for tier in TIERS}
+    by_tier = {tier: [axis for axis in axes if tree.tier(axis.node_id) == tier] for tier in TIERS}
     print_table(
         ["tier", "axes", "off", "wide"],
-        [(t, len(own), sum(a.is_off for a in own), sum(a.is_wide for a in own)) for t, own in by_tier.items()],
-    )
-    off, wide = (np.mean([getattr(one, name) for one in axes]) for name in ("is_off", "is_wide"))
+        [(tier, len(group), sum(a.is_off for a in group), sum(a.is_wide for a in group))
+         for tier, group in by_tier.items()],
+    )  # fmt: skip
+    off, wide = (np.mean([getattr(axis, name) for axis in axes]) for name in ("is_off", "is_wide"))
     print(
-        f"{len(axes)} axes of {len(written) - len(unknown)} objects: {off:.1%} off by {OFF}, {wide:.1%} absurdly wide"
+        f"{len(axes)} axes of {len(written) - len(unknown)} objects: {off:.1%} off by more than {MAX_MEDIAN_RATIO}, "
+        f"{wide:.1%} too wide"
     )
     print(f"not found: {', '.join(unknown) or 'none'}")
 

@@ -1,7 +1,7 @@
-"""What releases rest on, by level and by label list: `python -m benchmarks.metric_tree.tiers 2.0.0 3.0.0`.
+"""Count evidence tiers of releases by level and by label list: `python -m benchmarks.metric_tree.tiers 2.0.0 3.0.0`.
 
-A release without tiers is read by the shares of its rows (docs/reference/tiers.md). What moved between two releases is
-of `metric-tree diff`.
+The tiers of a release that does not state them are derived from its rows (docs/reference/tiers.md). `metric-tree diff`
+lists the changes between two releases.
 """
 
 from __future__ import annotations
@@ -22,7 +22,7 @@ def main() -> None:
     """Print the table."""
     parser = options_parser(__doc__)
     parser.add_argument("releases", nargs="+", metavar="RELEASE")
-    trees = [open_tree(one) for one in parser.parse_args().releases]
+    trees = [open_tree(release) for release in parser.parse_args().releases]
     print_rows(["release", "of", *TIERS], (row for tree in trees for row in _rows(tree)))
 
 
@@ -34,7 +34,7 @@ def _rows(tree: Tree) -> Iterator[tuple[object, ...]]:
 
 
 def _labelled(tree: Tree, name: str) -> Iterable[Node]:
-    """The nodes of a label list's labels, those that the tree has a size of."""
+    """Yield the nodes of a label list that have a prior in the tree."""
     for label in vocabulary(name):
         try:
             node = tree.find(label.label, name, advice=False) if label.needs_prior else None

@@ -2,12 +2,12 @@
 
     python -m benchmarks.taxonomy.matching
 
-A string is *covered* when it is matched above the threshold, and counts towards coverage when its label names a
-category. A match is *right* when it is one of the label's categories; a label that also allows `none` says that a
-careful annotator would not insist. Ids that are gone count as their successors, in labels as in findings.
+A string is *covered* if it is matched above the threshold; coverage is computed over the strings whose label names a
+category. A match is *right* if it is one of the label's categories. A label that also contains `none` accepts no match
+too. Replaced ids are mapped to their successors, in labels and in matches.
 
-The independent decisions, 250 matches and 150 insertions sampled with seed 20261121, lie outside the folder of
-decisions on purpose: they measure the readings and settle nothing. `metric-tree review agreement` compares the others.
+The independent decisions (250 matches and 150 insertions, sampled with seed 20261121) are outside the folder of
+decisions on purpose: they only measure the readings. `metric-tree review agreement` compares the other decisions.
 """
 
 from __future__ import annotations
@@ -37,7 +37,7 @@ Row = tuple[object, ...]
 
 @dataclass(frozen=True)
 class Labelled:
-    """One string with what an annotator says it names."""
+    """One string with the categories that an annotator assigned to it."""
 
     source: str
     path: tuple[str, ...]
@@ -47,7 +47,7 @@ class Labelled:
     half: str
 
     def finding(self, matcher: Matcher) -> ConceptMatch:
-        """What a matcher finds for the string."""
+        """Return the match of the string."""
         found = matcher.finding(self.source, self.path, self.title, self.synset)
         return replace(found, concept=replaced_ids().get(found.concept or "", found.concept))
 
@@ -60,7 +60,7 @@ def labelled(path: Path = LABELS) -> list[Labelled]:
                 path=tuple(filter(None, row["category_path"].split(" > "))),
                 title=row["title"],
                 synset=row["source_synset"] or None,
-                label=frozenset(replaced_ids().get(one, one) for one in row["label"].split("|")),
+                label=frozenset(replaced_ids().get(node_id, node_id) for node_id in row["label"].split("|")),
                 half=row["half"],
             )
             for row in csv.DictReader(lines)
@@ -70,31 +70,35 @@ def labelled(path: Path = LABELS) -> list[Labelled]:
 def matcher_without(
     strings: Iterable[Labelled], rulings: Mapping[tuple[str, str], Decision], rules: Mapping[str, float]
 ) -> Matcher:
-    """The matcher without the decisions that were taken on these very strings of these sources."""
-    whole = Matcher(default_lexicon(), default_readings(), rulings, rules)
-    used = {(one.source, one.finding(whole).subject) for one in strings if one.finding(whole).rule == "decision"}
-    kept = {key: ruling for key, ruling in rulings.items() if key not in used}
-    return Matcher(default_lexicon(), default_readings(), kept, rules)
+    """Return the matcher without the decisions about the given strings of their sources."""
+    complete = Matcher(default_lexicon(), default_readings(), rulings, rules)
+    matches = [(string.source, string.finding(complete)) for string in strings]
+    used = {(source, match.subject) for source, match in matches if match.rule == "decision"}
+    remaining = {key: ruling for key, ruling in rulings.items() if key not in used}
+    return Matcher(default_lexicon(), default_readings(), remaining, rules)
 
 
 def scores(strings: Sequence[Labelled], matcher: Matcher) -> Row:
-    """Strings, those that name a category, matched ones, precision, coverage."""
-    findings = [one.finding(matcher) for one in strings]
-    matched = [(one, match) for one, match in zip(strings, findings, strict=True) if match.concept and match.settled]
-    named = sum(NONE not in one.label for one in strings)
-    right = sum(match.concept in one.label for one, match in matched)
-    covered = sum(NONE not in one.label for one, _ in matched)
+    """Return the numbers of strings, of strings with a category and of matches, and precision and coverage."""
+    findings = [string.finding(matcher) for string in strings]
+    matched = [
+        (string, match) for string, match in zip(strings, findings, strict=True) if match.concept and match.settled
+    ]
+    named = sum(NONE not in string.label for string in strings)
+    right = sum(match.concept in string.label for string, match in matched)
+    covered = sum(NONE not in string.label for string, _ in matched)
     return len(strings), named, len(matched), f"{right / len(matched):.3f}", f"{covered / named:.3f}"
 
 
 def counts_by_rule(strings: Sequence[Labelled], matcher: Matcher) -> dict[str, tuple[int, int]]:
+    """Return the numbers of right matches and of all matches for each rule of the matcher."""
     right: Counter[str] = Counter()
     total: Counter[str] = Counter()
-    for one in strings:
-        found = one.finding(matcher)
-        if found.concept:
-            total[found.rule] += 1
-            right[found.rule] += found.concept in one.label
+    for string in strings:
+        match = string.finding(matcher)
+        if match.concept:
+            total[match.rule] += 1
+            right[match.rule] += match.concept in string.label
     return {rule: (right[rule], total[rule]) for rule in total}
 
 
@@ -109,7 +113,7 @@ def main() -> None:
 
 def _score_rows(strings: Sequence[Labelled]) -> Iterator[Row]:
     for half in HALVES:
-        chosen = [one for one in strings if one.half == half]
+        chosen = [string for string in strings if string.half == half]
         arms = {
             "all": default_matcher(),
             "none on these strings": matcher_without(chosen, default_rulings(), measured_reliability()),

@@ -1,1 +1,1 @@
-"""The user study of the paper: one insertion at eleven sizes, and the report of its answers."""
+"""User study of the paper: a page with one insertion at eleven sizes, and the evaluation of its answers."""

@@ -1,4 +1,4 @@
-"""Answers of the study, as the page saves them."""
+"""Read the answers that the page of the study saves."""
 
 from __future__ import annotations
 
@@ -18,14 +18,14 @@ from metric_base.records import json_record
 ANSWERS_SCHEMA = "metric-tree/study-answers/1"
 Judgement = Literal["too small", "right", "too large"]
 ANSWERS: tuple[str, ...] = get_args(Judgement)
-#: Most steps times participants: the page has 11 steps.
+#: Maximum number of steps times participants; limits the memory of the tables. The page has 11 steps.
 MAX_CELLS = 1_000_000
-#: Largest file of answers; the page's own has some 10 kB.
+#: Maximum size of a file of answers; the page saves about 10 kB.
 MAX_BYTES = 1 << 24
 
 
 class _AnswerRow(msgspec.Struct):
-    """One answer of the page; a size changes by less than a factor of ten either way."""
+    """One answer of the page. Sizes change by at most a factor of ten in both directions."""
 
     step: Annotated[float, msgspec.Meta(ge=-90, le=900)]
     answer: Judgement
@@ -39,7 +39,7 @@ class _Answers(msgspec.Struct):
     participant: str | None = None
     study: str | None = None
     object: str | None = None
-    #: What `object` was called before; pages made then still save it.
+    #: Former name of `object`; older pages still save it.
     thing: str | None = None
 
     def __post_init__(self) -> None:
@@ -48,7 +48,7 @@ class _Answers(msgspec.Struct):
 
 @dataclass(frozen=True, slots=True)
 class StudyAnswer:
-    """One judgement: who, the change of size in per cent, and the words."""
+    """One judgement: participant, change of size in per cent, and answer."""
 
     participant: str
     step: float
@@ -56,24 +56,27 @@ class StudyAnswer:
 
 
 def read_answers(path: Path, warnings: list[str] | None = None) -> list[StudyAnswer]:
-    """All answers of a file, or of the JSON files in a folder; a file that is there twice counts once.
+    """Read the answers of a file, or of the JSON files in a folder without copies.
 
-    warnings : takes a line for each such file.
+    warnings : list to which a line is appended for each copy.
 
     Raises
     ------
     InputError
-        No file, a file of another kind, a value that the page does not write, files of two studies, or two different
-        files of one participant.
+        The file is missing, has another schema or values that the page does not write, or the folder has files of two
+        studies or two different files of one participant.
     """
     if not path.exists():
         raise InputError(f"{path}: expected a file of answers or a folder of them; found none")
-    files = [one for one in folder_entries(path) if one.suffix == ".json"] if path.is_dir() else [path]
-    documents = {file: _document(file) for file in files}
+    files = [file for file in folder_entries(path) if file.suffix == ".json"] if path.is_dir() else [path]
+    documents: dict[Path, _Answers] = {}
+    for file in files:
+        with in_file(file):
+            documents[file] = json_record(read_bytes(file, limit=MAX_BYTES), _Answers)
     _expect_one_study(path, documents)
-    answers, repeated = _without_copies(documents)
+    answers, copies = _without_copies(documents)
     if warnings is not None:
-        warnings += repeated
+        warnings += copies
     if not answers:
         raise InputError(f"{path}: answers: expected at least one; found none")
     steps, people = (len({getattr(answer, field) for answer in answers}) for field in ("step", "participant"))
@@ -82,13 +85,8 @@ def read_answers(path: Path, warnings: list[str] | None = None) -> list[StudyAns
     return answers
 
 
-def _document(file: Path) -> _Answers:
-    with in_file(file):
-        return json_record(read_bytes(file, limit=MAX_BYTES), _Answers)
-
-
 def _expect_one_study(path: Path, documents: Mapping[Path, _Answers]) -> None:
-    """InputError for answers about different pictures, which are no curve together."""
+    """Raise an InputError if the answers are about different images, which cannot be combined in a curve."""
     by_study: dict[tuple[str | None, str | None], list[Path]] = defaultdict(list)
     for file, document in documents.items():
         by_study[document.study, document.object or document.thing].append(file)
@@ -99,13 +97,13 @@ def _expect_one_study(path: Path, documents: Mapping[Path, _Answers]) -> None:
 
 
 def _without_copies(documents: Mapping[Path, _Answers]) -> tuple[list[StudyAnswer], list[str]]:
-    """The answers of each participant once, and a line for each file that is a copy of another."""
-    owner: dict[str, Path] = {}
+    """Return the answers without copied files, and a line for each copy."""
+    first_file: dict[str, Path] = {}
     answers: list[StudyAnswer] = []
     copies = []
     for file, document in documents.items():
         participant = document.participant or file.stem
-        first = owner.setdefault(participant, file)
+        first = first_file.setdefault(participant, file)
         if first == file:
             answers += [StudyAnswer(participant, row.step, row.answer) for row in document.answers]
         elif documents[first].answers == document.answers:

@@ -1,13 +1,13 @@
-"""What the answers say: the share of "right" at each step, and the observer behind them.
+"""Fit a psychometric curve to the answers: the fraction of "right" at each step, and an observer model.
 
-The observer perceives the log size with an error, x = ln(1 + step) + bias + sigma z, z ~ N(0, 1), and says "too small"
-below -c, "too large" above c, "right" between; one answer in fifty is a slip (Wichmann and Hill, 2001). Three numbers
-make the whole curve: its peak is at exp(-bias) - 1, and the just-noticeable step is the one that the observer tells
-from the right size in three of four cases, 0.6745 sigma (the usual definition in psychophysics).
+The observer perceives the log size with an error, x = ln(1 + step) + bias + sigma z, z ~ N(0, 1), and answers "too
+small" below -c, "too large" above c and "right" otherwise; 2 % of the answers are random (lapse rate, Wichmann and
+Hill, 2001). The peak of the curve is at exp(-bias) - 1. The just-noticeable step is the step that the observer
+distinguishes from the right size in 75 % of the cases, 0.6745 sigma (the usual definition in psychophysics).
 
-People who answer without looking would make that step several times too large. Somebody whose answers are more likely
-under shares of their own that do not depend on the size (two numbers more, which have their price) than
-under the observer of the others is left out of the observer; the shares at each step are those of all.
+Inattentive participants would make that step several times too large. A participant is excluded from the fit of the
+observer if constant probabilities, independent of the size, explain the answers better than the observer of the other
+participants, with a penalty for their two additional parameters. The fractions at each step include all participants.
 """
 
 from __future__ import annotations
@@ -20,28 +20,31 @@ import numpy as np
 from benchmarks.user_study.answers import ANSWERS, StudyAnswer
 from metric_base.arrays import BoolArray, FloatArray
 
-#: 95 % intervals.
+#: Half width of the central 95 % interval of a normal distribution, in standard deviations.
 _Z = 1.959964
-#: Three of four cases of a normal distribution.
+#: 75 % quantile of the normal distribution, in standard deviations.
 JUST_NOTICEABLE = 0.6744898
-#: The log likelihood must be better than that of a flat curve by this much (chi-squared, 2 degrees of freedom, 1 %).
-NOT_FLAT = 4.605
-#: Draws of the bootstrap over participants.
-DRAWS = 150
-#: Over simulated studies of 27 people the just-noticeable step spreads so many times wider than the bootstrap says,
-#: which does not see who else might have been left out (docs/evidence/insertion.md).
-WIDER = 1.35
-#: The share of slips.
-SLIPS = 0.02
-#: What shares of one's own cost, as a log likelihood: Akaike's 2, and 1.5 so that of 27 people who look, and whose
-#: curve is as flat as the paper's, fewer than one is left out. Rounds until the same people look.
-OWN_SHARES, ROUNDS = 3.5, 8
+#: Minimum gain of the log likelihood over a flat curve (chi-squared, 2 degrees of freedom, 1 %).
+MIN_GAIN = 4.605
+#: Number of bootstrap resamples of the participants.
+N_RESAMPLES = 150
+#: Factor on the log width of the bootstrap interval. In simulated studies of 27 people the bootstrap underestimates the
+#: spread of the just-noticeable step by this factor, because it ignores the exclusion of participants.
+BOOTSTRAP_INFLATION = 1.35
+#: Fraction of random answers.
+LAPSE_RATE = 0.02
+#: Penalty of constant probabilities, as a log likelihood: Akaike's 2, and 1.5 so that on average fewer than one of 27
+#: attentive participants is excluded if the curve is as flat as the paper's.
+INATTENTION_PENALTY = 3.5
+#: Maximum number of iterations until the set of excluded participants is stable.
+MAX_ROUNDS = 8
+#: Bounds of bias, sigma and criterion.
 _RANGES = ((-0.5, 0.5), (0.01, 5.0), (0.005, 5.0))
 
 
 @dataclass(frozen=True, slots=True)
 class Point:
-    """One step in per cent: the number of answers and the shares of the three, with the interval of "right"."""
+    """Step in per cent, number of answers, fractions of the three answers, and 95 % interval of "right"."""
 
     step: float
     count: int
@@ -54,38 +57,38 @@ class Point:
 
 @dataclass(frozen=True, slots=True)
 class Observer:
-    """bias, sigma, criterion on log size."""
+    """Observer model with bias, sigma and criterion c in log size."""
 
     bias: float
     sigma: float
     criterion: float
 
     def shares(self, steps: FloatArray) -> FloatArray:
-        """(n, 3) probability of too small, right, too large at steps in per cent."""
+        """Return the probabilities (n, 3) of too small, right and too large at steps (n,) in per cent."""
         from scipy.special import ndtr
 
         x = np.log1p(np.asarray(steps) / 100) + self.bias
         low, high = ndtr((-self.criterion - x) / self.sigma), ndtr((self.criterion - x) / self.sigma)
-        return (1 - SLIPS) * np.column_stack([low, high - low, 1 - high]) + SLIPS / 3
+        return (1 - LAPSE_RATE) * np.column_stack([low, high - low, 1 - high]) + LAPSE_RATE / 3
 
     @property
     def peak(self) -> float:
-        """The step, in per cent, at which most say "right"."""
+        """Step in per cent with the most answers "right"."""
         return float(100 * np.expm1(-self.bias))
 
     @property
     def noticeable(self) -> float:
-        """The just-noticeable step in per cent."""
+        """Just-noticeable step in per cent."""
         return float(100 * np.expm1(JUST_NOTICEABLE * self.sigma))
 
 
 @dataclass(frozen=True, slots=True)
 class StudyCurve:
-    """The result of a study.
+    """Result of a study.
 
-    careless : how many participants answer without regard to the size, and are not part of the observer. The intervals
-    are of the observer's peak and just-noticeable step, 95 %, over the other participants; None with fewer than three.
-    flat : whether the answers do not depend on the size.
+    careless : number of inattentive participants, who are excluded from the observer.
+    peak_interval, noticeable_interval : 95 % intervals over the other participants; None with fewer than three.
+    flat : whether the answers are independent of the size.
     """
 
     points: tuple[Point, ...]
@@ -98,29 +101,35 @@ class StudyCurve:
 
 
 def curve_of(answers: Sequence[StudyAnswer]) -> StudyCurve:
-    """Everything that the report shows."""
-    steps, tables = _tables(answers)
+    """Compute the fractions at each step, the observer and its intervals."""
+    steps, tables = answer_counts(answers)
+    points = []
+    for step, (small, right, large) in zip(steps.tolist(), tables.sum(axis=0), strict=True):
+        total = small + right + large
+        low, high = wilson(int(right), int(total))
+        points.append(Point(step, int(total), small / total, right / total, large / total, low, high))
     gain = fit_observer(answers)[1]
-    looking, observer = _looking(steps, tables)
-    flat = gain < NOT_FLAT or not looking.any()
+    attentive, observer = _attentive(steps, tables)
+    flat = gain < MIN_GAIN or not attentive.any()
     peaks, noticeable = (None, None)
-    if not flat and np.count_nonzero(looking) >= 3:
-        peaks, noticeable = _bootstrap(steps, tables[looking], observer)
-    careless = int(np.count_nonzero(~looking))
-    return StudyCurve(_points(answers), observer, len(tables), careless, peaks, noticeable, flat)
+    if not flat and np.count_nonzero(attentive) >= 3:
+        peaks, noticeable = _bootstrap(steps, tables[attentive], observer)
+    careless = int(np.count_nonzero(~attentive))
+    return StudyCurve(tuple(points), observer, len(tables), careless, peaks, noticeable, flat)
 
 
 def wilson(right: int, count: int) -> tuple[float, float]:
-    """The 95 % interval of a share (Wilson 1927)."""
-    share, spread = right / count, _Z**2 / count
-    middle = (share + spread / 2) / (1 + spread)
-    half = _Z / (1 + spread) * np.sqrt(share * (1 - share) / count + spread / (4 * count))
-    return float(max(middle - half, 0.0)), float(min(middle + half, 1.0))
+    """Return the 95 % interval of a fraction (Wilson 1927)."""
+    fraction, spread = right / count, _Z**2 / count
+    centre = (fraction + spread / 2) / (1 + spread)
+    half = _Z / (1 + spread) * np.sqrt(fraction * (1 - fraction) / count + spread / (4 * count))
+    return float(max(centre - half, 0.0)), float(min(centre + half, 1.0))
 
 
 def fit_observer(answers: Sequence[StudyAnswer]) -> tuple[Observer, float]:
-    """The most likely observer, and how much better its log likelihood is than that of one who does not look."""
-    steps, counts = _table(answers)
+    """Return the most likely observer, and the gain of its log likelihood over constant probabilities."""
+    steps, tables = answer_counts(answers)
+    counts = tables.sum(axis=0)
     observer, cost = _best_fit(steps, counts)
     total = counts.sum(axis=0)
     flat = float((total[total > 0] * np.log(total[total > 0] / total.sum())).sum())
@@ -128,24 +137,15 @@ def fit_observer(answers: Sequence[StudyAnswer]) -> tuple[Observer, float]:
 
 
 def _best_fit(steps: FloatArray, counts: FloatArray) -> tuple[Observer, float]:
-    """The best of three starts; steps : (n,) per cent; counts : (n, 3) of the three answers at each."""
+    """Return the best fit of three starts, for counts (n, 3) of the answers at steps (n,) in per cent."""
     return min((_fit(steps, counts, sigma) for sigma in (0.08, 0.25, 1.0)), key=lambda fit: fit[1])
 
 
-def _table(answers: Sequence[StudyAnswer]) -> tuple[FloatArray, FloatArray]:
-    """(n,) steps and (n, 3) counts of the three answers."""
-    steps = sorted({answer.step for answer in answers})
-    rows = {step: row for row, step in enumerate(steps)}
-    counts = np.zeros((len(steps), 3))
-    for answer in answers:
-        counts[rows[answer.step], ANSWERS.index(answer.answer)] += 1
-    return np.array(steps), counts
-
-
 def _fit(steps: FloatArray, counts: FloatArray, sigma: float) -> tuple[Observer, float]:
-    """The observer from one start, and its negative log likelihood.
+    """Fit the observer from one start; return it with its negative log likelihood.
 
-    steps : (n,) per cent; counts : (n, 3) of the three answers at each.
+    steps : (n,) in per cent.
+    counts : (n, 3) numbers of the three answers at each step.
     """
     from scipy.optimize import minimize
 
@@ -160,51 +160,49 @@ def _fit(steps: FloatArray, counts: FloatArray, sigma: float) -> tuple[Observer,
     return Observer(float(best.x[0]), float(np.exp(best.x[1])), float(np.exp(best.x[2]))), float(best.fun)
 
 
-def _points(answers: Sequence[StudyAnswer]) -> tuple[Point, ...]:
-    points = []
-    steps, counts = _table(answers)
-    for step, (small, right, large) in zip(steps.tolist(), counts, strict=True):
-        total = small + right + large
-        low, high = wilson(int(right), int(total))
-        points.append(Point(step, int(total), small / total, right / total, large / total, low, high))
-    return tuple(points)
-
-
-def _tables(answers: Sequence[StudyAnswer]) -> tuple[FloatArray, FloatArray]:
-    """(n,) steps and (p, n, 3) counts of the three answers of each participant."""
+def answer_counts(answers: Sequence[StudyAnswer]) -> tuple[FloatArray, FloatArray]:
+    """Return the steps (n,) in per cent and the counts (p, n, 3) of the three answers of each participant."""
     steps = sorted({answer.step for answer in answers})
     people = sorted({answer.participant for answer in answers})
-    rows, own = ({value: row for row, value in enumerate(values)} for values in (steps, people))
+    columns, rows = ({value: index for index, value in enumerate(values)} for values in (steps, people))
     tables = np.zeros((len(people), len(steps), 3))
     for answer in answers:
-        tables[own[answer.participant], rows[answer.step], ANSWERS.index(answer.answer)] += 1
+        tables[rows[answer.participant], columns[answer.step], ANSWERS.index(answer.answer)] += 1
     return np.array(steps), tables
 
 
-def _looking(steps: FloatArray, tables: FloatArray) -> tuple[BoolArray, Observer]:
-    """(p,) who answers by the size, and the observer of these; steps : (n,); tables : (p, n, 3) counts."""
+def _attentive(steps: FloatArray, tables: FloatArray) -> tuple[BoolArray, Observer]:
+    """Return which participants (p,) answer by the size, and the observer fitted to them.
+
+    steps : (n,) in per cent.
+    tables : (p, n, 3) numbers of the three answers.
+    """
     totals = tables.sum(axis=1)
-    shares = totals / totals.sum(axis=1, keepdims=True)
-    own = (totals * np.log(np.where(totals > 0, shares, 1.0))).sum(axis=1) - OWN_SHARES
-    looking = np.ones(len(tables), dtype=bool)
+    fractions = totals / totals.sum(axis=1, keepdims=True)
+    constant = (totals * np.log(np.where(totals > 0, fractions, 1.0))).sum(axis=1) - INATTENTION_PENALTY
+    attentive = np.ones(len(tables), dtype=bool)
     observer = _best_fit(steps, tables.sum(axis=0))[0]
-    for _ in range(ROUNDS):
-        seen = (tables * np.log(observer.shares(steps))).sum(axis=(1, 2)) >= own
-        if not seen.any() or (seen == looking).all():
-            return seen, observer
-        looking = seen
-        observer = _best_fit(steps, tables[looking].sum(axis=0))[0]
-    return looking, observer
+    for _ in range(MAX_ROUNDS):
+        by_size = (tables * np.log(observer.shares(steps))).sum(axis=(1, 2)) >= constant
+        if not by_size.any() or (by_size == attentive).all():
+            return by_size, observer
+        attentive = by_size
+        observer = _best_fit(steps, tables[attentive].sum(axis=0))[0]
+    return attentive, observer
 
 
 def _bootstrap(
     steps: FloatArray, tables: FloatArray, observer: Observer
 ) -> tuple[tuple[float, float], tuple[float, float]]:
-    """95 % intervals over participants, since the answers of one are not independent; tables : (p, n, 3) counts."""
+    """Return the 95 % intervals of peak and just-noticeable step by resampling participants.
+
+    The answers of a participant are not independent, so answers are not resampled individually.
+    tables : (p, n, 3) numbers of the three answers.
+    """
     generator = np.random.default_rng(0)
-    draws = [generator.choice(len(tables), len(tables)) for _ in range(DRAWS)]
+    draws = [generator.choice(len(tables), len(tables)) for _ in range(N_RESAMPLES)]
     fits = [_fit(steps, tables[drawn].sum(axis=0), observer.sigma)[0] for drawn in draws]
     peaks = np.percentile([fit.peak for fit in fits], [2.5, 97.5])
     ratios = np.percentile([fit.noticeable / observer.noticeable for fit in fits], [2.5, 97.5])
-    noticeable = observer.noticeable * ratios**WIDER
+    noticeable = observer.noticeable * ratios**BOOTSTRAP_INFLATION
     return (float(peaks[0]), float(peaks[1])), (float(noticeable[0]), float(noticeable[1]))

@@ -1,4 +1,4 @@
-"""`python -m benchmarks.user_study`: make the page of the study, or report on its answers."""
+"""Command `python -m benchmarks.user_study`: write the page of the study, or evaluate its answers."""
 
 from __future__ import annotations
 
@@ -21,41 +21,45 @@ MAX_REPEATS = 10
 
 
 def main(argv: Sequence[str] | None = None) -> int:
-    """Run the command; return the exit status: 0, 2 (invalid input) or 1 (internal error)."""
-    words = list(sys.argv[1:] if argv is None else argv)
-    return exit_status(PROGRAM, lambda: _run(words))
+    """Run the command and return the exit status: 0, 1 (internal error) or 2 (invalid input)."""
+    arguments = list(sys.argv[1:] if argv is None else argv)
+    if arguments[:1] == ["report"]:
+        return exit_status(PROGRAM, lambda: _report(report_parser().parse_args(arguments[1:])))
+    return exit_status(PROGRAM, lambda: _make(page_parser().parse_args(arguments)))
 
 
-def _run(words: Sequence[str]) -> int:
-    if list(words[:1]) == ["report"]:
-        return _report(_report_parser().parse_args(words[1:]))
-    return _make(_page_parser().parse_args(words))
-
-
-def _page_parser() -> argparse.ArgumentParser:
+def page_parser() -> argparse.ArgumentParser:
+    """Return the parser of the command that writes the page."""
     from metric_cli.insert_object.parser import add_objects, add_scene
 
     root = OneLineParser(
         prog=PROGRAM,
-        description="The same insertion at the paper's eleven sizes as one page that works offline.",
+        description="Write a page that works offline and shows one insertion at the paper's eleven sizes.",
         allow_abbrev=False,
     )
     add_scene(root)
     add_objects(root)
-    root.add_argument("--frame", metavar="NAME", help="the picture to show (default: the one that shows most of it)")
-    root.add_argument("--object", default="object", help="what the object is called on the page")
-    root.add_argument("--thing", dest="object", default=argparse.SUPPRESS, help=argparse.SUPPRESS)  # its old name
+    root.add_argument(
+        "--frame",
+        metavar="NAME",
+        help="frame to show (default: the one in which the object is tallest and fully in view)",
+    )
+    root.add_argument("--object", default="object", help="name of the object on the page")
+    root.add_argument("--thing", dest="object", default=argparse.SUPPRESS, help=argparse.SUPPRESS)  # the former name
     root.add_argument("--title", default="How large does it look?", help="heading of the page")
-    root.add_argument("--repeats", type=int, default=2, help="how often each size is shown (default: %(default)s)")
-    root.add_argument("--out", metavar="FILE", type=OutputFile(), required=True, help="the page, FILE.html")
+    root.add_argument(
+        "--repeats", type=int, default=2, help="number of times that each size is shown (default: %(default)s)"
+    )
+    root.add_argument("--out", metavar="FILE", type=OutputFile(), required=True, help="path of the page, FILE.html")
     add_overwrite(root)
     return root
 
 
-def _report_parser() -> argparse.ArgumentParser:
-    root = OneLineParser(prog=f"{PROGRAM} report", description="The curve of the answers.", allow_abbrev=False)
+def report_parser() -> argparse.ArgumentParser:
+    """Return the parser of the command that evaluates the answers."""
+    root = OneLineParser(prog=f"{PROGRAM} report", description="Print the curve of the answers.", allow_abbrev=False)
     root.add_argument(
-        "answers", metavar="ANSWERS", type=input_path, help="a file that the page saved, or a folder of them"
+        "answers", metavar="ANSWERS", type=input_path, help="file that the page saved, or a folder with such files"
     )
     root.add_argument("--figure", metavar="FILE", type=OutputFile(), help="draw the curve (.png, .svg, .pdf)")
     root.add_argument("--json", action="store_true", help="print the curve as JSON")
@@ -76,16 +80,16 @@ def _make(options: argparse.Namespace) -> int:
     requests = parse_objects(options.objects)
     prepared = open_scene(parse_scene(options))
     placed = place_objects(requests, prepared.space, prepared.footage.frames, tree_for(requests, options.tree))
-    pictures = _pictures(prepared, placed, options.frame)
+    images = _images(prepared, placed, options.frame)
     with whole_file(options.out, "--out") as file:
-        file.write_text(study_page(pictures, options.title, options.object, options.repeats), encoding="utf-8")
-    sys.stdout.write(f"{options.out}: {len(pictures)} sizes, each shown {options.repeats} times\n")
+        file.write_text(study_page(images, options.title, options.object, options.repeats), encoding="utf-8")
+    sys.stdout.write(f"{options.out}: {len(images)} sizes, each shown {options.repeats} times\n")
     sys.stdout.write(plan_text(options.repeats) + "\n")
     return 0
 
 
-def _pictures(prepared: Any, placed: Sequence[Any], frame: str | None) -> dict[int, NDArray[np.uint8]]:
-    """The chosen picture (h, w, 3) at every step: the first object grows and shrinks about its foot, the rest stays."""
+def _images(prepared: Any, placed: Sequence[Any], frame: str | None) -> dict[int, NDArray[np.uint8]]:
+    """Return the image (h, w, 3) of a frame by step, with the first object scaled about the centre of its base."""
     from benchmarks.user_study.page import STEPS
     from insertion.composite.compositor import composite_variants
     from insertion.placement.placed_object import resize
@@ -101,14 +105,14 @@ def _pictures(prepared: Any, placed: Sequence[Any], frame: str | None) -> dict[i
 
 
 def _shot(prepared: Any, placed: Sequence[Any], frame: str | None) -> Any:
-    """The named shot, or the one in which the object is largest and wholly inside."""
+    """Return the named frame, or the frame in which the object is tallest and fully in view."""
     from estimator.projection.cameras import pixels_in_view
 
     frames = [shot for shot in prepared.footage.frames if shot.view is not None]
     if frame is not None:
         named = [shot for shot in frames if frame in (shot.name, Path(shot.name).stem, str(shot.index))]
         if not named:
-            raise InputError(f"--frame: expected the name or number of a picture with a known pose; found {frame!r}")
+            raise InputError(f"--frame: expected the name or number of a frame with a known pose; found {frame!r}")
         return named[0]
     body = placed[0].body
     corners = body.position + body.unit * 1.3 * body.corners[:: max(1, len(body.corners) // 500)]

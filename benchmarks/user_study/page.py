@@ -1,6 +1,6 @@
-"""The study's page: one HTML file with its pictures inside, which works offline and saves answers to a file.
+"""Write the page of the study: an HTML file with embedded images that works offline and saves the answers to a file.
 
-How many people a study needs: the intervals to expect with a curve as flat as the paper's.
+`expected_intervals` predicts the accuracy of a study from its number of participants.
 """
 
 from __future__ import annotations
@@ -18,48 +18,52 @@ from benchmarks.user_study.answers import ANSWERS_SCHEMA
 from benchmarks.user_study.curve import JUST_NOTICEABLE, Observer
 from metric_base.arrays import FloatArray
 
-#: The paper's changes of size, in per cent.
+#: Changes of size in the paper, in per cent.
 STEPS = (-30, -20, -15, -10, -5, 0, 5, 10, 15, 20, 30)
 _TEMPLATE = Path(__file__).with_name("page.html")
 JPEG_QUALITY = 92
-#: At most 0.65 say "right", at -5 %, as in the paper; an error of a quarter in perceived size makes it so.
+#: Observer with the paper's peak: 65 % "right" at -5 %, which corresponds to an error of 25 % in the perceived size.
 FLAT = Observer(bias=float(-np.log(0.95)), sigma=0.25, criterion=0.234)
-#: Standard deviation of people's own biases, in log size: a guess, on the careful side.
+#: Standard deviation of the participants' biases in log size (a conservative guess).
 BIAS_SPREAD = 0.05
-#: 95 % intervals.
+#: Half width of the central 95 % interval of a normal distribution, in standard deviations.
 _Z = 1.959964
-#: Numbers of people that the plan names; the paper asked 27.
+#: Numbers of participants in the plan; the paper had 27.
 PEOPLE = (10, 27, 100)
 
 
-def study_page(pictures: Mapping[int, NDArray[np.uint8]], title: str, name: str, repeats: int) -> str:
-    """The page. pictures : (h, w, 3) RGB by step in per cent; name : what the inserted object is called."""
-    shown = [{"step": step, "data": _data(picture)} for step, picture in sorted(pictures.items())]
+def study_page(images: Mapping[int, NDArray[np.uint8]], title: str, name: str, repeats: int) -> str:
+    """Return the HTML of the page.
+
+    images : (h, w, 3) RGB by step in per cent.
+    name : name of the inserted object.
+    """
+    entries = [{"step": step, "data": _data_url(image)} for step, image in sorted(images.items())]
     study = {
         "schema": ANSWERS_SCHEMA,
         "title": title,
         "object": name,
         "repeats": repeats,
-        "pictures": shown,
-        "study": hashlib.sha256(json.dumps(shown).encode()).hexdigest()[:16],
+        "pictures": entries,
+        "study": hashlib.sha256(json.dumps(entries).encode()).hexdigest()[:16],
     }
-    text = json.dumps(study).replace("<", "\\u003c")  # "</script>" and "<!--" mean something in a page
+    text = json.dumps(study).replace("<", "\\u003c")  # "</script>" and "<!--" would be parsed as HTML
     return _TEMPLATE.read_text(encoding="utf-8").replace("/*STUDY*/null", text)
 
 
-def _data(picture: NDArray[np.uint8]) -> str:
-    """The picture (h, w, 3) RGB as a data address of a JPEG."""
+def _data_url(image: NDArray[np.uint8]) -> str:
+    """Return the image (h, w, 3) RGB as the data URL of a JPEG file."""
     import cv2
 
-    ok, data = cv2.imencode(".jpg", picture[..., ::-1], [cv2.IMWRITE_JPEG_QUALITY, JPEG_QUALITY])
-    assert ok  # a picture in memory always encodes
+    ok, data = cv2.imencode(".jpg", image[..., ::-1], [cv2.IMWRITE_JPEG_QUALITY, JPEG_QUALITY])
+    assert ok  # encoding in memory does not fail
     return "data:image/jpeg;base64," + base64.b64encode(data.tobytes()).decode("ascii")
 
 
 def expected_intervals(people: int, repeats: int, observer: Observer = FLAT) -> tuple[float, float]:
-    """Half the widths of the 95 % intervals of the peak and of the just-noticeable step, in per cent.
+    """Return half the widths of the 95 % intervals of the peak and of the just-noticeable step, in per cent.
 
-    By the Fisher information of the answers; every size is shown `repeats` times to each person.
+    They follow from the Fisher information of the answers if each participant sees every size `repeats` times.
     """
     steps = np.array(STEPS, dtype=float)
     values = np.array([observer.bias, observer.sigma, observer.criterion])
@@ -73,8 +77,8 @@ def expected_intervals(people: int, repeats: int, observer: Observer = FLAT) -> 
 
 
 def plan_text(repeats: int) -> str:
-    """What to expect, in a line for each number of people."""
-    lines = [f"with a curve as flat as the paper's (at most 0.65 say right), {11 * repeats} pictures each:"]
+    """Return the expected intervals as text, one line for each number of participants."""
+    lines = [f"with a curve as flat as the paper's (at most 0.65 say right), {11 * repeats} images each:"]
     for people in PEOPLE:
         peak, step = expected_intervals(people, repeats)
         lines.append(
@@ -84,7 +88,7 @@ def plan_text(repeats: int) -> str:
 
 
 def _slope(values: FloatArray, row: int, steps: FloatArray) -> FloatArray:
-    """(n, 3) change of the shares at steps (n,) with one of the observer's numbers, values (3,)."""
+    """Return the derivative (n, 3) of the probabilities at steps (n,) by one of the observer's parameters (3,)."""
     small = 1e-4
     ends = [values.copy(), values.copy()]
     ends[0][row] -= small

@@ -1,4 +1,4 @@
-"""The report of a study: a text and a figure."""
+"""Report of a study as text and as a figure."""
 
 from __future__ import annotations
 
@@ -9,14 +9,14 @@ import numpy as np
 from benchmarks.user_study.curve import StudyCurve
 from metric_base.files import whole_file
 
-#: The paper's highest share, at -5 %.
+#: Step in per cent and fraction of "right" at the peak of the paper's curve.
 PAPER_PEAK = (-5.0, 0.65)
-#: An interval narrower than this allows a digit behind the point.
+#: Width in per cent below which an interval is printed with one decimal.
 FINE_PERCENT = 3.0
 
 
 def report_text(curve: StudyCurve) -> str:
-    """The report in plain text, one line a step."""
+    """Return the report as plain text with one line per step."""
     lines = ["  step   answers   too small   right   too large   95 % of right"]
     lines += [
         f"{p.step:+5.0f} %   {p.count:7d}   {p.too_small:9.2f}   {p.right:5.2f}   {p.too_large:9.2f}"
@@ -26,19 +26,17 @@ def report_text(curve: StudyCurve) -> str:
     lines.append(f"{curve.participants} participant(s)")
     if curve.flat:
         lines.append(
-            "the answers do not depend on the size: the curve is flat, and there is no just-noticeable step. More "
-            "participants, larger pictures, or objects of known size beside the object may show one."
+            "the answers do not depend on the size: the curve is flat, and there is no just-noticeable step; try more "
+            "participants, larger images, or objects of known size next to the object"
         )
         return "\n".join(lines)
     if curve.careless:
-        lines.append(
-            f"{curve.careless} of them answer without regard to the size; they are in the table, not in the lines below"
-        )
+        lines.append(f"{curve.careless} of them answer without regard to the size; only the table includes them")
     return "\n".join([*lines, *_observer_lines(curve)])
 
 
 def _observer_lines(curve: StudyCurve) -> list[str]:
-    """The peak and the just-noticeable step, no further than the sizes that were shown."""
+    """Return lines about the peak and the just-noticeable step, limited to the range of the sizes shown."""
     low, high = curve.points[0].step, curve.points[-1].step
     peak, step = curve.observer.peak, curve.observer.noticeable
     lines = []
@@ -57,24 +55,30 @@ def _observer_lines(curve: StudyCurve) -> list[str]:
     else:
         lines.append(f"just-noticeable step: more than {largest:.0f} %, the largest change shown")
     if curve.peak_interval is None:
-        lines.append("no intervals: they need three participants who look")
+        lines.append("no intervals: they need three attentive participants")
     lines.append(f"the paper: at most {PAPER_PEAK[1]:.2f} say right, at {PAPER_PEAK[0]:+.0f} %")
     return lines
 
 
 def _with_interval(
-    value: float, interval: tuple[float, float] | None, least: float, most: float, sign: str = ""
+    value: float, interval: tuple[float, float] | None, low_step: float, high_step: float, sign: str = ""
 ) -> str:
-    """The value in per cent with its interval, in as many digits as that allows; sign : `+` for a change."""
+    """Return a value in per cent with its interval as text.
+
+    low_step, high_step : range of the sizes shown; ends outside are not printed.
+    sign : `+` for a change.
+    """
     if interval is None:
         return f"about {value:{sign}.0f} %"
     digits = 1 if interval[1] - interval[0] < FINE_PERCENT else 0
-    low, high = (f"{end:{sign}.{digits}f}" if least <= end <= most else "beyond the sizes shown" for end in interval)
+    low, high = (
+        f"{end:{sign}.{digits}f}" if low_step <= end <= high_step else "beyond the sizes shown" for end in interval
+    )
     return f"{value:{sign}.{digits}f} % (95 %: {low} to {high} %)"
 
 
 def write_curve(curve: StudyCurve, file: Path) -> None:
-    """Draw the shares with their intervals and the observer's curve."""
+    """Plot the fractions with their intervals and the observer's curve."""
     import matplotlib as mpl
 
     mpl.use("Agg")

@@ -9,7 +9,7 @@ from pathlib import Path
 import pytest
 
 from benchmarks.user_study.answers import ANSWERS_SCHEMA, read_answers
-from benchmarks.user_study.make import _page_parser
+from benchmarks.user_study.make import page_parser
 from crawler.imports.declaration import Rule
 from metric_base.errors import InputError
 from metric_cli.subcommands.data.build import add_arguments
@@ -49,5 +49,5 @@ def test_options() -> None:
     words = ["raw", "--out", "release", "--own-use", "one", "--include-withheld", "two"]
     assert parser.parse_args(words).private == ["one", "two"]
     page = ["scene", "--model", "m.glb", "--out", "study.html"]
-    assert _page_parser().parse_args([*page, "--thing", "chair"]).object == "chair"
-    assert _page_parser().parse_args(page).object == "object"
+    assert page_parser().parse_args([*page, "--thing", "chair"]).object == "chair"
+    assert page_parser().parse_args(page).object == "object"

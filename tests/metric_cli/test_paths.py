@@ -35,8 +35,8 @@ from tests.synthetic.small_scene import write_small_scene
 PARSERS = {
     "estimate-scale": estimate_scale.parser(),
     "insert-object": insert_object_parser(),
-    "python -m benchmarks.user_study": make._page_parser(),
-    "python -m benchmarks.user_study report": make._report_parser(),
+    "python -m benchmarks.user_study": make.page_parser(),
+    "python -m benchmarks.user_study report": make.report_parser(),
     **{f"metric-tree {subcommand}": parser_of(subcommand) for subcommand in SUBCOMMANDS},
 }
 #: What a metavar says of an argument that may name a path.

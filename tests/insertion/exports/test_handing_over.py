@@ -1,9 +1,8 @@
-"""What other programs and people are handed: metric frames, lens maps, nearest layers, Blender's scenes, a study."""
+"""What other programs and people are handed: metric frames, lens maps, nearest layers, Blender's scenes."""
 
 from __future__ import annotations
 
 import importlib.util
-import math
 import sys
 from pathlib import Path
 from types import SimpleNamespace
@@ -13,20 +12,6 @@ from unittest.mock import MagicMock
 import numpy as np
 import pytest
 
-from benchmarks.user_study.answers import ANSWERS, StudyAnswer
-from benchmarks.user_study.curve import (
-    SLIPS,
-    Observer,
-    Point,
-    StudyCurve,
-    _looking,
-    _table,
-    _tables,
-    fit_observer,
-    wilson,
-)
-from benchmarks.user_study.page import BIAS_SPREAD, expected_intervals
-from benchmarks.user_study.report import report_text
 from estimator.records.scene import Camera
 from insertion.blender import job
 from insertion.composite.compose import ObjectComposite
@@ -279,91 +264,3 @@ def test_luma_and_chroma_of_a_matrix() -> None:
         assert matrix @ np.ones(3) == pytest.approx([1, 0, 0])
         assert matrix @ [0, 0, 1] == pytest.approx([blue, 0.5, -0.5 * blue / (1 - red)])
         assert matrix @ [1, 0, 0] == pytest.approx([red, -0.5 * red / (1 - blue), 0.5])
-
-
-def _normal(x: float) -> float:
-    return 0.5 * (1 + math.erf(x / math.sqrt(2)))
-
-
-def test_an_observer_s_shares_by_the_normal_distribution() -> None:
-    observer = Observer(0.05, 0.2, 0.12)
-    x = np.log(1.1) + 0.05
-    low, high = _normal((-0.12 - x) / 0.2), _normal((0.12 - x) / 0.2)
-    wanted = (1 - SLIPS) * np.array([low, high - low, 1 - high]) + SLIPS / 3
-    assert observer.shares(np.array([10.0]))[0] == pytest.approx(wanted)
-    assert observer.shares(np.array([-30.0, 0.0, 50.0])).sum(axis=1) == pytest.approx(1)
-    assert observer.peak == pytest.approx(100 * (np.exp(-0.05) - 1))
-    assert observer.noticeable == pytest.approx(100 * (np.exp(0.6744898 * 0.2) - 1), rel=1e-5)
-    low, high = wilson(8, 10)
-    root = np.sqrt(0.16 * 10 + 1.959964**2 / 4)
-    assert (low, high) == pytest.approx(
-        tuple((8 + 1.959964**2 / 2 + s * 1.959964 * root) / (10 + 1.959964**2) for s in (-1, 1))
-    )
-
-
-def _many(person: str, counts: dict[float, tuple[int, int, int]]) -> list[StudyAnswer]:
-    return [
-        StudyAnswer(person, step, word)
-        for step, own in counts.items() for word, count in zip(ANSWERS, own, strict=True) for _ in range(count)
-    ]  # fmt: skip
-
-
-def test_answers_are_counted_and_fitted() -> None:
-    true = Observer(0.04, 0.12, 0.1)
-    steps = np.array([-30.0, -10, 0, 10, 30])
-    exact = {
-        float(step): tuple(int(n) for n in np.rint(400 * share))
-        for step, share in zip(steps, true.shares(steps), strict=True)
-    }
-    one, two = _many("b", exact), _many("a", {0.0: (1, 2, 3), 10.0: (0, 4, 0)})  # type: ignore[arg-type]
-    rows, counts = _table(two)
-    assert (rows.tolist(), counts.tolist()) == ([0, 10], [[1, 2, 3], [0, 4, 0]])
-    _, tables = _tables([*two, *_many("c", {10.0: (0, 1, 0)})])
-    assert tables.tolist() == [[[1, 2, 3], [0, 4, 0]], [[0, 0, 0], [0, 1, 0]]]
-    observer, gain = fit_observer(one)
-    assert (observer.bias, observer.sigma, observer.criterion) == pytest.approx((0.04, 0.12, 0.1), rel=0.05)
-    total = _table(one)[1]
-    flat = (total.sum(axis=0) * np.log(total.sum(axis=0) / total.sum())).sum()
-    assert gain == pytest.approx(float((total * np.log(true.shares(steps))).sum()) - flat, rel=1e-3)
-    chance = _many("d", dict.fromkeys(map(float, steps), (20, 20, 20)))
-    _, tables = _tables([*one, *chance])
-    looking, known = _looking(steps, tables)
-    assert looking.tolist() == [True, False]
-    assert known.sigma == pytest.approx(0.12, rel=0.05)
-
-
-def test_a_plan_is_by_the_information_of_the_answers() -> None:
-    few, repeated = expected_intervals(10, 1), expected_intervals(10, 4)
-    assert repeated[1] == pytest.approx(few[1] / 2)
-    bias2 = (100 * 1.959964) ** 2 * BIAS_SPREAD**2 / 10
-    assert repeated[0] ** 2 - bias2 == pytest.approx((few[0] ** 2 - bias2) / 4)
-    # of observers who differ in nothing but their place: a sharper one says more
-    assert expected_intervals(10, 1, Observer(0.0, 0.1, 0.1))[1] < 0.5 * few[1]
-
-
-def _curve(observer: Observer, peaks: tuple[float, float] | None, steps: tuple[float, float] | None) -> StudyCurve:
-    points = tuple(Point(step, 20, 0.1, 0.8, 0.1, 0.6, 0.9) for step in (-20.0, -5.0, 0.0, 5.0, 30.0))
-    return StudyCurve(points, observer, 9, 0, peaks, steps, False)
-
-
-def test_a_report_has_as_many_digits_as_its_interval_allows() -> None:
-    observer = Observer(0.05, 0.1, 0.12)
-    share = observer.shares(np.array([observer.peak]))[0, 1]
-    fine = report_text(_curve(observer, (-6.0, -4.0), (6.0, 9.5)))
-    assert f"most say right at -4.9 % (95 %: -6.0 to -4.0 %); there it is {share:.2f} of them" in fine
-    assert "just-noticeable step: 7 % (95 %: 6 to 10 %)" in fine
-    assert "  -20 %        20        0.10    0.80        0.10   0.60 to 0.90" in fine
-    assert "9 participant(s)" in fine
-    assert "no intervals" not in fine
-    wide = report_text(_curve(observer, (-25.0, -2.0), (6.0, 45.0)))
-    assert "most say right at -5 % (95 %: beyond the sizes shown to -2 %)" in wide
-    assert "just-noticeable step: 7 % (95 %: 6 to beyond the sizes shown %)" in wide
-    none = report_text(_curve(observer, None, None))
-    assert "most say right at about -5 %" in none
-    assert "no intervals: they need three participants who look" in none
-    assert "less than half of 5 %" in report_text(_curve(Observer(0.0, 0.02, 0.1), None, None))
-    assert "more than 30 %" in report_text(_curve(Observer(0.0, 0.5, 0.1), None, None))
-    assert "most say right beyond +30 %" in report_text(_curve(Observer(-0.4, 0.1, 0.1), None, None))
-    assert "no just-noticeable step" in report_text(
-        StudyCurve(_curve(observer, None, None).points, observer, 9, 0, None, None, True)
-    )

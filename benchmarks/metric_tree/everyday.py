@@ -8,8 +8,8 @@ changed since. The author of the table of excluded rows had seen it. `everyday_o
 written by a language model on 2026-11-22 at 06:38 without access to the priors of its objects, to the first list or to
 the tables of ranges; it has not been changed either.
 
-An axis is *off* if the medians differ by more than a factor of 1.4. It is *wide* if the prior's 90 % interval spans
-more than a factor of six and more than twice the factor of the list.
+An axis is *off* if the medians differ by more than a factor of 1.4. It is *absurdly wide* if the prior's 90 % interval
+spans more than a factor of six and more than twice the factor of the list.
 """
 
 from __future__ import annotations
@@ -57,7 +57,7 @@ class Axis:
 
     @property
     def is_wide(self) -> bool:
-        """Whether the prior's 90 % interval is too wide."""
+        """Whether the prior's 90 % interval is absurdly wide."""
         return self.prior[2] / self.prior[0] > max(MAX_INTERVAL_RATIO, 2 * self.written[2] / self.written[0])
 
 
@@ -126,7 +126,7 @@ def main() -> None:
     off, wide = (np.mean([getattr(axis, name) for axis in axes]) for name in ("is_off", "is_wide"))
     print(
         f"{len(axes)} axes of {len(written) - len(unknown)} objects: {off:.1%} off by more than {MAX_MEDIAN_RATIO}, "
-        f"{wide:.1%} too wide"
+        f"{wide:.1%} absurdly wide"
     )
     print(f"not found: {', '.join(unknown) or 'none'}")
 

@@ -29,7 +29,8 @@ MIN_GAIN = 4.605
 #: Number of bootstrap resamples of the participants.
 N_RESAMPLES = 150
 #: Factor on the log width of the bootstrap interval. In simulated studies of 27 people the bootstrap underestimates the
-#: spread of the just-noticeable step by this factor, because it ignores the exclusion of participants.
+#: spread of the just-noticeable step by this factor, because it ignores the exclusion of participants
+#: (docs/evidence/insertion.md).
 BOOTSTRAP_INFLATION = 1.35
 #: Fraction of random answers.
 LAPSE_RATE = 0.02

@@ -148,22 +148,6 @@ def read_boxes(path: Path, up: Up | None = None) -> Iterator[Asset]:
     InputError
         A column is missing, or a size is not a number of at least 0.
     """
-    for line, row in enumerate(_rows(path), start=2):
-        position = Path(f"{path}:{line}")
-        try:
-            sizes = np.array([float(row[axis]) for axis in COLUMNS[1:]])
-        except (TypeError, ValueError):
-            sizes = np.array([np.nan] * 3)
-        if not (np.isfinite(sizes).all() and (sizes >= 0).all() and sizes.max() > 0):
-            found = ", ".join(str(row[axis]) for axis in COLUMNS[1:])
-            raise InputError.at(position, "x, y, z", "sizes in metres, at least one above 0", Unquoted(found))
-        row_up: Up | None = row["up"] if row.get("up") in ("x", "y", "z") else up  # type: ignore[assignment]
-        title = NameText("title", str(row.get("category") or row["name"]))
-        yield Asset(position, "box", 1.0, row_up, (AssetBody(str(row["name"]), np.zeros(3), sizes, (title,)),))
-
-
-def _rows(path: Path) -> Iterator[dict[str, str]]:
-    """Yield the rows of a CSV or Parquet table that has the required columns."""
     if path.suffix.lower() == ".parquet":
         import pyarrow as pa
         import pyarrow.parquet as pq
@@ -178,4 +162,15 @@ def _rows(path: Path) -> Iterator[dict[str, str]]:
         names = list(rows.fieldnames or [])
     if not set(COLUMNS) <= set(names):
         raise InputError.at(path, "columns", ", ".join(COLUMNS), Unquoted(", ".join(names) or "none"))
-    yield from rows
+    for line, row in enumerate(rows, start=2):
+        position = Path(f"{path}:{line}")
+        try:
+            sizes = np.array([float(row[axis]) for axis in COLUMNS[1:]])
+        except (TypeError, ValueError):
+            sizes = np.array([np.nan] * 3)
+        if not (np.isfinite(sizes).all() and (sizes >= 0).all() and sizes.max() > 0):
+            found = ", ".join(str(row[axis]) for axis in COLUMNS[1:])
+            raise InputError.at(position, "x, y, z", "sizes in metres, at least one above 0", Unquoted(found))
+        row_up: Up | None = row["up"] if row.get("up") in ("x", "y", "z") else up
+        title = NameText("title", str(row.get("category") or row["name"]))
+        yield Asset(position, "box", 1.0, row_up, (AssetBody(str(row["name"]), np.zeros(3), sizes, (title,)),))

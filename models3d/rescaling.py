@@ -18,6 +18,7 @@ import numpy as np
 from metric_base.errors import FieldError, InputError, Unquoted, at_field, expect, in_file
 from metric_base.files import whole_file
 from metric_base.input_files import read_bytes
+from metric_base.ply import ply_layout
 from models3d.asset import Asset, merge_bodies
 from models3d.formats import GLTF_SUFFIXES, ROBOT_SUFFIXES, USD_SUFFIXES, read_assets
 from models3d.gltf.document import CHUNK_HEAD, MAX_BYTES, read_container, write_container
@@ -29,13 +30,6 @@ _NUMBER = rb"[-+]?(?:\d+\.?\d*|\.\d+)(?:[eE][-+]?\d+)?"
 _OBJ_VERTEX = re.compile(rb"^(v[ \t]+)(%b)([ \t]+)(%b)([ \t]+)(%b)" % (_NUMBER, _NUMBER, _NUMBER), re.M)
 _STL_VERTEX = re.compile(rb"(vertex\s+)(%b)(\s+)(%b)(\s+)(%b)" % (_NUMBER, _NUMBER, _NUMBER), re.I)
 _DAE_UNIT = re.compile(rb"(<unit\b[^>]*\bmeter\s*=\s*[\"'])([^\"']+)([\"'])")
-#: Old and new names of the types of PLY properties, as NumPy types.
-_PLY_DTYPES = {
-    "char": "i1", "uchar": "u1", "short": "i2", "ushort": "u2", "int": "i4", "uint": "u4", "float": "f4",
-    "double": "f8",
-    "int8": "i1", "uint8": "u1", "int16": "i2", "uint16": "u2", "int32": "i4", "uint32": "u4", "float32": "f4",
-    "float64": "f8",
-}  # fmt: skip
 #: For each root element of a robot description, the elements that contain lengths, with the attributes that do. An
 #: empty string stands for the text of the element; of a `pose`, only the first three numbers are lengths.
 _LENGTHS = {
@@ -71,16 +65,19 @@ def write_at_scale(asset: Asset, out: Path, factor: float, *, baked: bool = Fals
         raise InputError(f"{out}: --fix: expected another file than the input, found the same")
     if baked and suffix not in GLTF_SUFFIXES:
         raise InputError(f"--bake: expected a glTF file; found {path}")
-    if suffix not in _WRITERS:
+    if suffix not in (*_RESCALERS, *USD_SUFFIXES):
         raise InputError(f"{path}: --fix: expected a format whose size can be written, found {suffix}")
-    writer = _write_baked_gltf if baked else _WRITERS[suffix]
+    rescale = _bake_gltf if baked else _RESCALERS.get(suffix)
     with in_file(path):
         may_move = not asset.has_external_files or out.resolve().parent == path.resolve().parent
         expect(may_move, "--fix", "a file in the same folder: the model refers to other files", out)
         with whole_file(out, "--fix") as work:
             copy = work.with_name(work.name + path.suffix)  # readers recognise a format by its suffix
             try:
-                writer(path, copy, factor)
+                if rescale is None:
+                    _write_usd(path, copy, factor)
+                else:
+                    copy.write_bytes(rescale(read_bytes(path, limit=MAX_BYTES), factor))
                 ((_, written),) = read_assets([copy])
                 if isinstance(written, InputError):
                     raise written
@@ -94,20 +91,18 @@ def write_at_scale(asset: Asset, out: Path, factor: float, *, baked: bool = Fals
                 copy.unlink(missing_ok=True)
 
 
-def _write_gltf(path: Path, copy: Path, factor: float) -> None:
+def _rescale_gltf(data: bytes, factor: float) -> bytes:
     """Add a node with a scale above the roots of every scene."""
-    data = read_bytes(path, limit=MAX_BYTES)
     header, chunks = read_container(data, compressed=True)
     nodes = header.setdefault("nodes", [])
     for scene in header.get("scenes", []):
         nodes.append({"name": "true size", "scale": [factor] * 3, "children": list(scene.get("nodes", []))})
         scene["nodes"] = [len(nodes) - 1]
-    copy.write_bytes(write_container(header, chunks, binary=data.startswith(b"glTF")))
+    return write_container(header, chunks, binary=data.startswith(b"glTF"))
 
 
-def _write_baked_gltf(path: Path, copy: Path, factor: float) -> None:
+def _bake_gltf(data: bytes, factor: float) -> bytes:
     """Multiply the vertices, morph targets, translations and bind poses of a glTF file with one internal buffer."""
-    data = read_bytes(path, limit=MAX_BYTES)
     header, content = read_container(data)
     chunks = bytearray(content)
     buffers = header.get("buffers", [])
@@ -140,7 +135,7 @@ def _write_baked_gltf(path: Path, copy: Path, factor: float) -> None:
             node["translation"] = [value * factor for value in node["translation"]]
         if "matrix" in node:
             node["matrix"][12:15] = [value * factor for value in node["matrix"][12:15]]
-    copy.write_bytes(write_container(header, bytes(chunks), binary=data.startswith(b"glTF")))
+    return write_container(header, bytes(chunks), binary=data.startswith(b"glTF"))
 
 
 def _length_accessors(header: dict[str, Any]) -> dict[int, list[int]]:
@@ -191,12 +186,12 @@ def _write_usd(path: Path, copy: Path, factor: float) -> None:
         writer.Save()
 
 
-def _write_robot(path: Path, copy: Path, factor: float) -> None:
+def _rescale_robot(data: bytes, factor: float) -> bytes:
     """Multiply all lengths of a URDF, SDF or MJCF file, and the scales of its meshes."""
     from lxml import etree
 
     parser = etree.XMLParser(resolve_entities=False, no_network=True, load_dtd=False)
-    tree = etree.fromstring(read_bytes(path, limit=MAX_BYTES), parser).getroottree()
+    tree = etree.fromstring(data, parser).getroottree()
     root = tree.getroot()
     for mesh in root.iter("mesh"):  # meshes without a scale get one
         if root.tag == "sdf":
@@ -221,26 +216,23 @@ def _write_robot(path: Path, copy: Path, factor: float) -> None:
         for name in names:
             if element.get(name) is not None:
                 element.set(name, multiplied(element.get(name)))
-    tree.write(str(copy), xml_declaration=True, encoding="utf-8")
+    return bytes(etree.tostring(tree, xml_declaration=True, encoding="utf-8"))
 
 
-def _write_obj(path: Path, copy: Path, factor: float) -> None:
+def _rescale_obj(data: bytes, factor: float) -> bytes:
     """Multiply the vertices of an OBJ file."""
-    data = read_bytes(path, limit=MAX_BYTES)
-    copy.write_bytes(_OBJ_VERTEX.sub(lambda match: _scaled_vertex(match, factor), data))
+    return _OBJ_VERTEX.sub(lambda match: _scaled_vertex(match, factor), data)
 
 
-def _write_stl(path: Path, copy: Path, factor: float) -> None:
+def _rescale_stl(data: bytes, factor: float) -> bytes:
     """Multiply the vertices of a binary or ASCII STL file."""
-    data = read_bytes(path, limit=MAX_BYTES)
     count = struct.unpack_from("<I", data, 80)[0] if len(data) >= 84 else -1
     if len(data) == 84 + 50 * count:
         facet = np.dtype([("normal", "<f4", 3), ("vertices", "<f4", 9), ("attributes", "<u2")])
         rows = np.frombuffer(data, facet, -1, 84).copy()
         rows["vertices"] *= np.float32(factor)
-        copy.write_bytes(data[:84] + rows.tobytes())
-    else:
-        copy.write_bytes(_STL_VERTEX.sub(lambda match: _scaled_vertex(match, factor), data))
+        return data[:84] + rows.tobytes()
+    return _STL_VERTEX.sub(lambda match: _scaled_vertex(match, factor), data)
 
 
 def _scaled_vertex(match: re.Match[bytes], factor: float) -> bytes:
@@ -251,58 +243,43 @@ def _scaled_vertex(match: re.Match[bytes], factor: float) -> bytes:
     return b"".join(parts)
 
 
-def _write_ply(path: Path, copy: Path, factor: float) -> None:
-    """Multiply the vertices of a PLY file, which must be its first element."""
-    data = read_bytes(path, limit=MAX_BYTES)
-    start = data.index(b"\n", data.index(b"end_header")) + 1
-    header = data[:start].decode("ascii", errors="replace").split("\n")
-    lines = [line.split() for line in header if line.startswith(("element", "property", "format"))]
-    form = next(words[1] for words in lines if words[0] == "format")
-    first, *others = [index for index, words in enumerate(lines) if words[0] == "element"]
-    expect(lines[first][1] == "vertex", "element", "vertices first", lines[first][1])
-    count = int(lines[first][2])
-    properties = [words for words in lines[first + 1 : others[0] if others else None] if words[0] == "property"]
-    is_plain = all(len(words) == 3 for words in properties)
-    expect(is_plain, "property", "numbers, no lists, for vertices", Unquoted("lists"))
-    if form == "ascii":
-        columns = [[words[2] for words in properties].index(axis) for axis in "xyz"]
-        rows = data[start:].split(b"\n")
-        for index in range(count):
+def _rescale_ply(data: bytes, factor: float) -> bytes:
+    """Multiply the vertices of a PLY file."""
+    layout = ply_layout(data)
+    if layout.format == "ascii":
+        columns = [list(layout.vertex.names or ()).index(axis) for axis in "xyz"]
+        rows = data[layout.body :].split(b"\n")
+        for index in range(layout.skipped, layout.skipped + layout.count):
             values = rows[index].split()
             for column in columns:
                 values[column] = f"{float(values[column]) * factor:.9g}".encode()
             rows[index] = b" ".join(values)
-        copy.write_bytes(data[:start] + b"\n".join(rows))
-        return
-    order = "<" if "little" in form else ">"
-    vertex = np.dtype([(words[2], order + _PLY_DTYPES[words[1]]) for words in properties])
-    vertices = np.frombuffer(data, vertex, count, start).copy()
+        return data[: layout.body] + b"\n".join(rows)
+    start = layout.body + layout.skipped
+    vertices = np.frombuffer(data, layout.vertex, layout.count, start).copy()
     for axis in "xyz":
         vertices[axis] = vertices[axis] * factor
-    copy.write_bytes(data[:start] + vertices.tobytes() + data[start + vertices.nbytes :])
+    return data[:start] + vertices.tobytes() + data[start + vertices.nbytes :]
 
 
-def _write_dae(path: Path, copy: Path, factor: float) -> None:
+def _rescale_dae(data: bytes, factor: float) -> bytes:
     """Multiply the unit of a COLLADA file; a file without one is in metres."""
-    data = read_bytes(path, limit=MAX_BYTES)
     unit = _DAE_UNIT.search(data)
     if unit is not None:
         value = f"{float(unit[2]) * factor:.9g}".encode()
-        copy.write_bytes(data[: unit.start(2)] + value + data[unit.end(2) :])
-        return
+        return data[: unit.start(2)] + value + data[unit.end(2) :]
     position = next((p for tag in (b"<up_axis", b"</asset>") if (p := data.find(tag)) >= 0), -1)
     if position < 0:
         raise FieldError("asset", "a COLLADA file with an asset element", Unquoted("none"))
-    copy.write_bytes(data[:position] + f'<unit name="true" meter="{factor:.9g}"/>'.encode() + data[position:])
+    return data[:position] + f'<unit name="true" meter="{factor:.9g}"/>'.encode() + data[position:]
 
 
-#: The function that writes a format at another scale, by the suffix of the file.
-_WRITERS = {
-    **dict.fromkeys(GLTF_SUFFIXES, _write_gltf),
-    **dict.fromkeys(USD_SUFFIXES, _write_usd),
-    **dict.fromkeys(ROBOT_SUFFIXES, _write_robot),
-    ".obj": _write_obj,
-    ".stl": _write_stl,
-    ".ply": _write_ply,
-    ".dae": _write_dae,
+#: The function that returns the bytes of a file at another scale, by the suffix of the file.
+_RESCALERS = {
+    **dict.fromkeys(GLTF_SUFFIXES, _rescale_gltf),
+    **dict.fromkeys(ROBOT_SUFFIXES, _rescale_robot),
+    ".obj": _rescale_obj,
+    ".stl": _rescale_stl,
+    ".ply": _rescale_ply,
+    ".dae": _rescale_dae,
 }

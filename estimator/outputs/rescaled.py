@@ -19,12 +19,13 @@ from scipy.spatial.transform import Rotation
 
 from estimator.reconstructions.colmap import read_colmap
 from estimator.reconstructions.opensfm import RECONSTRUCTION, TRACKS, largest_reconstruction, read_opensfm
-from estimator.reconstructions.ply import ply_layout, read_visibility, visibility_bytes
+from estimator.reconstructions.ply import read_visibility, visibility_bytes
 from estimator.records.scene import Camera, Scene
 from metric_base.arrays import IntArray
 from metric_base.errors import InputError, Unquoted, in_file
 from metric_base.files import whole_folder
 from metric_base.input_files import read_bytes
+from metric_base.ply import ply_layout
 
 #: File for `colmap model_transformer --transform_path`: scale qw qx qy qz tx ty tz.
 TRANSFORM = "metric_transform.txt"
@@ -67,7 +68,14 @@ def write_rescaled(scene: Scene, scale: float, folder: Path) -> None:
         target = temporary / _relative_path(model_path, scene.path)
         target.mkdir(parents=True, exist_ok=True)
         if is_colmap:
-            _write_colmap(model_path, scene.format == "colmap-binary", scale, target)
+            # COLMAP writes rigs and frames as well.
+            is_binary = scene.format == "colmap-binary"
+            command = [sys.executable, "-c", _RESCALE, str(model_path), str(target), repr(scale), str(is_binary)]
+            result = subprocess.run(command, capture_output=True, text=True, check=False)
+            if result.returncode:
+                lines = [line for line in result.stderr.splitlines() if "Error" in line or "Check failed" in line]
+                found = Unquoted(lines[-1] if lines else f"exit status {result.returncode}")
+                raise InputError.at(model_path, "rigs and frames", "files that COLMAP reads", found)
         elif scene.format == "opensfm":
             _write_opensfm(model_path, scale, target)
         else:
@@ -76,8 +84,16 @@ def write_rescaled(scene: Scene, scale: float, folder: Path) -> None:
             cloud = temporary / _relative_path(scene.dense.path, scene.path)
             _write_cloud(scene.dense.path, scale, cloud)
             if scene.dense.visible_offsets is not None:
-                written = [view.name for view in read_colmap(target).views] if is_colmap else None
-                _write_visibility(scene, scene.dense.path, written, cloud)
+                # The visibility lists refer to the order of the images in the written model.
+                with in_file(scene.dense.path):
+                    n_points = ply_layout(read_bytes(scene.dense.path)).count
+                lists = scene.dense.path.with_name(f"{scene.dense.path.name}.vis")
+                offsets, images = read_visibility(lists, n_points, len(scene.views))
+                rows: IntArray = images if scene.dense.file_views is None else scene.dense.file_views[images]
+                if is_colmap:
+                    written = {view.name: index for index, view in enumerate(read_colmap(target).views)}
+                    rows = np.array([written[view.name] for view in scene.views], dtype=np.int64)[rows]
+                cloud.with_name(f"{cloud.name}.vis").write_bytes(visibility_bytes(offsets, rows))
         (temporary / TRANSFORM).write_text(f"{scale!r} 1 0 0 0 0 0 0\n", encoding="utf-8")
         _check_unchanged(scene, model_path)
 
@@ -102,16 +118,6 @@ def _relative_path(path: Path, root: Path) -> Path:
     """Return the path of a file below the folder of the scene; of a file elsewhere, its name."""
     path, root = path.resolve(), root.resolve()
     return path.relative_to(root) if path.is_relative_to(root) else Path(path.name)
-
-
-def _write_colmap(source: Path, is_binary: bool, scale: float, target: Path) -> None:
-    """Write a COLMAP model with rigs and frames."""
-    command = [sys.executable, "-c", _RESCALE, str(source), str(target), repr(scale), str(is_binary)]
-    result = subprocess.run(command, capture_output=True, text=True, check=False)
-    if result.returncode:
-        lines = [line for line in result.stderr.splitlines() if "Error" in line or "Check failed" in line]
-        found = Unquoted(lines[-1] if lines else f"exit status {result.returncode}")
-        raise InputError.at(source, "rigs and frames", "files that COLMAP reads", found)
 
 
 def _write_opensfm(source: Path, scale: float, target: Path) -> None:
@@ -157,30 +163,6 @@ def _write_cloud(source: Path, scale: float, target: Path) -> None:
         for axis in "xyz":
             rows[axis] = (rows[axis].astype(np.float64) * scale).astype(rows[axis].dtype)
         target.write_bytes(scaled)
-
-
-def _write_visibility(scene: Scene, cloud: Path, written: list[str] | None, target: Path) -> None:
-    """Write the visibility lists of a dense cloud for the order of the images in the written model.
-
-    Parameters
-    ----------
-    scene : Scene
-    cloud : Path
-        Original cloud.
-    written : list of str, optional
-        Names of the images in the written model; by default those of the scene.
-    target : Path
-        Written cloud.
-    """
-    assert scene.dense is not None  # the caller checks it
-    with in_file(cloud):
-        n_points = ply_layout(read_bytes(cloud)).count
-    offsets, images = read_visibility(cloud.with_name(f"{cloud.name}.vis"), n_points, len(scene.views))
-    rows: IntArray = images if scene.dense.file_views is None else scene.dense.file_views[images]
-    if written is not None:
-        position = {name: index for index, name in enumerate(written)}
-        rows = np.array([position[view.name] for view in scene.views], dtype=np.int64)[rows]
-    target.with_name(f"{target.name}.vis").write_bytes(visibility_bytes(offsets, rows))
 
 
 def write_colmap_model(scene: Scene, scale: float, folder: Path) -> None:

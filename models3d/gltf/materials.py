@@ -51,47 +51,44 @@ class Materials:
         if not (isinstance(index, int) and 0 <= index < len(records)):
             return Material(np.ones(4), metallic=0.0, roughness=0.8), Coordinates()
         if index not in self._materials:
-            self._materials[index] = self._read_material(records[index])
+            record = records[index]
+            surface = record.get("pbrMetallicRoughness", {})
+            extensions = record.get("extensions", {})
+            glossy = extensions.get("KHR_materials_pbrSpecularGlossiness")
+            if glossy is not None and not surface:
+                surface = {
+                    "baseColorFactor": glossy.get("diffuseFactor", [1, 1, 1, 1]),
+                    "metallicFactor": 0.0,
+                    "roughnessFactor": 1.0 - glossy.get("glossinessFactor", 1.0),
+                }
+                if "diffuseTexture" in glossy:
+                    surface["baseColorTexture"] = glossy["diffuseTexture"]
+            textures = [surface.get("baseColorTexture"), surface.get("metallicRoughnessTexture"),
+                        record.get("normalTexture"), record.get("emissiveTexture")]  # fmt: skip
+            first = next((_coordinates(texture) for texture in textures if texture is not None), Coordinates())
+            base, rough, normal, glow = (self._texture(texture, first) for texture in textures)
+            mode = record.get("alphaMode", "OPAQUE")
+            colour = np.asarray(surface.get("baseColorFactor", [1, 1, 1, 1]), dtype=np.float64)
+            transmission = float(extensions.get("KHR_materials_transmission", {}).get("transmissionFactor", 0.0))
+            if transmission > 0 and colour.shape == (4,):
+                colour = colour * [1, 1, 1, max(1 - transmission, MIN_GLASS_OPACITY)]
+                mode = "BLEND" if mode == "OPAQUE" else mode
+                self._warn("glass is drawn as a thin pane, without refraction")
+            strength = float(extensions.get("KHR_materials_emissive_strength", {}).get("emissiveStrength", 1.0))
+            material = Material(
+                colour,
+                float(surface.get("metallicFactor", 1.0)),
+                float(surface.get("roughnessFactor", 1.0)),
+                strength * np.asarray(record.get("emissiveFactor", [0, 0, 0]), dtype=np.float64),
+                base,
+                rough,
+                normal,
+                glow,
+                float(record.get("alphaCutoff", 0.5)) if mode == "MASK" else None,
+                mode == "BLEND",
+            )
+            self._materials[index] = material, first
         return self._materials[index]
-
-    def _read_material(self, record: dict[str, Any]) -> tuple[Material, Coordinates]:
-        """Read a material of the header and its texture coordinates."""
-        surface = record.get("pbrMetallicRoughness", {})
-        extensions = record.get("extensions", {})
-        glossy = extensions.get("KHR_materials_pbrSpecularGlossiness")
-        if glossy is not None and not surface:
-            surface = {
-                "baseColorFactor": glossy.get("diffuseFactor", [1, 1, 1, 1]),
-                "metallicFactor": 0.0,
-                "roughnessFactor": 1.0 - glossy.get("glossinessFactor", 1.0),
-            }
-            if "diffuseTexture" in glossy:
-                surface["baseColorTexture"] = glossy["diffuseTexture"]
-        textures = [surface.get("baseColorTexture"), surface.get("metallicRoughnessTexture"),
-                    record.get("normalTexture"), record.get("emissiveTexture")]  # fmt: skip
-        first = next((_coordinates(texture) for texture in textures if texture is not None), Coordinates())
-        base, rough, normal, glow = (self._texture(texture, first) for texture in textures)
-        mode = record.get("alphaMode", "OPAQUE")
-        colour = np.asarray(surface.get("baseColorFactor", [1, 1, 1, 1]), dtype=np.float64)
-        transmission = float(extensions.get("KHR_materials_transmission", {}).get("transmissionFactor", 0.0))
-        if transmission > 0 and colour.shape == (4,):
-            colour = colour * [1, 1, 1, max(1 - transmission, MIN_GLASS_OPACITY)]
-            mode = "BLEND" if mode == "OPAQUE" else mode
-            self._warn("glass is drawn as a thin pane, without refraction")
-        strength = float(extensions.get("KHR_materials_emissive_strength", {}).get("emissiveStrength", 1.0))
-        material = Material(
-            colour,
-            float(surface.get("metallicFactor", 1.0)),
-            float(surface.get("roughnessFactor", 1.0)),
-            strength * np.asarray(record.get("emissiveFactor", [0, 0, 0]), dtype=np.float64),
-            base,
-            rough,
-            normal,
-            glow,
-            float(record.get("alphaCutoff", 0.5)) if mode == "MASK" else None,
-            mode == "BLEND",
-        )
-        return material, first
 
     def _texture(self, texture: dict[str, Any] | None, first: Coordinates) -> Pixels | None:
         """Return the pixels (h, w, 4) of a texture, or None with a warning if it cannot be used."""

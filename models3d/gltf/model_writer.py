@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 
 from models3d.gltf.document import ARRAY_BUFFER, ELEMENT_ARRAY_BUFFER, GltfWriter
-from models3d.model import Material, Mesh, Model
+from models3d.model import Mesh, Model
 
 
 def write_gltf_model(file: Path, model: Model) -> None:
@@ -29,6 +29,7 @@ def add_mesh(document: GltfWriter, model: Model, name: str | None = None) -> int
 
 def _primitive(document: GltfWriter, mesh: Mesh) -> dict[str, Any]:
     """Add the arrays and the material of a mesh, and return its primitive."""
+    material = mesh.material
     # A normal of length 0, of a face without an area, is written as an upward one: glTF requires unit vectors.
     lengths = np.linalg.norm(mesh.normals, axis=1, keepdims=True)
     normals = np.where(lengths > 0.5, mesh.normals / np.maximum(lengths, 1e-12), [0.0, 1.0, 0.0])
@@ -36,16 +37,11 @@ def _primitive(document: GltfWriter, mesh: Mesh) -> dict[str, Any]:
         "POSITION": document.add_accessor(mesh.vertices, ARRAY_BUFFER, bounds=True),
         "NORMAL": document.add_accessor(normals, ARRAY_BUFFER),
     }
-    if mesh.material.textures:
+    if material.textures:
         attributes["TEXCOORD_0"] = document.add_accessor(mesh.uv, ARRAY_BUFFER)
     if mesh.color is not None:
         attributes["COLOR_0"] = document.add_accessor(np.clip(mesh.color, 0, 1), ARRAY_BUFFER)
     indices = document.add_accessor(mesh.faces.ravel().astype(np.uint32), ELEMENT_ARRAY_BUFFER)
-    return {"attributes": attributes, "indices": indices, "material": _add_material(document, mesh.material)}
-
-
-def _add_material(document: GltfWriter, material: Material) -> int:
-    """Add a material with its textures, and return its number."""
     surface: dict[str, Any] = {
         "baseColorFactor": np.clip(material.base_color, 0, 1).tolist(),
         "metallicFactor": min(material.metallic, 1.0),
@@ -72,4 +68,4 @@ def _add_material(document: GltfWriter, material: Material) -> int:
         record |= {"alphaMode": "MASK", "alphaCutoff": material.alpha_cutoff}
     elif material.blend:
         record["alphaMode"] = "BLEND"
-    return document.add("materials", record)
+    return {"attributes": attributes, "indices": indices, "material": document.add("materials", record)}

@@ -102,8 +102,13 @@ def read_primitive(primitive: dict[str, Any], document: GltfDocument, materials:
         colour = np.clip(colour, 0.0, 1.0)
     normals = document.accessor(attributes["NORMAL"], (3,)) if "NORMAL" in attributes else None
     joint_index, weights = _joints(attributes, document)
-    targets = tuple(_target(target, document, count) for target in primitive.get("targets", []))
-    read = Primitive(points, normals, uv, faces, material, colour, joint_index, weights, targets)
+    targets = []
+    for target in primitive.get("targets", []):
+        added = [document.accessor(target[name], (3,)) if name in target else None for name in ("POSITION", "NORMAL")]
+        is_valid = all(values is None or (len(values) == count and np.isfinite(values).all()) for values in added)
+        expect(is_valid, "targets", f"{count} finite values", Unquoted("others"))
+        targets.append((added[0], added[1]))
+    read = Primitive(points, normals, uv, faces, material, colour, joint_index, weights, tuple(targets))
     if normals is not None:
         return read
     # glTF 2.0, 3.7.2.1: "When normals are not specified, client implementations MUST calculate flat normals"
@@ -130,15 +135,6 @@ def _joints(attributes: dict[str, Any], document: GltfDocument) -> tuple[FloatAr
     )
     expect(bool(np.isfinite(weights).all()), "WEIGHTS_0", "finite numbers", Unquoted("others"))
     return joint_index, weights
-
-
-def _target(target: dict[str, Any], document: GltfDocument, count: int) -> tuple[FloatArray | None, FloatArray | None]:
-    """Return the displacements (n, 3) of the n = `count` points and normals of a morph target, or None."""
-    added = [document.accessor(target[name], (3,)) if name in target else None for name in ("POSITION", "NORMAL")]
-    for values in added:
-        is_valid = values is None or (len(values) == count and bool(np.isfinite(values).all()))
-        expect(is_valid, "targets", f"{count} finite values", Unquoted("others"))
-    return added[0], added[1]
 
 
 def _faces(corners: IntArray, mode: int) -> IntArray:

@@ -26,7 +26,7 @@ RESOLUTION_WEIGHT = {"broader kind": 0.6, "modifier stripped": 0.85}
 DROPPED_WORD_FACTOR = 0.7
 #: Minimum fraction of the votes for the category.
 MIN_VOTE_FRACTION = 0.55
-#: Minimum weight of the strongest vote for the category; a material alone does not reach it.
+#: Minimum weight of the strongest vote for the category; a material by itself does not reach it.
 MIN_VOTE_WEIGHT = 0.3
 #: Maximum number of texts of a file that are read, because files may have a million nodes.
 MAX_TEXTS = 60
@@ -98,7 +98,7 @@ def category_of_texts(texts: Iterable[NameText], tree: Tree) -> NamedCategory:
             strongest[node.node_id] = (weight, text.source, is_broader)
     if not votes:
         return NamedCategory(None, "no text of the file names a category", 0.0)
-    # 2. A vote for a broad category supports its subcategories: "chair" also counts for "dining chair".
+    # 2. A vote for a broad category is also a vote for its subcategories: "chair" supports "dining chair".
     broader: dict[str, list[str]] = {}
     for node_id in votes:
         node = tree.node(node_id)

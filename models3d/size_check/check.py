@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections import defaultdict
 from collections.abc import Sequence
 from dataclasses import dataclass
 from itertools import combinations
@@ -13,7 +14,7 @@ from models3d.asset import Asset, AssetBody, Up, merge_bodies
 from models3d.formats import read_asset
 from models3d.size_check.category import NamedCategory, category_of_texts, is_miniature, named_category
 from models3d.size_check.hypotheses import CHANCE, NAMED_MINIATURE, TOY_CHANCE, ScaleHypothesis, ScaleKind, hypotheses
-from models3d.size_check.size_model import extents_text, node_model, node_tier
+from models3d.size_check.size_model import extents_text, node_model
 from models3d.size_check.true_size import TrueSize, true_size
 
 SCHEMA = "metric-tree/asset/1"
@@ -147,7 +148,7 @@ def check_bodies(asset: Asset, tree: Tree, category: str | None = None) -> tuple
     if category is not None:
         categories = [named_category(tree, category)]
     else:
-        # The bodies are separate objects if each has a category of its own and none is inside another.
+        # The bodies are separate objects if each has a separate category and they do not overlap.
         if len(asset.bodies) > 1 and None not in [category_of_texts(body.texts, tree).node for body in asset.bodies]:
             pairs = combinations(asset.bodies[:MAX_OBJECTS], 2)
             bodies = bodies if any(body.overlaps(other) for body, other in pairs) else asset.bodies
@@ -159,10 +160,10 @@ def check_bodies(asset: Asset, tree: Tree, category: str | None = None) -> tuple
 
 
 def check_body(file: str, body: AssetBody, asset: Asset, tree: Tree, category: NamedCategory) -> AssetCheck:
-    """Check one object of a file; `category` is that of the object."""
+    """Check an object of a file, which has this category."""
     x, y, z = (float(extent) for extent in body.extents_m)
     extents, node = (x, y, z), category.node
-    tier = None if node is None else node_tier(node)
+    tier = None if node is None else node.tier
     model = None if node is None else node_model(tree, node.node_id, category.is_broader)
     reason = None
     if node is None:
@@ -189,13 +190,12 @@ def check_body(file: str, body: AssetBody, asset: Asset, tree: Tree, category: N
 
 def _verdict(explanations: Sequence[ScaleHypothesis]) -> tuple[Verdict, float | None, float]:
     """Return verdict, factor and probability from the posterior of all hypotheses."""
-    by_factor: dict[tuple[ScaleKind, float | None], float] = {}
+    by_factor: dict[tuple[ScaleKind, float | None], float] = defaultdict(float)
     for hypothesis in explanations:
-        key = (hypothesis.kind, hypothesis.factor)
-        by_factor[key] = by_factor.get(key, 0.0) + hypothesis.probability
-    by_kind: dict[ScaleKind, float] = {}
+        by_factor[hypothesis.kind, hypothesis.factor] += hypothesis.probability
+    by_kind: dict[ScaleKind, float] = defaultdict(float)
     for (kind, _), probability in by_factor.items():
-        by_kind[kind] = by_kind.get(kind, 0.0) + probability
+        by_kind[kind] += probability
     rotated = sum(row.probability for row in explanations if row.kind == "right" and row.is_rotated)
     wrong = 1 - by_kind["right"] - by_kind["unlike"]
     worst = max((kind for kind in by_kind if kind not in ("right", "unlike")), key=lambda kind: by_kind[kind])

@@ -1,8 +1,8 @@
 """Explain the extents of an object: hypotheses about its scale, with their posterior probabilities.
 
-A hypothesis is an orientation (that of the file, or rotated) and a kind of scale: right, a wrong unit, an arbitrary
+A hypothesis is an orientation (as in the file, or rotated) and a kind of scale: right, a wrong unit, an arbitrary
 scale (including meshes that are normalised to a unit box), a miniature, one stretched side, or none of these. The same
-size model gives the density of the extents for each hypothesis, so that proportions and size count in all of them.
+size model gives the density of the extents for each hypothesis, so that proportions and size affect all hypotheses.
 """
 
 from __future__ import annotations
@@ -40,7 +40,7 @@ UNIT_FACTORS: Mapping[float, float] = {
     0.001: 0.20, 0.01: 0.25, 0.1: 0.07, 10.0: 0.07, 100.0: 0.12, 1000.0: 0.09,
     0.0254: 0.05, 25.4: 0.03, 2.54: 0.02, 1 / 2.54: 0.02, 39.37: 0.02, 0.3048: 0.03, 1 / 0.3048: 0.03,
 }  # fmt: skip
-#: Ratios of the true size to that of a miniature, from garden railways to somewhat beyond 1:87.
+#: Ratios of the true size to the size of a miniature, from garden railways to somewhat beyond 1:87.
 MINIATURE_RATIOS = tuple(float(ratio) for ratio in np.geomspace(6, 110, 22))
 #: Maximum factor of an arbitrary scale, in both directions; its logarithm is uniformly distributed.
 ARBITRARY_RANGE = 1e4
@@ -116,10 +116,26 @@ def hypotheses(
     x = np.stack([ordered_sizes(body.extents_m, axis, model.is_sorted) for axis in up_chance])  # (o, 3) ln mm
     chance = {**CHANCE, "miniature": miniature}
     rows: list[tuple[ScaleKind, float | None, int | None, FloatArray]] = []
-    rows.append(("right", 1.0, None, np.log(chance["right"]) + model.log_density(x) + _log_round(body)))
+    # The true scale: round numbers are common.
+    longest_m = max(float(body.extents_m.max()), MIN_SIDE_M)
+    step = ROUND_STEP * 10 ** np.floor(np.log10(longest_m))
+    distance = abs(longest_m / step - round(longest_m / step)) * step / longest_m
+    close_fraction = 2 * NORMALISED_SD * longest_m / step  # fraction of all sizes that are as close to a round one
+    of_round = ROUND_FRACTION / close_fraction if distance < NORMALISED_SD else 0.0
+    log_round = float(np.log((1 - ROUND_FRACTION) + of_round))
+    rows.append(("right", 1.0, None, np.log(chance["right"]) + model.log_density(x) + log_round))
     for factor, fraction in UNIT_FACTORS.items():
         rows.append(("unit", factor, None, np.log(chance["unit"] * fraction) + model.log_density(x + np.log(factor))))
-    rows.append(("arbitrary", None, None, np.log(chance["arbitrary"]) + _log_arbitrary(body, model, x)))
+    # An arbitrary scale: the density of the proportions times the density of the size. Normalised meshes are
+    # concentrated at a few sizes and are usually centred on the origin.
+    centred_normalised = CENTRED_NORMALISED if body.is_centred else 1 - CENTRED_NORMALISED
+    centred_other = CENTRED_OTHER if body.is_centred else 1 - CENTRED_OTHER
+    any_size = (1 - NORMALISED_FRACTION) * centred_other / (2 * np.log(ARBITRARY_RANGE))
+    z = (np.log(longest_m) - np.log(NORMALISED_M)) / NORMALISED_SD
+    at_unit = float(np.mean(np.exp(-(z**2) / 2))) / (NORMALISED_SD * np.sqrt(2 * np.pi))
+    size = any_size + NORMALISED_FRACTION * at_unit * centred_normalised
+    log_arbitrary = model.log_evidence(x) + np.log(size / centred_other)
+    rows.append(("arbitrary", None, None, np.log(chance["arbitrary"]) + log_arbitrary))
     each = np.log(chance["miniature"] / len(MINIATURE_RATIOS))
     rows += [("miniature", ratio, None, each + model.log_density(x + np.log(ratio))) for ratio in MINIATURE_RATIOS]
     for axis in model.axes if len(model.axes) > 1 else ():
@@ -146,28 +162,3 @@ def ordered_sizes(extents_m: FloatArray, up: Up, is_sorted: bool) -> FloatArray:
     vertical = AXES.index(up)
     sides = np.sort(np.delete(sizes, vertical))[::-1]
     return np.array([sides[0], sides[1], sizes[vertical]])
-
-
-def _log_arbitrary(body: AssetBody, model: SizeModel, x: FloatArray) -> FloatArray:
-    """Return the log density (o,) of ln mm x (o, 3) at an arbitrary scale: proportions times the density of the size.
-
-    Normalised meshes are concentrated at a few sizes and are usually centred on the origin.
-    """
-    centred_normalised = CENTRED_NORMALISED if body.is_centred else 1 - CENTRED_NORMALISED
-    centred_other = CENTRED_OTHER if body.is_centred else 1 - CENTRED_OTHER
-    any_size = (1 - NORMALISED_FRACTION) * centred_other / (2 * np.log(ARBITRARY_RANGE))
-    longest = np.log(max(float(body.extents_m.max()), MIN_SIDE_M))
-    z = (longest - np.log(NORMALISED_M)) / NORMALISED_SD
-    at_unit = float(np.mean(np.exp(-(z**2) / 2))) / (NORMALISED_SD * np.sqrt(2 * np.pi))
-    size = any_size + NORMALISED_FRACTION * at_unit * centred_normalised
-    return np.asarray(model.log_evidence(x) + np.log(size / centred_other))
-
-
-def _log_round(body: AssetBody) -> float:
-    """Return the log factor for a round longest side: round numbers are common if the scale is right."""
-    longest = max(float(body.extents_m.max()), MIN_SIDE_M)
-    step = ROUND_STEP * 10 ** np.floor(np.log10(longest))
-    distance = abs(longest / step - round(longest / step)) * step / longest
-    close_fraction = 2 * NORMALISED_SD * longest / step  # fraction of all sizes that are as close to a round one
-    is_round = distance < NORMALISED_SD
-    return float(np.log((1 - ROUND_FRACTION) + (ROUND_FRACTION / close_fraction if is_round else 0.0)))

@@ -1,4 +1,4 @@
-"""HTML report of many models, sorted by the size of the error, with drawings to scale of those that are not right."""
+"""HTML report of many models, sorted by the size of the error, with drawings to scale of the wrong ones."""
 
 from __future__ import annotations
 

@@ -1,8 +1,8 @@
 """Density of the extents of true-sized 3-D models of a category: the size prior, widened by the errors of artists.
 
-The size of a model differs from that of the object that it shows by an error that its sides have in common and by one
-of each side. A fraction e of the models, larger for categories with little evidence, deviates much more. With x = ln of
-the extents in mm and a component k of the prior,
+The size of a model differs from the size of the object by an error that all sides have in common, and by an independent
+error of each side. A fraction e of the models, larger for categories with little evidence, deviates much more. With
+x = ln of the extents in mm and a component k of the prior,
 
     p(x) = sum_k w_k [(1 - e) N(x; m_k, C_k) + e N(x; m_k, C_k + wide)],  C_k = S_k + B + artist
 """
@@ -16,7 +16,6 @@ from functools import cached_property, lru_cache
 import numpy as np
 
 from metric_base.arrays import FloatArray
-from metric_tree.node import Node
 from metric_tree.prior import Prior
 from metric_tree.tree import Tree
 
@@ -148,12 +147,6 @@ def size_model(prior: Prior, tier: str | None, *, is_broader: bool = False) -> S
     )
 
 
-def node_tier(node: Node) -> str | None:
-    """Return the evidence tier of the sizes of a node, None in a release without tiers."""
-    tier: str | None = getattr(node, "tier", None)
-    return tier
-
-
 @lru_cache(maxsize=4096)
 def node_model(tree: Tree, node_id: str, is_broader: bool = False) -> SizeModel | None:
     """Return the size model of a node over as many dimensions as its priors have; None if it has no prior."""
@@ -161,7 +154,7 @@ def node_model(tree: Tree, node_id: str, is_broader: bool = False) -> SizeModel 
     if not node.prior_dims:
         return None
     dims = max(node.prior_dims, key=lambda names: (len(names), names == node.dims))
-    return size_model(node.prior(dims), node_tier(node), is_broader=is_broader)
+    return size_model(node.prior(dims), node.tier, is_broader=is_broader)
 
 
 def extents_text(extents: Sequence[float]) -> str:

@@ -20,7 +20,7 @@ from models3d.asset import AXES, Asset, AssetBody, Up, merge_bodies
 from models3d.formats import read_boxes
 from models3d.size_check.category import category_of_texts, named_category
 from models3d.size_check.hypotheses import ordered_sizes
-from models3d.size_check.size_model import SizeModel, extents_text, node_model, node_tier
+from models3d.size_check.size_model import SizeModel, extents_text, node_model
 
 #: Probability of the interval of a true size.
 LEVEL = 0.9
@@ -41,7 +41,7 @@ class TrueSize:
 
 
 def true_size(body: AssetBody, up: Up | None, model: SizeModel) -> TrueSize:
-    """Return the posterior of the size of one object; without an up axis, y is vertical."""
+    """Return the posterior of the size of an object; without an up axis, y is vertical."""
     low, median, high = common_factor([(body, up, model)])
     vertical = float(body.extents_m[AXES.index(up or "y")])
     heights = [float(f"{vertical * factor:.4g}") for factor in (low, median, high)]
@@ -49,7 +49,7 @@ def true_size(body: AssetBody, up: Up | None, model: SizeModel) -> TrueSize:
 
 
 def common_factor(bodies: Sequence[tuple[AssetBody, Up | None, SizeModel]]) -> tuple[float, float, float]:
-    """Return (low, median, high) of the factor that several objects of one file have in common.
+    """Return (low, median, high) of the factor that several objects of a file have in common.
 
     The posterior of u is the product of the mixtures of Gaussians of the objects, computed on a grid.
     """
@@ -119,14 +119,14 @@ def model_true_size(asset: Asset, category: str, tree: Tree) -> ModelSize:
         raise InputError(f"--category: expected a category with a known size; found {named.node.name}")
     body = merge_bodies(asset.bodies, asset.file.stem)
     size = true_size(body, asset.up, model)
-    tier = node_tier(named.node)
+    tier = named.node.tier
     extents = extents_text(body.extents_m.tolist())
     reason = f"{named.node.name} ({tier or 'tier not stated'}), {extents} according to the file"
     return ModelSize(str(asset.file), named.node.node_id, tier, size.factor, size.height_m, reason)
 
 
 def boxes_true_size(table: Path, tree: Tree) -> ModelSize:
-    """Estimate the common factor that converts a table of boxes of one scene to metres.
+    """Estimate the common factor that converts the boxes in a table, all from the same scene, to metres.
 
     Parameters
     ----------

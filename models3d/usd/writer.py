@@ -38,7 +38,23 @@ def bind_material(stage: Any, mesh: Any, material: Material, folder: Path, name:
     surface = UsdShade.Shader.Define(stage, f"{path}/surface")
     surface.CreateIdAttr("UsdPreviewSurface")
     images = _Images(stage, path, folder, name)
-    _set_colour(surface, material, images, mesh)
+
+    base = None
+    factor = tuple(float(value) for value in material.base_color)
+    if material.base_texture is not None:
+        base = images.add("base", material.base_texture, factor, is_srgb=True)
+        _connect(surface, "diffuseColor", "Color3f", base, "rgb")
+    elif mesh.GetDisplayColorPrimvar().HasValue():
+        _connect(surface, "diffuseColor", "Color3f", images.primvar_reader("float3", "displayColor"), "result")
+    else:
+        surface.CreateInput("diffuseColor", Sdf.ValueTypeNames.Color3f).Set(Gf.Vec3f(*factor[:3]))
+    if material.blend or material.alpha_cutoff is not None:
+        if base is not None:
+            _connect(surface, "opacity", "Float", base, "a")
+        else:
+            _set(surface, "opacity", factor[3])
+    if material.alpha_cutoff is not None:
+        _set(surface, "opacityThreshold", material.alpha_cutoff)
     if material.surface_texture is None:
         _set(surface, "roughness", material.roughness)
         _set(surface, "metallic", material.metallic)
@@ -59,30 +75,8 @@ def bind_material(stage: Any, mesh: Any, material: Material, folder: Path, name:
     UsdShade.MaterialBindingAPI.Apply(mesh.GetPrim()).Bind(bound)
 
 
-def _set_colour(surface: Any, material: Material, images: _Images, mesh: Any) -> None:
-    """Set the colour, from a texture, the vertices or the factor, and the opacity unless the alpha mode is OPAQUE."""
-    from pxr import Gf, Sdf
-
-    image = None
-    factor = tuple(float(value) for value in material.base_color)
-    if material.base_texture is not None:
-        image = images.add("base", material.base_texture, factor, is_srgb=True)
-        _connect(surface, "diffuseColor", "Color3f", image, "rgb")
-    elif mesh.GetDisplayColorPrimvar().HasValue():
-        _connect(surface, "diffuseColor", "Color3f", images.primvar_reader("float3", "displayColor"), "result")
-    else:
-        surface.CreateInput("diffuseColor", Sdf.ValueTypeNames.Color3f).Set(Gf.Vec3f(*factor[:3]))
-    if material.blend or material.alpha_cutoff is not None:
-        if image is not None:
-            _connect(surface, "opacity", "Float", image, "a")
-        else:
-            _set(surface, "opacity", factor[3])
-    if material.alpha_cutoff is not None:
-        _set(surface, "opacityThreshold", material.alpha_cutoff)
-
-
 def _connect(surface: Any, name: str, kind: str, source: Any, output: str) -> None:
-    """Connect an input of a shader to an output of another one; `kind` is the type of the input."""
+    """Connect an input of a shader to an output of another shader; `kind` is the type of the input."""
     from pxr import Sdf
 
     surface.CreateInput(name, getattr(Sdf.ValueTypeNames, kind)).ConnectToSource(source, output)
@@ -96,7 +90,7 @@ def _set(surface: Any, name: str, value: float) -> None:
 
 
 class _Images:
-    """Texture shaders of one material."""
+    """Texture shaders of a material."""
 
     def __init__(self, stage: Any, path: str, folder: Path, name: str) -> None:
         self._stage, self._path, self._folder, self._name = stage, path, folder, name

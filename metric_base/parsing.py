@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 import csv
+import math
 import struct
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -19,6 +20,18 @@ _JSON_KINDS = {
     list: "an array", dict: "an object",
 }  # fmt: skip
 _COUNT = struct.Struct("<Q")
+
+
+def finite_numbers(cells: Iterable[Any], expected: str = "numbers", limit: float = math.inf) -> list[float]:
+    """Parse numbers with absolute values below `limit`; FieldError if a cell is another one, or is no number."""
+    cells = list(cells)
+    try:
+        numbers = [float(cell) for cell in cells]
+    except (TypeError, ValueError):
+        raise FieldError("", expected, cells) from None
+    if not all(abs(number) < limit for number in numbers):
+        raise FieldError("", "finite numbers" if limit == math.inf else f"finite numbers below {limit:g}", numbers)
+    return numbers
 
 
 def json_object(value: object, field: str = "document") -> dict[str, Any]:

@@ -74,7 +74,20 @@ def paper_result(
     authors = None if options.paper_lists is None else authors_lists(options.paper_lists, tree)
     seconds = dict(context.seconds)
     with stopwatch(seconds, "fit"):
-        mixtures, notes = _mixtures(matches, authors)
+        mixtures: dict[str, PaperMixture] = {}
+        notes: list[str] = []  # categories whose mixture is not fitted to items of the class
+        for name, match in matches.items():
+            if match.node is None or match.prior is None:
+                continue
+            if authors is not None:
+                if match.node.node_id in authors:
+                    mixtures[name] = fit_mixture(*authors[match.node.node_id])
+                else:
+                    notes.append(f"category {name!r}: the authors have no list of {match.node.node_id}")
+                continue
+            mixtures[name], is_sampled = _node_mixture(match.node, match.prior.dims)
+            if is_sampled:
+                notes.append(f"category {name!r}: its rows are not shipped; the paper's fit is to draws from the prior")
     with stopwatch(seconds, "posterior"):
         evidence, estimate = _estimate(objects, matches, mixtures, options.level)
     status, reason = ("unresolved", None) if estimate is None else (estimate.status, estimate.reason)
@@ -144,29 +157,6 @@ def _list(path: Path) -> tuple[tuple[str, ...], FloatArray]:
     if sizes.shape[1] == 2:
         return ("length", "width"), sides
     return AXES, np.column_stack([sides, sizes[:, 2]])
-
-
-def _mixtures(
-    matches: Mapping[str, CategoryMatch], authors: Mapping[str, tuple[tuple[str, ...], FloatArray]] | None
-) -> tuple[dict[str, PaperMixture], list[str]]:
-    """Return the mixture of each category, and notes about those not fitted to items of the class.
-
-    `authors` has the dimensions (d,) and sizes (n, d) in mm of each node id.
-    """
-    mixtures, notes = {}, []
-    for name, match in matches.items():
-        if match.node is None or match.prior is None:
-            continue
-        if authors is not None:
-            if match.node.node_id in authors:
-                mixtures[name] = fit_mixture(*authors[match.node.node_id])
-            else:
-                notes.append(f"category {name!r}: the authors have no list of {match.node.node_id}")
-            continue
-        mixtures[name], is_sampled = _node_mixture(match.node, match.prior.dims)
-        if is_sampled:
-            notes.append(f"category {name!r}: its rows are not shipped; the paper's fit is to draws from the prior")
-    return mixtures, notes
 
 
 @cache

@@ -19,13 +19,12 @@ from estimator.projection.cameras import pixels_in_view, view_rays
 from estimator.records.objects import MeasuredObject
 from estimator.records.options import EstimateOptions
 from estimator.records.result import ResultContext, ScaleResult, UpReport
-from estimator.records.scene import Instance, Scene, View
+from estimator.records.scene import Instance, Scene
 from estimator.results.estimate import HEIGHT
 from estimator.results.object_priors import resolve_categories, selected_evidence
 from estimator.results.scale_report import build_result
 from metric_base.arrays import FloatArray
 from metric_base.progress import stopwatch
-from metric_tree.prior import Prior
 from metric_tree.tree import Tree
 
 #: Minimum number of map points in a box for a depth.
@@ -77,7 +76,13 @@ def sucar_result(
         used = [index for index, reason in enumerate(reasons) if reason is None]
         estimate = None
         if used:
-            moments = {name: _moments(match.prior) for name, match in matches.items() if match.prior is not None}
+            # The Gaussian of the heights of each class.
+            samples = {
+                name: match.prior.sample(N_SAMPLES, SEED)[:, 0]
+                for name, match in matches.items()
+                if match.prior is not None
+            }
+            moments = {name: (float(drawn.mean()), float(drawn.std())) for name, drawn in samples.items()}
             mean, sd = np.array([moments[boxes[index].category] for index in used]).T  # (n,) mm
             mm = np.array([boxes[index].extents[2] for index in used]) * 1000
             scales = candidate_scales(mean / mm)
@@ -109,48 +114,32 @@ def box_heights(scene: Scene, instances: Sequence[Instance], down: FloatArray) -
     The centre of the box is at the median depth of the map points observed in the box. Its height is the distance
     between the points of the vertical line through the centre that project to the upper and the lower edge.
     """
-    return np.array([_box_height(scene, item, down) for item in instances])
-
-
-def _box_height(scene: Scene, item: Instance, down: FloatArray) -> float:
-    """Return the height of the box of a mask along `down` (3,), in scene units; NaN if it is unknown."""
-    view = scene.views[item.view]
-    columns, rows = np.flatnonzero(item.mask.any(axis=0)), np.flatnonzero(item.mask.any(axis=1))
-    if not len(columns):
-        return np.nan
-    low = np.array([item.origin[0] + columns[0], item.origin[1] + rows[0]])
-    high = np.array([item.origin[0] + columns[-1] + 1, item.origin[1] + rows[-1] + 1])
-    depth = _depth(scene, view, low, high)
-    if not np.isfinite(depth):
-        return np.nan
-    centre_pixel = 0.5 * (low + high)
-    pixels = np.array([centre_pixel, [centre_pixel[0], low[1]], [centre_pixel[0], high[1]]])
-    rays = view_rays(view.camera, pixels) @ view.rotation  # (3, 3) world, unit depth
-    centre = rays[0] * depth  # from the camera centre
-    top, bottom = (_along(down, centre, ray) for ray in rays[1:])
-    return float(abs(bottom - top))
-
-
-def _depth(scene: Scene, view: View, low: FloatArray, high: FloatArray) -> float:
-    """Return the median depth of the points in the box from pixel `low` (2,) to `high` (2,); NaN for too few."""
-    if len(view.point_index):
-        inside = ((view.keypoints >= low) & (view.keypoints <= high)).all(axis=1)
-        depths = (view.to_camera(scene.points[view.point_index[inside]]))[:, 2]
-    else:
-        pixels, all_depths = pixels_in_view(view, scene.points)
-        with np.errstate(invalid="ignore"):
-            depths = all_depths[((pixels >= low) & (pixels <= high)).all(axis=1)]
-    return float(np.median(depths)) if len(depths) >= MIN_POINTS else np.nan
-
-
-def _along(down: FloatArray, centre: FloatArray, ray: FloatArray) -> float:
-    """Return t of the point on the line centre + t down that is closest to a ray through the origin; all (3,)."""
-    across = ray - (ray @ down) * down  # component orthogonal to the line
-    reach = (centre @ across) / max(float(across @ across), 1e-12)
-    return float(reach * (ray @ down) - centre @ down)
-
-
-def _moments(prior: Prior) -> tuple[float, float]:
-    """Return the mean and the standard deviation in mm of the heights of a class: the Gaussian of the method."""
-    heights = prior.sample(N_SAMPLES, SEED)[:, 0]
-    return float(heights.mean()), float(heights.std())
+    heights = np.full(len(instances), np.nan)
+    for index, item in enumerate(instances):
+        view = scene.views[item.view]
+        columns, rows = np.flatnonzero(item.mask.any(axis=0)), np.flatnonzero(item.mask.any(axis=1))
+        if not len(columns):
+            continue
+        low = np.array([item.origin[0] + columns[0], item.origin[1] + rows[0]])
+        high = np.array([item.origin[0] + columns[-1] + 1, item.origin[1] + rows[-1] + 1])
+        if len(view.point_index):
+            inside = ((view.keypoints >= low) & (view.keypoints <= high)).all(axis=1)
+            depths = (view.to_camera(scene.points[view.point_index[inside]]))[:, 2]
+        else:
+            point_pixels, all_depths = pixels_in_view(view, scene.points)
+            with np.errstate(invalid="ignore"):
+                depths = all_depths[((point_pixels >= low) & (point_pixels <= high)).all(axis=1)]
+        depth = float(np.median(depths)) if len(depths) >= MIN_POINTS else np.nan
+        if not np.isfinite(depth):
+            continue
+        centre_pixel = 0.5 * (low + high)
+        pixels = np.array([centre_pixel, [centre_pixel[0], low[1]], [centre_pixel[0], high[1]]])
+        rays = view_rays(view.camera, pixels) @ view.rotation  # (3, 3) world, unit depth
+        centre = rays[0] * depth  # from the camera centre
+        ends = []  # t of the point on the line centre + t down that is closest to the ray of each edge
+        for ray in rays[1:]:
+            across = ray - (ray @ down) * down  # component orthogonal to the line
+            reach = (centre @ across) / max(float(across @ across), 1e-12)
+            ends.append(float(reach * (ray @ down) - centre @ down))
+        heights[index] = float(abs(ends[1] - ends[0]))
+    return heights

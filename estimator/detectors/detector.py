@@ -147,10 +147,6 @@ class Detector:
         """
         if self._one_stage is not None:
             return self._one_stage_detections(self._one_stage, image)
-        return self._mask_rcnn_detections(image)
-
-    def _mask_rcnn_detections(self, image: Image) -> Detections:
-        """Run a Mask R-CNN."""
         inputs, factor = self._prepare(image)
         boxes, labels, scores, masks = _run_graph(
             self._session, self.path, self._outputs, {self._input.name: inputs[None] if self._is_batched else inputs}

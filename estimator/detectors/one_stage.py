@@ -148,13 +148,21 @@ def one_stage_detections(
     ValueError
         There are too many candidates or detections.
     """
+    import cv2
+
     basis = next((output[0] for output in outputs if output.ndim == 4), None)
     boxes, classes, scores, coefficients = _candidates(form, outputs, size)
     keep = np.flatnonzero(scores >= min_score)
     if len(keep) > MAX_CANDIDATES:
         raise ValueError(f"{len(keep):,} candidates of score {min_score} or more")
-    if form == "yolo":
-        keep = keep[_non_maximum_suppression(boxes[keep], classes[keep], scores[keep])]
+    if form == "yolo" and len(keep):
+        # Non-maximum suppression within each class, the best score first.
+        corner_and_size = np.hstack([boxes[keep, :2], boxes[keep, 2:] - boxes[keep, :2]]).tolist()
+        classes_and_scores = scores[keep].tolist(), classes[keep].tolist()
+        best = np.asarray(cv2.dnn.NMSBoxesBatched(corner_and_size, *classes_and_scores, 0.0, NMS_IOU), dtype=np.int64)
+        if len(best) > MAX_KEPT:
+            raise ValueError(f"more than {MAX_KEPT:,} detections")
+        keep = keep[best[np.argsort(-scores[keep][best], kind="stable")]]
     boxes, classes, scores = boxes[keep], classes[keep], scores[keep]
     masks = None
     if form.startswith("yolo"):
@@ -198,20 +206,6 @@ def _box_corners(boxes: FloatArray) -> FloatArray:
     """Convert boxes (n, 4) from centre, width and height to x1, y1, x2, y2."""
     half = boxes[:, 2:] / 2
     return np.hstack([boxes[:, :2] - half, boxes[:, :2] + half])
-
-
-def _non_maximum_suppression(boxes: FloatArray, classes: IntArray, scores: FloatArray) -> IntArray:
-    """Return the rows (k,), the best score first, that do not overlap a better box (n, 4) of their class."""
-    import cv2
-
-    if not len(boxes):
-        return np.empty(0, dtype=np.int64)
-    corner_and_size = np.hstack([boxes[:, :2], boxes[:, 2:] - boxes[:, :2]])
-    rows = cv2.dnn.NMSBoxesBatched(corner_and_size.tolist(), scores.tolist(), classes.tolist(), 0.0, NMS_IOU)
-    keep = np.asarray(rows, dtype=np.int64)
-    if len(keep) > MAX_KEPT:
-        raise ValueError(f"more than {MAX_KEPT:,} detections")
-    return keep[np.argsort(-scores[keep], kind="stable")]
 
 
 def _masks(

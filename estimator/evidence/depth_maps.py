@@ -145,25 +145,20 @@ def _exr_depth(data: bytes, header: _Header) -> FloatArray:
         count = min(lines, header.height - first)
         (size,) = struct.unpack_from("<i", data, offset + 4)
         packed = data[offset + 8 : offset + 8 + size]
-        block = packed if size == line * count else _unzip_block(packed, line * count)
-        rows = np.frombuffer(block, dtype=np.uint8).reshape(count, line)
+        block = np.frombuffer(packed, dtype=np.uint8)
+        if size != line * count:
+            # A ZIP block: its differences are summed, and its two halves are interleaved.
+            raw = np.frombuffer(zlib.decompressobj().decompress(packed, line * count), dtype=np.uint8).astype(np.int64)
+            if len(raw) != line * count:
+                raise ValueError("a block that ends early")
+            raw[1:] -= 128
+            summed = np.cumsum(raw).astype(np.uint8)
+            block, half = np.empty(line * count, dtype=np.uint8), (line * count + 1) // 2
+            block[0::2], block[1::2] = summed[:half], summed[half:]
+        rows = block.reshape(count, line)
         rows = rows[:, before : before + kind.itemsize * header.width]
         depth[first : first + count] = np.ascontiguousarray(rows).view(kind)
     return depth
-
-
-def _unzip_block(packed: bytes, size: int) -> bytes:
-    """Return the bytes of a ZIP block: its differences are summed, and its two halves are interleaved."""
-    stream = zlib.decompressobj()
-    raw = np.frombuffer(stream.decompress(packed, size), dtype=np.uint8).astype(np.int64)
-    if len(raw) != size:
-        raise ValueError("a block that ends early")
-    raw[1:] -= 128
-    summed = np.cumsum(raw).astype(np.uint8)
-    block = np.empty(size, dtype=np.uint8)
-    half = (size + 1) // 2
-    block[0::2], block[1::2] = summed[:half], summed[half:]
-    return block.tobytes()
 
 
 def _text(data: bytes, position: int) -> tuple[str, int]:
@@ -214,11 +209,6 @@ def read_depths(file: Path, png_metres: float = 0.001) -> DepthMaps:
     else:
         reader = {".npy": _npy, ".pfm": _pfm, ".exr": read_exr}.get(kind)
         depth = _png(file) * png_metres if reader is None else reader(file)
-    return DepthMaps(_stack(file, depth), focal)
-
-
-def _stack(file: Path, depth: FloatArray) -> FloatArray:
-    """Return maps (n, h, w) of an array with optional axes of length one, such as (1, 1, h, w) or (n, h, w, 1)."""
     shape = depth.shape
     if depth.ndim == 4 and 1 in (shape[1], shape[3]):
         depth = depth[:, 0] if shape[1] == 1 else depth[..., 0]
@@ -228,7 +218,7 @@ def _stack(file: Path, depth: FloatArray) -> FloatArray:
         depth = depth[None]
     if depth.ndim != 3 or not 0 < depth.size <= MAX_PIXELS:
         raise InputError.at(file, "shape", "(h, w) or (n, h, w), one channel", shape)
-    return depth
+    return DepthMaps(depth, focal)
 
 
 def _npz(file: Path) -> tuple[FloatArray, FloatArray | None]:

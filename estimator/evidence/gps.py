@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import math
 import warnings
-from collections.abc import Iterable, Mapping
+from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
@@ -26,7 +26,7 @@ from estimator.records.scene import Scene
 from estimator.telemetry.records import Positions
 from metric_base.arrays import FloatArray
 from metric_base.errors import FieldError, InputError, Unquoted, at_field, in_file
-from metric_base.parsing import csv_rows
+from metric_base.parsing import csv_rows, finite_numbers
 
 KIND, VIDEO_KIND = "gps", "gps_video"
 #: Maximum time in seconds between the frames of a video without a gap in its path.
@@ -243,22 +243,13 @@ def _table_positions(file: Path, scene: Scene) -> tuple[dict[int, FloatArray], b
         row = rows.row(str(cells["name"] or "").strip())
         if row is not None:
             with in_file(file), at_field(f"line {number}"):
-                values[row] = _numbers([cells[column] for column in columns])
+                values[row] = finite_numbers(
+                    (cells[column] for column in columns), "three numbers after the name", MAX_COORDINATE
+                )
                 if columns[0] == "lat" and abs(values[row][0]) > POLE_DEG:
                     raise FieldError("lat", "degrees from -90 to 90; is it the longitude?", values[row][0])
     geodetic = columns[0] == "lat"
     return _in_metres(values, geodetic), geodetic
-
-
-def _numbers(cells: Iterable[Any]) -> list[float]:
-    """Parse three finite numbers; FieldError if they are not."""
-    try:
-        numbers = [float(cell) for cell in cells]
-    except (TypeError, ValueError):
-        raise FieldError("", "three numbers after the name", list(cells)) from None
-    if not all(abs(number) < MAX_COORDINATE for number in numbers):
-        raise FieldError("", f"finite numbers below {MAX_COORDINATE:g}", numbers)
-    return numbers
 
 
 def exif_positions(scene: Scene, images: Path | None) -> tuple[dict[int, FloatArray], float]:

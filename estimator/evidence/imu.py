@@ -26,7 +26,7 @@ from estimator.evidence.source import CameraPath, skipped_evidence
 from estimator.records.objects import Measurements
 from estimator.records.result import ScaleEvidence
 from estimator.records.scene import Scene
-from estimator.telemetry.records import Positions, Samples, Telemetry
+from estimator.telemetry.records import Samples, Telemetry
 from metric_base.arrays import FloatArray
 
 KIND = "imu"
@@ -82,19 +82,17 @@ class Imu:
 
     def observe(self, scene: Scene, measurements: Measurements) -> tuple[ScaleEvidence, ...]:  # noqa: ARG002
         """Return the scale by the swing or, if the log contains the camera path in metres, by this path."""
-        if self.telemetry.path is not None:
-            return self._observe_path(self.telemetry.path)
+        logged = self.telemetry.path
+        if logged is not None:
+            centres, rows = self.path.interpolate(logged.times_s, MAX_GAP_S)
+            alignment = align(centres, logged.positions[rows]) if len(rows) > 3 else None
+            if alignment is None or alignment.extent < MIN_PATH_RESIDUALS * alignment.residual:
+                return skipped_evidence(KIND, self.name, "the logged path and that of the camera do not agree")
+            return (ScaleEvidence(KIND, self.name, alignment.scale, math.hypot(alignment.sd_log, MIN_LOG_SD)),)
         inertial = inertial_scale(self.telemetry.specific_force, self.telemetry.angular_rate, self.path)
         if isinstance(inertial, str):
             return skipped_evidence(KIND, self.name, inertial)
         return (ScaleEvidence(KIND, self.name, inertial.scale, inertial.sd_log),)
-
-    def _observe_path(self, path: Positions) -> tuple[ScaleEvidence, ...]:
-        centres, rows = self.path.interpolate(path.times_s, MAX_GAP_S)
-        alignment = align(centres, path.positions[rows]) if len(rows) > 3 else None
-        if alignment is None or alignment.extent < MIN_PATH_RESIDUALS * alignment.residual:
-            return skipped_evidence(KIND, self.name, "the logged path and that of the camera do not agree")
-        return (ScaleEvidence(KIND, self.name, alignment.scale, math.hypot(alignment.sd_log, MIN_LOG_SD)),)
 
 
 def inertial_scale(force: Samples, rate: Samples, path: CameraPath) -> Inertial | str:

@@ -60,7 +60,16 @@ def parse_known_lengths(words: Sequence[str]) -> tuple[KnownLength, ...]:
     (x y z of both points, metres) and optionally an eighth, the standard deviation in metres; `#` begins a comment.
     """
     if len(words) == 1:
-        return _read_lengths(Path(words[0]))
+        file = Path(words[0])
+        lengths = []
+        for number, line in enumerate(read_text(file).split("\n"), 1):
+            text = line.partition("#")[0].strip()
+            if text:
+                with in_file(file), at_field(f"line {number}"):
+                    lengths.append(_length(_numbers(text, 7, 8)))
+        if not lengths:
+            raise InputError.at(file, "lengths", "at least one line", 0)
+        return tuple(lengths)
     with in_file("--known-length"):
         if len(words) != 3:
             raise FieldError("arguments", "A B metres, or a file", Unquoted(" ".join(words)))
@@ -69,18 +78,6 @@ def parse_known_lengths(words: Sequence[str]) -> tuple[KnownLength, ...]:
         with at_field("metres"):
             (metres,) = _numbers(words[2], 1)
         return (_length(np.array([*a, *b, metres])),)
-
-
-def _read_lengths(file: Path) -> tuple[KnownLength, ...]:
-    lengths = []
-    for number, line in enumerate(read_text(file).split("\n"), 1):
-        text = line.partition("#")[0].strip()
-        if text:
-            with in_file(file), at_field(f"line {number}"):
-                lengths.append(_length(_numbers(text, 7, 8)))
-    if not lengths:
-        raise InputError.at(file, "lengths", "at least one line", 0)
-    return tuple(lengths)
 
 
 def _length(numbers: FloatArray) -> KnownLength:

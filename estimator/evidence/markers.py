@@ -186,18 +186,17 @@ class Marker:
         if seen is None:
             missing = "no image of the scene was found (--images DIR names their folder)"
             return skipped_evidence(KIND, self.dictionary, missing)
-        measured = [
-            _marker_evidence(name, self._shape(corners), corners, scene) for name, corners in sorted(seen.items())
-        ]
-        rows = [row for row in measured if row is not None]
+        rows = []
+        for name, corners in sorted(seen.items()):
+            # Position (3,) in metres of each corner in the frame of the marker.
+            shape = {number: self.metres * SQUARE[number] for number in corners} if self.board is None else {}
+            if self.board is not None:
+                columns = self.board[0] - 1  # inner corners
+                shape = {n: self.metres * np.array([n % columns, n // columns, 0.0]) for n in corners}
+            row = _marker_evidence(name, shape, corners, scene)
+            if row is not None:
+                rows.append(row)
         return tuple(rows) or skipped_evidence(KIND, self.dictionary, "no marker is in two or more images")
-
-    def _shape(self, corners: Mapping[int, object]) -> dict[int, FloatArray]:
-        """Return the position (3,) in metres of each corner in the frame of the marker."""
-        if self.board is None:
-            return {number: self.metres * SQUARE[number] for number in corners}
-        columns = self.board[0] - 1  # inner corners
-        return {n: self.metres * np.array([n % columns, n // columns, 0.0]) for n in corners}
 
     def _corners(self, scene: Scene) -> dict[str, dict[int, list[tuple[int, FloatArray]]]] | None:
         """Return, by marker and corner, the index of the view and the pixel (2,); None without images."""
@@ -224,11 +223,23 @@ class Marker:
 
         dictionary = cv2.aruco.getPredefinedDictionary(getattr(cv2.aruco, str(_dictionary_name(self.dictionary))))
         if self.board is None:
-            return lambda image: _aruco_corners(dictionary, image)
+            return lambda image: [
+                (str(number), place, pixel)
+                for number, square in refined_marker_corners(image, dictionary)
+                for place, pixel in enumerate(square)
+            ]
         columns, rows, side = self.board
         board = cv2.aruco.CharucoBoard((columns, rows), self.metres, side, dictionary)
         charuco = cv2.aruco.CharucoDetector(board)
-        return lambda image: _board_corners(charuco, image)
+
+        def board_corners(image: Any) -> list[tuple[str, int, FloatArray]]:
+            corners, ids, *_ = charuco.detectBoard(image)
+            if ids is None:
+                return []
+            pixels = np.asarray(corners, dtype=float).reshape(-1, 2)
+            return [("board", int(number), pixel) for number, pixel in zip(np.ravel(ids), pixels, strict=True)]
+
+        return board_corners
 
 
 def _dictionary_name(name: str) -> str | None:
@@ -237,24 +248,6 @@ def _dictionary_name(name: str) -> str | None:
 
     known = {known.lower(): known for known in dir(cv2.aruco) if known.startswith("DICT_")}
     return known.get(name.lower()) or known.get(f"dict_{name.lower()}")
-
-
-def _aruco_corners(dictionary: Any, image: Any) -> list[tuple[str, int, FloatArray]]:
-    """Return name, corner index and pixel (2,) of every corner of a marker in an image."""
-    return [
-        (str(number), place, pixel)
-        for number, square in refined_marker_corners(image, dictionary)
-        for place, pixel in enumerate(square)
-    ]
-
-
-def _board_corners(detector: Any, image: Any) -> list[tuple[str, int, FloatArray]]:
-    """Return name, corner index and pixel (2,) of every corner of a board in an image."""
-    corners, ids, *_ = detector.detectBoard(image)
-    if ids is None:
-        return []
-    pixels = np.asarray(corners, dtype=float).reshape(-1, 2)
-    return [("board", int(number), pixel) for number, pixel in zip(np.ravel(ids), pixels, strict=True)]
 
 
 def _marker_evidence(

@@ -5,7 +5,6 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 
@@ -62,26 +61,22 @@ def rig_baselines(file: Path) -> tuple[RigBaseline, ...]:
         The file is damaged, or no camera has a translation.
     """
     with in_file(file):
-        baselines = [
-            item for entry in json_array(read_json(file), "rigs") for item in _baselines_of(json_object(entry))
-        ]
+        baselines = []
+        for entry in json_array(read_json(file), "rigs"):
+            cameras = [
+                json_object(camera, "cameras") for camera in json_array(json_object(entry).get("cameras"), "cameras")
+            ]
+            prefixes = [camera.get("image_prefix") for camera in cameras]
+            references = [prefix for prefix, camera in zip(prefixes, cameras, strict=True) if camera.get("ref_sensor")]
+            if len(references) != 1 or not all(isinstance(prefix, str) and prefix for prefix in prefixes):
+                raise FieldError("cameras", "an image_prefix each, and one ref_sensor", prefixes)
+            for prefix, camera in zip(prefixes, cameras, strict=True):
+                if not camera.get("ref_sensor") and "cam_from_rig_translation" in camera:
+                    length = _length(camera["cam_from_rig_translation"])
+                    baselines.append(RigBaseline(str(references[0]), str(prefix), length))
         if not baselines:
             raise FieldError("cam_from_rig_translation", "three numbers at a camera of one rig or more", None)
     return tuple(baselines)
-
-
-def _baselines_of(rig: dict[str, Any]) -> list[RigBaseline]:
-    cameras = [json_object(camera, "cameras") for camera in json_array(rig.get("cameras"), "cameras")]
-    prefixes = [camera.get("image_prefix") for camera in cameras]
-    references = [prefix for prefix, camera in zip(prefixes, cameras, strict=True) if camera.get("ref_sensor")]
-    if len(references) != 1 or not all(isinstance(prefix, str) and prefix for prefix in prefixes):
-        raise FieldError("cameras", "an image_prefix each, and one ref_sensor", prefixes)
-    stated = [
-        (str(prefix), _length(camera["cam_from_rig_translation"]))
-        for prefix, camera in zip(prefixes, cameras, strict=True)
-        if not camera.get("ref_sensor") and "cam_from_rig_translation" in camera
-    ]
-    return [RigBaseline(str(references[0]), prefix, length) for prefix, length in stated]
 
 
 def _length(translation: object) -> float:

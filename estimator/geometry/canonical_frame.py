@@ -115,7 +115,19 @@ def normalise_scene(scene: Scene, instances: Sequence[Instance], *, keep_views: 
         The scene has no views.
     """
     frame = canonical_frame(scene.views)
-    view_order, view_rank = (np.arange(len(scene.views)),) * 2 if keep_views else _distinct_views(scene.views, frame)
+    view_order, view_rank = np.arange(len(scene.views)), np.arange(len(scene.views))
+    if not keep_views:
+        # Views without duplicates, sorted by position.
+        centres = frame.points(camera_centres(scene.views))
+        poses: dict[bytes, int] = {}
+        distinct_views: list[int] = []
+        for row in np.lexsort(centres.T[::-1]).tolist():
+            view = scene.views[row]
+            pose = view.rotation.tobytes() + view.translation.tobytes() + view.camera.params.tobytes()
+            view_rank[row] = poses.setdefault(pose, len(distinct_views))
+            if view_rank[row] == len(distinct_views):
+                distinct_views.append(row)
+        view_order = np.array(distinct_views, dtype=np.int64)
     points = frame.points(scene.points)
     order, index = _distinct_points(points)
     views = tuple(frame.view(scene.views[row], index) for row in view_order)
@@ -138,21 +150,6 @@ def normalise_scene(scene: Scene, instances: Sequence[Instance], *, keep_views: 
         dense_order,
         rows[distinct],
     )
-
-
-def _distinct_views(views: Sequence[View], frame: CanonicalFrame) -> tuple[IntArray, IntArray]:
-    """Return the indices (k,) of the views without duplicates, sorted by position, and the rank (v,) of each view."""
-    centres = frame.points(camera_centres(views))
-    poses: dict[bytes, int] = {}
-    order: list[int] = []
-    rank = np.empty(len(views), dtype=np.int64)
-    for row in np.lexsort(centres.T[::-1]).tolist():
-        view = views[row]
-        pose = view.rotation.tobytes() + view.translation.tobytes() + view.camera.params.tobytes()
-        rank[row] = poses.setdefault(pose, len(order))
-        if rank[row] == len(order):
-            order.append(row)
-    return np.array(order, dtype=np.int64), rank
 
 
 def _distinct_points(points: FloatArray) -> tuple[IntArray, IntArray]:

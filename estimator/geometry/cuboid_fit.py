@@ -135,7 +135,24 @@ def fit_cuboid(
         )
         size = float(np.sqrt(width * height))
         fits.append(_fit((outlines, points, foot), start, size, centre_sd or CENTRE_SD * distance))
-    return _mixture(fits)
+
+    # Mixture of the fits, weighted by their costs, at the centre and yaw of the best one.
+    fits = [fit for fit in fits if np.isfinite(fit[0])] or fits[:1]  # no yaw explains invalid cameras
+    lowest = min(fit[0] for fit in fits)
+    fits = [fit for fit in fits if not fit[0] - lowest >= MIN_WORSE_COST]
+    weights = np.array([np.exp(-(fit[0] - lowest) / 2) if np.isfinite(lowest) else 1.0 for fit in fits])
+    weights /= weights.sum()
+    logs, covariances, yaws = [], [], []
+    for _, parameters, covariance, misfit in fits:
+        order = [4, 5, 6] if parameters[4] >= parameters[5] else [5, 4, 6]
+        logs.append(parameters[order])
+        covariances.append(covariance[np.ix_(order, order)] * max(misfit, 1.0) ** 2)
+        yaws.append(parameters[3] + (0.0 if order[0] == 4 else np.pi / 2))
+    mean = weights @ np.array(logs)
+    offsets = np.array(logs) - mean
+    covariance = np.einsum("k,kij->ij", weights, np.array(covariances) + offsets[:, :, None] * offsets[:, None, :])
+    best = int(weights.argmax())
+    return Cuboid(fits[best][1][:3], float(yaws[best]), np.exp(mean), covariance, fits[best][3])
 
 
 def ray_entry_depths(parameters: FloatArray, points: PointRays) -> tuple[FloatArray, FloatArray]:
@@ -239,23 +256,3 @@ def _residuals(
     weight = counts / (1 + (residuals / halves) ** 2)
     cost = float((counts * halves**2 * np.log1p((residuals / halves) ** 2)).sum())
     return jacobians, weight, residuals, cost
-
-
-def _mixture(fits: list[_Fit]) -> Cuboid:
-    """Return the mixture of several fits, weighted by their costs, at the centre and yaw of the best one."""
-    fits = [fit for fit in fits if np.isfinite(fit[0])] or fits[:1]  # no yaw explains invalid cameras
-    lowest = min(fit[0] for fit in fits)
-    fits = [fit for fit in fits if not fit[0] - lowest >= MIN_WORSE_COST]
-    weights = np.array([np.exp(-(fit[0] - lowest) / 2) if np.isfinite(lowest) else 1.0 for fit in fits])
-    weights /= weights.sum()
-    logs, covariances, yaws = [], [], []
-    for _, parameters, covariance, misfit in fits:
-        order = [4, 5, 6] if parameters[4] >= parameters[5] else [5, 4, 6]
-        logs.append(parameters[order])
-        covariances.append(covariance[np.ix_(order, order)] * max(misfit, 1.0) ** 2)
-        yaws.append(parameters[3] + (0.0 if order[0] == 4 else np.pi / 2))
-    mean = weights @ np.array(logs)
-    offsets = np.array(logs) - mean
-    covariance = np.einsum("k,kij->ij", weights, np.array(covariances) + offsets[:, :, None] * offsets[:, None, :])
-    best = int(weights.argmax())
-    return Cuboid(fits[best][1][:3], float(yaws[best]), np.exp(mean), covariance, fits[best][3])

@@ -11,7 +11,7 @@ import numpy as np
 
 from estimator.projection.cameras import view_rays
 from estimator.records.scene import Instance, Scene, View
-from metric_base.arrays import BoolArray, FloatArray, IntArray
+from metric_base.arrays import BoolArray, FloatArray
 
 # Left, top, right and bottom, then the directions between them.
 DIRECTIONS = np.array([[-1, 0], [0, -1], [1, 0], [0, 1], [-1, -1], [1, -1], [1, 1], [-1, 1]]) / np.sqrt(
@@ -156,18 +156,13 @@ def _outline_extents(
         low, high = outside.min(axis=(0, 1)), outside.max(axis=(0, 1))
         for other in occluders:
             if np.all(low < np.add(other.origin, other.mask.shape[::-1])) and np.all(high >= other.origin):
-                is_cut |= _in_mask(other, outside)
+                index = outside - np.array(other.origin)  # of the pixel in the mask
+                inside: BoolArray = np.all((index >= 0) & (index < other.mask.shape[::-1]), axis=2)
+                columns, rows = index[inside].T
+                inside[inside] = other.mask[rows, columns]
+                is_cut |= inside
     is_free: BoolArray = (is_cut & is_outer).sum(axis=0) <= MIN_CUT_FRACTION * is_outer.sum(axis=0)
     # The contour is half a pixel inside the border of a mask; a box has only four directions.
     half_pixel = 0.0 if instance.from_box else 0.5 / focal
     is_free[BOX_DIRECTIONS if instance.from_box else len(DIRECTIONS) :] = False
     return (view_rays(camera, pixels)[:, :2] @ DIRECTIONS.T).max(axis=0) + half_pixel, sigma, is_free
-
-
-def _in_mask(mask: Instance, pixels: IntArray) -> BoolArray:
-    """Return which of the integer pixels (k, 8, 2) are in a mask, (k, 8)."""
-    index = pixels - np.array(mask.origin)
-    inside: BoolArray = np.all((index >= 0) & (index < mask.mask.shape[::-1]), axis=2)
-    columns, rows = index[inside].T
-    inside[inside] = mask.mask[rows, columns]
-    return inside

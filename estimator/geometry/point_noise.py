@@ -96,14 +96,9 @@ def _residuals(points: FloatArray, rows: IntArray, view: View) -> FloatArray:
     number = np.full(int(cells.max()) + 1, -1)
     number[full] = np.arange(full.size)
     keep = np.flatnonzero(number[cells] >= 0)
-    return _plane_residuals(image.take(keep, axis=1), number[cells[keep]])
-
-
-def _plane_residuals(image: FloatArray, cells: IntArray) -> FloatArray:
-    """Return the standard deviation of 1 / z around its plane relative to its mean, (k,), in k cells.
-
-    `image` (3, n) has x, y and 1 / z of the points, and `cells` (n,) their cells.
-    """
+    # Standard deviation of 1 / z around the plane of each cell, relative to its mean.
+    image = image.take(keep, axis=1)
+    cells = number[cells[keep]]
     count = np.bincount(cells)
     means = np.array([np.bincount(cells, row) for row in image]) / count
     x, y, w = image - means[:, cells]

@@ -118,7 +118,14 @@ def side_visibility(
     centre = (low + high) / 2 @ axes
     normals = np.stack([-axes, axes], axis=1)  # (3, 2, 3) outward
     sampled = evenly_spaced(points, MAX_OBJECT_POINTS)
-    ends_on_top = _ends_on_top(points @ axes.T, low, high)
+    # Whether the points next to a vertical side are those of the top; True for top and bottom.
+    position = ((points @ axes.T) - low) / np.maximum(high - low, np.finfo(float).tiny)
+    is_top = position[:, 2] > 1 - TOP_BAND
+    ends_on_top = np.ones((3, 2), dtype=bool)
+    for axis in (0, 1):
+        for end, is_end in enumerate((position[:, axis] < END_BAND, position[:, axis] > 1 - END_BAND)):
+            n_top = int(np.count_nonzero(is_top & is_end))
+            ends_on_top[axis, end] = n_top >= MIN_TOP_FRACTION * int(np.count_nonzero(is_end))
     is_shown = np.zeros((len(masks), 3, 2), dtype=bool)
     excess = np.full((len(masks), 3, 2), np.nan)
     for row, (mask, outline) in enumerate(zip(masks, outlines, strict=True)):
@@ -134,18 +141,6 @@ def side_visibility(
         if not mask.from_box:
             excess[row] = np.where((sine >= MIN_EXCESS_SINE) & ~is_cut, view_excess, np.nan)
     return SideVisibility(is_shown, excess)
-
-
-def _ends_on_top(local: FloatArray, low: FloatArray, high: FloatArray) -> BoolArray:
-    """Return (3, 2) whether the points next to a vertical side are those of the top; True for top and bottom."""
-    position = (local - low) / np.maximum(high - low, np.finfo(float).tiny)
-    is_top = position[:, 2] > 1 - TOP_BAND
-    ends = np.ones((3, 2), dtype=bool)
-    for axis in (0, 1):
-        for end, is_end in enumerate((position[:, axis] < END_BAND, position[:, axis] > 1 - END_BAND)):
-            n_top = int(np.count_nonzero(is_top & is_end))
-            ends[axis, end] = n_top >= MIN_TOP_FRACTION * int(np.count_nonzero(is_end))
-    return ends
 
 
 def _cut_and_excess(

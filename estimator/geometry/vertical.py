@@ -181,8 +181,43 @@ def refine_up(up: Up, points: FloatArray, downsampled: FloatArray | None = None)
         return up
     bin_width = height_bin_width(downsampled @ up.vector)
     start = _sharpest_vertical(up, downsampled[:: -(-len(downsampled) // MAX_SEARCH_POINTS)], bin_width)
-    surfaces = _level_surfaces(start, downsampled, bin_width)
-    return _combine(up, start, surfaces, downsampled) if surfaces else up
+    # Level surfaces with many points; of surfaces that share half of their points, the one with more points.
+    widths = (bin_width, FIT_BIN * bin_width)
+    fits = [
+        _fit_plane(start, height, downsampled, width, widths[1])
+        for width in widths
+        for height in height_peaks(downsampled @ start, width)
+    ]
+    surfaces: list[_Surface] = []
+    for fit in sorted((fit for fit in fits if fit is not None), key=lambda fit: -np.count_nonzero(fit[3])):
+        rows = fit[3]
+        if all(2 * np.count_nonzero(rows & other[3]) < np.count_nonzero(rows) for other in surfaces):
+            surfaces.append(fit)
+    if not surfaces:
+        return up
+
+    # Combine the verticals of the cameras and of the surfaces by their covariances. With the tilt x_k of vertical k
+    # against `start` and its covariance C_k, x = S sum C_k^-1 x_k and S = (sum C_k^-1)^-1, times the sum of
+    # (x_k - x)^T C_k^-1 (x_k - x) over 2 (k - 1) if that is more than 1 (Birge 1932). Along each axis of a surface, C_k
+    # is (flatness / width)^2 per independent observation, plus (0.7 degrees * max(width of the scene / width, 1))^2.
+    basis = level_basis(start)
+    across = np.percentile(downsampled @ basis[:2].T, [84, 16], axis=0)
+    scene_width = float(np.sqrt(np.prod(across[0] - across[1])) / 2)
+    normals = (up.vector, *(normal for normal, _, _, _ in surfaces))
+    tilts = [np.degrees(basis[:2] @ normal / (basis[2] @ normal)) for normal in normals]
+    precisions = [np.eye(2) / up.sigma_deg**2]
+    for _, deviations, axes, rows in surfaces:
+        readings = max(np.count_nonzero(rows) / POINTS_PER_READING, 1.0)
+        fit_deg = np.degrees(deviations[0] / deviations[1:] / np.sqrt(readings))
+        slope_deg = SLOPE_DEG * np.maximum(scene_width / deviations[1:], 1.0)
+        sides = axes[1:] @ basis[:2].T
+        precisions.append(np.linalg.inv((sides.T * (fit_deg**2 + slope_deg**2)) @ sides))
+    covariance = np.linalg.inv(sum(precisions))
+    tilt = covariance @ sum(precision @ x for precision, x in zip(precisions, tilts, strict=True))
+    scatter = sum(float((x - tilt) @ precision @ (x - tilt)) for precision, x in zip(precisions, tilts, strict=True))
+    variance = np.trace(covariance) / 2 * max(scatter / (2 * len(surfaces)), 1.0)
+    vector = _tilt_up(start, basis[:2], tilt[None])[0]
+    return Up(vector, f"{up.method}+plane", float(np.sqrt(variance + COMMON_DEG**2)))
 
 
 def _sharpest_vertical(up: Up, points: FloatArray, bin_width: float) -> FloatArray:
@@ -235,26 +270,6 @@ def _sharpness(
     return np.asarray(score - CAMERA_PRIOR_WEIGHT / 2 * np.square(degrees / sigma).sum(axis=1))
 
 
-def _level_surfaces(start: FloatArray, points: FloatArray, bin_width: float) -> list[_Surface]:
-    """Fit planes to points (n, 3) at the peaks of their heights along `start` (3,); those with most points are first.
-
-    Peaks are found with two bin widths: a tilted surface is no peak in fine bins, and a surface with objects on it is
-    no plane in coarse ones. Of two planes that share half of their points, the one with more points is kept.
-    """
-    widths = (bin_width, FIT_BIN * bin_width)
-    fits = [
-        _fit_plane(start, height, points, width, widths[1])
-        for width in widths
-        for height in height_peaks(points @ start, width)
-    ]
-    surfaces: list[_Surface] = []
-    for fit in sorted((fit for fit in fits if fit is not None), key=lambda fit: -np.count_nonzero(fit[3])):
-        rows = fit[3]
-        if all(2 * np.count_nonzero(rows & other[3]) < np.count_nonzero(rows) for other in surfaces):
-            surfaces.append(fit)
-    return surfaces
-
-
 def _fit_plane(start: FloatArray, height: float, points: FloatArray, first: float, last: float) -> _Surface | None:
     """Fit a plane to points (n, 3) around a height along `start` (3,); None if it is not nearly level.
 
@@ -271,31 +286,3 @@ def _fit_plane(start: FloatArray, height: float, points: FloatArray, first: floa
     if normal @ start < np.cos(np.radians(MAX_SLOPE_DEG)):
         return None
     return normal, np.sqrt(np.maximum(values, 0.0)), vectors.T, rows
-
-
-def _combine(up: Up, start: FloatArray, surfaces: list[_Surface], points: FloatArray) -> Up:
-    """Combine the verticals of the cameras and of the surfaces among points (n, 3) by their covariances.
-
-    With the tilt x_k of vertical k against `start` (3,) and its covariance C_k, x = S sum C_k^-1 x_k and
-    S = (sum C_k^-1)^-1, times the sum of (x_k - x)^T C_k^-1 (x_k - x) over 2 (k - 1) if that is more than 1 (Birge
-    1932). Along each axis of a surface, C_k is (flatness / width)^2 per independent observation, plus
-    (0.7 degrees * max(width of the scene / width, 1))^2.
-    """
-    basis = level_basis(start)
-    across = np.percentile(points @ basis[:2].T, [84, 16], axis=0)
-    scene_width = float(np.sqrt(np.prod(across[0] - across[1])) / 2)
-    normals = (up.vector, *(normal for normal, _, _, _ in surfaces))
-    tilts = [np.degrees(basis[:2] @ normal / (basis[2] @ normal)) for normal in normals]
-    precisions = [np.eye(2) / up.sigma_deg**2]
-    for _, deviations, axes, rows in surfaces:
-        readings = max(np.count_nonzero(rows) / POINTS_PER_READING, 1.0)
-        fit_deg = np.degrees(deviations[0] / deviations[1:] / np.sqrt(readings))
-        slope_deg = SLOPE_DEG * np.maximum(scene_width / deviations[1:], 1.0)
-        sides = axes[1:] @ basis[:2].T
-        precisions.append(np.linalg.inv((sides.T * (fit_deg**2 + slope_deg**2)) @ sides))
-    covariance = np.linalg.inv(sum(precisions))
-    tilt = covariance @ sum(precision @ x for precision, x in zip(precisions, tilts, strict=True))
-    scatter = sum(float((x - tilt) @ precision @ (x - tilt)) for precision, x in zip(precisions, tilts, strict=True))
-    variance = np.trace(covariance) / 2 * max(scatter / (2 * len(surfaces)), 1.0)
-    vector = _tilt_up(start, basis[:2], tilt[None])[0]
-    return Up(vector, f"{up.method}+plane", float(np.sqrt(variance + COMMON_DEG**2)))

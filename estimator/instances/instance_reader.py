@@ -118,7 +118,16 @@ def read_instance_files(scene: Scene, path: Path, names: Path | None = None) -> 
     InputError
         The format is unknown, or a file is damaged.
     """
-    return _read_folder(scene, path, names) if path.is_dir() else _read_file(scene, path, names)
+    if path.is_dir():
+        return _read_folder(scene, path, names)
+    if path.suffix in {".yaml", ".yml"}:
+        return read_yolo(scene, path.parent, path)
+    document = read_json(path)
+    if is_panoptic(document):
+        return _with_warning(read_panoptic(scene, path, document), names, path)
+    if is_labelme(document):
+        return _with_warning(read_labelme(scene, [path], path), names, path)
+    return read_coco(scene, path, names, document)
 
 
 def instances_of_masks(masks: MasksByImage, scene: Scene) -> Instances:
@@ -151,18 +160,6 @@ def instances_of_masks(masks: MasksByImage, scene: Scene) -> Instances:
             if crop is not None:
                 instances[-1] = Instance(str(len(instances)), row, category, *crop, float(score))
     return finish_instances(SOURCE, scene, list(masks), instances, ())
-
-
-def _read_file(scene: Scene, file: Path, names: Path | None) -> Instances:
-    """Read a file of masks: YOLO, or a JSON document."""
-    if file.suffix in {".yaml", ".yml"}:
-        return read_yolo(scene, file.parent, file)
-    document = read_json(file)
-    if is_panoptic(document):
-        return _with_warning(read_panoptic(scene, file, document), names, file)
-    if is_labelme(document):
-        return _with_warning(read_labelme(scene, [file], file), names, file)
-    return read_coco(scene, file, names, document)
 
 
 def _read_folder(scene: Scene, folder: Path, names: Path | None) -> Instances:

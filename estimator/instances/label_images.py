@@ -23,7 +23,6 @@ from numpy.typing import NDArray
 from estimator.instances.mask_decoding import checked_image_size
 from estimator.instances.view_matching import ViewLookup, finish_instances, mask_crop
 from estimator.records.scene import Instance, Scene
-from metric_base.arrays import BoolArray
 from metric_base.errors import FieldError, InputError, Unquoted, at_field, in_file
 from metric_base.input_files import folder_entries, read_bytes, read_json
 from metric_base.parsing import json_object
@@ -77,6 +76,8 @@ def read_label_images(scene: Scene, folder: Path) -> tuple[tuple[Instance, ...],
 
 def _instances(scene: Scene, row: int, file: Path, names: dict[int, str], are_objects: bool) -> list[Instance]:
     """Return the instances of an image."""
+    import cv2
+
     values = read_png(file)
     if values.ndim != 2:
         raise InputError.at(file, "channels", "1, the value of the instance", values.shape[2])
@@ -87,22 +88,19 @@ def _instances(scene: Scene, row: int, file: Path, names: dict[int, str], are_ob
         if value not in names:
             continue
         mask = values == value
-        for number, part in enumerate([mask] if are_objects else _connected_parts(mask)):
+        parts = [mask]
+        if not are_objects:
+            # The connected parts of a category are its objects, the largest first, without noise.
+            n, labels, stats, _ = cv2.connectedComponentsWithStats(mask.astype(np.uint8), connectivity=8)
+            areas = stats[1:, cv2.CC_STAT_AREA]
+            large = [part for part in range(n - 1) if areas[part] >= MIN_PART_FRACTION * areas.max()]
+            parts = [labels == part + 1 for part in sorted(large, key=areas.__getitem__, reverse=True)]
+        for number, part in enumerate(parts):
             crop = mask_crop(part, camera)
             if crop is not None:
                 identity = f"{file.stem}:{value}" if are_objects else f"{file.stem}:{value}.{number}"
                 instances.append(Instance(identity, row, names[value], *crop))
     return instances
-
-
-def _connected_parts(mask: BoolArray) -> list[BoolArray]:
-    """Return the connected parts (h, w) of a mask (h, w), the largest first, without noise."""
-    import cv2
-
-    n, labels, stats, _ = cv2.connectedComponentsWithStats(mask.astype(np.uint8), connectivity=8)
-    areas = stats[1:, cv2.CC_STAT_AREA]
-    keep = [part for part in range(n - 1) if areas[part] >= MIN_PART_FRACTION * areas.max()]
-    return [labels == part + 1 for part in sorted(keep, key=lambda part: -areas[part])]
 
 
 def read_png(file: Path) -> NDArray[Any]:

@@ -45,7 +45,23 @@ def decode_segmentation(segmentation: object, size: tuple[int, int]) -> BoolArra
         A polygon or a run length is invalid, or an outline is too long.
     """
     if isinstance(segmentation, list):
-        return _polygon_mask(segmentation, size)
+        from pycocotools import mask as coco  # takes a quarter of a second, and is not necessary for run lengths
+
+        width, height = size
+        outlines, length = [], 0.0
+        for index, polygon in enumerate(segmentation):
+            corners = _numbers(polygon)
+            if corners is None or len(corners) < 6 or len(corners) % 2:
+                found = Unquoted(f"{len(polygon)} values" if isinstance(polygon, list) else type(polygon).__name__)
+                raise FieldError(f"polygon {index}", "at least three pairs of finite numbers", found)
+            # Corners outside the image are moved to its border, which limits the length of the outline.
+            outline = np.clip(corners.reshape(-1, 2), -1.0, [width + 1.0, height + 1.0])
+            length += float(np.abs(np.diff(outline, axis=0, append=outline[:1])).sum())
+            outlines.append(outline)
+        if length > MAX_OUTLINE_PX:
+            raise FieldError("polygons", f"outlines of at most {MAX_OUTLINE_PX} pixels", int(length))
+        runs = coco.frPyObjects([outline.ravel().tolist() for outline in outlines], height, width)
+        return _mask_of_runs(_decoded_lengths(coco.merge(runs)["counts"].decode("ascii")), width, height)
     record = json_object(segmentation, "segmentation")
     with at_field("segmentation size"):
         height, width = checked_image_size(record.get("size"))
@@ -75,27 +91,6 @@ def box_mask(box: object, size: tuple[int, int]) -> BoolArray:
     mask = np.zeros((height, width), dtype=bool)
     mask[top:bottom, left:right] = True
     return mask
-
-
-def _polygon_mask(polygons: list[object], size: tuple[int, int]) -> BoolArray:
-    """Return the mask (h, w) of polygons in an image of `size` (width, height)."""
-    from pycocotools import mask as coco  # takes a quarter of a second, and is not necessary for run lengths
-
-    width, height = size
-    outlines, length = [], 0.0
-    for index, polygon in enumerate(polygons):
-        corners = _numbers(polygon)
-        if corners is None or len(corners) < 6 or len(corners) % 2:
-            found = Unquoted(f"{len(polygon)} values" if isinstance(polygon, list) else type(polygon).__name__)
-            raise FieldError(f"polygon {index}", "at least three pairs of finite numbers", found)
-        # Corners outside the image are moved to its border, which limits the length of the outline.
-        outline = np.clip(corners.reshape(-1, 2), -1.0, [width + 1.0, height + 1.0])
-        length += float(np.abs(np.diff(outline, axis=0, append=outline[:1])).sum())
-        outlines.append(outline)
-    if length > MAX_OUTLINE_PX:
-        raise FieldError("polygons", f"outlines of at most {MAX_OUTLINE_PX} pixels", int(length))
-    runs = coco.frPyObjects([outline.ravel().tolist() for outline in outlines], height, width)
-    return _mask_of_runs(_decoded_lengths(coco.merge(runs)["counts"].decode("ascii")), width, height)
 
 
 def _mask_of_runs(lengths: IntArray, width: int, height: int) -> BoolArray:

@@ -148,6 +148,9 @@ def _rows(result: ScaleResult) -> list[_Row]:
 
 def _draw_posterior(axes: Axes, result: ScaleResult, truth: float | None) -> None:
     """Draw the posterior with its interval and modes, and the true scale."""
+    from matplotlib.lines import Line2D
+    from matplotlib.patches import Patch
+
     if result.curve is None or result.best_scale is None:
         axes.set_axis_off()
         return
@@ -171,28 +174,7 @@ def _draw_posterior(axes: Axes, result: ScaleResult, truth: float | None) -> Non
     axes.set_yticks([])
     axes.tick_params(axis="x", labelbottom=False, which="both")
     level = None if interval is None else interval.level
-    handles = _legend(truth, level, len(result.modes))
-    axes.legend(handles=handles, fontsize=8, loc="upper right", frameon=False)
-    axes.set_title(_title(result), fontsize=12, loc="left", color="black" if interval is not None else WARNING_COLOUR)
-    hide_spines(axes)
-
-
-def _title(result: ScaleResult) -> str:
-    """Return the scale and its interval in one line, with a status other than `resolved`."""
-    scale = f"{result.best_scale:.4g} m per scene unit"
-    if result.interval is None:
-        return f"UNRESOLVED: the highest mode is {scale}"
-    interval = result.interval
-    mark = "" if result.status == "resolved" else f"{result.status.upper()}: "
-    return f"{mark}{scale}   ({interval.level:.0%} between {interval.low:.4g} and {interval.high:.4g})"
-
-
-def _legend(truth: float | None, level: float | None, modes: int) -> list[Artist]:
-    """Return the entries of the legend."""
-    from matplotlib.lines import Line2D
-    from matplotlib.patches import Patch
-
-    mode_label = "mode" if modes == 1 else "modes, with their mass"
+    mode_label = "mode" if len(result.modes) == 1 else "modes, with their mass"
     handles: list[Artist] = [
         Line2D([], [], color=POSTERIOR_COLOUR, linewidth=1.6, label="posterior of the scale"),
         Line2D([], [], color=POSTERIOR_COLOUR, linewidth=0.8, linestyle=":", label=mode_label),
@@ -201,7 +183,14 @@ def _legend(truth: float | None, level: float | None, modes: int) -> list[Artist
         handles.insert(1, Patch(color=POSTERIOR_COLOUR, alpha=0.18, linewidth=0, label=f"{level:.0%} interval"))
     if truth is not None:
         handles.append(Line2D([], [], color=TRUTH_COLOUR, linewidth=1.4, label=f"true scale, {truth:.4g}"))
-    return handles
+    axes.legend(handles=handles, fontsize=8, loc="upper right", frameon=False)
+    title = f"UNRESOLVED: the highest mode is {result.best_scale:.4g} m per scene unit"
+    if interval is not None:
+        mark = "" if result.status == "resolved" else f"{result.status.upper()}: "
+        bounds = f"{interval.level:.0%} between {interval.low:.4g} and {interval.high:.4g}"
+        title = f"{mark}{result.best_scale:.4g} m per scene unit   ({bounds})"
+    axes.set_title(title, fontsize=12, loc="left", color="black" if interval is not None else WARNING_COLOUR)
+    hide_spines(axes)
 
 
 def _scale_range(result: ScaleResult) -> tuple[float, float]:
@@ -219,6 +208,7 @@ def _scale_range(result: ScaleResult) -> tuple[float, float]:
 def _draw_rows(axes: Axes, result: ScaleResult, rows: Sequence[_Row]) -> None:
     """Draw the rows of objects and other evidence: likelihood, scale if it is outside the axis, and name."""
     from matplotlib.patheffects import Normal, Stroke
+    from matplotlib.ticker import FixedLocator, FuncFormatter, NullLocator
 
     if result.curve is None or not rows:
         axes.set_axis_off()
@@ -244,15 +234,7 @@ def _draw_rows(axes: Axes, result: ScaleResult, rows: Sequence[_Row]) -> None:
         tick.set_color(COLOURS[row.verdict])
     axes.set_ylim(len(rows) - 0.4, -1.2)
     axes.set_xlim(low, high)
-    _scale_ticks(axes, low, high)
-    axes.set_xlabel(_caption(result, rows), fontsize=9)
-    hide_spines(axes)
-
-
-def _scale_ticks(axes: Axes, low: float, high: float) -> None:
-    """Set decimal tick labels on the log axis, with the finest steps of at most `MAX_TICKS` ticks."""
-    from matplotlib.ticker import FixedLocator, FuncFormatter, NullLocator
-
+    # Ticks at 1, 2 and 5 times powers of ten.
     decades = 10.0 ** np.arange(math.floor(math.log10(low)), math.ceil(math.log10(high)) + 1)
     ticks: FloatArray = np.empty(0)
     for steps in _TICK_STEPS:
@@ -262,14 +244,11 @@ def _scale_ticks(axes: Axes, low: float, high: float) -> None:
     axes.xaxis.set_major_locator(FixedLocator(ticks.tolist()))
     axes.xaxis.set_minor_locator(NullLocator())
     axes.xaxis.set_major_formatter(FuncFormatter(lambda value, _: f"{value:.3g}"))
-
-
-def _caption(result: ScaleResult, rows: Sequence[_Row]) -> str:
-    """Return the caption of the rows, with the number of used, outlying and skipped objects."""
     verdicts = [item.verdict for item in result.objects if item.dimensions]
     verdicts += [item.verdict for item in result.evidence]
     counts = {name: verdicts.count(name) for name in ("used", "outlier", "skipped")}
-    text = f"scale in metres per scene unit; rows: likelihood of each alone   (blue {counts['used']} used, "
-    text += f"orange {counts['outlier']} outliers; {counts['skipped']} skipped"
+    caption = f"scale in metres per scene unit; rows: likelihood of each alone   (blue {counts['used']} used, "
+    caption += f"orange {counts['outlier']} outliers; {counts['skipped']} skipped"
     n_rows = counts["used"] + counts["outlier"]
-    return text + (f"; {len(rows)} of {n_rows} drawn)" if len(rows) < n_rows else ")")
+    axes.set_xlabel(caption + (f"; {len(rows)} of {n_rows} drawn)" if len(rows) < n_rows else ")"), fontsize=9)
+    hide_spines(axes)

@@ -53,10 +53,15 @@ def place_labels(
     corners = np.zeros((len(sizes), 2))
     taken: list[FloatArray] = []
     for row in np.argsort(-sizes.prod(axis=1), kind="stable"):
-        candidates = _candidates(objects[row], sizes[row], canvas, step)  # (c, 2)
-        labels = np.hstack([candidates, candidates + sizes[row]])
-        centre = (objects[row, :2] + objects[row, 2:]) / 2
-        cost = np.linalg.norm(candidates + sizes[row] / 2 - centre, axis=1)
+        # Candidates are on rings around the centre of the object, moved into the canvas.
+        size, centre = sizes[row], (objects[row, :2] + objects[row, 2:]) / 2
+        angles = np.linspace(-np.pi / 2, 1.5 * np.pi, _N_PER_RING, endpoint=False)
+        around = np.column_stack([_RING_ASPECT * np.cos(angles), np.sin(angles)])
+        radii = step * np.arange(_N_RINGS)
+        centres = centre + (radii[:, None, None] * around).reshape(-1, 2)
+        candidates = np.asarray(np.clip(centres - size / 2, 0, np.maximum(np.array(canvas) - size, 0)))
+        labels = np.hstack([candidates, candidates + size])
+        cost = np.linalg.norm(candidates + size / 2 - centre, axis=1)
         cost += _OVERLAP_COST * _shared_area(labels, taken).sum(axis=1)
         area = np.maximum((objects[:, 2:] - objects[:, :2]).prod(axis=1), 1.0)
         cost += cover_cost * (_shared_area(labels, objects) / area).sum(axis=1)
@@ -64,15 +69,6 @@ def place_labels(
         corners[row] = candidates[best]
         taken.append(labels[best])
     return corners
-
-
-def _candidates(bounds: FloatArray, size: FloatArray, canvas: tuple[float, float], step: float) -> FloatArray:
-    """Return the corners (c, 2) of a label whose centre is on rings around an object, within the canvas."""
-    angles = np.linspace(-np.pi / 2, 1.5 * np.pi, _N_PER_RING, endpoint=False)
-    around = np.column_stack([_RING_ASPECT * np.cos(angles), np.sin(angles)])
-    radii = step * np.arange(_N_RINGS)
-    centres = (bounds[:2] + bounds[2:]) / 2 + (radii[:, None, None] * around).reshape(-1, 2)
-    return np.asarray(np.clip(centres - size / 2, 0, np.maximum(np.array(canvas) - size, 0)))
 
 
 def _shared_area(labels: FloatArray, others: Sequence[FloatArray] | FloatArray) -> FloatArray:

@@ -76,9 +76,20 @@ def draw_panels(
     from PIL import Image, ImageDraw
 
     bold, plain = _fonts()
-    sizes = np.array([_panel_size(report, labels, bold, plain) for report, labels in texts]).reshape(-1, 2)
-    bounds = np.array([_visible_bounds(lines, canvas.shape) for lines in edges]).reshape(-1, 4)
-    corners_px = np.rint(place_labels(bounds, sizes, (canvas.shape[1], canvas.shape[0])))
+    height, width = canvas.shape[:2]
+    panels = []  # width and height in pixels
+    for report, labels in texts:
+        widths = [bold.getlength(_heading(report)), *(plain.getlength(label.text) for label in labels)]
+        panels.append((math.ceil(max(widths)) + 2 * _PAD_PX, (1 + len(labels)) * _LINE_PX + _PAD_PX))
+    sizes = np.array(panels).reshape(-1, 2)
+    bounds = np.tile([0.0, 0.0, width, height], (len(edges), 1))  # left, top, right, bottom of the visible part
+    for row, lines in enumerate(edges):
+        pixels = lines.reshape(-1, 2)
+        with np.errstate(invalid="ignore"):
+            inside = pixels[((pixels >= 0) & (pixels < (width, height))).all(axis=1)]
+        if len(inside):
+            bounds[row] = np.concatenate([inside.min(axis=0), inside.max(axis=0)])
+    corners_px = np.rint(place_labels(bounds, sizes, (width, height)))
     sheet = Image.fromarray(canvas)
     shade = Image.new("RGBA", sheet.size, (0, 0, 0, 0))
     draw = ImageDraw.Draw(shade)
@@ -124,24 +135,6 @@ def _heading(report: ObjectReport) -> str:
     return visible(f"{report.category} {report.id}")[:MAX_HEADING_CHARS] + (
         "" if report.verdict == "used" else f"  {report.verdict}"
     )
-
-
-def _panel_size(
-    report: ObjectReport, labels: Sequence[DimensionLabel], bold: FreeTypeFont, plain: FreeTypeFont
-) -> tuple[int, int]:
-    """Return width and height of a panel in pixels."""
-    widths = [bold.getlength(_heading(report)), *(plain.getlength(label.text) for label in labels)]
-    return math.ceil(max(widths)) + 2 * _PAD_PX, (1 + len(labels)) * _LINE_PX + _PAD_PX
-
-
-def _visible_bounds(lines: FloatArray, shape: tuple[int, ...]) -> FloatArray:
-    """Return left, top, right and bottom (4,) of the visible part of a box (12, k, 2)."""
-    pixels = lines.reshape(-1, 2)
-    with np.errstate(invalid="ignore"):
-        inside = pixels[((pixels >= 0) & (pixels < (shape[1], shape[0]))).all(axis=1)]
-    if not len(inside):
-        return np.array([0.0, 0.0, shape[1], shape[0]])
-    return np.concatenate([inside.min(axis=0), inside.max(axis=0)])
 
 
 def _fonts() -> tuple[FreeTypeFont, FreeTypeFont]:
@@ -226,7 +219,12 @@ def overlay(estimate: SceneEstimate, row: int, image: Any) -> Any:
     # The centre of the first pixel is (0.5, 0.5) in COLMAP and (0, 0) in OpenCV.
     edges = [projected_edges(item.box, view) * factor - 0.5 for item, _, _ in visible_objects if item.box is not None]
     for (_, _, labels), lines in zip(visible_objects, edges, strict=True):
-        _draw_edges(canvas, lines, labels)
+        for line in lines:
+            _draw_line(canvas, line, PLAIN, 1)
+        for label in labels:
+            edge = _most_visible_edge(lines, label.axis, canvas.shape)
+            if edge is not None:
+                _draw_line(canvas, lines[edge], AXIS_COLOURS[label.axis] if label.is_used else UNUSED, 3)
     drawn = draw_panels(canvas, [(report, labels) for _, report, labels in visible_objects], edges)
     if not visible_objects:
         return drawn
@@ -252,16 +250,6 @@ def _visible_objects(
         sizes = truth.sizes.get(tracks.most_common(1)[0][0], {}) if tracks else {}
         found.append((item, reports[item.id], dimension_labels(item, reports[item.id], estimate.result, sizes)))
     return found
-
-
-def _draw_edges(canvas: Any, lines: FloatArray, labels: Sequence[DimensionLabel]) -> None:
-    """Draw the edges (12, k, 2) of a box, and the most visible edge of each labelled dimension thick in its colour."""
-    for line in lines:
-        _draw_line(canvas, line, PLAIN, 1)
-    for label in labels:
-        edge = _most_visible_edge(lines, label.axis, canvas.shape)
-        if edge is not None:
-            _draw_line(canvas, lines[edge], AXIS_COLOURS[label.axis] if label.is_used else UNUSED, 3)
 
 
 def _most_visible_edge(lines: FloatArray, axis: int, shape: tuple[int, ...]) -> int | None:

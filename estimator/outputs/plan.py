@@ -35,6 +35,8 @@ MAX_LABEL_CHARS = 24
 
 def draw_scene(above: Axes, side: Axes, estimate: SceneEstimate) -> None:
     """Draw plan and elevation in metres, with x along the longer horizontal extent of the objects."""
+    from scipy.spatial import ConvexHull, QhullError
+
     scale, up = estimate.result.best_scale, estimate.result.up
     if scale is None or up is None:
         above.set_axis_off()
@@ -60,7 +62,14 @@ def draw_scene(above: Axes, side: Axes, estimate: SceneEstimate) -> None:
         axes.scatter(points[:, rows[0]], points[:, rows[1]], s=0.9, c=POINT_COLOUR, linewidths=0, rasterized=True)
         axes.plot(*path[:, rows].T, color=CAMERA_COLOUR, linewidth=1, marker=".", markersize=4)
         for row in order:
-            _draw_box(axes, boxes[row][:, rows], COLOURS[verdicts.get(objects[row].id, "skipped")])
+            outline = boxes[row][:, rows]
+            colour = COLOURS[verdicts.get(objects[row].id, "skipped")]
+            try:
+                hull = outline[ConvexHull(outline).vertices]
+            except QhullError:  # the box has no width
+                hull = outline
+            axes.fill(*hull.T, facecolor=colour, edgecolor=colour, alpha=0.10, linewidth=0)
+            axes.fill(*hull.T, fill=False, edgecolor=colour, linewidth=1.1)
         axes.set_xlim(low[rows[0]], high[rows[0]])
         axes.set_ylim(low[rows[1]], high[rows[1]])
         axes.set_aspect("equal")
@@ -95,18 +104,6 @@ def _frame(up: FloatArray, objects: Sequence[MeasuredObject], cameras: FloatArra
     if np.ptp(positions[:, 0]) < np.ptp(positions[:, 1]):
         rows = np.array([rows[1], -rows[0]])
     return np.vstack([rows, basis[2]])
-
-
-def _draw_box(axes: Axes, outline: FloatArray, colour: str) -> None:
-    """Draw the silhouette of a box from its projected corners (8, 2)."""
-    from scipy.spatial import ConvexHull, QhullError
-
-    try:
-        hull = outline[ConvexHull(outline).vertices]
-    except QhullError:  # the box has no width
-        hull = outline
-    axes.fill(*hull.T, facecolor=colour, edgecolor=colour, alpha=0.10, linewidth=0)
-    axes.fill(*hull.T, fill=False, edgecolor=colour, linewidth=1.1)
 
 
 def _label_boxes(axes: Axes, outlines: Sequence[FloatArray], ids: Sequence[str], colours: Sequence[str]) -> None:

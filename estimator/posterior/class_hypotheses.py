@@ -1,8 +1,8 @@
 """Hypotheses about the similarity of the objects of one class in one scene, which the posterior mixes.
 
-Ten office chairs in one office are often of one kind; ten tables need not be. With the components m_k, S_k of the prior
+Ten office chairs in an office are often identical; ten tables need not be. With the components m_k, S_k of the prior
 of a class, the error B between its sources, and the fraction rho of the variance within a source that the objects of
-the scene have in common, the class is one of
+the scene have in common, the hypotheses are
 
     assorted    x_i ~ sum_k w_k N(m_k + e, S_k),            e ~ N(0, B)
     related     x_i ~ sum_k w_k N(m_k + e, (1 - rho) S_k),  e ~ N(0, B + rho sum_k w_k S_k),   rho = 0.5
@@ -37,7 +37,7 @@ from metric_tree.prior import Prior
 SIMILARITY_WEIGHTS = (0.3, 0.4, 0.3)
 #: Fraction rho of the variance of related objects.
 RELATED_FRACTION = 0.5
-#: Fraction rho of the variance of objects of one kind.
+#: Fraction rho of the variance if all objects are of the same kind.
 ONE_KIND_FRACTION = 0.9
 #: Probability that the label of several objects means another object in this scene, or that the prior does not describe
 #: the objects in rooms. Chosen on rooms of a source that the priors do not contain (docs/evidence/calibration.md).

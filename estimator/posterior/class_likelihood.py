@@ -39,7 +39,7 @@ MAX_REDUCEAT_COLUMNS = 128
 
 @dataclass(frozen=True, slots=True, eq=False)
 class SingleObjectClasses:
-    """Likelihoods of c classes of one object each."""
+    """Likelihoods of c classes with a single object each."""
 
     #: (c, g)
     log_likelihood: FloatArray
@@ -52,7 +52,7 @@ class SingleObjectClasses:
 
 
 def single_object_classes(components: ObjectComponents, u: FloatArray) -> SingleObjectClasses:
-    """Compute the likelihoods of classes of one object at log scales u (g,); components include the class error."""
+    """Compute the likelihoods of single-object classes at log scales u (g,); components include the class error."""
     floor = np.exp(components.log_floor)[:, None]
     density = line_density(components, u) + floor  # (n, g)
     return SingleObjectClasses(np.log(density), floor / density)
@@ -121,7 +121,7 @@ class MultiObjectClasses:
     outlier: NDArray[np.float32]
 
     def weights(self, mass: FloatArray) -> FloatArray:
-        """Return the probability (n,) of each object to be what its label says, for the posterior `mass` (g,)."""
+        """Return the probability (n,) that each object matches its label, for the posterior `mass` (g,)."""
         group, entry = self.hypotheses.group, self.hypotheses.entry
         is_mislabelled = np.array([hypothesis.is_mislabelled for hypothesis in self.hypotheses.hypotheses])
         # The posterior of the other classes as a function of u'; undefined where the posterior has no mass.
@@ -166,13 +166,20 @@ def multi_object_classes(
     common = np.broadcast_to(search, (len(hypotheses.hypotheses), len(search)))
     log_central = _log_products(components, nodes.central(), hypotheses, common)[0][:, 0]  # (w, f)
 
-    # Centre and half width (w,) of the range in which each product matters, with a margin of one step.
+    # Centre and half width (w,) of the range in which each product matters, with a margin of a step.
     matters = log_central > log_central.max(axis=1, keepdims=True) - MAX_DEPTH_UNDER_PEAK_LOG
     low = search[np.maximum(matters.argmax(axis=1) - 1, 0)]
     high = search[np.minimum(len(search) - matters[:, ::-1].argmax(axis=1), len(search) - 1)]
     centre, half = 0.5 * (low + high), 0.5 * (high - low)
 
-    keep = _is_plausible(hypotheses, _peak_heights(log_central), half)
+    # Only hypotheses matter whose evidence is close to the best one with the same vertical extent. The shared error
+    # widens a narrow product, which lowers its peak by about the ratio of the widths.
+    widened = np.log(np.minimum(1.0, half / (3 * hypotheses.along_sd)))
+    evidence = _peak_heights(log_central) + hypotheses.log_weight + widened
+    orientation = hypotheses.group * (len(VERTICAL_EXTENTS) + 1) + hypotheses.vertical_extent + 1
+    best = np.full(int(orientation.max()) + 1, -np.inf)
+    np.maximum.at(best, orientation, evidence)
+    keep = np.asarray(evidence > best[orientation] - MAX_EVIDENCE_LOSS_LOG)
     if not keep.all():
         components = components.of(np.flatnonzero(keep[hypotheses.entry]))
         hypotheses, nodes, centre, half = hypotheses.of(keep), nodes.of(keep), centre[keep], half[keep]
@@ -186,10 +193,22 @@ def multi_object_classes(
     value = np.exp(log_node - top[:, None]).sum(axis=1)  # (w, h)
     smooth, kernel = convolution(value, class_grids, u, along_sd)
     log_likelihood = np.log(np.maximum(smooth, 1e-300)) + top  # (w, g)
-    correction = _orientation_correction(hypotheses, log_likelihood)
+    # The height of the likelihood of a vertical extent is the evidence of n objects for it. The priors do not describe
+    # the variation of sizes in a place well enough for the power n, so it is limited to the evidence of a few objects.
+    extent = hypotheses.vertical_extent
+    group = hypotheses.group * len(VERTICAL_EXTENTS) + np.maximum(extent, 0)
+    height = np.full(int(group.max()) + 1, -np.inf)
+    np.maximum.at(height, group, log_likelihood.max(axis=1))
+    fraction = np.minimum(1.0, MAX_ORIENTATION_OBJECTS / np.minimum(hypotheses.count, EFFECTIVE_OBJECTS))
+    correction = np.asarray(np.where(extent >= 0, -(1 - fraction) * height[group], 0.0))
     # The weight of a node in the convolution: its mass, its step, and the height of its kernel.
     log_node += (correction + np.log((class_grids[:, 1] - class_grids[:, 0]) / along_sd))[:, None, None]
-    by_class = _log_sums(log_likelihood + correction[:, None], hypotheses.group)
+    # Log of the sum over the hypotheses of each class.
+    log_values = log_likelihood + correction[:, None]
+    first = np.flatnonzero(np.diff(hypotheses.group, prepend=-1))
+    highest = np.maximum.reduceat(log_values, first, axis=0)
+    sums = np.add.reduceat(np.exp(log_values - highest[hypotheses.group]), first, axis=0)
+    by_class = np.asarray(np.log(sums) + highest)
     return MultiObjectClasses(by_class, hypotheses, log_node, kernel, outlier)
 
 
@@ -203,40 +222,6 @@ def _peak_heights(log_values: FloatArray) -> FloatArray:
     before, top, after = (log_values[row, peak + step] for step in (-1, 0, 1))
     bend = np.minimum(before - 2 * top + after, -1e-9)
     return np.asarray(np.maximum(log_values.max(axis=1), top - (after - before) ** 2 / (8 * bend)))
-
-
-def _is_plausible(hypotheses: ClassHypotheses, top: FloatArray, half: FloatArray) -> BoolArray:
-    """Return a mask (w,) of the hypotheses whose evidence is close to the best one with the same vertical extent.
-
-    top : (w,) log of the peak of the product at the central node; half : (w,) half width of its range. The shared error
-    widens a narrow product, which lowers its peak by about the ratio of the widths.
-    """
-    evidence = top + hypotheses.log_weight + np.log(np.minimum(1.0, half / (3 * hypotheses.along_sd)))
-    group = hypotheses.group * (len(VERTICAL_EXTENTS) + 1) + hypotheses.vertical_extent + 1
-    best = np.full(int(group.max()) + 1, -np.inf)
-    np.maximum.at(best, group, evidence)
-    return np.asarray(evidence > best[group] - MAX_EVIDENCE_LOSS_LOG)
-
-
-def _log_sums(log_values: FloatArray, group: IntArray) -> FloatArray:
-    """Return the logs (c, g) of the sums of exp(log_values), (w, g), over each group; `group` (w,) increases from 0."""
-    first = np.flatnonzero(np.diff(group, prepend=-1))
-    top = np.maximum.reduceat(log_values, first, axis=0)
-    return np.asarray(np.log(np.add.reduceat(np.exp(log_values - top[group]), first, axis=0)) + top)
-
-
-def _orientation_correction(hypotheses: ClassHypotheses, log_likelihood: FloatArray) -> FloatArray:
-    """Return the correction (w,) that limits the evidence for a vertical extent to that of a few objects.
-
-    The height of the likelihood (w, g) of an orientation is the evidence of n objects for it. The priors do not
-    describe the variation of sizes in one place well enough for the power n.
-    """
-    extent = hypotheses.vertical_extent
-    group = hypotheses.group * len(VERTICAL_EXTENTS) + np.maximum(extent, 0)
-    height = np.full(int(group.max()) + 1, -np.inf)
-    np.maximum.at(height, group, log_likelihood.max(axis=1))
-    fraction = np.minimum(1.0, MAX_ORIENTATION_OBJECTS / np.minimum(hypotheses.count, EFFECTIVE_OBJECTS))
-    return np.asarray(np.where(extent >= 0, -(1 - fraction) * height[group], 0.0))
 
 
 def _log_products(
@@ -286,7 +271,7 @@ def _sum_exponentials(
 ) -> NDArray[np.float32]:
     """Return the sums (n, j, g) of exponentials of quadratics (m, j, 3) over the rows of each object.
 
-    Single precision takes a third of the time. The error of an exponent of 1,000 is 1e-4, a tenth of that of the nodes.
+    Single precision takes a third of the time. The error of an exponent of 1,000 is 1e-4, 10 % of the nodes' error.
     """
     (m, j, _), g = coefficients.shape, powers.shape[1]
     values = exponentials(coefficients.reshape(m * j, 3) @ powers.astype(np.float32)).reshape(m, j * g)

@@ -16,7 +16,7 @@ from metric_base.arrays import FloatArray
 PRIOR_MARGIN_LOG = 1.0
 #: Half width of a component in its standard deviations; farther out, the outlier density dominates.
 SUPPORT_SIGMAS = 4.0
-#: Minimum ratio of a component to the outlier density of its object; a component ends where it is below.
+#: Minimum ratio of a component to the outlier density of its object, at which the component ends.
 MIN_OUTLIER_RATIO = 0.02
 #: Maximum and minimum step of the coarse grid.
 MAX_STEP, MIN_STEP = 0.06, 0.004
@@ -74,7 +74,13 @@ def curve(grid: FloatArray, log_density: FloatArray, gaussians: FloatArray) -> C
     min_sd = float(gaussians[:, 1].min()) if len(gaussians) else math.inf
     factor = int(min(max(FINE_POINTS_PER_STEP, math.ceil(FINE_POINTS_PER_STEP * step / min_sd)), MAX_REFINEMENT))
     fine = np.linspace(grid[0], grid[-1], (len(grid) - 1) * factor + 1)
-    log_fine = _upsample(log_density, factor) + log_evidence_density(fine, gaussians).sum(axis=0)
+    # Cubic interpolation (Lagrange) at `factor` points per step; the evidence is added exactly.
+    first, last = 2 * log_density[0] - log_density[1], 2 * log_density[-1] - log_density[-2]  # linear extrapolation
+    padded = np.concatenate([[first], log_density, [last]])
+    windows = np.array([padded[:-3], padded[1:-2], padded[2:-1], padded[3:]])  # (4, g - 1)
+    log_fine = np.append((windows.T @ _lagrange(factor)).ravel(), log_density[-1]) + log_evidence_density(
+        fine, gaussians
+    ).sum(axis=0)
     log_ends = log_density[[0, -1]] + log_evidence_density(grid[[0, -1]], gaussians).sum(axis=0)
     top = float(log_fine.max())
     density = np.exp(log_fine - top)
@@ -172,14 +178,6 @@ def _cumulative(posterior: Curve) -> FloatArray:
     step = posterior.log_scale[1] - posterior.log_scale[0]
     pairs = 0.5 * (posterior.density[1:] + posterior.density[:-1]) * step
     return posterior.below + np.concatenate([[0.0], np.cumsum(pairs)])
-
-
-def _upsample(values: FloatArray, factor: int) -> FloatArray:
-    """Interpolate values (g,) at (factor (g - 1) + 1,) points with four-point Lagrange polynomials."""
-    first, last = 2 * values[0] - values[1], 2 * values[-1] - values[-2]  # linear extrapolation
-    padded = np.concatenate([[first], values, [last]])
-    windows = np.array([padded[:-3], padded[1:-2], padded[2:-1], padded[3:]])  # (4, g - 1)
-    return np.append((windows.T @ _lagrange(factor)).ravel(), values[-1])
 
 
 @lru_cache(maxsize=8)

@@ -7,8 +7,7 @@ share, and sizes of the tree in millimetres,
 
 so that each component is N(v; r, S + R) with r = m - ln 1000 - y. On the line v = u 1 it is the Gaussian
 N(u; u_hat, 1 / lam) times the evidence of the proportions. All densities are relative to the flat outlier density,
-whose weight is therefore eps. The axes are those of the prior: length, width, height, or the extents in decreasing
-order.
+whose weight is therefore eps. The axes follow the prior: length, width, height, or the extents in decreasing order.
 """
 
 from __future__ import annotations
@@ -31,7 +30,7 @@ from metric_tree.fit.inner_priors import reduce_mixture
 from metric_tree.fit.mixture import Mixture
 from metric_tree.prior import Prior
 
-#: Probability that an object is not what its label says, or is not measured within its sigma. On simulated scenes, the
+#: Probability that an object does not match its label, or is not measured within its sigma. On simulated scenes, the
 #: medians for 0.02 to 0.1 agree within 0.4 %; with 20 % wrong labels, the coverage of the interval is best at 0.1.
 OUTLIER_PROBABILITY = 0.1
 #: Increase of the outlier probability per unit of (1 - score): labels with low scores are wrong more often, although a
@@ -71,7 +70,7 @@ def usable(evidence: Sequence[ObjectEvidence]) -> BoolArray:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class MeasuredArrays:
-    """Measurements of n objects, with extents in decreasing order if those of the prior are."""
+    """Measurements of n objects, with extents in decreasing order if the prior is over sorted extents."""
 
     evidence: Sequence[ObjectEvidence]
     #: (n, 3) log extents, 0 if missing.

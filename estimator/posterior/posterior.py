@@ -10,7 +10,8 @@ The status of a posterior:
 - `resolved`: the interval is narrow and no other mode competes with the highest one.
 - `uncertain`: the interval is wide, modes compete, or most objects are outliers, but the highest mode is more likely
   close to the true scale than not.
-- `unresolved`: the posterior has little mass close to its highest mode, or most of it where no object has evidence.
+- `unresolved`: the posterior has little mass close to its highest mode, or most of its mass at scales for which no
+  object has evidence.
 """
 
 from __future__ import annotations
@@ -49,7 +50,7 @@ MAX_INTERVAL_RATIO = 1.8
 COMPETING_MODE_RATIO = 1.25
 #: Minimum mass of a competing mode that makes a scale uncertain.
 MIN_COMPETING_MASS = 0.1
-#: Mass of a competing mode from which a scale is unresolved: the two modes contradict each other.
+#: Maximum mass of a competing mode; above it, the two modes contradict each other and the scale is unresolved.
 MAX_COMPETING_MASS = 0.35
 #: Ratio to the highest mode within which a scale is close to it.
 PEAK_WIDTH_RATIO = 1.15
@@ -59,7 +60,7 @@ MIN_PEAK_MASS = 0.35
 #: Minimum mean probability of the objects not to be outliers. Below it, the objects contradict the model: the logarithm
 #: of the posterior is multiplied by `TEMPERING_EXPONENT`, which widens it, and the scale is at most uncertain. Chosen
 #: on the even rooms of ScanNet and half of the simulated scenes, so that the interval of such scenes covers 90 %, and
-#: 70 % of those that become unresolved are off by more than `PEAK_WIDTH_RATIO` (docs/evidence/calibration.md).
+#: 70 % of the scales that become unresolved are off by more than `PEAK_WIDTH_RATIO` (docs/evidence/calibration.md).
 MIN_MEAN_WEIGHT = 0.4
 #: Minimum number of objects for this rule.
 MIN_JUDGED_OBJECTS = 3
@@ -161,7 +162,7 @@ class Estimate:
     reason: str | None
     #: (n,) probability of each object not to be an outlier.
     weight: FloatArray
-    #: (n,) highest peak of each object alone, in metres per unit.
+    #: (n,) highest peak of the likelihood of each object, in metres per unit.
     own_scale: FloatArray
 
 
@@ -256,7 +257,7 @@ def posterior(evidence: Sequence[ObjectEvidence], gaussians: FloatArray | None =
 
 
 def object_curves(evidence: Sequence[ObjectEvidence], log_scale: FloatArray) -> FloatArray:
-    """Return the likelihood (n, g) of each object alone, relative to the outlier density, for figures."""
+    """Return the likelihood (n, g) of each single object, relative to the outlier density, for figures."""
     components = rows(measurement_arrays(evidence))
     density = line_density(components, log_scale)
     return np.asarray(density + np.exp(components.log_floor)[:, None])
@@ -266,7 +267,7 @@ def _grid(components: ObjectComponents, gaussians: FloatArray) -> FloatArray:
     """Return a grid (g,) over the scales for which objects or other evidence (k, 3) have evidence."""
     centre, sd = gaussians[:, 0], np.maximum(gaussians[:, 1], grid.MIN_STEP)
     component_sd = np.sqrt(1 / components.line_precision)
-    # A component ends where it is negligible compared with the outlier density of its object.
+    # A component ends at the point at which it is negligible compared with the outlier density of its object.
     log_ratio = components.line_log_peak - components.log_floor[components.object]
     reach = (
         np.minimum(np.sqrt(2 * np.maximum(log_ratio + math.log(1 / grid.MIN_OUTLIER_RATIO), 0.0)), grid.SUPPORT_SIGMAS)
@@ -305,7 +306,17 @@ def _class_terms(
     row_of = {name: row for row, name in enumerate(names)}
     group = np.array([row_of[item.prior.node_id] for item in objects.evidence])
     count = np.bincount(group)
-    integrated = _integrated_objects(objects, group, count)
+    # All objects are integrated over; of large classes, a selection over the range of sizes.
+    integrated = np.arange(n)
+    if count.max() > MAX_OBJECTS_PER_CLASS:
+        size = objects.y.sum(axis=1)
+        selected = []
+        for row in range(len(count)):
+            members = np.flatnonzero(group == row)
+            by_size = members[np.argsort(size[members], kind="stable")]
+            n_selected = min(MAX_OBJECTS_PER_CLASS, len(by_size))
+            selected.append(by_size[np.unique(np.linspace(0, len(by_size) - 1, n_selected).astype(int))])
+        integrated = np.sort(np.concatenate(selected))
     single = np.flatnonzero(count[group] == 1)
     several = integrated[count[group[integrated]] > 1]
     terms: list[ClassTerms] = []
@@ -322,23 +333,6 @@ def _class_terms(
         others = np.setdiff1d(np.arange(n), integrated)
         terms.append((others, single_object_classes(components.of(others), u)))
     return log_likelihood, terms
-
-
-def _integrated_objects(objects: MeasuredArrays, group: IntArray, count: IntArray) -> IntArray:
-    """Return the objects (k,) that are integrated over; of large classes, a selection over the range of sizes.
-
-    group : (n,) class of each object; count : (c,) objects of each class.
-    """
-    if count.max() <= MAX_OBJECTS_PER_CLASS:
-        return np.arange(len(group))
-    size = objects.y.sum(axis=1)
-    selected = []
-    for row in range(len(count)):
-        members = np.flatnonzero(group == row)
-        by_size = members[np.argsort(size[members], kind="stable")]
-        n_selected = min(MAX_OBJECTS_PER_CLASS, len(by_size))
-        selected.append(by_size[np.unique(np.linspace(0, len(by_size) - 1, n_selected).astype(int))])
-    return np.sort(np.concatenate(selected))
 
 
 def _multi_object_terms(
@@ -365,7 +359,7 @@ def _multi_object_terms(
 
 
 def _highest_peaks(components: ObjectComponents) -> FloatArray:
-    """Return the log scale (n,) of the highest peak of each object alone."""
+    """Return the log scale (n,) of the highest peak of the likelihood of each object."""
     peak, owner = components.line_log_peak, components.object
     if not len(peak):
         return np.zeros(0)

@@ -232,24 +232,20 @@ class DepthImages:
         The depth is infinite, and the height 0, where the image has no point.
         """
         if view not in self._images:
-            self._images[view] = self._draw(view)
+            source, visible = self.scene.views[view], row_indices(self.visibility, view)
+            points = self.points[evenly_spaced(visible, MAX_DEPTH_POINTS)]
+            n_rows = int(source.camera.height * DEPTH_IMAGE_WIDTH / source.camera.width) + 1
+            depth, height = np.full((n_rows, DEPTH_IMAGE_WIDTH), np.inf), np.zeros((n_rows, DEPTH_IMAGE_WIDTH))
+            projected = project_to_view(source, points)
+            # The farthest point is written first, so that the nearest one remains.
+            projected = projected.take_points(np.argsort(-projected.depths))
+            cells = (projected.pixels * (DEPTH_IMAGE_WIDTH / source.camera.width)).astype(np.int64)
+            depth[cells[:, 1], cells[:, 0]] = projected.depths
+            height[cells[:, 1], cells[:, 0]] = points[projected.rows] @ self.up
+            self._images[view] = depth, height
         depth, height = self._images[view]
         camera = self.scene.views[view].camera
         index = np.floor(pixels * (DEPTH_IMAGE_WIDTH / camera.width)).astype(np.int64)
         inside = np.all((index >= 0) & (index < depth.shape[::-1]), axis=1)
         columns, rows = np.where(inside[:, None], index, 0).T
         return np.where(inside, depth[rows, columns], np.inf), height[rows, columns]
-
-    def _draw(self, view_index: int) -> tuple[FloatArray, FloatArray]:
-        """Return depth and height (h, w) of the nearest point in each cell of a view."""
-        view, visible = self.scene.views[view_index], row_indices(self.visibility, view_index)
-        points = self.points[evenly_spaced(visible, MAX_DEPTH_POINTS)]
-        n_rows = int(view.camera.height * DEPTH_IMAGE_WIDTH / view.camera.width) + 1
-        depth, height = np.full((n_rows, DEPTH_IMAGE_WIDTH), np.inf), np.zeros((n_rows, DEPTH_IMAGE_WIDTH))
-        projected = project_to_view(view, points)
-        # The farthest point is written first, so that the nearest one remains.
-        projected = projected.take_points(np.argsort(-projected.depths))
-        cells = (projected.pixels * (DEPTH_IMAGE_WIDTH / view.camera.width)).astype(np.int64)
-        depth[cells[:, 1], cells[:, 0]] = projected.depths
-        height[cells[:, 1], cells[:, 0]] = points[projected.rows] @ self.up
-        return depth, height

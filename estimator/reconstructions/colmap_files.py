@@ -69,35 +69,7 @@ class ColmapModel:
 
 def read_binary_model(folder: Path) -> ColmapModel:
     """Read cameras.bin, images.bin and points3D.bin; rigs.bin and frames.bin repeat the poses of the images."""
-    cameras = _binary_cameras(BinaryReader(folder / "cameras.bin"))
-    images = _binary_images(BinaryReader(folder / "images.bin"))
-    ids, points = _binary_points(BinaryReader(folder / "points3D.bin"))
-    return ColmapModel(cameras, images, ids, points)
-
-
-def _point_offsets(reader: BinaryReader) -> IntArray:
-    """Return the offset (n,) of each point, whose records have different lengths."""
-    n = reader.count("number of points", _POINT.size)
-    data, offset, last = reader.data, reader.place, len(reader.data) - _POINT.size
-    offsets = np.empty(n, dtype=np.int64)
-    length_at, record, length_of = _POINT.size - 8, _POINT.size, _TRACK_LENGTH.unpack_from
-    for number in range(n):
-        if offset > last:
-            raise InputError.at(
-                reader.path, f"point {number}", f"{record} bytes", Unquoted(f"{max(len(data) - offset, 0)} left")
-            )
-        offsets[number] = offset
-        offset += record + _TRACK_ELEMENT_BYTES * length_of(data, offset + length_at)[0]
-    if offset > len(data):
-        overrun = Unquoted(f"a track that ends {offset - len(data)} bytes beyond it")
-        raise InputError.at(reader.path, f"point {n - 1} track", "an end within the file", overrun)
-    reader.place = offset
-    reader.end()
-    return offsets
-
-
-def _binary_cameras(reader: BinaryReader) -> dict[int, Camera]:
-    """Return the cameras by id."""
+    reader = BinaryReader(folder / "cameras.bin")
     cameras: dict[int, Camera] = {}
     for number in range(reader.count("number of cameras", _CAMERA.size)):
         camera_id, model_number, width, height = reader.take(_CAMERA, f"camera {number}")
@@ -111,11 +83,8 @@ def _binary_cameras(reader: BinaryReader) -> dict[int, Camera]:
         with in_file(reader.path), at_field(field):
             cameras[camera_id] = make_camera(model, (width, height), params)
     reader.end()
-    return cameras
 
-
-def _binary_images(reader: BinaryReader) -> tuple[ColmapImage, ...]:
-    """Return the images in the order of the file."""
+    reader = BinaryReader(folder / "images.bin")
     images = []
     for number in range(reader.count("number of images", _IMAGE.size + 1 + 8)):
         image_id, *pose, camera_id = reader.take(_IMAGE, f"image {number}")
@@ -129,12 +98,24 @@ def _binary_images(reader: BinaryReader) -> tuple[ColmapImage, ...]:
             ColmapImage(image_id, np.array(pose[:4]), np.array(pose[4:]), camera_id, name, keypoints, point_ids)
         )
     reader.end()
-    return tuple(images)
 
-
-def _binary_points(reader: BinaryReader) -> tuple[IntArray, FloatArray]:
-    """Return ids (n,) and positions (n, 3) of the points."""
-    offsets = _point_offsets(reader)
+    reader = BinaryReader(folder / "points3D.bin")  # records have different lengths
+    n = reader.count("number of points", _POINT.size)
+    content, offset, last = reader.data, reader.place, len(reader.data) - _POINT.size
+    offsets = np.empty(n, dtype=np.int64)
+    length_at, record, length_of = _POINT.size - 8, _POINT.size, _TRACK_LENGTH.unpack_from
+    for number in range(n):
+        if offset > last:
+            raise InputError.at(
+                reader.path, f"point {number}", f"{record} bytes", Unquoted(f"{max(len(content) - offset, 0)} left")
+            )
+        offsets[number] = offset
+        offset += record + _TRACK_ELEMENT_BYTES * length_of(content, offset + length_at)[0]
+    if offset > len(content):
+        overrun = Unquoted(f"a track that ends {offset - len(content)} bytes beyond it")
+        raise InputError.at(reader.path, f"point {n - 1} track", "an end within the file", overrun)
+    reader.place = offset
+    reader.end()
     data = np.frombuffer(reader.data, dtype=np.uint8)
     ids, points = np.empty(len(offsets), dtype=np.int64), np.empty((len(offsets), 3))
     for start in range(0, len(offsets), _CHUNK):
@@ -142,7 +123,7 @@ def _binary_points(reader: BinaryReader) -> tuple[IntArray, FloatArray]:
         rows = data[offsets[start : start + _CHUNK, None] + np.arange(32)]
         ids[start : start + _CHUNK] = rows[:, :8].copy().view("<i8")[:, 0]
         points[start : start + _CHUNK] = rows[:, 8:].copy().view("<f8")
-    return ids, points
+    return ColmapModel(cameras, tuple(images), ids, points)
 
 
 def read_text_model(folder: Path) -> ColmapModel:

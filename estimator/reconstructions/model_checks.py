@@ -1,4 +1,4 @@
-"""Check a reconstruction: degenerate geometry, in which nothing has a size, and contradictions to its observations."""
+"""Check a reconstruction: degenerate geometry, which determines no sizes, and contradictions to its observations."""
 
 from __future__ import annotations
 
@@ -15,8 +15,8 @@ from metric_base.arrays import FloatArray
 #: Maximum number of observations of a view that are evaluated; 1,000 determine a median to a few per cent.
 MAX_OBSERVATIONS = 1000
 #: Maximum median reprojection error without a warning, relative to the longer image side. Structure from motion removes
-#: observations with an error of more than 4 pixels, 0.4 % of an image of 1,000 pixels; the median of a good model is a
-#: tenth of that. Rounded pixels and poses of another run are below this threshold.
+#: observations with an error of more than 4 pixels, 0.4 % of an image of 1,000 pixels; the median of a good model is
+#: 10 % of this. Rounded pixels and poses of another run are below this threshold.
 MAX_GOOD_ERROR = 0.004
 #: Maximum median reprojection error of a usable reconstruction, relative to the longer image side.
 MAX_ERROR = 0.02
@@ -66,7 +66,7 @@ class ReprojectionStatistics:
 
 
 def check_reconstruction(scene: Scene) -> tuple[SceneProblem, ...]:
-    """Check a reconstruction for degenerate geometry and, if there is none, for large reprojection errors.
+    """Check a reconstruction for degenerate geometry and, otherwise, for large reprojection errors.
 
     A degenerate reconstruction is a single fatal problem, whose message begins with its code.
     """

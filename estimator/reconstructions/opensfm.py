@@ -9,7 +9,6 @@ versions 0 to 2.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -20,7 +19,7 @@ from pyarrow import csv
 from scipy.spatial.transform import Rotation
 
 from estimator.projection.cameras import make_camera
-from estimator.records.scene import MAX_COORDINATE, Camera, Scene, View
+from estimator.records.scene import MAX_COORDINATE, Camera, Scene, View, observed_views
 from metric_base.arrays import FloatArray, IntArray
 from metric_base.errors import FieldError, InputError, Unquoted, at_field, in_file
 from metric_base.input_files import read_bytes, read_json
@@ -69,7 +68,18 @@ def read_observations(
     InputError
         The file has another format, or a position is not finite.
     """
-    table = _table(file)
+    head = read_bytes(file, most=_FIRST_BYTES)
+    has_version = head.startswith(_VERSION)
+    if has_version and not head.partition(b"\n")[2].strip():
+        raise InputError.at(file, "observations", "at least one line", 0)
+    try:
+        table = _observations_of(file, has_version, in_threads=True)
+    except (pa.ArrowInvalid, KeyError):
+        try:  # without threads, the reader always reports the same error
+            table = _observations_of(file, has_version, in_threads=False)
+        except (pa.ArrowInvalid, KeyError) as error:
+            expected = "tab-separated image, track, feature, x, y, ..."
+            raise InputError.at(file, "observations", expected, Unquoted(str(error))) from None
     image_rows = _rows_in(table["f0"], images)
     track_rows = _rows_in(table["f1"], tracks)
     is_known = (image_rows >= 0) & (track_rows >= 0)
@@ -80,23 +90,6 @@ def read_observations(
         expected = f"finite numbers below {MAX_COORDINATE:g}"
         raise InputError.at(file, "position", expected, positions[row].tolist())
     return image_rows[is_known], track_rows[is_known], positions
-
-
-def _table(file: Path) -> pa.Table:
-    """Read the used columns of `tracks.csv`."""
-    head = read_bytes(file, most=_FIRST_BYTES)
-    has_version = head.startswith(_VERSION)
-    if has_version and not head.partition(b"\n")[2].strip():
-        raise InputError.at(file, "observations", "at least one line", 0)
-    try:
-        return _observations_of(file, has_version, in_threads=True)
-    except (pa.ArrowInvalid, KeyError):
-        pass
-    try:  # without threads, the reader always reports the same error
-        return _observations_of(file, has_version, in_threads=False)
-    except (pa.ArrowInvalid, KeyError) as error:
-        expected = "tab-separated image, track, feature, x, y, ..."
-        raise InputError.at(file, "observations", expected, Unquoted(str(error))) from None
 
 
 def _observations_of(file: Path, has_version: bool, in_threads: bool) -> pa.Table:
@@ -144,7 +137,10 @@ def read_opensfm(folder: Path) -> Scene:
     file = folder / RECONSTRUCTION
     document, warnings = largest_reconstruction(file)
     with in_file(file):
-        cameras = _cameras(json_object(document.get("cameras"), "cameras"))
+        cameras = {}
+        for name, entry in json_object(document.get("cameras"), "cameras").items():
+            with at_field(f"camera {name!r}"):
+                cameras[name] = _camera(json_object(entry, ""))
         names, points = _points(json_object(document.get("points"), "points"))
         shots = json_object(document.get("shots"), "shots")
         if not shots:
@@ -152,14 +148,16 @@ def read_opensfm(folder: Path) -> Scene:
         views = tuple(_view(name, shot, cameras) for name, shot in shots.items())
     tracks = folder / TRACKS
     if tracks.is_file():
-        views = _with_observations(tracks, views, names)
+        rows, point_rows, normalised = read_observations(tracks, [view.name for view in views], names)
+        sizes = np.array([(view.camera.width, view.camera.height) for view in views], dtype=np.float64)[rows]
+        views = observed_views(views, rows, point_rows, normalised * sizes.max(axis=1, keepdims=True) + sizes / 2)
     else:
         warnings = (*warnings, f"{folder}: no {TRACKS}")
     return Scene(folder, "opensfm", views, points, warnings=warnings, model_path=folder)
 
 
 def largest_reconstruction(file: Path) -> tuple[dict[str, Any], tuple[str, ...]]:
-    """The reconstruction with the most shots, then points, and a warning where there are several."""
+    """Return the reconstruction with the most shots, then points, and a warning if the file contains several."""
     with in_file(file):
         entries = json_array(read_json(file))
         if not entries:
@@ -175,14 +173,6 @@ def largest_reconstruction(file: Path) -> tuple[dict[str, Any], tuple[str, ...]]
 
 def _length(value: object) -> int:
     return len(value) if isinstance(value, dict) else 0
-
-
-def _cameras(documents: dict[str, Any]) -> dict[str, Camera]:
-    cameras = {}
-    for name, document in documents.items():
-        with at_field(f"camera {name!r}"):
-            cameras[name] = _camera(json_object(document, ""))
-    return cameras
 
 
 def _camera(document: dict[str, Any]) -> Camera:
@@ -240,7 +230,10 @@ def _view(name: str, entry: object, cameras: dict[str, Camera]) -> View:
         camera = shot.get("camera")
         if not isinstance(camera, str) or camera not in cameras:
             raise FieldError("camera", "a camera of the reconstruction", camera)
-        rotation, translation = (_triple(part, shot.get(part)) for part in ("rotation", "translation"))
+        for part in ("rotation", "translation"):
+            if not _is_triple(shot.get(part)):
+                raise FieldError(part, "three finite numbers", Unquoted(str(shot.get(part))))
+        rotation, translation = (np.array(shot[part], dtype=np.float64) for part in ("rotation", "translation"))
     return View(
         name,
         cameras[camera],
@@ -249,18 +242,6 @@ def _view(name: str, entry: object, cameras: dict[str, Camera]) -> View:
         np.empty((0, 2)),
         np.empty(0, np.int64),
     )
-
-
-def _with_observations(file: Path, views: tuple[View, ...], names: list[str]) -> tuple[View, ...]:
-    """Return the views with the observations of `tracks.csv`; `names` are those of the points."""
-    rows, tracks, normalised = read_observations(file, [view.name for view in views], names)
-    order = np.argsort(rows, kind="stable")
-    parts = np.split(order, np.searchsorted(rows[order], np.arange(1, len(views))))
-    observed = []
-    for view, part in zip(views, parts, strict=True):
-        size = np.array([view.camera.width, view.camera.height], dtype=np.float64)
-        observed.append(replace(view, keypoints=normalised[part] * size.max() + size / 2, point_index=tracks[part]))
-    return tuple(observed)
 
 
 def _whole(field: str, value: object) -> int:
@@ -277,10 +258,3 @@ def _number(field: str, value: object, default: float | None) -> float:
     if not isinstance(value, int | float) or isinstance(value, bool) or not _is_coordinate(value):
         raise FieldError(field, "a number", value)
     return float(value)
-
-
-def _triple(field: str, value: object) -> FloatArray:
-    """Return three finite numbers (3,)."""
-    if not _is_triple(value):
-        raise FieldError(field, "three finite numbers", Unquoted(str(value)))
-    return np.array(value, dtype=np.float64)

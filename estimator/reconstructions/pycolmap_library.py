@@ -1,7 +1,8 @@
-"""pycolmap, loaded after zlib, without the handler of signals that it puts in place of the command's own, and its logs.
+"""Import pycolmap without its side effects.
 
-Its wheel brings a zlib of its own, which breaks Python's if it comes first; its logger takes SIGTERM, prints a trace of
-the stack and leaves temporary files behind, and writes logs into the system's temporary folder.
+The wheel contains another zlib, which breaks the one of Python if it is loaded first. The logger of pycolmap replaces
+the handler of SIGTERM by one that prints a stack trace and leaves temporary files, and it writes log files to the
+temporary folder of the system.
 """
 
 import signal
@@ -13,8 +14,8 @@ import pycolmap
 __all__ = ["pycolmap"]
 
 if threading.current_thread() is threading.main_thread():
-    _handler = signal.getsignal(signal.SIGTERM)  # as Python knows it: pycolmap's own is set below Python
+    _handler = signal.getsignal(signal.SIGTERM)  # pycolmap sets its handler below Python
     if callable(_handler):
         signal.signal(signal.SIGTERM, _handler)
 for _level in (pycolmap.logging.INFO, pycolmap.logging.WARNING, pycolmap.logging.ERROR, pycolmap.logging.FATAL):
-    pycolmap.logging.set_log_destination(_level, "")  # no file; what matters goes to standard error
+    pycolmap.logging.set_log_destination(_level, "")  # no file; errors are written to standard error

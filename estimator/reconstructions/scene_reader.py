@@ -126,8 +126,8 @@ def _with_dense_cloud(scene: Scene, path: Path) -> Scene:
     cloud, warnings = read_dense_cloud(path, len(scene.views), bounds)
 
     # A visibility file contains positions of images in the model that COLMAP fused, which is in the folder of the
-    # cloud. The scene may be another one with the same views in another order: that of OpenSfM, or the model before its
-    # images were undistorted.
+    # cloud. The scene may be another one with the same views in another order: the scene of OpenSfM, or the model
+    # before its images were undistorted.
     folder = None if cloud.visible_views is None else colmap_folder(path.parent)
     is_other_model = folder is not None and (scene.model_path is None or folder.resolve() != scene.model_path.resolve())
     if folder is not None and is_other_model and cloud.visible_views is not None:

@@ -39,7 +39,15 @@ def cloud_digest(scene: Scene) -> str | None:
 
 def masks_digest(scene: Scene, instances: Sequence[Instance]) -> str | None:
     """Return the SHA-256 of the masks with their categories and views; None without masks."""
-    return _digest(_mask_parts(scene, instances)) if instances else None
+    if not instances:
+        return None
+    parts = (
+        part
+        for one in instances
+        for words in [(scene.views[one.view].name, one.category, one.track, one.origin, one.mask.shape, one.from_box)]
+        for part in (f"{words} {one.score:.6g}", np.packbits(one.mask))
+    )
+    return _digest(parts)
 
 
 def objects_digest(objects: Sequence[MeasuredObject]) -> str:
@@ -51,13 +59,6 @@ def objects_digest(objects: Sequence[MeasuredObject]) -> str:
 def options_digest(options: object) -> str:
     """Return the SHA-256 of a tuple of numbers and strings."""
     return _digest([repr(options)])
-
-
-def _mask_parts(scene: Scene, instances: Sequence[Instance]) -> Iterable[Any]:
-    for one in instances:
-        words = (scene.views[one.view].name, one.category, one.track, one.origin, one.mask.shape, one.from_box)
-        yield f"{words} {one.score:.6g}"
-        yield np.packbits(one.mask)
 
 
 def _digest(parts: Iterable[Any]) -> str:

@@ -188,6 +188,12 @@ class ScaleResult:
 
     def to_json(self) -> dict[str, Any]:
         """Return the result as a JSON object (`metric-tree/scale/1`)."""
+        objects = []
+        for item in self.objects:
+            metres = None
+            if self.scale is not None:
+                metres = {name: value * self.scale for name, value in item.dimensions.items()}
+            objects.append(_plain(item) | {"dimensions_m": _plain(metres), "weight": round(item.weight, 3)})
         record: dict[str, Any] = {
             "schema": SCHEMA,
             "status": self.status,
@@ -197,7 +203,7 @@ class ScaleResult:
             "modes": [_plain(mode) | {"mass": round(mode.mass, 4)} for mode in self.modes],
             "up": self.up and _plain(self.up) | {"sigma_deg": _plain(round(self.up.sigma_deg, 2))},
             "tree": {"name": self.tree[0], "version": self.tree[1]},
-            "objects": [self._object(item) for item in self.objects],
+            "objects": objects,
             "warnings": list(self.warnings),
             "seconds": {name: round(value, 4) for name, value in self.seconds.items()},
         }
@@ -233,13 +239,6 @@ class ScaleResult:
         """
         with whole_file(path, option, schema) as work:
             work.write_text(self.json() + "\n", encoding="utf-8")
-
-    def _object(self, item: ObjectReport) -> dict[str, Any]:
-        metres = None
-        if self.scale is not None:
-            metres = {name: value * self.scale for name, value in item.dimensions.items()}
-        row: dict[str, Any] = _plain(item)
-        return row | {"dimensions_m": _plain(metres), "weight": round(item.weight, 3)}
 
 
 def _plain(value: Any) -> Any:

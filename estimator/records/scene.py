@@ -6,8 +6,8 @@ and +y is down, as in COLMAP and OpenCV. The centre of the upper left pixel is (
 
 from __future__ import annotations
 
-from collections.abc import Iterable
-from dataclasses import dataclass
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Literal
 
@@ -161,3 +161,13 @@ class Scene:
             if len(rows) and (rows.min() < 0 or rows.max() >= len(self.points)):
                 shown = Unquoted(f"rows {rows.min()} to {rows.max()}")
                 raise InputError.at(self.path, f"view {view.name!r}", f"rows of {len(self.points)} points", shown)
+
+
+def observed_views(views: Sequence[View], rows: IntArray, point_rows: IntArray, pixels: FloatArray) -> tuple[View, ...]:
+    """Return views with observations: `rows` (m,) of views, `point_rows` (m,) of points, and `pixels` (m, 2)."""
+    order = np.argsort(rows, kind="stable")
+    parts = np.split(order, np.searchsorted(rows[order], np.arange(1, len(views))))
+    return tuple(
+        replace(view, keypoints=pixels[part], point_index=point_rows[part])
+        for view, part in zip(views, parts, strict=True)
+    )

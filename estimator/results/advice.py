@@ -73,8 +73,7 @@ def suggest_measurements(
     measurements = [
         *_complete_sides(evidence, posterior_of),
         *_known_length(evidence, level),
-        *_skipped_objects(evidence, posterior_of),
-        *_other_classes(evidence, tree, posterior_of),
+        *_more_masks(evidence, tree, posterior_of),
     ]
     rated = []
     for text, name, posterior_at in measurements:
@@ -121,8 +120,9 @@ def _known_length(evidence: EvidenceSet, level: float) -> Iterator[_Measurement]
     yield f"the true height of the {name} as a known length", name, posterior_at
 
 
-def _skipped_objects(evidence: EvidenceSet, posterior_of: Callable[..., Posterior]) -> Iterator[_Measurement]:
-    """Yield the measurement of an object that could not be measured, for each class."""
+def _more_masks(evidence: EvidenceSet, tree: Tree, posterior_of: Callable[..., Posterior]) -> Iterator[_Measurement]:
+    """Yield the measurement of one more object, of typical size, of each class with skipped or without any objects."""
+    candidates: list[tuple[str, str | None, CategoryMatch]] = []
     skipped: dict[str, list[MeasuredObject]] = {}
     for index, item in enumerate(evidence.measured):
         if index not in evidence.indices and evidence.matches[item.category].prior is not None:
@@ -130,28 +130,21 @@ def _skipped_objects(evidence: EvidenceSet, posterior_of: Callable[..., Posterio
     for category, members in sorted(skipped.items(), key=lambda pair: -len(pair[1]))[:MAX_SKIPPED_CLASSES]:
         count = "" if len(members) == 1 else f"one of the {len(members)} objects "
         text = f"masks of {count}{category!r} that could not be measured, in more images"
-        posterior_at = _with_another(evidence.matches[category], evidence, posterior_of)
-        yield text, f"{members[0].category} {members[0].id}", posterior_at
-
-
-def _other_classes(evidence: EvidenceSet, tree: Tree, posterior_of: Callable[..., Posterior]) -> Iterator[_Measurement]:
-    """Yield the measurement of an object of each suggested class that has no object yet."""
+        candidates.append((text, f"{members[0].category} {members[0].id}", evidence.matches[category]))
     present = {item.prior.node_id for item in evidence.objects}
     for name, match in resolve_categories(tree, set(SUGGESTED_CATEGORIES)).items():
         if match.prior is not None and match.prior.node_id not in present:
-            yield f"masks of a {name}, if there is one", None, _with_another(match, evidence, posterior_of)
+            candidates.append((f"masks of a {name}, if there is one", None, match))
+    for text, object_name, match in candidates:
+        assert match.prior is not None  # checked above
+        assert match.node is not None
+        measured = MeasuredObject("supposed", match.node.node_id, np.full(3, np.nan), np.full(3, MEASURED_SD_LOG))
+        supposed = ObjectEvidence(measured, match.prior, match.node.pose)
 
+        def posterior_at(scale: float, supposed: ObjectEvidence = supposed) -> Posterior:
+            return posterior_of([*evidence.objects, _with_class_size(supposed, np.ones(3, dtype=bool), scale)])
 
-def _with_another(
-    match: CategoryMatch, evidence: EvidenceSet, posterior_of: Callable[..., Posterior]
-) -> Callable[[float], Posterior]:
-    """Return the posterior with one more object of a class, of typical size, as a function of the scale."""
-    assert match.prior is not None  # checked by both callers
-    assert match.node is not None
-    extents, sigma = np.full(3, np.nan), np.full(3, MEASURED_SD_LOG)
-    item = ObjectEvidence(MeasuredObject("supposed", match.node.node_id, extents, sigma), match.prior, match.node.pose)
-    every_side = np.ones(3, dtype=bool)
-    return lambda scale: posterior_of([*evidence.objects, _with_class_size(item, every_side, scale)])
+        yield text, object_name, posterior_at
 
 
 def _with_class_size(item: ObjectEvidence, sides: BoolArray, scale: float) -> ObjectEvidence:

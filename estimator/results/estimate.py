@@ -7,7 +7,7 @@ The posterior weighs all evidence. Its status is overruled in two cases: known l
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import replace
 from typing import NamedTuple
 
@@ -20,7 +20,6 @@ from estimator.records.options import EstimateOptions
 from estimator.records.result import Alternative, EvidenceReport, ResultContext, ScaleEvidence, ScaleResult, Verdict
 from estimator.results.advice import suggest_measurements
 from estimator.results.object_priors import (
-    CategoryMatch,
     EvidenceSet,
     object_evidence,
     resolve_categories,
@@ -108,8 +107,11 @@ def scale_of_objects(
             single = single_category_reason(estimate, evidence.objects)
             status, reason = (status, reason) if single is None else ("unresolved", single)
     reports = _evidence_reports(options.evidence, estimate, conflict)
+    # Categories whose priors do not depend on region or year.
+    plain = sorted(name for name, match in matches.items() if match.prior is not None and not match.prior.contexts)
+    no_context = f"where: {options.where}: no sizes by region or year; plain priors are used for: {', '.join(plain)}"
     notes = [
-        *_context_warnings(matches, options),
+        *([no_context] if options.where is not None and plain else []),
         *(
             f"{row.kind} {row.id}: {'contradicts the rest' if row.verdict == 'outlier' else 'skipped'}: {row.reason}"
             for row in reports
@@ -225,15 +227,6 @@ def _evidence_reports(
             outcome, reason = "outlier", f"the scale by all other evidence is {estimate.modes[0].scale:.4g}"
         reports.append(EvidenceReport(item.kind, item.id, item.scale, item.sd_log, weight, outcome, reason))
     return tuple(reports)
-
-
-def _context_warnings(matches: Mapping[str, CategoryMatch], options: EstimateOptions) -> list[str]:
-    """Return a warning about the categories whose priors do not depend on region or year."""
-    if options.where is None:
-        return []
-    names = sorted(name for name, match in matches.items() if match.prior is not None and not match.prior.contexts)
-    plain = f"where: {options.where}: no sizes by region or year; plain priors are used for: {', '.join(names)}"
-    return [plain] if names else []
 
 
 def _without_support(evidence: EvidenceSet, options: EstimateOptions) -> Alternative | None:

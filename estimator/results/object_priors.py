@@ -113,27 +113,24 @@ def resolve_categories(
     matches: dict[str, CategoryMatch] = {}
     unknown = 0
     for name in sorted(names):
-        matches[name] = _match(tree, name, dims, where, unknown < MAX_ADVISED_NAMES)
-        unknown += matches[name].node is None
+        try:
+            node = tree.find(name, DETECTORS, advice=unknown < MAX_ADVISED_NAMES)
+        except InputError as error:
+            matches[name] = CategoryMatch(None, None, str(error))
+            unknown += 1
+            continue
+        words, node_words = _words(name), _words(node.name)
+        is_broader = (
+            words != node_words
+            and words[-len(node_words) :] == node_words
+            and not any(words == _words(alias) for alias in node.aliases)
+            and tree.resolve(name, DETECTORS).how in {"label list", "broader kind"}
+        )
+        try:
+            matches[name] = CategoryMatch(node, node.prior(dims, where), is_broader=is_broader)
+        except InputError as error:
+            matches[name] = CategoryMatch(node, None, str(error))
     return matches
-
-
-def _match(tree: Tree, name: str, dims: tuple[str, ...] | None, where: Where | None, advice: bool) -> CategoryMatch:
-    try:
-        node = tree.find(name, DETECTORS, advice=advice)
-    except InputError as error:
-        return CategoryMatch(None, None, str(error))
-    words, node_words = _words(name), _words(node.name)
-    is_broader = (
-        words != node_words
-        and words[-len(node_words) :] == node_words
-        and not any(words == _words(alias) for alias in node.aliases)
-        and tree.resolve(name, DETECTORS).how in {"label list", "broader kind"}
-    )
-    try:
-        return CategoryMatch(node, node.prior(dims, where), is_broader=is_broader)
-    except InputError as error:
-        return CategoryMatch(node, None, str(error))
 
 
 def _words(name: str) -> list[str]:

@@ -97,6 +97,28 @@ def build_result(
         where, release = str(options.where), (tree.name, tree.version)
         values = (options.method, options.level, options.trust_known_length, where, up, others, release)
         digests = {**context.digests, "options": options_digest(values)}
+    warnings = []  # outliers, categories without a prior, and the reason for the status
+    if estimate is not None and status != "unresolved":
+        verdicts = [verdict(float(weight)) for weight in estimate.weight]
+        outliers = verdicts.count("outlier")
+        # If half of the objects are outliers, the others may agree by chance.
+        if outliers >= max(MIN_WARNED_OUTLIERS, MIN_WARNED_OUTLIER_FRACTION * len(verdicts)):
+            warnings.append(f"{outliers} of {len(verdicts)} objects are outliers: check their labels and masks")
+    for name in sorted({item.category for item in evidence.measured}):
+        if evidence.matches[name].prior is not None:
+            continue
+        message = evidence.matches[name].reason or ""
+        if message.startswith(f"{name!r}: "):
+            message = f"category {message}"
+        elif repr(name) not in message:
+            short = name if len(name) <= MAX_NAME_CHARS else f"{name[:MAX_NAME_CHARS]}..."
+            message = f"category {short!r}: {message}"
+        warnings.append(message)
+    if estimate is None:
+        nothing = "no usable object" if evidence.measured else "no object, and no other evidence that could be used"
+        warnings.append(f"unresolved: {nothing}")
+    elif reason is not None:
+        warnings.append(f"{status}: {reason}")
     return ScaleResult(
         status="unresolved" if is_invalid else status,
         method=options.method,
@@ -111,7 +133,7 @@ def build_result(
         warnings=(
             *(problem.message for problem in context.problems if not problem.is_fatal),
             *notes,
-            *_result_warnings(evidence, estimate, status, reason),
+            *warnings,
             *(f"unresolved: {problem.message}" for problem in context.problems if problem.is_fatal),
         ),
         without_support=without_support,
@@ -209,30 +231,3 @@ def _named_values(item: MeasuredObject, values: FloatArray) -> dict[str, float]:
     return {
         name: float(value) for name, value in zip(dimension_names(item), values, strict=True) if math.isfinite(value)
     }
-
-
-def _result_warnings(evidence: EvidenceSet, estimate: Estimate | None, status: Status, reason: str | None) -> list[str]:
-    """Return the warnings about outliers and unknown categories, and the reason of the status."""
-    warnings = []
-    if estimate is not None and status != "unresolved":
-        verdicts = [verdict(float(weight)) for weight in estimate.weight]
-        outliers = verdicts.count("outlier")
-        # If half of the objects are outliers, the others may agree by chance.
-        if outliers >= max(MIN_WARNED_OUTLIERS, MIN_WARNED_OUTLIER_FRACTION * len(verdicts)):
-            warnings.append(f"{outliers} of {len(verdicts)} objects are outliers: check their labels and masks")
-    for name in sorted({item.category for item in evidence.measured}):
-        if evidence.matches[name].prior is not None:
-            continue
-        message = evidence.matches[name].reason or ""
-        if message.startswith(f"{name!r}: "):
-            message = f"category {message}"
-        elif repr(name) not in message:
-            short = name if len(name) <= MAX_NAME_CHARS else f"{name[:MAX_NAME_CHARS]}..."
-            message = f"category {short!r}: {message}"
-        warnings.append(message)
-    if estimate is None:
-        nothing = "no usable object" if evidence.measured else "no object, and no other evidence that could be used"
-        warnings.append(f"unresolved: {nothing}")
-    elif reason is not None:
-        warnings.append(f"{status}: {reason}")
-    return warnings

@@ -11,8 +11,8 @@ from pathlib import Path
 import numpy as np
 
 from estimator.projection.cameras import make_camera
-from estimator.records.scene import Scene, View
-from estimator.scene_formats.common import FLIP, checked_image_size, observed_views, posed_view
+from estimator.records.scene import Scene, View, observed_views
+from estimator.scene_formats.common import FLIP, checked_image_size, posed_view
 from metric_base.arrays import FloatArray
 from metric_base.errors import FieldError, InputError, Unquoted, at_field, in_file
 from metric_base.input_files import read_text
@@ -37,7 +37,14 @@ def read_bundler(file: Path) -> Scene:
         numbers = np.array(body.split(), dtype=np.float64)
     except ValueError as error:
         raise InputError.at(file, "content", "numbers", Unquoted(str(error))) from None
-    names = _names(file)
+    # Names of the images in the order of the cameras; a focal length may follow a name.
+    candidates = (f"{file.stem}.list.txt", f"{file.name}.list.txt", "list.txt", "../list.txt")
+    list_file = next((path for name in candidates if (path := file.parent / name).is_file()), None)
+    if list_file is None:
+        expected = f"their names in {file.stem}.list.txt or list.txt in its folder"
+        raise InputError.at(file, "images", expected, Unquoted("no list"))
+    lines = [line.strip() for line in read_text(list_file).splitlines()]
+    names = [line.split(" 0 ")[0].strip() for line in lines if line]
     with in_file(file):
         reader = _Numbers(numbers)
         n_views, n_points = (reader.count("counts") for _ in range(2))
@@ -49,10 +56,21 @@ def read_bundler(file: Path) -> Scene:
         for row in np.flatnonzero(cameras[:, 0] > 0).tolist():
             with at_field(f"camera {row}"):
                 row_of[row] = len(views)
-                views.append(_view(file, names[row], cameras[row]))
+                # 15 numbers: focal length, two distortion coefficients, rotation, translation.
+                numbers = cameras[row]
+                width, height = checked_image_size(file, names[row])
+                camera = make_camera("RADIAL", (width, height), [numbers[0], width / 2, height / 2, *numbers[1:3]])
+                rotation, translation = FLIP @ numbers[3:12].reshape(3, 3), FLIP @ numbers[12:]
+                views.append(posed_view(names[row], camera, rotation, -rotation.T @ translation))
         if not views:
             raise FieldError("cameras", "at least one with a focal length", 0)
-        points, observations = _points(reader, n_points)
+        points, lists = np.empty((n_points, 3)), [np.empty((0, 4))]
+        for row in range(n_points):
+            points[row] = reader.take(6, f"point {row}")[:3]
+            seen = reader.take(4 * reader.count(f"point {row} views"), f"point {row} views").reshape(-1, 4).copy()
+            seen[:, 1] = row
+            lists.append(seen)
+        observations = np.concatenate(lists)  # (m, 4) camera, point, x, y
     rows = row_of[np.clip(observations[:, 0].astype(np.int64), 0, n_views - 1)]
     is_registered = rows >= 0
     rows, observations = rows[is_registered], observations[is_registered]
@@ -87,33 +105,3 @@ class _Numbers:
         if not (value.is_integer() and 0 <= value <= len(self.values)):
             raise FieldError(field, "a count within the size of the file", value)
         return int(value)
-
-
-def _view(file: Path, name: str, numbers: FloatArray) -> View:
-    """Return the view of 15 numbers (15,): focal length, two distortion coefficients, rotation, translation."""
-    width, height = checked_image_size(file, name)
-    camera = make_camera("RADIAL", (width, height), [numbers[0], width / 2, height / 2, *numbers[1:3]])
-    rotation, translation = FLIP @ numbers[3:12].reshape(3, 3), FLIP @ numbers[12:]
-    return posed_view(name, camera, rotation, -rotation.T @ translation)
-
-
-def _points(reader: _Numbers, count: int) -> tuple[FloatArray, FloatArray]:
-    """Return points (n, 3), and camera, point, x, y (m, 4) of their observations."""
-    points, lists = np.empty((count, 3)), [np.empty((0, 4))]
-    for row in range(count):
-        points[row] = reader.take(6, f"point {row}")[:3]
-        views = reader.take(4 * reader.count(f"point {row} views"), f"point {row} views").reshape(-1, 4).copy()
-        views[:, 1] = row
-        lists.append(views)
-    return points, np.concatenate(lists)
-
-
-def _names(file: Path) -> list[str]:
-    """Return the names of the images in the order of the cameras; a focal length may follow a name."""
-    for name in (f"{file.stem}.list.txt", f"{file.name}.list.txt", "list.txt", "../list.txt"):
-        path = file.parent / name
-        if path.is_file():
-            lines = [line.strip() for line in read_text(path).splitlines()]
-            return [line.split(" 0 ")[0].strip() for line in lines if line]
-    expected = f"their names in {file.stem}.list.txt or list.txt in its folder"
-    raise InputError.at(file, "images", expected, Unquoted("no list"))

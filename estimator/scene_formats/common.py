@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import replace
 from pathlib import Path
 from typing import Any, cast
 
@@ -12,7 +11,7 @@ import numpy as np
 from estimator.projection.cameras import make_camera
 from estimator.reconstructions.ply import read_points
 from estimator.records.scene import MAX_COORDINATE, Camera, View
-from metric_base.arrays import FloatArray, IntArray
+from metric_base.arrays import FloatArray
 from metric_base.errors import FieldError, InputError, Unquoted
 from metric_base.input_files import is_file
 
@@ -133,24 +132,6 @@ def posed_view(name: str, camera: Camera, rotation: FloatArray, centre: FloatArr
     return View(name, camera, rotation, -rotation @ centre, np.empty((0, 2)), np.empty(0, np.int64))
 
 
-def observed_views(views: Sequence[View], rows: IntArray, point_rows: IntArray, pixels: FloatArray) -> tuple[View, ...]:
-    """Return views with observations: `rows` (m,) of views, `point_rows` (m,) of points, and `pixels` (m, 2)."""
-    order = np.argsort(rows, kind="stable")
-    parts = np.split(order, np.searchsorted(rows[order], np.arange(1, len(views))))
-    return tuple(
-        replace(view, keypoints=pixels[part], point_index=point_rows[part])
-        for view, part in zip(views, parts, strict=True)
-    )
-
-
-def _find_image(file: Path, name: str) -> Path | None:
-    """Return the image with this name in the usual folders of `file`, or None."""
-    parts = [part for part in name.replace("\\", "/").split("/") if part not in {"", ".", ".."}]
-    names = [Path(*parts), Path(parts[-1])] if parts else []
-    candidates = (file.parent / folder / path for path in names for folder in IMAGE_FOLDERS)
-    return next((path for path in candidates if is_file(path)), None)
-
-
 def checked_image_size(file: Path, name: str) -> tuple[int, int]:
     """Return width and height of an image whose size is not in `file`.
 
@@ -161,7 +142,10 @@ def checked_image_size(file: Path, name: str) -> tuple[int, int]:
     """
     from PIL import Image
 
-    path = _find_image(file, name)
+    parts = [part for part in name.replace("\\", "/").split("/") if part not in {"", ".", ".."}]
+    names = [Path(*parts), Path(parts[-1])] if parts else []
+    candidates = (file.parent / folder / path for path in names for folder in IMAGE_FOLDERS)
+    path = next((path for path in candidates if is_file(path)), None)
     if path is None:
         expected = f"the image {Path(name).name!r} in its folder or in images/, because its size is not stated"
         raise InputError.at(file, "images", expected, Unquoted("none"))

@@ -45,7 +45,7 @@ _ADVICE = {
 
 
 def export_file(path: Path) -> tuple[Path, str] | None:
-    """Return the first file of another program at a path or in a folder, and its program; None if there is none."""
+    """Return the first file of another program at a path or in a folder, and its program; None without such a file."""
     if path.is_file():
         program = _program(path)
         return None if program is None else (path, program)
@@ -65,7 +65,7 @@ def read_export(file: Path, program: str) -> Scene:
 
 
 def advice_on_file(path: Path) -> str:
-    """Return the kind of a file that is not a reconstruction, and what to do."""
+    """Return the kind of a file that is not a reconstruction, with advice."""
     return _ADVICE.get(path.suffix.lower(), "a file of another kind: name the folder of the reconstruction")
 
 

@@ -12,11 +12,10 @@ from typing import Any
 import numpy as np
 
 from estimator.projection.cameras import make_camera
-from estimator.records.scene import MAX_COORDINATE, Camera, Scene, View
+from estimator.records.scene import MAX_COORDINATE, Camera, Scene, View, observed_views
 from estimator.scene_formats.common import (
     matrix_of,
     number_of,
-    observed_views,
     pinhole_camera,
     posed_view,
     read_point_file,
@@ -48,7 +47,15 @@ def read_meshroom(file: Path) -> Scene:
     """
     with in_file(file):
         document = json_object(read_json(file))
-        cameras = _cameras(document)
+        version = document.get("version")
+        try:
+            numbers = tuple(int(part) for part in version) if isinstance(version, list) else (0,)
+        except (TypeError, ValueError):
+            raise FieldError("version", "three numbers", version) from None
+        cameras = {}
+        for entry in _entries(document, "intrinsics"):
+            with at_field(f"intrinsic {entry.get('intrinsicId')}"):
+                cameras[str(entry.get("intrinsicId"))] = _camera(entry, numbers >= CENTRED_VERSION)
         poses = {str(entry.get("poseId")): entry for entry in _entries(document, "poses")}
         views: list[View] = []
         row_of: dict[str, int] = {}
@@ -57,7 +64,16 @@ def read_meshroom(file: Path) -> Scene:
             if pose is not None:
                 with at_field(f"view {entry.get('viewId')}"):
                     row_of[str(entry.get("viewId"))] = len(views)
-                    views.append(_view(entry, pose, cameras))
+                    camera = cameras.get(str(entry.get("intrinsicId")))
+                    if camera is None:
+                        raise FieldError("intrinsicId", "an intrinsic of the file", entry.get("intrinsicId"))
+                    transform = json_object(json_object(pose.get("pose"), "pose").get("transform"), "pose transform")
+                    rotation = matrix_of(transform.get("rotation"), (3, 3), "rotation").T  # column by column
+                    name = entry.get("path")
+                    if not isinstance(name, str) or not name:
+                        raise FieldError("path", "a name", name)
+                    centre = matrix_of(transform.get("center"), (3,), "center")
+                    views.append(posed_view(name.replace("\\", "/").rpartition("/")[2], camera, rotation, centre))
         if not views:
             raise FieldError("poses", "at least one view with a pose", 0)
         landmarks = _entries(document, "structure") if "structure" in document else []
@@ -73,20 +89,6 @@ def read_meshroom(file: Path) -> Scene:
 def _entries(document: dict[str, Any], part: str) -> list[dict[str, Any]]:
     """Return the objects of an array of the document."""
     return [json_object(entry, f"{part}[{row}]") for row, entry in enumerate(json_array(document.get(part), part))]
-
-
-def _cameras(document: dict[str, Any]) -> dict[str, Camera]:
-    """Return the cameras by intrinsic id."""
-    version = document.get("version")
-    try:
-        numbers = tuple(int(part) for part in version) if isinstance(version, list) else (0,)
-    except (TypeError, ValueError):
-        raise FieldError("version", "three numbers", version) from None
-    cameras = {}
-    for entry in _entries(document, "intrinsics"):
-        with at_field(f"intrinsic {entry.get('intrinsicId')}"):
-            cameras[str(entry.get("intrinsicId"))] = _camera(entry, numbers >= CENTRED_VERSION)
-    return cameras
 
 
 def _camera(entry: dict[str, Any], is_centred: bool) -> Camera:
@@ -115,21 +117,6 @@ def _camera(entry: dict[str, Any], is_centred: bool) -> Camera:
         raise FieldError("type", f"one of {', '.join((*MODELS, *FISHEYES))}", kind)
     names = MODELS[kind]
     return pinhole_camera(size, (focal[0], focal[1]), (centre[0], centre[1]), dict(zip(names, values, strict=False)))
-
-
-def _view(entry: dict[str, Any], pose: dict[str, Any], cameras: dict[str, Camera]) -> View:
-    """Return a view with its pose."""
-    camera = cameras.get(str(entry.get("intrinsicId")))
-    if camera is None:
-        raise FieldError("intrinsicId", "an intrinsic of the file", entry.get("intrinsicId"))
-    transform = json_object(json_object(pose.get("pose"), "pose").get("transform"), "pose transform")
-    rotation = matrix_of(transform.get("rotation"), (3, 3), "rotation").T  # column by column
-    name = entry.get("path")
-    if not isinstance(name, str) or not name:
-        raise FieldError("path", "a name", name)
-    return posed_view(
-        name.replace("\\", "/").rpartition("/")[2], camera, rotation, matrix_of(transform.get("center"), (3,), "center")
-    )
 
 
 def _observations(landmarks: list[dict[str, Any]], row_of: dict[str, int]) -> FloatArray:

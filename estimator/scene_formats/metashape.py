@@ -37,7 +37,13 @@ def read_metashape(file: Path) -> Scene:
         The file is damaged or of another kind, or COLMAP has no model for a lens.
     """
     with in_file(file):
-        chunk = _root(read_text(file, MAX_BYTES)).find("chunk")
+        text = read_text(file, MAX_BYTES)
+        if "<!DOCTYPE" in text or "<!ENTITY" in text:
+            raise FieldError("XML", "a document without entities", Unquoted("a DOCTYPE"))
+        try:
+            chunk = ET.fromstring(text).find("chunk")  # noqa: S314 - the document has no entities
+        except (ET.ParseError, ValueError) as error:
+            raise FieldError("XML", "a valid document", Unquoted(str(error))) from None
         if chunk is None:
             raise FieldError("document", "a chunk with cameras", None)
         cameras = {sensor.get("id", ""): sensor for sensor in chunk.iterfind("sensors/sensor")}
@@ -59,16 +65,6 @@ def read_metashape(file: Path) -> Scene:
     if missing := n_cameras - len(views):
         warnings.append(f"{file}: {missing} of {n_cameras} cameras are not aligned and omitted")
     return Scene(file.parent, "metashape", tuple(views), points, None, tuple(warnings), file.parent)
-
-
-def _root(text: str) -> ET.Element:
-    """Parse an XML document without entities."""
-    if "<!DOCTYPE" in text or "<!ENTITY" in text:
-        raise FieldError("XML", "a document without entities", Unquoted("a DOCTYPE"))
-    try:
-        return ET.fromstring(text)  # noqa: S314 - the document has no entities
-    except (ET.ParseError, ValueError) as error:
-        raise FieldError("XML", "a valid document", Unquoted(str(error))) from None
 
 
 def _transform(node: ET.Element | None) -> FloatArray:

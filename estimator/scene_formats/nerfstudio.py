@@ -24,7 +24,6 @@ from estimator.scene_formats.common import (
     posed_view,
     read_point_file,
 )
-from metric_base.arrays import FloatArray
 from metric_base.errors import FieldError, at_field, in_file
 from metric_base.input_files import read_json
 from metric_base.parsing import json_array, json_object
@@ -54,43 +53,37 @@ def read_nerfstudio(file: Path) -> Scene:
     """
     with in_file(file):
         document = json_object(read_json(file))
-        world = _world(document)
+        applied = document.get("applied_transform")
+        world = (
+            np.eye(4)[:3]
+            if applied is None
+            else matrix_of(np.array(applied, dtype=object).ravel()[:12].tolist(), (3, 4), "applied_transform")
+        )
+        if np.abs(world[:, :3] @ world[:, :3].T - np.eye(3)).max() > 1e-6:
+            raise FieldError("applied_transform", "a rotation and a shift", world[:, :3].tolist())
         views: list[View] = []
         for row, entry in enumerate(json_array(document.get("frames"), "frames")):
             with at_field(f"frames[{row}]"):
-                views.append(_view(file, document, json_object(entry, ""), world))
+                frame = json_object(entry, "")
+                name = frame.get("file_path")
+                if not isinstance(name, str) or not name:
+                    raise FieldError("file_path", "a name", name)
+                pose = matrix_of(
+                    np.array(frame.get("transform_matrix"), dtype=object).ravel()[:12].tolist(),
+                    (3, 4),
+                    "transform_matrix",
+                )
+                rotation = world[:, :3].T @ pose[:, :3] @ FLIP  # camera to world
+                centre = world[:, :3].T @ (pose[:, 3] - world[:, 3])
+                views.append(
+                    posed_view(name.removeprefix("./"), _camera(file, {**document, **frame}, name), rotation.T, centre)
+                )
         if not views:
             raise FieldError("frames", "at least one", 0)
     ply_file = document.get("ply_file_path")
     points = read_point_file(file, ([ply_file] if isinstance(ply_file, str) else []) + list(PLY_FILES))
     points = (points - world[:, 3]) @ world[:, :3]  # R^-1 (x - t) with the rotation R
     return Scene(file.parent, "nerfstudio", tuple(views), points, model_path=file.parent)
-
-
-def _world(document: dict[str, Any]) -> FloatArray:
-    """Return the transform (3, 4) from the world of the reconstruction to that of the file."""
-    applied = document.get("applied_transform")
-    matrix = (
-        np.eye(4)[:3]
-        if applied is None
-        else matrix_of(np.array(applied, dtype=object).ravel()[:12].tolist(), (3, 4), "applied_transform")
-    )
-    if np.abs(matrix[:, :3] @ matrix[:, :3].T - np.eye(3)).max() > 1e-6:
-        raise FieldError("applied_transform", "a rotation and a shift", matrix[:, :3].tolist())
-    return matrix
-
-
-def _view(file: Path, document: dict[str, Any], frame: dict[str, Any], world: FloatArray) -> View:
-    """Return the view of a frame; `world` (3, 4) is the transform of the world of the reconstruction."""
-    name = frame.get("file_path")
-    if not isinstance(name, str) or not name:
-        raise FieldError("file_path", "a name", name)
-    pose = matrix_of(
-        np.array(frame.get("transform_matrix"), dtype=object).ravel()[:12].tolist(), (3, 4), "transform_matrix"
-    )
-    rotation = world[:, :3].T @ pose[:, :3] @ FLIP  # camera to world
-    centre = world[:, :3].T @ (pose[:, 3] - world[:, 3])
-    return posed_view(name.removeprefix("./"), _camera(file, {**document, **frame}, name), rotation.T, centre)
 
 
 def _camera(file: Path, entry: dict[str, Any], name: str) -> Camera:

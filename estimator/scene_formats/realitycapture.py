@@ -55,28 +55,29 @@ def read_realitycapture(file: Path) -> Scene:
         if not set(names) >= set(COLUMNS):
             raise FieldError("columns", ", ".join(COLUMNS), names)
         views: list[View] = []
-        for line, row in records:
+        for line, record in records:
             with at_field(f"line {line}"):
-                views.append(_view(file, {name: value for name, value in row.items() if isinstance(name, str)}))
+                row = {name: value for name, value in record.items() if isinstance(name, str)}
+                name = row["#name"].strip() if row["#name"] else ""
+                if not name:
+                    raise FieldError("#name", "a name", row["#name"])
+                size = checked_image_size(file, name)
+                px_per_mm = max(size) / IMAGE_WIDTH_MM
+                focal = number_of(row, "f") * px_per_mm
+                centre = (
+                    size[0] / 2 + number_of(row, "px", 0.0) * px_per_mm,
+                    size[1] / 2 + number_of(row, "py", 0.0) * px_per_mm,
+                )
+                distortion = {name: number_of(row, name, 0.0) for name in ("k1", "k2", "k3", "k4")}
+                tangential = {"p1": number_of(row, "t1", 0.0), "p2": number_of(row, "t2", 0.0)}
+                camera = brown_camera(size, (focal, focal), centre, distortion | tangential)
+                angles = [-number_of(row, "heading"), number_of(row, "pitch"), number_of(row, "roll")]
+                # From camera (axes right, up, back) to world: R = Rz(-heading) Rx(pitch) Ry(roll).
+                rotation = Rotation.from_euler("ZXY", angles, degrees=True).as_matrix() @ FLIP
+                views.append(
+                    posed_view(name, camera, rotation.T, np.array([number_of(row, axis) for axis in ("x", "y", "alt")]))
+                )
         if not views:
             raise FieldError("lines", "at least one camera", 0)
     points = read_point_file(file, (f"{file.stem}.ply", *PLY_FILES))
     return Scene(file.parent, "realitycapture", tuple(views), points, model_path=file.parent)
-
-
-def _view(file: Path, row: dict[str, str]) -> View:
-    """Return the view of a row."""
-    name = row["#name"].strip() if row["#name"] else ""
-    if not name:
-        raise FieldError("#name", "a name", row["#name"])
-    size = checked_image_size(file, name)
-    px_per_mm = max(size) / IMAGE_WIDTH_MM
-    focal = number_of(row, "f") * px_per_mm
-    centre = (size[0] / 2 + number_of(row, "px", 0.0) * px_per_mm, size[1] / 2 + number_of(row, "py", 0.0) * px_per_mm)
-    distortion = {name: number_of(row, name, 0.0) for name in ("k1", "k2", "k3", "k4")}
-    tangential = {"p1": number_of(row, "t1", 0.0), "p2": number_of(row, "t2", 0.0)}
-    camera = brown_camera(size, (focal, focal), centre, distortion | tangential)
-    angles = [-number_of(row, "heading"), number_of(row, "pitch"), number_of(row, "roll")]
-    # From camera (axes right, up, back) to world: R = Rz(-heading) Rx(pitch) Ry(roll).
-    rotation = Rotation.from_euler("ZXY", angles, degrees=True).as_matrix() @ FLIP
-    return posed_view(name, camera, rotation.T, np.array([number_of(row, axis) for axis in ("x", "y", "alt")]))

@@ -18,9 +18,9 @@ import numpy as np
 
 from estimator.telemetry.gpmf import Packet, gpmf_telemetry
 from estimator.telemetry.records import Positions, Samples, Telemetry
-from metric_base.errors import FieldError, InputError, Unquoted, at_field, in_file
+from metric_base.errors import InputError, Unquoted, at_field, in_file
 from metric_base.input_files import read_json, read_text
-from metric_base.parsing import csv_rows
+from metric_base.parsing import csv_rows, finite_numbers
 
 #: Layout of a CAMM packet by its type, after the first four bytes.
 _CAMM_LAYOUTS = {0: "<3f", 1: "<2i", 2: "<3f", 3: "<3f", 4: "<3f", 5: "<3d", 6: "<di2d7f", 7: "<3f"}
@@ -68,19 +68,15 @@ def read_telemetry(file: Path) -> Telemetry:
         return _csv_telemetry(file)
     if suffix == ".json":
         return _record3d_telemetry(file)
-    if suffix == ".srt":
-        return Telemetry(positions=subtitle_positions(read_text(file, MAX_LOG_BYTES)))
-    return _video_telemetry(file)
-
-
-def _video_telemetry(file: Path) -> Telemetry:
-    """Read the metadata tracks of a video, or the subtitles with the same name in its folder."""
-    for packets in _metadata_tracks(file):
-        if packets[0].data[:4] == b"DEVC":
-            return gpmf_telemetry(packets)
-        if any(is_camm(packet.data) for packet in packets[:N_PROBED_PACKETS]):
-            return camm_telemetry(packets)
-    subtitles = next((path for end in (".srt", ".SRT") if (path := file.with_suffix(end)).is_file()), None)
+    subtitles: Path | None = file
+    if suffix != ".srt":
+        for packets in _metadata_tracks(file):
+            if packets[0].data[:4] == b"DEVC":
+                return gpmf_telemetry(packets)
+            if any(is_camm(packet.data) for packet in packets[:N_PROBED_PACKETS]):
+                return camm_telemetry(packets)
+        # A drone writes the subtitles of a video to a file with its name.
+        subtitles = next((path for end in (".srt", ".SRT") if (path := file.with_suffix(end)).is_file()), None)
     if subtitles is None:
         return Telemetry()
     return Telemetry(positions=subtitle_positions(read_text(subtitles, MAX_LOG_BYTES)))
@@ -192,7 +188,7 @@ def _csv_telemetry(file: Path) -> Telemetry:
         for kind in kinds:
             if any(cells[column] for column in kind):
                 with in_file(file), at_field(f"line {line}"):
-                    rows[kind].append(_finite_numbers([cells[clock], *(cells[column] for column in kind)]))
+                    rows[kind].append(finite_numbers([cells[clock], *(cells[column] for column in kind)]))
     tables = {kind: np.array(sorted(values), dtype=np.float64).reshape(-1, 4) for kind, values in rows.items()}
     if clock == STAMP:
         first = min((table[0, 0] for table in tables.values() if len(table)), default=0.0)
@@ -204,17 +200,6 @@ def _csv_telemetry(file: Path) -> Telemetry:
         Positions.from_rows(tables.get(POSITION_COLUMNS[True], empty), geodetic=True),
         Positions.from_rows(tables.get(POSITION_COLUMNS[False], empty), geodetic=False),
     )
-
-
-def _finite_numbers(cells: list[str]) -> list[float]:
-    """Parse the cells of a row; FieldError if one is not a finite number."""
-    try:
-        numbers = [float(cell) for cell in cells]
-    except ValueError:
-        raise FieldError("", "numbers", cells) from None
-    if not np.isfinite(numbers).all():
-        raise FieldError("", "finite numbers", cells)
-    return numbers
 
 
 def _record3d_telemetry(file: Path) -> Telemetry:

@@ -26,7 +26,7 @@ FILLED_FRACTION = 0.9
 EYE_DISTANCE = 2.2
 #: Minimum distance between two labels, in pixels.
 LABEL_GAP_PX = 9
-#: Steps by which a label is moved down until it does not overlap another one, in pixels.
+#: Steps by which a label is moved down until it does not overlap any other, in pixels.
 LABEL_STEP_PX = 8
 
 _BACKGROUND = (250, 250, 248)

@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 
 from estimator.outputs.size_labels import dimension_labels
-from estimator.records.objects import Box, MeasuredObject, SupportPlane, corners
+from estimator.records.objects import Box, MeasuredObject, corners
 from estimator.records.result import ObjectReport, ScaleResult, SceneEstimate
 from estimator.records.scene import View
 from metric_base.arrays import FloatArray, IntArray
@@ -28,7 +28,7 @@ COLOURS: Mapping[str, tuple[int, int, int]] = {
     "up": (120, 60, 170),
 }
 
-#: Maximum number of points: a file of one megabyte, which phones rotate smoothly.
+#: Maximum number of points: a file of a megabyte, which phones rotate smoothly.
 MAX_POINTS = 60_000
 
 #: Depth of the pyramid of a camera, relative to the diagonal of the scene.
@@ -90,7 +90,13 @@ def scene_view(estimate: SceneEstimate) -> SceneView:
     """Return the view of an estimate; without measured objects, it contains points and cameras."""
     result, scene, measured = estimate.result, estimate.scene, estimate.measurements
     scale = result.best_scale or 1.0
-    rotation = _upright_rotation(result) * scale
+    # Rotation of the scene to y up, and its scale.
+    up = np.array(result.up.vector if result.up is not None else (0.0, -1.0, 0.0))
+    up = up / np.linalg.norm(up)
+    seed = np.array([1.0, 0, 0]) if abs(up[0]) < 0.9 else np.array([0, 0, 1.0])
+    right = seed - (seed @ up) * up
+    right /= np.linalg.norm(right)
+    rotation = np.stack([right, up, np.cross(right, up)]) * scale
     reports = {report.id: report for report in result.objects}
     objects = [item for item in measured.objects if item.box is not None] if measured else []
 
@@ -110,6 +116,14 @@ def scene_view(estimate: SceneEstimate) -> SceneView:
     positions = np.concatenate([*inner, np.array([view.centre @ rotation.T for view in scene.views]).reshape(-1, 3)])
     diagonal = float(np.linalg.norm(np.ptp(positions, axis=0))) or 1.0 if len(positions) else 1.0
 
+    # The rectangle around the observed cells of each plane.
+    planes = []
+    for plane in measured.planes if measured else ():
+        observed = np.argwhere(plane.cells)
+        (left, bottom), (right, top) = observed.min(axis=0), observed.max(axis=0) + 1
+        ends = plane.origin + np.array([[left, bottom], [right, bottom], [right, top], [left, top]]) * plane.cell
+        planes.append(np.column_stack([ends, np.full(4, plane.height)]) @ plane.basis @ rotation.T)
+
     low = np.quantile(points, OUTLIER_FRACTION, axis=0) if count else np.zeros(3)
     return SceneView(
         points=points,
@@ -119,7 +133,7 @@ def scene_view(estimate: SceneEstimate) -> SceneView:
         boxes=tuple(
             _box_view(item, item.box, reports[item.id], result, rotation) for item in objects if item.box is not None
         ),
-        planes=tuple(_rectangle(plane) @ rotation.T for plane in measured.planes) if measured else (),
+        planes=tuple(planes),
         up=np.stack([low, low + np.array([0, diagonal * UP_FRACTION, 0])])[None],
         unit="m" if result.best_scale else "units",
         headline=_headline(result),
@@ -149,16 +163,6 @@ def box_on_ray(view: SceneView, origin: FloatArray, direction: FloatArray) -> Bo
     return None if nearest is None else nearest[1]
 
 
-def _upright_rotation(result: ScaleResult) -> FloatArray:
-    """Return the rotation (3, 3) that turns the vertical of the scene to +y; without one, -y points up."""
-    up = np.array(result.up.vector if result.up is not None else (0.0, -1.0, 0.0))
-    up = up / np.linalg.norm(up)
-    seed = np.array([1.0, 0, 0]) if abs(up[0]) < 0.9 else np.array([0, 0, 1.0])
-    right = seed - (seed @ up) * up
-    right /= np.linalg.norm(right)
-    return np.stack([right, up, np.cross(right, up)])
-
-
 def _pyramid(view: View, depth: float) -> FloatArray:
     """Return the lines (8, 2, 3) from a camera centre to the corners of its image plane, and around them."""
     camera = view.camera
@@ -169,20 +173,10 @@ def _pyramid(view: View, depth: float) -> FloatArray:
     return np.array([[view.centre, end] for end in ends] + [[ends[k], ends[(k + 1) % 4]] for k in range(4)])
 
 
-def _rectangle(plane: SupportPlane) -> FloatArray:
-    """Return the corners (4, 3) in the scene of the rectangle around the observed cells of a plane."""
-    observed = np.argwhere(plane.cells)
-    low, high = observed.min(axis=0), observed.max(axis=0) + 1
-    ends = plane.origin + np.array([[low[0], low[1]], [high[0], low[1]], [high[0], high[1]], [low[0], high[1]]]) * (
-        plane.cell
-    )
-    return np.column_stack([ends, np.full(4, plane.height)]) @ plane.basis
-
-
 def _box_view(
     item: MeasuredObject, box: Box, report: ObjectReport, result: ScaleResult, rotation: FloatArray
 ) -> BoxView:
-    """Return the box of an object; `rotation` (3, 3) turns the frame of the scene to that of the view."""
+    """Return the box of an object; `rotation` (3, 3) rotates the frame of the scene to the frame of the view."""
     labels = dimension_labels(item, report, result, {})
     marks = [">" if is_truncated else "" for is_truncated in item.truncated]
     extents = [f"{mark}{size:.2f}" for mark, size in zip(marks, item.extents * (result.best_scale or 1), strict=True)]

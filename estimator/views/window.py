@@ -21,7 +21,7 @@ GAMMA = 2.2
 
 
 def check_display() -> None:
-    """Raise InputError if there is no display; called before any other work."""
+    """Raise InputError without a display; called before any other work."""
     if sys.platform.startswith("linux") and not (os.environ.get("DISPLAY") or os.environ.get("WAYLAND_DISPLAY")):
         raise InputError("--view: expected a display; found none (--view-png and --view-glb need none)")
 

@@ -15,8 +15,8 @@ from estimator.association.proximity import relative_distance
 from estimator.association.tracks import MIN_COMMON_FRACTION as NOT_CONTRADICTED_SHARE
 from estimator.association.tracks import MIN_JOIN_AFFINITY as JOIN_SHARE
 from estimator.association.tracks import MIN_JOIN_IOU as JOIN_SHARE_ACROSS_CATEGORIES
-from estimator.association.tracks import _mask_points, shared_tracks
-from estimator.projection.visibility import indicator_matrix
+from estimator.association.tracks import shared_tracks
+from estimator.projection.visibility import indicator_matrix, row_indices
 from estimator.records.scene import Instance
 
 PIXEL = np.ones((1, 1), dtype=bool)
@@ -69,7 +69,9 @@ def sums(table, groups):
 
 def plainly_placed(groups, instances, clouds, over, under):
     """The rule of places as it reads: all pairs are looked at again after every join."""
-    places = GroupPlaces(lambda row: _mask_points(clouds, row))
+    places = GroupPlaces(
+        lambda row: np.concatenate([cloud.points[row_indices(cloud.membership, row)] for cloud in clouds])
+    )
     while True:
         best = (1.0, -1, -1)
         for one, first in enumerate(groups):

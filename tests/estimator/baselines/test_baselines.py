@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 from scipy.stats import multivariate_normal
 
-from estimator.baselines import paper, sucar
+from estimator.baselines import paper
 from estimator.baselines.candidate_search import CANDIDATES, candidate_scales, estimate_on
 from estimator.baselines.paper import PaperMixture, authors_lists, fit_mixture, paper_result
 from estimator.baselines.sucar import box_heights, prescribed_down, sucar_result
@@ -20,6 +20,7 @@ from estimator.records.options import EstimateOptions
 from estimator.records.scene import Camera, Instance, Scene, View
 from metric_base.errors import InputError
 from metric_cli.estimate_scale.estimate import main
+from metric_tree.prior import Prior
 from metric_tree.tree import Tree
 
 
@@ -180,7 +181,7 @@ def test_height_is_ours_with_heights_alone(tmp_path: Path, mini: Tree, capsys: p
 
 def test_the_baselines_have_no_jacobian(mini: Tree, monkeypatch: pytest.MonkeyPatch) -> None:
     """Of one object the highest likelihood is the mean size over the measured one, however wide the class is."""
-    monkeypatch.setattr(sucar, "_moments", lambda _: (1000.0, 300.0))
+    monkeypatch.setattr(Prior, "sample", lambda *_: np.array([[700.0], [1300.0]]))  # mean 1000, deviation 300
     scene, instance = _scene(height=0.8)
     by_box = sucar_result(scene, [instance], mini, EstimateOptions(method="sucar"))
     assert by_box.modes[0].scale == pytest.approx(1.25, rel=0.01)

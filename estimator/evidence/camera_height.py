@@ -8,7 +8,6 @@ from dataclasses import dataclass
 import numpy as np
 
 from estimator.evidence.source import skipped_evidence
-from estimator.geometry.planes import floor_of
 from estimator.records.objects import Measurements
 from estimator.records.result import ScaleEvidence
 from estimator.records.scene import Scene, camera_centres
@@ -61,8 +60,7 @@ class CameraHeight:
 
     def observe(self, scene: Scene, measurements: Measurements) -> tuple[ScaleEvidence, ...]:
         """Return the scale by the median height of the cameras above the floor; skipped without a floor."""
-        points = scene.points if scene.dense is None else scene.dense.points
-        floor = floor_of(measurements.planes, points)
+        floor = measurements.floor
         if floor is None:
             return skipped_evidence(KIND, "floor", "no floor was found under the cameras")
         heights = camera_centres(scene.views) @ floor.basis[2] - floor.height

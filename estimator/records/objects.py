@@ -115,4 +115,5 @@ class Measurements:
     planes: tuple[SupportPlane, ...]
     tracks: tuple[Track, ...]
     timings: dict[str, float] = field(default_factory=dict)  #: Seconds of each stage.
+    floor: SupportPlane | None = None  #: The one of `planes` that is the floor.
     problems: tuple[SceneProblem, ...] = ()  #: Contradictions in the masks and in the vertical, and missing planes.

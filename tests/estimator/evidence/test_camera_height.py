@@ -24,11 +24,11 @@ def test_camera_height(tmp_path: Path, scale: float) -> None:
 
 
 def test_a_camera_height_needs_a_floor(walk: Walk, nothing: Measurements) -> None:
-    row = one(CameraHeight(1.5, 0.15).observe(walk.scene, replace(nothing, planes=())))
+    row = one(CameraHeight(1.5, 0.15).observe(walk.scene, replace(nothing, floor=None)))
     assert (row.scale, row.reason) == (None, "no floor was found under the cameras")
     # the lowest plane is above the cameras: a table top or a ceiling, not the floor
     (floor, *_) = nothing.planes
-    row = one(CameraHeight(1.5, 0.15).observe(walk.scene, replace(nothing, planes=(replace(floor, height=1e3),))))
+    row = one(CameraHeight(1.5, 0.15).observe(walk.scene, replace(nothing, floor=replace(floor, height=1e3))))
     assert row.scale is None
 
 

@@ -326,7 +326,7 @@ class Meaning:
     note: str | None = None
 
 
-def see_tier(node: Node, least: str) -> None:
+def require_tier(node: Node, least: str) -> None:
     """ThinEvidence unless a node's size rests on the tier `least` or a better one."""
     if node.tier is not None and is_at_least(node.tier, least):
         return

@@ -27,7 +27,7 @@ if TYPE_CHECKING:
 
 FAMILY = "lognormal-mixture"
 #: Largest |ln mm| of a mean: ten thousand kilometres, and a billionth of a millimetre.
-LARGEST_LOG_MM = 23.0
+MAX_ABS_LOG_MM = 23.0
 #: What every table, page and answer shows: the ends of the 90 % interval, the quartiles and the median.
 QUANTILES = (0.05, 0.25, 0.5, 0.75, 0.95)
 #: Those of a table without room for the quartiles, and the place of the median among all.
@@ -35,11 +35,11 @@ INTERVAL_QUANTILES, MEDIAN = QUANTILES[::2], QUANTILES.index(0.5)
 #: Half-width of the bracket of a quantile in component standard deviations: holds all but 2e-19 of a Gaussian.
 BRACKET_SD = 9.0
 #: Most steps to a quantile: halvings alone, 18 sd / 2^60, reach the resolution of a double for any spread met here.
-MOST_STEPS = 60
+MAX_NEWTON_STEPS = 60
 #: A step of ln size that no longer matters: a nanometre in a metre. Far out in a tail no step is much finer.
 LEAST_STEP = 1e-9
 #: A context that changes a size by less leaves it unchanged: half a percent is below what any source states.
-LEAST_CHANGE = 0.005
+MIN_REPORTED_CHANGE = 0.005
 #: Smallest standard deviation of the shared error in any direction, natural log. A class whose sources agree by
 #: chance, or that has one source only, may still be 3 % off in a scene: the floor that the fit puts on spreads too.
 FLOOR_SD = 0.03
@@ -263,8 +263,8 @@ class Prior:
         for name in ("weights", "means", "covariances", "shared_covariance"):
             values = getattr(prior, name)
             _expect(node_id, name, bool(np.isfinite(values).all()), "finite numbers", values)
-        within = bool((np.abs(prior.means) <= LARGEST_LOG_MM).all())
-        _expect(node_id, "means", within, f"ln mm from -{LARGEST_LOG_MM:g} to {LARGEST_LOG_MM:g}", prior.means)
+        within = bool((np.abs(prior.means) <= MAX_ABS_LOG_MM).all())
+        _expect(node_id, "means", within, f"ln mm from -{MAX_ABS_LOG_MM:g} to {MAX_ABS_LOG_MM:g}", prior.means)
         spreads = np.linalg.eigvalsh(prior._covariances)
         _expect(node_id, "covariances", bool((spreads > 0).all()), "positive definite ones", prior.covariances)
         return prior
@@ -321,7 +321,7 @@ def _mixture_quantile(level: float, parts: Sequence[tuple[float, float, float]])
     low = min(mean - BRACKET_SD * sd for _, mean, sd in parts)
     high = max(mean + BRACKET_SD * sd for _, mean, sd in parts)
     place = sum(weight * mean for weight, mean, _ in parts)
-    for _ in range(MOST_STEPS):
+    for _ in range(MAX_NEWTON_STEPS):
         excess, density = -level, 0.0
         for weight, mean, sd in parts:
             z = (place - mean) / sd
@@ -339,7 +339,7 @@ def _mixture_quantile(level: float, parts: Sequence[tuple[float, float, float]])
 
 def _change(offset: float) -> str:
     """A change of ln size in words."""
-    return f"{np.expm1(offset):+.1%}" if abs(np.expm1(offset)) >= LEAST_CHANGE else "unchanged"
+    return f"{np.expm1(offset):+.1%}" if abs(np.expm1(offset)) >= MIN_REPORTED_CHANGE else "unchanged"
 
 
 def _expect(node_id: str, name: str, holds: bool, expected: str, value: object) -> None:

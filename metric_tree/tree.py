@@ -18,10 +18,10 @@ import pyarrow as pa
 import pyarrow.parquet as pq
 
 from metric_base import spelling
-from metric_tree.node import AmbiguousName, Meaning, Node, NoPrior, UnknownName, node_of, see_tier
+from metric_tree.node import AmbiguousName, Meaning, Node, NoPrior, UnknownName, node_of, require_tier
 from metric_tree.prior import QUANTILES, Prior
 from metric_tree.release.registry import release_directory
-from metric_tree.release.release import Release, open_release, see_nodes
+from metric_tree.release.release import Release, check_nodes, open_release
 from taxonomy.naming.names import Names
 from taxonomy.naming.resolver import Resolver
 from taxonomy.words.senses import label_votes
@@ -127,7 +127,7 @@ class Tree:
         self._table = release.table("nodes")
         ids = self._table["node_id"].to_pylist()
         self._parents = self._table["parent_id"].to_pylist()  # by place
-        see_nodes(ids, self._parents, release.directory)
+        check_nodes(ids, self._parents, release.directory)
         self._places = {node_id: place for place, node_id in enumerate(ids)}
         self._nodes: dict[str, Node] = {}
         self._prior_rows = PriorRows(release)
@@ -226,7 +226,7 @@ class Tree:
             candidates = ", ".join(f"{node.node_id} ({node.n_items} items)" for node in rivals)
             raise AmbiguousName(f"{name!r} means several nodes: {candidates}; ask for one of them by its id")
         if at_least is not None:
-            see_tier(meaning.node, at_least)
+            require_tier(meaning.node, at_least)
         return meaning.node
 
     def resolve(self, text: str, vocabulary: str | None = None, *, advice: bool = True) -> Meaning:

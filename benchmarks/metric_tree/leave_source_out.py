@@ -34,12 +34,12 @@ from metric_base.arrays import FloatArray
 from metric_base.progress import silent
 from metric_cli.tables import print_table
 from metric_tree.fit.class_prior import class_prior
-from metric_tree.fit.evidence_model import learn_kinds
+from metric_tree.fit.evidence_model import fit_evidence_model
 from metric_tree.fit.moments import moments
 from metric_tree.fit.rows import KIND_WEIGHT, STRONG, ClassRows, take_rows
-from metric_tree.pipeline.build import BuildOptions, Steps, shipped_curated, shipped_taxonomy
-from metric_tree.pipeline.clean import Cleaned, NodeClass
-from metric_tree.pipeline.hierarchy import Hierarchy, kept_categories
+from metric_tree.pipeline.build import BuildOptions, BuildRun, clean, ingest, shipped_curated, shipped_taxonomy
+from metric_tree.pipeline.clean import CleanShard, NodeClass
+from metric_tree.pipeline.hierarchy import Hierarchy, categories_with_items
 from metric_tree.pipeline.ingest import block_of, blocks, raw_files
 from metric_tree.pipeline.work_folder import BuildFolder
 from metric_tree.prior import Prior
@@ -68,9 +68,9 @@ def clean_rows(raw: Sequence[Path], work: Path) -> None:
     declared = {source.id: source for source in sources()}
     with ProcessPoolExecutor(WORKERS, mp_context=get_context("spawn")) as pool:
         options = BuildOptions(version="0.0.0", created="")
-        steps = Steps(options, shipped_taxonomy, declared, None, pool, silent, BuildFolder(work))
-        steps.ingest([*blocks(raw_files(raw)), block_of(shipped_curated(), "curated ranges")])
-        steps.clean()
+        run = BuildRun(options, shipped_taxonomy, declared, None, pool, silent, BuildFolder(work))
+        ingest(run, [*blocks(raw_files(raw)), block_of(shipped_curated(), "curated ranges")])
+        clean(run)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -86,16 +86,16 @@ class Rows:
         """Return the cleaned rows for options of `rows_parser`, from the work folder if it contains them."""
         work = options.work or Path(tempfile.mkdtemp())
         clean_rows(options.raw, work)
-        cleaned: list[Cleaned] = [_unpickled(path) for path in sorted(work.glob("clean-*.pickle"))]
+        cleaned: list[CleanShard] = [_unpickled(path) for path in sorted(work.glob("clean-*.pickle"))]
         classes = {item.node_id: item for part in cleaned for item in part.classes}
         rows = {item.node_id: item for path in sorted(work.glob("clean-*.classes")) for item in _unpickled(path)}
-        return cls(rows, classes, Hierarchy.of(kept_categories(shipped_taxonomy().categories(), classes)))
+        return cls(rows, classes, Hierarchy.of(categories_with_items(shipped_taxonomy().categories(), classes)))
 
     def without(self, source: str) -> Iterator[tuple[ClassRows, Prior]]:
         """Yield each class with rows of the source, and its prior from the rows of the other sources."""
         families = self.hierarchy.families()
         reduced: dict[str, ClassRows] = {}
-        known = {node_id: list(item.moments) for node_id, item in self.classes.items()}
+        known = {node_id: list(item.all_moments) for node_id, item in self.classes.items()}
         for node_id, rows in self.rows.items():
             kept = np.flatnonzero(~np.isin(rows.sources, (source, MEANS)))
             if len(kept) < len(rows.sources):
@@ -105,8 +105,8 @@ class Rows:
                 else:
                     del known[node_id]
         first = (class_moments[0] for class_moments in known.values())
-        pairs = ((families[item.node_id], item.disagreement) for item in first)
-        model = learn_kinds(((family, value) for family, value in pairs if value is not None), sorted(KIND_WEIGHT))
+        pairs = ((families[item.node_id], item.by_source) for item in first)
+        model = fit_evidence_model(((family, value) for family, value in pairs if value is not None), sorted(KIND_WEIGHT))
         beliefs = self.hierarchy.beliefs(item for class_moments in known.values() for item in class_moments)
         parents = {category.node_id: category.parent_id or "" for category in self.hierarchy.categories}
         for node_id, rows in reduced.items():

@@ -28,8 +28,7 @@ from estimator.posterior.axis_assignments import prior_axes
 from estimator.posterior.shared_error import SharedError, shared_error, split_error
 from metric_base.arrays import FloatArray
 from metric_tree.axes import AXES
-from metric_tree.fit.inner_priors import reduce_mixture
-from metric_tree.fit.mixture import Mixture
+from metric_tree.fit.mixture import Mixture, reduce_mixture
 from metric_tree.prior import Prior
 
 #: Probabilities of assorted, related and one kind. In the rooms of ScanNet, the fractions rho of log extents within

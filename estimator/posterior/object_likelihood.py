@@ -26,8 +26,7 @@ from estimator.posterior.symmetric_matrices import DIAGONAL, OFF_DIAGONAL, dot, 
 from estimator.records.objects import MeasuredObject
 from metric_base.arrays import BoolArray, FloatArray, IntArray
 from metric_tree.axes import AXES, EXTENTS
-from metric_tree.fit.inner_priors import reduce_mixture
-from metric_tree.fit.mixture import Mixture
+from metric_tree.fit.mixture import Mixture, reduce_mixture
 from metric_tree.prior import Prior
 
 #: Probability that an object does not match its label, or is not measured within its sigma. On simulated scenes, the

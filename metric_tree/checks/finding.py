@@ -1,4 +1,4 @@
-"""One finding of a check."""
+"""A finding of a check."""
 
 from __future__ import annotations
 
@@ -7,13 +7,13 @@ from dataclasses import dataclass
 
 @dataclass(frozen=True, slots=True, order=True)
 class Finding:
-    """What a check found: its code (E error, W warning), where, and expected against found."""
+    """A finding of a check of a release."""
 
-    code: str
-    subject: str
-    message: str
+    code: str  #: E for an error, W for a warning, and three digits.
+    subject: str  #: Id of a node or an item, or name of a file.
+    message: str  #: Expected and found value.
 
     @property
     def is_error(self) -> bool:
-        """Return True if the release breaks the format."""
+        """Return True if the release violates the format."""
         return self.code.startswith("E")

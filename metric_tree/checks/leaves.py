@@ -1,9 +1,7 @@
-"""Checks on the sizes of leaves beside ranges, siblings and sources (codes W411 to W415).
+"""Checks on the sizes of leaves against independent ranges, siblings and sources (codes W411 to W415).
 
-What looks wrong about a leaf's size beside an independent range, its siblings and its own sources.
-
-A finding is no error: a clove is smaller than other spices. Each one is settled by a person or a program that looked at
-its rows (`data/curated/settled.csv`), and what is not yet settled is listed by `validate` and by the build's report.
+A finding is not an error: a clove is smaller than other spices. A reviewer or a program settles each one after reading
+the rows (`data/curated/settled.csv`); `validate` and the report of a build list the others.
 """
 
 from __future__ import annotations
@@ -25,235 +23,198 @@ from metric_tree.fit.rows import JUDGED, NORM, extents_of
 from metric_tree.prior import Prior
 
 CODES = {
-    "W411": "a leaf whose median is off by more than 2 from an independent range of it",
-    "W412": "a leaf far from its siblings, by more than 2 and by more than they scatter",
-    "W413": "a leaf with its axes out of order: wider than long, lying and higher than wide, or upright and flat",
-    "W414": "a source of a leaf that is off by more than 2 from all its others",
+    "W411": "a leaf whose median differs by a factor of more than 2 from an independent range",
+    "W412": "a leaf that differs from its siblings by a factor of more than 2 and by more than their scatter",
+    "W413": "a leaf with its axes out of order: wider than long, flat and higher than wide, or upright and flat",
+    "W414": "a source of a leaf that differs by a factor of more than 2 from all other sources",
     "W415": "toys or miniatures in a class of real objects: by a title, or a source that is small on every axis",
 }
-#: A size beyond this factor is not a matter of taste.
+#: Minimum factor of a finding; smaller differences are within the variety of objects.
 FACTOR = 2.0
-#: Siblings whose scatter counts, and how many of their standard deviations (by the median deviation) a leaf may be off.
-SIBLINGS, SIBLING_SD = 5, 3.5
-#: The median absolute deviation of a normal distribution, as a part of its standard deviation.
+#: Minimum number of siblings for their scatter.
+MIN_SIBLINGS = 5
+#: Minimum deviation of a leaf from its siblings, in standard deviations from the median absolute deviation.
+SIBLING_SD = 3.5
+#: Median absolute deviation of a normal distribution, as a fraction of its standard deviation.
 NORMAL_MAD = 0.6745
-#: A source whose objects are under this part of the median on every axis has likenesses, parts or another object.
+#: Maximum size of models, parts or other objects, as a fraction of the median on every axis.
 MINIATURE = 0.4
-#: Families (nodes of level 2) whose objects are likenesses themselves.
+#: Families (nodes of level 2) whose objects represent other objects.
 LIKENESSES = frozenset({"art.n.01", "plaything.n.01"})
-#: Words of a title that say so. A maker's model number and the files of an artist's collection say "model", too.
+#: Words of titles of toys. "Model" also occurs in model numbers and in collections of 3-D models.
 _TOY = re.compile(
     r"\b(toys?|miniatures?|doll'?s?[ -]?house|figurines?|1[:/](?:12|18|24|32|43|48|72|87))\b", re.IGNORECASE
 )
-#: An upright object whose depth is so many times its height seems to lie: two of its axes may be exchanged. So does one
-#: that is deeper than high by `FACTOR`, and by this much more than its siblings are.
+#: Ratio of depth to height from which the axes of an upright object may be exchanged. Below, the ratio must exceed
+#: `FACTOR` and the median of its siblings by this factor.
 LYING = 5.0
-#: Rounding: a median drawn from two marginals.
+#: Tolerance for the order of two medians, which are rounded.
 ORDER_SLACK = 1.02
-#: Sources besides the one that differs.
-OTHER_SOURCES = 2
-#: The release whose findings `data/curated/settled.csv` settles.
+#: Minimum number of other sources.
+MIN_OTHER_SOURCES = 2
+#: Name of the release whose findings are settled in `data/curated/settled.csv`.
 SHIPPED = "metric-tree"
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class LeafSize:
-    """A leaf's published sizes, and what stands beside them.
-
-    median : (d,) mm over `dims`; typical : (3,) mm that an independent range calls typical, NaN unstated, None of no
-    range; sources : mean size (3,) in mm by source, in the frame of `dims`; family : node of level 2; titles : of the
-    shipped items.
-    """
+    """Published size of a leaf, with independent sizes."""
 
     node_id: str
     parent_id: str
     pose: str
     dims: tuple[str, ...]
-    median: FloatArray
-    typical: FloatArray | None = None
-    sources: Mapping[str, FloatArray] | None = None
-    family: str = ""
-    titles: Sequence[str] = ()
+    median: FloatArray  #: (d,) mm over `dims`.
+    typical: FloatArray | None = None  #: (3,) typical size of an independent range in mm, NaN if not stated.
+    sources: Mapping[str, FloatArray] | None = None  #: Mean size (3,) in mm by source, in the frame of `dims`.
+    family: str = ""  #: Node of level 2.
+    titles: Sequence[str] = ()  #: Titles of the shipped items.
+
+    @property
+    def size(self) -> dict[str, float]:
+        """Median in mm by dimension."""
+        return dict(zip(self.dims, self.median.tolist(), strict=True))
+
+    @property
+    def columns(self) -> list[int]:
+        """Index of each dimension in its frame of axes."""
+        frame = AXES if self.dims[0] in AXES else EXTENTS
+        return [frame.index(dim) for dim in self.dims]
 
 
-@dataclass(frozen=True, slots=True, order=True)
-class LeafFinding:
-    """What was found about a leaf."""
-
-    code: str
-    node_id: str
-    message: str
-
-
-def leaf_findings(leaves: Sequence[LeafSize], accepted: Iterable[tuple[str, str]] = ()) -> list[LeafFinding]:
-    """All findings on the leaves of a tree, less those that are `accepted` (code, node id)."""
+def leaf_findings(leaves: Sequence[LeafSize], accepted: Iterable[tuple[str, str]] = ()) -> list[Finding]:
+    """Return all findings on the leaves of a tree, without the `accepted` ones (code, node id)."""
     known = set(accepted)
-    own = [one for leaf in leaves for one in _own_findings(leaf)]
-    among = (*_sibling_findings(leaves), *_lying_findings(leaves))
-    return sorted(one for one in (*own, *among) if (one.code, one.node_id) not in known)
+    siblings: defaultdict[str, list[LeafSize]] = defaultdict(list)
+    found: list[Finding] = []
+    for leaf in leaves:
+        siblings[leaf.parent_id].append(leaf)
+        found += [*_size_findings(leaf), *_source_findings(leaf)]
+    for family in siblings.values():
+        found += [*_sibling_findings(family), *_lying_findings(family)]
+    return sorted(one for one in found if (one.code, one.subject) not in known)
 
 
 def titles(items: pa.Table) -> dict[str, list[str]]:
-    """The titles of the shipped items by leaf; of norms and ranges there is none."""
-    named: defaultdict[str, list[str]] = defaultdict(list)
+    """Return the titles of the shipped items by leaf, without norms and ranges."""
+    by_leaf: defaultdict[str, list[str]] = defaultdict(list)
     columns = (items[name].to_pylist() for name in ("node_id", "title", "kind"))
     for node_id, title, kind in zip(*columns, strict=True):
         if title and kind not in {JUDGED, NORM}:
-            named[node_id].append(title)
-    return named
+            by_leaf[node_id].append(title)
+    return by_leaf
 
 
-def _own_findings(leaf: LeafSize) -> Iterator[LeafFinding]:
-    yield from _range_findings(leaf)
-    yield from _order_findings(leaf)
-    yield from _source_findings(leaf)
-    if leaf.family not in LIKENESSES:
-        yield from _toy_findings(leaf)
-
-
-def _range_findings(leaf: LeafSize) -> Iterator[LeafFinding]:
-    if leaf.typical is None:
-        return
-    by_axis = leaf.typical if leaf.dims[0] in AXES else -np.sort(-leaf.typical)
-    names = AXES if leaf.dims[0] in AXES else tuple(f"extent{number}" for number in (1, 2, 3))
-    for dim, median in zip(leaf.dims, leaf.median, strict=True):
-        typical = float(by_axis[names.index(dim)])
-        if abs(np.log(median / typical)) > np.log(FACTOR):  # False where nothing is stated
-            yield LeafFinding("W411", leaf.node_id, f"{dim}: expected about {typical:.4g} mm; found {median:.4g}")
-
-
-def _order_findings(leaf: LeafSize) -> Iterator[LeafFinding]:
-    size = dict(zip(leaf.dims, leaf.median.tolist(), strict=True))
-    length, width, height = (size.get(axis, np.nan) for axis in AXES)
-    if width > ORDER_SLACK * length:
-        yield LeafFinding("W413", leaf.node_id, f"expected length over width; found {length:.4g} and {width:.4g} mm")
-    if leaf.pose == "flat" and height > ORDER_SLACK * width:
-        yield LeafFinding("W413", leaf.node_id, f"lies flat, and is {width:.4g} mm wide and {height:.4g} high")
-
-
-def _source_findings(leaf: LeafSize) -> Iterator[LeafFinding]:
-    sizes = {name: float(np.nanmean(np.log(mean))) for name, mean in (leaf.sources or {}).items() if _whole(mean)}
-    for name, own in sizes.items():
-        others = np.array([size for other, size in sizes.items() if other != name])
-        if len(others) >= OTHER_SOURCES and np.abs(own - others).min() > np.log(FACTOR):
-            middle = np.exp(np.median(others))
-            yield LeafFinding("W414", leaf.node_id, f"{name}: expected about {middle:.4g} mm; found {np.exp(own):.4g}")
-
-
-def _toy_findings(leaf: LeafSize) -> Iterator[LeafFinding]:
-    named = next((title for title in leaf.titles if _TOY.search(title)), None)
-    if named is not None:
-        yield LeafFinding("W415", leaf.node_id, f"expected titles of real objects; found {named!r}")
-    names = AXES if leaf.dims[0] in AXES else tuple(f"extent{number}" for number in (1, 2, 3))
-    places = [names.index(dim) for dim in leaf.dims]
-    for name, mean in (leaf.sources or {}).items():
-        part = mean[places] / leaf.median
-        if np.isfinite(part).sum() > 1 and np.nanmax(part) < MINIATURE:
-            size = f"expected objects of about the class's size; found {np.nanmax(part):.2f} of it on every axis"
-            yield LeafFinding("W415", leaf.node_id, f"{name}: {size}")
-
-
-def _whole(mean: FloatArray) -> bool:
-    """Return True if a mean size (3,) states every axis."""
-    return not bool(np.isnan(mean).any())
-
-
-def _sibling_findings(leaves: Sequence[LeafSize]) -> Iterator[LeafFinding]:
-    families: defaultdict[str, list[LeafSize]] = defaultdict(list)
-    for leaf in leaves:
-        if len(leaf.dims) == len(AXES):
-            families[leaf.parent_id].append(leaf)
-    for family in families.values():
-        sizes = np.array([np.log(leaf.median).mean() for leaf in family])
-        if len(sizes) < SIBLINGS:
-            continue
-        middle = float(np.median(sizes))
-        scatter = float(np.median(np.abs(sizes - middle))) / NORMAL_MAD
-        for leaf, size in zip(family, sizes.tolist(), strict=True):
-            if abs(size - middle) > max(np.log(FACTOR), SIBLING_SD * scatter):
-                yield LeafFinding(
-                    "W412", leaf.node_id, f"expected about {np.exp(middle):.4g} mm; found {np.exp(size):.4g}"
-                )
-
-
-def _lying_findings(leaves: Sequence[LeafSize]) -> Iterator[LeafFinding]:
-    upright = [(leaf, _depth_over_height(leaf)) for leaf in leaves if leaf.pose == "upright"]
-    families: defaultdict[str, list[float]] = defaultdict(list)
-    for leaf, ratio in upright:
-        if np.isfinite(ratio):
-            families[leaf.parent_id].append(ratio)
-    for leaf, ratio in upright:
-        siblings = families[leaf.parent_id]
-        usual = float(np.median(siblings)) if len(siblings) > SIBLINGS else 1.0
-        if ratio > max(FACTOR, LYING * min(usual, 1.0)):
-            message = f"stands, and is {ratio:.3g} times as deep as high; {usual:.3g} times is usual there"
-            yield LeafFinding("W413", leaf.node_id, message)
-
-
-def _depth_over_height(leaf: LeafSize) -> float:
-    """Width over height, of the range where it states both, else of the medians; NaN unstated."""
-    size = dict(zip(leaf.dims, leaf.median.tolist(), strict=True))
-    if leaf.typical is not None and not np.isnan(leaf.typical[1:]).any():
-        size = dict(zip(AXES, leaf.typical.tolist(), strict=True))
-    return float(size.get("width", np.nan) / size.get("height", np.nan))
-
-
-def findings(nodes: pa.Table, items: pa.Table, priors: pa.Table, manifest: Mapping[str, Any]) -> Iterator[Finding]:
-    """Findings on the leaves, from the rows that ship; those of the shipped release that are settled are left out."""
-    accepted = settled_findings() if manifest["name"] == SHIPPED else frozenset()
-    for one in leaf_findings(list(_leaf_sizes(nodes, items, priors)), accepted):
-        yield Finding(one.code, one.node_id, one.message)
-
-
-def _leaf_sizes(nodes: pa.Table, items: pa.Table, priors: pa.Table) -> Iterator[LeafSize]:
-    means = _source_means(items)
-    fitted: dict[str, Mapping[str, Any]] = {}
+def findings(nodes: pa.Table, items: pa.Table, priors: pa.Table, manifest: Mapping[str, Any]) -> list[Finding]:
+    """Return the findings on the leaves from the shipped rows; settled findings of the shipped release are omitted."""
+    means, named = _source_means(items), titles(items)
+    priors_by_node: dict[str, Mapping[str, Any]] = {}
     for row in priors.to_pylist():
-        fitted.setdefault(row["node_id"], row)
-    above = dict(zip(nodes["node_id"].to_pylist(), nodes["parent_id"].to_pylist(), strict=True))
-    inner, named = set(above.values()), titles(items)
+        priors_by_node.setdefault(row["node_id"], row)
+    parents = dict(zip(nodes["node_id"].to_pylist(), nodes["parent_id"].to_pylist(), strict=True))
+    inner = set(parents.values())
+    leaves = []
     for node in nodes.to_pylist():
         node_id = node["node_id"]
-        if node_id in inner or node_id not in fitted:
+        if node_id in inner or node_id not in priors_by_node:
             continue
-        prior = Prior.of_row(fitted[node_id])
-        frame = int(prior.dims[0] in EXTENTS)
-        said = {key: mean[frame] for key, mean in means.get(node_id, {}).items()}
-        typical = next((mean for (_, kind), mean in said.items() if kind == JUDGED), None)
-        sources = {name: mean for (name, kind), mean in said.items() if kind not in {JUDGED, NORM}}
-        yield LeafSize(
-            node_id,
-            node["parent_id"] or "",
-            node["pose"],
-            prior.dims,
-            prior.quantile(0.5),
-            typical,
-            sources,
-            _family(node_id, above),
-            named.get(node_id, ()),
+        prior = Prior.of_row(priors_by_node[node_id])
+        stated = {key: extents if prior.dims[0] in EXTENTS else axes for key, axes, extents in means.get(node_id, ())}
+        path = [node_id]
+        while (parent := parents.get(path[-1])) is not None and parent not in path:
+            path.append(parent)
+        leaves.append(
+            LeafSize(
+                node_id,
+                node["parent_id"] or "",
+                node["pose"],
+                prior.dims,
+                prior.quantile(0.5),
+                next((mean for (_, kind), mean in stated.items() if kind == JUDGED), None),
+                {name: mean for (name, kind), mean in stated.items() if kind not in {JUDGED, NORM}},
+                path[-2] if len(path) > 1 else node_id,
+                named.get(node_id, ()),
+            )
         )
+    return leaf_findings(leaves, settled_findings() if manifest["name"] == SHIPPED else ())
 
 
-def _family(node_id: str, above: Mapping[str, str | None]) -> str:
-    """The node of level 2 that a node is in, below the root."""
-    path = [node_id]
-    while (parent := above.get(path[-1])) is not None and parent not in path:
-        path.append(parent)
-    return path[-2] if len(path) > 1 else node_id
-
-
-def _source_means(items: pa.Table) -> dict[str, dict[tuple[str, str], tuple[FloatArray, FloatArray]]]:
-    """By leaf and (source, kind): geometric mean (3,) of the axes, and (3,) of the extents, mm, NaN unstated."""
+def _source_means(items: pa.Table) -> dict[str, list[tuple[tuple[str, str], FloatArray, FloatArray]]]:
+    """Return, by leaf, (source, kind) with the geometric means (3,) of axes and of extents in mm, NaN if not stated."""
     axes = np.column_stack([items[f"{axis}_mm"].to_numpy(zero_copy_only=False) for axis in AXES])
-    sizes = np.log(np.stack([axes.astype(float), extents_of(items)], axis=1))  # (n, 2, 3)
-    groups: defaultdict[tuple[str, str, str], list[int]] = defaultdict(list)
-    columns = (items[name].to_pylist() for name in ("node_id", "source", "kind"))
-    for row, key in enumerate(zip(*columns, strict=True)):
-        groups[key].append(row)
-    means: defaultdict[str, dict[tuple[str, str], tuple[FloatArray, FloatArray]]] = defaultdict(dict)
-    for (node_id, source, kind), rows in groups.items():
-        stated = ~np.isnan(sizes[rows])
-        total, count = np.where(stated, sizes[rows], 0.0).sum(axis=0), stated.sum(axis=0)
-        mean = np.exp(np.where(count > 0, total / np.maximum(count, 1), np.nan))
-        means[node_id][source, kind] = (mean[0], mean[1])
-    return means
+    logs = np.log(np.hstack([axes.astype(float), extents_of(items)]))  # (n, 6)
+    keys = ["node_id", "source", "kind"]
+    columns = {name: pa.array(logs[:, index], from_pandas=True) for index, name in enumerate((*AXES, *EXTENTS))}
+    table = pa.table({name: items[name] for name in keys} | columns)
+    means = table.group_by(keys, use_threads=False).aggregate([(name, "mean") for name in columns])
+    sizes = np.column_stack([means[f"{name}_mean"].to_numpy(zero_copy_only=False) for name in columns])
+    by_leaf: defaultdict[str, list[tuple[tuple[str, str], FloatArray, FloatArray]]] = defaultdict(list)
+    for node_id, source, kind, size in zip(*(means[name].to_pylist() for name in keys), np.exp(sizes), strict=True):
+        by_leaf[node_id].append(((source, kind), size[:3], size[3:]))
+    return by_leaf
+
+
+def _size_findings(leaf: LeafSize) -> Iterator[Finding]:
+    """Compare the median with an independent range (W411), and its axes with each other (W413)."""
+    if leaf.typical is not None:
+        typical_of = leaf.typical if leaf.dims[0] in AXES else -np.sort(-leaf.typical)
+        for dim, column, median in zip(leaf.dims, leaf.columns, leaf.median, strict=True):
+            typical = float(typical_of[column])
+            if abs(np.log(median / typical)) > np.log(FACTOR):  # False if NaN
+                yield Finding("W411", leaf.node_id, f"{dim}: expected about {typical:.4g} mm; found {median:.4g}")
+    length, width, height = (leaf.size.get(axis, np.nan) for axis in AXES)
+    if width > ORDER_SLACK * length:
+        yield Finding("W413", leaf.node_id, f"expected length over width; found {length:.4g} and {width:.4g} mm")
+    if leaf.pose == "flat" and height > ORDER_SLACK * width:
+        yield Finding("W413", leaf.node_id, f"lies flat, and is {width:.4g} mm wide and {height:.4g} high")
+
+
+def _source_findings(leaf: LeafSize) -> Iterator[Finding]:
+    """Compare the sources with each other (W414), and look for toys by titles and sizes (W415)."""
+    sources = leaf.sources or {}
+    sizes = {name: float(np.log(mean).mean()) for name, mean in sources.items() if not np.isnan(mean).any()}
+    for name, size in sizes.items():
+        others = np.array([other_size for other, other_size in sizes.items() if other != name])
+        if len(others) >= MIN_OTHER_SOURCES and np.abs(size - others).min() > np.log(FACTOR):
+            median = np.exp(np.median(others))
+            yield Finding("W414", leaf.node_id, f"{name}: expected about {median:.4g} mm; found {np.exp(size):.4g}")
+    if leaf.family in LIKENESSES:
+        return
+    toy = next((title for title in leaf.titles if _TOY.search(title)), None)
+    if toy is not None:
+        yield Finding("W415", leaf.node_id, f"expected titles of real objects; found {toy!r}")
+    for name, mean in sources.items():
+        ratio = mean[leaf.columns] / leaf.median
+        if np.isfinite(ratio).sum() > 1 and np.nanmax(ratio) < MINIATURE:
+            size_text = f"expected objects of about the class's size; found {np.nanmax(ratio):.2f} of it on every axis"
+            yield Finding("W415", leaf.node_id, f"{name}: {size_text}")
+
+
+def _sibling_findings(family: Sequence[LeafSize]) -> Iterator[Finding]:
+    """Compare the geometric mean sizes of the children of a node (W412)."""
+    family = [leaf for leaf in family if len(leaf.dims) == len(AXES)]
+    if len(family) < MIN_SIBLINGS:
+        return
+    sizes = np.array([np.log(leaf.median).mean() for leaf in family])
+    median = float(np.median(sizes))
+    scatter = float(np.median(np.abs(sizes - median))) / NORMAL_MAD
+    for leaf, size in zip(family, sizes.tolist(), strict=True):
+        if abs(size - median) > max(np.log(FACTOR), SIBLING_SD * scatter):
+            yield Finding("W412", leaf.node_id, f"expected about {np.exp(median):.4g} mm; found {np.exp(size):.4g}")
+
+
+def _lying_findings(family: Sequence[LeafSize]) -> Iterator[Finding]:
+    """Compare the ratio of depth to height of upright siblings (W413), from their ranges if these state both."""
+    ratios: dict[str, float] = {}
+    for leaf in family:
+        if leaf.pose == "upright":
+            size = leaf.size
+            if leaf.typical is not None and not np.isnan(leaf.typical[1:]).any():
+                size = dict(zip(AXES, leaf.typical.tolist(), strict=True))
+            ratios[leaf.node_id] = float(size.get("width", np.nan) / size.get("height", np.nan))
+    siblings = [ratio for ratio in ratios.values() if np.isfinite(ratio)]
+    usual = float(np.median(siblings)) if len(siblings) > MIN_SIBLINGS else 1.0
+    for node_id, ratio in ratios.items():
+        if ratio > max(FACTOR, LYING * min(usual, 1.0)):
+            message = f"stands, and is {ratio:.3g} times as deep as high; {usual:.3g} times is usual there"
+            yield Finding("W413", node_id, message)

@@ -1,4 +1,4 @@
-"""Checks on the nodes of a release: exactly five levels, one root, no orphan, no cycle (codes 2xx)."""
+"""Checks on the nodes of a release (codes 2xx): five levels, one root, known parents, no cycle."""
 
 from __future__ import annotations
 
@@ -18,24 +18,27 @@ DIMENSIONS = (*AXES, *EXTENTS)
 CODES = {
     "E201": "not exactly one root",
     "E202": "a node whose parent is not in the tree",
-    "E203": "a node that is its own ancestor",
+    "E203": "a node that is an ancestor of itself",
     "E204": "two nodes with one id",
-    "E205": "a level that is not the parent's plus one",
+    "E205": "a level that is not the level of the parent plus one",
     "E206": "a leaf that is not at level 5, or a node below it",
-    "E207": "a path that is not the parent's path and the node's name",
-    "E208": "a pose or a dimension that the format does not know",
-    "E209": "counts of items that disagree with those below",
+    "E207": "a path that is not the path of the parent and the name of the node",
+    "E208": "a pose or a dimension that the format does not define",
+    "E209": "counts of items that disagree with the counts below",
     "E210": "siblings with one name",
     "W211": "an inner node with one child",
-    "W212": "one name on nodes in different places",
+    "W212": "one name on several nodes",
     "W213": "a hypernym path that does not come from WordNet",
 }
 
 
 def findings(nodes: pa.Table) -> Iterator[Finding]:
-    """Findings on the nodes table."""
+    """Yield the findings on the nodes table."""
     rows = nodes.to_pylist()
     by_id = {row["node_id"]: row for row in rows}
+    children: dict[str, list[dict[str, Any]]] = {}
+    for row in rows:
+        children.setdefault(row["parent_id"], []).append(row)
     for node_id, times in Counter(row["node_id"] for row in rows).items():
         if times > 1:
             yield Finding("E204", node_id, f"expected one row; found {times}")
@@ -43,20 +46,28 @@ def findings(nodes: pa.Table) -> Iterator[Finding]:
     if len(roots) != 1:
         yield Finding("E201", "nodes.parquet", f"expected one root; found {len(roots)}: {', '.join(roots[:5])}")
     for row in rows:
-        yield from _place_findings(row, by_id)
-        yield from _word_findings(row)
-    yield from _family_findings(rows)
+        yield from _ancestor_findings(row, by_id)
+        yield from _column_findings(row)
+        yield from _child_findings(row, children.get(row["node_id"], []))
+    for name, times in Counter(row["name"] for row in rows).items():
+        if times > 1:
+            yield Finding("W212", name, f"expected one node of this name; found {times}")
 
 
-def _place_findings(row: Mapping[str, Any], by_id: Mapping[str, Mapping[str, Any]]) -> Iterator[Finding]:
-    parent = by_id.get(row["parent_id"]) if row["parent_id"] is not None else None
+def _ancestor_findings(row: Mapping[str, Any], by_id: Mapping[str, Mapping[str, Any]]) -> Iterator[Finding]:
+    """Check the parent, the ancestors, the level and the path of a node (E202, E203, E205, E207)."""
     node_id = row["node_id"]
+    parent = None if row["parent_id"] is None else by_id.get(row["parent_id"])
     if row["parent_id"] is not None and parent is None:
         yield Finding("E202", node_id, f"parent_id: expected a node; found {row['parent_id']!r}")
         return
-    if _is_own_ancestor(row, by_id):
-        yield Finding("E203", node_id, "parent_id: expected a way to the root; found a cycle")
-        return
+    seen, ancestor = {node_id}, parent
+    while ancestor is not None:
+        if ancestor["node_id"] in seen:
+            yield Finding("E203", node_id, "parent_id: expected a way to the root; found a cycle")
+            return
+        seen.add(ancestor["node_id"])
+        ancestor = None if ancestor["parent_id"] is None else by_id.get(ancestor["parent_id"])
     expected = 1 if parent is None else parent["level"] + 1
     if row["level"] != expected:
         yield Finding("E205", node_id, f"level: expected {expected}; found {row['level']}")
@@ -65,46 +76,26 @@ def _place_findings(row: Mapping[str, Any], by_id: Mapping[str, Mapping[str, Any
         yield Finding("E207", node_id, f"path: expected {' > '.join(path)}; found {' > '.join(row['path'] or [])}")
 
 
-def _word_findings(row: Mapping[str, Any]) -> Iterator[Finding]:
+def _column_findings(row: Mapping[str, Any]) -> Iterator[Finding]:
+    """Check pose, dimensions and synset of a node (E208, W213)."""
     if row["pose"] not in POSES:
         yield Finding("E208", row["node_id"], f"pose: expected one of {', '.join(POSES)}; found {row['pose']!r}")
     if unknown := [dim for dim in row["dims"] or [] if dim not in DIMENSIONS]:
         yield Finding("E208", row["node_id"], f"dims: expected among {', '.join(DIMENSIONS)}; found {unknown}")
-    inserted = row["synset"] is None and not row["node_id"].startswith("mt:") and not row["node_id"].endswith("/other")
-    if inserted:
+    if row["synset"] is None and not row["node_id"].startswith("mt:") and not row["node_id"].endswith("/other"):
         yield Finding("W213", row["node_id"], "synset: expected one, or an id of a reviewed insertion; found neither")
 
 
-def _family_findings(rows: list[dict[str, Any]]) -> Iterator[Finding]:
-    children: dict[str, list[dict[str, Any]]] = {}
-    for row in rows:
-        children.setdefault(row["parent_id"], []).append(row)
-    names = Counter(row["name"] for row in rows)
-    for row in rows:
-        below = children.get(row["node_id"], [])
-        if (not below) != (row["level"] == LEVELS):
-            yield Finding("E206", row["node_id"], f"level: expected leaves at {LEVELS} alone; found {row['level']}")
-        if len(below) == 1:
-            yield Finding("W211", row["node_id"], f"expected two children or more; found {below[0]['node_id']} alone")
-        for name, times in Counter(child["name"] for child in below).items():
-            if times > 1:
-                yield Finding(
-                    "E210", row["node_id"], f"expected children of different names; found {name!r} {times} times"
-                )
-        total = row["n_own"] + sum(child["n_items"] for child in below)
-        if row["n_items"] != total:
-            yield Finding("E209", row["node_id"], f"n_items: expected {total}, own and below; found {row['n_items']}")
-    for name, times in names.items():
+def _child_findings(row: Mapping[str, Any], children: list[dict[str, Any]]) -> Iterator[Finding]:
+    """Check the level of leaves, the number and the names of children, and the counts (E206, E209, E210, W211)."""
+    if (not children) != (row["level"] == LEVELS):
+        yield Finding("E206", row["node_id"], f"level: expected leaves at {LEVELS} alone; found {row['level']}")
+    if len(children) == 1:
+        yield Finding("W211", row["node_id"], f"expected two children or more; found {children[0]['node_id']} alone")
+    for name, times in Counter(child["name"] for child in children).items():
         if times > 1:
-            yield Finding("W212", name, f"expected one node of this name; found {times}")
-
-
-def _is_own_ancestor(row: Mapping[str, Any], by_id: Mapping[str, Mapping[str, Any]]) -> bool:
-    seen = set()
-    while row is not None and row["node_id"] not in seen:
-        seen.add(row["node_id"])
-        above = by_id.get(row["parent_id"]) if row["parent_id"] is not None else None
-        if above is None:
-            return False
-        row = above
-    return True
+            text = f"expected children of different names; found {name!r} {times} times"
+            yield Finding("E210", row["node_id"], text)
+    total = row["n_own"] + sum(child["n_items"] for child in children)
+    if row["n_items"] != total:
+        yield Finding("E209", row["node_id"], f"n_items: expected {total}, own and below; found {row['n_items']}")

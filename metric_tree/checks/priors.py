@@ -11,21 +11,27 @@ import pyarrow as pa
 from metric_tree.checks.finding import Finding
 from metric_tree.checks.nodes import DIMENSIONS
 
-#: Rounding of weights that went through text or another float format.
+#: Maximum rounding error of the sum of weights that were converted to text or to another float format.
 WEIGHT_TOLERANCE = 1e-6
 
+#: Minimum eigenvalue of the covariance of a component, which may not be singular.
+MIN_EIGENVALUE = 1e-12
+
+#: Minimum eigenvalue of the covariance between sources, which may be singular (one common factor), with rounding.
+MIN_SHARED_EIGENVALUE = -1e-12
+
 CODES = {
-    "E401": "a prior of a node that the tree does not hold, or two of one node and dimensions",
-    "E402": "weights that are no probabilities",
-    "E403": "means or covariances of another shape than weights and dimensions say",
+    "E401": "a prior of a node that is not in the tree, or two of the same node and dimensions",
+    "E402": "weights that are not probabilities",
+    "E403": "means or covariances whose shape differs from weights and dimensions",
     "E404": "a covariance that is not symmetric and positive",
-    "E405": "another family, unknown dimensions, or a borrowed share outside 0 to 1",
+    "E405": "another family, unknown dimensions, or a borrowed fraction outside 0 to 1",
     "W406": "a node with items but no prior",
 }
 
 
 def findings(priors: pa.Table, nodes: pa.Table) -> Iterator[Finding]:
-    """Findings on the priors table."""
+    """Yield the findings on the priors table."""
     known = dict(zip(nodes["node_id"].to_pylist(), nodes["n_items"].to_pylist(), strict=True))
     seen: set[tuple[str, tuple[str, ...]]] = set()
     for row in priors.to_pylist():
@@ -42,6 +48,7 @@ def findings(priors: pa.Table, nodes: pa.Table) -> Iterator[Finding]:
 
 
 def _row_findings(subject: str, row: Mapping[str, Any]) -> Iterator[Finding]:
+    """Check family, dimensions and weights of a row, and the shapes of its arrays (E402, E403, E405)."""
     dims, weights = row["dims"] or [], np.asarray(row["weights"], dtype=float)
     if row["family"] != "lognormal-mixture" or not dims or any(dim not in DIMENSIONS for dim in dims):
         yield Finding(
@@ -61,6 +68,7 @@ def _row_findings(subject: str, row: Mapping[str, Any]) -> Iterator[Finding]:
 
 
 def _matrix_findings(subject: str, name: str, value: object, shape: tuple[int, ...]) -> Iterator[Finding]:
+    """Check the shape of an array (E403), and that a covariance is symmetric and positive (E404)."""
     try:
         array = np.asarray(value, dtype=float)
     except (TypeError, ValueError):
@@ -69,7 +77,6 @@ def _matrix_findings(subject: str, name: str, value: object, shape: tuple[int, .
         yield Finding("E403", subject, f"{name}: expected finite numbers of shape {shape}; found {array.shape}")
     elif name != "means":
         symmetric = np.allclose(array, np.swapaxes(array, -1, -2))
-        least = float(np.linalg.eigvalsh(array).min())
-        # The between-source covariance may be singular (one shared factor); a component may not.
-        if not symmetric or least < (-1e-12 if name == "shared_covariance" else 1e-12):
-            yield Finding("E404", subject, f"{name}: expected symmetric and positive; found eigenvalue {least:.3g}")
+        smallest = float(np.linalg.eigvalsh(array).min())
+        if not symmetric or smallest < (MIN_SHARED_EIGENVALUE if name == "shared_covariance" else MIN_EIGENVALUE):
+            yield Finding("E404", subject, f"{name}: expected symmetric and positive; found eigenvalue {smallest:.3g}")

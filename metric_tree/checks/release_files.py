@@ -1,13 +1,12 @@
-"""The coded checks of a release: every rule of `metric-tree/1`, each finding with its code.
+"""Coded checks of a release against the format `metric-tree/1`.
 
-E is an error (the release breaks the format), W a warning (a maintainer should look). Codes: 1xx files, 2xx tree,
-3xx items, 4xx priors, 5xx images. Each code has a fixture in `tests/metric_tree/checks/test_checks.py`.
+E is an error (the release violates the format), W a warning for a maintainer. Codes: 1xx files, 2xx tree, 3xx items,
+4xx priors, 5xx images. Each code has a fixture in `tests/metric_tree/checks/test_checks.py`.
 """
 
 from __future__ import annotations
 
 from collections.abc import Iterator
-from dataclasses import dataclass
 from pathlib import Path
 
 import pyarrow as pa
@@ -18,60 +17,51 @@ from metric_tree.release.images import image_path, stored_file
 from metric_tree.release.release import BadRelease, Release, open_release, sha256
 from metric_tree.release.schema import ADDED_COLUMNS, FORMER_TYPES, TABLES
 
-#: What each code means; `metric-tree validate --codes` prints it.
+#: Meaning of each code; `metric-tree validate --codes` prints it.
 CODES = {
-    "E101": "no readable manifest, or of another schema, or a file is missing or of another size",
-    "E102": "a file's sha256 differs from the manifest's",
-    "E103": "a table's rows differ from the manifest's",
-    "E104": "a table's columns or types differ from the schema",
-    "E106": "a picture or a text beside the tables is missing, or its sha256 differs from the manifest's",
+    "E101": "no readable manifest, a manifest of another schema, or a file that is missing or of another size",
+    "E102": "the sha256 of a file differs from the manifest",
+    "E103": "the number of rows of a table differs from the manifest",
+    "E104": "columns or types of a table differ from the schema",
     "E105": "counts in the manifest differ from the tables",
+    "E106": "an image or a text next to the tables is missing, or its sha256 differs from the manifest",
     **nodes.CODES,
     **items.CODES,
     **priors.CODES,
     **leaves.CODES,
+    "E501": "an image of an item that is not in the release",
+    "E502": "an image or cut-out whose file is missing, or outside the release and the shared store",
+    "E503": "an image without a licence",
+    "E504": "an image whose bytes differ from its id",
 }
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class _Tables:
-    nodes: pa.Table
-    items: pa.Table
-    priors: pa.Table
-    images: pa.Table
-
-
 def findings(directory: Path) -> list[Finding]:
-    """All findings on a release, errors first."""
+    """Return all findings on a release, errors first."""
     try:
         release = open_release(directory)
     except BadRelease as error:
         return [Finding("E101", str(directory), str(error))]
     damaged = list(_file_findings(release))
-    if any(finding.code != "E105" for finding in damaged):  # tables that cannot be trusted are not read further
+    if any(finding.code != "E105" for finding in damaged):  # the content of damaged tables is not checked
         return sorted(damaged)
-    tables = _Tables(**{name.removesuffix(".parquet"): release.table(name.removesuffix(".parquet")) for name in TABLES})
-    return sorted(
-        [
-            *damaged,
-            *_extra_findings(release),
-            *_count_findings(release, tables),
-            *nodes.findings(tables.nodes),
-            *items.findings(tables.items, tables.nodes, release.manifest),
-            *priors.findings(tables.priors, tables.nodes),
-            *_leaf_findings(release, tables),
-            *_image_findings(release, tables),
-        ]
-    )
-
-
-def _leaf_findings(release: Release, tables: _Tables) -> Iterator[Finding]:
-    """None where the priors themselves are damaged: other codes say so."""
-    if not any(finding.is_error for finding in priors.findings(tables.priors, tables.nodes)):
-        yield from leaves.findings(tables.nodes, tables.items, tables.priors, release.manifest)
+    tables = {name.removesuffix(".parquet"): release.table(name.removesuffix(".parquet")) for name in TABLES}
+    found = [
+        *damaged,
+        *_extra_findings(release),
+        *_count_findings(release, tables["nodes"], tables["items"]),
+        *nodes.findings(tables["nodes"]),
+        *items.findings(tables["items"], tables["nodes"], release.manifest),
+        *_image_findings(release, tables["images"], tables["items"]),
+    ]
+    prior_findings = list(priors.findings(tables["priors"], tables["nodes"]))
+    if not any(finding.is_error for finding in prior_findings):  # damaged priors have no sizes to compare
+        found += leaves.findings(tables["nodes"], tables["items"], tables["priors"], release.manifest)
+    return sorted([*found, *prior_findings])
 
 
 def _file_findings(release: Release) -> Iterator[Finding]:
+    """Check checksums, rows, columns and types of the tables (E102 to E104)."""
     for name, schema in TABLES.items():
         recorded = release.manifest["files"][name]
         if (digest := sha256(release.directory / name)) != recorded.get("sha256"):
@@ -84,11 +74,12 @@ def _file_findings(release: Release) -> Iterator[Finding]:
             if field.name not in table.column_names:
                 if field.name not in ADDED_COLUMNS:
                     yield Finding("E104", f"{name}: {field.name}", "expected the column; found none")
-            elif (own_type := table.schema.field(field.name).type) not in (field.type, FORMER_TYPES.get(field.name)):
-                yield Finding("E104", f"{name}: {field.name}", f"expected {field.type}; found {own_type}")
+            elif (found_type := table.schema.field(field.name).type) not in (field.type, FORMER_TYPES.get(field.name)):
+                yield Finding("E104", f"{name}: {field.name}", f"expected {field.type}; found {found_type}")
 
 
 def _extra_findings(release: Release) -> Iterator[Finding]:
+    """Check the files next to the tables (E106)."""
     for name, recorded in release.manifest.get("extras", {}).items():
         path = stored_file(release.directory, name)
         digest = "no file" if path is None else sha256(path)
@@ -96,29 +87,28 @@ def _extra_findings(release: Release) -> Iterator[Finding]:
             yield Finding("E106", name, f"expected sha256 {recorded}; found {digest}")
 
 
-def _count_findings(release: Release, tables: _Tables) -> Iterator[Finding]:
-    parents = set(tables.nodes["parent_id"].to_pylist())
-    leaves = sum(node_id not in parents for node_id in tables.nodes["node_id"].to_pylist())
-    levels = tables.nodes["level"].to_pylist()
+def _count_findings(release: Release, nodes: pa.Table, items: pa.Table) -> Iterator[Finding]:
+    """Compare the counts of the manifest with the tables (E105)."""
+    parents = set(nodes["parent_id"].to_pylist())
     counts = {
-        "nodes": tables.nodes.num_rows,
-        "leaves": leaves,
-        "levels": max(levels, default=0),
-        "n_rows": tables.items.num_rows,
+        "nodes": nodes.num_rows,
+        "leaves": sum(node_id not in parents for node_id in nodes["node_id"].to_pylist()),
+        "levels": max(nodes["level"].to_pylist(), default=0),
+        "n_rows": items.num_rows,
     }
     for name, value in counts.items():
-        if release.manifest["counts"].get(name) != value:
-            recorded = release.manifest["counts"].get(name)
-            yield Finding(
-                "E105", f"manifest.json: counts.{name}", f"expected {value} as in the tables; found {recorded}"
-            )
+        recorded = release.manifest["counts"].get(name)
+        if recorded != value:
+            text = f"expected {value} as in the tables; found {recorded}"
+            yield Finding("E105", f"manifest.json: counts.{name}", text)
 
 
-def _image_findings(release: Release, tables: _Tables) -> Iterator[Finding]:
-    items = set(tables.items["item_id"].to_pylist())
-    for row in tables.images.to_pylist():
+def _image_findings(release: Release, images: pa.Table, items: pa.Table) -> Iterator[Finding]:
+    """Check items, files, checksums and licences of the images (E501 to E504)."""
+    item_ids = set(items["item_id"].to_pylist())
+    for row in images.to_pylist():
         image_id, item_id, path, licence = (row[name] for name in ("image_id", "item_id", "path", "licence"))
-        if item_id not in items:
+        if item_id not in item_ids:
             yield Finding("E501", image_id, f"item_id: expected an item of the release; found {item_id!r}")
         for column in ("path", "cutout_path"):
             if row[column] is not None and image_path(release.directory, row, column) is None:
@@ -129,11 +119,3 @@ def _image_findings(release: Release, tables: _Tables) -> Iterator[Finding]:
             yield Finding("E504", image_id, f"path: expected bytes of this sha256; found others in {path}")
         if not licence:
             yield Finding("E503", image_id, "licence: expected the picture's terms; found none")
-
-
-CODES |= {
-    "E501": "a picture of an item that the release does not hold",
-    "E502": "a picture or cut-out whose file is missing, or lies outside the release and the shared store",
-    "E503": "a picture without a licence",
-    "E504": "a picture whose bytes are not those that its id names",
-}

@@ -1,15 +1,15 @@
-"""What each kind of evidence is worth: its bias, its spread, how far its sources lie apart; learned over all classes.
+"""Bias, spread and disagreement of the kinds of evidence, estimated over all classes by restricted maximum likelihood.
 
-What an object in a scene is like is the target. With m_s the mean of ln size of source s of class c along one axis,
+The target is the size of objects in scenes. With m_s the mean of ln size of source s of class c along one axis,
 
     m_s = mu_c + b(kind of s, family of c) + e_s
     Var(e_s) = g(family) (share W + spread^2) + excess(kind)^2 + W / n_s
 
-W is the class's variance within a source and n_s the effective rows of the source. A family is a node of level 2.
-Measurements, norms and statistics of measurements have no bias: they are the target. The class means mu_c are
-integrated out under a flat prior; b has a Gaussian prior around zero, family by family around its kind's own; share,
-spread and the excesses maximise the restricted likelihood, in which a few classes are two objects under one name; ln g
-has a Gaussian prior around zero.
+W is the variance of the class within a source and n_s the effective rows of the source. A family is a node of level 2.
+Measurements, norms and statistics of measurements define the target and have no bias. The class means mu_c are
+integrated out under a flat prior (restricted likelihood, Patterson and Thompson 1971). b has a Gaussian prior with mean
+0 for each kind, and for each family about the value of its kind. share, spread and the excesses maximise the restricted
+likelihood of a mixture in which some classes are two objects with one name. ln g has a Gaussian prior with mean 0.
 """
 
 from __future__ import annotations
@@ -26,115 +26,121 @@ from metric_base.arrays import FloatArray, IntArray
 from metric_base.folders import data_folder
 from metric_tree.fit.random_effects import SourceMeans
 
-#: Prior standard deviation of a kind's bias (ln size). Kinds that are not here are of objects in the world: they define
-#: the target and have no bias. A shop's figure is of a real object and may differ from the
-#: objects in use by what people buy and keep, a few per cent; the others may be anything within a third.
+#: Prior standard deviation of the bias of a kind, ln size. Other kinds define the target and have no bias. Catalogue
+#: sizes are of real objects, and differ from the objects in use by a few per cent because of what people buy and keep;
+#: the others may differ by a third.
 BIAS_SD: Mapping[str, float] = {"product": 0.05, "asset": 0.3, "museum": 0.3, "judged": 0.2, "default": 0.3}
 
-#: Prior standard deviation of a family's bias around its kind's: half of what the kinds themselves are allowed.
+#: Prior standard deviation of the bias of a family about the bias of its kind: half of `BIAS_SD`.
 FAMILY_SD: Mapping[str, float] = {kind: sd / 2 for kind, sd in BIAS_SD.items()}
 
-#: Kinds whose sources may lie further apart than those of products and measurements.
+#: Kinds whose sources may disagree more than products and measurements.
 EXCESS_KINDS = ("statistic", "judged", "asset", "museum", "default")
 
-#: Kinds whose objects are not what is sold, used and measured today.
+#: Kinds whose objects differ from objects that are sold, used and measured today.
 WEAK_KINDS = frozenset({"asset", "museum", "default"})
 
-#: Share of classes that are two objects under one name, and the disagreement (ln size) that they are allowed.
-MIXED_SHARE, MIXED_SD = 0.05, 1.0
+#: Fraction of classes that are two objects with one name, 0 to 1.
+MIXED_SHARE = 0.05
 
-#: Below this many classes with two sources the shipped model holds as it is.
-LEAST_CLASSES = 8
+#: Standard deviation of ln size between the sources of such a class.
+MIXED_SD = 1.0
 
-#: Classes at which a build's own model counts as much as the shipped one: that of release 2.0.0 was of 700, and with
-#: forty classes a bias of ten per cent is known to some three.
+#: Minimum number of classes with two sources for a refit; with fewer, the shipped model is used unchanged.
+MIN_CLASSES = 8
+
+#: Number of classes at which the model of a build has the same weight as the shipped model, which is of 700 classes.
+#: Forty classes determine a bias of 10 % to about 3 %.
 SHIPPED_CLASSES = 40.0
 
-#: Rounds of alternating between biases and variances; the likelihood gains under 0.1 % after the third.
+#: Number of iterations over biases and variances; the likelihood gains less than 0.1 % after the third.
 ROUNDS = 4
 
-#: Correlation between axes of the part of an error that does not follow the class's spread: size more than proportion.
+#: Correlation between axes of the errors that are not proportional to W: errors of size rather than of proportion.
 CORRELATION = 0.5
 
-#: Prior standard deviation of ln g: families differ by less than twofold.
+#: Prior standard deviation of ln g: families differ by less than a factor of 2.
 FAMILY_FACTOR_SD = 0.5
 
-#: Least standard deviation that is mixed in proportion: under it a source is as good as exact.
-LEAST_SD = 0.005
+#: Minimum standard deviation of ln size in the geometric mean of two models; a smaller one is practically zero.
+MIN_LOG_SD = 0.005
 
-#: Sources of a class that take part, those of most rows; more add nothing that decides.
+#: Maximum number of sources of a class in the fit, the sources with the most rows; more do not change the result.
 MAX_SOURCES = 10
+
+#: Number of additional classes with a ratio of 1 in the estimate of the spread ratios.
+RATIO_PRIOR_CLASSES = 10
 
 
 @dataclass(frozen=True, slots=True)
-class KindModel:
-    """The fitted model; the defaults are what the sources of release 2.0.0 gave, rounded.
+class EvidenceModel:
+    """The fitted model; the defaults are the rounded estimates from the sources of release 2.0.0."""
 
-    share, spread : disagreement of products and measurements, share W + spread^2; excess : further standard deviation
-    by kind; bias : by kind, of all families; family_bias : by "kind family", added to the former; ratio : ln of the
-    spread within a source of a kind over that of products and measurements; family : g by family.
-    """
-
+    #: Disagreement of products and measurements as a fraction of W.
     share: float = 0.3
+    #: Disagreement that is not proportional to W, ln size.
     spread: float = 0.05
+    #: Further standard deviation of ln size by kind.
     excess: Mapping[str, float] = field(
         default_factory=lambda: {"statistic": 0.03, "judged": 0.1, "asset": 0.15, "museum": 0.35, "default": 0.1}
     )
+    #: Bias of ln size by kind, over all families.
     bias: Mapping[str, float] = field(default_factory=dict)
+    #: Further bias by "kind family".
     family_bias: Mapping[str, float] = field(default_factory=dict)
+    #: ln of the spread within a source of a kind over the spread within products and measurements.
     ratio: Mapping[str, float] = field(default_factory=dict)
+    #: g by family.
     family: Mapping[str, float] = field(default_factory=dict)
 
     @classmethod
-    def of_record(cls, record: Mapping[str, Any]) -> KindModel:
-        """The model of `record`."""
+    def of_record(cls, record: Mapping[str, Any]) -> EvidenceModel:
+        """Return the model of a `record`."""
         return cls(**record)
 
-    def towards(self, other: KindModel, part: float) -> KindModel:
-        """Between another model (part 0) and this one (part 1): scales in proportion, biases by the mean."""
+    def towards(self, other: EvidenceModel, part: float) -> EvidenceModel:
+        """Interpolate between another model (part 0) and this one (part 1): scales geometrically, biases linearly."""
 
-        def scale(own: float, its: float) -> float:
-            return float(max(own, LEAST_SD) ** part * max(its, LEAST_SD) ** (1 - part))
+        def geometric(a: float, b: float) -> float:
+            return float(max(a, MIN_LOG_SD) ** part * max(b, MIN_LOG_SD) ** (1 - part))
 
-        def plain(own: float, its: float) -> float:
-            return part * own + (1 - part) * its
+        def linear(a: float, b: float) -> float:
+            return part * a + (1 - part) * b
 
-        def both(
-            own: Mapping[str, float], its: Mapping[str, float], mix: Callable[[float, float], float], unknown: float
+        def by_key(
+            a: Mapping[str, float], b: Mapping[str, float], mean: Callable[[float, float], float], unknown: float
         ) -> dict[str, float]:
-            return {
-                key: mix(own.get(key, its.get(key, unknown)), its.get(key, unknown)) for key in sorted({*own, *its})
-            }
+            return {key: mean(a.get(key, b.get(key, unknown)), b.get(key, unknown)) for key in sorted({*a, *b})}
 
-        return KindModel(
-            share=scale(self.share, other.share),
-            spread=scale(self.spread, other.spread),
-            excess=both(self.excess, other.excess, scale, 0.0),
-            bias=both(self.bias, other.bias, plain, 0.0),
-            family_bias=both(self.family_bias, other.family_bias, plain, 0.0),
-            ratio=both(self.ratio, other.ratio, plain, 0.0),
-            family=both(self.family, other.family, scale, 1.0),
+        return EvidenceModel(
+            share=geometric(self.share, other.share),
+            spread=geometric(self.spread, other.spread),
+            excess=by_key(self.excess, other.excess, geometric, 0.0),
+            bias=by_key(self.bias, other.bias, linear, 0.0),
+            family_bias=by_key(self.family_bias, other.family_bias, linear, 0.0),
+            ratio=by_key(self.ratio, other.ratio, linear, 0.0),
+            family=by_key(self.family, other.family, geometric, 1.0),
         )
 
     def bias_of(self, kind: str, family: str) -> float:
-        """Bias of a kind in a family, ln size."""
+        """Return the bias of a kind in a family, ln size."""
         return self.bias.get(kind, 0.0) + self.family_bias.get(f"{kind} {family}", 0.0)
 
     def error_sd(self, kind: str) -> float:
-        """Standard deviation of what a source of a kind is off by, beside B.
+        """Return the standard deviation of the error of a source of a kind, in addition to B.
 
-        An artist's model or a museum's piece may be of another sense of the word: as often as classes are mixed.
+        The models of an artist or the pieces of a museum may have another sense of the word: with `MIXED_SHARE`.
         """
         wrong_sense = MIXED_SHARE * MIXED_SD**2 if kind in WEAK_KINDS else 0.0
         return float(np.sqrt(self.excess.get(kind, 0.0) ** 2 + wrong_sense))
 
     def between(self, within: FloatArray, family: str = "") -> FloatArray:
-        """Covariance (d, d) of the error of a product or a measurement, of a class with covariance `within` (d, d)."""
+        """Return the error covariance (d, d) of a product or measurement in a class with the covariance `within`."""
         common = CORRELATION + (1 - CORRELATION) * np.eye(len(within))
         return np.asarray(self.family.get(family, 1.0) * (self.share * within + self.spread**2 * common))
 
     def record(self) -> dict[str, Any]:
-        """The model as the manifest has it."""
+        """Return the model as in the manifest of a release."""
         return {
             name: {key: round(number, 4) for key, number in sorted(value.items())}
             if isinstance(value, Mapping)
@@ -144,79 +150,86 @@ class KindModel:
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class _KindTable:
-    """One line for each class and axis: means (n, s) NaN-free, noise (n, s), present (n, s), w (n,), kind, family."""
+class SourceTable:
+    """Source means of n class axes, with s = `MAX_SOURCES` columns."""
 
-    means: FloatArray
-    noise: FloatArray
-    present: FloatArray
-    within: FloatArray
-    kind: IntArray
-    family: IntArray
+    means: FloatArray  #: (n, s) of ln mm, 0 if there is no source.
+    noise: FloatArray  #: (n, s) sampling variance W / n_s.
+    present: FloatArray  #: (n, s) 1 if there is a source, else 0.
+    within: FloatArray  #: (n,) W.
+    kind: IntArray  #: (n, s) index into `kinds`.
+    family: IntArray  #: (n,) index into `families`.
+    kinds: Sequence[str]
+    families: Sequence[str]
+
+    @classmethod
+    def of(cls, classes: Sequence[tuple[str, SourceMeans]], kinds: Sequence[str]) -> SourceTable:
+        """Return the table of the axes that two sources or more of a class state, from (family, source means)."""
+        families = sorted({family for family, _ in classes})
+        lines = []
+        for family, by_source in classes:
+            for axis in range(by_source.means.shape[1]):
+                rows = by_source.rows[:, axis]
+                chosen = np.flatnonzero(rows > 0)
+                chosen = chosen[np.argsort(-rows[chosen], kind="stable")][:MAX_SOURCES]
+                if len(chosen) >= 2:
+                    lines.append((family, by_source, axis, chosen))
+        shape = (len(lines), MAX_SOURCES)
+        means, noise, present = np.zeros(shape), np.ones(shape), np.zeros(shape)
+        kind = np.zeros(shape, dtype=np.intp)
+        within = np.array([by_source.within[axis, axis] for _, by_source, axis, _ in lines])
+        for line, (_, by_source, axis, chosen) in enumerate(lines):
+            part = slice(0, len(chosen))
+            means[line, part] = by_source.means[chosen, axis]
+            noise[line, part] = by_source.within[axis, axis] / by_source.rows[chosen, axis]
+            present[line, part] = 1.0
+            kind[line, part] = [kinds.index(by_source.kinds[source]) for source in chosen]
+        family_index = np.array([families.index(line[0]) for line in lines])
+        return cls(means, noise, present, within, kind, family_index, kinds, families)
+
+    def variances(self, model: EvidenceModel) -> FloatArray:
+        """Return Var(e_s) of each source under a model, (n, s)."""
+        excess = np.array([model.excess.get(kind, 0.0) for kind in self.kinds])[self.kind]
+        factor = np.array([model.family.get(family, 1.0) for family in self.families])[self.family]
+        base = factor * (model.share * self.within + model.spread**2)
+        return np.asarray(base[:, None] + excess**2 + self.noise)
+
+    def biases(self, model: EvidenceModel) -> FloatArray:
+        """Return the bias of each source under a model, (n, s)."""
+        biases = np.array([[model.bias_of(kind, family) for family in self.families] for kind in self.kinds])
+        return np.asarray(biases[self.kind, self.family[:, None]])
 
 
-def learn_kinds(classes: Iterable[tuple[str, SourceMeans]], kinds: Sequence[str]) -> KindModel:
-    """The model from (family, disagreement) of all classes, drawn to the shipped one as far as they are few."""
+def fit_evidence_model(classes: Iterable[tuple[str, SourceMeans]], kinds: Sequence[str]) -> EvidenceModel:
+    """Fit the model to (family, source means) of all classes and shrink it towards the shipped model.
+
+    The weight of the shipped model is that of `SHIPPED_CLASSES` classes.
+    """
     shipped = shipped_model()
-    pairs = [(family, one) for family, one in classes if len(one.sources) >= 2]
-    ratio = _spread_ratios([one for _, one in pairs])
-    if len(pairs) < LEAST_CLASSES:
+    several = [(family, by_source) for family, by_source in classes if len(by_source.sources) >= 2]
+    if len(several) < MIN_CLASSES:
         return shipped
-    families = sorted({family for family, _ in pairs})
-    table = _table(pairs, families, kinds)
-    model = KindModel(bias={}, ratio=ratio)
+    table = SourceTable.of(several, kinds)
+    model = EvidenceModel(bias={}, ratio=spread_ratios([by_source for _, by_source in several]))
     for _ in range(ROUNDS):
-        model = _with_biases(model, table, kinds, families)
-        model = _with_variances(model, table, kinds, families)
-        model = _with_families(model, table, kinds, families)
-    return model.towards(shipped, len(pairs) / (len(pairs) + SHIPPED_CLASSES))
+        model = with_biases(model, table)
+        model = with_variances(model, table)
+        model = with_family_factors(model, table)
+    return model.towards(shipped, len(several) / (len(several) + SHIPPED_CLASSES))
 
 
 @cache
-def shipped_model() -> KindModel:
-    """What the sources of the shipped release gave (`data/fitted/evidence_model.json`)."""
+def shipped_model() -> EvidenceModel:
+    """Return the model of the shipped release (`data/fitted/evidence_model.json`)."""
     path = data_folder() / "fitted" / "evidence_model.json"
-    return KindModel.of_record(json.loads(path.read_text(encoding="utf-8")))
+    return EvidenceModel.of_record(json.loads(path.read_text(encoding="utf-8")))
 
 
-def _table(pairs: Sequence[tuple[str, SourceMeans]], families: Sequence[str], kinds: Sequence[str]) -> _KindTable:
-    lines = []
-    for family, one in pairs:
-        for axis in range(one.means.shape[1]):
-            rows = one.rows[:, axis]
-            chosen = np.flatnonzero(rows > 0)
-            chosen = chosen[np.argsort(-rows[chosen], kind="stable")][:MAX_SOURCES]
-            if len(chosen) >= 2:
-                lines.append((family, one, axis, chosen))
-    shape = (len(lines), MAX_SOURCES)
-    means, noise, present = np.zeros(shape), np.ones(shape), np.zeros(shape)
-    kind = np.zeros(shape, dtype=np.intp)
-    within = np.array([one.within[axis, axis] for _, one, axis, _ in lines])
-    for line, (_, one, axis, chosen) in enumerate(lines):
-        part = slice(0, len(chosen))
-        means[line, part] = one.means[chosen, axis]
-        noise[line, part] = one.within[axis, axis] / one.rows[chosen, axis]
-        present[line, part] = 1.0
-        kind[line, part] = [kinds.index(one.kinds[source]) for source in chosen]
-    return _KindTable(means, noise, present, within, kind, np.array([families.index(line[0]) for line in lines]))
+def restricted_likelihood(means: FloatArray, variances: FloatArray, present: FloatArray) -> FloatArray:
+    """Return the restricted log likelihood (n,) of source means (n, s), with the class mean integrated out.
 
-
-def _variances(model: KindModel, table: _KindTable, kinds: Sequence[str], families: Sequence[str]) -> FloatArray:
-    """Var(e_s) of every source, (n, s)."""
-    excess = np.array([model.excess.get(kind, 0.0) for kind in kinds])[table.kind]
-    factor = np.array([model.family.get(family, 1.0) for family in families])[table.family]
-    base = factor * (model.share * table.within + model.spread**2)
-    return np.asarray(base[:, None] + excess**2 + table.noise)
-
-
-def _offsets(model: KindModel, table: _KindTable, kinds: Sequence[str], families: Sequence[str]) -> FloatArray:
-    """Bias of every source, (n, s)."""
-    biases = np.array([[model.bias_of(kind, family) for family in families] for kind in kinds])
-    return np.asarray(biases[table.kind, table.family[:, None]])
-
-
-def _restricted_likelihood(means: FloatArray, variances: FloatArray, present: FloatArray) -> FloatArray:
-    """Restricted log likelihood of each line, (n,): -(sum ln V + ln sum 1/V + sum (m - mu)^2 / V) / 2."""
+    -(sum ln V + ln sum 1/V + sum (m - mu)^2 / V) / 2 over the sources that are `present`, up to a constant
+    """
     weight = present / variances
     total = weight.sum(axis=1)
     mu = (weight * means).sum(axis=1) / total
@@ -224,33 +237,32 @@ def _restricted_likelihood(means: FloatArray, variances: FloatArray, present: Fl
     return np.asarray(-0.5 * ((present * np.log(variances)).sum(axis=1) + np.log(total) + square))
 
 
-def _plain_and_mixed(means: FloatArray, variances: FloatArray, present: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """(n,) log of share times likelihood of each line, as one object under its name and as two.
+def sense_likelihoods(means: FloatArray, variances: FloatArray, present: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """Return log prior plus log likelihood (n,) for one object, and for two objects with one name.
 
-    means : (n, s) ln mm of the sources, less their biases; variances : (n, s); present : (n, s), 1 where there is a
-    source, else 0.
+    means : (n, s) of ln mm, minus the biases; variances : (n, s); present : (n, s), 1 if there is a source, else 0.
     """
-    plain = np.log(1 - MIXED_SHARE) + _restricted_likelihood(means, variances, present)
-    mixed = np.log(MIXED_SHARE) + _restricted_likelihood(means, variances + MIXED_SD**2, present)
-    return plain, mixed
+    one = np.log(1 - MIXED_SHARE) + restricted_likelihood(means, variances, present)
+    two = np.log(MIXED_SHARE) + restricted_likelihood(means, variances + MIXED_SD**2, present)
+    return one, two
 
 
-def _with_biases(model: KindModel, table: _KindTable, kinds: Sequence[str], families: Sequence[str]) -> KindModel:
-    """Biases given the variances: ridge regression with the class means projected out.
+def with_biases(model: EvidenceModel, table: SourceTable) -> EvidenceModel:
+    """Estimate the biases given the variances, by ridge regression with the class means projected out.
 
-    With P = V^-1 - V^-1 1 1' V^-1 / (1' V^-1 1) of each line: b = (sum X' P X + prior^-1)^-1 sum X' P m.
+    With P = V^-1 - V^-1 1 1' V^-1 / (1' V^-1 1) of each line, b = (sum X' P X + prior^-1)^-1 sum X' P m.
     """
-    variances = _variances(model, table, kinds, families)
-    plain, mixed = _plain_and_mixed(table.means - _offsets(model, table, kinds, families), variances, table.present)
-    trust = 1 / (1 + np.exp(np.minimum(mixed - plain, 50.0)))  # (n,)
+    variances = table.variances(model)
+    one, two = sense_likelihoods(table.means - table.biases(model), variances, table.present)
+    trust = 1 / (1 + np.exp(np.minimum(two - one, 50.0)))  # (n,) probability of one object
     weight = table.present / variances
     total = weight.sum(axis=1)
-    biased = [kind for kind in kinds if kind in BIAS_SD]
+    biased = [kind for kind in table.kinds if kind in BIAS_SD]
     columns: list[tuple[str, int | None]] = [(kind, None) for kind in biased]
-    columns += [(kind, number) for kind in biased for number in range(len(families))]
+    columns += [(kind, family) for kind in biased for family in range(len(table.families))]
     design = np.stack(
         [
-            (table.kind == kinds.index(kind)) * (1.0 if family is None else (table.family == family)[:, None])
+            (table.kind == table.kinds.index(kind)) * (1.0 if family is None else (table.family == family)[:, None])
             for kind, family in columns
         ]
     )  # (c, n, s)
@@ -258,63 +270,61 @@ def _with_biases(model: KindModel, table: _KindTable, kinds: Sequence[str], fami
     scaled = projected * trust[:, None]
     normal = np.einsum("cns,dns->cd", scaled, design)
     right = np.einsum("cns,ns->c", scaled, table.means)
-    prior = [BIAS_SD[kind] if family is None else FAMILY_SD[kind] for kind, family in columns]
-    solved = np.linalg.solve(normal + np.diag(1 / np.square(prior)), right)
-    values = dict(zip(columns, solved.tolist(), strict=True))
+    prior_sd = [BIAS_SD[kind] if family is None else FAMILY_SD[kind] for kind, family in columns]
+    solution = np.linalg.solve(normal + np.diag(1 / np.square(prior_sd)), right)
+    values = dict(zip(columns, solution.tolist(), strict=True))
     return replace(
         model,
         bias={kind: values[kind, None] for kind in biased},
         family_bias={
-            f"{kind} {families[number]}": values[kind, number] for kind, number in columns if number is not None
+            f"{kind} {table.families[family]}": values[kind, family] for kind, family in columns if family is not None
         },
     )
 
 
-def _with_variances(model: KindModel, table: _KindTable, kinds: Sequence[str], families: Sequence[str]) -> KindModel:
-    """Share, spread and excesses one after the other on grids, given the biases."""
-    means = table.means - _offsets(model, table, kinds, families)
+def with_variances(model: EvidenceModel, table: SourceTable) -> EvidenceModel:
+    """Estimate share, spread and excesses in turn by grid search, given the biases."""
+    means = table.means - table.biases(model)
 
-    def height(one: KindModel) -> float:
-        plain, mixed = _plain_and_mixed(means, _variances(one, table, kinds, families), table.present)
-        return float(np.logaddexp(plain, mixed).sum())
+    def likelihood(candidate: EvidenceModel) -> float:
+        one, two = sense_likelihoods(means, table.variances(candidate), table.present)
+        return float(np.logaddexp(one, two).sum())
 
-    model = max((replace(model, share=float(share)) for share in np.geomspace(0.02, 1.5, 14)), key=height)
-    model = max((replace(model, spread=float(spread)) for spread in np.geomspace(0.01, 0.3, 14)), key=height)
+    model = max((replace(model, share=float(share)) for share in np.geomspace(0.02, 1.5, 14)), key=likelihood)
+    model = max((replace(model, spread=float(spread)) for spread in np.geomspace(0.01, 0.3, 14)), key=likelihood)
     for kind in EXCESS_KINDS:
-        if (table.kind[table.present > 0] == kinds.index(kind)).any():
+        if (table.kind[table.present > 0] == table.kinds.index(kind)).any():
             grid = (0.0, *np.geomspace(0.02, 1.0, 14))
-            options = (replace(model, excess={**model.excess, kind: float(sd)}) for sd in grid)
-            model = max(options, key=height)
+            candidates = (replace(model, excess={**model.excess, kind: float(sd)}) for sd in grid)
+            model = max(candidates, key=likelihood)
     return model
 
 
-def _with_families(model: KindModel, table: _KindTable, kinds: Sequence[str], families: Sequence[str]) -> KindModel:
-    """The factor g of each family on a grid, given the rest."""
-    means = table.means - _offsets(model, table, kinds, families)
+def with_family_factors(model: EvidenceModel, table: SourceTable) -> EvidenceModel:
+    """Estimate the factor g of each family by grid search, given the other parameters."""
+    means = table.means - table.biases(model)
     grid = np.geomspace(0.15, 5.0, 15)
-    heights = []
+    log_posteriors = []
     for factor in grid:
-        one = replace(model, family=dict.fromkeys(families, float(factor)))
-        plain, mixed = _plain_and_mixed(means, _variances(one, table, kinds, families), table.present)
-        own = np.bincount(table.family, np.logaddexp(plain, mixed), len(families))
-        heights.append(own - 0.5 * (np.log(factor) / FAMILY_FACTOR_SD) ** 2)
-    best = grid[np.argmax(heights, axis=0)]
-    return replace(model, family=dict(zip(families, best.tolist(), strict=True)))
+        candidate = replace(model, family=dict.fromkeys(table.families, float(factor)))
+        one, two = sense_likelihoods(means, table.variances(candidate), table.present)
+        by_family = np.bincount(table.family, np.logaddexp(one, two), len(table.families))
+        log_posteriors.append(by_family - 0.5 * (np.log(factor) / FAMILY_FACTOR_SD) ** 2)
+    best = grid[np.argmax(log_posteriors, axis=0)]
+    return replace(model, family=dict(zip(table.families, best.tolist(), strict=True)))
 
 
-def _spread_ratios(classes: Sequence[SourceMeans]) -> dict[str, float]:
-    """Mean ln ratio of a kind's spread within a source to that of products and measurements of the same class.
+def spread_ratios(classes: Sequence[SourceMeans]) -> dict[str, float]:
+    """Return the mean ln ratio of the spread of a kind to the spread of products and measurements of the same class.
 
-    Ten classes' worth of no difference are added.
+    The mean includes `RATIO_PRIOR_CLASSES` classes with a ratio of 1.
     """
     ratios: dict[str, list[float]] = {"asset": [], "museum": []}
-    for one in classes:
-        known = {
-            kind: [sd for sd, own in zip(one.spreads, one.kinds, strict=True) if own == kind and np.isfinite(sd)]
-            for kind in ("product", "measured", *ratios)
-        }
-        reference = known["product"] + known["measured"]
+    for by_source in classes:
+        known = [pair for pair in zip(by_source.kinds, by_source.spreads, strict=True) if np.isfinite(pair[1])]
+        spreads = {kind: [sd for name, sd in known if name == kind] for kind in ("product", "measured", *ratios)}
+        reference = spreads["product"] + spreads["measured"]
         for kind, values in ratios.items():
-            if reference and known[kind]:
-                values.append(float(np.mean(np.log(known[kind])) - np.mean(np.log(reference))))
-    return {kind: sum(values) / (len(values) + 10) for kind, values in ratios.items()}
+            if reference and spreads[kind]:
+                values.append(float(np.mean(np.log(spreads[kind])) - np.mean(np.log(reference))))
+    return {kind: sum(values) / (len(values) + RATIO_PRIOR_CLASSES) for kind, values in ratios.items()}

@@ -1,12 +1,14 @@
-"""Sameness: the share of a class's variance that the objects of one room have in common, from rooms that are known.
+"""Intraclass correlation of ln size over rooms: the fraction of variance that objects of one room have in common.
 
-One-way random effects on ln size, ln x_ri = mu + a_r + e_ri over rooms r, sameness t = Var(a) / (Var(a) + Var(e)). With
-the mean squares between and within rooms and n_0 the effective objects of a room (Searle, Casella and McCulloch 1992),
+One-way random effects on ln size, ln x_ri = mu + a_r + e_ri over rooms r, with the intraclass correlation
+t = Var(a) / (Var(a) + Var(e)). With the mean squares between and within rooms and n_0 the effective objects of a room
+(Searle, Casella and McCulloch 1992, Variance Components, 3.6),
 
     t = (MSB - MSW) / (MSB + (n_0 - 1) MSW)
     Var(t) = 2 (N - 1) (1 - t)^2 (1 + (n_0 - 1) t)^2 / (n_0^2 (N - k) (k - 1))
 
-for N objects in k rooms (Swiger and others 1964). Classes are shrunk towards each other by how much they differ.
+for N objects in k rooms (Swiger and others 1964). Classes are shrunk towards their common mean by a random-effects
+model (DerSimonian and Laird 1986). Releases call the correlation `sameness`.
 """
 
 from __future__ import annotations
@@ -20,78 +22,73 @@ from numpy.typing import NDArray
 from metric_base.arrays import FloatArray
 from metric_base.statistics import robust_sigma
 
-#: Rooms with two objects or more below which a class says nothing of its own.
-LEAST_ROOMS = 8
+#: Minimum number of rooms with two objects or more for an estimate.
+MIN_SCENES = 8
 
-#: Robust deviations at which a size is cut: a box that swallowed a wall is no evidence of variety.
+#: Robust standard deviations at which a size is clipped: a box that includes a wall is no evidence of variety.
 CLIP_SIGMAS = 3.0
 
-#: Where no class is known: the mean and spread over the classes of ScanNet's rooms, rounded.
+#: Minimum robust standard deviation of ln size for the clipping.
+MIN_CLIP_SD = 0.02
+
+#: Mean and standard deviation over the classes of ScanNet, rounded: for a tree without known rooms.
 DEFAULT_MEAN, DEFAULT_SD = 0.45, 0.2
+
+#: Minimum number of classes for an estimate of their common mean.
+MIN_CLASSES = 3
+
+#: Minimum standard deviation of the correlation between classes.
+MIN_BETWEEN_SD = 0.05
+
+#: Maximum correlation of an estimate; the variance formula is zero at 1.
+MAX_CORRELATION = 0.99
 
 
 @dataclass(frozen=True, slots=True)
-class Sameness:
-    """A share from 0 to 1 and its standard deviation."""
+class IntraclassCorrelation:
+    """An intraclass correlation with its standard deviation."""
 
-    share: float
+    value: float  #: 0 to 1.
     sd: float
 
 
-def class_sameness(x: FloatArray, source: NDArray[np.str_], scene: NDArray[np.str_]) -> Sameness | None:
-    """The sameness of one class, unshrunk; None of too few rooms.
+def class_correlation(x: FloatArray, source: NDArray[np.str_], scene: NDArray[np.str_]) -> IntraclassCorrelation | None:
+    """Estimate the intraclass correlation of one class; None if fewer than `MIN_SCENES` rooms have several objects.
+
+    Only the source with the most objects in known rooms is used, because data sets of the same rooms contain the same
+    objects.
 
     Parameters
     ----------
-    x : (n, d) ln size, NaN where unstated; source, scene : (n,) names, a scene empty where unknown. Only the source of
-        most objects in known rooms counts: sets that measured the same rooms hold the same objects twice.
+    x : (n, d) float
+        ln size, NaN if not stated.
+    source, scene : (n,) str
+        Names; a scene is empty if unknown.
     """
     known = scene != ""
     if not known.any():
         return None
     names, counts = np.unique(source[known], return_counts=True)
     chosen = known & (source == names[np.argmax(counts)])
-    parts = [part for column in x.T if (part := _of_axis(column[chosen], scene[chosen])) is not None]
+    parts = [part for column in x.T if (part := axis_correlation(column[chosen], scene[chosen])) is not None]
     if not parts:
         return None
     precision = np.array([1 / part.sd**2 for part in parts])
-    share = float(precision @ [part.share for part in parts] / precision.sum())
-    return Sameness(share, float(np.sqrt(1 / precision.max())))  # the axes of one object are no independent witnesses
+    value = float(precision @ [part.value for part in parts] / precision.sum())
+    return IntraclassCorrelation(value, float(np.sqrt(1 / precision.max())))  # axes of one object are dependent
 
 
-def shrunk_sameness(classes: Mapping[str, Sameness]) -> tuple[dict[str, Sameness], Sameness]:
-    """The classes shrunk to their common mean (DerSimonian and Laird), and what is believed of any other class."""
-    if len(classes) < 3:
-        return {}, Sameness(DEFAULT_MEAN, DEFAULT_SD)
-    share = np.array([one.share for one in classes.values()])
-    variance = np.array([one.sd**2 for one in classes.values()])
-    weight = 1 / variance
-    mean = weight @ share / weight.sum()
-    excess = weight @ (share - mean) ** 2 - (len(share) - 1)
-    between = max(float(excess / (weight.sum() - (weight**2).sum() / weight.sum())), 0.05**2)
-    weight = 1 / (variance + between)
-    mean = float(weight @ share / weight.sum())
-    shrunk = {
-        name: Sameness(
-            float(np.clip((one.share / one.sd**2 + mean / between) / (1 / one.sd**2 + 1 / between), 0.0, 1.0)),
-            float(np.sqrt(1 / (1 / one.sd**2 + 1 / between))),
-        )
-        for name, one in classes.items()
-    }
-    return shrunk, Sameness(mean, float(np.sqrt(between + 1 / weight.sum())))
-
-
-def _of_axis(x: FloatArray, scene: NDArray[np.str_]) -> Sameness | None:
-    """The sameness on one axis: x (n,) ln size, NaN where unstated, scene (n,) names; None of too few rooms."""
+def axis_correlation(x: FloatArray, scene: NDArray[np.str_]) -> IntraclassCorrelation | None:
+    """Estimate the intraclass correlation on one axis: x (n,) ln size, NaN if not stated, scene (n,) names."""
     known = ~np.isnan(x)
     x, scene = x[known], scene[known]
     if len(x) == 0:
         return None
-    centre, reach = np.median(x), CLIP_SIGMAS * max(robust_sigma(x), 0.02)
-    x = np.clip(x, centre - reach, centre + reach)
+    centre, limit = np.median(x), CLIP_SIGMAS * max(robust_sigma(x), MIN_CLIP_SD)
+    x = np.clip(x, centre - limit, centre + limit)
     _, code, counts = np.unique(scene, return_inverse=True, return_counts=True)
     n, k = len(x), len(counts)
-    if (counts >= 2).sum() < LEAST_ROOMS:
+    if (counts >= 2).sum() < MIN_SCENES:
         return None
     means = np.bincount(code, x) / counts
     between = float(counts @ (means - x.mean()) ** 2) / (k - 1)
@@ -99,6 +96,33 @@ def _of_axis(x: FloatArray, scene: NDArray[np.str_]) -> Sameness | None:
     per_room = (n - (counts**2).sum() / n) / (k - 1)
     if between + within <= 0:
         return None
-    share = float(np.clip((between - within) / (between + (per_room - 1) * within), 0.0, 0.99))
-    variance = 2 * (n - 1) * (1 - share) ** 2 * (1 + (per_room - 1) * share) ** 2 / (per_room**2 * (n - k) * (k - 1))
-    return Sameness(share, float(np.sqrt(max(variance, 1e-4))))
+    value = float(np.clip((between - within) / (between + (per_room - 1) * within), 0.0, MAX_CORRELATION))
+    variance = 2 * (n - 1) * (1 - value) ** 2 * (1 + (per_room - 1) * value) ** 2 / (per_room**2 * (n - k) * (k - 1))
+    return IntraclassCorrelation(value, float(np.sqrt(max(variance, 1e-4))))
+
+
+def shrunk_correlations(
+    classes: Mapping[str, IntraclassCorrelation],
+) -> tuple[dict[str, IntraclassCorrelation], IntraclassCorrelation]:
+    """Shrink the classes to their common mean (DerSimonian and Laird 1986); also return the prior of a further class.
+
+    With fewer than `MIN_CLASSES` classes none is returned, and the prior is the default.
+    """
+    if len(classes) < MIN_CLASSES:
+        return {}, IntraclassCorrelation(DEFAULT_MEAN, DEFAULT_SD)
+    value = np.array([one.value for one in classes.values()])
+    variance = np.array([one.sd**2 for one in classes.values()])
+    weight = 1 / variance
+    mean = weight @ value / weight.sum()
+    excess = weight @ (value - mean) ** 2 - (len(value) - 1)
+    between = max(float(excess / (weight.sum() - (weight**2).sum() / weight.sum())), MIN_BETWEEN_SD**2)
+    weight = 1 / (variance + between)
+    mean = float(weight @ value / weight.sum())
+    shrunk = {
+        name: IntraclassCorrelation(
+            float(np.clip((one.value / one.sd**2 + mean / between) / (1 / one.sd**2 + 1 / between), 0.0, 1.0)),
+            float(np.sqrt(1 / (1 / one.sd**2 + 1 / between))),
+        )
+        for name, one in classes.items()
+    }
+    return shrunk, IntraclassCorrelation(mean, float(np.sqrt(between + 1 / weight.sum())))

@@ -1,14 +1,14 @@
-"""Raw items to a release, in five steps that an interruption may part (`metric-tree build`).
+"""Build of a release from raw items in five steps, which can be interrupted (`metric-tree build`).
 
-1. ingest: blocks of lines to Arrow rows, matched to a leaf and mapped to axes, parted into shards by node;
-2. clean: per shard, repeats and unit slips out, moments of each class;
-3. pool: how sources disagree over all classes; what each inner node believes of its children;
-4. fit: per shard, the prior of each leaf; then the inner nodes, from the leaves up;
-5. publish: four tables and a manifest, written aside and renamed.
+1. ingest: blocks of lines to Arrow rows, matched to a leaf, with sizes on axes, in shards by node;
+2. clean: repeats and unit errors of each shard removed, moments of each class;
+3. pool: model of the kinds of evidence and model of regions and years, over all classes;
+4. fit: the prior of each leaf, then the priors of the inner nodes from the leaves up;
+5. publish: four tables and a manifest, written to a temporary folder and renamed.
 
-Steps 1, 2 and 4 are pure functions over an executor: this process, processes, or a Dask cluster. What they return is
-kept in a work folder until the release is published. The same input gives the same release to the byte, whatever the
-executor; the caller gives the date.
+Steps 1, 2 and 4 are pure functions over an executor: this process, processes, or a Dask cluster. A work folder stores
+their results until the release is published. The same input gives the same bytes with any executor; the caller provides
+the date.
 """
 
 from __future__ import annotations
@@ -32,11 +32,11 @@ from metric_base.progress import ProgressCallback, silent
 from metric_tree.context import ContextModel
 from metric_tree.curated.rules import stated_frequencies
 from metric_tree.fit.class_prior import shrunk_between
-from metric_tree.fit.contexts import class_contexts, learn_contexts
-from metric_tree.fit.evidence_model import KindModel, learn_kinds
+from metric_tree.fit.contexts import class_contexts, fit_context_model
+from metric_tree.fit.evidence_model import EvidenceModel, fit_evidence_model
 from metric_tree.fit.rows import KIND_WEIGHT
-from metric_tree.pipeline.build_report import report
-from metric_tree.pipeline.clean import Cleaned, NodeClass, class_priors, clean_shard
+from metric_tree.pipeline.build_report import build_report
+from metric_tree.pipeline.clean import CleanShard, NodeClass, class_priors, clean_shard
 from metric_tree.pipeline.companion_files import (
     add_pictures,
     height_records,
@@ -45,8 +45,8 @@ from metric_tree.pipeline.companion_files import (
     write_texts,
     writers,
 )
-from metric_tree.pipeline.hierarchy import Hierarchy, kept_categories
-from metric_tree.pipeline.ingest import SHARDS, Block, Ingested, block_of, blocks, ingest_block, items_of, raw_files
+from metric_tree.pipeline.hierarchy import Hierarchy, categories_with_items
+from metric_tree.pipeline.ingest import SHARDS, Block, IngestedRows, block_of, blocks, ingest_block, items_of, raw_files
 from metric_tree.pipeline.tables import (
     JUDGED_SOURCE,
     NORM_SOURCE,
@@ -59,9 +59,10 @@ from metric_tree.pipeline.tables import (
 )
 from metric_tree.pipeline.work_folder import (
     BuildFolder,
-    RowFiles,
     SerialExecutor,
     fingerprint,
+    repeated_rows,
+    shard_rows,
     sibling_references,
     sole_writer,
 )
@@ -72,53 +73,74 @@ from taxonomy.categories import Taxonomy
 
 _R = TypeVar("_R")
 
-#: Licence of rows and images that nobody gave on: their site's own terms hold, and the release stays at home.
+#: Licence of rows and images without an open licence: the terms of their site hold, and the release is not
+#: redistributed.
 PRIVATE_LICENCE = "none: own use only"
 
-#: What the manifest states of priors that were not fitted here.
+#: Entry of the manifest for priors that were not fitted in this build.
 CARRIED = "nodes and priors, fitted with sources whose rows are withheld; the rows were made from the raw items"
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class BuildOptions:
-    """What a release is called and what it leaves out.
-
-    created : ISO date of the release; fold_out : fold I of N of the items that the build does not see;
-    noncommercial : whether sources that exclude commercial use take part; heldout : whether priors are scored;
-    private : sources without an open licence whose rows and images are kept all the same, for the builder's own use;
-    images : whether images beside the raw items are taken.
-    """
+    """Name of a release, and the raw items that it omits."""
 
     version: str
-    created: str
+    created: str  #: ISO date of the release.
     name: str = "metric-tree"
-    fold_out: tuple[int, int] | None = None
-    noncommercial: bool = True
-    private: tuple[str, ...] = ()
-    heldout: bool = True
-    pictures: bool = True
+    fold_out: tuple[int, int] | None = None  #: Fold I of N of the items that is omitted.
+    noncommercial: bool = True  #: Whether sources that exclude commercial use are used.
+    private: tuple[str, ...] = ()  #: Sources without an open licence whose rows and images are kept for private use.
+    heldout: bool = True  #: Whether the held-out log density of each prior is computed.
+    pictures: bool = True  #: Whether the images next to the raw items are used.
     seed: int = 0
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Build:
-    """A published release, what a maintainer should read (counts by reason, disagreements, mixed classes), the log."""
+    """A published release."""
 
     release: Release
-    report: Mapping[str, Any]
-    log: Path
+    report: Mapping[str, Any]  #: Counts by reason, disagreements, classes with several sizes (`report.json`).
+    log: Path  #: Folder with `report.json` and `quarantine.jsonl`.
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class BuildRun:
+    """Inputs of all steps of one build."""
+
+    options: BuildOptions
+    taxonomy: Callable[[], Taxonomy]
+    declared: Mapping[str, Source]
+    carried: Release | None
+    executor: Executor
+    progress: ProgressCallback
+    work: BuildFolder
+
+    def map(
+        self,
+        step: str,
+        function: Callable[..., _R],
+        calls: Iterable[Any],
+        total: int | None,
+        spilled: Callable[[_R, Path], _R] | None = None,
+    ) -> Iterator[_R]:
+        """Yield the results of the calls (`BuildFolder.map`), and report the progress out of `total`."""
+        for done, result in enumerate(self.work.map(step, function, calls, self.executor, spilled), start=1):
+            self.progress(step, done, total)
+            yield result
 
 
 def shipped_taxonomy() -> Taxonomy:
-    """The taxonomy of the package."""
-    import taxonomy  # WordNet is read where it is needed
+    """Return the taxonomy of the package."""
+    import taxonomy  # reads WordNet, only if it is used
 
     default: Callable[[], Taxonomy] = taxonomy.default_taxonomy
     return default()
 
 
 def shipped_curated() -> Iterable[RawItem]:
-    """The package's norms, which fix a class, and its judged ranges, which speak where a class has few items."""
+    """Return the norms of the package, which fix a class, and its judged ranges, for classes with few items."""
     from metric_tree.curated.sizes import judged_items, norm_items
 
     return (*norm_items(), *judged_items())
@@ -137,24 +159,37 @@ def build_release(
     executor: Executor | None = None,
     progress: ProgressCallback = silent,
 ) -> Build:
-    """Build a release at `out` from raw items; the log folder gets `quarantine.jsonl` and `report.json`.
+    """Build a release at `out` from raw items.
 
     Parameters
     ----------
-    raw : files or folders of raw items, with the images of a crawl beside them; log : `<out>.build` by default
-    taxonomy : a function at the top of a module, so that a worker can call it
-    curated : raw items of the kinds `norm` and `judged`
-    declared : sources by id, those of `data/sources` by default; rows of others are used and not shipped
-    carried : a release whose choice of rows, nodes and priors holds, where `raw` lacks sources that it was fitted with:
-        the rows are made again, and are the same to the byte
-    executor : where the steps run, this process by default
-    progress : is called with the name of a step, how many of its parts are done, and of how many or None
+    raw : sequence of Path
+        Files or folders of raw items, with the images of a crawl next to them.
+    out : Path
+        Folder of the release, which must not exist.
+    options : BuildOptions
+        Name of the release, and the raw items that it omits.
+    log : Path, optional
+        Folder of `quarantine.jsonl` and `report.json`; default `<out>.build`.
+    taxonomy : callable
+        Function at the top of a module, so that workers can call it.
+    curated : iterable of RawItem
+        Raw items of the kinds `norm` and `judged`.
+    declared : mapping, optional
+        Sources by id; default `data/sources`. Rows of other sources are used but not shipped.
+    carried : Release, optional
+        Release that provides the choice of rows, the nodes and the priors, if `raw` lacks some of its sources. The
+        rows are built from the raw items, with the same bytes.
+    executor : Executor, optional
+        Executor of the steps; default this process.
+    progress : callable
+        Called with the name of a step, the number of finished parts, and the number of parts or None.
 
     Raises
     ------
     InputError
-        Something is at `out` already or another process is writing it, there are no raw items, a line is none, or no
-        item is of a private source.
+        `out` exists or another process is writing it, there are no raw items, a line is not a raw item, or a private
+        source has no items.
 
     Examples
     --------
@@ -170,209 +205,212 @@ def build_release(
         raise InputError(f"{out}: already exists; expected a new path for a release")
     files = raw_files(raw)
     declared = {source.id: source for source in sources()} if declared is None else declared
-    _expect_private(options.private, files)
-    own = block_of(curated, "curated ranges")
+    _check_private(options.private, files)
+    curated_block = block_of(curated, "curated ranges")
     log = log or out.with_name(f"{out.name}.build")
-    key = fingerprint(files, repr((options, sorted(declared.items()), own, carried)))
-    with sole_writer(out), _empty_after_an_error(log), BuildFolder.open(log / "work", key) as work:
-        steps = Steps(options, taxonomy, declared, carried, executor or SerialExecutor(), progress, work)
-        counts = steps.ingest(chain(blocks(files), [own]))
-        classes, dropped = steps.clean()
-        report, tables, manifest = (steps.carry if carried else steps.fit)(classes, counts + dropped)
-        extras = work.directory / "extras"
-        extras.mkdir(exist_ok=True)
-        if options.pictures:
-            add_pictures(raw, tables, report, extras)
-        write_texts(extras, tables, manifest, former=taxonomy is shipped_taxonomy)
-        write_log(log, work.directory, report)  # first, since a run that finds the release there writes no log
-        release = publish_release(out, tables, manifest, extras)
+    key = fingerprint(files, repr((options, sorted(declared.items()), curated_block, carried)))
+    with sole_writer(out), _removed_after_an_error(log), BuildFolder.open(log / "work", key) as work:
+        run = BuildRun(options, taxonomy, declared, carried, executor or SerialExecutor(), progress, work)
+        counts = ingest(run, chain(blocks(files), [curated_block]))
+        classes, dropped = clean(run)
+        counts += dropped
+        if carried is None:
+            hierarchy = Hierarchy.of(categories_with_items(taxonomy().categories(), classes))
+            models = pool(classes, hierarchy)
+            priors = fit(run, classes, hierarchy, models[0])
+            tables, manifest, report = _fitted_release(run, classes, hierarchy, models, priors, counts)
+        else:
+            tables, manifest, report = _carried_release(run, carried, classes, counts)
+        release = publish(run, raw, out, log, tables, manifest, report)
     return Build(release, report, log)
 
 
-@contextmanager
-def _empty_after_an_error(log: Path) -> Iterator[None]:
-    """Remove the log's folder, if the input is invalid and nothing was logged."""
-    try:
-        yield
-    except InputError:
-        with suppress(OSError):  # an earlier build's log is in it
-            log.rmdir()
-        raise
+def ingest(run: BuildRun, lines: Iterable[Block]) -> Counter[str]:
+    """Step 1: write the rows of the raw items to the work folder, and return the number of items by outcome."""
+
+    def spilled(result: IngestedRows, stem: Path) -> IngestedRows:
+        stem.with_suffix(".arrow").write_bytes(result.rows)
+        stem.with_suffix(".refused").write_bytes(result.refused)
+        return replace(result, rows=b"", refused=b"")
+
+    omitted = (name for name, source in run.declared.items() if source.noncommercial)
+    left_out = frozenset() if run.options.noncommercial else frozenset(omitted)
+    calls = ((block, run.taxonomy, run.options.fold_out, left_out) for block in lines)
+    counts: Counter[str] = Counter()
+    for result in run.map("ingest", ingest_block, calls, None, spilled):  # the number of blocks is unknown
+        counts += result.counts
+    return counts
 
 
-def _expect_private(private: Sequence[str], files: Iterable[Path]) -> None:
-    """See that every source to be kept private has raw items: one that is misspelt would be withheld without a word."""
+def clean(run: BuildRun) -> tuple[dict[str, NodeClass], Counter[str]]:
+    """Step 2: return the classes by node id, and the number of dropped rows by reason."""
+
+    def spilled(result: CleanShard, stem: Path) -> CleanShard:
+        stem.with_suffix(".items").write_bytes(result.items)
+        stem.with_suffix(".refused").write_bytes(result.refused)
+        stem.with_suffix(".classes").write_bytes(result.rows)
+        return replace(result, items=b"", refused=b"", rows=b"")
+
+    files = sorted(run.work.directory.glob("ingest-*.arrow"))
+    repeated = repeated_rows(files)
+    siblings = sibling_references(files, run.taxonomy().categories())
+    licences = {
+        source.id: source.licence for source in (*run.declared.values(), JUDGED_SOURCE, NORM_SOURCE) if source.ship
+    }
+    licences |= dict.fromkeys(run.options.private, PRIVATE_LICENCE)
+    ids = frozenset(run.carried.table("items")["item_id"].to_pylist()) if run.carried else None
+    calls = ((shard_rows(files, shard, repeated), licences, siblings, ids) for shard in range(SHARDS))
+    classes: dict[str, NodeClass] = {}
+    counts = Counter({"repeated_id": sum(int(mask.sum()) for masks in repeated for mask in masks)})
+    for result in run.map("clean", clean_shard, calls, SHARDS, spilled):
+        classes |= {one.node_id: one for one in result.classes}
+        counts += result.counts
+    return classes, counts
+
+
+def pool(classes: Mapping[str, NodeClass], hierarchy: Hierarchy) -> tuple[EvidenceModel, ContextModel]:
+    """Step 3: fit the model of the kinds of evidence, and the model of regions and years, to all classes."""
+    families = hierarchy.families()
+    by_source = {node_id: one.moments.by_source for node_id, one in classes.items()}
+    known = {node_id: means for node_id, means in by_source.items() if means is not None}
+    model = fit_evidence_model(((families[node_id], means) for node_id, means in known.items()), sorted(KIND_WEIGHT))
+    contexts = fit_context_model(
+        (
+            classes[node_id].contexts,
+            np.diagonal(means.within),
+            np.diagonal(shrunk_between(means, model, families[node_id])),
+        )
+        for node_id, means in known.items()
+        if classes[node_id].contexts
+    )
+    return model, contexts
+
+
+def fit(
+    run: BuildRun, classes: Mapping[str, NodeClass], hierarchy: Hierarchy, model: EvidenceModel
+) -> dict[str, list[Prior]]:
+    """Step 4: fit the priors of the leaves, and compute the priors of the inner nodes."""
+    families = hierarchy.families()
+    parents = {category.node_id: category.parent_id or "" for category in hierarchy.categories}
+    by_parent = hierarchy.beliefs(m for one in classes.values() for m in one.all_moments)
+    beliefs = {node_id: by_parent[parents[node_id], one.moments.axes] for node_id, one in classes.items()}
+    files = sorted(run.work.directory.glob("clean-*.classes"))
+    options = run.options
+    calls = ((path.read_bytes(), beliefs, families, model, options.seed, options.heldout) for path in files)
+    fitted = {prior.node_id: prior for priors in run.map("fit", class_priors, calls, SHARDS) for prior in priors}
+    leaves = {
+        node_id: replace(fitted[node_id], norm=one.norm)
+        if one.norm
+        else class_contexts(fitted[node_id], one.moments.axes, one.contexts, np.diagonal(one.moments.within))
+        for node_id, one in classes.items()
+    }
+    return hierarchy.priors(leaves, classes, stated_frequencies())
+
+
+def publish(
+    run: BuildRun,
+    raw: Sequence[Path],
+    out: Path,
+    log: Path,
+    tables: dict[str, pa.Table],
+    manifest: Mapping[str, Any],
+    report: dict[str, Any],
+) -> Release:
+    """Step 5: write the log and the release; images are added to `tables` and `report`."""
+    extras = run.work.directory / "extras"
+    extras.mkdir(exist_ok=True)
+    if run.options.pictures:
+        add_pictures(raw, tables, report, extras)
+    write_texts(extras, tables, manifest, former=run.taxonomy is shipped_taxonomy)
+    write_log(log, run.work.directory, report)  # before the release: a later run with a release writes no log
+    return publish_release(out, tables, manifest, extras)
+
+
+def _fitted_release(
+    run: BuildRun,
+    classes: Mapping[str, NodeClass],
+    hierarchy: Hierarchy,
+    models: tuple[EvidenceModel, ContextModel],
+    priors: Mapping[str, list[Prior]],
+    counts: Counter[str],
+) -> tuple[dict[str, pa.Table], dict[str, Any], dict[str, Any]]:
+    """Return tables, manifest and report of a release with its own priors."""
+    options = run.options
+    nodes = node_table(hierarchy, classes, priors)
+    items = _shipped_items(run.work)
+    tables = {
+        "nodes.parquet": nodes,
+        "items.parquet": items,
+        "priors.parquet": prior_table(hierarchy, hierarchy.with_correlations(dict(priors), classes)),
+        "images.parquet": IMAGES.empty_table(),
+    }
+    n_fit: Counter[str] = Counter()
+    for one in classes.values():
+        n_fit.update(one.n_by_source)
+    n_rows = Counter(items["source"].to_pylist())
+    used = frozenset().union(*(one.kinds for one in classes.values()))
+    node_ids = frozenset(nodes["node_id"].to_pylist())
+    raw_counts = dict(sorted(counts.items()))
+    manifest = {
+        "name": options.name,
+        "version": options.version,
+        "created": options.created,
+        "sources": source_records(run.declared, n_fit, n_rows, used),
+        "counts": node_counts(nodes) | {"n_fit": n_fit.total(), "n_rows": items.num_rows, "raw": raw_counts},
+        "evidence": evidence_counts(classes.values()),
+        "tiers": tier_counts(nodes),
+        "judged_by": writers(),
+        "states": state_records(node_ids),
+        "heights": height_records(node_ids),
+        "noncommercial": options.noncommercial,
+        "private": sorted(options.private),
+        "fold_out": list(options.fold_out) if options.fold_out else None,
+        "evidence_model": models[0].record(),
+        "context_model": models[1].record(),
+    }
+    leaves = {node_id: priors[node_id][0] for node_id in classes}
+    return tables, manifest, build_report(classes, leaves, models[0], raw_counts, hierarchy, items)
+
+
+def _carried_release(
+    run: BuildRun, carried: Release, classes: Mapping[str, NodeClass], counts: Counter[str]
+) -> tuple[dict[str, pa.Table], dict[str, Any], dict[str, Any]]:
+    """Return tables, manifest and report: the rows of this build with the nodes and priors of an earlier release."""
+    items = _shipped_items(run.work)
+    tables = {f"{name}.parquet": carried.table(name) for name in ("nodes", "priors", "images")}
+    tables["items.parquet"] = items
+    manifest = {**carried.manifest, "carried": {"version": carried.manifest["version"], "what": CARRIED}}
+    n_rows = Counter(items["source"].to_pylist())
+    manifest["sources"] = [record | {"n_rows": n_rows[record["id"]]} for record in manifest["sources"]]
+    manifest["counts"] = manifest["counts"] | {"n_rows": items.num_rows}
+    manifest |= {name: getattr(run.options, name) for name in ("name", "version", "created")}
+    return tables, manifest, {"raw": dict(sorted(counts.items())), "classes": len(classes)}
+
+
+def _shipped_items(work: BuildFolder) -> pa.Table:
+    """Return the shipped items, memory-mapped from the work folder."""
+    files = sorted(work.directory.glob("clean-*.items"))
+    return pa.concat_tables([pa.ipc.open_file(pa.memory_map(str(path))).read_all() for path in files])
+
+
+def _check_private(private: Sequence[str], files: Iterable[Path]) -> None:
+    """Check that every private source has raw items; a misspelt one would be withheld without notice."""
     present: set[str] = set()
     for block in blocks(files) if private else ():
-        if set(private) <= present:  # a large folder need not be read to its end
+        if set(private) <= present:  # a large folder need not be read completely
             return
         present |= {item.source for item in items_of(block)}
-    missing = sorted(set(private) - present)
-    if missing:
+    if missing := sorted(set(private) - present):
         known = ", ".join(sorted(present)) or "none"
         raise InputError(f"--include-withheld: expected sources of the raw items ({known}); found {', '.join(missing)}")
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class Steps:
-    """The steps of one build, each over an executor, its results in a work folder."""
-
-    options: BuildOptions
-    taxonomy: Callable[[], Taxonomy]
-    declared: Mapping[str, Source]
-    carried: Release | None
-    executor: Executor
-    progress: ProgressCallback
-    work: BuildFolder
-
-    def ingest(self, lines: Iterable[Block]) -> Counter[str]:
-        """Step 1; the rows lie in the work folder. Counts of raw items by outcome."""
-        noncommercial = (name for name, source in self.declared.items() if source.noncommercial)
-        left_out = frozenset() if self.options.noncommercial else frozenset(noncommercial)
-        calls = ((block, self.taxonomy, self.options.fold_out, left_out) for block in lines)
-        counts: Counter[str] = Counter()
-        for result in self._map("ingest", ingest_block, calls, _spill_rows):
-            counts += result.counts
-        return counts
-
-    def clean(self) -> tuple[list[NodeClass], Counter[str]]:
-        """Step 2: the classes, without their rows, and the rows dropped by reason."""
-        rows = RowFiles(tuple(sorted(self.work.directory.glob("ingest-*.arrow"))))
-        repeated, siblings = rows.repeats(), sibling_references(rows, self.taxonomy().categories())
-        licences = {
-            source.id: source.licence for source in (*self.declared.values(), JUDGED_SOURCE, NORM_SOURCE) if source.ship
-        }
-        licences |= dict.fromkeys(self.options.private, PRIVATE_LICENCE)
-        ids = frozenset(self.carried.table("items")["item_id"].to_pylist()) if self.carried else None
-        calls = ((rows.shard(number, repeated), licences, siblings, ids) for number in range(SHARDS))
-        classes: list[NodeClass] = []
-        counts = Counter({"repeated_id": len(repeated.extra)})
-        for result in self._map("clean", clean_shard, calls, _spill_classes):
-            classes += result.classes
-            counts += result.counts
-        return classes, counts
-
-    def fit(
-        self, classes: Sequence[NodeClass], counts: Counter[str]
-    ) -> tuple[dict[str, Any], dict[str, pa.Table], dict[str, Any]]:
-        """Steps 3 and 4: what a maintainer should read, the tables and the manifest."""
-        by_id = {one.node_id: one for one in classes}
-        hierarchy = Hierarchy.of(kept_categories(self.taxonomy().categories(), by_id))
-        families = hierarchy.families()
-        model = _learn_kinds(classes, families)
-        contexts = _learn_contexts(classes, families, model)
-        leaves = self._leaves(classes, hierarchy, families, model)
-        priors = hierarchy.priors(leaves, by_id, stated_frequencies())
-        tables = {
-            "nodes.parquet": node_table(hierarchy, by_id, priors),
-            "items.parquet": self._items(),
-            "priors.parquet": prior_table(hierarchy, hierarchy.with_sameness(priors, by_id)),
-            "images.parquet": IMAGES.empty_table(),
-        }
-        manifest = self._manifest(tables, classes, counts)
-        manifest |= {"evidence_model": model.record(), "context_model": contexts.record()}
-        return report(classes, leaves, model, counts, hierarchy.categories, tables["items.parquet"]), tables, manifest
-
-    def carry(
-        self, classes: Sequence[NodeClass], counts: Counter[str]
-    ) -> tuple[dict[str, Any], dict[str, pa.Table], dict[str, Any]]:
-        """In place of `fit`: the rows of this build under the nodes and priors of the release that is carried over."""
-        if self.carried is None:
-            raise ValueError("carried: expected a release; found none")
-        tables = {f"{name}.parquet": self.carried.table(name) for name in ("nodes", "priors", "images")}
-        tables["items.parquet"] = self._items()
-        manifest = {**self.carried.manifest, "carried": {"version": self.carried.manifest["version"], "what": CARRIED}}
-        n_rows = Counter(tables["items.parquet"]["source"].to_pylist())
-        manifest["sources"] = [record | {"n_rows": n_rows[record["id"]]} for record in manifest["sources"]]
-        manifest["counts"] = manifest["counts"] | {"n_rows": tables["items.parquet"].num_rows}
-        manifest |= {name: getattr(self.options, name) for name in ("name", "version", "created")}
-        return {"raw": dict(sorted(counts.items())), "classes": len(classes)}, tables, manifest
-
-    def _leaves(
-        self, classes: Sequence[NodeClass], hierarchy: Hierarchy, families: Mapping[str, str], model: KindModel
-    ) -> dict[str, Prior]:
-        parents = {category.node_id: category.parent_id or "" for category in hierarchy.categories}
-        beliefs = hierarchy.beliefs(m for one in classes for m in one.moments)
-        own = {one.node_id: beliefs[parents[one.node_id], one.moments[0].axes] for one in classes}
-        files = sorted(self.work.directory.glob("clean-*.classes"))
-        options = self.options
-        calls = ((path.read_bytes(), own, families, model, options.seed, options.heldout) for path in files)
-        fitted = {prior.node_id: prior for priors in self._map("fit", class_priors, calls) for prior in priors}
-        return {
-            one.node_id: replace(fitted[one.node_id], norm=one.norm)
-            if one.norm
-            else class_contexts(fitted[one.node_id], one.moments[0].axes, one.cells, np.diagonal(one.moments[0].within))
-            for one in classes
-        }
-
-    def _items(self) -> pa.Table:
-        """The shipped items, mapped from the work folder and not read into memory."""
-        files = sorted(self.work.directory.glob("clean-*.items"))
-        return pa.concat_tables([pa.ipc.open_file(pa.memory_map(str(path))).read_all() for path in files])
-
-    def _manifest(
-        self, tables: Mapping[str, pa.Table], classes: Sequence[NodeClass], counts: Counter[str]
-    ) -> dict[str, Any]:
-        n_fit: Counter[str] = Counter()
-        for one in classes:
-            n_fit.update(one.n_by_source)
-        n_rows = Counter(tables["items.parquet"]["source"].to_pylist())
-        used = frozenset().union(*(one.kinds for one in classes))
-        nodes = frozenset(tables["nodes.parquet"]["node_id"].to_pylist())
-        return {
-            "name": self.options.name,
-            "version": self.options.version,
-            "created": self.options.created,
-            "sources": source_records(self.declared, n_fit, n_rows, used),
-            "counts": node_counts(tables["nodes.parquet"])
-            | {"n_fit": n_fit.total(), "n_rows": tables["items.parquet"].num_rows, "raw": dict(sorted(counts.items()))},
-            "evidence": evidence_counts(classes),
-            "tiers": tier_counts(tables["nodes.parquet"]),
-            "judged_by": writers(),
-            "states": state_records(nodes),
-            "heights": height_records(nodes),
-            "noncommercial": self.options.noncommercial,
-            "private": sorted(self.options.private),
-            "fold_out": list(self.options.fold_out) if self.options.fold_out else None,
-        }
-
-    def _map(
-        self,
-        step: str,
-        function: Callable[..., _R],
-        calls: Iterable[Any],
-        spilled: Callable[[_R, Path], _R] | None = None,
-    ) -> Iterator[_R]:
-        for done, result in enumerate(self.work.map(step, function, calls, self.executor, spilled), start=1):
-            # the blocks of the first step are not counted ahead
-            self.progress(step, done, None if step == "ingest" else SHARDS)
-            yield result
-
-
-def _learn_kinds(classes: Sequence[NodeClass], families: Mapping[str, str]) -> KindModel:
-    """What kinds of evidence are worth, from the classes that have several."""
-    pairs = ((families[one.node_id], m.disagreement) for one in classes for m in one.moments[:1])
-    return learn_kinds(((family, one) for family, one in pairs if one is not None), sorted(KIND_WEIGHT))
-
-
-def _learn_contexts(classes: Sequence[NodeClass], families: Mapping[str, str], model: KindModel) -> ContextModel:
-    """How much of the disagreement between sources is region and year, from the classes that have several."""
-    known = ((one, one.moments[0].disagreement) for one in classes if one.cells)
-    return learn_contexts(
-        (one.cells, np.diagonal(own.within), np.diagonal(shrunk_between(own, model, families[one.node_id])))
-        for one, own in known
-        if own is not None
-    )
-
-
-def _spill_rows(result: Ingested, stem: Path) -> Ingested:
-    stem.with_suffix(".arrow").write_bytes(result.rows)
-    stem.with_suffix(".refused").write_bytes(result.refused)
-    return replace(result, rows=b"", refused=b"")
-
-
-def _spill_classes(result: Cleaned, stem: Path) -> Cleaned:
-    stem.with_suffix(".items").write_bytes(result.items)
-    stem.with_suffix(".refused").write_bytes(result.refused)
-    stem.with_suffix(".classes").write_bytes(result.rows)
-    return replace(result, items=b"", refused=b"", rows=b"")
+@contextmanager
+def _removed_after_an_error(log: Path) -> Iterator[None]:
+    """Remove the empty folder of the log if the input is invalid."""
+    try:
+        yield
+    except InputError:
+        with suppress(OSError):  # it contains the log of an earlier build
+            log.rmdir()
+        raise

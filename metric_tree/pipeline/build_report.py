@@ -1,9 +1,8 @@
-"""What a build reports to its maintainer: sources that disagree, classes that look mixed, what was refused."""
+"""Report of a build for its maintainer: disagreements, classes with several sizes, findings on leaves, counts."""
 
 from __future__ import annotations
 
-from collections import Counter
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Mapping
 from typing import Any
 
 import numpy as np
@@ -11,93 +10,77 @@ import pyarrow as pa
 
 from metric_tree.checks.leaves import LeafSize, leaf_findings, titles
 from metric_tree.curated.sizes import settled_findings
-from metric_tree.fit.evidence_model import KindModel
+from metric_tree.fit.evidence_model import EvidenceModel
 from metric_tree.fit.rows import JUDGED
 from metric_tree.pipeline.clean import NodeClass
 from metric_tree.pipeline.hierarchy import Hierarchy
 from metric_tree.prior import Prior, has_distinct_components
-from taxonomy.categories import Category
 
 
-def report(
-    classes: Sequence[NodeClass],
-    priors: Mapping[str, Prior],
-    model: KindModel,
-    counts: Counter[str],
-    categories: Sequence[Category] = (),
-    items: pa.Table | None = None,
+def build_report(
+    classes: Mapping[str, NodeClass],
+    leaves: Mapping[str, Prior],
+    model: EvidenceModel,
+    counts: Mapping[str, int],
+    hierarchy: Hierarchy,
+    items: pa.Table,
 ) -> dict[str, Any]:
-    """The report of a build, as it is written to `report.json`; the leaves' findings are those not yet settled.
+    """Return the content of `report.json` (`metric-tree/build-report/1`), with the open findings on leaves.
 
-    items : the items that ship, whose titles are read
+    Parameters
+    ----------
+    classes, leaves : mapping
+        Class and prior of each leaf; the classes include rows that are not shipped.
+    model : EvidenceModel
+        Fitted model of the kinds of evidence.
+    counts : mapping
+        Number of raw items by outcome.
+    hierarchy : Hierarchy
+        Categories of the release.
+    items : Table
+        Shipped items, for their titles.
     """
-    sizes = list(leaf_sizes(classes, priors, categories, titles(items) if items is not None else {}))
+    categories = {category.node_id: category for category in hierarchy.categories}
+    families, named = hierarchy.families(), titles(items)
+    sizes, disagreements = [], []
+    for node_id, one in classes.items():
+        by_source, category, prior = one.moments.by_source, categories[node_id], leaves[node_id]
+        means = list(zip(by_source.sources, by_source.kinds, by_source.means, strict=True)) if by_source else []
+        sizes.append(
+            LeafSize(
+                node_id,
+                category.parent_id or "",
+                category.pose,
+                prior.dims,
+                prior.quantile(0.5),
+                next((np.exp(mean) for _, kind, mean in means if kind == JUDGED), None),
+                {name: np.exp(mean) for name, kind, mean in means if kind != JUDGED},
+                families[node_id],
+                named.get(node_id, ()),
+            )
+        )
+        if by_source is not None and by_source.freedom >= 1:
+            # `between_sd` along the mean of the axes is the error that an estimate of scale suffers from.
+            disagreements.append(
+                {
+                    "node_id": node_id,
+                    "sources": len(by_source.sources),
+                    "between_sd": round(float(np.sqrt(prior.shared_covariance.mean())), 4),
+                    "observed_sd": round(float(np.sqrt(max(by_source.between.mean(), 0.0))), 4),
+                    "within_sd": round(float(np.sqrt(max(by_source.within.mean(), 0.0))), 4),
+                    "axes": list(one.moments.axes),
+                    "means_mm": {
+                        name: [None if np.isnan(value) else round(float(np.exp(value)), 1) for value in mean]
+                        for name, _, mean in means
+                    },
+                }
+            )
     findings = leaf_findings(sizes, settled_findings())
     return {
         "schema": "metric-tree/build-report/1",
-        "raw": dict(sorted(counts.items())),
+        "raw": dict(counts),
         "evidence_model": model.record(),
-        "disagreements": disagreements(classes, priors),
-        "mixed": sorted(node_id for node_id, prior in priors.items() if has_distinct_components(prior)),
-        "leaves": [{"code": one.code, "node_id": one.node_id, "message": one.message} for one in findings],
+        "disagreements": sorted(disagreements, key=lambda record: -float(record["observed_sd"])),
+        "mixed": sorted(node_id for node_id, prior in leaves.items() if has_distinct_components(prior)),
+        "leaves": [{"code": one.code, "node_id": one.subject, "message": one.message} for one in findings],
     }
-
-
-def leaf_sizes(
-    classes: Sequence[NodeClass],
-    priors: Mapping[str, Prior],
-    categories: Sequence[Category],
-    named: Mapping[str, Sequence[str]],
-) -> Iterator[LeafSize]:
-    """The sizes of the leaves with what every source states of them, those whose rows are withheld too.
-
-    named : titles of items by leaf
-    """
-    places = {category.node_id: category for category in categories}
-    families = Hierarchy.of(categories).families()
-    for one in classes:
-        place, prior = places.get(one.node_id), priors.get(one.node_id)
-        own = one.moments[0].disagreement
-        if place is None or prior is None:
-            continue
-        said = list(zip(own.sources, own.kinds, np.exp(own.means), strict=True)) if own else []
-        yield LeafSize(
-            one.node_id,
-            place.parent_id or "",
-            place.pose,
-            prior.dims,
-            prior.quantile(0.5),
-            next((mean for _, kind, mean in said if kind == JUDGED), None),
-            {name: mean for name, kind, mean in said if kind != JUDGED},
-            families[one.node_id],
-            named.get(one.node_id, ()),
-        )
-
-
-def disagreements(classes: Sequence[NodeClass], priors: Mapping[str, Prior]) -> list[dict[str, Any]]:
-    """Classes of two sources or more, the largest disagreement first.
-
-    `between_sd` is the published standard deviation of ln size between sources along the mean of the axes, the one
-    that an estimate of scale suffers from; `means_mm` the geometric mean sizes of each source.
-    """
-    records = []
-    for one in classes:
-        own = one.moments[0].disagreement
-        if own is None or own.freedom < 1:
-            continue
-        shared = priors[one.node_id].shared_covariance
-        records.append(
-            {
-                "node_id": one.node_id,
-                "sources": len(own.sources),
-                "between_sd": round(float(np.sqrt(shared.mean())), 4),
-                "observed_sd": round(float(np.sqrt(max(own.between.mean(), 0.0))), 4),
-                "within_sd": round(float(np.sqrt(max(own.within.mean(), 0.0))), 4),
-                "axes": list(one.moments[0].axes),
-                "means_mm": {
-                    name: [None if np.isnan(mean) else round(float(np.exp(mean)), 1) for mean in means]
-                    for name, means in zip(own.sources, own.means, strict=True)
-                },
-            }
-        )
-    return sorted(records, key=lambda record: -float(record["observed_sd"]))

@@ -1,8 +1,7 @@
-"""What a build writes beside its tables: images, README, LICENSE, successors, and the log that a maintainer reads.
+"""Files of a build next to its tables: images, README, LICENSE, successors of earlier ids, and the log.
 
-What became of the ids of earlier releases: each leads to a node of this one.
-
-README.md and LICENSE of a release: what lies in it, how it is read, whom to name.
+`successors.parquet` maps each id of an earlier release to a node of the new one. README.md describes the tables, and
+LICENSE lists the licence and the attribution of each source.
 """
 
 from __future__ import annotations
@@ -11,62 +10,71 @@ import json
 import shutil
 from collections import Counter
 from collections.abc import Collection, Container, Mapping, Sequence
-from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
+import msgspec
 import pyarrow as pa
 import pyarrow.parquet as pq
 
 from metric_base.errors import InputError
 from metric_base.files import whole_file
 from metric_base.folders import taxonomy_directory
-from metric_base.parsing import table_rows
+from metric_base.records import read_csv
 from metric_tree.axes import AXES
 from metric_tree.curated.sizes import curated_heights, curated_ranges, curated_states, norms
 from metric_tree.fit.class_prior import NEW_SOURCE
-from metric_tree.pipeline.ingest import believed_spread
+from metric_tree.pipeline.ingest import widened_sd
 from metric_tree.release.images import collect_pictures, picture_files
 from metric_tree.release.schema import TABLES
 from taxonomy.levels import BadLevels, replaced_ids
 
-_COLUMNS = ("release", "node_id", "parent_id")
 #: Columns of `successors.parquet`.
 SUCCESSORS = pa.schema([("old_id", pa.string()), ("release", pa.string()), ("node_id", pa.string())])
-_MEANING = {
+#: Content of a row of each table, for the README.
+_ROW_CONTENT = {
     "nodes.parquet": "a category of the tree",
     "items.parquet": "an item with its size, source and licence",
     "priors.parquet": "a size distribution, with its tier and the counts behind it",
-    "images.parquet": "a picture of an item",
+    "images.parquet": "an image of an item",
 }
 
 
-@dataclass(frozen=True, slots=True)
-class FormerNode:
-    """A node of an earlier release; the root has no parent."""
+class FormerNode(msgspec.Struct, frozen=True):
+    """A node of an earlier release, a row of `former_ids.csv`; the root has no parent."""
 
     release: str
     node_id: str
-    parent_id: str | None
+    parent_id: str | None = None
 
 
 def former_nodes(path: Path | None = None) -> list[FormerNode]:
     """Return the nodes of releases 1.0.0 and 2.0.0 (`data/taxonomy/generated/former_ids.csv`)."""
-    rows = table_rows(path or taxonomy_directory() / "generated" / "former_ids.csv", _COLUMNS, BadLevels)
-    return [FormerNode(row["release"], row["node_id"], row["parent_id"] or None) for _, row in rows]
+    table = path or taxonomy_directory() / "generated" / "former_ids.csv"
+    return [row for _, row in read_csv(table, FormerNode, BadLevels)]
 
 
 def successor_table(former: Collection[FormerNode], nodes: Collection[str], replaced: Mapping[str, str]) -> pa.Table:
-    """Columns `old_id`, `release`, `node_id`: the id itself, what replaced it, or else the successor of its parent.
+    """Return the successor of each earlier id: the id itself, its replacement, or the successor of its parent.
 
     Parameters
     ----------
-    nodes : ids of the new release; replaced : ids that are gone and what replaces each
+    former : collection of FormerNode
+        Nodes of earlier releases.
+    nodes : collection of str
+        Ids of the new release.
+    replaced : mapping
+        Replacements of ids.
+
+    Returns
+    -------
+    Table
+        Columns `old_id`, `release`, `node_id`.
 
     Raises
     ------
     InputError
-        Not even a parent leads to a node.
+        A node and all its ancestors have no successor.
     """
     parents = {(one.release, one.node_id): one.parent_id for one in former}
 
@@ -74,11 +82,11 @@ def successor_table(former: Collection[FormerNode], nodes: Collection[str], repl
         current: str | None = node_id
         while current is not None:
             following = replaced.get(current, current)
-            for known in (current, following, f"{following}/other", current.removesuffix("/other")):
-                if known in nodes:
-                    return known
+            for candidate in (current, following, f"{following}/other", current.removesuffix("/other")):
+                if candidate in nodes:
+                    return candidate
             current = parents.get((release, current))
-        raise InputError(f"former_ids.csv: {node_id} of {release}: expected a way to a node; found none")
+        raise InputError(f"former_ids.csv: {node_id} of {release}: neither the node nor an ancestor has a successor")
 
     rows = [
         {"old_id": one.node_id, "release": one.release, "node_id": successor(one.release, one.node_id)}
@@ -88,7 +96,7 @@ def successor_table(former: Collection[FormerNode], nodes: Collection[str], repl
 
 
 def readme_text(manifest: Mapping[str, Any], rows: Mapping[str, int]) -> str:
-    """The README of a release; rows : of each table."""
+    """Return the README of a release; rows : number of rows of each table."""
     lines = [
         f"# {manifest['name']} {manifest['version']}",
         "",
@@ -96,13 +104,13 @@ def readme_text(manifest: Mapping[str, Any], rows: Mapping[str, int]) -> str:
         "",
         "| file | one row is | rows |",
         "|---|---|---|",
-        *(f"| `{name}` | {_MEANING[name]} | {rows[name]} |" for name in TABLES),
+        *(f"| `{name}` | {_ROW_CONTENT[name]} | {rows[name]} |" for name in TABLES),
         "| `successors.parquet` | an id of an earlier release and the node that it leads to | |",
         "| `manifest.json` | sources, counts, models of the evidence, checksums of every file | |",
         "",
-        "Columns and units are in the tables' own schemas; lengths are in mm, priors over ln mm. `tier` says what a",
-        "size rests on: norm, measured, few, models, borrowed, judged. A language model wrote judged ranges and",
-        "norms: `judged_by` in the manifest has names and dates. Each row has its licence; LICENSE says whom to name.",
+        "Columns and units are in the schemas of the tables; lengths are in mm, priors over ln mm. `tier` is the",
+        "evidence of a size: norm, measured, few, models, borrowed, judged. A language model wrote judged ranges and",
+        "norms: `judged_by` in the manifest has names and dates. Each row has its licence; LICENSE has attributions.",
         "",
         "```python",
         "import metric_tree",
@@ -114,17 +122,18 @@ def readme_text(manifest: Mapping[str, Any], rows: Mapping[str, int]) -> str:
 
 
 def licence_text(manifest: Mapping[str, Any]) -> str:
-    """Whose terms hold for the rows of a release, source by source."""
+    """Return the LICENSE of a release: licence and attribution of each source."""
     shown = [record for record in manifest["sources"] if record["n_rows"]]
     lines = [
-        "Each row of items.parquet and images.parquet is under the licence that it names. Norms, judged ranges, nodes",
-        "and priors are the project's own, under the Apache License 2.0 (https://www.apache.org/licenses/LICENSE-2.0).",
+        "Each row of items.parquet and images.parquet has its licence in the column `licence`. Norms, judged ranges,",
+        "nodes and priors are part of this project, under the Apache License 2.0",
+        "(https://www.apache.org/licenses/LICENSE-2.0).",
         "",
-        "Rows are owed to:",
+        "Attribution:",
         "",
         *(
             f"- {record['id']} ({record['licence']}): "
-            f"{record['attribution'] or 'each row names its author in its own field'}"
+            f"{record['attribution'] or 'author in the attribution field of each row'}"
             for record in shown
         ),
     ]
@@ -132,13 +141,13 @@ def licence_text(manifest: Mapping[str, Any]) -> str:
 
 
 def state_records(nodes: Container[str]) -> dict[str, list[dict[str, Any]]]:
-    """The states of the release's nodes, as the manifest has them (`metric_tree.node`)."""
+    """Return the states of the nodes of the release, as in the manifest (`metric_tree.node.State`)."""
     records: dict[str, list[dict[str, Any]]] = {}
     for one in curated_states():
         ends = dict(zip(AXES, zip(one.low, one.typical, one.high, strict=True), strict=True))
         known = {axis: (low, mid, high) for axis, (low, mid, high) in ends.items() if low and mid and high}
-        believed = {axis: believed_spread(low, high) for axis, (low, _, high) in known.items()}
-        spreads = {axis: round(sd * float(NEW_SOURCE.factor(0, sd)) ** 0.5, 4) for axis, sd in believed.items()}
+        widened = {axis: widened_sd(low, high) for axis, (low, _, high) in known.items()}
+        spreads = {axis: round(sd * float(NEW_SOURCE.factor(0, sd)) ** 0.5, 4) for axis, sd in widened.items()}
         sizes = {axis: typical for axis, (_, typical, _) in known.items()}
         record = {"state": one.state, "plain": one.plain, "size_mm": sizes, "sd_log": spreads, "reason": one.reason}
         if one.node_id in nodes:
@@ -147,7 +156,7 @@ def state_records(nodes: Container[str]) -> dict[str, list[dict[str, Any]]]:
 
 
 def height_records(nodes: Container[str]) -> dict[str, dict[str, Any]]:
-    """What the heights of the release's hollow nodes are, as the manifest has them (`Node.height_is`)."""
+    """Return the definitions of height of the hollow nodes of the release, as in the manifest (`Node.height_is`)."""
     return {
         one.node_id: {"height": one.height, "underside_seen": one.underside_seen, "reason": one.reason}
         for one in sorted(curated_heights(), key=lambda one: one.node_id)
@@ -156,7 +165,7 @@ def height_records(nodes: Container[str]) -> dict[str, dict[str, Any]]:
 
 
 def writers() -> list[dict[str, Any]]:
-    """Who wrote the norms and the judged ranges, when, and how many rows."""
+    """Return writer, date and number of rows of the norms and the judged ranges."""
     counts = Counter(
         (table, row.reviewer, row.written)
         for table, rows in (("norms.csv", norms()), ("ranges.csv", curated_ranges()))
@@ -169,7 +178,7 @@ def writers() -> list[dict[str, Any]]:
 
 
 def write_texts(folder: Path, tables: Mapping[str, pa.Table], manifest: Mapping[str, Any], *, former: bool) -> None:
-    """README and LICENSE, and with `former` the successors of the ids of earlier releases."""
+    """Write README and LICENSE, and with `former` the successors of the ids of earlier releases."""
     rows = {name: table.num_rows for name, table in tables.items()}
     (folder / "README.md").write_text(readme_text(manifest, rows), encoding="utf-8")
     (folder / "LICENSE").write_text(licence_text(manifest), encoding="utf-8")
@@ -181,7 +190,7 @@ def write_texts(folder: Path, tables: Mapping[str, pa.Table], manifest: Mapping[
 
 
 def add_pictures(raw: Sequence[Path], tables: dict[str, pa.Table], report: dict[str, Any], folder: Path) -> None:
-    """Put the images that lie beside the raw items into the tables, the report and a folder."""
+    """Add the images next to the raw items to the tables, the report and a folder."""
     files = picture_files(raw)
     if not files:
         return
@@ -191,7 +200,7 @@ def add_pictures(raw: Sequence[Path], tables: dict[str, pa.Table], report: dict[
 
 
 def write_log(log: Path, work: Path, content: Mapping[str, Any]) -> None:
-    """`quarantine.jsonl` of the refused rows in a work folder, and `report.json`."""
+    """Write `quarantine.jsonl` from the refused rows in a work folder, and `report.json`."""
     with whole_file(log / "quarantine.jsonl", "--log") as place, place.open("wb") as quarantine:
         for path in sorted(work.glob("*.refused"), reverse=True):  # ingest first, then clean
             with path.open("rb") as part:

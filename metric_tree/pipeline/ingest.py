@@ -1,7 +1,7 @@
-"""Raw items to rows of a build: matched to a leaf, their words mapped to axes, parted into shards by node.
+"""Step 1 of a build: raw items to rows, matched to a leaf, with their sizes on axes, in shards by node.
 
-A block of lines in, Arrow bytes and refused lines out: pure, so that it runs the same in this process, in another one
-and on another machine.
+`ingest_block` takes lines and returns bytes. It reads no state but the taxonomy, so that it gives the same result in
+this process, in another one and on another machine.
 """
 
 from __future__ import annotations
@@ -14,7 +14,7 @@ import re
 import zlib
 from collections import Counter
 from collections.abc import Callable, Iterable, Iterator, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from functools import cache
 from itertools import islice
 from pathlib import Path
@@ -28,29 +28,34 @@ from metric_tree.axes import Sizes, sizes_from_words, stated_sizes
 from metric_tree.curated.rules import shipped_exclusions
 from taxonomy.categories import Match, Taxonomy
 
-#: Shards of a build. A million rows are then 16,000 a shard, a few megabytes; ten million still fit in a worker.
+#: Number of shards of a build. A million rows are 16,000 per shard, a few megabytes; ten million still fit in a worker.
 SHARDS = 64
 
-#: Lines of one block: a second or so of one worker's time, so that an interruption loses little.
+#: Number of lines of a block: about one second of one worker, so that an interruption loses little.
 BLOCK_LINES = 20_000
 
-#: Matches that a worker remembers; categories repeat, titles mostly do not.
-MAX_REMEMBERED_MATCHES = 200_000
+#: Maximum number of matches in the cache of a worker; categories repeat, titles mostly do not.
+MAX_CACHED_MATCHES = 200_000
 
-#: Half-width of a stated range in standard deviations: low and high hold nine of ten (`RawItem.ranges_mm`).
-RANGE_SD = 1.645
+#: Half-width of a stated range in standard deviations: 90 % of the objects are between low and high
+#: (`RawItem.ranges_mm`).
+RANGE_HALF_WIDTH_SD = 1.645
 
-#: A person's range is stated from memory: narrow ones are too narrow and wide ones too wide. With s the stated standard
-#: deviation of ln size, that of the objects about the typical size is WIDENING s^WIDENING_POWER: least squares over the
-#: 118 axes that have a judged range and fifteen items or more of products, measurements and norms, of two sources or
-#: more. No range is taken for more than `MOST_WIDENING` times as wide as was said.
-#: A norm's tolerance is what it says.
-WIDENING, WIDENING_POWER, MOST_WIDENING = 0.76, 0.71, 1.7
+#: A range from memory is too narrow if it is narrow and too wide if it is wide. With s the stated standard deviation of
+#: ln size, the standard deviation of the objects about the typical size is WIDENING s^WIDENING_POWER: least squares
+#: over the 118 axes with a judged range and 15 items or more (products, measurements, norms) of two sources or more.
+WIDENING, WIDENING_POWER = 0.76, 0.71
 
-#: Flags of raw items that no build takes: sizes found in prose or typed into a form, and toys of the object.
+#: Maximum factor from the stated to the widened standard deviation.
+MAX_WIDENING = 1.7
+
+#: Flags of raw items that no build uses: sizes from prose, placeholder values of a form, and toys of the object.
 UNUSED_FLAGS = ("low_trust", "placeholder", "toy_replica")
 
-#: Raw files of a folder; beside them lie what `metric-tree import` refused and the images of a crawl.
+#: Reasons for which a raw item is written to the quarantine file; other reasons are options of the build.
+QUARANTINED = ("no_category", "excluded", "no_size", *UNUSED_FLAGS)
+
+#: Raw files of a folder; next to them are the rejected rows of `metric-tree import` and the image records of a crawl.
 _RAW = re.compile(r"^(?!pictures-\d).*(?<!\.quarantine)\.jsonl(\.gz)?$")
 
 ROWS = pa.schema(
@@ -81,29 +86,56 @@ ROWS = pa.schema(
 
 @dataclass(frozen=True, slots=True)
 class Block:
-    """Consecutive lines of one raw file; `first` is the number of the first, from 1."""
+    """Consecutive lines of one raw file."""
 
     path: str
-    first: int
+    first: int  #: Number of the first line, from 1.
     lines: tuple[bytes, ...]
 
 
 @dataclass(frozen=True, slots=True)
-class Ingested:
-    """What a block gave: `rows`, an Arrow file whose batch i is shard i, refused lines (JSON Lines), counts."""
+class IngestedRows:
+    """Result of step 1 for a block."""
 
-    rows: bytes
-    refused: bytes
-    counts: Counter[str]
+    rows: bytes  #: Arrow file of `ROWS`; batch i is shard i.
+    refused: bytes  #: Lines of the quarantine file.
+    counts: Counter[str]  #: Raw items by outcome.
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class _LoadedTaxonomy:
+    """A taxonomy in one process, with the pose and the shard of each node."""
+
+    taxonomy: Taxonomy
+    poses: dict[str, str]
+    shards: dict[str, int]  #: All rows of a node are in one shard, and shards have the order of the node ids.
+    matches: dict[tuple[object, ...], Match] = field(default_factory=dict)
+
+    def match(self, item: RawItem) -> Match:
+        """Return the match of an item, from the cache if an equal one was matched before."""
+        key = (item.source, item.category_path, item.title, item.synset)
+        if key not in self.matches:
+            if len(self.matches) >= MAX_CACHED_MATCHES:
+                self.matches.clear()
+            self.matches[key] = self.taxonomy.match(item)
+        return self.matches[key]
+
+
+@cache
+def _loaded(factory: Callable[[], Taxonomy]) -> _LoadedTaxonomy:
+    taxonomy = factory()
+    poses = {category.node_id: category.pose for category in taxonomy.categories()}
+    shards = {node_id: rank * SHARDS // len(poses) for rank, node_id in enumerate(sorted(poses))}
+    return _LoadedTaxonomy(taxonomy, dict(poses), shards)
 
 
 def raw_files(paths: Iterable[Path]) -> list[Path]:
-    """The raw files under the given files and folders, sorted within a folder.
+    """Return the raw files among the given files and in the given folders, sorted within a folder.
 
     Raises
     ------
     InputError
-        A path does not exist, or a folder holds no `*.jsonl` or `*.jsonl.gz` (what importers refused is passed over).
+        A path does not exist, or a folder contains no `*.jsonl` or `*.jsonl.gz` (without files of rejected rows).
     """
     files: list[Path] = []
     for path in paths:
@@ -115,25 +147,36 @@ def raw_files(paths: Iterable[Path]) -> list[Path]:
 
 
 def blocks(files: Iterable[Path]) -> Iterator[Block]:
-    """The lines of the files in blocks, in their order."""
+    """Yield the lines of the files in blocks, in order."""
     for path in files:
         with gzip.open(path) if path.suffix == ".gz" else path.open("rb") as file:
             first, lines = 1, bounded_lines(path, file)
             try:
-                while piece := tuple(islice(lines, BLOCK_LINES)):
-                    yield Block(str(path), first, piece)
-                    first += len(piece)
+                while block := tuple(islice(lines, BLOCK_LINES)):
+                    yield Block(str(path), first, block)
+                    first += len(block)
             except (OSError, EOFError, zlib.error) as error:
                 raise InputError(f"{path}: expected gzip data; found {error}") from None
 
 
 def block_of(items: Iterable[RawItem], name: str) -> Block:
-    """A block of items that are in no raw file."""
+    """Return a block of items that are in no raw file."""
     return Block(name, 1, tuple(item.line().encode() for item in items))
 
 
+def items_of(block: Block) -> Iterator[RawItem]:
+    """Yield the items of the lines of a block.
+
+    Raises
+    ------
+    BadRawItem
+        A line is not a raw item; the message names the file and the line.
+    """
+    return items_of_lines(block.path, block.lines, block.first)
+
+
 def item_hash(item_id: str) -> int:
-    """First eight bytes of the SHA-256 of an item id."""
+    """Return the first eight bytes of the SHA-256 of an item id."""
     return int.from_bytes(hashlib.sha256(item_id.encode()).digest()[:8], "big")
 
 
@@ -147,97 +190,124 @@ def ingest_block(
     taxonomy: Callable[[], Taxonomy],
     fold_out: tuple[int, int] | None = None,
     left_out: frozenset[str] = frozenset(),
-) -> Ingested:
-    """The rows of a block and what was refused, with the reason.
+) -> IngestedRows:
+    """Convert the raw items of a block to rows.
 
     Parameters
     ----------
-    taxonomy : gives the taxonomy; called once in a process
-    fold_out : fold I of N of the items that the build does not see; norms and judged ranges are no items
-    left_out : sources that the build does not use
+    block : Block
+        Lines of raw items.
+    taxonomy : callable
+        Function that returns the taxonomy; called once in a process.
+    fold_out : tuple of int, optional
+        Fold I of N of the items that is omitted. Norms and judged ranges are not items.
+    left_out : frozenset of str
+        Sources that the build does not use.
 
     Raises
     ------
     BadRawItem
-        A line is no raw item; the message names the file and the line.
+        A line is not a raw item; the message names the file and the line.
     """
-    rows: list[list[dict[str, Any]]] = [[] for _ in range(SHARDS)]
+    shards: list[list[dict[str, Any]]] = [[] for _ in range(SHARDS)]
     refused: list[str] = []
     counts: Counter[str] = Counter()
     for item in items_of(block):
-        row, reason = _row(item, taxonomy, fold_out, left_out)
+        row: dict[str, Any] | None = None
+        reason = _omission(item, fold_out, left_out)
+        if not reason:
+            row, reason = _row(item, _loaded(taxonomy))
         counts[reason or "taken"] += 1
         if row is not None:
-            rows[_shards(taxonomy)[row["node_id"]]].append(row)
-        elif reason in REFUSALS:
+            shards[_loaded(taxonomy).shards[row["node_id"]]].append(row)
+        elif reason in QUARANTINED:
             refused.append(refusal(reason, item.source, item.source_id, item.title, item.category_path))
-    return Ingested(_arrow(rows), "".join(refused).encode(), counts)
-
-
-#: Reasons for which a raw item is kept for a maintainer to look at (the others are the maintainer's own choice).
-REFUSALS = {
-    "no_category": "the taxonomy does not know what the object is",
-    "excluded": "a reviewer took it out of its class (data/curated/exclusions.csv)",
-    "no_size": "no outer size is stated, or four numbers where three are possible",
-    "low_trust": "the size was only found in prose",
-    "toy_replica": "a toy of the object, at a size of its own",
-    "placeholder": "the size is what is typed into a form that asks for one: 1 x 1 x 1",
-}
+    sink = pa.BufferOutputStream()
+    with pa.ipc.new_file(sink, ROWS, options=pa.ipc.IpcWriteOptions(compression="zstd")) as writer:
+        for rows in shards:
+            writer.write_batch(pa.RecordBatch.from_pylist(rows, schema=ROWS))
+    return IngestedRows(bytes(sink.getvalue()), "".join(refused).encode(), counts)
 
 
 def refusal(reason: str, source: str, source_id: str, title: str, category: Sequence[str], detail: str = "") -> str:
-    """One line of the quarantine file."""
+    """Return a line of the quarantine file (`metric-tree/refused/1`).
+
+    Reasons of step 1: `no_category` (the taxonomy has no category for the item), `excluded` (by a reviewer, in
+    `data/curated/exclusions.csv`), `no_size` (no outer size, or four numbers for three axes), `low_trust` (size from
+    prose), `toy_replica` (a toy of the object), `placeholder` (a default value of a form, such as 1 x 1 x 1). Reasons
+    of step 2: `duplicate`, `unit_slip` (factor of a unit from its class), `far_outlier` (far from its class without a
+    unit that explains it), `not_carried` (absent from the release that is carried over).
+    """
     record: dict[str, Any] = {"schema": "metric-tree/refused/1", "reason": reason}
     record |= {"source": source, "source_id": source_id, "title": title, "category": list(category)}
     return json.dumps(record | ({"detail": detail} if detail else {}), ensure_ascii=False) + "\n"
 
 
-def items_of(block: Block) -> Iterator[RawItem]:
-    """The items of a block's lines.
+def range_sd(low: float, high: float) -> float:
+    """Return the standard deviation of ln size of a range that contains 90 % of the objects.
 
-    Raises
-    ------
-    BadRawItem
-        A line is no raw item; the message names the file and the line.
+    >>> round(range_sd(500, 1000), 3)
+    0.211
     """
-    return items_of_lines(block.path, block.lines, block.first)
+    return math.log(high / low) / (2 * RANGE_HALF_WIDTH_SD)
 
 
-def _row(
-    item: RawItem, taxonomy: Callable[[], Taxonomy], fold_out: tuple[int, int] | None, left_out: frozenset[str]
-) -> tuple[dict[str, Any] | None, str]:
-    """The row of an item, or None and the reason."""
-    item_id = f"{item.source}:{item.source_id}"
+def widened_sd(low: float, high: float) -> float:
+    """Return the standard deviation of ln size of the objects for which a person states a range (`WIDENING`).
+
+    >>> round(widened_sd(500, 1000), 3), round(widened_sd(100, 2000), 3), round(widened_sd(99, 101), 3)
+    (0.252, 0.711, 0.01)
+    """
+    sd = range_sd(low, high)
+    return min(MAX_WIDENING * sd, WIDENING * math.pow(sd, WIDENING_POWER))
+
+
+def _omission(item: RawItem, fold_out: tuple[int, int] | None, left_out: frozenset[str]) -> str:
+    """Return the reason for which the build does not use an item at all, or an empty text."""
     if item.source in left_out:
-        return None, "source_left_out"
-    if fold_out is not None and item.kind not in STATED_KINDS and is_held_out(item_id, *fold_out):
-        return None, "fold_left_out"
-    if distrusted := next((flag for flag in UNUSED_FLAGS if flag in item.flags), None):
-        return None, distrusted
-    node_id = _match(item, taxonomy).node_id
-    if node_id is None or shipped_exclusions().covers(item.source, node_id, item.title):
-        return None, "no_category" if node_id is None else "excluded"
-    pose = _poses(taxonomy)[node_id]
+        return "source_left_out"
+    if fold_out is not None and item.kind not in STATED_KINDS and is_held_out(item.identity, *fold_out):
+        return "fold_left_out"
+    return next((flag for flag in UNUSED_FLAGS if flag in item.flags), "")
+
+
+def _row(item: RawItem, loaded: _LoadedTaxonomy) -> tuple[dict[str, Any] | None, str]:
+    """Return the row of an item (`ROWS`), or None and the reason."""
+    node_id = loaded.match(item).node_id
+    if node_id is None:
+        return None, "no_category"
+    if shipped_exclusions().covers(item.source, node_id, item.title):
+        return None, "excluded"
+    pose = loaded.poses[node_id]
+    sizes: Sizes | None
     if item.kind in STATED_KINDS:
-        stated: Sizes | None = stated_sizes(item.dimensions_mm, pose)
+        sizes = stated_sizes(item.dimensions_mm, pose)
     else:
-        stated = sizes_from_words(item.dimensions_mm, item.extents_mm, pose)
-    if stated is None:
+        sizes = sizes_from_words(item.dimensions_mm, item.extents_mm, pose)
+    if sizes is None:
         return None, "no_size"
+    kind = item.kind if item.kind != "curated" else "judged"  # the name before release 3.0.0
+    spreads: list[float] | None = None
+    if item.relative_sd is not None:
+        spreads = [item.relative_sd] * len(sizes.extents)
+    elif item.ranges_mm:
+        sd_of = range_sd if item.kind == "norm" else widened_sd  # the tolerance of a norm is exact
+        by_size = {item.dimensions_mm.get(word): sd_of(low, high) for word, (low, high) in item.ranges_mm.items()}
+        spreads = [by_size.get(extent, math.nan) for extent in sizes.extents]
     return {
-        "item_id": item_id,
-        "hash": item_hash(item_id),
+        "item_id": item.identity,
+        "hash": item_hash(item.identity),
         "node_id": node_id,
         "pose": pose,
         "source": item.source,
         "source_id": item.source_id,
         "title": item.title,
-        "length_mm": stated.length,
-        "width_mm": stated.width,
-        "height_mm": stated.height,
-        "extents_mm": stated.extents,
-        "range_sd": _range_sd(item, stated),
-        "kind": _kind(item),
+        "length_mm": sizes.length,
+        "width_mm": sizes.width,
+        "height_mm": sizes.height,
+        "extents_mm": sizes.extents,
+        "range_sd": spreads,
+        "kind": kind if item.statistic is None else "statistic",
         "year": item.year,
         "region": item.region,
         "url": item.url or None,
@@ -246,77 +316,3 @@ def _row(
         "scene": item.scene,
         "relative_sd": item.relative_sd,
     }, ""
-
-
-def _kind(item: RawItem) -> str:
-    """What a row counts as: a mean of many is a statistic, a range of before release 3.0.0 a judged one."""
-    if item.statistic is not None:
-        return "statistic"
-    return "judged" if item.kind == "curated" else item.kind
-
-
-_remembered: dict[tuple[object, ...], Match] = {}
-
-
-def _match(item: RawItem, taxonomy: Callable[[], Taxonomy]) -> Match:
-    key = (taxonomy, item.source, item.category_path, item.title, item.synset)
-    if key not in _remembered:
-        if len(_remembered) >= MAX_REMEMBERED_MATCHES:
-            _remembered.clear()
-        _remembered[key] = _taxonomy(taxonomy).match(item)
-    return _remembered[key]
-
-
-@cache
-def _taxonomy(factory: Callable[[], Taxonomy]) -> Taxonomy:
-    return factory()
-
-
-@cache
-def _poses(factory: Callable[[], Taxonomy]) -> dict[str, str]:
-    return {category.node_id: category.pose for category in _taxonomy(factory).categories()}
-
-
-@cache
-def _shards(factory: Callable[[], Taxonomy]) -> dict[str, int]:
-    """Shard of each node: all rows of a node lie in one, and shards follow the order of the node ids."""
-    nodes = sorted(_poses(factory))
-    return {node_id: rank * SHARDS // len(nodes) for rank, node_id in enumerate(nodes)}
-
-
-def _range_sd(item: RawItem, stated: Sizes) -> list[float] | None:
-    """Standard deviation of ln size of each extent that an item states of many objects: norm, range, statistic."""
-    if item.relative_sd is not None:
-        return [item.relative_sd] * len(stated.extents)
-    if not item.ranges_mm:
-        return None
-    spread = stated_spread if item.kind == "norm" else believed_spread
-    spreads = {item.dimensions_mm.get(word): spread(low, high) for word, (low, high) in item.ranges_mm.items()}
-    return [spreads.get(extent, math.nan) for extent in stated.extents]
-
-
-def stated_spread(low: float, high: float) -> float:
-    """Standard deviation of ln size of a range that holds nine of ten.
-
-    >>> round(stated_spread(500, 1000), 3)
-    0.211
-    """
-    return math.log(high / low) / (2 * RANGE_SD)
-
-
-def believed_spread(low: float, high: float) -> float:
-    """Standard deviation of ln size of the objects of which a person states a range.
-
-    >>> round(believed_spread(500, 1000), 3), round(believed_spread(100, 2000), 3), round(believed_spread(99, 101), 3)
-    (0.252, 0.711, 0.01)
-    """
-    stated = stated_spread(low, high)
-    return min(MOST_WIDENING * stated, WIDENING * math.pow(stated, WIDENING_POWER))
-
-
-def _arrow(shards: Sequence[Sequence[dict[str, Any]]]) -> bytes:
-    sink = pa.BufferOutputStream()
-    with pa.ipc.new_file(sink, ROWS, options=pa.ipc.IpcWriteOptions(compression="zstd")) as writer:
-        for rows in shards:
-            writer.write_batch(pa.RecordBatch.from_pylist(rows, schema=ROWS))
-    return bytes(sink.getvalue())

@@ -1,4 +1,4 @@
-"""From fitted leaves to the tables and the manifest of a release."""
+"""Tables and manifest of a release from its classes and priors."""
 
 from __future__ import annotations
 
@@ -15,9 +15,8 @@ from metric_tree.pipeline.hierarchy import Hierarchy
 from metric_tree.prior import Prior
 from metric_tree.release.schema import NODES, PRIORS
 from metric_tree.tiers import TIERS
-from taxonomy.categories import Category
 
-#: The project's own tables as sources: written for it by a language model, under its licence.
+#: Tables of the project as sources; a language model wrote them, under the licence of the project.
 JUDGED_SOURCE = Source(
     id="judged",
     title="Ranges that a language model judged (data/curated/ranges.csv)",
@@ -40,39 +39,47 @@ NORM_SOURCE = Source(
     attribution="Metric-Tree",
     reader="metric_tree.curated.sizes",
 )
-_OWN = {source.id: source for source in (JUDGED_SOURCE, NORM_SOURCE)}
+_PROJECT_SOURCES = {source.id: source for source in (JUDGED_SOURCE, NORM_SOURCE)}
 
 
 def node_table(
     hierarchy: Hierarchy, classes: Mapping[str, NodeClass], priors: Mapping[str, Sequence[Prior]]
 ) -> pa.Table:
-    """The nodes of the release (`metric_tree.release.schema.NODES`)."""
-    own = {node_id: sum(one.n_by_source.values()) for node_id, one in classes.items()}
-    total = Counter(own)
+    """Return the nodes of the release (`metric_tree.release.schema.NODES`)."""
+    n_own = {node_id: sum(one.n_by_source.values()) for node_id, one in classes.items()}
+    total = Counter(n_own)
     for category in reversed(hierarchy.categories):
         if category.parent_id is not None:
             total[category.parent_id] += total[category.node_id]
     rows = []
     for category in hierarchy.categories:
+        node_id, node_priors = category.node_id, priors.get(category.node_id, ())
+        # The default dimensions are the reviewer's choice if a prior has them, otherwise those of the first prior.
+        has_dims = any(set(category.dims) <= set(prior.dims) for prior in node_priors)
+        dims = list(category.dims if has_dims or not node_priors else node_priors[0].dims)
         row = {field.name: getattr(category, field.name, None) for field in NODES}
-        own_priors = priors.get(category.node_id, ())
-        row |= {"dims": _dims(category, own_priors), "tier": own_priors[0].tier if own_priors else None}
-        rows.append(row | {"n_items": total[category.node_id], "n_own": own.get(category.node_id, 0)})
+        row |= {"dims": dims, "tier": node_priors[0].tier if node_priors else None}
+        rows.append(row | {"n_items": total[node_id], "n_own": n_own.get(node_id, 0)})
     return pa.Table.from_pylist(rows, schema=NODES)
 
 
+def prior_table(hierarchy: Hierarchy, priors: Mapping[str, Sequence[Prior]]) -> pa.Table:
+    """Return the priors of the release, in the order of its nodes (`metric_tree.release.schema.PRIORS`)."""
+    rows = [prior.row() for category in hierarchy.categories for prior in priors.get(category.node_id, ())]
+    return pa.Table.from_pylist(rows, schema=PRIORS)
+
+
 def node_counts(nodes: pa.Table) -> dict[str, int]:
-    """Nodes, leaves and levels of a nodes table, and leaves with at least 1, 10 and 30 items of the fit."""
+    """Return the numbers of nodes, leaves and levels, and of leaves with at least 1, 10 and 30 items of the fit."""
     parents = set(nodes["parent_id"].to_pylist())
     pairs = zip(nodes["node_id"].to_pylist(), nodes["n_items"].to_pylist(), strict=True)
     leaves = [n_items for node_id, n_items in pairs if node_id not in parents]
     levels = max(nodes["level"].to_pylist(), default=0)
-    several = {f"leaves_{least}": sum(n >= least for n in leaves) for least in (1, 10, 30)}
-    return {"nodes": nodes.num_rows, "leaves": len(leaves), "levels": levels} | several
+    return {"nodes": nodes.num_rows, "leaves": len(leaves), "levels": levels} | _counts_from(leaves)
 
 
 def tier_counts(nodes: pa.Table) -> dict[str, dict[str, int]]:
-    """Nodes of each level by tier, the best tier first; those without a size under `none`."""
+    """Return the number of nodes of each level by tier, the best tier first; `none` for nodes without a size."""
     counts = Counter(zip(nodes["level"].to_pylist(), nodes["tier"].to_pylist(), strict=True))
     levels = sorted(set(nodes["level"].to_pylist()))
     return {
@@ -81,29 +88,22 @@ def tier_counts(nodes: pa.Table) -> dict[str, dict[str, int]]:
 
 
 def evidence_counts(classes: Iterable[NodeClass]) -> dict[str, dict[str, int]]:
-    """Items of each set of kinds (`EVIDENCE`), and leaves with at least 1, 10 and 30 of them, repeats left out."""
+    """Return the number of items of each set of kinds (`EVIDENCE`), and of leaves with at least 1, 10 and 30."""
     by_kind = [one.n_by_kind for one in classes]
     evidence = {}
     for name, kinds in EVIDENCE.items():
         items = [sum(n for kind, n in counts.items() if kind in kinds) for counts in by_kind]
-        leaves = {f"leaves_{least}": sum(n >= least for n in items) for least in (1, 10, 30)}
-        evidence[name] = {"items": sum(items)} | leaves
+        evidence[name] = {"items": sum(items)} | _counts_from(items)
     return evidence
-
-
-def prior_table(hierarchy: Hierarchy, priors: Mapping[str, Sequence[Prior]]) -> pa.Table:
-    """The priors of the release, in the order of its nodes (`metric_tree.release.schema.PRIORS`)."""
-    rows = [prior.row() for category in hierarchy.categories for prior in priors.get(category.node_id, ())]
-    return pa.Table.from_pylist(rows, schema=PRIORS)
 
 
 def source_records(
     declared: Mapping[str, Source], n_fit: Mapping[str, int], n_rows: Mapping[str, int], used: Iterable[str]
 ) -> list[dict[str, Any]]:
-    """The manifest's sources: those that the build used."""
+    """Return the sources of the manifest: the sources that the build used."""
     records = []
     for name in sorted(used):
-        source = declared.get(name, _OWN.get(name))
+        source = declared.get(name, _PROJECT_SOURCES.get(name))
         record = {
             "id": name,
             "title": source.title if source else name,
@@ -119,7 +119,5 @@ def source_records(
     return records
 
 
-def _dims(category: Category, priors: Sequence[Prior]) -> list[str]:
-    """What to use by default: the reviewer's choice where a prior has it, else all that the main prior has."""
-    chosen = any(set(category.dims) <= set(prior.dims) for prior in priors)
-    return list(category.dims if chosen or not priors else priors[0].dims)
+def _counts_from(n_items: Sequence[int]) -> dict[str, int]:
+    return {f"leaves_{minimum}": sum(n >= minimum for n in n_items) for minimum in (1, 10, 30)}

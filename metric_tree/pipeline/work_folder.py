@@ -1,6 +1,6 @@
-"""The work folder of a build: what each step returned, so that an interrupted build takes up where it was.
+"""Work folder of a build: the results of each step, from which an interrupted build continues.
 
-The ingested rows of a build on disk: one Arrow file per block, whose batch i is shard i.
+The ingested rows are one Arrow file per block, with one batch per shard.
 """
 
 from __future__ import annotations
@@ -9,7 +9,7 @@ import hashlib
 import pickle
 import shutil
 from collections import deque
-from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from concurrent.futures import Executor, Future
 from contextlib import contextmanager
 from dataclasses import dataclass
@@ -30,100 +30,76 @@ from metric_tree.pipeline.ingest import ROWS, SHARDS
 from taxonomy.categories import Category
 
 _KEY = "fingerprint"
-#: Calls that wait for a worker or for their turn: enough to keep a small cluster busy, few enough to hold in memory.
+#: Maximum number of submitted calls: enough to keep a small cluster busy, few enough for the memory.
 MAX_WAITING_CALLS = 16
 _P = ParamSpec("_P")
 _R = TypeVar("_R")
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class Repeated:
-    """Positions, in the order file, shard, row, of rows whose item id stood before; `starts` (files, shards)."""
+def repeated_rows(paths: Sequence[Path]) -> list[list[NDArray[np.bool_]]]:
+    """Return whether the id of each row of a file and a shard occurs in an earlier row, in the order of both.
 
-    extra: NDArray[np.intp]
-    starts: NDArray[np.intp]
-
-
-@dataclass(frozen=True, slots=True)
-class RowFiles:
-    """Arrow files of `metric_tree.pipeline.ingest.ROWS` with `SHARDS` batches each."""
-
-    paths: tuple[Path, ...]
-
-    def repeats(self) -> Repeated:
-        """The rows that bear an id for the second time; eight bytes a row in memory."""
-        hashes: list[NDArray[np.uint64]] = []
-        for path in self.paths:
-            batches = _batches(path, ("hash",), range(SHARDS))
-            hashes += [batch.column(0).to_numpy() for batch in batches]
-        counts = np.array([len(part) for part in hashes], dtype=np.intp)
-        starts = (np.cumsum(counts) - counts).reshape(len(self.paths), SHARDS)
-        everything = np.concatenate(hashes) if hashes else np.empty(0, dtype=np.uint64)
-        _, first = np.unique(everything, return_index=True)
-        return Repeated(np.setdiff1d(np.arange(len(everything)), first), starts)
-
-    def shard(self, number: int, repeated: Repeated) -> bytes:
-        """Shard `number` of all files, without the repeated rows, as an Arrow file."""
-        sink = pa.BufferOutputStream()
-        with pa.ipc.new_file(sink, ROWS) as writer:
-            for file, path in enumerate(self.paths):
-                (batch,) = _batches(path, tuple(ROWS.names), [number])
-                start = repeated.starts[file, number]
-                kept = ~np.isin(np.arange(start, start + batch.num_rows), repeated.extra)
-                writer.write_batch(batch.filter(pa.array(kept)))
-        return bytes(sink.getvalue())
-
-    def columns(self, number: int, names: Sequence[str]) -> pa.Table:
-        """Some columns of a shard."""
-        return pa.Table.from_batches([b for path in self.paths for b in _batches(path, tuple(names), [number])])
+    The ids are compared by their hashes, with 8 bytes per row in memory.
+    """
+    shards = [[batch.column(0).to_numpy() for batch in _batches(path, ["hash"], range(SHARDS))] for path in paths]
+    hashes = np.concatenate([hashes for file in shards for hashes in file]) if shards else np.empty(0, dtype=np.uint64)
+    is_repeated = np.ones(len(hashes), dtype=bool)
+    is_repeated[np.unique(hashes, return_index=True)[1]] = False
+    ends = np.cumsum([len(hashes) for file in shards for hashes in file])
+    parts = np.split(is_repeated, ends[:-1]) if shards else []
+    return [list(parts[file * SHARDS : (file + 1) * SHARDS]) for file in range(len(paths))]
 
 
-def sibling_references(rows: RowFiles, categories: Sequence[Category]) -> dict[str, Reference]:
-    """Where the extents of each thin node's siblings lie, for nodes that are no reference themselves."""
-    medians, counts = _medians(rows)
+def shard_rows(paths: Sequence[Path], shard: int, repeated: Sequence[Sequence[NDArray[np.bool_]]]) -> bytes:
+    """Return a shard of all files without the repeated rows, as an Arrow file of `ROWS`."""
+    sink = pa.BufferOutputStream()
+    with pa.ipc.new_file(sink, ROWS) as writer:
+        for path, is_repeated in zip(paths, repeated, strict=True):
+            (batch,) = _batches(path, ROWS.names, [shard])
+            writer.write_batch(batch.filter(pa.array(~is_repeated[shard])))
+    return bytes(sink.getvalue())
+
+
+def sibling_references(paths: Sequence[Path], categories: Sequence[Category]) -> dict[str, Reference]:
+    """Return reference sizes of the nodes with fewer than `MIN_REFERENCE_ROWS` rows, from the other children."""
+    medians: dict[str, FloatArray] = {}  # (3,) of ln extents
+    counts: dict[str, int] = {}
+    for shard in range(SHARDS):
+        batches = [batch for path in paths for batch in _batches(path, ["node_id", "extents_mm"], [shard])]
+        table = pa.Table.from_batches(batches)
+        logs = np.log(extents_of(table))
+        nodes, code = np.unique(table["node_id"].to_numpy(zero_copy_only=False).astype(str), return_inverse=True)
+        for index, node_id in enumerate(nodes.tolist()):
+            chosen = logs[code == index]
+            known = ~np.isnan(chosen).all(axis=0)
+            medians[node_id] = np.full(3, np.nan)
+            medians[node_id][known] = np.nanmedian(chosen[:, known], axis=0)
+            counts[node_id] = len(chosen)
     parents = {category.node_id: category.parent_id for category in categories}
     families: dict[str | None, list[str]] = {}
     for node_id in sorted(medians):
         if counts[node_id] >= MIN_REFERENCE_ROWS:
             families.setdefault(parents[node_id], []).append(node_id)
-    known = {
+    references = {
         parent: sibling_reference(np.array([medians[node_id] for node_id in family]))
         for parent, family in families.items()
     }
-    thin = (node_id for node_id in medians if counts[node_id] < MIN_REFERENCE_ROWS)
-    return {node_id: against for node_id in thin if (against := known.get(parents[node_id])) is not None}
+    few = (node_id for node_id in medians if counts[node_id] < MIN_REFERENCE_ROWS)
+    return {node_id: found for node_id in few if (found := references.get(parents[node_id])) is not None}
 
 
-def _medians(rows: RowFiles) -> tuple[dict[str, FloatArray], Mapping[str, int]]:
-    """Median ln extents (3,) and rows of each node."""
-    medians: dict[str, FloatArray] = {}
-    counts: dict[str, int] = {}
-    for number in range(SHARDS):
-        table = rows.columns(number, ("node_id", "extents_mm"))
-        logs = np.log(extents_of(table))
-        nodes, code = np.unique(table["node_id"].to_numpy(zero_copy_only=False).astype(str), return_inverse=True)
-        for own, node_id in enumerate(nodes.tolist()):
-            chosen = logs[code == own]
-            known = ~np.isnan(chosen).all(axis=0)
-            medians[node_id] = np.full(3, np.nan)
-            medians[node_id][known] = np.nanmedian(chosen[:, known], axis=0)
-            counts[node_id] = len(chosen)
-    return medians, counts
-
-
-def _batches(path: Path, names: tuple[str, ...], numbers: Sequence[int]) -> list[pa.RecordBatch]:
-    wanted = [ROWS.get_field_index(name) for name in names]
-    options = pa.ipc.IpcReadOptions(included_fields=wanted)
+def _batches(path: Path, names: Sequence[str], shards: Sequence[int]) -> list[pa.RecordBatch]:
+    options = pa.ipc.IpcReadOptions(included_fields=[ROWS.get_field_index(name) for name in names])
     with pa.memory_map(str(path)) as file:
         reader = pa.ipc.open_file(file, options=options)
-        return [reader.get_batch(number) for number in numbers]
+        return [reader.get_batch(shard) for shard in shards]
 
 
 class SerialExecutor(Executor):
-    """An executor that runs each call at once in this process."""
+    """An executor that runs each call immediately in this process."""
 
     def submit(self, fn: Callable[_P, _R], /, *args: _P.args, **kwargs: _P.kwargs) -> Future[_R]:
-        """The finished future of a call; an error is raised here, where it is easy to see."""
+        """Return the finished future of a call; an error is raised here, with the traceback of the caller."""
         future: Future[_R] = Future()
         future.set_result(fn(*args, **kwargs))
         return future
@@ -138,12 +114,12 @@ class BuildFolder:
     @classmethod
     @contextmanager
     def open(cls, directory: Path, key: str) -> Iterator[BuildFolder]:
-        """The folder, emptied where it belongs to another build; removed when the block ends well.
+        """Open the folder; work of another build is removed. The folder is removed if the block succeeds.
 
         Raises
         ------
         InputError
-            The folder holds something that is no build's work.
+            The folder contains files that are not work of a build.
         """
         note = directory / _KEY
         if directory.exists() and (not note.is_file() or note.read_text(encoding="ascii") != key):
@@ -154,7 +130,7 @@ class BuildFolder:
         note.write_text(key, encoding="ascii")
         try:
             yield cls(directory)
-        except InputError:  # another input is another build
+        except InputError:  # with another input it is another build
             _remove(directory)
             raise
         _remove(directory)
@@ -167,17 +143,27 @@ class BuildFolder:
         executor: Executor,
         spilled: Callable[[_R, Path], _R] | None = None,
     ) -> Iterator[_R]:
-        """`function(*call)` for each call, in order, those that were done before read from disk.
+        """Yield `function(*call)` for each call, in order; results of an earlier run are read from disk.
 
         Parameters
         ----------
-        spilled : puts heavy parts of a result into files of the given stem and returns the rest, which is pickled
+        step : str
+            Name of the step, the first part of the file names.
+        function : callable
+            Function at the top of a module.
+        calls : iterable of sequences
+            Arguments of each call.
+        executor : Executor
+            Executor of the calls.
+        spilled : callable, optional
+            Function of a result and the stem of a path. It writes large parts of the result to files and returns the
+            remainder, which is pickled.
         """
         waiting: deque[tuple[Path, Future[_R] | None]] = deque()
         for number, call in enumerate(calls):
             path = self.directory / f"{step}-{number:05d}.pickle"
             waiting.append((path, None if path.exists() else executor.submit(function, *call)))
-            while waiting and (len(waiting) > MAX_WAITING_CALLS or _is_done(waiting[0][1])):
+            while waiting and (len(waiting) > MAX_WAITING_CALLS or (first := waiting[0][1]) is None or first.done()):
                 yield _result(*waiting.popleft(), spilled)
         while waiting:
             yield _result(*waiting.popleft(), spilled)
@@ -185,12 +171,12 @@ class BuildFolder:
 
 @contextmanager
 def sole_writer(out: Path) -> Iterator[None]:
-    """Holds an output for one process while the block runs; the system lets go of it when the process ends, killed too.
+    """Lock an output for this process while the block runs; the system releases the lock when the process ends.
 
     Raises
     ------
     InputError
-        Another process writes the same output.
+        Another process is writing the same output.
     """
     out.parent.mkdir(parents=True, exist_ok=True)
     note = out.parent / f".{out.name}.lock"
@@ -207,7 +193,7 @@ def sole_writer(out: Path) -> Iterator[None]:
 
 
 def fingerprint(files: Iterable[Path], options: str) -> str:
-    """SHA-256 over the files' bytes, the options, the code of the packages and the tables of the taxonomy."""
+    """Return the SHA-256 of the files, the options, the code of the packages and the tables of the taxonomy."""
     code = (
         path
         for package in ("metric_base", "crawler", "taxonomy", "metric_tree")
@@ -222,22 +208,19 @@ def fingerprint(files: Iterable[Path], options: str) -> str:
 
 
 def _remove(directory: Path) -> None:
-    """Remove a work folder, its note last: what a kill leaves is still known as a build's work."""
+    """Remove a work folder; the fingerprint last, so that a killed removal can be continued."""
     for entry in directory.iterdir():
         if entry.name != _KEY:
             shutil.rmtree(entry) if entry.is_dir() else entry.unlink()
     shutil.rmtree(directory)
 
 
-def _is_done(future: Future[Any] | None) -> bool:
-    return future is None or future.done()
-
-
 def _result(path: Path, future: Future[_R] | None, spilled: Callable[[_R, Path], _R] | None) -> _R:
+    """Return the result of a call, stored at `path` if the call was submitted in this run."""
     if future is None:
         with path.open("rb") as file:
-            kept: _R = pickle.load(file)  # noqa: S301 - written by this very build, see the fingerprint
-        return kept
+            stored: _R = pickle.load(file)  # noqa: S301 - written by the same build, see the fingerprint
+        return stored
     result = future.result()
     if spilled is not None:
         result = spilled(result, path.with_suffix(""))

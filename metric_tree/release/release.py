@@ -271,7 +271,7 @@ def _first_line(error: BaseException) -> str:
     return (str(error).splitlines() or [type(error).__name__])[0]
 
 
-def see_nodes(ids: Sequence[str], parents: Sequence[str | None], directory: Path) -> None:
+def check_nodes(ids: Sequence[str], parents: Sequence[str | None], directory: Path) -> None:
     """Refuse a table of nodes, ids and parents by row, that is no tree.
 
     Raises

@@ -28,7 +28,7 @@ USED_MOST = 1.0
 EACH_SENSE_BEFORE = 0.15
 FOOD_BEFORE_PLANT = 0.8
 TENFOLD_ITEMS = 0.42
-MOST_LABEL_WEIGHT = 5.0
+MAX_LABEL_WEIGHT = 5.0
 
 #: What the first of a reviewed order has before the next, where the reviewer calls it clear.
 CLEAR_RATIO = 2.0
@@ -208,7 +208,7 @@ class Names:
 
     def _candidate(self, form: str, node: str, own: bool | None, votes: float, known: Sequence[Sense]) -> Candidate:
         places = [place for place, sense in enumerate(known) if sense.chain[:1] == (node,)]
-        score = min(votes, MOST_LABEL_WEIGHT) + TENFOLD_ITEMS * min(math.log10(1 + self._items[node]), 3)
+        score = min(votes, MAX_LABEL_WEIGHT) + TENFOLD_ITEMS * min(math.log10(1 + self._items[node]), 3)
         if own:
             score += OWN_NAME
         if places:

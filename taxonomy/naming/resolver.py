@@ -40,11 +40,11 @@ HEAD_TRUST = 0.65
 #: Compounds that must be known before a head noun is taken.
 HEAD_COMPOUNDS = 4
 #: Words of the longest compound whose head noun is taken.
-LONGEST_COMPOUND = 4
+MAX_COMPOUND_WORDS = 4
 #: Levels of the tree (the root is 1) from which a broader kind is taken: a stocking is not footwear of 30 by 10 cm. One
 #: level further up only by its own name (an electric car is a car), and never further (not a container or a vehicle).
-LEAST_DEPTH = 4
-LEAST_NAMED = 3
+MIN_BROADER_LEVEL = 4
+MIN_NAMED_LEVEL = 3
 #: Above everything that lives.
 _LIVING = {"animal.n.01", "mt:human", PERSON, "organism.n.01"}
 #: Above what grows and what is eaten, people left out.
@@ -52,7 +52,7 @@ _GROWING = {"animal.n.01", "plant.n.02", "food.n.01"}
 _CODE = re.compile(r"^(?:n\d{8}|/m/[0-9a-z_]+|/g/[0-9a-z_]+)$")
 _BRACKETS = re.compile(r"[\s_]*\(([^()]*)\)")
 #: Letters from which a name may be one letter off: short words are too near each other.
-LEAST_MISSPELT = 5
+MIN_FUZZY_LETTERS = 5
 _LANGUAGES = {"de": "German", "fr": "French", "es": "Spanish", "it": "Italian"}
 _COUNTING = re.compile(r"(?:an?|the|one|two|three|four|five|six|of|\d[\d.,]*|inch(?:es)?|cm|mm|m|ft)$", re.IGNORECASE)
 #: An image of a chair has no size of a chair, and neither has what is made after one. A photo does not begin so:
@@ -258,9 +258,9 @@ class Resolver:
         """Return True if two names differ in one word, which is long and neither English nor of a name in the first."""
         words, of_name = form.split(), name.split()
         unlike = [pair for pair in zip(words, of_name, strict=False) if pair[0] != pair[1]]
-        if len(words) != len(of_name) or len(unlike) != 1 or min(map(len, unlike[0])) < LEAST_MISSPELT - 1:
+        if len(words) != len(of_name) or len(unlike) != 1 or min(map(len, unlike[0])) < MIN_FUZZY_LETTERS - 1:
             return False
-        return len(unlike[0][0]) >= LEAST_MISSPELT and not (
+        return len(unlike[0][0]) >= MIN_FUZZY_LETTERS and not (
             unlike[0][0] in self._names.words or is_english(unlike[0][0])
         )
 
@@ -359,7 +359,7 @@ class Resolver:
 
     def _head(self, words: Sequence[str]) -> NameAnswer | None:
         """The answer for the head noun, if the compounds that end in it are such items."""
-        if not 1 < len(words) <= LONGEST_COMPOUND or word_list("alienating") & set(words[:-1]):
+        if not 1 < len(words) <= MAX_COMPOUND_WORDS or word_list("alienating") & set(words[:-1]):
             return None
         head = next((one for one in (words[-1], *singular_phrases(words[-1])) if self._names.candidates(one)), None)
         answer = self._best(self._names.candidates(head), "broader kind") if head else None
@@ -389,7 +389,7 @@ class Resolver:
         heads = {head, *singular_phrases(head)}
         depth = len(self._names.ancestors(node)) + 1
         named = any(node in self._names.owners(one) for one in heads)
-        broad = depth < LEAST_NAMED or (depth < LEAST_DEPTH and not named)
+        broad = depth < MIN_NAMED_LEVEL or (depth < MIN_BROADER_LEVEL and not named)
         return broad and node != PERSON and self._names.has_kinds(node)
 
     def _misleads(self, form: str, answer: NameAnswer) -> bool:

@@ -11,11 +11,11 @@ from hypothesis import strategies as st
 from scipy.stats import multivariate_normal
 
 from metric_tree.fit import mixture as mixture_em
-from metric_tree.fit.mixture import Belief, Mixture, Rows, complete_rows, fit_mixture
+from metric_tree.fit.mixture import Mixture, NormalInverseWishart, Rows, complete_rows, fit_mixture
 
 SPREAD = np.array([[0.04, 0.01, 0.0], [0.01, 0.09, 0.02], [0.0, 0.02, 0.05]])
 MEAN = np.array([6.0, 5.5, 7.0])
-BELIEF = Belief(np.array([5.5, 5.5, 6.5]), 2.0, np.diag([0.1, 0.2, 0.3]), 5.0)
+BELIEF = NormalInverseWishart(np.array([5.5, 5.5, 6.5]), 2.0, np.diag([0.1, 0.2, 0.3]), 5.0)
 TWO = Mixture(
     np.array([0.3, 0.7]),
     np.array([[6.0, 5.5, 7.0], [5.0, 5.2, 6.0]]),
@@ -29,7 +29,7 @@ def _sample(n: int, seed: int = 0) -> np.ndarray:
 
 def test_one_component_is_the_posterior_mean_of_a_normal_inverse_wishart() -> None:
     x = _sample(40)
-    fitted = fit_mixture(Rows.plain(x), 1, BELIEF)
+    fitted = fit_mixture(Rows.from_complete(x), 1, BELIEF)
     mean = (2.0 * BELIEF.mean + x.sum(axis=0)) / 42.0
     about = x - BELIEF.mean
     scatter = about.T @ about - 42.0 * np.outer(mean - BELIEF.mean, mean - BELIEF.mean)
@@ -40,21 +40,21 @@ def test_one_component_is_the_posterior_mean_of_a_normal_inverse_wishart() -> No
 
 def test_weights_count_as_rows() -> None:
     x = _sample(12)
-    twice = fit_mixture(Rows.plain(np.concatenate([x, x])), 1, BELIEF).mixture
-    uniform = fit_mixture(Rows.plain(np.concatenate([x, x]), np.full(24, 7.0)), 1, BELIEF).mixture
+    twice = fit_mixture(Rows.from_complete(np.concatenate([x, x])), 1, BELIEF).mixture
+    uniform = fit_mixture(Rows.from_complete(np.concatenate([x, x]), np.full(24, 7.0)), 1, BELIEF).mixture
     assert twice.means == pytest.approx(uniform.means)
     assert twice.covariances == pytest.approx(uniform.covariances)
 
 
 def test_kish_counts_effective_rows() -> None:
-    assert Rows.plain(np.zeros((3, 1)), np.array([1.0, 2.0, 3.0])).effective == pytest.approx(36 / 14)
-    assert Rows.plain(np.zeros((0, 1))).effective == 0.0
+    assert Rows.from_complete(np.zeros((3, 1)), np.array([1.0, 2.0, 3.0])).effective_size == pytest.approx(36 / 14)
+    assert Rows.from_complete(np.zeros((0, 1))).effective_size == 0.0
 
 
 @pytest.mark.parametrize(("components", "parameters"), [(1, 9), (2, 19)])
 def test_parameters_are_counted(components: int, parameters: int) -> None:
     """k means of 3, k covariances of 6, and k - 1 free weights."""
-    fitted = fit_mixture(Rows.plain(_sample(60)), components, BELIEF)
+    fitted = fit_mixture(Rows.from_complete(_sample(60)), components, BELIEF)
     assert fitted.parameters == parameters
     assert fitted.bic(50.0) == pytest.approx(parameters * math.log(50.0) - 2 * fitted.log_likelihood)
 
@@ -72,7 +72,7 @@ def test_densities_and_responsibilities_with_blanks_and_hidden_order() -> None:
     """Row 0 is complete, row 1 lacks an axis, row 2 has two candidate orders."""
     x = np.array([[6.1, 5.4, 6.9], [np.nan, 5.3, 6.2], [6.0, 5.0, 7.0], [5.0, 6.0, 7.0]])
     rows = Rows(x, np.array([0, 1, 2, 2]), np.ones(3))
-    responsibility, log_density = mixture_em._expectation(rows, TWO)
+    responsibility, log_density = mixture_em.expectation(rows, TWO)
     plain = np.array([_density(point, TWO) for point in x])
     row_density = np.array([plain[0].sum(), plain[1].sum(), plain[2:].sum() / 2])
     assert log_density == pytest.approx(np.log(row_density))
@@ -82,7 +82,7 @@ def test_densities_and_responsibilities_with_blanks_and_hidden_order() -> None:
 
 def test_a_blank_is_completed_by_its_conditional_mean() -> None:
     single = Mixture(np.ones(1), MEAN[None], SPREAD[None])
-    x, known = complete_rows(Rows.plain(np.array([[np.nan, 5.9, 6.8]])), single)
+    x, known = complete_rows(Rows.from_complete(np.array([[np.nan, 5.9, 6.8]])), single)
     gain = SPREAD[0, 1:] @ np.linalg.inv(SPREAD[1:, 1:])
     assert x[0] == pytest.approx([MEAN[0] + gain @ (np.array([5.9, 6.8]) - MEAN[1:]), 5.9, 6.8])
     assert known[0] == pytest.approx([0, 1, 1])
@@ -92,9 +92,9 @@ def test_one_step_with_blanks_adds_the_conditional_covariance() -> None:
     """The maximisation of Ghahramani and Jordan, written out for one component and one blank axis."""
     x = np.array([[6.2, 5.1], [6.0, np.nan], [5.7, 5.6]])
     mean, cov = np.array([6.0, 5.4]), np.array([[0.05, 0.02], [0.02, 0.08]])
-    belief = Belief(np.array([5.9, 5.3]), 1.5, np.diag([0.1, 0.1]), 3.0)
-    rows = Rows.plain(x)
-    made = mixture_em._maximisation(rows, Mixture(np.ones(1), mean[None], cov[None]), np.ones((3, 1)), belief)
+    belief = NormalInverseWishart(np.array([5.9, 5.3]), 1.5, np.diag([0.1, 0.1]), 3.0)
+    rows = Rows.from_complete(x)
+    made = mixture_em.maximisation(rows, Mixture(np.ones(1), mean[None], cov[None]), np.ones((3, 1)), belief)
     gain = cov[1, 0] / cov[0, 0]
     full = x.copy()
     full[1, 1] = mean[1] + gain * (x[1, 0] - mean[0])
@@ -131,14 +131,16 @@ def test_rows_are_taken_and_moved_whole() -> None:
 
 def test_patterns_part_the_candidates_by_what_is_missing() -> None:
     x = np.array([[1.0, np.nan], [1.0, 2.0], [np.nan, 2.0], [3.0, np.nan]])
-    patterns = {tuple(axes): (index.tolist(), missing.tolist()) for index, axes, missing in Rows.plain(x).patterns}
+    patterns = {
+        tuple(axes): (index.tolist(), missing.tolist()) for index, axes, missing in Rows.from_complete(x).patterns
+    }
     assert patterns == {(0,): ([0, 3], [1]), (0, 1): ([1], []), (1,): ([2], [0])}
 
 
 @pytest.mark.parametrize("seed", range(5))
 def test_seeds_part_all_rows_by_the_nearest(seed: int) -> None:
     x = np.concatenate([_sample(10, seed), _sample(10, seed + 1) + 50.0])
-    part = mixture_em._nearest_seed(x, np.ones(20), 2, np.random.default_rng(seed))
+    part = mixture_em.nearest_seed(x, np.ones(20), 2, np.random.default_rng(seed))
     assert set(part.tolist()) == {0, 1}
     assert len(set(part[:10].tolist())) == 1  # k-means++ picks its second seed far from the first
     assert part[0] != part[10]

@@ -9,14 +9,14 @@ import pytest
 
 from metric_tree.axes import AXES, axis_assignments
 from metric_tree.fit.class_prior import NEW_SOURCE, NewSource, class_prior
-from metric_tree.fit.evidence_model import KindModel
-from metric_tree.fit.mixture import SPREAD_FLOOR, Belief, Rows, fit_mixture
+from metric_tree.fit.evidence_model import EvidenceModel
+from metric_tree.fit.mixture import SPREAD_FLOOR, NormalInverseWishart, Rows, fit_mixture
 from metric_tree.fit.moments import VAGUE, correlated_covariance, moments
 from metric_tree.fit.rows import ClassRows, without_museums, without_open_numbers
 
 MEANS = np.log([[2000.0, 900.0, 700.0], [900.0, 650.0, 1100.0]])  # a sofa and an armchair under one name
 COVARIANCE = np.array([[0.012, 0.004, 0.003], [0.004, 0.010, 0.002], [0.003, 0.002, 0.008]])
-NONE = KindModel(0.0, 0.0)
+NONE = EvidenceModel(0.0, 0.0)
 
 
 def two_kinds(n: int, seed: int = 0) -> np.ndarray:
@@ -95,7 +95,7 @@ def test_the_fit_is_the_same_under_a_seed():
 
 
 def test_a_thin_class_borrows_its_parents_spread_and_says_so():
-    belief = Belief(np.log([500.0, 500.0, 900.0]), 0.1, correlated_covariance(np.full(3, 0.2)), 8.0)
+    belief = NormalInverseWishart(np.log([500.0, 500.0, 900.0]), 0.1, correlated_covariance(np.full(3, 0.2)), 8.0)
     sizes = np.log([[420.0, 400.0, 500.0], [430.0, 400.0, 505.0]])
     thin = class_prior(class_rows(sizes), belief, NONE, seed=0)
     spread = np.sqrt(np.einsum("k,kii->i", thin.weights, thin.covariances))
@@ -106,7 +106,7 @@ def test_a_thin_class_borrows_its_parents_spread_and_says_so():
 
 
 def test_borrowing_fades_with_rows():
-    belief = Belief(VAGUE.mean, 0.1, correlated_covariance(np.full(3, 0.5)), 8.0)
+    belief = NormalInverseWishart(VAGUE.mean, 0.1, correlated_covariance(np.full(3, 0.5)), 8.0)
     x = two_kinds(400)[:, :] * 0 + np.random.default_rng(0).multivariate_normal(MEANS[0], COVARIANCE, 400)
     shares = [class_prior(class_rows(x[:n]), belief, NONE, seed=0, heldout=False).borrowed for n in (1, 5, 25, 400)]
     assert shares == sorted(shares, reverse=True)
@@ -152,7 +152,7 @@ def test_a_source_never_seen_widens_a_narrow_class_in_proportion_and_a_wide_one_
 
 def test_two_museum_pieces_do_not_discard_a_range():
     pieces = np.log([[2600.0, 1500.0, 300.0], [2500.0, 1400.0, 280.0]])
-    model = KindModel(0.3, 0.05, {"museum": 0.35, "judged": 0.05})
+    model = EvidenceModel(0.3, 0.05, {"museum": 0.35, "judged": 0.05})
     prior = class_prior(with_range(pieces, ["a", "a"], ["museum"] * 2), VAGUE, model, heldout=False)
     assert prior.quantile(0.5) == pytest.approx([1000, 500, 700], rel=0.15)
     assert np.all(prior.log_sd() < [0.25, 0.25, 0.2])
@@ -166,14 +166,14 @@ def test_one_real_row_does_not_widen_a_norm():
 
 def test_a_weak_row_does_not_draw_a_norm_to_its_parent():
     """A cube of 57 mm and one artist's model of it, among parents a metre wide."""
-    wide = Belief(np.log([1000.0, 900.0, 800.0]), 1.0, correlated_covariance(np.full(3, 0.5)), 8.0)
+    wide = NormalInverseWishart(np.log([1000.0, 900.0, 800.0]), 1.0, correlated_covariance(np.full(3, 0.5)), 8.0)
     rows = class_rows(
         np.log([[57.0] * 3, [58.0] * 3]),
         sources=["judged", "models"],
         kinds=["judged", "asset"],
         range_sd=np.array([[0.02] * 3, [np.nan] * 3]),
     )
-    prior = class_prior(rows, wide, KindModel(0.3, 0.05), heldout=False, new_source=NewSource(0.0))
+    prior = class_prior(rows, wide, EvidenceModel(0.3, 0.05), heldout=False, new_source=NewSource(0.0))
     assert prior.quantile(0.5) == pytest.approx([57, 57, 57], rel=0.02)
     assert np.all(prior.log_sd() < 0.03)
 
@@ -186,7 +186,7 @@ def test_rows_of_heights_alone_do_not_move_the_other_axes():
     heights[:, 2] = np.log(600.0) + generator.normal(0, 0.2, 200)
     sources = ["shop"] * 60 + ["rooms"] * 200
     rows = class_rows(np.concatenate([boxes, heights]), sources=sources, kinds=["product"] * 260)
-    model = KindModel(0.3, 0.05)
+    model = EvidenceModel(0.3, 0.05)
     alone = class_prior(class_rows(boxes, sources=sources[:60]), VAGUE, model, heldout=False).quantile(0.5)
     assert class_prior(rows, VAGUE, model, heldout=False).quantile(0.5)[:2] == pytest.approx(alone[:2], rel=0.04)
 
@@ -222,7 +222,7 @@ def test_museums_speak_where_nothing_else_does(kinds: list[str], left: int):
 def test_many_products_outweigh_a_range():
     x = np.log([2000.0, 900.0, 800.0]) + np.random.default_rng(0).normal(0, 0.15, (300, 3))
     sources = [f"s{number % 6}" for number in range(300)]
-    prior = class_prior(with_range(x, sources, ["product"] * 300), VAGUE, KindModel(0.3, 0.05), heldout=False)
+    prior = class_prior(with_range(x, sources, ["product"] * 300), VAGUE, EvidenceModel(0.3, 0.05), heldout=False)
     assert prior.quantile(0.5) == pytest.approx([1850, 850, 790], rel=0.1)
     assert prior.log_sd() == pytest.approx([0.17, 0.17, 0.17], abs=0.05)
 
@@ -259,6 +259,6 @@ def test_moments_tell_which_axes_are_known():
 
 
 def test_likelihood_never_falls_with_a_component():
-    rows = Rows.plain(two_kinds(150))
+    rows = Rows.from_complete(two_kinds(150))
     likelihoods = [fit_mixture(rows, k, VAGUE).log_likelihood for k in (1, 2, 3)]
     assert likelihoods[0] < likelihoods[1] <= likelihoods[2] + 1.0

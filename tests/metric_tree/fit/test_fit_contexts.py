@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from metric_tree.context import ContextModel, Where
-from metric_tree.fit.contexts import _lines, cells_of, class_contexts, inner_contexts, learn_contexts
+from metric_tree.fit.contexts import class_contexts, context_lines, context_means, fit_context_model, inner_contexts
 from metric_tree.prior import Prior
 
 BETWEEN = np.array([0.01])
@@ -34,13 +34,13 @@ def synthetic_classes(region: float, year: float, classes: int = 50, seed: int =
                 rows.append((8 + 0.1 * effect, f"s{source}", place, when))
         x, source, place, when = zip(*rows, strict=True)
         arrays = np.array(x)[:, None], np.array(source), np.full(len(x), "product")
-        cells = cells_of(*arrays, place, when, np.ones(len(x)))
+        cells = context_means(*arrays, place, when, np.ones(len(x)))
         yield cells, np.array([1e-5]), BETWEEN
 
 
 @pytest.mark.parametrize(("region", "year", "seed"), [(0.0, 0.0, 0), (0.3, 0.0, 1), (0.0, 0.3, 0)])
 def test_the_shares_of_region_and_year_are_recovered(region: float, year: float, seed: int) -> None:
-    model = learn_contexts(synthetic_classes(region, year, 60, seed))
+    model = fit_context_model(synthetic_classes(region, year, 60, seed))
     assert model.region == pytest.approx(region, abs=0.15)
     assert model.year == pytest.approx(year, abs=0.15)
 
@@ -49,25 +49,26 @@ def test_noise_is_what_few_rows_leave_over_what_sources_differ_by() -> None:
     """Rows of two sources, four and two of them; an axis without a difference between sources tells nothing."""
     x = np.array([[8.0, 7.0]] * 4 + [[8.4, 7.2]] * 2)
     names = np.array(["a"] * 4 + ["b"] * 2), np.full(6, "product")
-    cells = cells_of(x, *names, ["DE"] * 6, [2015] * 6, np.ones(6))
-    (line,) = _lines(cells, np.array([0.08, 0.05]), np.array([0.2, 0.0]))
+    cells = context_means(x, *names, ["DE"] * 6, [2015] * 6, np.ones(6))
+    (line,) = context_lines(cells, np.array([0.08, 0.05]), np.array([0.2, 0.0]))
     assert line.noise == pytest.approx([0.08 / 4 / 0.2, 0.08 / 2 / 0.2])
     assert line.means == pytest.approx([8.0, 8.4])
     assert line.between == 0.2
-    assert _lines(cells[:1], np.array([0.08, 0.05]), np.array([0.2, 0.0])) == []
+    assert [rows.tolist() for rows in line.sources] == [[0], [1]]
+    assert context_lines(cells[:1], np.array([0.08, 0.05]), np.array([0.2, 0.0])) == []
 
 
 def test_rows_that_say_neither_region_nor_year_are_no_context() -> None:
     x = np.array([[8.0], [8.1], [8.2]])
     names = np.array(["a", "b", "c"]), np.array(["product", "product", "museum"])
-    cells = cells_of(x, *names, [None, "DE", "FR"], [None, None, 1700], np.ones(3))
+    cells = context_means(x, *names, [None, "DE", "FR"], [None, None, 1700], np.ones(3))
     assert [(cell.source, cell.region, cell.year) for cell in cells] == [("b", "DE", None)]
 
 
 def test_rooms_weigh_and_not_boxes() -> None:
     x = np.array([[8.0], [9.0], [9.0], [9.0], [9.0]])
     names = np.full(5, "rooms"), np.full(5, "measured")
-    (cell,) = cells_of(x, *names, ["US"] * 5, [2015] * 5, np.array([1, 0.25, 0.25, 0.25, 0.25]))
+    (cell,) = context_means(x, *names, ["US"] * 5, [2015] * 5, np.array([1, 0.25, 0.25, 0.25, 0.25]))
     assert cell.mean[0] == pytest.approx(8.5)
     assert cell.rows[0] == pytest.approx(4 / 1.25)
 
@@ -76,7 +77,7 @@ def test_a_node_has_the_contexts_of_its_children_by_their_weight() -> None:
     names = np.array(["a"]), np.array(["product"])
     children = []
     for centre, mean in ((8.0, 8.2), (7.0, 7.0)):
-        cells = cells_of(np.array([[mean]]), *names, ["DE"], [2010], np.ones(1))
+        cells = context_means(np.array([[mean]]), *names, ["DE"], [2010], np.ones(1))
         children.append(class_contexts(plain(centre), ("length",), cells, np.array([0.001])))
     (both,) = inner_contexts(children, np.array([0.75, 0.25]), BETWEEN)
     assert both.offset[0] == pytest.approx(0.75 * 0.2)
@@ -91,7 +92,7 @@ def test_a_node_has_the_contexts_of_its_children_by_their_weight() -> None:
 
 def test_a_class_seen_there_is_moved_there() -> None:
     names = np.array(["a"]), np.array(["product"])
-    cells = cells_of(np.array([[8.2]]), *names, ["DE"], [2010], np.ones(1))
+    cells = context_means(np.array([[8.2]]), *names, ["DE"], [2010], np.ones(1))
     prior = class_contexts(plain(8.0), ("length",), cells, np.array([0.001]))
     model = ContextModel(0.3, 0.2, 0.0, 0.5, 12.0)
     moved = prior.in_context(Where("DE", 2010), model).means[0, 0]

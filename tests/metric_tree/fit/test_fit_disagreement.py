@@ -10,7 +10,7 @@ import pytest
 from metric_tree.axes import AXES
 from metric_tree.fit import evidence_model as kinds
 from metric_tree.fit.class_prior import class_mean, class_prior, shrunk_between
-from metric_tree.fit.evidence_model import KindModel, learn_kinds
+from metric_tree.fit.evidence_model import EvidenceModel, fit_evidence_model
 from metric_tree.fit.moments import VAGUE
 from metric_tree.fit.random_effects import source_means, with_statements
 from metric_tree.fit.rows import KIND_WEIGHT, ClassRows
@@ -77,10 +77,10 @@ def test_a_mixed_class_does_not_spoil_the_model():
     assert other < 1.3 * one
 
 
-def learned(classes) -> KindModel:
+def learned(classes) -> EvidenceModel:
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(kinds, "SHIPPED_CLASSES", 0.0)  # what these classes say alone
-        return learn_kinds((("objects", one) for one in classes), sorted(KIND_WEIGHT))
+        return fit_evidence_model((("objects", one) for one in classes), sorted(KIND_WEIGHT))
 
 
 def kinds_apart(seed: int, museum: float = 0.4, spread: float = 0.3):
@@ -102,7 +102,7 @@ def test_the_bias_and_the_spread_of_a_kind_are_learned_and_do_not_spoil_the_rest
 
 
 def test_museums_do_not_set_the_centre_of_a_class_that_has_anything_better():
-    model = KindModel(0.3, 0.05, {"museum": 0.35, "judged": 0.1})
+    model = EvidenceModel(0.3, 0.05, {"museum": 0.35, "judged": 0.1})
     x = np.tile([5.4, 5.2, 5.5], (40, 1)) + np.random.default_rng(0).normal(0, 0.2, (40, 3))
     museum = source_means(x, np.ones_like(x), np.ones(40), ["museum"] * 40, ["museum"] * 40, WITHIN)
     stated = with_statements(museum, ["judged"], ["judged"], np.array([[4.7, 4.4, 4.6]]))
@@ -114,7 +114,7 @@ def test_museums_do_not_set_the_centre_of_a_class_that_has_anything_better():
 def test_a_class_of_one_source_carries_the_models_disagreement():
     x, names, _ = many_sources(1, 30)
     rows = ClassRows("n", AXES, x, np.arange(30), tuple(names), ("product",) * 30, np.full((30, 3), np.nan), 30)
-    prior = class_prior(rows, VAGUE, KindModel(0.5, 0.1))
+    prior = class_prior(rows, VAGUE, EvidenceModel(0.5, 0.1))
     assert prior.n_sources == 1
     within = np.einsum("k,kii->i", prior.weights, prior.covariances)
     known = np.diag(prior.shared_covariance)  # the disagreement, and how well one source knows the centre
@@ -123,16 +123,16 @@ def test_a_class_of_one_source_carries_the_models_disagreement():
 
 def test_a_class_of_many_sources_carries_its_own():
     found = found_of(*many_sources(100, 5)[:2])
-    assert shrunk_between(found, KindModel(0.0, 0.0), "") == pytest.approx(found.between, rel=0.05)
+    assert shrunk_between(found, EvidenceModel(0.0, 0.0), "") == pytest.approx(found.between, rel=0.05)
 
 
 def test_offsets_of_sources_are_predicted_and_shrunk():
     x, names, effects = many_sources(40, 20)
     found = found_of(x, names)
-    predicted = class_mean(found, BETWEEN, KindModel(), "").effects
+    predicted = class_mean(found, BETWEEN, EvidenceModel(), "").effects
     centred = effects - effects.mean(axis=0)
     assert np.corrcoef(predicted.ravel(), centred.ravel())[0, 1] > 0.95
-    assert np.abs(class_mean(found, 1e-6 * np.eye(3), KindModel(), "").effects).max() < 0.01
+    assert np.abs(class_mean(found, 1e-6 * np.eye(3), EvidenceModel(), "").effects).max() < 0.01
 
 
 def test_the_spread_within_is_not_counted_twice():
@@ -140,7 +140,7 @@ def test_the_spread_within_is_not_counted_twice():
     x, names, _ = many_sources(10, 40)
     n = len(x)
     rows = ClassRows("n", AXES, x, np.arange(n), tuple(names), ("product",) * n, np.full((n, 3), np.nan), n)
-    prior = class_prior(rows, VAGUE, KindModel(), heldout=False)
+    prior = class_prior(rows, VAGUE, EvidenceModel(), heldout=False)
     within = np.einsum("k,kii->i", prior.weights, prior.covariances)
     assert within == pytest.approx(np.diag(WITHIN), rel=0.25)
     assert np.diag(prior.shared_covariance) == pytest.approx(np.diag(BETWEEN), rel=0.9)
@@ -153,7 +153,7 @@ def test_axes_that_a_source_does_not_state_are_left_out():
     found = source_means(x, known, np.ones(len(x)), names, ["product"] * len(x), WITHIN)
     assert np.isnan(found.means[0, 1])
     assert found.rows[0].tolist() == [5, 0, 5]
-    centre = class_mean(replace(found, within=WITHIN), 0.01 * np.eye(3), KindModel(), "")
+    centre = class_mean(replace(found, within=WITHIN), 0.01 * np.eye(3), EvidenceModel(), "")
     assert centre.effects[0, 1] == 0
     assert centre.variance[1] > centre.variance[0]
     assert np.isfinite(centre.effects).all()

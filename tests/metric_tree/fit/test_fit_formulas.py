@@ -9,9 +9,9 @@ import pytest
 
 from metric_tree.context import Context
 from metric_tree.fit import contexts, evidence_model, intraclass_correlation
-from metric_tree.fit.evidence_model import KindModel
-from metric_tree.fit.inner_priors import commonness, plain_weights
-from metric_tree.fit.mixture import Belief, Rows, _single_starts
+from metric_tree.fit.evidence_model import EvidenceModel
+from metric_tree.fit.inner_priors import child_frequencies, plain_name_weights
+from metric_tree.fit.mixture import NormalInverseWishart, Rows, single_starts
 from metric_tree.fit.random_effects import (
     CERTAIN_ROWS,
     MEAN_HALF_ROWS,
@@ -25,8 +25,8 @@ from metric_tree.fit.random_effects import (
 from metric_tree.fit.rows import (
     STATED_SHARED,
     ClassRows,
+    class_belief,
     nanmean,
-    own_belief,
     statements_of,
     take_rows,
     weighted_rows,
@@ -98,7 +98,7 @@ def test_the_means_rows_and_spreads_of_sources() -> None:
 
 
 def test_a_model_of_kinds_says_biases_errors_and_covariances() -> None:
-    model = KindModel(
+    model = EvidenceModel(
         share=0.4, spread=0.1, excess={"asset": 0.2, "statistic": 0.03}, bias={"asset": -0.1},
         family_bias={"asset f": 0.04}, family={"f": 2.0},
     )  # fmt: skip
@@ -111,18 +111,18 @@ def test_a_model_of_kinds_says_biases_errors_and_covariances() -> None:
     within = np.array([[0.04, 0.01], [0.01, 0.09]])
     assert model.between(within) == pytest.approx(0.4 * within + 0.01 * np.array([[1, 0.5], [0.5, 1]]))
     assert model.between(within, "f") == pytest.approx(2 * model.between(within))
-    other = KindModel(
+    other = EvidenceModel(
         share=0.1, spread=0.4, excess={"asset": 0.8}, bias={"asset": 0.1, "museum": 0.2}, family={"g": 0.5}
     )
     mixed = model.towards(other, 0.5)
     assert (mixed.share, mixed.spread) == pytest.approx((0.2, 0.2))
-    assert mixed.excess == pytest.approx({"asset": 0.4, "statistic": np.sqrt(0.03 * evidence_model.LEAST_SD)})
+    assert mixed.excess == pytest.approx({"asset": 0.4, "statistic": np.sqrt(0.03 * evidence_model.MIN_LOG_SD)})
     assert mixed.bias == pytest.approx({"asset": 0.0, "museum": 0.2})
     assert mixed.family == pytest.approx({"f": np.sqrt(2.0), "g": 0.5})
     assert mixed.family_bias == pytest.approx({"asset f": 0.02})
     assert model.towards(other, 1.0).share == pytest.approx(0.4)
     assert replace(model, share=0.123456).record()["share"] == 0.1235
-    assert KindModel.of_record(model.record()) == model
+    assert EvidenceModel.of_record(model.record()) == model
 
 
 def test_a_restricted_likelihood_is_that_of_differences() -> None:
@@ -134,14 +134,14 @@ def test_a_restricted_likelihood_is_that_of_differences() -> None:
         sum(-0.5 * (np.log(v) + (m - mu) ** 2 / v) for m, v in zip(means[0, :2], variances[0, :2], strict=True))
     )
     whole = np.log(dense.sum() * (mu[1] - mu[0]) / np.sqrt(2 * np.pi))
-    assert evidence_model._restricted_likelihood(means, variances, present)[0] == pytest.approx(whole, abs=1e-6)
-    plain, mixed = evidence_model._plain_and_mixed(means, variances, present)
+    assert evidence_model.restricted_likelihood(means, variances, present)[0] == pytest.approx(whole, abs=1e-6)
+    plain, mixed = evidence_model.sense_likelihoods(means, variances, present)
     assert plain[0] == pytest.approx(whole + np.log(1 - evidence_model.MIXED_SHARE), abs=1e-6)
-    wide = evidence_model._restricted_likelihood(means, variances + evidence_model.MIXED_SD**2, present)
+    wide = evidence_model.restricted_likelihood(means, variances + evidence_model.MIXED_SD**2, present)
     assert mixed == pytest.approx(wide + np.log(evidence_model.MIXED_SHARE))
 
 
-def _table() -> tuple[evidence_model._KindTable, list[str], list[str]]:
+def _table() -> evidence_model.SourceTable:
     generator = np.random.default_rng(3)
     lines, names = 40, ["product", "asset", "measured"]
     kind = np.tile([0, 1, 2, 0], (lines, 1))
@@ -151,39 +151,36 @@ def _table() -> tuple[evidence_model._KindTable, list[str], list[str]]:
     present = np.ones((lines, 4))
     present[::5, 3] = 0.0
     within = np.full(lines, 0.01)
-    return (
-        evidence_model._KindTable(means, np.full((lines, 4), 0.0004), present, within, kind, family),
-        names,
-        ["f", "g"],
-    )
+    noise = np.full((lines, 4), 0.0004)
+    return evidence_model.SourceTable(means, noise, present, within, kind, family, names, ["f", "g"])
 
 
 def test_biases_are_the_ridge_regression_with_class_means_out() -> None:
-    table, names, families = _table()
-    start = KindModel(share=0.3, spread=0.02, excess={})
-    model = evidence_model._with_biases(start, table, names, families)
+    table = _table()
+    start = EvidenceModel(share=0.3, spread=0.02, excess={})
+    model = evidence_model.with_biases(start, table)
     assert model.bias["asset"] == pytest.approx(0.25, abs=0.05)
     assert model.bias_of("asset", "g") - model.bias_of("asset", "f") == pytest.approx(0.1, abs=0.03)
     assert abs(model.bias["product"]) < 0.03
     assert "measured" not in model.bias
-    variances = evidence_model._variances(start, table, names, families)
+    variances = table.variances(start)
     assert variances == pytest.approx(0.3 * 0.01 + 0.02**2 + 0.0004)
-    excess = evidence_model._variances(replace(start, excess={"asset": 0.1}, family={"g": 3.0}), table, names, families)
+    excess = table.variances(replace(start, excess={"asset": 0.1}, family={"g": 3.0}))
     assert excess[0] == pytest.approx([0.0038, 0.0138, 0.0038, 0.0038])
     assert excess[1, 0] == pytest.approx(3 * 0.0034 + 0.0004)
-    offsets = evidence_model._offsets(model, table, names, families)
-    assert offsets[1] == pytest.approx([model.bias_of(names[k], "g") for k in table.kind[1]])
+    offsets = table.biases(model)
+    assert offsets[1] == pytest.approx([model.bias_of(table.kinds[k], "g") for k in table.kind[1]])
 
     # the normal equations hold: the penalty's slope is that of the weighted squares
-    def height(one: KindModel) -> float:
-        means = table.means - evidence_model._offsets(one, table, names, families)
+    def height(one: EvidenceModel) -> float:
+        means = table.means - table.biases(one)
         weight = table.present / variances
         mu = (weight * means).sum(axis=1) / weight.sum(axis=1)
         prior = sum((value / evidence_model.BIAS_SD[key]) ** 2 for key, value in one.bias.items())
         prior += sum((value / evidence_model.FAMILY_SD[key.split()[0]]) ** 2 for key, value in one.family_bias.items())
         return float((trust[:, None] * weight * (means - mu[:, None]) ** 2).sum() + prior)
 
-    plain, mixed = evidence_model._plain_and_mixed(table.means, variances, table.present)
+    plain, mixed = evidence_model.sense_likelihoods(table.means, variances, table.present)
     trust = 1 / (1 + np.exp(mixed - plain))
     best = height(model)
     for step in (-0.01, 0.01):
@@ -199,7 +196,7 @@ def test_ratios_of_spread_lean_on_ten_classes_of_no_difference() -> None:
         one, sources=("a", "b", "c", "d"), kinds=("product", "measured", "asset", "museum"),
         spreads=np.array([0.1, 0.4, 0.4, NAN]),
     )  # fmt: skip
-    ratios = evidence_model._spread_ratios([known, known, one])
+    ratios = evidence_model.spread_ratios([known, known, one])
     assert ratios == pytest.approx({"asset": 2 * np.log(0.4 / 0.2) / 12, "museum": 0.0})
 
 
@@ -207,7 +204,7 @@ def test_sameness_by_the_mean_squares() -> None:
     generator = np.random.default_rng(0)
     rooms = np.repeat(np.arange(30), 3)[:-1]
     x = generator.normal(0, 0.1, 30)[rooms] + generator.normal(0, 0.1, 89)
-    one = intraclass_correlation._of_axis(np.append(x, NAN), np.append(rooms, 99).astype(str))
+    one = intraclass_correlation.axis_correlation(np.append(x, NAN), np.append(rooms, 99).astype(str))
     assert one is not None
     counts = np.bincount(rooms)
     means = np.bincount(rooms, x) / counts
@@ -215,32 +212,32 @@ def test_sameness_by_the_mean_squares() -> None:
     msw = ((x - means[rooms]) ** 2).sum() / (89 - 30)
     n0 = (89 - (counts**2).sum() / 89) / 29
     share = (msb - msw) / (msb + (n0 - 1) * msw)
-    assert one.share == pytest.approx(share, rel=1e-9)
+    assert one.value == pytest.approx(share, rel=1e-9)
     variance = 2 * 88 * (1 - share) ** 2 * (1 + (n0 - 1) * share) ** 2 / (n0**2 * 59 * 29)
     assert one.sd == pytest.approx(np.sqrt(variance))
-    few = intraclass_correlation._of_axis(np.zeros(14), np.repeat(np.arange(7), 2).astype(str))
+    few = intraclass_correlation.axis_correlation(np.zeros(14), np.repeat(np.arange(7), 2).astype(str))
     assert few is None
 
 
 def test_classes_shrink_by_how_much_they_differ() -> None:
     classes = {
-        "a": intraclass_correlation.Sameness(0.2, 0.1),
-        "b": intraclass_correlation.Sameness(0.6, 0.2),
-        "c": intraclass_correlation.Sameness(0.9, 0.05),
+        "a": intraclass_correlation.IntraclassCorrelation(0.2, 0.1),
+        "b": intraclass_correlation.IntraclassCorrelation(0.6, 0.2),
+        "c": intraclass_correlation.IntraclassCorrelation(0.9, 0.05),
     }
-    shrunk, other = intraclass_correlation.shrunk_sameness(classes)
+    shrunk, other = intraclass_correlation.shrunk_correlations(classes)
     share, variance = np.array([0.2, 0.6, 0.9]), np.array([0.01, 0.04, 0.0025])
     weight = 1 / variance
     mean = (weight * share).sum() / weight.sum()
     between = ((weight * (share - mean) ** 2).sum() - 2) / (weight.sum() - (weight**2).sum() / weight.sum())
     weight = 1 / (variance + between)
     mean = (weight * share).sum() / weight.sum()
-    assert other.share == pytest.approx(mean)
+    assert other.value == pytest.approx(mean)
     assert other.sd == pytest.approx(np.sqrt(between + 1 / weight.sum()))
     for one, own, var in zip("abc", share, variance, strict=True):
-        assert shrunk[one].share == pytest.approx((own / var + mean / between) / (1 / var + 1 / between))
+        assert shrunk[one].value == pytest.approx((own / var + mean / between) / (1 / var + 1 / between))
         assert shrunk[one].sd == pytest.approx(np.sqrt(1 / (1 / var + 1 / between)))
-    assert intraclass_correlation.shrunk_sameness({"a": classes["a"], "b": classes["b"]})[0] == {}
+    assert intraclass_correlation.shrunk_correlations({"a": classes["a"], "b": classes["b"]})[0] == {}
 
 
 def _context(
@@ -252,29 +249,33 @@ def _context(
 def test_contexts_of_children_by_their_weight_and_what_they_leave_out() -> None:
     shared = np.array([0.04, 0.09])
     own = [(0.3, _context("s", [0.1, NAN], [0.01, NAN])), (0.5, _context("s", [0.3, 0.2], [0.02, 0.03], year=2004.0))]
-    (one,) = contexts._together(own, shared)
+    one = contexts.combined_context(own, shared)
+    assert one is not None
     assert one.offset == pytest.approx([(0.3 * 0.1 + 0.5 * 0.3) / 0.8, 0.2])
     assert one.variance == pytest.approx(
         [(0.09 * 0.01 + 0.25 * 0.02) / 0.64 + 0.2 / 0.8 * 0.04, 0.03 + 0.5 / 0.5 * 0.09], abs=1e-6
     )
     assert one.year == pytest.approx((0.3 * 2001 + 0.5 * 2004) / 0.8)
     assert (one.source, one.region) == ("s", "DE")
-    assert contexts._together([(0.19, own[0][1])], shared) == []
-    (thin,) = contexts._together([(0.2, own[0][1]), (0.1, _context("s", [NAN, 0.2], [NAN, 0.1]))], shared)
+    assert contexts.combined_context([(0.19, own[0][1])], shared) is None
+    thin = contexts.combined_context([(0.2, own[0][1]), (0.1, _context("s", [NAN, 0.2], [NAN, 0.1]))], shared)
+    assert thin is not None
     assert np.isnan(thin.offset[1])
     assert thin.offset[0] == pytest.approx(0.1)
-    groups = contexts._contexts_by_source([
-        (_prior((_context("s", [0.1], [0.01], year=2004.0), _context("t", [0.2], [0.01], None, None))), 0.5),
-        (_prior((_context("s", [0.3], [0.01], year=2005.0),)), 0.5),
-    ], shared[:1])  # fmt: skip
+    children = [
+        _prior((_context("s", [0.1], [0.01], year=2004.0), _context("t", [0.2], [0.01], None, None))),
+        _prior((_context("s", [0.3], [0.01], year=2005.0),)),
+    ]
+    groups = contexts.inner_contexts(children, np.array([0.5, 0.5]), shared[:1])
     assert [(one.source, one.region, one.year) for one in groups] == [
         ("s", "DE", 2004),
         ("s", "DE", 2005),
         ("t", None, None),
     ]
-    offset, variance = contexts._round_context(np.array([0.1234567, NAN]), np.array([0.0, 0.0]))
-    assert (offset[0], variance[0]) == pytest.approx((0.12346, 1e-6), rel=1e-9)
-    assert np.isnan(variance[1])
+    rounded = contexts.combined_context([(1.0, _context("s", [0.1234567, NAN], [0.0, 0.0]))], shared)
+    assert rounded is not None
+    assert (rounded.offset[0], rounded.variance[0]) == pytest.approx((0.12346, 1e-6), rel=1e-9)
+    assert np.isnan(rounded.variance[1])
 
 
 def _prior(some: tuple[Context, ...]) -> Prior:
@@ -284,29 +285,27 @@ def _prior(some: tuple[Context, ...]) -> Prior:
     )
 
 
-def test_places_of_each_source() -> None:
-    assert [rows.tolist() for rows in contexts._by_source(["b", "a", "b", "c"])] == [[1], [0, 2], [3]]
-
-
 def test_how_common_children_are_by_their_witnesses() -> None:
     counts = [{"shop": 30, "rooms": 90}, {"shop": 70, "rooms": 10}, {}]
     trust = {"shop": 0.5, "rooms": 1.0}
     weight = np.array([1.0 * 100 / 110, 0.5 * 100 / 110])
     shares = np.array([[0.9, 0.3], [0.1, 0.7], [0.0, 0.0]]) @ weight / weight.sum()
     alike = max(0.1, 0.5 / (0.5 + weight.sum()))
-    assert commonness(counts, trust) == pytest.approx(alike / 3 + (1 - alike) * shares)
-    assert commonness(counts, trust, np.array([1.0, 0.0, 1.0])) == pytest.approx(
+    assert child_frequencies(counts, trust) == pytest.approx(alike / 3 + (1 - alike) * shares)
+    assert child_frequencies(counts, trust, np.array([1.0, 0.0, 1.0])) == pytest.approx(
         alike * np.array([0.5, 0, 0.5]) + (1 - alike) * shares
     )
-    assert commonness([{}, {}], trust).tolist() == [0.5, 0.5]
+    assert child_frequencies([{}, {}], trust).tolist() == [0.5, 0.5]
     common = np.array([0.5, 0.3, 0.2])
     children = ["a.n.01/other", "b.n.01", "c.n.01"]
-    assert plain_weights("a.n.01", children, common) == pytest.approx([0.8, 0.2 * 0.6, 0.2 * 0.4])
-    assert plain_weights("a.n.01", children, np.array([0.9, 0.06, 0.04])) == pytest.approx([0.9, 0.06, 0.04])
-    assert plain_weights("a.n.01", children, common, {"b.n.01": 2.0, "c.n.01": 6.0}) == pytest.approx([0, 0.25, 0.75])
-    assert plain_weights("a.n.01", children, common, None, [False, False, True]) == pytest.approx([0.8, 0.0, 0.2])
-    assert plain_weights("a.n.01", ["a_seat.n.01", "b.n.01", "c.n.01"], common) == pytest.approx([0, 0.6, 0.4])
-    assert plain_weights("a.n.01", ["b.n.01", "c.n.01"], common[1:]) == pytest.approx(common[1:])
+    assert plain_name_weights("a.n.01", children, common) == pytest.approx([0.8, 0.2 * 0.6, 0.2 * 0.4])
+    assert plain_name_weights("a.n.01", children, np.array([0.9, 0.06, 0.04])) == pytest.approx([0.9, 0.06, 0.04])
+    assert plain_name_weights("a.n.01", children, common, {"b.n.01": 2.0, "c.n.01": 6.0}) == pytest.approx(
+        [0, 0.25, 0.75]
+    )
+    assert plain_name_weights("a.n.01", children, common, None, [False, False, True]) == pytest.approx([0.8, 0.0, 0.2])
+    assert plain_name_weights("a.n.01", ["a_seat.n.01", "b.n.01", "c.n.01"], common) == pytest.approx([0, 0.6, 0.4])
+    assert plain_name_weights("a.n.01", ["b.n.01", "c.n.01"], common[1:]) == pytest.approx(common[1:])
 
 
 def _rows(kind: list[str], values: list[list[float]], sd: float = NAN, owner: list[int] | None = None) -> ClassRows:
@@ -342,8 +341,8 @@ def test_what_ranges_state_source_by_source() -> None:
     hidden = _rows(["judged", "judged"], [[1, 2, NAN], [2, 1, NAN], [3, 3, 3]], 0.2, owner=[0, 0, 1])
     assert statements_of(hidden).means == pytest.approx(np.array([[3, 3, 3]]))
     assert nanmean(np.array([[1.0, NAN, 2.0], [3.0, NAN, NAN]])) == pytest.approx([2, NAN, 2], nan_ok=True)
-    belief = Belief(np.zeros(3), 2.0, np.diag([0.04, 0.09, 0.01]), 8.0)
-    own = own_belief(belief, stated)
+    belief = NormalInverseWishart(np.zeros(3), 2.0, np.diag([0.04, 0.09, 0.01]), 8.0)
+    own = class_belief(belief, stated)
     assert own.mean == pytest.approx([3.5, 3.5, 5])
     assert own.mean_rows == pytest.approx(max(2.0, (1 - STATED_SHARED) / STATED_SHARED))
     assert np.diagonal(own.covariance) == pytest.approx([(1 - STATED_SHARED) * 0.04] * 3)
@@ -354,13 +353,13 @@ def test_what_ranges_state_source_by_source() -> None:
 def test_a_fit_starts_at_the_belief_and_at_each_rank_of_candidates() -> None:
     x = np.array([[1.0, 2.0], [2.0, 1.0], [3.0, NAN], [5.0, NAN]])
     hidden = Rows(x, np.array([0, 0, 1, 2]), np.array([1.0, 2.0, 1.0]))
-    unsure = Belief(np.array([9.0, 8.0]), 0.1, np.eye(2), 8.0)
-    belief, first, second = (start.means[0].tolist() for start in _single_starts(hidden, unsure))
+    unsure = NormalInverseWishart(np.array([9.0, 8.0]), 0.1, np.eye(2), 8.0)
+    belief, first, second = (start.means[0].tolist() for start in single_starts(hidden, unsure))
     assert (belief, first) == ([9, 8], pytest.approx([(1 + 2 * 3 + 5) / 4, 2.0]))
     assert second == pytest.approx([(2 + 2 * 3 + 5) / 4, 1.0])
     plain = Rows(x[2:], np.array([0, 1]), np.ones(2))
-    assert len(_single_starts(plain, unsure)) == 1
-    assert len(_single_starts(hidden, replace(unsure, mean_rows=5.0))) == 1
+    assert len(single_starts(plain, unsure)) == 1
+    assert len(single_starts(hidden, replace(unsure, mean_rows=5.0))) == 1
 
 
 def test_a_stated_range_stands_for_ten_whole_rows() -> None:

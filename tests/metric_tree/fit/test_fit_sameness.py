@@ -5,7 +5,12 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from metric_tree.fit.intraclass_correlation import DEFAULT_MEAN, Sameness, class_sameness, shrunk_sameness
+from metric_tree.fit.intraclass_correlation import (
+    DEFAULT_MEAN,
+    IntraclassCorrelation,
+    class_correlation,
+    shrunk_correlations,
+)
 
 
 def rooms(share: float, n: int = 60, objects: int = 5, seed: int = 0):
@@ -18,42 +23,46 @@ def rooms(share: float, n: int = 60, objects: int = 5, seed: int = 0):
 
 @pytest.mark.parametrize("share", [0.0, 0.3, 0.8])
 def test_the_share_is_recovered(share: float) -> None:
-    found = class_sameness(*rooms(share))
+    found = class_correlation(*rooms(share))
     assert found is not None
-    assert abs(found.share - share) < 3 * found.sd + 0.03
+    assert abs(found.value - share) < 3 * found.sd + 0.03
     assert 0 < found.sd < 0.15
 
 
 def test_sets_that_hold_the_same_objects_twice_are_no_evidence() -> None:
     x, source, scene = rooms(0.0)
     twice = np.concatenate([source, np.full(len(source) - 5, "again")])
-    found = class_sameness(np.concatenate([x, x[5:]]), twice, np.concatenate([scene, scene[5:]]))
+    found = class_correlation(np.concatenate([x, x[5:]]), twice, np.concatenate([scene, scene[5:]]))
     assert found is not None
-    assert found.share < 0.15
+    assert found.value < 0.15
 
 
 def test_few_rooms_say_nothing() -> None:
-    assert class_sameness(*rooms(0.5, n=5)) is None
+    assert class_correlation(*rooms(0.5, n=5)) is None
     x, source, _ = rooms(0.5)
-    assert class_sameness(x, source, np.full(len(x), "")) is None
+    assert class_correlation(x, source, np.full(len(x), "")) is None
 
 
 def test_an_uncertain_class_leans_on_the_others() -> None:
-    classes = {f"c{n}": Sameness(0.5 + 0.02 * n, 0.05) for n in range(5)} | {"thin": Sameness(0.0, 0.4)}
-    shrunk, other = shrunk_sameness(classes)
-    assert shrunk["thin"].share > 0.3
-    assert shrunk["c0"].share == pytest.approx(0.5, abs=0.05)
-    assert other.share == pytest.approx(0.54, abs=0.05)
-    assert shrunk_sameness({})[1].share == DEFAULT_MEAN
+    classes = {f"c{n}": IntraclassCorrelation(0.5 + 0.02 * n, 0.05) for n in range(5)} | {
+        "thin": IntraclassCorrelation(0.0, 0.4)
+    }
+    shrunk, other = shrunk_correlations(classes)
+    assert shrunk["thin"].value > 0.3
+    assert shrunk["c0"].value == pytest.approx(0.5, abs=0.05)
+    assert other.value == pytest.approx(0.54, abs=0.05)
+    assert shrunk_correlations({})[1].value == DEFAULT_MEAN
 
 
 def test_another_class_is_as_uncertain_as_the_known_ones_differ() -> None:
     """Of classes known exactly the variance between them is the sample's; the mean of k adds a k-th of it."""
     shares = np.array([0.2, 0.4, 0.6, 0.8])
-    shrunk, other = shrunk_sameness({f"c{row}": Sameness(share, 1e-4) for row, share in enumerate(shares)})
-    assert other.share == pytest.approx(0.5)
+    shrunk, other = shrunk_correlations(
+        {f"c{row}": IntraclassCorrelation(share, 1e-4) for row, share in enumerate(shares)}
+    )
+    assert other.value == pytest.approx(0.5)
     assert other.sd == pytest.approx(np.sqrt(shares.var(ddof=1) * (1 + 1 / 4)), rel=1e-3)
-    assert [shrunk[f"c{row}"].share for row in range(4)] == pytest.approx(shares, abs=1e-3)
+    assert [shrunk[f"c{row}"].value for row in range(4)] == pytest.approx(shares, abs=1e-3)
 
 
 def test_only_the_source_with_most_rooms_counts() -> None:
@@ -63,5 +72,5 @@ def test_only_the_source_with_most_rooms_counts() -> None:
         np.concatenate([source, np.full(len(y), "few")]),
         np.concatenate([scene, np.char.add("few ", other)]),
     )
-    both = class_sameness(np.concatenate([x, y]), sources, scenes)
-    assert both == class_sameness(x, source, scene)
+    both = class_correlation(np.concatenate([x, y]), sources, scenes)
+    assert both == class_correlation(x, source, scene)

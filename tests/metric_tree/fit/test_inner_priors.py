@@ -5,8 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from metric_tree.fit import inner_priors
-from metric_tree.fit.mixture import Mixture
+from metric_tree.fit.mixture import Mixture, merge_costs, merged_moments, reduce_mixture
 
 
 def _mixture(k: int, seed: int = 3) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
@@ -30,7 +29,7 @@ def _moments(weights: np.ndarray, means: np.ndarray, covariances: np.ndarray) ->
 
 def test_a_pair_keeps_the_moments_of_its_two() -> None:
     weights, means, covariances = _mixture(4)
-    total, mean, covariance = inner_priors._pair(weights, means, covariances, 1)
+    total, mean, covariance = merged_moments(weights, means, covariances, 1)
     for j in (0, 2, 3):
         both = [1, j]
         expected = _moments(weights[both], means[both], covariances[both])
@@ -42,7 +41,7 @@ def test_a_pair_keeps_the_moments_of_its_two() -> None:
 def test_the_cost_of_a_merge_is_runnalls_bound() -> None:
     """Runnalls (2007), equation 21: half of what the log determinants grow by; never with itself."""
     weights, means, covariances = _mixture(3)
-    cost = inner_priors._costs(weights, means, covariances, 0)
+    cost = merge_costs(weights, means, covariances, 0)
     assert np.isinf(cost[0])
     for j in (1, 2):
         both = [0, j]
@@ -54,7 +53,7 @@ def test_the_cost_of_a_merge_is_runnalls_bound() -> None:
 @pytest.mark.parametrize("components", [1, 2, 3])
 def test_a_reduced_mixture_keeps_mean_and_covariance(components: int) -> None:
     weights, means, covariances = _mixture(6)
-    reduced = inner_priors.reduce_mixture(Mixture(weights, means, covariances), components)
+    reduced = reduce_mixture(Mixture(weights, means, covariances), components)
     assert len(reduced.weights) == components
     before, after = _moments(weights, means, covariances), _moments(reduced.weights, reduced.means, reduced.covariances)
     assert after[0] == pytest.approx(before[0])

@@ -7,7 +7,7 @@ import pytest
 
 from metric_tree.curated.sizes import norms
 from metric_tree.fit.class_prior import class_prior
-from metric_tree.fit.evidence_model import KindModel, learn_kinds, shipped_model
+from metric_tree.fit.evidence_model import EvidenceModel, fit_evidence_model, shipped_model
 from metric_tree.fit.moments import VAGUE
 from metric_tree.tree import open_tree
 from taxonomy.catalogue import default_catalogue
@@ -57,7 +57,7 @@ def test_neither_a_bias_nor_items_move_a_norm() -> None:
     x = np.log([[120.0, 120.0, 1.2], [142.0, 125.0, 10.0], [140.0, 124.0, 9.0]])
     sd = np.array([[0.002] * 3, [np.nan] * 3, [np.nan] * 3])
     rows = class_rows(x, sources=["norms", "shop", "shop"], kinds=["norm", "product", "product"], range_sd=sd)
-    model = KindModel(bias={"product": 0.3, "judged": 0.3, "norm": 0.3})
+    model = EvidenceModel(bias={"product": 0.3, "judged": 0.3, "norm": 0.3})
     prior = class_prior(rows, VAGUE, model, heldout=False)
     assert prior.quantile(0.5) == pytest.approx([120, 120, 1.2])
     assert prior.log_sd() == pytest.approx([0.002] * 3, rel=0.01)
@@ -65,8 +65,8 @@ def test_neither_a_bias_nor_items_move_a_norm() -> None:
 
 
 def test_a_release_of_few_classes_takes_the_shipped_model() -> None:
-    assert learn_kinds([], []) is shipped_model()
-    own, shipped = KindModel(share=1.0, bias={"asset": 0.4}), KindModel(share=0.25, bias={"asset": 0.0})
+    assert fit_evidence_model([], []) is shipped_model()
+    own, shipped = EvidenceModel(share=1.0, bias={"asset": 0.4}), EvidenceModel(share=0.25, bias={"asset": 0.0})
     mixed = own.towards(shipped, 0.5)
     assert mixed.share == pytest.approx(0.5)
     assert mixed.bias["asset"] == pytest.approx(0.2)

@@ -18,7 +18,7 @@ from metric_tree.fit.class_prior import NEW_SOURCE
 from metric_tree.fit.rows import EVIDENCE
 from metric_tree.pipeline import build as build_module
 from metric_tree.pipeline.build import BuildOptions, build_release
-from metric_tree.pipeline.ingest import believed_spread, is_held_out
+from metric_tree.pipeline.ingest import is_held_out, widened_sd
 from metric_tree.pipeline.work_folder import sole_writer
 from metric_tree.tree import open_tree
 from tests.synthetic.raw_fixture import SOURCES, TYPICAL, synthetic_items, written
@@ -167,7 +167,7 @@ def test_curated_ranges_give_a_prior_where_there_is_nothing_else(tmp_path):
     assert prior.quantile(0.5) == pytest.approx([400, 350, 450], rel=0.04)  # the bias of a range in the shipped model
     spread = prior.log_sd()
     for axis, low, high in ((0, 350, 450), (2, 400, 700)):
-        believed = believed_spread(low, high)
+        believed = widened_sd(low, high)
         assert spread[axis] == pytest.approx(believed * NEW_SOURCE.factor(0, believed) ** 0.5, rel=0.01)
     sofa = tree.find("sofa").prior()  # a range far off counts as one source of five
     assert 0 < sofa.share_by_kind["judged"] < 0.5

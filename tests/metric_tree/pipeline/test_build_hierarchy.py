@@ -10,17 +10,16 @@ from hypothesis import strategies as st
 from metric_tree.axes import AXES, EXTENTS
 from metric_tree.curated.rules import BadExclusion, BadFrequency, Exclusions, shipped_exclusions, stated_frequencies
 from metric_tree.fit.inner_priors import (
-    PLAIN_SHARE,
-    belief_of,
-    commonness,
+    PLAIN_NAME_WEIGHT,
+    child_belief,
+    child_frequencies,
     inner_priors,
-    is_called,
     is_part,
-    plain_weights,
-    presence,
-    reduce_mixture,
+    plain_name_weights,
+    present_fraction,
+    shares_plain_name,
 )
-from metric_tree.fit.mixture import Mixture
+from metric_tree.fit.mixture import Mixture, reduce_mixture
 from metric_tree.fit.moments import VAGUE, Moments
 from metric_tree.pipeline.build import shipped_taxonomy
 from metric_tree.prior import Prior
@@ -75,16 +74,16 @@ def test_reduction_merges_what_is_alike():
 
 def test_a_thousand_pages_of_one_shop_are_one_witness():
     counts = [{"shop": 10_000, "flea market": 10}, {"shop": 100, "flea market": 90}]
-    shares = commonness(counts, TRUST)
+    shares = child_frequencies(counts, TRUST)
     assert shares.sum() == pytest.approx(1)
     assert 0.4 < shares[1] < 0.6  # by pages it would be 0.02
 
 
 def test_children_without_witness_share_a_tenth_or_more_where_witnesses_weigh_little():
     many = dict.fromkeys("abcdefgh", 1.0)
-    assert commonness([dict.fromkeys(many, 1000), {}], many) == pytest.approx([0.95, 0.05])
-    assert 0.5 < commonness([{"shop": 1}, {}], TRUST)[0] < 0.6  # one page says next to nothing
-    assert commonness([{}, {}], TRUST) == pytest.approx([0.5, 0.5])
+    assert child_frequencies([dict.fromkeys(many, 1000), {}], many) == pytest.approx([0.95, 0.05])
+    assert 0.5 < child_frequencies([{"shop": 1}, {}], TRUST)[0] < 0.6  # one page says next to nothing
+    assert child_frequencies([{}, {}], TRUST) == pytest.approx([0.5, 0.5])
 
 
 def test_a_node_speaks_of_the_axes_that_most_of_it_states():
@@ -114,27 +113,29 @@ def test_a_parent_believes_the_mean_of_its_children_little_and_their_spread_more
     children = [
         Moments(str(mean), AXES, np.full(3, mean), 0.01 * np.eye(3), np.full(3, 20.0), None) for mean in (5.0, 6.0, 7.0)
     ]
-    belief = belief_of(children)
+    belief = child_belief(children)
     assert belief.mean == pytest.approx(np.full(3, 6.0), abs=0.1)
     assert belief.mean_rows < 0.1
     assert np.diag(belief.covariance) == pytest.approx(np.full(3, 0.025), rel=0.3)
-    assert belief_of([]) == VAGUE
+    assert child_belief([]) == VAGUE
 
 
 def test_axes_that_a_child_does_not_state_do_not_count():
     known = np.array([1.0, 1.0, 0.0])
     stating = Moments("a", AXES, np.array([6.0, 6.0, 6.0]), 0.01 * np.eye(3), np.ones(3), None)
     silent = Moments("b", AXES, np.array([6.0, 6.0, 60.0]), 0.01 * np.eye(3), known, None)
-    assert belief_of([stating, silent]).mean[2] < 6.5
+    assert child_belief([stating, silent]).mean[2] < 6.5
 
 
 def test_the_leaf_of_the_plain_name_has_most_of_it_unless_a_reviewer_says_otherwise():
     children = ["mug/other", "tankard", "beaker"]
-    weights = plain_weights("mug", children, np.array([0.1, 0.6, 0.3]))
-    assert weights == pytest.approx([PLAIN_SHARE, (1 - PLAIN_SHARE) * 2 / 3, (1 - PLAIN_SHARE) / 3])
-    assert plain_weights("mug", children, np.array([0.9, 0.05, 0.05]))[0] == pytest.approx(0.9)
-    assert plain_weights("mug", children[1:], np.array([0.7, 0.3])) == pytest.approx([0.7, 0.3])
-    assert plain_weights("mug", children, np.ones(3) / 3, {"tankard": 1.0, "gone": 3.0}) == pytest.approx([0, 1, 0])
+    weights = plain_name_weights("mug", children, np.array([0.1, 0.6, 0.3]))
+    assert weights == pytest.approx([PLAIN_NAME_WEIGHT, (1 - PLAIN_NAME_WEIGHT) * 2 / 3, (1 - PLAIN_NAME_WEIGHT) / 3])
+    assert plain_name_weights("mug", children, np.array([0.9, 0.05, 0.05]))[0] == pytest.approx(0.9)
+    assert plain_name_weights("mug", children[1:], np.array([0.7, 0.3])) == pytest.approx([0.7, 0.3])
+    assert plain_name_weights("mug", children, np.ones(3) / 3, {"tankard": 1.0, "gone": 3.0}) == pytest.approx(
+        [0, 1, 0]
+    )
 
 
 def test_children_without_weight_are_not_in_the_mixture():
@@ -182,23 +183,25 @@ def test_an_exclusion_that_says_too_little_is_refused(tmp_path, row: str, says: 
 
 def test_parts_are_not_in_the_plain_name():
     children = ["toilet.n.02/other", "flush_toilet.n.01", "toilet_seat.n.01"]
-    weights = plain_weights("toilet.n.02", children, np.array([0.2, 0.2, 0.6]))
-    assert weights == pytest.approx([PLAIN_SHARE, 1 - PLAIN_SHARE, 0])
-    assert plain_weights("toilet.n.02", children[2:], np.ones(1)) == pytest.approx([1])
+    weights = plain_name_weights("toilet.n.02", children, np.array([0.2, 0.2, 0.6]))
+    assert weights == pytest.approx([PLAIN_NAME_WEIGHT, 1 - PLAIN_NAME_WEIGHT, 0])
+    assert plain_name_weights("toilet.n.02", children[2:], np.ones(1)) == pytest.approx([1])
     assert not is_part("mt:dog_other", "dog.n.01")
 
 
 def test_what_is_not_called_by_the_plain_name_weighs_nothing_in_it() -> None:
     categories = {one.node_id: one for one in shipped_taxonomy().categories()}
     iron, children = categories["iron.n.04"], ["iron.n.04/other", "steam_iron.n.01", "ironing_board.n.01"]
-    kinds = [is_called(categories[child], iron) for child in children]
+    kinds = [shares_plain_name(categories[child], iron) for child in children]
     assert kinds[1:] == [True, False]
-    assert plain_weights("iron.n.04", children, np.ones(3) / 3, kinds=kinds) == pytest.approx([0.8, 0.2, 0.0])
-    assert plain_weights("iron.n.04", children, np.ones(3) / 3, kinds=[False] * 3) == pytest.approx([1.0, 0.0, 0.0])
+    assert plain_name_weights("iron.n.04", children, np.ones(3) / 3, has_name=kinds) == pytest.approx([0.8, 0.2, 0.0])
+    assert plain_name_weights("iron.n.04", children, np.ones(3) / 3, has_name=[False] * 3) == pytest.approx(
+        [1.0, 0.0, 0.0]
+    )
 
 
 def test_what_a_museum_alone_keeps_is_not_what_people_mean() -> None:
     own = [[child("a", 5.0)], [child("b", 5.0, kind="museum")], [child("c", 5.0)]]
-    common = commonness([{}, {}, {}], TRUST, presence(own))
+    common = child_frequencies([{}, {}, {}], TRUST, present_fraction(own))
     assert common[1] < 0.02
     assert common[0] == pytest.approx(common[2])

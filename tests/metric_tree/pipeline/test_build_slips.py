@@ -7,7 +7,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from metric_tree.checks.unit_errors import FACTORS, Reference, reference, sibling_reference, slip_factors
+from metric_tree.checks.unit_errors import FACTORS, Reference, class_reference, sibling_reference, unit_error_factors
 
 TYPICAL = np.array([2000.0, 900.0, 850.0])
 
@@ -21,9 +21,9 @@ def extents(n: int = 60, spread: float = 0.12) -> np.ndarray:
 def test_a_row_in_another_unit_is_found_with_its_factor(factor, down, row):
     factor = 1 / factor if down else factor
     sizes = extents()
-    sizes[row] = np.exp(reference(sizes).centre)  # the typical one of its class
+    sizes[row] = np.exp(class_reference(sizes).centre)  # the typical one of its class
     sizes[row] *= factor
-    found = slip_factors(sizes, reference(sizes))
+    found = unit_error_factors(sizes, class_reference(sizes))
     assert found[row] == pytest.approx(factor)
     assert np.all(np.delete(found, row) == 1.0)
 
@@ -31,21 +31,21 @@ def test_a_row_in_another_unit_is_found_with_its_factor(factor, down, row):
 def test_one_axis_in_another_unit_is_found():
     sizes = extents()
     sizes[5] = [8500.0, 2000.0, 900.0]  # the height has a zero too many
-    assert slip_factors(sizes, reference(sizes))[5] != 1.0
+    assert unit_error_factors(sizes, class_reference(sizes))[5] != 1.0
 
 
 def test_one_axis_in_another_unit_is_no_slip_where_another_axis_is_odd_too():
     """Both others must be ordinary: of an odd object nobody can tell which number is wrong."""
-    typical = np.exp(reference(extents()).centre)
+    typical = np.exp(class_reference(extents()).centre)
     known = Reference(np.log(typical), np.full(3, 0.12))
     ordinary, odd = typical * [10.0, 1.0, 1.0], typical * [10.0, np.exp(4 * 0.12), 1.0]
-    assert slip_factors(np.array([ordinary, odd]), known).tolist() == [pytest.approx(10.0), np.inf]
+    assert unit_error_factors(np.array([ordinary, odd]), known).tolist() == [pytest.approx(10.0), np.inf]
 
 
 def test_a_small_one_of_its_kind_is_no_slip():
     sizes = extents(spread=0.3)
     sizes[5] = [900.0, 700.0, 650.0]  # a doll's sofa would be; a child's is not
-    assert slip_factors(sizes, reference(sizes))[5] == 1.0
+    assert unit_error_factors(sizes, class_reference(sizes))[5] == 1.0
 
 
 def test_rows_of_few_numbers_are_read_in_every_way():
@@ -53,27 +53,27 @@ def test_rows_of_few_numbers_are_read_in_every_way():
     sizes[3] = [900.0, 850.0, np.nan]
     sizes[4] = [850.0, np.nan, np.nan]
     sizes[5] = [85.0, np.nan, np.nan]
-    found = slip_factors(sizes, reference(sizes))
+    found = unit_error_factors(sizes, class_reference(sizes))
     assert found[3:5].tolist() == [1.0, 1.0]
     assert found[5] == pytest.approx(0.1)
 
 
 def test_a_wide_class_refuses_nothing():
     sizes = extents(spread=0.9)
-    assert (slip_factors(sizes, reference(sizes)) != 1.0).sum() <= 1
+    assert (unit_error_factors(sizes, class_reference(sizes)) != 1.0).sum() <= 1
 
 
 def test_far_out_and_unexplained_is_reported_as_such():
     sizes = extents()
     sizes[7] *= 60.0
-    assert np.isinf(slip_factors(sizes, reference(sizes))[7])
+    assert np.isinf(unit_error_factors(sizes, class_reference(sizes))[7])
 
 
 def test_a_thin_class_is_measured_against_its_siblings():
-    assert reference(extents(5)) is None
+    assert class_reference(extents(5)) is None
     medians = np.log(TYPICAL) + np.random.default_rng(0).normal(0, 0.3, (6, 3))
     metres = extents(3) / 1000
-    found = slip_factors(metres, sibling_reference(medians))
+    found = unit_error_factors(metres, sibling_reference(medians))
     assert found == pytest.approx([1 / 1000] * 3)
     assert sibling_reference(medians[:3]) is None
 
@@ -81,4 +81,4 @@ def test_a_thin_class_is_measured_against_its_siblings():
 def test_axes_that_no_row_states_are_not_suspect():
     sizes = extents()
     sizes[:, 2] = np.nan
-    assert np.all(slip_factors(sizes, reference(sizes)) == 1.0)
+    assert np.all(unit_error_factors(sizes, class_reference(sizes)) == 1.0)

@@ -26,7 +26,7 @@ def leaf(
 
 
 def codes(*leaves_: LeafSize) -> list[tuple[str, str]]:
-    return [(one.code, one.node_id) for one in leaf_findings(leaves_)]
+    return [(one.code, one.subject) for one in leaf_findings(leaves_)]
 
 
 def test_each_finding_and_its_settlement() -> None:
@@ -57,7 +57,7 @@ def test_findings_do_not_depend_on_the_unit(scale: float, sizes: list[float]) ->
         leaf(str(n), (3 * s * factor, 2 * s * factor, s * factor), typical=factor * np.array([900, 600, 300.0]))
         for n, s in enumerate(sizes)
     ]
-    near = lambda ones: {(one.code, one.node_id) for one in leaf_findings(ones) if one.code != "W412"}  # noqa: E731
+    near = lambda ones: {(one.code, one.subject) for one in leaf_findings(ones) if one.code != "W412"}  # noqa: E731
     edge = any(abs(abs(np.log(s / 300)) - np.log(2)) < 1e-9 for s in sizes)
     assert edge or near(at(1.0)) == near(at(scale))
 

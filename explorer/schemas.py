@@ -7,7 +7,7 @@ from typing import Annotated, Any
 import msgspec
 from msgspec import UNSET, Meta, UnsetType
 
-from metric_tree.tree import LONGEST_NAME
+from metric_tree.tree import MAX_NAME_CHARS
 
 #: Maximum number of hits of a search, which takes some milliseconds.
 MAX_HITS = 50
@@ -191,7 +191,7 @@ class NoQuery(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
 class SearchQuery(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     """Query string of a search."""
 
-    q: Annotated[str, Meta(min_length=1, max_length=LONGEST_NAME, description="text to search", examples=["chair"])]
+    q: Annotated[str, Meta(min_length=1, max_length=MAX_NAME_CHARS, description="text to search", examples=["chair"])]
     limit: Annotated[int, Meta(ge=1, le=MAX_HITS, description="maximum number of hits", examples=[5])] = 10
 
 

@@ -1,10 +1,9 @@
-"""A category of a tree, what a name means in it, and the errors of names.
+"""A category of a tree, the meaning of a name in it, and the errors of names.
 
-The sizes of an item in its states: an umbrella open and folded, a book that stands, a person who sits.
-
-The prior of a node is of its usual state, or of several where its rows do not say which; `plain` says so. A release has
-the states of its nodes in the manifest (`states`): by node the name of each, its sizes in mm and the standard deviation
-of ln size. They are judged, and as wide as judged ranges turned out to be.
+A node may have states with other sizes: an umbrella open and folded, a book that is upright, a person who sits. The
+prior of the node is of its usual state, or of several if its rows do not state one (`plain`). The manifest of a release
+has the states of its nodes (`states`): the name of each, its sizes in mm and the standard deviation of ln size. They
+are judged, with the standard deviation that judged ranges have.
 """
 
 from __future__ import annotations
@@ -20,168 +19,141 @@ from metric_base.arrays import FloatArray
 from metric_base.errors import InputError
 from metric_tree.prior import Prior
 from metric_tree.release.release import Release
-from metric_tree.tiers import Evidence
-from metric_tree.tiers import at_least as is_at_least
+from metric_tree.tiers import Evidence, is_at_least
 
 if TYPE_CHECKING:
     from metric_tree.context import ContextModel, KnownContexts, Where
 
-#: Part of a state's variance that objects of one scene share, as of a judged range.
+#: Fraction of the variance of a state that objects of one scene have in common, as for a judged range.
 SHARED = 0.35
 
 
 def state_priors(node_id: str, record: Sequence[Mapping[str, Any]]) -> dict[str, Prior]:
-    """The prior of each state of a node, by its name, from the manifest's record.
+    """Return the prior of each state of a node by its name, from the record of the manifest.
 
     Raises
     ------
     InputError
-        A state has no name, no axis, or sizes and spreads that are no positive numbers.
+        A state has no name, no axis, or sizes and standard deviations that are not positive numbers.
     """
-    return {str(state.get("state")): _prior(node_id, state) for state in record}
-
-
-def _prior(node_id: str, state: Mapping[str, Any]) -> Prior:
-    try:
-        dims = tuple(state["size_mm"])
-        size = np.array([state["size_mm"][dim] for dim in dims], dtype=float)
-        sd = np.array([state["sd_log"][dim] for dim in dims], dtype=float)
-        known = bool(dims and state["state"] and (size > 0).all() and (sd > 0).all() and np.isfinite([size, sd]).all())
-    except (KeyError, TypeError, ValueError):
-        known = False
-    if not known:
-        raise InputError(f"{node_id}: states: expected a name, sizes and spreads of axes; found {dict(state)!r}")
-    variance = np.diag(sd**2)
-    return Prior(
-        node_id=node_id,
-        dims=dims,
-        weights=np.ones(1),
-        means=np.log(size)[None],
-        covariances=(1 - SHARED) * variance[None],
-        shared_covariance=SHARED * variance,
-        n=0,
-        n_sources=1,
-        share_by_kind={"judged": 1.0},
-        borrowed=0.0,
-        tier="judged",
-        evidence=Evidence(0.0, 0, 0, 1),
-    )
+    priors = {}
+    for state in record:
+        try:
+            dims = tuple(state["size_mm"])
+            size = np.array([state["size_mm"][dim] for dim in dims], dtype=float)
+            sd = np.array([state["sd_log"][dim] for dim in dims], dtype=float)
+            is_valid = bool(dims and state["state"] and np.isfinite([size, sd]).all() and min(*size, *sd) > 0)
+        except (KeyError, TypeError, ValueError):
+            is_valid = False
+        if not is_valid:
+            raise InputError(f"{node_id}: states: expected a name, sizes and spreads of axes; found {dict(state)!r}")
+        variance = np.diag(sd**2)
+        priors[str(state["state"])] = Prior(
+            node_id=node_id,
+            dims=dims,
+            weights=np.ones(1),
+            means=np.log(size)[None],
+            covariances=(1 - SHARED) * variance[None],
+            shared_covariance=SHARED * variance,
+            n=0,
+            n_sources=1,
+            share_by_kind={"judged": 1.0},
+            borrowed=0.0,
+            tier="judged",
+            evidence=Evidence(0.0, 0, 0, 1),
+        )
+    return priors
 
 
 class UnknownName(InputError, KeyError):
-    """A name that means no node of the tree; the message names the nearest."""
+    """A name without a node in the tree; the message lists similar names."""
 
     def __str__(self) -> str:
         return str(self.args[0])
 
 
 class AmbiguousName(UnknownName):
-    """A name that means several nodes alike; the message lists them."""
+    """A name with several nodes of similar evidence; the message lists them."""
 
 
 class ThinEvidence(UnknownName):
-    """A node whose size rests on less than was asked for; the message names the nearest above it that does not."""
+    """A node whose tier is below the required one; the message names the closest ancestor with this tier."""
 
 
 class NoPrior(UnknownName):
-    """Dimensions for which a node has no prior; the message names what exists."""
+    """Dimensions for which a node has no prior; the message lists the existing ones."""
 
 
-class Home(Protocol):
-    """What a node asks of the tree that it is in (`metric_tree.tree.Tree`)."""
-
-    @property
-    def name(self) -> str:
-        """The release's name."""
-        ...
+class _Tree(Protocol):
+    """The part of `metric_tree.tree.Tree` that a node uses; that module imports this one."""
 
     @property
-    def version(self) -> str:
-        """The release's version."""
-        ...
-
+    def name(self) -> str: ...
     @property
-    def release(self) -> Release:
-        """The release."""
-        ...
-
+    def version(self) -> str: ...
     @property
-    def context_model(self) -> ContextModel | None:
-        """What the release knows of regions and years."""
-        ...
-
-    def node(self, node_id: str) -> Node:
-        """The node of an id."""
-        ...
-
-    def children(self, node_id: str) -> tuple[Node, ...]:
-        """The nodes right below a node."""
-        ...
-
-    def prior_dims(self, node_id: str) -> tuple[tuple[str, ...], ...]:
-        """The sets of dimensions with a fitted row."""
-        ...
-
-    def prior(self, node_id: str, dims: tuple[str, ...]) -> Prior:
-        """The prior of a node over `dims`."""
-        ...
-
-    def tier(self, node_id: str) -> str | None:
-        """The tier of a node's main prior."""
-        ...
+    def release(self) -> Release: ...
+    @property
+    def context_model(self) -> ContextModel | None: ...
+    def node(self, node_id: str) -> Node: ...
+    def children(self, node_id: str) -> tuple[Node, ...]: ...
+    def prior_dims(self, node_id: str) -> tuple[tuple[str, ...], ...]: ...
+    def prior(self, node_id: str, dims: tuple[str, ...]) -> Prior: ...
+    def tier(self, node_id: str) -> str | None: ...
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Node:
-    """A category of the tree. `path` holds names from the root; `level` is 1 at the root and 5 at a leaf."""
+    """A category of the tree."""
 
-    tree: Home
+    tree: _Tree
     node_id: str
     name: str
     synset: str | None
     parent_id: str | None
-    level: int
-    path: tuple[str, ...]
+    level: int  #: 1 for the root to 5 for a leaf.
+    path: tuple[str, ...]  #: Names from the root to the node.
     hypernyms: tuple[str, ...]
     aliases: tuple[str, ...]
     pose: str
     dims: tuple[str, ...]
-    n_items: int
-    n_own: int
+    n_items: int  #: Items at or below the node.
+    n_own: int  #: Items of the node itself.
 
     def __repr__(self) -> str:
         return f"<Node {self.node_id}: {' > '.join(self.path)}>"
 
     @property
     def parent(self) -> Node | None:
-        """The node above, None at the root."""
+        """Parent node; None for the root."""
         return None if self.parent_id is None else self.tree.node(self.parent_id)
 
     @property
     def children(self) -> tuple[Node, ...]:
-        """The nodes right below."""
+        """Child nodes."""
         return self.tree.children(self.node_id)
 
     def descendants(self) -> Iterator[Node]:
-        """The node itself and all below it, parents first."""
+        """Yield the node and all nodes below it, parents first."""
         yield self
         for child in self.children:
             yield from child.descendants()
 
     def items(self, columns: Sequence[str] | None = None) -> pa.Table:
-        """The shipped items at or below this node, one row each.
+        """Return the shipped items at or below this node, one row each.
 
         Parameters
         ----------
-        columns : that are read; all by default.
+        columns : sequence of str, optional
+            Columns to read; default all.
 
         Returns
         -------
         pyarrow.Table
             Columns of `metric_tree.release.schema.ITEMS`: `item_id`, `node_id`, `source`, `source_id`, `title`,
-            `length_mm`, `width_mm`, `height_mm` (mm in the ordinary pose, null where not known), `extents_mm` (every
-            stated outer size in mm, longest first), `kind`, `year`, `region`, `url`, `licence`, `flags`. Items that
-            may be used for the fit and not shipped are not among them, so that there may be fewer rows than `n_items`.
+            `length_mm`, `width_mm`, `height_mm` (mm in the ordinary pose, null if unknown), `extents_mm` (all stated
+            outer sizes in mm, longest first), `kind`, `year`, `region`, `url`, `licence`, `flags`. Items that are used
+            for the fit but not shipped are not included, so that there may be fewer rows than `n_items`.
 
         >>> import metric_tree
         >>> items = metric_tree.open().find("mug").items()
@@ -191,17 +163,17 @@ class Node:
         return self._rows("items", columns)
 
     def images(self) -> pa.Table:
-        """The images of items at or below this node (`metric_tree.release.schema.IMAGES`)."""
+        """Return the images of items at or below this node (`metric_tree.release.schema.IMAGES`)."""
         return self._rows("images")
 
     @property
     def prior_dims(self) -> tuple[tuple[str, ...], ...]:
-        """The sets of dimensions that have a fitted row of their own."""
+        """Sets of dimensions for which the node has a row in the table of priors."""
         return self.tree.prior_dims(self.node_id)
 
     @property
     def contexts(self) -> KnownContexts:
-        """The regions, countries and years of which the node's sources say something: what `where` may ask for.
+        """Regions, countries and years with data of the node, for the argument `where` of `prior`.
 
         >>> import metric_tree
         >>> "IN" in metric_tree.open().find("car").contexts.regions
@@ -213,51 +185,50 @@ class Node:
         return known_contexts(self.tree.prior(self.node_id, max(rows, key=len)).contexts if rows else ())
 
     def prior(self, dims: Sequence[str] | None = None, where: Where | Mapping[str, Any] | str | None = None) -> Prior:
-        """The size prior over `dims` (`node.dims` by default), in that order.
+        """Return the size prior over some dimensions, in their order.
 
-        It is the exact row, else the marginal of the smallest row that contains them. One name may stand alone.
-        With `where` (`{"region": "europe", "year": 2011}`, either or both) it is that of objects there and then, as far
-        as the release knows; its `note` says what that changed.
+        Parameters
+        ----------
+        dims : sequence of str or str, optional
+            Dimensions; default `node.dims`. If no row has exactly these, the prior is a marginal of the smallest row
+            that contains them.
+        where : Where, mapping or str, optional
+            Region and year of the objects, either or both, such as `{"region": "europe", "year": 2011}`. The `note` of
+            the prior states the effect.
 
         Raises
         ------
         NoPrior
-            No row contains them.
+            No row contains the dimensions.
         InputError
-            `where` names no region, country or year.
+            `where` has no known region, country or year.
 
         >>> import metric_tree
         >>> car = metric_tree.open().find("car")
         >>> car.prior().note, car.prior(where={"region": "europe", "year": 2011}).note[:12]
         (None, 'europe, 2011')
         """
-        if isinstance(dims, str):  # a sequence of letters, which nobody means
+        if isinstance(dims, str):  # also a sequence of str
             dims = (dims,)
         prior = self.tree.prior(self.node_id, tuple(dims) if dims is not None else self.dims)
         if where is None:
             return prior
         from metric_tree.context import where_of
 
-        return self._with_own_centre(prior).in_context(where_of(where), self.tree.context_model)
-
-    def _with_own_centre(self, prior: Prior) -> Prior:
-        """The prior with every context as an offset from its own centre.
-
-        What a source states about objects called by the node's plain name is copied from the leaf of these, as an
-        offset from the centre of that leaf.
-        """
-        moved: dict[tuple[object, ...], FloatArray] = {}
+        # The contexts of the leaf `<id>/other` are copied to the node, with offsets from the centre of the leaf.
+        corrections: dict[tuple[object, ...], FloatArray] = {}
         for child in self.children if prior.contexts else ():
-            if any(set(prior.dims) <= set(dims) for dims in child.prior_dims):
+            if any(set(prior.dims) <= set(child_dims) for child_dims in child.prior_dims):
                 leaf = self.tree.prior(child.node_id, prior.dims)
-                apart = leaf.weights @ leaf.means - prior.weights @ prior.means
-                moved |= {one.key: apart for one in leaf.contexts}
-        contexts = (replace(one, offset=one.offset + moved.get(one.key, 0.0)) for one in prior.contexts)
-        return replace(prior, contexts=tuple(contexts))
+                difference = leaf.weights @ leaf.means - prior.weights @ prior.means
+                corrections |= {one.key: difference for one in leaf.contexts}
+        contexts = (replace(one, offset=one.offset + corrections.get(one.key, 0.0)) for one in prior.contexts)
+        centred = replace(prior, contexts=tuple(contexts))
+        return centred.in_context(where_of(where), self.tree.context_model)
 
     @property
     def states(self) -> dict[str, Prior]:
-        """The sizes of such an item by its states, where it has some: a language model's judgement.
+        """Priors of the states of the object by name, judged by a language model; empty without states.
 
         >>> import metric_tree
         >>> sorted(metric_tree.open().find("umbrella").states)
@@ -267,7 +238,7 @@ class Node:
 
     @property
     def plain_state(self) -> str | None:
-        """The state that the prior is of, or `mixed: ` and what it holds; None of what has no states.
+        """State of the objects of the prior, or `mixed: ` and the states; None without states.
 
         >>> import metric_tree
         >>> tree = metric_tree.open()
@@ -282,7 +253,7 @@ class Node:
 
     @property
     def height_is(self) -> str | None:
-        """Between which levels the prior's height is, where that needs words; `mixed: ` and what it holds.
+        """Definition of the height of the prior, or `mixed: ` and the definitions; None for the usual height.
 
         >>> import metric_tree
         >>> metric_tree.open().find("bathtub").height_is
@@ -292,7 +263,7 @@ class Node:
 
     @property
     def underside_seen(self) -> bool:
-        """False of what is built in (a sink, a counter): who looks at it does not see its whole height."""
+        """False for built-in objects (a sink, a counter), whose complete height is not visible."""
         return bool(self._height_record().get("underside_seen", True))
 
     def _height_record(self) -> Mapping[str, Any]:
@@ -301,7 +272,7 @@ class Node:
 
     @property
     def tier(self) -> str | None:
-        """What its size rests on, one of `metric_tree.tiers.TIERS`; None of a node without a prior."""
+        """Tier of the evidence of the size (`metric_tree.tiers.TIERS`); None for a node without a prior."""
         return self.tree.tier(self.node_id)
 
     def _rows(self, table: str, columns: Sequence[str] | None = None) -> pa.Table:
@@ -310,34 +281,34 @@ class Node:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Meaning:
-    """What a text means in a tree; `note` says what was left out of it ("taken as whale: 'blue' is not in the tree").
-
-    `how` is `id`, `code`, `own name`, `alias`, `label list`, `folded` (another spelling or number of a name), `other
-    name` (of a norm, or in German, French, Spanish or Italian), `modifier stripped`, `broader kind` or `misspelt` (one
-    letter off a name); `margin` says how much more evidence the node has than for the next that is unrelated (infinite
-    where nothing else is meant), and `alternatives` are the others, the likeliest first.
-    """
+    """The node of a text in a tree."""
 
     node: Node
+    #: Rule that matched: `id`, `code`, `own name`, `alias`, `label list`, `folded` (another spelling or number of a
+    #: name), `other name` (of a norm, or in German, French, Spanish or Italian), `modifier stripped`, `broader kind` or
+    #: `misspelt` (one wrong letter).
     how: str
+    #: Difference of the evidence from the next unrelated node; infinite without one.
     margin: float
+    #: Other nodes of the text, the most likely first.
     alternatives: tuple[Node, ...]
     ambiguous: bool
+    #: Part of the text that was ignored: "taken as whale: 'blue' is not in the tree".
     note: str | None = None
 
 
 def require_tier(node: Node, least: str) -> None:
-    """ThinEvidence unless a node's size rests on the tier `least` or a better one."""
+    """Raise ThinEvidence if the tier of a node is below `least`."""
     if node.tier is not None and is_at_least(node.tier, least):
         return
-    above, own = node.parent, node.tier or "no size"
+    above, tier = node.parent, node.tier or "no size"
     while above is not None and (above.tier is None or not is_at_least(above.tier, least)):
         above = above.parent
     instead = f"; {above.name!r} above it is {above.tier}" if above is not None else ""
-    raise ThinEvidence(f"{node.node_id}: tier: expected {least} or better; found {own}{instead}")
+    raise ThinEvidence(f"{node.node_id}: tier: expected {least} or better; found {tier}{instead}")
 
 
-def node_of(tree: Home, row: dict[str, Any]) -> Node:
-    """The node of a row of `metric_tree.release.schema.NODES`."""
+def node_of(tree: _Tree, row: dict[str, Any]) -> Node:
+    """Return the node of a row of `metric_tree.release.schema.NODES`."""
     lists = {name: tuple(row[name] or ()) for name in ("path", "hypernyms", "aliases", "dims")}
     return Node(tree=tree, **{**{name: row[name] for name in row if name in Node.__dataclass_fields__}, **lists})

@@ -1,29 +1,32 @@
-"""What a size rests on, in six tiers (docs/reference/tiers.md)."""
+"""Tiers: the evidence of a size in six classes (docs/reference/tiers.md)."""
 
 from __future__ import annotations
 
 from collections.abc import Iterable, Mapping
-from typing import Any, NamedTuple  # which takes a quarter of a dataclass's time in each query
+from typing import Any, NamedTuple  # defined in a quarter of the time of a dataclass, in each query
 
 from metric_base.errors import InputError
 
 #: The tiers, the best first.
 TIERS = ("norm", "measured", "few", "models", "borrowed", "judged")
 
-#: A class is measured with so many effective rows of products, measurements and norms, of so many sources: ten rows
-#: show a median to a third of the spread, and a second source shows that it is not one shop's.
-MEASURED_ROWS, MEASURED_SOURCES = 10.0, 2
+#: Minimum effective number of rows (products, measurements, norms) of the tier `measured`: ten rows determine a median
+#: to 1/3 of the standard deviation.
+MIN_MEASURED_ROWS = 10.0
 
-#: With fewer effective rows than this a class rests on whatever stands beside them: a range, models or its parent.
-FEW_ROWS = 3.0
+#: Minimum number of sources of the tier `measured`, so that the size is not of a single shop.
+MIN_MEASURED_SOURCES = 2
 
-#: A class whose spread or centre is taken from the parent by more than this rests on it.
-BORROWED_SHARE = 0.5
+#: Minimum effective number of rows of the tier `few`; with fewer, other evidence determines the tier.
+MIN_FEW_ROWS = 3.0
 
-#: A judged range with more than this share of the fit is what the size rests on.
-JUDGED_SHARE = 0.5
+#: Maximum fraction of the covariance or the mean from the parent, 0 to 1; above, the tier is `borrowed`.
+MAX_BORROWED_FRACTION = 0.5
 
-#: Kinds of rows that count as real objects; those of models; those of a judged range, also as older releases call it.
+#: Maximum fraction of a judged range in the fit, 0 to 1; above, the tier is `judged`.
+MAX_JUDGED_FRACTION = 0.5
+
+#: Kinds of evidence of real objects, of models, and of judged ranges (`curated` before release 3.0.0).
 _REAL = ("product", "measured", "standard", "statistic")
 _MODELS = ("asset", "museum", "default")
 _JUDGED = ("judged", "curated")
@@ -39,41 +42,43 @@ _WORDS = {
 
 
 class Evidence(NamedTuple):
-    """The counts behind a size.
+    """Counts of the evidence of a size."""
 
-    rows : effective rows of products, measurements, tables of norms and published means; sources : of those rows;
-    models : rows of artists' models, museum pieces and category values; ranges : judged ranges.
-    """
-
-    rows: float = 0.0
-    sources: int = 0
-    models: int = 0
-    ranges: int = 0
+    rows: float = 0.0  #: Effective number of rows of products, measurements, tables of norms and published means.
+    sources: int = 0  #: Number of sources of these rows.
+    models: int = 0  #: Number of rows of artists' models, museum pieces and category defaults.
+    ranges: int = 0  #: Number of judged ranges.
 
     def record(self) -> dict[str, Any]:
-        """The counts as a release and the JSON of a command have them."""
+        """Return the counts as in a release and in the JSON of a command."""
         return self._asdict() | {"rows": round(self.rows, 2)}
 
     @classmethod
     def of_record(cls, record: Mapping[str, Any]) -> Evidence:
-        """The counts of a row of a release."""
+        """Return the counts of a row of a release."""
         return cls(float(record["rows"]), int(record["sources"]), int(record["models"]), int(record["ranges"]))
 
     @classmethod
     def total(cls, parts: Iterable[Evidence], sources: int) -> Evidence:
-        """The counts of several classes together, of `sources` different sources."""
-        own = list(parts)
-        return cls(
-            sum(one.rows for one in own), sources, sum(one.models for one in own), sum(one.ranges for one in own)
-        )
+        """Return the total of several classes with `sources` different sources."""
+        parts = list(parts)
+        rows, models, ranges = (sum(getattr(one, name) for one in parts) for name in ("rows", "models", "ranges"))
+        return cls(rows, sources, models, ranges)
 
 
 def leaf_tier(evidence: Evidence, borrowed: float, judged: float, is_norm: bool = False) -> str:
-    """The tier of one class.
+    """Return the tier of one class.
 
     Parameters
     ----------
-    borrowed : share of the spread or the centre that is the parent's; judged : share of the fit that is a range's
+    evidence : Evidence
+        Counts of the class.
+    borrowed : float
+        Fraction of the covariance or the mean that comes from the parent, 0 to 1.
+    judged : float
+        Fraction of a judged range in the fit, 0 to 1.
+    is_norm : bool
+        Whether a norm fixes the size.
 
     >>> leaf_tier(Evidence(rows=12.0, sources=3), 0.0, 0.6), leaf_tier(Evidence(rows=12.0, sources=1), 0.4, 0.0)
     ('measured', 'few')
@@ -82,19 +87,19 @@ def leaf_tier(evidence: Evidence, borrowed: float, judged: float, is_norm: bool 
     """
     if is_norm:
         return "norm"
-    if evidence.rows >= MEASURED_ROWS and evidence.sources >= MEASURED_SOURCES:
+    if evidence.rows >= MIN_MEASURED_ROWS and evidence.sources >= MIN_MEASURED_SOURCES:
         return "measured"
-    if borrowed > BORROWED_SHARE:
+    if borrowed > MAX_BORROWED_FRACTION:
         return "borrowed"
-    if evidence.rows >= FEW_ROWS:
+    if evidence.rows >= MIN_FEW_ROWS:
         return "few"
-    if judged > JUDGED_SHARE or (evidence.ranges and not evidence.models):
+    if judged > MAX_JUDGED_FRACTION or (evidence.ranges and not evidence.models):
         return "judged"
     return "models" if evidence.models else "few" if evidence.rows > 0 else "borrowed"
 
 
 def mixture_tier(parts: Iterable[tuple[str, float]]) -> str:
-    """The tier of a mixture of (tier, weight): half of the weight is of this tier or of a better one.
+    """Return the tier of a mixture of (tier, weight): at least half of the weight has this tier or a better one.
 
     >>> mixture_tier([("measured", 0.3), ("few", 0.3), ("judged", 0.4)])
     'few'
@@ -111,9 +116,9 @@ def mixture_tier(parts: Iterable[tuple[str, float]]) -> str:
 
 
 def tier_of_shares(shares: Mapping[str, float], n: int, n_sources: int, borrowed: float) -> str:
-    """The tier of a row of a release older than 3.0.0, from what the row says; no norm can be told there.
+    """Return the tier of a row of a release before 3.0.0, which does not distinguish norms.
 
-    shares : of the fit's weight by kind; n : items; n_sources : sources of any kind.
+    shares : fractions of the weight of the fit by kind; n : number of items; n_sources : number of sources of any kind.
     """
     total = sum(shares.values()) or 1.0
     real, models, judged = (sum(shares.get(kind, 0.0) for kind in kinds) / total for kinds in (_REAL, _MODELS, _JUDGED))
@@ -122,15 +127,15 @@ def tier_of_shares(shares: Mapping[str, float], n: int, n_sources: int, borrowed
     return leaf_tier(evidence, borrowed, judged)
 
 
-def at_least(tier: str, least: str) -> bool:
+def is_at_least(tier: str, least: str) -> bool:
     """Return True if a tier is `least` or a better one.
 
     Raises
     ------
     InputError
-        `least` is no tier.
+        `least` is not a tier.
 
-    >>> at_least("measured", "few"), at_least("judged", "few")
+    >>> is_at_least("measured", "few"), is_at_least("judged", "few")
     (True, False)
     """
     if least not in TIERS:
@@ -139,7 +144,7 @@ def at_least(tier: str, least: str) -> bool:
 
 
 def tier_words(tier: str, norm: str | None = None) -> str:
-    """What stands before a number of this tier.
+    """Return the words for a tier, to precede a size.
 
     >>> tier_words("judged"), tier_words("norm", "ISO 216, table 1")
     ("A language model's judgement", 'By ISO 216, table 1')

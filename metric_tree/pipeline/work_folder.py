@@ -37,7 +37,7 @@ _R = TypeVar("_R")
 
 
 def repeated_rows(paths: Sequence[Path]) -> list[list[NDArray[np.bool_]]]:
-    """Return whether the id of each row of a file and a shard occurs in an earlier row, in the order of both.
+    """Return, by file and shard, whether the id of each row (n,) occurs in an earlier row.
 
     The ids are compared by their hashes, with 8 bytes per row in memory.
     """
@@ -51,7 +51,7 @@ def repeated_rows(paths: Sequence[Path]) -> list[list[NDArray[np.bool_]]]:
 
 
 def shard_rows(paths: Sequence[Path], shard: int, repeated: Sequence[Sequence[NDArray[np.bool_]]]) -> bytes:
-    """Return a shard of all files without the repeated rows, as an Arrow file of `ROWS`."""
+    """Return a shard of all files without the repeated rows, given as (n,) for each file and shard; an Arrow file."""
     sink = pa.BufferOutputStream()
     with pa.ipc.new_file(sink, ROWS) as writer:
         for path, is_repeated in zip(paths, repeated, strict=True):

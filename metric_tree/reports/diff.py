@@ -1,58 +1,51 @@
-"""What differs between two releases: nodes, tiers, priors that moved, with the items that moved them, and licences.
-
-What differs between two releases: nodes, items of each source, coverage of label lists, priors.
-"""
+"""Differences between two releases: nodes, tiers, licences, items of each source, and priors with their new items."""
 
 from __future__ import annotations
 
 import math
 from collections import Counter
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Collection, Iterable, Iterator, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
+import pyarrow as pa
+import pyarrow.compute as pc
 
 from metric_base.arrays import FloatArray
 from metric_tree.node import Node, NoPrior, UnknownName
 from metric_tree.prior import INTERVAL_QUANTILES
 from metric_tree.tree import Tree
 
-#: A prior has moved if a median moves by this share: less than sources of one class differ by.
-MEDIAN_MOVED = 0.05
-#: Or if an interval, as a ratio of its ends on the log axis, widens or narrows by this share.
-SPREAD_MOVED = 0.2
-#: Points at which the distribution of changes is reported: of sizes, most of which stay, the far end; of spreads both.
+#: Minimum relative change of a median of a moved prior, less than the disagreement between sources of a class.
+MIN_MEDIAN_CHANGE = 0.05
+#: Minimum relative change of the length of the 90 % interval of ln size of a moved prior.
+MIN_SPREAD_CHANGE = 0.2
+#: Reported quantiles of the changes of sizes; most sizes are unchanged.
 SIZE_QUANTILES = (0.5, 0.75, 0.95, 0.99)
+#: Reported quantiles of the changes of standard deviations.
 SPREAD_QUANTILES = INTERVAL_QUANTILES
-#: Change of ln size that is rounding: a tenth of a per mille, far below what any source states.
+#: Maximum change of ln size that is rounding, far below the accuracy of any source.
 ROUNDING = 1e-4
 
 
 @dataclass(frozen=True, slots=True)
 class MovedPrior:
-    """A node whose prior moved: medians in mm, the shares by which median and log interval changed, and the blame.
-
-    blame : shipped items by source that the node gained (+) or lost (-), the most first.
-    """
+    """A node whose prior moved."""
 
     node: str
     dim: str
-    before_mm: float
-    after_mm: float
-    median: float
-    spread: float
-    blame: dict[str, int]
+    before_mm: float  #: Median before.
+    after_mm: float  #: Median after.
+    median: float  #: Relative change of the median.
+    spread: float  #: Relative change of the length of the 90 % interval of ln size.
+    blame: dict[str, int]  #: Shipped items by source that the node gained (+) or lost (-), the most first.
 
 
 @dataclass(frozen=True, slots=True)
 class ReleaseDiff:
-    """What changed from the release `before` to `after`; nodes are ids.
-
-    merged : old id to its successor, else to the node that its items went to; moved, renamed, tiers : id to what it was
-    and is.
-    """
+    """Changes from the release `before` to `after`; nodes are ids, pairs are (before, after)."""
 
     before: str
     after: str
@@ -60,40 +53,43 @@ class ReleaseDiff:
     nodes_after: int
     added: list[str]
     removed: list[str]
-    merged: dict[str, str]
-    moved: dict[str, tuple[str | None, str | None]]
+    merged: dict[str, str]  #: Successor of a removed node, or the node that has most of its items.
+    moved: dict[str, tuple[str | None, str | None]]  #: Parents.
     renamed: dict[str, tuple[str, str]]
     tiers: dict[str, tuple[str, str]]
     priors: list[MovedPrior]
-    items: dict[str, tuple[int, int]]
-    licences: dict[str, tuple[int, int]]
+    items: dict[str, tuple[int, int]]  #: Shipped items by source.
+    licences: dict[str, tuple[int, int]]  #: Shipped items by licence.
 
     @property
     def share_moved(self) -> float:
-        """Share of the nodes of both releases whose prior moved."""
+        """Fraction of the nodes of both releases whose prior moved, 0 to 1."""
         both = self.nodes_before - len(self.removed)
         return len(self.priors) / both if both else 0.0
 
     def of_leaves(self, after: Tree, factor: float) -> ReleaseDiff:
-        """The diff with the priors of leaves alone whose median moved by more than `factor`."""
+        """Return the diff with only the priors of leaves whose median moved by more than `factor`."""
         moved = [one for one in self.priors if abs(math.log1p(one.median)) > math.log(factor)]
         return replace(self, priors=[one for one in moved if not after.node(one.node).children])
 
     def record(self) -> dict[str, Any]:
-        """The diff as a JSON object (`metric-tree/diff/1`)."""
+        """Return the diff as a JSON object (`metric-tree/diff/1`)."""
         fields = {name: getattr(self, name) for name in self.__dataclass_fields__ if name != "priors"}
         priors = [{name: getattr(one, name) for name in one.__dataclass_fields__} for one in self.priors]
         return {"schema": "metric-tree/diff/1", **fields, "priors": priors, "share_moved": round(self.share_moved, 5)}
 
 
 def release_diff(before: Tree, after: Tree) -> ReleaseDiff:
-    """What changed between two releases."""
+    """Compare two releases."""
     old, new = ({node.node_id: node for node in tree} for tree in (before, after))
-    both = [node_id for node_id in old if node_id in new]
-    homes = tuple(_homes(tree) for tree in (before, after))
-    pairs = [(old[node_id], new[node_id]) for node_id in both]
+    pairs = [(node, new[node_id]) for node_id, node in old.items() if node_id in new]
     removed = [node_id for node_id in old if node_id not in new]
-    gains = _gains(*homes)
+    items = _joined_items(before, after)
+    merged = _destinations(items, removed)
+    for node_id in removed:
+        with suppress(UnknownName):
+            merged[node_id] = after.node(node_id).node_id  # the successor that the release states
+    tiers = ((a.node_id, a.tier, b.tier) for a, b in pairs)
     return ReleaseDiff(
         before=before.version,
         after=after.version,
@@ -101,62 +97,52 @@ def release_diff(before: Tree, after: Tree) -> ReleaseDiff:
         nodes_after=len(new),
         added=[node_id for node_id in new if node_id not in old],
         removed=removed,
-        merged=_homes_of_removed(removed, *homes) | _named_successors(removed, after),
+        merged=merged,
         moved={a.node_id: (a.parent_id, b.parent_id) for a, b in pairs if a.parent_id != b.parent_id},
         renamed={a.node_id: (a.name, b.name) for a, b in pairs if a.name != b.name},
-        tiers=dict(_tiers(pairs)),
-        priors=sorted(_moved_priors(pairs, gains), key=lambda one: (-abs(np.log1p(one.median)), one.node)),
-        items=_counts(before, after, "source"),
-        licences=_counts(before, after, "licence"),
+        tiers={node_id: (then, now) for node_id, then, now in tiers if then and now and then != now},
+        priors=sorted(_moved_priors(pairs, _gains(items)), key=lambda one: (-abs(np.log1p(one.median)), one.node)),
+        items=_changed_counts(before, after, "source"),
+        licences=_changed_counts(before, after, "licence"),
     )
 
 
-def _homes(tree: Tree) -> dict[str, tuple[str, str]]:
-    """Node and source of each shipped item."""
-    table = tree.release.table("items").select(["item_id", "node_id", "source"]).to_pydict()
-    return dict(zip(table["item_id"], zip(table["node_id"], table["source"], strict=True), strict=True))
+def _joined_items(before: Tree, after: Tree) -> pa.Table:
+    """Return the shipped items of both releases, joined by id, with their row, node and source in each."""
+    tables = []
+    for tree in (before, after):
+        table = tree.release.table("items").select(["item_id", "node_id", "source"])
+        tables.append(table.append_column("row", pa.array(range(table.num_rows))))
+    return tables[0].join(tables[1], "item_id", join_type="full outer", right_suffix="_after")
 
 
-def _homes_of_removed(
-    removed: list[str], then: dict[str, tuple[str, str]], now: dict[str, tuple[str, str]]
-) -> dict[str, str]:
-    """Where most items of each removed node are now."""
-    gone = set(removed)
-    went: dict[str, Counter[str]] = {}
-    for item, (node_id, _) in then.items():
-        if node_id in gone and item in now:
-            went.setdefault(node_id, Counter())[now[item][0]] += 1
-    return {node_id: counts.most_common(1)[0][0] for node_id, counts in went.items()}
+def _destinations(items: pa.Table, removed: Collection[str]) -> dict[str, str]:
+    """Return the node that has most items of each removed node; the first in the table if several have as many."""
+    is_removed = pc.is_in(items["node_id"], value_set=pa.array(removed, pa.string()))
+    went = items.filter(pc.and_(is_removed, pc.is_valid(items["node_id_after"]))).sort_by("row")
+    counts = went.group_by(["node_id", "node_id_after"], use_threads=False).aggregate([([], "count_all")])
+    most: dict[str, tuple[int, str]] = {}
+    for row in counts.to_pylist():
+        if row["count_all"] > most.get(row["node_id"], (0, ""))[0]:
+            most[row["node_id"]] = row["count_all"], row["node_id_after"]
+    return {node_id: destination for node_id, (_, destination) in most.items()}
 
 
-def _named_successors(removed: list[str], after: Tree) -> dict[str, str]:
-    """What the later release itself says that removed nodes lead to (its table `successors`)."""
-    named = {}
-    for node_id in removed:
-        with suppress(UnknownName):
-            named[node_id] = after.node(node_id).node_id
-    return named
-
-
-def _gains(then: dict[str, tuple[str, str]], now: dict[str, tuple[str, str]]) -> dict[str, Counter[str]]:
-    """Items by source that each leaf gained or lost."""
+def _gains(items: pa.Table) -> dict[str, Counter[str]]:
+    """Return the number of items by source that each leaf gained (+) or lost (-)."""
     gains: dict[str, Counter[str]] = {}
-    for sign, homes, others in ((1, now, then), (-1, then, now)):
-        for item, (node_id, source) in homes.items():
-            if others.get(item, ("", ""))[0] != node_id:
-                gains.setdefault(node_id, Counter())[source] += sign
+    is_same = pc.fill_null(pc.equal(items["node_id"], items["node_id_after"]), False)
+    changed = items.filter(pc.invert(is_same))
+    for sign, suffix in ((1, "_after"), (-1, "")):
+        keys = [f"node_id{suffix}", f"source{suffix}"]
+        rows = changed.filter(pc.is_valid(changed[keys[0]])).sort_by(f"row{suffix}")
+        for row in rows.group_by(keys, use_threads=False).aggregate([([], "count_all")]).to_pylist():
+            gains.setdefault(row[keys[0]], Counter())[row[keys[1]]] += sign * row["count_all"]
     return gains
 
 
-def _tiers(pairs: list[tuple[Node, Node]]) -> Iterator[tuple[str, tuple[str, str]]]:
-    for a, b in pairs:
-        then, now = (getattr(node, "tier", None) for node in (a, b))
-        if then and now and then != now:
-            yield a.node_id, (str(then), str(now))
-
-
 def _moved_priors(pairs: list[tuple[Node, Node]], gains: dict[str, Counter[str]]) -> Iterator[MovedPrior]:
-    """Of each node of both releases whose prior moved, the dimension whose median did most, else whose interval did."""
+    """Yield the moved priors of nodes of both releases, with the dimension whose median or interval changed most."""
     for a, b in pairs:
         dims = tuple(dim for dim in b.dims if dim in a.dims)
         try:
@@ -166,80 +152,86 @@ def _moved_priors(pairs: list[tuple[Node, Node]], gains: dict[str, Counter[str]]
         old, new = (prior.quantiles(INTERVAL_QUANTILES) for prior in (then, now))  # (3, d)
         median = new[1] / old[1] - 1
         spread = np.log(new[2] / new[0]) / np.log(old[2] / old[0]) - 1
-        by_median = bool((np.abs(median) >= MEDIAN_MOVED).any())
-        if by_median or (np.abs(spread) >= SPREAD_MOVED).any():
+        by_median = bool((np.abs(median) >= MIN_MEDIAN_CHANGE).any())
+        if by_median or (np.abs(spread) >= MIN_SPREAD_CHANGE).any():
             k = int(np.argmax(np.abs(np.log1p(median) if by_median else spread)))
             then_mm, now_mm, by, wider = (float(f"{v:.4g}") for v in (old[1, k], new[1, k], median[k], spread[k]))
-            yield MovedPrior(b.node_id, dims[k], then_mm, now_mm, by, wider, _blame(b, gains))
+            total: Counter[str] = Counter()
+            for node in b.descendants():
+                total.update(gains.get(node.node_id, {}))
+            blame = {source: n for source, n in sorted(total.items(), key=lambda pair: -abs(pair[1])) if n}
+            yield MovedPrior(b.node_id, dims[k], then_mm, now_mm, by, wider, blame)
 
 
-def _blame(node: Node, gains: dict[str, Counter[str]]) -> dict[str, int]:
-    total: Counter[str] = Counter()
-    for one in node.descendants():
-        total.update(gains.get(one.node_id, {}))
-    return {source: n for source, n in sorted(total.items(), key=lambda pair: -abs(pair[1])) if n}
-
-
-def _counts(before: Tree, after: Tree, column: str) -> dict[str, tuple[int, int]]:
-    """Shipped items by a column, before and after, where they differ."""
+def _changed_counts(before: Tree, after: Tree, column: str) -> dict[str, tuple[int, int]]:
+    """Return the number of shipped items before and after by the value of a column, if they differ."""
     then, now = (
         Counter(value or "unstated" for value in tree.release.table("items")[column].to_pylist())
         for tree in (before, after)
     )
-    return {name: (then[name], now[name]) for name in sorted({*then, *now}) if then[name] != now[name]}
+    return {value: (then[value], now[value]) for value in sorted({*then, *now}) if then[value] != now[value]}
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Change:
-    """Of one node of both releases, over the dimensions of its widest common prior.
-
-    then_mm, now_mm : (d,) medians; size : mean over the dimensions of ln (now / then); spread : the same of the
-    standard deviation of ln size.
-    """
+    """Change of a node of both releases, over the d dimensions of its largest common prior."""
 
     node: Node
     before: Node
     dims: tuple[str, ...]
-    then_mm: FloatArray
-    now_mm: FloatArray
-    size: float
-    spread: float
+    then_mm: FloatArray  #: (d,) medians before.
+    now_mm: FloatArray  #: (d,) medians after.
+    size: float  #: Mean over the dimensions of ln (after / before) of the medians.
+    spread: float  #: Mean over the dimensions of ln (after / before) of the standard deviations of ln size.
 
 
 def label(tree: Tree) -> str:
-    """How a page calls a release: by its version, and by what it leaves out."""
-    left_out = "" if tree.release.manifest.get("noncommercial", True) else " without non-commercial sources"
-    return f"{tree.version}{left_out}"
+    """Return the name of a release on a page: its version, and a note if it omits sources."""
+    note = "" if tree.release.manifest.get("noncommercial", True) else " without non-commercial sources"
+    return f"{tree.version}{note}"
 
 
 def removed_nodes(tree: Tree, before: Tree) -> list[Node]:
-    """Nodes of the release before that this one lacks, in their order."""
-    known = {node.node_id for node in tree}
-    return [node for node in before if node.node_id not in known]
+    """Return the nodes of the release `before` that are not in `tree`, in their order."""
+    return [node for node in before if not tree.has_node(node.node_id)]
 
 
 def source_changes(tree: Tree, before: Tree) -> list[tuple[str, int, int]]:
-    """Source, items of the fit before and now, where they differ; largest change first."""
-    then, now = (_items_of_sources(one.release.manifest["sources"]) for one in (before, tree))
+    """Return source and items of the fit before and after, if they differ; the largest change first."""
+    then, now = (
+        {str(record["title"]): int(record.get("n_fit", 0)) for record in one.release.manifest["sources"]}
+        for one in (before, tree)
+    )
     rows = [(title, then.get(title, 0), now.get(title, 0)) for title in dict.fromkeys([*then, *now])]
     return sorted((row for row in rows if row[1] != row[2]), key=lambda row: (-abs(row[2] - row[1]), row[0]))
 
 
 def changes(tree: Tree, before: Tree) -> list[Change]:
-    """The change of every node of both releases that has a common prior, in the order of the tree."""
-    known = {node.node_id: node for node in before}
-    pairs = (_change(node, known[node.node_id]) for node in tree if node.node_id in known)
-    return [change for change in pairs if change is not None]
+    """Return the change of every node of both releases that has a common prior, in the order of the tree."""
+    former_nodes = {node.node_id: node for node in before}
+    found = []
+    for node in tree:
+        former = former_nodes.get(node.node_id)
+        common = [dims for dims in node.prior_dims if former is not None and dims in former.prior_dims]
+        if former is None or not common:
+            continue
+        dims = max(common, key=len)
+        then, now = former.prior(dims), node.prior(dims)
+        sizes = then.quantile(0.5), now.quantile(0.5)
+        size = float(np.log(sizes[1] / sizes[0]).mean())
+        spread = float(np.log(now.log_sd() / then.log_sd()).mean())
+        found.append(Change(node, former, dims, *sizes, size, spread))
+    return found
 
 
 def largest_changes(candidates: Iterable[Change], shown: int, least_items: int = 0) -> list[Change]:
-    """The nodes whose size changed most, at most `shown`, among those with so many items in both releases."""
+    """Return up to `shown` nodes with the largest change of size, with `least_items` or more items in both releases."""
     able = [c for c in candidates if min(c.node.n_items, c.before.n_items) >= least_items and abs(c.size) > ROUNDING]
     return sorted(able, key=lambda c: (-abs(c.size), c.node.node_id))[:shown]
 
 
 def size_and_spread(all_changes: Sequence[Change]) -> list[tuple[str, int, FloatArray, FloatArray]]:
-    """Level, nodes, quantiles (q,) of |change of ln size| and of the change of ln spread; last, all levels."""
+    """Return level, number of nodes, and quantiles (q,) of |size| and of `spread` of the changes; last, of all."""
     numbers = sorted({c.node.level for c in all_changes})
     levels = [(str(level), [c for c in all_changes if c.node.level == level]) for level in numbers]
     return [
@@ -252,19 +244,3 @@ def size_and_spread(all_changes: Sequence[Change]) -> list[tuple[str, int, Float
         for name, group in [*levels, ("all", list(all_changes))]
         if group
     ]
-
-
-def _change(node: Node, before: Node) -> Change | None:
-    common = [dims for dims in node.prior_dims if dims in before.prior_dims]
-    if not common:
-        return None
-    dims = max(common, key=len)
-    then, now = before.prior(dims), node.prior(dims)
-    sizes = then.quantile(0.5), now.quantile(0.5)
-    size = float(np.log(sizes[1] / sizes[0]).mean())
-    spread = float(np.log(now.log_sd() / then.log_sd()).mean())
-    return Change(node, before, dims, *sizes, size, spread)
-
-
-def _items_of_sources(records: Iterable[dict[str, Any]]) -> dict[str, int]:
-    return {str(record["title"]): int(record.get("n_fit", 0)) for record in records}

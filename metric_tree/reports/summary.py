@@ -1,4 +1,4 @@
-"""What a report counts: pure functions of a tree."""
+"""Counts of a release for its report, as pure functions of a tree."""
 
 from __future__ import annotations
 
@@ -15,11 +15,11 @@ from metric_tree.prior import MIN_COMPONENT_SHARE, has_distinct_components
 from metric_tree.tree import Tree
 from taxonomy.label_lists import Label, vocabulary
 
-#: Fewer items than this say little about a distribution.
+#: Minimum number of items for statements about a distribution.
 MIN_ITEMS = 10
 
-#: Categories of the figure, as in the paper's figure of size distributions, with others of everyday rooms and streets;
-#: those that the release lacks are left out.
+#: Categories of the figure of size distributions: the categories of the paper, and others of everyday rooms and
+#: streets.
 TYPICAL = (
     "chair.n.01",
     "sofa.n.01",
@@ -41,26 +41,26 @@ TYPICAL = (
 
 @dataclass(frozen=True, slots=True)
 class Coverage:
-    """Labels of a list that need a prior, and how many have one from `MIN_ITEMS` real items, any, or at all."""
+    """Coverage of a label list by priors."""
 
     name: str
-    labels: int
-    enough: int
-    real: int
-    any: int
+    labels: int  #: Number of labels that need a prior.
+    enough: int  #: Number of labels with a prior from `MIN_ITEMS` real items or more.
+    real: int  #: Number of labels with a prior from real items.
+    any: int  #: Number of labels with a prior.
 
 
 def level_counts(tree: Tree) -> list[tuple[int, ...]]:
-    """Level, nodes, nodes with 1, 10, 30 real items at or below them."""
+    """Return level, number of nodes, and number of nodes with at least 1, 10 and 30 real items at or below."""
     rows = []
     for level in sorted({node.level for node in tree}):
         items = [node.n_items for node in tree if node.level == level]
-        rows.append((level, len(items), *(sum(count >= least for count in items) for least in (1, 10, 30))))
+        rows.append((level, len(items), *(sum(count >= minimum for count in items) for minimum in (1, 10, 30))))
     return rows
 
 
 def source_counts(tree: Tree) -> list[tuple[str, str, str, int, int]]:
-    """Source, kind, licence, rows of the fit, rows shipped; most rows first."""
+    """Return source, kind, licence, rows of the fit and shipped rows, the most rows first."""
     rows = [
         (s["title"], s.get("kind", ""), s.get("licence") or "none", int(s.get("n_fit", 0)), int(s.get("n_rows", 0)))
         for s in tree.release.manifest["sources"]
@@ -69,7 +69,7 @@ def source_counts(tree: Tree) -> list[tuple[str, str, str, int, int]]:
 
 
 def covered_items(tree: Tree, label: Label) -> int | None:
-    """Real items of the label's node; None where it has no prior at all."""
+    """Return the number of real items of the node of a label; None if it has no prior."""
     if label.node_id is None:
         return None
     try:
@@ -80,22 +80,22 @@ def covered_items(tree: Tree, label: Label) -> int | None:
 
 
 def coverage(tree: Tree, name: str, labels: Iterable[Label] | None = None) -> Coverage:
-    """How much of a label list has a prior; walls, floors, skies and void labels need none."""
+    """Return the coverage of a label list; walls, floors, skies and void labels need no prior."""
     needing = [label for label in (vocabulary(name) if labels is None else labels) if label.needs_prior]
     counts = [count for label in needing if (count := covered_items(tree, label)) is not None]
     return Coverage(name, len(needing), sum(n >= MIN_ITEMS for n in counts), sum(n > 0 for n in counts), len(counts))
 
 
 def typical_nodes(tree: Tree) -> list[Node]:
-    """Those of the typical categories that the release has a prior for."""
+    """Return the nodes of `TYPICAL` that have a prior."""
     known = {node.node_id: node for node in tree}
     return [known[node_id] for node_id in TYPICAL if node_id in known and known[node_id].prior_dims]
 
 
 def disagreements(tree: Tree) -> list[tuple[str, int, int, float]]:
-    """Node, sources, items, and how far sources differ (per cent, one standard deviation); worst first.
+    """Return node, sources, items and disagreement of the sources (one standard deviation in %), the largest first.
 
-    Leaves and kinds with items from at least three sources; the number is of the axis on which they differ most.
+    Nodes of levels 4 and 5 with at least three sources are included, with the axis of the largest disagreement.
     """
     rows = []
     for node in tree:
@@ -109,9 +109,9 @@ def disagreements(tree: Tree) -> list[tuple[str, int, int, float]]:
 
 
 def mixed_leaves(tree: Tree) -> list[tuple[str, int, str]]:
-    """Leaves that look like two kinds of object under one name: path, items, medians of the parts; most items first.
+    """Return path, items and component sizes of leaves with distinct components, the most items first.
 
-    The part sizes are geometric means over the dimensions, in mm.
+    The sizes are geometric means over the dimensions, in mm.
     """
     rows = []
     for node in tree:
@@ -127,7 +127,7 @@ def mixed_leaves(tree: Tree) -> list[tuple[str, int, str]]:
 
 
 def known_shares(tree: Tree) -> tuple[int, float, float]:
-    """Shipped items that are no norms or ranges, and the shares of them with a year and with a region."""
+    """Return the number of shipped items without norms and ranges, and the fractions with a year and with a region."""
     items = tree.release.table("items").select(["kind", "year", "region"])
     real = items.filter(pa.array([kind not in STATED_KINDS for kind in items["kind"].to_pylist()], pa.bool_()))
     n = real.num_rows

@@ -1,22 +1,22 @@
-"""From a text to a node: the one way in which the tree, the estimator and the commands read a name.
+"""Resolve a text to a node: the one way in which the tree, the estimator and the commands look up a name.
 
-The forms of a text are tried from the plainest to the boldest, and the first that names a node answers: as it is
-written, without numbers and articles, singular, without spaces; two alternatives that agree (`couch/sofa`), the last
-part of a dotted path; what a count names (`pair of scissors`), the name before `with` or `riding`; a word of WordNet
-whose kind is in the tree; the name without adjectives, colours, materials and rooms; the head noun, if compounds that
-end in it are known to be such items; a name that is one letter off. An answer says what was dropped on the way.
+The forms of a text are tried in this order, and the first that is the name of a node is used: the text itself; without
+numbers and articles; singular; without spaces; two alternatives that agree (`couch/sofa`); the last part of a dotted
+path; the noun after a count (`pair of scissors`); the name before `with` or `riding`; a word of WordNet with a hypernym
+in the tree; the name without adjectives, colours, materials and rooms; the head noun, if most known compounds with it
+are such objects; a name with one wrong letter. The note of a match states the ignored words.
 
-Names and nodes near a text: for people who search, and for the message about a name that is unknown.
+The resolver also finds similar names, for search and for the message of an unknown name.
 """
 
 from __future__ import annotations
 
 import math
 import re
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Iterator, Sequence
 
 from metric_base.spelling import near_spellings
-from taxonomy.naming.names import PERSON, Candidate, NameAnswer, Names, folded_forms
+from taxonomy.naming.names import PERSON, Candidate, NameMatch, Names, folded_forms
 from taxonomy.words.phrases import (
     after_counts,
     container_and_content,
@@ -29,161 +29,130 @@ from taxonomy.words.phrases import (
 from taxonomy.words.senses import coded_node, head_trust, is_english, other_names, senses
 from taxonomy.words.spelling import fold_text, one_edit, plain_fold, singular_phrases, singulars, written_forms
 
-#: Likeness of spelling (`difflib`'s ratio) from which a name is worth comparing letter by letter.
-NEAR_SPELLING = 0.75
-#: Levels from the root from which a broader kind is offered.
-LEAST_OFFERED = 3
-#: What words in brackets add to a candidate that they name: more than anything else does.
-HINT_RATIO = 10.0
-#: Share of the known compounds of a head noun that are such items, from which the head alone is taken.
-HEAD_TRUST = 0.65
-#: Compounds that must be known before a head noun is taken.
-HEAD_COMPOUNDS = 4
-#: Words of the longest compound whose head noun is taken.
+#: Minimum ratio of similarity (`difflib`) of names that are compared letter by letter.
+MIN_SPELLING_RATIO = 0.75
+#: Minimum level of a hypernym that is suggested for an unknown name; the root has level 1.
+MIN_SUGGESTED_LEVEL = 3
+#: Number of similar names among the results of a search.
+N_SIMILAR_NAMES = 10
+#: Evidence of a candidate that the words in brackets name, more than all other evidence.
+HINT_SCORE = 10.0
+#: Minimum fraction of the known compounds of a head noun that are such objects, 0 to 1.
+MIN_HEAD_FRACTION = 0.65
+#: Minimum number of known compounds of a head noun.
+MIN_HEAD_COMPOUNDS = 4
+#: Maximum number of words of a compound whose head noun is used.
 MAX_COMPOUND_WORDS = 4
-#: Levels of the tree (the root is 1) from which a broader kind is taken: a stocking is not footwear of 30 by 10 cm. One
-#: level further up only by its own name (an electric car is a car), and never further (not a container or a vehicle).
+#: Minimum level of a hypernym that is used for a text: a stocking is not footwear of 30 by 10 cm.
 MIN_BROADER_LEVEL = 4
+#: Minimum level of a hypernym whose name the text contains: an electric car is a car. A higher node (a container, a
+#: vehicle) is never used.
 MIN_NAMED_LEVEL = 3
-#: Above everything that lives.
+#: Minimum number of letters of a word that may have one wrong letter; shorter words have too many neighbours.
+MIN_FUZZY_LETTERS = 5
+#: Minimum number of letters of a word that may differ in suggestions.
+MIN_SLIP_LETTERS = 4
+#: Nodes above all living beings.
 _LIVING = {"animal.n.01", "mt:human", PERSON, "organism.n.01"}
-#: Above what grows and what is eaten, people left out.
+#: Nodes above animals, plants and food.
 _GROWING = {"animal.n.01", "plant.n.02", "food.n.01"}
 _CODE = re.compile(r"^(?:n\d{8}|/m/[0-9a-z_]+|/g/[0-9a-z_]+)$")
 _BRACKETS = re.compile(r"[\s_]*\(([^()]*)\)")
-#: Letters from which a name may be one letter off: short words are too near each other.
-MIN_FUZZY_LETTERS = 5
 _LANGUAGES = {"de": "German", "fr": "French", "es": "Spanish", "it": "Italian"}
 _COUNTING = re.compile(r"(?:an?|the|one|two|three|four|five|six|of|\d[\d.,]*|inch(?:es)?|cm|mm|m|ft)$", re.IGNORECASE)
-#: An image of a chair has no size of a chair, and neither has what is made after one. A photo does not begin so:
-#: labels of detectors that read prompts are "a photo of a chair".
+#: Beginnings of images and copies, which do not have the size of the object. "Photo" is not one of them: labels of
+#: detectors with prompts are "a photo of a chair".
 _DEPICTING = re.compile(
     r"(?:an?\s+|the\s+)?(?P<noun>picture|painting|drawing|poster|statue|sculpture|sticker|figurine|toy|portrait|mural|"
     r"image|print|sketch|replica|model|miniature|photograph)s?\s+of\s",
     re.IGNORECASE,
 )
+#: Modifiers of copies, and the ones that are also in names of breeds.
 _COPIES, _BREEDS = frozenset({"miniature", "plush", "stuffed", "toy", "lego", "replica"}), frozenset({"miniature"})
 _ALTERNATIVES = re.compile(r"\s*(?:/|\||\bor\b)\s*")
 
 
-class Nearest:
-    """What lies near a text among one release's names.
+class Resolver:
+    """Resolve texts to the nodes of one release, given by their names."""
 
-    Parameters
-    ----------
-    names : the nodes by their names; answer : what a text means.
-    """
-
-    def __init__(self, names: Names, answer: Callable[[str], NameAnswer | None]) -> None:
+    def __init__(self, names: Names) -> None:
         self._names = names
-        self._answer = answer
 
-    def nodes(self, text: str, limit: int) -> Iterator[str]:
-        """At most `limit` nodes for what a person types: meanings, names that begin so or hold it, like spellings."""
-        yield from _unique(self._nodes(text), limit)
+    def match(self, text: str) -> NameMatch | None:
+        """Return the nodes of a text, with a note of the ignored words; None if the tree has no node for it."""
+        match = self._match(text) or self._misspelt(text)
+        if match is None or match.note or match.how in {"id", "code"}:
+            return match
+        return match._replace(note=self._note(text, match))
 
-    def _nodes(self, text: str) -> Iterator[str]:
-        answer = self._answer(text)
-        if answer is not None:
-            yield from (one.node_id for one in answer.candidates)
+    def names(self) -> Iterator[tuple[str, tuple[str, ...]]]:
+        """Yield every normalised name with its nodes, the most likely first; for an index outside of Python."""
+        for form in self._names.forms:
+            if nodes := tuple(one.node_id for one in self._names.candidates(form)):
+                yield form, nodes
+
+    def nodes_by_relevance(self, text: str, limit: int) -> Iterator[str]:
+        """Yield up to `limit` nodes for a partial or misspelt text: its nodes, names that contain it, similar names."""
+        seen: set[str] = set()
+        for node_id in self._relevant_nodes(text):
+            if len(seen) == limit:
+                return
+            if node_id not in seen:
+                seen.add(node_id)
+                yield node_id
+
+    def nearest(self, text: str, count: int = 3) -> list[str]:
+        """Return up to `count` known names for an unknown text: with similar spelling, its hypernym, its head noun."""
+        form = plain_fold(text)
+        words = form.split()
+        similar = near_spellings(form, self._names.forms, n=10 * count, cutoff=MIN_SPELLING_RATIO)
+        names = []
+        for name in similar:
+            others = name.split()
+            same_words = len(words) == len(others) and all(map(is_slip, words, others))
+            if is_slip(form.replace(" ", ""), name.replace(" ", "")) or same_words:
+                names.append(name)
+        meant = next(iter(senses(form)), None)
+        kind = next((node for node in meant.chain if node in self._names), None) if meant else None
+        if kind is not None and kind != PERSON and self._level(kind) >= MIN_SUGGESTED_LEVEL:
+            names.append(plain_fold(self._names.display_name(kind)))
+        if len(words) > 1:
+            heads = (words[-1], *singular_phrases(words[-1]))
+            names += [head for head in heads if self._names.nodes_named(head)][:1]
+        return list(dict.fromkeys(name for name in names if name != form))[:count]
+
+    def _relevant_nodes(self, text: str) -> Iterator[str]:
+        match = self.match(text)
+        if match is not None:
+            yield from (one.node_id for one in match.candidates)
         form = plain_fold(text)
         if not form:
             return
         forms = list(self._names.forms)
-        begin = sorted((one for one in forms if one.startswith(form)), key=len)
-        hold = sorted((one for one in forms if f" {form}" in one), key=len)
-        yield from (node for one in (*begin, *hold) for node in self._names.owners(one))
-        yield from (node for one in self.names(text, 10) for node in self._names.owners(one))
+        beginning = sorted((one for one in forms if one.startswith(form)), key=len)
+        containing = sorted((one for one in forms if f" {form}" in one), key=len)
+        yield from (node for one in (*beginning, *containing) for node in self._names.nodes_named(one))
+        yield from (node for one in self.nearest(text, N_SIMILAR_NAMES) for node in self._names.nodes_named(one))
 
-    def names(self, text: str, count: int = 3) -> list[str]:
-        """Known names that may help with an unknown text: of near spelling, a broader kind, the head noun; or none."""
-        form = plain_fold(text)
-        words = form.split()
-        names = [*self._spelt_like(form, count), *self._kinds(form)]
-        if len(words) > 1:
-            heads = (words[-1], *singular_phrases(words[-1]))
-            names += [head for head in heads if self._names.owners(head)][:1]
-        return list(dict.fromkeys(name for name in names if name != form))[:count]
-
-    def _spelt_like(self, form: str, count: int) -> list[str]:
-        """Known names each of whose words is nearly spelt like that of the text: a slip of a letter or two."""
-        words = form.split()
-        like = near_spellings(form, self._names.forms, n=10 * count, cutoff=NEAR_SPELLING)
-        return [one for one in like if _slip(form.replace(" ", ""), one.replace(" ", "")) or _slips(words, one.split())]
-
-    def _kinds(self, form: str) -> list[str]:
-        """The name of the nearest kind of what WordNet states about the text first, if it states a size."""
-        meant = next(iter(senses(form)), None)
-        kind = next((node for node in meant.chain if node in self._names), None) if meant else None
-        usable = kind is not None and kind != PERSON and len(self._names.ancestors(kind)) + 1 >= LEAST_OFFERED
-        return [plain_fold(self._names.shown(kind))] if kind is not None and usable else []
-
-
-def _slips(words: Sequence[str], others: Sequence[str]) -> bool:
-    """Return True if two names have the same words but for slips of spelling."""
-    return len(words) == len(others) and all(map(_slip, words, others))
-
-
-def _slip(word: str, other: str) -> bool:
-    """Return True if a word is the other but for a slip: the same beginning, at most a letter in four differs."""
-    import difflib
-
-    same = sum(block.size for block in difflib.SequenceMatcher(None, word, other).get_matching_blocks())
-    longer = max(len(word), len(other))
-    return word == other or (word[:1] == other[:1] and longer >= 4 and longer - same <= max(1, longer // 4))
-
-
-def _unique(ids: Iterator[str], limit: int) -> Iterator[str]:
-    seen: set[str] = set()
-    for one in ids:
-        if len(seen) == limit:
-            return
-        if one not in seen:
-            seen.add(one)
-            yield one
-
-
-class Resolver:
-    """Reads names for the nodes of one release.
-
-    Parameters
-    ----------
-    names : the nodes by their names.
-    """
-
-    def __init__(self, names: Names) -> None:
-        self._names = names
-        self._nearest = Nearest(names, self.answer)
-
-    def answer(self, text: str) -> NameAnswer | None:
-        """What a text means, with a note of what is left out of it; None if nothing of the tree is meant."""
-        answer = self._answer(text) or self._misspelt(text)
-        if answer is None or answer.note or answer.how in {"id", "code"}:
-            return answer
-        return answer._replace(note=self._note(text, answer))
-
-    def _note(self, text: str, answer: NameAnswer) -> str | None:
-        """What an answer leaves out of a text, or that it stands for a kind that the tree lacks."""
-        name = self._names.shown(answer.node_id)
-        if not answer.form:
+    def _note(self, text: str, match: NameMatch) -> str | None:
+        """Return a note of the ignored words, of a hypernym that was used, or of another meaning in a language."""
+        name = self._names.display_name(match.node_id)
+        if not match.form:
             return f"taken as {name}, the nearest kind in the tree"
-        if answer.form == plain_fold(text):
-            return self._in_another_language(answer)
+        if match.form == plain_fold(text):
+            languages = other_names(match.form)
+            other = next((node for node in languages if node in self._names), None)
+            if other is None or self._is_same(other, match.node_id) or languages[other] not in _LANGUAGES:
+                return None
+            return f"in {_LANGUAGES[languages[other]]} also {self._names.display_name(other)}"
         if _ALTERNATIVES.search(text) or container_and_content(text):
             return None
-        left = _left_out(after_counts(text) or text, answer.form)
-        verb = "is" if len(left) == 1 else "are"
-        return f"taken as {name}: {', '.join(map(repr, left))} {verb} not in the tree" if left else None
+        ignored = _ignored_words(after_counts(text) or text, match.form)
+        verb = "is" if len(ignored) == 1 else "are"
+        return f"taken as {name}: {', '.join(map(repr, ignored))} {verb} not in the tree" if ignored else None
 
-    def _in_another_language(self, answer: NameAnswer) -> str | None:
-        """What the name means in another language, where that is another item."""
-        named = other_names(answer.form)
-        elsewhere = next((node for node in named if node in self._names), None)
-        if elsewhere is None or self._same(elsewhere, answer.node_id) or named[elsewhere] not in _LANGUAGES:
-            return None
-        return f"in {_LANGUAGES[named[elsewhere]]} also {self._names.shown(elsewhere)}"
-
-    def _answer(self, text: str) -> NameAnswer | None:
+    def _match(self, text: str) -> NameMatch | None:
+        """Return the match of a text as an id, a code, a name, or a phrase."""
         if text in self._names:
             return _certain(text, "id")
         if _CODE.match(text):
@@ -196,243 +165,227 @@ class Resolver:
         if other := self._other_name(text):
             return other
         parts = [part for part in _ALTERNATIVES.split(text) if part]
-        if len(parts) > 1:
-            return self._common_answer(parts)
-        return self._compound_answer(text) or self._phrase(text)
+        if len(parts) <= 1:
+            return self._compound(text) or self._phrase(text)
+        matches = [match for part in parts if (match := self.match(part)) is not None]
+        agree = len(matches) == len(parts) and all(self._is_same(matches[0].node_id, one.node_id) for one in matches)
+        return matches[0] if agree and matches else None
 
-    def names(self) -> Iterator[tuple[str, tuple[str, ...]]]:
-        """Every folded name with the nodes it may mean, the likeliest first: for an index outside of Python."""
-        for form in self._names.forms:
-            if owners := tuple(one.node_id for one in self._names.candidates(form)):
-                yield form, owners
-
-    def nodes_by_relevance(self, text: str, limit: int) -> Iterator[str]:
-        """At most `limit` nodes for what a person types: meanings, names that begin so or hold it, like spellings."""
-        return self._nearest.nodes(text, limit)
-
-    def nearest(self, text: str, count: int = 3) -> list[str]:
-        """Known names that may help with an unknown text: of near spelling, a broader kind, the head noun; or none."""
-        return self._nearest.names(text, count)
-
-    def _written(self, text: str) -> NameAnswer | None:
-        """The answer for a text that is a name as it is, in brackets, counted, plural, or without its spaces."""
+    def _written(self, text: str) -> NameMatch | None:
+        """Return the match of a text that is a name, with brackets, counts, plurals or missing spaces."""
         hint = _BRACKETS.search(text)
         bare = _BRACKETS.sub("", text) if hint else text
         for form in folded_forms(text):
-            if answer := self._best(self._names.candidates(form), None):
-                return answer._replace(form=form)
+            if match := self._best(self._names.candidates(form), None):
+                return match._replace(form=form)
         for plain in dict.fromkeys((bare, without_numbers(bare))):
             for form in folded_forms(plain):
-                if answer := self._of_form(form, hint[1] if hint else None):
-                    return answer
+                if match := self._of_form(form, hint[1] if hint else None):
+                    return match
         return None
 
-    def _other_name(self, text: str) -> NameAnswer | None:
-        """The answer for the name of a norm, or for a name in another language that English does not have."""
+    def _other_name(self, text: str) -> NameMatch | None:
+        """Return the match of the name of a norm, or of a name in another language that is not an English word."""
         form = plain_fold(text)
         named = next(filter(None, map(other_names, (form, *singular_phrases(form)))), {})
         known = {node: language for node, language in named.items() if node in self._names}
         if not known or (senses(form) and "norm" not in known.values()):
             return None
-        most = sorted(known, key=lambda node: -self._names.items(node))
-        rival = next((node for node in most[1:] if not self._same(most[0], node)), None)
-        language = _LANGUAGES.get(known[most[0]])
-        note = f"taken as {self._names.shown(most[0])}: {language} {text.strip()!r}" if language else None
-        candidates = tuple(Candidate(node, 0.0, "other name") for node in most)
-        return NameAnswer(candidates, "other name", 0.0 if rival else math.inf, form, note)
+        nodes = sorted(known, key=lambda node: -self._names.items(node))
+        rival = next((node for node in nodes[1:] if not self._is_same(nodes[0], node)), None)
+        language = _LANGUAGES.get(known[nodes[0]])
+        name = self._names.display_name(nodes[0])
+        note = f"taken as {name}: {language} {text.strip()!r}" if language else None
+        candidates = tuple(Candidate(node, 0.0, "other name") for node in nodes)
+        return NameMatch(candidates, "other name", 0.0 if rival else math.inf, form, note)
 
-    def _misspelt(self, text: str) -> NameAnswer | None:
-        """The answer for a text whose one word is a letter off that of a name, if all such names mean one node."""
+    def _misspelt(self, text: str) -> NameMatch | None:
+        """Return the match of a text with one wrong letter in one word, if all such names have the same node."""
         form = plain_fold(text)
         if not form.replace(" ", "").isalpha() or senses(form):
             return None
-        near = [name for name in self._names.forms if one_edit(form, name) and self._is_slip(form, name)]
-        answers = [answer for name in near if (answer := self._best(self._names.candidates(name), "misspelt"))]
-        first = answers[0] if answers else None
-        if first is None or first.ambiguous or not all(self._same(first.node_id, one.node_id) for one in answers):
+        near = [name for name in self._names.forms if one_edit(form, name) and self._is_misspelling(form, name)]
+        matches = [match for name in near if (match := self._best(self._names.candidates(name), "misspelt"))]
+        first = matches[0] if matches else None
+        if first is None or first.ambiguous or not all(self._is_same(first.node_id, one.node_id) for one in matches):
             return None
-        name = self._names.shown(first.node_id)
+        name = self._names.display_name(first.node_id)
         return first._replace(form=near[0], note=f"taken as {name}: {text.strip()!r} is not in the tree")
 
-    def _is_slip(self, form: str, name: str) -> bool:
-        """Return True if two names differ in one word, which is long and neither English nor of a name in the first."""
-        words, of_name = form.split(), name.split()
-        unlike = [pair for pair in zip(words, of_name, strict=False) if pair[0] != pair[1]]
-        if len(words) != len(of_name) or len(unlike) != 1 or min(map(len, unlike[0])) < MIN_FUZZY_LETTERS - 1:
+    def _is_misspelling(self, form: str, name: str) -> bool:
+        """Return True if a text differs from a name in one long word, which is neither English nor in any name."""
+        words, name_words = form.split(), name.split()
+        unlike = [pair for pair in zip(words, name_words, strict=False) if pair[0] != pair[1]]
+        if len(words) != len(name_words) or len(unlike) != 1 or min(map(len, unlike[0])) < MIN_FUZZY_LETTERS - 1:
             return False
-        return len(unlike[0][0]) >= MIN_FUZZY_LETTERS and not (
-            unlike[0][0] in self._names.words or is_english(unlike[0][0])
-        )
+        word = unlike[0][0]
+        return len(word) >= MIN_FUZZY_LETTERS and not (word in self._names.words or is_english(word))
 
-    def _of_form(self, form: str, hint: str | None = None) -> NameAnswer | None:
-        """The answer for a folded form: as it is, singular, without its spaces."""
+    def _of_form(self, form: str, hint: str | None = None) -> NameMatch | None:
+        """Return the match of a normalised form: the form itself, its singulars, or without its spaces."""
         for written in written_forms(form, lambda: self._names.letters) if form else ():
             if candidates := self._names.candidates(written):
-                answer = self._best(candidates, None if written == form else "folded", hint)
-                return answer and answer._replace(form=written if " " in form or written != form else form)
+                match = self._best(candidates, None if written == form else "folded", hint)
+                return match and match._replace(form=written if " " in form or written != form else form)
         return None
 
-    def _best(self, candidates: Sequence[Candidate], how: str | None, hint: str | None = None) -> NameAnswer | None:
-        """The likeliest of several candidates, as an answer; None of none."""
+    def _best(self, candidates: Sequence[Candidate], how: str | None, hint: str | None = None) -> NameMatch | None:
+        """Return candidates as a match, or None without any.
+
+        Candidates that the words in brackets (`hint`) name, by an ancestor or a hypernym, are first: `bow (weapon)`.
+        """
         if not candidates:
             return None
         if hint is not None:
-            candidates = self._order_by_hint(candidates, hint)
+            words = set(plain_fold(hint).split())
+
+            def is_hinted(one: Candidate) -> bool:
+                kinds = (one.node_id, *self._names.ancestors(one.node_id), *self._names.hypernyms(one.node_id))
+                names = (plain_fold(node.partition(".")[0].removeprefix("mt:")) for node in kinds)
+                return any(words & set(name.split()) for name in names)
+
+            hinted = [one._replace(score=one.score + HINT_SCORE) for one in candidates if is_hinted(one)]
+            candidates = hinted + [one for one in candidates if not is_hinted(one)]
         best = candidates[0]
-        rival = next((one for one in candidates[1:] if not self._same(best.node_id, one.node_id)), None)
+        rival = next((one for one in candidates[1:] if not self._is_same(best.node_id, one.node_id)), None)
         margin = best.score - rival.score if rival else math.inf
-        return NameAnswer(tuple(candidates), how or best.how, margin)
+        return NameMatch(tuple(candidates), how or best.how, margin)
 
-    def _order_by_hint(self, candidates: Sequence[Candidate], hint: str) -> list[Candidate]:
-        """Candidates whose kinds the words in brackets name come first (`bow (weapon)`)."""
-        words = set(plain_fold(hint).split())
+    def _is_same(self, one: str, other: str) -> bool:
+        """Return True if two nodes are equal or one is above the other."""
+        return one == other or self._names.are_related(one, other)
 
-        def names(one: Candidate) -> bool:
-            above = (one.node_id, *self._names.ancestors(one.node_id), *self._names.hypernyms(one.node_id))
-            shown = (plain_fold(node.partition(".")[0].removeprefix("mt:")) for node in above)
-            return any(words & set(name.split()) for name in shown)
-
-        hinted = [one._replace(score=one.score + HINT_RATIO) for one in candidates if names(one)]
-        return hinted + [one for one in candidates if not names(one)]
-
-    def _same(self, one: str, other: str) -> bool:
-        return one == other or self._names.kin(one, other)
-
-    def _compound_answer(self, text: str) -> NameAnswer | None:
-        """The answer for dotted paths and inverted names (`table, dining`)."""
+    def _compound(self, text: str) -> NameMatch | None:
+        """Return the match of a dotted path or of an inverted name (`table, dining`)."""
         if "." in text.strip(".") and " " not in text.strip():
             *_, before, last = ["", *filter(None, text.split("."))]
             return self._written(last) or (self._written(before) if before and plain_fold(last) else None)
         parts = [part.strip() for part in text.split(",") if part.strip()]
         if len(parts) > 1:
             inverted = " ".join((*parts[1:], parts[0])) if len(parts) == 2 else ""
-            tried = (self.answer(part) for part in (inverted, *parts) if part)
-            return next((answer for answer in tried if answer is not None), None)
+            matches = (self.match(part) for part in (inverted, *parts) if part)
+            return next((match for match in matches if match is not None), None)
         return None
 
-    def _common_answer(self, parts: Sequence[str]) -> NameAnswer | None:
-        """The one answer of several alternatives, or None where they disagree."""
-        answers = [answer for part in parts if (answer := self.answer(part)) is not None]
-        first = answers[0] if len(answers) == len(parts) else None
-        same = first is not None and all(self._same(first.node_id, one.node_id) for one in answers)
-        return first if same else None
-
-    def _phrase(self, text: str) -> NameAnswer | None:
-        """The answer for a phrase: what it counts, what comes before `with`, its kind in WordNet, its bare name."""
+    def _phrase(self, text: str) -> NameMatch | None:
+        """Return the match of a phrase: the noun after a count, the name before `with`, a hypernym, the bare name."""
         plain = text.replace("_", " ").replace("-", " ") if " " not in text.strip() else text
         if holding := container_and_content(plain):
             container, content = holding
             return self._of_form(plain_fold(f"{content} {container}")) or self._of_form(container)
         counted = after_counts(plain)
-        if counted and (answer := self.answer(counted)):
-            return answer
+        if counted and (match := self.match(counted)):
+            return match
         form = plain_fold(without_numbers(plain))
         words = form.split()
-        adjective = len(words) > 1 and is_plain_adjective(words[0])
-        answer = self._bare(words) if adjective else self._of_wordnet(form)
-        if answer and adjective and self._misleads(form, answer):
-            return self._of_wordnet(form)
-        if answer:
-            return answer
-        led = leading_phrase(plain)
-        if led and (answer := self.answer(led)):
-            return answer
-        return self._bare(words) if not led else None
+        has_adjective = len(words) > 1 and is_plain_adjective(words[0])
+        match = self._without_modifiers(words) if has_adjective else self._hypernym(form)
+        if match and has_adjective:
+            # A blue tit is a bird: ignore the match if only one of complete name and remainder is a living being.
+            kinds = [sense.concept for sense in senses(form) if sense.chain and sense.concept in self._names]
+            if kinds and all(self._is_living(kind) != self._is_living(match.node_id) for kind in kinds):
+                return self._hypernym(form)
+        if match:
+            return match
+        leading = leading_phrase(plain)
+        if leading and (match := self.match(leading)):
+            return match
+        return self._without_modifiers(words) if not leading else None
 
-    def _bare(self, words: Sequence[str]) -> NameAnswer | None:
-        """The answer for a name after its modifiers are taken away, one by one from the left."""
-        living, copy = False, _COPIES & set(words[:-1])
+    def _without_modifiers(self, words: Sequence[str]) -> NameMatch | None:
+        """Return the match of a name after removing its modifiers one by one from the left."""
+        of_living, copy = False, _COPIES & set(words[:-1])
         while len(words) > 1 and (leading := modifiers(words)):
-            living = living or words[0] in word_list("of_the_living")
+            of_living = of_living or words[0] in word_list("of_the_living")
             words = words[leading:]
             form = " ".join(words)
-            answer = self._of_form(form) or self._of_wordnet(form)
-            if answer and copy and not (copy <= _BREEDS and self._lives(answer.node_id)):
-                return None
-            if answer and (self._too_broad(answer.node_id, words[-1]) or (living and not self._lives(answer.node_id))):
-                return None
-            if answer:
-                return answer._replace(how="modifier stripped")
+            match = self._of_form(form) or self._hypernym(form)
+            if match:
+                is_copy = copy and not (copy <= _BREEDS and self._is_living(match.node_id))
+                is_thing = of_living and not self._is_living(match.node_id)
+                if is_copy or is_thing or self._is_too_broad(match.node_id, words[-1]):
+                    return None
+                return match._replace(how="modifier stripped")
             if senses(form):
                 return None
         return None if copy else self._head(words)
 
-    def _head(self, words: Sequence[str]) -> NameAnswer | None:
-        """The answer for the head noun, if the compounds that end in it are such items."""
+    def _head(self, words: Sequence[str]) -> NameMatch | None:
+        """Return the match of the head noun, if the known compounds with it are such objects."""
         if not 1 < len(words) <= MAX_COMPOUND_WORDS or word_list("alienating") & set(words[:-1]):
             return None
         head = next((one for one in (words[-1], *singular_phrases(words[-1])) if self._names.candidates(one)), None)
-        answer = self._best(self._names.candidates(head), "broader kind") if head else None
-        if head is None or answer is None or answer.ambiguous or senses(" ".join(words)):
-            return None  # what WordNet knows as a whole is not such an item, or would have been found
-        if self._is_of_another_kind(words[-2], answer.node_id):
+        match = self._best(self._names.candidates(head), "broader kind") if head else None
+        if head is None or match is None or match.ambiguous or senses(" ".join(words)):
+            return None  # a compound that WordNet has is another object, or would have been found
+        # The bulb of garlic is not a light bulb, and the bed of a dog is not for people.
+        modifier = self._names.candidates(words[-2])
+        if modifier and self._is_growing(modifier[0].node_id) and not self._is_growing(match.node_id):
             return None
-        kinds, compounds = head_trust(head).get(answer.node_id, (0, 0))
-        trusted = compounds >= HEAD_COMPOUNDS and kinds / compounds >= HEAD_TRUST
-        return answer._replace(form=head) if trusted or head in word_list("containers") else None
+        kinds, compounds = head_trust(head).get(match.node_id, (0, 0))
+        is_trusted = compounds >= MIN_HEAD_COMPOUNDS and kinds / compounds >= MIN_HEAD_FRACTION
+        return match._replace(form=head) if is_trusted or head in word_list("containers") else None
 
-    def _of_wordnet(self, form: str) -> NameAnswer | None:
-        """The nearest kind in the tree of a word that the tree lacks."""
+    def _hypernym(self, form: str) -> NameMatch | None:
+        """Return the closest hypernym in the tree of a word that the tree does not contain."""
         forms = (form, *singular_phrases(form), form.replace(" ", ""))
         known = next(filter(None, map(senses, forms)), ())
         objects = [sense for sense in known if sense.chain and not sense.is_a((PERSON,))]
-        people = list(known) if all(sense.chain for sense in known) else []  # a piranha is not a person but a fish
+        people = list(known) if all(sense.chain for sense in known) else []  # a piranha is rather a fish than a person
         meant = [known[0]] if any(sense.count for sense in known) else objects or people
-        places = [next((node for node in sense.chain if node in self._names), None) for sense in meant]
-        node = places[0] if places else None
-        if node is None or any(other is None or not self._same(node, other) for other in places):
-            return None  # what is meant first has no size, has no place in the tree, or is one of several items
-        return None if self._too_broad(node, form.rpartition(" ")[2]) else _certain(node, "broader kind")
+        nodes = [next((node for node in sense.chain if node in self._names), None) for sense in meant]
+        node = nodes[0] if nodes else None
+        if node is None or any(other is None or not self._is_same(node, other) for other in nodes):
+            return None  # the first sense has no size or no node, or the senses are different objects
+        return None if self._is_too_broad(node, form.rpartition(" ")[2]) else _certain(node, "broader kind")
 
-    def _too_broad(self, node: str, head: str) -> bool:
-        """Return True if a node is too general for a size, unless the text has its name."""
-        heads = {head, *singular_phrases(head)}
-        depth = len(self._names.ancestors(node)) + 1
-        named = any(node in self._names.owners(one) for one in heads)
-        broad = depth < MIN_NAMED_LEVEL or (depth < MIN_BROADER_LEVEL and not named)
-        return broad and node != PERSON and self._names.has_kinds(node)
+    def _is_too_broad(self, node: str, head: str) -> bool:
+        """Return True if a node is too general for a size; one level higher is accepted if the text has its name."""
+        has_name = any(node in self._names.nodes_named(one) for one in {head, *singular_phrases(head)})
+        level = self._level(node)
+        is_broad = level < MIN_NAMED_LEVEL or (level < MIN_BROADER_LEVEL and not has_name)
+        return is_broad and node != PERSON and self._names.has_children(node)
 
-    def _misleads(self, form: str, answer: NameAnswer) -> bool:
-        """Return True if, in WordNet, either the whole name or its rest is a living being, but not both.
+    def _level(self, node: str) -> int:
+        return len(self._names.ancestors(node)) + 1
 
-        A blue tit is a bird and not a blue tit.
-        """
-        kinds = [sense.concept for sense in senses(form) if sense.chain and sense.concept in self._names]
-        return bool(kinds) and all(self._lives(kind) != self._lives(answer.node_id) for kind in kinds)
-
-    def _is_of_another_kind(self, modifier: str, head: str) -> bool:
-        """Return True if a compound's first noun is something that lives or is eaten, and its head is neither.
-
-        The bulb of garlic is not a light bulb, and a dog's bed is not for people.
-        """
-        candidates = self._names.candidates(modifier)
-        return bool(candidates) and self._grows(candidates[0].node_id) and not self._grows(head)
-
-    def _grows(self, node: str) -> bool:
-        return bool(_GROWING & {node, *self._names.ancestors(node)})
-
-    def _lives(self, node: str) -> bool:
+    def _is_living(self, node: str) -> bool:
+        """Return True if a node is a living being, in the tree or in WordNet."""
         return bool(_LIVING & {node, *self._names.ancestors(node), *self._names.hypernyms(node)})
 
+    def _is_growing(self, node: str) -> bool:
+        """Return True if a node is an animal, a plant or food in the tree."""
+        return bool(_GROWING & {node, *self._names.ancestors(node)})
 
-def _left_out(text: str, form: str) -> list[str]:
-    """The words of a text that a name does not have; a count before the name is not one of them."""
-    kept = set(form.split())
+
+def is_slip(word: str, other: str) -> bool:
+    """Return True if two words have the same first letter and differ in at most one letter of four."""
+    import difflib  # only for suggestions
+
+    same = sum(block.size for block in difflib.SequenceMatcher(None, word, other).get_matching_blocks())
+    longer = max(len(word), len(other))
+    is_similar = longer >= MIN_SLIP_LETTERS and longer - same <= max(1, longer // 4)
+    return word == other or (word[:1] == other[:1] and is_similar)
+
+
+def _ignored_words(text: str, form: str) -> list[str]:
+    """Return the words of a text that are not in a name, without a count before the name."""
+    name_words = set(form.split())
     letters = form.replace(" ", "")
-    left: list[str] = []
+    ignored: list[str] = []
     for word in re.split(r"[\s_,/()]+", text.strip()):
         parts = {
             one for part in (*plain_fold(word).split(), *fold_text(word).split()) for one in (part, *singulars(part))
         }
         irregular = {one for part in tuple(parts) for one in singular_phrases(part)}
-        if parts | irregular and not (parts | irregular) & kept and plain_fold(word) not in letters:
-            left.append(word)
-    while left and text.strip().startswith(left[0]) and _COUNTING.match(left[0]):
-        text = text.strip()[len(left[0]) :]
-        left = left[1:]
-    return left
+        if parts | irregular and not (parts | irregular) & name_words and plain_fold(word) not in letters:
+            ignored.append(word)
+    while ignored and text.strip().startswith(ignored[0]) and _COUNTING.match(ignored[0]):
+        text = text.strip()[len(ignored[0]) :]
+        ignored = ignored[1:]
+    return ignored
 
 
-def _certain(node: str, how: str) -> NameAnswer:
-    """The answer that is one node."""
-    return NameAnswer((Candidate(node, math.inf if how == "id" else 0.0, how),), how, math.inf)
+def _certain(node: str, how: str) -> NameMatch:
+    """Return the match of one node."""
+    return NameMatch((Candidate(node, math.inf if how == "id" else 0.0, how),), how, math.inf)

@@ -7,7 +7,13 @@ import pytest
 
 import metric_tree
 from metric_base.errors import InputError
-from metric_tree.reports.description import everyday_sentence, is_mixed, item_quantiles, node_sentence, shipped_evidence
+from metric_tree.reports.description import (
+    everyday_sentence,
+    is_heterogeneous,
+    item_quantiles,
+    node_sentence,
+    shipped_evidence,
+)
 from metric_tree.tree import Tree
 
 
@@ -65,5 +71,5 @@ def test_a_mixed_node_names_its_children_in_place_of_a_number() -> None:
     sentence = node_sentence(vehicle, "vehicle", vehicle.prior())
     assert sentence.startswith("Vehicle: mixed, ")
     assert "car" in sentence
-    assert not is_mixed(mug, mug.prior())
+    assert not is_heterogeneous(mug, mug.prior())
     assert "high" in node_sentence(mug, "mug", mug.prior())

@@ -13,7 +13,7 @@ from metric_base.errors import InputError
 from metric_tree import tiers
 from metric_tree.node import ThinEvidence
 from metric_tree.prior import Prior
-from metric_tree.tiers import TIERS, Evidence, at_least, leaf_tier, mixture_tier, tier_of_shares
+from metric_tree.tiers import TIERS, Evidence, is_at_least, leaf_tier, mixture_tier, tier_of_shares
 from metric_tree.tree import open_tree
 from tests.synthetic import minitree
 from tests.synthetic.priors import prior as synthetic_prior
@@ -25,10 +25,10 @@ def test_the_page_has_the_tiers_and_their_numbers() -> None:
     text = PAGE.read_text(encoding="utf-8")
     lines = [line for line in text.splitlines() if line.startswith("| `")]
     assert tuple(line.split("`")[1] for line in lines) == TIERS
-    assert f"{tiers.MEASURED_ROWS:g} or more effective rows" in lines[1]
-    assert f"of {tiers.MEASURED_SOURCES} sources or more" in lines[1]
-    assert f"{tiers.FEW_ROWS:g} or more such rows" in lines[2]
-    assert tiers.BORROWED_SHARE == tiers.JUDGED_SHARE == 0.5  # "more than half"
+    assert f"{tiers.MIN_MEASURED_ROWS:g} or more effective rows" in lines[1]
+    assert f"of {tiers.MIN_MEASURED_SOURCES} sources or more" in lines[1]
+    assert f"{tiers.MIN_FEW_ROWS:g} or more such rows" in lines[2]
+    assert tiers.MAX_BORROWED_FRACTION == tiers.MAX_JUDGED_FRACTION == 0.5  # "more than half"
 
 
 @pytest.mark.parametrize(
@@ -58,10 +58,10 @@ def test_half_of_a_mixture_reaches_its_tier(parts: list[tuple[str, float]]) -> N
 
 
 def test_tiers_are_ordered_and_others_are_refused() -> None:
-    assert at_least("few", "few")
-    assert not at_least("models", "few")
+    assert is_at_least("few", "few")
+    assert not is_at_least("models", "few")
     with pytest.raises(InputError, match="expected one of norm, measured"):
-        at_least("few", "good")
+        is_at_least("few", "good")
 
 
 @pytest.mark.parametrize(

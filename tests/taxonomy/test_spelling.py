@@ -5,7 +5,13 @@ from __future__ import annotations
 from hypothesis import example, given
 from hypothesis import strategies as st
 
-from taxonomy.naming.names import EACH_SENSE_BEFORE, LEAST_SHARE, USED_MOST, _astray, _sense_score
+from taxonomy.naming.names import (
+    MIN_SENSE_FRACTION,
+    MOST_USED_SENSE_SCORE,
+    PRECEDING_SENSE_PENALTY,
+    is_misleading_alias,
+    sense_score,
+)
 from taxonomy.words.senses import LABEL_WEIGHT, LABEL_WEIGHT_ELSEWHERE, Sense, label_votes
 from taxonomy.words.spelling import one_edit
 
@@ -38,13 +44,13 @@ def test_a_label_weighs_what_its_lists_do() -> None:
 def test_a_rare_sense_counts_itself() -> None:
     """Each sense counts one more than its uses."""
     senses = [Sense(("board.n.01",), 81), Sense(("board.n.09",), 8)]
-    assert (8 + 1) / (82 + 9) < LEAST_SHARE < 9 / 89
-    assert _astray(1, senses, "board")
-    assert not _astray(1, [Sense(("board.n.01",), 80), senses[1]], "board")
-    assert not _astray(1, [Sense(("plank.n.01",), 81), senses[1]], "board")
+    assert (8 + 1) / (82 + 9) < MIN_SENSE_FRACTION < 9 / 89
+    assert is_misleading_alias(1, senses, "board")
+    assert not is_misleading_alias(1, [Sense(("board.n.01",), 80), senses[1]], "board")
+    assert not is_misleading_alias(1, [Sense(("plank.n.01",), 81), senses[1]], "board")
 
 
-def test_a_sense_scores_by_its_uses_less_those_before_it() -> None:
+def test_asense_scores_by_its_uses_less_those_before_it() -> None:
     senses = [Sense(("board.n.01",), 7), Sense((), 3), Sense(("board.n.09",), 3)]
-    scores = [_sense_score(place, senses) for place in (0, 2)]
-    assert scores == [USED_MOST, USED_MOST * 4 / 8 - EACH_SENSE_BEFORE]
+    scores = [sense_score(place, senses) for place in (0, 2)]
+    assert scores == [MOST_USED_SENSE_SCORE, MOST_USED_SENSE_SCORE * 4 / 8 - PRECEDING_SENSE_PENALTY]

@@ -13,7 +13,7 @@ from metric_tree.context import Where, where_of
 from metric_tree.node import Node, NoPrior
 from metric_tree.prior import QUANTILES, Prior
 from metric_tree.release.schema import IMAGES
-from metric_tree.reports.description import is_mixed, item_quantiles, node_sentence, shipped_evidence
+from metric_tree.reports.description import is_heterogeneous, item_quantiles, node_sentence, shipped_evidence
 from metric_tree.tree import open_tree
 
 HELP = "A category: its node, path, counts, evidence, quantiles in millimetres and prior."
@@ -80,7 +80,7 @@ def summary(node: Node, dims: tuple[str, ...] | None = None, where: Where | None
         "where": prior.note if prior else None,
         "contexts": {"regions": list(node.contexts.regions), "years": list(node.contexts.years)},
         "sentence": node_sentence(node, node.name.partition(" (")[0], prior) if prior else None,
-        "mixed": is_mixed(node, prior) if prior else None,
+        "mixed": is_heterogeneous(node, prior) if prior else None,
         "shipped": shipped_evidence(node),
         "plain_state": node.plain_state,
         "states_mm": {name: _quantiles(state) for name, state in node.states.items()},

@@ -9,8 +9,8 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from taxonomy.naming.names import NameAnswer, Names
-from taxonomy.naming.resolver import Resolver, _slip
+from taxonomy.naming.names import NameMatch, Names
+from taxonomy.naming.resolver import Resolver, is_slip
 from taxonomy.words import senses as tables
 from taxonomy.words.phrases import after_counts, container_and_content, leading_phrase, without_numbers
 from taxonomy.words.spelling import fold_text, plain_fold, singular_phrases
@@ -51,8 +51,8 @@ def resolver(more: Sequence[tuple[str, str, tuple[str, ...], int, str | None]] =
 RESOLVER = resolver()
 
 
-def answer(text: str) -> NameAnswer:
-    found = RESOLVER.answer(text)
+def answer(text: str) -> NameMatch:
+    found = RESOLVER.match(text)
     assert found is not None, text
     return found
 
@@ -86,7 +86,7 @@ def test_the_form_of_an_answer_is_the_name_as_the_tree_writes_it() -> None:
 )
 def test_ways_to_write_a_name(text: str, node: str | None, how: str) -> None:
     if node is None:
-        assert RESOLVER.answer(text) is None
+        assert RESOLVER.match(text) is None
         return
     found = answer(text)
     assert (found.node_id, found.how, found.ambiguous) == (node, how, False)
@@ -94,14 +94,14 @@ def test_ways_to_write_a_name(text: str, node: str | None, how: str) -> None:
 
 @pytest.mark.parametrize("text", ["tv/chair", "wall plug", "gas pump", "zzyzx", "chaaar", "", "lid"])
 def test_what_would_mislead_is_unknown(text: str) -> None:
-    assert RESOLVER.answer(text) is None
+    assert RESOLVER.match(text) is None
 
 
 @pytest.mark.parametrize(
     "text", ["picture of chair", "a poster of a chair", "image of a chair", "toy chair", "chair poster", "plush bear"]
 )
 def test_what_shows_an_object_or_is_made_after_it_is_none(text: str) -> None:
-    found = RESOLVER.answer(text)
+    found = RESOLVER.match(text)
     assert found is None or found.node_id not in {"chair.n.01", "bear.n.01"}
 
 
@@ -116,7 +116,7 @@ def test_an_ancestor_and_its_descendant_are_one_sense() -> None:
     nodes = [*NODES, ("swivel_chair.n.01", "chair", (), 1, "chair.n.01")]
     ids, names, aliases, items, parents = zip(*nodes, strict=True)
     kin = Resolver(Names(ids, names, aliases, items, parents, lambda _: (), lambda _: {}))
-    found = kin.answer("chair")
+    found = kin.match("chair")
     assert found is not None
     assert not found.ambiguous
 
@@ -149,7 +149,7 @@ def test_a_suggestion_is_near_in_spelling_or_the_head_noun(text: str, names: lis
     ],
 )
 def test_a_slip_keeps_the_beginning_and_most_letters(word: str, other: str, same: bool) -> None:
-    assert _slip(word, other) == _slip(other, word) == same
+    assert is_slip(word, other) == is_slip(other, word) == same
 
 
 def test_a_container_is_what_is_meant_and_not_what_is_in_it() -> None:
@@ -161,12 +161,12 @@ def test_a_container_is_what_is_meant_and_not_what_is_in_it() -> None:
 
 def test_a_baby_something_is_an_animal_or_unknown() -> None:
     assert answer("baby cat").node_id == "cat.n.01"
-    assert RESOLVER.answer("baby monitor") is None
+    assert RESOLVER.match("baby monitor") is None
 
 
 def test_a_word_that_is_hardly_a_person_is_unknown() -> None:
     """WordNet has a piranha as a cruel person first, and as a fish that this tree has no place for."""
-    assert RESOLVER.answer("piranha") is None
+    assert RESOLVER.match("piranha") is None
 
 
 def test_a_colour_is_a_modifier_before_it_is_part_of_a_rare_name() -> None:
@@ -181,35 +181,35 @@ def test_a_bird_is_not_what_its_name_without_the_colour_means() -> None:
 
 def test_a_part_of_something_that_grows_is_no_other_object_of_that_name() -> None:
     assert answer("small bulb").node_id == "light_bulb.n.01"
-    assert RESOLVER.answer("garlic bulb") is None
+    assert RESOLVER.match("garlic bulb") is None
 
 
 def test_a_kind_too_far_up_is_taken_by_its_own_name_alone() -> None:
     """The third level says little of a size: metal furniture is furniture, one that is known to be some is not."""
     assert answer("metal chair").node_id == "chair.n.01"
-    assert RESOLVER.answer("metal entity") is None
+    assert RESOLVER.match("metal entity") is None
 
 
 def test_one_letter_off_is_taken_with_a_note_and_more_is_only_offered() -> None:
     found = answer("televison")
     assert (found.node_id, found.how) == ("television_receiver.n.01", "misspelt")
     assert found.note == "taken as television: 'televison' is not in the tree"
-    assert RESOLVER.answer("telvison") is None
+    assert RESOLVER.match("telvison") is None
     assert RESOLVER.nearest("telvison")[0] == "television"
     assert list(RESOLVER.nodes_by_relevance("telvison", 1)) == ["television_receiver.n.01"]
 
 
 def test_a_letter_off_two_names_is_one_only_where_they_mean_one_node() -> None:
     names = [("mt:one", "zorbax", ("zorbav",), 9, "entity.n.01"), ("mt:two", "zorbay", (), 8, "entity.n.01")]
-    found = resolver(names[:1]).answer("zorbaz")
+    found = resolver(names[:1]).match("zorbaz")
     assert found is not None
     assert (found.node_id, found.how) == ("mt:one", "misspelt")
-    assert resolver(names).answer("zorbaz") is None
+    assert resolver(names).match("zorbaz") is None
 
 
 @pytest.mark.parametrize("text", ["office chain", "bottler", "hut", "mousy"])
 def test_an_english_word_is_not_a_misspelt_name(text: str) -> None:
-    assert RESOLVER.answer(text) is None
+    assert RESOLVER.match(text) is None
 
 
 @pytest.mark.parametrize(
@@ -230,7 +230,7 @@ def test_an_english_word_is_not_a_misspelt_name(text: str) -> None:
     ],
 )
 def test_an_answer_says_what_it_leaves_out(text: str, note: str | None) -> None:
-    found = RESOLVER.answer(text)
+    found = RESOLVER.match(text)
     assert (found.note if found else None) == note
 
 
@@ -247,15 +247,15 @@ def test_an_english_word_keeps_its_meaning_and_says_what_else_it_is() -> None:
     """A cane is a stick in English and a dog in Italian; a chat is a bird that this tree lacks, and no cat."""
     nodes = [*NODES, ("cane.n.01", "cane", (), 1, "entity.n.01"), ("dog.n.01", "dog", (), 9, "animal.n.01")]
     ids, names, aliases, items, parents = zip(*nodes, strict=True)
-    found = Resolver(Names(ids, names, aliases, items, parents, lambda _: (), lambda _: {})).answer("cane")
+    found = Resolver(Names(ids, names, aliases, items, parents, lambda _: (), lambda _: {})).match("cane")
     assert found is not None
     assert (found.node_id, found.note) == ("cane.n.01", "in Italian also dog")
-    assert RESOLVER.answer("chat") is None
+    assert RESOLVER.match("chat") is None
 
 
 @given(st.text(max_size=30))
 def test_no_text_breaks_it(text: str) -> None:
-    found = RESOLVER.answer(text)
+    found = RESOLVER.match(text)
     assert found is None or found.node_id in {node for node, *_ in NODES}
     assert len(list(RESOLVER.nodes_by_relevance(text, 3))) <= 3
 
@@ -300,9 +300,9 @@ def test_names_asked_one_by_one_are_those_folded_at_once() -> None:
     forms = dict.fromkeys(whole.forms)
     assert {"curb", "teacup", "tea cup", "etagere", "tasse", "2 seater"} <= set(forms)
     for form in forms:
-        assert Names(*given).owners(form) == whole.owners(form) != ()
+        assert Names(*given).nodes_named(form) == whole.nodes_named(form) != ()
     one_by_one = Names(*given)
-    assert [one_by_one.owners(form) for form in forms] == [whole.owners(form) for form in forms]
+    assert [one_by_one.nodes_named(form) for form in forms] == [whole.nodes_named(form) for form in forms]
 
 
 def test_no_other_name_is_lost_unread(monkeypatch: pytest.MonkeyPatch) -> None:

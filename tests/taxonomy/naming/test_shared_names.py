@@ -16,7 +16,7 @@ from metric_tree.node import AmbiguousName
 from taxonomy.catalogue import OTHER, default_catalogue
 from taxonomy.categories import Category
 from taxonomy.levels import LEAF
-from taxonomy.naming.names import own_names
+from taxonomy.naming.names import node_names
 from taxonomy.words.senses import reviewed_meanings
 from taxonomy.words.spelling import plain_fold
 
@@ -32,7 +32,7 @@ def shared_names(leaves: Iterable[str]) -> dict[str, list[Category]]:
     owners: defaultdict[str, dict[str, Category]] = defaultdict(dict)
     for category in default_catalogue().categories:
         if not category.node_id.endswith(OTHER) and (category.level < LEAF or category.node_id in wanted):
-            for name in (*own_names(category.node_id, category.name), *category.aliases):
+            for name in (*node_names(category.node_id, category.name), *category.aliases):
                 owners[plain_fold(name)][category.node_id] = category
     above = {category.node_id: category.parent_id for category in default_catalogue().categories}
     return {
@@ -88,7 +88,7 @@ def test_the_tree_keeps_to_the_order() -> None:
         if nodes:
             meaning = tree.resolve(word)
             assert meaning.node.node_id == nodes[0], word
-            rivals = len(nodes) > 1 and not tree._resolver._names.kin(*nodes[:2])
+            rivals = len(nodes) > 1 and not tree._resolver._names.are_related(*nodes[:2])
             assert meaning.ambiguous == (word not in clear and rivals), word
 
 

@@ -21,7 +21,6 @@ from metric_base.errors import InputError
 from metric_base.files import whole_file
 from metric_base.folders import taxonomy_directory
 from metric_base.records import read_csv
-from metric_tree.axes import AXES
 from metric_tree.curated.sizes import curated_heights, curated_ranges, curated_states, norms
 from metric_tree.fit.class_prior import NEW_SOURCE
 from metric_tree.pipeline.ingest import widened_sd
@@ -144,11 +143,9 @@ def state_records(nodes: Container[str]) -> dict[str, list[dict[str, Any]]]:
     """Return the states of the nodes of the release, as in the manifest (`metric_tree.node.State`)."""
     records: dict[str, list[dict[str, Any]]] = {}
     for one in curated_states():
-        ends = dict(zip(AXES, zip(one.low, one.typical, one.high, strict=True), strict=True))
-        known = {axis: (low, mid, high) for axis, (low, mid, high) in ends.items() if low and mid and high}
-        widened = {axis: widened_sd(low, high) for axis, (low, _, high) in known.items()}
+        widened = {axis: widened_sd(low, high) for axis, (low, _, high) in one.ends.items()}
         spreads = {axis: round(sd * float(NEW_SOURCE.factor(0, sd)) ** 0.5, 4) for axis, sd in widened.items()}
-        sizes = {axis: typical for axis, (_, typical, _) in known.items()}
+        sizes = {axis: typical for axis, (_, typical, _) in one.ends.items()}
         record = {"state": one.state, "plain": one.plain, "size_mm": sizes, "sd_log": spreads, "reason": one.reason}
         if one.node_id in nodes:
             records.setdefault(one.node_id, []).append(record)

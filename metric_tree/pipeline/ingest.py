@@ -25,7 +25,7 @@ import pyarrow as pa
 from crawler.items import STATED_KINDS, RawItem, bounded_lines, items_of_lines
 from metric_base.errors import InputError
 from metric_tree.axes import Sizes, sizes_from_words, stated_sizes
-from metric_tree.curated.rules import shipped_exclusions
+from metric_tree.curated.rules import exclusions
 from taxonomy.categories import Match, Taxonomy
 
 #: Number of shards of a build. A million rows are 16,000 per shard, a few megabytes; ten million still fit in a worker.
@@ -276,7 +276,7 @@ def _row(item: RawItem, loaded: _LoadedTaxonomy) -> tuple[dict[str, Any] | None,
     node_id = loaded.match(item).node_id
     if node_id is None:
         return None, "no_category"
-    if shipped_exclusions().covers(item.source, node_id, item.title):
+    if exclusions().covers(item.source, node_id, item.title):
         return None, "excluded"
     pose = loaded.poses[node_id]
     sizes: Sizes | None

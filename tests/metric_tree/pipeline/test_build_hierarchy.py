@@ -8,7 +8,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from metric_tree.axes import AXES, EXTENTS
-from metric_tree.curated.rules import BadExclusion, BadFrequency, Exclusions, shipped_exclusions, stated_frequencies
+from metric_tree.curated.rules import BadRule, exclusions, stated_frequencies
 from metric_tree.fit.inner_priors import (
     PLAIN_NAME_WEIGHT,
     child_belief,
@@ -157,28 +157,33 @@ def test_stated_frequencies_are_of_children_that_exist():
 def test_a_frequency_that_is_none_is_refused(tmp_path):
     table = tmp_path / "frequencies.csv"
     table.write_text("node_id,child_id,weight,reason\nn,a,-1,because\n")
-    with pytest.raises(BadFrequency, match="weight: expected a number"):
+    with pytest.raises(BadRule, match="weight: expected a number"):
         stated_frequencies(table)
 
 
 def test_excluded_rows_exist_in_the_taxonomy_and_say_why():
     nodes = {category.node_id for category in shipped_taxonomy().categories()}
-    rules = shipped_exclusions().rules
+    rules = exclusions().rules
     assert {node for own in rules.values() for node, _ in own if node} <= nodes
-    assert shipped_exclusions().covers("ikea_sa_2020", "door.n.01/other", "LAPPVIKEN: Door, 60x64 cm")
-    assert not shipped_exclusions().covers("metric_tree_2020", "door.n.01/other", "")
-    assert shipped_exclusions().covers("open_models", "lion.n.01", "Schleich Lion Action Figure")
-    assert not shipped_exclusions().covers("open_models", "lion.n.01", "Lion")
+    assert exclusions().covers("ikea_sa_2020", "door.n.01/other", "LAPPVIKEN: Door, 60x64 cm")
+    assert not exclusions().covers("metric_tree_2020", "door.n.01/other", "")
+    assert exclusions().covers("open_models", "lion.n.01", "Schleich Lion Action Figure")
+    assert not exclusions().covers("open_models", "lion.n.01", "Lion")
 
 
 @pytest.mark.parametrize(
-    ("row", "says"), [(",mug.n.04,,because", "source"), ("shop,,,because", "neither"), ("shop,mug.n.04,,", "reason")]
+    ("row", "message"),
+    [
+        (",mug.n.04,,because", "source"),
+        ("shop,,,because", "node_id, title: expected one of them"),
+        ("shop,mug.n.04,,", "reason"),
+    ],
 )
-def test_an_exclusion_that_says_too_little_is_refused(tmp_path, row: str, says: str):
+def test_an_exclusion_that_says_too_little_is_refused(tmp_path, row: str, message: str):
     table = tmp_path / "exclusions.csv"
     table.write_text(f"source,node_id,title,reason\n{row}\n")
-    with pytest.raises(BadExclusion, match=says):
-        Exclusions.of_table(table)
+    with pytest.raises(BadRule, match=message):
+        exclusions(table)
 
 
 def test_parts_are_not_in_the_plain_name():

@@ -11,7 +11,7 @@ from hypothesis import strategies as st
 
 from metric_tree.checks import leaves
 from metric_tree.checks.leaves import CODES, LeafSize, leaf_findings
-from metric_tree.curated.sizes import BadRange, _accepted_rows, settled_findings
+from metric_tree.curated.sizes import BadRange, settled_findings
 from metric_tree.release.registry import release_directory
 from metric_tree.release.release import open_release
 
@@ -69,4 +69,4 @@ def test_the_shipped_release_has_every_finding_settled_with_a_reason(tmp_path: P
     assert {code for code, _ in settled_findings()} <= set(CODES)
     (empty := tmp_path / "settled.csv").write_text("code,node_id,reason,reviewer,written\nW412,a,,b,2026-11-22\n")
     with pytest.raises(BadRange, match="reason"):
-        _accepted_rows(empty)
+        settled_findings(empty)

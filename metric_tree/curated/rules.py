@@ -1,8 +1,8 @@
 """Rules of reviewers: rows that are excluded from a class, and how often people mean which child by a plain name.
 
-Each row of `exclusions.csv` has a reason. In `frequencies.csv`, `stated` is the estimate of the reviewer and `count` the
-number of objects to which the annotators of ScanNet and Matterport3D gave the name of the child (the plain name for the
-leaf of plain objects). With a count, `weight` is its fraction, to which the estimate contributes fifty objects;
+Each row of `exclusions.csv` has a reason. In `frequencies.csv`, `stated` is the estimate of the reviewer and `count`
+the number of objects to which the annotators of ScanNet and Matterport3D gave the name of the child (the plain name for
+the leaf of plain objects). With a count, `weight` is its fraction, to which the estimate contributes fifty objects;
 otherwise it is the estimate.
 """
 

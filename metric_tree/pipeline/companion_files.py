@@ -24,7 +24,7 @@ from metric_base.records import read_csv
 from metric_tree.curated.sizes import curated_heights, curated_ranges, curated_states, norms
 from metric_tree.fit.class_prior import NEW_SOURCE
 from metric_tree.pipeline.ingest import widened_sd
-from metric_tree.release.images import collect_pictures, picture_files
+from metric_tree.release.images import collect_images, image_record_files
 from metric_tree.release.schema import TABLES
 from taxonomy.levels import BadLevels, replaced_ids
 
@@ -188,10 +188,10 @@ def write_texts(folder: Path, tables: Mapping[str, pa.Table], manifest: Mapping[
 
 def add_pictures(raw: Sequence[Path], tables: dict[str, pa.Table], report: dict[str, Any], folder: Path) -> None:
     """Add the images next to the raw items to the tables, the report and a folder."""
-    files = picture_files(raw)
+    files = image_record_files(raw)
     if not files:
         return
-    pictures = collect_pictures(files, tables["items.parquet"], folder)
+    pictures = collect_images(files, tables["items.parquet"], folder)
     tables["images.parquet"] = pictures.rows
     report["pictures"] = {"taken": pictures.rows.num_rows, "left_out": dict(pictures.refused)}
 

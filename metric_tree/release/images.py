@@ -1,8 +1,8 @@
 """Images of items: from a crawl into a release, and from a release back into memory.
 
-Files are content-addressed (`pictures/aa/<sha256>.jpg`) and not packed into shards: an image shown by two items or two
-releases lies once (releases link to it), one node's images are read without the others', and a removed image takes
-nothing with it. `images.parquet` is the index; sorted by node, so that a node's rows are few row groups.
+Files have the SHA-256 of their bytes as name (`pictures/aa/<sha256>.jpg`) and are not packed: an image of two items or
+two releases is stored once (releases hard-link it), the images of a node are read without the others, and one image can
+be removed. `images.parquet` is the index, sorted by node, so that the rows of a node are in few row groups.
 
 A release that is built, published or downloaded contains its images. The shipped releases and raw items share one
 store, `data/images/aa/<sha256>.webp`. `stored_file` finds an image in either place.
@@ -11,7 +11,8 @@ store, `data/images/aa/<sha256>.webp`. `stored_file` finds an image in either pl
 from __future__ import annotations
 
 import re
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections import Counter
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -25,31 +26,32 @@ from metric_base.records import json_record
 from metric_tree.release.release import BadRelease, Release, link_file, sha256
 from metric_tree.release.schema import IMAGES
 
-#: Where images lie inside a release, as inside a crawl.
+#: Folder of the images in a release, as in a crawl.
 FOLDER = "pictures"
 
 #: Folder of the images that shipped releases and raw items share, in the same layout as `pictures`.
 STORE = "images"
 
-#: Segments of image records (`crawler.fetch.crawl`).
+#: Name of a file of image records (`crawler.fetch.crawl`).
 _SEGMENT = re.compile(r"pictures-\d+-\d+\.jsonl")
 
-#: The only paths that a record may name, and those of the store: what `crawler.fetch.item_images` writes.
+#: Paths that a record may name, and those of the store (`crawler.fetch.item_images`).
 _STORED = re.compile(r"([0-9a-f]{2})/(?P<id>\1[0-9a-f]{62})\.(jpg|png|webp)")
 
-_STRINGS = ("image_id", "item_id", "source_url", "path")
+#: Upper bound of the side of an image in pixels, far above any image of a crawl.
+MAX_SIDE_PX = 1 << 20
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Gathered:
-    """rows : a table of `metric_tree.release.schema.IMAGES`; refused : images left out, by reason."""
+class CollectedImages:
+    """Images of the items of a release."""
 
-    rows: pa.Table
-    refused: Mapping[str, int]
+    rows: pa.Table  #: Rows of `metric_tree.release.schema.IMAGES`.
+    refused: Mapping[str, int]  #: Number of other images by reason.
 
 
-def picture_files(paths: Iterable[Path]) -> list[Path]:
-    """The image records in the given folders and all below them, and right beside the given files."""
+def image_record_files(paths: Iterable[Path]) -> list[Path]:
+    """Return the files of image records in and below the given folders, and next to the given files."""
     pattern = "pictures-*.jsonl"
     files = {
         file: None
@@ -59,37 +61,86 @@ def picture_files(paths: Iterable[Path]) -> list[Path]:
     return [file for file in files if _SEGMENT.fullmatch(file.name)]
 
 
-def collect_pictures(files: Sequence[Path], items: pa.Table, folder: Path) -> Gathered:
-    """The images of the items of a release, their files linked into `folder`.
+def collect_images(files: Sequence[Path], items: pa.Table, folder: Path) -> CollectedImages:
+    """Collect the images of published items and link their files into a release.
 
-    An image takes the licence of its item: its source's terms, unless its record states its own, as that of a
-    photograph does which shows the kind and hangs on the kind's range. Left out are images
-    of items that the release does not show (`no_item`), without a file (`no_file`), and whose bytes are not those that
-    their name says (`changed`).
+    Parameters
+    ----------
+    files : sequence of Path
+        Files of image records (`image_record_files`). The image files are in `pictures/` next to them, or in the store.
+    items : Table
+        Published items with the columns `item_id`, `node_id` and `licence`.
+    folder : Path
+        Folder of the release. Image files are hard-linked (or copied) to `<folder>/pictures/<aa>/<sha256>.<ext>`.
+
+    Returns
+    -------
+    CollectedImages
+        `rows` has one row per image and item, sorted by node, item and image; images have the licence of their item
+        unless the record states one. `refused` counts the other records by reason: `no_item` (not in `items`),
+        `no_file` (file missing) or `changed` (the checksum differs from the name).
 
     Raises
     ------
     InputError
-        A line is no image record.
+        A line is not a valid image record.
     """
-    records = list(_records(files))
+    records: list[tuple[Path, dict[str, Any]]] = []
+    for path in files:
+        with path.open("rb") as lines:
+            for number, line in enumerate(lines, start=1):
+                with in_file(f"{path}:{number}"):
+                    record = json_record(line, dict[str, Any])
+                    check_image_record(record)
+                records.append((path.parent, record))
     wanted = pa.array({record["item_id"] for _, record in records}, pa.string())
     shown = items.filter(pc.is_in(items["item_id"], value_set=wanted)).select(["item_id", "node_id", "licence"])
-    known = {row["item_id"]: row for row in shown.to_pylist()}
+    published = {row["item_id"]: row for row in shown.to_pylist()}
     rows: dict[tuple[str, str], dict[str, Any]] = {}
-    refused: dict[str, int] = {}
-    for home, record in records:
-        reason = _take(home, record, known, folder)
-        if reason is not None:
-            refused[reason] = refused.get(reason, 0) + 1
+    refused: Counter[str] = Counter()
+    for crawl, record in records:
+        if record["item_id"] not in published:
+            refused["no_item"] += 1
             continue
-        path = f"{FOLDER}/{record['path']}"
-        own = {name: record[name] for name in ("licence", "method") if record.get(name)}
-        rows[record["image_id"], record["item_id"]] = (
-            record | known[record["item_id"]] | {"method": "rendered"} | own | _files(record, path)
-        )
+        name = f"{FOLDER}/{record['path']}"
+        source, target = stored_file(crawl, name), folder / name
+        if not target.exists():
+            if source is None or sha256(source) != record["image_id"]:
+                refused["no_file" if source is None else "changed"] += 1
+                continue
+            target.parent.mkdir(parents=True, exist_ok=True)
+            link_file(source, target)
+        row = record | published[record["item_id"]] | {"method": "rendered"}
+        row |= {column: record[column] for column in ("licence", "method") if record.get(column)}
+        # An image with an exact mask is its own cut-out.
+        row |= {"path": name} | ({"method": None} if record.get("foreground_share") is None else {"cutout_path": name})
+        rows[record["image_id"], record["item_id"]] = row
     ordered = sorted(rows.values(), key=lambda row: (row["node_id"], row["item_id"], row["image_id"]))
-    return Gathered(pa.Table.from_pylist(ordered, schema=IMAGES), refused)
+    return CollectedImages(pa.Table.from_pylist(ordered, schema=IMAGES), dict(refused))
+
+
+def check_image_record(record: Mapping[str, Any]) -> None:
+    """Check the fields of an image record.
+
+    Raises
+    ------
+    FieldError
+        A field is missing or invalid.
+    """
+    expect(record.get("schema") == PICTURE, "schema", PICTURE, record.get("schema"))
+    for name in ("image_id", "item_id", "source_url", "path"):
+        expect(isinstance(record.get(name), str), name, "a string", record.get(name))
+    match = _STORED.fullmatch(record["path"])
+    is_stored = match is not None and match["id"] == record["image_id"]
+    expect(is_stored, "path", "aa/<image_id>.jpg, .png or .webp", record["path"])
+    for name in ("width_px", "height_px"):
+        pixels = record.get(name)
+        expect(isinstance(pixels, int) and 0 < pixels < MAX_SIDE_PX, name, "pixels", pixels)
+    for name in ("pixels_per_metre", "foreground_share"):
+        number = record.get(name, 1.0)
+        expect(isinstance(number, float | int) and number > 0, name, "a positive number", number)
+    for name in ("attribution", "licence", "method"):
+        expect(isinstance(record.get(name), str | None), name, "a string", record.get(name))
 
 
 def image_path(release: Path, row: Mapping[str, Any], column: str = "path") -> Path | None:
@@ -106,8 +157,10 @@ def stored_file(folder: Path, name: str) -> Path | None:
 
     Parameters
     ----------
-    folder : folder of the release or the crawl.
-    name : path relative to the folder, such as `pictures/aa/<sha256>.webp`.
+    folder : Path
+        Folder of the release or the crawl.
+    name : str
+        Path relative to the folder, such as `pictures/aa/<sha256>.webp`.
 
     Returns
     -------
@@ -159,54 +212,3 @@ def link_images(release: Release, target: Path) -> None:
         link.parent.mkdir(parents=True, exist_ok=True)
         if not link.exists():
             link_file(file, link)
-
-
-def _files(record: Mapping[str, Any], path: str) -> dict[str, Any]:
-    """The columns about the file; an image with an exact mask in it is its own cut-out."""
-    if record.get("foreground_share") is None:
-        return {"path": path, "method": None}
-    return {"path": path, "cutout_path": path}
-
-
-def _take(home: Path, record: Mapping[str, Any], known: Mapping[str, Any], folder: Path) -> str | None:
-    if record["item_id"] not in known:
-        return "no_item"
-    name = f"{FOLDER}/{record['path']}"
-    source, target = stored_file(home, name), folder / name
-    if target.exists():
-        return None
-    if source is None:
-        return "no_file"
-    if sha256(source) != record["image_id"]:
-        return "changed"
-    target.parent.mkdir(parents=True, exist_ok=True)
-    link_file(source, target)
-    return None
-
-
-def _records(files: Iterable[Path]) -> Iterator[tuple[Path, dict[str, Any]]]:
-    for path in files:
-        with path.open("rb") as lines:
-            for number, line in enumerate(lines, start=1):
-                with in_file(f"{path}:{number}"):
-                    record = json_record(line, dict[str, Any])
-                    _check_record(record)
-                yield path.parent, record
-
-
-def _check_record(record: Mapping[str, Any]) -> None:
-    """FieldError where a field of an image's record is not what it must be."""
-    expect(record.get("schema") == PICTURE, "schema", PICTURE, record.get("schema"))
-    for name in _STRINGS:
-        expect(isinstance(record.get(name), str), name, "a string", record.get(name))
-    match = _STORED.fullmatch(record["path"])
-    stored = match is not None and match["id"] == record["image_id"]
-    expect(stored, "path", "aa/<image_id>.jpg, .png or .webp", record["path"])
-    for name in ("width_px", "height_px"):
-        number = record.get(name)
-        expect(isinstance(number, int) and 0 < number < 1 << 20, name, "pixels", number)
-    for name in ("pixels_per_metre", "foreground_share"):
-        number = record.get(name, 1.0)
-        expect(isinstance(number, float | int) and number > 0, name, "a positive number", number)
-    for name in ("attribution", "licence", "method"):
-        expect(isinstance(record.get(name), str | None), name, "a string", record.get(name))

@@ -1,4 +1,4 @@
-"""A release on disk (`metric-tree/1`): published once, whole or not at all; verified when opened."""
+"""A release on disk (`metric-tree/1`): published once, completely or not at all, and verified when it is opened."""
 
 from __future__ import annotations
 
@@ -23,28 +23,28 @@ from metric_tree.release.schema import ADDED_COLUMNS, FORMER_TYPES, SCHEMA, TABL
 
 MANIFEST = "manifest.json"
 
-#: What a manifest must hold (docs/reference/formats.md).
+#: Required fields of a manifest (docs/reference/formats.md).
 MANIFEST_FIELDS: Mapping[str, type] = {
     "schema": str, "name": str, "version": str, "created": str, "sources": list, "files": dict, "counts": dict
 }  # fmt: skip
 _COUNTS = ("nodes", "n_fit", "n_rows")
-#: What it may hold by node.
+#: Optional fields of a manifest, with a list of records or one record by node.
 _BY_NODE: Mapping[str, type] = {"states": list, "heights": dict}
-#: A source's id names files.
+#: Id of a source, which is also the name of files.
 _SOURCE_ID = re.compile(r"\w[\w.-]*")
-_KINDS: Mapping[type, str] = {str: "text", list: "an array", dict: "an object"}
+_TYPE_NAMES: Mapping[type, str] = {str: "text", list: "an array", dict: "an object"}
 
-#: Most rows of a table that is read: a hundred times what ships.
+#: Maximum number of rows of a table: a hundred times the largest shipped table.
 MAX_ROWS = 10_000_000
-#: Columns without which a row is of nothing.
+#: Columns with a value in every row.
 NEVER_NULL = frozenset({"node_id", "name", "level", "item_id", "source", "image_id", "family", "dims"})
 
-#: Rows of one Parquet row group: small enough that the items of one node are read without the others.
+#: Rows of a Parquet row group: few enough that the items of a node are read without most of the others.
 ROW_GROUP = 20_000
 
 
 class BadRelease(InputError):
-    """A folder that is not a release, or one that this version does not read."""
+    """A folder is not a release, or not one that this version reads."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -57,33 +57,54 @@ class Release:
     def table(
         self, name: str, node_ids: Collection[str] | None = None, columns: Sequence[str] | None = None
     ) -> pa.Table:
-        """Table `nodes`, `items`, `priors` or `images`, or some columns of its rows of some nodes, read by row group.
+        """Read the table `nodes`, `items`, `priors` or `images`, or some columns of the rows of some nodes.
 
-        The bytes are held against the manifest's checksum when the table is first read, and again whenever the file's
-        time or inode has changed. `pyarrow.parquet.read_table` would do, but loads pandas where that is installed: a
-        second of a query's time.
+        The checksum of the file is compared with the manifest when the table is first read, and again after the time
+        or inode of the file has changed. `pyarrow.parquet.read_table` is not used, because it loads pandas if that is
+        installed, which takes a second.
+
+        Raises
+        ------
+        BadRelease
+            The checksum differs, the file is not a Parquet table of the schema, or a required value is missing.
         """
         table = self.unchecked_table(name, node_ids, columns)
-        _see_columns(table, self.directory / f"{name}.parquet", columns)
+        path = self.directory / f"{name}.parquet"
+        for field in TABLES[path.name]:
+            if columns is not None and field.name not in columns:
+                continue
+            if field.name not in table.column_names:
+                if field.name in ADDED_COLUMNS:
+                    continue
+                raise BadRelease(f"{path}: {field.name}: expected the column; found none")
+            column = table.column(field.name)
+            if not column.type.equals(field.type) and not column.type.equals(FORMER_TYPES.get(field.name, field.type)):
+                raise BadRelease(f"{path}: {field.name}: expected {field.type}; found {column.type}")
+            if field.name in NEVER_NULL and column.null_count:
+                without = f"{column.null_count} without"
+                raise BadRelease(f"{path}: {field.name}: expected a value in every row; found {without}")
         return table
 
     def unchecked_table(
         self, name: str, node_ids: Collection[str] | None = None, columns: Sequence[str] | None = None
     ) -> pa.Table:
-        """The same, whatever its columns are."""
+        """Read a table as `table`, without comparing its columns with the schema."""
         path = self.directory / f"{name}.parquet"
-        _see_checksum(path, self.manifest["files"][path.name].get("sha256"))
+        recorded = self.manifest["files"][path.name].get("sha256")
         try:
+            state = path.stat()
+            checksum = _checksum(path, state.st_ino, state.st_mtime_ns, state.st_size)
+            if checksum != recorded:
+                altered = f"expected {recorded} as in the manifest; found {checksum}: the file was altered"
+                raise BadRelease(f"{path}: sha256: {altered}")
             with pq.ParquetFile(path) as file:
                 if file.metadata.num_rows > MAX_ROWS:
                     raise BadRelease(f"{path}: rows: expected at most {MAX_ROWS:,}; found {file.metadata.num_rows:,}")
-                # one group is read sooner than threads are started
-                table = (
-                    file.read(columns, use_threads=file.num_row_groups > 1)
-                    if node_ids is None
-                    else _rows_of(file, frozenset(node_ids), columns)
-                )
-                table.validate(full=True)  # texts that are no UTF-8, lists that overlap
+                if node_ids is None:  # a single group is read faster without threads
+                    table = file.read(columns, use_threads=file.num_row_groups > 1)
+                else:
+                    table = rows_of_nodes(file, frozenset(node_ids), columns)
+                table.validate(full=True)  # invalid UTF-8, overlapping lists
                 return table
         except BadRelease:
             raise
@@ -91,103 +112,82 @@ class Release:
             raise BadRelease(f"{path}: expected a Parquet table; found {_first_line(error)}") from None
 
 
+def rows_of_nodes(file: pq.ParquetFile, node_ids: frozenset[str], columns: Sequence[str] | None) -> pa.Table:
+    """Read the rows of some nodes from the row groups whose range of ids includes one of them.
+
+    `pyarrow.compute` is not used, because its import takes longer than the reading.
+    """
+    parts = []
+    for index in range(file.num_row_groups):
+        group = file.metadata.row_group(index)
+        ids_column = next(one for k in range(group.num_columns) if (one := group.column(k)).path_in_schema == "node_id")
+        stated = ids_column.statistics
+        if stated is None or not stated.has_min_max or any(stated.min <= one <= stated.max for one in node_ids):
+            ids = file.read_row_group(index, columns=["node_id"])["node_id"].to_pylist()
+            ends = [row for row in range(1, len(ids)) if (ids[row] in node_ids) != (ids[row - 1] in node_ids)]
+            runs = [run for run in pairwise([0, *ends, len(ids)]) if ids and ids[run[0]] in node_ids]
+            if runs:
+                rows = file.read_row_group(index, columns)
+                parts += [rows.slice(first, end - first) for first, end in runs]
+    schema = file.schema_arrow
+    schema = schema if columns is None else pa.schema([schema.field(name) for name in columns])
+    return pa.concat_tables(parts) if parts else schema.empty_table()
+
+
 def publish_release(
     directory: Path, tables: Mapping[str, pa.Table], manifest: Mapping[str, Any], extras: Path | None = None
 ) -> Release:
-    """Write a release beside its final place, checksum it, then rename it there.
+    """Write a release next to its final path with checksums, then rename it.
 
     Parameters
     ----------
-    tables : by the names of `metric_tree.release.schema.TABLES`; each is cast to its schema.
-    manifest : `name`, `version`, `created`, `sources`, `counts` and whatever else; `schema` and `files` are added.
-    extras : a folder whose contents (images, texts) are linked into the release, or copied where the disk cannot;
-        their checksums go into the manifest.
+    directory : Path
+        Final path.
+    tables : mapping of str to Table
+        Tables by file name (`metric_tree.release.schema.TABLES`), which are cast to their schemas.
+    manifest : mapping
+        `name`, `version`, `created`, `sources`, `counts` and optional fields; `schema` and `files` are added.
+    extras : Path, optional
+        Folder with images and texts that are hard-linked into the release (or copied); their checksums are added to
+        the manifest.
 
     Raises
     ------
     BadRelease
-        Something is at `directory` already: a release is never changed once published.
+        `directory` exists: a published release is never changed.
     """
     if directory.exists():
         raise BadRelease(f"{directory}: already exists; expected a new path for a release")
     import shutil
 
-    from metric_base.files import whole_folder  # with what a query needs not
+    from metric_base.files import whole_folder  # not needed by queries
 
     with whole_folder(directory) as work:
-        files = {name: _write_table(work / name, tables[name].cast(schema)) for name, schema in TABLES.items()}
+        files = {}
+        for name, schema in TABLES.items():
+            path, table = work / name, tables[name].cast(schema)
+            pq.write_table(table, path, compression="zstd", row_group_size=ROW_GROUP)
+            files[name] = {"sha256": sha256(path), "rows": table.num_rows, "bytes": path.stat().st_size}
         if extras is not None:
             shutil.copytree(extras, work, dirs_exist_ok=True, copy_function=link_file)
-        beside = sorted(path for path in work.rglob("*") if path.is_file() and path.name not in TABLES)
-        sums = {path.relative_to(work).as_posix(): sha256(path) for path in beside}
-        whole = {"schema": SCHEMA, **manifest, "files": files} | ({"extras": sums} if sums else {})
-        (work / MANIFEST).write_text(json.dumps(whole, indent=1, ensure_ascii=False) + "\n", encoding="utf-8")
-    return Release(directory, whole)
+        others = sorted(path for path in work.rglob("*") if path.is_file() and path.name not in TABLES)
+        checksums = {path.relative_to(work).as_posix(): sha256(path) for path in others}
+        complete = {"schema": SCHEMA, **manifest, "files": files} | ({"extras": checksums} if checksums else {})
+        (work / MANIFEST).write_text(json.dumps(complete, indent=1, ensure_ascii=False) + "\n", encoding="utf-8")
+    return Release(directory, complete)
 
 
 def open_release(directory: Path) -> Release:
-    """The release in a folder, after its manifest, its tables' presence and their sizes are verified.
+    """Open the release in a folder, and verify its manifest and the sizes of its tables.
 
-    A table's checksum is verified when it is first read (`Release.table`).
+    The checksum of a table is verified when it is first read (`Release.table`).
 
     Raises
     ------
     BadRelease
-        No manifest, another schema, a missing field, a missing file or one of another size.
+        The manifest is missing, has another schema or lacks a field, or a file is missing or of another size.
     """
-    manifest = _manifest(directory / MANIFEST)
-    for name in TABLES:
-        recorded = manifest["files"].get(name)
-        if not isinstance(recorded, dict) or "bytes" not in recorded:
-            raise BadRelease(f"{directory / MANIFEST}: files: expected an entry for {name}; found {recorded!r}")
-        path = directory / name
-        actual = path.stat().st_size if path.is_file() else None
-        if actual != recorded["bytes"]:
-            raise BadRelease(f"{path}: expected {recorded['bytes']} bytes; found {actual or 'no file'}")
-    return Release(directory, manifest)
-
-
-def sha256(path: Path) -> str:
-    """Hexadecimal SHA-256 of a file, read in pieces."""
-    with path.open("rb") as file:
-        return hashlib.file_digest(file, "sha256").hexdigest()
-
-
-def _see_columns(table: pa.Table, path: Path, columns: Sequence[str] | None) -> None:
-    """BadRelease unless the table has these columns, or all, as its schema has them, with an id in every row."""
-    for field in TABLES[path.name]:
-        if columns is not None and field.name not in columns:
-            continue
-        if field.name not in table.column_names:
-            if field.name in ADDED_COLUMNS:
-                continue
-            raise BadRelease(f"{path}: {field.name}: expected the column; found none")
-        column = table.column(field.name)
-        if not column.type.equals(field.type) and not column.type.equals(FORMER_TYPES.get(field.name, field.type)):
-            raise BadRelease(f"{path}: {field.name}: expected {field.type}; found {column.type}")
-        if field.name in NEVER_NULL and column.null_count:
-            raise BadRelease(f"{path}: {field.name}: expected a value in every row; found {column.null_count} without")
-
-
-def _see_checksum(path: Path, recorded: object) -> None:
-    try:
-        state = path.stat()
-        actual = _checksum(path, state.st_ino, state.st_mtime_ns, state.st_size)
-    except OSError as error:
-        raise BadRelease(f"{path}: expected a Parquet table; found {_first_line(error)}") from None
-    if actual != recorded:
-        raise BadRelease(
-            f"{path}: sha256: expected {recorded} as in the manifest; found {actual}: the file was altered"
-        )
-
-
-@lru_cache(maxsize=256)
-def _checksum(path: Path, _inode: int, _mtime_ns: int, _size: int) -> str:
-    """SHA-256 of a file, computed once for each state of it."""
-    return sha256(path)
-
-
-def _manifest(path: Path) -> dict[str, Any]:
+    path = directory / MANIFEST
     try:
         manifest: Any = json.loads(path.read_text(encoding="utf-8"))
     except FileNotFoundError:
@@ -197,68 +197,72 @@ def _manifest(path: Path) -> dict[str, Any]:
     schema = manifest.get("schema") if isinstance(manifest, dict) else None
     if schema != SCHEMA:
         raise BadRelease(f"{path}: schema: expected {SCHEMA}, the one this version reads; found {schema!r}")
-    _see_fields(manifest, path)
-    return dict(manifest)
+    check_manifest(manifest, path)
+    for name in TABLES:
+        recorded = manifest["files"].get(name)
+        if not isinstance(recorded, dict) or "bytes" not in recorded:
+            raise BadRelease(f"{path}: files: expected an entry for {name}; found {recorded!r}")
+        table = directory / name
+        actual = table.stat().st_size if table.is_file() else None
+        if actual != recorded["bytes"]:
+            raise BadRelease(f"{table}: expected {recorded['bytes']} bytes; found {actual or 'no file'}")
+    return Release(directory, dict(manifest))
 
 
-def _see_fields(manifest: Mapping[str, Any], path: Path) -> None:
+def check_manifest(manifest: Mapping[str, Any], path: Path) -> None:
+    """Check the fields of a manifest.
+
+    Raises
+    ------
+    BadRelease
+        A required field is missing, or a field is not of its type.
+    """
     for field, kind in MANIFEST_FIELDS.items():
         if field not in manifest:
             raise BadRelease(f"{path}: {field}: expected a value; found none")
         if not isinstance(manifest[field], kind):
-            raise BadRelease(f"{path}: {field}: expected {_KINDS[kind]}; found {type(manifest[field]).__name__}")
-    if not all(isinstance(one, dict) and _is_source_id(one.get("id")) for one in manifest["sources"]):
+            raise BadRelease(f"{path}: {field}: expected {_TYPE_NAMES[kind]}; found {type(manifest[field]).__name__}")
+    ids = [one.get("id") if isinstance(one, dict) else None for one in manifest["sources"]]
+    if not all(isinstance(one, str) and _SOURCE_ID.fullmatch(one) for one in ids):
         raise BadRelease(f"{path}: sources: expected objects with an id of letters, digits, _, - and .; found others")
     for field in _COUNTS:
         if not isinstance(count := manifest["counts"].get(field), int):
             raise BadRelease(f"{path}: counts.{field}: expected a whole number; found {visible(str(count))}")
     for field, kind in _BY_NODE.items():
-        if not _is_by_node(manifest.get(field, {}), kind):
-            raise BadRelease(f"{path}: {field}: expected {_KINDS[kind]} for each node; found others")
+        by_node = manifest.get(field, {})
+        values = list(by_node.values()) if isinstance(by_node, dict) else [None]
+        is_valid = all(isinstance(value, kind) for value in values)
+        if not is_valid or not all(isinstance(one, dict) for one in (chain(*values) if kind is list else values)):
+            raise BadRelease(f"{path}: {field}: expected {_TYPE_NAMES[kind]} for each node; found others")
 
 
-def _is_by_node(value: object, kind: type) -> bool:
-    """Return True if a value has a record for each node, or a list of records."""
-    if not isinstance(value, dict) or not all(isinstance(one, kind) for one in value.values()):
-        return False
-    records = chain.from_iterable(value.values()) if kind is list else value.values()
-    return all(isinstance(one, dict) for one in records)
+def check_nodes(ids: Sequence[str], parents: Sequence[str | None], directory: Path) -> None:
+    """Check that ids and parents, by row of the table of nodes, are a tree.
 
-
-def _is_source_id(value: object) -> bool:
-    return isinstance(value, str) and _SOURCE_ID.fullmatch(value) is not None
-
-
-def _write_table(path: Path, table: pa.Table) -> dict[str, Any]:
-    pq.write_table(table, path, compression="zstd", row_group_size=ROW_GROUP)
-    return {"sha256": sha256(path), "rows": table.num_rows, "bytes": path.stat().st_size}
-
-
-def _rows_of(file: pq.ParquetFile, node_ids: frozenset[str], columns: Sequence[str] | None) -> pa.Table:
-    """The rows of some nodes, without `pyarrow.compute`, whose import takes longer than the reading."""
-    parts = []
-    for number in range(file.num_row_groups):
-        if _may_hold(file.metadata.row_group(number), node_ids):
-            ids = file.read_row_group(number, columns=["node_id"])["node_id"].to_pylist()
-            ends = [place for place in range(1, len(ids)) if (ids[place] in node_ids) != (ids[place - 1] in node_ids)]
-            runs = [one for one in pairwise([0, *ends, len(ids)]) if ids and ids[one[0]] in node_ids]
-            if runs:
-                group = file.read_row_group(number, columns)
-                parts += [group.slice(first, end - first) for first, end in runs]
-    schema = file.schema_arrow
-    schema = schema if columns is None else pa.schema([schema.field(name) for name in columns])
-    return pa.concat_tables(parts) if parts else schema.empty_table()
-
-
-def _may_hold(group: pq.RowGroupMetaData, node_ids: Collection[str]) -> bool:
-    """Return True if a row group may have a row of these nodes, by the least and the greatest id that it states."""
-    column = next(one for k in range(group.num_columns) if (one := group.column(k)).path_in_schema == "node_id")
-    stated = column.statistics
-    return stated is None or not stated.has_min_max or any(stated.min <= one <= stated.max for one in node_ids)
+    Raises
+    ------
+    BadRelease
+        There is no node, two nodes have one id, an id has control characters, or a parent is missing or a descendant.
+    """
+    rows = {node_id: row for row, node_id in enumerate(ids)}
+    table = f"{directory}/nodes.parquet"
+    if not ids or not "".join(ids).isprintable():
+        raise BadRelease(f"{table}: node_id: expected printable ids; found {'others' if ids else 'no node'}")
+    if len(rows) < len(ids):
+        raise BadRelease(f"{table}: node_id: expected ids that differ; found {len(ids) - len(rows)} twice")
+    if missing := next((one for one in parents if one is not None and one not in rows), None):
+        raise BadRelease(f"{table}: parent_id: expected the id of a node; found '{visible(missing)}'")
+    n = len(parents)  # also the row above the root
+    above = np.array([*(n if parent is None else rows[parent] for parent in parents), n])  # (n + 1,) rows
+    for _ in range(n.bit_length()):  # the number of levels doubles; only a row of a cycle does not reach row n
+        above = above[above]
+    cyclic = above[above < n]
+    if len(cyclic):
+        raise BadRelease(f"{table}: {visible(ids[int(cyclic[0])])}: parent_id: expected a tree; found a circle")
 
 
 def link_file(source: str | Path, target: str | Path) -> None:
-    """A second name of a file that never changes; a copy where the disk has none, or where it is on another."""
+    """Hard-link a file that never changes, or copy it if the file system does not allow a link."""
     try:
         os.link(source, target)
     except OSError:
@@ -267,38 +271,17 @@ def link_file(source: str | Path, target: str | Path) -> None:
         shutil.copy2(source, target)
 
 
+def sha256(path: Path) -> str:
+    """Return the hexadecimal SHA-256 of a file."""
+    with path.open("rb") as file:
+        return hashlib.file_digest(file, "sha256").hexdigest()
+
+
+@lru_cache(maxsize=256)
+def _checksum(path: Path, _inode: int, _mtime_ns: int, _size: int) -> str:
+    """Return the SHA-256 of a file, computed once for each state of the file."""
+    return sha256(path)
+
+
 def _first_line(error: BaseException) -> str:
     return (str(error).splitlines() or [type(error).__name__])[0]
-
-
-def check_nodes(ids: Sequence[str], parents: Sequence[str | None], directory: Path) -> None:
-    """Refuse a table of nodes, ids and parents by row, that is no tree.
-
-    Raises
-    ------
-    BadRelease
-        There are none, two have one id, an id has control characters, or a parent is missing or below its child.
-    """
-    places = {node_id: place for place, node_id in enumerate(ids)}
-    where = f"{directory}/nodes.parquet"
-    if not ids or not "".join(ids).isprintable():
-        raise BadRelease(f"{where}: node_id: expected printable ids; found {'others' if ids else 'no node'}")
-    if len(places) < len(ids):
-        raise BadRelease(f"{where}: node_id: expected ids that differ; found {len(ids) - len(places)} twice")
-    if missing := next((one for one in parents if one is not None and one not in places), None):
-        raise BadRelease(f"{where}: parent_id: expected the id of a node; found '{visible(missing)}'")
-    if (row := _in_circle(parents, places)) is not None:
-        raise BadRelease(f"{where}: {visible(ids[row])}: parent_id: expected a tree; found a circle")
-
-
-def _in_circle(parents: Sequence[str | None], places: Mapping[str, int]) -> int | None:
-    """The row of a node that is above itself: what walks such a tree does not end. None if there is none.
-
-    parents : ids by row; places : row by id.
-    """
-    none = len(parents)
-    above = np.array([*(none if one is None else places[one] for one in parents), none])  # (n + 1,) rows
-    for _ in range(none.bit_length()):  # twice as far up each time: at last beyond the root, but in a circle
-        above = above[above]
-    stuck = above[above < none]
-    return int(stuck[0]) if len(stuck) else None

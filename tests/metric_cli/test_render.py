@@ -15,7 +15,7 @@ from PIL import Image
 from crawler.items import RawItem
 from insertion.render.studio import AZIMUTHS_DEG, ELEVATION_DEG, _crop
 from metric_cli.subcommands import main
-from metric_tree.release.images import collect_pictures, picture_files
+from metric_tree.release.images import collect_images, image_record_files
 
 LENGTH, WIDTH, HEIGHT = 1.0, 0.4, 0.7
 ITEM = RawItem(source="open_models", source_id="box.glb", title="box", url="https://example.org/box", licence="CC0-1.0")
@@ -61,7 +61,7 @@ def test_a_box_has_its_outline_in_pixels(folder: Path, capsys: pytest.CaptureFix
 def test_a_build_takes_them_as_their_own_cut_outs(folder: Path, capsys: pytest.CaptureFixture[str]) -> None:
     assert _run(folder) == 0
     items = pa.table({"item_id": ["open_models:box.glb"], "node_id": ["box.n.01"], "licence": ["CC0-1.0"]})
-    rows = collect_pictures(picture_files([folder / "items.jsonl"]), items, folder / "release").rows.to_pylist()
+    rows = collect_images(image_record_files([folder / "items.jsonl"]), items, folder / "release").rows.to_pylist()
     assert 2 <= len(rows) <= 4  # a box may look the same from opposite sides, to the byte
     for row in rows:
         assert (row["method"], row["cutout_path"], row["attribution"]) == ("rendered", row["path"], "Jane Doe")

@@ -16,7 +16,7 @@ from metric_cli.subcommands import main
 from metric_tree.checks.release_files import findings
 from metric_tree.pipeline.build import PRIVATE_LICENCE, build_release
 from metric_tree.pipeline.ingest import raw_files
-from metric_tree.release.images import image_files, image_path, picture_files, stored_file
+from metric_tree.release.images import image_files, image_path, image_record_files, stored_file
 from metric_tree.release.publication import publish
 from metric_tree.release.registry import registry_entry
 from metric_tree.release.release import BadRelease, sha256
@@ -54,10 +54,10 @@ def records(crawl):
 
 def test_picture_records_are_no_raw_items(crawl):
     assert [path.name for path in raw_files([crawl])] == ["items-000000001-000000099.jsonl"]
-    assert picture_files([crawl]) == [records(crawl)]
-    assert picture_files([crawl / "items-000000001-000000099.jsonl"]) == [records(crawl)]
+    assert image_record_files([crawl]) == [records(crawl)]
+    assert image_record_files([crawl / "items-000000001-000000099.jsonl"]) == [records(crawl)]
     beside = crawl.parent / "raw.jsonl"
-    assert picture_files([beside]) == [], "a file answers for its own folder, not for what lies below it"
+    assert image_record_files([beside]) == [], "a file answers for its own folder, not for what lies below it"
 
 
 def test_a_build_takes_the_pictures_of_what_it_ships(crawl, tmp_path):

@@ -133,6 +133,13 @@ class Node:
         """Child nodes."""
         return self.tree.children(self.node_id)
 
+    def ancestors(self) -> Iterator[Node]:
+        """Yield the nodes above the node, from its parent to the root."""
+        above = self.parent
+        while above is not None:
+            yield above
+            above = above.parent
+
     def descendants(self) -> Iterator[Node]:
         """Yield the node and all nodes below it, parents first."""
         yield self
@@ -301,11 +308,9 @@ def require_tier(node: Node, least: str) -> None:
     """Raise ThinEvidence if the tier of a node is below `least`."""
     if node.tier is not None and is_at_least(node.tier, least):
         return
-    above, tier = node.parent, node.tier or "no size"
-    while above is not None and (above.tier is None or not is_at_least(above.tier, least)):
-        above = above.parent
+    above = next((one for one in node.ancestors() if one.tier is not None and is_at_least(one.tier, least)), None)
     instead = f"; {above.name!r} above it is {above.tier}" if above is not None else ""
-    raise ThinEvidence(f"{node.node_id}: tier: expected {least} or better; found {tier}{instead}")
+    raise ThinEvidence(f"{node.node_id}: tier: expected {least} or better; found {node.tier or 'no size'}{instead}")
 
 
 def node_of(tree: _Tree, row: dict[str, Any]) -> Node:

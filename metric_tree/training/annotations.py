@@ -1,9 +1,8 @@
-"""What every reader of another data set returns: images with named masks."""
+"""Annotated images of other data sets: images with named masks."""
 
 from __future__ import annotations
 
-from collections.abc import Iterator
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
@@ -15,45 +14,42 @@ from metric_base.images import read_picture
 
 
 class BadAnnotations(InputError):
-    """Annotations that cannot be read: file, field, expected, found."""
+    """Annotations cannot be read: the message has file, field, expected and found value."""
 
     @classmethod
     def at(cls, file: Path | str, field: str, expected: str, value: object) -> BadAnnotations:
-        """The error in one line."""
+        """Return the error of a field."""
         return cls(f"{file}: {field}: expected {expected}; found {str(value)[:120]}")
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class AnnotatedObject:
-    """One object of an image: the set's own label (or its synonyms, first first) and COCO's `segmentation` of it."""
+    """An object of an image."""
 
-    names: tuple[str, ...]
-    segmentation: Any
-    area: float
-    bbox: tuple[float, float, float, float]
+    names: tuple[str, ...]  #: Label of the data set, then its synonyms.
+    segmentation: Any  #: `segmentation` of COCO.
+    area: float  #: Pixels.
+    bbox: tuple[float, float, float, float]  #: x, y, width, height in pixels.
     crowd: bool = False
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class AnnotatedPicture:
-    """An image on the user's disk and all that is annotated in it."""
+class AnnotatedImage:
+    """An image file of the user with its annotated objects."""
 
     file: Path
     width: int
     height: int
-    objects: tuple[AnnotatedObject, ...] = field(default=())
-
-    def __iter__(self) -> Iterator[AnnotatedObject]:
-        return iter(self.objects)
+    objects: tuple[AnnotatedObject, ...]
 
 
-def coded_picture(path: Path, size: tuple[int, int] | None = None) -> IntArray:
-    """(h, w, 3) red, green, blue of an image whose colours are numbers.
+def coded_image(path: Path, size: tuple[int, int] | None = None) -> IntArray:
+    """Read an image whose colours are numbers: red, green and blue, (h, w, 3).
 
     Raises
     ------
     BadAnnotations
-        It is no image of three channels, or not of the given (height, width).
+        The file is not an image with three channels of 8 bits, or its (height, width) is not `size`.
     """
     import cv2
 
@@ -67,7 +63,7 @@ def coded_picture(path: Path, size: tuple[int, int] | None = None) -> IntArray:
 
 
 def run_lengths(mask: BoolArray) -> tuple[dict[str, Any], float, tuple[float, float, float, float]]:
-    """COCO's compressed run lengths of a mask (h, w), its area and its box (x, y, width, height)."""
+    """Return the compressed run lengths of COCO of a mask (h, w), its area and its box (x, y, width, height)."""
     from pycocotools import mask as coco
 
     runs = coco.encode(np.asfortranarray(mask.astype(np.uint8)))

@@ -1,4 +1,4 @@
-"""The classes of a training set, and which of them a label of another data set is, by the tree."""
+"""Classes of a training set, and the class of a label of another data set, according to the tree."""
 
 from __future__ import annotations
 
@@ -6,91 +6,89 @@ from collections import Counter
 from collections.abc import Iterable, Sequence
 
 from metric_base.errors import InputError
-from metric_tree.node import Node, UnknownName
+from metric_tree.node import Node
 from metric_tree.tree import Tree
 
 
 class Classes:
-    """The chosen nodes in the order of their ids 1, 2, ...; `ambiguous` counts labels that are too wide to tell.
+    """Chosen nodes, with the class ids 1, 2, ... in their order.
 
     Parameters
     ----------
-    tree : where labels are looked up
-    nodes : the chosen nodes, none above or below another
+    tree : Tree
+        Tree that resolves labels.
+    nodes : sequence of Node
+        Chosen nodes, none of which may be an ancestor of another.
+
+    Attributes
+    ----------
+    ambiguous : Counter of str
+        Number of objects by label whose label is broader than a class.
 
     Raises
     ------
     InputError
-        One node lies below another: its images would be of both classes.
+        A node is an ancestor of another: the objects would belong to both classes.
     """
 
     def __init__(self, tree: Tree, nodes: Sequence[Node]) -> None:
         self.tree, self.nodes = tree, tuple(nodes)
-        self._id = {node.node_id: number for number, node in enumerate(self.nodes, start=1)}
-        self._above: dict[str, str] = {}
+        self._ids = {node.node_id: number for number, node in enumerate(self.nodes, start=1)}
+        self._broader: set[str] = set()
         for node in self.nodes:
-            for above in _above(node):
-                if above.node_id in self._id:
+            for above in node.ancestors():
+                if above.node_id in self._ids:
                     raise InputError(
                         f"categories: expected none below another; found {node.node_id} below {above.node_id}"
                     )
-                self._above[above.node_id] = node.node_id
-        self._known: dict[tuple[tuple[str, ...], tuple[str, ...]], int | None] = {}
+                self._broader.add(above.node_id)
+        self._nodes_of_labels: dict[tuple[tuple[str, ...], tuple[str, ...]], Node | None] = {}
         self.ambiguous: Counter[str] = Counter()
 
     def __len__(self) -> int:
         return len(self.nodes)
 
-    def of_node(self, node: Node | None) -> int | None:
-        """The class of a node: its own, or that of the chosen node above it; None if no such node is chosen."""
-        for one in [] if node is None else [node, *_above(node)]:
-            if one.node_id in self._id:
-                return self._id[one.node_id]
-        return None
+    def of_node(self, node: Node) -> int | None:
+        """Return the class of a node or of its nearest chosen ancestor, or None."""
+        return next((self._ids[one.node_id] for one in (node, *node.ancestors()) if one.node_id in self._ids), None)
 
     def of_label(self, names: tuple[str, ...], lists: tuple[str, ...]) -> int | None:
-        """The class of a label: read as the lists read it, else by the tree's own names.
+        """Return the class of a label, or None.
 
-        A label above a chosen node (seat, where chairs are chosen) may or may not be of the class: it is left out and
-        counted.
+        A label that is broader than a class (`seat`, if chairs are chosen) has no class and is counted in `ambiguous`.
+
+        Parameters
+        ----------
+        names : tuple of str
+            The label and its synonyms; the first one with a node counts.
+        lists : tuple of str
+            Label lists of the data set, which precede the names of the tree.
         """
         key = (names, lists)
-        if key not in self._known:
-            self._known[key] = self._look_up(names, lists)
-        if self._known[key] == 0:
+        if key not in self._nodes_of_labels:
+            nodes = (node_of_label(self.tree, name, lists) for name in names)
+            self._nodes_of_labels[key] = next((node for node in nodes if node is not None), None)
+        node = self._nodes_of_labels[key]
+        if node is None:
+            return None
+        class_id = self.of_node(node)
+        if class_id is None and node.node_id in self._broader:
             self.ambiguous[names[0]] += 1
-        return self._known[key] or None
+        return class_id
 
     def categories(self) -> list[dict[str, object]]:
-        """COCO's `categories`; the supercategory is the name at the tree's second level."""
+        """Return the `categories` of COCO; the supercategory is the name of the ancestor of level 2."""
         return [
             {"id": number, "name": node.name, "supercategory": node.path[:2][-1], "node_id": node.node_id}
             for number, node in enumerate(self.nodes, start=1)
         ]
 
-    def _look_up(self, names: Iterable[str], lists: Iterable[str]) -> int | None:
-        """The class, 0 where the label is above one, None where it has nothing to do with any."""
-        for name in names:
-            node = _lookup(self.tree, name, (*lists, None))
-            if node is not None:
-                return self.of_node(node) or (0 if node.node_id in self._above else None)
-        return None
 
-
-def _lookup(tree: Tree, name: str, lists: Iterable[str | None]) -> Node | None:
-    for vocabulary in lists:
+def node_of_label(tree: Tree, name: str, lists: Iterable[str]) -> Node | None:
+    """Return the node of a label by the first list that contains it, else by the names of the tree, or None."""
+    for vocabulary in (*lists, None):
         try:
             return tree.find(name, vocabulary)
-        except (UnknownName, InputError):
+        except InputError:
             continue
     return None
-
-
-def _above(node: Node) -> list[Node]:
-    """The nodes above, nearest first."""
-    line = []
-    above = node.parent
-    while above is not None:
-        line.append(above)
-        above = above.parent
-    return line

@@ -1,8 +1,8 @@
 """Open Images, segmentation masks (V5 to V7): a table of masks, images of masks, a table of class names.
 
-The folder holds, at any depth, a table of masks, a table of class names, the masks' images and the images
-`<ImageID>.jpg`, called as the set calls them (V7's class names have a header, V5's none) or as FiftyOne stores them. A
-mask's image may be of another size than the image's own: it covers the same view.
+A folder contains, at any depth, a table of masks, a table of class names, the images of the masks and the images
+`<ImageID>.jpg`, with the file names of the set (the class names of V7 have a header, those of V5 do not) or of
+FiftyOne. The image of a mask covers the same view as the image, but may have another size.
 """
 
 from __future__ import annotations
@@ -11,70 +11,68 @@ import csv
 from collections.abc import Iterator
 from pathlib import Path
 
-from metric_base.images import read_picture
-from metric_tree.training.annotations import AnnotatedObject, AnnotatedPicture, BadAnnotations, run_lengths
+import cv2
+from PIL import Image
 
-#: How its names are read.
+from metric_base.images import read_picture
+from metric_tree.training.annotations import AnnotatedImage, AnnotatedObject, BadAnnotations, run_lengths
+
+#: Label lists of the names.
 LISTS = ("openimages_601",)
 
-#: By the set's own names, then by FiftyOne's.
+#: File names of the tables in the set and in FiftyOne.
 TABLES = ("*-annotations-object-segmentation.csv", "segmentations.csv")
 NAMES = ("*class-descriptions*.csv", "classes.csv")
 _COLUMNS = ("MaskPath", "ImageID", "LabelName")
 
 
-def open_images_pictures(folder: Path) -> Iterator[AnnotatedPicture]:
-    """The images that are in the folder and have masks, in the order of their ids.
+def open_images_images(folder: Path) -> Iterator[AnnotatedImage]:
+    """Yield the images of a folder that have masks, in the order of their ids.
+
+    The set has sixteen archives of masks; masks that are not in the folder are skipped.
 
     Raises
     ------
     BadAnnotations
         A table is missing or of another form, or a mask cannot be read.
     """
-    names = _names(folder)
-    rows = _rows(folder)
-    files = {path.name: path for path in sorted(folder.rglob("*")) if path.suffix.lower() in {".png", ".jpg"}}
-    for image_id in sorted(rows):
-        picture = files.get(f"{image_id}.jpg")
-        if picture is not None:
-            yield _picture(picture, rows[image_id], names, files)
-
-
-def _picture(
-    file: Path, rows: list[tuple[str, str]], names: dict[str, str], files: dict[str, Path]
-) -> AnnotatedPicture:
-    import cv2
-    from PIL import Image
-
-    with Image.open(file) as header:
-        width, height = header.size
-    objects = []
-    for mask_name, label in rows:
-        if label not in names or mask_name not in files:
-            continue  # masks come in sixteen archives; a user may have fetched some
-        picture = read_picture(files[mask_name], cv2.IMREAD_GRAYSCALE)
-        if picture is None:
-            raise BadAnnotations.at(files[mask_name], "mask", "a picture", "something else")
-        if picture.shape != (height, width):
-            picture = cv2.resize(picture, (width, height), interpolation=cv2.INTER_NEAREST)
-        if picture.any():
-            objects.append(AnnotatedObject((names[label],), *run_lengths(picture > 0)))
-    return AnnotatedPicture(file, width, height, tuple(objects))
-
-
-def _names(folder: Path) -> dict[str, str]:
     names: dict[str, str] = {}
-    for file in _files(folder, NAMES):
-        with file.open(encoding="utf-8", newline="") as lines:  # machine ids begin with a slash, a header does not
+    for table in _files(folder, NAMES):
+        with table.open(encoding="utf-8", newline="") as lines:  # ids begin with a slash, a header does not
             names |= {row[0]: row[1] for row in csv.reader(lines) if len(row) == 2 and row[0].startswith("/")}
     if not names:
         raise BadAnnotations.at(folder, "class names", " or ".join(NAMES), "none")
-    return names
+    masks = masks_by_image(folder)
+    files = {path.name: path for path in sorted(folder.rglob("*")) if path.suffix.lower() in {".png", ".jpg"}}
+    for image_id in sorted(masks):
+        file = files.get(f"{image_id}.jpg")
+        if file is None:
+            continue
+        with Image.open(file) as header:
+            width, height = header.size
+        objects = []
+        for mask_name, label in masks[image_id]:
+            if label not in names or mask_name not in files:
+                continue
+            mask = read_picture(files[mask_name], cv2.IMREAD_GRAYSCALE)
+            if mask is None:
+                raise BadAnnotations.at(files[mask_name], "mask", "a picture", "something else")
+            if mask.shape != (height, width):
+                mask = cv2.resize(mask, (width, height), interpolation=cv2.INTER_NEAREST)
+            if mask.any():
+                objects.append(AnnotatedObject((names[label],), *run_lengths(mask > 0)))
+        yield AnnotatedImage(file, width, height, tuple(objects))
 
 
-def _rows(folder: Path) -> dict[str, list[tuple[str, str]]]:
-    """Mask file and label of each image's objects."""
-    rows: dict[str, list[tuple[str, str]]] = {}
+def masks_by_image(folder: Path) -> dict[str, list[tuple[str, str]]]:
+    """Read file and label of the masks of each image id.
+
+    Raises
+    ------
+    BadAnnotations
+        There is no table of masks, or a table lacks a column.
+    """
+    masks: dict[str, list[tuple[str, str]]] = {}
     tables = _files(folder, TABLES)
     if not tables:
         raise BadAnnotations.at(folder, "masks", " or ".join(TABLES), "none")
@@ -84,8 +82,8 @@ def _rows(folder: Path) -> dict[str, list[tuple[str, str]]]:
             if not set(_COLUMNS) <= set(reader.fieldnames or ()):
                 raise BadAnnotations.at(file, "columns", ", ".join(_COLUMNS), ", ".join(reader.fieldnames or ()))
             for row in reader:
-                rows.setdefault(row["ImageID"], []).append((row["MaskPath"], row["LabelName"]))
-    return rows
+                masks.setdefault(row["ImageID"], []).append((row["MaskPath"], row["LabelName"]))
+    return masks
 
 
 def _files(folder: Path, patterns: tuple[str, ...]) -> list[Path]:

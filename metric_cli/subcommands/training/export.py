@@ -125,11 +125,11 @@ def _others(arguments: argparse.Namespace) -> Iterator[tuple[tuple[str, ...], It
     from metric_tree.training import ade20k, coco, open_images
 
     for file, images in arguments.coco:
-        yield coco.LISTS, coco.coco_pictures(file, images)
+        yield coco.LISTS, coco.coco_images(file, images)
     for folder in arguments.ade20k:
-        yield ade20k.LISTS, ade20k.ade20k_pictures(folder)
+        yield ade20k.LISTS, ade20k.ade20k_images(folder)
     for folder in arguments.open_images:
-        yield open_images.LISTS, open_images.open_images_pictures(folder)
+        yield open_images.LISTS, open_images.open_images_images(folder)
 
 
 def _making(pictures: Iterable[Any], total: int) -> Iterable[Any]:

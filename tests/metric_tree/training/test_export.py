@@ -13,7 +13,7 @@ from pycocotools.coco import COCO
 
 from metric_cli.subcommands import main
 from metric_tree.training.classes import Classes
-from metric_tree.training.composition import Cutout, compose, cutouts_of, random_background
+from metric_tree.training.composition import Cutout, compose, cutouts_of, random_background, shown_sizes
 from metric_tree.tree import Tree
 from tests.metric_tree.training.conftest import CUTOUTS, EACH, export
 
@@ -103,14 +103,13 @@ def test_items_belong_to_one_split(tree: Tree, tmp_path: Path) -> None:
 
 
 def test_an_item_without_a_size_draws_from_its_prior(tree: Tree) -> None:
-    from metric_tree.training.composition import _size
 
-    axis, sizes = _size({}, tree.node("swivel_chair.n.01"), seed=0)
+    axis, sizes = shown_sizes({}, tree.node("swivel_chair.n.01"), seed=0)
     low, high = tree.node("swivel_chair.n.01").prior(("height",)).interval(0.9999)[0]
     assert axis == "height"
     assert len(set(sizes)) > 10
     assert low < min(sizes) <= max(sizes) < high
-    assert _size({}, tree.node("mouse.n.04"), seed=0)[0] == "longest"
+    assert shown_sizes({}, tree.node("mouse.n.04"), seed=0)[0] == "longest"
     assert len(cutouts_of(Classes(tree, [tree.node("chair.n.01")]), 0)) == 2 * EACH
 
 
@@ -121,9 +120,10 @@ def test_hidden_objects_are_taken_out(tmp_path: Path) -> None:
     for seed in range(20):
         generator = np.random.default_rng(seed)
         found = compose([[cutout]], random_background((120, 160), generator), generator)
-        for one in found.objects:
-            assert 0.2 <= one.visible_share <= 1
-            assert one.mask.sum() >= 100
+        for index, layer in enumerate(found.layers):
+            visible = found.mask(index).sum()
+            assert 0.2 <= visible / layer.area <= 1
+            assert visible >= 100
 
 
 @pytest.mark.parametrize(

@@ -12,7 +12,7 @@ from pycocotools.coco import COCO
 
 from metric_base.errors import InputError
 from metric_tree.training.ade20k import CLASSES
-from metric_tree.training.classes import Classes, _lookup
+from metric_tree.training.classes import Classes, node_of_label
 from metric_tree.tree import Tree, open_tree
 from tests.metric_tree.training.conftest import export
 from tests.synthetic.other_sets import (
@@ -67,7 +67,7 @@ def test_every_class_of_the_challenge_is_read() -> None:
     assert len(set(CLASSES)) == 100
     assert (CLASSES[7], CLASSES[46], CLASSES[99]) == ("chair", "swivel chair", "flag")  # as its list numbers them
     shipped = open_tree()
-    known = [name for name in CLASSES if _lookup(shipped, name, ("ade20k_150", None)) is not None]
+    known = [name for name in CLASSES if node_of_label(shipped, name, ("ade20k_150",)) is not None]
     assert set(CLASSES) - set(known) == {"trade name"}
 
 

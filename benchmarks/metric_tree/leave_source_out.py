@@ -106,7 +106,9 @@ class Rows:
                     del known[node_id]
         first = (class_moments[0] for class_moments in known.values())
         pairs = ((families[item.node_id], item.by_source) for item in first)
-        model = fit_evidence_model(((family, value) for family, value in pairs if value is not None), sorted(KIND_WEIGHT))
+        model = fit_evidence_model(
+            ((family, value) for family, value in pairs if value is not None), sorted(KIND_WEIGHT)
+        )
         beliefs = self.hierarchy.beliefs(item for class_moments in known.values() for item in class_moments)
         parents = {category.node_id: category.parent_id or "" for category in self.hierarchy.categories}
         for node_id, rows in reduced.items():

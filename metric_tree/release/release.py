@@ -230,7 +230,7 @@ def check_manifest(manifest: Mapping[str, Any], path: Path) -> None:
             raise BadRelease(f"{path}: counts.{field}: expected a whole number; found {visible(str(count))}")
     for field, kind in _BY_NODE.items():
         by_node = manifest.get(field, {})
-        values = list(by_node.values()) if isinstance(by_node, dict) else [None]
+        values: list[Any] = list(by_node.values()) if isinstance(by_node, dict) else [None]
         is_valid = all(isinstance(value, kind) for value in values)
         if not is_valid or not all(isinstance(one, dict) for one in (chain(*values) if kind is list else values)):
             raise BadRelease(f"{path}: {field}: expected {_TYPE_NAMES[kind]} for each node; found others")

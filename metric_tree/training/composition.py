@@ -108,7 +108,7 @@ class Composition:
 
     def mask(self, index: int) -> BoolArray:
         """Return the visible part (H, W) of a layer."""
-        return self.labels == index
+        return np.asarray(self.labels == index)
 
 
 def cutouts_of(classes: Classes, seed: int) -> list[Cutout]:

@@ -174,7 +174,7 @@ def _reconstruct(case: FootageCase, out: Path) -> dict[str, Any]:
     def make_model_and_keep(output: Path, *words: Any, **options: Any) -> None:
         """Make a model; read the last model of the mapping if it is refused, because the capture deletes it."""
         make_model(output, *words, **options)
-        models = [] if output.exists() else list(output.parent.rglob("matches.txt"))
+        models = [] if output.exists() else list(output.parent.rglob("models/*/images.bin"))
         if models:
             paths[output.name] = camera_path(max(models, key=lambda file: file.stat().st_mtime).parent)
 

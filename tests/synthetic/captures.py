@@ -208,7 +208,7 @@ def _errors() -> dict[str, RenderedCapture]:
         turn = partial(room, "sitting room", seed, panning(ERROR_FRAMES, 70.0))
         tripod = partial(room, "sitting room", seed, still(ERROR_FRAMES))
         drive = partial(room, "sitting room", seed, straight_ahead(ERROR_FRAMES, 0.9))
-        strong, fisheye = replace(SMALL, k=-0.25), replace(SMALL, focal=150.0, fisheye=(0.02, -0.01, 0.0, 0.0))
+        strong, fisheye = replace(SMALL, k=-0.15), replace(SMALL, focal=150.0, fisheye=(0.02, -0.01, 0.0, 0.0))
 
         def film(world: Callable[[], World], lens: Lens = SMALL, texture: float = 1.0) -> Iterator[SyntheticFrame]:
             return recorded(world(), lens, texture=texture)

@@ -8,6 +8,7 @@ within 10 % of that of a constructed error's truth (a straight path fits at any 
 
 from __future__ import annotations
 
+from collections import Counter
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
@@ -19,7 +20,17 @@ from benchmarks.common import row_text, table_head
 from benchmarks.estimator.footage_cases import GROUPS, FootageCase, Reference
 from metric_base.arrays import FloatArray
 
-__all__ = ["Judgement", "Row", "gate_table", "gates_of", "judged", "placed_right", "summary_rows", "table"]
+__all__ = [
+    "Judgement",
+    "Row",
+    "conditions",
+    "gate_table",
+    "gates_of",
+    "judged",
+    "placed_right",
+    "summary_rows",
+    "table",
+]
 
 #: Maximum distance from the reference's path, relative to its extent, of a right image and of a right model.
 MAX_PATH_ERROR = 0.03
@@ -192,6 +203,26 @@ def summary_rows(rows: Sequence[Row]) -> str:
         cells += [_named(some) for some in (is_fewer, refused, half, wrong, plain_wrong)]
         lines.append(row_text(cells))
     return "\n".join(lines)
+
+
+def conditions(rows: Sequence[Row], cases: Sequence[FootageCase]) -> str:
+    """Return sentences on the versions of the capture, the load of the machine and the cases that were not run."""
+    commits = Counter(str(row.ours.get("commit", "unknown")) for row in rows)
+    results = [result for row in rows for result in (row.ours, row.plain) if result is not None]
+    loads = [result["load"] for result in results if "load" in result]
+    versions = ", ".join(f"{commit} ({count} cases)" for commit, count in commits.most_common())
+    lines = [f"Last commit of `capture/` at the time of the run: {versions}."]
+    if loads:
+        low, middle, high = np.percentile(loads, [0, 50, 100])
+        lines.append(f"Load of the machine, which has two cores: {low:.0f} to {high:.0f}, median {middle:.0f}.")
+    done = {row.case.name for row in rows}
+    for group, title in GROUPS.items():
+        members = [case.name for case in cases if case.group == group]
+        left = [name for name in members if name not in done]
+        if left:
+            names = ", ".join(f"`{name}`" for name in left)
+            lines.append(f"{title}: {len(left)} of {len(members)} not run: {names}.")
+    return "\n\n".join(lines)
 
 
 def _named(rows: Sequence[Row], most: int = 6) -> str:

@@ -34,7 +34,7 @@ from benchmarks.estimator.footage_cases import (
     read_reference,
     set_cases,
 )
-from benchmarks.estimator.footage_judging import Row, gate_table, judged, summary_rows, table
+from benchmarks.estimator.footage_judging import Row, conditions, gate_table, judged, summary_rows, table
 from benchmarks.estimator.plain_colmap import camera_path
 from capture.mapping.refusals import MAX_CONTRADICTED_RATIO, MIN_BROKEN_FRAMES
 from capture.mapping.triplets import TripletAgreement
@@ -78,7 +78,8 @@ def main() -> None:
         if options.gates:
             print(gate_table(rows))
         if options.write:
-            write_between(AGAINST_PAGE, "summary against pycolmap", summary_rows(rows))
+            summary = f"{summary_rows(rows)}\n\n{conditions(rows, cases)}"
+            write_between(AGAINST_PAGE, "summary against pycolmap", summary)
             write_between(AGAINST_PAGE, "against pycolmap", table(rows))
             write_between(AGAINST_PAGE, "gates", gate_table(rows))
         return

@@ -21,6 +21,7 @@ from benchmarks.estimator.footage_judging import (
     GATES,
     MAX_PATH_ERROR,
     Row,
+    conditions,
     gate_table,
     gates_of,
     judged,
@@ -83,7 +84,7 @@ def test_large_images_are_reduced_to_640_pixels_without_exif(tmp_path: Path) -> 
     folder = make_input(part, tmp_path / "input")
     images = sorted(folder.iterdir())
     assert [image.name for image in images] == ["000.jpg", "001.jpg", "002.jpg", "003.jpg"]
-    assert {cv2.imread(str(image)).shape for image in images} == {(480, 640, 3)}
+    assert {np.asarray(cv2.imread(str(image))).shape for image in images} == {(480, 640, 3)}
     assert b"Exif" not in images[0].read_bytes()
 
 
@@ -214,7 +215,17 @@ def test_the_table_has_both_results_and_names_what_was_not_run() -> None:
     assert len({line.count("|") for line in lines}) == 1
 
 
-SOUND = {
+def test_the_conditions_name_version_load_and_missing_cases() -> None:
+    row = _row("good", _result(_path(), load=4.0, commit="abc"), _result(_path(), load=9.0))
+    others = [row.case, CASE, FootageCase("walk, first half", "part", Path("walk"))]
+    text = conditions([row], others)
+    assert "abc (1 cases)" in text
+    assert "4 to 9, median 6" in text
+    assert "Sets: 1 of 2 not run: `walk`." in text
+    assert "Parts of sets: 1 of 1 not run: `walk, first half`." in text
+
+
+SOUND: dict[str, Any] = {
     "names": [f"{index:06d}.jpg" for index in range(20)], "points": 900, "angle_deg": 8.0, "error_px": 0.4,
     "focal": 0.8, "lens_bend": 0.01, "camera": "SIMPLE_RADIAL", "focal_deviation": 0.01, "triplets": 100,
     "pieces": [20],

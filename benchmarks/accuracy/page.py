@@ -16,9 +16,14 @@ from benchmarks.common import row_text, table_head
 __all__ = ["Facts", "page"]
 
 _HEAD = table_head(
-    ("setting", "method", "scenes", "refused", "error, median", "mean", "90th pct", "bias", "heights, mean (sd)",
-     "coverage of 90 %", "high/low", "interval score", "CRPS")
+    ("setting", "method", "scenes", "refused", "error, median", "mean", "90th pct", "bias", "coverage", "high/low",
+     "CRPS")
 )  # fmt: skip
+#: Errors of sizes, fractions of common spread, and numbers of objects that the tables of simulations show.
+_NOISES, _COMMON = ("0%", "6%", "12%"), ("as modelled", "0%", "60%", "90%")
+_COUNTS = ("1", "2", "3", "5", "10", "20", "50")
+#: Minimum number of scenes of a row of the summary.
+_MIN_SUMMARY_SCENES = 20
 
 
 @dataclass(frozen=True, slots=True)
@@ -47,7 +52,9 @@ def page(outcomes: Sequence[Outcome], facts: Facts, template: str) -> str:
         release=facts.release,
         rooms=facts.rooms,
         minutes=f"{facts.minutes:.0f}",
+        summary=_summary_table(outcomes),
         methods=_methods_table(scenes),
+        heights=_heights_table(scenes),
         differences=_differences_table(scenes),
         sameness=_sameness_table(select(outcomes, part="sameness")),
         structured=_structured_table(select(outcomes, part="structured")),
@@ -55,7 +62,6 @@ def page(outcomes: Sequence[Outcome], facts: Facts, template: str) -> str:
         pulls=_pulls_table(select(outcomes, part="pulls")),
         unseen=_groups_table(select(outcomes, part="unseen")),
         streets=_groups_table(select(outcomes, part="streets")),
-        street_differences=_differences_table(select(outcomes, part="streets")),
         refusals=_refusals_table(outcomes),
     )
 
@@ -68,24 +74,48 @@ def _line(group: str, method: str, outcomes: Sequence[Outcome]) -> str:
     s = summary(outcomes)
     cells = [
         group, method, str(s.n), f"{s.refused:.0%}", _percent(s.median), _percent(s.mean), _percent(s.p90),
-        _percent(s.bias, "+"),
-        f"{_percent(s.heights)} ({_percent(s.heights_sd)})" if np.isfinite(s.heights) else "",
-        _number(s.coverage), _number(s.ratio), _number(s.score, 3),
-        _number(s.crps, 3),
+        _percent(s.bias, "+"), _number(s.coverage), _number(s.ratio), _number(s.crps, 3),
     ]  # fmt: skip
     return row_text(cells)
 
 
+def _summary_table(outcomes: Sequence[Outcome]) -> str:
+    """Return median error and coverage of the default method, by setting with enough scenes."""
+    lines = [table_head(("setting", "scenes", "median error", "coverage"))]
+    for part in ("unseen", "streets", "methods"):
+        of_part = select(outcomes, part=part)
+        for group in _groups(of_part):
+            for method, note in (("default", ""), ("default, with --where", ", with `--where`")):
+                chosen = select(of_part, group=group, method=method)
+                if len(chosen) >= _MIN_SUMMARY_SCENES:
+                    s = summary(chosen)
+                    lines.append(row_text([f"{group}{note}", str(s.n), _percent(s.median), _number(s.coverage)]))
+    return "\n".join(lines) if len(lines) > 1 else "Not run."
+
+
 def _methods_table(outcomes: Sequence[Outcome]) -> str:
-    groups = _groups(outcomes)
     rows = [
         _line(group, method, chosen)
-        for group in groups
-        for method in (TRUE_SIZES, *METHODS)
-        # a single scene does not show the effect of the truncation flags
-        if (chosen := select(outcomes, group=group, method=method)) and ("all" not in method or len(chosen) > 1)
+        for group in _groups(outcomes)
+        for method in METHODS
+        if "all" not in method
+        and (chosen := select(outcomes, group=group, method=method))
+        # of a single scene, the methods that users do not choose state next to nothing
+        and (method in ("default", "paper") or len(chosen) > 1)
     ]
     return "\n".join([_HEAD, *rows]) if rows else "Not run."
+
+
+def _heights_table(outcomes: Sequence[Outcome]) -> str:
+    """Return the mean error of heights (standard deviation over scenes), the measure of the paper, by method."""
+    methods = [method for method in METHODS if "all" not in method]
+    lines = [table_head(("setting", *methods))]
+    for group in _groups(outcomes):
+        of_method = [summary(select(outcomes, group=group, method=method)) for method in methods]
+        if all(np.isfinite(s.heights) and s.n > 1 for s in of_method):
+            cells = [f"{_percent(s.heights)} ({_percent(s.heights_sd)})" for s in of_method]
+            lines.append(row_text([group, *cells]))
+    return "\n".join(lines) if len(lines) > 1 else "Not run."
 
 
 def _groups_table(outcomes: Sequence[Outcome]) -> str:
@@ -101,7 +131,8 @@ def _differences_table(outcomes: Sequence[Outcome]) -> str:
     lines = [table_head(("setting", "against", "scenes", "mean difference of the error", "95 %"))]
     for group in _groups(outcomes):
         ours = select(outcomes, group=group, method="default")
-        for method in dict.fromkeys(row.method for row in select(outcomes, group=group) if row.method != "default"):
+        methods = dict.fromkeys(one.method for one in select(outcomes, group=group))
+        for method in [name for name in methods if name not in ("default", TRUE_SIZES) and "all" not in name]:
             mean, low, high, count = difference(ours, select(outcomes, group=group, method=method))
             if count > 1:
                 ends = f"{_percent(low, '+')} to {_percent(high, '+')}"
@@ -113,7 +144,8 @@ def _structured_table(outcomes: Sequence[Outcome]) -> str:
     if not outcomes:
         return "Not run."
     cells = [group.split("/") for group in _groups(outcomes)]
-    counts, noises = (list(dict.fromkeys(cell[index] for cell in cells)) for index in (0, 1))
+    counts = [count for count in dict.fromkeys(cell[0] for cell in cells) if count in _COUNTS]
+    noises = [noise for noise in dict.fromkeys(cell[1] for cell in cells) if noise in _NOISES]
     lines = [table_head(("N", "method", *(f"R = {noise}" for noise in noises)))]
     for count in counts:
         for method in ("default", "paper"):
@@ -134,15 +166,15 @@ def _sameness_table(outcomes: Sequence[Outcome]) -> str:
     if not outcomes:
         return "Not run."
     cells = [group.split("/") for group in _groups(outcomes)]
-    fractions = list(dict.fromkeys(cell[2] for cell in cells))
+    shares = [share for share in dict.fromkeys(cell[2] for cell in cells) if share in _COMMON]
     by_cell: dict[str, list[Outcome]] = {}
-    for row in outcomes:
-        by_cell.setdefault(row.group, []).append(replace(row, refused=False))
-    lines = [table_head(("objects", "classes", *fractions))]
-    for objects, classes in dict.fromkeys((cell[0], cell[1]) for cell in cells):
-        summaries = [summary(by_cell[f"{objects}/{classes}/{fraction}"]) for fraction in fractions]
-        texts = [f"{_number(s.coverage)} ({_number(s.score, 3)})" for s in summaries]
-        lines.append(f"| {objects} | {classes} | {' | '.join(texts)} |")
+    for one in outcomes:
+        by_cell.setdefault(one.group, []).append(replace(one, refused=False))
+    lines = [table_head(("objects", "classes", *shares))]
+    for objects, classes in dict.fromkeys((cell[0], cell[1]) for cell in cells if cell[0] in ("1", "3", "10", "50")):
+        of_share = [summary(by_cell[f"{objects}/{classes}/{share}"]) for share in shares]
+        shown = [f"{_number(s.coverage)} ({_number(s.score, 3)})" for s in of_share]
+        lines.append(f"| {objects} | {classes} | {' | '.join(shown)} |")
     return "\n".join(lines)
 
 

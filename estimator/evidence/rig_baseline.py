@@ -12,7 +12,6 @@ from estimator.evidence.source import skipped_evidence
 from estimator.records.objects import Measurements
 from estimator.records.result import ScaleEvidence
 from estimator.records.scene import Scene
-from metric_base.arrays import FloatArray
 from metric_base.errors import FieldError, in_file
 from metric_base.input_files import read_json
 from metric_base.parsing import json_array, json_object
@@ -38,7 +37,14 @@ class RigBaseline:
     def observe(self, scene: Scene, measurements: Measurements) -> tuple[ScaleEvidence, ...]:  # noqa: ARG002
         """Return the scale by the median distance of the pairs, with the standard deviation of the median."""
         name = f"{self.first} to {self.second}"
-        first, second = (_centres(scene, folder) for folder in (self.first, self.second))
+        # Camera centres (3,) of the images in each folder, or with each prefix, by the remainder of their name.
+        prefixes = [
+            folder if folder.endswith(("/", "_", "-")) else f"{folder}/" for folder in (self.first, self.second)
+        ]
+        first, second = (
+            {view.name.removeprefix(prefix): view.centre for view in scene.views if view.name.startswith(prefix)}
+            for prefix in prefixes
+        )
         distances = np.array([np.linalg.norm(first[key] - second[key]) for key in sorted(first.keys() & second.keys())])
         if not len(distances):
             return skipped_evidence("baseline", name, "the two cameras have no simultaneous images")
@@ -72,25 +78,15 @@ def rig_baselines(file: Path) -> tuple[RigBaseline, ...]:
                 raise FieldError("cameras", "an image_prefix each, and one ref_sensor", prefixes)
             for prefix, camera in zip(prefixes, cameras, strict=True):
                 if not camera.get("ref_sensor") and "cam_from_rig_translation" in camera:
-                    length = _length(camera["cam_from_rig_translation"])
+                    translation = camera["cam_from_rig_translation"]
+                    try:
+                        x, y, z = (float(part) for part in json_array(translation, "cam_from_rig_translation"))
+                    except (TypeError, ValueError):
+                        raise FieldError("cam_from_rig_translation", "three numbers", translation) from None
+                    length = math.hypot(x, y, z)
+                    if not 0 < length < math.inf:
+                        raise FieldError("cam_from_rig_translation", "a translation that is not 0", translation)
                     baselines.append(RigBaseline(str(references[0]), str(prefix), length))
         if not baselines:
             raise FieldError("cam_from_rig_translation", "three numbers at a camera of one rig or more", None)
     return tuple(baselines)
-
-
-def _length(translation: object) -> float:
-    try:
-        x, y, z = (float(part) for part in json_array(translation, "cam_from_rig_translation"))
-    except (TypeError, ValueError):
-        raise FieldError("cam_from_rig_translation", "three numbers", translation) from None
-    length = math.hypot(x, y, z)
-    if not 0 < length < math.inf:
-        raise FieldError("cam_from_rig_translation", "a translation that is not 0", translation)
-    return length
-
-
-def _centres(scene: Scene, folder: str) -> dict[str, FloatArray]:
-    """Return the camera centres (3,) of the images in a folder, or with a prefix, by the remainder of their name."""
-    prefix = folder if folder.endswith(("/", "_", "-")) else f"{folder}/"
-    return {view.name.removeprefix(prefix): view.centre for view in scene.views if view.name.startswith(prefix)}

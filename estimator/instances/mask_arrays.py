@@ -104,7 +104,23 @@ def _names(count: int, mask_labels: list[object], labels: dict[str, Any], image:
 def _read(file: Path) -> ImageMasks:
     """Read a mask file."""
     if file.suffix == ".json":
-        return _sam_masks(json_array(read_json(file)))
+        # The result of SAM's automatic mask generator.
+        sam_masks, sam_labels, sam_scores = [], [], []
+        for number, value in enumerate(json_array(read_json(file))):
+            with at_field(f"[{number}]"):
+                entry = json_object(value, "")
+                runs = entry.get("segmentation")
+                if not isinstance(runs, dict):
+                    raise FieldError(
+                        "segmentation", "run lengths (output_mode='coco_rle')", Unquoted(type(runs).__name__)
+                    )
+                sam_masks.append(decode_segmentation(runs, (1, 1)))
+                sam_labels.append(
+                    next((entry[key] for key in ("label", "category", "class_name") if key in entry), None)
+                )
+                score = entry.get("score", entry.get("predicted_iou", 1.0))
+                sam_scores.append(float(min(max(score, 0.0), 1.0)) if isinstance(score, int | float) else 1.0)
+        return sam_masks, sam_labels if any(label is not None for label in sam_labels) else [], sam_scores
     arrays = dict(_arrays(read_bytes(file, limit=MAX_MASK_BYTES), file.suffix))
     masks = arrays.get("masks", next(iter(arrays.values()), np.empty(0)))
     if masks.ndim == 4 and masks.shape[1] == 1:  # (n, 1, h, w), as SAM's predictor returns them
@@ -138,19 +154,3 @@ def _arrays(data: bytes, suffix: str) -> Iterator[tuple[str, np.ndarray[Any, Any
         raise FieldError(
             "arrays", "NumPy arrays of numbers or text", Unquoted(str(error) or type(error).__name__)
         ) from None
-
-
-def _sam_masks(entries: list[Any]) -> ImageMasks:
-    """Return the masks of SAM's automatic mask generator."""
-    masks, labels, scores = [], [], []
-    for number, value in enumerate(entries):
-        with at_field(f"[{number}]"):
-            entry = json_object(value, "")
-            runs = entry.get("segmentation")
-            if not isinstance(runs, dict):
-                raise FieldError("segmentation", "run lengths (output_mode='coco_rle')", Unquoted(type(runs).__name__))
-            masks.append(decode_segmentation(runs, (1, 1)))
-            labels.append(next((entry[key] for key in ("label", "category", "class_name") if key in entry), None))
-            score = entry.get("score", entry.get("predicted_iou", 1.0))
-            scores.append(float(min(max(score, 0.0), 1.0)) if isinstance(score, int | float) else 1.0)
-    return masks, labels if any(label is not None for label in labels) else [], scores

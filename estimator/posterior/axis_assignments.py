@@ -115,7 +115,20 @@ def variants(layout: Layout) -> Variants:
     if is_ordered:
         orders = [((0, 1, 2), 1.0)]
     elif layout.vertical_known and not layout.sorted_prior:
-        orders = _orders_with_vertical(layout)
+        # The vertical axis has the measured height. The density of sorted sides is the sum over both orders of the
+        # horizontal axes, so that each order has the full weight of its pose.
+        sides_may_swap = layout.horizontal_close or layout.truncated[0] or layout.truncated[1]
+        orders = []
+        for vertical, weight in enumerate(VERTICAL[layout.pose]):
+            if weight == 0:
+                continue
+            first, second = (axis for axis in range(3) if axis != vertical)
+            for long_side, short_side in ((first, second), (second, first)):
+                if vertical == 2 and (long_side, short_side) == (1, 0) and not sides_may_swap:
+                    continue
+                axes_order = [0, 0, 0]
+                axes_order[long_side], axes_order[short_side], axes_order[vertical] = 0, 1, 2
+                orders.append((tuple(axes_order), weight))
     else:
         weight = FREE_ORDER_WEIGHT[sum(layout.missing)]
         orders = [(order, weight) for order in permutations(range(3)) if weight > 0]
@@ -138,27 +151,6 @@ def variants(layout: Layout) -> Variants:
         log_weight=log_order + np.log(errors[:, :, 0]).sum(axis=1) + math.log(LOG_BOX) * active_axes.sum(axis=1),
         gross=np.array([gross for *_, gross in rows], dtype=bool),
     )
-
-
-def _orders_with_vertical(layout: Layout) -> list[tuple[tuple[int, ...], float]]:
-    """Return (measured extent of each axis of the prior, weight) of the assignments with a known vertical.
-
-    The vertical axis has the measured height. The density of sorted sides is the sum over both orders of the horizontal
-    axes, so that each order has the full weight of its pose.
-    """
-    sides_may_swap = layout.horizontal_close or layout.truncated[0] or layout.truncated[1]
-    orders = []
-    for vertical, weight in enumerate(VERTICAL[layout.pose]):
-        if weight == 0:
-            continue
-        first, second = (axis for axis in range(3) if axis != vertical)
-        for long_side, short_side in ((first, second), (second, first)):
-            if vertical == 2 and (long_side, short_side) == (1, 0) and not sides_may_swap:
-                continue
-            order = [0, 0, 0]
-            order[long_side], order[short_side], order[vertical] = 0, 1, 2
-            orders.append((tuple(order), weight))
-    return orders
 
 
 def _errors(

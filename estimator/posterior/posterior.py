@@ -233,6 +233,13 @@ def posterior(evidence: Sequence[ObjectEvidence], gaussians: FloatArray | None =
         weight[part] = classes.weights(mass)
     weight = weight * (1 - curve.below - curve.above)
 
+    # Log scale of the highest peak of the likelihood of each object.
+    height, owner = components.line_log_peak, components.object
+    peak = np.zeros(len(evidence))
+    if len(height):
+        highest = np.flatnonzero(height == np.maximum.reduceat(height, components.start)[owner])
+        peak[owner[highest]] = components.line_centre[highest]
+
     evidence_weight = grid.evidence_probabilities(curve, gaussians)
     objects_decide = not (evidence_weight > MIN_EVIDENCE_PROBABILITY).any()
     if objects_decide and mostly_outliers(weight):
@@ -246,7 +253,7 @@ def posterior(evidence: Sequence[ObjectEvidence], gaussians: FloatArray | None =
         status=status,
         reason=reason,
         weight=weight,
-        own_scale=np.exp(_highest_peaks(components)),
+        own_scale=np.exp(peak),
         classes=tuple(names),
         coarse=u,
         class_log_likelihood=log_likelihood,
@@ -356,14 +363,3 @@ def _multi_object_terms(
     table = ClassHypotheses(all_hypotheses, group_of_hypothesis, count[classes][group_of_hypothesis], entry, start)
     components = hypothesis_rows(objects, selected, [by_class[row] for row in class_of])
     return classes, multi_object_classes(components, table, u)
-
-
-def _highest_peaks(components: ObjectComponents) -> FloatArray:
-    """Return the log scale (n,) of the highest peak of the likelihood of each object."""
-    peak, owner = components.line_log_peak, components.object
-    if not len(peak):
-        return np.zeros(0)
-    highest = np.flatnonzero(peak == np.maximum.reduceat(peak, components.start)[owner])
-    centres = np.empty(len(components.start))
-    centres[owner[highest]] = components.line_centre[highest]
-    return centres

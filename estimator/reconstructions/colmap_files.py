@@ -133,7 +133,13 @@ def read_text_model(folder: Path) -> ColmapModel:
     with in_file(folder / "images.txt") as file:
         images = _text_images(_lines(file))
     with in_file(folder / "points3D.txt") as file:
-        ids, points = _text_points(_lines(file))
+        rows = [line for _, line in _lines(file) if line]
+        ids, points = np.empty(0, dtype=np.int64), np.empty((0, 3))
+        if rows:
+            with at_field("points"):
+                table = _table(rows, range(_POINT_FIELDS))
+            with at_field("point id"):
+                ids, points = _integers(table[:, 0]), table[:, 1:]
     return ColmapModel(cameras, images, ids, points)
 
 
@@ -184,17 +190,6 @@ def _text_images(lines: Iterator[tuple[int, str]]) -> tuple[ColmapImage, ...]:
             point_ids = _integers(triples[:, 2])
         images.append(ColmapImage(image_id, pose[:4], pose[4:], camera_id, words[9], triples[:, :2], point_ids))
     return tuple(images)
-
-
-def _text_points(lines: Iterator[tuple[int, str]]) -> tuple[IntArray, FloatArray]:
-    """Return ids (n,) and positions (n, 3) of the points."""
-    rows = [line for _, line in lines if line]
-    if not rows:
-        return np.empty(0, dtype=np.int64), np.empty((0, 3))
-    with at_field("points"):
-        table = _table(rows, range(_POINT_FIELDS))
-    with at_field("point id"):
-        return _integers(table[:, 0]), table[:, 1:]
 
 
 def _table(lines: Sequence[str], columns: Sequence[int] | None = None) -> FloatArray:

@@ -10,7 +10,6 @@ from scipy.sparse.csgraph import connected_components
 
 from estimator.projection.cameras import project
 from estimator.records.scene import Scene, SceneProblem, camera_centres
-from metric_base.arrays import FloatArray
 
 #: Maximum number of observations of a view that are evaluated; 1,000 determine a median to a few per cent.
 MAX_OBSERVATIONS = 1000
@@ -160,8 +159,18 @@ def degeneracy(scene: Scene) -> SceneProblem | None:
         message = f"no_points: the reconstruction has {count} points, {MIN_POINTS} needed"
         return SceneProblem(message, is_fatal=True)
     points = np.vstack([cloud[:: 1 + len(cloud) // MAX_SHAPE_POINTS] for cloud in clouds])
-    shape = _degenerate_shape(points)
-    if shape is not None:
+    centred = points - np.median(points, axis=0)
+    from_median = np.linalg.norm(centred, axis=1)
+    median = float(np.median(from_median))
+    shape = "coincident"
+    if median > np.finfo(float).eps * float(np.abs(points).max()):
+        inliers = centred[from_median <= MAX_OUTLIER_DISTANCES * median]
+        # Squared singular values (3,), the smallest first.
+        scatter = (inliers - inliers.mean(axis=0)).T @ (inliers - inliers.mean(axis=0))
+        variances = np.linalg.eigvalsh(scatter / median**2)
+        is_thick = np.sqrt(np.maximum(variances, 0.0)) >= MIN_THICKNESS_RATIO * np.sqrt(variances[2])
+        shape = "" if is_thick[0] else "coplanar" if is_thick[1] else "collinear"
+    if shape:
         message = f"{shape}_points: the points of the reconstruction are {_DESCRIPTIONS[shape]}"
         return SceneProblem(message, is_fatal=True)
     centres = camera_centres(scene.views)
@@ -170,17 +179,3 @@ def degeneracy(scene: Scene) -> SceneProblem | None:
         message = "coincident_cameras: all cameras are at one place, so that depths are unknown"
         return SceneProblem(message, is_fatal=True)
     return None
-
-
-def _degenerate_shape(points: FloatArray) -> str | None:
-    """Return `coincident`, `collinear` or `coplanar` if points (n, 3) have no volume, else None."""
-    centred = points - np.median(points, axis=0)
-    distance = np.linalg.norm(centred, axis=1)
-    median = float(np.median(distance))
-    if median <= np.finfo(float).eps * float(np.abs(points).max()):
-        return "coincident"
-    inliers = centred[distance <= MAX_OUTLIER_DISTANCES * median]
-    # Squared singular values (3,), the smallest first.
-    variances = np.linalg.eigvalsh((inliers - inliers.mean(axis=0)).T @ (inliers - inliers.mean(axis=0)) / median**2)
-    is_thick = np.sqrt(np.maximum(variances, 0.0)) >= MIN_THICKNESS_RATIO * np.sqrt(variances[2])
-    return None if is_thick[0] else "coplanar" if is_thick[1] else "collinear"

@@ -124,6 +124,10 @@ def scene_view(estimate: SceneEstimate) -> SceneView:
         ends = plane.origin + np.array([[left, bottom], [right, bottom], [right, top], [left, top]]) * plane.cell
         planes.append(np.column_stack([ends, np.full(4, plane.height)]) @ plane.basis @ rotation.T)
 
+    headline = "unresolved" + ("; sizes are those of the likeliest scale" if result.best_scale else "")
+    if result.scale is not None and result.interval is not None:
+        interval = f"{100 * result.interval.level:g} % {result.interval.low:.4g} to {result.interval.high:.4g}"
+        headline = f"{result.status}: {result.scale:.4g} metres per unit, {interval}"
     low = np.quantile(points, OUTLIER_FRACTION, axis=0) if count else np.zeros(3)
     return SceneView(
         points=points,
@@ -136,7 +140,7 @@ def scene_view(estimate: SceneEstimate) -> SceneView:
         planes=tuple(planes),
         up=np.stack([low, low + np.array([0, diagonal * UP_FRACTION, 0])])[None],
         unit="m" if result.best_scale else "units",
-        headline=_headline(result),
+        headline=headline,
     )
 
 
@@ -195,12 +199,3 @@ def _box_view(
     sizes = " x ".join(known) + (" m" if result.best_scale else " units")
     title = f"{report.category} {report.id}"
     return BoxView(report.id, report.verdict, corners(box) @ rotation.T, title, sizes, record)
-
-
-def _headline(result: ScaleResult) -> str:
-    """Return status, scale and interval in one line."""
-    if result.scale is None or result.interval is None:
-        return "unresolved" + ("; sizes are those of the likeliest scale" if result.best_scale else "")
-    low, high = result.interval.low, result.interval.high
-    interval = f"{100 * result.interval.level:g} % {low:.4g} to {high:.4g}"
-    return f"{result.status}: {result.scale:.4g} metres per unit, {interval}"

@@ -40,3 +40,17 @@ def test_boxes_and_lone_masks_say_nothing(room):
     boxes = [replace(mask, from_box=True) for mask in room.instances]
     assert rim_warnings(rim_agreement(room.scene.views, labels, boxes, [range(len(boxes))])) == ()
     assert rim_warnings(rim_agreement(room.scene.views, labels, room.instances, [(0,), (1,)])) == ()
+
+
+@pytest.mark.parametrize(
+    ("inside", "outside", "doubtful"),
+    [
+        (0.79, 0.01, True),  # fewer than 80 % of the points in the rims are inside other masks
+        (0.81, 0.01, False),
+        (0.7, 0.16, True),  # 30 % outside, 1.8 times as many as the points just outside of the masks
+        (0.7, 0.17, False),
+        (np.nan, 0.1, False),
+    ],
+)
+def test_both_sides_of_the_thresholds_of_the_rims(inside, outside, doubtful):
+    assert len(rim_warnings((inside, outside))) == doubtful

@@ -1,6 +1,7 @@
 """Point labels: visibility, masks, votes."""
 
 from dataclasses import replace
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -9,7 +10,7 @@ from scipy.sparse import csr_array
 from estimator.association.point_labels import PointLabels, dense_labels, point_votes, sparse_labels
 from estimator.association.point_labels import pixels_in_masks as view_labels
 from estimator.projection.visibility import project_unoccluded
-from estimator.records.scene import DenseCloud, Instance
+from estimator.records.scene import Camera, DenseCloud, Instance, Scene, View
 from tests.synthetic.shapes import box, floor, orbit, synthetic_scene
 
 
@@ -154,3 +155,31 @@ def test_of_two_that_agree_as_well_the_smaller_has_the_point(order):
     masks = [Instance(str(k), 0, "chair", np.ones((2, 2), dtype=bool), (0, 0)) for k in range(2)]
     rows = point_votes(labels, masks, [[k] for k in order])
     assert [rows[order.index(k)].tolist() for k in range(2)] == [[0, 1], [2, 3]]
+
+
+@pytest.mark.parametrize(("views", "from_box", "votes", "is_part"), [
+    (10, False, 6, True), (10, False, 5, False), (20, True, 17, True), (20, True, 16, False),
+])  # fmt: skip
+def test_a_point_belongs_to_masks_from_60_percent_and_to_boxes_from_85_percent_of_the_views(
+    views, from_box, votes, is_part
+):
+    inside = np.ones((views, 2))
+    inside[votes:, 1] = 0
+    labels = labels_by_hand(inside, np.ones((views, 2)))
+    masks = [replace(mask, from_box=from_box) for mask in masks_of_views(views)]
+    rows = point_votes(labels, masks, [range(views)])[0]
+    assert rows.tolist() == ([0, 1] if is_part else [0])
+
+
+@pytest.mark.parametrize(
+    ("from_box", "diagonals", "is_part"),
+    [(False, 1.4, True), (False, 1.6, False), (True, 0.9, True), (True, 1.1, False)],
+)
+def test_points_behind_the_object_by_more_than_its_mask_are_background(from_box, diagonals, is_part):
+    """The mask of 30 x 40 pixels has a diagonal of half the distance of the object, whose focal length is 100 px."""
+    camera = Camera("PINHOLE", 100, 100, np.array([100.0, 100.0, 50.0, 50.0]))
+    view = View("a", camera, np.eye(3), np.zeros(3), np.empty((0, 2)), np.empty(0, np.int64))
+    points = np.array([[0.0, 0.0, 1.0]] * 5 + [[0.0, 0.0, 1.0 + 0.5 * diagonals]])
+    scene = Scene(Path("a"), "memory", (view,), np.empty((0, 3)), DenseCloud(points, np.arange(7), np.zeros(6, int)))
+    mask = Instance("1", 0, "cup", np.ones((40, 30), dtype=bool), (35, 30), from_box=from_box)
+    assert dense_labels(scene, [mask]).membership.nnz == (6 if is_part else 5)

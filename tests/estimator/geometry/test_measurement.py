@@ -188,3 +188,19 @@ def test_a_scene_without_points():
     found = measure_objects(scene, ())
     assert found.planes == ()
     assert any("support plane" in problem.message for problem in found.problems)
+
+
+@pytest.mark.parametrize(("count", "reason"), [(15, "15 points, 16 needed"), (16, None)])
+def test_a_box_by_points_needs_sixteen_of_them(room, count, reason):
+    sparse = replace(room.scene, dense=None)
+    chair = [mask for mask in room.instances if mask.category == "chair"]
+    (whole,) = measure_objects(sparse, chair).objects
+    rows = whole.point_rows[np.linspace(0, len(whole.point_rows) - 1, count).astype(int)]
+    views = []
+    for view in sparse.views:
+        keep = np.isin(view.point_index, rows)
+        index = np.searchsorted(rows, view.point_index[keep])
+        views.append(replace(view, keypoints=view.keypoints[keep], point_index=index))
+    few = replace(sparse, points=sparse.points[rows], views=tuple(views))
+    (item,) = measure_objects(few, chair, MeasurementOptions(cuboids=False, supports=False)).objects
+    assert (item.points, item.skipped) == (count, reason)

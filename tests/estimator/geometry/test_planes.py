@@ -7,8 +7,9 @@ from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
 from estimator.geometry.category_rules import stands_on_floor
-from estimator.geometry.planes import floor_of, level_basis, support_planes, voxel_downsample
+from estimator.geometry.planes import floor_of, height_peaks, level_basis, support_planes, voxel_downsample
 from estimator.geometry.support import SupportCloud, SupportLevel, find_support_level, foot_on_level
+from estimator.records.objects import SupportPlane
 from tests.synthetic.shapes import box, floor, orbit, synthetic_scene
 
 UP = np.array([0, 0, 1.0])
@@ -192,3 +193,32 @@ def test_a_flat_object_on_the_floor_has_no_legs(height, is_truncated):
     """On each side of `MAX_SLAB_ASPECT`, relative to the smaller side, 1 unit."""
     foot = foot_on_level(None, np.zeros(3), np.array([2.0, 1.0, height]), 0.01, True, np.nan)
     assert foot.is_truncated == is_truncated
+
+
+def plane_at(height, side):
+    """A level plane of side x side cells of 1."""
+    return SupportPlane(np.eye(3), height, 0.0, side**2, np.zeros(2), 1.0, np.ones((side, side), dtype=bool))
+
+
+@pytest.mark.parametrize(
+    ("side", "below", "is_floor"),
+    [(3, 0.04, True), (3, 0.06, False), (8, 0.14, True), (8, 0.16, False)],
+    ids=["small", "small, above points", "wide and glossy", "wide, above points"],
+)
+def test_a_floor_has_few_points_below_it(side, below, is_floor):
+    """At most 5 %; 15 % if it is at least half as wide as the widest plane, because mirror images are below it."""
+    planes = [plane_at(0.0, side), plane_at(5.0, 10)]
+    points = np.zeros((100, 3))
+    points[: round(100 * below), 2] = -9.0
+    ground = floor_of(planes, points)
+    assert (ground is planes[0]) == is_floor
+
+
+@pytest.mark.parametrize(("in_plane", "is_found"), [(0.007, False), (0.012, True)])
+def test_a_surface_has_at_least_eight_points_in_a_thousand(in_plane, is_found):
+    """In a hall of 40,000 points at all heights up to 10, of which a table top has a few."""
+    rng = np.random.default_rng(0)
+    count = round(40_000 * in_plane)
+    heights = np.concatenate([rng.uniform(0.0, 3.0, 40_000 - count), rng.normal(6.0, 0.001, count), [0.0, 10.0]])
+    found = height_peaks(heights, 0.02)
+    assert any(abs(height - 6.0) < 0.05 for height in found) == is_found

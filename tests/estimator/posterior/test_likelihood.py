@@ -186,3 +186,12 @@ def test_sorted_prior_sorts_the_object() -> None:
     lying = object_curves([evidence(stone, (0.09, 0.06, 0.04))], u)
     standing = object_curves([evidence(stone, (0.06, 0.04, 0.09))], u)
     assert np.allclose(lying, standing)
+
+
+def test_one_dimension_in_ten_may_have_a_gross_error() -> None:
+    upright = Layout("upright", True, False, (False,) * 3, (False,) * 3, (True,) * 3, horizontal_close=False)
+    table = variants(upright)
+    weight = np.exp(table.log_weight)
+    assert weight[table.gross].sum() / weight.sum() == pytest.approx(3 * 0.1)
+    single = variants(replace(upright, modelled=(False, False, True)))
+    assert not single.gross.any()  # a single dimension with a gross error is an outlier

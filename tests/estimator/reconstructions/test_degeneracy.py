@@ -118,3 +118,11 @@ def test_cameras_are_at_one_place_below_a_thousandth_of_the_distance(whole, base
     )
     scene = replace(whole, views=moved_views, points=shell * 1.01, dense=None)
     assert (degeneracy(scene) is not None) == is_one_place
+
+
+@pytest.mark.parametrize(("distance", "is_flat"), [(9.0, False), (11.0, True)])
+def test_points_beyond_ten_median_distances_are_outliers_of_the_shape(whole, distance, is_flat):
+    angles = np.linspace(0, 2 * np.pi, 600, endpoint=False)
+    circle = np.column_stack([np.cos(angles), np.zeros(600), np.sin(angles)])  # all at the median distance
+    points = np.vstack([circle, [[0.0, distance, 0.0]]])
+    assert (degeneracy(replace(without_points(whole), points=points)) is not None) == is_flat

@@ -1,4 +1,4 @@
-"""From a video or a folder of pictures to a work folder with a reconstruction, stage by stage."""
+"""Reconstruct a video or a folder of images into a work folder, stage by stage."""
 
 from __future__ import annotations
 
@@ -9,9 +9,8 @@ from pathlib import Path
 from typing import Any
 
 import msgspec
-import numpy as np
 
-from capture.frame_poses import FILE_NAME, FramePose, FramePoses, write_frame_poses
+from capture.frame_poses import FILE_NAME, FramePose, FramePoses, scaled_camera, write_frame_poses
 from capture.localisation import localised_frames
 from capture.mapping.camera_prior import Lens
 from capture.mapping.mapper import ModelReport
@@ -23,15 +22,15 @@ from capture.sources.video import Video
 from capture.work_folder import WorkFolder, content_digest
 from estimator.projection.cameras import CAMERA_MODELS
 from estimator.reconstructions.colmap import read_colmap
-from estimator.records.scene import Camera, Scene
+from estimator.records.scene import Scene
 from metric_base.errors import InputError
 from metric_base.input_files import read_json
 from metric_base.progress import NoticeCallback, ProgressCallback, no_notice, silent, with_progress
 
-#: The camera model that is tried first.
-SIMPLEST = "SIMPLE_RADIAL"
+#: Camera model of the first reconstruction.
+FIRST_MODEL = "SIMPLE_RADIAL"
 DENSE = ("dense.ply", "dense.ply.vis")
-#: What each stage writes.
+#: Outputs of each stage.
 STAGES: dict[str, tuple[str, ...]] = {
     "frames": ("frames", FRAMES_FILE),
     **MODEL_STAGES,
@@ -42,18 +41,13 @@ STAGES: dict[str, tuple[str, ...]] = {
 
 @dataclass(frozen=True, slots=True)
 class CaptureOptions:
-    """What the user asks for.
+    """Options of a capture."""
 
-    frames : how many to choose, None for as many as the motion asks for; focal_px : in pixels of the source;
-    camera_model : COLMAP's name, None for the one that fits; dense : whether to make `dense.ply`; max_time_s : wall
-    time for the reconstruction of the frames, None for as much processor time as `limit_of` has it.
-    """
-
-    frames: int | None = None
-    focal_px: float | None = None
-    camera_model: str | None = None
-    dense: bool = False
-    max_time_s: float | None = None
+    frames: int | None = None  #: Number of frames; None for as many as the motion requires.
+    focal_px: float | None = None  #: Focal length in pixels of the source.
+    camera_model: str | None = None  #: COLMAP's name; None for the one that fits best.
+    dense: bool = False  #: Whether to make `dense.ply`.
+    max_time_s: float | None = None  #: Wall time of the reconstruction; None for the processor time of `limit_of`.
 
     def __post_init__(self) -> None:
         if self.frames is not None and self.frames < 2:
@@ -68,16 +62,12 @@ class CaptureOptions:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Capture:
-    """A reconstruction of a video or of pictures.
+    """Reconstruction of a video or of images."""
 
-    scene : its cameras and points; folder : the work folder, which `read_scene` and `insert_objects` take, too;
-    cautions : what to know about every scale that rests on it; seconds : wall time of the stages that were made.
-    """
-
-    scene: Scene
-    folder: Path
-    cautions: tuple[str, ...]
-    seconds: Mapping[str, float]
+    scene: Scene  #: Cameras and points.
+    folder: Path  #: Work folder, which `read_scene` and `insert_objects` accept, too.
+    cautions: tuple[str, ...]  #: Warnings about every scale of this reconstruction.
+    seconds: Mapping[str, float]  #: Wall time of the stages of this run.
 
 
 def capture_video(
@@ -92,27 +82,40 @@ def capture_video(
     progress: ProgressCallback = silent,
     notice: NoticeCallback = no_notice,
 ) -> Capture:
-    """A scene from a video or a folder of pictures.
+    """Reconstruct a scene from a video or a folder of images.
 
     Parameters
     ----------
-    source : the video, or the folder of pictures
-    work : folder that keeps every stage: a second call with the same arguments makes nothing again, and nothing is
-        replaced in it that another program wrote
-    frames : how many frames to use, by default as many as the motion asks for
-    focal_px : focal length in pixels of the source, which is then not refined
-    camera_model : COLMAP's name, by default the one that fits
-    dense : whether to make dense points, too
-    max_time_s : wall time for the reconstruction, by default 900 s of processor time, or 6 s a frame if that is more
-    progress : is called with the name of a step, how much of it is done, and of how much or None
-    notice : is called with a sentence on how the dense points are made
+    source : Path or str
+        The video, or the folder of images.
+    work : Path or str
+        Folder of all stages. A second call with the same arguments repeats nothing, and files that another program
+        wrote are never replaced.
+    frames : int, optional
+        Number of frames, by default as many as the motion requires.
+    focal_px : float, optional
+        Focal length in pixels of the source, which is then not refined.
+    camera_model : str, optional
+        COLMAP's name, by default the one that fits best.
+    dense : bool
+        Whether to compute dense points, too.
+    max_time_s : float, optional
+        Wall time of the reconstruction, by default 900 s of processor time, or 6 s per frame if that is more.
+    progress : callable
+        Called with the name of a step, the number of items done, and their total or None.
+    notice : callable
+        Called with a sentence about how the dense points are computed.
+
+    Returns
+    -------
+    Capture
 
     Raises
     ------
     CaptureFailure
-        The capture cannot be used: `failure.code` says why, `failure.message` what to record instead.
+        The capture cannot be used; `failure.code` is the reason, `failure.message` contains advice.
     InputError
-        The video or the pictures cannot be read, or the work folder holds files of others.
+        The video or the images cannot be read, or the work folder contains files of other programs.
 
     Examples
     --------
@@ -137,119 +140,100 @@ def reconstruct(
     progress: ProgressCallback = silent,
     notice: NoticeCallback = no_notice,
 ) -> None:
-    """Frames, `sparse/0`, `frame_poses.json` and `cautions.json` in the work folder, which the caller has locked.
+    """Write frames, `sparse/0`, `frame_poses.json` and `cautions.json` to the work folder, which the caller has locked.
 
-    Stages whose outputs are there, made from the same inputs, are not made again.
+    Stages whose outputs exist and are made from the same inputs are not repeated.
 
     Raises
     ------
     CaptureFailure
-        The capture cannot be used, with a code and what to record instead.
+        The capture cannot be used.
     InputError
-        The video or the pictures cannot be read.
+        The video or the images cannot be read.
     """
-    work.check_ownership(STAGES)  # before an hour of work, not after
+    work.check_ownership(STAGES)  # before an hour of work
     source = source_of(path)
-    search = _model_search(path, source, work, options, progress)
-    frames, frames_digest, model_digest = search.frames, search.frames_digest, search.make_sparse()
-    work.stage(
-        "poses",
-        {"model": model_digest, "frames": frames_digest},
-        STAGES["poses"],
-        lambda part: _make_poses(part, source, frames, read_colmap(work.path / "sparse" / "0"), progress),
-    )
-    dense_inputs = {"model": model_digest, "frames": frames_digest}
+    search = _model_search(source, work, options, progress)
+    frames, model_digest = search.frames, search.make_sparse()
+
+    def make_poses(part: Path) -> None:
+        scene = read_colmap(work.path / "sparse" / "0")
+        names = {frame.index: frame.name for frame in frames.chosen}
+        if isinstance(source, Video):
+            localised = localised_frames(source.frames(), scene, names, source.width)
+            poses = list(with_progress(localised, "poses of all frames", progress, len(frames.times_s or ())))
+        else:
+            views = {view.name: view for view in scene.views}
+            poses = [
+                FramePose(
+                    index,
+                    None,
+                    name,
+                    "reconstructed",
+                    views[name].rotation,
+                    views[name].translation,
+                    n_points=len(views[name].point_index),
+                )
+                if name in views
+                else FramePose(index, None, name, "none")
+                for index, name in names.items()
+            ]
+        camera = scaled_camera(scene.views[0].camera, *frames.size) if frames.one_camera else None
+        write_frame_poses(FramePoses(source.path.resolve(), camera, frames.turned_deg, tuple(poses)), part / FILE_NAME)
+
+    def make_dense(part: Path) -> None:
+        from capture.dense.patch_match import make_dense_points
+
+        make_dense_points(work.path / "sparse" / "0", work.path / "frames", part / "dense.ply", progress, notice)
+
+    inputs = {"model": model_digest, "frames": search.frames_digest}
+    work.stage("poses", inputs, STAGES["poses"], make_poses)
     if options.dense:
-        work.stage("dense", dense_inputs, DENSE, lambda part: _make_dense(part, work.path, progress, notice))
+        work.stage("dense", inputs, DENSE, make_dense)
     else:
-        work.discard_stale("dense", dense_inputs, DENSE)
+        work.discard_stale("dense", inputs, DENSE)
     report = msgspec.convert(read_json(work.path / REPORT), ModelReport)
     write_cautions(capture_cautions(path, frames, report, options.focal_px is not None), work.path)
 
 
-def _model_search(
-    path: Path, source: Source, work: WorkFolder, options: CaptureOptions, progress: ProgressCallback
-) -> ModelSearch:
-    """The ladder over the frames of a source; of a video whose frames show too little in common, over more of them."""
-    digest = content_digest(path) if path.is_file() else _folder_digest(source)
+def _model_search(source: Source, work: WorkFolder, options: CaptureOptions, progress: ProgressCallback) -> ModelSearch:
+    """Return the search over the frames of a source, or over more frames of a video that has too few links."""
+    digest: Any
+    if isinstance(source, Video):
+        digest = content_digest(source.path)
+    else:
+        digest = [f"{file.name}:{content_digest(file)}" for file in source.files]
     by_default: dict[str, Any] = {"source": digest, "frames": options.frames}
     more = by_default | {"times": MORE_FRAMES}
 
-    def over(inputs: dict[str, Any], limit: TimeLimit | None) -> ModelSearch:
+    def search_of(inputs: dict[str, Any], limit: TimeLimit | None) -> ModelSearch:
         times = inputs.get("times", 1)
         frames_digest = work.stage(
             "frames", inputs, STAGES["frames"], lambda part: make_frames(part, source, options.frames, progress, times)
         )
         frames = read_frames(work.path)
         limit = limit or limit_of(len(frames.names), options.max_time_s)
-        is_video = isinstance(source, Video)
-        return ModelSearch(
-            work, frames_digest, frames, _lens(frames, options), is_video, options.max_time_s, limit, progress
-        )
+        lens = _lens(frames, options)
+        return ModelSearch(work, frames_digest, frames, lens, limit, options.max_time_s, progress)
 
     if work.is_made("frames", more):
-        return over(more, None)
-    first = over(by_default, None)
+        return search_of(more, None)
+    first = search_of(by_default, None)
     if options.frames is not None or not first.lacks_frames():
         return first
-    return over(more, None if options.max_time_s is None else first.limit)
-
-
-def _folder_digest(source: Source) -> list[str]:
-    assert not isinstance(source, Video)
-    return [f"{file.name}:{content_digest(file)}" for file in source.files]
+    return search_of(more, None if options.max_time_s is None else first.limit)
 
 
 def _lens(frames: Frames, options: CaptureOptions) -> Lens:
-    """The focal length is given in pixels of the source; the frames may be smaller."""
-    width, height = frames.size
-    model, free = options.camera_model or SIMPLEST, options.camera_model is None
-    if not frames.one_camera:  # the parameters of one fit no other
+    """Return the knowledge about the camera, in pixels of `frames/`."""
+    width, height = frames.file_size
+    model, free = options.camera_model or FIRST_MODEL, options.camera_model is None
+    if not frames.one_camera:  # the parameters of one camera fit no other
         return Lens(model, None, False, width, height)
-    if options.focal_px is None:
-        rough = frames.times_s is not None
-        return Lens(model, frames.focals_px[0], False, width, height, rough, free, wide_px=_fisheye_focal_px(frames))
-    return Lens(model, options.focal_px * width / frames.source_size[0], True, width, height)
-
-
-def _fisheye_focal_px(frames: Frames) -> float | None:
-    """Focal length of an ideal fisheye lens with the stated field of view, in pixels for a radian from the axis."""
-    if frames.fisheye_deg is None:
-        return None
-    return math.hypot(*frames.size) / math.radians(frames.fisheye_deg)
-
-
-def _make_poses(part: Path, source: Source, frames: Frames, scene: Scene, progress: ProgressCallback) -> None:
-    names = dict(zip(frames.indices, frames.names, strict=True))
-    if isinstance(source, Video):
-        localised = localised_frames(source.frames(), scene, names, source.width)
-        poses = list(with_progress(localised, "poses of all frames", progress, len(frames.times_s or ())))
-    else:
-        views = {view.name: view for view in scene.views}
-        poses = [_picture_pose(index, name, views.get(name)) for index, name in names.items()]
-    camera = _source_camera(scene.views[0].camera, frames) if frames.one_camera else None
-    write_frame_poses(FramePoses(source.path.resolve(), camera, frames.turned_deg, tuple(poses)), part / FILE_NAME)
-
-
-def _make_dense(part: Path, work: Path, progress: ProgressCallback, notice: NoticeCallback) -> None:
-    from capture.dense.patch_match import make_dense_points
-
-    make_dense_points(work / "sparse" / "0", work / "frames", part / "dense.ply", progress, notice)
-
-
-def _picture_pose(index: int, name: str, view: Any) -> FramePose:
-    if view is None:
-        return FramePose(index, None, name, "none")
-    return FramePose(
-        index, None, name, "reconstructed", view.rotation, view.translation, n_points=len(view.point_index)
-    )
-
-
-def _source_camera(camera: Camera, frames: Frames) -> Camera:
-    """The camera at the source's full size: lengths in pixels grow with it, distortion stays."""
-    width, height = frames.source_size
-    factors = {"f": width / camera.width, "fx": width / camera.width, "fy": height / camera.height}
-    factors |= {"cx": width / camera.width, "cy": height / camera.height}
-    names = CAMERA_MODELS[camera.model][1]
-    params = np.array([value * factors.get(name, 1.0) for name, value in zip(names, camera.params, strict=True)])
-    return Camera(camera.model, width, height, params)
+    if options.focal_px is not None:
+        return Lens(model, options.focal_px * width / frames.size[0], True, width, height)
+    wide_px = None
+    if frames.fisheye_deg is not None:  # an ideal fisheye lens has so many pixels per radian
+        wide_px = math.hypot(width, height) / math.radians(frames.fisheye_deg)
+    rough = frames.times_s is not None
+    return Lens(model, frames.chosen[0].focal_px, False, width, height, rough, free, wide_px)

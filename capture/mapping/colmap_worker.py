@@ -19,7 +19,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from capture.mapping.incremental import compare_global, mapping, measure, verification_options, write_pairs
+from capture.mapping.incremental import compare_global, finish, mapping, verification_options, write_pairs
 from capture.mapping.pairs import all_pairs, chosen_pairs, coarse_scores
 from estimator.reconstructions.pycolmap_library import pycolmap
 
@@ -118,7 +118,7 @@ STEPS: dict[str, Callable[[Request], dict[str, Any]]] = {
     "features": features,
     "matches": matches,
     "mapping": lambda request: mapping(request, say),
-    "measure": measure,
+    "finish": finish,
     "compare_global": compare_global,
 }
 

@@ -70,7 +70,10 @@ def make_features(
         "database": str(folder / f"features{strategy.suffix}.db"),
         "images": str(images),
         "camera_model": cameras[0][0].model,
-        "cameras": [{"params": lens.params, "names": names} for lens, names in cameras],
+        "cameras": [
+            {"params": "" if lens.focal_px is None else ",".join(map(repr, lens.params)), "names": names}
+            for lens, names in cameras
+        ],
         "sift": {
             "max_num_features": strategy.max_features,
             "first_octave": strategy.first_octave,

@@ -1,15 +1,14 @@
 """Compute a model from verified matches, in the worker process: map, register the remaining frames, choose a lens.
 
-`mapping` writes every model that is better than the one before to a new folder 0, 1, ... of its output, so that the
-last one is the best even if the process is ended.
+`mapping` writes every model that is better than the one before to a new folder 0, 1, ... of its output, with its
+database next to it as 0.db, 1.db, ..., so that `finish` has the best model so far even if the mapping was ended.
 """
 
 from __future__ import annotations
 
 import shutil
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from contextlib import contextmanager
-from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -17,9 +16,10 @@ import msgspec
 import numpy as np
 
 from capture.mapping.camera_models import chosen_model, model_scores
+from capture.mapping.covariance import standard_deviations
 from capture.mapping.model_metrics import aligned_distance, model_metrics, residual_pattern, residuals_of
-from capture.mapping.refusals import MAX_CONTRADICTED_RATIO, MIN_COMPARED_PATTERN, MIN_WHOLE_RATIO
-from capture.mapping.triplets import TripletAgreement, agreement, model_triplets
+from capture.mapping.refusals import MAX_CONTRADICTED_RATIO, MAX_STEP_STD, MIN_COMPARED_PATTERN, MIN_WHOLE_RATIO
+from capture.mapping.triplets import agreement, model_triplets
 from estimator.reconstructions.colmap import read_colmap
 from estimator.reconstructions.pycolmap_library import pycolmap
 
@@ -34,9 +34,6 @@ N_MAPPING_THREADS = 1
 MIN_POSE_INLIERS = 15
 #: Minimum ratio of shared frames at which the paths of two mappers are compared.
 MIN_SHARED_RATIO = 0.5
-#: Maximum relative change of the focal length by the camera model OPENCV, which is a pinhole with distortion as the
-#: first one is. On `lund_street` it became 0.95 for 0.75 of the side, with a better held-out residual.
-MAX_FOCAL_CHANGE = 0.05
 #: Maximum number of frames with which a remaining frame is matched again.
 MAX_PARTNERS = 6
 #: Maximum ratio of descriptor distances of guided matches; along an epipolar line there are few candidates.
@@ -44,59 +41,100 @@ GUIDED_RATIO = 0.85
 
 
 def mapping(request: Request, say: Callable[[dict[str, Any]], None]) -> dict[str, Any]:
-    """Write the models of a database of verified matches, and return the figures of the last one.
+    """Map the frames of a database of verified matches, and return the figures of the best model.
 
-    The request names the `database`, the folder of the `images`, an empty `output` folder, and the `cameras` to try in
-    turn until most frames are placed and agree with the matches. Each has `model`, `params` (None: those of the
-    database), `held` (until all frames are placed), `fixed` (the focal length is not refined) and `if_stated` (whether
-    it is tried only if EXIF states the focal length, or only if not; None: in any case).
+    The request names the `database`, the folder of the `images`, an empty `output` folder, whether the focal length is
+    `fixed` and the camera model `free`, and the `cameras` to try in turn until most frames are placed and agree with
+    the matches. Each camera has `model`, `params` (None: those of the database) and `held` (the camera is not refined
+    until all frames are placed).
     """
     database, output = Path(request["database"]), Path(request["output"])
     with pycolmap.Database.open(database) as opened:
         n_frames = opened.num_images()
-        is_stated = any(camera.has_prior_focal_length for camera in opened.read_all_cameras())
-    n_best, n_written = -1, 0
+    n_best = -1
     best: tuple[Model, dict[str, Any], Path] | None = None
     for number, camera in enumerate(request["cameras"]):
-        if n_best >= MIN_WHOLE_RATIO * n_frames or camera["if_stated"] not in (None, is_stated):
-            continue
-        matches = database.with_name(f"{database.stem}.{number}.db")
+        if n_best >= MIN_WHOLE_RATIO * n_frames:
+            break
+        matches = output / f"{number}.db"
         shutil.copyfile(database, matches)
         if camera["params"] is not None:
             verify_with_camera(matches, camera)
         model = map_frames(matches, request, camera, n_frames, say)
         n = -1 if model is None else n_consistent(model, matches)
         if model is not None and n > n_best:
-            n_best, n_written, best = n, write_model(model, matches, output), (model, camera, matches)
-    if best is None:
-        return {"model": None}
-    model, camera, matches = best
-    if 2 < model.num_reg_images() < n_frames:
-        guided = matches.with_suffix(".guided.db")
-        more = register_remaining(model, matches, guided, request, camera, output / str(n_written - 1))
+            n_best, best = n, (model, camera, output / str(number))
+            write_model(model, output / str(number))
+    if best is not None and 2 < best[0].num_reg_images() < n_frames:
+        model, camera, folder = best
+        guided = output / f"{len(request['cameras'])}.db"
+        more = register_remaining(model, folder, guided, request, camera)
         if more is not None:
-            n_written, model, matches = write_model(more, guided, output), more, guided
-    agreed = cut_loose_frames(model, matches, camera["fixed"])
-    if agreed.loose:
-        n_written = write_model(model, matches, output)
-        model = pycolmap.Reconstruction(output / str(n_written - 1))
-    is_free = request["free"] and not camera["fixed"] and len(model.cameras) == 1
-    lenses = choose_camera_model(model, output / str(n_written - 1)) if is_free else None
-    if lenses is not None and lenses["chosen"] != lenses["before"]:
-        write_model(model, matches, output)
-    result = measure(request | {"fixed": camera["fixed"]})
-    result["model"]["pieces"] = [len(part) for part in agreed.parts]  # before the cut
-    return result | {"lenses": lenses}
+            write_model(more, guided.with_suffix(""))
+    return finish(request)
 
 
-def write_model(model: Model, matches: Path, output: Path) -> int:
-    """Write a model, and the name of its database, to the next folder of the output; return the number of folders."""
-    n = len(list(output.iterdir()))
-    folder = output / str(n)
-    folder.mkdir()
+def write_model(model: Model, folder: Path) -> None:
+    """Write a model to a new folder, which appears when it is complete."""
+    part = folder.with_suffix(".part")
+    part.mkdir()
+    model.write_binary(str(part))
+    part.rename(folder)
+
+
+def finish(request: Request) -> dict[str, Any]:
+    """Remove the frames of the last model that the matches do not support, choose its lens, and return its figures.
+
+    Frames outside the largest consistent part share less than two frames with it by triplets of matches, and have no
+    scale relative to it. Frames whose steps are undetermined hang on distant points alone. The result has the figures
+    in `model`, its `folder`, its database `matches`, and the compared `lenses`.
+    """
+    output = Path(request["output"])
+    written = sorted((folder for folder in output.iterdir() if folder.name.isdecimal()), key=lambda one: int(one.name))
+    if not written:
+        return {"model": None}
+    matches, folder = written[-1].with_suffix(".db"), output / "final"
+    model = pycolmap.Reconstruction(written[-1])
+    agreed = agreement(model_triplets(model, str(matches)), model.num_reg_images())
+    folder.mkdir(exist_ok=True)
+    model = without_frames(model, agreed.loose, folder, request["fixed"])
+    _, steps = standard_deviations(model)
+    undetermined = sorted(name for name, std in steps.items() if std > MAX_STEP_STD)
+    model = without_frames(model, undetermined, folder, request["fixed"])
+    is_free = request["free"] and not request["fixed"] and len(model.cameras) == 1
+    lenses = choose_camera_model(model, folder) if is_free else None
+    model.extract_colors_for_all_images(request["images"])
     model.write_binary(str(folder))
-    (folder / "matches.txt").write_text(str(matches), encoding="utf-8")
-    return n + 1
+    focal_std, steps = standard_deviations(model)
+    figures = model_metrics(folder, focal_std, agreed)
+    figures = msgspec.structs.replace(
+        figures, step_deviation=max(steps.values(), default=None), undetermined=tuple(undetermined)
+    )
+    return {
+        "model": msgspec.to_builtins(figures),
+        "folder": str(folder),
+        "matches": str(matches),
+        "lenses": lenses,
+    }
+
+
+def without_frames(model: Model, names: Iterable[str], folder: Path, fixed: bool) -> Model:
+    """Return a model without some of its frames, adjusted again if there are any; the folder receives it."""
+    names = set(names)
+    for image in [image for image in model.images.values() if image.has_pose and image.name in names]:
+        model.deregister_frame(image.frame_id)
+    if names:
+        adjust(model, fixed)
+    model.write_binary(str(folder))
+    return pycolmap.Reconstruction(folder)  # the covariance also looks at deregistered frames, which have no pose
+
+
+def adjust(model: Model, fixed: bool = False) -> None:
+    """Adjust all frames and points of a model, and filter its points as COLMAP's mapper does after an adjustment."""
+    options = pycolmap.BundleAdjustmentOptions(print_summary=False, refine_focal_length=not fixed)
+    pycolmap.bundle_adjustment(model, options)
+    limits = pycolmap.IncrementalMapperOptions()
+    pycolmap.ObservationManager(model).filter_all_points3D(limits.filter_max_reproj_error, limits.filter_min_tri_angle)
 
 
 def choose_camera_model(model: Model, folder: Path) -> dict[str, Any] | None:
@@ -108,17 +146,12 @@ def choose_camera_model(model: Model, folder: Path) -> dict[str, Any] | None:
     if residual_pattern(*residuals_of(read_colmap(folder))) <= MIN_COMPARED_PATTERN:
         return None
     (camera,) = model.cameras.values()
-    before, scores = camera.model.name, model_scores(str(folder))
-    likely = {
-        name: score
-        for name, score in scores.items()
-        if name != "OPENCV" or abs(score["params"][0] / camera.params[0] - 1) < MAX_FOCAL_CHANGE
-    }
-    chosen = chosen_model(likely)
+    before, scores = camera.model.name, model_scores(folder)
+    chosen = chosen_model(scores)
     if chosen != before:
         camera.model = getattr(pycolmap.CameraModelId, chosen)
         camera.params = scores[chosen]["params"]
-        pycolmap.bundle_adjustment(model, pycolmap.BundleAdjustmentOptions(print_summary=False))
+        adjust(model)
     return {"scores": scores, "before": before, "chosen": chosen}
 
 
@@ -135,20 +168,19 @@ def map_frames(
     output = matches.with_suffix(".models")
     output.mkdir()
     models = pycolmap.incremental_mapping(
-        matches, request["images"], output, options=mapping_options(camera), next_image_callback=count
+        matches, request["images"], output, options=mapping_options(request, camera), next_image_callback=count
     )
     if not models:
         return None
     model = max(models.values(), key=lambda one: one.num_reg_images())
     if camera["held"]:
-        options = pycolmap.BundleAdjustmentOptions(print_summary=False, refine_focal_length=not camera["fixed"])
-        pycolmap.bundle_adjustment(model, options)
+        adjust(model, request["fixed"])
     return model
 
 
-def mapping_options(camera: dict[str, Any]) -> Any:
+def mapping_options(request: Request, camera: dict[str, Any]) -> Any:
     """Return COLMAP's default options, but for the minimum number of inliers, threads and seed."""
-    refined = not camera["fixed"] and not camera["held"]
+    refined = not request["fixed"] and not camera["held"]
     options = pycolmap.IncrementalPipelineOptions(
         num_threads=N_MAPPING_THREADS, random_seed=0, extract_colors=False, ba_refine_focal_length=refined
     )
@@ -170,10 +202,8 @@ def verify_with_camera(matches: Path, camera: dict[str, Any]) -> None:
         own.model, own.params = getattr(pycolmap.CameraModelId, camera["model"]), camera["params"]
         own.has_prior_focal_length = camera["held"]
         database.update_camera(own)
-        pairs = [pycolmap.pair_id_to_image_pair(pair) for pair in database.read_num_matches()[0]]
         database.clear_two_view_geometries()
-    with write_pairs(matches, pairs) as listed:
-        pycolmap.verify_matches(matches, listed, verification_options())
+    pycolmap.geometric_verification(matches, two_view_geometry_options=verification_options())
 
 
 def verification_options() -> Any:
@@ -184,13 +214,15 @@ def verification_options() -> Any:
 
 
 def register_remaining(
-    model: Model, matches: Path, guided: Path, request: Request, camera: dict[str, Any], folder: Path
+    model: Model, folder: Path, guided: Path, request: Request, camera: dict[str, Any]
 ) -> Model | None:
     """Match the remaining frames again, along the epipolar lines of their first matches, and continue the mapping.
 
     Each remaining frame is matched with the frames before and after it and with those that it has most matches with.
-    Returns the model if its largest consistent part has more frames than before.
+    The model is in a folder with its database next to it; `guided` is the new database. Returns the model if its
+    largest consistent part has more frames than before.
     """
+    matches = folder.with_suffix(".db")
     shutil.copyfile(matches, guided)
     placed = {image.image_id for image in model.images.values() if image.has_pose}
     with pycolmap.Database.open(guided) as database:
@@ -219,7 +251,7 @@ def register_remaining(
         )
     output = guided.with_suffix(".models")
     output.mkdir()
-    continued = mapping_options(camera)
+    continued = mapping_options(request, camera)
     continued.multiple_models = False
     models = pycolmap.incremental_mapping(guided, request["images"], output, options=continued, input_path=folder)
     more = max(models.values(), key=lambda one: one.num_reg_images(), default=None)
@@ -237,47 +269,6 @@ def n_consistent(model: Model, matches: Path) -> int:
     if not agreed.parts or agreed.contradicted > MAX_CONTRADICTED_RATIO * agreed.triplets:
         return 0
     return len(agreed.parts[0])
-
-
-def measure(request: Request) -> dict[str, Any]:
-    """Cut the last model of the output to its largest consistent part, colour its points, and return its figures.
-
-    Frames that share less than two frames with the rest by triplets of matches have no scale relative to it.
-    """
-    folders = sorted(Path(request["output"]).iterdir(), key=lambda folder: int(folder.name))
-    if not folders:
-        return {"model": None}
-    folder = folders[-1]
-    model = pycolmap.Reconstruction(folder)
-    matches = Path((folder / "matches.txt").read_text(encoding="utf-8"))
-    agreed = cut_loose_frames(model, matches, request["fixed"])
-    model.extract_colors_for_all_images(request["images"])
-    model.write_binary(str(folder))
-    model = pycolmap.Reconstruction(folder)  # the covariance also looks at deregistered frames, which have no pose
-    figures = model_metrics(folder, focal_std(model), agreed)
-    return {
-        "model": msgspec.to_builtins(figures),
-        "folder": str(folder),
-        "matches": str(matches),
-        "focal_held": request["fixed"],
-        "lenses": None,
-    }
-
-
-def cut_loose_frames(model: Model, matches: Path, fixed: bool) -> TripletAgreement:
-    """Cut a model to its largest consistent part and adjust it; return its agreement with the matches before.
-
-    The figures of the triplets, except for the parts and the loose frames, are those of the part.
-    """
-    agreed = agreement(model_triplets(model, str(matches)), model.num_reg_images())
-    if not agreed.loose:
-        return agreed
-    for image in [image for image in model.images.values() if image.has_pose and image.name in agreed.loose]:
-        model.deregister_frame(image.frame_id)
-    options = pycolmap.BundleAdjustmentOptions(print_summary=False, refine_focal_length=not fixed)
-    pycolmap.bundle_adjustment(model, options)
-    rest = agreement(model_triplets(model, str(matches)), model.num_reg_images())
-    return replace(rest, parts=agreed.parts, loose=agreed.loose)
 
 
 def compare_global(request: Request) -> dict[str, Any]:
@@ -299,31 +290,6 @@ def compare_global(request: Request) -> dict[str, Any]:
         return {"disagreement": None}
     centres = np.array([[own[name], their[name]] for name in shared])
     return {"disagreement": aligned_distance(centres[:, 1], centres[:, 0])}
-
-
-def focal_std(model: Model) -> float | None:
-    """Return the standard deviation of the focal length, relative to it, if every observation had an error of 1 px.
-
-    It is the square root of the focal length's entry in (J^T J)^-1, with the Jacobian J of all reprojection errors by
-    poses, points and camera parameters; the median of several cameras; None if the matrix cannot be inverted. A camera
-    that moves without turning does not determine its focal length (Sturm 1999, "Critical motion sequences for the
-    self-calibration of cameras"): the residuals of such a model are small, and only this figure shows it.
-    """
-    options = pycolmap.BundleAdjustmentOptions(refine_focal_length=True, refine_extra_params=True)
-    config = pycolmap.BundleAdjustmentConfig()
-    for image_id in model.reg_image_ids():
-        config.add_image(image_id)
-    config.fix_gauge(pycolmap.BundleAdjustmentGauge.TWO_CAMS_FROM_WORLD)
-    adjuster = pycolmap.create_default_ceres_bundle_adjuster(options, config, model)
-    covariance = pycolmap.estimate_ba_covariance(pycolmap.BACovarianceOptions(), model, adjuster)
-    if covariance is None:
-        return None
-    deviations = []
-    for camera in model.cameras.values():
-        of_camera = covariance.get_other_params_cov(camera.params)  # (p, p), the focal length first
-        if of_camera is not None and of_camera[0, 0] >= 0:
-            deviations.append(float(np.sqrt(of_camera[0, 0]) / camera.params[0]))
-    return float(np.median(deviations)) if deviations and np.isfinite(deviations).all() else None
 
 
 @contextmanager

@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 import json
+import shutil
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
 import msgspec
 
-from capture.mapping.camera_prior import FISHEYE, Lens, is_fisheye
+from capture.mapping.camera_prior import FISHEYE, Lens
 from capture.mapping.match_graph import MatchGraph
 from capture.mapping.model_metrics import ModelMetrics
 from capture.mapping.refusals import (
@@ -84,21 +85,18 @@ def make_model(
     """
     folder = output.with_name(f"{output.name}.made")
     folder.mkdir()
-    failure = early_failure(graph)
     result: dict[str, Any] = {"model": None}
-    report = ModelReport(failure=failure)
-    if failure is None:
-        result = _map(folder / "free", matches, images, lens, _cameras(lens), limit, progress)
-        report = _judged(result, graph, lens)
+    report = ModelReport(failure=early_failure(graph))
+    if report.failure is None:
+        result, report = _mapped(folder / "free", matches, images, graph, lens, limit, progress)
         is_stated = lens.focal_px is not None and not lens.rough and not lens.fixed
         if report.failure is not None and report.failure.code == "focal_length_undetermined" and is_stated:
             held = replace(lens, fixed=True)
-            result = _map(folder / "held", matches, images, held, _cameras(held)[:1], limit, progress)
-            report = _judged(result, graph, held)
+            result, report = _mapped(folder / "held", matches, images, graph, held, limit, progress)
     if report.failure is not None and report.failure.code in DISPUTABLE and report.n_placed == len(graph.names):
-        request = {"database": result["matches"], "images": str(images), "folder": result["folder"]}
         other = folder / "global"
         other.mkdir()
+        request = {"database": result["matches"], "images": str(images), "folder": result["folder"]}
         try:
             compared = run_worker("compare_global", request | {"output": str(other)}, folder, limit=limit)
             report.disagreement = compared["disagreement"]
@@ -108,12 +106,46 @@ def make_model(
             report.failure, report.overruled = None, report.failure
     report.pairs = graph.summary()
     if report.failure is None:
-        Path(result["folder"], "matches.txt").unlink()
         Path(result["folder"]).rename(output)
     placed = set() if report.model is None else set(report.model.names)
     report.left_out = [name for name in graph.names if name not in placed]
     document = msgspec.to_builtins(report)
     output.with_name(f"{output.name}.json").write_text(json.dumps(document, indent=1) + "\n", encoding="utf-8")
+
+
+def _mapped(
+    folder: Path,
+    matches: Path,
+    images: Path,
+    graph: MatchGraph,
+    lens: Lens,
+    limit: TimeLimit,
+    progress: ProgressCallback,
+) -> tuple[dict[str, Any], ModelReport]:
+    """Return the result of the mapping step, of the best model so far if the step ends early, and its report."""
+    output = folder / "models"
+    output.mkdir(parents=True)
+    database = folder / "matches.db"
+    shutil.copyfile(matches, database)  # the mappers write to their database
+    request = {
+        "database": str(database),
+        "images": str(images),
+        "output": str(output),
+        "cameras": _cameras(lens),
+        "fixed": lens.fixed,
+        "free": lens.free,
+    }
+    try:
+        result: dict[str, Any] = run_worker("mapping", request, folder, progress=progress, limit=limit)
+    except (OutOfTime, WorkerError):
+        if not any(part.is_dir() for part in output.iterdir()):
+            raise
+        rest = TimeLimit(limit.now_s() + EXTRA_TIME_S, limit.of_processor)
+        result = run_worker("finish", request, folder, limit=rest)
+    model = None if result["model"] is None else msgspec.convert(result["model"], ModelMetrics)
+    stated = None if lens.focal_px is None else lens.focal_px / max(lens.width, lens.height)
+    failure = model_failure(graph, model, lens.fixed, stated)
+    return result, ModelReport(failure=failure, model=model, focal_held=lens.fixed, lenses=result.get("lenses"))
 
 
 def _cameras(lens: Lens) -> list[dict[str, Any]]:
@@ -123,57 +155,19 @@ def _cameras(lens: Lens) -> list[dict[str, Any]]:
     constrain the focal length: in one case it became 4 times the width (true: 0.78), and only 6 of 32 frames fitted.
     So the second is the assumed camera, held until all frames are placed. Usual wide lenses follow.
     """
+    assumed: dict[str, Any] = {"model": lens.model, "params": None, "held": False}
+    if lens.fixed or not lens.free:
+        return [assumed]
+    if lens.focal_px is not None:
+        return [assumed, assumed | {"held": True}]
     side = max(lens.width, lens.height)
-    own: dict[str, Any] = {"model": lens.model, "params": None, "held": False, "fixed": lens.fixed, "if_stated": None}
-    if not lens.free:
-        return [own]
     starts = [(lens.model, TYPICAL_FOCAL * side, True)]
-    starts += [(model, fraction * side, is_fisheye(model)) for model, fraction in WIDE_STARTS]
-    cameras = [own, own | {"held": True, "if_stated": True}]
-    for model, focal_px, held in starts:
-        params = list(replace(lens, model=model, focal_px=focal_px).values)
-        cameras.append({"model": model, "params": params, "held": held, "fixed": False, "if_stated": False})
+    starts += [(model, ratio * side, "FISHEYE" in model) for model, ratio in WIDE_STARTS]
     if lens.wide_px is not None:
-        params = list(replace(lens, model=FISHEYE, focal_px=lens.wide_px).values)
-        cameras.insert(0, {"model": FISHEYE, "params": params, "held": True, "fixed": False, "if_stated": None})
+        starts.insert(0, (FISHEYE, lens.wide_px, True))
+    cameras = [
+        {"model": model, "params": replace(lens, model=model, focal_px=focal_px).params, "held": held}
+        for model, focal_px, held in starts
+    ]
+    cameras.insert(0 if lens.wide_px is None else 1, assumed)
     return cameras
-
-
-def _map(
-    folder: Path,
-    matches: Path,
-    images: Path,
-    lens: Lens,
-    cameras: list[dict[str, Any]],
-    limit: TimeLimit,
-    progress: ProgressCallback,
-) -> dict[str, Any]:
-    """Return the result of the mapping step, of the best model so far if the step ends early."""
-    output = folder / "models"
-    output.mkdir(parents=True)
-    database = folder / "matches.db"
-    database.write_bytes(matches.read_bytes())  # the mappers write to their database
-    request = {
-        "database": str(database),
-        "images": str(images),
-        "output": str(output),
-        "cameras": cameras,
-        "free": lens.free,
-    }
-    try:
-        result: dict[str, Any] = run_worker("mapping", request, folder, progress=progress, limit=limit)
-    except (OutOfTime, WorkerError):
-        if not any(output.iterdir()):
-            raise
-        rest = TimeLimit(limit.now_s() + EXTRA_TIME_S, limit.of_processor)
-        result = run_worker("measure", request | {"fixed": lens.fixed}, folder, limit=rest)
-    return result
-
-
-def _judged(result: dict[str, Any], graph: MatchGraph, lens: Lens) -> ModelReport:
-    """Return the report of a mapping result, with the failure that the model shows."""
-    model = None if result["model"] is None else msgspec.convert(result["model"], ModelMetrics)
-    stated = None if lens.focal_px is None else lens.focal_px / max(lens.width, lens.height)
-    held = bool(result.get("focal_held", False))
-    failure = model_failure(graph, model, held, stated)
-    return ModelReport(failure=failure, model=model, focal_held=held, lenses=result.get("lenses"))

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -10,6 +11,7 @@ from scipy.sparse import coo_array
 from scipy.sparse.csgraph import connected_components
 
 from metric_base.arrays import FloatArray, IntArray
+from metric_base.input_files import read_json
 
 #: Minimum number of verified matches of linked frames; as many as a frame needs to be placed.
 MIN_LINK_INLIERS = 15
@@ -44,6 +46,18 @@ class MatchGraph:
     pairs: tuple[FramePair, ...]
     size: tuple[int, int]  #: Width and height of the frames.
     edges: FloatArray  #: (n, 2) `edge_sharpness` of the frames.
+
+    @classmethod
+    def read(
+        cls, databases: Path, suffix: str, names: list[str], size: tuple[int, int], edges: FloatArray
+    ) -> MatchGraph:
+        """Return the graph of the frames by the results of the stages of features and matches in a folder."""
+        keypoints = read_json(databases / f"features{suffix}.json")["keypoints"]
+        pairs = tuple(
+            FramePair(first, second, n, planar, moved, None if matrix is None else np.array(matrix, dtype=np.float64))
+            for first, second, n, planar, moved, matrix in read_json(databases / f"matches{suffix}.json")["pairs"]
+        )
+        return cls(names, np.array([keypoints.get(name, 0) for name in names], dtype=np.int64), pairs, size, edges)
 
     @property
     def tested_pairs(self) -> tuple[FramePair, ...]:

@@ -40,6 +40,8 @@ class ModelMetrics(msgspec.Struct, frozen=True, kw_only=True):
     contradicted: int = 0  #: Number of these that the model contradicts.
     pieces: tuple[int, ...] = ()  #: Number of frames of each part that triplets hold together.
     broken: tuple[str, ...] = ()  #: Frames at which the length of the steps changes.
+    step_deviation: float | None = None  #: Largest standard deviation of a step between frames, relative to it.
+    undetermined: tuple[str, ...] = ()  #: Frames that are not used, because no step to them is determined.
 
     @property
     def registered(self) -> int:

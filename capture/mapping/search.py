@@ -9,12 +9,11 @@ from pathlib import Path
 from typing import Any
 
 import msgspec
-import numpy as np
 
 from capture.mapping.camera_prior import Lens
 from capture.mapping.features import MAIN, POOLED, QUICK, STRATEGIES, FeatureStrategy, make_features, make_matches
 from capture.mapping.mapper import ModelReport, make_model
-from capture.mapping.match_graph import FramePair, MatchGraph
+from capture.mapping.match_graph import MatchGraph
 from capture.mapping.refusals import (
     MIN_FRAMES,
     MIN_PLACED_RATIO,
@@ -35,15 +34,15 @@ REPORT = "reconstruction.json"
 #: Strategies of the capture with their seconds and outcome.
 SUMMARY = "capture.json"
 SUMMARY_SCHEMA = "metric-tree/capture/1"
-#: Features and matches, kept so that a later stage can be made again.
+#: Features and matches, kept so that a later stage can be repeated.
 DATABASES = "databases"
-#: Factor of the number of frames of a video whose frames have too little in common: of `snow_walk` as a video of ten
-#: frames a second 49 frames fell into groups of 20, 9 and less; 90 are all placed.
+#: Factor of the number of frames of a video whose frames have too few links: of `snow_walk` as a video of ten frames
+#: per second 49 frames fell into groups of 20, 9 and less; 90 are all placed.
 MORE_FRAMES = 2
 #: Minimum longer side in pixels of images on which the quick strategy costs a tenth of the main one; and of frames of
-#: videos, which overlap so much that it hardly fails: `demo_video` took 144 s of processor without it.
+#: videos, which overlap so much that it hardly fails: `demo_video` took 144 s of processor time without it.
 MIN_QUICK_SIDE, MIN_QUICK_VIDEO_SIDE = 1500, 600
-#: Failures that are due to the motion of the camera, or to the number of frames: no features change them.
+#: Failures due to the motion of the camera, which other features do not change.
 MOTION_FAILURES = frozenset({"static_camera", "pure_rotation"})
 #: Processor time of pooled features of 1,000 pixels, as a multiple of the main strategy's for as many pixels, and of
 #: guided matching relative to the main strategy's.
@@ -64,18 +63,22 @@ class ModelSearch:
     """Search for a model of given frames."""
 
     work: WorkFolder
-    frames_digest: str
+    frames_digest: str  #: Digest of the stage that made the frames.
     frames: Frames
     lens: Lens
-    in_order: bool
-    max_time_s: float | None
     limit: TimeLimit
+    max_time_s: float | None  #: Wall time given by the user.
     progress: ProgressCallback
+
+    @property
+    def is_video(self) -> bool:
+        """Whether the frames are from a video, in order."""
+        return self.frames.times_s is not None
 
     def lacks_frames(self) -> bool:
         """Return whether a video has more frames, and the main strategy, which this runs, links too few of these."""
-        n, times_s = len(self.frames.names), self.frames.times_s
-        if times_s is None or len(times_s) < MORE_FRAMES * n:
+        n = len(self.frames.chosen)
+        if len(self.frames.times_s or ()) < MORE_FRAMES * n:
             return False
         try:
             if self._is_worthwhile(QUICK, []) and is_certain(self._run(QUICK)[1], n):
@@ -83,8 +86,7 @@ class ModelSearch:
             _, report = self._run(MAIN)
         except OutOfTime:
             return False
-        n_linked = report.pairs["groups"][0]
-        return report.failure is not None and n_linked <= MIN_PLACED_RATIO * n
+        return report.failure is not None and report.pairs["groups"][0] <= MIN_PLACED_RATIO * n
 
     def make_sparse(self) -> str:
         """Make `sparse/0` of the best model, and return the digest of the stage.
@@ -97,41 +99,35 @@ class ModelSearch:
         CaptureFailure
             No strategy found a model that can be used; the failure is that of the best model.
         """
-        reports: list[tuple[FeatureStrategy, str, ModelReport]] = []
-        left: list[str] = []
+        runs: list[tuple[FeatureStrategy, str, ModelReport]] = []
+        out_of_time: list[str] = []
         for strategy in STRATEGIES:
-            if not self._is_worthwhile(strategy, [report for _, _, report in reports]):
+            if not self._is_worthwhile(strategy, [report for _, _, report in runs]):
                 continue
             try:
-                reports.append((strategy, *self._run(strategy)))
+                runs.append((strategy, *self._run(strategy)))
             except OutOfTime:
-                left.append(strategy.name)
-        if not reports:
-            out_of_time = refusal("out_of_time", "the frames could not be placed in time")
-            raise CaptureFailure(with_attempts(out_of_time, [], left))
-        strategy, digest, best = max(
-            reports, key=lambda row: (row[2].failure is None, row[2].n_placed, row[0].max_side)
-        )
-        best.strategy, best.left = strategy.name, left
+                out_of_time.append(strategy.name)
+        if not runs:
+            failure = refusal("out_of_time", "the frames could not be placed in time")
+            raise CaptureFailure(with_attempts(failure, [], out_of_time))
+        strategy, digest, best = max(runs, key=lambda run: (run[2].failure is None, run[2].n_placed, run[0].max_side))
+        best.strategy, best.left = strategy.name, out_of_time
         best.tried = [
             {
-                "strategy": row.name,
+                "strategy": tried.name,
                 "code": None if report.failure is None else report.failure.code,
                 "placed": report.n_placed,
-                "frames": len(self.frames.names),
+                "frames": len(self.frames.chosen),
             }
-            for row, _, report in reports
+            for tried, _, report in runs
         ]
-        seconds = [sum(self._seconds(row).values()) for row, _, _ in reports]
-        figures = [msgspec.to_builtins(report.model) for _, _, report in reports]
-        summary = {
-            "schema": SUMMARY_SCHEMA,
-            "strategy": strategy.name,
-            "strategies": [
-                row | {"processor_s": round(spent, 1), "model": model}
-                for row, spent, model in zip(best.tried, seconds, figures, strict=True)
-            ],
-        }
+        details = [
+            {"processor_s": round(sum(self._seconds(tried).values()), 1), "model": msgspec.to_builtins(report.model)}
+            for tried, _, report in runs
+        ]
+        rows = [row | detail for row, detail in zip(best.tried, details, strict=True)]
+        summary = {"schema": SUMMARY_SCHEMA, "strategy": strategy.name, "strategies": rows}
 
         def make(part: Path) -> None:
             if best.failure is None:
@@ -141,32 +137,28 @@ class ModelSearch:
 
         digest = self.work.stage("model", {"strategy": digest, "tried": best.tried}, MODEL_STAGES["model"], make)
         if best.failure is not None:
-            raise CaptureFailure(with_attempts(best.failure, [row.name for row, _, _ in reports], left))
+            raise CaptureFailure(with_attempts(best.failure, [run[0].name for run in runs], out_of_time))
         return digest
 
     def _is_worthwhile(self, strategy: FeatureStrategy, reports: list[ModelReport]) -> bool:
-        """Return whether a strategy may improve on the best of the strategies before it."""
-        n = len(self.frames.names)
+        """Return whether a strategy may improve on the strategies before it."""
+        n = len(self.frames.chosen)
         if strategy is QUICK:
-            least = MIN_QUICK_VIDEO_SIDE if self.in_order else MIN_QUICK_SIDE
-            return max(self.frames.size) >= least and n >= MIN_FRAMES
-        if not reports:
-            return strategy is MAIN
-        last = reports[-1]
-        code = None if last.failure is None else last.failure.code
+            min_side = MIN_QUICK_VIDEO_SIDE if self.is_video else MIN_QUICK_SIDE
+            return max(self.frames.file_size) >= min_side and n >= MIN_FRAMES
         if strategy is MAIN:
-            return not is_certain(last, n)
-        if (len(reports) == 1 and is_certain(last, n)) or n < MIN_FRAMES or code in MOTION_FAILURES:
+            return not reports or not is_certain(reports[-1], n)
+        if not reports or n < MIN_FRAMES or reports[-1].n_placed >= MIN_WHOLE_RATIO * n:
             return False
-        if last.n_placed >= MIN_WHOLE_RATIO * n:
+        if reports[-1].failure is not None and reports[-1].failure.code in MOTION_FAILURES:
             return False
         spent = self._seconds(MAIN)
-        pixels = min(1.0, POOLED.max_side / max(self.frames.size)) ** 2
+        pixels = min(1.0, POOLED.max_side / max(self.frames.file_size)) ** 2
         predicted_s = spent["features"] * POOLED_FEATURE_COST * pixels + spent["matches"] * POOLED_MATCH_COST * pixels
         return predicted_s <= MAX_POOLED_S
 
     def _seconds(self, strategy: FeatureStrategy) -> dict[str, float]:
-        """Return the processor time of the stages of a strategy, 0 of a stage that is taken from an earlier run."""
+        """Return the processor time of each stage of a strategy."""
         stages = ("features", "matches", "mapping")
         return {stage: self.work.processor_s.get(stage + strategy.suffix, 0.0) for stage in stages}
 
@@ -177,9 +169,9 @@ class ModelSearch:
         options: Any = {"limit": self.limit, "progress": self.progress}
         cameras = [(lens, frames.names)]
         if not frames.one_camera:
-            groups = frames.cameras().items()
             cameras = [
-                (Lens(lens.model, focal, False, width, height), names) for (width, height, focal), names in groups
+                (Lens(lens.model, focal_px, False, width, height), names)
+                for (width, height, focal_px), names in frames.cameras().items()
             ]
 
         def part_databases(part: Path) -> Path:
@@ -197,18 +189,12 @@ class ModelSearch:
             {"features": digest},
             MODEL_STAGES[f"matches{end}"],
             lambda part: make_matches(
-                part_databases(part), databases, frames.names, self.in_order, strategy, **options
+                part_databases(part), databases, frames.names, self.is_video, strategy, **options
             ),
         )
-        keypoints = read_json(databases / f"features{end}.json")["keypoints"]
-        pairs = []
-        for first, second, inliers, planar, moved, homography in read_json(databases / f"matches{end}.json")["pairs"]:
-            matrix = None if homography is None else np.asarray(homography, dtype=np.float64)
-            pairs.append(FramePair(first, second, inliers, planar, moved, matrix))
-        counts = np.array([keypoints.get(name, 0) for name in frames.names], dtype=np.int64)
-        graph = MatchGraph(frames.names, counts, tuple(pairs), frames.size, frames.edges)
+        graph = MatchGraph.read(databases, end, frames.names, frames.file_size, frames.edges)
         inputs = {"matches": digest, "fixed": lens.fixed, "free": lens.free, "wide": lens.wide_px}
-        inputs["time"] = self.max_time_s  # with more of it the model may be better
+        inputs["time"] = self.max_time_s  # with more time the model may be better
         digest = work.stage(
             f"mapping{end}",
             inputs,

@@ -18,25 +18,61 @@ from metric_base.progress import NoticeCallback, ProgressCallback, no_notice, si
 INSTANCES = "instances.json"
 
 
-def copy_dataset(file: Path, work: WorkFolder) -> bool:
-    """Copy the part of a dataset that is about the chosen frames; whether it is one (bare results are not copied).
+def coco_document(
+    images: Sequence[tuple[str, int, int]], annotations: Sequence[tuple[int, str, dict[str, Any]]]
+) -> dict[str, Any]:
+    """Return a COCO dataset of images (name, width, height) and annotations (image index, category, other fields)."""
+    names = sorted({category for _, category, _ in annotations})
+    return {
+        "images": [
+            {"id": k + 1, "file_name": name, "width": width, "height": height}
+            for k, (name, width, height) in enumerate(images)
+        ],
+        "categories": [{"id": k + 1, "name": name} for k, name in enumerate(names)],
+        "annotations": [
+            {"id": k + 1, "image_id": image + 1, "category_id": names.index(category) + 1, **fields}
+            for k, (image, category, fields) in enumerate(annotations)
+        ],
+    }
 
-    A dataset of a video may name every frame of it.
+
+def copy_dataset(file: Path, work: WorkFolder) -> bool:
+    """Copy the part of a COCO dataset about the chosen frames to the work folder; return False for bare results.
+
+    A dataset of a video may name every frame of it. It is copied whole if it is no valid dataset or names no chosen
+    frame, so that its reader reports the error.
     """
     document = read_json(file)
-    if not isinstance(document, dict):  # bare results need their categories: they are read where they are
+    if not isinstance(document, dict):  # bare results need their categories and are read in place
         work.discard("instances", [INSTANCES])
         return False
     if file.resolve() == (work.path / INSTANCES).resolve():
         return True
     names = read_frames(work.path).names
-
-    def make(part: Path) -> None:
-        kept = json.dumps(_of_frames(document, set(names)))
-        (part / INSTANCES).write_text(kept + "\n", encoding="utf-8")
-
-    work.stage("instances", {"file": content_digest(file), "frames": names}, [INSTANCES], make)
+    images, annotations = document.get("images"), document.get("annotations")
+    if isinstance(images, list) and isinstance(annotations, list):
+        rows = [*images, *annotations]
+        if all(isinstance(row, dict) for row in rows):
+            base = {k: str(row.get("file_name", "")).replace("\\", "/").split("/")[-1] for k, row in enumerate(images)}
+            kept = [row for k, row in enumerate(images) if base[k] in names]
+            if kept and all(isinstance(row.get("id"), int | str) for row in kept):
+                others = [row.get("id") for row in images if row not in kept]
+                about = [row for row in annotations if row.get("image_id") not in others]
+                document = document | {"images": kept, "annotations": about}
+    _write_stage(work, {"file": content_digest(file), "frames": names}, document)
     return True
+
+
+def save_drawing(document: dict[str, Any], work: WorkFolder) -> None:
+    """Write the instances that a person drew to the work folder."""
+    _write_stage(work, {"drawn": document}, document)
+
+
+def _write_stage(work: WorkFolder, inputs: dict[str, Any], document: dict[str, Any]) -> None:
+    def make(part: Path) -> None:
+        (part / INSTANCES).write_text(json.dumps(document) + "\n", encoding="utf-8")
+
+    work.stage("instances", inputs, [INSTANCES], make)
 
 
 def detect_stage(
@@ -46,9 +82,16 @@ def detect_stage(
     progress: ProgressCallback = silent,
     notice: NoticeCallback = no_notice,
 ) -> None:
-    """The instances that a detector sees in the chosen frames.
+    """Write the instances that a detector finds in the chosen frames to the work folder.
 
-    model, labels : as `load_detector` takes them; notice : is called with each warning.
+    Parameters
+    ----------
+    model, labels : str, Path or None
+        Arguments of `load_detector`.
+    work : WorkFolder
+    progress : callable
+    notice : callable
+        Called with each warning.
     """
     from estimator.detectors.detect import detect_instances
     from estimator.detectors.detector import MAX_LABEL_BYTES, load_detector
@@ -70,66 +113,21 @@ def detect_stage(
     work.stage("instances", inputs, [INSTANCES], make)
 
 
-def save_drawing(document: dict[str, Any], work: WorkFolder) -> None:
-    """Keep the instances that a person drew."""
-
-    def make(part: Path) -> None:
-        (part / INSTANCES).write_text(json.dumps(document) + "\n", encoding="utf-8")
-
-    work.stage("instances", {"drawn": document}, [INSTANCES], make)
-
-
 def write_instances(instances: Sequence[Instance], scene: Scene, file: Path) -> None:
-    """One image for each view of the scene, one annotation for each instance; the caller makes the file whole."""
-    names = sorted({instance.category for instance in instances})
-    document = {
-        "images": [
-            {"id": k + 1, "file_name": view.name, "width": view.camera.width, "height": view.camera.height}
-            for k, view in enumerate(scene.views)
-        ],
-        "categories": [{"id": k + 1, "name": name} for k, name in enumerate(names)],
-        "annotations": [
-            _annotation(k + 1, instance, scene, names.index(instance.category) + 1)
-            for k, instance in enumerate(instances)
-        ],
-    }
-    file.write_text(json.dumps(document) + "\n", encoding="utf-8")
-
-
-def _of_frames(document: dict[str, Any], names: set[str]) -> dict[str, Any]:
-    """The dataset without images of other frames; as it is where that would leave nothing, or it is no dataset."""
-    images, annotations = document.get("images"), document.get("annotations")
-    if not isinstance(images, list) or not isinstance(annotations, list):
-        return document
-    if not all(isinstance(row, dict) for row in (*images, *annotations)):
-        return document
-    kept = [image for image in images if str(image.get("file_name", "")).replace("\\", "/").split("/")[-1] in names]
-    ids = [image.get("id") for image in kept]
-    if not kept or not all(isinstance(number, int | str) for number in ids):
-        return document
-    others = [image.get("id") for image in images if image not in kept]
-    about = [annotation for annotation in annotations if annotation.get("image_id") not in others]
-    return document | {"images": kept, "annotations": about}
-
-
-def _annotation(number: int, instance: Instance, scene: Scene, category: int) -> dict[str, Any]:
+    """Write a COCO dataset with an image per view and an annotation per instance."""
     from pycocotools import mask as decode_segmentation
 
-    camera = scene.views[instance.view].camera
-    height, width = instance.mask.shape
-    x, y = instance.origin
-    row: dict[str, Any] = {
-        "id": number,
-        "image_id": instance.view + 1,
-        "category_id": category,
-        "bbox": [x, y, width, height],
-        "area": int(instance.mask.sum()),
-        "iscrowd": 0,
-        "score": instance.score,
-    }
-    if not instance.from_box:
-        whole = np.zeros((camera.height, camera.width), dtype=np.uint8, order="F")
-        whole[y : y + height, x : x + width] = instance.mask
-        code = decode_segmentation.encode(whole)
-        row["segmentation"] = {"size": [int(n) for n in code["size"]], "counts": code["counts"].decode("ascii")}
-    return row
+    rows = []
+    for instance in instances:
+        camera = scene.views[instance.view].camera
+        height, width = instance.mask.shape
+        x, y = instance.origin
+        box = {"bbox": [x, y, width, height], "area": int(instance.mask.sum()), "iscrowd": 0, "score": instance.score}
+        if not instance.from_box:
+            full = np.zeros((camera.height, camera.width), dtype=np.uint8, order="F")
+            full[y : y + height, x : x + width] = instance.mask
+            code = decode_segmentation.encode(full)
+            box["segmentation"] = {"size": [int(n) for n in code["size"]], "counts": code["counts"].decode("ascii")}
+        rows.append((instance.view, instance.category, box))
+    images = [(view.name, view.camera.width, view.camera.height) for view in scene.views]
+    file.write_text(json.dumps(coco_document(images, rows)) + "\n", encoding="utf-8")

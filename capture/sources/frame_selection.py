@@ -1,4 +1,4 @@
-"""Which frames of a video to reconstruct from: evenly along the camera's motion, the sharpest of each stretch."""
+"""Choose frames of a video evenly along the motion of the camera, the sharpest one of each stretch."""
 
 from __future__ import annotations
 
@@ -12,69 +12,89 @@ from metric_base.arrays import FloatArray, IntArray
 
 Grey = NDArray[np.uint8]
 
-#: Frames by default. Of a synthetic video of 100 frames, 45 give all poses as well as 100 do, for 0.4 of the time
-#: (docs/evidence/videos.md).
+#: Default number of frames. Of a synthetic video of 100 frames, 45 give all poses as well as 100 do, in 0.4 of the
+#: time (docs/evidence/videos.md).
 DEFAULT_FRAMES = 50
-#: More only where the picture would move on by more than this share of its longer side from frame to frame, for
-#: features are lost at about half.
-MAX_STEP = 0.25
-MOST_FRAMES = 300
-#: Fewer where it moves on by less: frames that hardly differ add time and no baseline.
-MIN_STEP = 0.014
-#: As many are kept of a camera that hardly moves, so that its matches can say so.
-LEAST_FRAMES = 12
-#: Longer side in pixels of the pictures that motion and sharpness are measured in.
-SIDE = 320
-#: Corners tracked from frame to frame; a median of fewer than a tenth of them says nothing.
-CORNERS = 150
-LEAST_CORNERS = 15
-#: Motion credited where the tracking breaks, at a cut or a smear: as much as a whole step between chosen frames.
+#: Maximum motion between chosen frames, relative to the longer side, for which up to MAX_FRAMES are chosen; features
+#: are lost at about half of the side.
+MAX_STEP, MAX_FRAMES = 0.25, 300
+#: Minimum motion between chosen frames: frames that hardly differ add time and no baseline. A camera that hardly moves
+#: keeps MIN_FRAMES, whose matches show that.
+MIN_STEP, MIN_FRAMES = 0.014, 12
+#: Longer side in pixels of the images in which motion and sharpness are measured.
+MOTION_SIDE = 320
+#: Number of corners that are tracked from frame to frame, and minimum number for a median.
+N_CORNERS, MIN_CORNERS = 150, 15
+#: Motion of frames between which the tracking breaks, at a cut or a smear: a whole step between chosen frames.
 BROKEN_STEP = MAX_STEP
+#: Longer side in pixels of the images in which edges are measured.
+EDGE_SIDE = 640
+#: Minimum step of an edge in grey levels, and side of the window about it in pixels.
+MIN_EDGE_LEVELS, EDGE_WINDOW = 24, 13
+#: Number of directions of edges, and minimum number of edges in a direction.
+N_DIRECTIONS, MIN_EDGES = 4, 30
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Motion:
-    """What is measured of n frames.
+    """Measurements of the n frames of a video."""
 
-    times_s : (n,); step : (n,) median motion since the frame before as a share of the longer side, 0 for the first;
-    sharpness : (n,) variance of the Laplacian; spread : (n,) median distance of
-    corners from where they were in the first frame, as a share of the longer side, NaN once too few are left.
-    """
-
-    times_s: FloatArray
-    step: FloatArray
-    sharpness: FloatArray
-    spread: FloatArray
+    times_s: FloatArray  #: (n,) presentation times.
+    step: FloatArray  #: (n,) median motion since the frame before, relative to the longer side; 0 for the first.
+    sharpness: FloatArray  #: (n,) variance of the Laplacian.
 
 
 def motion_of(frames: Iterable[tuple[float, NDArray[np.uint8]]]) -> Motion:
-    """Measure frames given as (time, (h, w, 3) RGB) in order; one of them is held at a time."""
-    times, steps, sharpness, spread = [], [], [], []
+    """Measure frames given as (time, (h, w, 3) RGB) in order, one at a time."""
+    import cv2
+
+    times, steps, sharpness = [], [], []
     before: Grey | None = None
-    anchor: tuple[Grey, FloatArray] | None = None
     for time_s, colour in frames:
-        grey = _small_grey(colour)
+        height, width = colour.shape[:2]
+        factor = min(1.0, MOTION_SIDE / max(height, width))
+        size = (max(round(width * factor), 16), max(round(height * factor), 16))
+        grey = np.asarray(cv2.cvtColor(cv2.resize(colour, size, interpolation=cv2.INTER_AREA), cv2.COLOR_RGB2GRAY))
         times.append(time_s)
-        sharpness.append(_sharpness(grey))
+        sharpness.append(float(cv2.Laplacian(grey, cv2.CV_64F).var()))
         steps.append(0.0 if before is None else _step(before, grey))
-        anchor = anchor or (grey, _corners(grey))
-        spread.append(_median_motion(anchor[0], grey, anchor[1]))
         before = grey
-    return Motion(*(np.asarray(values, dtype=np.float64) for values in (times, steps, sharpness, spread)))
+    return Motion(*(np.asarray(values, dtype=np.float64) for values in (times, steps, sharpness)))
+
+
+def _step(before: Grey, grey: Grey) -> float:
+    """Return the median motion of corners between two images (h, w), relative to the longer side."""
+    import cv2
+
+    corners = cv2.goodFeaturesToTrack(before, N_CORNERS, 0.01, 6)
+    if corners is None or len(corners) < MIN_CORNERS:
+        return BROKEN_STEP
+    moved, found, _ = cv2.calcOpticalFlowPyrLK(before, grey, corners, None, winSize=(15, 15), maxLevel=3)
+    back, found_back, _ = cv2.calcOpticalFlowPyrLK(grey, before, moved, None, winSize=(15, 15), maxLevel=3)
+    keep = (found[:, 0] == 1) & (found_back[:, 0] == 1) & (np.linalg.norm(back - corners, axis=2)[:, 0] < 1.0)
+    if keep.sum() < MIN_CORNERS:
+        return BROKEN_STEP
+    return float(np.median(np.linalg.norm(moved - corners, axis=2)[keep, 0]) / max(grey.shape))
 
 
 def chosen_frames(motion: Motion, wanted: int | None = None, times: int = 1) -> IntArray:
-    """Indices (k,) of the frames to reconstruct from, ascending.
+    """Return the indices (k,) of the frames to reconstruct from, ascending.
 
-    wanted : how many, by default so many `times` as many as the motion asks for. The path of the camera is cut into
-    stretches of equal motion; of each the sharpest frame is taken.
+    The path of the camera is cut into stretches of equal motion; of each the sharpest frame is taken.
+
+    Parameters
+    ----------
+    motion : Motion
+    wanted : int, optional
+        Number of frames, by default `times` the number that the motion requires.
+    times : int
     """
     n = len(motion.step)
     path = np.cumsum(motion.step)
-    count = min(wanted if wanted is not None else min(times * _count(float(path[-1])), MOST_FRAMES), n)
+    count = wanted if wanted is not None else min(times * _default_count(float(path[-1])), MAX_FRAMES)
     if count >= n:
         return np.arange(n)
-    # a still camera has no motion to divide by: a little of the time's share keeps the stretches ordered
+    # time has a small weight, which orders the stretches of a camera that does not move
     along = path / max(path[-1], 1e-9) + 1e-3 * np.arange(n) / n
     along = (along - along[0]) / (along[-1] - along[0])
     stretch = np.minimum((along * count).astype(np.int64), count - 1)
@@ -83,52 +103,41 @@ def chosen_frames(motion: Motion, wanted: int | None = None, times: int = 1) -> 
     return np.sort(order[first])
 
 
-def _count(path: float) -> int:
+def _default_count(path: float) -> int:
+    """Return the default number of frames for a motion in longer sides."""
     if path > DEFAULT_FRAMES * MAX_STEP:
-        return min(int(np.ceil(path / MAX_STEP)), MOST_FRAMES)
-    return min(max(int(path / MIN_STEP), LEAST_FRAMES), DEFAULT_FRAMES)
+        return min(int(np.ceil(path / MAX_STEP)), MAX_FRAMES)
+    return min(max(int(path / MIN_STEP), MIN_FRAMES), DEFAULT_FRAMES)
 
 
-def _small_grey(colour: NDArray[np.uint8]) -> Grey:
-    """(h, w) grey, of at most SIDE pixels to a side, of a picture (h, w, 3)."""
+def edge_sharpness(colour: NDArray[np.uint8]) -> tuple[float, float]:
+    """Return the steepness of the edges in the least and the most steep of four directions; NaN without edges.
+
+    The steepness of an edge is its slope per pixel over the step of grey levels about it: about 0.35 for an ideal
+    edge, 0.2 in a sharp textured image, 0.1 in one that is smeared over ten pixels. A smear leaves sharp edges only
+    along its own direction, hence the directions.
+
+    Parameters
+    ----------
+    colour : (h, w, 3) ndarray of uint8
+        RGB.
+    """
     import cv2
 
-    height, width = colour.shape[:2]
-    factor = min(1.0, SIDE / max(height, width))
-    size = (max(round(width * factor), 16), max(round(height * factor), 16))
-    return np.asarray(cv2.cvtColor(cv2.resize(colour, size, interpolation=cv2.INTER_AREA), cv2.COLOR_RGB2GRAY))
-
-
-def _sharpness(grey: Grey) -> float:
-    """Variance of the Laplacian of a picture (h, w)."""
-    import cv2
-
-    return float(cv2.Laplacian(grey, cv2.CV_64F).var())
-
-
-def _corners(grey: Grey) -> FloatArray:
-    """(m, 1, 2) good corners, none in a plain picture."""
-    import cv2
-
-    corners = cv2.goodFeaturesToTrack(grey, CORNERS, 0.01, 6)
-    return np.empty((0, 1, 2), dtype=np.float32) if corners is None else corners
-
-
-def _step(before: Grey, grey: Grey) -> float:
-    """Motion between two pictures (h, w), as a share of the longer side."""
-    moved = _median_motion(before, grey, _corners(before))
-    return BROKEN_STEP if np.isnan(moved) else moved
-
-
-def _median_motion(before: Grey, grey: Grey, corners: FloatArray) -> float:
-    """Median distance that corners (n, 1, 2) moved, as a share of the longer side; NaN if too few are tracked."""
-    import cv2
-
-    if len(corners) < LEAST_CORNERS:
-        return float("nan")
-    there, good, _ = cv2.calcOpticalFlowPyrLK(before, grey, corners, None, winSize=(15, 15), maxLevel=3)
-    back, again, _ = cv2.calcOpticalFlowPyrLK(grey, before, there, None, winSize=(15, 15), maxLevel=3)
-    kept = (good[:, 0] == 1) & (again[:, 0] == 1) & (np.linalg.norm(back - corners, axis=2)[:, 0] < 1.0)
-    if kept.sum() < LEAST_CORNERS:
-        return float("nan")
-    return float(np.median(np.linalg.norm(there - corners, axis=2)[kept, 0]) / max(grey.shape))
+    grey = cv2.cvtColor(colour, cv2.COLOR_RGB2GRAY)
+    factor = min(1.0, EDGE_SIDE / max(grey.shape))
+    if factor < 1:
+        grey = cv2.resize(grey, None, fx=factor, fy=factor, interpolation=cv2.INTER_AREA)
+    smooth = cv2.GaussianBlur(grey, (0, 0), 0.8).astype(np.float32)  # suppresses the noise of the sensor
+    along_x = cv2.Sobel(smooth, cv2.CV_32F, 1, 0, ksize=3) / 8
+    along_y = cv2.Sobel(smooth, cv2.CV_32F, 0, 1, ksize=3) / 8
+    slope = np.hypot(along_x, along_y)
+    window = np.ones((EDGE_WINDOW, EDGE_WINDOW), np.uint8)
+    step = cv2.dilate(smooth, window) - cv2.erode(smooth, window)
+    edges = (slope >= cv2.dilate(slope, np.ones((3, 3), np.uint8))) & (step > MIN_EDGE_LEVELS)
+    steepness = slope[edges] / step[edges]
+    angle = np.mod(np.arctan2(along_y[edges], along_x[edges]), np.pi)
+    direction = np.rint(angle / np.pi * N_DIRECTIONS).astype(np.int64) % N_DIRECTIONS
+    groups = [steepness[direction == number] for number in range(N_DIRECTIONS)]
+    values = [float(np.quantile(group, 0.75)) for group in groups if len(group) >= MIN_EDGES]
+    return (min(values), max(values)) if values else (float("nan"), float("nan"))

@@ -1,19 +1,19 @@
-"""The frames stage: which frames of the source are used, written upright to `frames/`, and when each was shown."""
+"""Choose the frames to reconstruct from and write them upright to `frames/`, with `frames.json` about them."""
 
 from __future__ import annotations
 
+import itertools
 import json
 import shutil
 from collections.abc import Iterator
-from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
 
+import msgspec
 import numpy as np
 from numpy.typing import NDArray
 
-from capture.sources.frame_selection import Motion, chosen_frames, motion_of
-from capture.sources.image_folder import PICTURE_SUFFIXES, PictureFolder, foreign_files, picture_files
+from capture.sources.frame_selection import chosen_frames, edge_sharpness, motion_of
+from capture.sources.image_folder import PICTURE_SUFFIXES, ImageFolder, foreign_files, image_files
 from capture.sources.video import VIDEO_SUFFIXES, Video, VideoFrame
 from metric_base.arrays import FloatArray
 from metric_base.errors import InputError, Unquoted
@@ -23,220 +23,177 @@ from metric_base.progress import ProgressCallback, silent
 
 FRAMES_FILE = "frames.json"
 SCHEMA = "metric-tree/frames/1"
-#: Longer side of the frames that are kept; features are looked for at half of it.
+#: Maximum longer side in pixels of a frame that is written; larger ones are reduced.
 MAX_SIDE = 1920
 JPEG_QUALITY = 95
-#: Share of a video's frames that is read of a whole file; many state their number by duration and rate alone.
-READ_SHARE = 0.9
-#: Fewest pictures that make a folder one of pictures.
-LEAST_PICTURES = 2
+#: Minimum fraction of the stated frames that are read of an undamaged video; many containers state only a duration.
+MIN_READ_FRACTION = 0.9
+#: Minimum number of images that make a folder a capture.
+MIN_IMAGES = 2
 
-Source = Video | PictureFolder
-
-
-#: Longer side in pixels at which edges are looked at.
-SIDE = 640
-#: An edge is a step of at least so many grey levels within a window of so many pixels.
-LEAST_STEP, WINDOW = 24, 13
-#: Directions that edges are sorted into, and the fewest edges that say something of a direction.
-DIRECTIONS, LEAST_EDGES = 4, 30
+Source = Video | ImageFolder
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class Frames:
-    """What the stage wrote.
+class ChosenFrame(msgspec.Struct):
+    """A frame in `frames/`."""
 
-    names, indices : file in `frames/` and number in the source of each chosen frame; times_s : of all frames of the
-    source, None for pictures; edges : (n, 2) `edge_sharpness` of the chosen frames; sizes : (width, height) of each in
-    `frames/`; focals_px : what EXIF, or the video, states of each, in pixels of `frames/`; source_size : of the
-    source, upright; remarks : what of the source is not used; fisheye_deg : the field of view from corner to corner
-    that the video states of an uncorrected wide lens.
-    """
+    index: int  #: Number in the source, from 0.
+    name: str  #: File in `frames/`.
+    time_s: float | None  #: Presentation time; None for images.
+    width: int  #: Of the file, in pixels.
+    height: int
+    focal_px: float | None  #: Focal length by EXIF or the container, in pixels of the file.
+    edges: tuple[float | None, float | None]  #: `edge_sharpness`.
 
-    names: list[str]
-    indices: list[int]
-    times_s: list[float] | None
-    edges: FloatArray
-    sizes: list[tuple[int, int]]
-    focals_px: list[float | None]
-    source_size: tuple[int, int]
-    turned_deg: int
-    hdr: str | None
-    remarks: list[str]
-    fisheye_deg: float | None = None
+
+class Frames(msgspec.Struct, kw_only=True):
+    """Content of `frames.json`."""
+
+    schema: str = SCHEMA
+    source: str  #: Absolute path of the video or folder.
+    size: tuple[int, int]  #: Width and height of the upright source, in pixels.
+    turned_deg: int  #: Clockwise rotation that the container requests and that is applied.
+    hdr: str | None  #: Transfer curve of an HDR video.
+    remarks: list[str]  #: Parts of the source that are not used.
+    fisheye_deg: float | None = None  #: Field of view from corner to corner of an uncorrected wide lens.
+    times_s: list[float] | None  #: Presentation times of all frames of a video.
+    chosen: list[ChosenFrame]
 
     @property
-    def size(self) -> tuple[int, int]:
-        """(width, height) of the first chosen frame."""
-        return self.sizes[0]
+    def names(self) -> list[str]:
+        """Files of the chosen frames."""
+        return [frame.name for frame in self.chosen]
+
+    @property
+    def edges(self) -> FloatArray:
+        """(n, 2) `edge_sharpness` of the chosen frames, NaN without edges."""
+        return np.array([frame.edges for frame in self.chosen], dtype=np.float64)
+
+    @property
+    def file_size(self) -> tuple[int, int]:
+        """Width and height of the first chosen frame, in pixels."""
+        return self.chosen[0].width, self.chosen[0].height
 
     def cameras(self) -> dict[tuple[int, int, float | None], list[str]]:
-        """The chosen frames by camera: those of one size and one stated focal length share it."""
+        """Return the names of the chosen frames by width, height and focal length, which identify a camera."""
         groups: dict[tuple[int, int, float | None], list[str]] = {}
-        for name, (width, height), focal in zip(self.names, self.sizes, self.focals_px, strict=True):
-            groups.setdefault((width, height, focal), []).append(name)
+        for frame in self.chosen:
+            groups.setdefault((frame.width, frame.height, frame.focal_px), []).append(frame.name)
         return groups
 
     @property
     def one_camera(self) -> bool:
-        """Whether all chosen frames share a camera."""
+        """Whether all chosen frames are from one camera."""
         return len(self.cameras()) == 1
 
 
 def is_capture(path: Path) -> bool:
-    """Whether a path is a video or a folder of pictures, rather than a reconstruction."""
-    if path.is_file():
-        return path.suffix.lower() in VIDEO_SUFFIXES
+    """Return whether a path is a video or a folder of images, and no reconstruction."""
     if not path.is_dir():
         return path.suffix.lower() in VIDEO_SUFFIXES
     from estimator.reconstructions.colmap import colmap_folder
+    from estimator.scene_formats.detection import export_file
 
     if colmap_folder(path) is not None or (path / "reconstruction.json").is_file() or (path / FRAMES_FILE).is_file():
         return False
-    from estimator.scene_formats.detection import export_file
-
-    pictures = len(picture_files(path)) + len(foreign_files(path))
-    return export_file(path) is None and pictures >= LEAST_PICTURES
+    return export_file(path) is None and len(image_files(path)) + len(foreign_files(path)) >= MIN_IMAGES
 
 
 def source_of(path: Path) -> Source:
-    """The video or the folder of pictures.
-
-    Raises
-    ------
-    InputError
-        It cannot be read.
-    """
-    return PictureFolder(path) if path.is_dir() else Video(path)
+    """Open the video or the folder of images; raises InputError if it cannot be read."""
+    return ImageFolder(path) if path.is_dir() else Video(path)
 
 
 def make_frames(
     part: Path, source: Source, wanted: int | None, progress: ProgressCallback = silent, times: int = 1
 ) -> None:
-    """`frames/` and `frames.json` in the part folder; wanted, times : as `chosen_frames` takes them."""
+    """Write `frames/` and `frames.json` to a folder.
+
+    Parameters
+    ----------
+    part : Path
+        Existing folder.
+    source : Video or ImageFolder
+    wanted : int or None
+        Number of frames, by default as many as the motion requires.
+    progress : callable
+        Called with the step, the number of frames read and their total.
+    times : int
+        Factor of the default number of frames.
+
+    Raises
+    ------
+    InputError
+        No frame can be decoded.
+    """
+    remarks, times_s = [], None
+    if isinstance(source, Video):
+
+        def timed_frames() -> Iterator[tuple[float, NDArray[np.uint8]]]:
+            for frame in source.frames():
+                progress("reading the video", frame.index + 1, source.n_frames or None)
+                yield frame.time_s, frame.colour
+
+        motion = motion_of(timed_frames())
+        n, times_s = len(motion.step), motion.times_s.tolist()
+        if not n:
+            raise InputError.at(source.path, "video", "at least one frame that can be decoded", Unquoted("none"))
+        indices = chosen_frames(motion, wanted, times)
+        if n < MIN_READ_FRACTION * source.n_frames:
+            stated = f"the file states {source.n_frames} frames, and {n} could be read"
+            remarks.append(f"{stated}: the others are damaged or missing")
+    else:
+        n = source.n_frames
+        indices = np.unique(np.linspace(0, n - 1, min(wanted or n, n)).astype(np.int64))
+        unread = foreign_files(source.path)
+        if unread:
+            names = ", ".join([*unread[:3], *(["..."] if len(unread) > 3 else [])])
+            remarks.append(f"not used: {names}; convert to JPEG")
     (part / "frames").mkdir()
-    motion = _motion(source, progress) if isinstance(source, Video) else None
-    n = len(motion.step) if motion is not None else source.n_frames
-    chosen = chosen_frames(motion, wanted, times) if motion is not None else _even(n, wanted)
-    rows = []
-    for frame in source.frames():
+    chosen = []
+    for frame in itertools.islice(source.frames(), int(indices[-1]) + 1):
         progress("writing frames", frame.index + 1, n)
-        if frame.index in set(chosen.tolist()):
-            rows.append(_write_frame(part / "frames", frame, source))
-    document = {
-        "schema": SCHEMA,
-        "source": str(source.path.resolve()),
-        "size": [source.width, source.height],
-        "turned_deg": source.turned_deg,
-        "hdr": source.hdr,
-        "remarks": _remarks(source, n),
-        "fisheye_deg": source.fisheye_deg if isinstance(source, Video) else None,
-        "times_s": None if motion is None else motion.times_s.tolist(),
-        "chosen": rows,
-    }
-    (part / FRAMES_FILE).write_text(json.dumps(document, allow_nan=False) + "\n", encoding="utf-8")
+        if frame.index in indices:
+            chosen.append(_write_frame(part / "frames", frame, source))
+    document = Frames(
+        source=str(source.path.resolve()),
+        size=(source.width, source.height),
+        turned_deg=source.turned_deg,
+        hdr=source.hdr,
+        remarks=remarks,
+        fisheye_deg=source.fisheye_deg if isinstance(source, Video) else None,
+        times_s=times_s,
+        chosen=chosen,
+    )
+    text = json.dumps(msgspec.to_builtins(document), allow_nan=False)
+    (part / FRAMES_FILE).write_text(text + "\n", encoding="utf-8")
 
 
 def read_frames(folder: Path) -> Frames:
-    """What `make_frames` wrote."""
-    document: dict[str, Any] = read_json(folder / FRAMES_FILE)
-    rows = document["chosen"]
-    return Frames(
-        [row["name"] for row in rows],
-        [row["index"] for row in rows],
-        document["times_s"],
-        np.array([row["edges"] for row in rows], dtype=np.float64),
-        [(row["width"], row["height"]) for row in rows],
-        [row["focal_px"] for row in rows],
-        (document["size"][0], document["size"][1]),
-        document["turned_deg"],
-        document["hdr"],
-        document["remarks"],
-        document.get("fisheye_deg"),
-    )
+    """Return the content of `frames.json` in a work folder."""
+    return msgspec.convert(read_json(folder / FRAMES_FILE), Frames)
 
 
-def _motion(video: Video, progress: ProgressCallback) -> Motion:
-    def pictures() -> Iterator[tuple[float, NDArray[np.uint8]]]:
-        for frame in video.frames():
-            progress("reading the video", frame.index + 1, video.n_frames or None)
-            yield frame.time_s, frame.colour
-
-    motion = motion_of(pictures())
-    if not len(motion.step):
-        raise InputError.at(video.path, "video", "at least one frame that can be decoded", Unquoted("none"))
-    return motion
-
-
-def _remarks(source: Source, n: int) -> list[str]:
-    """What of the source is not used, where n frames of it could be read."""
-    if isinstance(source, Video):
-        if n >= READ_SHARE * source.n_frames:
-            return []
-        return [f"the file states {source.n_frames} frames, and {n} could be read: the others are damaged or missing"]
-    left_out = foreign_files(source.path)
-    names = ", ".join([*left_out[:3], *(["..."] if len(left_out) > 3 else [])])
-    return [f"not used: {names}; convert to JPEG"] if left_out else []
-
-
-def _even(n: int, wanted: int | None) -> NDArray[np.int64]:
-    """(k,) numbers of at most `wanted` of n frames, evenly spaced."""
-    return np.unique(np.linspace(0, n - 1, min(wanted or n, n)).astype(np.int64))
-
-
-def _write_frame(folder: Path, frame: VideoFrame, source: Source) -> dict[str, Any]:
-    """Write one frame, not larger than MAX_SIDE, and describe it."""
+def _write_frame(folder: Path, frame: VideoFrame, source: Source) -> ChosenFrame:
+    """Write a frame, reduced to MAX_SIDE; an upright JPEG is copied with its EXIF, which COLMAP reads."""
     import cv2
 
     colour = frame.colour
-    factor = MAX_SIDE / max(colour.shape[:2])
+    factor = min(MAX_SIDE / max(colour.shape[:2]), 1.0)
     if factor < 1:
         size = (round(colour.shape[1] * factor), round(colour.shape[0] * factor))
         colour = np.asarray(cv2.resize(colour, size, interpolation=cv2.INTER_AREA), dtype=np.uint8)
-    name = source.name_of(frame.index) if isinstance(source, PictureFolder) else f"{frame.index:06d}.jpg"
-    file = folder / name
-    assert file.suffix.lower() in PICTURE_SUFFIXES
-    if isinstance(source, PictureFolder) and factor >= 1 and source.is_plain_jpeg[frame.index]:
-        shutil.copyfile(source.files[frame.index], file)  # with its EXIF, which COLMAP reads
+    if isinstance(source, ImageFolder):
+        file, time_s, focal_px = source.files[frame.index], None, source.focals_px[frame.index]
+        name, is_copied = file.name, factor == 1 and source.is_plain_jpeg[frame.index]
     else:
-        write_picture(file, colour[:, :, ::-1], [cv2.IMWRITE_JPEG_QUALITY, JPEG_QUALITY])
-    stated = source.focals_px[frame.index] if isinstance(source, PictureFolder) else source.focal_px
-    return {
-        "index": frame.index,
-        "name": name,
-        "time_s": None if isinstance(source, PictureFolder) else frame.time_s,
-        "width": colour.shape[1],
-        "height": colour.shape[0],
-        "focal_px": None if stated is None else stated * min(factor, 1.0),
-        "edges": [None if np.isnan(value) else value for value in edge_sharpness(colour)],
-    }
-
-
-def edge_sharpness(colour: NDArray[np.uint8]) -> tuple[float, float]:
-    """Steepness of the edges in the least and the most steep of four directions; NaN without edges.
-
-    colour : (h, w, 3) red, green, blue.
-
-    The steepness of an edge is its slope per pixel over the step of grey levels about it: about 0.35 for an ideal
-    edge, 0.2 in a sharp textured picture, 0.1 where it is smeared over ten pixels. A smear leaves edges along its
-    own direction alone, hence the directions.
-    """
-    import cv2
-
-    grey = cv2.cvtColor(colour, cv2.COLOR_RGB2GRAY)
-    factor = min(1.0, SIDE / max(grey.shape))
-    if factor < 1:
-        grey = cv2.resize(grey, None, fx=factor, fy=factor, interpolation=cv2.INTER_AREA)
-    smooth = cv2.GaussianBlur(grey, (0, 0), 0.8).astype(np.float32)  # the sensor's noise is no edge
-    along_x = cv2.Sobel(smooth, cv2.CV_32F, 1, 0, ksize=3) / 8
-    along_y = cv2.Sobel(smooth, cv2.CV_32F, 0, 1, ksize=3) / 8
-    slope = np.hypot(along_x, along_y)
-    window = np.ones((WINDOW, WINDOW), np.uint8)
-    step = cv2.dilate(smooth, window) - cv2.erode(smooth, window)
-    edges = (slope >= cv2.dilate(slope, np.ones((3, 3), np.uint8))) & (step > LEAST_STEP)
-    steepness = slope[edges] / step[edges]
-    angle = np.mod(np.arctan2(along_y[edges], along_x[edges]), np.pi)
-    direction = np.rint(angle / np.pi * DIRECTIONS).astype(np.int64) % DIRECTIONS
-    groups = [steepness[direction == number] for number in range(DIRECTIONS)]
-    values = [float(np.quantile(group, 0.75)) for group in groups if len(group) >= LEAST_EDGES]
-    return (min(values), max(values)) if values else (float("nan"), float("nan"))
+        file, time_s, focal_px = source.path, frame.time_s, source.focal_px
+        name, is_copied = f"{frame.index:06d}.jpg", False
+    assert Path(name).suffix.lower() in PICTURE_SUFFIXES
+    if is_copied:
+        shutil.copyfile(file, folder / name)
+    else:
+        write_picture(folder / name, colour[:, :, ::-1], [cv2.IMWRITE_JPEG_QUALITY, JPEG_QUALITY])
+    low, high = (None if np.isnan(value) else value for value in edge_sharpness(colour))
+    focal_px = None if focal_px is None else focal_px * factor
+    return ChosenFrame(frame.index, name, time_s, colour.shape[1], colour.shape[0], focal_px, (low, high))

@@ -1,8 +1,9 @@
-"""The one decoder of videos: upright RGB frames with their presentation times."""
+"""Decode a video: upright RGB frames with their presentation times, tone-mapped if it is HDR."""
 
 from __future__ import annotations
 
 from collections.abc import Iterator
+from contextlib import contextmanager
 from dataclasses import dataclass
 from fractions import Fraction
 from pathlib import Path
@@ -19,15 +20,13 @@ Picture = NDArray[np.uint8]
 
 #: Suffixes that are read as videos; the content decides whether they are.
 VIDEO_SUFFIXES = frozenset({".mp4", ".mov", ".m4v", ".mkv", ".webm", ".avi", ".mts", ".m2ts", ".3gp", ".mpg", ".mpeg"})
-#: Largest frame, and the widest and narrowest shape of its pixels.
+#: Maximum number of pixels of a frame, and maximum ratio of the sides of a pixel.
 MAX_PIXELS, MAX_ASPECT = 1 << 26, 8
-#: Width in millimetres of a picture of 4:3 whose diagonal is that of 35 mm film. Telephones state the focal
-#: lengths of their photographs, which have this shape, and their videos are as wide.
+#: Width in millimetres of a 4:3 image whose diagonal is that of 35 mm film. Phones state the focal lengths of their
+#: photographs, which have this shape, and their videos are as wide.
 WIDTH_35MM = 34.61
-#: Threads of the decoder; two cores are the reference machine.
-THREADS = 2
-
-
+#: Threads of the decoder; the reference machine has two cores.
+N_THREADS = 2
 #: FFmpeg's numbers of transfer curves (ITU-T H.273) that are HDR.
 CURVES = {16: "PQ", 18: "HLG"}
 #: Luminance of diffuse white: 203 cd/m2 (ITU-R BT.2408); in HLG's scene light of 1 at the peak it is 0.265.
@@ -38,20 +37,32 @@ TO_709 = np.array([[1.6605, -0.5876, -0.0728], [-0.1246, 1.1329, -0.0083], [-0.0
 
 @dataclass(frozen=True, slots=True, eq=False)
 class VideoFrame:
-    """index : from 0 in presentation order; time_s : presentation time; colour : (h, w, 3) upright RGB."""
+    """A decoded frame."""
 
-    index: int
-    time_s: float
-    colour: Picture
+    index: int  #: From 0 in presentation order.
+    time_s: float  #: Presentation time.
+    colour: Picture  #: (h, w, 3) upright RGB.
 
 
 class Video:
     """A video file.
 
-    width, height : of the upright frames; turned_deg : the clockwise rotation that the container asks for, applied to
-    every frame; n_frames : how many the container states, 0 where it does not; hdr : the name of its HDR curve or None;
-    focal_px : what the container states of the camera, None without; stabilisation crops a video by a tenth or so;
-    fisheye_deg : the field of view from corner to corner that it states of an uncorrected wide lens, None without.
+    Attributes
+    ----------
+    width, height : int
+        Of the upright frames.
+    turned_deg : int
+        Clockwise rotation that the container requests, applied to every frame.
+    n_frames : int
+        Number of frames by the container, 0 if it does not state one.
+    rate : float
+        Frames per second, 0 if unknown.
+    hdr : str or None
+        Name of its HDR curve.
+    focal_px : float or None
+        Focal length by the container; stabilisation crops a video by about a tenth.
+    fisheye_deg : float or None
+        Field of view from corner to corner that the container states of an uncorrected wide lens.
 
     Raises
     ------
@@ -61,14 +72,18 @@ class Video:
 
     def __init__(self, path: Path) -> None:
         self.path = path
-        with _open_video(path) as container:
-            stream = _stream(path, container)
+        with _opened(path) as (container, stream):
             first = next(_decode(path, container, stream), None)
             if first is None:
                 raise InputError.at(path, "video", "at least one frame that can be decoded", Unquoted("none"))
             rate = stream.average_rate or stream.guessed_rate
-            self.n_frames = int(stream.frames) or _stated_frames(container, stream, rate)
+            seconds = 0.0
+            if stream.duration and stream.time_base:
+                seconds = float(stream.duration * stream.time_base)
+            elif container.duration:
+                seconds = container.duration / 1e6
             self.rate = float(rate) if rate else 0.0
+            self.n_frames = int(stream.frames) or round(seconds * self.rate)  # some containers do not count frames
             self.turned_deg = -round(first.rotation / 90) * 90 % 360
             self.hdr = CURVES.get(int(first.color_trc))
             self._aspect = float(stream.sample_aspect_ratio or Fraction(1))
@@ -80,69 +95,67 @@ class Video:
         self.focal_px = None if stated is None else stated / WIDTH_35MM * max(self.width, self.height)
 
     def frames(self) -> Iterator[VideoFrame]:
-        """All frames from the first, one at a time; a damaged end ends them."""
+        """Yield all frames up to the first damaged one."""
         last = -np.inf
-        with _open_video(self.path) as container:
-            stream = _stream(self.path, container)
-            for index, frame in enumerate(_decode(self.path, container, stream)):
-                time_s = frame.time if frame.time is not None else index / (self.rate or 30.0)
-                # a time that does not grow would put two frames in one place
-                last = max(float(time_s), float(np.nextafter(last, np.inf)))
-                yield VideoFrame(index, last, self._upright(frame))
+        for index, frame, colour in self.stored_frames():
+            time_s = frame.time if frame.time is not None else index / (self.rate or 30.0)
+            last = max(float(time_s), float(np.nextafter(last, np.inf)))  # times ascend, also if the file repeats one
+            yield VideoFrame(index, last, colour)
 
     def stored_frames(self) -> Iterator[tuple[int, Any, Picture]]:
-        """The number of each frame, PyAV's own frame with its samples and tags, and its upright picture (h, w, 3)."""
-        with _open_video(self.path) as container:
-            stream = _stream(self.path, container)
+        """Yield number, PyAV's frame with its samples and tags, and the upright image (h, w, 3) of each frame."""
+        with _opened(self.path) as (container, stream):
             for index, frame in enumerate(_decode(self.path, container, stream)):
                 yield index, frame, self._upright(frame)
 
     def _upright(self, frame: Any) -> Picture:
+        """Return the image of a frame: standard range, square pixels, upright."""
         if self.hdr is None:
             colour = frame.to_ndarray(format="rgb24")
         else:
             colour = standard_range(frame.to_ndarray(format="rgb48le"), self.hdr)
         if abs(self._aspect - 1) > 1e-3:
-            colour = _square_pixels(colour, self._aspect)
+            import cv2
+
+            height, width = colour.shape[:2]
+            size = (max(round(width * self._aspect), 1), height)
+            colour = np.asarray(cv2.resize(colour, size, interpolation=cv2.INTER_AREA))
         return np.ascontiguousarray(np.rot90(colour, -self.turned_deg // 90))
 
 
-def _open_video(path: Path) -> Any:
+@contextmanager
+def _opened(path: Path) -> Iterator[tuple[Any, Any]]:
+    """Open a video; yield its container and its first video stream that is not a cover image."""
     try:
         import av
     except ImportError:
         expected = "PyAV (pip install 'metric-tree[video]')"
         raise InputError.at(path, "video", expected, Unquoted("not installed")) from None
     if not path.is_file():
-        raise InputError.at(
-            path, "video", "a file", Unquoted("a folder or a device" if path.exists() else "no such file")
-        )
+        found = "a folder or a device" if path.exists() else "no such file"
+        raise InputError.at(path, "video", "a file", Unquoted(found))
     try:
         # named as a file, so that a colon in its name is no protocol; a playlist in it leads nowhere else
-        return av.open(f"file:{path}", metadata_errors="replace", container_options=READ_ALONE)
+        container = av.open(f"file:{path}", metadata_errors="replace", container_options=READ_ALONE)
     except (av.error.FFmpegError, OSError) as error:
         words = getattr(error, "strerror", None) or str(error)
         raise InputError.at(path, "video", "a video that FFmpeg reads", Unquoted(words)) from None
-
-
-def _stream(path: Path, container: Any) -> Any:
-    """The first video stream that is not a cover picture."""
-    import av
-
-    for stream in container.streams.video:
-        if not stream.disposition & av.stream.Disposition.attached_pic:
-            if stream.codec_context is None:
-                raise InputError.at(path, "video", "a codec that FFmpeg decodes", Unquoted("another"))
-            if stream.width * stream.height > MAX_PIXELS:
-                size = Unquoted(f"{stream.width} x {stream.height}")
-                raise InputError.at(path, "video", f"frames of at most {MAX_PIXELS:,} pixels", size)
-            stream.thread_type, stream.thread_count = "AUTO", THREADS
-            return stream
-    raise InputError.at(path, "video", "a video stream", Unquoted("none"))
+    with container:
+        cover = av.stream.Disposition.attached_pic
+        stream = next((stream for stream in container.streams.video if not stream.disposition & cover), None)
+        if stream is None:
+            raise InputError.at(path, "video", "a video stream", Unquoted("none"))
+        if stream.codec_context is None:
+            raise InputError.at(path, "video", "a codec that FFmpeg decodes", Unquoted("another"))
+        if stream.width * stream.height > MAX_PIXELS:
+            size = Unquoted(f"{stream.width} x {stream.height}")
+            raise InputError.at(path, "video", f"frames of at most {MAX_PIXELS:,} pixels", size)
+        stream.thread_type, stream.thread_count = "AUTO", N_THREADS
+        yield container, stream
 
 
 def _decode(path: Path, container: Any, stream: Any) -> Iterator[Any]:
-    """The frames up to the first that cannot be decoded."""
+    """Yield the frames up to the first that cannot be decoded."""
     import av
 
     frames = container.decode(stream)
@@ -150,9 +163,7 @@ def _decode(path: Path, container: Any, stream: Any) -> Iterator[Any]:
     while True:
         try:
             frame = next(frames)
-        except (StopIteration, av.error.EOFError):
-            return
-        except av.error.FFmpegError:
+        except (StopIteration, av.error.FFmpegError):
             return
         size = size or (frame.width, frame.height)
         if (frame.width, frame.height) != size:
@@ -160,25 +171,8 @@ def _decode(path: Path, container: Any, stream: Any) -> Iterator[Any]:
         yield frame
 
 
-def _stated_frames(container: Any, stream: Any, rate: Fraction | None) -> int:
-    """Frames by duration and rate, for containers that do not count them."""
-    seconds = 0.0
-    if stream.duration and stream.time_base:
-        seconds = float(stream.duration * stream.time_base)
-    elif container.duration:
-        seconds = container.duration / 1e6
-    return round(seconds * float(rate)) if rate else 0
-
-
-def _square_pixels(colour: Picture, aspect: float) -> Picture:
-    import cv2
-
-    height, width = colour.shape[:2]
-    return np.asarray(cv2.resize(colour, (max(round(width * aspect), 1), height), interpolation=cv2.INTER_AREA))
-
-
 def standard_range(colour: NDArray[np.uint16], curve: str) -> NDArray[np.uint8]:
-    """(h, w, 3) sRGB of 16-bit BT.2020 pictures: linear light, BT.709 primaries, highlights rolled off (Reinhard)."""
+    """Return sRGB (h, w, 3) of a 16-bit BT.2020 image: linear light, BT.709 primaries, Reinhard's tone curve."""
     table = _linear(np.arange(0, 65536, 16) / 65535.0, curve)  # 4,096 levels are finer than the 10 bits of a video
     linear = table[colour >> 4].astype(np.float32) @ TO_709.T.astype(np.float32)
     linear = np.maximum(linear, 0)
@@ -189,7 +183,7 @@ def standard_range(colour: NDArray[np.uint16], curve: str) -> NDArray[np.uint8]:
 
 
 def _linear(signal: NDArray[np.float64], curve: str) -> NDArray[np.float64]:
-    """Linear light in units of diffuse white (ITU-R BT.2100), an array of any shape."""
+    """Return linear light in units of diffuse white (ITU-R BT.2100); the array has any shape."""
     if curve == "PQ":
         power = signal ** (32 / 2523)
         light = (np.maximum(power - 0.8359375, 0) / (18.8515625 - 18.6875 * power)) ** (8192 / 1305)

@@ -14,13 +14,13 @@ from capture.mapping import search
 from capture.mapping.refusals import CaptureFailure
 from capture.pipeline import capture_video
 from capture.sources import frame_selection
-from capture.sources.frame_selection import DEFAULT_FRAMES, MOST_FRAMES, Motion, chosen_frames, motion_of
+from capture.sources.frame_selection import DEFAULT_FRAMES, MAX_FRAMES, Motion, chosen_frames, motion_of
 
 
 def _motion(step: list[float], sharpness: list[float] | None = None) -> Motion:
     n = len(step)
     sharp = np.ones(n) if sharpness is None else np.array(sharpness)
-    return Motion(np.arange(n) / 30, np.array([0.0, *step[1:]]), sharp, np.zeros(n))
+    return Motion(np.arange(n) / 30, np.array([0.0, *step[1:]]), sharp)
 
 
 @given(st.lists(st.floats(0, 0.3), min_size=2, max_size=400), st.integers(2, 60))
@@ -34,7 +34,7 @@ def test_frames_ascend_and_are_no_more_than_wanted(steps: list[float], wanted: i
 
 @given(st.lists(st.floats(0, 1), min_size=1, max_size=800))
 def test_the_default_is_bounded(steps: list[float]) -> None:
-    assert len(chosen_frames(_motion(steps))) <= MOST_FRAMES
+    assert len(chosen_frames(_motion(steps))) <= MAX_FRAMES
 
 
 def test_a_pause_costs_few_frames() -> None:
@@ -66,7 +66,6 @@ def test_motion_is_measured_in_shares_of_the_longer_side() -> None:
     frames = [(k / 30, np.ascontiguousarray(wide[:, 8 * k : 8 * k + 320])) for k in range(10)]
     motion = motion_of(frames)
     np.testing.assert_allclose(motion.step[1:], 8 / 320, atol=0.002)
-    np.testing.assert_allclose(motion.spread[:5], np.arange(5) * 8 / 320, atol=0.002)
     blurred = motion_of([(0.0, cv2.GaussianBlur(frames[0][1], (0, 0), 4)), (0.1, frames[0][1])])
     assert blurred.sharpness[0] < 0.5 * blurred.sharpness[1]
 
@@ -75,13 +74,12 @@ def test_a_plain_picture_has_no_motion_to_measure() -> None:
     plain = np.full((100, 100, 3), 90, dtype=np.uint8)
     motion = motion_of([(0.0, plain), (0.1, plain)])
     assert motion.step[1] == pytest.approx(0.25)
-    assert np.isnan(motion.spread).all()
 
 
 def test_a_video_whose_frames_are_too_far_apart_is_searched_with_more(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(frame_selection, "_count", lambda path: 5)
+    monkeypatch.setattr(frame_selection, "_default_count", lambda path: 5)
     monkeypatch.setattr(search, "MIN_PLACED_RATIO", 1.0)
     video = Path("data/scenes/demo_video/video.mp4")
     assert len(capture_video(video, tmp_path / "w").scene.views) == 5 * search.MORE_FRAMES

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import json
 from pathlib import Path
-from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -12,8 +11,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
-from capture.frame_poses import FILE_NAME, FramePose, FramePoses, read_frame_poses, write_frame_poses
-from capture.pipeline import _source_camera
+from capture.frame_poses import FILE_NAME, FramePose, FramePoses, read_frame_poses, scaled_camera, write_frame_poses
 from estimator.projection.cameras import project
 from estimator.records.scene import Camera
 from metric_base.errors import InputError
@@ -98,6 +96,6 @@ def test_a_pose_agrees_with_its_origin(tmp_path: Path) -> None:
 )
 def test_the_camera_of_the_source_shows_the_same_at_its_own_size(model: str, params: list[float]) -> None:
     camera = Camera(model, 320, 240, np.array(params))
-    source = _source_camera(camera, SimpleNamespace(source_size=(1280, 960)))  # type: ignore[arg-type]  # its size alone
+    source = scaled_camera(camera, 1280, 960)
     points = np.random.default_rng(0).uniform([-1, -0.7, 2], [1, 0.7, 5], (50, 3))
     assert np.allclose(project(source, points), 4 * project(camera, points))

@@ -8,6 +8,7 @@ import socket
 import struct
 import threading
 from collections.abc import Iterator
+from functools import partial
 from pathlib import Path
 from typing import Any
 from urllib.parse import urlsplit
@@ -17,7 +18,7 @@ import numpy as np
 import pytest
 
 import metric_tree
-from capture.masks.drawing_page import Estimator, MaskPage, ObjectNames, frames_to_draw
+from capture.masks.drawing_page import Estimator, MaskPage, frames_to_draw, name_meaning
 from estimator.records.scene import Camera, Scene, View
 from metric_base.errors import InputError
 from tests.support.browser import Browser
@@ -40,7 +41,7 @@ class _Served:
     """A page that is served in a thread; `document` is what came of it."""
 
     def __init__(self, folder: Path, estimate: Estimator | None = None) -> None:
-        names = ObjectNames(metric_tree.open())
+        names = partial(name_meaning, metric_tree.open())
         frames = frames_to_draw(_scene(folder / "frames"), folder / "frames")
         self.page = MaskPage(frames, ["chair"], folder / "d.json", names, estimate=estimate)
         self.document: dict[str, Any] | None = None
@@ -223,16 +224,16 @@ def _body(objects: object, name: str = "000001.jpg") -> str:
 @pytest.mark.parametrize(
     ("body", "word"),
     [
-        ("[]", "expected a list of images"),
+        ("[]", "Expected `object`"),
         ("{", ""),
         (_body([], "../etc/passwd"), "frames of this page"),
-        (_body([{"kind": "box", "name": " "}]), "needs a name"),
+        (_body([{"kind": "box", "name": " ", "points": []}]), "needs a name"),
         (_body([{"kind": "box", "name": "a", "points": [[1, 1]]}]), "corners"),
-        (_body([{"kind": "box", "name": "a", "points": "x"}]), "corners"),
+        (_body([{"kind": "box", "name": "a", "points": "x"}]), "Expected `array`"),
         (_body([{"kind": "box", "name": "a", "points": [[1, 1], [int("9" * 400), 2]]}]), "corners"),
         (_body([{"kind": "polygon", "name": "a", "points": [[1, 1], [9, 9]]}]), "3 or more corners"),
         (_body([{"kind": "box", "name": "a", "points": [[1, 1], [2, 2]]}]), "smaller"),
-        (_body(3), "frames of this page"),
+        (_body(3), "Expected `array`"),
         ('{"images": [], "done": true}', "at least one object"),
     ],
 )

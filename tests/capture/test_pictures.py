@@ -9,7 +9,7 @@ import pytest
 from PIL import Image
 
 from capture.sources.frames import is_capture, make_frames, read_frames, source_of
-from capture.sources.image_folder import PictureFolder
+from capture.sources.image_folder import ImageFolder
 from metric_base.errors import InputError
 
 
@@ -28,8 +28,8 @@ def _picture(file: Path, orientation: int = 1, focal_35mm: int | None = None, si
 def test_pictures_come_in_the_order_of_their_numbers(tmp_path: Path) -> None:
     for name in ("IMG_10.jpg", "IMG_9.jpg", "img_2.png", ".hidden.jpg", "notes.txt"):
         _picture(tmp_path / name) if name.endswith(("jpg", "png")) else (tmp_path / name).write_text("x")
-    folder = PictureFolder(tmp_path)
-    assert [folder.name_of(k) for k in range(folder.n_frames)] == ["img_2.png", "IMG_9.jpg", "IMG_10.jpg"]
+    folder = ImageFolder(tmp_path)
+    assert [file.name for file in folder.files] == ["img_2.png", "IMG_9.jpg", "IMG_10.jpg"]
 
 
 @pytest.mark.parametrize(
@@ -38,7 +38,7 @@ def test_pictures_come_in_the_order_of_their_numbers(tmp_path: Path) -> None:
 def test_pictures_are_turned_upright(tmp_path: Path, orientation: int, corner: tuple[int, int]) -> None:
     _picture(tmp_path / "a.jpg", orientation)
     _picture(tmp_path / "b.jpg", orientation)
-    folder = PictureFolder(tmp_path)
+    folder = ImageFolder(tmp_path)
     frame = next(folder.frames())
     assert (folder.width, folder.height) == ((60, 80) if orientation > 4 else (80, 60))
     assert frame.colour.shape[:2] == (folder.height, folder.width)
@@ -50,9 +50,9 @@ def test_the_focal_length_is_exifs(tmp_path: Path) -> None:
     _picture(tmp_path / "a.jpg", focal_35mm=26)
     _picture(tmp_path / "b.jpg", focal_35mm=26)
     focal = pytest.approx(26 / 43.2666 * 100)  # the diagonal of 80 x 60 is 100
-    assert PictureFolder(tmp_path).focals_px == [focal, focal]
+    assert ImageFolder(tmp_path).focals_px == [focal, focal]
     _picture(tmp_path / "a.jpg")
-    assert PictureFolder(tmp_path).focals_px == [None, focal]
+    assert ImageFolder(tmp_path).focals_px == [None, focal]
 
 
 def test_pictures_of_one_size_and_focal_length_share_a_camera(tmp_path: Path) -> None:
@@ -76,8 +76,8 @@ def test_frames_are_kept_by_their_names(tmp_path: Path) -> None:
     part.mkdir()
     make_frames(part, source_of(tmp_path), wanted=3)
     frames = read_frames(part)
-    assert (frames.names, frames.indices, frames.times_s) == (["p0.jpg", "p2.jpg", "p5.jpg"], [0, 2, 5], None)
-    assert (frames.size, frames.one_camera) == ((60, 80), True)
+    assert (frames.names, [frame.index for frame in frames.chosen]) == (["p0.jpg", "p2.jpg", "p5.jpg"], [0, 2, 5])
+    assert (frames.file_size, frames.one_camera, frames.times_s) == ((60, 80), True, None)
     assert Image.open(part / "frames" / "p0.jpg").getexif().get(0x0112) is None  # upright, once and for all
 
 
@@ -96,10 +96,10 @@ def test_what_is_a_capture(tmp_path: Path) -> None:
 def test_pictures_that_cannot_be_read_are_named(tmp_path: Path) -> None:
     (tmp_path / "IMG_1.HEIC").write_bytes(b"x")
     with pytest.raises(InputError, match=r"IMG_1\.HEIC; convert it to JPEG"):
-        PictureFolder(tmp_path)
+        ImageFolder(tmp_path)
     (tmp_path / "a.jpg").write_bytes(b"not a picture")
-    with pytest.raises(InputError, match=r"a\.jpg: picture"):
-        PictureFolder(tmp_path)
+    with pytest.raises(InputError, match=r"a\.jpg: image"):
+        ImageFolder(tmp_path)
 
 
 def test_pictures_that_are_left_out_are_named(tmp_path: Path) -> None:

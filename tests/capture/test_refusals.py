@@ -39,7 +39,7 @@ from capture.mapping.refusals import (
 )
 from capture.mapping.search import is_certain
 from capture.quality_warnings import capture_cautions, read_cautions
-from capture.sources.frames import Frames
+from capture.sources.frames import ChosenFrame, Frames
 from metric_cli.estimate_scale.estimate import main
 from tests.support.skips import skip_without
 from tests.synthetic.refused_videos import FRAMES, LENS, RARE_VIDEOS, REFUSED_VIDEOS
@@ -206,7 +206,8 @@ def test_a_doubtful_quick_model_is_not_used(change: dict[str, Any]) -> None:
 
 def _warnings(edges: list[float | None] | None = None, report: dict[str, Any] | None = None, **model: Any) -> list[str]:
     """Warnings of a report with a changed model, without the path."""
-    frames = Frames(["a.jpg"], [0], None, np.zeros((1, 2)), [(320, 240)], [None], (320, 240), 0, None, [])
+    chosen = [ChosenFrame(0, "a.jpg", None, 320, 240, None, (0.0, 0.0))]
+    frames = Frames(source="/a", size=(320, 240), turned_deg=0, hdr=None, remarks=[], times_s=None, chosen=chosen)
     pairs = {"edges": edges or [0.19, 0.22]}
     made = ModelReport(model=_model(**model), pairs=pairs, **(report or {}))
     return [row.removeprefix("p: ") for row in capture_cautions(Path("p"), frames, made, focal_given=False)]

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import shutil
 from pathlib import Path
 from typing import Any
 
@@ -11,7 +12,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
-from capture.mapping.incremental import measure
+from capture.mapping.incremental import finish
 from capture.mapping.triplets import (
     MOST_RESIDUAL_PX,
     Triplet,
@@ -60,12 +61,12 @@ def test_a_wrong_piece_is_taken_out(
     output = Path(file).parent / "models"
     (output / "0").mkdir(parents=True)
     model.write_binary(str(output / "0"))
-    (output / "0" / "matches.txt").write_text(file)
-    measured = measure({"output": str(output), "images": str(output), "fixed": False})
+    shutil.copyfile(file, output / "0.db")
+    measured = finish({"output": str(output), "images": str(output), "fixed": False, "free": False})
     assert list(measured["model"]["names"]) == names[:right]
     assert list(measured["model"]["pieces"]) == [len(part) for part in agreed.parts]
     assert measured["model"]["focal_deviation"] is not None
-    kept = pycolmap.Reconstruction(output / "0")
+    kept = pycolmap.Reconstruction(measured["folder"])
     assert sorted(image.name for image in kept.images.values()) == names[:right]
 
 

@@ -10,7 +10,7 @@ import sys
 from typing import Any
 
 from capture.dense.patch_match import PYCOLMAP
-from capture.mapping.colmap_worker import Request, run_step, say
+from capture.mapping.colmap_worker import Request, print_row, run_step
 from estimator.reconstructions.pycolmap_library import pycolmap
 
 #: Longer side in pixels at which depth is computed.
@@ -25,9 +25,9 @@ def dense(request: Request) -> dict[str, Any]:
     How many, and the names of the views by their numbers in the visibility file.
     """
     pycolmap.undistort_images(request["workspace"], request["model"], request["pictures"])
-    say({"done": 1, "of": 3})
+    print_row({"done": 1, "of": 3})
     _stereo(request["workspace"], request["engine"])
-    say({"done": 2, "of": 3})
+    print_row({"done": 2, "of": 3})
     return _fuse(request)
 
 

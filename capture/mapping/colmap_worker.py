@@ -1,7 +1,7 @@
-"""Steps of the reconstruction with COLMAP, in a process of their own that an abort in C++ ends alone.
+"""Steps of the reconstruction with COLMAP, in a separate process, because an abort in C++ ends the process.
 
-`python -m capture.mapping.colmap_worker STEP REQUEST.json` prints lines of JSON: `{"done": 3, "of": 40}` on the way and
-`{"result": ...}` at the end.
+`python -m capture.mapping.colmap_worker STEP REQUEST.json PARENT [SECONDS]` prints lines of JSON: `{"done": 3, "of":
+40}` for progress and `{"result": ...}` at the end.
 """
 
 from __future__ import annotations
@@ -26,8 +26,7 @@ from estimator.reconstructions.pycolmap_library import pycolmap
 Request = dict[str, Any]
 
 #: Number of images, and of pairs, between two lines of progress.
-N_IMAGES_AT_ONCE = 8
-N_PAIRS_AT_ONCE = 150
+N_IMAGES_AT_ONCE, N_PAIRS_AT_ONCE = 8, 150
 #: Linux's prctl(PR_SET_PDEATHSIG): this process ends with the one that started it, even if that was killed.
 _PARENT_DEATH_SIGNAL = 1
 #: Number of features of largest scale by which loops are found, and minimum number of matches for a homography.
@@ -37,7 +36,7 @@ MAX_HOMOGRAPHY_ERROR_PX = 2.0
 
 
 def run_step(words: Sequence[str], steps: Mapping[str, Callable[[Request], dict[str, Any]]]) -> None:
-    """Run the named step on its request.
+    """Run the named step on its request and print its result.
 
     Parameters
     ----------
@@ -52,13 +51,26 @@ def run_step(words: Sequence[str], steps: Mapping[str, Callable[[Request], dict[
     except (OSError, AttributeError):  # not Linux: an orphan continues in a part folder that the next run removes
         pass
     else:
-        if os.getppid() != int(parent):  # it was killed before the line above: nobody else would end this process
+        if os.getppid() != int(parent):  # the parent was killed before the line above
             sys.exit(1)
-    for limit_s in seconds:
-        _limit_processor_time(int(limit_s))
+    if seconds:
+        try:
+            import resource
+        except ImportError:  # not POSIX: the wall time of the waiting process limits this one
+            pass
+        else:
+            hard = resource.getrlimit(resource.RLIMIT_CPU)[1]
+            if hard == resource.RLIM_INFINITY or int(seconds[0]) < hard:
+                resource.setrlimit(resource.RLIMIT_CPU, (int(seconds[0]), hard))
     request: Request = json.loads(Path(file).read_text(encoding="utf-8"))
     pycolmap.logging.minloglevel = 1
-    say({"result": steps[step](request)})
+    print_row({"result": steps[step](request)})
+
+
+def print_row(row: dict[str, Any]) -> None:
+    """Print a line of progress, or the result, for the waiting process."""
+    sys.stdout.write(json.dumps(row) + "\n")
+    sys.stdout.flush()
 
 
 def features(request: Request) -> dict[str, Any]:
@@ -70,22 +82,22 @@ def features(request: Request) -> dict[str, Any]:
     for camera in request["cameras"]:
         reader = pycolmap.ImageReaderOptions(camera_model=request["camera_model"], camera_params=camera["params"])
         for start in range(0, len(camera["names"]), N_IMAGES_AT_ONCE):
-            some = camera["names"][start : start + N_IMAGES_AT_ONCE]
+            names = camera["names"][start : start + N_IMAGES_AT_ONCE]
             pycolmap.extract_features(
                 request["database"],
                 request["images"],
-                image_names=some,
+                image_names=names,
                 camera_mode=pycolmap.CameraMode.SINGLE,
                 reader_options=reader,
                 extraction_options=extraction,
             )
-            done += len(some)
-            say({"done": done, "of": n})
+            done += len(names)
+            print_row({"done": done, "of": n})
             with pycolmap.Database.open(request["database"]) as database:
                 reader.existing_camera_id = max(known.camera_id for known in database.read_all_cameras())
     with pycolmap.Database.open(request["database"]) as database:
-        counts = {image.name: database.num_keypoints_for_image(image.image_id) for image in database.read_all_images()}
-    return {"keypoints": {name: int(count) for name, count in counts.items()}}
+        images = database.read_all_images()
+        return {"keypoints": {image.name: int(database.num_keypoints_for_image(image.image_id)) for image in images}}
 
 
 def matches(request: Request) -> dict[str, Any]:
@@ -93,12 +105,14 @@ def matches(request: Request) -> dict[str, Any]:
     names: list[str] = request["names"]
     with pycolmap.Database.open(request["database"]) as database:
         ids = {image.name: image.image_id for image in database.read_all_images()}
-        few = len(names) <= request["exhaustive"]
-        described = [] if few else [_strongest(database, ids[name]) for name in names]
-    pairs = all_pairs(len(names)) if few else chosen_pairs(coarse_scores(described), request["in_order"])
+        if len(names) <= request["exhaustive"]:
+            pairs = all_pairs(len(names))
+        else:
+            strongest = [_strongest_descriptors(database, ids[name]) for name in names]
+            pairs = chosen_pairs(coarse_scores(strongest), request["in_order"])
     matching = pycolmap.FeatureMatchingOptions(num_threads=request["threads"], guided_matching=request["guided"])
     matching.sift.max_ratio = request["ratio"]
-    say({"done": 0, "of": len(pairs)})
+    print_row({"done": 0, "of": len(pairs)})
     for start in range(0, len(pairs), N_PAIRS_AT_ONCE):
         some = [(ids[names[a]], ids[names[b]]) for a, b in pairs[start : start + N_PAIRS_AT_ONCE]]
         with write_pairs(Path(request["database"]), some) as listed:
@@ -108,28 +122,12 @@ def matches(request: Request) -> dict[str, Any]:
                 pairing_options=pycolmap.ImportedPairingOptions(match_list_path=listed),
                 verification_options=verification_options(),
             )
-        say({"done": min(start + N_PAIRS_AT_ONCE, len(pairs)), "of": len(pairs)})
+        print_row({"done": start + len(some), "of": len(pairs)})
     with pycolmap.Database.open(request["database"]) as database:
-        rows = [_pair_figures(database, ids[names[a]], ids[names[b]]) for a, b in pairs]
-    return {"pairs": [[a, b, *row] for (a, b), row in zip(pairs, rows, strict=True)]}
+        return {"pairs": [[a, b, *_pair_figures(database, ids[names[a]], ids[names[b]])] for a, b in pairs]}
 
 
-STEPS: dict[str, Callable[[Request], dict[str, Any]]] = {
-    "features": features,
-    "matches": matches,
-    "mapping": lambda request: mapping(request, say),
-    "finish": finish,
-    "compare_global": compare_global,
-}
-
-
-def say(row: dict[str, Any]) -> None:
-    """Print a line of progress, or the result, for the process that waits."""
-    sys.stdout.write(json.dumps(row) + "\n")
-    sys.stdout.flush()
-
-
-def _strongest(database: Any, image_id: int) -> NDArray[np.float32]:
+def _strongest_descriptors(database: Any, image_id: int) -> NDArray[np.float32]:
     """Return the unit descriptors (k, 128) of the features of largest scale."""
     keypoints = np.asarray(database.read_keypoints(image_id))
     descriptors = np.asarray(database.read_descriptors(image_id).data, dtype=np.float32)
@@ -142,33 +140,28 @@ def _strongest(database: Any, image_id: int) -> NDArray[np.float32]:
 
 def _pair_figures(database: Any, first: int, second: int) -> list[Any]:
     """Return the number of inliers, the part that one homography explains, their motion in pixels, and it (3, 3)."""
-    if not database.exists_two_view_geometry(first, second):
-        return [0, 0.0, 0.0, None]
-    inliers = np.asarray(database.read_two_view_geometry(first, second).inlier_matches)
-    if len(inliers) < MIN_HOMOGRAPHY_MATCHES:
-        return [len(inliers), 0.0, 0.0, None]
-    one = np.asarray(database.read_keypoints(first))[inliers[:, 0], :2]
-    two = np.asarray(database.read_keypoints(second))[inliers[:, 1], :2]
-    moved = float(np.median(np.linalg.norm(two - one, axis=1)))
-    cv2.setRNGSeed(0)
-    matrix, inside = cv2.findHomography(one, two, cv2.RANSAC, MAX_HOMOGRAPHY_ERROR_PX, maxIters=500)
-    return [
-        len(inliers),
-        0.0 if matrix is None else float(inside.mean()),
-        moved,
-        None if matrix is None else matrix.tolist(),
-    ]
+    n_inliers, planar, moved, homography = 0, 0.0, 0.0, None
+    if database.exists_two_view_geometry(first, second):
+        inliers = np.asarray(database.read_two_view_geometry(first, second).inlier_matches)
+        n_inliers = len(inliers)
+    if n_inliers >= MIN_HOMOGRAPHY_MATCHES:
+        points = np.asarray(database.read_keypoints(first))[inliers[:, 0], :2]
+        others = np.asarray(database.read_keypoints(second))[inliers[:, 1], :2]
+        moved = float(np.median(np.linalg.norm(others - points, axis=1)))
+        cv2.setRNGSeed(0)
+        matrix, inside = cv2.findHomography(points, others, cv2.RANSAC, MAX_HOMOGRAPHY_ERROR_PX, maxIters=500)
+        if matrix is not None:
+            planar, homography = float(inside.mean()), matrix.tolist()
+    return [n_inliers, planar, moved, homography]
 
 
-def _limit_processor_time(seconds: int) -> None:
-    try:
-        import resource
-    except ImportError:  # not POSIX: the wall time of the waiting process counts
-        return
-    hard = resource.getrlimit(resource.RLIMIT_CPU)[1]
-    if hard == resource.RLIM_INFINITY or seconds < hard:
-        resource.setrlimit(resource.RLIMIT_CPU, (seconds, hard))
-
+STEPS: dict[str, Callable[[Request], dict[str, Any]]] = {
+    "features": features,
+    "matches": matches,
+    "mapping": lambda request: mapping(request, print_row),
+    "finish": finish,
+    "compare_global": compare_global,
+}
 
 if __name__ == "__main__":
     run_step(sys.argv[1:], STEPS)

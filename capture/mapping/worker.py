@@ -73,15 +73,6 @@ class TimeLimit:
         """Wall time in seconds after which a step is ended in any case."""
         return self.left_s * (MAX_WALL_RATIO if self.of_processor else 1.0)
 
-    @property
-    def worker_s(self) -> int | None:
-        """Processor time that a worker may use, in whole seconds; None if only wall time is limited."""
-        return int(self.left_s) + 1 if self.of_processor else None
-
-    def within(self, seconds: float) -> TimeLimit:
-        """Return this limit, or one `seconds` from now if that is earlier."""
-        return TimeLimit(min(self.until_s, self.now_s() + seconds), self.of_processor)
-
 
 def limit_of(n_frames: int, max_time_s: float | None = None) -> TimeLimit:
     """Return the limit for a number of frames: `max_time_s` of wall time, or the default processor time."""
@@ -127,43 +118,20 @@ def run_worker(
     OSError
         The disk is full (`ENOSPC`).
     """
-    process = start_worker(step, request, folder, module, limit)
-    return wait_for_worker(process, step, folder / f"{step}.log", progress, total, limit)
-
-
-def start_worker(
-    step: str, request: dict[str, Any], folder: Path, module: str = COLMAP_WORKER, limit: TimeLimit | None = None
-) -> subprocess.Popen[str]:
-    """Start a step; arguments as for `run_worker`."""
-    file = folder / f"{step}.request.json"
+    file, log = folder / f"{step}.request.json", folder / f"{step}.log"
     file.write_text(json.dumps(request), encoding="utf-8")
     environment = {**os.environ, "OMP_NUM_THREADS": "1", "OPENBLAS_NUM_THREADS": "1"}
-    seconds = [] if limit is None or limit.worker_s is None else [str(limit.worker_s)]
-    with (folder / f"{step}.log").open("w") as log:
-        return subprocess.Popen(
-            [sys.executable, "-m", module, step, str(file), str(os.getpid()), *seconds],
-            stdout=subprocess.PIPE,
-            stderr=log,
-            text=True,
-            env=environment,
-        )
-
-
-def wait_for_worker(
-    process: subprocess.Popen[str],
-    step: str,
-    log: Path,
-    progress: ProgressCallback = silent,
-    total: int | None = None,
-    limit: TimeLimit | None = None,
-) -> Any:
-    """Wait for a step of `start_worker` and return its result; arguments and errors as for `run_worker`."""
-    result: Any = None
+    command = [sys.executable, "-m", module, step, str(file), str(os.getpid())]
+    if limit is not None and limit.of_processor:
+        command.append(str(int(limit.left_s) + 1))
+    with log.open("w") as errors:
+        process = subprocess.Popen(command, stdout=subprocess.PIPE, stderr=errors, text=True, env=environment)
     timer = threading.Timer(0.0 if limit is None else limit.wall_left_s, process.kill)
     timer.daemon = True
     if limit is not None:
         timer.start()
-    assert process.stdout is not None  # a pipe, see `start_worker`
+    result: Any = None
+    assert process.stdout is not None  # a pipe
     try:
         for line in process.stdout:
             try:

@@ -230,7 +230,7 @@ def _body(objects: object, name: str = "000001.jpg") -> str:
         (_body([{"kind": "box", "name": " ", "points": []}]), "needs a name"),
         (_body([{"kind": "box", "name": "a", "points": [[1, 1]]}]), "corners"),
         (_body([{"kind": "box", "name": "a", "points": "x"}]), "Expected `array`"),
-        (_body([{"kind": "box", "name": "a", "points": [[1, 1], [int("9" * 400), 2]]}]), "corners"),
+        (_body([{"kind": "box", "name": "a", "points": [[1, 1], [int("9" * 400), 2]]}]), "out of range"),
         (_body([{"kind": "polygon", "name": "a", "points": [[1, 1], [9, 9]]}]), "3 or more corners"),
         (_body([{"kind": "box", "name": "a", "points": [[1, 1], [2, 2]]}]), "smaller"),
         (_body(3), "Expected `array`"),

@@ -1,4 +1,4 @@
-"""The work folder: every stage's output whole or absent, with a stamp of what it was made from."""
+"""Work folder of a capture: the outputs of each stage are complete or absent, with a stamp of their inputs."""
 
 from __future__ import annotations
 
@@ -16,21 +16,25 @@ from typing import Any
 from metric_base.errors import InputError, Unquoted
 from metric_base.files import sole_holder, whole_file
 
-#: Changed whenever a stage makes something else of the same inputs, so that old outputs are made again.
-VERSION = 9
+#: Number that is increased when a stage makes other outputs from the same inputs, so that old outputs are replaced.
+VERSION = 10
 STAMPS = "stamps"
 _LOCK = ".lock"
-#: What the names of our temporary files and folders begin with.
+#: Prefix of temporary files and folders.
 _PART = ".metric-tree."
 _CHUNK = 1 << 22
-#: Bytes free on a disk that is full: less than a block or two is left over.
-_NO_ROOM = 1 << 16
+#: Maximum free bytes of a full disk: less than a few blocks.
+MAX_FREE_OF_FULL_DISK = 1 << 16
 
 
 class WorkFolder:
-    """A folder that one run at a time works in; a run that was killed leaves nothing half-made behind.
+    """A folder in which one run at a time works; a run that is killed leaves no incomplete output.
 
-    path : the folder; seconds, processor_s : wall and processor time of each stage that this run made, by name.
+    Attributes
+    ----------
+    path : Path
+    seconds, processor_s : dict of str to float
+        Wall and processor time of the stages of this run, by name.
     """
 
     def __init__(self, path: Path) -> None:
@@ -40,17 +44,19 @@ class WorkFolder:
 
     @contextmanager
     def lock(self) -> Iterator[None]:
-        """Hold the folder; the system frees it when the process ends, however it ends.
+        """Lock the folder; the system releases it when the process ends.
 
         Raises
         ------
         InputError
-            Another run holds it, or it cannot be made.
+            Another run has locked it, or it cannot be made.
         """
         try:
             (self.path / STAMPS).mkdir(parents=True, exist_ok=True)
             with sole_holder(self.path / _LOCK):
-                self._clear_leftovers()
+                for folder, pattern in ((self.path, f"{_PART}*.part"), (self.path / STAMPS, ".*.part")):
+                    for entry in folder.glob(pattern):  # of a run that was killed
+                        _remove(entry)
                 yield
         except BlockingIOError:
             in_use = Unquoted("one in use by another run")
@@ -63,10 +69,24 @@ class WorkFolder:
             raise InputError.at(self.path, "--work", "a folder that can be written", Unquoted(words)) from None
 
     def stage(self, name: str, inputs: Mapping[str, Any], outputs: Sequence[str], make: Callable[[Path], None]) -> str:
-        """Make the outputs of a stage unless they are there, made from the same inputs; their digest.
+        """Make the outputs of a stage unless they exist and are made from the same inputs; return their digest.
 
-        inputs : what the outputs depend on, as JSON; outputs : files and folders, relative to the work folder, that
-        `make` writes under the same names in the empty folder it is given. An output that it does not write is absent.
+        Parameters
+        ----------
+        name : str
+        inputs : mapping
+            Values that determine the outputs, as JSON.
+        outputs : sequence of str
+            Files and folders, relative to the work folder.
+        make : callable
+            Writes the outputs under the same names to an empty folder. Outputs that it does not write are absent.
+
+        Raises
+        ------
+        InputError
+            An output would replace a file that the stage did not write.
+        OSError
+            The disk is full (`ENOSPC`), or the folder cannot be written.
         """
         key = _key(name, inputs)
         if self.is_made(name, inputs):
@@ -82,38 +102,40 @@ class WorkFolder:
             make(part)
             made = [output for output in outputs if (part / output).exists()]
             digests = {output: content_digest(part / output) for output in made}
-            # a kill from here on leaves a stamp without a key: what stands there is ours, and is made again
+            # a kill from here on leaves a stamp without a key: the outputs belong to the stage and are made again
             before = {output: {*owned} for output, owned in self._own_digests(name).items()}
             both = {output: sorted(before.get(output, set()) | {digest}) for output, digest in digests.items()}
             self._write_stamp(name, {"key": None, "outputs": [], "owned": {**self._own_digests(name), **both}})
             for output in outputs:
                 self._publish(part / output, self.path / output)
         except BaseException as error:
-            full = shutil.disk_usage(self.path).free < _NO_ROOM
-            shutil.rmtree(part, ignore_errors=True)  # half a stage is nobody's
-            if full and isinstance(error, OSError) and error.errno is None:  # COLMAP's writers do not say why
+            is_full = shutil.disk_usage(self.path).free < MAX_FREE_OF_FULL_DISK
+            shutil.rmtree(part, ignore_errors=True)
+            if is_full and isinstance(error, OSError) and error.errno is None:  # an error of COLMAP's writers
                 raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC), str(self.path)) from error
             raise
         shutil.rmtree(part, ignore_errors=True)
-        digest = _digest_of(b"".join(digests[output].encode() for output in made))
+        digest = hashlib.sha256(b"".join(digests[output].encode() for output in made)).hexdigest()
         self.seconds[name] = round(time.perf_counter() - started, 3)
-        row = {"key": key, "outputs": made, "digest": digest, "seconds": self.seconds[name]}
-        row["owned"] = {output: [value] for output, value in digests.items()}
-        cpu_s = round(sum(os.times()[:4]) - cpu, 3)  # of all threads and processes that it started
-        row["cpu_seconds"] = cpu_s
-        self.processor_s[name] = cpu_s
+        self.processor_s[name] = round(sum(os.times()[:4]) - cpu, 3)  # of all threads and child processes
+        row = {
+            "key": key,
+            "outputs": made,
+            "digest": digest,
+            "seconds": self.seconds[name],
+            "owned": {output: [value] for output, value in digests.items()},
+            "cpu_seconds": self.processor_s[name],
+        }
         self._write_stamp(name, row)
         return digest
 
     def is_made(self, name: str, inputs: Mapping[str, Any]) -> bool:
-        """Whether the outputs of a stage are there, made from these inputs."""
+        """Return whether the outputs of a stage exist and are made from these inputs."""
         stamp = self._stamp(name)
         return stamp.get("key") == _key(name, inputs) and all((self.path / one).exists() for one in stamp["outputs"])
 
     def check_ownership(self, stages: Mapping[str, Sequence[str]]) -> None:
-        """See that stages would replace nothing but what they wrote themselves.
-
-        stages : outputs by the name of the stage.
+        """Check that stages, given by name with their outputs, would replace only outputs that they wrote.
 
         Raises
         ------
@@ -136,20 +158,20 @@ class WorkFolder:
                 raise InputError.at(place, "--work", expected, Unquoted(state))
 
     def discard(self, name: str, outputs: Sequence[str]) -> None:
-        """Remove the outputs of a stage, which must be its own."""
+        """Remove the outputs of a stage, which must have written them."""
         self.check_ownership({name: outputs})
         for output in outputs:
             _remove(self.path / output)
         self._stamp_file(name).unlink(missing_ok=True)
 
     def discard_stale(self, name: str, inputs: Mapping[str, Any], outputs: Sequence[str]) -> None:
-        """Remove the outputs of a stage that is not asked for now and was made from other inputs."""
+        """Remove the outputs of a stage if they are made from other inputs."""
         stamp = self._stamp(name)
         if stamp and stamp.get("key") != _key(name, inputs):
             self.discard(name, outputs)
 
     def _own_digests(self, name: str) -> dict[str, list[str]]:
-        """The digests that each output of a stage may have; empty in a stamp of an older version."""
+        """Return the digests that each output of a stage may have; none in a stamp of an older version."""
         stamp = self._stamp(name)
         owned = stamp.get("owned")
         return owned if isinstance(owned, dict) else {output: [] for output in stamp.get("outputs", [])}
@@ -159,11 +181,11 @@ class WorkFolder:
             file.write_text(json.dumps(row) + "\n", encoding="utf-8")
 
     def _publish(self, made: Path, place: Path) -> None:
-        """Move what was made to its place, whole; what was there before goes first."""
+        """Move an output to its place after removing the previous one."""
         if os.path.lexists(place):
             old = self.path / f"{_PART}old.part"
             _remove(old)
-            place.replace(old)  # a folder that is half removed would be nobody's
+            place.replace(old)  # the place never holds a folder that is partly removed
             _remove(old)
         if made.exists():
             place.parent.mkdir(parents=True, exist_ok=True)
@@ -179,35 +201,28 @@ class WorkFolder:
             return {}
         return row if isinstance(row, dict) and isinstance(row.get("outputs"), list) else {}
 
-    def _clear_leftovers(self) -> None:
-        """What a killed run left: its parts, and nothing else."""
-        for folder, names in ((self.path, f"{_PART}*.part"), (self.path / STAMPS, ".*.part")):
-            for entry in folder.glob(names):
-                _remove(entry)
-
 
 def content_digest(path: Path) -> str:
-    """A digest of a file's bytes, or of a folder's files with their names."""
+    """Return a digest of the bytes of a file, or of the files of a folder with their names."""
+    state = hashlib.sha256()
     if path.is_file():
-        state = hashlib.sha256()
         with path.open("rb") as file:
             while chunk := file.read(_CHUNK):
                 state.update(chunk)
         return state.hexdigest()
     parts = [f"{file.relative_to(path)}:{content_digest(file)}" for file in sorted(path.rglob("*")) if file.is_file()]
-    return _digest_of("\n".join(parts).encode())
+    state.update("\n".join(parts).encode())
+    return state.hexdigest()
 
 
 def _key(name: str, inputs: Mapping[str, Any]) -> str:
-    return _digest_of(json.dumps([VERSION, name, inputs], sort_keys=True).encode())
+    """Return the digest of the inputs of a stage."""
+    return hashlib.sha256(json.dumps([VERSION, name, inputs], sort_keys=True).encode()).hexdigest()
 
 
-def _digest_of(data: bytes) -> str:
-    return hashlib.sha256(data).hexdigest()
-
-
-def _remove(place: Path) -> None:
-    if place.is_dir() and not place.is_symlink():
-        shutil.rmtree(place)
+def _remove(path: Path) -> None:
+    """Remove a file or a folder, if it exists."""
+    if path.is_dir() and not path.is_symlink():
+        shutil.rmtree(path)
     else:
-        place.unlink(missing_ok=True)
+        path.unlink(missing_ok=True)

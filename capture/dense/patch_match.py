@@ -1,7 +1,4 @@
-"""Dense points of a model: by PatchMatch where a CUDA device answers, else by the plane sweep.
-
-Whether a CUDA device answers, and which build of COLMAP can use it.
-"""
+"""Compute dense points by COLMAP's PatchMatch on a CUDA device, or by the plane sweep on the CPU."""
 
 from __future__ import annotations
 
@@ -19,17 +16,17 @@ from estimator.reconstructions.colmap import read_colmap
 from estimator.reconstructions.ply import read_visibility, visibility_bytes
 from metric_base.progress import NoticeCallback, ProgressCallback, no_notice, silent
 
-#: The engine that is the Python package itself (its build of the name `pycolmap-cuda12`).
+#: Engine: the Python package with CUDA (its build of the name `pycolmap-cuda12`).
 PYCOLMAP = "pycolmap"
 DRIVER = "libcuda.so.1"
-#: How long the program may take to print its help.
-SECONDS = 30
+#: Maximum time in seconds in which the program `colmap` prints its help.
+MAX_HELP_S = 30
 WORKER = "capture.dense.patch_match_worker"
-THREADS = 2
+N_THREADS = 2
 
 
 def cuda_devices() -> int:
-    """How many devices the CUDA driver states, 0 without a driver."""
+    """Return the number of devices by the CUDA driver, 0 without a driver."""
     try:
         driver = ctypes.CDLL(DRIVER)
     except OSError:
@@ -41,7 +38,7 @@ def cuda_devices() -> int:
 
 
 def patch_match_engine() -> str | None:
-    """`PYCOLMAP`, or the path of a `colmap` program, if one was built with CUDA and a device answers; else None."""
+    """Return `PYCOLMAP` or the path of a program `colmap` if it is built with CUDA and there is a device, else None."""
     if cuda_devices() == 0:
         return None
     from estimator.reconstructions.pycolmap_library import pycolmap
@@ -49,65 +46,68 @@ def patch_match_engine() -> str | None:
     if pycolmap.has_cuda:
         return PYCOLMAP
     program = shutil.which("colmap")
-    return program if program is not None and _has_cuda(program) else None
-
-
-def _has_cuda(program: str) -> bool:
-    """Whether the help of a `colmap` program says that it was built with CUDA; builds without say "without CUDA"."""
+    if program is None:
+        return None
     try:
-        done = subprocess.run([program, "help"], capture_output=True, text=True, timeout=SECONDS, check=False)
+        done = subprocess.run([program, "help"], capture_output=True, text=True, timeout=MAX_HELP_S, check=False)
     except (OSError, subprocess.TimeoutExpired):
-        return False
-    return "with CUDA" in done.stdout
+        return None
+    return program if "with CUDA" in done.stdout else None  # other builds print "without CUDA"
 
 
 def make_dense_points(
-    model: Path, pictures: Path, file: Path, progress: ProgressCallback = silent, notice: NoticeCallback = no_notice
+    model: Path, images: Path, file: Path, progress: ProgressCallback = silent, notice: NoticeCallback = no_notice
 ) -> int:
-    """Write `file` and `file.vis` of a COLMAP model and the folder of its pictures; how many points there are.
+    """Write the dense points of a COLMAP model, and return their number.
 
-    notice : is called with a sentence that says which way was taken.
+    Parameters
+    ----------
+    model, images : Path
+        Folders of the model and of its images.
+    file : Path
+        PLY file; `<file>.vis` has the visibility.
+    progress : callable
+    notice : callable
+        Called with a sentence about the method.
     """
     engine = patch_match_engine()
     if engine is not None:
-        name = "pycolmap" if engine == PYCOLMAP else engine
-        notice(f"dense points by PatchMatch on CUDA ({name})")
+        notice(f"dense points by PatchMatch on CUDA ({engine})")
         try:
-            return make_patch_match_cloud(model, pictures, file, engine, progress)
+            return make_patch_match_cloud(model, images, file, engine, progress)
         except WorkerError as error:
             notice(f"warning: PatchMatch failed, and the plane sweep on the CPU is used: {error}")
     else:
         notice("dense points by a plane sweep on the CPU: no CUDA device, or no COLMAP that was built with CUDA")
-    return make_dense_cloud(read_colmap(model), pictures, file, partial(progress, "dense points, plane sweep"))
+    return make_dense_cloud(read_colmap(model), images, file, partial(progress, "dense points, plane sweep"))
 
 
-def make_patch_match_cloud(model: Path, pictures: Path, file: Path, engine: str, progress: ProgressCallback) -> int:
-    """Write `file` (PLY with colours and normals) and `file.vis` of a COLMAP model; how many points there are.
+def make_patch_match_cloud(model: Path, images: Path, file: Path, engine: str, progress: ProgressCallback) -> int:
+    """Write dense points with colours and normals, and return their number; without points nothing is written.
 
-    engine : of `patch_match_engine`. With no point nothing is written. progress : counts the three steps.
+    The arguments are those of `make_dense_points`, with the result of `patch_match_engine`.
 
     Raises
     ------
     WorkerError
-        It ended without a result, as on a device without enough memory.
+        The step ended without a result, as on a device without enough memory.
     """
     workspace = file.with_name("stereo.scratch")
     workspace.mkdir()
     request = {
         "workspace": str(workspace),
         "model": str(model),
-        "pictures": str(pictures),
+        "images": str(images),
         "engine": engine,
-        "threads": THREADS,
+        "threads": N_THREADS,
     }
     result = run_worker("dense", request, file.parent, progress=progress, module=WORKER)
     points = int(result["points"])
     if points:
         (workspace / "fused.ply").rename(file)
         rows = {view.name: row for row, view in enumerate(read_colmap(model).views)}
-        order = np.array([rows[name] for name in result["names"]])
+        order = np.array([rows[name] for name in result["names"]])  # the workspace has another order of the views
         offsets, views = read_visibility(workspace / "fused.ply.vis", points, len(order))
-        # the workspace has the views in another order than the model's file
         file.with_name(f"{file.name}.vis").write_bytes(visibility_bytes(offsets, order[views]))
     shutil.rmtree(workspace)
     return points

@@ -1,6 +1,6 @@
-"""COLMAP's dense reconstruction in a process of its own.
+"""COLMAP's dense reconstruction in a separate process.
 
-`python -m capture.dense.patch_match_worker dense REQUEST.json PARENT` prints what `colmap_worker` does.
+`python -m capture.dense.patch_match_worker dense REQUEST.json PARENT` prints the lines of `colmap_worker`.
 """
 
 from __future__ import annotations
@@ -13,44 +13,29 @@ from capture.dense.patch_match import PYCOLMAP
 from capture.mapping.colmap_worker import Request, print_row, run_step
 from estimator.reconstructions.pycolmap_library import pycolmap
 
-#: Longer side in pixels at which depth is computed.
-SIDE = 1000
-#: A point has to be seen by so many pixels of the depth maps: COLMAP's 5 leaves short videos empty.
-LEAST_PIXELS = 3
+#: Longer side in pixels of a depth map.
+DEPTH_SIDE = 1000
+#: Minimum number of pixels of depth maps that see a point; COLMAP's 5 leaves short videos empty.
+MIN_PIXELS = 3
 
 
 def dense(request: Request) -> dict[str, Any]:
-    """Points that several depth maps agree on, `fused.ply` and `fused.ply.vis` in the workspace.
+    """Write `fused.ply` and `fused.ply.vis`, points that several depth maps confirm, to the workspace.
 
-    How many, and the names of the views by their numbers in the visibility file.
+    Returns the number of points, and the names of the views in the order of the visibility file.
     """
-    pycolmap.undistort_images(request["workspace"], request["model"], request["pictures"])
+    workspace, engine = request["workspace"], request["engine"]
+    pycolmap.undistort_images(workspace, request["model"], request["images"])
     print_row({"done": 1, "of": 3})
-    _stereo(request["workspace"], request["engine"])
-    print_row({"done": 2, "of": 3})
-    return _fuse(request)
-
-
-def _stereo(workspace: str, engine: str) -> None:
-    """Depth and normal maps of all pictures of the workspace, on the GPU."""
     if engine == PYCOLMAP:
-        pycolmap.patch_match_stereo(workspace, options=pycolmap.PatchMatchOptions(max_image_size=SIDE))
-        return
-    words = [
-        engine,
-        "patch_match_stereo",
-        "--workspace_path",
-        workspace,
-        "--PatchMatchStereo.max_image_size",
-        str(SIDE),
-    ]
-    subprocess.run(words, check=True, stdout=sys.stderr)
-
-
-def _fuse(request: Request) -> dict[str, Any]:
-    workspace = request["workspace"]
+        pycolmap.patch_match_stereo(workspace, options=pycolmap.PatchMatchOptions(max_image_size=DEPTH_SIDE))
+    else:
+        side = ["--PatchMatchStereo.max_image_size", str(DEPTH_SIDE)]
+        command = [engine, "patch_match_stereo", "--workspace_path", workspace, *side]
+        subprocess.run(command, check=True, stdout=sys.stderr)
+    print_row({"done": 2, "of": 3})
     options = pycolmap.StereoFusionOptions(
-        max_image_size=SIDE, min_num_pixels=LEAST_PIXELS, num_threads=request["threads"]
+        max_image_size=DEPTH_SIDE, min_num_pixels=MIN_PIXELS, num_threads=request["threads"]
     )
     fused = pycolmap.stereo_fusion(f"{workspace}/fused.ply", workspace, options=options, output_type="ply")
     model = pycolmap.MVSModel()

@@ -14,7 +14,7 @@ from scipy.spatial.transform import Rotation
 
 from capture.mapping.incremental import finish
 from capture.mapping.triplets import (
-    MOST_RESIDUAL_PX,
+    MAX_RESIDUAL_PX,
     Triplet,
     agreement,
     broken_frames,
@@ -77,9 +77,9 @@ def test_pieces_are_joined_by_two_frames_and_not_by_one() -> None:
     chain = [fitting(*"abc"), fitting(*"bcd"), fitting(*"def"), fitting(*"efg")]
     assert agreement(chain, 7).parts == (("a", "b", "c", "d"), ("d", "e", "f", "g"))
     assert len(agreement([*chain, fitting(*"cde")], 7).parts) == 1
-    against = agreement([*chain, Triplet(("c", "d", "e"), 20, MOST_RESIDUAL_PX + 1)], 7)
+    against = agreement([*chain, Triplet(("c", "d", "e"), 20, MAX_RESIDUAL_PX + 1)], 7)
     assert (against.contradicted, against.loose, len(against.parts)) == (0, ("e", "f", "g"), 2)
-    inside = agreement([*chain, Triplet(("b", "c", "d"), 20, MOST_RESIDUAL_PX + 1)], 7)
+    inside = agreement([*chain, Triplet(("b", "c", "d"), 20, MAX_RESIDUAL_PX + 1)], 7)
     assert (inside.contradicted, inside.triplets) == (1, 3)
     assert agreement([], 0).parts == ()
 

@@ -66,14 +66,14 @@ def camera_path(folder: Path) -> dict[str, Any]:
 
 def _metrics(folder: Path, database: Path) -> dict[str, Any] | None:
     """Return the figures by which the capture judges a model; None if it is too small for them."""
-    from capture.mapping.incremental import focal_std
+    from capture.mapping.covariance import standard_deviations
     from capture.mapping.model_metrics import model_metrics
     from capture.mapping.triplets import agreement, model_triplets
 
     model = pycolmap.Reconstruction(folder)
     try:
         agreed = agreement(model_triplets(model, str(database)), model.num_reg_images())
-        return dict(msgspec.to_builtins(model_metrics(folder, focal_std(model), agreed)))
+        return dict(msgspec.to_builtins(model_metrics(folder, standard_deviations(model)[0], agreed)))
     except (ArithmeticError, IndexError, ValueError):
         return None
 

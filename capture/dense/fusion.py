@@ -98,7 +98,7 @@ def _fuse(
 ) -> tuple[FloatArray, NDArray[np.uint8], BoolArray]:
     """Return points (n, 3), colours (n, 3) and which of the views with depth see them (n, v); each surface once."""
     rows = sorted(depths)
-    taken = {row: np.zeros(depths[row].shape, dtype=bool) for row in rows}
+    taken: dict[int, BoolArray] = {row: np.zeros(depths[row].shape, dtype=bool) for row in rows}
     points, colours, seen = [], [], []
     for position, row in enumerate(rows):
         view = views[row]
@@ -117,10 +117,11 @@ def _fuse(
         for other_position, other in enumerate(rows):
             if other != row:  # mark the pixels of the points, and their neighbours that the stride skips
                 height, width = taken[other].shape
-                x, y = cells[other][good & sees[:, other_position]].T
+                marked = cells[other][good & sees[:, other_position]]
                 for dy in range(-(STRIDE // 2), STRIDE // 2 + 1):
                     for dx in range(-(STRIDE // 2), STRIDE // 2 + 1):
-                        taken[other][np.clip(y + dy, 0, height - 1), np.clip(x + dx, 0, width - 1)] = True
+                        cell = np.clip(marked + np.array([dx, dy]), 0, (width - 1, height - 1))
+                        taken[other][cell[:, 1], cell[:, 0]] = True
         points.append(world[good])
         colours.append(view.colour[ys[good], xs[good]])
         seen.append(sees[good])

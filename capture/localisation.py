@@ -88,7 +88,7 @@ class _Tracker:
         self._source_px = source_width / self._camera.width
 
     def anchor(self, view: View, frame: VideoFrame, grey: Grey) -> tuple[FramePose, Grey, Tracks]:
-        """Return the pose of a reconstructed frame, its image, and the points that it observes, evenly chosen."""
+        """Return the pose of a reconstructed frame, its image (h, w), and the points that it observes, evenly chosen."""
         count = min(len(view.point_index), MAX_POINTS)
         chosen = np.unique(np.linspace(0, len(view.point_index) - 1, count).astype(int))
         pixels = view.keypoints[chosen] * (grey.shape[1] / view.camera.width) - 0.5  # OpenCV's centres are integers
@@ -104,7 +104,7 @@ class _Tracker:
         before: tuple[FramePose, Grey, Tracks] | None,
         after: tuple[FramePose, Grey, Tracks] | None,
     ) -> list[FramePose]:
-        """Return the poses of the frames between two reconstructed ones, either of which may be missing."""
+        """Return the poses of frames, images (h, w), between two reconstructed ones, either of which may be missing."""
         tracks: list[list[Tracks]] = [[] for _ in waiting]
         for anchor, order in ((before, range(len(waiting))), (after, range(len(waiting) - 1, -1, -1))):
             if anchor is not None:
@@ -130,7 +130,7 @@ class _Tracker:
         return [self._interpolated(pose, known, seen[k]) for k, pose in enumerate(poses)]
 
     def _track(self, start: Grey, tracks: Tracks, images: list[Grey]) -> Iterator[Tracks]:
-        """Yield the tracks in each image, always found from the start image, so that they do not drift."""
+        """Yield the tracks in each image (h, w), always found from the start image, so that they do not drift."""
         import cv2
 
         rows, first = tracks[0], tracks[1].astype(np.float32)
@@ -179,7 +179,7 @@ class _Tracker:
     def _interpolated(
         self, pose: FramePose, known: list[FramePose], seen: tuple[IntArray, FloatArray] | None
     ) -> FramePose:
-        """Return an unknown pose interpolated between known ones by time, checked by the points seen in the frame."""
+        """Return an unknown pose interpolated between known ones, checked by seen points (n,) with their rays (n, 2)."""
         earlier = [other for other in known if other.index < pose.index]
         later = [other for other in known if other.index > pose.index]
         if pose.origin != "none" or not earlier or not later:

@@ -51,7 +51,7 @@ class MatchGraph:
     def read(
         cls, databases: Path, suffix: str, names: list[str], size: tuple[int, int], edges: FloatArray
     ) -> MatchGraph:
-        """Return the graph of the frames by the results of the stages of features and matches in a folder."""
+        """Return the graph of frames, edges (n, 2), from the stages of features and matches in a folder."""
         keypoints = read_json(databases / f"features{suffix}.json")["keypoints"]
         pairs = tuple(
             FramePair(first, second, n, planar, moved, None if matrix is None else np.array(matrix, dtype=np.float64))

@@ -88,7 +88,7 @@ class _Tracker:
         self._source_px = source_width / self._camera.width
 
     def anchor(self, view: View, frame: VideoFrame, grey: Grey) -> tuple[FramePose, Grey, Tracks]:
-        """Return the pose of a reconstructed frame, its image (h, w), and the points that it observes, evenly chosen."""
+        """Return the pose of a reconstructed frame, its image (h, w), and points that it observes, evenly chosen."""
         count = min(len(view.point_index), MAX_POINTS)
         chosen = np.unique(np.linspace(0, len(view.point_index) - 1, count).astype(int))
         pixels = view.keypoints[chosen] * (grey.shape[1] / view.camera.width) - 0.5  # OpenCV's centres are integers
@@ -179,7 +179,7 @@ class _Tracker:
     def _interpolated(
         self, pose: FramePose, known: list[FramePose], seen: tuple[IntArray, FloatArray] | None
     ) -> FramePose:
-        """Return an unknown pose interpolated between known ones, checked by seen points (n,) with their rays (n, 2)."""
+        """Return an unknown pose interpolated between known ones, checked by points (n,) with rays (n, 2)."""
         earlier = [other for other in known if other.index < pose.index]
         later = [other for other in known if other.index > pose.index]
         if pose.origin != "none" or not earlier or not later:

@@ -1,1 +1,1 @@
-"""Foreground masks of a release's images: one protocol, a backend without weights, one with a network."""
+"""Foreground masks of the images of a release, by a backend without weights or by a network."""

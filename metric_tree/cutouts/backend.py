@@ -1,10 +1,10 @@
-"""What cuts: the one protocol, and `auto`, which takes the cheapest that will do."""
+"""Interface of the backends that separate the foreground of an image, and `Auto`, which chooses between two."""
 
 from __future__ import annotations
 
 import warnings
 from dataclasses import dataclass
-from typing import Literal, Protocol, get_args
+from typing import Literal, Protocol, TypeAlias, get_args
 
 import msgspec
 import numpy as np
@@ -12,24 +12,24 @@ from numpy.typing import NDArray
 
 from metric_base.errors import expect
 
-Point = tuple[float, float]
-RGB = NDArray[np.uint8]
-BackendName = Literal["auto", "plain", "rembg"]
+Point: TypeAlias = tuple[float, float]
+RGB: TypeAlias = NDArray[np.uint8]
+BackendName: TypeAlias = Literal["auto", "plain", "rembg"]
 BACKENDS: tuple[str, ...] = get_args(BackendName)
 
 
 class Guide(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
-    """Where the object is in one image, by whom, and what the reviewer judges of the cut."""
+    """Position of the object in an image, drawn by a reviewer, and the judgement of the cut-out."""
 
-    picture: str
+    picture: str  #: SHA-256 of the image.
     polygon: tuple[Point, ...] = ()
-    box: tuple[float, float, float, float] | None = None
-    object: tuple[tuple[Point, ...], ...] = ()
-    ground: tuple[tuple[Point, ...], ...] = ()
+    box: tuple[float, float, float, float] | None = None  #: x, y, width, height in pixels.
+    object: tuple[tuple[Point, ...], ...] = ()  #: Strokes on the object.
+    ground: tuple[tuple[Point, ...], ...] = ()  #: Strokes on the background.
     reviewer: str
     verdict: Literal["good", "poor"] = "good"
-    why: str = ""
-    #: The old name of `object`, read for one release.
+    why: str = ""  #: Reason of a poor verdict.
+    #: Former name of `object`, read for one release.
     thing: tuple[tuple[Point, ...], ...] = ()
 
     def __post_init__(self) -> None:
@@ -44,54 +44,46 @@ class Guide(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=Tru
 
     @property
     def undrawn(self) -> bool:
-        """Return True if its reviewer found nothing in the image to draw round."""
+        """Return True for a poor verdict without an outline."""
         return self.verdict == "poor" and not self.polygon and self.box is None
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Foreground:
-    """What a backend found.
+    """Foreground of an image."""
 
-    alpha : (h, w) uint8, 255 on the object; method : how, as it stands in `images.parquet`; refused : why the backend
-    itself does not vouch for it (`not_plain`, `no_weights`), else None.
-    """
-
-    alpha: NDArray[np.uint8]
-    method: str
-    refused: str | None = None
+    alpha: NDArray[np.uint8]  #: (h, w) opacity, 255 on the object.
+    method: str  #: Column `method` of `images.parquet`.
+    refused: str | None = None  #: Reason of the backend to reject the mask (`not_plain`, `no_weights`, `poor`).
 
 
 class Backend(Protocol):
-    """Anything that separates the foreground of an image."""
+    """A method to separate the foreground of an image."""
 
     def foreground(self, picture: RGB) -> Foreground:
-        """The foreground of an image, (h, w, 3) uint8 in RGB."""
+        """Return the foreground of an RGB image, (h, w, 3) uint8."""
         ...
 
 
 @dataclass(frozen=True, slots=True)
 class Settings:
-    """A backend by name and the network it takes: a rembg model's name or the path of an ONNX file.
-
-    weights : whether the network's weights are available; without them `auto` leaves what is not plain; drawn : guides
-    of persons, which say of their images where the object is.
-    """
+    """Choice of a backend."""
 
     name: BackendName = "auto"
-    model: str = "u2net"
-    weights: bool = False
-    drawn: tuple[Guide, ...] = ()
+    model: str = "u2net"  #: Name of a model of rembg, or path of an ONNX file.
+    weights: bool = False  #: Whether the weights are available; without them, `auto` rejects other backgrounds.
+    drawn: tuple[Guide, ...] = ()  #: Guides, which take precedence in their images.
 
 
 @dataclass(frozen=True, slots=True)
 class Auto:
-    """Without weights where the background is plain, by the network elsewhere."""
+    """The backend for plain backgrounds, and a network for the others."""
 
     plain: Backend
     network: Backend | None
 
     def foreground(self, picture: RGB) -> Foreground:
-        """The foreground of an image (h, w, 3): the plain backend's if that vouches for it, else the network's."""
+        """Return the foreground of an image (h, w, 3) by `plain` if that does not refuse it, else by the network."""
         plain = self.plain.foreground(picture)
         if plain.refused is None:
             return plain

@@ -1,10 +1,9 @@
-"""Foregrounds by a person's guide (`metric_tree.cutouts.guided`): GrabCut finds the edge that the guide only means.
+"""Foregrounds under a guide that a person drew; GrabCut finds the exact edge.
 
-Guides for cutting images, drawn by a person: where the object is.
-
-A file of guides has one JSON object a line: `picture` (sha256), one of `polygon` ([[x, y], ...]) and `box` ([x, y,
-width, height]), and `object` and `ground` (strokes, lists of points), in pixels of the upright image; `verdict` is
-what its reviewer judges of the cut: `good`, or `poor` with `why`. A poor one needs no outline: no object is whole.
+A file of guides has one JSON object per line: `picture` (SHA-256), one of `polygon` ([[x, y], ...]) and `box` ([x, y,
+width, height]), and `object` and `ground` (strokes, lists of points), in pixels of the upright image. `verdict` is the
+reviewer's judgement of the cut-out: `good`, or `poor` with the reason in `why`. A poor one needs no outline if no
+object is complete.
 """
 
 from __future__ import annotations
@@ -19,49 +18,57 @@ from metric_base.records import json_lines
 from metric_tree.cutouts.backend import RGB, Foreground, Guide
 
 METHOD = "guided"
-#: The guide's edge is off by this share of the object's shorter side: between its shrunken and its grown outline the
-#: image decides.
-BAND = 0.09
-#: Width of a scribble in pixels, and rounds of GrabCut (Rother et al. 2004).
-STROKE, ROUNDS = 5, 5
-#: Standard deviation in pixels of the softened edge.
-SOFT = 0.8
+#: Maximum error of the edge of a guide, as a fraction of the shorter side of the object. The image decides about pixels
+#: within this distance of the edge.
+EDGE_TOLERANCE = 0.09
+#: Width of a stroke in pixels.
+STROKE_PX = 5
+#: Rounds of GrabCut (Rother et al. 2004).
+ROUNDS = 5
+#: Standard deviation of the softened edge in pixels.
+EDGE_SD_PX = 0.8
 
 
 def guides(path: Path) -> dict[str, Guide]:
-    """The guides of a file by image; a later one replaces an earlier one.
+    """Read the guides of a file by image; a later one replaces an earlier one.
 
     Raises
     ------
     InputError
-        A line is no guide; the message names file, line and field.
+        A line is not a guide; the message has file, line and field.
     """
     return {guide.picture: guide for _, guide in json_lines(path, Guide)}
 
 
 def guided_foreground(picture: RGB, guide: Guide) -> Foreground:
-    """The foreground of an image (h, w, 3) under a guide; `refused` is `poor` if its reviewer does not vouch for it.
+    """Return the foreground of an image (h, w, 3) under a guide; it is refused as `poor` if the verdict is.
 
-    A guide that lies outside the image finds nothing.
+    A guide outside the image gives an empty foreground.
     """
     refused = "poor" if guide.verdict == "poor" else None
+    empty = Foreground(np.zeros(picture.shape[:2], np.uint8), METHOD, refused)
     if guide.undrawn:
-        return Foreground(np.zeros(picture.shape[:2], np.uint8), METHOD, refused)
-    state = _state(guide, picture.shape[:2])
-    known = set(np.unique(state).tolist())
-    if not {cv2.GC_FGD, cv2.GC_PR_FGD} & known or cv2.GC_BGD not in known:
-        return Foreground(np.zeros(picture.shape[:2], np.uint8), METHOD, refused)
+        return empty
+    state = grabcut_state(guide, picture.shape[:2])
+    present = set(np.unique(state).tolist())
+    if not {cv2.GC_FGD, cv2.GC_PR_FGD} & present or cv2.GC_BGD not in present:
+        return empty
     cv2.setRNGSeed(0)
-    cv2.grabCut(
-        picture[..., ::-1].copy(), state, None, np.zeros((1, 65)), np.zeros((1, 65)), ROUNDS, cv2.GC_INIT_WITH_MASK
-    )
-    mask = _largest(np.isin(state, (cv2.GC_FGD, cv2.GC_PR_FGD)).astype(np.uint8))
-    soft = cv2.GaussianBlur(mask.astype(np.float32), (0, 0), SOFT)
+    models = np.zeros((1, 65)), np.zeros((1, 65))
+    cv2.grabCut(picture[..., ::-1].copy(), state, None, *models, ROUNDS, cv2.GC_INIT_WITH_MASK)
+    mask = np.isin(state, (cv2.GC_FGD, cv2.GC_PR_FGD)).astype(np.uint8)
+    # The object is the largest part, without holes.
+    _, labels, stats, _ = cv2.connectedComponentsWithStats(mask, connectivity=4)
+    if len(stats) > 1:
+        largest = (labels == 1 + int(np.argmax(stats[1:, cv2.CC_STAT_AREA]))).astype(np.uint8)
+        outlines, _ = cv2.findContours(largest, cv2.RETR_EXTERNAL, cv2.CHAIN_APPROX_NONE)
+        mask = np.asarray(cv2.drawContours(np.zeros_like(largest), outlines, -1, 1, cv2.FILLED), np.uint8)
+    soft = cv2.GaussianBlur(mask.astype(np.float32), (0, 0), EDGE_SD_PX)
     return Foreground(np.asarray(np.rint(soft * 255), np.uint8), METHOD, refused)
 
 
-def _state(guide: Guide, shape: tuple[int, int]) -> NDArray[np.uint8]:
-    """(h, w) of GrabCut's labels: certain inside and outside, undecided along the guide's edge."""
+def grabcut_state(guide: Guide, shape: tuple[int, int]) -> NDArray[np.uint8]:
+    """Return the initial labels of GrabCut (h, w): certain inside and outside, undecided near the edge."""
     area = np.zeros(shape, np.uint8)
     if guide.box is not None:
         x, y, width, height = guide.box
@@ -70,24 +77,15 @@ def _state(guide: Guide, shape: tuple[int, int]) -> NDArray[np.uint8]:
         corners = list(guide.polygon)
     cv2.fillPoly(area, [np.rint(corners).astype(np.int32)], 1)
     points = np.asarray(corners)
-    reach = max(2, round(BAND * float((points.max(axis=0) - points.min(axis=0)).min())))
-    kernel = cv2.getStructuringElement(cv2.MORPH_ELLIPSE, (2 * reach + 1, 2 * reach + 1))
+    radius = max(2, round(EDGE_TOLERANCE * float((points.max(axis=0) - points.min(axis=0)).min())))
+    kernel = cv2.getStructuringElement(cv2.MORPH_ELLIPSE, (2 * radius + 1, 2 * radius + 1))
     state = np.full(shape, cv2.GC_BGD, np.uint8)
     state[cv2.dilate(area, kernel) > 0] = cv2.GC_PR_BGD
     state[area > 0] = cv2.GC_PR_FGD
-    if guide.box is None:  # a box touches the object at its sides alone: nothing inside is certain
+    if guide.box is None:  # the object touches its box only at the sides, so that no pixel inside is certain
         state[cv2.erode(area, kernel, borderValue=0) > 0] = cv2.GC_FGD
     for strokes, label in ((guide.object, cv2.GC_FGD), (guide.ground, cv2.GC_BGD)):
         for stroke in strokes:
-            cv2.polylines(state, [np.rint(stroke).astype(np.int32)], isClosed=False, color=int(label), thickness=STROKE)
+            points_px = [np.rint(stroke).astype(np.int32)]
+            cv2.polylines(state, points_px, isClosed=False, color=int(label), thickness=STROKE_PX)
     return state
-
-
-def _largest(mask: NDArray[np.uint8]) -> NDArray[np.uint8]:
-    """The largest part of a mask (h, w), its holes filled: an object that is drawn round is one."""
-    _, labels, stats, _ = cv2.connectedComponentsWithStats(mask, connectivity=4)
-    if len(stats) < 2:
-        return mask
-    whole = (labels == 1 + int(np.argmax(stats[1:, cv2.CC_STAT_AREA]))).astype(np.uint8)
-    outlines, _ = cv2.findContours(whole, cv2.RETR_EXTERNAL, cv2.CHAIN_APPROX_NONE)
-    return np.asarray(cv2.drawContours(np.zeros_like(whole), outlines, -1, 1, cv2.FILLED), np.uint8)

@@ -1,4 +1,4 @@
-"""Foregrounds by a network through rembg: a named open model, or any local ONNX file of U2-Net's signature."""
+"""Foregrounds by a network through rembg: an open model by name, or a local ONNX file with the inputs of U2-Net."""
 
 from __future__ import annotations
 
@@ -15,28 +15,28 @@ import numpy as np
 from metric_base.errors import InputError
 from metric_tree.cutouts.backend import RGB, Foreground
 
-#: Open models that rembg knows, by name, with the licence of their weights. rembg's own default is not one of them.
+#: Open models of rembg by name, with the licence of their weights; the default model of rembg is not open.
 MODELS = {"u2net": "Apache-2.0", "u2netp": "Apache-2.0", "isnet-general-use": "Apache-2.0", "silueta": "Apache-2.0"}
 
-#: Where rembg looks for weights; a custom file must lie inside it.
+#: Environment variable of the folder of weights of rembg; a custom file must be inside.
 _HOME = "U2NET_HOME"
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Network:
-    """A loaded network. method : `rembg:<model or file name>`."""
+    """A loaded network."""
 
     session: Any
-    method: str
+    method: str  #: `rembg:<model or file name>`.
 
     @classmethod
     def load(cls, model: str) -> Network:
-        """The network of a model's name or of an ONNX file; weights that are not in the cache are downloaded by rembg.
+        """Load a network by the name of a model or from an ONNX file; rembg downloads missing weights.
 
         Raises
         ------
         InputError
-            No such model or file, no network graph in it, or weights that are neither here nor available for download.
+            The model or file does not exist, the file is not a network, or the weights cannot be downloaded.
         """
         _check(model)
         rembg = _rembg()
@@ -59,7 +59,7 @@ class Network:
         return cls(session, f"rembg:{path.stem if path.suffix == '.onnx' else model}")
 
     def foreground(self, picture: RGB) -> Foreground:
-        """The network's soft mask (h, w) of an image (h, w, 3)."""
+        """Return the soft mask (h, w) of an image (h, w, 3)."""
         from PIL import Image
 
         with np.errstate(invalid="ignore"):  # a blank image gives 0 / 0, which rembg turns into an empty mask
@@ -68,29 +68,24 @@ class Network:
 
 
 def has_weights(model: str) -> bool:
-    """Return True if rembg and the weights of a model are installed; rembg, which takes seconds, is not imported.
+    """Return True if rembg and the weights of a model are installed, without the import of rembg, which takes seconds.
 
     Raises
     ------
     InputError
-        No such model or file.
+        The model or file does not exist.
     """
     _check(model)
     if find_spec("rembg") is None or find_spec("onnxruntime") is None:
         return False
     if Path(model).suffix == ".onnx":
         return True
-    name = f"{model}.onnx"
-    return any((home / "models" / model / name).is_file() or (home / name).is_file() for home in _homes())
-
-
-def _homes() -> list[Path]:
-    """Where rembg keeps weights: in its home, or in the older, flat one."""
-    data = os.environ.get("XDG_DATA_HOME")
-    old = Path(os.environ.get(_HOME) or f"{data or '~'}/.u2net").expanduser()
-    if os.environ.get(_HOME):
-        return [old]
-    return [Path(os.environ.get("REMBG_HOME") or (f"{data}/rembg" if data else "~/.rembg")).expanduser(), old]
+    data, named, name = os.environ.get("XDG_DATA_HOME"), os.environ.get(_HOME), f"{model}.onnx"
+    homes = [named or f"{data or '~'}/.u2net"]  # the flat folder of older versions
+    if not named:
+        homes.append(os.environ.get("REMBG_HOME") or (f"{data}/rembg" if data else "~/.rembg"))
+    folders = [Path(home).expanduser() for home in homes]
+    return any((home / "models" / model / name).is_file() or (home / name).is_file() for home in folders)
 
 
 def _check(model: str) -> None:
@@ -102,7 +97,7 @@ def _check(model: str) -> None:
 
 
 def _rembg() -> Any:
-    """The library, imported where it is used: it loads numba and takes a second, the first time half a minute."""
+    """Import rembg when it is used: it loads numba and takes a second, the first time half a minute."""
     os.environ["ORT_DISABLE_TELEMETRY"] = "1"  # onnxruntime reads it once, when it is imported
     try:
         import onnxruntime  # noqa: F401 - without it rembg ends the program
@@ -117,7 +112,7 @@ def _rembg() -> Any:
 
 @contextmanager
 def _home(folder: Path | None) -> Iterator[None]:
-    """The home of rembg, at `folder` for a while: it refuses a custom file elsewhere."""
+    """Change the folder of weights of rembg, which refuses a custom file elsewhere, while the block runs."""
     before = os.environ.get(_HOME)
     if folder is not None:
         os.environ[_HOME] = str(folder.resolve())

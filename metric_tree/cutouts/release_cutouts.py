@@ -1,15 +1,14 @@
-"""Foreground cut-outs for the images of a release: a new release, with the old one's files linked into it.
+"""Cut-outs of the images of a release, published as a new release with hard links to the unchanged files.
 
-A release is never changed once published, so cutting publishes another. Each image gives one row of
-`cutouts.parquet` and, unless it is set aside, one PNG with transparency, cropped to its box, whose alpha is the mask:
-`cutouts/aa/<sha256 of the picture>.png`.
-Finished work waits in a work folder until then; an interrupted run continues from it.
+Each image has one row in `cutouts.parquet` and, unless it is rejected, a transparent PNG, cropped to its box, whose
+alpha is the mask: `cutouts/aa/<sha256 of the image>.png`. Finished work is kept in a work folder until the release is
+published; an interrupted run continues from it.
 """
 
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Sequence
 from concurrent.futures import Executor
 from dataclasses import asdict, dataclass, replace
 from functools import cache
@@ -29,18 +28,18 @@ from metric_tree.release.images import image_path, link_images
 from metric_tree.release.release import Release, publish_release, sha256
 from metric_tree.release.schema import IMAGES
 
-#: The table of all cuts inside a release, those set aside too.
+#: Table of the cut-outs of a release, including the rejected ones.
 TABLE = "cutouts.parquet"
 
 FOLDER = "cutouts"
 
-#: Images of one call: a few seconds of a worker's time, so that a kill loses little.
-PICTURES_PER_CALL = 8
+#: Images per call: a few seconds of a worker, so that an interruption loses little.
+IMAGES_PER_CALL = 8
 
-#: A file's own transparency is its mask from this share of clear pixels; less is a soft frame.
-CLEAR_SHARE = 0.01
+#: Minimum fraction of transparent pixels of a file whose transparency is its mask; with less it is a soft frame.
+MIN_CLEAR_FRACTION = 0.01
 
-#: Longer side of the image that is cut, in pixels: beyond it an edge gains nothing that a training set could use.
+#: Maximum longer side in pixels of an image that is cut out; more resolution does not improve the edge.
 MAX_SIDE_PX = 1600
 
 
@@ -69,7 +68,7 @@ CUTOUTS = pa.schema(
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Cut:
-    """One image's cut: a row of `CUTOUTS`, and the PNG, empty once it is written or where the cut is set aside."""
+    """The cut-out of an image: a row of `CUTOUTS`, and its PNG until it is written."""
 
     image_id: str
     png: bytes = b""
@@ -87,7 +86,7 @@ class Cut:
 
 @cache
 def backend(settings: Settings) -> Backend:
-    """The backend of some settings, made once in a process: a network takes a second to load."""
+    """Return the backend of some settings; it is created once per process, because a network takes a second to load."""
     from metric_tree.cutouts.network import Network
     from metric_tree.cutouts.plain import Plain
 
@@ -99,7 +98,7 @@ def backend(settings: Settings) -> Backend:
 
 
 def cut(image_id: str, body: bytes, settings: Settings) -> Cut:
-    """The cut of one image's bytes; a file that is no image is set aside and harms no other."""
+    """Cut out the object of an image file; a file that is not an image is rejected as `unreadable`."""
     import numpy as np
 
     from metric_tree.cutouts.backend import Foreground
@@ -110,19 +109,19 @@ def cut(image_id: str, body: bytes, settings: Settings) -> Cut:
     if isinstance(image, str):
         return Cut(image_id=image_id, set_aside="unreadable", detail=image)
     try:
-        picture, own = _pixels(image)
-    except (OSError, ValueError, SyntaxError) as error:  # crooked orientation tags and colour profiles
+        picture, alpha = upright_pixels(image)
+    except (OSError, ValueError, SyntaxError) as error:  # invalid orientation tags and colour profiles
         return Cut(image_id=image_id, set_aside="unreadable", detail=str(error)[:80])
     guide = next((one for one in settings.drawn if one.picture == image_id), None)
     if guide is not None:
         foreground = guided_foreground(picture, guide)
-    elif own is not None:
-        foreground = Foreground(own, "alpha")
+    elif alpha is not None:
+        foreground = Foreground(alpha, "alpha")
     else:
         foreground = backend(settings).foreground(picture)
     assessed = assessment(picture, foreground.alpha)
     reason = foreground.refused or assessed.reason
-    if guide is not None and reason == "doubtful":  # an orange among oranges has no edge of colour: its reviewer saw it
+    if guide is not None and reason == "doubtful":  # the reviewer accepted an edge without contrast
         reason = None
     row = Cut(
         image_id=image_id,
@@ -134,7 +133,45 @@ def cut(image_id: str, body: bytes, settings: Settings) -> Cut:
     if foreground.refused:
         return row
     row = replace(row, box_px=assessed.box, foreground_share=assessed.share, quality=assessed.quality)
-    return row if reason else replace(row, png=_png(np.dstack([picture, foreground.alpha]), assessed.box))
+    return row if reason else replace(row, png=cropped_png(np.dstack([picture, foreground.alpha]), assessed.box))
+
+
+def upright_pixels(image: Any) -> tuple[RGB, Any | None]:
+    """Return the upright pixels (h, w, 3) of a Pillow image over white, and its transparency if that is a mask.
+
+    Larger images are scaled to `MAX_SIDE_PX`. The mask is (h, w) uint8, or None.
+    """
+    import numpy as np
+    from PIL import Image, ImageOps
+
+    upright = ImageOps.exif_transpose(image)
+    upright.thumbnail((MAX_SIDE_PX, MAX_SIDE_PX), Image.Resampling.LANCZOS, reducing_gap=2.0)
+    rgba = upright.convert("RGBA")
+    alpha = np.asarray(rgba.getchannel("A"))
+    white = Image.new("RGBA", rgba.size, (255, 255, 255, 255))
+    picture = np.asarray(Image.alpha_composite(white, rgba).convert("RGB"))
+    return picture, alpha if (alpha < 128).mean() >= MIN_CLEAR_FRACTION else None
+
+
+def cropped_png(rgba: Any, box: tuple[int, int, int, int]) -> bytes:
+    """Return a box of an RGBA image (h, w, 4) as PNG; transparent pixels are black, which hides the background."""
+    import numpy as np
+    from PIL import Image
+
+    x, y, width, height = box
+    crop = np.array(rgba[y : y + height, x : x + width])
+    crop[crop[..., 3] == 0] = 0
+    sink = BytesIO()
+    Image.fromarray(crop).save(sink, "PNG", compress_level=4)
+    return sink.getvalue()
+
+
+def cut_batch(batch: Sequence[tuple[str, bytes]], settings: Settings) -> list[Cut]:
+    """Cut out the objects of some images, given as id and bytes, in one thread of a worker."""
+    import cv2
+
+    cv2.setNumThreads(1)
+    return [cut(image_id, body, settings) for image_id, body in batch]
 
 
 def cut_release(
@@ -147,137 +184,85 @@ def cut_release(
     executor: Executor | None = None,
     progress: Callable[[int, int], None] | None = None,
 ) -> Release:
-    """Publish at `out` the release with cut-outs of all its images; `progress` is called with (done, all).
+    """Publish a release with cut-outs of all its images.
+
+    Parameters
+    ----------
+    release : Release
+        Release with images.
+    out : Path
+        Folder of the new release, which must not exist.
+    settings : Settings
+        Backend.
+    version, created : str
+        Version and ISO date of the new release.
+    executor : Executor, optional
+        Executor of the calls; default this process.
+    progress : callable, optional
+        Called with the number of finished images and of all images.
 
     Raises
     ------
     InputError
-        Something is at `out` already or another process is writing it, or the release has no images.
+        `out` exists or another process is writing it, or the release has no images.
     """
     if out.exists():
         raise InputError(f"{out}: already exists; expected a new path for a release")
     images = release.table("images")
-    paths = _files(release, images)
-    if not paths:
+    rows = images.select(["image_id", "path"]).to_pylist()
+    files = {row["image_id"]: file for row in rows if (file := image_path(release.directory, row)) is not None}
+    if not files:
         raise InputError(
             f"{release.directory / 'images.parquet'}: expected pictures with files; found none (`build` takes those of"
             " a crawl, and with `--include-withheld SOURCE` those that may not be given on)"
         )
-    key = fingerprint([release.directory / "images.parquet", *_code()], repr(settings) + _model_sha(settings))
+    model = Path(settings.model)
+    weights = sha256(model) if model.suffix == ".onnx" and model.is_file() else ""
+    code = sorted(Path(__file__).parent.glob("*.py"))
+    key = fingerprint([release.directory / "images.parquet", *code], repr(settings) + weights)
     with sole_writer(out), BuildFolder.open(out.with_name(f"{out.name}.cutout"), key) as work:
         extras = work.directory / "extras"
         extras.mkdir(exist_ok=True)
         link_images(release, extras)
+        ids = sorted(files)
+        starts = range(0, len(ids), IMAGES_PER_CALL)
+        batches = (ids[start : start + IMAGES_PER_CALL] for start in starts)  # bytes, as workers may have other disks
+        calls = (([(image_id, files[image_id].read_bytes()) for image_id in batch], settings) for batch in batches)
         cuts: list[Cut] = []
-        calls = ((batch, settings) for batch in _batches(paths))
-        for done in work.map(
-            "cut", _cut_batch, calls, executor or SerialExecutor(), lambda r, _: _write_cuts(r, extras)
-        ):
+        run = executor or SerialExecutor()
+        for done in work.map("cut", cut_batch, calls, run, lambda batch, _: [_written(one, extras) for one in batch]):
             cuts += done
             if progress is not None:
-                progress(len(cuts), len(paths))
-        pq.write_table(_table(cuts), extras / TABLE, compression="zstd")
+                progress(len(cuts), len(files))
+        table = pa.Table.from_pylist([asdict(one) for one in cuts], schema=CUTOUTS)
+        pq.write_table(table, extras / TABLE, compression="zstd")
+        by_id = {one.image_id: one for one in cuts}
+        image_rows = images.to_pylist()
+        for row in image_rows:
+            if (one := by_id.get(row["image_id"])) is not None:
+                row |= {"cutout_path": one.cutout_path, "foreground_share": one.foreground_share, "method": one.method}
         tables = {f"{name}.parquet": release.table(name) for name in ("nodes", "items", "priors")}
-        tables["images.parquet"] = _images_with_cuts(images, cuts)
-        manifest = dict(release.manifest) | {"version": version, "created": created}
-        manifest["cutouts"] = _summary(release, settings, cuts) | {"sha256": sha256(extras / TABLE)}
+        tables["images.parquet"] = pa.Table.from_pylist(image_rows, schema=IMAGES)
+        cutouts = {
+            "of": {"name": release.manifest["name"], "version": release.manifest["version"]},
+            "backend": settings.name,
+            "guides": len(settings.drawn),
+            "model": settings.model if settings.name == "rembg" or settings.weights else None,
+            "pictures": len(cuts),
+            "cut": dict(sorted(Counter(one.method or "" for one in cuts if not one.set_aside).items())),
+            "set_aside": dict(sorted(Counter(one.set_aside for one in cuts if one.set_aside).items())),
+            "sha256": sha256(extras / TABLE),
+        }
+        manifest = {**release.manifest, "version": version, "created": created, "cutouts": cutouts}
         return publish_release(out, tables, manifest, extras)
 
 
-def _pixels(image: Any) -> tuple[RGB, Any | None]:
-    """(h, w, 3) upright pixels of at most `MAX_SIDE_PX` to a side, over white, and the file's own alpha as a mask."""
-    import numpy as np
-    from PIL import Image, ImageOps
-
-    upright = ImageOps.exif_transpose(image)
-    upright.thumbnail((MAX_SIDE_PX, MAX_SIDE_PX), Image.Resampling.LANCZOS, reducing_gap=2.0)
-    rgba = upright.convert("RGBA")
-    alpha = np.asarray(rgba.getchannel("A"))
-    white = Image.new("RGBA", rgba.size, (255, 255, 255, 255))
-    picture = np.asarray(Image.alpha_composite(white, rgba).convert("RGB"))
-    return picture, alpha if (alpha < 128).mean() >= CLEAR_SHARE else None
-
-
-def _png(rgba: Any, box: tuple[int, int, int, int]) -> bytes:
-    """The box of an RGBA image as PNG, its clear pixels black, so that it packs well and shows no background."""
-    import numpy as np
-    from PIL import Image
-
-    x, y, width, height = box
-    crop = np.array(rgba[y : y + height, x : x + width])
-    crop[crop[..., 3] == 0] = 0
-    sink = BytesIO()
-    Image.fromarray(crop).save(sink, "PNG", compress_level=4)
-    return sink.getvalue()
-
-
-def _cut_batch(batch: Sequence[tuple[str, bytes]], settings: Settings) -> list[Cut]:
-    import cv2
-
-    cv2.setNumThreads(1)  # the workers are the threads
-    return [cut(image_id, body, settings) for image_id, body in batch]
-
-
-def _write_cuts(cuts: Sequence[Cut], extras: Path) -> list[Cut]:
-    """The cuts with their PNGs in files; a file that a killed run left half is written again."""
-    done = []
-    for one in cuts:
-        if one.png:
-            file = inside(extras, f"{FOLDER}/{one.image_id[:2]}/{one.image_id}.png")  # an id is a text of the release's
-            file.parent.mkdir(parents=True, exist_ok=True)
-            file.write_bytes(one.png)
-            path = file.relative_to(extras).as_posix()
-            done.append(replace(one, png=b"", cutout_path=path, cutout_sha256=sha256(file)))
-        else:
-            done.append(one)
-    return done
-
-
-def _files(release: Release, images: pa.Table) -> dict[str, Path]:
-    """File of each image, by its id, in the order of the ids."""
-    rows = images.select(["image_id", "path"]).to_pylist()
-    paths = {row["image_id"]: path for row in rows if (path := image_path(release.directory, row)) is not None}
-    return dict(sorted(paths.items()))
-
-
-def _batches(paths: Mapping[str, Path]) -> Iterator[list[tuple[str, bytes]]]:
-    """Ids and bytes, so that a worker on another machine needs no disk of ours."""
-    ids = list(paths)
-    for first in range(0, len(ids), PICTURES_PER_CALL):
-        yield [(image_id, paths[image_id].read_bytes()) for image_id in ids[first : first + PICTURES_PER_CALL]]
-
-
-def _table(cuts: Sequence[Cut]) -> pa.Table:
-    return pa.Table.from_pylist([asdict(one) for one in cuts], schema=CUTOUTS)
-
-
-def _images_with_cuts(images: pa.Table, cuts: Sequence[Cut]) -> pa.Table:
-    """The images table with path, share and method of the cuts."""
-    known = {one.image_id: one for one in cuts}
-    rows = images.to_pylist()
-    for row in rows:
-        one = known.get(row["image_id"])
-        if one is not None:
-            row |= {"cutout_path": one.cutout_path, "foreground_share": one.foreground_share, "method": one.method}
-    return pa.Table.from_pylist(rows, schema=IMAGES)
-
-
-def _summary(release: Release, settings: Settings, cuts: Sequence[Cut]) -> dict[str, Any]:
-    return {
-        "of": {"name": release.manifest["name"], "version": release.manifest["version"]},
-        "backend": settings.name,
-        "guides": len(settings.drawn),
-        "model": settings.model if settings.name == "rembg" or settings.weights else None,
-        "pictures": len(cuts),
-        "cut": dict(sorted(Counter(one.method or "" for one in cuts if not one.set_aside).items())),
-        "set_aside": dict(sorted(Counter(one.set_aside for one in cuts if one.set_aside).items())),
-    }
-
-
-def _model_sha(settings: Settings) -> str:
-    path = Path(settings.model)
-    return sha256(path) if path.suffix == ".onnx" and path.is_file() else ""
-
-
-def _code() -> list[Path]:
-    return sorted(Path(__file__).parent.glob("*.py"))
+def _written(one: Cut, extras: Path) -> Cut:
+    """Write the PNG of a cut-out; an incomplete file of an interrupted run is replaced."""
+    if not one.png:
+        return one
+    file = inside(extras, f"{FOLDER}/{one.image_id[:2]}/{one.image_id}.png")  # the id is text of a stranger
+    file.parent.mkdir(parents=True, exist_ok=True)
+    file.write_bytes(one.png)
+    path = file.relative_to(extras).as_posix()
+    return replace(one, png=b"", cutout_path=path, cutout_sha256=sha256(file))

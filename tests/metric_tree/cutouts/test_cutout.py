@@ -112,7 +112,7 @@ def test_an_interrupted_run_takes_up_what_it_had(tmp_path, monkeypatch):
     old = release_with(tmp_path / "old", [shop_picture(seed) for seed in range(20)])
 
     def killed(done, total):
-        if done >= module.PICTURES_PER_CALL:
+        if done >= module.IMAGES_PER_CALL:
             raise KeyboardInterrupt
 
     with pytest.raises(KeyboardInterrupt):
@@ -122,7 +122,7 @@ def test_an_interrupted_run_takes_up_what_it_had(tmp_path, monkeypatch):
     real = module.cut
     monkeypatch.setattr(module, "cut", lambda *words: cuts.append(words[0]) or real(*words))
     cut_release(old, tmp_path / "new", PLAIN, version="1.0.0", created="2026-11-21")
-    assert len(cuts) == 20 - module.PICTURES_PER_CALL
+    assert len(cuts) == 20 - module.IMAGES_PER_CALL
     assert len(rows(tmp_path / "new")) == 20
     assert sorted(path.name for path in tmp_path.iterdir() if path.name.startswith("new")) == ["new"]
 

@@ -17,7 +17,7 @@ from metric_tree.release.images import link_images
 from metric_tree.release.release import sha256
 from metric_tree.tree import Tree
 
-#: The tables of a publication and what a row of each is; a reader of the hub shows the first of them.
+#: Tables of a publication with the content of a row; data hubs show the first table.
 TABLES = {
     "quantiles": "a category: its tier and the quantiles of its sizes in mm",
     "nodes": "a category and its place in the tree",
@@ -37,8 +37,11 @@ _CROISSANT_TYPES = {
 }
 
 
+_SOURCE = ("id", "title", "url", "licence", "attribution", "kind", "n_fit", "n_rows", "withheld", "noncommercial")
+
+
 def publish(tree: Tree, out: Path) -> list[Path]:
-    """Write the publication of a release into a new folder; its files.
+    """Write the publication of a release into a new folder, and return its files.
 
     Raises
     ------
@@ -49,42 +52,43 @@ def publish(tree: Tree, out: Path) -> list[Path]:
         raise InputError(f"{out}: already exists; a publication is written into a new folder")
     with whole_folder(out, "DIR") as work:
         for name in TABLES:
-            pq.write_table(_table(tree, name), work / f"{name}.parquet", compression="zstd", store_schema=False)
+            table = tree.priors() if name == "quantiles" else without_maps(tree.release.table(name))
+            pq.write_table(table, work / f"{name}.parquet", compression="zstd", store_schema=False)
         link_images(tree.release, work)
-        licences = _licences(tree)
+        licences = licence_rows(tree)
         (work / "licences.csv").write_bytes(csv_text(("licence", "sources", "rows", "attribution"), licences))
         sources = [[row.get(name) for name in _SOURCE] for row in tree.release.manifest["sources"]]
         (work / "sources.csv").write_bytes(csv_text(_SOURCE, sources))
-        _write(work / "README.md", _card(tree, licences))
-        _write(work / "DATASHEET.md", _datasheet(tree))
-        _write(work / "CITATION.cff", _citation(tree))
-        _write(work / "croissant.json", json.dumps(_croissant(tree, work), indent=1, ensure_ascii=False) + "\n")
+        croissant = croissant_record(tree, work)
+        texts = {
+            "README.md": data_card(tree, licences),
+            "DATASHEET.md": datasheet(tree),
+            "CITATION.cff": citation(tree),
+            "croissant.json": json.dumps(croissant, indent=1, ensure_ascii=False) + "\n",
+        }
+        for name, text in texts.items():
+            (work / name).write_text(text, encoding="utf-8")
         files = [path for path in sorted(work.rglob("*")) if path.is_file()]
-        sums = {str(path.relative_to(work)): sha256(path) for path in files}
-        _write(work / "SHA256SUMS", "".join(f"{checksum}  {name}\n" for name, checksum in sums.items()))
-    return [out / name for name in (*sums, "SHA256SUMS")]
+        checksums = {str(path.relative_to(work)): sha256(path) for path in files}
+        lines = "".join(f"{checksum}  {name}\n" for name, checksum in checksums.items())
+        (work / "SHA256SUMS").write_text(lines, encoding="utf-8")
+    return [out / name for name in (*checksums, "SHA256SUMS")]
 
 
-_SOURCE = ("id", "title", "url", "licence", "attribution", "kind", "n_fit", "n_rows", "withheld", "noncommercial")
-
-
-def _table(tree: Tree, name: str) -> pa.Table:
-    """A table without maps, which readers of hubs do not know: a map of shares becomes a struct."""
-    if name == "quantiles":
-        return tree.priors()
-    table = tree.release.table(name)
-    for place, field in enumerate(table.schema):
+def without_maps(table: pa.Table) -> pa.Table:
+    """Return a table with structs instead of maps, which readers of data hubs do not support."""
+    for index, field in enumerate(table.schema):
         if pa.types.is_map(field.type):
-            maps = [dict(row or ()) for row in table.column(place).to_pylist()]
+            maps = [dict(row or ()) for row in table.column(index).to_pylist()]
             keys = sorted({key for row in maps for key in row})
             kind = pa.struct([(key, field.type.item_type) for key in keys])
             values = pa.array([{key: row.get(key, 0.0) for key in keys} for row in maps], kind)
-            table = table.set_column(place, pa.field(field.name, kind, metadata=field.metadata), values)
+            table = table.set_column(index, pa.field(field.name, kind, metadata=field.metadata), values)
     return table.replace_schema_metadata(None)
 
 
-def _licences(tree: Tree) -> list[tuple[str, str, int, str]]:
-    """Licence, sources, shipped rows, and to whom attribution is owed; most rows first."""
+def licence_rows(tree: Tree) -> list[tuple[str, str, int, str]]:
+    """Return licence, sources, shipped rows and attribution, the most rows first."""
     items = tree.release.table("items").select(["licence", "source"]).to_pydict()
     rows = Counter(licence or "unstated" for licence in items["licence"])
     sources: dict[str, set[str]] = {}
@@ -97,8 +101,8 @@ def _licences(tree: Tree) -> list[tuple[str, str, int, str]]:
     ]
 
 
-def _card(tree: Tree, licences: list[tuple[str, str, int, str]]) -> str:
-    """The data card, with the header that hubs read: a configuration for each table."""
+def data_card(tree: Tree, licences: list[tuple[str, str, int, str]]) -> str:
+    """Return the data card, with the header of data hubs: a configuration for each table."""
     configs = "".join(f"- config_name: {name}\n  data_files: {name}.parquet\n" for name in TABLES)
     counts = tree.release.manifest["counts"]
     rows = "\n".join(f"| {licence} | {n:,} | {sources} |" for licence, sources, n, _ in licences)
@@ -140,8 +144,8 @@ Every row of `items` and `images` names its own. Attribution is in `licences.csv
 """
 
 
-def _datasheet(tree: Tree) -> str:
-    """The questions of Gebru et al., Datasheets for Datasets, that the release itself answers."""
+def datasheet(tree: Tree) -> str:
+    """Return the answers to the questions of Gebru et al. 2021, "Datasheets for Datasets", about a release."""
     manifest = tree.release.manifest
     withheld = [row for row in manifest["sources"] if row.get("withheld")]
     return f"""# Datasheet of {tree.name} {tree.version}
@@ -164,7 +168,8 @@ def _datasheet(tree: Tree) -> str:
 """
 
 
-def _citation(tree: Tree) -> str:
+def citation(tree: Tree) -> str:
+    """Return the text of `CITATION.cff`."""
     manifest = tree.release.manifest
     return f"""cff-version: 1.2.0
 message: If you use these data, please cite them, and the sources that sources.csv names.
@@ -178,20 +183,34 @@ repository-code: {_ADDRESS}
 """
 
 
-def _croissant(tree: Tree, work: Path) -> dict[str, Any]:
-    """Croissant 1.0 metadata: each table is a file; the columns of plain values are record sets, read row by row."""
-    files = [
-        {
+def croissant_record(tree: Tree, work: Path) -> dict[str, Any]:
+    """Return Croissant 1.0 metadata: a file for each table, and a record set of its columns with plain values."""
+    files, record_sets = [], []
+    for name, content in TABLES.items():
+        file = {
             "@type": "cr:FileObject",
             "@id": f"{name}.parquet",
             "name": f"{name}.parquet",
-            "description": f"One row is {what}.",
+            "description": f"One row is {content}.",
             "contentUrl": f"{name}.parquet",
             "encodingFormat": "application/x-parquet",
             "sha256": sha256(work / f"{name}.parquet"),
         }
-        for name, what in TABLES.items()
-    ]
+        fields = [
+            {
+                "@type": "cr:Field",
+                "@id": f"{name}/{field.name}",
+                "name": field.name,
+                "description": (field.metadata or {}).get(b"meaning", field.name.encode()).decode(),
+                "dataType": _CROISSANT_TYPES[str(field.type)],
+                "source": {"fileObject": {"@id": f"{name}.parquet"}, "extract": {"column": field.name}},
+            }
+            for field in pq.read_schema(work / f"{name}.parquet")
+            if str(field.type) in _CROISSANT_TYPES
+        ]
+        files.append(file)
+        record_set = {"@type": "cr:RecordSet", "@id": name, "name": name, "description": file["description"]}
+        record_sets.append({**record_set, "field": fields})
     return {
         "@context": _CONTEXT,
         "@type": "sc:Dataset",
@@ -205,33 +224,11 @@ def _croissant(tree: Tree, work: Path) -> dict[str, Any]:
         "creator": {"@type": "sc:Organization", "name": "The Metric-Tree contributors"},
         "citeAs": f"{tree.name} {tree.version}, {_ADDRESS}",
         "distribution": files,
-        "recordSet": [
-            _record_set(name, what, pq.read_schema(work / f"{name}.parquet")) for name, what in TABLES.items()
-        ],
+        "recordSet": record_sets,
     }
 
 
-def _record_set(name: str, what: str, schema: pa.Schema) -> dict[str, Any]:
-    fields = [
-        {
-            "@type": "cr:Field",
-            "@id": f"{name}/{field.name}",
-            "name": field.name,
-            "description": (field.metadata or {}).get(b"meaning", field.name.encode()).decode(),
-            "dataType": _CROISSANT_TYPES[str(field.type)],
-            "source": {"fileObject": {"@id": f"{name}.parquet"}, "extract": {"column": field.name}},
-        }
-        for field in schema
-        if str(field.type) in _CROISSANT_TYPES
-    ]
-    return {"@type": "cr:RecordSet", "@id": name, "name": name, "description": f"One row is {what}.", "field": fields}
-
-
-def _write(path: Path, text: str) -> None:
-    path.write_text(text, encoding="utf-8")
-
-
-#: The terms of Croissant 1.0, as its specification gives them.
+#: Terms of Croissant 1.0, from its specification.
 _CONTEXT = {
     "@language": "en",
     "@vocab": "https://schema.org/",

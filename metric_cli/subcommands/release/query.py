@@ -91,12 +91,12 @@ def summary(node: Node, dims: tuple[str, ...] | None = None, where: Where | None
 
 def _images(node: Node, count: int | None, sheet: Path | None) -> list[dict[str, Any]]:
     """The fields of images that a person needs to use and to credit them; drawn where a sheet is asked for."""
-    from metric_tree.reports.contact_sheet import picture_rows, write_sheet
+    from metric_tree.reports.contact_sheet import image_rows, write_sheet
 
     if count is not None and count < 1:
         raise InputError(f"--images: expected a number from 1; found {count}")
     wanted = count or SHEET_IMAGES
-    rows = write_sheet(sheet, node, wanted) if sheet is not None else picture_rows(node, wanted)
+    rows = write_sheet(sheet, node, wanted) if sheet is not None else image_rows(node, wanted)
     return [{name: row[name] for name in (*IMAGES.names, "extents_mm")} for row in rows]
 
 

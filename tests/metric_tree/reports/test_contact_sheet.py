@@ -13,7 +13,15 @@ from PIL import Image
 from metric_cli.subcommands import main
 from metric_tree.cutouts.backend import Settings
 from metric_tree.cutouts.release_cutouts import cut_release
-from metric_tree.reports.contact_sheet import LARGEST, MARGIN, _scale, _spread, bar_length, picture_rows, tiles
+from metric_tree.reports.contact_sheet import (
+    LARGEST_PX,
+    MARGIN,
+    bar_length,
+    image_rows,
+    scaled_image,
+    spread_rows,
+    tiles,
+)
 from metric_tree.tree import open_tree
 from tests.synthetic.hostile_pictures import shop_picture
 from tests.synthetic.picture_fixture import HOSTILE, release_with, wallpaper
@@ -41,7 +49,7 @@ def test_query_draws_a_sheet_whose_bar_is_true(release, tmp_path, capsys):
     rows = json.loads(capsys.readouterr().out)["images"]
     assert len(rows) == 9
     assert all(row["licence"] == "CC0-1.0" and row["source_url"] for row in rows)
-    mm_per_px = max(max(row["extents_mm"]) for row in rows) / LARGEST
+    mm_per_px = max(max(row["extents_mm"]) for row in rows) / LARGEST_PX
     with Image.open(tmp_path / "sheet.png") as image:
         pixels = np.asarray(image.convert("L"))
     bar = np.flatnonzero(pixels[MARGIN + 50, : MARGIN + 240] < 50)
@@ -71,23 +79,23 @@ def test_a_rendered_picture_has_its_own_scale_and_credit(tmp_path):
     row = {"path": "a.png", "cutout_path": "a.png", "extents_mm": [300.0, 100.0], "title": "t", "source": "s"}
     row |= {"licence": "CC-BY-4.0", "attribution": "by Ada", "pixels_per_metre": 500.0}
     (rendered, cut) = tiles(tmp_path, [row, row | {"pixels_per_metre": None, "attribution": None}])
-    assert _scale(rendered, 2.0).size == (100, 50)  # 200 mm
-    assert _scale(cut, 2.0).size == (150, 75)  # 300 mm
+    assert scaled_image(rendered, 2.0).size == (100, 50)  # 200 mm
+    assert scaled_image(cut, 2.0).size == (150, 75)  # 300 mm
     assert (rendered.credit, cut.credit) == ("by Ada", "s (CC-BY-4.0)")
 
 
 def test_a_second_view_comes_after_one_of_each_item():
     rows = [{"item_id": item, "image_id": f"{item}{view}", "extents_mm": [100.0]} for item in "ab" for view in range(4)]
-    assert [row["item_id"] for row in _spread(rows, 2)] == ["a", "b"]
-    assert sorted(row["item_id"] for row in _spread(rows, 4)) == ["a", "a", "b", "b"]
-    assert len({row["image_id"] for row in _spread(rows, 99)}) == 8
+    assert [row["item_id"] for row in spread_rows(rows, 2)] == ["a", "b"]
+    assert sorted(row["item_id"] for row in spread_rows(rows, 4)) == ["a", "a", "b", "b"]
+    assert len({row["image_id"] for row in spread_rows(rows, 99)}) == 8
 
 
 def test_cut_pictures_come_first_and_spread_over_sizes(release):
     node = open_tree(release.directory).find("entity")
-    rows = picture_rows(node, 22)
+    rows = image_rows(node, 22)
     assert [row["cutout_path"] is not None for row in rows] == [True] * 20 + [False] * 2
-    few = [max(row["extents_mm"]) for row in picture_rows(node, 3)]
+    few = [max(row["extents_mm"]) for row in image_rows(node, 3)]
     assert few == sorted(few)
     assert few[0] < few[-1]
 

@@ -28,6 +28,10 @@ TABLES = {
 
 _ADDRESS = "https://github.com/metric-tree/metric-tree"
 
+#: Terms of Croissant 1.0, from its specification.
+_CONTEXT = Path(__file__).with_name("croissant_context.json")
+
+#: Croissant types by Arrow type.
 _CROISSANT_TYPES = {
     "string": "sc:Text",
     "double": "sc:Float",
@@ -212,7 +216,7 @@ def croissant_record(tree: Tree, work: Path) -> dict[str, Any]:
         record_set = {"@type": "cr:RecordSet", "@id": name, "name": name, "description": file["description"]}
         record_sets.append({**record_set, "field": fields})
     return {
-        "@context": _CONTEXT,
+        "@context": json.loads(_CONTEXT.read_text(encoding="utf-8")),
         "@type": "sc:Dataset",
         "conformsTo": "http://mlcommons.org/croissant/1.0",
         "name": f"{tree.name}",
@@ -226,42 +230,3 @@ def croissant_record(tree: Tree, work: Path) -> dict[str, Any]:
         "distribution": files,
         "recordSet": record_sets,
     }
-
-
-#: Terms of Croissant 1.0, from its specification.
-_CONTEXT = {
-    "@language": "en",
-    "@vocab": "https://schema.org/",
-    "citeAs": "cr:citeAs",
-    "column": "cr:column",
-    "conformsTo": "dct:conformsTo",
-    "cr": "http://mlcommons.org/croissant/",
-    "rai": "http://mlcommons.org/croissant/RAI/",
-    "data": {"@id": "cr:data", "@type": "@json"},
-    "dataType": {"@id": "cr:dataType", "@type": "@vocab"},
-    "dct": "http://purl.org/dc/terms/",
-    "examples": {"@id": "cr:examples", "@type": "@json"},
-    "extract": "cr:extract",
-    "field": "cr:field",
-    "fileProperty": "cr:fileProperty",
-    "fileObject": "cr:fileObject",
-    "fileSet": "cr:fileSet",
-    "format": "cr:format",
-    "includes": "cr:includes",
-    "isLiveDataset": "cr:isLiveDataset",
-    "jsonPath": "cr:jsonPath",
-    "key": "cr:key",
-    "md5": "cr:md5",
-    "parentField": "cr:parentField",
-    "path": "cr:path",
-    "recordSet": "cr:recordSet",
-    "references": "cr:references",
-    "regex": "cr:regex",
-    "repeated": "cr:repeated",
-    "replace": "cr:replace",
-    "sc": "https://schema.org/",
-    "separator": "cr:separator",
-    "source": "cr:source",
-    "subField": "cr:subField",
-    "transform": "cr:transform",
-}

@@ -18,6 +18,7 @@ from estimator.evidence.depth_maps import FRAME_PRIOR_COUNT, FRAME_SD, frame_sd,
 from estimator.evidence.markers import triangulate
 from estimator.evidence.source import CameraPath
 from estimator.records.scene import Camera, View
+from tests.synthetic.telemetry import walk_readings
 
 CAMERA = Camera("PINHOLE", 640, 480, np.array([500.0, 500, 320, 240]))
 
@@ -86,7 +87,7 @@ def test_a_stretched_copy_is_seen() -> None:
     same = least_squares(walk, 2 * walk, np.ones(60, bool))
     assert same is not None
     noisy = 2 * walk + np.random.default_rng(1).normal(0, 0.01, walk.shape)
-    for factor, stretch in ((1.0, None), (1.05, None), (1.5, 1.5)):
+    for factor, stretch in ((1.0, None), (1.05, None), (1.08, 1.08), (1.5, 1.5)):
         target = noisy * [factor, 1, 1]
         fit = least_squares(walk, target, np.ones(60, bool))
         assert fit is not None
@@ -142,8 +143,10 @@ def test_the_ratio_of_a_map_is_read_at_its_own_pixels() -> None:
     assert view_log_ratio(view, scene, depth) == pytest.approx(wanted)  # type: ignore[arg-type]
     own = replace(view, keypoints=np.zeros((25, 2)), point_index=np.flatnonzero(left)[:25])
     assert view_log_ratio(own, scene, depth) == pytest.approx(np.log(2.5))  # type: ignore[arg-type]
-    few = replace(view, keypoints=np.zeros((15, 2)), point_index=np.flatnonzero(left)[:15])
-    assert view_log_ratio(few, scene, depth) is None  # type: ignore[arg-type]
+    inside = np.flatnonzero(left & (np.abs(points[:, 1]) < 0.9))
+    for count, is_known in ((19, False), (20, True)):
+        few = replace(view, keypoints=np.zeros((count, 2)), point_index=inside[:count])
+        assert (view_log_ratio(few, scene, depth) is not None) == is_known  # type: ignore[arg-type]
     assert view_log_ratio(view, scene, np.where(depth > 4, np.nan, depth)) == pytest.approx(np.log(1.5))  # type: ignore[arg-type]
 
 
@@ -191,3 +194,27 @@ def test_the_scale_of_swings_is_that_along_gravity() -> None:
     assert sd_log >= 0.5 * lost > 0
     _, sd_log, correlation, _ = imu.fit_swings([(0 * camera, unit)], [up])
     assert (correlation, sd_log) == (0.0, math.inf)
+
+
+@pytest.mark.parametrize(("sd_log", "is_used"), [(0.18, True), (0.22, False)])
+def test_positions_are_used_up_to_a_standard_deviation_of_a_fifth(sd_log: float, is_used: bool) -> None:
+    """Exact copies of the path, of a receiver whose drift alone gives the scale this standard deviation."""
+    walk = np.random.default_rng(0).normal(0, 1, (40, 3)) * [30, 20, 1]
+    extent = math.sqrt(float(((walk - walk.mean(axis=0)) ** 2).sum() / len(walk)))
+    accuracy_m = sd_log * extent / (gps.END_TO_END * gps.DRIFT_FRACTION)
+    (row,) = gps.position_evidence("gps", "walk", walk, walk, accuracy_m, None)
+    assert (row.scale is not None) == is_used
+    if row.reason is not None:
+        assert "too short for its positions" in row.reason
+
+
+@pytest.mark.parametrize(("correlation", "agrees"), [(0.97, True), (0.95, False)])
+def test_both_sides_of_the_correlation_of_unit_and_camera(
+    monkeypatch: pytest.MonkeyPatch, correlation: float, agrees: bool
+) -> None:
+    times, centres, force, rate = walk_readings(10.0, 100.0, 0.02)
+    monkeypatch.setattr(imu, "fit_swings", lambda *_: (1.0, 0.01, correlation, 0.05))
+    found = imu.inertial_scale(force, rate, CameraPath(times[::4], centres[::4]))
+    assert isinstance(found, str) != agrees
+    if isinstance(found, str):
+        assert "correlate by 0.95, 0.96 needed" in found

@@ -146,3 +146,14 @@ def test_a_table_ends_at_its_top_and_not_with_what_lies_on_it() -> None:
     # a front without a top has no peak
     assert level_top(random.uniform(0, 0.95, 200), 0.0, 0.95) is None
     assert level_top(top[:3], 0.0, 0.95) is None
+
+
+@pytest.mark.parametrize(("height", "is_found"), [(0.42, False), (0.53, True)])
+def test_a_level_top_is_in_the_upper_half_of_an_object(height, is_found):
+    """A shelf at this height of a unit box, with a few points up to its upper end."""
+    random = np.random.default_rng(0)
+    heights = np.concatenate([random.uniform(0, 1, 60), random.normal(height, 0.002, 100)])
+    top = level_top(heights, 0.0, 1.0)
+    assert (top is not None) == is_found
+    if is_found:
+        assert top == pytest.approx(height, abs=0.01)

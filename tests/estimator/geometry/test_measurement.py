@@ -204,3 +204,11 @@ def test_a_box_by_points_needs_sixteen_of_them(room, count, reason):
     few = replace(sparse, points=sparse.points[rows], views=tuple(views))
     (item,) = measure_objects(few, chair, MeasurementOptions(cuboids=False, supports=False)).objects
     assert (item.points, item.skipped) == (count, reason)
+
+
+@pytest.mark.parametrize(("count", "reason"), [(2, "boxes in 2 views, 3 needed"), (3, None)])
+def test_an_object_with_boxes_needs_three_views(room, count, reason):
+    masks = sorted((mask for mask in room.instances if mask.category == "cabinet"), key=lambda mask: mask.view)[:count]
+    boxes = [replace(mask, mask=np.ones_like(mask.mask), from_box=True, track="1") for mask in masks]
+    (item,) = measure_objects(room.scene, boxes, MeasurementOptions(stated_tracks=True)).objects
+    assert (len(item.members), item.skipped) == (count, reason)

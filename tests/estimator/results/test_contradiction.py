@@ -178,3 +178,15 @@ def test_evidence_that_is_probably_wrong_is_an_outlier(mini: Tree, gps: float, o
         objects, mini, EstimateOptions(evidence=(ScaleEvidence("gps", "csv", gps, 0.02),))
     ).evidence
     assert (row.verdict, row.weight >= 0.5) == (outcome, outcome == "used")
+
+
+@pytest.mark.parametrize(("kept", "is_decisive"), [(0.45, True), (0.55, False)])
+def test_a_length_for_which_objects_lose_half_of_their_weight_is_decisive(kept: float, is_decisive: bool) -> None:
+    items = [evidence(prior(f"{name}.n.01", [(1000.0, 1000.0, 1000.0)]), (2.0, 2.0, 2.0), name=name) for name in "abc"]
+    estimate = posterior(items, np.array([[math.log(0.60), 0.01, 0.0]]))
+    alone = posterior(items).weight
+    conflict = known_length_conflict(
+        replace(estimate, weight=kept * alone), items, EstimateOptions(evidence=(length(0.60),))
+    )
+    assert conflict is not None
+    assert conflict.is_decisive == is_decisive

@@ -11,6 +11,7 @@ import metric_tree
 from estimator.records.objects import MeasuredObject
 from estimator.records.options import EstimateOptions
 from estimator.records.result import ScaleEvidence
+from estimator.results import advice
 from estimator.results.estimate import scale_of_objects
 from metric_tree.tree import Tree
 
@@ -73,6 +74,19 @@ def test_errors_that_go_together_end_with_the_sides_that_are_supposed(tree: Tree
     result = scale_of_objects([cut, replace(cut, id="5")], tree)
     assert result.status != "resolved"
     assert result.would_help
+
+
+@pytest.mark.parametrize(("sigma", "is_suggested"), [(0.2, True), (0.05, False)])
+def test_a_suggestion_narrows_the_interval_by_a_twentieth_or_more(
+    tree: Tree, monkeypatch: pytest.MonkeyPatch, sigma: float, is_suggested: bool
+) -> None:
+    """The truncated length of a desk, whose other sides have this error: images of it narrow by 7 % or by 3 %."""
+    monkeypatch.setattr(advice, "SUGGESTED_CATEGORIES", ())
+    cut = replace(DESK, truncated=np.array([True, False, False]), sigma=np.array([0.3, sigma, sigma]))
+    rough = ScaleEvidence("gps", "walk", 0.5, 0.3)
+    result = scale_of_objects([cut], tree, EstimateOptions(evidence=(rough,)))
+    assert any("two more images" in one.what for one in result.would_help) == is_suggested
+    assert any("known length" in one.what for one in result.would_help)
 
 
 def estimate_width(result: object) -> float:

@@ -159,3 +159,20 @@ def test_visibility_of_another_model_is_refused(small: Path, tmp_path: Path) -> 
     assert scene.dense is not None
     assert scene.dense.visible_offsets is None
     assert any("do not project" in warning for warning in scene.warnings)
+
+
+@pytest.mark.parametrize(("moved", "is_used"), [(2, True), (4, False)])
+def test_visibility_is_used_if_19_of_20_points_are_in_the_images_that_see_them(
+    small: Path, tmp_path: Path, moved: int, is_used: bool
+) -> None:
+    shutil.copytree(small / "colmap", tmp_path / "copy")
+    file = tmp_path / "copy" / "dense.ply"
+    data = file.read_bytes()
+    body = data.index(b"end_header\n") + len(b"end_header\n")
+    rows = np.frombuffer(data[body:], dtype=[("x", "<f4"), ("y", "<f4"), ("z", "<f4"), ("red", "u1")]).copy()
+    assert len(rows) == 60  # with equally long lists
+    rows["x"][:moved] += 100
+    file.write_bytes(data[:body] + rows.tobytes())
+    scene = read_scene(tmp_path / "copy", file)
+    assert scene.dense is not None
+    assert (scene.dense.visible_offsets is not None) == is_used

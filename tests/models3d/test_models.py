@@ -276,3 +276,24 @@ def test_sparse_values_replace_others() -> None:
     header["accessors"][0]["sparse"]["count"] = 9
     with pytest.raises(FieldError, match=r"sparse\.count"):
         GltfDocument(header, [data]).accessor(0, (3,))
+
+
+def test_a_morph_target_tilts_the_normals(tmp_path: Path) -> None:
+    document = GltfWriter("test")
+    flat, tilt = np.tile([0.0, 0, 1], (3, 1)), np.tile([1.0, 0, 0], (3, 1))
+    attributes = {"POSITION": document.add_accessor(SQUARE[:3]), "NORMAL": document.add_accessor(flat)}
+    targets = [{"NORMAL": document.add_accessor(tilt)}]
+    document.add("meshes", {"primitives": [{"attributes": attributes, "targets": targets}]})
+    file = tmp_path / "a.glb"
+    for weight, expected in ((0.0, [0.0, 0, 1]), (1.0, [0.5**0.5, 0, 0.5**0.5]), (-1.0, [-(0.5**0.5), 0, 0.5**0.5])):
+        node = document.add("nodes", {"mesh": 0, "weights": [weight]})
+        file.write_bytes(document.to_bytes([node]))
+        np.testing.assert_allclose(read_model(file).meshes[0].normals[0], expected, atol=1e-6)
+
+
+@pytest.mark.parametrize(("transmission", "opacity"), [(0.8, 0.2), (0.9, 0.15), (1.0, 0.15)])
+def test_glass_has_an_opacity_of_15_percent_or_more(tmp_path: Path, transmission: float, opacity: float) -> None:
+    glass = {"extensions": {"KHR_materials_transmission": {"transmissionFactor": transmission}}}
+    model = _square(tmp_path / "a.glb", lambda *_: None, glass)
+    assert model.meshes[0].material.base_color[3] == pytest.approx(opacity)
+    assert model.meshes[0].material.blend

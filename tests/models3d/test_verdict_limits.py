@@ -10,8 +10,11 @@ import pytest
 import trimesh
 
 import metric_tree
+from metric_base.errors import InputError
 from metric_cli.subcommands import main
-from models3d.asset import Asset, AssetBody, NameText
+from models3d import rescaling
+from models3d.asset import Asset, AssetBody, NameText, merge_bodies
+from models3d.formats import read_asset
 from models3d.size_check.category import category_of_texts
 from models3d.size_check.check import AssetCheck, check_bodies
 from models3d.size_check.report import write_report
@@ -134,3 +137,36 @@ def test_a_report_draws_what_is_not_right(tmp_path: Path) -> None:
     assert page.count("<svg") == 1
     assert "3 models, 1 of them wrong" in page
     assert page.index("wrong unit") < page.index("right (p")
+
+
+@pytest.mark.parametrize(("source", "named"), [("mesh", True), ("folder", False)])
+def test_an_ignored_word_lowers_the_weight_of_a_text(source: str, named: bool) -> None:
+    """0.7 of 0.6 and of 0.4, on both sides of the minimum weight of 0.3; a folder with the bare name has 0.4."""
+    assert (category_of_texts([NameText(source, "chair zzqx")], TREE).node is not None) == named
+    assert category_of_texts([NameText(source, "chair")], TREE).node is not None
+
+
+@pytest.mark.parametrize(("error", "is_written"), [(0.5e-3, True), (5e-3, False)])
+def test_a_rescaled_file_is_read_again_and_compared(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, error: float, is_written: bool
+) -> None:
+    file, out = tmp_path / "chair.stl", tmp_path / "out.stl"
+    trimesh.creation.box(CHAIR).export(file)
+    wrong = merge_bodies(read_asset(file).bodies, "").extents_m * 2 * (1 + error)
+    written = Asset(out, "stl", None, None, (AssetBody("chair", np.zeros(3), wrong),))
+    monkeypatch.setattr(rescaling, "read_assets", lambda files: iter([(files[0], written)]))
+    if is_written:
+        rescaling.write_at_scale(read_asset(file), out, 2.0)
+    else:
+        with pytest.raises(InputError, match="when the file is read again"):
+            rescaling.write_at_scale(read_asset(file), out, 2.0)
+    assert out.exists() == is_written
+
+
+@pytest.mark.parametrize(("kind", "height"), [("cylinder", 0.6), ("capsule", 0.8)])
+def test_a_capsule_has_caps_beyond_its_length(tmp_path: Path, kind: str, height: float) -> None:
+    file = tmp_path / "robot.xml"
+    geom = f'<geom type="{kind}" size="0.1 0.3"/>'
+    file.write_text(f'<mujoco><worldbody><body name="b">{geom}</body></worldbody></mujoco>', encoding="utf-8")
+    (body,) = read_asset(file).bodies
+    assert body.extents_m == pytest.approx([0.2, 0.2, height])

@@ -170,3 +170,20 @@ def test_a_capsule_has_caps_beyond_its_length(tmp_path: Path, kind: str, height:
     file.write_text(f'<mujoco><worldbody><body name="b">{geom}</body></worldbody></mujoco>', encoding="utf-8")
     (body,) = read_asset(file).bodies
     assert body.extents_m == pytest.approx([0.2, 0.2, height])
+
+
+@pytest.mark.parametrize("form", ["ascii", "binary_little_endian"])
+def test_a_ply_file_may_have_elements_before_its_vertices(tmp_path: Path, form: str) -> None:
+    header = f"ply\nformat {form} 1.0\nelement camera 1\nproperty float focal\nelement vertex 3\n"
+    header += "property float x\nproperty float y\nproperty float z\n"
+    header += "element face 1\nproperty list uchar int vertex_indices\nend_header\n"
+    corners = np.array([[0, 0, 0], [0.5, 0, 0], [0, 1.5, 0.25]], dtype="<f4")
+    if form == "ascii":
+        body = "\n".join(["35.0", *(" ".join(map(str, row)) for row in corners.tolist()), "3 0 1 2", ""]).encode()
+    else:
+        body = np.float32(35).tobytes() + corners.tobytes() + b"\3" + np.array([0, 1, 2], dtype="<i4").tobytes()
+    file, out = tmp_path / "a.ply", tmp_path / "b.ply"
+    file.write_bytes(header.encode() + body)
+    rescaling.write_at_scale(read_asset(file), out, 2.0)
+    assert merge_bodies(read_asset(out).bodies, "").extents_m == pytest.approx([1.0, 3.0, 0.5])
+    assert out.read_bytes().count(b"35.0" if form == "ascii" else np.float32(35).tobytes()) == 1

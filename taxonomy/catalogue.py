@@ -1,12 +1,13 @@
-"""The categories of the tree: frozen inner nodes, reviewed leaves, and what WordNet states about both.
+"""Build the categories of the tree: frozen inner nodes, reviewed leaves, and their words and hypernyms in WordNet.
 
-Everything is read from tables that ship with the project, so that a release can be rebuilt to the byte, and a tree
-queried, where there is no WordNet.
+All input is in tables that ship with the project, so that a release can be rebuilt to the byte, and a tree queried,
+without WordNet.
 """
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator, Mapping
+from collections import Counter
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, replace
 from functools import cache, cached_property
 from pathlib import Path
@@ -21,17 +22,16 @@ from taxonomy.levels import (
     KIND,
     LEAF,
     BadLevels,
-    InnerNode,
     Levels,
     frozen_levels,
     parse_dims,
     replaced_ids,
 )
 
-#: Ends the id of a leaf that holds what a source names no closer than an inner node.
+#: Suffix of the id of a leaf for items that sources name no more precisely than an inner node.
 OTHER = "/other"
 
-#: Lists whose labels are whole names that people use too, so that they serve as aliases.
+#: Lists whose labels are common names, so that they are used as aliases.
 _LABELLING_LISTS = ("coco_80", "lvis_v1", "openimages_601", "objects365_v2", "sunrgbd_10")
 
 _LEAVES = ("node_id", "name", "parent_id", "hypernym", "pose", "dims", "aliases", "placed_by")
@@ -41,36 +41,35 @@ _ALIASES = ("node_id", "alias", "action")
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Leaf:
-    """A leaf under its kind; `hypernym` is where a reviewer put an insertion; pose and dims only where they differ."""
+    """A leaf under its kind."""
 
     node_id: str
     name: str
     parent_id: str
-    hypernym: str | None = None
-    pose: Pose | None = None
-    dims: tuple[str, ...] | None = None
+    hypernym: str | None = None  #: Concept under which a reviewer placed an insertion.
+    pose: Pose | None = None  #: None: that of the kind.
+    dims: tuple[str, ...] | None = None  #: None: those of the kind.
     aliases: tuple[str, ...] = ()
-    #: `rule` (the nearest kind) or `reviewer`.
-    placed_by: str = "rule"
+    placed_by: str = "rule"  #: `rule` (the nearest kind) or `reviewer`.
 
 
 @dataclass(frozen=True, slots=True)
 class ReviewedAliases:
-    """Aliases by node that a reviewer added (`added`), or that lead astray and were dropped (`dropped`)."""
+    """Aliases by node that a reviewer added, and misleading aliases that a reviewer dropped."""
 
     added: Mapping[str, tuple[str, ...]]
     dropped: Mapping[str, tuple[str, ...]]
 
 
 class SynsetTable:
-    """Parents and words of the synsets that the tree uses, from `generated/synsets.csv`: an extract of WordNet 3.0."""
+    """Parents and words of the synsets of the tree, an extract of WordNet 3.0 (`generated/synsets.csv`)."""
 
     def __init__(self, parents: Mapping[str, tuple[str, ...]], lemmas: Mapping[str, tuple[str, ...]]) -> None:
         self._parents = parents
         self._lemmas = lemmas
 
     def hypernyms(self, synset: str) -> tuple[str, ...]:
-        """As `WordNet.hypernyms`; empty for a synset that the tree does not use."""
+        """Return the result of `WordNet.hypernyms`, empty for synsets that are not in the table."""
         seen: dict[str, None] = {}
         level = self._parents.get(synset, ())
         while level:
@@ -80,27 +79,32 @@ class SynsetTable:
         return tuple(seen)
 
     def path(self, synset: str) -> tuple[str, ...]:
-        """The synset and what is above it by WordNet's first parents, root first."""
+        """Return the path to a synset by the first parents of WordNet, root first."""
         parents = self._parents.get(synset)
         return (*self.path(parents[0]), synset) if parents else (synset,)
 
     def lemmas(self, synset: str) -> tuple[str, ...]:
-        """As `WordNet.lemmas`; empty for a synset that the tree does not use."""
+        """Return the result of `WordNet.lemmas`, empty for synsets that are not in the table."""
         return self._lemmas.get(synset, ())
 
 
 class Catalogue:
-    """Inner nodes and leaves together.
+    """Inner nodes and leaves.
 
     Parameters
     ----------
-    levels : the frozen inner nodes.
-    leaves : each under a kind; order does not matter.
-    words : what WordNet says.
-    successors : ids that are gone, or synsets that mean the same item, and the node that replaces each
-    inserted : reviewed insertions, for their aliases
-    labels : what detectors call a node.
-    reviewed : aliases that a reviewer added, and those of WordNet that a reviewer dropped, by node
+    levels : Levels
+        Frozen inner nodes.
+    leaves : iterable of Leaf
+        Leaves under kinds, in any order.
+    words : SynsetTable
+    successors : mapping of str to str, optional
+        Nodes that replace removed ids, or synonymous synsets.
+    inserted : mapping of str to InsertedCategory, optional
+        Reviewed insertions, for their aliases.
+    labels : mapping of str to tuple of str, optional
+        Labels of detectors by node.
+    reviewed : ReviewedAliases, optional
     """
 
     def __init__(
@@ -126,13 +130,13 @@ class Catalogue:
 
     @property
     def added_aliases(self) -> Mapping[str, str]:
-        """The leaf or kind of each alias that a reviewer added; the last one's of an alias that several have."""
+        """Node by alias that a reviewer added; if several nodes have an alias, the last one."""
         return {word: node for node, words in self._reviewed_aliases.added.items() for word in words}
 
     def leaf_of(self, concept: str) -> str | None:
-        """The leaf of what a source names: a synset or an insertion; None where it has no place yet.
+        """Return the leaf of a synset or an insertion; None if the tree does not contain it.
 
-        An inner node answers with its leaf `/other`, a deprecated id with its successor's.
+        The leaf of an inner node is its leaf `/other`, the leaf of a removed id is the leaf of its successor.
         """
         concept = self.successors.get(concept, concept)
         if concept in self.leaves:
@@ -144,7 +148,7 @@ class Catalogue:
         return None if self.levels.home_of(concept) is None else concept + OTHER
 
     def wordnet_path(self, leaf: str) -> tuple[str, ...]:
-        """WordNet's path to a leaf by first parents, root first; an insertion hangs below what it was put under."""
+        """Return the path to a leaf by the first parents of WordNet, root first, or by the hypernyms of insertions."""
         if leaf.endswith(OTHER):
             return (*self.wordnet_path(leaf.removesuffix(OTHER)), leaf)
         above = self.leaves[leaf].hypernym if leaf in self.leaves else None
@@ -152,58 +156,74 @@ class Catalogue:
 
     @cached_property
     def categories(self) -> tuple[Category, ...]:
-        """All nodes, root first and parents before children, leaves in the order of their ids."""
-        inner = [self._inner(node) for node in self.levels.nodes.values()]
-        home = {node.node_id: self.levels.home_of(node.node_id) for node in self.levels.nodes.values()}
-        other = [self._other(node, kind) for node in self.levels.nodes.values() if (kind := home[node.node_id])]
-        leaves = [self._leaf(leaf) for leaf in self.leaves.values()]
-        return (*inner, *_with_distinct_names([*inner, *leaves, *other])[len(inner) :])
+        """All nodes: inner nodes from the root down, leaves by id, leaves `/other` of inner nodes.
 
-    def _inner(self, node: InnerNode) -> Category:
-        return Category(
-            node_id=node.node_id,
-            name=node.name,
-            synset=_synset(node.node_id),
-            parent_id=node.parent_id,
-            level=node.level,
-            path=self._names(node.node_id),
-            hypernyms=self._words.hypernyms(node.node_id),
-            aliases=self._aliases(node.node_id, node.name, ()),
-            pose=node.pose,
-            dims=node.dims,
-        )
-
-    def _leaf(self, leaf: Leaf) -> Category:
-        kind = self.levels.nodes[leaf.parent_id]
-        return Category(
-            node_id=leaf.node_id,
-            name=leaf.name,
-            synset=_synset(leaf.node_id),
-            parent_id=kind.node_id,
-            level=LEAF,
-            path=(*self._names(kind.node_id), leaf.name),
-            hypernyms=self._hypernyms(leaf.node_id),
-            aliases=self._aliases(leaf.node_id, leaf.name, leaf.aliases),
-            pose=leaf.pose or kind.pose,
-            dims=leaf.dims or kind.dims,
-        )
-
-    def _other(self, node: InnerNode, kind: str) -> Category:
-        name = f"{_source_words(node)} (unspecified)"
-        return Category(
-            node_id=node.node_id + OTHER,
-            name=name,
-            synset=None,
-            parent_id=kind,
-            level=LEAF,
-            path=(*self._names(kind), name),
-            hypernyms=tuple(filter(None, (_synset(node.node_id), *self._words.hypernyms(node.node_id)))),
-            pose=node.pose,
-            dims=node.dims,
-        )
+        A leaf whose name another node has gets the name of its kind in brackets.
+        """
+        nodes = self.levels.nodes
+        categories = [
+            Category(
+                node_id=node.node_id,
+                name=node.name,
+                synset=_synset(node.node_id),
+                parent_id=node.parent_id,
+                level=node.level,
+                path=self._names(node.node_id),
+                hypernyms=self._words.hypernyms(node.node_id),
+                aliases=self._aliases(node.node_id, node.name, ()),
+                pose=node.pose,
+                dims=node.dims,
+            )
+            for node in nodes.values()
+        ]
+        for leaf in self.leaves.values():
+            kind = nodes[leaf.parent_id]
+            categories.append(
+                Category(
+                    node_id=leaf.node_id,
+                    name=leaf.name,
+                    synset=_synset(leaf.node_id),
+                    parent_id=kind.node_id,
+                    level=LEAF,
+                    path=(*self._names(kind.node_id), leaf.name),
+                    hypernyms=self._hypernyms(leaf.node_id),
+                    aliases=self._aliases(leaf.node_id, leaf.name, leaf.aliases),
+                    pose=leaf.pose or kind.pose,
+                    dims=leaf.dims or kind.dims,
+                )
+            )
+        for node in nodes.values():
+            home = self.levels.home_of(node.node_id)
+            if home is None:
+                continue
+            synset = _synset(node.node_id)
+            # the word of a source is `lighter`, and not `lighter, match and tobacco`
+            is_joined = "," in node.name or " and " in node.name
+            word = node.node_id.partition(".")[0].replace("_", " ") if is_joined and synset else node.name
+            name = f"{word} (unspecified)"
+            categories.append(
+                Category(
+                    node_id=node.node_id + OTHER,
+                    name=name,
+                    synset=None,
+                    parent_id=home,
+                    level=LEAF,
+                    path=(*self._names(home), name),
+                    hypernyms=tuple(filter(None, (synset, *self._words.hypernyms(node.node_id)))),
+                    pose=node.pose,
+                    dims=node.dims,
+                )
+            )
+        counts = Counter(category.name.casefold() for category in categories)
+        for index, category in enumerate(categories):
+            if category.level == LEAF and counts[category.name.casefold()] > 1:
+                name = f"{category.name} ({category.path[-2]})"
+                path, aliases = (*category.path[:-1], name), (category.name, *category.aliases)
+                categories[index] = replace(category, name=name, path=path, aliases=aliases)
+        return tuple(categories)
 
     def _hypernyms(self, concept: str) -> tuple[str, ...]:
-        """Synsets above a leaf, through the concepts that insertions were put under."""
+        """Return the synsets above a leaf, through the hypernyms of insertions."""
         above = self.leaves[concept].hypernym if concept in self.leaves else None
         if above is None:
             return self._words.hypernyms(concept)
@@ -217,18 +237,18 @@ class Catalogue:
         inserted = self._inserted[node_id].aliases if node_id in self._inserted else ()
         added = self._reviewed_aliases.added.get(node_id, ())
         words = (*self._words.lemmas(node_id), *inserted, *further, *self._labels.get(node_id, ()), *merged, *added)
-        unwanted = {name.casefold(), *(word.casefold() for word in self._reviewed_aliases.dropped.get(node_id, ()))}
-        return tuple(word for word in dict.fromkeys(words) if word.casefold() not in unwanted)
+        excluded = {name.casefold(), *(word.casefold() for word in self._reviewed_aliases.dropped.get(node_id, ()))}
+        return tuple(word for word in dict.fromkeys(words) if word.casefold() not in excluded)
 
 
 @cache
 def default_catalogue(directory: Path | None = None) -> Catalogue:
-    """The catalogue of the tables that ship with the project, or of those in another folder.
+    """Return the catalogue of the tables that ship with the project, or of the tables in another folder.
 
     Raises
     ------
     BadLevels
-        A table is missing or breaks a rule.
+        A table is missing or invalid.
     """
     folder = directory or taxonomy_directory()
     synsets = [row for _, row in table_rows(folder / "generated" / "synsets.csv", _SYNSETS, BadLevels)]
@@ -236,7 +256,16 @@ def default_catalogue(directory: Path | None = None) -> Catalogue:
         {row["synset"]: tuple(row["parents"].split()) for row in synsets},
         {row["synset"]: tuple(filter(None, row["lemmas"].split("; "))) for row in synsets},
     )
-    leaves = list(_leaf_rows(folder / "leaves.csv"))
+    leaves = []
+    for place, row in table_rows(folder / "leaves.csv", _LEAVES, BadLevels):
+        with in_file(place, BadLevels):
+            cells = {
+                "hypernym": row["hypernym"] or None,
+                "pose": row["pose"] or None,
+                "dims": parse_dims(row["dims"]) if row["dims"] else None,
+                "aliases": list(filter(None, row["aliases"].split("; "))),
+            }
+            leaves.append(record_of(row | cells, Leaf, cells=True))
     inserted = insertions(folder / "insertions.jsonl")
     levels = frozen_levels(folder / "levels.csv")
     return Catalogue(
@@ -245,12 +274,12 @@ def default_catalogue(directory: Path | None = None) -> Catalogue:
 
 
 def _reviewed_aliases(folder: Path) -> ReviewedAliases:
-    """The table `aliases.csv`; a folder without it has no reviewed aliases.
+    """Return the aliases of the table `aliases.csv`, which is optional.
 
     Raises
     ------
     BadLevels
-        An action that is neither `add` nor `drop`.
+        An action is neither `add` nor `drop`.
     """
     by_action: dict[str, dict[str, list[str]]] = {"add": {}, "drop": {}}
     file = folder / "aliases.csv"
@@ -263,7 +292,7 @@ def _reviewed_aliases(folder: Path) -> ReviewedAliases:
 
 
 def _labels(directory: Path | None) -> dict[str, tuple[str, ...]]:
-    """Labels by node, without those whose brackets say that the bare word means something else."""
+    """Return labels by node, without labels with brackets, because their word alone has another meaning."""
     labels: dict[str, dict[str, None]] = {}
     for name in sorted(set(_LABELLING_LISTS) & set(vocabularies(directory)), key=_LABELLING_LISTS.index):
         for label in vocabulary(name, directory):
@@ -272,36 +301,5 @@ def _labels(directory: Path | None) -> dict[str, tuple[str, ...]]:
     return {node_id: tuple(words) for node_id, words in labels.items()}
 
 
-def _leaf_rows(file: Path) -> Iterator[Leaf]:
-    for place, row in table_rows(file, _LEAVES, BadLevels):
-        with in_file(place, BadLevels):
-            cells = {
-                "hypernym": row["hypernym"] or None,
-                "pose": row["pose"] or None,
-                "dims": parse_dims(row["dims"]) if row["dims"] else None,
-                "aliases": list(filter(None, row["aliases"].split("; "))),
-            }
-            yield record_of(row | cells, Leaf, cells=True)
-
-
-def _source_words(node: InnerNode) -> str:
-    """What a source said that named no more than an inner node: `lighter`, not `lighter, match and tobacco`."""
-    joined = "," in node.name or " and " in node.name
-    return node.node_id.partition(".")[0].replace("_", " ") if joined and _synset(node.node_id) else node.name
-
-
 def _synset(node_id: str) -> str | None:
     return None if node_id.startswith(PREFIX) or node_id.endswith(OTHER) else node_id
-
-
-def _with_distinct_names(categories: list[Category]) -> list[Category]:
-    """Categories whose names differ: a leaf that shares its name says in brackets what kind of item it is."""
-    bearers: dict[str, list[str]] = {}
-    for category in categories:
-        bearers.setdefault(category.name.casefold(), []).append(category.node_id)
-    return [_apart(c) if c.level == LEAF and len(bearers[c.name.casefold()]) > 1 else c for c in categories]
-
-
-def _apart(category: Category) -> Category:
-    name = f"{category.name} ({category.path[-2]})"
-    return replace(category, name=name, path=(*category.path[:-1], name), aliases=(category.name, *category.aliases))

@@ -1,7 +1,4 @@
-"""What the taxonomy hands on: categories with a place in the tree, and the match of an item to one of them.
-
-Categories that WordNet lacks, each put under a parent by two reviewers (`mt:` ids).
-"""
+"""Categories of the tree, matches of items to categories, and reviewed insertions (`mt:` ids) that WordNet lacks."""
 
 from __future__ import annotations
 
@@ -19,23 +16,23 @@ from metric_base.records import json_lines
 if TYPE_CHECKING:
     from crawler.items import RawItem
 
-#: Ordinary pose: `upright` has its height vertical, `flat` rests on its largest face, `any` has no ordinary pose.
+#: Usual pose: height vertical (`upright`), largest face down (`flat`), or none (`any`).
 Pose = Literal["upright", "flat", "any"]
-#: What sets a reviewed insertion apart from a WordNet synset.
+#: Prefix of the ids of reviewed insertions.
 PREFIX = "mt:"
 _FILE = "insertions.jsonl"
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Category:
-    """A node of the tree, before any item hangs on it; `path` holds the names from the root to it."""
+    """A node of the tree, without items."""
 
     node_id: str
     name: str
     synset: str | None
     parent_id: str | None
     level: int
-    path: tuple[str, ...]
+    path: tuple[str, ...]  #: Names from the root to the node.
     hypernyms: tuple[str, ...] = ()
     aliases: tuple[str, ...] = ()
     pose: Pose = "upright"
@@ -44,29 +41,29 @@ class Category:
 
 @dataclass(frozen=True, slots=True)
 class Match:
-    """The category of an item: `node_id` of a leaf, or None; `score` 0 to 1; `reason` for a reviewer."""
+    """The category of an item."""
 
-    node_id: str | None
-    score: float
-    reason: str
+    node_id: str | None  #: Leaf, or None.
+    score: float  #: 0 to 1.
+    reason: str  #: Explanation for a reviewer.
 
 
 class Taxonomy(Protocol):
-    """What `metric_tree.pipeline.build` asks of a taxonomy."""
+    """Interface of a taxonomy for `metric_tree.pipeline.build`."""
 
     def categories(self) -> Sequence[Category]:
-        """All nodes, root first, parents before children; every leaf at level 5."""
+        """Return all nodes, root first and parents before children, with leaves at level 5."""
 
     def match(self, item: RawItem) -> Match:
-        """The leaf of an item; depends only on its source, category path, title and synset."""
+        """Return the leaf of an item, which depends only on its source, category path, title and synset."""
 
 
 class BadInsertion(InputError):
-    """A line of the insertions file that is not one: the message names line, field, expected and found."""
+    """A line of the insertions file is invalid."""
 
 
 class InsertedCategory(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
-    """A category under `parent`, a WordNet synset or an insertion further up in the file."""
+    """A category under `parent`, a WordNet synset or an earlier insertion of the file."""
 
     id: str
     name: str
@@ -80,12 +77,12 @@ class InsertedCategory(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown
 
 
 def insertions(path: Path | None = None) -> Mapping[str, InsertedCategory]:
-    """All insertions by id, parents before children.
+    """Return all insertions by id, parents before children.
 
     Raises
     ------
     BadInsertion
-        A line is not an insertion, repeats an id, or comes before the insertion that it names as parent.
+        A line is not an insertion, repeats an id, or precedes its parent.
     """
     by_id: dict[str, InsertedCategory] = {}
     for place, insertion in json_lines(path or taxonomy_directory() / _FILE, InsertedCategory, BadInsertion):

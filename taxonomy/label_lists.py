@@ -1,9 +1,7 @@
-"""What the label lists of detectors and benchmarks mean: one reviewed table per list, label to node.
+"""Label lists of detectors and benchmarks: one reviewed table per list, from label to node and from number to label.
 
-A list's own synset is a hint, not an answer (ScanNet gives its mattress the synset of a bed): each row says why the
-node was taken. Labels themselves are facts about the lists; the first column names their origin.
-
-The names that a detector's numbers stand for.
+The synsets that lists contain are only hints (ScanNet assigns the synset of a bed to its mattress), so each row states
+the reason for its node. The first column names the origin of the labels.
 """
 
 from __future__ import annotations
@@ -19,22 +17,22 @@ from metric_base.parsing import table_rows
 from metric_base.spelling import near_spellings
 from taxonomy.levels import BadLevels, replaced_ids
 
-#: Reason of labels that have no size of their own (walls, floors, skies), so that they need no prior.
+#: Reason of labels without a size (walls, floors, skies), which need no prior.
 STUFF = "stuff"
-#: Begins the reason of labels that name no object (noise, the camera's own car, everything else).
+#: Prefix of the reason of labels that are not objects (noise, the car of the camera, the rest).
 VOID = "void"
-#: Reason of labels of items for which the tree has no node.
+#: Reason of labels of items without a node in the tree.
 NO_NODE = "no node"
-#: As many labels as a message names that are like one that is not in the list.
-NEAREST = 3
+#: Maximum number of labels of similar spelling in a message.
+MAX_SUGGESTIONS = 3
 _FOLDER = "vocabularies"
 _COLUMNS = ("list", "label", "node_id", "reason")
-#: COCO's category ids run to 90, of which these ten name nothing; torchvision's labels are these ids.
+#: Unused ones of the 90 category ids of COCO, which torchvision uses as labels.
 COCO_91_GAPS = frozenset({12, 26, 29, 30, 45, 66, 68, 69, 71, 83})
 
 
 class UnknownLabel(InputError, KeyError):
-    """An unknown list, a label that is not in the list, or one that names nothing with a size."""
+    """An unknown list, an unknown label of a list, or a label without a size."""
 
     def __str__(self) -> str:
         return str(self.args[0])
@@ -42,33 +40,33 @@ class UnknownLabel(InputError, KeyError):
 
 @dataclass(frozen=True, slots=True)
 class Label:
-    """A label of a list; `node_id` is None if it names nothing with a size, and `reason` says why."""
+    """A label of a list."""
 
     label: str
-    node_id: str | None
+    node_id: str | None  #: None if the label has no size or the tree has no node for it.
     reason: str
 
     @property
     def needs_prior(self) -> bool:
-        """Return True if it names an item: stuff and void labels do not."""
+        """Return True if the label names an item, and is neither stuff nor void."""
         return self.reason != STUFF and not self.reason.startswith(VOID)
 
 
 @cache
 def vocabularies(directory: Path | None = None) -> tuple[str, ...]:
-    """Names of the available lists, such as `coco_80`."""
+    """Return the names of the available lists, such as `coco_80`."""
     folder = (directory or taxonomy_directory()) / _FOLDER
     return tuple(sorted(path.stem for path in folder.glob("*.csv")))
 
 
 @cache
 def vocabulary(name: str, directory: Path | None = None) -> tuple[Label, ...]:
-    """The labels of a list, in its order; an id that is gone gives way to its successor.
+    """Return the labels of a list, in order; removed ids are replaced by their successors.
 
     Raises
     ------
     UnknownLabel
-        There is no such list.
+        The list does not exist.
     """
     if name not in vocabularies(directory):
         at_hand = ", ".join(vocabularies(directory))
@@ -81,47 +79,44 @@ def vocabulary(name: str, directory: Path | None = None) -> tuple[Label, ...]:
 
 
 def label_of(label: str, name: str) -> Label | None:
-    """The row of a label in a list, or None where it has no such label; case, `_` and `-` are folded."""
+    """Return the row of a label in a list, or None; case, `_` and `-` are ignored."""
     return _index(name).get(_fold(label))
 
 
 def labelled_node(label: str, name: str, meant: Callable[[str], Sequence[str]] | None = None) -> str:
-    """The node that a label means in a list; case, `_` and `-` are folded.
-
-    Official names of ADE20K join synonyms by commas ("screen door, screen"): the first that is a label counts.
+    """Return the node of a label.
 
     Parameters
     ----------
-    label, name : the label and its list
-    meant : ids of the nodes with a plain name; the message for a label that is not there names theirs
+    label : str
+        Label; case, `_` and `-` are ignored. Of synonyms separated by commas, as in ADE20K ("screen door, screen"), the
+        first that is a label is used.
+    name : str
+        Name of the list.
+    meant : callable, optional
+        Return the ids of the nodes of a plain name, for suggestions.
 
     Raises
     ------
     UnknownLabel
-        No such list or label, or the label needs no prior.
+        The list or the label does not exist, or the label has no node.
     """
     row = label_of(label, name)
     for part in label.split(","):
         row = row or label_of(part, name)
     if row is None:
-        near = ", ".join(_nearest(label, name, meant(label) if meant else ())) or "nothing like it"
-        raise UnknownLabel(f"{label!r}: no label of {name}; nearest: {near}")
+        # labels of the same node, or of the word with a meaning (`bow_(weapon)`), else of a similar spelling
+        rows, node_ids, key = vocabulary(name), meant(label) if meant else (), _fold(label)
+        same = [row.label for row in rows if row.node_id is not None and row.node_id in node_ids]
+        senses = [row.label for row in rows if "_(" in row.label and _fold(row.label.split("_(")[0]) == key]
+        similar = near_spellings(key, _index(name), n=MAX_SUGGESTIONS) if not same and not senses else []
+        near = list(dict.fromkeys(senses + same)) or [_index(name)[form].label for form in similar]
+        raise UnknownLabel(f"{label!r}: no label of {name}; nearest: {', '.join(near) or 'nothing like it'}")
     if row.node_id is None and row.reason == NO_NODE:
         raise UnknownLabel(f"{label!r} of {name} names nothing that the tree has a node for")
     if row.node_id is None:
         raise UnknownLabel(f"{label!r} of {name} has no size of its own: {row.reason}")
     return row.node_id
-
-
-def _nearest(label: str, name: str, node_ids: Sequence[str]) -> list[str]:
-    """Labels of the same node, else of the word with a meaning (`bow_(weapon)`), else of a like spelling."""
-    rows = vocabulary(name)
-    same = [row.label for row in rows if row.node_id is not None and row.node_id in node_ids]
-    senses = [row.label for row in rows if "_(" in row.label and _fold(row.label.split("_(")[0]) == _fold(label)]
-    if same or senses:
-        return list(dict.fromkeys(senses + same))
-    like = near_spellings(_fold(label), _index(name), n=NEAREST)
-    return [_index(name)[key].label for key in like]
 
 
 @cache
@@ -137,7 +132,7 @@ def _fold(label: str) -> str:
 
 
 def label_names(name: str) -> tuple[str, ...]:
-    """Names by label number: `coco_91` for COCO's own ids, else a shipped list counted from 1."""
+    """Return names by label number: the category ids of COCO for `coco_91`, else the labels of a list from 1."""
     if name != "coco_91":
         return ("", *(label.label for label in vocabulary(name)))
     remaining = iter(vocabulary("coco_80"))

@@ -1,13 +1,14 @@
 """The frozen levels 1 to 4, and the rule that places a synset under them (docs/explanation/taxonomy.md).
 
-A synset belongs to the nearest of its WordNet hypernyms that a kind (level 4) claims, itself first. Distance is counted
-in steps over all paths, and WordNet's own order breaks a tie, so that a place depends on the synset alone and never on
-what came in before it. What no kind claims waits for a reviewer.
+A synset belongs to the kind (level 4) that claims it or the nearest of its WordNet hypernyms. The distance is the
+number of steps over all paths; the order of WordNet breaks ties. The result therefore depends on the synset only, and
+not on earlier items. A reviewer assigns synsets that no kind claims.
 """
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections import Counter
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cache, cached_property
 from pathlib import Path
@@ -17,8 +18,9 @@ from metric_base.folders import taxonomy_directory
 from metric_base.parsing import table_rows
 from taxonomy.categories import Pose
 
-#: Depth of the kinds, on which leaves hang, and of the leaves; the root is 1.
+#: Level of the kinds, the parents of leaves; the root has level 1.
 KIND = 4
+#: Level of the leaves.
 LEAF = 5
 
 #: Letters of the `dims` column.
@@ -30,12 +32,12 @@ _SUCCESSORS = ("node_id", "successor", "reason", "reviewer")
 
 
 class BadLevels(InputError):
-    """A table of the tree that breaks a rule: the message names file, line, expected and found."""
+    """A table of the tree is invalid."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class InnerNode:
-    """A node of levels 1 to 4; `claims` are the synsets whose hyponyms a kind takes, its own id among them."""
+    """A node of levels 1 to 4."""
 
     node_id: str
     name: str
@@ -43,7 +45,7 @@ class InnerNode:
     parent_id: str | None
     pose: Pose
     dims: tuple[str, ...]
-    claims: tuple[str, ...] = ()
+    claims: tuple[str, ...] = ()  #: Synsets whose hyponyms belong to the kind, with its id.
 
 
 class Levels:
@@ -52,7 +54,7 @@ class Levels:
     Raises
     ------
     FieldError
-        An id or a claim occurs twice, a parent is missing or not one level above, or there is not one root.
+        An id or a claim occurs twice, a parent is missing or not one level above, or the number of roots is not 1.
     """
 
     def __init__(self, nodes: Iterable[InnerNode]) -> None:
@@ -64,8 +66,9 @@ class Levels:
             self.nodes[node.node_id] = node
         roots = [node.node_id for node in self.nodes.values() if node.level == 1]
         expect(len(roots) == 1, "level", "one root", roots)
-        claims = [claim for node in self.nodes.values() for claim in node.claims]
-        expect(len(claims) == len(set(claims)), "claims", "each once", sorted(_duplicates(claims)))
+        counts = Counter(claim for node in self.nodes.values() for claim in node.claims)
+        repeated = sorted(claim for claim, count in counts.items() if count > 1)
+        expect(not repeated, "claims", "each once", repeated)
 
     @cached_property
     def kinds(self) -> tuple[InnerNode, ...]:
@@ -78,70 +81,63 @@ class Levels:
         return {claim: kind.node_id for kind in self.kinds for claim in kind.claims}
 
     def kind_of(self, synset: str, hypernyms: Sequence[str]) -> str | None:
-        """The kind of a synset whose `hypernyms` are given nearest first; None where no kind claims any of them."""
+        """Return the kind of a synset with `hypernyms`, nearest first; None if no kind claims one of them."""
         return next((self.claimant[above] for above in (synset, *hypernyms) if above in self.claimant), None)
 
     def home_of(self, node_id: str) -> str | None:
-        """The kind that holds the leaf `<id>/other` of an inner node.
+        """Return the kind that contains the leaf `<id>/other` of an inner node.
 
-        That is the kind itself; for a node further up, the kind that claims it, which then holds no other such leaf.
-        None where there is no such kind: items that say no more than "furniture" tell nothing of a size.
+        For a kind it is the kind; for a node above, it is the kind that claims it and that then has no other such leaf.
+        None if there is no such kind: the size of "furniture" is undetermined.
         """
         if self.nodes[node_id].level < KIND:
             return self.claimant.get(node_id)
         return None if self.unspecified_parent(node_id) in self.nodes else node_id
 
     def unspecified_parent(self, kind: str) -> str | None:
-        """The node further up whose unspecified items a kind takes in, such as `dog.n.01` of "other dog"."""
+        """Return the node above whose unspecified items a kind contains (`dog.n.01` for "other dog"), or None."""
         return next((claim for claim in self.nodes[kind].claims if claim != kind and claim in self.nodes), None)
 
     def path(self, node_id: str) -> tuple[str, ...]:
-        """Ids from the root to an inner node."""
+        """Return the ids from the root to an inner node."""
         parent = self.nodes[node_id].parent_id
         return (node_id,) if parent is None else (*self.path(parent), node_id)
 
 
 def frozen_levels(path: Path | None = None) -> Levels:
-    """The reviewed levels that ship with the project, or those of another file.
+    """Return the reviewed levels that ship with the project, or the levels of another file.
 
     Raises
     ------
     BadLevels
-        The file breaks a rule of `Levels` or a cell is not what it must be.
+        A cell is invalid, or the nodes do not form levels (see `Levels`).
     """
+    from metric_base.records import record_of  # importing msgspec takes a tenth of a query, and most need no levels
+
     file = path or taxonomy_directory() / _FILE
+    nodes = []
     with in_file(file, BadLevels):
-        return Levels(_inner_nodes(file))
+        for place, row in table_rows(file, _COLUMNS, BadLevels):
+            cells = {"parent_id": row["parent_id"] or None, "claims": row["claims"].split()}
+            with in_file(place, BadLevels):
+                nodes.append(record_of(row | cells | {"dims": parse_dims(row["dims"])}, InnerNode, cells=True))
+        return Levels(nodes)
 
 
 @cache
 def replaced_ids(directory: Path | None = None) -> Mapping[str, str]:
-    """Ids that are gone, or synsets that mean the same item, with the node that replaced each (`successors.csv`).
+    """Return the nodes that replace removed ids, or synonymous synsets (`successors.csv`).
 
     Raises
     ------
     BadLevels
-        The table cannot be read.
+        The table is missing or invalid.
     """
     rows = table_rows((directory or taxonomy_directory()) / "successors.csv", _SUCCESSORS, BadLevels)
     return {row["node_id"]: row["successor"] for _, row in rows}
 
 
-def _inner_nodes(file: Path) -> Iterator[InnerNode]:
-    from metric_base.records import record_of  # msgspec is a tenth of what a query costs, and most ask for no node here
-
-    for place, row in table_rows(file, _COLUMNS, BadLevels):
-        cells = {"parent_id": row["parent_id"] or None, "claims": row["claims"].split()}
-        with in_file(place, BadLevels):
-            yield record_of(row | cells | {"dims": parse_dims(row["dims"])}, InnerNode, cells=True)
-
-
 def parse_dims(letters: str) -> tuple[str, ...]:
-    """Names of the dimensions of a cell such as `LH`; FieldError if it has other letters."""
+    """Return the dimensions of a cell such as `LH`; FieldError if it contains other letters."""
     expect(bool(letters) and set(letters) <= set(DIMENSIONS), "dims", "letters of LWH", letters)
     return tuple(DIMENSIONS[letter] for letter in letters)
-
-
-def _duplicates(values: Sequence[str]) -> set[str]:
-    seen: set[str] = set()
-    return {value for value in values if value in seen or seen.add(value)}  # type: ignore[func-returns-value]

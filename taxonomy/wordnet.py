@@ -1,4 +1,4 @@
-"""WordNet 3.0 nouns, read from where Debian or nltk puts them: the one module that uses nltk's reader."""
+"""Nouns of WordNet 3.0, from the files of Debian or nltk; only this module uses the reader of nltk."""
 
 from __future__ import annotations
 
@@ -11,16 +11,16 @@ from typing import Any
 
 from metric_base.errors import InputError
 
-#: Names a folder with WordNet's own files (`data.noun`, `index.noun`, ...), before any other place is tried.
+#: Environment variable with a folder of the files of WordNet (`data.noun`, `index.noun`, ...), used before all others.
 ENVIRONMENT_VARIABLE = "METRIC_TREE_WORDNET"
 
-#: Synset names depend on the release: every id in the tree is one of WordNet 3.0.
+#: Version of WordNet, on which the names of the synsets in the tree depend.
 VERSION = "3.0"
 
 _DEBIAN = Path("/usr/share/wordnet")
 _HOW_TO_GET_IT = "apt-get install wordnet-base, or python -m nltk.downloader wordnet"
 
-#: lexnames(5WN) by file number, which Debian's package leaves out.
+#: lexnames(5WN) by file number, a file that the package of Debian lacks.
 _NOUN_FILES = (
     "Tops act animal artifact attribute body cognition communication event feeling food group location motive "
     "object person phenomenon plant possession process quantity relation shape state substance time"
@@ -40,28 +40,28 @@ _LEXNAMES = (
 
 
 class NoWordNet(InputError):
-    """WordNet is not where it was looked for: the message says where that was and how to get it."""
+    """WordNet is not installed; the message explains how to install it."""
 
 
 class UnknownSynset(InputError, KeyError):
-    """A name that is no noun synset of WordNet 3.0."""
+    """A name is not a noun synset of WordNet 3.0."""
 
     def __str__(self) -> str:
         return str(self.args[0])
 
 
 class WordNet:
-    """Noun synsets by name (`chair.n.01`); every method answers with such names, words or numbers.
+    """Noun synsets by name (`chair.n.01`).
 
     Parameters
     ----------
     path : Path, optional
-        Folder with WordNet's files. Without it: the folder that `METRIC_TREE_WORDNET` names, Debian's, nltk's.
+        Folder of the files of WordNet. By default that of `METRIC_TREE_WORDNET`, else of Debian, else of nltk.
 
     Raises
     ------
     NoWordNet
-        None of these places has it, or what is there is not WordNet 3.0.
+        There is no WordNet, or another version.
     """
 
     def __init__(self, path: Path | None = None) -> None:
@@ -69,12 +69,12 @@ class WordNet:
         self._memory: dict[str, Any] = {}
 
     def senses(self, noun: str) -> tuple[str, ...]:
-        """Synsets of a noun as it is written (spaces or underscores), the most frequent sense first."""
+        """Return the synsets of a noun, written with spaces or underscores, the most frequent first."""
         offsets = self._reader._lemma_pos_offset_map.get(noun.lower().replace(" ", "_"), {}).get("n", ())
         return tuple(self._at(offset) for offset in offsets)
 
     def knows(self, synset: str) -> bool:
-        """Return True if the name is a noun synset."""
+        """Return True if a name is a noun synset."""
         try:
             self._synset(synset)
         except UnknownSynset:
@@ -82,24 +82,24 @@ class WordNet:
         return True
 
     def parents(self, synset: str) -> tuple[str, ...]:
-        """Synsets one step above, classes first, then what it is an instance of."""
+        """Return the synsets one step above: hypernyms, then the classes of an instance."""
         record = self._synset(synset)
         return tuple(above.name() for above in (*record.hypernyms(), *record.instance_hypernyms()))
 
     def canonical(self, synset: str) -> str:
-        """The synset under the name of its first word: `couch.n.01` is `sofa.n.01`."""
+        """Return the name of a synset by its first word: `sofa.n.01` for `couch.n.01`."""
         return str(self._synset(synset).name())
 
     def is_instance(self, synset: str) -> bool:
-        """Return True if the synset is one particular item or person, such as one inventor."""
+        """Return True if a synset is an individual, such as an inventor, and not a class."""
         return bool(self._synset(synset).instance_hypernyms())
 
     def children(self, synset: str) -> tuple[str, ...]:
-        """Synsets one step below, without instances such as one particular river."""
+        """Return the synsets one step below, without instances."""
         return tuple(below.name() for below in self._synset(synset).hyponyms())
 
     def hypernym_paths(self, synset: str) -> tuple[tuple[str, ...], ...]:
-        """Every path from `entity.n.01` down to the synset, itself included; WordNet's first parents first."""
+        """Return all paths from `entity.n.01` to a synset, in the order of the parents in WordNet."""
         above = self.parents(synset)
         if not above:
             return ((synset,),)
@@ -107,7 +107,7 @@ class WordNet:
 
     @cache  # noqa: B019 - one WordNet lives as long as the process
     def hypernyms(self, synset: str) -> tuple[str, ...]:
-        """All synsets above it over all paths, nearest first, each once; not the synset itself."""
+        """Return all synsets above a synset over all paths, nearest first."""
         seen: dict[str, None] = {}
         level = self.parents(synset)
         while level:
@@ -117,33 +117,33 @@ class WordNet:
         return tuple(seen)
 
     def is_a(self, synset: str, kind: str) -> bool:
-        """Return True if `kind` is the synset or one above it."""
+        """Return True if `kind` is the synset or above it."""
         return synset == kind or kind in self.hypernyms(synset)
 
     def lemmas(self, synset: str) -> tuple[str, ...]:
-        """Words of the synset with spaces, WordNet's order."""
+        """Return the words of a synset with spaces, in the order of WordNet."""
         return tuple(name.replace("_", " ") for name in self._synset(synset).lemma_names())
 
     def definition(self, synset: str) -> str:
-        """The gloss without its examples."""
+        """Return the gloss of a synset without examples."""
         return str(self._synset(synset).definition())
 
     def tagged_count(self, synset: str, noun: str) -> int:
-        """How often the noun was read in this sense in WordNet's tagged texts; 0 where it is no word of it."""
+        """Return the number of occurrences of a noun in this sense in the tagged texts of WordNet."""
         word = noun.lower().replace(" ", "_")
         return sum(lemma.count() for lemma in self._synset(synset).lemmas() if lemma.name().lower() == word)
 
     def offset(self, synset: str) -> str:
-        """ImageNet's form of the synset: `n` and eight digits."""
+        """Return the id of a synset in ImageNet: `n` and the eight digits of its offset."""
         return f"n{self._synset(synset).offset():08d}"
 
     def synset_at(self, offset: str) -> str:
-        """The synset of an offset such as `n02119789`.
+        """Return the synset of an offset such as `n02119789`.
 
         Raises
         ------
         UnknownSynset
-            No noun synset starts there.
+            No noun synset has this offset.
         """
         digits = offset[1:]
         if not (offset[:1] == "n" and digits.isdigit() and int(digits) in self._offsets):
@@ -152,13 +152,13 @@ class WordNet:
 
     @cached_property
     def nouns(self) -> frozenset[str]:
-        """Every noun of WordNet in lower case with spaces."""
+        """All nouns in lower case with spaces."""
         entries = self._reader._lemma_pos_offset_map.items()
         return frozenset(word.replace("_", " ") for word, by_pos in entries if "n" in by_pos)
 
     @cached_property
     def words(self) -> frozenset[str]:
-        """Every single word of WordNet in lower case, of any part of speech."""
+        """All single words of any part of speech, in lower case."""
         return frozenset(word for word in self._reader._lemma_pos_offset_map if word.isalpha())
 
     @cached_property
@@ -180,30 +180,26 @@ class WordNet:
         return str(self._reader.synset_from_pos_and_offset("n", offset).name())
 
     def _synset(self, name: str) -> Any:
-        record = self._memory.get(name)
-        if record is None:
-            record = self._memory[name] = self._read(name)
-        return record
+        if name not in self._memory:
+            from nltk.corpus.reader.wordnet import WordNetError
 
-    def _read(self, name: str) -> Any:
-        from nltk.corpus.reader.wordnet import WordNetError
-
-        if name.count(".n.") != 1:
-            raise UnknownSynset(f"synset: expected a name such as chair.n.01; found {name!r}")
-        try:
-            return self._reader.synset(name)
-        except (WordNetError, ValueError):
-            raise UnknownSynset(f"synset: expected a noun synset of WordNet {VERSION}; found {name!r}") from None
+            if name.count(".n.") != 1:
+                raise UnknownSynset(f"synset: expected a name such as chair.n.01; found {name!r}")
+            try:
+                self._memory[name] = self._reader.synset(name)
+            except (WordNetError, ValueError):
+                raise UnknownSynset(f"synset: expected a noun synset of WordNet {VERSION}; found {name!r}") from None
+        return self._memory[name]
 
 
 @cache
 def default_wordnet() -> WordNet:
-    """The WordNet of this machine, read once (0.9 s)."""
+    """Return the WordNet of this machine, which is loaded once (0.9 s)."""
     return WordNet()
 
 
 def _reader(path: Path | None) -> Any:
-    """An nltk reader over the first place that has WordNet, of the right version."""
+    """Return a reader of nltk for the first WordNet that is found."""
     root = _root(path)
     reader = _reader_class()(root, None)
     if reader.get_version() != VERSION:
@@ -213,13 +209,13 @@ def _reader(path: Path | None) -> Any:
 
 
 def _root(path: Path | None) -> Any:
-    """A folder, or nltk's pointer into a zip file."""
+    """Return the location of WordNet in the terms of nltk: a folder, or a path in a zip file."""
     import nltk.data
 
     named = path or (Path(os.environ[ENVIRONMENT_VARIABLE]) if os.environ.get(ENVIRONMENT_VARIABLE) else None)
     for folder in (named,) if named else (_DEBIAN,):
         if (folder / "data.noun").is_file() and (folder / "index.noun").is_file():
-            # nltk opens only what is on its own search path
+            # nltk opens only files on its search path
             nltk.data.path.append(str(folder.resolve()))
             return nltk.data.FileSystemPathPointer(str(folder.resolve()))
     if named:
@@ -237,7 +233,7 @@ def _reader_class() -> Any:
     from nltk.corpus.reader.wordnet import WordNetCorpusReader
 
     class _Reader(WordNetCorpusReader):  # type: ignore[misc]
-        """nltk's reader with `lexnames` supplied and without the maps of other languages."""
+        """Reader of nltk with the file `lexnames` and without the maps of other languages."""
 
         def __init__(self, root: Any, omw_reader: None) -> None:
             with warnings.catch_warnings():
@@ -250,7 +246,7 @@ def _reader_class() -> Any:
             return super().open(file)
 
         def _synset_from_pos_and_line(self, pos: str, line: str) -> Any:
-            """As nltk's, with relations in WordNet's order: nltk keeps them in a set, whose order changes by run."""
+            """Read a synset with its relations in the order of WordNet; nltk stores them in an unordered set."""
             synset = super()._synset_from_pos_and_line(pos, line)
             if synset is not None:
                 fields = line.split()

@@ -1,6 +1,6 @@
-"""Reviewers' decisions: two per subject, the second without sight of the first, a third where they disagree.
+"""Decisions of reviewers: two blind ones per subject, and a third if they disagree.
 
-A named person's word outranks those of programs. All readings that ship are by programs, and say so.
+Decisions of persons take precedence over those of programs. All decisions that ship are by programs and marked as such.
 """
 
 from __future__ import annotations
@@ -20,47 +20,42 @@ from metric_base.files import whole_file
 from metric_base.folders import is_checkout, taxonomy_directory, user_data_folder
 from metric_base.records import json_lines
 
-#: What a decision is about: the concept of a source's words, or the parent of an inserted category.
+#: Subject of a decision: the concept of words of a source, or the parent of an inserted category.
 What = Literal["match", "insertion"]
 
-#: The source of a decision that holds for all sources.
+#: Source of a decision for all sources.
 EVERY_SOURCE = "*"
 
-#: How a file writes that there is no category: the words name no item of one size.
+#: Decision in files: the words are not the name of items of one size.
 NONE = "none"
 
-#: How a file writes that a reviewer takes an earlier word back: the subject then waits for that reviewer again.
+#: Decision in files: a reviewer withdraws an earlier decision, and the subject is open again.
 WITHDRAWN = "withdrawn"
 
-#: Reviewers whose agreement settles a subject.
-_REVIEWERS = 2
+#: Number of reviewers who must agree.
+MIN_REVIEWERS = 2
 
-#: How a program names itself as a reviewer; whoever else signs is a person.
+#: Prefix of the names of programs; all other reviewers are persons.
 PROGRAM = "program:"
 
 
 class BadDecision(InputError):
-    """A decision that cannot be read or recorded: the message names file, line, field, expected and found."""
+    """A decision is invalid or cannot be recorded."""
 
 
 class Decision(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
-    """One reviewer's word on one subject.
-
-    `subject` is `source: folded words` (or `*: words` for all sources) of a match, the `mt:` id of an insertion.
-    `decision` is a concept, or None for `none`. `reviewer` names a person, or a program for what it is. `blind` is
-    false where the reviewer knew another's answer, as in an amendment; such decisions count, but not for agreement.
-    """
+    """Decision of a reviewer on a subject."""
 
     what: What
-    subject: str
-    decision: str | None
-    reviewer: str
+    subject: str  #: `<source>: <folded words>` or `*: <words>` of a match, the `mt:` id of an insertion.
+    decision: str | None  #: Concept, or None for `none`.
+    reviewer: str  #: Person, or program with its prefix.
     when: str
     why: str = ""
-    blind: bool = True
+    blind: bool = True  #: False if the reviewer knew another decision; then it is not part of the agreement.
 
     def __post_init__(self) -> None:
-        expect(bool(self.subject.strip()), "subject", "what the decision is about", self.subject)
+        expect(bool(self.subject.strip()), "subject", "the subject of the decision", self.subject)
         expect(bool(self.reviewer.strip()), "reviewer", "a name", self.reviewer)
         matched = self.what != "match" or ": " in self.subject
         expect(matched, "subject", "<source>: <words>, or *: <words>", self.subject)
@@ -69,11 +64,11 @@ class Decision(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=
 
     @property
     def is_programs(self) -> bool:
-        """Return True if a program read it: its word yields to that of a named person."""
+        """Return True if the reviewer is a program."""
         return self.reviewer.startswith(PROGRAM)
 
     def line(self) -> str:
-        """The decision as one JSON line."""
+        """Return the JSON line of the decision."""
         record = msgspec.to_builtins(self) | {"decision": self.decision or NONE}
         if self.blind:
             del record["blind"]
@@ -82,15 +77,15 @@ class Decision(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=
 
 @dataclass(frozen=True, slots=True)
 class Agreement:
-    """How two reviewers agree: `share` of the `n` subjects both read, and Cohen's `kappa`."""
+    """Agreement of two reviewers."""
 
-    n: int
-    share: float
-    kappa: float
+    n: int  #: Number of subjects with two decisions.
+    share: float  #: Fraction of equal decisions.
+    kappa: float  #: Cohen's kappa.
 
 
 def decisions(folder: Path | None = None) -> list[Decision]:
-    """All decisions of a folder's `*.jsonl` files, by file name and line.
+    """Return all decisions of the `*.jsonl` files of a folder, by file name and line.
 
     Raises
     ------
@@ -103,7 +98,7 @@ def decisions(folder: Path | None = None) -> list[Decision]:
 
 
 def rulings(given: Iterable[Decision]) -> dict[tuple[str, str], Decision]:
-    """What is settled, by (source, words) of matches: the decision that two reviewers share."""
+    """Return the decisions of matches on which two reviewers agree, by source and words."""
     settled = {}
     for (what, subject), by_reviewer in _by_subject(given).items():
         decision = _majority_decision(list(by_reviewer.values()))
@@ -114,14 +109,14 @@ def rulings(given: Iterable[Decision]) -> dict[tuple[str, str], Decision]:
 
 
 def standing(given: Iterable[Decision]) -> list[Decision]:
-    """The last word of each reviewer on each subject, without those that were withdrawn."""
+    """Return the last decision of each reviewer on each subject, without withdrawn ones."""
     return [decision for by_reviewer in _by_subject(given).values() for decision in by_reviewer.values()]
 
 
 def waiting(given: Iterable[Decision]) -> list[tuple[str, str]]:
-    """(what, subject) of all that fewer than two reviewers have read, or that two read differently and no third has.
+    """Return the subjects without a decision of two reviewers who agree, as (what, subject).
 
-    A subject whose decisions were all withdrawn waits, too: its items are unsettled again.
+    These include subjects whose decisions were all withdrawn.
     """
     given = list(given)
     subjects = dict.fromkeys((decision.what, decision.subject) for decision in given)
@@ -130,40 +125,48 @@ def waiting(given: Iterable[Decision]) -> list[tuple[str, str]]:
 
 
 def disagreements(given: Iterable[Decision]) -> list[tuple[Decision, Decision]]:
-    """First and second blind reading of every subject on which they differ, settled by a third or not."""
+    """Return the first two blind decisions of each subject on which they differ, even if a third one settles it."""
     by_subject = _by_subject(d for d in given if d.blind)
-    pairs = [list(by_reviewer.values())[:_REVIEWERS] for by_reviewer in by_subject.values()]
-    return [(first, second) for first, second in (p for p in pairs if len(p) == _REVIEWERS) if _differ(first, second)]
+    pairs = [list(by_reviewer.values())[:MIN_REVIEWERS] for by_reviewer in by_subject.values()]
+    complete = [(pair[0], pair[1]) for pair in pairs if len(pair) == MIN_REVIEWERS]
+    return [(first, second) for first, second in complete if first.decision != second.decision]
 
 
 def agreement(given: Iterable[Decision], what: What | None = None) -> Agreement:
-    """Cohen's kappa of first and second blind readings: (p_o - p_e) / (1 - p_e), p_e from each one's own shares."""
+    """Return the agreement of the first two blind decisions of each subject.
+
+    Cohen's kappa is (p_o - p_e) / (1 - p_e), with the observed agreement p_o and the agreement p_e that the fractions
+    of the decisions of each reviewer imply (Cohen 1960, A coefficient of agreement for nominal scales).
+    """
     by_subject = _by_subject(d for d in given if d.blind and what in (None, d.what))
-    pairs = [list(r.values())[:_REVIEWERS] for r in by_subject.values() if len(r) >= _REVIEWERS]
+    pairs = [list(r.values())[:MIN_REVIEWERS] for r in by_subject.values() if len(r) >= MIN_REVIEWERS]
     if not pairs:
         return Agreement(0, float("nan"), float("nan"))
     n = len(pairs)
-    observed = sum(not _differ(first, second) for first, second in pairs) / n
+    observed = sum(first.decision == second.decision for first, second in pairs) / n
     first_shares, second_shares = (Counter(pair[i].decision for pair in pairs) for i in (0, 1))
     expected = sum(first_shares[d] * second_shares[d] for d in first_shares) / n**2
     return Agreement(n, observed, 1.0 if expected == 1 else (observed - expected) / (1 - expected))
 
 
 def record_decision(decision: Decision, file: Path, *, amend: bool = False) -> None:
-    """Add a decision to a file, which is whole at every moment: written beside it, then renamed.
+    """Add a decision to a file, which is replaced as a whole.
 
     Parameters
     ----------
-    decision : the reviewer's word; with `amend`, one that replaces an earlier word of the same reviewer.
-    file : a `*.jsonl` file; the other ones of its folder are read for earlier words.
-    amend : whether an earlier word is replaced, or taken back where the decision is `withdrawn`.
+    decision : Decision
+    file : Path
+        A `*.jsonl` file; all such files of its folder are searched for earlier decisions.
+    amend : bool
+        Replace the earlier decision of the reviewer, or withdraw it if the decision is `withdrawn`.
 
     Raises
     ------
     BadDecision
-        The reviewer has decided the subject already, or with `amend` has not.
+        The reviewer has already decided on the subject, or has not and `amend` is set.
     """
-    earlier = [one for one in decisions(file.parent) if _identity(one) == _identity(decision)]
+    key = (decision.what, decision.subject, decision.reviewer)
+    earlier = [other for other in decisions(file.parent) if (other.what, other.subject, other.reviewer) == key]
     stands = bool(earlier) and earlier[-1].decision != WITHDRAWN
     with in_file(file, BadDecision):
         expect(amend or not stands, "subject", f"one that {decision.reviewer} has not decided", decision.subject)
@@ -176,20 +179,20 @@ def record_decision(decision: Decision, file: Path, *, amend: bool = False) -> N
 
 @cache
 def default_rulings() -> Mapping[tuple[str, str], Decision]:
-    """The settled matches of this checkout."""
+    """Return the settled matches of this checkout."""
     return rulings(decisions())
 
 
 def decision_folders() -> list[Path]:
-    """Where decisions are read by default: the project's, those of the user's data folder, those of `./decisions`."""
+    """Return the default folders of decisions: of the project, of the data folder of the user, and `./decisions`."""
     folders = [taxonomy_directory() / "decisions", user_data_folder() / "decisions", Path("decisions")]
     return list({folder.resolve(): folder for folder in folders if folder.is_dir()}.values())
 
 
 def record_folder() -> Path:
-    """Where a decision is recorded by default, never in an installation.
+    """Return the default folder of new decisions.
 
-    `./decisions` where there is one, else the project's own in a checkout, else the user's data folder.
+    It is `./decisions` if it exists, else that of the project in a checkout, else that of the data folder of the user.
     """
     if Path("decisions").is_dir():
         return Path("decisions")
@@ -197,12 +200,8 @@ def record_folder() -> Path:
     return home / "decisions"
 
 
-def _identity(decision: Decision) -> tuple[str, str, str]:
-    return decision.what, decision.subject, decision.reviewer
-
-
 def _by_subject(given: Iterable[Decision]) -> dict[tuple[str, str], dict[str, Decision]]:
-    """Decisions by subject, then by reviewer in order; a later word replaces an earlier one, or takes it back."""
+    """Group decisions by subject, then by reviewer in order; later ones replace or withdraw earlier ones."""
     grouped: defaultdict[tuple[str, str], dict[str, Decision]] = defaultdict(dict)
     for decision in given:
         words = grouped[decision.what, decision.subject]
@@ -214,17 +213,13 @@ def _by_subject(given: Iterable[Decision]) -> dict[tuple[str, str], dict[str, De
 
 
 def _majority_decision(read: Sequence[Decision]) -> Decision | None:
-    """The decision that at least two reviewers share, or None; where persons have read it, programs have no vote.
+    """Return the decision on which at least two reviewers agree, or None.
 
-    One person's word stands where only programs have read the subject beside; persons who differ need a majority.
+    Programs have no vote if persons have decided; one person outvotes any number of programs.
     """
     persons = [decision for decision in read if not decision.is_programs]
     if len(persons) == 1 < len(read):
         return persons[0]
     read = persons or read
-    shares = Counter(decision.decision for decision in read)
-    return next((decision for decision in read if shares[decision.decision] >= _REVIEWERS), None)
-
-
-def _differ(first: Decision, second: Decision) -> bool:
-    return first.decision != second.decision
+    counts = Counter(decision.decision for decision in read)
+    return next((decision for decision in read if counts[decision.decision] >= MIN_REVIEWERS), None)

@@ -1,4 +1,4 @@
-"""Every name that can be matched: WordNet's nouns, the reviewed insertions and aliases, by their folded spelling."""
+"""Names that can be matched, by folded spelling: nouns of WordNet, reviewed insertions and aliases."""
 
 from __future__ import annotations
 
@@ -14,15 +14,18 @@ from taxonomy.words.spelling import by_letters, fold_text, written_forms
 
 
 class Lexicon:
-    """Senses (of a WordNet synset or an `mt:` id) by name, and what is above each concept.
+    """Senses by name, and hypernyms of concepts (WordNet synsets and `mt:` ids).
 
     Parameters
     ----------
     wordnet : WordNet
-    inserted : insertions by id, parents before children.
-    placed : leaves that a reviewer gave the tree for label lists; a name of theirs that WordNet or an insertion has too
-        means that one.
-    aliases : concept by further names that reviewers gave it; a name that WordNet or an insertion has means that one.
+    inserted : mapping of str to InsertedCategory
+        Insertions by id, parents before children.
+    placed : mapping of str to InsertedCategory, optional
+        Leaves that a reviewer added for label lists. Their names, and `aliases`, do not replace names of WordNet and
+        of insertions.
+    aliases : mapping of str to str, optional
+        Concept by further name.
     """
 
     def __init__(
@@ -40,19 +43,17 @@ class Lexicon:
         self._memory: dict[str, Mapping[str, tuple[Sense, ...]]] = {}
 
     def senses(self, phrase: str) -> Mapping[str, tuple[Sense, ...]]:
-        """What a folded phrase may name, by the form it is taken for: insertions first, then senses by frequency.
+        """Return the senses of a folded phrase by its known forms: insertions first, then by frequency.
 
-        A plural is taken as such first (scissors), then for its singular, then for a name without spaces; empty if
-        the phrase is unknown in every form.
+        The forms are the phrase as it is (scissors), its singular, and its spelling without spaces.
         """
-        known = self._memory.get(phrase)
-        if known is None:
+        if phrase not in self._memory:
             named = ((form, self._names.get(form, ())) for form in self.forms(phrase))
-            known = self._memory[phrase] = {form: tuple(map(self.sense, ids)) for form, ids in named if ids}
-        return known
+            self._memory[phrase] = {form: tuple(map(self.sense, ids)) for form, ids in named if ids}
+        return self._memory[phrase]
 
     def sense(self, concept: str) -> Sense:
-        """A concept with what is above it."""
+        """Return the sense of a concept."""
         return Sense((concept, *self.hypernyms(concept)))
 
     def knows(self, concept: str) -> bool:
@@ -60,32 +61,30 @@ class Lexicon:
         return concept in self.inserted or (not concept.startswith(PREFIX) and self.wordnet.knows(concept))
 
     def canonical(self, concept: str) -> str:
-        """The one name of a concept: `couch.n.01` is `sofa.n.01`, as WordNet names the synset."""
+        """Return the main name of a concept: `sofa.n.01` for `couch.n.01`."""
         return concept if concept in self.inserted else self.wordnet.canonical(concept)
 
     def hypernyms(self, concept: str) -> tuple[str, ...]:
-        """All concepts above, nearest first."""
+        """Return all concepts above a concept, nearest first."""
         if concept not in self._chains:
-            self._chains[concept] = self._hypernyms(concept)
+            if concept in self.inserted:
+                parent = self.inserted[concept].parent
+                self._chains[concept] = (parent, *self.hypernyms(parent))
+            else:
+                self._chains[concept] = self.wordnet.hypernyms(concept)
         return self._chains[concept]
 
     def is_a(self, concept: str, kind: str) -> bool:
-        """Return True if the concept is the kind or below it."""
+        """Return True if a concept is `kind` or below it."""
         return concept == kind or kind in self.hypernyms(concept)
 
     def name(self, concept: str) -> str:
-        """The plain name that people use."""
+        """Return the common name of a concept."""
         return self.inserted[concept].name if concept in self.inserted else self.wordnet.lemmas(concept)[0]
 
     def forms(self, phrase: str) -> Iterator[str]:
-        """What a folded phrase may be a spelling or a plural of, itself first."""
+        """Return the possible names of a folded phrase (`written_forms`)."""
         return written_forms(phrase, lambda: self._letters, self.wordnet.irregular_plurals)
-
-    def _hypernyms(self, concept: str) -> tuple[str, ...]:
-        if concept in self.inserted:
-            parent = self.inserted[concept].parent
-            return (parent, *self.hypernyms(parent))
-        return self.wordnet.hypernyms(concept)
 
     @cached_property
     def _names(self) -> Mapping[str, tuple[str, ...]]:
@@ -109,7 +108,7 @@ class Lexicon:
 
 @cache
 def default_lexicon() -> Lexicon:
-    """WordNet, the insertions, the leaves and the reviewed aliases of this checkout, read once."""
+    """Return the lexicon of WordNet and of the insertions, leaves and reviewed aliases of this checkout."""
     catalogue = default_catalogue()
     placed = {
         leaf.node_id: InsertedCategory(id=leaf.node_id, name=leaf.name, parent=leaf.hypernym, aliases=leaf.aliases)

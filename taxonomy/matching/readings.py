@@ -1,4 +1,4 @@
-"""How each source's own words are read: which of them name the item, and of what domain the source speaks."""
+"""Readings of sources: their domain, and which of their words name the item."""
 
 from __future__ import annotations
 
@@ -15,9 +15,9 @@ from metric_base.folders import taxonomy_directory
 from metric_base.records import record_of, toml_table
 from taxonomy.matching.sense_choice import DOMAINS
 
-#: `last` the last element of the category path; `path` all of it as one name (`coin 25 cents`); `alternatives` the
-#: words of its last element between commas, of which the first known counts; `title, last` the title, then the path.
-#: Where the path is empty, the title speaks.
+#: Words that name the item: the last element of the category path (`last`), the path as one name (`path`: `coin 25
+#: cents`), the first known word of the last element, separated by commas (`alternatives`), or the title, then the last
+#: element (`title, last`). The title if the path is empty.
 Words = Literal["last", "path", "alternatives", "title, last"]
 
 _FILE = "readings.toml"
@@ -25,21 +25,17 @@ _DEFAULT = "default"
 
 
 class BadReading(InputError):
-    """The readings file is not what it must be: the message names source, field, expected and found."""
+    """The readings file is invalid."""
 
 
 class Reading(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
-    """`classes` gives a concept to a first path element as a whole (all of a museum's `paintings`).
-
-    `whole` asks for names that are known as a whole: where a breed's or a species' head word says little.
-    `refined` lets the title make the category narrower (a `lamp` whose title begins `floor lamp`).
-    """
+    """Reading of a source."""
 
     domain: str = "shop"
     words: Words = "last"
-    classes: Mapping[str, str] = {}
-    whole: bool = False
-    refined: bool = False
+    classes: Mapping[str, str] = {}  #: Concepts by first path element (all `paintings` of a museum).
+    whole: bool = False  #: Only complete names, because the last word of breeds and species has little information.
+    refined: bool = False  #: The title may narrow the category (a `lamp` whose title begins with `floor lamp`).
 
     def __post_init__(self) -> None:
         if self.domain == "things":
@@ -49,12 +45,12 @@ class Reading(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=T
 
 
 def readings(path: Path | None = None) -> Mapping[str, Reading]:
-    """Readings by source; `default` serves the sources that the file does not name.
+    """Return readings by source, and that of all other sources as `default`.
 
     Raises
     ------
     BadReading
-        An unknown field, domain or word.
+        A field, domain or value is unknown.
     """
     file = path or taxonomy_directory() / _FILE
     by_source = {_DEFAULT: Reading()}
@@ -66,11 +62,11 @@ def readings(path: Path | None = None) -> Mapping[str, Reading]:
 
 
 def reading_of(source: str, table: Mapping[str, Reading]) -> Reading:
-    """The reading of a source, the default one where it has none."""
+    """Return the reading of a source, or the default one."""
     return table.get(source) or table[_DEFAULT]
 
 
 @cache
 def default_readings() -> Mapping[str, Reading]:
-    """The readings of this checkout, read once."""
+    """Return the readings of this checkout."""
     return readings()

@@ -1,4 +1,4 @@
-"""Which sense of a name a source means: by what its domain holds and what can have a size at all."""
+"""Choose the sense of a name in a source, by the domain of the source."""
 
 from __future__ import annotations
 
@@ -9,24 +9,21 @@ from typing import Literal
 from taxonomy.categories import PREFIX
 from taxonomy.words.senses import Sense, reviewed_meanings
 
-#: Why a sense was chosen: no other is possible; the domain prefers it; the category path names it too; it is
-#: the usual one in a reviewed order; it is the most frequent of several; it is the only one possible, yet not frequent.
+#: Reason for a sense: the only possible one, preferred by the domain, named by the category path, first in a reviewed
+#: order, the most frequent of several, the only possible one but not the most frequent.
 Certainty = Literal["sole", "domain", "path", "usual", "frequent", "rare"]
 
 
 @dataclass(frozen=True, slots=True)
 class Domain:
-    """What a source speaks of: every match lies below one of `requires`, senses below any of `prefers` come first.
+    """Domain of a source."""
 
-    In a `narrow` domain (ships, trees) a name that has a sense there means it, whatever else it means elsewhere.
-    """
-
-    requires: tuple[str, ...]
-    prefers: tuple[str, ...] = ()
-    narrow: bool = False
+    requires: tuple[str, ...]  #: Concepts; all matches are below one of them.
+    prefers: tuple[str, ...] = ()  #: Concepts; senses below one of them come first.
+    narrow: bool = False  #: If a name has a sense in the domain (ships, trees), it is the meaning.
 
 
-#: Items with a size: what is made, what lives, what is eaten; the last few are abstractions to WordNet.
+#: Artifacts that WordNet treats as abstractions.
 _ABSTRACT = ("coin.n.01", "decoration.n.02", "badge.n.01", "crosier.n.01", "bill.n.03", "manuscript.n.02",
     "street_sign.n.01", "traffic_light.n.01", "pack_of_cards.n.01", "bar_soap.n.01", "party_favor.n.01",
 )  # fmt: skip
@@ -36,8 +33,8 @@ _OBJECTS = (
     "natural_object.n.01",
 )  # fmt: skip
 
-#: Words for anything at all: a match to one of them says nothing.
-_SAYS_NOTHING = frozenset(
+#: Concepts so general that their items have no typical size.
+_TOO_GENERAL = frozenset(
     {"artifact.n.01", "instrumentality.n.03", "article.n.02", "creation.n.02", "commodity.n.01", "device.n.01",
      "product.n.02", "structure.n.01", "part.n.02", "component.n.03", "animal.n.01", "plant.n.02", "unit.n.05",
      "food.n.01", "food.n.02", "natural_object.n.01", "thing.n.04", "equipment.n.01", "facility.n.01",
@@ -48,7 +45,7 @@ _SAYS_NOTHING = frozenset(
      "collection.n.01", "system.n.01", "assembly.n.05", "base.n.08", "fixture.n.01"}
 )  # fmt: skip
 
-#: The domains of the sources, broad ones first; `data/taxonomy/readings.toml` says which source has which.
+#: Domains, broad ones first; `data/taxonomy/readings.toml` assigns them to sources.
 DOMAINS = {
     "objects": Domain(_OBJECTS, ("instrumentality.n.03", "artifact.n.01")),
     "household": Domain(
@@ -88,16 +85,21 @@ DOMAINS = {
 def chosen_sense(
     senses: Sequence[Sense], domain: Domain, word: str = "", near: Collection[str] = ()
 ) -> tuple[Sense, Certainty] | None:
-    """The sense that the domain means, of those a word may have, and why; None where no sense is an object of it.
+    """Return the sense of a word in a domain, and the reason; None if no sense is an object of the domain.
 
-    Insertions come first: a reviewer has put them there for the word. Then, where only one sense is possible or the
-    domain prefers one, that one; the one that the rest of the category path names; the first of a
-    clear reviewed order; WordNet's own order, which is by frequency in its texts.
+    Insertions come first, because a reviewer added them for the word. The other rules, in order: the only possible
+    sense, the only preferred one, one that the rest of the category path names, the first of an unambiguous reviewed
+    order, and the order of WordNet, which is by frequency.
 
     Parameters
     ----------
-    senses : in WordNet's order; word : what they are senses of
-    near : concepts that the rest of the category path names
+    senses : sequence of Sense
+        Senses of the word in the order of WordNet.
+    domain : Domain
+    word : str
+        The word, to look up its reviewed order.
+    near : collection of str
+        Concepts that the rest of the category path names.
     """
     possible = [sense for sense in senses if fits(sense, domain)]
     if not possible:
@@ -119,7 +121,7 @@ def chosen_sense(
 
 
 def fits(sense: Sense, domain: Domain) -> bool:
-    """Return True if the domain holds a sense and it says enough to have a size."""
+    """Return True if a sense belongs to a domain and is specific enough to have a typical size."""
     if sense.concept.startswith(PREFIX) and not domain.narrow:
-        return True  # a reviewer has put it in as an item with a size, wherever WordNet would have it
-    return sense.concept not in _SAYS_NOTHING and sense.is_a(domain.requires)
+        return True  # a reviewer added it as an item with a size
+    return sense.concept not in _TOO_GENERAL and sense.is_a(domain.requires)

@@ -1,4 +1,4 @@
-"""The grammar of a name: which words name the item, and which count it, hold it, describe it or follow it."""
+"""Grammar of names: find the words that name an item, without counts, containers, modifiers and further text."""
 
 from __future__ import annotations
 
@@ -9,20 +9,20 @@ from itertools import pairwise
 
 from metric_base.folders import taxonomy_directory
 
-# patterns are texts, which `re` compiles when one is first used and keeps: most names need none of them
+# strings, because `re` compiles and caches a pattern at its first use, and most names need no pattern
 _ASIDES = r"\([^()]*\)|\[[^\[\]]*\]"
 _QUOTED = r"[\"“”][^\"“”]*[\"“”]|(?<!\w)['‘][^'’]+['’](?!\w)"
 _ARTICLES = r"(?i)^(?:an?|the|his|her|one)\s+"
-#: In the words of people and detectors a number is a count; in a catalogue it may be the name's (a two-handled cup).
+#: Counts in the words of people and detectors. In a catalogue, a number may be part of the name (a two-handled cup).
 _COUNTED = r"(?i)^(?:an?|the|one|two|three|four|five|six|several|many|some|few|multiple)\s+"
 
 _FOLLOWING = "with|without|in|on|at|by|from|for"
-#: Begins what a source states about an item after its name: how it looks, what it shows, what it is made of.
+#: Beginnings of the description after the name of an item: appearance, content, material.
 _AFTER_NOUN = (
     rf"(?i)\s*(?:[,;:|]|\s[-–—]\s|\s(?:{_FOLLOWING}|w|f|depicting|showing|containing|representing|decorated|inscribed|"
     r"commemorating|made|used|including|incl|based|after|to)\b|(?<=[a-z])\+|/(?=\s))"
 )
-#: Begins what an image shows an item do, or where it is: `man riding a bike`.
+#: Beginnings of the activity or the location of an item in an image caption: `man riding a bike`.
 _AFTER_NAME = (
     rf"(?i)\s+(?:{_FOLLOWING}|near|next|beside|behind|under|against|above|below|inside|who|that|which|wearing|riding|"
     r"holding|carrying|sitting|standing|lying|walking|running|driving|parked|made|using|playing|eating|looking|"
@@ -30,7 +30,7 @@ _AFTER_NAME = (
 )
 
 _FEW = r"an?|the|one|two|three|four|five|six|eight|ten|twelve|\d+"
-#: Words before `of` that count or show the item named after it.
+#: Words for counts and depictions before `of` and the name of the item.
 _COUNTS = (
     r"(?i)^(?:(?:one|two|three|part|half|each)\s+of\s+)?(?:an?\s+)?(?:the\s+)?"
     r"(?:close[- ]?up|photo|picture|image|view|pair|set|nest|group|stack|pile|bunch|row|herd|flock|pack|piece|"
@@ -40,7 +40,7 @@ _COUNTS = (
 _ONE_OF_A_PAIR = r"(?i)^one\s+of\s+(?:an?|the)\s+(?:pair|set)\s+of\s+"
 _LEADING_NUMBER = r"^\d[\d.,/xX]*\s*(?:(?:cm|mm|m|in|inch|inches|ft|oz|ml|l)\b)?\s+(?=[A-Za-z])"
 _NUMBER = r"(?<![\w/])[#(]?\d+(?:[.,x×]\d+)*(?:-|\s)?(?:inch|inches|in|cm|mm|m|ft|l|ml|oz)?\)?(?![\w/])"
-# nothing is given back once it is taken: digits can be parted in more ways than there is time to try
+# possessive quantifiers, because the number of ways to divide the digits is exponential
 _SUFFIX = r"(?:\s*+[#(]\d++\)?+|[._ #-]*+\d++)++$"
 
 _MODIFYING = ("colours", "materials", "sizes", "shapes", "states", "patterns", "places")
@@ -48,7 +48,7 @@ _MODIFYING = ("colours", "materials", "sizes", "shapes", "states", "patterns", "
 
 @cache
 def word_list(name: str) -> frozenset[str]:
-    """The words of a list of `data/taxonomy/word_lists.txt`, such as `colours`."""
+    """Return the words of a list in `data/taxonomy/word_lists.txt`, such as `colours`."""
     return _word_lists()[name]
 
 
@@ -61,7 +61,7 @@ def _word_lists() -> dict[str, frozenset[str]]:
 
 
 def noun_phrase(text: str) -> str:
-    """The part of a source's title that names the item, not folded: asides, quotations and what follows are cut.
+    """Return the name of the item in a title, not folded, without text in brackets, quotations and descriptions.
 
     >>> noun_phrase('Plate with floral decoration')
     'Plate'
@@ -76,7 +76,7 @@ def noun_phrase(text: str) -> str:
 
 
 def leading_phrase(text: str) -> str | None:
-    """The name before what is said about it: `man` of `man riding a bike`; None where nothing follows.
+    """Return the name before a description (`man` in `man riding a bike`); None if there is no description.
 
     >>> leading_phrase("woman with umbrella")
     'woman'
@@ -86,16 +86,16 @@ def leading_phrase(text: str) -> str | None:
 
 
 def after_counts(text: str) -> str | None:
-    """What a count names: `scissors` of `pair of scissors`; None where nothing is counted."""
+    """Return the noun after a counting phrase (`scissors` in `pair of scissors`), or None."""
     counted = re.match(_COUNTS, text)
     return counted["rest"] if counted else None
 
 
 def without_numbers(text: str) -> str:
-    """The text without counts, sizes, running numbers and articles: `2 chairs`, `chair.001`, `55 inch tv`, `the chair`.
+    """Return a text without counts, sizes, running numbers and articles.
 
-    >>> without_numbers("chair.001"), without_numbers("the 55-inch tv")
-    ('chair', 'tv')
+    >>> without_numbers("chair.001"), without_numbers("the 55-inch tv"), without_numbers("2 chairs")
+    ('chair', 'tv', 'chairs')
     """
     plain = re.sub(_SUFFIX, "", text.strip()) or text
     plain = re.sub(_COUNTED, "", plain.strip())
@@ -104,7 +104,7 @@ def without_numbers(text: str) -> str:
 
 
 def container_and_content(text: str) -> tuple[str, str] | None:
-    """The container and its content in `a cup of coffee`; None where no container is named before `of`.
+    """Return the container and the content in `a cup of coffee`; None if there is no container before `of`.
 
     >>> container_and_content("a glass of red wine")
     ('glass', 'red wine')
@@ -115,19 +115,19 @@ def container_and_content(text: str) -> tuple[str, str] | None:
 
 
 def modifiers(words: Sequence[str]) -> int:
-    """How many of the first words leave the item the same: one colour, or the two of `wall-mounted`."""
+    """Return the number of leading modifiers: 1 for a colour, 2 for `wall-mounted`, otherwise 0."""
     if len(words) > 2 and words[1] in word_list("compounding"):
         return 2
     return int(bool(words) and any(words[0] in word_list(name) for name in _MODIFYING))
 
 
 def is_plain_adjective(word: str) -> bool:
-    """Return True if the word is a colour or a size, so that a compound that begins with it is rarely a name."""
+    """Return True if a word is a colour, a size or an age; compounds that begin with it are rarely names."""
     return word in word_list("colours") or word in word_list("sizes") or word in {"old", "young", "new"}
 
 
 def endings(words: Sequence[str]) -> Iterator[str]:
-    """Every run of words that ends with the head, longest first.
+    """Return the phrases that end with the last word, longest first.
 
     >>> list(endings(["swivel", "office", "chair"]))
     ['swivel office chair', 'office chair', 'chair']
@@ -136,7 +136,7 @@ def endings(words: Sequence[str]) -> Iterator[str]:
 
 
 def pairs(words: Sequence[str]) -> Iterator[str]:
-    """Each modifier with the head alone, nearest first: `swivel office chair` has `swivel chair`."""
+    """Return each modifier with the last word, nearest first: `swivel chair` for `swivel office chair`."""
     for modifier, following in reversed(list(pairwise(words[:-1]))):
         if following not in word_list("described"):
             yield f"{modifier} {words[-1]}"

@@ -1,4 +1,4 @@
-"""Spelling: text folded so that the ways to write one name meet, and the singulars of a word."""
+"""Fold text, so that different spellings of a name are equal, and form singulars."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ from collections import defaultdict
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from functools import lru_cache
 
-#: British to American, as WordNet's lemmas are spelt; whole words only, singular and plural.
+#: American spelling, as in WordNet, by British spelling; complete words, singular and plural.
 _SPELLINGS = {
     "aeroplane": "airplane", "aluminium": "aluminum", "armour": "armor", "catalogue": "catalog", "centre": "center",
     "colour": "color", "cosy": "cozy", "draught": "draft", "fibre": "fiber", "grey": "gray", "humour": "humor",
@@ -21,10 +21,10 @@ _SPELLINGS = {
 
 _SPELLINGS |= {f"{british}s": f"{american}s" for british, american in _SPELLINGS.items()}
 
-#: First letters that the American spelling changes: of `kerb`.
+#: First letters that differ in American spelling: `kerb`.
 _CHANGED = {american[0]: british[0] for british, american in _SPELLINGS.items() if british[0] != american[0]}
 
-#: Plurals that no rule forms.
+#: Plurals without a rule.
 _IRREGULAR_WORDS = {
     "children": "child", "feet": "foot", "geese": "goose", "halves": "half", "knives": "knife", "leaves": "leaf",
     "lice": "louse", "loaves": "loaf", "men": "man", "mice": "mouse", "oxen": "ox", "people": "person",
@@ -34,13 +34,19 @@ _IRREGULAR_WORDS = {
 
 IRREGULAR = {plural: (single,) for plural, single in _IRREGULAR_WORDS.items()}
 
-#: Shortest name that is looked up without its spaces: shorter ones meet by accident.
-SHORTEST_COMPACT = 5
+#: Endings of Greek, Latin, French and English plurals without a plain `s` (amphorae, kraters, plateaux in museums).
+_FOREIGN_ENDINGS = (
+    ("men", "man"), ("ae", "a"), ("lekythoi", "lekythos"), ("oi", "os"), ("kes", "x"), ("ges", "x"),
+    ("des", "s"), ("eaux", "eau"), ("aux", "al"), ("ia", "ium"), ("i", "us"), ("i", "o"), ("es", "is"), ("a", "um"),
+)  # fmt: skip
+
+#: Minimum number of characters of names that are compared without spaces; shorter names coincide by chance.
+MIN_COMPACT_CHARS = 5
 
 _CAMEL = re.compile(r"(?<=[a-z])(?=[A-Z])|(?<=[A-Z])(?=[A-Z][a-z])")
 _SEPARATORS = re.compile(r"[^0-9a-z]+")
 
-#: What becomes of each ASCII character: letters small, apostrophes gone, all but letters and digits a space.
+#: Translation of ASCII characters: lower case, no apostrophes, spaces in place of all other separators.
 _ASCII = {code: chr(code).lower() if chr(code).isalnum() else " " for code in range(128)} | {
     ord("'"): None,
     ord("`"): None,
@@ -50,7 +56,9 @@ _ASCII = {code: chr(code).lower() if chr(code).isalnum() else " " for code in ra
 
 @lru_cache(maxsize=1 << 16)
 def fold_text(text: str) -> str:
-    """Lower case without accents, every separator one space, `CamelCase` apart, American spelling; idempotent.
+    """Return a text in lower case and American spelling, with single spaces and without accents; idempotent.
+
+    `CamelCase` becomes two words.
 
     >>> fold_text("Grey T-Shirt's"), fold_text("TrafficLight")
     ('gray t shirts', 'traffic light')
@@ -59,7 +67,7 @@ def fold_text(text: str) -> str:
 
 
 def plain_fold(text: str) -> str:
-    """As `fold_text`, but `iPhone` and `CamelCase` stay one word.
+    """Return the result of `fold_text`, but with `iPhone` and `CamelCase` as one word.
 
     >>> plain_fold("iPhone")
     'iphone'
@@ -72,17 +80,17 @@ def plain_fold(text: str) -> str:
 
 
 def without_accents(text: str) -> str:
-    """Lower case, each accent a character of its own behind its letter."""
+    """Return a text in lower case, with accents as separate characters after their letters."""
     return unicodedata.normalize("NFKD", text.replace("ß", "ss").replace("ø", "o").replace("Ø", "O")).casefold()
 
 
 def is_american(word: str) -> bool:
-    """Return True if a folded word may have been spelt otherwise before it was folded."""
+    """Return True if a folded word may be the replacement of a British spelling."""
     return word in _SPELLINGS.values()
 
 
 def passed_initials(initial: str) -> str:
-    """The letters and digits that no text begins with whose folded form has this first letter.
+    """Return the letters and digits with which no text begins whose folded form begins with `initial`.
 
     >>> "k" in passed_initials("t"), "k" in passed_initials("c"), "é" in passed_initials("t")
     (True, False, False)
@@ -92,14 +100,14 @@ def passed_initials(initial: str) -> str:
 
 
 def spelling_of(word: str) -> str:
-    """The American spelling of a folded word."""
+    """Return the American spelling of a folded word."""
     return _SPELLINGS.get(word, word)
 
 
 def singulars(word: str) -> Iterator[str]:
-    """What the folded word may be the plural of by English rules, likeliest first; the word itself is not among them.
+    """Return the possible singulars of a folded word, most likely first, without the word itself.
 
-    A caller takes the first that a dictionary knows: `axes` is of `axe` and `axis`.
+    A caller uses the first one in its dictionary: `axes` is the plural of `axe` and of `axis`.
     """
     if len(word) < 3 or word.endswith("ss"):
         return
@@ -111,13 +119,15 @@ def singulars(word: str) -> Iterator[str]:
         yield word[:-2]
     if word.endswith("s") and not word.endswith(("us", "is")):
         yield word[:-1]
-    yield from _foreign_singulars(word)
+    for ending, singular in _FOREIGN_ENDINGS:
+        if word.endswith(ending) and (len(word) > len(ending) + 1 or word == "men"):
+            yield word[: -len(ending)] + singular
     if word.endswith(("us", "is")):
         yield word[:-1]
 
 
 def singular_phrases(phrase: str, irregular: Mapping[str, Sequence[str]] = IRREGULAR) -> Iterator[str]:
-    """The folded phrase with its last word singular, or the word before `of` (`loaves of bread`); irregular first.
+    """Return a folded phrase with its last word, or the word before `of`, in the singular; irregular ones first.
 
     >>> list(singular_phrases("wine glasses"))[0]
     'wine glass'
@@ -131,7 +141,7 @@ def singular_phrases(phrase: str, irregular: Mapping[str, Sequence[str]] = IRREG
 
 
 def one_edit(word: str, other: str) -> bool:
-    """Return True if two words differ by one letter that is missing, added, another, or in the place of its neighbour.
+    """Return True if two words differ by one inserted, deleted or replaced letter, or by two swapped neighbours.
 
     >>> one_edit("televison", "television"), one_edit("chiar", "chair"), one_edit("cat", "dog")
     (True, True, False)
@@ -145,7 +155,7 @@ def one_edit(word: str, other: str) -> bool:
 
 
 def by_letters(names: Iterable[str]) -> Mapping[str, tuple[str, ...]]:
-    """Folded names by their letters alone: `barstool` of `bar stool`."""
+    """Return folded names by their spelling without spaces: `bar stool` by `barstool`."""
     spaced: defaultdict[str, list[str]] = defaultdict(list)
     for name in names:
         spaced[name.replace(" ", "")].append(name)
@@ -157,25 +167,20 @@ def written_forms(
     letters: Callable[[], Mapping[str, tuple[str, ...]]],
     irregular: Mapping[str, Sequence[str]] = IRREGULAR,
 ) -> Iterator[str]:
-    """The names that a folded phrase may be a spelling of: itself, its singulars, then those with the same letters.
+    """Return the possible names of a folded phrase: itself, its singulars, then names that differ in spaces.
 
     Parameters
     ----------
-    phrase : folded; letters : gives the known names by their letters; irregular : singulars of irregular plurals
+    phrase : str
+        Folded phrase.
+    letters : callable
+        Return the known names by their spelling without spaces (`by_letters`).
+    irregular : mapping of str to sequence of str
+        Singulars by irregular plural.
     """
     yield phrase
     singles = tuple(singular_phrases(phrase, irregular))
     yield from singles
     for compact in dict.fromkeys(one.replace(" ", "") for one in (phrase, *singles)):
-        if len(compact) >= SHORTEST_COMPACT:
+        if len(compact) >= MIN_COMPACT_CHARS:
             yield from letters().get(compact, ())
-
-
-def _foreign_singulars(word: str) -> Iterator[str]:
-    """Greek, Latin, French and English plurals that end in no plain `s` (museums' amphorae, kraters, plateaux)."""
-    for ending, singular in (
-        ("men", "man"), ("ae", "a"), ("lekythoi", "lekythos"), ("oi", "os"), ("kes", "x"), ("ges", "x"),
-        ("des", "s"), ("eaux", "eau"), ("aux", "al"), ("ia", "ium"), ("i", "us"), ("i", "o"), ("es", "is"), ("a", "um"),
-    ):  # fmt: skip
-        if word.endswith(ending) and (len(word) > len(ending) + 1 or word == "men"):
-            yield word[: -len(ending)] + singular

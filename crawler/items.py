@@ -1,4 +1,4 @@
-"""A raw item: one object with a size, as its page or table states it (`metric-tree/raw/1`)."""
+"""Raw items: objects with sizes, as stated in a page or a table (`metric-tree/raw/1`)."""
 
 from __future__ import annotations
 
@@ -15,37 +15,33 @@ from metric_base.records import json_record, record_of
 from metric_base.regions import REGIONS
 
 SCHEMA = "metric-tree/raw/1"
-#: Bytes of a line; the longest that ships has 1,076.
+#: Maximum length of a line in bytes; the longest that ships has 1,076.
 MAX_LINE = 1 << 20
 
-#: What a row is worth as evidence: a maker's figure, a measurement, a row of a table of norms, a size that a norm
-#: fixes for its whole class, an artist's model, a catalogued object, a judged range (`curated` before release 3.0.0), a
-#: category value.
+#: Kind of evidence: a figure of the maker, a measurement, a row of a table of standards, a size that a standard fixes
+#: for its class, a model by an artist, an object in a catalogue, a range by judgement (`curated` before release 3.0.0),
+#: a default of a category.
 Kind = Literal["product", "measured", "standard", "norm", "asset", "museum", "judged", "curated", "default"]
 KINDS: frozenset[str] = frozenset(get_args(Kind))
 
-#: Kinds of rows that state the sizes of a whole class: they name its node, and are no objects.
+#: Kinds of rows about a class: they name its node, and are not objects.
 STATED_KINDS = ("norm", "judged", "curated")
 
-#: What a row about many objects states of them; a row without it is an object.
+#: Statistic of a row about several objects.
 Statistic = Literal["mean", "median", "min", "max"]
 STATISTICS: frozenset[str] = frozenset(get_args(Statistic))
 
-#: Fields that a line holds only where they are set.
+#: Fields that are omitted from lines if they are None.
 _OPTIONAL = frozenset({"scene", "statistic", "relative_sd", "attribution"})
 
 
 class BadRawItem(InputError):
-    """A line that is not a raw item: the message names the field, what was expected and what was found."""
+    """A line is not a raw item."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class RawItem:
-    """One item in the words of its source.
-
-    `dimensions_mm` keeps the page's own axis names (length, width, height, diameter, depth); `extents_mm` is
-    the outer size, longest first, or None where the source states none.
-    """
+    """An item in the words of its source."""
 
     source: str
     source_id: str
@@ -54,8 +50,9 @@ class RawItem:
     category_path: tuple[str, ...] = ()
     brand: str | None = None
     dimensions_text: str | None = None
+    #: Sizes by the axes of the source: length, width, height, diameter, depth.
     dimensions_mm: Mapping[str, float | None] = field(default_factory=dict)
-    extents_mm: tuple[float, ...] | None = None
+    extents_mm: tuple[float, ...] | None = None  #: Outer size, longest first; None if the source states none.
     images: tuple[str, ...] = ()
     retrieved_at: str | None = None
     licence: str | None = None
@@ -63,20 +60,18 @@ class RawItem:
     kind: Kind = "product"
     year: int | None = None
     region: str | None = None
-    #: A synset that the source itself names (`chair.n.01`), where it does.
-    synset: str | None = None
-    #: How many physical rows of the source this item is (identical rows collapsed at import).
-    count: int = 1
-    #: Of a norm or a judged range, by axis word: the (low, high) that holds nine of ten such objects; the typical value
-    #: is in `dimensions_mm`.
+    synset: str | None = None  #: Synset that the source states (`chair.n.01`).
+    count: int = 1  #: Number of identical rows of the source.
+    #: Range (low, high) by axis of 90 % of the objects, for standards and judged ranges; the typical value is in
+    #: `dimensions_mm`.
     ranges_mm: Mapping[str, tuple[float, float]] = field(default_factory=dict)
-    #: The room or drive in which the object was measured: objects of one scene are not independent.
+    #: Room or drive of the measurement; objects of one scene are not independent.
     scene: str | None = None
-    #: What a row about many objects states of them; None for a row about one object.
+    #: None for a row about one object.
     statistic: Statistic | None = None
-    #: Of a statistic: standard deviation over mean of the objects that it is about.
+    #: Standard deviation divided by the mean, for a statistic.
     relative_sd: float | None = None
-    #: Whom to name for this item, where the source has many authors.
+    #: Author to name, if the source has several authors.
     attribution: str | None = None
 
     def __post_init__(self) -> None:
@@ -87,9 +82,10 @@ class RawItem:
             f"one of {', '.join(sorted(STATISTICS))}",
             self.statistic,
         )
-        expect(
-            _is_region(self.region), "region", f"two letters of ISO 3166, or {', '.join(sorted(REGIONS))}", self.region
-        )
+        region = self.region
+        is_country = region is not None and len(region) == 2 and region.isascii() and region.isupper()
+        expected = f"two letters of ISO 3166, or {', '.join(sorted(REGIONS))}"
+        expect(region is None or region in REGIONS or is_country, "region", expected, region)
         expect(self.year is None or abs(self.year) < 10_000, "year", "four digits at most", self.year)
         expect(bool(self.source), "source", "a name", self.source)
         expect(bool(self.source_id), "source_id", "an id", self.source_id)
@@ -98,11 +94,11 @@ class RawItem:
 
     @property
     def identity(self) -> str:
-        """What makes the item one: its source and the source's own id."""
+        """Identity of the item: its source and its id there."""
         return f"{self.source}:{self.source_id}"
 
     def line(self) -> str:
-        """The item as one JSON line, without the line break."""
+        """Return the JSON line of the item, without the line break."""
         record: dict[str, Any] = {"schema": SCHEMA}
         for item_field in fields(self):
             value = getattr(self, item_field.name)
@@ -113,12 +109,12 @@ class RawItem:
 
     @classmethod
     def from_line(cls, line: str | bytes) -> RawItem:
-        """The item of one JSON line; fields it does not know are ignored.
+        """Return the item of a JSON line; unknown fields are ignored.
 
         Raises
         ------
         FieldError
-            The line is no JSON object, or of another schema, or a field is not what it must be.
+            The line is not a JSON object of this schema, or a field is invalid.
         """
         values = json_record(line, dict[str, Any])
         schema = values.pop("schema", None)
@@ -126,29 +122,25 @@ class RawItem:
         return record_of(values, cls)
 
 
-def _is_region(region: str | None) -> bool:
-    return region is None or region in REGIONS or (len(region) == 2 and region.isascii() and region.isupper())
-
-
 def raw_items(path: Path) -> Iterator[RawItem]:
-    """The items of a JSON Lines file, in its order.
+    """Return the items of a JSON Lines file, in order.
 
     Raises
     ------
     BadRawItem
-        A line is no raw item; the message names the file and the line.
+        A line is not a raw item.
     """
     with path.open("rb") as file:
         yield from items_of_lines(path, bounded_lines(path, file))
 
 
 def bounded_lines(path: Path, file: BufferedIOBase) -> Iterator[bytes]:
-    """The lines of a file of raw items.
+    """Return the lines of a file of raw items.
 
     Raises
     ------
     BadRawItem
-        A line has more than `MAX_LINE` bytes: a file that unpacks to gigabytes need not hold a line end.
+        A line has more than `MAX_LINE` bytes; a compressed file may contain gigabytes without a line end.
     """
     number = 1
     while line := file.readline(MAX_LINE):
@@ -159,7 +151,7 @@ def bounded_lines(path: Path, file: BufferedIOBase) -> Iterator[bytes]:
 
 
 def items_of_lines(path: Path | str, lines: Iterable[bytes], first: int = 1) -> Iterator[RawItem]:
-    """The items of lines of a file, of which the first is line `first`; blank ones are passed over."""
+    """Return the items of lines of a file that begin with line number `first`; blank lines are ignored."""
     for number, line in enumerate(lines, start=first):
         if line.strip():
             with in_file(f"{path}:{number}", BadRawItem):

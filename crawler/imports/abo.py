@@ -1,8 +1,9 @@
-"""Amazon Berkeley Objects, the listings: `listings/metadata/listings_*.json.gz`, a product of a marketplace a line.
+"""Listings of Amazon Berkeley Objects: `listings/metadata/listings_*.json.gz`, one product of a marketplace per line.
 
-After the set's own README: `item_dimensions` holds height, length and width, each with `value` and `unit` as the seller
-typed them and `normalized_value` in one unit; texts are lists of `language_tag` and `value`; `product_type` is a list
-of one code (`CELLULAR_PHONE_CASE`), the same in every language; a listing is `item_id` on `domain_name`.
+According to the README of the set, `item_dimensions` contains height, length and width, each with `value` and `unit` of
+the seller and with `normalized_value` in one unit. Texts are lists of `language_tag` and `value`. `product_type` is a
+list of one code (`CELLULAR_PHONE_CASE`), the same in every language. A listing is identified by `item_id` and
+`domain_name`.
 """
 
 from __future__ import annotations
@@ -25,7 +26,7 @@ _FILES = "listings_*.json*"
 _AXES = ("length", "width", "height")
 _BOUNDS_MM = (2.0, 6000.0)
 
-#: Codes of departments and of what is sold by volume: they name no kind of object.
+#: Codes of departments and of goods sold by volume, which are not kinds of objects.
 _NOT_AN_OBJECT = frozenset(
     {
         "ACCESSORY", "BABY_PRODUCT", "BEAUTY", "GROCERY", "HARDWARE", "HEALTH_PERSONAL_CARE", "HOME",
@@ -34,34 +35,44 @@ _NOT_AN_OBJECT = frozenset(
     }
 )  # fmt: skip
 
-#: A seller who fills three fields with 1 has measured nothing.
+#: Value of mandatory fields that a seller has not measured.
 _UNFILLED = 1.0
 
-#: No number of a size is larger, in any unit; JSON has integers that no float holds.
-_LARGEST = 1e9
+#: Maximum absolute value of a size in any unit; JSON may contain integers that are too large for a float.
+MAX_VALUE = 1e9
 
-#: Longest line that is read: a listing has some kilobytes.
-_LONGEST = 1 << 22
+#: Maximum length of a line in bytes; a listing has some kilobytes.
+MAX_LINE_BYTES = 1 << 22
 
-#: Empty lines in a row that are passed over; a gzip file of 0.3 MB can hold 300 MB of them.
-_EMPTY_LINES = 1000
+#: Maximum number of consecutive empty lines; a gzip file of 0.3 MB can contain 300 MB of them.
+MAX_EMPTY_LINES = 1000
 
 
 def row_items(source: Source, folder: Path) -> Iterator[RawItem | RowRejected]:
-    """A reading per listing: of the folder `listings/metadata`, one of its files, or `abo-listings.tar`.
+    """Return an item or a rejection for each listing.
 
-    A product that several marketplaces list is read once, where it comes first.
+    Parameters
+    ----------
+    source : Source
+    folder : Path
+        The folder `listings/metadata`, one of its files, or `abo-listings.tar`. Of a product that several marketplaces
+        list, the first listing is used.
 
     Raises
     ------
     BadTable
-        There is no such file, or it is no archive, gzip or JSON.
+        There is no such file, or it is not an archive, gzip or JSON.
     """
     seen: set[str] = set()
     for name, lines in _files(folder):
         for number, line in enumerate(lines, start=1):
             place = f"{name}:{number}"
-            listing = _listing(line, place)
+            try:
+                listing = whole_json(line)
+            except (ValueError, RecursionError) as error:
+                raise BadTable(f"{place}: expected a JSON object; found {str(error)[:200]}") from None
+            if not isinstance(listing, dict):
+                raise BadTable(f"{place}: expected a JSON object; found {type(listing).__name__}")
             item_id = str(listing.get("item_id") or "")
             try:
                 if item_id in seen:
@@ -73,10 +84,10 @@ def row_items(source: Source, folder: Path) -> Iterator[RawItem | RowRejected]:
 
 
 def _files(folder: Path) -> Iterator[tuple[str, Iterable[bytes]]]:
-    """Name and lines of each file, in the order of the names."""
+    """Return name and lines of each file, in the order of the names."""
     if folder.is_file() and folder.name.endswith(".tar"):
         with _readable(folder), tarfile.open(folder) as archive:
-            members = sorted((one for one in archive if one.isfile()), key=lambda one: one.name)
+            members = sorted((member for member in archive if member.isfile()), key=lambda member: member.name)
             for member in members:
                 if Path(member.name).match(_FILES) and (data := archive.extractfile(member)) is not None:
                     yield Path(member.name).name, _lines(data, member.name)
@@ -93,10 +104,10 @@ def _lines(data: IO[bytes], name: str) -> Iterator[bytes]:
     lines = io.BufferedReader(gzip.GzipFile(fileobj=data)) if name.endswith(".gz") else data
     empty = 0
     with _readable(name):
-        while line := lines.readline(_LONGEST):
+        while line := lines.readline(MAX_LINE_BYTES):
             empty = 0 if line.strip() else empty + 1
-            if empty > _EMPTY_LINES:
-                raise BadTable(f"{name}: expected a listing in each line; found {_EMPTY_LINES} empty lines in a row")
+            if empty > MAX_EMPTY_LINES:
+                raise BadTable(f"{name}: expected a listing in each line; found {MAX_EMPTY_LINES} empty lines in a row")
             if not empty:
                 yield line
 
@@ -109,30 +120,18 @@ def _readable(path: Path | str) -> Iterator[None]:
         raise BadTable(f"{path}: expected listings of the set; found {str(error)[:200]}") from None
 
 
-def _listing(line: bytes, place: str) -> Mapping[str, Any]:
-    try:
-        listing = whole_json(line)
-    except (ValueError, RecursionError) as error:
-        raise BadTable(f"{place}: expected a JSON object; found {str(error)[:200]}") from None
-    if not isinstance(listing, dict):
-        raise BadTable(f"{place}: expected a JSON object; found {type(listing).__name__}")
-    return listing
-
-
 def _item(source: Source, listing: Mapping[str, Any], item_id: str) -> RawItem:
     code = _text(listing, "product_type").upper()
     if code in _NOT_AN_OBJECT:
         raise RowRejected("not_an_object", "product_type", code)
-    words = _sizes(listing)
-    title = _text(listing, "item_name")
     domain = str(listing.get("domain_name") or "")
     return row_item(
         source,
         item_id,
-        words,
+        _sizes(listing),
         bounds_mm=_BOUNDS_MM,
         category=[code.replace("_", " ").lower()] if code else [],
-        title=title,
+        title=_text(listing, "item_name"),
         brand=_text(listing, "brand"),
         region=str(listing.get("country") or "") or None,
         url=f"https://www.{domain}/dp/{item_id}" if domain else source.url,
@@ -140,33 +139,31 @@ def _item(source: Source, listing: Mapping[str, Any], item_id: str) -> RawItem:
 
 
 def _sizes(listing: Mapping[str, Any]) -> dict[str, float]:
-    """The stated axes in mm."""
+    """Return the sizes by axis in mm, from the normalised values or else from those of the seller."""
     stated = listing.get("item_dimensions")
     if not isinstance(stated, dict):
         raise RowRejected("no_size", "item_dimensions", stated or "")
-    values = {axis: _length(axis, stated[axis]) for axis in _AXES if stated.get(axis)}
-    typed = {str((stated.get(axis) or {}).get("value")) for axis in values}
-    if len(values) == len(_AXES) and typed <= {str(_UNFILLED), "1"}:
+    sizes: dict[str, float] = {}
+    for axis in _AXES:
+        dimension = stated.get(axis)
+        if not dimension:
+            continue
+        values = (dimension.get("normalized_value"), dimension) if isinstance(dimension, dict) else ()
+        value = next((v for v in values if isinstance(v, dict) and isinstance(v.get("value"), int | float)), None)
+        key = unit(str(value.get("unit") or "")) if value else None
+        if value is None or key is None or not -MAX_VALUE < value["value"] < MAX_VALUE:
+            raise RowRejected("unreadable", f"item_dimensions.{axis}", value if value and key is None else dimension)
+        sizes[axis] = millimetres(float(value["value"]), key)
+    typed = {str((stated.get(axis) or {}).get("value")) for axis in sizes}
+    if len(sizes) == len(_AXES) and typed <= {str(_UNFILLED), "1"}:
         raise RowRejected("marked_unusable", "item_dimensions", "1 x 1 x 1")
-    return values
-
-
-def _length(axis: str, stated: Any) -> float:
-    """Millimetres of one axis: as it was brought to one unit, else as it was typed."""
-    for one in (stated.get("normalized_value"), stated) if isinstance(stated, dict) else ():
-        if isinstance(one, dict) and isinstance(one.get("value"), int | float):
-            key = unit(str(one.get("unit") or ""))
-            if key is None:
-                raise RowRejected("unreadable", f"item_dimensions.{axis}", one)
-            if not -_LARGEST < one["value"] < _LARGEST:
-                break
-            return millimetres(float(one["value"]), key)
-    raise RowRejected("unreadable", f"item_dimensions.{axis}", stated)
+    return sizes
 
 
 def _text(listing: Mapping[str, Any], field: str) -> str:
-    """The English text of a field, else its first."""
+    """Return the English text of a field, else the first text."""
     entries = listing.get(field)
-    texts = [one for one in entries if isinstance(one, dict) and one.get("value")] if isinstance(entries, list) else []
-    english = [one for one in texts if str(one.get("language_tag", "")).startswith("en")]
+    texts = entries if isinstance(entries, list) else []
+    texts = [text for text in texts if isinstance(text, dict) and text.get("value")]
+    english = [text for text in texts if str(text.get("language_tag", "")).startswith("en")]
     return " ".join(str((english or texts)[0]["value"]).split()) if texts else ""

@@ -1,6 +1,7 @@
-"""The declaration of a plain table: which columns hold what, in which unit, and which rows are no object sizes.
+"""Declarations of sources of open data, one TOML file each in `data/sources`, and of their tables.
 
-The declared sources of open data: one TOML file each under `data/sources`.
+The declaration of a table states the columns of the sizes and their units, the columns of other fields, and rules for
+rows that are not sizes of objects.
 """
 
 from __future__ import annotations
@@ -22,33 +23,33 @@ from metric_base.input_files import read_text
 from metric_base.records import BadDeclaration, toml_record
 
 Format = Literal["csv", "json", "jsonl", "properties", "xls", "yaml"]
-#: Why a row is refused, by reason code.
+#: Reasons of rejected rows, by code.
 REASONS: Mapping[str, str] = {
-    "no_size": "states no outer size",
-    "unreadable": "a length that cannot be read",
-    "out_of_bounds": "a size outside the declared bounds of the set: a slip of unit or of typing",
-    "not_an_object": "parcel, ground, spare cover, service or another row whose size is not that of an object",
-    "part_not_whole": "the size of a part, where the whole is wanted",
-    "flat_picture": "a picture, print, page or mat, sized by its sheet or frame",
-    "grid_not_sample": "an even grid of values made up for a search, not a sample of objects",
+    "no_size": "no outer size",
+    "unreadable": "a length that cannot be parsed",
+    "out_of_bounds": "a size outside the declared bounds of the set: a wrong unit or a typing error",
+    "not_an_object": "parcel, ground, spare cover, service or another row that is not about an object",
+    "part_not_whole": "the size of a part of the object",
+    "flat_picture": "an image, print, page or mat, with the size of its sheet or frame",
+    "grid_not_sample": "a regular grid of values for a search instead of a sample of objects",
     "several_states": "sizes of several states or of several pieces in one text",
     "marked_unusable": "marked as unusable by its source",
-    "no_category": "says nowhere what it is",
+    "no_category": "no category",
     "set_of_objects": "one size for a set of several objects",
-    "wrong_axis": "a size of another axis than the column says",
+    "wrong_axis": "a size along another axis than stated by the column",
     "superseded": "the same object is in another file of the set, in another scan of its room, or in another set",
-    "miniature": "a small likeness of the object it is named after",
-    "cut_by_scan": "part of the object was not observed: the size of what was scanned",
-    "juvenile": "not grown: a sapling of a nursery",
+    "miniature": "a miniature of the object in its name",
+    "cut_by_scan": "part of the object was not observed: the size of the scanned part",
+    "juvenile": "a young plant from a nursery",
 }
-#: How the file read here is made of the file at its address: it is that file; the member of a zip archive that
-#: has the sha256; the JSON document written anew, on one line or a value a line.
+#: Relation of a file to the one at its address: the same file, the member of a zip archive with the SHA-256, or the
+#: JSON document on one line or with one value per line.
 Form = Literal["same", "zip", "json-line", "json-lines"]
-#: What an address that follows the newest state of a repository holds: a file that may change.
+#: Part of addresses that follow the newest state of a repository, so that the file may change.
 _MOVING = "/HEAD/"
-#: The address of a file in a repository: owner and name, then commit and path.
+#: Address of a file in a repository: owner and name, then commit and path.
 _RAW_FILE = re.compile(r"https://raw\.githubusercontent\.com/([^/]+/[^/]+)/(.+)")
-#: Licences under which rows may be given on inside a wheel of Apache-2.0: no copyleft, no other duty than to name.
+#: Licences that permit to redistribute rows in a wheel under Apache-2.0: no copyleft, attribution only.
 OPEN_LICENCES = frozenset(
     {
         "Apache-2.0",
@@ -67,40 +68,32 @@ OPEN_LICENCES = frozenset(
 
 
 class _Declared(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
-    """A part of a declaration: its fields are those of the TOML table, and no others."""
+    """A part of a declaration; unknown fields are errors."""
 
 
 class Axis(_Declared, frozen=True, kw_only=True):
-    """The column of one axis, less another one (`minus`) where the two sides of a box are given.
-
-    `unit` is the table's where None; `factor` serves odd units (abalone is given in 200 mm); `pattern` finds the
-    length in a longer text, as its first group.
-    """
+    """The column of an axis."""
 
     column: str
-    minus: str = ""
-    pattern: str = ""
-    unit: str | None = None
-    factor: float = 1.0
+    minus: str = ""  #: Column to subtract, for boxes with the coordinates of two sides.
+    pattern: str = ""  #: Regular expression whose first group is the length.
+    unit: str | None = None  #: None: that of the table.
+    factor: float = 1.0  #: Factor for unusual units (200 for abalone, in multiples of 200 mm).
 
     def __post_init__(self) -> None:
         expect(self.unit in {None, *MILLIMETRES}, "unit", f"one of {', '.join(MILLIMETRES)}", self.unit)
 
 
 class Rule(_Declared, frozen=True, kw_only=True):
-    """A test on one column (a pattern in its text, or a number below or above a bound) and what follows from it.
+    """A test of a column, and its consequence."""
 
-    `column` may be a template over several, `{depth}|{description}`; `listed` names a file beside the declaration
-    that lists the texts that are meant, one a line.
-    `outcome` is a reason code where the rule refuses rows, a flag where it marks them, nothing where it selects them.
-    """
-
-    column: str
-    outcome: str = ""
+    column: str  #: Column, or template of several: `{depth}|{description}`.
+    outcome: str = (
+        ""  #: Code of `REASONS` of a rule that rejects rows, flag of a rule that marks them; otherwise empty.
+    )
     matches: re.Pattern[str] | None = None
-    listed: str = ""
-    #: The texts of the file `listed`.
-    texts: frozenset[str] = frozenset()
+    listed: str = ""  #: File in the folder of the declaration with the texts to which the rule applies, one per line.
+    texts: frozenset[str] = frozenset()  #: Texts of this file.
     below: float | None = None
     above: float | None = None
 
@@ -114,82 +107,64 @@ class Rule(_Declared, frozen=True, kw_only=True):
 
 
 class Cases(_Declared, frozen=True, kw_only=True):
-    r"""A column read out of others: the value of the first case whose pattern is in `column`, else `default`.
+    r"""A column that is derived from others."""
 
-    `column` and `default` are templates; `\1` in a value is what the pattern's first group matched.
-    """
-
-    column: str
-    cases: tuple[tuple[re.Pattern[str], str], ...]
-    default: str = ""
+    column: str  #: Template of the text to search.
+    cases: tuple[tuple[re.Pattern[str], str], ...]  #: Patterns and values; `\1` is the first group of the pattern.
+    default: str = ""  #: Template of the value if no pattern matches.
 
 
 class Table(_Declared, frozen=True, kw_only=True):
-    """One plain table of a source.
+    """A table of a source.
 
-    Texts are templates over the row's columns, `{brand} {model}`; `{file}` is the file's stem, `{row}` the row's
-    number; a filter follows a bar: `{type|words}` parts CamelCase and underscores, `{title|head}` ends at the first
-    comma or bracket, `{title|part}` does so after the first colon, `{x|lower}` is in small letters.
+    Texts are templates of columns, `{brand} {model}`. `{file}` is the name of the file without its ending, and `{row}`
+    the number of the row. Filters follow a bar: `{type|words}` separates the words of CamelCase and underscores,
+    `{title|head}` ends at the first comma or bracket, `{title|part}` is the head after the first colon, and `{x|lower}`
+    is in lower case.
     """
 
-    #: Files of the table, relative to the source's folder, as glob patterns.
-    files: tuple[str, ...]
-    #: The public form of a table that was joined into one file: a pattern of JSON files, a record each, read in the
-    #: order of their paths where `files` is missing.
+    files: tuple[str, ...]  #: Glob patterns, relative to the folder of the source.
+    #: Glob pattern of JSON files with one record each, read in the order of their paths if `files` are missing: the
+    #: published form of a table that was merged into one file.
     records: str = ""
-    #: Whether the patterns mean only files that no other table of the source reads; there may be none.
-    rest: bool = False
+    rest: bool = False  #: Read only files that no other table of the source reads, possibly none.
     format: Format = "csv"
     delimiter: str = ","
     encoding: str = "utf-8-sig"
-    #: Names of the columns where the file has no header.
-    columns: tuple[str, ...] = ()
-    #: Lines above the header.
-    skip_lines: int = 0
-    #: Path to the records of a JSON or YAML file, `*` for every key or element: `records/*`.
-    each: str = "*"
+    columns: tuple[str, ...] = ()  #: Names of the columns, if the file has no header.
+    skip_lines: int = 0  #: Number of lines before the header.
+    each: str = "*"  #: Path to the records of a JSON or YAML file, with `*` for all keys or elements: `records/*`.
     unit: str | None = None
     decimal: Literal[".", ","] | None = None
     id: str = "{file}-{row}"
     title: str = ""
     category: tuple[str, ...] = ()
-    #: What separates the parts of a breadcrumb in one column, ` | `.
-    category_separator: str = ""
+    category_separator: str = ""  #: Separator of a breadcrumb in one column, ` | `.
     brand: str = ""
     url: str = ""
     year: str = ""
     region: str = ""
-    #: The room or drive in which the row's object was measured, `{scan}`.
-    scene: str = ""
-    #: What a row about many objects states of them; `instance` or nothing for a row about one object.
-    statistic: str = ""
-    #: Standard deviation over mean of the objects that a statistic is about.
-    relative_sd: str = ""
+    scene: str = ""  #: Room or drive of the measurement, `{scan}`.
+    statistic: str = ""  #: Statistic of a row about several objects; `instance` or empty for a row about one object.
+    relative_sd: str = ""  #: Standard deviation divided by the mean, for a statistic.
     attribution: str = ""
     synset: str = ""
     kind: str = ""
     licence: str = ""
     axes: dict[str, str | Axis] = {}
-    #: Template of a text that states the whole size, and the axis words of its numbers where it brings none.
-    text: str = ""
-    #: Finds the size in a longer text, as its first group.
-    text_pattern: str = ""
-    order: tuple[str, ...] = ()
-    #: False where the source does not say which axis is which: only `extents_mm` is kept.
-    labelled: bool = True
+    text: str = ""  #: Template of a text with the complete size.
+    text_pattern: str = ""  #: Regular expression whose first group is the size in this text.
+    order: tuple[str, ...] = ()  #: Axes of the numbers in this text, if it does not name them.
+    labelled: bool = True  #: False if the axes are unknown; then only `extents_mm` is stored.
     only: tuple[Rule, ...] = ()
     reject: tuple[Rule, ...] = ()
     flag: tuple[Rule, ...] = ()
     flags: tuple[str, ...] = ()
-    #: Values of a column that read otherwise: `{"sdn" = "saloon"}`.
-    names: dict[str, dict[str, str]] = {}
-    #: Columns read out of others by patterns, before any rule or template looks at the row.
-    read: dict[str, Cases] = {}
-    #: Shortest and longest extent, mm, that an object of this table can have.
-    bounds_mm: tuple[float, float] = (0.1, 500_000.0)
-    #: A reason code where every row of the table is refused, with `note` to say why.
-    refused: str = ""
-    note: str = ""
+    names: dict[str, dict[str, str]] = {}  #: Replacements of the values of a column: `{"sdn" = "saloon"}`.
+    read: dict[str, Cases] = {}  #: Derived columns, for use in rules and templates.
+    bounds_mm: tuple[float, float] = (0.1, 500_000.0)  #: Minimum and maximum extent.
+    refused: str = ""  #: Code of `REASONS` if all rows are rejected.
+    note: str = ""  #: Explanation of `refused`.
 
     def __post_init__(self) -> None:
         given = self.axes or {name: name for name in self.columns if name in AXES}
@@ -203,26 +178,23 @@ class Table(_Declared, frozen=True, kw_only=True):
         expect(bool(self.unit) or not without, "unit", "a unit for every axis", without)
         _expect_some(axes, "axes", AXES)
         _expect_some(self.order, "order", AXES)
-        expect(not self.kind or "{" in self.kind or self.kind in KINDS, "kind", _one_of(KINDS), self.kind)
+        kinds = f"one of {', '.join(sorted(KINDS))}"
+        expect(not self.kind or "{" in self.kind or self.kind in KINDS, "kind", kinds, self.kind)
         shortest, longest = self.bounds_mm
         expect(shortest < longest, "bounds_mm", "the shortest, then the longest", self.bounds_mm)
         _expect_some({rule.outcome for rule in self.reject} | ({self.refused} - {""}), "reject", REASONS)
 
     @property
     def columns_of_axes(self) -> Mapping[str, Axis]:
-        """The axes, each with its column."""
+        """Columns by axis."""
         return {name: axis for name, axis in self.axes.items() if isinstance(axis, Axis)}
 
 
 def expect_inside(path: str, field: str) -> None:
-    """FieldError for a path, or a pattern of paths, that leads out of the folder that it is relative to."""
+    """Raise FieldError if a path or glob pattern leads out of its folder."""
     parts = PurePosixPath(path.replace("\\", "/"))
     outside = parts.is_absolute() or ".." in parts.parts or ":" in path or "\0" in path
     expect(not outside, field, "a path inside the source's folder", path)
-
-
-def _one_of(known: Iterable[str]) -> str:
-    return f"one of {', '.join(sorted(known))}"
 
 
 def _expect_some(given: Iterable[str], field: str, known: Iterable[str]) -> None:
@@ -231,21 +203,17 @@ def _expect_some(given: Iterable[str], field: str, known: Iterable[str]) -> None
 
 
 class UnknownSource(BadDeclaration):
-    """A source id without a declaration."""
+    """No source has this id."""
 
 
 class SourceFile(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
-    """One file of a source: path in the source's folder, sha256 of the file read here, where it is available.
+    """A file of a source."""
 
-    `form` says how the file is made of the one at `url`; the sha256 is of what is made. `url` is empty where no
-    public file yields it (`note` says how it was made): such a file cannot be downloaded and verified.
-    """
-
-    path: str
+    path: str  #: Path in the folder of the source.
     sha256: str
-    url: str = ""
+    url: str = ""  #: Public address; empty if the file cannot be made from a public file (see `note`).
     form: Form = "same"
-    note: str = ""
+    note: str = ""  #: Origin of a file without an address.
 
     def __post_init__(self) -> None:
         expect_inside(self.path, "path")
@@ -254,58 +222,47 @@ class SourceFile(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_field
 
 
 class Source(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
-    """One set of open data: where it is from, whose terms hold, what its rows are worth, how it is read."""
+    """A set of open data: origin, terms, kind of evidence, and tables."""
 
     id: str
     title: str
     url: str
     licence: str
-    #: Whose terms decide, and how they are known.
-    licence_basis: str
+    licence_basis: str  #: Origin of the licence.
     kind: Kind
-    #: Who is to be named, and how, where rows are given on.
-    attribution: str = ""
-    #: Whether rows may be given on with the package.
-    ship: bool
+    attribution: str = ""  #: Attribution that redistribution requires.
+    ship: bool  #: Rows may be redistributed in the package.
     noncommercial: bool = False
     year: int | None = None
     region: str | None = None
     files: tuple[SourceFile, ...] = ()
-    #: What is known of the addresses: how far the files there were compared with those read here.
-    address: str = ""
-    #: What to fetch and to pass by `--input` where a file has no address.
-    fetch: str = ""
+    address: str = ""  #: Comparison of the files at the addresses with the declared files.
+    fetch: str = ""  #: Files to fetch and to pass by `--input`, if a file has no address.
     tables: tuple[Table, ...] = ()
-    #: Module of `crawler.imports` that reads the set where it is no plain table.
-    reader: str = ""
-    #: Traps of the set and what is done about each.
-    traps: tuple[str, ...] = ()
-    #: Errors of the set that are mended on the way, each with its mending.
-    repairs: tuple[str, ...] = ()
-    #: Why no row of the set is an object's size, where that is so.
-    excluded: str = ""
-    #: At most so many items of one category are kept (lowest hash of the id), so that one set does not own it.
+    reader: str = ""  #: Module of `crawler.imports` that reads a set that is not a plain table.
+    traps: tuple[str, ...] = ()  #: Traps of the set, and their treatment.
+    repairs: tuple[str, ...] = ()  #: Errors of the set that are corrected, and their correction.
+    excluded: str = ""  #: Reason why no row of the set is the size of an object; otherwise empty.
+    #: Maximum number of items of a category (lowest hashes of the ids), so that no set dominates a category.
     per_category: int | None = None
-    #: Whether identical items (category, title, brand, sizes) become one with a count.
-    collapse: bool = True
-    #: Whether a title is one object: of several sizes under one title the middle one by volume is taken for all.
-    one_per_title: bool = False
+    collapse: bool = True  #: Merge identical items (category, title, brand, sizes) into one with a count.
+    one_per_title: bool = False  #: A title is one object: of several sizes, the one of median volume is used.
 
     def __post_init__(self) -> None:
         for name in ("title", "url", "licence", "licence_basis"):
             expect(bool(getattr(self, name)), name, "a text", "")
         if self.ship:
             expect(set(self.licence.split(" AND ")) <= OPEN_LICENCES, "ship", "an open licence to ship", self.licence)
-            expect(bool(self.attribution), "attribution", "whom to name where rows ship", "")
+            expect(bool(self.attribution), "attribution", "an attribution, because rows ship", "")
             expect(not self.noncommercial, "ship", "no non-commercial rows", self.noncommercial)
-        known = not self.files or self.downloads != "no" or bool(self.fetch)
-        expect(known, "fetch", "what to fetch where a file has no address", "")
-        ways = bool(self.tables) + bool(self.reader) + bool(self.excluded)
-        expect(ways == 1, "tables", "one of tables, reader, excluded", ways)
+        is_available = not self.files or self.downloads != "no" or bool(self.fetch)
+        expect(is_available, "fetch", "the files to fetch, because one has no address", "")
+        count = bool(self.tables) + bool(self.reader) + bool(self.excluded)
+        expect(count == 1, "tables", "one of tables, reader, excluded", count)
 
     @property
     def page(self) -> str:
-        """Where a reader finds the rows that have no page of their own: the one public file, else the set's page."""
+        """Address of rows without a separate page: the file, if there is a single one, else the page of the set."""
         addresses = {file.url for file in self.files if file.url}
         address = addresses.pop() if len(addresses) == 1 else self.url
         raw = _RAW_FILE.fullmatch(address)
@@ -320,58 +277,52 @@ class Source(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=Tr
 
 
 def read_source(path: Path) -> Source:
-    """The source that a TOML file declares.
+    """Read the declaration of a source, with the files of texts that its rules name.
 
     Raises
     ------
     BadDeclaration
-        The file is no TOML, or fields are missing (all are named), unknown or not what they must be.
+        The file is not TOML, or fields are missing (all are named), unknown or invalid.
     """
-    read = toml_record(path, Source)
-    if read.id != path.stem:
-        raise BadDeclaration(f"{path}: id: expected the file's own name {path.stem!r}, found {read.id!r}")
-    _read_lists(read, path.parent)
-    return read
-
-
-def _read_lists(source: Source, folder: Path) -> None:
-    """Give the rules that name a file of texts those texts."""
-    rules = (rule for table in source.tables for rule in (*table.only, *table.reject, *table.flag))
-    for rule in rules:
+    source = toml_record(path, Source)
+    if source.id != path.stem:
+        raise BadDeclaration(f"{path}: id: expected the name of the file, {path.stem!r}; found {source.id!r}")
+    for rule in (rule for table in source.tables for rule in (*table.only, *table.reject, *table.flag)):
         if rule.listed:
             try:
-                texts = read_text(folder / rule.listed, may_be_empty=True).split("\n")
+                texts = read_text(path.parent / rule.listed, may_be_empty=True).split("\n")
             except InputError as error:
                 raise BadDeclaration(str(error)) from None
             msgspec.structs.force_setattr(rule, "texts", frozenset(filter(None, texts)))
+    return source
 
 
 def sources(folder: Path | None = None) -> tuple[Source, ...]:
-    """All declared sources by id; `folder` is the package's own `data/sources` by default."""
+    """Return all declared sources of a folder by id, by default of `data/sources`."""
     return tuple(read_source(path) for path in sorted((folder or _own_folder()).glob("*.toml")))
 
 
 def declared_sources(folder: Path | None = None) -> dict[str, Source]:
-    """The package's sources by id, and those of another folder; one of the folder takes the place of the package's.
+    """Return the sources of the package and of another folder by id; the latter replace the former.
 
     Raises
     ------
     BadDeclaration
-        The folder has no declaration, or one is invalid.
+        The folder contains no declaration, or an invalid one.
     """
-    own = sources(folder) if folder is not None else ()
-    if folder is not None and not own:
+    others = sources(folder) if folder is not None else ()
+    if folder is not None and not others:
         raise BadDeclaration(f"--sources: expected a folder of declarations, SOURCE.toml; found none in {folder}")
-    return {one.id: one for one in (*sources(), *own)}
+    return {source.id: source for source in (*sources(), *others)}
 
 
 def source(name: str, folder: Path | None = None) -> Source:
-    """The source of this id.
+    """Return the source of an id.
 
     Raises
     ------
     UnknownSource
-        No source has the id; the message names those that there are.
+        No source has this id; the message names all ids.
     """
     paths = {path.stem: path for path in sorted((folder or _own_folder()).glob("*.toml"))}
     if name not in paths:

@@ -1,4 +1,4 @@
-"""The page of all sources: rows, items, refusals by reason, licence, whether rows ship, where files are available."""
+"""Page of all sources: rows, items, rejections by reason, licence, redistribution and availability of files."""
 
 from __future__ import annotations
 
@@ -10,37 +10,35 @@ from crawler.imports.importer import Import
 
 _HEAD = """# Sources of open data
 
-One declaration a source: where it is from, whose terms decide, what its rows are worth as evidence (`kind`), how its
-columns are read, its traps and what is done about each. `crawler/imports/declaration.py` describes the fields,
-`crawler/imports/declaration.py`
-those of a plain table. Where `--input` is missing, a source's files are downloaded, checked against their sha256 and
-cached; the last table lists the sources for which that holds, and what to fetch for the others (`--input`).
-Where two statements of a licence differ, the narrower one is taken until the publisher's own is known: such rows are
-used in the fit and not given on.
+Each source has one declaration: its origin and licence, the kind of evidence of its rows (`kind`), its columns, and its
+traps with their treatment. `crawler/imports/declaration.py` describes the fields. Without `--input`, the files of a
+source are downloaded, verified by their SHA-256 and cached. The last table lists the sources that support this, and the
+files to fetch and to pass by `--input` for the others. If two statements of a licence differ, the stricter one applies
+until the licence of the publisher is known: such rows are used in the fit and not redistributed.
 
 The terms of crawled sites, as far as they are known, are in [SITES.md](SITES.md).
 
-This page, and the raw items under `data/raw` whose terms allow to give them on, are made by
+This page, and the redistributable raw items in `data/raw`, are written by
 
     metric-tree import --all --input ../shared/data/sizes --ship data/raw --summary data/sources/README.md
 
-`rows` = rows behind `items` (identical rows are one item with a count) + `drawn out` (of categories so large that a
-sample of them is kept, by the hash of the id) + `refused`. Refused rows go, with field and reason, into a quarantine
-file beside `--out`.
+`rows` is the number of rows behind `items` (identical rows are one item with a count), plus `drawn out` (rows of large
+categories, of which only a sample is kept, by the hash of the id), plus `refused`. Rejected rows are written with field
+and reason to a quarantine file next to `--out`.
 """
 
-_WHERE = """
-Where the files are available (`metric-tree import --list --verbose` prints the same). `downloads itself`: `yes`, the
-address names a commit; `while unchanged`, it follows the newest state of a repository and is refused once the sha256
-fails. No address was tried over a network when this was written: what was compared is what the reason says, and the
-sha256 of every file is that of the file read here.
+_AVAILABILITY = """
+Availability of the files (also printed by `metric-tree import --list --verbose`). `downloads itself` is `yes` if the
+address names a commit, and `while unchanged` if it follows the newest state of a repository, so that a changed file is
+rejected by its SHA-256. No address was tried over a network when this page was written: the column `reason` states the
+comparison that was made, and the SHA-256 of each file is that of the file that was read.
 """
 
 _COLUMNS = ("source", "kind", "rows", "items", "drawn out", "refused", "by reason", "licence", "rows ship")
 
 
 def terms(source: Source) -> dict[str, Any]:
-    """Where a source is had and on what terms, as the command's JSON."""
+    """Return origin and terms of a source as JSON of the command."""
     addresses = list(dict.fromkeys(file.url for file in source.files if file.url))
     return {
         "source": source.id,
@@ -58,7 +56,7 @@ def terms(source: Source) -> dict[str, Any]:
 
 
 def summary(result: Import) -> dict[str, Any]:
-    """The counts of an import and the terms of its source, as the command's JSON."""
+    """Return the counts of an import and the terms of its source as JSON of the command."""
     source = result.source
     return {
         **terms(source),
@@ -73,47 +71,46 @@ def summary(result: Import) -> dict[str, Any]:
 
 
 def overview(summaries: Sequence[dict[str, Any]], absent: Sequence[Source] = ()) -> str:
-    """A Markdown page: the table of the summaries, the reason codes, why sources are left out whole.
+    """Return the page in Markdown: imports, reason codes, attributions, excluded sources and availability.
 
-    absent : sources whose files were not at hand
+    Parameters
+    ----------
+    summaries : sequence of dict
+        Results of `summary`.
+    absent : sequence of Source
+        Sources whose files were missing.
     """
-    lines = [_HEAD, *map(_absence, absent), _line(_COLUMNS), _line("---" for _ in _COLUMNS)]
-    lines += [_line(_cells(entry)) for entry in summaries]
-    totals = {key: sum(entry[key] for entry in summaries) for key in ("rows", "items", "sampled_out", "refused")}
-    lines.append(_line([f"**{len(summaries)} sources**", "", *(f"**{n}**" for n in totals.values()), "", "", ""]))
-    lines += ["", "Reason codes:", ""]
-    lines += [f"- `{code}`: {meaning}" for code, meaning in REASONS.items()]
-    lines += ["", "Rows that are given on are owed to:", ""]
-    lines += [f"- `{entry['source']}`: {entry['attribution']}" for entry in summaries if entry["ship"]]
-    if excluded := [entry for entry in summaries if entry["excluded"]]:
-        lines += ["", "Left out whole:", ""]
-        lines += [f"- `{entry['source']}`: {entry['excluded']}" for entry in excluded]
-    columns = ("source", "address", "licence", "rows ship", "downloads itself", "reason")
-    lines += [_WHERE, _line(columns), _line("---" for _ in columns)]
-    lines += [_line(_where(entry)) for entry in summaries]
-    return "\n".join(lines) + "\n"
-
-
-def _absence(source: Source) -> str:
-    return (
+    lines = [_HEAD]
+    lines += [
         f"[{source.id}]({source.url}) ({source.title}) is declared and has no row below: its files were not at hand."
         f" `metric-tree import {source.id} --input PATH --out {source.id}.jsonl` reads them; its licence:"
         f" {source.licence_basis}.\n"
-    )
-
-
-def _cells(entry: dict[str, Any]) -> list[object]:
-    reasons = ", ".join(f"{code} {n}" for code, n in entry["reasons"].items())
-    name = f"[{entry['source']}]({entry['url']})"
-    counts = [entry[key] for key in ("rows", "items", "sampled_out", "refused")]
-    return [name, entry["kind"], *counts, reasons, entry["licence"], _ships(entry)]
-
-
-def _where(entry: dict[str, Any]) -> list[object]:
-    addresses = entry["addresses"]
-    several = f"first of {len(addresses)}" if len(addresses) > 1 else "file"
-    address = f"[{several}]({addresses[0]})" if addresses else f"[set]({entry['url']})"
-    return [entry["source"], address, entry["licence"], _ships(entry), entry["downloads"], entry["reason"]]
+        for source in absent
+    ]
+    lines += [_line(_COLUMNS), _line("---" for _ in _COLUMNS)]
+    counts = ("rows", "items", "sampled_out", "refused")
+    for entry in summaries:
+        reasons = ", ".join(f"{code} {n}" for code, n in entry["reasons"].items())
+        cells = [f"[{entry['source']}]({entry['url']})", entry["kind"], *(entry[count] for count in counts)]
+        lines.append(_line([*cells, reasons, entry["licence"], _ships(entry)]))
+    totals = (f"**{sum(entry[count] for entry in summaries)}**" for count in counts)
+    lines.append(_line([f"**{len(summaries)} sources**", "", *totals, "", "", ""]))
+    lines += ["", "Reason codes:", ""]
+    lines += [f"- `{code}`: {meaning}" for code, meaning in REASONS.items()]
+    lines += ["", "Attributions of redistributed rows:", ""]
+    lines += [f"- `{entry['source']}`: {entry['attribution']}" for entry in summaries if entry["ship"]]
+    if excluded := [entry for entry in summaries if entry["excluded"]]:
+        lines += ["", "Excluded sources:", ""]
+        lines += [f"- `{entry['source']}`: {entry['excluded']}" for entry in excluded]
+    columns = ("source", "address", "licence", "rows ship", "downloads itself", "reason")
+    lines += [_AVAILABILITY, _line(columns), _line("---" for _ in columns)]
+    for entry in summaries:
+        addresses = entry["addresses"]
+        several = f"first of {len(addresses)}" if len(addresses) > 1 else "file"
+        address = f"[{several}]({addresses[0]})" if addresses else f"[set]({entry['url']})"
+        cells = [entry["source"], address, entry["licence"], _ships(entry), entry["downloads"], entry["reason"]]
+        lines.append(_line(cells))
+    return "\n".join(lines) + "\n"
 
 
 def _ships(entry: dict[str, Any]) -> str:

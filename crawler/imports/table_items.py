@@ -1,4 +1,4 @@
-"""Rows of declared tables to raw items; a row without a valid size, category or text is rejected with a reason."""
+"""Convert rows of declared tables to raw items; rows without a valid size, category or text are rejected."""
 
 from __future__ import annotations
 
@@ -8,16 +8,30 @@ from collections.abc import Callable, Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import Any, Self
 
-from crawler.imports.declaration import REASONS, Cases, Rule, Source, Table
-from crawler.imports.table_files import FIELD, Row, _head, _part, _words, record_rows, rows
+from crawler.imports.declaration import REASONS, Rule, Source, Table
+from crawler.imports.table_files import FIELD, Row, record_rows, rows
 from crawler.items import BadRawItem, RawItem
 from crawler.text.cell_lengths import AXES, UnreadableLength, dimensions_mm, extents_mm, length_mm, measures
 from crawler.text.units import millimetres
 from metric_base.errors import in_file
 
-#: Number of decimals of a stored millimetre: a micrometre, finer than any source measures.
+#: Number of decimals of sizes in mm: a micrometre, finer than the sources.
 STORED_DECIMALS_MM = 3
-_FILTERS: Mapping[str, Callable[[str], str]] = {"lower": str.lower, "head": _head, "part": _part, "words": _words}
+#: Boundaries of words in CamelCase and in names with underscores.
+_WORD_BOUNDARY = re.compile(r"(?<=[a-z0-9])(?=[A-Z])|[_|\s]+")
+
+
+def _head(text: str) -> str:
+    return re.split(r"[,;(]", text, maxsplit=1)[0].strip()
+
+
+#: Filters of templates (`Table`).
+_FILTERS: Mapping[str, Callable[[str], str]] = {
+    "lower": str.lower,
+    "head": _head,
+    "part": lambda text: _head(text.split(":", maxsplit=1)[-1].strip()),
+    "words": lambda text: " ".join(part for part in _WORD_BOUNDARY.split(text) if part).lower(),
+}
 
 
 class RowRejected(Exception):
@@ -127,7 +141,10 @@ def year(text: str) -> int | None:
 def table_row_items(source: Source, folder: Path) -> Iterator[RawItem | RowRejected]:
     """Return an item or a rejection for each row of all tables of a source, in the order of tables, files and rows."""
     for table in source.tables:
-        paths = _remaining_files(source, folder, table) if table.rest else _files(table, folder)
+        paths = _files(table, folder)
+        if table.rest:  # only files that no other table of the source reads
+            others = {path for other in source.tables if not other.rest for path in _files(other, folder)}
+            paths = [] if folder.is_file() else [path for path in paths if path not in others]
         files: list[tuple[str, Iterator[Row]]] = [(path.stem, rows(table, path)) for path in paths]
         if not paths and not table.rest and folder.is_dir():
             files = [(Path(table.files[0]).stem, record_rows(table, folder))]  # the published form of the table
@@ -156,17 +173,14 @@ def _rename_values(table: Table, row: Row) -> Row:
     for column, others in table.names.items():
         row[column] = others.get(row.get(column, ""), row.get(column, ""))
     for name, cases in table.read.items():
-        row[name] = _case(cases, row)
+        text = fill_template(cases.column, row)
+        matches = ((pattern.search(text), value) for pattern, value in cases.cases)
+        match, value = next(((match, value) for match, value in matches if match), (None, ""))
+        if match is None:
+            row[name] = fill_template(cases.default, row)
+        else:
+            row[name] = match.expand(value) if "\\" in value else value
     return row
-
-
-def _case(cases: Cases, row: Row) -> str:
-    r"""Return the value of the first case that matches, with its groups in place of `\1`, or the default."""
-    text = fill_template(cases.column, row)
-    for pattern, value in cases.cases:
-        if match := pattern.search(text):
-            return match.expand(value) if "\\" in value else value
-    return fill_template(cases.default, row)
 
 
 def _files(table: Table, folder: Path) -> list[Path]:
@@ -174,14 +188,6 @@ def _files(table: Table, folder: Path) -> list[Path]:
     if folder.is_file():
         return [folder] if any(folder.match(pattern) for pattern in table.files) else []
     return [path for pattern in table.files for path in sorted(folder.glob(pattern))]
-
-
-def _remaining_files(source: Source, folder: Path, table: Table) -> list[Path]:
-    """Return the files of the patterns that no other table reads."""
-    if folder.is_file():
-        return []
-    others = {path for other in source.tables if not other.rest for path in _files(other, folder)}
-    return [path for pattern in table.files for path in sorted(folder.glob(pattern)) if path not in others]
 
 
 def _table_row_item(source: Source, table: Table, row: Row) -> RawItem:

@@ -1,4 +1,4 @@
-"""The frozen levels 1 to 4, and the rule that places a synset under them (docs/explanation/taxonomy.md).
+"""Frozen levels 1 to 4 of the tree, and the rule that assigns synsets to them (docs/explanation/taxonomy.md).
 
 A synset belongs to the kind (level 4) that claims it or the nearest of its WordNet hypernyms. The distance is the
 number of steps over all paths; the order of WordNet breaks ties. The result therefore depends on the synset only, and

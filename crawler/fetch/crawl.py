@@ -18,7 +18,7 @@ from itertools import islice
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal, TypeAlias
 
-from crawler.fetch.frontier import OFF_SITE, PRIVATE, FailFastFrontier, Frontier, has_no_result, storage_errors
+from crawler.fetch.frontier import OFF_SITE, PRIVATE, FailFastFrontier, has_no_result, storage_errors
 from crawler.fetch.sqlite_frontier import SqliteFrontier, stored_counts
 from crawler.page.urls import web_address
 from crawler.sites.registry import GENERIC, SITES, use_site
@@ -60,7 +60,7 @@ class Crawl:
     contact: str
     cache: Path | None = None
     private: bool = False  #: Whether addresses of this machine and its network are allowed.
-    delay: float | None = None  #: Seconds between two requests to a site; None: that of its declaration.
+    delay: float | None = None  #: Seconds between two requests to a site; None: as declared.
     redis: str = ""  #: Address of the server of a shared frontier.
     worker: str = ""  #: Name of a worker of a shared crawl, whose files are in a folder of this name.
     site: Path | None = None  #: Declaration of a site outside of the package.
@@ -89,7 +89,7 @@ class Summary:
     sites: Mapping[str, Mapping[str, float]]
 
     @classmethod
-    def from_stats(cls, stats: Mapping[str, Any], frontier: Frontier, seconds: float) -> Summary:
+    def from_stats(cls, stats: Mapping[str, Any], frontier: FailFastFrontier, seconds: float) -> Summary:
         """Return the summary of Scrapy's statistics.
 
         `sites` has by host the pages, items, bytes as unpacked, drops and failures by reason, and the rate.
@@ -156,7 +156,7 @@ def run_crawl(crawl: Crawl, progress: Callable[[Mapping[str, Any]], None] | None
     from scrapy.crawler import CrawlerProcess
 
     from crawler.fetch.scheduler import LIMIT_SETTING, close_crawl
-    from crawler.fetch.settings import settings
+    from crawler.fetch.settings import crawl_settings
 
     spider = spider_class(crawl.spider, use_site(crawl.site) if crawl.site else None)
     for url in crawl.start:
@@ -165,7 +165,7 @@ def run_crawl(crawl: Crawl, progress: Callable[[Mapping[str, Any]], None] | None
     with storage_errors(place):
         frontier = FailFastFrontier(open_frontier(crawl, spider), place)
     delay = getattr(spider, "site", GENERIC).delay_s if crawl.delay is None else crawl.delay
-    options = settings(contact=crawl.contact, cache=crawl.cache, private=crawl.private, delay=delay)
+    options = crawl_settings(contact=crawl.contact, cache=crawl.cache, private=crawl.private, delay=delay)
     options |= {"LOG_INSTALL_ROOT_HANDLER": False, LIMIT_SETTING: crawl.limit}
     process = CrawlerProcess(options | dict(crawl.overrides))
     crawler = process.create_crawler(spider)
@@ -254,7 +254,7 @@ def open_frontier(crawl: Crawl, spider: Any) -> Any:
 
 
 def _origin(crawl: Crawl, spider: Any, before: Mapping[str, Any]) -> dict[str, Any]:
-    """Return the start addresses, query and category of a crawl, completed by those of the crawl that it resumes."""
+    """Return the start addresses, query and category of a crawl, completed by the stored ones of a resumed crawl."""
     origin = {
         "start": list(dict.fromkeys([*crawl.start, *before.get("start", ())])),
         "query": crawl.query or before.get("query", ""),

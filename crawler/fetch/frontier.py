@@ -1,8 +1,8 @@
-"""The frontier of a crawl: waiting, leased, finished and failed pages, durable at every moment.
+"""Frontier of a crawl: waiting, leased, finished and failed pages, durable at every moment.
 
-A page is one transaction: its items, its links and its completion are written together. A process that is killed loses
-nothing and repeats nothing: pages that it had leased are fetched again, finished pages are not. (The JOBDIR of Scrapy
-forgets requests in flight and unwritten state.)
+A page is one transaction: its items, its links and its completion are written together. If a process is killed, no page
+is lost or repeated: pages that it had leased are fetched again, finished pages are not. (The JOBDIR of Scrapy does not
+contain requests in flight.)
 
 `FailFastFrontier` ends the crawl at the first storage error: afterwards no task waits and nothing is written, so that
 Scrapy finishes, and the error is raised where the crawl was started.
@@ -27,9 +27,9 @@ from metric_base.errors import InputError, StorageError
 OFF_SITE, PRIVATE = "off the site", "private address"
 REFUSALS = (OFF_SITE, PRIVATE)
 Result = TypeVar("Result")
-#: Errors of the system that mean that nothing can be written.
+#: Errors of the system after which files cannot be written.
 FULL = frozenset({errno.ENOSPC, errno.EDQUOT, errno.EFBIG, errno.EROFS, errno.EIO})
-_NOTHING = dict.fromkeys(("waiting", "leased", "done", "failed", "items", "pictures"), 0)
+_ZERO_COUNTS = dict.fromkeys(("waiting", "leased", "done", "failed", "items", "pictures"), 0)
 
 
 @dataclass(frozen=True, slots=True)
@@ -75,7 +75,7 @@ class Outcome:
             raise ValueError(f"{self.key}: expected items or pictures; found both")
 
     def is_whole(self, new: int) -> bool:
-        """Return True if no item is left after `new` were taken."""
+        """Return True if all items are stored after `new` new ones."""
         return self.max_items is None or new < self.max_items or len(self.items) <= new
 
 
@@ -101,7 +101,7 @@ class Frontier(Protocol):
         """Tasks by state, items, and images."""
 
     def origin(self) -> dict[str, Any]:
-        """Return the stored start addresses, query and category; empty if there are none."""
+        """Return the stored start addresses, query and category; empty if they are missing."""
 
     def remember(self, origin: Mapping[str, Any]) -> None:
         """Store start addresses, query and category for a resume."""
@@ -186,7 +186,7 @@ class FailFastFrontier:
 
     def counts(self) -> dict[str, int]:
         """Tasks by state, items, and images."""
-        return self.call_or(dict(_NOTHING), self._frontier.counts)
+        return self.call_or(dict(_ZERO_COUNTS), self._frontier.counts)
 
     def origin(self) -> dict[str, Any]:
         """Return the stored start addresses, query and category."""
@@ -195,14 +195,6 @@ class FailFastFrontier:
     def remember(self, origin: Mapping[str, Any]) -> None:
         """Store start addresses, query and category."""
         self._frontier.remember(origin)
-
-    def reopen(self, reason: str) -> int:
-        """Let the tasks that were refused for a reason wait again; return their number."""
-        return self._frontier.reopen(reason)
-
-    def start_over(self) -> None:
-        """Remove all tasks."""
-        self._frontier.start_over()
 
     def lines(self, after: int = 0, kind: Literal["items", "pictures"] = "items") -> Iterable[tuple[int, str]]:
         """Return numbers and JSON lines of the items or images after a number."""

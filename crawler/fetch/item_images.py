@@ -1,4 +1,4 @@
-"""Images of items: checked, and stored once under the hash of their bytes."""
+"""Check images of items, and store them once under the hash of their bytes."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from metric_base.files import whole_file
 
 SCHEMA = "metric-tree/picture/1"
 
-#: Why an image is refused.
+#: Reason to reject an image.
 Refusal = Literal["empty", "too_many_bytes", "no_picture", "too_small", "too_large", "animated", "broken"]
 
 #: Maximum size of an image in bytes: ten times a large product photograph.
@@ -31,37 +31,33 @@ _ENDINGS = {"JPEG": "jpg", "PNG": "png", "WEBP": "webp"}
 
 @dataclass(frozen=True, slots=True)
 class Picture:
-    """A stored image, with its hash, item, source, file and size.
+    """A stored image of an item."""
 
-    attribution : who is to be named, if not the source; pixels_per_metre : of an orthographic image;
-    foreground_share : of an image whose transparency is an exact mask.
-    """
-
-    image_id: str
+    image_id: str  #: SHA-256 of its bytes.
     item_id: str
     source_url: str
     path: str
     width_px: int
     height_px: int
-    attribution: str | None = None
-    pixels_per_metre: float | None = None
-    foreground_share: float | None = None
+    attribution: str | None = None  #: Author, if it is not the source.
+    pixels_per_metre: float | None = None  #: For orthographic images.
+    foreground_share: float | None = None  #: For images whose transparency is an exact mask.
 
     @property
     def identity(self) -> str:
-        """What makes the record one: an image shown by two items is two records and one file."""
+        """Identity of the record; an image of two items has two records and one file."""
         return f"picture:{self.image_id}:{self.item_id}"
 
     def line(self) -> str:
-        """The record as one JSON line."""
+        """Return the JSON line of the record."""
         stated = {name: value for name, value in asdict(self).items() if value is not None}
         return json.dumps({"schema": SCHEMA, **stated}, ensure_ascii=False)
 
 
 def picture(body: bytes, url: str, item_id: str, folder: Path) -> Picture | Refusal:
-    """The image of a body, stored in `folder`, or why it was refused.
+    """Store the image of a response in `folder`, or return the reason to reject it.
 
-    Only JPEG, PNG and WebP stills pass; the header's size is checked before a pixel is unpacked.
+    Only JPEG, PNG and WebP still images are accepted. The size in the header is checked before decoding.
     """
     image: Any | Refusal = decode_picture(body)
     if isinstance(image, str):
@@ -69,12 +65,18 @@ def picture(body: bytes, url: str, item_id: str, folder: Path) -> Picture | Refu
     ending, (width, height) = _ENDINGS[image.format], image.size
     name = hashlib.sha256(body).hexdigest()
     path = Path(name[:2]) / f"{name}.{ending}"
-    _store(folder / path, body)
+    if not (folder / path).exists():
+        try:
+            (folder / path).parent.mkdir(parents=True, exist_ok=True)
+            with whole_file(folder / path) as work:
+                work.write_bytes(body)
+        except OSError as error:
+            raise StorageError(f"{folder / path}: expected space for an image, found: {error.strerror}") from None
     return Picture(name, item_id, url, path.as_posix(), width, height)
 
 
 def decode_picture(body: bytes) -> Any | Refusal:
-    """The Pillow image of a body, its pixels unpacked, or why it was refused."""
+    """Return the decoded Pillow image of a response, or the reason to reject it."""
     if not body:
         return "empty"
     if len(body) > MAX_BYTES:
@@ -88,7 +90,7 @@ def decode_picture(body: bytes) -> Any | Refusal:
             image.load()
     except (UnidentifiedImageError, Image.DecompressionBombError):
         return "no_picture"
-    except (OSError, ValueError, SyntaxError, KeyError):  # what Pillow raises for truncated and crooked files
+    except (OSError, ValueError, SyntaxError, KeyError):  # errors of Pillow for truncated and invalid files
         return "broken"
     return refused or image
 
@@ -102,14 +104,3 @@ def _refusal(image: Any) -> Refusal | None:
     if max(image.size) > SIDE_RANGE_PX[1] or image.width * image.height > MAX_PIXELS:
         return "too_large"
     return None if image.format in _ENDINGS else "no_picture"
-
-
-def _store(path: Path, body: bytes) -> None:
-    if path.exists():
-        return
-    try:
-        path.parent.mkdir(parents=True, exist_ok=True)
-        with whole_file(path) as work:
-            work.write_bytes(body)
-    except OSError as error:
-        raise StorageError(f"{path}: expected space for an image, found: {error.strerror}") from None

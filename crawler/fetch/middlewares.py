@@ -45,11 +45,11 @@ class GuardMiddleware:
 
     @classmethod
     def from_crawler(cls, crawler: Crawler) -> GuardMiddleware:
-        """The middleware of a crawler."""
+        """Return the middleware of a crawler."""
         return cls(crawler)
 
     def process_request(self, request: Request) -> None:
-        """Raise IgnoreRequest where the address is refused; redirects pass here again."""
+        """Raise IgnoreRequest for other addresses, also after redirects."""
         parts = urlsplit(request.url)
         host = parts.hostname or ""
         if parts.scheme not in {"http", "https"}:
@@ -66,15 +66,15 @@ class RefusedHostMiddleware:
     """Reject names that resolve to an address of this machine or its network, without a retry."""
 
     def process_exception(self, request: Request, exception: Exception) -> None:  # noqa: ARG002 - Scrapy passes it
-        """Raise IgnoreRequest where the resolver refused the request's host."""
+        """Raise IgnoreRequest if the resolver refused the host."""
         if urlsplit(request.url).hostname in REFUSED:
             raise IgnoreRequest(f"{PRIVATE}: {request.url}")
 
 
 class BanMiddleware:
-    """Recognises a ban, counts it, puts the page back and pauses the crawl; gives up after several in a row.
+    """Detect and count bans, return their pages to the frontier, and pause or, after `MAX_BANS`, end the crawl.
 
-    What was asked for before a ban and is refused as well is the same ban: four requests in flight are not four bans.
+    Refused requests that were sent before a ban belong to the same ban: four requests in flight are not four bans.
     """
 
     def __init__(self, crawler: Crawler) -> None:
@@ -84,11 +84,11 @@ class BanMiddleware:
 
     @classmethod
     def from_crawler(cls, crawler: Crawler) -> BanMiddleware:
-        """The middleware of a crawler."""
+        """Return the middleware of a crawler."""
         return cls(crawler)
 
     def process_response(self, request: Request, response: Response) -> Response | Request:
-        """The response, or the request again where the response is a ban."""
+        """Return the response, or the request if the response is a ban."""
         if not is_ban(response):
             self._in_a_row = 0
             return response
@@ -101,7 +101,8 @@ class BanMiddleware:
             self._pause(_retry_after(response))
         return request.replace(dont_filter=True, priority=request.priority - 1)
 
-    def _pause(self, asked: float | None) -> None:
+    def _pause(self, requested: float | None) -> None:
+        """Pause the crawl for the requested or default time, or end it."""
         from twisted.internet import reactor
 
         engine = self._crawler.engine
@@ -114,9 +115,9 @@ class BanMiddleware:
             deferred_from_coro(engine.close_spider_async(reason="banned"))
             return
         first = self._crawler.settings.getfloat("METRIC_TREE_BAN_SECONDS", BAN_SECONDS)
-        # the pause of the first ban is that of the header; further bans double our own
-        own = first * 2 ** (self._in_a_row - 1)
-        seconds = asked if asked is not None and self._in_a_row == 1 else max(asked or 0.0, own)
+        # the header determines the pause of the first ban; the default pause doubles with each further ban
+        default = first * 2 ** (self._in_a_row - 1)
+        seconds = max(requested or 0.0, default) if requested is None or self._in_a_row > 1 else requested
         seconds = min(seconds, MAX_BAN_SECONDS)
         engine.pause()
         reactor.callLater(seconds, engine.unpause)
@@ -147,7 +148,7 @@ class BoundedRobotParser(ProtegoRobotParser):
 
     @classmethod
     def from_crawler(cls, crawler: Crawler, robotstxt_body: bytes) -> BoundedRobotParser:
-        """The parser of a file's bytes."""
+        """Return the parser of the bytes of a file."""
         if len(robotstxt_body) > ROBOTS_BYTES:
             robotstxt_body = robotstxt_body[: robotstxt_body.rfind(b"\n", 0, ROBOTS_BYTES) + 1]
         return cls(robotstxt_body, crawler.spider)

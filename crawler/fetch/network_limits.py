@@ -1,9 +1,7 @@
-"""Which addresses are public, and a resolver that answers with those alone.
+"""Limits of network access: a resolver that accepts only public addresses, and a limit on response headers.
 
-The check is made on the answer that the connection uses. A name that is looked up twice may answer with a public
-address the first time and with this machine's the second (DNS rebinding).
-
-A bound on the headers of an answer; Twisted bounds the length of a line, and not how many there are.
+The resolver checks the address that the connection uses, because a second lookup of a name may return another address
+(DNS rebinding). Twisted limits the length of a header line, but not the number of lines.
 """
 
 from __future__ import annotations
@@ -22,9 +20,9 @@ if TYPE_CHECKING:
     from scrapy.crawler import Crawler
     from twisted.internet.interfaces import IAddress
 
-#: Names that the resolver refused in this process, which runs one crawl: Scrapy hands a resolver no crawler.
+#: Names that the resolver refused in this process, which runs one crawl; Scrapy passes no crawler to a resolver.
 REFUSED: set[str] = set()
-#: Networks that contain another address, or that no web host has, although they are global.
+#: Global networks whose addresses contain another address or are not used by web hosts.
 _NOT_PUBLIC = [
     ipaddress.ip_network(text)
     for text in (
@@ -38,12 +36,12 @@ _NOT_PUBLIC = [
         "192.88.99.0/24",  # relays of 6to4 (RFC 7526)
     )
 ]
-#: Servers themselves read 8 to 64 KiB of headers; no honest answer has more.
+#: Maximum size of the headers of a response in bytes; servers accept 8 to 64 KiB.
 HEADER_BYTES = 256 * 1024
 
 
 def is_public(address: str) -> bool:
-    """Return True if an IP address is of the public internet and carries no other address inside."""
+    """Return True if an IP address is public and contains no other address."""
     parsed = ipaddress.ip_address(address.partition("%")[0])
     if not parsed.is_global or parsed.is_multicast or parsed.is_reserved:
         return False
@@ -51,7 +49,7 @@ def is_public(address: str) -> bool:
 
 
 def is_literal(host: str) -> bool:
-    """Return True if a host is an IP address and no name."""
+    """Return True if a host is an IP address instead of a name."""
     try:
         ipaddress.ip_address(host.partition("%")[0])
     except ValueError:
@@ -60,7 +58,7 @@ def is_literal(host: str) -> bool:
 
 
 class PublicResolver(CachingThreadedResolver):
-    """Scrapy's resolver, which keeps its answers for the whole crawl, for public addresses alone."""
+    """Caching resolver of Scrapy that accepts only public addresses."""
 
     def getHostByName(self, name: str, timeout: Any = ()) -> Any:  # noqa: N802 - Twisted's name
         """Return the address of a name as a Deferred that fails if the address is not public."""
@@ -74,7 +72,7 @@ class PublicResolver(CachingThreadedResolver):
 
 
 class HeaderLimitHandler(HTTP11DownloadHandler):
-    """Scrapy's download handler, whose connections end where the headers of an answer are too long."""
+    """Download handler of Scrapy that closes connections with too long response headers."""
 
     def __init__(self, crawler: Crawler) -> None:
         super().__init__(crawler)
@@ -82,21 +80,21 @@ class HeaderLimitHandler(HTTP11DownloadHandler):
 
 
 class HeaderLimitFactory(_LenientHTTP11ClientFactory):
-    """Builds connections that count the bytes of headers."""
+    """Factory of connections that count the bytes of headers."""
 
     def buildProtocol(self, addr: IAddress | None) -> HTTP11ClientProtocol:  # noqa: N802 - Twisted's name
-        """A connection with the bound."""
+        """Return a connection with the limit."""
         connection = super().buildProtocol(addr)
         received, parser = connection.dataReceived, None
         count = 0
 
         def receive(data: bytes) -> None:
             nonlocal count, parser
-            if connection._parser is not parser:  # of the next answer on this connection
+            if connection._parser is not parser:  # the next response of this connection
                 count, parser = 0, connection._parser
             if parser is not None and parser.state in (STATUS, HEADER):
                 count += len(data)
-                if count > HEADER_BYTES + len(data):  # the last piece may hold the body's beginning
+                if count > HEADER_BYTES + len(data):  # the last piece may contain the start of the body
                     connection._giveUp(Failure(ResponseFailed([Failure(ValueError("too many headers"))])))
                     return
             received(data)

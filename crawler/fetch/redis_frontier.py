@@ -1,4 +1,4 @@
-"""A frontier that several processes or machines share: Redis, with leases that expire.
+"""Frontier of several processes or machines: Redis, with leases that expire.
 
 Leases of a killed worker expire, and other workers fetch its pages. Items are stored by the worker that read them in an
 SQLite file before the task is marked as done; after a kill between the two, the page is read again and gives the same
@@ -23,7 +23,7 @@ LEASE_SECONDS = 180.0
 
 
 class NoRedis(InputError):
-    """A Redis server that does not answer."""
+    """A Redis server does not respond."""
 
 
 # KEYS: seen, tasks, queue, leases. ARGV: triples of key, score, text.
@@ -94,8 +94,8 @@ class RedisFrontier:
         arguments: list[Any] = []
         for task in tasks:
             key = task.key or task_key(task.url, task.callback)
-            whole = Task(task.url, task.callback, task.meta, task.priority, key)
-            arguments += [key, -task.priority, whole.text()]
+            keyed = Task(task.url, task.callback, task.meta, task.priority, key)
+            arguments += [key, -task.priority, keyed.text()]
         keys = [self._keys[part] for part in ("seen", "tasks", "queue", "leases")]
         return int(self._add(keys=keys, args=arguments)) if arguments else 0
 
@@ -122,21 +122,17 @@ class RedisFrontier:
         self.add(outcome.tasks)
         pipe = self._redis.pipeline(transaction=True)
         pipe.zrem(self._keys["leases"], outcome.key)
-        pipe.zrem(self._keys["queue"], outcome.key)  # it waits there again if its lease ran out meanwhile
+        pipe.zrem(self._keys["queue"], outcome.key)  # it is there again if its lease has expired
         if not outcome.is_whole(new):
             pipe.zadd(self._keys["queue"], {outcome.key: 0})
         else:
-            self._settle(pipe, outcome)
+            if outcome.failure in REFUSALS:  # a resume with other options may add it again
+                pipe.hset(self._keys["refused"], outcome.key, outcome.failure)
+            else:
+                pipe.hdel(self._keys["tasks"], outcome.key)
+            pipe.hincrby(self._keys["done" if outcome.failure is None else "failed"], outcome.failure or "pages", 1)
         pipe.execute()
         return new
-
-    def _settle(self, pipe: Any, outcome: Outcome) -> None:
-        """Mark a task as done or failed; a refused one is kept."""
-        if outcome.failure in REFUSALS:
-            pipe.hset(self._keys["refused"], outcome.key, outcome.failure)
-        else:
-            pipe.hdel(self._keys["tasks"], outcome.key)
-        pipe.hincrby(self._keys["done" if outcome.failure is None else "failed"], outcome.failure or "pages", 1)
 
     def is_exhausted(self) -> bool:
         """Return True if no task waits or is leased.
@@ -144,7 +140,7 @@ class RedisFrontier:
         Raises
         ------
         StorageError
-            The server has lost the crawl (it was restarted without its data), so that the empty queue means nothing.
+            The server has lost the crawl, because it was restarted without its data.
         """
         if self._redis.zcard(self._keys["queue"]) or self._redis.zcard(self._keys["leases"]):
             return False
@@ -159,14 +155,11 @@ class RedisFrontier:
         """Return tasks by state over all workers, and the numbers of items and images of this worker."""
         done = sum(map(int, self._redis.hvals(self._keys["done"])))
         failed = sum(map(int, self._redis.hvals(self._keys["failed"])))
-        kept = self._items.counts()
-        own = {kind: kept[kind] for kind in ("items", "pictures")}
-        leased, late = (
-            self._redis.zcard(self._keys["leases"]),
-            self._redis.zcount(self._keys["leases"], "-inf", time.time()),
-        )
-        waiting = int(self._redis.zcard(self._keys["queue"])) + int(late)  # leases that ran out wait again
-        return {"waiting": waiting, "leased": int(leased), "done": done, "failed": failed} | own
+        leased = int(self._redis.zcard(self._keys["leases"]))
+        expired = int(self._redis.zcount(self._keys["leases"], "-inf", time.time()))
+        waiting = int(self._redis.zcard(self._keys["queue"])) + expired
+        counts = {"waiting": waiting, "leased": leased, "done": done, "failed": failed}
+        return counts | {kind: count for kind, count in self._items.counts().items() if kind in {"items", "pictures"}}
 
     def failures(self) -> dict[str, int]:
         """Return failed tasks by reason over all workers."""
@@ -178,7 +171,7 @@ class RedisFrontier:
         return self._items.lines(after, kind)
 
     def origin(self) -> dict[str, Any]:
-        """Return the stored start addresses, query and category; empty if there are none."""
+        """Return the stored start addresses, query and category; empty if they are missing."""
         return dict(json.loads(self._redis.get(self._keys["origin"]) or "{}"))
 
     def remember(self, origin: Mapping[str, Any]) -> None:

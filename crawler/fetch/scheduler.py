@@ -21,13 +21,13 @@ from crawler.items import RawItem
 from crawler.page.time_limit import SlowPage
 from metric_base.errors import StorageError
 
-#: The request's meta that holds the task's key.
+#: Name of the key of the task in the meta of a request.
 KEY = "frontier_key"
 
-#: Setting: number of new items after which a crawl ends; 0: no limit.
+#: Name of the setting with the number of new items after which a crawl ends; 0: no limit.
 LIMIT_SETTING = "METRIC_TREE_LIMIT"
 
-#: Maximum number of addresses that a spider stores, about 20 MB; the frontier has all of them.
+#: Maximum number of addresses that a spider stores (about 20 MB); the frontier stores all.
 MAX_REMEMBERED_URLS = 100_000
 
 #: Prefix of the counters of a site: host and name follow.
@@ -41,7 +41,7 @@ _LASTING = ("depth", "retry_times", "redirect_times", "redirect_urls", "bans", "
 
 
 def frontier_of(crawler: Crawler) -> FailFastFrontier:
-    """The frontier that `crawler.fetch.crawl` hangs on a crawler; settings are copied deep, a connection cannot be."""
+    """Return the frontier of a crawler, which is an attribute, because a setting would be deep-copied."""
     frontier: FailFastFrontier = crawler.frontier
     return frontier
 
@@ -63,11 +63,11 @@ class FrontierScheduler(BaseScheduler):
 
     @classmethod
     def from_crawler(cls, crawler: Crawler) -> FrontierScheduler:
-        """The scheduler over the crawler's frontier."""
+        """Return the scheduler for the frontier of the crawler."""
         return cls(frontier_of(crawler))
 
     def open(self, spider: Spider) -> None:
-        """Remember the spider, whose methods the tasks name."""
+        """Store the spider, whose methods the tasks name."""
         self._spider = spider
 
     def has_pending_requests(self) -> bool:
@@ -83,7 +83,7 @@ class FrontierScheduler(BaseScheduler):
         return self._frontier.add([task]) == 1
 
     def next_request(self) -> Request | None:
-        """The next request, with its task's key."""
+        """Return the request of the next task, or None."""
         task = self._frontier.lease()
         if task is None:
             return None
@@ -94,13 +94,13 @@ class FrontierScheduler(BaseScheduler):
             errback=self._commit_failure,
             meta=meta,
             priority=task.priority,
-            dont_filter=True,  # the frontier has seen to it that a task comes once
+            dont_filter=True,  # the frontier returns a task once
         )
 
     def _commit_failure(self, failure: Failure) -> None:
         request: Request = failure.request
         if isinstance(failure.value, OSError) and failure.value.errno in FULL:
-            self._frontier.fail(failure.value)  # the disk of the cache; the page is not to blame
+            self._frontier.fail(failure.value)  # the disk of the cache is full
             return
         reason = _reason(failure.value)
         request.meta[_SETTLED] = True
@@ -121,7 +121,7 @@ class CommitMiddleware:
 
     @classmethod
     def from_crawler(cls, crawler: Crawler) -> CommitMiddleware:
-        """The middleware of a crawler."""
+        """Return the middleware of a crawler."""
         return cls(crawler)
 
     async def process_spider_output(self, response: Response, result: AsyncIterator[Any]) -> AsyncIterator[Any]:
@@ -143,25 +143,29 @@ class CommitMiddleware:
                     self._count(f"dropped/{part}", 1, response.url)
         except StorageError as error:
             self._frontier.fail(error)
-        except Exception as error:  # noqa: BLE001 - whatever a page does to its reader costs that page, not the crawl
+        except Exception as error:  # noqa: BLE001 - any error of the reader fails the page and not the crawl
             failure = "too slow" if isinstance(error, SlowPage) else f"unreadable: {type(error).__name__}"
             items, pictures, tasks = [], [], []
         if KEY in response.meta and not response.meta.get(_SETTLED) and self._frontier.error is None:
-            most = max(self._limit - self._accepted, 0) if self._limit else None
-            outcome = Outcome(response.meta[KEY], items, tasks, failure, pictures, most)
-            self._settle(outcome, _is_picture(response), response.url)
+            max_items = max(self._limit - self._accepted, 0) if self._limit else None
+            outcome = Outcome(response.meta[KEY], items, tasks, failure, pictures, max_items)
+            # only requests for the image of an item have an item
+            self._commit(outcome, "item" in response.meta, response.url)
         if False:  # Scrapy needs an asynchronous generator
             yield
 
-    def _settle(self, outcome: Outcome, is_picture: bool, url: str) -> None:
+    def _commit(self, outcome: Outcome, is_picture: bool, url: str) -> None:
         """Commit and count a page, and end the crawl at its limit of items."""
         new = self._frontier.commit(outcome)
         if self._frontier.error is not None:
             return
-        if outcome.failure is None:
-            _remember(getattr(self._crawler.spider, "known", None), list(outcome.tasks))
-        else:
+        known: set[str] | None = getattr(self._crawler.spider, "known", None)
+        if outcome.failure is not None:
             self._count(f"failed/{outcome.failure}", 1, url)
+        elif known is not None:
+            if len(known) > MAX_REMEMBERED_URLS:
+                known.clear()
+            known.update(task.url for task in outcome.tasks)
         if is_picture:
             self._count("pictures", new, url)
             return
@@ -169,9 +173,6 @@ class CommitMiddleware:
         if outcome.is_whole(new):  # the rest is not a duplicate: a resumed crawl fetches the page again
             self._count("dropped/duplicate", len(outcome.items) - new, url)
         self._count("pages", 1, url)
-        self._accept(new)
-
-    def _accept(self, new: int) -> None:
         before, self._accepted = self._accepted, self._accepted + new
         if before < self._limit <= self._accepted:
             close_crawl(self._crawler, "limit")
@@ -185,19 +186,6 @@ def _count(stats: StatsCollector | None, name: str, count: int, url: str) -> Non
     if count and stats is not None:
         stats.inc_value(f"metric_tree/{name}", count)
         stats.inc_value(f"{SITES}{urlsplit(url).hostname}/{name}", count)
-
-
-def _is_picture(response: Response) -> bool:
-    """Return True if a response is the image of an item: only such requests contain an item."""
-    return "item" in response.meta
-
-
-def _remember(known: set[str] | None, tasks: list[Task]) -> None:
-    """Store known addresses in the spider, so that it does not yield them on every page."""
-    if known is not None:
-        if len(known) > MAX_REMEMBERED_URLS:
-            known.clear()
-        known.update(task.url for task in tasks)
 
 
 def _task(request: Request, depth: int | None = None) -> Task:
@@ -214,7 +202,7 @@ def _task(request: Request, depth: int | None = None) -> Task:
 def _reason(error: BaseException) -> str:
     if isinstance(error, HttpError):
         return f"http {error.response.status}"
-    # Scrapy cancels a response that is too large, and ignores one that is too large when decompressed
+    # Scrapy cancels responses that are too large, and ignores those that are too large after decompression
     if isinstance(error, DownloadCancelledError) or str(error).startswith("Ignored response"):
         return "too large"
     if isinstance(error, IgnoreRequest):

@@ -1,4 +1,4 @@
-"""Manners and safety of a crawl: the settings, the guard on addresses, the pause on a ban."""
+"""Settings of Scrapy for a polite and safe crawl."""
 
 from __future__ import annotations
 
@@ -23,18 +23,21 @@ def user_agent(contact: str) -> str:
     return f"metric-tree/1 (object sizes for research; {contact})"
 
 
-def settings(
+def crawl_settings(
     *, contact: str, cache: Path | None = None, private: bool = False, delay: float = DELAY_SECONDS
 ) -> dict[str, Any]:
-    """Return Scrapy's settings of a polite crawl that can run unattended.
+    """Return the settings of Scrapy for a polite crawl that can run unattended.
 
     Parameters
     ----------
-    contact : address or page of the person who crawls, for owners of sites.
-    cache : folder of the HTTP cache; pages are fetched again only if they have changed (RFC 9111, conditional
-    requests).
-    private : whether addresses of this machine and its network may be fetched (tests, a mirror).
-    delay : minimum seconds between two requests to a site; AutoThrottle may increase it.
+    contact : str
+        E-mail address or page of the person responsible, for owners of sites.
+    cache : Path, optional
+        Folder of the HTTP cache; pages are fetched again only if they have changed (RFC 9111, conditional requests).
+    private : bool
+        Permit addresses of this machine and its network (tests, a mirror).
+    delay : float
+        Minimum delay between two requests to a site in seconds; AutoThrottle may increase it.
     """
     guards = {
         "crawler.fetch.middlewares.GuardMiddleware": 40,
@@ -45,7 +48,7 @@ def settings(
         "METRIC_TREE_PRIVATE": private,
         "SCHEDULER": "crawler.fetch.scheduler.FrontierScheduler",
         "SPIDER_MIDDLEWARES": {"crawler.fetch.scheduler.CommitMiddleware": 10},
-        # The guard knows redirects and addresses that Scrapy's own off-site filter does not.
+        # the guard also checks redirects and addresses, unlike the off-site filter of Scrapy
         "DOWNLOADER_MIDDLEWARES": {**guards, "scrapy.downloadermiddlewares.offsite.OffsiteMiddleware": None},
         **({} if private else {_RESOLVER_SETTING: "crawler.fetch.network_limits.PublicResolver"}),
         "EXTENSIONS": {"scrapy.extensions.telnet.TelnetConsole": None, "scrapy.extensions.memusage.MemoryUsage": None},

@@ -1,4 +1,4 @@
-"""One spider for every site: it follows the site's listings and reads its product pages by the site's rules."""
+"""Spider of a declared site: it follows listings and reads product pages by the rules of the site."""
 
 from __future__ import annotations
 
@@ -11,7 +11,6 @@ import scrapy
 from scrapy.http import Response
 
 from crawler.fetch.item_images import Picture, picture
-from crawler.items import RawItem
 from crawler.page.page import Page, page
 from crawler.page.time_limit import processor_budget
 from crawler.page.urls import absolute_url
@@ -31,12 +30,18 @@ _NO_PAGE = re.compile(r"\.(?:jpe?g|png|gif|webp|svg|pdf|zip|css|js|ico|mp4|woff2
 
 
 class SiteSpider(scrapy.Spider):
-    """A crawl of one site, or of any site by the common rules.
+    """Spider of one site, or of any site by the generic rules.
 
     Parameters
     ----------
-    start : addresses to begin with; the site's own if none. query, category : filled into the site's templates.
-    images : folder for the items' images, where the site's terms allow to store them; None keeps the links alone.
+    start : iterable of str
+        Start addresses.
+    query, category : str
+        Values for the templates of start addresses of the site.
+    pictures : Path, optional
+        Folder for images of items, if the terms of the site permit to store them; by default only links are stored.
+    **named
+        Arguments of `scrapy.Spider`.
     """
 
     name = "site"
@@ -49,7 +54,7 @@ class SiteSpider(scrapy.Spider):
         self._start = self.origins(start, query, category)
         self._hosts = {urlsplit(url).hostname for url in self._start}
         self._pictures = pictures
-        #: Addresses that the frontier holds already; whoever commits pages fills it.
+        #: Addresses that the frontier contains (`CommitMiddleware`).
         self.known: set[str] = set()
 
     @classmethod
@@ -69,7 +74,7 @@ class SiteSpider(scrapy.Spider):
         return self.site.owns(url) or host in self._hosts or (self._pictures is not None and bool(_NO_PAGE.search(url)))
 
     async def start(self) -> AsyncIterator[scrapy.Request]:
-        """The first addresses."""
+        """Yield the start addresses."""
         for url in self._start:
             yield scrapy.Request(url, priority=LISTING)
 
@@ -84,7 +89,7 @@ class SiteSpider(scrapy.Spider):
         yield from parts
 
     def picture(self, response: Response, **_: Any) -> Iterator[Any]:
-        """The image of an item: verified, stored once under the hash of its bytes."""
+        """Yield the stored image of an item, or the reason to reject it."""
         outcome = picture(response.body, response.url, response.meta["item"], self._pictures)
         yield outcome if isinstance(outcome, Picture) else f"picture_{outcome}"
 
@@ -98,17 +103,6 @@ class SiteSpider(scrapy.Spider):
             yield "no_size" if item.title else "no_product"
             return
         yield item
-        yield from self._picture_requests(item)
-
-    def _may_follow(self, url: str) -> bool:
-        if len(url) > MAX_URL:
-            return False
-        parts = [part for part in urlsplit(url).path.split("/") if part]
-        trapped = any(parts.count(part) >= MAX_REPEATED_PARTS for part in parts)
-        return not trapped and not _NO_PAGE.search(url) and self.allows(url)
-
-    def _picture_requests(self, item: RawItem) -> Iterator[scrapy.Request | str]:
-        """Requests of the images that may be stored; of the others the item keeps the links."""
         for url in item.images if self._pictures is not None else ():
             if self.site.may_store(url):
                 yield _request(url, callback=self.picture, priority=PICTURE, meta={"item": item.identity})
@@ -124,11 +118,14 @@ class SiteSpider(scrapy.Spider):
             if not url or url in seen or url in self.known:
                 continue
             seen.add(url)
-            if self._may_follow(url):
-                if self.site.is_product(url):
-                    yield _request(url, callback=self.parse, priority=PRODUCT)
-                elif self.site.is_listing(url):
-                    yield _request(url, callback=self.parse, priority=LISTING)
+            parts = [part for part in urlsplit(url).path.split("/") if part] if len(url) <= MAX_URL else []
+            is_trap = len(url) > MAX_URL or any(parts.count(part) >= MAX_REPEATED_PARTS for part in parts)
+            if is_trap or _NO_PAGE.search(url) or not self.allows(url):
+                continue
+            if self.site.is_product(url):
+                yield _request(url, callback=self.parse, priority=PRODUCT)
+            elif self.site.is_listing(url):
+                yield _request(url, callback=self.parse, priority=LISTING)
 
 
 def _request(url: str, **named: Any) -> scrapy.Request | str:

@@ -1,10 +1,11 @@
-"""The frontier of one process: an SQLite file that also stores the items until they are written to segments."""
+"""Frontier of one process: an SQLite file that also stores the items until they are written to segments."""
 
 from __future__ import annotations
 
 import json
 import sqlite3
 from collections.abc import Iterable, Iterator, Mapping, Sequence
+from contextlib import contextmanager
 from pathlib import Path
 from typing import Any, Literal
 from urllib.parse import quote
@@ -42,7 +43,7 @@ class SqliteFrontier:
     def __init__(self, path: Path) -> None:
         path.parent.mkdir(parents=True, exist_ok=True)
         self._connection = sqlite3.connect(path, isolation_level=None)
-        # A killed process loses no committed transaction in this mode; only a power cut could lose the last ones.
+        # in this mode, a killed process loses no committed transaction; a power cut may lose the last ones
         self._connection.executescript("PRAGMA journal_mode=WAL; PRAGMA synchronous=NORMAL;" + _SCHEMA)
         self._connection.execute("UPDATE tasks SET state=? WHERE state=?", (WAITING, LEASED))
         row = self._connection.execute("SELECT coalesce(max(number), 0) FROM tasks").fetchone()
@@ -91,7 +92,7 @@ class SqliteFrontier:
         return _counts(self._connection)
 
     def origin(self) -> dict[str, Any]:
-        """Return the stored start addresses, query and category; empty if there are none."""
+        """Return the stored start addresses, query and category; empty if they are missing."""
         row = self._connection.execute("SELECT text FROM origin").fetchone()
         return dict(json.loads(row[0])) if row else {}
 
@@ -126,15 +127,15 @@ class SqliteFrontier:
         for task in tasks:
             key = task.key or task_key(task.url, task.callback)
             self._number += 1
-            whole = Task(task.url, task.callback, task.meta, task.priority, key)
+            keyed = Task(task.url, task.callback, task.meta, task.priority, key)
             added += self._connection.execute(
                 "INSERT OR IGNORE INTO tasks (key, state, priority, number, text) VALUES (?, ?, ?, ?, ?)",
-                (key, WAITING, task.priority, self._number, whole.text()),
+                (key, WAITING, task.priority, self._number, keyed.text()),
             ).rowcount
         return added
 
     def _store(self, kind: str, entries: Sequence[tuple[str, str]], max_new: int | None = None) -> int:
-        """Insert entries until `max_new` of them were new; return the number of new ones."""
+        """Insert entries until `max_new` were new; return the number of new ones."""
         new = 0
         for entry in entries:
             if new == max_new:
@@ -142,8 +143,16 @@ class SqliteFrontier:
             new += self._connection.execute(_STORE[kind], entry).rowcount
         return new
 
-    def _transaction(self) -> _Transaction:
-        return _Transaction(self._connection)
+    @contextmanager
+    def _transaction(self) -> Iterator[None]:
+        """Begin a transaction, and commit it, or roll it back if the block or the commit raises an error."""
+        self._connection.execute("BEGIN IMMEDIATE")
+        try:
+            yield
+            self._connection.execute("COMMIT")
+        finally:  # a full disk may have ended the transaction already
+            if self._connection.in_transaction:
+                self._connection.execute("ROLLBACK")
 
 
 def stored_counts(path: Path) -> dict[str, int]:
@@ -151,7 +160,7 @@ def stored_counts(path: Path) -> dict[str, int]:
     connection = sqlite3.connect(f"file:{quote(str(path))}?mode=ro", uri=True)
     try:
         return _counts(connection)
-    except sqlite3.OperationalError:  # killed before its tables were made, or made before images had one
+    except sqlite3.OperationalError:  # killed before its tables were created, or without a table of images
         return dict.fromkeys((*_STATES, *_COUNT), 1)
     finally:
         connection.close()
@@ -161,21 +170,3 @@ def _counts(connection: sqlite3.Connection) -> dict[str, int]:
     rows = dict(connection.execute("SELECT state, count(*) FROM tasks GROUP BY state").fetchall())
     states = {name: int(rows.get(state, 0)) for state, name in enumerate(_STATES)}
     return states | {kind: int(connection.execute(query).fetchone()[0]) for kind, query in _COUNT.items()}
-
-
-class _Transaction:
-    """BEGIN IMMEDIATE to COMMIT, or ROLLBACK if the block raises an error."""
-
-    def __init__(self, connection: sqlite3.Connection) -> None:
-        self._connection = connection
-
-    def __enter__(self) -> None:
-        self._connection.execute("BEGIN IMMEDIATE")
-
-    def __exit__(self, kind: object, error: object, trace: object) -> None:
-        try:
-            if kind is None:
-                self._connection.execute("COMMIT")
-        finally:  # a full disk may have ended the transaction already, or refuse the commit
-            if self._connection.in_transaction:
-                self._connection.execute("ROLLBACK")

@@ -1,4 +1,4 @@
-"""Wikidata through its SPARQL service, in pages: items of a class with height, width, length, diameter, thickness."""
+"""Spider of the SPARQL service of Wikidata: items of a class with height, width, length, diameter or thickness."""
 
 from __future__ import annotations
 
@@ -12,17 +12,18 @@ import scrapy
 from scrapy.http import Response
 
 from crawler.items import RawItem
+from crawler.text.cell_lengths import extents_mm
 from crawler.text.units import millimetres
 
 ENDPOINT = "https://query.wikidata.org/sparql"
 
-#: Number of rows of a page, for which the service stays within its limit of one minute.
+#: Number of rows of a page; the service has a time limit of one minute.
 PAGE_ROWS = 500
 
-#: Property to the axis word of a raw item.
+#: Axes by property.
 PROPERTIES = {"P2048": "height", "P2049": "width", "P2043": "length", "P2386": "diameter", "P2610": "depth"}
 
-#: Units of length among Wikidata's items.
+#: Units of length by item.
 UNITS = {
     "Q11573": "m", "Q174728": "cm", "Q174789": "mm", "Q828224": "km", "Q218593": "in", "Q3710": "ft", "Q482798": "yd",
     "Q200323": "dm",
@@ -47,13 +48,21 @@ def query(class_id: str, offset: int, rows: int = PAGE_ROWS) -> str:
 
 
 def items(answer: Mapping[str, Any], now: datetime | None = None) -> Iterator[RawItem | str]:
-    """The raw items of an answer; a row without a size that can be read is yielded as its reason."""
+    """Return the raw items of a response; `no_size` for rows without a valid size."""
     for row in answer.get("results", {}).get("bindings", []):
         values = {name: str(cell.get("value", "")) for name, cell in row.items()}
         item_id = values.get("item", "").rpartition("/")[2]
-        sizes = {axis: _mm(values.get(name, "")) for name, axis in PROPERTIES.items()}
-        known = {axis: mm for axis, mm in sizes.items() if mm is not None}
-        if not item_id or not known:
+        sizes: dict[str, float | None] = {}
+        for name, axis in PROPERTIES.items():
+            amount, _, unit = values.get(name, "").partition(" ")
+            key = UNITS.get(unit.rpartition("/")[2])
+            try:
+                mm = millimetres(float(amount), key) if key else 0.0
+            except ValueError:
+                mm = 0.0
+            sizes[axis] = round(mm, 2) if mm > 0 else None
+        extents = extents_mm(sizes)
+        if not item_id or extents is None:
             yield "no_size"
             continue
         yield RawItem(
@@ -64,19 +73,19 @@ def items(answer: Mapping[str, Any], now: datetime | None = None) -> Iterator[Ra
             category_path=(values["class"],) if values.get("class") else (),
             dimensions_text="; ".join(f"{PROPERTIES[p]} {values[p]}" for p in PROPERTIES if values.get(p)),
             dimensions_mm=sizes,
-            extents_mm=_extents(known),
+            extents_mm=extents,
             retrieved_at=(now or datetime.now(UTC)).isoformat(timespec="seconds"),
             licence="CC0-1.0",
         )
 
 
 class WikidataSpider(scrapy.Spider):
-    """A crawl of one class: `category` is its id (`Q11442`, bicycle), `start` another endpoint (a mirror, a test)."""
+    """Spider of a class: `category` is the id of the class (`Q11442`, bicycle), `start` an alternative endpoint."""
 
     name = "wikidata"
 
     def __init__(self, start: Iterable[str] = (), category: str = "", query: str = "", **named: Any) -> None:
-        named.pop("pictures", None)  # Wikidata is asked for sizes alone
+        named.pop("pictures", None)  # queries are for sizes only
         super().__init__(**named)
         self._endpoint = next(iter(start), ENDPOINT)
         self._class = category or query
@@ -88,47 +97,29 @@ class WikidataSpider(scrapy.Spider):
 
     @classmethod
     def required_options(cls) -> str:
-        """The options of which one must be given."""
+        """Return the required option."""
         return "--category"
 
     def allows(self, url: str) -> bool:
-        """Only the endpoint's host."""
+        """Return True if an address is of the host of the endpoint."""
         return urlsplit(url).hostname == urlsplit(self._endpoint).hostname
 
     async def start(self) -> AsyncIterator[scrapy.Request]:
-        """The first page of the class."""
+        """Yield the first page of the class."""
         yield self._page(0)
 
     def parse(self, response: Response, **_: Any) -> Iterator[Any]:
-        """The items of a page, and the next page where this one was full."""
+        """Yield the items of a page, and the next page if this one is full."""
         answer = json.loads(response.body)
         outcomes = list(items(answer))
         offset = int(response.url.rpartition("&offset=")[2] or 0)
         yield from outcomes
-        last = offset + PAGE_ROWS
         if len(outcomes) == PAGE_ROWS:
-            yield self._page(last)
+            yield self._page(offset + PAGE_ROWS)
 
     def _page(self, offset: int) -> scrapy.Request:
-        # The offset is in the query; it is repeated in the address because an answer does not say which page it is.
+        # the address repeats the offset, because the response does not contain it
         return scrapy.Request(
             f"{self._endpoint}?format=json&query={quote(query(self._class, offset))}&offset={offset}",
             callback=self.parse,
         )
-
-
-def _mm(text: str) -> float | None:
-    amount, _, unit = text.partition(" ")
-    key = UNITS.get(unit.rpartition("/")[2])
-    try:
-        value = millimetres(float(amount), key) if key else 0.0
-    except ValueError:
-        return None
-    return round(value, 2) if value > 0 else None
-
-
-def _extents(known: Mapping[str, float]) -> tuple[float, ...]:
-    sides = [mm for axis, mm in known.items() if axis != "diameter"]
-    if "diameter" in known:
-        sides += [known["diameter"]] * min(2, max(0, 3 - len(sides)))
-    return tuple(sorted(sides, reverse=True)[:3])

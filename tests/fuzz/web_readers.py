@@ -24,7 +24,6 @@ from metric_tree.node import UnknownName
 from metric_tree.pipeline.ingest import blocks, items_of
 from metric_tree.release.release import MANIFEST, sha256
 from metric_tree.tree import Tree, open_tree
-from tests.crawler.page.shop_pages import MADE, OTHERS
 from tests.fuzz.reader import Reader
 from tests.synthetic.hostile_pictures import shop_picture
 from tests.synthetic.minitree import release
@@ -34,6 +33,8 @@ __all__ = ["WEB_READERS", "write_web_seeds"]
 
 #: Examples that ship: a page with the declaration of its site, a table with that of its source.
 EXAMPLES = data_folder() / "examples"
+#: Six of the synthetic shop pages, with tables, lists and structured data.
+SHOP_PAGES = sorted((Path(__file__).parents[1] / "crawler" / "page" / "shops").glob("*.html"))[::50]
 #: Names that are read of a file of words: an unknown one takes up to a second.
 LINES = 3
 URL = "https://www.lamps.example/p/17"
@@ -137,10 +138,8 @@ def write_web_seeds(folder: Path) -> None:
     """A whole folder of each form."""
     for part in ("pages", "raw", "words", "pictures"):
         (folder / part).mkdir(parents=True)
-    for number, made in enumerate(MADE[:6]):
-        text = (
-            f'<html lang="{made.language}"><head>{made.head}</head><body><h1>Lamp</h1>{made.body}{OTHERS}</body></html>'
-        )
+    for number, path in enumerate(SHOP_PAGES):
+        text = path.read_text(encoding="utf-8").replace('<meta charset="utf-8">', "")
         body = text.encode("utf-16" if number == 0 else "utf-8")
         (folder / "pages" / f"page{number}").write_bytes(gzip.compress(body) if number == 1 else body)
     lines = "".join(item.line() + "\n" for item in synthetic_items(2))

@@ -15,7 +15,7 @@ from twisted.web.http_headers import Headers
 
 from crawler.fetch.middlewares import ROBOTS_BYTES, BoundedRobotParser, _retry_after
 from crawler.fetch.network_limits import HEADER_BYTES, HeaderLimitFactory
-from crawler.fetch.settings import settings
+from crawler.fetch.settings import crawl_settings
 
 
 @pytest.mark.parametrize(
@@ -57,4 +57,4 @@ def test_headers_without_end_end_the_connection(lines: int) -> None:
     assert transport.disconnecting or transport.disconnected if many else not transport.disconnecting
     connection.dataReceived(b"content-length: 0\r\n\r\n")
     assert many or answers[0].code == 200
-    assert "HeaderLimitHandler" in settings(contact="tests@example.org")["DOWNLOAD_HANDLERS"]["https"]
+    assert "HeaderLimitHandler" in crawl_settings(contact="tests@example.org")["DOWNLOAD_HANDLERS"]["https"]

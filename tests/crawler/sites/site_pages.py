@@ -6,8 +6,6 @@ from __future__ import annotations
 
 from typing import NamedTuple
 
-from tests.crawler.page.shop_pages import rows, whd
-
 
 class Stored(NamedTuple):
     """A page of a spider's site: layout, address, language, head and body, and what is to be read from it."""
@@ -23,6 +21,15 @@ class Stored(NamedTuple):
     title: str = "Made item"
     category: tuple[str, ...] = ()
     head: str = ""
+
+
+def rows(cells: dict[str, str], row: str) -> str:
+    """Return a row of markup with `{k}` and `{v}` for each label and value."""
+    return "".join(row.replace("{k}", key).replace("{v}", value) for key, value in cells.items())
+
+
+def whd(width: float, height: float, depth: float) -> dict[str, float]:
+    return {"width": width, "height": height, "depth": depth}
 
 
 _CRUMBS = """<div id="wayfinding-breadcrumbs_feature_div"><ul class="a-unordered-list a-horizontal"><li><span class="a-list-item">

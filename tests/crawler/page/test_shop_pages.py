@@ -5,8 +5,8 @@ units, ranges, orders of axes and units in headers. The project wrote them, and 
 on them. Two known errors are expected as errors: Polish is not supported, and a bed size in words has no axes.
 
 `expected.csv` has one row per page. `extents_mm` is the outer size, longest first, or empty if there is none.
-`dimensions_mm` is the size by axis; it is `none` if the page names no axis, and empty if the axes are not checked. `set`
-is the series of pages, in the order of writing (docs/evidence/crawling.md and releases.md).
+`dimensions_mm` is the size by axis; it is `none` if the page names no axis, and empty if the axes are not checked.
+`set` is the series of pages, in the order of writing (docs/evidence/crawling.md and releases.md).
 """
 
 from __future__ import annotations

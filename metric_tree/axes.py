@@ -1,7 +1,7 @@
 """Assignment of stated sizes to axes: length, width and height, according to the ordinary pose of a node.
 
 `length` is the longer horizontal extent, `width` the shorter one, `height` the vertical one
-(docs/reference/formats.md, "Words"). Shops use other words: the "width" of a television is its length, the "depth" of a
+(docs/reference/formats.md, "Axes"). Shops use other words: the "width" of a television is its length, the "depth" of a
 wardrobe its width, and the "height" of a phone is horizontal. If the words are ambiguous, a size is in `extents_mm`
 only, and the fit sums over the assignments that the pose allows (`axis_assignments`).
 """

@@ -62,7 +62,7 @@ reference: .venv/.dev ## write the generated pages of the reference
 	$(BIN)/python docs/draw_architecture.py
 
 pictures: .venv/.dev ## write the images of the documentation from the shipped scenes (three minutes)
-	$(BIN)/python docs/draw_pictures.py
+	$(BIN)/python docs/draw_images.py
 
 docs: | $(UV) ## build the documentation as a site, strict about links: out/docs
 	NO_MKDOCS_2_WARNING=1 $(UV) tool run --quiet --python $(PYTHON) --with-requirements .ci/docs.lock.txt --from mkdocs mkdocs build --quiet

@@ -1,4 +1,4 @@
-"""Draw the packages and their imports: `docs/pictures/architecture.svg`, written by `make reference`.
+"""Draw the packages and their imports: `docs/images/architecture.svg`, written by `make reference`.
 
 The arrows are the imports that the modules have, without those that follow from others (transitive reduction).
 """
@@ -17,7 +17,7 @@ sys.path.insert(0, str(ROOT))
 
 from tests.project.test_imports import LAYERS, PACKAGES, imported_modules  # noqa: E402
 
-IMAGE = ROOT / "docs" / "pictures" / "architecture.svg"
+IMAGE = ROOT / "docs" / "images" / "architecture.svg"
 #: Sizes in pixels: the drawing, its margin, a line of text, the label of a subpackage, the gap between rows of cards.
 WIDTH, MARGIN, LINE, CHIP, GAP = 960, 20, 19, 26, 46
 #: Width of a letter of a subpackage's name in pixels, and of a letter of a purpose.

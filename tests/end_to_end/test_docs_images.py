@@ -14,7 +14,7 @@ import pytest
 from PIL import Image
 
 ROOT = Path(__file__).resolve().parents[2]
-PICTURES = ROOT / "docs" / "pictures"
+PICTURES = ROOT / "docs" / "images"
 RESULTS: dict[str, dict[str, Any]] = json.loads((PICTURES / "results.json").read_text(encoding="utf-8"))
 #: Images whose video takes two minutes to reconstruct: only their size is tested.
 FROM_VIDEO = {"walk.jpg"}
@@ -26,7 +26,7 @@ MAX_GREY_DIFFERENCE = 4.0
 
 @pytest.fixture(scope="module")
 def drawing() -> ModuleType:
-    spec = importlib.util.spec_from_file_location("draw_pictures", ROOT / "docs" / "draw_pictures.py")
+    spec = importlib.util.spec_from_file_location("draw_images", ROOT / "docs" / "draw_images.py")
     assert spec is not None
     assert spec.loader is not None
     module = importlib.util.module_from_spec(spec)

@@ -97,7 +97,7 @@ def test_the_drawing_of_the_packages_is_current() -> None:
         "import sys; sys.path.insert(0, 'docs'); import draw_architecture; print(draw_architecture.drawing(), end='')"
     )
     drawn = subprocess.run([sys.executable, "-c", code], check=True, cwd=ROOT, capture_output=True, text=True).stdout
-    assert drawn == (ROOT / "docs/pictures/architecture.svg").read_text(encoding="utf-8"), "run `make reference`"
+    assert drawn == (ROOT / "docs/images/architecture.svg").read_text(encoding="utf-8"), "run `make reference`"
 
 
 def test_every_environment_variable_is_documented() -> None:

@@ -1,6 +1,6 @@
 """Write the images of the documentation from the shipped scenes: `make pictures`.
 
-Each image is written with one or two commands. `docs/pictures/results.json` contains for each image its size, its
+Each image is written with one or two commands. `docs/images/results.json` contains for each image its size, its
 commands and the numbers of the results, so that a test can compare them with those of the program. `walk.jpg` needs
 two minutes, because its video is reconstructed first; the others need 20 seconds.
 """
@@ -24,7 +24,7 @@ sys.path.insert(0, str(ROOT))
 from metric_cli.estimate_scale.estimate import main as estimate_scale  # noqa: E402
 from metric_cli.insert_object.insert import main as insert_object  # noqa: E402
 
-PICTURES = ROOT / "docs" / "pictures"
+PICTURES = ROOT / "docs" / "images"
 SCENES = ROOT / "data" / "scenes"
 HORSE = ROOT / "data" / "models" / "rocking_horse.glb"
 #: JPEG quality of the images.

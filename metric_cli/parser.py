@@ -11,7 +11,7 @@ import argparse
 import os
 import re
 import sys
-from collections.abc import Iterable, Iterator, Mapping
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import Any, NoReturn
 
@@ -49,6 +49,20 @@ class OneLineParser(argparse.ArgumentParser):
         word = next((word for word in unknown[1].split() if word.startswith("-")), unknown[1].strip())
         near = near_spellings(word.partition("=")[0], self._option_string_actions, n=1)
         raise InputError(f"arguments: no option is called {word}{advice(near) or '; --help lists them'}")
+
+
+class PrintVersion(argparse.Action):
+    """Print the versions of the program and of the release of the tree, and exit."""
+
+    def __init__(self, option_strings: Sequence[str], dest: str) -> None:
+        super().__init__(option_strings, dest, nargs=0, help="print the versions of program and data, and exit")
+
+    def __call__(self, parser: argparse.ArgumentParser, *_: object) -> None:
+        """Print the versions and end the program."""
+        from metric_tree.release.registry import release_directory
+
+        sys.stdout.write(f"{parser.prog} {version()} (object sizes: release {release_directory().name})\n")
+        parser.exit()
 
 
 def version() -> str:
@@ -224,7 +238,7 @@ def add_program_options(root: OneLineParser) -> None:
     root.add_argument(
         "--completion", choices=SHELLS, action=PrintCompletion, help="print the completion script of a shell"
     )
-    root.add_argument("--version", action="version", version=f"{root.prog} {version()}")
+    root.add_argument("--version", action=PrintVersion)
     add_overwrite(root)
 
 

@@ -11,7 +11,7 @@ from collections.abc import Sequence
 from importlib import import_module
 
 from metric_cli.errors import DONE, INPUT_ERROR, exit_status
-from metric_cli.parser import SHELLS, OneLineParser, add_overwrite, completion_script, option_helps, version
+from metric_cli.parser import SHELLS, OneLineParser, PrintVersion, add_overwrite, completion_script, option_helps
 from metric_cli.programs import use_one_thread
 
 __all__ = ["SUBCOMMANDS", "main", "parser_of"]
@@ -107,6 +107,6 @@ def _overview_parser() -> argparse.ArgumentParser:
         epilog="\n".join([*lines, "`metric-tree SUBCOMMAND --help` lists the arguments of a subcommand."]),
         formatter_class=argparse.RawDescriptionHelpFormatter,
     )
-    parser.add_argument("--version", action="version", version=f"metric-tree {version()}")
+    parser.add_argument("--version", action=PrintVersion)
     parser.add_argument("--completion", choices=SHELLS, help="print the completion script of a shell")
     return parser

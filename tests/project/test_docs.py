@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import argparse
 import importlib
+import math
 import os
 import re
 import shlex
@@ -12,6 +14,7 @@ from pathlib import Path
 
 import pytest
 
+from metric_cli.subcommands import parser_of
 from tests.project.test_imports import PACKAGES
 
 ROOT = Path(__file__).resolve().parents[2]
@@ -29,14 +32,28 @@ ROOMS = (
     "benchmarks",
     "data",
 )
-#: What a command writes when it is first used.
-WRITTEN = {"data/taxonomy/decisions/recorded.jsonl"}
-PAGES = sorted([*ROOT.glob("*.md"), *(ROOT / "docs").rglob("*.md")])
+#: Written by the first use of a command, or in the wheel only.
+WRITTEN = {"data/taxonomy/decisions/recorded.jsonl", "metric_tree/data"}
+PAGES = sorted(
+    [*ROOT.glob("*.md"), *(ROOT / "docs").rglob("*.md"), *(ROOT / "data").glob("*.md"),
+     *(path for folder in ("scenes", "models", "sources", "taxonomy", "curated")
+       for path in (ROOT / "data" / folder).rglob("README.md"))]
+)  # fmt: skip
 CODE = sorted(path for package in (*PACKAGES, "benchmarks") for path in (ROOT / package).rglob("*.py"))
 #: Documents of others, and words for what only those who wrote the code have seen.
 FOREIGN = re.compile(r"\b(methods|contracts|layout|style|peers|stack)\.md\b|\bthe issue(?!s)\b|\bthe contract\b")
 #: A block of commands that are run as they are written, in a folder that holds the repository's `data`.
 CONSOLE = re.compile(r"^```console\n(.*?)^```", re.MULTILINE | re.DOTALL)
+#: The same with the output that the page shows below it, if any.
+SHOWN = re.compile(r"^```console\n(.*?)^```(?:\n```text\n(.*?)^```)?", re.MULTILINE | re.DOTALL)
+#: A block of shell commands, and a line of it that begins with a program of the project.
+SHELL = re.compile(r"^```(?:sh|console)\n(.*?)^```", re.MULTILINE | re.DOTALL)
+PROGRAM = re.compile(r"(?:\$ )?(metric-tree|estimate-scale|insert-object) ")
+#: Maximum relative difference between a number in the shown output and the same number today: the last digits depend
+#: on the version of the linear algebra.
+MAX_SHOWN_DIFFERENCE = 0.02
+#: Maximum number of words of the README.
+MAX_README_WORDS = 900
 PYTHON = re.compile(r"^```python\n(.*?)^```", re.MULTILINE | re.DOTALL)
 LINK = re.compile(r"\]\(([^)\s]+)\)")
 #: A benchmark that a document or a comment names as a command.
@@ -58,7 +75,11 @@ def test_links_lead_to_files(page: Path) -> None:
 @pytest.mark.parametrize("page", [page for page in PAGES if page.name != "CHANGELOG.md"], ids=_name)
 def test_files_that_a_page_names_are_there(page: Path) -> None:
     named = re.findall(rf"`((?:{'|'.join(ROOMS)})/[\w./-]+)`", page.read_text(encoding="utf-8"))
-    assert [name for name in named if name not in WRITTEN and not (ROOT / name).exists()] == []
+    assert [
+        name
+        for name in named
+        if name not in WRITTEN and not any((folder / name).exists() for folder in (ROOT, page.parent))
+    ] == []
 
 
 @pytest.mark.parametrize("page", [page for page in PAGES if BENCHMARK.search(page.read_text("utf-8"))], ids=_name)
@@ -107,8 +128,55 @@ def test_every_environment_variable_is_documented() -> None:
     assert set(VARIABLE.findall(page)) - used == set()
 
 
+def test_the_readme_is_short() -> None:
+    assert len((ROOT / "README.md").read_text(encoding="utf-8").split()) <= MAX_README_WORDS
+
+
+def test_the_navigation_has_every_page_once() -> None:
+    text = (ROOT / "mkdocs.yml").read_text(encoding="utf-8").partition("\nnav:\n")[2]
+    listed = re.findall(r"[\w/-]+\.md", text)
+    pages = {page.relative_to(ROOT / "docs").as_posix() for page in (ROOT / "docs").rglob("*.md")}
+    assert sorted(listed) == sorted({*pages, "index.md"})
+
+
 def _commands(block: str) -> list[str]:
     return [line[2:].partition("  #")[0] for line in block.splitlines() if line.startswith("$ ")]
+
+
+def _options(words: list[str]) -> tuple[set[str], set[str]]:
+    """Return the options of a command line of the project, and those that its parser has."""
+    if words[0] == "metric-tree":
+        parser = parser_of(words[1])
+    else:
+        module = {
+            "estimate-scale": "metric_cli.estimate_scale.parser",
+            "insert-object": "metric_cli.insert_object.parser",
+        }
+        parser = importlib.import_module(module[words[0]]).parser()
+    actions = list(parser._actions)
+    for action in parser._actions:
+        if isinstance(action, argparse._SubParsersAction):
+            actions += [nested for choice in action.choices.values() for nested in choice._actions]
+    known = {option for action in actions for option in action.option_strings}
+    return {word.partition("=")[0] for word in words[1:] if word.startswith("--")}, known
+
+
+@pytest.mark.parametrize("page", [page for page in PAGES if SHELL.search(page.read_text(encoding="utf-8"))], ids=_name)
+def test_options_of_commands_exist(page: Path) -> None:
+    for block in SHELL.findall(page.read_text(encoding="utf-8")):
+        for line in block.replace("\\\n", " ").splitlines():
+            if PROGRAM.match(line):
+                used, known = _options(shlex.split(line.removeprefix("$ "), comments=True))
+                assert used - known == set(), line
+
+
+def _agrees(shown: str, printed: str) -> bool:
+    """Return True if two lines have the same words, and numbers within `MAX_SHOWN_DIFFERENCE`."""
+    number = re.compile(r"\d+(?:\.\d+)?")
+    if number.sub("0", shown).split() != number.sub("0", printed).split():
+        return False
+    pairs = zip(number.findall(shown), number.findall(printed), strict=True)
+    return all(math.isclose(float(a), float(b), rel_tol=MAX_SHOWN_DIFFERENCE, abs_tol=0.011) for a, b in pairs)
 
 
 @pytest.mark.slow
@@ -116,19 +184,23 @@ def _commands(block: str) -> list[str]:
     "page", [page for page in PAGES if CONSOLE.search(page.read_text(encoding="utf-8"))], ids=_name
 )
 def test_commands_run_as_written(page: Path, tmp_path: Path) -> None:
-    """Each line that begins with `$ ` ends with status 0; a page's commands run in one folder, in order."""
+    """Commands after `$ ` run in one folder, in order, with status 0, and print the lines that the page shows."""
     (tmp_path / "data").symlink_to(ROOT / "data")
     environment = os.environ | {
         "PATH": f"{Path(sys.executable).parent}{os.pathsep}{os.environ['PATH']}",
         "PYTHONPATH": str(ROOT),
     }
-    for block in CONSOLE.findall(page.read_text(encoding="utf-8")):
+    for block, shown in SHOWN.findall(page.read_text(encoding="utf-8")):
+        printed = ""
         for line in _commands(block):
             done = subprocess.run(
                 ["bash", "-c", line], cwd=tmp_path, env=environment, capture_output=True, text=True, check=False
             )
             assert done.returncode == 0, f"{line}\n{done.stdout}\n{done.stderr}"
-            assert shlex.split(line, comments=True)
+            printed += done.stdout
+        for line in shown.splitlines():
+            if line.strip(" ─.") and "─" not in line:
+                assert any(_agrees(line, other) for other in printed.splitlines()), f"{line}\n{printed}"
 
 
 @pytest.mark.parametrize("page", [page for page in PAGES if PYTHON.search(page.read_text(encoding="utf-8"))], ids=_name)

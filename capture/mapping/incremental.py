@@ -63,14 +63,18 @@ def mapping(request: Request, say: Callable[[dict[str, Any]], None]) -> dict[str
         model = map_frames(matches, request, camera, n_frames, say)
         n = -1 if model is None else n_consistent(model, matches)
         if model is not None and n > n_best:
-            n_best, best = n, (model, camera, output / str(number))
+            n_best, best = n, (model, camera, matches)
             write_model(model, output / str(number))
-    if best is not None and 2 < best[0].num_reg_images() < n_frames:
-        model, camera, folder = best
-        guided = output / f"{len(request['cameras'])}.db"
-        more = register_remaining(model, folder, guided, request, camera)
-        if more is not None:
-            write_model(more, guided.with_suffix(""))
+    if best is not None and 2 < n_best < n_frames:
+        model, camera, matches = best
+        agreed = agreement(model_triplets(model, str(matches)), model.num_reg_images())
+        if not agreed.is_split:
+            guided = output / f"{len(request['cameras'])}.db"
+            (output / "consistent").mkdir()
+            model = without_frames(model, agreed.loose, output / "consistent", request["fixed"])
+            more = register_remaining(model, output / "consistent", matches, guided, request, camera)
+            if more is not None:
+                write_model(more, guided.with_suffix(""))
     return finish(request)
 
 
@@ -98,9 +102,10 @@ def finish(request: Request) -> dict[str, Any]:
     agreed = agreement(model_triplets(model, str(matches)), model.num_reg_images())
     folder.mkdir(exist_ok=True)
     model = without_frames(model, agreed.loose, folder, request["fixed"])
-    _, steps = standard_deviations(model)
-    undetermined = sorted(name for name, std in steps.items() if std > MAX_STEP_STD)
-    model = without_frames(model, undetermined, folder, request["fixed"])
+    undetermined: list[str] = []
+    while more := [name for name, std in standard_deviations(model)[1].items() if std > MAX_STEP_STD]:
+        undetermined += more
+        model = without_frames(model, more, folder, request["fixed"])
     is_free = request["free"] and not request["fixed"] and len(model.cameras) == 1
     lenses = choose_camera_model(model, folder) if is_free else None
     model.extract_colors_for_all_images(request["images"])
@@ -108,7 +113,7 @@ def finish(request: Request) -> dict[str, Any]:
     focal_std, steps = standard_deviations(model)
     figures = model_metrics(folder, focal_std, agreed)
     figures = msgspec.structs.replace(
-        figures, step_deviation=max(steps.values(), default=None), undetermined=tuple(undetermined)
+        figures, step_deviation=max(steps.values(), default=None), undetermined=tuple(sorted(undetermined))
     )
     return {
         "model": msgspec.to_builtins(figures),
@@ -214,15 +219,14 @@ def verification_options() -> Any:
 
 
 def register_remaining(
-    model: Model, folder: Path, guided: Path, request: Request, camera: dict[str, Any]
+    model: Model, folder: Path, matches: Path, guided: Path, request: Request, camera: dict[str, Any]
 ) -> Model | None:
     """Match the remaining frames again, along the epipolar lines of their first matches, and continue the mapping.
 
     Each remaining frame is matched with the frames before and after it and with those that it has most matches with.
-    The model is in a folder with its database next to it; `guided` is the new database. Returns the model if its
+    The model, whose frames are consistent, is also in a folder; `guided` is the new database. Returns the model if its
     largest consistent part has more frames than before.
     """
-    matches = folder.with_suffix(".db")
     shutil.copyfile(matches, guided)
     placed = {image.image_id for image in model.images.values() if image.has_pose}
     with pycolmap.Database.open(guided) as database:
@@ -255,9 +259,7 @@ def register_remaining(
     continued.multiple_models = False
     models = pycolmap.incremental_mapping(guided, request["images"], output, options=continued, input_path=folder)
     more = max(models.values(), key=lambda one: one.num_reg_images(), default=None)
-    if more is None or n_consistent(more, guided) <= n_consistent(model, matches):
-        return None
-    return more
+    return more if more is not None and n_consistent(more, guided) > model.num_reg_images() else None
 
 
 def n_consistent(model: Model, matches: Path) -> int:

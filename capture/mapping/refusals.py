@@ -12,6 +12,7 @@ import numpy as np
 
 from capture.mapping.match_graph import MatchGraph
 from capture.mapping.model_metrics import ModelMetrics
+from capture.mapping.triplets import MAX_PART_RATIO
 
 #: Focal length over the longer side before anything is known: a telephone's main camera while recording. Its 24 to 28
 #: mm (of 35 mm film) are 0.69 to 0.81 of the longer side of a photograph, and a video is cropped by a tenth or so.
@@ -78,9 +79,6 @@ MIN_WARNED_PATTERN = 0.12
 #: matches of `lund_street` right models have none above 2 px, wrong ones 33 to 74 %. A walk of which 25 frames were
 #: four times too large (`walk_carpark`) had six broken frames, 55 right models none.
 MAX_CONTRADICTED_RATIO, MIN_BROKEN_FRAMES = 0.05, 2
-#: Maximum ratio of the second to the largest part of a model. The parts have no known scale relative to each other. A
-#: skull under a moving flash (`skull_flash`) fell into 37 and 32 frames; right models have at most 0.17.
-MAX_PART_RATIO = 0.5
 #: Maximum standard deviation of the steps to a placed frame, relative to their length. At the end of `snow_walk` five
 #: frames see only distant points in common: their steps have 0.11 to 0.18 and are wrong by a factor of two, whereas no
 #: frame of 14 other models has more than 0.06.

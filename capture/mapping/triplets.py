@@ -17,6 +17,9 @@ MAX_RESIDUAL_PX = 2.5
 #: Maximum logarithm of the ratio of the sizes of the two pairs of frames, beyond three standard errors. Along a walk
 #: straight ahead a part that is too large has small residuals, and only its steps are too long.
 MAX_STRETCH = 0.1
+#: Maximum ratio of the second to the largest part of a usable model. The parts have no known scale relative to each
+#: other. A skull under a moving flash (`skull_flash`) fell into 37 and 32 frames; right models have at most 0.17.
+MAX_PART_RATIO = 0.5
 #: Minimum parallax in pixels of features whose depths are compared, and minimum number of such features.
 MIN_PARALLAX_PX, MIN_DEPTHS = 8.0, 8
 #: Longer side in pixels of the images to which residuals and parallax refer; smaller images are not enlarged.
@@ -65,6 +68,11 @@ class TripletAgreement:
     parts: tuple[tuple[str, ...], ...] = ()  #: Frames that triplets hold together, largest part first.
     broken: tuple[str, ...] = ()  #: Frames of the largest part at which the length of the steps changes.
     loose: tuple[str, ...] = ()  #: Frames of triplets outside the largest part.
+
+    @property
+    def is_split(self) -> bool:
+        """Whether the second part is large relative to the first; their relative scale is unknown."""
+        return len(self.parts) > 1 and len(self.parts[1]) > MAX_PART_RATIO * len(self.parts[0])
 
 
 def agreement(triplets: list[Triplet], frames: int) -> TripletAgreement:

@@ -14,8 +14,10 @@ from scipy.spatial.transform import Rotation
 
 from capture.mapping.incremental import finish
 from capture.mapping.triplets import (
+    MAX_PART_RATIO,
     MAX_RESIDUAL_PX,
     Triplet,
+    TripletAgreement,
     agreement,
     broken_frames,
     model_triplets,
@@ -127,3 +129,10 @@ def test_exact_rays_leave_nothing_at_any_distance(seed: int, distance: float) ->
     turned[2, :, :3] = Rotation.from_euler("x", 5, degrees=True).as_matrix() @ turned[2, :, :3]
     assert np.median(triplet_residuals(turned, rays)) > 1e-3
     assert triplet_residuals(poses, rays[:0]).shape == (0,)
+
+
+@pytest.mark.parametrize(("second", "is_split"), [(5, False), (6, True)])
+def test_a_second_part_of_more_than_half_the_first_splits_a_model(second: int, is_split: bool) -> None:
+    first = tuple("abcdefghij")
+    assert TripletAgreement(parts=(first, first[:second])).is_split == is_split
+    assert MAX_PART_RATIO * len(first) == 5

@@ -1,4 +1,4 @@
-"""What the user of a capture's scale should know: kept in the work folder, stated with every result."""
+"""Warnings about a reconstruction, stored in the work folder and repeated with every result."""
 
 from __future__ import annotations
 
@@ -6,6 +6,7 @@ import json
 from pathlib import Path
 
 from capture.mapping.mapper import ModelReport
+from capture.mapping.model_metrics import ModelMetrics
 from capture.mapping.refusals import (
     FOCAL_ERROR_RATIO,
     MAX_FOCAL_STD,
@@ -46,29 +47,23 @@ def capture_cautions(path: Path, frames: Frames, report: ModelReport, focal_give
         warnings.append(f"an HDR video ({frames.hdr}); its frames are tone-mapped to an ordinary screen's range")
     if not frames.one_camera:
         unused = "; --focal is not used" if focal_given else ""
-        warnings.append(f"pictures of {len(frames.cameras())} cameras, by their sizes and EXIF's focal lengths{unused}")
+        warnings.append(f"images of {len(frames.cameras())} cameras, by their sizes and EXIF's focal lengths{unused}")
     if report.left_out:
         named = ", ".join([*report.left_out[:MAX_NAMED], *(["..."] if len(report.left_out) > MAX_NAMED else [])])
         n = len(frames.names)
         warnings.append(f"{len(report.left_out)} of {n} frames could not be placed and are not used: {named}")
+    if model.undetermined:
+        count = len(model.undetermined)
+        warnings.append(
+            f"{count} of these frames share only distant points with the others, and their place is unknown"
+        )
     compared = report.lenses is not None and report.lenses["chosen"] == model.camera
     if frames.one_camera and model.pattern > MIN_WARNED_PATTERN and not compared:
         warnings.append(
             f"the camera model ({model.camera}) leaves a pattern in the residuals, so its focal length may be wrong by "
             "10 to 20 %; name the lens with --camera-model and --focal if you know it"
         )
-    deviation = model.focal_deviation
-    if report.focal_held and (deviation is None or deviation > MAX_FOCAL_STD):
-        source = "--focal" if focal_given else "the file"
-        warnings.append(
-            f"the frames do not determine the focal length, and that of {source} is held ({model.focal:.2f} times the "
-            "longer side): if it is wrong by 10 %, everything is 10 % too deep or too shallow for its width"
-        )
-    elif not report.focal_held and deviation is not None and deviation > MIN_WARNED_FOCAL_STD:
-        warnings.append(
-            f"the frames determine the focal length only to about {100 * FOCAL_ERROR_RATIO * deviation:.0f} %, and so "
-            "depths against widths; walk around the objects, turn the camera as you walk, or give --focal"
-        )
+    warnings += _focal_warnings(report, model, focal_given)
     low, high = report.pairs["edges"]
     spread = model.focal_spread
     if report.overruled is not None:
@@ -83,14 +78,31 @@ def capture_cautions(path: Path, frames: Frames, report: ModelReport, focal_give
     return tuple(f"{path}: {warning}" for warning in warnings)
 
 
+def _focal_warnings(report: ModelReport, model: ModelMetrics, focal_given: bool) -> list[str]:
+    """Return the warning that the frames hardly determine the focal length, if so."""
+    deviation = model.focal_deviation
+    if report.focal_held and (deviation is None or deviation > MAX_FOCAL_STD):
+        source = "--focal" if focal_given else "the file"
+        return [
+            f"the frames do not determine the focal length, and that of {source} is held ({model.focal:.2f} times the "
+            "longer side): if it is wrong by 10 %, everything is 10 % too deep or too shallow for its width"
+        ]
+    if not report.focal_held and deviation is not None and deviation > MIN_WARNED_FOCAL_STD:
+        return [
+            f"the frames determine the focal length only to about {100 * FOCAL_ERROR_RATIO * deviation:.0f} %, and so "
+            "depths against widths; walk around the objects, turn the camera as you walk, or give --focal"
+        ]
+    return []
+
+
 def write_cautions(cautions: tuple[str, ...], folder: Path) -> None:
-    """Keep them in a work folder."""
+    """Write the warnings to a work folder."""
     with whole_file(folder / CAUTIONS_FILE, "--work", "metric-tree/cautions/") as file:
         file.write_text(json.dumps({"schema": SCHEMA, "cautions": list(cautions)}) + "\n", encoding="utf-8")
 
 
 def read_cautions(folder: Path) -> tuple[str, ...]:
-    """Those of a work folder, none where there are none.
+    """Return the warnings of a work folder, an empty tuple if the file is missing.
 
     Raises
     ------
@@ -102,7 +114,7 @@ def read_cautions(folder: Path) -> tuple[str, ...]:
         return ()
     with in_file(file):
         record = read_json(file)
-        rows = json_array(record.get("cautions") if isinstance(record, dict) else record)  # 1.0.0 wrote the list alone
+        rows = json_array(record.get("cautions") if isinstance(record, dict) else record)  # of version 1.0.0
     if not all(isinstance(row, str) for row in rows):
         raise InputError.at(file, "cautions", "sentences", rows)
     return tuple(rows)

@@ -1,1 +1,1 @@
-"""Structure from motion over chosen frames, in processes of its own, with gates that name what went wrong."""
+"""Structure from motion: features, matches and a model of the chosen frames, or the reason why there is none."""

@@ -29,7 +29,7 @@ ADVICE = {
     "implausible_focal_length": "give the focal length with --focal, do not zoom, and walk around the objects",
     "focal_length_changes": "do not zoom or let the telephone change lenses, and do not record moving objects",
     "focal_length_undetermined": "walk around the objects or turn the camera as you walk, or give the focal length in "
-    f"pixels with --focal (a telephone's main camera: about {TYPICAL_FOCAL} times the longer side of the picture)",
+    f"pixels with --focal (a telephone's main camera: about {TYPICAL_FOCAL} times the longer side of the image)",
     "out_of_time": "give more time with --max-time, or use fewer frames with --frames",
 }
 CODES = tuple(ADVICE)
@@ -116,7 +116,7 @@ def refusal(code: str, observation: str) -> Failure:
 
 
 def with_attempts(failure: Failure, tried: list[str], left: list[str]) -> Failure:
-    """Return the failure with the strategies that were tried, if several, and those that were left for lack of time.
+    """Return the failure with the strategies that were tried, if several, and the ones left for lack of time.
 
     >>> with_attempts(Failure("drift", "walk on"), ["SIFT"], ["pooled SIFT"]).message
     'walk on (tried: SIFT; left for lack of time, see --max-time: pooled SIFT)'
@@ -224,4 +224,4 @@ def contradiction(model: ModelMetrics) -> Failure | None:
     if ratio <= MAX_CONTRADICTED_RATIO:
         return None
     seen = f"{100 * ratio:.0f} % of the frames, taken three at a time, contradict the camera path"
-    return refusal("drift", f"{seen}, as where a pattern repeats")
+    return refusal("drift", f"{seen}, as if a pattern repeats")

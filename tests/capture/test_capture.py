@@ -242,7 +242,7 @@ def test_a_folder_of_its_frames_is_a_folder_of_pictures(
     cameras = {view.name: view.camera for view in read_scene(tmp_path / "w").views}
     assert len({tuple(camera.params) for camera in cameras.values()}) == 2
     (caution,) = read_cautions(tmp_path / "w")
-    assert "pictures of 2 cameras" in caution
+    assert "images of 2 cameras" in caution
     words = [str(tmp_path / "pictures"), "--work", str(tmp_path / "w"), "--json", "--camera-height", "1.5+-0.2"]
     status = main(words)  # masks are not asked for
     result = json.loads(capsys.readouterr().out)

@@ -244,6 +244,11 @@ def test_frames_without_a_place_are_named() -> None:
     assert warning.endswith("and are not used: 0.jpg, 1.jpg, 2.jpg, 3.jpg, 4.jpg, ...")
 
 
+def test_frames_that_see_only_distant_points_are_stated() -> None:
+    _, warning = _warnings(report={"left_out": ["1.jpg"]}, undetermined=("1.jpg",))
+    assert warning.startswith("1 of these frames share only distant points")
+
+
 def test_a_pattern_is_stated_unless_the_camera_model_is_the_best_one() -> None:
     choices = [None, {"chosen": "OPENCV_FISHEYE"}, {"chosen": "SIMPLE_RADIAL"}]
     rows = [_warnings(report={"lenses": choice}, pattern=MIN_WARNED_PATTERN + 0.01) for choice in choices]

@@ -10,7 +10,7 @@ markers that are not detected in the crop are not used. The corners are triangul
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -202,7 +202,12 @@ class Marker:
         """Return, by marker and corner, the index of the view and the pixel (2,); None without images."""
         import cv2
 
-        folders, detect = image_folders(scene, self.images), self._detector()
+        dictionary = cv2.aruco.getPredefinedDictionary(getattr(cv2.aruco, str(_dictionary_name(self.dictionary))))
+        charuco = None
+        if self.board is not None:
+            columns, rows, side = self.board
+            charuco = cv2.aruco.CharucoDetector(cv2.aruco.CharucoBoard((columns, rows), self.metres, side, dictionary))
+        folders = image_folders(scene, self.images)
         seen: dict[str, dict[int, list[tuple[int, FloatArray]]]] = {}
         n_images = 0
         for row, view in enumerate(scene.views):
@@ -212,34 +217,19 @@ class Marker:
                 continue
             n_images += 1
             ratio = np.array([view.camera.width / image.shape[1], view.camera.height / image.shape[0]])
-            for name, number, pixel in detect(image):
+            found: list[tuple[str, int, FloatArray]] = []  # marker, corner, pixel (2,)
+            if charuco is None:
+                for marker, square in refined_marker_corners(image, dictionary):
+                    found += [(str(marker), corner, pixel) for corner, pixel in enumerate(square)]
+            else:
+                corners, ids, *_ = charuco.detectBoard(image)
+                if ids is not None:
+                    pixels = np.asarray(corners, dtype=float).reshape(-1, 2)
+                    found = [("board", int(number), pixel) for number, pixel in zip(np.ravel(ids), pixels, strict=True)]
+            for name, number, pixel in found:
                 # The centre of the first pixel is (0, 0) in OpenCV and (0.5, 0.5) in the scene.
                 seen.setdefault(name, {}).setdefault(number, []).append((row, (pixel + 0.5) * ratio))
         return seen if n_images else None
-
-    def _detector(self) -> Callable[[Any], Sequence[tuple[str, int, FloatArray]]]:
-        """Return a function that finds (marker, corner, pixel (2,)) in a grey image."""
-        import cv2
-
-        dictionary = cv2.aruco.getPredefinedDictionary(getattr(cv2.aruco, str(_dictionary_name(self.dictionary))))
-        if self.board is None:
-            return lambda image: [
-                (str(number), place, pixel)
-                for number, square in refined_marker_corners(image, dictionary)
-                for place, pixel in enumerate(square)
-            ]
-        columns, rows, side = self.board
-        board = cv2.aruco.CharucoBoard((columns, rows), self.metres, side, dictionary)
-        charuco = cv2.aruco.CharucoDetector(board)
-
-        def board_corners(image: Any) -> list[tuple[str, int, FloatArray]]:
-            corners, ids, *_ = charuco.detectBoard(image)
-            if ids is None:
-                return []
-            pixels = np.asarray(corners, dtype=float).reshape(-1, 2)
-            return [("board", int(number), pixel) for number, pixel in zip(np.ravel(ids), pixels, strict=True)]
-
-        return board_corners
 
 
 def _dictionary_name(name: str) -> str | None:

@@ -126,7 +126,15 @@ def _object(index: int, record: dict[str, Any]) -> MeasuredObject:
         raise FieldError(".dimensions", "dimensions or extents", None)
     entry: _Upright | _Free = _convert(record, _Upright if "dimensions" in record else _Free)
     names = entry.sigma.__struct_fields__
-    extents = _sorted_extents(entry.extents) if isinstance(entry, _Free) else _numbers(entry.dimensions)
+    if isinstance(entry, _Free):
+        lengths = entry.extents
+        if not all(map(math.isfinite, lengths)):
+            raise FieldError(".extents", "positive numbers", lengths)
+        if lengths != sorted(lengths, reverse=True):
+            raise FieldError(".extents", "the longest first", lengths)
+        extents = np.array(lengths + [math.nan] * (3 - len(lengths)))
+    else:
+        extents = _numbers(entry.dimensions)
     confidence, sigma = _numbers(entry.confidence), _numbers(entry.sigma)
     sigma = np.where(np.isnan(sigma), DEFAULT_SIGMA, sigma)
     with np.errstate(invalid="ignore"):
@@ -191,15 +199,6 @@ def _names(field: str, record: dict[str, Any]) -> str:
     """Return the names of the dimensions of an object, for messages."""
     kind = _Lengths if field == "dimensions" or "dimensions" in record else _FreeLengths
     return ", ".join(kind.__struct_fields__)
-
-
-def _sorted_extents(lengths: list[float]) -> FloatArray:
-    """Return three extents (3,), the longest first; missing ones are NaN."""
-    if not all(map(math.isfinite, lengths)):
-        raise FieldError(".extents", "positive numbers", lengths)
-    if lengths != sorted(lengths, reverse=True):
-        raise FieldError(".extents", "the longest first", lengths)
-    return np.array(lengths + [math.nan] * (3 - len(lengths)))
 
 
 def _numbers(numbers: msgspec.Struct) -> FloatArray:

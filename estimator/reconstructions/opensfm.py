@@ -180,14 +180,26 @@ def _camera(document: dict[str, Any]) -> Camera:
     if not isinstance(projection, str) or projection not in PROJECTIONS:
         expected = f"one of {', '.join(PROJECTIONS)} (cut a panorama into perspective views first)"
         raise FieldError("projection_type", expected, projection)
-    width, height = (_whole(side, document.get(side)) for side in ("width", "height"))
+    size = []
+    for side in ("width", "height"):
+        pixels = document.get(side)
+        if isinstance(pixels, float) and pixels.is_integer():
+            pixels = int(pixels)
+        if not isinstance(pixels, int) or isinstance(pixels, bool):
+            raise FieldError(side, "a whole number of pixels", pixels)
+        size.append(pixels)
+    width, height = size
     model, sources = PROJECTIONS[projection]
-    side, half = max(width, height), {"x": width / 2, "y": height / 2}
+    longer, half = max(width, height), {"x": width / 2, "y": height / 2}
     params = []
     for source in sources:
         name = source.lstrip("*+")
-        value = _number(name, document.get(name), None if source in _FOCAL_NAMES else 0.0)
-        scaled = value * side if source[:1] in {"*", "+"} else value
+        value = document.get(name)
+        if value is None and source not in _FOCAL_NAMES:
+            value = 0.0
+        if not isinstance(value, int | float) or isinstance(value, bool) or not _is_coordinate(value):
+            raise FieldError(name, "a number", value)
+        scaled = float(value) * longer if source[:1] in {"*", "+"} else float(value)
         params.append(scaled + half[name[-1]] if source.startswith("+") else scaled)
     return make_camera(model, (width, height), params)
 
@@ -242,19 +254,3 @@ def _view(name: str, entry: object, cameras: dict[str, Camera]) -> View:
         np.empty((0, 2)),
         np.empty(0, np.int64),
     )
-
-
-def _whole(field: str, value: object) -> int:
-    if isinstance(value, float) and value.is_integer():
-        value = int(value)
-    if not isinstance(value, int) or isinstance(value, bool):
-        raise FieldError(field, "a whole number of pixels", value)
-    return value
-
-
-def _number(field: str, value: object, default: float | None) -> float:
-    if value is None and default is not None:
-        return default
-    if not isinstance(value, int | float) or isinstance(value, bool) or not _is_coordinate(value):
-        raise FieldError(field, "a number", value)
-    return float(value)

@@ -126,37 +126,32 @@ def authors_lists(folder: Path, tree: Tree) -> dict[str, tuple[tuple[str, ...], 
         for file in table["files"]
         if table.get("category")
     }
-    lists = {}
+    lists: dict[str, tuple[tuple[str, ...], FloatArray]] = {}
     for stem, name in names.items():
         path = folder / f"{stem}.csv"
         try:
             node = tree.find(name)
         except UnknownName:
             continue
-        if path.is_file():
-            lists[node.node_id] = _list(path)
+        if not path.is_file():
+            continue
+        lines = [line for line in read_text(path).split("\n") if line.strip()]
+        try:
+            rows = np.array([[float(cell) for cell in line.split(",")] for line in lines])
+        except ValueError:
+            expected = "numbers separated by commas, the same number in each line"
+            raise InputError.at(path, "rows", expected, Unquoted("others")) from None
+        sizes = rows * (MM_PER_INCH if stem == "diningchair" else 1.0)
+        sides = np.sort(sizes[:, :2], axis=1)[:, ::-1]
+        if sizes.shape[1] == 1:
+            lists[node.node_id] = ("height",), sizes
+        elif sizes.shape[1] == 2:
+            lists[node.node_id] = ("length", "width"), sides
+        else:
+            lists[node.node_id] = AXES, np.column_stack([sides, sizes[:, 2]])
     if not lists:
         raise InputError.at(folder, "--paper-lists", "files such as car.csv", Unquoted("none that the tree knows"))
     return lists
-
-
-def _list(path: Path) -> tuple[tuple[str, ...], FloatArray]:
-    """Return the column names (d,) and the values (n, d) in mm of a list by the authors."""
-    try:
-        rows = np.array(
-            [[float(cell) for cell in line.split(",")] for line in read_text(path).split("\n") if line.strip()]
-        )
-    except ValueError:
-        raise InputError.at(
-            path, "rows", "numbers separated by commas, the same number in each line", Unquoted("others")
-        ) from None
-    sizes = rows * (MM_PER_INCH if path.stem == "diningchair" else 1.0)
-    if sizes.shape[1] == 1:
-        return ("height",), sizes
-    sides = np.sort(sizes[:, :2], axis=1)[:, ::-1]
-    if sizes.shape[1] == 2:
-        return ("length", "width"), sides
-    return AXES, np.column_stack([sides, sizes[:, 2]])
 
 
 @cache

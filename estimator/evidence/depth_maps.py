@@ -92,41 +92,37 @@ def read_exr(file: Path) -> FloatArray:
     """
     data = file.read_bytes() if file.stat().st_size <= MAX_EXR_BYTES else b""
     try:
-        return _exr_depth(data, _exr_header(data))
+        magic, version = struct.unpack_from("<II", data)
+        if magic != EXR_MAGIC or version & EXR_OTHER_LAYOUTS:
+            raise ValueError("another format" if magic != EXR_MAGIC else "tiles, deep data or several parts")
+        position, fields = 8, dict[str, bytes]()
+        while data[position]:
+            name, position = _text(data, position)
+            _, position = _text(data, position)
+            (size,) = struct.unpack_from("<i", data, position)
+            if size < 0:
+                raise ValueError("a field of negative size")
+            fields[name] = data[position + 4 : position + 4 + size]
+            position += 4 + size
+        left, top, right, bottom = struct.unpack("<4i", fields["dataWindow"])
+        width, height = right - left + 1, bottom - top + 1
+        if min(width, height) < 1 or width * height > MAX_PIXELS:
+            raise ValueError(f"a size of {width} x {height}")
+        if fields["compression"][0] not in EXR_BLOCK_LINES:
+            raise ValueError(f"compression number {fields['compression'][0]}")
+        channels, table, end = [], fields["channels"], position + 1
+        position = 0
+        while table[position]:
+            name, position = _text(table, position)
+            kind, _, step_x, step_y = struct.unpack_from("<IIii", table, position)
+            if (step_x, step_y) != (1, 1):
+                raise ValueError(f"channel {name} has a coarser grid")
+            channels.append((name, EXR_TYPES[kind]))
+            position += 16
+        return _exr_depth(data, _Header(tuple(channels), fields["compression"][0], width, height, end))
     except (struct.error, ValueError, KeyError, IndexError, OverflowError, zlib.error) as error:
         expected = "an OpenEXR picture in scan lines, uncompressed or ZIP, with one depth channel"
         raise InputError.at(file, "picture", expected, Unquoted(str(error) or type(error).__name__)) from None
-
-
-def _exr_header(data: bytes) -> _Header:
-    magic, version = struct.unpack_from("<II", data)
-    if magic != EXR_MAGIC or version & EXR_OTHER_LAYOUTS:
-        raise ValueError("another format" if magic != EXR_MAGIC else "tiles, deep data or several parts")
-    position, fields = 8, dict[str, bytes]()
-    while data[position]:
-        name, position = _text(data, position)
-        _, position = _text(data, position)
-        (size,) = struct.unpack_from("<i", data, position)
-        if size < 0:
-            raise ValueError("a field of negative size")
-        fields[name] = data[position + 4 : position + 4 + size]
-        position += 4 + size
-    left, top, right, bottom = struct.unpack("<4i", fields["dataWindow"])
-    width, height = right - left + 1, bottom - top + 1
-    if min(width, height) < 1 or width * height > MAX_PIXELS:
-        raise ValueError(f"a size of {width} x {height}")
-    if fields["compression"][0] not in EXR_BLOCK_LINES:
-        raise ValueError(f"compression number {fields['compression'][0]}")
-    channels, table, end = [], fields["channels"], position + 1
-    position = 0
-    while table[position]:
-        name, position = _text(table, position)
-        kind, _, step_x, step_y = struct.unpack_from("<IIii", table, position)
-        if (step_x, step_y) != (1, 1):
-            raise ValueError(f"channel {name} has a coarser grid")
-        channels.append((name, EXR_TYPES[kind]))
-        position += 16
-    return _Header(tuple(channels), fields["compression"][0], width, height, end)
 
 
 def _exr_depth(data: bytes, header: _Header) -> FloatArray:

@@ -215,7 +215,18 @@ def overlay(estimate: SceneEstimate, row: int, image: Any) -> Any:
     factor = max(1.0, MIN_WIDTH_PX / view.camera.width)
     size = (round(view.camera.width * factor), round(view.camera.height * factor))
     canvas = cv2.resize(np.ascontiguousarray(image), size, interpolation=cv2.INTER_CUBIC)
-    visible_objects = _visible_objects(estimate, row)
+    # The objects with a box and a mask in the view, with their reports and labels.
+    visible_objects: list[tuple[MeasuredObject, ObjectReport, tuple[DimensionLabel, ...]]] = []
+    reports = {report.id: report for report in estimate.result.objects}
+    truth = read_truth(estimate.scene.path)
+    for item in () if estimate.measurements is None else estimate.measurements.objects:
+        if item.box is None or all(estimate.instances[member].view != row for member in item.members):
+            continue
+        # The true size belongs to the track of most masks.
+        tracks = Counter(track for member in item.members if (track := estimate.instances[member].track) is not None)
+        sizes = truth.sizes.get(tracks.most_common(1)[0][0], {}) if tracks else {}
+        labels = dimension_labels(item, reports[item.id], estimate.result, sizes)
+        visible_objects.append((item, reports[item.id], labels))
     # The centre of the first pixel is (0.5, 0.5) in COLMAP and (0, 0) in OpenCV.
     edges = [projected_edges(item.box, view) * factor - 0.5 for item, _, _ in visible_objects if item.box is not None]
     for (_, _, labels), lines in zip(visible_objects, edges, strict=True):
@@ -229,27 +240,8 @@ def overlay(estimate: SceneEstimate, row: int, image: Any) -> Any:
     if not visible_objects:
         return drawn
     interval = estimate.result.interval
-    has_truth = bool(read_truth(estimate.scene.path).sizes)
-    return with_legend(drawn, None if interval is None else interval.level, has_truth, estimate.result.status)
-
-
-def _visible_objects(
-    estimate: SceneEstimate, row: int
-) -> list[tuple[MeasuredObject, ObjectReport, tuple[DimensionLabel, ...]]]:
-    """Return the objects with a box and a mask in the view, with their reports and labels."""
-    if estimate.measurements is None:
-        return []
-    reports = {report.id: report for report in estimate.result.objects}
-    truth = read_truth(estimate.scene.path)
-    found = []
-    for item in estimate.measurements.objects:
-        if item.box is None or all(estimate.instances[member].view != row for member in item.members):
-            continue
-        # The true size belongs to the track of most masks.
-        tracks = Counter(track for member in item.members if (track := estimate.instances[member].track) is not None)
-        sizes = truth.sizes.get(tracks.most_common(1)[0][0], {}) if tracks else {}
-        found.append((item, reports[item.id], dimension_labels(item, reports[item.id], estimate.result, sizes)))
-    return found
+    level = None if interval is None else interval.level
+    return with_legend(drawn, level, bool(truth.sizes), estimate.result.status)
 
 
 def _most_visible_edge(lines: FloatArray, axis: int, shape: tuple[int, ...]) -> int | None:

@@ -172,10 +172,18 @@ def multi_object_classes(
     high = search[np.minimum(len(search) - matters[:, ::-1].argmax(axis=1), len(search) - 1)]
     centre, half = 0.5 * (low + high), 0.5 * (high - low)
 
+    # Height (w,) of the parabola through the maximum of each product and its two neighbours. The product of a hundred
+    # objects is narrow: between grid points, it increases by more than hypotheses differ.
+    at = np.clip(log_central.argmax(axis=1), 1, log_central.shape[1] - 2)
+    row = np.arange(len(at))
+    before, peak, after = (log_central[row, at + step] for step in (-1, 0, 1))
+    bend = np.minimum(before - 2 * peak + after, -1e-9)
+    peak_height = np.maximum(log_central.max(axis=1), peak - (after - before) ** 2 / (8 * bend))
+
     # Only hypotheses matter whose evidence is close to the best one with the same vertical extent. The shared error
     # widens a narrow product, which lowers its peak by about the ratio of the widths.
     widened = np.log(np.minimum(1.0, half / (3 * hypotheses.along_sd)))
-    evidence = _peak_heights(log_central) + hypotheses.log_weight + widened
+    evidence = peak_height + hypotheses.log_weight + widened
     orientation = hypotheses.group * (len(VERTICAL_EXTENTS) + 1) + hypotheses.vertical_extent + 1
     best = np.full(int(orientation.max()) + 1, -np.inf)
     np.maximum.at(best, orientation, evidence)
@@ -210,18 +218,6 @@ def multi_object_classes(
     sums = np.add.reduceat(np.exp(log_values - highest[hypotheses.group]), first, axis=0)
     by_class = np.asarray(np.log(sums) + highest)
     return MultiObjectClasses(by_class, hypotheses, log_node, kernel, outlier)
-
-
-def _peak_heights(log_values: FloatArray) -> FloatArray:
-    """Return the height (w,) of the parabola through the maximum of each row (w, g) and its two neighbours.
-
-    The product of a hundred objects is narrow: between grid points, it increases by more than hypotheses differ.
-    """
-    peak = np.clip(log_values.argmax(axis=1), 1, log_values.shape[1] - 2)
-    row = np.arange(len(peak))
-    before, top, after = (log_values[row, peak + step] for step in (-1, 0, 1))
-    bend = np.minimum(before - 2 * top + after, -1e-9)
-    return np.asarray(np.maximum(log_values.max(axis=1), top - (after - before) ** 2 / (8 * bend)))
 
 
 def _log_products(

@@ -155,22 +155,18 @@ def modes(posterior: Curve) -> tuple[Mode, ...]:
             separate[-1] = peak
     cumulative = _cumulative(posterior)
     edges = np.concatenate([[posterior.below], cumulative[valleys], [1.0 - posterior.above]])
-    by_height = [
-        (float(density[peak]), Mode(math.exp(_vertex(grid, density, peak)), float(mass)))
-        for peak, mass in zip(separate, np.diff(edges), strict=True)
-    ]
+    by_height = []
+    for peak, mass in zip(separate, np.diff(edges), strict=True):
+        vertex = float(grid[peak])
+        if 0 < peak < len(grid) - 1 and min(density[peak - 1 : peak + 2]) > 0:
+            # Vertex of the parabola through the log density at the peak and its neighbours.
+            left, middle, right = np.log(density[peak - 1 : peak + 2])
+            bend = left - 2 * middle + right
+            shift = 0.5 * (left - right) / bend if bend < 0 else 0.0
+            vertex = float(grid[peak] + shift * (grid[1] - grid[0]))
+        by_height.append((float(density[peak]), Mode(math.exp(vertex), float(mass))))
     by_height.sort(key=lambda pair: -pair[0])
     return tuple(mode for index, (_, mode) in enumerate(by_height) if index == 0 or mode.mass >= MIN_MODE_MASS)
-
-
-def _vertex(grid: FloatArray, density: FloatArray, peak: int) -> float:
-    """Return the vertex of the parabola through the log density (g,) at a peak and its neighbours on the grid (g,)."""
-    if not 0 < peak < len(grid) - 1 or min(density[peak - 1 : peak + 2]) <= 0:
-        return float(grid[peak])
-    left, middle, right = np.log(density[peak - 1 : peak + 2])
-    bend = left - 2 * middle + right
-    shift = 0.5 * (left - right) / bend if bend < 0 else 0.0
-    return float(grid[peak] + shift * (grid[1] - grid[0]))
 
 
 def _cumulative(posterior: Curve) -> FloatArray:

@@ -145,15 +145,28 @@ def read_opensfm(folder: Path) -> Scene:
         shots = json_object(document.get("shots"), "shots")
         if not shots:
             raise FieldError("shots", "at least one", 0)
-        views = tuple(_view(name, shot, cameras) for name, shot in shots.items())
+        views: list[View] = []
+        for name, entry in shots.items():
+            with at_field(f"shot {name!r}"):
+                shot = json_object(entry, "")
+                camera = shot.get("camera")
+                if not isinstance(camera, str) or camera not in cameras:
+                    raise FieldError("camera", "a camera of the reconstruction", camera)
+                for part in ("rotation", "translation"):
+                    if not _is_triple(shot.get(part)):
+                        raise FieldError(part, "three finite numbers", Unquoted(str(shot.get(part))))
+                rotation, translation = (np.array(shot[part], dtype=np.float64) for part in ("rotation", "translation"))
+            matrix = Rotation.from_rotvec(rotation).as_matrix()
+            views.append(View(name, cameras[camera], matrix, translation, np.empty((0, 2)), np.empty(0, np.int64)))
     tracks = folder / TRACKS
     if tracks.is_file():
         rows, point_rows, normalised = read_observations(tracks, [view.name for view in views], names)
         sizes = np.array([(view.camera.width, view.camera.height) for view in views], dtype=np.float64)[rows]
-        views = observed_views(views, rows, point_rows, normalised * sizes.max(axis=1, keepdims=True) + sizes / 2)
+        observed = observed_views(views, rows, point_rows, normalised * sizes.max(axis=1, keepdims=True) + sizes / 2)
     else:
+        observed = tuple(views)
         warnings = (*warnings, f"{folder}: no {TRACKS}")
-    return Scene(folder, "opensfm", views, points, warnings=warnings, model_path=folder)
+    return Scene(folder, "opensfm", observed, points, warnings=warnings, model_path=folder)
 
 
 def largest_reconstruction(file: Path) -> tuple[dict[str, Any], tuple[str, ...]]:
@@ -234,23 +247,3 @@ def _is_triple(values: object) -> bool:
 def _is_coordinate(value: object) -> bool:
     """Return True for a number below `MAX_COORDINATE`."""
     return isinstance(value, int | float) and abs(value) < MAX_COORDINATE
-
-
-def _view(name: str, entry: object, cameras: dict[str, Camera]) -> View:
-    with at_field(f"shot {name!r}"):
-        shot = json_object(entry, "")
-        camera = shot.get("camera")
-        if not isinstance(camera, str) or camera not in cameras:
-            raise FieldError("camera", "a camera of the reconstruction", camera)
-        for part in ("rotation", "translation"):
-            if not _is_triple(shot.get(part)):
-                raise FieldError(part, "three finite numbers", Unquoted(str(shot.get(part))))
-        rotation, translation = (np.array(shot[part], dtype=np.float64) for part in ("rotation", "translation"))
-    return View(
-        name,
-        cameras[camera],
-        Rotation.from_rotvec(rotation).as_matrix(),
-        translation,
-        np.empty((0, 2)),
-        np.empty(0, np.int64),
-    )

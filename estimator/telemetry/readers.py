@@ -125,23 +125,21 @@ def subtitle_positions(text: str) -> Positions | None:
     cues = list(_CUE.finditer(text))
     ends = [cue.start() for cue in cues[1:]] + [len(text)]
     for cue, end in zip(cues, ends, strict=False):
-        position = _subtitle_position(text[cue.end() : end])
-        if position is not None and (position[0] or position[1]):
+        caption = text[cue.end() : end]
+        if plain := _PLAIN.search(caption):
+            longitude, latitude, altitude = (float(part) for part in plain.groups())
+        else:
+            matches = [pattern.search(caption) for pattern in _NAMED.values()]
+            named_latitude, named_longitude, absolute, relative = (match and float(match[1]) for match in matches)
+            if named_latitude is None or named_longitude is None:
+                continue
+            latitude, longitude = named_latitude, named_longitude
+            altitude = (absolute if absolute is not None else relative) or 0.0  # 0 if it is missing
+        if latitude or longitude:
             hours, minutes, seconds, thousandths = (int(part) for part in cue.groups())
-            rows.append((3600 * hours + 60 * minutes + seconds + thousandths / 1000, *position))
+            time_s = 3600 * hours + 60 * minutes + seconds + thousandths / 1000
+            rows.append((time_s, latitude, longitude, altitude))
     return Positions.from_rows(np.array(rows, dtype=np.float64).reshape(-1, 4), geodetic=True)
-
-
-def _subtitle_position(text: str) -> tuple[float, float, float] | None:
-    """Return latitude, longitude and altitude (0 if it is missing) of a subtitle."""
-    if plain := _PLAIN.search(text):
-        longitude, latitude, altitude = (float(part) for part in plain.groups())
-        return latitude, longitude, altitude
-    matches = [pattern.search(text) for pattern in _NAMED.values()]
-    named_latitude, named_longitude, absolute, relative = (match and float(match[1]) for match in matches)
-    if named_latitude is None or named_longitude is None:
-        return None
-    return named_latitude, named_longitude, (absolute if absolute is not None else relative) or 0.0
 
 
 def _metadata_tracks(file: Path) -> Iterator[list[Packet]]:

@@ -92,6 +92,8 @@ class Materials:
 
     def _texture(self, texture: dict[str, Any] | None, first: Coordinates) -> Pixels | None:
         """Return the pixels (h, w, 4) of a texture, or None with a warning if it cannot be used."""
+        from PIL import Image
+
         if texture is None:
             return None
         if _coordinates(texture) != first:
@@ -104,7 +106,12 @@ class Materials:
             self._warn("a texture without a PNG, JPEG or WebP image is ignored")
             return None
         if source not in self._pixels:
-            self._pixels[source] = _decode(self._image(source))
+            with Image.open(io.BytesIO(self._image(source))) as image:
+                if image.mode.startswith("I"):  # 16 bits are reduced to 8
+                    grey = (np.asarray(image, dtype=np.int64) >> 8).astype(np.uint8)
+                    self._pixels[source] = np.dstack([grey, grey, grey, np.full_like(grey, 255)])
+                else:
+                    self._pixels[source] = np.asarray(image.convert("RGBA"), dtype=np.uint8)
         return self._pixels[source]
 
     def _warn(self, warning: str) -> None:
@@ -123,14 +130,3 @@ def _coordinates(texture: dict[str, Any]) -> Coordinates:
         float(transform.get("rotation", 0.0)),
         (float(scale[0]), float(scale[1])),
     )
-
-
-def _decode(data: bytes) -> Pixels:
-    """Decode an image to RGBA pixels (h, w, 4); 16 bits are reduced to 8."""
-    from PIL import Image
-
-    with Image.open(io.BytesIO(data)) as image:
-        if image.mode.startswith("I"):
-            grey = (np.asarray(image, dtype=np.int64) >> 8).astype(np.uint8)
-            return np.dstack([grey, grey, grey, np.full_like(grey, 255)])
-        return np.asarray(image.convert("RGBA"), dtype=np.uint8)

@@ -93,13 +93,12 @@ def read_model(path: Path) -> Model:
     def meshes_at(animation: GltfAnimation) -> Callable[[float], tuple[Mesh, ...]]:
         return lambda time_s: posed_meshes(posed_nodes(document.nodes, animation, time_s))
 
-    moving = (row for row in animations if row.channels and row.duration_s > 0)
     ignored = () if modes <= set(FACE_MODES) else ("points and lines are ignored",)
     return Model(
         path.name,
         meshes,
         (*ignored, *materials.warnings),
-        tuple(Animation(row.name, row.duration_s, meshes_at(row)) for row in moving),
+        tuple(Animation(a.name, a.duration_s, meshes_at(a)) for a in animations if a.channels and a.duration_s > 0),
     )
 
 

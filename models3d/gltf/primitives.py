@@ -91,7 +91,15 @@ def read_primitive(primitive: dict[str, Any], document: GltfDocument, materials:
     corners = document.indices(primitive["indices"]) if "indices" in primitive else np.arange(count)
     is_inside = not len(corners) or int(corners.max()) < count
     expect(is_inside, "indices", f"numbers from 0 to {count - 1}", Unquoted("others"))
-    faces = _faces(corners, int(primitive.get("mode", TRIANGLES)))
+    mode = int(primitive.get("mode", TRIANGLES))
+    first, second, third = corners[:-2], corners[1:-1], corners[2:]
+    if mode == TRIANGLES:
+        faces = corners[: len(corners) // 3 * 3].reshape(-1, 3)
+    elif mode == TRIANGLE_FAN:
+        faces = np.column_stack([np.full_like(second, corners[0]), second, third])
+    else:
+        is_odd = np.arange(len(third)) % 2 == 1  # every other triangle of a strip has the opposite orientation
+        faces = np.column_stack([first, np.where(is_odd, third, second), np.where(is_odd, second, third)])
     material, coordinates = materials.material(primitive.get("material"))
     uv_accessor = attributes.get(f"TEXCOORD_{coordinates.number}")
     uv = np.zeros((count, 2)) if uv_accessor is None else coordinates(document.accessor(uv_accessor, (2,)))
@@ -101,7 +109,15 @@ def read_primitive(primitive: dict[str, Any], document: GltfDocument, materials:
         colour = colour if colour.shape[1] == 4 else np.hstack([colour, np.ones((len(colour), 1))])
         colour = np.clip(colour, 0.0, 1.0)
     normals = document.accessor(attributes["NORMAL"], (3,)) if "NORMAL" in attributes else None
-    joint_index, weights = _joints(attributes, document)
+    # Joints and weights (n, k) of all sets of four.
+    joint_index = weights = None
+    sets = [k for k in range(len(attributes)) if {f"JOINTS_{k}", f"WEIGHTS_{k}"} <= set(attributes)]
+    if sets:
+        joint_index, weights = (
+            np.hstack([document.accessor(attributes[f"{name}_{k}"], (4,)) for k in sets])
+            for name in ("JOINTS", "WEIGHTS")
+        )
+        expect(bool(np.isfinite(weights).all()), "WEIGHTS_0", "finite numbers", Unquoted("others"))
     targets = []
     for target in primitive.get("targets", []):
         added = [document.accessor(target[name], (3,)) if name in target else None for name in ("POSITION", "NORMAL")]
@@ -123,26 +139,3 @@ def read_primitive(primitive: dict[str, Any], document: GltfDocument, materials:
         weights=None if weights is None else weights[rows],
         targets=tuple((None if moved is None else moved[rows], None) for moved, _ in targets),
     )
-
-
-def _joints(attributes: dict[str, Any], document: GltfDocument) -> tuple[FloatArray | None, FloatArray | None]:
-    """Return joints and weights (n, k) of all sets of four, or None without a skin."""
-    sets = [k for k in range(len(attributes)) if {f"JOINTS_{k}", f"WEIGHTS_{k}"} <= set(attributes)]
-    if not sets:
-        return None, None
-    joint_index, weights = (
-        np.hstack([document.accessor(attributes[f"{name}_{k}"], (4,)) for k in sets]) for name in ("JOINTS", "WEIGHTS")
-    )
-    expect(bool(np.isfinite(weights).all()), "WEIGHTS_0", "finite numbers", Unquoted("others"))
-    return joint_index, weights
-
-
-def _faces(corners: IntArray, mode: int) -> IntArray:
-    """Return the faces (m, 3) of the vertices (n,) of triangles, a strip or a fan."""
-    if mode == TRIANGLES:
-        return corners[: len(corners) // 3 * 3].reshape(-1, 3)
-    first, second, third = corners[:-2], corners[1:-1], corners[2:]
-    if mode == TRIANGLE_FAN:
-        return np.column_stack([np.full_like(second, corners[0]), second, third])
-    is_odd = np.arange(len(third)) % 2 == 1  # every other triangle of a strip has the opposite orientation
-    return np.column_stack([first, np.where(is_odd, third, second), np.where(is_odd, second, third)])

@@ -72,7 +72,20 @@ def drawing(check: AssetCheck) -> str:
     parts, left, floor = [], float(MARGIN_PX), HEIGHT_PX + 2.0 * MARGIN_PX
     for kind, label, width, height in columns:
         width_px = max(width * scale, 2.0)
-        parts.append(_shape(kind, left, floor, width_px, max(height * scale, MIN_HEIGHT_FRACTION * HEIGHT_PX)))
+        height_px = max(height * scale, MIN_HEIGHT_FRACTION * HEIGHT_PX)
+        if kind == "person":
+            head, centre = height_px / 14, left + width_px / 2
+            body = floor - height_px + 2 * head
+            parts.append(
+                f'<circle class="person" cx="{centre:.1f}" cy="{floor - height_px + head:.1f}" r="{head:.1f}"/>'
+            )
+            parts.append(
+                f'<rect class="person" x="{centre - 1.7 * head:.1f}" y="{body:.1f}" width="{3.4 * head:.1f}" '
+                f'height="{floor - body:.1f}" rx="{head:.1f}"/>'
+            )
+        else:
+            size = f'width="{width_px:.1f}" height="{height_px:.1f}"'
+            parts.append(f'<rect class="{kind}" x="{left:.1f}" y="{floor - height_px:.1f}" {size}/>')
         for line, text in enumerate(label):
             parts.append(f'<text x="{left:.1f}" y="{floor + 16 + 15 * line:.1f}">{escape(text)}</text>')
         left += max(width_px, COLUMN_PX) + MARGIN_PX
@@ -82,19 +95,6 @@ def drawing(check: AssetCheck) -> str:
         f"<title>{escape(title)}</title><style>{_DRAWING_STYLE}</style>"
         f'<text x="{MARGIN_PX}" y="18">{escape(title)}</text>'
         f'<line class="floor" x1="0" y1="{floor}" x2="{left:.0f}" y2="{floor}"/>{"".join(parts)}</svg>\n'
-    )
-
-
-def _shape(kind: str, x: float, floor: float, width: float, height: float) -> str:
-    """Return the SVG elements of a box or a person, whose lower left corner is at (x, floor), in pixels."""
-    if kind != "person":
-        return f'<rect class="{kind}" x="{x:.1f}" y="{floor - height:.1f}" width="{width:.1f}" height="{height:.1f}"/>'
-    head, centre = height / 14, x + width / 2
-    body = floor - height + 2 * head
-    return (
-        f'<circle class="person" cx="{centre:.1f}" cy="{floor - height + head:.1f}" r="{head:.1f}"/>'
-        f'<rect class="person" x="{centre - 1.7 * head:.1f}" y="{body:.1f}" width="{3.4 * head:.1f}" '
-        f'height="{floor - body:.1f}" rx="{head:.1f}"/>'
     )
 
 

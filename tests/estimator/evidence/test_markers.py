@@ -5,6 +5,7 @@ from __future__ import annotations
 from dataclasses import replace
 from pathlib import Path
 
+import cv2
 import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
@@ -15,7 +16,7 @@ from estimator.records.objects import Measurements
 from estimator.records.scene import Camera
 from metric_base.errors import InputError
 from tests.synthetic.evidence import draw_marker, marker_picture, one
-from tests.synthetic.walk import Walk
+from tests.synthetic.walk import Walk, synthetic_walk
 
 
 def test_a_small_marker_seen_aslant_is_not_too_large(walk: Walk, nothing: Measurements) -> None:
@@ -81,3 +82,14 @@ def test_corners_have_reprojection_errors_of_half_a_per_cent_at_most(
     turned = replace(turned, rotation=rotation, translation=-rotation @ turned.centre)
     row = one(Marker("DICT_4X4_50", 0.3).observe(replace(walk.scene, views=(still, turned)), nothing))
     assert (row.scale is not None) == is_used
+
+
+def test_a_charuco_board(tmp_path: Path, nothing: Measurements) -> None:
+    """A board of 4 x 3 squares of half a metre, seen from a height of 2.5 m."""
+    walk = synthetic_walk(tmp_path, height=2.5)
+    dictionary = cv2.aruco.getPredefinedDictionary(cv2.aruco.DICT_4X4_50)
+    image = cv2.aruco.CharucoBoard((4, 3), 0.5, 0.375, dictionary).generateImage((800, 600))
+    draw_marker(walk, np.pad(np.asarray(image, dtype=np.uint8), 20, constant_values=255), 1.5 * 640 / 600)
+    row = one(Marker.of("charuco:DICT_4X4_50:4x3:0.5:0.375").observe(walk.scene, nothing))
+    assert row.id == "board"
+    assert row.scale == pytest.approx(walk.scale, rel=0.01)

@@ -12,10 +12,10 @@ from numpy.typing import NDArray
 
 #: Maximum number of pixels of an image: twice the largest cameras.
 MAX_PIXELS = 1 << 28
-#: Most bytes of an image's file.
+#: Maximum size of a file in bytes.
 MAX_BYTES = 1 << 30
 
-# OpenCV reads these when it is first loaded: the size that it may take, and that it says nothing of damaged files.
+# OpenCV reads these variables when it is loaded: the maximum size, and no messages about damaged files
 os.environ.setdefault("OPENCV_IO_MAX_IMAGE_PIXELS", str(MAX_PIXELS))
 os.environ.setdefault("OPENCV_LOG_LEVEL", "OFF")
 

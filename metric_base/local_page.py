@@ -1,4 +1,4 @@
-"""A page for the local user: served on loopback under a secret path until the user has finished."""
+"""Serve a page to the local user, on loopback under a secret path, until the user has finished."""
 
 from __future__ import annotations
 
@@ -13,11 +13,11 @@ from typing import Any
 
 from metric_base.errors import InputError, Unquoted
 
-#: Maximum size of a request in bytes: ten thousand corners.
-MOST_BYTES = 1 << 20
-#: How long a request may take to arrive.
+#: Maximum size of a request in bytes, enough for ten thousand corners.
+MAX_BYTES = 1 << 20
+#: Maximum duration of the transfer of a request.
 REQUEST_SECONDS = 30.0
-#: How often the server looks whether it shall end.
+#: Interval at which the server checks whether to end.
 POLL_SECONDS = 0.05
 LOOPBACK = "127.0.0.1"
 
@@ -25,11 +25,25 @@ LOOPBACK = "127.0.0.1"
 class LocalPage(ABC):
     """Server of a page; subclasses implement `answer` and `receive`.
 
-    url : address of the page; its secret part excludes other users of the machine and other pages.
+    Parameters
+    ----------
+    option : str
+        Option of the port, for messages.
+    port : int
+        Port; 0 for any free one.
+
+    Attributes
+    ----------
+    url : str
+        Address of the page; its secret part excludes other users of the machine and other pages.
+
+    Raises
+    ------
+    InputError
+        The port is in use.
     """
 
     def __init__(self, option: str, port: int = 0) -> None:
-        """Option : that names the port, in messages; port : 0 takes a free one. Raises InputError for one in use."""
         self._finished, self._is_last = threading.Event(), False
         self._secret = secrets.token_urlsafe(12)
         try:
@@ -40,7 +54,7 @@ class LocalPage(ABC):
         self.url = f"http://{LOOPBACK}:{self._server.server_address[1]}/{self._secret}/"
 
     def serve(self) -> None:
-        """Serve until the person is done."""
+        """Serve the page until the user has finished."""
         thread = threading.Thread(target=self._server.serve_forever, args=(POLL_SECONDS,), daemon=True)
         thread.start()
         try:
@@ -51,29 +65,26 @@ class LocalPage(ABC):
             self._server.server_close()
 
     def finish(self) -> None:
-        """End the page with the request at hand, when its answer is sent: the program may be gone a moment later."""
+        """End the server after the response to the current request, because the program may end at once."""
         self._is_last = True
 
     def end_if_last(self) -> None:
-        """End the page if the request that was just answered is the last one."""
+        """End the server if the last response has been sent."""
         if self._is_last:
             self._finished.set()
 
     @abstractmethod
     def answer(self, path: str) -> tuple[str, bytes] | None:
-        """Content type and body for a path below the secret one, or None."""
+        """Return content type and body of a path below the secret one, or None."""
 
     @abstractmethod
     def receive(self, path: str, body: bytes) -> tuple[int, dict[str, Any]] | None:
-        """Take what the page sends to a path; status and words of the answer, or None where there is no such path."""
+        """Process a request of the page; return the status and the JSON of the response, or None for unknown paths."""
 
     def below(self, path: str, host: str | None) -> str | None:
-        """The path below the secret one, None where the request is not for this page."""
+        """Return the path below the secret one; None if the request is not for this page."""
         port = self._server.server_address[1]
-        if host not in {
-            f"{LOOPBACK}:{port}",
-            f"localhost:{port}",
-        }:  # the host name of another site that resolves to this machine
+        if host not in {f"{LOOPBACK}:{port}", f"localhost:{port}"}:  # another name that resolves to this machine
             return None
         prefix = f"/{self._secret}/"
         return path[len(prefix) :] if path.startswith(prefix) else None
@@ -83,7 +94,7 @@ class _QuietServer(ThreadingHTTPServer):
     """A server that ignores connections that a browser closes."""
 
     def handle_error(self, request: Any, client_address: Any) -> None:
-        """Let the connection go: the terminal is for the person."""
+        """Ignore the error instead of printing it to the terminal."""
 
 
 def is_count(text: str) -> bool:
@@ -106,7 +117,7 @@ def _handler(page: LocalPage) -> Callable[..., BaseHTTPRequestHandler]:
         def do_POST(self) -> None:
             path = page.below(self.path, self.headers.get("Host"))
             length = self.headers.get("Content-Length", "")
-            known = path is not None and is_count(length) and int(length) <= MOST_BYTES
+            known = path is not None and is_count(length) and int(length) <= MAX_BYTES
             answer = page.receive(path or "", self.rfile.read(int(length))) if known else None
             status, words = (404, {"error": "no such page"}) if answer is None else answer
             try:
@@ -126,6 +137,6 @@ def _handler(page: LocalPage) -> Callable[..., BaseHTTPRequestHandler]:
             self.wfile.write(body)
 
         def log_message(self, *_: Any) -> None:
-            """The terminal is for the person."""
+            """Print no requests to the terminal."""
 
     return Handler

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import pytest
 from hypothesis import example, given
 from hypothesis import strategies as st
 
@@ -13,7 +14,7 @@ from taxonomy.naming.names import (
     sense_score,
 )
 from taxonomy.words.senses import LABEL_WEIGHT, LABEL_WEIGHT_ELSEWHERE, Sense, label_votes
-from taxonomy.words.spelling import one_edit
+from taxonomy.words.spelling import by_letters, one_edit, written_forms
 
 LETTERS = "abc"
 
@@ -54,3 +55,11 @@ def test_asense_scores_by_its_uses_less_those_before_it() -> None:
     senses = [Sense(("board.n.01",), 7), Sense((), 3), Sense(("board.n.09",), 3)]
     scores = [sense_score(place, senses) for place in (0, 2)]
     assert scores == [MOST_USED_SENSE_SCORE, MOST_USED_SENSE_SCORE * 4 / 8 - PRECEDING_SENSE_PENALTY]
+
+
+@pytest.mark.parametrize(
+    ("name", "is_found"), [("bed side", True), ("bed s", False), ("a bed", False), ("a beds", True)]
+)
+def test_only_names_of_five_letters_are_found_without_their_spaces(name: str, is_found: bool) -> None:
+    forms = list(written_forms(name.replace(" ", ""), lambda: by_letters([name])))
+    assert (name in forms) is is_found

@@ -1,0 +1,98 @@
+"""Limits of a crawl and of its items, on both sides."""
+
+from __future__ import annotations
+
+from io import BytesIO
+from pathlib import Path
+
+import pytest
+from PIL import Image
+from scrapy import Request
+from scrapy.http import HtmlResponse
+
+from crawler.fetch import item_images, middlewares, site_spider
+from crawler.fetch.crawl import spider_class
+from crawler.fetch.item_images import Picture, picture
+from crawler.fetch.middlewares import is_ban
+from crawler.imports import table_files
+from crawler.items import MAX_LINE, BadRawItem, RawItem, raw_items
+
+START = "https://shop.example/"
+
+
+def links(address: str) -> list[str]:
+    """Return the addresses that the generic spider follows from a page with one link."""
+    body = f'<html><body><a href="{address}">a</a></body></html>'.encode()
+    response = HtmlResponse(START, body=body, request=Request(START), headers={"Content-Type": "text/html"})
+    return [part.url for part in spider_class("generic")(start=[START]).parse(response) if isinstance(part, Request)]
+
+
+def test_links_of_crawler_traps_are_not_followed() -> None:
+    assert site_spider.MAX_REPEATED_PARTS == 3
+    assert links("/a/b/a/c") == ["https://shop.example/a/b/a/c"]
+    assert links("/a/b/a/c/a") == []
+
+
+@pytest.mark.parametrize("excess", [0, 1])
+def test_long_addresses_are_not_followed(excess: int) -> None:
+    address = START + "a" * (site_spider.MAX_URL - len(START) + excess)
+    assert links(address) == ([] if excess else [address])
+
+
+@pytest.mark.parametrize("excess", [-1, 0])
+def test_only_short_pages_with_a_captcha_are_bans(excess: int) -> None:
+    body = b"captcha".ljust(middlewares.BAN_PAGE_BYTES + excess)
+    assert is_ban(HtmlResponse(START, body=body)) is (excess < 0)
+
+
+@pytest.mark.parametrize(
+    ("size", "refusal"),
+    [
+        ((64, 64), None),
+        ((63, 64), "too_small"),
+        ((12_000, 64), None),
+        ((12_001, 64), "too_large"),
+        ((8_000, 5_000), None),
+        ((8_000, 5_001), "too_large"),
+    ],
+)
+def test_images_have_a_minimum_and_a_maximum_size(size: tuple[int, int], refusal: str | None, tmp_path: Path) -> None:
+    assert (item_images.SIDE_RANGE_PX, item_images.MAX_PIXELS) == ((64, 12_000), 40_000_000)
+    file = BytesIO()
+    Image.new("1", size).save(file, "PNG")
+    outcome = picture(file.getvalue(), START + "a.png", "shop:1", tmp_path)
+    assert (None if isinstance(outcome, Picture) else outcome) == refusal
+
+
+def test_a_line_of_raw_items_has_a_maximum_length(tmp_path: Path) -> None:
+    line = RawItem(source="shop", source_id="1").line()
+    path = tmp_path / "items.jsonl"
+    path.write_text(line.ljust(MAX_LINE - 1) + "\n", encoding="utf-8")
+    assert [item.source_id for item in raw_items(path)] == ["1"]
+    path.write_text(line.ljust(MAX_LINE) + "\n", encoding="utf-8")
+    with pytest.raises(BadRawItem, match="line: expected less than"):
+        list(raw_items(path))
+
+
+@pytest.mark.parametrize(("year", "is_valid"), [(9_999, True), (-9_999, True), (10_000, False)])
+def test_a_year_has_at_most_four_digits(year: int, is_valid: bool) -> None:
+    if is_valid:
+        assert RawItem(source="shop", source_id="1", year=year).year == year
+    else:
+        with pytest.raises(ValueError, match="four digits"):
+            RawItem(source="shop", source_id="1", year=year)
+
+
+@pytest.mark.parametrize(("region", "is_valid"), [("NO", True), ("no", False), ("NOR", False), ("", False)])
+def test_a_region_is_a_country_code_or_a_known_region(region: str, is_valid: bool) -> None:
+    if is_valid:
+        assert RawItem(source="shop", source_id="1", region=region).region == region
+    else:
+        with pytest.raises(ValueError, match="two letters of ISO 3166"):
+            RawItem(source="shop", source_id="1", region=region)
+
+
+def test_a_record_has_a_maximum_number_of_values() -> None:
+    assert len(table_files.flat([0] * table_files.MAX_LEAVES)) == table_files.MAX_LEAVES
+    with pytest.raises(ValueError, match="a record of more than 100,000 values"):
+        table_files.flat([0] * (table_files.MAX_LEAVES + 1))

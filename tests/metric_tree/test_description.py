@@ -15,6 +15,7 @@ from metric_tree.reports.description import (
     shipped_evidence,
 )
 from metric_tree.tree import Tree
+from tests.synthetic.priors import prior as synthetic_prior
 
 
 def test_the_sentence_gives_median_and_interval(mini: Tree) -> None:
@@ -73,3 +74,26 @@ def test_a_mixed_node_names_its_children_in_place_of_a_number() -> None:
     assert "car" in sentence
     assert not is_heterogeneous(mug, mug.prior())
     assert "high" in node_sentence(mug, "mug", mug.prior())
+
+
+def test_a_node_is_mixed_if_its_interval_exceeds_tenfold(mini: Tree) -> None:
+    chair = mini.find("chair")
+    for ratio, is_mixed in ((9.9, False), (10.1, True)):
+        sd = np.log(ratio) / (2 * 1.6449)
+        prior = synthetic_prior("chair.n.01", [[600.0, 500.0, 900.0]], spread=sd, shared=0.0)
+        assert is_heterogeneous(chair, prior) == is_mixed
+        assert not is_heterogeneous(mini.find("swivel chair"), prior)
+
+
+def test_the_height_is_the_main_axis_from_a_quarter_of_the_longest() -> None:
+    for height, word in ((240.0, "long"), (260.0, "high")):
+        assert word in everyday_sentence("crate", synthetic_prior("crate", [[1000.0, 500.0, height]]))
+
+
+def test_sizes_have_units_from_two_centimetres_and_one_metre_and_four_digits_if_they_are_narrow() -> None:
+    for size, unit in ((19.0, "mm"), (21.0, "cm"), (990.0, "cm"), (1010.0, "m")):
+        assert f" {unit} high" in everyday_sentence("crate", synthetic_prior("crate", [[size, size, size]]))
+    for ratio, has_four_digits in ((1.09, True), (1.11, False)):
+        sd = np.log(ratio) / (2 * 1.6449)
+        sentence = everyday_sentence("crate", synthetic_prior("crate", [[200.0, 200.0, 1234.0]], spread=sd, shared=0.0))
+        assert ("1.234 m" in sentence) == has_four_digits

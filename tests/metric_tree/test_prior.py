@@ -11,9 +11,10 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from metric_base.errors import InputError
-from metric_tree.prior import FLOOR_SD, Prior, UnknownDimension
+from metric_tree.prior import FLOOR_SD, Prior, UnknownDimension, has_distinct_components
 from metric_tree.tree import Tree
 from tests.synthetic import minitree
+from tests.synthetic.priors import prior as synthetic_prior
 
 AXES = ("length", "width", "height")
 
@@ -148,3 +149,21 @@ def test_the_error_that_a_scene_shares_has_a_floor_in_every_direction():
     unknown = replace(prior, shared_covariance=np.zeros((3, 3))).disagreement()
     assert np.all(np.linalg.eigvalsh(unknown) > FLOOR_SD**2)
     assert unknown[0, 1] > 0  # the axes of an object are wrong together
+
+
+@pytest.mark.parametrize(
+    ("ratio", "sd", "weight", "is_distinct"),
+    [
+        (1.52, 0.05, 0.5, True),
+        (1.48, 0.05, 0.5, False),  # a ratio of the sizes below 1.5
+        (2.0, 0.34, 0.5, True),  # Ashman's D of 2.04
+        (2.0, 0.35, 0.5, False),  # 1.98
+        (2.0, 0.05, 0.11, True),
+        (2.0, 0.05, 0.09, False),  # a rare component
+    ],
+)
+def test_components_are_distinct_by_size_separation_and_weight(ratio, sd, weight, is_distinct):
+    prior = synthetic_prior("made", [[100.0] * 3, [100.0 * ratio] * 3])
+    covariances = np.tile(sd**2 * np.ones((3, 3)), (2, 1, 1))
+    prior = replace(prior, covariances=covariances, weights=np.array([weight, 1 - weight]))
+    assert has_distinct_components(prior) == is_distinct

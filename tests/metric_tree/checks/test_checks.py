@@ -242,3 +242,55 @@ def test_rows_that_state_extents_alone_are_no_copies(tmp_path: Path) -> None:
     _resize("swivel_chair.n.01", extents_alone)(content)
     directory = minitree.release(tmp_path / "mini", content).directory
     assert "W308" not in {finding.code for finding in findings(directory)}
+
+
+def _second_source(factor: float) -> Error:
+    """Add a source of swivel chairs whose heights are the median times a factor."""
+
+    def change(content: Rows) -> None:
+        for number, item in enumerate(_class(content, "swivel_chair.n.01")[:]):
+            item.update(height_mm=1000.0, extents_mm=None)
+            content[ITEM].append(dict(item, item_id=f"other:{number}", source="other", height_mm=1000.0 * factor))
+
+    return change
+
+
+def _some_copies(copies: int) -> Error:
+    """Give the last rows of the fourteen swivel chairs the sizes of the first."""
+
+    def sizes(number: int, _: dict[str, Any]) -> dict[str, Any]:
+        step = 0 if number >= 14 - copies else 11 * number
+        values = [600.0 + step, 500.0 + step, 900.0 + step]
+        return dict(zip(SIZES, values, strict=True)) | {"extents_mm": sorted(values, reverse=True)}
+
+    return _resize("swivel_chair.n.01", sizes)
+
+
+def _menu_of_sizes(lengths: int) -> Error:
+    """Give twelve rows of a class every pair of some lengths and heights."""
+
+    def change(content: Rows) -> None:
+        kept = _class(content, "swivel_chair.n.01")[:12]
+        content[ITEM] = [row for row in content[ITEM] if row["node_id"] != "swivel_chair.n.01"] + kept
+        for number, item in enumerate(kept):
+            values = [600.0 + 13.0 * (number % lengths) ** 2, 500.0, 900.0 + 17.0 * (number // lengths) ** 2]
+            item.update(dict(zip(SIZES, values, strict=True)) | {"extents_mm": sorted(values, reverse=True)})
+
+    return change
+
+
+@pytest.mark.parametrize(
+    ("code", "below", "above"),
+    [
+        ("W313", _second_source(1.49), _second_source(1.51)),
+        ("W308", _some_copies(2), _some_copies(3)),  # 14 % and 21 % of the rows
+        ("W312", _menu_of_sizes(2), _menu_of_sizes(3)),
+        ("E303", _set(ITEM, 0, height_mm=4.9e6), _set(ITEM, 0, height_mm=5.1e6)),
+    ],
+)
+def test_thresholds_of_the_checks_of_items(tmp_path: Path, code: str, below: Error, above: Error) -> None:
+    for name, change, is_found in (("below", below, False), ("above", above, True)):
+        content = minitree.rows()
+        change(content)
+        found = findings(minitree.release(tmp_path / name, content).directory)
+        assert (code in {finding.code for finding in found}) == is_found, name

@@ -194,3 +194,36 @@ def test_a_refused_download_is_one_clear_line(tmp_path, monkeypatch):
     monkeypatch.setattr(network, "_rembg", lambda: NoNetwork)
     with pytest.raises(InputError, match=r"--model u2net: expected weights .*no route.*--backend plain"):
         Network.load("u2net")
+
+
+def boxes(*areas: tuple[slice, slice]) -> np.ndarray:
+    """The opacity (100, 100) of an object in some parts of an image."""
+    alpha = np.zeros((100, 100), np.uint8)
+    for rows, columns in areas:
+        alpha[rows, columns] = 255
+    return alpha
+
+
+@pytest.mark.parametrize(
+    ("alpha", "reason"),
+    [
+        (boxes((slice(10, 50), slice(10, 35)), (slice(70, 87), slice(70, 90))), None),  # 34 % of the first part
+        (boxes((slice(10, 50), slice(10, 35)), (slice(70, 88), slice(70, 90))), "several"),  # 36 %
+        (boxes((slice(0, 100), slice(0, 69))), None),  # 59.5 % of the border
+        (boxes((slice(0, 100), slice(0, 71))), "full"),  # 60.5 %
+        (boxes((slice(40, 47), slice(40, 47))), "empty"),  # 0.49 % of the image
+        (boxes((slice(40, 47), slice(40, 48))), None),  # 0.56 %
+        (boxes((slice(1, 99), slice(1, 99))), None),  # 96.04 %
+        (boxes((slice(1, 100), slice(1, 100))), "full"),  # 98.01 %
+    ],
+)
+def test_thresholds_of_a_mask(alpha: np.ndarray, reason: str | None) -> None:
+    picture = np.where(alpha[..., None] > 0, np.uint8([150, 40, 30]), np.uint8([255, 255, 255])).astype(np.uint8)
+    assert assessment(picture, alpha).reason == reason
+
+
+def test_a_mask_is_doubtful_below_half_of_a_clear_edge() -> None:
+    alpha = boxes((slice(30, 70), slice(30, 70)))
+    for lightness, reason in ((239, "doubtful"), (237, None)):  # qualities of 0.47 and 0.53
+        picture = np.where(alpha[..., None] > 0, np.uint8(lightness), np.uint8(255)).repeat(3, axis=2)
+        assert assessment(picture, alpha).reason == reason, assessment(picture, alpha)

@@ -109,3 +109,18 @@ def test_readings_keep_what_the_words_tell():
     assert np.nan_to_num(x[:2]).tolist() == [[600, 0, 900], [0, 600, 900]]
     assert x[2].tolist() == [2000, 900, 850]
     assert sorted(x[3:, 2].tolist()) == [1, 2, 3]
+
+
+def test_sizes_that_differ_by_half_a_per_cent_are_one_size() -> None:
+    words = {"length": 1000.0, "width": 600.0, "height": 900.0}
+    assert sizes_from_words(words | {"depth": 602.9}, None, "upright") == Sizes(1000, 602.9, 900, (1000, 900, 602.9))
+    assert sizes_from_words(words | {"depth": 603.1}, None, "upright") is None  # four sizes
+    rod, disc = {"length": 20.11, "diameter": 20.0}, {"length": 20.09, "diameter": 20.0}
+    assert sizes_from_words(rod, None, "flat") == Sizes(20.11, 20.0, 20.0, (20.11, 20.0, 20.0))
+    assert sizes_from_words(disc, None, "flat") == Sizes(20.0, 20.0, None, (20.0, 20.0))
+
+
+def test_a_flat_object_stood_on_its_edge_if_its_height_is_half_as_large_again() -> None:
+    lying, standing = ({"length": 300.0, "width": 100.0, "height": height} for height in (149.0, 151.0))
+    assert sizes_from_words(lying, None, "flat") == Sizes(300, 100, 149, (300, 149, 100))
+    assert sizes_from_words(standing, None, "flat") == Sizes(300, 151, 100, (300, 151, 100))

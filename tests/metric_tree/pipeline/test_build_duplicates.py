@@ -2,9 +2,15 @@
 
 from __future__ import annotations
 
+import pickle
+from collections import Counter
+
 import numpy as np
+import pyarrow as pa
 
 from metric_tree.checks.duplicates import duplicates
+from metric_tree.pipeline.clean import MAX_FIT_ROWS, PACKAGE, clean_shard
+from metric_tree.pipeline.ingest import ROWS
 
 SIZES = [2000.0, 900.0, 850.0]
 
@@ -53,3 +59,29 @@ def test_the_row_that_ships_is_kept_then_the_stronger_kind():
     assert repeats(*rows) == [1, -1]
     rows = [("a", "asset", "ektorp", SIZES), ("b", "product", "ektorp", SIZES)]
     assert repeats(*rows) == [1, -1]
+
+
+def test_a_difference_of_a_tenth_of_a_per_cent_is_another_size():
+    assert repeats(("a", "product", "x", SIZES), ("a", "product", "y", [2002.0, 900.0, 850.0])) == [-1, -1]
+
+
+def test_a_word_of_three_letters_identifies_a_product_and_one_of_two_does_not():
+    assert repeats(("a", "product", "Sofa Kly", SIZES), ("b", "product", "KLY", SIZES)) == [-1, 0]
+    assert repeats(("a", "product", "Sofa Ek", SIZES), ("b", "product", "EK", SIZES)) == [-1, -1]
+
+
+def test_a_source_has_at_most_two_hundred_rows_in_a_fit_and_a_suspected_package_none():
+    rows = []
+    for number in range(203):
+        sizes = [900.0 + 3 * number, 600.0 + 2 * number, 500.0 + number]
+        row = dict.fromkeys(ROWS.names) | {"node_id": "n", "pose": "any", "kind": "product", "title": "", "flags": []}
+        row |= {"item_id": f"a:{number:03d}", "source": "a" if number < 201 else "b", "extents_mm": sizes}
+        rows.append(row | {"hash": number, "source_id": str(number), "flags": [PACKAGE] if number == 202 else []})
+    sink = pa.BufferOutputStream()
+    with pa.ipc.new_file(sink, ROWS) as writer:
+        writer.write_table(pa.Table.from_pylist(rows, schema=ROWS))
+    shard = clean_shard(bytes(sink.getvalue()), {}, {})
+    assert shard.counts == {}
+    [fit] = pickle.loads(shard.rows)
+    assert Counter(fit.sources) == {"a": MAX_FIT_ROWS, "b": 1}
+    assert (MAX_FIT_ROWS, fit.n) == (200, 203)

@@ -82,3 +82,33 @@ def test_axes_that_no_row_states_are_not_suspect():
     sizes = extents()
     sizes[:, 2] = np.nan
     assert np.all(unit_error_factors(sizes, class_reference(sizes)) == 1.0)
+
+
+@pytest.mark.parametrize(
+    ("deviation", "offsets", "factor"),
+    [
+        (0.75, np.full(3, np.log(10)), 10.0),  # 3.07 standard deviations
+        (0.78, np.full(3, np.log(10)), 1.0),  # 2.95
+        (0.1, np.full(3, 0.80), 2.54),  # a factor of 2.23
+        (0.1, np.full(3, 0.785), 1.0),  # 2.19
+        (0.1, [1.40, 0.0, 0.0], np.inf),  # a factor of 4.06
+        (0.1, [1.37, 0.0, 0.0], 1.0),  # 3.94
+        (0.25, [2.05, 0.6, 0.0], np.inf),  # 8.2 standard deviations
+        (0.25, [1.95, 0.6, 0.0], 1.0),  # 7.8
+        (0.25, [2.30, 0.49, 0.0], 10.0),  # another axis deviates by 1.96 standard deviations
+        (0.25, [2.30, 0.51, 0.0], np.inf),  # 2.04
+        (0.45, [2.30, 0.0, 0.0], 10.0),  # 5.1 standard deviations of a single axis
+        (0.47, [2.30, 0.0, 0.0], 1.0),  # 4.9
+    ],
+)
+def test_thresholds_of_an_error_of_the_unit(deviation: float, offsets: np.ndarray, factor: float) -> None:
+    reference = Reference(np.log(TYPICAL), np.full(3, deviation))
+    assert unit_error_factors((TYPICAL * np.exp(offsets))[None], reference)[0] == pytest.approx(factor)
+
+
+def test_numbers_of_rows_and_siblings_of_a_reference() -> None:
+    assert class_reference(extents(7)) is None
+    assert class_reference(extents(8)) is not None
+    medians = np.log(TYPICAL) + np.random.default_rng(0).normal(0, 0.3, (4, 3))
+    assert sibling_reference(medians[:3]) is None
+    assert sibling_reference(medians) is not None

@@ -70,3 +70,29 @@ def test_the_shipped_release_has_every_finding_settled_with_a_reason(tmp_path: P
     (empty := tmp_path / "settled.csv").write_text("code,node_id,reason,reviewer,written\nW412,a,,b,2026-11-22\n")
     with pytest.raises(BadRange, match="reason"):
         settled_findings(empty)
+
+
+def test_thresholds_of_the_findings() -> None:
+    same = np.array([400, 300, 200.0])
+    for factor, found in ((1.99, []), (2.01, [("W411", "a")])):
+        assert codes(leaf(typical=same * [1, 1, factor])) == codes(leaf(typical=same / [1, 1, factor])) == found
+    for width, found in ((407, []), (409, [("W413", "a")])):
+        assert codes(leaf(size=(400, width, 200))) == codes(leaf(size=(900, 400, width), pose="flat")) == found
+    for depth, found in ((499, []), (501, [("W413", "a")])):
+        assert codes(leaf(size=(900, depth, 100))) == found
+    for factor, found in ((0.41, []), (0.39, [("W415", "a")])):
+        assert codes(leaf(sources={"shop": same, "toys": factor * same})) == found
+    pair, trio = (dict.fromkeys(names, same) | {"large": 2.01 * same} for names in ("x", "xy"))
+    assert (codes(leaf(sources=pair)), codes(leaf(sources=trio))) == ([], [("W414", "a")])
+    assert codes(leaf(sources=dict.fromkeys("xy", same) | {"large": 1.99 * same})) == []
+
+
+def test_a_sibling_deviates_by_three_and_a_half_times_the_scatter() -> None:
+    """Logarithms of the sizes of the siblings; their median absolute deviation from 0.15 is 0.35."""
+    for offset, found in ((0.15 + 3.4 * 0.35 / 0.6745, []), (0.15 + 3.6 * 0.35 / 0.6745, [("W412", "5")])):
+        offsets = (-0.4, -0.3, 0.0, 0.3, 0.4, offset)
+        sizes = [np.array([400, 300, 200]) * np.exp(one) for one in offsets]
+        assert codes(*(leaf(str(n), tuple(size)) for n, size in enumerate(sizes))) == found
+    siblings = [leaf(str(n)) for n in range(3)]
+    assert codes(*siblings, leaf("large", (4000, 3000, 2000))) == []  # too few siblings for a scatter
+    assert codes(*siblings, leaf("3"), leaf("large", (4000, 3000, 2000))) == [("W412", "large")]

@@ -154,3 +154,15 @@ def test_a_person_reads_a_table(mini: Tree, capsys: pytest.CaptureFixture[str]) 
     out = capsys.readouterr().out
     assert "mouse" in out.split()
     assert "no prior in this release" in out
+
+
+def test_the_thresholds_of_the_rules(mini: Tree) -> None:
+    rat = _candidate(mini, "rat.n.01", 3.0, lists=2, samples=20, sources=2)
+    limits = [
+        (replace(rat, divergence=0.5), replace(rat, divergence=0.51)),
+        (rat, _candidate(mini, "rat.n.01", 3.0, lists=2, samples=19, sources=2)),
+        (rat, _candidate(mini, "rat.n.01", 3.0, lists=2, samples=20, sources=1)),
+        (rat, _candidate(mini, "rat.n.01", 3.0, lists=1, samples=20, sources=2)),
+    ]
+    for fit, unfit in limits:
+        assert (choose([fit]), choose([unfit])) == ([fit], [])

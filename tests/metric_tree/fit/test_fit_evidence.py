@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import numpy as np
 import pytest
 
 from metric_tree.fit.rows import row_weights
@@ -15,3 +16,20 @@ def test_fifty_rows_of_a_source_have_half_of_its_largest_weight() -> None:
 def test_a_large_shop_does_not_drown_a_small_one() -> None:
     weights = row_weights(["large"] * 1000 + ["small"] * 50, ["product"] * 1050)
     assert weights[:1000].sum() < 2 * weights[1000:].sum()
+
+
+def test_weak_rows_lose_half_their_weight_at_three_strong_rows_and_all_of_it_at_thirty():
+    def model(strong, has_range=False):
+        return row_weights(["shop"] * strong + ["artist"], ["product"] * strong + ["asset"], has_range=has_range)[-1]
+
+    assert model(3) == pytest.approx(model(0) / 2)
+    assert model(29) == pytest.approx(model(0) * 3 / 32)
+    assert model(30) == 0.0
+    assert model(19, has_range=True) > 0.0
+    assert model(20, has_range=True) == 0.0  # a range is equivalent to ten rows
+
+
+def test_a_single_size_is_a_third_of_a_row_if_others_have_more():
+    several = row_weights(["shop"] * 2, ["product"] * 2, n_stated=np.array([3, 1]))
+    assert several[1] == pytest.approx(several[0] / 3)
+    assert row_weights(["shop"] * 2, ["product"] * 2, n_stated=np.array([1, 1])).std() == 0.0

@@ -74,3 +74,15 @@ def test_only_the_source_with_most_rooms_counts() -> None:
     )
     both = class_correlation(np.concatenate([x, y]), sources, scenes)
     assert both == class_correlation(x, source, scene)
+
+
+def test_eight_rooms_with_several_objects_are_enough() -> None:
+    assert class_correlation(*rooms(0.5, n=7)) is None
+    assert class_correlation(*rooms(0.5, n=8)) is not None
+
+
+def test_three_classes_determine_their_common_mean() -> None:
+    classes = {name: IntraclassCorrelation(0.7, 0.05) for name in "abc"}
+    known, default = shrunk_correlations(classes)
+    assert (len(known), default.value) == (3, pytest.approx(0.7))
+    assert shrunk_correlations({name: classes[name] for name in "ab"}) == ({}, IntraclassCorrelation(DEFAULT_MEAN, 0.2))

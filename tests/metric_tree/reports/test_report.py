@@ -71,6 +71,15 @@ def test_coverage_counts_labels_with_priors(tree):
     assert covered_items(tree, labels[2]) is None
 
 
+def test_ten_items_are_enough(tmp_path):
+    for n_items, enough in ((9, 0), (10, 1)):
+        content = minitree.rows()
+        for node in content["nodes.parquet"]:
+            node["n_items"] = n_items if node["node_id"] == "swivel_chair.n.01" else node["n_items"]
+        tree = Tree(minitree.release(tmp_path / str(n_items), content))
+        assert coverage(tree, "made", [Label("desk chair", "swivel_chair.n.01", "name")]).enough == enough
+
+
 def test_only_categories_with_a_prior_are_drawn(tree):
     assert typical_nodes(tree) == []
 

@@ -13,7 +13,7 @@ from pycocotools.coco import COCO
 
 from metric_cli.subcommands import main
 from metric_tree.training.classes import Classes
-from metric_tree.training.composition import Cutout, compose, cutouts_of, random_background, shown_sizes
+from metric_tree.training.composition import Cutout, compose, cutouts_of, place_cutouts, random_background, shown_sizes
 from metric_tree.tree import Tree
 from tests.metric_tree.training.conftest import CUTOUTS, EACH, export
 
@@ -155,3 +155,18 @@ def test_a_damaged_cutout_is_named(tree: Tree, tmp_path: Path, capsys: pytest.Ca
     assert export(tree, tmp_path / "set", "--pictures", "2") == 2
     assert "cut-out" in capsys.readouterr().err
     assert not (tmp_path / "set").exists()
+
+
+def test_objects_are_placed_from_24_pixels_to_nine_tenths_of_the_image(tmp_path: Path) -> None:
+    """The first object determines the scale: its side is 15 % to 75 % of the 120 pixels of the shorter side."""
+    cv2.imwrite(str(tmp_path / "block.png"), np.full((100, 100, 4), 255, dtype=np.uint8))
+    sizes = (10.0, 20.0, 40.0, 80.0, 160.0, 320.0, 640.0)
+    cutouts = [[Cutout(f"made:{size}", "x", 1, tmp_path / "block.png", None, "longest", (size,))] for size in sizes]
+    sides = []
+    for seed in range(60):
+        layers, px_per_mm = place_cutouts(cutouts, (120, 160), np.random.default_rng(seed))
+        ratios = [max(layer.pixels.shape) / (layer.size_mm * px_per_mm) for layer in layers]
+        first = min(range(len(layers)), key=lambda index: abs(ratios[index] - 1))  # of distance 1 by definition
+        sides += [max(layer.pixels.shape) for index, layer in enumerate(layers) if index != first]
+    assert 24 <= min(sides) < 32
+    assert 120 < max(sides) <= 144

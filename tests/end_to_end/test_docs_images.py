@@ -16,8 +16,10 @@ from PIL import Image
 ROOT = Path(__file__).resolve().parents[2]
 PICTURES = ROOT / "docs" / "images"
 RESULTS: dict[str, dict[str, Any]] = json.loads((PICTURES / "results.json").read_text(encoding="utf-8"))
-#: Images whose video takes two minutes to reconstruct: only their size is tested.
+#: Images of a video, whose reconstruction varies from run to run: the frames are not compared.
 FROM_VIDEO = {"walk.jpg"}
+#: Maximum relative difference of the numbers of these images.
+MAX_CAPTURE_DIFFERENCE = 0.05
 #: Maximum relative difference of numbers: the estimate depends on the version of the linear algebra.
 MAX_RELATIVE_DIFFERENCE = 0.02
 #: Maximum mean difference of grey values (0 to 255) of an image, reduced to a width of 320 pixels.
@@ -46,7 +48,7 @@ def test_every_image_has_a_function_and_a_page(drawing: ModuleType) -> None:
     shown = {
         Path(name).name for page in pages for name in re.findall(r"!\[[^\]]*\]\(([^)]+)\)", page.read_text("utf-8"))
     }
-    assert files | {"architecture.svg"} <= shown
+    assert shown == files | {"architecture.svg"}
 
 
 @pytest.mark.parametrize("name", sorted(RESULTS))
@@ -56,15 +58,17 @@ def test_images_have_the_recorded_size(name: str) -> None:
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("name", sorted(set(RESULTS) - FROM_VIDEO))
+@pytest.mark.parametrize("name", sorted(RESULTS))
 def test_images_agree_with_the_program(name: str, drawing: ModuleType, tmp_path: Path) -> None:
     current, recorded = drawing.draw(name, tmp_path), RESULTS[name]
+    tolerance = MAX_CAPTURE_DIFFERENCE if name in FROM_VIDEO else MAX_RELATIVE_DIFFERENCE
     assert current["size"] == recorded["size"]
     for key in ("metres_per_unit", "interval"):
-        assert current[key] == pytest.approx(recorded[key], rel=MAX_RELATIVE_DIFFERENCE), key
+        assert current[key] == pytest.approx(recorded[key], rel=tolerance), key
     assert list(current["objects"]) == list(recorded["objects"])
     for label, (*metres, verdict) in current["objects"].items():
-        assert metres == pytest.approx(recorded["objects"][label][:-1], rel=MAX_RELATIVE_DIFFERENCE, abs=0.011), label
+        assert metres == pytest.approx(recorded["objects"][label][:-1], rel=tolerance, abs=0.011), label
         assert verdict == recorded["objects"][label][-1], label
-    difference = np.abs(_grey(tmp_path / name) - _grey(PICTURES / name)).mean()
-    assert difference < MAX_GREY_DIFFERENCE
+    if name not in FROM_VIDEO:
+        difference = np.abs(_grey(tmp_path / name) - _grey(PICTURES / name)).mean()
+        assert difference < MAX_GREY_DIFFERENCE

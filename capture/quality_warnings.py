@@ -57,7 +57,7 @@ def capture_cautions(path: Path, frames: Frames, report: ModelReport, focal_give
         warnings.append(
             f"{count} of these frames share only distant points with the others, and their place is unknown"
         )
-    compared = report.lenses is not None and report.lenses["chosen"] == model.camera
+    compared = report.lenses is not None and report.lenses.chosen == model.camera
     if frames.one_camera and model.pattern > MIN_WARNED_PATTERN and not compared:
         warnings.append(
             f"the camera model ({model.camera}) leaves a pattern in the residuals, so its focal length may be wrong by "

@@ -5,6 +5,7 @@ from __future__ import annotations
 from pathlib import Path
 from typing import Any
 
+import msgspec
 import numpy as np
 
 from estimator.projection.cameras import CAMERA_MODELS
@@ -21,7 +22,24 @@ MAX_HELD_OUT_PX = 3.0
 MIN_GAIN_ERRORS = 3.0
 
 
-def model_scores(folder: Path) -> dict[str, dict[str, Any]]:
+class ModelScore(msgspec.Struct, frozen=True):
+    """Fit of a camera model to a reconstruction, judged by held-out observations."""
+
+    error_px: float  #: Root mean square residual.
+    gain: float  #: Relative decrease of the mean square residual against the simplest model.
+    gain_error: float  #: Standard error of the gain; images are clusters, because their residuals are correlated.
+    params: list[float]  #: Fitted parameters of the camera.
+
+
+class CameraModelChoice(msgspec.Struct, frozen=True):
+    """Comparison of camera models."""
+
+    scores: dict[str, ModelScore]  #: By COLMAP's names.
+    before: str  #: Model of the reconstruction.
+    chosen: str  #: Model with the largest significant gain.
+
+
+def model_scores(folder: Path) -> dict[str, ModelScore]:
     """Fit each candidate model to most observations of a reconstruction and compare them on the rest.
 
     Half of the well seen points lose one observation each, the same ones for every model.
@@ -33,12 +51,9 @@ def model_scores(folder: Path) -> dict[str, dict[str, Any]]:
 
     Returns
     -------
-    dict
-        For each model `params`, the fitted parameters; `error_px`, the root mean square residual of the held-out
-        observations; `gain`, the relative decrease of their mean square against the first model; and `gain_error`,
-        its standard error with images as clusters, because residuals within an image are correlated.
+    dict of str to ModelScore
     """
-    scores: dict[str, dict[str, Any]] = {}
+    scores: dict[str, ModelScore] = {}
     simplest = np.zeros(0)
     for name in CANDIDATE_MODELS:
         model = pycolmap.Reconstruction(folder)
@@ -70,25 +85,22 @@ def model_scores(folder: Path) -> dict[str, dict[str, Any]]:
         simplest = simplest if scores else squares
         gains = (simplest - squares) / simplest.mean()
         _, images = np.unique([image_id for image_id, _, _ in held], return_inverse=True)
-        scores[name] = {
-            "error_px": float(np.sqrt(squares.mean())),
-            "gain": float(gains.mean()),
-            "gain_error": float(np.sqrt((np.bincount(images, gains - gains.mean()) ** 2).sum()) / len(gains)),
-            "params": [float(value) for value in camera.params],
-        }
+        error = float(np.sqrt((np.bincount(images, gains - gains.mean()) ** 2).sum()) / len(gains))
+        rms = float(np.sqrt(squares.mean()))
+        scores[name] = ModelScore(rms, float(gains.mean()), error, [float(value) for value in camera.params])
     return scores
 
 
-def chosen_model(scores: dict[str, dict[str, Any]]) -> str:
+def chosen_model(scores: dict[str, ModelScore]) -> str:
     """Return the model with the largest significant gain over the simplest one, or the simplest one if none has any.
 
-    >>> chosen_model({"SIMPLE_RADIAL": {"gain": 0.0, "gain_error": 0.0}, "OPENCV": {"gain": 0.14, "gain_error": 0.07}})
+    >>> chosen_model({"OPENCV": ModelScore(0.92, 0.14, 0.07, [])})
     'SIMPLE_RADIAL'
-    >>> chosen_model({"SIMPLE_RADIAL": {"gain": 0.0, "gain_error": 0.0}, "OPENCV": {"gain": 0.18, "gain_error": 0.04}})
+    >>> chosen_model({"OPENCV": ModelScore(1.27, 0.18, 0.04, [])})
     'OPENCV'
     """
-    significant = [name for name in scores if scores[name]["gain"] > MIN_GAIN_ERRORS * scores[name]["gain_error"]]
-    return max(significant, key=lambda name: scores[name]["gain"], default=CANDIDATE_MODELS[0])
+    significant = [name for name, score in scores.items() if score.gain > MIN_GAIN_ERRORS * score.gain_error]
+    return max(significant, key=lambda name: scores[name].gain, default=CANDIDATE_MODELS[0])
 
 
 def start_params(camera: Any, model: str) -> list[float]:

@@ -15,7 +15,7 @@ from typing import Any
 import msgspec
 import numpy as np
 
-from capture.mapping.camera_models import chosen_model, model_scores
+from capture.mapping.camera_models import CameraModelChoice, chosen_model, model_scores
 from capture.mapping.covariance import standard_deviations
 from capture.mapping.model_metrics import aligned_distance, model_metrics, residual_pattern, residuals_of
 from capture.mapping.refusals import MAX_CONTRADICTED_RATIO, MAX_STEP_STD, MIN_COMPARED_PATTERN, MIN_WHOLE_RATIO
@@ -119,7 +119,7 @@ def finish(request: Request) -> dict[str, Any]:
         "model": msgspec.to_builtins(figures),
         "folder": str(folder),
         "matches": str(matches),
-        "lenses": lenses,
+        "lenses": msgspec.to_builtins(lenses),
     }
 
 
@@ -142,11 +142,10 @@ def adjust(model: Model, fixed: bool = False) -> None:
     pycolmap.ObservationManager(model).filter_all_points3D(limits.filter_max_reproj_error, limits.filter_min_tri_angle)
 
 
-def choose_camera_model(model: Model, folder: Path) -> dict[str, Any] | None:
+def choose_camera_model(model: Model, folder: Path) -> CameraModelChoice | None:
     """Adjust a model, which is in a folder, with the camera model that explains held-out observations best.
 
-    Returns the scores of the camera models, the one before and the one that is chosen; None if the residuals have no
-    pattern.
+    Returns None if the residuals have no pattern.
     """
     if residual_pattern(*residuals_of(read_colmap(folder))) <= MIN_COMPARED_PATTERN:
         return None
@@ -155,9 +154,9 @@ def choose_camera_model(model: Model, folder: Path) -> dict[str, Any] | None:
     chosen = chosen_model(scores)
     if chosen != before:
         camera.model = getattr(pycolmap.CameraModelId, chosen)
-        camera.params = scores[chosen]["params"]
+        camera.params = scores[chosen].params
         adjust(model)
-    return {"scores": scores, "before": before, "chosen": chosen}
+    return CameraModelChoice(scores, before, chosen)
 
 
 def map_frames(

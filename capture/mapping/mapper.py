@@ -10,6 +10,7 @@ from typing import Any
 
 import msgspec
 
+from capture.mapping.camera_models import CameraModelChoice
 from capture.mapping.camera_prior import FISHEYE, Lens
 from capture.mapping.match_graph import MatchGraph
 from capture.mapping.model_metrics import ModelMetrics
@@ -32,6 +33,15 @@ WIDE_STARTS = (("SIMPLE_RADIAL", 0.4), (FISHEYE, 0.48), (FISHEYE, 0.34))
 EXTRA_TIME_S = 60.0
 
 
+class Attempt(msgspec.Struct, frozen=True):
+    """Outcome of a strategy."""
+
+    strategy: str
+    code: str | None  #: Code of the failure, None if the model can be used.
+    placed: int  #: Number of frames in the model.
+    frames: int
+
+
 class ModelReport(msgspec.Struct, kw_only=True):
     """Outcome of a mapping; the content of `reconstruction.json`."""
 
@@ -42,9 +52,9 @@ class ModelReport(msgspec.Struct, kw_only=True):
     disagreement: float | None = None  #: Distance of both mappers' paths relative to their extent, if compared.
     overruled: Failure | None = None  #: Failure that is a warning, because both mappers agree.
     focal_held: bool = False  #: Whether the focal length was not refined.
-    lenses: dict[str, Any] | None = None  #: Scores of the camera models and the best one, if compared.
+    lenses: CameraModelChoice | None = None  #: Comparison of the camera models, if the residuals have a pattern.
     strategy: str | None = None  #: Strategy of the model.
-    tried: list[dict[str, Any]] = []  #: Strategies with their outcome and seconds.
+    tried: list[Attempt] = []  #: Strategies that were tried.
     left: list[str] = []  #: Strategies that were left for lack of time.
 
     @property
@@ -145,7 +155,8 @@ def _mapped(
     model = None if result["model"] is None else msgspec.convert(result["model"], ModelMetrics)
     stated = None if lens.focal_px is None else lens.focal_px / max(lens.width, lens.height)
     failure = model_failure(graph, model, lens.fixed, stated)
-    return result, ModelReport(failure=failure, model=model, focal_held=lens.fixed, lenses=result.get("lenses"))
+    lenses = msgspec.convert(result.get("lenses"), CameraModelChoice | None)
+    return result, ModelReport(failure=failure, model=model, focal_held=lens.fixed, lenses=lenses)
 
 
 def _cameras(lens: Lens) -> list[dict[str, Any]]:

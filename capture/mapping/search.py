@@ -12,7 +12,7 @@ import msgspec
 
 from capture.mapping.camera_prior import Lens
 from capture.mapping.features import MAIN, POOLED, QUICK, STRATEGIES, FeatureStrategy, make_features, make_matches
-from capture.mapping.mapper import ModelReport, make_model
+from capture.mapping.mapper import Attempt, ModelReport, make_model
 from capture.mapping.match_graph import MatchGraph
 from capture.mapping.refusals import (
     MIN_FRAMES,
@@ -113,20 +113,17 @@ class ModelSearch:
             raise CaptureFailure(with_attempts(failure, [], out_of_time))
         strategy, digest, best = max(runs, key=lambda run: (run[2].failure is None, run[2].n_placed, run[0].max_side))
         best.strategy, best.left = strategy.name, out_of_time
+        n = len(self.frames.chosen)
         best.tried = [
-            {
-                "strategy": tried.name,
-                "code": None if report.failure is None else report.failure.code,
-                "placed": report.n_placed,
-                "frames": len(self.frames.chosen),
-            }
+            Attempt(tried.name, None if report.failure is None else report.failure.code, report.n_placed, n)
             for tried, _, report in runs
         ]
-        details = [
-            {"processor_s": round(sum(self._seconds(tried).values()), 1), "model": msgspec.to_builtins(report.model)}
-            for tried, _, report in runs
+        attempts = msgspec.to_builtins(best.tried)
+        rows = [
+            row
+            | {"processor_s": round(sum(self._seconds(run[0]).values()), 1), "model": msgspec.to_builtins(run[2].model)}
+            for row, run in zip(attempts, runs, strict=True)
         ]
-        rows = [row | detail for row, detail in zip(best.tried, details, strict=True)]
         summary = {"schema": SUMMARY_SCHEMA, "strategy": strategy.name, "strategies": rows}
 
         def make(part: Path) -> None:
@@ -135,7 +132,7 @@ class ModelSearch:
             for name, document in ((REPORT, msgspec.to_builtins(best)), (SUMMARY, summary)):
                 (part / name).write_text(json.dumps(document, indent=1) + "\n", encoding="utf-8")
 
-        digest = self.work.stage("model", {"strategy": digest, "tried": best.tried}, MODEL_STAGES["model"], make)
+        digest = self.work.stage("model", {"strategy": digest, "tried": attempts}, MODEL_STAGES["model"], make)
         if best.failure is not None:
             raise CaptureFailure(with_attempts(best.failure, [run[0].name for run in runs], out_of_time))
         return digest

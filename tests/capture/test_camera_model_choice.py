@@ -62,7 +62,7 @@ def test_a_fisheye_lens_under_a_radial_model_is_found(tmp_path: Path) -> None:
     model = pycolmap.Reconstruction(folder)
     choice = choose_camera_model(model, folder)
     assert choice is not None
-    assert (choice["before"], choice["chosen"]) == ("SIMPLE_RADIAL", "OPENCV_FISHEYE")
+    assert (choice.before, choice.chosen) == ("SIMPLE_RADIAL", "OPENCV_FISHEYE")
     (camera,) = model.cameras.values()
     assert camera.model.name == "OPENCV_FISHEYE"
     assert camera.params[0] == pytest.approx(375, rel=0.03)

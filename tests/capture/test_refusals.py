@@ -12,6 +12,7 @@ import msgspec
 import numpy as np
 import pytest
 
+from capture.mapping.camera_models import CameraModelChoice
 from capture.mapping.mapper import ModelReport
 from capture.mapping.match_graph import FramePair, MatchGraph
 from capture.mapping.model_metrics import ModelMetrics
@@ -250,7 +251,8 @@ def test_frames_that_see_only_distant_points_are_stated() -> None:
 
 
 def test_a_pattern_is_stated_unless_the_camera_model_is_the_best_one() -> None:
-    choices = [None, {"chosen": "OPENCV_FISHEYE"}, {"chosen": "SIMPLE_RADIAL"}]
+    chosen = ("OPENCV_FISHEYE", "SIMPLE_RADIAL")
+    choices = [None, *(CameraModelChoice({}, "SIMPLE_RADIAL", name) for name in chosen)]
     rows = [_warnings(report={"lenses": choice}, pattern=MIN_WARNED_PATTERN + 0.01) for choice in choices]
     assert [len(row) for row in rows] == [1, 1, 0]
     assert "the camera model (SIMPLE_RADIAL) leaves a pattern in the residuals" in rows[0][0]

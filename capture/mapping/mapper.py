@@ -169,16 +169,14 @@ def _cameras(lens: Lens) -> list[dict[str, Any]]:
     assumed: dict[str, Any] = {"model": lens.model, "params": None, "held": False}
     if lens.fixed or not lens.free:
         return [assumed]
+
+    def start(model: str, focal_px: float, held: bool) -> dict[str, Any]:
+        return {"model": model, "params": replace(lens, model=model, focal_px=focal_px).params, "held": held}
+
+    cameras = [] if lens.wide_px is None else [start(FISHEYE, lens.wide_px, True)]
+    cameras.append(assumed)
     if lens.focal_px is not None:
-        return [assumed, assumed | {"held": True}]
+        return [*cameras, assumed | {"held": True}]
     side = max(lens.width, lens.height)
-    starts = [(lens.model, TYPICAL_FOCAL * side, True)]
-    starts += [(model, ratio * side, "FISHEYE" in model) for model, ratio in WIDE_STARTS]
-    if lens.wide_px is not None:
-        starts.insert(0, (FISHEYE, lens.wide_px, True))
-    cameras = [
-        {"model": model, "params": replace(lens, model=model, focal_px=focal_px).params, "held": held}
-        for model, focal_px, held in starts
-    ]
-    cameras.insert(0 if lens.wide_px is None else 1, assumed)
-    return cameras
+    cameras.append(start(lens.model, TYPICAL_FOCAL * side, True))
+    return cameras + [start(model, ratio * side, "FISHEYE" in model) for model, ratio in WIDE_STARTS]

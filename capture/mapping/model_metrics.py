@@ -96,22 +96,15 @@ def model_metrics(folder: Path, focal_deviation: float | None, agreed: TripletAg
 def aligned_distance(centres: FloatArray, reference: FloatArray) -> float:
     """Return the root mean square distance of two paths (n, 3) after alignment, relative to the reference's extent.
 
-    The extent is the root mean square distance from the mean.
+    The alignment is the similarity that minimises the distance (Umeyama 1991); the extent is the root mean square
+    distance from the mean.
     """
-    moved = aligned_centres(centres, reference)
-    extent = np.sqrt(((reference - reference.mean(axis=0)) ** 2).sum(axis=1).mean())
-    return float(np.sqrt(((moved - reference) ** 2).sum(axis=1).mean()) / max(extent, 1e-12))
-
-
-def aligned_centres(source: FloatArray, target: FloatArray) -> FloatArray:
-    """Return source (n, 3) under the similarity that minimises its distance from target (Umeyama 1991)."""
-    a, b = source - source.mean(axis=0), target - target.mean(axis=0)
+    a, b = centres - centres.mean(axis=0), reference - reference.mean(axis=0)
     u, d, vt = np.linalg.svd(b.T @ a / len(a))
     sign = np.array([1.0, 1.0, np.sign(np.linalg.det(u) * np.linalg.det(vt))])
-    rotation = (u * sign) @ vt
     scale = float((d * sign).sum() / max((a**2).sum(axis=1).mean(), 1e-30))
-    aligned: FloatArray = scale * a @ rotation.T + target.mean(axis=0)
-    return aligned
+    distance = np.sqrt(((scale * a @ ((u * sign) @ vt).T - b) ** 2).sum(axis=1).mean())
+    return float(distance / max(np.sqrt((b**2).sum(axis=1).mean()), 1e-12))
 
 
 def median_angle_deg(scene: Scene) -> float:

@@ -1,1 +1,1 @@
-"""The three programs: parsers, tables on a terminal, progress, exit codes. Nothing below this package prints."""
+"""The three programs: parsers, tables, progress and exit statuses. Only this package writes to standard output."""

@@ -20,7 +20,7 @@ from metric_cli.parser import HELP_WIDTH
 from metric_cli.programs import INTERRUPTED, Terminated, orderly_termination
 from metric_cli.tables import _HANDLER, _plain
 
-#: The modules that an extra of `pyproject.toml` brings. A module may be in several; the first is the one to name.
+#: Modules of each extra of `pyproject.toml`. A message names the first extra that has the missing module.
 MODULES_BY_EXTRA: dict[str, tuple[str, ...]] = {
     "scene": ("cv2", "matplotlib", "PIL", "pycocotools", "pycolmap", "scipy", "sklearn"),
     "detect": ("onnxruntime",),
@@ -37,7 +37,7 @@ MODULES_BY_EXTRA: dict[str, tuple[str, ...]] = {
     "pandas": ("pandas",),
     "view": ("open3d",),
 }
-#: Set to see the traceback of an internal error.
+#: Environment variable that shows the traceback of an internal error.
 DEBUG_ENV = "METRIC_TREE_DEBUG"
 #: Expected and found state of a path, by the error of the system.
 _PATH_ERRORS: dict[type[OSError], str] = {
@@ -52,7 +52,7 @@ DONE, INTERNAL_ERROR, INPUT_ERROR, EXIT_NEGATIVE_RESULT, TERMINATED = 0, 1, 2, 3
 
 
 def missing_extra(module: str | None) -> str | None:
-    """The extra that brings a module, or None if no extra does.
+    """Return the extra that has a module, None if no extra has it.
 
     >>> missing_extra("scrapy.http")
     'crawl'
@@ -62,24 +62,29 @@ def missing_extra(module: str | None) -> str | None:
 
 
 def exit_status(program: str, run: Callable[[], int]) -> int:
-    """Run a command: 2 with one line for an error of the input, 1 with one line for an internal error.
+    """Run a command and return its status: 2 with one line for an invalid input, 1 with one line for an internal error.
 
-    Ctrl-C and a request to terminate end it with one line and status 130 or 143, after its temporary files are
-    removed. A closed standard output is no error.
+    Ctrl-C and SIGTERM end it with one line and status 130 or 143, after the temporary files are removed. A closed
+    standard output is not an error.
     """
     configure_streams()
     with orderly_termination():
         try:
-            status = copy_context().run(run)  # what one run reads and may replace is forgotten after it
+            status = copy_context().run(run)  # the rules of outputs end with the run
             sys.stdout.flush()
-        except BrokenPipeError:  # the reader of a pipe left; what it took is all it wanted
+        except BrokenPipeError:  # the reader of the pipe needs no more output
             status = DONE
         except KeyboardInterrupt:
             status = _report(program, "interrupted", INTERRUPTED)
         except Terminated:
             status = _report(program, "terminated", TERMINATED)
-        except Exception as error:  # noqa: BLE001 - the last door: what is not the input's error is the program's
-            status = _error_status(program, error)
+        except Exception as error:  # noqa: BLE001 - any other error is an internal one
+            message, status = input_error_message(error), INPUT_ERROR
+            if message is None:
+                message, status = f"internal error: {type(error).__name__}: {error}", INTERNAL_ERROR
+                if os.environ.get(DEBUG_ENV):
+                    traceback.print_exc()
+            _report(program, message, status)
     flush_or_discard(sys.stdout)
     return status
 
@@ -91,43 +96,31 @@ def exit_status_help(done: str = "", input_error: str = "", unusable: str = "") 
     return textwrap.fill(f"Exit status: {'; '.join(parts)}; {INTERNAL_ERROR} an internal error.", HELP_WIDTH) + "\n"
 
 
-def _path_error(error: OSError) -> str:
-    expected = next(text for kind, text in _PATH_ERRORS.items() if isinstance(error, kind))
-    return f"{error.filename}: expected {expected}" if error.filename is not None else str(error)
-
-
-def _error_status(program: str, error: Exception) -> int:
-    message = _input_error(error)
-    if message is not None:
-        return _report(program, message, INPUT_ERROR)
-    if os.environ.get(DEBUG_ENV):
-        traceback.print_exc()
-    return _report(program, f"internal error: {type(error).__name__}: {error}", INTERNAL_ERROR)
-
-
-def _input_error(error: Exception) -> str | None:
+def input_error_message(error: Exception) -> str | None:
     """Return the message of an error that the user can correct, None for an internal error."""
     if isinstance(error, InputError):
         return str(error)
-    if isinstance(error, OSError) and isinstance(error, tuple(_PATH_ERRORS)):
-        return _path_error(error)
-    if isinstance(error, OSError) and error.errno in WRITE_ERRORS:
-        return f"{error.filename or 'output'}: {error.strerror}"
+    if isinstance(error, OSError):
+        expected = next((text for kind, text in _PATH_ERRORS.items() if isinstance(error, kind)), None)
+        if expected is not None:
+            return f"{error.filename}: expected {expected}" if error.filename is not None else str(error)
+        if error.errno in WRITE_ERRORS:
+            return f"{error.filename or 'output'}: {error.strerror}"
     if isinstance(error, ModuleNotFoundError) and (extra := missing_extra(error.name)) is not None:
         return f"needs metric-tree[{extra}]: pip install 'metric-tree[{extra}]'"
     return None
 
 
 def _report(program: str, message: str, status: int) -> int:
-    with suppress(OSError):  # nobody reads it
+    with suppress(OSError):  # standard error is closed
         sys.stderr.write(f"{program}: {visible(' '.join(message.split()))}\n")
     return status
 
 
 def configure_streams() -> None:
-    """Make standard output and error take every character; a stream that is closed becomes silent."""
+    """Make standard output and error accept every character; replace a closed stream by the null device."""
     codecs.register_error(_HANDLER, _plain)
-    # a stream is None where the program was started with it closed
+    # a stream that was closed at the start is None
     sys.stdout = sys.stdout or open(os.devnull, "w", encoding="utf-8")  # noqa: SIM115, PTH123
     sys.stderr = sys.stderr or open(os.devnull, "w", encoding="utf-8")  # noqa: SIM115, PTH123
     for stream in (sys.stdout, sys.stderr):

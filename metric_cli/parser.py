@@ -1,9 +1,4 @@
-"""Arguments that name paths: what a run reads and what it writes, so that no output replaces a file of others.
-
-Completion scripts for shells, made from the programs' own options and subcommands.
-
-What the parsers of several commands have alike: the options of every program, and of a release.
-"""
+"""Parsers with one-line errors, types of path arguments with a check of outputs, shared options, and completion."""
 
 from __future__ import annotations
 
@@ -12,6 +7,7 @@ import os
 import re
 import sys
 from collections.abc import Iterable, Iterator, Mapping, Sequence
+from contextlib import suppress
 from pathlib import Path
 from typing import Any, NoReturn
 
@@ -19,30 +15,30 @@ from metric_base.errors import InputError
 from metric_base.files import check_output, set_rules
 from metric_base.spelling import advice, near_spellings
 
-#: Columns of the paragraphs below the options of a help.
+#: Width of the paragraphs below the options of a help text in columns.
 HELP_WIDTH = 120
 SHELLS = ("bash", "zsh", "fish")
 
 
 class OneLineParser(argparse.ArgumentParser):
-    """A parser whose errors are one line, with the option that was probably meant.
+    """Parser with one-line errors that suggest a similar option.
 
-    A value may begin with a minus and a digit, such as the list `-0.5,0.2`, which older versions of argparse take for
+    A value may begin with a minus and a digit, such as the list `-0.5,0.2`, which older versions of argparse treat as
     an option.
     """
 
     def __init__(self, **settings: Any) -> None:
         super().__init__(**settings)
-        self._negative_number_matcher = re.compile(r"-\.?\d")  # as of Python 3.14; before, whole numbers alone
+        self._negative_number_matcher = re.compile(r"-\.?\d")  # as in Python 3.14; earlier, only complete numbers
 
     def parse_args(self, args: Any = None, namespace: Any = None) -> Any:
-        """The options; an output that would replace an input or a file of others is an error."""
+        """Parse the arguments. Raises InputError if an output would replace an input or another existing file."""
         options = super().parse_args(args, namespace)
         check_paths(self, options)
         return options
 
     def error(self, message: str) -> NoReturn:
-        """Raise what is wrong as an error of the input."""
+        """Raise InputError with the message; if an option is unknown, with a similar one."""
         unknown = re.match(r"unrecognized arguments: (.*)", message)
         if unknown is None:
             raise InputError(f"arguments: {message} (--help lists them)")
@@ -66,8 +62,8 @@ class PrintVersion(argparse.Action):
 
 
 def version() -> str:
-    """The version of the installed distribution."""
-    from importlib import metadata  # with it comes `email`
+    """Return the version of the installed distribution."""
+    from importlib import metadata  # imports `email`
 
     try:
         return metadata.version("metric-tree")
@@ -76,22 +72,22 @@ def version() -> str:
 
 
 def input_path(text: str) -> Path:
-    """The type of an argument that names something to read."""
+    """Type of an argument that names an input."""
     return Path(text)
 
 
 def output_folder(text: str) -> Path:
-    """The type of an argument that names a folder in which a command keeps its files, beside those of others."""
+    """Type of an argument that names an output folder, which may contain other files."""
     return Path(text)
 
 
 def new_folder(text: str) -> Path:
-    """The type of an argument that names a folder to write, which must not be there yet."""
+    """Type of an argument that names an output folder that must not exist."""
     return Path(text)
 
 
 class OutputFile:
-    """The type of an argument that names a file to write.
+    """Type of an argument that names an output file.
 
     schema : str, optional
         Schema of the JSON file that the command continues or replaces without `--overwrite`.
@@ -101,12 +97,12 @@ class OutputFile:
         self.schema = schema
 
     def __call__(self, text: str) -> Path:
-        """The path."""
+        """Return the path."""
         return Path(text)
 
 
 def add_overwrite(parser: argparse.ArgumentParser) -> None:
-    """Add `--overwrite` where a file is written."""
+    """Add `--overwrite` if an argument is an output file."""
     if any(isinstance(action.type, OutputFile) for action in arguments_of(parser)):
         words = "replace existing files; an input of the run is never replaced"
         parser.add_argument("--overwrite", action="store_true", help=words)
@@ -138,7 +134,7 @@ def check_paths(parser: argparse.ArgumentParser, options: argparse.Namespace) ->
 
 
 def arguments_of(parser: argparse.ArgumentParser) -> Iterator[argparse.Action]:
-    """The arguments of a parser and of the subcommands below it."""
+    """Yield the arguments of a parser and of its subcommands."""
     for action in parser._actions:
         yield action
         if isinstance(action, argparse._SubParsersAction):
@@ -147,25 +143,20 @@ def arguments_of(parser: argparse.ArgumentParser) -> Iterator[argparse.Action]:
 
 
 def _existing(values: Iterable[Any]) -> Iterator[Path]:
-    """Every text or path among the values, in lists and tables too, that names something existing."""
+    """Yield the existing paths among texts and paths, also in lists and dictionaries."""
     for value in values:
         if isinstance(value, list | tuple):
             yield from _existing(value)
         elif isinstance(value, dict):
             yield from _existing(value.values())
-        elif isinstance(value, str | Path) and str(value) and _exists(value):
-            yield Path(value)
-
-
-def _exists(value: str | Path) -> bool:
-    try:
-        return os.path.lexists(value)
-    except (OSError, ValueError):
-        return False
+        elif isinstance(value, str | Path) and str(value):
+            with suppress(OSError, ValueError):  # the text cannot be a path
+                if os.path.lexists(value):
+                    yield Path(value)
 
 
 class PrintCompletion(argparse.Action):
-    """Print the completion script of a shell, and leave."""
+    """Print the completion script of a shell and exit."""
 
     def __call__(self, root: argparse.ArgumentParser, _options: Any, shell: Any, _name: str | None = None) -> NoReturn:
         """Write the script to standard output."""
@@ -174,7 +165,7 @@ class PrintCompletion(argparse.Action):
 
 
 def option_helps(parser: argparse.ArgumentParser) -> dict[str, str]:
-    """The help of each long option of a parser, by the option's name."""
+    """Return the help of each long option of a parser by its name."""
     actions = sorted(parser._option_string_actions.items())
     return {name: action.help or "" for name, action in actions if name.startswith("--")}
 
@@ -185,7 +176,15 @@ def completion_script(program: str, subcommands: Mapping[str, Mapping[str, str]]
     subcommands : help by option, by subcommand; `""` is the subcommand of a program without subcommands.
     """
     if shell == "fish":
-        return "".join(_fish_lines(program, subcommand, options) for subcommand, options in subcommands.items())
+        lines = []
+        for subcommand, options in subcommands.items():
+            if subcommand:
+                lines.append(f"complete -c {program} -n __fish_use_subcommand -a {subcommand}\n")
+            where = f" -n '__fish_seen_subcommand_from {subcommand}'" if subcommand else ""
+            for name, text in options.items():
+                quoted = text.replace("%(default)s", "see --help").replace("\\", "\\\\").replace("'", "\\'")
+                lines.append(f"complete -c {program}{where} -l {name[2:]} -d '{quoted}'\n")
+        return "".join(lines)
     names = " ".join(subcommand for subcommand in subcommands if subcommand)
     cases = "".join(
         f'        "{subcommand}") words="{" ".join(options)}" ;;\n'
@@ -209,18 +208,6 @@ complete -o filenames -F {function} {program}
     return bash if shell == "bash" else f"autoload -U +X bashcompinit && bashcompinit\n{bash}"
 
 
-def _fish_lines(program: str, subcommand: str, options: Mapping[str, str]) -> str:
-    named = f"complete -c {program} -n __fish_use_subcommand -a {subcommand}\n" if subcommand else ""
-    where = f" -n '__fish_seen_subcommand_from {subcommand}'" if subcommand else ""
-    lines = (f"complete -c {program}{where} -l {name[2:]} -d '{_quoted(text)}'\n" for name, text in options.items())
-    return named + "".join(lines)
-
-
-def _quoted(text: str) -> str:
-    """Text between single quotes of fish; argparse's own %s are not for a shell."""
-    return text.replace("%(default)s", "see --help").replace("\\", "\\\\").replace("'", "\\'")
-
-
 def program_parser(program: str, description: str, epilog: str, usage: str) -> OneLineParser:
     """Return the parser of a program without subcommands; `usage` states the required and the common arguments."""
     return OneLineParser(
@@ -234,7 +221,7 @@ def program_parser(program: str, description: str, epilog: str, usage: str) -> O
 
 
 def add_program_options(root: OneLineParser) -> None:
-    """The options of every such program, last."""
+    """Add the options that all such programs have, at the end of the help."""
     root.add_argument(
         "--completion", choices=SHELLS, action=PrintCompletion, help="print the completion script of a shell"
     )
@@ -243,5 +230,5 @@ def add_program_options(root: OneLineParser) -> None:
 
 
 def add_tree(parser: argparse.ArgumentParser) -> None:
-    """The option that names a release."""
+    """Add the option that names a release."""
     parser.add_argument("--tree", metavar="REF", help="version or folder of a release (default: the shipped one)")

@@ -1,4 +1,4 @@
-"""Progress on standard error: bars with the time left on a terminal, a line every ten seconds elsewhere."""
+"""Progress on standard error: bars with the remaining time on a terminal, otherwise a line every ten seconds."""
 
 from __future__ import annotations
 
@@ -11,32 +11,32 @@ from typing import TypeVar
 from metric_base.progress import ProgressCallback, with_progress
 
 Item = TypeVar("Item")
-#: Seconds between two lines where nobody looks at a terminal.
-LINE_S = 10.0
+#: Minimum time between two lines of progress in seconds.
+LOG_INTERVAL_S = 10.0
 
 
-def with_bar(items: Iterable[Item], step: str, total: int | None = None) -> Iterator[Item]:
-    """The items, with a bar while they are consumed; total : how many there are, where `items` has no length."""
-    with progress_bars() as shown:
-        yield from with_progress(items, step, shown, total)
+def track(items: Iterable[Item], step: str, total: int | None = None) -> Iterator[Item]:
+    """Yield the items and show a progress bar; `total` is their number if `items` has no length."""
+    with progress_bars() as progress:
+        yield from with_progress(items, step, progress, total)
 
 
 def progress_lines(write: Callable[[str], object], clock: Callable[[], float] = time.monotonic) -> ProgressCallback:
-    """Progress as lines, the first one LINE_S seconds after the start and then no more often than that."""
+    """Return a callback that writes progress as lines, at most one per LOG_INTERVAL_S seconds."""
     last = clock()
 
-    def shown(step: str, done: int, total: int | None) -> None:
+    def progress(step: str, done: int, total: int | None) -> None:
         nonlocal last
-        if clock() - last >= LINE_S:
+        if clock() - last >= LOG_INTERVAL_S:
             last = clock()
             write(f"{step}: {done}\n" if total is None else f"{step}: {done} of {total}\n")
 
-    return shown
+    return progress
 
 
 @contextmanager
 def progress_bars() -> Iterator[ProgressCallback]:
-    """A bar for each step that is named, in the order in which they come; they go when all is done."""
+    """Provide a callback that shows a progress bar for each step; the bars disappear at the end."""
     if not sys.stderr.isatty():
         yield progress_lines(sys.stderr.write)
         return
@@ -56,9 +56,9 @@ def progress_bars() -> Iterator[ProgressCallback]:
     with Progress(*columns, console=Console(stderr=True), transient=True) as bars:
         tasks: dict[str, TaskID] = {}
 
-        def shown(step: str, done: int, total: int | None) -> None:
+        def progress(step: str, done: int, total: int | None) -> None:
             if step not in tasks:
                 tasks[step] = bars.add_task(step, total=total)
-            bars.update(tasks[step], completed=done, total=total)  # None leaves it as it was
+            bars.update(tasks[step], completed=done, total=total)  # None: unchanged
 
-        yield shown
+        yield progress

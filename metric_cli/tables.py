@@ -1,4 +1,4 @@
-"""What every command shares: exit statuses, one line for an error of the input, JSON and tables on standard output."""
+"""JSON, tables and styled text on standard output, and warnings on standard error."""
 
 from __future__ import annotations
 
@@ -12,40 +12,37 @@ from typing import Any, NamedTuple, TypeVar
 from metric_base.escaping import visible, visible_json
 
 Item = TypeVar("Item")
-#: Columns of a table that no terminal bounds: room for the longest row on one line.
+#: Width of a table in columns if standard output is not a terminal: no row is wrapped.
 PIPE_WIDTH = 100_000
-#: Spaces between two columns of a table.
+#: Number of spaces between two columns of a table.
 GAP = 3
-#: Select Graphic Rendition of ECMA-48.
+#: Codes of the styles (Select Graphic Rendition of ECMA-48).
 _STYLES = {"bold": 1, "dim": 2, "red": 31, "green": 32}
-#: A replacement for each of our signs in an encoding that lacks it; anything else is written as an escape.
+#: Replacements of characters that the encoding of a stream lacks; other characters are written as escapes.
 PLAIN = {"×": "x", "±": "+-", "–": "-", "−": "-", "…": "...", "→": "->", "≤": "<=", "≥": ">=", "°": " deg", "─": "-"}
 _HANDLER = "metric-base-plain"
 
 
 def warn(message: str, program: str | None = None) -> None:
-    """One line on standard error about what the command does all the same."""
+    """Print a warning in one line on standard error."""
     head = "warning" if program is None else f"{program}: warning"
     sys.stderr.write(f"{head}: {visible(' '.join(message.split()))}\n")
 
 
 def print_json(value: Any) -> None:
-    """Print a value as JSON, indented for a person, exact for a machine."""
+    """Print a value as indented JSON."""
     sys.stdout.write(visible_json(json.dumps(value, indent=1, ensure_ascii=False, allow_nan=False)) + "\n")
 
 
 def print_table(columns: Sequence[str], rows: Iterable[Sequence[object]], title: str | None = None) -> None:
-    """Print an aligned table (`table_text`) under its title, as wide as the terminal or as `COLUMNS` says.
-
-    The title is a line of its own: as wide as it is, however narrow the table.
-    """
+    """Print a title, which is not wrapped, and an aligned table of at most the width of the terminal or `COLUMNS`."""
     if title is not None:
         sys.stdout.write(f"{visible(title)}\n")
     sys.stdout.write(table_text(columns, rows, output_width(PIPE_WIDTH)))
 
 
 class Cell(NamedTuple):
-    """The text of a table's cell in a style of its own: `bold`, `dim`, `red`, `green`."""
+    """Text of a cell and its style: `bold`, `dim`, `red` or `green`."""
 
     text: str
     style: str
@@ -54,10 +51,10 @@ class Cell(NamedTuple):
 def table_text(
     columns: Sequence[str], rows: Iterable[Sequence[object]], width: int, unbroken: Collection[str] = ()
 ) -> str:
-    """An aligned table of at most `width` columns; a column of numbers is aligned to the right, None is a dash.
+    """Return a table of at most `width` columns of text.
 
-    A cell may be a `Cell`, whose style a terminal shows. Words wrap, but in the columns called `unbroken`,
-    whose cells are shown as they are.
+    Columns of numbers are aligned to the right. None is a dash. The style of a `Cell` is shown on a terminal. Cells are
+    wrapped, except in the columns named in `unbroken`.
     """
     cells = [
         [cell if isinstance(cell, Cell) else Cell("–" if cell is None else str(cell), "") for cell in row]
@@ -65,46 +62,26 @@ def table_text(
     ]
     cells = [[Cell(visible(cell.text), cell.style) for cell in row] for row in cells]
     numeric = [
-        bool(cells) and column not in unbroken and all(_is_number(row[number].text) for row in cells)
-        for number, column in enumerate(columns)
+        bool(cells) and column not in unbroken and all(is_number(row[index].text) for row in cells)
+        for index, column in enumerate(columns)
     ]
     if not sys.stdout.isatty():
+        # As rich writes a table without wrapped lines, but without its import, which takes a tenth of a query's time
         lines = [list(columns), *([cell.text for cell in row] for row in cells)]
-        widths = [max(len(line[number]) for line in lines) for number in range(len(columns))]
-        narrow = all(_is_one_wide(text) for line in lines for text in line)
-        if narrow and sum(widths) + GAP * len(widths) <= width:
-            return _plain_table(lines, widths, numeric)
-    return _rich_table(columns, cells, numeric, width, unbroken)
-
-
-def _is_one_wide(text: str) -> bool:
-    """Return True if each sign of a text takes one column, as far as is known without a table of all signs."""
-    return text.isprintable() and all(sign.isascii() or sign in PLAIN for sign in text)
-
-
-def _plain_table(lines: Sequence[Sequence[str]], widths: Sequence[int], numeric: Sequence[bool]) -> str:
-    """The table as rich writes one that needs no line broken, without its import: a tenth of a query's time.
-
-    lines : the cells of the head, then of the rows.
-    """
-    texts = [
-        (" " * GAP).join(
-            text.rstrip().rjust(width) if right else text.rstrip().ljust(width)
-            for text, width, right in zip(line, widths, numeric, strict=True)
+        widths = [max(len(line[index]) for line in lines) for index in range(len(columns))]
+        is_narrow = all(
+            text.isprintable() and all(c.isascii() or c in PLAIN for c in text) for row in lines for text in row
         )
-        for line in lines
-    ]
-    head, *rows = (f" {text}".rstrip() for text in texts)
-    return "\n".join(["", head, f" {'─' * len(texts[0])}", *rows, "", ""])
-
-
-def _rich_table(
-    columns: Sequence[str],
-    cells: Sequence[Sequence[Cell]],
-    numeric: Sequence[bool],
-    width: int,
-    unbroken: Collection[str],
-) -> str:
+        if is_narrow and sum(widths) + GAP * len(widths) <= width:
+            texts = [
+                (" " * GAP).join(
+                    text.rstrip().rjust(column_width) if right else text.rstrip().ljust(column_width)
+                    for text, column_width, right in zip(line, widths, numeric, strict=True)
+                )
+                for line in lines
+            ]
+            head, *others = (f" {text}".rstrip() for text in texts)
+            return "\n".join(["", head, f" {'─' * len(texts[0])}", *others, "", ""])
     from rich import box
     from rich.console import Console
     from rich.table import Table
@@ -115,32 +92,32 @@ def _rich_table(
         table.add_column(column, justify="right" if right else "left", overflow="fold", no_wrap=column in unbroken)
     for row in cells:
         table.add_row(*(Text(cell.text, cell.style) for cell in row))
-    # Rendered first and written by us: rich would turn a closed pipe into a failure.
-    terminal = sys.stdout.isatty()
-    console = Console(file=io.StringIO(), width=width, force_terminal=terminal, highlight=False)
+    # captured, because rich would turn a closed pipe into a failure
+    console = Console(file=io.StringIO(), width=width, force_terminal=sys.stdout.isatty(), highlight=False)
     with console.capture() as captured:
         console.print(table)
     return "\n".join(line.rstrip() for line in captured.get().splitlines()) + "\n"
 
 
 def style_text(text: str, style: str) -> str:
-    """The text, in its style where standard output is a terminal."""
+    """Return the text with its style if standard output is a terminal."""
     return f"\x1b[{_STYLES[style]}m{text}\x1b[0m" if sys.stdout.isatty() else text
 
 
 def output_width(piped: int) -> int:
-    """Columns of standard output: `COLUMNS` where it is set, else the terminal's, else `piped`."""
+    """Return the width of standard output in columns: `COLUMNS`, else that of the terminal, else `piped`."""
     fallback = 80 if sys.stdout.isatty() else piped
     return shutil.get_terminal_size((fallback, 24)).columns
 
 
-def _is_number(cell: str) -> bool:
+def is_number(cell: str) -> bool:
+    """Return whether a cell is a number, with a sign, separators and a percent sign at most; a dash is one, too."""
     digits = cell.translate(str.maketrans("", "", ",%+- ")).replace(".", "", 1)
     return cell in {"–", ""} or digits.isdigit()
 
 
 def _plain(error: UnicodeError) -> tuple[str, int]:
-    """Python's error handler: plain characters for signs of ours, escapes for the rest."""
+    """Handle an encoding error: replace the characters in `PLAIN`, and escape others."""
     if not isinstance(error, UnicodeEncodeError):
         raise error
     text = error.object[error.start : error.end]

@@ -77,7 +77,7 @@ def _no_given_width(monkeypatch: pytest.MonkeyPatch) -> None:
 def _no_progress_lines(request: pytest.FixtureRequest, monkeypatch: pytest.MonkeyPatch) -> None:
     """A busy machine takes over ten seconds where an idle one takes two; what a command says must not depend on it."""
     if "test_progress" not in request.node.nodeid:
-        monkeypatch.setattr("metric_cli.progress.LINE_S", math.inf)
+        monkeypatch.setattr("metric_cli.progress.LOG_INTERVAL_S", math.inf)
 
 
 @pytest.fixture

@@ -93,14 +93,14 @@ def _images(prepared: Any, placed: Sequence[Any], frame: str | None) -> dict[int
     from benchmarks.user_study.page import STEPS
     from insertion.composite.compositor import composite_variants
     from insertion.placement.placed_object import resize
-    from metric_cli.progress import with_bar
+    from metric_cli.progress import track
 
     chosen = _shot(prepared, placed, frame)
     variants = [[resize(placed[0], 1 + step / 100), *placed[1:]] for step in STEPS]
     image = next(image for shown, image in prepared.footage if shown.index == chosen.index)
     light, content, start_s = prepared.light, prepared.content, prepared.footage.start_s
     images = composite_variants(variants, light, content, start_s, chosen, image)
-    drawn = with_bar(images, "drawing the sizes", len(STEPS))
+    drawn = track(images, "drawing the sizes", len(STEPS))
     return dict(zip(STEPS, drawn, strict=True))
 
 

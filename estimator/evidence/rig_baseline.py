@@ -12,7 +12,7 @@ from estimator.evidence.source import skipped_evidence
 from estimator.records.objects import Measurements
 from estimator.records.result import ScaleEvidence
 from estimator.records.scene import Scene
-from metric_base.errors import FieldError, in_file
+from metric_base.errors import FieldError, InputError, in_file
 from metric_base.input_files import read_json
 from metric_base.parsing import json_array, json_object
 from metric_base.statistics import robust_sigma
@@ -53,6 +53,21 @@ class RigBaseline:
             return skipped_evidence("baseline", name, "both cameras are at one place")
         median_sd = robust_sigma(distances) / median / math.sqrt(len(distances))
         return (ScaleEvidence("baseline", name, self.metres / median, math.hypot(median_sd, MIN_LOG_SD)),)
+
+
+def parse_rig_baselines(text: str) -> tuple[RigBaseline, ...]:
+    """Parse `A:B:METRES`, or read a rig file of COLMAP (`.json`). Raises InputError if the value is neither."""
+    if text.endswith(".json"):
+        return rig_baselines(Path(text))
+    try:
+        first, second, metres = text.split(":")
+        length = float(metres)
+    except ValueError:
+        length = 0.0
+    if not 0 < length < math.inf:
+        expected = "A:B:METRES, two folders of images and their distance, or COLMAP's rig_config.json"
+        raise InputError.at("--baseline", "value", expected, text)
+    return (RigBaseline(first, second, length),)
 
 
 def rig_baselines(file: Path) -> tuple[RigBaseline, ...]:

@@ -140,13 +140,19 @@ def parse_objects(groups: Sequence[argparse.Namespace]) -> list[ObjectRequest]:
             if value is not None and not low <= value <= high:
                 option = name.replace("_", "-")
                 raise InputError(f"--{option}: expected a number from {low:g} to {high:g}; found {value:g}")
+        try:
+            x_m, y_m = (float(part) for part in (group.xy or "0,0").split(","))
+        except ValueError:
+            x_m = y_m = math.nan
+        if not max(abs(x_m), abs(y_m)) < MAX_XY_M:
+            raise InputError(f"--xy: expected X,Y in metres; found {group.xy!r}")
         request = ObjectRequest(
             model=group.model,
             size=group.size or "file",
             at=parse_pixel_position(group.at or "auto"),
             on=group.on,
             plane=group.plane,
-            xy_m=_parse_xy(group.xy or "0,0"),
+            xy_m=(x_m, y_m),
             facing=parse_facing(group.facing or "camera"),
             category=group.category,
             clip=group.clip,
@@ -156,16 +162,6 @@ def parse_objects(groups: Sequence[argparse.Namespace]) -> list[ObjectRequest]:
         )
         objects.append(request)
     return objects
-
-
-def _parse_xy(text: str) -> tuple[float, float]:
-    try:
-        x, y = (float(part) for part in text.split(","))
-    except ValueError:
-        x = y = math.nan
-    if not max(abs(x), abs(y)) < MAX_XY_M:
-        raise InputError(f"--xy: expected X,Y in metres; found {text!r}")
-    return x, y
 
 
 def tree_for(objects: Sequence[ObjectRequest], reference: str | None) -> Tree | None:

@@ -52,7 +52,7 @@ TOPICS = {
 
 
 def main(argv: Sequence[str] | None = None) -> int:
-    """Run `metric-tree`; the exit status is 0, 2 for invalid input, 1 for an internal error."""
+    """Run `metric-tree` and return the exit status: 0, 2 for an invalid input, 1 for an internal error."""
     use_one_thread()
     arguments = list(sys.argv[1:] if argv is None else argv)
     if len(arguments) == 2 and arguments[0] == "--completion" and arguments[1] in SHELLS:
@@ -69,7 +69,7 @@ def main(argv: Sequence[str] | None = None) -> int:
             return status
 
         return exit_status(f"metric-tree {name}", run)
-    parser = _overview_parser()
+    parser = overview_parser()
     if not arguments:
         parser.print_help()
         return DONE
@@ -94,7 +94,8 @@ def parser_of(subcommand: str) -> argparse.ArgumentParser:
     return parser
 
 
-def _overview_parser() -> argparse.ArgumentParser:
+def overview_parser() -> argparse.ArgumentParser:
+    """Return the parser of `metric-tree` without a subcommand; its help lists the subcommands by topic."""
     width = max(map(len, SUBCOMMANDS))
     lines = []
     for topic, heading in TOPICS.items():

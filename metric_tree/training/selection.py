@@ -13,15 +13,18 @@ share) and N the noise of the measurement. E is the expectation over objects of 
 
 from __future__ import annotations
 
+import csv
 import math
 from collections import defaultdict
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
 from metric_base.arrays import FloatArray
+from metric_base.errors import InputError
 from metric_base.folders import taxonomy_directory
 from metric_base.parsing import table_rows
 from metric_tree.node import Node, NoPrior
@@ -203,3 +206,73 @@ def paper_selection(directory: Path | None = None) -> tuple[tuple[str, str], ...
     """Return the 43 categories of the paper: name of the authors' file, and node id."""
     rows = table_rows((directory or taxonomy_directory()) / "paper_43.csv", ("list", "label", "node_id"), BadLevels)
     return tuple((row["label"], row["node_id"]) for _, row in rows)
+
+
+def selection_record(
+    tree: Tree, all_candidates: Sequence[CategoryCandidate], chosen: Sequence[CategoryCandidate], rules: Rules
+) -> dict[str, Any]:
+    """Return a selection and, for comparison, that of the paper with reasons, as `metric-tree/select/1`."""
+    labels = {node_id: label for label, node_id in paper_selection()}
+    by_id = {candidate.node.node_id: candidate for candidate in all_candidates}
+    chosen_ids = {candidate.node.node_id for candidate in chosen}
+    paper: list[dict[str, Any]] = []
+    for label, node_id in paper_selection():
+        row: dict[str, Any] = {"node": node_id, "paper": label}
+        reason: str | None = "no prior in this release"
+        if (candidate := by_id.get(node_id)) is not None:
+            row, reason = _candidate_record(candidate, label), reason_against(candidate, chosen, rules)
+        paper.append({**row, "chosen": node_id in chosen_ids, "reason": reason})
+    return {
+        "schema": "metric-tree/select/1",
+        "tree": {"name": tree.name, "version": tree.version},
+        "rules": {name: getattr(rules, name) for name in Rules.__dataclass_fields__},
+        "candidates": len(all_candidates),
+        "chosen": [_candidate_record(candidate, labels.get(candidate.node.node_id)) for candidate in chosen],
+        "paper": paper,
+    }
+
+
+def _candidate_record(candidate: CategoryCandidate, paper_label: str | None) -> dict[str, Any]:
+    return {
+        "node": candidate.node.node_id,
+        "name": candidate.node.name,
+        "dims": list(candidate.prior.dims),
+        "divergence": round(candidate.divergence, 3),
+        "samples": candidate.samples,
+        "sources": candidate.prior.n_sources,
+        "lists": list(candidate.lists),
+        "sd": round(candidate.sd, 3),
+        "narrowing": round(candidate.narrowing, 3),
+        "paper": paper_label,
+    }
+
+
+def named_nodes(tree: Tree, categories: str | None) -> list[Node]:
+    """Return the nodes of a file of `metric-tree select --out`, of names with commas, or of the default selection.
+
+    Raises
+    ------
+    InputError
+        A name or an id is unknown, the file has no column `node`, or the rules choose no category.
+    """
+    if categories is None:
+        ranked = candidates(tree)
+        chosen = [candidate.node for candidate in choose(ranked)]
+        if not chosen:
+            count = f"none of {len(ranked)} candidates of {tree.name} {tree.version}"
+            raise InputError(f"--categories: expected names, as select's rules chose no category; found {count}")
+        return chosen
+    if not categories.endswith(".csv"):
+        return [tree.find(name.strip()) for name in categories.split(",")]
+    with Path(categories).open(encoding="utf-8", newline="") as lines:
+        reader = csv.DictReader(lines)
+        rows = [(reader.line_num, row) for row in reader]
+    if not rows or "node" not in rows[0][1]:
+        raise InputError(f"{categories}: columns: expected node, as `metric-tree select --out` writes it; found none")
+    nodes = []
+    for line, row in rows:
+        try:
+            nodes.append(tree.node(row["node"]))
+        except InputError as error:
+            raise InputError(f"{categories}:{line}: {error}") from None
+    return nodes

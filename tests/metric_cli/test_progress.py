@@ -10,11 +10,11 @@ from contextlib import suppress
 
 import pytest
 
-from metric_cli.progress import progress_bars, progress_lines, with_bar
+from metric_cli.progress import progress_bars, progress_lines, track
 
 CODE = """
-from metric_cli.progress import progress_bars, with_bar
-print(sum(with_bar([1, 2, 3], "adding")))
+from metric_cli.progress import progress_bars, track
+print(sum(track([1, 2, 3], "adding")))
 with progress_bars() as shown:
     shown("counting", 1, None)
     shown("counting", 2, 4)
@@ -22,7 +22,7 @@ with progress_bars() as shown:
 
 
 def test_short_work_says_nothing_where_nobody_looks(capsys: pytest.CaptureFixture[str]) -> None:
-    assert list(with_bar(iter("abc"), "letters", 3)) == ["a", "b", "c"]
+    assert list(track(iter("abc"), "letters", 3)) == ["a", "b", "c"]
     with progress_bars() as shown:
         shown("one", 1, 2)
     assert capsys.readouterr().err == ""

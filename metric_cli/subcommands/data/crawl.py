@@ -14,46 +14,47 @@ from typing import Any
 from metric_cli.parser import input_path, output_folder
 from metric_cli.tables import print_json, print_table
 
-HELP = "Run a spider into a raw-item data set: polite, resumable, safe to run unattended."
+HELP = "Crawl a site into a data set of raw items; a crawl is polite, can be resumed and can run unattended."
 
-#: Where a site's owner reaches whoever crawls; asked for once, not on every call.
+#: Environment variable with the contact of the operator of a crawl, for the owners of sites.
 CONTACT_ENV = "METRIC_TREE_CONTACT"
 
-#: A mail address or a page, perhaps with a name beside it.
+#: An e-mail address or a URL, with an optional name.
 _CONTACT = re.compile(r".*(?:[^@\s]+@[^@\s]+|https?://[^\s/]+).*")
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Declare the arguments of the subcommand."""
+    # fmt: off
     add = parser.add_argument
     add("spider", metavar="SPIDER", help="amazon, ikea, ..., wikidata, or generic for any site")
-    add("--site", type=input_path, metavar="FILE.toml", help="a site of your own; SPIDER is its name")
     add("--out", type=output_folder, required=True, metavar="DIR", help="folder of the data set")
-    add("--start-url", action="append", default=[], metavar="URL", help="where to begin; may be repeated")
-    add("--query", default="", help="begin with a search of the site")
-    add("--category", default="", help="begin with a category of the site")
+    add("--contact", default=os.environ.get(CONTACT_ENV),
+        help=f"e-mail address or web page of the operator (default: {CONTACT_ENV})")
     add("--limit", type=int, metavar="N", help="stop after N new items (default: no limit)")
     add("--resume", action="store_true", help="continue the crawl in DIR")
-    add("--pictures", action="store_true", help="download pictures where the site's terms allow it")
-    add(
-        "--contact",
-        default=os.environ.get(CONTACT_ENV),
-        help=f"your e-mail address or page (default: {CONTACT_ENV})",
-    )
-    delay = "minimum time between two requests (default: that of the site, 1)"
-    add("--delay", type=float, metavar="SECONDS", help=delay)
+    add("--pictures", action="store_true", help="download images if the terms of the site allow it")
+    add = parser.add_argument_group("first pages").add_argument
+    add("--start-url", action="append", default=[], metavar="URL", help="first page; may be repeated")
+    add("--query", default="", help="start with a search of the site")
+    add("--category", default="", help="start with a category of the site")
+    add("--site", type=input_path, metavar="FILE.toml", help="declaration of another site, whose name is SPIDER")
+    add = parser.add_argument_group("requests").add_argument
+    add("--delay", type=float, metavar="SECONDS",
+        help="minimum time between two requests (default: specified by the site, or 1)")
     add("--cache", type=output_folder, metavar="DIR", help="HTTP cache for conditional requests")
     add("--redis", default="", metavar="URL", help="share the frontier with other workers")
-    add("--worker", default="", metavar="NAME", help="this worker's folder in DIR, with --redis")
-    add("--private", action="store_true", help="allow addresses of this machine and its network")
+    add("--worker", default="", metavar="NAME", help="folder of this worker in DIR, with --redis")
+    add("--private", action="store_true", help="allow addresses of this machine and of its network")
+    # fmt: on
 
 
 def run(arguments: argparse.Namespace) -> int:
-    """Crawl, then print the summary."""
+    """Crawl and print the summary."""
     from crawler.fetch.crawl import Crawl, run_crawl
     from metric_base.errors import InputError
 
-    _check(arguments)
+    check_options(arguments)
     crawl = Crawl(
         spider=arguments.spider,
         out=arguments.out,
@@ -71,7 +72,7 @@ def run(arguments: argparse.Namespace) -> int:
         worker=arguments.worker,
         site=arguments.site,
     )
-    with _progress() as show:
+    with CrawlProgress() as show:
         summary = run_crawl(crawl, show)
     record = summary.record()
     if arguments.json:
@@ -85,8 +86,8 @@ def run(arguments: argparse.Namespace) -> int:
     return 0
 
 
-def _check(arguments: argparse.Namespace) -> None:
-    """The options that need no crawl to be found in error."""
+def check_options(arguments: argparse.Namespace) -> None:
+    """Raise InputError for an invalid option before the crawl starts."""
     from metric_base.errors import InputError
 
     if arguments.out.exists() and not arguments.out.is_dir():
@@ -109,18 +110,19 @@ def _shown(value: object) -> str:
     return str(value)
 
 
-class _progress:  # noqa: N801 - used as a context manager, reads as one
-    """A line on a terminal: pages, items, drops, what waits. Nothing where standard error is no terminal."""
+class CrawlProgress:
+    """Context manager with a callback that shows pages, items, drops and waiting requests on a terminal, else None."""
 
     def __enter__(self) -> Callable[[Mapping[str, Any]], None] | None:
         self._started = time.monotonic()
-        return self._show if sys.stderr.isatty() else None
+        return self.show if sys.stderr.isatty() else None
 
     def __exit__(self, *_: object) -> None:
         if sys.stderr.isatty():
             sys.stderr.write("\r\x1b[K")
 
-    def _show(self, stats: Mapping[str, Any]) -> None:
+    def show(self, stats: Mapping[str, Any]) -> None:
+        """Replace the line on the terminal."""
         seconds = max(time.monotonic() - self._started, 1e-3)
         rate = stats.get("metric_tree/pages", 0) / seconds
         dropped = sum(value for name, value in stats.items() if name.startswith("metric_tree/dropped/"))

@@ -1,4 +1,4 @@
-"""`metric-tree extract FILE --url URL`: one saved web page to a raw item."""
+"""`metric-tree extract FILE --url URL`: extract a raw item from a saved web page."""
 
 from __future__ import annotations
 
@@ -10,18 +10,18 @@ from metric_base.escaping import visible_json
 from metric_cli.parser import input_path
 from metric_cli.tables import print_table
 
-HELP = "One saved web page to a raw item, by the spider that owns the URL's site, else the generic one."
+HELP = "Extract a raw item from a saved web page, with the spider of its site or the generic one."
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Declare the arguments of the subcommand."""
-    parser.add_argument("file", type=input_path, metavar="FILE", help="HTML, gzipped or not")
-    parser.add_argument("--site", type=input_path, metavar="FILE.toml", help="a site of your own, whose page this is")
-    parser.add_argument("--url", required=True, help="the address the page was saved from")
+    parser.add_argument("file", type=input_path, metavar="FILE", help="HTML, optionally compressed by gzip")
+    parser.add_argument("--site", type=input_path, metavar="FILE.toml", help="declaration of the site of the page")
+    parser.add_argument("--url", required=True, help="URL of the page")
 
 
 def run(arguments: argparse.Namespace) -> int:
-    """Print the raw item: one line with --json, a table without."""
+    """Print the raw item as a table, or with --json as one line."""
     from crawler.page.page import saved_page
     from crawler.page.time_limit import SlowPage, processor_budget
     from crawler.page.urls import web_address
@@ -40,15 +40,15 @@ def run(arguments: argparse.Namespace) -> int:
         sys.stdout.write(f"{visible_json(line)}\n")
     else:
         record = json.loads(line)
-        print_table(["field", "value"], [(name, _shown(value)) for name, value in record.items() if value])
+        rows = []
+        for name, value in record.items():
+            text = str(value)
+            if isinstance(value, list):
+                separator = " > " if all(isinstance(part, str) for part in value) else ", "
+                text = separator.join(map(str, value))
+            elif isinstance(value, dict):
+                text = ", ".join(f"{axis} {length} mm" for axis, length in value.items() if length is not None)
+            if value:
+                rows.append((name, text))
+        print_table(["field", "value"], rows)
     return 0
-
-
-def _shown(value: object) -> str:
-    if isinstance(value, list):
-        return (
-            " > ".join(map(str, value)) if all(isinstance(part, str) for part in value) else ", ".join(map(str, value))
-        )
-    if isinstance(value, dict):
-        return ", ".join(f"{axis} {length} mm" for axis, length in value.items() if length is not None)
-    return str(value)

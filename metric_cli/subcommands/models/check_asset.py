@@ -1,4 +1,4 @@
-"""`metric-tree check-asset FILE...`: whether 3-D models are at true size."""
+"""`metric-tree check-asset FILE...`: check whether 3-D models have their true size."""
 
 from __future__ import annotations
 
@@ -13,49 +13,36 @@ from metric_base.errors import InputError
 from metric_base.files import OutputNames
 from metric_cli.errors import DONE, EXIT_NEGATIVE_RESULT, INPUT_ERROR
 from metric_cli.parser import OutputFile, add_tree, input_path
-from metric_cli.progress import with_bar
+from metric_cli.progress import track
 from metric_cli.tables import print_table, warn
 
 if TYPE_CHECKING:
     from models3d.asset import Asset
     from models3d.size_check.check import AssetCheck
 
-HELP = f"Whether 3-D models are at true size: one line a model; exit {EXIT_NEGATIVE_RESULT} if any is wrong."
+HELP = f"Check whether 3-D models have their true size: a line per model; exit {EXIT_NEGATIVE_RESULT} if one is wrong."
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Declare the arguments of the subcommand."""
+    # fmt: off
     add = parser.add_argument
-    add(
-        "files",
-        metavar="FILE",
-        nargs="*",
-        type=input_path,
-        help="models (glTF, USD, OBJ, STL, PLY, DAE, URDF, ...) or folders",
-    )
-    add("--category", metavar="NAME", help="what all of them are; else the files' own words say")
-    add(
-        "--batch",
-        metavar="LIST",
-        type=input_path,
-        help="table of boxes (CSV or Parquet: name, x, y, z in metres), or file names",
-    )
+    add("files", metavar="FILE", nargs="*", type=input_path,
+        help="models (glTF, USD, OBJ, STL, PLY, DAE, URDF, ...) or folders")
+    add("--category", metavar="NAME", help="category of all models (default: from the names in each file)")
+    add("--strict", action="store_true", help=f"exit {EXIT_NEGATIVE_RESULT} also for unknown sizes")
+    add = parser.add_argument_group("output").add_argument
+    add("--fix", metavar="OUT", type=OutputFile(),
+        help="write wrong models at their true size: a file, or a folder for several")
+    add("--bake", action="store_true", help="with --fix: change the vertices of glTF instead of adding a node")
+    add("--report", metavar="FILE.html", type=OutputFile(), help="page with drawings to scale, largest errors first")
+    add("--out", metavar="FILE.jsonl", type=OutputFile("metric-tree/asset/"),
+        help="one JSON line per model; an interrupted run is continued")
+    add = parser.add_argument_group("lists").add_argument
+    add("--batch", metavar="LIST", type=input_path,
+        help="table of boxes (CSV or Parquet: name, x, y, z in metres), or a list of file names")
     add("--up", choices=("x", "y", "z"), help="the axis that points up in boxes")
-    add(
-        "--out",
-        metavar="FILE.jsonl",
-        type=OutputFile("metric-tree/asset/"),
-        help="one JSON line a model; a run that was stopped goes on there",
-    )
-    add("--report", metavar="FILE.html", type=OutputFile(), help="a page, the most wrong first, with drawings to scale")
-    add(
-        "--fix",
-        metavar="OUT",
-        type=OutputFile(),
-        help="write what is wrong at its true size: a file, or a folder for many",
-    )
-    add("--bake", action="store_true", help="with --fix: change the vertices of glTF, not a node above them")
-    add("--strict", action="store_true", help=f"exit {EXIT_NEGATIVE_RESULT} also for what is not known")
+    # fmt: on
     add_tree(parser)
 
 
@@ -64,77 +51,78 @@ def run(arguments: argparse.Namespace) -> int:
     from metric_tree.tree import open_tree
     from models3d.size_check.check import check_bodies
 
-    if not arguments.files and arguments.batch is None:
+    files, batch, fix = arguments.files, arguments.batch, arguments.fix
+    if not files and batch is None:
         raise InputError("arguments: expected FILE... or --batch LIST; found neither")
-    if arguments.fix is not None and _is_table(arguments.batch):
-        raise InputError(f"--fix: expected models to write anew; found a table of boxes, {arguments.batch}")
+    if fix is not None and is_table(batch):
+        raise InputError(f"--fix: expected models to write anew; found a table of boxes, {batch}")
     tree = open_tree(arguments.tree)
-    checks, unread = [], 0
-    done = _files_there(arguments.out)
-    names = OutputNames(arguments.fix) if arguments.fix is not None and _are_many(arguments) else None
-    for asset in with_bar(_assets(arguments), "models"):
+    checks, n_unread = [], 0
+    done = finished_files(arguments.out)
+    has_several = batch is not None or len(files) > 1 or files[0].is_dir()
+    names = OutputNames(fix) if fix is not None and has_several else None
+    for asset in track(assets_of(arguments), "models"):
         if isinstance(asset, InputError):
             warn(str(asset))
-            unread += 1
+            n_unread += 1
         elif str(asset.file) not in done:
             for check in check_bodies(asset, tree, arguments.category):
                 checks.append(check)
-                _print_line(arguments, check)
-                if arguments.fix is not None and check.is_wrong:
-                    _fix(arguments, asset, check, names)
+                write_line(check, arguments)
+                if fix is not None and check.is_wrong:
+                    write_fixed(asset, check, fix, names, arguments.bake)
     if arguments.report is not None:
         from models3d.size_check.report import write_report
 
         write_report(arguments.report, checks)
     if not arguments.json and len(checks) > 1:
-        _print_counts(checks)
-    wrong = any(check.is_wrong or (arguments.strict and check.verdict == "not known") for check in checks)
-    return EXIT_NEGATIVE_RESULT if wrong else INPUT_ERROR if unread else DONE
+        print_table(["verdict", "models"], Counter(check.verdict for check in checks).most_common())
+    is_wrong = any(check.is_wrong or (arguments.strict and check.verdict == "not known") for check in checks)
+    return EXIT_NEGATIVE_RESULT if is_wrong else INPUT_ERROR if n_unread else DONE
 
 
-def _assets(arguments: argparse.Namespace) -> Iterable[Asset | InputError]:
+def assets_of(arguments: argparse.Namespace) -> Iterable[Asset | InputError]:
+    """Yield the models of the arguments and of `--batch`, or the error of a model that cannot be read."""
     from metric_base.input_files import read_text
     from models3d.formats import find_models, read_assets, read_boxes
 
     files = list(arguments.files)
-    if arguments.batch is not None:
-        if _is_table(arguments.batch):
-            yield from read_boxes(arguments.batch, arguments.up)
-        else:
-            folder = arguments.batch.parent
-            files += [folder / line.strip() for line in read_text(arguments.batch).split("\n") if line.strip()]
+    if is_table(arguments.batch):
+        yield from read_boxes(arguments.batch, arguments.up)
+    elif arguments.batch is not None:
+        lines = read_text(arguments.batch).split("\n")
+        files += [arguments.batch.parent / line.strip() for line in lines if line.strip()]
     for _, asset in read_assets(find_models(files)):
         yield asset
 
 
-def _is_table(batch: Path | None) -> bool:
+def is_table(batch: Path | None) -> bool:
+    """Return whether `--batch` is a table of boxes, not a list of files."""
     return batch is not None and batch.suffix.lower() in {".csv", ".parquet"}
 
 
-def _are_many(arguments: argparse.Namespace) -> bool:
-    """Return True if `--fix` names a folder: there may be several models."""
-    files = arguments.files
-    return arguments.batch is not None or len(files) > 1 or files[0].is_dir()
+def finished_files(out: Path | None) -> set[str]:
+    """Return the models that an earlier run wrote, and remove an incomplete last line.
 
-
-def _files_there(out: Path | None) -> set[str]:
-    """The models that an earlier run wrote; half a line of a kill is removed.
-
-    InputError for a file that is none of its kind.
+    Raises
+    ------
+    InputError
+        The file has other content than results of check-asset.
     """
     if out is None or not out.exists():
         return set()
     text = out.read_text(encoding="utf-8")
-    whole = text[: text.rfind("\n") + 1]
-    rows = [line for line in whole.split("\n") if line.strip()]
+    complete = text[: text.rfind("\n") + 1]
+    rows = [line for line in complete.split("\n") if line.strip()]
     if text.strip() and '"metric-tree/asset/1"' not in text.partition("\n")[0]:
         raise InputError(f"{out}: --out: expected results of check-asset, or no file yet; found another file")
-    if whole != text:
-        out.write_text(whole, encoding="utf-8")
+    if complete != text:
+        out.write_text(complete, encoding="utf-8")
     return {json.loads(row)["file"] for row in rows}
 
 
-def _print_line(arguments: argparse.Namespace, check: AssetCheck) -> None:
+def write_line(check: AssetCheck, arguments: argparse.Namespace) -> None:
+    """Append the result of a model to `--out`, and print it."""
     from models3d.size_check.check import verdict_line
 
     row = json.dumps(check.to_json(), ensure_ascii=False, allow_nan=False)
@@ -148,12 +136,8 @@ def _print_line(arguments: argparse.Namespace, check: AssetCheck) -> None:
         print(f"{name}: {verdict_line(check)}")  # noqa: T201 - the command's result
 
 
-def _print_counts(checks: list[AssetCheck]) -> None:
-    counts = Counter(check.verdict for check in checks)
-    print_table(["verdict", "models"], counts.most_common())
-
-
-def _fix(arguments: argparse.Namespace, asset: Asset, check: AssetCheck, names: OutputNames | None) -> None:
+def write_fixed(asset: Asset, check: AssetCheck, fix: Path, names: OutputNames | None, baked: bool) -> None:
+    """Write a model at its true size, into the folder `fix` if `names` are given; warn if no factor is known."""
     from models3d.rescaling import write_at_scale
 
     factor: Any = check.factor if check.verdict == "wrong unit" else None
@@ -163,6 +147,5 @@ def _fix(arguments: argparse.Namespace, asset: Asset, check: AssetCheck, names: 
         warn(f"{check.file}: not written: {check.verdict} says no factor")
         return
     if names is not None:
-        arguments.fix.mkdir(parents=True, exist_ok=True)
-    out = arguments.fix if names is None else names.path(asset.file.name)
-    write_at_scale(asset, out, factor, baked=arguments.bake)
+        fix.mkdir(parents=True, exist_ok=True)
+    write_at_scale(asset, fix if names is None else names.path(asset.file.name), factor, baked=baked)

@@ -12,22 +12,22 @@ from metric_cli.tables import print_json, print_table
 if TYPE_CHECKING:
     from models3d.asset import Asset
 
-HELP = "The true size of a generated or normalised model, from its shape and its category."
+HELP = "Estimate the true size of a generated or normalised model from its shape and its category."
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Declare the arguments of the subcommand."""
     add = parser.add_argument
     add("model", metavar="MODEL", type=input_path, nargs="?", help="glTF, USD, OBJ, STL, PLY, DAE, URDF, SDF or MJCF")
-    add("--category", metavar="NAME", help="what it is")
-    add("--batch", metavar="TABLE", type=input_path, help="boxes of one scene (CSV or Parquet): one factor for all")
-    add("--out", metavar="FILE", type=OutputFile(), help="write the model at the median of its true size")
-    add("--bake", action="store_true", help="with --out: change the vertices of glTF")
+    add("--category", metavar="NAME", help="category of the model")
+    add("--batch", metavar="TABLE", type=input_path, help="boxes of a scene (CSV or Parquet), with a common factor")
+    add("--out", metavar="FILE", type=OutputFile(), help="write the model at the median true size")
+    add("--bake", action="store_true", help="with --out: change the vertices of glTF instead of adding a node")
     add_tree(parser)
 
 
 def run(arguments: argparse.Namespace) -> int:
-    """Print the factor with its interval; write the model where asked for."""
+    """Print the factor with its interval, and write the model to `--out`."""
     from metric_tree.tree import open_tree
     from models3d.formats import read_assets
     from models3d.rescaling import write_at_scale
@@ -41,20 +41,20 @@ def run(arguments: argparse.Namespace) -> int:
             raise content
         asset = content
     if arguments.batch is not None:
-        answer = boxes_true_size(arguments.batch, tree)
+        result = boxes_true_size(arguments.batch, tree)
     elif asset is None or arguments.category is None:
         raise InputError("arguments: expected MODEL --category NAME, or --batch TABLE; found neither")
     else:
-        answer = model_true_size(asset, arguments.category, tree)
+        result = model_true_size(asset, arguments.category, tree)
     if arguments.out is not None and asset is not None:
-        write_at_scale(asset, arguments.out, answer.factor[1], baked=arguments.bake)
+        write_at_scale(asset, arguments.out, result.factor[1], baked=arguments.bake)
     if arguments.json:
-        print_json(answer.to_json())
+        print_json(result.to_json())
         return 0
     columns = ["", "low", "median", "high"]
     rows = [
-        ("factor", *(f"{one:.4g}" for one in answer.factor)),
-        ("height, m", *(f"{one:.4g}" for one in answer.height_m)),
+        ("factor", *(f"{value:.4g}" for value in result.factor)),
+        ("height, m", *(f"{value:.4g}" for value in result.height_m)),
     ]
-    print_table(columns, rows, title=f"{answer.file}: {answer.reason}")
+    print_table(columns, rows, title=f"{result.file}: {result.reason}")
     return 0

@@ -1,4 +1,4 @@
-"""`metric-tree diff A B`: what changed between two releases; a gate where `--fail-over` is given."""
+"""`metric-tree diff A B`: differences between two releases, with an exit status for `--fail-over`."""
 
 from __future__ import annotations
 
@@ -8,12 +8,12 @@ from collections import Counter
 from metric_base.errors import InputError
 from metric_cli.tables import print_json, print_table
 from metric_tree.reports.diff import ReleaseDiff, release_diff
-from metric_tree.tree import Tree, open_tree
+from metric_tree.tree import open_tree
 
-HELP = "What changed between two releases: nodes, tiers, priors that moved and the items that moved them, licences."
+HELP = "Differences between two releases: nodes, tiers, priors with the items that changed them, licences."
 
-#: Rows of a table on the terminal.
-SHOWN = 20
+#: Maximum number of printed priors.
+MAX_ROWS = 20
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -21,15 +21,15 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("before", metavar="A", help="version or folder of the earlier release")
     parser.add_argument("after", metavar="B", help="version or folder of the later one")
     parser.add_argument(
-        "--fail-over", metavar="RATIO", type=float, help="exit 1 if more than this share of the priors moved, 0 to 1"
+        "--fail-over", metavar="RATIO", type=float, help="exit 1 if more than this fraction of the priors moved, 0 to 1"
     )
     parser.add_argument(
-        "--factor", type=float, help="print, and nothing else, the leaves whose median moved by more than this factor"
+        "--factor", type=float, help="print only the leaves whose median moved by more than this factor"
     )
 
 
 def run(arguments: argparse.Namespace) -> int:
-    """Print the diff; 1 where more moved than is allowed."""
+    """Print the differences; 1 if a larger fraction of the priors moved than `--fail-over`."""
     limit = arguments.fail_over
     if limit is not None and not 0 <= limit <= 1:
         raise InputError(f"--fail-over: expected a share from 0 to 1; found {limit:g}")
@@ -42,14 +42,20 @@ def run(arguments: argparse.Namespace) -> int:
     if arguments.json:
         print_json(diff.record())
     elif arguments.factor is not None:
-        _print_leaves(diff, before, after)
+        tiers = [f"{before.tier(moved.node)} to {after.tier(moved.node)}" for moved in diff.priors]
+        print_table(["tiers", "leaves"], Counter(tiers).most_common(), title=f"{len(tiers):,} leaves moved")
+        rows = [
+            (moved.node, moved.dim, moved.before_mm, moved.after_mm, tier, _items_text(moved.blame))
+            for moved, tier in zip(diff.priors, tiers, strict=True)
+        ]
+        print_table(["leaf", "dimension", "median mm", "now", "tiers", "items that moved it"], rows)
     else:
-        _print(diff)
+        print_diff(diff)
     return 1 if limit is not None and diff.share_moved > limit else 0
 
 
-def _print(diff: ReleaseDiff) -> None:
-    moved = f"{len(diff.priors):,} ({diff.share_moved:.1%} of those in both)"
+def print_diff(diff: ReleaseDiff) -> None:
+    """Print the counts of all changes, and the priors that moved most."""
     counts = [
         ("nodes", f"{diff.nodes_before:,} before, {diff.nodes_after:,} now"),
         ("new", len(diff.added)),
@@ -57,12 +63,20 @@ def _print(diff: ReleaseDiff) -> None:
         ("with another parent", len(diff.moved)),
         ("with another name", len(diff.renamed)),
         ("with another tier", len(diff.tiers)),
-        ("with a prior that moved", moved),
+        ("with a prior that moved", f"{len(diff.priors):,} ({diff.share_moved:.1%} of those in both)"),
     ]
     print_table(["", ""], counts, title=f"{diff.before} to {diff.after}")
     rows = [
-        (one.node, one.dim, one.before_mm, one.after_mm, f"{one.median:+.0%}", f"{one.spread:+.0%}", _blame(one.blame))
-        for one in diff.priors[:SHOWN]
+        (
+            moved.node,
+            moved.dim,
+            moved.before_mm,
+            moved.after_mm,
+            f"{moved.median:+.0%}",
+            f"{moved.spread:+.0%}",
+            _items_text(moved.blame),
+        )
+        for moved in diff.priors[:MAX_ROWS]
     ]
     if rows:
         head = ["node", "dimension", "median mm", "now", "median", "interval", "items that moved it"]
@@ -72,16 +86,6 @@ def _print(diff: ReleaseDiff) -> None:
             print_table([title, "before", "now"], [(name, *pair) for name, pair in table.items()])
 
 
-def _print_leaves(diff: ReleaseDiff, before: Tree, after: Tree) -> None:
-    """Count the leaves that moved by their tiers before and after, and print each."""
-    tiers = [f"{before.tier(one.node)} to {after.tier(one.node)}" for one in diff.priors]
-    print_table(["tiers", "leaves"], Counter(tiers).most_common(), title=f"{len(tiers):,} leaves moved")
-    rows = [
-        (one.node, one.dim, one.before_mm, one.after_mm, tier, _blame(one.blame))
-        for one, tier in zip(diff.priors, tiers, strict=True)
-    ]
-    print_table(["leaf", "dimension", "median mm", "now", "tiers", "items that moved it"], rows)
-
-
-def _blame(blame: dict[str, int]) -> str:
+def _items_text(blame: dict[str, int]) -> str:
+    """Return the numbers of items by source that moved a prior."""
     return ", ".join(f"{n:+} {source}" for source, n in list(blame.items())[:3]) or "no shipped item"

@@ -1,4 +1,4 @@
-"""`metric-tree fetch VERSION`: a release from a registry, verified and kept."""
+"""`metric-tree fetch VERSION`: download a release from a registry."""
 
 from __future__ import annotations
 
@@ -8,9 +8,7 @@ from metric_cli.tables import print_json
 from metric_tree.release.registry import REGISTRY_VARIABLE, fetch_release
 from metric_tree.release.release import open_release
 
-HELP = (
-    f"A release by its version, from the registry that {REGISTRY_VARIABLE} names; kept, verified, offline afterwards."
-)
+HELP = f"Download a release from the registry that {REGISTRY_VARIABLE} names, verify it and store it for offline use."
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -22,7 +20,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def run(arguments: argparse.Namespace) -> int:
-    """Fetch the release; print its folder."""
+    """Download the release and print its folder."""
     folder = fetch_release(arguments.version, arguments.registry)
     open_release(folder)
     if arguments.json:

@@ -1,4 +1,4 @@
-"""`metric-tree list`: the available releases, or with `--tree` the outline of one."""
+"""`metric-tree list`: the available releases, or with `--tree` the outline of a release."""
 
 from __future__ import annotations
 
@@ -13,10 +13,9 @@ from metric_tree.release.registry import PATH_VARIABLE, releases
 from metric_tree.release.release import open_release
 from metric_tree.tree import open_tree
 
-HELP = f"The available releases, newest first; {PATH_VARIABLE} names further folders that hold some."
+HELP = f"The available releases, newest first; {PATH_VARIABLE} names further folders of releases."
 
-
-#: Levels of every tree.
+#: Number of levels of a tree.
 LEVELS = 5
 
 
@@ -30,13 +29,22 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         help="the outline of a release: a version or a folder (default: the newest available)",
     )
     parser.add_argument("--depth", type=int, default=3, help="levels of the outline, 1 to 5 (default: %(default)s)")
-    parser.add_argument("--below", metavar="NAME", help="the outline of this category alone, to its leaves")
+    parser.add_argument("--below", metavar="NAME", help="only the outline of this category, down to its leaves")
 
 
 def run(arguments: argparse.Namespace) -> int:
-    """Print a line per release, or per category of one."""
+    """Print the releases, or the outline of a release."""
     if arguments.tree is not None or arguments.below is not None:
-        return _print_outline(arguments)
+        if not 1 <= arguments.depth <= LEVELS:
+            raise InputError(f"--depth: expected 1 to {LEVELS}; found {arguments.depth}")
+        tree = open_tree(arguments.tree or None)
+        top = tree.root if arguments.below is None else tree.find(arguments.below)
+        max_level = arguments.depth if arguments.below is None else LEVELS
+        if arguments.json:
+            print_json([node_entry(node) for node in top.descendants() if node.level <= max_level])
+        else:
+            sys.stdout.writelines(f"{line}\n" for line in outline(top, max_level))
+        return 0
     described = [
         {
             "name": release.manifest["name"],
@@ -58,21 +66,8 @@ def run(arguments: argparse.Namespace) -> int:
     return 0
 
 
-def _print_outline(arguments: argparse.Namespace) -> int:
-    """Print the categories, each below its parent, with tier and items."""
-    if not 1 <= arguments.depth <= LEVELS:
-        raise InputError(f"--depth: expected 1 to {LEVELS}; found {arguments.depth}")
-    tree = open_tree(arguments.tree or None)
-    top = tree.root if arguments.below is None else tree.find(arguments.below)
-    deepest = arguments.depth if arguments.below is None else LEVELS
-    if arguments.json:
-        print_json([_record(node) for node in top.descendants() if node.level <= deepest])
-    else:
-        sys.stdout.writelines(f"{line}\n" for line in _outline(top, deepest))
-    return 0
-
-
-def _record(node: Node) -> dict[str, object]:
+def node_entry(node: Node) -> dict[str, object]:
+    """Return the record of a node in the outline."""
     return {
         "node": node.node_id,
         "name": node.name,
@@ -83,10 +78,10 @@ def _record(node: Node) -> dict[str, object]:
     }
 
 
-def _outline(node: Node, deepest: int, before: str = "", branch: str = "") -> Iterator[str]:
-    """The lines of a node and of those below it, as `tree` draws folders."""
-    yield f"{before}{branch}{node.name}  {node.tier or 'no size'}  {node.n_items:,}"
-    children = node.children if node.level < deepest else ()
-    inner = before + {"": "", "├─ ": "│  ", "└─ ": "   "}[branch]
-    for place, child in enumerate(children, 1):
-        yield from _outline(child, deepest, inner, "└─ " if place == len(children) else "├─ ")
+def outline(node: Node, max_level: int, prefix: str = "", branch: str = "") -> Iterator[str]:
+    """Yield the lines of a node and its descendants, drawn like folders by the program `tree`."""
+    yield f"{prefix}{branch}{node.name}  {node.tier or 'no size'}  {node.n_items:,}"
+    children = node.children if node.level < max_level else ()
+    inner = prefix + {"": "", "├─ ": "│  ", "└─ ": "   "}[branch]
+    for index, child in enumerate(children, 1):
+        yield from outline(child, max_level, inner, "└─ " if index == len(children) else "├─ ")

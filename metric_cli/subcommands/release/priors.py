@@ -11,7 +11,7 @@ from metric_cli.parser import OutputFile, add_tree
 from metric_cli.tables import print_json, print_table
 from metric_tree.tree import open_tree
 
-HELP = "Sizes as a flat table, a row for each node or label: tier, items, quantiles in millimetres."
+HELP = "Sizes as a flat table with a row per node or label: tier, items, quantiles in millimetres."
 
 _SHOWN = ("tier", "n_items", "length_q50_mm", "width_q50_mm", "height_q05_mm", "height_q50_mm", "height_q95_mm")
 

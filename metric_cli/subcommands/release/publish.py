@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import argparse
-from pathlib import Path
 
 from metric_cli.parser import new_folder
 from metric_cli.tables import print_json
@@ -22,18 +21,16 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def run(arguments: argparse.Namespace) -> int:
-    """Write the publication; print its files."""
+    """Write the publication and print the number of files."""
     from metric_tree.release.publication import publish
 
-    files = publish(open_tree(arguments.tree or _open_twin()), arguments.out)
+    reference = arguments.tree
+    if reference is None:  # the newest release without non-commercial sources if there is one, else the newest release
+        newest = release_directory()
+        reference = next((path for path in releases() if path.name == f"{newest.name}-open"), newest)
+    files = publish(open_tree(reference), arguments.out)
     if arguments.json:
         print_json([str(path) for path in files])
     else:
         print(f"{arguments.out}: {len(files):,} files")  # noqa: T201 - the command's result
     return 0
-
-
-def _open_twin() -> Path:
-    """The release without non-commercial sources beside the newest one, else the newest one."""
-    newest = release_directory()
-    return next((path for path in releases() if path.name == f"{newest.name}-open"), newest)

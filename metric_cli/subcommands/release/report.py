@@ -16,14 +16,14 @@ HELP = "A readable page about a release: counts, coverage of label lists, size d
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Declare the arguments of the subcommand."""
     parser.add_argument("release", metavar="DIR", nargs="?", help="folder or version of a release (default: shipped)")
-    parser.add_argument("--against", metavar="DIR", help="an earlier release, to say what changed since")
+    parser.add_argument("--against", metavar="DIR", help="an earlier release, for a section about the changes")
     parser.add_argument(
         "--out", metavar="FILE", type=OutputFile(), default=Path("report.html"), help="page (report.html)"
     )
 
 
 def run(arguments: argparse.Namespace) -> int:
-    """Write the page; print where it is, or with `--json` the figures it shows."""
+    """Write the page; print its path, or with `--json` the counts of the page."""
     from explorer.pages.report_page import page
     from metric_tree.reports.summary import coverage, level_counts
     from taxonomy.label_lists import vocabularies

@@ -1,4 +1,4 @@
-"""`metric-tree search TEXT`: nodes for what a person types."""
+"""`metric-tree search TEXT`: categories for a text."""
 
 from __future__ import annotations
 
@@ -9,18 +9,18 @@ from metric_cli.parser import add_tree
 from metric_cli.tables import print_json, print_table
 from metric_tree.tree import open_tree
 
-HELP = "Categories for a text, the likeliest first; tolerant of typing errors."
+HELP = "Categories for a text, the most likely first; typing errors are tolerated."
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Declare the arguments of the subcommand."""
-    parser.add_argument("text", metavar="TEXT", help="a name, or part of one")
-    parser.add_argument("--limit", metavar="N", type=int, default=10, help="most rows (10)")
+    parser.add_argument("text", metavar="TEXT", help="a name or a part of a name")
+    parser.add_argument("--limit", metavar="N", type=int, default=10, help="maximum number of rows (default: 10)")
     add_tree(parser)
 
 
 def run(arguments: argparse.Namespace) -> int:
-    """Print a row for each node; the exit status is 2 where there is none."""
+    """Print a row per category; the exit status is 2 if no category matches."""
     if arguments.limit < 1:
         raise InputError(f"--limit: expected a number from 1; found {arguments.limit}")
     nodes = open_tree(arguments.tree).search(arguments.text, arguments.limit)

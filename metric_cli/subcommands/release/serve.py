@@ -9,29 +9,29 @@ import sys
 from metric_base.errors import InputError
 from metric_tree.tree import open_tree
 
-HELP = "The explorer and its JSON answers over HTTP; with --mcp as tools for agents over standard input and output."
+HELP = "Serve the explorer and its JSON over HTTP, or with --mcp as tools for agents over standard input and output."
 
-#: Seconds that requests in progress have to end after a request to stop.
+#: Maximum time in seconds for active requests to finish after a stop.
 GRACE_S = 10
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Declare the arguments of the subcommand."""
     add = parser.add_argument
-    add("--host", default="127.0.0.1", help="address to listen at (127.0.0.1: this machine alone)")
-    add("--port", type=int, default=8000, help="port (8000; 0 takes a free one)")
+    add("--host", default="127.0.0.1", help="network address of the server (default: 127.0.0.1, only this machine)")
+    add("--port", type=int, default=8000, help="port, 0 for a free port (default: 8000)")
     add(
         "--tree",
         metavar="REF",
         action="append",
         help="version or folder of a release; may be repeated (default: shipped)",
     )
-    add("--mcp", action="store_true", help="serve the Model Context Protocol in place of HTTP")
-    add("--quiet", action="store_true", help="no line for each request")
+    add("--mcp", action="store_true", help="serve the Model Context Protocol instead of HTTP")
+    add("--quiet", action="store_true", help="do not log requests")
 
 
 def run(arguments: argparse.Namespace) -> int:
-    """Serve until the process is asked to stop."""
+    """Serve until the process is stopped."""
     if not 0 <= arguments.port <= 65535:
         raise InputError(f"--port: expected 0 to 65535; found {arguments.port}")
     trees = [open_tree(ref) for ref in arguments.tree or [None]]

@@ -9,7 +9,7 @@ from metric_cli.parser import new_folder
 from metric_cli.tables import print_json
 from metric_tree.tree import open_tree
 
-HELP = "Every page and JSON answer of the explorer as files, for any static host or a browser alone."
+HELP = "Write all pages and JSON records of the explorer as files, for a static host or a local browser."
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -21,11 +21,11 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         action="append",
         help="version or folder of a release; may be repeated (default: shipped)",
     )
-    parser.add_argument("--workers", metavar="N", type=int, help="processes (default: one for each processor)")
+    parser.add_argument("--workers", metavar="N", type=int, help="number of processes (default: one per processor)")
 
 
 def run(arguments: argparse.Namespace) -> int:
-    """Write the site; print where it is and how large."""
+    """Write the site and print its path and size."""
     from explorer.static_site import write_site
 
     started = time.perf_counter()

@@ -1,4 +1,4 @@
-"""`metric-tree validate DIR`: every rule of a release, each finding with its code."""
+"""`metric-tree validate DIR`: check all rules of a release."""
 
 from __future__ import annotations
 
@@ -11,23 +11,26 @@ from metric_cli.tables import print_json, print_table
 from metric_tree.checks.release_files import CODES, findings
 from metric_tree.release.registry import release_directory
 
-HELP = "Every rule of a release, each finding with its code; exit 2 if any is an error (E)."
+HELP = "Check all rules of a release and print the findings with their codes; exit 2 if one is an error (E)."
 
-#: Findings of one code that are printed unless all are asked for.
-SHOWN = 10
+#: Maximum number of printed findings of one code without `--all`.
+MAX_FINDINGS = 10
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Declare the arguments of the subcommand."""
     parser.add_argument("release", metavar="DIR", nargs="?", help="folder or version of a release (default: shipped)")
-    parser.add_argument("--codes", action="store_true", help="list the codes and what they mean")
-    parser.add_argument("--all", action="store_true", help=f"print all findings, not {SHOWN} of each code")
+    parser.add_argument("--codes", action="store_true", help="list the codes with their meanings")
+    parser.add_argument("--all", action="store_true", help=f"print all findings, not only {MAX_FINDINGS} of each code")
 
 
 def run(arguments: argparse.Namespace) -> int:
     """Print the findings; 2 if any is an error."""
     if arguments.codes:
-        _print_codes(arguments.json)
+        if arguments.json:
+            print_json(CODES)
+        else:
+            print_table(["code", "meaning"], sorted(CODES.items()))
         return 0
     directory = Path(arguments.release) if arguments.release else release_directory()
     if not directory.is_dir():
@@ -40,15 +43,8 @@ def run(arguments: argparse.Namespace) -> int:
         rows = []
         for finding in all_findings:
             shown[finding.code] += 1
-            if arguments.all or shown[finding.code] <= SHOWN:
+            if arguments.all or shown[finding.code] <= MAX_FINDINGS:
                 rows.append((finding.code, finding.subject, finding.message))
         counts = ", ".join(f"{code} {count}" for code, count in sorted(shown.items())) or "nothing found"
         print_table(["code", "subject", "finding"], rows, title=f"{directory}: {counts}")
     return INPUT_ERROR if any(finding.is_error for finding in all_findings) else 0
-
-
-def _print_codes(as_json: bool) -> None:
-    if as_json:
-        print_json(CODES)
-    else:
-        print_table(["code", "meaning"], sorted(CODES.items()))

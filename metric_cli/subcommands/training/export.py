@@ -1,127 +1,118 @@
-"""`metric-tree export --out DIR`: training data for instance segmentation, in COCO's form."""
+"""`metric-tree export --out DIR`: training data for instance segmentation in the COCO format."""
 
 from __future__ import annotations
 
 import argparse
-import csv
+from collections import Counter
 from collections.abc import Iterable, Iterator
-from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from metric_base.errors import InputError
 from metric_cli.parser import add_tree, input_path, new_folder
-from metric_cli.progress import with_bar
+from metric_cli.progress import track
 from metric_cli.tables import print_json, print_table
-from metric_tree.node import Node
-from metric_tree.tree import Tree, open_tree
+from metric_tree.tree import open_tree
 
-HELP = "Training data for instance segmentation (COCO format): pasted cut-outs, and matching pictures of other sets."
+if TYPE_CHECKING:
+    from metric_tree.training.dataset import Plan
+
+HELP = "Training data for instance segmentation (COCO format): pasted cut-outs, and images of other data sets."
+
+#: Range of the sides of a synthetic image in pixels.
+MIN_SIDE_PX, MAX_SIDE_PX = 64, 8192
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Declare the arguments of the subcommand."""
+    # fmt: off
     add = parser.add_argument
-    add("--out", type=new_folder, required=True, metavar="DIR", help="a folder that does not exist yet")
-    add("--categories", metavar="FILE.csv|NAME,NAME", help="what `select --out` wrote, or names (default: select's)")
-    add("--pictures", type=int, default=1000, help="synthetic pictures (default: %(default)s)")
-    add("--size", default="640x480", metavar="WxH", help="of a synthetic picture in pixels (default: %(default)s)")
-    add("--backgrounds", type=input_path, metavar="DIR", help="pictures to paste on (default: made patches)")
-    add("--val-share", type=float, default=0.1, help="share of items and pictures kept for validation")
-    add(
-        "--coco", nargs=2, type=input_path, action="append", default=[], metavar=("JSON", "IMAGES"), help="COCO or LVIS"
-    )
-    add("--ade20k", type=input_path, action="append", default=[], metavar="DIR", help="ADE20K: full set or challenge")
-    add(
-        "--open-images", type=input_path, action="append", default=[], metavar="DIR", help="Open Images masks, V5 to V7"
-    )
-    add("--seed", type=int, default=0, help="the same seed and input give the same bytes (default: %(default)s)")
-    add("--jobs", type=int, default=1, help="processes; they change nothing but the time (default: %(default)s)")
+    add("--out", type=new_folder, required=True, metavar="DIR", help="folder of the data set; it must not exist")
+    add("--categories", metavar="FILE.csv|NAME,NAME",
+        help="output of `select --out`, or names (default: the selection of `select`)")
+    add("--val-share", type=float, default=0.1, help="fraction of items and images for validation")
+    add("--seed", type=int, default=0, help="seed; results are identical for equal seeds (default: %(default)s)")
+    add("--jobs", type=int, default=1, help="number of processes; results do not depend on it (default: %(default)s)")
+    add = parser.add_argument_group("synthetic images").add_argument
+    add("--pictures", type=int, default=1000, help="number of images (default: %(default)s)")
+    add("--size", default="640x480", metavar="WxH", help="size of an image in pixels (default: %(default)s)")
+    add("--backgrounds", type=input_path, metavar="DIR", help="background images (default: synthetic patches)")
+    add = parser.add_argument_group("images of other data sets (may be repeated)").add_argument
+    add("--coco", nargs=2, type=input_path, action="append", default=[], metavar=("JSON", "IMAGES"),
+        help="annotations and images of COCO or LVIS")
+    add("--ade20k", type=input_path, action="append", default=[], metavar="DIR",
+        help="ADE20K, the full set or the challenge")
+    add("--open-images", type=input_path, action="append", default=[], metavar="DIR",
+        help="Open Images with masks, V5 to V7")
+    # fmt: on
     add_tree(parser)
 
 
 def run(arguments: argparse.Namespace) -> int:
-    """Write the data set and print what is in it."""
+    """Write the data set and print its counts."""
     from metric_tree.training.classes import Classes
     from metric_tree.training.composition import cutouts_of
     from metric_tree.training.dataset import export_dataset
+    from metric_tree.training.selection import named_nodes
 
-    plan = _plan(arguments)
-    _see_coco(arguments.coco)
+    plan = parse_plan(arguments)
     tree = open_tree(arguments.tree)
-    classes = Classes(tree, _nodes(tree, arguments.categories))
+    classes = Classes(tree, named_nodes(tree, arguments.categories))
     cutouts = cutouts_of(classes, plan.seed)
-    summary = export_dataset(arguments.out, classes, cutouts, plan, _others(arguments), _making)
-    record: dict[str, Any] = {
-        "schema": "metric-tree/export/1",
-        "out": str(arguments.out),
-        "cutouts": len(cutouts),
-        "pictures": dict(summary.pictures),
-        "objects": dict(summary.objects),
-        "categories": {node.name: summary.by_category[k] for k, node in enumerate(classes.nodes, start=1)},
-        "too_wide_to_tell": summary.ambiguous,
-    }
+
+    def progress(images: Iterable[Any], total: int) -> Iterable[Any]:
+        return track(images, "making pictures", total)
+
+    summary = export_dataset(arguments.out, classes, cutouts, plan, other_datasets(arguments), progress)
+    counts = {node.name: summary.by_category[k] for k, node in enumerate(classes.nodes, start=1)}
     if arguments.json:
-        print_json(record)
-    else:
-        _print(record)
+        print_json(
+            {
+                "schema": "metric-tree/export/1",
+                "out": str(arguments.out),
+                "cutouts": len(cutouts),
+                "pictures": dict(summary.pictures),
+                "objects": dict(summary.objects),
+                "categories": counts,
+                "too_wide_to_tell": summary.ambiguous,
+            }
+        )
+        return 0
+    rows = [(split, count, summary.objects[split]) for split, count in summary.pictures.items()]
+    title = f"{arguments.out}: from {len(cutouts)} cut-outs"
+    print_table(["split", "pictures", "objects"], rows, title=title)
+    print_table(["category", "objects"], Counter(counts).most_common())
+    if summary.ambiguous:
+        print_table(["label above a category, left out", "objects"], summary.ambiguous.items())
     return 0
 
 
-def _plan(arguments: argparse.Namespace) -> Any:
+def parse_plan(arguments: argparse.Namespace) -> Plan:
+    """Return the plan of the data set. Raises InputError for an invalid number or a missing file."""
     from metric_tree.training.dataset import Plan, background_files
 
     try:
         width, height = (int(side) for side in arguments.size.lower().split("x"))
     except ValueError:
         width = height = 0
-    if not (64 <= width <= 8192 and 64 <= height <= 8192):
-        raise InputError(f"--size: expected WIDTHxHEIGHT from 64 to 8192; found {arguments.size!r}")
+    if not (MIN_SIDE_PX <= width <= MAX_SIDE_PX and MIN_SIDE_PX <= height <= MAX_SIDE_PX):
+        expected = f"WIDTHxHEIGHT from {MIN_SIDE_PX} to {MAX_SIDE_PX}"
+        raise InputError(f"--size: expected {expected}; found {arguments.size!r}")
     if not 0 <= arguments.val_share < 1:
         raise InputError(f"--val-share: expected a share from 0 to under 1; found {arguments.val_share}")
-    for name, least in (("pictures", 0), ("jobs", 1), ("seed", 0)):
-        if getattr(arguments, name) < least:
-            raise InputError(f"--{name}: expected {least} or more; found {getattr(arguments, name)}")
-    backgrounds = background_files(arguments.backgrounds) if arguments.backgrounds else ()
-    return Plan(arguments.pictures, (width, height), arguments.val_share, arguments.seed, backgrounds, arguments.jobs)
-
-
-def _nodes(tree: Tree, categories: str | None) -> list[Node]:
-    """The nodes of a file that `select` wrote, or of names, or of the selection."""
-    if categories is None:
-        from metric_tree.training.selection import candidates, choose
-
-        ranked = candidates(tree)
-        taken = [one.node for one in choose(ranked)]
-        if not taken:
-            count = f"none of {len(ranked)} candidates of {tree.name} {tree.version}"
-            raise InputError(f"--categories: expected names, as select's rules chose no category; found {count}")
-        return taken
-    if not categories.endswith(".csv"):
-        return [tree.find(name.strip()) for name in categories.split(",")]
-    with Path(categories).open(encoding="utf-8", newline="") as lines:
-        reader = csv.DictReader(lines)
-        rows = [(reader.line_num, row) for row in reader]
-    if not rows or "node" not in rows[0][1]:
-        raise InputError(f"{categories}: columns: expected node, as `metric-tree select --out` writes it; found none")
-    nodes = []
-    for line, row in rows:
-        try:
-            nodes.append(tree.node(row["node"]))
-        except InputError as error:
-            raise InputError(f"{categories}:{line}: {error}") from None
-    return nodes
-
-
-def _see_coco(given: Iterable[tuple[Path, Path]]) -> None:
-    """The annotation files and the folders of their images, asked before the work."""
-    for file, images in given:
+    for name, minimum in (("pictures", 0), ("jobs", 1), ("seed", 0)):
+        if getattr(arguments, name) < minimum:
+            raise InputError(f"--{name}: expected {minimum} or more; found {getattr(arguments, name)}")
+    for file, images in arguments.coco:
         if not file.is_file():
             raise InputError(f"--coco: expected a JSON file; found no file {file}")
         if not images.is_dir():
             raise InputError(f"--coco: expected a folder of pictures; found no folder {images}")
+    backgrounds = background_files(arguments.backgrounds) if arguments.backgrounds else ()
+    return Plan(arguments.pictures, (width, height), arguments.val_share, arguments.seed, backgrounds, arguments.jobs)
 
 
-def _others(arguments: argparse.Namespace) -> Iterator[tuple[tuple[str, ...], Iterable[Any]]]:
+def other_datasets(arguments: argparse.Namespace) -> Iterator[tuple[tuple[str, ...], Iterable[Any]]]:
+    """Yield the label lists and the images of the other data sets."""
     from metric_tree.training import ade20k, coco, open_images
 
     for file, images in arguments.coco:
@@ -130,20 +121,3 @@ def _others(arguments: argparse.Namespace) -> Iterator[tuple[tuple[str, ...], It
         yield ade20k.LISTS, ade20k.ade20k_images(folder)
     for folder in arguments.open_images:
         yield open_images.LISTS, open_images.open_images_images(folder)
-
-
-def _making(pictures: Iterable[Any], total: int) -> Iterable[Any]:
-    return with_bar(pictures, "making pictures", total)
-
-
-def _print(record: dict[str, Any]) -> None:
-    print_table(
-        ["split", "pictures", "objects"],
-        [(split, count, record["objects"][split]) for split, count in record["pictures"].items()],
-        title=f"{record['out']}: from {record['cutouts']} cut-outs",
-    )
-    counts: dict[str, int] = record["categories"]
-    names = sorted(counts, key=lambda name: -counts[name])
-    print_table(["category", "objects"], [(name, counts[name]) for name in names])
-    if record["too_wide_to_tell"]:
-        print_table(["label above a category, left out", "objects"], record["too_wide_to_tell"].items())

@@ -1,12 +1,9 @@
-"""`metric-tree select`: the categories fit for instance segmentation and scale estimation, and what decided."""
+"""`metric-tree select`: categories for instance segmentation and scale estimation."""
 
 from __future__ import annotations
 
 import argparse
 import csv
-import io
-from collections.abc import Sequence
-from pathlib import Path
 from typing import Any
 
 from metric_base.errors import InputError
@@ -15,16 +12,15 @@ from metric_cli.parser import OutputFile, add_tree
 from metric_cli.tables import print_json, print_table
 from metric_tree.training.selection import (
     TRAINING_LISTS,
-    CategoryCandidate,
     Rules,
     candidates,
     choose,
     paper_selection,
-    reason_against,
+    selection_record,
 )
-from metric_tree.tree import Tree, open_tree
+from metric_tree.tree import open_tree
 
-HELP = "The categories fit for instance segmentation and scale estimation, with the figures that decided."
+HELP = "Select categories for instance segmentation and scale estimation, with the figures of each rule."
 
 _COLUMNS = ("node", "name", "divergence", "samples", "sources", "lists", "sd", "narrowing", "paper")
 
@@ -33,23 +29,25 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Declare the arguments of the subcommand."""
     add = parser.add_argument
     rules = Rules()
-    add("--count", type=int, default=rules.count, help="how many (default: %(default)s, as the paper)")
-    add("--most-divergence", type=float, default=rules.most_divergence, help="sd of log size (default: %(default)s)")
-    add("--least-samples", type=int, default=rules.least_samples, help="items of the fit (default: %(default)s)")
-    add("--least-sources", type=int, default=rules.least_sources, help="sources of these (default: %(default)s)")
-    add(
-        "--least-lists",
-        type=int,
-        default=rules.least_lists,
-        help=f"of the training sets {', '.join(TRAINING_LISTS)} (default: %(default)s)",
-    )
-    add("--out", type=OutputFile(), metavar="FILE.csv", help="write the chosen categories, for `export`")
+    # fmt: off
+    add("--count", type=int, default=rules.count,
+        help="number of categories (default: %(default)s, as in the paper)")
+    add("--most-divergence", type=float, default=rules.most_divergence,
+        help="maximum standard deviation of log size (default: %(default)s)")
+    add("--least-samples", type=int, default=rules.least_samples,
+        help="minimum number of items of the fit (default: %(default)s)")
+    add("--least-sources", type=int, default=rules.least_sources,
+        help="minimum number of their sources (default: %(default)s)")
+    add("--least-lists", type=int, default=rules.least_lists,
+        help=f"minimum number of the training sets {', '.join(TRAINING_LISTS)} (default: %(default)s)")
+    add("--out", type=OutputFile(), metavar="FILE.csv", help="write the selected categories, for `export`")
     add("--figure", type=OutputFile(), metavar="FILE", help="draw the figure of each rule (.png, .svg, .pdf)")
+    # fmt: on
     add_tree(parser)
 
 
 def run(arguments: argparse.Namespace) -> int:
-    """Choose, print our selection and beside it the paper's with the reasons of the differences."""
+    """Print the selection and, for comparison, that of the paper with the reasons of the differences."""
     rules = Rules(
         arguments.count,
         arguments.most_divergence,
@@ -66,73 +64,26 @@ def run(arguments: argparse.Namespace) -> int:
     tree = open_tree(arguments.tree)
     ranked = candidates(tree)
     taken = choose(ranked, rules)
-    chosen_summary = selection(tree, ranked, taken, rules)
+    record = selection_record(tree, ranked, taken, rules)
     if arguments.figure:
         from metric_tree.training.selection_figure import write_figure
 
         write_figure(arguments.figure, ranked, taken, {node_id for _, node_id in paper_selection()}, rules)
     if arguments.out:
-        _write(chosen_summary["chosen"], arguments.out)
+        with whole_file(arguments.out, "--out") as work, work.open("w", encoding="utf-8", newline="") as file:
+            writer = csv.writer(file, lineterminator="\n")
+            writer.writerow(_COLUMNS)
+            for row in record["chosen"]:
+                writer.writerow([len(row[name]) if name == "lists" else row[name] for name in _COLUMNS])
     if arguments.json:
-        print_json(chosen_summary)
+        print_json(record)
     else:
-        _print(chosen_summary)
+        print_selection(record)
     return 0
 
 
-def selection(
-    tree: Tree, all_candidates: Sequence[CategoryCandidate], taken: Sequence[CategoryCandidate], rules: Rules
-) -> dict[str, Any]:
-    """The selection as the JSON of the command."""
-    labels = {node_id: label for label, node_id in paper_selection()}
-    by_id = {one.node.node_id: one for one in all_candidates}
-    return {
-        "schema": "metric-tree/select/1",
-        "tree": {"name": tree.name, "version": tree.version},
-        "rules": {name: getattr(rules, name) for name in Rules.__dataclass_fields__},
-        "candidates": len(all_candidates),
-        "chosen": [_row(one, labels.get(one.node.node_id)) for one in taken],
-        "paper": [
-            {
-                **(_row(by_id[node_id], label) if node_id in by_id else {"node": node_id, "paper": label}),
-                "chosen": any(one.node.node_id == node_id for one in taken),
-                "reason": _reason(by_id.get(node_id), taken, rules),
-            }
-            for label, node_id in paper_selection()
-        ],
-    }
-
-
-def _reason(one: CategoryCandidate | None, taken: Sequence[CategoryCandidate], rules: Rules) -> str | None:
-    return "no prior in this release" if one is None else reason_against(one, taken, rules)
-
-
-def _row(one: CategoryCandidate, paper: str | None) -> dict[str, Any]:
-    return {
-        "node": one.node.node_id,
-        "name": one.node.name,
-        "dims": list(one.prior.dims),
-        "divergence": round(one.divergence, 3),
-        "samples": one.samples,
-        "sources": one.prior.n_sources,
-        "lists": list(one.lists),
-        "sd": round(one.sd, 3),
-        "narrowing": round(one.narrowing, 3),
-        "paper": paper,
-    }
-
-
-def _write(rows: Sequence[dict[str, Any]], path: Path) -> None:
-    text = io.StringIO()
-    writer = csv.writer(text, lineterminator="\n")
-    writer.writerow(_COLUMNS)
-    for row in rows:
-        writer.writerow([*(row[name] for name in _COLUMNS[:5]), len(row["lists"]), *(row[n] for n in _COLUMNS[6:])])
-    with whole_file(path, "--out") as work:
-        work.write_text(text.getvalue(), encoding="utf-8")
-
-
-def _print(summary: dict[str, Any]) -> None:
+def print_selection(summary: dict[str, Any]) -> None:
+    """Print the selection and that of the paper."""
     columns = ("category", "divergence", "samples", "sources", "lists", "sd of log scale", "narrowing")
     print_table(
         [*columns, "paper's name"],
@@ -148,7 +99,7 @@ def _print(summary: dict[str, Any]) -> None:
 
 
 def figures(row: dict[str, Any]) -> tuple[object, ...]:
-    """The cells of a row of the selection under the columns from divergence to narrowing; dashes where it has none."""
+    """Return the cells of the columns from divergence to narrowing; None for a category without a prior."""
     if "samples" not in row:
         return (None,) * 6
     lists = f"{len(row['lists'])} of {len(TRAINING_LISTS)}"

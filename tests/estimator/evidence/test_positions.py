@@ -11,6 +11,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from capture.recorded_sources import recorded_sources
 from estimator.evidence import gps
 from estimator.evidence.alignment import align
 from estimator.evidence.gps import Gps, east_north_up, position_evidence
@@ -19,7 +20,6 @@ from estimator.geometry.vertical import OBSERVED_METHODS
 from estimator.records.objects import Measurements, Up
 from metric_base.arrays import FloatArray
 from metric_base.errors import InputError
-from metric_cli.estimate_scale.evidence import recorded_sources
 from tests.synthetic.evidence import degrees_of, one, position_table, write_exif
 from tests.synthetic.walk import Walk
 

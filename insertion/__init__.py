@@ -1,4 +1,4 @@
-"""Virtual objects in pictures and video at their true size: models, places, light, rendering, compositing, exports."""
+"""Insertion of virtual objects into images and video at their true size."""
 
 from __future__ import annotations
 

@@ -1,1 +1,1 @@
-"""Blender in a process of its own: Cycles in place of the embedded renderer, and `.blend` files."""
+"""Blender in a separate process: Cycles instead of the embedded renderer, and `.blend` files."""

@@ -1,9 +1,9 @@
-"""Run by the user's Blender, never imported: `blender -b -P scene.py`, or `python scene.py` where `bpy` is installed.
+"""Script for the user's Blender (5.0): `blender -b -P scene.py`, or `python scene.py` with `bpy`.
 
-Writes `scene.blend` into the folder of the layers (`insert-object --layers`), with two scenes. `joined` joins the
-layers in the compositor and renders the same frame. `objects` has the camera, the plate without its lens, the objects,
-what catches their shadows, and a card before the camera that cuts out what hides them. Frame k is file k of each layer.
-`--render FOLDER` renders every frame of both. Needs Blender 5.0.
+It writes `scene.blend` to the folder of the layers (`insert-object --layers`) with two scenes. `joined` composites the
+layers and renders the same frames. `objects` has the camera, the undistorted plate, the objects, their shadow catchers,
+and a card in front of the camera that cuts out occluded pixels. Frame k is file k of each layer. `--render FOLDER`
+renders all frames of both scenes.
 """
 
 import argparse
@@ -18,18 +18,18 @@ from mathutils import Matrix
 
 HERE = Path(__file__).resolve().parent
 sys.path.insert(0, str(HERE))
-import script  # type: ignore[import-not-found]  # noqa: E402  (beside this file)
+import script  # type: ignore[import-not-found]  # noqa: E402  (in the same folder)
 
-#: Metres from the camera to the card that hides objects.
+#: Distance of the card from the camera in metres.
 CARD_M = 0.05
 
 
-def main(words: list[str]) -> None:
-    """Build both scenes, save them, and render them if it is asked for."""
+def main(argv: list[str]) -> None:
+    """Build and save both scenes, and render them with `--render`."""
     parser = argparse.ArgumentParser(prog="scene.py", description=__doc__)
-    parser.add_argument("--render", metavar="FOLDER", type=Path, help="render every frame of both scenes into it")
-    parser.add_argument("--only", choices=("joined", "objects"), help="render this scene alone")
-    options = parser.parse_args(words)
+    parser.add_argument("--render", metavar="FOLDER", type=Path, help="folder for all frames of both scenes")
+    parser.add_argument("--only", choices=("joined", "objects"), help="render only this scene")
+    options = parser.parse_args(argv)
     job = json.loads((HERE / "job.json").read_text(encoding="utf-8"))
     bpy.ops.wm.read_factory_settings(use_empty=True)
     objects = bpy.context.scene
@@ -53,7 +53,7 @@ def main(words: list[str]) -> None:
 
 
 def add_camera(scene: Any, job: dict[str, Any]) -> Any:
-    """The ideal camera behind the picture, with a key for each frame and the plate behind it."""
+    """Add the undistorted camera with a keyframe per frame, and the plate as its background."""
     data = bpy.data.cameras.new("recovered camera")
     data.sensor_fit, data.sensor_width = "HORIZONTAL", 36.0
     data.clip_start, data.clip_end = 0.01, 1000.0
@@ -78,19 +78,19 @@ def add_camera(scene: Any, job: dict[str, Any]) -> Any:
 
 
 def add_card(scene: Any, camera: Any, job: dict[str, Any]) -> None:
-    """A card that fills the camera's picture and cuts out what the matte covers; light does not see it."""
+    """Add a card that fills the image of the camera and cuts out the matte; it is invisible to light."""
     window = job["window"]
     half = np.array([window["width"] / window["fx"], window["height"] / window["fy"]]) * CARD_M / 2
     x = CARD_M * (window["width"] / 2 - window["cx"]) / window["fx"]
     y = CARD_M * (window["cy"] - window["height"] / 2) / window["fy"]
-    mesh = bpy.data.meshes.new("what hides the objects")
+    mesh = bpy.data.meshes.new("occluders")
     corners = [(x + i * half[0], y + k * half[1], -CARD_M) for i, k in ((-1, -1), (1, -1), (1, 1), (-1, 1))]
     mesh.from_pydata(corners, [], [(0, 1, 2, 3)])
-    across = mesh.uv_layers.new(name="picture")
+    across = mesh.uv_layers.new(name="image")
     for row, at in enumerate(((0, 0), (1, 0), (1, 1), (0, 1))):
         across.data[row].uv = at
     mesh.materials.append(card_material(job))
-    card = bpy.data.objects.new("what hides the objects", mesh)
+    card = bpy.data.objects.new("occluders", mesh)
     card.parent = camera
     for ray in ("diffuse", "glossy", "transmission", "volume_scatter", "shadow"):
         setattr(card, f"visible_{ray}", False)
@@ -98,7 +98,7 @@ def add_card(scene: Any, camera: Any, job: dict[str, Any]) -> None:
 
 
 def card_material(job: dict[str, Any]) -> Any:
-    """Holdout where the matte is 1, nothing where it is 0."""
+    """Return a material that is a holdout for a matte of 1 and transparent for 0."""
     material = bpy.data.materials.new("matte")
     material.use_nodes = True
     nodes, links = material.node_tree.nodes, material.node_tree.links
@@ -116,7 +116,7 @@ def card_material(job: dict[str, Any]) -> Any:
 
 
 def over_plate(scene: Any, job: dict[str, Any]) -> None:
-    """What Cycles renders, over the plate without its lens."""
+    """Composite the image of Cycles over the undistorted plate."""
     tree, output = compositor(scene)
     rendered = tree.nodes.new("CompositorNodeRLayers")
     rendered.scene = scene
@@ -127,7 +127,7 @@ def over_plate(scene: Any, job: dict[str, Any]) -> None:
 
 
 def join_layers(scene: Any, job: dict[str, Any]) -> None:
-    """Join plate * shadow * (1 - A) + RGB, as `layers.json` has it."""
+    """Composite plate * shadow * (1 - A) + RGB, as in `layers.json`."""
     scene.camera = bpy.data.objects.new("no camera", bpy.data.cameras.new("no camera"))
     scene.collection.objects.link(scene.camera)
     scene.render.resolution_x, scene.render.resolution_y = job["size"]
@@ -162,7 +162,7 @@ def layer(tree: Any, name: str, job: dict[str, Any]) -> Any:
 
 
 def sequence(name: str, job: dict[str, Any]) -> Any:
-    """The files of a layer as one image that plays."""
+    """Return the files of a layer as an image sequence."""
     image = bpy.data.images.load(str(HERE.parent / name / f"{job['first']:06d}.exr"))
     image.name, image.source = name, "SEQUENCE"
     image.alpha_mode = "PREMUL"
@@ -170,13 +170,13 @@ def sequence(name: str, job: dict[str, Any]) -> Any:
 
 
 def play(user: Any, job: dict[str, Any]) -> None:
-    """Make frame k show file k."""
+    """Show file k in frame k."""
     user.frame_start, user.frame_offset, user.frame_duration = 1, 0, job["last"]
     user.use_auto_refresh = True
 
 
 def set_output(scene: Any, job: dict[str, Any]) -> None:
-    """Frames, rate and colours; nothing is added to what the layers say."""
+    """Set frames, rate and colour management, so that the colours of the layers are unchanged."""
     scene.frame_start, scene.frame_end = job["first"], job["last"]
     scene.frame_current = job["first"]
     render = scene.render
@@ -193,7 +193,7 @@ def set_output(scene: Any, job: dict[str, Any]) -> None:
 
 
 def render(scene: Any, folder: Path, job: dict[str, Any]) -> None:
-    """One PNG for each frame that has a camera."""
+    """Write a PNG file for each frame with a camera."""
     for key in job["keys"]:
         scene.frame_set(key["frame"])
         scene.render.filepath = str(folder / f"{key['frame']:06d}.png")

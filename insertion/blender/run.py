@@ -1,11 +1,8 @@
-"""Where Blender is, and one run of it.
+"""Run Blender: images of the objects by Cycles, `.blend` files, and the script of `--layers` for the user's Blender.
 
-Blender is GPL and wants an exact Python: it never runs in our process. `METRIC_TREE_BLENDER` names a `blender` program
-or the Python of an environment that has `bpy`; without it, `blender` on PATH is used.
-
-`--layers DIR`: `DIR/blender/scene.py`, which the user's Blender runs to get `DIR/scene.blend`. Nothing runs here.
-
-The objects drawn by Cycles for every picture, and `.blend` files.
+Blender has the licence GPL and requires an exact version of Python, so it runs in a separate process. The environment
+variable `METRIC_TREE_BLENDER` names a `blender` program or the Python of an environment with `bpy`; the default is
+`blender` on PATH.
 """
 
 from __future__ import annotations
@@ -36,7 +33,7 @@ from models3d.gltf.model_writer import write_gltf_model
 
 _SCRIPTS = {"scene.py": "layer_script.py", "script.py": "script.py"}
 VARIABLE = "METRIC_TREE_BLENDER"
-#: Seconds between two looks at what is done.
+#: Interval between two updates of the progress in seconds.
 POLL_S = 0.2
 _SCRIPT = Path(__file__).with_name("script.py")
 Layer = NDArray[np.float32]
@@ -49,24 +46,24 @@ def write_layer_scene(
     metres_per_unit: float,
     environment: Environment,
 ) -> None:
-    """Write the script with all that it needs into `folder / "blender"`; pictures without a pose have no camera key."""
-    own = folder / "blender"
-    own.mkdir()
+    """Write the script and its inputs to `folder / "blender"`; frames without a pose have no camera keyframe."""
+    target = folder / "blender"
+    target.mkdir()
     for name, source in _SCRIPTS.items():
-        shutil.copyfile(Path(__file__).with_name(source), own / name)
+        shutil.copyfile(Path(__file__).with_name(source), target / name)
     transform = metric_transform(objects, metres_per_unit)
     posed = [frame for frame in frames if frame.view is not None]
-    job = insertion_job(objects, camera_keyframes(posed, transform), transform, environment, own, full_window)
+    job = insertion_job(objects, camera_keyframes(posed, transform), transform, environment, target, full_window)
     for number, (item, entry) in enumerate(zip(objects, job["objects"], strict=True), start=1):
         entry["file"] = f"model{number}.glb"
         if item.request.model.suffix.lower() == ".glb" and not item.model.animations:
-            shutil.copyfile(item.request.model, own / entry["file"])
+            shutil.copyfile(item.request.model, target / entry["file"])
         else:
-            write_gltf_model(own / entry["file"], item.model)
+            write_gltf_model(target / entry["file"], item.model)
     for frame, key in zip(posed, job["keys"], strict=True):
         key["frame"] = frame.index + 1
     camera = posed[0].view
-    assert camera is not None  # these have one
+    assert camera is not None  # they have a pose
     job |= {
         "environment": "environment.hdr",
         "size": [camera.camera.width, camera.camera.height],
@@ -74,11 +71,11 @@ def write_layer_scene(
         "last": frames[-1].index + 1,
         "rate": frame_rate(frames),
     }
-    (own / "job.json").write_text(json.dumps(job, indent=1) + "\n", encoding="utf-8")
+    (target / "job.json").write_text(json.dumps(job, indent=1) + "\n", encoding="utf-8")
 
 
 def blender_program() -> list[str]:
-    """The words that run a script in Blender. Raises InputError where there is no Blender."""
+    """Return the command that runs a script in Blender. Raises InputError if Blender is not installed."""
     stated = os.environ.get(VARIABLE)
     program = shutil.which(stated or "blender")
     if program is None:
@@ -91,35 +88,29 @@ def blender_program() -> list[str]:
 
 
 def run_blender(job: Mapping[str, Any], folder: Path, progress: ProgressCallback = silent) -> None:
-    """Run one job (`script.py` says what is in it); `folder` takes its files. Raises InputError if Blender fails."""
+    """Run a job (see `script.py`) with its files in `folder`. Raises InputError if Blender fails."""
     file = folder / "job.json"
     file.write_text(json.dumps(job), encoding="utf-8")
-    # Blender's Python must not see our packages
-    clean = {name: value for name, value in os.environ.items() if name not in ("PYTHONPATH", "PYTHONHOME")}
-    pictures = len(job["keys"]) if job.get("out") else 0
-    status, log = _run([*blender_program(), str(file)], clean, folder, pictures, progress)
-    if status != 0 or "Traceback" in log:
-        last = next((line for line in reversed(log.splitlines()) if line.strip()), "no word")
-        raise InputError(f"--renderer blender: Blender ended with status {status}: {last.strip()}")
-
-
-def _run(
-    words: list[str], environment: Mapping[str, str], folder: Path, pictures: int, progress: ProgressCallback
-) -> tuple[int, str]:
-    """The status of a program and what it said; its progress is the number of pictures in its folder."""
-    file = folder / "log.txt"
-    with file.open("w", encoding="utf-8") as log:
-        process = subprocess.Popen(words, stdout=log, stderr=subprocess.STDOUT, env=dict(environment))
+    # Blender's Python must not find the packages of this environment
+    environment = {name: value for name, value in os.environ.items() if name not in ("PYTHONPATH", "PYTHONHOME")}
+    n_images = len(job["keys"]) if job.get("out") else 0
+    log_file = folder / "log.txt"
+    with log_file.open("w", encoding="utf-8") as log:
+        argv = [*blender_program(), str(file)]
+        process = subprocess.Popen(argv, stdout=log, stderr=subprocess.STDOUT, env=environment)
         try:
             while process.poll() is None:
                 with suppress(subprocess.TimeoutExpired):
                     process.wait(POLL_S)
-                progress("Cycles", len(list(folder.glob("*.npy"))), pictures or None)
-        finally:  # Ctrl-C ends it, too
+                progress("Cycles", len(list(folder.glob("*.npy"))), n_images or None)
+        finally:  # also after Ctrl-C
             if process.poll() is None:
                 process.kill()
                 process.wait()
-    return process.returncode, file.read_text(encoding="utf-8", errors="replace")
+    text = log_file.read_text(encoding="utf-8", errors="replace")
+    if process.returncode != 0 or "Traceback" in text:
+        last = next((line for line in reversed(text.splitlines()) if line.strip()), "no word")
+        raise InputError(f"--renderer blender: Blender ended with status {process.returncode}: {last.strip()}")
 
 
 @contextmanager
@@ -130,7 +121,7 @@ def traced_layers(
     environment: Environment,
     progress: ProgressCallback = silent,
 ) -> Iterator[Callable[[Frame], Layer]]:
-    """A function from a shot to its (h, w, 4) layer through the lens; all are rendered first, in one run."""
+    """Provide a function that returns the layer (h, w, 4) of a frame through the lens; one run renders all frames."""
     transform = metric_transform(objects, metres_per_unit)
     posed = [frame for frame in frames if frame.view is not None]
     with tempfile.TemporaryDirectory(prefix="insert-object-") as name:
@@ -140,7 +131,7 @@ def traced_layers(
         stems = {frame.index: f"{number:06d}" for number, frame in enumerate(posed)}
 
         def layer(frame: Frame) -> Layer:
-            assert frame.view is not None  # only shots with a pose are drawn on
+            assert frame.view is not None  # other frames have no objects
             ideal = np.load(folder / f"{stems[frame.index]}.npy", allow_pickle=False).astype(np.float32)
             camera = frame.view.camera
             return through_lens(ideal, frame.view, PixelBox(0, 0, camera.width, camera.height))
@@ -155,7 +146,7 @@ def export_blend(
     metres_per_unit: float,
     environment: Environment,
 ) -> list[str]:
-    """`scene.blend` in the folder if there is a Blender; what could not be written, one line each."""
+    """Write `scene.blend` to the folder if Blender is installed; return a line for each file that was not written."""
     try:
         blender_program()
     except InputError:
@@ -171,7 +162,7 @@ def write_blend(
     metres_per_unit: float,
     environment: Environment,
 ) -> None:
-    """The scene with its animated camera as a `.blend` file, which packs what it needs."""
+    """Write the scene with its animated camera as a `.blend` file that contains all its resources."""
     transform = metric_transform(objects, metres_per_unit)
     with tempfile.TemporaryDirectory(prefix="insert-object-") as name:
         folder = Path(name)

@@ -1,7 +1,6 @@
-"""Run by Blender's own Python, never imported: `blender -b -P script.py -- JOB.json`, or `python script.py JOB.json`.
+"""Script for the Python of Blender: `blender -b -P script.py -- JOB.json`, or `python script.py JOB.json` with `bpy`.
 
-The job (see `job.py`) names models with matrices, cameras, lights and what to write. Its frame is metres with +y up;
-Blender's is +z up.
+The job (see `job.py`) has models with matrices, cameras, lights and outputs, in metres with +y up. Blender has +z up.
 """
 
 import json
@@ -13,12 +12,12 @@ import bpy
 import numpy as np
 from mathutils import Matrix
 
-#: From +y up to +z up, as Blender's glTF importer turns it.
+#: Rotation from +y up to +z up, as in the glTF importer of Blender.
 TURN = np.array([[1, 0, 0, 0], [0, 0, -1, 0], [0, 1, 0, 0], [0, 0, 0, 1]], dtype=float)
 
 
 def main(job: dict[str, Any]) -> None:
-    """Build the scene, then save and render what the job asks for."""
+    """Build the scene, then save and render the outputs of the job."""
     bpy.ops.wm.read_factory_settings(use_empty=True)
     scene = bpy.context.scene
     for item in job["objects"]:
@@ -30,14 +29,14 @@ def main(job: dict[str, Any]) -> None:
     set_world(scene, job.get("environment"))
     camera = add_camera(scene, job)
     if job.get("blend"):
-        bpy.ops.file.pack_all()  # the environment is a temporary file
+        bpy.ops.file.pack_all()  # the file of the environment is temporary
         bpy.ops.wm.save_as_mainfile(filepath=job["blend"], compress=True)
     if job.get("out"):
         render(scene, camera, job)
 
 
 def add_model(item: dict[str, Any]) -> None:
-    """Import a glTF file and put it at its matrix."""
+    """Import a glTF file and set its matrix."""
     before = set(bpy.data.objects)
     bpy.ops.import_scene.gltf(filepath=item["file"])
     new = [entry for entry in bpy.data.objects if entry not in before]
@@ -52,7 +51,7 @@ def add_model(item: dict[str, Any]) -> None:
 
 
 def add_light(light: dict[str, Any]) -> None:
-    """A square area light; matrix : its place, shining along its -z; power in watts."""
+    """Add a square area light with a power in watts, which shines along -z of its matrix."""
     data = bpy.data.lights.new("lamp", "AREA")
     data.shape, data.size, data.energy = "SQUARE", light["size"], light["power"]
     data.color = light.get("colour", (1, 1, 1))
@@ -62,7 +61,7 @@ def add_light(light: dict[str, Any]) -> None:
 
 
 def add_catcher(catcher: dict[str, Any]) -> None:
-    """A rectangle that shows nothing but shadows; corners : (4, 3); albedo : what it reflects onto the object."""
+    """Add a shadow catcher with `corners` (4, 3), which reflects light onto the objects by its `albedo`."""
     mesh = bpy.data.meshes.new("support")
     corners = np.array(catcher["corners"]) @ TURN[:3, :3].T
     mesh.from_pydata([tuple(corner) for corner in corners.tolist()], [], [(0, 1, 2, 3)])
@@ -78,7 +77,7 @@ def add_catcher(catcher: dict[str, Any]) -> None:
 
 
 def set_world(scene: Any, file: str | None) -> None:
-    """An equirectangular picture as the light of the world, or black."""
+    """Set an equirectangular image as the environment, or black."""
     world = bpy.data.worlds.new("world")
     scene.world = world
     world.use_nodes = True
@@ -94,7 +93,7 @@ def set_world(scene: Any, file: str | None) -> None:
 
 
 def add_camera(scene: Any, job: dict[str, Any]) -> Any:
-    """The ideal camera of the job's window with a key for each picture."""
+    """Add the undistorted camera of the window of the job, with a keyframe per frame."""
     data = bpy.data.cameras.new("recovered camera")
     data.sensor_fit = "HORIZONTAL"
     data.sensor_width = 36.0
@@ -112,13 +111,13 @@ def add_camera(scene: Any, job: dict[str, Any]) -> Any:
     turn = None
     for key in job["keys"]:
         camera.matrix_world = Matrix((TURN @ np.array(key["matrix"])).tolist())
-        if turn is not None:  # the same turn has two signs, and the way between keys is the short one
+        if turn is not None:  # of the two signs of a quaternion, the one with the shorter rotation
             camera.rotation_quaternion.make_compatible(turn)
         turn = camera.rotation_quaternion.copy()
         frame = 1 + (key["time_s"] - start) * rate
         camera.keyframe_insert("location", frame=frame)
         camera.keyframe_insert("rotation_quaternion", frame=frame)
-        if several:  # the size of the picture itself cannot move in Blender
+        if several:  # Blender cannot animate the size of the image
             set_lens(scene, data, key["window"])
             for path in ("lens", "shift_x", "shift_y"):
                 data.keyframe_insert(path, frame=frame)
@@ -128,10 +127,10 @@ def add_camera(scene: Any, job: dict[str, Any]) -> Any:
 
 
 def set_lens(scene: Any, data: Any, window: dict[str, float]) -> None:
-    """The ideal camera of a window, and the size of the picture."""
+    """Set the undistorted camera of a window and the size of the image."""
     data.lens = 36.0 * window["fx"] / window["width"]
     data.shift_x = (window["width"] / 2 - window["cx"]) / window["width"]
-    # Blender counts both shifts in widths of the picture, and heights in square pixels
+    # Blender measures both shifts in widths of the image, with square pixels
     data.shift_y = (window["cy"] - window["height"] / 2) / window["width"] * window["fx"] / window["fy"]
     render = scene.render
     render.resolution_x, render.resolution_y, render.resolution_percentage = window["width"], window["height"], 100
@@ -140,7 +139,7 @@ def set_lens(scene: Any, data: Any, window: dict[str, float]) -> None:
 
 
 def render(scene: Any, camera: Any, job: dict[str, Any]) -> None:
-    """One `.npy` (h, w, 4) of linear light per key, premultiplied, rows from the top."""
+    """Write a `.npy` (h, w, 4) of linear premultiplied light per keyframe, with the top row first."""
     scene.render.engine = "CYCLES"
     cycles = scene.cycles
     cycles.device, cycles.samples, cycles.use_denoising = "CPU", job["samples"], True

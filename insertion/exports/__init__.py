@@ -1,1 +1,1 @@
-"""The scene at metric scale for other programs: glTF, USD, Blender, COLMAP, nerfstudio."""
+"""Exports of the scene in metres for other programs: glTF, USD, Blender, COLMAP, nerfstudio."""

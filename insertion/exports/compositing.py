@@ -1,6 +1,6 @@
-"""`--layers DIR`: what each picture was joined from, as OpenEXR files for a compositing program.
+"""`--layers DIR`: the layers of each frame as OpenEXR files for compositing programs.
 
-In linear light: picture = plate * shadow * (1 - A) + RGB, with A and RGB of `object`; encoded as sRGB.
+In linear light, image = plate * shadow * (1 - A) + RGB with A and RGB of `object`; the image is encoded as sRGB.
 """
 
 from __future__ import annotations
@@ -24,32 +24,31 @@ from insertion.placement.placed_object import PlacedObject
 from insertion.render.layers import window_behind
 from insertion.scene.camera_rays import camera_rays
 from insertion.scene.pixel_box import PixelBox
-from metric_base.arrays import FloatArray
 from metric_base.images import write_picture
 
 SCHEMA = "metric-tree/layers/1"
-#: FFmpeg's pixel formats by the number of channels, and the order of the channels in their planes.
+#: Pixel format of FFmpeg and order of the channels in its planes, by the number of channels.
 _FORMATS = {1: ("grayf32le", (0,)), 3: ("gbrpf32le", (1, 2, 0)), 4: ("gbrapf32le", (1, 2, 0, 3))}
-#: Coverage counts beside an object, where its blur reaches, so much of what it counts on it.
-BESIDE = 1e-3
-#: What is in each folder, as `layers.json` says it.
+#: Weight of an object in the pixels of its blur, relative to its weight in the pixels that it covers.
+BLUR_WEIGHT = 1e-3
+#: Content of each folder, for `layers.json`.
 LAYERS = {
-    "plate": "the picture without objects, linear RGB",
-    "object": "all objects as they are seen, linear RGB premultiplied by A, with blur and grain; half",
-    "object_N": "what is of object N in `object`, where there are several: they add up to it; half",
-    "shadow": "share of the plate's light that is left, RGB; half",
-    "occlusion": "share in which something hides the nearest object; half",
+    "plate": "the image without objects, linear RGB",
+    "object": "visible part of all objects, linear RGB premultiplied by A, with blur and grain; half",
+    "object_N": "part of object N in `object`, if there are several; the sum is `object`; half",
+    "shadow": "fraction of the light of the plate that remains, RGB; half",
+    "occlusion": "occluded fraction of the nearest object; half",
     "depth": "depth of the nearest object along the optical axis in metres, 0 without one; float",
     "normal": "geometric normal of the nearest object in the camera (x right, y down, z ahead); half",
     "id": "number of the nearest object from 1, 0 without one; 8 bits",
-    "undistorted": "the plate without the lens; half",
-    "matte": "occlusion without the lens; half",
-    "distortion": "for each pixel of the picture, x and y in the undistorted plate (first pixel 0.5), 0; float",
+    "undistorted": "the plate without lens distortion; half",
+    "matte": "occlusion without lens distortion; half",
+    "distortion": "x and y of each pixel in the undistorted plate (first pixel 0.5), 0; float",
 }
 
 
 class CompositingLayers:
-    """Writes the layers of each picture into an existing folder; a picture without objects has a plate alone."""
+    """Writes the layers of each frame to an existing folder; a frame without objects has only a plate."""
 
     def __init__(
         self, folder: Path, objects: Sequence[PlacedObject], frames: Sequence[Frame], metres_per_unit: float
@@ -71,7 +70,7 @@ class CompositingLayers:
         (folder / "layers.json").write_text(json.dumps(record, indent=1) + "\n", encoding="utf-8")
 
     def plate(self, frame: Frame, image: NDArray[np.uint8]) -> None:
-        """Write the plate (h, w, 3), with and without its lens."""
+        """Write the plate (h, w, 3), with and without lens distortion."""
         self._plate, self._layered = image, {}
         light = srgb_to_linear(image)
         self._write("plate", frame, light, half=False)
@@ -79,18 +78,18 @@ class CompositingLayers:
             self._write("undistorted", frame, self._straight(frame.view.camera, light))
 
     def layers(self, frame: Frame, index: int, item: ObjectComposite) -> None:
-        """Keep the layers of one object until the picture is whole."""
+        """Store the layers of an object until the frame is composited."""
         assert frame.name in self._names
         self._layered[index] = item
 
     def composite(self, frame: Frame, composite: Composite) -> None:
-        """Write what the picture was joined from."""
+        """Write the layers of the composited frame."""
         shape = self._plate.shape[:2]
         whole = np.zeros((*shape, 4), np.float32)
         shadow = np.ones((*shape, 3), np.float32)
         whole[..., :3], whole[composite.box.slices][..., 3] = 0.0, composite.visible_foreground[..., 3]
         shadow[composite.box.slices] = composite.visible_transmittance
-        # what the eight bits of the picture hold beyond the plate: object, blur and grain in one
+        # difference of the 8-bit image from the shadowed plate: object, blur and grain
         rest = srgb_to_linear(self._plate) * shadow * (1 - whole[..., 3:])
         seen = whole[..., 3] > 0
         whole[seen, :3] = (srgb_to_linear(composite.image) - rest)[seen]
@@ -108,19 +107,19 @@ class CompositingLayers:
         write_picture(self._folder / "id" / name, number)
 
     def _shares(self, shape: tuple[int, ...]) -> dict[int, NDArray[np.float32]]:
-        """By its number from 1, the (h, w) share of each object in what is seen: by coverage, or by what is near."""
+        """Return the fraction (h, w) of each object in the visible foreground, by its number from 1."""
         import cv2
 
         covers = {number + 1: item.full_size(shape)[0] for number, item in self._layered.items()}
         covers = {
-            number: own + BESIDE * cv2.GaussianBlur(own, (0, 0), MAX_BLUR_REACH_PX / 3)
+            number: own + BLUR_WEIGHT * cv2.GaussianBlur(own, (0, 0), MAX_BLUR_REACH_PX / 3)
             for number, own in covers.items()
         }
         total = np.maximum(sum(covers.values(), np.zeros(shape, np.float32)), 1e-12)
         return {number: np.asarray(own / total, dtype=np.float32) for number, own in covers.items()}
 
     def _nearest(self, shape: tuple[int, ...]) -> tuple[NDArray[np.float32], NDArray[np.float32], NDArray[np.uint8]]:
-        """(h, w) depth in scene units (infinite without), hidden share and number of the nearest object."""
+        """Return depth in scene units, occluded fraction and number of the nearest object, (h, w) each."""
         depth = np.full(shape, np.inf, np.float32)
         hidden, number = np.zeros(shape, np.float32), np.zeros(shape, np.uint8)
         for own, item in self._layered.items():
@@ -132,39 +131,36 @@ class CompositingLayers:
         return depth, hidden, number
 
     def _straight(self, camera: Camera, layer: NDArray[np.float32]) -> NDArray[np.float32]:
-        """A layer (h, w) or (h, w, 3) without the lens; the map of a camera is written once."""
+        """Return a layer (h, w) or (h, w, 3) without lens distortion; the map of each camera is written once."""
         import cv2
 
         key = camera.model.encode() + camera.params.tobytes()
         if key not in self._cameras:
-            there, back = _lens_maps(camera)
+            window = window_behind(camera, PixelBox(0, 0, camera.width, camera.height))
+            # Position of each pixel of the image in the undistorted image, (h, w, 3)
+            rays = camera_rays(camera)
+            there = np.dstack([
+                rays[..., 0] * window.fx + (window.cx - window.x0),
+                rays[..., 1] * window.fy + (window.cy - window.y0),
+                np.zeros(rays.shape[:2]),
+            ])  # fmt: skip
+            # The inverse, (a, b, 2), as OpenCV needs it
+            x, y = np.meshgrid(np.arange(window.width) + 0.5, np.arange(window.height) + 0.5)
+            u, v = (x + window.x0 - window.cx) / window.fx, (y + window.y0 - window.cy) / window.fy
+            pixels = project(camera, np.stack([u, v, 0 * x + 1], -1).reshape(-1, 3)).reshape(*x.shape, 2)
+            back = np.nan_to_num(pixels - 0.5, nan=-9.0).astype(np.float32)
             self._cameras[key] = f"distortion/{len(self._cameras)}.exr", back
             _save(self._folder / self._cameras[key][0], exr_bytes(there, half=False))
         back = self._cameras[key][1]
         return np.asarray(cv2.remap(layer, back[..., 0], back[..., 1], cv2.INTER_LINEAR), dtype=np.float32)
 
     def _write(self, layer: str, frame: Frame, pixels: NDArray[np.float32], half: bool = True) -> None:
-        """Write a layer (h, w) or (h, w, c) of a picture."""
+        """Write a layer (h, w) or (h, w, c) of a frame."""
         _save(self._folder / layer / self._names[frame.name], exr_bytes(pixels, half=half))
 
 
-def _lens_maps(camera: Camera) -> tuple[FloatArray, NDArray[np.float32]]:
-    """(h, w, 3) where each pixel of the picture is in the straight one, and (a, b, 2) the way back, for OpenCV."""
-    window = window_behind(camera, PixelBox(0, 0, camera.width, camera.height))
-    rays = camera_rays(camera)
-    there = np.dstack([
-        rays[..., 0] * window.fx + (window.cx - window.x0),
-        rays[..., 1] * window.fy + (window.cy - window.y0),
-        np.zeros(rays.shape[:2]),
-    ])  # fmt: skip
-    x, y = np.meshgrid(np.arange(window.width) + 0.5, np.arange(window.height) + 0.5)
-    flat = np.stack([(x + window.x0 - window.cx) / window.fx, (y + window.y0 - window.cy) / window.fy, 0 * x + 1], -1)
-    at = project(camera, flat.reshape(-1, 3)).reshape(*x.shape, 2)
-    return there, np.nan_to_num(at - 0.5, nan=-9.0).astype(np.float32)
-
-
 def exr_bytes(pixels: NDArray[np.floating], half: bool = True) -> bytes:
-    """(h, w), (h, w, 3) or (h, w, 4) pixels as an OpenEXR file, of half floats or whole ones."""
+    """Return pixels (h, w), (h, w, 3) or (h, w, 4) as an OpenEXR file of half or single precision."""
     import av
 
     stacked = pixels[..., None] if pixels.ndim == 2 else pixels
@@ -187,7 +183,7 @@ def _save(file: Path, data: bytes) -> None:
 
 
 def _normals(depth: NDArray[np.float32], rays: NDArray[np.float32]) -> NDArray[np.float32]:
-    """(h, w, 3) unit normals towards the camera of a depth (h, w) on rays (h, w, 2); 0 where nothing is known."""
+    """Return unit normals (h, w, 3) towards the camera of a depth (h, w) on rays (h, w, 2), 0 if unknown."""
     places = (
         np.dstack([rays, np.ones(depth.shape, np.float32)]) * np.where(np.isfinite(depth), depth, np.nan)[..., None]
     )

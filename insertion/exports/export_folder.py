@@ -1,4 +1,4 @@
-"""`--export DIR`: the insertion for other programs, everything at 1 unit = 1 m."""
+"""`--export DIR`: the insertion for other programs, in metres."""
 
 from __future__ import annotations
 
@@ -23,8 +23,8 @@ from insertion.result import InsertionResult
 from metric_base.files import OutputNames, output_names
 from metric_base.images import write_picture
 
-#: The largest depth that 16 bits hold in millimetres.
-FARTHEST_MM = 65_535
+#: Maximum depth of a 16-bit image in millimetres.
+MAX_DEPTH_MM = 65_535
 
 
 def write_exports(
@@ -35,10 +35,10 @@ def write_exports(
     metres_per_unit: float,
     results: Sequence[InsertionResult],
 ) -> list[str]:
-    """Write into an existing folder; what could not be written, one line each.
+    """Write the exports to an existing folder and return a line for each file that was not written.
 
-    `scene.glb`, `scene.usda` with `textures/`, `transforms.json` with `sparse_pc.ply`, `colmap/`, and `insertion.json`,
-    which has what `--json` prints.
+    The files are `scene.glb`, `scene.usda` with `textures/`, `transforms.json` with `sparse_pc.ply`, `colmap/`, and
+    `insertion.json` with the output of `--json`.
     """
     transform = metric_transform(objects, metres_per_unit)
     names = _picture_names(frames)
@@ -58,7 +58,7 @@ def write_exports(
 
 
 def _picture_names(frames: Sequence[Frame]) -> dict[str, Path]:
-    """Where each shot's picture is in the folder of pictures; a name of a model never leads out of it."""
+    """Return the path of each image in the folder of images; names from a model file cannot lead out of this folder."""
     paths = output_names(
         frame.name if Path(frame.name).suffix.lower() in PICTURE_SUFFIXES else f"{frame.name}.png" for frame in frames
     )
@@ -66,7 +66,7 @@ def _picture_names(frames: Sequence[Frame]) -> dict[str, Path]:
 
 
 class LayerWriter:
-    """The pictures that the object was drawn on, and of every frame its depth in millimetres and its masks."""
+    """Writes the plates, and the depth in millimetres and the mask of each object in each frame."""
 
     def __init__(self, folder: Path, frames: Sequence[Frame], metres_per_unit: float) -> None:
         self._folder, self._millimetres = folder, 1000 * metres_per_unit
@@ -77,21 +77,21 @@ class LayerWriter:
             (folder / name).mkdir()
 
     def plate(self, frame: Frame, image: NDArray[np.uint8]) -> None:
-        """Keep the picture (h, w, 3) as it was, under the name that `transforms.json` gives it."""
+        """Write the unchanged image (h, w, 3) with its name in `transforms.json`."""
         self._shape = image.shape
         write_picture(self._folder / "pictures" / self._names[frame.name], image[..., ::-1])
 
     def layers(self, frame: Frame, index: int, item: ObjectComposite) -> None:
-        """Write one object's visible coverage (h, w), 0 to 255, and its depth (h, w), 16 bits.
+        """Write the visible coverage (h, w) of an object, 0 to 255, and its depth (h, w) in 16 bits.
 
-        The depth is 0 where the object is not, and where it is beyond what 16 bits hold.
+        The depth is 0 outside the object and beyond `MAX_DEPTH_MM`.
         """
         alpha, depth = item.full_size(self._shape)
         name = self._layers[frame.name]
         file = name.with_name(f"{name.stem}_{index}.png")
         write_picture(self._folder / "mask" / file, np.rint(255 * alpha).astype(np.uint8))
         deep = np.rint(np.nan_to_num(depth * self._millimetres, nan=0.0))
-        write_picture(self._folder / "depth" / file, np.where(deep <= FARTHEST_MM, deep, 0).astype(np.uint16))
+        write_picture(self._folder / "depth" / file, np.where(deep <= MAX_DEPTH_MM, deep, 0).astype(np.uint16))
 
     def composite(self, frame: Frame, composite: Composite) -> None:
-        """Nothing more: masks and depth are written."""
+        """Do nothing, because masks and depth are written already."""

@@ -1,4 +1,4 @@
-"""nerfstudio's `transforms.json`: the cameras at metric scale, +z up, with the scene's points beside it."""
+"""Write `transforms.json` of nerfstudio: the cameras in metres with +z up, and the points of the scene."""
 
 from __future__ import annotations
 
@@ -15,43 +15,57 @@ from insertion.exports.metric_frame import CameraKeyframe, keyframes_by_camera
 from metric_base.arrays import FloatArray
 from metric_base.errors import InputError
 
-#: COLMAP's models that nerfstudio reads, by its own name for them.
+#: Name in nerfstudio of each camera model of COLMAP that it supports.
 _MODELS = {
     "SIMPLE_PINHOLE": "PINHOLE", "PINHOLE": "PINHOLE",
     "SIMPLE_RADIAL": "OPENCV", "RADIAL": "OPENCV", "OPENCV": "OPENCV",
     "OPENCV_FISHEYE": "OPENCV_FISHEYE", "SIMPLE_RADIAL_FISHEYE": "OPENCV_FISHEYE", "RADIAL_FISHEYE": "OPENCV_FISHEYE",
 }  # fmt: skip
-#: From +y up to +z up.
+#: Rotation from +y up to +z up.
 _TURN = np.array([[1, 0, 0, 0], [0, 0, -1, 0], [0, 1, 0, 0], [0, 0, 0, 1]], dtype=np.float64)
 POINTS_FILE = "sparse_pc.ply"
 
 
 def write_transforms(file: Path, keys: Sequence[CameraKeyframe], pictures: str, points: FloatArray) -> None:
-    """Write the file, and the points (n, 3) of the metric frame as `sparse_pc.ply` beside it.
+    """Write the file, and the points (n, 3) in the metric frame as `sparse_pc.ply` next to it.
 
-    pictures : folder of the pictures, relative to it. nerfstudio counts pixels as COLMAP does: the centre of the first
-    is (0.5, 0.5) (its issue 3048). Raises InputError for a camera that it does not know.
+    Parameters
+    ----------
+    pictures : str
+        Folder of the images, relative to that of the file.
+
+    Raises
+    ------
+    InputError
+        nerfstudio does not support a camera model.
+
+    Notes
+    -----
+    The centre of the first pixel is (0.5, 0.5), as in COLMAP (issue 3048 of nerfstudio).
     """
     lenses = keyframes_by_camera(keys)
     for camera, _ in lenses:
         if camera.model not in _MODELS:
             raise InputError(f"--export: transforms.json: expected one of {', '.join(_MODELS)}; found {camera.model}")
-    alone = len(lenses) == 1
+    has_one_camera = len(lenses) == 1
     document: dict[str, Any] = {
-        **(_intrinsics(lenses[0][0]) if alone else {"camera_model": _MODELS[lenses[0][0].model]}),
+        **(_intrinsics(lenses[0][0]) if has_one_camera else {"camera_model": _MODELS[lenses[0][0].model]}),
         "ply_file_path": POINTS_FILE,
         "frames": [
             {
                 "file_path": f"{pictures}/{key.name}",
                 "transform_matrix": (_TURN @ key.matrix).tolist(),
                 "time_s": key.time_s,
-                **({} if alone else _intrinsics(key.camera)),
+                **({} if has_one_camera else _intrinsics(key.camera)),
             }
             for key in keys
         ],
     }
     file.write_text(json.dumps(document, indent=1) + "\n", encoding="utf-8")
-    _write_points(file.with_name(POINTS_FILE), points @ _TURN[:3, :3].T)
+    turned = points @ _TURN[:3, :3].T
+    header = f"ply\nformat binary_little_endian 1.0\nelement vertex {len(turned)}\n"
+    header += "".join(f"property float {axis}\n" for axis in "xyz") + "end_header\n"
+    file.with_name(POINTS_FILE).write_bytes(header.encode() + np.ascontiguousarray(turned, "<f4").tobytes())
 
 
 def _intrinsics(camera: Camera) -> dict[str, Any]:
@@ -67,10 +81,3 @@ def _intrinsics(camera: Camera) -> dict[str, Any]:
         "cx": values["cx"], "cy": values["cy"],
         **lens,
     }  # fmt: skip
-
-
-def _write_points(file: Path, points: FloatArray) -> None:
-    """A binary PLY of (n, 3) points."""
-    header = f"ply\nformat binary_little_endian 1.0\nelement vertex {len(points)}\n"
-    header += "".join(f"property float {axis}\n" for axis in "xyz")
-    file.write_bytes(header.encode() + b"end_header\n" + np.ascontiguousarray(points, "<f4").tobytes())

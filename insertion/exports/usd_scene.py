@@ -1,4 +1,4 @@
-"""The inserted objects and the animated camera as a USD stage, 1 unit = 1 m, +y up."""
+"""Write the inserted objects and the animated camera as a USD stage, in metres with +y up."""
 
 from __future__ import annotations
 
@@ -6,29 +6,27 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
-import numpy as np
-
 from estimator.records.scene import Camera
 from insertion.exports.metric_frame import CameraKeyframe, MetricTransform, keyframes_by_camera, object_matrix
 from insertion.placement.placed_object import PlacedObject
 from insertion.scene.camera_rays import focal_lengths
 from models3d.usd.writer import bind_material, write_mesh
 
-#: A usual width of video, 36 mm. USD states lenses in tenths of a scene unit (UsdGeomCamera), here of a metre.
+#: Width of the aperture, 36 mm, in tenths of a scene unit (metre), the unit of lenses in UsdGeomCamera.
 APERTURE = 0.36
-#: Metres between which a camera sees anything.
+#: Distances of the clipping planes of a camera in metres.
 NEAR_M, FAR_M = 0.01, 1000.0
 
 
 def write_usd_scene(
     file: Path, objects: Sequence[PlacedObject], keys: Sequence[CameraKeyframe], transform: MetricTransform, rate: float
 ) -> None:
-    """Write a `.usda` file, with textures in a folder beside it and a camera for each that took the pictures.
+    """Write a `.usda` file with a camera for each camera of the frames, and textures in a folder next to it.
 
-    rate : pictures a second. Time code k is picture k; where times vary, samples are between time codes, at their own
-    time. USD has no lens distortion; each camera is the ideal one with the same focal lengths and principal point.
+    Time code k is frame k at `rate` frames per second; if the intervals vary, samples are between time codes. USD has
+    no lens distortion; each camera has the focal lengths and the principal point of the original.
     """
-    from pxr import Usd, UsdGeom
+    from pxr import Gf, Usd, UsdGeom
 
     stage = Usd.Stage.CreateNew(str(file))
     UsdGeom.SetStageMetersPerUnit(stage, 1.0)
@@ -38,19 +36,20 @@ def write_usd_scene(
     stage.SetStartTimeCode(0.0)
     stage.SetEndTimeCode(max(key.time_s for key in keys) * rate)
     stage.SetDefaultPrim(UsdGeom.Xform.Define(stage, "/World").GetPrim())
-    for number, (camera, own) in enumerate(keyframes_by_camera(keys)):
-        _camera(stage, f"/World/camera{number or ''}", camera, own, rate)
-    for number, placed in enumerate(objects):
-        path = f"/World/object{number}"
-        _set_matrix(UsdGeom.Xform.Define(stage, path), object_matrix(placed, transform))
+    for index, (camera, camera_keys) in enumerate(keyframes_by_camera(keys)):
+        _add_camera(stage, f"/World/camera{index or ''}", camera, camera_keys, rate)
+    for index, placed in enumerate(objects):
+        path = f"/World/object{index}"
+        matrix = object_matrix(placed, transform).T  # USD multiplies rows
+        UsdGeom.Xform.Define(stage, path).AddTransformOp().Set(Gf.Matrix4d(matrix.tolist()))
         for row, part in enumerate(placed.model.meshes):
             mesh = write_mesh(stage, f"{path}/part{row}", part)
-            bind_material(stage, mesh, part.material, file.parent, f"object{number}_part{row}")
+            bind_material(stage, mesh, part.material, file.parent, f"object{index}_part{row}")
     stage.GetRootLayer().Save()
 
 
-def _camera(stage: Any, path: str, camera: Camera, keys: Sequence[CameraKeyframe], rate: float) -> None:
-    """A camera moved by its keys; rate : time codes a second."""
+def _add_camera(stage: Any, path: str, camera: Camera, keys: Sequence[CameraKeyframe], rate: float) -> None:
+    """Add a camera animated by its keyframes, with `rate` time codes per second."""
     from pxr import Gf, UsdGeom
 
     fx, fy, cx, cy = focal_lengths(camera)
@@ -64,10 +63,3 @@ def _camera(stage: Any, path: str, camera: Camera, keys: Sequence[CameraKeyframe
     operation = lens.AddTransformOp()
     for key in keys:
         operation.Set(Gf.Matrix4d(key.matrix.T.tolist()), key.time_s * rate)  # USD multiplies rows
-
-
-def _set_matrix(form: Any, matrix: np.ndarray) -> None:
-    """Add a transform (4, 4), which USD stores by columns."""
-    from pxr import Gf
-
-    form.AddTransformOp().Set(Gf.Matrix4d(matrix.T.tolist()))

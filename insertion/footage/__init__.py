@@ -1,1 +1,1 @@
-"""Pictures in and out: stills, videos with the pose of every frame, folders and video files that are written."""
+"""Input frames (images, videos with a pose per frame) and output (image folders, video files)."""

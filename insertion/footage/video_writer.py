@@ -1,11 +1,7 @@
-"""A video file by PyAV: times, sound, rotation, colour tags and time code of the source are kept.
+"""Write a video by PyAV with the times, sound, rotation, colour tags and time code of its source.
 
-A changed picture in the colours of its video: only the samples that changed are written anew.
-
-A frame keeps its own matrix, range, primaries, transfer and depth. The change of the picture, in red, green and blue,
-becomes a change of luma and chroma by the frame's own matrix; every other sample stays what it was, to the bit.
-
-SMPTE time codes: that of a frame so many frames after another.
+A frame of the source keeps its matrix, range, primaries, transfer function and bit depth. A change of the image in RGB
+is converted to a change of luma and chroma by the matrix of the frame; all other samples are unchanged bit by bit.
 """
 
 from __future__ import annotations
@@ -23,24 +19,24 @@ from numpy.typing import NDArray
 from capture.sources.video import Video
 
 Picture = NDArray[np.uint8]
-#: Weights of red and blue in luma by the matrix's number in ITU-T H.273.
+#: Weights of red and blue in luma, by the code of the matrix in ITU-T H.273.
 _WEIGHTS = {1: (0.2126, 0.0722), 4: (0.30, 0.11), 7: (0.212, 0.087), 9: (0.2627, 0.0593), 10: (0.2627, 0.0593)}
-#: What FFmpeg takes for a frame that states no matrix, BT.601.
+#: Weights for a frame without a matrix, as in FFmpeg (BT.601).
 _DEFAULT = (0.299, 0.114)
-#: Pixel formats whose planes are Y, U, V of 8 bits, or of more in two bytes.
+#: Pixel formats with planes Y, U, V of 8 bits, or of more bits in two bytes.
 _PLANAR = ("yuv420p", "yuv422p", "yuv444p", "yuvj420p", "yuvj422p", "yuvj444p")
-#: FFmpeg's number of the full range.
+#: Code of the full range in FFmpeg.
 _FULL_RANGE = 2
 ChromaMatrix = NDArray[np.float64]
 _CODE = re.compile(r"(\d\d):(\d\d):(\d\d)([:;.])(\d\d)")
-#: Time base of the pictures: a multiple of all usual rates.
+#: Time base of the frames, a multiple of all common rates.
 TIME_BASE = Fraction(1, 90_000)
-#: Rates are fractions of seconds in at most so many parts (30,000 / 1001).
-MOST_PARTS = 1001
-#: x264's constant quality: no loss that one sees, a few Mbit/s.
+#: Maximum denominator of a frame rate (30,000 / 1001).
+MAX_RATE_DENOMINATOR = 1001
+#: Constant quality of x264 without a visible loss, a few Mbit/s.
 QUALITY = "17"
 _FORMATS = {".mkv": "matroska", ".webm": "webm", ".mov": "mov", ".avi": "avi"}
-#: What `--codec` names: FFmpeg's encoder with its options, and the pixel format it wants where it has only one.
+#: Encoder of FFmpeg with its options, and its pixel format if it supports only one, by the value of `--codec`.
 CODECS: dict[str, tuple[str, dict[str, str], str | None]] = {
     "h264": ("libx264", {"crf": QUALITY, "preset": "fast"}, None),
     "hevc": ("libx265", {"crf": QUALITY, "preset": "fast", "x265-params": "log-level=error:bframes=0"}, None),
@@ -48,15 +44,15 @@ CODECS: dict[str, tuple[str, dict[str, str], str | None]] = {
     "lossless": ("libx264", {"qp": "0", "preset": "fast"}, None),
     "vp9": ("libvpx-vp9", {"crf": QUALITY, "b": "0"}, None),
 }
-#: Formats that each encoder takes as they are; another source is converted to the first of its depth.
+#: Formats that all encoders support, of 8 and 10 bits; other formats are converted to the first of their depth.
 _PLAIN, _DEEP = ("yuv420p", "yuv422p", "yuv444p"), ("yuv420p10le", "yuv422p10le", "yuv444p10le")
 _TAGS = ("colorspace", "color_range", "color_primaries", "color_trc")
-#: BT.709, limited range: the tags of a video that is made of stills.
+#: Tags of a video of images: BT.709, limited range.
 _STILLS_TAGS = (1, 1, 1, 1)
 
 
 def matrix_of(number: int) -> ChromaMatrix:
-    """(3, 3) from red, green and blue to luma and the two chroma, all of range 1; number : of H.273."""
+    """Return the matrix (3, 3) from RGB to luma and chroma, all with a range of 1, for a code of H.273."""
     red, blue = _WEIGHTS.get(number, _DEFAULT)
     luma = np.array([red, 1 - red - blue, blue])
     by_blue = (np.array([0.0, 0.0, 1.0]) - luma) / (2 * (1 - blue))
@@ -65,9 +61,9 @@ def matrix_of(number: int) -> ChromaMatrix:
 
 
 def changed_frame(frame: Any, before: Picture, after: Picture) -> Any:
-    """The frame (PyAV's) with what a picture changed from `before` to `after`, (h, w, 3), both as stored, not turned.
+    """Return a frame of PyAV with the change of an image from `before` to `after`, (h, w, 3) in stored orientation.
 
-    The frame itself where nothing did. Another pixel format than planar Y, U, V becomes one of 4:4:4 first.
+    Without a change, the frame itself is returned. Formats other than planar Y, U, V are converted to 4:4:4.
     """
     import cv2
 
@@ -81,7 +77,7 @@ def changed_frame(frame: Any, before: Picture, after: Picture) -> Any:
     out = _copy(frame)
     if int(frame.color_trc) in (16, 18):
         delta = _hdr_change(frame, before, after)
-    if delta.shape[:2] != (frame.height, frame.width):  # pixels that are not square
+    if delta.shape[:2] != (frame.height, frame.width):  # non-square pixels
         delta = cv2.resize(delta, (frame.width, frame.height), interpolation=cv2.INTER_AREA)
     full = int(frame.color_range) == _FULL_RANGE or frame.format.name.startswith("yuvj")
     ranges = np.array([255.0, 255.0, 255.0] if full else [219.0, 224.0, 224.0]) * 2 ** (bits - 8)
@@ -97,7 +93,7 @@ def changed_frame(frame: Any, before: Picture, after: Picture) -> Any:
 
 
 def _copy(frame: Any) -> Any:
-    """A frame of its own with the same samples and tags."""
+    """Return a copy of a frame with the same samples and tags."""
     import av
 
     out = av.VideoFrame(frame.width, frame.height, frame.format.name)
@@ -111,9 +107,9 @@ def _copy(frame: Any) -> Any:
 
 
 def _hdr_change(frame: Any, before: Picture, after: Picture) -> NDArray[np.float32]:
-    """(h, w, 3) change of the HDR signal, 0 to 255, for a change of the picture in standard range, (h, w, 3) each.
+    """Return the change (h, w, 3) of an HDR signal, 0 to 255, for a change of the image in standard range.
 
-    What signal a level stands for is read from the frame itself: the median over the pixels that have the level.
+    The signal of each level is estimated from the frame: the mean over the pixels with this level.
     """
     signal = frame.to_ndarray(format="rgb48le").astype(np.float32) / 257
     if signal.shape != before.shape:
@@ -131,9 +127,10 @@ def _hdr_change(frame: Any, before: Picture, after: Picture) -> NDArray[np.float
 
 
 def time_code_after(code: str, frames: int, rate: float) -> str:
-    """The time code `frames` frames after one (HH:MM:SS:FF) at a rate in frames a second; others stay as they are.
+    """Return the time code (HH:MM:SS:FF) `frames` frames after `code` at a rate in frames per second.
 
-    With `;` or `.` before the frames, two numbers are dropped in each minute but every tenth (four at 60 a second).
+    With `;` or `.` before the frames, two numbers are skipped in each minute except every tenth (four at 60 frames per
+    second). Other texts are returned unchanged.
     """
     match = _CODE.fullmatch(code)
     whole = round(rate)
@@ -151,10 +148,20 @@ def time_code_after(code: str, frames: int, rate: float) -> str:
 
 
 class VideoWriter:
-    """A context manager. Sound packets of the source are copied, not encoded again.
+    """Context manager that writes a video. Sound packets of the source are copied, not encoded again.
 
-    source : the video that the pictures are frames of; every sample that a picture does not change is the source's own.
-    codec : one of CODECS; None takes H.264, and HEVC for a source of more than 8 bits.
+    Parameters
+    ----------
+    file : Path
+        File to write.
+    suffix : str
+        Suffix that determines the container.
+    source : Path, optional
+        Video of the frames; unchanged samples are copied from it.
+    turned_deg : int, default 0
+        Rotation of the source in degrees.
+    codec : str, optional
+        Key of `CODECS`; by default H.264, or HEVC for a source of more than 8 bits.
     """
 
     def __init__(
@@ -189,9 +196,9 @@ class VideoWriter:
             self._container.close()
 
     def write(self, picture: NDArray[np.uint8], time_s: float, index: int = 0) -> None:
-        """Add an upright (h, w, 3) RGB picture that is shown from `time_s` on; index : of the source's frame."""
+        """Add an upright RGB image (h, w, 3) shown from `time_s` on; `index` is that of the frame of the source."""
         if self._first_s is None:
-            self._first, self._first_s = index, time_s if index else 0.0  # a range of frames begins at 0
+            self._first, self._first_s = index, time_s if index else 0.0  # a range of frames starts at 0
         frame = self._frame(picture, index)
         if self._stream is None:
             self._open(frame)
@@ -206,7 +213,7 @@ class VideoWriter:
         self._container.mux(self._stream.encode(frame))
 
     def _frame(self, picture: NDArray[np.uint8], index: int) -> Any:
-        """PyAV's frame of a picture (h, w, 3): the source's with what changed, or one of BT.709."""
+        """Return an image (h, w, 3) as a frame of PyAV: a changed frame of the source, or a new one of BT.709."""
         import av
 
         stored = np.ascontiguousarray(np.rot90(picture, self._turned // 90))
@@ -225,7 +232,7 @@ class VideoWriter:
 
         deep = frame.format.name.endswith(("10le", "12le"))
         encoder, options, only = CODECS[self._codec or ("hevc" if deep else "h264")]
-        rate = Fraction(0.0 if self._video is None else self._video.rate).limit_denominator(MOST_PARTS)
+        rate = Fraction(0.0 if self._video is None else self._video.rate).limit_denominator(MAX_RATE_DENOMINATOR)
         stream = self._container.add_stream(encoder, rate=rate or 30, options=dict(options))
         usual = _DEEP if deep else _PLAIN
         own = frame.format.name.replace("yuvj", "yuv")
@@ -250,7 +257,7 @@ class VideoWriter:
                 stream.metadata.update(words)
 
     def _copy_sound(self) -> None:
-        """Copy the packets of sound that belong to the frames that were written."""
+        """Copy the packets of sound during the written frames."""
         import av
 
         if not self._sound or self._source is None:

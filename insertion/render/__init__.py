@@ -1,1 +1,1 @@
-"""OpenGL on EGL: models under many lights through the recovered camera."""
+"""Rendering by OpenGL (EGL): models under many lights through the camera of a frame."""

@@ -12,7 +12,7 @@ from insertion.light.environment_map import Environment
 from metric_base.arrays import FloatArray, IntArray
 from models3d.model import Material, Model
 
-#: Objects further apart than so many times their sizes do not shade each other.
+#: Maximum distance of objects with mutual shadows, relative to the sum of their sizes.
 SHADING_SIZES = 3.0
 #: Points of a part by which another object mirrors it.
 SPOTS = 8000
@@ -47,28 +47,28 @@ class Body:
 
     @property
     def albedo(self) -> FloatArray:
-        """(3,) linear, the mean base colour over the surface; metals are taken to reflect as much."""
+        """Mean linear base colour (3,) of the surface; metals are assumed to reflect the same amount."""
         area = np.array([_area(part) for part in self.parts])
         colours = np.array([_mean_colour(part) for part in self.parts])
         return np.asarray(area @ colours / max(float(area.sum()), 1e-12))
 
     @property
     def corners(self) -> FloatArray:
-        """(n, 3) all vertices in the local frame."""
+        """All vertices (n, 3) in the local frame."""
         return np.concatenate([part.vertices for part in self.parts])
 
     def parts_of(self, other: Body) -> tuple[BodyPart, ...]:
-        """The parts of another body in this one's local frame."""
+        """Return the parts of another body in the local frame of this body."""
         scale, offset = other.unit / self.unit, (other.position - self.position) / self.unit
         return tuple(replace(part, vertices=scale * part.vertices + offset) for part in other.parts)
 
     def is_near(self, other: Body) -> bool:
-        """Whether another body is so near that one may shade the other."""
+        """Return whether another body is close enough that one may cast a shadow on the other."""
         apart = float(np.linalg.norm(other.position - self.position))
         return apart < SHADING_SIZES * (self.unit + other.unit)
 
     def camera(self, rotation: FloatArray, translation: FloatArray) -> tuple[FloatArray, FloatArray]:
-        """Rotation (3, 3) and translation (3,) from the local frame to the camera, in units of `unit`."""
+        """Return rotation (3, 3) and translation (3,) from the local frame to the camera, in units of `unit`."""
         return rotation, (rotation @ self.position + translation) / self.unit
 
 
@@ -80,11 +80,18 @@ def body_of(
     units_per_metre: float,
     bounds: FloatArray | None = None,
 ) -> Body:
-    """The model standing with its bottom centre at `position`, its front (+z of the file) along `heading`.
+    """Return a model with the centre of its bottom at `position` and its front (+z of the file) along `heading`.
 
-    heading : (3,) horizontal unit direction in the scene; units_per_metre : scene units for one metre of the file,
-    which is the size factor divided by the scale; bounds : (2, 3) corners in the file by which it stands and is
-    measured, its own without.
+    Parameters
+    ----------
+    basis : (3, 3) ndarray of float
+        Axes of the support; the last row is up.
+    heading : (3,) ndarray of float
+        Horizontal unit vector in the scene.
+    units_per_metre : float
+        Scene units per metre of the file: the size factor divided by the scale.
+    bounds : (2, 3) ndarray of float, optional
+        Corners in the file that define bottom and size; those of the model by default.
     """
     up = basis[2]
     turn = np.column_stack([np.cross(up, heading), up, heading])  # columns: where the file's x, y, z point
@@ -106,9 +113,10 @@ def body_of(
 
 
 def environment_with_objects(environment: Environment, body: Body, others: Sequence[Body]) -> Environment:
-    """The environment about the middle of a body with other bodies in it, for what the body mirrors.
+    """Return the environment at the centre of a body with other bodies in it, for reflections.
 
-    Each cell of the map shows the nearest of the points spread over the others, matt under the environment's light.
+    Each cell of the map has the colour of the nearest sample point of these bodies, as Lambertian surfaces under the
+    environment.
     """
     if not others:
         return environment
@@ -130,27 +138,27 @@ def environment_with_objects(environment: Environment, body: Body, others: Seque
     row = np.minimum(np.arccos(np.clip(local[:, 2], -1, 1)) / np.pi * height, height - 1).astype(np.int64)
     turn = np.arctan2(local[:, 1], local[:, 0]) / (2 * np.pi) + 0.5
     column = np.minimum(turn * width, width - 1).astype(np.int64)
-    order = np.argsort(-distance)  # the nearest is written last
+    order = np.argsort(-distance)  # the nearest point is written last
     radiance[row[order], column[order]] = colour[order]
     return replace(environment, radiance=radiance)
 
 
 def colliding(one: Body, two: Body) -> bool:
-    """Whether two bodies go through each other: their surfaces share more cells than a touch does."""
+    """Return whether two bodies intersect: their surfaces have more cells in common than touching bodies."""
     cell = COLLISION_CELL * min(one.unit, two.unit)
     cells = []
     for body in (one, two):
         spots = np.concatenate([_spread_over(part)[0] for part in body.parts])
         middle = (body.corners.min(axis=0) + body.corners.max(axis=0)) / 2
-        spots = middle + (1 - COLLISION_CELL) * (spots - middle)  # what stands flush beside another does not cross it
-        inside = spots @ body.basis[2] * body.unit > cell  # both feet are on one floor
+        spots = middle + (1 - COLLISION_CELL) * (spots - middle)  # bodies whose sides touch do not intersect
+        inside = spots @ body.basis[2] * body.unit > cell  # both stand on the same floor
         at = (body.position + body.unit * spots[inside] - one.position) / cell
         cells.append({tuple(row) for row in np.unique(np.floor(at).astype(np.int64), axis=0).tolist()})
     return len(cells[0] & cells[1]) > TOUCHING_CELLS
 
 
 def _spread_over(part: BodyPart) -> tuple[FloatArray, FloatArray]:
-    """(SPOTS, 3) points spread over a part's triangles by their area, and the triangles' unit normals there."""
+    """Return points (SPOTS, 3) on the triangles of a part, distributed by area, with unit normals."""
     generator = np.random.default_rng(0)
     one, two, three = (part.vertices[part.faces[:, k]] for k in range(3))
     across = np.cross(two - one, three - one)
@@ -162,13 +170,13 @@ def _spread_over(part: BodyPart) -> tuple[FloatArray, FloatArray]:
 
 
 def _area(part: BodyPart) -> float:
-    """The area of the part's triangles."""
+    """Return the area of the triangles of a part."""
     one, two, three = (part.vertices[part.faces[:, k]] for k in range(3))
     return float(np.linalg.norm(np.cross(two - one, three - one), axis=1).sum() / 2)
 
 
 def _mean_colour(part: BodyPart) -> FloatArray:
-    """(3,) linear base colour: the factor times the means of the vertices' tint and of the texture."""
+    """Return the mean linear base colour (3,): the factor times the means of vertex colours and texture."""
     colour = part.material.base_color[:3] * part.tint[:, :3].mean(axis=0)
     if part.material.base_texture is not None:
         colour = colour * srgb_to_linear(part.material.base_texture[::8, ::8, :3]).reshape(-1, 3).mean(axis=0)

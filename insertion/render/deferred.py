@@ -1,7 +1,7 @@
-"""Solid parts drawn in two steps: what each sample of a pixel is made of, then its light.
+"""Deferred shading of opaque parts: a geometry buffer per sample of a pixel, then one evaluation of the light.
 
-Small triangles are dear: a software renderer lights every pixel of the blocks that a triangle touches, on hidden sides
-too. Gathered first, a pixel is lit once for each different sample of it, however many triangles the model has.
+A software renderer shades all pixels of the blocks that a triangle touches, also on occluded sides, which is expensive
+for small triangles. With deferred shading, the cost does not depend on the number of triangles.
 """
 
 from __future__ import annotations
@@ -15,33 +15,39 @@ from numpy.typing import NDArray
 from insertion.render.gpu import GpuPart
 from insertion.scene.camera_rays import Window
 
-#: Names of the facts in the shader that lights them, in the order of the outputs that gather them.
+#: Names of the geometry buffers in the lighting shader, in the order of the outputs of the geometry shader.
 GBUFFER = ("place_rough", "normal_metal", "geometric_depth", "base_alpha", "glow_covered")
-#: Texture units of the facts; those below are taken by the light.
+#: First texture unit of the geometry buffers; the light uses the lower ones.
 _FIRST_UNIT = 7
-#: The facts of a pixel take 320 bytes, so a large window is drawn in tiles of this side.
+#: Side of a tile in pixels; a pixel needs 320 bytes, so large windows are rendered in tiles.
 TILE = 512
-#: Tiles are made in steps of this many pixels, so that a window that grows slowly does not make one each frame.
+#: Granularity of the size of buffers in pixels, so that a slowly growing window does not allocate one per frame.
 _STEP = 64
 
 
 class DeferredTargets:
-    """The buffers of one tile in an OpenGL context; kept from frame to frame."""
+    """The buffers of a tile in an OpenGL context, which all frames use."""
 
     def __init__(self, context: Any, samples: int) -> None:
         self._context, self._samples = context, samples
         self._size: tuple[int, int] | None = None
-        self._facts: list[Any] = []
+        self._buffers: list[Any] = []
         self._gathered: Any = None
         self._lit: Any = None
 
     def draw(
         self, parts: Sequence[GpuPart], gather: Any, cover: Any, window: Window
     ) -> tuple[NDArray[np.float32], NDArray[np.float32]]:
-        """(h, w, 4) linear radiance and coverage, and (h, w, 2) depth times coverage and coverage.
+        """Return linear radiance and coverage (h, w, 4), and depth times coverage and coverage (h, w, 2).
 
-        gather : the program of the parts' `gathered` arrays; cover : a quad over the target with the program that
-        lights the facts. The uniforms of both are set.
+        Parameters
+        ----------
+        parts : sequence of GpuPart
+            Opaque parts.
+        gather : moderngl.Program
+            Program of the geometry buffers, with its uniforms.
+        cover : moderngl.VertexArray
+            Quad over the target with the lighting program.
         """
         colour = np.empty((window.height, window.width, 4), np.float32)
         seen = np.empty((window.height, window.width, 2), np.float32)
@@ -70,35 +76,35 @@ class DeferredTargets:
         self._lit.use()
         self._lit.viewport = (0, 0, width, height)
         context.disable(context.DEPTH_TEST | context.BLEND)
-        for unit, (name, texture) in enumerate(zip(GBUFFER, self._facts, strict=True), start=_FIRST_UNIT):
+        for unit, (name, texture) in enumerate(zip(GBUFFER, self._buffers, strict=True), start=_FIRST_UNIT):
             texture.use(unit)
             cover.program[name].value = unit
         cover.render(mode=context.TRIANGLE_STRIP)
 
     def _resize(self, width: int, height: int) -> None:
-        """Buffers of at least this size; only the last are kept."""
+        """Allocate buffers of at least this size, and release the previous ones."""
         size = (-(-width // _STEP) * _STEP, -(-height // _STEP) * _STEP)
         if size == self._size:
             return
-        for old in (*self._facts, self._gathered, self._lit):
+        for old in (*self._buffers, self._gathered, self._lit):
             if old is not None:
                 old.release()
         make = self._context
-        self._facts = [make.texture(size, 4, samples=self._samples, dtype="f4") for _ in GBUFFER]
-        self._gathered = make.framebuffer(self._facts, make.depth_renderbuffer(size, samples=self._samples))
+        self._buffers = [make.texture(size, 4, samples=self._samples, dtype="f4") for _ in GBUFFER]
+        self._gathered = make.framebuffer(self._buffers, make.depth_renderbuffer(size, samples=self._samples))
         self._lit = make.framebuffer([make.renderbuffer(size, 4, dtype="f4") for _ in range(2)])
         self._size = size
 
 
 def _tiles(width: int, height: int) -> Iterator[tuple[int, int, int, int]]:
-    """x, y, width and height of the tiles of a window."""
+    """Yield x, y, width and height of the tiles of a window."""
     for y in range(0, height, TILE):
         for x in range(0, width, TILE):
             yield x, y, min(TILE, width - x), min(TILE, height - y)
 
 
 def _read(target: Any, width: int, height: int, attachment: int, components: int) -> NDArray[np.float32]:
-    """(h, w, c) an attachment of a target."""
+    """Return an attachment (h, w, c) of a framebuffer."""
     box = (0, 0, width, height)
     flat = np.frombuffer(target.read(viewport=box, components=components, attachment=attachment, dtype="f4"), "f4")
     return flat.reshape(height, width, components)

@@ -1,7 +1,4 @@
-"""The OpenGL context: EGL, so that no display is needed; software rendering (Mesa's llvmpipe) is enough.
-
-The parts of a body on the graphics card: vertex buffers and textures.
-"""
+"""OpenGL context by EGL, which needs no display (llvmpipe suffices), and vertex buffers and textures of a body."""
 
 from __future__ import annotations
 
@@ -18,7 +15,7 @@ from insertion.render.body import BodyPart
 from metric_base.errors import InputError
 from models3d.model import Material
 
-#: Names of the material's textures in the shader, and their texture units.
+#: Texture unit of each texture of the material, by its name in the shader.
 _UNITS = {"base_texture": 3, "surface_texture": 4, "normal_texture": 5, "emissive_texture": 6}
 _LAYOUT = "3f 3f 2f 4f"
 _SHADERS = Path(__file__).parent / "shaders"
@@ -26,9 +23,9 @@ _SHADERS = Path(__file__).parent / "shaders"
 
 @dataclass(frozen=True, slots=True, eq=False)
 class GpuPart:
-    """One part: its vertex arrays for the picture, its facts and its shadows, its textures by name, its material.
+    """Vertex arrays of a part for image, geometry buffers and shadows, with its textures by name and its material.
 
-    buffers : of the vertices and of the faces.
+    `buffers` are those of the vertices and of the faces.
     """
 
     drawn: Any
@@ -40,18 +37,18 @@ class GpuPart:
     buffers: tuple[Any, Any]
 
     def at_vertices(self, part: BodyPart) -> GpuPart:
-        """The same part with its vertices elsewhere; the old one is not used any more."""
+        """Return the part with other vertices; it replaces this one."""
         self.buffers[0].write(_rows(part))
         return replace(self, middle=part.vertices.mean(axis=0))
 
     def release(self) -> None:
-        """Give the memory of the card back."""
+        """Release the memory of the graphics card."""
         for item in (self.drawn, self.gathered, self.cast, *self.textures.values(), *self.buffers):
             if item:
                 item.release()
 
     def bind(self, program: Any) -> None:
-        """Hand the material to the shader; what the shader does not use is skipped."""
+        """Set the uniforms of the material that the shader uses."""
         for name, unit in _UNITS.items():
             flag = "has_" + name.split("_", 1)[0]
             if name in self.textures:
@@ -69,7 +66,7 @@ class GpuPart:
 def load_part(
     context: Any, picture_program: Any, shadow_program: Any, part: BodyPart, facts_program: Any = None
 ) -> GpuPart:
-    """Upload one part; without a program for its facts, `gathered` is None."""
+    """Upload a part; without a program for geometry buffers, `gathered` is None."""
     vertices = context.buffer(_rows(part))
     index = context.buffer(np.ascontiguousarray(part.faces, dtype="i4").tobytes())
     names = ("place", "normal", "uv", "tint")
@@ -88,14 +85,14 @@ def load_part(
 
 
 def _rows(part: BodyPart) -> bytes:
-    """The vertices as they are uploaded."""
+    """Return the vertices in the layout of the buffer."""
     return np.hstack([part.vertices, part.normals, part.uv, part.tint]).astype("f4").tobytes()
 
 
 def _texture(context: Any, pixels: NDArray[np.uint8]) -> Any:
-    """A repeating texture with mipmaps, (h, w, c); glTF's first row is v = 0, as is OpenGL's.
+    """Return a repeating texture (h, w, c) with mipmaps; the first row is v = 0 in glTF and in OpenGL.
 
-    No anisotropic filter: where texture coordinates run wild, llvmpipe samples one pixel for minutes.
+    There is no anisotropic filter, because llvmpipe needs minutes for a pixel with degenerate texture coordinates.
     """
     import moderngl
 
@@ -111,18 +108,18 @@ def _set(program: Any, name: str, value: object) -> None:
 
 
 class NoRenderer(InputError):
-    """No OpenGL context can be made on this machine; the message says what to install."""
+    """No OpenGL context can be created; the message names the package to install."""
 
 
 def gl_context() -> Any:
-    """A moderngl context on EGL. Raises NoRenderer with the package to install."""
+    """Return a moderngl context on EGL. Raises NoRenderer with the package to install."""
     try:
         import moderngl
     except ImportError:
         raise NoRenderer("moderngl is not installed; run: pip install 'metric-tree[insert]'") from None
-    os.environ.setdefault("EGL_LOG_LEVEL", "fatal")  # or Mesa adds lines of its own
+    os.environ.setdefault("EGL_LOG_LEVEL", "fatal")  # otherwise Mesa writes warnings
     try:
-        settings: Any = {"backend": "egl"}  # moderngl's stub types this word as a mapping
+        settings: Any = {"backend": "egl"}  # the stub of moderngl has another type for this argument
         return moderngl.create_context(standalone=True, require=330, **settings)
     except Exception as error:
         reason = " ".join(str(error).split())
@@ -131,12 +128,12 @@ def gl_context() -> Any:
 
 
 def check_renderer() -> None:
-    """Raise NoRenderer where no context can be made, before any work is done."""
+    """Raise NoRenderer if there is no OpenGL context, before any work starts."""
     gl_context().release()
 
 
 def shader(name: str, **constants: int) -> str:
-    """The text of a shader file; `constants` become `#define`s after its version line, `//!part` the file part.glsl."""
+    """Return the text of a shader with `constants` as `#define`s; lines `//!part` are replaced by part.glsl."""
     version, _, body = (_SHADERS / name).read_text(encoding="utf-8").partition("\n")
     body = re.sub(r"^//!(\w+)$", lambda part: (_SHADERS / f"{part[1]}.glsl").read_text("utf-8"), body, flags=re.M)
     defines = "".join(f"#define {key} {value}\n" for key, value in constants.items())

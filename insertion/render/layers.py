@@ -1,7 +1,4 @@
-"""What one object brings to a picture, as layers through the recovered lens; nothing of the picture is in them yet.
-
-Which pixels of a picture an object and its shadow change, and the window of the ideal picture behind them.
-"""
+"""Layers of an object through the lens of a frame, before compositing, and the pixels that they change."""
 
 from __future__ import annotations
 
@@ -20,23 +17,23 @@ from insertion.scene.camera_rays import Window, camera_rays, focal_lengths
 from insertion.scene.pixel_box import PixelBox
 from metric_base.arrays import FloatArray
 
-#: Pixels around the projected vertices: blur and filters reach so far.
+#: Margin around the projected vertices in pixels: the radius of blur and filters.
 MARGIN_PX = 6
-#: Light on the plane that is dimmed by less than this is not worth a pixel.
+#: Minimum loss of light that counts as shadow.
 MIN_SHADOW = 0.004
-#: A shadow on other objects is drawn this far from the object, in its sizes: as far as that on its support.
+#: Maximum distance of a shadow on other objects, relative to the size of the object, as on the support.
 CAST_SIZES = 3.0
-#: The ideal picture behind a strongly curved lens is cut at this many times the picture.
-WIDEST = 3.0
+#: Maximum size of the undistorted image relative to the image, for lenses with strong distortion.
+MAX_WINDOW_RATIO = 3.0
 
 
 def object_box(view: View, body: Body) -> PixelBox | None:
-    """Pixels that the object may cover; None where it is out of the picture."""
+    """Return the pixels that the object may cover, None if it is outside of the image."""
     return _box_of(view, body.position + body.unit * body.corners)
 
 
 def shadow_box(view: View, body: Body, plane: ShadowCatcher) -> PixelBox | None:
-    """Pixels that the shadow on the support plane may cover; None where it is out of the picture."""
+    """Return the pixels that the shadow on the support plane may cover, None if it is outside of the image."""
     flat = _shadow_places(plane)
     if not len(flat) or (view.centre - body.position) @ body.basis[2] <= 0:
         return None
@@ -44,9 +41,12 @@ def shadow_box(view: View, body: Body, plane: ShadowCatcher) -> PixelBox | None:
 
 
 def cast_box(view: View, body: Body, directions: FloatArray) -> PixelBox | None:
-    """Pixels that the shadow on other objects may cover, above the support plane; None where it is out of the picture.
+    """Return the pixels above the support plane that the shadow may cover, None if it is outside of the image.
 
-    directions : (n, 3) towards the lights that cast it.
+    Parameters
+    ----------
+    directions : (n, 3) ndarray of float
+        Directions towards the lights.
     """
     low, high = body.corners.min(axis=0), body.corners.max(axis=0)
     ends = np.stack(np.meshgrid(*zip(low, high, strict=True)), axis=-1).reshape(-1, 1, 3)
@@ -57,11 +57,11 @@ def cast_box(view: View, body: Body, directions: FloatArray) -> PixelBox | None:
 
 
 def window_behind(camera: Camera, box: PixelBox) -> Window:
-    """The part of the ideal (undistorted) picture that fills a box of the real one."""
+    """Return the part of the undistorted image that covers a box of the image."""
     fx, fy, cx, cy = focal_lengths(camera)
     rays = camera_rays(camera)[box.slices]
     low, high = rays.reshape(-1, 2).min(axis=0), rays.reshape(-1, 2).max(axis=0)
-    limit = WIDEST * np.array([camera.width / fx, camera.height / fy])
+    limit = MAX_WINDOW_RATIO * np.array([camera.width / fx, camera.height / fy])
     low, high = np.clip(low, -limit, limit), np.clip(high, -limit, limit)
     x0, y0 = int(np.floor(fx * low[0] + cx - 1.5)), int(np.floor(fy * low[1] + cy - 1.5))
     x1, y1 = int(np.ceil(fx * high[0] + cx + 1.5)), int(np.ceil(fy * high[1] + cy + 1.5))
@@ -70,14 +70,14 @@ def window_behind(camera: Camera, box: PixelBox) -> Window:
 
 @lru_cache(maxsize=8)
 def _shadow_places(plane: ShadowCatcher) -> FloatArray:
-    """(n, 2) some of the places of a map that lie in shadow, along the plane's axes in the local frame."""
+    """Return a sample (n, 2) of the positions in shadow, along the axes of the plane in the local frame."""
     cells = np.argwhere((1 - plane.share).max(axis=-1) > MIN_SHADOW)  # rows, columns
     cells = cells[:: max(1, len(cells) // 4000), ::-1]
     return np.asarray(((cells + 0.5) / len(plane.share) * 2 - 1) * plane.radius)
 
 
 def _box_of(view: View, points: FloatArray) -> PixelBox | None:
-    """Pixels that points (n, 3) of the scene cover, with a margin; None where they are out of the picture."""
+    """Return the pixels of points (n, 3) of the scene with a margin, None if they are outside of the image."""
     local = view.to_camera(points)
     width, height = view.camera.width, view.camera.height
     ahead = local[:, 2] > 1e-6 * np.abs(local).max()
@@ -87,7 +87,7 @@ def _box_of(view: View, points: FloatArray) -> PixelBox | None:
     known = np.isfinite(pixels[:, 0])
     if not known.any():
         return None
-    if not known.all():  # part of it is behind the camera or past the lens's edge
+    if not known.all():  # a part is behind the camera or outside of the lens model
         return PixelBox(0, 0, width, height)
     low = np.clip(np.floor(pixels.min(axis=0)) - MARGIN_PX, 0, [width, height]).astype(int)
     high = np.clip(np.ceil(pixels.max(axis=0)) + MARGIN_PX, 0, [width, height]).astype(int)
@@ -119,16 +119,19 @@ class ObjectLayers:
 
 
 def object_layers(renderer: ObjectRenderer, view: View, full_size: bool = False) -> ObjectLayers | None:
-    """The layers of an object in a view; None where neither it nor its shadow is in the picture.
+    """Return the layers of an object in a view, None if neither the object nor its shadow is in the image.
 
-    whole : over the whole picture instead of the box that they change.
+    Parameters
+    ----------
+    full_size : bool, default False
+        Layers of the complete image, not only of the pixels that may change.
     """
     own = object_box(view, renderer.body)
     dark = shadow_box(view, renderer.body, renderer.plane)
     if own is None and dark is None:
         return None
     box = dark.union(own) if dark is not None else own
-    assert box is not None  # one of the two is there
+    assert box is not None  # one of the two exists
     box = box.union(cast_box(view, renderer.body, renderer.shadow_directions))
     if full_size:
         box = PixelBox(0, 0, view.camera.width, view.camera.height)
@@ -145,15 +148,18 @@ def object_layers(renderer: ObjectRenderer, view: View, full_size: bool = False)
 
 
 def through_lens(ideal: NDArray[np.float32], view: View, box: PixelBox, nearest: bool = False) -> NDArray[np.float32]:
-    """A layer (h, w) or (h, w, c) of the ideal window behind a box, bent by the lens; 0 beyond it.
+    """Return a layer (h, w) or (h, w, c) of the undistorted window with the distortion of the lens, 0 outside of it.
 
-    nearest : take the nearest pixel, and NaN beyond the window, as a depth needs it.
+    Parameters
+    ----------
+    nearest : bool, default False
+        Use the nearest pixel without interpolation, and NaN outside of the window, for depths.
     """
     import cv2
 
     window = window_behind(view.camera, box)
     rays = camera_rays(view.camera)[box.slices]
-    # OpenCV counts from the centre of the first pixel, COLMAP from its corner
+    # the origin of OpenCV is the centre of the first pixel, that of COLMAP its corner
     x = rays[..., 0] * np.float32(window.fx) + np.float32(window.cx - window.x0 - 0.5)
     y = rays[..., 1] * np.float32(window.fy) + np.float32(window.cy - window.y0 - 0.5)
     how, beyond = (cv2.INTER_NEAREST, np.nan) if nearest else (cv2.INTER_LINEAR, 0.0)
@@ -162,7 +168,7 @@ def through_lens(ideal: NDArray[np.float32], view: View, box: PixelBox, nearest:
 
 
 def object_layer(renderer: ObjectRenderer, view: View, box: PixelBox) -> ObjectImage:
-    """The object over the box: rendered with an ideal camera, then bent by the lens."""
+    """Render the object for a box of pixels without distortion, then apply the distortion of the lens."""
     ideal = renderer.image(window_behind(view.camera, box), view.rotation, view.translation)
     bent = through_lens(np.dstack([ideal.colour, ideal.alpha]), view, box)
     return ObjectImage(bent[..., :3], bent[..., 3], through_lens(ideal.depth, view, box, nearest=True))
@@ -171,15 +177,15 @@ def object_layer(renderer: ObjectRenderer, view: View, box: PixelBox) -> ObjectI
 def shadow_layer(
     renderer: ObjectRenderer, view: View, box: PixelBox
 ) -> tuple[NDArray[np.float32], NDArray[np.float32]]:
-    """(h, w, 3) share of the light that still reaches the support plane, and (h, w) the plane's depth, scene units.
+    """Return the fraction (h, w, 3) of the light that reaches the support plane, and its depth (h, w) in scene units.
 
-    The share is 1 and the depth NaN where a pixel does not look at the plane.
+    The fraction is 1 and the depth NaN for pixels that do not show the plane.
     """
     import cv2
 
     body, plane = renderer.body, renderer.plane
     rays = camera_rays(view.camera)[box.slices]
-    toward = (view.rotation @ body.basis.T).astype(np.float32)  # (3, 3) columns: the plane's axes in the camera
+    toward = (view.rotation @ body.basis.T).astype(np.float32)  # (3, 3) columns: axes of the plane in the camera
     start = body.basis @ (view.centre - body.position)
     along = [rays[..., 0] * toward[0, k] + rays[..., 1] * toward[1, k] + toward[2, k] for k in range(3)]
     with np.errstate(divide="ignore", invalid="ignore"):

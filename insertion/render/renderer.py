@@ -1,7 +1,7 @@
-"""One object under the light of its place, through one camera after another.
+"""Render an object under the light at its position through any camera.
 
-Everything that does not depend on the camera (shadow maps, light on the plane, reflections) is made once for each
-place and pose of the object.
+Shadow maps, light on the support plane and reflections do not depend on the camera; they are computed once for each
+pose of the object.
 """
 
 from __future__ import annotations
@@ -23,21 +23,27 @@ from insertion.render.shadow_maps import Caster, ShadowCatcher, light_axes, shad
 from insertion.scene.camera_rays import Window
 from metric_base.arrays import FloatArray
 
-#: 2 ** cuts lights shade the object and other objects; the map on the plane is made once and affords more.
+#: Divisions of the environment into 2 ** cuts lights, for objects and for the support plane (computed only once).
 OBJECT_CUTS, PLANE_CUTS = 6, 8
 SAMPLES = 4
-#: Framebuffers are made in steps of this many pixels, so that a window that grows slowly does not make one each frame.
+#: Granularity of the size of framebuffers in pixels, so that a slowly growing window does not allocate one per frame.
 _STEP = 64
-#: Texture units; those of the materials and of the facts are between them.
+#: Texture units; materials and geometry buffers use the ones between them.
 _ATLAS, _PLANE, _ENVIRONMENT, _OTHERS = 0, 1, 2, 12
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class ObjectImage:
-    """The object alone in a window.
+    """Image of an object without background.
 
-    colour : (h, w, 3) linear radiance times coverage; alpha : (h, w) coverage; depth : (h, w) along the optical axis
-    in scene units, NaN where there is no object.
+    Attributes
+    ----------
+    colour : (h, w, 3) ndarray of float32
+        Linear radiance times coverage.
+    alpha : (h, w) ndarray of float32
+        Coverage.
+    depth : (h, w) ndarray of float32
+        Depth along the optical axis in scene units, NaN outside of the object.
     """
 
     colour: NDArray[np.float32]
@@ -46,7 +52,7 @@ class ObjectImage:
 
 
 class ObjectRenderer:
-    """One body in an OpenGL context (`gl_context`), which several may share."""
+    """Renderer of a body in an OpenGL context (`gl_context`), which several renderers may share."""
 
     def __init__(
         self,
@@ -59,10 +65,20 @@ class ObjectRenderer:
         earlier: Sequence[Body] = (),
         moves: bool = False,
     ) -> None:
-        """The environment is about the middle of the body; ground : about its foot, where that differs.
+        """Prepare the shaders and the first pose.
 
-        casters : other inserted bodies, whose shadow falls on this one and which it mirrors; earlier : those of them
-        whose shadow is on the support already; moves : whether `stand` will put it, or them, elsewhere.
+        Parameters
+        ----------
+        environment : Environment
+            Environment at the centre of the body.
+        ground : Environment, optional
+            Environment at the foot of the body, if it differs.
+        casters : sequence of Body
+            Other inserted bodies, which cast shadows on this one and are reflected in it.
+        earlier : sequence of Body
+            Casters whose shadow on the support is already in the image.
+        moves : bool, default False
+            Whether `set_pose` will be called again.
         """
         self.environment, self._ground = environment, environment if ground is None else ground
         self._context, self._moves = context, moves
@@ -101,9 +117,9 @@ class ObjectRenderer:
         self._light_cover = self._context.vertex_array(self._light, [(quad, "2f", "corner")])
 
     def set_pose(self, body: Body, casters: Sequence[Body] = (), earlier: Sequence[Body] = ()) -> None:
-        """Put the body, of the same parts, where it is now, with what else stands there; the light stays.
+        """Set the pose of the body, which keeps its parts, and of the other bodies; the light is unchanged.
 
-        All that depends on where it stands is made again: the shadow maps, the light on the plane, the reflections.
+        Shadow maps, light on the support plane and reflections are computed again.
         """
         self.body = body
         corners = body.corners
@@ -119,7 +135,7 @@ class ObjectRenderer:
             self._parts = [old.at_vertices(part) for old, part in zip(self._parts, body.parts, strict=True)]
         _release(self._atlas)
         self._atlas = shadow_atlas(self._context, self._cast, self._parts, lights, caster)
-        # what moves is drawn again for each picture
+        # a moving body is computed again for each frame
         cuts = OBJECT_CUTS if self._moves else PLANE_CUTS
         above = _local_lights(self._ground, body, cuts, np.zeros(3), 0.0).above_horizon(body.basis[2])
         returned = _bounce_light(self._ground, body, above)
@@ -155,7 +171,7 @@ class ObjectRenderer:
         return load_part(self._context, self._program, self._cast, part, facts)
 
     def _set_others(self, others: Sequence[Body]) -> None:
-        """Shadow maps of the other bodies, as the lights see them; empty maps without any."""
+        """Compute the shadow maps of the other bodies; they are empty without bodies."""
         parts = [part for other in others for part in self.body.parts_of(other)]
         corners = np.concatenate([part.vertices for part in parts]) if parts else self.body.corners
         middle = (corners.min(axis=0) + corners.max(axis=0)) / 2
@@ -182,7 +198,7 @@ class ObjectRenderer:
     def outline(
         self, window: Window, rotation: FloatArray, translation: FloatArray, times: float
     ) -> NDArray[np.float32]:
-        """(h, w) coverage of the object grown `times` about its foot, without light."""
+        """Return the coverage (h, w) of the object scaled by `times` about its foot."""
         self._program["flat_only"].value = True
         grown = replace(self.body, unit=self.body.unit * times)
         offset = self._set_camera(grown, window, rotation, translation)
@@ -191,7 +207,7 @@ class ObjectRenderer:
         return np.clip(colour[..., 3], 0, 1)
 
     def image(self, window: Window, rotation: FloatArray, translation: FloatArray) -> ObjectImage:
-        """The object through the window of a camera; rotation (3, 3) and translation (3,) are world to camera."""
+        """Return the image of the object in a window; rotation (3, 3) and translation (3,) are world to camera."""
         offset = self._set_camera(self.body, window, rotation, translation)
         if self._solid:
             self._use_light()
@@ -203,7 +219,7 @@ class ObjectRenderer:
         return ObjectImage(colour[..., :3].copy(), np.clip(colour[..., 3], 0, 1), depth.astype(np.float32))
 
     def _set_camera(self, body: Body, window: Window, rotation: FloatArray, translation: FloatArray) -> FloatArray:
-        """Hand the camera, rotation (3, 3) and translation (3,), to the shaders; (3,) its translation locally."""
+        """Set the camera (world to camera) in the shaders and return its translation (3,) in the local frame."""
         rotation, offset = body.camera(rotation, translation)
         depths = self.body.corners @ rotation[2] + offset[2]
         near = max(float(depths.min()) * 0.8, 1e-3)
@@ -217,9 +233,9 @@ class ObjectRenderer:
         return offset
 
     def _forward(self, window: Window, eye: FloatArray) -> tuple[NDArray[np.float32], NDArray[np.float32]]:
-        """(h, w, 4) colour and coverage, (h, w, 2) depth times coverage and coverage; each triangle is lit on its own.
+        """Render by forward shading; return colour and coverage (h, w, 4), and depth times coverage and coverage.
 
-        eye : (3,) the camera's centre in the local frame.
+        `eye` (3,) is the camera centre in the local frame.
         """
         smooth, plain = self._target(window.width, window.height)
         self._draw(smooth, window, eye)
@@ -227,9 +243,14 @@ class ObjectRenderer:
         return _read(plain, window, 0, 4), _read(plain, window, 1, 2)
 
     def irradiance_fraction(self, places: NDArray[np.float32], normals: NDArray[np.float32]) -> NDArray[np.float32]:
-        """(h, w, 3) share of the light that still reaches other objects.
+        """Return the fraction (h, w, 3) of the light that reaches the surfaces of other objects.
 
-        places : (h, w, 4) in the local frame, the fourth 1 where a place is known; normals : (h, w, 3) unit.
+        Parameters
+        ----------
+        places : (h, w, 4) ndarray of float32
+            Positions in the local frame; the fourth component is 1 if the position is known.
+        normals : (h, w, 3) ndarray of float32
+            Unit normals.
         """
         height, width = places.shape[:2]
         textures = [
@@ -274,7 +295,7 @@ class ObjectRenderer:
             program["sharpest_level"].value, program["blurriest_level"].value = 0.0, float(LEVELS)
 
     def _use_light(self) -> None:
-        """Bind what the light needs; texture units are shared by all renderers of a context."""
+        """Bind the textures of the light; all renderers of a context share the texture units."""
         self._atlas.use(_ATLAS)
         if self._others is not None:
             self._others.use(_OTHERS)
@@ -282,7 +303,7 @@ class ObjectRenderer:
         self._environment.use(_ENVIRONMENT)
 
     def _target(self, width: int, height: int) -> tuple[Any, Any]:
-        """Framebuffers of at least this size, with samples and without; only the last pair is kept."""
+        """Return framebuffers of at least this size, with and without multisampling; the previous pair is released."""
         size = (-(-width // _STEP) * _STEP, -(-height // _STEP) * _STEP)
         if size not in self._targets:
             for old in self._targets.values():
@@ -299,7 +320,7 @@ class ObjectRenderer:
         return self._targets[size]
 
     def _draw(self, target: Any, window: Window, eye: FloatArray) -> None:
-        """Draw all parts into a target; `eye` (3,) is the camera's centre in the local frame."""
+        """Draw all parts into a framebuffer; `eye` (3,) is the camera centre in the local frame."""
         context = self._context
         target.use()
         target.viewport = (0, 0, window.width, window.height)
@@ -323,21 +344,21 @@ class ObjectRenderer:
 
 
 def _release(*objects: Any) -> None:
-    """Give the memory of the card back; None is nothing."""
+    """Release the memory of the graphics card; None is ignored."""
     for item in objects:
         if item is not None:
             item.release()
 
 
 def _read(target: Any, window: Window, attachment: int, components: int) -> NDArray[np.float32]:
-    """(h, w, c) an attachment of a target."""
+    """Return an attachment (h, w, c) of a framebuffer."""
     box = (0, 0, window.width, window.height)
     flat = np.frombuffer(target.read(viewport=box, components=components, attachment=attachment, dtype="f4"), "f4")
     return flat.reshape(window.height, window.width, components)
 
 
 def _local_lights(environment: Environment, body: Body, cuts: int, place: FloatArray, radius: float) -> LightSamples:
-    """The lights about a place (3,) in the body's frame, of which something within `radius` is lit."""
+    """Return the lights for a sphere at `place` (3,) in the frame of the body, with a radius of `radius`."""
     lights = sample_lights(environment, cuts).scaled(body.unit)
     if environment.lamps is None:
         return lights
@@ -346,7 +367,7 @@ def _local_lights(environment: Environment, body: Body, cuts: int, place: FloatA
 
 
 def _strongest(lights: LightSamples) -> FloatArray:
-    """(n, 3) directions towards the points of lamps, or, without any, towards the lights that have half the power."""
+    """Return directions (n, 3) towards the lamps, or without lamps towards the lights with half of the power."""
     if lights.near.any():
         return lights.directions[lights.near > 0]
     order = np.argsort(-luminance(lights.power))
@@ -355,17 +376,17 @@ def _strongest(lights: LightSamples) -> FloatArray:
 
 
 def _bounce_light(environment: Environment, body: Body, lights: LightSamples) -> FloatArray:
-    """(n, 3) what a surface gets instead of a light that the body itself hides: the light that the body sends back.
+    """Return the light (n, 3) that the body reflects onto a surface instead of each light that it occludes.
 
-    The body's surface is taken to face along the way of the hidden light, to be matt and to have one mean colour:
-    solid angle times albedo / pi times the irradiance of the environment on it.
+    The surface of the body is assumed to face along the direction of the occluded light, with a Lambertian reflection
+    and a uniform colour: solid angle times albedo / pi times the irradiance of the environment.
     """
     back = np.array([environment.irradiance(-direction) for direction in lights.directions])  # (n, 3)
     return np.asarray(lights.angle[:, None] * body.albedo / np.pi * back)
 
 
 def _set_lights(program: Any, lights: LightSamples, returned: FloatArray, caster: Caster) -> None:
-    """Hand the lights to a program; returned : (n, 3) what comes back of each from what the object lights."""
+    """Set the lights of a program; `returned` (n, 3) is the bounce light of each (`_bounce_light`)."""
     right, above = light_axes(lights, caster.radius)
     rows = {
         "light_direction": lights.directions,

@@ -1,6 +1,6 @@
-"""What the object takes from the light: a shadow map for each light, and the map of light that reaches the plane.
+"""Shadow maps of an object, one per light, and the fraction of the light that reaches the support plane.
 
-Each map has hard edges; a shadow is soft because a lamp is many lights (`insertion/light/light_samples.py`).
+The edges in each map are hard; shadows are soft because a lamp consists of many lights (`light/light_samples.py`).
 """
 
 from __future__ import annotations
@@ -37,9 +37,14 @@ class Caster:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class ShadowCatcher:
-    """share : (MAP_PIXELS, MAP_PIXELS, 3) of the light that still reaches the support plane; radius : half its side.
+    """Fraction of the light that reaches the support plane around the foot of an object.
 
-    Columns go along the plane's first axis, rows along its second, from -radius to radius about the object's foot.
+    Attributes
+    ----------
+    share : (MAP_PIXELS, MAP_PIXELS, 3) ndarray of float32
+        The fraction; columns are along the first axis of the plane and rows along the second, from -radius to radius.
+    radius : float
+        Half the side of the map.
     """
 
     share: NDArray[np.float32]
@@ -47,9 +52,9 @@ class ShadowCatcher:
 
 
 def light_axes(lights: LightSamples, radius: float) -> tuple[FloatArray, FloatArray]:
-    """(n, 3) right and up axes of each light's shadow map, divided by the radius of what casts.
+    """Return the right and up axes (n, 3) of the shadow map of each light, divided by the radius of the caster.
 
-    A light at the distance d sees the sphere of radius r under the tangent r / sqrt(d^2 - r^2).
+    A light at the distance d sees a sphere of radius r at an angle with the tangent r / sqrt(d^2 - r^2).
     """
     seed = np.where(np.abs(lights.directions[:, 2:]) < 0.9, [[0.0, 0.0, 1.0]], [[1.0, 0.0, 0.0]])
     right = np.cross(seed, lights.directions)
@@ -59,7 +64,7 @@ def light_axes(lights: LightSamples, radius: float) -> tuple[FloatArray, FloatAr
 
 
 def shadow_atlas(context: Any, program: Any, parts: Sequence[GpuPart], lights: LightSamples, caster: Caster) -> Any:
-    """A depth texture of tiles, one for each light."""
+    """Return a depth texture with a tile per light."""
     tiles = int(np.ceil(np.sqrt(len(lights.directions))))
     atlas = context.depth_texture((tiles * TILE, tiles * TILE))
     atlas.compare_func = "<="
@@ -90,15 +95,32 @@ def shadow_catcher(
     others: Sequence[GpuPart] = (),
     all_corners: FloatArray | None = None,
 ) -> ShadowCatcher:
-    """The light on the support plane with the object over it without: 1 - sum of (w_i - b_i) h_i / sum of w_i.
+    """Compute the ratio of the light on the support plane with and without the object.
 
-    Beside `others`, which are inserted already, it is the light with all objects over the light with the others alone,
-    so that the shares of several objects multiply to the light with all; all_corners : (n, 3) the vertices of all.
+    The ratio is::
 
-    lights : above the horizon, about the object's foot; w_i = power_i cos(theta_i) d_i^2 / r_i^2 at each place of the
-    plane; h_i is 1 where the object stands between light i and the plane, which then gets b_i = returned_i (n, 3)
-    cos(theta_i) from the object. Each light draws the object flattened onto the plane along its own rays.
-    basis : (3, 3), its last row the normal of the plane; corners : (n, 3) vertices of the object in its local frame.
+        1 - sum_i (w_i - b_i) h_i / sum_i w_i
+
+    with w_i = power_i cos(theta_i) d_i^2 / r_i^2, h_i = 1 if the object occludes light i, and the bounce light
+    b_i = returned_i cos(theta_i). Each light projects the object onto the plane along its rays.
+
+    Parameters
+    ----------
+    parts : sequence of GpuPart
+        The object.
+    lights : LightSamples
+        Lights above the horizon, relative to the foot of the object.
+    returned : (n, 3) ndarray of float
+        Bounce light of the object for each light.
+    basis : (3, 3) ndarray of float
+        Axes of the plane; the last row is its normal.
+    corners : (n, 3) ndarray of float
+        Vertices of the object in its local frame.
+    others : sequence of GpuPart
+        Objects that are already inserted. The result is then the ratio of the light with all objects and with these,
+        so that the product over several objects is the light with all of them.
+    all_corners : (n, 3) ndarray of float, optional
+        Vertices of all objects.
     """
     reach = float(np.abs(corners @ basis[:2].T).max() + MAP_HEIGHTS * max((corners @ basis[2]).max(), 0.05))
     local = lights.directions @ basis.T  # (n, 3) along the plane's axes
@@ -122,9 +144,9 @@ def _missing_light(
     parts: Sequence[GpuPart],
     corners: FloatArray,
 ) -> NDArray[np.float32]:
-    """(MAP_PIXELS, MAP_PIXELS, 3) irradiance that parts with vertices `corners` (n, 3) take from the plane.
+    """Return the irradiance (MAP_PIXELS, MAP_PIXELS, 3) that parts with vertices `corners` (n, 3) occlude on the plane.
 
-    local : (n, 3) the lights' directions along the plane's axes; the other arguments are those of `plane_map`.
+    `local` (n, 3) are the directions of the lights along the axes of the plane.
     """
     blocked = context.texture((MAP_PIXELS, MAP_PIXELS), 1, dtype="f1")
     lost = context.texture((MAP_PIXELS, MAP_PIXELS), 4, dtype="f4")
@@ -160,7 +182,7 @@ def _missing_light(
 
 
 def _open_light(directions: FloatArray, lights: LightSamples, reach: float) -> NDArray[np.float32]:
-    """(MAP_PIXELS, MAP_PIXELS, 3) irradiance of the plane without the object; directions : (n, 3) on its own axes."""
+    """Return the irradiance (MAP_PIXELS, MAP_PIXELS, 3) of the plane without objects; `directions` (n, 3)."""
     import cv2
 
     at = ((np.arange(OPEN_PIXELS) + 0.5) / OPEN_PIXELS * 2 - 1) * reach
@@ -172,12 +194,12 @@ def _open_light(directions: FloatArray, lights: LightSamples, reach: float) -> N
 
 
 def _shift(number: int) -> FloatArray:
-    """(2,) part of a pixel by which the shadow of a light is moved: the sum of all then has smooth edges."""
+    """Return the offset (2,) of the shadow of a light, a fraction of a pixel, so that the sum has smooth edges."""
     return np.asarray(np.mod(number * np.array([0.7548777, 0.5698403]), 1.0) * 2 - 1) / MAP_PIXELS
 
 
 def _part_of_map(matrix: FloatArray, ends: FloatArray) -> tuple[int, int, int, int]:
-    """Pixels (x, y, width, height) of the map that `matrix` (4, 4) may darken; ends : (8, 3) of a box of what casts."""
+    """Return the pixels (x, y, width, height) that a caster in the box with corners `ends` (8, 3) may darken."""
     clip = np.column_stack([ends, np.ones(len(ends))]) @ matrix.T
     if (clip[:, 3] < 1e-3 * matrix[3, 3]).any():
         return 0, 0, MAP_PIXELS, MAP_PIXELS
@@ -188,15 +210,15 @@ def _part_of_map(matrix: FloatArray, ends: FloatArray) -> tuple[int, int, int, i
 
 
 def _shadow_matrix(direction: FloatArray, near: float, basis: FloatArray, reach: float) -> FloatArray:
-    """(4, 4) from the local frame along a light's rays onto the plane, -1 to 1 over the map.
+    """Return the projection (4, 4) from the local frame along the rays of a light onto the plane, -1 to 1 over the map.
 
-    direction : (3,) along the plane's axes, of a light at the distance 1 / near. A point at (x, y, z) meets the plane
-    at ((d_z x - d_x z) / w, (d_z y - d_y z) / w) with w = d_z - near z; what is as high as the light is clipped.
+    `direction` (3,) is that of a light at the distance 1 / near, in the axes of the plane. A point (x, y, z) is
+    projected to ((d_z x - d_x z) / w, (d_z y - d_y z) / w) with w = d_z - near z; points above the light are clipped.
     """
     clip = np.zeros((4, 4))
     for row in range(2):
         clip[row, :3] = (direction[2] * basis[row] - direction[row] * basis[2]) / reach
-    # depth: 0 on the plane, a little below it is still drawn
+    # depth: 0 on the plane; points slightly below it are drawn
     clip[2, :3] = direction[2] * basis[2] / (100.0 * reach)
     clip[3, :3], clip[3, 3] = -near * basis[2], direction[2]
     return clip

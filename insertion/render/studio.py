@@ -1,4 +1,4 @@
-"""Pictures of a model alone: orthographic views with exact foreground, at a known number of pixels per metre."""
+"""Orthographic images of a model with exact masks and a known number of pixels per metre."""
 
 from __future__ import annotations
 
@@ -14,35 +14,45 @@ from insertion.render.gpu import load_part, shader
 from metric_base.arrays import FloatArray
 from models3d.model import Model
 
-#: Four views, a quarter turn apart, none of them straight at a side.
+#: Azimuths of the views in degrees, a quarter turn apart and oblique to the sides of the model.
 AZIMUTHS_DEG = (30.0, 120.0, 210.0, 300.0)
-#: As one looks at an object on a table: the top is seen, and the height is shortened by 6 % only.
+#: Elevation of the camera in degrees: the top is visible, and the height is shortened by only 6 %.
 ELEVATION_DEG = 20.0
-#: Free pixels around the object before it is cropped.
+#: Margin around the object in pixels before the image is cropped.
 MARGIN_PX = 2
 SAMPLES = 4
-#: The axes of a model that stands at the origin: two horizontal ones and up, which is glTF's +y.
+#: Axes of a model at the origin: two horizontal ones and up (+y of glTF).
 _BASIS = np.array([[1.0, 0.0, 0.0], [0.0, 0.0, 1.0], [0.0, 1.0, 0.0]])
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class StudioView:
-    """rgba : (h, w, 4) uint8 sRGB, alpha is the foreground, cropped to it; pixels_per_metre : of the view's plane."""
+    """An image of a model.
+
+    Attributes
+    ----------
+    rgba : (h, w, 4) ndarray of uint8
+        sRGB with the mask as alpha, cropped to the object.
+    pixels_per_metre : float
+        Scale of the image.
+    """
 
     rgba: NDArray[np.uint8]
     pixels_per_metre: float
 
     @property
     def foreground_share(self) -> float:
-        """Share of the picture that the object covers."""
+        """Fraction of the image that the object covers."""
         return float((self.rgba[..., 3] >= 128).mean())
 
 
 def studio_views(context: Any, model: Model, pixels: int) -> Iterator[StudioView]:
-    """Views of a model whose largest diagonal is `pixels` long.
+    """Yield orthographic views of a model whose largest diagonal has a length of `pixels` pixels.
 
-    context : of `insertion.render.gpu.gl_context`. The projection is orthographic, so that one number of pixels
-    per metre holds all over a picture.
+    Parameters
+    ----------
+    context : moderngl.Context
+        Context of `insertion.render.gpu.gl_context`.
     """
     program = context.program(vertex_shader=shader("studio.vert"), fragment_shader=shader("studio.frag"))
     body = body_of(model, np.zeros(3), _BASIS, np.array([0.0, 0.0, 1.0]), 1.0)
@@ -56,54 +66,43 @@ def studio_views(context: Any, model: Model, pixels: int) -> Iterator[StudioView
     smooth = context.framebuffer([make((side, side), 4, samples=SAMPLES)], deep)
     plain = context.framebuffer([make((side, side), 4)])
     for azimuth in AZIMUTHS_DEG:
-        turn = _camera_axes(azimuth, ELEVATION_DEG)
-        program["clip"].write(_clip(turn, middle, radius * side / pixels).T.astype("f4").tobytes())
+        turn = camera_axes(azimuth, ELEVATION_DEG)
+        reach = radius * side / pixels  # half the side of the visible cube
+        clip = np.eye(4)
+        clip[:3, :3] = turn / reach
+        clip[:3, 3] = -turn @ middle / reach
+        program["clip"].write(clip.T.astype("f4").tobytes())
         program["towards_eye"].value = tuple(float(v) for v in -turn[2])
-        _draw(context, smooth, program, parts)
+        # Opaque parts, then transparent ones over them; colours are premultiplied by alpha
+        smooth.use()
+        smooth.clear()
+        context.enable(context.DEPTH_TEST | context.BLEND)
+        context.blend_func = context.ONE, context.ONE_MINUS_SRC_ALPHA
+        for is_clear in (False, True):
+            smooth.depth_mask = not is_clear
+            for part in parts:
+                if part.material.blend == is_clear:
+                    program["clear"].value = is_clear
+                    part.bind(program)
+                    part.drawn.render()
+        smooth.depth_mask = True
+        context.disable(context.BLEND)
         context.copy_framebuffer(plain, smooth)
         rgba = np.frombuffer(plain.read(components=4), "u1").reshape(side, side, 4)
-        yield StudioView(_crop(rgba), pixels / (2 * radius * body.unit))
+        # Crop to the object and divide the colours by alpha
+        rows, columns = np.nonzero(rgba[..., 3])
+        box = rgba[rows.min() : rows.max() + 1, columns.min() : columns.max() + 1].astype(np.float64)
+        colours = np.clip(box[..., :3] / (np.maximum(box[..., 3:], 1) / 255), 0, 255)
+        cropped = np.concatenate([colours, box[..., 3:]], axis=-1).round().astype(np.uint8)
+        yield StudioView(cropped, pixels / (2 * radius * body.unit))
     for item in (smooth, plain):
         item.release()
 
 
-def _camera_axes(azimuth_deg: float, elevation_deg: float) -> FloatArray:
-    """(3, 3) rows right, down, forward of a camera that looks at the origin."""
+def camera_axes(azimuth_deg: float, elevation_deg: float) -> FloatArray:
+    """Return the axes (3, 3) of a camera that looks at the origin: rows right, down, forward."""
     azimuth, elevation = np.radians([azimuth_deg, elevation_deg])
     away = np.array([np.cos(elevation) * np.sin(azimuth), np.sin(elevation), np.cos(elevation) * np.cos(azimuth)])
     right = np.cross(-away, [0.0, 1.0, 0.0])
     right /= np.linalg.norm(right)
     return np.array([right, np.cross(-away, right), -away])
-
-
-def _clip(turn: FloatArray, middle: FloatArray, reach: float) -> FloatArray:
-    """(4, 4) model to clip space: a cube of half side `reach` about the middle; y points down the picture."""
-    clip = np.eye(4)
-    clip[:3, :3] = turn / reach
-    clip[:3, 3] = -turn @ middle / reach
-    return clip
-
-
-def _draw(context: Any, target: Any, program: Any, parts: list[Any]) -> None:
-    """Draw the solid parts, then the clear ones over them; colours are premultiplied by alpha."""
-    target.use()
-    target.clear()
-    context.enable(context.DEPTH_TEST | context.BLEND)
-    context.blend_func = context.ONE, context.ONE_MINUS_SRC_ALPHA
-    for clear in (False, True):
-        target.depth_mask = not clear
-        for part in parts:
-            if part.material.blend == clear:
-                program["clear"].value = clear
-                part.bind(program)
-                part.drawn.render()
-    target.depth_mask = True
-    context.disable(context.BLEND)
-
-
-def _crop(rgba: NDArray[np.uint8]) -> NDArray[np.uint8]:
-    """(h, w, 4) the box of the foreground; colours without the premultiplied alpha."""
-    rows, columns = np.nonzero(rgba[..., 3])
-    box = rgba[rows.min() : rows.max() + 1, columns.min() : columns.max() + 1].astype(np.float64)
-    alpha = np.maximum(box[..., 3:], 1) / 255
-    return np.concatenate([np.clip(box[..., :3] / alpha, 0, 255), box[..., 3:]], axis=-1).round().astype(np.uint8)

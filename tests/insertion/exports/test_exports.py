@@ -27,7 +27,7 @@ from insertion.insertion_scene import InsertionScene
 from insertion.light.environment_estimate import environment_at
 from insertion.light.environment_map import Environment
 from insertion.placement.placed_object import PlacedObject
-from insertion.render.studio import _camera_axes
+from insertion.render.studio import camera_axes
 from insertion.request import InsertionRequest, ObjectRequest, SceneSource
 from models3d.gltf.document import GltfWriter
 from tests.synthetic.insertions import place_in, prepared_scene_of, video_room, write_glb
@@ -348,7 +348,7 @@ def test_normals_of_a_slanted_plane_look_at_the_camera() -> None:
 
 @pytest.mark.parametrize("azimuth", [0.0, 35.0, 200.0])
 def test_the_studio_camera_looks_at_the_middle(azimuth: float) -> None:
-    axes = _camera_axes(azimuth, 20.0)
+    axes = camera_axes(azimuth, 20.0)
     assert np.allclose(axes @ axes.T, np.eye(3))
     assert np.linalg.det(axes) == pytest.approx(1)
     assert axes[2][1] == pytest.approx(-np.sin(np.radians(20)))

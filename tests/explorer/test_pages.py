@@ -1,0 +1,259 @@
+"""Contents of pages and charts: which rows, charts and images a page shows, and the limits of each."""
+
+from __future__ import annotations
+
+import re
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from explorer.catalogue import ReleaseCatalogue
+from explorer.charts.axis import LogAxis, length_text
+from explorer.charts.distributions import distribution, scatter
+from explorer.charts.icicle import icicle
+from explorer.charts.size_comparison import DrawnBox, size_comparison
+from explorer.pages.node_page import category_bars, drawn_box, images_to_scale, items_by_size, node_page
+from explorer.pages.release_pages import median_offset, source_page
+from explorer.pages.templating import Link, cell_html, numeric_columns, web_address
+from metric_tree.prior import INTERVAL_QUANTILES
+from metric_tree.tree import Tree, open_tree
+from tests.synthetic import minitree
+
+
+@pytest.mark.parametrize(("limit", "n_rows"), [(1, 1), (2, 2), (3, 2)])
+def test_bars_show_at_most_this_number_of_categories(
+    catalogue: ReleaseCatalogue, monkeypatch: pytest.MonkeyPatch, limit: int, n_rows: int
+) -> None:
+    monkeypatch.setattr("explorer.pages.node_page.MAX_ROWS", limit)
+    stool = catalogue.by_slug["mt-bar_stool"]
+    bars = category_bars(catalogue, catalogue.nodes["chair.n.01"].children, stool)
+    assert bars is not None
+    assert len(bars["rows"]) == n_rows
+    assert bars["more"] == 2 - n_rows
+    assert stool.node_id in {row["node"] for row in bars["rows"]}, "the category of the page is always shown"
+
+
+def test_bars_have_the_quantiles_of_the_height_on_an_axis_from_0_to_100(catalogue: ReleaseCatalogue) -> None:
+    chair = catalogue.nodes["chair.n.01"]
+    bars = category_bars(catalogue, chair.children, chair)
+    assert bars is not None
+    assert bars["dim"] == "height"
+    assert [row["node"] for row in bars["rows"]] == ["swivel_chair.n.01", "mt:bar_stool"], "most items first"
+    for row in bars["rows"]:
+        node = catalogue.nodes[row["node"]]
+        span = catalogue.quantiles(node)[::2, catalogue.dims(node).index("height")]
+        axis = LogAxis(bars["low"], bars["high"], 0, 100)
+        assert row["bar"] == [f"{axis.at(mm):.1f}" for mm in span]
+        assert row["median"] == span[1]
+    assert min(float(row["bar"][0]) for row in bars["rows"]) == 0.0
+    assert category_bars(catalogue, [chair], chair) is None, "a category without a size has no bar"
+
+
+@pytest.mark.parametrize(("fraction", "dim"), [(0.5, "height"), (0.51, "extent1")])
+def test_the_axis_is_a_dimension_of_enough_categories(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, fraction: float, dim: str
+) -> None:
+    names = dict(zip(("length", "width", "height"), ("extent1", "extent2", "extent3"), strict=True))
+    rows = minitree.rows()
+    for row in rows["priors.parquet"]:
+        if row["node_id"] != "swivel_chair.n.01":
+            row["dims"] = [names[dim] for dim in row["dims"]]
+    catalogue = ReleaseCatalogue([Tree(minitree.release(tmp_path / "r", rows))])
+    monkeypatch.setattr("explorer.pages.node_page.MIN_AXIS_FRACTION", fraction)
+    nodes = [catalogue.nodes[node_id] for node_id in ("swivel_chair.n.01", "mt:bar_stool", "mouse.n.04")]
+    bars = category_bars(catalogue, nodes, nodes[0])
+    assert bars is not None
+    assert bars["dim"] == dim
+
+
+@pytest.mark.parametrize("change", [0, 1])
+def test_a_scatter_chart_needs_enough_items(
+    catalogue: ReleaseCatalogue, monkeypatch: pytest.MonkeyPatch, change: int
+) -> None:
+    node = catalogue.nodes["swivel_chair.n.01"]
+    monkeypatch.setattr("explorer.pages.node_page.MIN_SCATTER_ITEMS", len(catalogue.rows(node)) + change)
+    assert ("length against height" in node_page(catalogue, node).decode()) == (change == 0)
+
+
+def test_items_are_from_the_largest_to_the_smallest(
+    catalogue: ReleaseCatalogue, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    rows = catalogue.rows(catalogue.nodes["swivel_chair.n.01"])
+    heights = sorted(catalogue.items["height_mm"].take(rows).to_pylist(), reverse=True)
+    monkeypatch.setattr("explorer.pages.node_page.MAX_ITEMS", len(rows))
+    assert [item["height_mm"] for item in items_by_size(catalogue, rows, catalogue.sizes[rows])] == heights
+    monkeypatch.setattr("explorer.pages.node_page.MAX_ITEMS", 2)
+    shown = items_by_size(catalogue, rows, catalogue.sizes[rows])
+    assert [item["height_mm"] for item in shown] == [heights[0], heights[-1]]
+    assert items_by_size(catalogue, rows[:0], catalogue.sizes[rows[:0]]) == []
+
+
+def _image(item_id: str, width: int, height: int, scale: float | None, credit: str | None = None) -> dict[str, object]:
+    return {
+        "item_id": item_id, "cutout_path": None, "path": f"{item_id}.webp", "width_px": width, "height_px": height,
+        "pixels_per_metre": scale, "attribution": credit, "licence": None, "source_url": "ftp://x",
+    }  # fmt: skip
+
+
+def test_images_are_drawn_to_the_same_scale(catalogue: ReleaseCatalogue, monkeypatch: pytest.MonkeyPatch) -> None:
+    node = catalogue.nodes["swivel_chair.n.01"]
+    item_id = "made:swivel_chair.n.01-0"
+    images = [_image(item_id, 100, 200, 100.0), _image(item_id, 200, 100, 200.0), _image(item_id, 50, 50, 5000.0)]
+    monkeypatch.setattr(ReleaseCatalogue, "images", lambda *_: images)
+    drawn = images_to_scale(catalogue, node)
+    assert [(image["width"], image["height"]) for image in drawn] == [(90, 180), (90, 45), (12, 12)]
+    assert [image["url"] for image in drawn] == ["", "", ""]
+    assert drawn[0]["credit"] == "made (no licence stated)"
+    monkeypatch.setattr("explorer.pages.node_page.MAX_IMAGES", 2)
+    assert len(images_to_scale(catalogue, node)) == 2
+    images[0]["pixels_per_metre"] = None  # the longest side of the item is 1.0842 m, the image 1.0 m
+    images[1:] = [_image(item_id, 200, 100, 200.0)]
+    assert [image["height"] for image in images_to_scale(catalogue, node)] == [180, round(180 / 1.0842 / 2)]
+
+
+@pytest.mark.parametrize(("length", "shown"), [(159, 159), (160, 158)])
+def test_a_long_credit_is_cut(
+    catalogue: ReleaseCatalogue, monkeypatch: pytest.MonkeyPatch, length: int, shown: int
+) -> None:
+    image = _image("made:swivel_chair.n.01-0", 10, 10, None, "c" * length)
+    monkeypatch.setattr(ReleaseCatalogue, "images", lambda *_: [image])
+    (drawn,) = images_to_scale(catalogue, catalogue.nodes["swivel_chair.n.01"])
+    assert len(drawn["credit"]) == shown
+
+
+def test_the_drawn_box_is_length_by_height_and_width_deep(catalogue: ReleaseCatalogue) -> None:
+    node = catalogue.nodes["swivel_chair.n.01"]
+    prior = catalogue.prior(node)
+    assert prior is not None
+    assert drawn_box(prior, catalogue.quantiles(node)).names == ("length", "height", "width")
+    extents = replace(prior, dims=("extent1", "extent2", "extent3"))
+    assert drawn_box(extents, catalogue.quantiles(node)).names == ("extent1", "extent2", "extent3")
+    height = prior.marginal(("height",))
+    box = drawn_box(height, height.quantiles((0.05, 0.25, 0.5, 0.75, 0.95)))
+    assert box.names == ("height", "height", "")
+    assert box.deep is None
+    assert box.up == tuple(height.quantiles(INTERVAL_QUANTILES)[:, 0])
+
+
+def test_a_small_object_is_next_to_a_hand_and_a_large_one_next_to_a_person_and_a_door() -> None:
+    def references(mm: float) -> str:
+        drawing = size_comparison("thing", DrawnBox((mm,) * 3, (mm,) * 3, None, ("length", "height", "")))
+        return drawing.partition("to scale")[2].partition(":")[0]
+
+    assert references(2) == ""
+    assert references(22) == " beside hand"  # 190 mm is under 9 times 22 mm
+    assert references(300) == " beside hand"
+    assert references(449) == " beside hand"
+    assert references(451) == " beside person, door, hand"
+    assert references(190 / 0.0349) == " beside person, door"
+    assert references(190 / 0.0351) == " beside person, door, hand"
+
+
+def test_the_scale_bar_has_a_round_length_of_at_most_90_pixels() -> None:
+    drawing = size_comparison("cup", DrawnBox((90,) * 3, (100,) * 3, (90,) * 3, ("length", "height", "width")))
+    match = re.search(r'class="bar" d="M10 230v4h([\d.]+)v', drawing)
+    assert match is not None
+    assert 36 < float(match[1]) <= 90
+    assert re.search(r">(?:1|2|5)(?:0*) [cm]m</text></svg>", drawing) is not None
+
+
+def test_a_histogram_needs_8_items_and_a_median_is_drawn(catalogue: ReleaseCatalogue) -> None:
+    prior = catalogue.prior(catalogue.nodes["swivel_chair.n.01"])
+    assert prior is not None
+    height = prior.marginal(("height",))
+    interval = height.quantiles(INTERVAL_QUANTILES)[:, 0]
+    for n, has_bars in ((7, False), (8, True)):
+        sizes, kinds = np.full(n, 1050.0), np.array(["product"] * (n - 1) + ["measured"], dtype=object)
+        drawing = distribution("height", height, interval, sizes, kinds)
+        assert ('class="kind-product"' in drawing) == has_bars
+        assert f"median 1.05 m, 90 % interval 0.94 to 1.17 m, {n} shipped items" in drawing
+    bars = re.findall(r'kind-(\w+)" d="M[\d.]+ ([\d.]+)v-([\d.]+)h', drawing)
+    assert [kind for kind, *_ in bars] == ["measured", "product"], "the strongest kind is at the bottom"
+    assert float(bars[0][1]) == 118.0
+    assert float(bars[1][1]) == pytest.approx(118.0 - float(bars[0][2]), abs=0.11)
+    assert float(bars[1][2]) == pytest.approx(7 * float(bars[0][2]), rel=0.05)
+
+
+@pytest.mark.parametrize(("weight", "contours"), [(0.05, 2), (0.049, 1)])
+def test_components_of_enough_weight_have_a_contour(catalogue: ReleaseCatalogue, weight: float, contours: int) -> None:
+    prior = catalogue.prior(catalogue.nodes["swivel_chair.n.01"])
+    assert prior is not None
+    pair = prior.marginal(("length", "height"))
+    pair = replace(
+        pair,
+        weights=np.array([1 - weight, weight]),
+        means=np.repeat(pair.means, 2, axis=0),
+        covariances=np.repeat(pair.covariances, 2, axis=0),
+    )
+    sizes = np.exp(pair.means[:1]) * np.ones((6, 1))
+    drawing = scatter(pair, sizes, np.array(["product"] * 6, dtype=object))
+    assert drawing.count('class="contour"') == contours
+    assert drawing.count("h0") == 6
+    assert "length (across) against height (up), 6 of 6 items" in drawing
+
+
+def test_the_icicle_names_high_nodes_and_leaves_out_thin_ones(
+    catalogue: ReleaseCatalogue, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    root = catalogue.tree.root
+    assert icicle(root, catalogue.tier).count("<rect") == len(catalogue.nodes)
+    rat = 1400 * 4 / 40 * 2 / 4  # the height of a node with two of 40 items
+    monkeypatch.setattr("explorer.charts.icicle.MIN_NODE_HEIGHT_PX", rat + 0.1)
+    assert icicle(root, catalogue.tier).count("<rect") == len(catalogue.nodes) - 2
+    monkeypatch.setattr("explorer.charts.icicle.MIN_NODE_HEIGHT_PX", 1.0)
+    monkeypatch.setattr("explorer.charts.icicle.MIN_NAMED_HEIGHT_PX", rat + 0.1)
+    assert icicle(root, catalogue.tier).count("<text") == len(catalogue.nodes) - 2
+
+
+def test_lengths_have_the_usual_unit() -> None:
+    assert [length_text(mm) for mm in (19.9, 20.0, 999.0, 1000.0, 1.9e6, 2e6)] == [
+        "19.9 mm", "2 cm", "99.9 cm", "1 m", "1,900 m", "2 km",
+    ]  # fmt: skip
+
+
+def test_an_axis_has_at_most_6_ticks_at_a_distance() -> None:
+    assert len(LogAxis(1, 1e9, 0, 1e4).ticks()) == 6
+    axis = LogAxis(100, 1000, 0, 100)
+    ticks = axis.ticks()
+    assert {100, 1000} <= set(ticks)
+    assert min(np.diff([axis.at(tick) for tick in ticks])) >= 38.0
+    assert LogAxis(100, 1000, 0, 38).ticks() == [100, 1000]
+    assert len(LogAxis(100, 1000, 0, 37.9).ticks()) == 1
+    assert axis.at(10) == 0.0
+    assert axis.at(1e5) == 100.0
+
+
+@pytest.mark.parametrize("change", [0, 1])
+def test_the_offset_of_a_source_needs_enough_sizes(
+    catalogue: ReleaseCatalogue, monkeypatch: pytest.MonkeyPatch, change: int
+) -> None:
+    node = catalogue.nodes["swivel_chair.n.01"]
+    rows = catalogue.rows(node)
+    monkeypatch.setattr("explorer.pages.release_pages.MIN_OFFSET_ROWS", len(rows) + change)
+    offset = median_offset(catalogue, node, rows)
+    page = source_page(catalogue, "made").decode()
+    if change:
+        assert offset is None
+        assert "Over " not in page
+    else:
+        ratios = np.median(catalogue.sizes[rows][:, :3], axis=0) / catalogue.quantiles(node)[2]
+        assert offset == pytest.approx(np.exp(np.log(ratios).mean()) - 1, abs=1e-4)
+        assert f"Over 1 category its median size is {abs(offset):.0%}" in page
+
+
+def test_cells_are_numbers_links_and_text() -> None:
+    assert str(cell_html(1200)) == "1,200"
+    assert str(cell_html(Link("a", "https://x"))) == '<a href="https://x">a</a>'
+    assert str(cell_html(Link("a", "http://x"))) == "a"
+    assert numeric_columns([("1", "70 (59%)", "a"), ("-3 %", 1200, "1")], 3) == [True, True, False]
+    assert numeric_columns([], 1) == [False]
+    assert web_address("http://x") == "http://x"
+    assert web_address("data:x") == ""
+
+
+def test_releases_of_one_version_are_refused(tmp_path: Path) -> None:
+    tree = open_tree(minitree.release(tmp_path / "r").directory)
+    with pytest.raises(ValueError, match="--tree: expected releases of different versions; found"):
+        ReleaseCatalogue([tree, tree])

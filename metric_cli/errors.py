@@ -48,7 +48,7 @@ _PATH_ERRORS: dict[type[OSError], str] = {
     PermissionError: "leave to read or write it; found none",
 }
 #: Exit statuses. EXIT_NEGATIVE_RESULT: the run succeeded with a negative result, such as an unresolved scale.
-DONE, INTERNAL_ERROR, INPUT_ERROR, EXIT_NEGATIVE_RESULT, TERMINATED = 0, 1, 2, 3, 143
+EXIT_OK, INTERNAL_ERROR, INPUT_ERROR, EXIT_NEGATIVE_RESULT, TERMINATED = 0, 1, 2, 3, 143
 
 
 def missing_extra(module: str | None) -> str | None:
@@ -73,7 +73,7 @@ def exit_status(program: str, run: Callable[[], int]) -> int:
             status = copy_context().run(run)  # the rules of outputs end with the run
             sys.stdout.flush()
         except BrokenPipeError:  # the reader of the pipe needs no more output
-            status = DONE
+            status = EXIT_OK
         except KeyboardInterrupt:
             status = _report(program, "interrupted", INTERRUPTED)
         except Terminated:
@@ -91,7 +91,7 @@ def exit_status(program: str, run: Callable[[], int]) -> int:
 
 def exit_status_help(done: str = "", input_error: str = "", unusable: str = "") -> str:
     """Return the description of the exit statuses for the end of a help text."""
-    parts = [f"{DONE} done{done}", f"{INPUT_ERROR} the input is invalid (one line says where){input_error}"]
+    parts = [f"{EXIT_OK} done{done}", f"{INPUT_ERROR} the input is invalid (one line says where){input_error}"]
     parts += [f"{EXIT_NEGATIVE_RESULT} {unusable}"] if unusable else []
     return textwrap.fill(f"Exit status: {'; '.join(parts)}; {INTERNAL_ERROR} an internal error.", HELP_WIDTH) + "\n"
 

@@ -73,7 +73,7 @@ def insertion_job(
         "objects": models,
         "catchers": [
             {"corners": corners.tolist(), "albedo": support_albedo(environment)}
-            for corners in _catchers(objects, transform)
+            for corners in catcher_corners(objects, transform)
         ],
         "environment": str(write_environment(environment, folder / "environment.hdr")),
         "window": _window(window_of(keys[0].camera)),
@@ -91,7 +91,7 @@ def insertion_job(
     }
 
 
-def _catchers(objects: Sequence[PlacedObject], transform: MetricTransform) -> list[FloatArray]:
+def catcher_corners(objects: Sequence[PlacedObject], transform: MetricTransform) -> list[FloatArray]:
     """Return corners (4, 3) in the metric frame of a rectangle for each height at which objects stand.
 
     Above the floor, a rectangle is limited to the visible extent of the surface; beyond, it would shade lower objects.

@@ -24,6 +24,7 @@ from insertion.placement.placed_object import PlacedObject
 from insertion.render.layers import window_behind
 from insertion.scene.camera_rays import camera_rays
 from insertion.scene.pixel_box import PixelBox
+from metric_base.arrays import FloatArray
 from metric_base.images import write_picture
 
 SCHEMA = "metric-tree/layers/1"
@@ -102,7 +103,7 @@ class CompositingLayers:
         self._write("occlusion", frame, hidden)
         if frame.view is not None:
             self._write("matte", frame, self._straight(frame.view.camera, hidden))
-            self._write("normal", frame, _normals(depth, camera_rays(frame.view.camera)))
+            self._write("normal", frame, surface_normals(depth, camera_rays(frame.view.camera)))
         name = self._names[frame.name].with_suffix(".png")
         write_picture(self._folder / "id" / name, number)
 
@@ -136,19 +137,7 @@ class CompositingLayers:
 
         key = camera.model.encode() + camera.params.tobytes()
         if key not in self._cameras:
-            window = window_behind(camera, PixelBox(0, 0, camera.width, camera.height))
-            # Position of each pixel of the image in the undistorted image, (h, w, 3)
-            rays = camera_rays(camera)
-            there = np.dstack([
-                rays[..., 0] * window.fx + (window.cx - window.x0),
-                rays[..., 1] * window.fy + (window.cy - window.y0),
-                np.zeros(rays.shape[:2]),
-            ])  # fmt: skip
-            # The inverse, (a, b, 2), as OpenCV needs it
-            x, y = np.meshgrid(np.arange(window.width) + 0.5, np.arange(window.height) + 0.5)
-            u, v = (x + window.x0 - window.cx) / window.fx, (y + window.y0 - window.cy) / window.fy
-            pixels = project(camera, np.stack([u, v, 0 * x + 1], -1).reshape(-1, 3)).reshape(*x.shape, 2)
-            back = np.nan_to_num(pixels - 0.5, nan=-9.0).astype(np.float32)
+            there, back = lens_maps(camera)
             self._cameras[key] = f"distortion/{len(self._cameras)}.exr", back
             _save(self._folder / self._cameras[key][0], exr_bytes(there, half=False))
         back = self._cameras[key][1]
@@ -157,6 +146,29 @@ class CompositingLayers:
     def _write(self, layer: str, frame: Frame, pixels: NDArray[np.float32], half: bool = True) -> None:
         """Write a layer (h, w) or (h, w, c) of a frame."""
         _save(self._folder / layer / self._names[frame.name], exr_bytes(pixels, half=half))
+
+
+def lens_maps(camera: Camera) -> tuple[FloatArray, NDArray[np.float32]]:
+    """Return the map from an image to the undistorted image, and its inverse.
+
+    Returns
+    -------
+    there : (h, w, 3) ndarray of float
+        Position x, y of each pixel in the undistorted image (centre of the first pixel 0.5), and 0.
+    back : (a, b, 2) ndarray of float32
+        Position of each pixel of the undistorted image in the image, as OpenCV needs it (first pixel 0).
+    """
+    window = window_behind(camera, PixelBox(0, 0, camera.width, camera.height))
+    rays = camera_rays(camera)
+    there = np.dstack([
+        rays[..., 0] * window.fx + (window.cx - window.x0),
+        rays[..., 1] * window.fy + (window.cy - window.y0),
+        np.zeros(rays.shape[:2]),
+    ])  # fmt: skip
+    x, y = np.meshgrid(np.arange(window.width) + 0.5, np.arange(window.height) + 0.5)
+    flat = np.stack([(x + window.x0 - window.cx) / window.fx, (y + window.y0 - window.cy) / window.fy, 0 * x + 1], -1)
+    pixels = project(camera, flat.reshape(-1, 3)).reshape(*x.shape, 2)
+    return there, np.nan_to_num(pixels - 0.5, nan=-9.0).astype(np.float32)
 
 
 def exr_bytes(pixels: NDArray[np.floating], half: bool = True) -> bytes:
@@ -182,7 +194,7 @@ def _save(file: Path, data: bytes) -> None:
     file.write_bytes(data)
 
 
-def _normals(depth: NDArray[np.float32], rays: NDArray[np.float32]) -> NDArray[np.float32]:
+def surface_normals(depth: NDArray[np.float32], rays: NDArray[np.float32]) -> NDArray[np.float32]:
     """Return unit normals (h, w, 3) towards the camera of a depth (h, w) on rays (h, w, 2), 0 if unknown."""
     places = (
         np.dstack([rays, np.ones(depth.shape, np.float32)]) * np.where(np.isfinite(depth), depth, np.nan)[..., None]

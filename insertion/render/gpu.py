@@ -64,14 +64,14 @@ class GpuPart:
 
 
 def load_part(
-    context: Any, picture_program: Any, shadow_program: Any, part: BodyPart, facts_program: Any = None
+    context: Any, surface_program: Any, shadow_program: Any, part: BodyPart, geometry_program: Any = None
 ) -> GpuPart:
     """Upload a part; without a program for geometry buffers, `gathered` is None."""
     vertices = context.buffer(_rows(part))
     index = context.buffer(np.ascontiguousarray(part.faces, dtype="i4").tobytes())
     names = ("place", "normal", "uv", "tint")
-    drawn = context.vertex_array(picture_program, [(vertices, _LAYOUT, *names)], index)
-    gathered = facts_program and context.vertex_array(facts_program, [(vertices, _LAYOUT, *names)], index)
+    drawn = context.vertex_array(surface_program, [(vertices, _LAYOUT, *names)], index)
+    gathered = geometry_program and context.vertex_array(geometry_program, [(vertices, _LAYOUT, *names)], index)
     cast = context.vertex_array(shadow_program, [(vertices, "3f 12x 2f 16x", "place", "uv")], index)
     material = part.material
     stored = {

@@ -96,10 +96,18 @@ def _box_of(view: View, points: FloatArray) -> PixelBox | None:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class ObjectLayers:
-    """The layers of one object over a box of a picture.
+    """Layers of an object over a box of an image.
 
-    image : the object itself; plane_share : (h, w, 3) of the light that still reaches its support plane; plane_depth :
-    (h, w) of that plane in scene units, NaN where a pixel does not look at it.
+    Attributes
+    ----------
+    box : PixelBox
+        Pixels of the layers.
+    image : ObjectImage
+        The object.
+    catcher_light : (h, w, 3) ndarray of float32
+        Fraction of the light that reaches the support plane.
+    plane_depth : (h, w) ndarray of float32
+        Depth of the support plane in scene units, NaN for pixels that do not show it.
     """
 
     box: PixelBox
@@ -109,9 +117,9 @@ class ObjectLayers:
 
     @property
     def silhouette(self) -> tuple[int, int, int, int] | None:
-        """The box of the object's own pixels (x, y, width, height); None without any."""
-        own = self.image.alpha > 0.5
-        rows, columns = np.flatnonzero(own.any(axis=1)), np.flatnonzero(own.any(axis=0))
+        """Box of the pixels of the object (x, y, width, height), None without pixels."""
+        is_object = self.image.alpha > 0.5
+        rows, columns = np.flatnonzero(is_object.any(axis=1)), np.flatnonzero(is_object.any(axis=0))
         if not len(rows):
             return None
         x, y = self.box.x0 + int(columns[0]), self.box.y0 + int(rows[0])

@@ -291,7 +291,7 @@ class ObjectRenderer:
         for program in (self._program, self._light):
             for name, row in (("plane_one", 0), ("plane_two", 1), ("plane_up", 2)):
                 program[name].value = tuple(float(v) for v in basis[row])
-            program["plane_map"].value, program["environment"].value = _PLANE, _ENVIRONMENT
+            program["catcher_map"].value, program["environment"].value = _PLANE, _ENVIRONMENT
             program["sharpest_level"].value, program["blurriest_level"].value = 0.0, float(LEVELS)
 
     def _use_light(self) -> None:

@@ -89,12 +89,7 @@ def studio_views(context: Any, model: Model, pixels: int) -> Iterator[StudioView
         context.disable(context.BLEND)
         context.copy_framebuffer(plain, smooth)
         rgba = np.frombuffer(plain.read(components=4), "u1").reshape(side, side, 4)
-        # Crop to the object and divide the colours by alpha
-        rows, columns = np.nonzero(rgba[..., 3])
-        box = rgba[rows.min() : rows.max() + 1, columns.min() : columns.max() + 1].astype(np.float64)
-        colours = np.clip(box[..., :3] / (np.maximum(box[..., 3:], 1) / 255), 0, 255)
-        cropped = np.concatenate([colours, box[..., 3:]], axis=-1).round().astype(np.uint8)
-        yield StudioView(cropped, pixels / (2 * radius * body.unit))
+        yield StudioView(crop_to_object(rgba), pixels / (2 * radius * body.unit))
     for item in (smooth, plain):
         item.release()
 
@@ -106,3 +101,11 @@ def camera_axes(azimuth_deg: float, elevation_deg: float) -> FloatArray:
     right = np.cross(-away, [0.0, 1.0, 0.0])
     right /= np.linalg.norm(right)
     return np.array([right, np.cross(-away, right), -away])
+
+
+def crop_to_object(rgba: NDArray[np.uint8]) -> NDArray[np.uint8]:
+    """Crop an image (h, w, 4) to its pixels with alpha, and divide the premultiplied colours by alpha."""
+    rows, columns = np.nonzero(rgba[..., 3])
+    box = rgba[rows.min() : rows.max() + 1, columns.min() : columns.max() + 1].astype(np.float64)
+    alpha = np.maximum(box[..., 3:], 1) / 255
+    return np.concatenate([np.clip(box[..., :3] / alpha, 0, 255), box[..., 3:]], axis=-1).round().astype(np.uint8)

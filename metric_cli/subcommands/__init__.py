@@ -10,7 +10,7 @@ import sys
 from collections.abc import Sequence
 from importlib import import_module
 
-from metric_cli.errors import DONE, INPUT_ERROR, exit_status
+from metric_cli.errors import EXIT_OK, INPUT_ERROR, exit_status
 from metric_cli.parser import SHELLS, OneLineParser, PrintVersion, add_overwrite, completion_script, option_helps
 from metric_cli.programs import use_one_thread
 
@@ -59,7 +59,7 @@ def main(argv: Sequence[str] | None = None) -> int:
         options = {"--completion": "", "--help": "", "--version": ""}
         subcommands = {"": options, **{name: option_helps(parser_of(name)) for name in SUBCOMMANDS}}
         sys.stdout.write(completion_script("metric-tree", subcommands, arguments[1]))
-        return DONE
+        return EXIT_OK
     if arguments and arguments[0] in SUBCOMMANDS:
         name, *rest = arguments
 
@@ -72,7 +72,7 @@ def main(argv: Sequence[str] | None = None) -> int:
     parser = overview_parser()
     if not arguments:
         parser.print_help()
-        return DONE
+        return EXIT_OK
     general = {"-h", "--help", "--version"}
     is_completion = arguments[0] == "--completion"
     parser.parse_args(arguments if is_completion else [argument for argument in arguments if argument in general])

@@ -13,7 +13,7 @@ import trimesh
 from PIL import Image
 
 from crawler.items import RawItem
-from insertion.render.studio import AZIMUTHS_DEG, ELEVATION_DEG, _crop
+from insertion.render.studio import AZIMUTHS_DEG, ELEVATION_DEG, crop_to_object
 from metric_cli.subcommands import main
 from metric_tree.release.images import collect_images, image_record_files
 
@@ -97,7 +97,7 @@ def test_wild_texture_coordinates_take_no_minutes() -> None:
 def test_a_crop_ends_with_the_last_pixel_that_is_not_clear(last: int) -> None:
     rgba = np.zeros((8, 9, 4), np.uint8)
     rgba[2 : last + 1, 3 : last + 1] = (50, 100, 25, 128)
-    crop = _crop(rgba)
+    crop = crop_to_object(rgba)
     assert crop.shape == (last - 1, last - 2, 4)
     assert crop[0, 0].tolist() == [100, 199, 50, 128]  # without the alpha that was in its colours
 

@@ -4,7 +4,7 @@ uniform vec3 plane_up;         // the support plane passes through the origin
 uniform vec3 plane_one;        // horizontal axes
 uniform vec3 plane_two;
 uniform float map_radius;      // half the side of the map of light on the plane
-uniform sampler2D plane_map;   // share of light that reaches the plane
+uniform sampler2D catcher_map;   // fraction of the light that reaches the plane
 uniform sampler2D environment; // equirectangular radiance, blurred more in higher levels
 uniform float sharpest_level;
 uniform float blurriest_level;
@@ -25,7 +25,7 @@ vec3 from_plane(vec3 place, vec3 direction) {
     vec3 hit = place - direction * max(dot(place, plane_up), 0.0) / down;
     vec2 at = vec2(dot(hit, plane_one), dot(hit, plane_two)) / map_radius;
     if (max(abs(at.x), abs(at.y)) > 0.99) return vec3(1.0);
-    return texture(plane_map, at * 0.5 + 0.5).rgb;
+    return texture(catcher_map, at * 0.5 + 0.5).rgb;
 }
 
 // Karis's fit of the environment term of a rough reflection (Lazarov; "Physically Based Shading on Mobile", 2014).

@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Any
 
 from metric_base.errors import InputError
 from metric_base.files import OutputNames
-from metric_cli.errors import DONE, EXIT_NEGATIVE_RESULT, INPUT_ERROR
+from metric_cli.errors import EXIT_NEGATIVE_RESULT, EXIT_OK, INPUT_ERROR
 from metric_cli.parser import OutputFile, add_tree, input_path
 from metric_cli.progress import track
 from metric_cli.tables import print_table, warn
@@ -78,7 +78,7 @@ def run(arguments: argparse.Namespace) -> int:
     if not arguments.json and len(checks) > 1:
         print_table(["verdict", "models"], Counter(check.verdict for check in checks).most_common())
     is_wrong = any(check.is_wrong or (arguments.strict and check.verdict == "not known") for check in checks)
-    return EXIT_NEGATIVE_RESULT if is_wrong else INPUT_ERROR if n_unread else DONE
+    return EXIT_NEGATIVE_RESULT if is_wrong else INPUT_ERROR if n_unread else EXIT_OK
 
 
 def assets_of(arguments: argparse.Namespace) -> Iterable[Asset | InputError]:

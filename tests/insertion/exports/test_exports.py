@@ -17,7 +17,7 @@ import pytest
 from estimator.projection.cameras import pixels_in_view
 from estimator.scene_formats.nerfstudio import read_nerfstudio
 from insertion.blender.run import export_blend, traced_layers
-from insertion.exports.compositing import _normals
+from insertion.exports.compositing import surface_normals
 from insertion.exports.gltf_scene import write_gltf_scene
 from insertion.exports.metric_frame import camera_keyframes, metric_transform, object_matrix
 from insertion.exports.nerfstudio import write_transforms
@@ -343,7 +343,7 @@ def test_normals_of_a_slanted_plane_look_at_the_camera() -> None:
     x, y = np.meshgrid(np.linspace(-0.4, 0.4, 21), np.linspace(-0.3, 0.3, 15))
     rays = np.dstack([x, y]).astype(np.float32)
     depth = (-3 / (np.dstack([x, y, np.ones_like(x)]) @ normal)).astype(np.float32)
-    assert np.allclose(_normals(depth, rays)[1:-1, 1:-1], normal, atol=0.02)
+    assert np.allclose(surface_normals(depth, rays)[1:-1, 1:-1], normal, atol=0.02)
 
 
 @pytest.mark.parametrize("azimuth", [0.0, 35.0, 200.0])

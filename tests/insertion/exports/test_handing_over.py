@@ -19,7 +19,7 @@ from insertion.exports import compositing
 from insertion.exports.export_folder import LayerWriter
 from insertion.exports.metric_frame import (
     MetricTransform,
-    _key,
+    camera_keyframes,
     frame_rate,
     keyframes_by_camera,
     metric_transform,
@@ -49,8 +49,10 @@ def test_the_metric_frame_has_metres_and_up() -> None:
         np.array([[0.0, 0, 0], [0, 1, 0], [1, 0, 0], [0, 0, -1]])
     )
     view = _view()
-    key = _key(_shots([0.0])[0], view, 2.5, transform)
-    assert (key.name, key.time_s) == ("0.png", 2.5)
+    shots = _shots([0.5, 3.0])
+    shots[1].view = view
+    (key,) = camera_keyframes(shots, transform)  # the first frame has no pose
+    assert (key.name, key.time_s, key.camera) == ("1.png", 2.5, view.camera)
     assert key.matrix[:3, 3] == pytest.approx(transform(view.centre[None])[0])
     ahead = transform.rotation @ view.rotation[2]
     assert key.matrix[:3, :3] @ [0, 0, -1] == pytest.approx(ahead)
@@ -80,14 +82,14 @@ def test_a_rate_is_the_usual_one_and_lenses_of_one_kind_are_one() -> None:
 
 
 def test_the_maps_of_a_lens_are_each_other_s_inverse() -> None:
-    there, back = compositing._lens_maps(LENS)
+    there, back = compositing.lens_maps(LENS)
     assert there.shape == (240, 320, 3)
     for row, column in ((20, 30), (120, 160), (230, 5)):
         x, y = there[row, column, :2]
         at = back[int(y), int(x)]
         assert at == pytest.approx([column, row], abs=1.0)  # within the pixel of the straight plate
     assert there[120, 160, :2] - there[119, 159, :2] == pytest.approx([1, 1], abs=0.01)
-    flat = compositing._lens_maps(Camera("PINHOLE", 64, 48, np.array([64.0, 64, 32, 24])))
+    flat = compositing.lens_maps(Camera("PINHOLE", 64, 48, np.array([64.0, 64, 32, 24])))
     middle = flat[0][24, 32, :2]
     assert flat[1][int(middle[1]), int(middle[0])] == pytest.approx([32, 24], abs=1e-3)
     assert (middle % 1).tolist() == [0.5, 0.5]
@@ -124,10 +126,10 @@ def test_normals_of_a_depth_face_the_camera() -> None:
     rays = camera_rays(camera)
     normal = np.array([0.6, 0.0, -0.8])
     depth = (-1.6 / (rays @ normal[:2] + normal[2])).astype(np.float32)
-    assert compositing._normals(depth, rays)[5:-5, 5:-5] == pytest.approx(
+    assert compositing.surface_normals(depth, rays)[5:-5, 5:-5] == pytest.approx(
         np.broadcast_to(normal, (38, 54, 3)), abs=2e-3
     )
-    unknown = compositing._normals(np.full((48, 64), np.inf, np.float32), rays)
+    unknown = compositing.surface_normals(np.full((48, 64), np.inf, np.float32), rays)
     assert not unknown.any()
 
 
@@ -170,7 +172,7 @@ def test_a_catcher_is_under_each_level_and_reflects_what_is_below() -> None:
         place = SimpleNamespace(basis=np.eye(3), position=np.array([x, 0.0, height]), plane=plane)
         return SimpleNamespace(placement=place, body=SimpleNamespace(unit=unit), surface=surface)
 
-    (corners,) = job._catchers([item(0.0, 1.0, 0.2), item(1.0, 1.004, 0.1)], transform)
+    (corners,) = job.catcher_corners([item(0.0, 1.0, 0.2), item(1.0, 1.004, 0.1)], transform)
     assert corners[:, 0].min() == pytest.approx(-0.5 * 8 * 0.2)
     assert corners[:, 0].max() == pytest.approx(0.5 * 1.8)
     assert corners[:, 1] == pytest.approx([0.5] * 4)
@@ -178,14 +180,20 @@ def test_a_catcher_is_under_each_level_and_reflects_what_is_below() -> None:
     solid = np.zeros((10, 10), bool)
     solid[2:5, 3:9] = True
     table = SimpleNamespace(solid=solid, origin=np.array([-1.0, -1.0]), cell=0.2)
-    ends = job._catchers([item(0.0, 1.0, 1.0, 1, table)], transform)[0]
+    ends = job.catcher_corners([item(0.0, 1.0, 1.0, 1, table)], transform)[0]
     assert ends[:, 0].min() == pytest.approx(0.5 * -0.6)
     assert ends[:, 0].max() == pytest.approx(0.5 * 0.0)
     assert ends[:, 2].max() == pytest.approx(0.5 * 0.8)
     high, low = item(0.0, 1.0, 0.2), item(0.6, 0.9, 0.4)
-    assert job._as_far_as(high, low, np.eye(3)) == pytest.approx(0.4)
-    assert job._as_far_as(low, high, np.eye(3)) == np.inf
-    assert job._as_far_as(high, item(0.1, 0.9, 0.4), np.eye(3)) == pytest.approx(0.1)
+
+    def reaches(*items: Any) -> list[float]:
+        """Half the width of the catcher of each object in scene units."""
+        corners = job.catcher_corners(items, transform)
+        return [float(np.ptp(one[:, 0])) / transform.scale / 2 for one in corners]
+
+    assert reaches(high, low) == pytest.approx([0.4, 3.2])  # only the higher one is limited
+    assert reaches(high, item(0.1, 0.9, 0.4)) == pytest.approx([0.1, 3.2])
+    assert reaches(high, item(0.6, 0.59, 0.4)) == pytest.approx([1.6, 3.2])  # too low to be cut
     radiance = np.full((HEIGHT, WIDTH, 3), 2.0, np.float32)
     radiance[HEIGHT // 2 :] = (1.0, 0.5, 0.01)
     lit = Environment(radiance, np.eye(3), np.ones((HEIGHT, WIDTH), np.float32))

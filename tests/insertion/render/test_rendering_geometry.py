@@ -332,19 +332,16 @@ def test_tiles_cover_a_window_once() -> None:
 
 
 def test_a_studio_looks_at_the_object_from_above() -> None:
-    axes = studio._camera_axes(30.0, 20.0)
+    axes = studio.camera_axes(30.0, 20.0)
     assert axes @ axes.T == pytest.approx(np.eye(3))
     assert np.linalg.det(axes) == pytest.approx(1)
     assert axes[2] @ [0, 1, 0] == pytest.approx(-np.sin(np.radians(20)))
     assert axes[0] @ [0, 1, 0] == pytest.approx(0)
     assert axes[1] @ [0, 1, 0] < 0  # down
     assert -axes[2][[0, 2]] == pytest.approx(np.cos(np.radians(20)) * np.array([0.5, np.sqrt(0.75)]))
-    clip = studio._clip(axes, np.array([1.0, 2, 3]), 2.0)
-    assert clip @ [1, 2, 3, 1] == pytest.approx([0, 0, 0, 1])
-    assert (clip @ np.append(np.array([1.0, 2, 3]) + 2 * axes[0], 1))[:3] == pytest.approx([1, 0, 0])
     rgba = np.zeros((9, 9, 4), np.uint8)
     rgba[2:5, 3:7] = (60, 30, 10, 128)
-    cropped = studio._crop(rgba)
+    cropped = studio.crop_to_object(rgba)
     assert cropped.shape == (3, 4, 4)
     assert cropped[0, 0].tolist() == [120, 60, 20, 128]
     half = cropped.copy()

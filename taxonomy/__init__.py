@@ -1,4 +1,4 @@
-"""Naming: WordNet, matching, proofreading and the five levels."""
+"""Categories and names: WordNet, the five levels, matching of items, and names in queries."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ __all__ = ["default_taxonomy"]
 
 
 def default_taxonomy() -> Taxonomy:
-    """The taxonomy of the tables that ship with the project; the matcher is loaded here, not before."""
+    """Return the taxonomy of the tables that ship with the project; only this function loads the matcher."""
     from taxonomy.matching.matcher import default_taxonomy as shipped
 
     return shipped()

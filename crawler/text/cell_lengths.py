@@ -11,7 +11,7 @@ from dataclasses import dataclass, replace
 
 from crawler.text.numbers import NUMBER, Decimal, number
 from crawler.text.sizes import INCHES_PER_FOOT
-from crawler.text.units import UNIT_WORDS, millimetres, unit
+from crawler.text.units import UNIT_WORDS, filled_units, millimetres, unit
 from metric_base.errors import InputError
 
 #: Axes of a raw item.
@@ -105,13 +105,9 @@ def measures(text: str, default_unit: str | None = None, decimal: Decimal = None
     """
     outside = _ASIDE.sub(lambda aside: " " * len(aside[0]), text)
     lengths = _lengths(outside, decimal) or _lengths(text, decimal)
-    units = [length.unit for length in lengths]
-    for index in range(len(units) - 2, -1, -1):
-        units[index] = units[index] or units[index + 1]
-    for index in range(1, len(units)):
-        units[index] = units[index] or units[index - 1]
+    units = filled_units(length.unit for length in lengths)
     pairs = zip(lengths, units, strict=True)
-    return tuple(replace(length, unit=key) for length, own_unit in pairs if (key := own_unit or default_unit))
+    return tuple(replace(length, unit=key) for length, unit in pairs if (key := unit or default_unit))
 
 
 def _lengths(text: str, decimal: Decimal) -> list[Measure]:

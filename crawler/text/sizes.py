@@ -16,7 +16,7 @@ from itertools import zip_longest
 from typing import Literal
 
 from crawler.text.tokens import Token, tokens
-from crawler.text.units import UNIT_MARKS, UNIT_WORDS, millimetres
+from crawler.text.units import UNIT_MARKS, UNIT_WORDS, filled_units, millimetres
 from crawler.text.vocabulary import Language, is_component, is_package, plain
 
 #: Maximum relative difference of one length stated twice: pages round to half a centimetre or an inch.
@@ -373,14 +373,10 @@ def _groups(numbers: Sequence[_Quantity], announced: Sequence[str]) -> list[list
 def _lengths(group: Sequence[_Quantity], header: Sequence[str], unit: str | None) -> tuple[Length, ...]:
     """Return the lengths of a group, empty if one has no unit.
 
-    The unit of a quantity is that of its number, else of the next one, else of the one before, else `unit`. Axes of the
-    header are used if the quantities have none; axes that occur twice are unreliable and omitted.
+    Quantities without a unit have that of a neighbour (`filled_units`), else `unit`. Axes of the header are used if the
+    quantities have none; axes that occur twice are unreliable and omitted.
     """
-    units = [quantity.unit for quantity in group]
-    for index in range(len(units) - 2, -1, -1):
-        units[index] = units[index] or units[index + 1]
-    for index in range(1, len(units)):
-        units[index] = units[index] or units[index - 1]
+    units = filled_units(quantity.unit for quantity in group)
     axes: list[str | None] = [quantity.axis for quantity in group]
     if not any(axes) and header and len(header) >= len(group):
         axes = [axis or None for axis in header[: len(group)]]

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from types import MappingProxyType
 
 from metric_base.errors import InputError
@@ -54,6 +54,16 @@ UNIT_MARKS = "|".join(sorted((word for word in UNIT_WORDS if not re.search(r"\w"
 def unit(word: str) -> str | None:
     """Return the key of `MILLIMETRES` for a unit word (`in` for `Inches`, `in.` and `″`), or None."""
     return UNIT_WORDS.get(word.strip().lower().rstrip("."))
+
+
+def filled_units(units: Iterable[str | None]) -> list[str | None]:
+    """Return the units of numbers in a row: a number without a unit has the next one, else the previous one."""
+    filled = list(units)
+    for index in range(len(filled) - 2, -1, -1):
+        filled[index] = filled[index] or filled[index + 1]
+    for index in range(1, len(filled)):
+        filled[index] = filled[index] or filled[index - 1]
+    return filled
 
 
 def millimetres(value: float, unit: str) -> float:

@@ -12,15 +12,11 @@ import sys
 import time
 from dataclasses import replace
 from pathlib import Path
-from types import SimpleNamespace
 from typing import Any
 
 import pytest
-from scrapy import Request
-from scrapy.http import Response
 
 from crawler.fetch.frontier import OFF_SITE, PRIVATE
-from crawler.fetch.middlewares import BanMiddleware
 from crawler.fetch.sqlite_frontier import stored_counts
 from metric_cli.subcommands import main
 from tests.synthetic.synthetic_site import Shop, SyntheticSite
@@ -182,18 +178,6 @@ def test_a_page_is_read_from_a_web_address_alone(
     assert json.loads(capsys.readouterr().out)["title"] == "Stool"
     assert main(["extract", str(path), "--url", "foo"]) == 2
     assert "--url: expected an http(s) address; found 'foo'" in capsys.readouterr().err
-
-
-def test_requests_in_flight_at_a_ban_are_the_same_ban(monkeypatch: pytest.MonkeyPatch) -> None:
-    in_a_row: list[int] = []
-    monkeypatch.setattr(BanMiddleware, "_pause", lambda self, _: in_a_row.append(self._in_a_row))
-    guard = BanMiddleware(SimpleNamespace(stats=None))  # type: ignore[arg-type]
-    refused = Response("https://shop.example/p", status=503)
-    in_flight, afterwards = ({"download_latency": seconds} for seconds in (60.0, 0.0))
-    for meta in (in_flight, in_flight, in_flight, afterwards, in_flight):
-        again = guard.process_response(Request("https://shop.example/p", meta=meta), refused)
-        assert isinstance(again, Request)
-    assert in_a_row == [1, 2]
 
 
 def test_a_file_in_place_of_the_folder_is_one_line(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:

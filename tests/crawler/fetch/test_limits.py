@@ -2,18 +2,22 @@
 
 from __future__ import annotations
 
+import sys
 from io import BytesIO
 from pathlib import Path
+from types import SimpleNamespace
+from typing import Any
 
 import pytest
+import twisted.internet
 from PIL import Image
 from scrapy import Request
-from scrapy.http import HtmlResponse
+from scrapy.http import HtmlResponse, Response
 
 from crawler.fetch import item_images, middlewares, site_spider
 from crawler.fetch.crawl import spider_class
 from crawler.fetch.item_images import Picture, picture
-from crawler.fetch.middlewares import is_ban
+from crawler.fetch.middlewares import BanMiddleware, is_ban
 from crawler.imports import table_files
 from crawler.items import MAX_LINE, BadRawItem, RawItem, raw_items
 
@@ -43,6 +47,70 @@ def test_long_addresses_are_not_followed(excess: int) -> None:
 def test_only_short_pages_with_a_captcha_are_bans(excess: int) -> None:
     body = b"captcha".ljust(middlewares.BAN_PAGE_BYTES + excess)
     assert is_ban(HtmlResponse(START, body=body)) is (excess < 0)
+
+
+class Crawl:
+    """A crawler that records its pauses in seconds, and the reasons for its end."""
+
+    def __init__(self, monkeypatch: pytest.MonkeyPatch) -> None:
+        self.stats, self.spider, self.engine, self.settings = None, SimpleNamespace(), self, self
+        self.pauses: list[float] = []
+        self.ends: list[str] = []
+        reactor = SimpleNamespace(callLater=lambda seconds, _: self.pauses.append(seconds))
+        monkeypatch.setattr(twisted.internet, "reactor", reactor, raising=False)
+        monkeypatch.setitem(sys.modules, "twisted.internet.reactor", reactor)
+        monkeypatch.setattr("scrapy.utils.defer.deferred_from_coro", self.ends.append)
+
+    def getfloat(self, _: str, default: float) -> float:
+        return default
+
+    def pause(self) -> None:
+        """The engine stops."""
+
+    unpause = pause
+
+    def close_spider_async(self, reason: str) -> str:
+        return reason
+
+
+def ban(middleware: BanMiddleware, latency: float = 0.0, header: str = "") -> None:
+    refused = Response(START, status=503, headers={"Retry-After": header} if header else {})
+    request = Request(START, meta={"download_latency": latency})
+    assert isinstance(middleware.process_response(request, refused), Request)
+
+
+def test_the_pause_doubles_with_each_ban_until_the_crawl_ends(monkeypatch: pytest.MonkeyPatch) -> None:
+    crawl: Any = Crawl(monkeypatch)
+    middleware = BanMiddleware(crawl)
+    for _ in range(middlewares.MAX_BANS):
+        ban(middleware)
+    assert crawl.pauses == [30, 60, 120, 240, 480, 960]
+    assert crawl.ends == []
+    ban(middleware)
+    assert crawl.ends == ["banned"]
+    middleware.process_response(Request(START), Response(START))
+    ban(middleware)
+    assert crawl.pauses[6:] == [30]  # a page in between
+
+
+def test_the_header_states_the_first_pause(monkeypatch: pytest.MonkeyPatch) -> None:
+    crawl: Any = Crawl(monkeypatch)
+    middleware = BanMiddleware(crawl)
+    for header in ("5", "5", "500"):
+        ban(middleware, header=header)
+    assert crawl.pauses == [5, 60, 500]
+    for header, pause in (("1800", 1800), ("1801", 1800)):
+        middleware = BanMiddleware(crawl)
+        ban(middleware, header=header)
+        assert crawl.pauses[-1] == pause == middlewares.MAX_BAN_SECONDS
+
+
+def test_requests_in_flight_at_a_ban_are_the_same_ban(monkeypatch: pytest.MonkeyPatch) -> None:
+    crawl: Any = Crawl(monkeypatch)
+    middleware = BanMiddleware(crawl)
+    for latency in (60.0, 60.0, 60.0, 0.0, 60.0):
+        ban(middleware, latency)
+    assert crawl.pauses == [30, 60]
 
 
 @pytest.mark.parametrize(

@@ -37,6 +37,8 @@ def test_of_several_sizes_under_one_title_the_middle_one_stands_for_all(tmp_path
     rows = "no,name,w\n1,A,900\n2,A,300\n3,A,310\n"
     result = made_up(tmp_path, "one_per_title = true\n" + REPEATED, table_csv=rows)
     assert [(item.source_id, item.count) for item in result.items] == [("3", 3)]
+    result = made_up(tmp_path, "one_per_title = true\n" + REPEATED, table_csv="no,name,w\n1,A,900\n2,A,300\n")
+    assert [item.source_id for item in result.items] == ["2"]  # the smaller of two
 
 
 def test_a_large_category_is_drawn_down_the_same_way_every_time(tmp_path: Path) -> None:

@@ -215,3 +215,20 @@ def test_the_last_words_before_a_length_name_its_part() -> None:
     for n_words, meaning in ((4, "component"), (5, "whole")):
         (size,) = sizes.sizes(f"seat {'blue ' * n_words}30 x 40 cm")
         assert size.meaning == meaning
+
+
+def test_a_size_of_structured_data_yields_to_the_table_of_the_page() -> None:
+    data = linked({"@type": "Product", "size": "50 x 60 cm"})
+    assert item("<ul><li>Size: 30 x 40 cm</li></ul>", data).extents_mm == (400, 300)
+    assert item("<ul><li>Size: 30 x 40 cm</li></ul>", data).flags == ()
+    assert item("", data).extents_mm == (600, 500)
+
+
+def test_microdata_completes_linked_data_without_a_product() -> None:
+    crumbs = linked({"@type": "BreadcrumbList", "itemListElement": [{"name": "Lamps"}]})
+    desk = '<div itemscope itemtype="https://schema.org/Product"><b itemprop="name">Desk</b></div>'
+    assert (item(desk, crumbs).title, item(desk, crumbs).category_path) == ("Desk", ("Lamps",))
+    both = linked(
+        [{"@type": "Product", "name": "Shelf"}, {"@type": "BreadcrumbList", "itemListElement": [{"name": "Lamps"}]}]
+    )
+    assert item(desk, both).title == "Shelf"

@@ -128,7 +128,7 @@ def test_long_texts_are_cut_and_long_ids_replaced(excess: int) -> None:
 
 
 def test_images_beyond_a_maximum_are_left_out() -> None:
-    for count, expected in ((12, 12), (12 + 1, 12)):
+    for count, expected in ((12, 12), (13, 12)):
         data = {"@type": "Product", "image": [f"https://shop.example/{i}.jpg" for i in range(count)]}
         assert len(item("", linked(data)).images) == expected
 

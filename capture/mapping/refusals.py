@@ -81,7 +81,7 @@ MIN_WARNED_PATTERN = 0.12
 MAX_CONTRADICTED_RATIO, MIN_BROKEN_FRAMES = 0.05, 2
 #: Maximum standard deviation of the steps to a placed frame, relative to their length. At the end of `snow_walk` five
 #: frames see only distant points in common: their steps have 0.11 to 0.18 and are wrong by a factor of two, whereas no
-#: frame of 14 other models has more than 0.06.
+#: frame of 13 other models has more than 0.06.
 MAX_STEP_STD = 0.1
 #: Failures that become warnings if the global mapper finds the same path and all frames are placed. It does not
 #: test an undetermined focal length: both mappers agree on the same wrong one.

@@ -151,12 +151,13 @@ def test_a_small_object_is_next_to_a_hand_and_a_large_one_next_to_a_person_and_a
     assert references(190 / 0.0351) == " beside person, door, hand"
 
 
-def test_the_scale_bar_has_a_round_length_of_at_most_90_pixels() -> None:
-    drawing = size_comparison("cup", DrawnBox((90,) * 3, (100,) * 3, (90,) * 3, ("length", "height", "width")))
+@pytest.mark.parametrize("mm", [3.0, 4.0, 7.0, 11.0, 90.0, 450.0, 2000.0, 7000.0])
+def test_the_scale_bar_has_a_round_length_of_at_most_90_pixels(mm: float) -> None:
+    drawing = size_comparison("cup", DrawnBox((mm,) * 3, (mm,) * 3, (mm,) * 3, ("length", "height", "width")))
     match = re.search(r'class="bar" d="M10 230v4h([\d.]+)v', drawing)
     assert match is not None
-    assert 36 < float(match[1]) <= 90
-    assert re.search(r">(?:1|2|5)(?:0*) [cm]m</text></svg>", drawing) is not None
+    assert 36 <= float(match[1]) <= 90, "the longest of 1, 2 and 5 times a power of ten"
+    assert re.search(r">(?:0\.)?[125]0*(?:\.0)? (?:mm|cm|m)</text></svg>", drawing) is not None
 
 
 def test_a_histogram_needs_8_items_and_a_median_is_drawn(catalogue: ReleaseCatalogue) -> None:

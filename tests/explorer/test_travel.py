@@ -39,6 +39,9 @@ def test_a_diff_names_what_changed_and_is_a_gate(trees: list[Tree], capsys: pyte
     assert main([*words, "--fail-over", "0.5"]) == 0
     assert "mt:bar_stool" in capsys.readouterr().out
     assert main([*words, "--fail-over", "5"]) == 2
+    assert main([*words, "--fail-over", repr(diff.share_moved)]) == 0
+    assert main([*words, "--fail-over", repr(diff.share_moved * 0.999)]) == 1
+    capsys.readouterr()
     assert main([*words, "--factor", "1.2"]) == 0
     assert "measured to measured        1" in capsys.readouterr().out
     assert main([*words, "--factor", "1.3"]) == 0

@@ -1,6 +1,7 @@
 from __future__ import annotations
 
 import argparse
+import errno
 import os
 import subprocess
 import sys
@@ -9,10 +10,12 @@ from typing import Any
 
 import pytest
 
+from metric_base.errors import InputError
 from metric_cli.errors import exit_status
 from metric_cli.estimate_scale.parser import parser as estimate_scale_parser
 from metric_cli.insert_object.parser import parser as insert_object_parser
 from metric_cli.subcommands import SUBCOMMANDS, main, parser_of
+from metric_cli.subcommands.training.export import parse_plan
 from metric_cli.tables import print_table
 from metric_tree.release.registry import PATH_VARIABLE
 from metric_tree.tree import Tree
@@ -84,6 +87,46 @@ def test_validate(mini: Tree, tmp_path: Path, shown: Any) -> None:
     status, found = shown("validate", str(minitree.release(tmp_path / "bad", content).directory))
     assert status == 2
     assert [finding["code"] for finding in found if finding["code"].startswith("E")] == ["E305"]
+
+
+@pytest.mark.parametrize(("options", "n_rows"), [([], 10), (["--all"], 11)])
+def test_validate_prints_ten_findings_of_a_code(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str], options: list[str], n_rows: int
+) -> None:
+    for n_wrong in (10, 11):
+        content = minitree.rows()
+        for row in content["items.parquet"][:n_wrong]:
+            row["kind"] = "guess"
+        release = minitree.release(tmp_path / f"bad{n_wrong}", content)
+        assert main(["validate", str(release.directory), *options]) == 2
+        assert capsys.readouterr().out.count("E305 ") == 1 + min(n_wrong, n_rows)  # the title has the total
+
+
+@pytest.mark.parametrize(
+    ("size", "is_valid"), [("64x64", True), ("63x64", False), ("64x63", False), ("8192x8192", True), ("8193x64", False)]
+)
+def test_sides_of_synthetic_images(size: str, is_valid: bool) -> None:
+    parser = parser_of("export")
+    arguments = parser.parse_args(["--out", "nowhere-yet", "--size", size])
+    if is_valid:
+        assert parse_plan(arguments).size == tuple(int(side) for side in size.split("x"))
+    else:
+        with pytest.raises(InputError, match="--size: expected WIDTHxHEIGHT from 64 to 8192"):
+            parse_plan(arguments)
+
+
+@pytest.mark.parametrize(("number", "status", "line"), [
+    (errno.ENOSPC, 2, "x: out.json: No space left on device\n"),
+    (errno.EDOM, 1, f"x: internal error: OSError: [Errno {errno.EDOM}] {os.strerror(errno.EDOM)}: 'out.json'\n"),
+])  # fmt: skip
+def test_a_full_disk_is_an_error_of_the_input(
+    number: int, status: int, line: str, capsys: pytest.CaptureFixture[str]
+) -> None:
+    def run() -> int:
+        raise OSError(number, os.strerror(number), "out.json")
+
+    assert exit_status("x", run) == status
+    assert capsys.readouterr().err == line
 
 
 def test_an_unknown_subcommand_is_one_line(capsys: pytest.CaptureFixture[str]) -> None:

@@ -4,6 +4,7 @@ import gzip
 import hashlib
 import json
 from pathlib import Path
+from types import SimpleNamespace
 from typing import Any
 
 import pytest
@@ -12,6 +13,7 @@ import crawler.imports.declaration
 from crawler.imports import downloads, importer
 from crawler.items import raw_items
 from metric_cli.subcommands import main
+from metric_cli.subcommands.data.import_ import has_files
 
 ROOT = Path(__file__).resolve().parents[3]
 
@@ -222,3 +224,17 @@ def test_sources_of_ones_own_are_imported_without_the_package(
     assert (first["url"], first["region"], first["year"]) == ("https://lamps.example/p/17", "DE", 2021)
     assert main(["import", "--list", "--sources", str(tmp_path)]) == 2
     assert "--sources: expected a folder of declarations" in capsys.readouterr().err
+
+
+@pytest.mark.parametrize(("changes", "is_used"), [
+    ({}, False), ({"files": ("a.csv",)}, True), ({"excluded": "unclear licence"}, True), ({"id": "here"}, True),
+])  # fmt: skip
+def test_a_source_without_files_and_without_a_folder_is_left_out(
+    changes: dict[str, Any], is_used: bool, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    (tmp_path / "here").mkdir()
+    declared: Any = SimpleNamespace(**{"id": "gone", "files": (), "excluded": "", "fetch": "ask them", **changes})
+    assert has_files(declared, tmp_path) is is_used
+    warning = f"warning: gone: no folder of this name in {tmp_path}; left out (ask them)\n"
+    assert capsys.readouterr().err == ("" if is_used else warning)
+    assert has_files(declared, None), "without --input it is downloaded"

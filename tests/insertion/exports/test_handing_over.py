@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import importlib.util
+import json
 import sys
 from pathlib import Path
 from types import SimpleNamespace
@@ -17,7 +18,9 @@ from insertion.blender import job
 from insertion.composite.compose import ObjectComposite
 from insertion.exports import compositing
 from insertion.exports.export_folder import LayerWriter
+from insertion.exports.gltf_scene import write_gltf_scene
 from insertion.exports.metric_frame import (
+    CameraKeyframe,
     MetricTransform,
     camera_keyframes,
     frame_rate,
@@ -160,6 +163,10 @@ def test_depth_is_in_millimetres_of_sixteen_bits(tmp_path: Path) -> None:
     far = read_picture(tmp_path / "depth" / "0_3.png", -1)
     assert far is not None
     assert not far.any()
+    writer.layers(shot, 4, _joined(PixelBox(2, 1, 6, 5), 131.07, 0.0))
+    farthest = read_picture(tmp_path / "depth" / "0_4.png", -1)
+    assert farthest is not None
+    assert farthest.max() == 65_535
     plain = read_picture(tmp_path / "pictures" / "0.png", -1)
     assert plain is not None
     assert plain[0, 0].tolist() == [30, 20, 10]
@@ -192,7 +199,7 @@ def test_a_catcher_is_under_each_level_and_reflects_what_is_below() -> None:
         return [float(np.ptp(one[:, 0])) / transform.scale / 2 for one in corners]
 
     assert reaches(high, low) == pytest.approx([0.4, 3.2])  # only the higher one is limited
-    assert reaches(high, item(0.1, 0.9, 0.4)) == pytest.approx([0.1, 3.2])
+    assert reaches(item(0.0, 1.0, 0.3), item(0.1, 0.9, 0.4)) == pytest.approx([0.15, 3.2])  # half of its own size
     assert reaches(high, item(0.6, 0.59, 0.4)) == pytest.approx([1.6, 3.2])  # too low to be cut
     radiance = np.full((HEIGHT, WIDTH, 3), 2.0, np.float32)
     radiance[HEIGHT // 2 :] = (1.0, 0.5, 0.01)
@@ -201,6 +208,30 @@ def test_a_catcher_is_under_each_level_and_reflects_what_is_below() -> None:
     assert job._window(Window(100.0, 110.0, 50.0, 40.0, -5, 3, 90, 70)) == {
         "width": 90, "height": 70, "fx": 100.0, "fy": 110.0, "cx": 55.0, "cy": 37.0,
     }  # fmt: skip
+
+
+def test_rotations_of_a_camera_take_the_shorter_way(tmp_path: Path) -> None:
+    from scipy.spatial.transform import Rotation
+
+    keys = []
+    for index, angle in enumerate((150.0, 170.0, 190.0, 210.0, 350.0)):
+        matrix = np.eye(4)
+        matrix[:3, :3] = Rotation.from_euler("y", angle, degrees=True).as_matrix()
+        keys.append(CameraKeyframe(f"{index}.png", float(index), LENS, matrix))
+    write_gltf_scene(tmp_path / "a.glb", [], keys, MetricTransform(1.0, np.eye(3), np.zeros(3)))
+    data = (tmp_path / "a.glb").read_bytes()
+    length = int.from_bytes(data[12:16], "little")
+    document, body = json.loads(data[20 : 20 + length]), data[28 + length :]
+    view = document["bufferViews"][
+        document["accessors"][document["animations"][0]["samplers"][1]["output"]]["bufferView"]
+    ]
+    start = view.get("byteOffset", 0)
+    turns = np.frombuffer(body[start : start + view["byteLength"]], np.float32).reshape(-1, 4)
+    assert len(turns) == len(keys)
+    assert ((turns[1:] * turns[:-1]).sum(axis=1) > 0).all()
+    assert Rotation.from_quat(turns).as_matrix() == pytest.approx(
+        np.array([key.matrix[:3, :3] for key in keys]), abs=1e-6
+    )
 
 
 @pytest.fixture

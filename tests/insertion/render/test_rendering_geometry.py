@@ -257,7 +257,8 @@ def test_boxes_hold_an_object_and_its_shadows() -> None:
     assert boxes.object_box(view, behind) is None
     assert boxes.object_box(view, replace(body, position=np.array([50.0, 0, 0]))) is None
     share = np.ones((64, 64, 3), np.float32)
-    share[10:20, 30:50] = 0.5
+    share[10:20, 30:50] = 1 - 0.0041
+    share[40:50, 5:15] = 1 - 0.0039  # too little to be a shadow
     plane = ShadowCatcher(share, 2.0)
     places = boxes._shadow_places(plane)
     assert places.min(axis=0) == pytest.approx([(30.5 / 32 - 1) * 2, (10.5 / 32 - 1) * 2])

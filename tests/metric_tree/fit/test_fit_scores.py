@@ -5,9 +5,10 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from metric_tree.fit.class_prior import NewSource, class_prior
+from metric_tree.fit.class_prior import NewSource, best_mixture, class_prior
 from metric_tree.fit.moments import VAGUE, extent_moments
-from tests.metric_tree.fit.test_fit import MEANS, NONE, class_rows
+from metric_tree.fit.rows import weighted_rows
+from tests.metric_tree.fit.test_fit import MEANS, NONE, class_rows, two_kinds
 
 SD = 0.15
 
@@ -34,3 +35,15 @@ def test_extents_of_few_rows_lean_on_what_is_believed_of_anything() -> None:
         assert alike.mean == pytest.approx([7.6, 6.8, 6.5])
     x = -np.sort(-one_kind(400), axis=1)
     assert np.diag(extent_moments(class_rows(x)).within) == pytest.approx(x.var(axis=0), rel=0.1)
+
+
+def test_ten_complete_rows_have_a_held_out_score() -> None:
+    scores = [class_prior(class_rows(one_kind(n)), VAGUE, NONE).heldout_log_density for n in (9, 10)]
+    assert scores[0] is None
+    assert scores[1] is not None
+
+
+def test_a_component_needs_fifteen_rows() -> None:
+    for n, components in ((29, 1), (30, 2)):
+        rows, _, _ = weighted_rows(class_rows(two_kinds(n)))
+        assert best_mixture(rows, VAGUE, seed=0)[1] == components

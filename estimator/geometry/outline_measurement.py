@@ -27,6 +27,10 @@ from metric_base.arrays import BoolArray, FloatArray, IntArray, evenly_spaced
 MIN_DENSE_POINTS = 100
 # Minimum number of points of an object that is measured by them, and by its outlines only at truncated sides.
 MIN_SUFFICIENT_POINTS = 150
+# Factor of the standard deviations by the outlines of an object with fewer points than `MIN_SUFFICIENT_POINTS`. In real
+# scenes, an object in front that has no mask shortens the outlines, and few points cannot contradict them: root mean
+# square errors of length, width and height are 2.0, 1.7 and 1.4 times the deviations without this factor.
+FEW_POINTS_SIGMA_FACTOR = 2.0
 # Maximum error of the points along the footprint, relative to its sides; a larger one stretches the object, whatever
 # the number of points. Of 0.08, 0.1 and 0.12, the best in scenes of a walk and a slow pan with 150 to 500 points per
 # object (seeds 1000 and 1001).
@@ -218,7 +222,8 @@ def combine_sizes(
     border = BORDER_PX * pixel_size / cuboid.extents
     # The outlines of an object with a level top include the objects on it.
     clutter = np.array([0.0, 0.0, item.sigma[2] if item.sigma[2] >= HIDDEN_TOP_SIGMA else 0.0])
-    covariance = cuboid.covariance + np.diag(np.square(MASK_SIGMA) + border**2 + clutter**2)
+    factor = FEW_POINTS_SIGMA_FACTOR if item.points < MIN_SUFFICIENT_POINTS else 1.0
+    covariance = factor**2 * (cuboid.covariance + np.diag(np.square(MASK_SIGMA) + border**2)) + np.diag(clutter**2)
     keep = np.array([False, False, by_points[1] or LEVEL_TOP in item.notes])
     if by_points[0]:
         is_uncertain = np.sqrt(np.diag(covariance)) > MAX_SIGMA

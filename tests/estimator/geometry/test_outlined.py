@@ -10,7 +10,12 @@ import pytest
 from estimator.geometry.cuboid_fit import Cuboid
 from estimator.geometry.extents import HIDDEN_TOP_SIGMA
 from estimator.geometry.mask_outlines import mask_contour, outline_extents
-from estimator.geometry.outline_measurement import LEVEL_TOP, combine_sizes
+from estimator.geometry.outline_measurement import (
+    FEW_POINTS_SIGMA_FACTOR,
+    LEVEL_TOP,
+    MIN_SUFFICIENT_POINTS,
+    combine_sizes,
+)
 from estimator.geometry.point_noise import point_covariances
 from estimator.pipeline import measure_objects
 from estimator.records.objects import Box, MeasuredObject
@@ -102,4 +107,22 @@ def test_what_lies_on_a_table_is_no_height_of_it_by_outlines() -> None:
     assert hidden.extents == pytest.approx([0.9, 0.6, 1.1])
     assert hidden.sigma[2] == pytest.approx(HIDDEN_TOP_SIGMA, rel=0.05)
     plain = sizes(1.1, 0.1, ())
-    assert plain.sigma[2] < 0.1
+    assert plain.sigma[2] < 0.13
+
+
+def test_outlines_of_an_object_with_few_points_have_twice_the_error() -> None:
+    """On each side of `MIN_SUFFICIENT_POINTS`."""
+    cuboid = Cuboid(np.zeros(3), 0.0, np.array([0.9, 0.6, 1.1]), np.diag([1e-2] * 3), 0.0)
+    seen = np.array([0.8, 0.5, 1.0])
+    sigma = [
+        combine_sizes(
+            MeasuredObject("1", "chair", seen, np.full(3, 0.1), points=points, box=Box(np.zeros(3), np.eye(3), seen)),
+            cuboid,
+            np.eye(3),
+            (False, False),
+            np.zeros(3, dtype=bool),
+            0.001,
+        ).sigma
+        for points in (MIN_SUFFICIENT_POINTS - 1, MIN_SUFFICIENT_POINTS)
+    ]
+    assert sigma[0] == pytest.approx(FEW_POINTS_SIGMA_FACTOR * sigma[1])

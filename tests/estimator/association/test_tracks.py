@@ -227,3 +227,13 @@ def test_masks_at_one_position_are_merged_from_a_fifth_of_common_points(common, 
 def test_masks_of_two_categories_are_merged_by_iou(common, merged):
     """On each side of `MIN_JOIN_IOU`, 0.7: 78 common points of 122 are 0.64, 88 of 112 are 0.79."""
     assert pair_of_masks(common, ("cup", "bucket")) == ([[0, 1]] if merged else [[0], [1]])
+
+
+@pytest.mark.parametrize(("distance", "merged"), [(0.13, True), (0.17, False)])
+def test_masks_at_one_position_are_closer_than_15_percent_of_their_extent(distance, merged):
+    """Two lines of 1 unit, each visible in one view only, so that the views do not contradict the merge."""
+    line = np.linspace(0, 1, 100)[:, None] * [1.0, 0, 0]
+    points = np.vstack([line, line + np.array([0, distance, 0])])
+    members = [np.arange(100), np.arange(100, 200)]
+    tracks = shared_tracks([mask("a", 0, "chair"), mask("b", 1, "chair")], [labels_of(points, members, members)])
+    assert groups(tracks) == ([[0, 1]] if merged else [[0], [1]])

@@ -212,3 +212,15 @@ def test_an_object_with_boxes_needs_three_views(room, count, reason):
     boxes = [replace(mask, mask=np.ones_like(mask.mask), from_box=True, track="1") for mask in masks]
     (item,) = measure_objects(room.scene, boxes, MeasurementOptions(stated_tracks=True)).objects
     assert (len(item.members), item.skipped) == (count, reason)
+
+
+@pytest.mark.parametrize(("count", "cloud"), [(90, "sparse"), (110, "dense")])
+def test_a_dense_cloud_is_used_from_a_hundred_points_of_an_object(room, count, cloud):
+    cabinet = [mask for mask in room.instances if mask.category == "cabinet"]
+    (whole,) = measure_objects(room.scene, cabinet).objects
+    rows = whole.point_rows[np.linspace(0, len(whole.point_rows) - 1, count).astype(int)]
+    thin = replace(room.scene, dense=DenseCloud(room.scene.dense.points[rows]))
+    (item,) = measure_objects(thin, cabinet).objects
+    (by_sparse,) = measure_objects(replace(room.scene, dense=None), cabinet).objects
+    assert by_sparse.points > count
+    assert item.cloud == cloud

@@ -218,3 +218,27 @@ def test_both_sides_of_the_correlation_of_unit_and_camera(
     assert isinstance(found, str) != agrees
     if isinstance(found, str):
         assert "correlate by 0.95, 0.96 needed" in found
+
+
+@pytest.mark.parametrize(("noise", "is_used"), [(0.45, True), (0.75, False)])
+def test_a_path_is_at_least_three_times_as_long_as_the_errors_of_its_positions(noise: float, is_used: bool) -> None:
+    """Independent errors of a path whose extent is 1.7 in all directions: ratios of about 4 and 2.4."""
+    generator = np.random.default_rng(0)
+    walk = generator.normal(0, 1, (400, 3))
+    metres = walk + generator.normal(0, noise, (400, 3))
+    found = align(walk, metres)
+    assert found is not None
+    assert (found.extent / found.residual > 3) == is_used
+    assert 2 < found.extent / found.residual < 5
+    (row,) = gps.position_evidence("gps", "table", walk, metres, None, None)
+    assert (row.scale is not None) == is_used
+
+
+@pytest.mark.parametrize(("swing_m", "is_used"), [(0.0035, False), (0.0045, True)])
+def test_a_camera_swings_by_four_millimetres_or_more(
+    monkeypatch: pytest.MonkeyPatch, swing_m: float, is_used: bool
+) -> None:
+    times, centres, force, rate = walk_readings(10.0, 100.0, 0.02)
+    monkeypatch.setattr(imu, "fit_swings", lambda *_: (1.0, 0.01, 0.98, swing_m))
+    found = imu.inertial_scale(force, rate, CameraPath(times[::4], centres[::4]))
+    assert isinstance(found, str) != is_used

@@ -1,5 +1,7 @@
 """Up: eigenvector and eigen-gap, fallbacks by name, and level surfaces."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from hypothesis import given, settings
@@ -185,3 +187,11 @@ def test_the_length_of_a_given_up_says_nothing(length):
 def test_what_is_no_direction_is_refused(vector):
     with pytest.raises(InputError, match="three finite numbers"):
         up_from_vector(vector)
+
+
+@pytest.mark.parametrize(("angle_deg", "n_problems"), [(6.6, 0), (6.8, 1)])
+def test_a_given_up_may_differ_by_three_standard_deviations(angle_deg: float, n_problems: int) -> None:
+    """The standard deviations of 2 degrees (scene) and 1 degree (given) are 2.24 degrees together."""
+    seen = replace(up_from_vector([0.0, 0.0, 1.0]), method="cameras", sigma_deg=2.0)
+    tilted = up_from_vector([np.sin(np.radians(angle_deg)), 0.0, np.cos(np.radians(angle_deg))])
+    assert len(up_problems(tilted, seen)) == n_problems

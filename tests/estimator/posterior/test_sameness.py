@@ -209,3 +209,11 @@ def test_a_wrong_object_costs_what_its_probability_says() -> None:
     answer = posterior([*here, desk, bottle])
     near_one = sum(mode.mass for mode in answer.modes if abs(math.log(mode.scale)) < 0.5)
     assert near_one > 0.9
+
+
+def test_the_sources_of_three_classes_in_ten_disagree_more_than_the_error_between_them() -> None:
+    """Classes without measurements on site; the hypothesis has 0.3 of the classes whose label is right."""
+    biased = sum(math.exp(row.log_weight) for row in hypotheses(CATALOGUED) if row.is_biased)
+    mislabelled = sum(math.exp(row.log_weight) for row in hypotheses(CATALOGUED) if row.is_mislabelled)
+    assert bias_probability(CATALOGUED) == pytest.approx(0.3)
+    assert biased == pytest.approx(0.3 * (1 - mislabelled))

@@ -8,6 +8,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+import metric_tree
 from estimator.posterior.posterior import posterior
 from estimator.records.objects import MeasuredObject
 from estimator.records.options import EstimateOptions
@@ -190,3 +191,14 @@ def test_a_length_for_which_objects_lose_half_of_their_weight_is_decisive(kept: 
     )
     assert conflict is not None
     assert conflict.is_decisive == is_decisive
+
+
+@pytest.mark.parametrize(("scale", "outcome"), [(0.85, "used"), (0.9, "outlier")])
+def test_evidence_is_an_outlier_if_it_is_more_probably_wrong_than_right(scale: float, outcome: str) -> None:
+    """Two chairs of half a metre a unit: positions at these scales have the probabilities 0.58 and 0.41."""
+    chairs = [MeasuredObject(name, "chair", np.array([1.1, 1.1, 1.8]), np.full(3, 0.03)) for name in "ab"]
+    positions = ScaleEvidence("gps", "walk", scale, 0.02)
+    (row,) = scale_of_objects(chairs, metric_tree.open(), EstimateOptions(evidence=(positions,))).evidence
+    assert row.verdict == outcome
+    assert (row.weight >= 0.5) == (outcome == "used")
+    assert 0.3 < row.weight < 0.7

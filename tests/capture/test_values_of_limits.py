@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+from typing import Any
+
+import msgspec
 import numpy as np
 import pytest
 
@@ -40,28 +43,37 @@ def test_a_rotation_explains_more_than_60_percent_of_the_pairs(n_rotations: int,
     assert code_of(graph_of(rotations + walk)) == code
 
 
-@pytest.mark.parametrize(
-    ("angle_deg", "broken", "code"),
-    [(1.4, (), "pure_rotation"), (1.6, (), None), (9.0, ("a.jpg", "b.jpg"), "drift"), (9.0, ("a.jpg",), None)],
+WALK = graph_of([FramePair(k, k + 1, 200, 0.4, 60.0, None) for k in range(19)])
+RIGHT = ModelMetrics(
+    names=tuple(NAMES),
+    points=4000,
+    angle_deg=9.0,
+    error_px=0.4,
+    focal=0.8,
+    lens_bend=0.01,
+    camera="SIMPLE_RADIAL",
+    focal_deviation=0.01,
+    focal_spread=0.001,
+    pattern=0.02,
+    triplets=100,
+    pieces=(20,),
 )
-def test_a_model_has_an_angle_of_1_5_degrees_and_one_broken_frame_at_most(
-    angle_deg: float, broken: tuple[str, ...], code: str | None
-) -> None:
-    model = ModelMetrics(
-        names=tuple(NAMES),
-        points=4000,
-        angle_deg=angle_deg,
-        error_px=0.4,
-        focal=0.8,
-        lens_bend=0.01,
-        camera="SIMPLE_RADIAL",
-        focal_deviation=0.01,
-        focal_spread=0.001,
-        pattern=0.02,
-        triplets=100,
-        pieces=(20,),
-        broken=broken,
-    )
-    walk = graph_of([FramePair(k, k + 1, 200, 0.4, 60.0, None) for k in range(19)])
-    failure = model_failure(walk, model, focal_held=False)
+
+
+@pytest.mark.parametrize(
+    ("changes", "code"),
+    [
+        ({"angle_deg": 1.4}, "pure_rotation"),
+        ({"angle_deg": 1.6}, None),
+        ({"broken": ("a.jpg", "b.jpg")}, "drift"),
+        ({"broken": ("a.jpg",)}, None),
+        ({"aspect": 1.06}, "implausible_focal_length"),
+        ({"aspect": 1.04}, None),
+        ({"names": tuple(NAMES[:10])}, "too_few_frames"),
+        ({"names": tuple(NAMES[:11])}, None),
+    ],
+)
+def test_a_right_model_is_within_each_limit(changes: dict[str, Any], code: str | None) -> None:
+    """1.5 degrees, one broken frame, 5 % between the focal lengths, more than half of the frames."""
+    failure = model_failure(WALK, msgspec.structs.replace(RIGHT, **changes), focal_held=False)
     assert (None if failure is None else failure.code) == code

@@ -19,6 +19,7 @@ from hypothesis import strategies as st
 from insertion.placement.model_size import model_size
 from metric_base.arrays import FloatArray
 from metric_base.errors import FieldError, InputError
+from models3d.gltf.animation import Channel
 from models3d.gltf.document import GltfDocument, GltfWriter
 from models3d.gltf.model_reader import read_model
 from models3d.model import Model
@@ -297,3 +298,12 @@ def test_glass_has_an_opacity_of_15_percent_or_more(tmp_path: Path, transmission
     model = _square(tmp_path / "a.glb", lambda *_: None, glass)
     assert model.meshes[0].material.base_color[3] == pytest.approx(opacity)
     assert model.meshes[0].material.blend
+
+
+@pytest.mark.parametrize("sign", [1.0, -1.0])
+def test_a_rotation_is_interpolated_on_the_shorter_arc(sign: float) -> None:
+    """q and -q are one rotation: halfway between 0 and 90 degrees about y are 45 degrees, with both signs."""
+    half = np.radians(45)
+    keys = np.array([[0.0, 0, 0, 1], [0, sign * np.sin(half), 0, sign * np.cos(half)]])
+    middle = Channel(0, "rotation", "LINEAR", np.array([0.0, 1.0]), keys).at(0.5)
+    np.testing.assert_allclose(abs(middle @ [0, np.sin(half / 2), 0, np.cos(half / 2)]), 1.0)

@@ -199,12 +199,19 @@ def read_depths(file: Path, png_metres: float = 0.001) -> DepthMaps:
     InputError
         The file does not contain maps with one channel.
     """
+    import cv2
+
     kind, focal = file.suffix.lower(), None
     if kind == ".npz":
         depth, focal = _npz(file)
+    elif reader := {".npy": _npy, ".pfm": _pfm, ".exr": read_exr}.get(kind):
+        depth = reader(file)
     else:
-        reader = {".npy": _npy, ".pfm": _pfm, ".exr": read_exr}.get(kind)
-        depth = _png(file) * png_metres if reader is None else reader(file)
+        values = read_picture(file, cv2.IMREAD_UNCHANGED)
+        if values is None or values.dtype != np.uint16:
+            actual = Unquoted("no picture" if values is None else str(values.dtype))
+            raise InputError.at(file, "picture", "a PNG of 16 bits", actual)
+        depth = np.where(values > 0, values.astype(float), np.nan) * png_metres
     shape = depth.shape
     if depth.ndim == 4 and 1 in (shape[1], shape[3]):
         depth = depth[:, 0] if shape[1] == 1 else depth[..., 0]
@@ -265,17 +272,6 @@ def _pfm(file: Path) -> FloatArray:
     if kind != b"Pf" or min(width, height) < 1:
         raise InputError.at(file, "kind", "Pf, one channel", Unquoted(kind.decode("ascii", "replace")))
     return np.asarray(values.reshape(height, width)[::-1], dtype=float)
-
-
-def _png(file: Path) -> FloatArray:
-    """Read the values (h, w) of a 16-bit PNG."""
-    import cv2
-
-    values = read_picture(file, cv2.IMREAD_UNCHANGED)
-    if values is None or values.dtype != np.uint16:
-        actual = Unquoted("no picture" if values is None else str(values.dtype))
-        raise InputError.at(file, "picture", "a PNG of 16 bits", actual)
-    return np.where(values > 0, values.astype(float), np.nan)
 
 
 @dataclass(frozen=True, slots=True)

@@ -14,7 +14,6 @@ import numpy as np
 from estimator.outputs.size_labels import dimension_labels
 from estimator.records.objects import Box, MeasuredObject, corners
 from estimator.records.result import ObjectReport, ScaleResult, SceneEstimate
-from estimator.records.scene import View
 from metric_base.arrays import FloatArray, IntArray
 
 #: Red, green and blue, 0 to 255, of boxes and points by verdict, and of other elements.
@@ -116,6 +115,15 @@ def scene_view(estimate: SceneEstimate) -> SceneView:
     positions = np.concatenate([*inner, np.array([view.centre @ rotation.T for view in scene.views]).reshape(-1, 3)])
     diagonal = float(np.linalg.norm(np.ptp(positions, axis=0))) or 1.0 if len(positions) else 1.0
 
+    # Lines (8, 2, 3) from each camera centre to the corners of its image plane, and around them.
+    pyramids = []
+    for view in scene.views:
+        depth = diagonal * CAMERA_FRACTION / scale
+        half = np.array([view.camera.width, view.camera.height]) / (2 * view.camera.focal_px) * depth
+        plane_corners = np.array([[x * half[0], y * half[1], depth] for x, y in ((-1, -1), (1, -1), (1, 1), (-1, 1))])
+        ends = (plane_corners - view.translation) @ view.rotation
+        pyramids.append([[view.centre, end] for end in ends] + [[ends[k], ends[(k + 1) % 4]] for k in range(4)])
+
     # The rectangle around the observed cells of each plane.
     planes = []
     for plane in measured.planes if measured else ():
@@ -132,8 +140,7 @@ def scene_view(estimate: SceneEstimate) -> SceneView:
     return SceneView(
         points=points,
         point_colours=colours,
-        cameras=np.concatenate([_pyramid(view, diagonal * CAMERA_FRACTION / scale) for view in scene.views])
-        @ rotation.T,
+        cameras=np.concatenate([np.array(lines) for lines in pyramids]) @ rotation.T,
         boxes=tuple(
             _box_view(item, item.box, reports[item.id], result, rotation) for item in objects if item.box is not None
         ),
@@ -165,16 +172,6 @@ def box_on_ray(view: SceneView, origin: FloatArray, direction: FloatArray) -> Bo
         if enter <= leave and leave > 0 and (nearest is None or enter < nearest[0]):
             nearest = float(enter), box
     return None if nearest is None else nearest[1]
-
-
-def _pyramid(view: View, depth: float) -> FloatArray:
-    """Return the lines (8, 2, 3) from a camera centre to the corners of its image plane, and around them."""
-    camera = view.camera
-    focal = camera.focal_px
-    half = np.array([camera.width, camera.height]) / (2 * focal) * depth
-    corners_camera = np.array([[x * half[0], y * half[1], depth] for x, y in ((-1, -1), (1, -1), (1, 1), (-1, 1))])
-    ends = (corners_camera - view.translation) @ view.rotation
-    return np.array([[view.centre, end] for end in ends] + [[ends[k], ends[(k + 1) % 4]] for k in range(4)])
 
 
 def _box_view(

@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import sys
+import time
+from email.utils import formatdate
 from io import BytesIO
 from pathlib import Path
 from types import SimpleNamespace
@@ -103,6 +105,21 @@ def test_the_header_states_the_first_pause(monkeypatch: pytest.MonkeyPatch) -> N
         middleware = BanMiddleware(crawl)
         ban(middleware, header=header)
         assert crawl.pauses[-1] == pause == middlewares.MAX_BAN_SECONDS
+
+
+@pytest.mark.parametrize(
+    ("header", "pause"), [("120", 120), ("soon", 30), ("-5", 30), ("nan", 30), ("", 30), ("9" * 400, 1800)]
+)
+def test_the_header_is_a_number(header: str, pause: float, monkeypatch: pytest.MonkeyPatch) -> None:
+    crawl: Any = Crawl(monkeypatch)
+    ban(BanMiddleware(crawl), header=header)
+    assert crawl.pauses == [pause]
+
+
+def test_the_header_is_a_date(monkeypatch: pytest.MonkeyPatch) -> None:
+    crawl: Any = Crawl(monkeypatch)
+    ban(BanMiddleware(crawl), header=formatdate(time.time() + 900))
+    assert crawl.pauses == [pytest.approx(900, abs=600)]  # the test may be slow
 
 
 def test_requests_in_flight_at_a_ban_are_the_same_ban(monkeypatch: pytest.MonkeyPatch) -> None:

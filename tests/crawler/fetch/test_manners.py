@@ -3,30 +3,17 @@
 from __future__ import annotations
 
 import time
-from email.utils import formatdate
 from types import SimpleNamespace
 from typing import Any
 
 import pytest
-from scrapy.http import Response
 from twisted.internet.testing import StringTransport
 from twisted.web._newclient import Request
 from twisted.web.http_headers import Headers
 
-from crawler.fetch.middlewares import ROBOTS_BYTES, BoundedRobotParser, _retry_after
+from crawler.fetch.middlewares import ROBOTS_BYTES, BoundedRobotParser
 from crawler.fetch.network_limits import HEADER_BYTES, HeaderLimitFactory
 from crawler.fetch.settings import crawl_settings
-
-
-@pytest.mark.parametrize(
-    ("text", "seconds"), [("120", 120.0), ("soon", None), ("-5", None), ("nan", None), ("", None), ("9" * 400, 10**64)]
-)
-def test_a_pause_is_a_number_or_a_date(text: str, seconds: float | None) -> None:
-    asked = _retry_after(Response("https://shop.example/", headers={"Retry-After": text}))
-    assert asked == pytest.approx(seconds) if seconds is None or seconds < 1e9 else asked is not None
-    until = formatdate(time.time() + 90)
-    asked = _retry_after(Response("https://shop.example/", headers={"Retry-After": until}))
-    assert asked == pytest.approx(90, abs=60)
 
 
 def test_half_a_megabyte_of_rules_is_read() -> None:

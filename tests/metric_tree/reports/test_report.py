@@ -155,6 +155,16 @@ def test_the_page_holds_every_section_and_no_script_but_its_own(tree, tmp_path):
     assert text.count("<svg") == 1
 
 
+@pytest.mark.parametrize("n", [5, 6])
+def test_the_page_shows_five_findings_of_a_code(tmp_path, n):
+    content = minitree.rows()
+    for row in content["items.parquet"][:n]:
+        row["kind"] = "guess"
+    text = page(Tree(minitree.release(tmp_path / "guessed", content)))
+    assert text.count("<td>E305</td>") == 1 + 5  # the count and the examples
+    assert f"<td class=n>{n}</td>" in text[text.index("<td>E305</td>") :][:200]
+
+
 def test_the_same_release_gives_the_same_page(tree):
     assert page(tree) == page(tree)
 

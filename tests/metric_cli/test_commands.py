@@ -2,6 +2,7 @@ from __future__ import annotations
 
 import argparse
 import errno
+import json
 import os
 import subprocess
 import sys
@@ -12,6 +13,7 @@ import pytest
 
 from metric_base.errors import InputError
 from metric_cli.errors import exit_status
+from metric_cli.estimate_scale.evidence import named_sources
 from metric_cli.estimate_scale.parser import parser as estimate_scale_parser
 from metric_cli.insert_object.parser import parser as insert_object_parser
 from metric_cli.subcommands import SUBCOMMANDS, main, parser_of
@@ -78,6 +80,29 @@ def test_list(tmp_path: Path, shown: Any, monkeypatch: pytest.MonkeyPatch) -> No
     status, found = shown("list")
     assert status == 0
     assert found[0]["path"] == str(tmp_path / "99.0.0")
+
+
+@pytest.mark.parametrize(("depth", "n_lines"), [("1", 1), ("2", 3), ("5", 15)])
+def test_the_outline_ends_at_the_depth(
+    mini: Tree, capsys: pytest.CaptureFixture[str], depth: str, n_lines: int
+) -> None:
+    command = ["list", "--tree", str(mini.release.directory), "--depth", depth]
+    assert main(command) == 0
+    assert capsys.readouterr().out.count("\n") == n_lines
+    assert main([*command, "--json"]) == 0
+    assert len(json.loads(capsys.readouterr().out)) == n_lines
+
+
+@pytest.mark.parametrize(("error", "is_valid"), [("0", False), ("0.01", True), ("1", True), ("1.01", False)])
+def test_the_error_of_depth_maps_is_a_fraction(tmp_path: Path, error: str, is_valid: bool) -> None:
+    words = ["scene", "--metric-depth", str(tmp_path), "--depth-error", error]
+    options = estimate_scale_parser().parse_args(words)
+    if is_valid:
+        (source,) = named_sources(options)
+        assert source.network_sd == float(error)
+    else:
+        with pytest.raises(InputError, match="--depth-error"):
+            named_sources(options)
 
 
 def test_validate(mini: Tree, tmp_path: Path, shown: Any) -> None:

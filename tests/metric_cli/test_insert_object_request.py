@@ -7,7 +7,7 @@ import pytest
 from insertion.request import ObjectRequest
 from metric_base.errors import InputError
 from metric_cli.insert_object.parser import parser
-from metric_cli.insert_object.request import parse_objects
+from metric_cli.insert_object.request import parse_objects, parse_request
 
 
 def objects(*arguments: str) -> list[ObjectRequest]:
@@ -45,3 +45,9 @@ def test_numbers_outside_of_their_range_are_refused(option: str, valid: str, inv
 def test_one_way_to_give_a_position() -> None:
     with pytest.raises(InputError, match="--at: expected one of --at, --on and --plane; found also --plane"):
         objects("--at", "auto", "--plane", "1")
+
+
+@pytest.mark.parametrize(("port", "option"), [("65536", "--place"), ("-1", "--place"), ("65535", "scale")])
+def test_ports_of_the_placement_page(port: str, option: str) -> None:
+    with pytest.raises(InputError, match=option):  # a valid port leads to the next error: the scene has no scale
+        parse_request(["absent", "--model", "a.glb", f"--place={port}"])

@@ -160,3 +160,9 @@ def test_the_console_scripts_are_there() -> None:
     for script in declared["project"]["scripts"].values():
         module, _, name = script.partition(":")
         assert (module, callable(getattr(programs, name))) == ("metric_cli.programs", True)
+
+
+def test_percentages_and_signed_numbers_are_aligned_to_the_right() -> None:
+    rows = [("5 %", "-1.5", "a5"), ("10 %", "+10", "b")]
+    lines = tables.table_text(["part", "change", "name"], rows, 80).splitlines()
+    assert lines[3:5] == [" 5 %".rjust(5) + "-1.5".rjust(9) + "   a5", "10 %".rjust(5) + "+10".rjust(9) + "   b"]

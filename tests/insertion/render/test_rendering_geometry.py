@@ -326,6 +326,15 @@ def test_the_box_of_an_object_s_own_pixels() -> None:
     assert replace(layers, image=replace(image, alpha=0 * alpha)).silhouette is None
 
 
+def test_the_window_behind_a_strong_lens_is_at_most_three_times_the_image_to_each_side() -> None:
+    box = PixelBox(0, 0, 200, 200)
+    fisheye = Camera("OPENCV_FISHEYE", 200, 200, np.array([94.0, 94.0, 100.0, 100.0, 0.0, 0.0, 0.0, 0.0]))
+    window = boxes.window_behind(fisheye, box)
+    assert 1200 <= window.width <= 1206, "the corner of the image is at 86 degrees"
+    pinhole = boxes.window_behind(Camera("PINHOLE", 200, 200, np.array([94.0, 94.0, 100.0, 100.0])), box)
+    assert 200 <= pinhole.width <= 205
+
+
 def test_tiles_cover_a_window_once() -> None:
     tiles = list(_tiles(2 * TILE + 7, TILE))
     assert tiles == [(0, 0, TILE, TILE), (TILE, 0, TILE, TILE), (2 * TILE, 0, 7, TILE)]

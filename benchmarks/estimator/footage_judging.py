@@ -163,7 +163,11 @@ def _cells(result: Mapping[str, Any] | None, judgement: Judgement | None) -> lis
 
 
 def summary_rows(rows: Sequence[Row]) -> str:
-    """Return a table with a row for each group: the targets of the capture, ours and plain."""
+    """Return a table with a row for each group: the targets of the capture, ours and plain.
+
+    Refused models count if they contain more than half of the frames. Constructed errors have no number of images that
+    should be placed.
+    """
     head = ["", "cases", "CPU ratio, median", "worst", "wall ratio, median", "worst"]
     head += ["fewer placed than plain places right", "right models refused", "refused, and plain is right"]
     lines = [table_head([*head, "wrong models accepted", "plain: wrong models"])]
@@ -187,6 +191,7 @@ def summary_rows(rows: Sequence[Row]) -> str:
             row
             for row in both
             if row.plain_judgement is not None
+            and not row.case.error
             and (row.judgement.n_placed if row.is_accepted else 0) < (row.plain_judgement.n_right or 0)
         ]
         half = [
@@ -197,7 +202,11 @@ def summary_rows(rows: Sequence[Row]) -> str:
             and row.plain_judgement.is_right
             and 2 * row.plain_judgement.n_placed > row.ours.get("frames", 0)
         ]
-        refused = [row for row in chosen if not row.is_accepted and row.judgement.is_right]
+        refused = [
+            row
+            for row in chosen
+            if not row.is_accepted and row.judgement.is_right and 2 * row.judgement.n_placed > row.ours.get("frames", 0)
+        ]
         wrong = [row for row in chosen if row.is_accepted and row.judgement.is_right is False]
         plain_wrong = [row for row in both if row.plain_judgement and row.plain_judgement.is_right is False]
         cells += [_named(some) for some in (is_fewer, refused, half, wrong, plain_wrong)]

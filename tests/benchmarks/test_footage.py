@@ -194,11 +194,12 @@ def test_the_summary_counts_what_was_refused_and_what_was_wrong() -> None:
         _row("refused", _result(_path(), code="drift"), _result(_path(), cpu_s=10.0)),
         _row("wrong", _result(bent), _result(bent)),
         _row("fewer", _result(_path()[:12]), _result(_path()[:15])),
+        _row("small", _result(_path()[:10], code="too_few_frames"), _result(_path()[:10])),
     ]
     summary = _summary(*rows)
-    assert summary["cases"] == "4"
-    assert summary["CPU ratio, median"] == "1.25"
-    assert summary["fewer placed than plain places right"] == "2: `refused`, `fewer`"
+    assert summary["cases"] == "5"
+    assert summary["CPU ratio, median"] == "1.00"
+    assert summary["fewer placed than plain places right"] == "3: `refused`, `fewer`, `small`"
     assert summary["right models refused"] == "1: `refused`"
     assert summary["refused, and plain is right"] == "1: `refused`"
     assert summary["wrong models accepted"] == "1: `wrong`"

@@ -1,1 +1,1 @@
-"""Figures of insertion."""
+"""Benchmarks of object insertion."""

@@ -1,8 +1,9 @@
-"""Ten cases from the video to the inserted object: `python -m benchmarks.insertion.cases --out DIR [--case NAME ...]`.
+"""Run both commands on ten cases: `python -m benchmarks.insertion.cases --out DIR [--case NAME ...]`.
 
-Synthetic rooms and streets are recorded; of real scenes, beside the repository, the reconstruction is given. On each
-`estimate-scale` and `insert-object` run as a user runs them. Printed: the scale against the truth, its interval, the
-frames that show the object, processor seconds of both commands. Videos and pictures stay in DIR.
+Videos of synthetic rooms and streets are rendered; for the real scenes, in a folder next to the repository, the
+reconstruction is given. `estimate-scale` and `insert-object` run as a user runs them. Prints the error of the scale and
+its interval, the number of frames with the object, and the processor seconds of both commands. Videos and images are
+stored in DIR.
 """
 
 from __future__ import annotations
@@ -28,28 +29,33 @@ from tests.synthetic.videos import Lens, room, synthetic_video
 
 SHIPPED = ROOT / "data" / "models" / "rocking_horse.glb"
 CC0 = "sweethome3d/BlendSwap-CC-0/"
-#: Frames of a synthetic video and frames a second; a car at 40 km/h goes half a metre between frames.
-FRAMES, RATE, METRES_A_FRAME = 48, 20.0, 0.55
-#: The room a command has before it is stopped, seconds.
+#: Number of frames of a synthetic video, and frames per second.
+N_FRAMES = 48
+RATE_HZ = 20.0
+#: Distance between frames of a street video in metres: 40 km/h at 20 frames per second.
+METRES_PER_FRAME = 0.55
+#: Time limit of a command in seconds.
 LIMIT_S = 900
 
 
 @dataclass(frozen=True, slots=True)
 class Case:
-    """One video and one object.
+    """A video and an object.
 
-    video : `KIND:SEED` of a test world, `demo_video`, or a scene below SHARED; model : below the models of SHARED, or
-    None for the shipped one; words : more arguments of insert-object; frames : to reconstruct.
+    video : `KIND:SEED` of a synthetic world, `demo_video`, or a scene of SHARED.
+    model : path in the models of SHARED; None: the shipped model.
+    arguments : additional arguments of `insert-object`.
+    frames : number of frames of the reconstruction.
     """
 
     name: str
     video: str
     model: str | None = None
-    words: tuple[str, ...] = ()
+    arguments: tuple[str, ...] = ()
     frames: int = 16
 
 
-#: No seed below had been used for anything when this list was written.
+#: None of these seeds had been used before this list was written.
 CASES = (
     Case("sitting room", "sitting room:2001", CC0 + "oakChair.glb"),
     Case("kitchen", "kitchen:2002", CC0 + "dustbin.glb"),
@@ -65,7 +71,7 @@ CASES = (
 
 
 def main() -> None:
-    """The command."""
+    """Run the cases and print the table."""
     parser = options_parser(__doc__)
     parser.add_argument("--out", type=Path, required=True)
     parser.add_argument("--case", nargs="+", default=[], choices=[case.name for case in CASES], metavar="NAME")
@@ -76,16 +82,18 @@ def main() -> None:
 
 
 def _cells(case: Case, folder: Path) -> Iterator[object]:
-    """The row of a case; a command that refuses ends it with its error."""
+    """Yield the cells of a case. The row ends with the error of a command that fails."""
     folder.mkdir(parents=True, exist_ok=True)
     model = SHIPPED if case.model is None else SHARED / "models" / case.model
     yield from (case.name, model.stem)
-    video, work = (_video_of(case, folder), folder / "work") if _is_synthetic(case) else (None, folder / "result.json")
+    is_synthetic = ":" in case.video or case.video == "demo_video"
+    video, work = (_video_of(case, folder), folder / "work") if is_synthetic else (None, folder / "result.json")
     scene = SHARED / "scenes" / case.video if video is None else work
-    words: list[object] = [scene, "--output", work]
+    arguments: list[object] = [scene, "--output", work]
     if video is not None:
-        words = [video / "video.mp4", "--work", work, "--instances", video / "instances.json", "--frames", case.frames]
-    record, seconds = _answer("estimate-scale", words)
+        masks = video / "instances.json"
+        arguments = [video / "video.mp4", "--work", work, "--instances", masks, "--frames", case.frames]
+    record, seconds = _result("estimate-scale", arguments)
     if record.get("scale") is None:
         yield record["error"]
         return
@@ -103,19 +111,15 @@ def _cells(case: Case, folder: Path) -> Iterator[object]:
     yield from (len(views), f"{scale:+.1%}", f"{low:+.0%} to {high:+.0%}{inside}")
     out = folder / ("out" if video is None else "out.mp4")
     shutil.rmtree(out, ignore_errors=True) if out.is_dir() else out.unlink(missing_ok=True)
-    given = ("--scale", record["scale"]) if video is None else ()
-    inserted, more = _answer("insert-object", [scene, *given, "--model", model, "--out", out, *case.words])
+    known_scale = ("--scale", record["scale"]) if video is None else ()
+    inserted, more = _result("insert-object", [scene, *known_scale, "--model", model, "--out", out, *case.arguments])
     shown = [frame for frame in inserted.get("frames", ()) if frame["silhouette"] is not None]
     yield from (inserted.get("error", len(shown)), f"{seconds:.0f}", f"{more:.0f}")
 
 
-def _is_synthetic(case: Case) -> bool:
-    return ":" in case.video or case.video == "demo_video"
-
-
-def _answer(program: str, words: list[object]) -> tuple[dict[str, Any], float]:
-    """The printed record, or the `error` of a command that refuses, and its processor seconds."""
-    run = run_child(ours(program, *words, "--json"), LIMIT_S)
+def _result(program: str, arguments: list[object]) -> tuple[dict[str, Any], float]:
+    """Run a command; return its printed record (with `error` if it fails) and its processor seconds."""
+    run = run_child(ours(program, *arguments, "--json"), LIMIT_S)
     record: dict[str, Any] = json.loads(run.output) if run.output.strip() else {}
     if run.status:
         failure = record.get("failure")
@@ -124,21 +128,21 @@ def _answer(program: str, words: list[object]) -> tuple[dict[str, Any], float]:
 
 
 def _video_of(case: Case, folder: Path) -> Path:
-    """The folder with `video.mp4`, `instances.json` and `truth.json` of a synthetic video; recorded if missing."""
+    """Return the folder with `video.mp4`, `instances.json` and `truth.json`; render the video if it is missing."""
     if case.video == "demo_video":
         return ROOT / "data" / "scenes" / "demo_video"
     if not (folder / "truth.json").is_file():
-        synthetic_video(_world_of(*case.video.rsplit(":", 1)), Lens(), folder, RATE)
+        synthetic_video(_world_of(*case.video.rsplit(":", 1)), Lens(), folder, RATE_HZ)
     return folder
 
 
 def _world_of(kind: str, seed: str) -> World:
-    """The synthetic world of a video, with its path."""
+    """Return the synthetic world of a video with its camera path."""
     if kind != "street":
-        return room(kind, int(seed), frames=FRAMES)
+        return room(kind, int(seed), frames=N_FRAMES)
     world = street(int(seed), Knobs())
-    path = drive(METRES_A_FRAME, Knobs(views=FRAMES), np.random.default_rng([int(seed), 7]))
-    slower = METRES_A_FRAME / STEP  # objects move by metres a frame
+    path = drive(METRES_PER_FRAME, Knobs(views=N_FRAMES), np.random.default_rng([int(seed), 7]))
+    slower = METRES_PER_FRAME / STEP  # velocities are in metres per frame
     items = tuple(replace(item, velocity=item.velocity * slower) for item in world.objects)
     return replace(world, objects=items, poses=path)
 

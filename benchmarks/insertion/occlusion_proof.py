@@ -1,9 +1,9 @@
-"""The edge along which furniture hides an object: `python -m benchmarks.insertion.occlusion_proof`.
+"""Measure the error of occlusion edges: `python -m benchmarks.insertion.occlusion_proof`.
 
-In synthetic rooms the object stands where furniture hides a part of it in some frames of a walk. The model has every
-second frame of the walk; masks come with all of its frames, with every fourth, or with none. What is hidden is
-compared with the room in which the mesh really stands, with edges as masks and points have them and as the picture has
-them. Printed: a line of JSON for each room and setting.
+In synthetic rooms an object is inserted where furniture occludes a part of it in some frames of a walk. The
+reconstruction has every second frame of the walk, with masks of all of its frames, of every fourth, or of none. The
+visible part is compared with renderings of the room that contain the object, with edges from masks and points and with
+edges that are refined by the image. Prints one line of JSON for each room and setting.
 """
 
 from __future__ import annotations
@@ -19,7 +19,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from benchmarks.insertion.hiding_places import hiding_place
+from benchmarks.insertion.occluded_positions import occluded_position
 from estimator.projection.visibility import scene_visibility
 from estimator.records.scene import View
 from insertion.composite.occlusion import occluded_fraction, on_support
@@ -42,7 +42,7 @@ from tests.synthetic.rooms.similarity import Similarity, similarity_between
 from tests.synthetic.rooms.world import World
 from tests.synthetic.videos import orbit, room
 
-#: Kind and seed of the room, what is hidden in it, and its size in metres.
+#: Kind and seed of the room, category of the object, and its size in metres.
 ROOMS = (
     ("sitting room", 1003, "chair", (0.42, 0.38, 0.75)),
     ("kitchen", 1005, "stool", (0.36, 0.36, 0.62)),
@@ -50,16 +50,19 @@ ROOMS = (
     ("bedroom", 1001, "chair", (0.42, 0.38, 0.75)),
     ("study", 1004, "stool", (0.36, 0.36, 0.62)),
 )
-FRAMES, ARC_DEG = 16, 60.0
-#: An object of fewer pixels says little about its outline.
-LEAST_PIXELS = 400
-#: Noise of the cloud's depth, as a share of it, and one sigma of the masks' border in pixels.
-DEPTH_NOISE, MASK_PX = 0.004, 0.7
+N_FRAMES = 16
+ARC_DEG = 60.0
+#: Minimum number of object pixels in a frame; smaller objects have almost no outline.
+MIN_PIXELS = 400
+#: Relative noise of the cloud's depth.
+DEPTH_NOISE = 0.004
+#: Standard deviation of the mask borders in pixels.
+MASK_ERROR_PX = 0.7
 
 
 @dataclass(frozen=True, slots=True)
 class Setting:
-    """What is known of the scene. masks : they come with every so manieth view of the model, 0 without any."""
+    """Input of the insertion: dense or sparse points, and masks of every `masks`-th view (0: no masks)."""
 
     name: str
     dense: bool
@@ -77,21 +80,22 @@ SETTINGS = (
 
 @dataclass(frozen=True, slots=True, eq=False)
 class HiddenObject:
-    """A room with an object that furniture hides; whole, seen : its true outlines (h, w) in every frame.
+    """A room with an object that furniture occludes.
 
-    pictures : (h, w, 3) of the room without it.
+    complete, visible : masks (h, w) of the object in every frame, without and with occlusion.
+    images : (h, w, 3) of the room without the object.
     """
 
     world: World
     synthetic: SyntheticScene
     to_scene: Similarity
     body: Body
-    whole: tuple[BoolArray, ...]
-    seen: tuple[BoolArray, ...]
-    pictures: tuple[NDArray[np.uint8], ...]
+    complete: tuple[BoolArray, ...]
+    visible: tuple[BoolArray, ...]
+    images: tuple[NDArray[np.uint8], ...]
 
     def view(self, index: int) -> tuple[View, int | None]:
-        """The view of a frame of the walk, and its row in the model."""
+        """Return the view of a frame of the walk, and its index in the reconstruction (None if it is not in it)."""
         if index % 2 == 0:
             return self.synthetic.scene.views[index // 2], index // 2
         pose = self.world.poses[index]
@@ -104,146 +108,141 @@ class HiddenObject:
 
 
 def main() -> None:
-    """The command."""
+    """Run the benchmark and print the rows."""
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--rooms", type=int, nargs="*", default=list(range(len(ROOMS))), help="numbers from 0")
-    for number in parser.parse_args().rooms:
-        for row in room_rows(*ROOMS[number]):
+    for index in parser.parse_args().rooms:
+        for row in room_rows(*ROOMS[index]):
             print(json.dumps(row), flush=True)
 
 
-def room_rows(kind: str, seed: int, what: str, size: Sequence[float]) -> list[dict[str, Any]]:
-    """The figures of one room in all settings."""
-    hidden = hidden_object(kind, seed, what, size)
-    known = [_known(hidden, setting) for setting in SETTINGS]
-    renderer = plain_renderer(hidden.body)
-    ways = [(setting, guided) for setting in SETTINGS for guided in (False, True)]
-    errors: list[list[FloatArray]] = [[] for _ in ways]
-    wrong: list[list[float]] = [[] for _ in ways]
-    shares = []
-    for index, (whole, seen) in enumerate(zip(hidden.whole, hidden.seen, strict=True)):
-        if whole.sum() < LEAST_PIXELS:
+def room_rows(kind: str, seed: int, category: str, size: Sequence[float]) -> list[dict[str, Any]]:
+    """Return the results of one room in all settings."""
+    hidden = hidden_object(kind, seed, category, size)
+    inputs = [_input(hidden, setting) for setting in SETTINGS]
+    white = np.ones((HEIGHT, WIDTH, 3), np.float32)
+    environment = Environment(white, hidden.body.basis, white[..., 0])
+    renderer = ObjectRenderer(gl_context(), hidden.body, environment)
+    variants = [(setting, guided) for setting in SETTINGS for guided in (False, True)]
+    errors: list[list[FloatArray]] = [[] for _ in variants]
+    wrong: list[list[float]] = [[] for _ in variants]
+    fractions = []
+    for index, (complete, visible) in enumerate(zip(hidden.complete, hidden.visible, strict=True)):
+        if complete.sum() < MIN_PIXELS:
             continue
-        shares.append(1 - float(seen.sum() / whole.sum()))
-        ours_whole, *shown = frame_outlines(hidden, known, index, renderer)
-        for number, ours in enumerate(shown):
-            errors[number].append(_edge_errors(ours, ours_whole, seen, whole))
-            wrong[number].append(float((ours != seen).sum() / whole.sum()))
+        fractions.append(1 - float(visible.sum() / complete.sum()))
+        our_complete, *outlines = frame_outlines(hidden, inputs, index, renderer)
+        for k, ours in enumerate(outlines):
+            errors[k].append(_edge_errors(ours, our_complete, visible, complete))
+            wrong[k].append(float((ours != visible).sum() / complete.sum()))
     return [
         {
             "room": f"{kind} {seed}",
             "setting": setting.name,
             "edges": "picture" if guided else "masks",
-            **_summary(errors[k], wrong[k], shares),
+            **_summary(errors[k], wrong[k], fractions),
         }
-        for k, (setting, guided) in enumerate(ways)
+        for k, (setting, guided) in enumerate(variants)
     ]
 
 
-def plain_renderer(body: Body) -> ObjectRenderer:
-    """A renderer under an even white light."""
-    white = np.ones((HEIGHT, WIDTH, 3), np.float32)
-    return ObjectRenderer(gl_context(), body, Environment(white, body.basis, white[..., 0]))
-
-
-def hidden_object(kind: str, seed: int, what: str, size: Sequence[float]) -> HiddenObject:
-    """The room, its model of every second frame, and the object where furniture hides it."""
-    world = room(kind, seed, orbit(KINDS[kind].radius, FRAMES, seed, ARC_DEG))
-    mesh = solid(what, np.array(size))
+def hidden_object(kind: str, seed: int, category: str, size: Sequence[float]) -> HiddenObject:
+    """Return a room, the reconstruction of every second frame, and an object that furniture occludes."""
+    world = room(kind, seed, orbit(KINDS[kind].radius, N_FRAMES, seed, ARC_DEG))
+    mesh = solid(category, np.array(size))
     few = replace(world, poses=world.poses[::2])
-    place, front, _ = hiding_place(few, mesh)
-    synthetic = quick_scene(few, Knobs(depth_noise=DEPTH_NOISE, stray=0.01, mask_error_px=MASK_PX), seed)
+    position, front = occluded_position(few, mesh)
+    synthetic = quick_scene(few, Knobs(depth_noise=DEPTH_NOISE, stray=0.01, mask_error_px=MASK_ERROR_PX), seed)
     true = np.array([pose.centre for pose in few.poses])
     to_scene = similarity_between(true, np.array([view.centre for view in synthetic.scene.views]))
     with tempfile.TemporaryDirectory() as folder:
         model = read_model(write_glb(mesh, Path(folder) / "model.glb"))
     up = to_scene.rotation[:, 2]
     basis = np.stack([to_scene.rotation[:, 0], to_scene.rotation[:, 1], up])
-    body = body_of(model, to_scene(place[None])[0], basis, to_scene.rotation @ front, to_scene.scale)
-    whole, seen = _true_outlines(standing(world, mesh, place, front))
+    body = body_of(model, to_scene(position[None])[0], basis, to_scene.rotation @ front, to_scene.scale)
+    # the true masks: a rendering of the object only, and a rendering of the room with the object as its last item
+    true = standing(world, mesh, position, front)
+    masks = []
+    for rendered, item in ((replace(true, objects=true.objects[-1:]), 1), (true, len(true.objects))):
+        with Renderer(rendered) as renderer:
+            masks.append(tuple(renderer.frame(k, colour=False).ids == item for k in range(len(true.poses))))
     with Renderer(world) as bare:
         colours = [bare.frame(k).colour for k in range(len(world.poses))]
-    pictures = tuple(colour for colour in colours if colour is not None)
-    return HiddenObject(world, synthetic, to_scene, body, whole, seen, pictures)
-
-
-def _true_outlines(world: World) -> tuple[tuple[BoolArray, ...], tuple[BoolArray, ...]]:
-    frames = []
-    for shown, number in ((replace(world, objects=world.objects[-1:]), 1), (world, len(world.objects))):
-        with Renderer(shown) as renderer:
-            frames.append([renderer.frame(k, colour=False).ids == number for k in range(len(world.poses))])
-    return tuple(frames[0]), tuple(frames[1])
+    images = tuple(colour for colour in colours if colour is not None)
+    return HiddenObject(world, synthetic, to_scene, body, masks[0], masks[1], images)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Known:
-    """What a setting knows of a scene."""
+class Input:
+    """Point cloud and masks of a scene in one setting."""
 
     cloud: ColouredPoints
-    carrier: MaskPropagator
+    propagator: MaskPropagator
 
 
-def _known(hidden: HiddenObject, setting: Setting) -> Known:
+def _input(hidden: HiddenObject, setting: Setting) -> Input:
     scene = hidden.synthetic.scene
     dense = scene.dense if setting.dense else None
     points = scene.points if dense is None else np.concatenate([scene.points, dense.points])
-    known = scene_visibility(replace(scene, dense=None)) if dense is None else None
-    cloud = ColouredPoints(points, np.zeros((len(points), 3), np.float32), dense is not None, visibility=known)
+    visibility = scene_visibility(replace(scene, dense=None)) if dense is None else None
+    cloud = ColouredPoints(points, np.zeros((len(points), 3), np.float32), dense is not None, visibility=visibility)
     by_view = {
         row: [item for item in hidden.synthetic.instances if item.view == row]
         for row in (range(0, len(scene.views), setting.masks) if setting.masks else ())
     }
-    return Known(cloud, MaskPropagator(scene, by_view, cloud))
+    return Input(cloud, MaskPropagator(scene, by_view, cloud))
 
 
 def frame_outlines(
-    hidden: HiddenObject, known: Sequence[Known], index: int, renderer: ObjectRenderer
+    hidden: HiddenObject, inputs: Sequence[Input], index: int, renderer: ObjectRenderer
 ) -> list[BoolArray]:
-    """Our outline of the object in a frame, (h, w), then what we show of it, by what is known: twice each.
+    """Return masks (h, w) of our object in a frame: complete, then two visible parts for each input.
 
-    The second of each two has edges that follow the picture.
+    The second visible part of an input has edges that are refined by the image.
     """
     view, row = hidden.view(index)
-    outlines = [np.zeros((view.camera.height, view.camera.width), bool) for _ in range(2 * len(known) + 1)]
+    outlines = [np.zeros((view.camera.height, view.camera.width), bool) for _ in range(2 * len(inputs) + 1)]
     box = object_box(view, hidden.body)
     if box is None:
         return outlines
     layer = object_layer(renderer, view, box)
     outlines[0][box.slices] = layer.alpha > 0.5
-    for number, each in enumerate(known):
-        front = visible_points(view, each.cloud, row)
-        masks, support = each.carrier.masks(row, view), on_support(hidden.body, each.cloud, front)
-        for guided, picture in enumerate((None, hidden.pictures[index][box.slices])):
-            share = occluded_fraction(layer, box, view, masks, front, support, picture)[0]
-            outlines[1 + 2 * number + guided][box.slices] = layer.alpha * (1 - share) > 0.5
+    for k, scene_input in enumerate(inputs):
+        front = visible_points(view, scene_input.cloud, row)
+        masks, support = scene_input.propagator.masks(row, view), on_support(hidden.body, scene_input.cloud, front)
+        for guided, image in enumerate((None, hidden.images[index][box.slices])):
+            occluded = occluded_fraction(layer, box, view, masks, front, support, image)[0]
+            outlines[1 + 2 * k + guided][box.slices] = layer.alpha * (1 - occluded) > 0.5
     return outlines
 
 
-def _edge_errors(ours: BoolArray, ours_whole: BoolArray, true: BoolArray, true_whole: BoolArray) -> FloatArray:
-    """(n,) pixels from each pixel of a hiding edge, ours and the true one, to the nearest of the other's outline.
+def _edge_errors(ours: BoolArray, our_complete: BoolArray, true: BoolArray, true_complete: BoolArray) -> FloatArray:
+    """Return the distances (n,) in pixels between occlusion edges and the nearest border pixel of the other mask.
 
-    ours, true : (h, w) what is seen of the object; the others : its outline without what hides it. A hiding edge is the
-    border of what is seen against what is hidden; where the other has no edge there, its outline is what is nearest.
+    An occlusion edge is the border between the visible and the occluded part. Both our and the true edges are included.
+
+    ours, true : (h, w) visible parts of the object.
+    our_complete, true_complete : (h, w) masks of the object without occlusion.
     """
     from scipy.ndimage import distance_transform_edt
 
     errors = []
-    for seen, whole, other in ((true, true_whole, ours), (ours, ours_whole, true)):
-        edge = _border(seen) & _grown(whole & ~seen) & ~_grown(~whole)
+    for visible, complete, other in ((true, true_complete, ours), (ours, our_complete, true)):
+        edge = _border(visible) & _dilated(complete & ~visible) & ~_dilated(~complete)
         border = _border(other)
         if edge.any():
-            far = float(np.hypot(*seen.shape))
-            distance = distance_transform_edt(~border) if border.any() else np.full(seen.shape, far)
+            diagonal = float(np.hypot(*visible.shape))
+            distance = distance_transform_edt(~border) if border.any() else np.full(visible.shape, diagonal)
             errors.append(np.asarray(distance)[edge])
     return np.concatenate(errors) if errors else np.zeros(0)
 
 
 def _border(mask: BoolArray) -> BoolArray:
-    """(h, w) pixels of a mask (h, w) with a neighbour outside it."""
-    return np.asarray(mask & _grown(~mask))
+    """Return the pixels of a mask (h, w) that have a neighbour outside it."""
+    return np.asarray(mask & _dilated(~mask))
 
 
-def _grown(mask: BoolArray) -> BoolArray:
+def _dilated(mask: BoolArray) -> BoolArray:
     import cv2
 
     return np.asarray(cv2.dilate(mask.astype(np.uint8), np.ones((3, 3), np.uint8)) > 0)
@@ -256,7 +255,7 @@ def _summary(errors: Sequence[FloatArray], wrong: Sequence[float], hidden: Seque
         "hidden": round(float(np.mean(hidden)), 2),
         "edge_px": round(float(pixels.mean()), 2),
         "edge_p90_px": round(float(np.quantile(pixels, 0.9)), 2),
-        "worst_frame_px": round(max(float(each.mean()) for each in errors if len(each) > 30), 2),
+        "worst_frame_px": round(max(float(frame.mean()) for frame in errors if len(frame) > 30), 2),
         "wrong": round(float(np.mean(wrong)), 4),
     }
 

@@ -1,8 +1,10 @@
-"""Frames of real footage with objects: what the layers say, against the frames themselves.
+"""Compare the exported layers of real footage with the composited frames.
 
-`insert-object SCENE --scale S --model A.glb ... --frames F:L --out OUT --layers LAYERS`, then
-`python -m benchmarks.insertion.real_frames OUT LAYERS SCENE`: the layers joined again by FFmpeg's decoder and NumPy
-against the frames, pixels changed inside masks of what is in front, and the grain on the objects and beside them.
+    insert-object SCENE --scale S --model A.glb ... --frames F:L --out OUT --layers LAYERS
+    python -m benchmarks.insertion.real_frames OUT LAYERS SCENE
+
+Prints for each frame: the fraction of pixels that a recomposition of the layers by FFmpeg's decoder and NumPy
+reproduces, the number of changed pixels inside masks of occluders, and the grain of the frame and of the objects.
 """
 
 from __future__ import annotations
@@ -24,14 +26,14 @@ from insertion.scene.pixel_box import PixelBox, mask_in_box
 from insertion.scene.point_cloud import ColouredPoints, VisiblePoints
 from insertion.scene.scale import read_scale
 
-#: A mask is in front where it hides this share of the object's own pixels in it.
-IN_FRONT = 0.97
-_NOTHING = VisiblePoints(np.zeros(0, np.int64), np.zeros((0, 2)), np.zeros(0), False)
-_EMPTY = ColouredPoints(np.zeros((0, 3)), np.zeros((0, 3), np.float32), False)
+#: Minimum occluded fraction of the object's pixels in the mask of an occluder.
+MIN_OCCLUDED_FRACTION = 0.97
+_NO_POINTS = VisiblePoints(np.zeros(0, np.int64), np.zeros((0, 2)), np.zeros(0), False)
+_EMPTY_CLOUD = ColouredPoints(np.zeros((0, 3)), np.zeros((0, 3), np.float32), False)
 
 
 def read_exr(file: Path) -> np.ndarray:
-    """(h, w, c) of an OpenEXR file, by FFmpeg."""
+    """Read an OpenEXR file (h, w, c) with FFmpeg."""
     import av
 
     with av.open(str(file)) as container:
@@ -44,26 +46,26 @@ def read_exr(file: Path) -> np.ndarray:
 
 
 def main() -> None:
-    """The command."""
+    """Compare the frames and print one line of JSON for each."""
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("out", type=Path)
     parser.add_argument("layers", type=Path)
     parser.add_argument("scene", type=Path)
-    parser.add_argument("--moving", type=Path, help="masks of what moves, as insert-object took them")
+    parser.add_argument("--moving", type=Path, help="masks of moving objects, as passed to insert-object")
     options = parser.parse_args()
-    masks = _masks_by_picture(options.scene, options.moving)
+    masks = _masks_by_frame(options.scene, options.moving)
     for name, layer in json.loads((options.layers / "layers.json").read_text())["pictures"].items():
         print(name, json.dumps(_frame(options, name, layer, masks.get(name, []))))
 
 
-def _masks_by_picture(folder: Path, moving: Path | None) -> dict[str, list[Instance]]:
-    """The masks of each picture: of what moves where its file is stated, else those of the scene."""
+def _masks_by_frame(folder: Path, moving: Path | None) -> dict[str, list[Instance]]:
+    """Return the masks of each frame: of moving objects if their file is given, otherwise the masks of the scene."""
     if moving is not None:
         prepared = open_scene(SceneSource(folder=folder, scale=read_scale(folder, None), moving=moving))
         return {shot.name: list(prepared.content.moving.get(shot.index, ())) for shot in prepared.footage.frames}
     scene = read_scene(folder)
-    known = any((folder / name).exists() for name in ("instances.json", "instances"))
-    instances = read_instances(None, scene) if known else ()
+    has_masks = any((folder / name).exists() for name in ("instances.json", "instances"))
+    instances = read_instances(None, scene) if has_masks else ()
     return {view.name: [i for i in instances if i.view == row] for row, view in enumerate(scene.views)}
 
 
@@ -76,28 +78,29 @@ def _frame(options: argparse.Namespace, name: str, layer: str, masks: list[Insta
     light = plate * read_exr(options.layers / "shadow" / layer) * (1 - covering[..., 3:]) + covering[..., :3]
     again = np.rint(linear_to_srgb(light))
     changed = (frame != before).any(axis=-1)
-    own = read_exr(options.layers / "depth" / layer)[..., 0] > 0
-    hidden = read_exr(options.layers / "occlusion" / layer)[..., 0]
-    whole = PixelBox(0, 0, frame.shape[1], frame.shape[0])
-    inside = fronts = 0
+    is_object = read_exr(options.layers / "depth" / layer)[..., 0] > 0
+    occluded = read_exr(options.layers / "occlusion" / layer)[..., 0]
+    full = PixelBox(0, 0, frame.shape[1], frame.shape[0])
+    inside = occluders = 0
     for item in masks:
-        mask = mask_in_box(item, whole)
-        if mask is None or not (mask & own).any() or hidden[mask & own].mean() < IN_FRONT:
+        mask = mask_in_box(item, full)
+        if mask is None or not (mask & is_object).any() or occluded[mask & is_object].mean() < MIN_OCCLUDED_FRACTION:
             continue
         eroded = cv2.erode(mask.astype(np.uint8), np.ones((5, 5), np.uint8)) > 0
-        inside, fronts = inside + int((changed & eroded).sum()), fronts + 1
-    seen = cv2.erode((covering[..., 3] > 0.99).astype(np.uint8), np.ones((9, 9), np.uint8)) > 0
-    levels = measure_look(before, _NOTHING, _EMPTY).grain.mean()
-    smooth = frame.astype(np.float32) - cv2.GaussianBlur(frame, (0, 0), 2.0)
-    flat = seen & (cv2.GaussianBlur(np.abs(smooth).mean(axis=-1), (0, 0), 3.0) < np.quantile(np.abs(smooth)[seen], 0.5))
+        inside, occluders = inside + int((changed & eroded).sum()), occluders + 1
+    opaque = cv2.erode((covering[..., 3] > 0.99).astype(np.uint8), np.ones((9, 9), np.uint8)) > 0
+    levels = measure_look(before, _NO_POINTS, _EMPTY_CLOUD).grain.mean()
+    detail = frame.astype(np.float32) - cv2.GaussianBlur(frame, (0, 0), 2.0)
+    texture = cv2.GaussianBlur(np.abs(detail).mean(axis=-1), (0, 0), 3.0)
+    flat = opaque & (texture < np.quantile(np.abs(detail)[opaque], 0.5))
     return {
         "recomposed_within_one": round(float((np.abs(again - frame) <= 1).mean()), 5),
         "recomposed_same": round(float((again == frame).mean()), 4),
         "changed_pixels": int(changed.sum()),
-        "masks_in_front": fronts,
+        "masks_in_front": occluders,
         "changed_in_front": inside,
         "grain_frame": round(float(levels), 2),
-        "grain_object": round(float(smooth[flat].std()) if flat.any() else 0.0, 2),
+        "grain_object": round(float(detail[flat].std()) if flat.any() else 0.0, 2),
     }
 
 

@@ -1,8 +1,8 @@
-"""Insertion against a path tracer's truth: `python -m benchmarks.insertion.traced_room --set held --out DIR`.
+"""Compare insertions with a path tracer: `python -m benchmarks.insertion.traced_room --set held --out DIR`.
 
-Blender's Cycles renders furnished rooms without an object and with it: fifteen to tune with (sets `train` and `tune`)
-and five that are held out (`held`). We insert the same object into the pictures without it, and compare colour and
-shadow with those in which it really stands. Needs Blender (`METRIC_TREE_BLENDER`).
+Blender's Cycles renders furnished rooms without and with an object: fifteen rooms for tuning (sets `train` and `tune`)
+and five held-out rooms (`held`). We insert the same object into the images without it, and compare its colour and
+shadow with the images that contain it. Needs Blender (`METRIC_TREE_BLENDER`).
 """
 
 from __future__ import annotations
@@ -17,9 +17,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from benchmarks.insertion.traced_scene import FOCAL, ROOMS, SIZE, TO_JOB, VIEWS, TracedRoom, traced_pictures
+from benchmarks.insertion.traced_scene import FOCAL, ROOMS, SIZE, TO_JOB, VIEWS, TracedRoom, traced_images
 from insertion.colour import luminance, srgb_to_linear
-from insertion.exports.metric_frame import MetricTransform, metric_transform, object_matrix
+from insertion.exports.metric_frame import metric_transform, object_matrix
 from insertion.insertion_scene import InsertionScene
 from insertion.placement.at_pixel import plane_coordinates
 from insertion.placement.free_space import free_positions
@@ -36,25 +36,30 @@ from tests.synthetic.rooms.shapes import solid
 from tests.synthetic.rooms.similarity import Similarity, similarity_between
 from tests.synthetic.rooms.world import Pinhole
 
-#: Views in which the object is rendered as well.
-JUDGED = 2
-#: What is asked: brightness, each channel of it, degrees between the shadows, and their difference in depth.
-BRIGHTNESS, CHANNEL, TURN_DEG, DEPTH = (0.85, 1.15), (0.8, 1.2), 25.0, 0.25
+#: Number of views that are traced with the object.
+N_COMPARED_VIEWS = 2
+#: Accepted ratios of the object's luminance and of its colour channels.
+BRIGHTNESS_RANGE = (0.85, 1.15)
+CHANNEL_RANGE = (0.8, 1.2)
+#: Maximum angle between the shadows in degrees.
+MAX_TURN_DEG = 25.0
+#: Maximum difference between the fractions of light in the shadows.
+MAX_DEPTH_DIFFERENCE = 0.25
 
 
 def main() -> None:
-    """The command."""
+    """Compare the rooms and print one line of JSON for each."""
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--set", choices=ROOMS, default="tune", dest="rooms")
     parser.add_argument("--out", type=Path, required=True)
     options = parser.parse_args()
-    for number, room in enumerate(ROOMS[options.rooms]):
-        record = judge(room, options.out / f"{options.rooms}{number}")
-        print(json.dumps({"room": f"{options.rooms} {number}"} | record), flush=True)
+    for index, room in enumerate(ROOMS[options.rooms]):
+        record = compare(room, options.out / f"{options.rooms}{index}")
+        print(json.dumps({"room": f"{options.rooms} {index}"} | record), flush=True)
 
 
-def judge(room: TracedRoom, out: Path) -> dict[str, Any]:
-    """What is compared, over the judged views together."""
+def compare(room: TracedRoom, out: Path) -> dict[str, Any]:
+    """Insert the object into a traced room, and compare with the views in which it is largest."""
     import cv2
 
     out.mkdir(parents=True, exist_ok=True)
@@ -67,45 +72,40 @@ def judge(room: TracedRoom, out: Path) -> dict[str, Any]:
     )
     images = out / "images"
     images.mkdir(exist_ok=True)
-    for row, picture in enumerate(traced_pictures(world, room, range(VIEWS), out)):
-        cv2.imwrite(str(images / f"frame{row:03d}.png"), picture[..., ::-1])
+    for row, image in enumerate(traced_images(world, room, range(VIEWS), out)):
+        cv2.imwrite(str(images / f"frame{row:03d}.png"), image[..., ::-1])
     views = tuple(replace(view, name=f"{Path(view.name).stem}.png") for view in synthetic.scene.views)
     scene = replace(synthetic.scene, path=out, views=views)
     prepared = prepared_scene_of(RecordedRoom(world, scene, synthetic.instances, out, to_scene))
     placed = _placed(prepared, write_glb(solid(room.category, np.array(room.size)), out / "object.glb", room.colour))
     ours: list[NDArray[np.uint8]] = []
-    results = composite_into(prepared, [placed], lambda _, picture: ours.append(picture))
+    results = composite_into(prepared, [placed], lambda _, image: ours.append(image))
     boxes = [frame.silhouette for frame in results[0].frames]
-    shown = [
+    heights = [
         0.0 if box is None else box[3] * frame.visible for box, frame in zip(boxes, results[0].frames, strict=True)
     ]
-    judged = sorted(np.argsort(shown)[::-1][:JUDGED].tolist())
-    truth = traced_pictures(world, room, judged, out, _object_in_world(placed, prepared, to_scene))
-    return _compared(prepared, placed, judged, [ours[row] for row in judged], truth, out)
+    rows = sorted(np.argsort(heights)[::-1][:N_COMPARED_VIEWS].tolist())
+    truth = traced_images(world, room, rows, out, _object_in_world(placed, prepared, to_scene))
+    return _compared(prepared, placed, rows, [ours[row] for row in rows], truth, out)
 
 
 def _placed(prepared: InsertionScene, model: Path) -> PlacedObject:
-    """The object at the best free place of the floor."""
+    """Place the object at the best free position on the floor."""
     metres_per_unit = prepared.scale.metres_per_unit
     radius, height = footprint(read_model(model), ModelSize(1.0, "file"), metres_per_unit)
-    place = next(one for one in free_positions(prepared.space, radius, height) if one.plane == 0)
-    x, y = plane_coordinates(prepared.space, place) * prepared.scale.metres_per_unit
+    position = next(free for free in free_positions(prepared.space, radius, height) if free.plane == 0)
+    x, y = plane_coordinates(prepared.space, position) * prepared.scale.metres_per_unit
     return place_in(prepared, [ObjectRequest(model, plane=0, xy_m=(float(x), float(y)), facing=30.0)])[0]
 
 
 def _object_in_world(placed: PlacedObject, prepared: InsertionScene, to_scene: Similarity) -> dict[str, Any]:
-    """The object of a tracer's job, where it stands in the synthetic world."""
+    """Return the entry of the object in the tracer's job, with its pose in the synthetic world."""
     frame = metric_transform([placed], prepared.scale.metres_per_unit)
-    matrix = TO_JOB @ _to_world(frame, to_scene) @ object_matrix(placed, frame)
+    to_world = np.eye(4)  # from the metric frame of the insertion
+    to_world[:3, :3] = to_scene.rotation.T @ frame.rotation.T
+    to_world[:3, 3] = to_scene.inverse(frame.origin[None])[0]
+    matrix = TO_JOB @ to_world @ object_matrix(placed, frame)
     return {"file": str(placed.request.model.resolve()), "matrix": matrix.tolist()}
-
-
-def _to_world(frame: MetricTransform, to_scene: Similarity) -> NDArray[np.float64]:
-    """(4, 4) from the metric frame of the insertion to the synthetic world."""
-    matrix = np.eye(4)
-    matrix[:3, :3] = to_scene.rotation.T @ frame.rotation.T
-    matrix[:3, 3] = to_scene.inverse(frame.origin[None])[0]
-    return matrix
 
 
 def _compared(
@@ -116,31 +116,32 @@ def _compared(
     truth: Sequence[NDArray[np.uint8]],
     out: Path,
 ) -> dict[str, Any]:
-    """Ours over the truth: brightness, channels, light in the true shadow, the ways of the shadows over the floor."""
+    """Compare our images with the truth: luminance, channels, light in the true shadow, directions of the shadows."""
     import cv2
 
     inside: list[list[NDArray[np.float32]]] = [[], []]
     dark: list[list[NDArray[np.float32]]] = [[], []]
-    ways = np.zeros((2, 3))  # sums of x, y and weight; each view sees another part of a shadow and has its true weight
-    for row, one, two in zip(rows, ours, truth, strict=True):
+    # sums of x, y and weight of the shadows' centres; views are weighted by the true shadow, since each shows a part
+    sums = np.zeros((2, 3))
+    for row, our_image, true_image in zip(rows, ours, truth, strict=True):
         bare, mask = prepared.stills.image(row), _object_mask(prepared, placed, row)
         inner = cv2.erode(mask.astype(np.uint8), np.ones((3, 3), np.uint8)) > 0
         outside = ~(cv2.dilate(mask.astype(np.uint8), np.ones((5, 5), np.uint8)) > 0)
-        ratios = [cv2.GaussianBlur(_ratio(picture, bare), (0, 0), 1.0) for picture in (one, two)]
+        ratios = [cv2.GaussianBlur(_ratio(image, bare), (0, 0), 1.0) for image in (our_image, true_image)]
         shaded = outside & (ratios[1] < 0.93)
-        floor, near = _floor_places(prepared, placed, row)
-        floors = [np.where(outside & near, np.maximum(1 - ratio - 0.04, 0.0), 0.0) for ratio in ratios]
-        for k, picture in enumerate((one, two)):
-            inside[k].append(srgb_to_linear(picture)[inner])
+        floor, near = _floor_positions(prepared, placed, row)
+        darkness = [np.where(outside & near, np.maximum(1 - ratio - 0.04, 0.0), 0.0) for ratio in ratios]
+        for k, image in enumerate((our_image, true_image)):
+            inside[k].append(srgb_to_linear(image)[inner])
             dark[k].append(ratios[k][shaded])
-            middle = (floor * floors[k][..., None]).sum(axis=(0, 1)) / max(float(floors[k].sum()), 1e-9)
-            ways[k] += floors[1].sum() * np.array([*middle, 1.0])
-        cv2.imwrite(str(out / f"compare_{row:03d}.png"), np.hstack([bare, one, two])[..., ::-1])
+            centre = (floor * darkness[k][..., None]).sum(axis=(0, 1)) / max(float(darkness[k].sum()), 1e-9)
+            sums[k] += darkness[1].sum() * np.array([*centre, 1.0])
+        cv2.imwrite(str(out / f"compare_{row:03d}.png"), np.hstack([bare, our_image, true_image])[..., ::-1])
     colours = [np.concatenate(part).mean(axis=0) for part in inside]
     depths = [float(np.concatenate(part).mean()) if sum(map(len, part)) > 20 else None for part in dark]
-    middles = ways[:, :2] / np.maximum(ways[:, 2:], 1e-9)
-    between = np.degrees(np.arctan2(middles[0, 1], middles[0, 0]) - np.arctan2(middles[1, 1], middles[1, 0]))
-    turn = float(abs((between + 180) % 360 - 180)) if np.linalg.norm(middles[1]) > 0.15 else None
+    centres = sums[:, :2] / np.maximum(sums[:, 2:], 1e-9)
+    between = np.degrees(np.arctan2(centres[0, 1], centres[0, 0]) - np.arctan2(centres[1, 1], centres[1, 0]))
+    turn = float(abs((between + 180) % 360 - 180)) if np.linalg.norm(centres[1]) > 0.15 else None
     brightness = float(luminance(colours[0]) / luminance(colours[1]))
     channels = [float(v) for v in colours[0] / colours[1]]
     return {
@@ -149,18 +150,21 @@ def _compared(
         "shadow_turn_deg": None if turn is None else round(turn),
         "shadow": [None if v is None else round(v, 2) for v in depths],
         "good": {
-            "brightness": BRIGHTNESS[0] <= brightness <= BRIGHTNESS[1],
-            "channels": all(CHANNEL[0] <= v <= CHANNEL[1] for v in channels),
-            "turn": turn is None or turn <= TURN_DEG,
-            "depth": depths[0] is None or depths[1] is None or abs(depths[0] - depths[1]) <= DEPTH,
+            "brightness": BRIGHTNESS_RANGE[0] <= brightness <= BRIGHTNESS_RANGE[1],
+            "channels": all(CHANNEL_RANGE[0] <= v <= CHANNEL_RANGE[1] for v in channels),
+            "turn": turn is None or turn <= MAX_TURN_DEG,
+            "depth": depths[0] is None or depths[1] is None or abs(depths[0] - depths[1]) <= MAX_DEPTH_DIFFERENCE,
         },
     }
 
 
-def _floor_places(
+def _floor_positions(
     prepared: InsertionScene, placed: PlacedObject, row: int
 ) -> tuple[NDArray[np.float64], NDArray[np.bool_]]:
-    """(h, w, 2) place of each pixel on the floor about the object's foot in its heights, and whether it is near."""
+    """Return the position (h, w, 2) of each pixel on the floor, and whether it is close to the object (h, w).
+
+    Positions are relative to the object's base, in heights of the object.
+    """
     view, basis = prepared.scene.views[row], placed.placement.basis
     rays = np.dstack([camera_rays(view.camera), np.ones(SIZE[::-1])]) @ view.rotation @ basis.T
     start = basis @ (view.centre - placed.placement.position)
@@ -177,7 +181,7 @@ def _ratio(after: NDArray[np.uint8], before: NDArray[np.uint8]) -> NDArray[np.fl
 
 
 def _object_mask(prepared: InsertionScene, placed: PlacedObject, row: int) -> NDArray[np.bool_]:
-    """Pixels of the object that nothing hides, by our own renderer's outline."""
+    """Return the opaque pixels (h, w) of the object, from the outline of our renderer without occlusion."""
     from insertion.light.environment_map import HEIGHT, WIDTH, Environment
     from insertion.render.gpu import gl_context
     from insertion.render.layers import window_behind

@@ -1,4 +1,4 @@
-"""The furnished rooms of `traced_room`, and what Blender's Cycles is asked to trace of them."""
+"""Furnished rooms of `traced_room`, and their rendering by Blender's Cycles."""
 
 from __future__ import annotations
 
@@ -18,29 +18,33 @@ from tests.synthetic.rooms.materials import look_of
 from tests.synthetic.rooms.solids import Mesh
 from tests.synthetic.rooms.world import World
 
-__all__ = ["FOCAL", "ROOMS", "SIZE", "TO_JOB", "VIEWS", "TracedRoom", "traced_pictures"]
+__all__ = ["FOCAL", "ROOMS", "SIZE", "TO_JOB", "VIEWS", "TracedRoom", "traced_images"]
 
-SIZE, FOCAL = (192, 144), 150.0
+#: Width and height of the images, and focal length, in pixels.
+SIZE = (192, 144)
+FOCAL = 150.0
+#: Number of samples per pixel.
 SAMPLES = 16
-#: Views of a room.
+#: Number of views of a room.
 VIEWS = 6
-#: Mean luminance of the pictures: what a camera's own exposure aims at.
-EXPOSED = 0.18
-#: Metres of a texture's tile.
+#: Mean luminance of the images: the target of automatic exposure (middle grey).
+MEAN_LUMINANCE = 0.18
+#: Side of a texture tile in metres.
 TILE_M = 1.5
 
-#: Linear colours of lamps.
+#: Linear RGB colours of lamps.
 LAMPS = {"white": (1.0, 1.0, 1.0), "warm": (1.0, 0.8, 0.55), "cool": (0.8, 0.9, 1.0)}
-#: From the synthetic world (z up) to the job's frame (y up), as `write_glb` turns it.
+#: Transform from the synthetic world (z up) to the frame of the job (y up), as in `write_glb`.
 TO_JOB = np.array([[1, 0, 0, 0], [0, 0, 1, 0], [0, -1, 0, 0], [0, 0, 0, 1]], dtype=np.float64)
 
 
 @dataclass(frozen=True, slots=True)
 class TracedRoom:
-    """A synthetic room.
+    """A synthetic room with lamps and an inserted object.
 
-    lamps : kind and linear colour of each, their places by the seed; object, size, colour : the object, its metres and
-    its linear colour; pattern : of the textures.
+    lamps : kind and linear colour of each lamp; their positions follow from the seed.
+    category, size, colour : category of the object, its size in metres and its linear colour.
+    pattern : pattern of the textures.
     """
 
     kind: str
@@ -53,7 +57,7 @@ class TracedRoom:
 
 
 def _rooms() -> dict[str, list[TracedRoom]]:
-    """The rooms of `traced_rooms.csv` by their set; a lamp is a colour of `LAMPS` and a kind."""
+    """Read the rooms of `traced_rooms.csv` by set. Lamps are stated as `COLOUR KIND`, separated by semicolons."""
     rooms: dict[str, list[TracedRoom]] = {}
     with Path(__file__).with_name("traced_rooms.csv").open(encoding="utf-8", newline="") as lines:
         for row in csv.DictReader(lines):
@@ -73,10 +77,10 @@ def _three(text: str) -> tuple[float, float, float]:
 ROOMS = _rooms()
 
 
-def traced_pictures(
+def traced_images(
     world: World, room: TracedRoom, rows: Sequence[int], out: Path, item: dict[str, Any] | None = None
 ) -> list[NDArray[np.uint8]]:
-    """Pictures of some views, without the object or with `item`; what was traced before is kept in `out`."""
+    """Return the images of some views, without the object or with `item`. Traced views are cached in `out`."""
     traced = out / ("bare" if item is None else "with")
     traced.mkdir(exist_ok=True)
     missing = [k for k in rows if not (traced / f"{k:06d}.npy").is_file()]
@@ -87,32 +91,32 @@ def traced_pictures(
 
 
 def _room_files(world: World, room: TracedRoom, folder: Path) -> list[dict[str, Any]]:
-    """One GLB for each material of each object, with a texture of two of its colours."""
+    """Write a GLB file for each material of each object, with a texture of two of its colours."""
     rows = []
-    for number, mesh in enumerate([world.surfaces, *(item.mesh for item in world.objects)]):
+    for index, mesh in enumerate([world.surfaces, *(item.mesh for item in world.objects)]):
         for name in sorted(set(mesh.material)):
-            file = folder / f"room_{number}_{name}.glb"
+            file = folder / f"room_{index}_{name}.glb"
             chosen = np.array([material == name for material in mesh.material])
-            look = look_of(name, number, world.seed, 1.0)
-            _write_part(mesh, mesh.faces[chosen], _texture(look, room.pattern, number), file)
+            look = look_of(name, index, world.seed, 1.0)
+            _write_part(mesh, mesh.faces[chosen], _texture(look, room.pattern, index), file)
             rows.append({"file": str(file.resolve()), "matrix": np.eye(4).tolist()})
     return rows
 
 
-def _texture(look: NDArray[np.float64], pattern: str, number: int) -> NDArray[np.uint8]:
-    """(64, 64, 4) sRGB tile of the two colours of a look."""
+def _texture(look: NDArray[np.float64], pattern: str, seed: int) -> NDArray[np.uint8]:
+    """Return an sRGB tile (64, 64, 4) of the two colours of a look."""
     y, x = np.mgrid[:64, :64]
-    grain = np.random.default_rng(number).uniform(0, 1, (16, 16)).repeat(4, 0).repeat(4, 1)
-    share = {
+    grain = np.random.default_rng(seed).uniform(0, 1, (16, 16)).repeat(4, 0).repeat(4, 1)
+    blend = {
         "plain": np.zeros((64, 64)), "grain": 0.6 * grain, "stripes": 1.0 * ((x // 8) % 2), "checks":
         0.9 * ((x // 16 + y // 16) % 2),
     }[pattern]  # fmt: skip
-    colour = (1 - share)[..., None] * look[:3] + share[..., None] * look[3:6]
+    colour = (1 - blend)[..., None] * look[:3] + blend[..., None] * look[3:6]
     return np.dstack([np.rint(255 * colour), np.full((64, 64), 255)]).astype(np.uint8)
 
 
 def _write_part(mesh: Mesh, faces: NDArray[np.int64], texture: NDArray[np.uint8], file: Path) -> None:
-    """Faces of a mesh (z up) as a GLB file (y up), its texture laid on along the axis that each face looks along."""
+    """Write faces of a mesh (z up) as a GLB file (y up), with the texture projected along each face's main axis."""
     corners = mesh.vertices[faces]  # (m, 3, 3)
     across = np.abs(np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])).argmax(axis=1)
     axes = np.array([[1, 2], [0, 2], [0, 1]])[across]  # (m, 2)
@@ -129,7 +133,7 @@ def _write_part(mesh: Mesh, faces: NDArray[np.int64], texture: NDArray[np.uint8]
 
 
 def _lights(room: TracedRoom, world: World) -> list[dict[str, Any]]:
-    """Square area lights of the job: side in metres, watts, place and what they shine at, by the kind of each lamp."""
+    """Return the square area lights of the job. Size, power, position and target depend on the kind of each lamp."""
     generator = np.random.default_rng(room.seed)
     low, high = world.surfaces.vertices.min(axis=0) + 0.15, world.surfaces.vertices.max(axis=0) - 0.15
     rows = []
@@ -138,14 +142,14 @@ def _lights(room: TracedRoom, world: World) -> list[dict[str, Any]]:
         corner = np.where(generator.random(2) < 0.5, low[:2], high[:2]) * 0.9
         side = np.array([low[0] if generator.random() < 0.5 else high[0], y])
         strength = generator.uniform(0.8, 1.25)
-        size, watts, place, target = {
+        size, watts, position, target = {
             "bulb": (0.2, 40.0, (x, y, high[2] - 0.1), (x, y, 0.0)),
             "panel": (1.0, 40.0, (x, y, high[2]), (x, y, 0.0)),
             "window": (1.3, 90.0, (*side, 1.5), (0.0, y, 0.6)),
             "floor lamp": (0.3, 45.0, (*corner, 1.6), (0.0, 0.0, 0.4)),
             "uplight": (0.3, 30.0, (*-corner, 1.7), (*-0.9 * corner, 2.6)),
         }[kind]
-        rows.append({**_light(size, watts * strength, place, target), "colour": colour})
+        rows.append({**_light(size, watts * strength, position, target), "colour": colour})
     return rows
 
 
@@ -166,14 +170,14 @@ def _job(
     }
 
 
-def _light(side: float, watts: float, place: tuple[float, ...], target: tuple[float, ...]) -> dict[str, Any]:
-    back = np.array(place) - np.array(target)
+def _light(side: float, watts: float, position: tuple[float, ...], target: tuple[float, ...]) -> dict[str, Any]:
+    back = np.array(position) - np.array(target)
     back /= np.linalg.norm(back)
     right = np.cross([0.0, 1.0, 0.0] if abs(back[2]) > 0.9 else [0.0, 0.0, 1.0], back)
     right /= np.linalg.norm(right)
     matrix = np.eye(4)
     matrix[:3, :3] = np.column_stack([right, np.cross(back, right), back])
-    matrix[:3, 3] = place
+    matrix[:3, 3] = position
     return {"size": side, "power": watts, "matrix": (TO_JOB @ matrix).tolist()}
 
 
@@ -186,7 +190,7 @@ def _camera_matrix(world: World, row: int) -> NDArray[np.float64]:
 
 
 def _developed(file: Path, out: Path) -> NDArray[np.uint8]:
-    """A traced picture as the camera would store it, at one exposure for the whole room."""
+    """Return a traced image in sRGB, with one exposure for all views of the room."""
     bare = [luminance(np.load(other)[..., :3].astype(np.float32)).mean() for other in sorted((out / "bare").iterdir())]
     linear = np.load(file)[..., :3].astype(np.float32)
-    return np.rint(linear_to_srgb(linear * EXPOSED / np.mean(bare))).astype(np.uint8)
+    return np.rint(linear_to_srgb(linear * MEAN_LUMINANCE / np.mean(bare))).astype(np.uint8)

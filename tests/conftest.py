@@ -15,13 +15,13 @@ from metric_cli.subcommands import main
 from metric_tree.tree import Tree, open_tree
 from tests.synthetic import minitree
 
-# A shell that starts the tests in the background makes them ignore Ctrl-C; the commands under test would inherit it.
+# A shell that starts the tests in the background makes them ignore SIGINT, and the tested commands would inherit this.
 if signal.getsignal(signal.SIGINT) == signal.SIG_IGN:
     signal.signal(signal.SIGINT, signal.default_int_handler)
 
-# How long an example takes depends on what else the machine does; times are the benchmarks' business.
-# The suite draws the same examples each time, so that a red run is the change's own doing. `make hunt` and
-# `make fuzz` draw new ones; what they find becomes an example of the suite.
+# No deadline: the time of an example depends on other load on the machine; benchmarks measure times.
+# The suite draws the same examples each time, so that a failure is caused by the change under test. `make hunt` and
+# `make fuzz` draw new examples; failing ones are added to the suite as explicit examples.
 settings.register_profile("suite", deadline=None, derandomize=True, suppress_health_check=[HealthCheck.too_slow])
 settings.register_profile("hunt", deadline=None, max_examples=1000, suppress_health_check=[HealthCheck.too_slow])
 settings.load_profile(os.environ.get("HYPOTHESIS_PROFILE", "suite"))
@@ -69,26 +69,26 @@ def pytest_collection_modifyitems(config: pytest.Config, items: list[pytest.Item
 
 @pytest.fixture(autouse=True)
 def _no_given_width(monkeypatch: pytest.MonkeyPatch) -> None:
-    """pytest-xdist gives its workers a width of their own; a table in a pipe is as wide as it needs to be."""
+    """Remove the terminal width that pytest-xdist sets for its workers, so that tables in pipes are not truncated."""
     monkeypatch.delenv("COLUMNS", raising=False)
 
 
 @pytest.fixture(autouse=True)
 def _no_progress_lines(request: pytest.FixtureRequest, monkeypatch: pytest.MonkeyPatch) -> None:
-    """A busy machine takes over ten seconds where an idle one takes two; what a command says must not depend on it."""
+    """Disable progress lines, which depend on the speed of the machine, except in the tests of progress."""
     if "test_progress" not in request.node.nodeid:
         monkeypatch.setattr("metric_cli.progress.LOG_INTERVAL_S", math.inf)
 
 
 @pytest.fixture
 def mini(tmp_path: Path) -> Tree:
-    """A small valid tree."""
+    """Return a small valid tree."""
     return open_tree(minitree.release(tmp_path / "mini").directory)
 
 
 @pytest.fixture
 def shown(capsys: pytest.CaptureFixture[str]) -> Any:
-    """Run `metric-tree WORDS --json`: the status and the parsed output."""
+    """Return a function that runs `metric-tree WORDS --json` and returns its exit status and parsed output."""
 
     def run(*words: str) -> tuple[int, Any]:
         status = main([*words, "--json"])

@@ -1,4 +1,4 @@
-"""A real browser without a screen, driven through Chromium's own protocol over a pipe: no driver to install."""
+"""Control a headless Chromium through its DevTools protocol over a pipe, without a driver."""
 
 from __future__ import annotations
 
@@ -16,24 +16,24 @@ import pytest
 
 __all__ = ["Browser", "PageError", "chromium"]
 
-#: How long a condition may take to hold: an error ends a test that waits, not the load of the machine.
+#: Time limit of a condition in seconds. It is long, so that other load on the machine does not fail a test.
 TIMEOUT_S = 180.0
 
 
 def chromium() -> str:
-    """The browser's path; the test is skipped where there is none."""
+    """Return the browser's path, or skip the test if no browser is installed."""
     path = shutil.which("chromium") or shutil.which("chromium-browser") or shutil.which("google-chrome")
     if path is None:
-        pytest.skip("no chromium; .ci/system-packages says how to install it")
+        pytest.skip("no chromium; .ci/system-packages installs it")
     return path
 
 
 class PageError(AssertionError):
-    """The page or the browser refused: an expression threw, or its page was left meanwhile."""
+    """A call failed: an expression raised an error, or the page was replaced during its evaluation."""
 
 
 class Browser:
-    """One page; a context manager."""
+    """A browser with one page; a context manager."""
 
     def __init__(self, profile: Path) -> None:
         to_browser, self._write = os.pipe()
@@ -41,10 +41,10 @@ class Browser:
         self._left = b""
         self._number = 0
 
-        def wire() -> None:  # Chromium reads from descriptor 3 and writes to 4
-            one, two = os.dup(to_browser), os.dup(from_browser)
-            os.dup2(one, 3)
-            os.dup2(two, 4)
+        def connect() -> None:  # Chromium reads from descriptor 3 and writes to 4
+            read_end, write_end = os.dup(to_browser), os.dup(from_browser)
+            os.dup2(read_end, 3)
+            os.dup2(write_end, 4)
 
         self._process = subprocess.Popen(
             [
@@ -59,7 +59,7 @@ class Browser:
                 "--remote-debugging-pipe",
                 "about:blank",
             ],
-            preexec_fn=wire,  # noqa: PLW1509 - one thread here
+            preexec_fn=connect,  # noqa: PLW1509 - this process has one thread
             close_fds=False,
             stdout=subprocess.DEVNULL,
             stderr=subprocess.DEVNULL,
@@ -70,7 +70,7 @@ class Browser:
         self._session = self.call("Target.attachToTarget", targetId=self._first_page(), flatten=True)["sessionId"]
 
     def _first_page(self) -> str:
-        """The id of the page, which may open after the browser answers."""
+        """Return the id of the page, which may open after the browser's first response."""
         until = time.monotonic() + TIMEOUT_S
         while True:
             targets = self.call("Target.getTargets")["targetInfos"]
@@ -92,44 +92,44 @@ class Browser:
         os.close(self._read)
 
     def open(self, url: str, ready: str = "document.readyState === 'complete'") -> None:
-        """Go to an address and wait until an expression holds there, and not on the page that was shown before."""
+        """Open an address and wait until an expression is true on the new page."""
         self.run("window.isLeft = true")
-        answer = self.call("Page.navigate", url=url)
-        assert "errorText" not in answer, answer
-        self.wait(f"!window.isLeft && ({ready})" if "loaderId" in answer else ready)
+        response = self.call("Page.navigate", url=url)
+        assert "errorText" not in response, response
+        self.wait(f"!window.isLeft && ({ready})" if "loaderId" in response else ready)
 
     def run(self, expression: str) -> Any:
-        """The value of a JavaScript expression on the page; promises are awaited."""
-        answer = self.call("Runtime.evaluate", expression=expression, returnByValue=True, awaitPromise=True)
-        if "exceptionDetails" in answer:
-            raise PageError(answer["exceptionDetails"])
-        return answer["result"].get("value")
+        """Evaluate a JavaScript expression on the page; promises are awaited."""
+        response = self.call("Runtime.evaluate", expression=expression, returnByValue=True, awaitPromise=True)
+        if "exceptionDetails" in response:
+            raise PageError(response["exceptionDetails"])
+        return response["result"].get("value")
 
     def wait(self, expression: str) -> None:
-        """Wait until an expression holds; it may fail while a page is loaded or left."""
+        """Wait until an expression is true. It may raise errors while a page is loaded or replaced."""
         until = time.monotonic() + TIMEOUT_S
         while True:
             try:
-                seen = self.run(f"Boolean({expression})")
+                value = self.run(f"Boolean({expression})")
             except PageError as error:
-                seen = error
-            if seen is True:
+                value = error
+            if value is True:
                 return
-            assert time.monotonic() < until, f"never: {expression}; last: {seen}"
+            assert time.monotonic() < until, f"never true: {expression}; last: {value}"
             time.sleep(0.05)
 
     def drag(self, start: tuple[float, float], end: tuple[float, float]) -> None:
-        """Press the mouse at one place of the window, move, release at another."""
+        """Press the mouse button at one position (x, y) of the window, and release it at another."""
         self._mouse("mousePressed", start)
         self._mouse("mouseMoved", end)
         self._mouse("mouseReleased", end)
 
-    def click(self, place: tuple[float, float]) -> None:
-        """Press and release the mouse."""
-        self.drag(place, place)
+    def click(self, position: tuple[float, float]) -> None:
+        """Press and release the mouse button."""
+        self.drag(position, position)
 
     def type(self, text: str) -> None:
-        """Type into what has the focus."""
+        """Type text into the focused element."""
         self.call("Input.insertText", text=text)
 
     def press(self, key: str) -> None:
@@ -138,11 +138,12 @@ class Browser:
         self.call("Input.dispatchKeyEvent", type="keyDown", key=key, code=key, **extra)
         self.call("Input.dispatchKeyEvent", type="keyUp", key=key, code=key)
 
-    def _mouse(self, kind: str, place: tuple[float, float]) -> None:
-        self.call("Input.dispatchMouseEvent", type=kind, x=place[0], y=place[1], button="left", buttons=1, clickCount=1)
+    def _mouse(self, kind: str, position: tuple[float, float]) -> None:
+        x, y = position
+        self.call("Input.dispatchMouseEvent", type=kind, x=x, y=y, button="left", buttons=1, clickCount=1)
 
     def call(self, method: str, **params: Any) -> dict[str, Any]:
-        """One call of the DevTools protocol."""
+        """Call a method of the DevTools protocol and return its result."""
         self._number += 1
         message: dict[str, Any] = {"id": self._number, "method": method, "params": params}
         if self._session is not None:
@@ -150,17 +151,17 @@ class Browser:
         os.write(self._write, json.dumps(message).encode() + b"\0")
         until = time.monotonic() + TIMEOUT_S
         while True:
-            answer = self._message(until)
-            if answer.get("id") == self._number:
-                if "error" in answer:
-                    raise PageError(method, answer["error"])
-                result: dict[str, Any] = answer["result"]
+            response = self._message(until)
+            if response.get("id") == self._number:
+                if "error" in response:
+                    raise PageError(method, response["error"])
+                result: dict[str, Any] = response["result"]
                 return result
 
     def _message(self, until: float) -> dict[str, Any]:
         while b"\0" not in self._left:
             readable, _, _ = select.select([self._read], [], [], max(0.0, until - time.monotonic()))
-            assert readable, "the browser is silent"
+            assert readable, "no message from the browser"
             self._left += os.read(self._read, 1 << 16)
         line, _, self._left = self._left.partition(b"\0")
         message: dict[str, Any] = json.loads(line)

@@ -1,4 +1,4 @@
-"""A worker that never ends of itself: `python -m tests.support.busy_worker busy REQUEST PARENT SECONDS`."""
+"""Worker process that never ends: `python -m tests.support.busy_worker busy REQUEST PARENT SECONDS`."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ from capture.mapping.colmap_worker import Request, run_step
 
 
 def busy(request: Request) -> dict[str, Any]:
-    """Use the processor for ever."""
+    """Loop forever."""
     while True:
         pass
 

@@ -1,11 +1,12 @@
-"""What a class of several objects says about the scale, written plainly: the definition that the fast code must meet.
+"""Reference implementation of the scale likelihood of a class with several objects.
 
-For each hypothesis of sameness (`sameness`) with weight w_h, own prior p_h and shared error e ~ N(0, B_h),
+For each hypothesis of similarity (`estimator.posterior.class_hypotheses`) with weight w_h, prior p_h and shared error
+e ~ N(0, B_h),
 
     L_c(u) = sum_h w_h integral of prod_i (p_h(y_i + v) + floor_i)^tau N(u 1 - v; 0, B_h) dv,    v = u 1 - e
 
-Here the integral is a sum over a cubic grid of v; `class_likelihood` does the same with seven nodes and a convolution
-in a thousandth of the time. For tests and readers.
+The integral is computed as a sum over a cubic grid of v. `class_likelihood` computes it with seven nodes and a
+convolution, about 1000 times faster.
 """
 
 from __future__ import annotations
@@ -22,30 +23,32 @@ from metric_base.arrays import FloatArray
 
 __all__ = ["class_log_likelihood", "hypothesis_likelihood"]
 
-#: How far the grid of v reaches beyond where objects put it, in standard deviations of e, and at most.
-REACH_SD, MOST_REACH = 4.0, 0.8
+#: Margin of the grid of v around the residuals of the objects, in standard deviations of e.
+MARGIN_SIGMAS = 4.0
+#: Maximum margin of the grid of v, natural log.
+MAX_MARGIN_LOG = 0.8
 
 
 def class_log_likelihood(evidence: Sequence[ObjectEvidence], u: FloatArray, points: int = 64) -> FloatArray:
-    """Log L_c at the log scales u (g,), of n >= 2 objects of one class; without the tempering of readings.
+    """Return log L_c (g,) at log scales u (g,) for at least two objects of one class, without tempering of readings.
 
-    points : of the grid along each axis
+    points : number of grid points along each axis.
     """
-    ways = hypotheses(evidence[0].prior, any(has_open_vertical(item) for item in evidence))
-    values = [np.exp(way.log_weight) * hypothesis_likelihood(evidence, way, u, points) for way in ways]
+    models = hypotheses(evidence[0].prior, any(has_open_vertical(item) for item in evidence))
+    values = [np.exp(model.log_weight) * hypothesis_likelihood(evidence, model, u, points) for model in models]
     return np.asarray(np.log(np.sum(values, axis=0)))
 
 
 def hypothesis_likelihood(
-    evidence: Sequence[ObjectEvidence], way: Hypothesis, u: FloatArray, points: int = 64
+    evidence: Sequence[ObjectEvidence], model: Hypothesis, u: FloatArray, points: int = 64
 ) -> FloatArray:
-    """The integral (g,) of one hypothesis."""
-    n, axes = len(evidence), prior_axes(way.prior)
-    parts = hypothesis_rows(measurement_arrays(evidence), np.arange(n), [(way,)] * n)
+    """Return the integral (g,) of one hypothesis at log scales u (g,)."""
+    n, axes = len(evidence), prior_axes(model.prior)
+    parts = hypothesis_rows(measurement_arrays(evidence), np.arange(n), [(model,)] * n)
     precision, residual = _full(parts.precision), parts.residual.T  # (m, 3, 3), (m, 3)
-    covariance = way.error.covariance[np.ix_(axes, axes)]  # (d, d)
+    covariance = model.error.covariance[np.ix_(axes, axes)]  # (d, d)
     low, high = residual.min(axis=0)[axes], residual.max(axis=0)[axes]
-    reach = np.minimum(REACH_SD * np.sqrt(np.diag(covariance)), MOST_REACH)
+    reach = np.minimum(MARGIN_SIGMAS * np.sqrt(np.diag(covariance)), MAX_MARGIN_LOG)
     sides = [np.linspace(a - r, b + r, points) for a, b, r in zip(low, high, reach, strict=True)]
     v = np.zeros((points ** len(axes), 3))
     v[:, axes] = np.stack(np.meshgrid(*sides, indexing="ij"), axis=-1).reshape(-1, len(axes))
@@ -58,18 +61,18 @@ def hypothesis_likelihood(
     cell = np.prod([side[1] - side[0] for side in sides])
     normal = cell / np.sqrt(np.linalg.det(2 * np.pi * covariance))
     inverse = np.asarray(np.linalg.inv(covariance), dtype=np.float64)
-    # (u 1 - v)' B^-1 (u 1 - v) as a polynomial in u: a third of the time
+    # expand (u 1 - v)' B^-1 (u 1 - v) as a polynomial in u, which takes a third of the time
     v = v[:, axes]
     constant, slope = log_product - 0.5 * _quadratic(v, inverse), v @ inverse.sum(axis=0)
-    values = [np.exp(constant + at * (slope - 0.5 * at * inverse.sum())).sum() for at in u]
+    values = [np.exp(constant + scale * (slope - 0.5 * scale * inverse.sum())).sum() for scale in u]
     return np.asarray(normal * np.array(values))
 
 
 def _quadratic(x: FloatArray, matrix: FloatArray) -> FloatArray:
-    """(n,) x' M x of vectors (n, d) and a matrix (d, d)."""
+    """Return x' M x (n,) of vectors (n, d) and a matrix (d, d)."""
     return np.asarray(np.einsum("ij,ij->i", x @ matrix, x))
 
 
 def _full(six: FloatArray) -> FloatArray:
-    """(m, 3, 3) of packed symmetric matrices (6, m)."""
+    """Unpack symmetric matrices (6, m) to (m, 3, 3)."""
     return np.asarray(six[[0, 1, 2, 1, 3, 4, 2, 4, 5]].T.reshape(-1, 3, 3))

@@ -1,9 +1,9 @@
-"""Damaged input of every kind: what the readers say about it, and how long they take.
+"""Damaged scenes and instance files: messages, time and memory of the readers.
 
-    python -m tests.support.damaged            the table: kind, time, memory, message
+    python -m tests.support.damaged            print a table of kind, time, memory and message
 
-Each case is a copy of the small scene with one object wrong. A reader must answer with one line (`InputError`, exit
-2 of the command); an exception of any other kind is printed as an internal error.
+Each case is a copy of the small scene with one error. A reader must raise an `InputError` with a message of one line
+(exit status 2 of the command); other exceptions are printed as internal errors.
 """
 
 from __future__ import annotations
@@ -33,7 +33,7 @@ Damage = Callable[[Path], None]
 
 @dataclass(frozen=True, slots=True)
 class Case:
-    """One kind of damage: to which form of the small scene, what is done, and which instances are read."""
+    """A kind of damage: the form of the small scene, the function that damages its folder, and the instance file."""
 
     name: str
     form: str
@@ -43,7 +43,11 @@ class Case:
 
 @dataclass(frozen=True, slots=True)
 class Outcome:
-    """What came of a case: `message` is None where the input was taken, `error` an exception that is ours."""
+    """Outcome of a case.
+
+    message : text of the InputError; None if the input was accepted or another exception was raised.
+    error : exception other than an InputError, a defect of the reader.
+    """
 
     case: Case
     message: str | None
@@ -53,62 +57,63 @@ class Outcome:
 
 
 def outcome(case: Case, folder: Path) -> Outcome:
-    """Read a damaged copy of the small scene in `folder`, once for the time and once for the memory."""
+    """Read a damaged copy of the small scene in `folder`, once to measure the time and once for the memory."""
     case.damage(folder / case.form)
-    start = time.process_time()  # whatever else the machine does
-    message, error = _answer(case, folder / case.form)
+    start = time.process_time()  # independent of other load on the machine
+    message, error = _read(case, folder / case.form)
     seconds = time.process_time() - start
     tracemalloc.start()
-    _answer(case, folder / case.form)
+    _read(case, folder / case.form)
     peak = tracemalloc.get_traced_memory()[1]
     tracemalloc.stop()
     return Outcome(case, message, error, seconds, peak)
 
 
-def _answer(case: Case, folder: Path) -> tuple[str | None, Exception | None]:
+def _read(case: Case, folder: Path) -> tuple[str | None, Exception | None]:
     try:
         read_instances_and_warnings(read_scene(folder), None if case.instances is None else folder / case.instances)
     except InputError as bad:
         return str(bad), None
-    except Exception as other:  # noqa: BLE001 (the point of the table is to show it)
+    except Exception as other:  # noqa: BLE001 (the table lists it)
         return None, other
     return None, None
 
 
 def outcomes() -> Iterator[Outcome]:
-    """Every case, each on its own copy."""
+    """Yield the outcome of every case, each on a new copy of the scene."""
     with tempfile.TemporaryDirectory() as temporary:
-        write_small_scene(Path(temporary) / "whole")
-        _read_once(Path(temporary) / "whole")
-        for number, case in enumerate(CASES):
-            copy = Path(temporary) / str(number)
-            shutil.copytree(Path(temporary) / "whole", copy)
+        intact = Path(temporary) / "intact"
+        write_small_scene(intact)
+        # the intact forms are readable, and the times of the cases do not include imports
+        for form in ("colmap", "text", "opensfm"):
+            read_instances_and_warnings(read_scene(intact / form))
+        for index, case in enumerate(CASES):
+            copy = Path(temporary) / str(index)
+            shutil.copytree(intact, copy)
             yield outcome(case, copy)
             shutil.rmtree(copy)
-
-
-def _read_once(folder: Path) -> None:
-    """Every form whole, so that no case is charged with an import, and none is damaged from the start."""
-    for form in ("colmap", "text", "opensfm"):
-        read_instances_and_warnings(read_scene(folder / form))
 
 
 def _zero_bytes(name: str) -> Damage:
     return _written(name, b"")
 
 
-def _truncated(name: str, share: float) -> Damage:
+def _truncated(name: str, fraction: float) -> Damage:
+    """Keep a fraction of a file."""
+
     def damage(folder: Path) -> None:
         data = (folder / name).read_bytes()
-        (folder / name).write_bytes(data[: int(len(data) * share)])
+        (folder / name).write_bytes(data[: int(len(data) * fraction)])
 
     return damage
 
 
-def _patched(name: str, place: int, layout: str, *values: float) -> Damage:
+def _patched(name: str, offset: int, layout: str, *values: float) -> Damage:
+    """Replace bytes of a file by values in a `struct` layout."""
+
     def damage(folder: Path) -> None:
         data = bytearray((folder / name).read_bytes())
-        struct.pack_into(layout, data, place, *values)
+        struct.pack_into(layout, data, offset, *values)
         (folder / name).write_bytes(data)
 
     return damage
@@ -117,7 +122,7 @@ def _patched(name: str, place: int, layout: str, *values: float) -> Damage:
 def _replaced(name: str, old: str, new: str) -> Damage:
     def damage(folder: Path) -> None:
         data = (folder / name).read_bytes()
-        assert old.encode() in data, f"{name} holds no {old}"
+        assert old.encode() in data, f"{name} does not contain {old}"
         (folder / name).write_bytes(data.replace(old.encode(), new.encode(), 1))
 
     return damage
@@ -135,7 +140,7 @@ def _removed(name: str) -> Damage:
 
 
 def _edited(name: str, edit: Callable[[Any], object]) -> Damage:
-    """The JSON document after `edit` changed it in place."""
+    """Change a JSON document in place with `edit`."""
 
     def damage(folder: Path) -> None:
         document = json.loads((folder / name).read_text(encoding="utf-8"))
@@ -145,12 +150,12 @@ def _edited(name: str, edit: Callable[[Any], object]) -> Damage:
     return damage
 
 
-def _line(name: str, number: int, column: int, word: str) -> Damage:
-    """A text model with one word of one record (comments not counted) replaced."""
+def _line(name: str, record: int, column: int, word: str) -> Damage:
+    """Replace a word of a record (comments are not counted) of a text model."""
 
     def damage(folder: Path) -> None:
         lines = (folder / name).read_text(encoding="utf-8").split("\n")
-        row = [row for row, line in enumerate(lines) if not line.startswith("#")][number]
+        row = [row for row, line in enumerate(lines) if not line.startswith("#")][record]
         words = lines[row].split(" ")
         words[column] = word
         lines[row] = " ".join(words)
@@ -171,7 +176,7 @@ def _lens(**changes: Any) -> Damage:
     return _edited("reconstruction.json", lambda document: next(iter(document[0]["cameras"].values())).update(changes))
 
 
-def _picture(change: Callable[[bytes], bytes]) -> Damage:
+def _image(change: Callable[[bytes], bytes]) -> Damage:
     def damage(folder: Path) -> None:
         file = sorted((folder / "instances").glob("*.png"))[0]
         file.write_bytes(change(file.read_bytes()))
@@ -179,8 +184,8 @@ def _picture(change: Callable[[bytes], bytes]) -> Damage:
     return damage
 
 
-def _lying_picture(data: bytes) -> bytes:
-    """A picture whose header promises 2^31 - 1 pixels a side and carries the checksum of that."""
+def _with_false_size(data: bytes) -> bytes:
+    """Return a PNG whose header states 2^31 - 1 pixels per side, with a valid checksum."""
     header = data[12:16] + struct.pack(">II", 2**31 - 1, 2**31 - 1) + data[24:29]
     return data[:12] + header + struct.pack(">I", zlib.crc32(header)) + data[33:]
 
@@ -191,13 +196,13 @@ def _emptied(folder: Path) -> None:
 
 
 def _twice_named(folder: Path) -> None:
-    """Both frames of the first camera under one name, of the same length."""
+    """Give the first two frames of the first camera the same name."""
     _replaced("images.bin", "frame000001", "frame000000")(folder)
 
 
 _HUGE = 1 << 62
-#: Offsets: images.bin has the count (8), the first image's id (4), its quaternion (32), its translation (24), its
-#: camera id (4) and its name; cameras.bin the count (8), id (4), model (4), width (8), height (8), parameters.
+#: Offsets of the first record. images.bin: count (8 bytes), image id (4), quaternion (32), translation (24), camera id
+#: (4), name; cameras.bin: count (8), id (4), model (4), width (8), height (8), parameters.
 _IMAGE, _CAMERA = 8, 8
 
 CASES: tuple[Case, ...] = (
@@ -296,26 +301,26 @@ CASES: tuple[Case, ...] = (
     Case("instances: no box and no mask", "colmap", _annotation(segmentation=None, bbox=None)),
     Case("instances: score of 93", "colmap", _annotation(score=93)),
     Case("results without categories", "colmap", _removed("results_categories.json"), "results.json"),
-    Case("pictures: truncated", "opensfm", _picture(lambda data: data[:80])),
-    Case("pictures: not a PNG", "opensfm", _picture(lambda data: b"GIF89a" + data)),
-    Case("pictures: a size that lies", "opensfm", _picture(
+    Case("pictures: truncated", "opensfm", _image(lambda data: data[:80])),
+    Case("pictures: not a PNG", "opensfm", _image(lambda data: b"GIF89a" + data)),
+    Case("pictures: a size that lies", "opensfm", _image(
         lambda data: data[:16] + struct.pack(">II", 2**31 - 1, 2**31 - 1) + data[24:])),
-    Case("pictures: a size that lies, checksum too", "opensfm", _picture(_lying_picture)),
+    Case("pictures: a size that lies, checksum too", "opensfm", _image(_with_false_size)),
     Case("pictures: a value in words", "opensfm", _written("instances/categories.json", b'{"one": "chair"}')),
     Case("pictures: no names", "opensfm", _removed("instances/categories.json")),
 )  # fmt: skip
 
 
 def main() -> int:
-    """Print the table; 1 if any case was taken as good, raised something else, or took a second."""
-    worst, most, failures = 0.0, 0, 0
+    """Print the table; return 1 if a case was accepted, raised another exception, or took a second."""
+    slowest, largest, failures = 0.0, 0, 0
     for result in outcomes():
         message = result.message or f"NOT FOUND ({result.error!r})"
         failures += result.message is None or "\n" in result.message or result.seconds >= 1
-        worst, most = max(worst, result.seconds), max(most, result.peak_bytes)
+        slowest, largest = max(slowest, result.seconds), max(largest, result.peak_bytes)
         print(f"{result.case.name:<42} {1000 * result.seconds:6.1f} ms {result.peak_bytes / 1e6:5.1f} MB  {message}")
-    slowest = f"slowest {1000 * worst:.0f} ms, most memory {most / 1e6:.1f} MB"
-    print(f"{len(CASES)} kinds, {failures} not answered by one line within a second; {slowest}")
+    maxima = f"slowest {1000 * slowest:.0f} ms, most memory {largest / 1e6:.1f} MB"
+    print(f"{len(CASES)} kinds, {failures} without a message of one line within a second; {maxima}")
     return int(failures > 0)
 
 

@@ -1,4 +1,4 @@
-"""An estimate made by hand over the small scene, for tests of what is drawn of it."""
+"""A hand-written estimate of the small scene, for tests of figures and overlays."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ __all__ = ["SCALE", "drawn_estimate"]
 
 SCALE = 0.5
 _LOG_SCALE = np.linspace(np.log(0.2), np.log(1.2), 400)
-#: category, verdict, own scale, what counted, what is cut
+#: category, verdict, implied scale, used dimensions, truncated axes
 _OBJECTS: tuple[tuple[str, Verdict, float, tuple[str, ...], tuple[bool, bool, bool]], ...] = (
     ("chair", "used", 0.48, ("length", "height"), (False, True, False)),
     ("table", "outlier", 0.9, ("length", "width", "height"), (False, False, False)),
@@ -27,13 +27,13 @@ def bump(centre: float, width: float) -> np.ndarray:
 
 
 def drawn_estimate(folder: Path) -> SceneEstimate:
-    """Two objects of known boxes in the small COLMAP scene of `folder`: a used chair and an outlier of a table."""
+    """Return an estimate with two boxes in the small COLMAP scene of `folder`: a used chair and a table as outlier."""
     scene = read_scene(folder)
     instances = read_instances(None, scene)
     objects, reports = [], []
-    for row, (category, verdict, own, used, cut) in enumerate(_OBJECTS):
+    for row, (category, verdict, scale, used, cut) in enumerate(_OBJECTS):
         extents = np.array([0.6, 0.4, 0.8]) / (row + 1)
-        members = tuple(place for place, instance in enumerate(instances) if instance.category == category)
+        members = tuple(index for index, instance in enumerate(instances) if instance.category == category)
         box = Box(np.array([0.2 * row, 0.0, 0.0]), np.eye(3), extents)
         name = str(row + 1)
         sigma = np.array([0.05, np.nan, 0.1])
@@ -43,7 +43,7 @@ def drawn_estimate(folder: Path) -> SceneEstimate:
         sizes = dict(zip(("length", "width", "height"), extents.tolist(), strict=True))
         truncated = tuple(axis for axis, is_cut in zip(sizes, cut, strict=True) if is_cut)
         reports.append(
-            ObjectReport(name, category, f"{category}.n.01", 99, sizes, {}, truncated, used, own, 0.9, verdict, None)
+            ObjectReport(name, category, f"{category}.n.01", 99, sizes, {}, truncated, used, scale, 0.9, verdict, None)
         )
     result = ScaleResult(
         status="resolved",

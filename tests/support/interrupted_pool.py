@@ -1,4 +1,4 @@
-"""A build's pool of processes that is interrupted at work, as from a terminal: the parent and its workers alike."""
+"""A process pool whose process group is interrupted during its work, as by Ctrl-C in a terminal."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from metric_cli.errors import exit_status
 
 
 def run() -> int:
-    """Work without an end, until the interrupt."""
+    """Start work that takes 10 minutes, and interrupt the process group."""
     with executor_of(2, None) as pool:
         assert pool is not None
         pool.submit(os.getpid).result()

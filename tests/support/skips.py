@@ -1,4 +1,4 @@
-"""Tests that need what a machine may lack are skipped with a reason that says what, and how to get it."""
+"""Skip tests if an optional program or data set is not installed."""
 
 from __future__ import annotations
 
@@ -12,8 +12,8 @@ __all__ = ["skip_without"]
 
 @contextmanager
 def skip_without(missing: type[Exception]) -> Iterator[None]:
-    """Skip where the block raises `missing`, such as `NoOpenGL` or `NoWordNet`; its message names the packages."""
+    """Skip the test if the block raises `missing`, such as `NoOpenGL` or `NoWordNet`, which names the packages."""
     try:
         yield
     except missing as error:
-        pytest.skip(f"this machine lacks what the test needs: {error}")
+        pytest.skip(f"a requirement of the test is missing: {error}")

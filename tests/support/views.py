@@ -1,4 +1,4 @@
-"""A view in three dimensions, made by hand: two boxes, one before the other, and one that is nowhere near."""
+"""A hand-written 3-D view: two boxes, one behind the other, and a distant outlier."""
 
 from __future__ import annotations
 
@@ -13,14 +13,14 @@ __all__ = ["hand_view"]
 
 
 def hand_view() -> SceneView:
-    """Boxes of 1 m: `a` at the origin, `b` 3 m behind it along -z, `c` 5 m to the right, an outlier with a reason."""
+    """Return a view with boxes of 1 m: `a` at the origin, `b` 3 m behind it along -z, the outlier `c` at x = 5 m."""
     boxes = []
-    for name, place, verdict in (("a", (0, 0, 0), "used"), ("b", (0, 0, -3), "used"), ("c", (5, 0, 0), "outlier")):
-        box = Box(np.array(place, dtype=float), np.eye(3), np.ones(3))
-        said: dict[str, Any] = {"id": name, "category": "chair", "node": "chair.n.01", "tier": "measured"}
-        said |= {"verdict": verdict, "reason": "too small by half" if verdict == "outlier" else None, "weight": 0.9}
-        said["sizes"] = ["h 1.00"]
-        boxes.append(BoxView(name, verdict, corners(box), f"chair {name}", "1.00 x 1.00 x 1.00 m", said))
+    for name, position, verdict in (("a", (0, 0, 0), "used"), ("b", (0, 0, -3), "used"), ("c", (5, 0, 0), "outlier")):
+        box = Box(np.array(position, dtype=float), np.eye(3), np.ones(3))
+        record: dict[str, Any] = {"id": name, "category": "chair", "node": "chair.n.01", "tier": "measured"}
+        record |= {"verdict": verdict, "reason": "too small by half" if verdict == "outlier" else None, "weight": 0.9}
+        record["sizes"] = ["h 1.00"]
+        boxes.append(BoxView(name, verdict, corners(box), f"chair {name}", "1.00 x 1.00 x 1.00 m", record))
     points = np.random.default_rng(1).uniform(-3, 3, (200, 3))
     return SceneView(
         points=points,

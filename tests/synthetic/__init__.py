@@ -1,1 +1,1 @@
-"""Makers of test worlds: trees, scenes, rooms, sites, damaged files. Benchmarks import them too."""
+"""Synthetic data for tests and benchmarks: trees, scenes, rooms, web sites and damaged files."""

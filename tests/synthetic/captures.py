@@ -1,8 +1,8 @@
-"""Rendered captures with exact cameras: rooms, streets and aerial views, and captures that no model may come of.
+"""Rendered captures with exact cameras: rooms, streets, aerial views, and captures with constructed errors.
 
-The twenty of `CAPTURES` are split once: options of the capture may be chosen on those of `CHOOSING`, the others are
-reported and nothing is chosen on them. `ERRORS` has constructed errors of the camera's motion, the scene and the lens.
-`write_capture` writes `images/` and `truth.json`: camera centres by image in metres, and the focal length.
+The twenty captures of `CAPTURES` are split once: options of the reconstruction may be tuned on `CHOOSING`; the others
+are reported. `ERRORS` has constructed errors of the camera's motion, the scene and the lens. `write_capture` writes
+`images/` and `truth.json`: camera centres by image in metres, and the focal length.
 """
 
 from __future__ import annotations
@@ -27,20 +27,22 @@ from tests.synthetic.videos import Lens, SyntheticFrame, orbit, panning, recorde
 
 __all__ = ["CAPTURES", "CHOOSING", "ERRORS", "RenderedCapture", "rolling_shutter", "write_capture"]
 
-#: Frames of a capture, and of a constructed error.
+#: Number of frames of a capture, and of a constructed error.
 FRAMES, ERROR_FRAMES = 20, 12
-#: Bands of an image that are exposed one after another.
+#: Number of bands of an image that are exposed one after another.
 BANDS = 4
-#: A small camera of the constructed errors.
+#: Camera of the constructed errors.
 SMALL = Lens(320, 240, 250.0)
 
 
 @dataclass(frozen=True, slots=True)
 class RenderedCapture:
-    """Frames of a capture, and the error that it holds, if any.
+    """Frames of a capture and its constructed error, if any.
 
-    lens : of the truth, None if the focal length changes; error : kind of the constructed error; unusable : whether
-    every model of it is wrong, because there is no path or no common scene; camera_model : forced by the user.
+    lens : true lens; None if the focal length changes.
+    error : kind of the constructed error.
+    unusable : whether every model of the frames is wrong, because there is no camera path or no common scene.
+    camera_model : camera model that the user forces.
     """
 
     frames: Callable[[], Iterator[SyntheticFrame]]
@@ -70,7 +72,7 @@ def rolling_shutter(world: World, lens: Lens, readout: float, noise: float, gain
     Parameters
     ----------
     world : World
-        Its poses are those of the middle rows.
+        Its poses are the poses at the middle rows.
     lens : Lens
     readout : float
         Time from the first to the last row, relative to the time between two frames. It is made of `BANDS` bands.
@@ -100,7 +102,7 @@ def rolling_shutter(world: World, lens: Lens, readout: float, noise: float, gain
 
 
 def _street_walk(seed: int) -> World:
-    """A street seen by a person on one pavement who looks at the houses across and turns the head."""
+    """Return a street with the path of a pedestrian who looks at the houses on the other side and turns the head."""
     time = np.linspace(0, 1, FRAMES)
     eye = np.column_stack([-6.3 + 0.3 * np.sin(5 * time), 3 + 9 * time, 1.6 + 0.04 * np.sin(23 * time)])
     heading = np.radians(38 + 22 * np.sin(2 * np.pi * time + seed))
@@ -109,7 +111,7 @@ def _street_walk(seed: int) -> World:
 
 
 def _aerial_view(seed: int, oblique: bool) -> World:
-    """Blocks of houses between roads and trees, flown over in two strips straight down, or in half an orbit."""
+    """Return blocks of houses between roads and trees, with two parallel nadir strips or half an oblique orbit."""
     generator = np.random.default_rng([seed, 77])
     parts = [box((-90, 90), (-90, 90), (-0.1, 0), "pavement")]
     for x, y in itertools.product(np.arange(-70, 71, 20.0), repeat=2):
@@ -131,13 +133,13 @@ def _aerial_view(seed: int, oblique: bool) -> World:
         back = time >= 0.5
         along = np.where(back, 2 - 2 * time, 2 * time) * 80 - 40
         eye = np.column_stack([along, np.where(back, 11.0, -11.0), np.full(FRAMES, 62.0)]) + sway
-        gaze = eye * [1, 1, 0] + [0, 6.0, 0] + generator.normal(0, 1.5, (FRAMES, 3))  # 5 degrees off the vertical
+        gaze = eye * [1, 1, 0] + [0, 6.0, 0] + generator.normal(0, 1.5, (FRAMES, 3))  # 5 degrees from the vertical
     poses = tuple(pose_towards(a, b) for a, b in zip(eye, gaze, strict=True))
     return World("aerial view", seed, (), join(parts), poses)
 
 
 def _recorded_room(kind: str, seed: int, plain: bool) -> World:
-    """A room seen from an arc, on request with walls and a ceiling of smooth plaster."""
+    """Return a room with a camera path on an arc; with `plain`, walls and ceiling have no texture."""
     world = room(kind, seed, orbit(KINDS[kind].radius, FRAMES, seed, degrees=100.0))
     if not plain:
         return world
@@ -149,7 +151,7 @@ def _captures() -> dict[str, RenderedCapture]:
     """Return ten rooms, five streets and five aerial views, through different lenses, noise and shutters."""
     worlds: dict[str, Callable[[], World]] = {}
     for number, (kind, seed) in enumerate(itertools.product(KINDS, (2000, 2001))):
-        plain = number % 4 in (0, 3)  # one room of each kind; so are half of those that are reported
+        plain = number % 4 in (0, 3)  # one room of each kind, and half of the reported rooms
         name = f"{kind.replace(' ', '_')}_{'plain_walls_' if plain else ''}{seed}"
         worlds[name] = partial(_recorded_room, kind, seed, plain)
     for seed in range(2000, 2005):
@@ -171,7 +173,7 @@ def _frames(
 
 
 def _moving_scene(seed: int) -> World:
-    """A room whose furniture moves by 5 cm a frame, each piece in a direction of its own."""
+    """Return a room whose furniture moves by 5 cm per frame, each piece in a different direction."""
     world = room("sitting room", seed, orbit(2.0, ERROR_FRAMES, seed, degrees=60.0))
     angles = np.random.default_rng([seed, 12]).uniform(0, 2 * np.pi, len(world.objects))
     return replace(
@@ -184,7 +186,7 @@ def _moving_scene(seed: int) -> World:
 
 
 def _repeated_bays(seed: int) -> World:
-    """A wall of six exactly equal bays of 2 m, each with the same sixty panels; it must be rendered without grain."""
+    """Return a wall of six equal bays of 2 m, each with the same sixty panels, to be rendered without texture noise."""
     generator = np.random.default_rng([seed, 13])
     materials = sorted(MATERIALS)
     parts = [box((-8, 20), (0.4, 0.5), (-2, 5), "wall")]
@@ -238,6 +240,6 @@ def _errors() -> dict[str, RenderedCapture]:
 
 
 CAPTURES: dict[str, RenderedCapture] = _captures()
-#: Captures on which options may be chosen: every other one.
+#: Captures for tuning options: every second one.
 CHOOSING = frozenset(list(CAPTURES)[::2])
 ERRORS: dict[str, RenderedCapture] = _errors()

@@ -1,4 +1,4 @@
-"""Small real ONNX graphs in the form of Mask R-CNN exports: they find paint of two colours."""
+"""Small ONNX models with the signatures of Mask R-CNN exports, which detect two colours."""
 
 from __future__ import annotations
 
@@ -11,12 +11,12 @@ from onnx import TensorProto, helper, numpy_helper
 
 __all__ = ["COLOURS", "box_mask_graph", "constant_graph", "hue_graph", "paint_graph", "save"]
 
-#: RGB of label 1 and label 2; the score of a label is 0.9 where its colour is in the picture, else 0.
+#: RGB colours of label 1 and label 2. The score of a label is 0.9 if its colour is in the image, otherwise 0.
 COLOURS = np.array([[255, 0, 0], [0, 0, 255]], dtype=np.uint8)
 
 
 def paint_graph(path: Path, fixed: tuple[int, int] | None = None) -> Path:
-    """torchvision's signature: a mask of the picture's size for each colour; `fixed` (H, W): no free axes."""
+    """Write a model with torchvision's signature: one mask per colour; `fixed` (H, W) removes the dynamic axes."""
     height, width = fixed or ("height", "width")
     pure = (COLOURS / 255).astype(np.float32).reshape(2, 3, 1, 1)
     constants = {
@@ -41,9 +41,9 @@ def paint_graph(path: Path, fixed: tuple[int, int] | None = None) -> Path:
 
 
 def hue_graph(path: Path) -> Path:
-    """torchvision's signature: a convolution of 1 x 1 whose masks are where blue, and green, exceed the other two.
+    """Write a model with torchvision's signature: a 1 x 1 convolution whose masks are the excess of blue and of green.
 
-    A tenth more is a half. The score of a label is 0.9 where its mask is 1 somewhere.
+    The mask is 0.5 if the colour exceeds the mean of the others by 0.1. The score is 0.9 times the mask's maximum.
     """
     excess = 5 * np.array([[-0.5, -0.5, 1.0], [-0.5, 1.0, -0.5]], dtype=np.float32)
     constants = {
@@ -67,24 +67,24 @@ def hue_graph(path: Path) -> Path:
 
 
 def box_mask_graph(path: Path, box: tuple[float, float, float, float], mask: np.ndarray, channel: int = -1) -> Path:
-    """The zoo's signature: one fixed box in the fed picture's pixels, and a small mask of it.
+    """Write a model with the signature of the ONNX model zoo: one fixed box in pixels of the input, and a small mask.
 
-    The score is 0.8, or where a channel of the input is given, the largest value in it over 200.
+    The score is 0.8, or the maximum of an input channel divided by 200 if `channel` is given.
     """
     constants = {
         "boxes_value": np.array([box], dtype=np.float32), "labels_value": np.array([1], dtype=np.int64),
         "scores_value": np.array([0.8], dtype=np.float32), "masks_value": mask[None, None].astype(np.float32),
     }  # fmt: skip
-    names = ("6568", "6570", "6572", "6887")  # the exporter's own
+    names = ("6568", "6570", "6572", "6887")  # as written by the exporter
     values = ("boxes", "labels", "scores", "masks")
     nodes = [helper.make_node("Identity", [f"{v}_value"], [n]) for v, n in zip(values, names, strict=True)]
     if channel >= 0:
         constants |= {"channel": np.array([channel]), "most": np.float32(200), "one": np.array([1])}
         nodes[2:3] = [
-            helper.make_node("Gather", ["image", "channel"], ["own"], axis=0),
-            helper.make_node("ReduceMax", ["own"], ["peak"], axes=[0, 1, 2], keepdims=0),
-            helper.make_node("Div", ["peak", "most"], ["share"]),
-            helper.make_node("Reshape", ["share", "one"], [names[2]]),
+            helper.make_node("Gather", ["image", "channel"], ["plane"], axis=0),
+            helper.make_node("ReduceMax", ["plane"], ["peak"], axes=[0, 1, 2], keepdims=0),
+            helper.make_node("Div", ["peak", "most"], ["ratio"]),
+            helper.make_node("Reshape", ["ratio", "one"], [names[2]]),
         ]
     picture = helper.make_tensor_value_info("image", TensorProto.FLOAT, [3, "height", "width"])
     return save(path, nodes, constants, picture, _outputs(names, (1, 1, *mask.shape)))
@@ -93,19 +93,19 @@ def box_mask_graph(path: Path, box: tuple[float, float, float, float], mask: np.
 def constant_graph(
     path: Path, count: int, score: float = 0.9, label: int = 1, mask: tuple[int, int] = (4, 4), box: float = 1.0
 ) -> Path:
-    """torchvision's signature: the same answer `count` times, whatever the picture is."""
+    """Write a model with torchvision's signature that returns the same detection `count` times for every image."""
     constants = {
         "n": np.array([count], dtype=np.int64), "n4": np.array([count, 4], dtype=np.int64),
         "n1hw": np.array([count, 1, *mask], dtype=np.int64),
     }  # fmt: skip
-    answers = {"boxes": ("n4", TensorProto.FLOAT, box), "labels": ("n", TensorProto.INT64, label),
+    detections = {"boxes": ("n4", TensorProto.FLOAT, box), "labels": ("n", TensorProto.INT64, label),
                "scores": ("n", TensorProto.FLOAT, score), "masks": ("n1hw", TensorProto.FLOAT, 1.0)}  # fmt: skip
     nodes = [
         helper.make_node("ConstantOfShape", [shape], [name], value=helper.make_tensor("value", kind, [1], [value]))
-        for name, (shape, kind, value) in answers.items()
+        for name, (shape, kind, value) in detections.items()
     ]
     picture = helper.make_tensor_value_info("picture", TensorProto.FLOAT, [3, "height", "width"])
-    return save(path, nodes, constants, picture, _outputs(tuple(answers), (None, 1, None, None)))
+    return save(path, nodes, constants, picture, _outputs(tuple(detections), (None, 1, None, None)))
 
 
 def save(

@@ -1,4 +1,4 @@
-"""Evidence about a made walk, right or wrong by a factor: what a user would have on disk, kind by kind."""
+"""Files with evidence about the scale of a synthetic walk, right or wrong by a factor."""
 
 from __future__ import annotations
 
@@ -42,29 +42,29 @@ __all__ = [
     "write_exif",
 ]
 
-#: The cameras of the walk are this high over the floor, and those of its rig this far apart.
+#: Height of the cameras over the floor, and baseline of the rig, in metres.
 HEIGHT_M, RIG_M = 1.5, 0.12
-#: Side of the drawn markers, and of a board's squares and markers.
+#: Sides of the drawn markers, and of a board's squares and markers, in metres.
 MARKER_M, SQUARE_M, BOARD_M = 0.8, 0.3, 0.22
-#: Pixels of a drawing per pixel of its picture, across.
-FINE = 3
+#: Supersampling factor of the drawn images.
+SUPERSAMPLING = 3
 
 
 @dataclass(frozen=True, slots=True)
 class Case:
-    """A kind of evidence. `of(walk, factor)` states it with every metre wrong by `factor`, about the walk's files."""
+    """A kind of evidence. `of(walk, factor)` writes its files with all lengths multiplied by `factor`."""
 
     option: str
     of: Callable[[Walk, float], EvidenceSource | tuple[ScaleEvidence, ...]]
 
     def rows(self, walk: Walk, measurements: Measurements, factor: float = 1.0) -> tuple[ScaleEvidence, ...]:
-        """What it says of the walk."""
+        """Return the evidence about the walk."""
         evidence = self.of(walk, factor)
         return evidence if isinstance(evidence, tuple) else evidence.observe(walk.scene, measurements)
 
 
 def objects_of(tree: Tree, names: Sequence[str], scale: float) -> list[MeasuredObject]:
-    """One object of each name with the median sizes of its prior, measured to 3 %, in units of `scale` metres."""
+    """Return objects with the median sizes of their priors and a sigma of 3 %, in units of `scale` metres."""
     sigma = np.full(3, 0.03)
     priors = [tree.find(name).prior(("length", "width", "height")) for name in names]
     sizes = [np.asarray(prior.quantile(0.5)) / 1000 / scale for prior in priors]
@@ -74,14 +74,14 @@ def objects_of(tree: Tree, names: Sequence[str], scale: float) -> list[MeasuredO
 
 
 def degrees_of(metres: FloatArray, lat: float = 48.2, lon: float = 16.37) -> FloatArray:
-    """Latitude, longitude, altitude about a place; the sphere of the place is enough for a test of per milles."""
+    """Return latitude, longitude and altitude (n, 3) of positions (n, 3) in metres, on a spherical earth."""
     north = np.degrees(metres[:, 1] / 6371000.0)
     east = np.degrees(metres[:, 0] / 6371000.0 / math.cos(math.radians(lat)))
     return np.column_stack([lat + north, lon + east, 200 + metres[:, 2]])
 
 
 def position_table(file: Path, scene: Scene, rows: FloatArray, columns: str) -> Path:
-    """A CSV of each view's name and its three numbers."""
+    """Write a CSV file with the name of each view and three numbers."""
     with file.open("w", newline="", encoding="utf-8") as lines:
         writer = csv.writer(lines)
         writer.writerow(["name", *columns.split()])
@@ -90,7 +90,7 @@ def position_table(file: Path, scene: Scene, rows: FloatArray, columns: str) -> 
 
 
 def write_exif(walk: Walk, factor: float = 1.0) -> None:
-    """A small picture of each view with its position in EXIF, south and west."""
+    """Write a small image of each view with its position in EXIF, in the south-western hemisphere."""
     for view, (lat, lon, alt) in zip(walk.scene.views, degrees_of(factor * walk.metres, -33.9, -70.6), strict=True):
         exif = Image.Exif()
         exif[0x8825] = {1: "S", 2: _sexagesimal(-lat), 3: "W", 4: _sexagesimal(-lon), 5: b"\x00", 6: float(alt)}
@@ -105,16 +105,16 @@ def _sexagesimal(degrees: float) -> tuple[float, float, float]:
 
 
 def draw_marker(walk: Walk, image: np.ndarray[tuple[int, ...], np.dtype[np.uint8]], side: float) -> None:
-    """Draw a picture for every view: a grey image (h, w), `side` metres high, flat over the middle of the hall."""
+    """Render an image for every view of a horizontal grey texture (h, w), `side` metres high, in the hall's centre."""
     height, width = image.shape
     ratio = width / height
     corners = np.array([[-ratio, 1, 0], [ratio, 1, 0], [ratio, -1, 0], [-ratio, -1, 0]]) * side / 2 + [0, 0, 0.9]
     edges = np.array([[0, 0], [width, 0], [width, height], [0, height]], dtype=np.float32) - 0.5
     for view in walk.scene.views:
         pixels, _ = pixels_in_view(view, walk.units(corners))
-        picture = np.full((FINE * 480, FINE * 640), 190, dtype=np.uint8)
+        picture = np.full((SUPERSAMPLING * 480, SUPERSAMPLING * 640), 190, dtype=np.uint8)
         if np.isfinite(pixels).all():
-            matrix = cv2.getPerspectiveTransform(edges, (FINE * pixels - 0.5).astype(np.float32))
+            matrix = cv2.getPerspectiveTransform(edges, (SUPERSAMPLING * pixels - 0.5).astype(np.float32))
             size = picture.shape[1::-1]
             cv2.warpPerspective(image, matrix, size, picture, cv2.INTER_LINEAR, cv2.BORDER_TRANSPARENT)
         picture = cv2.resize(picture, (640, 480), interpolation=cv2.INTER_AREA)
@@ -140,7 +140,7 @@ DEPTH_WRITERS = {"npy": _write_npy, "pfm": _write_pfm, "png": _write_png}
 
 
 def write_depth_maps(walk: Walk, folder: Path, form: str, factor: float = 1.0) -> Path:
-    """Depth maps in metres of the first five views, at half the resolution of the pictures, in a folder."""
+    """Write depth maps in metres of the first five views, at half the resolution of the images."""
     folder.mkdir(exist_ok=True)
     for view in walk.scene.views[:5]:
         pixels, depths = pixels_in_view(view, walk.scene.points)
@@ -172,7 +172,7 @@ def _exif(walk: Walk, factor: float) -> EvidenceSource:
 
 
 def marker_picture(name: str) -> np.ndarray[tuple[int, ...], np.dtype[np.uint8]]:
-    """Marker 7 of a dictionary in a white border, 520 pixels wide, the marker 400."""
+    """Return an image (520, 520) of marker 7 of a dictionary (400 pixels) with a white border."""
     dictionary = cv2.aruco.getPredefinedDictionary(getattr(cv2.aruco, f"DICT_{name.removeprefix('DICT_')}"))
     quiet = np.full((520, 520), 255, dtype=np.uint8)
     quiet[60:460, 60:460] = cv2.aruco.generateImageMarker(dictionary, 7, 400)
@@ -218,6 +218,6 @@ KINDS = {
 
 
 def one(rows: tuple[ScaleEvidence, ...]) -> ScaleEvidence:
-    """The only row."""
+    """Return the only row."""
     (row,) = rows
     return row

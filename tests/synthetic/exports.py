@@ -1,4 +1,4 @@
-"""A scene as other programs write it (nerfstudio, Bundler, Metashape, ...), made from their documentation."""
+"""Write a scene in the formats of other programs (nerfstudio, Bundler, Metashape, ...), as in their documentation."""
 
 from __future__ import annotations
 
@@ -16,15 +16,15 @@ from estimator.records.scene import Scene, View
 __all__ = ["EXPORTS", "OBSERVED", "largest_difference", "write_export", "write_points"]
 
 EXPORTS = ("nerfstudio", "bundler", "metashape", "realitycapture", "meshroom")
-#: Those that state observations.
+#: Programs whose files state observations.
 OBSERVED = ("bundler", "meshroom")
 FLIP = np.diag([1.0, -1.0, -1.0])
-#: nerfstudio's own turn of COLMAP's world.
+#: Transform from COLMAP's world to nerfstudio's.
 APPLIED = np.array([[1.0, 0, 0, 0], [0, 0, 1, 0], [-0.0, -1, 0, 0]])
 
 
 def write_export(scene: Scene, program: str, folder: Path) -> Path:
-    """The scene's file as the program writes it, with points beside it where the file holds none."""
+    """Write the scene in the format of a program, with a separate file of points if the format has no points."""
     folder.mkdir(parents=True, exist_ok=True)
     return {
         "nerfstudio": _nerfstudio,
@@ -36,10 +36,11 @@ def write_export(scene: Scene, program: str, folder: Path) -> Path:
 
 
 def largest_difference(colmap: Scene, other: Scene, observed: bool) -> float:
-    """The largest difference of two scenes: points and centres by the scene's extent, pixels by the picture's width.
+    """Return the largest difference of two scenes.
 
-    Cameras are compared by where they see a fan of rays, observations where both state them. Infinite where the views,
-    their sizes or what they see are not the same.
+    Differences of points and centres are relative to the scene's extent, differences of pixels to the image width.
+    Cameras are compared by the projections of a set of rays. Infinite if the views, their sizes or (with `observed`)
+    their observed points differ.
     """
     names = {Path(view.name).name: view for view in other.views}
     extent = float(np.ptp(colmap.points, axis=0).max())
@@ -54,21 +55,21 @@ def largest_difference(colmap: Scene, other: Scene, observed: bool) -> float:
         differences.append(np.abs(same.centre - view.centre).max() / extent)
         differences.append(np.abs(_rays(same) - _rays(view)).max() / width)
         if observed:
-            order, own = np.argsort(same.point_index), np.argsort(view.point_index)
-            if not np.array_equal(same.point_index[order], view.point_index[own]):
+            same_order, order = np.argsort(same.point_index), np.argsort(view.point_index)
+            if not np.array_equal(same.point_index[same_order], view.point_index[order]):
                 return float("inf")
-            differences.append(np.abs(same.keypoints[order] - view.keypoints[own]).max() / width)
+            differences.append(np.abs(same.keypoints[same_order] - view.keypoints[order]).max() / width)
     return float(max(differences))
 
 
 def _rays(view: View) -> np.ndarray[Any, Any]:
-    """Pixels (n, 2) of a fan of rays: what a camera model does, whatever it is called."""
+    """Return the pixels (n, 2) of a set of rays, which are equal for equivalent camera models."""
     grid = np.stack(np.meshgrid(np.linspace(-0.4, 0.4, 7), np.linspace(-0.3, 0.3, 5)), axis=-1).reshape(-1, 2)
     return project(view.camera, np.column_stack([grid, np.ones(len(grid))]))
 
 
 def _opencv(view: View) -> dict[str, float]:
-    """OpenCV's numbers of a PINHOLE, SIMPLE_RADIAL or OPENCV camera."""
+    """Return the OpenCV parameters of a PINHOLE, SIMPLE_RADIAL or OPENCV camera."""
     params = view.camera.params.tolist()
     if view.camera.model == "PINHOLE":
         return {**dict(zip(("fx", "fy", "cx", "cy"), params, strict=True)), "k1": 0.0, "k2": 0.0, "p1": 0.0, "p2": 0.0}
@@ -80,25 +81,25 @@ def _opencv(view: View) -> dict[str, float]:
 
 
 def _camera_to_world(view: View) -> np.ndarray[Any, Any]:
-    """(4, 4), axes right, down, forward."""
+    """Return the pose (4, 4) of the camera in the world, with the axes right, down, forward."""
     pose = np.eye(4)
     pose[:3, :3], pose[:3, 3] = view.rotation.T, view.centre
     return pose
 
 
 def write_points(file: Path, points: np.ndarray[Any, Any]) -> None:
-    """Points (n, 3) as an ascii PLY file."""
+    """Write points (n, 3) as an ASCII PLY file."""
     lines = ["ply", "format ascii 1.0", f"element vertex {len(points)}"]
     lines += [f"property double {axis}" for axis in "xyz"] + ["end_header"]
     file.write_text("\n".join([*lines, *(" ".join(map(repr, row)) for row in points.tolist()), ""]), encoding="ascii")
 
 
-def _write_pictures(scene: Scene, folder: Path) -> None:
+def _write_images(scene: Scene, folder: Path) -> None:
     folder.mkdir(exist_ok=True)
     for view in scene.views:
-        picture = np.zeros((view.camera.height, view.camera.width), dtype=np.uint8)
+        image = np.zeros((view.camera.height, view.camera.width), dtype=np.uint8)
         (folder / view.name).parent.mkdir(parents=True, exist_ok=True)
-        (folder / view.name).write_bytes(cv2.imencode(".png", picture)[1].tobytes())
+        (folder / view.name).write_bytes(cv2.imencode(".png", image)[1].tobytes())
 
 
 def _nerfstudio(scene: Scene, folder: Path) -> Path:
@@ -138,7 +139,7 @@ def _bundler(scene: Scene, folder: Path) -> Path:
         lines += [" ".join(map(repr, point)), "128 128 128", " ".join([str(len(views)), *views])]
     (folder / "bundle.out").write_text("\n".join(lines) + "\n", encoding="ascii")
     (folder / "bundle.list.txt").write_text("".join(f"{view.name} 0 500\n" for view in scene.views), encoding="utf-8")
-    _write_pictures(scene, folder / "images")
+    _write_images(scene, folder / "images")
     return folder / "bundle.out"
 
 
@@ -164,7 +165,7 @@ def _metashape(scene: Scene, folder: Path) -> Path:
             f'<calibration type="frame" class="adjusted">{text}</calibration></sensor>'
         )
         pose = _camera_to_world(view)
-        inner = np.eye(4)  # component @ inner is the pose, but for the component's scale in the rotation
+        inner = np.eye(4)  # component @ inner is the pose, except for the component's scale in the rotation
         inner[:3, :3] = turn.T @ pose[:3, :3]
         inner[:3, 3] = turn.T @ (pose[:3, 3] - shift) / scale
         transform = " ".join(map(repr, inner.ravel().tolist()))
@@ -199,7 +200,7 @@ def _realitycapture(scene: Scene, folder: Path) -> Path:
         lines.append(",".join([view.name, *map(repr, numbers)]))
     (folder / "registration.csv").write_text("\n".join(lines) + "\n", encoding="utf-8")
     write_points(folder / "points.ply", scene.points)
-    _write_pictures(scene, folder / "images")
+    _write_images(scene, folder / "images")
     return folder / "registration.csv"
 
 

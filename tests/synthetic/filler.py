@@ -1,7 +1,7 @@
-"""What surrounds a product on a page of a real shop's size: tiles of other objects, scripts, styles.
+"""Filler text for product pages of a realistic size: tiles of other products, scripts and styles.
 
-The density is that of the sixteen saved real pages: in a megabyte some 3,000 visible elements, 270 links and 170 texts
-with a digit, half of them in regions of other products and opinions; the rest is scripts and attributes.
+Its density is similar to sixteen saved real pages: per megabyte about 3,000 visible elements, 270 links and 170 texts
+with a digit, half of which belong to other products and reviews. The remainder is scripts and attributes.
 """
 
 from __future__ import annotations
@@ -10,10 +10,10 @@ from functools import cache
 
 __all__ = ["REAL_SIZES", "filler"]
 
-#: Bytes of the sixteen saved real pages, thousands: median 959, mean 1,087.
+#: Sizes of the sixteen saved real pages in kB: median 959, mean 1,087.
 REAL_SIZES = (235, 282, 310, 359, 362, 454, 654, 769, 1149, 1397, 1428, 1430, 1506, 1589, 2325, 3149)
 
-#: Bytes of a block, and its links.
+#: Size of a block in bytes, and its number of links.
 BLOCK_BYTES, LINKS = 10_000, 3
 
 _TILE = """<div class="tile grid__cell grid__cell--third" data-component="tile" data-index="7"><a class="tile__link"
@@ -31,7 +31,7 @@ _STATE = (
 
 @cache
 def _block() -> list[str]:
-    """A block as the texts between its links' numbers."""
+    """Return the parts of a block before, between and after the numbers of its links."""
     boxes = (("tile__price", "129.00"), ("tile__rating", "4.5"), ("tile__price", "on request"))
     tiles = "".join(_TILE.replace("%s", name, 1).replace("%s", text, 1) for name, text in boxes)
     tiles = f'<section class="shelf"><h3>More to see</h3>{tiles}</section>'
@@ -42,7 +42,7 @@ def _block() -> list[str]:
 
 
 def filler(number: int, size: int, products: int) -> str:
-    """About `size` bytes around product `number`, with links to others of `products`."""
+    """Return about `size` bytes of HTML for the page of product `number`, with links to other products."""
     block = _block()
     parts: list[str] = []
     for index in range(max(0, round(size / BLOCK_BYTES))):

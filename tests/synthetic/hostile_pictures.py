@@ -1,10 +1,9 @@
-"""Files that are no pictures, or worse: what is said of each, how long it takes and what it costs in memory.
+"""Invalid and malicious image files: result, time and memory of a cutout.
 
     python -m tests.synthetic.hostile_pictures
 
-Each file is cut in a process of its own (`metric_tree.cutouts.release_cutouts.cut`, as `metric-tree cutout` does), so
-that its peak
-memory is its own; the first two lines are honest pictures, a small one and the largest that is taken.
+Each file is processed by `metric_tree.cutouts.release_cutouts.cut`, as in `metric-tree cutout`, in a separate process
+to measure its peak memory. The first two rows are valid images, a small one and one close to the size limit.
 """
 
 from __future__ import annotations
@@ -24,12 +23,12 @@ from PIL import Image, ImageDraw
 
 __all__ = ["HOSTILE", "encoded", "shop_picture"]
 
-#: Linux's account of a process: its peak is that process's alone, while `getrusage` hands a parent's on to a child.
+#: Linux's status of a process. Its peak memory does not include the parent's, unlike `getrusage`.
 STATUS = Path("/proc/self/status")
 
 
 def shop_picture(seed: int = 0, size: tuple[int, int] = (240, 200), kind: str = "JPEG") -> bytes:
-    """A coloured box on white, through a real encoder."""
+    """Return an encoded image of a coloured box on white."""
     generator = np.random.default_rng(seed)
     image = Image.new("RGB", size, "white")
     colour = tuple(int(c) for c in generator.integers(10, 180, 3))
@@ -44,7 +43,7 @@ def encoded(image: Image.Image, kind: str = "PNG") -> bytes:
 
 
 def _png(side: int, pixels: bytes) -> bytes:
-    """A grey PNG of that many pixels to a side, with whatever pixels are in it."""
+    """Return a grey PNG file with a header of `side` x `side` pixels and arbitrary pixel data."""
 
     def chunk(name: bytes, body: bytes) -> bytes:
         return struct.pack(">I", len(body)) + name + body + struct.pack(">I", zlib.crc32(name + body))
@@ -55,7 +54,7 @@ def _png(side: int, pixels: bytes) -> bytes:
 
 
 def _large() -> bytes:
-    """An honest picture of nearly as many pixels as are taken."""
+    """Return a valid image with almost the maximum number of pixels."""
     return encoded(Image.open(BytesIO(shop_picture())).resize((6_300, 6_300)), "JPEG")
 
 
@@ -67,7 +66,7 @@ def _animation(kind: str) -> bytes:
 
 
 def _crooked_orientation() -> bytes:
-    """A JPEG whose orientation tag is cut off in its middle."""
+    """Return a JPEG with a truncated orientation tag."""
     image = Image.open(BytesIO(shop_picture()))
     exif = image.getexif()
     exif[0x0112] = 6
@@ -76,13 +75,13 @@ def _crooked_orientation() -> bytes:
     return sink.getvalue()
 
 
-#: Honest pictures to compare with.
+#: Valid images for comparison.
 HONEST: dict[str, tuple[Callable[[], bytes], str | None]] = {
     "honest, 240 x 200 pixels": (shop_picture, None),
     "honest, 6,300 x 6,300 pixels": (_large, None),
 }
 
-#: What makes a file, and what is said of it; None where it is a picture after all and is cut.
+#: Function that creates each file, and the code of its refusal; None if the file is a valid image.
 HOSTILE: dict[str, tuple[Callable[[], bytes], str | None]] = {
     "bomb: header of 50,000 x 50,000": (lambda: _png(50_000, bytes(1000)), "no_picture"),
     "bomb: sound PNG of 8,000 x 8,000": (lambda: _png(8_000, bytes(8_000 * 8_001)), "too_large"),
@@ -110,7 +109,7 @@ def main() -> None:
     with tempfile.TemporaryDirectory() as folder:
         file = Path(folder) / "picture.jpg"
         for name, (make, _) in (HONEST | HOSTILE).items():
-            file.write_bytes(make())  # here, so that making it is no part of what reading it takes
+            file.write_bytes(make())  # in this process, so that creating the file is not measured
             call = [sys.executable, "-m", "tests.synthetic.hostile_pictures", str(file), name]
             print(subprocess.run(call, check=True, capture_output=True, text=True).stdout, end="", flush=True)
 
@@ -125,8 +124,8 @@ def _measure(file: Path, name: str) -> None:
     result = cut("x", body, Settings("plain"))
     seconds = time.process_time() - started
     peak = next(int(line.split()[1]) for line in STATUS.read_text().splitlines() if line.startswith("VmHWM")) / 1024
-    said = f"set aside: {', '.join(filter(None, (result.set_aside, result.detail)))}" if result.set_aside else "cut"
-    print(f"| {name} | {len(body):,} | {said} | {seconds:.2f} | {peak:.0f} |")
+    outcome = f"set aside: {', '.join(filter(None, (result.set_aside, result.detail)))}" if result.set_aside else "cut"
+    print(f"| {name} | {len(body):,} | {outcome} | {seconds:.2f} | {peak:.0f} |")
 
 
 if __name__ == "__main__":

@@ -1,4 +1,4 @@
-"""Synthetic rooms for the tests of insertion: frames on disk, a scene, one mesh as a file and in the room itself."""
+"""Synthetic rooms for tests of insertion: rendered frames, a scene, and a mesh as a model file or in the room."""
 
 from __future__ import annotations
 
@@ -47,7 +47,7 @@ TRACK = "inserted"
 
 @dataclass(frozen=True, slots=True, eq=False)
 class RecordedRoom:
-    """A synthetic room with its frames on disk, its scene, masks, and the way from its metres into the scene."""
+    """A synthetic room with its frames on disk, its scene, its masks, and the transform from metres to the scene."""
 
     world: World
     scene: Scene
@@ -57,7 +57,7 @@ class RecordedRoom:
 
 
 def video_room(kind: str, seed: int, folder: Path, views: int = 6, noise: float = 0.0) -> RecordedRoom:
-    """Frames as PNG files in `folder/images`, and a scene with little noise."""
+    """Write frames as PNG files to `folder/images`, and return the room with a scene of low noise."""
     import cv2
 
     world = furnished_room(kind, seed, Knobs(views=views, coverage=0.6))
@@ -78,14 +78,14 @@ def video_room(kind: str, seed: int, folder: Path, views: int = 6, noise: float 
 
 
 def in_unit(room: RecordedRoom, factor: float) -> RecordedRoom:
-    """The same room as a reconstruction with `factor` times as many units to the metre."""
+    """Return the room with a reconstruction that has `factor` times more units per metre."""
     scale, translation = factor * room.to_scene.scale, factor * room.to_scene.translation
     scene = moved_scene(room.scene, factor, np.eye(3), np.zeros(3))
     return replace(room, scene=scene, to_scene=replace(room.to_scene, scale=scale, translation=translation))
 
 
 def prepared_scene_of(room: RecordedRoom, scale_error: float = 1.0, dense: bool = True) -> InsertionScene:
-    """The prepared scene at the true scale times `scale_error`."""
+    """Return the prepared scene with the true scale multiplied by `scale_error`."""
     scene = room.scene
     if not dense:
         scene = replace(scene, dense=None)
@@ -96,19 +96,19 @@ def prepared_scene_of(room: RecordedRoom, scale_error: float = 1.0, dense: bool 
 
 
 def place_in(scene: InsertionScene, requests: Sequence[ObjectRequest], tree: Tree | None = None) -> list[PlacedObject]:
-    """The objects at their positions in a scene."""
+    """Return the objects at their positions in a scene."""
     return place_objects(requests, scene.space, scene.footage.frames, tree)
 
 
 def composite_into(
     scene: InsertionScene, objects: Sequence[PlacedObject], write: Writer, footage: Footage | None = None
 ) -> list[InsertionResult]:
-    """Composite objects into the footage of a scene, or a part of it."""
+    """Composite objects into the footage of a scene, or into `footage`."""
     return composite_footage(objects, scene.light, scene.content, footage or scene.footage, scene.scale, write)
 
 
 def write_glb(mesh: Mesh, file: Path, colour: tuple[float, float, float] = (0.5, 0.3, 0.2)) -> Path:
-    """A made solid (z up, front towards -y) as a GLB file (y up, front towards +z)."""
+    """Write a mesh (z up, front towards -y) as a GLB file (y up, front towards +z)."""
     import trimesh
 
     vertices = mesh.vertices[:, [0, 2, 1]] * [1, 1, -1]
@@ -123,13 +123,16 @@ def write_glb(mesh: Mesh, file: Path, colour: tuple[float, float, float] = (0.5,
 
 
 def added(room: RecordedRoom, mesh: Mesh, position: FloatArray, heading: FloatArray, alone: bool = False) -> World:
-    """The world with the mesh standing at a place of the scene, its front along `heading`; `alone` without the rest."""
-    place, front = room.to_scene.inverse(position[None])[0], room.to_scene.rotation.T @ heading
-    return standing(replace(room.world, objects=()) if alone else room.world, mesh, place, front)
+    """Return the world with the mesh at a position of the scene and its front along `heading`.
+
+    alone : remove the other objects.
+    """
+    in_world, front = room.to_scene.inverse(position[None])[0], room.to_scene.rotation.T @ heading
+    return standing(replace(room.world, objects=()) if alone else room.world, mesh, in_world, front)
 
 
 def standing(world: World, mesh: Mesh, position: FloatArray, front: FloatArray) -> World:
-    """The room with the mesh at a place (3,) of the room, its front along (3,); it is the last object."""
+    """Return the world with the mesh as last object, at a position (3,) with its front along a direction (3,)."""
     yaw = float(np.arctan2(front[1], front[0]) + np.pi / 2)
     placed = rotate(mesh, turn_about_z(yaw), position)
     item = Placed(TRACK, "stool", "stool", np.ptp(mesh.vertices, axis=0), placed)

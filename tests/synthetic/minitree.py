@@ -1,4 +1,4 @@
-"""A small valid release for tests: eleven nodes, forty items of our own making, priors from their moments."""
+"""A small valid release for tests: fifteen nodes, forty synthetic items, and priors of six leaves."""
 
 from __future__ import annotations
 
@@ -46,7 +46,7 @@ _COUNTS = {
 
 
 def rows(seed: int = 0) -> Rows:
-    """The rows of the release, to be changed by a test before `release` writes them."""
+    """Return the rows of the release, which a test may change before `release` writes them."""
     generator = np.random.default_rng(seed)
     parents = {node_id: parent for node_id, parent, *_ in _NODES}
     items = [item for node_id, *_, size, _ in _NODES if size for item in _items(node_id, size, generator)]
@@ -61,7 +61,7 @@ def release(
     manifest: Callable[[dict[str, Any]], None] | None = None,
     extras: Path | None = None,
 ) -> Release:
-    """Publish rows (the valid ones by default) as a release; `manifest` may change its own first."""
+    """Publish rows (default: valid ones) as a release. `manifest` may change the manifest before."""
     content = rows() if content is None else content
     tables = {name: pa.Table.from_pylist(content[name], schema=schema) for name, schema in TABLES.items()}
     parents = {row["parent_id"] for row in content["nodes.parquet"]}
@@ -85,24 +85,24 @@ def release(
 
 def _node(entry: tuple[Any, ...], parents: dict[str, str | None]) -> dict[str, Any]:
     node_id, parent, pose, size, aliases = entry
-    line = [node_id]
-    while (above := parents[line[0]]) is not None:
-        line.insert(0, above)
-    own = _COUNTS.get(node_id, 0)
+    ancestors = [node_id]
+    while (above := parents[ancestors[0]]) is not None:
+        ancestors.insert(0, above)
+    direct = _COUNTS.get(node_id, 0)
     below = sum(count for leaf, count in _COUNTS.items() if node_id in _ancestors(leaf, parents))
     return {
         "node_id": node_id,
         "name": _name(node_id),
         "synset": None if node_id.startswith("mt:") else node_id,
         "parent_id": parent,
-        "level": len(line),
-        "path": [_name(step) for step in line],
-        "hypernyms": line[:-1],
+        "level": len(ancestors),
+        "path": [_name(step) for step in ancestors],
+        "hypernyms": ancestors[:-1],
         "aliases": aliases,
         "pose": pose,
         "dims": ["length", "width", "height"],
-        "n_items": own + below,
-        "n_own": own if size else 0,
+        "n_items": direct + below,
+        "n_own": direct if size else 0,
     }
 
 

@@ -1,4 +1,4 @@
-"""A WordNet 3.0 of two dozen nouns in WordNet's own files (wndb(5WN)), so that tests need no download."""
+"""A WordNet of two dozen nouns in the format of WordNet 3.0 (wndb(5WN)), so that tests need no download."""
 
 from __future__ import annotations
 
@@ -7,7 +7,7 @@ from pathlib import Path
 
 LICENCE = "  1 Made for the tests in the form of WordNet 3.0 Copyright 2006\n"
 
-#: id: words, number of the lexicographer file, ids above, gloss; a word's senses come in this order.
+#: id: words, number of the lexicographer file, hypernyms, gloss. The senses of a word are in this order.
 SYNSETS: dict[str, tuple[list[str], int, list[str], str]] = {
     "entity": (["entity"], 3, [], "that which is perceived"),
     "artifact": (["artifact"], 3, ["entity"], "a man-made object"),

@@ -1,4 +1,4 @@
-"""Small sets in the forms of COCO, ADE20K (three forms) and Open Images (three)."""
+"""Small data sets in the formats of COCO, ADE20K (three formats) and Open Images (three formats)."""
 
 from __future__ import annotations
 
@@ -49,7 +49,7 @@ def ade20k(folder: Path) -> list[str]:
     text = json.dumps({"annotation": annotation}, ensure_ascii=False)
     stem.with_suffix(".json").write_bytes(text.encode("latin-1"))
     seg = np.zeros((100, 200, 3), dtype=np.uint8)  # BGR: class 2560 = 100 / 10 * 256 + 0
-    seg[10:50, 10:35, 2] = 100  # the chair's right half is behind something
+    seg[10:50, 10:35, 2] = 100  # the right half of the chair is occluded
     cv2.imwrite(str(stem.with_name(f"{stem.name}_seg.png")), seg)
     return ["--ade20k", str(folder)]
 
@@ -60,7 +60,7 @@ def ade20k_of_2017(folder: Path) -> list[str]:
     lines = [
         '001 # 0 # 0 # wall # wall # ""',
         '002 # 0 # 1 # swivel chair # caf\xe9 chair # "brown, leather"',
-        '001 # 1 # 0 # seat # seat # ""',  # a part, numbered for itself
+        '001 # 1 # 0 # seat # seat # ""',  # a part, with a separate number
         '003 # 0 # 0 # chair # chair # ""',  # hidden: no third value
     ]
     stem.with_name(f"{stem.name}_atr.txt").write_bytes("\n".join(lines).encode("latin-1") + b"\n")
@@ -96,7 +96,7 @@ def open_images(folder: Path, masks: str = "train-annotations-object-segmentatio
         "ffffffffffffffff_m01mzpv_cc.png,ffffffffffffffff,/m/01mzpv,cc,0.05,0.3,0.1,0.5,0.9,",
     ]
     (folder / masks).write_text("\n".join([header, *rows]) + "\n")
-    mask = np.zeros((50, 100), dtype=np.uint8)  # half the picture's size, as happens there
+    mask = np.zeros((50, 100), dtype=np.uint8)  # half the size of the image, as in the original data
     mask[5:25, 5:30] = 255
     for name in ("00a1b2c3d4e5f607_m01mzpv_aa.png", "00a1b2c3d4e5f607_m0k4j_bb.png"):
         (folder / "masks").mkdir(exist_ok=True)

@@ -1,4 +1,4 @@
-"""Pictures of our own making, hostile ones too, and a small release that shows them."""
+"""Synthetic images, invalid ones included, and a small release with images."""
 
 from __future__ import annotations
 
@@ -17,17 +17,17 @@ __all__ = ["HOSTILE", "encoded", "release_with", "shop_picture", "wallpaper"]
 
 
 def wallpaper(seed: int = 0, size: tuple[int, int] = (240, 200)) -> bytes:
-    """Colours without any plain background."""
+    """Return an image of random colours without a plain background."""
     pixels = np.random.default_rng(seed).integers(0, 256, (size[1] // 8, size[0] // 8, 3), dtype=np.uint8)
     return encoded(Image.fromarray(pixels).resize(size, Image.Resampling.NEAREST), "PNG")
 
 
-#: Files that are no pictures, and what is said of each.
-HOSTILE = {name: (make(), said) for name, (make, said) in MAKERS.items() if said is not None}
+#: Invalid image files, each with the code of its refusal.
+HOSTILE = {name: (make(), code) for name, (make, code) in MAKERS.items() if code is not None}
 
 
 def release_with(directory: Path, bodies: list[bytes]) -> Release:
-    """The small release with a picture for each of its first items; files are named after their bytes."""
+    """Publish the small release with an image for each of its first items. Files are named by their checksum."""
     content = minitree.rows()
     folder = directory.with_name(f"{directory.name}.extras")
     folder.mkdir(parents=True)

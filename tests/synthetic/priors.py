@@ -1,4 +1,4 @@
-"""Priors and measured objects made in memory, for the tests of the posterior."""
+"""Priors and measured objects for tests of the posterior."""
 
 from __future__ import annotations
 
@@ -23,9 +23,9 @@ def prior(
     dims: tuple[str, ...] = AXES,
     in_place: float = 1.0,
 ) -> Prior:
-    """A prior with one component per row of sizes; half of each variance is common to the dimensions.
+    """Return a prior with one component per row of sizes; half of each variance is common to the dimensions.
 
-    in_place : share of its rows that were measured where the objects stand.
+    in_place : fraction of rows that were measured on site.
     """
     k, d = np.shape(sizes_mm)
     pattern = 0.5 + 0.5 * np.eye(d)
@@ -53,7 +53,7 @@ def evidence(
     score: float = 1.0,
     name: str = "1",
 ) -> ObjectEvidence:
-    """One object in scene units beside its prior."""
+    """Return an object in scene units with its prior."""
     item = MeasuredObject(
         id=name,
         category=of.node_id,

@@ -1,4 +1,4 @@
-"""Raw items of our own making for the tests of the build, and the sources that they say they are from."""
+"""Synthetic raw items and sources for tests of the build."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ import numpy as np
 from crawler.imports.declaration import Source
 from crawler.items import Kind, RawItem
 
-#: Typical sizes in mm of the leaves of `small_taxonomy`, by our axes.
+#: Typical length, width and height in mm of the leaves of `small_taxonomy`.
 TYPICAL = {
     "chair": (520, 480, 880),
     "stool": (400, 380, 500),
@@ -44,7 +44,7 @@ SOURCES = {
 
 
 def synthetic_items(per_class: int = 40, seed: int = 0) -> list[RawItem]:
-    """Items of every leaf in four sources, each with its own words and its own offset of size."""
+    """Return items of every leaf from four sources, which differ in the names of dimensions and in a size offset."""
     generator = np.random.default_rng(seed)
     offsets = {name: generator.normal(0, 0.08) for name in SOURCES}
     return [
@@ -62,15 +62,15 @@ def _item(name: str, number: int, sizes: np.ndarray, source: str) -> RawItem:
         "club": {"length": max(first, second), "width": min(first, second), "height": height},
         "games": {},
     }
-    words = by_source[source]
+    stated = by_source[source]
     return RawItem(
         source=source,
         source_id=f"{name}-{number}",
         url=f"https://example.org/{source}/{name}-{number}",
         title=f"{name} {number}",
         category_path=("objects", name),
-        dimensions_mm=words,
-        extents_mm=None if words else tuple(sorted((first, second, height), reverse=True)),
+        dimensions_mm=stated,
+        extents_mm=None if stated else tuple(sorted((first, second, height), reverse=True)),
         kind=SOURCES[source].kind,
         year=2000 + number % 20,
     )

@@ -1,4 +1,4 @@
-"""One scene written in other ways: other units, another world frame, other orders, points and annotations twice."""
+"""Equivalent versions of a scene: other units, world frame or order, duplicated points or annotations."""
 
 from __future__ import annotations
 
@@ -13,11 +13,11 @@ __all__ = ["annotated_twice", "moved_scene", "points_twice", "shuffled"]
 
 
 def moved_scene(scene: Scene, factor: float, rotation: FloatArray, shift: FloatArray) -> Scene:
-    """The scene in a world with other units, axes (3, 3) and origin (3,)."""
+    """Return the scene in a world with other units, axes (3, 3) and origin (3,)."""
 
     def moved(view: View) -> View:
-        turned = view.rotation @ rotation.T
-        return replace(view, rotation=turned, translation=factor * view.translation - turned @ (factor * shift))
+        rotated = view.rotation @ rotation.T
+        return replace(view, rotation=rotated, translation=factor * view.translation - rotated @ (factor * shift))
 
     def moved_points(points: FloatArray) -> FloatArray:
         return np.asarray(factor * (points @ rotation.T + shift))
@@ -27,7 +27,7 @@ def moved_scene(scene: Scene, factor: float, rotation: FloatArray, shift: FloatA
 
 
 def shuffled(scene: Scene, instances: tuple[Instance, ...], seed: int) -> tuple[Scene, tuple[Instance, ...]]:
-    """Views, points, their observations and the annotations in other orders."""
+    """Return the scene and its instances with permuted views, points, observations and annotations."""
     generator = np.random.default_rng(seed)
     views, points = (generator.permutation(len(rows)) for rows in (scene.views, scene.points))
     view_row, point_row = np.argsort(views), np.append(np.argsort(points), -1)
@@ -44,7 +44,7 @@ def shuffled(scene: Scene, instances: tuple[Instance, ...], seed: int) -> tuple[
 
 
 def _shuffled_cloud(dense: DenseCloud, view_row: IntArray, generator: np.random.Generator) -> DenseCloud:
-    """The cloud with its points in another order. view_row : (v,) the new row of each view."""
+    """Return the cloud with permuted points. view_row : (v,) new index of each view."""
     order = generator.permutation(len(dense.points))
     if dense.visible_offsets is None or dense.visible_views is None:
         return replace(dense, points=dense.points[order])
@@ -56,7 +56,7 @@ def _shuffled_cloud(dense: DenseCloud, view_row: IntArray, generator: np.random.
 
 
 def points_twice(scene: Scene) -> Scene:
-    """Every sparse point and its observations a second time."""
+    """Return the scene with all sparse points and their observations duplicated."""
     count = len(scene.points)
 
     def twice(view: View) -> View:
@@ -69,5 +69,5 @@ def points_twice(scene: Scene) -> Scene:
 
 
 def annotated_twice(instances: tuple[Instance, ...]) -> tuple[Instance, ...]:
-    """Every annotation a second time."""
-    return instances + tuple(replace(one, id=f"{one.id} again") for one in instances)
+    """Return the instances with all annotations duplicated."""
+    return instances + tuple(replace(instance, id=f"{instance.id} again") for instance in instances)

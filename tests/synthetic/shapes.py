@@ -1,7 +1,7 @@
-"""Solids with exact truth, seen by exact cameras: what the geometry's tests and benchmarks measure themselves on.
+"""Scenes of solids with exact sizes and cameras, for tests and benchmarks of the geometry.
 
-An object is one or several solids (box, cylinder, ellipsoid), in metres with z up. Rays through pixels give depth and
-identity exactly, so masks carry real occlusion and a cloud holds only what the cameras see.
+An object has one or several solids (box, cylinder, ellipsoid), in metres with z up. Depth and identity of each pixel
+are computed by ray casting, so that masks have exact occlusion and a cloud contains only visible surfaces.
 """
 
 from __future__ import annotations
@@ -20,6 +20,7 @@ __all__ = [
     "Solid",
     "box",
     "cylinder",
+    "depth_and_identity",
     "ellipsoid",
     "floor",
     "orbit",
@@ -27,12 +28,13 @@ __all__ = [
     "sampled_cylinder",
     "synthetic_scene",
     "view_at",
+    "yaw",
 ]
 
 
 @dataclass(frozen=True)
 class Solid:
-    """`kind` box, cylinder or ellipsoid; size (3,) along its own axes; pose world = rotation @ local + centre."""
+    """A solid (box, cylinder or ellipsoid) of size (3,), with the pose world = rotation @ local + centre."""
 
     kind: str
     size: FloatArray
@@ -42,7 +44,7 @@ class Solid:
 
 @dataclass(frozen=True)
 class Shape:
-    """Solids under one name; `category` None is scenery that no detector masks."""
+    """An object of several solids. Objects with the category None have no masks."""
 
     category: str | None
     solids: tuple[Solid, ...]
@@ -50,7 +52,7 @@ class Shape:
 
 @dataclass(frozen=True)
 class ShapeScene:
-    """A synthetic scene; `owner` (n,) is the object that each dense point was taken from, in the order of `objects`."""
+    """A synthetic scene. `owner` (n,) contains the index in `objects` of the object of each dense point."""
 
     scene: Scene
     instances: tuple[Instance, ...]
@@ -59,6 +61,7 @@ class ShapeScene:
 
 
 def yaw(degrees: float) -> FloatArray:
+    """Return the rotation (3, 3) about the z axis."""
     c, s = np.cos(np.radians(degrees)), np.sin(np.radians(degrees))
     return np.array([[c, -s, 0], [s, c, 0], [0, 0, 1.0]])
 
@@ -93,7 +96,7 @@ def view_at(
     focal: float = 520.0,
     roll: float = 0.0,
 ) -> View:
-    """A pinhole view from `eye` towards `target`; z of the world is up; `roll` in degrees about the line of sight."""
+    """Return a pinhole view from `eye` towards `target`, with z up and `roll` in degrees about the line of sight."""
     ahead = (target - eye) / np.linalg.norm(target - eye)
     right = np.cross(ahead, [0, 0, 1.0])
     right /= np.linalg.norm(right)
@@ -110,7 +113,7 @@ def orbit(
     target: tuple[float, ...] = (0, 0, 0.4),
     **camera: float,
 ) -> list[View]:
-    """Views on an arc about the target, the first on the -y side."""
+    """Return views on an arc around the target. The centre of the arc is on the -y side."""
     angles = np.radians(-90 + np.linspace(-arc / 2, arc / 2, count, endpoint=arc < 360))
     centre = np.asarray(target, dtype=float)
     eyes = [np.array([centre[0] + radius * np.cos(a), centre[1] + radius * np.sin(a), height]) for a in angles]
@@ -118,7 +121,7 @@ def orbit(
 
 
 def sampled_box(size: FloatArray, count: int, random: np.random.Generator) -> FloatArray:
-    """(count, 3) points spread evenly over the surface of a box about the origin."""
+    """Return points (count, 3) with a uniform distribution on the surface of a box around the origin."""
     areas = np.array([size[1] * size[2], size[0] * size[2], size[0] * size[1]])
     axis = random.choice(3, count, p=areas / areas.sum())
     points = random.uniform(-0.5, 0.5, (count, 3))
@@ -127,13 +130,13 @@ def sampled_box(size: FloatArray, count: int, random: np.random.Generator) -> Fl
 
 
 def sampled_cylinder(size: FloatArray, count: int, random: np.random.Generator) -> FloatArray:
-    """(count, 3) points spread evenly over the wall and both ends of an upright cylinder about the origin."""
+    """Return points (count, 3) with a uniform distribution on the surface of an upright cylinder around the origin."""
     radius, height = size[0] / 2, size[2]
     wall, cap = 2 * np.pi * radius * height, np.pi * radius**2
     on_cap = random.random(count) < 2 * cap / (wall + 2 * cap)
-    angle, out = random.uniform(0, 2 * np.pi, count), np.where(on_cap, np.sqrt(random.random(count)), 1.0)
+    angle, distance = random.uniform(0, 2 * np.pi, count), np.where(on_cap, np.sqrt(random.random(count)), 1.0)
     z = np.where(on_cap, random.choice([-0.5, 0.5], count), random.uniform(-0.5, 0.5, count))
-    return np.column_stack([radius * out * np.cos(angle), radius * out * np.sin(angle), height * z])
+    return np.column_stack([radius * distance * np.cos(angle), radius * distance * np.sin(angle), height * z])
 
 
 def synthetic_scene(
@@ -144,18 +147,19 @@ def synthetic_scene(
     sparse: int = 800,
     seed: int = 0,
 ) -> ShapeScene:
-    """The scene the cameras would see: masks from rays, `dense` points from all depth maps, `sparse` with observations.
+    """Return the scene of the cameras: exact masks, a dense cloud from all depth maps, and observed sparse points.
 
-    noise : standard deviation of a dense point along its ray, as a share of depth.
+    dense, sparse : number of dense and of sparse points.
+    noise : standard deviation of a dense point along its ray, relative to its depth.
     """
     random = np.random.default_rng(seed)
-    maps = [_maps(objects, view) for view in views]
+    maps = [depth_and_identity(objects, view) for view in views]
     points, owner = _cloud(views, maps, dense, noise, random)
     chosen = random.choice(len(points), size=min(sparse, len(points)), replace=False)
-    seen = [_observations(view, depth, points[chosen]) for view, (depth, _) in zip(views, maps, strict=True)]
+    observations = [_observations(view, depth, points[chosen]) for view, (depth, _) in zip(views, maps, strict=True)]
     observed = tuple(
         View(v.name, v.camera, v.rotation, v.translation, pixels + random.normal(0, 0.3, pixels.shape), rows)
-        for v, (rows, pixels) in zip(views, seen, strict=True)
+        for v, (rows, pixels) in zip(views, observations, strict=True)
     )
     instances = tuple(instance for k, (_, identity) in enumerate(maps) for instance in _instances(objects, k, identity))
     scene = Scene(Path("made"), "memory", observed, points[chosen], DenseCloud(points))
@@ -164,39 +168,39 @@ def synthetic_scene(
 
 def _instances(objects: list[Shape], view: int, identity: IntArray) -> list[Instance]:
     instances = []
-    for number, item in enumerate(objects):
-        lines, columns = np.nonzero(identity == number)
-        if item.category is None or lines.size < 20:
+    for index, item in enumerate(objects):
+        rows, columns = np.nonzero(identity == index)
+        if item.category is None or rows.size < 20:
             continue
-        y, x = lines.min(), columns.min()
-        crop = identity[y : lines.max() + 1, x : columns.max() + 1] == number
-        instances.append(Instance(f"{view}-{number}", view, item.category, crop, (int(x), int(y)), track=str(number)))
+        y, x = rows.min(), columns.min()
+        crop = identity[y : rows.max() + 1, x : columns.max() + 1] == index
+        instances.append(Instance(f"{view}-{index}", view, item.category, crop, (int(x), int(y)), track=str(index)))
     return instances
 
 
 def _rays(view: View, pixels: FloatArray) -> FloatArray:
-    """(n, 3) world directions with unit depth."""
+    """Return the ray directions (n, 3) of pixels (n, 2) in the world, with a depth of 1."""
     fx, fy, cx, cy = view.camera.params
     local = np.column_stack([(pixels[:, 0] - cx) / fx, (pixels[:, 1] - cy) / fy, np.ones(len(pixels))])
     return np.asarray(local @ view.rotation)
 
 
-def _maps(objects: list[Shape], view: View) -> tuple[FloatArray, IntArray]:
-    """Depth and identity (-1 none) of every pixel."""
+def depth_and_identity(objects: list[Shape], view: View) -> tuple[FloatArray, IntArray]:
+    """Return the depth (h, w) and the index of the object (h, w) at every pixel; infinite and -1 without an object."""
     width, height = view.camera.width, view.camera.height
     x, y = np.meshgrid(np.arange(width) + 0.5, np.arange(height) + 0.5)
     rays = _rays(view, np.column_stack([x.ravel(), y.ravel()]))
     depth, identity = np.full(len(rays), np.inf), np.full(len(rays), -1)
-    for number, item in enumerate(objects):
+    for index, item in enumerate(objects):
         for solid in item.solids:
             hit = _depths(solid, view.centre, rays)
-            nearer = hit < depth
-            depth[nearer], identity[nearer] = hit[nearer], number
+            closer = hit < depth
+            depth[closer], identity[closer] = hit[closer], index
     return depth.reshape(height, width), identity.reshape(height, width)
 
 
 def _depths(solid: Solid, eye: FloatArray, rays: FloatArray) -> FloatArray:
-    """(n,) first positive hit of each of the rays (n, 3) on a solid, infinite where it misses."""
+    """Return the depth (n,) of the first intersection of rays (n, 3) with a solid; infinite without intersection."""
     half = solid.size / 2
     start = (solid.rotation.T @ (eye - solid.centre)) / half
     ray = np.ascontiguousarray(((rays @ solid.rotation) / half).T)  # (3, n): NumPy is slow along a short axis
@@ -212,16 +216,16 @@ def _depths(solid: Solid, eye: FloatArray, rays: FloatArray) -> FloatArray:
 
 
 def _slab(start: FloatArray, ray: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """Where rays (d, n) from `start` (d,) enter and leave the cube of half side 1, (n,) each."""
+    """Return where rays (d, n) from `start` (d,) enter and leave the cube [-1, 1]^d, (n,) each."""
     near, far = np.full(ray.shape[1], -np.inf), np.full(ray.shape[1], np.inf)
-    for place, along in zip(start, ray, strict=True):
-        one, two = (-1 - place) / along, (1 - place) / along
-        near, far = np.maximum(near, np.minimum(one, two)), np.minimum(far, np.maximum(one, two))
+    for position, along in zip(start, ray, strict=True):
+        low, high = (-1 - position) / along, (1 - position) / along
+        near, far = np.maximum(near, np.minimum(low, high)), np.minimum(far, np.maximum(low, high))
     return near, far
 
 
 def _ball(start: FloatArray, ray: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """Where rays (d, n) from `start` (d,) enter and leave the ball of radius 1, (n,) each."""
+    """Return where rays (d, n) from `start` (d,) enter and leave the unit ball, (n,) each."""
     a, b, c = np.asarray(sum(along**2 for along in ray)), start @ ray, start @ start - 1
     root = np.sqrt(b**2 - a * c)
     root = np.where(np.isnan(root), -np.inf, root)
@@ -243,7 +247,7 @@ def _cloud(
 
 
 def _observations(view: View, depth: FloatArray, points: FloatArray) -> tuple[IntArray, FloatArray]:
-    """Rows of points that the view truly sees, within 2 % of its exact depth, and their pixels."""
+    """Return indices and pixels of the points that are visible in the view (within 2 % of its exact depth)."""
     local = points @ view.rotation.T + view.translation
     fx, fy, cx, cy = view.camera.params
     z = np.where(local[:, 2] > 0, local[:, 2], np.nan)

@@ -1,5 +1,7 @@
-"""A small shop on loopback whose products have pictures: chairs, tables and computer mice on white, one before clutter,
-one that is no picture."""
+"""A small web shop on loopback with product images: chairs, tables and computer mice on white.
+
+One image has a cluttered background, and one file is not an image.
+"""
 
 from __future__ import annotations
 
@@ -15,7 +17,7 @@ from PIL import Image, ImageDraw
 
 __all__ = ["PRODUCTS", "PictureShop"]
 
-#: Breadcrumb, size in mm (width, depth, height), the drawing's aspect (width, height) as seen from the front or above.
+#: By breadcrumb: size in mm (width, depth, height), and relative width and height of the drawing.
 KINDS = {
     "Dining Chairs": ((460, 520, 860), (0.55, 1.0)),
     "Dining Tables": ((1600, 900, 750), (1.0, 0.5)),
@@ -26,7 +28,7 @@ PRODUCTS = tuple((kind, number) for kind in KINDS for number in range(EACH))
 
 
 class PictureShop:
-    """A running shop; use it as a context manager. `base` is its address."""
+    """A running shop with the address `base`; a context manager."""
 
     def __enter__(self) -> PictureShop:
         self._server = ThreadingHTTPServer(("127.0.0.1", 0), _handler(self))
@@ -40,17 +42,17 @@ class PictureShop:
 
     @cached_property
     def pages(self) -> dict[str, tuple[str, bytes]]:
-        """Content type and body by path."""
+        """Content type and body of each path."""
         links = "".join(f'<a href="/item/{row}">item</a>' for row in range(len(PRODUCTS)))
-        found = {"/list": ("text/html", f"<html><body>{links}</body></html>".encode())}
+        pages = {"/list": ("text/html", f"<html><body>{links}</body></html>".encode())}
         for row, (kind, number) in enumerate(PRODUCTS):
-            found[f"/item/{row}"] = ("text/html", _page(kind, number, f"{self.base}/photo/{row}.jpg").encode())
-            found[f"/photo/{row}.jpg"] = ("image/jpeg", _photo(kind, number))
-        return found
+            pages[f"/item/{row}"] = ("text/html", _page(kind, number, f"{self.base}/photo/{row}.jpg").encode())
+            pages[f"/photo/{row}.jpg"] = ("image/jpeg", _photo(kind, number))
+        return pages
 
 
 def size_mm(kind: str, number: int) -> tuple[int, int, int]:
-    """Width, depth and height of a product."""
+    """Return width, depth and height of a product in mm."""
     factor = 1 + 0.03 * (number - EACH / 2)
     width, depth, height = (round(side * factor) for side in KINDS[kind][0])
     return width, depth, height
@@ -70,7 +72,7 @@ def _page(kind: str, number: int, photo: str) -> str:
 
 
 def _photo(kind: str, number: int) -> bytes:
-    """A block of the kind's aspect on white; chair 1 stands before clutter, chair 2 has text for a picture."""
+    """Return an image of a rectangle on white; chair 1 has a cluttered background, and chair 2 has text as image."""
     if (kind, number) == ("Dining Chairs", 2):
         return b"sorry, no photograph" * 50
     generator = np.random.default_rng([number, *kind.encode()])

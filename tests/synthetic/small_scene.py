@@ -1,8 +1,8 @@
-"""A small exact scene in every form that the readers know, made by pycolmap and written out beside it.
+"""A small exact scene, synthesised by pycolmap, in several formats.
 
-colmap/   binary, five files, with a dense cloud and its visibility, instances.json, results.json
-text/     the same model as text, three files, and instances.json
-opensfm/  the same model as an OpenSfM dataset, with instance pictures
+colmap/   binary model of five files, with a dense cloud and its visibility, instances.json and results.json
+text/     the same model as three text files, with instances.json
+opensfm/  the same model as an OpenSfM dataset, with instance images
 """
 
 from __future__ import annotations
@@ -19,14 +19,14 @@ from numpy.typing import NDArray
 __all__ = ["FRAMES", "small_model", "write_small_scene"]
 
 FRAMES = 4
-#: The middle of each picture is one object, its upper left another; rows are x, y, width, height shares.
+#: Boxes of the two objects in each image: x, y, width and height as fractions of the image's size.
 _BOXES = {"chair": (0.3, 0.3, 0.4, 0.4), "table": (0.05, 0.05, 0.2, 0.2)}
 
 
 def small_model(
     model: str = "SIMPLE_RADIAL", params: list[float] | None = None, seed: int = 0
 ) -> pycolmap.Reconstruction:
-    """Four frames of a rig of two cameras around 60 points, in front of all of them."""
+    """Return four frames of a rig of two cameras with 60 points, which are in front of all cameras."""
     pycolmap.set_random_seed(seed)
     options = pycolmap.SyntheticDatasetOptions(
         num_rigs=1, num_cameras_per_rig=2, num_frames_per_rig=FRAMES, num_points3D=60, num_points2D_without_point3D=3
@@ -38,13 +38,13 @@ def small_model(
 
 
 def write_small_scene(folder: Path, reconstruction: pycolmap.Reconstruction | None = None) -> None:
-    """Write all three forms under `folder`."""
+    """Write the scene in all three formats to subfolders of `folder`."""
     reconstruction = reconstruction or small_model()
     for part in ("colmap", "text", "opensfm"):
         (folder / part).mkdir(parents=True)
     reconstruction.write_binary(str(folder / "colmap"))
     reconstruction.write_text(str(folder / "text"))
-    for part in ("rigs", "frames"):  # the old form has three files
+    for part in ("rigs", "frames"):  # older models have three files
         (folder / "text" / f"{part}.txt").unlink()
     _write_dense(folder / "colmap", reconstruction)
     _write_coco(folder, reconstruction)
@@ -62,8 +62,8 @@ def _write_dense(folder: Path, reconstruction: pycolmap.Reconstruction) -> None:
     position = {image: row for row, image in enumerate(sorted(reconstruction.images))}
     lists = []
     for key in ids:
-        seen = sorted({position[element.image_id] for element in reconstruction.points3D[key].track.elements})
-        lists.append(np.array([len(seen), *seen], dtype="<u4"))
+        views = sorted({position[element.image_id] for element in reconstruction.points3D[key].track.elements})
+        lists.append(np.array([len(views), *views], dtype="<u4"))
     (folder / "dense.ply.vis").write_bytes(np.uint64(len(ids)).tobytes() + np.concatenate(lists).tobytes())
 
 
@@ -129,7 +129,7 @@ def _write_opensfm(folder: Path, reconstruction: pycolmap.Reconstruction) -> Non
             if point.has_point3D():
                 u, v = (point.xy - size / 2) / size.max()
                 lines.append(f"{image.name}\t{point.point3D_id}\t{row}\t{u:.9f}\t{v:.9f}\t0.004\t9\t9\t9\t-1\t-1")
-        _write_picture(folder / "instances" / f"{image.name}.png", size)
+        _write_instance_image(folder / "instances" / f"{image.name}.png", size)
     points = {
         str(key): {"color": [9, 9, 9], "coordinates": reconstruction.points3D[key].xyz.tolist()}
         for key in sorted(reconstruction.points3D)
@@ -139,13 +139,13 @@ def _write_opensfm(folder: Path, reconstruction: pycolmap.Reconstruction) -> Non
     _dump(folder / "instances" / "categories.json", {"1": "chair", "2": "table", "3": "chair"})
 
 
-def _write_picture(file: Path, size: NDArray[np.int64]) -> None:
+def _write_instance_image(file: Path, size: NDArray[np.int64]) -> None:
     width, height = size.tolist()
-    picture = np.zeros((height, width), dtype=np.uint8)
+    image = np.zeros((height, width), dtype=np.uint8)
     for value, (x, y, w, h) in enumerate(_boxes(width, height).values(), start=1):
-        picture[int(y) : int(y + h), int(x) : int(x + w)] = value
+        image[int(y) : int(y + h), int(x) : int(x + w)] = value
     file.parent.mkdir(parents=True, exist_ok=True)
-    file.write_bytes(cv2.imencode(".png", picture)[1].tobytes())
+    file.write_bytes(cv2.imencode(".png", image)[1].tobytes())
 
 
 def _dump(file: Path, document: object) -> None:

@@ -1,11 +1,11 @@
-"""A taxonomy of six leaves for the tests of the build; importable by worker processes."""
+"""A taxonomy of six leaves for tests of the build, in a module that worker processes can import."""
 
 from __future__ import annotations
 
 from crawler.items import RawItem
 from taxonomy.categories import Category, Match, Pose
 
-_PLACES: tuple[tuple[str, str | None, int, Pose], ...] = (  # name, parent, level, pose
+_NODES: tuple[tuple[str, str | None, int, Pose], ...] = (  # name, parent, level, pose
     ("entity", None, 1, "upright"),
     ("artifact", "entity", 2, "upright"),
     ("furniture", "artifact", 3, "upright"),
@@ -24,12 +24,12 @@ _PLACES: tuple[tuple[str, str | None, int, Pose], ...] = (  # name, parent, leve
 
 
 class SmallTaxonomy:
-    """Matches the last category word to the leaf of the same name."""
+    """A taxonomy that matches the last word of the category path with the leaf of the same name."""
 
     def __init__(self) -> None:
         paths: dict[str, tuple[str, ...]] = {}
         self._categories: list[Category] = []
-        for name, parent, level, pose in _PLACES:
+        for name, parent, level, pose in _NODES:
             paths[name] = (*paths.get(parent or "", ()), name)
             self._categories.append(
                 Category(

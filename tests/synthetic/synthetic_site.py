@@ -1,9 +1,10 @@
-"""A made shop on loopback, for tests and benchmarks of the crawl: pages we wrote ourselves, with truth and with errors.
+"""A synthetic web shop on loopback for tests and benchmarks of the crawl, with known sizes and with errors.
 
-Every product page is written in one of several markups (a table, a bullet list, a definition list, schema.org data,
-embedded JSON) and one of several languages. Errors are drawn by the number of the page: a server error that passes, one
-that stays, a redirect, an address that leaves the site, a duplicate under a tracking parameter, a page without a size,
-a package's size alone, wrong encoding, nesting without end, a gzip bomb, a calendar that never ends.
+Every product page has one of several markups: an HTML table, a bullet list, a definition list, a German table or
+schema.org data. Some pages have errors, which follow from the number of the page: a temporary or permanent server
+error, a redirect, a link to another host, a duplicate under a tracking parameter, a page without a size or with the
+size of the package only, a wrong encoding, deep nesting, a gzip bomb, an endless response, and a wrong content type.
+Every page also links to an endless calendar.
 """
 
 from __future__ import annotations
@@ -25,25 +26,25 @@ from tests.synthetic.filler import filler
 
 __all__ = ["FAULTS", "Shop", "SyntheticSite", "expected", "product_page"]
 
-#: Share of pages with each error, in thousandths; the rest is honest.
+#: Pages with each error per 1,000 pages; the other pages have no error.
 FAULTS = {
     "passing_503": 10, "passing_500": 15, "lasting_500": 5, "redirect": 15, "off_site": 8, "duplicate": 15,
     "no_size": 10, "package_only": 15, "latin1": 10, "deep": 8, "bomb": 4, "endless": 4, "lying_type": 6,
 }  # fmt: skip
 
-#: Marks an answer whose body is repeated until the other side hangs up.
+#: Header of a response whose body is repeated until the client closes the connection.
 ENDLESS = "X-Endless"
 
-#: Different pictures; further products share them.
+#: Number of different images, which the products share.
 PICTURES = 7
 
-#: Products that one listing links to.
-LISTED = 100
+#: Number of products per listing.
+PRODUCTS_PER_LISTING = 100
 
 
 @dataclass(frozen=True, slots=True)
 class Shop:
-    """How many products, page sizes to draw from (kB), whether there are errors, seconds that an answer takes."""
+    """Number of products, page sizes in kB to draw from, whether pages have errors, and delay of a response in s."""
 
     products: int
     sizes: tuple[int, ...] = ()
@@ -56,22 +57,22 @@ def _draw(number: int, salt: str, modulus: int) -> int:
 
 
 def error(number: int, shop: Shop) -> str | None:
-    """The error of a product's page, or None."""
+    """Return the error of a product's page, or None."""
     drawn = _draw(number, "fault", 1000) if shop.errors else 1000
-    for name, share in FAULTS.items():
-        if drawn < share:
+    for name, frequency in FAULTS.items():
+        if drawn < frequency:
             return name
-        drawn -= share
+        drawn -= frequency
     return None
 
 
 def size_mm(number: int) -> tuple[int, int, int]:
-    """The true width, depth and height of a product, whole millimetres in tens."""
+    """Return the true width, depth and height of a product in mm, multiples of 10."""
     return (200 + 10 * _draw(number, "w", 150), 150 + 10 * _draw(number, "d", 80), 300 + 10 * _draw(number, "h", 160))
 
 
 def expected(shop: Shop) -> dict[str, tuple[int, ...]]:
-    """What a perfect crawl brings home: extents, longest first, by title."""
+    """Return the items of a perfect crawl: extents in mm, longest first, by title."""
     without = {"lasting_500", "no_size", "package_only", "bomb", "endless", "off_site", "lying_type"}
     return {
         f"Chair {number}": tuple(sorted(size_mm(number), reverse=True))
@@ -81,12 +82,12 @@ def expected(shop: Shop) -> dict[str, tuple[int, ...]]:
 
 
 def page_bytes(number: int, shop: Shop) -> int:
-    """The size that is drawn for a product's page, bytes."""
+    """Return the size of a product's page in bytes."""
     return 1000 * shop.sizes[_draw(number, "size", len(shop.sizes))] if shop.sizes else 0
 
 
 def product_page(number: int, shop: Shop) -> str:
-    """The page of a product, in one of the markups."""
+    """Return the HTML page of a product."""
     width, depth, height = (mm / 10 for mm in size_mm(number))
     case = error(number, shop)
     size = {"no_size": lambda *_: "<p>Very nice.</p>", "package_only": _package}.get(
@@ -138,9 +139,10 @@ _MARKUPS: tuple[Callable[[float, float, float], str], ...] = (_table, _bullets, 
 
 @dataclass
 class SyntheticSite:
-    """A running shop; use it as a context manager.
+    """A running shop with the address `base`; a context manager.
 
-    `base` is its address, `fetched` counts requests by path, `unchanged` those that a 304 answered.
+    fetched : number of requests by path.
+    unchanged : number of responses with status 304 by path.
     """
 
     shop: Shop
@@ -151,7 +153,7 @@ class SyntheticSite:
         socketserver.TCPServer.allow_reuse_address = True
         self._server = ThreadingHTTPServer(("127.0.0.1", 0), _handler(self))
         self._server.daemon_threads = True
-        self._server.handle_error = lambda *_: None  # type: ignore[method-assign]  # a killed crawler hangs up
+        self._server.handle_error = lambda *_: None  # type: ignore[method-assign]  # a killed crawler closes the connection
         self.base = f"http://127.0.0.1:{self._server.server_address[1]}"
         threading.Thread(target=self._server.serve_forever, daemon=True).start()
         return self
@@ -161,7 +163,7 @@ class SyntheticSite:
         self._server.server_close()
 
     def answer(self, path: str) -> tuple[int, dict[str, str], bytes]:
-        """Status, headers and body of a path; the first answer of a passing error is the error."""
+        """Return status, headers and body of a path. A temporary error is returned for the first request only."""
         before = self.fetched[path]
         self.fetched[path] += 1
         bare = path.partition("?")[0]
@@ -179,16 +181,17 @@ class SyntheticSite:
         return 404, {"Content-Type": "text/plain"}, b"nothing here"
 
     def _listing(self, number: int) -> str:
-        first = number * LISTED
-        own = range(first, min(first + LISTED, self.shop.products))
-        links = [f'<a href="/item/{i}">Chair {i}</a>' for i in own]
-        links += [f'<a href="/item/{i}?utm_source=list">again</a>' for i in own if error(i, self.shop) == "duplicate"]
+        first = number * PRODUCTS_PER_LISTING
+        listed = range(first, min(first + PRODUCTS_PER_LISTING, self.shop.products))
+        duplicates = [i for i in listed if error(i, self.shop) == "duplicate"]
+        links = [f'<a href="/item/{i}">Chair {i}</a>' for i in listed]
+        links += [f'<a href="/item/{i}?utm_source=list">again</a>' for i in duplicates]
         links += [
             '<a href="/private/1">private</a>',
             '<a href="mailto:x@example.org">mail</a>',
             '<a href="file:///etc/passwd">x</a>',
         ]
-        if first + LISTED < self.shop.products:
+        if first + PRODUCTS_PER_LISTING < self.shop.products:
             links.append(f'<a href="/list/{number + 1}">next</a>')
         return f"<html><body>{''.join(links)}</body></html>"
 
@@ -223,7 +226,7 @@ def _html(text: str) -> tuple[int, dict[str, str], bytes]:
 
 
 def _picture(number: int) -> bytes:
-    """A grey PNG of 100 by 80 pixels."""
+    """Return a grey PNG of 100 x 80 pixels."""
 
     def chunk(kind: bytes, data: bytes) -> bytes:
         return struct.pack(">I", len(data)) + kind + data + struct.pack(">I", zlib.crc32(kind + data))
@@ -272,7 +275,7 @@ def _handler(site: SyntheticSite) -> type[BaseHTTPRequestHandler]:
                 self.wfile.write(body)
                 while endless:
                     self.wfile.write(body)
-            except OSError:  # the crawler hung up, as it does on a bomb
+            except OSError:  # the crawler closed the connection, as it does for a bomb
                 self.close_connection = True
 
     return Handler

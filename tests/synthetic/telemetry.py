@@ -1,4 +1,4 @@
-"""Streams of GoPro's and Google's metadata formats, and the readings of an inertial unit on a walk."""
+"""Metadata streams in the formats of GoPro (GPMF) and Google (CAMM), and inertial readings of a walk."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ _KINDS = {"b": "b", "B": "B", "s": "h", "S": "H", "l": "i", "L": "I", "J": "Q", 
 
 
 def gpmf_key(name: str, kind: str, rows: object) -> bytes:
-    """A key with rows of numbers of one kind, of text (c), or of keys (bytes)."""
+    """Return a GPMF key with rows of numbers of one kind, of text (c), or of nested keys (bytes)."""
     if isinstance(rows, bytes):
         size, repeat, value = 1, len(rows), rows
     else:
@@ -29,22 +29,22 @@ def gpmf_key(name: str, kind: str, rows: object) -> bytes:
 
 
 def gpmf_stream(*sensors: list[bytes]) -> bytes:
-    """One packet of a device with such sensors, each a list of keys."""
+    """Return a GPMF packet of a device whose sensors are lists of keys."""
     streams = b"".join(gpmf_key("STRM", "", b"".join(keys)) for keys in sensors)
     return gpmf_key("DEVC", "", gpmf_key("DVNM", "c", b"test") + streams)
 
 
 def camm_packet(kind: int, layout: str, *values: float) -> bytes:
-    """A packet of Google's format."""
+    """Return a CAMM packet."""
     return struct.pack("<HH", 0, kind) + struct.pack(f"<{layout}", *values)
 
 
 def walk_readings(
     seconds: float, rate_hz: float, swing_m: float, seed: int = 0
 ) -> tuple[FloatArray, FloatArray, Samples, Samples]:
-    """Times, centres (n, 3) in metres, specific force and angular rate of a unit that is carried along and turned.
+    """Return times, centres (n, 3) in metres, specific force and angular rate of an inertial unit that is carried.
 
-    The world's third axis is up; the unit swings up and down, twice as often as it swings sideways, and pitches.
+    The world's third axis is up. The unit swings vertically at twice the frequency of its lateral swing, and pitches.
     """
     generator = np.random.default_rng(seed)
     times = np.arange(0, seconds, 1 / rate_hz)

@@ -1,4 +1,4 @@
-"""A walk through a made hall: cameras at a known height over a floor, points on it and on boxes, in any unit."""
+"""A walk through a synthetic hall: cameras at a known height over a floor, with points on the floor and on objects."""
 
 from __future__ import annotations
 
@@ -17,9 +17,11 @@ CAMERA = Camera("PINHOLE", 640, 480, np.array([500.0, 500.0, 320.0, 240.0]))
 
 @dataclass(frozen=True)
 class Walk:
-    """scene : in units of `scale` metres, turned by `frame` (3, 3) and moved by `offset` (3,) units.
+    """Synthetic scene with its ground truth.
 
-    metres : (n, 3) true camera centres, z up from the floor; scale : the truth.
+    scene : in units of `scale` metres, rotated by `frame` (3, 3) and moved by `offset` (3,) units.
+    metres : (n, 3) true camera centres, with z up from the floor.
+    scale : true metres per unit.
     """
 
     scene: Scene
@@ -29,12 +31,12 @@ class Walk:
     offset: FloatArray
 
     def units(self, metres: FloatArray) -> FloatArray:
-        """(n, 3) points of the hall in the scene."""
+        """Transform points (n, 3) of the hall in metres to the scene."""
         return np.asarray((metres / self.scale) @ self.frame.T + self.offset)
 
 
 def synthetic_walk(path: Path, height: float = 1.5, scale: float = 0.4, views: int = 24, seed: int = 0) -> Walk:
-    """A circle of 3 m about the middle of the hall, each camera looking inwards and a little down."""
+    """Return a walk on a circle of 3 m around the centre of the hall, with cameras that look inwards and down."""
     generator = np.random.default_rng(seed)
     floor = np.column_stack([generator.uniform(-4, 4, (3000, 2)), generator.normal(0, 0.004, 3000)])
     objects = np.column_stack([generator.uniform(-0.8, 0.8, (900, 2)), generator.uniform(0, 0.9, 900)])
@@ -45,17 +47,17 @@ def synthetic_walk(path: Path, height: float = 1.5, scale: float = 0.4, views: i
     frame, _ = np.linalg.qr(generator.standard_normal((3, 3)))
     frame *= np.sign(np.linalg.det(frame))
     offset = generator.uniform(-5, 5, 3)
-    made = tuple(_view(f"left/{row:04d}.png", centre, frame, offset, scale) for row, centre in enumerate(centres))
+    poses = tuple(_view(f"left/{row:04d}.png", centre, frame, offset, scale) for row, centre in enumerate(centres))
     moved = (points / scale) @ frame.T + offset
-    return Walk(Scene(path, "memory", made, moved, model_path=path), centres, scale, frame, offset)
+    return Walk(Scene(path, "memory", poses, moved, model_path=path), centres, scale, frame, offset)
 
 
 def with_rig(walk: Walk, baseline: float) -> Walk:
-    """The walk with a second camera, `baseline` metres to the right of the first: `right/0000.png` and so on."""
+    """Return the walk with a second camera, `baseline` metres to the right of the first (`right/0000.png`, ...)."""
     shifted = []
     for view in walk.scene.views:
-        beside = view.centre + baseline / walk.scale * view.rotation[0]
-        shifted.append(replace(view, name=view.name.replace("left", "right"), translation=-view.rotation @ beside))
+        centre = view.centre + baseline / walk.scale * view.rotation[0]
+        shifted.append(replace(view, name=view.name.replace("left", "right"), translation=-view.rotation @ centre))
     right = np.array([view.centre for view in shifted])
     metres = (right - walk.offset) @ walk.frame * walk.scale
     scene = replace(walk.scene, views=(*walk.scene.views, *shifted))
@@ -68,5 +70,5 @@ def _view(name: str, centre: FloatArray, frame: FloatArray, offset: FloatArray, 
     x = np.cross(z, [0, 0, 1.0])
     x /= np.linalg.norm(x)
     rotation = np.array([x, np.cross(z, x), z]) @ frame.T
-    place = (centre / scale) @ frame.T + offset
-    return View(name, CAMERA, rotation, -rotation @ place, np.zeros((0, 2)), np.zeros(0, dtype=np.int64))
+    position = (centre / scale) @ frame.T + offset
+    return View(name, CAMERA, rotation, -rotation @ position, np.zeros((0, 2)), np.zeros(0, dtype=np.int64))

@@ -1,4 +1,4 @@
-"""Models with a wrong piece: what a mapper makes of frames that it attached in the wrong place."""
+"""Move parts of a reconstruction, as a mapper does that registers frames at wrong positions."""
 
 from __future__ import annotations
 
@@ -13,10 +13,10 @@ __all__ = ["lengthen_steps", "move_frames"]
 
 
 def move_frames(model: Any, names: set[str], turn: FloatArray, shift: float, factor: float) -> None:
-    """Move frames of a model, all as one, and leave the points where they are: a model with a wrong piece.
+    """Move some frames of a model by a common transform, without their points.
 
-    turn : (3, 3), and factor : of size, both about the centre of the first of them; shift : along its view, as a share
-    of the extent of all camera centres.
+    turn, factor : rotation (3, 3) and scale about the centre of the first of the frames.
+    shift : translation along the viewing direction of the first frame, relative to the extent of all camera centres.
     """
     moved = sorted((image for image in model.images.values() if image.name in names), key=lambda image: image.name)
     centres = np.array([image.projection_center() for image in model.images.values() if image.has_pose])
@@ -33,7 +33,7 @@ def move_frames(model: Any, names: set[str], turn: FloatArray, shift: float, fac
 
 
 def lengthen_steps(model: Any, names: set[str], factor: float) -> None:
-    """Lengthen the steps that end at these frames, move those after them along, and leave the points where they are."""
+    """Multiply the steps that end at these frames by `factor`, and move all later frames. Points are not moved."""
     placed = sorted((image for image in model.images.values() if image.has_pose), key=lambda image: image.name)
     centres = np.array([image.projection_center() for image in placed])
     factors = np.array([factor if image.name in names else 1.0 for image in placed[1:]])

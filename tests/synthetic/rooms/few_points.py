@@ -15,7 +15,7 @@ import numpy as np
 
 from estimator.records.scene import Instance, Scene, View
 from metric_base.arrays import FloatArray, IntArray
-from tests.synthetic.shapes import Shape, Solid, _maps, view_at, yaw
+from tests.synthetic.shapes import Shape, Solid, depth_and_identity, view_at, yaw
 
 __all__ = ["MAX_POINTS", "PATHS", "FewPointsWorld", "few_points_world"]
 
@@ -49,7 +49,7 @@ def few_points_world(seed: int, path: str, points: tuple[int, int] = (1, MAX_POI
     views = _path(path, random)
     objects, sizes = _objects(path, random)
     ground = _ground(path)
-    maps = [_maps([*objects, ground], view) for view in views]
+    maps = [depth_and_identity([*objects, ground], view) for view in views]
     places, owner = _surface_points(views, maps, len(objects), points, random)
     seen = _triangulated(views, maps, places, owner, random)
     instances = tuple(

@@ -1,4 +1,4 @@
-"""Synthetic rooms through the real command: one through pycolmap, several quick ones."""
+"""`estimate-scale` on synthetic rooms: one reconstructed by pycolmap, the others simulated."""
 
 from __future__ import annotations
 
@@ -20,12 +20,12 @@ from tests.synthetic.rooms.reconstruct import reconstruct
 from tests.synthetic.rooms.render import NoOpenGL
 from tests.synthetic.rooms.scene_files import write_scene
 
-#: An answer further off than this is no estimate of anything: the true interval's own half width is 20 % or so.
-ROUGH = 0.35
+#: Maximum relative error of a scale; half of an interval is typically 20 %.
+MAX_ERROR = 0.35
 
 
-def answer(scene: Path, capsys: pytest.CaptureFixture[str], *words: str) -> tuple[int, dict[str, Any]]:
-    status = main([str(scene), "--json", *words])
+def estimate(scene: Path, capsys: pytest.CaptureFixture[str], *options: str) -> tuple[int, dict[str, Any]]:
+    status = main([str(scene), "--json", *options])
     return status, json.loads(capsys.readouterr().out)
 
 
@@ -34,18 +34,18 @@ def true_scale(scene: Path) -> float:
 
 
 def assert_scale_is_true(scene: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    status, found = answer(scene, capsys)
-    assert found["schema"] == "metric-tree/scale/1"
-    assert status == {"resolved": 0, "unresolved": 3}[found["status"]]
+    status, record = estimate(scene, capsys)
+    assert record["schema"] == "metric-tree/scale/1"
+    assert status == {"resolved": 0, "unresolved": 3}[record["status"]]
     if status == 0:
-        assert found["scale"] == pytest.approx(true_scale(scene), rel=ROUGH)
-        assert found["interval"]["low"] < found["scale"] < found["interval"]["high"]
+        assert record["scale"] == pytest.approx(true_scale(scene), rel=MAX_ERROR)
+        assert record["interval"]["low"] < record["scale"] < record["interval"]["high"]
     else:
-        assert any(abs(mode["scale"] / true_scale(scene) - 1) < ROUGH for mode in found["modes"])
+        assert any(abs(mode["scale"] / true_scale(scene) - 1) < MAX_ERROR for mode in record["modes"])
 
 
 @pytest.mark.slow
-def test_a_room_through_pycolmap(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_scale_of_room_reconstructed_by_pycolmap_is_true(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     with skip_without(NoOpenGL):
         truth = reconstruct(furnished_room("study", 1004, Knobs(views=12, coverage=0.6)), tmp_path, 1004, features=1500)
     assert truth.rms_m < 0.05
@@ -53,7 +53,7 @@ def test_a_room_through_pycolmap(tmp_path: Path, capsys: pytest.CaptureFixture[s
 
 
 @pytest.mark.parametrize("kind", KINDS)
-def test_a_quick_room(kind: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_scale_of_simulated_room_is_true(kind: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     world = furnished_room(kind, 1005, Knobs(views=12))
     with skip_without(NoOpenGL):
         synthetic = quick_scene(world, seed=1005)
@@ -61,8 +61,9 @@ def test_a_quick_room(kind: str, tmp_path: Path, capsys: pytest.CaptureFixture[s
     assert_scale_is_true(tmp_path, capsys)
 
 
-def test_the_scale_follows_the_scenes_unit(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    """The same room under two similarities: metres per unit change with the unit, the room does not."""
+def test_scale_of_a_room_in_two_units_has_the_same_relative_error(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
     world = furnished_room("sitting room", 1006, Knobs(views=10))
     ratios = []
     for seed in (1, 2):
@@ -70,16 +71,16 @@ def test_the_scale_follows_the_scenes_unit(tmp_path: Path, capsys: pytest.Captur
             synthetic = quick_scene(world, Knobs(depth_noise=0.0, stray=0.0, keypoint_noise=0.0), seed=seed)
         folder = tmp_path / str(seed)
         write_scene(synthetic, world, folder)
-        status, found = answer(folder, capsys)
+        status, record = estimate(folder, capsys)
         assert status == 0
-        ratios.append(found["scale"] / true_scale(folder))
+        ratios.append(record["scale"] / true_scale(folder))
     assert ratios[0] == pytest.approx(ratios[1], rel=0.1)
 
 
-def test_a_cloud_without_observations_gives_the_scale_of_one_with_them(
+def test_scale_without_observations_equals_the_scale_with_observations(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    """Splats and plain clouds: with every point seen by every view this room moves by 12 %."""
+    """If all points counted as visible in all views, the scale of this room would change by 12 %."""
     knobs = with_knobs(HARD, views=16)
     world = furnished_room("study", 1100, knobs)
     with skip_without(NoOpenGL):
@@ -87,10 +88,10 @@ def test_a_cloud_without_observations_gives_the_scale_of_one_with_them(
     assert synthetic.scene.dense is not None
     write_scene(synthetic, world, tmp_path)
     write_export(replace(synthetic.scene, points=synthetic.scene.dense.points), "nerfstudio", tmp_path / "plain")
-    _, observed = answer(tmp_path, capsys)
-    _, plain = answer(tmp_path / "plain", capsys, "--instances", str(tmp_path / "instances.json"))
+    _, observed = estimate(tmp_path, capsys)
+    _, plain = estimate(tmp_path / "plain", capsys, "--instances", str(tmp_path / "instances.json"))
     assert plain["scale"] == pytest.approx(observed["scale"], rel=0.03)
 
 
-def test_the_demo_scene_is_what_its_truth_says(capsys: pytest.CaptureFixture[str]) -> None:
+def test_scale_of_demo_scene_is_true(capsys: pytest.CaptureFixture[str]) -> None:
     assert_scale_is_true(Path(__file__).parents[2] / "data" / "scenes" / "demo_room", capsys)

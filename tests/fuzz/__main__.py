@@ -1,11 +1,11 @@
-"""Fuzzing of every reader, each in a process of its own with bounded memory.
+"""Fuzz all readers, each in a separate process with bounded memory.
 
     python -m tests.fuzz [MINUTES] [READER ...]         (make fuzz MINUTES=10)
-    python -m tests.fuzz --table                        the totals of all runs
+    python -m tests.fuzz --table                        print the totals of all runs
 
-Counts, for each reader: inputs, those taken, those refused with one line, internal errors, hangs (over 5 s),
-wrong answers (taken, with numbers that no scene has), and peak memory. Inputs that did harm are kept in `out/fuzz`,
-inputs that reach new code in `out/fuzz/reached`; each run adds a line to `tests/fuzz/runs.jsonl`.
+Counts for each reader: inputs, accepted inputs, inputs refused with one line, internal errors, hangs (over 5 s), wrong
+results (accepted, with invalid numbers), and peak memory. Inputs that cause a failure are stored in `out/fuzz`, inputs
+that reach new code in `out/fuzz/reached`. Each run adds a line to `tests/fuzz/runs.jsonl`.
 """
 
 from __future__ import annotations
@@ -23,20 +23,20 @@ from metric_cli.tables import print_table
 from tests.fuzz.outcomes import COUNTS, KEPT
 from tests.fuzz.readers import READERS, write_seeds
 
-#: What came of every run.
+#: Counts of all runs.
 RUNS = Path(__file__).with_name("runs.jsonl")
 COLUMNS = ("reader", "minutes", *COUNTS, "peak MiB")
-#: Seconds that a reader may take beyond its time before it is killed: a hang in a library that no signal interrupts.
-PATIENCE = 60
+#: Seconds after the end of its time at which a reader is killed, because no signal interrupts a hang in a library.
+GRACE_S = 60
 
 
-def main(words: list[str]) -> int:
-    """Fuzz and print the table; 1 if anything did harm."""
-    if words[:1] == ["--table"]:
+def main(arguments: list[str]) -> int:
+    """Fuzz the readers and print the table; return 1 if any reader failed."""
+    if arguments[:1] == ["--table"]:
         print_table(COLUMNS, totals([json.loads(line) for line in RUNS.read_text(encoding="utf-8").splitlines()]))
         return 0
-    minutes = float(words[0]) if words else 1.0
-    chosen = [reader.name for reader in READERS if not words[1:] or reader.name in words[1:]]
+    minutes = float(arguments[0]) if arguments else 1.0
+    chosen = [reader.name for reader in READERS if not arguments[1:] or reader.name in arguments[1:]]
     runs = []
     with tempfile.TemporaryDirectory() as temporary:
         write_seeds(Path(temporary) / "seeds")
@@ -49,19 +49,19 @@ def main(words: list[str]) -> int:
 
 
 def one_run(name: str, temporary: Path, seconds: float) -> dict[str, Any]:
-    """What came of fuzzing a reader for so long, in a process of its own."""
-    answer = temporary / "answer.json"
-    answer.unlink(missing_ok=True)
-    places = [str(temporary / "seeds"), str((KEPT / "reached" / name).absolute()), str(seconds), str(answer)]
-    command = [sys.executable, "-m", "tests.fuzz.guided", name, *places]
+    """Fuzz a reader for `seconds` in a separate process and return its counts."""
+    counts_file = temporary / "counts.json"
+    counts_file.unlink(missing_ok=True)
+    arguments = [str(temporary / "seeds"), str((KEPT / "reached" / name).absolute()), str(seconds), str(counts_file)]
+    command = [sys.executable, "-m", "tests.fuzz.guided", name, *arguments]
     log = temporary / "log"
     with log.open("wb") as output, subprocess.Popen(command, stdout=output, stderr=output) as process:
         try:
-            status = process.wait(seconds + PATIENCE)
+            status = process.wait(seconds + GRACE_S)
         except subprocess.TimeoutExpired:
             process.send_signal(signal.SIGKILL)
             status = -signal.SIGKILL
-    counts: dict[str, Any] = json.loads(answer.read_text()) if answer.is_file() else {}
+    counts: dict[str, Any] = json.loads(counts_file.read_text()) if counts_file.is_file() else {}
     if status:
         counts["hangs" if status == -signal.SIGKILL else "errors"] = 1 + counts.get("errors", 0)
         KEPT.mkdir(parents=True, exist_ok=True)
@@ -70,7 +70,7 @@ def one_run(name: str, temporary: Path, seconds: float) -> dict[str, Any]:
 
 
 def totals(runs: list[dict[str, Any]]) -> list[tuple[object, ...]]:
-    """A row of the table for each reader, and one for all."""
+    """Return a row of the table for each reader, and a row for all readers."""
     by_reader: dict[str, Counter[str]] = {reader.name: Counter() for reader in READERS}
     for run in runs:
         for reader in (run["reader"], "all"):

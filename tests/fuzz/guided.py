@@ -1,10 +1,10 @@
-"""One reader, fuzzed with guidance by coverage (Atheris): inputs that reach new code are kept and mutated further.
+"""Fuzz a reader with guidance by coverage (Atheris): inputs that reach new code are stored and mutated further.
 
-    python -m tests.fuzz.guided READER SEEDS CORPUS SECONDS ANSWER
+    python -m tests.fuzz.guided READER SEEDS CORPUS SECONDS COUNTS
 
-Half of the mutations are libFuzzer's, half ours (`mutations`). An input is the number of the file that it stands in
-place of, one byte, and the file. What was counted is written to ANSWER while it runs, so that a crash of a decoder
-loses nothing.
+Half of the mutations are libFuzzer's, half are ours (`mutations`). An input is one byte with the index of the file that
+it replaces, followed by the content. The counts are written to the file COUNTS during the run, so that they survive a
+crash of a decoder.
 """
 
 from __future__ import annotations
@@ -28,51 +28,51 @@ with atheris.instrument_imports(
 
 import numpy as np
 
-#: Seconds between two writings of what was counted.
-EVERY = 2.0
-#: Largest input over the largest whole file.
-GROWTH = 3
+#: Interval in seconds at which the counts are written.
+WRITE_INTERVAL_S = 2.0
+#: Maximum size of an input relative to the largest intact file.
+MAX_GROWTH = 3
 
 
-def main(name: str, seeds: Path, corpus: Path, seconds: float, answer: Path) -> None:
-    """Fuzz until the time is up; the process ends here."""
+def main(name: str, seeds: Path, corpus: Path, seconds: float, counts_file: Path) -> None:
+    """Fuzz for `seconds`, then end the process."""
     warnings.simplefilter("ignore")
     bound_memory()
     reader = next(reader for reader in READERS if reader.name == name)
     temporary = tempfile.TemporaryDirectory()
     bench = Bench(reader, seeds, Path(temporary.name), KEPT)
-    bench.run_whole()
+    bench.run_intact()
     corpus.mkdir(parents=True, exist_ok=True)
-    for number, whole in enumerate(bench.whole):
-        (corpus / f"whole-{number}").write_bytes(bytes([number]) + whole)
+    for index, content in enumerate(bench.intact):
+        (corpus / f"whole-{index}").write_bytes(bytes([index]) + content)
     last, end = 0.0, time.monotonic() + seconds
 
-    def write_answer() -> None:
-        part = answer.with_suffix(".part")
+    def write_counts() -> None:
+        part = counts_file.with_suffix(".part")
         part.write_text(json.dumps({**bench.counts, "peak MiB": peak_mib()}))
-        part.replace(answer)
+        part.replace(counts_file)
 
     def test(data: bytes) -> None:
         nonlocal last
         if data:
             bench.run(data[0] % len(bench.files), data[1:])
         now = time.monotonic()
-        if now - last > EVERY or now > end:
+        if now - last > WRITE_INTERVAL_S or now > end:
             last = now
-            write_answer()
+            write_counts()
         if now > end:
             temporary.cleanup()
             os._exit(0)
 
-    def mutate(data: bytes, most: int, seed: int) -> bytes:
+    def mutate(data: bytes, max_bytes: int, seed: int) -> bytes:
         rng = np.random.default_rng(seed)
-        number, whole = (data[:1], data[1:]) if data else (b"\0", bench.whole[0])
+        index, content = (data[:1], data[1:]) if data else (b"\0", bench.intact[0])
         if rng.random() < 0.5:
-            return (number + mutated(whole, rng))[:most]
-        return number + atheris.Mutate(whole, max(most - 1, 1))  # type: ignore[no-any-return]
+            return (index + mutated(content, rng))[:max_bytes]
+        return index + atheris.Mutate(content, max(max_bytes - 1, 1))  # type: ignore[no-any-return]
 
-    longest = GROWTH * max(map(len, bench.whole)) + 1000
-    flags = ["-verbosity=0", "-rss_limit_mb=0", "-timeout=600", f"-max_len={longest}", "-len_control=0", str(corpus)]
+    max_input = MAX_GROWTH * max(map(len, bench.intact)) + 1000
+    flags = ["-verbosity=0", "-rss_limit_mb=0", "-timeout=600", f"-max_len={max_input}", "-len_control=0", str(corpus)]
     atheris.Setup([sys.argv[0], *flags], test, custom_mutator=mutate)
     atheris.Fuzz()
 

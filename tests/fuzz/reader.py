@@ -1,4 +1,4 @@
-"""What a reader is, for the fuzzing."""
+"""Description of a reader for the fuzzing."""
 
 from __future__ import annotations
 
@@ -11,9 +11,12 @@ __all__ = ["Reader"]
 
 @dataclass(frozen=True, slots=True)
 class Reader:
-    """files : those of a seed folder that are mutated, one at a time; read : reads the folder, or raises.
+    """A reader and its files.
 
-    alone : whether each file is read for itself; then `read` is given the file in place of the folder.
+    seed : folder of intact files.
+    files : patterns of the files that are mutated, one at a time.
+    read : function that reads the folder or raises an error; its arguments are the folder and the folder of all seeds.
+    alone : whether each file is read separately; `read` then receives the file instead of the folder.
     """
 
     name: str

@@ -1,4 +1,4 @@
-"""The readers that are fuzzed: whole files of each form to start from, and what reads them."""
+"""The fuzzed readers, and intact files of each format as seeds."""
 
 from __future__ import annotations
 
@@ -28,15 +28,15 @@ def _scene(folder: Path, _seeds: Path) -> None:
 
 
 def check_scene(scene: Scene) -> None:
-    """A scene that was taken has finite numbers in it, whatever the file said."""
-    assert np.isfinite(scene.points).all(), "points that are not finite"
+    """Assert that an accepted scene has finite numbers and valid rotations."""
+    assert np.isfinite(scene.points).all(), "points are not finite"
     for view in scene.views:
-        assert np.isfinite(view.rotation).all(), "a rotation that is not finite"
-        assert np.isfinite(view.translation).all(), "a translation that is not finite"
-        assert abs(np.linalg.det(view.rotation) - 1) < 0.1, "a rotation that is none"
-        assert np.isfinite(view.keypoints).all(), "keypoints that are not finite"
+        assert np.isfinite(view.rotation).all(), "rotation is not finite"
+        assert np.isfinite(view.translation).all(), "translation is not finite"
+        assert abs(np.linalg.det(view.rotation) - 1) < 0.1, "rotation has a determinant other than 1"
+        assert np.isfinite(view.keypoints).all(), "keypoints are not finite"
     if scene.dense is not None:
-        assert np.isfinite(scene.dense.points).all(), "a cloud that is not finite"
+        assert np.isfinite(scene.dense.points).all(), "dense cloud is not finite"
 
 
 def _instances(name: str) -> Callable[[Path, Path], None]:
@@ -50,25 +50,25 @@ def _instances(name: str) -> Callable[[Path, Path], None]:
 
 
 def check_instance(scene: Scene, instance: Instance) -> None:
-    """An instance that was taken lies in its picture, and has a name and a score."""
+    """Assert that an accepted instance is inside its image and has a category and a valid score."""
     camera = scene.views[instance.view].camera
     height, width = instance.mask.shape
-    assert instance.mask.any(), "an empty mask"
-    assert 0 <= instance.origin[0] <= camera.width - width, "a mask outside its picture"
-    assert 0 <= instance.origin[1] <= camera.height - height, "a mask outside its picture"
+    assert instance.mask.any(), "empty mask"
+    assert 0 <= instance.origin[0] <= camera.width - width, "mask outside its image"
+    assert 0 <= instance.origin[1] <= camera.height - height, "mask outside its image"
     assert instance.category.strip(), "no category"
-    assert 0 <= instance.score <= 1, "a score that is none"
+    assert 0 <= instance.score <= 1, "score outside 0 to 1"
 
 
 def _objects(folder: Path, _seeds: Path) -> None:
     for item in read_objects(folder / "objects.json"):
         sizes = item.extents[~np.isnan(item.extents)]
-        assert ((sizes > 0) & np.isfinite(sizes)).all(), "a size that is none"
+        assert ((sizes > 0) & np.isfinite(sizes)).all(), "size is not positive and finite"
 
 
 def _lengths(folder: Path, _seeds: Path) -> None:
     for length in parse_known_lengths([str(folder / "lengths.txt")]):
-        assert np.isfinite(length.log_scale), "a length that is none"
+        assert np.isfinite(length.log_scale), "length is not positive and finite"
 
 
 def _truth(folder: Path, _seeds: Path) -> None:
@@ -104,7 +104,7 @@ READERS = (
 
 
 def write_seeds(folder: Path) -> None:
-    """A whole folder of each form."""
+    """Write a folder of intact files in each format."""
     write_small_scene(folder / "small", small_model())
     scene = read_scene(folder / "small" / "colmap", "none")
     for program in EXPORTS:

@@ -1,4 +1,4 @@
-"""The readers of what `insert-object` and the other evidence of `estimate-scale` are given."""
+"""Readers of the inputs of `insert-object`, and of the evidence files of `estimate-scale`."""
 
 from __future__ import annotations
 
@@ -35,27 +35,27 @@ __all__ = ["VIDEO_READERS", "write_video_seeds"]
 def _model(folder: Path, _seeds: Path) -> None:
     for file in sorted(folder.glob("model*")):
         model = read_model(file)
-        assert np.isfinite(model.extents).all(), "a size that is not finite"
+        assert np.isfinite(model.extents).all(), "size is not finite"
         for part in model.meshes:
-            _check_part(part)
+            _check_mesh(part)
 
 
-def _check_part(part: Mesh) -> None:
+def _check_mesh(part: Mesh) -> None:
     count, material = len(part.vertices), part.material
-    assert not len(part.faces) or (part.faces.min() >= 0 and part.faces.max() < count), "a face without corners"
-    assert part.normals.shape == part.vertices.shape, "corners without normals"
-    assert part.uv.shape == (count, 2), "corners without texture coordinates"
+    assert not len(part.faces) or (part.faces.min() >= 0 and part.faces.max() < count), "face with an invalid vertex"
+    assert part.normals.shape == part.vertices.shape, "vertices without normals"
+    assert part.uv.shape == (count, 2), "vertices without texture coordinates"
     numbers = [*material.base_color, *material.emissive, material.metallic, material.roughness]
-    assert len(numbers) == 9, "a colour of another length"
+    assert len(numbers) == 9, "colour with a wrong number of channels"
     for values in (part.vertices, part.normals, part.uv, numbers):
-        assert np.isfinite(values).all(), "a number that is not finite"
+        assert np.isfinite(values).all(), "number is not finite"
 
 
 def _video(file: Path, _seeds: Path) -> None:
     video, last = Video(file), -np.inf
     for frame in video.frames():
-        assert frame.colour.shape == (video.height, video.width, 3), "a frame of another size"
-        assert last < frame.time_s < np.inf, "a time that does not grow"
+        assert frame.colour.shape == (video.height, video.width, 3), "frame has another size than the video"
+        assert last < frame.time_s < np.inf, "times do not increase"
         last = frame.time_s
         if frame.index >= 20:
             break
@@ -68,41 +68,41 @@ def _scene(folder: Path) -> Scene:
 
 def _gps(folder: Path, seeds: Path) -> None:
     scene = _scene(seeds / "small" / "colmap")
-    unmeasured: Any = SimpleNamespace(up=None)  # that the scene says nothing of up
+    unmeasured: Any = SimpleNamespace(up=None)  # a scene without an up vector
     for source in (Gps(folder / "metres.csv"), Gps(folder / "degrees.csv"), Gps("exif", folder / "images")):
         for row in source.observe(scene, unmeasured):
-            assert row.scale is None or (np.isfinite(row.scale) and row.scale > 0), "a scale that is none"
+            assert row.scale is None or (np.isfinite(row.scale) and row.scale > 0), "scale is not positive and finite"
 
 
 def _depth(file: Path, _seeds: Path) -> None:
-    assert read_depth(file).size, "an empty map"
+    assert read_depth(file).size, "empty depth map"
 
 
-def _picture(file: Path, _seeds: Path) -> None:
+def _image(file: Path, _seeds: Path) -> None:
     for flags in (cv2.IMREAD_COLOR | cv2.IMREAD_IGNORE_ORIENTATION, cv2.IMREAD_UNCHANGED):
         pixels = read_picture(file, flags)
-        assert pixels is None or pixels.size, "an empty picture"
+        assert pixels is None or pixels.size, "empty image"
 
 
 def _answers(folder: Path, _seeds: Path) -> None:
     curve = curve_of(read_answers(folder / "answers.json"))
-    assert np.isfinite([curve.observer.peak, curve.observer.noticeable]).all(), "a curve that is none"
+    assert np.isfinite([curve.observer.peak, curve.observer.noticeable]).all(), "curve is not finite"
 
 
 def _scale(folder: Path, _seeds: Path) -> None:
     scale = read_scale(folder, None)
-    assert 0 < scale.metres_per_unit < np.inf, "a scale that is none"
+    assert 0 < scale.metres_per_unit < np.inf, "scale is not positive and finite"
     for bound in (scale.low, scale.high):
-        assert bound is None or 0 < bound < np.inf, "an interval that is none"
+        assert bound is None or 0 < bound < np.inf, "interval is not positive and finite"
 
 
 def _detector(folder: Path, _seeds: Path) -> None:
     detector = load_detector(folder / "paint.onnx", folder / "labels.txt")
-    picture = np.zeros((24, 32, 3), dtype=np.uint8)
-    picture[4:9, 5:9, 0] = 255
-    seen = detector(picture)
-    assert all(mask.shape == (24, 32) and mask.dtype == bool for mask in seen.masks), "a mask of another size"
-    assert len(seen.masks) == len(seen.scores) == len(seen.labels), "lists of different lengths"
+    image = np.zeros((24, 32, 3), dtype=np.uint8)
+    image[4:9, 5:9, 0] = 255
+    result = detector(image)
+    assert all(mask.shape == (24, 32) and mask.dtype == bool for mask in result.masks), "mask has a wrong shape"
+    assert len(result.masks) == len(result.scores) == len(result.labels), "lists have different lengths"
 
 
 VIDEO_READERS = (
@@ -110,7 +110,7 @@ VIDEO_READERS = (
     Reader("video", "videos", ("video.*",), _video, alone=True),
     Reader("gps", "gps", ("*.csv", "images/*"), _gps),
     Reader("depth", "depth", ("depth.*",), _depth, alone=True),
-    Reader("picture", "pictures", ("picture.*",), _picture, alone=True),
+    Reader("picture", "pictures", ("picture.*",), _image, alone=True),
     Reader("answers", "answers", ("answers.json",), _answers),
     Reader("scale-of-result", "result", ("result.json",), _scale),
     Reader("detector", "detector", ("*",), _detector),
@@ -118,13 +118,13 @@ VIDEO_READERS = (
 
 
 def write_video_seeds(folder: Path, scene: Scene) -> None:
-    """A whole folder of each form; scene : whose views the positions are of."""
+    """Write a folder of intact files in each format, with positions of the views of a scene."""
     for part in ("models", "videos", "gps", "depth", "answers", "result", "detector"):
         (folder / part).mkdir(parents=True)
     _write_models(folder / "models")
-    pictures = [np.full((48, 64, 3), 12 * row, dtype=np.uint8) for row in range(8)]
-    write_video(folder / "videos" / "video.mp4", pictures, times_of(8), turned_deg=90)
-    write_video(folder / "videos" / "video.webm", pictures, times_of(8), codec="libvpx-vp9")
+    images = [np.full((48, 64, 3), 12 * row, dtype=np.uint8) for row in range(8)]
+    write_video(folder / "videos" / "video.mp4", images, times_of(8), turned_deg=90)
+    write_video(folder / "videos" / "video.webm", images, times_of(8), codec="libvpx-vp9")
     _write_positions(folder / "gps", scene)
     depth = np.linspace(0.5, 3, 48).reshape(6, 8)
     np.save(folder / "depth" / "depth.npy", depth.astype(np.float32))
@@ -141,7 +141,7 @@ def write_video_seeds(folder: Path, scene: Scene) -> None:
 
 
 def _write_models(folder: Path) -> None:
-    """A GLB with a texture, and a glTF with its buffer and its texture beside it."""
+    """Write a GLB file with a texture, and a glTF file with separate buffer and texture."""
     import trimesh
 
     box = trimesh.creation.box((0.4, 0.5, 0.6))
@@ -158,7 +158,7 @@ def _write_models(folder: Path) -> None:
 
 
 def _write_positions(folder: Path, scene: Scene) -> None:
-    """Tables of metres and of degrees, and pictures with EXIF, for the views of a scene."""
+    """Write tables in metres and in degrees, and images with EXIF positions, for the views of a scene."""
     (folder / "images").mkdir()
     metres = ["name,x,y,z"] + [f"{v.name},{','.join(map(str, 0.4 * v.centre))}" for v in scene.views]
     degrees = ["name,lat,lon,alt"]

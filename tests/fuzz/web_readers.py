@@ -1,4 +1,4 @@
-"""The readers of what a crawl, an import and a build are given: pages, pictures, raw items, declarations, releases."""
+"""Readers of the inputs of crawls, imports and builds: pages, images, raw items, declarations, releases."""
 
 from __future__ import annotations
 
@@ -31,12 +31,12 @@ from tests.synthetic.raw_fixture import synthetic_items
 
 __all__ = ["WEB_READERS", "write_web_seeds"]
 
-#: Examples that ship: a page with the declaration of its site, a table with that of its source.
+#: Shipped examples: a page with the declaration of its site, and a table with the declaration of its source.
 EXAMPLES = data_folder() / "examples"
 #: Six of the synthetic shop pages, with tables, lists and structured data.
 SHOP_PAGES = sorted((Path(__file__).parents[1] / "crawler" / "page" / "shops").glob("*.html"))[::50]
-#: Names that are read of a file of words: an unknown one takes up to a second.
-LINES = 3
+#: Maximum number of lines that are read from a file of names, because an unknown name takes up to a second.
+MAX_LINES = 3
 URL = "https://www.lamps.example/p/17"
 
 
@@ -50,8 +50,8 @@ def _page(file: Path, _seeds: Path) -> None:
 
 
 def _check_item(line: str) -> None:
-    """What a page gave is a raw item that can be written and read again."""
-    assert RawItem.from_line(line.encode()).line() == line, "an item that changes when it is read again"
+    """Assert that a raw item is unchanged after it is written and read."""
+    assert RawItem.from_line(line.encode()).line() == line, "item changes when it is written and read"
 
 
 def _raw_items(file: Path, _seeds: Path) -> None:
@@ -92,7 +92,7 @@ def _release(folder: Path, _seeds: Path) -> None:
 
 
 def _sign(folder: Path) -> None:
-    """Write the sizes and checksums of the tables into the manifest, if it can be read: a stranger can, too."""
+    """Write the sizes and checksums of the tables to the manifest, if it is valid JSON, as an attacker can do."""
     path = folder / MANIFEST
     try:
         manifest = json.loads(path.read_bytes())
@@ -110,17 +110,17 @@ def _tree() -> Tree:
 
 def _words(folder: Path, _seeds: Path) -> None:
     text = (folder / "words.txt").read_bytes().decode("utf-8", "surrogateescape")
-    for line in text.split("\n")[:LINES]:
+    for line in text.split("\n")[:MAX_LINES]:
         with suppress(UnknownName):
-            assert _tree().resolve(line).node.node_id in _tree(), "no node"
+            assert _tree().resolve(line).node.node_id in _tree(), "node is not in the tree"
         _tree().search(line, 3)
 
 
-def _crawl_picture(file: Path, _seeds: Path) -> None:
-    kept = file.parent / "kept"
-    answer = picture(file.read_bytes(), URL, "a:b", kept)
-    assert isinstance(answer, str) or (kept / answer.path).is_file(), "no file of a picture that was taken"
-    shutil.rmtree(kept, ignore_errors=True)
+def _crawl_image(file: Path, _seeds: Path) -> None:
+    folder = file.parent / "kept"
+    result = picture(file.read_bytes(), URL, "a:b", folder)
+    assert isinstance(result, str) or (folder / result.path).is_file(), "no file of an accepted image"
+    shutil.rmtree(folder, ignore_errors=True)
 
 
 WEB_READERS = (
@@ -130,18 +130,18 @@ WEB_READERS = (
     Reader("source", "source", ("lamps.toml", "lamps.csv"), _source),
     Reader("release", "release", ("manifest.json", "*.parquet"), _release),
     Reader("words", "words", ("words.txt",), _words),
-    Reader("crawl-picture", "pictures", ("picture.*",), _crawl_picture, alone=True),
+    Reader("crawl-picture", "pictures", ("picture.*",), _crawl_image, alone=True),
 )
 
 
 def write_web_seeds(folder: Path) -> None:
-    """A whole folder of each form."""
+    """Write a folder of intact files in each format."""
     for part in ("pages", "raw", "words", "pictures"):
         (folder / part).mkdir(parents=True)
-    for number, path in enumerate(SHOP_PAGES):
+    for index, path in enumerate(SHOP_PAGES):
         text = path.read_text(encoding="utf-8").replace('<meta charset="utf-8">', "")
-        body = text.encode("utf-16" if number == 0 else "utf-8")
-        (folder / "pages" / f"page{number}").write_bytes(gzip.compress(body) if number == 1 else body)
+        body = text.encode("utf-16" if index == 0 else "utf-8")
+        (folder / "pages" / f"page{index}").write_bytes(gzip.compress(body) if index == 1 else body)
     lines = "".join(item.line() + "\n" for item in synthetic_items(2))
     (folder / "raw" / "made.jsonl").write_text(lines)
     (folder / "raw" / "packed.jsonl.gz").write_bytes(gzip.compress(lines.encode()))

@@ -93,7 +93,7 @@ KEPT = (
 TRIED: Counter[str] = Counter()
 
 
-def _command(name: str) -> Callable[[list[str]], int]:
+def command_of(name: str) -> Callable[[list[str]], int]:
     from metric_cli.estimate_scale.estimate import main as estimate_main
     from metric_cli.subcommands import main as tree_main
 
@@ -244,7 +244,7 @@ def test_a_whole_command_replaces_no_input_and_no_file_of_others(
     shutil.copytree(inputs, place)
     monkeypatch.chdir(place)
     monkeypatch.setenv("METRIC_TREE_CACHE", str(tmp_path / "cache"))
-    walk = _Walk(_command(name), _words(name, action), action.option_strings[:1], place)
+    walk = _Walk(command_of(name), _words(name, action), action.option_strings[:1], place)
     keys = [*walk.option, str(action.metavar), name]
     ending = next((ENDINGS[key] for key in keys if key in ENDINGS), ".json")
     source = next(iter(walk.files()), "objects.json")

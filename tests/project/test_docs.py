@@ -1,4 +1,4 @@
-"""Documents say what is true: links lead somewhere, commands and snippets run, generated pages are current."""
+"""Links and paths of the documents exist, commands and snippets run, and generated pages are current."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ from metric_cli.subcommands import parser_of
 from tests.project.test_imports import PACKAGES
 
 ROOT = Path(__file__).resolve().parents[2]
-ROOMS = (
+FOLDERS = (
     "crawler",
     "taxonomy",
     "metric_tree",
@@ -32,17 +32,17 @@ ROOMS = (
     "benchmarks",
     "data",
 )
-#: Written by the first use of a command, or in the wheel only.
-WRITTEN = {"data/taxonomy/decisions/recorded.jsonl", "metric_tree/data"}
+#: Files that a command creates at its first use, or that are only in the wheel.
+CREATED = {"data/taxonomy/decisions/recorded.jsonl", "metric_tree/data"}
 PAGES = sorted(
     [*ROOT.glob("*.md"), *(ROOT / "docs").rglob("*.md"), *(ROOT / "data").glob("*.md"),
      *(path for folder in ("scenes", "models", "sources", "taxonomy", "curated")
        for path in (ROOT / "data" / folder).rglob("README.md"))]
 )  # fmt: skip
 CODE = sorted(path for package in (*PACKAGES, "benchmarks") for path in (ROOT / package).rglob("*.py"))
-#: Documents of others, and words for what only those who wrote the code have seen.
+#: Documents and terms that are not part of the repository.
 FOREIGN = re.compile(r"\b(methods|contracts|layout|style|peers|stack)\.md\b|\bthe issue(?!s)\b|\bthe contract\b")
-#: A block of commands that are run as they are written, in a folder that holds the repository's `data`.
+#: Blocks of commands that are run unchanged in a folder with the repository's `data`.
 CONSOLE = re.compile(r"^```console\n(.*?)^```", re.MULTILINE | re.DOTALL)
 #: The same with the output that the page shows below it, if any.
 SHOWN = re.compile(r"^```console\n(.*?)^```(?:\n```text\n(.*?)^```)?", re.MULTILINE | re.DOTALL)
@@ -56,7 +56,7 @@ MAX_SHOWN_DIFFERENCE = 0.02
 MAX_README_WORDS = 900
 PYTHON = re.compile(r"^```python\n(.*?)^```", re.MULTILINE | re.DOTALL)
 LINK = re.compile(r"\]\(([^)\s]+)\)")
-#: A benchmark that a document or a comment names as a command.
+#: Benchmarks in commands of documents and comments.
 BENCHMARK = re.compile(r"python -m\s+(benchmarks(?:\.\w+)+)")
 VARIABLE = re.compile(r"\bMETRIC_TREE_[A-Z_]+\b")
 
@@ -66,25 +66,25 @@ def _name(path: Path) -> str:
 
 
 @pytest.mark.parametrize("page", PAGES, ids=_name)
-def test_links_lead_to_files(page: Path) -> None:
+def test_targets_of_local_links_exist(page: Path) -> None:
     targets = [link.partition("#")[0] for link in LINK.findall(page.read_text(encoding="utf-8"))]
     local = [target for target in targets if target and "://" not in target and not target.startswith("mailto:")]
     assert [target for target in local if not (page.parent / target).exists()] == []
 
 
 @pytest.mark.parametrize("page", [page for page in PAGES if page.name != "CHANGELOG.md"], ids=_name)
-def test_files_that_a_page_names_are_there(page: Path) -> None:
-    named = re.findall(rf"`((?:{'|'.join(ROOMS)})/[\w./-]+)`", page.read_text(encoding="utf-8"))
+def test_paths_in_a_page_exist(page: Path) -> None:
+    named = re.findall(rf"`((?:{'|'.join(FOLDERS)})/[\w./-]+)`", page.read_text(encoding="utf-8"))
     assert [
         name
         for name in named
-        if name not in WRITTEN and not any((folder / name).exists() for folder in (ROOT, page.parent))
+        if name not in CREATED and not any((folder / name).exists() for folder in (ROOT, page.parent))
     ] == []
 
 
 @pytest.mark.parametrize("page", [page for page in PAGES if BENCHMARK.search(page.read_text("utf-8"))], ids=_name)
-def test_benchmarks_that_a_page_names_import(page: Path) -> None:
-    """Every number in a document keeps its command."""
+def test_benchmarks_in_a_page_can_be_imported(page: Path) -> None:
+    """The commands that print the numbers of a document must exist."""
     for name in sorted(set(BENCHMARK.findall(page.read_text(encoding="utf-8")))):
         module = importlib.import_module(name)
         if hasattr(module, "__path__"):
@@ -92,15 +92,15 @@ def test_benchmarks_that_a_page_names_import(page: Path) -> None:
         assert callable(module.main), name
 
 
-def test_code_cites_only_documents_that_are_here() -> None:
-    cited = {}
+def test_code_refers_only_to_existing_documents() -> None:
+    wrong = {}
     for path in CODE:
         text = path.read_text(encoding="utf-8")
-        gone = [name for name in re.findall(r"\bdocs/[\w/.-]+?\.md\b", text) if not (ROOT / name).is_file()]
-        bad = gone + [match.group() for match in FOREIGN.finditer(text)]
-        if bad:
-            cited[_name(path)] = bad
-    assert cited == {}
+        missing = [name for name in re.findall(r"\bdocs/[\w/.-]+?\.md\b", text) if not (ROOT / name).is_file()]
+        references = missing + [match.group() for match in FOREIGN.finditer(text)]
+        if references:
+            wrong[_name(path)] = references
+    assert wrong == {}
 
 
 def test_generated_pages_are_current() -> None:
@@ -113,7 +113,7 @@ def test_generated_pages_are_current() -> None:
     assert stale == "", "run `make reference`"
 
 
-def test_the_drawing_of_the_packages_is_current() -> None:
+def test_drawing_of_the_packages_is_current() -> None:
     code = (
         "import sys; sys.path.insert(0, 'docs'); import draw_architecture; print(draw_architecture.drawing(), end='')"
     )
@@ -121,7 +121,7 @@ def test_the_drawing_of_the_packages_is_current() -> None:
     assert drawn == (ROOT / "docs/images/architecture.svg").read_text(encoding="utf-8"), "run `make reference`"
 
 
-def test_every_environment_variable_is_documented() -> None:
+def test_environment_page_lists_exactly_the_variables_of_the_code() -> None:
     used = {name for path in CODE for name in VARIABLE.findall(path.read_text(encoding="utf-8"))}
     page = (ROOT / "docs" / "reference" / "environment.md").read_text(encoding="utf-8")
     assert used - set(VARIABLE.findall(page)) == set()
@@ -183,8 +183,8 @@ def _agrees(shown: str, printed: str) -> bool:
 @pytest.mark.parametrize(
     "page", [page for page in PAGES if CONSOLE.search(page.read_text(encoding="utf-8"))], ids=_name
 )
-def test_commands_run_as_written(page: Path, tmp_path: Path) -> None:
-    """Commands after `$ ` run in one folder, in order, with status 0, and print the lines that the page shows."""
+def test_commands_of_a_page_end_with_status_zero_and_print_the_shown_lines(page: Path, tmp_path: Path) -> None:
+    """The commands after `$ ` run in one folder, in order."""
     (tmp_path / "data").symlink_to(ROOT / "data")
     environment = os.environ | {
         "PATH": f"{Path(sys.executable).parent}{os.pathsep}{os.environ['PATH']}",
@@ -204,8 +204,8 @@ def test_commands_run_as_written(page: Path, tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize("page", [page for page in PAGES if PYTHON.search(page.read_text(encoding="utf-8"))], ids=_name)
-def test_snippets_run_as_written(page: Path, tmp_path: Path) -> None:
-    """The Python blocks of a page run one after the other in one process."""
+def test_python_snippets_of_a_page_run(page: Path, tmp_path: Path) -> None:
+    """The Python blocks of a page run in one process, in order."""
     (tmp_path / "data").symlink_to(ROOT / "data")
     code = "\n".join(PYTHON.findall(page.read_text(encoding="utf-8")))
     if page.name == "api.md":  # signatures, not programs

@@ -1,4 +1,4 @@
-"""The documentation's site: notebooks that run, links that leave the pages, formulas."""
+"""The hooks of the documentation site convert notebooks, links to the repository and formulas."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ def hooks() -> ModuleType:
     return module
 
 
-def test_a_tutorial_runs_as_a_notebook(hooks: ModuleType, capsys: pytest.CaptureFixture[str]) -> None:
+def test_tutorial_runs_as_a_notebook(hooks: ModuleType, capsys: pytest.CaptureFixture[str]) -> None:
     record = hooks.notebook((ROOT / "docs" / "tutorial" / "first-tree.md").read_text(encoding="utf-8"))
     assert record["nbformat"] == 4
     codes = [cell["source"] for cell in record["cells"] if cell["cell_type"] == "code"]
@@ -30,10 +30,10 @@ def test_a_tutorial_runs_as_a_notebook(hooks: ModuleType, capsys: pytest.Capture
     for code in codes[1:]:
         exec(compile(code, "cell", "exec"), names)
     assert "swivel chair" in capsys.readouterr().out
-    assert any("```sh" in cell["source"] for cell in record["cells"])  # what is only read stays text
+    assert any("```sh" in cell["source"] for cell in record["cells"])  # shell blocks that are not run remain text
 
 
-def test_links_that_leave_the_pages_lead_to_the_repository(hooks: ModuleType) -> None:
+def test_links_outside_the_pages_point_to_the_repository(hooks: ModuleType) -> None:
     folder = ROOT / "docs" / "how-to"
     text = hooks.repository_links("[a](../../README.md#x) [b](evidence.md) [c](https://example.org)", folder)
     assert text == f"[a]({hooks.REPOSITORY}README.md#x) [b](evidence.md) [c](https://example.org)"
@@ -44,9 +44,9 @@ def test_links_that_leave_the_pages_lead_to_the_repository(hooks: ModuleType) ->
 
 @pytest.mark.skipif(
     importlib.util.find_spec("latex2mathml") is None,
-    reason="latex2mathml is not installed; it is of the extra `docs`, in the environment of `make docs`",
+    reason="latex2mathml is not installed; it is in the dependency group `docs` (`make docs`)",
 )
-def test_formulas_are_mathml(hooks: ModuleType) -> None:
+def test_formulas_are_converted_to_mathml(hooks: ModuleType) -> None:
     page = hooks.on_page_content('<span class="arithmatex">\\(a &lt; b_1\\)</span>')
     assert page.startswith("<math")
     assert "msub" in page

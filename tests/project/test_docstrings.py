@@ -1,4 +1,4 @@
-"""Docstrings of functions that take or return arrays state the shapes, also of private functions."""
+"""Docstrings of functions with array parameters or results state the shapes, also for private functions."""
 
 from __future__ import annotations
 
@@ -11,16 +11,16 @@ from pathlib import Path
 ROOT = Path(__file__).resolve().parents[2]
 PACKAGES = ("crawler", "taxonomy", "metric_tree", "metric_base", "models3d", "estimator", "capture", "insertion")
 
-#: Names of annotations that are arrays.
+#: Annotations of arrays.
 ARRAY = re.compile(r"\b(NDArray|Arrays|ndarray|(Float|Int|Bool)Array|FloatPicture|GreyPicture|Linear|Grey|RGB)\b")
 #: One side of a shape: `n`, `3`, `H'`, `...`, `pieces + 1`, `3 or 4`, `PARAMETERS`.
 _SIDE = r"(\.\.\.|[A-Za-z]'?|\d+( or \d+)?|[A-Z]{2,}|(\d )?\(?\w+ [+-] \d+\)?|\d \w|\d?[a-z])"
-#: `(n, 3)`, `(h, w)`, `(3,)`, `(k, 3, 3)`; or words where every shape will do.
+#: `(n, 3)`, `(h, w)`, `(3,)`, `(k, 3, 3)`; or words for arbitrary shapes.
 SHAPE = re.compile(rf"\({_SIDE},( {_SIDE},?)*\)|\bscalars?\b|\bany shape\b|\bsame shape\b")
 
 
 def array_functions() -> Iterator[tuple[str, str, str]]:
-    """(place, name, docstring) of the functions whose annotations name an array, public and private."""
+    """Yield (location, name, docstring) of the public and private functions with array annotations."""
     for file, tree in _trees().items():
         yield from _functions(file, tree)
 
@@ -32,7 +32,7 @@ def _trees() -> dict[Path, ast.Module]:
 
 
 def _functions(file: Path, body: ast.Module | ast.ClassDef) -> Iterator[tuple[str, str, str]]:
-    """Those of a module or a class; a function within a function is part of that one."""
+    """Yield the functions of a module or a class, without nested functions."""
     for node in body.body:
         if isinstance(node, ast.ClassDef):
             yield from _functions(file, node)
@@ -44,7 +44,7 @@ def _functions(file: Path, body: ast.Module | ast.ClassDef) -> Iterator[tuple[st
                 yield f"{file.relative_to(ROOT)}:{node.lineno}", node.name, ast.get_docstring(documented) or ""
 
 
-def test_functions_name_the_shapes_of_their_arrays() -> None:
+def test_docstrings_state_the_shapes_of_arrays() -> None:
     functions = list(array_functions())
     assert sum(name.startswith("_") for _, name, _ in functions) > 100
-    assert [f"{place} {name}" for place, name, text in functions if not SHAPE.search(text)] == []
+    assert [f"{location} {name}" for location, name, text in functions if not SHAPE.search(text)] == []

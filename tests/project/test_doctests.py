@@ -1,4 +1,4 @@
-"""Examples in docstrings run, and every public function has one."""
+"""Examples in docstrings run, and every public function has an example."""
 
 from __future__ import annotations
 
@@ -24,10 +24,10 @@ MODULES = sorted(
 @pytest.mark.parametrize("name", MODULES)
 def test_examples_run(name: str, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.chdir(ROOT)  # examples read the shipped scene, `data/scenes/demo_room`
-    failed, tried = doctest.testmod(
+    failed, attempted = doctest.testmod(
         importlib.import_module(name), optionflags=doctest.NORMALIZE_WHITESPACE | doctest.ELLIPSIS
     )
-    assert tried > 0
+    assert attempted > 0
     assert failed == 0
 
 
@@ -40,8 +40,8 @@ def test_every_public_function_has_an_example(package: str) -> None:
 
 
 def test_every_public_name_has_a_docstring() -> None:
-    """Of each package's `__all__`, and of what each module's `__all__` lists."""
-    silent = []
+    """Public names are the names in `__all__` of packages and modules."""
+    undocumented = []
     for package in PACKAGES:
         for path in (ROOT / package).rglob("*.py"):
             tree = ast.parse(path.read_text(encoding="utf-8"))
@@ -52,11 +52,11 @@ def test_every_public_name_has_a_docstring() -> None:
                 for element in getattr(node.value, "elts", [])
                 if isinstance(element, ast.Constant)
             }
-            silent += [
+            undocumented += [
                 f"{path.relative_to(ROOT)}:{node.name}"
                 for node in tree.body
                 if isinstance(node, ast.FunctionDef | ast.ClassDef)
                 and node.name in public
                 and not ast.get_docstring(node)
             ]
-    assert silent == []
+    assert undocumented == []

@@ -1,4 +1,4 @@
-"""The commands of how-to pages run, with small files under the names that a page uses."""
+"""The commands of the how-to pages run, with small files in folder of the files that a page names."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ import metric_tree
 from benchmarks.user_study.answers import ANSWERS_SCHEMA
 from explorer.server.app import application
 from metric_cli.estimate_scale.estimate import main as estimate_scale
-from tests.metric_cli.test_paths import _command
+from tests.metric_cli.test_paths import command_of
 from tests.synthetic.insertions import write_glb
 from tests.synthetic.minitree import release
 from tests.synthetic.rooms.solids import box
@@ -25,9 +25,9 @@ ROOT = Path(__file__).resolve().parents[2]
 BLOCK = re.compile(r"^```(?:sh|console)\n(.*?)^```", re.MULTILINE | re.DOTALL)
 PROGRAM = re.compile(r"(?:\$ )?(metric-tree|estimate-scale|insert-object) ")
 ADDRESS = re.compile(r"^curl .*?http://127\.0\.0\.1:8000([^'\s]*)", re.MULTILINE)
-#: The reader's own video, which another page's test reconstructs; a place in it; the shipped release, which is slow to
-#: write out; a server, which does not end.
-STAND_INS = {
+#: Replacements of commands that are slow (a reconstruction, which the test of another page runs; the site of the
+#: shipped release), that depend on the user's files, or that do not end (a server).
+REPLACEMENTS = {
     r"^estimate-scale (video\.mp4|data/scenes/walk_carpark/video\.mp4|data/scenes/lund_street).*": "",
     r"^insert-object walk .*": "",
     r"^metric-tree query \"office chair\"": "",
@@ -41,46 +41,47 @@ STAND_INS = {
 }
 
 
-def _scene(place: Path) -> None:
-    (place / "SCENE").symlink_to(ROOT / "data" / "scenes" / "demo_room")
-    (place / "pictures").symlink_to(ROOT / "data" / "scenes" / "demo_room" / "images")
+def _scene(folder: Path) -> None:
+    (folder / "SCENE").symlink_to(ROOT / "data" / "scenes" / "demo_room")
+    (folder / "pictures").symlink_to(ROOT / "data" / "scenes" / "demo_room" / "images")
 
 
-def _insertions(place: Path) -> None:
-    """Two views of the demo room, with its scale, as a scene and as a work folder; one person's answers."""
+def _insertions(folder: Path) -> None:
+    """Write two views of the demo room with its scale (scene and work folder), models, and answers of a participant."""
     import pycolmap
 
-    work = place / "work"
+    work = folder / "work"
     shutil.copytree(ROOT / "data" / "scenes" / "demo_room", work)
     (model,) = {path.parent for path in work.rglob("images.bin")}
     reconstruction = pycolmap.Reconstruction(str(model))
     for image in sorted(reconstruction.images.values(), key=lambda image: image.name)[2:]:
         reconstruction.deregister_frame(image.frame_id)
     reconstruction.write(str(model))
-    (place / "SCENE").symlink_to(work)
+    (folder / "SCENE").symlink_to(work)
     assert estimate_scale([str(work), "--output", str(work / "result.json"), "--quiet"]) == 0
-    write_glb(box((-0.25, 0.25), (-0.25, 0.25), (0, 0.9), "wood"), place / "chair.glb")
-    write_glb(box((-0.02, 0.02), (-0.02, 0.02), (0, 0.05), "wood"), place / "cushion.glb")
+    write_glb(box((-0.25, 0.25), (-0.25, 0.25), (0, 0.9), "wood"), folder / "chair.glb")
+    write_glb(box((-0.02, 0.02), (-0.02, 0.02), (0, 0.05), "wood"), folder / "cushion.glb")
     rows = [{"step": step, "answer": answer} for step, answer in ((-30, "too small"), (0, "right"), (30, "too large"))]
     answers = {"schema": ANSWERS_SCHEMA, "participant": "p", "study": "s", "object": "chair", "answers": rows}
-    (place / "ANSWERS").write_text(json.dumps(answers))
+    (folder / "ANSWERS").write_text(json.dumps(answers))
 
 
-def _releases(place: Path) -> None:
-    """Two small releases under the names of the page."""
+def _releases(folder: Path) -> None:
+    """Write two small releases with the names of the page."""
     for version in ("1.0.0", "2.0.0"):
-        release(place / "releases" / version, manifest=lambda fields, version=version: fields.update(version=version))
+        release(folder / "releases" / version, manifest=lambda fields, version=version: fields.update(version=version))
 
 
-def _models(place: Path) -> None:
-    write_glb(box((-0.25, 0.25), (-0.25, 0.25), (0, 0.9), "wood"), place / "chair.glb")
-    (place / "props").mkdir()
+def _models(folder: Path) -> None:
+    write_glb(box((-0.25, 0.25), (-0.25, 0.25), (0, 0.9), "wood"), folder / "chair.glb")
+    (folder / "props").mkdir()
     for name in ("props/chair.glb", "generated.glb"):
-        shutil.copy(place / "chair.glb", place / name)
-    (place / "mesh.obj").write_text("v 0 0 0\nv 0.6 0 0\nv 0.6 1.1 0.6\nf 1 2 3\n")
+        shutil.copy(folder / "chair.glb", folder / name)
+    (folder / "mesh.obj").write_text("v 0 0 0\nv 0.6 0 0\nv 0.6 1.1 0.6\nf 1 2 3\n")
 
 
-#: Pages, what they need, and the exit statuses of their commands: `check-asset` ends with 3 for a wrong model.
+#: For each page, a function that writes its files, and the expected exit statuses; `check-asset` returns 3 for a model
+#: with a wrong size.
 RUNS: dict[str, tuple[Callable[[Path], None], set[int]]] = {
     "docs/how-to/check-a-model.md": (_models, {0, 3}),
     "docs/how-to/evidence.md": (_scene, {0, 3}),
@@ -94,23 +95,25 @@ RUNS: dict[str, tuple[Callable[[Path], None], set[int]]] = {
 
 @pytest.mark.slow
 @pytest.mark.parametrize("name", RUNS)
-def test_the_commands_of_a_how_to_run(name: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_commands_of_a_how_to_end_with_an_expected_status(
+    name: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     prepare, statuses = RUNS[name]
     prepare(tmp_path)
     monkeypatch.chdir(tmp_path)
     page = (ROOT / name).read_text(encoding="utf-8").replace("\\\n", " ")
-    for pattern, stand_in in STAND_INS.items():
-        page = re.sub(pattern, stand_in, page, flags=re.MULTILINE)
+    for pattern, replacement in REPLACEMENTS.items():
+        page = re.sub(pattern, replacement, page, flags=re.MULTILINE)
     lines = [line for block in BLOCK.findall(page) for line in block.splitlines() if PROGRAM.match(line)]
     assert lines
     for line in lines:
         words = shlex.split(line.removeprefix("$ ").partition(" >")[0], comments=True)
         n_names = 2 if words[0] == "metric-tree" else 1
-        status = _command(" ".join(words[:n_names]))(words[n_names:])
+        status = command_of(" ".join(words[:n_names]))(words[n_names:])
         assert status in (statuses | {1} if "--fail-over" in line else statuses), line
 
 
-def test_the_addresses_of_the_explorers_page_answer() -> None:
+def test_addresses_of_the_explorer_page_have_status_200() -> None:
     page = (ROOT / "docs" / "how-to" / "explorer.md").read_text(encoding="utf-8")
     client = TestClient(application([metric_tree.open()]))
     addresses = ADDRESS.findall(page)

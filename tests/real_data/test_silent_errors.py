@@ -1,4 +1,4 @@
-"""Inputs that release 1.0.0 answered wrongly without a word: the answer is right, or says that there is none."""
+"""Inputs with wrong results and no warning in release 1.0.0 now have right results or are unresolved."""
 
 from __future__ import annotations
 
@@ -25,24 +25,28 @@ def damaged(shared: Path) -> Path:
     return folder
 
 
-def answer(capsys: pytest.CaptureFixture[str], *words: object) -> tuple[int, dict[str, Any]]:
-    status = main([str(word) for word in (*words, "--json")])
+def estimate(capsys: pytest.CaptureFixture[str], *arguments: object) -> tuple[int, dict[str, Any]]:
+    status = main([str(argument) for argument in (*arguments, "--json")])
     return status, json.loads(capsys.readouterr().out)
 
 
 @pytest.mark.parametrize("factor", ["10000", "100000", "1e-05", "2e-05"])
-def test_objects_in_any_unit(damaged: Path, factor: str, capsys: pytest.CaptureFixture[str]) -> None:
-    _, plain = answer(capsys, "--objects", damaged / "objects_x1.json")
-    status, moved = answer(capsys, "--objects", damaged / f"objects_x{factor}.json")
+def test_scale_of_objects_is_proportional_to_their_unit(
+    damaged: Path, factor: str, capsys: pytest.CaptureFixture[str]
+) -> None:
+    _, plain = estimate(capsys, "--objects", damaged / "objects_x1.json")
+    status, moved = estimate(capsys, "--objects", damaged / f"objects_x{factor}.json")
     assert status == 0
     assert moved["scale"] * float(factor) == pytest.approx(plain["scale"], rel=5e-3)
     assert moved["interval"]["low"] * float(factor) == pytest.approx(plain["interval"]["low"], rel=5e-3)
     assert moved["interval"]["high"] * float(factor) == pytest.approx(plain["interval"]["high"], rel=5e-3)
 
 
-def test_eight_thousand_objects_are_not_certain(damaged: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    """The true scale is about 1; from 4,000 objects on release 1.0.0 said 1.3 with a tight interval."""
-    status, record = answer(capsys, "--objects", damaged / "obj8000.json")
+def test_interval_of_eight_thousand_objects_contains_the_truth(
+    damaged: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """The true scale is about 1. With 4,000 objects or more, release 1.0.0 returned 1.3 with a narrow interval."""
+    status, record = estimate(capsys, "--objects", damaged / "obj8000.json")
     assert status == 0
     assert record["interval"]["low"] < 1 < record["interval"]["high"]
     assert record["interval"]["high"] / record["interval"]["low"] > 1.1
@@ -52,8 +56,8 @@ def test_eight_thousand_objects_are_not_certain(damaged: Path, capsys: pytest.Ca
 def test_persons_without_a_vertical_are_unresolved(
     damaged: Path, name: str, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    """Which side is the height decides the scale, and nothing in the file says which it is."""
-    status, record = answer(capsys, "--objects", damaged / name)
+    """The scale depends on which side is the height, and the file does not state it."""
+    status, record = estimate(capsys, "--objects", damaged / name)
     assert status == 3
     assert len(record["modes"]) > 1
 

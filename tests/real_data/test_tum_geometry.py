@@ -1,4 +1,4 @@
-"""The geometry on the real office: that it works there. No constant was chosen on it."""
+"""The geometry on a real office. No constant was tuned on it."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ pytestmark = pytest.mark.real_data
 def office(shared: Path):
     folder = shared / "data/scenes/tum_office"
     if not folder.is_dir():
-        pytest.skip(f"no real office at {folder}")
+        pytest.skip(f"{folder} does not exist")
     scene = read_scene(folder)
     instances = read_instances(folder / "instances.json", scene)
     truth = json.loads((folder / "truth.json").read_text())
@@ -32,7 +32,7 @@ def office(shared: Path):
 
 
 @pytest.fixture(scope="module")
-def found(office) -> Measurements:
+def measured(office) -> Measurements:
     scene, instances, _ = office
     return measure_objects(scene, instances)
 
@@ -41,30 +41,30 @@ def owner(instances: list[Instance], members: tuple[int, ...]) -> str:
     return Counter(str(instances[row].track) for row in members).most_common(1)[0][0]
 
 
-def metres(found: Measurements, office, name: str) -> np.ndarray:
+def metres(measured: Measurements, office, name: str) -> np.ndarray:
     _, instances, truth = office
-    number = next(str(one["track_id"]) for one in truth["objects"] if one["track_name"] == name)
-    items = [one for one in found.objects if owner(instances, one.members) == number]
-    return max(items, key=lambda one: one.points).extents * truth["metres_per_unit"]
+    track_id = next(str(entry["track_id"]) for entry in truth["objects"] if entry["track_name"] == name)
+    items = [item for item in measured.objects if owner(instances, item.members) == track_id]
+    return max(items, key=lambda item: item.points).extents * truth["metres_per_unit"]
 
 
-def test_tracks_are_the_annotators(found, office):
+def test_tracks_agree_with_the_annotated_ones(measured, office):
     _, instances, _ = office
-    given = np.zeros(len(instances), dtype=int)
-    for number, track in enumerate(found.tracks):
-        given[list(track.members)] = number
+    track_of = np.zeros(len(instances), dtype=int)
+    for index, track in enumerate(measured.tracks):
+        track_of[list(track.members)] = index
         views = [instances[row].view for row in track.members]
         assert len(set(views)) == len(views)
-    assert adjusted_rand_score([instance.track for instance in instances], given) > 0.95
+    assert adjusted_rand_score([instance.track for instance in instances], track_of) > 0.95
 
 
-def test_up_and_the_two_planes(found, office):
+def test_up_is_within_three_sigma_and_floor_and_desk_are_found(measured, office):
     _, _, truth = office
     up = np.array(truth["up_in_scene"]) / np.linalg.norm(truth["up_in_scene"])
-    off = np.degrees(np.arccos(up @ found.up.vector))
-    assert off < 3 * found.up.sigma_deg
-    floor = np.array(truth["floor_point_in_scene"]) @ found.up.vector
-    heights = [(plane.height - floor) * truth["metres_per_unit"] for plane in found.planes]
+    error_deg = np.degrees(np.arccos(up @ measured.up.vector))
+    assert error_deg < 3 * measured.up.sigma_deg
+    floor = np.array(truth["floor_point_in_scene"]) @ measured.up.vector
+    heights = [(plane.height - floor) * truth["metres_per_unit"] for plane in measured.planes]
     assert any(abs(height) < 0.05 for height in heights)
     assert any(abs(height - 0.716) < 0.05 for height in heights)
 
@@ -87,39 +87,39 @@ def test_up_and_the_two_planes(found, office):
         ("desk_left", 2, 0.716, 0.15),
     ],
 )
-def test_sizes_of_plain_objects(found, office, name, dimension, truth, within):
-    assert abs(np.log(metres(found, office, name)[dimension] / truth)) < within
+def test_sizes_of_completely_visible_objects_are_true(measured, office, name, dimension, truth, within):
+    assert abs(np.log(metres(measured, office, name)[dimension] / truth)) < within
 
 
-def test_desks_of_which_only_the_slab_is_masked_reach_the_floor(office, found):
+def test_desk_with_a_mask_of_its_top_only_is_measured_from_the_floor(office, measured):
     scene, instances, _ = office
-    bare = measure_objects(scene, instances, MeasurementOptions(supports=False))
-    assert metres(bare, office, "desk_left")[2] < 0.3 * metres(found, office, "desk_left")[2]
+    unsupported = measure_objects(scene, instances, MeasurementOptions(supports=False))
+    assert metres(unsupported, office, "desk_left")[2] < 0.3 * metres(measured, office, "desk_left")[2]
 
 
-def test_the_poster_stays_on_its_wall(found, office):
-    assert abs(np.log(metres(found, office, "poster")[2] / 0.418)) < 0.08
+def test_height_of_a_poster_on_a_wall_is_true(measured, office):
+    assert abs(np.log(metres(measured, office, "poster")[2] / 0.418)) < 0.08
 
 
-def test_sparse_points_and_the_papers_arm_run(office):
+def test_most_objects_are_measured_from_sparse_points_and_by_the_papers_method(office):
     scene, instances, _ = office
-    without = measure_objects(scene, instances, MeasurementOptions(dense=False))
-    assert sum(one.skipped is None for one in without.objects) >= 20
-    paper = measure_objects(scene, [one for one in instances if one.category in {"bottle", "dice"}], PAPER)
-    assert sum(one.skipped is None for one in paper.objects) >= 5
+    sparse = measure_objects(scene, instances, MeasurementOptions(dense=False))
+    assert sum(item.skipped is None for item in sparse.objects) >= 20
+    paper = measure_objects(scene, [item for item in instances if item.category in {"bottle", "dice"}], PAPER)
+    assert sum(item.skipped is None for item in paper.objects) >= 5
 
 
-def test_raw_boxes_run(office, shared):
+def test_heights_of_bottles_from_detected_boxes_are_plausible(office, shared):
     scene, _, truth = office
     folder = shared / "data/scenes/tum_office"
     boxes = read_instances(folder / "detections_yolo.json", scene, folder / "detections_yolo_categories.json")
-    assert all(one.from_box for one in boxes)
-    found = measure_objects(scene, boxes)
+    assert all(box.from_box for box in boxes)
+    objects = measure_objects(scene, boxes).objects
     heights = [
-        one.extents[2] * truth["metres_per_unit"]
-        for one in found.objects
-        if one.category == "bottle" and one.skipped is None and one.views >= 5
+        item.extents[2] * truth["metres_per_unit"]
+        for item in objects
+        if item.category == "bottle" and item.skipped is None and item.views >= 5
     ]
     assert heights
     assert all(0.2 < height < 0.45 for height in heights)
-    assert all(one.skipped for one in found.objects if one.views < 3)
+    assert all(item.skipped for item in objects if item.views < 3)

@@ -1,4 +1,4 @@
-"""The readers on the real office: binary, text and OpenSfM agree with each other, with pycolmap and with its README."""
+"""The readers on a real office: binary, text and OpenSfM files agree with each other, pycolmap and the README."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ from estimator.reconstructions.scene_reader import read_scene
 
 pytestmark = pytest.mark.real_data
 
-#: From the scene's README: 17 images, 4959 points, 19794 observations, 293232 dense points, 326 masks, 102 boxes.
+#: Numbers of views, points, observations, dense points, masks and boxes in the README of the scene.
 VIEWS, POINTS, OBSERVATIONS, DENSE, MASKS, BOXES = 17, 4959, 19794, 293232, 326, 102
 
 
@@ -26,7 +26,7 @@ def office(shared: Path) -> Path:
     return shared / "data" / "scenes" / "tum_office"
 
 
-def test_counts_are_those_of_the_readme(office: Path) -> None:
+def test_counts_agree_with_the_readme(office: Path) -> None:
     scene = read_scene(office)
     assert len(scene.views) == VIEWS
     assert len(scene.points) == POINTS
@@ -37,7 +37,7 @@ def test_counts_are_those_of_the_readme(office: Path) -> None:
     assert not scene.warnings
 
 
-def test_all_forms_are_one_scene(office: Path) -> None:
+def test_binary_text_and_opensfm_models_are_equal(office: Path) -> None:
     binary = read_scene(office / "sparse" / "0")
     reconstruction = pycolmap.Reconstruction(str(office / "sparse" / "0"))
     for form in ("sparse", "sparse_txt", "opensfm"):
@@ -50,24 +50,24 @@ def test_all_forms_are_one_scene(office: Path) -> None:
             np.testing.assert_allclose(other.translation, pose.translation, atol=1e-9)
             ours = np.column_stack([other.keypoints, scene.points[other.point_index]])
             theirs = np.column_stack([view.keypoints, binary.points[view.point_index]])
-            # rows in the order of their points, which are the same to the last digit but one
+            # sorted by the coordinates of the points, which are equal except for the last digit
             ours, theirs = ours[np.lexsort(ours[:, 2:].T)], theirs[np.lexsort(theirs[:, 2:].T)]
             np.testing.assert_allclose(ours, theirs, atol=1e-4)
 
 
-def test_the_mean_reprojection_error_is_the_readmes(office: Path) -> None:
+def test_mean_reprojection_error_agrees_with_the_readme(office: Path) -> None:
     scene = read_scene(office, "none")
-    squared = []
+    errors_px = []
     for view in scene.views:
         pixels, _ = pixels_in_view(view, scene.points[view.point_index])
-        squared.append(np.linalg.norm(pixels - view.keypoints, axis=1))
-    # COLMAP's figure of 0.87 is the mean over points of each point's mean; over observations it is 0.89
-    assert np.nanmean(np.concatenate(squared)) == pytest.approx(0.89, abs=0.02)
+        errors_px.append(np.linalg.norm(pixels - view.keypoints, axis=1))
+    # COLMAP's value of 0.87 is the mean over points of the mean of each point; over observations it is 0.89
+    assert np.nanmean(np.concatenate(errors_px)) == pytest.approx(0.89, abs=0.02)
 
 
 @pytest.mark.parametrize("form", [".", "opensfm"])
-def test_dense_points_project_where_they_are_seen(form: str, office: Path) -> None:
-    """The shots of the OpenSfM file stand in another order than the images that the visibility counts."""
+def test_visible_dense_points_project_into_their_views(form: str, office: Path) -> None:
+    """The shots of the OpenSfM file are in another order than the images of the visibility file."""
     scene = read_scene(office / form, office / "dense.ply")
     dense = scene.dense
     assert dense is not None
@@ -75,11 +75,11 @@ def test_dense_points_project_where_they_are_seen(form: str, office: Path) -> No
     assert dense.visible_offsets is not None
     points = np.repeat(np.arange(DENSE), np.diff(dense.visible_offsets))
     for row in (0, 8, 16):
-        seen = dense.points[points[dense.visible_views == row]]
-        assert np.isfinite(pixels_in_view(scene.views[row], seen)[0][:, 0]).mean() > 0.99
+        visible = dense.points[points[dense.visible_views == row]]
+        assert np.isfinite(pixels_in_view(scene.views[row], visible)[0][:, 0]).mean() > 0.99
 
 
-def test_masks_are_pycocotools_own(office: Path) -> None:
+def test_masks_equal_the_masks_of_pycocotools(office: Path) -> None:
     scene = read_scene(office, "none")
     instances, warnings = read_instances_and_warnings(scene)
     document = json.loads((office / "instances.json").read_text(encoding="utf-8"))
@@ -87,28 +87,28 @@ def test_masks_are_pycocotools_own(office: Path) -> None:
     assert not warnings
     names = {image["id"]: image["file_name"] for image in document["images"]}
     for instance, annotation in zip(instances, document["annotations"], strict=True):
-        whole = np.zeros((480, 640), dtype=bool)
+        mask = np.zeros((480, 640), dtype=bool)
         (x, y), (height, width) = instance.origin, instance.mask.shape
-        whole[y : y + height, x : x + width] = instance.mask
-        np.testing.assert_array_equal(whole, np.asarray(coco.decode(annotation["segmentation"]), dtype=bool))
+        mask[y : y + height, x : x + width] = instance.mask
+        np.testing.assert_array_equal(mask, np.asarray(coco.decode(annotation["segmentation"]), dtype=bool))
         assert scene.views[instance.view].name == names[annotation["image_id"]]
         assert instance.track == str(annotation["track_id"])
     assert len({instance.track for instance in instances}) == 32
 
 
-def test_detectors_boxes_find_their_categories(office: Path) -> None:
+def test_boxes_of_a_detector_have_the_names_of_their_categories(office: Path) -> None:
     instances = read_instances(office / "detections_yolo.json", read_scene(office, "none"))
     assert len(instances) == BOXES
     assert all(instance.from_box for instance in instances)
     assert {"chair", "person", "refrigerator"} <= {instance.category for instance in instances}
 
 
-def test_the_scaled_office_is_metric(office: Path, tmp_path: Path) -> None:
+def test_camera_path_of_the_rescaled_office_has_its_true_length(office: Path, tmp_path: Path) -> None:
     truth = json.loads((office / "truth.json").read_text(encoding="utf-8"))
     scene = read_scene(office, "none")
     write_rescaled(scene, truth["metres_per_unit"], tmp_path / "metric")
     scaled = {view.name: view.centre for view in read_scene(tmp_path / "metric").views}
     centres = np.array([scaled[name] for name in sorted(scaled)])
-    # the camera's path is 4.61 m by motion capture, sampled once a second by both
+    # the path is 4.61 m long by motion capture; both are sampled once per second
     length = np.linalg.norm(np.diff(centres, axis=0), axis=1).sum()
     assert length == pytest.approx(truth["path_length_m"], rel=0.02)

@@ -1,1 +1,1 @@
-"""Furnished rooms and streets of exactly known size: rendered, reconstructed, and handed to the estimator."""
+"""Synthetic furnished rooms and streets of known size: rendered, reconstructed and measured."""

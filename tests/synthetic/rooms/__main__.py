@@ -1,4 +1,4 @@
-"""Make one scene: `python -m tests.synthetic.rooms "sitting room" --seed 7 --out DIR [--quick]`."""
+"""Write a scene to a folder: `python -m tests.synthetic.rooms "sitting room" --seed 7 --out DIR [--quick]`."""
 
 from __future__ import annotations
 
@@ -17,8 +17,8 @@ parser = argparse.ArgumentParser(prog="python -m tests.synthetic.rooms", descrip
 parser.add_argument("kind", choices=[*KINDS, "street"])
 parser.add_argument("--seed", type=int, default=0)
 parser.add_argument("--out", type=Path, required=True)
-parser.add_argument("--quick", action="store_true", help="true depth plus noise in place of structure from motion")
-parser.add_argument("--features", type=int, default=FEATURES, help="SIFT features a frame")
+parser.add_argument("--quick", action="store_true", help="use the true depth with noise, without pycolmap")
+parser.add_argument("--features", type=int, default=FEATURES, help="SIFT features per frame")
 parser.add_argument("--quality", type=int, default=QUALITY, help="JPEG quality")
 arguments = parser.parse_args()
 world = street(arguments.seed) if arguments.kind == "street" else furnished_room(arguments.kind, arguments.seed)

@@ -1,4 +1,4 @@
-"""Camera paths: a walk in an arc before the furniture, and a straight drive."""
+"""Camera paths: a walk on an arc in front of the furniture, and a straight drive."""
 
 from __future__ import annotations
 
@@ -9,16 +9,17 @@ from tests.synthetic.rooms.world import Pose, pose_towards
 
 __all__ = ["drive", "walk"]
 
-#: The ordinary walk covers this much of a circle about the furniture.
+#: Angle of the arc of an ordinary walk around the furniture.
 WALK_DEG = 150.0
-#: One sigma of a hand's roll.
+#: Standard deviation of the roll of a hand-held camera.
 ROLL_DEG = 2.0
 
 
 def walk(radius: float, centre: tuple[float, float], knobs: Knobs, generator: np.random.Generator) -> tuple[Pose, ...]:
-    """Frames of a handheld walk: an arc of `radius` metres about `centre`, the eye rising and the gaze wandering.
+    """Return the poses of a hand-held walk on an arc of `radius` metres around `centre`.
 
-    With a narrow turn the camera slides sideways instead and keeps its heading within `knobs.turn_deg`.
+    Height and viewing direction vary slowly. With `knobs.turn_deg` the camera moves sideways instead, and its heading
+    stays within this range.
     """
     time = np.linspace(0, knobs.coverage, knobs.views)
     wander = 0.25 * np.sin(2 * np.pi * (time + generator.random()))
@@ -34,8 +35,8 @@ def walk(radius: float, centre: tuple[float, float], knobs: Knobs, generator: np
         gaze = eye + np.column_stack([np.cos(heading), np.sin(heading), np.full(knobs.views, -0.3)])
     else:
         angle = np.radians(-90 + WALK_DEG * (time - 0.5))
-        reach = radius * (1 - 0.12 * np.sin(3 * np.pi * time))
-        eye = np.column_stack([centre[0] + reach * np.cos(angle), centre[1] + reach * np.sin(angle), height])
+        distance = radius * (1 - 0.12 * np.sin(3 * np.pi * time))
+        eye = np.column_stack([centre[0] + distance * np.cos(angle), centre[1] + distance * np.sin(angle), height])
         gaze = np.column_stack(
             [centre[0] + wander, np.full(knobs.views, centre[1] + 0.3), 0.55 + 0.15 * np.cos(7 * time)]
         )
@@ -43,7 +44,7 @@ def walk(radius: float, centre: tuple[float, float], knobs: Knobs, generator: np
 
 
 def drive(step: float, knobs: Knobs, generator: np.random.Generator) -> tuple[Pose, ...]:
-    """Frames of a camera in a car: straight along +y at `step` metres a frame, 1.6 m above the road, hardly turning."""
+    """Return the poses of a camera in a car: along +y at `step` metres per frame, 1.6 m high, with small yaw."""
     turn = np.radians(knobs.turn_deg if knobs.turn_deg is not None else 6.0)
     time = np.linspace(0, 1, knobs.views)
     heading = np.pi / 2 + turn * np.sin(2 * np.pi * time) / 2

@@ -1,7 +1,7 @@
-"""What a detector of COCO's 80 categories makes of a synthetic scene: boxes and no masks, in some of the frames.
+"""Simulate the boxes of a detector of COCO's 80 categories in a synthetic scene.
 
-Boxes are drawn around what is visible. Edges are off by a few per cent, small objects are missed more often, and one
-that is none of the 80 is missed or called what it looks like, by one name in one frame and another in the next.
+Boxes enclose the visible part of an object, with edge errors of a few per cent. Small objects are missed more often.
+Objects of other categories are missed or labelled with similar categories, which differ from frame to frame.
 """
 
 from __future__ import annotations
@@ -17,9 +17,9 @@ from tests.synthetic.rooms.masks import MIN_PIXELS
 
 __all__ = ["DetectorErrors", "detections_of"]
 
-#: What objects that are none of the 80 are called, and how often; the rest of the time they are missed. From common
-#: experience with such detectors, not from any scene.
-LOOKS_LIKE: Mapping[str, tuple[tuple[str, float], ...]] = {
+#: Labels of objects that are not among the 80 categories, with their probabilities; otherwise the object is missed. The
+#: values are from common experience with such detectors, not from any scene.
+SIMILAR_LABELS: Mapping[str, tuple[tuple[str, float], ...]] = {
     "alarm clock": (("clock", 0.6),),
     "armchair": (("chair", 0.5), ("couch", 0.4)),
     "bathtub": (("sink", 0.2), ("toilet", 0.1)),
@@ -46,17 +46,19 @@ LOOKS_LIKE: Mapping[str, tuple[tuple[str, float], ...]] = {
 
 @dataclass(frozen=True, slots=True)
 class DetectorErrors:
-    """How far a detector's boxes are off.
+    """Error model of a detector.
 
-    edge_px, edge_share : one sigma of an edge, in pixels and as a share of the box's side; wild : share of edges that
-    are off by up to `wild_share` of the side; missed : share of large objects that a frame misses; small_px : area
-    in pixels at which half of the rest are missed too.
+    edge_px, edge_fraction : standard deviation of an edge, in pixels plus a fraction of the box's side.
+    gross_probability, gross_fraction : probability of a gross error of an edge, and its maximum as a fraction of the
+        side.
+    missed : fraction of large objects that are missed in a frame.
+    small_px : area in pixels at which half of the other objects are missed too.
     """
 
     edge_px: float = 1.0
-    edge_share: float = 0.02
-    wild: float = 0.05
-    wild_share: float = 0.2
+    edge_fraction: float = 0.02
+    gross_probability: float = 0.05
+    gross_fraction: float = 0.2
     missed: float = 0.15
     small_px: float = 900.0
 
@@ -64,20 +66,20 @@ class DetectorErrors:
 def detections_of(
     instances: Sequence[Instance], size: tuple[int, int], seed: int, errors: DetectorErrors | None = None
 ) -> tuple[Instance, ...]:
-    """Boxes of the masks of a scene as a detector draws them; size : (width, height) of the pictures."""
+    """Return the detected boxes of the masks of a scene; size : (width, height) of the images."""
     errors = errors or DetectorErrors()
     generator = np.random.default_rng([seed, 31])
-    habits: dict[str, list[tuple[str, float]]] = {}
+    labels_of: dict[str, list[tuple[str, float]]] = {}
     boxes = []
     for instance in instances:
         area = int(np.count_nonzero(instance.mask))
-        seen = (1 - errors.missed) * (1 - min(1.0, errors.small_px / max(area, 1)) / 2)
-        # an object that is seen in many frames has one habit
-        habit = habits.setdefault(instance.track or instance.id, _habit(instance.category, generator))
-        name = _name(habit, generator)
+        probability = (1 - errors.missed) * (1 - min(1.0, errors.small_px / max(area, 1)) / 2)
+        # an object has the same probabilities in all frames
+        labels = labels_of.setdefault(instance.track or instance.id, _labels(instance.category, generator))
+        name = _drawn_label(labels, generator)
         score = float(np.clip(generator.beta(6, 3), 0.3, 0.97))
         box = _box(instance, size, errors, generator)
-        if name is None or box is None or generator.random() > seen:
+        if name is None or box is None or generator.random() > probability:
             continue
         left, top, right, bottom = box
         mask = np.ones((bottom - top, right - left), dtype=bool)
@@ -85,20 +87,21 @@ def detections_of(
     return tuple(boxes)
 
 
-def _habit(category: str, generator: np.random.Generator) -> list[tuple[str, float]]:
-    """Names of one object and their shares: its usual ones, each object leaning to one of them."""
-    names = LOOKS_LIKE.get(category)
-    if names is None:
+def _labels(category: str, generator: np.random.Generator) -> list[tuple[str, float]]:
+    """Return the labels of an object with their probabilities, a random variation of the category's."""
+    labels = SIMILAR_LABELS.get(category)
+    if labels is None:
         return [(category, 1.0)]
-    shares = np.array([share for _, share in names])
-    lean = generator.dirichlet(2 * shares / shares.sum()) * shares.sum()
-    return [(name, float(share)) for (name, _), share in zip(names, lean, strict=True)]
+    probabilities = np.array([probability for _, probability in labels])
+    varied = generator.dirichlet(2 * probabilities / probabilities.sum()) * probabilities.sum()
+    return [(name, float(probability)) for (name, _), probability in zip(labels, varied, strict=True)]
 
 
-def _name(habit: Sequence[tuple[str, float]], generator: np.random.Generator) -> str | None:
+def _drawn_label(labels: Sequence[tuple[str, float]], generator: np.random.Generator) -> str | None:
+    """Draw a label, or None if the object is missed."""
     drawn = generator.random()
-    for name, share in habit:
-        drawn -= share
+    for name, probability in labels:
+        drawn -= probability
         if drawn < 0:
             return name
     return None
@@ -107,18 +110,18 @@ def _name(habit: Sequence[tuple[str, float]], generator: np.random.Generator) ->
 def _box(
     instance: Instance, size: tuple[int, int], errors: DetectorErrors, generator: np.random.Generator
 ) -> tuple[int, int, int, int] | None:
-    """Left, top, right, bottom in whole pixels; None where nothing is left."""
+    """Return left, top, right and bottom in integer pixels, or None if the box is too small."""
     (height, width), (left, top) = instance.mask.shape, instance.origin
     sides = np.array([width, height, width, height], dtype=float)
-    error = generator.normal(0, 1, 4) * (errors.edge_px + errors.edge_share * sides)
-    wild = generator.random(4) < errors.wild
-    error[wild] = generator.uniform(-1, 1, int(wild.sum())) * (errors.wild_share * sides[wild])
+    error = generator.normal(0, 1, 4) * (errors.edge_px + errors.edge_fraction * sides)
+    gross = generator.random(4) < errors.gross_probability
+    error[gross] = generator.uniform(-1, 1, int(gross.sum())) * (errors.gross_fraction * sides[gross])
     ends: FloatArray = np.array([left, top, left + width, top + height], dtype=float) + error
-    # an edge at the border of the picture stays there
+    # edges at the border of the image have no error
     limits = np.array([size[0], size[1], size[0], size[1]])
     at_border = np.array([left <= 1, top <= 1, left + width >= size[0] - 1, top + height >= size[1] - 1])
     ends = np.where(at_border, [0, 0, size[0], size[1]], ends)
-    whole = np.clip(np.rint(ends), 0, limits).astype(int).tolist()
-    if (whole[2] - whole[0]) * (whole[3] - whole[1]) < MIN_PIXELS or whole[2] <= whole[0] or whole[3] <= whole[1]:
+    x0, y0, x1, y1 = np.clip(np.rint(ends), 0, limits).astype(int).tolist()
+    if (x1 - x0) * (y1 - y0) < MIN_PIXELS or x1 <= x0 or y1 <= y0:
         return None
-    return (whole[0], whole[1], whole[2], whole[3])
+    return (x0, y0, x1, y1)

@@ -1,4 +1,4 @@
-"""The five kinds of room of the paper's indoor set, and what stands in them."""
+"""The five kinds of rooms of the paper's indoor set, and their furniture."""
 
 from __future__ import annotations
 
@@ -9,9 +9,9 @@ __all__ = ["KINDS", "RoomKind"]
 
 @dataclass(frozen=True, slots=True)
 class RoomKind:
-    """Floor (x, y) in metres, radius of the walk, and the furniture: (category, least, most, place).
+    """Floor (x, y) in metres, radius of the walk, and furniture (category, minimum and maximum number, placement rule).
 
-    A place is `wall`, `centre`, `floor`, `at A|B` (drawn up to one of these) or `on A|B` (standing on one of these).
+    A rule is `wall`, `centre`, `floor`, `at A|B` (next to an object of these categories) or `on A|B` (on top of one).
     """
 
     floor: tuple[float, float]

@@ -1,4 +1,4 @@
-"""What can be made harder about a synthetic scene, all in one frozen record."""
+"""Parameters of the difficulty of a synthetic scene."""
 
 from __future__ import annotations
 
@@ -9,19 +9,27 @@ __all__ = ["CLUTTERED", "HARD", "Knobs", "with_knobs"]
 
 @dataclass(frozen=True, slots=True)
 class Knobs:
-    """Every knob of a synthetic scene; the defaults are an ordinary handheld video of an ordinary room.
+    """Parameters of a synthetic scene; the defaults are a hand-held video of an ordinary room.
 
-    objects : keep about this many objects, None for all of the kind's list. coverage : share of the camera path that is
-    walked, from its start; at less than 1 some objects are seen from one side only or cut by the border. turn_deg :
-    the camera's whole yaw range where it is narrow (straight driving), None for the ordinary path. tilt_deg and
-    tilted : angle of the tilted objects and their share. mislabelled : share of objects that bear another category's
-    name in every frame. missing_feet : share of objects whose lowest fifth is never reconstructed. depth_noise : one
-    sigma of a dense point's depth, relative. keypoint_noise : one sigma of an observation in pixels. stray : share of
-    points that lie nowhere. smear : how much of real depth's errors there is, 0 to 1: points between two surfaces at
-    outlines, more noise at grazing angles, heavy tails. gloss : share of the floor's points that are mirror images of
-    what stands on it. bare_faces : share of the faces of objects that have no texture. mask_error_px : one sigma of the
-    masks' border, in pixels. clutter : share of what stands on another object that is in that one's masks and has
-    none of its own, as books on a table are. texture : contrast of all textures (1 ordinary). views : frames.
+    objects : maximum number of objects; None: all furniture of the kind of room.
+    coverage : fraction of the camera path, from its start. Below 1, some objects are visible from one side only or
+        truncated by the border.
+    turn_deg : yaw range of the camera if it is narrow (straight driving); None: the ordinary path.
+    tilt_deg, tilted : angle of the tilted objects, and their fraction.
+    mislabelled : fraction of objects with a wrong label in all frames.
+    missing_feet : fraction of objects without points on their lowest fifth.
+    depth_noise : relative standard deviation of the depth of a dense point.
+    keypoint_noise : standard deviation of an observation in pixels.
+    stray : fraction of points at random depths.
+    smear : amount of typical depth errors, 0 to 1: points between two surfaces at outlines, more noise at grazing
+        angles, heavy tails.
+    gloss : fraction of the floor's points that are mirror images of objects on the floor.
+    bare_faces : fraction of the objects' faces without texture.
+    mask_error_px : standard deviation of the masks' borders in pixels.
+    clutter : fraction of the objects on top of others that are included in the mask of the supporting object and have
+        no separate mask, such as books on a table.
+    texture : contrast of all textures; 1 is ordinary.
+    views : number of frames.
     """
 
     objects: int | None = None
@@ -55,14 +63,14 @@ class Knobs:
             "clutter",
         ):
             if not 0 <= getattr(self, name) <= 1:
-                msg = f"{name}: expected a share from 0 to 1, found {getattr(self, name)}"
+                msg = f"{name}: expected a fraction from 0 to 1; found {getattr(self, name)}"
                 raise ValueError(msg)
         if self.views < 2:
-            msg = f"views: expected 2 or more, found {self.views}"
+            msg = f"views: expected 2 or more; found {self.views}"
             raise ValueError(msg)
 
 
-#: A hand-held video of an ordinary room whose depth, masks and floor have the errors of real ones.
+#: A hand-held video of an ordinary room with typical errors of depth and masks and a glossy floor.
 HARD = Knobs(
     coverage=0.6,
     depth_noise=0.006,
@@ -72,10 +80,10 @@ HARD = Knobs(
     mask_error_px=2.0,
     missing_feet=0.15,
 )
-#: The same, and four of five objects that stand on another one are in that one's masks.
+#: As HARD, with 80 % of the objects on top of others included in the masks of the supporting objects.
 CLUTTERED = replace(HARD, clutter=0.8)
 
 
 def with_knobs(knobs: Knobs, **changes: float | None) -> Knobs:
-    """The same knobs with some changed."""
-    return replace(knobs, **changes)  # type: ignore[arg-type]  # field types are checked by the record itself
+    """Return the parameters with some changes."""
+    return replace(knobs, **changes)  # type: ignore[arg-type]  # the values have different types

@@ -1,4 +1,4 @@
-"""Exact masks of a frame's visible objects, in memory and as a COCO dataset."""
+"""Exact masks of the visible objects of a frame, in memory and as a COCO dataset."""
 
 from __future__ import annotations
 
@@ -15,12 +15,12 @@ from tests.synthetic.rooms.world import World
 
 __all__ = ["MIN_PIXELS", "blurred_masks", "coco_dataset", "instances_of"]
 
-#: Visible pixels below which a detector would not find the object (about eight by eight).
+#: Minimum number of visible pixels of an object that a detector finds (about 8 x 8).
 MIN_PIXELS = 64
 
 
 def instances_of(world: World, ids: Sequence[IntArray]) -> tuple[Instance, ...]:
-    """The visible part of every object in every frame; ids : one (h, w) image of object numbers per view."""
+    """Return the masks of the visible part of all objects; ids : an image (h, w) of object numbers for each view."""
     instances = []
     for view, image in enumerate(ids):
         counts = np.bincount(image.ravel(), minlength=len(world.objects) + 1)
@@ -37,22 +37,22 @@ def instances_of(world: World, ids: Sequence[IntArray]) -> tuple[Instance, ...]:
 def blurred_masks(
     instances: Sequence[Instance], size: tuple[int, int], sigma_px: float, generator: np.random.Generator
 ) -> tuple[Instance, ...]:
-    """The masks with a border that is off by a smooth error of `sigma_px`; size : (width, height) of the image.
+    """Return the masks with smooth errors of their borders of `sigma_px`; size : (width, height) of the image.
 
-    Half of the error is the same all around a mask, which is then too wide or too narrow as a whole. Masks that grow
-    overlap their neighbours; what is left of a mask that shrinks below `MIN_PIXELS` goes.
+    Half of the variance is common to the complete border of a mask, which is then too wide or too narrow. Dilated masks
+    overlap their neighbours, and masks that are eroded to fewer than `MIN_PIXELS` pixels are removed.
     """
     blurred = []
     pad = int(np.ceil(4 * sigma_px))
     for instance in instances:
-        whole = np.pad(instance.mask, pad)
+        padded = np.pad(instance.mask, pad)
         # signed distance from the border, positive inside
-        inside = distance_transform_edt(whole) - distance_transform_edt(~whole)
-        field = gaussian_filter(generator.normal(size=whole.shape), 4 * sigma_px)
+        inside = distance_transform_edt(padded) - distance_transform_edt(~padded)
+        field = gaussian_filter(generator.normal(size=padded.shape), 4 * sigma_px)
         shift = generator.normal() + field / max(field.std(), 1e-12)
         mask = inside + sigma_px / np.sqrt(2) * shift > 0
         left, top = instance.origin[0] - pad, instance.origin[1] - pad
-        rows, columns = np.arange(whole.shape[0]) + top, np.arange(whole.shape[1]) + left
+        rows, columns = np.arange(padded.shape[0]) + top, np.arange(padded.shape[1]) + left
         mask &= ((rows >= 0) & (rows < size[1]))[:, None] & (columns >= 0) & (columns < size[0])
         if np.count_nonzero(mask) < MIN_PIXELS:
             continue
@@ -63,7 +63,7 @@ def blurred_masks(
 
 
 def coco_dataset(world: World, ids: Sequence[IntArray], names: Sequence[str]) -> dict[str, Any]:
-    """A COCO dataset with run-length masks, `score` and `track_id`; names : file name of each frame."""
+    """Return a COCO dataset with run-length masks, `score` and `track_id`; names : file name of each frame."""
     from pycocotools import mask as decode_segmentation
 
     labels = sorted({item.label for item in world.objects})
@@ -88,7 +88,7 @@ def coco_dataset(world: World, ids: Sequence[IntArray], names: Sequence[str]) ->
             }
         )
     return {
-        "info": {"description": f"synthetic room: {world.kind}, seed {world.seed}, exact masks of what is visible"},
+        "info": {"description": f"synthetic room: {world.kind}, seed {world.seed}, exact masks of the visible parts"},
         "images": [
             {"id": k + 1, "file_name": name, "width": world.camera.width, "height": world.camera.height}
             for k, name in enumerate(names)

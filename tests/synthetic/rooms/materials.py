@@ -1,4 +1,4 @@
-"""What surfaces look like: colours, contrast and grain of each material, with every object's own variety of it."""
+"""Appearance of surfaces: colours, contrast and grain of each material, with a variation for each object."""
 
 from __future__ import annotations
 
@@ -12,8 +12,8 @@ __all__ = ["MATERIALS", "look_of"]
 
 _Colour = tuple[float, float, float]
 
-#: Material: two colours (r, g, b), contrast of the grain, share of large patches of the second colour, coarsest grain
-#: in metres.
+#: By material: two colours (r, g, b), contrast of the grain, fraction of large patches of the second colour, and size
+#: of the coarsest grain in metres.
 MATERIALS: dict[str, tuple[_Colour, _Colour, float, float, float]] = {
     "floor": ((0.62, 0.48, 0.34), (0.54, 0.41, 0.28), 0.55, 0.5, 0.20),
     "ceiling": ((0.9, 0.9, 0.88), (0.85, 0.85, 0.84), 0.25, 0.1, 0.3),
@@ -51,7 +51,7 @@ MATERIALS: dict[str, tuple[_Colour, _Colour, float, float, float]] = {
 
 
 def look_of(name: str, number: int, seed: int, texture: float) -> FloatArray:
-    """(12,) two colours, contrast, patches, grain and an offset into the noise: its own variety of a material."""
+    """Return the variation (12,) of a material for an object: two colours, contrast, patches, grain, noise offset."""
     first, second, contrast, patches, coarse = MATERIALS[name]
     generator = np.random.default_rng([seed, number, zlib.crc32(name.encode())])
     tint = generator.uniform(0.75, 1.2, 3) if number else np.ones(3)

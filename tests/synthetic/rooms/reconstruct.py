@@ -1,4 +1,4 @@
-"""A test world reconstructed end to end: rendered frames through pycolmap: SIFT, matching, incremental mapping."""
+"""Reconstruct a synthetic world from rendered frames with pycolmap: SIFT, matching, incremental mapping."""
 
 from __future__ import annotations
 
@@ -16,32 +16,38 @@ from tests.synthetic.rooms.world import World
 
 __all__ = ["NotReconstructed", "reconstruct"]
 
-#: Features a frame of about 6,000 that there are. COLMAP keeps the coarsest, so that small objects lose points first;
-#: all of them would cost three times the time.
+#: Maximum number of features per frame, of about 6,000. COLMAP keeps the coarsest, so that small objects lose points
+#: first; all features would take three times as long.
 FEATURES = 2500
-#: Each frame is matched with this many next ones, and with those at powers of two, as COLMAP does for video.
+#: Number of following frames that each frame is matched with, in addition to frames at powers of two (COLMAP's video
+#: matching).
 OVERLAP = 5
-#: One sigma of the sensor's noise in grey levels: a telephone indoors.
+#: Standard deviation of the sensor noise in grey levels, as for a phone indoors.
 SENSOR_NOISE = 2.5
-#: JPEG quality of the frames: a telephone's video is no better.
+#: JPEG quality of the frames, similar to the video of a phone.
 QUALITY = 92
-#: Frames of the walk that must register for a scene to count as reconstructed.
-REGISTERED_SHARE = 0.5
+#: Minimum fraction of registered frames of a reconstruction.
+MIN_REGISTERED_FRACTION = 0.5
 
 
 class NotReconstructed(RuntimeError):
-    """The structure from motion failed, as it does in life; the message says how many frames it placed."""
+    """Structure from motion registered too few frames; the message states their number."""
 
 
 def reconstruct(
     world: World, folder: Path, seed: int = 0, texture: float = 1.0, features: int = FEATURES, quality: int = QUALITY
 ) -> Truth:
-    """Frames, `sparse/0`, `instances.json` and `truth.json` in `folder`, and the truth.
+    """Write frames, `sparse/0`, `instances.json` and `truth.json` to `folder`, and return the truth.
 
-    Raises NotReconstructed where structure from motion places too few frames, NoOpenGL where nothing can be rendered.
+    The model is transformed by a random similarity, which images cannot determine. Its true scale is the scale of the
+    similarity between its camera centres and the true ones.
 
-    The model is as pycolmap leaves it but for a random similarity, which changes nothing that can be known from
-    images. Its true scale comes from the similarity that carries its camera centres onto the true ones.
+    Raises
+    ------
+    NotReconstructed
+        Structure from motion registers fewer than half of the frames.
+    NoOpenGL
+        The frames cannot be rendered.
     """
     images = folder / "images"
     images.mkdir(parents=True, exist_ok=True)
@@ -64,7 +70,7 @@ def _write_frames(world: World, images: Path, folder: Path, texture: float, qual
     with Renderer(world, texture) as renderer:
         for index in range(len(world.poses)):
             frame = renderer.frame(index)
-            assert frame.colour is not None  # asked for
+            assert frame.colour is not None
             names.append(f"frame{index:03d}.jpg")
             noisy = frame.colour[..., ::-1] + generator.normal(0, SENSOR_NOISE, frame.colour.shape)
             cv2.imwrite(
@@ -76,7 +82,7 @@ def _write_frames(world: World, images: Path, folder: Path, texture: float, qual
 
 
 def _model(images: Path, work: Path, world: World, features: int):  # type: ignore[no-untyped-def]
-    """The largest model that pycolmap builds; the focal length is given as a telephone gives it, then refined."""
+    """Return the largest model of pycolmap. The focal length is given, as by the EXIF of a phone, and refined."""
     import pycolmap
 
     shutil.rmtree(work, ignore_errors=True)
@@ -96,20 +102,20 @@ def _model(images: Path, work: Path, world: World, features: int):  # type: igno
     pairing = pycolmap.SequentialPairingOptions(overlap=OVERLAP, quadratic_overlap=True)
     pycolmap.match_sequential(database, matching_options=matching, pairing_options=pairing)
     options = pycolmap.IncrementalPipelineOptions(num_threads=2, random_seed=0, extract_colors=False, min_model_size=3)
-    options.mapper.init_min_tri_angle = 8.0  # the walk's steps are small; COLMAP's 16 degrees suit photographs
-    if world.kind == "street":  # driving is all forward motion, which COLMAP would rather not start from
+    options.mapper.init_min_tri_angle = 8.0  # the steps are small; COLMAP's 16 degrees are for photographs
+    if world.kind == "street":  # only forward motion, which COLMAP avoids for the initial pair by default
         options.mapper.init_max_forward_motion, options.mapper.init_min_tri_angle = 1.0, 4.0
     models = pycolmap.incremental_mapping(database, images, work, options=options)
     best = max(models.values(), key=lambda model: model.num_reg_images(), default=None)
-    placed = 0 if best is None else best.num_reg_images()
-    if best is None or placed < REGISTERED_SHARE * len(world.poses):
-        message = f"{images}: pycolmap placed {placed} of {len(world.poses)} frames"
+    registered = 0 if best is None else best.num_reg_images()
+    if best is None or registered < MIN_REGISTERED_FRACTION * len(world.poses):
+        message = f"{images}: pycolmap registered {registered} of {len(world.poses)} frames"
         raise NotReconstructed(message)
     return best
 
 
 def _truth(world: World, model, names: list[str], seed: int) -> Truth:  # type: ignore[no-untyped-def]
-    """Apply a random similarity to the model and align its cameras with the true ones."""
+    """Apply a random similarity to the model, and align its cameras with the true ones."""
     import pycolmap
 
     change = random_similarity(np.random.default_rng([seed, 7]))

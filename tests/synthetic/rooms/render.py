@@ -1,4 +1,4 @@
-"""Frames of a test world with OpenGL (EGL, software or not): colour, true depth and the object seen at every pixel."""
+"""Render frames of a synthetic world with OpenGL (EGL): colour, exact depth, and object number at every pixel."""
 
 from __future__ import annotations
 
@@ -20,20 +20,21 @@ __all__ = ["Frame", "NoOpenGL", "Renderer"]
 NEAR, FAR = 0.05, 300.0
 SKY = (0.75, 0.82, 0.9)
 _SHADERS = Path(__file__).parent / "shaders"
-#: Samples a pixel in colour, so that edges look as a lens would draw them.
+#: Colour samples per pixel, for antialiased edges.
 _SAMPLES = 4
 
 
 class NoOpenGL(RuntimeError):
-    """No OpenGL context can be made on this machine; the message says what to install."""
+    """No OpenGL context can be created; the message names the missing packages."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Frame:
-    """What one view sees.
+    """Rendered images of a view.
 
-    colour : (h, w, 3) uint8, or None where it was not asked for; depth : (h, w) metres along the optical axis, inf
-    where nothing is; ids : (h, w) number of the object, 0 where the surface is bare.
+    colour : (h, w, 3) uint8, or None if it was not rendered.
+    depth : (h, w) in metres along the optical axis; inf in the sky.
+    ids : (h, w) number of the object; 0 for other surfaces and the sky.
     """
 
     colour: NDArray[np.uint8] | None
@@ -42,7 +43,7 @@ class Frame:
 
 
 class Renderer:
-    """One OpenGL context and the buffers of one world; a context manager."""
+    """An OpenGL context with the buffers of a world; a context manager."""
 
     def __init__(self, world: World, texture: float = 1.0) -> None:
         self._world = world
@@ -81,7 +82,7 @@ class Renderer:
         self._context.release()
 
     def frame(self, index: int, colour: bool = True) -> Frame:
-        """Frame `index` of the world's path; without `colour` it costs a fifth."""
+        """Render frame `index` of the world's path; without `colour` it takes a fifth of the time."""
         camera, pose = self._world.camera, self._world.poses[index]
         self._move(index)
         self._program["clip"].write(_clip(camera, pose).T.astype("f4").tobytes())
@@ -90,9 +91,9 @@ class Renderer:
         self._program["shaded"].value = False
         self._draw(self._plain)
         shape = (camera.height, camera.width)
-        seen = np.frombuffer(self._plain.read(components=2, attachment=1, dtype="f4"), "f4").reshape(*shape, 2)
-        depth = np.where(seen[..., 1] > 0, seen[..., 1], np.inf).astype(np.float32)
-        return Frame(self._colour(shape) if colour else None, depth, np.rint(seen[..., 0]).astype(np.int64))
+        values = np.frombuffer(self._plain.read(components=2, attachment=1, dtype="f4"), "f4").reshape(*shape, 2)
+        depth = np.where(values[..., 1] > 0, values[..., 1], np.inf).astype(np.float32)
+        return Frame(self._colour(shape) if colour else None, depth, np.rint(values[..., 0]).astype(np.int64))
 
     def _colour(self, shape: tuple[int, int]) -> NDArray[np.uint8]:
         self._program["shaded"].value = True
@@ -104,12 +105,12 @@ class Renderer:
     def _draw(self, target: Any) -> None:
         target.use()
         self._context.enable(self._context.DEPTH_TEST)
-        # a clear fills all attachments: the sky's colour would be a number and a depth in the plain target
+        # clearing fills all attachments; in the plain target the sky's colour would be an object number and a depth
         target.clear(*(SKY if target is self._smooth else (0.0, 0.0, 0.0)), 0.0)
         self._vertices.render()
 
     def _move(self, index: int) -> None:
-        """Put the moving objects where they are at this frame; their texture stays on them."""
+        """Move the moving objects to their positions at this frame, with their textures."""
         moving = [(k + 1, item.velocity) for k, item in enumerate(self._world.objects) if np.any(item.velocity)]
         if not moving:
             return
@@ -123,7 +124,7 @@ def _context() -> Any:
     try:
         import moderngl
 
-        settings: Any = {"backend": "egl"}  # moderngl's own stub types this word as a mapping
+        settings: Any = {"backend": "egl"}  # the stub of moderngl has a mapping as type
         return moderngl.create_context(standalone=True, require=330, **settings)
     except Exception as error:
         message = (
@@ -133,7 +134,7 @@ def _context() -> Any:
 
 
 def _clip(camera: Pinhole, pose: Pose) -> FloatArray:
-    """(4, 4) world to clip space; y is left pointing down, so that the first row read back is the image's upper row."""
+    """Return the transform (4, 4) from world to clip space, with y down, so that the first row read is the top row."""
     x, y = 2 * camera.focal / camera.width, 2 * camera.focal / camera.height
     a, b = (FAR + NEAR) / (FAR - NEAR), -2 * FAR * NEAR / (FAR - NEAR)
     projection = np.array([[x, 0, 0, 0], [0, y, 0, 0], [0, 0, a, b], [0, 0, 1, 0]])
@@ -143,7 +144,7 @@ def _clip(camera: Pinhole, pose: Pose) -> FloatArray:
 
 
 def _rows(mesh: Mesh, number: int, seed: int, texture: float) -> FloatArray:
-    """(3 m, 19) one row a corner: place, grain coordinates, normal, two colours, style (3), number."""
+    """Return vertex data (3 m, 19): position, grain coordinates, normal, two colours, style (3), object number."""
     corners = mesh.vertices[mesh.faces]  # (m, 3, 3)
     normal = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
     normal /= np.maximum(np.linalg.norm(normal, axis=1, keepdims=True), 1e-12)

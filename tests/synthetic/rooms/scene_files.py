@@ -1,4 +1,4 @@
-"""A quick scene on disk, as `estimate-scale` reads it: COLMAP text model, dense.ply with visibility, masks, truth."""
+"""Write a simulated scene as files of `estimate-scale`: COLMAP text model, dense.ply, visibility, masks and truth."""
 
 from __future__ import annotations
 
@@ -8,7 +8,6 @@ from pathlib import Path
 import numpy as np
 
 from estimator.records.scene import DenseCloud, Scene
-from metric_base.arrays import FloatArray
 from tests.synthetic.rooms.masks import coco_dataset
 from tests.synthetic.rooms.quick import SyntheticScene
 from tests.synthetic.rooms.world import World
@@ -17,7 +16,7 @@ __all__ = ["write_scene"]
 
 
 def write_scene(synthetic: SyntheticScene, world: World, folder: Path) -> None:
-    """`sparse/0/*.txt`, `dense.ply` and `.vis` where there is a dense cloud, `instances.json` and `truth.json`."""
+    """Write `sparse/0/*.txt`, `instances.json`, `truth.json` and, for dense clouds, `dense.ply` and its `.vis`."""
     model = folder / "sparse" / "0"
     model.mkdir(parents=True, exist_ok=True)
     (model / "cameras.txt").write_text(_cameras(synthetic.scene))
@@ -36,15 +35,17 @@ def _cameras(scene: Scene) -> str:
 
 
 def _image(scene: Scene, index: int) -> str:
-    """Two lines: pose and name; observations as x, y, point id (rows of points from 1)."""
+    """Return the two lines of an image: pose and name, and the observations as x, y and point id (from 1)."""
+    from scipy.spatial.transform import Rotation
+
     view = scene.views[index]
-    pose = [*_quaternion(view.rotation), *view.translation]
-    seen = [f"{x:.3f} {y:.3f} {row + 1}" for (x, y), row in zip(view.keypoints, view.point_index, strict=True)]
-    return f"{index + 1} {' '.join(repr(float(v)) for v in pose)} 1 {view.name}\n{' '.join(seen)}\n"
+    pose = [*Rotation.from_matrix(view.rotation).as_quat(scalar_first=True), *view.translation]
+    observed = [f"{x:.3f} {y:.3f} {row + 1}" for (x, y), row in zip(view.keypoints, view.point_index, strict=True)]
+    return f"{index + 1} {' '.join(repr(float(v)) for v in pose)} 1 {view.name}\n{' '.join(observed)}\n"
 
 
 def _points(scene: Scene) -> str:
-    """id, place, colour, error, then the track as (image, position in that image's observations)."""
+    """Return the lines of the points: id, position, colour, error, and the track as (image, observation)."""
     tracks: list[list[str]] = [[] for _ in scene.points]
     for index, view in enumerate(scene.views):
         for position, row in enumerate(view.point_index):
@@ -56,15 +57,8 @@ def _points(scene: Scene) -> str:
     return "".join(lines)
 
 
-def _quaternion(rotation: FloatArray) -> FloatArray:
-    """(4,) w, x, y, z of a rotation matrix."""
-    from scipy.spatial.transform import Rotation
-
-    return np.asarray(Rotation.from_matrix(rotation).as_quat(scalar_first=True))
-
-
 def _write_dense(cloud: DenseCloud, path: Path) -> None:
-    """Binary PLY of places, and COLMAP's `fused.ply.vis`: uint64 n, then per point uint32 k and k uint32."""
+    """Write a binary PLY file, and COLMAP's `fused.ply.vis`: uint64 n, and for each point uint32 k and k uint32."""
     header = f"ply\nformat binary_little_endian 1.0\nelement vertex {len(cloud.points)}\n"
     header += "".join(f"property float {axis}\n" for axis in "xyz") + "end_header\n"
     path.write_bytes(header.encode() + cloud.points.astype("<f4").tobytes())

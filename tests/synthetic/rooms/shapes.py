@@ -1,7 +1,7 @@
-"""The solids that each category is composed of, in a unit cube: x along the length, y along the width, z up.
+"""Solids of each category in a unit cube, with x along the length, y along the width, and z up.
 
-An object whose length runs along the wall behind it (a couch) looks towards -y; one whose length leads away from it
-(a bed, a chair) looks towards +x.
+Objects whose length is parallel to the wall behind them (a couch) face -y; objects whose length is perpendicular to it
+(a bed, a chair) face +x.
 """
 
 from __future__ import annotations
@@ -44,7 +44,7 @@ def _chair() -> list[Mesh]:
 
 
 def _office_chair() -> list[Mesh]:
-    base = [revolution([(0.5, 0), (0.5, 0.04), (0.12, 0.07)], "dark")]  # a star of five turns in a circle
+    base = [revolution([(0.5, 0), (0.5, 0.04), (0.12, 0.07)], "dark")]  # circle around the five feet
     column = revolution([(0.05, 0.07), (0.05, 0.4)], "metal")
     arms = [box((0.2, 0.7), y, (0.6, 0.65), "dark") for y in ((0.04, 0.12), (0.88, 0.96))]
     posts = [box((0.4, 0.5), y, (0.46, 0.6), "dark") for y in ((0.04, 0.12), (0.88, 0.96))]
@@ -349,7 +349,7 @@ def _bus() -> list[Mesh]:
     ]
 
 
-#: What each category is composed of.
+#: Functions that return the parts of each category.
 CATEGORIES: dict[str, Callable[[], list[Mesh]]] = {
     "alarm clock": _clock, "armchair": _couch, "bathtub": _bathtub, "bed": _bed, "bench": _bench,
     "book": _slab("paper", "print"), "bookcase": _bookcase, "bottle": _bottle, "bowl": _bowl, "bus": _bus,
@@ -363,10 +363,10 @@ CATEGORIES: dict[str, Callable[[], list[Mesh]]] = {
     _screen, "tv stand": _tv_stand, "vase": _vase, "wardrobe": _doors, "washing machine": _washing_machine,
 }  # fmt: skip
 
-#: Categories whose length leads away from the wall behind them.
+#: Categories whose length is perpendicular to the wall behind them.
 FACES_X = frozenset({"bed", "chair", "office chair", "toilet", "person", "car", "truck", "bus"})
 
 
 def solid(category: str, size: FloatArray) -> Mesh:
-    """The category's solid with a bounding box of exactly `size` (length, width, height) in metres, on z = 0."""
+    """Return a category's solid with a bounding box of exactly `size` (length, width, height) in metres, on z = 0."""
     return stretch_to(join(CATEGORIES[category]()), size)

@@ -1,4 +1,4 @@
-"""Similarities between the synthetic world (metres, z up) and a reconstruction's own frame."""
+"""Similarity transforms between the synthetic world (metres, z up) and the frame of a reconstruction."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from metric_base.arrays import FloatArray
 
 __all__ = ["Similarity", "random_similarity", "similarity_between"]
 
-#: A reconstruction's unit may be anything: twenty scene units to the metre, or twenty metres to the unit.
+#: Range of random scales in scene units per metre; the unit of a reconstruction is arbitrary.
 SCALES = (0.05, 20.0)
 
 
@@ -23,18 +23,18 @@ class Similarity:
     translation: FloatArray
 
     def __call__(self, points: FloatArray) -> FloatArray:
-        """(n, 3) points carried over."""
+        """Transform points (n, 3)."""
         return np.asarray(self.scale * points @ self.rotation.T + self.translation)
 
     @property
     def inverse(self) -> Similarity:
-        """The way back."""
-        back = self.rotation.T
-        return Similarity(1 / self.scale, back, -(back @ self.translation) / self.scale)
+        """Inverse transform."""
+        rotation = self.rotation.T
+        return Similarity(1 / self.scale, rotation, -(rotation @ self.translation) / self.scale)
 
 
 def random_similarity(generator: np.random.Generator) -> Similarity:
-    """Any orientation, a shift of some units, and a scale uniform in its logarithm over SCALES."""
+    """Return a similarity with a random orientation, a log-uniform scale within `SCALES`, and a translation."""
     quaternion = generator.standard_normal(4)
     w, x, y, z = quaternion / np.linalg.norm(quaternion)
     rotation = np.array([
@@ -47,7 +47,7 @@ def random_similarity(generator: np.random.Generator) -> Similarity:
 
 
 def similarity_between(source: FloatArray, target: FloatArray) -> Similarity:
-    """The least-squares similarity from (n, 3) source to target (Umeyama 1991, equations 40 to 43)."""
+    """Return the least-squares similarity from source to target (n, 3) (Umeyama 1991, equations 40 to 43)."""
     mean_s, mean_t = source.mean(axis=0), target.mean(axis=0)
     centred_s, centred_t = source - mean_s, target - mean_t
     u, d, vt = np.linalg.svd(centred_t.T @ centred_s / len(source))

@@ -1,4 +1,4 @@
-"""Where true sizes come from: items the fit did not see, or (for tests of geometry) a small table of typical sizes."""
+"""Sources of true sizes: items of a held-out fold, or a small table of typical sizes."""
 
 from __future__ import annotations
 
@@ -10,11 +10,11 @@ from metric_base.arrays import FloatArray
 
 __all__ = ["TYPICAL_MM", "Sizes", "drawn_sizes", "plausible_sizes", "typical_sizes"]
 
-#: A source of true sizes: (category, generator) -> (3,) length >= width, and height, in millimetres.
+#: Function that draws a size of a category: length, width (at most the length) and height (3,) in mm.
 Sizes = Callable[[str, np.random.Generator], FloatArray]
 
-#: Typical length, width, height in millimetres: round figures of ordinary objects, to lay rooms out, to test geometry
-#: and to recognise an item whose row is plainly wrong. No prior is made of them.
+#: Typical length, width and height in mm: round numbers for the layout of rooms, for tests of geometry, and for the
+#: detection of wrong rows. No prior is fitted to them.
 TYPICAL_MM: dict[str, tuple[float, float, float]] = {
     "alarm clock": (150, 80, 130),
     "armchair": (850, 820, 900),
@@ -67,34 +67,33 @@ TYPICAL_MM: dict[str, tuple[float, float, float]] = {
     "washing machine": (620, 590, 860),
 }
 
-#: One sigma of the typical table's own draws, natural log, shared by the axes and per axis: a class spreads by about
+#: Standard deviations of the log of drawn sizes, common to the axes and per axis; the variation of a class is about
 #: 15 %.
-_TYPICAL_SPREAD = (0.12, 0.08)
+_TYPICAL_LOG_SD = (0.12, 0.08)
 
-#: A row further than this factor from the typical size on any axis is taken for an error or a toy, not for an object of
-#: a room.
-PLAUSIBLE_FACTOR = 2.5
+#: Maximum factor between a plausible size and the typical size on each axis; other rows are errors or toys.
+MAX_TYPICAL_FACTOR = 2.5
 
 
 def typical_sizes(category: str, generator: np.random.Generator) -> FloatArray:
-    """A size near the typical one, (3,) mm."""
-    common, own = _TYPICAL_SPREAD
-    shift = common * generator.standard_normal() + own * generator.standard_normal(3)
+    """Draw a size (3,) in mm close to the typical size."""
+    common, per_axis = _TYPICAL_LOG_SD
+    shift = common * generator.standard_normal() + per_axis * generator.standard_normal(3)
     return _in_order(np.array(TYPICAL_MM[category]) * np.exp(shift))
 
 
 def plausible_sizes(category: str, sizes_mm: FloatArray) -> FloatArray:
-    """The rows of (n, 3) that a room can hold: complete, and within a factor of the typical size on every axis."""
-    whole = sizes_mm[np.all(np.isfinite(sizes_mm) & (sizes_mm > 0), axis=1)]
-    ordered = np.array([_in_order(row) for row in whole]).reshape(-1, 3)
-    far = np.abs(np.log(ordered / np.array(TYPICAL_MM[category])))
-    return ordered[np.all(far < np.log(PLAUSIBLE_FACTOR), axis=1)]
+    """Return the complete rows of sizes (n, 3) that differ from the typical size by less than `MAX_TYPICAL_FACTOR`."""
+    complete = sizes_mm[np.all(np.isfinite(sizes_mm) & (sizes_mm > 0), axis=1)]
+    ordered = np.array([_in_order(row) for row in complete]).reshape(-1, 3)
+    log_ratio = np.abs(np.log(ordered / np.array(TYPICAL_MM[category])))
+    return ordered[np.all(log_ratio < np.log(MAX_TYPICAL_FACTOR), axis=1)]
 
 
 def drawn_sizes(pool: Mapping[str, FloatArray]) -> Sizes:
-    """Draws from each category's own rows ((n, 3) mm), every row as likely.
+    """Return a function that draws from the rows of each category ((n, 3) in mm) with equal probabilities.
 
-    A category without rows falls back on its typical size and spread, which no fit has seen either.
+    Categories without rows have typical sizes.
     """
 
     def size(category: str, generator: np.random.Generator) -> FloatArray:
@@ -107,5 +106,5 @@ def drawn_sizes(pool: Mapping[str, FloatArray]) -> Sizes:
 
 
 def _in_order(size: FloatArray) -> FloatArray:
-    """The contract's order: length is the longer horizontal extent."""
+    """Return the size with the longer horizontal extent first."""
     return np.array([max(size[0], size[1]), min(size[0], size[1]), size[2]])

@@ -1,4 +1,4 @@
-"""A street as a car's camera sees it: parked and moving cars, people, signs, between two rows of houses."""
+"""A street with parked and moving cars, people and signs between two rows of houses, for a camera in a car."""
 
 from __future__ import annotations
 
@@ -17,14 +17,16 @@ from tests.synthetic.rooms.world import Placed, World
 
 __all__ = ["street"]
 
-#: Metres a frame: 24 frames of a car at 30 km/h, three a second.
+#: Distance between frames in metres.
 STEP = 1.1
-#: Half the road's breadth, the breadth of a pavement, and where parked cars stand, in metres from the middle.
+#: Half the width of the road, the width of a pavement, and the distance of parked cars from the centre line, in metres.
 ROAD, PAVEMENT, PARKED = 5.2, 3.0, 4.0
 LENGTH = 60.0
-TRIES = 60
+#: Maximum number of random positions for an object; if none is free, the object is omitted.
+MAX_TRIES = 60
 
-#: category, least, most, where: parked beside the kerb, moving in a lane, walking or standing on a pavement.
+#: Category, minimum and maximum number, location: parked at the kerb, moving in a lane, or walking or standing on a
+#: pavement.
 _TRAFFIC = (
     ("car", 6, 12, "parked"), ("truck", 0, 1, "parked"), ("car", 1, 3, "moving"), ("bus", 0, 1, "moving"),
     ("person", 1, 4, "pavement"), ("person", 1, 2, "walking"), ("stop sign", 1, 3, "pavement"), ("bench", 0, 2,
@@ -33,14 +35,14 @@ _TRAFFIC = (
 
 
 def street(seed: int, knobs: Knobs | None = None, sizes: Sizes = typical_sizes) -> World:
-    """A street, the same for the same seed, knobs and sizes; moving objects have a velocity in metres a frame."""
+    """Return a street. The result depends only on seed, knobs and sizes; velocities are in metres per frame."""
     knobs = knobs or Knobs()
     generator = np.random.default_rng([seed, 99])
     poses = drive(STEP, knobs, generator)
     placed: list[Placed] = []
     prints: list[Footprint] = []
-    for category, least, most, where in _TRAFFIC:
-        for _ in range(int(generator.integers(least, most + 1))):
+    for category, low, high, where in _TRAFFIC:
+        for _ in range(int(generator.integers(low, high + 1))):
             _add(placed, prints, category, where, sizes(category, generator) / 1000.0, generator)
     objects = [_mislabel(item, knobs, generator) for item in _keep_some(placed, knobs.objects, generator)]
     return World("street", seed, tuple(objects), _surroundings(generator), poses)
@@ -55,7 +57,7 @@ def _add(
     generator: np.random.Generator,
 ) -> None:
     mesh = tilted_solid(category, size, 0.0, 0.0)
-    for _ in range(TRIES):
+    for _ in range(MAX_TRIES):
         side = float(generator.choice([-1.0, 1.0]))
         along = float(generator.uniform(5, LENGTH - 12))
         print_, velocity = _spot(where, side, along, size, generator)
@@ -75,7 +77,7 @@ def _add(
 def _spot(
     where: str, side: float, along: float, size: FloatArray, generator: np.random.Generator
 ) -> tuple[Footprint, FloatArray]:
-    """Where an object stands and how far it moves in a frame; traffic keeps to the right, as in most countries."""
+    """Return a footprint and a velocity for a location. Traffic drives on the right."""
     half, heading = size[:2] / 2, np.pi / 2 if side > 0 else -np.pi / 2
     still = np.zeros(3)
     if where == "parked":
@@ -102,7 +104,7 @@ def _keep_some(placed: list[Placed], keep: int | None, generator: np.random.Gene
 
 
 def _mislabel(item: Placed, knobs: Knobs, generator: np.random.Generator) -> Placed:
-    """The wrong names that street scenes get: other traffic, or furniture on the pavement."""
+    """Return the object with the label of another street object, or without points on its foot."""
     wrong, footless = generator.random(2) < (knobs.mislabelled, knobs.missing_feet)
     others = sorted({category for category, *_ in _TRAFFIC} - {item.category})
     return replace(
@@ -111,7 +113,7 @@ def _mislabel(item: Placed, knobs: Knobs, generator: np.random.Generator) -> Pla
 
 
 def _surroundings(generator: np.random.Generator) -> Mesh:
-    """Road, pavements, dashes of the middle line, and house fronts of varying depth and height."""
+    """Return road, pavements, a dashed centre line, and house fronts of different depth and height."""
     edge, end = ROAD + PAVEMENT, LENGTH + 30
     parts = [box((-ROAD, ROAD), (-10, end), (-0.1, 0), "road")]
     parts += [box(x, (-10, end), (-0.1, 0.0), "pavement") for x in ((-edge, -ROAD), (ROAD, edge))]

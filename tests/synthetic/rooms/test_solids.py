@@ -20,7 +20,7 @@ def test_every_category_has_a_typical_size(category: str) -> None:
 
 
 @given(st.sampled_from(sorted(CATEGORIES)), length, length, length)
-def test_bounding_box_is_exactly_the_stated_size(category: str, x: float, y: float, z: float) -> None:
+def test_solid_has_a_bounding_box_of_exactly_its_size(category: str, x: float, y: float, z: float) -> None:
     mesh = solid(category, np.array([x, y, z]))
     low, high = mesh.vertices.min(axis=0), mesh.vertices.max(axis=0)
     assert np.allclose(high - low, [x, y, z], rtol=1e-9)
@@ -29,7 +29,7 @@ def test_bounding_box_is_exactly_the_stated_size(category: str, x: float, y: flo
 
 
 @given(st.sampled_from(sorted(CATEGORIES)), st.floats(0.05, 0.8), st.floats(0, 6.3))
-def test_a_tilted_object_stands_on_the_floor_and_keeps_its_shape(category: str, tilt: float, yaw: float) -> None:
+def test_tilted_solid_touches_the_floor_and_keeps_its_shape(category: str, tilt: float, yaw: float) -> None:
     size = np.array([0.6, 0.4, 0.9])
     upright, tilted = solid(category, size), tilted_solid(category, size, tilt, yaw)
     assert abs(tilted.vertices[:, 2].min()) < 1e-9
@@ -38,7 +38,7 @@ def test_a_tilted_object_stands_on_the_floor_and_keeps_its_shape(category: str, 
 
 
 @pytest.mark.parametrize("category", sorted(CATEGORIES))
-def test_faces_point_at_vertices_and_bear_a_material(category: str) -> None:
+def test_faces_refer_to_vertices_and_have_a_material(category: str) -> None:
     mesh = solid(category, np.ones(3))
     assert mesh.faces.min() == 0
     assert mesh.faces.max() == len(mesh.vertices) - 1

@@ -1,10 +1,8 @@
-"""What is exactly known of a synthetic scene, in the words of the shared scenes' `truth.json`."""
+"""Ground truth of a synthetic scene, in the format of `truth.json`."""
 
 from __future__ import annotations
 
-import json
 from dataclasses import dataclass
-from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -13,15 +11,17 @@ from metric_base.arrays import FloatArray
 from tests.synthetic.rooms.similarity import Similarity
 from tests.synthetic.rooms.world import Placed, World
 
-__all__ = ["Truth", "truth_at", "truth_of"]
+__all__ = ["Truth", "truth_of"]
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Truth:
-    """The truth of a scene.
+    """Ground truth of a scene.
 
-    metres_per_unit : the scale to be found; up : (3,) in the scene; objects : what was placed, by track; rms_m : how
-    well the cameras of the reconstruction fit the true ones, metres (0 where nothing was reconstructed).
+    metres_per_unit : true scale.
+    up : (3,) up vector in the scene.
+    objects : objects of the world by track.
+    rms_m : RMS distance of the reconstructed cameras from the true ones in metres; 0 without reconstruction.
     """
 
     metres_per_unit: float
@@ -30,7 +30,7 @@ class Truth:
     rms_m: float = 0.0
 
     def json(self) -> dict[str, Any]:
-        """The scene's `truth.json`."""
+        """Return the content of `truth.json`."""
         return {
             "metres_per_unit": self.metres_per_unit,
             "camera_rms_m": self.rms_m,
@@ -40,17 +40,10 @@ class Truth:
 
 
 def truth_of(world: World, to_scene: Similarity, rms_m: float = 0.0) -> Truth:
-    """The truth of a scene whose frame is `to_scene` of the world."""
+    """Return the truth of a scene that is the world transformed by `to_scene`."""
     return Truth(
         1 / to_scene.scale, to_scene.rotation @ np.array([0.0, 0.0, 1.0]), {t.track: t for t in world.objects}, rms_m
     )
-
-
-def truth_at(folder: Path, world: World) -> Truth:
-    """The truth of a scene on disk that was made of `world`."""
-    told = json.loads((folder / "truth.json").read_text())
-    entries = {item.track: item for item in world.objects}
-    return Truth(told["metres_per_unit"], np.array(told["up_in_scene"]), entries, told["camera_rms_m"])
 
 
 def _object(item: Placed) -> dict[str, Any]:

@@ -1,4 +1,4 @@
-"""The synthetic world: placed objects, bare surfaces and the cameras that look at them, in metres with z up."""
+"""Records of a synthetic world: objects, other surfaces and camera poses, in metres with z up."""
 
 from __future__ import annotations
 
@@ -14,33 +14,36 @@ __all__ = ["Pinhole", "Placed", "Pose", "World", "pose_towards"]
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Pinhole:
-    """An ideal camera; pixels are COLMAP's (the upper left pixel's centre is 0.5, 0.5)."""
+    """A pinhole camera with COLMAP's pixel coordinates (the centre of the upper left pixel is 0.5, 0.5)."""
 
     width: int = 640
     height: int = 480
-    focal: float = 500.0  # 65 degrees across: a telephone's main camera in video
+    focal: float = 500.0  # 65 degrees horizontally, as the main camera of a phone in video mode
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Pose:
-    """World to camera: x_camera = rotation @ x_world + translation, looking along +z, y down."""
+    """Pose with x_camera = rotation @ x_world + translation; the camera looks along +z, with y down."""
 
     rotation: FloatArray
     translation: FloatArray
 
     @property
     def centre(self) -> FloatArray:
-        """(3,) camera centre in the world."""
+        """Camera centre (3,) in the world."""
         return np.asarray(-self.rotation.T @ self.translation)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Placed:
-    """One object in the world.
+    """An object in the world.
 
-    size : (3,) length, width, height in metres, true whatever its tilt; mesh : in the world at frame 0; `category` is
-    what it is, `label` what the detector calls it; velocity : (3,) metres a frame; `support` is the track it stands on,
-    None for the floor; `no_foot` says that its lowest fifth leaves no points.
+    category, label : true category, and label of the detector.
+    size : (3,) length, width and height in metres, without tilt.
+    mesh : surface in the world at frame 0.
+    velocity : (3,) in metres per frame.
+    support : track of the supporting object; None: the floor.
+    no_foot : whether the lowest fifth has no points.
     """
 
     track: str
@@ -56,7 +59,7 @@ class Placed:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class World:
-    """Objects are numbered from 1 in images of ids; 0 is a bare surface."""
+    """A synthetic world. In images of ids, objects have numbers from 1, and other surfaces have 0."""
 
     kind: str
     seed: int
@@ -67,7 +70,7 @@ class World:
 
 
 def pose_towards(centre: FloatArray, target: FloatArray, roll_rad: float = 0.0) -> Pose:
-    """The pose at `centre` looking at `target` with the horizon level but for `roll_rad`."""
+    """Return the pose of a camera at `centre` that looks at `target`, with a roll of `roll_rad`."""
     forward = (target - centre) / np.linalg.norm(target - centre)
     right = np.cross(forward, [0.0, 0.0, 1.0])
     right /= np.linalg.norm(right)

@@ -161,11 +161,11 @@ def hidden_object(kind: str, seed: int, category: str, size: Sequence[float]) ->
     basis = np.stack([to_scene.rotation[:, 0], to_scene.rotation[:, 1], up])
     body = body_of(model, to_scene(position[None])[0], basis, to_scene.rotation @ front, to_scene.scale)
     # the true masks: a rendering of the object only, and a rendering of the room with the object as its last item
-    true = standing(world, mesh, position, front)
+    inserted = standing(world, mesh, position, front)
     masks = []
-    for rendered, item in ((replace(true, objects=true.objects[-1:]), 1), (true, len(true.objects))):
+    for rendered, item in ((replace(inserted, objects=inserted.objects[-1:]), 1), (inserted, len(inserted.objects))):
         with Renderer(rendered) as renderer:
-            masks.append(tuple(renderer.frame(k, colour=False).ids == item for k in range(len(true.poses))))
+            masks.append(tuple(renderer.frame(k, colour=False).ids == item for k in range(len(inserted.poses))))
     with Renderer(world) as bare:
         colours = [bare.frame(k).colour for k in range(len(world.poses))]
     images = tuple(colour for colour in colours if colour is not None)

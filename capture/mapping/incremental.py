@@ -45,17 +45,19 @@ def mapping(request: Request, say: Callable[[dict[str, Any]], None]) -> dict[str
 
     The request names the `database`, the folder of the `images`, an empty `output` folder, whether the focal length is
     `fixed` and the camera model `free`, and the `cameras` to try in turn until most frames are placed and agree with
-    the matches. Each camera has `model`, `params` (None: those of the database) and `held` (the camera is not refined
-    until all frames are placed).
+    the matches. Each camera has `model`, `params` (None: those of the database), `held` (the camera is not refined until
+    all frames are placed), and `if_stated` (whether it is tried only if EXIF states the focal length, or only if not;
+    None: in any case).
     """
     database, output = Path(request["database"]), Path(request["output"])
     with pycolmap.Database.open(database) as opened:
         n_frames = opened.num_images()
+        is_stated = any(camera.has_prior_focal_length for camera in opened.read_all_cameras())
     n_best = -1
     best: tuple[Model, dict[str, Any], Path] | None = None
     for number, camera in enumerate(request["cameras"]):
-        if n_best >= MIN_WHOLE_RATIO * n_frames:
-            break
+        if n_best >= MIN_WHOLE_RATIO * n_frames or camera["if_stated"] not in (None, is_stated):
+            continue
         matches = output / f"{number}.db"
         shutil.copyfile(database, matches)
         if camera["params"] is not None:

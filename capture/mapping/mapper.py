@@ -164,19 +164,18 @@ def _cameras(lens: Lens) -> list[dict[str, Any]]:
 
     The first is the assumed one; a stated wide lens comes before it. The first two frames of a straight drive hardly
     constrain the focal length: in one case it became 4 times the width (true: 0.78), and only 6 of 32 frames fitted.
-    So the second is the assumed camera, held until all frames are placed. Usual wide lenses follow.
+    So the second is the assumed camera, held until all frames are placed. Usual wide lenses follow, unless EXIF states
+    the focal length; COLMAP reads it from more tags than `Lens` has, so that the worker decides by its database.
     """
-    assumed: dict[str, Any] = {"model": lens.model, "params": None, "held": False}
+    assumed: dict[str, Any] = {"model": lens.model, "params": None, "held": False, "if_stated": None}
     if lens.fixed or not lens.free:
         return [assumed]
 
-    def start(model: str, focal_px: float, held: bool) -> dict[str, Any]:
-        return {"model": model, "params": replace(lens, model=model, focal_px=focal_px).params, "held": held}
+    def start(model: str, focal_px: float, held: bool, if_stated: bool | None = False) -> dict[str, Any]:
+        params = replace(lens, model=model, focal_px=focal_px).params
+        return {"model": model, "params": params, "held": held, "if_stated": if_stated}
 
-    cameras = [] if lens.wide_px is None else [start(FISHEYE, lens.wide_px, True)]
-    cameras.append(assumed)
-    if lens.focal_px is not None:
-        return [*cameras, assumed | {"held": True}]
     side = max(lens.width, lens.height)
-    cameras.append(start(lens.model, TYPICAL_FOCAL * side, True))
+    cameras = [] if lens.wide_px is None else [start(FISHEYE, lens.wide_px, True, None)]
+    cameras += [assumed, assumed | {"held": True, "if_stated": True}, start(lens.model, TYPICAL_FOCAL * side, True)]
     return cameras + [start(model, ratio * side, "FISHEYE" in model) for model, ratio in WIDE_STARTS]

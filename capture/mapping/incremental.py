@@ -45,7 +45,7 @@ def mapping(request: Request, say: Callable[[dict[str, Any]], None]) -> dict[str
 
     The request names the `database`, the folder of the `images`, an empty `output` folder, whether the focal length is
     `fixed` and the camera model `free`, and the `cameras` to try in turn until most frames are placed and agree with
-    the matches. Each camera has `model`, `params` (None: those of the database), `held` (the camera is not refined until
+    the matches. Each camera has `model`, `params` (None: from the database), `held` (the camera is not refined until
     all frames are placed), and `if_stated` (whether it is tried only if EXIF states the focal length, or only if not;
     None: in any case).
     """

@@ -105,6 +105,14 @@ def test_the_error_of_depth_maps_is_a_fraction(tmp_path: Path, error: str, is_va
             named_sources(options)
 
 
+def test_a_search_has_at_least_one_row(mini: Tree, shown: Any, capsys: pytest.CaptureFixture[str]) -> None:
+    release = str(mini.release.directory)
+    assert len(shown("search", "mouse", "--limit", "1", "--tree", release)[1]) == 1
+    assert len(shown("search", "mouse", "--limit", "2", "--tree", release)[1]) == 2
+    assert main(["search", "mouse", "--limit", "0", "--tree", release]) == 2
+    assert "--limit: expected a number from 1; found 0" in capsys.readouterr().err
+
+
 def test_validate(mini: Tree, tmp_path: Path, shown: Any) -> None:
     assert shown("validate", str(mini.release.directory))[0] == 0
     content = minitree.rows()

@@ -100,6 +100,8 @@ def test_a_crop_ends_with_the_last_pixel_that_is_not_clear(last: int) -> None:
     crop = crop_to_object(rgba)
     assert crop.shape == (last - 1, last - 2, 4)
     assert crop[0, 0].tolist() == [100, 199, 50, 128]  # without the alpha that was in its colours
+    rgba[2, 3] = (99, 100, 120, 100)
+    assert crop_to_object(rgba)[0, 0].tolist() == [252, 255, 255, 100]
 
 
 def test_glass_is_drawn_once_over_what_is_solid() -> None:

@@ -42,6 +42,7 @@ REPLACEMENTS = {
 
 
 def _scene(folder: Path) -> None:
+    (folder / "data").symlink_to(ROOT / "data")
     (folder / "SCENE").symlink_to(ROOT / "data" / "scenes" / "demo_room")
     (folder / "pictures").symlink_to(ROOT / "data" / "scenes" / "demo_room" / "images")
 

@@ -50,8 +50,8 @@ SHOWN = re.compile(r"^```console\n(.*?)^```(?:\n```text\n(.*?)^```)?", re.MULTIL
 SHELL = re.compile(r"^```(?:sh|console)\n(.*?)^```", re.MULTILINE | re.DOTALL)
 PROGRAM = re.compile(r"(?:\$ )?(metric-tree|estimate-scale|insert-object) ")
 #: Maximum relative difference between a number in the shown output and the same number today: the last digits depend
-#: on the version of the linear algebra.
-MAX_SHOWN_DIFFERENCE = 0.02
+#: on the version of the linear algebra, and a reconstruction on the order of its threads.
+MAX_SHOWN_DIFFERENCE = 0.03
 #: Maximum number of words of the README.
 MAX_README_WORDS = 900
 PYTHON = re.compile(r"^```python\n(.*?)^```", re.MULTILINE | re.DOTALL)
@@ -171,12 +171,15 @@ def test_options_of_commands_exist(page: Path) -> None:
 
 
 def _agrees(shown: str, printed: str) -> bool:
-    """Return True if two lines have the same words, and numbers within `MAX_SHOWN_DIFFERENCE`."""
+    """Return True if two lines have the same words, numbers within `MAX_SHOWN_DIFFERENCE`, integers within 1."""
     number = re.compile(r"\d+(?:\.\d+)?")
     if number.sub("0", shown).split() != number.sub("0", printed).split():
         return False
     pairs = zip(number.findall(shown), number.findall(printed), strict=True)
-    return all(math.isclose(float(a), float(b), rel_tol=MAX_SHOWN_DIFFERENCE, abs_tol=0.011) for a, b in pairs)
+    return all(
+        math.isclose(float(a), float(b), rel_tol=MAX_SHOWN_DIFFERENCE, abs_tol=0.011 if "." in a else 1.0)
+        for a, b in pairs
+    )
 
 
 @pytest.mark.slow

@@ -30,7 +30,6 @@ ADDRESS = re.compile(r"^curl .*?http://127\.0\.0\.1:8000([^'\s]*)", re.MULTILINE
 REPLACEMENTS = {
     r"^estimate-scale (video\.mp4|data/scenes/walk_carpark/video\.mp4|data/scenes/lund_street).*": "",
     r"^insert-object walk .*": "",
-    r"^metric-tree query \"office chair\"": "",
     "frame=12,x=640,y=500": "frame=1,x=320,y=400",
     r"^metric-tree site out/site +#": "metric-tree site out/site --tree 2.0.0 #",
     r"^metric-tree build .*": "",

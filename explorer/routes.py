@@ -68,8 +68,8 @@ MEDIA_TYPES = {
 
 ASSETS = ("style.css", "page.js", "search.js", "compare.js", "scale.js", "view3d.js", "icon.svg")
 
-#: Values of the parameter of an address in a static site, by their text. The parameter `id` also accepts the id of a
-#: node, which may contain "/" and ":"; `""` is the value of an address without a parameter.
+#: Values of each path parameter in a static site, keyed by their text in the URL. The server also accepts the id of a
+#: node, which may contain "/" and ":", as `id`. Addresses without a parameter have the key `""`.
 PARAMETERS: dict[str, Callable[[ReleaseCatalogue], Mapping[str, Any]]] = {
     "": lambda _: {"": None},
     "source": lambda catalogue: {source: source for source in catalogue.sources},
@@ -102,9 +102,9 @@ class Route:
     response: type[msgspec.Struct] | None = None  #: record of the response; None: not described by OpenAPI
     operation: str = ""  #: name of the operation in OpenAPI
     summary: str = ""  #: description in OpenAPI
-    listed: Callable[[ReleaseCatalogue, Any], bool] | None = None  #: values in a static site; None: all of `PARAMETERS`
+    listed: Callable[[ReleaseCatalogue, Any], bool] | None = None  #: selects values for the static site; None: all
     is_static: bool = True  #: False if only a server has the address
-    is_quick: bool = False  #: rendering takes less time than a change of thread
+    is_quick: bool = False  #: rendering is cheaper than a thread switch
 
     @cached_property
     def parameter(self) -> str:
@@ -246,7 +246,7 @@ def render(catalogue: ReleaseCatalogue, address: str) -> Rendered | None:
 
 
 def site_addresses(catalogue: ReleaseCatalogue) -> Iterator[str]:
-    """Yield every address of the static site except images; all addresses of one value of a parameter together."""
+    """Yield every address of the static site except those of images, grouped by parameter value."""
     for parameter, values in PARAMETERS.items():
         routes = [route for route in ROUTES if route.is_static and route.parameter == parameter]
         for text, value in values(catalogue).items():

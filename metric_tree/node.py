@@ -66,7 +66,7 @@ def state_priors(node_id: str, record: Sequence[Mapping[str, Any]]) -> dict[str,
 
 
 class UnknownName(InputError, KeyError):
-    """A name without a node in the tree; the message lists similar names."""
+    """A name or id without a node in the tree; `Tree.find` and `Tree.resolve` list similar names unless disabled."""
 
     def __str__(self) -> str:
         return str(self.args[0])

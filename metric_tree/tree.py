@@ -32,7 +32,7 @@ DETECTORS = "detectors"
 MAX_LISTED_NAMES = 4
 #: Maximum length of a name in characters.
 MAX_NAME_CHARS = 300
-#: Characters of ids that are rare in names: only such texts are looked up among the ids of earlier releases.
+#: Characters of ids that are rare in names; texts without these characters are not looked up as former ids.
 _ID_MARKS = frozenset(".:/")
 
 
@@ -134,7 +134,7 @@ class Tree:
         return node_id in self._rows
 
     def node(self, node_id: str) -> Node:
-        """Return the node with an id, also of an earlier release; UnknownName if no node has it."""
+        """Return the node with this current or former id. Raises UnknownName if there is none."""
         node_id = self._successors.get(node_id, node_id) if node_id not in self._rows else node_id
         if node_id not in self._rows:
             raise UnknownName(f"{node_id}: no node has this id")
@@ -159,7 +159,7 @@ class Tree:
         vocabulary : str, optional
             Label list of the name.
         advice : bool
-            Whether the error of an unknown name lists similar names, which takes most of the time.
+            Whether the error of an unknown name suggests similar names (slow).
         at_least : str, optional
             Minimum tier of the size (`metric_tree.tiers.TIERS`).
 
@@ -199,7 +199,7 @@ class Tree:
         vocabulary : str, optional
             Label list of the text; `detectors` includes all lists, the most used first.
         advice : bool
-            Whether the error of an unknown name lists similar names.
+            Whether the error of an unknown name suggests similar names (slow).
 
         Raises
         ------
@@ -231,8 +231,8 @@ class Tree:
     def search(self, text: str, limit: int = 10) -> tuple[Node, ...]:
         """Return up to `limit` nodes for a partial or misspelt text, the most relevant first.
 
-        Nodes of the text come first, then names that begin with it, then similar names. A text of more than
-        `MAX_NAME_CHARS` characters has none.
+        Nodes of the text come first, then names that begin with it, then similar names. Texts longer than
+        `MAX_NAME_CHARS` return no nodes.
 
         >>> import metric_tree
         >>> metric_tree.open().search("wardrob", limit=1)[0].name
@@ -271,8 +271,8 @@ class Tree:
     def priors(self, vocabulary: str | None = None) -> pa.Table:
         """Return the quantiles in mm of every node, or of every label of a list, as a flat table.
 
-        Columns: with a vocabulary `label`; `node_id`, `name`, `level`, `tier`, `n_items`, `n_sources`, then
-        `length_q05_mm` and the others of `metric_tree.tree.quantile_columns`, of the default prior of the node.
+        The columns are `node_id`, `name`, `level`, `tier`, `n_items`, `n_sources`, and the quantiles of the default
+        prior, such as `length_q05_mm` (`metric_tree.tree.quantile_columns`). With a vocabulary, `label` comes first.
 
         >>> import metric_tree
         >>> table = metric_tree.open().priors(vocabulary="kitti_8")

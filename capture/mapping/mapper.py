@@ -29,7 +29,7 @@ from metric_base.progress import ProgressCallback, silent
 #: which corrects its distortion, and two action cameras. The mapping converges from a fisheye focal length within 20 %
 #: of the true one.
 WIDE_STARTS = (("SIMPLE_RADIAL", 0.4), (FISHEYE, 0.48), (FISHEYE, 0.34))
-#: Time in seconds for the figures of the best model after the limit.
+#: Extra time in seconds after the limit, to finish the best model.
 EXTRA_TIME_S = 60.0
 
 
@@ -55,7 +55,7 @@ class ModelReport(msgspec.Struct, kw_only=True):
     lenses: CameraModelChoice | None = None  #: Comparison of the camera models, if the residuals have a pattern.
     strategy: str | None = None  #: Strategy of the model.
     tried: list[Attempt] = []  #: Strategies that were tried.
-    left: list[str] = []  #: Strategies that were left for lack of time.
+    left: list[str] = []  #: Strategies that were not tried for lack of time.
 
     @property
     def n_placed(self) -> int:
@@ -132,7 +132,7 @@ def _mapped(
     limit: TimeLimit,
     progress: ProgressCallback,
 ) -> tuple[dict[str, Any], ModelReport]:
-    """Return the result of the mapping step, of the best model so far if the step ends early, and its report."""
+    """Return the result of the mapping and its report; after an early stop, those of the best model so far."""
     output = folder / "models"
     output.mkdir(parents=True)
     database = folder / "matches.db"
@@ -162,10 +162,11 @@ def _mapped(
 def _cameras(lens: Lens) -> list[dict[str, Any]]:
     """Return the cameras to map with in turn, until most frames are placed.
 
-    The first is the assumed one; a stated wide lens comes before it. The first two frames of a straight drive hardly
-    constrain the focal length: in one case it became 4 times the width (true: 0.78), and only 6 of 32 frames fitted.
-    So the second is the assumed camera, held until all frames are placed. Usual wide lenses follow, unless EXIF states
-    the focal length; COLMAP reads it from more tags than `Lens` has, so that the worker decides by its database.
+    A stated wide lens comes first, then the assumed camera. The first two frames of a straight drive hardly constrain
+    the focal length: in one case it became 4 times the width (true: 0.78), and only 6 of 32 frames fitted. The next
+    camera is therefore held until all frames are placed: the assumed one if EXIF states the focal length, otherwise one
+    with `TYPICAL_FOCAL`. Usual wide lenses follow, unless EXIF states the focal length. The worker decides whether EXIF
+    does, because COLMAP reads more tags than `Lens`.
     """
     assumed: dict[str, Any] = {"model": lens.model, "params": None, "held": False, "if_stated": None}
     if lens.fixed or not lens.free:

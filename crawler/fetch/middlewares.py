@@ -20,7 +20,7 @@ from crawler.fetch.network_limits import REFUSED, is_literal, is_public
 BAN_SECONDS = 30.0
 #: Maximum pause after a ban in seconds.
 MAX_BAN_SECONDS = 1800.0
-#: Number of consecutive bans that end the crawl.
+#: Maximum number of consecutive bans that only pause the crawl; the next one ends it.
 MAX_BANS = 6
 #: Number of bytes of robots.txt that are read; RFC 9309 demands at least 500 KiB.
 ROBOTS_BYTES = 500 * 1024
@@ -72,7 +72,7 @@ class RefusedHostMiddleware:
 
 
 class BanMiddleware:
-    """Detect and count bans, return their pages to the frontier, and pause or, after `MAX_BANS`, end the crawl.
+    """Detect and count bans, return their pages to the frontier, and pause the crawl or end it after `MAX_BANS` bans.
 
     Refused requests that were sent before a ban belong to the same ban: four requests in flight are not four bans.
     """

@@ -1,8 +1,8 @@
-"""Size statements of a page, the best of them, and the raw item of the page.
+"""Find the size statements of a page, choose the best one, and build the raw item of the page.
 
-This module decides which size of a page is used. A statement is a label and value pair, or a group of pairs with one
-axis each, that states the size of the whole product. Statements are ranked by their trust and by their number of
-lengths (`best_statement`). Sizes of packages, parts and other products are not statements.
+A statement is a label and value pair, or a group of pairs with one axis each, that states the size of the whole
+product. Statements are ranked by their trust and by their number of lengths (`best_statement`). Sizes of packages,
+parts and other products are not statements.
 """
 
 from __future__ import annotations
@@ -34,13 +34,14 @@ from crawler.text.vocabulary import (
     plain,
 )
 
-#: Maximum number of characters of a title or a statement in an item: a page may contain megabytes, shops use a hundred.
+#: Maximum number of characters of a title or a statement in an item. Shops use about 100 characters; broken pages may
+#: contain megabytes.
 MAX_TEXT = 1000
 #: Maximum number of characters of an id, a brand or a category in an item.
 MAX_WORD = 200
-#: Minimum number of numbers of prose without a word for a size that is examined for axes.
+#: Minimum number of numbers in prose without a size word; prose with fewer numbers is not examined for axes.
 MIN_NUMBERS_OF_PROSE = 3
-#: Number of characters of a script within which its pairs belong to one container.
+#: Length in characters of the blocks of a script; the pairs in a block share a container.
 _SCRIPT_BLOCK = 4000
 #: Pairs in scripts: `"name":"Width","value":"30 cm"`, with plain or escaped quotes and the names that sites use.
 _JSON_PAIR = re.compile(
@@ -144,10 +145,10 @@ def size_statements(page: Page, structured: Sequence[tuple[str, str]] = (), titl
 def best_statement(candidates: Iterable[Statement]) -> Statement | None:
     """Return the statement to use.
 
-    Statements of the page come before those of scripts and prose, trusted ones of several lengths before others, then
-    the statement with the most lengths and with the best label. Statements with the same number of lengths that differ
-    mark the size as contradictory. A size of two axes is completed by a third axis that has a separate row:
-    `Size (W x L): 140 x 200 cm`, `Height: 18 cm`.
+    Statements are ranked by four criteria in this order: their origin (tables and labels before scripts and prose),
+    whether they have a label or heading and several lengths, their number of lengths, and their trust. If trusted
+    statements with the same number of lengths disagree, the size has the flag `contradicts_itself`. A size of two axes
+    is completed by a third axis that has a separate row: `Size (W x L): 140 x 200 cm`, `Height: 18 cm`.
     """
 
     def rank(statement: Statement) -> tuple[bool, bool, int, int]:
@@ -204,8 +205,9 @@ def _statements(pairs: Sequence[LabelValue], language: Language | None, title: s
 
 
 def _announces_size(pair: LabelValue, language: Language | None, title: str) -> bool:
-    """Return True if the heading or the text announces a size, or the label names the product and the text three axes.
+    """Return True if a pair announces a size of the product.
 
+    The label, the heading or the text announces it, or the label names the product and the text states three axes.
     Examples: `Table: overall size 3 x 4 cm`, `Desk: 71" L x 32" W x 30" H`.
     """
     if is_dimension_label(plain(f"{pair.label} {pair.section}")):
@@ -224,7 +226,7 @@ def _trust(pair: LabelValue, is_announced: bool, title: str) -> Trust:
     """Return the trust in the size of a pair; `is_announced` if its label announces a size."""
     label = plain(pair.label)
     if pair.place == "prose" or (pair.place == "line" and not (is_announced and is_stripped(label))):
-        # a line of running text with a size is the description of a seller, and not the table of the site
+        # a line of running text with a size is the seller's description, not the site's table
         return Trust.PROSE
     if pair.place == "json":
         return Trust.SCRIPT
@@ -232,15 +234,15 @@ def _trust(pair: LabelValue, is_announced: bool, title: str) -> Trust:
         return Trust.LOOSE
     if is_announced:
         return Trust.WHOLE if is_whole(label) else Trust.SIZE
-    # below a heading for sizes there may also be parts with names
+    # headings for sizes may also cover named parts
     return Trust.SIZE if is_dimension_label(plain(pair.section)) and not is_foreign(label, title) else Trust.LOOSE
 
 
 def _axis_statements(pairs: Iterable[LabelValue], language: Language | None, title: str) -> Iterator[Statement]:
     """Return the statements of groups of rows with one axis each: `Width | 4 cm`, `Height | 3 cm`.
 
-    A group has one heading, and no axis from two containers; the first row of an axis counts. Rows with words for other
-    objects (`heel height`) form separate groups.
+    The rows of a group share a heading, and each axis comes from one container; its first row counts. Rows with words
+    for other objects (`heel height`) form separate groups.
     """
     groups: list[tuple[bool, dict[str, tuple[Length, LabelValue]]]] = []
     current: dict[bool, dict[str, tuple[Length, LabelValue]]] = {}
@@ -277,7 +279,7 @@ def _axis_statements(pairs: Iterable[LabelValue], language: Language | None, tit
 
 
 def _axis_length(pair: LabelValue, language: Language | None, title: str) -> Length | None:
-    """Return the length with its axis that a row states; None if it is of a part or a package, or not a single one."""
+    """Return the single length of a row and its axis, or None. Rows of parts and packages are ignored."""
     label, section = plain(pair.label), plain(pair.section)
     if not label or _is_of_part(label) or is_package(label) or is_package(section):
         return None
@@ -289,12 +291,12 @@ def _axis_length(pair: LabelValue, language: Language | None, title: str) -> Len
         return None
     length = single[0].lengths[0]
     same = consensus([size for size in single if size.lengths[0].axis in {None, length.axis}])
-    # of a length in two systems of units the metric one is used: the other was rounded
+    # if a length is stated in two systems of units, prefer the metric value; the other is rounded
     return length if same is None or "contradicts_itself" in same.flags else replace(same.lengths[0], axis=length.axis)
 
 
 def _is_of_part(label: str) -> bool:
-    """Return True if a plain label is of a part, and not `overall ...`."""
+    """Return True if a plain label names a part, and not the whole (`overall ...`)."""
     return is_component(label) and not (is_whole(label) and not is_component(label.replace("overall", "")))
 
 

@@ -1,9 +1,9 @@
 """Extend objects whose foot is not reconstructed down to the surface below them.
 
 Legs are thin, castors dark and sills low, so that a cloud ends above the foot and the height is too small. The surface
-is found in the cloud around the footprint (`find_support_level`), because the object hides the part below it. The gap
-is filled (`foot_on_level`) depending on the masks, if they show the foot, and on the category if it determines whether
-the object stands on the floor or hangs.
+is found in the cloud around the footprint (`find_support_level`), because the object hides the part below it. The
+category decides whether the gap is filled (`foot_on_level`), if it determines whether the object stands on the floor or
+hangs. Otherwise the masks decide.
 """
 
 from __future__ import annotations
@@ -21,19 +21,20 @@ from metric_base.statistics import robust_sigma
 RING_WIDTH_FRACTION = 0.6
 # Minimum number of points of a surface in the ring.
 MIN_RING_POINTS = 10
-# Minimum number of the eight sectors of the ring with points of the surface. A wall is in three at most.
+# Minimum number of the eight sectors of the ring with points of the surface. A surface in one or two sectors, such as a
+# shelf at one corner of the object, is excluded.
 MIN_RING_SECTORS = 3
 # Minimum number of points of a level, relative to the level with most points; the highest such level is used.
 MIN_RING_LEVEL_FRACTION = 0.3
 # Multiple of the median number of points per height that is subtracted, so that a wall has no level.
 WALL_FACTOR = 2.0
-# Maximum distance of a foot from its level, relative to the height, if it is larger than a height bin (the roughness of
-# the cloud): the accuracy of the extent rule.
+# Contact tolerance between a foot and its level, as a fraction of the height of the object and at least one height bin
+# (the roughness of the cloud). It is the accuracy of the extent rule.
 MAX_CONTACT_FRACTION = 0.06
-# Maximum gap relative to the height of the points that is filled if neither masks nor category determine it: legs of
-# cabinets, bags. Objects on a wall are at least their height above the surface below them.
+# Maximum gap that is filled if neither masks nor category determine it (legs of cabinets, bags), relative to the height
+# of the points. Wall-mounted objects hang at least their height above the surface.
 MAX_UNOBSERVED_GAP = 0.35
-# The same if the masks show the foot: an occluder of the foot occludes it in the masks, too.
+# The same limit if the masks show the lower end. It is not zero, because occluders hide the foot in the masks, too.
 MAX_OBSERVED_GAP = 0.12
 # Minimum fraction of the gap that a mask covers if it shows a foot there.
 MIN_REACH_FRACTION = 0.5
@@ -181,7 +182,7 @@ def _contact_tolerance(height: float, roughness: float) -> float:
 
 
 def _is_slab(low: FloatArray, high: FloatArray, stands: bool | None) -> bool:
-    """Return whether a floor-standing object from `low` (3,) to `high` (3,) is so flat that its legs are missing."""
+    """Return True if a floor-standing object from `low` (3,) to `high` (3,) is too flat to include its legs."""
     return stands is True and float(high[2] - low[2]) < MAX_SLAB_ASPECT * float((high - low)[:2].min())
 
 

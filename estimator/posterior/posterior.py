@@ -7,11 +7,12 @@ error (`shared_error`). All terms are evaluated on one grid, whose range follows
 
 The status of a posterior:
 
-- `resolved`: the interval is narrow and no other mode competes with the highest one.
-- `uncertain`: the interval is wide, modes compete, or most objects are outliers, but the highest mode is more likely
-  close to the true scale than not.
-- `unresolved`: the posterior has little mass close to its highest mode, or most of its mass at scales for which no
-  object has evidence.
+- `unresolved`: less than 35 % of the posterior mass is close to the highest mode (`MIN_PEAK_MASS`), a competing mode
+  has at least 35 % (`MAX_COMPETING_MASS`), or more than 25 % is beyond one end of the scales for which objects have
+  evidence (`MAX_EDGE_MASS`).
+- `uncertain`: none of these, but the interval is wide, a mode competes with the highest one, or most objects are
+  outliers.
+- `resolved`: none of these.
 """
 
 from __future__ import annotations
@@ -58,22 +59,23 @@ PEAK_WIDTH_RATIO = 1.15
 #: of ScanNet, so that 70 % of the refused scales are off by more than the ratio (docs/evidence/calibration.md).
 MIN_PEAK_MASS = 0.35
 #: Minimum mean probability of the objects not to be outliers. Below it, the objects contradict the model: the logarithm
-#: of the posterior is multiplied by `TEMPERING_EXPONENT`, which widens it, and the scale is at most uncertain. Chosen
-#: on the even rooms of ScanNet and half of the simulated scenes, so that the interval of such scenes covers 90 %, and
-#: 70 % of the scales that become unresolved are off by more than `PEAK_WIDTH_RATIO` (docs/evidence/calibration.md).
+#: of the posterior is multiplied by `TEMPERING_EXPONENT`, which widens it, and the scale is never resolved. Chosen on
+#: the even rooms of ScanNet and half of the simulated scenes, so that the interval of such scenes covers 90 %, and 70 %
+#: of the scales that become unresolved are off by more than `PEAK_WIDTH_RATIO` (docs/evidence/calibration.md).
 MIN_MEAN_WEIGHT = 0.4
 #: Minimum number of objects for this rule.
 MIN_JUDGED_OBJECTS = 3
 #: Exponent of the posterior if most objects are outliers.
 TEMPERING_EXPONENT = 0.7
-#: Maximum mass beyond one end of the range in which objects have evidence; there, all objects are outliers.
+#: Maximum mass beyond one end of the grid, where no object has evidence and all objects are outliers.
 MAX_EDGE_MASS = 0.25
 #: Minimum standard deviation of other evidence: the reconstruction itself is not more accurate than 0.1 %.
 MIN_EVIDENCE_LOG_SD = 1e-3
-#: Maximum number of objects of a class that are integrated over, selected at equal intervals of their rank in size.
+#: Maximum number of objects of a class that are integrated over; larger classes are subsampled evenly by size rank.
 #: They have the weight of `EFFECTIVE_OBJECTS` in any case, and the limit bounds time and memory.
 MAX_OBJECTS_PER_CLASS = 100
-#: Minimum probability of other evidence to be right for it to determine the scale, whatever the objects are.
+#: Minimum probability that other evidence is right. Above it, that evidence determines the scale, and the rule for
+#: outliers (`MIN_MEAN_WEIGHT`) does not apply.
 MIN_EVIDENCE_PROBABILITY = 0.5
 
 #: Objects (k,) of a scene, and their classes.
@@ -313,7 +315,7 @@ def _class_terms(
     row_of = {name: row for row, name in enumerate(names)}
     group = np.array([row_of[item.prior.node_id] for item in objects.evidence])
     count = np.bincount(group)
-    # All objects are integrated over; of large classes, a selection over the range of sizes.
+    # All objects are integrated over, but classes over the limit are subsampled.
     integrated = np.arange(n)
     if count.max() > MAX_OBJECTS_PER_CLASS:
         size = objects.y.sum(axis=1)
@@ -345,7 +347,7 @@ def _class_terms(
 def _multi_object_terms(
     objects: MeasuredArrays, selected: IntArray, group: IntArray, count: IntArray, u: FloatArray
 ) -> tuple[IntArray, MultiObjectClasses]:
-    """Return the rows (c,) of the classes of the objects `selected` (n,), each with several, and their terms."""
+    """Return the class rows (c,) of the objects `selected` (n,), and their terms; each class has several objects."""
     classes, first, class_of = np.unique(group[selected], return_index=True, return_inverse=True)
     is_open = np.zeros(len(classes), dtype=bool)
     for i, row in zip(selected.tolist(), class_of.tolist(), strict=True):

@@ -84,13 +84,13 @@ def composite_footage(
     footage : Footage
         Frames to write.
     scale : MetricScale
-        For the results, and for the outlines at both ends of its interval.
+        Scale to report; its interval determines the outlines.
     write : callable
         Receives each frame with its finished image, in order.
     show_interval : bool
         Draw the outlines of the objects at both ends of the scale interval.
     smooth_look : bool
-        The frames belong to one video, so that exposure, blur and grain change slowly.
+        Smooth exposure, blur and grain over time, because the frames belong to one video.
     sinks : sequence of LayerSink
         Receive the layers of every frame.
     tracing : context manager, optional
@@ -167,14 +167,18 @@ class Compositor:
 
     Parameters
     ----------
-    objects, light, content : sequence of PlacedObject, LightModel, FrameContent
-        The objects and the scene.
+    objects : sequence of PlacedObject
+        The objects.
+    light : LightModel
+        Light of the scene.
+    content : FrameContent
+        Points and masks of the scene.
     start_s : float
         Presentation time of the first frame of the footage.
     smooth_look : bool
-        The frames belong to one video.
+        Smooth exposure, blur and grain over time, because the frames belong to one video.
     interval : MetricScale, optional
-        Scale whose interval is shown by outlines.
+        Scale whose interval is drawn as outlines.
     sinks : sequence of LayerSink
         Receive the layers of every frame.
 
@@ -249,7 +253,7 @@ class Compositor:
         # 2. Each object with its occluders and its shadow; objects out of the frame have no layers.
         by_index = self._layers(view, plate, visible, full_size=traced is not None)
 
-        # 3. The composite, with the look of the camera and grain that depends on the frame only.
+        # 3. The composite, with the look of the camera and with grain seeded by the frame index.
         layered, seed = list(by_index.values()), frame.index * 16
         if traced is None:
             composite = composite_objects(plate, layered, look, seed)
@@ -310,7 +314,7 @@ def _renderer(
 ) -> ObjectRenderer:
     """Return the renderer of an object in the light at its position, with the other bodies that shade it."""
     position = item.placement.position
-    if item.path is not None:  # lamps have a position; other light is estimated at the middle of the path
+    if item.path is not None:  # only lamps vary along the path; the other light is estimated at its middle
         position = item.path.position(item.path.arrival_s / 2)
     environment = light.environment(position, item.height)
     support_environment = light.environment(position, SUPPORT_LIGHT_HEIGHT * item.height)
@@ -320,5 +324,5 @@ def _renderer(
 
 
 def other_bodies(bodies: Sequence[Body], index: int) -> tuple[list[Body], list[Body]]:
-    """Return all bodies except the one with this index, and those before it."""
+    """Return two lists: the bodies other than the one at `index`, and the bodies before it."""
     return [*bodies[:index], *bodies[index + 1 :]], list(bodies[:index])

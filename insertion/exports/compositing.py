@@ -30,7 +30,7 @@ from metric_base.images import write_picture
 SCHEMA = "metric-tree/layers/1"
 #: Pixel format of FFmpeg and order of the channels in its planes, by the number of channels.
 _FORMATS = {1: ("grayf32le", (0,)), 3: ("gbrpf32le", (1, 2, 0)), 4: ("gbrapf32le", (1, 2, 0, 3))}
-#: Weight of an object in the pixels of its blur, relative to its weight in the pixels that it covers.
+#: Weight of the blurred coverage of an object relative to its sharp coverage.
 BLUR_WEIGHT = 1e-3
 #: Content of each folder, for `layers.json`.
 LAYERS = {
@@ -55,7 +55,7 @@ class CompositingLayers:
         self, folder: Path, objects: Sequence[PlacedObject], frames: Sequence[Frame], metres_per_unit: float
     ) -> None:
         self._folder, self._metres = folder, metres_per_unit
-        # numbered from 1 without gaps, as programs read a sequence
+        # consecutive numbers from 1, as image sequences require
         self._names = {frame.name: Path(f"{frame.index + 1:06d}.exr") for frame in frames}
         self._layered: dict[int, ObjectComposite] = {}
         self._several = len(objects) > 1
@@ -156,7 +156,7 @@ def lens_maps(camera: Camera) -> tuple[FloatArray, NDArray[np.float32]]:
     there : (h, w, 3) ndarray of float
         Position x, y of each pixel in the undistorted image (centre of the first pixel 0.5), and 0.
     back : (a, b, 2) ndarray of float32
-        Position of each pixel of the undistorted image in the image, as OpenCV needs it (first pixel 0).
+        Source position x, y of each undistorted pixel in the image (OpenCV: centre of the first pixel 0).
     """
     window = window_behind(camera, PixelBox(0, 0, camera.width, camera.height))
     rays = camera_rays(camera)
@@ -195,7 +195,7 @@ def _save(file: Path, data: bytes) -> None:
 
 
 def surface_normals(depth: NDArray[np.float32], rays: NDArray[np.float32]) -> NDArray[np.float32]:
-    """Return unit normals (h, w, 3) towards the camera of a depth (h, w) on rays (h, w, 2), 0 if unknown."""
+    """Compute camera-facing unit normals (h, w, 3) from a depth (h, w) and rays (h, w, 2); 0 if unknown."""
     places = (
         np.dstack([rays, np.ones(depth.shape, np.float32)]) * np.where(np.isfinite(depth), depth, np.nan)[..., None]
     )

@@ -106,7 +106,7 @@ def environment_at(
     stills: Stills,
     light: RoomLight | OutdoorLight | None = None,
 ) -> Environment:
-    """Estimate the environment map about the middle of an object.
+    """Estimate the environment map centred on an object.
 
     Parameters
     ----------

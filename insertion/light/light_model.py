@@ -29,7 +29,7 @@ class LightModel:
     stills : Stills
         Its images.
     supports : SupportSurfaces
-        The vertical, and the ground outdoors.
+        Support surfaces; they give the up direction and, outdoors, the ground.
     cloud : ColouredPoints
         Points that the lamps or the sun are fitted to.
     static : ColouredPoints, optional
@@ -64,7 +64,7 @@ class LightModel:
         return fit_room_light(cells, up, is_free, occupancy_of(self._cloud))
 
     def environment(self, position: FloatArray, height: float) -> Environment:
-        """Return the environment map about the middle of an object.
+        """Return the environment map centred on an object.
 
         Parameters
         ----------

@@ -1,4 +1,4 @@
-"""From the arguments of `insert-object` to one request with final values."""
+"""Parse the arguments of `insert-object` into a validated request."""
 
 from __future__ import annotations
 
@@ -165,7 +165,7 @@ def parse_objects(groups: Sequence[argparse.Namespace]) -> list[ObjectRequest]:
 
 
 def tree_for(objects: Sequence[ObjectRequest], reference: str | None) -> Tree | None:
-    """Open the release for sizes by the prior and for positions on a category; None if no object needs it."""
+    """Open the release if an object needs a prior size or a position on a category; otherwise return None."""
     if not any(request.size == "prior" or request.on is not None for request in objects):
         return None
     import metric_tree

@@ -1,4 +1,4 @@
-"""Steps 2 and 4 of a build for one shard: repeats and unit errors removed, moments of each class, priors of classes."""
+"""Clean one shard of a build (step 2) and fit the priors of its classes (step 4)."""
 
 from __future__ import annotations
 
@@ -36,8 +36,9 @@ from metric_tree.pipeline.ingest import refusal
 from metric_tree.prior import Prior
 from metric_tree.release.schema import ITEMS
 
-#: Maximum number of rows of one source in the fit of a class, the rows with the lowest hashes. The weight of a source
-#: is bounded anyway (`fit.rows.SOURCE_HALF_ROWS`), and 200 rows determine its mean to 1/14 of the standard deviation.
+#: Maximum number of rows per source in the fit of a class; the rows with the lowest hashes are kept. The weight of a
+#: source is bounded anyway (`fit.rows.SOURCE_HALF_ROWS`), and 200 rows determine its mean to 1/14 of the standard
+#: deviation.
 MAX_FIT_ROWS = 200
 #: Flag of rows whose size may be the size of the package.
 PACKAGE = "suspect_package"
@@ -88,7 +89,7 @@ def clean_shard(
     siblings : mapping
         Reference sizes of nodes with few rows, from their siblings.
     carried : frozenset of str, optional
-        Ids of the items of an earlier release, which replace the checks.
+        Ids of the items of an earlier release. If given, exactly these items are kept, and the checks are skipped.
     """
     table = pa.ipc.open_file(shard).read_all()
     table = table.take(pc.sort_indices(table, [("node_id", "ascending"), ("item_id", "ascending")]))
@@ -140,7 +141,19 @@ def class_priors(
 def _refusal_reasons(
     table: pa.Table, sizes: FloatArray, shipped: frozenset[str], siblings: Mapping[str, Reference]
 ) -> list[str]:
-    """Return the reason to refuse each row with the sizes (n, 6), or an empty text; unit errors precede duplicates."""
+    """Return the rejection reason of each row, empty if it is accepted. Unit errors are found before duplicates.
+
+    Parameters
+    ----------
+    table : pyarrow.Table
+        The n rows, sorted by node.
+    sizes : (n, 6) ndarray of float
+        Length, width, height and the sorted extents in mm.
+    shipped : frozenset of str
+        Sources whose rows may be redistributed.
+    siblings : mapping
+        Reference sizes of nodes with few rows, from their siblings.
+    """
     reasons = [""] * table.num_rows
     extents = sizes[:, 3:]
     ids, kinds, node = (table[name].to_pylist() for name in ("item_id", "kind", "node_id"))
@@ -169,7 +182,8 @@ def _node_class(table: pa.Table, sizes: FloatArray) -> tuple[NodeClass, ClassRow
     node_id, pose = table["node_id"][0].as_py(), table["pose"][0].as_py()
     source, kind = _strings(table, "source"), _strings(table, "kind")
     scene = np.array([text or "" for text in table["scene"].to_pylist()], dtype=str)
-    # Data sets that measured the same rooms are one source: the part of the scene before the slash.
+    # Data sets that measured the same rooms count as one source. The prefix of a scene before the slash is its set of
+    # rooms.
     rooms = np.array([text.partition("/")[0] for text in scene.tolist()], dtype=str)
     origin = np.where(rooms != "", rooms, source)
     is_real = ~np.isin(kind, sorted(STATEMENTS))
@@ -185,7 +199,7 @@ def _node_class(table: pa.Table, sizes: FloatArray) -> tuple[NodeClass, ClassRow
     if (~is_package & np.isin(kind[fit], sorted(STRONG | {JUDGED}))).any():
         fit = fit[~is_package]
 
-    # 2. Their candidates in the axes of the pose, and over sorted extents.
+    # 2. Possible axis assignments of these rows, by pose and by sorted extents.
     range_sd = np.full((table.num_rows, 3), np.nan)
     if table["range_sd"].null_count < table.num_rows:
         range_sd = matrix_of_lists(table["range_sd"])

@@ -190,7 +190,7 @@ class Tree:
         """Return the node of a text, the rule that matched, the margin over other nodes, and the alternatives.
 
         Case, plurals, spaces, hyphens, underscores, articles, numbers and British spelling are normalised; adjectives,
-        colours, materials and rooms are removed. A text with one wrong letter is matched, with more it is unknown.
+        colours, materials and rooms are removed. A text with one wrong letter is matched; with more, it is unknown.
 
         Parameters
         ----------

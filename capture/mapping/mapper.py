@@ -1,4 +1,4 @@
-"""The stage from verified matches to a model that is accepted or refused, with its report."""
+"""Map the frames from their verified matches, and accept or refuse the model with a report."""
 
 from __future__ import annotations
 

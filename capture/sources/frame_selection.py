@@ -25,7 +25,7 @@ MIN_STEP, MIN_FRAMES = 0.014, 12
 MOTION_SIDE = 320
 #: Number of corners that are tracked from frame to frame, and minimum number for a median.
 N_CORNERS, MIN_CORNERS = 150, 15
-#: Motion of frames between which the tracking breaks, at a cut or a smear: a whole step between chosen frames.
+#: Assumed motion between frames whose tracking fails, at a cut or a motion blur: a whole step between chosen frames.
 BROKEN_STEP = MAX_STEP
 #: Longer side in pixels of the images in which edges are measured.
 EDGE_SIDE = 640
@@ -104,18 +104,18 @@ def chosen_frames(motion: Motion, wanted: int | None = None, times: int = 1) -> 
 
 
 def _default_count(path: float) -> int:
-    """Return the default number of frames for a motion in longer sides."""
+    """Return the default number of frames for the total motion, relative to the longer side of the image."""
     if path > DEFAULT_FRAMES * MAX_STEP:
         return min(int(np.ceil(path / MAX_STEP)), MAX_FRAMES)
     return min(max(int(path / MIN_STEP), MIN_FRAMES), DEFAULT_FRAMES)
 
 
 def edge_sharpness(colour: NDArray[np.uint8]) -> tuple[float, float]:
-    """Return the steepness of the edges in the least and the most steep of four directions; NaN without edges.
+    """Return the lowest and the highest steepness of the edges over four directions; NaN without edges.
 
     The steepness of an edge is its slope per pixel over the step of grey levels about it: about 0.35 for an ideal
-    edge, 0.2 in a sharp textured image, 0.1 in one that is smeared over ten pixels. A smear leaves sharp edges only
-    along its own direction, hence the directions.
+    edge, 0.2 in a sharp textured image, and 0.1 in an image with a motion blur of ten pixels. Motion blur leaves only
+    the edges along its own direction sharp, so directions are measured separately.
 
     Parameters
     ----------

@@ -18,7 +18,7 @@ from metric_base.errors import InputError, Unquoted
 
 Picture = NDArray[np.uint8]
 
-#: Suffixes that are read as videos; the content decides whether they are.
+#: Suffixes of files that are opened as videos; files with other content are rejected.
 VIDEO_SUFFIXES = frozenset({".mp4", ".mov", ".m4v", ".mkv", ".webm", ".avi", ".mts", ".m2ts", ".3gp", ".mpg", ".mpeg"})
 #: Maximum number of pixels of a frame, and maximum ratio of the sides of a pixel.
 MAX_PIXELS, MAX_ASPECT = 1 << 26, 8
@@ -50,24 +50,24 @@ class Video:
     Attributes
     ----------
     width, height : int
-        Of the upright frames.
+        Size of the upright frames in pixels.
     turned_deg : int
         Clockwise rotation that the container requests, applied to every frame.
     n_frames : int
-        Number of frames by the container, 0 if it does not state one.
+        Number of frames that the container states, otherwise its duration times the rate; 0 if neither is known.
     rate : float
         Frames per second, 0 if unknown.
     hdr : str or None
-        Name of its HDR curve.
+        Name of its HDR curve; None for standard range.
     focal_px : float or None
-        Focal length by the container; stabilisation crops a video by about a tenth.
+        Focal length in pixels that the container states; stabilisation crops a video by about a tenth.
     fisheye_deg : float or None
         Field of view from corner to corner that the container states of an uncorrected wide lens.
 
     Raises
     ------
     InputError
-        The file is missing, is no video, or PyAV is not installed.
+        The file is missing or is not a video, or PyAV is not installed.
     """
 
     def __init__(self, path: Path) -> None:
@@ -103,7 +103,7 @@ class Video:
             yield VideoFrame(index, last, colour)
 
     def stored_frames(self) -> Iterator[tuple[int, Any, Picture]]:
-        """Yield number, PyAV's frame with its samples and tags, and the upright image (h, w, 3) of each frame."""
+        """Yield the index, the PyAV frame with samples and tags, and the upright image (h, w, 3) of each frame."""
         with _opened(self.path) as (container, stream):
             for index, frame in enumerate(_decode(self.path, container, stream)):
                 yield index, frame, self._upright(frame)
@@ -135,7 +135,7 @@ def _opened(path: Path) -> Iterator[tuple[Any, Any]]:
         found = "a folder or a device" if path.exists() else "no such file"
         raise InputError.at(path, "video", "a file", Unquoted(found))
     try:
-        # named as a file, so that a colon in its name is no protocol; a playlist in it leads nowhere else
+        # with the prefix, FFmpeg does not read a colon in the name as a protocol; READ_ALONE rejects playlists
         container = av.open(f"file:{path}", metadata_errors="replace", container_options=READ_ALONE)
     except (av.error.FFmpegError, OSError) as error:
         words = getattr(error, "strerror", None) or str(error)

@@ -24,14 +24,14 @@ MAX_OUTLINE_POINTS = 128
 MAX_OBJECT_POINTS = 400
 # Outermost part of the outline towards a side, relative to the extent of the mask in that direction.
 OUTER_FRACTION = 0.12
-# Error of an outline relative to the diagonal of the mask, if it is more than `BORDER_PX`: networks compute masks at a
-# quarter of the resolution.
+# Error of an outline relative to the diagonal of the mask, at least `BORDER_PX`: networks compute masks at a quarter of
+# the resolution.
 BORDER_FRACTION = 0.02
 # Minimum fraction of the outermost part at the border of the image or at an occluder, for a truncated side. A corner
 # that touches them does not truncate the side.
 MIN_CUT_FRACTION = 0.25
 # Minimum sine of the angle between an axis and the line of sight at which the outline shows its ends (17 degrees). A
-# face is visible if it is as far from grazing.
+# side that faces away from the camera by more than this sine is outlined by the top only (`MIN_TOP_SINE`).
 MIN_VISIBLE_SINE = 0.3
 # Minimum sine of this angle at which the excess of the mask over the points is measured; below it, other axes
 # contribute.
@@ -48,7 +48,8 @@ TOP_BAND = 0.25
 MIN_TOP_FRACTION = 0.5
 # Minimum distance of an occluder in front of the object, relative to its diagonal.
 MIN_OCCLUDER_DISTANCE = 0.1
-# Minimum height of an occluder above the foot of the object, relative to its height: the floor in front is none.
+# Minimum height of an occluder above the foot of the object, relative to the height of the object; it excludes the
+# floor in front.
 MIN_OCCLUDER_HEIGHT = 0.1
 # Minimum number of views that show a side: a point is triangulated from two views.
 MIN_COMPLETE_VIEWS = 2

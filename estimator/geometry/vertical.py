@@ -31,15 +31,15 @@ from metric_base.arrays import BoolArray, FloatArray
 from metric_base.errors import InputError
 
 # Minimum standard deviation of the roll of a camera, in degrees. People hold a camera level within about two degrees,
-# and few views cannot prove less.
+# and a small scatter of few views may be due to chance.
 ROLL_DEG = 2.0
-# Number of frames of one independent observation of the roll: consecutive frames of a video lean alike.
+# Number of frames per independent observation of the roll: the rolls of consecutive frames of a video are correlated.
 FRAMES_PER_READING = 4.0
 # Maximum standard deviation of a vertical from x axes, in degrees. Beyond it, the mean camera up with a level surface
 # is better: the height of an object that is as wide as high is then off by a tenth.
 OBSERVABLE_DEG = 6.0
 # Standard deviation of the pitch of hand-held cameras, in degrees: they look down on objects by about this angle, and
-# the mean camera up leans by as much.
+# the mean camera up is tilted by as much.
 PITCH_DEG = 15.0
 # Minimum length of the mean camera up orthogonal to the x axis; a shorter one has no meaningful direction.
 MIN_MEAN_UP = 0.1
@@ -49,7 +49,8 @@ GIVEN_DEG = 1.0
 MAX_TILT_SIGMAS = 3.0
 #: Prefixes of the methods in which the vertical is observed or given, not derived from how people hold cameras.
 OBSERVED_METHODS = ("camera-x-axes", "given")
-#: Angle in degrees from which a given vertical is wrong: heights are a seventh too small, or include the sides.
+#: Maximum error in degrees of a usable given vertical. Beyond it, heights are a seventh too small, or include the
+#: sides.
 MAX_UP_ERROR_DEG = 30.0
 # Maximum number of points for the search of the sharpest histogram.
 MAX_SEARCH_POINTS = 6_000
@@ -223,7 +224,8 @@ def refine_up(up: Up, points: FloatArray, downsampled: FloatArray | None = None)
 def _sharpest_vertical(up: Up, points: FloatArray, bin_width: float) -> FloatArray:
     """Return the vertical (3,) near `up` with the sharpest histogram of the heights of points (n, 3).
 
-    The cameras' estimate has a weight. The search is a grid of tilts, followed by a pattern search.
+    The estimate of the cameras is a prior with the weight `CAMERA_PRIOR_WEIGHT`. The search evaluates a grid of tilts,
+    followed by a pattern search.
     """
     basis = level_basis(up.vector)
     axis = up.reliable_axis if up.reliable_axis is not None else basis[0]

@@ -78,7 +78,7 @@ MAX_OBJECTS_PER_CLASS = 100
 #: outliers (`MIN_MEAN_WEIGHT`) does not apply.
 MIN_EVIDENCE_PROBABILITY = 0.5
 
-#: Objects (k,) of a scene, and their classes.
+#: Indices (k,) of objects of a scene, and the likelihood terms of their classes.
 ClassTerms = tuple[IntArray, SingleObjectClasses | MultiObjectClasses]
 
 
@@ -180,7 +180,7 @@ class Posterior(Estimate):
     class_log_likelihood: FloatArray
     #: (k, 3) other evidence, as for `posterior`.
     gaussians: FloatArray
-    #: (k,) probability of other evidence to be right.
+    #: (k,) probability that each item of other evidence is right.
     evidence_weight: FloatArray
     level: float
 
@@ -299,7 +299,7 @@ def _class_terms(
     ----------
     objects : MeasuredArrays
     components : ObjectComponents
-        Of the objects one by one.
+        Likelihood components of each object alone.
     names : sequence of str
         Node ids of the c classes.
     u : (g,) ndarray of float
@@ -338,7 +338,7 @@ def _class_terms(
         rows_of_classes, classes = _multi_object_terms(objects, several, group, count, u)
         terms.append((several, classes))
         log_likelihood[rows_of_classes] = classes.log_likelihood
-    if len(integrated) < n:  # the other objects of large classes are judged one by one
+    if len(integrated) < n:  # weights of the other objects of large classes, one by one
         others = np.setdiff1d(np.arange(n), integrated)
         terms.append((others, single_object_classes(components.of(others), u)))
     return log_likelihood, terms

@@ -1,7 +1,6 @@
-"""A readable page about a release: its content, the coverage of label lists, findings, and changes.
+"""Self-contained page about a release: its content, the coverage of label lists, findings, and changes.
 
-The page is one HTML file with inline figures and one script for its search field, so that it can be mailed and
-archived.
+The page is one HTML file with inline figures and a script for its search field, so it can be mailed and archived.
 """
 
 from __future__ import annotations
@@ -44,11 +43,11 @@ from taxonomy.label_lists import vocabularies
 
 #: Maximum number of rows of a table that is sorted by importance.
 MAX_SHOWN_ROWS = 20
-#: First characters of the codes of errors in the tree or in priors, with which no count is possible.
+#: First characters of the codes of errors in the tree or in the priors; such errors make all counts impossible.
 BREAKING = frozenset({"E2", "E4"})
 #: Maximum number of findings of one code that are shown.
 MAX_EXAMPLES = 5
-#: Names of the groups of evidence in the manifest.
+#: Descriptions of the groups of evidence in the manifest.
 _EVIDENCE = {
     "any": "any but norms and ranges",
     "physical": "product, measured, standard, museum",
@@ -57,7 +56,7 @@ _EVIDENCE = {
 
 
 def report_html(template: str, title: str, note: str, **values: Any) -> str:
-    """Return a page of one file: a title, a note, links to the sections of the template, and the sections."""
+    """Return a self-contained page: title, note, links to the sections of the template, and the sections."""
     return environment().get_template(template).render(title=title, note=note, **values)
 
 
@@ -74,7 +73,7 @@ def page(tree: Tree, against: Tree | None = None) -> str:
         raise InputError(
             f"{tree.release.directory}: {broken.code}: {broken.subject}: {broken.message} (metric-tree validate)"
         )
-    # What the release contains
+    # 1. Content of the release.
     nodes = sorted(tree, key=lambda node: node.name.casefold())
     categories = [
         (node.name, node.node_id, " > ".join(node.path[1:-1]), node.n_items, *_tier_and_median(node)) for node in nodes
@@ -84,7 +83,7 @@ def page(tree: Tree, against: Tree | None = None) -> str:
     evidence = tree.release.manifest.get("evidence") or {}
     urls = {record["title"]: str(record.get("url") or "") for record in tree.release.manifest["sources"]}
     lists = [coverage(tree, name) for name in vocabularies()]
-    # What deserves attention
+    # 2. Number of findings, and examples, by code.
     counts = Counter(finding.code for finding in all_findings)
     examples = [f for code in sorted(counts) for f in [f for f in all_findings if f.code == code][:MAX_EXAMPLES]]
     return report_html(

@@ -1,4 +1,4 @@
-"""A placed model as the renderer takes it: triangles in the object's local frame."""
+"""A placed model for the renderer: triangles in the local frame of the object."""
 
 from __future__ import annotations
 
@@ -14,9 +14,10 @@ from models3d.model import Material, Model
 
 #: Maximum distance of objects with mutual shadows, relative to the sum of their sizes.
 SHADING_SIZES = 3.0
-#: Points of a part by which another object mirrors it.
+#: Number of sample points on a part, for its reflection in other objects and for collisions.
 SPOTS = 8000
-#: Side of the cells in which two bodies are compared, in sizes of the smaller one, and how many a touch shares.
+#: Side of the cells of the collision test, relative to the size of the smaller body; and maximum number of cells that
+#: touching bodies have in common.
 COLLISION_CELL, TOUCHING_CELLS = 0.04, 3
 
 
@@ -34,10 +35,11 @@ class BodyPart:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Body:
-    """A model at its place.
+    """A placed model.
 
-    The local frame has the scene's axes, its origin at the bottom centre `position` (3,) and the length `unit` (scene
-    units): x_scene = position + unit * x_local. basis : (3, 3) rows two horizontal axes and up.
+    The local frame has the axes of the scene, its origin at the bottom centre `position` (3,), and the unit of length
+    `unit` in scene units: x_scene = position + unit * x_local. The rows of `basis` (3, 3) are two horizontal axes and
+    up.
     """
 
     parts: tuple[BodyPart, ...]
@@ -94,7 +96,7 @@ def body_of(
         Corners in the file that define bottom and size; those of the model by default.
     """
     up = basis[2]
-    turn = np.column_stack([np.cross(up, heading), up, heading])  # columns: where the file's x, y, z point
+    turn = np.column_stack([np.cross(up, heading), up, heading])  # columns: axes x, y, z of the file
     low, high = model.bounds if bounds is None else bounds
     foot = np.array([(low[0] + high[0]) / 2, low[1], (low[2] + high[2]) / 2])
     unit = float((high - low).max())
@@ -151,7 +153,7 @@ def colliding(one: Body, two: Body) -> bool:
         spots = np.concatenate([_spread_over(part)[0] for part in body.parts])
         middle = (body.corners.min(axis=0) + body.corners.max(axis=0)) / 2
         spots = middle + (1 - COLLISION_CELL) * (spots - middle)  # bodies whose sides touch do not intersect
-        inside = spots @ body.basis[2] * body.unit > cell  # both stand on the same floor
+        inside = spots @ body.basis[2] * body.unit > cell  # without cells at the floor, on which both may stand
         at = (body.position + body.unit * spots[inside] - one.position) / cell
         cells.append({tuple(row) for row in np.unique(np.floor(at).astype(np.int64), axis=0).tolist()})
     return len(cells[0] & cells[1]) > TOUCHING_CELLS

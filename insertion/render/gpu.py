@@ -23,9 +23,10 @@ _SHADERS = Path(__file__).parent / "shaders"
 
 @dataclass(frozen=True, slots=True, eq=False)
 class GpuPart:
-    """Vertex arrays of a part for image, geometry buffers and shadows, with its textures by name and its material.
+    """A part on the graphics card.
 
-    `buffers` are those of the vertices and of the faces.
+    `drawn`, `gathered` and `cast` are its vertex arrays for the image, the geometry buffers and the shadows, and
+    `buffers` the buffers of its vertices and faces. `textures` are keyed by name, and `middle` (3,) is the mean vertex.
     """
 
     drawn: Any
@@ -37,7 +38,7 @@ class GpuPart:
     buffers: tuple[Any, Any]
 
     def at_vertices(self, part: BodyPart) -> GpuPart:
-        """Return the part with other vertices; it replaces this one."""
+        """Write the vertices of a body part to the buffer, and return the updated part, which replaces this one."""
         self.buffers[0].write(_rows(part))
         return replace(self, middle=part.vertices.mean(axis=0))
 
@@ -66,7 +67,7 @@ class GpuPart:
 def load_part(
     context: Any, surface_program: Any, shadow_program: Any, part: BodyPart, geometry_program: Any = None
 ) -> GpuPart:
-    """Upload a part; without a program for geometry buffers, `gathered` is None."""
+    """Upload a part to the graphics card; without a program for geometry buffers, `gathered` is None."""
     vertices = context.buffer(_rows(part))
     index = context.buffer(np.ascontiguousarray(part.faces, dtype="i4").tobytes())
     names = ("place", "normal", "uv", "tint")

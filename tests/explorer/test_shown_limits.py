@@ -1,0 +1,207 @@
+"""Limits of responses, the cache, jobs and pages, in numbers on each side."""
+
+from __future__ import annotations
+
+import asyncio
+from typing import Any
+
+import numpy as np
+import pytest
+from starlette.testclient import TestClient
+
+from explorer.catalogue import ReleaseCatalogue
+from explorer.charts.axis import number_text, range_text
+from explorer.pages.node_page import category_bars, images_to_scale, items_by_size, node_page
+from explorer.responses import cursor, images_response, items_response, node_response, queried_prior
+from explorer.routes import Rendered
+from explorer.schemas import ItemsQuery, ScaleRequest
+from explorer.server.app import application
+from explorer.server.delivery import CachedResponse, ResponseCache
+from explorer.server.scale_jobs import ScaleJobs, ServiceUnavailable, scale_record
+from metric_base.arrays import IntArray
+from metric_base.errors import InputError
+from metric_tree.node import Node
+from metric_tree.tree import Tree
+
+NODE = "swivel_chair.n.01"
+OBJECT = {"id": "a", "category": "swivel chair", "dimensions": {"height": 0.5}}
+
+
+def repeat_rows(monkeypatch: pytest.MonkeyPatch, n: int) -> None:
+    """Let every node of a catalogue with items have `n` rows."""
+    rows_of = ReleaseCatalogue.rows
+
+    def rows(catalogue: ReleaseCatalogue, node: Node) -> IntArray:
+        return np.resize(rows_of(catalogue, node), n)
+
+    monkeypatch.setattr(ReleaseCatalogue, "rows", rows)
+
+
+@pytest.mark.parametrize(
+    ("size", "media_type", "is_compressed"),
+    [(499, "text/html", False), (500, "text/html", True), (9000, "image/webp", False), (9000, "image/png", False)],
+)
+def test_responses_of_500_bytes_are_compressed_unless_they_are_images(
+    size: int, media_type: str, is_compressed: bool
+) -> None:
+    assert bool(CachedResponse(Rendered(b"x" * size, media_type)).compressed) == is_compressed
+
+
+@pytest.mark.parametrize(("size", "is_kept"), [(45_713_929, True), (45_713_930, False)])
+def test_the_cache_has_at_most_64_mb(size: int, is_kept: bool) -> None:
+    cache, response = ResponseCache(), CachedResponse(Rendered(bytes(size), "text/html"))
+    cache.put("page", response)
+    assert (cache.get("page") is response) == is_kept
+
+
+def test_the_cache_removes_the_least_recently_used_response() -> None:
+    cache, body = ResponseCache(), bytes(20_000_000)  # 28 MB each
+    for key in ("first", "second"):
+        cache.put(key, CachedResponse(Rendered(body, "text/html")))
+    assert cache.get("first") is not None
+    cache.put("third", CachedResponse(Rendered(body, "text/html")))
+    assert [cache.get(key) is not None for key in ("first", "second", "third")] == [True, False, True]
+
+
+def test_a_page_may_be_kept_for_5_minutes_and_a_preflight_for_a_day(trees: list[Tree]) -> None:
+    client = TestClient(application(trees))
+    assert client.get("/index.html").headers["cache-control"] == "public, max-age=300"
+    preflight = client.options("/index.html")
+    assert (preflight.status_code, preflight.headers["access-control-max-age"]) == (204, "86400")
+    assert client.get("/v1/search?q=a&limit=50").status_code == 200
+    assert client.get("/v1/search?q=" + "a" * 300).status_code == 200
+
+
+@pytest.mark.parametrize(("size", "status"), [(1_000_000, 200), (1_000_001, 413)])
+def test_a_body_has_at_most_1_mb(trees: list[Tree], monkeypatch: pytest.MonkeyPatch, size: int, status: int) -> None:
+    async def result(_: ScaleJobs, received: bytes) -> bytes:
+        assert len(received) == size
+        return b"{}"
+
+    monkeypatch.setattr(ScaleJobs, "result", result)
+    answer = TestClient(application(trees)).post(
+        "/v1/scale", content=b" " * size, headers={"content-type": "application/json"}
+    )
+    assert answer.status_code == status
+
+
+def test_the_eleventh_job_at_once_is_refused(trees: list[Tree]) -> None:
+    jobs = ScaleJobs(trees[0].release.directory)
+
+    async def results() -> list[Any]:
+        return list(await asyncio.gather(*(jobs.result(b"{") for _ in range(11)), return_exceptions=True))
+
+    try:
+        errors = asyncio.run(results())
+    finally:
+        jobs.stop()
+    assert [type(error) for error in errors] == [InputError] * 10 + [ServiceUnavailable]
+
+
+def test_a_job_takes_at_most_20_seconds(trees: list[Tree], monkeypatch: pytest.MonkeyPatch) -> None:
+    jobs = ScaleJobs(trees[0].release.directory)
+
+    async def wait_for(_: object, seconds: float) -> None:
+        assert seconds == 20
+        raise TimeoutError
+
+    monkeypatch.setattr(asyncio, "wait_for", wait_for)
+    try:
+        with pytest.raises(ServiceUnavailable, match="took longer than 20 s"):
+            asyncio.run(jobs.result(b"{"))
+    finally:
+        jobs.stop()
+
+
+def test_a_scale_request_may_have_500_objects_and_100_lengths(trees: list[Tree]) -> None:
+    objects = [{**OBJECT, "id": str(index)} for index in range(500)]
+    lengths = [{"units": 1.0, "metres": 2.0}] * 100
+    assert len(scale_record(ScaleRequest(objects=objects), trees[0])["objects"]) == 500
+    assert len(scale_record(ScaleRequest(objects=[OBJECT], known_lengths=lengths), trees[0])["evidence"]) == 100
+
+
+def test_a_known_length_has_an_error_of_1_percent_by_default(trees: list[Tree]) -> None:
+    default, same, other = (
+        scale_record(ScaleRequest(objects=[OBJECT], known_lengths=[{"units": 1.0, "metres": 2.0, **sigma}]), trees[0])
+        for sigma in ({}, {"sigma": 0.01}, {"sigma": 0.012})
+    )
+    assert default == same
+    assert default["interval"] != other["interval"]
+
+
+@pytest.mark.parametrize(("n", "more"), [(9, 0), (10, 1)])
+def test_a_comparison_of_categories_has_9_rows(catalogue: ReleaseCatalogue, n: int, more: int) -> None:
+    node = catalogue.nodes[NODE]
+    bars = category_bars(catalogue, [node] * n, node)
+    assert bars is not None
+    assert (len(bars["rows"]), bars["more"]) == (9, more)
+
+
+@pytest.mark.parametrize(("n", "n_shown"), [(15, 15), (16, 16), (17, 16)])
+def test_a_page_shows_16_items(catalogue: ReleaseCatalogue, n: int, n_shown: int) -> None:
+    rows = np.resize(catalogue.rows(catalogue.nodes[NODE]), n)
+    assert len(items_by_size(catalogue, rows, catalogue.sizes[rows])) == n_shown
+
+
+@pytest.mark.parametrize(("n", "has_chart"), [(4, False), (5, True)])
+def test_a_scatter_chart_needs_5_items(
+    catalogue: ReleaseCatalogue, monkeypatch: pytest.MonkeyPatch, n: int, has_chart: bool
+) -> None:
+    repeat_rows(monkeypatch, n)
+    assert ("length against height" in node_page(catalogue, catalogue.nodes[NODE]).decode()) == has_chart
+
+
+@pytest.mark.parametrize(("n", "n_shown"), [(11, 11), (12, 12), (13, 12)])
+def test_a_page_and_a_response_have_12_images(
+    catalogue: ReleaseCatalogue, monkeypatch: pytest.MonkeyPatch, n: int, n_shown: int
+) -> None:
+    image = {
+        "item_id": "made:swivel_chair.n.01-0", "cutout_path": None, "path": "a.webp", "width_px": 9, "height_px": 9,
+        "pixels_per_metre": 9.0, "attribution": "a", "licence": None, "source_url": "",
+    }  # fmt: skip
+    monkeypatch.setattr(ReleaseCatalogue, "images", lambda *_: [image] * n)
+    node = catalogue.nodes[NODE]
+    assert len(images_to_scale(catalogue, node)) == n_shown
+    response = images_response(catalogue, node)
+    assert (len(response.images), response.n_images) == (n_shown, n)
+
+
+@pytest.mark.parametrize(("n", "has_parquet", "has_next"), [(49, False, False), (50, True, False), (51, True, True)])
+def test_50_items_fill_a_page_and_make_a_parquet_file(
+    catalogue: ReleaseCatalogue, monkeypatch: pytest.MonkeyPatch, n: int, has_parquet: bool, has_next: bool
+) -> None:
+    repeat_rows(monkeypatch, n)
+    node = catalogue.nodes[NODE]
+    assert ("parquet" in node_response(catalogue, node).links) == has_parquet
+    page = items_response(catalogue, node, None)
+    assert page is not None
+    assert (len(page.items), page.next is not None) == (min(n, 50), has_next)
+
+
+def test_nodes_from_level_4_have_a_csv_file(catalogue: ReleaseCatalogue) -> None:
+    nodes = [node for node in catalogue.nodes.values() if len(catalogue.rows(node))]
+    assert {3, 4} <= {node.level for node in nodes}
+    for node in nodes:
+        assert ("csv" in node_response(catalogue, node).links) == (node.level >= 4)
+
+
+@pytest.mark.parametrize(("page", "is_valid"), [(0, False), (1, True), (999_999, True), (1_000_000, False)])
+def test_cursors_have_a_range(catalogue: ReleaseCatalogue, page: int, is_valid: bool) -> None:
+    query = ItemsQuery(cursor(page))
+    if is_valid:
+        assert (items_response(catalogue, catalogue.nodes[NODE], query) is not None) == (page == 1)
+    else:
+        with pytest.raises(InputError, match="cursor: expected the `next` of a response"):
+            items_response(catalogue, catalogue.nodes[NODE], query)
+
+
+@pytest.mark.parametrize(("n", "found"), [(6, "found 2, 2, 2, 2, 2, 2$"), (7, "found 7 numbers$")])
+def test_a_message_shows_at_most_6_numbers(catalogue: ReleaseCatalogue, n: int, found: str) -> None:
+    with pytest.raises(InputError, match=found):
+        queried_prior(catalogue, catalogue.nodes[NODE], quantiles=[2.0] * n)
+
+
+def test_numbers_from_100_have_no_decimals() -> None:
+    assert [number_text(value) for value in (99.94, 100.4, 0.012345, 12345.6)] == ["99.9", "100", "0.0123", "12,346"]
+    assert range_text(80, 19.9) == "80 to 19.9 mm"
+    assert range_text(80, 20) == "8 to 2 cm"

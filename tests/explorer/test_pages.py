@@ -146,6 +146,7 @@ def test_a_small_object_is_next_to_a_hand_and_a_large_one_next_to_a_person_and_a
     assert references(22) == " beside hand"  # 190 mm is under 9 times 22 mm
     assert references(300) == " beside hand"
     assert references(449) == " beside hand"
+    assert references(450) == " beside person, door, hand"
     assert references(451) == " beside person, door, hand"
     assert references(190 / 0.0349) == " beside person, door"
     assert references(190 / 0.0351) == " beside person, door, hand"

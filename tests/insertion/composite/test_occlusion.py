@@ -13,7 +13,7 @@ import pytest
 from scipy.ndimage import median_filter
 
 from estimator.projection.visibility import Visibility
-from estimator.records.objects import SupportPlane
+from estimator.records.objects import SupportPlane, Up
 from estimator.records.scene import Camera, Instance, Scene, View
 from insertion.composite.compose import ObjectComposite, occlude_mutually
 from insertion.composite.occlusion import (
@@ -29,6 +29,7 @@ from insertion.footage.footage import Frame
 from insertion.render.layers import ObjectLayers
 from insertion.render.renderer import ObjectImage
 from insertion.scene.frame_masks import (
+    FrameContent,
     MaskPropagator,
     billboards,
     moving_masks,
@@ -38,6 +39,7 @@ from insertion.scene.frame_masks import (
 )
 from insertion.scene.pixel_box import PixelBox
 from insertion.scene.point_cloud import ColouredPoints, VisiblePoints, visible_points
+from insertion.scene.supports import SupportSurfaces
 
 BOX = PixelBox(0, 0, 160, 120)
 VIEW = View(
@@ -170,6 +172,23 @@ def test_masks_come_from_the_nearest_view_of_the_scene() -> None:
     for x, nearest in ((0.5, "0"), (1.5, "1"), (20.0, None)):
         found = propagator.masks(None, replace(VIEW, translation=np.array([-x, 0.0, 0.0])))
         assert [item.id for item in found] == ([] if nearest is None else [nearest])
+
+
+def test_a_frame_has_its_own_masks_if_it_has_the_size_of_its_reconstruction() -> None:
+    wall = np.column_stack([np.random.default_rng(0).uniform(-3, 3, (400, 2)), np.full(400, 10.0)])
+    cloud = ColouredPoints(wall, np.zeros((400, 3), np.float32), True)
+    scene = Scene(Path(), "memory", (VIEW,), wall, None)
+    mask = Instance("own", 0, "box", np.ones((100, 160), bool), (240, 190))
+    supports = SupportSurfaces(Up(np.array([0.0, -1.0, 0.0]), "cameras", 0.0), ())
+    content = FrameContent(scene, cloud, supports, MaskPropagator(scene, {0: (mask,)}, cloud))
+    camera = replace(VIEW.camera, width=2 * VIEW.camera.width, height=2 * VIEW.camera.height)
+    large = replace(VIEW, camera=replace(camera, params=2 * VIEW.camera.params))
+    (own,) = content.at(Frame(3, "3.png", None, VIEW, 0)).masks
+    assert own is mask
+    for view, row, width in ((VIEW, None, 160), (large, 0, 320)):
+        (propagated,) = content.at(Frame(3, "3.png", None, view, row)).masks
+        assert propagated is not mask
+        assert propagated.mask.shape[1] == pytest.approx(width, abs=3)
 
 
 def _ground() -> SupportPlane:

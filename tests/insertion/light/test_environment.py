@@ -2,9 +2,14 @@
 
 from __future__ import annotations
 
+from pathlib import Path
+
 import numpy as np
 import pytest
+from numpy.typing import NDArray
 
+from estimator.records.scene import Camera, Scene, View
+from insertion.footage.footage import Stills
 from insertion.light import environment_estimate as estimate
 from insertion.light.environment_map import (
     HEIGHT,
@@ -17,7 +22,7 @@ from insertion.light.environment_map import (
     prefiltered_environment,
     solid_angles,
 )
-from insertion.light.lamp_fit import Lamp
+from insertion.light.lamp_fit import Lamp, RoomLight
 from insertion.light.light_samples import (
     LAMP_SIGMA,
     MIN_DISTANCE_RADII,
@@ -203,6 +208,31 @@ def test_a_wall_takes_the_light_of_a_lamp_behind_it() -> None:
     assert estimate.reaching_fraction(lamps, _wall(1), position, up, 0.6) == pytest.approx([1.0, 1.0], abs=0.2)
     part = estimate.reaching_fraction(lamps, _wall(6), position, up, 1.2)[0]
     assert 0.2 < part < 0.9  # the top of the object sees it, the foot does not
+
+
+class _Grey(Stills):
+    """One grey image of a camera at the origin that looks along z."""
+
+    def __init__(self) -> None:
+        camera = Camera("PINHOLE", 64, 48, np.array([40.0, 40.0, 32.0, 24.0]))
+        view = View("grey", camera, np.eye(3), np.zeros(3), np.empty((0, 2)), np.empty(0, dtype=np.int64))
+        self.scene = Scene(Path("memory"), "colmap", (view,), np.empty((0, 3)))
+        self.rows = (0,)
+
+    def image(self, row: int) -> NDArray[np.uint8]:
+        return np.full((48, 64, 3), 128 + row, np.uint8)
+
+
+def test_the_map_of_a_room_has_lamps_only_where_nothing_is_before_them() -> None:
+    position, cloud = np.array([1.5, 1.0, 0.05]), ColouredPoints(np.eye(3) * 2, np.ones((3, 3), np.float32), False)
+    lamp = Lamp(np.array([[0.1, 1.0, 0.5]]), np.zeros((1, 3)), np.ones(1), np.array([5.0]), 0.02)
+    open_room, behind_low_wall, behind_wall = (
+        estimate.environment_at(position, 0.6, np.eye(3), cloud, _Grey(), RoomLight(0.2, 0.1, (lamp,), occupancy))
+        for occupancy in (None, _wall(1), _wall(20))
+    )
+    toward = np.array([-1.0, 0.0, 0.0])
+    assert open_room.irradiance(toward)[0] > 3 * behind_wall.irradiance(toward)[0]
+    assert behind_low_wall.irradiance(toward) == pytest.approx(open_room.irradiance(toward), rel=0.2)
 
 
 def test_samples_are_averaged_by_direction() -> None:

@@ -87,10 +87,15 @@ def test_no_lamp_is_where_none_can_be() -> None:
     assert all((lamp.positions[:, 0] <= spacing / 2).all() for lamp in shading.lamps)
 
 
-def test_too_few_cells_say_nothing() -> None:
-    room = _room(None, 0.0)
-    few = PlaneCells(room.positions[:20], room.normals[:20], room.log_luminance[:20], room.plane[:20], room.diagonal)
-    assert fit_room_light(few, UP) is None
+@pytest.mark.parametrize(
+    ("rows", "is_fitted"), [(range(60), False), (range(30, 89), False), (range(30, 90), True), (range(20), False)]
+)
+def test_a_fit_needs_60_cells_on_2_planes(rows: range, is_fitted: bool) -> None:
+    room, some = _room(None, 0.0), slice(rows.start, rows.stop)
+    cells = PlaneCells(
+        room.positions[some], room.normals[some], room.log_luminance[some], room.plane[some], room.diagonal
+    )
+    assert (fit_room_light(cells, UP) is not None) == is_fitted
 
 
 def test_a_lamp_is_brighter_nearby() -> None:

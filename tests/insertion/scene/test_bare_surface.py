@@ -59,6 +59,16 @@ def test_what_is_nearer_at_the_click_hides_the_surface() -> None:
         placement_at_pixel(_space(points), VIEW, WIDTH / 2, HEIGHT / 2, 0.1)
 
 
+@pytest.mark.parametrize(
+    ("x", "y"), [(0, 0), (WIDTH, HEIGHT), (-0.1, 0), (0, -0.1), (WIDTH + 0.1, 0), (0, HEIGHT + 0.1)]
+)
+def test_a_position_is_in_the_image_or_on_its_border(x: float, y: float) -> None:
+    is_inside = 0 <= x <= WIDTH and 0 <= y <= HEIGHT
+    message = "no level surface was reconstructed" if is_inside else "expected a pixel"
+    with pytest.raises(PlacementError, match=message):
+        placement_at_pixel(_space(_ring(0.0, 12)), VIEW, x, y, 0.1)
+
+
 def _road(points: FloatArray) -> PlacementSpace:
     """A road, seen in a patch of 2 x 2 beside the middle of the picture, a wall beside it, and points elsewhere."""
     spread = np.random.default_rng(0).uniform(-1, 1, (1500, 3))

@@ -4,12 +4,13 @@ from __future__ import annotations
 
 from dataclasses import replace
 from pathlib import Path
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
 
 from estimator.records.objects import SupportPlane, Up
-from estimator.records.scene import Instance, Scene, View
+from estimator.records.scene import DenseCloud, Instance, Scene, View
 from insertion.light.lamp_candidates import is_visibly_free
 from insertion.placement import at_pixel, free_space, on_category
 from insertion.placement.placement import Placement, PlacementError, PlacementSpace, heading, turn_about
@@ -285,10 +286,22 @@ def test_points_of_an_object_are_in_most_of_its_masks() -> None:
     items = [mask(v, low, high) for v in (0, 1) for low, high in ((-0.33, 0.31), (0.77, 1.41))]
     objects = on_category.points_of_objects(space, items)
     assert [len(points) for points in objects] == [len(box), len(other)]
+    (alone,) = on_category.points_of_objects(space, items[:1])
+    assert len(alone) == len(box), "one mask of one view is enough"
     level = on_category.highest_level(space, np.concatenate([box, box - [0, 0, 0.3]]), 0.1)
     assert level is not None
     assert level[0].plane.height == pytest.approx(0.5, abs=0.01)
     assert level[1].any()
+
+
+@pytest.mark.parametrize(("n_level", "is_level"), [(28, False), (32, True)])
+def test_a_level_has_15_percent_of_the_points_of_its_object(n_level: int, is_level: bool) -> None:
+    heights = np.concatenate([np.linspace(0, 0.9, 200 - n_level), np.ones(n_level)])
+    points = np.column_stack([np.random.default_rng(0).uniform(-0.3, 0.3, (200, 2)), heights])
+    level = on_category.highest_level(_space(points), points, 0.1)
+    assert (level is not None) == is_level
+    if level is not None:
+        assert level[0].plane.height == 1.0
 
 
 def test_masks_over_boxes_of_pixels() -> None:
@@ -391,8 +404,6 @@ def test_what_moves_hides_by_its_upright_plane() -> None:
 
 
 def test_a_cloud_has_the_mean_colour_of_the_stills_that_see_it() -> None:
-    from types import SimpleNamespace
-
     points = np.array([[0.0, 0, 0], [0.5, 0, 0], [9.0, 0, 0]])
     views = (VIEW, replace(VIEW, name="1", translation=-ROTATION @ np.array([0.5, 0, 3.0])))
     scene = Scene(Path("memory"), "memory", views, points)
@@ -406,10 +417,26 @@ def test_a_cloud_has_the_mean_colour_of_the_stills_that_see_it() -> None:
     assert np.isnan(cloud.colours[2]).all()
 
 
+@pytest.mark.parametrize("is_complete", [False, True])
+def test_stray_points_are_removed_if_it_is_known_which_views_see_all_points(is_complete: bool) -> None:
+    """Three views see a floor through a point above it, which none of them lists."""
+    floor, stray = _grid((-1, -1), (1, 1), 0.0, 0.02), np.array([[0.0, 0.0, 1.0]])
+    listed = np.arange(len(floor), dtype=np.int64)
+    views = tuple(replace(VIEW, name=str(k), keypoints=np.zeros((len(floor), 2)), point_index=listed) for k in range(3))
+    dense = None
+    points = np.vstack([floor, stray])
+    if is_complete:
+        offsets = np.append(np.arange(len(floor) + 1) * 3, 3 * len(floor))
+        dense = DenseCloud(points, offsets, np.tile(np.arange(3), len(floor)))
+    scene = Scene(Path("memory"), "memory", views, points, dense)
+    picture = np.full((HEIGHT, WIDTH, 3), 128, np.uint8)
+    stills = SimpleNamespace(scene=scene, rows=(0,), image=lambda row: picture)
+    cloud = coloured_cloud(scene, stills)  # type: ignore[arg-type]
+    assert (cloud.points[:, 2] == 1).any() != is_complete
+
+
 @pytest.mark.parametrize("bright", [False, True])
 def test_what_a_picture_looks_through_is_empty_unless_it_is_dazzled(bright: bool) -> None:
-    from types import SimpleNamespace
-
     floor = _grid((-1, -1), (1, 1), 0.0, 0.05)
     scene = Scene(Path("memory"), "memory", (VIEW,), floor)
     picture = np.full((HEIGHT, WIDTH, 3), 244, np.uint8)

@@ -2,15 +2,19 @@
 
 from __future__ import annotations
 
+from pathlib import Path
 from typing import Any
 
 import msgspec
 import numpy as np
 import pytest
 
+from capture.mapping.mapper import ModelReport
 from capture.mapping.match_graph import FramePair, MatchGraph
 from capture.mapping.model_metrics import ModelMetrics
 from capture.mapping.refusals import early_failure, model_failure
+from capture.quality_warnings import capture_cautions
+from capture.sources.frames import ChosenFrame, Frames
 
 NAMES = [f"{k:06d}.jpg" for k in range(20)]
 
@@ -77,3 +81,107 @@ def test_a_right_model_is_within_each_limit(changes: dict[str, Any], code: str |
     """1.5 degrees, one broken frame, 5 % between the focal lengths, more than half of the frames."""
     failure = model_failure(WALK, msgspec.structs.replace(RIGHT, **changes), focal_held=False)
     assert (None if failure is None else failure.code) == code
+
+
+@pytest.mark.parametrize(
+    ("changes", "code"),
+    [
+        ({"pieces": (12, 7)}, "several_places"),
+        ({"pieces": (12, 6)}, None),
+        ({"focal_deviation": 0.11}, "focal_length_undetermined"),
+        ({"focal_deviation": 0.09}, None),
+        ({"lens_bend": 0.21}, "implausible_focal_length"),
+        ({"lens_bend": 0.19}, None),
+        ({"lens_bend": 0.5, "camera": "OPENCV_FISHEYE"}, None),
+        ({"focal": 0.29}, "implausible_focal_length"),
+        ({"focal": 0.31}, None),
+        ({"focal": 8.1}, "implausible_focal_length"),
+        ({"focal": 7.9}, None),
+        ({"focal_change": -0.11}, "focal_length_changes"),
+        ({"focal_change": -0.09}, None),
+        ({"focal_change": 0.13, "focal_change_error": 0.03}, "focal_length_changes"),
+        ({"focal_change": 0.11, "focal_change_error": 0.03}, None),
+        ({"contradicted": 6}, "drift"),
+        ({"contradicted": 5}, None),
+    ],
+)
+def test_parts_lens_zoom_and_triplets_of_a_right_model(changes: dict[str, Any], code: str | None) -> None:
+    """Half of the largest part, 10 % of the focal length or four standard errors, 5 % of the triplets."""
+    failure = model_failure(WALK, msgspec.structs.replace(RIGHT, **changes), focal_held=False)
+    assert (None if failure is None else failure.code) == code
+
+
+@pytest.mark.parametrize(("stated", "focal", "is_refused"), [(0.25, 0.19, True), (0.25, 0.21, False), (10, 12.6, True)])
+def test_a_stated_focal_length_may_be_wrong_by_a_quarter(stated: float, focal: float, is_refused: bool) -> None:
+    model = msgspec.structs.replace(RIGHT, focal=focal)
+    assert (model_failure(WALK, model, focal_held=False, stated_focal=stated) is not None) == is_refused
+
+
+@pytest.mark.parametrize(
+    ("inliers", "planar", "moved_px", "zoom", "code"),
+    [
+        (30, 0.91, 65.0, 1.029, "pure_rotation"),
+        (29, 0.91, 65.0, 1.029, None),
+        (30, 0.89, 65.0, 1.029, None),
+        (30, 0.91, 63.0, 1.029, None),
+        (30, 0.91, 65.0, 1.032, None),
+        (15, 0.4, 65.0, 1.0, None),
+        (14, 0.4, 65.0, 1.0, "too_few_frames"),
+    ],
+)
+def test_pairs_that_are_linked_and_tested_for_a_rotation(
+    inliers: int, planar: float, moved_px: float, zoom: float, code: str | None
+) -> None:
+    """30 matches, 90 % of them planar, a tenth of 640 pixels, a misfit of 0.03; 15 matches of linked frames."""
+    matrix = np.array([[zoom, 0, (1 - zoom) * 320], [0, zoom, (1 - zoom) * 240], [0, 0, 1]])
+    pairs = [FramePair(k, k + 1, inliers, planar, moved_px, matrix) for k in range(19)]
+    assert code_of(graph_of(pairs)) == code
+
+
+@pytest.mark.parametrize(
+    ("edges", "code"),
+    [((0.11, 0.18), "motion_blur"), ((0.13, 0.18), "too_few_frames"), ((0.11, 0.2), "too_few_frames")],
+)
+def test_frames_are_blurred_if_all_edges_are_flat(edges: tuple[float, float], code: str) -> None:
+    assert code_of(MatchGraph(NAMES, np.full(20, 1500), (), (640, 480), np.tile(edges, (20, 1)))) == code
+
+
+@pytest.mark.parametrize(("n_frames", "code"), [(5, "too_few_frames"), (6, None)])
+def test_a_capture_has_six_frames(n_frames: int, code: str | None) -> None:
+    pairs = tuple(FramePair(k, k + 1, 200, 0.4, 60.0, None) for k in range(n_frames - 1))
+    edges = np.tile([0.19, 0.22], (n_frames, 1))
+    assert code_of(MatchGraph(NAMES[:n_frames], np.full(n_frames, 1500), pairs, (640, 480), edges)) == code
+
+
+@pytest.mark.parametrize(
+    ("first", "second", "code"), [(10, 6, "several_places"), (10, 5, "too_few_frames"), (11, 6, "too_few_frames")]
+)
+def test_several_places_have_six_frames_each_and_none_most_of_them(first: int, second: int, code: str) -> None:
+    links = [*range(first - 1), *range(first, first + second - 1)]
+    graph = graph_of([FramePair(k, k + 1, 200, 0.4, 60.0, None) for k in links])
+    failure = model_failure(graph, None, focal_held=False)
+    assert failure is not None
+    assert failure.code == code
+
+
+@pytest.mark.parametrize(
+    ("changes", "edges", "words"),
+    [
+        ({"pattern": 0.13}, (0.19, 0.22), "leaves a pattern"),
+        ({"pattern": 0.11}, (0.19, 0.22), None),
+        ({"focal_deviation": 0.021}, (0.19, 0.22), "only to about 4 %"),
+        ({"focal_deviation": 0.019}, (0.19, 0.22), None),
+        ({"focal_spread": 0.0036}, (0.19, 0.22), "disagree about the focal length"),
+        ({"focal_spread": 0.0034}, (0.19, 0.22), None),
+        ({}, (0.119, 0.189), "are blurred"),
+        ({}, (0.121, 0.189), None),
+        ({}, (0.119, 0.191), None),
+    ],
+)
+def test_a_model_is_used_with_a_warning(changes: dict[str, Any], edges: tuple[float, float], words: str | None) -> None:
+    chosen = [ChosenFrame(0, "a.jpg", None, 640, 480, None, (0.0, 0.0))]
+    frames = Frames(source="/a", size=(640, 480), turned_deg=0, hdr=None, remarks=[], times_s=None, chosen=chosen)
+    report = ModelReport(model=msgspec.structs.replace(RIGHT, **changes), pairs={"edges": list(edges)})
+    warnings = capture_cautions(Path("p"), frames, report, focal_given=False)
+    assert len(warnings) == (words is not None)
+    assert all(str(words) in warning for warning in warnings)

@@ -278,3 +278,15 @@ def test_an_input_is_never_an_output(tmp_path: Path, tree: Path, capsys: pytest.
     )
     assert (status, err.count("\n")) == (2, 1)
     assert objects.read_bytes() == before
+
+
+@pytest.mark.parametrize(("strict", "expected"), [([], 0), (["--strict"], 3)])
+def test_strict_refuses_an_uncertain_scale(
+    tmp_path: Path, tree: Path, capsys: pytest.CaptureFixture[str], strict: list[str], expected: int
+) -> None:
+    twice = {name: 2 * value for name, value in STOOL.items()}
+    chair = {"category": "swivel chair", "dimensions": CHAIR}
+    objects = objects_file(tmp_path, chair, chair, {"category": "bar stool", "dimensions": twice})
+    status, out, _ = estimate(capsys, "--objects", objects, "--tree", tree, "--json", *strict)
+    assert json.loads(out)["status"] == "uncertain"
+    assert status == expected

@@ -190,3 +190,38 @@ def test_a_ply_file_may_have_elements_before_its_vertices(tmp_path: Path, form: 
     rescaling.write_at_scale(read_asset(file), out, 2.0)
     assert merge_bodies(read_asset(out).bodies, "").extents_m == pytest.approx([1.0, 3.0, 0.5])
     assert out.read_bytes().count(b"35.0" if form == "ascii" else np.float32(35).tobytes()) == 1
+
+
+@pytest.mark.parametrize(("n_before", "is_named"), [(59, True), (60, False)])
+def test_sixty_texts_of_a_file_are_read(n_before: int, is_named: bool) -> None:
+    texts = [NameText("node", f"zzqx{'abcdefghij'[k % 10]}{'klmnopqrst'[k // 10]}") for k in range(n_before)]
+    assert (category_of_texts([*texts, NameText("node", "chair")], TREE).node is not None) == is_named
+
+
+@pytest.mark.parametrize(("text", "is_named"), [("chair" + " zz" * 5, False), ("zz " * 110 + "chair", False)])
+def test_ignored_words_and_a_long_text_name_no_category(text: str, is_named: bool) -> None:
+    assert (category_of_texts([NameText("semantic", text)], TREE).node is not None) == is_named
+
+
+@pytest.mark.parametrize(("n_blanks", "is_named"), [(115, True), (116, False)])
+def test_120_characters_of_a_text_are_read(n_blanks: int, is_named: bool) -> None:
+    assert (category_of_texts([NameText("node", " " * n_blanks + "chair")], TREE).node is not None) == is_named
+
+
+def test_four_other_categories_are_listed() -> None:
+    names = ["chair", "floor lamp", "wardrobe", "bottle", "piano", "bicycle"]
+    category = category_of_texts([NameText("node", name) for name in names], TREE)
+    assert (category.node, len(category.others)) == (None, 4)
+
+
+@pytest.mark.parametrize(("height", "words"), [(0.099, "99 mm high"), (0.12, "0.12 m high")])
+def test_a_report_states_lengths_under_ten_centimetres_in_millimetres(
+    tmp_path: Path, height: float, words: str
+) -> None:
+    write_report(tmp_path / "page.html", [_check([0.05, height, 0.05])])
+    assert words in (tmp_path / "page.html").read_text(encoding="utf-8")
+
+
+def test_a_report_has_200_drawings(tmp_path: Path) -> None:
+    write_report(tmp_path / "page.html", [_check(CHAIR * 1000)] * 201)
+    assert (tmp_path / "page.html").read_text(encoding="utf-8").count("<svg") == 200

@@ -51,3 +51,22 @@ def test_a_tenth_of_the_cameras_may_be_under_the_floor(
     views[:under] = [replace(view, translation=sunk) for view in views[:under]]
     (row,) = CameraHeight(1.5, 0.15).observe(replace(walk.scene, views=tuple(views)), nothing)
     assert (row.scale is None) == silent
+
+
+@pytest.mark.parametrize(
+    ("metres", "sd", "is_valid"),
+    [
+        (1e-6, 1e-7, True),
+        (0.9e-6, 1e-7, False),
+        (1e5, 1.0, True),
+        (1.1e5, 1.0, False),
+        (1.5, 1.49, True),
+        (1.5, 1.5, False),
+    ],
+)
+def test_a_height_is_a_micrometre_to_100_km_and_larger_than_its_error(metres: float, sd: float, is_valid: bool) -> None:
+    if is_valid:
+        assert CameraHeight(metres, sd).metres == metres
+    else:
+        with pytest.raises(InputError, match="0.000001|1e-06"):
+            CameraHeight(metres, sd)

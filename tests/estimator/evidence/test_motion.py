@@ -100,3 +100,30 @@ def test_positions_of_a_video(walk: Walk, nothing: Measurements) -> None:
     assert 0.015 < row.sd_log < 0.06  # the drift of a receiver, not the noise of many positions
     short = CameraPath(times[:60], _path(times, centres, 1).centres[:60])
     assert "too short" in str(one(VideoGps(positions, short, "clip.mp4").observe(walk.scene, nothing)).reason)
+
+
+@pytest.mark.parametrize(
+    ("factor", "every", "seconds", "words"),
+    [
+        (0.91, 1, 10.0, "at rest"),
+        (0.925, 1, 10.0, None),
+        (1.075, 1, 10.0, None),
+        (1.085, 1, 10.0, "at rest"),
+        (1.0, 3, 10.0, None),
+        (1.0, 5, 10.0, "readings a second"),
+        (1.0, 1, 3.9, "shorter than 4 seconds"),
+        (1.0, 1, 4.1, None),
+    ],
+)
+def test_readings_that_give_a_scale(factor: float, every: int, seconds: float, words: str | None) -> None:
+    """9.0 to 10.6 m/s^2 at rest, 25 readings a second (33 and 20 here), a path of four seconds."""
+    times, centres, force, rate = walk_readings(10.0, 100.0, 0.02)
+    path = _path(times, centres, 4)
+    keep = path.times_s - path.times_s[0] <= seconds
+    force = Samples(force.times_s[::every], factor * force.values[::every])
+    found = inertial_scale(force, rate, CameraPath(path.times_s[keep], path.centres[keep]))
+    if words is None:
+        assert not isinstance(found, str)
+    else:
+        assert isinstance(found, str)
+        assert words in found

@@ -224,3 +224,15 @@ def test_a_dense_cloud_is_used_from_a_hundred_points_of_an_object(room, count, c
     (by_sparse,) = measure_objects(replace(room.scene, dense=None), cabinet).objects
     assert by_sparse.points > count
     assert item.cloud == cloud
+
+
+@pytest.mark.parametrize(("clutter", "is_level"), [(0.06, False), (0.09, True)])
+def test_clutter_over_a_tenth_of_the_height_is_not_part_of_a_desk(clutter, is_level):
+    """A desk 0.7 high under clutter of 8 and 11 % of the total height."""
+    desk, books = box("desk", (1.2, 0.6, 0.7), (0, 0, 0)), box(None, (0.9, 0.12, clutter), (0, 0, 0.7))
+    views = orbit(8, 2.6, 1.7, arc=330, target=(0, 0, 0.5), size=(240, 180), focal=180.0)
+    objects = [floor(4), replace(desk, solids=desk.solids + books.solids)]
+    synthetic = synthetic_scene(objects, views, dense=20_000, noise=0.0005, sparse=500)
+    (item,) = measure_objects(synthetic.scene, synthetic.instances).objects
+    assert (item.notes == ("ends at its level top",)) == is_level
+    assert item.extents[2] == pytest.approx(0.7 if is_level else 0.7 + clutter, abs=0.01)

@@ -226,3 +226,26 @@ def test_a_quarter_of_the_outer_outline_at_the_border_truncates_a_side(touching,
     is_at_border[101 : 101 + round(101 * touching)] = True
     sides = sides_in_two_views(AHEAD, OUTLINE, is_at_border)
     assert sides.truncated[0].tolist() == [False, truncated]
+
+
+@pytest.mark.parametrize(
+    ("excess", "n_shown", "is_truncated"),
+    [(0.059, 3, False), (0.061, 3, True), (0.0, 2, False), (0.0, 1, True)],
+)
+def test_a_side_is_truncated_by_an_excess_of_six_percent_or_by_fewer_than_two_views(
+    excess: float, n_shown: int, is_truncated: bool
+) -> None:
+    is_shown = np.ones((3, 3, 2), dtype=bool)
+    is_shown[n_shown:, 0, 1] = False
+    excesses = np.zeros((3, 3, 2))
+    excesses[:, 0, 1] = excess
+    truncated = SideVisibility(is_shown, excesses).truncated
+    assert truncated[0, 1] == is_truncated
+    assert truncated.sum() == is_truncated
+
+
+@pytest.mark.parametrize(("n_known", "is_known"), [(1, False), (2, True)])
+def test_an_excess_is_known_from_two_views(n_known: int, is_known: bool) -> None:
+    excesses = np.full((3, 3, 2), 0.2)
+    excesses[n_known:] = np.nan
+    assert np.isfinite(SideVisibility(np.ones((3, 3, 2), dtype=bool), excesses).median_excess).all() == is_known

@@ -55,3 +55,14 @@ def test_errors_of_a_file_name_it(text: str, tmp_path: Path) -> None:
     file.write_bytes(text.encode("latin-1"))
     with pytest.raises(InputError, match=r"lengths\.txt"):
         parse_known_lengths([str(file)])
+
+
+@pytest.mark.parametrize(
+    ("metres", "is_valid"), [("1.01e-10", True), ("0.99e-10", False), ("0.99e9", True), ("1.01e9", False)]
+)
+def test_a_length_is_an_atom_to_the_orbit_of_the_moon(metres: str, is_valid: bool) -> None:
+    if is_valid:
+        assert parse_known_lengths(["1,2,3", "4,5,6", metres])[0].metres == float(metres)
+    else:
+        with pytest.raises(InputError, match="metres: expected 1e-10 to 1e\\+09"):
+            parse_known_lengths(["1,2,3", "4,5,6", metres])

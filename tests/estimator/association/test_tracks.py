@@ -183,6 +183,21 @@ def test_best_partners_joined_in_rounds_give_what_the_best_pair_first_gives(seed
     assert sorted(sorted(group) for group in quick) == plainly_merged(views, over, under, share)
 
 
+@pytest.mark.parametrize(("over", "expected"), [(8.0, [[0, 1, 2]]), (7.0, [[0, 1], [2]])])
+def test_a_merged_group_is_merged_again_in_the_next_round(over, expected):
+    """The sums of the third mask with the first two are (9 + 8) / 40 and (9 + 7) / 40, about a threshold of 0.41."""
+    common = np.array([[0, 20, 9], [20, 0, over], [9, over, 0.0]])
+
+    def sums(groups, pairs):
+        values = [
+            (common[np.ix_(groups[a], groups[b])].sum(), 20 * len(groups[a]) * len(groups[b])) for a, b in pairs.T
+        ]
+        return np.array(values, dtype=float).reshape(-1, 2).T
+
+    links = np.array(np.triu_indices(3, 1))
+    assert merge_linked([[0], [1], [2]], links, np.arange(3), sums, 0.41, 3) == expected
+
+
 def test_parts_too_large_for_a_table_give_the_same_objects(table, monkeypatch):
     clouds = [sparse_labels(table.scene, table.instances), dense_labels(table.scene, table.instances)]
     usual = groups(shared_tracks(table.instances, clouds))

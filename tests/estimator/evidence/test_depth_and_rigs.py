@@ -210,3 +210,17 @@ def test_an_exr_that_points_elsewhere_is_one_line(damage: str, tmp_path: Path) -
     (tmp_path / "a.exr").write_bytes(broken)
     with pytest.raises(InputError, match="OpenEXR"):
         read_depth(tmp_path / "a.exr")
+
+
+@pytest.mark.parametrize(("size", "is_read"), [(0, True), (-1, False)])
+def test_a_field_of_an_exr_may_be_empty_but_not_negative(size: int, is_read: bool, tmp_path: Path) -> None:
+    data = _exr_file({"Z": np.ones((2, 3), dtype=np.float32)}, 0)
+    field = b"comments\0string\0" + struct.pack("<i", size)
+    blocks = len(data) - 2 * (8 + 4 * 3) - 2 * 8
+    places = np.frombuffer(data[blocks : blocks + 16], dtype="<u8") + np.uint64(len(field))
+    (tmp_path / "a.exr").write_bytes(data[:8] + field + data[8:blocks] + places.tobytes() + data[blocks + 16 :])
+    if is_read:
+        assert np.array_equal(read_depth(tmp_path / "a.exr"), np.ones((2, 3)))
+    else:
+        with pytest.raises(InputError, match="negative size"):
+            read_depth(tmp_path / "a.exr")

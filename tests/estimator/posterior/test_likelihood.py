@@ -195,3 +195,14 @@ def test_one_dimension_in_ten_may_have_a_gross_error() -> None:
     assert weight[table.gross].sum() / weight.sum() == pytest.approx(3 * 0.1)
     single = variants(replace(upright, modelled=(False, False, True)))
     assert not single.gross.any()  # a single dimension with a gross error is an outlier
+
+
+def test_a_truncated_side_has_its_length_or_is_too_short() -> None:
+    """Six in ten have it within 15 %; the others are 30 % too short, within a factor of 2.2."""
+    sides = variants(
+        Layout("upright", True, False, (True, True, False), (False, False, True), (True,) * 3, horizontal_close=False)
+    )
+    active = sides.active[:, 2] & ~sides.gross
+    weight = np.exp(sides.log_weight[active])
+    rows = np.column_stack([weight / weight.sum(), sides.shift[active, 2], np.sqrt(sides.variance[active, 2])])
+    assert np.unique(rows.round(9), axis=0) == pytest.approx(np.array([[0.4, 0.3, 0.8], [0.6, 0.05, 0.15]]))

@@ -217,3 +217,10 @@ def test_the_sources_of_three_classes_in_ten_disagree_more_than_the_error_betwee
     mislabelled = sum(math.exp(row.log_weight) for row in hypotheses(CATALOGUED) if row.is_mislabelled)
     assert bias_probability(CATALOGUED) == pytest.approx(0.3)
     assert biased == pytest.approx(0.3 * (1 - mislabelled))
+
+
+@pytest.mark.parametrize(("of", "probability"), [(CATALOGUED, 0.2), (PERSON, 0.03)])
+def test_a_label_of_several_objects_is_wrong_once_in_five_and_rarely_without_proportions(
+    of: Prior, probability: float
+) -> None:
+    assert sum(math.exp(row.log_weight) for row in hypotheses(of) if row.is_mislabelled) == pytest.approx(probability)

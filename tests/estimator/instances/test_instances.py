@@ -17,7 +17,7 @@ from pycocotools import mask as coco
 
 from estimator.instances.instance_reader import read_instances, read_instances_and_warnings
 from estimator.instances.mask_decoding import box_mask, decode_segmentation
-from estimator.instances.view_matching import mask_crop
+from estimator.instances.view_matching import image_folders, mask_crop
 from estimator.records.scene import Camera, Instance, Scene, View
 from metric_base.errors import FieldError, InputError
 
@@ -280,3 +280,14 @@ def test_masks_may_differ_by_a_tenth_in_their_aspect_ratio(width: int, accepted:
     else:
         with pytest.raises(FieldError, match="mask size"):
             mask_crop(np.ones((30, width), dtype=bool), camera)
+
+
+def test_a_stated_folder_of_images_comes_first_and_exists(tmp_path: Path) -> None:
+    scene = Scene(tmp_path / "scene", "memory", (), np.empty((0, 3)))
+    usual, stated = tmp_path / "scene" / "images", tmp_path / "elsewhere"
+    usual.mkdir(parents=True)
+    stated.mkdir()
+    assert image_folders(scene) == (usual.resolve(),)
+    assert image_folders(scene, stated) == (stated.resolve(), usual.resolve())
+    with pytest.raises(InputError, match="--images: expected a folder, found nothing"):
+        image_folders(scene, tmp_path / "nowhere")

@@ -158,3 +158,25 @@ def test_detections_have_a_score_of_at_least_one_half(tmp_path: Path, score: flo
     rows[0, :4, 0], rows[0, 4 + CLASS, 0] = (200, 200, 100, 100), score
     detector = load_detector(_graph(tmp_path / "net.onnx", {"output0": rows}))
     assert len(detector(np.zeros((HEIGHT, WIDTH, 3), dtype=np.uint8)).labels) == count
+
+
+@pytest.mark.parametrize(("score", "n_found"), [(0.49, 0), (0.51, 1)])
+def test_a_detection_has_a_score_of_one_half(score: float, n_found: int, tmp_path: Path) -> None:
+    answers = _detr_authors()
+    answers["scores"][0, 7] = score
+    detector = load_detector(_graph(tmp_path / "net.onnx", answers, sized=True))
+    assert len(detector(np.zeros((HEIGHT, WIDTH, 3), dtype=np.uint8)).labels) == n_found
+
+
+@pytest.mark.parametrize(("overlap", "n_found"), [(0.68, 2), (0.72, 1)])
+def test_detections_of_a_class_are_one_from_an_iou_of_seven_tenths(
+    overlap: float, n_found: int, tmp_path: Path
+) -> None:
+    """Two boxes of one size, shifted along x by (1 - IoU) / (1 + IoU) of their width."""
+    rows = np.zeros((1, 84, 100), dtype=np.float32)
+    for column, score in ((3, 0.9), (4, 0.8)):
+        rows[0, :4, column] = _fed_box()
+        rows[0, 4 + CLASS, column] = score
+    rows[0, 0, 4] += (1 - overlap) / (1 + overlap) * rows[0, 2, 4]
+    detector = load_detector(_graph(tmp_path / "net.onnx", {"output0": rows}))
+    assert len(detector(np.zeros((HEIGHT, WIDTH, 3), dtype=np.uint8)).labels) == n_found

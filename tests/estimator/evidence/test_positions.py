@@ -174,3 +174,57 @@ def test_gps_of_photographs_is_used_unasked_and_may_be_switched_off(walk: Walk, 
     write_exif(here)
     assert recorded_sources(tmp_path, here.scene) == (Gps("exif", None),)
     assert recorded_sources(tmp_path, here.scene, gps="none") == ()
+
+
+@pytest.mark.parametrize(("stretch", "is_used"), [(1.05, True), (1.07, False)])
+def test_positions_are_stretched_from_six_percent(walk: Walk, stretch: float, is_used: bool) -> None:
+    centres = np.array([view.centre for view in walk.scene.views])
+    metres = walk.metres * [1, stretch, 1]
+    row = one(position_evidence("gps", "table", centres, metres, None, None))
+    assert (row.scale is not None) == is_used
+    assert is_used or "stretched by 1.0" in str(row.reason)
+
+
+@pytest.mark.parametrize(("sd_log", "is_used"), [(0.19, True), (0.21, False)])
+def test_positions_of_a_receiver_have_an_error_under_a_fifth(walk: Walk, sd_log: float, is_used: bool) -> None:
+    """The error of the length is 0.41 of the drift, a tenth of the accuracy, relative to the extent; 0.01 at least."""
+    centres = np.array([view.centre for view in walk.scene.views])
+    alignment = align(centres, walk.metres)
+    assert alignment is not None
+    accuracy = np.sqrt(sd_log**2 - 0.01**2) * alignment.extent / (0.41 * 0.1)
+    row = one(position_evidence("gps", "exif", centres, walk.metres, float(accuracy), None))
+    assert (row.scale is not None) == is_used
+    if is_used:
+        assert row.sd_log == pytest.approx(sd_log, rel=1e-3)
+
+
+@pytest.mark.parametrize(("n_views", "is_used"), [(3, False), (4, True)])
+def test_four_positions_give_a_scale(
+    walk: Walk, nothing: Measurements, tmp_path: Path, n_views: int, is_used: bool
+) -> None:
+    chosen = np.linspace(0, len(walk.scene.views) - 1, n_views).astype(int)
+    scene = replace(walk.scene, views=tuple(walk.scene.views[row] for row in chosen))
+    file = position_table(tmp_path / "path.csv", scene, walk.metres[chosen], "x y z")
+    assert (one(Gps(file).observe(scene, nothing)).scale is not None) == is_used
+
+
+@pytest.mark.parametrize(
+    ("columns", "first", "words"),
+    [
+        ("lat lon alt", 90.1, "degrees from -90 to 90"),
+        ("lat lon alt", 89.9, None),
+        ("x y z", 1.01e9, "finite numbers below 1e"),
+        ("x y z", 0.99e9, None),
+    ],
+)
+def test_a_latitude_is_at_most_90_degrees_and_a_coordinate_a_million_kilometres(
+    walk: Walk, nothing: Measurements, tmp_path: Path, columns: str, first: float, words: str | None
+) -> None:
+    rows = walk.metres.copy() if columns == "x y z" else degrees_of(walk.metres)
+    rows[0, 0] = first
+    file = position_table(tmp_path / "path.csv", walk.scene, rows, columns)
+    if words is None:
+        assert Gps(file).observe(walk.scene, nothing)
+    else:
+        with pytest.raises(InputError, match=words):
+            Gps(file).observe(walk.scene, nothing)

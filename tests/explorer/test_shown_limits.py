@@ -3,9 +3,11 @@
 from __future__ import annotations
 
 import asyncio
-from typing import Any
+from types import SimpleNamespace
+from typing import Any, cast
 
 import numpy as np
+import pyarrow as pa
 import pytest
 from starlette.testclient import TestClient
 
@@ -14,7 +16,7 @@ from explorer.charts.axis import number_text, range_text
 from explorer.pages.node_page import category_bars, images_to_scale, items_by_size, node_page
 from explorer.responses import cursor, images_response, items_response, node_response, queried_prior
 from explorer.routes import Rendered
-from explorer.schemas import ItemsQuery, ScaleRequest
+from explorer.schemas import ItemsQuery, ScaleRequest, SearchQuery
 from explorer.server.app import application
 from explorer.server.delivery import CachedResponse, ResponseCache
 from explorer.server.scale_jobs import ScaleJobs, ServiceUnavailable, scale_record
@@ -199,6 +201,25 @@ def test_cursors_have_a_range(catalogue: ReleaseCatalogue, page: int, is_valid: 
 def test_a_message_shows_at_most_6_numbers(catalogue: ReleaseCatalogue, n: int, found: str) -> None:
     with pytest.raises(InputError, match=found):
         queried_prior(catalogue, catalogue.nodes[NODE], quantiles=[2.0] * n)
+
+
+def test_defaults_of_requests() -> None:
+    assert SearchQuery("chair").limit == 10
+    assert ScaleRequest(objects=[]).level == 0.9
+
+
+@pytest.mark.parametrize(
+    ("extents_mm", "sizes"),
+    [([3.0, 2.0, 1.0], [3.0, 2.0, 1.0]), ([3.0], [3.0, None, None]), (None, [None, None, None])],
+)
+def test_an_item_has_three_sizes_and_a_title_of_90_characters(
+    extents_mm: list[float] | None, sizes: list[float | None]
+) -> None:
+    fields = {"extents_mm": extents_mm, "title": "t" * 91, "item_id": "a", "url": "ftp://x"}
+    item = {**fields, "length_mm": None, "width_mm": None, "height_mm": None}
+    catalogue = cast(ReleaseCatalogue, SimpleNamespace(items=pa.Table.from_pylist([item])))
+    (shown,) = items_by_size(catalogue, np.array([0]), np.full((1, 6), np.nan))
+    assert (shown["sizes"], shown["title"], shown["url"]) == (sizes, "t" * 90, "")
 
 
 def test_numbers_from_100_have_no_decimals() -> None:

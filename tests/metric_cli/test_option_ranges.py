@@ -127,3 +127,30 @@ def test_a_wide_table_has_at_least_160_columns(
 def test_cells_of_digits_signs_and_separators_are_numbers() -> None:
     numbers = ["1", "-1,200.5", "+3 %", "–", ""]
     assert [is_number(cell) for cell in (*numbers, "1.2.3", "1e3", "a", "%")] == [True] * 5 + [False] * 4
+
+
+@pytest.mark.parametrize(
+    ("port", "message"), [("-1", "--draw"), ("0", "--work"), ("65535", "--work"), ("65536", "--draw")]
+)
+def test_ports_of_the_drawing_page(tmp_path: Path, capsys: pytest.CaptureFixture[str], port: str, message: str) -> None:
+    video = tmp_path / "a.mp4"
+    video.touch()
+    assert estimate_scale([str(video), f"--draw={port}"]) == 2
+    assert f"{message}: " in capsys.readouterr().err  # a valid port leads to the next error: there is no work folder
+
+
+@pytest.mark.parametrize(
+    ("port", "message"), [("-1", "--port"), ("0", "absent"), ("65535", "absent"), ("65536", "--port")]
+)
+def test_ports_of_the_server(capsys: pytest.CaptureFixture[str], port: str, message: str) -> None:
+    assert main(["serve", f"--port={port}", "--tree", "absent"]) == 2
+    assert message in capsys.readouterr().err
+
+
+def test_a_site_is_written_with_a_line_of_its_size(
+    mini: Tree, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    out = tmp_path / "site"
+    assert main(["site", str(out), "--tree", str(mini.release.directory), "--workers", "1"]) == 0
+    n_files = sum(path.is_file() for path in out.rglob("*"))
+    assert capsys.readouterr().out.startswith(f"{out / 'index.html'}: {n_files:,} files, ")

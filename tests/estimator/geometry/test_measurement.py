@@ -226,6 +226,15 @@ def test_a_dense_cloud_is_used_from_a_hundred_points_of_an_object(room, count, c
     assert item.cloud == cloud
 
 
+@pytest.mark.parametrize(("count", "notes"), [(140, ("measured by its outlines",)), (160, ())])
+def test_an_object_of_a_dense_cloud_is_measured_by_its_outlines_below_150_points(room, count, notes):
+    chair = [mask for mask in room.instances if mask.category == "chair"]
+    (whole,) = measure_objects(room.scene, chair).objects
+    rows = whole.point_rows[np.linspace(0, len(whole.point_rows) - 1, count).astype(int)]
+    (item,) = measure_objects(replace(room.scene, dense=DenseCloud(room.scene.dense.points[rows])), chair).objects
+    assert (item.cloud, item.notes) == ("dense", notes)
+
+
 @pytest.mark.parametrize(("clutter", "is_level"), [(0.06, False), (0.09, True)])
 def test_clutter_over_a_tenth_of_the_height_is_not_part_of_a_desk(clutter, is_level):
     """A desk 0.7 high under clutter of 8 and 11 % of the total height."""

@@ -13,7 +13,7 @@ from starlette.testclient import TestClient
 
 from explorer.catalogue import ReleaseCatalogue
 from explorer.charts.axis import number_text, range_text
-from explorer.pages.node_page import category_bars, images_to_scale, items_by_size, node_page
+from explorer.pages.node_page import category_bars, context_table, images_to_scale, items_by_size, node_page
 from explorer.responses import cursor, images_response, items_response, node_response, queried_prior
 from explorer.routes import Rendered
 from explorer.schemas import ItemsQuery, ScaleRequest, SearchQuery
@@ -23,6 +23,7 @@ from explorer.server.scale_jobs import ScaleJobs, ServiceUnavailable, scale_reco
 from metric_base.arrays import IntArray
 from metric_base.errors import InputError
 from metric_tree.node import Node
+from metric_tree.prior import Prior
 from metric_tree.tree import Tree
 
 NODE = "swivel_chair.n.01"
@@ -201,6 +202,28 @@ def test_cursors_have_a_range(catalogue: ReleaseCatalogue, page: int, is_valid: 
 def test_a_message_shows_at_most_6_numbers(catalogue: ReleaseCatalogue, n: int, found: str) -> None:
     with pytest.raises(InputError, match=found):
         queried_prior(catalogue, catalogue.nodes[NODE], quantiles=[2.0] * n)
+
+
+@pytest.mark.parametrize(
+    ("last", "years"),
+    [
+        (1907, [*range(1900, 1908)]),
+        (1908, [1900, 1902, 1904, 1906, 1908]),
+        (1979, [1900, 1910, 1920, 1930, 1940, 1950, 1960, 1970, 1980]),
+        (1980, [1900, 1920, 1940, 1960, 1980]),
+    ],
+)
+def test_years_of_a_page_have_round_steps(last: int, years: list[int]) -> None:
+    prior = SimpleNamespace(
+        contexts=[SimpleNamespace(region="europe", year=year) for year in (1900, last)],
+        dims=("height",),
+        quantiles=lambda probabilities: np.ones((1, len(probabilities))),
+    )
+    node = SimpleNamespace(tree=SimpleNamespace(context_model=object()), prior=lambda *_: prior)
+    table = context_table(cast(Node, node), cast(Prior, prior))
+    assert table is not None
+    assert (table["years"], table["regions"]) == (years, ["world", "europe"])
+    assert len(table["table"]["europe"]) == len(years)
 
 
 def test_defaults_of_requests() -> None:

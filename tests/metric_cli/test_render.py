@@ -124,3 +124,17 @@ def test_glass_is_drawn_once_over_what_is_solid() -> None:
         edge = np.median(alpha[alpha > 0])
         assert middle == (255 if len(parts) == 2 else edge)
         assert edge == pytest.approx(255 * 0.75, abs=2)
+
+
+def test_views_are_a_quarter_turn_apart_and_oblique() -> None:
+    """A box of 2 x 1 in the plane: its width across the view is 2 |cos| + |sin| of the azimuth."""
+    from insertion.render.gpu import gl_context
+    from insertion.render.studio import studio_views
+    from models3d.model import Material, Mesh, Model
+
+    box = trimesh.creation.box((2, 1, 1))
+    corners, normals, faces = (np.asarray(each) for each in (box.vertices, box.vertex_normals, box.faces))
+    part = Mesh(corners, normals, np.zeros((8, 2)), faces, Material(np.ones(4)))
+    views = list(studio_views(gl_context(), Model("box", (part,)), 256))
+    widths = [view.rgba.shape[1] / view.pixels_per_metre for view in views]
+    assert widths == pytest.approx([2.232, 1.866, 2.232, 1.866], abs=0.03)

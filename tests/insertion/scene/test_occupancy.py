@@ -154,6 +154,16 @@ def test_planes_and_paints_of_a_room() -> None:
     assert patches.diagonal == pytest.approx(np.linalg.norm([4, 4, 2.5]) * 0.96, rel=0.05)
 
 
+@pytest.mark.parametrize(("difference", "n_planes"), [(0.17, 1), (0.19, 2)])
+def test_paints_differ_by_0_18_of_the_log_of_a_colour_ratio(difference: float, n_planes: int) -> None:
+    generator = np.random.default_rng(0)
+    floor = np.column_stack([generator.uniform(0, 4, (3000, 2)), generator.normal(0, 0.002, 3000)])
+    colours = np.full((3000, 3), 0.3, np.float32)
+    colours[floor[:, 0] < 1.5, 0] *= np.exp(difference)
+    patches = find_plane_cells(ColouredPoints(floor, colours, True), np.array([[2.0, 1.0, 1.5]]))
+    assert len(np.unique(patches.plane)) == n_planes
+
+
 def test_too_few_or_too_dark_points_have_no_planes() -> None:
     points = np.random.default_rng(0).uniform(0, 1, (139, 3))
     assert not len(

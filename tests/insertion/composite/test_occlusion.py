@@ -237,6 +237,22 @@ def test_an_upright_object_is_seen_from_above_at_its_own_depth() -> None:
             assert one.occludes(box, view, behind).all() == hides
 
 
+@pytest.mark.parametrize(("n_rows", "is_left"), [(3, False), (4, True)])
+def test_the_feet_are_the_lowest_4_percent_of_a_mask(n_rows: int, is_left: bool) -> None:
+    """A mask of 100 rows whose lowest rows are on the left, the others on the right."""
+    mask = np.zeros((100, 60), bool)
+    mask[:, 40:] = True
+    mask[-n_rows:] = False
+    mask[-n_rows:, :10] = True
+    (one,) = billboards([Instance("walker", 0, "person", mask, (500, 300), 1.0)], VIEW, _ground())
+    left, right = (
+        billboards([Instance("walker", 0, "person", mask[:, part], (x, 300), 1.0)], VIEW, _ground())[0]
+        for part, x in ((slice(10), 500), (slice(40, 60), 540))
+    )
+    assert right.offset == pytest.approx(left.offset, rel=0.2)
+    assert (one.direction[0] == pytest.approx(left.direction[0], abs=1e-6)) == is_left
+
+
 def test_points_behind_what_moves_are_not_seen() -> None:
     points = _points(((0, 0, 60, 120), FAR), ((100, 0, 160, 120), FAR))
     left = static_points(points, [_object("walker", (0, 0, 80, 120))])

@@ -141,7 +141,7 @@ def early_failure(graph: MatchGraph) -> Failure | None:
         return placement_failure(graph, 0)
     ratio = graph.rotation_ratio()
     if ratio > MIN_ROTATION_RATIO:
-        observation = f"{100 * ratio:.0f} % of the frames differ by a rotation of the camera alone"
+        observation = f"{100 * ratio:.0f} % of the pairs of moving frames differ by a rotation of the camera alone"
         return refusal("pure_rotation", observation)
     return None
 
@@ -186,7 +186,7 @@ def model_failure(
         seen = f"the matches of three frames hold together only parts of {model.pieces[0]} and {model.pieces[1]} frames"
         return refusal("several_places", seen)
     if model.angle_deg < MIN_ANGLE_DEG:
-        return refusal("pure_rotation", f"the views of a point differ by at most {model.angle_deg:.1f} degrees")
+        return refusal("pure_rotation", f"the views of a point differ by {model.angle_deg:.1f} degrees in the median")
     failure = lens_failure(model, focal_held, stated_focal)
     if failure is not None:
         return failure

@@ -40,7 +40,7 @@ def test_python_runs_the_script_and_blender_runs_it_in_the_background(
 def test_progress_counts_the_images_of_a_job(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, job: dict[str, object], total: int | None
 ) -> None:
-    fake_blender(tmp_path, monkeypatch, f"touch {tmp_path}/1.npy")
+    fake_blender(tmp_path, monkeypatch, f"touch {tmp_path}/1.npy; sleep 0.5")  # longer than the start of the loop
     steps: list[tuple[str, int, int | None]] = []
     run_blender(job, tmp_path, lambda step, done, total: steps.append((step, done, total)))
     assert {(step, total) for step, _, total in steps} == {("Cycles", total)}

@@ -29,7 +29,7 @@ MIN_DENSE_POINTS = 100
 MIN_SUFFICIENT_POINTS = 150
 # Factor of the standard deviations by the outlines of an object with fewer points than `MIN_SUFFICIENT_POINTS`. In real
 # scenes, an object in front that has no mask shortens the outlines, and few points cannot contradict them: root mean
-# square errors of length, width and height are 2.0, 1.7 and 1.4 times the deviations without this factor.
+# square errors of length, width and height are 2.0, 1.4 and 1.4 times the deviations without this factor.
 FEW_POINTS_SIGMA_FACTOR = 2.0
 # Maximum error of the points along the footprint, relative to its sides; a larger one stretches the object, whatever
 # the number of points. Of 0.08, 0.1 and 0.12, the best in scenes of a walk and a slow pan with 150 to 500 points per

@@ -144,8 +144,10 @@ def estimate_scene(
         Masks, or their file; by default those in the folder of the scene (`read_instances`).
     categories, dense
         As in `read_instances` and `read_scene`.
-    images, detector : Path and Detector, optional
-        Folder of the images and the detector that finds the instances in them, instead of `instances`.
+    images : Path, optional
+        Folder of the images, by default `images` or `frames` in the folder of the model or above it.
+    detector : Detector, optional
+        Detector that finds the instances in the images, instead of `instances`.
     sources : sequence of EvidenceSource
         Evidence that is observed in the scene.
 
@@ -277,7 +279,7 @@ def _scene_instances(
     """
     from estimator.instances.instance_reader import default_instances, read_instances_and_warnings
 
-    if images is not None and detector is not None:
+    if detector is not None:
         from estimator.detectors.detect import detect_instances
 
         return InstanceSet(*detect_instances(scene, images, detector))

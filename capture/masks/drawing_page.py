@@ -13,15 +13,18 @@ from pathlib import Path
 from typing import Any, Literal
 from urllib.parse import unquote
 
+import cv2
 import msgspec
 import numpy as np
 
 from capture.masks.instances_file import coco_document
 from estimator.geometry.outline_measurement import MIN_BOX_VIEWS
+from estimator.instances.view_matching import image_file
 from estimator.records.scene import Scene
 from estimator.results.object_priors import resolve_categories
 from metric_base.errors import InputError, Unquoted
 from metric_base.files import whole_file
+from metric_base.images import read_picture
 from metric_base.input_files import read_json
 from metric_base.local_page import LocalPage, is_count
 from metric_tree.tree import Tree
@@ -66,10 +69,10 @@ class SavedDrawing(msgspec.Struct):
 
 
 class Draft(msgspec.Struct):
-    """Content of the file that keeps an unfinished drawing."""
+    """Content of the file that keeps an unfinished drawing; its schema is first, so that `whole_file` finds it."""
 
-    frames: dict[str, list[DrawnObject]] = {}
     schema: str = SCHEMA
+    frames: dict[str, list[DrawnObject]] = {}
 
 
 @dataclass(frozen=True, slots=True)
@@ -82,12 +85,17 @@ class Frame:
     file: Path
 
 
-def frames_to_draw(scene: Scene, folder: Path) -> list[Frame]:
-    """Return frames spread over the capture, of each stretch the one that sees most points of the model."""
-    views = sorted(scene.views, key=lambda view: view.name)
-    parts = np.array_split(np.arange(len(views)), min(N_FRAMES, len(views)))
-    chosen = [max((views[k] for k in part), key=lambda view: len(view.point_index)) for part in parts]
-    return [Frame(view.name, view.camera.width, view.camera.height, folder / view.name) for view in chosen]
+def frames_to_draw(scene: Scene, folders: tuple[Path, ...]) -> list[Frame]:
+    """Return frames spread over the capture, of each stretch the one that sees most points of the model.
+
+    Views without an image in `folders` (`view_matching.image_folders`) are left out; the list may be empty.
+    """
+    files = {view.name: image_file(folders, view) for view in scene.views}
+    views = sorted((view for view in scene.views if files[view.name] is not None), key=lambda view: view.name)
+    parts = np.array_split(np.arange(len(views)), max(min(N_FRAMES, len(views)), 1))
+    chosen = [max((views[k] for k in part), key=lambda view: len(view.point_index)) for part in parts if len(part)]
+    sizes = [(view.name, view.camera.width, view.camera.height) for view in chosen]
+    return [Frame(*size, file) for size in sizes if (file := files[size[0]]) is not None]
 
 
 class MaskPage(LocalPage):
@@ -163,7 +171,7 @@ class MaskPage(LocalPage):
         saved = msgspec.convert(document, SavedDrawing)
         drawing = self._checked({image.name: image.objects for image in saved.images})
         with whole_file(self._draft, "--work", SCHEMA) as file:
-            file.write_text(json.dumps(msgspec.to_builtins(Draft(drawing))), encoding="utf-8")
+            file.write_text(json.dumps(msgspec.to_builtins(Draft(frames=drawing))), encoding="utf-8")
         self._drawing = drawing
         if (saved.done or saved.close) and not any(drawing.values()):
             raise ValueError("draw at least one object first")
@@ -191,7 +199,9 @@ class MaskPage(LocalPage):
             return "image/png", self._figure
         number = path.removeprefix("frame/")
         if path.startswith("frame/") and is_count(number) and int(number) < len(self._frames):
-            return "image/*", self._frames[int(number)].file.read_bytes()
+            # Browsers rotate images by EXIF and cannot show TIFF; the model refers to the pixels as they are stored.
+            pixels = read_picture(self._frames[int(number)].file, cv2.IMREAD_COLOR | cv2.IMREAD_IGNORE_ORIENTATION)
+            return None if pixels is None else ("image/jpeg", cv2.imencode(".jpg", pixels)[1].tobytes())
         return None
 
     def receive(self, path: str, body: bytes) -> tuple[int, dict[str, Any]] | None:

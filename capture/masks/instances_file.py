@@ -99,7 +99,7 @@ def detect_stage(
 
     def make(part: Path) -> None:
         scene = read_colmap(work.path / "sparse" / "0")
-        detector = load_detector(model, labels)
+        detector = load_detector(model, labels, notice)
         instances, warnings = detect_instances(scene, work.path / "frames", detector, progress)
         for line in warnings:
             notice(line)

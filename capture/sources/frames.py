@@ -28,6 +28,8 @@ MAX_SIDE = 1920
 JPEG_QUALITY = 95
 #: Minimum fraction of the stated frames that are read of an undamaged video; many containers state only a duration.
 MIN_READ_FRACTION = 0.9
+#: Folders of images in folders of other programs without a reconstruction: COLMAP, 3D Gaussian splatting, Polycam.
+IMAGE_SUBFOLDERS = ("images", "input", "keyframes/corrected_images", "keyframes/images")
 #: Minimum number of images that make a folder a capture.
 MIN_IMAGES = 2
 
@@ -91,12 +93,23 @@ def is_capture(path: Path) -> bool:
     """Return whether a path is a video or a folder of images, and no reconstruction."""
     if not path.is_dir():
         return path.suffix.lower() in VIDEO_SUFFIXES
+    return not _is_reconstruction(path) and len(image_files(path)) + len(foreign_files(path)) >= MIN_IMAGES
+
+
+def capture_folder(path: Path) -> Path:
+    """Return the folder of images in the folder of another program that has no reconstruction; else the path itself."""
+    if not path.is_dir() or _is_reconstruction(path) or is_capture(path):
+        return path
+    return next((path / name for name in IMAGE_SUBFOLDERS if (path / name).is_dir() and is_capture(path / name)), path)
+
+
+def _is_reconstruction(path: Path) -> bool:
+    """Return whether a folder contains a reconstruction, or is a work folder."""
     from estimator.reconstructions.colmap import colmap_folder
     from estimator.scene_formats.detection import export_file
 
-    if colmap_folder(path) is not None or (path / "reconstruction.json").is_file() or (path / FRAMES_FILE).is_file():
-        return False
-    return export_file(path) is None and len(image_files(path)) + len(foreign_files(path)) >= MIN_IMAGES
+    is_known = colmap_folder(path) is not None or export_file(path) is not None
+    return is_known or (path / "reconstruction.json").is_file() or (path / FRAMES_FILE).is_file()
 
 
 def source_of(path: Path) -> Source:

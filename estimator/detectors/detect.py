@@ -8,7 +8,7 @@ from pathlib import Path
 import cv2
 
 from estimator.detectors.detector import MIN_SCORE, Detections, Detector
-from estimator.instances.view_matching import image_file, mask_crop
+from estimator.instances.view_matching import image_file, image_folders, mask_crop
 from estimator.records.scene import Instance, Scene, View
 from metric_base.errors import InputError, Unquoted, in_file
 from metric_base.images import read_picture
@@ -16,15 +16,16 @@ from metric_base.progress import ProgressCallback, silent, with_progress
 
 
 def detect_instances(
-    scene: Scene, images: Path, detector: Detector, progress: ProgressCallback = silent
+    scene: Scene, images: Path | None, detector: Detector, progress: ProgressCallback = silent
 ) -> tuple[tuple[Instance, ...], tuple[str, ...]]:
     """Detect instances in the images of a scene.
 
     Parameters
     ----------
     scene : Scene
-    images : Path
-        Folder of the images, with the names of the views or their base names.
+    images : Path or None
+        Folder of the images, with the names of the views or their base names; by default the folders of
+        `image_folders`.
     detector : Detector
     progress : callable, optional
 
@@ -39,18 +40,18 @@ def detect_instances(
         The folder is missing or contains no image of the views, nothing is detected in any image, or a label has no
         name.
     """
-    if not images.is_dir():
+    if images is not None and not images.is_dir():
         raise InputError.at(images, "--images", "a folder with the images of the scene", Unquoted("no such folder"))
-    folder = images.resolve()
+    folders = image_folders(scene) if images is None else (images.resolve(),)
     files: list[tuple[int, Path]] = []
     for index, view in enumerate(scene.views):
-        by_base_name = folder / Path(view.name.replace("\\", "/")).name
-        file = image_file((folder,), view) or (by_base_name if by_base_name.is_file() else None)
+        by_base_name = [folder / Path(view.name.replace("\\", "/")).name for folder in folders]
+        file = image_file(folders, view) or next((file for file in by_base_name if file.is_file()), None)
         if file is not None:
             files.append((index, file))
     if not files:
-        expected = f"images with the names of the views, such as {scene.views[0].name!r}"
-        raise InputError.at(images, "--images", expected, Unquoted("none of them"))
+        expected = f"a folder of images with the names of the views, such as {scene.views[0].name!r}"
+        raise InputError.at(images or scene.path, "--images", expected, Unquoted("none of them"))
     instances: list[Instance] = []
     for index, file in with_progress(files, "detecting", progress):
         # The orientation of the file is ignored, because keypoints refer to the image as the camera stored it.
@@ -63,7 +64,7 @@ def detect_instances(
         expected = f"a detection of score {MIN_SCORE} or more in one of {len(files)} images"
         raise InputError.at(detector.path, "detections", expected, Unquoted("none"))
     missing = len(scene.views) - len(files)
-    warning = f"{images}: {missing} of {len(scene.views)} views have no image"
+    warning = f"{images or scene.path}: {missing} of {len(scene.views)} views have no image"
     return tuple(instances), (warning,) if missing else ()
 
 

@@ -26,6 +26,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from estimator.detectors.one_stage import (
+    NAMED_FORMS,
+    NAMED_OUTPUTS,
     OneStageForm,
     class_names,
     one_stage_detections,
@@ -37,6 +39,7 @@ from estimator.instances.mask_decoding import box_mask
 from metric_base.arrays import BoolArray, FloatArray, IntArray
 from metric_base.errors import FieldError, InputError, Unquoted, in_file
 from metric_base.input_files import read_text
+from metric_base.progress import NoticeCallback, no_notice
 from taxonomy.label_lists import label_names
 
 #: Maximum memory that a run may add, in bytes. The largest Mask R-CNN needs 4 GB for a large image.
@@ -125,7 +128,7 @@ class Detector:
         self._one_stage = one_stage_form(outputs)
         if self._one_stage is not None:
             names = class_names(self._session.get_modelmeta().custom_metadata_map)
-            self.labels = self.labels or names or label_names("coco_80")
+            self.labels = self.labels or names or label_names("coco_91" if self._one_stage == "rfdetr" else "coco_80")
             return
         self.labels = self.labels or label_names("coco_91")
         self._input = inputs[0]
@@ -172,12 +175,14 @@ class Detector:
         )
 
     def _one_stage_detections(self, form: OneStageForm, image: Image) -> Detections:
-        """Run a YOLO or an RT-DETR; without masks, boxes are filled."""
+        """Run a one-stage detector; without masks, boxes are filled."""
         import cv2
 
         inputs, factor, shift = one_stage_inputs(self._session.get_inputs(), form, image)
         input_size = next(value.shape[3:1:-1] for value in inputs.values() if value.ndim == 4)
-        outputs = _run_graph(self._session, self.path, None, inputs)
+        masks_of = [node.name for node in self._session.get_outputs() if len(node.shape) == 4]
+        names = [*NAMED_OUTPUTS, *masks_of] if form in NAMED_FORMS else None
+        outputs = _run_graph(self._session, self.path, names, inputs)
         size = image.shape[1], image.shape[0]
         try:
             boxes, labels, scores, masks = one_stage_detections(
@@ -225,30 +230,37 @@ class Detector:
         return np.pad(bgr.transpose(2, 0, 1), ((0, 0), (0, rows), (0, columns))), factor
 
 
-def load_detector(ref: str | Path, labels: Path | None = None) -> Detector:
+def load_detector(ref: str | Path, labels: Path | None = None, notice: NoticeCallback = no_notice) -> Detector:
     """Load a detector from an ONNX file, or by its name in the registry.
 
     Parameters
     ----------
     ref : str or Path
-        ONNX file, or name of a registered detector, which is downloaded unless it is in the cache.
+        ONNX file, `detector.toml` of a network of the user, or name of a registered detector (`auto`: the recommended
+        one), which is downloaded unless it is in the cache.
     labels : Path, optional
         Text file with one name per line, the first for label 1. By default, the names of the registry or of the graph,
         or the 91 ids of COCO, as in the weights of torchvision.
+    notice : callable
+        Called with a sentence before a download.
 
     Raises
     ------
     InputError
         There is no such file or name, or the download fails; the message explains how to get a detector.
     """
-    is_file = Path(ref).is_file()
+    is_file = Path(ref).is_file() and Path(ref).suffix != ".toml"
     if is_file and Path(ref).stat().st_size > MAX_GRAPH_BYTES:
         size = Unquoted(f"{Path(ref).stat().st_size:,}")
         raise InputError.at(ref, "--detector", f"at most {MAX_GRAPH_BYTES:,} bytes", size)
     entry = registry_entry_of(Path(ref)) if is_file else registry_entry(str(ref))
-    path = Path(ref) if is_file or entry is None else download(entry)
+    path = Path(ref)
+    if not is_file and entry is not None:
+        path = entry.file or download(entry, notice)
     form: InputForm = "caffe" if entry is not None and entry.input == "caffe" else "torchvision"
-    names: tuple[str, ...] = () if entry is None or labels is not None else label_names(entry.labels)
+    names: tuple[str, ...] = ()
+    if entry is not None:
+        names = label_names(entry.labels) if isinstance(entry.labels, str) else entry.labels
     if labels is not None:
         lines = read_text(labels, MAX_LABEL_BYTES).splitlines()
         if len(lines) > MAX_LABELS:
@@ -263,7 +275,7 @@ def _load_graph(path: Path) -> Any:
     try:
         import onnxruntime
     except ImportError:
-        expected = "onnxruntime (pip install 'metric-tree[images]')"
+        expected = "onnxruntime (pip install 'metric-tree[detect]')"
         raise InputError.at(path, "detector", expected, Unquoted("not installed")) from None
     options = onnxruntime.SessionOptions()
     options.log_severity_level = _FATAL

@@ -1,4 +1,4 @@
-"""Interpret the outputs of one-stage detectors in ONNX: YOLO (v8, 11 and later, with or without masks) and RT-DETR.
+"""Interpret the outputs of one-stage detectors in ONNX: YOLO, RT-DETR and D-FINE, RF-DETR, RTMDet.
 
 | form | outputs |
 |---|---|
@@ -7,10 +7,14 @@
 | YOLO | (1, 4 + classes, n), or (1, n, 6) |
 | RT-DETR of Ultralytics | (1, n, 4 + classes), boxes x y w h relative to the image |
 | RT-DETR of Hugging Face | logits (1, n, classes) and boxes (1, n, 4) relative to the image |
-| RT-DETR of its authors | labels (1, n), boxes (1, n, 4) x1 y1 x2 y2 in pixels, scores (1, n) |
+| RT-DETR and D-FINE of their authors | labels (1, n), boxes (1, n, 4) x1 y1 x2 y2 in pixels, scores (1, n) |
+| RF-DETR | `dets` (1, n, 4) relative to the image, `labels` (1, n, slots) logits; (1, n, h, w) logits of masks |
+| RTMDet of MMDeploy | `dets` (1, n, 5) x1 y1 x2 y2 score, `labels` (1, n); (1, n, H, W) masks from 0 to 1 |
 
-The input is RGB from 0 to 1. For YOLO, the image is padded with grey to the input size; for RT-DETR, it is stretched.
-Class numbers start at 0.
+The input is RGB from 0 to 1. For RF-DETR and RTMDet, ImageNet's mean is subtracted and the result is divided by its
+standard deviation; the order of RTMDet is BGR. For YOLO, the image is centred in grey padding; for RTMDet, the padding
+is on the right and below; otherwise the image is stretched. Class numbers start at 0. An RF-DETR with 91 slots has
+COCO's identifiers as numbers; in others, the last slot is the background (rfdetr.roboflow.com/latest/exports/onnx).
 """
 
 from __future__ import annotations
@@ -24,7 +28,16 @@ from numpy.typing import NDArray
 
 from metric_base.arrays import BoolArray, FloatArray, IntArray
 
-OneStageForm = Literal["yolo", "yolo-end", "detr", "detr-logits", "detr-authors"]
+OneStageForm = Literal["yolo", "yolo-end", "detr", "detr-logits", "detr-authors", "rfdetr", "rtmdet"]
+#: Forms whose outputs are identified by name, because a graph of four slots has boxes and logits of equal shape.
+NAMED_FORMS, NAMED_OUTPUTS = frozenset({"rfdetr", "rtmdet"}), ("dets", "labels")
+#: Mean and standard deviation of red, green and blue in ImageNet, from 0 to 1.
+IMAGENET_MEAN = np.array([0.485, 0.456, 0.406], dtype=np.float32)
+IMAGENET_SD = np.array([0.229, 0.224, 0.225], dtype=np.float32)
+#: Number of slots of an RF-DETR whose class numbers are COCO's identifiers.
+N_COCO_SLOTS = 91
+#: Minimum value of a pixel of an RTMDet mask, `mask_thr_binary` of its configuration.
+MIN_RTMDET_MASK = 0.5
 
 #: Maximum IoU of two detections of one class; the default of Ultralytics.
 NMS_IOU = 0.7
@@ -51,6 +64,9 @@ Found = tuple[FloatArray, IntArray, FloatArray, tuple[BoolArray, ...] | None]
 def one_stage_form(outputs: Sequence[Any]) -> OneStageForm | None:
     """Return the form of the outputs of a graph, or None if it is not a one-stage detector."""
     shapes = [tuple(node.shape) for node in outputs]
+    named = {node.name: len(node.shape) for node in outputs}
+    if set(NAMED_OUTPUTS) <= named.keys() and named["dets"] == 3:
+        return "rfdetr" if named["labels"] == 3 else "rtmdet"
     ranks = sorted(len(shape) for shape in shapes)
     tables = [shape for shape in shapes if len(shape) == 3]
     if ranks == [2, 2, 3] and tables[0][2] == 4:
@@ -102,19 +118,27 @@ def one_stage_inputs(
         A pixel x of the image is at factor * x + shift in the input.
     """
     import cv2
+    from PIL import Image
 
     height, width = image.shape[:2]
     node = next(node for node in nodes if len(node.shape) == 4)
     sides = [side if isinstance(side, int) else INPUT_SIDE_PX for side in node.shape[2:]]
-    if form.startswith("yolo"):
+    if form.startswith("yolo") or form == "rtmdet":
         ratio = min(sides[0] / height, sides[1] / width)
         resized = (round(width * ratio), round(height * ratio))
     else:
         resized = (sides[1], sides[0])
-    shift = np.array([(sides[1] - resized[0]) // 2, (sides[0] - resized[1]) // 2])
+    shift = np.array([(sides[1] - resized[0]) // 2, (sides[0] - resized[1]) // 2]) * (form != "rtmdet")
     canvas = np.full((*sides, 3), PADDING_GREY, dtype=np.uint8)
-    canvas[shift[1] : shift[1] + resized[1], shift[0] : shift[0] + resized[0]] = cv2.resize(image, resized)
+    if form == "rfdetr":  # its own resizing averages over the pixels when it reduces an image, as Pillow's does
+        small = np.asarray(Image.fromarray(image).resize(resized, Image.Resampling.BILINEAR))
+    else:
+        small = cv2.resize(image, resized)
+    canvas[shift[1] : shift[1] + resized[1], shift[0] : shift[0] + resized[0]] = small
     pixels = np.ascontiguousarray(canvas.transpose(2, 0, 1)[None], dtype=np.float32) / np.float32(255)
+    if form in NAMED_FORMS:
+        pixels = (pixels - IMAGENET_MEAN[:, None, None]) / IMAGENET_SD[:, None, None]
+        pixels = np.ascontiguousarray(pixels[:, ::-1]) if form == "rtmdet" else pixels
     inputs: dict[str, Any] = {node.name: pixels}
     for other in nodes:
         if len(other.shape) == 2:
@@ -150,6 +174,8 @@ def one_stage_detections(
     """
     import cv2
 
+    if form in NAMED_FORMS:
+        return _named_detections(form, outputs, size, factor, min_score)
     basis = next((output[0] for output in outputs if output.ndim == 4), None)
     boxes, classes, scores, coefficients = _candidates(form, outputs, size)
     keep = np.flatnonzero(scores >= min_score)
@@ -170,6 +196,34 @@ def one_stage_detections(
             masks = _masks(basis, coefficients[keep], boxes, size, input_size, factor, shift)
         boxes = (boxes - np.tile(shift, 2)) / np.tile(factor, 2)
     return boxes, classes + 1, scores, masks
+
+
+def _named_detections(
+    form: OneStageForm, outputs: Sequence[NDArray[Any]], size: tuple[int, int], factor: FloatArray, min_score: float
+) -> Found:
+    """Convert the outputs of an RF-DETR or RTMDet, which suppress duplicates themselves, as `one_stage_detections`."""
+    import cv2
+
+    boxes, labels, *basis = (output[0] for output in outputs)
+    if form == "rfdetr":
+        chances = 1 / (1 + np.exp(-np.clip(np.asarray(labels, dtype=float), -50, 50)))
+        is_coco = chances.shape[1] == N_COCO_SLOTS
+        # As in the original, a query counts for each class that is probable enough.
+        queries, classes = np.nonzero((chances if is_coco else chances[:, :-1]) >= min_score)
+        scores, classes = chances[queries, classes], classes + (not is_coco)
+        corners, threshold, used = _box_corners(boxes[queries].astype(float)) * np.tile(size, 2), 0.0, np.s_[:, :]
+    else:
+        scores, threshold = boxes[:, 4].astype(float), MIN_RTMDET_MASK
+        queries = np.flatnonzero(scores >= min_score)
+        scores, classes = scores[queries], labels[queries].astype(np.int64) + 1
+        corners = boxes[queries, :4].astype(float) / np.tile(factor, 2)
+        width, height = np.rint(np.array(size) * factor).astype(int)
+        used = np.s_[:height, :width]
+    masks = None
+    if basis:
+        small = (np.ascontiguousarray(basis[0][query][used], dtype=np.float32) for query in queries)
+        masks = tuple(cv2.resize(mask, size, interpolation=cv2.INTER_LINEAR) > threshold for mask in small)
+    return corners, classes, scores, masks
 
 
 def _candidates(

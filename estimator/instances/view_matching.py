@@ -43,8 +43,9 @@ def image_folders(scene: Scene, named: Path | None = None) -> tuple[Path, ...]:
     Returns
     -------
     tuple of Path
-        The specified folder, then `images` and `frames` in or above the model, the nearest first. Links are resolved,
-        so that files outside the folders can be detected.
+        The specified folder, then `images` and `frames` in or above the model, the nearest first, then the folder of
+        the model, from which nerfstudio names its images. Links are resolved, so that files outside the folders can be
+        detected.
 
     Raises
     ------
@@ -54,6 +55,9 @@ def image_folders(scene: Scene, named: Path | None = None) -> tuple[Path, ...]:
     if named is not None and not named.is_dir():
         raise InputError.at(named, "--images", "a folder", Unquoted("a file" if named.exists() else "nothing"))
     candidates = [folder / name for folder in folders_above(scene) for name in IMAGE_FOLDERS]
+    candidates += [
+        path if path.is_dir() else path.parent for path in (scene.path, scene.model_path) if path is not None
+    ]
     first = [] if named is None else [named.resolve()]
     return tuple(dict.fromkeys([*first, *(folder.resolve() for folder in candidates if folder.is_dir())]))
 

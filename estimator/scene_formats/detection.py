@@ -73,6 +73,7 @@ def points_advice(program: str) -> str:
     """Return the expected points for a file that contains only cameras, for a message."""
     options = ["put points.ply in the same frame into its folder", "specify a cloud with --dense"]
     options += [_POINTS_ADVICE[program]] if program in _POINTS_ADVICE else []
+    options += ["reconstruct the folder of its images"]
     return f"at least one sparse or dense point ({', or '.join(options)})"
 
 

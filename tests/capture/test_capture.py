@@ -234,7 +234,7 @@ def test_a_folder_of_its_frames_is_a_folder_of_pictures(
     captured = capsys.readouterr()
     assert (status, captured.out) == (2, "")
     (line,) = captured.err.splitlines()
-    assert "--instances FILE, --detector MODEL, or --draw" in line
+    assert "expected masks by --draw (a local page), --detector auto (rfdetr-seg-medium, Apache-2.0), or --inst" in line
     poses = read_frame_poses(tmp_path / "w")
     assert [pose.origin for pose in poses.frames] == ["reconstructed"] * len(some)
     assert [pose.time_s for pose in poses.frames] == [None] * len(some)
@@ -260,7 +260,7 @@ def _copy_with_focal(file: Path, folder: Path, millimetres: int) -> None:
 @pytest.mark.parametrize(
     ("words", "message"),
     [
-        (["room.mp4"], "--work"),
+        (["room.mp4", "--work", "w", "--draw", "-1"], "--draw"),
         (["room.mp4", "--work", "w", "--frames", "1"], "--frames"),
         (["room.mp4", "--work", "w", "--focal", "-3"], "--focal"),
         (["room.mp4", "--work", "w", "--camera-model", "BOX"], "--camera-model"),

@@ -42,7 +42,7 @@ class _Served:
 
     def __init__(self, folder: Path, estimate: Estimator | None = None) -> None:
         names = partial(name_meaning, metric_tree.open())
-        frames = frames_to_draw(_scene(folder / "frames"), folder / "frames")
+        frames = frames_to_draw(_scene(folder / "frames"), (folder / "frames",))
         self.page = MaskPage(frames, ["chair"], folder / "d.json", names, estimate=estimate)
         self.document: dict[str, Any] | None = None
         self._thread = threading.Thread(target=self._run, daemon=True)
@@ -193,7 +193,7 @@ def test_a_name_is_judged(served: _Served) -> None:
 
 
 def test_frames_are_spread_and_see_much(tmp_path: Path) -> None:
-    frames = frames_to_draw(_scene(tmp_path / "frames"), tmp_path)
+    frames = frames_to_draw(_scene(tmp_path / "frames"), (tmp_path / "frames",))
     assert [frame.name for frame in frames] == ["000001.jpg", "000002.jpg", "000005.jpg", "000006.jpg", "000007.jpg"]
 
 
@@ -201,8 +201,18 @@ def test_an_interrupted_drawing_is_kept(served: _Served, tmp_path: Path) -> None
     objects = [{"name": "cup", "kind": "box", "points": [[5, 5], [50, 60]]}]
     body = json.dumps({"images": [{"name": "000001.jpg", "objects": objects}], "done": False})
     assert served.request(served.at("save"), body)[0] == 200
-    again = MaskPage(frames_to_draw(_scene(tmp_path / "frames"), tmp_path / "frames"), [], tmp_path / "d.json")
+    again = MaskPage(frames_to_draw(_scene(tmp_path / "frames"), (tmp_path / "frames",)), [], tmp_path / "d.json")
     assert again.start()["frames"][0]["objects"] == objects
+    again._server.server_close()
+
+
+def test_a_drawing_of_many_objects_is_kept_again(served: _Served, tmp_path: Path) -> None:
+    objects = [{"name": "cup", "kind": "box", "points": [[5, 5], [50 + k, 60]]} for k in range(20)]
+    for count in (19, 20):  # the first draft is longer than the bytes in which a schema is searched
+        images = [{"name": "000001.jpg", "objects": objects[:count]}]
+        assert served.request(served.at("save"), json.dumps({"images": images, "done": False})) == (200, "{}")
+    again = MaskPage(frames_to_draw(_scene(tmp_path / "frames"), (tmp_path / "frames",)), [], tmp_path / "d.json")
+    assert len(again.start()["frames"][0]["objects"]) == 20
     again._server.server_close()
 
 
@@ -210,7 +220,7 @@ def test_an_interrupted_drawing_is_kept(served: _Served, tmp_path: Path) -> None
     "content", ["[" * 200_000, "[3]", '{"frames": {"000001.jpg": 3}}', '{"frames": 3}', "a user's"]
 )
 def test_a_draft_that_is_no_drawing_is_not_replaced(tmp_path: Path, content: str) -> None:
-    frames = frames_to_draw(_scene(tmp_path / "frames"), tmp_path / "frames")
+    frames = frames_to_draw(_scene(tmp_path / "frames"), (tmp_path / "frames",))
     (tmp_path / "d.json").write_text(content)
     with pytest.raises(InputError, match=r"drawing|JSON"):
         MaskPage(frames, [], tmp_path / "d.json")

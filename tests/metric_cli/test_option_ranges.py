@@ -130,13 +130,13 @@ def test_cells_of_digits_signs_and_separators_are_numbers() -> None:
 
 
 @pytest.mark.parametrize(
-    ("port", "message"), [("-1", "--draw"), ("0", "--work"), ("65535", "--work"), ("65536", "--draw")]
+    ("port", "message"), [("-1", "--draw"), ("0", "video"), ("65535", "video"), ("65536", "--draw")]
 )
 def test_ports_of_the_drawing_page(tmp_path: Path, capsys: pytest.CaptureFixture[str], port: str, message: str) -> None:
     video = tmp_path / "a.mp4"
     video.touch()
     assert estimate_scale([str(video), f"--draw={port}"]) == 2
-    assert f"{message}: " in capsys.readouterr().err  # a valid port leads to the next error: there is no work folder
+    assert f"{message}: " in capsys.readouterr().err  # a valid port leads to the next error: the video is empty
 
 
 @pytest.mark.parametrize(

@@ -21,7 +21,7 @@ from onnx import TensorProto, helper
 
 from estimator.detectors.detect import detect_instances
 from estimator.detectors.detector import Detector, load_detector
-from estimator.detectors.registry import RegisteredDetector, download, registry
+from estimator.detectors.registry import RegisteredDetector, download, registry, registry_entry
 from estimator.instances.instance_reader import read_instances
 from estimator.reconstructions.scene_reader import read_scene
 from metric_base.errors import InputError
@@ -141,7 +141,8 @@ def test_the_whole_command_needs_no_masks_file(
     assert main(words) == 2
     error = capsys.readouterr().err
     assert "--detector" in error
-    assert "docs/how-to/detectors.md" in error
+    assert "--images DIR" in error
+    assert "docs/how-to/first-scale.md" in error
     status = main(words + own)
     record = json.loads(capsys.readouterr().out)
     # the same masks from a file give the same answer
@@ -163,7 +164,7 @@ def test_the_whole_command_needs_no_masks_file(
 @pytest.mark.parametrize(
     ("words", "said"),
     [
-        (["--detector", "x.onnx"], "together"),
+        (["--detector", "x.onnx"], "x.onnx: --detector: expected an ONNX file, auto, or a name of the registry"),
         (["--detector-labels", "x"], "--detector"),
         (["--images", ".", "--detector", "no-such"], "maskrcnn-12"),
         (["--images", ".", "--detector", "x", "--instances", "y"], "--instances"),
@@ -247,9 +248,13 @@ def test_coco_ids_have_their_gaps() -> None:
 
 def test_the_registry_is_whole() -> None:
     entries = registry()
-    assert [entry.name for entry in entries] == ["maskrcnn-12", "maskrcnn-12-int8"]
+    names = ["rfdetr-seg-medium", "rfdetr-seg-nano", "maskrcnn-12", "maskrcnn-12-int8"]
+    assert [entry.name for entry in entries] == names
+    assert registry_entry("auto") == entries[0]
+    assert entries[2].description == "maskrcnn-12, 178 MB, MIT"
     for entry in entries:
-        assert entry.input in {"torchvision", "caffe"}
+        assert entry.input in {"rfdetr", "caffe"}
+        assert isinstance(entry.labels, str)
         assert label_names(entry.labels)[1] == "person"
         assert len(entry.sha256) == 64
         assert all(url.startswith("https://") for url in entry.urls)
@@ -262,6 +267,20 @@ def test_an_entry_that_nobody_can_check_is_refused(tmp_path: Path, line: str) ->
     file.write_text(f'[made]\ntitle = ""\nlicence = "MIT"\ninput = "caffe"\nlabels = "coco_80"\n{urls}{line}\n')
     with pytest.raises(InputError, match=r"detectors\.toml: made: expected an address and a sha256"):
         registry(file)
+
+
+def test_a_registration_file_of_the_user_names_its_network(tmp_path: Path) -> None:
+    graph = paint_graph(tmp_path / "own.onnx")
+    sha256 = hashlib.sha256(graph.read_bytes()).hexdigest()
+    file = tmp_path / "detector.toml"
+    file.write_text(f'[detector]\nfile = "own.onnx"\nsha256 = "{sha256}"\nlabels = ["swivel chair", "bar stool"]\n')
+    assert load_detector(file).labels == ("", "swivel chair", "bar stool")
+    file.write_text(file.read_text().replace(sha256, "0" * 64))
+    with pytest.raises(InputError, match=r"own\.onnx: sha256: expected 0000"):
+        load_detector(file)
+    file.write_text("[detector")
+    with pytest.raises(InputError, match=r"detector\.toml: content: expected TOML"):
+        load_detector(file)
 
 
 @pytest.fixture
@@ -282,7 +301,12 @@ def test_a_download_is_checked_and_kept(server: str, tmp_path: Path, monkeypatch
     entry = RegisteredDetector("made", "", (server,), right, "CC0-1.0", "torchvision", "coco_80")
     with pytest.raises(InputError, match="sha256"):
         download(replace(entry, sha256="0" * 64))
-    kept = download(entry)
+    notices: list[str] = []
+    kept = download(entry, notices.append)
+    size = f"{(tmp_path / 'served' / 'model.onnx').stat().st_size / 1e6:.0f} MB"
+    assert notices == [f"downloading made, {size}, CC0-1.0, from {server} to {tmp_path / 'cache'}"]
+    assert download(entry, notices.append) == kept
+    assert len(notices) == 1
     assert kept.is_relative_to(tmp_path / "cache")
     assert load_detector(kept).labels[62] == "chair"
     gone = "http://127.0.0.1:9/x"

@@ -1,14 +1,16 @@
-"""YOLO and RT-DETR, recognised by their outputs: small real graphs whose answers are known."""
+"""One-stage detectors, recognised by their outputs: small real graphs whose answers are known."""
 
 from __future__ import annotations
 
 from pathlib import Path
 from typing import Any
 
+import cv2
 import numpy as np
 import onnx
 import pytest
 from onnx import TensorProto, helper, numpy_helper
+from PIL import Image
 
 from estimator.detectors.detector import load_detector
 from estimator.detectors.one_stage import class_names
@@ -21,9 +23,11 @@ WIDTH, HEIGHT = 128, 64
 BOX, CLASS = (32.0, 16.0, 96.0, 48.0), 56
 
 
-def _graph(path: Path, answers: dict[str, np.ndarray[Any, Any]], sized: bool = False, names: str = "") -> Path:
-    """A graph that answers the same to every picture."""
-    nodes = [helper.make_node("Identity", [f"{name}_value"], [name]) for name in answers]
+def _graph(
+    path: Path, answers: dict[str, np.ndarray[Any, Any]], sized: bool = False, names: str = "", echo: str = ""
+) -> Path:
+    """A graph that answers the same to every picture; its output `echo` is the input."""
+    nodes = [helper.make_node("Identity", ["images" if name == echo else f"{name}_value"], [name]) for name in answers]
     inputs = [helper.make_tensor_value_info("images", TensorProto.FLOAT, [1, 3, SIDE, SIDE])]
     if sized:
         inputs.append(helper.make_tensor_value_info("orig_target_sizes", TensorProto.INT64, [1, 2]))
@@ -31,7 +35,7 @@ def _graph(path: Path, answers: dict[str, np.ndarray[Any, Any]], sized: bool = F
         name: TensorProto.INT64 if value.dtype.kind == "i" else TensorProto.FLOAT for name, value in answers.items()
     }
     outputs = [helper.make_tensor_value_info(name, kinds[name], list(value.shape)) for name, value in answers.items()]
-    initial = [numpy_helper.from_array(value, f"{name}_value") for name, value in answers.items()]
+    initial = [numpy_helper.from_array(value, f"{name}_value") for name, value in answers.items() if name != echo]
     model = helper.make_model(
         helper.make_graph(nodes, "d", inputs, outputs, initial), opset_imports=[helper.make_opsetid("", 17)]
     )
@@ -124,6 +128,79 @@ def test_each_form_finds_the_object(form: str, answers: dict[str, Any], masked: 
     expected[y0:y1, (WIDTH // 2 if masked else x0) : x1] = True  # the basis shows the right half of the input
     assert seen.masks[0].shape == expected.shape
     assert (seen.masks[0] & expected).sum() > 0.9 * (seen.masks[0] | expected).sum()
+
+
+def _rfdetr(slots: int, number: int, n_masks: int = 0) -> dict[str, np.ndarray[Any, Any]]:
+    """The outputs of RF-DETR's own export, whose queries have the class `number` in the last rows."""
+    boxes, logits = np.zeros((1, 5, 4), dtype=np.float32), np.full((1, 5, slots), -9, dtype=np.float32)
+    boxes[0, 2:], logits[0, 2:, number], logits[0, 0, -1] = _shares(), np.log(9), 3
+    masks = {"masks": np.zeros((1, n_masks, SIDE, SIDE), dtype=np.float32)} if n_masks else {}
+    return {"dets": boxes[:, -n_masks or None :], "labels": logits[:, -n_masks or None :]} | masks
+
+
+def _rtmdet(n_masks: int) -> dict[str, np.ndarray[Any, Any]]:
+    """The outputs of MMDeploy: boxes and scores in the input, whose right and lower rest is padding."""
+    rows = np.tile(np.array([*np.array(BOX) / 2, 0.9], dtype=np.float32), (1, n_masks, 1))
+    masks = np.zeros((1, n_masks, SIDE, SIDE), dtype=np.float32)
+    return {"dets": rows, "labels": np.full((1, n_masks), CLASS), "masks": masks}
+
+
+def _smooth_image() -> np.ndarray[Any, Any]:
+    noise = np.random.default_rng(0).integers(0, 256, (8, 16, 3)).astype(np.uint8)
+    return cv2.resize(noise, (WIDTH, HEIGHT), interpolation=cv2.INTER_CUBIC)
+
+
+def _upsampled(small: np.ndarray[Any, Any], size: tuple[int, int]) -> np.ndarray[Any, Any]:
+    """`F.interpolate(mode="bilinear", align_corners=False)` of PyTorch."""
+    for axis, length in enumerate(size[::-1]):
+        n = small.shape[axis]
+        at = np.clip((np.arange(length) + 0.5) * n / length - 0.5, 0, n - 1)
+        low = np.minimum(at.astype(int), n - 2)
+        weight = (at - low).reshape((-1, 1) if axis == 0 else (1, -1))
+        small = small.take(low, axis) * (1 - weight) + small.take(low + 1, axis) * weight
+    return small
+
+
+def test_rfdetr_is_read_as_its_own_code_does(tmp_path: Path) -> None:
+    """`RFDETR.predict`: normalise, resize with anti-aliasing, boxes times size, masks interpolated and above 0.
+
+    The graph returns its input as the logits of the masks of three queries.
+    """
+    image = _smooth_image()
+    path = _graph(tmp_path / "net.onnx", _rfdetr(91, 62, n_masks=3), echo="masks")
+    detector = load_detector(path)
+    found = detector(image)
+    assert [detector.labels[label] for label in found.labels] == ["chair"] * 3
+    np.testing.assert_allclose(found.boxes, [BOX] * 3, atol=1e-3)
+    np.testing.assert_allclose(found.scores, 0.9, atol=1e-6)
+    means, sds = (0.485, 0.456, 0.406), (0.229, 0.224, 0.225)
+    for channel, mask in enumerate(found.masks):
+        normal = (image[..., channel].astype(np.float32) / 255 - means[channel]) / sds[channel]
+        resized = np.asarray(Image.fromarray(normal).resize((SIDE, SIDE), Image.Resampling.BILINEAR))
+        assert (mask != (_upsampled(resized, (WIDTH, HEIGHT)) > 0)).mean() < 0.01  # rounding to integers
+
+
+def test_rtmdet_is_read_as_its_own_code_does(tmp_path: Path) -> None:
+    """Pipeline of MMDetection: resize with the ratio kept, pad with 114 right and below, BGR; masks above 0.5."""
+    image = _smooth_image()
+    detector = load_detector(_graph(tmp_path / "net.onnx", _rtmdet(3), echo="masks"))
+    found = detector(image)
+    assert [detector.labels[label] for label in found.labels] == ["chair"] * 3
+    np.testing.assert_allclose(found.boxes, [BOX] * 3, atol=1e-3)
+    small = cv2.resize(image[..., ::-1], (SIDE, SIDE // 2)).astype(np.float32)
+    normal = (small - (103.53, 116.28, 123.675)) / (57.375, 57.12, 58.395)
+    for channel, mask in enumerate(found.masks):
+        assert (mask != (_upsampled(normal[..., channel], (WIDTH, HEIGHT)) > 0.5)).mean() < 0.01
+
+
+@pytest.mark.parametrize(("slots", "number", "label"), [(91, 62, 62), (91, 90, 90), (5, 2, 3), (5, 3, 4)])
+def test_the_last_slot_of_an_rfdetr_is_the_background_unless_it_has_the_numbers_of_coco(
+    slots: int, number: int, label: int, tmp_path: Path
+) -> None:
+    found = load_detector(_graph(tmp_path / "net.onnx", _rfdetr(slots, number)))(np.zeros((HEIGHT, WIDTH, 3), np.uint8))
+    of_last_slot = [90] if slots == 91 else []
+    assert found.labels.tolist() == of_last_slot + [label] * 3
+    assert found.from_boxes
 
 
 def test_names_in_the_graph_come_first(tmp_path: Path) -> None:

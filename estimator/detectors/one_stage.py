@@ -201,7 +201,7 @@ def one_stage_detections(
 def _named_detections(
     form: OneStageForm, outputs: Sequence[NDArray[Any]], size: tuple[int, int], factor: FloatArray, min_score: float
 ) -> Found:
-    """Convert the outputs of an RF-DETR or RTMDet, which suppress duplicates themselves, as `one_stage_detections`."""
+    """Convert boxes (1, n, 4 or 5), labels and masks (1, n, h, w) of an RF-DETR or RTMDet; result as for all forms."""
     import cv2
 
     boxes, labels, *basis = (output[0] for output in outputs)

@@ -59,7 +59,7 @@ def _files(raw: Path, excluded: Sequence[str]) -> list[Path]:
     """Return the files of raw items without some sources."""
     return [
         path
-        for path in sorted(raw.glob("*.jsonl"))
+        for path in sorted([*raw.glob("*.jsonl"), *raw.glob("*.jsonl.gz")])
         if "quarantine" not in path.name and path.name.partition(".")[0] not in excluded and "pictures" not in path.name
     ]
 

@@ -17,9 +17,16 @@ import numpy as np
 
 from capture.mapping.camera_models import CameraModelChoice, chosen_model, model_scores
 from capture.mapping.covariance import standard_deviations
-from capture.mapping.model_metrics import aligned_distance, model_metrics, residual_pattern, residuals_of
-from capture.mapping.refusals import MAX_CONTRADICTED_RATIO, MAX_STEP_STD, MIN_COMPARED_PATTERN, MIN_WHOLE_RATIO
+from capture.mapping.model_metrics import aligned_distance, lens_bend, model_metrics, residual_pattern, residuals_of
+from capture.mapping.refusals import (
+    MAX_BEND,
+    MAX_CONTRADICTED_RATIO,
+    MAX_STEP_STD,
+    MIN_COMPARED_PATTERN,
+    MIN_WHOLE_RATIO,
+)
 from capture.mapping.triplets import agreement, model_triplets
+from estimator.projection.cameras import make_camera
 from estimator.reconstructions.colmap import read_colmap
 from estimator.reconstructions.pycolmap_library import pycolmap
 
@@ -44,8 +51,8 @@ def mapping(request: Request, say: Callable[[dict[str, Any]], None]) -> dict[str
     """Map the frames of a database of verified matches, and return the figures of the best model.
 
     The request names the `database`, the folder of the `images`, an empty `output` folder, whether the focal length is
-    `fixed` and the camera model `free`, and the `cameras` to try in turn until most frames are placed and agree with
-    the matches. Each camera has `model`, `params` (None: from the database), `held` (the camera is not refined until
+    `fixed` and the camera model `free`, the number of frames that pairs `linked` with each other, and the `cameras` to
+    try in turn until most of these are placed and agree with the matches. Each camera has `model`, `params` (None: from the database), `held` (the camera is not refined until
     all frames are placed), and `if_stated` (whether it is tried only if EXIF states the focal length, or only if not;
     None: in any case).
     """
@@ -56,7 +63,7 @@ def mapping(request: Request, say: Callable[[dict[str, Any]], None]) -> dict[str
     n_best = -1
     best: tuple[Model, dict[str, Any], Path] | None = None
     for number, camera in enumerate(request["cameras"]):
-        if n_best >= MIN_WHOLE_RATIO * n_frames or camera["if_stated"] not in (None, is_stated):
+        if n_best >= MIN_WHOLE_RATIO * request["linked"] or camera["if_stated"] not in (None, is_stated):
             continue
         matches = output / f"{number}.db"
         shutil.copyfile(database, matches)
@@ -266,8 +273,13 @@ def register_remaining(
 def n_consistent(model: Model, matches: Path) -> int:
     """Return the number of frames in the largest part of a model that triplets of matches hold together.
 
-    It is 0 if the model contradicts too many triplets.
+    It is 0 if the model contradicts too many triplets, or if its camera bends the image as no lens does: the focal
+    length of a wide lens may end in a local minimum that the distortion compensates, and another start is needed.
     """
+    for camera in model.cameras.values():
+        bend = lens_bend(make_camera(camera.model.name, (camera.width, camera.height), camera.params))
+        if bend > MAX_BEND and "FISHEYE" not in camera.model.name:
+            return 0
     agreed = agreement(model_triplets(model, str(matches)), model.num_reg_images())
     if not agreed.parts or agreed.contradicted > MAX_CONTRADICTED_RATIO * agreed.triplets:
         return 0

@@ -144,6 +144,7 @@ def _mapped(
         "cameras": _cameras(lens),
         "fixed": lens.fixed,
         "free": lens.free,
+        "linked": len(graph.groups()[0]),
     }
     try:
         result: dict[str, Any] = run_worker("mapping", request, folder, progress=progress, limit=limit)

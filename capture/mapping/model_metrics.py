@@ -11,7 +11,7 @@ from capture.mapping.pose_refinement import focal_variation
 from capture.mapping.triplets import TripletAgreement
 from estimator.projection.cameras import CAMERA_MODELS, project
 from estimator.reconstructions.colmap import read_colmap
-from estimator.records.scene import Scene, camera_centres
+from estimator.records.scene import Camera, Scene, camera_centres
 from metric_base.arrays import FloatArray
 
 #: Maximum number of points of which the triangulation angle is computed.
@@ -63,12 +63,7 @@ def model_metrics(folder: Path, focal_deviation: float | None, agreed: TripletAg
     """
     scene = read_colmap(folder)
     camera = scene.views[0].camera
-    side = max(camera.width, camera.height)
     residuals, pixels, size = residuals_of(scene)
-    centre = np.array([camera.width / 2, camera.height / 2])
-    corners = np.array([[x, y] for x in (0, camera.width) for y in (0, camera.height)], dtype=np.float64)
-    rays = np.column_stack([(corners - centre) / camera.params[0], np.ones(4)])
-    bend = np.nan_to_num(np.linalg.norm(project(camera, rays) - corners, axis=1), nan=1e9).max()
     values = dict(zip(CAMERA_MODELS[camera.model][1], camera.params, strict=True))
     ratio = float(values.get("fy", 1.0) / values.get("fx", 1.0))
     spread, change, change_error = focal_variation(scene) or (None, 0.0, 0.0)
@@ -77,8 +72,8 @@ def model_metrics(folder: Path, focal_deviation: float | None, agreed: TripletAg
         points=len(scene.points),
         angle_deg=median_angle_deg(scene),
         error_px=float(np.nanmedian(np.linalg.norm(residuals, axis=1))),
-        focal=camera.focal_px / side,
-        lens_bend=float(bend) / side,
+        focal=camera.focal_px / max(camera.width, camera.height),
+        lens_bend=lens_bend(camera),
         camera=camera.model,
         aspect=max(ratio, 1 / ratio) if ratio > 0 else float("inf"),
         focal_deviation=focal_deviation,
@@ -91,6 +86,15 @@ def model_metrics(folder: Path, focal_deviation: float | None, agreed: TripletAg
         pieces=tuple(len(part) for part in agreed.parts),
         broken=agreed.broken,
     )
+
+
+def lens_bend(camera: Camera) -> float:
+    """Return the maximum displacement of a corner of the image by the distortion, relative to the longer side."""
+    centre = np.array([camera.width / 2, camera.height / 2])
+    corners = np.array([[x, y] for x in (0, camera.width) for y in (0, camera.height)], dtype=np.float64)
+    rays = np.column_stack([(corners - centre) / camera.params[0], np.ones(4)])
+    bend = np.nan_to_num(np.linalg.norm(project(camera, rays) - corners, axis=1), nan=1e9).max()
+    return float(bend) / max(camera.width, camera.height)
 
 
 def aligned_distance(centres: FloatArray, reference: FloatArray) -> float:

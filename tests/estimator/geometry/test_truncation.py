@@ -104,18 +104,6 @@ def test_the_back_of_a_table_is_outlined_by_its_top():
     assert not sides.truncated[:2].any()
 
 
-@pytest.mark.parametrize(("elevation_deg", "truncated"), [(27, True), (35, False)])
-def test_top_seen_at_a_shallow_angle_does_not_outline_the_back(elevation_deg, truncated):
-    """On each side of `MIN_TOP_SINE`, the sine of 30 degrees: a counter against a wall, seen from the front."""
-    height = 0.75 + 2.6 * np.tan(np.radians(elevation_deg))
-    views = orbit(4, 2.6, height, arc=2, target=(0, 0, 0.75), size=(200, 150), focal=160.0)
-    synthetic = synthetic_scene(
-        [floor(6), box("table", (1.2, 0.7, 0.05), (0, 0, 0.7))], views, dense=12_000, noise=0.001
-    )
-    sides = sides_of(synthetic, 1, np.eye(3), [-0.6, -0.35, 0.7], [0.6, 0.35, 0.75])
-    assert sides.truncated[1].any() == truncated
-
-
 def test_a_mask_that_goes_further_than_the_points_says_so():
     """The top third of a cabinet left no points: its masks show it, its cloud does not."""
     synthetic = synthetic_scene(

@@ -1,0 +1,48 @@
+"""Starts of the camera in `capture.mapping.incremental`, on synthetic matches."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from capture.mapping.incremental import mapping, n_consistent
+from capture.mapping.refusals import MIN_WHOLE_RATIO
+from estimator.reconstructions.pycolmap_library import pycolmap
+
+N_FRAMES = 8
+
+
+def made(database: Path, distortion: float = 0.0) -> Any:
+    """Write a database of exact matches of `N_FRAMES` frames, and return their model."""
+    options = pycolmap.SyntheticDatasetOptions(num_rigs=N_FRAMES, num_cameras_per_rig=1, num_frames_per_rig=1)
+    options.num_points3D, options.camera_model_id = 150, pycolmap.CameraModelId.SIMPLE_RADIAL
+    options.camera_params = [600.0, 512.0, 384.0, distortion]
+    pycolmap.set_random_seed(0)
+    with pycolmap.Database.open(database) as opened:
+        return pycolmap.synthesize_dataset(options, opened)
+
+
+@pytest.mark.parametrize(("distortion", "n"), [(0.27, N_FRAMES), (0.29, 0)])
+def test_model_whose_lens_bends_the_image_by_a_fifth_needs_another_start(
+    tmp_path: Path, distortion: float, n: int
+) -> None:
+    """The corners of 1024 x 768 pixels move by 0.192 and 0.206 of the width."""
+    file = tmp_path / "matches.db"
+    assert n_consistent(made(file, distortion), file) == n
+
+
+@pytest.mark.parametrize(("linked", "starts"), [(int(N_FRAMES / MIN_WHOLE_RATIO), 1), (N_FRAMES + 3, 2)])
+def test_next_start_is_tried_if_less_than_80_percent_of_the_linked_frames_agree(
+    tmp_path: Path, linked: int, starts: int
+) -> None:
+    """Eight frames are 80 % of ten linked ones, and 73 % of eleven."""
+    file, output = tmp_path / "matches.db", tmp_path / "models"
+    made(file)
+    output.mkdir()
+    camera = {"model": "SIMPLE_RADIAL", "params": None, "held": False, "if_stated": None}
+    request = {"database": str(file), "images": str(tmp_path), "output": str(output), "cameras": [camera] * 2}
+    result = mapping(request | {"fixed": True, "free": False, "linked": linked}, lambda _: None)
+    assert len(result["model"]["names"]) == N_FRAMES
+    assert len(list(output.glob("[01].db"))) == starts

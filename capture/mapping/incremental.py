@@ -52,9 +52,9 @@ def mapping(request: Request, say: Callable[[dict[str, Any]], None]) -> dict[str
 
     The request names the `database`, the folder of the `images`, an empty `output` folder, whether the focal length is
     `fixed` and the camera model `free`, the number of frames that pairs `linked` with each other, and the `cameras` to
-    try in turn until most of these are placed and agree with the matches. Each camera has `model`, `params` (None: from the database), `held` (the camera is not refined until
-    all frames are placed), and `if_stated` (whether it is tried only if EXIF states the focal length, or only if not;
-    None: in any case).
+    try in turn until most of these are placed and agree with the matches. Each camera has `model`, `params` (None: from
+    the database), `held` (the camera is not refined until all frames are placed), and `if_stated` (whether it is tried
+    only if EXIF states the focal length, or only if not; None: in any case).
     """
     database, output = Path(request["database"]), Path(request["output"])
     with pycolmap.Database.open(database) as opened:

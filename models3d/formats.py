@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import csv
 import multiprocessing
-from collections.abc import Iterable, Iterator
+from collections.abc import Callable, Iterable, Iterator
 from concurrent.futures import ProcessPoolExecutor
 from concurrent.futures import TimeoutError as FutureTimeout
 from dataclasses import replace
@@ -65,8 +65,16 @@ def read_asset(path: Path) -> Asset:
     return replace(asset, texts=(*asset.texts, NameText("file name", path.stem), NameText("folder", path.parent.name)))
 
 
-def read_assets(paths: Iterable[Path]) -> Iterator[tuple[Path, Asset | InputError]]:
+def read_assets(
+    paths: Iterable[Path], read: Callable[[Path], Asset] | None = None
+) -> Iterator[tuple[Path, Asset | InputError]]:
     """Read model files in a separate process, with the limits `MAX_SECONDS` and `MAX_MEMORY` for each file.
+
+    Parameters
+    ----------
+    paths : iterable of Path
+    read : callable, optional
+        Function that reads one file, by default `read_asset`; it must be importable.
 
     Yields
     ------
@@ -80,7 +88,7 @@ def read_assets(paths: Iterable[Path]) -> Iterator[tuple[Path, Asset | InputErro
         for path in paths:
             pool = pool or ProcessPoolExecutor(1, multiprocessing.get_context("spawn"), _limit_memory)
             try:
-                yield path, pool.submit(read_asset, path).result(MAX_SECONDS)
+                yield path, pool.submit(read or read_asset, path).result(MAX_SECONDS)
             except InputError as error:
                 yield path, error
             except Exception as error:  # noqa: BLE001 - a crash, MemoryError, or an error of a reader

@@ -10,17 +10,19 @@ from __future__ import annotations
 import re
 import shutil
 import struct
+from collections.abc import Callable
+from functools import partial
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
 from metric_base.errors import FieldError, InputError, Unquoted, at_field, expect, in_file
-from metric_base.files import whole_file
+from metric_base.files import inside, whole_file
 from metric_base.input_files import read_bytes
 from metric_base.ply import ply_layout
 from models3d.asset import Asset, merge_bodies
-from models3d.formats import GLTF_SUFFIXES, ROBOT_SUFFIXES, USD_SUFFIXES, read_assets
+from models3d.formats import GLTF_SUFFIXES, ROBOT_SUFFIXES, USD_SUFFIXES, read_asset, read_assets
 from models3d.gltf.document import CHUNK_HEAD, MAX_BYTES, read_container, write_container
 
 _FLOAT = 5126
@@ -74,11 +76,8 @@ def write_at_scale(asset: Asset, out: Path, factor: float, *, baked: bool = Fals
         with whole_file(out, "--fix") as work:
             copy = work.with_name(work.name + path.suffix)  # readers recognise a format by its suffix
             try:
-                if rescale is None:
-                    _write_usd(path, copy, factor)
-                else:
-                    copy.write_bytes(rescale(read_bytes(path, limit=MAX_BYTES), factor))
-                ((_, written),) = read_assets([copy])
+                # A separate process, because the original is parsed again.
+                ((_, written),) = read_assets([path], partial(_write_copy, copy=copy, factor=factor, rescale=rescale))
                 if isinstance(written, InputError):
                     raise written
                 before, after = (merge_bodies(content.bodies, "").extents_m for content in (asset, written))
@@ -89,6 +88,20 @@ def write_at_scale(asset: Asset, out: Path, factor: float, *, baked: bool = Fals
                 copy.replace(work)
             finally:
                 copy.unlink(missing_ok=True)
+
+
+def _write_copy(path: Path, copy: Path, factor: float, rescale: Callable[[bytes, float], bytes] | None) -> Asset:
+    """Write the rescaled copy of a file (of USD if `rescale` is None), and return its content."""
+    try:
+        with in_file(path):
+            if rescale is None:
+                _write_usd(path, copy, factor)
+            else:
+                copy.write_bytes(rescale(read_bytes(path, limit=MAX_BYTES), factor))
+    except OSError as error:
+        words = error.strerror or "an error"
+        raise InputError(f"{copy.parent}: --fix: expected a place that can be written, found {words}") from None
+    return read_asset(copy)
 
 
 def _rescale_gltf(data: bytes, factor: float) -> bytes:
@@ -176,14 +189,23 @@ def _write_usd(path: Path, copy: Path, factor: float) -> None:
         set_unit(copy)
         return
     with tempfile.TemporaryDirectory() as folder, zipfile.ZipFile(path) as package:
-        package.extractall(folder)
-        writer = (Sdf.ZipFileWriter if hasattr(Sdf, "ZipFileWriter") else Usd.ZipFileWriter).CreateNew(str(copy))
-        for index, name in enumerate(package.namelist()):
-            file = Path(folder, name)
+        members = [info for info in package.infolist() if not info.is_dir()]
+        n_bytes = sum(info.file_size for info in members)
+        expect(n_bytes <= MAX_BYTES, "package", f"at most {MAX_BYTES} bytes unpacked", n_bytes)
+        packed = Path(folder, copy.name)  # the writer leaves a temporary file after an error
+        writer = (Sdf.ZipFileWriter if hasattr(Sdf, "ZipFileWriter") else Usd.ZipFileWriter).CreateNew(str(packed))
+        for index, info in enumerate(members):
+            file = inside(Path(folder, "files"), info.filename)
+            is_inside = file == Path(folder, "files", info.filename)
+            expect(is_inside, "package", "names of files inside the package", info.filename)
+            file.parent.mkdir(parents=True, exist_ok=True)
+            with package.open(info) as content, file.open("wb") as target:
+                shutil.copyfileobj(content, target)
             if index == 0:
                 set_unit(file)
-            writer.AddFile(str(file), name)
+            writer.AddFile(str(file), info.filename)
         writer.Save()
+        shutil.copyfile(packed, copy)
 
 
 def _rescale_robot(data: bytes, factor: float) -> bytes:

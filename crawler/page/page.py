@@ -5,6 +5,7 @@ from __future__ import annotations
 import gzip
 import re
 import zlib
+from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TypeAlias
@@ -20,6 +21,11 @@ from metric_base.errors import InputError
 Element: TypeAlias = etree._Element
 #: Maximum size of a page in bytes after decompression: ten times the largest product page seen (3.1 MB).
 MAX_BYTES = 32_000_000
+#: Maximum number of attributes of a tag: libxml2 takes quadratic time, and cannot be interrupted (200 s for 100,000
+#: attributes). Stored pages have at most 42.
+MAX_ATTRIBUTES = 250
+#: All tags of the root element, whose attributes libxml2 merges; the name stands for them in the count of attributes.
+_ROOT_TAG, _ROOT_NAME = re.compile(rb"<html(?=[\s/])", re.IGNORECASE), "mt-root"
 _INVISIBLE = re.compile("[\u00ad\u034f\u061c\u200b-\u200f\u202a-\u202e\u2060-\u2064\u2066-\u2069\ufeff\ufe0e\ufe0f]")
 #: Control characters (C0 and C1) that are not white space.
 _CONTROLS = re.compile("[\x00-\x1f\x7f-\x9f]")
@@ -71,6 +77,24 @@ class Page:
         return (urlsplit(self.url).hostname or "").removeprefix("www.")
 
 
+class _AttributeCheck:
+    """Target of a parser, which builds no tree and takes linear time: BadPage if a tag has too many attributes."""
+
+    def __init__(self, url: str) -> None:
+        self._url = url
+        self._n_of_root = 0
+
+    def start(self, tag: str, attributes: Mapping[str, str]) -> None:
+        """Count the attributes of a tag."""
+        if tag == _ROOT_NAME:
+            self._n_of_root += len(attributes)
+        if max(len(attributes), self._n_of_root) > MAX_ATTRIBUTES:
+            raise BadPage(f"{self._url}: expected at most {MAX_ATTRIBUTES} attributes of a tag; found more")
+
+    def close(self) -> None:
+        """End the page."""
+
+
 def page(body: bytes, url: str, content_type: str | None = None) -> Page:
     """Parse a page.
 
@@ -86,7 +110,7 @@ def page(body: bytes, url: str, content_type: str | None = None) -> Page:
     Raises
     ------
     BadPage
-        The body is empty, larger than `MAX_BYTES`, or contains no element.
+        The body is empty, larger than `MAX_BYTES`, or contains no element, or a tag has more than `MAX_ATTRIBUTES`.
     """
     if not body or body.isspace():
         raise BadPage(f"{url}: expected a page; found nothing")
@@ -98,8 +122,12 @@ def page(body: bytes, url: str, content_type: str | None = None) -> Page:
         body = text.encode(errors="replace")
     # the encoding is given to the parser, because declarations in pages may be wrong
     parser = etree.HTMLParser(encoding="utf-8", remove_comments=True, remove_pis=True)
+    counter = etree.HTMLParser(encoding="utf-8", target=_AttributeCheck(url))
     try:
+        etree.fromstring(_ROOT_TAG.sub(f"<{_ROOT_NAME}".encode(), body), counter)
         root = etree.fromstring(body, parser)
+    except BadPage:
+        raise
     except (etree.XMLSyntaxError, ValueError) as error:
         raise BadPage(f"{url}: expected HTML; found {error}") from None
     if root is None:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import zipfile
 from pathlib import Path
 
 import numpy as np
@@ -16,7 +17,8 @@ from models3d.formats import read_asset, read_assets
 from models3d.gltf import document
 from models3d.gltf.document import GltfWriter
 from models3d.gltf.model_reader import read_model
-from tests.models3d.models import write_chair
+from models3d.rescaling import write_at_scale
+from tests.models3d.models import USDA, write_chair
 
 
 def _gltf(path: Path, **fields: object) -> Path:
@@ -102,3 +104,58 @@ def test_fix_reads_a_file_only_within_the_limits(tmp_path: Path, monkeypatch: py
     out = tmp_path / "fixed.glb"
     assert main(["check-asset", str(path), "--category", "chair", "--fix", str(out)]) == 3
     assert out.exists()
+
+
+def _usdz(file: Path, **members: str) -> Path:
+    with zipfile.ZipFile(file, "w") as archive:
+        archive.writestr("chair.usda", USDA.format(unit=100.0))
+        for name, text in members.items():
+            archive.writestr(name, text)
+    return file
+
+
+@pytest.mark.parametrize("name", ["../victim.usda", "{folder}/victim.usda", "a/../../victim.usda"])
+def test_a_package_cannot_change_or_include_files_outside_it(tmp_path: Path, name: str) -> None:
+    victim = tmp_path / "victim.usda"
+    victim.write_text(USDA.format(unit=1.0), encoding="utf-8")
+    (tmp_path / "in").mkdir()
+    package = _usdz(tmp_path / "in" / "chair.usdz", **{name.format(folder=tmp_path): USDA.format(unit=7.0)})
+    out = tmp_path / "in" / "fixed.usdz"
+    with pytest.raises(InputError, match=r"package: expected names of files inside the package"):
+        write_at_scale(read_asset(package), out, 0.01)
+    assert victim.read_text(encoding="utf-8") == USDA.format(unit=1.0)
+    assert sorted(file.name for file in tmp_path.rglob("*") if file.is_file()) == ["chair.usdz", "victim.usda"]
+
+
+def test_a_package_that_unpacks_to_more_than_the_limit_is_not_unpacked(tmp_path: Path) -> None:
+    package = _usdz(tmp_path / "chair.usdz", image="a" * 100)
+    with zipfile.ZipFile(package, "a") as archive:
+        archive.infolist()[1].file_size = 1 << 30  # as a bomb states it
+        archive.writestr("b", "b")  # writes the directory anew
+    with pytest.raises(InputError, match=r"package: expected at most 536870912 bytes unpacked"):
+        write_at_scale(read_asset(package), tmp_path / "fixed.usdz", 0.01)
+
+
+def test_a_package_may_refer_to_its_own_files_only(tmp_path: Path) -> None:
+    (tmp_path / "in").mkdir()
+    reference = 'defaultPrim = "Chair"'
+    part = USDA.format(unit=1.0)
+    inner = f'#usda 1.0\n(\n    {reference}\n    subLayers = [@./part.usda@]\n)\n'
+    outer = inner.replace("./part.usda", str(tmp_path / "part.usda"))
+    (tmp_path / "part.usda").write_text(part, encoding="utf-8")
+    for name, root in (("good", inner), ("bad", outer)):
+        with zipfile.ZipFile(tmp_path / "in" / f"{name}.usdz", "w") as archive:
+            archive.writestr("root.usda", root)
+            archive.writestr("part.usda", part)
+    assert not read_asset(tmp_path / "in" / "good.usdz").has_external_files
+    with pytest.raises(InputError, match="reference: expected a file in the folder of the model"):
+        read_asset(tmp_path / "in" / "bad.usdz")
+
+
+def test_a_fix_has_the_limits_of_reading(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    path = write_chair(tmp_path, "glb", 100.0)
+    asset = read_asset(path)
+    monkeypatch.setattr(formats, "MAX_SECONDS", 0.0)
+    with pytest.raises(InputError, match=r"chair\.glb: file: expected a model that can be read, found more than 0 s"):
+        write_at_scale(asset, tmp_path / "fixed.glb", 0.01)
+    assert list(tmp_path.iterdir()) == [path]

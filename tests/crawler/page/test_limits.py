@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 import json
+import time
 from collections.abc import Callable
 
 import pytest
 
 from crawler.items import RawItem
 from crawler.page import statements
-from crawler.page.page import page
+from crawler.page.page import BadPage, page
 from crawler.sites.listing import listed_items
 from crawler.sites.registry import item_of
 from crawler.sites.site import Site
@@ -230,3 +231,25 @@ def test_microdata_completes_linked_data_without_a_product() -> None:
         [{"@type": "Product", "name": "Shelf"}, {"@type": "BreadcrumbList", "itemListElement": [{"name": "Lamps"}]}]
     )
     assert item(desk, both).title == "Shelf"
+
+
+@pytest.mark.parametrize("tag", ["<p {}>", "<HTML {}>", "<svg><script {}>", "<p title='>' {}>", '<a b="c"{}>', "<p/{}>"])
+def test_tag_with_more_attributes_than_the_limit_is_refused_quickly(tag: str) -> None:
+    def parse(count: int) -> None:
+        names = "/".join(f"a{number}" for number in range(count))
+        page(f"<html lang=en><body>{tag.format(names)}</body>".encode(), "https://shop.example/p/1")
+
+    parse(200)
+    start = time.process_time()
+    with pytest.raises(BadPage, match="expected at most 250 attributes of a tag"):
+        parse(30_000)  # 5 s in the parser of trees
+    assert time.process_time() - start < 1
+
+
+def test_attributes_of_repeated_root_tags_count_together() -> None:
+    def parse(count: int) -> None:
+        page("".join(f"<html a{number}=1>" for number in range(count)).encode(), "https://shop.example/p/1")
+
+    parse(250)
+    with pytest.raises(BadPage, match="expected at most 250 attributes of a tag"):
+        parse(251)

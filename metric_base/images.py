@@ -3,9 +3,11 @@
 from __future__ import annotations
 
 import os
+import warnings
 from collections.abc import Sequence
+from contextlib import suppress
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -14,6 +16,8 @@ from numpy.typing import NDArray
 MAX_PIXELS = 1 << 28
 #: Maximum size of a file in bytes.
 MAX_BYTES = 1 << 30
+#: EXIF: the tag of the GPS directory.
+_GPS_TAGS = 0x8825
 
 # OpenCV reads these variables when it is loaded: the maximum size, and no messages about damaged files
 os.environ.setdefault("OPENCV_IO_MAX_IMAGE_PIXELS", str(MAX_PIXELS))
@@ -39,6 +43,35 @@ def decode_picture(data: bytes | NDArray[np.uint8], flags: int) -> NDArray[Any] 
     except cv2.error:  # too many pixels, or an invalid size
         return None
     return None if pixels is None else np.asarray(pixels)
+
+
+class ImageHeader(NamedTuple):
+    """Size of an image file, and its EXIF tags by their numbers."""
+
+    width: int
+    height: int
+    tags: dict[int, Any]
+    gps_tags: dict[int, Any]
+
+
+def image_header(file: Path) -> ImageHeader | None:
+    """Return size and EXIF tags of an image without its pixels; None if the file is no image or has too many pixels.
+
+    Tags that cannot be read are omitted. The values are those of Pillow, and may be of any type and length.
+    """
+    from PIL import Image
+
+    Image.MAX_IMAGE_PIXELS = MAX_PIXELS // 2  # Pillow refuses images of more than twice this number
+    tags, gps_tags = dict[int, Any](), dict[int, Any]()
+    try:
+        with warnings.catch_warnings(action="ignore"), Image.open(file) as image:
+            with suppress(Exception):
+                exif = image.getexif()
+                tags |= exif
+                gps_tags |= exif.get_ifd(_GPS_TAGS)
+            return ImageHeader(*image.size, tags, gps_tags)
+    except Exception:  # noqa: BLE001 - Pillow raises unrelated types for damaged files
+        return None
 
 
 def write_picture(file: Path, pixels: NDArray[Any], flags: Sequence[int] = ()) -> None:

@@ -116,7 +116,10 @@ def page(body: bytes, url: str, content_type: str | None = None) -> Page:
         raise BadPage(f"{url}: expected a page; found nothing")
     if len(body) > MAX_BYTES:
         raise BadPage(f"{url}: expected at most {MAX_BYTES} bytes; found {len(body)}")
-    encoding, text = html_to_unicode(content_type, body, default_encoding="utf-8")
+    try:
+        encoding, text = html_to_unicode(content_type, body, default_encoding="utf-8")
+    except (LookupError, UnicodeError):  # it declares a codec of Python that is no encoding of pages, such as rot13
+        encoding, text = "", body.decode("utf-8", "replace")
     if encoding != "utf-8" or "\ufffd" in text or "\x00" in text:
         text = text.replace("\x00", "")
         body = text.encode(errors="replace")

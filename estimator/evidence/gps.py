@@ -8,8 +8,8 @@ direction (degrees used as metres, exchanged columns) or with another vertical.
 from __future__ import annotations
 
 import math
-import warnings
 from collections.abc import Mapping
+from contextlib import suppress
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
@@ -26,6 +26,7 @@ from estimator.records.scene import Scene
 from estimator.telemetry.records import Positions
 from metric_base.arrays import FloatArray
 from metric_base.errors import FieldError, InputError, Unquoted, at_field, in_file
+from metric_base.images import image_header
 from metric_base.parsing import csv_rows, finite_numbers
 
 KIND, VIDEO_KIND = "gps", "gps_video"
@@ -43,8 +44,8 @@ MIN_STRETCH = 1.06
 MAX_STRETCHED_RESIDUAL = 0.5
 #: Minimum extent of the path in these directions, relative to its largest extent.
 MIN_DIRECTION_EXTENT = 0.1
-#: EXIF: the tag of the GPS directory, and its tags of latitude, longitude and altitude with their references.
-EXIF_GPS, LAT_REF, LAT, LON_REF, LON, ALT_REF, ALT = 0x8825, 1, 2, 3, 4, 5, 6
+#: EXIF: tags of latitude, longitude and altitude with their references.
+LAT_REF, LAT, LON_REF, LON, ALT_REF, ALT = 1, 2, 3, 4, 5, 6
 #: EXIF: dilution of precision, and the horizontal error in metres.
 DILUTION, POSITIONING_ERROR = 0x0B, 0x1F
 #: Error of a position in metres per unit of dilution.
@@ -254,22 +255,17 @@ def _table_positions(file: Path, scene: Scene) -> tuple[dict[int, FloatArray], b
 
 def exif_positions(scene: Scene, images: Path | None) -> tuple[dict[int, FloatArray], float]:
     """Read the positions (3,) in metres by index of the view from the images, and their median error in metres."""
-    from PIL import Image
-
     folders, values, accuracies = image_folders(scene, images), dict[int, list[float]](), list[float]()
     for row, view in enumerate(scene.views):
         file = image_file(folders, view)
-        if file is None:
+        header = None if file is None else image_header(file)
+        if header is None:
             continue
-        try:
-            with warnings.catch_warnings(action="ignore"), Image.open(file) as picture:
-                tags = picture.getexif().get_ifd(EXIF_GPS)
-                position, accuracy = exif_position(tags), exif_accuracy(tags)
-        except (OSError, ValueError, ZeroDivisionError, TypeError):
-            continue  # an image without readable EXIF has no position
-        if position is not None:
-            values[row] = position
-            accuracies.append(accuracy)
+        with suppress(ArithmeticError, TypeError, ValueError):  # a damaged tag is no position
+            position, accuracy = exif_position(header.gps_tags), exif_accuracy(header.gps_tags)
+            if position is not None:
+                values[row] = position
+                accuracies.append(accuracy)
     return _in_metres(values, geodetic=True), float(np.median(accuracies)) if accuracies else TYPICAL_ACCURACY_M
 
 

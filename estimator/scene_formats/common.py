@@ -13,6 +13,7 @@ from estimator.reconstructions.ply import read_points
 from estimator.records.scene import MAX_COORDINATE, Camera, View
 from metric_base.arrays import FloatArray
 from metric_base.errors import FieldError, InputError, Unquoted
+from metric_base.images import image_header
 from metric_base.input_files import is_file
 
 #: Conversion between the axes right, up, back (OpenGL, Blender) and right, down, forward (OpenCV, COLMAP).
@@ -140,8 +141,6 @@ def checked_image_size(file: Path, name: str) -> tuple[int, int]:
     InputError
         The image is missing or cannot be read.
     """
-    from PIL import Image
-
     parts = [part for part in name.replace("\\", "/").split("/") if part not in {"", ".", ".."}]
     names = [Path(*parts), Path(parts[-1])] if parts else []
     candidates = (file.parent / folder / path for path in names for folder in IMAGE_FOLDERS)
@@ -149,12 +148,10 @@ def checked_image_size(file: Path, name: str) -> tuple[int, int]:
     if path is None:
         expected = f"the image {Path(name).name!r} in its folder or in images/, because its size is not stated"
         raise InputError.at(file, "images", expected, Unquoted("none"))
-    try:
-        with Image.open(path) as image:
-            width, height = image.size
-            return int(width), int(height)
-    except (OSError, ValueError, Image.DecompressionBombError):
-        raise InputError.at(path, "image", "an image", Unquoted("something else")) from None
+    header = image_header(path)
+    if header is None:
+        raise InputError.at(path, "image", "an image", Unquoted("something else"))
+    return header.width, header.height
 
 
 def read_point_file(file: Path, names: Iterable[str]) -> FloatArray:

@@ -12,9 +12,8 @@ from collections.abc import Iterator
 from pathlib import Path
 
 import cv2
-from PIL import Image
 
-from metric_base.images import read_picture
+from metric_base.images import image_header, read_picture
 from metric_tree.training.annotations import AnnotatedImage, AnnotatedObject, BadAnnotations, run_lengths
 
 #: Label lists of the names.
@@ -48,8 +47,10 @@ def open_images_images(folder: Path) -> Iterator[AnnotatedImage]:
         file = files.get(f"{image_id}.jpg")
         if file is None:
             continue
-        with Image.open(file) as header:
-            width, height = header.size
+        header = image_header(file)
+        if header is None:
+            raise BadAnnotations.at(file, "image", "a picture", "something else")
+        width, height = header.width, header.height
         objects = []
         for mask_name, label in masks[image_id]:
             if label not in names or mask_name not in files:

@@ -253,3 +253,11 @@ def test_attributes_of_repeated_root_tags_count_together() -> None:
     parse(250)
     with pytest.raises(BadPage, match="expected at most 250 attributes of a tag"):
         parse(251)
+
+
+@pytest.mark.parametrize("codec", ["idna", "rot13", "zlib_codec", "punycode", "undefined"])
+@pytest.mark.parametrize("header", [None, "text/html; charset={}"])
+def test_codec_that_is_no_encoding_of_pages_is_ignored(codec: str, header: str | None) -> None:
+    text = f"<html><head><meta charset={codec}></head><body><p>stra\u00dfe</p></body></html>"
+    read = page(text.encode(), "https://shop.example/p/1", header and header.format(codec))
+    assert read.root.findtext(".//p") == "stra\u00dfe"

@@ -10,6 +10,7 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from PIL import Image
 
 from capture.recorded_sources import recorded_sources
 from estimator.evidence import gps
@@ -136,6 +137,21 @@ def test_damaged_exif_is_quiet(walk: Walk, nothing: Measurements, tmp_path: Path
         data[start + 8 + number : start + 60] = b"\xff" * (52 - number)
         file.write_bytes(data)
     assert one(Gps("exif").observe(here.scene, nothing)).scale is None
+
+
+def test_photographs_of_200_megapixels_have_positions(walk: Walk, nothing: Measurements, tmp_path: Path) -> None:
+    here = replace(walk, scene=replace(walk.scene, path=tmp_path))
+    write_exif(here)
+    large, damaged = sorted((tmp_path / "images").rglob("*.*"))[:2]
+    with Image.open(large) as image:
+        exif = image.getexif()
+        exif[0x8825] = exif.get_ifd(0x8825)
+        Image.new("1", (20_000, 10_000)).save(large, "PNG", exif=exif)
+        exif[0x8825][2] = (1.0,) * 200
+        Image.new("1", (8, 6)).save(damaged, "PNG", exif=exif)
+    positions, _ = gps.exif_positions(here.scene, None)
+    assert set(range(len(here.scene.views))) - set(positions) == {1}
+    assert one(Gps("exif").observe(here.scene, nothing)).scale == pytest.approx(walk.scale, rel=0.01)
 
 
 def test_no_position_is_outside_the_earth(walk: Walk, nothing: Measurements, tmp_path: Path) -> None:

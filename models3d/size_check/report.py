@@ -7,6 +7,7 @@ from collections.abc import Sequence
 from html import escape
 from pathlib import Path
 
+from metric_base.escaping import visible
 from metric_base.files import whole_file
 from models3d.size_check.check import AssetCheck, verdict_line
 
@@ -46,7 +47,7 @@ def write_report(path: Path, checks: Sequence[AssetCheck]) -> None:
     for index, check in enumerate(sorted(checks, key=severity, reverse=True)):
         is_drawn = index < MAX_DRAWINGS and check.verdict != "right" and max(check.extents_m) > 0
         svg = drawing(check) if is_drawn else ""
-        rows.append(f"<li><b>{escape(check.file)}</b>: {escape(verdict_line(check))}<br>{svg}</li>\n")
+        rows.append(f"<li><b>{escape(visible(check.file))}</b>: {escape(visible(verdict_line(check)))}<br>{svg}</li>\n")
     wrong = sum(check.is_wrong for check in checks)
     text = (
         f'{HEAD}\n<html lang="en"><meta charset="utf-8"><title>Sizes of models</title><style>{_STYLE}</style>'
@@ -89,7 +90,7 @@ def drawing(check: AssetCheck) -> str:
         for line, text in enumerate(label):
             parts.append(f'<text x="{left:.1f}" y="{floor + 16 + 15 * line:.1f}">{escape(text)}</text>')
         left += max(width_px, COLUMN_PX) + MARGIN_PX
-    title = f"{check.body}: {check.verdict}"
+    title = visible(f"{check.body}: {check.verdict}")
     return (
         f'<svg xmlns="http://www.w3.org/2000/svg" width="{left:.0f}" height="{floor + 44:.0f}" role="img">'
         f"<title>{escape(title)}</title><style>{_DRAWING_STYLE}</style>"

@@ -14,6 +14,7 @@ from hypothesis import strategies as st
 import metric_tree
 from metric_base.errors import InputError
 from metric_cli.subcommands import main
+from metric_tree.pipeline.work_folder import sole_writer
 from models3d.asset import Asset, AssetBody, NameText
 from models3d.formats import read_asset, read_assets
 from models3d.rescaling import write_at_scale
@@ -248,6 +249,95 @@ def test_a_list_goes_on_after_a_file_that_cannot_be_read(tmp_path: Path) -> None
     assert out.read_text(encoding="utf-8") == whole
     assert main([*words[:-2], "--fix", str(tmp_path / "fixed")]) == 3
     assert sorted(file.name for file in (tmp_path / "fixed").iterdir()) == sorted(names[1:])
+
+
+def _list_of_wrong_chairs(folder: Path) -> list[str]:
+    """Write three chairs in millimetres; return the words of a command that checks and fixes them."""
+    for name in "abc":
+        (folder / name).mkdir()
+        write_chair(folder / name, "stl", 1000.0)
+    out, fix = str(folder / "out.jsonl"), str(folder / "fixed")
+    return ["check-asset", *(str(folder / name) for name in "abc"), "--category", "chair", "--out", out, "--fix", fix]
+
+
+def test_a_model_is_done_only_after_its_fix(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    command = _list_of_wrong_chairs(tmp_path)
+
+    def interrupt(asset: Asset, *arguments: object, **options: object) -> None:
+        if asset.file.parent.name == "b":
+            raise KeyboardInterrupt
+        write_at_scale(asset, *arguments, **options)  # type: ignore[arg-type]
+
+    with monkeypatch.context() as patches:
+        patches.setattr("models3d.rescaling.write_at_scale", interrupt)
+        assert main(command) == 130
+    assert (tmp_path / "out.jsonl").read_text(encoding="utf-8").count("\n") == 1
+    assert main(command) == 3
+    assert (tmp_path / "out.jsonl").read_text(encoding="utf-8").count("\n") == 3
+    assert {file.name for file in (tmp_path / "fixed").iterdir()} == {"chair.stl", "chair-2.stl", "chair-3.stl"}
+
+
+def test_a_finished_list_has_the_same_status_and_report_again(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    table, out = tmp_path / "boxes.csv", tmp_path / "out.jsonl"
+    table.write_text("name,x,y,z\nchair,48,86,52\noffice chair,50,110,50\nchair,0.48,0.86,0.52\n", encoding="utf-8")
+    command = ["check-asset", "--batch", str(table), "--up", "y", "--out", str(out), "--overwrite"]
+    command += ["--report", str(tmp_path / "page.html")]
+    pages = []
+    for _ in range(2):
+        assert main(command) == 3
+        pages.append((tmp_path / "page.html").read_bytes())
+    assert b"3 models, 2 of them wrong" in pages[0]
+    assert pages[0] == pages[1]
+    assert main(command[:-2]) == 3
+    assert "wrong unit        2" in capsys.readouterr().out
+    assert out.read_text(encoding="utf-8").count("\n") == 3
+
+
+def test_two_runs_do_not_write_the_same_results(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    with sole_writer(tmp_path / "out.jsonl"):
+        assert main(["check-asset", str(tmp_path), "--out", str(tmp_path / "out.jsonl")]) == 2
+    assert "another run is writing this output" in capsys.readouterr().err
+    assert not (tmp_path / "out.jsonl").exists()
+
+
+@pytest.mark.parametrize("line", ["{", "5", '{"schema": "metric-tree/asset/1"}', "[" * 100_000, "\xff"])
+def test_a_damaged_line_of_results_is_named(tmp_path: Path, capsys: pytest.CaptureFixture[str], line: str) -> None:
+    out = tmp_path / "out.jsonl"
+    before = (
+        b'{"schema": "metric-tree/asset/1", "file": "a.glb", "verdict": "right"}\n' + line.encode("latin-1") + b"\n"
+    )
+    out.write_bytes(before)
+    assert main(["check-asset", str(tmp_path), "--out", str(out)]) == 2
+    assert "out.jsonl" in (message := capsys.readouterr().err)
+    assert "internal error" not in message
+    assert out.read_bytes() == before
+
+
+def test_a_model_that_cannot_be_written_does_not_stop_the_others(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    (tmp_path / "a").mkdir()
+    bound, free = write_chair(tmp_path / "a", "urdf", 1000.0), write_chair(tmp_path, "stl", 1000.0)
+    fix = tmp_path / "fixed"
+    assert main(["check-asset", str(bound), str(free), "--category", "chair", "--fix", str(fix)]) == 2
+    assert "the model refers to other files" in capsys.readouterr().err
+    assert [file.name for file in fix.iterdir()] == ["chair.stl"]
+
+
+def test_names_that_are_not_utf_8_or_move_the_cursor_are_escaped(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    path = write_chair(tmp_path, "glb", 1000.0).rename(tmp_path / "a\x1b[2J\u202e\udcff.glb")
+    command = ["check-asset", str(path), "--category", "chair", "--out", str(tmp_path / "out.jsonl")]
+    assert main([*command, "--report", str(tmp_path / "page.html")]) == 3
+    assert main([*command[:-2], "--json"]) == 3
+    shown = capsys.readouterr().out
+    assert r"a\x1b[2J\u202e\udcff.glb" in shown
+    assert not {"\x1b", "\u202e", "\udcff"} & set(shown)
+    rows = (tmp_path / "out.jsonl").read_text(encoding="utf-8").splitlines()
+    assert [json.loads(row)["file"] for row in rows] == [str(path)]
 
 
 def test_boxes_cannot_be_written_anew(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:

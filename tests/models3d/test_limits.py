@@ -140,7 +140,7 @@ def test_a_package_may_refer_to_its_own_files_only(tmp_path: Path) -> None:
     (tmp_path / "in").mkdir()
     reference = 'defaultPrim = "Chair"'
     part = USDA.format(unit=1.0)
-    inner = f'#usda 1.0\n(\n    {reference}\n    subLayers = [@./part.usda@]\n)\n'
+    inner = f"#usda 1.0\n(\n    {reference}\n    subLayers = [@./part.usda@]\n)\n"
     outer = inner.replace("./part.usda", str(tmp_path / "part.usda"))
     (tmp_path / "part.usda").write_text(part, encoding="utf-8")
     for name, root in (("good", inner), ("bad", outer)):

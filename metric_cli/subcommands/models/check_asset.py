@@ -4,12 +4,15 @@ from __future__ import annotations
 
 import argparse
 import json
+import os
 from collections import Counter
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
+from contextlib import nullcontext
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from metric_base.errors import InputError
+from metric_base.escaping import visible, visible_json
 from metric_base.files import OutputNames
 from metric_cli.errors import EXIT_NEGATIVE_RESULT, EXIT_OK, INPUT_ERROR
 from metric_cli.parser import OutputFile, add_tree, input_path
@@ -47,52 +50,75 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def run(arguments: argparse.Namespace) -> int:
-    """Check each model; 3 if one is wrong, else 2 if one cannot be read."""
+    """Check each model; 2 if a model cannot be written, else 3 if one is wrong, else 2 if one cannot be read."""
+    from metric_tree.pipeline.work_folder import sole_writer
+
+    if not arguments.files and arguments.batch is None:
+        raise InputError("arguments: expected FILE... or --batch LIST; found neither")
+    if arguments.fix is not None and is_table(arguments.batch):
+        raise InputError(f"--fix: expected models to write anew; found a table of boxes, {arguments.batch}")
+    with nullcontext() if arguments.out is None else sole_writer(arguments.out):
+        return check_models(arguments, finished_rows(arguments.out))
+
+
+def check_models(arguments: argparse.Namespace, rows: list[dict[str, Any]]) -> int:
+    """Check the models that have no rows of an earlier run; the exit status is that of all."""
     from metric_tree.tree import open_tree
     from models3d.size_check.check import check_bodies
 
-    files, batch, fix = arguments.files, arguments.batch, arguments.fix
-    if not files and batch is None:
-        raise InputError("arguments: expected FILE... or --batch LIST; found neither")
-    if fix is not None and is_table(batch):
-        raise InputError(f"--fix: expected models to write anew; found a table of boxes, {batch}")
+    files, fix = arguments.files, arguments.fix
     tree = open_tree(arguments.tree)
-    checks, n_unread = [], 0
-    done = finished_files(arguments.out)
-    has_several = batch is not None or len(files) > 1 or files[0].is_dir()
+    done = {row["file"] for row in rows}
+    verdicts = Counter(row["verdict"] for row in rows)
+    checks, n_unread, n_unwritten = [], 0, 0
+    has_several = arguments.batch is not None or len(files) > 1 or files[0].is_dir()
     names = OutputNames(fix) if fix is not None and has_several else None
-    for asset in track(assets_of(arguments), "models"):
+    for row in rows:
+        if names is not None and row["verdict"] in ("wrong unit", "arbitrary scale"):
+            names.path(Path(row["file"]).name)  # the earlier run wrote it
+    for asset in track(assets_of(arguments, done if arguments.report is None else set()), "models"):
         if isinstance(asset, InputError):
             warn(str(asset))
             n_unread += 1
-        elif str(asset.file) not in done:
-            for check in check_bodies(asset, tree, arguments.category):
-                checks.append(check)
-                write_line(check, arguments)
-                if fix is not None and check.is_wrong:
+            continue
+        found = check_bodies(asset, tree, arguments.category)
+        checks += found
+        if str(asset.file) in done:  # only the report needs it again
+            continue
+        verdicts.update(check.verdict for check in found)
+        try:
+            for check in found if fix is not None else ():
+                if check.is_wrong:
                     write_fixed(asset, check, fix, names, arguments.bake)
+        except InputError as error:
+            warn(str(error))
+            n_unwritten += 1
+            continue
+        write_lines(found, arguments)  # after the model, because a model with a line is not checked again
     if arguments.report is not None:
         from models3d.size_check.report import write_report
 
         write_report(arguments.report, checks)
-    if not arguments.json and len(checks) > 1:
-        print_table(["verdict", "models"], Counter(check.verdict for check in checks).most_common())
-    is_wrong = any(check.is_wrong or (arguments.strict and check.verdict == "not known") for check in checks)
-    return EXIT_NEGATIVE_RESULT if is_wrong else INPUT_ERROR if n_unread else EXIT_OK
+    if not arguments.json and verdicts.total() > 1:
+        print_table(["verdict", "models"], verdicts.most_common())
+    accepted = {"right"} if arguments.strict else {"right", "not known"}
+    if n_unwritten:
+        return INPUT_ERROR
+    return EXIT_NEGATIVE_RESULT if set(verdicts) - accepted else INPUT_ERROR if n_unread else EXIT_OK
 
 
-def assets_of(arguments: argparse.Namespace) -> Iterable[Asset | InputError]:
-    """Yield the models of the arguments and of `--batch`, or the error of a model that cannot be read."""
+def assets_of(arguments: argparse.Namespace, done: set[str]) -> Iterable[Asset | InputError]:
+    """Yield the models of the arguments and of `--batch` that are not done, or the error of one that is unreadable."""
     from metric_base.input_files import read_text
     from models3d.formats import find_models, read_assets, read_boxes
 
     files = list(arguments.files)
     if is_table(arguments.batch):
-        yield from read_boxes(arguments.batch, arguments.up)
+        yield from (asset for asset in read_boxes(arguments.batch, arguments.up) if str(asset.file) not in done)
     elif arguments.batch is not None:
         lines = read_text(arguments.batch).split("\n")
         files += [arguments.batch.parent / line.strip() for line in lines if line.strip()]
-    for _, asset in read_assets(find_models(files)):
+    for _, asset in read_assets(path for path in find_models(files) if str(path) not in done):
         yield asset
 
 
@@ -101,39 +127,54 @@ def is_table(batch: Path | None) -> bool:
     return batch is not None and batch.suffix.lower() in {".csv", ".parquet"}
 
 
-def finished_files(out: Path | None) -> set[str]:
-    """Return the models that an earlier run wrote, and remove an incomplete last line.
+def finished_rows(out: Path | None) -> list[dict[str, Any]]:
+    """Return the rows of an earlier run, and remove an incomplete last line.
 
     Raises
     ------
     InputError
         The file has other content than results of check-asset.
     """
+    from metric_base.input_files import read_text
+
     if out is None or not out.exists():
-        return set()
-    text = out.read_text(encoding="utf-8")
+        return []
+    text = read_text(out, may_be_empty=True)
     complete = text[: text.rfind("\n") + 1]
-    rows = [line for line in complete.split("\n") if line.strip()]
-    if text.strip() and '"metric-tree/asset/1"' not in text.partition("\n")[0]:
+    rows = []
+    for number, line in enumerate(complete.split("\n"), start=1):
+        if not line.strip():
+            continue
+        try:
+            row = json.loads(line)
+            is_row = row["schema"] == "metric-tree/asset/1" and isinstance(row["file"], str)
+            is_row = is_row and isinstance(row["verdict"], str)
+        except (ValueError, LookupError, TypeError, RecursionError):
+            is_row = False
+        if not is_row:
+            raise InputError(f"{out}:{number}: --out: expected a result of check-asset; found another line")
+        rows.append(row)
+    if not rows and text.strip() and '"metric-tree/asset/1"' not in text:
         raise InputError(f"{out}: --out: expected results of check-asset, or no file yet; found another file")
     if complete != text:
-        out.write_text(complete, encoding="utf-8")
-    return {json.loads(row)["file"] for row in rows}
+        os.truncate(out, out.stat().st_size - len(text[len(complete) :].encode()))
+    return rows
 
 
-def write_line(check: AssetCheck, arguments: argparse.Namespace) -> None:
-    """Append the result of a model to `--out`, and print it."""
+def write_lines(checks: Sequence[AssetCheck], arguments: argparse.Namespace) -> None:
+    """Append the results of a model to `--out`, and print them."""
     from models3d.size_check.check import verdict_line
 
-    row = json.dumps(check.to_json(), ensure_ascii=False, allow_nan=False)
+    rows = [visible_json(json.dumps(check.to_json(), ensure_ascii=False, allow_nan=False)) for check in checks]
     if arguments.out is not None:
         with arguments.out.open("a", encoding="utf-8") as lines:
-            lines.write(row + "\n")
-    if arguments.json:
-        print(row)  # noqa: T201 - the command's result
-    elif arguments.batch is None or check.is_wrong:
-        name = check.file if Path(check.file).stem == check.body else f"{check.file}: {check.body}"
-        print(f"{name}: {verdict_line(check)}")  # noqa: T201 - the command's result
+            lines.write("".join(f"{row}\n" for row in rows))
+    for check, row in zip(checks, rows, strict=True):
+        if arguments.json:
+            print(row)  # noqa: T201 - the command's result
+        elif arguments.batch is None or check.is_wrong:
+            name = check.file if Path(check.file).stem == check.body else f"{check.file}: {check.body}"
+            print(visible(f"{name}: {verdict_line(check)}"))  # noqa: T201 - the command's result
 
 
 def write_fixed(asset: Asset, check: AssetCheck, fix: Path, names: OutputNames | None, baked: bool) -> None:

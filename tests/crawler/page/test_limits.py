@@ -233,7 +233,9 @@ def test_microdata_completes_linked_data_without_a_product() -> None:
     assert item(desk, both).title == "Shelf"
 
 
-@pytest.mark.parametrize("tag", ["<p {}>", "<HTML {}>", "<svg><script {}>", "<p title='>' {}>", '<a b="c"{}>', "<p/{}>"])
+@pytest.mark.parametrize(
+    "tag", ["<p {}>", "<HTML {}>", "<svg><script {}>", "<p title='>' {}>", '<a b="c"{}>', "<p/{}>"]
+)
 def test_tag_with_more_attributes_than_the_limit_is_refused_quickly(tag: str) -> None:
     def parse(count: int) -> None:
         names = "/".join(f"a{number}" for number in range(count))

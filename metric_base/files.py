@@ -1,7 +1,7 @@
 """Files and folders that appear whole or not at all, safe file names, locks, and protection against overwriting.
 
-A file or a folder that one process at a time holds is released by the system when the process ends, also if it is
-killed. An existing file is replaced only with `--overwrite`, and an input of the run never.
+A file that one process at a time holds is released by the system when the process ends, also if it is killed. An
+existing file is replaced only with `--overwrite`, and an input of the run never.
 """
 
 from __future__ import annotations
@@ -61,36 +61,19 @@ def sole_holder(path: Path) -> Iterator[None]:
         Another process holds it.
     """
     with path.open("a", encoding="ascii") as file:
-        _lock(file.fileno())
+        descriptor = file.fileno()
+        if sys.platform == "win32":
+            import msvcrt
+
+            try:
+                msvcrt.locking(descriptor, msvcrt.LK_NBLCK, 1)
+            except OSError as error:
+                raise BlockingIOError(*error.args) from None
+        else:
+            import fcntl
+
+            fcntl.flock(descriptor, fcntl.LOCK_EX | fcntl.LOCK_NB)
         yield
-
-
-def hold(folder: Path) -> int | None:
-    """A descriptor that holds a folder until it is closed or the process ends; None if another process holds it."""
-    try:
-        descriptor = os.open(folder, os.O_RDONLY)
-    except OSError:  # gone meanwhile; Windows opens no folder, and keeps its leftovers
-        return None
-    try:
-        _lock(descriptor)
-    except OSError:
-        os.close(descriptor)
-        return None
-    return descriptor
-
-
-def _lock(descriptor: int) -> None:
-    if sys.platform == "win32":
-        import msvcrt
-
-        try:
-            msvcrt.locking(descriptor, msvcrt.LK_NBLCK, 1)
-        except OSError as error:
-            raise BlockingIOError(*error.args) from None
-    else:
-        import fcntl
-
-        fcntl.flock(descriptor, fcntl.LOCK_EX | fcntl.LOCK_NB)
 
 
 @dataclass(frozen=True, slots=True)
@@ -215,8 +198,8 @@ def _texts_of(file: Path, key: str) -> list[str]:
 def whole_file(path: Path, option: str | None = None, schema: str | None = None) -> Iterator[Path]:
     """Provide a temporary path that replaces `path` at the end of the block; after an error `path` is unchanged.
 
-    The suffix of the temporary name differs, so that a file of a killed run is not read; the next run removes it. If
-    `path` is a symbolic link, its target is replaced; devices and pipes are written directly.
+    The temporary file exists, and is empty. Its suffix differs, so that a file of a killed run is not read; the next
+    run removes it. If `path` is a symbolic link, its target is replaced; devices and pipes are written directly.
 
     Raises
     ------
@@ -237,8 +220,8 @@ def whole_file(path: Path, option: str | None = None, schema: str | None = None)
                     shutil.copyfileobj(source, target)
             return
         target_path = path.resolve() if path.is_symlink() else path
-        remove_dead_files(target_path)
-        work = part_of(target_path)
+        _remove_dead_parts(target_path)
+        work = _new_part(target_path, is_folder=False)
         try:
             yield work
             work.replace(target_path)
@@ -262,21 +245,16 @@ def whole_folder(path: Path, option: str | None = None) -> Iterator[Path]:
         raise InputError(
             f"{path}: {option or 'folder'}: expected a folder that is not there yet, found an existing one"
         )
-    import tempfile
-
     with _write_errors(path, option):
         path.parent.mkdir(parents=True, exist_ok=True)
-        remove_dead_folders(path)
-        work = Path(tempfile.mkdtemp(prefix=f".{path.name}.", suffix=".part", dir=path.parent))
-        held = hold(work)
+        _remove_dead_parts(path)
+        work = _new_part(path, is_folder=True)
         try:
             yield work
-            work.chmod(0o755)  # mkdtemp keeps others out
+            work.chmod(0o755)  # others were kept out meanwhile
             work.rename(path)
         finally:
             shutil.rmtree(work, ignore_errors=True)  # gone already when all went well
-            if held is not None:
-                os.close(held)
 
 
 def inside(folder: Path, name: str) -> Path:
@@ -372,32 +350,28 @@ def _write_errors(path: Path, option: str | None) -> Iterator[None]:
         raise InputError(f"{path}: {option}: expected a place that can be written, found {words}") from None
 
 
-def part_of(path: Path) -> Path:
-    """Return the temporary file of this process next to `path`."""
-    return path.with_name(f".{path.name}.{_MACHINE}.{os.getpid()}.part")
+def _new_part(path: Path, *, is_folder: bool) -> Path:
+    """Create an empty temporary file or folder next to `path`, under a random name that does not exist yet."""
+    part = path.with_name(f".{path.name}.{_MACHINE}.{os.getpid()}.{os.urandom(8).hex()}.part")
+    if is_folder:
+        part.mkdir(mode=0o700)
+    else:
+        part.touch(exist_ok=False)
+    return part
 
 
-def remove_dead_files(path: Path) -> None:
-    """Remove the temporary files of a path whose process, on this machine, is gone."""
-    name = re.compile(rf"\.{re.escape(path.name)}\.{_MACHINE}\.(\d+)\.part")
+def _remove_dead_parts(path: Path) -> None:
+    """Remove what `_new_part` created for a path in processes of this machine that are gone."""
+    name = re.compile(rf"\.{re.escape(path.name)}\.{_MACHINE}\.(\d+)\.[0-9a-f]{{16}}\.part")
     with suppress(OSError):
-        for entry in _parts(path):
+        for entry in sorted(path.parent.glob(f".{glob.escape(path.name)}.*.part")):
             match = name.fullmatch(entry.name)
-            if match is not None and not _is_alive(int(match[1])):
+            if match is None or _is_alive(int(match[1])):
+                continue
+            if entry.is_dir() and not entry.is_symlink():
+                shutil.rmtree(entry, ignore_errors=True)
+            else:
                 entry.unlink(missing_ok=True)
-
-
-def remove_dead_folders(path: Path) -> None:
-    """Remove the temporary folders of a path that no process holds."""
-    for entry in _parts(path):
-        held = hold(entry) if entry.is_dir() and not entry.is_symlink() else None
-        if held is not None:
-            shutil.rmtree(entry, ignore_errors=True)
-            os.close(held)
-
-
-def _parts(path: Path) -> list[Path]:
-    return sorted(path.parent.glob(f".{glob.escape(path.name)}.*.part"))
 
 
 def _is_alive(process: int) -> bool:

@@ -12,6 +12,8 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from metric_base.errors import InputError, Unquoted
+
 #: Maximum number of pixels of an image: twice the largest cameras.
 MAX_PIXELS = 1 << 28
 #: Maximum size of a file in bytes.
@@ -69,9 +71,23 @@ def image_header(file: Path) -> ImageHeader | None:
                 exif = image.getexif()
                 tags |= exif
                 gps_tags |= exif.get_ifd(_GPS_TAGS)
-            return ImageHeader(*image.size, tags, gps_tags)
+            return ImageHeader(image.width, image.height, tags, gps_tags)
     except Exception:  # noqa: BLE001 - Pillow raises unrelated types for damaged files
         return None
+
+
+def image_size(file: Path) -> tuple[int, int]:
+    """Return width and height of an image file.
+
+    Raises
+    ------
+    InputError
+        The file is no image, or has too many pixels.
+    """
+    header = image_header(file)
+    if header is None:
+        raise InputError.at(file, "image", f"an image of at most {MAX_PIXELS:,} pixels", Unquoted("something else"))
+    return header.width, header.height
 
 
 def write_picture(file: Path, pixels: NDArray[Any], flags: Sequence[int] = ()) -> None:

@@ -21,6 +21,8 @@ MAX_RETRIES = 1
 
 #: Maximum size of a file in an archive in bytes.
 MAX_MEMBER_BYTES = 1 << 30
+#: Maximum number of files in an archive, and of their bytes; the members are read until one has the SHA-256.
+MAX_MEMBERS, MAX_ARCHIVE_BYTES = 100_000, 1 << 33
 
 #: Folder of downloads from which files are made; no pattern of a table matches this name.
 _PUBLIC = ".public"
@@ -100,7 +102,12 @@ def _contents(file: SourceFile, public: Path) -> Iterator[bytes]:
     """Return the possible contents of a file: the members of an archive, or the JSON document in another format."""
     if file.form == "zip":
         with zipfile.ZipFile(public) as archive:
-            infos = (info for info in archive.infolist() if not info.is_dir() and info.file_size <= MAX_MEMBER_BYTES)
+            members = archive.infolist()
+            n_bytes = sum(info.file_size for info in members)
+            if len(members) > MAX_MEMBERS or n_bytes > MAX_ARCHIVE_BYTES:
+                limits = f"at most {MAX_MEMBERS:,} files of {MAX_ARCHIVE_BYTES:,} bytes in all"
+                raise ValueError(f"expected {limits}; found {len(members):,} of {n_bytes:,}")
+            infos = (info for info in members if not info.is_dir() and info.file_size <= MAX_MEMBER_BYTES)
             yield from (archive.read(info) for info in infos)
     else:
         indent = 0 if file.form == "json-lines" else None

@@ -13,7 +13,7 @@ from estimator.reconstructions.ply import read_points
 from estimator.records.scene import MAX_COORDINATE, Camera, View
 from metric_base.arrays import FloatArray
 from metric_base.errors import FieldError, InputError, Unquoted
-from metric_base.images import image_header
+from metric_base.images import image_size
 from metric_base.input_files import is_file
 
 #: Conversion between the axes right, up, back (OpenGL, Blender) and right, down, forward (OpenCV, COLMAP).
@@ -148,10 +148,7 @@ def checked_image_size(file: Path, name: str) -> tuple[int, int]:
     if path is None:
         expected = f"the image {Path(name).name!r} in its folder or in images/, because its size is not stated"
         raise InputError.at(file, "images", expected, Unquoted("none"))
-    header = image_header(path)
-    if header is None:
-        raise InputError.at(path, "image", "an image", Unquoted("something else"))
-    return header.width, header.height
+    return image_size(path)
 
 
 def read_point_file(file: Path, names: Iterable[str]) -> FloatArray:

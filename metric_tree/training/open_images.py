@@ -13,7 +13,7 @@ from pathlib import Path
 
 import cv2
 
-from metric_base.images import image_header, read_picture
+from metric_base.images import image_size, read_picture
 from metric_tree.training.annotations import AnnotatedImage, AnnotatedObject, BadAnnotations, run_lengths
 
 #: Label lists of the names.
@@ -47,10 +47,7 @@ def open_images_images(folder: Path) -> Iterator[AnnotatedImage]:
         file = files.get(f"{image_id}.jpg")
         if file is None:
             continue
-        header = image_header(file)
-        if header is None:
-            raise BadAnnotations.at(file, "image", "a picture", "something else")
-        width, height = header.width, header.height
+        width, height = image_size(file)
         objects = []
         for mask_name, label in masks[image_id]:
             if label not in names or mask_name not in files:

@@ -44,6 +44,30 @@ def test_a_live_writer_keeps_its_part_and_a_dead_one_loses_it(tmp_path: Path, ki
     assert names == {path.name, neighbour.name}
 
 
+@pytest.mark.parametrize("kind", ["file", "folder"])
+@pytest.mark.parametrize(
+    "suffix", ["kept.part", "old.0.part", "{machine}.999999999.part", "{machine}.999999999.x.part"]
+)
+def test_files_and_folders_of_the_user_are_kept(tmp_path: Path, kind: str, suffix: str) -> None:
+    with whole_file(tmp_path / "out") as work:
+        machine = work.name.split(".")[2]
+    path, other = tmp_path / "other", tmp_path / f".other.{suffix.format(machine=machine)}"
+    other.mkdir()
+    (other / "work").write_text("the user's own")
+    _write(path, kind)
+    assert (other / "work").read_text() == "the user's own"
+
+
+def test_temporary_names_are_random_and_not_taken(tmp_path: Path) -> None:
+    names = set()
+    for _ in range(3):
+        with whole_file(tmp_path / "out") as work, whole_folder(tmp_path / "folder") as folder:
+            assert work.stat().st_size == 0
+            names |= {work.name, folder.name}
+        (tmp_path / "folder").rmdir()
+    assert len(names) == 6
+
+
 def _write(path: Path, kind: str) -> None:
     if kind == "file":
         with whole_file(path) as work:

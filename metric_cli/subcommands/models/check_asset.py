@@ -70,12 +70,14 @@ def check_models(arguments: argparse.Namespace, rows: list[dict[str, Any]]) -> i
     tree = open_tree(arguments.tree)
     done = {row["file"] for row in rows}
     verdicts = Counter(row["verdict"] for row in rows)
-    checks, n_unread, n_unwritten = [], 0, 0
+    checks: list[AssetCheck] = []
+    n_unread = n_unwritten = 0
     has_several = arguments.batch is not None or len(files) > 1 or files[0].is_dir()
     names = OutputNames(fix) if fix is not None and has_several else None
-    for row in rows:
-        if names is not None and row["verdict"] in ("wrong unit", "arbitrary scale"):
-            names.path(Path(row["file"]).name)  # the earlier run wrote it
+    if names is not None:  # those that the earlier run wrote
+        written = ("wrong unit", "arbitrary scale")
+        for name in (Path(row["file"]).name for row in rows if row["verdict"] in written):
+            names.path(name)
     for asset in track(assets_of(arguments, done if arguments.report is None else set()), "models"):
         if isinstance(asset, InputError):
             warn(str(asset))
@@ -86,12 +88,7 @@ def check_models(arguments: argparse.Namespace, rows: list[dict[str, Any]]) -> i
         if str(asset.file) in done:  # only the report needs it again
             continue
         verdicts.update(check.verdict for check in found)
-        try:
-            for check in found if fix is not None else ():
-                if check.is_wrong:
-                    write_fixed(asset, check, fix, names, arguments.bake)
-        except InputError as error:
-            warn(str(error))
+        if fix is not None and not write_fixed(asset, found, fix, names, arguments.bake):
             n_unwritten += 1
             continue
         write_lines(found, arguments)  # after the model, because a model with a line is not checked again
@@ -177,16 +174,25 @@ def write_lines(checks: Sequence[AssetCheck], arguments: argparse.Namespace) -> 
             print(visible(f"{name}: {verdict_line(check)}"))  # noqa: T201 - the command's result
 
 
-def write_fixed(asset: Asset, check: AssetCheck, fix: Path, names: OutputNames | None, baked: bool) -> None:
-    """Write a model at its true size, into the folder `fix` if `names` are given; warn if no factor is known."""
+def write_fixed(asset: Asset, checks: Sequence[AssetCheck], fix: Path, names: OutputNames | None, baked: bool) -> bool:
+    """Write a wrong model at its true size, into the folder `fix` if `names` are given; False if that is impossible.
+
+    A warning states why nothing is written.
+    """
     from models3d.rescaling import write_at_scale
 
-    factor: Any = check.factor if check.verdict == "wrong unit" else None
-    if check.verdict == "arbitrary scale" and check.true_size is not None:
-        factor = check.true_size.factor[1]
-    if factor is None:
-        warn(f"{check.file}: not written: {check.verdict} says no factor")
-        return
-    if names is not None:
-        fix.mkdir(parents=True, exist_ok=True)
-    write_at_scale(asset, fix if names is None else names.path(asset.file.name), factor, baked=baked)
+    for check in checks:
+        factor: Any = check.factor if check.verdict == "wrong unit" else None
+        if check.verdict == "arbitrary scale" and check.true_size is not None:
+            factor = check.true_size.factor[1]
+        if factor is not None:
+            if names is not None:
+                fix.mkdir(parents=True, exist_ok=True)
+            try:
+                write_at_scale(asset, fix if names is None else names.path(asset.file.name), factor, baked=baked)
+            except InputError as error:
+                warn(str(error))
+                return False
+        elif check.is_wrong:
+            warn(f"{check.file}: not written: {check.verdict} says no factor")
+    return True

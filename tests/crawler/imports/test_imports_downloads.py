@@ -168,3 +168,16 @@ def test_what_it_cannot_be_made_of_is_refused_and_fetched_again(
     assert not list((tmp_path / "cache").rglob("table.csv"))
     site.pages["/public"] = right
     assert (download(table) / "table.csv").read_bytes() == made
+
+
+@pytest.mark.parametrize(("limit", "value"), [("MAX_MEMBERS", 3), ("MAX_ARCHIVE_BYTES", len(TABLE) + 2)])
+def test_an_archive_beyond_its_budget_is_not_unpacked(
+    site: Site, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, limit: str, value: int
+) -> None:
+    table = declared(tmp_path, site.url("/public"), TABLE, "zip")
+    site.pages["/public"] = zipped({"a": b"1", "b": b"2", "list.csv": TABLE, "c": b"3"})
+    monkeypatch.setattr(downloads, limit, value)
+    with pytest.raises(NoInput, match=f"files of .* bytes in all; found 4 of {len(TABLE) + 3}"):
+        download(table)
+    monkeypatch.setattr(downloads, limit, value + 1)
+    assert (download(table) / "table.csv").read_bytes() == TABLE

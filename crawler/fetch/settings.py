@@ -81,7 +81,7 @@ def crawl_settings(
     cached = {
         "HTTPCACHE_ENABLED": cache is not None,
         "HTTPCACHE_DIR": str(cache or ""),
-        "HTTPCACHE_GZIP": True,
+        "HTTPCACHE_STORAGE": "crawler.fetch.response_cache.JsonCacheStorage",
         "HTTPCACHE_POLICY": "scrapy.extensions.httpcache.RFC2616Policy",
     }
     return {**own, **manners, **bounds, **cached}

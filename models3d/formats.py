@@ -9,12 +9,13 @@ from concurrent.futures import ProcessPoolExecutor
 from concurrent.futures import TimeoutError as FutureTimeout
 from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
 from metric_base.errors import InputError, Unquoted
 from metric_base.input_files import read_text
-from models3d.asset import Asset, AssetBody, NameText, Up
+from models3d.asset import MAX_COORDINATE_M, Asset, AssetBody, NameText, Up
 
 GLTF_SUFFIXES = (".gltf", ".glb")
 ROBOT_SUFFIXES = (".urdf", ".sdf", ".xml", ".mjcf")
@@ -32,6 +33,8 @@ MAX_MEMORY = 6 << 30
 COLUMNS = ("name", "x", "y", "z")
 #: Maximum size of a CSV table, in bytes.
 MAX_TABLE_BYTES = 1 << 28
+#: Number of rows of a Parquet table that are in memory at the same time.
+N_BATCH_ROWS = 10_000
 
 
 def find_models(paths: Iterable[Path]) -> Iterator[Path]:
@@ -59,9 +62,11 @@ def read_asset(path: Path) -> Asset:
     Raises
     ------
     InputError
-        The format is unknown, or the file is damaged, too large, or refers to files outside its folder.
+        The format is unknown, or the file is damaged, too large, has no shape, or refers to files outside its folder.
     """
     asset = _read(path)
+    if not asset.bodies:
+        raise InputError(f"{path}: content: expected at least one shape, found none")
     return replace(asset, texts=(*asset.texts, NameText("file name", path.stem), NameText("folder", path.parent.name)))
 
 
@@ -141,8 +146,8 @@ def _stop(pool: ProcessPoolExecutor) -> None:
     pool.shutdown(wait=False, cancel_futures=True)
 
 
-def read_boxes(path: Path, up: Up | None = None) -> Iterator[Asset]:
-    """Yield an asset for each row of a table of boxes.
+def read_boxes(path: Path, up: Up | None = None) -> Iterator[Asset | InputError]:
+    """Yield an asset for each row of a table of boxes, or the error of a row.
 
     Parameters
     ----------
@@ -154,31 +159,42 @@ def read_boxes(path: Path, up: Up | None = None) -> Iterator[Asset]:
     Raises
     ------
     InputError
-        A column is missing, or a size is not a number of at least 0.
+        The table cannot be read, or a column is missing.
     """
-    if path.suffix.lower() == ".parquet":
-        import pyarrow as pa
-        import pyarrow.parquet as pq
-
-        try:
-            table = pq.read_table(path)
-        except (pa.ArrowInvalid, OSError) as error:
-            raise InputError.at(path, "file", "a Parquet table", Unquoted(type(error).__name__)) from None
-        names, rows = table.column_names, iter(table.to_pylist())
-    else:
-        rows = csv.DictReader(read_text(path, MAX_TABLE_BYTES).splitlines())
-        names = list(rows.fieldnames or [])
-    if not set(COLUMNS) <= set(names):
-        raise InputError.at(path, "columns", ", ".join(COLUMNS), Unquoted(", ".join(names) or "none"))
-    for line, row in enumerate(rows, start=2):
+    for line, row in enumerate(_records(path), start=2):
         position = Path(f"{path}:{line}")
         try:
             sizes = np.array([float(row[axis]) for axis in COLUMNS[1:]])
         except (TypeError, ValueError):
             sizes = np.array([np.nan] * 3)
-        if not (np.isfinite(sizes).all() and (sizes >= 0).all() and sizes.max() > 0):
+        if not ((sizes >= 0).all() and 0 < sizes.max() <= MAX_COORDINATE_M):
             found = ", ".join(str(row[axis]) for axis in COLUMNS[1:])
-            raise InputError.at(position, "x, y, z", "sizes in metres, at least one above 0", Unquoted(found))
+            yield InputError.at(position, "x, y, z", "sizes in metres, at least one above 0", Unquoted(found))
+            continue
         row_up: Up | None = row["up"] if row.get("up") in ("x", "y", "z") else up
         title = NameText("title", str(row.get("category") or row["name"]))
         yield Asset(position, "box", 1.0, row_up, (AssetBody(str(row["name"]), np.zeros(3), sizes, (title,)),))
+
+
+def _records(path: Path) -> Iterator[dict[str, Any]]:
+    """Yield the rows of a table of boxes, a Parquet table in batches."""
+    rows: Iterable[dict[str, Any]]
+    try:
+        if path.suffix.lower() == ".parquet":
+            import pyarrow.parquet as pq
+
+            file = pq.ParquetFile(path)
+            names = file.schema_arrow.names
+            columns = [name for name in names if name in (*COLUMNS, "category", "up")]
+            batches = file.iter_batches(N_BATCH_ROWS, columns=columns)
+            rows = (row for batch in batches for row in batch.to_pylist())
+        else:
+            reader = csv.DictReader(read_text(path, MAX_TABLE_BYTES).splitlines())
+            names, rows = list(reader.fieldnames or []), reader
+        if not set(COLUMNS) <= set(names):
+            raise InputError.at(path, "columns", ", ".join(COLUMNS), Unquoted(", ".join(names) or "none"))
+        yield from rows
+    except InputError:
+        raise
+    except (csv.Error, OSError, ValueError) as error:  # errors of Arrow are ValueError
+        raise InputError.at(path, "file", "a table of boxes", Unquoted(str(error))) from None

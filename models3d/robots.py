@@ -55,6 +55,8 @@ def read_robot(path: Path, read_mesh: MeshReader) -> Asset:
         expect(root.tag in readers, "content", "a robot (URDF), sdf or mujoco element", str(root.tag))
         try:
             bodies = tuple(readers[root.tag](root, meshes))
+        except FieldError:
+            raise
         except (ValueError, TypeError, IndexError, RecursionError) as error:
             raise FieldError("content", "valid numbers and names", Unquoted(str(error))) from None
         expect(bool(bodies), "content", "at least one visual shape", Unquoted("none"))

@@ -146,6 +146,8 @@ def boxes_true_size(table: Path, tree: Tree) -> ModelSize:
     """
     used, names, heights = [], [], []
     for asset in read_boxes(table):
+        if isinstance(asset, InputError):
+            raise asset
         (body,) = asset.bodies
         node = category_of_texts(body.texts, tree).node
         model = None if node is None else node_model(tree, node.node_id)

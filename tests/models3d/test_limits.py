@@ -7,6 +7,8 @@ import zipfile
 from pathlib import Path
 
 import numpy as np
+import pyarrow as pa
+import pyarrow.parquet as pq
 import pytest
 
 from metric_base.errors import InputError
@@ -104,6 +106,52 @@ def test_fix_reads_a_file_only_within_the_limits(tmp_path: Path, monkeypatch: py
     out = tmp_path / "fixed.glb"
     assert main(["check-asset", str(path), "--category", "chair", "--fix", str(out)]) == 3
     assert out.exists()
+
+
+def test_odd_files_of_a_folder_are_named_and_the_others_checked(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    write_chair(tmp_path, "glb")
+    _gltf(tmp_path / "a.gltf", scenes=[{"nodes": [0]}], nodes=[{"name": "chair"}])
+    (tmp_path / "b.obj").write_text("v 0 0 0\nv 1e308 0 0\nv 0 1e308 1\nf 1 2 3\n")
+    (tmp_path / "c.usda").write_text(USDA.format(unit=1e308))
+    assert main(["check-asset", str(tmp_path), "--category", "chair"]) == 2
+    out, err = capsys.readouterr()
+    assert [line.partition(": expected")[0].rpartition("/")[2] for line in err.splitlines()] == [
+        "a.gltf: content",
+        "b.obj: vertices",
+        "c.usda: vertices",
+    ]
+    assert "right (p = " in out
+
+
+@pytest.mark.parametrize("size", ["1e308", "-1", "nan", "", "2e15"])
+def test_odd_row_of_a_table_does_not_stop_the_rows_after_it(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str], size: str
+) -> None:
+    table = tmp_path / "boxes.csv"
+    table.write_text(f"name,x,y,z\nchair,{size},{size},{size}\nchair,48,86,52\n", encoding="utf-8")
+    assert main(["check-asset", "--batch", str(table), "--up", "y"]) == 3
+    out, err = capsys.readouterr()
+    assert "boxes.csv:2: x, y, z: expected sizes in metres" in err
+    assert "boxes.csv:3: wrong unit" in out
+
+
+def test_field_of_a_table_that_no_reader_holds_is_named(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    table = tmp_path / "boxes.csv"
+    table.write_text(f"name,x,y,z\nchair,0.5,0.9,0.5\n{'a' * 200_000},1,1,1\n", encoding="utf-8")
+    assert main(["check-asset", "--batch", str(table)]) == 2
+    assert "boxes.csv: file: expected a table of boxes, found field larger than field limit" in capsys.readouterr().err
+
+
+def test_parquet_tables_are_read_in_batches(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    columns = {"name": ["chair"] * 7, **{axis: [1.0] * 7 for axis in "xyz"}, "other": [["a"] * 9] * 7}
+    pq.write_table(pa.table(columns), tmp_path / "boxes.parquet")
+    monkeypatch.setattr(formats, "N_BATCH_ROWS", 2)
+    assert len(list(formats.read_boxes(tmp_path / "boxes.parquet"))) == 7
+    (tmp_path / "boxes.parquet").write_bytes(b"PAR1")
+    with pytest.raises(InputError, match=r"boxes\.parquet: file: expected a table of boxes"):
+        list(formats.read_boxes(tmp_path / "boxes.parquet"))
 
 
 def _usdz(file: Path, **members: str) -> Path:

@@ -11,7 +11,7 @@ from contextlib import nullcontext
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from metric_base.errors import InputError
+from metric_base.errors import InputError, Unquoted
 from metric_base.escaping import visible, visible_json
 from metric_base.files import OutputNames
 from metric_cli.errors import EXIT_NEGATIVE_RESULT, EXIT_OK, INPUT_ERROR
@@ -20,6 +20,7 @@ from metric_cli.progress import track
 from metric_cli.tables import print_table, warn
 
 if TYPE_CHECKING:
+    from metric_tree.tree import Tree
     from models3d.asset import Asset
     from models3d.size_check.check import AssetCheck
 
@@ -52,22 +53,23 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 def run(arguments: argparse.Namespace) -> int:
     """Check each model; 2 if a model cannot be written, else 3 if one is wrong, else 2 if one cannot be read."""
     from metric_tree.pipeline.work_folder import sole_writer
+    from metric_tree.tree import open_tree
+    from models3d.size_check.category import named_category
 
     if not arguments.files and arguments.batch is None:
         raise InputError("arguments: expected FILE... or --batch LIST; found neither")
     if arguments.fix is not None and is_table(arguments.batch):
         raise InputError(f"--fix: expected models to write anew; found a table of boxes, {arguments.batch}")
-    with nullcontext() if arguments.out is None else sole_writer(arguments.out):
-        return check_models(arguments, finished_rows(arguments.out))
-
-
-def check_models(arguments: argparse.Namespace, rows: list[dict[str, Any]]) -> int:
-    """Check the models that have no rows of an earlier run; the exit status is that of all."""
-    from metric_tree.tree import open_tree
-    from models3d.size_check.check import check_bodies
-
-    files, fix = arguments.files, arguments.fix
     tree = open_tree(arguments.tree)
+    if arguments.category is not None:
+        named_category(tree, arguments.category)  # an unknown name is an error before any work
+    with nullcontext() if arguments.out is None else sole_writer(arguments.out):
+        return check_models(arguments, tree, finished_rows(arguments.out))
+
+
+def check_models(arguments: argparse.Namespace, tree: Tree, rows: list[dict[str, Any]]) -> int:
+    """Check the models that have no rows of an earlier run; the exit status is that of all."""
+    files, fix = arguments.files, arguments.fix
     done = {row["file"] for row in rows}
     verdicts = Counter(row["verdict"] for row in rows)
     checks: list[AssetCheck] = []
@@ -79,11 +81,11 @@ def check_models(arguments: argparse.Namespace, rows: list[dict[str, Any]]) -> i
         for name in (Path(row["file"]).name for row in rows if row["verdict"] in written):
             names.path(name)
     for asset in track(assets_of(arguments, done if arguments.report is None else set()), "models"):
-        if isinstance(asset, InputError):
-            warn(str(asset))
+        found = checks_of(asset, tree, arguments.category)
+        if isinstance(asset, InputError) or isinstance(found, InputError):
+            warn(str(found))
             n_unread += 1
             continue
-        found = check_bodies(asset, tree, arguments.category)
         checks += found
         if str(asset.file) in done:  # only the report needs it again
             continue
@@ -104,6 +106,19 @@ def check_models(arguments: argparse.Namespace, rows: list[dict[str, Any]]) -> i
     return EXIT_NEGATIVE_RESULT if set(verdicts) - accepted else INPUT_ERROR if n_unread else EXIT_OK
 
 
+def checks_of(asset: Asset | InputError, tree: Tree, category: str | None) -> Sequence[AssetCheck] | InputError:
+    """Return the verdicts on the objects of a model, or its error, which does not stop the models after it."""
+    from models3d.size_check.check import check_bodies
+
+    if isinstance(asset, InputError):
+        return asset
+    try:
+        return check_bodies(asset, tree, category)
+    except Exception as error:  # noqa: BLE001 - a file of a stranger may have any content
+        found = Unquoted(f"{type(error).__name__}: {error}")
+        return InputError.at(asset.file, "content", "a model that can be checked", found)
+
+
 def assets_of(arguments: argparse.Namespace, done: set[str]) -> Iterable[Asset | InputError]:
     """Yield the models of the arguments and of `--batch` that are not done, or the error of one that is unreadable."""
     from metric_base.input_files import read_text
@@ -111,7 +126,8 @@ def assets_of(arguments: argparse.Namespace, done: set[str]) -> Iterable[Asset |
 
     files = list(arguments.files)
     if is_table(arguments.batch):
-        yield from (asset for asset in read_boxes(arguments.batch, arguments.up) if str(asset.file) not in done)
+        boxes = read_boxes(arguments.batch, arguments.up)
+        yield from (box for box in boxes if isinstance(box, InputError) or str(box.file) not in done)
     elif arguments.batch is not None:
         lines = read_text(arguments.batch).split("\n")
         files += [arguments.batch.parent / line.strip() for line in lines if line.strip()]

@@ -1,16 +1,15 @@
-"""Fit the pose of a camera to points by robust Gauss-Newton steps, alone or with its focal length."""
+"""Fit the pose of a camera to points, alone or with its focal length, robustly (Cauchy)."""
 
 from __future__ import annotations
 
 import numpy as np
-from scipy.spatial.transform import Rotation
 
 from estimator.records.scene import Camera, Scene, View
 from metric_base.arrays import FloatArray
 
 #: Maximum number of steps from the pose of the frame before; four usually suffice.
 MAX_POSE_STEPS = 10
-#: Number of first steps with a Cauchy scale larger by a factor, which follow a larger motion.
+#: Number of first steps with a Cauchy scale larger by a factor, which bridge a larger motion.
 N_WIDE_STEPS, WIDE_FACTOR = 3, 8.0
 #: Residual in pixels at which a point has half its weight (Cauchy); tracks are good to a few tenths.
 HALF_WEIGHT_PX = 1.0
@@ -45,8 +44,6 @@ def refined_pose(
 ) -> tuple[FloatArray, FloatArray]:
     """Return rotation (3, 3) and translation (3,) that minimise sum log(1 + |r|^2 / c^2) with the residuals r.
 
-    A step (w, v) moves p = R X + t to p + w x p + v.
-
     Parameters
     ----------
     points : (n, 3) ndarray of float
@@ -58,22 +55,17 @@ def refined_pose(
     focal : float
         In pixels.
     """
-    for step in range(MAX_POSE_STEPS):
-        local = points @ rotation.T + translation
-        ahead = local[:, 2] > 1e-9
-        inverse = 1.0 / local[ahead, 2]
-        x, y = local[ahead, 0] * inverse, local[ahead, 1] * inverse
-        error = focal * (np.column_stack([x, y]) - rays[ahead])  # (m, 2)
-        scale = HALF_WEIGHT_PX * (WIDE_FACTOR if step < N_WIDE_STEPS else 1.0)
-        weight = 1.0 / (1.0 + (error**2).sum(axis=1) / scale**2)
-        jacobian = focal * _pose_jacobian(x, y, inverse)
-        normal = np.einsum("mki,m,mkj->ij", jacobian, weight, jacobian) + 1e-9 * np.eye(6)
-        change = -np.linalg.solve(normal, np.einsum("mki,m,mk->i", jacobian, weight, error))
-        turn = Rotation.from_rotvec(change[:3]).as_matrix()
-        rotation, translation = turn @ rotation, turn @ translation + change[3:]
-        if np.abs(change).max() < 1e-10:
-            break
-    return rotation, translation
+    from estimator.reconstructions.pycolmap_library import pycolmap
+
+    camera = pycolmap.Camera(model="SIMPLE_PINHOLE", width=1, height=1, params=[focal, 0.0, 0.0])
+    pose = pycolmap.Rigid3d(pycolmap.Rotation3d(rotation), translation)
+    for scale, n_steps in ((WIDE_FACTOR * HALF_WEIGHT_PX, N_WIDE_STEPS), (HALF_WEIGHT_PX, MAX_POSE_STEPS)):
+        options = pycolmap.AbsolutePoseRefinementOptions(loss_function_scale=scale, max_num_iterations=n_steps)
+        everyone = np.ones(len(points), dtype=bool)
+        found = pycolmap.refine_absolute_pose(pose, focal * rays, points, everyone, camera, options)
+        pose = pose if found is None else found["cam_from_world"]
+    matrix = pose.matrix()
+    return matrix[:, :3], matrix[:, 3]
 
 
 def focal_variation(scene: Scene) -> tuple[float, float, float] | None:

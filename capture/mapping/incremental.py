@@ -6,6 +6,7 @@ database next to it as 0.db, 1.db, ..., so that `finish` has the best model so f
 
 from __future__ import annotations
 
+import math
 import shutil
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from contextlib import contextmanager
@@ -17,7 +18,7 @@ import numpy as np
 
 from capture.mapping.camera_models import CameraModelChoice, chosen_model, model_scores
 from capture.mapping.covariance import standard_deviations
-from capture.mapping.model_metrics import aligned_distance, lens_bend, model_metrics, residual_pattern, residuals_of
+from capture.mapping.model_metrics import lens_bend, model_metrics, residual_pattern, residuals_of
 from capture.mapping.refusals import (
     MAX_BEND,
     MAX_CONTRADICTED_RATIO,
@@ -26,6 +27,7 @@ from capture.mapping.refusals import (
     MIN_WHOLE_RATIO,
 )
 from capture.mapping.triplets import agreement, model_triplets
+from estimator.evidence.alignment import least_squares
 from estimator.projection.cameras import make_camera
 from estimator.reconstructions.colmap import read_colmap
 from estimator.reconstructions.pycolmap_library import pycolmap
@@ -289,7 +291,8 @@ def n_consistent(model: Model, matches: Path) -> int:
 def compare_global(request: Request) -> dict[str, Any]:
     """Return the distance of a model's camera path from that of COLMAP's global mapper, relative to its extent.
 
-    The request names the `database`, `images`, an empty `output` folder and the `folder` of the model.
+    It is the root mean square distance of the camera centres after the best similarity. The request names the
+    `database`, `images`, an empty `output` folder and the `folder` of the model.
     """
     options = pycolmap.GlobalPipelineOptions(num_threads=N_MAPPING_THREADS, random_seed=0)
     models = pycolmap.global_mapping(request["database"], request["images"], request["output"], options=options)
@@ -303,8 +306,12 @@ def compare_global(request: Request) -> dict[str, Any]:
     shared = sorted(own.keys() & their.keys())
     if len(shared) < MIN_SHARED_RATIO * len(own):
         return {"disagreement": None}
-    centres = np.array([[own[name], their[name]] for name in shared])
-    return {"disagreement": aligned_distance(centres[:, 1], centres[:, 0])}
+    fit = least_squares(
+        np.array([their[name] for name in shared]),
+        np.array([own[name] for name in shared]),
+        np.ones(len(shared), dtype=bool),
+    )
+    return {"disagreement": None if fit is None else math.sqrt(3) * fit.residual / fit.extent}
 
 
 @contextmanager

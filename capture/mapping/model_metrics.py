@@ -97,20 +97,6 @@ def lens_bend(camera: Camera) -> float:
     return float(bend) / max(camera.width, camera.height)
 
 
-def aligned_distance(centres: FloatArray, reference: FloatArray) -> float:
-    """Return the root mean square distance of two paths (n, 3) after alignment, relative to the reference's extent.
-
-    The alignment is the similarity that minimises the distance (Umeyama 1991); the extent is the root mean square
-    distance from the mean.
-    """
-    a, b = centres - centres.mean(axis=0), reference - reference.mean(axis=0)
-    u, d, vt = np.linalg.svd(b.T @ a / len(a))
-    sign = np.array([1.0, 1.0, np.sign(np.linalg.det(u) * np.linalg.det(vt))])
-    scale = float((d * sign).sum() / max((a**2).sum(axis=1).mean(), 1e-30))
-    distance = np.sqrt(((scale * a @ ((u * sign) @ vt).T - b) ** 2).sum(axis=1).mean())
-    return float(distance / max(np.sqrt((b**2).sum(axis=1).mean()), 1e-12))
-
-
 def median_angle_deg(scene: Scene) -> float:
     """Return the median over points of the largest angle between the rays of two views."""
     rows = np.concatenate([view.point_index for view in scene.views])

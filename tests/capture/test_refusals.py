@@ -4,18 +4,15 @@ from __future__ import annotations
 
 import json
 from collections.abc import Iterable
-from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
-import msgspec
 import numpy as np
 import pytest
 
 from capture.mapping.camera_models import CameraModelChoice
 from capture.mapping.mapper import ModelReport
-from capture.mapping.match_graph import FramePair, MatchGraph
-from capture.mapping.model_metrics import ModelMetrics
+from capture.mapping.match_graph import FramePair
 from capture.mapping.refusals import (
     CODES,
     FOCAL_RANGE,
@@ -42,6 +39,7 @@ from capture.mapping.search import is_certain
 from capture.quality_warnings import capture_cautions, read_cautions
 from capture.sources.frames import ChosenFrame, Frames
 from metric_cli.estimate_scale.estimate import main
+from tests.support.captures import right_model, walk_graph
 from tests.support.skips import skip_without
 from tests.synthetic.refused_videos import FRAMES, LENS, RARE_VIDEOS, REFUSED_VIDEOS
 from tests.synthetic.rooms.render import NoOpenGL
@@ -72,7 +70,7 @@ def test_a_focal_length_that_is_given_is_held(tmp_path: Path, capsys: pytest.Cap
     with skip_without(NoOpenGL):
         _film(recorded(room("sitting room", 7, straight_ahead(FRAMES, 0.9)), LENS), tmp_path / "video.mp4")
     assert main([str(tmp_path / "video.mp4"), "--work", str(tmp_path / "w"), "--focal", "250"]) == 2
-    assert "--instances FILE, --detector MODEL, or --draw" in capsys.readouterr().err
+    assert "--draw (a local page), --detector auto" in capsys.readouterr().err
     report = json.loads((tmp_path / "w" / "reconstruction.json").read_text())
     assert report["focal_held"]
     assert report["model"]["focal"] == pytest.approx(250 / 320)
@@ -86,44 +84,13 @@ def _film(frames: Iterable[SyntheticFrame], file: Path) -> None:
     write_video(file, pictures, times_of(len(pictures), rate=10.0))
 
 
-def _graph(n: int = 20, **changes: Any) -> MatchGraph:
-    """Frames of a walk: every frame matches the next three, with parallax."""
-    generator = np.random.default_rng(0)
-    pairs = tuple(
-        FramePair(a, b, 200, 0.4, 60.0 * (b - a), np.eye(3) + generator.normal(0, 0.02, (3, 3)))
-        for a in range(n)
-        for b in range(a + 1, min(a + 4, n))
-    )
-    names = [f"{k:06d}.jpg" for k in range(n)]
-    graph = MatchGraph(names, np.full(n, 1500), pairs, (640, 480), np.tile([0.19, 0.22], (n, 1)))
-    return replace(graph, **changes)
-
-
-def _model(n: int = 20, **changes: Any) -> ModelMetrics:
-    model = ModelMetrics(
-        names=tuple(_graph(n).names),
-        points=4000,
-        angle_deg=9.0,
-        error_px=0.4,
-        focal=0.8,
-        lens_bend=0.01,
-        camera="SIMPLE_RADIAL",
-        focal_deviation=0.01,
-        focal_spread=0.001,
-        pattern=0.02,
-        triplets=100,
-        pieces=(n,),
-    )
-    return msgspec.structs.replace(model, **changes)
-
-
 def test_a_good_capture_passes() -> None:
-    assert early_failure(_graph()) is None
-    assert model_failure(_graph(), _model(), focal_held=False) is None
-    assert is_certain(ModelReport(model=_model()), 20)
+    assert early_failure(walk_graph()) is None
+    assert model_failure(walk_graph(), right_model(), focal_held=False) is None
+    assert is_certain(ModelReport(model=right_model()), 20)
 
 
-#: Maximum number of contradicted triplets of the 100 of `_model`.
+#: Maximum number of contradicted triplets of the 100 of `right_model`.
 N_CONTRADICTED = int(100 * MAX_CONTRADICTED_RATIO)
 #: Changes of a right model just beyond and just within the limit of each test, and the code of its refusal.
 LIMITS: list[tuple[str, dict[str, Any], dict[str, Any]]] = [
@@ -148,21 +115,21 @@ LIMITS: list[tuple[str, dict[str, Any], dict[str, Any]]] = [
     ),
     ("drift", {"broken": ("a.jpg",) * MIN_BROKEN_FRAMES}, {"broken": ("a.jpg",) * (MIN_BROKEN_FRAMES - 1)}),
     ("several_places", {"pieces": (20, 11)}, {"pieces": (20, 10)}),
-    ("too_few_frames", {"names": tuple(_graph(10).names)}, {"names": tuple(_graph(11).names)}),
+    ("too_few_frames", {"names": tuple(walk_graph(10).names)}, {"names": tuple(walk_graph(11).names)}),
 ]
 
 
 @pytest.mark.parametrize(("code", "beyond", "within"), LIMITS)
 def test_a_model_is_refused_beyond_each_limit(code: str, beyond: dict[str, Any], within: dict[str, Any]) -> None:
-    failure = model_failure(_graph(), _model(**beyond), focal_held=False)
+    failure = model_failure(walk_graph(), right_model(**beyond), focal_held=False)
     assert failure is not None
     assert failure.code == code
-    assert model_failure(_graph(), _model(**within), focal_held=False) is None
+    assert model_failure(walk_graph(), right_model(**within), focal_held=False) is None
 
 
 def test_a_held_or_stated_focal_length_is_not_refused() -> None:
-    assert model_failure(_graph(), _model(focal=9.0, focal_deviation=0.6), focal_held=True) is None
-    assert model_failure(_graph(), _model(focal=9.0), focal_held=False, stated_focal=8.8) is None
+    assert model_failure(walk_graph(), right_model(focal=9.0, focal_deviation=0.6), focal_held=True) is None
+    assert model_failure(walk_graph(), right_model(focal=9.0), focal_held=False, stated_focal=8.8) is None
 
 
 @pytest.mark.parametrize(
@@ -176,18 +143,18 @@ def test_a_held_or_stated_focal_length_is_not_refused() -> None:
         ("too_few_frames", {"pairs": ()}),
         ("no_texture", {"pairs": (), "keypoints": np.full(20, MIN_KEYPOINTS - 1)}),
         ("motion_blur", {"pairs": (), "edges": np.tile(np.array(MIN_EDGE_STEEPNESS) - 0.01, (20, 1))}),
-        ("too_few_frames", {"names": _graph().names[: MIN_FRAMES - 1], "pairs": ()}),
+        ("too_few_frames", {"names": walk_graph().names[: MIN_FRAMES - 1], "pairs": ()}),
     ],
 )
 def test_matches_show_why_there_is_no_model(code: str, changes: dict[str, Any]) -> None:
-    failure = early_failure(_graph(**changes))
+    failure = early_failure(walk_graph(**changes))
     assert failure is not None
     assert failure.code == code
 
 
 def test_two_places_are_named() -> None:
     pairs = tuple(FramePair(k, k + 1, 200, 0.4, 60.0, None) for k in range(19) if k != 9)
-    failure = model_failure(_graph(pairs=pairs), _model(10), focal_held=False)
+    failure = model_failure(walk_graph(pairs=pairs), right_model(10), focal_held=False)
     assert failure is not None
     assert failure.code == "several_places"
     assert "groups of 10 and 10" in failure.message
@@ -196,13 +163,13 @@ def test_two_places_are_named() -> None:
 @pytest.mark.parametrize(
     "change",
     [
-        {"names": tuple(_graph(19).names)},
+        {"names": tuple(walk_graph(19).names)},
         {"focal_deviation": MIN_WARNED_FOCAL_STD},
         {"pattern": MIN_WARNED_PATTERN},
     ],
 )
 def test_a_doubtful_quick_model_is_not_used(change: dict[str, Any]) -> None:
-    assert not is_certain(ModelReport(model=_model(**change)), 20)
+    assert not is_certain(ModelReport(model=right_model(**change)), 20)
 
 
 def _warnings(edges: list[float | None] | None = None, report: dict[str, Any] | None = None, **model: Any) -> list[str]:
@@ -210,7 +177,7 @@ def _warnings(edges: list[float | None] | None = None, report: dict[str, Any] | 
     chosen = [ChosenFrame(0, "a.jpg", None, 320, 240, None, (0.0, 0.0))]
     frames = Frames(source="/a", size=(320, 240), turned_deg=0, hdr=None, remarks=[], times_s=None, chosen=chosen)
     pairs = {"edges": edges or [0.19, 0.22]}
-    made = ModelReport(model=_model(**model), pairs=pairs, **(report or {}))
+    made = ModelReport(model=right_model(**model), pairs=pairs, **(report or {}))
     return [row.removeprefix("p: ") for row in capture_cautions(Path("p"), frames, made, focal_given=False)]
 
 

@@ -11,10 +11,10 @@ import pytest
 
 from capture.mapping.mapper import ModelReport
 from capture.mapping.match_graph import FramePair, MatchGraph
-from capture.mapping.model_metrics import ModelMetrics
 from capture.mapping.refusals import early_failure, model_failure
 from capture.quality_warnings import capture_cautions
 from capture.sources.frames import ChosenFrame, Frames
+from tests.support.captures import right_model, walk_graph
 
 NAMES = [f"{k:06d}.jpg" for k in range(20)]
 
@@ -47,21 +47,7 @@ def test_a_rotation_explains_more_than_60_percent_of_the_pairs(n_rotations: int,
     assert code_of(graph_of(rotations + walk)) == code
 
 
-WALK = graph_of([FramePair(k, k + 1, 200, 0.4, 60.0, None) for k in range(19)])
-RIGHT = ModelMetrics(
-    names=tuple(NAMES),
-    points=4000,
-    angle_deg=9.0,
-    error_px=0.4,
-    focal=0.8,
-    lens_bend=0.01,
-    camera="SIMPLE_RADIAL",
-    focal_deviation=0.01,
-    focal_spread=0.001,
-    pattern=0.02,
-    triplets=100,
-    pieces=(20,),
-)
+WALK, RIGHT = walk_graph(), right_model()
 
 
 @pytest.mark.parametrize(

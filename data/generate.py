@@ -81,13 +81,13 @@ SOURCES = Path(__file__).with_name("sources")
 STEPS = 4
 
 #: Nodes above this level limit no size.
-LEAST_LEVEL = 3
+MIN_LEVEL = 3
 
 #: Compounds of a head word before a share is stated.
-LEAST_COMPOUNDS = 3
+MIN_COMPOUNDS = 3
 
 #: Letters of a word that may be misspelt.
-LEAST_NEAR = 5
+MIN_MISSPELT_LETTERS = 5
 
 #: How WordNet marks the senses that insult people. They are no names of objects, and are not shipped.
 INSULTS = re.compile(
@@ -112,13 +112,13 @@ class Chains:
 
     def _of(self, concept: str) -> tuple[str, ...]:
         at = self._catalogue.successors.get(concept, concept)
-        chain = [at] if self._levels.get(at, 0) >= LEAST_LEVEL else []
+        chain = [at] if self._levels.get(at, 0) >= MIN_LEVEL else []
         leaf = self._catalogue.leaves.get(at)
         above = leaf.hypernym if leaf is not None and leaf.hypernym else at
         if above.startswith("mt:"):
             return tuple(dict.fromkeys((*chain, *(self.of(above) if above != at else ()))))
         upward = ([above] if above != at else []) + list(self._near(above))
-        chain += [node for node in upward if self._levels.get(node, 0) >= LEAST_LEVEL]
+        chain += [node for node in upward if self._levels.get(node, 0) >= MIN_LEVEL]
         return tuple(dict.fromkeys(chain))
 
     def _near(self, synset: str) -> Iterator[str]:
@@ -158,20 +158,20 @@ def head_lines(lines: dict[str, list[tuple[int, tuple[str, ...]]]]) -> Iterator[
     for head in sorted(compounds):
         kinds = Counter(node for nodes in compounds[head] for node in nodes)
         own = {nodes[0] for _, nodes in lines[head] if nodes}
-        if len(compounds[head]) >= LEAST_COMPOUNDS:
+        if len(compounds[head]) >= MIN_COMPOUNDS:
             yield from ((head, node, kinds[node], len(compounds[head])) for node in sorted(own) if kinds[node])
 
 
 def near_words(names: Iterable[str], wordnet: WordNet) -> list[str]:
     """English words that are one letter off a word of a name and are not a word of one."""
-    spelt = {word for name in names for word in name.split() if len(word) >= LEAST_NEAR - 1}
+    spelt = {word for name in names for word in name.split() if len(word) >= MIN_MISSPELT_LETTERS - 1}
     by_hole: defaultdict[str, set[str]] = defaultdict(set)
     for word in spelt:
         for hole in _holes(word):
             by_hole[hole].add(word)
     inflected = {word.removesuffix("e") + "ing" for word in wordnet.words} | {f"{word}s" for word in wordnet.words}
     english = wordnet.words | inflected | {word.removesuffix("e") + "ed" for word in wordnet.words}
-    candidates = (word for word in english - spelt if len(word) >= LEAST_NEAR)
+    candidates = (word for word in english - spelt if len(word) >= MIN_MISSPELT_LETTERS)
     return sorted(
         word for word in candidates if any(one_edit(word, one) for hole in _holes(word) for one in by_hole[hole])
     )

@@ -10,7 +10,7 @@ from estimator.instances.instance_reader import read_instances
 from estimator.reconstructions.scene_reader import read_scene
 from estimator.records.objects import Up
 from estimator.records.scene import Instance, Scene
-from insertion.footage.footage import Footage, ImageSequence, Stills, video_footage
+from insertion.footage.footage import Footage, ImageSequence, SceneImages, video_footage
 from insertion.light.light_model import LightModel
 from insertion.placement.placement import PlacementSpace
 from insertion.request import SceneSource
@@ -25,7 +25,7 @@ class InsertionScene:
     """A scene, divided into what each stage of an insertion reads."""
 
     scene: Scene  #: the reconstruction
-    stills: Stills  #: its images
+    images: SceneImages  #: its images
     footage: Footage  #: frames to write
     space: PlacementSpace
     content: FrameContent
@@ -44,18 +44,18 @@ def open_scene(source: SceneSource) -> InsertionScene:
     folder = source.folder
     scene = read_scene(folder, source.dense)
     frames = folder / "frames"
-    stills = Stills(scene, source.images or (frames if frames.is_dir() else None))
-    footage = video_footage(folder, scene) or ImageSequence(stills)
+    images = SceneImages(scene, source.images or (frames if frames.is_dir() else None))
+    footage = video_footage(folder, scene) or ImageSequence(images)
     has_masks = any((folder / name).exists() for name in ("instances.json", "instances"))
     masks = read_instances(source.instances, scene) if source.instances or has_masks else ()
     source.scale.check(scene, masks if source.instances is None else None)
     moving = {} if source.moving is None else moving_masks(source.moving, scene, footage.frames)
-    return build_scene(scene, stills, footage, masks, source.scale, source.up, moving)
+    return build_scene(scene, images, footage, masks, source.scale, source.up, moving)
 
 
 def build_scene(
     scene: Scene,
-    stills: Stills,
+    images: SceneImages,
     footage: Footage,
     instances: Sequence[Instance],
     scale: MetricScale,
@@ -68,7 +68,7 @@ def build_scene(
     ----------
     scene : Scene
         The reconstruction.
-    stills : Stills
+    images : SceneImages
         Its images.
     footage : Footage
         Frames to write.
@@ -85,15 +85,15 @@ def build_scene(
     for item in instances:
         if not item.from_box:  # a box has no outline that occludes
             by_view[item.view].append(item)
-    cloud = coloured_cloud(scene, stills)
+    cloud = coloured_cloud(scene, images)
     supports = support_surfaces(scene, cloud, up)
     static = static_cloud(cloud, moving, footage.frames) if moving else cloud
     return InsertionScene(
         scene,
-        stills,
+        images,
         footage,
         PlacementSpace(scene.views, static, supports, tuple(instances), scale.metres_per_unit),
         FrameContent(scene, static, supports, MaskPropagator(scene, by_view, cloud), moving or {}),
-        LightModel(scene, stills, supports, cloud, static),
+        LightModel(scene, images, supports, cloud, static),
         scale,
     )

@@ -124,7 +124,7 @@ def _compared(
     # sums of x, y and weight of the shadows' centres; views are weighted by the true shadow, since each shows a part
     sums = np.zeros((2, 3))
     for row, our_image, true_image in zip(rows, ours, truth, strict=True):
-        bare, mask = prepared.stills.image(row), _object_mask(prepared, placed, row)
+        bare, mask = prepared.images.image(row), _object_mask(prepared, placed, row)
         inner = cv2.erode(mask.astype(np.uint8), np.ones((3, 3), np.uint8)) > 0
         outside = ~(cv2.dilate(mask.astype(np.uint8), np.ones((5, 5), np.uint8)) > 0)
         ratios = [cv2.GaussianBlur(_ratio(image, bare), (0, 0), 1.0) for image in (our_image, true_image)]

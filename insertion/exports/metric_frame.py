@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from estimator.records.scene import Camera
-from insertion.footage.footage import STILLS_RATE, Frame
+from insertion.footage.footage import IMAGE_SEQUENCE_RATE, Frame
 from insertion.placement.placed_object import PlacedObject
 from metric_base.arrays import FloatArray
 
@@ -72,7 +72,7 @@ def camera_keyframes(frames: Sequence[Frame], transform: MetricTransform) -> lis
 def frame_rate(frames: Sequence[Frame]) -> float:
     """Return the frame rate in frames per second, from the median interval."""
     steps = np.diff(_times(frames))
-    return float(1 / np.median(steps)) if len(steps) and np.median(steps) > 0 else STILLS_RATE
+    return float(1 / np.median(steps)) if len(steps) and np.median(steps) > 0 else IMAGE_SEQUENCE_RATE
 
 
 def _times(frames: Sequence[Frame]) -> list[float]:

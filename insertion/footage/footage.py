@@ -1,4 +1,4 @@
-"""Input frames of an insertion with pose and time (`Footage`), and the images of the reconstruction (`Stills`)."""
+"""Input frames of an insertion with pose and time (`Footage`), and the images of the reconstruction (`SceneImages`)."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ from metric_base.errors import InputError
 from metric_base.images import read_picture
 
 #: Frame rate of images without times, in frames per second: for animated objects and for a video made of images.
-STILLS_RATE = 6.0
+IMAGE_SEQUENCE_RATE = 6.0
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -33,8 +33,8 @@ class Frame:
 
     @property
     def clock_s(self) -> float:
-        """Presentation time in seconds, that of a sequence at `STILLS_RATE` for images without times."""
-        return self.index / STILLS_RATE if self.time_s is None else self.time_s
+        """Presentation time in seconds, that of a sequence at `IMAGE_SEQUENCE_RATE` for images without times."""
+        return self.index / IMAGE_SEQUENCE_RATE if self.time_s is None else self.time_s
 
 
 class Footage(ABC):
@@ -81,7 +81,7 @@ class FrameRange(Footage):
                 yield frame, image
 
 
-class Stills:
+class SceneImages:
     """Images of the views of a reconstruction, read on demand.
 
     Attributes
@@ -125,17 +125,17 @@ class Stills:
 class ImageSequence(Footage):
     """The images of a reconstruction as footage, in the order of their names."""
 
-    def __init__(self, stills: Stills) -> None:
-        views = stills.scene.views
-        rows = sorted(stills.rows, key=lambda row: views[row].name)
-        self._stills = stills
+    def __init__(self, images: SceneImages) -> None:
+        views = images.scene.views
+        rows = sorted(images.rows, key=lambda row: views[row].name)
+        self._images = images
         self.frames = tuple(Frame(index, views[row].name, None, views[row], row) for index, row in enumerate(rows))
 
     def __iter__(self) -> Iterator[tuple[Frame, Image]]:
         """Yield every frame with its image (h, w, 3)."""
         for frame in self.frames:
             assert frame.row is not None  # every frame is a view of the reconstruction
-            yield frame, self._stills.image(frame.row)
+            yield frame, self._images.image(frame.row)
 
 
 class VideoFootage(Footage):

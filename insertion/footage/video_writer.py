@@ -48,7 +48,7 @@ CODECS: dict[str, tuple[str, dict[str, str], str | None]] = {
 _PLAIN, _DEEP = ("yuv420p", "yuv422p", "yuv444p"), ("yuv420p10le", "yuv422p10le", "yuv444p10le")
 _TAGS = ("colorspace", "color_range", "color_primaries", "color_trc")
 #: Tags of a video of images: BT.709, limited range.
-_STILLS_TAGS = (1, 1, 1, 1)
+_IMAGE_SEQUENCE_TAGS = (1, 1, 1, 1)
 
 
 def matrix_of(number: int) -> ChromaMatrix:
@@ -223,7 +223,7 @@ class VideoWriter:
         stored = stored[: stored.shape[0] // 2 * 2, : stored.shape[1] // 2 * 2]  # 4:2:0 needs even sides
         frame = av.VideoFrame.from_ndarray(np.ascontiguousarray(stored), format="rgb24")
         frame = frame.reformat(format="yuv420p", dst_colorspace="ITU709")
-        for tag, value in zip(_TAGS, _STILLS_TAGS, strict=True):
+        for tag, value in zip(_TAGS, _IMAGE_SEQUENCE_TAGS, strict=True):
             setattr(frame, tag, value)
         return frame
 

@@ -25,7 +25,7 @@ from numpy.typing import NDArray
 from estimator.geometry.planes import level_basis
 from estimator.projection.visibility import project_unoccluded
 from insertion.colour import luminance, srgb_to_linear
-from insertion.footage.footage import Stills
+from insertion.footage.footage import SceneImages
 from insertion.light.environment_map import HEIGHT, WIDTH, Environment, SphereLights, map_directions, solid_angles
 from insertion.light.lamp_fit import Lamp, RoomLight
 from insertion.light.light_samples import LAMP_SIGMA
@@ -53,7 +53,7 @@ GROUND_ALBEDO = 0.25
 #: Minimum and maximum factor of the sky's brightness over that in the images.
 SKY_GAIN_RANGE = (0.3, 8.0)
 #: Maximum number of images.
-MAX_STILLS = 24
+MAX_IMAGES = 24
 #: Distance between sampled pixels.
 PIXEL_STEP = 6
 #: Fraction of pixels above the brightest ordinary surfaces: lamps, windows, highlights.
@@ -103,7 +103,7 @@ def environment_at(
     height: float,
     basis: FloatArray,
     cloud: ColouredPoints,
-    stills: Stills,
+    images: SceneImages,
     light: RoomLight | OutdoorLight | None = None,
 ) -> Environment:
     """Estimate the environment map centred on an object.
@@ -118,14 +118,14 @@ def environment_at(
         Axes of the map as rows: two horizontal ones and up.
     cloud : ColouredPoints
         Points of the scene.
-    stills : Stills
+    images : SceneImages
         Images of the reconstruction.
     light : RoomLight or OutdoorLight, optional
         Fitted light of the scene.
     """
     centre = position + 0.5 * height * basis[2]
     ground = float(position @ basis[2]) if isinstance(light, OutdoorLight) else None
-    samples = _direction_samples(centre, basis, cloud, stills, ground)
+    samples = _direction_samples(centre, basis, cloud, images, ground)
     radiance, coverage, sky = average_by_direction(samples)
     if isinstance(light, OutdoorLight):
         below = samples.directions[:, 2] < -0.5
@@ -156,9 +156,9 @@ def environment_at(
     return Environment(filled.astype(np.float32), basis, coverage.astype(np.float32))
 
 
-def is_outdoors(cloud: ColouredPoints, stills: Stills, up: FloatArray) -> bool:
+def is_outdoors(cloud: ColouredPoints, images: SceneImages, up: FloatArray) -> bool:
     """Return whether enough pixels of the images show the sky; `up` is a unit vector (3,)."""
-    samples = _direction_samples(cloud.points.mean(axis=0), level_basis(up), cloud, stills)
+    samples = _direction_samples(cloud.points.mean(axis=0), level_basis(up), cloud, images)
     return bool(samples.sky.mean() >= MIN_SKY_FRACTION)
 
 
@@ -245,7 +245,7 @@ def _mean_by_elevation(radiance: FloatArray, weight: FloatArray) -> FloatArray:
 
 
 def _direction_samples(
-    centre: FloatArray, basis: FloatArray, cloud: ColouredPoints, stills: Stills, ground: float | None = None
+    centre: FloatArray, basis: FloatArray, cloud: ColouredPoints, images: SceneImages, ground: float | None = None
 ) -> DirectionSamples:
     """Return the pixels of the images as directions from a position.
 
@@ -264,9 +264,9 @@ def _direction_samples(
     parts = []
     sampled = (slice(PIXEL_STEP // 2, None, PIXEL_STEP),) * 2
     thinned = cloud.points[:: max(1, len(cloud.points) // 20_000)]
-    for row in evenly_spaced(stills.rows, MAX_STILLS):
+    for row in evenly_spaced(images.rows, MAX_IMAGES):
         # 1. Depth of each pixel, that of the nearest point in the image, and its distance in pixels.
-        view = stills.scene.views[row]
+        view = images.scene.views[row]
         rays = camera_rays(view.camera)[sampled]
         sight = project_unoccluded(view, thinned)
         if len(sight.pixels):
@@ -280,7 +280,7 @@ def _direction_samples(
 
         # 2. Directions from the position; the sky is infinitely far.
         rays_in_scene = np.concatenate([rays, np.ones((*rays.shape[:2], 1))], axis=-1).reshape(-1, 3) @ view.rotation
-        colours = srgb_to_linear(stills.image(row)[sampled]).reshape(-1, 3)
+        colours = srgb_to_linear(images.image(row)[sampled]).reshape(-1, 3)
         sky = sky_pixels(colours, rays_in_scene @ basis[2], distance)
         if ground is not None:
             camera_height = float(view.centre @ basis[2]) - ground

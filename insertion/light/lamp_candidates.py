@@ -11,7 +11,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from estimator.projection.cameras import pixels_in_view
-from insertion.footage.footage import Stills
+from insertion.footage.footage import SceneImages
 from insertion.scene.occupancy import Occupancy
 from insertion.scene.plane_cells import CELL, PlaneCells
 from insertion.scene.point_cloud import ColouredPoints, evenly_spaced, visible_points
@@ -52,7 +52,7 @@ LOCAL_SAMPLES_PER_CELL = 2
 #: Sample points per cell for the visible fraction of a cell.
 SAMPLES_PER_CELL = 4
 #: Maximum number of images in the test for free positions.
-MAX_STILLS = 12
+MAX_IMAGES = 12
 #: Number of nearest points that determine the depth of an image at a pixel.
 DEPTH_POINTS = 5
 #: Maximum distance of these points from the pixel, in pixels at an image width of 640.
@@ -270,7 +270,7 @@ def visible_fraction(
     return np.asarray(is_visible.reshape(len(positions), -1, len(pattern)).mean(axis=-1))
 
 
-def is_visibly_free(positions: FloatArray, cloud: ColouredPoints, stills: Stills) -> BoolArray:
+def is_visibly_free(positions: FloatArray, cloud: ColouredPoints, images: SceneImages) -> BoolArray:
     """Return which positions (n, 3) an image looks through without clipped pixels nearby.
 
     Parameters
@@ -279,15 +279,15 @@ def is_visibly_free(positions: FloatArray, cloud: ColouredPoints, stills: Stills
         Positions in the scene.
     cloud : ColouredPoints
         Points of the scene.
-    stills : Stills
+    images : SceneImages
         Images of the reconstruction.
     """
     import cv2
     from scipy.spatial import cKDTree
 
     free = np.zeros(len(positions), dtype=bool)
-    for row in evenly_spaced(stills.rows, MAX_STILLS):
-        view = stills.scene.views[row]
+    for row in evenly_spaced(images.rows, MAX_IMAGES):
+        view = images.scene.views[row]
         points = visible_points(view, cloud, row)
         pixels, depths = pixels_in_view(view, positions)
         inside = np.flatnonzero(np.isfinite(pixels[:, 0]) & ~free)
@@ -298,7 +298,7 @@ def is_visibly_free(positions: FloatArray, cloud: ColouredPoints, stills: Stills
         surface = np.median(points.depths[nearest], axis=1)
         in_front = (depths[inside] < MAX_FREE_DEPTH * surface) & (distance[:, -1] < MAX_POINT_PX * width_factor)
         size = 2 * round(CLIPPED_RADIUS_PX * width_factor) + 1
-        brightest = cv2.dilate(stills.image(row).max(axis=-1), np.ones((size, size), np.uint8))
+        brightest = cv2.dilate(images.image(row).max(axis=-1), np.ones((size, size), np.uint8))
         columns, rows = pixels[inside].astype(np.int64).T
         free[inside] |= in_front & (brightest[rows, columns] < MIN_CLIPPED_LEVEL)
     return free

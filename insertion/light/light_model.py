@@ -6,7 +6,7 @@ from functools import cached_property, partial
 
 from estimator.geometry.planes import level_basis
 from estimator.records.scene import Scene, camera_centres
-from insertion.footage.footage import Stills
+from insertion.footage.footage import SceneImages
 from insertion.light.environment_estimate import OutdoorLight, environment_at, is_outdoors
 from insertion.light.environment_map import Environment
 from insertion.light.lamp_candidates import is_visibly_free
@@ -26,7 +26,7 @@ class LightModel:
     ----------
     scene : Scene
         The reconstruction.
-    stills : Stills
+    images : SceneImages
         Its images.
     supports : SupportSurfaces
         Support surfaces; they give the up direction and, outdoors, the ground.
@@ -39,12 +39,12 @@ class LightModel:
     def __init__(
         self,
         scene: Scene,
-        stills: Stills,
+        images: SceneImages,
         supports: SupportSurfaces,
         cloud: ColouredPoints,
         static: ColouredPoints | None = None,
     ) -> None:
-        self._scene, self._stills, self._supports = scene, stills, supports
+        self._scene, self._images, self._supports = scene, images, supports
         self._cloud, self._static = cloud, cloud if static is None else static
 
     @cached_property
@@ -54,13 +54,13 @@ class LightModel:
         The fit takes 1 to 2 s, so it runs on first use.
         """
         up = self._supports.up.vector
-        if is_outdoors(self._cloud, self._stills, up):
+        if is_outdoors(self._cloud, self._images, up):
             ground = self._supports.ground(self._cloud)
-            return OutdoorLight(None if ground is None else sun_direction(self._cloud, self._stills, ground.plane))
+            return OutdoorLight(None if ground is None else sun_direction(self._cloud, self._images, ground.plane))
         cells = find_plane_cells(self._cloud, camera_centres(self._scene.views))
         if not len(cells.positions):
             return None
-        is_free = partial(is_visibly_free, cloud=self._cloud, stills=self._stills)
+        is_free = partial(is_visibly_free, cloud=self._cloud, images=self._images)
         return fit_room_light(cells, up, is_free, occupancy_of(self._cloud))
 
     def environment(self, position: FloatArray, height: float) -> Environment:
@@ -74,4 +74,4 @@ class LightModel:
             Height of the object, in scene units.
         """
         basis = level_basis(self._supports.up.vector)
-        return environment_at(position, height, basis, self._static, self._stills, self.source)
+        return environment_at(position, height, basis, self._static, self._images, self.source)

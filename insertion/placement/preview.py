@@ -11,7 +11,7 @@ import numpy as np
 from estimator.projection.cameras import pixels_in_view
 from estimator.records.scene import View
 from insertion.colour import Image
-from insertion.footage.footage import Stills
+from insertion.footage.footage import SceneImages
 from insertion.placement.at_pixel import plane_coordinates
 from insertion.placement.free_space import free_positions
 from insertion.placement.placement import Placement, PlacementError, PlacementSpace
@@ -41,7 +41,7 @@ class FreePosition:
 
 
 def write_preview(
-    space: PlacementSpace, stills: Stills, radius: float, height: float, file: Path
+    space: PlacementSpace, images: SceneImages, radius: float, height: float, file: Path
 ) -> list[FreePosition]:
     """Draw the footprint of an object at every free position, in the view that sees most of them.
 
@@ -65,8 +65,8 @@ def write_preview(
     azimuth = np.linspace(0, 2 * np.pi, 33)[:-1]
     circle = np.column_stack([np.cos(azimuth), np.sin(azimuth)]) * radius
     rings = [placement.position + circle @ placement.basis[:2] for placement in placements]
-    row = max(stills.rows, key=lambda k: sum(_is_inside(space.views[k], ring) for ring in rings))
-    view, image = space.views[row], stills.image(row).copy()
+    row = max(images.rows, key=lambda k: sum(_is_inside(space.views[k], ring) for ring in rings))
+    view, image = space.views[row], images.image(row).copy()
     shown = [_is_inside(view, ring) for ring in rings]
     for number, ring in enumerate(rings):
         if shown[number]:

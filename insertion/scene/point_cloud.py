@@ -10,14 +10,14 @@ from numpy.typing import NDArray
 from estimator.projection.visibility import Visibility, project_unoccluded, scene_visibility
 from estimator.records.scene import Scene, View
 from insertion.colour import srgb_to_linear
-from insertion.footage.footage import Stills
+from insertion.footage.footage import SceneImages
 from insertion.scene.stray_points import stray_points
 from metric_base.arrays import BoolArray, FloatArray, IntArray
 
 #: Maximum number of dense points. More points cost time and do not change the light.
 MAX_POINTS = 150_000
 #: Maximum number of images that colour the points.
-MAX_STILLS = 40
+MAX_IMAGES = 40
 #: Maximum number of views that vote on stray points.
 MAX_STRAY_VOTING_VIEWS = 16
 
@@ -91,7 +91,7 @@ def visible_points(view: View, cloud: ColouredPoints, row: int | None = None) ->
     return VisiblePoints(sight.rows, sight.pixels, sight.depths, cloud.dense, observed)
 
 
-def coloured_cloud(scene: Scene, stills: Stills) -> ColouredPoints:
+def coloured_cloud(scene: Scene, images: SceneImages) -> ColouredPoints:
     """Return the sparse and dense points of a scene with their colours, without stray points."""
     points, step = scene.points, 1
     if scene.dense is not None:
@@ -99,10 +99,10 @@ def coloured_cloud(scene: Scene, stills: Stills) -> ColouredPoints:
         points = np.concatenate([points, scene.dense.points[::step]])
     total = np.zeros((len(points), 3))
     count = np.zeros(len(points))
-    for row in evenly_spaced(stills.rows, MAX_STILLS):
+    for row in evenly_spaced(images.rows, MAX_IMAGES):
         sight = project_unoccluded(scene.views[row], points)
         columns, rows = sight.pixels.astype(np.int64).T
-        total[sight.rows] += srgb_to_linear(stills.image(row)[rows, columns])
+        total[sight.rows] += srgb_to_linear(images.image(row)[rows, columns])
         count[sight.rows] += 1
     with np.errstate(invalid="ignore"):
         colours = np.where(count[:, None] > 0, total / np.maximum(count, 1)[:, None], np.nan)

@@ -64,7 +64,7 @@ def _write_preview(command: InsertCommand, scene: InsertionScene) -> None:
     model = read_model(request.model)
     size = model_size(model, request.size, command.request.tree, request.category)
     radius, height = footprint(model, size, scene.scale.metres_per_unit)
-    positions = write_preview(scene.space, scene.stills, radius, height, command.preview)
+    positions = write_preview(scene.space, scene.images, radius, height, command.preview)
     is_only_output = command.request.out is None
     if command.as_json and is_only_output:
         print_json({"schema": "metric-tree/places/1", "places": [asdict(position) for position in positions]})

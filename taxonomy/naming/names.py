@@ -26,7 +26,7 @@ NODE_NAME_SCORE = 2.0
 #: Evidence of an alias that a reviewer added.
 REVIEWED_ALIAS_SCORE = 1.0
 #: Evidence of the sense of a word that the tagged texts of WordNet use most.
-MOST_USED_SENSE_SCORE = 1.0
+FREQUENT_SENSE_SCORE = 1.0
 #: Evidence that a sense loses for each sense before it in WordNet.
 PRECEDING_SENSE_PENALTY = 0.15
 #: Evidence of a food compared with the plant of the same name.
@@ -255,7 +255,7 @@ def sense_score(index: int, known: Sequence[Sense]) -> float:
     """Return the evidence of a sense of a word, from the counts of WordNet and the number of senses before it."""
     most = max(sense.count for sense in known)
     before = sum(bool(sense.chain) for sense in known[:index])
-    return MOST_USED_SENSE_SCORE * (known[index].count + 1) / (most + 1) - PRECEDING_SENSE_PENALTY * before
+    return FREQUENT_SENSE_SCORE * (known[index].count + 1) / (most + 1) - PRECEDING_SENSE_PENALTY * before
 
 
 def is_misleading_alias(index: int, known: Sequence[Sense], form: str) -> bool:

@@ -10,7 +10,7 @@ import pytest
 from estimator.instances.instance_reader import read_instances
 from estimator.projection.cameras import pixels_in_view
 from estimator.reconstructions.scene_reader import read_scene
-from insertion.footage.footage import ImageSequence, Stills
+from insertion.footage.footage import ImageSequence, SceneImages
 from insertion.insertion_scene import build_scene
 from insertion.request import ObjectRequest, PixelPosition
 from insertion.scene.scale import MetricScale
@@ -27,8 +27,8 @@ FRAME = "1341847986.762616"
 def test_virtual_bottle_has_the_image_height_of_the_real_one(shared: Path, tmp_path: Path) -> None:
     scene = read_scene(shared / "data" / "scenes" / "tum_office")
     instances = read_instances(None, scene)
-    stills = Stills(scene)
-    prepared = build_scene(scene, stills, ImageSequence(stills), instances, MetricScale(SCALE, None, None, "option"))
+    images = SceneImages(scene)
+    prepared = build_scene(scene, images, ImageSequence(images), instances, MetricScale(SCALE, None, None, "option"))
     bottles = [item for item in instances if item.track == TRACK]
     bottle = next(item for item in bottles if scene.views[item.view].name.startswith(FRAME))
     height, width = bottle.mask.shape

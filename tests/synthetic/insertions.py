@@ -11,7 +11,7 @@ import numpy as np
 
 from estimator.records.scene import DenseCloud, Instance, Scene
 from insertion.composite.compositor import Writer, composite_footage
-from insertion.footage.footage import Footage, ImageSequence, Stills
+from insertion.footage.footage import Footage, ImageSequence, SceneImages
 from insertion.insertion_scene import InsertionScene, build_scene
 from insertion.placement.placed_object import PlacedObject, place_objects
 from insertion.request import ObjectRequest
@@ -90,9 +90,9 @@ def prepared_scene_of(room: RecordedRoom, scale_error: float = 1.0, dense: bool 
     if not dense:
         scene = replace(scene, dense=None)
     assert dense is False or isinstance(scene.dense, DenseCloud)
-    stills = Stills(scene)
+    scene_images = SceneImages(scene)
     scale = MetricScale(scale_error / room.to_scene.scale, None, None, "option")
-    return build_scene(scene, stills, ImageSequence(stills), room.instances, scale)
+    return build_scene(scene, scene_images, ImageSequence(scene_images), room.instances, scale)
 
 
 def place_in(scene: InsertionScene, requests: Sequence[ObjectRequest], tree: Tree | None = None) -> list[PlacedObject]:

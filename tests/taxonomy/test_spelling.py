@@ -7,8 +7,8 @@ from hypothesis import example, given
 from hypothesis import strategies as st
 
 from taxonomy.naming.names import (
+    FREQUENT_SENSE_SCORE,
     MIN_SENSE_FRACTION,
-    MOST_USED_SENSE_SCORE,
     PRECEDING_SENSE_PENALTY,
     is_misleading_alias,
     sense_score,
@@ -54,7 +54,7 @@ def test_a_rare_sense_counts_itself() -> None:
 def test_asense_scores_by_its_uses_less_those_before_it() -> None:
     senses = [Sense(("board.n.01",), 7), Sense((), 3), Sense(("board.n.09",), 3)]
     scores = [sense_score(place, senses) for place in (0, 2)]
-    assert scores == [MOST_USED_SENSE_SCORE, MOST_USED_SENSE_SCORE * 4 / 8 - PRECEDING_SENSE_PENALTY]
+    assert scores == [FREQUENT_SENSE_SCORE, FREQUENT_SENSE_SCORE * 4 / 8 - PRECEDING_SENSE_PENALTY]
 
 
 @pytest.mark.parametrize(

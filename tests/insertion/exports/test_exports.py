@@ -46,7 +46,7 @@ def scene(tmp_path_factory: pytest.TempPathFactory) -> tuple[InsertionScene, Pla
 
 def _environment(prepared: InsertionScene, placed: PlacedObject) -> Environment:
     position, basis = placed.placement.position, placed.placement.basis
-    return environment_at(position, HEIGHT, basis, prepared.content.cloud, prepared.stills)
+    return environment_at(position, HEIGHT, basis, prepared.content.cloud, prepared.images)
 
 
 def _export_blend(folder: Path, prepared: InsertionScene, placed: PlacedObject) -> list[str]:

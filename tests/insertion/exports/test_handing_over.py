@@ -28,7 +28,7 @@ from insertion.exports.metric_frame import (
     metric_transform,
     object_matrix,
 )
-from insertion.footage.footage import STILLS_RATE
+from insertion.footage.footage import IMAGE_SEQUENCE_RATE
 from insertion.footage.video_writer import matrix_of
 from insertion.light.environment_map import HEIGHT, WIDTH, Environment
 from insertion.render.layers import ObjectLayers
@@ -72,8 +72,8 @@ def test_the_metric_frame_has_metres_and_up() -> None:
 
 def test_a_rate_is_the_usual_one_and_lenses_of_one_kind_are_one() -> None:
     assert frame_rate(_shots([3.0, 3.1, 3.2, 3.4])) == pytest.approx(10)
-    assert frame_rate(_shots([1.0])) == STILLS_RATE
-    assert frame_rate(_shots([1.0, 1.0])) == STILLS_RATE
+    assert frame_rate(_shots([1.0])) == IMAGE_SEQUENCE_RATE
+    assert frame_rate(_shots([1.0, 1.0])) == IMAGE_SEQUENCE_RATE
     other = Camera("PINHOLE", 320, 240, np.array([280.0, 280, 160, 120]))
     keys: Any = [
         SimpleNamespace(camera=camera, name=name) for name, camera in zip("abc", (LENS, other, LENS), strict=True)

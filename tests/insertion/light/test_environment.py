@@ -9,7 +9,7 @@ import pytest
 from numpy.typing import NDArray
 
 from estimator.records.scene import Camera, Scene, View
-from insertion.footage.footage import Stills
+from insertion.footage.footage import SceneImages
 from insertion.light import environment_estimate as estimate
 from insertion.light.environment_map import (
     HEIGHT,
@@ -210,7 +210,7 @@ def test_a_wall_takes_the_light_of_a_lamp_behind_it() -> None:
     assert 0.2 < part < 0.9  # the top of the object sees it, the foot does not
 
 
-class _Grey(Stills):
+class _Grey(SceneImages):
     """One grey image of a camera at the origin that looks along z."""
 
     def __init__(self) -> None:

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from estimator.records.objects import SupportPlane
 from estimator.records.scene import Camera, Scene, View
 from insertion.colour import linear_to_srgb
-from insertion.footage.footage import Stills
+from insertion.footage.footage import SceneImages
 from insertion.light.environment_estimate import GROUND_ALBEDO, sky_light, sky_pixels
 from insertion.light.environment_map import HEIGHT, Environment, map_directions
 from insertion.light.sun import sun_direction
@@ -26,7 +26,7 @@ FEET = np.random.default_rng(3).uniform((-5, 0), (5, 26), (60, 2))
 HEIGHTS = np.random.default_rng(4).uniform(0.8, 2.2, 60)
 
 
-class _Drawn(Stills):
+class _Drawn(SceneImages):
     """Pictures of the posts' ground; sun : (3,) the way to it; without, the ground is as dark around each foot."""
 
     def __init__(self, sun: FloatArray | None) -> None:

@@ -170,7 +170,7 @@ def test_what_is_larger_than_everything_has_no_place(prepared: InsertionScene, c
 def test_the_preview_lists_the_options_of_each_place(prepared: InsertionScene, cup: Path, tmp_path: Path) -> None:
     (placed,) = place_in(prepared, [ObjectRequest(cup)])
     size = footprint(placed.model, placed.size, placed.metres_per_unit)
-    places = write_preview(prepared.space, prepared.stills, *size, tmp_path / "places.png")
+    places = write_preview(prepared.space, prepared.images, *size, tmp_path / "places.png")
     assert (tmp_path / "places.png").stat().st_size > 10_000
     words = ["scene", "--scale", "1", "--model", str(cup), *places[0].options.split(), "--out", "out"]
     (request,) = parse_objects(parser().parse_args(words).objects)

@@ -409,8 +409,8 @@ def test_a_cloud_has_the_mean_colour_of_the_stills_that_see_it() -> None:
     scene = Scene(Path("memory"), "memory", views, points)
     pictures = [np.full((HEIGHT, WIDTH, 3), level, np.uint8) for level in (0, 255)]
     pictures[1][:, : WIDTH // 2] = (255, 0, 0)
-    stills = SimpleNamespace(scene=scene, rows=(0, 1), image=lambda row: pictures[row])
-    cloud = coloured_cloud(scene, stills)  # type: ignore[arg-type]
+    images = SimpleNamespace(scene=scene, rows=(0, 1), image=lambda row: pictures[row])
+    cloud = coloured_cloud(scene, images)  # type: ignore[arg-type]
     assert not cloud.dense
     assert cloud.colours[0] == pytest.approx([0.5, 0, 0])
     assert cloud.colours[1] == pytest.approx([0.5, 0.5, 0.5])
@@ -430,8 +430,8 @@ def test_stray_points_are_removed_if_it_is_known_which_views_see_all_points(is_c
         dense = DenseCloud(points, offsets, np.tile(np.arange(3), len(floor)))
     scene = Scene(Path("memory"), "memory", views, points, dense)
     picture = np.full((HEIGHT, WIDTH, 3), 128, np.uint8)
-    stills = SimpleNamespace(scene=scene, rows=(0,), image=lambda row: picture)
-    cloud = coloured_cloud(scene, stills)  # type: ignore[arg-type]
+    images = SimpleNamespace(scene=scene, rows=(0,), image=lambda row: picture)
+    cloud = coloured_cloud(scene, images)  # type: ignore[arg-type]
     assert (cloud.points[:, 2] == 1).any() != is_complete
 
 
@@ -442,10 +442,10 @@ def test_what_a_picture_looks_through_is_empty_unless_it_is_dazzled(bright: bool
     picture = np.full((HEIGHT, WIDTH, 3), 244, np.uint8)
     if bright:
         picture[HEIGHT // 2 + 10, WIDTH // 2 - 10] = (0, 245, 0)
-    stills = SimpleNamespace(scene=scene, rows=(0,), image=lambda row: picture)
+    images = SimpleNamespace(scene=scene, rows=(0,), image=lambda row: picture)
     cloud = ColouredPoints(floor, np.zeros((len(floor), 3), np.float32), True)
     high, low, beside, above = [0, 0, 1.0], [0, 0, 0.25], [0.0, 5.0, 1.0], [0, 0, 4.0]
     places = np.array([high, low, beside, above, [0.5, 0.3, 1.0]])
-    assert is_visibly_free(places, cloud, stills).tolist() == [not bright, False, False, False, True]  # type: ignore[arg-type]
+    assert is_visibly_free(places, cloud, images).tolist() == [not bright, False, False, False, True]  # type: ignore[arg-type]
     far = ColouredPoints(floor[np.abs(floor[:, 0]) > 0.5], cloud.colours, True)
-    assert is_visibly_free(places[:1], far, stills).tolist() == [False]  # type: ignore[arg-type]
+    assert is_visibly_free(places[:1], far, images).tolist() == [False]  # type: ignore[arg-type]

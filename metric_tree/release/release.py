@@ -9,7 +9,7 @@ import re
 from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass
 from functools import lru_cache
-from itertools import chain, pairwise
+from itertools import chain
 from pathlib import Path
 from typing import Any
 
@@ -103,7 +103,7 @@ class Release:
                 if node_ids is None:  # a single group is read faster without threads
                     table = file.read(columns, use_threads=file.num_row_groups > 1)
                 else:
-                    table = rows_of_nodes(file, frozenset(node_ids), columns)
+                    table = rows_of_nodes(path, file, frozenset(node_ids), columns)
                 table.validate(full=True)  # invalid UTF-8, overlapping lists
                 return table
         except BadRelease:
@@ -112,24 +112,31 @@ class Release:
             raise BadRelease(f"{path}: expected a Parquet table; found {_first_line(error)}") from None
 
 
-def rows_of_nodes(file: pq.ParquetFile, node_ids: frozenset[str], columns: Sequence[str] | None) -> pa.Table:
+def rows_of_nodes(
+    path: Path, file: pq.ParquetFile, node_ids: frozenset[str], columns: Sequence[str] | None
+) -> pa.Table:
     """Read the rows of some nodes from the row groups whose range of ids includes one of them.
 
-    `pyarrow.compute` is not used, because its import takes longer than the reading.
+    The ids are read as a dictionary, which is faster than a list of strings by a factor of 10. `pyarrow.compute` is
+    not used, because its import takes longer than the reading.
     """
-    parts = []
-    for index in range(file.num_row_groups):
-        group = file.metadata.row_group(index)
-        ids_column = next(one for k in range(group.num_columns) if (one := group.column(k)).path_in_schema == "node_id")
-        stated = ids_column.statistics
-        if stated is None or not stated.has_min_max or any(stated.min <= one <= stated.max for one in node_ids):
-            ids = file.read_row_group(index, columns=["node_id"])["node_id"].to_pylist()
-            ends = [row for row in range(1, len(ids)) if (ids[row] in node_ids) != (ids[row - 1] in node_ids)]
-            runs = [run for run in pairwise([0, *ends, len(ids)]) if ids and ids[run[0]] in node_ids]
-            if runs:
-                rows = file.read_row_group(index, columns)
-                parts += [rows.slice(first, end - first) for first, end in runs]
     schema = file.schema_arrow
+    if schema.field("node_id").type != pa.string():
+        return schema.empty_table()  # `Release.table` reports the type
+    parts = []
+    with pq.ParquetFile(path, metadata=file.metadata, read_dictionary=["node_id"]) as coded:
+        for index in range(file.num_row_groups):
+            group = file.metadata.row_group(index)
+            columns_of_group = map(group.column, range(group.num_columns))
+            stated = next(one for one in columns_of_group if one.path_in_schema == "node_id").statistics
+            if stated is None or not stated.has_min_max or any(stated.min <= one <= stated.max for one in node_ids):
+                ids = coded.read_row_group(index, columns=["node_id"])["node_id"].combine_chunks()
+                codes = [code for code, one in enumerate(ids.dictionary.to_pylist()) if one in node_ids]
+                is_wanted = np.isin(np.from_dlpack(ids.indices), codes)
+                ends = np.flatnonzero(np.diff(is_wanted, prepend=False, append=False))
+                if len(ends):
+                    rows = file.read_row_group(index, columns)
+                    parts += [rows.slice(first, end - first) for first, end in ends.reshape(-1, 2).tolist()]
     schema = schema if columns is None else pa.schema([schema.field(name) for name in columns])
     return pa.concat_tables(parts) if parts else schema.empty_table()
 

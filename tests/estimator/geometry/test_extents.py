@@ -157,3 +157,52 @@ def test_a_level_top_is_in_the_upper_half_of_an_object(height, is_found):
     assert (top is not None) == is_found
     if is_found:
         assert top == pytest.approx(height, abs=0.01)
+
+
+ENDS = np.array([[0.0], [0.02], [0.96], [1.0]])  # quantiles of a side of length 1 that fades by 0.02 and 0.04
+
+
+def test_edges_are_extrapolated_by_half_a_fade_and_a_hundred_points_miss_a_hundredth():
+    low, high = edges(np.zeros((100, 1)), 0.0, ENDS)
+    extent = 1.0 + (0.02 + 0.04) / 2
+    assert (low[0], high[0]) == pytest.approx((-0.01 - extent / 200, 1.02 + extent / 200), abs=1e-12)
+    far = np.array([[0.0], [0.2], [0.5], [1.0]])
+    low, high = edges(np.zeros((10**9, 1)), 0.0, far)
+    assert (low[0], high[0]) == pytest.approx((-0.025, 1.025), abs=1e-8), "a fade is at most a twentieth"
+
+
+@pytest.mark.parametrize("noise", [0.01, 0.1, 0.2])
+def test_noise_widens_an_extent_by_up_to_twice_21_standard_deviations(noise):
+    """observed = E + 2 c noise with c = 0.6 + 1.5 noise / (noise + 0.3 E)."""
+    observed = 1.0 + 2 * noise * (0.6 + 1.5 * noise / (noise + 0.3))
+    low, high = edges(np.zeros((10**9, 1)), noise, np.array([[0.0], [0.0], [observed], [observed]]))
+    assert high[0] - low[0] == pytest.approx(max(1.0, observed / 2), abs=1e-6)
+
+
+def test_formula_of_the_standard_deviation_of_edges():
+    sigma = extent_sigma(np.zeros((20, 1)), np.array([2.0]), 0.1, ENDS)
+    common = 0.015**2 + 0.25**2 / 20 + (3 / 20) ** 2 + 0.05**2 / 2
+    assert sigma[:, 0] == pytest.approx(np.sqrt([common + (0.6 * 0.01) ** 2, common + (0.6 * 0.02) ** 2]))
+
+
+@pytest.mark.parametrize(
+    ("top", "upper", "lower", "is_found"),
+    [
+        ([0.8] * 6, 0, 0, True),  # MIN_TOP_POINTS
+        ([0.8] * 5, 0, 0, False),
+        ([0.8] * 20, 0, 79, True),  # MIN_TOP_FRACTION of 0.2
+        ([0.8] * 20, 0, 81, False),
+        ([0.8] * 31, 69, 0, True),  # MIN_TOP_RATIO of 2.5 to a uniform density of 0.12
+        ([0.8] * 28, 72, 0, False),
+        ([0.8] * 3 + [0.855] * 3, 0, 0, True),  # TOP_WINDOW of 0.06
+        ([0.8] * 3 + [0.865] * 3, 0, 0, False),
+    ],
+)
+def test_both_sides_of_the_thresholds_of_a_level_top(top, upper, lower, is_found):
+    """Points at the top, points evenly distributed below it in the upper half, and points in the lower half."""
+    heights = np.concatenate([top, np.linspace(0.51, 0.73, upper), np.full(lower, 0.25)])
+    assert (level_top(heights, 0.0, 1.0) is not None) == is_found
+
+
+def test_a_level_top_is_the_upper_quartile_of_its_window():
+    assert level_top(0.8 + 0.005 * np.arange(9), 0.0, 1.0) == pytest.approx(0.83)

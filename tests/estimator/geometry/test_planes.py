@@ -222,3 +222,56 @@ def test_a_surface_has_at_least_eight_points_in_a_thousand(in_plane, is_found):
     heights = np.concatenate([rng.uniform(0.0, 3.0, 40_000 - count), rng.normal(6.0, 0.001, count), [0.0, 10.0]])
     found = height_peaks(heights, 0.02)
     assert any(abs(height - 6.0) < 0.05 for height in found) == is_found
+
+
+def _ring_of(n_points, angles_deg, height):
+    """Points (n, 3) at a height, at a distance of 0.6 around the origin, equally many in each direction."""
+    angles = np.radians(np.repeat(angles_deg, n_points // len(angles_deg)))
+    return np.column_stack([0.6 * np.cos(angles), 0.6 * np.sin(angles), np.full(len(angles), height)])
+
+
+def _level_of(points, low=(0.0, 0.0, 0.0), high=(1.0, 1.0, 1.0), stands=None, ground=None):
+    """Height of the level of an object with a footprint of 1 x 1 around the origin; bins are 0.01 high."""
+    cloud = SupportCloud(points, 0.01, ground)
+    level = find_support_level(cloud, corners(0, 0, 0.5), np.array(low), np.array(high), stands)
+    return None if level is None else round(level.height, 3)
+
+
+@pytest.mark.parametrize(
+    ("n_points", "angles_deg", "is_found"),
+    [
+        (12, (10, 100, 190), True),  # MIN_RING_POINTS of 10 and MIN_RING_SECTORS of 3
+        (9, (10, 100, 190), False),
+        (40, (10, 100), False),
+    ],
+)
+def test_a_level_has_ten_points_in_three_of_eight_directions(n_points, angles_deg, is_found):
+    points = np.concatenate([_ring_of(n_points, angles_deg, -0.2), [[0.7, 0.7, -3.0]]])
+    assert _level_of(points) == (-0.2 if is_found else None)
+
+
+@pytest.mark.parametrize(("distance", "is_found"), [(1.0, True), (1.2, False)])
+def test_the_ring_around_a_footprint_is_six_tenths_of_its_side_wide(distance, is_found):
+    points = _ring_of(24, (0, 90, 180, 270), -0.2) * [distance / 0.6, distance / 0.6, 1]
+    assert _level_of(np.concatenate([points, [[0.7, 0.7, -3.0]]])) == (-0.2 if is_found else None)
+
+
+@pytest.mark.parametrize(("upper", "height"), [(36, -0.2), (24, -0.5)])
+def test_the_highest_level_with_three_tenths_of_the_points_is_used(upper, height):
+    """A shelf of `upper` points above a table with 100."""
+    points = [_ring_of(upper, (0, 90, 180, 270), -0.2), _ring_of(100, (0, 90, 180, 270), -0.5), [[0.7, 0.7, -3.0]]]
+    assert _level_of(np.concatenate(points)) == height
+
+
+@pytest.mark.parametrize(("height", "is_found"), [(-0.06, True), (-0.04, False)])
+def test_the_support_of_a_slab_is_half_its_thickness_below_it(height, is_found):
+    points = np.concatenate([_ring_of(24, (0, 90, 180, 270), height), [[0.7, 0.7, -3.0]]])
+    assert _level_of(points, high=(1.0, 1.0, 0.1), stands=True) == (height if is_found else None)
+
+
+def test_the_error_of_a_foot_on_a_level():
+    """0.3 of the roughness of the level, and 5 % of the filled part of the height."""
+    low, high = np.array([0.0, 0.0, 0.0]), np.array([0.5, 0.5, 1.0])
+    assert foot_on_level(SupportLevel(0.0, 0.1), low, high, 0.01, None, np.nan).sigma == pytest.approx(0.03)
+    filled = foot_on_level(SupportLevel(-0.25, 0.1), low, high, 0.01, None, np.nan)
+    assert filled.sigma == pytest.approx(np.hypot(0.3 * 0.1 / 1.25, 0.05 * 0.25 / 1.25))

@@ -195,3 +195,43 @@ def test_a_given_up_may_differ_by_three_standard_deviations(angle_deg: float, n_
     seen = replace(up_from_vector([0.0, 0.0, 1.0]), method="cameras", sigma_deg=2.0)
     tilted = up_from_vector([np.sin(np.radians(angle_deg)), 0.0, np.cos(np.radians(angle_deg))])
     assert len(up_problems(tilted, seen)) == n_problems
+
+
+@pytest.mark.parametrize(("yaw", "is_observable"), [(12.4, True), (11.9, False)])
+def test_x_axes_give_the_vertical_up_to_six_degrees(yaw: float, is_observable: bool) -> None:
+    """Ten level cameras, half at each yaw: 2 degrees of roll, one independent observation in four frames."""
+    up = camera_up(panned([yaw, -yaw] * 5, np.zeros(10)))
+    sigma = 2.0 * np.sqrt(4.0 / (10 * np.sin(np.radians(yaw)) ** 2))
+    assert (sigma < 6.0) == is_observable
+    assert up.method == ("camera-x-axes" if is_observable else "mean-camera-up")
+    assert up.sigma_deg == pytest.approx(sigma if is_observable else 15.0)
+
+
+@pytest.mark.parametrize(("length", "method"), [(0.11, "mean-camera-up"), (0.09, "none")])
+def test_a_mean_up_of_a_tenth_has_a_direction(length: float, method: str) -> None:
+    """Two cameras with the same x axis, pitched by opposite angles whose cosine is the mean."""
+    view = panned([0.0], [0.0], pitch=0.0)[0]
+    pitches = (np.arccos(length), -np.arccos(length))
+    views = [replace(view, rotation=Rotation.from_euler("x", pitch).as_matrix() @ view.rotation) for pitch in pitches]
+    up = camera_up(views)
+    assert (up.method, up.sigma_deg) == (method, 15.0 if method != "none" else 90.0)
+
+
+@pytest.mark.parametrize(("angle_deg", "is_fatal"), [(36.5, False), (36.9, True), (143.5, False), (143.1, True)])
+def test_a_given_up_beyond_30_degrees_is_an_error(angle_deg: float, is_fatal: bool) -> None:
+    """In addition to three standard deviations, 6.7 degrees."""
+    seen = replace(up_from_vector([0.0, 0.0, 1.0]), method="cameras", sigma_deg=2.0)
+    tilted = up_from_vector([np.sin(np.radians(angle_deg)), 0.0, np.cos(np.radians(angle_deg))])
+    assert [problem.is_fatal for problem in up_problems(tilted, seen)] == [is_fatal]
+
+
+def test_the_error_of_a_vertical_with_a_floor_as_wide_as_the_scene() -> None:
+    """1 degree (given) and 0.7 degrees times the ratio of the widths (floor) combined, plus 0.3 degrees."""
+    random = np.random.default_rng(0)
+    floor_points = np.column_stack([random.uniform(-2, 2, (20_000, 2)), random.normal(0, 0.004, 20_000)])
+    points = np.concatenate([floor_points, random.uniform([-2, -2, 0], [2, 2, 2], (500, 3))])
+    floor_deg = 0.7 * 0.68 * np.sqrt(3)  # half the width between the 16 % and 84 % quantiles over the deviation
+    expected = np.sqrt(1 / (1 + 1 / floor_deg**2) + 0.3**2)
+    refined = refine_up(up_from_vector([0.0, 0.0, 1.0]), points)
+    assert refined.method == "given+plane"
+    assert refined.sigma_deg == pytest.approx(expected, rel=0.03)

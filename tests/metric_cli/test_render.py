@@ -13,9 +13,12 @@ import trimesh
 from PIL import Image
 
 from crawler.items import RawItem
-from insertion.render.studio import AZIMUTHS_DEG, ELEVATION_DEG, crop_to_object
+from insertion.render.studio import AZIMUTHS_DEG, crop_to_object
 from metric_cli.subcommands import main
 from metric_tree.release.images import collect_images, image_record_files
+
+# Published values, written out so that a changed rule fails a test.
+ELEVATION_DEG = 20.0
 
 LENGTH, WIDTH, HEIGHT = 1.0, 0.4, 0.7
 ITEM = RawItem(source="open_models", source_id="box.glb", title="box", url="https://example.org/box", licence="CC0-1.0")

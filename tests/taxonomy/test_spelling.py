@@ -7,14 +7,17 @@ from hypothesis import example, given
 from hypothesis import strategies as st
 
 from taxonomy.naming.names import (
-    FREQUENT_SENSE_SCORE,
-    MIN_SENSE_FRACTION,
-    PRECEDING_SENSE_PENALTY,
     is_misleading_alias,
     sense_score,
 )
-from taxonomy.words.senses import LABEL_WEIGHT, LABEL_WEIGHT_ELSEWHERE, Sense, label_votes
+from taxonomy.words.senses import LABEL_WEIGHT, Sense, label_votes
 from taxonomy.words.spelling import by_letters, one_edit, written_forms
+
+# Published values, written out so that a changed rule fails a test.
+FREQUENT_SENSE_SCORE = 1.0
+LABEL_WEIGHT_ELSEWHERE = 0.7
+MIN_SENSE_FRACTION = 0.1
+PRECEDING_SENSE_PENALTY = 0.15
 
 LETTERS = "abc"
 

@@ -11,9 +11,13 @@ from twisted.internet.testing import StringTransport
 from twisted.web._newclient import Request
 from twisted.web.http_headers import Headers
 
-from crawler.fetch.middlewares import ROBOTS_BYTES, BoundedRobotParser
-from crawler.fetch.network_limits import HEADER_BYTES, HeaderLimitFactory
+from crawler.fetch.middlewares import BoundedRobotParser
+from crawler.fetch.network_limits import HeaderLimitFactory
 from crawler.fetch.settings import crawl_settings
+
+# Published values, written out so that a changed rule fails a test.
+HEADER_BYTES = 256 * 1024
+ROBOTS_BYTES = 500 * 1024
 
 
 def test_half_a_megabyte_of_rules_is_read() -> None:

@@ -9,12 +9,15 @@ from collections.abc import Callable
 import pytest
 
 from crawler.items import RawItem
-from crawler.page import statements
 from crawler.page.page import BadPage, page
 from crawler.sites.listing import listed_items
 from crawler.sites.registry import item_of
 from crawler.sites.site import Site
 from crawler.text import sizes
+
+# Published values, written out so that a changed rule fails a test.
+CONTEXT_WORDS = 5
+MIN_NUMBERS_OF_PROSE = 3
 
 
 def item(body: str, head: str = "") -> RawItem:
@@ -110,7 +113,7 @@ def test_a_size_is_trusted_up_to_a_limit(limit: int, body: Callable[[int], str])
 
 
 def test_prose_without_a_word_for_sizes_needs_three_numbers() -> None:
-    assert statements.MIN_NUMBERS_OF_PROSE == 3
+    assert MIN_NUMBERS_OF_PROSE == 3
     assert item("<p>30 W x 40 D x 50 H cm</p>").extents_mm == (500, 400, 300)
     assert item("<p>30 W x 40 D cm</p>").extents_mm is None
 
@@ -210,7 +213,7 @@ def test_two_systems_of_units_agree_within_their_rounding(text: str, contradicts
 
 
 def test_the_last_words_before_a_length_name_its_part() -> None:
-    assert sizes.CONTEXT_WORDS == 5
+    assert CONTEXT_WORDS == 5
     for n_words, meaning in ((4, "component"), (5, "whole")):
         (size,) = sizes.sizes(f"seat {'blue ' * n_words}30 x 40 cm")
         assert size.meaning == meaning

@@ -14,11 +14,19 @@ from scipy.spatial.transform import Rotation
 
 from estimator.evidence import gps, imu
 from estimator.evidence.alignment import align, least_squares, minimal_samples
-from estimator.evidence.depth_maps import FRAME_PRIOR_COUNT, FRAME_SD, frame_sd, view_log_ratio
+from estimator.evidence.depth_maps import frame_sd, view_log_ratio
 from estimator.evidence.markers import triangulate
 from estimator.evidence.source import CameraPath
 from estimator.records.scene import Camera, View
 from tests.synthetic.telemetry import walk_readings
+
+# Published values, written out so that a changed rule fails a test.
+DRIFT_FRACTION = 0.1
+END_TO_END = 0.41
+FRAME_PRIOR_COUNT = 3
+FRAME_SD = 0.1
+METRES_PER_DILUTION = 2.5
+TYPICAL_ACCURACY_M = 5.0
 
 CAMERA = Camera("PINHOLE", 640, 480, np.array([500.0, 500, 320, 240]))
 
@@ -106,7 +114,7 @@ def test_the_tilt_of_positions_is_as_sure_as_their_path_is_wide() -> None:
     information = (own**2).sum() * np.eye(3) - own.T @ own
     expected = np.degrees(np.sqrt(np.trace(np.linalg.inv(information)[:2, :2]) * 0.25))
     assert gps.tilt_sigma(walk, sure, None) == pytest.approx(expected)
-    drift = 50 * np.hypot(0.5, gps.DRIFT_FRACTION * 4.0) ** 2
+    drift = 50 * np.hypot(0.5, DRIFT_FRACTION * 4.0) ** 2
     assert gps.tilt_sigma(walk, sure, 4.0) == pytest.approx(expected * np.sqrt(drift / 0.25))
 
 
@@ -115,10 +123,10 @@ def test_exif_says_degrees_and_how_good_they_are() -> None:
     assert gps.exif_position(tags) == pytest.approx([-(48 + 0.5 + 0.01), -11.25, -120.0])
     assert gps.exif_position(tags | {1: "N", 3: "E", 5: 0}) == pytest.approx([48.51, 11.25, 120.0])
     assert gps.exif_position({2: (1, 2, 3)}) is None
-    assert gps.exif_accuracy({}) == gps.TYPICAL_ACCURACY_M
+    assert gps.exif_accuracy({}) == TYPICAL_ACCURACY_M
     assert gps.exif_accuracy({0x1F: 3.0, 0x0B: 9.0}) == 3.0
-    assert gps.exif_accuracy({0x0B: 2.0}) == 2.0 * gps.METRES_PER_DILUTION
-    assert gps.exif_accuracy({0x1F: -1.0}) == gps.TYPICAL_ACCURACY_M
+    assert gps.exif_accuracy({0x0B: 2.0}) == 2.0 * METRES_PER_DILUTION
+    assert gps.exif_accuracy({0x1F: -1.0}) == TYPICAL_ACCURACY_M
 
 
 def test_the_scales_of_pictures_are_shrunk_to_what_is_usual() -> None:
@@ -201,7 +209,7 @@ def test_positions_are_used_up_to_a_standard_deviation_of_a_fifth(sd_log: float,
     """Exact copies of the path, of a receiver whose drift alone gives the scale this standard deviation."""
     walk = np.random.default_rng(0).normal(0, 1, (40, 3)) * [30, 20, 1]
     extent = math.sqrt(float(((walk - walk.mean(axis=0)) ** 2).sum() / len(walk)))
-    accuracy_m = sd_log * extent / (gps.END_TO_END * gps.DRIFT_FRACTION)
+    accuracy_m = sd_log * extent / (END_TO_END * DRIFT_FRACTION)
     (row,) = gps.position_evidence("gps", "walk", walk, walk, accuracy_m, None)
     assert (row.scale is not None) == is_used
     if row.reason is not None:

@@ -5,9 +5,11 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from estimator.geometry.box import eta, smallest_rectangle_axes
-from estimator.records.objects import ETA_THRESHOLD
 from metric_base.arrays import FloatArray
 from tests.synthetic.shapes import Shape, Solid, orbit, synthetic_scene
+
+# Published values, written out so that a changed rule fails a test.
+ETA_THRESHOLD = 0.7
 
 LOW, HIGH = np.zeros(3), np.full(3, 8.0)
 

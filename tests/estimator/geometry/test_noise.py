@@ -74,7 +74,7 @@ def test_rays_determine_a_point_across_them_and_its_distance_limits_it_along_the
     seen, unseen = point_covariances([view], points)
     distance = float(np.linalg.norm(points[0] - view.centre))
     across = 1 / ((view.camera.focal_px / (0.5 * distance)) ** 2 + 1 / distance**2)
-    expected = [across, across, distance**2] + np.full(3, (0.002 * distance) ** 2)
+    expected = np.array([across, across, distance**2]) + (0.002 * distance) ** 2
     assert np.linalg.eigvalsh(seen) == pytest.approx(expected, rel=1e-6)
     assert unseen == pytest.approx(np.eye(3) * (1 + 0.002**2))
 

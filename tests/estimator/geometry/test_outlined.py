@@ -8,12 +8,9 @@ import numpy as np
 import pytest
 
 from estimator.geometry.cuboid_fit import Cuboid
-from estimator.geometry.extents import HIDDEN_TOP_SIGMA
 from estimator.geometry.mask_outlines import mask_contour, outline_extents
 from estimator.geometry.outline_measurement import (
-    FEW_POINTS_SIGMA_FACTOR,
     LEVEL_TOP,
-    MIN_SUFFICIENT_POINTS,
     combine_sizes,
 )
 from estimator.geometry.point_noise import point_covariances
@@ -22,6 +19,11 @@ from estimator.records.objects import Box, MeasuredObject
 from estimator.records.options import MeasurementOptions
 from tests.synthetic.rooms.few_points import FewPointsWorld, few_points_world
 from tests.synthetic.shapes import orbit
+
+# Published values, written out so that a changed rule fails a test.
+FEW_POINTS_SIGMA_FACTOR = 2.0
+HIDDEN_TOP_SIGMA = 0.5
+MIN_SUFFICIENT_POINTS = 150
 
 
 @pytest.fixture(scope="module")

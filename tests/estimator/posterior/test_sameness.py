@@ -12,16 +12,19 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from estimator.posterior.class_hypotheses import (
-    BIAS_PROBABILITY,
-    ONE_KIND_FRACTION,
-    RELATED_FRACTION,
     bias_probability,
     hypotheses,
 )
 from estimator.posterior.object_likelihood import ObjectEvidence
-from estimator.posterior.posterior import MAX_OBJECTS_PER_CLASS, Posterior, posterior
+from estimator.posterior.posterior import Posterior, posterior
 from metric_tree.prior import Prior
 from tests.synthetic.priors import evidence, prior
+
+# Published values, written out so that a changed rule fails a test.
+BIAS_PROBABILITY = 0.3
+MAX_OBJECTS_PER_CLASS = 100
+ONE_KIND_FRACTION = 0.9
+RELATED_FRACTION = 0.5
 
 CHAIR = prior("chair.n.01", [(560, 540, 950), (700, 640, 1100)])
 DESK = prior("desk.n.01", [(1300, 680, 740)], spread=0.1)

@@ -7,8 +7,11 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from estimator.evidence.known_lengths import DEFAULT_SIGMA, parse_known_lengths
+from estimator.evidence.known_lengths import parse_known_lengths
 from metric_base.errors import InputError
+
+# Published values, written out so that a changed rule fails a test.
+DEFAULT_SIGMA = 0.01
 
 
 def test_two_points_and_metres() -> None:

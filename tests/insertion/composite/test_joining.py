@@ -12,8 +12,6 @@ from insertion.colour import linear_to_srgb, luminance, srgb_to_linear
 from insertion.composite import camera_look as match
 from insertion.composite import occlusion, shadow_receivers
 from insertion.composite.camera_look import (
-    MAX_BLUR_REACH_PX,
-    MIN_BLUR_PX,
     CameraLook,
     CameraLookTracker,
     blur_layer,
@@ -29,6 +27,13 @@ from insertion.scene.camera_rays import scene_positions
 from insertion.scene.pixel_box import PixelBox
 from insertion.scene.point_cloud import ColouredPoints, VisiblePoints
 from tests.insertion.composite.test_received import _view
+
+# Published values, written out so that a changed rule fails a test.
+BLUR_UPDATE_WEIGHT = 0.8
+GRAIN_FRAMES = 30
+MAX_BLUR_REACH_PX = 12
+MIN_BLUR_PX = 0.35
+UPDATE_WEIGHT = 0.35
 
 SHARP = np.eye(2) * MIN_BLUR_PX**2
 LOOK = CameraLook(np.ones(3), SHARP, np.zeros((8, 3)), 0.0)
@@ -256,14 +261,12 @@ def test_looks_of_a_video_are_smooth_and_those_of_stills_are_not(monkeypatch: py
     assert asked == [None, None]
     video = CameraLookTracker(smooth=True)
     first, second = (video.next(p, front, cloud) for p in (bright, dark))
-    assert second.gain[0] == pytest.approx(4 ** (1 - match.UPDATE_WEIGHT))
-    assert second.blur[0, 0] / SHARP[0, 0] == pytest.approx(
-        match.BLUR_UPDATE_WEIGHT * 1 + (1 - match.BLUR_UPDATE_WEIGHT) * 4
-    )
-    for _ in range(match.GRAIN_FRAMES - 1):
+    assert second.gain[0] == pytest.approx(4 ** (1 - UPDATE_WEIGHT))
+    assert second.blur[0, 0] / SHARP[0, 0] == pytest.approx(BLUR_UPDATE_WEIGHT * 1 + (1 - BLUR_UPDATE_WEIGHT) * 4)
+    for _ in range(GRAIN_FRAMES - 1):
         video.next(dark, front, cloud)
     assert asked[3] is first
-    assert [k for k, same in enumerate(asked[2:]) if same is None] == [0, match.GRAIN_FRAMES]
+    assert [k for k, same in enumerate(asked[2:]) if same is None] == [0, GRAIN_FRAMES]
 
 
 def test_points_vote_pixel_by_pixel_in_a_mask() -> None:

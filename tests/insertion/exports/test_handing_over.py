@@ -28,7 +28,6 @@ from insertion.exports.metric_frame import (
     metric_transform,
     object_matrix,
 )
-from insertion.footage.footage import IMAGE_SEQUENCE_RATE
 from insertion.footage.video_writer import matrix_of
 from insertion.light.environment_map import HEIGHT, WIDTH, Environment
 from insertion.render.layers import ObjectLayers
@@ -37,6 +36,9 @@ from insertion.scene.camera_rays import Window, camera_rays
 from insertion.scene.pixel_box import PixelBox
 from metric_base.images import read_picture
 from tests.insertion.composite.test_received import _view
+
+# Published values, written out so that a changed rule fails a test.
+IMAGE_SEQUENCE_RATE = 6.0
 
 LENS = Camera("SIMPLE_RADIAL", 320, 240, np.array([280.0, 160.0, 120.0, -0.15]))
 

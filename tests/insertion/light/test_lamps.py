@@ -10,17 +10,8 @@ from scipy.ndimage import distance_transform_edt
 
 from insertion.light import lamp_fit as shading
 from insertion.light.lamp_candidates import (
-    CEILING_CELLS,
-    CEILING_MARGIN_FRACTION,
     GRID,
     LEVELS,
-    MIN_DISTANCE,
-    MIN_HEIGHT,
-    MIN_HEIGHT_RATIO,
-    N_LOCAL_CANDIDATES,
-    STANDING_LOG_ODDS,
-    TYPICAL_IRRADIANCE,
-    WALL_MARGIN_FRACTION,
     lamp_irradiance,
     local_candidates,
     room_axes,
@@ -29,15 +20,34 @@ from insertion.light.lamp_candidates import (
 )
 from insertion.light.lamp_fit import (
     CELL_WIDTHS,
-    MAX_EFFECTIVE_CELLS,
-    PLANE_SIGMA,
-    WALL_SIGMA,
     PlaneShading,
     log_posterior,
     plane_shading,
 )
 from insertion.scene.occupancy import Occupancy
 from insertion.scene.plane_cells import PlaneCells
+
+# Published values, written out so that a changed rule fails a test.
+CEILING_ALBEDO = 0.85
+CEILING_CELLS = 8
+CEILING_MARGIN_FRACTION = 0.2
+CONTRAST_WEIGHT = 0.25
+DIRECT_TO_AMBIENT_PRIOR = 16.0
+DIRECT_TO_AMBIENT_SIGMA = 0.3
+LIGHTEST_ALBEDO = 0.55
+LIGHTEST_QUANTILE_TAIL = 0.05
+LIGHTEST_SIGMA = 0.1
+MAX_EFFECTIVE_CELLS = 60
+MIN_DISTANCE = 0.04
+MIN_HEIGHT = 0.45
+MIN_HEIGHT_RATIO = 0.55
+N_LOCAL_CANDIDATES = 16
+PLANE_SIGMA = 0.8
+STANDING_LOG_ODDS = -4.0
+TYPICAL_IRRADIANCE = 10.0
+UNSEEN_SIGMA = 0.3
+WALL_MARGIN_FRACTION = 0.12
+WALL_SIGMA = 0.35
 
 UP = np.array([0.0, 0.0, 1.0])
 DIAGONAL = 6.0
@@ -276,16 +286,16 @@ def test_scores_add_all_that_is_known_of_lamps_and_of_what_is_not_shown() -> Non
     for row in range(3):
         for column, ratio in enumerate(ratios):
             field = 2.0 + other.irradiance + ratio * few.irradiance[row]
-            ceiling = shading.CEILING_ALBEDO * (1 + other.ceiling_irradiance + ratio * few.ceiling_irradiance[row])
+            ceiling = CEILING_ALBEDO * (1 + other.ceiling_irradiance + ratio * few.ceiling_irradiance[row])
             lightest = np.pi * np.exp(
-                np.quantile(planes.cells.log_luminance - np.log(field), 1 - shading.LIGHTEST_QUANTILE_TAIL)
+                np.quantile(planes.cells.log_luminance - np.log(field), 1 - LIGHTEST_QUANTILE_TAIL)
             )
             terms = [
-                np.log((ratio + 8.0) / shading.DIRECT_TO_AMBIENT_PRIOR) / shading.DIRECT_TO_AMBIENT_SIGMA,
-                np.log(2.0 / ceiling) / shading.UNSEEN_SIGMA,
-                np.log(lightest / shading.LIGHTEST_ALBEDO) / shading.LIGHTEST_SIGMA,
+                np.log((ratio + 8.0) / DIRECT_TO_AMBIENT_PRIOR) / DIRECT_TO_AMBIENT_SIGMA,
+                np.log(2.0 / ceiling) / UNSEEN_SIGMA,
+                np.log(lightest / LIGHTEST_ALBEDO) / LIGHTEST_SIGMA,
             ]
-            expected = shading.CONTRAST_WEIGHT * _explained(planes, field) - 0.5 * np.square(terms).sum() - row
+            expected = CONTRAST_WEIGHT * _explained(planes, field) - 0.5 * np.square(terms).sum() - row
             assert scores[row, column] == pytest.approx(expected, rel=1e-4)
 
 
@@ -307,11 +317,11 @@ def test_a_lamp_s_colour_is_how_planes_change_from_shadow_to_light() -> None:
 
 def test_lamps_and_what_is_not_shown_are_balanced_together() -> None:
     planes = plane_shading(_room(), UP, None)
-    fitted = _fitted(planes, shading.DIRECT_TO_AMBIENT_PRIOR / 1.28)
-    times = shading.CEILING_ALBEDO * (1 + 1.28 * fitted.ceiling_irradiance)
-    light = shading.LIGHTEST_ALBEDO / np.pi * (times + 1.28 * fitted.irradiance)
+    fitted = _fitted(planes, DIRECT_TO_AMBIENT_PRIOR / 1.28)
+    times = CEILING_ALBEDO * (1 + 1.28 * fitted.ceiling_irradiance)
+    light = LIGHTEST_ALBEDO / np.pi * (times + 1.28 * fitted.irradiance)
     true = replace(planes, cells=replace(planes.cells, log_luminance=np.log(light)))
     (brighter,), balanced = shading.balance_lamps([fitted], true)
-    assert brighter.ratio == pytest.approx(shading.DIRECT_TO_AMBIENT_PRIOR)
+    assert brighter.ratio == pytest.approx(DIRECT_TO_AMBIENT_PRIOR)
     assert balanced.gain == shading.UNSEEN_GAIN_GRID[int(np.abs(np.log(shading.UNSEEN_GAIN_GRID / times)).argmin())]
     assert brighter.irradiance == pytest.approx(1.28 * fitted.irradiance)

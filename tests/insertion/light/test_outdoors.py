@@ -12,12 +12,15 @@ from estimator.records.objects import SupportPlane
 from estimator.records.scene import Camera, Scene, View
 from insertion.colour import linear_to_srgb
 from insertion.footage.footage import SceneImages
-from insertion.light.environment_estimate import GROUND_ALBEDO, sky_light, sky_pixels
+from insertion.light.environment_estimate import sky_light, sky_pixels
 from insertion.light.environment_map import HEIGHT, Environment, map_directions
 from insertion.light.sun import sun_direction
 from insertion.scene.camera_rays import camera_rays
 from insertion.scene.point_cloud import ColouredPoints
 from metric_base.arrays import FloatArray
+
+# Published values, written out so that a changed rule fails a test.
+GROUND_ALBEDO = 0.25
 
 UP = np.array([0.0, 0.0, 1.0])
 GROUND = SupportPlane(np.eye(3), 0.0, 0.01, 100, np.zeros(2), 1.0, np.ones((2, 2), dtype=bool))

@@ -33,6 +33,9 @@ from insertion.scene.pixel_box import PixelBox
 from models3d.model import Material, Mesh, Model
 from tests.insertion.composite.test_received import _view
 
+# Published values, written out so that a changed rule fails a test.
+CAST_SIZES = 3.0
+
 CAMERA = Camera("PINHOLE", 320, 240, np.array([280.0, 300.0, 150.0, 130.0]))
 LENS = Camera("SIMPLE_RADIAL", 320, 240, np.array([280.0, 160.0, 120.0, -0.15]))
 MATERIAL = Material(np.array([0.8, 0.4, 0.2, 1.0]), 0.0, 0.9)
@@ -278,7 +281,7 @@ def test_boxes_hold_an_object_and_its_shadows() -> None:
         *(np.floor(cast.min(axis=0)) - margin).astype(int), *(np.ceil(cast.max(axis=0)) + margin).astype(int)
     )
     low = boxes.cast_box(view, body, np.array([[1.0, 0.0, 0.0]]))
-    ends = np.concatenate([body.corners, body.corners - (body.corners[:, 2:] > 0) * [boxes.CAST_SIZES, 0.0, 0.0]])
+    ends = np.concatenate([body.corners, body.corners - (body.corners[:, 2:] > 0) * [CAST_SIZES, 0.0, 0.0]])
     cast = _at(view, body.position + body.unit * ends)
     assert low is not None
     assert low.x0 == max(int(np.floor(cast[:, 0].min())) - margin, 0)

@@ -13,9 +13,6 @@ from metric_tree.fit.evidence_model import EvidenceModel
 from metric_tree.fit.inner_priors import child_frequencies, plain_name_weights
 from metric_tree.fit.mixture import NormalInverseWishart, Rows, single_starts
 from metric_tree.fit.random_effects import (
-    CERTAIN_ROWS,
-    MEAN_HALF_ROWS,
-    MIN_WITHIN_SD,
     between_covariance,
     no_source_means,
     source_means,
@@ -23,7 +20,6 @@ from metric_tree.fit.random_effects import (
     with_statements,
 )
 from metric_tree.fit.rows import (
-    STATED_SHARED,
     ClassRows,
     class_belief,
     nanmean,
@@ -34,6 +30,15 @@ from metric_tree.fit.rows import (
     without_museums,
 )
 from metric_tree.prior import Prior
+
+# Published values, written out so that a changed rule fails a test.
+CERTAIN_ROWS = 1000000.0
+MEAN_HALF_ROWS = 5.0
+MIN_LOG_SD = 0.005
+MIN_WITHIN_SD = 0.01
+MIXED_SD = 1.0
+MIXED_SHARE = 0.05
+STATED_SHARED = 0.35
 
 NAN = np.nan
 
@@ -104,7 +109,7 @@ def test_a_model_of_kinds_says_biases_errors_and_covariances() -> None:
     )  # fmt: skip
     assert model.bias_of("asset", "f") == pytest.approx(-0.06)
     assert (model.bias_of("asset", "g"), model.bias_of("product", "f")) == pytest.approx((-0.1, 0.0))
-    wrong = evidence_model.MIXED_SHARE * evidence_model.MIXED_SD**2
+    wrong = MIXED_SHARE * MIXED_SD**2
     assert model.error_sd("asset") == pytest.approx(np.sqrt(0.04 + wrong))
     assert model.error_sd("museum") == pytest.approx(np.sqrt(wrong))
     assert (model.error_sd("statistic"), model.error_sd("product")) == pytest.approx((0.03, 0.0))
@@ -116,7 +121,7 @@ def test_a_model_of_kinds_says_biases_errors_and_covariances() -> None:
     )
     mixed = model.towards(other, 0.5)
     assert (mixed.share, mixed.spread) == pytest.approx((0.2, 0.2))
-    assert mixed.excess == pytest.approx({"asset": 0.4, "statistic": np.sqrt(0.03 * evidence_model.MIN_LOG_SD)})
+    assert mixed.excess == pytest.approx({"asset": 0.4, "statistic": np.sqrt(0.03 * MIN_LOG_SD)})
     assert mixed.bias == pytest.approx({"asset": 0.0, "museum": 0.2})
     assert mixed.family == pytest.approx({"f": np.sqrt(2.0), "g": 0.5})
     assert mixed.family_bias == pytest.approx({"asset f": 0.02})
@@ -136,9 +141,9 @@ def test_a_restricted_likelihood_is_that_of_differences() -> None:
     whole = np.log(dense.sum() * (mu[1] - mu[0]) / np.sqrt(2 * np.pi))
     assert evidence_model.restricted_likelihood(means, variances, present)[0] == pytest.approx(whole, abs=1e-6)
     plain, mixed = evidence_model.sense_likelihoods(means, variances, present)
-    assert plain[0] == pytest.approx(whole + np.log(1 - evidence_model.MIXED_SHARE), abs=1e-6)
-    wide = evidence_model.restricted_likelihood(means, variances + evidence_model.MIXED_SD**2, present)
-    assert mixed == pytest.approx(wide + np.log(evidence_model.MIXED_SHARE))
+    assert plain[0] == pytest.approx(whole + np.log(1 - MIXED_SHARE), abs=1e-6)
+    wide = evidence_model.restricted_likelihood(means, variances + MIXED_SD**2, present)
+    assert mixed == pytest.approx(wide + np.log(MIXED_SHARE))
 
 
 def _table() -> evidence_model.SourceTable:

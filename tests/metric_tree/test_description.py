@@ -97,3 +97,20 @@ def test_sizes_have_units_from_two_centimetres_and_one_metre_and_four_digits_if_
         sd = np.log(ratio) / (2 * 1.6449)
         sentence = everyday_sentence("crate", synthetic_prior("crate", [[200.0, 200.0, 1234.0]], spread=sd, shared=0.0))
         assert ("1.234 m" in sentence) == has_four_digits
+
+
+@pytest.mark.parametrize(
+    ("sizes", "spread", "text"),
+    [
+        ([1000.0, 500.0, 260.0], 0.1, "about 26 cm high"),  # MIN_HEIGHT_FRACTION of 0.25
+        ([1000.0, 500.0, 240.0], 0.1, "about 100 cm long"),
+        ([10.0, 10.0, 19.0], 0.1, "about 19 mm high"),  # CM_FROM_MM and M_FROM_MM
+        ([10.0, 10.0, 21.0], 0.1, "about 2.1 cm high"),
+        ([400.0, 400.0, 990.0], 0.1, "about 99 cm high"),
+        ([400.0, 400.0, 1010.0], 0.1, "about 1 m high"),
+        ([400.0, 400.0, 765.4], 0.0285, "about 76.54 cm high"),  # NARROW_RATIO of 1.1 over 3.29 deviations
+        ([400.0, 400.0, 765.4], 0.0295, "about 77 cm high"),
+    ],
+)
+def test_axis_unit_and_digits_of_a_sentence(sizes: list[float], spread: float, text: str) -> None:
+    assert text in everyday_sentence("thing", synthetic_prior("thing", [sizes], spread, shared=1e-6))

@@ -170,3 +170,12 @@ def test_components_are_distinct_by_size_separation_and_weight(ratio, sd, weight
     covariances = np.tile(sd**2 * np.ones((3, 3)), (2, 1, 1))
     prior = replace(prior, covariances=covariances, weights=np.array([weight, 1 - weight]))
     assert has_distinct_components(prior) == is_distinct
+
+
+def test_the_error_of_sources_that_agree_is_eight_per_cent_together_and_five_alone() -> None:
+    """In any direction it is at least 3 %; the tolerance of a norm is unchanged."""
+    one = synthetic_prior("a", [[100.0, 200.0, 300.0]], shared=0.02)
+    assert one.disagreement() == pytest.approx(0.08**2 + 0.05**2 * np.eye(3))
+    wide = replace(one, shared_covariance=np.diag([0.04, 0.01, 0.0001]))
+    assert wide.disagreement() == pytest.approx(np.diag([0.04, 0.01, 0.03**2]))
+    assert replace(one, tier="norm").disagreement() is one.shared_covariance

@@ -38,3 +38,8 @@ def test_the_release_says_what_its_heights_are() -> None:
         assert tree.node(node_id).height_is == rows["sink.n.01"].height
         assert not tree.node(node_id).underside_seen
     assert (tree.node("chair.n.01").height_is, tree.node("chair.n.01").underside_seen) == (None, True)
+
+
+def test_objects_of_one_scene_share_35_per_cent_of_the_variance_of_a_state() -> None:
+    [prior] = state_priors("chair", [FOLDED]).values()
+    assert prior.shared_covariance == pytest.approx(0.35 * 0.2**2 * np.eye(3))

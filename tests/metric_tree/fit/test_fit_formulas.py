@@ -8,10 +8,10 @@ import numpy as np
 import pytest
 
 from metric_tree.context import Context
-from metric_tree.fit import contexts, evidence_model, intraclass_correlation
+from metric_tree.fit import class_prior, contexts, evidence_model, intraclass_correlation, moments
 from metric_tree.fit.evidence_model import EvidenceModel
 from metric_tree.fit.inner_priors import child_frequencies, plain_name_weights
-from metric_tree.fit.mixture import NormalInverseWishart, Rows, single_starts
+from metric_tree.fit.mixture import Fitted, Mixture, NormalInverseWishart, Rows, single_starts
 from metric_tree.fit.random_effects import (
     between_covariance,
     no_source_means,
@@ -372,3 +372,60 @@ def test_a_stated_range_stands_for_ten_whole_rows() -> None:
     ranged = replace(rows, range_sd=np.full((2, 3), 0.1))
     assert rows.weights[1] / ranged.weights[1] == pytest.approx((3 + 11) / (3 + 1))
     assert rows.weights[0] == ranged.weights[0]
+
+
+def test_sizes_beyond_three_robust_deviations_are_clipped_before_a_correlation() -> None:
+    """Ten rooms with two equal objects each; the outlier is clipped to 3 times 0.02, the minimum deviation."""
+    rooms = np.repeat(np.arange(10), 2).astype(str)
+    near, far = (np.r_[np.zeros(18), size, 0.0] for size in (3 * 0.02, 5.0))
+    one, other = (intraclass_correlation.axis_correlation(x, rooms) for x in (near, far))
+    assert one == other
+    x = np.repeat([-0.1, 0.1], 10) + np.r_[np.zeros(19), 3 * 1.4826 * 0.1 - 0.1]
+    limited, beyond = x.copy(), x.copy()
+    beyond[-1] += 3.0
+    one, other = (intraclass_correlation.axis_correlation(each, rooms) for each in (limited, beyond))
+    assert one is not None
+    assert other is not None
+    assert other.value == pytest.approx(one.value)
+
+
+def test_a_correlation_is_at_most_099_and_classes_differ_by_five_hundredths() -> None:
+    rooms = np.repeat(np.arange(10), 2).astype(str)
+    same = intraclass_correlation.axis_correlation(np.repeat(np.linspace(-1, 1, 10), 2), rooms)
+    assert same is not None
+    assert same.value == 0.99
+    classes = dict.fromkeys("abc", intraclass_correlation.IntraclassCorrelation(0.5, 0.1))
+    shrunk, other = intraclass_correlation.shrunk_correlations(classes)
+    assert other.sd == pytest.approx(np.sqrt(0.05**2 + (0.1**2 + 0.05**2) / 3))
+    assert shrunk["a"].sd == pytest.approx(np.sqrt(1 / (1 / 0.1**2 + 1 / 0.05**2)))
+    none, default = intraclass_correlation.shrunk_correlations({"a": same})
+    assert (none, default) == ({}, intraclass_correlation.IntraclassCorrelation(0.45, 0.2))
+
+
+def test_a_prior_of_any_class() -> None:
+    assert moments.VAGUE.covariance == pytest.approx(0.33**2 * (0.6 + 0.4 * np.eye(3)))
+
+
+@pytest.mark.parametrize(("mass", "axes"), [([3.0, 0.51, 0.49], [0, 1]), ([0.2, 0.1, 0.0], [0])])
+def test_an_axis_is_published_from_half_a_row(mass: list[float], axes: list[int]) -> None:
+    assert class_prior.published_axes(np.array(mass)).tolist() == axes
+
+
+@pytest.mark.parametrize(("effective", "components"), [(17.9, 3), (18.1, 1)])
+def test_student_s_t_is_published_up_to_30_degrees_of_freedom(effective: float, components: int) -> None:
+    belief = NormalInverseWishart(np.zeros(2), 1.0, np.eye(2), 10.0)
+    single = Mixture(np.ones(1), np.zeros((1, 2)), np.eye(2)[None])
+    fitted = Fitted(single, 0.0)
+    assert len(class_prior.predictive_mixture(fitted, belief, effective).weights) == components
+
+
+def test_contexts_are_of_the_thirty_largest_sources_with_a_minimum_of_noise() -> None:
+    """The noise of a context is at least 1e-4 of the disagreement."""
+    means = [
+        contexts.ContextMean(f"s{k:02}", "DE", None, np.zeros(1), np.array([100.0 + k if k else 1e9]))
+        for k in range(40)
+    ]
+    (line,) = contexts.context_lines(means, np.array([0.04]), np.array([0.01]))
+    assert len(line.means) == 30
+    assert line.noise.min() == 1e-4
+    assert line.noise[1] == pytest.approx(4.0 / 139)

@@ -183,3 +183,12 @@ def test_points_behind_the_object_by_more_than_its_mask_are_background(from_box,
     scene = Scene(Path("a"), "memory", (view,), np.empty((0, 3)), DenseCloud(points, np.arange(7), np.zeros(6, int)))
     mask = Instance("1", 0, "cup", np.ones((40, 30), dtype=bool), (35, 30), from_box=from_box)
     assert dense_labels(scene, [mask]).membership.nnz == (6 if is_part else 5)
+
+
+@pytest.mark.parametrize(("seen_by", "is_part"), [(7, True), (5, False)])
+def test_a_point_is_seen_by_15_percent_of_the_views_of_the_usual_one(seen_by, is_part):
+    """Forty views see the other points."""
+    seen = np.ones((40, 4))
+    seen[seen_by:, 3] = 0
+    rows = point_votes(labels_by_hand(seen, seen), masks_of_views(40), [range(40)])[0]
+    assert (3 in rows) == is_part

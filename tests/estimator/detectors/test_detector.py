@@ -313,3 +313,11 @@ def test_a_download_is_checked_and_kept(server: str, tmp_path: Path, monkeypatch
     with pytest.raises(InputError, match="download"):
         download(replace(entry, name="gone", urls=(gone,)))
     assert download(replace(entry, name="moved", urls=(gone, server))).is_file()  # the second address has it
+
+
+@pytest.mark.parametrize(("value", "is_inside"), [(0.49, False), (0.51, True)])
+def test_a_pixel_of_a_mask_has_a_value_of_one_half(tmp_path: Path, value: float, is_inside: bool) -> None:
+    box = np.array([100, 60, 300, 260.0]) * 800 / 400
+    graph = box_mask_graph(tmp_path / "zoo.onnx", tuple(box), np.full((28, 28), value))
+    (seen,) = Detector(graph, ("", "person"), "caffe")(np.zeros((400, 600, 3), dtype=np.uint8)).masks
+    assert bool(seen[160, 200]) == is_inside

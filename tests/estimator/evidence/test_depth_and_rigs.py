@@ -224,3 +224,12 @@ def test_a_field_of_an_exr_may_be_empty_but_not_negative(size: int, is_read: boo
     else:
         with pytest.raises(InputError, match="negative size"):
             read_depth(tmp_path / "a.exr")
+
+
+def test_a_network_is_off_by_15_per_cent_and_an_image_by_ten(walk: Walk, nothing: Measurements, tmp_path: Path) -> None:
+    """Images that agree have the prior deviation of 0.1 with a weight of three images."""
+    for name, metres in maps_of(walk).items():
+        np.save(tmp_path / f"{Path(name).stem}.npy", metres)
+    row = one(MetricDepth(tmp_path).observe(walk.scene, nothing))
+    count = len(walk.scene.views)
+    assert row.sd_log == pytest.approx(np.hypot(0.15, 0.1 * np.sqrt(3 / (count - 1 + 3) / count)), rel=0.02)

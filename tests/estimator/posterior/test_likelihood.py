@@ -209,3 +209,24 @@ def test_a_truncated_side_has_its_length_or_is_too_short() -> None:
     weight = np.exp(sides.log_weight[active])
     rows = np.column_stack([weight / weight.sum(), sides.shift[active, 2], np.sqrt(sides.variance[active, 2])])
     assert np.unique(rows.round(9), axis=0) == pytest.approx(np.array([[0.4, 0.3, 0.8], [0.6, 0.05, 0.15]]))
+
+
+@pytest.mark.parametrize(("score", "probability"), [(1.0, 0.1), (0.4, 0.37), (0.0, 0.55)])
+def test_the_probability_of_an_outlier_by_its_score(score: float, probability: float) -> None:
+    assert measurement_arrays([evidence(CHAIR, (0.6, 0.5, 1.0), score=score)]).outlier[0] == pytest.approx(probability)
+
+
+@pytest.mark.parametrize(("log_ratio", "is_uncertain"), [(0.42, True), (0.43, False)])
+def test_the_order_of_horizontal_sides_is_uncertain_within_three_standard_deviations(
+    log_ratio: float, is_uncertain: bool
+) -> None:
+    """Each side has a standard deviation of 0.1, their difference one of 0.141."""
+    item = evidence(CHAIR, (math.exp(log_ratio), 1.0, 1.0), sigma=0.1)
+    assert bool(measurement_arrays([item]).code[0] & 1 << 6) == is_uncertain
+
+
+def test_a_gross_error_has_a_standard_deviation_of_four_tenths() -> None:
+    layout = Layout("upright", True, False, (False,) * 3, (False,) * 3, (True,) * 3, False)
+    found = variants(layout)
+    assert found.variance.max() == pytest.approx(0.4**2)
+    assert found.gross.sum() == 3

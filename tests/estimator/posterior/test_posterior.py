@@ -349,3 +349,7 @@ def test_other_evidence_determines_the_scale_if_it_is_probably_right(doubt: floa
     result = posterior(items, np.array([[0.0, 0.02, doubt]]))
     assert (result.evidence_weight[0] > 0.5) == (status == "resolved")
     assert result.status == status
+
+
+def test_other_evidence_is_never_more_accurate_than_a_thousandth() -> None:
+    assert posterior([], np.array([[0.0, 1e-5, 0.0], [0.0, 2e-3, 0.0]])).gaussians[:, 1].tolist() == [1e-3, 2e-3]

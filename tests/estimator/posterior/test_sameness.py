@@ -15,8 +15,10 @@ from estimator.posterior.class_hypotheses import (
     bias_probability,
     hypotheses,
 )
+from estimator.posterior.class_likelihood import ClassHypotheses
 from estimator.posterior.object_likelihood import ObjectEvidence
 from estimator.posterior.posterior import Posterior, posterior
+from estimator.posterior.shared_error import split_error
 from metric_tree.prior import Prior
 from tests.synthetic.priors import evidence, prior
 
@@ -227,3 +229,36 @@ def test_a_label_of_several_objects_is_wrong_once_in_five_and_rarely_without_pro
     of: Prior, probability: float
 ) -> None:
     assert sum(math.exp(row.log_weight) for row in hypotheses(of) if row.is_mislabelled) == pytest.approx(probability)
+
+
+def test_weights_and_errors_of_the_hypotheses_of_a_catalogued_class() -> None:
+    """Assorted, related and one kind (0.3, 0.4, 0.3), a bias of the sources (0.3), and a wrong label (0.2)."""
+    ways = hypotheses(CATALOGUED)
+    weights = [math.exp(way.log_weight) for way in ways]
+    assert weights == pytest.approx([0.3 * 0.56, 0.4 * 0.56, 0.3 * 0.56, 0.3 * 0.8, 0.1, 0.1])
+    covariance, between, axes = CATALOGUED.covariances[0], CATALOGUED.disagreement(), np.arange(3)
+    own = [1.0, 0.5, 0.1, 0.5, 1.0, 0.1]
+    for way, fraction in zip(ways, own, strict=True):
+        assert way.prior.covariances[0] == pytest.approx(fraction * covariance)
+    biased = 5.0 * between + 0.1**2 * np.outer([1, 1, 0], [1, 1, 0])
+    shared = [between, between + 0.5 * covariance, between + 0.9 * covariance, biased + 0.5 * covariance]
+    shared += [between + 0.7**2 * np.eye(3)] * 2
+    for way, error in zip(ways[1:], shared[1:], strict=True):
+        assert way.error.along_sd == pytest.approx(split_error(error, axes).along_sd)
+
+
+def test_a_prior_of_many_components_is_three_kinds() -> None:
+    many = prior("many", [(100 * 3**k, 90 * 3**k, 80 * 3**k) for k in range(5)])
+    assert len(hypotheses(many)) == 2 + 3 + 2
+
+
+@pytest.mark.parametrize(("sameness", "mean"), [(0.01, 0.05), (0.6, 0.6), (0.95, 0.85)])
+def test_a_stated_sameness_is_limited(sameness: float, mean: float) -> None:
+    weights = [math.exp(way.log_weight) / 0.8 for way in hypotheses(replace(BOTTLE, sameness=sameness))]
+    assert 0.5 * weights[1] + 0.9 * sum(weights[2:5]) == pytest.approx(mean, abs=1e-6)
+
+
+def test_the_evidence_of_many_objects_is_that_of_25() -> None:
+    ways = hypotheses(DESK)[:2]
+    rows = ClassHypotheses(ways, np.array([0, 1]), np.array([20, 50]), np.arange(2), np.arange(2))
+    assert rows.power.tolist() == [1.0, 0.5]

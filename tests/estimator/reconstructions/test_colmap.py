@@ -120,3 +120,19 @@ def test_a_point_count_is_not_believed_before_the_bytes_are_there(tmp_path: Path
     (tmp_path / "points3D.bin").write_bytes(struct.pack("<Q", 2**61))
     with pytest.raises(InputError, match=r"points3D\.bin: number of points: expected at most 0"):
         read_scene(tmp_path)
+
+
+@pytest.mark.parametrize(("length", "is_valid"), [(1.009, True), (1.011, False)])
+def test_a_quaternion_has_a_length_of_one_to_a_hundredth(length: float, is_valid: bool, tmp_path: Path) -> None:
+    small_model().write_text(str(tmp_path))
+    lines = (tmp_path / "images.txt").read_text(encoding="utf-8").splitlines()
+    row = next(k for k, line in enumerate(lines) if not line.startswith("#"))
+    words = lines[row].split(" ")
+    words[1:5] = [repr(length * float(word)) for word in words[1:5]]
+    lines[row] = " ".join(words)
+    (tmp_path / "images.txt").write_text("\n".join(lines) + "\n", encoding="utf-8")
+    if is_valid:
+        assert len(read_colmap(tmp_path).views) == len(small_model().images)
+    else:
+        with pytest.raises(InputError, match="a quaternion of length 1"):
+            read_colmap(tmp_path)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import json
-from contextlib import suppress
+from contextlib import nullcontext, suppress
 from pathlib import Path
 
 import numpy as np
@@ -14,7 +14,7 @@ from hypothesis import strategies as st
 from estimator.projection.cameras import project
 from estimator.reconstructions.scene_reader import read_scene
 from estimator.records.scene import Scene
-from estimator.scene_formats.common import brown_camera
+from estimator.scene_formats.common import brown_camera, pinhole_camera, posed_view
 from metric_base.errors import FieldError, InputError
 from tests.synthetic.exports import EXPORTS, OBSERVED, largest_difference, write_export, write_points
 from tests.synthetic.small_scene import small_model
@@ -183,3 +183,17 @@ def test_cameras_without_points_say_where_points_are(program: str, words: str, c
         read_scene(file)
     write_points(tmp_path / "points.ply", colmap.points)
     assert len(read_scene(file).points) == len(colmap.points)
+
+
+@pytest.mark.parametrize(("error", "is_valid"), [(0.0009, True), (0.0011, False)])
+def test_a_rotation_is_orthogonal_to_a_thousandth(error: float, is_valid: bool) -> None:
+    camera = pinhole_camera((640, 480), (500.0, 500.0), (320.0, 240.0), {})
+    rotation = np.diag([np.sqrt(1 + error), 1.0, 1.0])
+    with nullcontext() if is_valid else pytest.raises(FieldError, match="rotation"):
+        posed_view("a", camera, rotation, np.zeros(3))
+
+
+@pytest.mark.parametrize(("k1", "is_valid"), [(990.0, True), (1010.0, False)])
+def test_a_distortion_coefficient_is_at_most_a_thousand(k1: float, is_valid: bool) -> None:
+    with nullcontext() if is_valid else pytest.raises(FieldError, match="numbers up to 1000"):
+        brown_camera((640, 480), (500.0, 500.0), (320.0, 240.0), {"k1": k1, "k4": 1e-9})

@@ -150,3 +150,10 @@ def test_the_poses_of_a_telephones_own_tracking_are_a_path_in_metres(tmp_path: P
     assert not log.path.geodetic
     np.testing.assert_allclose(log.path.times_s, np.arange(5) / 60, atol=1e-9)
     np.testing.assert_allclose(log.path.positions[3], [0.3, 1.0, -0.6])
+
+
+@pytest.mark.parametrize(("fix", "n_fixes"), [(1, 0), (2, 1)])
+def test_a_fix_of_camm_is_at_least_a_position(fix: int, n_fixes: int) -> None:
+    packet = Packet(0.5, 0.0, camm_packet(6, "di2d7f", 0.0, fix, 48.1, 11.5, 520.0, 4.0, 8.0, 0, 0, 0, 0))
+    positions = camm_telemetry([packet]).positions
+    assert (0 if positions is None else len(positions.times_s)) == n_fixes

@@ -14,7 +14,7 @@ import trimesh
 
 from estimator.views.glb import FACES, glb_bytes
 from estimator.views.raster import render_view
-from estimator.views.scene_view import COLOURS, box_on_ray
+from estimator.views.scene_view import COLOURS, SceneView, box_on_ray
 from estimator.views.window import report_text
 from metric_cli.estimate_scale.estimate import main
 from tests.support.views import hand_view
@@ -87,3 +87,11 @@ def test_the_command_writes_both_without_a_display(tmp_path, monkeypatch, capsys
     if sys.platform.startswith("linux"):
         assert main([str(ROOM), "--quiet", "--view"]) == 2
         assert "expected a display" in capsys.readouterr().err
+
+
+def test_two_per_cent_of_the_points_at_each_end_are_outside_of_the_bounds() -> None:
+    points = np.repeat(np.arange(101.0)[:, None], 3, axis=1)
+    view = SceneView(
+        points, np.zeros((101, 3), dtype=int), np.zeros((0, 2, 3)), (), (), np.zeros((0, 2, 3)), "m", "resolved"
+    )
+    assert view.bounds() == pytest.approx(np.array([[2.0] * 3, [98.0] * 3]))

@@ -63,3 +63,15 @@ def test_the_papers_forest_is_repeatable_and_harsher():
     assert (one == two).all()
     assert one[400:].mean() < 0.3
     assert one[:400].mean() < neighbour_inliers(points)[:400].mean()
+
+
+@pytest.mark.parametrize(("distance", "count", "is_kept"), [(0.55, 60, True), (0.85, 60, False), (0.85, 130, True)])
+def test_a_small_cluster_is_kept_within_seven_tenths_of_the_diagonal(distance, count, is_kept):
+    """A cluster with fewer than a tenth of the points beside a cube with a diagonal of 1."""
+    random = np.random.default_rng(0)
+    side = 1 / np.sqrt(3)
+    cube = sampled_box(np.full(3, side), 1000, random)
+    cube -= cube.min(axis=0)
+    other = np.add(random.uniform(-0.02, 0.02, (count, 3)), [side + distance + 0.02, side / 2, side / 2])
+    points = np.vstack([cube, other])
+    assert bool(neighbour_inliers(points)[-count:].mean() > 0.5) == is_kept

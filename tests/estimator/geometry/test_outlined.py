@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from pathlib import Path
 
 import numpy as np
 import pytest
 
 from estimator.geometry.cuboid_fit import Cuboid
-from estimator.geometry.mask_outlines import mask_contour, outline_extents
+from estimator.geometry.mask_outlines import OutlineExtents, mask_contour, outline_extents
 from estimator.geometry.outline_measurement import (
     LEVEL_TOP,
     combine_sizes,
@@ -17,8 +18,9 @@ from estimator.geometry.point_noise import point_covariances
 from estimator.pipeline import measure_objects
 from estimator.records.objects import Box, MeasuredObject
 from estimator.records.options import MeasurementOptions
+from estimator.records.scene import Instance, Scene
 from tests.synthetic.rooms.few_points import FewPointsWorld, few_points_world
-from tests.synthetic.shapes import orbit
+from tests.synthetic.shapes import orbit, view_at
 
 # Published values, written out so that a changed rule fails a test.
 FEW_POINTS_SIGMA_FACTOR = 2.0
@@ -128,3 +130,58 @@ def test_outlines_of_an_object_with_few_points_have_twice_the_error() -> None:
         for points in (MIN_SUFFICIENT_POINTS - 1, MIN_SUFFICIENT_POINTS)
     ]
     assert sigma[0] == pytest.approx(FEW_POINTS_SIGMA_FACTOR * sigma[1])
+
+
+def test_the_error_of_an_outline_is_that_of_the_fit_of_masks_and_of_their_borders() -> None:
+    """Log errors of 0.08, 0.14 and 0.06, and the border of all masks by a pixel; twice for fewer than 150 points."""
+    sides = np.array([1.0, 0.5, 2.0])
+    cuboid = Cuboid(np.zeros(3), 0.0, sides, np.diag([0.01, 0.02, 0.03]), 1.0)
+    item = MeasuredObject("1", "chair", sides, np.full(3, 0.1), points=200, box=Box(np.zeros(3), np.eye(3), sides))
+    is_cut = np.zeros(3, dtype=bool)
+    variance = np.array([0.01, 0.02, 0.03]) + np.square([0.08, 0.14, 0.06]) + (0.02 / sides) ** 2
+    found = combine_sizes(item, cuboid, np.eye(3), (False, False), is_cut, 0.02)
+    assert found.sigma == pytest.approx(np.sqrt(variance))
+    few = combine_sizes(replace(item, points=100), cuboid, np.eye(3), (False, False), is_cut, 0.02)
+    assert few.sigma == pytest.approx(2 * np.sqrt(variance))
+
+
+@pytest.mark.parametrize(("sigma", "is_replaced"), [(0.19, True), (0.21, False)])
+def test_a_truncated_side_is_replaced_by_an_accurate_outline(sigma: float, is_replaced: bool) -> None:
+    """The height of an object with many points; the outlines have a standard deviation of at most 0.2."""
+    variance = np.array([1e-4, 1e-4, sigma**2 - 0.06**2])
+    cuboid = Cuboid(np.zeros(3), 0.0, np.array([0.9, 0.6, 1.5]), np.diag(variance), 1.0)
+    seen = np.array([0.9, 0.6, 1.0])
+    item = MeasuredObject(
+        "1", "chair", seen, np.full(3, 0.1), truncated=np.array([False, False, True]), points=200,
+        box=Box(np.zeros(3), np.eye(3), seen),
+    )  # fmt: skip
+    found = combine_sizes(item, cuboid, np.eye(3), (True, False), np.zeros(3, dtype=bool), 0.0)
+    assert found.extents[2] == (1.5 if is_replaced else 1.0)
+
+
+def _outlines_of(mask: Instance) -> OutlineExtents:
+    """Outlines of a mask in an image of 640 x 480 with a focal length of 500 pixels."""
+    view = view_at(np.zeros(3), np.array([0.0, 1.0, 0.0]), "a", size=(640, 480), focal=500.0)
+    scene = Scene(Path(), "test", (view,), np.zeros((0, 3)))
+    return outline_extents(scene, [mask], [mask_contour(mask)], np.array([1.0]))
+
+
+def test_the_error_of_an_edge_is_in_pixels_and_relative_to_the_mask() -> None:
+    mask = Instance("1", 0, "chair", np.ones((60, 100), dtype=bool), (200, 200))
+    assert _outlines_of(mask).sigma[0] == pytest.approx((1.5 + 0.03 * np.hypot(100, 60)) / 500)
+    box = _outlines_of(replace(mask, from_box=True)).sigma[0]
+    assert box[:4] == pytest.approx((2.0 + 0.03 * np.array([100, 60, 100, 60])) / 500)
+
+
+@pytest.mark.parametrize(
+    ("left", "height", "is_free"),
+    [
+        (2, 60, True),  # BORDER_PX of 2 from the border, to the centre of a pixel
+        (1, 60, False),
+        (1, 10, True),  # 10 of 42 pixels: a quarter of the outermost 8 % of a width of 200
+        (1, 12, False),  # 12 of 44
+    ],
+)
+def test_an_outline_at_the_border_of_an_image_is_truncated(left: int, height: int, is_free: bool) -> None:
+    mask = Instance("1", 0, "chair", np.ones((height, 200), dtype=bool), (left, 200))
+    assert bool(_outlines_of(mask).is_free[0, 0]) == is_free

@@ -128,13 +128,14 @@ def fit_cuboid(
     spans = (projections[:, :2] + projections[:, 2:4])[is_ahead] * depth[is_ahead, None]  # (k, 2) width and height
     width, height = np.maximum(np.median(spans, axis=0), np.finfo(float).tiny) if is_ahead.any() else (1.0, 1.0)
     distance = float(np.median(np.linalg.norm(outlines.rotation @ centre + outlines.translation, axis=1)))
-    fits = []
-    for turn in np.arange(4) * np.pi / 4:
-        start = np.array(
+    size = float(np.sqrt(width * height))
+    starts = np.array(
+        [
             [*centre, yaw + turn, np.log(START_LENGTH * width), np.log(START_WIDTH * width), np.log(height)]
-        )
-        size = float(np.sqrt(width * height))
-        fits.append(_fit((outlines, points, foot), start, size, centre_sd or CENTRE_SD * distance))
+            for turn in np.arange(4) * np.pi / 4
+        ]
+    )
+    fits = _fits((outlines, points, foot), starts, size, centre_sd or CENTRE_SD * distance)
 
     # Mixture of the fits, weighted by their costs, at the centre and yaw of the best one.
     fits = [fit for fit in fits if np.isfinite(fit[0])] or fits[:1]  # no yaw explains invalid cameras
@@ -192,67 +193,82 @@ def cuboid_projections(outlines: Outlines, parameters: FloatArray) -> FloatArray
     return np.asarray(furthest.reshape(len(DIRECTIONS), len(parameters), -1).transpose(1, 2, 0))
 
 
-def _fit(data: _Data, start: FloatArray, size: float, centre_sd: float) -> _Fit:
-    """Fit a cuboid of about `size` from the parameters `start` (7,)."""
+def _fits(data: _Data, starts: FloatArray, size: float, centre_sd: float) -> list[_Fit]:
+    """Fit cuboids of about `size` from several parameters `starts` (s, 7), all of them in each step."""
     unit = np.array([size, size, size, 1, 1, 1, 1])
     step, max_change = 1e-3 * unit, MAX_PARAMETER_STEP * unit
     prior_sd = np.array([*[centre_sd] * 3, YAW_SD, *SIDE_SD])
     prior_precision = np.diag(prior_sd**-2)
-    trial, best, best_cost, damping = start.copy(), start, np.inf, DAMPING
-    normal, gradient, misfit = prior_precision, np.zeros(7), 1.0
+    n = len(starts)
+    trials, best = starts.copy(), starts.copy()
+    best_costs, damping, misfits = np.full(n, np.inf), np.full(n, DAMPING), np.ones(n)
+    normals, gradients = np.tile(prior_precision, (n, 1, 1)), np.zeros((n, 7))
+    rows = np.arange(n)  # of the fits that have not ended
     for _ in range(MAX_STEPS):
-        jacobian, weight, residual, loss = _residuals(data, trial, step)
-        cost = loss + float((((trial - start) / prior_sd) ** 2).sum())
-        if cost < best_cost:
-            is_done = best_cost - cost < COST_TOLERANCE * max(cost, 1.0)
-            best_cost, best, damping = cost, trial, damping / 3
-            normal = jacobian.T @ (jacobian * weight[:, None]) + prior_precision
-            gradient = jacobian.T @ (weight * residual) + (trial - start) / prior_sd**2
-            misfit = float(np.sqrt((weight * residual**2).sum() / max(float(weight.sum()), 1.0)))
-        else:
-            is_done, damping = damping > MAX_DAMPING, damping * 10
-        if is_done:
+        jacobian, weight, residual, loss = _residuals(data, trials[rows], step)
+        change = (trials[rows] - starts[rows]) / prior_sd
+        costs = loss + (change**2).sum(axis=1)
+        is_better = costs < best_costs[rows]
+        gain = best_costs[rows] - costs
+        is_done = np.where(is_better, gain < COST_TOLERANCE * np.maximum(costs, 1.0), damping[rows] > MAX_DAMPING)
+        damping[rows] = np.where(is_better, damping[rows] / 3, damping[rows] * 10)
+        better = rows[is_better]
+        best[better], best_costs[better] = trials[better], costs[is_better]
+        transposed = jacobian[is_better].transpose(0, 2, 1)
+        weighted = weight[is_better, :, None] * np.concatenate([jacobian, residual[:, :, None]], axis=2)[is_better]
+        products = transposed @ weighted  # (b, 7, 8)
+        normals[better] = products[:, :, :7] + prior_precision
+        gradients[better] = products[:, :, 7] + change[is_better] / prior_sd
+        squares, total = (weight * residual**2).sum(axis=1), weight.sum(axis=1)
+        misfits[better] = np.sqrt(squares / np.maximum(total, 1.0))[is_better]
+        rows = rows[~is_done]
+        if not len(rows):
             break
-        change = -np.linalg.solve(normal + damping * np.diag(np.diag(normal)), gradient)
-        trial = best + np.clip(change, -max_change, max_change)
-    return best_cost, best, np.asarray(np.linalg.inv(normal)), misfit
+        damped = normals[rows] + np.eye(7) * (damping[rows, None, None] * normals[rows])
+        changes = -np.linalg.solve(damped, gradients[rows, :, None])[:, :, 0]
+        trials[rows] = best[rows] + np.clip(changes, -max_change, max_change)
+    return list(zip(best_costs.tolist(), best, np.linalg.inv(normals), misfits.tolist(), strict=True))
 
 
 def _residuals(
     data: _Data, parameters: FloatArray, step: FloatArray
-) -> tuple[FloatArray, FloatArray, FloatArray, float]:
-    """Return Jacobian (m, 7), weights (m,) and residuals (m,) at `parameters` (7,), and the robust cost.
+) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray]:
+    """Return Jacobians (s, m, 7), weights (s, m), residuals (s, m) and robust costs (s,) at `parameters` (s, 7).
 
     The Jacobian is by finite differences of size `step` (7,).
     """
     outlines, points, foot = data
-    trials = parameters + np.vstack([np.zeros(7), np.diag(step)])
+    n = len(parameters)
+    trials = (parameters[:, None] + np.vstack([np.zeros(7), np.diag(step)])).reshape(-1, 7)
     # 1. Outlines.
-    projections = cuboid_projections(outlines, trials) / outlines.sigma
-    residual = (projections[0] - outlines.max_projections / outlines.sigma).ravel()
-    jacobian = ((projections[1:] - projections[0]).reshape(7, -1) / step[:, None]).T
-    is_slack = (residual.reshape(-1, len(DIRECTIONS)) > 0) & DIAGONAL
-    slack = np.where(is_slack, 1 / CORNER_SLACK_FACTOR, 1.0).ravel()
-    residual, jacobian = residual * slack, jacobian * slack[:, None]
+    projections = (cuboid_projections(outlines, trials) / outlines.sigma).reshape(n, 8, -1)
+    residual = projections[:, 0] - (outlines.max_projections / outlines.sigma).ravel()
+    jacobian = ((projections[:, 1:] - projections[:, :1]) / step[:, None]).transpose(0, 2, 1)
+    is_slack = (residual > 0) & np.tile(DIAGONAL, len(outlines.max_projections))
+    slack = np.where(is_slack, 1 / CORNER_SLACK_FACTOR, 1.0)
+    residual, jacobian = residual * slack, jacobian * slack[:, :, None]
     half = np.where(residual > 0, INSIDE_HALF_WEIGHT_SIGMAS, OUTSIDE_HALF_WEIGHT_SIGMAS)
     view_weight = min(1.0, MAX_INDEPENDENT_VIEWS / len(outlines.max_projections))
     parts = [(jacobian, residual, half, view_weight * outlines.is_free.ravel())]
     # 2. Points, against the faces where their rays enter.
     if points is not None and len(points.depths):
-        enter, inside = ray_entry_depths(trials, points)
-        is_behind = points.depths > enter[0]
-        sigma = np.hypot(points.sigma, np.where(is_behind, HOLLOW_FRACTION * inside[0], 0.0))
-        residual = (enter[0] - points.depths) / sigma
-        jacobian = ((enter[1:] - enter[0]) / (sigma * step[:, None])).T
+        enter, inside = (depths.reshape(n, 8, -1) for depths in ray_entry_depths(trials, points))
+        is_behind = points.depths > enter[:, 0]
+        sigma = np.hypot(points.sigma, np.where(is_behind, HOLLOW_FRACTION * inside[:, 0], 0.0))
+        residual = (enter[:, 0] - points.depths) / sigma
+        jacobian = ((enter[:, 1:] - enter[:, :1]) / (sigma[:, None] * step[:, None])).transpose(0, 2, 1)
         half = np.where(is_behind, BEHIND_HALF_WEIGHT_SIGMAS, FRONT_HALF_WEIGHT_SIGMAS)
-        parts.append((jacobian, residual, half, np.full(len(sigma), min(1.0, MAX_INDEPENDENT_POINTS / len(sigma)))))
+        count = len(points.depths)
+        parts.append((jacobian, residual, half, np.full(count, min(1.0, MAX_INDEPENDENT_POINTS / count))))
     # 3. Foot.
     if foot is not None:
-        height = np.exp(parameters[6])
-        jacobian = np.array([[0, 0, 1, 0, 0, 0, -height / 2]]) / foot[1]
-        residual = np.array([(parameters[2] - height / 2 - foot[0]) / foot[1]])
-        parts.append((jacobian, residual, np.array([OUTSIDE_HALF_WEIGHT_SIGMAS]), np.ones(1)))
-    jacobians, residuals, halves, counts = (np.concatenate(part) for part in zip(*parts, strict=True))
-    weight = counts / (1 + (residuals / halves) ** 2)
-    cost = float((counts * halves**2 * np.log1p((residuals / halves) ** 2)).sum())
-    return jacobians, weight, residuals, cost
+        height = np.exp(parameters[:, 6])
+        jacobian = np.zeros((n, 1, 7))
+        jacobian[:, 0, 2], jacobian[:, 0, 6] = 1 / foot[1], -height / 2 / foot[1]
+        residual = ((parameters[:, 2] - height / 2 - foot[0]) / foot[1])[:, None]
+        parts.append((jacobian, residual, np.full((n, 1), OUTSIDE_HALF_WEIGHT_SIGMAS), np.ones(1)))
+    jacobians, residuals, halves = (np.concatenate([part[k] for part in parts], axis=1) for k in range(3))
+    counts = np.concatenate([part[3] for part in parts])
+    weights = counts / (1 + (residuals / halves) ** 2)
+    costs = (counts * halves**2 * np.log1p((residuals / halves) ** 2)).sum(axis=1)
+    return jacobians, weights, residuals, costs

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import re
 from collections.abc import Iterable, Mapping
+from contextlib import suppress
 from types import MappingProxyType
 
 from metric_base.errors import InputError
@@ -51,9 +52,37 @@ UNIT_WORDS: Mapping[str, str] = MappingProxyType(
 UNIT_MARKS = "|".join(sorted((word for word in UNIT_WORDS if not re.search(r"\w", word)), key=len, reverse=True))
 
 
+#: A number and its unit in a length that a user states.
+_LENGTH_PART = re.compile(r"([+-]?(?:\d+\.?\d*|\.\d+)(?:[eE][+-]?\d+)?)\s*([^\W\d_]+\.?|['\"′″’”]+)\s*")
+
+
 def unit(word: str) -> str | None:
     """Return the key of `MILLIMETRES` for a unit word (`in` for `Inches`, `in.` and `″`), or None."""
     return UNIT_WORDS.get(word.strip().lower().rstrip("."))
+
+
+def metres(text: str) -> float:
+    """Return a length that a user states, such as `1.5`, `37.9cm`, `5 ft` or `5ft 3in`, in metres.
+
+    A number without a unit is in metres.
+
+    Raises
+    ------
+    ValueError
+        The text is no length.
+
+    Examples
+    --------
+    >>> metres("1.5"), metres("37.9cm"), round(metres("5 ft 3 in"), 3)
+    (1.5, 0.379, 1.6)
+    """
+    with suppress(ValueError):
+        return float(text)
+    parts = _LENGTH_PART.findall(text)
+    keys = [unit(word) for _, word in parts]
+    if not parts or _LENGTH_PART.sub("", text).strip() or None in keys:
+        raise ValueError(f"no length: {text!r}")
+    return sum(float(number) * MILLIMETRES[key] / 1000 for (number, _), key in zip(parts, keys, strict=True) if key)
 
 
 def filled_units(units: Iterable[str | None]) -> list[str | None]:

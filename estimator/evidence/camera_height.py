@@ -7,6 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from crawler.text.units import metres
 from estimator.evidence.source import skipped_evidence
 from estimator.records.objects import Measurements
 from estimator.records.result import ScaleEvidence
@@ -24,6 +25,8 @@ PRESETS = {"handheld": (1.4, 0.15), "tripod": (1.45, 0.2), "car": (1.45, 0.2)}
 #: Range of valid heights in metres, from a microscope to an aeroplane.
 MIN_HEIGHT_M = 1e-6
 MAX_HEIGHT_M = 1e5
+#: Standard deviation of a stated height without one, relative to the height: that of the preset for a held camera.
+DEFAULT_LOG_SD = 0.1
 #: Standard deviation of the floor, relative to the height of the camera above it.
 MIN_LOG_SD = 0.01
 #: Fraction of the views at or below the floor from which it is not the floor.
@@ -44,19 +47,19 @@ class CameraHeight:
 
     @classmethod
     def of(cls, text: str) -> CameraHeight:
-        """Parse the name of a preset, or a height such as `1.5+-0.15`.
+        """Parse the name of a preset, or a height such as `1.5+-0.15` or `5ft`.
 
-        >>> CameraHeight.of("1.5+-0.15")
-        CameraHeight(metres=1.5, sd=0.15)
+        >>> CameraHeight.of("1.5+-0.15"), CameraHeight.of("150cm")
+        (CameraHeight(metres=1.5, sd=0.15), CameraHeight(metres=1.5, sd=0.15))
         """
         if text in PRESETS:
             return cls(*PRESETS[text])
         try:
-            metres, sd = (float(part) for part in text.replace("±", "+-").split("+-"))
+            height, *sd = (metres(part) for part in text.replace("±", "+-").split("+-", 1))
         except ValueError:
-            expected = f"METRES+-SD, or one of {', '.join(PRESETS)}"
+            expected = f"HEIGHT or HEIGHT+-SD, as in 1.5+-0.15 or 5ft, or one of {', '.join(PRESETS)}"
             raise InputError.at("--camera-height", "value", expected, text) from None
-        return cls(metres, sd)
+        return cls(height, sd[0] if sd else DEFAULT_LOG_SD * height)
 
     def observe(self, scene: Scene, measurements: Measurements) -> tuple[ScaleEvidence, ...]:
         """Return the scale by the median height of the cameras above the floor; skipped without a floor."""

@@ -17,6 +17,7 @@ from typing import Any
 
 import numpy as np
 
+from crawler.text.units import metres
 from estimator.evidence.alignment import align
 from estimator.evidence.source import skipped_evidence
 from estimator.instances.view_matching import image_file, image_folders
@@ -162,7 +163,7 @@ class Marker:
 
     @classmethod
     def of(cls, text: str) -> Marker:
-        """Parse `DICT:METRES`, or `charuco:DICT:COLUMNSxROWS:SQUARE:MARKER` with sides in metres.
+        """Parse `DICT:SIDE`, or `charuco:DICT:COLUMNSxROWS:SQUARE:MARKER`; sides are in metres or have a unit.
 
         >>> Marker.of("DICT_4X4_50:0.10")
         Marker(dictionary='DICT_4X4_50', metres=0.1, board=None, images=None)
@@ -171,13 +172,13 @@ class Marker:
         try:
             if parts[0].lower() == "charuco" and len(parts) == 5:
                 columns, rows = (int(part) for part in parts[2].lower().split("x"))
-                return cls(parts[1], float(parts[3]), (columns, rows, float(parts[4])))
+                return cls(parts[1], metres(parts[3]), (columns, rows, metres(parts[4])))
             if len(parts) == 2:
-                return cls(parts[0], float(parts[1]))
+                return cls(parts[0], metres(parts[1]))
         except ValueError as error:
             if isinstance(error, InputError):
                 raise
-        expected = "DICT:METRES or charuco:DICT:COLUMNSxROWS:SQUARE:MARKER"
+        expected = "DICT:SIDE or charuco:DICT:COLUMNSxROWS:SQUARE:MARKER, as in DICT_4X4_50:10cm"
         raise InputError.at("--marker", "value", expected, text)
 
     def observe(self, scene: Scene, measurements: Measurements) -> tuple[ScaleEvidence, ...]:  # noqa: ARG002

@@ -8,6 +8,7 @@ from pathlib import Path
 
 import numpy as np
 
+from crawler.text.units import metres
 from estimator.evidence.source import skipped_evidence
 from estimator.records.objects import Measurements
 from estimator.records.result import ScaleEvidence
@@ -60,12 +61,12 @@ def parse_rig_baselines(text: str) -> tuple[RigBaseline, ...]:
     if text.endswith(".json"):
         return rig_baselines(Path(text))
     try:
-        first, second, metres = text.split(":")
-        length = float(metres)
+        first, second, words = text.split(":")
+        length = metres(words)
     except ValueError:
         length = 0.0
     if not 0 < length < math.inf:
-        expected = "A:B:METRES, two folders of images and their distance, or COLMAP's rig_config.json"
+        expected = "A:B:DISTANCE, two folders of images, as in left:right:12cm, or COLMAP's rig_config.json"
         raise InputError.at("--baseline", "value", expected, text)
     return (RigBaseline(first, second, length),)
 

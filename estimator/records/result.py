@@ -133,6 +133,7 @@ class Help:
     what: str  #: Description for the user.
     object: str | None  #: Category and id of the object.
     narrows_by: float  #: Relative decrease of the log width of the interval.
+    option: str | None = None  #: Command-line option that adds the measurement, with METRES for its result.
 
 
 @dataclass(frozen=True, slots=True)

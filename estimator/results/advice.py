@@ -8,11 +8,14 @@ computed again. The stated narrowing is the mean relative decrease of the log wi
 from __future__ import annotations
 
 import math
+import shlex
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import replace
+from itertools import combinations
 
 import numpy as np
 
+from estimator.evidence.known_lengths import middle_distance
 from estimator.posterior import log_scale_grid
 from estimator.posterior.axis_assignments import is_sorted, prior_axes
 from estimator.posterior.object_likelihood import ObjectEvidence
@@ -41,8 +44,9 @@ MAX_SKIPPED_CLASSES = 6
 #: Log width of the interval without evidence: sizes within a factor of 50 (`posterior.log_scale_grid`).
 UNKNOWN_LOG_WIDTH = log_scale_grid.WRONG_EVIDENCE_WIDTH_LOG
 
-#: A possible measurement: text, object, and the posterior after it if the scale is the argument, in metres per unit.
-_Measurement = tuple[str, str | None, Callable[[float], Posterior]]
+#: A possible measurement: text, object, option, and the posterior after it if the scale is the argument, in metres per
+#: unit.
+_Measurement = tuple[str, str | None, str | None, Callable[[float], Posterior]]
 
 
 def suggest_measurements(
@@ -72,14 +76,14 @@ def suggest_measurements(
 
     measurements = [
         *_complete_sides(evidence, posterior_of),
-        *_known_length(evidence, level),
+        *_known_lengths(evidence, level),
         *_more_masks(evidence, tree, posterior_of),
     ]
     rated = []
-    for text, name, posterior_at in measurements:
+    for text, name, option, posterior_at in measurements:
         intervals = [posterior_at(scale).interval for scale in scales]
         new_width = sum(math.log(high / low) for low, high in intervals) / len(scales)
-        rated.append(Help(text, name, round(1 - new_width / width, 2)))
+        rated.append(Help(text, name, round(1 - new_width / width, 2), option))
     useful = sorted((item for item in rated if item.narrows_by >= MIN_NARROWING), key=lambda item: -item.narrows_by)
     return tuple(useful[:MAX_SUGGESTIONS])
 
@@ -98,26 +102,32 @@ def _complete_sides(evidence: EvidenceSet, posterior_of: Callable[..., Posterior
             return posterior_of([*others, _with_class_size(item, cut, scale)])
 
         name = f"{item.object.category} {item.object.id}"
-        yield f"two more images of the {name} from the side that is cut", name, posterior_at
+        yield f"two more images of the {name} from the side that is cut", name, None, posterior_at
 
 
-def _known_length(evidence: EvidenceSet, level: float) -> Iterator[_Measurement]:
-    """Yield the measurement of the object with the most accurate height with a tape."""
-    known = [
-        item.object
-        for item in evidence.objects
-        if item.object.vertical_known and not item.object.truncated[2] and np.isfinite(item.object.sigma[2])
-    ]
-    if not known:
-        return
-    best = min(known, key=lambda item: float(item.sigma[2]))
-    sd = math.hypot(float(best.sigma[2]), TAPE_SD_LOG)
+def _known_lengths(evidence: EvidenceSet, level: float) -> Iterator[_Measurement]:
+    """Yield the most accurate measurements with a tape: the height of an object, and the distance of two objects."""
+    candidates: list[tuple[float, str, str, str | None]] = []
+    standing = [row.object for row in evidence.objects if row.object.vertical_known and not row.object.truncated[2]]
+    if known := [item for item in standing if np.isfinite(item.sigma[2])]:
+        best = min(known, key=lambda item: float(item.sigma[2]))
+        name = f"{best.category} {best.id}"
+        option = None if best.box is None else f"--known-length {shlex.quote(name)} height METRES"
+        candidates.append((float(best.sigma[2]), f"the true height of the {name} as a known length", name, option))
+    located = [item for item in evidence.measured if item.box is not None]
+    if pairs := [(middle_distance(item, other)[1], item, other) for item, other in combinations(located, 2)]:
+        error, item, other = min(pairs, key=lambda pair: pair[0])
+        name, other_name = (f"{one.category} {one.id}" for one in (item, other))
+        option = f"--known-length {shlex.quote(name)} {shlex.quote(other_name)} METRES"
+        if math.isfinite(error):
+            text = f"the distance between the middles of the {name} and the {other_name}"
+            candidates.append((error, text, name, option))
+    for error, text, name, option in candidates:
 
-    def posterior_at(scale: float) -> Posterior:
-        return posterior(evidence.objects, np.vstack([evidence.gaussians, [math.log(scale), sd, 0.0]]), level)
+        def posterior_at(scale: float, sd: float = math.hypot(error, TAPE_SD_LOG)) -> Posterior:
+            return posterior(evidence.objects, np.vstack([evidence.gaussians, [math.log(scale), sd, 0.0]]), level)
 
-    name = f"{best.category} {best.id}"
-    yield f"the true height of the {name} as a known length", name, posterior_at
+        yield text, name, option, posterior_at
 
 
 def _more_masks(evidence: EvidenceSet, tree: Tree, posterior_of: Callable[..., Posterior]) -> Iterator[_Measurement]:
@@ -135,6 +145,7 @@ def _more_masks(evidence: EvidenceSet, tree: Tree, posterior_of: Callable[..., P
     for name, match in resolve_categories(tree, set(SUGGESTED_CATEGORIES)).items():
         if match.prior is not None and match.prior.node_id not in present:
             candidates.append((f"masks of a {name}, if there is one", None, match))
+    has_images = any(item.views for item in evidence.measured)  # unlike objects that another program measured
     for text, object_name, match in candidates:
         assert match.prior is not None  # checked above
         assert match.node is not None
@@ -144,7 +155,7 @@ def _more_masks(evidence: EvidenceSet, tree: Tree, posterior_of: Callable[..., P
         def posterior_at(scale: float, supposed: ObjectEvidence = supposed) -> Posterior:
             return posterior_of([*evidence.objects, _with_class_size(supposed, np.ones(3, dtype=bool), scale)])
 
-        yield text, object_name, posterior_at
+        yield text, object_name, "--draw" if has_images else None, posterior_at
 
 
 def _with_class_size(item: ObjectEvidence, sides: BoolArray, scale: float) -> ObjectEvidence:

@@ -42,6 +42,19 @@ MIN_WRONG_LABEL_FRACTION = 0.3
 MIN_WRONG_LABELS = 2
 #: Probability of being right below which evidence is an outlier.
 MIN_EVIDENCE_WEIGHT = 0.5
+#: Factors between units that are mistaken for each other.
+UNIT_FACTORS = {
+    2.54: "inches and centimetres",
+    3.2808: "feet and metres",
+    10.0: "millimetres and centimetres",
+    12.0: "inches and feet",
+    25.4: "millimetres and inches",
+    39.37: "inches and metres",
+    100.0: "centimetres and metres",
+    1000.0: "millimetres and metres",
+}
+#: Maximum deviation of the log of a factor from that of units: about the half width of the interval of a few objects.
+MAX_UNIT_DEVIATION = 0.2
 #: Dimensions of `--method height`.
 HEIGHT = ("height",)
 
@@ -181,7 +194,9 @@ def known_length_conflict(
 
     trusted = options.trust_known_length
     scales = f"{estimate.modes[0].scale:.4g} m per unit, {low:.4g} to {high:.4g} by the objects"
-    check = "check the points, the metres and the labels"
+    centre = math.sqrt(low * high)
+    farthest = max(certain, key=lambda scale: abs(math.log(scale / centre)))
+    check = f"check the points, the metres and the labels{unit_error(farthest / centre)}"
     if kept >= MIN_KEPT_WEIGHT and tail >= MIN_TAIL_MASS:
         message = f"the known lengths are outside the objects' own interval: {scales}; {check}"
         return LengthConflict(low, high, message, is_decisive=False)
@@ -193,6 +208,16 @@ def known_length_conflict(
     if trusted:
         return LengthConflict(low, high, message, is_decisive=False)
     return LengthConflict(low, high, f"unresolved: {message} (--trust-known-length overrides)", is_decisive=True)
+
+
+def unit_error(ratio: float) -> str:
+    """Return the likely unit error of a value that is `ratio` times the one expected, as words, or an empty text."""
+    log_ratio = abs(math.log(ratio))
+    factor = min(UNIT_FACTORS, key=lambda factor: abs(log_ratio - math.log(factor)))
+    if abs(log_ratio - math.log(factor)) > MAX_UNIT_DEVIATION:
+        return ""
+    size = "large" if ratio > 1 else "small"
+    return f"; it is about {factor:.3g} times too {size}: a unit error ({UNIT_FACTORS[factor]})?"
 
 
 def single_category_reason(estimate: Posterior, evidence: Sequence[ObjectEvidence]) -> str | None:
@@ -224,7 +249,8 @@ def _evidence_reports(
             reason = f"the scale by the objects is {conflict.low:.4g} to {conflict.high:.4g}"
         outcome: Verdict = "used"
         if weight < MIN_EVIDENCE_WEIGHT:
-            outcome, reason = "outlier", f"the scale by all other evidence is {estimate.modes[0].scale:.4g}"
+            rest = estimate.modes[0].scale
+            outcome, reason = "outlier", f"the scale by all other evidence is {rest:.4g}{unit_error(item.scale / rest)}"
         reports.append(EvidenceReport(item.kind, item.id, item.scale, item.sd_log, weight, outcome, reason))
     return tuple(reports)
 

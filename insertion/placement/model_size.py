@@ -6,13 +6,14 @@ import re
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
+from crawler.text.units import metres as metres_of
 from metric_base.errors import InputError
 from models3d.model import Model
 
 if TYPE_CHECKING:
     from metric_tree.tree import Tree
 
-_STATED = re.compile(r"(length|width|height)=([0-9.eE+-]+)\Z")
+_STATED = re.compile(r"(length|width|height)=(.+)\Z", re.DOTALL)
 #: Minimum and maximum extent of a plausible file, in metres. glTF prescribes metres; other files use another unit.
 PLAUSIBLE_EXTENT_M = (0.002, 100.0)
 #: Maximum stated extent in metres, larger than any building.
@@ -36,8 +37,8 @@ def model_size(model: Model, request: str, tree: Tree | None = None, category: s
     model : Model
         The model in the metres of its file.
     request : str
-        `file` (the metres of the file), `height=0.9` (also `length=`, `width=`, metres), or `prior` (the median height
-        of the category, else its length or width).
+        `file` (the metres of the file), `height=0.9` or `height=90cm` (also `length=`, `width=`), or `prior` (the
+        median height of the category, else its length or width).
     tree : Tree, optional
         Release of the priors.
     category : str, optional
@@ -72,7 +73,7 @@ def model_size(model: Model, request: str, tree: Tree | None = None, category: s
         how = "expected file, prior, height=METRES, length=METRES or width=METRES"
         raise InputError(f"--size: {how}; found {request!r}")
     try:
-        metres = float(stated[2])
+        metres = metres_of(stated[2])
     except ValueError:
         metres = float("nan")
     if not 0 < metres <= MAX_EXTENT_M:

@@ -13,7 +13,7 @@ from crawler.text.cell_lengths import AXES, UnreadableLength, dimensions_mm, ext
 from crawler.text.numbers import number
 from crawler.text.sizes import Length, flags_of, is_same_length, sizes
 from crawler.text.tokens import axis_of_letter, tokens
-from crawler.text.units import MILLIMETRES, UnknownUnit, millimetres, unit
+from crawler.text.units import MILLIMETRES, UnknownUnit, metres, millimetres, unit
 
 VULGAR = "¼½¾⅓⅔⅕⅖⅗⅘⅙⅚⅛⅜⅝⅞"
 
@@ -217,3 +217,18 @@ def test_an_axis_named_twice_is_not_trusted() -> None:
 def test_a_unit_follows_a_number_or_the_letters_of_an_axis() -> None:
     assert [token.kind for token in tokens("63H cm")] == ["number", "axis", "unit"]
     assert "unit" not in {token.kind for token in tokens("made in Italy", "en")}
+
+
+@pytest.mark.parametrize(
+    ("text", "length"),
+    [("1.25", 1.25), ("37.9cm", 0.379), ("5ft", 1.524), ("5' 3\"", 1.6002), ("5 ft 3 in", 1.6002), ("80 mm", 0.08),
+     ("-2m", -2.0), ("1e2 cm", 1.0), ("2 Zoll", 0.0508)],
+)  # fmt: skip
+def test_a_stated_length_is_in_metres_unless_it_has_a_unit(text: str, length: float) -> None:
+    assert metres(text) == pytest.approx(length, rel=1e-12)
+
+
+@pytest.mark.parametrize("text", ["", "cm", "5 furlongs", "5ft 3", "1,5m", "5 5ft", "1m of"])
+def test_other_texts_are_no_length(text: str) -> None:
+    with pytest.raises(ValueError, match=r"no length"):
+        metres(text)

@@ -36,7 +36,20 @@ def test_words_of_a_camera_height() -> None:
     assert CameraHeight.of("1.5+-0.15") == CameraHeight.of("1.5±0.15") == CameraHeight(1.5, 0.15)
     for name, (metres, sd) in PRESETS.items():
         assert CameraHeight.of(name) == CameraHeight(metres, sd)
-    for word in ("", "1.5", "tall", "1.5+-0", "-1+-0.1", "nan+-1", "1+-2", "1+-inf", "1e300+-1", "1e-300+-1e-301"):
+    assert CameraHeight.of("5ft") == CameraHeight(1.524, 0.1524)
+    assert CameraHeight.of("150cm+-6in") == CameraHeight(1.5, 0.1524)
+    for word in (
+        "",
+        "1.5 furlongs",
+        "tall",
+        "1.5+-0",
+        "-1+-0.1",
+        "nan+-1",
+        "1+-2",
+        "1+-inf",
+        "1e300+-1",
+        "1e-300+-1e-301",
+    ):
         with pytest.raises(InputError, match=r"camera.height"):
             CameraHeight.of(word)
 

@@ -7,7 +7,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from estimator.evidence.known_lengths import parse_known_lengths
+from estimator.evidence.known_lengths import KnownLength, ObjectLength, parse_known_lengths
 from metric_base.errors import InputError
 
 # Published values, written out so that a changed rule fails a test.
@@ -20,6 +20,19 @@ def test_two_points_and_metres() -> None:
     assert length.metres == 0.5
     assert length.sigma == DEFAULT_SIGMA
     np.testing.assert_allclose(np.exp(length.log_scale), 0.125)
+
+
+def test_lengths_have_units(tmp_path: Path) -> None:
+    (length,) = parse_known_lengths(["1,2,3", "1,2,-1", "37.9", "cm"])
+    assert isinstance(length, KnownLength)
+    assert length.metres == pytest.approx(0.379)
+    assert parse_known_lengths(["chair 1", "height", "3ft"]) == (ObjectLength("chair 1", "height", 0.9144),)
+    (tmp_path / "lengths.txt").write_text("0 0 0 0 0 2 100cm 5mm\n")
+    (length,) = parse_known_lengths([str(tmp_path / "lengths.txt")])
+    assert isinstance(length, KnownLength)
+    assert (length.metres, length.sigma) == (1.0, pytest.approx(0.005))
+    with pytest.raises(InputError, match="metres: expected a length such as 1.25, 37.9cm or 5ft, found '3furlongs'"):
+        parse_known_lengths(["chair 1", "height", "3furlongs"])
 
 
 def test_a_file_of_lengths(tmp_path: Path) -> None:

@@ -62,6 +62,23 @@ def test_a_length_that_contradicts_most_objects_is_unresolved_unless_trusted(min
     assert trusted.warnings[0].startswith("the known lengths contradict the objects")
 
 
+@pytest.mark.parametrize(
+    ("ratio", "units"),
+    [(2.54, "inches and centimetres"), (1 / 3.28, "feet and metres"), (10, "millimetres and centimetres"),
+     (12, "inches and feet"), (25.4, "millimetres and inches"), (39.4, "inches and metres"),
+     (0.01, "centimetres and metres"), (1000, "millimetres and metres"), (1000 * 1.2, "millimetres and metres"),
+     (1000 * 1.25, ""), (100 / 1.2, "centimetres and metres"), (100 / 1.25, ""), (5.5, "")],
+)  # fmt: skip
+def test_a_length_that_is_wrong_by_the_factor_of_units_says_so(mini: Tree, ratio: float, units: str) -> None:
+    """Sizes by the objects are 0.5 metres per unit, about: the centre of their interval is the reference."""
+    alone = answer(mini, None, ("swivel chair", CHAIR), ("bar stool", STOOL))
+    assert alone.interval is not None
+    centre = math.sqrt(alone.interval.low * alone.interval.high)
+    (line,) = answer(mini, centre * ratio, ("swivel chair", CHAIR), ("bar stool", STOOL)).warnings
+    assert line.count("a unit error") == bool(units)
+    assert f"too {'large' if ratio > 1 else 'small'}: a unit error ({units})?" in line or not units
+
+
 @pytest.mark.parametrize("known", [0.49, 0.5, 0.51])
 def test_a_right_length_is_believed_without_a_word(mini: Tree, known: float) -> None:
     result = answer(mini, known, ("swivel chair", CHAIR), ("bar stool", STOOL))

@@ -2,17 +2,26 @@
 
 from __future__ import annotations
 
+import json
+import math
+import shlex
 from dataclasses import replace
+from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
 
 import metric_tree
-from estimator.records.objects import MeasuredObject
+from estimator.evidence.known_lengths import ObjectLength
+from estimator.records.objects import Box, MeasuredObject, Measurements, Up
 from estimator.records.options import EstimateOptions
 from estimator.records.result import ScaleEvidence
+from estimator.records.scene import Scene
 from estimator.results import advice
 from estimator.results.estimate import scale_of_objects
+from metric_base.errors import InputError
+from metric_cli.estimate_scale.estimate import main
 from metric_tree.tree import Tree
 
 VASE = MeasuredObject("1", "vase", np.array([0.2, 0.2, 0.5]), np.full(3, 0.03))
@@ -95,3 +104,54 @@ def estimate_width(result: object) -> float:
     mass = curve.below + np.cumsum(curve.density) / curve.density.sum() * (1 - curve.below - curve.above)
     low, high = np.interp([0.05, 0.95], mass, curve.log_scale)
     return float(high - low)
+
+
+def test_the_option_of_the_best_measurement_helps(capsys: pytest.CaptureFixture[str], tmp_path: Path) -> None:
+    """The true height of an object of the rendered room, measured as the result suggests, narrows the interval."""
+    room = Path("data/scenes/demo_room")
+    document = json.loads((room / "instances.json").read_text())
+    kept = {row["id"] for row in document["categories"] if row["name"] in {"potted plant", "tv stand"}}
+    document["annotations"] = [row for row in document["annotations"] if row["category_id"] in kept]
+    (tmp_path / "few.json").write_text(json.dumps(document))
+    command = [str(room), "--instances", str(tmp_path / "few.json"), "--json"]
+    main(command)
+    alone = json.loads(capsys.readouterr().out)
+    assert alone["status"] == "uncertain"
+    truth = json.loads((room / "truth.json").read_text())
+    heights = {row["category"]: row["truth_m"]["height"]["value"] for row in truth["objects"]}
+    (best,) = [row for row in alone["would_help"] if "height METRES" in (row.get("option") or "")]
+    plant = best["object"].rpartition(" ")[0]
+    words = shlex.split(best["option"].replace("METRES", f"{100 * heights[plant]:.1f}cm"))
+    assert main([*command, *words]) == 0
+    known = json.loads(capsys.readouterr().out)
+    low, high = known["interval"]["low"], known["interval"]["high"]
+    assert low < truth["metres_per_unit"] < high
+    assert math.log(high / low) < 0.5 * math.log(alone["interval"]["high"] / alone["interval"]["low"])
+    assert known["status"] == "resolved"
+
+
+def boxed(name: str, x: float, **fields: Any) -> MeasuredObject:
+    extents = np.array([0.5, 0.4, 0.9])
+    box = Box(np.array([x, 0.0, 0.0]), np.eye(3), extents)
+    return replace(MeasuredObject(name, "chair", extents, np.full(3, 0.05), box=box, views=3), **fields)
+
+
+def test_lengths_of_named_objects(tmp_path: Path) -> None:
+    objects = (boxed("1", 0.0), boxed("2", 3.0), boxed("3", 3.0, truncated=np.array([True, False, True])))
+    up = Up(np.array([0.0, 0.0, 1.0]), "given", 1.0)
+    measurements = Measurements(objects, up, (), ())
+    scene = Scene(tmp_path, "memory", (), np.zeros((0, 3)))
+    (height,) = ObjectLength("chair 1", "height", 0.45).observe(scene, measurements)
+    assert (height.scale, height.doubt) == (pytest.approx(0.5), 0.0)
+    assert height.sd_log == pytest.approx(math.hypot(0.05, 0.01))
+    (distance,) = ObjectLength("chair 1", "chair 2", 1.5).observe(scene, measurements)
+    assert distance.scale == pytest.approx(0.5)
+    assert distance.sd_log is not None
+    assert distance.sd_log < 0.05
+    for other in ("height", "chair 2"):
+        (skipped,) = ObjectLength("chair 3", other, 1.5).observe(scene, measurements)
+        assert (skipped.scale, "not determined" in str(skipped.reason)) == (None, True)
+    with pytest.raises(
+        InputError, match=r"--known-length: object: expected one of chair 1, chair 2, chair 3, found 'd"
+    ):
+        ObjectLength("door 1", "height", 2.0).observe(scene, measurements)

@@ -187,7 +187,7 @@ def test_leave_one_class_out(tmp_path: Path, tree: Path, capsys: pytest.CaptureF
         (["--objects", "x.json", "--overlay", "f"], "--overlay: expected a SCENE"),
         (
             ["--known-length", "0,0,0", "1,1,1", "2", "scene"],
-            "expected three values, A B METRES, or one FILE, with SCENE",
+            "expected A B LENGTH, as in 0,0,0 1,0,0 37.9cm, or one FILE, with SCENE",
         ),
         (["--objects", "x.json", "--paper-lists", "d"], "--paper-lists: expected --method paper"),
         (["x", "--method", "sucar", "--known-length", "f.csv"], "--known-length: expected --method default or height"),

@@ -37,7 +37,7 @@ def test_words_of_a_camera_height() -> None:
     for name, (metres, sd) in PRESETS.items():
         assert CameraHeight.of(name) == CameraHeight(metres, sd)
     assert CameraHeight.of("5ft") == CameraHeight(1.524, 0.1524)
-    assert CameraHeight.of("150cm+-6in") == CameraHeight(1.5, 0.1524)
+    assert CameraHeight.of("150cm+-20 cm") == CameraHeight(1.5, 0.2)
     for word in (
         "",
         "1.5 furlongs",

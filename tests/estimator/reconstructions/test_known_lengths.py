@@ -26,12 +26,12 @@ def test_lengths_have_units(tmp_path: Path) -> None:
     (length,) = parse_known_lengths(["1,2,3", "1,2,-1", "37.9", "cm"])
     assert isinstance(length, KnownLength)
     assert length.metres == pytest.approx(0.379)
-    assert parse_known_lengths(["chair 1", "height", "3ft"]) == (ObjectLength("chair 1", "height", 0.9144),)
+    assert parse_known_lengths(["chair 1", "height", "100cm"]) == (ObjectLength("chair 1", "height", 1.0),)
     (tmp_path / "lengths.txt").write_text("0 0 0 0 0 2 100cm 5mm\n")
     (length,) = parse_known_lengths([str(tmp_path / "lengths.txt")])
     assert isinstance(length, KnownLength)
     assert (length.metres, length.sigma) == (1.0, pytest.approx(0.005))
-    with pytest.raises(InputError, match="metres: expected a length such as 1.25, 37.9cm or 5ft, found '3furlongs'"):
+    with pytest.raises(InputError, match=r"metres: expected a length such as .*, found '3furlongs'"):
         parse_known_lengths(["chair 1", "height", "3furlongs"])
 
 

@@ -58,6 +58,10 @@ for _strategy in STRATEGIES:
     MODEL_STAGES[f"mapping{_end}"] = (f"{DATABASES}/model{_end}", f"{DATABASES}/model{_end}.json")
 
 
+#: A strategy, the digest of its last stage and its report.
+Run = tuple[FeatureStrategy, str, ModelReport]
+
+
 @dataclass(frozen=True, slots=True, eq=False)
 class ModelSearch:
     """Search for a model of given frames."""
@@ -91,15 +95,16 @@ class ModelSearch:
     def make_sparse(self) -> str:
         """Make `sparse/0` of the best model, and return the digest of the stage.
 
-        The quick strategy is tried on large images, and used if its model has all frames and no doubt; the pooled one
-        if the main strategy placed too few frames. The best model is kept, also if the time ends a later strategy.
+        The quick strategy is tried on large images, and used if its model has all frames and no doubt, or more frames
+        than that of the main one; the pooled one is tried if the main one placed too few frames. The best model is
+        kept, also if the time ends a later strategy.
 
         Raises
         ------
         CaptureFailure
             No strategy found a model that can be used; the failure is that of the best model.
         """
-        runs: list[tuple[FeatureStrategy, str, ModelReport]] = []
+        runs: list[Run] = []
         out_of_time: list[str] = []
         for strategy in STRATEGIES:
             if not self._is_worthwhile(strategy, [report for _, _, report in runs]):
@@ -111,7 +116,7 @@ class ModelSearch:
         if not runs:
             failure = refusal("out_of_time", "the frames could not be placed in time")
             raise CaptureFailure(with_attempts(failure, [], out_of_time))
-        strategy, digest, best = max(runs, key=lambda run: (run[2].failure is None, run[2].n_placed, run[0].max_side))
+        strategy, digest, best = best_run(runs)
         best.strategy, best.left = strategy.name, out_of_time
         n = len(self.frames.chosen)
         best.tried = [
@@ -201,6 +206,18 @@ class ModelSearch:
             ),
         )
         return digest, msgspec.convert(read_json(databases / f"model{end}.json"), ModelReport)
+
+
+def best_run(runs: list[Run]) -> Run:
+    """Return the run of the best model: one that can be used, then that with most frames, then of the largest images.
+
+    A quick model that raised a doubt is used only if it has more frames than that of the main strategy. On a straight
+    drive (`carnd_highway`) the quick model has a focal length of 0.58 with a standard deviation of 8 %, and the main
+    model of the same frames 1.43 with 20 %, which is refused.
+    """
+    main_placed = max((report.n_placed for strategy, _, report in runs if strategy is MAIN), default=-1)
+    counted = [run for run in runs if run[0] is not QUICK or run[2].n_placed > main_placed]
+    return max(counted, key=lambda run: (run[2].failure is None, run[2].n_placed, run[0].max_side))
 
 
 def is_certain(report: ModelReport, n_frames: int) -> bool:

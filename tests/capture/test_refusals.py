@@ -11,6 +11,7 @@ import numpy as np
 import pytest
 
 from capture.mapping.camera_models import CameraModelChoice
+from capture.mapping.features import MAIN, QUICK
 from capture.mapping.mapper import ModelReport
 from capture.mapping.match_graph import FramePair
 from capture.mapping.refusals import (
@@ -35,7 +36,7 @@ from capture.mapping.refusals import (
     model_failure,
     refusal,
 )
-from capture.mapping.search import is_certain
+from capture.mapping.search import best_run, is_certain
 from capture.quality_warnings import capture_cautions, read_cautions
 from capture.sources.frames import ChosenFrame, Frames
 from metric_cli.estimate_scale.estimate import main
@@ -170,6 +171,13 @@ def test_two_places_are_named() -> None:
 )
 def test_a_doubtful_quick_model_is_not_used(change: dict[str, Any]) -> None:
     assert not is_certain(ModelReport(model=right_model(**change)), 20)
+
+
+@pytest.mark.parametrize(("n_main", "chosen"), [(19, "quick SIFT"), (20, "SIFT")])
+def test_doubtful_quick_model_is_used_only_if_it_has_more_frames(n_main: int, chosen: str) -> None:
+    refused = ModelReport(model=right_model(n_main), failure=refusal("focal_length_undetermined", "straight ahead"))
+    runs = [(QUICK, "a", ModelReport(model=right_model(20))), (MAIN, "b", refused)]
+    assert best_run(runs)[0].name == chosen
 
 
 def _warnings(edges: list[float | None] | None = None, report: dict[str, Any] | None = None, **model: Any) -> list[str]:

@@ -6,7 +6,7 @@ import argparse
 import os
 import re
 import sys
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
 from contextlib import suppress
 from pathlib import Path
 from typing import Any, NoReturn
@@ -164,6 +164,33 @@ class PrintCompletion(argparse.Action):
         root.exit()
 
 
+class PrintHelp(argparse.Action):
+    """Print the frequent options, or those of a topic, and exit.
+
+    Parameters
+    ----------
+    frequent : collection of str
+        Options and positional arguments that the help without a topic shows.
+    """
+
+    def __init__(self, option_strings: Sequence[str], dest: str, frequent: Collection[str], **settings: Any) -> None:
+        super().__init__(option_strings, dest, nargs="?", const="", default=argparse.SUPPRESS, **settings)
+        self.frequent = frequent
+
+    def __call__(self, root: argparse.ArgumentParser, _options: Any, topic: Any, _name: str | None = None) -> NoReturn:
+        """Write the help to standard output. A word that is no topic is ignored."""
+        groups = {str(group.title).split()[0]: group for group in root._action_groups if group._group_actions}
+        hidden = [a for a in root._actions if not {*self.frequent} & {*a.option_strings, a.dest}]
+        if topic in groups:
+            hidden = [action for action in root._actions if action not in groups[topic]._group_actions]
+        for action in [] if topic == "all" else hidden:
+            action.help = argparse.SUPPRESS
+        if topic != "all":
+            root.epilog = "Exit status: 0 done, 2 invalid input, 3 unresolved, 1 internal error."
+        root.print_help()
+        root.exit()
+
+
 def option_helps(parser: argparse.ArgumentParser) -> dict[str, str]:
     """Return the help of each long option of a parser by its name."""
     actions = sorted(parser._option_string_actions.items())
@@ -208,16 +235,26 @@ complete -o filenames -F {function} {program}
     return bash if shell == "bash" else f"autoload -U +X bashcompinit && bashcompinit\n{bash}"
 
 
-def program_parser(program: str, description: str, epilog: str, usage: str) -> OneLineParser:
-    """Return the parser of a program without subcommands; `usage` states the required and the common arguments."""
-    return OneLineParser(
+def program_parser(
+    program: str, description: str, epilog: str, usage: str, frequent: Collection[str] = ()
+) -> OneLineParser:
+    """Return the parser of a program without subcommands; `usage` states the required and the common arguments.
+
+    With `frequent` options, `--help` shows only these and the topics of the others.
+    """
+    root = OneLineParser(
         prog=program,
         usage=usage,
         description=description,
         epilog=epilog,
         formatter_class=argparse.RawDescriptionHelpFormatter,
         allow_abbrev=False,
+        add_help=not frequent,
     )
+    if frequent:
+        words = "frequent options, or those of a topic: objects, reconstruction, result, estimate, evidence, all"
+        root.add_argument("-h", "--help", metavar="TOPIC", action=PrintHelp, frequent=frequent, help=words)
+    return root
 
 
 def add_program_options(root: OneLineParser) -> None:

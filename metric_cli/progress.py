@@ -23,13 +23,14 @@ def track(items: Iterable[Item], step: str, total: int | None = None) -> Iterato
 
 def progress_lines(write: Callable[[str], object], clock: Callable[[], float] = time.monotonic) -> ProgressCallback:
     """Return a callback that writes progress as lines, at most one per LOG_INTERVAL_S seconds."""
-    last = clock()
+    first = last = clock()
 
     def progress(step: str, done: int, total: int | None) -> None:
         nonlocal last
         if clock() - last >= LOG_INTERVAL_S:
             last = clock()
-            write(f"{step}: {done}\n" if total is None else f"{step}: {done} of {total}\n")
+            count = str(done) if total is None else f"{done} of {total}"
+            write(f"{step}: {count} ({last - first:.0f} s)\n")
 
     return progress
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import os
+import re
 import subprocess
 import sys
 from pathlib import Path
@@ -16,12 +17,67 @@ from tests.metric_cli.test_estimate import CHAIR, STOOL, estimate, objects_file
 
 def test_help_names_every_option_of_the_contract(capsys: pytest.CaptureFixture[str]) -> None:
     with pytest.raises(SystemExit) as stop:
-        main(["--help"])
+        main(["--help", "all"])
     shown = capsys.readouterr().out
     assert stop.value.code == 0
     options = "SCENE --instances --categories --dense --tree --method --known-length --level --json --output --figure"
     for option in [*options.split(), "--overlay", "--write-scaled", "--objects"]:
         assert option in shown
+
+
+def test_help_fits_on_two_screens_and_names_its_topics(
+    capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setenv("COLUMNS", "80")
+
+    def shown(*topic: str) -> str:
+        with pytest.raises(SystemExit):
+            main(["--help", *topic])
+        return capsys.readouterr().out
+
+    frequent = shown()
+    assert len(frequent.splitlines()) <= 48
+    assert max(map(len, frequent.splitlines())) <= 80
+    topics = re.findall(r"[a-z]+", frequent.partition("those of a topic:")[2].partition("all")[0])
+    assert topics == ["objects", "reconstruction", "result", "estimate", "evidence"]
+    options = {name for topic in topics for name in re.findall(r"^  (--[a-z-]+)", shown(topic), re.MULTILINE)}
+    assert options | {"--completion", "--version", "--overwrite"} == set(
+        re.findall(r"^  (?:-h \[TOPIC\], )?(--(?!help)[a-z-]+)", shown("all"), re.MULTILINE)
+    )
+
+
+@pytest.mark.parametrize(
+    ("words", "command"),
+    [
+        ("s.json --detector auto --instances m.json --json", "estimate-scale s.json --detector auto --json"),
+        (
+            "s --method paper --known-length 0,0,0 1,0,0 2 --json",
+            "estimate-scale s --known-length 0,0,0 1,0,0 2 --json",
+        ),
+        ("s --frames=9 --draw --objects o.json", "estimate-scale s --frames=9 --draw"),
+        ("--json", "estimate-scale --json SCENE"),
+        ("data/scenes/demo_room --frames 9 --json", "estimate-scale data/scenes/demo_room --json"),
+    ],
+)
+def test_options_that_do_not_go_together_have_a_corrected_command(
+    words: str, command: str, capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert main(words.split()) == 2
+    assert f"; try: {command}\n" in capsys.readouterr().err
+
+
+def test_a_view_without_a_display_is_an_image(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    for name in ("DISPLAY", "WAYLAND_DISPLAY"):
+        monkeypatch.delenv(name, raising=False)
+    scene = Path("data/scenes/lund_street").resolve()
+    monkeypatch.chdir(tmp_path)
+    assert main([str(scene), "--view", "--quiet"]) == 0
+    assert "there is no display; the view is written to view.png" in capsys.readouterr().err
+    assert (tmp_path / "view.png").read_bytes().startswith(b"\x89PNG")
+    assert main([str(scene), "--view"]) == 2
+    assert "--view: view.png already exists" in capsys.readouterr().err
 
 
 def test_a_reader_may_leave(tmp_path: Path, tree: Path) -> None:
@@ -110,7 +166,8 @@ def test_objects_from_standard_input(tmp_path: Path, tree: Path) -> None:
         (["--zzzz"], "estimate-scale: arguments: no option is called --zzzz; --help lists them\n"),
         (
             ["SCENE", "--detector", "x.onnx", "--images", "/dev/null"],
-            "estimate-scale: --images: expected a folder of pictures; found no folder /dev/null\n",
+            "estimate-scale: --images: expected a folder of pictures; found no folder /dev/null; "
+            "try: estimate-scale SCENE --detector x.onnx\n",
         ),
         (["--level"], "estimate-scale: arguments: argument --level: expected one argument (--help lists them)\n"),
     ],

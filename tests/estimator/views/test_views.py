@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import io
 import json
-import sys
 from pathlib import Path
 
 import cv2
@@ -73,7 +72,7 @@ def test_the_picture_has_all_of_the_view():
         assert (np.abs(picture.astype(int) - COLOURS[name]).max(axis=2) < 12).sum() > 15, name
 
 
-def test_the_command_writes_both_without_a_display(tmp_path, monkeypatch, capsys):
+def test_the_command_writes_both_without_a_display(tmp_path, monkeypatch):
     monkeypatch.delenv("DISPLAY", raising=False)
     monkeypatch.delenv("WAYLAND_DISPLAY", raising=False)
     picture, model = tmp_path / "view.png", tmp_path / "view.glb"
@@ -84,9 +83,6 @@ def test_the_command_writes_both_without_a_display(tmp_path, monkeypatch, capsys
     couch = next(node["extras"] for node in record["nodes"] if node.get("extras", {}).get("category") == "couch")
     assert couch["sizes"][2].startswith("h 1.")
     assert main([str(ROOM), "--view-glb", str(tmp_path / "view.gltf")]) == 2
-    if sys.platform.startswith("linux"):
-        assert main([str(ROOM), "--quiet", "--view"]) == 2
-        assert "expected a display" in capsys.readouterr().err
 
 
 def test_two_per_cent_of_the_points_at_each_end_are_outside_of_the_bounds() -> None:

@@ -23,13 +23,13 @@ def outline(mask, width, height):
     return mask_outline(mask, mask_contour(mask), width, height)
 
 
-def sides_of(synthetic, number, axes, low, high, instances=None):
+def sides_of(synthetic, number, axes, low, high, instances=None, points=None):
     """How the masks of object number `number` show the sides of the given true box."""
     instances = synthetic.instances if instances is None else instances
     labels = dense_labels(synthetic.scene, instances)
     masks = [instance for instance in instances if instance.track == str(number)]
     borders = [outline(mask, 200, 150) for mask in masks]
-    points = synthetic.scene.dense.points[synthetic.owner == number]
+    points = synthetic.scene.dense.points[synthetic.owner == number] if points is None else points
     around = DepthImages(synthetic.scene, labels.points, labels.visibility, UP)
     return side_visibility(masks, borders, around, (axes, np.asarray(low, float), np.asarray(high, float)), points)
 
@@ -237,3 +237,28 @@ def test_an_excess_is_known_from_two_views(n_known: int, is_known: bool) -> None
     excesses = np.full((3, 3, 2), 0.2)
     excesses[n_known:] = np.nan
     assert np.isfinite(SideVisibility(np.ones((3, 3, 2), dtype=bool), excesses).median_excess).all() == is_known
+
+
+@pytest.mark.parametrize(
+    ("fraction", "inside", "depth", "truncated"),
+    [
+        (0.55, 0.05, 0.05, False),  # MIN_TOP_FRACTION of 0.5
+        (0.45, 0.05, 0.05, True),
+        (0.55, 0.05, 0.22, False),  # TOP_BAND of a quarter of the height
+        (0.55, 0.05, 0.28, True),
+        (0.45, 0.15, 0.05, False),  # END_BAND of an eighth of the width: the points below the top are not at the end
+        (0.45, 0.11, 0.05, True),
+    ],
+)
+def test_a_top_outlines_a_side_if_it_is_next_to_it(fraction, inside, depth, truncated):
+    """Points at both ends of the width: a fraction on the top, the others below it and further inside."""
+    views = orbit(4, 2.6, 0.75 + 2.6, arc=2, target=(0, 0, 0.75), size=(200, 150), focal=160.0)
+    synthetic = synthetic_scene([floor(6), box("table", (1.2, 0.7, 0.05), (0, 0, 0.7))], views, dense=4000)
+    low, high = np.array([-0.6, -0.35, 0.7]), np.array([0.6, 0.35, 0.75])
+    n_top = round(100 * fraction)
+    along = np.concatenate([np.full(n_top, 0.05), np.full(100 - n_top, inside)])
+    heights = np.concatenate([np.full(n_top, 1 - depth), np.full(100 - n_top, 0.1)])
+    ends = [np.column_stack([np.linspace(0.1, 0.9, 100), end, heights]) for end in (along, 1 - along)]
+    points = low + np.concatenate(ends) * (high - low)
+    sides = sides_of(synthetic, 1, np.eye(3), low, high, points=points)
+    assert sides.is_shown[:, 1].all() != truncated

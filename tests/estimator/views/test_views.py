@@ -5,15 +5,17 @@ from __future__ import annotations
 import io
 import json
 from pathlib import Path
+from types import SimpleNamespace
 
 import cv2
 import numpy as np
 import pytest
 import trimesh
 
+from estimator.records.scene import Camera, Scene, View
 from estimator.views.glb import FACES, glb_bytes
 from estimator.views.raster import render_view
-from estimator.views.scene_view import COLOURS, SceneView, box_on_ray
+from estimator.views.scene_view import COLOURS, SceneView, box_on_ray, scene_view
 from estimator.views.window import report_text
 from metric_cli.estimate_scale.estimate import main
 from tests.support.views import hand_view
@@ -91,3 +93,17 @@ def test_two_per_cent_of_the_points_at_each_end_are_outside_of_the_bounds() -> N
         points, np.zeros((101, 3), dtype=int), np.zeros((0, 2, 3)), (), (), np.zeros((0, 2, 3)), "m", "resolved"
     )
     assert view.bounds() == pytest.approx(np.array([[2.0] * 3, [98.0] * 3]))
+
+
+def test_cameras_and_the_vertical_are_drawn_relative_to_the_diagonal_of_the_scene() -> None:
+    """The diagonal is that of the points without 2 % at each end: 4 % for a camera, 25 % for the vertical."""
+    points = np.repeat(np.arange(101.0)[:, None], 3, axis=1)
+    camera = Camera("PINHOLE", 200, 200, np.array([100.0, 100.0, 100.0, 100.0]))
+    view = View("a", camera, np.eye(3), np.full(3, -50.0), np.empty((0, 2)), np.empty(0, dtype=np.int64))
+    result = SimpleNamespace(best_scale=None, up=None, objects=(), scale=None, interval=None, status="unresolved")
+    scene = Scene(Path(), "memory", (view,), points)
+    drawn = scene_view(SimpleNamespace(result=result, scene=scene, measurements=None))  # type: ignore[arg-type]
+    diagonal = 96 * np.sqrt(3)
+    edge = drawn.cameras[0, 1] - drawn.cameras[0, 0]
+    assert np.linalg.norm(edge) == pytest.approx(0.04 * diagonal * np.sqrt(3))
+    assert np.linalg.norm(drawn.up[0, 1] - drawn.up[0, 0]) == pytest.approx(0.25 * diagonal)

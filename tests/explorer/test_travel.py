@@ -181,3 +181,8 @@ def test_a_publication_is_read_by_the_tools_of_data_hubs(trees: list[Tree], tmp_
 
     for name, rows in (("items", 40), ("priors", 6)):
         assert datasets.load_dataset(str(out), name, split="train", cache_dir=str(tmp_path / "cache")).num_rows == rows
+
+
+def test_releases_without_a_difference_have_an_empty_diff(trees: list[Tree]) -> None:
+    diff = release_diff(trees[0], trees[0])
+    assert (diff.items, diff.licences, diff.added, diff.removed, diff.priors) == ({}, {}, [], [], [])

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import io
 import json
+from dataclasses import replace
 from pathlib import Path
 from types import SimpleNamespace
 
@@ -107,3 +108,14 @@ def test_cameras_and_the_vertical_are_drawn_relative_to_the_diagonal_of_the_scen
     edge = drawn.cameras[0, 1] - drawn.cameras[0, 0]
     assert np.linalg.norm(edge) == pytest.approx(0.04 * diagonal * np.sqrt(3))
     assert np.linalg.norm(drawn.up[0, 1] - drawn.up[0, 0]) == pytest.approx(0.25 * diagonal)
+
+
+@pytest.mark.parametrize(
+    ("node", "tier", "category"),
+    [("chair.n.01", "measured", "chair.n.01 (measured)"), (None, None, "not known (no size)")],
+)
+def test_the_report_of_a_box(node: str | None, tier: str | None, category: str) -> None:
+    box = hand_view().boxes[0]
+    box = replace(box, report={**box.report, "node": node, "tier": tier})
+    lines = ["chair a", f"category: {category}", "h 1.00", "used, weight 0.9"]
+    assert report_text(box) == "\n".join(lines)

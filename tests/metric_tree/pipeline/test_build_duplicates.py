@@ -88,3 +88,10 @@ def test_a_source_has_at_most_two_hundred_rows_in_a_fit_and_a_suspected_package_
     [fit] = pickle.loads(shard.rows)
     assert Counter(fit.sources) == {"a": MAX_FIT_ROWS, "b": 1}
     assert (MAX_FIT_ROWS, fit.n) == (200, 203)
+
+
+def test_two_of_three_sizes_identify_no_product_of_two_shops():
+    alpha = ("product", "alpha desk")
+    assert repeats(("a", *alpha, SIZES), ("b", *alpha, SIZES)) == [-1, 0]
+    assert repeats(("a", *alpha, SIZES[:2]), ("b", *alpha, SIZES[:2])) == [-1, -1]
+    assert repeats(("a", *alpha, [850.0] * 3), ("b", *alpha, [850.0] * 3)) == [-1, -1]

@@ -13,7 +13,15 @@ from pycocotools.coco import COCO
 
 from metric_cli.subcommands import main
 from metric_tree.training.classes import Classes
-from metric_tree.training.composition import Cutout, compose, cutouts_of, place_cutouts, random_background, shown_sizes
+from metric_tree.training.composition import (
+    Cutout,
+    Layer,
+    compose,
+    cutouts_of,
+    place_cutouts,
+    random_background,
+    shown_sizes,
+)
 from metric_tree.tree import Tree
 from tests.metric_tree.training.conftest import CUTOUTS, EACH, export
 
@@ -170,3 +178,10 @@ def test_objects_are_placed_from_24_pixels_to_nine_tenths_of_the_image(tmp_path:
         sides += [max(layer.pixels.shape) for index, layer in enumerate(layers) if index != first]
     assert 24 <= min(sides) < 32
     assert 120 < max(sides) <= 144
+
+
+@pytest.mark.parametrize(("alpha", "area"), [(127, 0), (128, 6)])
+def test_a_pixel_of_a_cut_out_is_opaque_from_half_the_range(alpha: int, area: int) -> None:
+    pixels = np.full((2, 3, 4), alpha, dtype=np.uint8)
+    cutout = Cutout("1", "chair.n.01", 1, Path("a.png"), None, "height", (900.0,))
+    assert Layer(cutout, 900.0, pixels, 0, 0, 0.0).area == area

@@ -20,10 +20,14 @@ from typing import Any
 FOLDER = Path(__file__).resolve().parent / "reference"
 #: Columns of a help text: what fits on a page.
 WIDTH = "100"
+#: Text of `--json` in the commands whose record has no schema in it.
+JSON_HELP = "print the result as JSON"
 NOTE = "<!-- Written by `make reference`. Do not edit. -->"
 #: Commands: the program, and where its parser comes from.
 PROGRAMS = {"estimate-scale": "metric_cli.estimate_scale.parser", "insert-object": "metric_cli.insert_object.parser"}
 APIS = ("metric_tree", "estimator", "capture", "models3d", "insertion")
+#: Classes for programs that read or write glTF files themselves: their methods are documented in the code only.
+SUMMARIES = {"GltfDocument", "GltfWriter"}
 
 
 def commands() -> str:
@@ -41,6 +45,21 @@ def commands() -> str:
 
 
 def _help(program: str, parser: argparse.ArgumentParser) -> str:
+    """Return the section of a command without the options that the first lines of the page state for all commands.
+
+    A usage line without a text of its own names only what is required: the list of options follows it anyway.
+    """
+    for action in parser._actions:
+        if isinstance(action, argparse._HelpAction) or action.help == JSON_HELP:
+            action.help = argparse.SUPPRESS
+    if parser.usage is None:
+        required = [action for action in parser._actions if action.required and action.option_strings]
+        names = [f"{action.option_strings[0]} {action.metavar or action.dest.upper()}" for action in required]
+        positionals = " ".join(
+            parser._get_formatter()._format_args(action, action.metavar or action.dest)
+            for action in parser._get_positional_actions()
+        )
+        parser.usage = " ".join(part for part in (parser.prog, positionals, *names, "[OPTION ...]") if part)
     text = "\n".join(line.rstrip() for line in parser.format_help().strip().splitlines())
     return f"## {program}\n\n```text\n{text}\n```"
 
@@ -76,6 +95,9 @@ def _entry(package: str, name: str, value: Any) -> str:
 
 
 def _members(owner: str, value: type) -> Iterator[str]:
+    """Yield the public methods and properties, but none of the classes in `SUMMARIES`."""
+    if owner in SUMMARIES:
+        return
     for name, member in vars(value).items():
         target = member.fget if isinstance(member, property) else getattr(member, "__func__", member)
         if name.startswith("_") or not callable(target) or inspect.getdoc(target) is None:
@@ -85,8 +107,13 @@ def _members(owner: str, value: type) -> Iterator[str]:
 
 
 def _signature(function: Callable[..., Any]) -> str:
+    """Return the parameters; without types if the docstring, which is shown below them, lists them with types."""
     try:
-        text = str(inspect.signature(function)).replace("'", "")
+        signature = inspect.signature(function)
+        if "Parameters\n---" in (inspect.getdoc(function) or ""):
+            plain = [item.replace(annotation=inspect.Parameter.empty) for item in signature.parameters.values()]
+            signature = signature.replace(parameters=plain)
+        text = str(signature).replace("'", "")
         return re.sub(r"<function (\w+) at 0x\w+>", r"\1", text)
     except (TypeError, ValueError):
         return "(...)"

@@ -194,12 +194,16 @@ def _pulls_table(outcomes: Sequence[Outcome]) -> str:
 
 
 def _errors_table(outcomes: Sequence[Outcome]) -> str:
-    rows = []
+    """Return the table of the default method with one error at a time; equal numbers of scenes in all rows."""
+    lines = [table_head(("setting", "refused", "error, median", "mean", "coverage", "high/low"))]
     for error, settings in FAULTS.items():
         for value, _ in settings:
             chosen = select(outcomes, group=f"{error}: {value}", method="default")
-            rows += [_line(f"{error}: {value}", "default", chosen)] if chosen else []
-    return "\n".join([_HEAD, *rows]) if rows else "Not run."
+            if chosen:
+                s = summary(chosen)
+                numbers = (f"{s.refused:.0%}", _percent(s.median), _percent(s.mean), _number(s.coverage))
+                lines.append(row_text([f"{error}: {value}", *numbers, _number(s.ratio)]))
+    return "\n".join(lines) if len(lines) > 1 else "Not run."
 
 
 def _refusals_table(outcomes: Sequence[Outcome]) -> str:

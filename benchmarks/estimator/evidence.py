@@ -4,11 +4,11 @@
 
 prints the tables of docs/evidence/other-evidence.md, and writes them there with `--write`:
 
-- each kind right, wrong by two alone, wrong by two beside four right objects, and right beside objects of half their
-  size (a model room): scale and interval by the true scale, weight, verdict;
+- each kind right, wrong by two alone, wrong by two with four right objects, and right with objects of half their
+  size (a model room): interval by the true scale, and verdict;
 - `--up` right, tilted and upside down on the demo scene;
 - coverage of the 90 % interval on simulated scenes (`benchmarks.estimator.simulation`) with one to three kinds, alone
-  and beside three objects, one piece of evidence in ten wrong by up to a factor of seven.
+  and with three objects, one piece of evidence in ten wrong by up to a factor of seven.
 """
 
 from __future__ import annotations
@@ -49,40 +49,37 @@ MAX_WRONG_LOG = 2.0
 LEVEL = 0.9
 #: Kinds whose rows are those of another kind in every digit: they share its code after the file is read.
 EQUAL_KINDS = {"AprilTag", "ChArUco", "depth, PFM", "depth, PNG"}
+#: Columns of the table of the kinds.
+CASES = (
+    "right, four objects|twice too large, no objects|twice too large, four objects|right, objects of half their size"
+)
 Row = Sequence[object]
 
 
 def kind_rows(tree: Tree, folder: Path) -> Iterator[Row]:
-    """Yield kind, case, stated scale, scale, interval, weight and verdict; scales are relative to the true scale."""
+    """Yield the kind and its result in each of the `CASES`; scales are relative to the true scale."""
     walk = with_rig(synthetic_walk(folder, views=12), RIG_M)
     shown = measure_objects(walk.scene, ())
     right = objects_of(tree, OBJECTS, walk.scale)
     small = objects_of(tree, OBJECTS, 2 * walk.scale)
-    yield ("none", "four objects", None, *_scale_cells(scale_of_objects(right, tree), walk), None, None)
+    yield ("none", _result_cell(scale_of_objects(right, tree), walk), None, None, None)
     for name, kind in KINDS.items():
         if name in EQUAL_KINDS:
             continue
         (true,), (wrong,) = (kind.rows(walk, shown, factor) for factor in (1.0, 2.0))
-        cases = {
-            "right, four objects": (true, right),
-            "twice too large, no objects": (wrong, []),
-            "twice too large, four objects": (wrong, right),
-            "right, four objects half their size": (true, small),
-        }
-        for case, (evidence, objects) in cases.items():
+        cells = []
+        for evidence, objects in ((true, right), (wrong, []), (wrong, right), (true, small)):
             result = scale_of_objects(objects, tree, EstimateOptions(evidence=(evidence,)))
             (row,) = result.evidence
-            stated = (evidence.scale or math.nan) / walk.scale
-            yield name, case, f"{stated:.2f}", *_scale_cells(result, walk), f"{row.weight:.2f}", row.verdict
+            cells.append(f"{_result_cell(result, walk)}, {row.verdict}")
+        yield name, *cells
 
 
-def _scale_cells(result: ScaleResult, walk: Walk) -> tuple[str, str]:
-    """Return scale and interval relative to the true scale, or the modes of an unresolved scale."""
-    if result.scale is None or result.interval is None:
-        modes = ", ".join(f"{mode.scale / walk.scale:.2f}" for mode in result.modes)
-        return f"unresolved ({modes})", "–"
-    low, high = (value / walk.scale for value in (result.interval.low, result.interval.high))
-    return f"{result.scale / walk.scale:.2f}", f"{low:.2f} to {high:.2f}"
+def _result_cell(result: ScaleResult, walk: Walk) -> str:
+    """Return the interval relative to the true scale, or the modes of an unresolved scale."""
+    if result.interval is None:
+        return "unresolved (" + ", ".join(f"{mode.scale / walk.scale:.2f}" for mode in result.modes) + ")"
+    return " to ".join(f"{value / walk.scale:.2f}" for value in (result.interval.low, result.interval.high))
 
 
 def up_rows(tree: Tree) -> Iterator[Row]:
@@ -160,7 +157,7 @@ def _table(header: str, rows: Iterator[Row]) -> str:
 def page(tree: Tree, scenes: int) -> str:
     """Return the text of the page with all tables."""
     with tempfile.TemporaryDirectory() as folder:
-        kinds = _table("evidence|case|states|scale|90 % interval|weight|verdict", kind_rows(tree, Path(folder)))
+        kinds = _table(f"evidence|{CASES}", kind_rows(tree, Path(folder)))
     ups = _table("`--up`|scale|90 % interval|warning", up_rows(tree))
     header = "objects|other evidence|of it wrong|coverage|median error|mean error|width (log)"
     coverage = _table(header, coverage_rows(tree, scenes))

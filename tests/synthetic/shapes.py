@@ -189,14 +189,27 @@ def depth_and_identity(objects: list[Shape], view: View) -> tuple[FloatArray, In
     """Return the depth (h, w) and the index of the object (h, w) at every pixel; infinite and -1 without an object."""
     width, height = view.camera.width, view.camera.height
     x, y = np.meshgrid(np.arange(width) + 0.5, np.arange(height) + 0.5)
-    rays = _rays(view, np.column_stack([x.ravel(), y.ravel()]))
-    depth, identity = np.full(len(rays), np.inf), np.full(len(rays), -1)
+    rays = _rays(view, np.column_stack([x.ravel(), y.ravel()])).reshape(height, width, 3)
+    depth, identity = np.full((height, width), np.inf), np.full((height, width), -1)
     for index, item in enumerate(objects):
         for solid in item.solids:
-            hit = _depths(solid, view.centre, rays)
-            closer = hit < depth
-            depth[closer], identity[closer] = hit[closer], index
-    return depth.reshape(height, width), identity.reshape(height, width)
+            window = _window(solid, view)
+            hit = _depths(solid, view.centre, rays[window].reshape(-1, 3)).reshape(depth[window].shape)
+            closer = hit < depth[window]
+            depth[window][closer], identity[window][closer] = hit[closer], index
+    return depth, identity
+
+
+def _window(solid: Solid, view: View) -> tuple[slice, slice]:
+    """Return the rows and columns of the pixels that can show a solid: all, unless it is in front of the camera."""
+    corners = np.stack(np.meshgrid(*[[-0.5, 0.5]] * 3), axis=-1).reshape(8, 3) * solid.size
+    local = (corners @ solid.rotation.T + solid.centre) @ view.rotation.T + view.translation
+    if local[:, 2].min() < 1e-3:
+        return slice(None), slice(None)
+    fx, fy, cx, cy = view.camera.params
+    pixels = local[:, :2] / local[:, 2:] * [fx, fy] + [cx, cy]
+    (left, top), (right, bottom) = np.floor(pixels.min(axis=0)).astype(int), np.ceil(pixels.max(axis=0)).astype(int)
+    return slice(max(top - 1, 0), max(bottom + 1, 0)), slice(max(left - 1, 0), max(right + 1, 0))
 
 
 def _depths(solid: Solid, eye: FloatArray, rays: FloatArray) -> FloatArray:

@@ -93,7 +93,7 @@ def _view() -> View:
     return View("one", camera, rotation, -rotation @ eye, np.empty((0, 2)), np.empty(0, dtype=np.int64))
 
 
-@pytest.fixture(scope="module")
+@pytest.fixture
 def context() -> Iterator[Any]:
     opened = gl_context()
     yield opened

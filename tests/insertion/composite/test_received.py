@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 
 import numpy as np
 import pytest
@@ -65,7 +65,7 @@ def _front(view: View) -> VisiblePoints:
 
 
 @pytest.fixture(scope="module")
-def renderer() -> ObjectRenderer:
+def renderer() -> Iterator[ObjectRenderer]:
     mesh = solid("book", np.array([0.3, 0.3, 0.6]))
     corners = mesh.vertices[mesh.faces].reshape(-1, 3)[:, [0, 2, 1]] * [1, 1, -1]
     normals = np.tile([0.0, 1.0, 0.0], (len(corners), 1))
@@ -77,7 +77,9 @@ def renderer() -> ObjectRenderer:
     rest = np.full((HEIGHT, WIDTH, 3), 0.05, np.float32)
     middle = np.array([0.0, 0.0, 0.3])
     lamps = SphereLights(LAMP[None], np.full((1, 3), 12.0), np.array([0.1]), middle)
-    return ObjectRenderer(gl_context(), body, Environment(rest, np.eye(3), rest[..., 0], rest, lamps))
+    context = gl_context()
+    yield ObjectRenderer(context, body, Environment(rest, np.eye(3), rest[..., 0], rest, lamps))
+    context.release()
 
 
 def test_the_shadow_is_on_what_stands_beside_and_not_on_what_is_in_front(renderer: ObjectRenderer) -> None:

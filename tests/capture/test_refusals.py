@@ -46,7 +46,6 @@ from tests.synthetic.refused_videos import FRAMES, LENS, RARE_VIDEOS, REFUSED_VI
 from tests.synthetic.rooms.render import NoOpenGL
 from tests.synthetic.videos import SyntheticFrame, recorded, room, straight_ahead, times_of, write_video
 
-
 #: The codes of which every strategy is tried. The pooled strategy would take most of the time of the two rooms cut
 #: together, whose frames fall into the same groups with both.
 POOLED_CODES = {"no_texture", "motion_blur"}

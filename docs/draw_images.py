@@ -31,6 +31,8 @@ HORSE = ROOT / "data" / "models" / "rocking_horse.glb"
 QUALITY = 85
 #: Width in pixels of an image of one panel.
 WIDTH_PX = 1280
+#: First and last frame of the video in `walk.jpg`, which shows the frame between them, too.
+WALK_FRAMES = (110, 170)
 
 #: The numbers of an image: `metres_per_unit`, the sizes of objects in metres.
 Numbers = dict[str, Any]
@@ -69,10 +71,11 @@ def walk(work: Path) -> tuple[Image.Image, Numbers]:
     video = str(SCENES / "walk_carpark" / "video.mp4")
     _run(estimate_scale, video, "--work", str(work / "walk"), "--frames", "30")
     insertion = ["--model", str(HORSE), "--size", "height=0.9", "--facing", "60", "--at", "frame=150,x=390,y=350"]
-    _run(insert_object, str(work / "walk"), *insertion, "--frames", "110:170", "--out", str(work / "out"))
+    ends = "{}:{}".format(*WALK_FRAMES)
+    _run(insert_object, str(work / "walk"), *insertion, "--frames", ends, "--out", str(work / "out"))
     frames = sorted((work / "out").glob("*.png"))
     result = json.loads((work / "walk" / "result.json").read_text(encoding="utf-8"))
-    return _panels([frames[0], frames[30], frames[60]], 2 * WIDTH_PX), _numbers(result)
+    return _panels([frames[0], frames[len(frames) // 2], frames[-1]], 2 * WIDTH_PX), _numbers(result)
 
 
 #: Names of the images, and the functions that draw them.

@@ -105,7 +105,7 @@ def insert_objects(
     >>> import insertion, tempfile
     >>> with tempfile.TemporaryDirectory() as folder:
     ...     made = insertion.insert_objects(
-    ...         "data/scenes/demo_room", ["data/models/rocking_horse.glb"], 0.4, f"{folder}/out"
+    ...         "data/scenes/demo_room", ["data/models/rocking_horse.glb"], 0.4, f"{folder}/out", frames=(0, 1)
     ...     )
     >>> sorted(made.objects[0].size_m)
     ['height', 'length', 'width']

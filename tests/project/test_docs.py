@@ -1,16 +1,18 @@
-"""Links and paths of the documents exist, commands and snippets run, and generated pages are current."""
+"""Links, paths and options of the documents exist, Python snippets run, and generated pages are current."""
 
 from __future__ import annotations
 
 import argparse
 import importlib
-import math
 import os
 import re
 import shlex
 import subprocess
 import sys
+import tomllib
+from collections import Counter
 from pathlib import Path
+from typing import Any
 
 import pytest
 
@@ -42,16 +44,15 @@ PAGES = sorted(
 CODE = sorted(path for package in (*PACKAGES, "benchmarks") for path in (ROOT / package).rglob("*.py"))
 #: Documents and terms that are not part of the repository.
 FOREIGN = re.compile(r"\b(methods|contracts|layout|style|peers|stack)\.md\b|\bthe issue(?!s)\b|\bthe contract\b")
-#: Blocks of commands that are run unchanged in a folder with the repository's `data`.
-CONSOLE = re.compile(r"^```console\n(.*?)^```", re.MULTILINE | re.DOTALL)
-#: The same with the output that the page shows below it, if any.
-SHOWN = re.compile(r"^```console\n(.*?)^```(?:\n```text\n(.*?)^```)?", re.MULTILINE | re.DOTALL)
 #: A block of shell commands, and a line of it that begins with a program of the project.
 SHELL = re.compile(r"^```(?:sh|console)\n(.*?)^```", re.MULTILINE | re.DOTALL)
 PROGRAM = re.compile(r"(?:\$ )?(metric-tree|estimate-scale|insert-object) ")
-#: Maximum relative difference between a number in the shown output and the same number today: the last digits depend
-#: on the version of the linear algebra, and a reconstruction on the order of its threads.
-MAX_SHOWN_DIFFERENCE = 0.03
+#: Questions of new users, with the pages that answer them and a part of the answer.
+QUESTIONS: list[dict[str, Any]] = tomllib.loads(Path(__file__).with_name("newcomers.toml").read_text("utf-8"))[
+    "question"
+]
+#: Maximum number of pages, and of words in them, that a new user reads until a question is answered.
+MAX_PAGES, MAX_ANSWER_WORDS = 2, 1500
 #: Maximum number of words of the README.
 MAX_README_WORDS = 900
 PYTHON = re.compile(r"^```python\n(.*?)^```", re.MULTILINE | re.DOTALL)
@@ -139,10 +140,6 @@ def test_the_navigation_has_every_page_once() -> None:
     assert sorted(listed) == sorted({*pages, "index.md"})
 
 
-def _commands(block: str) -> list[str]:
-    return [line[2:].partition("  #")[0] for line in block.splitlines() if line.startswith("$ ")]
-
-
 def _options(words: list[str]) -> tuple[set[str], set[str]]:
     """Return the options of a command line of the project, and those that its parser has."""
     if words[0] == "metric-tree":
@@ -170,42 +167,6 @@ def test_options_of_commands_exist(page: Path) -> None:
                 assert used - known == set(), line
 
 
-def _agrees(shown: str, printed: str) -> bool:
-    """Return True if two lines have the same words, numbers within `MAX_SHOWN_DIFFERENCE`, integers within 1."""
-    number = re.compile(r"\d+(?:\.\d+)?")
-    if number.sub("0", shown).split() != number.sub("0", printed).split():
-        return False
-    pairs = zip(number.findall(shown), number.findall(printed), strict=True)
-    return all(
-        math.isclose(float(a), float(b), rel_tol=MAX_SHOWN_DIFFERENCE, abs_tol=0.011 if "." in a else 1.0)
-        for a, b in pairs
-    )
-
-
-@pytest.mark.slow
-@pytest.mark.parametrize(
-    "page", [page for page in PAGES if CONSOLE.search(page.read_text(encoding="utf-8"))], ids=_name
-)
-def test_commands_of_a_page_end_with_status_zero_and_print_the_shown_lines(page: Path, tmp_path: Path) -> None:
-    """The commands after `$ ` run in one folder, in order."""
-    (tmp_path / "data").symlink_to(ROOT / "data")
-    environment = os.environ | {
-        "PATH": f"{Path(sys.executable).parent}{os.pathsep}{os.environ['PATH']}",
-        "PYTHONPATH": str(ROOT),
-    }
-    for block, shown in SHOWN.findall(page.read_text(encoding="utf-8")):
-        printed = ""
-        for line in _commands(block):
-            done = subprocess.run(
-                ["bash", "-c", line], cwd=tmp_path, env=environment, capture_output=True, text=True, check=False
-            )
-            assert done.returncode == 0, f"{line}\n{done.stdout}\n{done.stderr}"
-            printed += done.stdout
-        for line in shown.splitlines():
-            if line.strip(" ─.") and "─" not in line:
-                assert any(_agrees(line, other) for other in printed.splitlines()), f"{line}\n{printed}"
-
-
 @pytest.mark.parametrize("page", [page for page in PAGES if PYTHON.search(page.read_text(encoding="utf-8"))], ids=_name)
 def test_python_snippets_of_a_page_run(page: Path, tmp_path: Path) -> None:
     """The Python blocks of a page run in one process, in order."""
@@ -222,3 +183,34 @@ def test_python_snippets_of_a_page_run(page: Path, tmp_path: Path) -> None:
         check=False,
     )
     assert done.returncode == 0, f"{code}\n{done.stderr}"
+
+
+def _section(page: str) -> str:
+    """Return a page, or the section `page#anchor` with the sections below it."""
+    name, _, anchor = page.partition("#")
+    text = (ROOT / name).read_text(encoding="utf-8")
+    if not anchor:
+        return text
+    parts = re.split(r"^(#+) (.*)$", text, flags=re.MULTILINE)
+    headings = list(zip(parts[1::3], parts[2::3], parts[3::3], strict=True))
+    start = next(k for k, (_, title, _) in enumerate(headings) if _anchor(title) == anchor)
+    end = start + 1
+    while end < len(headings) and len(headings[end][0]) > len(headings[start][0]):
+        end += 1
+    return "".join(f"{marks} {title}{body}" for marks, title, body in headings[start:end])
+
+
+def _anchor(title: str) -> str:
+    return re.sub(r"[^\w -]", "", title.lower()).replace(" ", "-")
+
+
+@pytest.mark.parametrize("question", QUESTIONS, ids=lambda question: question["text"][:40])
+def test_a_question_of_a_newcomer_is_answered_within_two_pages(question: dict[str, Any]) -> None:
+    texts = [_section(page) for page in question["pages"]]
+    assert len(texts) <= MAX_PAGES
+    assert sum(len(text.split()) for text in texts) <= MAX_ANSWER_WORDS
+    assert any(question["answer"] in text for text in texts)
+
+
+def test_each_kind_of_user_has_five_questions() -> None:
+    assert set(Counter(question["user"] for question in QUESTIONS).values()) == {5}

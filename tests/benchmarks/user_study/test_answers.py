@@ -22,6 +22,12 @@ from metric_base.errors import InputError
 from metric_cli.insert_object.insert import main as insert_object
 
 
+@pytest.fixture(autouse=True)
+def _few_resamples(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Resample the participants 25 times instead of 150, each with a fit."""
+    monkeypatch.setattr("benchmarks.user_study.curve.N_RESAMPLES", 25)
+
+
 def _answers(observer: Observer, participants: int, repeats: int, seed: int) -> list[StudyAnswer]:
     generator = np.random.default_rng(seed)
     shares = observer.shares(np.array(STEPS, dtype=float))

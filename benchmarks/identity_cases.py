@@ -1,7 +1,7 @@
 """The cases of `benchmarks.identity`: command lines and uses of the public API, by part.
 
 Paths are relative to the checkout that runs; `{out}` is the output folder of a case. A case whose input is missing is
-left out, in the same way on both sides of a comparison.
+omitted, in the same way on both sides of a comparison.
 """
 
 from __future__ import annotations
@@ -65,7 +65,7 @@ def _case(name: str, line: str, *, split: bool = False, work: str = "", features
 
 
 def scenes(root: Path) -> list[Case]:
-    """Every scene with a reconstruction, every method, other inputs of one scene, and all outputs of another."""
+    """Every scene with a reconstruction, every method, other inputs of a scene, and all outputs of another."""
     found = [
         model.parent for top in ("data/scenes", f"{SHARED}/scenes") for model in sorted((root / top).glob("*/sparse"))
     ]
@@ -223,7 +223,7 @@ def dense(_root: Path) -> list[Case]:
     return [_case("dense/demo_video", line, work="demo_video")]
 
 
-#: Answers of the explorer over HTTP: its OpenAPI description, queries, and errors.
+#: Responses of the explorer over HTTP: its OpenAPI description, queries, and errors.
 SERVER = """
 import json, re, subprocess, sys, urllib.error, urllib.request
 start = "from metric_cli import programs; programs.metric_tree()"
@@ -246,7 +246,7 @@ print(json.dumps(answers))
 
 
 def site(_root: Path) -> list[Case]:
-    """The whole static site, answers of the server, and the folder of a data hub."""
+    """The whole static site, responses of the server, and the folder of a data hub."""
     node = "/v1/nodes/chair.n.01"
     paths = ("/openapi.json", "/v1/releases", "/v1/search?q=chair", node, f"{node}/prior?dims=height", f"{node}/items")
     errors = ("/v1/nodes/nothing", "/v1/search", f"{node}/prior?dims=colour", "/nowhere")

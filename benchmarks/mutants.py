@@ -31,7 +31,7 @@ ROOT = Path(__file__).resolve().parents[1]
 FOLDERS = ("insertion", "taxonomy", "metric_tree/fit", "estimator/evidence")
 #: `int | None` of an annotation is no code that runs; a mutant of it survives by its nature.
 ANNOTATIONS = "%BinaryOperator_BitOr%"
-#: A mutant whose tests take so many times their seconds counts as killed.
+#: A mutant whose tests take so many times their seconds is treated as killed.
 HANG_FACTOR = 12
 CONFIG = '[cosmic-ray]\nmodule-path = {folders}\ntimeout = 60\nexcluded-modules = []\ntest-command = "true"\n'
 PYTEST = [sys.executable, "-m", "pytest", "-q", "-p", "no:cacheprovider"]

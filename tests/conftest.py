@@ -51,11 +51,15 @@ WORDNET_FILES = {
     "tests/taxonomy/test_insertions.py",
     "tests/taxonomy/test_wordnet.py",
 }
-#: Resident memory of a process in MiB from which its caches are emptied between two modules. Single tests need up to
+#: Resident memory of a process in MiB from which its caches are emptied after a test. Single tests need up to
 #: 450 MiB more, and a process stays below 1 GiB.
 MAX_CACHED_MIB = 500.0
 #: The same for a process with WordNet, whose tests need less beyond it.
 MAX_WORDNET_MIB = 800.0
+#: Increase since the caches were last emptied from which it is worth the time.
+MIN_FREED_MIB = 60.0
+#: Resident memory in MiB after the caches were last emptied.
+_REMAINDER: dict[str, float] = {}
 
 
 def pytest_addoption(parser: pytest.Parser) -> None:
@@ -105,15 +109,16 @@ def pytest_xdist_make_scheduler(config: pytest.Config, log: Any) -> Any:
     return Scheduling(config, log) if config.getoption("dist") == "loadfile" else None
 
 
-@pytest.fixture(scope="module", autouse=True)
+@pytest.fixture(autouse=True)
 def _bounded_caches(request: pytest.FixtureRequest) -> Iterator[None]:
-    """Empty the caches of the packages after a module if this process is large.
+    """Empty the caches of the packages after a test if this process is large.
 
     WordNet with its matcher (300 MB), releases and likelihoods would otherwise remain in each process of the suite.
     """
     yield
-    file = Path(request.node.path).relative_to(ROOT).as_posix()
-    if _resident_mib() < (MAX_WORDNET_MIB if file in WORDNET_FILES else MAX_CACHED_MIB):
+    file = request.node.nodeid.partition("::")[0]
+    limit = MAX_WORDNET_MIB if file in WORDNET_FILES else MAX_CACHED_MIB
+    if _resident_mib() < max(limit, _REMAINDER.get("mib", 0.0) + MIN_FREED_MIB):
         return
     for cached in [item for item in gc.get_objects() if isinstance(item, functools._lru_cache_wrapper)]:
         if (ROOT / (cached.__module__ or "").partition(".")[0] / "__init__.py").is_file():
@@ -121,6 +126,7 @@ def _bounded_caches(request: pytest.FixtureRequest) -> Iterator[None]:
     gc.collect()
     if hasattr(libc := ctypes.CDLL(None), "malloc_trim"):  # glibc keeps freed memory
         libc.malloc_trim(0)
+    _REMAINDER["mib"] = _resident_mib()
 
 
 def _resident_mib() -> float:

@@ -35,7 +35,7 @@ SEED = 0
 
 @dataclass(frozen=True, slots=True)
 class Outcome:
-    """Result of one method on one scene, compared with the truth.
+    """Result of a method on one scene, compared with the truth.
 
     part, group : experiment and setting.
     error : ln(scale / true) of the highest mode, also if the estimate is refused; NaN without a mode.
@@ -112,7 +112,7 @@ def select(outcomes: Iterable[Outcome], **wanted: str) -> list[Outcome]:
 
 
 def summary(outcomes: Sequence[Outcome]) -> Summary:
-    """Return the statistics of one method in one setting."""
+    """Return the statistics of a method in one setting."""
     answered = [row for row in outcomes if not row.refused and np.isfinite(row.error)]
     signed = np.array([row.error for row in answered])
     errors = np.abs(np.exp(signed) - 1)

@@ -72,7 +72,7 @@ def streets_outcomes(tables: Path, tree: Tree, seed: int) -> Iterator[Outcome]:
 
 
 def _scenes(tables: Path, generator: np.random.Generator) -> Iterator[tuple[str, list[StreetObject]]]:
-    """Yield the group's name and the objects of a scene: of one drive if the set has drives, or drawn from one city."""
+    """Yield the group's name and the objects of a scene: of a drive if the set has drives, or drawn from one city."""
     for name in ("waymo_motion_samples", "nuplan_samples"):
         drives: dict[str, list[StreetObject]] = defaultdict(list)
         for row, item in _objects_of(tables, name):

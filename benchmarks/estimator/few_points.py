@@ -18,7 +18,7 @@ from estimator.records.options import MeasurementOptions
 from metric_base.arrays import FloatArray
 from tests.synthetic.rooms.few_points import MAX_POINTS, PATHS, few_points_world
 
-#: Categories that stand on the floor in these worlds.
+#: Categories that are on the floor in these worlds.
 STANDING = {"car": True, "chair": True}
 #: Half width of the central 90 % interval of a Gaussian, in standard deviations.
 SIGMAS_90 = 1.645
@@ -30,7 +30,7 @@ POINT_BINS = (0, 3, 8, 16, 10_000)
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Row:
-    """Log errors (3,) (None if the object was skipped) and sigmas (3,) of one object."""
+    """Log errors (3,) (None if the object was skipped) and sigmas (3,) of an object."""
 
     path: str
     pixels: float
@@ -60,7 +60,7 @@ def main() -> None:
 
 
 def world_rows(seed: int, path: str, points: tuple[int, int] = (1, MAX_POINTS)) -> Iterator[Row]:
-    """Yield the objects of one world. Errors of truncated axes are NaN."""
+    """Yield the objects of a world. Errors of truncated axes are NaN."""
     world = few_points_world(seed, path, points)
     up = (0.0, 0.0, 1.0) if path == "above" else None  # the aircraft states up
     options = MeasurementOptions(standing=STANDING.get, up=up)

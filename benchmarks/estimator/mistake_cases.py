@@ -1,4 +1,4 @@
-"""Input files of one scene with one of thirty user mistakes (`benchmarks.estimator.mistakes`)."""
+"""Input files of a scene with one of thirty user mistakes (`benchmarks.estimator.mistakes`)."""
 
 from __future__ import annotations
 

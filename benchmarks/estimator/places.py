@@ -98,7 +98,7 @@ def learned(rooms: Sequence[Room], by_name: Mapping[str, CategoryMatch], count: 
         noise = np.diag(np.array(SIGMA)[axes] ** 2)
         likelihood = np.array([_densities(x, m, s + prior.disagreement() + noise)
                                for m, s in zip(prior.means, prior.covariances, strict=True)]).T  # fmt: skip
-        # objects of one room are not independent, so their total weight is the square root of their number
+        # objects of a room are not independent, so their total weight is the square root of their number
         weight = responsibilities[rows] / np.sqrt(counts[rows, column])[:, None]
         features = prior.means - prior.weights @ prior.means
         fitted = np.array([_tilt(likelihood, weight[:, k], prior.weights, features) for k in range(count)])
@@ -141,7 +141,7 @@ def _densities(x: FloatArray, mean: FloatArray, covariance: FloatArray) -> Float
 
 
 def _tilt(likelihood: FloatArray, part: FloatArray, weights: FloatArray, features: FloatArray) -> FloatArray:
-    """Return the tilt (d,) of one scene type.
+    """Return the tilt (d,) of a scene type.
 
     likelihood : (n, k) densities of the objects under the components.
     part : (n,) weights of the objects in the scene type.

@@ -1,4 +1,4 @@
-"""Captures beside plain pycolmap: `python -m benchmarks.estimator.real_footage DATA --out DIR --against pycolmap`.
+"""Captures next to plain pycolmap: `python -m benchmarks.estimator.real_footage DATA --out DIR --against pycolmap`.
 
 DATA is the folder that holds `captures/` and `scenes/`. Every case (a set, with `--parts` also the parts of the sets,
 with `--made` also the rendered captures and the constructed errors; see `footage_cases`) is reconstructed in a process
@@ -105,7 +105,7 @@ def _run(case: FootageCase, options: argparse.Namespace) -> None:
 
 
 def _run_ours(case: FootageCase, data: Path, out: Path, limit_s: float) -> None:
-    """Reconstruct a case in a process of its own, and keep the result."""
+    """Reconstruct a case in a separate process, and keep the result."""
     words = ["-m", "benchmarks.estimator.real_footage", str(data), "--out", str(out), "--only", case.name, "--one"]
     run = run_child([sys.executable, *words], limit_s)
     result = _result(run, {"code": "no answer", "frames": 0})
@@ -218,7 +218,7 @@ def _reconstruct(case: FootageCase, out: Path) -> dict[str, Any]:
 def sensor_rows(place: Path) -> list[tuple[str, ScaleEvidence]]:
     """What inertial unit and GPS of a video say of the reference model, by the whole path and its halves.
 
-    place : a set with `video.mp4`, whose reference model has pictures named by the video's frames, from 1.
+    place : a set with `video.mp4`, whose reference model has images named by the video's frames, from 1.
     """
     from estimator.evidence.gps import VideoGps
     from estimator.evidence.imu import Imu

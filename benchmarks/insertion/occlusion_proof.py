@@ -117,7 +117,7 @@ def main() -> None:
 
 
 def room_rows(kind: str, seed: int, category: str, size: Sequence[float]) -> list[dict[str, Any]]:
-    """Return the results of one room in all settings."""
+    """Return the results of a room in all settings."""
     hidden = hidden_object(kind, seed, category, size)
     inputs = [_input(hidden, setting) for setting in SETTINGS]
     white = np.ones((HEIGHT, WIDTH, 3), np.float32)

@@ -42,7 +42,7 @@ MAX_INTERVAL_RATIO = 6.0
 
 @dataclass(frozen=True, slots=True)
 class Axis:
-    """5, 50 and 95 % quantiles of one axis of an object in mm, from the list and from the prior."""
+    """5, 50 and 95 % quantiles of an axis of an object in mm, from the list and from the prior."""
 
     name: str
     node_id: str

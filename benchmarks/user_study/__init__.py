@@ -1,1 +1,1 @@
-"""User study of the paper: a page with one insertion at eleven sizes, and the evaluation of its answers."""
+"""User study of the paper: a page with one insertion at eleven sizes, and the evaluation of its responses."""

@@ -1,4 +1,4 @@
-"""Read the answers that the page of the study saves."""
+"""Read the responses that the page of the study saves."""
 
 from __future__ import annotations
 
@@ -14,13 +14,13 @@ from metric_base.errors import InputError, expect, in_file
 from metric_base.input_files import folder_entries, read_bytes
 from metric_base.records import json_record
 
-#: Schema of a file of answers.
+#: Schema of a file of responses.
 ANSWERS_SCHEMA = "metric-tree/study-answers/1"
 Judgement = Literal["too small", "right", "too large"]
 ANSWERS: tuple[str, ...] = get_args(Judgement)
 #: Maximum number of steps times participants; limits the memory of the tables. The page has 11 steps.
 MAX_CELLS = 1_000_000
-#: Maximum size of a file of answers; the page saves about 10 kB.
+#: Maximum size of a file of responses; the page saves about 10 kB.
 MAX_BYTES = 1 << 24
 
 
@@ -56,7 +56,7 @@ class StudyAnswer:
 
 
 def read_answers(path: Path, warnings: list[str] | None = None) -> list[StudyAnswer]:
-    """Read the answers of a file, or of the JSON files in a folder without copies.
+    """Read the responses of a file, or of the JSON files in a folder without copies.
 
     warnings : list to which a line is appended for each copy.
 
@@ -86,7 +86,7 @@ def read_answers(path: Path, warnings: list[str] | None = None) -> list[StudyAns
 
 
 def _expect_one_study(path: Path, documents: Mapping[Path, _Answers]) -> None:
-    """Raise an InputError if the answers are about different images, which cannot be combined in a curve."""
+    """Raise an InputError if the responses are about different images, which cannot be combined in a curve."""
     by_study: dict[tuple[str | None, str | None], list[Path]] = defaultdict(list)
     for file, document in documents.items():
         by_study[document.study, document.object or document.thing].append(file)
@@ -97,7 +97,7 @@ def _expect_one_study(path: Path, documents: Mapping[Path, _Answers]) -> None:
 
 
 def _without_copies(documents: Mapping[Path, _Answers]) -> tuple[list[StudyAnswer], list[str]]:
-    """Return the answers without copied files, and a line for each copy."""
+    """Return the responses without copied files, and a line for each copy."""
     first_file: dict[str, Path] = {}
     answers: list[StudyAnswer] = []
     copies = []

@@ -1,12 +1,12 @@
-"""Fit a psychometric curve to the answers: the fraction of "right" at each step, and an observer model.
+"""Fit a psychometric curve to the responses: the fraction of "right" at each step, and an observer model.
 
-The observer perceives the log size with an error, x = ln(1 + step) + bias + sigma z, z ~ N(0, 1), and answers "too
-small" below -c, "too large" above c and "right" otherwise; 2 % of the answers are random (lapse rate, Wichmann and
+The observer perceives the log size with an error, x = ln(1 + step) + bias + sigma z, z ~ N(0, 1), and responds "too
+small" below -c, "too large" above c and "right" otherwise; 2 % of the responses are random (lapse rate, Wichmann and
 Hill, 2001). The peak of the curve is at exp(-bias) - 1. The just-noticeable step is the step that the observer
 distinguishes from the right size in 75 % of the cases, 0.6745 sigma (the usual definition in psychophysics).
 
 Inattentive participants would make that step several times too large. A participant is excluded from the fit of the
-observer if constant probabilities, independent of the size, explain the answers better than the observer of the other
+observer if constant probabilities, independent of the size, explain the responses better than the observer of the other
 participants, with a penalty for their two additional parameters. The fractions at each step include all participants.
 """
 
@@ -32,7 +32,7 @@ N_RESAMPLES = 150
 #: spread of the just-noticeable step by this factor, because it ignores the exclusion of participants
 #: (docs/evidence/insertion.md).
 BOOTSTRAP_INFLATION = 1.35
-#: Fraction of random answers.
+#: Fraction of random responses.
 LAPSE_RATE = 0.02
 #: Penalty of constant probabilities, as a log likelihood: Akaike's 2, and 1.5 so that on average fewer than one of 27
 #: attentive participants is excluded if the curve is as flat as the paper's.
@@ -45,7 +45,7 @@ _RANGES = ((-0.5, 0.5), (0.01, 5.0), (0.005, 5.0))
 
 @dataclass(frozen=True, slots=True)
 class Point:
-    """Step in per cent, number of answers, fractions of the three answers, and 95 % interval of "right"."""
+    """Step in per cent, number of responses, fractions of the three responses, and 95 % interval of "right"."""
 
     step: float
     count: int
@@ -74,7 +74,7 @@ class Observer:
 
     @property
     def peak(self) -> float:
-        """Step in per cent with the most answers "right"."""
+        """Step in per cent with the most responses "right"."""
         return float(100 * np.expm1(-self.bias))
 
     @property
@@ -89,7 +89,7 @@ class StudyCurve:
 
     careless : number of inattentive participants, who are excluded from the observer.
     peak_interval, noticeable_interval : 95 % intervals over the other participants; None with fewer than three.
-    flat : whether the answers are independent of the size.
+    flat : whether the responses are independent of the size.
     """
 
     points: tuple[Point, ...]
@@ -138,7 +138,7 @@ def fit_observer(answers: Sequence[StudyAnswer]) -> tuple[Observer, float]:
 
 
 def _best_fit(steps: FloatArray, counts: FloatArray) -> tuple[Observer, float]:
-    """Return the best fit of three starts, for counts (n, 3) of the answers at steps (n,) in per cent."""
+    """Return the best fit of three starts, for counts (n, 3) of the responses at steps (n,) in per cent."""
     return min((_fit(steps, counts, sigma) for sigma in (0.08, 0.25, 1.0)), key=lambda fit: fit[1])
 
 
@@ -146,7 +146,7 @@ def _fit(steps: FloatArray, counts: FloatArray, sigma: float) -> tuple[Observer,
     """Fit the observer from one start; return it with its negative log likelihood.
 
     steps : (n,) in per cent.
-    counts : (n, 3) numbers of the three answers at each step.
+    counts : (n, 3) numbers of the three responses at each step.
     """
     from scipy.optimize import minimize
 
@@ -162,7 +162,7 @@ def _fit(steps: FloatArray, counts: FloatArray, sigma: float) -> tuple[Observer,
 
 
 def answer_counts(answers: Sequence[StudyAnswer]) -> tuple[FloatArray, FloatArray]:
-    """Return the steps (n,) in per cent and the counts (p, n, 3) of the three answers of each participant."""
+    """Return the steps (n,) in per cent and the counts (p, n, 3) of the three responses of each participant."""
     steps = sorted({answer.step for answer in answers})
     people = sorted({answer.participant for answer in answers})
     columns, rows = ({value: index for index, value in enumerate(values)} for values in (steps, people))
@@ -176,7 +176,7 @@ def _attentive(steps: FloatArray, tables: FloatArray) -> tuple[BoolArray, Observ
     """Return which participants (p,) answer by the size, and the observer fitted to them.
 
     steps : (n,) in per cent.
-    tables : (p, n, 3) numbers of the three answers.
+    tables : (p, n, 3) numbers of the three responses.
     """
     totals = tables.sum(axis=1)
     fractions = totals / totals.sum(axis=1, keepdims=True)
@@ -197,8 +197,8 @@ def _bootstrap(
 ) -> tuple[tuple[float, float], tuple[float, float]]:
     """Return the 95 % intervals of peak and just-noticeable step by resampling participants.
 
-    The answers of a participant are not independent, so answers are not resampled individually.
-    tables : (p, n, 3) numbers of the three answers.
+    The responses of a participant are not independent, so responses are not resampled individually.
+    tables : (p, n, 3) numbers of the three responses.
     """
     generator = np.random.default_rng(0)
     draws = [generator.choice(len(tables), len(tables)) for _ in range(N_RESAMPLES)]

@@ -1,4 +1,4 @@
-"""Command `python -m benchmarks.user_study`: write the page of the study, or evaluate its answers."""
+"""Command `python -m benchmarks.user_study`: write the page of the study, or evaluate its responses."""
 
 from __future__ import annotations
 
@@ -56,7 +56,7 @@ def page_parser() -> argparse.ArgumentParser:
 
 
 def report_parser() -> argparse.ArgumentParser:
-    """Return the parser of the command that evaluates the answers."""
+    """Return the parser of the command that evaluates the responses."""
     root = OneLineParser(prog=f"{PROGRAM} report", description="Print the curve of the answers.", allow_abbrev=False)
     root.add_argument(
         "answers", metavar="ANSWERS", type=input_path, help="file that the page saved, or a folder with such files"

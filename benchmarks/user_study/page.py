@@ -1,4 +1,4 @@
-"""Write the page of the study: an HTML file with embedded images that works offline and saves the answers to a file.
+"""Write the page of the study: an HTML file with embedded images that works offline and saves the responses to a file.
 
 `expected_intervals` predicts the accuracy of a study from its number of participants.
 """
@@ -63,7 +63,7 @@ def _data_url(image: NDArray[np.uint8]) -> str:
 def expected_intervals(people: int, repeats: int, observer: Observer = FLAT) -> tuple[float, float]:
     """Return half the widths of the 95 % intervals of the peak and of the just-noticeable step, in per cent.
 
-    They follow from the Fisher information of the answers if each participant sees every size `repeats` times.
+    They follow from the Fisher information of the responses if each participant sees every size `repeats` times.
     """
     steps = np.array(STEPS, dtype=float)
     values = np.array([observer.bias, observer.sigma, observer.criterion])

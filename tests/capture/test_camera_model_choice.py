@@ -17,7 +17,7 @@ WIDE = [375.0, 375.0, 424.0, 240.0, 0.043, 0.041, -0.037, 0.01]
 
 
 def _model(folder: Path, model: str, params: list[float]) -> Path:
-    """Twelve cameras that walk and turn before points that fill their pictures, with a third of a pixel of noise."""
+    """Twelve cameras that walk and turn before points that fill their images, with a third of a pixel of noise."""
     generator = np.random.default_rng(0)
     reconstruction = pycolmap.Reconstruction()
     lens = pycolmap.Camera(model=model, width=848, height=480, params=params, camera_id=1)

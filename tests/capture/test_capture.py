@@ -168,7 +168,7 @@ def test_the_scale_is_true(video: Video, work: Path) -> None:
 def test_a_detector_finds_the_objects(
     video: Video, work: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    """A real network of one convolution, which knows the room's couch by its blue and its plant by its green."""
+    """A real network with one convolution, which detects the couch by its blue and the plant by its green."""
     shutil.copytree(work, tmp_path / "w")
     (tmp_path / "labels.txt").write_text("couch\npotted plant\n")
     words = [
@@ -183,11 +183,11 @@ def test_a_detector_finds_the_objects(
     ]
     status = main([str(word) for word in (*words, "--detector-labels", tmp_path / "labels.txt")])
     result = json.loads(capsys.readouterr().out)
-    # two objects alone may leave the scale open; the exit status says so, and nothing else is wrong
+    # two objects alone may leave the scale open; the exit status states it, and nothing else is wrong
     assert status == {"resolved": 0, "uncertain": 0, "unresolved": 3}[result["status"]]
     assert (result["scale"] is None) == (status == 3)
     assert {item["category"] for item in result["objects"]} == {"couch", "potted plant"}
-    # the masks of every frame were given to the run before: as many points lie on the couch by both
+    # the masks of every frame were given to the run before: as many points are on the couch by both
     given = json.loads((work / "result.json").read_text())
     points = [_of(record, "couch")["points"] for record in (result, given)]
     assert points[0] == pytest.approx(points[1], rel=0.1)
@@ -220,9 +220,9 @@ def test_another_number_of_frames_is_another_reconstruction(video: Video, work: 
 def test_a_folder_of_its_frames_is_a_folder_of_pictures(
     work: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    """Without instances the command says in one line what is missing; everything before is kept.
+    """Without instances the command names the missing input in one line; earlier stages are kept.
 
-    EXIF states the focal length of some: they have a camera of their own.
+    EXIF states the focal length of some: they have a separate camera.
     """
     (tmp_path / "pictures").mkdir()
     some = sorted((work / "frames").iterdir())[:7]
@@ -244,7 +244,7 @@ def test_a_folder_of_its_frames_is_a_folder_of_pictures(
     (caution,) = read_cautions(tmp_path / "w")
     assert "images of 2 cameras" in caution
     words = [str(tmp_path / "pictures"), "--work", str(tmp_path / "w"), "--json", "--camera-height", "1.5+-0.2"]
-    status = main(words)  # masks are not asked for
+    status = main(words)  # masks are not requested
     result = json.loads(capsys.readouterr().out)
     assert [row["kind"] for row in result["evidence"]] == ["camera_height"]
     assert (status, result["status"] == "unresolved") == (3 if result["scale"] is None else 0, result["scale"] is None)
@@ -295,7 +295,7 @@ def test_capture_options_belong_to_captures(tmp_path: Path, capsys: pytest.Captu
 def test_a_work_folder_is_measured_from_its_sparse_points(
     work: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    """Its dense cloud is for what is drawn, unless it is named."""
+    """The dense cloud is only used for drawing, unless it is named."""
     shutil.copytree(work, tmp_path / "w")
     (tmp_path / "w" / "dense.ply").write_bytes(b"no cloud")
     assert main([str(tmp_path / "w"), "--json"]) == 0

@@ -105,7 +105,7 @@ def _plain_wall(rng: np.random.Generator) -> tuple[NDArray[np.float32], NDArray[
 
 
 def _swept(depth: NDArray[np.float32], grey: NDArray[np.float32]) -> NDArray[np.float32]:
-    """What a sweep leaves: depth where there is texture."""
+    """Depth after a sweep, at pixels with texture."""
     textured = cv2.blur((grey - cv2.blur(grey, (7, 7))) ** 2, (7, 7)) > 100
     return np.where(textured, depth, np.nan).astype(np.float32)
 

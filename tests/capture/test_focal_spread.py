@@ -16,7 +16,7 @@ from tests.synthetic.walk import synthetic_walk
 
 
 def _seen(scene: Scene, zoom: float, noise_px: float) -> Scene:
-    """The scene with what its cameras see, with a focal length that grows from frame to frame."""
+    """The scene with observations of a focal length that grows from frame to frame."""
     generator = np.random.default_rng(0)
     views = []
     for view, factor in zip(scene.views, np.geomspace(1.0, 1.0 + zoom, len(scene.views)), strict=True):

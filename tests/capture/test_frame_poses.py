@@ -1,4 +1,4 @@
-"""The file of all frames' poses: what is written is read, what is wrong is named."""
+"""The file of all frames' poses: it is read as written, and errors are named."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The drawing page in a real browser, and what its server refuses."""
+"""The drawing page in a real browser, and requests that its server refuses."""
 
 from __future__ import annotations
 
@@ -38,7 +38,7 @@ def _scene(folder: Path) -> Scene:
 
 
 class _Served:
-    """A page that is served in a thread; `document` is what came of it."""
+    """A page that is served in a thread; `document` is its result."""
 
     def __init__(self, folder: Path, estimate: Estimator | None = None) -> None:
         names = partial(name_meaning, metric_tree.open())
@@ -135,7 +135,7 @@ def test_a_person_draws_a_box_and_a_polygon(served: _Served, tmp_path: Path) -> 
 
 
 def test_the_page_ends_with_the_answer_and_lets_one_draw_on(tmp_path: Path) -> None:
-    """What is missing, the table and the figure; after a second drawing the page is closed."""
+    """Missing masks, the table and the figure; after a second drawing the page is closed."""
     estimated: list[int] = []
 
     def estimate(document: dict[str, Any]) -> tuple[dict[str, Any], bytes]:

@@ -33,7 +33,7 @@ def test_more_frames_are_matched_as_colmap_matches_a_sequence(tmp_path: Path) ->
 
 
 def test_a_loop_is_tried_where_frames_far_apart_agree() -> None:
-    """A camera that comes back: the last frames show what the first ones did."""
+    """A camera that returns: the last frames show the content of the first ones."""
     generator = np.random.default_rng(3)
     n, places = 130, 125
     of_place = generator.normal(size=(places, 40, 128)).astype(np.float32)

@@ -23,7 +23,7 @@ from tests.synthetic.videos import Lens, SyntheticFrame, orbit, recorded, room
 LENS = Lens(240, 180, 190.0)
 #: Names whose order is not that of the views.
 NAMES = ["d.png", "b.png", "e.png", "a.png", "c.png"]
-#: What stands in for COLMAP: `help`, and depth and normal maps of the workspace's pictures from arrays beside it.
+#: Stand-in for COLMAP: `help`, and depth and normal maps of the workspace's images from arrays next to it.
 PROGRAM = """#!{python}
 import sys
 from pathlib import Path
@@ -62,7 +62,7 @@ def _maps(frame: SyntheticFrame) -> tuple[NDArray[np.float32], NDArray[np.float3
 
 @pytest.fixture(scope="module")
 def synthetic(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, list[SyntheticFrame]]:
-    """A COLMAP model of five views in `model`, their pictures and true maps in `pictures`."""
+    """A COLMAP model of five views in `model`, their images and true maps in `pictures`."""
     folder = tmp_path_factory.mktemp("stereo")
     (folder / "model").mkdir()
     (folder / "pictures").mkdir()

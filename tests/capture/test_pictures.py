@@ -1,4 +1,4 @@
-"""Folders of pictures: order, orientation, focal length, and what is no folder of pictures."""
+"""Folders of images: order, orientation, focal length, and folders that are refused."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from metric_base.errors import InputError
 
 
 def _picture(file: Path, orientation: int = 1, focal_35mm: int | None = None, size: tuple[int, int] = (80, 60)) -> None:
-    """A picture with a red upper left corner as it is stored."""
+    """An image with a red upper left corner as it is stored."""
     pixels = np.full((size[1], size[0], 3), 120, dtype=np.uint8)
     pixels[:20, :20] = (230, 10, 10)
     picture = Image.fromarray(pixels)
@@ -56,7 +56,7 @@ def test_the_focal_length_is_exifs(tmp_path: Path) -> None:
 
 
 def test_pictures_of_one_size_and_focal_length_share_a_camera(tmp_path: Path) -> None:
-    """Two telephones, one of them also held upright."""
+    """Two telephones; the second is also held upright."""
     for name, how in {"a": (1, 26), "b": (6, 26), "c": (1, 24), "d": (1, 26), "e": (6, 26), "f": (1, None)}.items():
         _picture(tmp_path / f"{name}.jpg", orientation=how[0], focal_35mm=how[1])
     part = tmp_path / "part"
@@ -83,7 +83,7 @@ def test_frames_are_kept_by_their_names(tmp_path: Path) -> None:
 
 def test_what_is_a_capture(tmp_path: Path) -> None:
     _picture(tmp_path / "a.jpg")
-    assert not is_capture(tmp_path)  # one picture is no reconstruction's worth
+    assert not is_capture(tmp_path)  # one image is no reconstruction's worth
     _picture(tmp_path / "b.jpg")
     assert is_capture(tmp_path)
     assert is_capture(tmp_path / "video.MP4")  # so that a missing video is named as one

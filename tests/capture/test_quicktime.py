@@ -63,7 +63,7 @@ def test_a_telephones_entry_is_read(tmp_path: Path, value: bytes, number: int, m
     assert stated_focal_35mm(file) == millimetres
     video = Video(file)
     assert len(list(video.frames())) == 3
-    # 35 mm film has a diagonal of 43.27 mm, of a width of 34.6 mm in a picture of 4:3
+    # 35 mm film has a diagonal of 43.27 mm, of a width of 34.6 mm in an image of 4:3
     assert video.focal_px == (None if millimetres is None else pytest.approx(millimetres / 34.61 * 64))
 
 

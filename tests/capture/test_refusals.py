@@ -75,7 +75,7 @@ def test_a_capture_that_cannot_be_used_is_named(
 
 
 def test_a_focal_length_that_is_given_is_held(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    """Straight ahead no video determines it; with it, the video is used, and the result says what rests on it."""
+    """Straight ahead no video determines it; with it, the video is used, and the result states what rests on it."""
     with skip_without(NoOpenGL):
         _film(recorded(room("sitting room", 7, straight_ahead(FRAMES, 0.9)), LENS), tmp_path / "video.mp4")
     assert main([str(tmp_path / "video.mp4"), "--work", str(tmp_path / "w"), "--focal", "250"]) == 2

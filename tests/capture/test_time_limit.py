@@ -1,4 +1,4 @@
-"""The time that a capture may take, and what it is spent on."""
+"""The time limit of a capture, and its use by the stages."""
 
 from __future__ import annotations
 

@@ -109,7 +109,7 @@ def test_a_frame_is_broken_where_most_of_what_would_show_it_does() -> None:
     silent = [about(middle, 0.0, np.inf) for middle in "mno" for _ in range(9)]
     assert broken_frames(sure + silent) == ("m",)
     assert broken_frames([*sure, about("m", 0.0, 0.02)]) == ()  # two against two
-    # what is taken out as a piece of its own breaks nothing
+    # removing a separate piece does not break the others
     held = [Triplet(("a", "b", "c"), 20, 0.5), Triplet(("b", "c", "d"), 20, 0.5)]
     assert agreement([*held, Triplet(("b", "c", "d"), 20, 0.5, 0.9, 0.1)], 5).broken == ("c",)
     assert agreement([*held, Triplet(("b", "c", "e"), 20, 0.5, 0.9, 0.1)], 5).broken == ()

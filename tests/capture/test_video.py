@@ -16,7 +16,7 @@ HEIGHT, WIDTH = 96, 160
 
 
 def _pictures(n: int) -> list[NDArray[np.uint8]]:
-    """Flat pictures with a red upper left and a blue lower right corner; the grey level grows with the index."""
+    """Flat images with a red upper left and a blue lower right corner; the grey level grows with the index."""
     pictures = []
     for k in range(n):
         picture = np.full((HEIGHT, WIDTH, 3), 60 + 8 * k, dtype=np.uint8)

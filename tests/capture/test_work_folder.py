@@ -88,7 +88,7 @@ def test_a_stage_is_made_once_and_again_when_its_input_or_output_changed(tmp_pat
     assert _run(tmp_path, "never", "y") == (0, ["second is made"])
     (tmp_path / "b.txt").unlink()
     assert _run(tmp_path, "never", "y") == (0, ["first is made"])  # made the same again, so that what follows stands
-    (tmp_path / "stamps" / "first.json").write_text("{")  # nothing says any more whose the outputs are
+    (tmp_path / "stamps" / "first.json").write_text("{")  # nothing states any more whose the outputs are
     assert _run(tmp_path, "never", "y") == (1, [])
 
 

@@ -27,7 +27,7 @@ class RedisServer:
         raise AssertionError("redis-server finds no port")
 
     def start(self) -> bool:
-        """Start it with what its last stop kept; whether it could have its port."""
+        """Start it with the data of its last stop; return whether its port was free."""
         words = ["redis-server", "--port", str(self._port), "--save", "", "--dir", str(self._folder)]
         self._process = subprocess.Popen(words, stdout=subprocess.DEVNULL)
         return _answers(self._process, self._port)
@@ -44,7 +44,7 @@ class RedisServer:
 
 @pytest.fixture
 def redis_server(tmp_path: Path) -> Iterator[RedisServer]:
-    """A server that keeps nothing unless it is asked to."""
+    """A server that keeps nothing unless it is requested to."""
     if shutil.which("redis-server") is None:
         pytest.skip("redis-server is not installed")
     folder = tmp_path / "redis"

@@ -1,4 +1,4 @@
-"""The examples of docs/reference/formats.md are read, and are the scene and the mask that the page says."""
+"""The examples of docs/reference/formats.md are read, and are the scene and the mask that the page states."""
 
 from __future__ import annotations
 

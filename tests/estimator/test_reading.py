@@ -1,4 +1,4 @@
-"""The door: what may be named as a scene, and what is found beside it."""
+"""Input of a scene: accepted names, and files that are found next to it."""
 
 from __future__ import annotations
 

@@ -26,7 +26,7 @@ PAGES = [
     "sources/index.html", "sources/made.html", "vocabularies/index.html", "vocabularies/coco_80.html",
     "changes/0.0.1.html", "nodes/swivel_chair.n.01.html", "nodes/entity.n.01.html",
 ]  # fmt: skip
-#: Errors of the page are kept, and nothing is asked of any other machine.
+#: Errors of the page are kept, and nothing is requested of any other machine.
 WATCH = """
 window.problems = [];
 addEventListener("error", (event) => problems.push(String(event.message || event.target.src)), true);
@@ -164,7 +164,7 @@ def drop_file(browser: Browser, name: str, data: bytes) -> None:
 
 
 def test_a_scene_in_three_dimensions(site: Path, browser: Browser) -> None:
-    """From the disk: drawn, a click on a box says its reason, and so does its button; a broken file is an error."""
+    """From the disk: drawn, a click on a box states its reason, and so does its button; a broken file is an error."""
     see(browser, (site / "scale.html").as_uri())
     drop_file(browser, "scene.glb", glb_bytes(hand_view()))
     browser.wait("metricTree.view3d?.boxes().length == 3")
@@ -219,7 +219,7 @@ def test_the_sliders_of_a_region_and_a_year(browser: Browser, tmp_path: Path) ->
 
 
 def test_a_plain_file_server_is_enough(site: Path, browser: Browser) -> None:
-    """Search, open, compare by a link, scale; every page is painted, and nothing is asked of another host."""
+    """Search, open, compare by a link, scale; every page is painted, and no other host is requested."""
     asked: list[str] = []
 
     class Files(SimpleHTTPRequestHandler):

@@ -1,4 +1,4 @@
-"""An inserted object against the same mesh that stands in the synthetic room itself."""
+"""An inserted object against the same mesh that is in the synthetic room itself."""
 
 from __future__ import annotations
 
@@ -34,13 +34,13 @@ from tests.synthetic.rooms.render import Renderer
 from tests.synthetic.rooms.shapes import solid
 
 SIZE = np.array([0.42, 0.38, 0.75])
-#: Units of another reconstruction of the same room to one of this.
+#: Number of units of another reconstruction of the room per unit of this one.
 UNIT = 0.037
 ROOM = ("sitting room", 1003)
-#: What `_mean_changes` was when somebody looked at the pictures, and how many levels of 255 its cells may be off on
-#: average: noise of one level in all pictures, as another rasteriser leaves, makes it 2.0.
+#: What `_mean_changes` was when somebody inspected the images, and how many levels of 255 its cells may be off on
+#: average: noise of one level in all images, as another rasteriser leaves, makes it 2.0.
 LOOKED_AT, LEVELS, CELLS = Path(__file__).with_name("looked_at.json"), 2.5, 6
-#: Picture and pixel of a place on the floor behind a table.
+#: Image and pixel of a place on the floor behind a table.
 BEHIND_TABLE = (5, 510.0, 262.0)
 
 
@@ -73,7 +73,7 @@ def inserted(room: RecordedRoom) -> Inserted:
 
 
 def test_a_model_that_walks_has_its_true_size_all_along(room: RecordedRoom) -> None:
-    """A chair drawn across the floor: in each picture it is where the way says, as the same chair would stand there."""
+    """A chair drawn across the floor: in each image it is where the way states, as the same chair would stand there."""
     prepared = prepared_scene_of(room)
     model = write_glb(solid("chair", SIZE), room.folder / "walks.glb")
     (stands,) = place_in(prepared, [ObjectRequest(model)])
@@ -121,7 +121,7 @@ def _front(inserted: Inserted) -> np.ndarray:
 
 
 def _whole_boxes(masks: list[np.ndarray], inserted: Inserted) -> list[tuple[tuple[int, int, int, int], tuple]]:
-    """Boxes of the truth and of the insertion where the object is wholly in the picture."""
+    """Boxes of the truth and of the insertion where the object is wholly in the image."""
     pairs = []
     for mask, frame in zip(masks, inserted.result.frames, strict=True):
         rows, columns = np.flatnonzero(mask.any(axis=1)), np.flatnonzero(mask.any(axis=0))
@@ -167,7 +167,7 @@ def test_far_pixels_do_not_change(inserted: Inserted) -> None:
 
 
 def _mean_changes(inserted: Inserted) -> dict[str, list[list[float]]]:
-    """Mean change of colour by cells around the chair in each picture, and around one that a table partly hides."""
+    """Mean change of colour by cells around the chair in each image, and around one that a table partly hides."""
     shot = inserted.prepared.footage.frames[BEHIND_TABLE[0]]
     point = PixelPosition(shot.name, *BEHIND_TABLE[1:])
     behind = place_in(inserted.prepared, [replace(inserted.placed.request, at=point)])
@@ -193,7 +193,7 @@ def _cells(room: RecordedRoom, name: str, picture: np.ndarray, box: tuple[int, i
 
 
 def test_the_light_on_the_object_and_around_it_is_as_it_was_looked_at(inserted: Inserted) -> None:
-    """Who changes light looks at the pictures again and makes the file anew: `python -m tests.insertion.test_truth`."""
+    """Who changes light looks at the images again and makes the file anew: `python -m tests.insertion.test_truth`."""
     looked_at = json.loads(LOOKED_AT.read_text())
     now = _mean_changes(inserted)
     assert now.keys() == looked_at.keys()
@@ -217,7 +217,7 @@ def test_sizes_are_metres_over_scale(inserted: Inserted, tmp_path: Path) -> None
 
 
 def test_who_walks_before_an_object_hides_it(room: RecordedRoom) -> None:
-    """A mask all over the picture whose feet are below it: somebody right before the camera."""
+    """A mask all over the image whose feet are below it: somebody right before the camera."""
     prepared = prepared_scene_of(room)
     model = write_glb(solid("chair", SIZE), room.folder / "chair.glb")
     placed = place_in(prepared, [ObjectRequest(model)])

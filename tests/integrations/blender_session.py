@@ -1,4 +1,4 @@
-"""What a person does with the add-on, run in Blender's Python: three objects in centimetres become metres.
+"""Steps of a user of the add-on, run in Blender's Python: three objects in centimetres become metres.
 
 `PYTHON blender_session.py ADDON_FOLDER PROGRAM OUT.json [PICTURE.png]`
 """

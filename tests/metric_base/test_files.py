@@ -27,7 +27,7 @@ def test_a_file_appears_at_the_end(tmp_path: Path) -> None:
     with whole_file(path) as work:
         work.write_text("a")
         assert not path.exists()
-        assert not list(tmp_path.glob("*.jsonl")), "what is not whole is not read as one of its kind"
+        assert not list(tmp_path.glob("*.jsonl")), "an incomplete file is not read as one of its kind"
     assert [(one.name, one.read_text()) for one in tmp_path.iterdir()] == [("items.jsonl", "a")]
 
 

@@ -1,4 +1,4 @@
-"""What is read at all: regular files and pipes of bounded size; everything else is one line, at once."""
+"""Input files: regular files and pipes of bounded size are read; others are refused at once, in one line."""
 
 from __future__ import annotations
 
@@ -82,7 +82,7 @@ def test_other_objects_are_one_line(tmp_path: Path) -> None:
         with pytest.raises(InputError, match="a readable file"):
             read_bytes(tmp_path / "s")
     with (tmp_path / "huge").open("wb") as file:
-        file.truncate(1 << 40)  # a hole: no byte of it is on the disk
+        file.truncate(1 << 40)  # a sparse file, without bytes on the disk
     with pytest.raises(InputError, match="at most"):
         read_json(tmp_path / "huge")
 

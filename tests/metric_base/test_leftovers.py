@@ -1,4 +1,4 @@
-"""What a killed run left beside its output is removed by the next one, and what another run works on is not."""
+"""Leftovers of a killed run are removed by the next one; files of a live run are not."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ import pytest
 
 from metric_base.files import whole_file, whole_folder
 
-#: Opens a file or a folder for writing and waits in the middle of it.
+#: Open a file or a folder for writing, and wait before it is complete.
 WRITER = """
 import sys, time
 from pathlib import Path

@@ -11,7 +11,7 @@ from metric_base.local_page import LocalPage
 
 
 class _Page(LocalPage):
-    """Ends with what is sent to it; `is_served` is whether it is still served just before the answer."""
+    """End with the request; `is_served` is whether the page is still served before the response."""
 
     def __init__(self) -> None:
         super().__init__("--page")

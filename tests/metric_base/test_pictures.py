@@ -1,4 +1,4 @@
-"""Pictures that strangers made: what is none, or too large, is an answer and no error."""
+"""Untrusted images: files that are not images, or too large, are reported without an error."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ from metric_base.images import decode_picture, read_picture
 
 
 def bomb(width: int, height: int) -> bytes:
-    """A small PNG that says that it is large."""
+    """A small PNG that states that it is large."""
 
     def chunk(kind: bytes, data: bytes) -> bytes:
         return struct.pack(">I", len(data)) + kind + data + struct.pack(">I", zlib.crc32(kind + data))

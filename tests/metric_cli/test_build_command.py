@@ -1,4 +1,4 @@
-"""`metric-tree build` as it is typed: what it prints, its exit status, and the same build on two Dask workers."""
+"""The command `metric-tree build`: its output, its exit status, and the same build on two Dask workers."""
 
 from __future__ import annotations
 
@@ -132,7 +132,7 @@ def test_a_build_of_nothing_but_curated_ranges_says_so(raw, tmp_path, capsys, mo
 
 
 def test_an_interrupt_ends_the_workers_in_silence():
-    """Both the parent and its workers get it, as from a terminal; one of them is at work."""
+    """Both the parent and its workers get it, as from a terminal; one worker is busy."""
     program = [sys.executable, "-m", "tests.support.interrupted_pool"]
     done = subprocess.run(program, capture_output=True, text=True, check=False, timeout=300, start_new_session=True)
     assert (done.returncode, done.stderr) == (130, "x: interrupted\n")

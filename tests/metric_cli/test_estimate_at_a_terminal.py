@@ -142,7 +142,7 @@ def test_the_table_fits_and_loses_no_word(
         assert [word for word in words if word not in shown] == []
     assert "swivel_chair.n.01" not in out
     head = next(line.split() for line in out.splitlines() if line.split()[:1] == ["object"])
-    assert head.index("tier") < head.index("metres"), "what a size rests on stands before the number"
+    assert head.index("tier") < head.index("metres"), "the evidence of a size is printed before the number"
     assert {item["tier"] for item in record["objects"] if item["verdict"] == "used"} <= set(shown)
     assert "swivel_chair.n.01" in estimate(capsys, "--objects", objects, "--tree", tree, "--wide")[1]
 

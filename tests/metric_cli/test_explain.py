@@ -43,7 +43,7 @@ def test_an_item_that_is_nowhere_is_one_line(mini: Tree, capsys: pytest.CaptureF
 
 
 def test_an_item_that_is_not_shown_says_why(mini: Tree, shown: Any, tmp_path: Path) -> None:
-    """Refused by the build as its log says, or nothing known of it."""
+    """Refused by the build according to its log, or unknown."""
     raw = RawItem(source="shop", source_id="x", title="A fine one", category_path=("chair",), kind="product")
     file = tmp_path / "raw.jsonl"
     file.write_text(raw.line() + "\n", encoding="utf-8")

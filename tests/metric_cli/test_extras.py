@@ -17,7 +17,7 @@ from metric_cli.errors import MODULES_BY_EXTRA, exit_status, missing_extra
 ROOT = Path(__file__).resolve().parents[2]
 PACKAGES = [path.parent.name for path in sorted(ROOT.glob("*/py.typed"))]
 #: `mpl_toolkits` is part of matplotlib; Blender brings its own Python with the next two; `omni` is the validator that
-#: asks for our rule; `script` lies beside `layer_script` in the folder of layers that Blender opens.
+#: requests our rule; `script` is next to `layer_script` in the folder of layers that Blender opens.
 FROM_ELSEWHERE = {"mpl_toolkits", "bpy", "mathutils", "omni", "script"}
 DECLARED = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))["project"]
 
@@ -90,7 +90,7 @@ def test_a_module_of_our_own_that_is_missing_is_an_error_of_the_program(capsys: 
 
 def test_a_query_without_any_extra(tmp_path: Path) -> None:
     """All modules of all extras are hidden: a query and `--objects` work, a scene names the extra."""
-    # pyarrow asks for the version of a pandas that is in `sys.modules`, be it None
+    # pyarrow requests the version of a pandas that is in `sys.modules`, be it None
     hidden = sorted({module for modules in MODULES_BY_EXTRA.values() for module in modules} - {"pandas"})
     (tmp_path / "objects.json").write_text(
         '{"schema": "metric-tree/objects/1", "objects": ['

@@ -29,7 +29,7 @@ PACKAGES = (
 )
 #: Options of other programs, of an example of a misspelling, and half of a pattern.
 OTHERS = {"--background", "--factory-startup", "--python", "--workspace", "--instnces", "--ade"}
-#: Scripts that another program runs, with options of their own.
+#: Scripts that another program runs, with separate options.
 SCRIPTS = {"layer_script.py"}
 NAMED = re.compile(r"(?<![\w-])(--[a-z][a-z-]+[a-z])(?: ([A-Z]{2,}))?")
 #: A subcommand before its option: `build --include-withheld`, `metric-tree review record ... --why`.

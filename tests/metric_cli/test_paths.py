@@ -39,9 +39,9 @@ PARSERS = {
     "python -m benchmarks.user_study report": make.report_parser(),
     **{f"metric-tree {subcommand}": parser_of(subcommand) for subcommand in SUBCOMMANDS},
 }
-#: What a metavar says of an argument that may name a path.
+#: Metavars of arguments that may name a path.
 NAMES_PATH = re.compile(r"FILE|DIR|PATH|OUT|SCENE|WORK|RAW|LIST|JSON|IMAGES")
-#: Texts that name a file or something else; whatever of them exists is an input.
+#: Types of arguments that may name a file; existing files are inputs.
 TEXTS = {None, str}
 
 
@@ -51,7 +51,7 @@ WRITTEN = [
     for action in arguments_of(parser)
     if isinstance(action.type, OutputFile) or action.type in {new_folder, output_folder}
 ]
-#: The words of a small run of each command, and of some options in a run of their own: every path is in the folder.
+#: The words of a small run of each command, and of some options in separate runs: every path is in the folder.
 RUNS = {
     "estimate-scale": "--objects objects.json",
     "estimate-scale --overlay": "scene --images scene/images",
@@ -76,7 +76,7 @@ RUNS = {
     "metric-tree site": "--tree mini --workers 1",
     "metric-tree publish": "--tree mini",
 }
-#: What an output is called where its command looks at the ending; elsewhere `.json`.
+#: Suffix of an output whose command checks it; `.json` for others.
 ENDINGS = {
     "FILE.png": ".png", "FILE.html": ".html", "FILE.csv": ".csv", "FILE.md": ".md", "FILE.jsonl": ".jsonl",
     "--figure": ".svg", "--preview": ".png", "--parquet": ".parquet", "--fix": ".gltf", "metric-tree report": ".html",
@@ -164,7 +164,7 @@ axes = { width = "w" }
 
 
 def _state(place: Path) -> dict[str, str]:
-    """What each file below a folder is, and what is in it."""
+    """Type and content of each file below a folder."""
     return {
         str(path.relative_to(place)): str(path.readlink())
         if path.is_symlink()
@@ -261,7 +261,7 @@ def test_a_whole_command_replaces_no_input_and_no_file_of_others(
 
 
 def test_the_walk_over_paths_is_counted(capsys: pytest.CaptureFixture[str]) -> None:
-    """`pytest -s` prints the count; every command that writes has a line of its own."""
+    """`pytest -s` prints the count; every command that writes has a line."""
     missing = {name for name, _ in WRITTEN} - {key.partition(" --")[0] for key in RUNS}
     assert not missing
     with capsys.disabled():

@@ -50,7 +50,7 @@ def test_a_terminal_shows_steps_counts_and_the_time_left() -> None:
 
 
 def _all_of(terminal: int) -> bytes:
-    """What is written to a terminal until its last writer has closed it."""
+    """Text that is written to a terminal until its last writer has closed it."""
     parts = []
     with suppress(OSError):  # Linux reports the end as an error of input
         while part := os.read(terminal, 1 << 16):

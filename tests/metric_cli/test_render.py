@@ -1,4 +1,4 @@
-"""`metric-tree render`: pictures of a box whose every outline can be computed."""
+"""`metric-tree render`: images of a box whose every outline can be computed."""
 
 from __future__ import annotations
 

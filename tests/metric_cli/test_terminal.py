@@ -1,4 +1,4 @@
-"""What a command writes to a terminal, and how it ends."""
+"""Output of a command at a terminal, and its end."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Pictures of a crawl into a build: joined to their items, linked once, licences kept, hostile records told."""
+"""Images of a crawl into a build: joined to their items, linked once, licences kept, hostile records told."""
 
 from __future__ import annotations
 
@@ -27,7 +27,7 @@ from tests.synthetic.small_taxonomy import small_taxonomy
 
 @pytest.fixture
 def crawl(tmp_path, monkeypatch):
-    """A folder as a crawl leaves it: items, pictures of eight of them, the files."""
+    """A folder as a crawl leaves it: items, images of eight of them, the files."""
     monkeypatch.setattr(command, "build_release", partial(build_release, taxonomy=small_taxonomy))
     monkeypatch.setattr(command, "declared_sources", lambda _: SOURCES)
     monkeypatch.setattr(command, "shipped_curated", tuple)
@@ -57,7 +57,7 @@ def test_picture_records_are_no_raw_items(crawl):
     assert image_record_files([crawl]) == [records(crawl)]
     assert image_record_files([crawl / "items-000000001-000000099.jsonl"]) == [records(crawl)]
     beside = crawl.parent / "raw.jsonl"
-    assert image_record_files([beside]) == [], "a file answers for its own folder, not for what lies below it"
+    assert image_record_files([beside]) == [], "a file applies to its folder, not to folders below it"
 
 
 def test_a_build_takes_the_pictures_of_what_it_ships(crawl, tmp_path):

@@ -1,4 +1,4 @@
-"""Readers of model files: damaged files, limits, and what a failure of one file means for the others."""
+"""Readers of model files: damaged files, limits, and the effect of a failure on other files."""
 
 from __future__ import annotations
 

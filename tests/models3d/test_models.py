@@ -1,4 +1,4 @@
-"""glTF files: what is read, what is refused, and the size asked for."""
+"""glTF files: accepted and refused content, and the requested size."""
 
 from __future__ import annotations
 

@@ -155,7 +155,7 @@ def layer(module: str) -> int:
 def imports_upwards(module: str, code: str) -> set[str]:
     """Return the imports of a module from a higher layer, or from a package that it must not import.
 
-    A package itself (`import metric_tree`) stands for its public names and belongs to its highest layer.
+    A package itself (`import metric_tree`) denotes its public names and belongs to its highest layer.
     """
     ours = {name for name in imported_modules(code) if name.partition(".")[0] in PACKAGES}
     package = module.partition(".")[0]

@@ -49,6 +49,7 @@ NOT_RUN = {
     r"^estimate-scale data/scenes/walk_carpark/": "tests/end_to_end/test_docs_images.py runs it",
     r"^insert-object walk ": "tests/end_to_end/test_docs_images.py runs it",
     r"^estimate-scale SCENE --detector ": "tests/capture/test_capture.py runs a small network",
+    r"^python -m benchmarks\.user_study work ": "tests/metric_cli/test_paths.py writes a page",
     r"^metric-tree explain ycb_hope_dims:1": "not shipped; tests/metric_cli/test_explain.py reads a log",
     r"^python -m data\.generate words": "writes to the repository",
     r"^python -m pytest ": "is a test",
@@ -60,6 +61,7 @@ REPLACEMENTS = {
     r"^metric-tree validate releases/mine": "metric-tree validate releases/2.0.0",
     r"^metric-tree diff 2\.0\.0 3\.0\.0": "metric-tree diff releases/1.0.0 releases/2.0.0",
     r"--tree (\d)": r"--tree releases/\1",
+    r"^(metric-tree build raw/lamps.*)$": r"\1 --workers 1",
     r"^(metric-tree review record .*)$": r"\1 --folder decisions",
 }
 

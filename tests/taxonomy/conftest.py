@@ -19,7 +19,7 @@ def mini_wordnet(tmp_path_factory: pytest.TempPathFactory) -> WordNet:
 
 @pytest.fixture(scope="session")
 def wordnet() -> WordNet:
-    """The whole of WordNet 3.0, or a skip that says how to get it."""
+    """The whole of WordNet 3.0, or a skip that states how to get it."""
     with skip_without(NoWordNet):
         return default_wordnet()
 

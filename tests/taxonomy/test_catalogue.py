@@ -1,4 +1,4 @@
-"""The shipped catalogue, read whole: five levels, no orphan, no name twice, each place as rule or reader says."""
+"""The shipped catalogue, read whole: five levels, no orphan, no name twice, each place as rule or reader states."""
 
 from collections import Counter
 
@@ -85,7 +85,7 @@ def test_pose_and_default_dimensions(node_id, pose, dims):
 
 
 def test_what_lies_flat_is_told_by_its_plan():
-    """Length and height are the two sides of what hangs; an object that lies has its height for a thickness."""
+    """Length and height are the two sides of a hanging object; the height of a flat object is its thickness."""
     hung = [c.node_id for c in BY_ID.values() if c.pose == "flat" and "height" in c.dims and len(c.dims) == 2]
     assert hung == []
 

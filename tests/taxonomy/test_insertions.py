@@ -1,4 +1,4 @@
-"""No id of ours stands for what WordNet has: all insertions, and the leaves that label lists asked for."""
+"""No insertion duplicates a synset of WordNet: all insertions, and the leaves of label lists."""
 
 from collections import defaultdict
 from functools import cache

@@ -1,4 +1,4 @@
-"""WordNet where it may be, and what is said where it is not."""
+"""Folders of WordNet, and the message without it."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The user study: the page holds its pictures, the report finds the observer that answered."""
+"""The user study: the page holds its images, the report finds the observer that answered."""
 
 from __future__ import annotations
 

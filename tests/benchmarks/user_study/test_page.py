@@ -16,7 +16,7 @@ from tests.support.browser import Browser
 
 
 def test_answers_are_saved_and_reported(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    """The person finds what is 10 % too large too large, and uses the keys and the buttons in turn."""
+    """The participant judges objects that are 10 % too large as too large, and uses keys and buttons in turn."""
     pictures = {step: np.full((24, 32, 3), 128 + step, np.uint8) for step in STEPS}
     page = tmp_path / "study.html"
     page.write_text(study_page(pictures, "How large is it?", "chair", 1), encoding="utf-8")

@@ -100,7 +100,7 @@ def test_kills_lose_nothing_and_repeat_nothing(tmp_path: Path) -> None:
         found = items(tmp_path / "out")
         assert len(found) == len({item["title"] for item in found}) == shop.products
         again = sum(count - 1 for path, count in site.fetched.items() if path.startswith("/item/"))
-    # only what was in flight at a kill is asked for again: in the downloader, and fetched but not yet read
+    # only pages in flight at a kill are requested again: in the downloader, and fetched but not yet read
     assert again <= kills * 32
 
 
@@ -131,7 +131,7 @@ def test_a_crawl_with_a_cache_asks_whether_pages_changed(tmp_path: Path) -> None
         again = site.fetched - asked
         pages = {path: count for path, count in again.items() if path.startswith(("/item", "/list", "/calendar"))}
         assert len(pages) > 30
-        assert {path: site.unchanged[path] for path in pages} == pages  # each was asked for, and none was sent
+        assert {path: site.unchanged[path] for path in pages} == pages  # each was requested, and none was sent
         assert sizes(tmp_path / "second") == sizes(tmp_path / "first") == expected(site.shop)
         unchanged = site.unchanged.copy()
         site.shop = Shop(products=30, errors=False, sizes=(10,))  # every product's page is another now
@@ -178,7 +178,7 @@ def test_two_workers_share_a_frontier_and_one_is_killed(tmp_path: Path, redis_ur
         twice = sum(count - 1 for path, count in site.fetched.items() if path.startswith("/item/"))
     assert len(found) == shop.products
     assert {path.parent.name for path in (tmp_path / "out").rglob("items-*.jsonl")} == {"one", "two"}
-    assert twice <= 32  # what the killed worker had in flight: in the downloader, and fetched but not yet read
+    assert twice <= 32  # pages that the killed worker had in flight: in the downloader, and fetched but not yet read
 
 
 def _stored(folder: Path) -> int:

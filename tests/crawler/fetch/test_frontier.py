@@ -85,7 +85,7 @@ def test_segments_hold_every_item_once_whatever_is_interrupted(tmp_path: Path) -
         frontier.commit(Outcome(task.key, [_item(first + number) for number in range(SEGMENT_ITEMS + 10)]))
         assert write_segments(frontier, tmp_path) == SEGMENT_ITEMS + 10
     assert write_segments(frontier, tmp_path) == 0
-    (tmp_path / ".items-000099999-000099999.jsonl.123").write_text("half")  # what a kill leaves
+    (tmp_path / ".items-000099999-000099999.jsonl.123").write_text("half")  # state after a kill
     assert last_written(tmp_path) == 2 * (SEGMENT_ITEMS + 10)
     lines = [line for path in sorted(tmp_path.glob("items-*.jsonl")) for line in path.read_text().splitlines()]
     assert len(lines) == len(set(lines)) == 2 * (SEGMENT_ITEMS + 10)

@@ -33,7 +33,7 @@ def lines(frontier: Any) -> dict[str, str]:
 
 
 class SqliteStates(RuleBasedStateMachine):
-    """What was committed is there, once and whole; what was not is fetched again."""
+    """Committed pages are stored once and completely; other pages are fetched again."""
 
     def __init__(self) -> None:
         super().__init__()
@@ -87,7 +87,7 @@ class SqliteStates(RuleBasedStateMachine):
         try:
             self.frontier.commit(self._outcome(key, items, links, None, "x" * 9000))
         except sqlite3.OperationalError:
-            return  # nothing of it is there: the invariants say so
+            return  # no part of it is stored, as the invariants require
         finally:
             connection.execute("PRAGMA max_page_count = 1000000")
         self._committed(key, {f"shop:{number}" for number in items}, links, False)

@@ -1,4 +1,4 @@
-"""What a site may ask of a crawl, and how much of it is read."""
+"""Rules of a site for a crawl, and their maximum size."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Full disks and lost servers: nothing half-written, one line, exit 2, and a crawl that goes on from there."""
+"""Full disks and lost servers: nothing half-written, one line, exit 2, and a crawl that continues from there."""
 
 from __future__ import annotations
 
@@ -175,7 +175,7 @@ def test_a_server_that_comes_back_without_its_data_does_not_end_a_crawl_as_done(
     watched.commit(Outcome(task.key, [("shop:1", "{}")]))
     assert (watched.lease(), watched.is_exhausted()) == (None, True)
     assert "has lost them; --resume" in str(watched.error)
-    assert [line for _, line in frontier.lines()] == ["{}"]  # what was read is kept
+    assert [line for _, line in frontier.lines()] == ["{}"]  # pages that were read are kept
 
 
 @pytest.mark.parametrize("damage", [b"no database" * 100, b"SQLite format 3\x00" + b"\x00" * 200])

@@ -43,7 +43,7 @@ form = "{form}"
 
 
 class Site:
-    """What a small server answers, path to bytes, and how often it was asked."""
+    """Responses of a small server by path, and the number of requests."""
 
     def __init__(self) -> None:
         self.pages: dict[str, bytes] = {}

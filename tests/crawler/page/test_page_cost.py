@@ -1,4 +1,4 @@
-"""What a page may cost: twice the page, twice the work; and an end to it whatever the page is."""
+"""The cost of a page is linear in its size, and bounded for any page."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ from metric_cli.subcommands import main
 
 Body = Callable[[int], str]
 
-#: Bodies of n parts of one kind.
+#: Bodies with n equal parts.
 BODIES: dict[str, Body] = {
     "rows": lambda n: f"<table>{''.join(f'<tr><td>Width {i}</td><td>{i} cm</td></tr>' for i in range(n))}</table>",
     "cells": lambda n: f"<table><tr>{''.join(f'<td>{i} cm</td>' for i in range(4 * n))}</tr></table>",
@@ -43,7 +43,7 @@ CASES = [(name, "utf-8") for name in BODIES] + [(name, "utf-16") for name in WID
 
 
 def seconds(body: str, encoding: str) -> float:
-    """Processor time of one page, the least of three."""
+    """Minimum processor time of three runs over a page."""
     whole = f"<html><body><h1>Item</h1>{body}</body></html>".encode(encoding)
     times = []
     for _ in range(3):

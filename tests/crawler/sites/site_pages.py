@@ -8,7 +8,7 @@ from typing import NamedTuple
 
 
 class Stored(NamedTuple):
-    """A page of a spider's site: layout, address, language, head and body, and what is to be read from it."""
+    """A page of a spider's site: layout, address, language, head and body, and the expected item."""
 
     spider: str
     layout: str
@@ -40,7 +40,7 @@ _AMAZON_TITLE = '<div id="titleSection"><h1 id="title"><span id="productTitle" c
 
 
 def amazon(one: str, two: str, rest: str) -> str:
-    """An Amazon page: breadcrumb, title, a layout, and what stands below each: a comparison and reviews."""
+    """An Amazon page: breadcrumb, title, a layout, a comparison and reviews."""
     others = """<div id="HLCXComparisonWidget_feature_div"><table id="HLCXComparisonTable"><tr><th>Item Dimensions</th>
     <td>9 x 9 x 9 inches</td><td>8 x 8 x 8 inches</td></tr></table></div><div id="reviewsMedley"><p>Size: 1 x 2 x 3 cm</p></div>
     <div class="a-carousel-card"><span>Dimensions: 7 x 7 x 7 cm</span></div>"""

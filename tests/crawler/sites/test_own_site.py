@@ -1,4 +1,4 @@
-"""A site of one's own, declared outside the package."""
+"""A user's site, declared outside the package."""
 
 from __future__ import annotations
 

@@ -49,7 +49,7 @@ def test_the_terms_of_every_spider_s_site_are_written_down() -> None:
     assert set(re.findall(r"^## (\w+)$", text, re.MULTILINE)) == set(SPIDERS)
     assert "not fetched; check before crawling" in text
     stores = {site.name for site in (*SITES, GENERIC) if site.pictures is not None}
-    assert stores == {"wikipedia", "generic"}  # what SITES.md says of pictures
+    assert stores == {"wikipedia", "generic"}  # what SITES.md states of images
 
 
 def test_a_listing_of_cars_is_an_item_a_car() -> None:

@@ -1,4 +1,4 @@
-"""What a page says of its language, and which unit, axis or header belongs to which number."""
+"""The language of a page, and the unit, axis or header of each number."""
 
 from __future__ import annotations
 

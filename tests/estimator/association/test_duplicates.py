@@ -1,4 +1,4 @@
-"""Two masks on one object in one picture: the better one stays, or none."""
+"""Two masks on one object in one image: the better one stays, or none."""
 
 from dataclasses import replace
 

@@ -63,7 +63,7 @@ def test_boxes_and_one_category_say_nothing(synthetic):
 
 
 def test_masks_of_a_crop_hold_few_of_each_other_s_points(synthetic):
-    """The middle four fifths of each picture, said of the whole."""
+    """The middle four fifths of each image, stated of the whole."""
 
     def cropped(item):
         whole = np.zeros((150, 200), dtype=bool)
@@ -78,7 +78,7 @@ def test_masks_of_a_crop_hold_few_of_each_other_s_points(synthetic):
         for row, item in enumerate(instances):
             tracks.setdefault(item.category, []).append(row)
         labels = sparse_labels(synthetic.scene, instances)
-        for shown in (list(tracks.values()), [tracks["chair"], tracks["bottle"]]):  # of two no median says anything
+        for shown in (list(tracks.values()), [tracks["chair"], tracks["bottle"]]):  # of two no median states anything
             share = track_agreement(labels, instances, shown)
             assert bool(track_contradictions(share)) == wrong, share
 

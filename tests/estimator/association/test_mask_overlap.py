@@ -52,7 +52,7 @@ def random_scene(seed):
 
 
 def full_tables(clouds, views):
-    """(4, m, m) of all masks: points shared, the fewer that both views see, doubt, the union of what both see."""
+    """(4, m, m) of all masks: shared points, the smaller number that both views see, doubt, union."""
     tables = np.zeros((4, len(views), len(views)))
     for cloud in clouds:
         members, visible = cloud.membership.toarray(), cloud.visibility.toarray()
@@ -68,7 +68,7 @@ def sums(table, groups):
 
 
 def plainly_placed(groups, instances, clouds, over, under):
-    """The rule of places as it reads: all pairs are looked at again after every join."""
+    """The rule of places as it reads: all pairs are inspected again after every join."""
     places = GroupPlaces(
         lambda row: np.concatenate([cloud.points[row_indices(cloud.membership, row)] for cloud in clouds])
     )
@@ -123,7 +123,7 @@ def test_parts_give_the_tracks_of_the_full_tables(seed):
 
 
 def test_memory_grows_by_the_object_and_not_by_all_masks_squared():
-    """4,000 masks of forty objects of one category: a table of all masks by all would take 64 MB, ten of them 640."""
+    """4,000 masks of forty objects of one category: ten tables of all pairs of masks would take 640 MB."""
     each, objects, views = 30, 40, 100
     centres = np.random.default_rng(0).uniform(-3, 3, (objects, 3))
     points = np.repeat(centres, each, axis=0) + np.random.default_rng(1).normal(0, 0.1, (objects * each, 3))

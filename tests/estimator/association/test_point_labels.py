@@ -57,7 +57,7 @@ def test_the_wall_behind_is_not_taken(synthetic):
 
 
 def test_projection_without_visibility_would_take_the_wall(synthetic):
-    """The depth test is what keeps it out: with every point declared visible everywhere the wall comes in."""
+    """The depth test excludes the wall, which is included if every point is declared visible everywhere."""
     count, views = len(synthetic.scene.dense.points), len(synthetic.scene.views)
     everywhere = DenseCloud(
         synthetic.scene.dense.points, np.arange(0, count * views + 1, views), np.tile(np.arange(views), count)

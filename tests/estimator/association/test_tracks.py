@@ -30,7 +30,7 @@ def labels_of(points, members, seen):
 
 
 def toy(shown, points_each=40, category="bottle"):
-    """Three objects in a row; `shown[v]` are those that view v shows, each as one mask with its own points."""
+    """Three objects in a row; `shown[v]` are the objects in view v, each with one mask and separate points."""
     random = np.random.default_rng(1)
     points = np.concatenate([random.normal([3.0 * k, 0, 0], 0.1, (points_each, 3)) for k in range(3)])
     instances, members, seen = [], [], []
@@ -62,7 +62,7 @@ def test_three_objects_seen_two_at_a_time_are_three(shown):
 
 
 def test_two_masks_of_one_frame_are_never_one_object():
-    """Two masks with the very same points in one frame stay apart, and a third view joins one of them only."""
+    """Two masks with equal points in one frame remain separate, and a third view joins only the first."""
     instances = [mask("a", 0), mask("b", 0), mask("c", 1)]
     rows = np.arange(30)
     labels = labels_of(np.random.default_rng(0).normal(size=(30, 3)), [rows] * 3, [rows] * 2)
@@ -105,7 +105,7 @@ def test_masks_without_points_stay_alone():
 
 @pytest.fixture(scope="module")
 def table():
-    """Eight bottles in two touching rows on a table, and four chairs: neighbours of one kind."""
+    """Eight bottles in two touching rows on a table, and four chairs: neighbours of equal category."""
     items = [floor(6), box("table", (1.2, 0.7, 0.7), (0, 0, 0))]
     items += [cylinder("bottle", (0.09, 0.09, 0.3), (-0.4 + 0.2 * k, -0.15 + 0.3 * (k % 2), 0.7)) for k in range(5)]
     items += [box("chair", (0.45, 0.45, 0.9), (-0.9 + 0.6 * k, -0.8, 0), 10 * k) for k in range(4)]
@@ -133,7 +133,7 @@ def test_scale_of_the_scene_does_not_matter(table):
 
 
 def plainly_merged(views, over, under, share):
-    """The rule as it reads: all pairs are looked at again after every join."""
+    """The rule as it reads: all pairs are inspected again after every join."""
     groups = [[row] for row in range(len(views))]
     while True:
         best, pair = 0.0, None

@@ -1,4 +1,4 @@
-"""The baselines do what the paper and its predecessor say they do, errors included."""
+"""The baselines follow the paper and its predecessor, including their errors."""
 
 from __future__ import annotations
 
@@ -103,7 +103,7 @@ def _lists(folder: Path) -> Path:
 
 
 def test_authors_lists(tmp_path: Path, mini: Tree) -> None:
-    """The files' own axes: sides sorted, height last; what the tree does not know is left aside."""
+    """The axes of the files: sorted sides, height last; categories that are not in the tree are skipped."""
     lists = authors_lists(_lists(tmp_path / "lists"), mini)
     assert set(lists) <= {node.node_id for node in mini}
     for dims, sizes in lists.values():

@@ -36,7 +36,7 @@ LABELS = ("", "swivel chair", "bar stool")
 
 @pytest.fixture(scope="module")
 def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """The small scene with its instances as paint in lossless pictures, and instances.json renamed."""
+    """The small scene with its instances as paint in lossless images, and instances.json renamed."""
     root = tmp_path_factory.mktemp("scene")
     write_small_scene(root)
     scene = read_scene(root / "colmap")
@@ -149,7 +149,7 @@ def test_the_whole_command_needs_no_masks_file(
     document = json.loads((folder / "colmap" / "instances.json").read_text())
     document["categories"] = [{"id": k, "name": name} for k, name in enumerate(LABELS[1:], start=1)]
     for row in document["annotations"]:
-        row.pop("track_id", None)  # a detector follows nothing from picture to picture
+        row.pop("track_id", None)  # a detector follows nothing from image to image
     (tmp_path / "masks.json").write_text(json.dumps(document))
     assert main([*words, "--instances", str(tmp_path / "masks.json")]) == status
     other = json.loads(capsys.readouterr().out)

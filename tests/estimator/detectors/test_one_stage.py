@@ -17,16 +17,16 @@ from estimator.detectors.one_stage import class_names
 from metric_base.errors import InputError
 
 SIDE = 64
-#: A picture twice as wide as high, which YOLO's input shows at half its size with grey above and below.
+#: An image of twice the width of its height, which YOLO's input shows at half its size with grey above and below.
 WIDTH, HEIGHT = 128, 64
-#: The object in the picture's pixels, and its class (COCO's chair is 56, counted from 0).
+#: The object in the image's pixels, and its class (COCO's chair is 56, counted from 0).
 BOX, CLASS = (32.0, 16.0, 96.0, 48.0), 56
 
 
 def _graph(
     path: Path, answers: dict[str, np.ndarray[Any, Any]], sized: bool = False, names: str = "", echo: str = ""
 ) -> Path:
-    """A graph that answers the same to every picture; its output `echo` is the input."""
+    """A graph that answers the same to every image; its output `echo` is the input."""
     nodes = [helper.make_node("Identity", ["images" if name == echo else f"{name}_value"], [name]) for name in answers]
     inputs = [helper.make_tensor_value_info("images", TensorProto.FLOAT, [1, 3, SIDE, SIDE])]
     if sized:
@@ -249,7 +249,7 @@ def test_a_detection_has_a_score_of_one_half(score: float, n_found: int, tmp_pat
 def test_detections_of_a_class_are_one_from_an_iou_of_seven_tenths(
     overlap: float, n_found: int, tmp_path: Path
 ) -> None:
-    """Two boxes of one size, shifted along x by (1 - IoU) / (1 + IoU) of their width."""
+    """Two boxes of equal size, shifted along x by (1 - IoU) / (1 + IoU) of their width."""
     rows = np.zeros((1, 84, 100), dtype=np.float32)
     for column, score in ((3, 0.9), (4, 0.8)):
         rows[0, :4, column] = _fed_box()

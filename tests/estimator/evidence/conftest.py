@@ -1,4 +1,4 @@
-"""A walk through a synthetic room, and what is measured of no object in it."""
+"""A walk through a synthetic room, and its measurements without objects."""
 
 from __future__ import annotations
 

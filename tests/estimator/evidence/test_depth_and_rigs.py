@@ -155,7 +155,7 @@ def test_a_rig_configuration_without_a_baseline_is_one_line(tmp_path: Path, text
 
 
 def _exr_file(channels: dict[str, np.ndarray], compression: int) -> bytes:
-    """An OpenEXR picture of float channels, by the layout of openexr.com; blocks are packed whatever their size."""
+    """An OpenEXR image of float channels, by the layout of openexr.com; blocks are packed whatever their size."""
     height, width = next(iter(channels.values())).shape
 
     def field(name: str, kind: str, data: bytes) -> bytes:

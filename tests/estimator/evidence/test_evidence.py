@@ -1,4 +1,4 @@
-"""Every kind of evidence, right and wrong, alone and beside objects."""
+"""Every kind of evidence, right and wrong, alone and next to objects."""
 
 from __future__ import annotations
 
@@ -122,7 +122,7 @@ def test_two_kinds_that_agree_are_better_than_one(walk: Walk, mini: Tree) -> Non
 
 
 def test_coverage_with_several_kinds() -> None:
-    """Two and three kinds of evidence, one in ten of them wrong by a factor of two or more: the interval is honest."""
+    """Two and three kinds of evidence, one in ten wrong by a factor of two or more: the interval has its coverage."""
     from estimator.posterior.posterior import posterior
 
     generator = np.random.default_rng(0)

@@ -69,7 +69,7 @@ def test_positions_that_are_stretched_or_mirrored_are_left_out(
 
 
 def test_a_receiver_that_drifts_along_a_straight_walk_says_nothing_of_up() -> None:
-    """About the line any turn fits: what the receiver has beside it is its drift, however many positions there are."""
+    """Any rotation about the line fits: distances from the line are the drift of the receiver."""
     along = np.linspace(0, 14, 180)
     cameras = np.column_stack([along, 0.04 * np.sin(along), 0.01 * np.cos(3 * along)]) / 1.1
     drift = np.column_stack([0.3 * np.sin(along / 5), 0.08 * np.sin(along / 3), -0.08 * np.sin(along / 4)])
@@ -186,7 +186,7 @@ def test_pictures_all_over_the_scene_are_asked_for_gps(walk: Walk, monkeypatch: 
 
 def test_gps_of_photographs_is_used_unasked_and_may_be_switched_off(walk: Walk, tmp_path: Path) -> None:
     here = replace(walk, scene=replace(walk.scene, path=tmp_path))
-    assert recorded_sources(tmp_path, here.scene) == ()  # no picture has a position
+    assert recorded_sources(tmp_path, here.scene) == ()  # no image has a position
     write_exif(here)
     assert recorded_sources(tmp_path, here.scene) == (Gps("exif", None),)
     assert recorded_sources(tmp_path, here.scene, gps="none") == ()

@@ -13,7 +13,7 @@ LOG = st.floats(-1.0, 1.0)
 
 
 def camera(distance: float) -> Outlines:
-    """One camera that looks along y from `distance`, z up in its picture."""
+    """One camera that looks along y from `distance`, z up in its image."""
     rotation = np.array([[[1.0, 0, 0], [0, 0, -1], [0, 1, 0]]])
     ones = np.ones((1, 8))
     return Outlines(ones, ones, ones > 0, rotation, np.array([[0.0, 0, distance]]))

@@ -1,4 +1,4 @@
-"""Copies of a scene in another unit, frame or order, or with objects listed twice, are measured alike."""
+"""Copies of a scene in another unit, frame or order, or with objects listed twice, are measured equal."""
 
 from dataclasses import replace
 

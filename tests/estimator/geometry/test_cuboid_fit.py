@@ -20,7 +20,7 @@ MIDDLE = np.array([0.1, -0.2, 0.45])
 
 
 def _outline(view: View, size: FloatArray, yaw: float) -> tuple[int, int, int, int]:
-    """Left, top, right, bottom of an upright elliptic cylinder in a view, in whole pixels inside the picture."""
+    """Left, top, right, bottom of an upright elliptic cylinder in a view, in whole pixels inside the image."""
     angles = np.linspace(0, 2 * np.pi, 60)
     ring = np.column_stack([np.cos(angles) * size[0] / 2, np.sin(angles) * size[1] / 2])
     c, s = np.cos(yaw), np.sin(yaw)
@@ -46,7 +46,7 @@ def _boxes(views: tuple[View, ...], size: FloatArray = SIZE, yaw: float = 0.3) -
 
 
 def box_edges(boxes: list[Instance], views: tuple[View, ...], basis: FloatArray) -> Outlines:
-    """The outlines of one object's boxes, each in its own view."""
+    """The outlines of the boxes of an object, each in a different view."""
     scene = Scene(Path("memory"), "memory", tuple(views), np.empty((0, 3)))
     contours = [mask_contour(item) for item in boxes]
     extents = outline_extents(scene, boxes, contours, np.full(len(boxes), np.nan))
@@ -76,7 +76,7 @@ def test_one_hidden_edge_and_a_wild_one_do_not_decide() -> None:
 
 
 def test_edges_at_the_border_say_nothing() -> None:
-    # so near that every picture cuts the top off: the height is unknown, unlike the sides
+    # so near that every image cuts the top off: the height is unknown, unlike the sides
     views = orbit(10, 1.3, 0.5, target=(0.1, -0.2, 0.0))
     edges = box_edges(_boxes(views), views, np.eye(3))
     assert not edges.is_free[:, 1].any()

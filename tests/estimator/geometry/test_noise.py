@@ -1,4 +1,4 @@
-"""Depth noise of a cloud, read in the pictures: right from thin to thick, nothing where nothing can be told."""
+"""Depth noise of a cloud, estimated in the images: correct from thin to thick, none if it is undetermined."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Removal of outliers keeps what is the object's and drops what flies."""
+"""Removal of outliers keeps the points of the object and removes stray points."""
 
 import numpy as np
 import pytest

@@ -1,4 +1,4 @@
-"""Support planes and what stands on them."""
+"""Support planes and the objects on them."""
 
 import numpy as np
 import pytest
@@ -39,7 +39,7 @@ def test_a_plane_knows_where_it_was_seen(room):
 
 
 def test_a_glossy_floor_is_the_floor_though_its_mirror_images_are_below(room):
-    """One point in ten is the mirror image of something that stands on the floor."""
+    """One point in ten is the mirror image of something that is on the floor."""
     points = room.scene.dense.points
     random = np.random.default_rng(0)
     above = points[(points[:, 2] > 0.05) & (points[:, 2] < 0.7)]
@@ -51,7 +51,7 @@ def test_a_glossy_floor_is_the_floor_though_its_mirror_images_are_below(room):
 
 
 def test_a_table_is_no_floor(room):
-    """Where much of the cloud lies below the lowest plane it is not what everything stands on."""
+    """If much of the cloud is below the lowest plane, this plane is not the floor."""
     points = room.scene.dense.points
     planes = support_planes(UP, points)
     assert floor_of(planes[1:], points) is None
@@ -87,7 +87,7 @@ def corners(x, y, half=0.15):
 
 
 def test_the_level_around_an_object_is_found_though_hidden_below_it(room):
-    """The box on the table: the surface it hides is read off around it; beside the table it is the floor."""
+    """The box on the table: the surface it hides is read off around it; next to the table it is the floor."""
     points = room.scene.dense.points
     basis = np.eye(3)
     planes = support_planes(UP, points)

@@ -1,4 +1,4 @@
-"""Which sides are cut: image border, something nearer, a side no view sees, a mask that outreaches the points."""
+"""Which sides are cut: image border, something closer, a side no view sees, a mask that outreaches the points."""
 
 from pathlib import Path
 from types import SimpleNamespace
@@ -46,7 +46,7 @@ def test_an_object_seen_whole_from_all_around_is_cut_nowhere():
 
 
 def test_the_image_border_cuts_the_side_towards_it():
-    """A long bench that leaves the picture at +x in every view."""
+    """A long bench that leaves the image at +x in every view."""
     eyes = [np.array([-1.2 + 0.05 * k, -2.2, 1.3]) for k in range(4)]
     views = [view_at(eye, np.add(eye, [0.1, 2.2, -0.9]), "v", size=(200, 150), focal=160.0) for eye in eyes]
     synthetic = synthetic_scene([floor(8), box("bench", (4.0, 0.4, 0.45), (0.8, 0, 0))], views, dense=8000)
@@ -84,7 +84,7 @@ def test_something_nearer_cuts_and_the_table_it_stands_on_does_not():
 
 
 def test_the_back_of_a_round_object_seen_from_one_side_is_cut():
-    """A bottle from the front shows half its wall: nothing says how deep it is."""
+    """A bottle seen from the front shows half its wall, so that its depth is unknown."""
     views = orbit(6, 1.0, 0.2, arc=40, target=(0, 0, 0.15), size=(200, 150), focal=220.0)
     synthetic = synthetic_scene(
         [floor(3), cylinder("bottle", (0.09, 0.09, 0.3), (0, 0, 0))], views, dense=12_000, noise=0.0005

@@ -141,7 +141,7 @@ def _surface(random, half, height, slope):
 
 
 def _room_of_tables(seed, slope):
-    """Up of a room without a floor, with three tables that lean by `slope` degrees, each its own way, and walls."""
+    """Up of a room without a floor, with three tables that lean by `slope` degrees in various directions."""
     random = np.random.default_rng(seed)
     walls = random.uniform([-2, 2, 0], [2, 2.01, 2.4], (1500, 3))
     tables = [_surface(random, half, height, slope) for half, height in ((0.9, 0.3), (0.8, 0.7), (0.7, 1.1))]

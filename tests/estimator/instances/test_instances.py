@@ -1,4 +1,4 @@
-"""Instance masks: COCO in all its spellings against pycocotools, joins by name, other sizes, OpenSfM's pictures."""
+"""Instance masks: COCO in all its spellings against pycocotools, joins by name, other sizes, OpenSfM's images."""
 
 from __future__ import annotations
 
@@ -46,7 +46,7 @@ def written(folder: Path, document: object, name: str = "instances.json") -> Pat
 
 
 def pasted(instance: Instance, camera: Camera) -> np.ndarray:
-    """(h, w) the mask in its whole picture."""
+    """(h, w) the mask in its whole image."""
     whole = np.zeros((camera.height, camera.width), dtype=bool)
     (x, y), (height, width) = instance.origin, instance.mask.shape
     whole[y : y + height, x : x + width] = instance.mask

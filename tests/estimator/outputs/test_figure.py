@@ -1,4 +1,4 @@
-"""The figure: what stands in it, in which units, and that it is whole or not there."""
+"""The figure: its content and units, and that it is complete or absent."""
 
 from __future__ import annotations
 
@@ -59,7 +59,7 @@ def test_the_interval_ends_at_the_same_place_in_both_panels(estimate: SceneEstim
 
 
 def thinned(curve: Curve | None) -> Curve:
-    """Every 20th point, so that none lies at the interval's ends."""
+    """Every 20th point, so that none is at the interval's ends."""
     assert curve is not None
     return Curve(curve.log_scale[::20], curve.density[::20], 0.0, 0.0)
 
@@ -84,7 +84,7 @@ def test_every_object_has_a_row_of_its_own_in_the_colour_of_its_verdict(estimate
 def test_the_plan_is_in_metres(estimate: SceneEstimate) -> None:
     _, _, above, side = panels(figure(estimate))
     sizes = sorted(tuple(sorted(patch.get_extents().bounds[2:])) for patch in outlines(above))
-    # the boxes lie along the axes: 0.6 x 0.4 and half of it, in units of half a metre
+    # the boxes are along the axes: 0.6 x 0.4 and half of it, in units of half a metre
     assert sizes[-1] == pytest.approx((0.4 * SCALE, 0.6 * SCALE)), "furniture lies along the paper"
     heights = sorted(patch.get_extents().bounds[3] for patch in outlines(side))
     assert heights == pytest.approx([0.4 * SCALE, 0.8 * SCALE])

@@ -1,4 +1,4 @@
-"""The truth beside a scene, for pictures only."""
+"""The truth next to a scene, for images only."""
 
 from __future__ import annotations
 

@@ -24,7 +24,7 @@ GREY = 90
 
 @pytest.fixture(scope="module")
 def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """The small scene with a grey picture for all but one of its views."""
+    """The small scene with a grey image for all but one of its views."""
     place = tmp_path_factory.mktemp("overlay") / "whole"
     write_small_scene(place)
     (place / "colmap" / "images").mkdir()

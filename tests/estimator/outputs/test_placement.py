@@ -49,7 +49,7 @@ def test_a_lone_label_lies_beside_its_object() -> None:
 
 
 def test_ids_of_boxes_that_pile_up_are_apart_and_inside() -> None:
-    """As on the plan: small labels of boxes at one place, which may cover what they speak of."""
+    """As on the plan: small labels of boxes at one position, which may cover their boxes."""
     objects = np.tile([[90.0, 90.0, 110.0, 110.0]], (12, 1))
     sizes = np.tile([[15.0, 11.0]], (12, 1))
     corners = place_labels(objects, sizes, (200.0, 200.0), step=6.0, cover_cost=0.0)

@@ -29,7 +29,7 @@ CHAIR = prior("chair.n.01", [(560, 540, 950), (700, 640, 1100)])
 
 @pytest.fixture
 def no_gross_errors(monkeypatch: pytest.MonkeyPatch) -> Iterator[None]:
-    """The plain mixture: dimensions are cut or measured as their sigma says."""
+    """The plain mixture: dimensions are cut or measured as their sigma states."""
     monkeypatch.setattr(axis_assignments, "GROSS_ERROR_PROBABILITY", 0.0)
     variants.cache_clear()
     object_likelihood._table.cache_clear()
@@ -123,7 +123,7 @@ def test_missing_dimension_is_marginalised() -> None:
 
 
 def test_cut_side_is_rather_short_than_long() -> None:
-    """A cut height of twice a chair's speaks more against the chair than one of half of it."""
+    """A truncated height of 2 chairs is stronger evidence against a chair than half a chair."""
     u = np.linspace(-2, 2, 401)
     whole = object_curves([evidence(CHAIR, (0.56, 0.54, 0.5), sigma=0.03)], u)[0]
     cut = object_curves([evidence(CHAIR, (0.56, 0.54, 0.5), sigma=0.03, cut=(False, False, True))], u)[0]
@@ -148,7 +148,7 @@ def test_variants_are_a_distribution(pose: str, vertical: bool, missing: list[bo
     ways = variants(layout)
     assert (ways.shift >= 0).all()
     assert np.array_equal(np.sort(ways.measured, axis=1), np.tile([0, 1, 2], (len(ways.measured), 1)))
-    # the weights of the shifts of one assignment sum to that assignment's own weight
+    # the weights of the shifts of an assignment sum to its weight
     plain = variants(Layout(pose, vertical, False, layout.missing, (False,) * 3, (True,) * 3, bool(cut[0] or cut[1])))
     boxes = np.exp(ways.log_weight - math.log(LOG_BOX) * ways.active.sum(axis=1))
     assert boxes.sum() == pytest.approx(
@@ -157,7 +157,7 @@ def test_variants_are_a_distribution(pose: str, vertical: bool, missing: list[bo
 
 
 def test_one_gross_error_is_borne() -> None:
-    """A chair whose height is half of what it should be keeps its scale by the other two; two such make an outlier."""
+    """A chair with half its height keeps its scale by the other two sides; with two such sides it is an outlier."""
     u = np.linspace(-1.5, 1.5, 601)
     one = object_curves([evidence(CHAIR, (0.56, 0.54, 0.48), sigma=0.02)], u)[0]
     assert abs(u[one.argmax()]) < 0.2  # a joint fit would say 0.4

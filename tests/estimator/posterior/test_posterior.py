@@ -93,7 +93,7 @@ def test_scale_follows_the_unit(log_scale: float, seed: int) -> None:
 
 
 def test_a_class_saturates() -> None:
-    """Forty chairs know no more than the error they share lets them; a desk adds what the forty-first cannot."""
+    """The shared error limits the information from forty chairs; a desk adds more than another chair."""
 
     def width(items: list[ObjectEvidence]) -> float:
         low, high = posterior(items).interval
@@ -128,7 +128,7 @@ def test_a_wrong_label_has_no_veto() -> None:
 @pytest.mark.parametrize("seen", [0.4, 0.5, 0.6])
 @pytest.mark.parametrize("count", [1, 2, 3])
 def test_flagged_widths_have_no_veto_against_heights(seen: float, count: int) -> None:
-    """Baths of which each shows as much of its width, within the rim: the flags do not make another object of them."""
+    """Baths that all show the same part of their width: the flags do not make them other objects."""
     bath = prior("bathtub.n.01", [(1650, 720, 570)], spread=0.1)
     whole, half, height = 1.65, 0.72 * seen, 0.57
     flagged = [evidence(bath, (whole, half, height), cut=(False, True, False), name=str(i)) for i in range(count)]
@@ -188,7 +188,7 @@ def test_leaving_a_class_out_is_the_scene_without_it() -> None:
 
 
 def test_coverage_of_the_interval() -> None:
-    """Objects drawn as the model says: the 90 % interval holds the truth in about nine of ten scenes."""
+    """Objects drawn as the model states: the 90 % interval holds the truth in about nine of ten scenes."""
     generator = np.random.default_rng(8)
     held = 0
     for number in range(150):

@@ -1,4 +1,4 @@
-"""Objects of one class: what they share, how much many of them know, and what must not change the answer."""
+"""Objects of one class: shared errors, information of many objects, and invariances of the result."""
 
 from __future__ import annotations
 
@@ -66,7 +66,7 @@ def test_hypotheses_are_a_distribution() -> None:
 
 
 def test_hypotheses_keep_the_spread_of_one_object() -> None:
-    """Moving spread from the objects to what they share changes nothing for an object alone."""
+    """Moving variance from the objects to their shared error does not affect a single object."""
 
     def spread(prior_of: Prior, shared: np.ndarray) -> np.ndarray:
         mean = prior_of.weights @ prior_of.means
@@ -97,7 +97,7 @@ def test_a_stated_sameness_is_the_mean_share(stated: float) -> None:
 
 
 def test_identical_objects_know_little_more_than_one() -> None:
-    """Ten copies of one bottle say what one says, but for the noise of its measurement."""
+    """Ten copies of a bottle have the information of one, except for the noise of its measurement."""
     can = prior("can.n.01", [(80, 78, 200)], spread=0.2, shared=0.03)
     one = drawn(can, 1, seed=3)
     copies = [replace(one[0], object=replace(one[0].object, id=str(n))) for n in range(10)]
@@ -126,7 +126,7 @@ def test_a_reading_of_the_axes_is_not_learned_from_numbers(count: int) -> None:
 
 
 def test_a_wrong_sense_does_not_rule_the_scene() -> None:
-    """Eight 'desks' that are toys, half the size and all alike, against three chairs and two bottles."""
+    """Eight 'desks' that are toys, half the size and all equal, against three chairs and two bottles."""
     right = [*drawn(CHAIR, 3, 0), *drawn(BOTTLE, 2, 1)]
     toys = [evidence(DESK, np.array([1.3, 0.68, 0.74]) * 0.4, name=f"toy {n}") for n in range(8)]
     answer = posterior([*right, *toys])
@@ -174,7 +174,7 @@ def test_an_object_alone_resolves_where_its_class_is_tight() -> None:
 
 @pytest.mark.parametrize("count", [1, 4])
 def test_a_catalogued_class_keeps_its_height_where_its_footprint_is_contradicted(count: int) -> None:
-    """Footprints 20 % larger than the catalogue says, heights as it says."""
+    """Footprints 20 % larger than the catalogue states, heights as it states."""
 
     def found(in_place: float) -> Posterior:
         of = replace(CATALOGUED, share_by_kind={"product": 1 - in_place, "measured": in_place})
@@ -201,7 +201,7 @@ def test_large_classes_are_thinned_alike_in_any_order() -> None:
 
 
 def test_an_object_that_fits_is_an_outlier_once_in_ten() -> None:
-    """The stated probability of a wrong label: one object of one dimension says nothing about its own label."""
+    """The probability of a wrong label: a single object with one dimension gives no information about its label."""
     (weight,) = posterior([evidence(PERSON, (math.nan, math.nan, 1.7))]).weight
     assert 0.85 < weight < 0.95
 

@@ -44,7 +44,7 @@ def test_a_cluster_in_the_air_goes_and_a_post_stays(width: float) -> None:
     assert stray[-len(cluster) :].mean() > 0.95
     assert stray[len(wall) : -len(cluster)].mean() < 0.1  # cells at its edges show both
     assert not stray[: len(wall)].any()
-    # what is left of the lists of the views means the same points
+    # the remaining lists of the views refer to the same points
     known = Visibility(tuple(seen_by), np.array([view.centre for view in views]), np.tile([0.0, 0, 1], (5, 1)), True)
     cloud = ColouredPoints(points, np.zeros((len(points), 3), np.float32), True, visibility=known)
     left = cloud.subset(~stray)

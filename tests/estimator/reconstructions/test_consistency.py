@@ -1,4 +1,4 @@
-"""A reconstruction that contradicts its own observations says so; a good one is silent."""
+"""A reconstruction that contradicts its observations has a warning; a consistent one has none."""
 
 from dataclasses import replace
 

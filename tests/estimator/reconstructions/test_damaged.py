@@ -83,7 +83,7 @@ def files_of(folder: Path, form: str) -> list[str]:
 
 
 def check_whole(scene: Scene, instances: tuple[Instance, ...]) -> None:
-    """What the rest of the program relies on."""
+    """Invariants that the rest of the program requires."""
     assert scene.views
     for instance in instances:
         camera = scene.views[instance.view].camera

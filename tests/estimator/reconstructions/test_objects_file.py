@@ -1,4 +1,4 @@
-"""The reader of `metric-tree/objects/1`: what it takes, and one clear line for what it does not."""
+"""The reader of `metric-tree/objects/1`: accepted records, and one clear line for each error."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""OpenSfM datasets: the conventions against OpenSfM's own equations, and what happens without tracks."""
+"""OpenSfM datasets: the conventions against the equations of OpenSfM, and datasets without tracks."""
 
 from __future__ import annotations
 
@@ -28,7 +28,7 @@ def small(tmp_path_factory: pytest.TempPathFactory) -> Path:
 def dataset(
     folder: Path, camera: dict[str, Any], points: list[list[float]], rotation: list[float] | None = None
 ) -> Path:
-    """A dataset of one shot at the origin."""
+    """A dataset with a single shot at the origin."""
     shot = {"rotation": rotation or [0.0, 0.0, 0.0], "translation": [0.0, 0.0, 0.0], "camera": "c"}
     named = {str(row): {"coordinates": point, "color": [0, 0, 0]} for row, point in enumerate(points)}
     document = [{"cameras": {"c": camera}, "shots": {"a.jpg": shot}, "points": named}]
@@ -50,13 +50,13 @@ def tangential(x: np.ndarray, p1: float, p2: float) -> np.ndarray:
 
 
 def angles(points: np.ndarray) -> np.ndarray:
-    """(n, 2) of the fisheye projection: the direction in the picture times the angle from the axis."""
+    """(n, 2) of the fisheye projection: the direction in the image times the angle from the axis."""
     radius = np.linalg.norm(points[:, :2], axis=1, keepdims=True)
     return points[:, :2] / radius * np.arctan2(radius, points[:, 2:])
 
 
 def expected_pixels(camera: dict[str, Any], points: np.ndarray) -> np.ndarray:
-    """OpenSfM's projections in its own normalised coordinates, then to pixels whose corner is (0, 0)."""
+    """Projections of OpenSfM in normalised coordinates, then to pixels whose corner is (0, 0)."""
     kind = camera["projection_type"]
     x = angles(points) if kind.startswith("fisheye") else points[:, :2] / points[:, 2:]
     k = [camera.get(name, 0.0) for name in ("k1", "k2", "k3", "k4")]
@@ -120,7 +120,7 @@ def test_without_tracks_depth_decides_what_a_view_sees(small: Path, tmp_path: Pa
     assert any("tracks.csv" in warning for warning in bare.warnings)
     for view, other in zip(whole.views, bare.views, strict=True):
         _, here, there = np.intersect1d(view.point_index, other.point_index, return_indices=True)
-        # the points fill a volume, so that some that were observed lie behind others
+        # the points fill a volume, so that some that were observed are behind others
         assert len(here) > 0.7 * len(view.point_index)
         np.testing.assert_allclose(other.keypoints[there], view.keypoints[here], atol=1e-4)
 

@@ -131,7 +131,7 @@ def test_a_cloud_beside_the_model_is_taken_unless_another_is_asked_for(small: Pa
 
 
 def test_colmaps_visibility_is_renumbered_for_opensfm(small: Path, tmp_path: Path) -> None:
-    """The shots stand in another order than the model beside the cloud."""
+    """The shots are in another order than the model next to the cloud."""
     document = json.loads((small / "opensfm" / "reconstruction.json").read_text(encoding="utf-8"))
     document[0]["shots"] = dict(reversed(document[0]["shots"].items()))
     (tmp_path / "reconstruction.json").write_text(json.dumps(document), encoding="utf-8")
@@ -147,7 +147,7 @@ def test_colmaps_visibility_is_renumbered_for_opensfm(small: Path, tmp_path: Pat
 
 
 def test_visibility_of_another_model_is_refused(small: Path, tmp_path: Path) -> None:
-    """Points moved away from the cameras cannot be what they see."""
+    """Points moved away from the cameras cannot be visible in them."""
     shutil.copytree(small / "colmap", tmp_path / "copy")
     file = tmp_path / "copy" / "dense.ply"
     data = file.read_bytes()

@@ -1,4 +1,4 @@
-"""What labels mean: a broader kind is said and weighs less."""
+"""What labels mean: a broader kind is stated and weighs less."""
 
 from __future__ import annotations
 

@@ -31,8 +31,8 @@ def test_the_height_of_a_sink_ends_inside(tree: Tree) -> None:
 @pytest.mark.parametrize(
     "whole",
     [
-        replace(SINK, unsupported_height=0.15),  # it reaches down to what it stands on
-        replace(SINK, extents=np.array([np.nan, np.nan, 0.15])),  # its height is all that it says
+        replace(SINK, unsupported_height=0.15),  # it reaches down to its support
+        replace(SINK, extents=np.array([np.nan, np.nan, 0.15])),  # its height is all that it states
         replace(SINK, vertical_known=False),
         replace(SINK, category="bowl"),
     ],

@@ -34,7 +34,7 @@ def tree() -> Tree:
 
 
 def test_a_known_height_is_worth_what_it_says(tree: Tree) -> None:
-    """The stated narrowing is what the posterior of that known length gives, about."""
+    """The stated narrowing is approximately that of the posterior with this known length."""
     alone = scale_of_objects([VASE], tree)
     assert alone.status != "resolved"
     (length,) = [one for one in alone.would_help if "known length" in one.what]
@@ -89,7 +89,7 @@ def test_errors_that_go_together_end_with_the_sides_that_are_supposed(tree: Tree
 def test_a_suggestion_narrows_the_interval_by_a_twentieth_or_more(
     tree: Tree, monkeypatch: pytest.MonkeyPatch, sigma: float, is_suggested: bool
 ) -> None:
-    """The truncated length of a desk, whose other sides have this error: images of it narrow by 7 % or by 3 %."""
+    """The truncated length of a desk, whose other sides have this error: images narrow by 7 % or by 3 %."""
     monkeypatch.setattr(advice, "SUGGESTED_CATEGORIES", ())
     cut = replace(DESK, truncated=np.array([True, False, False]), sigma=np.array([0.3, sigma, sigma]))
     rough = ScaleEvidence("gps", "walk", 0.5, 0.3)

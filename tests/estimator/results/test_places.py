@@ -1,4 +1,4 @@
-"""The type of place: what classes say of it, and that it changes how common kinds are and nothing else."""
+"""The type of place: its probability by the classes, and its only effect, the frequencies of kinds."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ from estimator.results.object_priors import (
 from tests.synthetic.priors import prior
 
 CHAIR = prior("chair.n.01", [(560, 540, 950), (700, 640, 1100)])
-#: Two places that differ in what stands beside chairs, and in how high chairs are there.
+#: Two places with different neighbours of chairs, and different heights of chairs.
 TWO = SceneTypes(
     ("chair.n.01", "toilet.n.02", "desk.n.01"),
     np.array([0.5, 0.5]),
@@ -53,7 +53,7 @@ def test_a_place_moves_the_weights_of_kinds_alone() -> None:
 
 
 def test_the_shipped_tilts_have_no_mean() -> None:
-    """What the rooms of one source have in common is no type of place."""
+    """Common properties of the rooms of one source are not a type of place."""
     places = shipped_scene_types()
     for node, tilts in places.tilts.items():
         part = places.probability * places.rates[:, places.nodes.index(node)]

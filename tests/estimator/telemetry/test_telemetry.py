@@ -1,4 +1,4 @@
-"""Metadata tracks and logs: what they hold is read, what is damaged is left out, and nothing makes them fail."""
+"""Metadata tracks and logs: their content is read, damaged parts are omitted, and no input makes readers fail."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""A result in three dimensions: what a click meets, the glTF file, the picture, the command."""
+"""A result in three dimensions: targets of a click, the glTF file, the image, the command."""
 
 from __future__ import annotations
 

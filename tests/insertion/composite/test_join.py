@@ -1,4 +1,4 @@
-"""Layers joined to a picture: several objects, what stands in front of them and of their shadows, and one footage."""
+"""Layers joined to an image: several objects, occluders of them and of their shadows, and one footage."""
 
 from __future__ import annotations
 
@@ -205,7 +205,7 @@ def test_no_shadow_falls_on_what_stands_in_front(context: Any) -> None:
     floor = np.stack(np.meshgrid(np.arange(4, SIZE[0], 8.0), np.arange(4, SIZE[1], 8.0)), axis=-1).reshape(-1, 2)
     depth = layers.plane_depth[floor[:, 1].astype(int), floor[:, 0].astype(int)]
     outside = np.isfinite(depth) & ~((np.abs(floor - [x, y]) < [12, 10]).all(axis=1))
-    for count in (0, 12):  # with no point of its own, and with some
+    for count in (0, 12):  # without points, and with some
         own = np.random.default_rng(0).uniform([x - 9, y - 7], [x + 9, y + 7], (count, 2))
         pixels = np.concatenate([floor[outside], own])
         depths = np.concatenate([depth[outside], np.full(count, 0.5)])

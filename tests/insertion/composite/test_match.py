@@ -1,4 +1,4 @@
-"""The look of a picture: its grain and its blur, as they were put in."""
+"""The look of an image: its grain and its blur, as they were put in."""
 
 from __future__ import annotations
 
@@ -66,7 +66,7 @@ def test_an_object_gets_the_grain_of_the_picture(sigma: float) -> None:
 @pytest.mark.parametrize("common", [0.0, 0.6])
 @pytest.mark.parametrize(("smooth", "px"), [(0.0, 0.0), (0.5, 0.34)])
 def test_grain_has_its_sigma_its_smoothness_and_what_channels_share(common: float, smooth: float, px: float) -> None:
-    """Smooth grain is taken for finer than it is: what lies under it is taken away with a blur of two pixels."""
+    """Smooth grain is treated as finer than it is: the content is removed with a blur of two pixels."""
     import cv2
 
     generator = np.random.default_rng(1)
@@ -107,7 +107,7 @@ def test_a_layer_is_smeared_as_the_picture_is() -> None:
     assert (result.sum(axis=1) * offsets**2).sum() < 0.1
     np.testing.assert_array_equal(blur_layer(layer, np.eye(2) * 0.35**2), layer)
     narrow = blur_layer(layer, np.eye(2) * (0.35**2 + 0.2**2))[..., 3]
-    np.testing.assert_allclose(narrow, narrow[:, ::-1], atol=1e-6)  # along both axes alike
+    np.testing.assert_allclose(narrow, narrow[:, ::-1], atol=1e-6)  # along both axes equal
     assert narrow[20, 20] < 0.9999
 
 

@@ -86,7 +86,7 @@ def test_a_cup_without_points_hides_what_its_table_hides() -> None:
     table, cup = (10, 60, 150, 110), (70, 40, 80, 60)
     points = _points((table, NEAR))
     assert _hidden([_object("cup", cup), _object("table", table)], points)[42:58, 72:78].all()
-    lamp = (70, 10, 80, 30)  # hangs free: nothing says that it is near
+    lamp = (70, 10, 80, 30)  # hangs free: nothing states that it is near
     assert not _hidden([_object("lamp", lamp), _object("table", table)], points)[12:28, 72:78].any()
 
 
@@ -214,14 +214,14 @@ def test_what_moves_hides_the_object_by_its_feet_on_the_ground() -> None:
         assert hidden.any() == hides
         if hides:
             assert hidden[:, 200:240].sum() == hidden.sum() > 1000
-    (cut,) = billboards([_walker(1.5, (300, 340))], VIEW, _ground())  # its feet are below the picture
+    (cut,) = billboards([_walker(1.5, (300, 340))], VIEW, _ground())  # its feet are below the image
     assert cut.occludes(box, VIEW, behind).any()
     flying = Instance("bird", 0, "bird", np.ones((20, 20), bool), (300, 50), 1.0)
     assert billboards([flying], VIEW, _ground()) == []
 
 
 def test_an_upright_object_is_seen_from_above_at_its_own_depth() -> None:
-    """A camera that looks down by 30 degrees: the head is nearer along the axis than the feet."""
+    """A camera that looks down by 30 degrees: the head is closer along the axis than the feet."""
     turn = np.radians(30)
     rotation = np.array([[1, 0, 0], [0, np.cos(turn), -np.sin(turn)], [0, np.sin(turn), np.cos(turn)]])
     view = replace(VIEW, rotation=rotation)
@@ -347,12 +347,12 @@ def test_a_thing_stands_on_what_is_hidden_below_it() -> None:
         hidden[:] = False
         hidden[10:, slice(*columns)] = True
         assert stands_on_occluder(hidden, mask) == stands
-    mask[5:] = True  # nothing of the picture is below
+    mask[5:] = True  # nothing of the image is below
     assert not stands_on_occluder(hidden, mask)
 
 
 def test_points_at_the_height_of_the_foot_are_what_it_stands_on() -> None:
-    """A twentieth of the object, or what a cloud is off by there; never a third of the object."""
+    """5 % of the object, or the error of the cloud there; never a third of the object."""
     heights = np.array([0.09, 0.11, -0.09, 0.23, 0.25, 0.55, 0.65])
     depths = np.array([1.0, 1.0, 1.0, 20.0, 20.0, 200.0, 200.0])
     cloud = ColouredPoints(np.column_stack([np.zeros((7, 2)), heights + 1]), np.zeros((7, 3), np.float32), False)

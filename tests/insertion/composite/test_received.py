@@ -1,4 +1,4 @@
-"""The object's shadow on another object, and not on what stands in front of both."""
+"""The object's shadow on another object, and not on occluders of both."""
 
 from __future__ import annotations
 
@@ -97,6 +97,6 @@ def test_the_shadow_is_on_what_stands_beside_and_not_on_what_is_in_front(rendere
     assert received[floor].max() < 0.6
     lit = _pixel(view, (-0.4, -0.5, 0.0))
     assert share[lit].min() > 0.8
-    np.testing.assert_allclose(received[lit], share[lit], atol=0.05)  # the floor beside the shadow is as it was
+    np.testing.assert_allclose(received[lit], share[lit], atol=0.05)  # the floor next to the shadow is as it was
     assert received[_pixel(view, (SIDE_X, 0.0, 0.2))].max() < 0.6
     assert received[_pixel(view, (SIDE_X, 0.4, 0.2))].min() > 0.9

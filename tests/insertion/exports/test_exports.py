@@ -194,7 +194,7 @@ def test_pictures_of_two_cameras_keep_both(scene: tuple[InsertionScene, PlacedOb
     assert sizes == [(key.camera.width, key.camera.height) for key in keys]
 
 
-#: Stands in for Blender: keeps its arguments, compiles the script, and writes what the job asks for.
+#: Stands in for Blender: keeps its arguments, compiles the script, and writes what the job requests.
 BLENDER = """#!{python}
 import json, sys
 from pathlib import Path
@@ -216,7 +216,7 @@ for key in job["keys"] if job.get("out") else ():
 
 @pytest.fixture
 def blender(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
-    """The file in which a Blender that only records says what it was asked."""
+    """The file to which a stand-in for Blender writes its arguments."""
     program = tmp_path / "blender"
     program.write_text(BLENDER.format(python=sys.executable, record=tmp_path / "asked.json"))
     program.chmod(0o755)
@@ -241,7 +241,7 @@ def test_blender_is_asked_for_the_scene_in_metres(
     np.testing.assert_allclose(asked["job"]["objects"][0]["matrix"], object_matrix(placed, frame))
 
 
-#: Run by the Python that has bpy: what a saved scene holds.
+#: Run by the Python that has bpy: the content of a saved scene.
 OPENED = """
 import json, sys, bpy, numpy as np
 bpy.ops.wm.open_mainfile(filepath=sys.argv[1])
@@ -329,7 +329,7 @@ def test_values_of_a_glb_start_at_whole_words() -> None:
     assert views[0]["byteLength"] % 4
     assert [view["byteOffset"] % 4 for view in views] == [0, 0]
     assert views[1]["byteOffset"] - views[0]["byteLength"] < 4
-    for width in range(1, 9):  # pictures of all lengths, the last in the file
+    for width in range(1, 9):  # images of all lengths, the last in the file
         glb = GltfWriter("test")
         glb.add_texture(np.random.default_rng(width).integers(0, 255, (3, width, 4), dtype=np.uint8))
         data = glb.to_bytes([])

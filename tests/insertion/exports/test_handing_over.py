@@ -201,7 +201,7 @@ def test_a_catcher_is_under_each_level_and_reflects_what_is_below() -> None:
         return [float(np.ptp(one[:, 0])) / transform.scale / 2 for one in corners]
 
     assert reaches(high, low) == pytest.approx([0.4, 3.2])  # only the higher one is limited
-    assert reaches(item(0.0, 1.0, 0.3), item(0.1, 0.9, 0.4)) == pytest.approx([0.15, 3.2])  # half of its own size
+    assert reaches(item(0.0, 1.0, 0.3), item(0.1, 0.9, 0.4)) == pytest.approx([0.15, 3.2])  # half of its size
     assert reaches(high, item(0.6, 0.59, 0.4)) == pytest.approx([1.6, 3.2])  # too low to be cut
     radiance = np.full((HEIGHT, WIDTH, 3), 2.0, np.float32)
     radiance[HEIGHT // 2 :] = (1.0, 0.5, 0.01)

@@ -1,4 +1,4 @@
-"""Pictures are written inside their folder, each under a name of its own, and never over what is read."""
+"""Images are written inside their folder, each under a distinct name, and never over an input."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ SHOTS = [Frame(index, name, None, None, index) for index, name in enumerate(NAME
 
 @pytest.fixture
 def source(tmp_path: Path) -> Path:
-    """A picture of the user's, where a name from the model leads to."""
+    """An image of the user's, where a name from the model leads to."""
     file = tmp_path / "images" / "a.png"
     file.parent.mkdir()
     file.write_bytes(b"the user's own")

@@ -1,4 +1,4 @@
-"""Maps of light and the lights that stand in for them: energies, directions and distances by formula."""
+"""Maps of light and the lights that replace them: energies, directions and distances by formula."""
 
 from __future__ import annotations
 
@@ -133,7 +133,7 @@ def test_a_part_is_cut_where_its_energy_halves() -> None:
 
 
 def test_lights_from_another_place() -> None:
-    """A lamp 2 m above, and the sun: one comes nearer and changes its way, the other does not."""
+    """A lamp 2 m above, and the sun: one comes closer and changes its way, the other does not."""
     up, sun = np.array([0.0, 0.0, 1.0]), np.array([0.6, 0.0, 0.8])
     lights = LightSamples(
         np.array([up, sun]), np.array([[3.0] * 3, [1.0] * 3]), np.array([0.5, 0.0]), np.array([0.0, 0.1])
@@ -160,7 +160,7 @@ def test_a_lamp_becomes_points_all_over_it() -> None:
     assert points.power.sum(axis=0) == pytest.approx(np.array([2.0, 1.0, 0.5]) / 2**2, rel=1e-6)
     assert not points.angle.any()
     inside = SphereLights(np.array([[0.0, 0, 0.01]]), np.ones((1, 3)), np.array([0.5]), np.zeros(3))
-    assert (1 / sample_lamps(inside, 64).near).min() >= 0.25  # not nearer than its own radius
+    assert (1 / sample_lamps(inside, 64).near).min() >= 0.25  # not closer than its radius
     two = SphereLights(
         np.array([[0.0, 0, 1.0], [0.0, 0, -2.0]]), np.full((2, 3), 3.0), np.array([0.01, 0.01]), np.zeros(3)
     )
@@ -192,7 +192,7 @@ def test_lamps_add_their_irradiance_to_the_rest() -> None:
     assert lit.irradiance(-TURNED[2]) == pytest.approx(np.full(3, 0.2 * np.pi), rel=0.01)
     near = SphereLights(middle[None] + 0.01, np.ones((1, 3)), np.array([2.0]), middle)
     total = ((estimate.add_lamps(rest, SEEN, TURNED, near).radiance - 0.2) * solid_angles()[:, None, None]).sum()
-    assert total == pytest.approx(3.0, rel=1e-3)  # never nearer than its radius
+    assert total == pytest.approx(3.0, rel=1e-3)  # never closer than its radius
 
 
 def _wall(height: int) -> Occupancy:

@@ -116,7 +116,7 @@ def test_a_lamp_is_brighter_nearby() -> None:
 
 
 def test_the_unseen_part_makes_white_white() -> None:
-    """Its irradiance is what is wanted: that of the lamp's lobe and of the rest together."""
+    """Its irradiance is the sum of the lamp's lobe and the remainder."""
     filled = np.full((HEIGHT, WIDTH, 3), 0.1)
     seen = np.zeros((HEIGHT, WIDTH))
     raised = raise_ceiling(filled, seen, 0.12, np.array([0.0, 0.0, 1.0]))

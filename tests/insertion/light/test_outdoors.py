@@ -1,4 +1,4 @@
-"""The light outdoors: a sun that shadows show, a sky that no picture shows, and which pixels are sky."""
+"""The light outdoors: a sun that shadows show, a sky that no image shows, and which pixels are sky."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ GROUND_ALBEDO = 0.25
 
 UP = np.array([0.0, 0.0, 1.0])
 GROUND = SupportPlane(np.eye(3), 0.0, 0.01, 100, np.zeros(2), 1.0, np.ones((2, 2), dtype=bool))
-#: Foot (n, 2) and height (n,) of posts beside a way along +y.
+#: Foot (n, 2) and height (n,) of posts next to a way along +y.
 FEET = np.random.default_rng(3).uniform((-5, 0), (5, 26), (60, 2))
 HEIGHTS = np.random.default_rng(4).uniform(0.8, 2.2, 60)
 

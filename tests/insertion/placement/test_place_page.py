@@ -1,4 +1,4 @@
-"""The page on which an object is put into a picture, in a real browser."""
+"""The page on which an object is put into an image, in a real browser."""
 
 from __future__ import annotations
 

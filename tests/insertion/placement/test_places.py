@@ -33,7 +33,7 @@ from tests.synthetic.rooms.kinds import KINDS
 from tests.synthetic.rooms.shapes import solid
 
 KIND = "sitting room"
-#: Units of another reconstruction of the same room to one of this.
+#: Number of units of another reconstruction of the room per unit of this one.
 UNIT = 0.037
 
 

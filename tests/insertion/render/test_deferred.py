@@ -67,7 +67,7 @@ def _dome(cells: int) -> Mesh:
 
 
 def test_small_triangles_are_lit_on_the_side_that_is_seen(tmp_path: Path) -> None:
-    """A pixel that a triangle covers in part has its place within the triangle, which says nothing of how it faces."""
+    """A pixel that a triangle covers in part has its position within the triangle, whatever its orientation."""
     above = np.ones((HEIGHT, WIDTH, 3), np.float32)
     above[HEIGHT // 2 :] = 0.0
     context = gl_context()

@@ -1,4 +1,4 @@
-"""Geometry of what is drawn, without a renderer: bodies, shadow rays, windows behind a lens, layers on the plane."""
+"""Geometry of drawn objects, without a renderer: bodies, shadow rays, windows behind a lens, layers on the plane."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""A place on a surface without points of its own: at the height that most points around the click share."""
+"""A position on a surface without points: at the height of most points around the click."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ VIEW = View("0.png", CAMERA, ROTATION, -ROTATION @ EYE, np.empty((0, 2)), np.emp
 
 
 def _ring(height: float, count: int, turn: float = 0.0) -> FloatArray:
-    """(count, 3) level points on a circle of 40 pixels around the middle of the picture."""
+    """(count, 3) level points on a circle of 40 pixels around the middle of the image."""
     angle = turn + np.linspace(0, 2 * np.pi, count, endpoint=False)
     reach = 40 / FOCAL * (EYE[2] - height)
     return np.column_stack([reach * np.cos(angle), reach * np.sin(angle), np.full(count, height)])
@@ -39,7 +39,7 @@ def _space(points: FloatArray) -> PlacementSpace:
 
 @pytest.mark.parametrize("others", [0, 8])
 def test_the_place_is_at_the_height_of_most_points_around_it(others: int) -> None:
-    """Twelve points share a height; up to eight others, each at one of its own, are lower or higher."""
+    """Twelve points share a height; up to eight others have different heights."""
     heights = np.array([-0.9, -0.7, -0.5, -0.3, 1.0, 1.1, 1.2, 1.3])[:others]
     points = np.vstack([_ring(0.0, 12), *(_ring(one, 1, turn=k + 0.3) for k, one in enumerate(heights))])
     place = placement_at_pixel(_space(points), VIEW, WIDTH / 2, HEIGHT / 2, 0.1)
@@ -70,7 +70,7 @@ def test_a_position_is_in_the_image_or_on_its_border(x: float, y: float) -> None
 
 
 def _road(points: FloatArray) -> PlacementSpace:
-    """A road, seen in a patch of 2 x 2 beside the middle of the picture, a wall beside it, and points elsewhere."""
+    """A road, seen in a patch of 2 x 2 next to the middle of the image, a wall next to it, and points elsewhere."""
     spread = np.random.default_rng(0).uniform(-1, 1, (1500, 3))
     known = np.vstack([spread * [1, 1, 0.001] - [1.5, 0, 0], spread * [0.01, 1, 1] + [-2.5, 0, 1]])
     space = _space(np.vstack([known, points]))
@@ -91,7 +91,7 @@ def test_the_ground_is_no_place_where_the_picture_shows_something_above_it() -> 
 
 
 def test_what_rises_a_little_beside_the_ground_does_not_take_the_place() -> None:
-    """Kerbs and plants, nearer than the ground by less than a tenth."""
+    """Kerbs and plants, closer than the ground by less than a tenth."""
     kerb = np.vstack([_ring(0.1 + 0.02 * k, 1, turn=0.7 * k) for k in range(10)])
     place = placement_at_pixel(_road(kerb), VIEW, WIDTH / 2 + 20, HEIGHT / 2, 0.1)
     np.testing.assert_allclose(place.position, [20 / FOCAL * EYE[2], 0, 0], atol=0.02)

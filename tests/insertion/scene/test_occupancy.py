@@ -1,4 +1,4 @@
-"""What stands between two places: grids of full cells with known ways through them, and cells of painted planes."""
+"""Visibility between two positions: grids of full cells with known paths, and cells of painted planes."""
 
 from __future__ import annotations
 

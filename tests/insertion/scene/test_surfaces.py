@@ -162,7 +162,7 @@ def test_a_ray_meets_planes_from_above_where_they_were_seen() -> None:
 
 @pytest.mark.parametrize(("height", "plane"), [(1.0, 0), (1.02, 0), (1.03, None), (1.2, None)])
 def test_the_points_around_a_pixel_decide_on_a_plane(height: float, plane: int | None) -> None:
-    """At a depth of 2 m, points within 24 mm are on the plane; others make a level patch of their own."""
+    """At a depth of 2 m, points within 24 mm are on the plane; others are a separate level patch."""
     solid = np.ones((10, 10), bool)
     x, y = np.meshgrid(np.linspace(-0.01, 0.01, 3), np.linspace(-0.01, 0.01, 3))
     points = np.column_stack([x.ravel(), y.ravel(), np.full(9, height)])
@@ -419,7 +419,7 @@ def test_a_cloud_has_the_mean_colour_of_the_stills_that_see_it() -> None:
 
 @pytest.mark.parametrize("is_complete", [False, True])
 def test_stray_points_are_removed_if_it_is_known_which_views_see_all_points(is_complete: bool) -> None:
-    """Three views see a floor through a point above it, which none of them lists."""
+    """Three views see a floor through a point above it, which no view lists."""
     floor, stray = _grid((-1, -1), (1, 1), 0.0, 0.02), np.array([[0.0, 0.0, 1.0]])
     listed = np.arange(len(floor), dtype=np.int64)
     views = tuple(replace(VIEW, name=str(k), keypoints=np.zeros((len(floor), 2)), point_index=listed) for k in range(3))

@@ -222,7 +222,7 @@ def test_every_code_has_its_fixture() -> None:
 
 
 def _resealed(directory: Path, manifest: str) -> Path:
-    """The release with checksums and sizes of what is there now, everything else as the manifest says."""
+    """The release with checksums and sizes of its current files, and otherwise the same manifest."""
     import json
 
     from metric_tree.release.release import sha256

@@ -51,7 +51,7 @@ def test_a_release_with_cutouts_is_another_release(tmp_path, no_weights, capsys)
     tree = metric_tree.open(tmp_path / "new")
     assert tree.version == "0.0.1+cutouts"
     found = tree.find("entity").images().to_pylist()
-    assert [row["method"] for row in found].count("plain") == 3  # the refused one was looked at by it too
+    assert [row["method"] for row in found].count("plain") == 3  # the refused one was inspected by it too
     assert sum(row["cutout_path"] is not None for row in found) == 2
 
 

@@ -1,4 +1,4 @@
-"""Backends on synthetic pictures, the network through rembg's own `remove`, and what sets a mask aside."""
+"""Backends on synthetic images, the network through `rembg.remove`, and reasons that set a mask aside."""
 
 from __future__ import annotations
 

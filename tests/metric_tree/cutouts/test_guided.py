@@ -1,4 +1,4 @@
-"""Cuts by a person's guide: the edge of what the guide means, and what a reviewer does not vouch for."""
+"""Cut-outs by a guide: the edge of the marked object, and guides that a reviewer rejected."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ ID = "a" * 64
 
 
 def heap() -> tuple[np.ndarray, np.ndarray]:
-    """A picture of three discs that touch, with grain, and the mask of the middle one."""
+    """An image of three discs that touch, with grain, and the mask of the middle one."""
     picture = np.full((200, 300, 3), (60, 90, 60), np.uint8)
     mask = np.zeros((200, 300), np.uint8)
     for x, colour in ((90, (200, 120, 30)), (210, (190, 40, 40)), (150, (230, 200, 60))):

@@ -1,4 +1,4 @@
-"""The fit of one class: what it recovers from damaged rows, what it borrows, what sources' disagreement does."""
+"""The fit of one class: recovery from damaged rows, borrowing, and the effect of disagreeing sources."""
 
 from __future__ import annotations
 
@@ -75,7 +75,7 @@ def test_two_kinds_are_found_with_the_axis_order_hidden():
 
 
 def test_blanks_that_depend_on_another_axis_do_not_bias_as_dropping_rows_would():
-    """Width is stated of the shorter half alone: the mean of what is stated is wrong, that of the fit is not."""
+    """Only the shorter half of the rows states the width: the mean of the stated widths is wrong, the fit is not."""
     x = np.random.default_rng(0).multivariate_normal(MEANS[0], correlated_covariance(np.full(3, 0.2), 0.9), 400)
     blank = x.copy()
     blank[x[:, 0] > np.median(x[:, 0]), 1] = np.nan
@@ -131,7 +131,7 @@ RANGE_SD = np.array([[0.1, 0.12, 0.02]])
 
 
 def with_range(x, sources, kinds) -> ClassRows:
-    """Rows beside one curated range."""
+    """Rows next to one curated range."""
     sd = np.vstack([RANGE_SD, np.full((len(x), 3), np.nan)])
     return class_rows(np.concatenate([TYPICAL, x]), sources=["judged", *sources], kinds=["judged", *kinds], range_sd=sd)
 
@@ -168,7 +168,7 @@ def test_one_real_row_does_not_widen_a_norm():
 
 
 def test_a_weak_row_does_not_draw_a_norm_to_its_parent():
-    """A cube of 57 mm and one artist's model of it, among parents a metre wide."""
+    """A cube of 57 mm and an artist's model, among parents a metre wide."""
     wide = NormalInverseWishart(np.log([1000.0, 900.0, 800.0]), 1.0, correlated_covariance(np.full(3, 0.5)), 8.0)
     rows = class_rows(
         np.log([[57.0] * 3, [58.0] * 3]),
@@ -182,7 +182,7 @@ def test_a_weak_row_does_not_draw_a_norm_to_its_parent():
 
 
 def test_rows_of_heights_alone_do_not_move_the_other_axes():
-    """Sixty boxes, and two hundred heights of another source, a third lower: the length is that of the boxes."""
+    """Sixty boxes, and two hundred heights of another source, a third lower: the length is determined by the boxes."""
     generator = np.random.default_rng(0)
     boxes = np.log([[500.0, 480.0, 900.0]]) + generator.multivariate_normal(np.zeros(3), COVARIANCE, 60)
     heights = np.full((200, 3), np.nan)

@@ -1,4 +1,4 @@
-"""What a row weighs: by its kind and by how many rows its source has."""
+"""Weight of a row by its kind and by the number of rows of its source."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The formulas of the fit against slow versions of them: moments, likelihoods, ridge, contexts, weights, ranges."""
+"""The formulas of the fit against slow versions: moments, likelihoods, ridge, contexts, weights, ranges."""
 
 from __future__ import annotations
 
@@ -83,7 +83,7 @@ def test_the_means_rows_and_spreads_of_sources() -> None:
     variance = own @ (x[:9] - one.means[0]) ** 2 / 8.5 * rows / (rows - 1)
     assert one.spreads == pytest.approx([np.sqrt(variance.mean()), NAN], nan_ok=True)
     offset = x[:9] - one.means[0]
-    scatter = (own[:, None] * offset).T @ offset  # the lone row is its own mean
+    scatter = (own[:, None] * offset).T @ offset  # a single row equals its mean
     typical = (weights**2).sum() / weights.sum()
     free = np.array([[8.5 * (1 - 1 / rows)] * 2] * 2)
     within = (scatter + typical * np.diag([0.04, 0.04])) / (free + typical)

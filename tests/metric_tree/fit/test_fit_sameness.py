@@ -1,4 +1,4 @@
-"""What the objects of one room have in common, recovered from synthetic rooms."""
+"""Common deviation of the objects of a room, recovered from synthetic rooms."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Held-out scores and the moments of sorted extents, held to what they are in theory."""
+"""Held-out scores and the moments of sorted extents, compared with theory."""
 
 from __future__ import annotations
 
@@ -27,7 +27,7 @@ def test_the_held_out_score_is_the_entropy_of_what_the_rows_are_drawn_from(n: in
 
 
 def test_extents_of_few_rows_lean_on_what_is_believed_of_anything() -> None:
-    """The spread of rows all alike is that of anything, worth its own rows, over its rows and theirs."""
+    """The variance of equal rows is the general one, weighted by its rows over all rows."""
     for n in (1, 2, 5):
         alike = extent_moments(class_rows(np.repeat([[7.6, 6.8, 6.5]], n, axis=0)))
         share = VAGUE.covariance_rows / (n + VAGUE.covariance_rows)

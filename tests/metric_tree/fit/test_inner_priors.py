@@ -1,4 +1,4 @@
-"""Priors of inner nodes: merged components keep the moments of what they replace."""
+"""Priors of inner nodes: merged components keep the moments of the replaced ones."""
 
 from __future__ import annotations
 
@@ -39,7 +39,7 @@ def test_a_pair_keeps_the_moments_of_its_two() -> None:
 
 
 def test_the_cost_of_a_merge_is_runnalls_bound() -> None:
-    """Runnalls (2007), equation 21: half of what the log determinants grow by; never with itself."""
+    """Runnalls (2007), equation 21: half of the increase of the log determinants; never with itself."""
     weights, means, covariances = _mixture(3)
     cost = merge_costs(weights, means, covariances, 0)
     assert np.isinf(cost[0])

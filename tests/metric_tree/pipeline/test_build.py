@@ -1,4 +1,4 @@
-"""The build: what it takes, what it refuses, that it is the same every time, that it takes up where it was."""
+"""The build: accepted and refused input, equal results of equal runs, and resumption."""
 
 from __future__ import annotations
 
@@ -58,7 +58,7 @@ def test_release_is_valid_and_holds_the_sizes(release):
     assert tree.find("ball").dims == ("extent1", "extent2", "extent3")
     assert tree.find("furniture").n_items == sum(tree.find(name).n_items for name in ("chair", "stool", "sofa", "desk"))
     assert tree.find("stool").prior().borrowed > 0.5
-    assert tree.find("chair").prior().n_sources == 3  # the games' models are silent beside so many products
+    assert tree.find("chair").prior().n_sources == 3  # the games' models are silent next to so many products
 
 
 def test_evidence_is_counted_from_the_weakest_to_the_strongest(release):
@@ -169,7 +169,7 @@ def test_curated_ranges_give_a_prior_where_there_is_nothing_else(tmp_path):
     for axis, low, high in ((0, 350, 450), (2, 400, 700)):
         believed = widened_sd(low, high)
         assert spread[axis] == pytest.approx(believed * NEW_SOURCE.factor(0, believed) ** 0.5, rel=0.01)
-    sofa = tree.find("sofa").prior()  # a range far off counts as one source of five
+    sofa = tree.find("sofa").prior()  # a range far off is treated as one source of five
     assert 0 < sofa.share_by_kind["judged"] < 0.5
     assert 1000 < sofa.quantile(0.5)[0] < 2000  # the shipped model trusts a range more than this build's own would
     assert [finding for finding in findings(release.directory) if finding.is_error] == []
@@ -236,7 +236,7 @@ def test_sources_that_disagree_are_reported(tmp_path):
     worst = report["disagreements"][0]
     assert worst["node_id"] == "sofa.n.01"
     assert worst["observed_sd"] > 0.15
-    assert set(worst["means_mm"]) == set(SOURCES) - {"games"}  # models are silent beside many products
+    assert set(worst["means_mm"]) == set(SOURCES) - {"games"}  # models are silent next to many products
 
 
 def _damaged(folder: Path) -> Path:

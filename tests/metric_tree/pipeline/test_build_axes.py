@@ -1,4 +1,4 @@
-"""Which axis is which: the words of a source, the pose of a node, and what stays open."""
+"""Axes by the words of a source and the pose of a node, and axes that remain unknown."""
 
 from __future__ import annotations
 
@@ -28,7 +28,7 @@ poses = st.sampled_from(["upright", "flat", "any"])
         ({"diameter": 80, "height": 100}, "upright", Sizes(80, 80, 100, (100, 80, 80))),
         ({"diameter": 250}, "flat", Sizes(250, 250, None, (250, 250))),
         ({"diameter": 250, "height": 30}, "flat", Sizes(250, 250, 30, (250, 250, 30))),
-        # a rod: which way it stands is not said
+        # a rod: which way it stands is not stated
         ({"length": 900, "diameter": 20}, "upright", Sizes(None, None, None, (900, 20, 20))),
         ({"length": 900, "diameter": 20}, "flat", Sizes(900, 20, 20, (900, 20, 20))),
         # one horizontal size may be the longer or the shorter
@@ -36,11 +36,11 @@ poses = st.sampled_from(["upright", "flat", "any"])
         ({"length": 600, "height": 900}, "upright", Sizes(600, None, 900, (900, 600))),
         # a phone lies down, whatever its maker calls height
         ({"height": 146, "width": 71, "depth": 8}, "flat", Sizes(146, 71, 8, (146, 71, 8))),
-        # a shoe of length, width, height does not lie on its side
+        # a shoe of length, width, height is not on its side
         ({"length": 300, "width": 100, "height": 120}, "flat", Sizes(300, 100, 120, (300, 120, 100))),
         # a record on its edge is as flat as one that lies
         ({"length": 320, "width": 11, "height": 318}, "flat", Sizes(320, 318, 11, (320, 318, 11))),
-        # length beside depth that say the same are one
+        # length next to depth that say the same are one
         (
             {"length": 900, "width": 2000, "depth": 900, "height": 800},
             "upright",
@@ -77,7 +77,7 @@ def test_axes_are_in_order_and_among_the_extents(stated, pose):
     known = [size for size in (found.length, found.width, found.height) if size is not None]
     left = list(found.extents)
     for size in known:
-        left.remove(size)  # fails if an axis holds what was not stated
+        left.remove(size)  # fails if an axis has a value that was not stated
     if found.length is not None and found.width is not None:
         assert found.length >= found.width
     if pose == "any":

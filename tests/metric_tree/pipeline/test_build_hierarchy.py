@@ -84,7 +84,7 @@ def test_a_thousand_pages_of_one_shop_are_one_witness():
 def test_children_without_witness_share_a_tenth_or_more_where_witnesses_weigh_little():
     many = dict.fromkeys("abcdefgh", 1.0)
     assert child_frequencies([dict.fromkeys(many, 1000), {}], many) == pytest.approx([0.95, 0.05])
-    assert 0.5 < child_frequencies([{"shop": 1}, {}], TRUST)[0] < 0.6  # one page says next to nothing
+    assert 0.5 < child_frequencies([{"shop": 1}, {}], TRUST)[0] < 0.6  # one page states next to nothing
     assert child_frequencies([{}, {}], TRUST) == pytest.approx([0.5, 0.5])
 
 

@@ -1,4 +1,4 @@
-"""What looks wrong about a leaf beside its range, its siblings and its sources, and how it is settled."""
+"""What looks wrong about a leaf next to its range, its siblings and its sources, and how it is settled."""
 
 from __future__ import annotations
 

@@ -53,7 +53,7 @@ def test_query_draws_a_sheet_whose_bar_is_true(release, tmp_path, capsys):
     with Image.open(tmp_path / "sheet.png") as image:
         pixels = np.asarray(image.convert("L"))
     bar = np.flatnonzero(pixels[MARGIN + 50, : MARGIN + 240] < 50)
-    bar = bar[: np.argmax(np.diff(bar, append=10_000) > 1) + 1]  # the text beside it is no part of it
+    bar = bar[: np.argmax(np.diff(bar, append=10_000) > 1) + 1]  # the text next to it is not included
     assert np.ptp(bar) * mm_per_px == pytest.approx(bar_length(mm_per_px), abs=4 * mm_per_px)
     assert [path.name for path in tmp_path.glob(".*")] == []
 
@@ -73,7 +73,7 @@ def test_objects_are_as_large_as_their_longest_extent(release, tmp_path, capsys)
 
 
 def test_a_rendered_picture_has_its_own_scale_and_credit(tmp_path):
-    """Two views of one object, one of them narrow: each is as large as its pixels per metre say."""
+    """Two views of an object, the second narrow: each has the size given by its pixels per metre."""
     file = tmp_path / "a.png"
     Image.new("RGBA", (100, 50), "red").save(file)
     row = {"path": "a.png", "cutout_path": "a.png", "extents_mm": [300.0, 100.0], "title": "t", "source": "s"}

@@ -1,4 +1,4 @@
-"""The report of a small release: its tables, its page, and what it says of another release."""
+"""The report of a small release: its tables, its page, and the comparison with another release."""
 
 import json
 
@@ -151,7 +151,7 @@ def test_the_page_holds_every_section_and_no_script_but_its_own(tree, tmp_path):
         assert title in text
     assert text.count("<script") == 1
     assert "made for tests" in text
-    assert text.index("<th>tier") < text.index("median, mm"), "what a size rests on stands before the number"
+    assert text.index("<th>tier") < text.index("median, mm"), "the evidence of a size is printed before the number"
     assert text.count("<svg") == 1
 
 

@@ -43,7 +43,7 @@ def test_pycocotools_reads_it_and_every_mask_is_exact(tree: Tree, tmp_path: Path
         assert picture.shape == (240, 320, 3)
         found = coco.loadAnns(coco.getAnnIds(image["id"]))
         masks = np.array([coco.annToMask(one) for one in found])
-        assert masks.sum(axis=0).max() == 1  # what is hidden belongs to what hides it
+        assert masks.sum(axis=0).max() == 1  # hidden pixels belong to the occluder
         for one, mask in zip(found, masks, strict=True):
             rows, columns = np.flatnonzero(mask.any(axis=1)), np.flatnonzero(mask.any(axis=0))
             box = [columns[0], rows[0], columns[-1] - columns[0] + 1, rows[-1] - rows[0] + 1]
@@ -75,7 +75,7 @@ def test_relative_sizes_are_the_trees(tree: Tree, tmp_path: Path) -> None:
             side = one["bbox"][3] if one["size_of"] == "height" else one["bbox"][2]
             ratios.append(np.log(side / (own * scale[one["image_id"]])))
     assert len(ratios) > 40
-    # what is left is the distance: about one, and of the spread that it is given
+    # the remainder is the distance: about one, with the given standard deviation
     assert abs(np.mean(ratios)) < 0.1
     assert np.std(ratios) < 0.25
 

@@ -1,4 +1,4 @@
-"""Pictures of other sets, in the real forms of COCO, ADE20K and Open Images."""
+"""Images of other sets, in the real forms of COCO, ADE20K and Open Images."""
 
 from __future__ import annotations
 

@@ -140,7 +140,7 @@ def test_each_rule_has_its_figure(mini: Tree, tmp_path: Path, capsys: pytest.Cap
     words = ["select", "--tree", str(mini.release.directory), "--least-samples", "5", "--least-sources", "1"]
     file = tmp_path / "figures" / "rules.svg"
     assert main([*words, "--figure", str(file)]) == 0
-    drawn = file.read_text(encoding="utf-8")  # matplotlib writes each text in a comment beside its outlines
+    drawn = file.read_text(encoding="utf-8")  # matplotlib writes each text in a comment next to its outlines
     for label in ("divergence: sd of log size", "samples: items of the fit", "training data: of 4", "ours (orange"):
         assert label in drawn
     assert [path.name for path in file.parent.iterdir()] == ["rules.svg"]

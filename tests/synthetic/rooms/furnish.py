@@ -183,7 +183,7 @@ def _mislabel(item: Placed, knobs: Knobs, generator: np.random.Generator) -> Pla
 
 
 def _shell(floor: tuple[float, float], generator: np.random.Generator) -> Mesh:
-    """Return the surfaces without label: floor, walls, ceiling, a rug, a door and pictures on the walls."""
+    """Return the surfaces without label: floor, walls, ceiling, a rug, a door and images on the walls."""
     x, y = floor[0] / 2, floor[1] / 2
     walls = [
         box((-x, x), (-y, y), (-0.02, 0), "floor"), box((-x, x), (-y, y), (CEILING_M, CEILING_M + 0.02), "ceiling"),

@@ -236,7 +236,7 @@ def test_a_review_is_amended_withdrawn_and_named_once(tmp_path: Path, capsys: py
     record = ["review", "record", "*: foo", "--folder", str(tmp_path), "--json"]
     assert main([*record, "couch.n.01", "--reviewer", "Ada"]) == 0
     assert main([*record, "sofa.n.01", "--reviewer", "Grace"]) == 0
-    assert waiting(decisions(tmp_path)) == [], "two words of one synset are one answer"
+    assert waiting(decisions(tmp_path)) == [], "two words of a synset are the same decision"
     assert main([*record, "chair.n.01", "--reviewer", "Grace"]) == 2
     assert main([*record, "chair.n.01", "--reviewer", "Grace", "--amend"]) == 0
     assert main([*record, "withdrawn", "--reviewer", "Ada"]) == 0

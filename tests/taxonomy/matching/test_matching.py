@@ -1,4 +1,4 @@
-"""From words to concepts, on a small WordNet with a few insertions; then the shipped tables on the whole of it."""
+"""From words to concepts, on a small WordNet with a few insertions; then the shipped tables on all of WordNet."""
 
 from __future__ import annotations
 
@@ -317,7 +317,7 @@ def test_shipped_tables_match_by_example(source: str, path: tuple[str, ...], tit
 
 @pytest.mark.usefixtures("wordnet")
 def test_the_matcher_keeps_its_precision_and_coverage() -> None:
-    """The development half only: the held-out half is looked at by hand, and seldom (docs/explanation/taxonomy.md)."""
+    """The development half only: the held-out half is inspected by hand, and seldom (docs/explanation/taxonomy.md)."""
     with LABELS.open(encoding="utf-8", newline="") as lines:
         rows = [row for row in csv.DictReader(lines) if row["half"] == "development"]
     gone = replaced_ids()
@@ -349,7 +349,7 @@ def test_the_reliability_that_ships_is_of_the_development_half() -> None:
     ],
 )
 def test_a_source_means_by_a_word_what_a_user_means(wordnet: WordNet, path: tuple[str, ...], concept: str) -> None:
-    """By an alias, by what the path names besides, by the reviewed order: WordNet's first bike is a motorcycle."""
+    """By an alias, by other words of the path, by the reviewed order: WordNet's first bike is a motorcycle."""
     assert wordnet.knows(concept)
     found = default_matcher().finding("bicycle_geometry", path)
     assert (found.concept, found.settled) == (concept, True)

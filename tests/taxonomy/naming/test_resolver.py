@@ -1,4 +1,4 @@
-"""The resolver on a tree of a dozen nodes that is made here; the shipped tables of words are what they are."""
+"""The resolver on a tree of a dozen nodes that is made here; the shipped tables of words are used unchanged."""
 
 from __future__ import annotations
 
@@ -184,7 +184,7 @@ def test_a_part_of_something_that_grows_is_no_other_object_of_that_name() -> Non
 
 
 def test_a_kind_too_far_up_is_taken_by_its_own_name_alone() -> None:
-    """The third level says little of a size: metal furniture is furniture, one that is known to be some is not."""
+    """The third level gives little information about a size: metal furniture is furniture, a named kind is not."""
     assert answer("metal chair").node_id == "chair.n.01"
     assert RESOLVER.match("metal entity") is None
 

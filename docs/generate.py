@@ -120,9 +120,10 @@ def _signature(function: Callable[..., Any]) -> str:
 
 
 def _text(value: object) -> str:
-    """The docstring; sections of NumPy's style and examples are kept as they are written."""
+    """Return the docstring; sections and examples are kept as they are written, without the lines below titles."""
     text = inspect.getdoc(value) or ""
     head, line, rest = text.partition("\n\n")
+    rest = re.sub(r"^(\w+)\n-+$", r"\1:", rest, flags=re.MULTILINE)
     return f"{head}\n\n```text\n{rest}\n```" if line else head
 
 

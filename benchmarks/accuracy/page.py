@@ -21,7 +21,7 @@ _HEAD = table_head(
 )  # fmt: skip
 #: Errors of sizes, fractions of common spread, and numbers of objects that the tables of simulations show.
 _NOISES, _COMMON = ("0%", "6%", "12%"), ("as modelled", "0%", "60%", "90%")
-_COUNTS = ("1", "2", "3", "5", "10", "20", "50")
+_COUNTS = ("1", "3", "5", "10", "50")
 #: Minimum number of scenes of a row of the summary.
 _MIN_SUMMARY_SCENES = 20
 
@@ -171,7 +171,7 @@ def _sameness_table(outcomes: Sequence[Outcome]) -> str:
     for one in outcomes:
         by_cell.setdefault(one.group, []).append(replace(one, refused=False))
     lines = [table_head(("objects", "classes", *shares))]
-    for objects, classes in dict.fromkeys((cell[0], cell[1]) for cell in cells if cell[0] in ("1", "3", "10", "50")):
+    for objects, classes in dict.fromkeys((cell[0], cell[1]) for cell in cells if cell[0] in ("1", "3", "50")):
         of_share = [summary(by_cell[f"{objects}/{classes}/{share}"]) for share in shares]
         shown = [f"{_number(s.coverage)} ({_number(s.score, 3)})" for s in of_share]
         lines.append(f"| {objects} | {classes} | {' | '.join(shown)} |")

@@ -12,6 +12,7 @@ from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
+import pyarrow as pa
 import pytest
 from hypothesis import HealthCheck, settings
 
@@ -124,6 +125,7 @@ def _bounded_caches(request: pytest.FixtureRequest) -> Iterator[None]:
         if (ROOT / (cached.__module__ or "").partition(".")[0] / "__init__.py").is_file():
             cached.cache_clear()
     gc.collect()
+    pa.default_memory_pool().release_unused()
     if hasattr(libc := ctypes.CDLL(None), "malloc_trim"):  # glibc keeps freed memory
         libc.malloc_trim(0)
     _REMAINDER["mib"] = _resident_mib()

@@ -49,8 +49,8 @@ class CameraHeight:
     def of(cls, text: str) -> CameraHeight:
         """Parse the name of a preset, or a height such as `1.5+-0.15` or `5ft`.
 
-        >>> CameraHeight.of("1.5+-0.15"), CameraHeight.of("150cm")
-        (CameraHeight(metres=1.5, sd=0.15), CameraHeight(metres=1.5, sd=0.15))
+        >>> CameraHeight.of("1.5+-0.15"), CameraHeight.of("150cm").metres
+        (CameraHeight(metres=1.5, sd=0.15), 1.5)
         """
         if text in PRESETS:
             return cls(*PRESETS[text])

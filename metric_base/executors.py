@@ -10,6 +10,7 @@ from multiprocessing import active_children, get_context
 from typing import Any, TypeVar
 
 from metric_base.errors import InputError
+from metric_base.operating_system import interrupts_blocked
 
 _R = TypeVar("_R")
 #: How long a Dask scheduler may take to answer, in seconds.
@@ -24,11 +25,8 @@ class _Pool(ProcessPoolExecutor):
 
     def submit(self, fn: Callable[..., _R], /, *args: Any, **kwargs: Any) -> Future[_R]:
         """As of the base; a worker that it starts has the interrupt blocked."""
-        before = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})
-        try:
+        with interrupts_blocked():
             return super().submit(fn, *args, **kwargs)
-        finally:
-            signal.pthread_sigmask(signal.SIG_SETMASK, before)
 
 
 @contextmanager

@@ -14,7 +14,6 @@ import platform
 import re
 import shutil
 import stat
-import sys
 import unicodedata
 import zlib
 from collections.abc import Iterable, Iterator
@@ -24,6 +23,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from metric_base.errors import InputError
+from metric_base.operating_system import is_alive, lock
 
 #: Bytes at the beginning of a JSON file in which its schema is.
 _SCHEMA_BYTES = 512
@@ -61,18 +61,7 @@ def sole_holder(path: Path) -> Iterator[None]:
         Another process holds it.
     """
     with path.open("a", encoding="ascii") as file:
-        descriptor = file.fileno()
-        if sys.platform == "win32":
-            import msvcrt
-
-            try:
-                msvcrt.locking(descriptor, msvcrt.LK_NBLCK, 1)
-            except OSError as error:
-                raise BlockingIOError(*error.args) from None
-        else:
-            import fcntl
-
-            fcntl.flock(descriptor, fcntl.LOCK_EX | fcntl.LOCK_NB)
+        lock(file.fileno())
         yield
 
 
@@ -366,19 +355,9 @@ def _remove_dead_parts(path: Path) -> None:
     with suppress(OSError):
         for entry in sorted(path.parent.glob(f".{glob.escape(path.name)}.*.part")):
             match = name.fullmatch(entry.name)
-            if match is None or _is_alive(int(match[1])):
+            if match is None or is_alive(int(match[1])):
                 continue
             if entry.is_dir() and not entry.is_symlink():
                 shutil.rmtree(entry, ignore_errors=True)
             else:
                 entry.unlink(missing_ok=True)
-
-
-def _is_alive(process: int) -> bool:
-    try:
-        os.kill(process, 0)
-    except ProcessLookupError:
-        return False
-    except (OSError, OverflowError):
-        return True  # another user's
-    return True

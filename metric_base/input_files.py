@@ -16,6 +16,7 @@ from pathlib import Path
 from typing import Any
 
 from metric_base.errors import InputError, Unquoted
+from metric_base.operating_system import READ_FLAGS
 
 #: Escape of a surrogate in JSON; half of a pair is not a valid character.
 _HALF_CHARACTER = re.compile(r"\\u[dD][89a-fA-F]")
@@ -63,7 +64,7 @@ def open_file(path: Path) -> Iterator[int]:
     """A descriptor of a file that is opened without waiting; the system's refusals are errors of the input."""
     try:
         # a pipe without a writer would keep us waiting in `open` itself
-        descriptor = os.dup(0) if str(path) == STDIN else os.open(path, os.O_RDONLY | os.O_NONBLOCK | os.O_CLOEXEC)
+        descriptor = os.dup(0) if str(path) == STDIN else os.open(path, READ_FLAGS)
     except OSError as error:
         raise InputError.at(path, "file", "a readable file", Unquoted(error.strerror or "an error")) from None
     except ValueError:  # a zero byte in the name

@@ -15,6 +15,7 @@ import numpy as np
 
 from metric_base.errors import InputError, Unquoted
 from metric_base.input_files import read_text
+from metric_base.operating_system import limit_memory
 from models3d.asset import MAX_COORDINATE_M, Asset, AssetBody, NameText, Up
 
 GLTF_SUFFIXES = (".gltf", ".glb")
@@ -91,7 +92,7 @@ def read_assets(
     pool: ProcessPoolExecutor | None = None
     try:
         for path in paths:
-            pool = pool or ProcessPoolExecutor(1, multiprocessing.get_context("spawn"), _limit_memory)
+            pool = pool or ProcessPoolExecutor(1, multiprocessing.get_context("spawn"), limit_memory, (MAX_MEMORY,))
             try:
                 yield path, pool.submit(read or read_asset, path).result(MAX_SECONDS)
             except InputError as error:
@@ -129,14 +130,6 @@ def _read(path: Path) -> Asset:
 
         return read_collada(path) if suffix == ".dae" else read_mesh(path)
     raise InputError(f"{path}: file: expected one of {', '.join(SUFFIXES)}, found {suffix or 'no suffix'}")
-
-
-def _limit_memory() -> None:
-    """Limit the memory of this process; the initialiser of the pool, which must be importable."""
-    import resource
-
-    _, hard = resource.getrlimit(resource.RLIMIT_AS)
-    resource.setrlimit(resource.RLIMIT_AS, (MAX_MEMORY if hard < 0 else min(MAX_MEMORY, hard), hard))
 
 
 def _stop(pool: ProcessPoolExecutor) -> None:

@@ -12,11 +12,8 @@ Graphs are untrusted input: time and memory of a run are limited, and outputs ar
 from __future__ import annotations
 
 import os
-import resource
-import sys
 import threading
-from collections.abc import Iterator, Sequence
-from contextlib import contextmanager
+from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
@@ -39,6 +36,7 @@ from estimator.instances.mask_decoding import box_mask
 from metric_base.arrays import BoolArray, FloatArray, IntArray
 from metric_base.errors import FieldError, InputError, Unquoted, in_file
 from metric_base.input_files import read_text
+from metric_base.operating_system import growth_limit
 from metric_base.progress import NoticeCallback, no_notice
 from taxonomy.label_lists import label_names
 
@@ -296,7 +294,7 @@ def _run_graph(session: Any, path: Path, outputs: list[str] | None, inputs: dict
     timer.daemon = True
     timer.start()
     try:
-        with _limited_memory():
+        with growth_limit(MAX_RUN_BYTES):  # a graph of a hundred bytes can allocate terabytes
             return [np.asarray(output) for output in session.run(outputs, inputs, options)]
     except Exception as error:  # noqa: BLE001 - onnxruntime exports no common base of its errors
         line = (str(error).splitlines() or ["an error"])[0]
@@ -304,22 +302,6 @@ def _run_graph(session: Any, path: Path, outputs: list[str] | None, inputs: dict
         raise InputError.at(path, "run", f"outputs for an image of shape {shape}", Unquoted(line)) from None
     finally:
         timer.cancel()
-
-
-@contextmanager
-def _limited_memory() -> Iterator[None]:
-    """Limit the growth of the process to `MAX_RUN_BYTES`: a graph of a hundred bytes can allocate terabytes."""
-    if not sys.platform.startswith("linux"):  # the size of the process is read from /proc
-        yield
-        return
-    pages = int(Path("/proc/self/statm").read_text(encoding="ascii").split()[0])
-    soft, hard = resource.getrlimit(resource.RLIMIT_AS)
-    limits = [limit for limit in (soft, hard) if limit != resource.RLIM_INFINITY]
-    resource.setrlimit(resource.RLIMIT_AS, (min([pages * resource.getpagesize() + MAX_RUN_BYTES, *limits]), hard))
-    try:
-        yield
-    finally:
-        resource.setrlimit(resource.RLIMIT_AS, (soft, hard))
 
 
 def _full_size_mask(masks: NDArray[Any], row: int, size: tuple[int, int]) -> BoolArray:

@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 
 from insertion.render.body import BodyPart
 from metric_base.errors import InputError
+from metric_base.operating_system import gl_settings
 from models3d.model import Material
 
 #: Texture unit of each texture of the material, by its name in the shader.
@@ -113,15 +114,14 @@ class NoRenderer(InputError):
 
 
 def gl_context() -> Any:
-    """Return a moderngl context on EGL. Raises NoRenderer with the package to install."""
+    """Return a moderngl context without a window. Raises NoRenderer with the package to install."""
     try:
         import moderngl
     except ImportError:
         raise NoRenderer("moderngl is not installed; run: pip install 'metric-tree[insert]'") from None
     os.environ.setdefault("EGL_LOG_LEVEL", "fatal")  # otherwise Mesa writes warnings
     try:
-        settings: Any = {"backend": "egl"}  # the stub of moderngl has another type for this argument
-        return moderngl.create_context(standalone=True, require=330, **settings)
+        return moderngl.create_context(standalone=True, require=330, **gl_settings())
     except Exception as error:
         reason = " ".join(str(error).split())
         message = f"no OpenGL without a display ({reason}); run: apt-get install libegl1 libgl1-mesa-dri"

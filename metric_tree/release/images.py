@@ -22,8 +22,9 @@ import pyarrow.compute as pc
 
 from crawler.fetch.item_images import SCHEMA as PICTURE
 from metric_base.errors import expect, in_file
+from metric_base.operating_system import link_or_copy
 from metric_base.records import json_record
-from metric_tree.release.release import BadRelease, Release, link_file, sha256
+from metric_tree.release.release import BadRelease, Release, sha256
 from metric_tree.release.schema import IMAGES
 
 #: Folder of the images in a release, as in a crawl.
@@ -109,7 +110,7 @@ def collect_images(files: Sequence[Path], items: pa.Table, folder: Path) -> Coll
                 refused["no_file" if source is None else "changed"] += 1
                 continue
             target.parent.mkdir(parents=True, exist_ok=True)
-            link_file(source, target)
+            link_or_copy(source, target)
         row = record | published[record["item_id"]] | {"method": "rendered"}
         row |= {column: record[column] for column in ("licence", "method") if record.get(column)}
         # An image with an exact mask is its own cut-out.
@@ -211,4 +212,4 @@ def link_images(release: Release, target: Path) -> None:
         link = target / name
         link.parent.mkdir(parents=True, exist_ok=True)
         if not link.exists():
-            link_file(file, link)
+            link_or_copy(file, link)

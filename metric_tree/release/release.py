@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import hashlib
 import json
-import os
 import re
 from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass
@@ -19,6 +18,7 @@ import pyarrow.parquet as pq
 
 from metric_base.errors import InputError
 from metric_base.escaping import visible
+from metric_base.operating_system import link_or_copy
 from metric_tree.release.schema import ADDED_COLUMNS, FORMER_TYPES, SCHEMA, TABLES
 
 MANIFEST = "manifest.json"
@@ -176,7 +176,7 @@ def publish_release(
             pq.write_table(table, path, compression="zstd", row_group_size=ROW_GROUP)
             files[name] = {"sha256": sha256(path), "rows": table.num_rows, "bytes": path.stat().st_size}
         if extras is not None:
-            shutil.copytree(extras, work, dirs_exist_ok=True, copy_function=link_file)
+            shutil.copytree(extras, work, dirs_exist_ok=True, copy_function=link_or_copy)
         others = sorted(path for path in work.rglob("*") if path.is_file() and path.name not in TABLES)
         checksums = {path.relative_to(work).as_posix(): sha256(path) for path in others}
         complete = {"schema": SCHEMA, **manifest, "files": files} | ({"extras": checksums} if checksums else {})
@@ -266,16 +266,6 @@ def check_nodes(ids: Sequence[str], parents: Sequence[str | None], directory: Pa
     cyclic = above[above < n]
     if len(cyclic):
         raise BadRelease(f"{table}: {visible(ids[int(cyclic[0])])}: parent_id: expected a tree; found a circle")
-
-
-def link_file(source: str | Path, target: str | Path) -> None:
-    """Hard-link a file that never changes, or copy it if the file system does not allow a link."""
-    try:
-        os.link(source, target)
-    except OSError:
-        import shutil
-
-        shutil.copy2(source, target)
 
 
 def sha256(path: Path) -> str:

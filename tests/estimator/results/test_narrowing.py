@@ -151,5 +151,5 @@ def test_lengths_of_named_objects(tmp_path: Path) -> None:
     for other in ("height", "chair 2"):
         (skipped,) = ObjectLength("chair 3", other, 1.5).observe(scene, measurements)
         assert (skipped.scale, "not determined" in str(skipped.reason)) == (None, True)
-    with pytest.raises(InputError, match=r"--known-length: expected one of chair 1, chair 2, chair 3, found 'door"):
+    with pytest.raises(InputError, match=r"object: expected one of chair 1, chair 2, chair 3, found 'door"):
         ObjectLength("door 1", "height", 2.0).observe(scene, measurements)

@@ -21,6 +21,7 @@ from estimator.instances.view_matching import (
     aspect_difference,
     finish_instances,
     mask_crop,
+    within_limits,
 )
 from estimator.records.scene import Instance, Scene
 from metric_base.errors import FieldError, InputError, Unquoted, at_field, in_file
@@ -80,7 +81,8 @@ def read_coco(
     with in_file(file):
         if not annotations:
             raise FieldError("annotations", "at least one", 0)
-        instances = [_instance(index, annotation, dataset, scene) for index, annotation in enumerate(annotations)]
+        decoded = (_instance(index, annotation, dataset, scene) for index, annotation in enumerate(annotations))
+        instances = list(within_limits(decoded))
         _check_boxes(annotations, dataset, scene)
     warnings = [*warnings, *_warnings(file, annotations, dataset, scene, instances)]
     if categories is not None and dataset.file != categories:

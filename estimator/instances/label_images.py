@@ -21,15 +21,17 @@ import numpy as np
 from numpy.typing import NDArray
 
 from estimator.instances.mask_decoding import checked_image_size
-from estimator.instances.view_matching import ViewLookup, finish_instances, mask_crop
+from estimator.instances.view_matching import MAX_MASKS, ViewLookup, finish_instances, mask_crop
 from estimator.records.scene import Instance, Scene
-from metric_base.errors import FieldError, InputError, Unquoted, at_field, in_file
+from metric_base.errors import FieldError, InputError, Unquoted, at_field, expect, in_file
 from metric_base.input_files import folder_entries, read_bytes, read_json
 from metric_base.parsing import json_object
 
 CATEGORIES = "categories.json"
 #: Minimum area of a connected part relative to the largest one of its value; smaller parts are noise.
 MIN_PART_FRACTION = 0.02
+#: Maximum number of pixels of an image that are compared with the values in it: 350 categories in 12 megapixels.
+MAX_COMPARED = 1 << 32
 #: Maximum number of digits of a pixel value; Python itself accepts at most 4,300.
 MAX_DIGITS = 10
 
@@ -69,7 +71,8 @@ def read_label_images(scene: Scene, folder: Path) -> tuple[tuple[Instance, ...],
         images.append(file.stem if lookup.row(file.stem) is not None else file.name)
         row = lookup.row(images[-1])
         if row is not None:
-            instances += _instances(scene, row, file, names, are_objects)
+            with in_file(file):
+                instances += _instances(scene, row, file, names, are_objects)
     meaning = "objects (a name has several values)" if are_objects else "categories (each name has one value)"
     return finish_instances(folder, scene, images, instances, [f"{folder}: pixel values are read as {meaning}"])
 
@@ -77,6 +80,7 @@ def read_label_images(scene: Scene, folder: Path) -> tuple[tuple[Instance, ...],
 def _instances(scene: Scene, row: int, file: Path, names: dict[int, str], are_objects: bool) -> list[Instance]:
     """Return the instances of an image."""
     import cv2
+    from scipy.ndimage import find_objects
 
     values = read_png(file)
     if values.ndim != 2:
@@ -84,19 +88,29 @@ def _instances(scene: Scene, row: int, file: Path, names: dict[int, str], are_ob
     values = values.astype(np.uint16)
     camera = scene.views[row].camera
     instances = []
-    for value in np.unique(values).tolist():
-        if value not in names:
-            continue
-        mask = values == value
-        parts = [mask]
+    regions = [  # of each value; of a category all pixels, because its parts are numbered in their order
+        (value, box if are_objects else (slice(None), slice(None)))
+        for value, box in enumerate(find_objects(values.astype(np.int32) + 1))
+        if box is not None and value in names
+    ]
+    n_compared = sum(values[box].size for _, box in regions)
+    expect(n_compared <= MAX_COMPARED, "values", f"at most {MAX_COMPARED:,} pixels to compare", Unquoted("noise"))
+    for value, box in regions:
+        mask = values[box] == value
+        labels, parts, boxes = mask, [1], np.array([(box[1].start, box[0].start, *mask.shape[::-1])])
         if not are_objects:
             # The connected parts of a category are its objects, the largest first, without noise.
-            n, labels, stats, _ = cv2.connectedComponentsWithStats(mask.astype(np.uint8), connectivity=8)
-            areas = stats[1:, cv2.CC_STAT_AREA]
-            large = [part for part in range(n - 1) if areas[part] >= MIN_PART_FRACTION * areas.max()]
-            parts = [labels == part + 1 for part in sorted(large, key=areas.__getitem__, reverse=True)]
+            _, labels, stats, _ = cv2.connectedComponentsWithStats(mask.astype(np.uint8), connectivity=8)
+            areas, boxes = stats[1:, cv2.CC_STAT_AREA], stats[1:, :4]
+            large = np.flatnonzero(areas >= MIN_PART_FRACTION * areas.max()).tolist()
+            expect(
+                len(large) <= MAX_MASKS, "parts", f"at most {MAX_MASKS:,} of a category", Unquoted(f"{len(large):,}")
+            )
+            parts = [part + 1 for part in sorted(large, key=areas.__getitem__, reverse=True)]
         for number, part in enumerate(parts):
-            crop = mask_crop(part, camera)
+            left, top, width, height = boxes[part - 1].tolist()
+            whole = labels if are_objects else labels[top : top + height, left : left + width]
+            crop = mask_crop(whole == part, camera, (left, top), values.shape[::-1])
             if crop is not None:
                 identity = f"{file.stem}:{value}" if are_objects else f"{file.stem}:{value}.{number}"
                 instances.append(Instance(identity, row, names[value], *crop))

@@ -16,7 +16,7 @@ from typing import Any
 import numpy as np
 
 from estimator.instances.mask_decoding import decode_segmentation
-from estimator.instances.view_matching import ViewLookup, finish_instances, mask_crop
+from estimator.instances.view_matching import MAX_MASKS, ViewLookup, finish_instances, mask_crop
 from estimator.projection.cameras import MAX_PIXELS
 from estimator.records.scene import Instance, Scene
 from metric_base.arrays import BoolArray
@@ -26,8 +26,6 @@ from metric_base.parsing import json_array, json_object
 
 LABELS = "labels.json"
 MASK_SUFFIXES = (".npz", ".npy", ".json")
-#: Maximum number of masks of an image.
-MAX_MASKS = 10_000
 #: Maximum size of the masks of an image in bytes, because all are in memory: 125 masks of 4 megapixels.
 MAX_MASK_BYTES = 1 << 29
 

@@ -3,14 +3,14 @@
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from pathlib import Path, PurePosixPath
 
 import numpy as np
 
 from estimator.records.scene import Camera, Instance, Scene, View
 from metric_base.arrays import BoolArray
-from metric_base.errors import FieldError, InputError, Unquoted
+from metric_base.errors import FieldError, InputError, Unquoted, expect, in_file
 from metric_base.input_files import is_file
 
 #: Names of image folders, the preferred one first: of COLMAP and OpenSfM, and of the work folder of `estimate-scale`.
@@ -18,6 +18,10 @@ IMAGE_FOLDERS = ("images", "frames")
 #: Number of folders above a model in which images and masks are searched; `scene/dense/0/sparse` is the deepest usual
 #: location of a model.
 MAX_LEVELS_UP = 3
+#: Maximum number of masks of an image.
+MAX_MASKS = 10_000
+#: Maximum size of the crops of all masks of a scene in bytes, which are in memory: 8,000 masks of half a megapixel.
+MAX_SCENE_BYTES = 1 << 32
 #: Maximum log difference of the aspect ratios of a mask and its camera without a warning. A larger one suggests a
 #: rotated or cropped image.
 MAX_ASPECT_DIFFERENCE = 0.02
@@ -119,7 +123,7 @@ def finish_instances(
     Raises
     ------
     InputError
-        None of the images is a view.
+        None of the images is a view, or the masks are beyond the limits.
     """
     lookup = ViewLookup(scene)
     unmatched = [name for name in names if lookup.row(name) is None]
@@ -127,37 +131,56 @@ def finish_instances(
         expected = f"names of the model's views, such as {scene.views[0].name!r}"
         found = Unquoted(f"{unmatched[0]!r} and {len(unmatched) - 1} others, none of them")
         raise InputError.at(file, "image names", expected, found)
-    instances = tuple(instance for instance in entries if instance is not None)
+    with in_file(file):
+        instances = tuple(instance for instance in within_limits(entries) if instance is not None)
     if not unmatched:
         return instances, tuple(warnings)
     warning = f"{file}: {len(unmatched)} of {len(names)} images match no view, such as {unmatched[0]!r}"
     return instances, (*warnings, warning)
 
 
-def mask_crop(mask: BoolArray, camera: Camera) -> tuple[BoolArray, tuple[int, int]] | None:
+def within_limits(entries: Iterable[Instance | None]) -> Iterator[Instance | None]:
+    """Yield the entries; FieldError if an image has more than `MAX_MASKS`, or all have more than `MAX_SCENE_BYTES`."""
+    by_view, n_bytes = Counter[int](), 0
+    for instance in entries:
+        if instance is not None:
+            by_view[instance.view] += 1
+            n_bytes += instance.mask.nbytes
+            expect(by_view[instance.view] <= MAX_MASKS, "masks", f"at most {MAX_MASKS:,} of an image", Unquoted("more"))
+            expect(n_bytes <= MAX_SCENE_BYTES, "masks", f"at most {MAX_SCENE_BYTES:,} pixels in all", Unquoted("more"))
+        yield instance
+
+
+def mask_crop(
+    mask: BoolArray, camera: Camera, corner: tuple[int, int] = (0, 0), size: tuple[int, int] | None = None
+) -> tuple[BoolArray, tuple[int, int]] | None:
     """Return the crop of a mask (h, w) at the resolution of a camera, and its upper left pixel; None if it is empty.
 
-    Each pixel of the camera has the value of the mask at its centre.
+    Each pixel of the camera has the value of the mask at its centre. If `size` (width, height) is given, `mask` is the
+    part of a mask of this size from the pixel `corner` (x, y) on, and the remainder is empty.
 
     Raises
     ------
     FieldError
         The mask has another aspect ratio: its image was cropped, padded or rotated.
     """
-    height, width = mask.shape
+    (left, top), (width, height) = corner, size or mask.shape[::-1]
     if aspect_difference((width, height), camera) > MAX_ACCEPTED_ASPECT_DIFFERENCE:
         found = Unquoted(f"{width} x {height}: cropped, padded, squeezed or turned")
         raise FieldError("mask size", f"the shape of its image, {camera.width} x {camera.height} pixels", found)
     # Row and column of the mask at the centre of each pixel of the camera.
     rows = ((np.arange(camera.height) + 0.5) * height / camera.height).astype(np.int64)
     columns = ((np.arange(camera.width) + 0.5) * width / camera.width).astype(np.int64)
+    first_row, first_column = np.searchsorted(rows, top), np.searchsorted(columns, left)
+    rows = rows[first_row : np.searchsorted(rows, top + mask.shape[0])] - top
+    columns = columns[first_column : np.searchsorted(columns, left + mask.shape[1])] - left
     used_rows = np.flatnonzero(np.asarray(mask.any(axis=1))[rows])
     used_columns = np.flatnonzero(np.asarray(mask.any(axis=0))[columns])
     if not len(used_rows) or not len(used_columns):
         return None
-    top, left = int(used_rows[0]), int(used_columns[0])
-    crop = mask[np.ix_(rows[top : used_rows[-1] + 1], columns[left : used_columns[-1] + 1])]
-    return (crop, (left, top)) if crop.any() else None
+    crop = mask[np.ix_(rows[used_rows[0] : used_rows[-1] + 1], columns[used_columns[0] : used_columns[-1] + 1])]
+    origin = int(first_column + used_columns[0]), int(first_row + used_rows[0])
+    return (crop, origin) if crop.any() else None
 
 
 def aspect_difference(size: tuple[int, int], camera: Camera) -> float:

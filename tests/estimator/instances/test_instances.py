@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import math
+import time
 from pathlib import Path
 from typing import Any
 
@@ -15,6 +16,7 @@ from hypothesis import strategies as st
 from PIL import Image
 from pycocotools import mask as coco
 
+from estimator.instances import view_matching
 from estimator.instances.instance_reader import read_instances, read_instances_and_warnings
 from estimator.instances.mask_decoding import box_mask, decode_segmentation
 from estimator.instances.view_matching import image_folders, mask_crop
@@ -164,6 +166,50 @@ def test_another_size_is_resampled_at_pixel_centres(mask: np.ndarray, width: int
         assert not expected.any()
     else:
         np.testing.assert_array_equal(pasted(Instance("1", 0, "mug", *crop), camera), expected)
+
+
+@settings(max_examples=20, deadline=None)
+@given(mask=masks, left=st.integers(0, 30), top=st.integers(0, 20), width=st.integers(30, 60))
+def test_part_of_a_mask_has_the_crop_of_the_whole(mask: np.ndarray, left: int, top: int, width: int) -> None:
+    camera = Camera("SIMPLE_PINHOLE", width, round(width * 0.75), np.array([30.0, 1.0, 1.0]))
+    part = mask[top : top + 9, left : left + 8]
+    whole = np.zeros_like(mask)
+    whole[top : top + 9, left : left + 8] = part
+    crop, expected = mask_crop(part, camera, (left, top), (40, 30)), mask_crop(whole, camera)
+    assert (crop is None) == (expected is None)
+    if crop is not None and expected is not None:
+        assert crop[1] == expected[1]
+        np.testing.assert_array_equal(crop[0], expected[0])
+
+
+@pytest.mark.parametrize(("density", "is_refused"), [(0.15, True), (0.001, False)])
+def test_noise_in_an_image_of_labels_is_refused_quickly(tmp_path: Path, density: float, is_refused: bool) -> None:
+    scene = scene_of(tmp_path, "a.png", width=640, height=480)
+    (tmp_path / "instances").mkdir()
+    (tmp_path / "instances" / "categories.json").write_text('{"1": "chair"}', encoding="utf-8")
+    noise = np.random.default_rng(0).random((480, 640)) < density
+    Image.fromarray(noise.astype(np.uint8)).save(tmp_path / "instances" / "a.png.png")
+    start = time.process_time()
+    if is_refused:
+        with pytest.raises(InputError, match="parts: expected at most 10,000 of a category"):
+            read_instances_and_warnings(scene, tmp_path / "instances")
+    else:
+        assert len(read_instances_and_warnings(scene, tmp_path / "instances")[0]) > 200
+    assert time.process_time() - start < 3
+
+
+@pytest.mark.parametrize(("limit", "field"), [("MAX_MASKS", "of an image"), ("MAX_SCENE_BYTES", "pixels in all")])
+def test_masks_beyond_the_limits_are_refused(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, limit: str, field: str
+) -> None:
+    scene = scene_of(tmp_path, "a.png")
+    written(tmp_path, dataset([{"bbox": [1, 1, 2, 1]}, {"bbox": [4, 4, 1, 1]}], "a.png"))
+    size = {"MAX_MASKS": 2, "MAX_SCENE_BYTES": 3}[limit]
+    monkeypatch.setattr(view_matching, limit, size)
+    assert len(read_instances_and_warnings(scene)[0]) == 2
+    monkeypatch.setattr(view_matching, limit, size - 1)
+    with pytest.raises(InputError, match=field):
+        read_instances_and_warnings(scene)
 
 
 def test_a_turned_picture_is_reported(tmp_path: Path) -> None:

@@ -20,6 +20,7 @@ from typing import Any, Literal, TypeVar, get_args, get_origin, get_type_hints
 import msgspec
 
 from metric_base.errors import FieldError, InputError, Unquoted, expect, in_file
+from metric_base.escaping import visible
 from metric_base.input_files import read_text
 from metric_base.parsing import table_rows
 
@@ -196,15 +197,18 @@ def _pattern(kind: type, value: Any) -> Any:
 
 
 def csv_text(head: Sequence[str], rows: Iterable[Iterable[Any]]) -> bytes:
-    """A table as CSV in UTF-8; a text that a spreadsheet would run as a formula begins with an apostrophe."""
+    """A table as CSV in UTF-8, with the cells of `csv_cell`."""
     sink = io.StringIO()
     writer = csv.writer(sink, lineterminator="\n")
     writer.writerow(head)
-    writer.writerows([_cell(value) for value in row] for row in rows)
+    writer.writerows([csv_cell(value) for value in row] for row in rows)
     return sink.getvalue().encode()
 
 
-def _cell(value: Any) -> Any:
+def csv_cell(value: Any) -> Any:
+    """A value for CSV: lists joined, invisible characters written out, an apostrophe before a spreadsheet's formula."""
     if isinstance(value, list):
         return " ".join(map(str, value))
-    return f"'{value}" if isinstance(value, str) and value[:1] in "=+-@\t" else value
+    if not isinstance(value, str):
+        return value
+    return visible(f"'{value}" if value.lstrip().startswith(("=", "+", "-", "@")) else value)

@@ -162,6 +162,10 @@ def test_spreadsheets_run_no_cell() -> None:
     from metric_base.records import csv_text
 
     assert csv_text(["a"], [["=1+1"], ["plain"], [None], [[1.5, 2.0]]]) == b'a\n\'=1+1\nplain\n""\n1.5 2.0\n'
+    formulas = ["=1", "+1", "-1", "@a", "\n=1", "\t@a", " \r\n-1", "a\x1b[2J\u202e"]
+    lines = csv_text(["a"], [[text] for text in [*formulas, "", -1.5]]).decode().split("\n")
+    shown = ["'=1", "'+1", "'-1", "'@a", "'\\n=1", "'\\t@a", "' \\r\\n-1", r"a\x1b[2J\u202e"]
+    assert lines == ["a", *shown, '""', "-1.5", ""]
 
 
 @pytest.mark.parametrize(

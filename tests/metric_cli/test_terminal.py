@@ -9,7 +9,9 @@ import subprocess
 import sys
 import tomllib
 from pathlib import Path
+from types import SimpleNamespace
 
+import pyarrow as pa
 import pytest
 from hypothesis import assume, given
 from hypothesis import strategies as st
@@ -17,6 +19,7 @@ from hypothesis import strategies as st
 from metric_base.escaping import visible, visible_json
 from metric_cli import programs, tables
 from metric_cli.errors import exit_status
+from metric_cli.subcommands import main
 from metric_cli.tables import print_table, warn
 
 HIDDEN = ["\x1b", "\x07", "\x7f", "\x9b", "\u202e", "\u2066", "\u200f", "\ud800", "\U000e0041", "\r", "\n"]
@@ -166,3 +169,15 @@ def test_percentages_and_signed_numbers_are_aligned_to_the_right() -> None:
     rows = [("5 %", "-1.5", "a5"), ("10 %", "+10", "b")]
     lines = tables.table_text(["part", "change", "name"], rows, 80).splitlines()
     assert lines[3:5] == [" 5 %".rjust(5) + "-1.5".rjust(9) + "   a5", "10 %".rjust(5) + "+10".rjust(9) + "   b"]
+
+
+def test_a_table_of_priors_runs_no_formula_and_moves_no_cursor(
+    monkeypatch: pytest.MonkeyPatch, capsysbinary: pytest.CaptureFixture[bytes]
+) -> None:
+    table = pa.table({"label": ["=1+1", "\n@a", "\x1b[2J", "mug"], "n_items": [1, 2, 3, 4]})
+    monkeypatch.setattr(
+        "metric_cli.subcommands.release.priors.open_tree", lambda _: SimpleNamespace(priors=lambda _: table)
+    )
+    assert main(["priors", "--csv"]) == 0
+    lines = capsysbinary.readouterr().out.splitlines()
+    assert lines[1:] == [b'"\'=1+1",1', b'"\'\\n@a",2', b'"\\x1b[2J",3', b'"mug",4']

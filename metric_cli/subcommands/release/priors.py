@@ -7,6 +7,7 @@ import sys
 
 from metric_base.errors import InputError
 from metric_base.files import output_file, whole_file
+from metric_base.records import csv_cell
 from metric_cli.parser import OutputFile, add_tree
 from metric_cli.tables import print_json, print_table
 from metric_tree.tree import open_tree
@@ -41,8 +42,13 @@ def run(arguments: argparse.Namespace) -> int:
     elif arguments.json:
         print_json(table.to_pylist())
     elif arguments.csv:
+        import pyarrow as pa
         import pyarrow.csv as pc
 
+        for index, column in enumerate(table.columns):
+            if pa.types.is_string(column.type):
+                cells = pa.array([csv_cell(value) for value in column.to_pylist()], column.type)
+                table = table.set_column(index, table.column_names[index], cells)
         sys.stdout.flush()
         pc.write_csv(table, sys.stdout.buffer)
     else:

@@ -3,11 +3,11 @@
 from __future__ import annotations
 
 import argparse
-import csv
 from typing import Any
 
 from metric_base.errors import InputError
 from metric_base.files import output_file, whole_file
+from metric_base.records import csv_text
 from metric_cli.parser import OutputFile, add_tree
 from metric_cli.tables import print_json, print_table
 from metric_tree.training.selection import (
@@ -70,11 +70,9 @@ def run(arguments: argparse.Namespace) -> int:
 
         write_figure(arguments.figure, ranked, taken, {node_id for _, node_id in paper_selection()}, rules)
     if arguments.out:
-        with whole_file(arguments.out, "--out") as work, work.open("w", encoding="utf-8", newline="") as file:
-            writer = csv.writer(file, lineterminator="\n")
-            writer.writerow(_COLUMNS)
-            for row in record["chosen"]:
-                writer.writerow([len(row[name]) if name == "lists" else row[name] for name in _COLUMNS])
+        rows = ([len(row[name]) if name == "lists" else row[name] for name in _COLUMNS] for row in record["chosen"])
+        with whole_file(arguments.out, "--out") as work:
+            work.write_bytes(csv_text(_COLUMNS, rows))
     if arguments.json:
         print_json(record)
     else:

@@ -20,6 +20,7 @@ from taxonomy.naming.names import PERSON, Candidate, NameMatch, Names, folded_fo
 from taxonomy.words.phrases import (
     after_counts,
     container_and_content,
+    is_copy_or_part,
     is_plain_adjective,
     leading_phrase,
     modifiers,
@@ -81,9 +82,22 @@ class Resolver:
     def match(self, text: str) -> NameMatch | None:
         """Return the nodes of a text, with a note of the ignored words; None if the tree has no node for it."""
         match = self._match(text) or self._misspelt(text)
-        if match is None or match.note or match.how in {"id", "code"}:
+        if match is None or match.how in {"id", "code"}:
+            return match
+        if is_copy_or_part(text) and not self._keeps_size(text, match):
+            return None
+        if match.note:
             return match
         return match._replace(note=self._note(text, match))
+
+    def _keeps_size(self, text: str, match: NameMatch) -> bool:
+        """Return True if a text about a copy or a part is itself a name, or names a toy or a breed of animals."""
+        node = match.node_id
+        is_breed = self._is_living(node) and "mt:human" not in (node, *self._names.ancestors(node)) and node != PERSON
+        is_toy = "plaything.n.01" in (node, *self._names.ancestors(node), *self._names.hypernyms(node))
+        depicted = _DEPICTING.match(text)  # the match is the image itself
+        is_name = any(self._of_form(form) for form in folded_forms(text)) or bool(senses(plain_fold(text)))
+        return is_name or is_toy or depicted is not None or (is_breed and "miniature" in text.lower().split())
 
     def names(self) -> Iterator[tuple[str, tuple[str, ...]]]:
         """Yield every normalised name with its nodes, the most likely first; for an index outside of Python."""

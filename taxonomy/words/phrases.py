@@ -37,6 +37,14 @@ _COUNTS = (
     r"collection|lot|roll|couple|heap|crowd|type|kind|part|cluster|number|slice)s?\s+of\s+"
     rf"(?:(?:{_FEW})\s+)?(?P<rest>.+)$"
 )
+#: Ratios of scale models, beginnings of groups, of parts and of images, and ends of what an image or a mirror shows. "A
+#: photo of a" is the prompt of detectors by text, and stays.
+_NOT_FULL_SIZE = (
+    r"(?i)\b1\s?:\s?\d|\b1\s?/\s?\d+\s+scale\b|^(?:photo|photograph|snapshot)s?\s+of\s"
+    r"|^(?:an?\s+|the\s+)?(?:stack|pile|heap|row|group|crowd|cluster|part|half|reflection|shadow|silhouette)s?\s+of\s"
+    r"|\s(?:in|on)\s+(?:an?\s+|the\s+)?(?:mirror|billboard|screen|poster|painting|picture|photo|photograph|magazine|"
+    r"mural|advertisement)s?\s*$"
+)
 _ONE_OF_A_PAIR = r"(?i)^one\s+of\s+(?:an?|the)\s+(?:pair|set)\s+of\s+"
 _LEADING_NUMBER = r"^\d[\d.,/xX]*\s*(?:(?:cm|mm|m|in|inch|inches|ft|oz|ml|l)\b)?\s+(?=[A-Za-z])"
 _NUMBER = r"(?<![\w/])[#(]?\d+(?:[.,x×]\d+)*(?:-|\s)?(?:inch|inches|in|cm|mm|m|ft|l|ml|oz)?\)?(?![\w/])"
@@ -112,6 +120,22 @@ def container_and_content(text: str) -> tuple[str, str] | None:
     first, of, rest = re.sub(_COUNTED, "", text.strip()).partition(" of ")
     container = first.strip().lower()
     return (container, rest.strip()) if of and container in word_list("containers") and rest.strip() else None
+
+
+def is_copy_or_part(text: str) -> bool:
+    """Return True if a text names a copy at another scale, an image, a group or a part of an item, in any position.
+
+    >>> is_copy_or_part("car (toy)"), is_copy_or_part("red mini car"), is_copy_or_part("chair in the mirror")
+    (True, True, True)
+    >>> is_copy_or_part("a photo of a chair"), is_copy_or_part("dog with toy"), is_copy_or_part("pair of scissors")
+    (False, False, False)
+    """
+    if re.search(_NOT_FULL_SIZE, text):
+        return True
+    name, *asides = re.split(r"[(\[,;]", re.split(r"(?i)\swith\s", text)[0].lower())
+    words = re.findall(r"[a-z]+", name)[:-1] + re.findall(r"[a-z]+", " ".join(asides))
+    copies = word_list("copies")
+    return any(word in copies for word in words) or "model" in re.findall(r"[a-z]+", " ".join(asides))
 
 
 def modifiers(words: Sequence[str]) -> int:

@@ -8,12 +8,16 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+import metric_tree
+from metric_tree.tree import UnknownName
 from taxonomy.naming.names import NameMatch, Names
 from taxonomy.naming.resolver import Resolver, is_slip
 from taxonomy.words import senses as tables
 from taxonomy.words.phrases import after_counts, container_and_content, leading_phrase, without_numbers
 from taxonomy.words.spelling import fold_text, plain_fold, singular_phrases
 
+#: The shipped release.
+TREE = metric_tree.open()
 #: id, name, aliases, items, parent
 NODES = [
     ("entity.n.01", "entity", (), 900, None),
@@ -102,6 +106,31 @@ def test_what_would_mislead_is_unknown(text: str) -> None:
 def test_what_shows_an_object_or_is_made_after_it_is_none(text: str) -> None:
     found = RESOLVER.match(text)
     assert found is None or found.node_id not in {"chair.n.01", "bear.n.01"}
+
+
+@pytest.mark.parametrize("category", ["car", "chair", "person", "refrigerator"])
+@pytest.mark.parametrize(
+    "text",
+    ["{} (toy)", "{}, toy", "mini {}", "old mini {}", "miniature {}", "{} (miniature)", "{} 1:87", "1:24 {}",
+     "photo of a {}", "{} in mirror", "{} in the mirror", "{} on billboard", "a {} on a poster", "stack of {}s",
+     "a row of {}s", "part of a {}", "reflection of a {}", "{} (scale model)", "diecast {}", "{} (lego)"],
+)  # fmt: skip
+def test_copies_images_groups_and_parts_have_no_category_of_full_size(category: str, text: str) -> None:
+    try:
+        node = TREE.find(text.format(category))
+    except UnknownName:
+        return
+    assert node != TREE.find(category)  # the node of the copy itself is right
+
+
+@pytest.mark.parametrize(
+    ("text", "name"),
+    [("a photo of a chair", "chair"), ("dog with toy", "dog"), ("pair of scissors", "scissors"), ("small car", "car"),
+     ("two chairs", "chair"), ("chair in front of a mirror", "chair"), ("car near a billboard", "car"),
+     ("miniature schnauzer", "miniature schnauzer"), ("a photo of a mirror", "mirror"), ("chair 187", "chair")],
+)  # fmt: skip
+def test_other_modifiers_and_descriptions_keep_the_category(text: str, name: str) -> None:
+    assert TREE.find(text) == TREE.find(name)
 
 
 def test_two_near_senses_are_ambiguous() -> None:

@@ -10,6 +10,7 @@ from __future__ import annotations
 import tomllib
 import warnings
 from collections.abc import Mapping, Sequence
+from contextlib import suppress
 from dataclasses import dataclass
 from functools import cache
 from pathlib import Path
@@ -41,6 +42,9 @@ MAX_ITEMS = 150
 #: Minimum number of shipped items of a class. With fewer, the mixture is fitted to samples from the prior, because a
 #: mixture of two components differs from the paper.
 MIN_ITEMS = 9
+#: Approximate standard deviation of sizes relative to the smallest mean, if all items have one size along an axis: the
+#: error of a stated size.
+MIN_RELATIVE_SD = 0.01
 #: Millimetres per inch, the unit of a list by the authors.
 MM_PER_INCH = 25.4
 SEED = 0
@@ -97,16 +101,30 @@ def paper_result(
 
 
 def fit_mixture(dims: tuple[str, ...], sizes_mm: FloatArray) -> PaperMixture:
-    """Fit the mixture of the paper to sizes (n, d) in mm, with n // 3 components, at least one."""
+    """Fit the mixture of the paper to sizes (n, d) in mm, with n // 3 components, at least one.
+
+    If the items have one size along an axis, or scikit-learn finds no covariance, their standard
+    deviation is about `MIN_RELATIVE_SD`.
+    """
     from sklearn.exceptions import ConvergenceWarning
     from sklearn.mixture import BayesianGaussianMixture
 
     if len(sizes_mm) > MAX_ITEMS:
         sizes_mm = np.random.default_rng(SEED).permutation(sizes_mm)[:MAX_ITEMS]
     components = max(len(sizes_mm) // ITEMS_PER_COMPONENT, 1)
+    has_spread = bool((sizes_mm.std(axis=0) >= MIN_RELATIVE_SD * sizes_mm.mean(axis=0)).all())
     with warnings.catch_warnings():
         warnings.simplefilter("ignore", ConvergenceWarning)
-        model = BayesianGaussianMixture(n_components=components, random_state=SEED).fit(sizes_mm)
+        model = None
+        with suppress(ValueError):  # of scikit-learn: an ill-defined empirical covariance
+            if has_spread:
+                model = BayesianGaussianMixture(n_components=components, random_state=SEED).fit(sizes_mm)
+        if model is None:
+            floor = float((MIN_RELATIVE_SD * sizes_mm.mean(axis=0).min()) ** 2)
+            prior = np.atleast_2d(np.cov(sizes_mm.T, bias=True)) + floor * np.eye(len(dims))
+            options = {"covariance_prior": prior, "reg_covar": floor, "random_state": SEED}
+            rows = np.repeat(sizes_mm, 2, axis=0) if len(sizes_mm) == 1 else sizes_mm
+            model = BayesianGaussianMixture(n_components=components, **options).fit(rows)
     return PaperMixture(dims, model.weights_, model.means_, model.covariances_)
 
 

@@ -10,6 +10,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from scipy.stats import multivariate_normal
+from sklearn.mixture import BayesianGaussianMixture
 
 from estimator.baselines import paper
 from estimator.baselines.candidate_search import CANDIDATES, candidate_scales, estimate_on
@@ -39,6 +40,25 @@ def test_product_without_jacobian_is_low() -> None:
     product = np.stack([mixture.log_density(scales[:, None] * height * 1000, [0]) for height in heights[:600]])
     found = estimate_on(scales, product, 0.9)
     assert found.modes[0].scale == pytest.approx(1 - spread**2 / (1 + spread**2), abs=0.02)
+
+
+@pytest.mark.parametrize("size_mm", [0.5, 400.0, 5e4])
+@pytest.mark.parametrize("shape", [(9, 3), (1, 3), (12, 1), (2, 2)])
+def test_items_of_one_size_have_a_mixture_with_a_spread(size_mm: float, shape: tuple[int, int]) -> None:
+    mixture = fit_mixture(("length", "width", "height")[: shape[1]], np.full(shape, size_mm))
+    deviations = np.sqrt(np.einsum("kii->ki", mixture.covariances)) / size_mm
+    assert ((deviations > 0.005) & (deviations < 0.02)).all()
+    assert mixture.means == pytest.approx(size_mm)
+
+
+@pytest.mark.parametrize(("spread", "is_changed"), [(0.009, True), (0.011, False)])
+def test_only_an_axis_without_spread_has_a_minimum(spread: float, is_changed: bool) -> None:
+    generator = np.random.default_rng(0)
+    height = 50 * (1 + spread * np.where(np.arange(30) % 2, 1, -1))
+    sizes = np.column_stack([generator.normal(400, 30, 30), height])
+    model = BayesianGaussianMixture(n_components=10, random_state=0).fit(sizes)
+    equal = np.array_equal(fit_mixture(("length", "height"), sizes).covariances, model.covariances_)
+    assert equal == (not is_changed)
 
 
 def test_mixture_density_is_scikit_learns() -> None:

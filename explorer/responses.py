@@ -212,7 +212,7 @@ def items_response(catalogue: ReleaseCatalogue, node: Node, query: ItemsQuery | 
         node=node.node_id,
         n_shipped=len(rows),
         items=[{name: value for name, value in item.items() if value is not None and value != []} for item in items],
-        next=f"v1/nodes/{slug(node.node_id)}/items?cursor={cursor(page + 1)}" if page < n_pages else None,
+        next=f"items?cursor={cursor(page + 1)}" if page < n_pages else None,
     )
 
 

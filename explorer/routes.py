@@ -26,6 +26,7 @@ from explorer.pages.release_pages import (
     vocabulary_page,
 )
 from explorer.responses import (
+    found_node,
     images_response,
     items_response,
     node_response,
@@ -216,7 +217,7 @@ def find_route(catalogue: ReleaseCatalogue, address: str) -> tuple[Route, str, A
     Raises
     ------
     UnknownName
-        The address is of a node that the release does not have.
+        The address is of a node that the release does not have. JSON of a node is also found by the name of the node.
     """
     for route in ROUTES:
         match = route.pattern.fullmatch(address)
@@ -224,7 +225,7 @@ def find_route(catalogue: ReleaseCatalogue, address: str) -> tuple[Route, str, A
             continue
         text = match[1] if route.parameter else ""
         if route.parameter == "id":
-            return route, text, catalogue.node(text)
+            return route, text, found_node(catalogue, text)
         values = PARAMETERS[route.parameter](catalogue)
         return (route, text, values[text]) if text in values else None
     return None

@@ -92,7 +92,7 @@ class NodeAnswer(msgspec.Struct, kw_only=True):
 class ItemsAnswer(msgspec.Struct, kw_only=True):
     """A page of the shipped items at or below a node; fields without a value are omitted.
 
-    `next` is the address of the page after it.
+    `next` is the address of the page after it, relative to the address of this page.
     """
 
     schema: str = "metric-tree/items/1"

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import asyncio
 import hashlib
 import json
 import logging
@@ -11,10 +12,14 @@ from collections.abc import AsyncIterator, Callable, Sequence
 from contextlib import asynccontextmanager
 from functools import partial
 from importlib.resources import files
+from urllib.parse import urlsplit
 
 from starlette.applications import Starlette
 from starlette.concurrency import run_in_threadpool
 from starlette.exceptions import HTTPException
+from starlette.middleware import Middleware
+from starlette.middleware.cors import CORSMiddleware
+from starlette.middleware.trustedhost import TrustedHostMiddleware
 from starlette.requests import ClientDisconnect, Request
 from starlette.responses import Response
 from starlette.routing import Route
@@ -32,6 +37,8 @@ from metric_tree.tree import Tree
 
 #: Maximum size of a request body in bytes: 500 objects take about 100 kB.
 MAX_BODY_BYTES = 1_000_000
+#: Maximum time in seconds in which a client sends a request body; slower clients would keep connections.
+MAX_BODY_S = 10.0
 #: Seconds for which clients may keep an image (one year): its name is the digest of its content.
 IMAGE_MAX_AGE_S = 31_536_000
 #: Seconds after which a client may repeat a request that was refused because of load.
@@ -111,13 +118,24 @@ class Explorer:
         resolved = self.resolve_release(request.url.path.lstrip("/"))
         if resolved is None:
             return problem(404, "no such release is served", request.url.path)
-        if "json" not in request.headers.get("content-type", ""):
-            return problem(415, "content-type: expected application/json", request.url.path)
+        origin, host = request.headers.get("origin"), request.headers.get("host", "")
+        if origin is not None and urlsplit(origin).netloc.lower() != host.lower():
+            return problem(403, f"origin: expected the host of this server; found {origin[:200]}", request.url.path)
+        # only this media type requires a preflight request, which other origins do not pass
+        media_type = request.headers.get("content-type", "").partition(";")[0].strip().lower()
+        if media_type != _JSON:
+            found = media_type[:60] or "none"
+            return problem(415, f"content-type: expected application/json; found {found}", request.url.path)
         body = bytearray()
-        async for chunk in request.stream():
-            body += chunk
-            if len(body) > MAX_BODY_BYTES:
-                return problem(413, f"body: expected at most {MAX_BODY_BYTES:,} bytes", request.url.path)
+        try:
+            async with asyncio.timeout(MAX_BODY_S):
+                async for chunk in request.stream():
+                    body += chunk
+                    if len(body) > MAX_BODY_BYTES:
+                        return problem(413, f"body: expected at most {MAX_BODY_BYTES:,} bytes", request.url.path)
+        except TimeoutError:
+            detail = f"body: expected within {MAX_BODY_S:g} s; found {len(body):,} bytes by then"
+            return problem(408, detail, request.url.path, {"connection": "close"})
         result = await self.jobs[resolved[0].tree.version].result(bytes(body))
         return Response(result, media_type=_JSON, headers={"cache-control": "no-store"})
 
@@ -138,7 +156,7 @@ def assets_digest() -> str:
     return digest.hexdigest()[:8]
 
 
-def application(trees: Sequence[Tree], preload: bool = False) -> ASGIApp:
+def application(trees: Sequence[Tree], preload: bool = False, allowed_hosts: Sequence[str] = ("*",)) -> ASGIApp:
     """Return the application of releases: the first at the root, the others under `/releases/VERSION/`.
 
     Parameters
@@ -147,6 +165,8 @@ def application(trees: Sequence[Tree], preload: bool = False) -> ASGIApp:
         Releases of different versions.
     preload : bool, default False
         Start the processes that estimate scales with the first release at once, not at the first request.
+    allowed_hosts : sequence of str, default ("*",)
+        Names in the `Host` header that are served; `*.example.org` means all subdomains, `*` any name.
 
     Raises
     ------
@@ -175,11 +195,22 @@ def application(trees: Sequence[Tree], preload: bool = False) -> ASGIApp:
         Route("/releases/{version}/v1/scale", explorer.scale, methods=["POST"]),
         Route("/{path:path}", explorer.get),
     ]
-    return AccessLogMiddleware(Starlette(routes=routes, exception_handlers=handlers, lifespan=lifespan))
+    middleware = [
+        Middleware(AccessLogMiddleware),
+        Middleware(TrustedHostMiddleware, allowed_hosts=list(allowed_hosts), www_redirect=False),
+        Middleware(
+            CORSMiddleware,
+            allow_origins=["*"],
+            allow_methods=["GET", "HEAD"],
+            allow_headers=["range", "if-range", "if-none-match"],
+            expose_headers=["accept-ranges", "content-range", "etag"],
+        ),
+    ]
+    return Starlette(routes=routes, middleware=middleware, exception_handlers=handlers, lifespan=lifespan)
 
 
 class AccessLogMiddleware:
-    """Log a line of JSON for each request: method, path, status, seconds, bytes. Handle preflight requests."""
+    """Log a line of JSON for each request: method, path, status, seconds, bytes."""
 
     def __init__(self, app: ASGIApp) -> None:
         self._app = app
@@ -188,12 +219,6 @@ class AccessLogMiddleware:
         """Handle and log a request."""
         if scope["type"] != "http":
             await self._app(scope, receive, send)
-            return
-        if scope["method"] == "OPTIONS":
-            methods = "GET, HEAD, OPTIONS"
-            headers = {"access-control-allow-origin": "*", "access-control-allow-methods": methods, "allow": methods}
-            preflight = Response(status_code=204, headers={**headers, "access-control-max-age": "86400"})
-            await preflight(scope, receive, send)
             return
         started, state = time.perf_counter(), {"status": 500, "bytes": 0}
 

@@ -1,8 +1,9 @@
-"""HTTP responses: ETag of the release, cache headers, gzip, cross-origin access, and errors as problem details."""
+"""HTTP responses: ETags, cache headers, gzip, byte ranges, cross-origin access, and errors as problem details."""
 
 from __future__ import annotations
 
 import gzip
+import re
 from collections import OrderedDict
 from functools import cached_property
 from http import HTTPStatus
@@ -22,6 +23,9 @@ COMPRESSED_FACTOR = 1.4
 ENTRY_BYTES = 500
 #: Minimum size of a compressed response in bytes.
 MIN_GZIP_BYTES = 500
+
+#: A request of one range of bytes; the response to several ranges is the whole content, as RFC 9110 permits.
+_RANGE = re.compile(r"bytes=(?=.*\d)(\d{0,18})-(\d{0,18})")
 
 #: Media types that are compressed already.
 _COMPRESSED = {"image/webp", "image/jpeg", "image/png", "application/vnd.apache.parquet"}
@@ -80,22 +84,54 @@ class ResponseCache:
             self._bytes -= oldest.size
 
 
+def accepts_gzip(accepted: str) -> bool:
+    """Return whether an `Accept-Encoding` header permits gzip: `gzip;q=0` and `*;q=0` forbid it (RFC 9110, 12.5.3)."""
+    weights = {}
+    for entry in accepted.lower().split(","):
+        coding, *parameters = (part.strip() for part in entry.split(";"))
+        weights[coding] = next((part[2:] for part in parameters if part.startswith("q=")), "1")
+    return bool(weights.get("gzip", weights.get("*", "0")).strip("0."))
+
+
 def conditional_response(request: Request, cached: CachedResponse, etag: str, max_age_s: int = 300) -> Response:
-    """Return the response: status 304 if the client has this version, compressed if the client accepts that."""
+    """Return the response to a conditional request.
+
+    The status is 304 if the client has this version, 206 or 416 for a range of bytes. The response is compressed if
+    the client accepts gzip and requests no range; the compressed form has an ETag of its own.
+    """
+    body, status = cached.content.body, 200
+    span = _RANGE.fullmatch(request.headers.get("range", "")) if request.method == "GET" else None
+    if span is not None:
+        first, last = span.groups()
+        is_valid = not (first and last) or int(first) <= int(last)
+        span = span if is_valid and request.headers.get("if-range", f'"{etag}"') == f'"{etag}"' else None
+    is_compressed = span is None and accepts_gzip(request.headers.get("accept-encoding", "")) and cached.compressed
+    etag = f'"{etag}-gzip"' if is_compressed else f'"{etag}"'
     headers = {
         **_HEADERS,
-        "etag": f'"{etag}"',
+        "accept-ranges": "bytes",
+        "etag": etag,
         "cache-control": f"public, max-age={max_age_s}",
         "vary": "accept-encoding",
     }
-    if f'"{etag}"' in request.headers.get("if-none-match", ""):
+    known = [tag.strip().removeprefix("W/") for tag in request.headers.get("if-none-match", "").split(",")]
+    if etag in known or "*" in known:
         return Response(status_code=304, headers=headers)
-    body = cached.content.body
-    if "gzip" in request.headers.get("accept-encoding", "") and cached.compressed:
+    if is_compressed:
         body = cached.compressed
         headers["content-encoding"] = "gzip"
+    elif span is not None:
+        total = len(body)
+        start = int(first) if first else max(total - int(last), 0)
+        stop = min(int(last) + 1, total) if first and last else total
+        if start >= stop:
+            return problem(
+                416, f"range: expected bytes below {total}", request.url.path, {"content-range": f"bytes */{total}"}
+            )
+        body, status = body[start:stop], 206
+        headers["content-range"] = f"bytes {start}-{stop - 1}/{total}"
     headers["content-type"] = cached.content.media_type
-    return Response(body, headers=headers)
+    return Response(body, status, headers=headers)
 
 
 def problem(status: int, detail: str, instance: str | None = None, headers: dict[str, str] | None = None) -> Response:

@@ -4,11 +4,14 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from functools import wraps
-from typing import Any
+from importlib.metadata import version
+from typing import Annotated, Any
 
 import msgspec
 from mcp.server import MCPServer
 from mcp.server.mcpserver.exceptions import ToolError
+from mcp.types import ToolAnnotations
+from pydantic import Field
 
 from explorer.catalogue import ReleaseCatalogue
 from explorer.responses import (
@@ -25,6 +28,12 @@ from metric_base.errors import InputError
 from metric_tree.prior import QUANTILES
 from metric_tree.tree import Tree
 
+#: Maximum number of labels of a response; 100 labels of a list take about 60,000 characters.
+MAX_LABELS = 100
+
+_Name = Annotated[str, Field(description="id or name of a category, for example chair.n.01 or office chair")]
+_VOCABULARY = Field(description="label list: coco_80, lvis_v1, ...")
+
 
 def tool_server(trees: Sequence[Tree]) -> MCPServer:
     """Return a server with the tools search, node, prior, compare, vocabulary and scale for the first release."""
@@ -34,41 +43,69 @@ def tool_server(trees: Sequence[Tree]) -> MCPServer:
         "metric-tree",
         instructions=f"Object sizes by category in millimetres, release {tree.version}. The tier of a result describes "
         "its evidence: norm, measured, few, models, borrowed, judged (the last is a language model's range).",
+        version=version("metric-tree"),
     )
 
-    def search(query: str, limit: int = 10) -> dict[str, Any]:
+    def search(
+        query: Annotated[str, Field(description="text, for example tv 55 inch")],
+        limit: Annotated[int, Field(description="maximum number of categories, 1 to 50")] = 10,
+    ) -> dict[str, Any]:
         """Categories for a text, the most likely first."""
         return _fields(search_response(catalogue, msgspec.convert({"q": query, "limit": limit}, SearchQuery)))
 
-    def node(name: str, vocabulary: str | None = None) -> dict[str, Any]:
+    def node(name: _Name, vocabulary: Annotated[str | None, _VOCABULARY] = None) -> dict[str, Any]:
         """A category by id or name (of a detector's label list, if one is given): sizes, tier, evidence."""
         return _fields(node_response(catalogue, found_node(catalogue, name, vocabulary)))
 
     def prior(
-        name: str,
-        dims: list[str] | None = None,
-        where: str | None = None,
-        quantiles: list[float] | None = None,
-        density_at: list[float] | None = None,
+        name: _Name,
+        dims: Annotated[
+            list[str] | None, Field(description="length, width, height or extent1, extent2, extent3; default: all")
+        ] = None,
+        where: Annotated[str | None, Field(description="region=europe,year=2011, or one of them")] = None,
+        quantiles: Annotated[list[float] | None, Field(description="probabilities between 0 and 1")] = None,
+        density_at: Annotated[
+            list[float] | None, Field(description="sizes in mm, one number per dimension and then the next size")
+        ] = None,
     ) -> dict[str, Any]:
-        """The size distribution of a category over ln mm; `where` is for example region=europe,year=2011."""
+        """The size distribution of a category over ln mm, with quantiles in mm."""
         found = found_node(catalogue, name)
         return _fields(queried_prior(catalogue, found, dims or (), where, quantiles or QUANTILES, density_at or ()))
 
-    def compare(names: list[str]) -> dict[str, Any]:
+    def compare(
+        names: Annotated[list[str], Field(description="one to six ids or names of categories")],
+    ) -> dict[str, Any]:
         """Up to six categories side by side."""
         return _fields(comparison(catalogue, names))
 
-    def vocabulary(name: str) -> dict[str, Any]:
-        """A detector's label list (coco_80, lvis_v1, ...): each label, its category, tier and sizes."""
-        return _fields(vocabulary_response(catalogue, name))
+    def vocabulary(
+        name: Annotated[str, _VOCABULARY],
+        offset: Annotated[int, Field(ge=0, description="number of labels to skip: next_offset of a response")] = 0,
+        limit: Annotated[int, Field(ge=1, le=MAX_LABELS, description="maximum number of labels")] = MAX_LABELS,
+    ) -> dict[str, Any]:
+        """Labels of a detector's list: each label, its category, tier and sizes. next_offset is null at the end."""
+        record = _fields(vocabulary_response(catalogue, name))
+        labels, end = record["labels"], offset + limit
+        next_offset = end if end < len(labels) else None
+        return {**record, "labels": labels[offset:end], "n_labels": len(labels), "next_offset": next_offset}
 
-    def scale(objects: list[dict[str, Any]], known_lengths: list[dict[str, float]] | None = None) -> dict[str, Any]:
-        """Metres per unit, from objects in scene units: [{"category": "chair", "dimensions": {"height": 0.45}}]."""
+    def scale(
+        objects: Annotated[
+            list[dict[str, Any]],
+            Field(description='objects in scene units: [{"category": "chair", "dimensions": {"height": 0.45}}]'),
+        ],
+        known_lengths: Annotated[
+            list[dict[str, float]] | None, Field(description='known lengths: [{"units": 1.0, "metres": 2.0}]')
+        ] = None,
+    ) -> dict[str, Any]:
+        """The scale of a scene in metres per unit, with its interval, from measured objects."""
         return scale_record(ScaleRequest(objects=objects, known_lengths=known_lengths or []), tree)
 
     for tool in (search, node, prior, compare, vocabulary, scale):
-        server.add_tool(_with_tool_errors(tool))
+        server.add_tool(
+            _with_tool_errors(tool),
+            annotations=ToolAnnotations(read_only_hint=True, idempotent_hint=True, open_world_hint=False),
+        )
     return server
 
 

@@ -13,6 +13,7 @@ import uvicorn
 
 from explorer.catalogue import ReleaseCatalogue
 from explorer.server.app import application
+from explorer.server.connections import TimedProtocol
 from explorer.static_site import write_site
 from metric_tree.tree import Tree, open_tree
 from tests.synthetic import minitree
@@ -66,7 +67,7 @@ class running:  # noqa: N801 - a context manager
     """A server in a thread, on a free port."""
 
     def __init__(self, trees: list[Tree]) -> None:
-        self._server = uvicorn.Server(uvicorn.Config(application(trees), port=0, log_level="error"))
+        self._server = uvicorn.Server(uvicorn.Config(application(trees), port=0, http=TimedProtocol, log_level="error"))
         self._thread = threading.Thread(target=self._server.run)
 
     def __enter__(self) -> str:

@@ -127,5 +127,5 @@ def test_there_is_no_page_of_items_after_the_last(catalogue: ReleaseCatalogue, m
     assert first is not None
     assert second is not None
     assert (len(first.items), len(second.items), second.next) == (10, 4, None)
-    assert first.next == f"v1/nodes/{NODE}/items?cursor={cursor(2)}"
+    assert first.next == f"items?cursor={cursor(2)}"
     assert items_response(catalogue, node, ItemsQuery(cursor(3))) is None

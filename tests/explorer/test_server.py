@@ -6,9 +6,12 @@ import json
 import math
 import os
 import signal
+import socket
 import subprocess
 import sys
+from importlib.metadata import version
 from typing import Any
+from urllib.parse import urljoin
 
 import msgspec
 import numpy as np
@@ -16,9 +19,12 @@ import pytest
 import schemathesis
 from hypothesis import HealthCheck, Phase, given, settings
 from schemathesis.specs.openapi.checks import positive_data_acceptance
+from starlette.testclient import TestClient
 
 from explorer.catalogue import ReleaseCatalogue
 from explorer.schemas import NodeAnswer, PriorAnswer, Problem, SearchAnswer
+from explorer.server.app import application
+from metric_tree.tree import Tree
 from tests.explorer.conftest import WEB
 
 OBJECTS = {
@@ -47,9 +53,10 @@ def test_questions_answer_as_the_tree_does(base: str, catalogue: ReleaseCatalogu
 
 def test_items_come_a_page_at_a_time(base: str, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr("explorer.responses.PAGE_ROWS", 4)
-    following, titles = "v1/nodes/pointer.n.01/items?page=cDE", []
+    address, following, titles = f"{base}/v1/nodes/pointer.n.01/", "items?page=cDE", []
     while following:
-        page = WEB.get(f"{base}/{following}").json()
+        address = urljoin(address, following)
+        page = WEB.get(address).json()
         titles += [item["title"] for item in page["items"]]
         following = page["next"]
     assert len(titles) == len(set(titles)) == page["n_shipped"] == 13
@@ -59,7 +66,7 @@ def test_items_come_a_page_at_a_time(base: str, monkeypatch: pytest.MonkeyPatch)
     ("path", "status", "text"),
     [
         ("/nowhere", 404, "nothing is at"),
-        ("/v1/nodes/none", 404, "no node has this id"),
+        ("/v1/nodes/none", 404, "none"),
         ("/releases/9.9.9/index.html", 404, "no release"),
         ("/v1/search", 422, "required field `q`"),
         ("/v1/search?q=", 422, "length >= 1"),
@@ -102,6 +109,128 @@ def test_caching_compression_and_other_origins(base: str) -> None:
     asked = {"origin": "https://example.org", "access-control-request-method": "POST"}
     assert "POST" not in WEB.options(f"{base}/v1/scale", headers=asked).headers["access-control-allow-methods"]
     assert WEB.head(f"{base}/index.html").content == b""
+
+
+@pytest.mark.parametrize(
+    ("accepted", "is_compressed"),
+    [
+        ("gzip", True),
+        ("br, GZIP;q=0.5", True),
+        ("*", True),
+        ("gzip;q=0", False),
+        ("gzip; q=0.000, *", False),
+        ("", False),
+    ],
+)
+def test_gzip_is_used_only_if_the_client_accepts_it(base: str, accepted: str, is_compressed: bool) -> None:
+    answer = WEB.get(f"{base}/nodes/rat.n.01.html", headers={"accept-encoding": accepted})
+    assert ("content-encoding" in answer.headers) == is_compressed
+
+
+def test_compressed_and_plain_responses_have_different_etags(base: str) -> None:
+    address, tags = f"{base}/nodes/rat.n.01.html", {}
+    for coding in ("gzip", "identity"):
+        tags[coding] = WEB.get(address, headers={"accept-encoding": coding}).headers["etag"]
+    assert tags["gzip"] != tags["identity"]
+    for coding, tag, status in (
+        ("gzip", f'"x", W/{tags["gzip"]}', 304),
+        ("identity", tags["gzip"], 200),
+        ("identity", "*", 304),
+    ):
+        headers = {"accept-encoding": coding, "if-none-match": tag}
+        assert WEB.get(address, headers=headers).status_code == status
+
+
+@pytest.mark.parametrize(
+    ("asked", "status", "part"),
+    [
+        ("bytes=0-3", 206, slice(0, 4)),
+        ("bytes=-8", 206, slice(-8, None)),
+        ("bytes=4-", 206, slice(4, None)),
+        ("bytes=4-99999999", 206, slice(4, None)),
+        ("bytes=99999999-", 416, None),
+        ("bytes=-0", 416, None),
+        ("bytes=5-4", 200, slice(None)),
+        ("bytes=0-1,4-5", 200, slice(None)),
+        ("bytes=-", 200, slice(None)),
+    ],
+)
+def test_ranges_of_bytes_for_remote_readers(base: str, asked: str, status: int, part: slice | None) -> None:
+    address = f"{base}/v1/nodes/pointer.n.01/items.parquet"
+    whole = WEB.get(address)
+    answer = WEB.get(address, headers={"range": asked})
+    assert (answer.status_code, whole.headers["accept-ranges"]) == (status, "bytes")
+    if part is None:
+        assert answer.headers["content-range"] == f"bytes */{len(whole.content)}"
+    else:
+        assert answer.content == whole.content[part]
+    for tag, expected in ((whole.headers["etag"], status), ('"other"', 200)):
+        assert WEB.get(address, headers={"range": asked, "if-range": tag}).status_code == expected
+
+
+@pytest.mark.parametrize("name", ["bar stool", "mt-bar_stool", "mt:bar_stool"])
+def test_an_address_may_have_the_name_of_a_node(base: str, name: str) -> None:
+    assert WEB.get(f"{base}/v1/nodes/{name}").json()["node"] == "mt:bar_stool"
+    assert WEB.get(f"{base}/v1/nodes/{name}/prior").json()["node"] == "mt:bar_stool"
+
+
+@pytest.mark.parametrize(
+    ("media_type", "status"),
+    [
+        ("application/json", 200),
+        ("APPLICATION/JSON; charset=utf-8", 200),
+        ("text/plain;json", 415),
+        ("application/jsonp", 415),
+        ("text/plain; application/json", 415),
+        ("", 415),
+    ],
+)
+def test_only_json_is_a_scale_request(base: str, media_type: str, status: int) -> None:
+    answer = WEB.post(f"{base}/v1/scale", content=json.dumps(OBJECTS), headers={"content-type": media_type})
+    assert answer.status_code == status
+
+
+@pytest.mark.parametrize(("origin", "status"), [("BASE", 200), ("https://example.org", 403), ("null", 403)])
+def test_a_scale_request_from_a_page_of_another_host_is_refused(base: str, origin: str, status: int) -> None:
+    answer = WEB.post(f"{base}/v1/scale", json=OBJECTS, headers={"origin": origin.replace("BASE", base)})
+    assert answer.status_code == status
+
+
+@pytest.mark.parametrize(
+    ("host", "status"),
+    [
+        ("localhost:8000", 200),
+        ("sizes.example.org", 200),
+        ("[::1]:8000", 200),
+        ("example.org", 400),
+        ("localhost.org", 400),
+    ],
+)
+def test_only_allowed_hosts_are_served(trees: list[Tree], host: str, status: int) -> None:
+    served = TestClient(application(trees, allowed_hosts=["localhost", "[::1]", "*.example.org"]))
+    assert served.get("/healthz", headers={"host": host}).status_code == status
+
+
+@pytest.mark.parametrize(
+    ("sent", "reply"),
+    [
+        (b"GET /healthz HTTP/1.1\r\nhost: a\r\n", b""),
+        (b"", b""),
+        (b"GET /healthz HTTP/1.1\r\nhost: a\r\n\r\nGET /", b"HTTP/1.1 200 OK"),
+        (
+            b"POST /v1/scale HTTP/1.1\r\nhost: a\r\ncontent-type: application/json\r\ncontent-length: 9\r\n\r\n{",
+            b"HTTP/1.1 408 Request Timeout",
+        ),
+    ],
+)
+def test_slow_clients_are_disconnected(base: str, monkeypatch: pytest.MonkeyPatch, sent: bytes, reply: bytes) -> None:
+    monkeypatch.setattr("explorer.server.connections.MAX_HEAD_S", 0.2)
+    monkeypatch.setattr("explorer.server.app.MAX_BODY_S", 0.2)
+    host, _, port = base.removeprefix("http://").partition(":")
+    with socket.create_connection((host, int(port)), timeout=60) as client:
+        client.sendall(sent)
+        received = b"".join(iter(lambda: client.recv(65536), b""))  # ends when the server closes the connection
+    assert received.partition(b"\r\n")[0] == reply
 
 
 def test_the_scale_of_objects(base: str) -> None:
@@ -184,17 +313,23 @@ def test_tools_of_the_model_context_protocol(catalogue: ReleaseCatalogue) -> Non
     async def ask() -> dict[str, Any]:
         server = StdioServerParameters(command=sys.executable, args=words)
         async with stdio_client(server) as (read, write), ClientSession(read, write) as session:
-            await session.initialize()
-            tools = {tool.name for tool in (await session.list_tools()).tools}
+            assert (await session.initialize()).server_info.version == version("metric-tree")
+            listed = (await session.list_tools()).tools
+            assert all(tool.annotations and tool.annotations.read_only_hint for tool in listed)
+            assert all("description" in field for tool in listed for field in tool.input_schema["properties"].values())
+            tools = {tool.name for tool in listed}
             asked = {
                 "search": {"query": "mouse"},
                 "node": {"name": "mouse", "vocabulary": "coco_80"},
                 "prior": {"name": "rat", "dims": ["height"]},
                 "compare": {"names": ["rat", "trackball"]},
-                "vocabulary": {"name": "coco_80"},
+                "vocabulary": {"name": "coco_80", "offset": 70, "limit": 6},
                 "scale": {"objects": OBJECTS["objects"]},
             }
             answers = {name: await session.call_tool(name, given) for name, given in asked.items()}
+            rest = await session.call_tool("vocabulary", {"name": "coco_80", "offset": 76, "limit": 6})
+            page = json.loads(rest.content[0].text)
+            assert (len(page["labels"]), page["next_offset"]) == (4, None)
             refused = await session.call_tool("node", {"name": "no such thing"})
             return {"tools": tools, "answers": answers, "refused": refused}
 
@@ -202,6 +337,7 @@ def test_tools_of_the_model_context_protocol(catalogue: ReleaseCatalogue) -> Non
     assert replies["tools"] == {"search", "node", "prior", "compare", "vocabulary", "scale"}
     records = {name: json.loads(answer.content[0].text) for name, answer in replies["answers"].items()}
     assert records["node"]["node"] == "mouse.n.04"
+    assert (len(records["vocabulary"]["labels"]), records["vocabulary"]["next_offset"]) == (6, 76)
     assert list(records["prior"]["quantiles_mm"]) == ["height"]
     assert [row["node"] for row in records["compare"]["nodes"]] == ["rat.n.01", "trackball.n.01"]
     assert records["scale"]["scale"] == pytest.approx(2, rel=0.1)

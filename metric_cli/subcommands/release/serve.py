@@ -13,6 +13,10 @@ HELP = "Serve the explorer and its JSON over HTTP, or with --mcp as tools for ag
 
 #: Maximum time in seconds for active requests to finish after a stop.
 GRACE_S = 10
+#: Maximum number of connections and active requests; further ones receive status 503.
+MAX_CONNECTIONS = 500
+#: Names of this machine in the `Host` header, which pages of other sites cannot send (DNS rebinding).
+LOCAL_HOSTS = ("localhost", "127.0.0.1", "[::1]")
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -25,6 +29,13 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         metavar="REF",
         action="append",
         help="version or folder of a release; may be repeated (default: shipped)",
+    )
+    add(
+        "--allow-host",
+        metavar="NAME",
+        action="append",
+        help="name of the server in the addresses of requests, *.example.org for subdomains; may be repeated "
+        "(default: localhost, or any name if --host is not this machine)",
     )
     add("--mcp", action="store_true", help="serve the Model Context Protocol instead of HTTP")
     add("--quiet", action="store_true", help="do not log requests")
@@ -43,18 +54,25 @@ def run(arguments: argparse.Namespace) -> int:
     import uvicorn
 
     from explorer.server.app import application
+    from explorer.server.connections import TimedProtocol
 
+    is_local = arguments.host in {*LOCAL_HOSTS, "::1"}
+    hosts = [*(arguments.allow_host or []), *LOCAL_HOSTS] if arguments.allow_host or is_local else ["*"]
+    if odd := [host for host in hosts if host != "*" and "*" in host.removeprefix("*.")]:
+        raise InputError(f"--allow-host: expected a name or *.NAME; found {odd[0]!r}")
     logging.basicConfig(
         stream=sys.stderr, level=logging.WARNING if arguments.quiet else logging.INFO, format="%(message)s"
     )
     uvicorn.run(
-        application(trees, preload=True),
+        application(trees, preload=True, allowed_hosts=hosts),
         host=arguments.host,
         port=arguments.port,
         access_log=False,
         server_header=False,
         log_level="info",
         timeout_graceful_shutdown=GRACE_S,
+        limit_concurrency=MAX_CONNECTIONS,
+        http=TimedProtocol,
         h11_max_incomplete_event_size=16_384,
     )
     return 0

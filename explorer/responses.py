@@ -115,6 +115,8 @@ def node_response(catalogue: ReleaseCatalogue, node: Node, _: NoQuery | None = N
     url = f"v1/nodes/{slug(node.node_id)}"
     links = {"self": f"{url}.json", "page": page_of(node.node_id)}
     links |= {name: f"{url}/{name}.json" for name in ("prior", "items", "images")}
+    if prior is not None:
+        links["sizes"] = f"{url}/sizes.csv"
     if len(rows) and node.level >= LISTED_LEVEL:
         links["csv"] = f"{url}/items.csv"
         if len(rows) >= MIN_PARQUET_ROWS:

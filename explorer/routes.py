@@ -49,7 +49,7 @@ from explorer.schemas import (
     VocabularyAnswer,
 )
 from explorer.search_index import name_index, size_index
-from explorer.tables import items_csv, items_parquet, vocabulary_csv
+from explorer.tables import items_csv, items_parquet, node_sizes_csv, sizes_csv, sizes_parquet, vocabulary_csv
 from explorer.urls import LISTED_LEVEL, MIN_PARQUET_ROWS
 from metric_base.errors import InputError
 from metric_tree.node import Node
@@ -181,6 +181,13 @@ ROUTES = (
         "search",
         "Categories for a text, the most likely first.",
         is_static=False,
+    ),
+    Route("v1/sizes.csv", sizes_csv),
+    Route("v1/sizes.parquet", sizes_parquet),
+    Route(
+        "v1/nodes/{slug}/sizes.csv",
+        node_sizes_csv,
+        listed=lambda catalogue, node: catalogue.prior(node) is not None,
     ),
     Route("v1/nodes/{slug}/items.csv", items_csv, listed=_has_items),
     Route(

@@ -1,17 +1,18 @@
-"""Flat tables: the items of a node as CSV and Parquet, and a label list as CSV."""
+"""Flat tables: items of a node, quantiles of a node or of all nodes, and a label list; as CSV or Parquet."""
 
 from __future__ import annotations
 
 import io
 from typing import Any
 
+import pyarrow as pa
 import pyarrow.parquet as pq
 
 from explorer.catalogue import AXES, ReleaseCatalogue
-from explorer.responses import vocabulary_response
+from explorer.responses import quantile_table, vocabulary_response
 from metric_base.records import csv_text
 from metric_tree.node import Node
-from metric_tree.prior import INTERVAL_QUANTILES
+from metric_tree.prior import INTERVAL_QUANTILES, QUANTILES
 
 
 def items_csv(catalogue: ReleaseCatalogue, node: Node) -> bytes:
@@ -24,6 +25,40 @@ def items_parquet(catalogue: ReleaseCatalogue, node: Node) -> bytes:
     """Return the published items at or below a node as Parquet, with the units in the metadata of the columns."""
     sink = io.BytesIO()
     pq.write_table(catalogue.items.take(catalogue.rows(node)), sink, compression="zstd", store_schema=False)
+    return sink.getvalue()
+
+
+def node_sizes_csv(catalogue: ReleaseCatalogue, node: Node) -> bytes:
+    """Return the quantiles of a node in mm as CSV, a row for each dimension."""
+    sizes = quantile_table(catalogue.dims(node), catalogue.quantiles(node))
+    head = ["dimension", *(f"q{round(100 * q):02d}_mm" for q in QUANTILES)]
+    return csv_text(head, ([dim, *row.values()] for dim, row in sizes.items()))
+
+
+def sizes_table(catalogue: ReleaseCatalogue) -> pa.Table:
+    """Return all categories with a prior: name, level, tier, items, and the quantiles of all dimensions in mm."""
+    rows = []
+    for node in catalogue.nodes.values():
+        if dims := catalogue.dims(node):
+            row = {"node_id": node.node_id, "name": node.name, "level": node.level}
+            row |= {"tier": catalogue.tier(node), "n_items": node.n_items}
+            sizes = quantile_table(dims, catalogue.quantiles(node))
+            for dim in AXES:
+                row |= {f"{dim}_q{round(100 * q):02d}_mm": sizes.get(dim, {}).get(f"{q:g}") for q in QUANTILES}
+            rows.append(row)
+    return pa.Table.from_pylist(rows)
+
+
+def sizes_csv(catalogue: ReleaseCatalogue) -> bytes:
+    """Return `sizes_table` as CSV."""
+    table = sizes_table(catalogue)
+    return csv_text(table.column_names, (row.values() for row in table.to_pylist()))
+
+
+def sizes_parquet(catalogue: ReleaseCatalogue) -> bytes:
+    """Return `sizes_table` as Parquet."""
+    sink = io.BytesIO()
+    pq.write_table(sizes_table(catalogue), sink, compression="zstd", store_schema=False)
     return sink.getvalue()
 
 

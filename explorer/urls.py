@@ -7,7 +7,7 @@ PAGE_ROWS = 50
 
 #: Minimum level of nodes with a CSV file in the static site; the items of broader nodes are in the files of their
 #: children.
-LISTED_LEVEL = 4
+LISTED_LEVEL = 3
 
 #: Minimum number of items for a Parquet file; with fewer, its footer is longer than the rows.
 MIN_PARQUET_ROWS = 50

@@ -14,6 +14,8 @@ from metric_base.arrays import FloatArray
 
 #: Name of each unit, its length in mm, and the minimum size in mm for which it is used.
 _UNITS = (("km", 1e6, 2e6), ("m", 1e3, 1e3), ("cm", 10.0, 20.0), ("mm", 1.0, 0.0))
+#: Maximum number of decimals of a length in a table.
+MAX_DECIMALS = 4
 #: Maximum number of ticks of an axis; the labels of more would overlap on the screen of a phone.
 MAX_TICKS = 6
 #: Minimum distance of two ticks in pixels: the width of a label.
@@ -31,12 +33,20 @@ def number_text(value: float) -> str:
     return f"{value:.3g}"
 
 
-def length_text(mm: float) -> str:
-    """Return a length in the usual unit for its size.
+def length_text(mm: float, typical_mm: float | None = None) -> str:
+    """Return a length in the usual unit for its size, or in that of `typical_mm` with three digits of that length.
+
+    The cells of a table have the same `typical_mm`, and therefore the same unit and the same number of decimals.
 
     >>> length_text(91.4), length_text(4500), length_text(0.25)
     ('9.14 cm', '4.5 m', '0.25 mm')
+    >>> length_text(1240, 914), length_text(85, 914)
+    ('124.0 cm', '8.5 cm')
     """
+    if typical_mm is not None:
+        unit, factor = _unit(typical_mm)
+        decimals = min(max(2 - math.floor(math.log10(typical_mm / factor)), 0), MAX_DECIMALS)
+        return f"{mm / factor:,.{decimals}f} {unit}"
     unit, factor = _unit(mm)
     return f"{number_text(mm / factor)} {unit}"
 

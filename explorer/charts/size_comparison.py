@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 from explorer.charts.axis import length_text, svg
 
@@ -28,6 +28,8 @@ _REFERENCES = (
     ),
 )
 
+#: Width of the bar of a single dimension, relative to its length.
+BAR_RATIO = 0.04
 #: Maximum length of the scale bar in pixels.
 MAX_BAR_PX = 90
 #: Range of the height of a reference, relative to the longest side of the object, for which it is drawn.
@@ -45,7 +47,10 @@ class DrawnBox:
 
 
 def size_comparison(name: str, box: DrawnBox) -> str:
-    """Return the SVG of an object next to references of familiar size."""
+    """Return the SVG of an object next to references of familiar size; a single known dimension is a bar."""
+    is_bar = box.names[0] == box.names[1]
+    if is_bar:
+        box = replace(box, across=(BAR_RATIO * box.up[2],) * 3)
     longest = max(box.across[2], box.up[2], box.deep[2] if box.deep else 0)
     beside = [one for one in _REFERENCES if MIN_REFERENCE_RATIO <= one[2] / longest <= MAX_REFERENCE_RATIO]
     if len(beside) == len(_REFERENCES) and longest < 450:
@@ -63,7 +68,7 @@ def size_comparison(name: str, box: DrawnBox) -> str:
                 f'<rect class="{kind}" x="{centre - widths_mm[q] * scale / 2:.1f}" y="{FLOOR - box.up[q] * scale:.1f}" '
                 f'width="{widths_mm[q] * scale:.1f}" height="{box.up[q] * scale:.1f}"/>'
             )
-        labels.append((centre, view))
+        labels.append((centre, box.names[1] if is_bar else view))
         x += widths_mm[2] * scale + GAP
     for reference, wide, high, outline in beside:
         body += (
@@ -87,7 +92,9 @@ def size_comparison(name: str, box: DrawnBox) -> str:
         f'<path class="bar" d="M{MARGIN} {HEIGHT - 6}v4h{length * scale:.1f}v-4"/>'
         f'<text class="start" x="{MARGIN + length * scale + 5:.1f}" y="{HEIGHT - 2}">{length_text(length)}</text>'
     )
-    known = f"{box.names[0]} {length_text(box.across[1])}, {box.names[1]} {length_text(box.up[1])}"
+    known = f"{box.names[1]} {length_text(box.up[1])}"
+    if not is_bar:
+        known = f"{box.names[0]} {length_text(box.across[1])}, {known}"
     deep = f", {box.names[2]} {length_text(box.deep[1])}" if box.deep else ""
     others = f" beside {', '.join(one[0] for one in beside)}" if beside else ""
     return svg(WIDTH, HEIGHT, f"{name} to scale{others}: {known}{deep}", body, "to-scale")

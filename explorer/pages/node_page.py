@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections import Counter
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from typing import Any
 from urllib.parse import quote
 
@@ -70,6 +70,8 @@ def node_page(catalogue: ReleaseCatalogue, node: Node) -> bytes:
         {"title": name, "kind": "", "licence": "", **catalogue.sources.get(name, {}), "id": name, "n": n}
         for name, n in answer.shipped["source"].items()
     ]
+    named = {context.source for context in prior.contexts} - set(answer.shipped["source"]) if prior is not None else ()
+    withheld = [catalogue.sources[name] for name in sorted(named) if catalogue.sources.get(name, {}).get("withheld")]
     siblings = node.parent.children if node.parent else ()
     report = f"Node: {node.node_id}\nRelease: {catalogue.tree.version}\n\nWhat is wrong:\n\nA source:\n"
     return page_bytes(
@@ -91,6 +93,9 @@ def node_page(catalogue: ReleaseCatalogue, node: Node) -> bytes:
         kinds=[kind for kind in KINDS if (kinds == kind).any()],
         context=context_table(node, prior) if prior is not None else None,
         source_rows=source_rows,
+        withheld=withheld,
+        n_unnamed=answer.n_sources - len(source_rows) - len(withheld),
+        percents=whole_percents(answer.share_by_kind),
         years=[year for year in catalogue.items["year"].take(rows).to_pylist() if year is not None],
         children=category_bars(catalogue, node.children, node),
         siblings=category_bars(catalogue, siblings, node) if len(siblings) > 1 else None,
@@ -100,6 +105,16 @@ def node_page(catalogue: ReleaseCatalogue, node: Node) -> bytes:
         outside=outside_links(catalogue, node),
         report_href=f"{ISSUES}?title={quote(f'{node.name}: ')}&body={quote(report)}",
     )
+
+
+def whole_percents(shares: Mapping[str, float]) -> dict[str, int]:
+    """Return shares as whole percentages that sum to 100 (largest remainders), empty without shares."""
+    total = sum(shares.values())
+    exact = {kind: 100 * share / total for kind, share in shares.items() if share}
+    percents = dict.fromkeys(shares, 0) | {kind: int(value) for kind, value in exact.items()}
+    for kind in sorted(exact, key=lambda kind: percents[kind] - exact[kind])[: 100 - sum(percents.values())]:
+        percents[kind] += 1
+    return percents
 
 
 def category_bars(catalogue: ReleaseCatalogue, nodes: Sequence[Node], current: Node) -> dict[str, Any] | None:

@@ -13,7 +13,7 @@ from explorer.charts.axis import length_text
 from explorer.charts.icicle import icicle
 from explorer.pages.templating import page_bytes, web_address
 from explorer.responses import sentence, shown_name, vocabulary_response
-from explorer.urls import page_of
+from explorer.urls import page_of, slug
 from metric_base.arrays import IntArray
 from metric_tree.node import Node
 from metric_tree.prior import MEDIAN
@@ -160,6 +160,7 @@ def home_page(catalogue: ReleaseCatalogue) -> bytes:
         "",
         "How large are things?",
         counts=catalogue.tree.release.manifest["counts"],
+        example=slug((nodes or [catalogue.tree.root])[0].node_id),
         cards=[
             {
                 "name": shown_name(node),

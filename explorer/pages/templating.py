@@ -7,6 +7,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cache
 from html import escape
+from statistics import median
 from typing import Any
 from urllib.parse import urlsplit
 
@@ -91,6 +92,7 @@ def environment() -> Environment:
         "page": page_of,
         "slug": slug,
         "plain": plain_html,
+        "typical_mm": lambda sizes: median([mm for mm in sizes if mm] or [1.0]),
         "cell": cell_html,
         "numeric_columns": numeric_columns,
         "main_dim": lambda sizes: (main_dimension(sizes), sizes[main_dimension(sizes)]),

@@ -41,6 +41,8 @@ MAX_BODY_BYTES = 1_000_000
 MAX_BODY_S = 10.0
 #: Seconds for which clients may keep an image (one year): its name is the digest of its content.
 IMAGE_MAX_AGE_S = 31_536_000
+#: Seconds for which clients may keep the response to a preflight request (one day).
+PREFLIGHT_MAX_AGE_S = 86_400
 #: Seconds after which a client may repeat a request that was refused because of load.
 RETRY_AFTER_S = 5
 
@@ -203,6 +205,7 @@ def application(trees: Sequence[Tree], preload: bool = False, allowed_hosts: Seq
             allow_origins=["*"],
             allow_methods=["GET", "HEAD"],
             allow_headers=["range", "if-range", "if-none-match"],
+            max_age=PREFLIGHT_MAX_AGE_S,
             expose_headers=["accept-ranges", "content-range", "etag"],
         ),
     ]

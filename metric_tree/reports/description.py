@@ -34,10 +34,24 @@ _AXES = {"height": "high", "length": "long", "width": "wide"}
 
 #: Last words of names without a singular: a pair of scissors is one object.
 _PLURALS = (
-    "binoculars bellows earbuds earphones glasses goggles handcuffs headphones jeans leggings loppers pajamas pants "
-    "pliers scales scissors shears shorts skis spectacles stairs sunglasses suspenders tights tongs trousers trunks "
-    "tweezers"
+    "bellows binoculars blocks clippers dishes drawers earbuds earphones fries glasses gloves goggles grits "
+    "handcuffs headphones heels jeans leggings lights loppers magnets pajamas pants pencils pliers scales "
+    "scissors scooters shears shorts skis spectacles sprouts stairs sunglasses suspenders sweets tights tongs "
+    "trousers trunks tweezers"
 )
+
+#: Last words of names of materials and groups, which have no article: furniture, not a furniture.
+_MASS_NOUNS = (
+    "bedding clothing cookware cutlery debris drinkware electronics equipment firewood flatware food footwear "
+    "furniture garbage headgear jewelry kitchenware lighting luggage machinery meat neckwear seafood tableware "
+    "underwear"
+)
+
+#: Words after the main noun of a name: a chest of drawers, a chair with armrests, a scooter for adults.
+_PREPOSITIONS = (" of ", " with ", " for ")
+
+#: First letters of abbreviations with the article "an": an LP record.
+_VOWEL_NAMES = "AEFHILMNORSX"
 
 #: First letters with the article "a" although they are vowels: a Euro pallet, a unicycle, a utensil.
 _CONSONANT_SOUNDS = ("eu", "uni", "use", "ute")
@@ -56,11 +70,22 @@ def everyday_sentence(name: str, prior: Prior) -> str:
     axis = prior.dims.index("height") if "height" in prior.dims else 0
     axis = axis if medians[axis] >= MIN_HEIGHT_FRACTION * medians.max() else int(np.argmax(medians))
     low, median, high = prior.quantiles(INTERVAL_QUANTILES)[:, axis].tolist()
-    article = "An" if name[:1].lower() in "aeiou" and not name.lower().startswith(_CONSONANT_SOUNDS) else "A"
-    is_plural = name.rpartition(" ")[2].lower() in _PLURALS.split()
-    subject = f"{name[:1].upper()}{name[1:]} are" if is_plural else f"{article} {name} is"
+    first, main_noun = name.partition(" ")[0], name
+    for word in _PREPOSITIONS:
+        main_noun = main_noun.partition(word)[0]
+    main_noun = main_noun.rpartition(" ")[2].lower()
+    if first.isupper() and first.isalpha():
+        starts_with_vowel = first[0] in _VOWEL_NAMES
+    else:
+        starts_with_vowel = name[:1].lower() in "aeiou" and not name.lower().startswith(_CONSONANT_SOUNDS)
+        starts_with_vowel = starts_with_vowel or name.lower().startswith("hour")
+    is_plural, is_mass = main_noun in _PLURALS.split(), main_noun in _MASS_NOUNS.split()
+    if is_plural or is_mass:
+        subject = f"{name[:1].upper()}{name[1:]} {'are' if is_plural else 'is'}"
+    else:
+        subject = f"{'An' if starts_with_vowel else 'A'} {name} is"
     tier = "" if prior.tier == "measured" else f"{tier_words(prior.tier, prior.norm)}: "
-    if tier and not (is_plural and name[:2].isupper()):
+    if tier and not ((is_plural or is_mass) and name[:2].isupper()):
         subject = subject[:1].lower() + subject[1:]
     unit, factor = ("m", 1000.0) if median >= M_FROM_MM else ("cm", 10.0) if median >= CM_FROM_MM else ("mm", 1.0)
     digits = 4 if high < NARROW_RATIO * low else 2

@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
+import io
 import re
 from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
+import pyarrow.parquet as pq
 import pytest
 
 from explorer.catalogue import ReleaseCatalogue
@@ -14,9 +16,18 @@ from explorer.charts.axis import LogAxis, length_text
 from explorer.charts.distributions import distribution, scatter
 from explorer.charts.icicle import icicle
 from explorer.charts.size_comparison import DrawnBox, size_comparison
-from explorer.pages.node_page import category_bars, drawn_box, images_to_scale, items_by_size, node_page
+from explorer.pages.node_page import (
+    category_bars,
+    drawn_box,
+    images_to_scale,
+    items_by_size,
+    node_page,
+    whole_percents,
+)
 from explorer.pages.release_pages import median_offset, source_page
 from explorer.pages.templating import Link, cell_html, numeric_columns, web_address
+from explorer.tables import node_sizes_csv, sizes_csv, sizes_parquet
+from metric_tree.context import Context
 from metric_tree.prior import INTERVAL_QUANTILES
 from metric_tree.tree import Tree, open_tree
 from tests.synthetic import minitree
@@ -259,3 +270,76 @@ def test_releases_of_one_version_are_refused(tmp_path: Path) -> None:
     tree = open_tree(minitree.release(tmp_path / "r").directory)
     with pytest.raises(ValueError, match="--tree: expected releases of different versions; found"):
         ReleaseCatalogue([tree, tree])
+
+
+def test_a_single_dimension_is_a_bar_and_not_a_square() -> None:
+    height = (1500.0, 1680.0, 1850.0)
+    drawing = size_comparison("person", DrawnBox(height, height, None, ("height", "height", "")))
+    widths, heights = (
+        [float(v) for v in re.findall(rf'<rect [^>]* {name}="([^"]+)"', drawing)] for name in ("width", "height")
+    )
+    assert max(widths) < 0.05 * max(heights)
+    assert ": height 1.68 m" in drawing
+    assert ">height</text>" in drawing
+
+
+@pytest.mark.parametrize(
+    ("shares", "percents"),
+    [
+        ({"a": 0.645, "b": 0.355}, {"a": 65, "b": 35}),
+        ({"a": 1 / 3, "b": 1 / 3, "c": 1 / 3}, {"a": 34, "b": 33, "c": 33}),
+        ({"a": 0.998, "b": 0.002}, {"a": 100, "b": 0}),
+        ({}, {}),
+    ],
+)
+def test_shares_are_whole_percents_that_sum_to_100(shares: dict[str, float], percents: dict[str, int]) -> None:
+    assert whole_percents(shares) == percents
+
+
+@pytest.mark.parametrize(
+    ("mm", "typical", "text"),
+    [
+        (1240, 914, "124.0 cm"),
+        (85, 914, "8.5 cm"),
+        (85, 1000, "0.09 m"),
+        (12, 19.9, "12.0 mm"),
+        (0.012, 0.012, "0.0120 mm"),
+    ],
+)
+def test_lengths_of_a_table_have_one_unit_and_fixed_decimals(mm: float, typical: float, text: str) -> None:
+    assert length_text(mm, typical) == text
+
+
+def test_tables_of_sizes_have_the_quantiles_of_all_categories(catalogue: ReleaseCatalogue) -> None:
+    node = catalogue.nodes["swivel_chair.n.01"]
+    (head, *lines) = node_sizes_csv(catalogue, node).decode().splitlines()
+    assert head == "dimension,q05_mm,q25_mm,q50_mm,q75_mm,q95_mm"
+    assert [line.split(",")[0] for line in lines] == list(catalogue.dims(node))
+    table = pq.read_table(io.BytesIO(sizes_parquet(catalogue)))
+    rows = {row["node_id"]: row for row in table.to_pylist()}
+    assert set(rows) == {one.node_id for one in catalogue.nodes.values() if catalogue.dims(one)}
+    assert rows[node.node_id]["height_q50_mm"] == 1050.0
+    assert rows[node.node_id]["extent1_q50_mm"] is None
+    assert len(sizes_csv(catalogue).decode().splitlines()) == len(rows) + 1
+
+
+def test_a_page_names_the_withheld_sources_and_the_share_of_judged_weight(
+    catalogue: ReleaseCatalogue, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    node = catalogue.nodes["swivel_chair.n.01"]
+    prior = catalogue.prior(node)
+    assert prior is not None
+    changed = replace(
+        prior,
+        n_sources=3,
+        share_by_kind={"product": 0.4, "judged": 0.6},
+        contexts=(Context("shut", None, None, np.zeros(3), np.ones(3)),),
+    )
+    monkeypatch.setattr(ReleaseCatalogue, "prior", lambda *_: changed)
+    withheld = {"id": "shut", "title": "Shut source", "licence": "own terms", "withheld": True, "n_fit": 9}
+    monkeypatch.setitem(catalogue.sources, "shut", withheld)
+    page = node_page(catalogue, node).decode()
+    assert "Shut source</a> (own terms; its terms do not allow" in page
+    assert "60 % of the weight is a language model's range" in page
+    assert "ships no rows of 1 of its 3 sources" in page
+    assert "sizes.csv" in page

@@ -124,7 +124,7 @@ def test_nothing_is_elsewhere(catalogue: ReleaseCatalogue, address: str) -> None
 
 @pytest.mark.parametrize("address", ["v1/nodes/none.json", "v1/nodes/a/b/c.json", "v1/nodes/none/prior"])
 def test_an_unknown_node_is_an_error_with_its_name(catalogue: ReleaseCatalogue, address: str) -> None:
-    with pytest.raises(UnknownName, match="no node has this id"):
+    with pytest.raises(UnknownName, match=r"none|a/b/c"):
         render(catalogue, address)
 
 

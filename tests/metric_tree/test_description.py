@@ -37,6 +37,15 @@ def test_a_pair_of_one_object_is_plural(mini: Tree) -> None:
     prior = mini.find("swivel chair").prior(("length",))
     assert everyday_sentence("over-ear headphones", prior).startswith("Over-ear headphones are about 62 cm")
     assert everyday_sentence("bus", prior).startswith("A bus is")
+    for name, subject in (
+        ("street furniture", "Street furniture is"),
+        ("chest of drawers", "A chest of drawers is"),
+        ("scooters for adults", "Scooters for adults are"),
+        ("LP record", "An LP record is"),
+        ("USB stick", "A USB stick is"),
+        ("hourglass", "An hourglass is"),
+    ):
+        assert everyday_sentence(name, prior).startswith(f"{subject} about")
 
 
 @pytest.mark.parametrize(("name", "subject"), [("Euro pallet", "a Euro pallet"), ("AA battery", "an AA battery")])

@@ -10,14 +10,20 @@
     if (value >= 100) return Math.round(value).toLocaleString("en");
     return String(Number(value.toPrecision(3)));
   }
-  function lengthText(mm, unit) {
-    if (!unit || unit === "auto") unit = mm >= 2e6 ? "km" : mm >= 1000 ? "m" : mm >= 20 ? "cm" : "mm";
+  // With `typical`, a length of the table, all cells have one unit and three digits of that length.
+  function lengthText(mm, unit, typical) {
+    const usual = typical || mm;
+    if (!unit || unit === "auto") unit = usual >= 2e6 ? "km" : usual >= 1000 ? "m" : usual >= 20 ? "cm" : "mm";
     const factor = unit === "km" ? 1e6 : UNITS[unit];
+    if (typical) {
+      const digits = Math.min(Math.max(2 - Math.floor(Math.log10(typical / factor)), 0), 4);
+      return (mm / factor).toLocaleString("en", { minimumFractionDigits: digits, maximumFractionDigits: digits }) + " " + (NAMES[unit] || unit);
+    }
     return number(mm / factor) + " " + (NAMES[unit] || unit);
   }
   function chosenUnit() { return document.getElementById("units").value; }
   function showUnits(within) {
-    for (const one of within.querySelectorAll("data")) one.textContent = lengthText(Number(one.value), chosenUnit());
+    for (const one of within.querySelectorAll("data")) one.textContent = lengthText(Number(one.value), chosenUnit(), Number(one.closest("table")?.dataset.typical));
   }
   function sizeElement(mm) {
     const one = document.createElement("data");
@@ -71,6 +77,7 @@
     const body = document.querySelector("#items tbody");
     const rows = csv(await (await fetch(more.dataset.href)).text());
     body.replaceChildren(...rows.map(itemRow));
+    showUnits(body);
     document.getElementById("items-shown").textContent = rows.length.toLocaleString("en");
     more.remove();
   });
@@ -122,6 +129,7 @@
       context.table[region.value][place].forEach((sizes, row) => {
         const cells = document.getElementById("context-rows").rows[row].cells;
         sizes.forEach((mm, k) => cells[k + 1].replaceChildren(sizeElement(mm)));
+        showUnits(cells[0].parentElement);
       });
     };
     region.addEventListener("change", show);

@@ -45,7 +45,6 @@ WORDNET_FILES = {
     "tests/metric_tree/fit/test_same_numbers.py",
     "tests/metric_tree/pipeline/test_build_hierarchy.py",
     "tests/project/test_doctests.py",
-    "tests/project/test_page_commands.py",
     "tests/taxonomy/matching/test_decisions.py",
     "tests/taxonomy/naming/test_resolver.py",
     "tests/taxonomy/naming/test_shared_names.py",
@@ -55,8 +54,6 @@ WORDNET_FILES = {
 #: Resident memory of a process in MiB from which its caches are emptied after a test. Single tests need up to
 #: 450 MiB more, and a process stays below 1 GiB.
 MAX_CACHED_MIB = 500.0
-#: The same for a process with WordNet, whose tests need less beyond it.
-MAX_WORDNET_MIB = 800.0
 #: Increase since the caches were last emptied from which it is worth the time.
 MIN_FREED_MIB = 60.0
 #: Resident memory in MiB after the caches were last emptied.
@@ -112,14 +109,14 @@ def pytest_xdist_make_scheduler(config: pytest.Config, log: Any) -> Any:
 
 @pytest.fixture(autouse=True)
 def _bounded_caches(request: pytest.FixtureRequest) -> Iterator[None]:
-    """Empty the caches of the packages after a test if this process is large.
+    """Empty the caches of the packages after a test if this process is large and does not run `WORDNET_FILES`.
 
     WordNet with its matcher (300 MB), releases and likelihoods would otherwise remain in each process of the suite.
     """
     yield
-    file = request.node.nodeid.partition("::")[0]
-    limit = MAX_WORDNET_MIB if file in WORDNET_FILES else MAX_CACHED_MIB
-    if _resident_mib() < max(limit, _REMAINDER.get("mib", 0.0) + MIN_FREED_MIB):
+    if request.node.nodeid.partition("::")[0] in WORDNET_FILES:
+        return  # the next file of their process needs it again
+    if _resident_mib() < max(MAX_CACHED_MIB, _REMAINDER.get("mib", 0.0) + MIN_FREED_MIB):
         return
     for cached in [item for item in gc.get_objects() if isinstance(item, functools._lru_cache_wrapper)]:
         if (ROOT / (cached.__module__ or "").partition(".")[0] / "__init__.py").is_file():

@@ -69,7 +69,7 @@ ROWS = {
 Imports = Callable[[str], Import]
 
 
-@pytest.fixture(scope="session")
+@pytest.fixture(scope="module")
 def imports(shared: Path) -> Imports:
     """Return a function that imports a source by its id, with a cache."""
 

@@ -17,7 +17,7 @@ def mini_wordnet(tmp_path_factory: pytest.TempPathFactory) -> WordNet:
     return WordNet(write_wordnet(tmp_path_factory.mktemp("wordnet")))
 
 
-@pytest.fixture(scope="session")
+@pytest.fixture(scope="module")
 def wordnet() -> WordNet:
     """The whole of WordNet 3.0, or a skip that states how to get it."""
     with skip_without(NoWordNet):

@@ -11,12 +11,13 @@ object, where an occluder hides the rest, rather than outside it.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from collections.abc import Sequence
+from dataclasses import dataclass, fields
 
 import numpy as np
 
 from estimator.geometry.mask_outlines import DIRECTIONS, Outlines
-from metric_base.arrays import FloatArray
+from metric_base.arrays import FloatArray, IntArray
 
 # Factor of the tolerance for an outline inside the cuboid in the diagonal directions: objects do not fill the
 # corners of their cuboid.
@@ -66,6 +67,10 @@ DAMPING = 1e-2
 MAX_DAMPING = 1e3
 # Maximum change of a parameter in one step, in sizes, natural logarithms and radians.
 MAX_PARAMETER_STEP = 0.4
+# Values of the yaw at the starts, relative to the approximate one, in radians.
+START_TURNS = np.arange(4) * np.pi / 4
+# Maximum number of views of all problems of a batch; its projections take about 10 kB per view and start.
+MAX_BATCH_VIEWS = 400
 # Minimum difference from the lowest cost at which a start is discarded: it does not explain the outlines.
 MIN_WORSE_COST = 12.0
 
@@ -91,53 +96,85 @@ class Cuboid:
     misfit: float  #: Root mean square of the weighted residuals.
 
 
-# Outlines, points, and height and standard deviation of the foot.
-_Data = tuple[Outlines, PointRays | None, tuple[float, float] | None]
 # Cost, parameters (7,), covariance (7, 7) and misfit of a fit.
 _Fit = tuple[float, FloatArray, FloatArray, float]
 
 
-def fit_cuboid(
-    outlines: Outlines,
-    centre: FloatArray,
-    yaw: float,
-    foot: tuple[float, float] | None = None,
-    points: PointRays | None = None,
-    centre_sd: float | None = None,
-) -> Cuboid:
-    """Fit a cuboid by damped least squares with weights 1 / (1 + r^2 / c^2), from four values of the yaw.
+@dataclass(frozen=True, slots=True, eq=False)
+class CuboidProblem:
+    """Data about an object to which a cuboid is fitted."""
 
-    If several of them explain the outlines, the extents and their covariance refer to the mixture.
+    outlines: Outlines
+    centre: FloatArray  #: (3,) approximate centre in the level basis.
+    yaw: float  #: Approximate yaw in radians.
+    foot: tuple[float, float] | None = None  #: Height of the surface below the object, and its standard deviation.
+    points: PointRays | None = None
+    centre_sd: float | None = None  #: Standard deviation of `centre`, if nothing else determines the distance.
 
-    Parameters
-    ----------
-    outlines : Outlines
-    centre : (3,) ndarray of float
-        Approximate centre in the level basis.
-    yaw : float
-        Approximate yaw in radians.
-    foot : tuple of float, optional
-        Height of the surface below the object and its standard deviation, in scene units.
-    points : PointRays, optional
-    centre_sd : float, optional
-        Standard deviation of `centre` in scene units, if nothing else determines the distance of the object.
-    """
-    depth = (outlines.rotation @ centre + outlines.translation)[:, 2]
-    is_ahead = depth > 0
-    projections = outlines.max_projections
-    spans = (projections[:, :2] + projections[:, 2:4])[is_ahead] * depth[is_ahead, None]  # (k, 2) width and height
-    width, height = np.maximum(np.median(spans, axis=0), np.finfo(float).tiny) if is_ahead.any() else (1.0, 1.0)
-    distance = float(np.median(np.linalg.norm(outlines.rotation @ centre + outlines.translation, axis=1)))
-    size = float(np.sqrt(width * height))
-    starts = np.array(
-        [
-            [*centre, yaw + turn, np.log(START_LENGTH * width), np.log(START_WIDTH * width), np.log(height)]
-            for turn in np.arange(4) * np.pi / 4
-        ]
+
+@dataclass(frozen=True, slots=True, eq=False)
+class _Batch:
+    """Data of the fits of several problems, padded to v views and n points; padding has no weight."""
+
+    rotation: FloatArray  #: (f, v, 3, 3)
+    translation: FloatArray  #: (f, v, 3)
+    projections: FloatArray  #: (f, v, 8) `max_projections`.
+    projection_sigma: FloatArray  #: (f, v, 8)
+    eyes: FloatArray  #: (f, n, 3)
+    rays: FloatArray  #: (f, n, 3)
+    depths: FloatArray  #: (f, n)
+    depth_sigma: FloatArray  #: (f, n)
+    foot: FloatArray  #: (f, 2)
+    counts: (
+        FloatArray  #: (f, 8 v + n + 1) numbers of independent observations that outlines, points and foot count for.
     )
-    fits = _fits((outlines, points, foot), starts, size, centre_sd or CENTRE_SD * distance)
 
-    # Mixture of the fits, weighted by their costs, at the centre and yaw of the best one.
+    def take(self, rows: IntArray) -> _Batch:
+        """Return some of the fits."""
+        return _Batch(*(getattr(self, field.name)[rows] for field in fields(self)))
+
+
+def fit_cuboids(problems: Sequence[CuboidProblem]) -> list[Cuboid]:
+    """Fit cuboids by damped least squares with weights 1 / (1 + r^2 / c^2), from four values of the yaw.
+
+    Problems with similar numbers of views and points are fitted together, because a fit is too small for NumPy alone.
+    """
+    sizes = [
+        (len(problem.outlines.sigma), 0 if problem.points is None else len(problem.points.depths))
+        for problem in problems
+    ]
+    order = sorted(range(len(problems)), key=lambda row: sizes[row])
+    cuboids: dict[int, Cuboid] = {}
+    while order:
+        n_views = sizes[order[-1]][0]
+        count = max(1, MAX_BATCH_VIEWS // n_views)
+        rows, order = order[-count:], order[:-count]
+        cuboids.update(zip(rows, _batch_cuboids([problems[row] for row in rows]), strict=True))
+    return [cuboids[row] for row in range(len(problems))]
+
+
+def _batch_cuboids(problems: Sequence[CuboidProblem]) -> list[Cuboid]:
+    """Fit the cuboids of a batch of problems."""
+    starts, sizes, centre_sds = [], [], []
+    for problem in problems:
+        outlines, centre = problem.outlines, problem.centre
+        depth = (outlines.rotation @ centre + outlines.translation)[:, 2]
+        is_ahead = depth > 0
+        projections = outlines.max_projections
+        spans = (projections[:, :2] + projections[:, 2:4])[is_ahead] * depth[is_ahead, None]  # (k, 2) width and height
+        width, height = np.maximum(np.median(spans, axis=0), np.finfo(float).tiny) if is_ahead.any() else (1.0, 1.0)
+        distance = float(np.median(np.linalg.norm(outlines.rotation @ centre + outlines.translation, axis=1)))
+        sides = np.log([START_LENGTH * width, START_WIDTH * width, height])
+        starts += [[*centre, problem.yaw + turn, *sides] for turn in START_TURNS]
+        sizes.append(float(np.sqrt(width * height)))
+        centre_sds.append(problem.centre_sd or CENTRE_SD * distance)
+    n = len(START_TURNS)
+    fits = _fits(_padded(problems), np.array(starts), np.repeat(sizes, n), np.repeat(centre_sds, n))
+    return [_mixture(fits[n * row : n * (row + 1)]) for row in range(len(problems))]
+
+
+def _mixture(fits: list[_Fit]) -> Cuboid:
+    """Return the cuboid of fits from several starts: if several explain the outlines, the moments of their mixture."""
     fits = [fit for fit in fits if np.isfinite(fit[0])] or fits[:1]  # no yaw explains invalid cameras
     lowest = min(fit[0] for fit in fits)
     fits = [fit for fit in fits if not fit[0] - lowest >= MIN_WORSE_COST]
@@ -156,15 +193,16 @@ def fit_cuboid(
     return Cuboid(fits[best][1][:3], float(yaws[best]), np.exp(mean), covariance, fits[best][3])
 
 
-def ray_entry_depths(parameters: FloatArray, points: PointRays) -> tuple[FloatArray, FloatArray]:
-    """Return the depth (k, n) at which each ray enters k cuboids with parameters (k, 7), and its path inside (k, n).
+def ray_entry_depths(eyes: FloatArray, rays: FloatArray, parameters: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """Return the depths (f, k, n) at which rays (f, n, 3) enter cuboids (f, k, 7), and their paths inside (f, k, n).
 
     A ray that misses a cuboid has a path of 0 and the mean of the two depths at which it is closest.
     """
-    c, s = np.cos(parameters[:, 3, None]), np.sin(parameters[:, 3, None])
-    x, y, z = points.eyes.T[:, None] - parameters.T[:3, :, None]  # (k, n) each
-    p, q, r = points.rays.T
-    halves = np.exp(parameters.T[4:, :, None]) / 2  # (3, k, 1)
+    yaw = parameters[:, :, 3, None]
+    c, s = np.cos(yaw), np.sin(yaw)
+    x, y, z = np.moveaxis(eyes[:, None] - parameters[:, :, None, :3], -1, 0)  # (f, k, n) each
+    p, q, r = np.moveaxis(rays[:, None], -1, 0)
+    halves = np.moveaxis(np.exp(parameters[:, :, None, 4:]) / 2, -1, 0)  # (3, f, k, 1)
     enter, leave = np.array(-np.inf), np.array(np.inf)
     # Along each axis of the cuboids, one after the other.
     for start, ray, half in zip(
@@ -177,36 +215,74 @@ def ray_entry_depths(parameters: FloatArray, points: PointRays) -> tuple[FloatAr
     return np.where(is_miss, (enter + leave) / 2, enter), np.where(is_miss, 0.0, leave - enter)
 
 
-def cuboid_projections(outlines: Outlines, parameters: FloatArray) -> FloatArray:
-    """Return the largest projections (k, v, 8) of k cuboids on `DIRECTIONS` in each view.
+def cuboid_projections(rotation: FloatArray, translation: FloatArray, parameters: FloatArray) -> FloatArray:
+    """Return the largest projections (f, k, v, 8) of cuboids (f, k, 7) on `DIRECTIONS` in views.
 
-    The parameters (k, 7) of a cuboid are its centre, yaw and log extents.
+    The views have rotations (f, v, 3, 3) and translations (f, v, 3). The parameters of a cuboid are its centre, yaw and
+    log extents.
     """
-    c, s = np.cos(parameters[:, 3]), np.sin(parameters[:, 3])  # (k,)
-    x, y, z = UNIT_CORNERS.T[:, :, None] * np.exp(parameters.T[4:, None])  # (16, k) each
-    world = np.array([c * x - s * y, s * x + c * y, z]) + parameters.T[:3, None]  # (3, 16, k)
-    rotation = outlines.rotation.transpose(1, 2, 0)  # (3, 3, v)
-    camera = world.reshape(3, -1).T @ rotation + outlines.translation.T[:, None]  # (3, 16 k, v)
+    n_fits, n_views = translation.shape[:2]
+    yaw = parameters[:, :, 3, None]
+    c, s = np.cos(yaw), np.sin(yaw)
+    x, y, z = np.moveaxis(UNIT_CORNERS * np.exp(parameters[:, :, None, 4:]), -1, 0)  # (f, k, 16) each
+    world = np.stack([c * x - s * y, s * x + c * y, z], axis=-1) + parameters[:, :, None, :3]
+    camera = world.reshape(n_fits, -1, 3) @ rotation.reshape(n_fits, -1, 3).transpose(0, 2, 1)
+    camera = camera.reshape(*world.shape[:3], n_views, 3) + translation[:, None, None]
     # Corners behind the camera are far to the side.
-    image = camera[:2] / np.maximum(camera[2], 1e-3 * np.abs(camera).max())
-    furthest = (DIRECTIONS @ image.reshape(2, len(UNIT_CORNERS), -1).transpose(1, 0, 2)).max(axis=0)  # (8, k v)
-    return np.asarray(furthest.reshape(len(DIRECTIONS), len(parameters), -1).transpose(1, 2, 0))
+    furthest = 1e-3 * np.abs(camera).max(axis=(1, 2, 3, 4), keepdims=True)
+    image = camera[..., :2] / np.maximum(camera[..., 2:], furthest)
+    return np.asarray((image @ DIRECTIONS.T).max(axis=2))
 
 
-def _fits(data: _Data, starts: FloatArray, size: float, centre_sd: float) -> list[_Fit]:
-    """Fit cuboids of about `size` from several parameters `starts` (s, 7), all of them in each step."""
-    unit = np.array([size, size, size, 1, 1, 1, 1])
-    step, max_change = 1e-3 * unit, MAX_PARAMETER_STEP * unit
-    prior_sd = np.array([*[centre_sd] * 3, YAW_SD, *SIDE_SD])
-    prior_precision = np.diag(prior_sd**-2)
+def _padded(problems: Sequence[CuboidProblem]) -> _Batch:
+    """Return the data of the fits of problems from `START_TURNS`."""
+    n_views = max(len(problem.outlines.sigma) for problem in problems)
+    n_points = max(0 if problem.points is None else len(problem.points.depths) for problem in problems)
+    rows: list[tuple[FloatArray, ...]] = []
+    for problem in problems:
+        outlines, points = problem.outlines, problem.points
+        own = len(outlines.sigma)
+        views = np.minimum(np.arange(n_views), own - 1)  # padding repeats the last view
+        free = outlines.is_free[views] * min(1.0, MAX_INDEPENDENT_VIEWS / own)
+        free[own:] = 0.0
+        if points is None:
+            points = PointRays(np.zeros((0, 3)), np.zeros((0, 3)), np.zeros(0), np.zeros(0))
+        known = len(points.depths)
+        more = (0, n_points - known)
+        counted = np.pad(np.full(known, min(1.0, MAX_INDEPENDENT_POINTS / max(known, 1))), more)
+        foot, has_foot = ((0.0, 1.0), 0.0) if problem.foot is None else (problem.foot, 1.0)
+        rows.append(
+            (
+                outlines.rotation[views],
+                outlines.translation[views],
+                outlines.max_projections[views],
+                outlines.sigma[views],
+                np.pad(points.eyes, (more, (0, 0))),
+                np.pad(points.rays, (more, (0, 0)), constant_values=1.0),
+                np.pad(points.depths, more, constant_values=1.0),
+                np.pad(points.sigma, more, constant_values=1.0),
+                np.array(foot),
+                np.concatenate([free.ravel(), counted, [has_foot]]),
+            )
+        )
+    return _Batch(*(np.repeat(np.stack(column), len(START_TURNS), axis=0) for column in zip(*rows, strict=True)))
+
+
+def _fits(batch: _Batch, starts: FloatArray, sizes: FloatArray, centre_sds: FloatArray) -> list[_Fit]:
+    """Fit f cuboids of about `sizes` (f,) from the parameters `starts` (f, 7), all of them in each step."""
     n = len(starts)
+    units = np.ones((n, 7))
+    units[:, :3] = sizes[:, None]
+    prior_sd = np.tile([0.0, 0.0, 0.0, YAW_SD, *SIDE_SD], (n, 1))
+    prior_sd[:, :3] = centre_sds[:, None]
+    prior_precision = np.eye(7) * prior_sd[:, :, None] ** -2
     trials, best = starts.copy(), starts.copy()
     best_costs, damping, misfits = np.full(n, np.inf), np.full(n, DAMPING), np.ones(n)
-    normals, gradients = np.tile(prior_precision, (n, 1, 1)), np.zeros((n, 7))
-    rows = np.arange(n)  # of the fits that have not ended
+    normals, gradients = prior_precision.copy(), np.zeros((n, 7))
+    rows, data = np.arange(n), batch  # of the fits that have not ended
     for _ in range(MAX_STEPS):
-        jacobian, weight, residual, loss = _residuals(data, trials[rows], step)
-        change = (trials[rows] - starts[rows]) / prior_sd
+        jacobian, weight, residual, loss = _residuals(data, trials[rows], 1e-3 * units[rows])
+        change = (trials[rows] - starts[rows]) / prior_sd[rows]
         costs = loss + (change**2).sum(axis=1)
         is_better = costs < best_costs[rows]
         gain = best_costs[rows] - costs
@@ -214,61 +290,57 @@ def _fits(data: _Data, starts: FloatArray, size: float, centre_sd: float) -> lis
         damping[rows] = np.where(is_better, damping[rows] / 3, damping[rows] * 10)
         better = rows[is_better]
         best[better], best_costs[better] = trials[better], costs[is_better]
-        transposed = jacobian[is_better].transpose(0, 2, 1)
-        weighted = weight[is_better, :, None] * np.concatenate([jacobian, residual[:, :, None]], axis=2)[is_better]
-        products = transposed @ weighted  # (b, 7, 8)
-        normals[better] = products[:, :, :7] + prior_precision
-        gradients[better] = products[:, :, 7] + change[is_better] / prior_sd
+        weighted = weight[:, :, None] * np.concatenate([jacobian, residual[:, :, None]], axis=2)
+        products = jacobian[is_better].transpose(0, 2, 1) @ weighted[is_better]  # (b, 7, 8)
+        normals[better] = products[:, :, :7] + prior_precision[better]
+        gradients[better] = products[:, :, 7] + change[is_better] / prior_sd[better]
         squares, total = (weight * residual**2).sum(axis=1), weight.sum(axis=1)
         misfits[better] = np.sqrt(squares / np.maximum(total, 1.0))[is_better]
-        rows = rows[~is_done]
+        if is_done.any():
+            rows, data = rows[~is_done], data.take(np.flatnonzero(~is_done))
         if not len(rows):
             break
         damped = normals[rows] + np.eye(7) * (damping[rows, None, None] * normals[rows])
         changes = -np.linalg.solve(damped, gradients[rows, :, None])[:, :, 0]
-        trials[rows] = best[rows] + np.clip(changes, -max_change, max_change)
+        limits = MAX_PARAMETER_STEP * units[rows]
+        trials[rows] = best[rows] + np.clip(changes, -limits, limits)
     return list(zip(best_costs.tolist(), best, np.linalg.inv(normals), misfits.tolist(), strict=True))
 
 
 def _residuals(
-    data: _Data, parameters: FloatArray, step: FloatArray
+    batch: _Batch, parameters: FloatArray, step: FloatArray
 ) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray]:
-    """Return Jacobians (s, m, 7), weights (s, m), residuals (s, m) and robust costs (s,) at `parameters` (s, 7).
+    """Return Jacobians (f, m, 7), weights (f, m), residuals (f, m) and robust costs (f,) at `parameters` (f, 7).
 
-    The Jacobian is by finite differences of size `step` (7,).
+    The Jacobian is by finite differences of size `step` (f, 7).
     """
-    outlines, points, foot = data
     n = len(parameters)
-    trials = (parameters[:, None] + np.vstack([np.zeros(7), np.diag(step)])).reshape(-1, 7)
+    trials = parameters[:, None] + np.concatenate([np.zeros((n, 1, 7)), np.eye(7) * step[:, None]], axis=1)
     # 1. Outlines.
-    projections = (cuboid_projections(outlines, trials) / outlines.sigma).reshape(n, 8, -1)
-    residual = projections[:, 0] - (outlines.max_projections / outlines.sigma).ravel()
-    jacobian = ((projections[:, 1:] - projections[:, :1]) / step[:, None]).transpose(0, 2, 1)
-    is_slack = (residual > 0) & np.tile(DIAGONAL, len(outlines.max_projections))
+    projections = cuboid_projections(batch.rotation, batch.translation, trials) / batch.projection_sigma[:, None]
+    residual = (projections[:, 0] - batch.projections / batch.projection_sigma).reshape(n, -1)
+    jacobian = ((projections[:, 1:] - projections[:, :1]).reshape(n, 7, -1) / step[:, :, None]).transpose(0, 2, 1)
+    is_slack = (residual > 0) & np.tile(DIAGONAL, batch.projections.shape[1])
     slack = np.where(is_slack, 1 / CORNER_SLACK_FACTOR, 1.0)
     residual, jacobian = residual * slack, jacobian * slack[:, :, None]
     half = np.where(residual > 0, INSIDE_HALF_WEIGHT_SIGMAS, OUTSIDE_HALF_WEIGHT_SIGMAS)
-    view_weight = min(1.0, MAX_INDEPENDENT_VIEWS / len(outlines.max_projections))
-    parts = [(jacobian, residual, half, view_weight * outlines.is_free.ravel())]
+    parts = [(jacobian, residual, half)]
     # 2. Points, against the faces where their rays enter.
-    if points is not None and len(points.depths):
-        enter, inside = (depths.reshape(n, 8, -1) for depths in ray_entry_depths(trials, points))
-        is_behind = points.depths > enter[:, 0]
-        sigma = np.hypot(points.sigma, np.where(is_behind, HOLLOW_FRACTION * inside[:, 0], 0.0))
-        residual = (enter[:, 0] - points.depths) / sigma
-        jacobian = ((enter[:, 1:] - enter[:, :1]) / (sigma[:, None] * step[:, None])).transpose(0, 2, 1)
-        half = np.where(is_behind, BEHIND_HALF_WEIGHT_SIGMAS, FRONT_HALF_WEIGHT_SIGMAS)
-        count = len(points.depths)
-        parts.append((jacobian, residual, half, np.full(count, min(1.0, MAX_INDEPENDENT_POINTS / count))))
+    enter, inside = ray_entry_depths(batch.eyes, batch.rays, trials)
+    is_behind = batch.depths > enter[:, 0]
+    sigma = np.hypot(batch.depth_sigma, np.where(is_behind, HOLLOW_FRACTION * inside[:, 0], 0.0))
+    residual = (enter[:, 0] - batch.depths) / sigma
+    jacobian = ((enter[:, 1:] - enter[:, :1]) / (sigma[:, None] * step[:, :, None])).transpose(0, 2, 1)
+    half = np.where(is_behind, BEHIND_HALF_WEIGHT_SIGMAS, FRONT_HALF_WEIGHT_SIGMAS)
+    parts.append((jacobian, residual, half))
     # 3. Foot.
-    if foot is not None:
-        height = np.exp(parameters[:, 6])
-        jacobian = np.zeros((n, 1, 7))
-        jacobian[:, 0, 2], jacobian[:, 0, 6] = 1 / foot[1], -height / 2 / foot[1]
-        residual = ((parameters[:, 2] - height / 2 - foot[0]) / foot[1])[:, None]
-        parts.append((jacobian, residual, np.full((n, 1), OUTSIDE_HALF_WEIGHT_SIGMAS), np.ones(1)))
-    jacobians, residuals, halves = (np.concatenate([part[k] for part in parts], axis=1) for k in range(3))
-    counts = np.concatenate([part[3] for part in parts])
-    weights = counts / (1 + (residuals / halves) ** 2)
-    costs = (counts * halves**2 * np.log1p((residuals / halves) ** 2)).sum(axis=1)
+    bottom, sigma = batch.foot.T
+    height = np.exp(parameters[:, 6])
+    jacobian = np.zeros((n, 1, 7))
+    jacobian[:, 0, 2], jacobian[:, 0, 6] = 1 / sigma, -height / 2 / sigma
+    residual = ((parameters[:, 2] - height / 2 - bottom) / sigma)[:, None]
+    parts.append((jacobian, residual, np.full((n, 1), OUTSIDE_HALF_WEIGHT_SIGMAS)))
+    jacobians, residuals, halves = (np.concatenate(part, axis=1) for part in zip(*parts, strict=True))
+    weights = batch.counts / (1 + (residuals / halves) ** 2)
+    costs = (batch.counts * halves**2 * np.log1p((residuals / halves) ** 2)).sum(axis=1)
     return jacobians, weights, residuals, costs

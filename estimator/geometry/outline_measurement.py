@@ -6,13 +6,13 @@ the points (`box`) is better; there, the cuboid supplies only the truncated side
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Generator, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
 
 from estimator.association.point_labels import PointLabels
-from estimator.geometry.cuboid_fit import Cuboid, PointRays, fit_cuboid
+from estimator.geometry.cuboid_fit import Cuboid, CuboidProblem, PointRays, fit_cuboids
 from estimator.geometry.extents import HIDDEN_TOP_SIGMA
 from estimator.geometry.mask_outlines import OutlineExtents, Outlines, outline_extents
 from estimator.geometry.planes import MAX_BELOW_FLOOR_FRACTION
@@ -110,18 +110,38 @@ class OutlineData:
         return self.extents.of_object(item.members, views, self.geometry.basis)
 
 
-def measure_by_outlines(item: MeasuredObject, data: OutlineData) -> MeasuredObject:
-    """Measure an object by the cuboid that fits its outlines and points.
+#: Measurement of an object that yields the cuboids to fit, receives them, and returns the object.
+Steps = Generator[CuboidProblem, Cuboid, MeasuredObject]
+
+
+def measured_by_outlines(objects: Sequence[MeasuredObject], data: OutlineData) -> tuple[MeasuredObject, ...]:
+    """Measure objects by the cuboids that fit their outlines and points, which are fitted for all objects at once.
 
     Returns
     -------
-    MeasuredObject
-        Unchanged if it has enough points and is complete, or if it has both masks and boxes. Skipped if neither points
-        nor the floor determine its distance.
+    tuple of MeasuredObject
+        An object is unchanged if it has enough points and is complete, or if it has both masks and boxes. It is skipped
+        if neither points nor the floor determine its distance.
     """
+    result = list(objects)
+    cuboids: dict[int, Cuboid | None] = dict.fromkeys(range(len(objects)))
+    steps = [_steps(item, data) for item in objects]
+    while cuboids:
+        problems: dict[int, CuboidProblem] = {}
+        for row, cuboid in cuboids.items():
+            try:
+                problems[row] = next(steps[row]) if cuboid is None else steps[row].send(cuboid)
+            except StopIteration as end:
+                result[row] = end.value
+        cuboids = dict(zip(problems, fit_cuboids(list(problems.values())), strict=True))
+    return tuple(result)
+
+
+def _steps(item: MeasuredObject, data: OutlineData) -> Steps:
+    """Measure an object in steps, with one cuboid after the other."""
     masks = [data.instances[row] for row in item.members]
     if all(mask.from_box for mask in masks):
-        return _measure_by_boxes(item, data)
+        return (yield from _box_steps(item, data))
     basis, floor = data.geometry.basis, data.geometry.floor
     # Sparse points with a short baseline stretch the footprint.
     is_smeared = False
@@ -147,7 +167,7 @@ def measure_by_outlines(item: MeasuredObject, data: OutlineData) -> MeasuredObje
     is_extended = item.unsupported_height is not None and bool(item.notes)
     if is_extended:
         foot = None
-    cuboid = fit_cuboid(outlines, centre, _yaw(item, basis), foot, points)
+    cuboid = yield CuboidProblem(outlines, centre, _yaw(item, basis), foot, points)
 
     # Second fit: on the plane at which the first cuboid ends.
     if not is_extended and stands is not False and data.geometry.planes:
@@ -160,7 +180,7 @@ def measure_by_outlines(item: MeasuredObject, data: OutlineData) -> MeasuredObje
             foot = _foot_on_plane(plane, data, height, cuboid.centre)
             if plane is floor:
                 foot = _foot_on_ground(foot, data, cuboid.centre, float(cuboid.extents[:2].max()))
-            cuboid = fit_cuboid(outlines, cuboid.centre, cuboid.yaw, foot, points)
+            cuboid = yield CuboidProblem(outlines, cuboid.centre, cuboid.yaw, foot, points)
 
     depth = float(np.median((outlines.rotation @ cuboid.centre + outlines.translation)[:, 2]))
     pixel_size = depth / float(data.scene.views[masks[0].view].camera.params[0])
@@ -168,7 +188,7 @@ def measure_by_outlines(item: MeasuredObject, data: OutlineData) -> MeasuredObje
     return combine_sizes(item, cuboid, basis, (has_points, is_extended), is_cut, pixel_size)
 
 
-def _measure_by_boxes(item: MeasuredObject, data: OutlineData) -> MeasuredObject:
+def _box_steps(item: MeasuredObject, data: OutlineData) -> Steps:
     """Measure an object with boxes only; most of its points are background and determine just its position."""
     if item.skipped is not None or item.box is None:
         return item
@@ -180,7 +200,7 @@ def _measure_by_boxes(item: MeasuredObject, data: OutlineData) -> MeasuredObject
         bottom = float(item.box.centre @ basis[2]) - float(item.extents[2]) / 2
         foot = (bottom, FOOT_SIGMA_FRACTION * float(item.extents[2]))
     centre_sd = BOX_CENTRE_SD * float(np.sqrt(item.extents[0] * item.extents[2]))
-    cuboid = fit_cuboid(data.outlines_of(item), centre, _yaw(item, basis), foot, centre_sd=centre_sd)
+    cuboid = yield CuboidProblem(data.outlines_of(item), centre, _yaw(item, basis), foot, centre_sd=centre_sd)
     # The covariance of a cuboid contains its misfit from 1 on.
     deviations = np.sqrt(np.diag(cuboid.covariance))
     sigma = FIT_SIGMA_FACTOR * deviations * max(cuboid.misfit, MIN_BOX_MISFIT) / max(cuboid.misfit, 1.0)

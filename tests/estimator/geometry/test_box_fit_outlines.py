@@ -24,15 +24,17 @@ def camera(distance: float) -> Outlines:
 def test_half_a_turn_and_an_exchange_of_sides_change_nothing(
     yaw: float, length: float, width: float, height: float, aside: float
 ) -> None:
+    view = camera(12.0)
     one, half, quarter, mirrored = cuboid_projections(
-        camera(12.0),
+        view.rotation[None],
+        view.translation[None],
         np.array([
             [aside, 0.3, 0.1, yaw, length, width, height],
             [aside, 0.3, 0.1, yaw + np.pi, length, width, height],
             [aside, 0.3, 0.1, yaw + np.pi / 2, width, length, height],
             [-aside, 0.3, 0.1, -yaw, length, width, height],
-        ]),
-    )  # fmt: skip
+        ])[None],
+    )[0]  # fmt: skip
     np.testing.assert_allclose(half, one, atol=1e-9)
     np.testing.assert_allclose(quarter, one, atol=1e-9)
     np.testing.assert_allclose(mirrored[:, [2, 1, 0, 3, 5, 4, 7, 6]], one, atol=1e-9)

@@ -4,11 +4,12 @@ from __future__ import annotations
 
 from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
 
-from estimator.geometry.cuboid_fit import PointRays, fit_cuboid, ray_entry_depths
+from estimator.geometry.cuboid_fit import Cuboid, CuboidProblem, PointRays, fit_cuboids, ray_entry_depths
 from estimator.geometry.mask_outlines import Outlines, mask_contour, outline_extents
 from estimator.projection.cameras import project
 from estimator.records.scene import Instance, Scene, View
@@ -17,6 +18,12 @@ from tests.synthetic.shapes import orbit
 
 SIZE = np.array([0.8, 0.5, 0.9])
 MIDDLE = np.array([0.1, -0.2, 0.45])
+
+
+def fit_cuboid(outlines: Outlines, centre: FloatArray, yaw: float, **data: Any) -> Cuboid:
+    """Fit one cuboid."""
+    (cuboid,) = fit_cuboids([CuboidProblem(outlines, centre, yaw, **data)])
+    return cuboid
 
 
 def _outline(view: View, size: FloatArray, yaw: float) -> tuple[int, int, int, int]:
@@ -94,10 +101,10 @@ def test_sigma_grows_where_views_are_few() -> None:
 
 
 def test_a_ray_enters_where_the_near_face_is_and_a_miss_lies_between() -> None:
-    sight = PointRays(np.array([[-5.0, 0, 0], [-5, 3, 0]]), np.array([[1.0, 0, 0]] * 2), np.ones(2), np.ones(2))
-    enter, inside = ray_entry_depths(np.array([[0.0, 0, 0, 0.0, *np.log([2.0, 1.0, 1.0])]]), sight)
-    assert enter[0, 0] == pytest.approx(4.0)
-    assert inside[0].tolist() == pytest.approx([2.0, 0.0])
+    eyes, rays = np.array([[[-5.0, 0, 0], [-5, 3, 0]]]), np.array([[[1.0, 0, 0]] * 2])
+    enter, inside = ray_entry_depths(eyes, rays, np.array([[[0.0, 0, 0, 0.0, *np.log([2.0, 1.0, 1.0])]]]))
+    assert enter[0, 0, 0] == pytest.approx(4.0)
+    assert inside[0, 0].tolist() == pytest.approx([2.0, 0.0])
 
 
 def test_one_view_and_a_point_give_a_size_and_half_the_depth_half_of_it() -> None:
@@ -121,3 +128,21 @@ def test_unit_of_the_scene_has_no_part(unit: float) -> None:
     scaled = tuple(replace(view, translation=unit * view.translation) for view in views)
     other = fit_cuboid(box_edges(boxes, scaled, np.eye(3)), unit * MIDDLE, 0.0)
     assert other.extents / unit == pytest.approx(plain.extents, rel=1e-6)
+
+
+def test_problems_of_different_sizes_are_fitted_together_as_alone() -> None:
+    """One view with a point, ten views on a foot, and three views: the shorter ones are padded."""
+    ten = orbit(10, 3.0, 1.4)
+    outlines = [box_edges(_boxes(views), views, np.eye(3)) for views in (ten[:1], ten, ten[:3])]
+    offset = MIDDLE - ten[0].centre
+    depth = float(np.linalg.norm(offset))
+    point = PointRays(ten[0].centre[None], offset[None] / depth, np.array([depth]), np.array([0.01]))
+    problems = [
+        CuboidProblem(outlines[0], MIDDLE, 0.0, points=point),
+        CuboidProblem(outlines[1], MIDDLE, 0.0, foot=(0.0, 0.02)),
+        CuboidProblem(outlines[2], MIDDLE, 0.0, centre_sd=0.4),
+    ]
+    for cuboid, problem in zip(fit_cuboids(problems), problems, strict=True):
+        (alone,) = fit_cuboids([problem])
+        np.testing.assert_allclose(cuboid.extents, alone.extents, rtol=1e-6)
+        np.testing.assert_allclose(cuboid.covariance, alone.covariance, rtol=1e-4, atol=1e-9)

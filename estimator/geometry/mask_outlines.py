@@ -111,19 +111,18 @@ def outline_extents(
     by_view: dict[int, list[int]] = defaultdict(list)
     for row, instance in enumerate(instances):
         by_view[instance.view].append(row)
-    bottoms = [instance.origin[1] + instance.mask.shape[0] for instance in instances]
+    low = np.array([instance.origin for instance in instances], dtype=float).reshape(-1, 2)
+    high = low + np.array([instance.mask.shape[::-1] for instance in instances]).reshape(-1, 2)
+    reach = OCCLUDER_DISTANCE_PX + OCCLUDER_DISTANCE_FRACTION * np.linalg.norm(high - low, axis=1) + 1
     shape = (len(instances), len(DIRECTIONS))
     projections, sigma, is_free = np.zeros(shape), np.ones(shape), np.zeros(shape, dtype=bool)
-    for rows in by_view.values():
-        for row in rows:
-            occluders = []
-            for other in rows:
-                if np.isfinite(depths[other]) and np.isfinite(depths[row]):
-                    is_closer = bool(depths[other] < depths[row])
-                else:
-                    is_closer = bottoms[other] > bottoms[row]
-                if other != row and is_closer:
-                    occluders.append(instances[other])
+    for members in by_view.values():
+        rows = np.array(members)
+        for row in members:
+            has_depths = np.isfinite(depths[rows]) & np.isfinite(depths[row])
+            is_closer = np.where(has_depths, depths[rows] < depths[row], high[rows, 1] > high[row, 1])
+            is_near = (low[rows] < high[row] + reach[row]) & (high[rows] > low[row] - reach[row])
+            occluders = [instances[other] for other in rows[is_closer & is_near.all(axis=1)]]
             outline = _outline_extents(scene, instances[row], contours[row], occluders)
             projections[row], sigma[row], is_free[row] = outline
     return OutlineExtents(projections, sigma, is_free)

@@ -187,7 +187,7 @@ def estimate_scene(
     method = METHODS[options.method]
     is_invalid = any(problem.is_fatal for problem in problems)
     # An invalid scene may cause divisions by zero and infinities.
-    with np.errstate(all="ignore" if is_invalid else "warn"):
+    with np.errstate(all="ignore" if is_invalid else "warn", under="ignore"):
         measurements = measure_objects(scene, masks.instances, replace(method.measurement, up=options.up))
     x, y, z = measurements.up.vector.tolist()
     context = replace(

@@ -48,7 +48,7 @@ def run_step(words: Sequence[str], steps: Mapping[str, Callable[[Request], dict[
     step, file, parent, *seconds = words
     try:
         ctypes.CDLL(None, use_errno=True).prctl(_PARENT_DEATH_SIGNAL, signal.SIGKILL)
-    except (OSError, AttributeError):  # not Linux: an orphan continues in a part folder that the next run removes
+    except (OSError, AttributeError, TypeError):  # not Linux: an orphan continues in a part folder that the next run removes
         pass
     else:
         if os.getppid() != int(parent):  # the parent was killed before the line above

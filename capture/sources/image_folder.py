@@ -9,6 +9,7 @@ from pathlib import Path
 
 import numpy as np
 
+from capture.sources.lens_metadata import FOCAL_RANGE_35MM
 from capture.sources.video import VideoFrame
 from metric_base.errors import InputError, Unquoted
 from metric_base.images import read_picture
@@ -20,8 +21,6 @@ PICTURE_SUFFIXES = frozenset({".jpg", ".jpeg", ".png", ".tif", ".tiff", ".bmp", 
 FOREIGN_SUFFIXES = frozenset({".heic", ".heif", ".dng", ".cr2", ".nef", ".arw", ".avif", ".jxl"})
 #: Diagonal in millimetres of the 35 mm frame that EXIF's equivalent focal length refers to (CIPA DCG-001).
 DIAGONAL_35MM = 43.2666
-#: Range in millimetres of equivalent focal lengths that are used.
-FOCAL_RANGE_35MM = (5.0, 1000.0)
 _EXIF_IFD, _FOCAL_35MM, _ORIENTATION = 0x8769, 0xA405, 0x0112
 
 
@@ -63,7 +62,6 @@ class ImageFolder:
 
     turned_deg = 0
     hdr: str | None = None
-    rate = 0.0
 
     def __init__(self, path: Path) -> None:
         self.path = path

@@ -130,7 +130,7 @@ class _Batch:
     )
 
     def take(self, rows: IntArray) -> _Batch:
-        """Return some of the fits."""
+        """Return the fits of some `rows` (k,)."""
         return _Batch(*(getattr(self, field.name)[rows] for field in fields(self)))
 
 

@@ -48,8 +48,8 @@ def run_step(words: Sequence[str], steps: Mapping[str, Callable[[Request], dict[
     step, file, parent, *seconds = words
     try:
         ctypes.CDLL(None, use_errno=True).prctl(_PARENT_DEATH_SIGNAL, signal.SIGKILL)
-    except (OSError, AttributeError, TypeError):  # not Linux: an orphan continues in a part folder that the next run removes
-        pass
+    except (OSError, AttributeError, TypeError):
+        pass  # not Linux: an orphan continues in a part folder that the next run removes
     else:
         if os.getppid() != int(parent):  # the parent was killed before the line above
             sys.exit(1)

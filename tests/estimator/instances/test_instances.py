@@ -333,7 +333,8 @@ def test_a_stated_folder_of_images_comes_first_and_exists(tmp_path: Path) -> Non
     usual, stated = tmp_path / "scene" / "images", tmp_path / "elsewhere"
     usual.mkdir(parents=True)
     stated.mkdir()
-    assert image_folders(scene) == (usual.resolve(),)
-    assert image_folders(scene, stated) == (stated.resolve(), usual.resolve())
+    itself = scene.path.resolve()
+    assert image_folders(scene) == (usual.resolve(), itself)
+    assert image_folders(scene, stated) == (stated.resolve(), usual.resolve(), itself)
     with pytest.raises(InputError, match="--images: expected a folder, found nothing"):
         image_folders(scene, tmp_path / "nowhere")

@@ -39,7 +39,7 @@ NOT_RUN = {
     r"^pip install ": "reads the package index; `make release-check` installs the wheel",
     r"^make ": "sets up the repository, or runs all tests",
     r"^docker ": "needs Docker",
-    r"^metric-tree serve$": "does not end; its addresses are requested below",
+    r"^metric-tree serve( |$)": "does not end; its addresses are requested below",
     r"^curl ": "its address is requested below",
     r"^metric-tree crawl ": "needs a site; tests/crawler/fetch/test_crawl.py runs crawls of a site on this machine",
     r"^metric-tree build (data/raw|crawls/ikea|raw crawls/ikea|CRAWL)": "tests/end_to_end/test_pictures.py runs it",

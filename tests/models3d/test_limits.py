@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+import csv
 import json
 import zipfile
+from collections.abc import Iterator
 from pathlib import Path
 
 import numpy as np
@@ -137,6 +139,15 @@ def test_odd_row_of_a_table_does_not_stop_the_rows_after_it(
     assert "boxes.csv:3: wrong unit" in out
 
 
+@pytest.fixture
+def usual_field_limit() -> Iterator[None]:
+    """Python's limit of a field of a CSV table, which the importers of data sets raise."""
+    before = csv.field_size_limit(131_072)
+    yield
+    csv.field_size_limit(before)
+
+
+@pytest.mark.usefixtures("usual_field_limit")
 def test_field_of_a_table_that_no_reader_holds_is_named(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     table = tmp_path / "boxes.csv"
     table.write_text(f"name,x,y,z\nchair,0.5,0.9,0.5\n{'a' * 200_000},1,1,1\n", encoding="utf-8")

@@ -46,7 +46,7 @@ def test_stuff_needs_no_prior():
     sky = next(label for label in vocabulary("ade20k_150") if label.label == "sky")
     assert not sky.needs_prior
     assert sky.reason == STUFF
-    with pytest.raises(UnknownLabel, match="has no size: stuff"):
+    with pytest.raises(UnknownLabel, match="has no size of its own: stuff"):
         labelled_node("sky", "ade20k_150")
 
 

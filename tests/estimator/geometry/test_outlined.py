@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 from estimator.geometry import outline_measurement
-from estimator.geometry.cuboid_fit import Cuboid
+from estimator.geometry.cuboid_fit import Cuboid, CuboidProblem
 from estimator.geometry.mask_outlines import OutlineExtents, mask_contour, outline_extents
 from estimator.geometry.outline_measurement import (
     LEVEL_TOP,
@@ -194,14 +194,14 @@ def test_the_error_of_boxes_is_that_of_their_fit_and_of_objects_that_are_no_cubo
     monkeypatch: pytest.MonkeyPatch, misfit: float, factor: float
 ) -> None:
     """2.2 deviations of the fit, whose covariance contains a misfit of 1 or more; a misfit is at least a half."""
-    given = {}
+    given: list[CuboidProblem] = []
     cuboid = Cuboid(np.zeros(3), 0.0, np.array([0.9, 0.6, 1.1]), np.diag([0.01, 0.02, 0.03]), misfit)
 
-    def fit(_: object, centre: np.ndarray, *more: object, centre_sd: float) -> Cuboid:
-        given.update(centre=centre, foot=more[1], centre_sd=centre_sd)
-        return cuboid
+    def fit(problems: list[CuboidProblem]) -> list[Cuboid]:
+        given.extend(problems)
+        return [cuboid for _ in problems]
 
-    monkeypatch.setattr(outline_measurement, "fit_cuboid", fit)
+    monkeypatch.setattr(outline_measurement, "fit_cuboids", fit)
     mask = Instance("1", 0, "chair", np.ones((2, 2), dtype=bool), (0, 0), from_box=True)
     points = np.array([[0.0, 0.0, 1.0], [1.0, 2.0, 3.0], [9.0, 9.0, 9.0]])
     data = SimpleNamespace(
@@ -215,9 +215,10 @@ def test_the_error_of_boxes_is_that_of_their_fit_and_of_objects_that_are_no_cubo
         "1", "chair", seen, np.full(3, 0.1), members=(0,), cloud="sparse", point_rows=np.arange(3),
         box=Box(np.array([0.0, 0.0, 2.0]), np.eye(3), seen), unsupported_height=0.7,
     )  # fmt: skip
-    found = outline_measurement.measure_by_outlines(item, data)  # type: ignore[arg-type]
+    (found,) = outline_measurement.measured_by_outlines([item], data)  # type: ignore[arg-type]
+    (problem,) = given
     deviations = 2.2 * factor * np.sqrt([0.01, 0.02, 0.03])
     assert found.sigma == pytest.approx(np.hypot(deviations, [0.09, 0.13, 0.06]))
-    assert given["centre"] == pytest.approx([1.0, 2.0, 3.0])
-    assert given["foot"] == pytest.approx((1.6, 0.03 * 0.8))
-    assert given["centre_sd"] == pytest.approx(0.5 * np.sqrt(0.8))
+    assert problem.centre == pytest.approx([1.0, 2.0, 3.0])
+    assert problem.foot == pytest.approx((1.6, 0.03 * 0.8))
+    assert problem.centre_sd == pytest.approx(0.5 * np.sqrt(0.8))

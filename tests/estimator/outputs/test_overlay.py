@@ -120,7 +120,7 @@ def test_a_scene_without_pictures_is_one_line(folder: Path, tmp_path: Path) -> N
     for file in folder.glob("*"):
         if file.is_file():
             (tmp_path / file.name).write_bytes(file.read_bytes())
-    with pytest.raises(InputError, match="no folder `images`"):
+    with pytest.raises(InputError, match="--overlay: expected the images of the views"):
         write_overlays(drawn_estimate(tmp_path), tmp_path / "overlay")
     assert not (tmp_path / "overlay").exists()
 

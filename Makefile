@@ -33,7 +33,7 @@ demo-video: .venv/.insert ## a shipped video: its reconstruction, its scale by i
 	@echo "video: out/demo_video.mp4; what it is of: data/scenes/walk_carpark/README.md"
 
 test: system check ## lint, types and all tests
-	$(BIN)/python -m pytest -n 3 --dist loadfile --no-loadscope-reorder
+	$(BIN)/python -m pytest -n 4 --dist loadfile --no-loadscope-reorder
 
 # P is a package, or nothing for all of them.
 P ?=

@@ -18,8 +18,8 @@ from metric_base.errors import InputError, Unquoted
 MAX_PIXELS = 1 << 28
 #: Maximum size of a file in bytes.
 MAX_BYTES = 1 << 30
-#: EXIF: the tag of the GPS directory.
-_GPS_TAGS = 0x8825
+#: EXIF: the tags of the directories of the photograph and of GPS.
+_PHOTO_TAGS, _GPS_TAGS = 0x8769, 0x8825
 
 # OpenCV reads these variables when it is loaded: the maximum size, and no messages about damaged files
 os.environ.setdefault("OPENCV_IO_MAX_IMAGE_PIXELS", str(MAX_PIXELS))
@@ -48,30 +48,33 @@ def decode_picture(data: bytes | NDArray[np.uint8], flags: int) -> NDArray[Any] 
 
 
 class ImageHeader(NamedTuple):
-    """Size of an image file, and its EXIF tags by their numbers."""
+    """Format and size of an image file, and the tags of its EXIF directories by their numbers."""
 
+    format: str  #: Name in Pillow, such as "JPEG".
     width: int
     height: int
     tags: dict[int, Any]
+    photo_tags: dict[int, Any]
     gps_tags: dict[int, Any]
 
 
 def image_header(file: Path) -> ImageHeader | None:
-    """Return size and EXIF tags of an image without its pixels; None if the file is no image or has too many pixels.
+    """Return format, size and EXIF tags of an image, without its pixels; None if it is no image or has too many pixels.
 
     Tags that cannot be read are omitted. The values are those of Pillow, and may be of any type and length.
     """
     from PIL import Image
 
     Image.MAX_IMAGE_PIXELS = MAX_PIXELS // 2  # Pillow refuses images of more than twice this number
-    tags, gps_tags = dict[int, Any](), dict[int, Any]()
+    tags, photo_tags, gps_tags = dict[int, Any](), dict[int, Any](), dict[int, Any]()
     try:
         with warnings.catch_warnings(action="ignore"), Image.open(file) as image:
             with suppress(Exception):
                 exif = image.getexif()
                 tags |= exif
+                photo_tags |= exif.get_ifd(_PHOTO_TAGS)
                 gps_tags |= exif.get_ifd(_GPS_TAGS)
-            return ImageHeader(image.width, image.height, tags, gps_tags)
+            return ImageHeader(image.format or "", image.width, image.height, tags, photo_tags, gps_tags)
     except Exception:  # noqa: BLE001 - Pillow raises unrelated types for damaged files
         return None
 

@@ -12,7 +12,7 @@ import numpy as np
 from capture.sources.lens_metadata import FOCAL_RANGE_35MM
 from capture.sources.video import VideoFrame
 from metric_base.errors import InputError, Unquoted
-from metric_base.images import read_picture
+from metric_base.images import image_header, read_picture
 from metric_base.input_files import folder_entries
 
 #: Suffixes of images that OpenCV and COLMAP read.
@@ -21,7 +21,7 @@ PICTURE_SUFFIXES = frozenset({".jpg", ".jpeg", ".png", ".tif", ".tiff", ".bmp", 
 FOREIGN_SUFFIXES = frozenset({".heic", ".heif", ".dng", ".cr2", ".nef", ".arw", ".avif", ".jxl"})
 #: Diagonal in millimetres of the 35 mm frame that EXIF's equivalent focal length refers to (CIPA DCG-001).
 DIAGONAL_35MM = 43.2666
-_EXIF_IFD, _FOCAL_35MM, _ORIENTATION = 0x8769, 0xA405, 0x0112
+_FOCAL_35MM, _ORIENTATION = 0xA405, 0x0112
 
 
 def image_files(folder: Path) -> list[Path]:
@@ -89,21 +89,16 @@ class ImageFolder:
 
 def _described(file: Path) -> tuple[int, int, float | None, bool]:
     """Return width, height and focal length in pixels of an upright image, and whether it is a JPEG that is upright."""
-    from PIL import Image, UnidentifiedImageError
-
-    try:
-        with Image.open(file) as image:
-            exif = image.getexif()
-            width, height = image.size
-            is_jpeg = image.format == "JPEG"
-    except (UnidentifiedImageError, OSError, ValueError, Image.DecompressionBombError) as error:
-        raise InputError.at(file, "image", "an image that can be read", Unquoted(type(error).__name__)) from None
-    orientation = exif.get(_ORIENTATION, 1)
+    header = image_header(file)
+    if header is None:
+        raise InputError.at(file, "image", "an image that can be read", Unquoted("something else"))
+    width, height = header.width, header.height
+    orientation = header.tags.get(_ORIENTATION, 1)
     if orientation in (5, 6, 7, 8):
         width, height = height, width
     focal_px = None
     with contextlib.suppress(TypeError, ValueError):
-        millimetres = float(exif.get_ifd(_EXIF_IFD).get(_FOCAL_35MM, ""))
+        millimetres = float(header.photo_tags.get(_FOCAL_35MM, ""))
         if FOCAL_RANGE_35MM[0] < millimetres < FOCAL_RANGE_35MM[1]:
             focal_px = millimetres / DIAGONAL_35MM * float(np.hypot(width, height))
-    return width, height, focal_px, is_jpeg and orientation == 1
+    return width, height, focal_px, header.format == "JPEG" and orientation == 1

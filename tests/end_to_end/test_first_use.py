@@ -149,4 +149,4 @@ def test_gps_of_the_images_is_used_without_an_option(here: Path, capsys: pytest.
     walk = synthetic_walk(here / "hall", scale=HALL_SCALE)
     write_export(walk.scene, "nerfstudio", here / "hall")
     write_exif(walk, 1.0)
-    scale("estimate-scale hall", capsys)
+    assert scale("estimate-scale hall", capsys) == pytest.approx(HALL_SCALE, rel=0.05)

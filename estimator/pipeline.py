@@ -23,6 +23,7 @@ from estimator.records.options import PAPER, EstimateOptions, MeasurementOptions
 from estimator.records.result import ResultContext, ScaleEvidence, ScaleResult, SceneEstimate, UpReport
 from estimator.records.scene import Instance, InstanceSet, Scene, SceneProblem
 from estimator.results.estimate import scale_of_objects
+from metric_base.arrays import IntArray
 from metric_base.errors import InputError
 from metric_base.progress import stopwatch
 from metric_tree.context import Where, where_of
@@ -32,6 +33,10 @@ if TYPE_CHECKING:
     from estimator.detectors.detector import Detector
     from estimator.evidence.source import EvidenceSource
     from estimator.records.objects import Measurements
+
+
+#: Minimum fraction of the views in a group that shares no point with the others and needs a scale of its own.
+MIN_GROUP_FRACTION = 0.1
 
 
 @dataclass(frozen=True, slots=True)
@@ -165,7 +170,7 @@ def estimate_scene(
     >>> estimate.result.status, len(estimate.measurements.objects) == len(estimate.result.objects)
     ('resolved', True)
     """
-    from estimator.reconstructions.model_checks import check_reconstruction
+    from estimator.reconstructions.model_checks import check_reconstruction, implied_distance_problem, view_groups
     from estimator.reconstructions.scene_reader import read_scene
 
     seconds: dict[str, float] = {}
@@ -200,7 +205,58 @@ def estimate_scene(
         observed = [row for item in sources for row in item.observe(scene, measurements)]
         options = replace(options, evidence=(*options.evidence, *observed))
     result = method.estimate(measurements.objects, tree, options, context)
+    groups = view_groups(scene)
+    if len(groups) > 1 and result.scale is not None:
+        contradiction = _contradiction_of_groups(scene, groups, masks, tree, options, sources)
+        if contradiction is not None:
+            # Without curve and scale, no output is drawn or scaled by a mixture of two scales.
+            problems = (*context.problems, contradiction)
+            result = method.estimate(measurements.objects, tree, options, replace(context, problems=problems))
+    implied = None if result.scale is None else implied_distance_problem(scene, result.scale)
+    if implied is not None:
+        result = replace(result, status="uncertain", warnings=(*result.warnings, f"uncertain: {implied.message}"))
     return SceneEstimate(result, scene, masks.instances, measurements)
+
+
+def _contradiction_of_groups(
+    scene: Scene,
+    groups: Sequence[IntArray],
+    masks: InstanceSet,
+    tree: Tree,
+    options: EstimateOptions,
+    sources: Sequence[EvidenceSource],
+) -> SceneProblem | None:
+    """Return a fatal problem unless the groups of views (k,), which share no point, have the same scale, each alone.
+
+    Small groups are ignored, because they hardly change the scale. Evidence that was not observed in the views of a
+    group states nothing about its scale.
+    """
+    from estimator.reconstructions.model_checks import scene_of_views
+
+    total = sum(map(len, groups))
+    results: list[tuple[int, ScaleResult]] = []
+    for rows in groups:
+        if len(rows) < MIN_GROUP_FRACTION * total:
+            continue
+        new_index = {int(row): index for index, row in enumerate(rows)}
+        kept = [replace(one, view=new_index[one.view]) for one in masks.instances if one.view in new_index]
+        part, alone = scene_of_views(scene, rows), replace(options, evidence=())
+        estimate = estimate_scene(part, tree, alone, instances=InstanceSet(tuple(kept)), sources=sources)
+        results.append((len(rows), estimate.result))
+    intervals = [result.interval for _, result in results]
+    best = [result.scale for _, result in results]
+    if all(
+        interval is not None and scale is not None and interval.low <= scale <= interval.high
+        for interval in intervals
+        for scale in best
+    ):
+        return None
+    scales = ", ".join(
+        f"{'unknown' if result.scale is None else format(result.scale, '.4g')} ({count} views)"
+        for count, result in results
+    )
+    message = f"the groups of views that share no point have different or unknown scales: {scales}; estimate each alone"
+    return SceneProblem(message, is_fatal=True)
 
 
 def estimate_objects(objects: Sequence[MeasuredObject], tree: Tree, options: EstimateOptions) -> ScaleResult:

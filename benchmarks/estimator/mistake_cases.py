@@ -1,4 +1,4 @@
-"""Input files of a scene with one of thirty user mistakes (`benchmarks.estimator.mistakes`)."""
+"""Input files of a scene with one of 43 user mistakes (`benchmarks.estimator.mistakes`)."""
 
 from __future__ import annotations
 
@@ -62,11 +62,12 @@ class Case:
     dataset: dict[str, Any] | None
     up: tuple[float, ...] | None = None
     positions: list[tuple[str, float, float, float]] = field(default_factory=list)
+    columns: tuple[str, str, str] = ("lat", "lon", "alt")  #: Header of the positions.
 
     def write_positions(self, file: Path) -> Path:
         """Write the positions as a table for `--gps`."""
         with file.open("w", newline="") as stream:
-            csv.writer(stream).writerows([("name", "lat", "lon", "alt"), *self.positions])
+            csv.writer(stream).writerows([("name", *self.columns), *self.positions])
         return file
 
 
@@ -258,6 +259,75 @@ def _with_positions(change: Callable[[FloatArray], FloatArray]) -> Callable[[Bas
     return case
 
 
+def _in_units(factor: float, second_axis: float = 1.0) -> Callable[[Base], Case]:
+    """Pass positions x, y, z of a local frame in another unit; horizontal axes are scaled by `second_axis` as well."""
+
+    def case(base: Base) -> Case:
+        lat, lon, alt = _positions(base).T
+        across = METRES_PER_DEGREE * np.cos(np.radians(base.place[0]))
+        metres = np.column_stack([(lon - lon[0]) * across, (lat - lat[0]) * METRES_PER_DEGREE, alt])
+        values = (factor * metres * [second_axis, second_axis, 1.0]).tolist()
+        names = [view.name for view in base.scene.views]
+        rows = [(name, x, y, z) for name, (x, y, z) in zip(names, values, strict=True)]
+        return Case(base.scene, None, positions=rows, columns=("x", "y", "z"))
+
+    return case
+
+
+def _degrees_and_minutes(positions: FloatArray) -> FloatArray:
+    """Return degrees with minutes after the decimal point, 48.30 for 48 degrees and 30 minutes."""
+    whole = np.floor(positions[:, :2])
+    return np.column_stack([whole + (positions[:, :2] - whole) * 0.6, positions[:, 2]])
+
+
+def _two_models(base: Base) -> Case:
+    """Split the views into two models that share no point; the second one is twice as large."""
+    views, n, half = [], len(base.scene.points), len(base.scene.views) // 2
+    for number, view in enumerate(base.scene.views):
+        factor, offset = (1, 0) if number < half else (2, n)
+        views.append(replace(view, translation=factor * view.translation, point_index=view.point_index + offset))
+    points = np.vstack([base.scene.points, 2 * base.scene.points])
+    tracked = [
+        replace(mask, track=None if mask.track is None else f"{mask.track}{mask.image in names}")
+        for names in [{view.name for view in base.scene.views[:half]}]
+        for mask in base.masks
+    ]
+    scene = replace(base.scene, views=tuple(views), points=points, dense=None)
+    return Case(scene, _dataset(base, masks=tracked))
+
+
+def _late_in_second_half(names: list[str]) -> list[str]:
+    half = len(names) // 2
+    return names[:half] + names[half + 2 :] + names[half : half + 2]
+
+
+def _resized(factor: float) -> Callable[[BoolArray], BoolArray]:
+    """Scale each mask about the centre of its box."""
+
+    def resized(pixels: BoolArray) -> BoolArray:
+        import cv2
+
+        x, y, w, h = _box(pixels)
+        cx, cy = x + w / 2, y + h / 2
+        matrix = np.array([[factor, 0, (1 - factor) * cx], [0, factor, (1 - factor) * cy]])
+        size = (pixels.shape[1], pixels.shape[0])
+        return np.asarray(cv2.warpAffine(pixels.astype(np.uint8), matrix, size, flags=cv2.INTER_NEAREST), dtype=bool)
+
+    return resized
+
+
+def _as_shape(is_circle: bool) -> Callable[[BoolArray], BoolArray]:
+    """Replace each mask by its box, or by the ellipse in its box."""
+
+    def shape(pixels: BoolArray) -> BoolArray:
+        x, y, w, h = _box(pixels)
+        rows, columns = np.indices(pixels.shape) + 0.5
+        u, v = (columns - x - w / 2) / (w / 2), (rows - y - h / 2) / (h / 2)
+        return np.asarray(u**2 + v**2 <= 1 if is_circle else np.maximum(abs(u), abs(v)) <= 1)
+
+    return shape
+
+
 def _stretched(positions: FloatArray, column: int, factor: float) -> FloatArray:
     stretched = positions.copy()
     stretched[:, column] = positions[0, column] + factor * (positions[:, column] - positions[0, column])
@@ -271,6 +341,7 @@ RIGHT: dict[str, Callable[[Base], Case]] = {
     "boxes": _with_boxes(lambda box: box),
     "up": _rotated_up(1.0),
     "positions": _with_positions(lambda positions: positions),
+    "positions in metres": _in_units(1.0),
 }
 
 MISTAKES: dict[str, Callable[[Base], Case]] = {
@@ -292,11 +363,19 @@ MISTAKES: dict[str, Callable[[Base], Case]] = {
     "pictures in reverse order": _with_images(lambda names: names[::-1]),
     "pictures mixed up": _with_images(lambda names: list(np.random.default_rng(2).permutation(names))),
     "masks grown by a fifth": _with_pixels(_dilated),
+    "masks enlarged by 1.3": _with_pixels(_resized(1.3)),
+    "masks shrunk to 0.6": _with_pixels(_resized(0.6)),
+    "boxes given as masks": _with_pixels(_as_shape(is_circle=False)),
+    "ellipses instead of masks": _with_pixels(_as_shape(is_circle=True)),
+    "masks two pictures off in the second half": _with_images(_late_in_second_half),
     "categories off by one": _with_names(lambda names: names[1:] + names[:1]),
     "categories off by three": _with_names(lambda names: names[3 % len(names) :] + names[: 3 % len(names)]),
     "all masks of a person": _with_names(lambda names: ["person"] * len(names)),
     "toys": _with_names(lambda names: [f"toy {name}" for name in names]),
     "pictures of the objects": _with_names(lambda names: [f"picture of {name}" for name in names]),
+    "categories in reverse order": _with_names(lambda names: names[::-1]),
+    "categories mixed up": _with_names(lambda names: list(np.random.default_rng(5).permutation(names))),
+    "two models of different scale": _two_models,
     "half of the categories exchanged": _with_names(_shuffled_half),
     "up turned by 60 degrees": _rotated_up(60.0),
     "pictures of another size": _half_images,
@@ -304,4 +383,9 @@ MISTAKES: dict[str, Callable[[Base], Case]] = {
     "altitudes doubled": _with_positions(lambda positions: _stretched(positions, 2, 2.0)),
     "longitudes stretched by 1.5": _with_positions(lambda positions: _stretched(positions, 1, 1.5)),
     "longitudes without their sign": _with_positions(lambda positions: positions * [1, -1, 1]),
+    "degrees and minutes": _with_positions(_degrees_and_minutes),
+    "positions in kilometres": _in_units(1e-3),
+    "positions in millimetres": _in_units(1e3),
+    "positions in feet": _in_units(3.2808),
+    "positions in Web Mercator": _in_units(1.0, second_axis=1 / np.cos(np.radians(48.0))),
 }  # fmt: skip

@@ -1,4 +1,4 @@
-"""Estimate the scale of ten scenes with each of thirty user mistakes, and count right, refused and wrong results.
+"""Estimate the scale of ten scenes with each of 43 user mistakes, and count right, refused and wrong results.
 
     python -m benchmarks.estimator.mistakes [--synthetic SEED] [--json FILE] [--scene WORDS]
 
@@ -79,7 +79,7 @@ def result_of(case: Case, tree: metric_tree.Tree) -> ScaleResult | str:
             file.write_text(json.dumps(case.dataset))
         try:
             masks = None if case.dataset is None else file
-            scene = replace(case.scene, path=Path(folder))  # the folder of the real scene contains masks
+            scene = replace(case.scene, path=Path(folder), model_path=None)  # the real folders contain masks
             return estimate_scene(scene, tree, EstimateOptions(up=case.up), instances=masks, sources=sources).result
         except InputError as error:
             return re.sub(r"\S*/(?=\w)", "", str(error))

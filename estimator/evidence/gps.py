@@ -8,7 +8,7 @@ direction (degrees used as metres, exchanged columns) or with another vertical.
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from contextlib import suppress
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -36,6 +36,12 @@ MAX_GAP_S = 1.0
 MAX_LOG_SD = 0.2
 #: Maximum absolute value of a coordinate in metres or degrees, for any origin on the earth.
 MAX_COORDINATE = 1e9
+#: Equatorial radius of the earth in metres (WGS 84).
+EARTH_RADIUS_M = 6_378_137.0
+#: Maximum deviation of a geocentric position from it: 0.34 % of the flattening, and aeroplanes.
+MAX_GEOCENTRIC_DEVIATION = 0.01
+#: Maximum coordinate in metres of a local frame; beyond it, the coordinates belong to a map projection.
+MAX_LOCAL_M = 1e5
 #: Maximum absolute latitude in degrees.
 POLE_DEG = 90.0
 #: Minimum ratio of the scales in two directions of the path, for stretched positions.
@@ -89,7 +95,11 @@ class Gps:
             return skipped_evidence(KIND, name, f"{len(positions)} views have a position, {MIN_POSITIONS} needed")
         centres = np.array([scene.views[row].centre for row in positions])
         up = measurements.up if geodetic else None
-        return position_evidence(KIND, name, centres, np.array(list(positions.values())), accuracy, up)
+        rows = position_evidence(KIND, name, centres, np.array(list(positions.values())), accuracy, up)
+        if self.source == "exif":
+            return rows
+        assumption = "taken as decimal degrees and metres" if geodetic else taken_as_metres(positions.values())
+        return tuple(row if row.scale is None else replace(row, assumption=assumption) for row in rows)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -118,6 +128,19 @@ def pictures_have_gps(scene: Scene, images: Path | None) -> bool:
     """Return whether any of a few images of the scene has a position."""
     probed = scene.views[:: max(1, len(scene.views) // N_PROBED_IMAGES)][:N_PROBED_IMAGES]
     return len(exif_positions(replace(scene, views=tuple(probed)), images)[0]) > 0
+
+
+def taken_as_metres(positions: Iterable[FloatArray]) -> str:
+    """Return the assumption about positions (3,) of a table in metres.
+
+    Web Mercator multiplies lengths by 1 / cos(latitude) = cosh(y / R).
+    """
+    x, y, z = np.median(list(positions), axis=0)
+    is_projected = max(abs(x), abs(y)) > MAX_LOCAL_M and abs(y) <= math.pi * EARTH_RADIUS_M
+    if not is_projected or abs(math.hypot(x, y, z) / EARTH_RADIUS_M - 1) < MAX_GEOCENTRIC_DEVIATION:
+        return "taken as metres"
+    factor = math.cosh(y / EARTH_RADIUS_M)
+    return f"taken as metres; in Web Mercator the scale would be {factor:.3g} times too large"
 
 
 def position_evidence(

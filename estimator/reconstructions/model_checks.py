@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from scipy.sparse import csr_array
@@ -10,6 +10,7 @@ from scipy.sparse.csgraph import connected_components
 
 from estimator.projection.cameras import project
 from estimator.records.scene import Scene, SceneProblem, camera_centres
+from metric_base.arrays import IntArray
 
 #: Maximum number of observations of a view that are evaluated; 1,000 determine a median to a few per cent.
 MAX_OBSERVATIONS = 1000
@@ -32,6 +33,9 @@ MAX_BEHIND = 0.2
 MAX_DEPTH_RATIO = 300.0
 #: Minimum number of views of a group; views without a common point with the others are ignored.
 MIN_GROUP_VIEWS = 2
+#: Range of the median distance in metres of the points from the cameras: from close-ups of toys to aerial images. A
+#: distance of 3 m becomes 0.003 m or 3,000 m if kilometres or millimetres are read as metres.
+MIN_DISTANCE_M, MAX_DISTANCE_M = 0.1, 1000.0
 #: Minimum distance of the cameras from their centre, relative to their distance from the points. With keypoints
 #: accurate to half a pixel and a focal length of 500 pixels, the error of depths is then 100 %.
 MIN_BASELINE_RATIO = 1e-3
@@ -96,22 +100,46 @@ def reprojection_statistics(scene: Scene) -> ReprojectionStatistics:
             ratios.append(float(np.quantile(ahead, 0.95) / np.quantile(ahead, 0.05)))
     all_errors, all_relative = np.concatenate(errors), np.concatenate(relative)
 
-    # Groups of views that are connected by points: a graph with a node for each view and each point.
-    n_views, rows = len(scene.views), [view.point_index for view in scene.views]
-    of_view = np.repeat(np.arange(n_views), [len(observed) for observed in rows])
-    of_point = n_views + np.concatenate([*rows, np.empty(0, dtype=np.int64)]).astype(np.int64)
-    size = n_views + len(scene.points)
-    graph = csr_array((np.ones(len(of_view), dtype=bool), (of_view, of_point)), shape=(size, size))
-    _, group = connected_components(graph, directed=False)
-    n_groups = int(np.sum(np.bincount(group[:n_views], minlength=1) >= MIN_GROUP_VIEWS))
-
     return ReprojectionStatistics(
         float(np.median(all_errors)) if len(all_errors) else np.nan,
         float(np.median(all_relative)) if len(all_relative) else np.nan,
         float(np.mean(all_relative > MAX_ERROR)) if len(all_relative) else np.nan,
         float(np.mean(np.concatenate(is_behind))) if len(is_behind) > 1 else np.nan,
         float(np.median(ratios)) if ratios else np.nan,
-        n_groups,
+        len(view_groups(scene)),
+    )
+
+
+def view_groups(scene: Scene) -> list[IntArray]:
+    """Return the indices (k,) of the views of each group that shares no point with the other groups."""
+    # A graph with a node for each view and each point.
+    n_views, rows = len(scene.views), [view.point_index for view in scene.views]
+    of_view = np.repeat(np.arange(n_views), [len(observed) for observed in rows])
+    of_point = n_views + np.concatenate([*rows, np.empty(0, dtype=np.int64)]).astype(np.int64)
+    size = n_views + len(scene.points)
+    graph = csr_array((np.ones(len(of_view), dtype=bool), (of_view, of_point)), shape=(size, size))
+    _, component = connected_components(graph, directed=False)
+    groups = [np.flatnonzero(component[:n_views] == index) for index in np.unique(component[:n_views])]
+    return [group for group in groups if len(group) >= MIN_GROUP_VIEWS]
+
+
+def scene_of_views(scene: Scene, rows: IntArray) -> Scene:
+    """Return the scene with the views `rows` (k,) and the points that they observe, without its dense cloud."""
+    kept = np.unique(np.concatenate([scene.views[row].point_index for row in rows]))
+    views = [scene.views[row] for row in rows]
+    views = [replace(view, point_index=np.searchsorted(kept, view.point_index)) for view in views]
+    return replace(scene, views=tuple(views), points=scene.points[kept], dense=None)
+
+
+def implied_distance_problem(scene: Scene, metres_per_unit: float) -> SceneProblem | None:
+    """Return a problem if a scale implies an implausible median distance of the observed points from the cameras."""
+    depths = [view.to_camera(scene.points[view.point_index])[:, 2] for view in scene.views if len(view.point_index)]
+    metres = metres_per_unit * float(np.median([np.median(depth) for depth in depths])) if depths else 1.0
+    if MIN_DISTANCE_M <= metres <= MAX_DISTANCE_M:
+        return None
+    expected = f"{MIN_DISTANCE_M:g} to {MAX_DISTANCE_M:g} m are usual"
+    return SceneProblem(
+        f"the scale implies that the cameras are {metres:.3g} m from the points, {expected}: wrong units?"
     )
 
 

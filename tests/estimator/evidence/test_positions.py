@@ -38,6 +38,20 @@ def test_positions_in_degrees(walk: Walk, nothing: Measurements, tmp_path: Path)
     assert one(Gps(file).observe(walk.scene, nothing)).scale == pytest.approx(walk.scale, rel=0.006)
 
 
+def test_the_unit_of_positions_is_stated_as_an_assumption(walk: Walk, nothing: Measurements, tmp_path: Path) -> None:
+    """Web Mercator at 48 degrees north multiplies lengths by 1.494; coordinates up to 100 km are local."""
+    for offset, words in (
+        ([0, 0, 0], "taken as metres"),
+        ([99e3, 0, 0], "taken as metres"),
+        ([1_224_514, 6_106_855, 0], "taken as metres; in Web Mercator the scale would be 1.49 times too large"),
+        ([4_176_000, 857_000, 4_727_000], "taken as metres"),  # geocentric
+    ):
+        file = position_table(tmp_path / "path.csv", walk.scene, walk.metres + offset, "x y z")
+        assert one(Gps(file).observe(walk.scene, nothing)).assumption == words
+    file = position_table(tmp_path / "path.csv", walk.scene, degrees_of(walk.metres), "lat lon alt")
+    assert one(Gps(file).observe(walk.scene, nothing)).assumption == "taken as decimal degrees and metres"
+
+
 def test_positions_too_rough_for_their_path_are_mute(walk: Walk, nothing: Measurements, tmp_path: Path) -> None:
     rough = walk.metres + np.random.default_rng(1).normal(0, 4.0, walk.metres.shape)
     row = one(Gps(position_table(tmp_path / "path.csv", walk.scene, rough, "x y z")).observe(walk.scene, nothing))

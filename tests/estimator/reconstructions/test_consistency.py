@@ -8,9 +8,13 @@ import pytest
 from estimator import estimate_scale
 from estimator.reconstructions.model_checks import (
     ReprojectionStatistics,
+    implied_distance_problem,
     reprojection_problems,
     reprojection_statistics,
 )
+from tests.synthetic.rooms.furnish import furnished_room
+from tests.synthetic.rooms.kinds import KINDS
+from tests.synthetic.rooms.quick import quick_scene
 from tests.synthetic.shapes import box, floor, orbit, synthetic_scene
 
 
@@ -25,6 +29,11 @@ def good_scene():
     objects = [floor(4), box("chair", (0.6, 0.4, 0.8), (0, 0, 0))]
     synthetic = synthetic_scene(objects, orbit(5, 2.5, 1.4, size=(200, 150), focal=160.0), dense=400, sparse=400)
     return synthetic.scene, synthetic.instances
+
+
+@pytest.fixture(scope="module")
+def room():
+    return quick_scene(furnished_room(next(iter(KINDS)), 40), seed=40, dense_a_frame=0)
 
 
 def shaken(scene, pixels):
@@ -109,6 +118,36 @@ def test_groups_of_views_without_a_common_point_are_doubted(good):
     parted = reprojection_statistics(replace(good, views=tuple(views)))
     assert parted.groups == 2
     assert any("2 groups" in problem.message and not problem.is_fatal for problem in reprojection_problems(parted))
+
+
+@pytest.mark.parametrize(("factor", "status"), [(1.0, "resolved"), (2.0, "unresolved")])
+def test_two_models_in_one_scene_need_the_same_scale(room, factor: float, status: str) -> None:
+    """The second half of the views is a separate model, `factor` times as large."""
+    n, half = len(room.scene.points), len(room.scene.views) // 2
+    views = [
+        replace(view, translation=view.translation * (1 if number < half else factor), point_index=view.point_index + n)
+        if number >= half
+        else view
+        for number, view in enumerate(room.scene.views)
+    ]
+    points = np.vstack([room.scene.points, factor * room.scene.points])
+    instances = [replace(one, track=None) for one in room.instances]
+    result = estimate_scale(replace(room.scene, views=tuple(views), points=points, dense=None), instances)
+    assert result.status == status
+    if status == "unresolved":
+        assert result.scale is None
+        assert any("different or unknown scales" in line for line in result.warnings)
+    else:
+        assert result.scale == pytest.approx(room.truth.metres_per_unit, rel=0.15)
+
+
+@pytest.mark.parametrize(
+    ("metres", "is_plausible"), [(0.09, False), (0.11, True), (3.0, True), (990.0, True), (1010.0, False)]
+)
+def test_a_scale_implies_the_distance_of_the_cameras(good, metres: float, is_plausible: bool) -> None:
+    depths = [np.median(view.to_camera(good.points[view.point_index])[:, 2]) for view in good.views]
+    problem = implied_distance_problem(good, metres / float(np.median(depths)))
+    assert (problem is None) == is_plausible
 
 
 GOOD = ReprojectionStatistics(0.3, 3e-4, 0.0, 0.0, 5.0, 1)

@@ -9,11 +9,16 @@ import numpy as np
 import pytest
 
 import metric_tree
-from estimator.posterior.posterior import posterior
+from estimator.posterior.posterior import Posterior, posterior
 from estimator.records.objects import MeasuredObject
 from estimator.records.options import EstimateOptions
-from estimator.records.result import ScaleEvidence, ScaleResult
-from estimator.results.estimate import known_length_conflict, scale_of_objects, single_category_reason
+from estimator.records.result import Mode, ScaleEvidence, ScaleResult
+from estimator.results.estimate import (
+    disagreement,
+    known_length_conflict,
+    scale_of_objects,
+    single_category_reason,
+)
 from metric_tree.tree import Tree
 from tests.synthetic.priors import evidence, prior
 
@@ -219,3 +224,53 @@ def test_evidence_is_an_outlier_if_it_is_more_probably_wrong_than_right(scale: f
     assert row.verdict == outcome
     assert (row.weight >= 0.5) == (outcome == "used")
     assert 0.3 < row.weight < 0.7
+
+
+def with_own_scales(own: list[float], outliers: int) -> Posterior:
+    """Return a posterior at scale 1 with the given scales of single objects, of which the last are outliers."""
+    items = [evidence(prior("cube", [(1000.0, 1000.0, 1000.0)]), (1.0, 1.0, 1.0))]
+    weight = np.array([1.0] * (len(own) - outliers) + [0.0] * outliers)
+    best = Mode(1.0, 1.0)
+    return replace(posterior(items), modes=(best,), own_scale=np.array(own), weight=weight)
+
+
+@pytest.mark.parametrize(
+    ("own", "is_doubtful"),
+    [
+        ([1.0] * 6 + [0.3, 0.5, 2.0, 4.0], False),  # 40 % of the objects
+        ([1.0] * 5 + [0.3, 0.5, 2.0, 4.0], True),  # 44 %
+        ([1.0] * 2 + [1.59, 1 / 1.59, 1.59], False),
+        ([1.0] * 2 + [1.61, 1 / 1.61, 1.61], True),
+        ([1.0, 3.0], False),  # two objects: the interval shows their contradiction
+    ],
+)
+def test_objects_with_distant_scales_make_a_scale_uncertain(own: list[float], is_doubtful: bool) -> None:
+    modes, reason = disagreement(with_own_scales(own, 0))
+    assert (reason is not None) == is_doubtful
+    assert len(modes) == 1
+
+
+@pytest.mark.parametrize(
+    ("full_size", "models", "is_stated"),
+    [
+        (12, [1 / 12] * 3, True),  # 20 % of the objects
+        (13, [1 / 12] * 3, False),
+        (3, [1 / 12] * 2, False),
+        (4, [0.05, 0.06, 0.0695], True),  # within a factor of 1.4
+        (9, [0.05, 0.06, 0.0705], False),
+        (9, [0.7, 0.71, 0.72], False),  # close to the scale
+    ],
+)
+def test_outliers_that_agree_are_a_second_mode(full_size: int, models: list[float], is_stated: bool) -> None:
+    modes, reason = disagreement(with_own_scales([1.0] * full_size + models, len(models)))
+    assert (reason is not None and "agree on another scale" in reason) == is_stated
+    if is_stated:
+        assert modes[1].scale == pytest.approx(float(np.median(models)))
+
+
+def test_model_cars_among_furniture_leave_the_scale_uncertain(mini: Tree) -> None:
+    """Stools at 1:12 and chairs at full size: both scales are stated."""
+    small = tuple(side / 12 for side in STOOL)
+    result = answer(mini, None, *[("swivel chair", CHAIR)] * 6, *[("bar stool", small)] * 3)
+    assert result.status == "uncertain"
+    assert [round(mode.scale, 1) for mode in result.modes] == [0.5, 6.0]

@@ -62,7 +62,7 @@ class ScaleEvidence:
     sd_log: float | None  #: Standard deviation of its natural log; None with a reason.
     doubt: float = DOUBT  #: Probability that it is wrong, 0 if the user states it as certain.
     reason: str | None = None
-    assumption: str | None = None  #: Assumption about its unit, which nothing else confirms.
+    assumption: str | None = None  #: Assumption about its unit, stated if no object confirms it.
 
     def __post_init__(self) -> None:
         if (self.scale is None or self.sd_log is None) != (self.reason is not None):

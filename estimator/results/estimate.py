@@ -299,7 +299,7 @@ def _evidence_reports(
         if item.scale is None or estimate is None:
             reports.append(EvidenceReport(item.kind, item.id, None, None, 0.0, "skipped", item.reason))
             continue
-        weight, reason = next(weights), item.assumption
+        weight, reason = next(weights), None if len(estimate.weight) else item.assumption
         if item.doubt == 0 and conflict is not None and not conflict.low <= item.scale <= conflict.high:
             reason = f"the scale by the objects is {conflict.low:.4g} to {conflict.high:.4g}"
         outcome: Verdict = "used"

@@ -18,9 +18,13 @@ from estimator.evidence.alignment import align
 from estimator.evidence.gps import Gps, east_north_up, position_evidence
 from estimator.evidence.markers import Marker
 from estimator.geometry.vertical import OBSERVED_METHODS
-from estimator.records.objects import Measurements, Up
+from estimator.records.objects import MeasuredObject, Measurements, Up
+from estimator.records.options import EstimateOptions
+from estimator.records.result import ScaleEvidence
+from estimator.results.estimate import scale_of_objects
 from metric_base.arrays import FloatArray
 from metric_base.errors import InputError
+from metric_tree.tree import Tree
 from tests.synthetic.evidence import degrees_of, one, position_table, write_exif
 from tests.synthetic.walk import Walk
 
@@ -258,3 +262,12 @@ def test_a_latitude_is_at_most_90_degrees_and_a_coordinate_a_million_kilometres(
     else:
         with pytest.raises(InputError, match=words):
             Gps(file).observe(walk.scene, nothing)
+
+
+def test_an_assumption_is_reported_if_no_object_confirms_it(mini: Tree) -> None:
+    positions = ScaleEvidence("gps", "path.csv", 0.5, 0.02, assumption="taken as metres")
+    alone = scale_of_objects([], mini, EstimateOptions(evidence=(positions,)))
+    assert (alone.evidence[0].verdict, alone.evidence[0].reason) == ("used", "taken as metres")
+    chair = MeasuredObject("1", "swivel chair", np.array([1.24, 1.20, 2.10]), np.full(3, 0.03))
+    confirmed = scale_of_objects([chair], mini, EstimateOptions(evidence=(positions,)))
+    assert (confirmed.evidence[0].verdict, confirmed.evidence[0].reason) == ("used", None)

@@ -1,4 +1,4 @@
-"""Masks that are larger than their objects, by the points of their rims."""
+"""Masks that are larger or smaller than their objects, by the points near their borders."""
 
 from dataclasses import replace
 
@@ -6,7 +6,7 @@ import cv2
 import numpy as np
 import pytest
 
-from estimator.association.mask_checks import rim_agreement, rim_warnings
+from estimator.association.mask_checks import continuity_warnings, depth_continuity, rim_agreement, rim_warnings
 from estimator.association.point_labels import sparse_labels
 from estimator.association.tracks import shared_tracks
 from tests.synthetic.rooms.furnish import furnished_room
@@ -22,6 +22,11 @@ def wider(mask, pixels):
 @pytest.fixture(scope="module")
 def room():
     return quick_scene(furnished_room("kitchen", 44), seed=44, dense_a_frame=0)
+
+
+@pytest.fixture(scope="module")
+def sitting_room():
+    return quick_scene(furnished_room("sitting room", 45), seed=45, dense_a_frame=0)
 
 
 @pytest.mark.parametrize(("share", "doubtful"), [(0.0, False), (0.02, False), (0.1, True)])
@@ -54,3 +59,27 @@ def test_boxes_and_lone_masks_say_nothing(room):
 )
 def test_both_sides_of_the_thresholds_of_the_rims(inside, outside, doubtful):
     assert len(rim_warnings((inside, outside))) == doubtful
+
+
+@pytest.mark.parametrize(("share", "doubtful"), [(0.0, False), (0.02, False), (0.2, True)])
+def test_masks_that_end_inside_of_their_objects_are_doubtful(sitting_room, share, doubtful):
+    """Masks eroded by a fifth of their size on each side."""
+    masks = []
+    for mask in sitting_room.instances:
+        pixels = round(share * np.sqrt(mask.mask.sum()))
+        padded = np.pad(mask.mask, pixels + 1).astype(np.uint8)
+        eroded = cv2.erode(padded, np.ones((2 * pixels + 1,) * 2, np.uint8)) > 0
+        if eroded.any():
+            masks.append(replace(mask, mask=eroded, origin=tuple(edge - pixels - 1 for edge in mask.origin)))
+    scene = sitting_room.scene
+    problems = continuity_warnings(depth_continuity(scene.views, scene.points, masks))
+    assert len(problems) == doubtful
+    if doubtful:
+        assert "smaller than their objects" in problems[0].message
+    boxes = [replace(mask, from_box=True) for mask in masks]
+    assert np.isnan(depth_continuity(scene.views, scene.points, boxes))
+
+
+@pytest.mark.parametrize(("continuity", "doubtful"), [(0.69, False), (0.71, True), (np.nan, False)])
+def test_both_sides_of_the_threshold_of_the_continuity(continuity, doubtful):
+    assert len(continuity_warnings(continuity)) == doubtful

@@ -1,4 +1,4 @@
-"""Input files of a scene with one of 43 user mistakes (`benchmarks.estimator.mistakes`)."""
+"""Input files of a scene with one of 45 user mistakes (`benchmarks.estimator.mistakes`)."""
 
 from __future__ import annotations
 
@@ -63,6 +63,7 @@ class Case:
     up: tuple[float, ...] | None = None
     positions: list[tuple[str, float, float, float]] = field(default_factory=list)
     columns: tuple[str, str, str] = ("lat", "lon", "alt")  #: Header of the positions.
+    models: float = 0.0  #: Fraction of the measured objects that are replaced by models at 1:24.
 
     def write_positions(self, file: Path) -> Path:
         """Write the positions as a table for `--gps`."""
@@ -376,6 +377,8 @@ MISTAKES: dict[str, Callable[[Base], Case]] = {
     "categories in reverse order": _with_names(lambda names: names[::-1]),
     "categories mixed up": _with_names(lambda names: list(np.random.default_rng(5).permutation(names))),
     "two models of different scale": _two_models,
+    "a quarter of the objects are models": lambda base: Case(base.scene, _dataset(base), models=0.25),
+    "most objects are models": lambda base: Case(base.scene, _dataset(base), models=0.75),
     "half of the categories exchanged": _with_names(_shuffled_half),
     "up turned by 60 degrees": _rotated_up(60.0),
     "pictures of another size": _half_images,

@@ -1,4 +1,4 @@
-"""Estimate the scale of ten scenes with each of 43 user mistakes, and count right, refused and wrong results.
+"""Estimate the scale of ten scenes with each of 45 user mistakes, and count right, refused and wrong results.
 
     python -m benchmarks.estimator.mistakes [--synthetic SEED] [--json FILE] [--scene WORDS]
 
@@ -19,6 +19,8 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
+import numpy as np
+
 import metric_tree
 from benchmarks.common import ROOT, SHARED, options_parser, print_rows
 from benchmarks.estimator.mistake_cases import MISTAKES, MUNICH, RIGHT, SEOUL, Base, Case, masks_of
@@ -28,6 +30,7 @@ from estimator.pipeline import estimate_scene
 from estimator.reconstructions.scene_reader import read_scene
 from estimator.records.options import EstimateOptions
 from estimator.records.result import ScaleResult
+from estimator.results.estimate import scale_of_objects
 from metric_base.errors import InputError
 from tests.synthetic.rooms.furnish import furnished_room
 from tests.synthetic.rooms.kinds import KINDS
@@ -39,6 +42,8 @@ INTERNAL = "internal error"
 OUTCOMES = ("wrong and silent", "wrong with a warning", INTERNAL, "refused", "right")
 #: Factor of the uncertainty of a true scale if `truth.json` does not state one.
 TOLERANCE = 1.02
+#: Ratio of the size of an object to that of its model, of toy cars and dolls' houses.
+MODEL_RATIO = 24.0
 #: Number of dense points per frame. Without them the outcomes are equal and the benchmark is faster.
 DENSE_POINTS = 0
 
@@ -80,7 +85,14 @@ def result_of(case: Case, tree: metric_tree.Tree) -> ScaleResult | str:
         try:
             masks = None if case.dataset is None else file
             scene = replace(case.scene, path=Path(folder), model_path=None)  # the real folders contain masks
-            return estimate_scene(scene, tree, EstimateOptions(up=case.up), instances=masks, sources=sources).result
+            estimate = estimate_scene(scene, tree, EstimateOptions(up=case.up), instances=masks, sources=sources)
+            if not case.models or estimate.measurements is None:
+                return estimate.result
+            objects = list(estimate.measurements.objects)
+            rows = np.random.default_rng(4).permutation(len(objects))[: round(case.models * len(objects))]
+            for row in rows:
+                objects[row] = replace(objects[row], extents=objects[row].extents / MODEL_RATIO)
+            return scale_of_objects(objects, tree)
         except InputError as error:
             return re.sub(r"\S*/(?=\w)", "", str(error))
         except Exception as error:  # noqa: BLE001 - the command reports it as an internal error

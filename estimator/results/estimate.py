@@ -55,12 +55,14 @@ MAX_OWN_RATIO = 1.6
 #: Maximum fraction of objects beyond this ratio of a resolved scale: at most 0.25 in synthetic rooms (seeds 40 to 55)
 #: and 0.32 in real scenes; 0.43 or more in most rooms with exchanged categories and a wrong scale.
 MAX_DISTANT_FRACTION = 0.4
-#: Maximum ratio of the scales of outliers that agree with each other.
-MAX_AGREEING_RATIO = 1.4
-#: Minimum number of such outliers, and their minimum fraction of the objects, for a second scale. Chance brings 10 % of
-#: the objects of a real room together.
-MIN_AGREEING_OUTLIERS = 3
-MIN_AGREEING_FRACTION = 0.2
+#: Minimum ratio of the scales of toys or models and of objects at full size, 1:8 with errors.
+MIN_MODEL_RATIO = 6.0
+#: Maximum ratio of the scales of models that agree with each other: twice their standard deviation in synthetic rooms.
+MAX_AGREEING_RATIO = 2.5
+#: Minimum number of objects that agree on another scale, and their minimum fraction of all objects. Undamaged scenes,
+#: synthetic (seeds 100 to 159) and real, have at most one object with such a ratio on each side.
+MIN_AGREEING_OBJECTS = 2
+MIN_AGREEING_FRACTION = 0.15
 #: Factors between units that are mistaken for each other.
 UNIT_FACTORS = {
     2.54: "inches and centimetres",
@@ -258,34 +260,28 @@ def single_category_reason(estimate: Posterior, evidence: Sequence[ObjectEvidenc
 
 
 def disagreement(estimate: Posterior) -> tuple[tuple[Mode, ...], str | None]:
-    """Return the modes with the scale by outliers that agree with each other, and the reason why a scale is doubtful.
+    """Return the modes with the scale by objects that agree on another one, and the reason why a scale is doubtful.
 
     Objects under exchanged labels have sizes that contradict each other. The objects of a model railway, or toys in a
     room, agree with each other, so that either group may be at the true size: both scales are stated.
     """
-    best = estimate.modes[0].scale
-    log_ratio = np.log(estimate.own_scale / best)
-    n, outliers = len(log_ratio), np.sort(log_ratio[estimate.weight < MIN_EVIDENCE_WEIGHT])
+    best, n = estimate.modes[0].scale, len(estimate.own_scale)
+    log_ratio = np.sort(np.log(estimate.own_scale / best))
     if n < MIN_JUDGED_OBJECTS:
         return estimate.modes, None
-    in_window = np.searchsorted(outliers, outliers + math.log(MAX_AGREEING_RATIO), side="right") - np.arange(
-        len(outliers)
-    )
-    if len(outliers) and in_window.max() >= max(MIN_AGREEING_OUTLIERS, MIN_AGREEING_FRACTION * n):
-        first = int(in_window.argmax())
-        count, ratio = int(in_window[first]), math.exp(float(np.median(outliers[first : first + in_window[first]])))
-        if max(ratio, 1 / ratio) > MAX_OWN_RATIO:
-            second = Mode(best * ratio, 0.0)
-            agreeing = f"{count} of {n} objects agree on another scale, {second.scale:.4g} m per unit"
-            reason = f"{agreeing}: are they toys or models, or the others?"
-            is_stated = any(
-                abs(math.log(mode.scale / second.scale)) < math.log(MAX_OWN_RATIO) for mode in estimate.modes
-            )
-            return estimate.modes if is_stated else (*estimate.modes, second), reason
-    distant = int(np.sum(np.abs(log_ratio) > math.log(MAX_OWN_RATIO)))
+    models = log_ratio[np.abs(log_ratio) > math.log(MIN_MODEL_RATIO)]
+    # Number of objects from each one up to `MAX_AGREEING_RATIO` above it.
+    agreeing = np.searchsorted(models, models + math.log(MAX_AGREEING_RATIO), side="right") - np.arange(len(models))
+    if len(models) and agreeing.max() >= max(MIN_AGREEING_OBJECTS, MIN_AGREEING_FRACTION * n):
+        first, count = int(agreeing.argmax()), int(agreeing.max())
+        second = Mode(best * math.exp(float(np.median(models[first : first + count]))), 0.0)
+        reason = f"{count} of {n} objects agree on another scale, {second.scale:.4g} m per unit: toys or models?"
+        is_stated = any(abs(math.log(mode.scale / second.scale)) < math.log(MAX_OWN_RATIO) for mode in estimate.modes)
+        return estimate.modes if is_stated else (*estimate.modes, second), reason
+    distant = int(np.count_nonzero(np.abs(log_ratio) > math.log(MAX_OWN_RATIO)))
     if distant <= MAX_DISTANT_FRACTION * n:
         return estimate.modes, None
-    finding = f"{distant} of {n} objects alone have scales over {MAX_OWN_RATIO} times from the result"
+    finding = f"{distant} of {n} objects have scales over {MAX_OWN_RATIO} times from the result"
     return estimate.modes, f"{finding}: their labels may be wrong"
 
 

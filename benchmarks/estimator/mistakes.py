@@ -114,7 +114,8 @@ def outcome(base: Base, result: ScaleResult | str, usual: set[str]) -> dict[str,
     warned = bool(new) or result.status != "resolved"
     words = _plain(next(iter(new), ""))
     name = "right" if right else "wrong with a warning" if warned else "wrong and silent"
-    return {"outcome": name, "ratio": round(result.scale / base.metres_per_unit, 3), "words": words}
+    ratio = round(result.scale / base.metres_per_unit, 3)
+    return {"outcome": name, "ratio": ratio, "words": words, "status": result.status}
 
 
 def _plain(line: str) -> str:

@@ -165,15 +165,24 @@ def quarantine_path(path: Path) -> Path:
 
 
 def write_import(result: Import, path: Path, option: str | None = None) -> None:
-    """Write the items of an import as JSON Lines (gzip by the name), and rejected rows to the quarantine file."""
-    write_lines(quarantine_path(path), (row.line() for row in result.rejected), option)
-    write_lines(path, (item.line() for item in result.items), option)
+    """Write the items of an import as JSON Lines (gzip by the name), and rejected rows to the quarantine file.
+
+    If one of the two cannot be written, neither is.
+    """
+    path.parent.mkdir(parents=True, exist_ok=True)
+    with whole_file(quarantine_path(path), option) as rejected, whole_file(path, option) as items:
+        rejected.write_bytes(_lines_data(path, (row.line() for row in result.rejected)))
+        items.write_bytes(_lines_data(path, (item.line() for item in result.items)))
 
 
 def write_lines(path: Path, lines: Iterable[str], option: str | None = None) -> None:
     """Write a text file, compressed if the name ends in `.gz`; the same lines give the same bytes."""
     path.parent.mkdir(parents=True, exist_ok=True)
-    text = "".join(f"{line}\n" for line in lines).encode()
-    data = gzip.compress(text, compresslevel=9, mtime=0) if path.suffix == ".gz" else text
     with whole_file(path, option) as work:
-        work.write_bytes(data)
+        work.write_bytes(_lines_data(path, lines))
+
+
+def _lines_data(path: Path, lines: Iterable[str]) -> bytes:
+    """Return the bytes of a text file, compressed if its name ends in `.gz`."""
+    text = "".join(f"{line}\n" for line in lines).encode()
+    return gzip.compress(text, compresslevel=9, mtime=0) if path.suffix == ".gz" else text

@@ -75,9 +75,11 @@ def write_figure(estimate: SceneEstimate | ScaleResult, file: Path) -> None:
     """
     if file.suffix.lower() not in FORMATS:
         raise InputError.at(file, "--figure", f"a name that ends in {', '.join(FORMATS)}", file.suffix)
-    drawn = figure(estimate)
+    # Drawn in memory, because the PDF writer replaces the error of a full disk by one of its own stream.
+    drawn = io.BytesIO()
+    figure(estimate).savefig(drawn, format=file.suffix[1:].lower(), dpi=130)
     with whole_file(file, "--figure") as temporary:
-        drawn.savefig(temporary, format=file.suffix[1:].lower(), dpi=130)
+        temporary.write_bytes(drawn.getvalue())
 
 
 def figure_png(estimate: SceneEstimate | ScaleResult) -> bytes:

@@ -6,6 +6,7 @@ rule: chosen categories are to the right of it, for the divergence to the left.
 
 from __future__ import annotations
 
+import io
 from collections.abc import Collection, Sequence
 from pathlib import Path
 from typing import Any
@@ -75,8 +76,10 @@ def write_figure(
     chosen.set_title("ours (orange: the paper's too)", fontsize=9)
     divergence.legend(loc="upper right", frameon=False)
     file.parent.mkdir(parents=True, exist_ok=True)
+    drawn = io.BytesIO()
+    figure.savefig(drawn, dpi=120, format=file.suffix[1:].lower())
     with whole_file(file, "--figure") as work:
-        figure.savefig(work, dpi=120, format=file.suffix[1:].lower())
+        work.write_bytes(drawn.getvalue())
 
 
 def _draw_rule(

@@ -212,6 +212,14 @@ def test_a_write_that_fails_leaves_the_old_file(tmp_path: Path, monkeypatch: pyt
     assert list(tmp_path.iterdir()) == [path]
 
 
+def test_an_import_that_cannot_be_written_leaves_no_quarantine_file(tmp_path: Path) -> None:
+    folder = ROOT / "data" / "examples" / "source"
+    (tmp_path / "lamps.jsonl").write_text("a file of others\n")
+    words = ["import", "lamps", "--sources", str(folder), "--input", str(folder)]
+    assert main([*words, "--out", str(tmp_path)]) == 2
+    assert [path.name for path in tmp_path.iterdir()] == ["lamps.jsonl"]
+
+
 def test_sources_of_ones_own_are_imported_without_the_package(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import sys
 from dataclasses import replace
 from itertools import pairwise
 from pathlib import Path
@@ -117,6 +118,23 @@ def test_nothing_is_left_of_a_figure_that_fails(estimate: SceneEstimate, tmp_pat
     with pytest.raises(InputError, match="a place that can be written"):
         write_figure(estimate, tmp_path / "nowhere" / "scale.png")
     assert not list(tmp_path.iterdir())
+
+
+@pytest.mark.skipif(sys.platform == "win32", reason="there is no limit of the size of files")
+def test_a_pdf_on_a_full_disk_is_one_line(estimate: SceneEstimate, tmp_path: Path) -> None:
+    """Half of the file fits; the PDF writer fails a second time when it is closed."""
+    import resource
+
+    write_figure(estimate, tmp_path / "whole.pdf")
+    size = (tmp_path / "whole.pdf").stat().st_size
+    limits = resource.getrlimit(resource.RLIMIT_FSIZE)
+    resource.setrlimit(resource.RLIMIT_FSIZE, (size // 2, limits[1]))
+    try:
+        with pytest.raises(InputError, match="--figure: expected a place that can be written"):
+            write_figure(estimate, tmp_path / "x.pdf")
+    finally:
+        resource.setrlimit(resource.RLIMIT_FSIZE, limits)
+    assert [path.name for path in tmp_path.iterdir()] == ["whole.pdf"]
 
 
 def test_a_method_that_measures_no_object_is_drawn_without_boxes(estimate: SceneEstimate) -> None:

@@ -1,18 +1,26 @@
-"""Local and Dask executors for work on shards."""
+"""Local and Dask executors for work on shards, and processes that isolate work that may fail or leak."""
 
 from __future__ import annotations
 
+import os
 import signal
-from collections.abc import Callable, Iterator
-from concurrent.futures import Executor, Future, ProcessPoolExecutor
+import threading
+from collections.abc import Callable, Generator, Iterable, Iterator
+from concurrent.futures import FIRST_COMPLETED, Executor, Future, ProcessPoolExecutor, wait
+from concurrent.futures.process import BrokenProcessPool
 from contextlib import contextmanager
-from multiprocessing import active_children, get_context
+from multiprocessing import active_children, get_context, parent_process
 from typing import Any, TypeVar
 
 from metric_base.errors import InputError
 from metric_base.operating_system import interrupts_blocked
 
 _R = TypeVar("_R")
+_Item = TypeVar("_Item")
+#: Number of items after which a process of `isolated_results` is replaced, so that leaks of libraries stay small.
+MAX_ITEMS_PER_PROCESS = 100
+#: Time for a process to remove its temporary files after SIGTERM in seconds; then it is killed.
+TERMINATION_S = 5.0
 #: How long a Dask scheduler may take to answer, in seconds.
 SCHEDULER_TIMEOUT = 10
 
@@ -55,3 +63,62 @@ def executor_of(workers: int, scheduler: str | None) -> Iterator[Executor | None
             pool.shutdown(cancel_futures=True)
     else:
         yield None
+
+
+def isolated_results(
+    function: Callable[[_Item], _R], items: Iterable[_Item], n_processes: int
+) -> Generator[tuple[_Item, _R | None], None, None]:
+    """Yield each item with `function(item)`, in the order of completion; None if the process of the item died.
+
+    Each process works on one item at a time, has no terminal, ends with its parent also if that is killed, and is
+    replaced after `MAX_ITEMS_PER_PROCESS` items. Items are requested when a process is free. Close the generator to
+    end the processes.
+    """
+    remaining, n_done = iter(items), dict.fromkeys(range(n_processes), 0)
+    processes: dict[int, _Pool | None] = dict.fromkeys(range(n_processes))
+    running: dict[Future[_R], tuple[_Item, int]] = {}
+    is_complete = False
+    try:
+        while True:
+            busy = {slot for _, slot in running.values()}
+            for slot in [slot for slot in processes if slot not in busy]:
+                for item in remaining:
+                    pool = processes[slot] = processes[slot] or _Pool(1, get_context("spawn"), _isolate)
+                    running[pool.submit(function, item)] = item, slot
+                    break
+            if not running:
+                is_complete = True
+                return
+            for future in wait(running, return_when=FIRST_COMPLETED).done:
+                item, slot = running.pop(future)
+                n_done[slot] += 1
+                died = isinstance(future.exception(), BrokenProcessPool)
+                if (used := processes[slot]) is not None and (died or n_done[slot] % MAX_ITEMS_PER_PROCESS == 0):
+                    used.shutdown()
+                    processes[slot] = None
+                yield item, None if died else future.result()
+    finally:
+        for used in filter(None, processes.values()):
+            workers = [] if is_complete else list((used._processes or {}).values())
+            for worker in workers:
+                worker.terminate()
+            for worker in workers:
+                worker.join(TERMINATION_S)
+                worker.kill()
+            used.shutdown(cancel_futures=True)
+
+
+def _isolate() -> None:
+    """Detach this process from the terminal, and end it when its parent ends."""
+
+    def end_with_parent() -> None:
+        parent = parent_process()
+        if parent is not None:
+            parent.join()
+            os._exit(1)
+
+    threading.Thread(target=end_with_parent, daemon=True).start()
+    nowhere = os.open(os.devnull, os.O_RDWR)
+    for descriptor in range(3):  # also for libraries that write to the descriptors
+        os.dup2(nowhere, descriptor)
+    os.close(nowhere)

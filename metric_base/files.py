@@ -28,7 +28,7 @@ from metric_base.operating_system import is_alive, lock
 #: Bytes at the beginning of a JSON file in which its schema is.
 _SCHEMA_BYTES = 512
 #: Suffixes of files that the readers of models, masks, measurements and releases open in an input folder.
-_INPUT_SUFFIXES = frozenset(
+INPUT_SUFFIXES = frozenset(
     {".bin", ".csv", ".db", ".json", ".jsonl", ".npy", ".npz", ".parquet", ".ply", ".toml", ".txt", ".vis"}
 )
 #: Folders of images, masks and depth maps, which are inputs whatever their files are called.
@@ -63,6 +63,29 @@ def sole_holder(path: Path) -> Iterator[None]:
     with path.open("a", encoding="ascii") as file:
         lock(file.fileno())
         yield
+
+
+@contextmanager
+def sole_writer(out: Path) -> Iterator[None]:
+    """Lock an output for this process while the block runs; the system releases the lock when the process ends.
+
+    Raises
+    ------
+    InputError
+        Another process is writing the same output.
+    """
+    out.parent.mkdir(parents=True, exist_ok=True)
+    note = out.parent / f".{out.name}.lock"
+    try:
+        with sole_holder(note):
+            try:
+                yield
+            finally:
+                note.unlink(missing_ok=True)
+    except BlockingIOError:
+        raise InputError(
+            f"{out}: another run is writing this output; wait until it ends, or choose another --out"
+        ) from None
 
 
 @dataclass(frozen=True, slots=True)
@@ -112,8 +135,16 @@ def check_output(path: Path, option: str, schema: str | None = None) -> None:
 
 
 def has_schema(path: Path, schema: str) -> bool:
-    """Return True if the `schema` at the beginning of a JSON file, which may be compressed, begins with `schema`."""
+    """Return True if the `schema` of a file begins with `schema`.
+
+    It is at the beginning of a JSON file, which may be compressed, and in the metadata of a Parquet file.
+    """
     try:
+        if path.suffix == ".parquet":
+            import pyarrow.parquet as pq  # not on the path of a query
+
+            metadata = pq.read_metadata(path).metadata or {}
+            return bool(metadata.get(b"schema", b"").startswith(schema.encode()))
         if path.suffix == ".gz":
             import gzip  # not on the path of a query
 
@@ -122,7 +153,7 @@ def has_schema(path: Path, schema: str) -> bool:
         else:
             with path.open("rb") as content:
                 start = content.read(_SCHEMA_BYTES)
-    except (OSError, EOFError, zlib.error):
+    except (OSError, EOFError, ValueError, zlib.error):  # errors of Arrow are ValueError
         return False
     return f'"schema":"{schema}'.encode() in start.replace(b'": "', b'":"')
 
@@ -148,7 +179,7 @@ def _is_read(path: Path, source: Path, is_own: bool) -> bool:
     if real.parent.name in _IMAGE_FOLDERS:
         return True
     is_image_folder = not any(child.is_dir() for child in source.iterdir())  # it may be one: it has no subfolders
-    return not is_own and (is_image_folder or real.suffix.lower() in _INPUT_SUFFIXES)
+    return not is_own and (is_image_folder or real.suffix.lower() in INPUT_SUFFIXES)
 
 
 def _with_companions(inputs: Iterable[Path]) -> Iterator[Path]:

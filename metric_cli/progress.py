@@ -30,7 +30,8 @@ def progress_lines(write: Callable[[str], object], clock: Callable[[], float] = 
         if clock() - last >= LOG_INTERVAL_S:
             last = clock()
             count = str(done) if total is None else f"{done} of {total}"
-            write(f"{step}: {count} ({last - first:.0f} s)\n")
+            left = f", {(last - first) * (total - done) / done:.0f} s left" if total and done else ""
+            write(f"{step}: {count} ({last - first:.0f} s{left})\n")
 
     return progress
 

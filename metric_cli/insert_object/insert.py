@@ -2,15 +2,17 @@
 
 from __future__ import annotations
 
+import json
 import shlex
 import sys
 from collections.abc import Sequence
 from dataclasses import asdict, replace
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
+from metric_cli.batch import BatchCommand, batch_run
 from metric_cli.errors import INPUT_ERROR, exit_status
-from metric_cli.insert_object.parser import POSITION_OPTIONS, PROGRAM
+from metric_cli.insert_object.parser import POSITION_OPTIONS, PROGRAM, parser
 from metric_cli.insert_object.request import InsertCommand, parse_request
 
 if TYPE_CHECKING:
@@ -19,13 +21,22 @@ if TYPE_CHECKING:
     from insertion.result import InsertionResult
 
 
+def batch_columns(text: str) -> dict[str, Any]:
+    """Return the columns of a batch for a result of `metric-tree/insertion/1`."""
+    scale = json.loads(text)["scale"]
+    return {"status": "inserted", "scale": scale["metres_per_unit"], "low": scale["low"], "high": scale["high"]}
+
+
+BATCH = BatchCommand(PROGRAM, __name__, (), parser, batch_columns)
+
+
 def main(argv: Sequence[str] | None = None) -> int:
     """Run `insert-object`; the exit status is 0, 2 or 1."""
     arguments = list(sys.argv[1:] if argv is None else argv)
     if arguments[:1] == ["study"] and not Path("study").is_dir():
         sys.stderr.write("insert-object: the user study has moved to `python -m benchmarks.user_study` in a clone\n")
         return INPUT_ERROR
-    return exit_status(PROGRAM, lambda: run(parse_request(arguments)))
+    return exit_status(PROGRAM, batch_run(BATCH, arguments) or (lambda: run(parse_request(arguments))))
 
 
 def run(command: InsertCommand) -> int:

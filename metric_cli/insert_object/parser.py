@@ -5,6 +5,7 @@ from __future__ import annotations
 import argparse
 from typing import Any
 
+from metric_cli.batch import add_batch
 from metric_cli.errors import exit_status_help
 from metric_cli.parser import (
     OneLineParser,
@@ -53,7 +54,8 @@ def parser() -> OneLineParser:
     add_objects(root)
     # fmt: off
     add = root.add_argument_group("output").add_argument
-    add("--out", metavar="OUT", type=OutputFile(), help="video (OUT.mp4), or new folder with one PNG file per frame")
+    add("--out", metavar="OUT", type=OutputFile(),
+        help="video (OUT.mp4), or new folder with one PNG file per frame; with --batch: RESULTS.parquet")
     add("--json", action="store_true", help="print the result as JSON (metric-tree/insertion/1)")
     add("--frames", metavar="FIRST:LAST", help="write only these frames, by index from 0, both included")
     add("--codec", choices=CODECS, help="codec of the video (default: h264, or hevc for a source above 8 bits)")
@@ -71,6 +73,7 @@ def parser() -> OneLineParser:
     add("--place", metavar="PORT", type=int, nargs="?", const=0,
         help="place the object on a local web page, which shows the equivalent command")
     # fmt: on
+    add_batch(root, with_out=False)
     add_program_options(root)
     return root
 

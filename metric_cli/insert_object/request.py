@@ -10,6 +10,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from metric_base.errors import InputError
+from metric_cli.batch import check_batch_options
 from metric_cli.insert_object.parser import parser
 
 if TYPE_CHECKING:
@@ -48,6 +49,7 @@ def parse_request(argv: Sequence[str]) -> InsertCommand:
     from insertion.request import InsertionRequest, parse_frame_range
 
     options = parser().parse_args(list(argv))
+    check_batch_options(options)
     _check_outputs(options)
     objects = parse_objects(options.objects)
     source = parse_scene(options)

@@ -64,6 +64,12 @@ def main(argv: Sequence[str] | None = None) -> int:
         name, *rest = arguments
 
         def run() -> int:
+            if name == "check-asset":
+                from metric_cli.batch import batch_run
+                from metric_cli.subcommands.models.check_asset import BATCH
+
+                if (batch := batch_run(BATCH, rest)) is not None:
+                    return batch()
             options = parser_of(name).parse_args(rest)
             status: int = options.run(options)
             return status

@@ -21,9 +21,9 @@ import pyarrow.parquet as pq
 
 from crawler.fetch.item_images import decode_picture
 from metric_base.errors import InputError
-from metric_base.files import inside
+from metric_base.files import inside, sole_writer
 from metric_tree.cutouts.backend import RGB, Auto, Backend, Settings
-from metric_tree.pipeline.work_folder import BuildFolder, SerialExecutor, fingerprint, sole_writer
+from metric_tree.pipeline.work_folder import BuildFolder, SerialExecutor, fingerprint
 from metric_tree.release.images import image_path, link_images
 from metric_tree.release.release import Release, publish_release, sha256
 from metric_tree.release.schema import IMAGES

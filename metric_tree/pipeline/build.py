@@ -28,6 +28,7 @@ import pyarrow as pa
 from crawler.imports.declaration import Source, sources
 from crawler.items import RawItem
 from metric_base.errors import InputError
+from metric_base.files import sole_writer
 from metric_base.progress import ProgressCallback, silent
 from metric_tree.context import ContextModel
 from metric_tree.curated.rules import stated_frequencies
@@ -64,7 +65,6 @@ from metric_tree.pipeline.work_folder import (
     repeated_rows,
     shard_rows,
     sibling_references,
-    sole_writer,
 )
 from metric_tree.prior import Prior
 from metric_tree.release.release import Release, publish_release

@@ -22,7 +22,6 @@ from numpy.typing import NDArray
 
 from metric_base.arrays import FloatArray
 from metric_base.errors import InputError
-from metric_base.files import sole_holder
 from metric_base.folders import code_folder, taxonomy_directory
 from metric_tree.checks.unit_errors import MIN_REFERENCE_ROWS, Reference, sibling_reference
 from metric_tree.fit.rows import extents_of
@@ -167,29 +166,6 @@ class BuildFolder:
                 yield _result(*waiting.popleft(), spilled)
         while waiting:
             yield _result(*waiting.popleft(), spilled)
-
-
-@contextmanager
-def sole_writer(out: Path) -> Iterator[None]:
-    """Lock an output for this process while the block runs; the system releases the lock when the process ends.
-
-    Raises
-    ------
-    InputError
-        Another process is writing the same output.
-    """
-    out.parent.mkdir(parents=True, exist_ok=True)
-    note = out.parent / f".{out.name}.lock"
-    try:
-        with sole_holder(note):
-            try:
-                yield
-            finally:
-                note.unlink(missing_ok=True)
-    except BlockingIOError:
-        raise InputError(
-            f"{out}: another run is writing this output; wait until it ends, or choose another --out"
-        ) from None
 
 
 def fingerprint(files: Iterable[Path], options: str) -> str:

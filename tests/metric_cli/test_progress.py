@@ -34,7 +34,7 @@ def test_long_work_says_a_line_every_ten_seconds() -> None:
     for second in range(26):
         now = float(second)
         shown("inserting", second, 26 if second < 20 else None)
-    assert lines == ["inserting: 10 of 26 (10 s)\n", "inserting: 20 (20 s)\n"]
+    assert lines == ["inserting: 10 of 26 (10 s, 16 s left)\n", "inserting: 20 (20 s)\n"]
 
 
 def test_a_terminal_shows_steps_counts_and_the_time_left() -> None:

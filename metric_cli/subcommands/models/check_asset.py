@@ -4,16 +4,16 @@ from __future__ import annotations
 
 import argparse
 import json
-import os
 from collections import Counter
 from collections.abc import Iterable, Sequence
-from contextlib import nullcontext
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from metric_base.batch import append_records, completed_records
 from metric_base.errors import InputError, Unquoted
 from metric_base.escaping import visible, visible_json
-from metric_base.files import OutputNames
+from metric_base.files import OutputNames, sole_writer
+from metric_cli.batch import BatchCommand, add_batch, check_batch_options
 from metric_cli.errors import EXIT_NEGATIVE_RESULT, EXIT_OK, INPUT_ERROR
 from metric_cli.parser import OutputFile, add_tree, input_path
 from metric_cli.progress import track
@@ -25,6 +25,25 @@ if TYPE_CHECKING:
     from models3d.size_check.check import AssetCheck
 
 HELP = f"Check whether 3-D models have their true size: a line per model; exit {EXIT_NEGATIVE_RESULT} if one is wrong."
+
+
+def batch_columns(text: str) -> dict[str, Any]:
+    """Return the columns of a batch for the lines of a model: its first wrong object, or its first one."""
+    rows = [json.loads(line) for line in text.splitlines()]
+    row = next((row for row in rows if row["verdict"] not in ("right", "not known")), rows[0])
+    return {"status": row["verdict"], "scale": row["factor"]}
+
+
+def model_parser() -> argparse.ArgumentParser:
+    """Return the parser of the subcommand."""
+    from metric_cli.subcommands import parser_of
+
+    return parser_of("check-asset")
+
+
+BATCH = BatchCommand(
+    "metric-tree check-asset", "metric_cli.subcommands", ("check-asset",), model_parser, batch_columns, ("file",), True
+)
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -41,21 +60,23 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     add("--bake", action="store_true", help="with --fix: change the vertices of glTF instead of adding a node")
     add("--report", metavar="FILE.html", type=OutputFile(), help="page with drawings to scale, largest errors first")
     add("--out", metavar="FILE.jsonl", type=OutputFile("metric-tree/asset/"),
-        help="one JSON line per model; an interrupted run is continued")
+        help="one JSON line per model, or with --batch a table RESULTS.parquet; an interrupted run is continued")
     add = parser.add_argument_group("lists").add_argument
     add("--batch", metavar="LIST", type=input_path,
-        help="table of boxes (CSV or Parquet: name, x, y, z in metres), or a list of file names")
+        help="table of boxes (CSV or Parquet: name, x, y, z in metres), or a list of file names; with --out "
+        "RESULTS.parquet, models with options as columns (CSV, Parquet, JSON Lines)")
     add("--up", choices=("x", "y", "z"), help="the axis that points up in boxes")
     # fmt: on
+    add_batch(parser, with_out=False, with_list=False)
     add_tree(parser)
 
 
 def run(arguments: argparse.Namespace) -> int:
     """Check each model; 2 if a model cannot be written, else 3 if one is wrong, else 2 if one cannot be read."""
-    from metric_tree.pipeline.work_folder import sole_writer
     from metric_tree.tree import open_tree
     from models3d.size_check.category import named_category
 
+    check_batch_options(arguments)
     if not arguments.files and arguments.batch is None:
         raise InputError("arguments: expected FILE... or --batch LIST; found neither")
     if arguments.fix is not None and is_table(arguments.batch):
@@ -63,8 +84,13 @@ def run(arguments: argparse.Namespace) -> int:
     tree = open_tree(arguments.tree)
     if arguments.category is not None:
         named_category(tree, arguments.category)  # an unknown name is an error before any work
-    with nullcontext() if arguments.out is None else sole_writer(arguments.out):
-        return check_models(arguments, tree, finished_rows(arguments.out))
+    if arguments.out is None:
+        return check_models(arguments, tree, [])
+    with sole_writer(arguments.out):
+        rows = completed_records(
+            arguments.out, "metric-tree/asset/1", ("file", "verdict"), "--out", "check-asset", is_own=True
+        )
+        return check_models(arguments, tree, [row for _, row in rows])
 
 
 def check_models(arguments: argparse.Namespace, tree: Tree, rows: list[dict[str, Any]]) -> int:
@@ -140,48 +166,13 @@ def is_table(batch: Path | None) -> bool:
     return batch is not None and batch.suffix.lower() in {".csv", ".parquet"}
 
 
-def finished_rows(out: Path | None) -> list[dict[str, Any]]:
-    """Return the rows of an earlier run, and remove an incomplete last line.
-
-    Raises
-    ------
-    InputError
-        The file has other content than results of check-asset.
-    """
-    from metric_base.input_files import read_text
-
-    if out is None or not out.exists():
-        return []
-    text = read_text(out, may_be_empty=True)
-    complete = text[: text.rfind("\n") + 1]
-    rows = []
-    for number, line in enumerate(complete.split("\n"), start=1):
-        if not line.strip():
-            continue
-        try:
-            row = json.loads(line)
-            is_row = row["schema"] == "metric-tree/asset/1" and isinstance(row["file"], str)
-            is_row = is_row and isinstance(row["verdict"], str)
-        except (ValueError, LookupError, TypeError, RecursionError):
-            is_row = False
-        if not is_row:
-            raise InputError(f"{out}:{number}: --out: expected a result of check-asset; found another line")
-        rows.append(row)
-    if not rows and text.strip() and '"metric-tree/asset/1"' not in text:
-        raise InputError(f"{out}: --out: expected results of check-asset, or no file yet; found another file")
-    if complete != text:
-        os.truncate(out, out.stat().st_size - len(text[len(complete) :].encode()))
-    return rows
-
-
 def write_lines(checks: Sequence[AssetCheck], arguments: argparse.Namespace) -> None:
     """Append the results of a model to `--out`, and print them."""
     from models3d.size_check.check import verdict_line
 
     rows = [visible_json(json.dumps(check.to_json(), ensure_ascii=False, allow_nan=False)) for check in checks]
     if arguments.out is not None:
-        with arguments.out.open("a", encoding="utf-8") as lines:
-            lines.write("".join(f"{row}\n" for row in rows))
+        append_records(arguments.out, rows)
     for check, row in zip(checks, rows, strict=True):
         if arguments.json:
             print(row)  # noqa: T201 - the command's result

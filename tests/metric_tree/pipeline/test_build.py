@@ -19,7 +19,7 @@ from metric_tree.fit.rows import EVIDENCE
 from metric_tree.pipeline import build as build_module
 from metric_tree.pipeline.build import BuildOptions, build_release
 from metric_tree.pipeline.ingest import is_held_out, widened_sd
-from metric_tree.pipeline.work_folder import sole_writer
+from metric_base.files import sole_writer
 from metric_tree.tree import open_tree
 from tests.synthetic.raw_fixture import SOURCES, TYPICAL, synthetic_items, written
 from tests.synthetic.small_taxonomy import small_taxonomy

@@ -78,12 +78,12 @@ def add_batch(parser: argparse.ArgumentParser, *, with_out: bool = True, with_li
     # fmt: off
     if with_list:
         add("--batch", metavar="LIST", type=input_path,
-            help="scenes with options as columns (CSV, Parquet, JSON Lines), or a scene per line")
+            help="scenes, options as columns (CSV, Parquet, JSON Lines)")
     if with_out:
-        add("--out", metavar="RESULTS.parquet", type=OutputFile("metric-tree/batch/"),
-            help="with --batch: table, a row per scene")
-    add("--jobs", metavar="N", type=int, help="with --batch: number of processes (default: one per core)")
-    add("--part", metavar="I/N", help="with --batch: only the I-th of N parts of LIST, for Slurm arrays")
+        add("--out", metavar="FILE", type=OutputFile("metric-tree/batch/"),
+            help="with --batch: RESULTS.parquet, a row per scene")
+    add("--jobs", metavar="N", type=int, help="with --batch: processes (default: one per core)")
+    add("--part", metavar="I/N", help="with --batch: part I of N, for Slurm arrays")
     # fmt: on
 
 

@@ -252,7 +252,7 @@ def program_parser(
         add_help=not frequent,
     )
     if frequent:
-        words = "frequent options, or those of a topic: objects, reconstruction, result, estimate, evidence, all"
+        words = "frequent options, or those of a topic: objects, reconstruction, result, estimate, evidence, batch, all"
         root.add_argument("-h", "--help", metavar="TOPIC", action=PrintHelp, frequent=frequent, help=words)
     return root
 

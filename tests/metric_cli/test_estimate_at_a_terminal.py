@@ -39,7 +39,7 @@ def test_help_fits_on_two_screens_and_names_its_topics(
     assert len(frequent.splitlines()) <= 48
     assert max(map(len, frequent.splitlines())) <= 80
     topics = re.findall(r"[a-z]+", frequent.partition("those of a topic:")[2].partition("all")[0])
-    assert topics == ["objects", "reconstruction", "result", "estimate", "evidence"]
+    assert topics == ["objects", "reconstruction", "result", "estimate", "evidence", "batch"]
     options = {name for topic in topics for name in re.findall(r"^  (--[a-z-]+)", shown(topic), re.MULTILINE)}
     assert options | {"--completion", "--version", "--overwrite"} == set(
         re.findall(r"^  (?:-h \[TOPIC\], )?(--(?!help)[a-z-]+)", shown("all"), re.MULTILINE)

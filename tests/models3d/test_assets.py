@@ -13,8 +13,8 @@ from hypothesis import strategies as st
 
 import metric_tree
 from metric_base.errors import InputError
-from metric_cli.subcommands import main
 from metric_base.files import sole_writer
+from metric_cli.subcommands import main
 from models3d.asset import Asset, AssetBody, NameText
 from models3d.formats import read_asset, read_assets
 from models3d.rescaling import write_at_scale

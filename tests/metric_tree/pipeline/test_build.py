@@ -13,13 +13,13 @@ import pytest
 
 from crawler.items import RawItem
 from metric_base.errors import InputError
+from metric_base.files import sole_writer
 from metric_tree.checks.release_files import findings
 from metric_tree.fit.class_prior import NEW_SOURCE
 from metric_tree.fit.rows import EVIDENCE
 from metric_tree.pipeline import build as build_module
 from metric_tree.pipeline.build import BuildOptions, build_release
 from metric_tree.pipeline.ingest import is_held_out, widened_sd
-from metric_base.files import sole_writer
 from metric_tree.tree import open_tree
 from tests.synthetic.raw_fixture import SOURCES, TYPICAL, synthetic_items, written
 from tests.synthetic.small_taxonomy import small_taxonomy

@@ -124,11 +124,11 @@ def scene_key(words: Sequence[str], release: str, folder: Path, outputs: Iterabl
     digest = hashlib.sha256(json.dumps([*words, release]).encode())
     for word in words:
         path = folder / word.rpartition("=")[2]
-        if path in outputs or len(word) > os.pathconf("/", "PC_PATH_MAX") or not os.path.lexists(path):
+        if path in outputs or not os.path.lexists(path):
             continue
         below = sorted(Path(place) / name for place, _, names in os.walk(path) for name in names)
         for file in [file for file in below if file.suffix.lower() in INPUT_SUFFIXES] if path.is_dir() else [path]:
-            state = file.stat()
+            state = file.stat() if file.exists() else file.lstat()  # a link without a target
             digest.update(f"{os.path.relpath(file, folder)}\0{state.st_size}\0{state.st_mtime_ns}\0".encode())
     return digest.hexdigest()
 

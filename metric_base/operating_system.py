@@ -96,6 +96,11 @@ def is_alive(process: int) -> bool:
     return True
 
 
+def n_cores() -> int:
+    """Return the number of cores that this process may use, as a Slurm task, where the system states it."""
+    return len(os.sched_getaffinity(0)) if sys.platform.startswith("linux") else os.cpu_count() or 1
+
+
 def link_or_copy(source: str | Path, target: str | Path) -> None:
     """Hard-link a file that never changes, or copy it if the system or the file system has no links."""
     try:

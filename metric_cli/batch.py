@@ -19,6 +19,7 @@ from typing import TYPE_CHECKING, Any
 
 from metric_base.errors import InputError, Unquoted
 from metric_base.escaping import visible
+from metric_base.operating_system import n_cores
 from metric_base.spelling import advice, near_spellings
 from metric_cli.errors import EXIT_NEGATIVE_RESULT, EXIT_OK, INPUT_ERROR, INTERNAL_ERROR
 from metric_cli.parser import (
@@ -122,7 +123,7 @@ def _run(command: BatchCommand, options: argparse.Namespace, words: Sequence[str
         raise InputError.at("--part", "part", "I/N with I from 1 to N, such as 3/8", options.part)
     if options.out is None or options.out.suffix != ".parquet" or not options.out.absolute().parent.is_dir():
         raise InputError(f"--out: expected a Parquet file in a folder that exists; found {options.out}")
-    n_processes = len(os.sched_getaffinity(0)) if options.jobs is None else options.jobs
+    n_processes = n_cores() if options.jobs is None else options.jobs
     if n_processes < 1:
         raise InputError.at("--jobs", "processes", "a number from 1 on", n_processes)
     folder = options.batch.absolute().parent

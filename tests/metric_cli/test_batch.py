@@ -179,6 +179,8 @@ def test_models_and_insertions_have_the_same_form(tmp_path: Path) -> None:
     assert (right["status"], right["exit_status"]) == ("right", 0)
     assert missing["exit_status"] == 2
     assert "none.stl" in missing["error"]
+    (tmp_path / "none").mkdir()
+    (tmp_path / "none" / "cameras.bin").symlink_to("absent")
     (tmp_path / "scenes.csv").write_text("scene,model,size,out\nnone,chair.glb,height=1,a.mp4\n", encoding="utf-8")
     command = ["--batch", str(tmp_path / "scenes.csv"), "--out", str(tmp_path / "i.parquet"), "--jobs", "1"]
     assert insert_object([*command, "--scale", "1"]) == 2

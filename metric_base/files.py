@@ -53,16 +53,24 @@ _MACHINE = f"{zlib.crc32(platform.node().encode()):08x}"
 
 @contextmanager
 def sole_holder(path: Path) -> Iterator[None]:
-    """Holds a file, which is made if it is not there, while the block runs.
+    """Lock a file, which is created if it does not exist, while the block runs.
 
     Raises
     ------
     BlockingIOError
-        Another process holds it.
+        Another process has locked it.
     """
-    with path.open("a", encoding="ascii") as file:
-        lock(file.fileno())
-        yield
+    while True:
+        with path.open("a", encoding="ascii") as file:
+            lock(file.fileno())
+            # The last holder may have removed the file after it was opened here; others then lock a new one.
+            try:
+                is_current = os.path.samestat(os.fstat(file.fileno()), path.stat())
+            except FileNotFoundError:
+                is_current = False
+            if is_current:
+                yield
+                return
 
 
 @contextmanager
@@ -81,7 +89,8 @@ def sole_writer(out: Path) -> Iterator[None]:
             try:
                 yield
             finally:
-                note.unlink(missing_ok=True)
+                with suppress(PermissionError):  # Windows removes no open file
+                    note.unlink(missing_ok=True)
     except BlockingIOError:
         raise InputError(
             f"{out}: another run is writing this output; wait until it ends, or choose another --out"

@@ -12,8 +12,9 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from metric_base import files
 from metric_base.errors import InputError
-from metric_base.files import OutputNames, inside, whole_file, whole_folder
+from metric_base.files import OutputNames, inside, sole_writer, whole_file, whole_folder
 
 
 def half_written(path: Path) -> None:
@@ -120,3 +121,25 @@ def test_no_two_names_are_one_file(names: list[str]) -> None:
     folded = [unicodedata.normalize("NFC", str(path)).casefold() for path in paths]
     assert len(set(folded)) == len(folded)
     assert not any(other.startswith(f"{path}/") for path in folded for other in folded)
+
+
+def test_a_lock_file_that_its_last_holder_removes_is_not_locked(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """The last holder removes the file after this run has opened it, and before this run locks it."""
+    out, note, lock = tmp_path / "out.jsonl", tmp_path / ".out.jsonl.lock", files.lock
+    calls: list[int] = []
+
+    def late_lock(descriptor: int) -> None:
+        calls.append(descriptor)
+        if len(calls) == 1:
+            note.unlink()
+        lock(descriptor)
+
+    monkeypatch.setattr(files, "lock", late_lock)
+    with sole_writer(out):
+        with pytest.raises(InputError, match="another run is writing this output"), sole_writer(out):
+            pass
+        assert note.exists()
+    assert len(calls) == 3
+    assert not note.exists()

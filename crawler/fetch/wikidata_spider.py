@@ -13,7 +13,7 @@ from scrapy.http import Response
 
 from crawler.items import RawItem
 from crawler.text.cell_lengths import extents_mm
-from crawler.text.units import millimetres
+from metric_base.length_units import millimetres
 
 ENDPOINT = "https://query.wikidata.org/sparql"
 

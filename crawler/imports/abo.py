@@ -20,7 +20,7 @@ from crawler.imports.declaration import Source
 from crawler.imports.table_files import BadTable, whole_json
 from crawler.imports.table_items import RowRejected, row_item
 from crawler.items import RawItem
-from crawler.text.units import millimetres, unit
+from metric_base.length_units import millimetres, unit
 
 _FILES = "listings_*.json*"
 _AXES = ("length", "width", "height")

@@ -10,7 +10,7 @@ from crawler.imports.declaration import Source
 from crawler.imports.table_files import BadTable, yaml_document
 from crawler.imports.table_items import RowRejected, row_item
 from crawler.items import RawItem
-from crawler.text.units import millimetres
+from metric_base.length_units import millimetres
 
 #: Classes of complete parts by the start of their id: category, and column of each axis. For a nut, `s` is the width
 #: across flats and `e` the width across corners; for a washer or a bearing, `d2` is the outer diameter.

@@ -16,10 +16,10 @@ import msgspec
 
 from crawler.items import KINDS, Kind
 from crawler.text.cell_lengths import AXES
-from crawler.text.units import MILLIMETRES
 from metric_base.errors import InputError, expect
 from metric_base.folders import data_folder
 from metric_base.input_files import read_text
+from metric_base.length_units import MILLIMETRES
 from metric_base.records import BadDeclaration, toml_record
 
 Format = Literal["csv", "json", "jsonl", "properties", "xls", "yaml"]

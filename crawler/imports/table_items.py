@@ -12,8 +12,8 @@ from crawler.imports.declaration import REASONS, Rule, Source, Table
 from crawler.imports.table_files import FIELD, Row, record_rows, rows
 from crawler.items import BadRawItem, RawItem
 from crawler.text.cell_lengths import AXES, UnreadableLength, dimensions_mm, extents_mm, length_mm, measures
-from crawler.text.units import millimetres
 from metric_base.errors import in_file
+from metric_base.length_units import millimetres
 
 #: Number of decimals of sizes in mm: a micrometre, finer than the sources.
 STORED_DECIMALS_MM = 3

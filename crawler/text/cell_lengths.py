@@ -11,8 +11,8 @@ from dataclasses import dataclass, replace
 
 from crawler.text.numbers import NUMBER, Decimal, number
 from crawler.text.sizes import INCHES_PER_FOOT
-from crawler.text.units import UNIT_WORDS, filled_units, millimetres, unit
 from metric_base.errors import InputError
+from metric_base.length_units import UNIT_WORDS, filled_units, millimetres, unit
 
 #: Axes of a raw item.
 AXES = ("length", "width", "height", "diameter", "depth")

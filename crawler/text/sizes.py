@@ -16,8 +16,8 @@ from itertools import zip_longest
 from typing import Literal
 
 from crawler.text.tokens import Token, tokens
-from crawler.text.units import UNIT_MARKS, UNIT_WORDS, filled_units, millimetres
 from crawler.text.vocabulary import Language, is_component, is_package, plain
+from metric_base.length_units import UNIT_MARKS, UNIT_WORDS, filled_units, millimetres
 
 #: Maximum relative difference of one length stated twice: pages round to half a centimetre or an inch.
 MAX_RELATIVE_DIFFERENCE = 0.06

@@ -8,8 +8,8 @@ from dataclasses import dataclass, replace
 from typing import Literal
 
 from crawler.text.numbers import NUMBER, number
-from crawler.text.units import UNIT_MARKS, UNIT_WORDS
 from crawler.text.vocabulary import Language, axis_of_word, plain
+from metric_base.length_units import UNIT_MARKS, UNIT_WORDS
 
 Kind = Literal["number", "unit", "axis", "header", "times", "range", "break", "open", "close", "colon", "word", "other"]
 

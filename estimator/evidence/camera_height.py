@@ -7,12 +7,12 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from crawler.text.units import metres
 from estimator.evidence.source import skipped_evidence
 from estimator.records.objects import Measurements
 from estimator.records.result import ScaleEvidence
 from estimator.records.scene import Scene, camera_centres
 from metric_base.errors import InputError
+from metric_base.length_units import metres
 from metric_base.statistics import robust_sigma
 
 KIND = "camera_height"

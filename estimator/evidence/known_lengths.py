@@ -9,7 +9,6 @@ from pathlib import Path
 
 import numpy as np
 
-from crawler.text.units import metres
 from estimator.evidence.source import skipped_evidence
 from estimator.records.objects import MeasuredObject, Measurements
 from estimator.records.result import ScaleEvidence
@@ -17,6 +16,7 @@ from estimator.records.scene import MAX_COORDINATE, Scene
 from metric_base.arrays import FloatArray
 from metric_base.errors import FieldError, InputError, Unquoted, at_field, in_file
 from metric_base.input_files import read_text
+from metric_base.length_units import metres
 from metric_tree.axes import AXES
 
 KIND = "known_length"

@@ -17,7 +17,6 @@ from typing import Any
 
 import numpy as np
 
-from crawler.text.units import metres
 from estimator.evidence.alignment import align
 from estimator.evidence.source import skipped_evidence
 from estimator.instances.view_matching import image_file, image_folders
@@ -28,6 +27,7 @@ from estimator.records.scene import Scene, View, camera_centres
 from metric_base.arrays import FloatArray
 from metric_base.errors import InputError
 from metric_base.images import read_picture
+from metric_base.length_units import metres
 
 KIND = "marker"
 #: Margin of a crop around a marker for its white border, relative to its box, and its minimum in pixels.

@@ -8,13 +8,13 @@ from pathlib import Path
 
 import numpy as np
 
-from crawler.text.units import metres
 from estimator.evidence.source import skipped_evidence
 from estimator.records.objects import Measurements
 from estimator.records.result import ScaleEvidence
 from estimator.records.scene import Scene
 from metric_base.errors import FieldError, InputError, in_file
 from metric_base.input_files import read_json
+from metric_base.length_units import metres
 from metric_base.parsing import json_array, json_object
 from metric_base.statistics import robust_sigma
 

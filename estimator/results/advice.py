@@ -32,6 +32,8 @@ SUPPOSED_QUANTILES = (1 / 6, 1 / 2, 5 / 6)
 MEASURED_SD_LOG = 0.05
 #: Standard deviation of the log of a length measured with a tape.
 TAPE_SD_LOG = 0.01
+#: Minimum probability of not being an outlier for an object whose size is suggested as a known length.
+MIN_INLIER_PROBABILITY = 0.5
 #: Classes of known size that are frequent in rooms or streets, so that one without a mask may be in the scene.
 SUGGESTED_CATEGORIES = ("chair", "table", "door", "person")
 #: Minimum relative narrowing of a suggestion; less is not worth the effort.
@@ -76,7 +78,7 @@ def suggest_measurements(
 
     measurements = [
         *_complete_sides(evidence, posterior_of),
-        *_known_lengths(evidence, level),
+        *_known_lengths(evidence, estimate, level),
         *_more_masks(evidence, tree, posterior_of),
     ]
     rated = []
@@ -105,16 +107,22 @@ def _complete_sides(evidence: EvidenceSet, posterior_of: Callable[..., Posterior
         yield f"two more images of the {name} from the side that is cut", name, None, posterior_at
 
 
-def _known_lengths(evidence: EvidenceSet, level: float) -> Iterator[_Measurement]:
-    """Yield the most accurate measurements with a tape: the height of an object, and the distance of two objects."""
+def _known_lengths(evidence: EvidenceSet, estimate: Posterior | None, level: float) -> Iterator[_Measurement]:
+    """Yield the most accurate measurements with a tape: the height of an object, and the distance of two objects.
+
+    An object that is probably an outlier is not suggested: its mask or its points may be those of another object.
+    """
     candidates: list[tuple[float, str, str, str | None]] = []
-    standing = [row.object for row in evidence.objects if row.object.vertical_known and not row.object.truncated[2]]
+    doubtful = set() if estimate is None else set(np.flatnonzero(estimate.weight < MIN_INLIER_PROBABILITY).tolist())
+    objects = [row.object for number, row in enumerate(evidence.objects) if number not in doubtful]
+    standing = [item for item in objects if item.vertical_known and not item.truncated[2]]
     if known := [item for item in standing if np.isfinite(item.sigma[2])]:
         best = min(known, key=lambda item: float(item.sigma[2]))
         name = f"{best.category} {best.id}"
         option = None if best.box is None else f"--known-length {shlex.quote(name)} height METRES"
         candidates.append((float(best.sigma[2]), f"the true height of the {name} as a known length", name, option))
-    located = [item for item in evidence.measured if item.box is not None]
+    outliers = {evidence.indices[number] for number in doubtful}
+    located = [item for index, item in enumerate(evidence.measured) if item.box is not None and index not in outliers]
     if pairs := [(middle_distance(item, other)[1], item, other) for item, other in combinations(located, 2)]:
         error, item, other = min(pairs, key=lambda pair: pair[0])
         name, other_name = (f"{one.category} {one.id}" for one in (item, other))

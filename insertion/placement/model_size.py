@@ -6,8 +6,8 @@ import re
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
-from crawler.text.units import metres as metres_of
 from metric_base.errors import InputError
+from metric_base.length_units import metres as metres_of
 from models3d.model import Model
 
 if TYPE_CHECKING:

@@ -129,6 +129,14 @@ def test_boxes_of_a_detector_and_masks_as_png(here: Path, capsys: pytest.Capture
     scale("estimate-scale street --instances masks", capsys)
 
 
+def test_the_next_command_of_a_file_has_no_suffix_in_the_name_of_the_folder(
+    hall: Walk, capsys: pytest.CaptureFixture[str]
+) -> None:
+    a, b = (",".join(f"{value:.9f}" for value in row) for row in hall.units(np.array([[0.0, 0, 0], [1, 0, 0]])))
+    assert main(["hall/transforms.json", "--known-length", f"({a})", f"({b})", "1"]) == 0
+    assert "--write-scaled hall/transforms-metric  #" in capsys.readouterr().err
+
+
 def test_lengths_and_heights_with_units(hall: Walk, capsys: pytest.CaptureFixture[str]) -> None:
     a, b = (",".join(f"{value:.9f}" for value in row) for row in hall.units(np.array([[0.0, 0, 0], [1, 0, 0]])))
     command = f"estimate-scale hall --known-length '({a})' '({b})' "

@@ -6,7 +6,7 @@ from hypothesis import strategies as st
 
 from crawler.text.cell_lengths import AXES, UnreadableLength, dimensions_mm, extents_mm, length_mm, measures
 from crawler.text.numbers import number
-from crawler.text.units import MILLIMETRES, UNIT_WORDS, unit
+from metric_base.length_units import MILLIMETRES, UNIT_WORDS, unit
 
 LENGTHS = st.integers(min_value=1, max_value=999_999).map(lambda n: n / 100)
 UNITS = st.sampled_from(["mm", "cm", "m", "in", "ft"])

@@ -13,7 +13,7 @@ from crawler.text.cell_lengths import AXES, UnreadableLength, dimensions_mm, ext
 from crawler.text.numbers import number
 from crawler.text.sizes import Length, flags_of, is_same_length, sizes
 from crawler.text.tokens import axis_of_letter, tokens
-from crawler.text.units import MILLIMETRES, UnknownUnit, metres, millimetres, unit
+from metric_base.length_units import MILLIMETRES, UnknownUnit, metres, millimetres, unit
 
 VULGAR = "¼½¾⅓⅔⅕⅖⅗⅘⅙⅚⅛⅜⅝⅞"
 

@@ -7,8 +7,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from crawler.text.sizes import PLAUSIBLE_MM, consensus, sizes
-from crawler.text.units import MILLIMETRES
 from crawler.text.vocabulary import Language
+from metric_base.length_units import MILLIMETRES
 
 #: text, label, language, expected mm by axis (or in order where the text names no axis)
 CASES = [

@@ -46,6 +46,15 @@ def test_a_known_height_is_worth_what_it_says(tree: Tree) -> None:
     assert length.narrows_by == pytest.approx(1 - after / before, abs=0.05)
 
 
+def test_an_outlier_is_not_suggested_as_a_known_length(tree: Tree) -> None:
+    """A bench of the height of a house is the object with the smallest error, but probably not a bench."""
+    bench = MeasuredObject("6", "bench", np.array([15.0, 4.0, 8.0]), np.full(3, 0.01))
+    doubtful = scale_of_objects([VASE, replace(VASE, id="5"), DESK, bench], tree)
+    assert doubtful.objects[3].verdict == "outlier"
+    assert doubtful.would_help
+    assert "bench 6" not in [one.object for one in doubtful.would_help if "known length" in one.what]
+
+
 def test_best_comes_first_and_a_resolved_scale_needs_none(tree: Tree) -> None:
     alone = scale_of_objects([VASE], tree)
     narrowing = [one.narrows_by for one in alone.would_help]

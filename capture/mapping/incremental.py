@@ -16,7 +16,7 @@ from typing import Any
 import msgspec
 import numpy as np
 
-from capture.mapping.camera_models import CameraModelChoice, chosen_model, model_scores
+from capture.mapping.camera_models import CANDIDATE_MODELS, CameraModelChoice, chosen_model, model_scores
 from capture.mapping.covariance import standard_deviations
 from capture.mapping.model_metrics import lens_bend, model_metrics, residual_pattern, residuals_of
 from capture.mapping.refusals import (
@@ -117,8 +117,8 @@ def finish(request: Request) -> dict[str, Any]:
     while more := [name for name, std in standard_deviations(model)[1].items() if std > MAX_STEP_STD]:
         undetermined += more
         model = without_frames(model, more, folder, request["fixed"])
-    is_free = request["free"] and not request["fixed"] and len(model.cameras) == 1
-    lenses = choose_camera_model(model, folder) if is_free else None
+    is_compared = not request["fixed"] and len(model.cameras) == 1
+    lenses = compare_camera_models(model, folder, request["free"]) if is_compared else None
     model.extract_colors_for_all_images(request["images"])
     model.write_binary(str(folder))
     focal_std, steps = standard_deviations(model)
@@ -153,17 +153,20 @@ def adjust(model: Model, fixed: bool = False) -> None:
     pycolmap.ObservationManager(model).filter_all_points3D(limits.filter_max_reproj_error, limits.filter_min_tri_angle)
 
 
-def choose_camera_model(model: Model, folder: Path) -> CameraModelChoice | None:
-    """Adjust a model, which is in a folder, with the camera model that explains held-out observations best.
+def compare_camera_models(model: Model, folder: Path, is_free: bool) -> CameraModelChoice | None:
+    """Compare camera models by held-out observations of a model, which is in a folder.
 
-    Returns None if the residuals have no pattern.
+    If the camera model is free, the model is adjusted with the one that explains them best; otherwise the user's is
+    kept. Returns None if the residuals have no pattern.
     """
     if residual_pattern(*residuals_of(read_colmap(folder))) <= MIN_COMPARED_PATTERN:
         return None
     (camera,) = model.cameras.values()
-    before, scores = camera.model.name, model_scores(folder)
+    before = camera.model.name
+    names = CANDIDATE_MODELS if is_free else tuple(dict.fromkeys([before, *CANDIDATE_MODELS]))
+    scores = model_scores(folder, names)
     chosen = chosen_model(scores)
-    if chosen != before:
+    if is_free and chosen != before:
         camera.model = getattr(pycolmap.CameraModelId, chosen)
         camera.params = scores[chosen].params
         adjust(model)

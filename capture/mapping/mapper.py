@@ -17,10 +17,12 @@ from capture.mapping.model_metrics import ModelMetrics
 from capture.mapping.refusals import (
     DISPUTABLE,
     MAX_DISAGREEMENT,
+    MAX_MODEL_FOCAL_CHANGE,
     TYPICAL_FOCAL,
     Failure,
     early_failure,
     model_failure,
+    refusal,
 )
 from capture.mapping.worker import OutOfTime, TimeLimit, WorkerError, run_worker
 from metric_base.progress import ProgressCallback, silent
@@ -155,9 +157,24 @@ def _mapped(
         result = run_worker("finish", request, folder, limit=rest)
     model = None if result["model"] is None else msgspec.convert(result["model"], ModelMetrics)
     stated = None if lens.focal_px is None else lens.focal_px / max(lens.width, lens.height)
-    failure = model_failure(graph, model, lens.fixed, stated)
     lenses = msgspec.convert(result.get("lenses"), CameraModelChoice | None)
+    failure = model_failure(graph, model, lens.fixed, stated)
+    if failure is None and lenses is not None and not lens.free:
+        failure = camera_model_failure(lenses)
     return result, ModelReport(failure=failure, model=model, focal_held=lens.fixed, lenses=lenses)
+
+
+def camera_model_failure(lenses: CameraModelChoice) -> Failure | None:
+    """Return the failure of a camera model that the user gave, if another fits better with another focal length."""
+    change = lenses.focal_change
+    if abs(change) <= MAX_MODEL_FOCAL_CHANGE:
+        return None
+    better, given = lenses.scores[lenses.chosen], lenses.scores[lenses.before]
+    seen = (
+        f"{lenses.chosen} has residuals of {better.error_px:.2f} px instead of {given.error_px:.2f} px with "
+        f"{lenses.before}, and its focal length differs by {100 * abs(change):.0f} %"
+    )
+    return refusal("wrong_camera_model", seen)
 
 
 def _cameras(lens: Lens) -> list[dict[str, Any]]:

@@ -27,6 +27,7 @@ ADVICE = {
     "several_places": "record one place in one go, without cuts, and come back over what was seen before",
     "drift": "record a loop that comes back to its start, sideways rather than straight ahead, and more slowly",
     "implausible_focal_length": "give the focal length with --focal, do not zoom, and walk around the objects",
+    "wrong_camera_model": "omit --camera-model, so that it is chosen by the images",
     "focal_length_changes": "do not zoom or let the telephone change lenses, and do not record moving objects",
     "focal_length_undetermined": "walk around the objects or turn the camera as you walk, or give the focal length in "
     f"pixels with --focal (a telephone's main camera: about {TYPICAL_FOCAL} times the longer side of the image)",
@@ -70,6 +71,10 @@ MIN_WARNED_FOCAL_STD, FOCAL_ERROR_RATIO = 0.02, 2.0
 MAX_BEND = 0.2
 #: Maximum ratio of the focal lengths across and down; pixels are square, and right models differ by up to 3 %.
 MAX_ASPECT = 1.05
+#: Maximum change of the focal length from the camera model of the user to one that fits significantly better. Two wrong
+#: lenses (`SIMPLE_PINHOLE` with distortion, a fisheye as `SIMPLE_RADIAL`) have 11 to 18 %, and the other model the
+#: true focal length within 0.3 %.
+MAX_MODEL_FOCAL_CHANGE = 0.05
 #: Minimum `residual_pattern` at which camera models are compared: a wide lens under SIMPLE_RADIAL has 0.16, phones
 #: 0.02.
 MIN_COMPARED_PATTERN = 0.06

@@ -8,8 +8,9 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from capture.mapping.camera_models import start_params
-from capture.mapping.incremental import choose_camera_model
+from capture.mapping.camera_models import CameraModelChoice, ModelScore, chosen_model, start_params
+from capture.mapping.incremental import compare_camera_models
+from capture.mapping.mapper import camera_model_failure
 from capture.mapping.model_metrics import residual_pattern
 from estimator.reconstructions.pycolmap_library import pycolmap
 
@@ -60,7 +61,7 @@ def _fitted(folder: Path, model: str) -> Path:
 def test_a_fisheye_lens_under_a_radial_model_is_found(tmp_path: Path) -> None:
     folder = _fitted(_model(tmp_path / "wide", "OPENCV_FISHEYE", WIDE), "SIMPLE_RADIAL")
     model = pycolmap.Reconstruction(folder)
-    choice = choose_camera_model(model, folder)
+    choice = compare_camera_models(model, folder, is_free=True)
     assert choice is not None
     assert (choice.before, choice.chosen) == ("SIMPLE_RADIAL", "OPENCV_FISHEYE")
     (camera,) = model.cameras.values()
@@ -70,7 +71,44 @@ def test_a_fisheye_lens_under_a_radial_model_is_found(tmp_path: Path) -> None:
 
 def test_a_plain_lens_keeps_the_simple_model(tmp_path: Path) -> None:
     folder = _model(tmp_path / "plain", "SIMPLE_RADIAL", [700.0, 424.0, 240.0, -0.05])
-    assert choose_camera_model(pycolmap.Reconstruction(folder), folder) is None
+    assert compare_camera_models(pycolmap.Reconstruction(folder), folder, is_free=True) is None
+
+
+@pytest.mark.parametrize(
+    ("given", "made", "params"),
+    [("SIMPLE_PINHOLE", "OPENCV_FISHEYE", WIDE), ("SIMPLE_PINHOLE", "SIMPLE_RADIAL", [600.0, 424.0, 240.0, -0.15])],
+)
+def test_a_camera_model_of_the_user_that_changes_the_focal_length_is_refused(
+    given: str, made: str, params: list[float], tmp_path: Path
+) -> None:
+    folder = _fitted(_model(tmp_path / "given", made, params), given)
+    model = pycolmap.Reconstruction(folder)
+    choice = compare_camera_models(model, folder, is_free=False)
+    assert choice is not None
+    assert choice.before == given
+    assert [camera.model.name for camera in model.cameras.values()] == [given]
+    assert choice.scores[choice.chosen].params[0] == pytest.approx(params[0], rel=0.03)
+    failure = camera_model_failure(choice)
+    assert failure is not None
+    assert failure.code == "wrong_camera_model"
+    assert failure.message.endswith("omit --camera-model, so that it is chosen by the images")
+
+
+@pytest.mark.parametrize(("focal", "is_refused"), [(664.0, True), (666.0, False), (734.0, False), (736.0, True)])
+def test_the_focal_length_of_the_better_model_may_differ_by_five_percent(focal: float, is_refused: bool) -> None:
+    scores = {"PINHOLE": ModelScore(0.9, 0.0, 0.0, [700.0]), "OPENCV": ModelScore(0.8, 0.2, 0.01, [focal])}
+    assert (camera_model_failure(CameraModelChoice(scores, "PINHOLE", "OPENCV")) is not None) == is_refused
+
+
+@pytest.mark.parametrize(("aspect", "chosen"), [(1.049, "OPENCV"), (1.051, "OPENCV_FISHEYE")])
+def test_a_model_whose_pixels_are_not_square_is_not_chosen(aspect: float, chosen: str) -> None:
+    """Another ratio of the focal lengths compensates for a rolling shutter."""
+    scores = {
+        "SIMPLE_RADIAL": ModelScore(1.2, 0.0, 0.0, []),
+        "OPENCV": ModelScore(1.0, 0.3, 0.05, [], aspect),
+        "OPENCV_FISHEYE": ModelScore(1.1, 0.2, 0.05, [], 1.02),
+    }
+    assert chosen_model(scores) == chosen
 
 
 @pytest.mark.parametrize("model", ["OPENCV", "OPENCV_FISHEYE", "THIN_PRISM_FISHEYE", "SIMPLE_RADIAL"])

@@ -248,4 +248,4 @@ def test_a_failure_that_two_mappers_overrule_is_a_warning() -> None:
 
 
 def test_every_code_of_the_contract_is_there() -> None:
-    assert set(CODES) == {*REFUSED_VIDEOS, *RARE_VIDEOS, "out_of_time"}
+    assert set(CODES) == {*REFUSED_VIDEOS, *RARE_VIDEOS, "wrong_camera_model", "out_of_time"}

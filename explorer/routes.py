@@ -12,6 +12,7 @@ from typing import Any
 import msgspec
 
 from explorer.catalogue import ReleaseCatalogue
+from explorer.fit import fit_response
 from explorer.pages.node_page import node_page
 from explorer.pages.release_pages import (
     about_page,
@@ -36,6 +37,8 @@ from explorer.responses import (
     vocabulary_response,
 )
 from explorer.schemas import (
+    FitAnswer,
+    FitQuery,
     ImagesAnswer,
     ItemsAnswer,
     ItemsQuery,
@@ -180,6 +183,15 @@ ROUTES = (
         SearchAnswer,
         "search",
         "Categories for a text, the most likely first.",
+        is_static=False,
+    ),
+    Route(
+        "v1/fit",
+        fit_response,
+        FitQuery,
+        FitAnswer,
+        "fit",
+        "The probability that an object fits through or into another one.",
         is_static=False,
     ),
     Route("v1/sizes.csv", sizes_csv),

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import Annotated, Any
+from typing import Annotated, Any, Literal
 
 import msgspec
 from msgspec import UNSET, Meta, UnsetType
@@ -146,6 +146,22 @@ class SearchAnswer(msgspec.Struct, kw_only=True):
     hits: list[SearchHit]
 
 
+class FitAnswer(msgspec.Struct, kw_only=True):
+    """Whether an object fits through or into another one; `probability` is null if a necessary side is not known.
+
+    `nodes` has the ids of both categories, null for one that the request describes by its sides.
+    """
+
+    schema: str = "metric-tree/fit/1"
+    tree: TreeRef
+    object: str
+    into: str
+    nodes: list[str | None]
+    how: str
+    probability: float | None
+    reason: str
+
+
 class ReleaseRef(msgspec.Struct):
     """A release that is served; `base` is its path."""
 
@@ -193,6 +209,28 @@ class SearchQuery(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
 
     q: Annotated[str, Meta(min_length=1, max_length=MAX_NAME_CHARS, description="text to search", examples=["chair"])]
     limit: Annotated[int, Meta(ge=1, le=MAX_HITS, description="maximum number of hits", examples=[5])] = 10
+
+
+class FitQuery(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
+    """Query string of a fit."""
+
+    object: Annotated[
+        str,
+        Meta(
+            min_length=1,
+            max_length=MAX_NAME_CHARS,
+            description="a name or an id, or sides: 210 x 95 x 85 cm",
+            examples=["sofa"],
+        ),
+    ]
+    into: Annotated[
+        str,
+        Meta(min_length=1, max_length=MAX_NAME_CHARS, description="the same of the larger object", examples=["door"]),
+    ]
+    how: Annotated[
+        Literal["", "through", "in"],
+        Meta(description="through an opening or in a container; by default the category decides", examples=["through"]),
+    ] = ""
 
 
 class PriorQuery(msgspec.Struct, frozen=True, forbid_unknown_fields=True):

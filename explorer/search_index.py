@@ -7,9 +7,17 @@ lines.
 from __future__ import annotations
 
 import json
+import math
+from typing import Any
+
+import numpy as np
 
 from explorer.catalogue import MEANINGS, ReleaseCatalogue
+from explorer.charts.size_comparison import REFERENCES
+from explorer.everyday_sizes import has_front
+from explorer.fit import OPENINGS
 from explorer.urls import slug
+from metric_tree.prior import Prior
 from taxonomy.words.spelling import plain_fold
 
 
@@ -57,17 +65,44 @@ def name_index(catalogue: ReleaseCatalogue) -> bytes:
 
 
 def size_index(catalogue: ReleaseCatalogue) -> bytes:
-    """Return the script for comparisons: name, tier, items and quantiles in mm (three digits) of all nodes by slug."""
-    rows = {
-        slug(node.node_id): [
-            node.name,
-            catalogue.tier(node),
-            node.n_items,
-            {
-                dim: [float(f"{value:.3g}") for value in column]
-                for dim, column in zip(catalogue.dims(node), catalogue.quantiles(node).T, strict=True)
-            },
-        ]
-        for node in catalogue.nodes.values()
-    }
-    return f"var MT_SIZES={json.dumps(rows, separators=(',', ':'), ensure_ascii=False)};\n".encode()
+    """Return the script for comparisons: sizes of all nodes by slug, and references of familiar size.
+
+    `MT_SIZES` has for each node its name, tier, number of items, quantiles in mm (three digits) by dimension, 1 if it
+    has a front, the correlations of ln size (upper triangle, percent), and the path of a cut-out image if there
+    is one. `MT_REFERENCES` has name, width and height in mm, and an outline in a box of 100 by
+    100. `MT_OPENINGS` has the slugs of the nodes that are openings.
+    """
+    rows, openings = {}, []
+    for node in catalogue.nodes.values():
+        dims, prior = catalogue.dims(node), catalogue.prior(node)
+        sizes = {
+            dim: [float(f"{value:.3g}") for value in column]
+            for dim, column in zip(dims, catalogue.quantiles(node).T, strict=True)
+        }
+        row: list[Any] = [node.name, catalogue.tier(node), node.n_items, sizes, int(has_front(node))]
+        row.append([] if prior is None else correlations_percent(prior))
+        if images := [image for image in catalogue.images(node) if image["cutout_path"]]:
+            # the image whose aspect ratio is closest to that of the box from the front
+            across, up = (sizes.get(dim, next(iter(sizes.values()), [0, 0, 1.0]))[2] for dim in ("length", "height"))
+            aspects = [abs(math.log(image["width_px"] / image["height_px"] * up / across)) for image in images]
+            row.append(images[int(np.argmin(aspects))]["cutout_path"])
+        rows[slug(node.node_id)] = row
+        if any(one.node_id in OPENINGS for one in (node, *node.ancestors())):
+            openings.append(slug(node.node_id))
+    values = {"MT_SIZES": rows, "MT_REFERENCES": REFERENCES, "MT_OPENINGS": openings}
+    texts = (
+        f"var {name}={json.dumps(value, separators=(',', ':'), ensure_ascii=False)};\n"
+        for name, value in values.items()
+    )
+    return "".join(texts).encode()
+
+
+def correlations_percent(prior: Prior) -> list[int]:
+    """Return the correlations of ln size between the dimensions (first and second, first and third, ...) in percent."""
+    mean = prior.weights @ prior.means
+    within = prior.covariances + prior.shared_covariance
+    offsets = prior.means - mean
+    covariance = np.einsum("k,kij->ij", prior.weights, within + offsets[:, :, None] * offsets[:, None, :])
+    sd = np.sqrt(np.diagonal(covariance))
+    percent = np.round(100 * covariance / np.outer(sd, sd)).astype(int)
+    return [int(value) for value in percent[np.triu_indices(len(sd), 1)]]

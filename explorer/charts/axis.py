@@ -93,13 +93,24 @@ class LogAxis:
                         kept.append(tick)
         return sorted(kept)
 
-    def svg(self, y: float, top: float) -> str:
-        """Return the ticks as grid lines from `y` up to `top`, with labels below them."""
-        places = [(f"{self.at(tick):.0f}", length_text(tick)) for tick in self.ticks()]
-        lines = "".join(f"M{x} {y:g}V{top:g}" for x, _ in places)
-        return f'<path class="grid" d="{lines}"/>' + "".join(
-            f'<text x="{x}" y="{y + 12:g}">{text}</text>' for x, text in places
-        )
+    def svg(self, base: float, far: float, is_vertical: bool = False) -> str:
+        """Return the ticks as grid lines from `base` to `far`, with labels at `base`: below them, or left of them.
+
+        A page redraws the group for units whose round lengths are other ones.
+        """
+        lines, labels = "", ""
+        for tick in self.ticks():
+            at, text = f"{self.at(tick):.0f}", length_text(tick)
+            lines += f"M{base:g} {at}H{far:g}" if is_vertical else f"M{at} {base:g}V{far:g}"
+            place = (
+                f'class="end" x="{base - 4:g}" y="{self.at(tick) + 4:.0f}"'
+                if is_vertical
+                else f'x="{at}" y="{base + 12:g}"'
+            )
+            labels += f'<text {place} data-mm="{tick:.4g}">{text}</text>'
+        ends = " ".join(f"{value:.5g}" for value in (self.low, self.high, self.start, self.end, base, far))
+        kind = "axis vertical" if is_vertical else "axis"
+        return f'<g class="{kind}" data-drawn data-axis="{ends}"><path class="grid" d="{lines}"/>{labels}</g>'
 
 
 def path_data(points: Iterable[Sequence[float]]) -> str:

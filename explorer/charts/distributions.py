@@ -109,11 +109,7 @@ def scatter(prior: Prior, sizes: FloatArray, kinds: FloatArray) -> str:
     upward = length_axis(prior.marginal(prior.dims[1:]), sizes[:, 1])
     right = LogAxis(across.low, across.high, LEFT, RIGHT)
     up = LogAxis(upward.low, upward.high, SCATTER_BOTTOM, SCATTER_TOP)
-    ticks = [(up.at(tick), length_text(tick)) for tick in up.ticks()]
-    lines = "".join(f"M{LEFT} {y:.0f}H{RIGHT}" for y, _ in ticks)
-    side = f'<path class="grid" d="{lines}"/>' + "".join(
-        f'<text class="end" x="{LEFT - 4}" y="{y + 4:.0f}">{text}</text>' for y, text in ticks
-    )
+    side = up.svg(LEFT, RIGHT, is_vertical=True)
     chosen = np.linspace(0, len(sizes) - 1, min(len(sizes), MAX_SCATTER_POINTS)).astype(int)
     drawn = ""
     for kind in KINDS:

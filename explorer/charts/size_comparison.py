@@ -10,7 +10,7 @@ WIDTH, HEIGHT, FLOOR, MARGIN, GAP = 340, 236, 196, 10, 14
 
 #: Name, width and height in mm, and an outline in a box of 100 by 100: a person of 1.70 m, a door of 0.9 by 2.0 m (as
 #: doors of homes are), a hand of 19 cm (the median of ANSUR II).
-_REFERENCES = (
+REFERENCES = (
     (
         "person",
         480.0,
@@ -52,9 +52,9 @@ def size_comparison(name: str, box: DrawnBox) -> str:
     if is_bar:
         box = replace(box, across=(BAR_RATIO * box.up[2],) * 3)
     longest = max(box.across[2], box.up[2], box.deep[2] if box.deep else 0)
-    beside = [one for one in _REFERENCES if MIN_REFERENCE_RATIO <= one[2] / longest <= MAX_REFERENCE_RATIO]
-    if len(beside) == len(_REFERENCES) and longest < 450:
-        beside = [_REFERENCES[2]]  # next to a person, a mug would be a dot
+    beside = [one for one in REFERENCES if MIN_REFERENCE_RATIO <= one[2] / longest <= MAX_REFERENCE_RATIO]
+    if len(beside) == len(REFERENCES) and longest < 450:
+        beside = [REFERENCES[2]]  # next to a person, a mug would be a dot
     widths = [box.across[2], *([box.deep[2]] if box.deep else []), *(one[1] for one in beside)]
     tallest = max(box.up[2], *(one[2] for one in beside), 0) if beside else box.up[2]
     scale = min((WIDTH - 2 * MARGIN - GAP * (len(widths) - 1)) / sum(widths), (FLOOR - MARGIN) / tallest)

@@ -32,7 +32,7 @@ from explorer.server.openapi import description
 from explorer.server.scale_jobs import ScaleJobs, ServiceUnavailable
 from metric_base.errors import InputError
 from metric_tree.node import NoPrior, UnknownName
-from metric_tree.release.images import FOLDER
+from metric_tree.release.images import FOLDER, stored_file
 from metric_tree.tree import Tree
 
 #: Maximum size of a request body in bytes: 500 objects take about 100 kB.
@@ -81,8 +81,8 @@ class Explorer:
             return problem(404, f"no release is served at /{path[:200]}", request.url.path)
         catalogue, address = resolved
         if _IMAGE.fullmatch(address):
-            file = catalogue.tree.release.directory / address
-            if not file.is_file():
+            file = stored_file(catalogue.tree.release.directory, address)
+            if file is None:
                 return problem(404, f"nothing is at /{address}", request.url.path)
             image = CachedResponse(Rendered(file.read_bytes(), MEDIA_TYPES[file.suffix[1:]]))
             return conditional_response(request, image, file.stem, IMAGE_MAX_AGE_S)

@@ -14,6 +14,7 @@ from mcp.types import ToolAnnotations
 from pydantic import Field
 
 from explorer.catalogue import ReleaseCatalogue
+from explorer.fit import fit_response
 from explorer.responses import (
     comparison,
     found_node,
@@ -22,7 +23,7 @@ from explorer.responses import (
     search_response,
     vocabulary_response,
 )
-from explorer.schemas import ScaleRequest, SearchQuery
+from explorer.schemas import FitQuery, ScaleRequest, SearchQuery
 from explorer.server.scale_jobs import scale_record
 from metric_base.errors import InputError
 from metric_tree.prior import QUANTILES
@@ -36,7 +37,7 @@ _VOCABULARY = Field(description="label list: coco_80, lvis_v1, ...")
 
 
 def tool_server(trees: Sequence[Tree]) -> MCPServer:
-    """Return a server with the tools search, node, prior, compare, vocabulary and scale for the first release."""
+    """Return a server with the tools search, node, prior, compare, fit, vocabulary and scale for the first release."""
     catalogue = ReleaseCatalogue(trees)
     tree = catalogue.tree
     server = MCPServer(
@@ -78,6 +79,15 @@ def tool_server(trees: Sequence[Tree]) -> MCPServer:
         """Up to six categories side by side."""
         return _fields(comparison(catalogue, names))
 
+    def fit(
+        object: Annotated[str, Field(description="name or id of a category, or sides: 210 x 95 x 85 cm")],  # noqa: A002
+        into: Annotated[str, Field(description="the same of the larger object, for example door or car")],
+        how: Annotated[str, Field(description="through or in; by default the category decides")] = "",
+    ) -> dict[str, Any]:
+        """The probability that an object fits through an opening or into a container, with its reason."""
+        query = msgspec.convert({"object": object, "into": into, "how": how}, FitQuery)
+        return _fields(fit_response(catalogue, query))
+
     def vocabulary(
         name: Annotated[str, _VOCABULARY],
         offset: Annotated[int, Field(ge=0, description="number of labels to skip: next_offset of a response")] = 0,
@@ -101,7 +111,7 @@ def tool_server(trees: Sequence[Tree]) -> MCPServer:
         """The scale of a scene in metres per unit, with its interval, from measured objects."""
         return scale_record(ScaleRequest(objects=objects, known_lengths=known_lengths or []), tree)
 
-    for tool in (search, node, prior, compare, vocabulary, scale):
+    for tool in (search, node, prior, compare, fit, vocabulary, scale):
         server.add_tool(
             _with_tool_errors(tool),
             annotations=ToolAnnotations(read_only_hint=True, idempotent_hint=True, open_world_hint=False),

@@ -10,13 +10,17 @@ from functools import partial
 from http.server import SimpleHTTPRequestHandler, ThreadingHTTPServer
 from importlib.util import find_spec
 from pathlib import Path
+from urllib.parse import quote
 
+import numpy as np
 import pytest
 
 import metric_tree
 from estimator.views.glb import glb_bytes
 from explorer.catalogue import ReleaseCatalogue
+from explorer.fit import fit_response
 from explorer.routes import render
+from explorer.schemas import FitQuery
 from tests.support.browser import Browser
 from tests.support.views import hand_view
 
@@ -110,17 +114,101 @@ def test_search_as_you_type(base: str, site: Path, browser: Browser, form: str) 
     assert browser.run("problems") == []
 
 
-def test_compare_keeps_the_choice_in_the_address(base: str, browser: Browser) -> None:
+def choose_unit(browser: Browser, unit: str) -> None:
+    browser.run(f"document.getElementById('units').value = '{unit}'")
+    browser.run("document.getElementById('units').dispatchEvent(new Event('change'))")
+
+
+def test_compare_is_a_scene_to_scale(base: str, browser: Browser, catalogue: ReleaseCatalogue) -> None:
+    """Boxes have the ratio of the median sizes, keys and drags move them, and the address keeps the choice."""
     see(browser, f"{base}/compare.html?nodes=swivel_chair.n.01")
     browser.run("document.getElementById('add-name').value = 'computer mouse'")
     browser.run("document.getElementById('add').requestSubmit()")
     browser.wait("document.querySelectorAll('#compared tbody tr').length == 2")
-    assert browser.run("location.search") == "?nodes=swivel_chair.n.01,mouse.n.04&dim=height"
-    assert browser.run("document.querySelectorAll('#chart rect').length") == 4
-    browser.run("document.getElementById('units').value = 'in'")
-    browser.run("document.getElementById('units').dispatchEvent(new Event('change'))")
-    assert browser.run("document.querySelector('#compared data').textContent").endswith(" in")
-    browser.run("localStorage.clear()")
+    assert browser.run("location.search") == "?nodes=swivel_chair.n.01,mouse.n.04"
+    names = "[...document.querySelectorAll('#front .name')].map(one => one.textContent)"
+    assert browser.run(names) == ["swivel chair", "mouse", "person", "door"]
+    box = "document.querySelector('#%s .movable .object').%s.baseVal.value"
+    medians = catalogue.quantiles(catalogue.nodes["swivel_chair.n.01"])[2]  # length, width, height
+    drawn = [browser.run(box % size) for size in (("front", "width"), ("top", "height"), ("front", "height"))]
+    assert np.allclose(np.array(drawn) / drawn[0], medians / medians[0], rtol=0.01)
+    place = "document.querySelector('#front .movable').getAttribute('transform')"
+    before = browser.run(place)
+    browser.run("document.querySelector('#front .movable').focus()")
+    browser.press("ArrowRight")
+    assert browser.run(place) != before
+    browser.run("document.querySelector('#references input').click()")
+    assert browser.run(names) == ["swivel chair", "mouse", "door"]
+    assert browser.run(place) != before, "an object that was moved stays"
+    choose_unit(browser, "ft")
+    assert browser.run("document.querySelector('#compared data').textContent").endswith("″")
+    assert browser.run("document.querySelector('#front .movable text').textContent").endswith("″ wide")
+    choose_unit(browser, "auto")
+
+
+def test_one_known_dimension_is_a_bar_and_an_unknown_one_is_not_drawn(base: str, browser: Browser) -> None:
+    see(browser, f"{base}/compare.html")
+    browser.run("MT_SIZES['rat.n.01'][3] = {height: [1, 1, 1500, 2000, 2000]}")
+    browser.run("document.getElementById('add-name').value = 'rat'")
+    browser.run("document.getElementById('add').requestSubmit()")
+    browser.wait("document.querySelector('#front .movable .object')")
+    assert browser.run("document.querySelector('#front .movable .object').width.baseVal.value") < 10
+    assert browser.run("document.querySelector('#front .movable .object').height.baseVal.value") > 100
+    assert browser.run("document.querySelector('#top .movable').querySelectorAll('rect.object').length") == 0
+
+
+@pytest.mark.parametrize(
+    ("names", "how"),
+    [
+        (("swivel chair", "70 x 200 cm"), "through"),
+        (("mouse", "swivel chair"), "in"),
+        (("65 x 60 x 99 cm", "swivel chair"), "in"),
+    ],
+)
+def test_the_page_and_the_server_agree_on_whether_an_object_fits(
+    base: str, browser: Browser, catalogue: ReleaseCatalogue, names: tuple[str, str], how: str
+) -> None:
+    expected = fit_response(catalogue, FitQuery(*names))
+    assert expected.how == how
+    see(browser, f"{base}/compare.html?object={quote(names[0])}&into={quote(names[1])}")
+    browser.wait("document.getElementById('fit-answer').textContent.includes('%')")
+    shown = int(browser.run("document.getElementById('fit-answer').textContent").split()[-5])
+    assert expected.probability is not None
+    assert abs(shown / 100 - expected.probability) < 0.025
+    side = expected.reason.partition(" is about")[0]
+    assert browser.run("document.getElementById('fit-reason').textContent").startswith(side)
+
+
+def test_the_unit_changes_sentences_tables_axes_and_drawings(base: str, browser: Browser) -> None:
+    see(browser, f"{base}/nodes/swivel_chair.n.01.html")
+    metric = (
+        "[...document.querySelectorAll('main *')]"
+        ".filter(one => !one.children.length && !one.closest('tbody th, code'))"
+        ".map(one => one.textContent).filter(text => /\\d (cm|mm|m)\\b/.test(text))"
+    )
+    before = browser.run(metric)
+    assert len(before) > 30
+    for unit, mark in (("in", " in"), ("ft", "″")):
+        choose_unit(browser, unit)
+        assert browser.run(metric) == []
+        for part in (
+            ".sentence",
+            ".five td",
+            ".distribution .axis text",
+            ".scatter .vertical text",
+            ".to-scale text.start",
+        ):
+            assert mark in browser.run(f"document.querySelector('{part}').textContent"), (unit, part)
+        assert mark in browser.run("document.querySelector('.to-scale').getAttribute('aria-label')")
+    choose_unit(browser, "auto")
+    assert browser.run(metric) == before
+    assert browser.run("metricTree.converted('A mug is 9.5 cm high, of 8 to 12 cm.', 'in')") == (
+        "A mug is 3.74 in high, of 3.15 to 4.72 in."
+    )
+    texts = (
+        "[[1700, 0], [304.8, 0], [4564, 914], [45, 0]].map(([mm, typical]) => metricTree.lengthText(mm, 'ft', typical))"
+    )
+    assert browser.run(texts) == ["5′ 7″", "1′ 0.0″", "14′ 11.7″", "1.77″"]
 
 
 def test_the_scale_page_reads_objects_and_computes_on_a_server(base: str, browser: Browser) -> None:
@@ -232,7 +320,7 @@ def test_a_plain_file_server_is_enough(site: Path, browser: Browser) -> None:
         for page in (
             "index.html",
             "nodes/swivel_chair.n.01.html",
-            "compare.html?nodes=rat.n.01,mt-bar_stool&dim=width",
+            "compare.html?nodes=rat.n.01,mt-bar_stool",
         ):
             see(browser, f"{base}/{page}")
             browser.wait("performance.getEntriesByName('first-contentful-paint').length")
@@ -240,7 +328,6 @@ def test_a_plain_file_server_is_enough(site: Path, browser: Browser) -> None:
             "rat",
             "bar stool",
         ]
-        assert browser.run("document.getElementById('dimension').value") == "width"
         see(browser, f"{base}/scale.html")
         browser.run("document.getElementById('example').click()")
         browser.wait("!document.getElementById('result').hidden")

@@ -283,7 +283,7 @@ def test_the_description_fits_the_answers(base: str) -> None:
             seen.add(case.path)
 
         check()
-    assert len(seen) == 9
+    assert len(seen) == 10
 
 
 @pytest.mark.skipif(sys.platform == "win32", reason="signals of POSIX")
@@ -323,6 +323,7 @@ def test_tools_of_the_model_context_protocol(catalogue: ReleaseCatalogue) -> Non
                 "node": {"name": "mouse", "vocabulary": "coco_80"},
                 "prior": {"name": "rat", "dims": ["height"]},
                 "compare": {"names": ["rat", "trackball"]},
+                "fit": {"object": "rat", "into": "2 x 2 x 2 m"},
                 "vocabulary": {"name": "coco_80", "offset": 70, "limit": 6},
                 "scale": {"objects": OBJECTS["objects"]},
             }
@@ -334,11 +335,12 @@ def test_tools_of_the_model_context_protocol(catalogue: ReleaseCatalogue) -> Non
             return {"tools": tools, "answers": answers, "refused": refused}
 
     replies = asyncio.run(ask())
-    assert replies["tools"] == {"search", "node", "prior", "compare", "vocabulary", "scale"}
+    assert replies["tools"] == {"search", "node", "prior", "compare", "fit", "vocabulary", "scale"}
     records = {name: json.loads(answer.content[0].text) for name, answer in replies["answers"].items()}
     assert records["node"]["node"] == "mouse.n.04"
     assert (len(records["vocabulary"]["labels"]), records["vocabulary"]["next_offset"]) == (6, 76)
     assert list(records["prior"]["quantiles_mm"]) == ["height"]
+    assert (records["fit"]["how"], records["fit"]["probability"]) == ("in", 1.0)
     assert [row["node"] for row in records["compare"]["nodes"]] == ["rat.n.01", "trackball.n.01"]
     assert records["scale"]["scale"] == pytest.approx(2, rel=0.1)
     assert "no such thing" in replies["refused"].content[0].text

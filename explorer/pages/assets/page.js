@@ -2,42 +2,95 @@
 "use strict";
 (function () {
   const root = document.documentElement.dataset.root;
-  const UNITS = { mm: 1, cm: 10, m: 1000, in: 25.4 };
-  const NAMES = { in: "in" };
+  const UNITS = { km: 1e6, m: 1000, cm: 10, mm: 1, in: 25.4, ft: 304.8 };
 
   // Lengths in the unit that the reader chose.
   function number(value) {
     if (value >= 100) return Math.round(value).toLocaleString("en");
     return String(Number(value.toPrecision(3)));
   }
+  function usualUnit(mm) { return mm >= 2e6 ? "km" : mm >= 1000 ? "m" : mm >= 20 ? "cm" : "mm"; }
+  // Feet and inches: 5′ 7″.
+  function feetText(mm, digits) {
+    const inches = Number((mm / UNITS.in).toFixed(digits)), feet = Math.floor(inches / 12);
+    const rest = (inches - 12 * feet).toFixed(digits) + "″";
+    return feet ? `${feet.toLocaleString("en")}′ ${rest}` : rest;
+  }
   // With `typical`, a length of the table, all cells have one unit and three digits of that length.
   function lengthText(mm, unit, typical) {
-    const usual = typical || mm;
-    if (!unit || unit === "auto") unit = usual >= 2e6 ? "km" : usual >= 1000 ? "m" : usual >= 20 ? "cm" : "mm";
-    const factor = unit === "km" ? 1e6 : UNITS[unit];
-    if (typical) {
-      const digits = Math.min(Math.max(2 - Math.floor(Math.log10(typical / factor)), 0), 4);
-      return (mm / factor).toLocaleString("en", { minimumFractionDigits: digits, maximumFractionDigits: digits }) + " " + (NAMES[unit] || unit);
-    }
-    return number(mm / factor) + " " + (NAMES[unit] || unit);
+    if (!unit || unit === "auto") unit = usualUnit(typical || mm);
+    const value = mm / UNITS[unit];
+    if (unit === "ft") return feetText(mm, (typical || mm) >= 1000 ? 0 : (typical || mm) >= 100 ? 1 : 2);
+    if (!typical) return number(value) + " " + unit;
+    const digits = Math.min(Math.max(2 - Math.floor(Math.log10(typical / UNITS[unit])), 0), 4);
+    return value.toLocaleString("en", { minimumFractionDigits: digits, maximumFractionDigits: digits }) + " " + unit;
   }
   function chosenUnit() { return document.getElementById("units").value; }
-  function showUnits(within) {
-    for (const one of within.querySelectorAll("data")) one.textContent = lengthText(Number(one.value), chosenUnit(), Number(one.closest("table")?.dataset.typical));
-  }
   function sizeElement(mm) {
     const one = document.createElement("data");
     one.value = String(mm);
+    one.dataset.drawn = "";
     one.textContent = lengthText(mm, chosenUnit());
     return one;
   }
-  window.metricTree = { root, lengthText, chosenUnit, showUnits, sizeElement };
+  // Sentences, captions and labels of drawings: their lengths are texts such as `8 to 12 cm`.
+  const LENGTHS = /(\d[\d,]*(?:\.\d+)?(?:(?: to | × )\d[\d,]*(?:\.\d+)?)*)\s(km|m|cm|mm)(?!\w)/g;
+  function converted(text, unit) {
+    if (unit === "auto") return text;
+    return text.replace(LENGTHS, (_, numbers, own) => {
+      const parts = numbers.split(/( to | × )/);
+      const texts = parts.map((part, k) => (k % 2 ? part : lengthText(Number(part.replace(/,/g, "")) * UNITS[own], unit)));
+      return unit === "ft" ? texts.join("") : texts.map((part, k) => (k < parts.length - 1 ? part.replace(/ \w+$/, "") : part)).join("");
+    });
+  }
+  const originals = new Map(), NAMES = "tbody th, pre, code, data, script, style, select, h1, .crumbs, .credit, [data-drawn]";
+  function showUnits(within) {
+    const unit = chosenUnit();
+    for (const one of within.querySelectorAll("data")) {
+      if (!originals.has(one)) originals.set(one, one.textContent);
+      const asWritten = unit === "auto" && !("drawn" in one.dataset);
+      one.textContent = asWritten ? originals.get(one) : lengthText(Number(one.value), unit, Number(one.closest("table")?.dataset.typical));
+    }
+    for (const axis of within.querySelectorAll("g.axis")) drawAxis(axis, unit);
+    const walk = document.createTreeWalker(within, NodeFilter.SHOW_TEXT);
+    while (walk.nextNode()) {
+      const node = walk.currentNode;
+      if (!originals.has(node) && (node.parentElement.closest(NAMES) || node.data.search(LENGTHS) < 0)) continue;
+      if (!originals.has(node)) originals.set(node, node.data);
+      node.data = converted(originals.get(node), unit);
+    }
+    for (const drawing of within.querySelectorAll("svg.drawing[aria-label]")) {
+      if (!originals.has(drawing)) originals.set(drawing, drawing.getAttribute("aria-label"));
+      drawing.setAttribute("aria-label", converted(originals.get(drawing), unit));
+    }
+  }
+  // An axis of a drawing with round ticks of the unit, as `LogAxis.svg` draws it for metric units.
+  function drawAxis(axis, unit) {
+    if (!originals.has(axis)) originals.set(axis, axis.innerHTML);
+    if (unit !== "in" && unit !== "ft") axis.innerHTML = originals.get(axis);
+    const [low, high, start, end, from, to] = axis.dataset.axis.split(" ").map(Number), vertical = axis.classList.contains("vertical");
+    if (unit === "in" || unit === "ft") {
+      const base = unit === "ft" && high >= 2 * UNITS.ft ? UNITS.ft : UNITS.in, at = (mm) => start + (Math.log(mm / low) / Math.log(high / low)) * (end - start);
+      const ticks = [];
+      for (const steps of [[1], [2, 5], [1.5, 3, 4, 6, 7, 8, 9]])
+        for (let power = Math.floor(Math.log10(low / base)); power <= Math.ceil(Math.log10(high / base)); power++)
+          for (const step of steps) {
+            const mm = step * 10 ** power * base;
+            if (mm >= low && mm <= high && ticks.length < 6 && ticks.every((one) => Math.abs(at(one) - at(mm)) >= 38)) ticks.push(mm);
+          }
+      axis.innerHTML = `<path class="grid" d="${ticks.map((mm) => (vertical ? `M${from} ${at(mm)}H${to}` : `M${at(mm)} ${from}V${to}`)).join("")}"/>` +
+        ticks.map((mm) => (vertical ? `<text class="end" x="${from - 4}" y="${at(mm) + 4}" data-mm="${mm}"></text>` : `<text x="${at(mm)}" y="${from + 12}" data-mm="${mm}"></text>`)).join("");
+    }
+    for (const tick of axis.querySelectorAll("[data-mm]")) tick.textContent = lengthText(Number(tick.dataset.mm), unit);
+  }
+  window.metricTree = { root, lengthText, chosenUnit, showUnits, sizeElement, converted };
   const select = document.getElementById("units");
   try { select.value = localStorage.getItem("metric-tree-units") || "auto"; } catch (error) { /* no storage here */ }
-  if (select.value !== "auto") showUnits(document);
+  if (!select.value) select.value = "auto";
+  if (select.value !== "auto") showUnits(document.getElementById("main"));
   select.addEventListener("change", () => {
     try { localStorage.setItem("metric-tree-units", select.value); } catch (error) { /* no storage here */ }
-    showUnits(document);
+    showUnits(document.getElementById("main"));
     document.dispatchEvent(new Event("unitschange"));
   });
 
@@ -55,7 +108,13 @@
     rows.sort(([a], [b]) => a[0] - b[0] || sign * (a[1] - b[1] || (a[2] < b[2] ? -1 : a[2] > b[2] ? 1 : 0)));
     body.append(...rows.map(([, row]) => row));
   }
+  // On a phone, rows are stacked: each cell has the label of its column.
+  function labelCells(table) {
+    const labels = [...table.tHead.rows[0].cells].map((cell) => cell.textContent);
+    for (const row of table.tBodies[0].rows) for (const cell of row.cells) if (cell.tagName === "TD") cell.dataset.label = labels[cell.cellIndex];
+  }
   for (const table of document.querySelectorAll("table.sortable")) {
+    labelCells(table);
     [...table.tHead.rows[0].cells].forEach((cell, column) => {
       const button = document.createElement("button");
       button.type = "button";
@@ -77,6 +136,7 @@
     const body = document.querySelector("#items tbody");
     const rows = csv(await (await fetch(more.dataset.href)).text());
     body.replaceChildren(...rows.map(itemRow));
+    labelCells(body.parentElement);
     showUnits(body);
     document.getElementById("items-shown").textContent = rows.length.toLocaleString("en");
     more.remove();
@@ -162,17 +222,18 @@
   for (const [key, value] of Object.entries({ id: "hits", role: "listbox", "aria-label": "Results", hidden: "" })) list.setAttribute(key, value);
   for (const [key, value] of Object.entries({ role: "combobox", "aria-expanded": "false", "aria-controls": "hits", "aria-autocomplete": "list" })) box.setAttribute(key, value);
   box.after(list);
-  let asked = false;
+  let loaded = null;
   function load() {
-    if (asked) return;
-    asked = true;
-    for (const name of ["names.js", "search.js"]) {
+    loaded ||= Promise.all(["names.js", "search.js"].map((name) => new Promise((done) => {
       const script = document.createElement("script");
       script.src = root + "assets/" + name;
       script.async = false;
+      script.addEventListener("load", done);
       document.head.append(script);
-    }
+    })));
+    return loaded;
   }
+  window.metricTree.loadSearch = load;
   box.addEventListener("focus", load);
   box.addEventListener("input", load);
   document.addEventListener("keydown", (event) => {

@@ -81,7 +81,8 @@ insertion
 insertion.placement_page insertion.insert
 explorer explorer.charts
 explorer.responses
-explorer.tables
+explorer.tables explorer.fit
+explorer.search_index
 explorer.pages
 explorer.routes
 explorer.server explorer.static_site

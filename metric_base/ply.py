@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Collection
 from dataclasses import dataclass
 
 import numpy as np
@@ -20,21 +21,29 @@ MAX_HEADER_BYTES = 1 << 16
 
 @dataclass(frozen=True, slots=True)
 class PlyLayout:
-    """Position and type of the vertices of a PLY file."""
+    """Position and type of the rows of an element of a PLY file, such as its vertices."""
 
     format: str
-    #: Record of one vertex.
+    #: Record of one row.
     vertex: np.dtype[np.void]
-    #: Number of vertices.
+    #: Number of rows.
     count: int
     #: Offset of the first byte after the header.
     body: int
-    #: Lines (ASCII) or bytes (binary) of the elements before the vertices.
+    #: Lines (ASCII) or bytes (binary) of the elements before it.
     skipped: int
 
 
-def ply_layout(data: bytes) -> PlyLayout:
-    """Parse the header; FieldError if it is invalid, or describes more vertices than the file contains."""
+def ply_layout(
+    data: bytes, element: str = "vertex", required: Collection[str] = frozenset({"x", "y", "z"})
+) -> PlyLayout:
+    """Return the layout of an element with the properties `required`.
+
+    Raises
+    ------
+    FieldError
+        The header is invalid, or describes more rows than the file contains.
+    """
     end = data.find(b"end_header", 0, MAX_HEADER_BYTES)
     line_end = data.find(b"\n", end)
     if not data.startswith(b"ply") or end < 0 or line_end < 0:
@@ -45,14 +54,15 @@ def ply_layout(data: bytes) -> PlyLayout:
         raise FieldError("format", f"one of {', '.join(_BYTE_ORDERS)}", form)
     elements = _elements([line for line in lines if line[:1] in (["element"], ["property"])])
     names = [name for name, _, _ in elements]
-    if "vertex" not in names:
-        raise FieldError("elements", "a vertex element", names)
-    before, (_, count, properties) = elements[: names.index("vertex")], elements[names.index("vertex")]
+    if element not in names:
+        raise FieldError("elements", f"a {element} element", names)
+    before, (_, count, properties) = elements[: names.index(element)], elements[names.index(element)]
     if any(kind is None for _, _, kinds in [*before, elements[len(before)]] for kind, _ in kinds):
-        raise FieldError("vertex", "scalar properties", Unquoted("a list property"))
+        raise FieldError(element, "scalar properties", Unquoted("a list property"))
     vertex = _record(form, properties)
-    if not {"x", "y", "z"} <= set(vertex.names or ()):
-        raise FieldError("vertex", "properties x, y and z", [name for _, name in properties])
+    if not set(required) <= set(vertex.names or ()):
+        expected = f"properties {', '.join(sorted(required))}"
+        raise FieldError(element, expected, [name for _, name in properties])
     if form == "ascii":
         skipped, smallest = sum(n for _, n, _ in before), 2 * len(properties)
     else:

@@ -20,15 +20,19 @@ from scipy.spatial.transform import Rotation
 from estimator.reconstructions.colmap import read_colmap
 from estimator.reconstructions.opensfm import RECONSTRUCTION, TRACKS, largest_reconstruction, read_opensfm
 from estimator.reconstructions.ply import read_visibility, visibility_bytes
+from estimator.reconstructions.splats import scaled_splat
+from estimator.records.result import DIGITS, ScaleResult
 from estimator.records.scene import Camera, Scene
 from metric_base.arrays import IntArray
 from metric_base.errors import InputError, Unquoted, in_file
-from metric_base.files import whole_folder
+from metric_base.files import check_output, whole_file, whole_folder
 from metric_base.input_files import read_bytes
-from metric_base.ply import ply_layout
+from metric_base.ply import MAX_HEADER_BYTES, ply_layout
 
 #: File for `colmap model_transformer --transform_path`: scale qw qx qy qz tx ty tz.
 TRANSFORM = "metric_transform.txt"
+#: File with the scale of a model, for viewers, and its schema.
+SIDECAR, SIDECAR_SCHEMA = "scale.json", "metric-tree/scale-sidecar/1"
 #: Program that rescales a COLMAP model. It runs in a separate process, because COLMAP ends its process if files of rigs
 #: and frames are damaged.
 _RESCALE = """
@@ -98,6 +102,53 @@ def write_rescaled(scene: Scene, scale: float, folder: Path) -> None:
         _check_unchanged(scene, model_path)
 
 
+def write_rescaled_cloud(scene: Scene, result: ScaleResult, file: Path, option: str | None = None) -> None:
+    """Write the dense cloud or the splat of a scene at metric scale, and `scale.json` with the scale of the original.
+
+    Parameters
+    ----------
+    scene : Scene
+        Scene with a cloud that was read from a PLY file.
+    result : ScaleResult
+        Result with a scale.
+    file : Path
+        PLY file to write.
+    option : str, optional
+        Option that names it, for messages.
+
+    Raises
+    ------
+    InputError
+        The scene has no cloud, or a file cannot be written.
+    """
+    if scene.dense is None or scene.dense.path is None or result.scale is None:
+        raise InputError.at(scene.path, "cloud", "a splat or a dense cloud to write", Unquoted("none"))
+    sidecar = file.with_name(SIDECAR)
+    check_output(sidecar, option or "sidecar", SIDECAR_SCHEMA)
+    with whole_file(file, option) as temporary:
+        _write_cloud(scene.dense.path, result.scale, temporary)
+    record = scale_sidecar(result) | {"model": scene.dense.path.name, "model_in_metres": file.name}
+    with whole_file(sidecar, option, SIDECAR_SCHEMA) as temporary:
+        temporary.write_text(json.dumps(record, indent=1) + "\n", encoding="utf-8")
+
+
+def scale_sidecar(result: ScaleResult) -> dict[str, Any]:
+    """Return the scale of a model for viewers, as `metric-tree/scale-sidecar/1`."""
+    record = result.to_json()
+    interval, up = record["interval"] or {}, record["up"] or {}
+    return {
+        "schema": SIDECAR_SCHEMA,
+        "metres_per_unit": record["scale"],
+        "units_per_meter": None if result.scale is None else float(f"{1 / result.scale:.{DIGITS}g}"),
+        "low": interval.get("low"),
+        "high": interval.get("high"),
+        "level": interval.get("level"),
+        "up": up.get("vector"),
+        "tool": record["tree"]["name"],
+        "release": record["tree"]["version"],
+    }
+
+
 def _check_unchanged(scene: Scene, model_path: Path) -> None:
     """Raise InputError if the files differ from the scene; formats that are written from memory are not read again."""
     if scene.format in {"colmap-binary", "colmap-text"}:
@@ -143,12 +194,12 @@ def _scale_member(entries: Any, member: str, scale: float) -> None:
 
 
 def _write_cloud(source: Path, scale: float, target: Path) -> None:
-    """Write a PLY file with the positions of its vertices times the scale."""
+    """Write a PLY file with the positions of its vertices, and the sizes of its Gaussians, times the scale."""
     target.parent.mkdir(parents=True, exist_ok=True)
     data = read_bytes(source)
-    with in_file(source):
-        layout = ply_layout(data)
-    if layout.format == "ascii":
+    if b"format ascii" in data[:MAX_HEADER_BYTES].partition(b"end_header")[0]:
+        with in_file(source):
+            layout = ply_layout(data)
         lines = data[layout.body :].split(b"\n")
         columns = [(layout.vertex.names or ()).index(axis) for axis in "xyz"]
         for row in range(layout.skipped, layout.skipped + layout.count):
@@ -158,11 +209,8 @@ def _write_cloud(source: Path, scale: float, target: Path) -> None:
             lines[row] = b" ".join(words)
         target.write_bytes(data[: layout.body] + b"\n".join(lines))
     else:
-        scaled = bytearray(data)
-        rows = np.frombuffer(scaled, layout.vertex, layout.count, layout.body + layout.skipped)
-        for axis in "xyz":
-            rows[axis] = (rows[axis].astype(np.float64) * scale).astype(rows[axis].dtype)
-        target.write_bytes(scaled)
+        with in_file(source):
+            target.write_bytes(scaled_splat(data, scale))
 
 
 def write_colmap_model(scene: Scene, scale: float, folder: Path) -> None:

@@ -6,6 +6,7 @@ from pathlib import Path
 
 import numpy as np
 
+from estimator.reconstructions.splats import splat_centres
 from estimator.records.scene import MAX_COORDINATE, DenseCloud
 from metric_base.arrays import FloatArray, IntArray
 from metric_base.errors import FieldError, InputError, Unquoted, in_file
@@ -121,7 +122,7 @@ def visibility_bytes(offsets: IntArray, views: IntArray) -> bytes:
 
 
 def read_points(path: Path) -> FloatArray:
-    """Return the positions (n, 3) of the vertices of a PLY file.
+    """Return the positions (n, 3) of the vertices of a PLY file, or of the opaque Gaussians of a splat.
 
     Raises
     ------
@@ -130,6 +131,9 @@ def read_points(path: Path) -> FloatArray:
     """
     with in_file(path):
         reader = BinaryReader(path)
+        centres = splat_centres(reader.data)
+        if centres is not None:
+            return centres
         layout = ply_layout(reader.data)
         if not layout.count:
             raise FieldError("number of vertices", "at least one", 0)

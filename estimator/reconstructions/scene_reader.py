@@ -11,15 +11,22 @@ import numpy as np
 from estimator.projection.cameras import pixels_in_view
 from estimator.projection.visibility import infer_observations
 from estimator.reconstructions.colmap import colmap_folder, model_suffix, read_colmap
-from estimator.reconstructions.ply import find_dense_cloud, read_dense_cloud
+from estimator.reconstructions.ply import find_dense_cloud, read_dense_cloud, read_points
+from estimator.reconstructions.splats import is_splat
 from estimator.records.scene import DenseCloud, Scene, camera_centres
-from metric_base.arrays import IntArray
+from metric_base.arrays import FloatArray, IntArray, evenly_spaced
 from metric_base.errors import InputError, Unquoted
 from metric_base.input_files import folder_entries
 
 if TYPE_CHECKING:
     from pycolmap import Reconstruction
 
+#: File of nerfstudio with the transform from its input to its splats.
+NORMALISATION = "dataparser_transforms.json"
+#: Number of folders above a splat in which its cameras are searched: `point_cloud/iteration_30000/point_cloud.ply`.
+MAX_FOLDERS_ABOVE_SPLAT = 2
+#: Minimum fraction of the Gaussians of a splat that project into an image; cameras of another frame see few or none.
+MIN_SEEN_FRACTION = 0.1
 #: Path of a scene in memory.
 MEMORY = Path("memory")
 RECONSTRUCTION = "reconstruction.json"
@@ -34,16 +41,22 @@ MAX_DISTANCE_FACTOR = 100.0
 SPARSE_TAIL_FRACTION = 0.02
 
 
-def read_scene(source: Path | str | Reconstruction, dense: Path | str | None = None) -> Scene:
+def read_scene(
+    source: Path | str | Reconstruction, dense: Path | str | None = None, cameras: Path | None = None
+) -> Scene:
     """Read a reconstruction.
 
     Parameters
     ----------
     source : Path, str or pycolmap.Reconstruction
-        Folder of a COLMAP model or of an OpenSfM dataset, a file of another program (docs/reference/formats.md), or a
-        reconstruction in memory.
+        Folder of a COLMAP model or of an OpenSfM dataset, a file of another program (docs/reference/formats.md), a
+        splat (PLY or SPZ), or a reconstruction in memory.
     dense : Path or str, optional
-        Dense cloud (PLY), or "none" for no cloud. By default the cloud in the folder of the model, if there is one.
+        Dense cloud (PLY), or "none" for no cloud. By default the cloud in the folder of the model, if there is one;
+        that of a splat is the splat itself.
+    cameras : Path, optional
+        Reconstruction with the cameras of a splat. By default the nearest one in the folder of the splat or in the two
+        folders above it.
 
     Returns
     -------
@@ -64,7 +77,10 @@ def read_scene(source: Path | str | Reconstruction, dense: Path | str | None = N
     """
     if isinstance(source, Path | str):
         path = Path(source)
-        scene = _read_sparse(path)
+        if is_splat(path):
+            scene, dense = _splat_cameras(path, cameras), dense or path
+        else:
+            scene = _read_sparse(path)
         if len(scene.points) and not any(len(view.point_index) for view in scene.views):
             views = infer_observations(scene.views, scene.points)
             warning = f"{path}: it has no observations; points are visible unless a nearer point occludes them"
@@ -109,6 +125,55 @@ def _read_sparse(path: Path) -> Scene:
         raise InputError.at(path, "scene", expected, Unquoted(advice_on_file(path)))
     names = [entry.name for entry in folder_entries(path)]
     raise InputError.at(path, "scene", expected, Unquoted(", ".join(names[:5]) or "an empty folder"))
+
+
+def _splat_cameras(splat: Path, cameras: Path | None) -> Scene:
+    """Read the cameras of a splat, with their sparse points, in the frame of the splat.
+
+    nerfstudio trains in a normalised frame, and writes x' = `scale` (`transform` x) to `dataparser_transforms.json`.
+
+    Raises
+    ------
+    InputError
+        There are no cameras, or hardly any Gaussian projects into an image.
+    """
+    from estimator.scene_formats.detection import export_file
+    from estimator.scene_formats.nerfstudio import read_normalisation
+
+    above = splat.resolve().parents[: MAX_FOLDERS_ABOVE_SPLAT + 1]
+    folders = above if cameras is None else (cameras,)
+    is_found = (colmap_folder(one) or (one / RECONSTRUCTION).is_file() or export_file(one) for one in folders)
+    found = next((one for one, has_cameras in zip(folders, is_found, strict=True) if has_cameras), cameras)
+    if found is None:
+        expected = "its cameras in its folder or above: a COLMAP model, transforms.json or cameras.json (or --cameras)"
+        raise InputError.at(splat, "cameras", expected, Unquoted("none"))
+    scene = _read_sparse(found)
+    files = (one / NORMALISATION for one in (found, found.parent, *above))
+    file = next((one for one in files if one.is_file()), None)
+    if file is not None:
+        scale, transform = read_normalisation(file)
+        scene = _transformed(scene, scale, transform)
+        warning = f"{file}: 1 unit of the cameras is {scale:.4g} units of the splat; the scale is that of the splat"
+        scene = replace(scene, warnings=(*scene.warnings, warning))
+    centres = evenly_spaced(read_points(splat), MAX_CHECKED_POINTS)
+    is_seen = [np.isfinite(pixels_in_view(view, centres)[0][:, 0]) for view in scene.views]
+    if np.any(is_seen, axis=0).mean() < MIN_SEEN_FRACTION:
+        expected = f"cameras in the frame of the splat, or {NORMALISATION} next to it (gsplat: normalize_world_space)"
+        fraction = f"{np.any(is_seen, axis=0).mean():.0%} of its Gaussians in the images"
+        raise InputError.at(found, "cameras", expected, Unquoted(fraction))
+    return scene
+
+
+def _transformed(scene: Scene, scale: float, transform: FloatArray) -> Scene:
+    """Return the scene with x' = scale (R x + t) for a transform (R t) (3, 4)."""
+    rotation, shift = transform[:, :3], transform[:, 3]
+    views = []
+    for view in scene.views:
+        turned, centre = view.rotation @ rotation.T, scale * (rotation @ view.centre + shift)
+        views.append(replace(view, rotation=turned, translation=-turned @ centre))
+    points = scale * (scene.points @ rotation.T + shift)
+    # The files of the scene have another frame: outputs are written from memory.
+    return replace(scene, views=tuple(views), points=points, format="nerfstudio")
 
 
 def _with_dense_cloud(scene: Scene, path: Path) -> Scene:

@@ -137,6 +137,7 @@ Format = Literal[
     "metashape",
     "realitycapture",
     "meshroom",
+    "gaussian-splatting",
 ]
 
 

@@ -7,6 +7,7 @@ from pathlib import Path
 
 from estimator.records.scene import Scene
 from estimator.scene_formats.bundler import read_bundler
+from estimator.scene_formats.gaussian_splatting import read_gaussian_splatting
 from estimator.scene_formats.meshroom import read_meshroom
 from estimator.scene_formats.metashape import read_metashape
 from estimator.scene_formats.nerfstudio import read_nerfstudio
@@ -14,7 +15,7 @@ from estimator.scene_formats.realitycapture import is_realitycapture, read_reali
 from metric_base.input_files import folder_entries, read_bytes
 
 #: Names of the files of all programs, for a message.
-EXPORT_NAMES = "transforms.json, *.sfm, bundle.out, a Metashape *.xml, a RealityCapture *.csv"
+EXPORT_NAMES = "transforms.json, cameras.json, *.sfm, bundle.out, a Metashape *.xml, a RealityCapture *.csv"
 
 #: Source of the points for files that contain only cameras.
 _POINTS_ADVICE = {
@@ -29,6 +30,7 @@ _READERS: dict[str, Callable[[Path], Scene]] = {
     "bundler": read_bundler,
     "metashape": read_metashape,
     "realitycapture": read_realitycapture,
+    "gaussian-splatting": read_gaussian_splatting,
 }
 #: Advice about files that are not reconstructions, by suffix.
 _ADVICE = {
@@ -84,16 +86,17 @@ def _program(file: Path) -> str | None:
         return "meshroom"
     if file.name.startswith("transforms") and suffix == ".json":
         return "nerfstudio"
-    if suffix not in _SIGNATURES:
+    if all(suffix != one for one, _, _ in _SIGNATURES):
         return None
-    program, matches = _SIGNATURES[suffix]
-    return program if matches(read_bytes(file, most=_FIRST_BYTES).decode("utf-8-sig", "replace")) else None
+    head = read_bytes(file, most=_FIRST_BYTES).decode("utf-8-sig", "replace")
+    return next((program for one, program, matches in _SIGNATURES if one == suffix and matches(head)), None)
 
 
-#: Program and test of the first bytes, by suffix.
-_SIGNATURES: dict[str, tuple[str, Callable[[str], bool]]] = {
-    ".out": ("bundler", lambda head: head.startswith("# Bundle file")),
-    ".xml": ("metashape", lambda head: "<chunk" in head),
-    ".csv": ("realitycapture", is_realitycapture),
-    ".json": ("nerfstudio", lambda head: '"frames"' in head and '"transform_matrix"' in head),
-}
+#: Suffix, program and test of the first bytes.
+_SIGNATURES: tuple[tuple[str, str, Callable[[str], bool]], ...] = (
+    (".out", "bundler", lambda head: head.startswith("# Bundle file")),
+    (".xml", "metashape", lambda head: "<chunk" in head),
+    (".csv", "realitycapture", is_realitycapture),
+    (".json", "nerfstudio", lambda head: '"frames"' in head and '"transform_matrix"' in head),
+    (".json", "gaussian-splatting", lambda head: '"img_name"' in head and '"rotation"' in head),
+)

@@ -17,6 +17,7 @@ from estimator.projection.cameras import make_camera
 from estimator.records.scene import Camera, Scene, View
 from estimator.scene_formats.common import (
     FLIP,
+    MAX_ROTATION_ERROR,
     checked_image_size,
     matrix_of,
     number_of,
@@ -24,6 +25,7 @@ from estimator.scene_formats.common import (
     posed_view,
     read_point_file,
 )
+from metric_base.arrays import FloatArray
 from metric_base.errors import FieldError, at_field, in_file
 from metric_base.input_files import read_json
 from metric_base.parsing import json_array, json_object
@@ -84,6 +86,29 @@ def read_nerfstudio(file: Path) -> Scene:
     points = read_point_file(file, ([ply_file] if isinstance(ply_file, str) else []) + list(PLY_FILES))
     points = (points - world[:, 3]) @ world[:, :3]  # R^-1 (x - t) with the rotation R
     return Scene(file.parent, "nerfstudio", tuple(views), points, model_path=file.parent)
+
+
+def read_normalisation(file: Path) -> tuple[float, FloatArray]:
+    """Read the transform of a `dataparser_transforms.json`, from the original frame to that of the trained model.
+
+    Returns
+    -------
+    scale : float
+    transform : (3, 4) ndarray of float
+        Rotation R and shift t; x' = scale (R x + t).
+
+    Raises
+    ------
+    InputError
+        The file is damaged, or the matrix is not a rotation.
+    """
+    with in_file(file):
+        document = json_object(read_json(file))
+        scale = number_of(document, "scale")
+        transform = matrix_of(document.get("transform"), (3, 4), "transform")
+        if not scale > 0 or np.abs(transform[:, :3] @ transform[:, :3].T - np.eye(3)).max() > MAX_ROTATION_ERROR:
+            raise FieldError("transform", "a rotation and a shift, with a positive scale", transform[:, :3].tolist())
+    return scale, transform
 
 
 def _camera(file: Path, entry: dict[str, Any], name: str) -> Camera:

@@ -1,0 +1,147 @@
+"""Read the centres of Gaussian splats, and scale splats: PLY of 3DGS, compressed PLY of SuperSplat, and SPZ.
+
+The PLY of 3DGS (Inria, gsplat, nerfstudio, Brush) stores log scales (`scale_i`) and the logit of the opacity. The
+compressed PLY stores the positions of 256 Gaussians as fractions of the box of their chunk, with 11, 10 and 11 bits,
+and the opacity in the last byte of the colour. SPZ (versions 2 and 3) is a gzip stream with positions of 24 bits in the
+axes right, up, back, and log scales in steps of 1/16 from -10.
+"""
+
+from __future__ import annotations
+
+import gzip
+import re
+import struct
+import zlib
+from io import BytesIO
+from pathlib import Path
+
+import numpy as np
+
+from metric_base.arrays import FloatArray
+from metric_base.errors import FieldError, Unquoted
+from metric_base.input_files import read_bytes
+from metric_base.ply import MAX_HEADER_BYTES, ply_layout
+
+#: Minimum opacity of a Gaussian whose centre is a point of a surface; fainter ones often float in front of it.
+MIN_OPACITY = 0.5
+#: Number of Gaussians of a chunk of a compressed PLY.
+CHUNK = 256
+#: Maximum number of Gaussians of an SPZ file, the limit of its own library.
+MAX_SPZ_POINTS = 10_000_000
+_SPZ_HEADER = struct.Struct("<4sIIBBBB")
+_GZIP = b"\x1f\x8b"
+_CORNERS = ("min_x", "min_y", "min_z", "max_x", "max_y", "max_z")
+
+
+def is_splat(path: Path) -> bool:
+    """Return True if a file contains Gaussians: SPZ by its suffix, PLY by its properties."""
+    if not path.is_file() or path.suffix.lower() not in {".ply", ".spz"}:
+        return False
+    header = read_bytes(path, most=MAX_HEADER_BYTES).partition(b"end_header")[0]
+    return path.suffix.lower() == ".spz" or b" packed_position" in header or b" scale_0" in header
+
+
+def splat_centres(data: bytes) -> FloatArray | None:
+    """Return the centres (n, 3) of the opaque Gaussians of a file.
+
+    Returns
+    -------
+    (n, 3) ndarray of float or None
+        In the axes of the PLY file from which an SPZ file was made; None if the file contains no Gaussians.
+
+    Raises
+    ------
+    FieldError
+        The file is damaged, or no Gaussian has an opacity of `MIN_OPACITY`.
+    """
+    if data.startswith(_GZIP):
+        centres, opacity = _spz_centres(data)
+    elif b" packed_position" in data[:MAX_HEADER_BYTES].partition(b"end_header")[0]:
+        centres, opacity = _compressed_centres(data)
+    else:
+        layout = ply_layout(data)
+        if not {"opacity", "scale_0"} <= set(layout.vertex.names or ()) or layout.format == "ascii":
+            return None
+        rows = np.frombuffer(data, layout.vertex, layout.count, layout.body + layout.skipped)
+        with np.errstate(over="ignore"):
+            opacity = 1 / (1 + np.exp(-rows["opacity"].astype(np.float64)))
+        centres = np.column_stack([rows[axis].astype(np.float64) for axis in "xyz"])
+    is_opaque = opacity >= MIN_OPACITY
+    if not is_opaque.any():
+        raise FieldError("opacity", f"at least one Gaussian of {MIN_OPACITY:g} or more", Unquoted("none"))
+    return centres[is_opaque]
+
+
+def _compressed_centres(data: bytes) -> tuple[FloatArray, FloatArray]:
+    """Return centres (n, 3) and opacities (n,) of a compressed PLY."""
+    chunk = ply_layout(data, "chunk", _CORNERS)
+    layout = ply_layout(data, "vertex", ("packed_position", "packed_color"))
+    if layout.format == "ascii" or chunk.count * CHUNK < layout.count:
+        expected = f"binary data with one chunk for {CHUNK} Gaussians"
+        raise FieldError("chunk", expected, Unquoted(f"{chunk.count} for {layout.count}, {layout.format}"))
+    chunks = np.frombuffer(data, chunk.vertex, chunk.count, chunk.body + chunk.skipped)
+    rows = np.frombuffer(data, layout.vertex, layout.count, layout.body + layout.skipped)
+    corners = np.column_stack([chunks[name] for name in _CORNERS]).astype(np.float64)[np.arange(layout.count) // CHUNK]
+    packed = rows["packed_position"].astype(np.int64)
+    fractions = np.column_stack([(packed >> 21) / 2047, (packed >> 11 & 1023) / 1023, (packed & 2047) / 2047])
+    return corners[:, :3] * (1 - fractions) + corners[:, 3:] * fractions, (rows["packed_color"] & 255) / 255
+
+
+def _spz_parts(data: bytes) -> tuple[bytearray, int, int]:
+    """Return the content of an SPZ file, the number of Gaussians and the number of fractional bits of a position."""
+    try:
+        with gzip.GzipFile(fileobj=BytesIO(data)) as stream:
+            head = stream.read(_SPZ_HEADER.size)
+            magic, version, count, _, bits, _, _ = _SPZ_HEADER.unpack(head)
+            if magic != b"NGSP" or version not in (2, 3):
+                raise FieldError("header", "SPZ of version 2 or 3", (magic, version))
+            if not 0 < count <= MAX_SPZ_POINTS or bits > 24:
+                expected = f"1 to {MAX_SPZ_POINTS} Gaussians, and at most 24 fractional bits"
+                raise FieldError("header", expected, (count, bits))
+            # The largest row: position 9, opacity 1, colour 3, scale 3, rotation 4, harmonics 72 bytes.
+            content = bytearray(head + stream.read(92 * count))
+    except (OSError, EOFError, struct.error, zlib.error) as error:
+        raise FieldError("content", "a complete gzip stream", Unquoted(str(error))) from None
+    if len(content) < _SPZ_HEADER.size + 16 * count:
+        raise FieldError("content", f"{count} Gaussians", Unquoted(f"{len(content)} bytes"))
+    return content, count, bits
+
+
+def _spz_positions(content: bytearray, count: int) -> FloatArray:
+    """Return the positions (n, 3) of an SPZ file as integers of 24 bits."""
+    packed = np.frombuffer(content, np.uint8, 9 * count, _SPZ_HEADER.size).reshape(count, 3, 3).astype(np.int32)
+    words = packed[..., 0] | packed[..., 1] << 8 | packed[..., 2] << 16
+    return np.asarray(words - ((words & 1 << 23) << 1), dtype=np.float64)
+
+
+def _spz_centres(data: bytes) -> tuple[FloatArray, FloatArray]:
+    """Return centres (n, 3) and opacities (n,) of an SPZ file."""
+    content, count, bits = _spz_parts(data)
+    opacity = np.frombuffer(content, np.uint8, count, _SPZ_HEADER.size + 9 * count) / 255
+    return _spz_positions(content, count) / 2.0**bits * [1, -1, -1], opacity
+
+
+def scaled_splat(data: bytes, scale: float) -> bytes:
+    """Return a binary PLY file, with Gaussians or without, whose lengths are multiplied by `scale`.
+
+    Positions are multiplied, and ln `scale` is added to the log scales; in a compressed PLY, to those of the chunks.
+    The other properties do not depend on the scale.
+
+    Raises
+    ------
+    FieldError
+        The file is damaged, or is SPZ, whose steps of position and scale a factor would coarsen.
+    """
+    if data.startswith(_GZIP):
+        raise FieldError("format", "PLY (convert the splat to PLY, which stores metres exactly)", Unquoted("SPZ"))
+    is_compressed = b" packed_position" in data[:MAX_HEADER_BYTES].partition(b"end_header")[0]
+    layout = ply_layout(data, "chunk", _CORNERS) if is_compressed else ply_layout(data)
+    scaled = bytearray(data)
+    rows = np.frombuffer(scaled, layout.vertex, layout.count, layout.body + layout.skipped)
+    for name in layout.vertex.names or ():
+        values = rows[name].astype(np.float64)
+        if name in {*"xyz", *_CORNERS}:
+            rows[name] = (values * scale).astype(rows[name].dtype)
+        elif re.fullmatch(r"scale_[0-2]|(min|max)_scale_[xyz]", name):
+            rows[name] = (values + np.log(scale)).astype(rows[name].dtype)
+    return bytes(scaled)

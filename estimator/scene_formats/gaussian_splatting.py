@@ -49,5 +49,5 @@ def read_gaussian_splatting(file: Path) -> Scene:
                 views.append(posed_view(images.get(name, name), lens, rotation.T, centre))
         if not views:
             raise FieldError("cameras", "at least one", 0)
-    points = read_point_file(file, ["input.ply"])
+    points = read_point_file(file, ["input.ply", "points.ply"])
     return Scene(file.parent, "gaussian-splatting", tuple(views), points, model_path=file.parent)

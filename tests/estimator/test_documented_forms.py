@@ -23,6 +23,7 @@ SCENES = {
     "COLMAP": ["cameras.txt", "images.txt", "points3D.txt"],
     "OpenSfM": ["reconstruction.json"],
     "nerfstudio": ["transforms.json", "points.ply"],
+    "3D Gaussian Splatting": ["cameras.json", "points.ply"],
     "Bundler": ["bundle.out", "list.txt"],
     "Metashape": ["cameras.xml", "points.ply"],
     "RealityCapture": ["registration.csv", "points.ply"],

@@ -143,7 +143,11 @@ def model_triplets(model: Any, database: str) -> list[Triplet]:
         rays = {key: _rays(model, posed[names[key]], np.asarray(opened.read_keypoints(key))) for key in ids}
         triplets = []
         for a, b, c in _chosen_triples(ids, known):
-            features = _common_features(opened, a, b, c)
+            # Numbers (n, 3) of the features that the verified matches of (a, b) and of (b, c) share.
+            first, second = _matches(opened, a, b), _matches(opened, c, b)
+            common, one, two = np.intersect1d(first[:, 1], second[:, 1], return_indices=True)
+            rows = np.column_stack([first[one, 0], common, second[two, 0]]).astype(np.int64)
+            features = rows[:: max(1, len(rows) // MAX_COMMON)]
             if len(features) < MIN_COMMON:
                 continue
             poses = np.array([posed[names[key]].cam_from_world().matrix() for key in (a, b, c)])
@@ -235,14 +239,6 @@ def _chosen_triples(ids: list[int], known: dict[tuple[int, int], int]) -> list[t
                     pairs = {pair for pair in pairs if set(pair) != {before, after}} | {(before, after)}
         chosen += [(a, b, c) for a, c in sorted(pairs)]
     return chosen
-
-
-def _common_features(database: Any, a: int, b: int, c: int) -> IntArray:
-    """Return the numbers (n, 3) of the features that the verified matches of (a, b) and of (b, c) share."""
-    first, second = _matches(database, a, b), _matches(database, c, b)
-    common, one, two = np.intersect1d(first[:, 1], second[:, 1], return_indices=True)
-    rows = np.column_stack([first[one, 0], common, second[two, 0]]).astype(np.int64)
-    return rows[:: max(1, len(rows) // MAX_COMMON)]
 
 
 def _matches(database: Any, one: int, two: int) -> IntArray:

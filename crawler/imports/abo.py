@@ -125,21 +125,7 @@ def _item(source: Source, listing: Mapping[str, Any], item_id: str) -> RawItem:
     if code in _NOT_AN_OBJECT:
         raise RowRejected("not_an_object", "product_type", code)
     domain = str(listing.get("domain_name") or "")
-    return row_item(
-        source,
-        item_id,
-        _sizes(listing),
-        bounds_mm=_BOUNDS_MM,
-        category=[code.replace("_", " ").lower()] if code else [],
-        title=_text(listing, "item_name"),
-        brand=_text(listing, "brand"),
-        region=str(listing.get("country") or "") or None,
-        url=f"https://www.{domain}/dp/{item_id}" if domain else source.url,
-    )
-
-
-def _sizes(listing: Mapping[str, Any]) -> dict[str, float]:
-    """Return the sizes by axis in mm, from the normalised values or else from those of the seller."""
+    # Sizes by axis in mm, from the normalised values or else from those of the seller.
     stated = listing.get("item_dimensions")
     if not isinstance(stated, dict):
         raise RowRejected("no_size", "item_dimensions", stated or "")
@@ -157,7 +143,17 @@ def _sizes(listing: Mapping[str, Any]) -> dict[str, float]:
     typed = {str((stated.get(axis) or {}).get("value")) for axis in sizes}
     if len(sizes) == len(_AXES) and typed <= {str(_UNFILLED), "1"}:
         raise RowRejected("marked_unusable", "item_dimensions", "1 x 1 x 1")
-    return sizes
+    return row_item(
+        source,
+        item_id,
+        sizes,
+        bounds_mm=_BOUNDS_MM,
+        category=[code.replace("_", " ").lower()] if code else [],
+        title=_text(listing, "item_name"),
+        brand=_text(listing, "brand"),
+        region=str(listing.get("country") or "") or None,
+        url=f"https://www.{domain}/dp/{item_id}" if domain else source.url,
+    )
 
 
 def _text(listing: Mapping[str, Any], field: str) -> str:

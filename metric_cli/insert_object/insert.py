@@ -51,7 +51,24 @@ def run(command: InsertCommand) -> int:
     if command.preview is not None:
         _write_preview(command, scene)
     if command.place_port is not None:
-        request = replace(request, objects=(_place_on_page(command, scene),))
+        # Object with the position that the user chooses on the page; print the equivalent command.
+        from insertion.placement_page import PlacementPage
+
+        assert command.place_port is not None
+        has_out = command.request.out is not None
+        page = PlacementPage(
+            scene,
+            command.request.objects[0],
+            command.request.tree,
+            lambda request: command_line(request, command.argv, has_out),
+            command.place_port,
+        )
+        sys.stderr.write(f"{PROGRAM}: place the object on this page: {page.url}\n")
+        page.serve()
+        assert page.chosen is not None  # `serve` returns when the user has chosen a position
+        if not command.as_json:
+            sys.stdout.write(command_line(page.chosen, command.argv, has_out) + "\n")
+        request = replace(request, objects=(page.chosen,))
     if request.out is None:
         return 0
     with progress_bars() as progress:
@@ -85,27 +102,6 @@ def _write_preview(command: InsertCommand, scene: InsertionScene) -> None:
         note = "" if position.in_picture else "; not in the image"
         height_m = max(0.0, position.above_m)
         stream.write(f"{position.number}: {position.options}   {height_m:.2f} m above the lowest plane{note}\n")
-
-
-def _place_on_page(command: InsertCommand, scene: InsertionScene) -> ObjectRequest:
-    """Return the object with the position that the user chooses on the page; print the equivalent command."""
-    from insertion.placement_page import PlacementPage
-
-    assert command.place_port is not None
-    has_out = command.request.out is not None
-    page = PlacementPage(
-        scene,
-        command.request.objects[0],
-        command.request.tree,
-        lambda request: command_line(request, command.argv, has_out),
-        command.place_port,
-    )
-    sys.stderr.write(f"{PROGRAM}: place the object on this page: {page.url}\n")
-    page.serve()
-    assert page.chosen is not None  # `serve` returns when the user has chosen a position
-    if not command.as_json:
-        sys.stdout.write(command_line(page.chosen, command.argv, has_out) + "\n")
-    return page.chosen
 
 
 def command_line(request: ObjectRequest, argv: Sequence[str], has_out: bool) -> str:

@@ -50,7 +50,27 @@ def parse_request(argv: Sequence[str]) -> InsertCommand:
 
     options = parser().parse_args(list(argv))
     check_batch_options(options)
-    _check_outputs(options)
+    # Raise InputError if an output cannot be written or drawn; this precedes all work.
+    from insertion.blender.run import blender_program
+    from insertion.footage.image_writer import check_preview_path, output_kind
+    from insertion.render.gpu import check_renderer
+
+    is_only_placed = options.preview is not None or options.place is not None
+    if options.out is None and (not is_only_placed or options.export is not None):
+        raise InputError("--out: expected a video or a folder (or only --preview FILE or --place); found none")
+    if options.place is not None:
+        if not 0 <= options.place <= MAX_PORT:
+            raise InputError.at("--place", "port", f"a number from 0 to {MAX_PORT}", options.place)
+        if len(options.objects) > 1:
+            raise InputError(f"--place: expected one --model; found {len(options.objects)}")
+        check_renderer()
+    if options.out is not None:
+        output_kind(options.out)
+        check_renderer()
+    if options.preview is not None:
+        check_preview_path(options.preview)
+    if options.renderer == "blender":
+        blender_program()
     objects = parse_objects(options.objects)
     source = parse_scene(options)
     request = InsertionRequest(
@@ -72,30 +92,6 @@ def parse_request(argv: Sequence[str]) -> InsertCommand:
         as_json=options.json,
         argv=tuple(argv),
     )
-
-
-def _check_outputs(options: argparse.Namespace) -> None:
-    """Raise InputError if an output cannot be written or drawn; this precedes all work."""
-    from insertion.blender.run import blender_program
-    from insertion.footage.image_writer import check_preview_path, output_kind
-    from insertion.render.gpu import check_renderer
-
-    is_only_placed = options.preview is not None or options.place is not None
-    if options.out is None and (not is_only_placed or options.export is not None):
-        raise InputError("--out: expected a video or a folder (or only --preview FILE or --place); found none")
-    if options.place is not None:
-        if not 0 <= options.place <= MAX_PORT:
-            raise InputError.at("--place", "port", f"a number from 0 to {MAX_PORT}", options.place)
-        if len(options.objects) > 1:
-            raise InputError(f"--place: expected one --model; found {len(options.objects)}")
-        check_renderer()
-    if options.out is not None:
-        output_kind(options.out)
-        check_renderer()
-    if options.preview is not None:
-        check_preview_path(options.preview)
-    if options.renderer == "blender":
-        blender_program()
 
 
 def parse_scene(options: argparse.Namespace) -> SceneSource:

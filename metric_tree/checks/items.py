@@ -64,25 +64,7 @@ CODES = {
 
 def findings(items: pa.Table, nodes: pa.Table, manifest: Mapping[str, Any]) -> Iterator[Finding]:
     """Yield the findings on the items table, given the nodes and the sources of the manifest."""
-    yield from _identity_findings(items, nodes, manifest)
-    columns = [np.asarray(items[axis].to_numpy(zero_copy_only=False), dtype=np.float64) for axis in AXES]
-    sizes = np.column_stack(columns)  # (n, 3)
-    yield from _size_findings(items, sizes)
-    extents = extents_of(items)  # (n, 3), longest first
-    without = np.isnan(extents).all(axis=1)
-    extents[without] = -np.sort(-sizes[without], axis=1)
-    node_ids = items["node_id"].to_numpy(zero_copy_only=False).astype(str)
-    for node_id, rows in _groups(node_ids):
-        if len(rows) >= MIN_REFERENCE_ROWS:
-            class_items = items.take(pa.array(rows))
-            yield from _row_findings(class_items, node_id, sizes[rows], extents[rows])
-            yield from _shape_findings(node_id, np.unique(np.nan_to_num(sizes[rows], nan=-1.0), axis=0))
-            yield from _source_findings(class_items, node_id, sizes[rows])
-    yield from _sibling_findings(nodes, node_ids, extents)
-
-
-def _identity_findings(items: pa.Table, nodes: pa.Table, manifest: Mapping[str, Any]) -> Iterator[Finding]:
-    """Check ids, nodes, kinds, licences and sources (E301, E302, E305, E306)."""
+    # Check ids, nodes, kinds, licences and sources (E301, E302, E305, E306).
     leaves = set(nodes["node_id"].to_pylist()) - set(nodes["parent_id"].to_pylist())
     sources = {source["id"] for source in manifest["sources"]}
     columns = ("item_id", "node_id", "kind", "licence", "source")
@@ -97,6 +79,20 @@ def _identity_findings(items: pa.Table, nodes: pa.Table, manifest: Mapping[str, 
             yield Finding("E305", item_id, f"kind: expected one of {', '.join(sorted(KINDS))}; found {kind!r}")
         if not licence or source not in sources:
             yield Finding("E306", item_id, f"licence, source: expected both named; found {licence!r}, {source!r}")
+    columns = [np.asarray(items[axis].to_numpy(zero_copy_only=False), dtype=np.float64) for axis in AXES]
+    sizes = np.column_stack(columns)  # (n, 3)
+    yield from _size_findings(items, sizes)
+    extents = extents_of(items)  # (n, 3), longest first
+    without = np.isnan(extents).all(axis=1)
+    extents[without] = -np.sort(-sizes[without], axis=1)
+    node_ids = items["node_id"].to_numpy(zero_copy_only=False).astype(str)
+    for node_id, rows in _groups(node_ids):
+        if len(rows) >= MIN_REFERENCE_ROWS:
+            class_items = items.take(pa.array(rows))
+            yield from _row_findings(class_items, node_id, sizes[rows], extents[rows])
+            yield from _shape_findings(node_id, np.unique(np.nan_to_num(sizes[rows], nan=-1.0), axis=0))
+            yield from _source_findings(class_items, node_id, sizes[rows])
+    yield from _sibling_findings(nodes, node_ids, extents)
 
 
 def _size_findings(items: pa.Table, sizes: FloatArray) -> Iterator[Finding]:

@@ -2,8 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
-from typing import Any
+from collections.abc import Iterator
 
 import numpy as np
 import pyarrow as pa
@@ -40,31 +39,27 @@ def findings(priors: pa.Table, nodes: pa.Table) -> Iterator[Finding]:
         if row["node_id"] not in known or key in seen:
             yield Finding("E401", subject, "expected one prior of a node of the tree; found another")
         seen.add(key)
-        yield from _row_findings(subject, row)
+        # Check family, dimensions and weights of a row, and the shapes of its arrays (E402, E403, E405).
+        dims, weights = row["dims"] or [], np.asarray(row["weights"], dtype=float)
+        if row["family"] != "lognormal-mixture" or not dims or any(dim not in DIMENSIONS for dim in dims):
+            yield Finding(
+                "E405", subject, f"family, dims: expected a log-normal mixture; found {row['family']} over {dims}"
+            )
+        if not 0 <= row["borrowed"] <= 1:
+            yield Finding("E405", subject, f"borrowed: expected a share of 0 to 1; found {row['borrowed']}")
+        if not (weights.size and np.all(weights >= 0) and abs(weights.sum() - 1) < WEIGHT_TOLERANCE):
+            yield Finding("E402", subject, f"weights: expected probabilities of sum 1; found sum {weights.sum():.6g}")
+        expected = {
+            "means": (weights.size, len(dims)),
+            "covariances": (weights.size, len(dims), len(dims)),
+            "shared_covariance": (len(dims), len(dims)),
+        }
+        for name, shape in expected.items():
+            yield from _matrix_findings(subject, name, row[name], shape)
     fitted = {node_id for node_id, _ in seen}
     for node_id, n_items in known.items():
         if n_items and node_id not in fitted:
             yield Finding("W406", node_id, f"expected a prior from {n_items} items; found none")
-
-
-def _row_findings(subject: str, row: Mapping[str, Any]) -> Iterator[Finding]:
-    """Check family, dimensions and weights of a row, and the shapes of its arrays (E402, E403, E405)."""
-    dims, weights = row["dims"] or [], np.asarray(row["weights"], dtype=float)
-    if row["family"] != "lognormal-mixture" or not dims or any(dim not in DIMENSIONS for dim in dims):
-        yield Finding(
-            "E405", subject, f"family, dims: expected a log-normal mixture; found {row['family']} over {dims}"
-        )
-    if not 0 <= row["borrowed"] <= 1:
-        yield Finding("E405", subject, f"borrowed: expected a share of 0 to 1; found {row['borrowed']}")
-    if not (weights.size and np.all(weights >= 0) and abs(weights.sum() - 1) < WEIGHT_TOLERANCE):
-        yield Finding("E402", subject, f"weights: expected probabilities of sum 1; found sum {weights.sum():.6g}")
-    expected = {
-        "means": (weights.size, len(dims)),
-        "covariances": (weights.size, len(dims), len(dims)),
-        "shared_covariance": (len(dims), len(dims)),
-    }
-    for name, shape in expected.items():
-        yield from _matrix_findings(subject, name, row[name], shape)
 
 
 def _matrix_findings(subject: str, name: str, value: object, shape: tuple[int, ...]) -> Iterator[Finding]:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections import Counter
-from collections.abc import Collection, Iterable, Iterator, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, replace
 from typing import Any
@@ -84,12 +84,34 @@ def release_diff(before: Tree, after: Tree) -> ReleaseDiff:
     old, new = ({node.node_id: node for node in tree} for tree in (before, after))
     pairs = [(node, new[node_id]) for node_id, node in old.items() if node_id in new]
     removed = [node_id for node_id in old if node_id not in new]
-    items = _joined_items(before, after)
-    merged = _destinations(items, removed)
+    # Shipped items of both releases, joined by id, with their row, node and source in each.
+    tables = []
+    for tree in (before, after):
+        table = tree.release.table("items").select(["item_id", "node_id", "source"])
+        tables.append(table.append_column("row", pa.array(range(table.num_rows))))
+    items = tables[0].join(tables[1], "item_id", join_type="full outer", right_suffix="_after")
+    # Node that has most items of each removed node; the first in the table if several have as many.
+    is_removed = pc.is_in(items["node_id"], value_set=pa.array(removed, pa.string()))
+    went = items.filter(pc.and_(is_removed, pc.is_valid(items["node_id_after"]))).sort_by("row")
+    counts = went.group_by(["node_id", "node_id_after"], use_threads=False).aggregate([([], "count_all")])
+    most: dict[str, tuple[int, str]] = {}
+    for row in counts.to_pylist():
+        if row["count_all"] > most.get(row["node_id"], (0, ""))[0]:
+            most[row["node_id"]] = row["count_all"], row["node_id_after"]
+    merged = {node_id: destination for node_id, (_, destination) in most.items()}
     for node_id in removed:
         with suppress(UnknownName):
             merged[node_id] = after.node(node_id).node_id  # the successor that the release states
     tiers = ((a.node_id, a.tier, b.tier) for a, b in pairs)
+    # Number of items by source that each leaf gained (+) or lost (-).
+    gains: dict[str, Counter[str]] = {}
+    is_same = pc.fill_null(pc.equal(items["node_id"], items["node_id_after"]), False)
+    changed = items.filter(pc.invert(is_same))
+    for sign, suffix in ((1, "_after"), (-1, "")):
+        keys = [f"node_id{suffix}", f"source{suffix}"]
+        rows = changed.filter(pc.is_valid(changed[keys[0]])).sort_by(f"row{suffix}")
+        for row in rows.group_by(keys, use_threads=False).aggregate([([], "count_all")]).to_pylist():
+            gains.setdefault(row[keys[0]], Counter())[row[keys[1]]] += sign * row["count_all"]
     return ReleaseDiff(
         before=before.version,
         after=after.version,
@@ -101,44 +123,10 @@ def release_diff(before: Tree, after: Tree) -> ReleaseDiff:
         moved={a.node_id: (a.parent_id, b.parent_id) for a, b in pairs if a.parent_id != b.parent_id},
         renamed={a.node_id: (a.name, b.name) for a, b in pairs if a.name != b.name},
         tiers={node_id: (then, now) for node_id, then, now in tiers if then and now and then != now},
-        priors=sorted(_moved_priors(pairs, _gains(items)), key=lambda one: (-abs(np.log1p(one.median)), one.node)),
+        priors=sorted(_moved_priors(pairs, gains), key=lambda one: (-abs(np.log1p(one.median)), one.node)),
         items=_changed_counts(before, after, "source"),
         licences=_changed_counts(before, after, "licence"),
     )
-
-
-def _joined_items(before: Tree, after: Tree) -> pa.Table:
-    """Return the shipped items of both releases, joined by id, with their row, node and source in each."""
-    tables = []
-    for tree in (before, after):
-        table = tree.release.table("items").select(["item_id", "node_id", "source"])
-        tables.append(table.append_column("row", pa.array(range(table.num_rows))))
-    return tables[0].join(tables[1], "item_id", join_type="full outer", right_suffix="_after")
-
-
-def _destinations(items: pa.Table, removed: Collection[str]) -> dict[str, str]:
-    """Return the node that has most items of each removed node; the first in the table if several have as many."""
-    is_removed = pc.is_in(items["node_id"], value_set=pa.array(removed, pa.string()))
-    went = items.filter(pc.and_(is_removed, pc.is_valid(items["node_id_after"]))).sort_by("row")
-    counts = went.group_by(["node_id", "node_id_after"], use_threads=False).aggregate([([], "count_all")])
-    most: dict[str, tuple[int, str]] = {}
-    for row in counts.to_pylist():
-        if row["count_all"] > most.get(row["node_id"], (0, ""))[0]:
-            most[row["node_id"]] = row["count_all"], row["node_id_after"]
-    return {node_id: destination for node_id, (_, destination) in most.items()}
-
-
-def _gains(items: pa.Table) -> dict[str, Counter[str]]:
-    """Return the number of items by source that each leaf gained (+) or lost (-)."""
-    gains: dict[str, Counter[str]] = {}
-    is_same = pc.fill_null(pc.equal(items["node_id"], items["node_id_after"]), False)
-    changed = items.filter(pc.invert(is_same))
-    for sign, suffix in ((1, "_after"), (-1, "")):
-        keys = [f"node_id{suffix}", f"source{suffix}"]
-        rows = changed.filter(pc.is_valid(changed[keys[0]])).sort_by(f"row{suffix}")
-        for row in rows.group_by(keys, use_threads=False).aggregate([([], "count_all")]).to_pylist():
-            gains.setdefault(row[keys[0]], Counter())[row[keys[1]]] += sign * row["count_all"]
-    return gains
 
 
 def _moved_priors(pairs: list[tuple[Node, Node]], gains: dict[str, Counter[str]]) -> Iterator[MovedPrior]:

@@ -41,7 +41,32 @@ def read_usd(path: Path) -> Asset:
 
     with in_file(path):
         expect(path.stat().st_size <= MAX_BYTES, "file", f"at most {MAX_BYTES} bytes", path.stat().st_size)
-        external_files = _external_files(path)
+        # Other files of a stage before it is composed; FieldError if one is outside the folder.
+        from pxr import Ar, Sdf
+
+        folder = path.parent.resolve()
+        waiting = [str(path.resolve())]
+        found, files = set(waiting), {path.resolve()}
+        while waiting:
+            name = waiting.pop()
+            try:
+                layer = Sdf.Layer.FindOrOpen(name)
+            except Exception as error:  # noqa: BLE001 - Tf.ErrorException is not a Python exception class
+                raise FieldError("content", "a readable USD file", Unquoted(" ".join(str(error).split()))) from None
+            if layer is None:
+                expect(name != str(path.resolve()), "content", "a readable USD file", Unquoted("another"))
+                continue
+            for written in layer.GetCompositionAssetDependencies():
+                # a file, or a file of a package in the form `package.usdz[file]`
+                target = layer.ComputeAbsolutePath(written)
+                file = path.parent.joinpath(Ar.SplitPackageRelativePathOuter(target)[0]).resolve()
+                expect(file.is_relative_to(folder), "reference", "a file in the folder of the model", written)
+                files.add(file)
+                if target not in found:
+                    found.add(target)
+                    waiting.append(target)
+            expect(len(found) <= MAX_LAYERS, "references", f"at most {MAX_LAYERS} files", len(found))
+        external_files = files - {path.resolve()}
         try:
             stage = Usd.Stage.Open(str(path))
         except Exception as error:  # noqa: BLE001 - Tf.ErrorException is not a Python exception class
@@ -56,35 +81,6 @@ def read_usd(path: Path) -> Asset:
             texts = [NameText("model", model.GetName()), *_labels(model)]
             texts += [label for child in model.GetChildren() for label in _labels(child)]
     return Asset(path, "usd", unit, up, bodies, tuple(texts), has_external_files=bool(external_files))
-
-
-def _external_files(path: Path) -> set[Path]:
-    """Return the other files of a stage before it is composed; FieldError if one is outside the folder."""
-    from pxr import Ar, Sdf
-
-    folder = path.parent.resolve()
-    waiting = [str(path.resolve())]
-    found, files = set(waiting), {path.resolve()}
-    while waiting:
-        name = waiting.pop()
-        try:
-            layer = Sdf.Layer.FindOrOpen(name)
-        except Exception as error:  # noqa: BLE001 - Tf.ErrorException is not a Python exception class
-            raise FieldError("content", "a readable USD file", Unquoted(" ".join(str(error).split()))) from None
-        if layer is None:
-            expect(name != str(path.resolve()), "content", "a readable USD file", Unquoted("another"))
-            continue
-        for written in layer.GetCompositionAssetDependencies():
-            # a file, or a file of a package in the form `package.usdz[file]`
-            target = layer.ComputeAbsolutePath(written)
-            file = path.parent.joinpath(Ar.SplitPackageRelativePathOuter(target)[0]).resolve()
-            expect(file.is_relative_to(folder), "reference", "a file in the folder of the model", written)
-            files.add(file)
-            if target not in found:
-                found.add(target)
-                waiting.append(target)
-        expect(len(found) <= MAX_LAYERS, "references", f"at most {MAX_LAYERS} files", len(found))
-    return files - {path.resolve()}
 
 
 def _bodies(stage: Any, unit_m: float) -> Iterator[AssetBody]:

@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
-from importlib import import_module
 from typing import TYPE_CHECKING
+
+from metric_base.lazy_names import lazy_names
 
 if TYPE_CHECKING:
     from capture.mapping.refusals import CaptureFailure
@@ -12,18 +13,6 @@ if TYPE_CHECKING:
 __all__ = ["Capture", "CaptureFailure", "capture_video"]
 
 #: Module of each public name, imported on first use, so that light commands stay light.
-_HOMES = {
-    "Capture": "capture.pipeline",
-    "CaptureFailure": "capture.mapping.refusals",
-    "capture_video": "capture.pipeline",
-}
-
-
-def __getattr__(name: str) -> object:
-    if name not in _HOMES:
-        raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
-    return getattr(import_module(_HOMES[name]), name)
-
-
-def __dir__() -> list[str]:
-    return sorted({*globals(), *__all__})
+__getattr__, __dir__ = lazy_names(
+    __name__, {"pipeline": ("Capture", "capture_video"), "mapping.refusals": ("CaptureFailure",)}
+)

@@ -18,6 +18,8 @@ import warnings
 from importlib import import_module
 from typing import TYPE_CHECKING
 
+from metric_base.lazy_names import lazy_names
+
 if TYPE_CHECKING:
     from estimator.instances.instance_reader import read_instances
     from estimator.pipeline import estimate_scale, estimate_scene, measure_objects
@@ -50,27 +52,19 @@ __all__ = [
 ]
 
 #: Module of each public name, imported on first use, so that light commands do not import SciPy.
-_MODULES = {
-    "Camera": "estimator.records.scene",
-    "DenseCloud": "estimator.records.scene",
-    "EstimateOptions": "estimator.records.options",
-    "Instance": "estimator.records.scene",
-    "MeasuredObject": "estimator.records.objects",
-    "MeasurementOptions": "estimator.records.options",
-    "Measurements": "estimator.records.objects",
-    "ScaleEvidence": "estimator.records.result",
-    "ScaleResult": "estimator.records.result",
-    "Scene": "estimator.records.scene",
-    "SceneEstimate": "estimator.records.result",
-    "View": "estimator.records.scene",
-    "estimate_scale": "estimator.pipeline",
-    "estimate_scene": "estimator.pipeline",
-    "measure_objects": "estimator.pipeline",
-    "read_instances": "estimator.instances.instance_reader",
-    "read_scene": "estimator.reconstructions.scene_reader",
-    "scale_of_objects": "estimator.results.estimate",
-}
-#: Package of the names that have moved out of `estimator`; the aliases are removed in the next release.
+_public_name, __dir__ = lazy_names(
+    __name__,
+    {
+        "instances.instance_reader": ("read_instances",),
+        "pipeline": ("estimate_scale", "estimate_scene", "measure_objects"),
+        "reconstructions.scene_reader": ("read_scene",),
+        "records.objects": ("MeasuredObject", "Measurements"),
+        "records.options": ("EstimateOptions", "MeasurementOptions"),
+        "records.result": ("ScaleEvidence", "ScaleResult", "SceneEstimate"),
+        "records.scene": ("Camera", "DenseCloud", "Instance", "Scene", "View"),
+        "results.estimate": ("scale_of_objects",),
+    },
+)
 _MOVED = {
     "AssetCheck": "models3d",
     "Capture": "capture",
@@ -85,10 +79,4 @@ def __getattr__(name: str) -> object:
         message = f"estimator.{name} has moved to {_MOVED[name]}.{name}"
         warnings.warn(message, DeprecationWarning, stacklevel=2)
         return getattr(import_module(_MOVED[name]), name)
-    if name not in _MODULES:
-        raise AttributeError(f"module 'estimator' has no attribute {name!r}")
-    return getattr(import_module(_MODULES[name]), name)
-
-
-def __dir__() -> list[str]:
-    return sorted({*globals(), *__all__})
+    return _public_name(name)

@@ -6,9 +6,9 @@
 (1, 2)
 """
 
-from importlib import import_module
 from typing import TYPE_CHECKING
 
+from metric_base.lazy_names import lazy_names
 from metric_tree.node import AmbiguousName, Node, NoPrior, UnknownName
 from metric_tree.prior import Prior
 from metric_tree.release.release import BadRelease
@@ -32,11 +32,5 @@ __all__ = [
     "open",
 ]
 
-#: The name in its module of what is imported when it is first used, so that a query stays light.
-_LATE = ("Build", "BuildOptions", "build_release")
-
-
-def __getattr__(name: str) -> object:
-    if name not in _LATE:
-        raise AttributeError(f"module 'metric_tree' has no attribute {name!r}")
-    return getattr(import_module("metric_tree.pipeline.build"), name)
+#: Imported on first use, so that a query stays light.
+__getattr__, __dir__ = lazy_names(__name__, {"pipeline.build": ("Build", "BuildOptions", "build_release")})

@@ -8,7 +8,7 @@ not on earlier items. A reviewer assigns synsets that no kind claims.
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 from functools import cache, cached_property
 from pathlib import Path
@@ -79,10 +79,6 @@ class Levels:
     def claimant(self) -> Mapping[str, str]:
         """Kind by claimed synset."""
         return {claim: kind.node_id for kind in self.kinds for claim in kind.claims}
-
-    def kind_of(self, synset: str, hypernyms: Sequence[str]) -> str | None:
-        """Return the kind of a synset with `hypernyms`, nearest first; None if no kind claims one of them."""
-        return next((self.claimant[above] for above in (synset, *hypernyms) if above in self.claimant), None)
 
     def home_of(self, node_id: str) -> str | None:
         """Return the kind that contains the leaf `<id>/other` of an inner node.

@@ -192,10 +192,6 @@ class FailFastFrontier:
         """Return the stored start addresses, query and category."""
         return self._frontier.origin()
 
-    def remember(self, origin: Mapping[str, Any]) -> None:
-        """Store start addresses, query and category."""
-        self._frontier.remember(origin)
-
     def lines(self, after: int = 0, kind: Literal["items", "pictures"] = "items") -> Iterable[tuple[int, str]]:
         """Return numbers and JSON lines of the items or images after a number."""
         return self._frontier.lines(after, kind)

@@ -161,11 +161,6 @@ class RedisFrontier:
         counts = {"waiting": waiting, "leased": leased, "done": done, "failed": failed}
         return counts | {kind: count for kind, count in self._items.counts().items() if kind in {"items", "pictures"}}
 
-    def failures(self) -> dict[str, int]:
-        """Return failed tasks by reason over all workers."""
-        counts = self._redis.hgetall(self._keys["failed"])
-        return {reason: int(count) for reason, count in counts.items() if int(count)}
-
     def lines(self, after: int = 0, kind: Literal["items", "pictures"] = "items") -> Iterable[tuple[int, str]]:
         """Return numbers and JSON lines of the items or images of this worker."""
         return self._items.lines(after, kind)

@@ -7,8 +7,9 @@ CameraHeight(metres=1.5, sd=0.15)
 
 from __future__ import annotations
 
-from importlib import import_module
 from typing import TYPE_CHECKING
+
+from metric_base.lazy_names import lazy_names
 
 if TYPE_CHECKING:
     from estimator.evidence.camera_height import CameraHeight
@@ -33,20 +34,16 @@ __all__ = [
 ]
 
 #: Module of each public name, imported on first use, so that `--objects` does not import SciPy.
-_MODULES = {
-    "CameraHeight": "camera_height",
-    "EvidenceSource": "source",
-    "Gps": "gps",
-    "Imu": "imu",
-    "KnownLength": "known_lengths",
-    "Marker": "markers",
-    "MetricDepth": "depth_maps",
-    "RigBaseline": "rig_baseline",
-    "VideoGps": "gps",
-}
-
-
-def __getattr__(name: str) -> object:
-    if name not in _MODULES:
-        raise AttributeError(f"module 'estimator.evidence' has no attribute {name!r}")
-    return getattr(import_module(f"estimator.evidence.{_MODULES[name]}"), name)
+__getattr__, __dir__ = lazy_names(
+    __name__,
+    {
+        "camera_height": ("CameraHeight",),
+        "depth_maps": ("MetricDepth",),
+        "gps": ("Gps", "VideoGps"),
+        "imu": ("Imu",),
+        "known_lengths": ("KnownLength",),
+        "markers": ("Marker",),
+        "rig_baseline": ("RigBaseline",),
+        "source": ("EvidenceSource",),
+    },
+)

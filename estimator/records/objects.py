@@ -88,12 +88,6 @@ class SupportPlane:
     cell: float  #: Side of a cell, in scene units.
     cells: BoolArray  #: (a, b) cells with points of the surface.
 
-    def coverage(self, footprint: FloatArray) -> float:
-        """Return the fraction of horizontal points (n, 2) that are on cells of the surface."""
-        index = np.floor((footprint - self.origin) / self.cell).astype(np.int64)
-        inside = ((index >= 0) & (index < self.cells.shape)).all(axis=1)
-        return float(self.cells[tuple(index[inside].T)].sum() / max(len(footprint), 1))
-
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Up:

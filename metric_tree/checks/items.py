@@ -79,8 +79,8 @@ def findings(items: pa.Table, nodes: pa.Table, manifest: Mapping[str, Any]) -> I
             yield Finding("E305", item_id, f"kind: expected one of {', '.join(sorted(KINDS))}; found {kind!r}")
         if not licence or source not in sources:
             yield Finding("E306", item_id, f"licence, source: expected both named; found {licence!r}, {source!r}")
-    columns = [np.asarray(items[axis].to_numpy(zero_copy_only=False), dtype=np.float64) for axis in AXES]
-    sizes = np.column_stack(columns)  # (n, 3)
+    by_axis = [np.asarray(items[axis].to_numpy(zero_copy_only=False), dtype=np.float64) for axis in AXES]
+    sizes = np.column_stack(by_axis)  # (n, 3)
     yield from _size_findings(items, sizes)
     extents = extents_of(items)  # (n, 3), longest first
     without = np.isnan(extents).all(axis=1)

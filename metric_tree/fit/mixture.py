@@ -56,12 +56,6 @@ class Rows:
     owner: NDArray[np.intp]  #: (m,) row of each candidate, ascending.
     weights: FloatArray  #: (n,) weight of each row.
 
-    @classmethod
-    def from_complete(cls, x: FloatArray, weights: FloatArray | None = None) -> Rows:
-        """Return rows x (n, d) with known axes, one candidate each; weights (n,) are 1 by default."""
-        n = len(x)
-        return cls(np.asarray(x, dtype=float), np.arange(n), np.ones(n) if weights is None else weights)
-
     def __len__(self) -> int:
         return len(self.weights)
 

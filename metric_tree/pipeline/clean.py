@@ -96,30 +96,7 @@ def clean_shard(
     axes = [table[f"{axis}_mm"].to_numpy(zero_copy_only=False) for axis in AXES]
     sizes = np.column_stack([np.column_stack(axes).astype(float), extents_of(table)])  # (n, 6) mm
     if carried is None:
-        # Rejection reason of each row, empty if it is accepted. Unit errors are found before duplicates.
-        shipped = frozenset(licences)
-        reasons = [""] * table.num_rows
-        extents = sizes[:, 3:]
-        ids, kinds, node = (table[name].to_pylist() for name in ("item_id", "kind", "node_id"))
-        for rows in _rows_by_node(table):
-            real = rows[[kinds[row] not in STATEMENTS for row in rows]]
-            reference = class_reference(extents[real]) or siblings.get(node[rows[0]])
-            if reference is None or not len(real):
-                continue
-            for row, factor in zip(real, unit_error_factors(extents[real], reference), strict=True):
-                if factor != 1.0:
-                    reasons[row] = f"unit_slip: {factor:g}" if np.isfinite(factor) else "far_outlier"
-        remaining = np.array([row for row, reason in enumerate(reasons) if not reason], dtype=np.intp)
-        chosen = table.select(["source", "kind", "title"]).take(pa.array(remaining))
-        source, kind, title = (chosen[name].to_pylist() for name in ("source", "kind", "title"))
-        common = frozenset(word for name in set(node) for word in name.partition(".")[0].replace("mt:", "").split("_"))
-        is_shipped = [name in shipped for name in source]
-        repeats = duplicates(
-            [node[row] for row in remaining], sizes[remaining], source, kind, title, is_shipped, common
-        )
-        for row, original in zip(remaining, repeats, strict=True):
-            if original >= 0:
-                reasons[row] = f"duplicate: {ids[remaining[original]]}"
+        reasons = _refusal_reasons(table, sizes, frozenset(licences), siblings)
     else:
         reasons = ["" if item_id in carried else "not_carried" for item_id in table["item_id"].to_pylist()]
     good = np.array([not reason for reason in reasons], dtype=bool)
@@ -159,6 +136,45 @@ def class_priors(
     """Fit the priors of the classes of a shard, in order (`CleanShard.rows`)."""
     classes: list[ClassRows] = pickle.loads(rows)  # noqa: S301 - written by `clean_shard` in this build
     return [class_prior(one, beliefs[one.node_id], model, families[one.node_id], seed, heldout) for one in classes]
+
+
+def _refusal_reasons(
+    table: pa.Table, sizes: FloatArray, shipped: frozenset[str], siblings: Mapping[str, Reference]
+) -> list[str]:
+    """Return the rejection reason of each row, empty if it is accepted. Unit errors are found before duplicates.
+
+    Parameters
+    ----------
+    table : pyarrow.Table
+        The n rows, sorted by node.
+    sizes : (n, 6) ndarray of float
+        Length, width, height and the sorted extents in mm.
+    shipped : frozenset of str
+        Sources whose rows may be redistributed.
+    siblings : mapping
+        Reference sizes of nodes with few rows, from their siblings.
+    """
+    reasons = [""] * table.num_rows
+    extents = sizes[:, 3:]
+    ids, kinds, node = (table[name].to_pylist() for name in ("item_id", "kind", "node_id"))
+    for rows in _rows_by_node(table):
+        real = rows[[kinds[row] not in STATEMENTS for row in rows]]
+        reference = class_reference(extents[real]) or siblings.get(node[rows[0]])
+        if reference is None or not len(real):
+            continue
+        for row, factor in zip(real, unit_error_factors(extents[real], reference), strict=True):
+            if factor != 1.0:
+                reasons[row] = f"unit_slip: {factor:g}" if np.isfinite(factor) else "far_outlier"
+    remaining = np.array([row for row, reason in enumerate(reasons) if not reason], dtype=np.intp)
+    chosen = table.select(["source", "kind", "title"]).take(pa.array(remaining))
+    source, kind, title = (chosen[name].to_pylist() for name in ("source", "kind", "title"))
+    common = frozenset(word for name in set(node) for word in name.partition(".")[0].replace("mt:", "").split("_"))
+    is_shipped = [name in shipped for name in source]
+    repeats = duplicates([node[row] for row in remaining], sizes[remaining], source, kind, title, is_shipped, common)
+    for row, original in zip(remaining, repeats, strict=True):
+        if original >= 0:
+            reasons[row] = f"duplicate: {ids[remaining[original]]}"
+    return reasons
 
 
 def _node_class(table: pa.Table, sizes: FloatArray) -> tuple[NodeClass, ClassRows]:

@@ -62,7 +62,7 @@ def test_an_item_comes_once(tmp_path: Path) -> None:
     assert task is not None
     assert frontier.commit(Outcome(task.key, [_item(1), _item(1), _item(2)])) == 2
     assert frontier.commit(Outcome(task.key, [_item(2)], failure="late")) == 0
-    assert frontier.failures() == {"late": 1}
+    assert frontier.reopen("late") == 1
 
 
 def test_a_task_put_back_keeps_its_key(tmp_path: Path) -> None:
@@ -141,7 +141,7 @@ def test_a_refused_task_is_offered_again_and_a_failed_one_is_not(
     assert again is not None
     assert again.url == "http://a.example/1"
     assert frontier.lease() is None
-    assert frontier.failures() == {OFF_SITE: 1, "http 404": 1}
+    assert frontier.counts()["failed"] == 2
     assert frontier.origin() == {"start": ["http://a.example/1"]}
     frontier.start_over()
     assert frontier.is_exhausted()

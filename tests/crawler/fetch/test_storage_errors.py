@@ -166,7 +166,7 @@ def test_a_server_that_comes_back_without_its_data_does_not_end_a_crawl_as_done(
 ) -> None:
     frontier = RedisFrontier(redis_server.url, "crawl", tmp_path)
     watched = FailFastFrontier(frontier, redis_server.url)
-    watched.remember({"start": ["http://a.example/1"]})
+    frontier.remember({"start": ["http://a.example/1"]})
     watched.add([Task(f"http://a.example/{number}") for number in range(3)])
     task = watched.lease()
     assert task is not None
@@ -214,8 +214,9 @@ def test_a_page_over_its_budget_costs_itself_alone(tmp_path: Path) -> None:
     stored = SqliteFrontier(tmp_path / "f.sqlite")
     stored.add([Task("http://a.example/1"), Task("http://a.example/2")])
     _answered(FailFastFrontier(stored, "f.sqlite"), SlowPage("slow"))
-    assert stored.failures() == {"too slow": 1}
-    assert (stored.counts()["waiting"], stored.counts()["items"]) == (1, 0)
+    counts = stored.counts()
+    assert (counts["waiting"], counts["failed"], counts["items"]) == (1, 1, 0)
+    assert stored.reopen("too slow") == 1
 
 
 def test_a_picture_that_cannot_be_stored_does_not_cost_its_page(tmp_path: Path) -> None:
@@ -224,4 +225,4 @@ def test_a_picture_that_cannot_be_stored_does_not_cost_its_page(tmp_path: Path) 
     watched = FailFastFrontier(stored, "f.sqlite")
     _answered(watched, StorageError("pictures/ab: expected space for an image, found: No space left on device"))
     assert "No space left" in str(watched.error)
-    assert (stored.counts()["leased"], stored.failures()) == (1, {})
+    assert (stored.counts()["leased"], stored.counts()["failed"]) == (1, 0)

@@ -23,13 +23,18 @@ TWO = Mixture(
 )
 
 
+def _rows(x: np.ndarray, weights: np.ndarray | None = None) -> Rows:
+    """Return rows with one candidate each."""
+    return Rows(x, np.arange(len(x)), np.ones(len(x)) if weights is None else weights)
+
+
 def _sample(n: int, seed: int = 0) -> np.ndarray:
     return np.random.default_rng(seed).multivariate_normal(MEAN, SPREAD, n)
 
 
 def test_one_component_is_the_posterior_mean_of_a_normal_inverse_wishart() -> None:
     x = _sample(40)
-    fitted = fit_mixture(Rows.from_complete(x), 1, BELIEF)
+    fitted = fit_mixture(_rows(x), 1, BELIEF)
     mean = (2.0 * BELIEF.mean + x.sum(axis=0)) / 42.0
     about = x - BELIEF.mean
     scatter = about.T @ about - 42.0 * np.outer(mean - BELIEF.mean, mean - BELIEF.mean)
@@ -40,21 +45,21 @@ def test_one_component_is_the_posterior_mean_of_a_normal_inverse_wishart() -> No
 
 def test_weights_count_as_rows() -> None:
     x = _sample(12)
-    twice = fit_mixture(Rows.from_complete(np.concatenate([x, x])), 1, BELIEF).mixture
-    uniform = fit_mixture(Rows.from_complete(np.concatenate([x, x]), np.full(24, 7.0)), 1, BELIEF).mixture
+    twice = fit_mixture(_rows(np.concatenate([x, x])), 1, BELIEF).mixture
+    uniform = fit_mixture(_rows(np.concatenate([x, x]), np.full(24, 7.0)), 1, BELIEF).mixture
     assert twice.means == pytest.approx(uniform.means)
     assert twice.covariances == pytest.approx(uniform.covariances)
 
 
 def test_kish_counts_effective_rows() -> None:
-    assert Rows.from_complete(np.zeros((3, 1)), np.array([1.0, 2.0, 3.0])).effective_size == pytest.approx(36 / 14)
-    assert Rows.from_complete(np.zeros((0, 1))).effective_size == 0.0
+    assert _rows(np.zeros((3, 1)), np.array([1.0, 2.0, 3.0])).effective_size == pytest.approx(36 / 14)
+    assert _rows(np.zeros((0, 1))).effective_size == 0.0
 
 
 @pytest.mark.parametrize(("components", "parameters"), [(1, 9), (2, 19)])
 def test_parameters_are_counted(components: int, parameters: int) -> None:
     """k means of 3, k covariances of 6, and k - 1 free weights."""
-    fitted = fit_mixture(Rows.from_complete(_sample(60)), components, BELIEF)
+    fitted = fit_mixture(_rows(_sample(60)), components, BELIEF)
     assert fitted.parameters == parameters
     assert fitted.bic(50.0) == pytest.approx(parameters * math.log(50.0) - 2 * fitted.log_likelihood)
 
@@ -82,7 +87,7 @@ def test_densities_and_responsibilities_with_blanks_and_hidden_order() -> None:
 
 def test_a_blank_is_completed_by_its_conditional_mean() -> None:
     single = Mixture(np.ones(1), MEAN[None], SPREAD[None])
-    x, known = complete_rows(Rows.from_complete(np.array([[np.nan, 5.9, 6.8]])), single)
+    x, known = complete_rows(_rows(np.array([[np.nan, 5.9, 6.8]])), single)
     gain = SPREAD[0, 1:] @ np.linalg.inv(SPREAD[1:, 1:])
     assert x[0] == pytest.approx([MEAN[0] + gain @ (np.array([5.9, 6.8]) - MEAN[1:]), 5.9, 6.8])
     assert known[0] == pytest.approx([0, 1, 1])
@@ -93,7 +98,7 @@ def test_one_step_with_blanks_adds_the_conditional_covariance() -> None:
     x = np.array([[6.2, 5.1], [6.0, np.nan], [5.7, 5.6]])
     mean, cov = np.array([6.0, 5.4]), np.array([[0.05, 0.02], [0.02, 0.08]])
     belief = NormalInverseWishart(np.array([5.9, 5.3]), 1.5, np.diag([0.1, 0.1]), 3.0)
-    rows = Rows.from_complete(x)
+    rows = _rows(x)
     made = mixture_em.maximisation(rows, Mixture(np.ones(1), mean[None], cov[None]), np.ones((3, 1)), belief)
     gain = cov[1, 0] / cov[0, 0]
     full = x.copy()
@@ -131,9 +136,7 @@ def test_rows_are_taken_and_moved_whole() -> None:
 
 def test_patterns_part_the_candidates_by_what_is_missing() -> None:
     x = np.array([[1.0, np.nan], [1.0, 2.0], [np.nan, 2.0], [3.0, np.nan]])
-    patterns = {
-        tuple(axes): (index.tolist(), missing.tolist()) for index, axes, missing in Rows.from_complete(x).patterns
-    }
+    patterns = {tuple(axes): (index.tolist(), missing.tolist()) for index, axes, missing in _rows(x).patterns}
     assert patterns == {(0,): ([0, 3], [1]), (0, 1): ([1], []), (1,): ([2], [0])}
 
 

@@ -1,0 +1,29 @@
+"""Public names of a package that are imported on first use, so that `import package` is fast (PEP 562)."""
+
+from __future__ import annotations
+
+import sys
+from collections.abc import Callable, Iterable, Mapping
+from importlib import import_module
+
+
+def lazy_names(
+    package: str, modules: Mapping[str, Iterable[str]]
+) -> tuple[Callable[[str], object], Callable[[], list[str]]]:
+    """Return the functions `__getattr__` and `__dir__` of a package.
+
+    Parameters
+    ----------
+    package : str
+        `__name__` of the package.
+    modules : mapping of str to iterable of str
+        Public names by the module of the package that defines them.
+    """
+    homes = {name: module for module, names in modules.items() for name in names}
+
+    def attribute(name: str) -> object:
+        if name not in homes:
+            raise AttributeError(f"module {package!r} has no attribute {name!r}")
+        return getattr(import_module(f"{package}.{homes[name]}"), name)
+
+    return attribute, lambda: sorted({*vars(sys.modules[package]), *homes})

@@ -16,8 +16,8 @@ from benchmarks.common import row_text, table_head
 __all__ = ["Facts", "page"]
 
 _HEAD = table_head(
-    ("setting", "method", "scenes", "refused", "error, median", "mean", "90th pct", "bias", "coverage", "high/low",
-     "CRPS")
+    ("setting", "method", "scenes", "refused, %", "error, %: median", "mean", "90th pct", "bias, %", "coverage",
+     "high/low", "CRPS")
 )  # fmt: skip
 #: Errors of sizes, fractions of common spread, and numbers of objects that the tables of simulations show.
 _NOISES, _COMMON = ("0%", "6%", "12%"), ("as modelled", "0%", "60%", "90%")
@@ -73,7 +73,7 @@ def _groups(outcomes: Sequence[Outcome]) -> list[str]:
 def _line(group: str, method: str, outcomes: Sequence[Outcome]) -> str:
     s = summary(outcomes)
     cells = [
-        group, method, str(s.n), f"{s.refused:.0%}", _percent(s.median), _percent(s.mean), _percent(s.p90),
+        group, method, str(s.n), f"{100 * s.refused:.0f}", _percent(s.median), _percent(s.mean), _percent(s.p90),
         _percent(s.bias, "+"), _number(s.coverage), _number(s.ratio), _number(s.crps, 3),
     ]  # fmt: skip
     return row_text(cells)
@@ -81,7 +81,7 @@ def _line(group: str, method: str, outcomes: Sequence[Outcome]) -> str:
 
 def _summary_table(outcomes: Sequence[Outcome]) -> str:
     """Return median error and coverage of the default method, by setting with enough scenes."""
-    lines = [table_head(("setting", "scenes", "median error", "coverage"))]
+    lines = [table_head(("setting", "scenes", "median error, %", "coverage"))]
     for part in ("unseen", "streets", "methods"):
         of_part = select(outcomes, part=part)
         for group in _groups(of_part):
@@ -128,7 +128,7 @@ def _groups_table(outcomes: Sequence[Outcome]) -> str:
 
 
 def _differences_table(outcomes: Sequence[Outcome]) -> str:
-    lines = [table_head(("setting", "against", "scenes", "mean difference of the error", "95 %"))]
+    lines = [table_head(("setting", "against", "scenes", "mean difference of the error, %", "95 % interval"))]
     for group in _groups(outcomes):
         ours = select(outcomes, group=group, method="default")
         methods = dict.fromkeys(one.method for one in select(outcomes, group=group))
@@ -195,20 +195,20 @@ def _pulls_table(outcomes: Sequence[Outcome]) -> str:
 
 def _errors_table(outcomes: Sequence[Outcome]) -> str:
     """Return the table of the default method with one error at a time; equal numbers of scenes in all rows."""
-    lines = [table_head(("setting", "refused", "error, median", "mean", "coverage", "high/low"))]
+    lines = [table_head(("setting", "refused, %", "error, %: median", "mean", "coverage", "high/low"))]
     for error, settings in FAULTS.items():
         for value, _ in settings:
             chosen = select(outcomes, group=f"{error}: {value}", method="default")
             if chosen:
                 s = summary(chosen)
-                numbers = (f"{s.refused:.0%}", _percent(s.median), _percent(s.mean), _number(s.coverage))
+                numbers = (f"{100 * s.refused:.0f}", _percent(s.median), _percent(s.mean), _number(s.coverage))
                 lines.append(row_text([f"{error}: {value}", *numbers, _number(s.ratio)]))
     return "\n".join(lines) if len(lines) > 1 else "Not run."
 
 
 def _refusals_table(outcomes: Sequence[Outcome]) -> str:
     """Return the table of the errors of accepted and of refused estimates."""
-    of_these = ("error of these, median", "mean")
+    of_these = ("error of these, %: median", "mean")
     lines = [table_head(("part", "answered", *of_these, "refused", *of_these))]
     for part in dict.fromkeys(row.part for row in outcomes):
         ours = [row for row in select(outcomes, part=part, method="default") if np.isfinite(row.error)]
@@ -224,7 +224,7 @@ def _refusals_table(outcomes: Sequence[Outcome]) -> str:
 
 
 def _percent(value: float, sign: str = "") -> str:
-    return "" if not np.isfinite(value) else f"{value:{sign}.1%}".replace("%", " %")
+    return "" if not np.isfinite(value) else f"{100 * value:{sign}.1f}"
 
 
 def _number(value: float, digits: int = 2) -> str:

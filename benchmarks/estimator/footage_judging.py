@@ -40,7 +40,7 @@ MAX_FOCAL_ERROR = 0.1
 MIN_SHARED = 4
 #: Trials of the robust fit. With a third of right images, 300 triples contain one of right images almost surely.
 N_TRIALS = 300
-COLUMNS = ("placed", "right", "path (median)", "focal", "wall, s", "CPU, s")
+COLUMNS = ("placed", "right", "path, % (median)", "focal", "CPU, s")
 
 
 @dataclass(frozen=True, slots=True)
@@ -155,11 +155,11 @@ def _cells(result: Mapping[str, Any] | None, judgement: Judgement | None) -> lis
         return ["not run", *[None] * (len(COLUMNS) - 1)]
     path = None
     if judgement.rms is not None and judgement.median is not None:
-        path = f"{100 * judgement.rms:.1f} % ({100 * judgement.median:.1f})"
+        path = f"{100 * judgement.rms:.1f} ({100 * judgement.median:.1f})"
     focal = None if result.get("focal") is None else f"{result['focal']:.3f}"
     right = None if judgement.n_right is None else str(judgement.n_right)
-    seconds = [None if result.get(key) is None else f"{result[key]:.0f}" for key in ("wall_s", "cpu_s")]
-    return [str(judgement.n_placed), right, path, focal, *seconds]
+    seconds = None if result.get("cpu_s") is None else f"{result['cpu_s']:.0f}"
+    return [str(judgement.n_placed), right, path, focal, seconds]
 
 
 def summary_rows(rows: Sequence[Row]) -> str:
@@ -168,7 +168,7 @@ def summary_rows(rows: Sequence[Row]) -> str:
     Refused models count if they contain more than half of the frames. Constructed errors have no number of images that
     should be placed.
     """
-    head = ["", "cases", "CPU ratio, median", "worst", "wall ratio, median", "worst"]
+    head = ["", "cases", "CPU ratio, median", "worst"]
     head += ["fewer placed than plain places right", "right models refused", "refused, and plain is right"]
     lines = [table_head([*head, "wrong models accepted", "plain: wrong models"])]
     for group, title in GROUPS.items():
@@ -177,16 +177,13 @@ def summary_rows(rows: Sequence[Row]) -> str:
         if not chosen:
             continue
         cells: list[object] = [title, len(chosen) if len(both) == len(chosen) else f"{len(chosen)}, plain {len(both)}"]
-        for key in ("cpu_s", "wall_s"):
-            ratios = {
-                row.case.name: row.ours[key] / row.plain[key]
-                for row in both
-                if row.plain is not None and row.ours.get(key) and row.plain.get(key)
-            }
-            worst = max(ratios, key=lambda name: ratios[name], default="")
-            cells += (
-                [f"{np.median(list(ratios.values())):.2f}", f"{ratios[worst]:.1f} (`{worst}`)"] if ratios else ["", ""]
-            )
+        ratios = {
+            row.case.name: row.ours["cpu_s"] / row.plain["cpu_s"]
+            for row in both
+            if row.plain is not None and row.ours.get("cpu_s") and row.plain.get("cpu_s")
+        }
+        worst = max(ratios, key=lambda name: ratios[name], default="")
+        cells += [f"{np.median(list(ratios.values())):.2f}", f"{ratios[worst]:.1f} (`{worst}`)"] if ratios else ["", ""]
         is_fewer = [
             row
             for row in both
@@ -228,7 +225,9 @@ def conditions(rows: Sequence[Row], cases: Sequence[FootageCase]) -> str:
     for group, title in GROUPS.items():
         members = [case.name for case in cases if case.group == group]
         left = [name for name in members if name not in done]
-        if left:
+        if left and len(left) == len(members):
+            lines.append(f"{title}: none of {len(members)} was run.")
+        elif left:
             names = ", ".join(f"`{name}`" for name in left)
             lines.append(f"{title}: {len(left)} of {len(members)} not run: {names}.")
     return "\n\n".join(lines)

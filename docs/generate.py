@@ -13,6 +13,7 @@ import inspect
 import os
 import re
 import sys
+import textwrap
 from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import Any
@@ -91,7 +92,7 @@ def _entry(package: str, name: str, value: Any) -> str:
     if inspect.isclass(value):
         members = "\n\n".join(_members(name, value))
         return f"{title}\n\n{_text(value)}" + (f"\n\n{members}" if members else "")
-    return f"{title}\n\n```python\n{name}{_signature(value)}\n```\n\n{_text(value)}"
+    return f"{title}\n\n    {name}{_signature(value)}\n\n{_text(value)}"
 
 
 def _members(owner: str, value: type) -> Iterator[str]:
@@ -124,7 +125,7 @@ def _text(value: object) -> str:
     text = inspect.getdoc(value) or ""
     head, line, rest = text.partition("\n\n")
     rest = re.sub(r"^(\w+)\n-+$", r"\1:", rest, flags=re.MULTILINE)
-    return f"{head}\n\n```text\n{rest}\n```" if line else head
+    return f"{head}\n\n{textwrap.indent(rest, '    ')}" if line else head
 
 
 def image_credits() -> str:

@@ -104,7 +104,7 @@ class OutputFile:
 def add_overwrite(parser: argparse.ArgumentParser) -> None:
     """Add `--overwrite` if an argument is an output file."""
     if any(isinstance(action.type, OutputFile) for action in arguments_of(parser)):
-        words = "replace existing files; an input of the run is never replaced"
+        words = "replace existing files"
         parser.add_argument("--overwrite", action="store_true", help=words)
 
 
@@ -268,4 +268,4 @@ def add_program_options(root: OneLineParser) -> None:
 
 def add_tree(parser: argparse.ArgumentParser) -> None:
     """Add the option that names a release."""
-    parser.add_argument("--tree", metavar="REF", help="version or folder of a release (default: the shipped one)")
+    parser.add_argument("--tree", metavar="REF", help="release: version or folder (default: shipped)")

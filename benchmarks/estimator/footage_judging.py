@@ -134,12 +134,17 @@ def judged(result: Mapping[str, Any], reference: Reference | None, case: Footage
 
 
 def table(rows: Sequence[Row]) -> str:
-    """Return the rows of all cases, ours and plain, and a reference's focal length."""
+    """Return the rows of the cases, ours and plain, and a reference's focal length.
+
+    Parts of which both place all images right are only counted.
+    """
     lines = [table_head(["case", "of", "ours", *COLUMNS, *(f"plain: {name}" for name in COLUMNS), "reference focal"])]
     for group, title in GROUPS.items():
-        chosen = [row for row in rows if row.case.group == group]
-        if chosen:
-            lines.append(row_text([f"**{title}**", *[None] * (2 * len(COLUMNS) + 3)]))
+        members = [row for row in rows if row.case.group == group]
+        chosen = [row for row in members if group != "part" or not _is_all_right(row)]
+        if members:
+            more = f", and {len(members) - len(chosen)} of which both place all images right" if group == "part" else ""
+            lines.append(row_text([f"**{title}{more}**", *[None] * (2 * len(COLUMNS) + 3)]))
         for row in chosen:
             use = " (chosen on)" if row.case.chosen_on else " (must be refused)" if row.case.unusable else ""
             ours = "accepted" if row.is_accepted else f"`{row.ours['code']}`"
@@ -147,6 +152,12 @@ def table(rows: Sequence[Row]) -> str:
             cells += [*_cells(row.ours, row.judgement), *_cells(row.plain, row.plain_judgement)]
             lines.append(row_text([*cells, f"{row.reference_focal:.3f}" if row.reference_focal else None]))
     return "\n".join(lines)
+
+
+def _is_all_right(row: Row) -> bool:
+    """Return True if ours is accepted, and both place every image of the case right."""
+    placed = (row.judgement.n_right, row.plain_judgement.n_right if row.plain_judgement else None)
+    return row.is_accepted and placed == (row.ours.get("frames"),) * 2
 
 
 def _cells(result: Mapping[str, Any] | None, judgement: Judgement | None) -> list[str | None]:

@@ -301,20 +301,20 @@ def _planted_cells(folder: Path, database: str) -> list[str]:
         found = agreement(model_triplets(planted, database), len(names))
         kept = set(found.parts[0]) if found.parts else set()
         mixed = min(len(kept & wrong), len(kept - wrong))
-        cells.append(f"{_refused(found)}{len(kept)} kept, {mixed} mixed")
+        cells.append(f"{_refused(found)}{len(kept)}/{mixed}")
     middle = set(names[len(names) * 5 // 12 : len(names) * 7 // 12])
     for factor in LONGER.values():
         planted = pycolmap.Reconstruction(folder / "sparse" / "0")
         lengthen_steps(planted, middle, factor)
         found = agreement(model_triplets(planted, database), len(names))
-        cells.append(f"{_refused(found)}{len(found.parts[0]) if found.parts else 0} kept")
+        cells.append(f"{_refused(found)}{len(found.parts[0]) if found.parts else 0}")
     return cells
 
 
 def _refused(found: TripletAgreement) -> str:
     ratio = found.contradicted / max(found.triplets, 1)
     wrong = ratio > MAX_CONTRADICTED_RATIO or len(found.broken) >= MIN_BROKEN_FRAMES
-    return "refused, " if wrong else ""
+    return "refused: " if wrong else ""
 
 
 if __name__ == "__main__":

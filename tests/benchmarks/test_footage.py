@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -290,3 +291,11 @@ def test_results_that_exist_are_kept(tmp_path: Path, monkeypatch: pytest.MonkeyP
 
 def test_a_set_without_a_model_has_no_reference(tmp_path: Path) -> None:
     assert read_reference(FootageCase("desk", "set", tmp_path), tmp_path) is None
+
+
+def test_parts_that_both_place_completely_are_only_counted() -> None:
+    rows = [_row("a", _result(_path()), _result(_path())), _row("b", _result(_path()), _result(_path()[:15]))]
+    parts = [replace(row, case=replace(row.case, group="part")) for row in rows]
+    lines = table(parts).splitlines()
+    assert "Parts of sets, and 1 of which both place all images right" in lines[2]
+    assert [line.split("|")[1].strip() for line in lines[3:]] == ["`b`"]

@@ -16,7 +16,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Declare the arguments of the subcommand."""
     parser.add_argument("out", metavar="DIR", type=new_folder, help="folder to write; it must not exist")
     parser.add_argument(
-        "--tree", metavar="REF", help="version or folder of a release (default: the open twin of the shipped one)"
+        "--tree", metavar="REF", help="release: version or folder (default: the shipped one without withheld sources)"
     )
 
 

@@ -28,7 +28,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         "--tree",
         metavar="REF",
         action="append",
-        help="version or folder of a release; may be repeated (default: shipped)",
+        help="release: version or folder; may be repeated (default: shipped)",
     )
     add(
         "--allow-host",

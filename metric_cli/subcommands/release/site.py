@@ -19,7 +19,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         "--tree",
         metavar="REF",
         action="append",
-        help="version or folder of a release; may be repeated (default: shipped)",
+        help="release: version or folder; may be repeated (default: shipped)",
     )
     parser.add_argument("--workers", metavar="N", type=int, help="number of processes (default: one per processor)")
 

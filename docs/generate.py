@@ -29,6 +29,10 @@ PROGRAMS = {"estimate-scale": "metric_cli.estimate_scale.parser", "insert-object
 APIS = ("metric_tree", "estimator", "capture", "models3d", "insertion")
 #: Classes for programs that read or write glTF files themselves: their methods are documented in the code only.
 SUMMARIES = {"GltfDocument", "GltfWriter"}
+#: Methods that are not listed: those of a tree that its nodes have too, rows of tables, and deprecated names.
+OMITTED = {
+    "Prior.of_row", "Prior.row", "ScaleResult.record", "Tree.children", "Tree.prior", "Tree.prior_dims", "Tree.tier",
+}  # fmt: skip
 
 
 def commands() -> str:
@@ -96,12 +100,14 @@ def _entry(package: str, name: str, value: Any) -> str:
 
 
 def _members(owner: str, value: type) -> Iterator[str]:
-    """Yield the public methods and properties, but none of the classes in `SUMMARIES`."""
+    """Yield the public methods and properties, but none of the classes in `SUMMARIES` and not `OMITTED`."""
     if owner in SUMMARIES:
         return
     for name, member in vars(value).items():
         target = member.fget if isinstance(member, property) else getattr(member, "__func__", member)
         if name.startswith("_") or not callable(target) or inspect.getdoc(target) is None:
+            continue
+        if f"{owner}.{name}" in OMITTED:
             continue
         shape = "" if isinstance(member, property) else _signature(target)
         yield f"#### `{owner}.{name}{shape}`\n\n{_text(target)}"

@@ -16,8 +16,8 @@ from benchmarks.common import row_text, table_head
 __all__ = ["Facts", "page"]
 
 _HEAD = table_head(
-    ("setting", "method", "scenes", "refused, %", "error, %: median", "mean", "90th pct", "bias, %", "coverage",
-     "high/low", "CRPS")
+    ("setting", "method", "scenes", "refused, %", "error, %: median", "90th pct", "bias, %", "coverage", "high/low",
+     "CRPS")
 )  # fmt: skip
 #: Errors of sizes, fractions of common spread, and numbers of objects that the tables of simulations show.
 _NOISES, _COMMON = ("0%", "6%", "12%"), ("as modelled", "0%", "60%", "90%")
@@ -73,7 +73,7 @@ def _groups(outcomes: Sequence[Outcome]) -> list[str]:
 def _line(group: str, method: str, outcomes: Sequence[Outcome]) -> str:
     s = summary(outcomes)
     cells = [
-        group, method, str(s.n), f"{100 * s.refused:.0f}", _percent(s.median), _percent(s.mean), _percent(s.p90),
+        group, method, str(s.n), f"{100 * s.refused:.0f}", _percent(s.median), _percent(s.p90),
         _percent(s.bias, "+"), _number(s.coverage), _number(s.ratio), _number(s.crps, 3),
     ]  # fmt: skip
     return row_text(cells)
@@ -195,20 +195,20 @@ def _pulls_table(outcomes: Sequence[Outcome]) -> str:
 
 def _errors_table(outcomes: Sequence[Outcome]) -> str:
     """Return the table of the default method with one error at a time; equal numbers of scenes in all rows."""
-    lines = [table_head(("setting", "refused, %", "error, %: median", "mean", "coverage", "high/low"))]
+    lines = [table_head(("setting", "refused, %", "median error, %", "coverage", "high/low"))]
     for error, settings in FAULTS.items():
         for value, _ in settings:
             chosen = select(outcomes, group=f"{error}: {value}", method="default")
             if chosen:
                 s = summary(chosen)
-                numbers = (f"{100 * s.refused:.0f}", _percent(s.median), _percent(s.mean), _number(s.coverage))
+                numbers = (f"{100 * s.refused:.0f}", _percent(s.median), _number(s.coverage))
                 lines.append(row_text([f"{error}: {value}", *numbers, _number(s.ratio)]))
     return "\n".join(lines) if len(lines) > 1 else "Not run."
 
 
 def _refusals_table(outcomes: Sequence[Outcome]) -> str:
     """Return the table of the errors of accepted and of refused estimates."""
-    of_these = ("error of these, %: median", "mean")
+    of_these = ("median error of these, %",)
     lines = [table_head(("part", "answered", *of_these, "refused", *of_these))]
     for part in dict.fromkeys(row.part for row in outcomes):
         ours = [row for row in select(outcomes, part=part, method="default") if np.isfinite(row.error)]
@@ -217,8 +217,7 @@ def _refusals_table(outcomes: Sequence[Outcome]) -> str:
         cells = []
         for refused in (False, True):
             errors = np.abs(np.expm1([row.error for row in ours if row.refused is refused]))
-            figures = [_percent(float(np.median(errors))), _percent(float(errors.mean()))] if len(errors) else ["", ""]
-            cells += [str(len(errors)), *figures]
+            cells += [str(len(errors)), _percent(float(np.median(errors))) if len(errors) else ""]
         lines.append(f"| {part} | {' | '.join(cells)} |")
     return "\n".join(lines)
 

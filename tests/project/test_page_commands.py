@@ -19,7 +19,6 @@ import pytest
 from starlette.testclient import TestClient
 
 import metric_tree
-from benchmarks.user_study.answers import ANSWERS_SCHEMA
 from explorer.server.app import application
 from metric_cli.estimate_scale.estimate import main as estimate_scale
 from tests.metric_cli.test_paths import command_of
@@ -51,7 +50,6 @@ NOT_RUN = {
     r"^estimate-scale .* --draw$": "waits for a person; tests/end_to_end/test_first_use.py draws",
     r"^estimate-scale (street|model)( |$)": "tests/end_to_end/test_first_use.py runs the first commands",
     r"^estimate-scale SCENE --detector ": "tests/capture/test_capture.py runs a small network",
-    r"^python -m benchmarks\.user_study work ": "tests/metric_cli/test_paths.py writes a page",
     r"^metric-tree explain ycb_hope_dims:1": "not shipped; tests/metric_cli/test_explain.py reads a log",
     r"^python -m data\.generate words": "writes to the repository",
     r"^python -m pytest ": "is a test",
@@ -107,9 +105,6 @@ def _insertions(folder: Path) -> None:
     assert estimate_scale([str(work), "--output", str(work / "result.json"), "--quiet"]) == 0
     write_glb(box((-0.25, 0.25), (-0.25, 0.25), (0, 0.9), "wood"), folder / "chair.glb")
     write_glb(box((-0.02, 0.02), (-0.02, 0.02), (0, 0.05), "wood"), folder / "cushion.glb")
-    rows = [{"step": step, "answer": answer} for step, answer in ((-30, "too small"), (0, "right"), (30, "too large"))]
-    answers = {"schema": ANSWERS_SCHEMA, "participant": "p", "study": "s", "object": "chair", "answers": rows}
-    (folder / "ANSWERS").write_text(json.dumps(answers))
 
 
 def _detections(folder: Path) -> None:
@@ -185,8 +180,6 @@ def _run(command: str, folder: Path, capsys: pytest.CaptureFixture[str]) -> tupl
     line, _, target = command.partition(" > ")
     words = shlex.split(line)
     n_names = {"estimate-scale": 1, "insert-object": 1, "metric-tree": 2}.get(words[0], 0)
-    if line.startswith("python -m benchmarks.user_study"):
-        n_names = 4 if words[3] == "report" else 3
     if not n_names:
         environment = os.environ | {"PATH": f"{Path(sys.executable).parent}{os.pathsep}{os.environ['PATH']}"}
         done = subprocess.run(

@@ -6,7 +6,6 @@ The camera looks down from a height of 3 with a focal length of 500 pixels, or a
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -76,7 +75,7 @@ def support(scene: PlacementSpace, seen: View | None = None, y: float = Y) -> st
         return "error"
 
 
-#: Points in a corner of the image. A cloud of many points has small cells of visibility, so that few points are occluded.
+#: Points in a corner of the image. The visibility of a cloud of many points has small cells: few points are occluded.
 MANY_POINTS = np.random.default_rng(2).uniform((1.2, -1, 0), (1.7, 1, 0), (20_000, 3))
 
 
@@ -321,7 +320,7 @@ def test_masks_of_one_object_share_30_percent_of_their_points(n_shared: int, n_o
 
 
 def top_of_box(heights: FloatArray) -> Placement | None:
-    """The placement on a box of 100 points with these heights, at pixels on the right of the image; the plane is at 1."""
+    """The placement on a box of 100 points with these heights, at pixels on the right; the support plane is at 1."""
     heights = np.random.default_rng(0).permutation(heights)
     x, y = np.meshgrid(80 + 16 * np.arange(10), 16 * np.arange(10) - 72)
     points = np.column_stack([np.array([x.ravel(), y.ravel()]).T / FOCAL * (EYE_HEIGHT - heights)[:, None], heights])

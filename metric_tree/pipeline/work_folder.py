@@ -31,22 +31,34 @@ from taxonomy.categories import Category
 _KEY = "fingerprint"
 #: Maximum number of submitted calls: enough to keep a small cluster busy, few enough for the memory.
 MAX_WAITING_CALLS = 16
+#: Number of hashes that are compared at once; with their rows they are 320 MB.
+MAX_PARTITION_ROWS = 20_000_000
 _P = ParamSpec("_P")
 _R = TypeVar("_R")
 
 
-def repeated_rows(paths: Sequence[Path]) -> list[list[NDArray[np.bool_]]]:
+def repeated_rows(paths: Sequence[Path], max_partition_rows: int = MAX_PARTITION_ROWS) -> list[list[NDArray[np.bool_]]]:
     """Return, by file and shard, whether the id of each row (n,) occurs in an earlier row.
 
-    The ids are compared by their hashes, with 8 bytes per row in memory.
+    The ids are compared by their hashes, one partition of the hashes after another, so that the memory is one byte per
+    row and 16 bytes per row of a partition.
     """
-    shards = [[batch.column(0).to_numpy() for batch in _batches(path, ["hash"], range(SHARDS))] for path in paths]
-    hashes = np.concatenate([hashes for file in shards for hashes in file]) if shards else np.empty(0, dtype=np.uint64)
-    is_repeated = np.ones(len(hashes), dtype=bool)
-    is_repeated[np.unique(hashes, return_index=True)[1]] = False
-    ends = np.cumsum([len(hashes) for file in shards for hashes in file])
-    parts = np.split(is_repeated, ends[:-1]) if shards else []
-    return [list(parts[file * SHARDS : (file + 1) * SHARDS]) for file in range(len(paths))]
+    sizes = [len(batch) for path in paths for batch in _batches(path, ["hash"], range(SHARDS))]
+    starts = np.concatenate([[0], np.cumsum(sizes, dtype=np.intp)])
+    is_repeated = np.zeros(starts[-1], dtype=bool)
+    n_partitions = -(-len(is_repeated) // max_partition_rows)
+    for partition in range(n_partitions):
+        hashes, rows = [np.empty(0, dtype=np.uint64)], [np.empty(0, dtype=np.intp)]
+        batches = (batch for path in paths for batch in _batches(path, ["hash"], range(SHARDS)))
+        for start, batch in zip(starts[:-1], batches, strict=True):
+            values = batch.column(0).to_numpy()
+            inside = np.flatnonzero(values % n_partitions == partition)
+            hashes.append(values[inside])
+            rows.append(start + inside)
+        first = np.unique(np.concatenate(hashes), return_index=True)[1]
+        is_repeated[np.delete(np.concatenate(rows), first)] = True
+    parts = np.split(is_repeated, starts[1:-1])
+    return [parts[file * SHARDS : (file + 1) * SHARDS] for file in range(len(paths))]
 
 
 def shard_rows(paths: Sequence[Path], shard: int, repeated: Sequence[Sequence[NDArray[np.bool_]]]) -> bytes:

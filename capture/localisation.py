@@ -122,6 +122,8 @@ class _Tracker:
                 rows = np.concatenate([index for index, _ in tracks[k]])
                 pixels = np.concatenate([places for _, places in tracks[k]]) + 0.5
                 rays = rays_of(self._camera, pixels * (self._camera.width / waiting[k][1].shape[1]))
+                valid = np.isfinite(rays).all(axis=1)  # a strong distortion cannot be inverted at every pixel
+                rows, rays = rows[valid], rays[valid]
                 seen[k] = rows, rays
                 poses[k] = self._pose(poses[k], rows, rays, last)
                 last = poses[k] if poses[k].origin == "localised" else last
@@ -170,11 +172,14 @@ class _Tracker:
     def _check(
         self, points: FloatArray, rays: FloatArray, rotation: FloatArray, translation: FloatArray
     ) -> float | None:
-        """Return the median residual in pixels of the source of points (n, 3) with rays (n, 2), None without points."""
-        if not len(points):
-            return None
+        """Return the median residual in pixels of the source of points (n, 3) with rays (n, 2).
+
+        Rays outside the range of the lens model are ignored. None without points, or if most are behind the camera.
+        """
         error = residuals_px(points, rays, rotation, translation, self._camera.focal_px)
-        return float(np.median(error)) * self._source_px
+        error = error[~np.isnan(error)]
+        median = float(np.median(error)) if len(error) else np.inf
+        return median * self._source_px if np.isfinite(median) else None
 
     def _interpolated(
         self, pose: FramePose, known: list[FramePose], seen: tuple[IntArray, FloatArray] | None

@@ -20,6 +20,8 @@ from metric_base.files import sole_holder, whole_file
 VERSION = 10
 STAMPS = "stamps"
 _LOCK = ".lock"
+#: Ending of the name of the work folder next to a scene.
+WORK_SUFFIX = ".metric-tree"
 #: Prefix of temporary files and folders.
 _PART = ".metric-tree."
 _CHUNK = 1 << 22

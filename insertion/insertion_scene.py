@@ -6,7 +6,8 @@ from collections import defaultdict
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
-from estimator.instances.instance_reader import read_instances
+from capture.work_folder import WORK_SUFFIX
+from estimator.instances.instance_reader import INSTANCES_FILE, default_instances, read_instances
 from estimator.reconstructions.scene_reader import read_scene
 from estimator.records.objects import Up
 from estimator.records.scene import Instance, Scene
@@ -46,9 +47,11 @@ def open_scene(source: SceneSource) -> InsertionScene:
     frames = folder / "frames"
     images = SceneImages(scene, source.images or (frames if frames.is_dir() else None))
     footage = video_footage(folder, scene) or ImageSequence(images)
-    has_masks = any((folder / name).exists() for name in ("instances.json", "instances"))
-    masks = read_instances(source.instances, scene) if source.instances or has_masks else ()
-    source.scale.check(scene, masks if source.instances is None else None)
+    default = default_instances(scene) if source.instances is None else None
+    drawn = folder.resolve().with_name(f"{folder.resolve().name}{WORK_SUFFIX}") / INSTANCES_FILE
+    file = source.instances or default or (drawn if drawn.is_file() else None)
+    masks = () if file is None else read_instances(file, scene)
+    source.scale.check(scene, masks if file is None or file == default else None)
     moving = {} if source.moving is None else moving_masks(source.moving, scene, footage.frames)
     return build_scene(scene, images, footage, masks, source.scale, source.up, moving)
 

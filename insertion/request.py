@@ -48,7 +48,8 @@ class ObjectRequest:
     clip: str | None = None  #: name or index of the animation; None for the first one, "none" for none
     at_time_s: float | None = None  #: time in the animation at which the object is frozen
     path: tuple[tuple[float, float], ...] = ()  #: corners of a path, pixels of the frame of `at`, or metres as `xy_m`
-    speed_m_s: float | None = None  #: speed on the path; None if the path takes the whole video
+    speed_m_s: float | None = None  #: speed on the path; None if the path takes the rest of the video
+    path_start_s: float = 0.0  #: time of the start on the path, in seconds from the first frame
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -58,7 +59,7 @@ class SceneSource:
     folder: Path  #: COLMAP model folder, or work folder of `capture_video`
     scale: MetricScale
     images: Path | None = None  #: folder of the images; None for the folder next to or above the model
-    instances: Path | None = None  #: masks of possible occluders; None for the file in `folder`, if it exists
+    instances: Path | None = None  #: masks of possible occluders; None for those that estimate-scale would use
     moving: Path | None = None  #: masks of moving people and objects in every frame
     dense: str | None = None  #: PLY file of the dense cloud, "none", or None for the file next to the model
     up: Up | None = None  #: the vertical, if it is known

@@ -143,6 +143,41 @@ def check_output(path: Path, option: str, schema: str | None = None) -> None:
         raise InputError(f"{option}: {path} already exists; choose another name, or add --overwrite")
 
 
+def check_folder(path: Path, option: str, suffix: str | None = None) -> None:
+    """Raise an error if a folder exists.
+
+    With `--overwrite`, a folder is accepted that contains only files with a suffix and no input of the run.
+
+    Parameters
+    ----------
+    path : Path
+        Folder to write.
+    option : str
+        Option that names it.
+    suffix : str, optional
+        Suffix of the files of a folder that may be replaced.
+
+    Raises
+    ------
+    InputError
+    """
+    if not os.path.lexists(path):
+        return
+    rules = _RULES.get(_NO_RULES)
+    if suffix is None or not path.is_dir() or path.is_symlink():
+        raise InputError(f"{option}: expected a folder that is not there yet; found an existing one: {path}")
+    if not rules.overwrite:
+        raise InputError(f"{option}: {path} already exists; choose another name, or add --overwrite")
+    real = path.resolve()
+    for source in rules.inputs:
+        is_image_folder = real.is_relative_to(source.resolve()) and real.name in _IMAGE_FOLDERS
+        if is_image_folder or source.resolve().is_relative_to(real):
+            raise InputError(f"{option}: {path} is read in this run ({source}); choose another name")
+    for entry in path.rglob("*"):
+        if entry.is_symlink() or not (entry.is_dir() or entry.suffix == suffix):
+            raise InputError(f"{option}: expected a folder with only {suffix} files to replace; found {entry}")
+
+
 def has_schema(path: Path, schema: str) -> bool:
     """Return True if the `schema` of a file begins with `schema`.
 
@@ -260,20 +295,18 @@ def whole_file(path: Path, option: str | None = None, schema: str | None = None)
 
 
 @contextmanager
-def whole_folder(path: Path, option: str | None = None) -> Iterator[Path]:
+def whole_folder(path: Path, option: str | None = None, suffix: str | None = None) -> Iterator[Path]:
     """Provide a temporary folder that is renamed to `path` at the end of the block, and removed after an error.
 
-    Temporary folders of killed runs for the same path are removed first.
+    Temporary folders of killed runs for the same path are removed first. With `suffix`, an existing folder may be
+    replaced as `check_folder` states.
 
     Raises
     ------
     InputError
         `path` exists already; where `option` is given also: the system cannot write there.
     """
-    if os.path.lexists(path):
-        raise InputError(
-            f"{path}: {option or 'folder'}: expected a folder that is not there yet, found an existing one"
-        )
+    check_folder(path, option or "folder", suffix)
     with _write_errors(path, option):
         path.parent.mkdir(parents=True, exist_ok=True)
         _remove_dead_parts(path)
@@ -281,7 +314,18 @@ def whole_folder(path: Path, option: str | None = None) -> Iterator[Path]:
         try:
             yield work
             work.chmod(0o755)  # others were kept out meanwhile
-            work.rename(path)
+            if os.path.lexists(path):
+                old = _new_part(path, is_folder=True)
+                path.rename(old / path.name)
+                try:
+                    work.rename(path)
+                except OSError:
+                    (old / path.name).rename(path)
+                    raise
+                finally:
+                    shutil.rmtree(old, ignore_errors=True)
+            else:
+                work.rename(path)
         finally:
             shutil.rmtree(work, ignore_errors=True)  # gone already when all went well
 

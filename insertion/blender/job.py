@@ -95,27 +95,33 @@ def catcher_corners(objects: Sequence[PlacedObject], transform: MetricTransform)
     """Return corners (4, 3) in the metric frame of a rectangle for each height at which objects stand.
 
     Above the floor, a rectangle is limited to the visible extent of the surface; beyond, it would shade lower objects.
+    Objects at one height share a rectangle unless it would be above a lower object, which it would cut.
     """
-    levels: dict[int, FloatArray] = {}  # x and y of two corners, and the height, by the height in steps
-    axes = objects[0].placement.basis
+    levels: dict[int, list[FloatArray]] = {}  # x and y of two corners, and the height, by the height in steps
+    axes, min_drop = objects[0].placement.basis, MAX_LEVEL_DIFFERENCE_M / transform.scale
     for item in objects:
         x, y, height = axes @ item.placement.position
         reach = CATCHER_SIZES * item.body.unit
-        for other in objects:  # the catcher must not cut into an object that stands slightly lower
-            offset = axes @ (other.placement.position - item.placement.position)
-            if 0 < -offset[2] < other.body.unit:
-                clear = float(np.abs(offset[:2]).max()) - other.body.unit / 2
-                reach = min(reach, max(clear, item.body.unit / 2))
+        lower = [other for other in objects if axes[2] @ other.placement.position < height - min_drop]
+        for other in lower:
+            distance = float(np.abs(axes[:2] @ (other.placement.position - item.placement.position)).max())
+            reach = min(reach, max(distance - other.body.unit / 2, item.body.unit / 2))
         low, high = np.array([x, y]) - reach, np.array([x, y]) + reach
         if item.placement.plane != 0 and item.surface is not None and item.surface.solid.any():
             cells = np.argwhere(item.surface.solid)
             low = np.maximum(low, item.surface.origin + cells.min(axis=0) * item.surface.cell)
             high = np.minimum(high, item.surface.origin + (cells.max(axis=0) + 1) * item.surface.cell)
-        key = round(height * transform.scale / MAX_LEVEL_DIFFERENCE_M)
-        old = levels.get(key, np.array([*low, *high, height]))
-        levels[key] = np.array([*np.minimum(old[:2], low), *np.maximum(old[2:4], high), old[4]])
+        level = levels.setdefault(round(height / min_drop), [])
+        old = level[-1] if level else np.array([*low, *high, height])
+        union = np.array([*np.minimum(old[:2], low), *np.maximum(old[2:4], high), old[4]])
+        feet = np.array([axes[:2] @ other.placement.position for other in lower]).reshape(-1, 2)
+        radii = np.array([other.body.unit / 2 for other in lower])[:, None]
+        is_above = ((feet > union[:2] - radii) & (feet < union[2:4] + radii)).all(axis=1).any()
+        level[-1:] = [*level[-1:], np.array([*low, *high, height])] if level and is_above else [union]
     return [
-        transform(np.array([[a, b, h], [c, b, h], [c, d, h], [a, d, h]]) @ axes) for a, b, c, d, h in levels.values()
+        transform(np.array([[a, b, h], [c, b, h], [c, d, h], [a, d, h]]) @ axes)
+        for level in levels.values()
+        for a, b, c, d, h in level
     ]
 
 

@@ -9,6 +9,7 @@ renders all frames of both scenes.
 import argparse
 import json
 import sys
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -41,7 +42,6 @@ def main(argv: list[str]) -> None:
     script.set_world(objects, str(HERE / job["environment"]))
     camera = add_camera(objects, job)
     add_card(objects, camera, job)
-    over_plate(objects, job)
     joined = bpy.data.scenes.new("joined")
     join_layers(joined, job)
     for scene in (objects, joined):
@@ -53,7 +53,7 @@ def main(argv: list[str]) -> None:
 
 
 def add_camera(scene: Any, job: dict[str, Any]) -> Any:
-    """Add the undistorted camera with a keyframe per frame, and the plate as its background."""
+    """Add the undistorted camera with a keyframe per frame, and the plate behind it."""
     data = bpy.data.cameras.new("recovered camera")
     data.sensor_fit, data.sensor_width = "HORIZONTAL", 36.0
     data.clip_start, data.clip_end = 0.01, 1000.0
@@ -70,10 +70,7 @@ def add_camera(scene: Any, job: dict[str, Any]) -> Any:
         turn = camera.rotation_quaternion.copy()
         camera.keyframe_insert("location", frame=key["frame"])
         camera.keyframe_insert("rotation_quaternion", frame=key["frame"])
-    data.show_background_images = True
-    background = data.background_images.new()
-    background.image = sequence("undistorted", job)
-    play(background.image_user, job)
+    script.show_plate(scene, data, sequence("undistorted", job), partial(play, job=job))
     return camera
 
 
@@ -115,23 +112,12 @@ def card_material(job: dict[str, Any]) -> Any:
     return material
 
 
-def over_plate(scene: Any, job: dict[str, Any]) -> None:
-    """Composite the image of Cycles over the undistorted plate."""
-    tree, output = compositor(scene)
-    rendered = tree.nodes.new("CompositorNodeRLayers")
-    rendered.scene = scene
-    over = tree.nodes.new("CompositorNodeAlphaOver")
-    tree.links.new(layer(tree, "undistorted", job).outputs["Image"], over.inputs["Background"])
-    tree.links.new(rendered.outputs["Image"], over.inputs["Foreground"])
-    tree.links.new(over.outputs[0], output.inputs[0])
-
-
 def join_layers(scene: Any, job: dict[str, Any]) -> None:
     """Composite plate * shadow * (1 - A) + RGB, as in `layers.json`."""
     scene.camera = bpy.data.objects.new("no camera", bpy.data.cameras.new("no camera"))
     scene.collection.objects.link(scene.camera)
     scene.render.resolution_x, scene.render.resolution_y = job["size"]
-    tree, output = compositor(scene)
+    tree, output = script.compositor(scene)
     dimmed = tree.nodes.new("ShaderNodeMix")
     dimmed.data_type, dimmed.blend_type = "RGBA", "MULTIPLY"
     dimmed.inputs["Factor"].default_value = 1.0
@@ -143,14 +129,6 @@ def join_layers(scene: Any, job: dict[str, Any]) -> None:
     tree.links.new(result, over.inputs["Background"])
     tree.links.new(layer(tree, "object", job).outputs["Image"], over.inputs["Foreground"])
     tree.links.new(over.outputs[0], output.inputs[0])
-
-
-def compositor(scene: Any) -> tuple[Any, Any]:
-    """An empty compositor of a scene, and its output node."""
-    tree = bpy.data.node_groups.new(scene.name, "CompositorNodeTree")
-    tree.interface.new_socket(name="Image", in_out="OUTPUT", socket_type="NodeSocketColor")
-    scene.compositing_node_group = tree
-    return tree, tree.nodes.new("NodeGroupOutput")
 
 
 def layer(tree: Any, name: str, job: dict[str, Any]) -> Any:
@@ -171,7 +149,8 @@ def sequence(name: str, job: dict[str, Any]) -> Any:
 
 def play(user: Any, job: dict[str, Any]) -> None:
     """Show file k in frame k."""
-    user.frame_start, user.frame_offset, user.frame_duration = 1, 0, job["last"]
+    # Blender counts the files of a sequence from 1
+    user.frame_start, user.frame_offset, user.frame_duration = 0, -1, job["last"] + 1
     user.use_auto_refresh = True
 
 
@@ -179,15 +158,14 @@ def set_output(scene: Any, job: dict[str, Any]) -> None:
     """Set frames, rate and colour management, so that the colours of the layers are unchanged."""
     scene.frame_start, scene.frame_end = job["first"], job["last"]
     scene.frame_current = job["first"]
+    script.use_cycles(scene)
     render = scene.render
-    render.engine, render.film_transparent = "CYCLES", True
     render.resolution_percentage, render.dither_intensity = 100, 0.0
     render.compositor_precision, render.compositor_device = "FULL", "CPU"
     render.fps = max(round(job["rate"]), 1)
     render.fps_base = render.fps / job["rate"]
     scene.cycles.device, scene.cycles.use_denoising = "CPU", scene.name == "objects"
     scene.cycles.samples = job["samples"] if scene.name == "objects" else 1
-    scene.view_settings.view_transform, scene.view_settings.look = "Standard", "None"
     settings = render.image_settings
     settings.file_format, settings.color_mode, settings.color_depth = "PNG", "RGB", "8"
 
@@ -195,9 +173,10 @@ def set_output(scene: Any, job: dict[str, Any]) -> None:
 def render(scene: Any, folder: Path, job: dict[str, Any]) -> None:
     """Write a PNG file for each frame with a camera."""
     for key in job["keys"]:
-        scene.frame_set(key["frame"])
-        scene.render.filepath = str(folder / f"{key['frame']:06d}.png")
-        bpy.ops.render.render(write_still=True, scene=scene.name)
+        # an animation of one frame: a still image of a scene that is in no window does not update its sequences
+        scene.frame_start = scene.frame_end = key["frame"]
+        scene.render.filepath = str(folder / "######.png")
+        bpy.ops.render.render(animation=True, scene=scene.name)
 
 
 if __name__ == "__main__":

@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import json
 import os
+import re
 import shutil
 import subprocess
 import tempfile
@@ -21,6 +22,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from insertion.blender.job import full_window, ideal_window, insertion_job
+from insertion.exports.export_folder import picture_names
 from insertion.exports.metric_frame import camera_keyframes, frame_rate, metric_transform
 from insertion.footage.footage import Frame
 from insertion.light.environment_map import Environment
@@ -61,14 +63,14 @@ def write_layer_scene(
         else:
             write_gltf_model(target / entry["file"], item.model)
     for frame, key in zip(posed, job["keys"], strict=True):
-        key["frame"] = frame.index + 1
+        key["frame"] = frame.index
     camera = posed[0].view
     assert camera is not None  # they have a pose
     job |= {
         "environment": "environment.hdr",
         "size": [camera.camera.width, camera.camera.height],
-        "first": frames[0].index + 1,
-        "last": frames[-1].index + 1,
+        "first": frames[0].index,
+        "last": frames[-1].index,
         "rate": frame_rate(frames),
     }
     (target / "job.json").write_text(json.dumps(job, indent=1) + "\n", encoding="utf-8")
@@ -167,4 +169,22 @@ def write_blend(
     with tempfile.TemporaryDirectory(prefix="insert-object-") as name:
         folder = Path(name)
         job = insertion_job(objects, camera_keyframes(frames, transform), transform, environment, folder, ideal_window)
-        run_blender(job | {"blend": str(file.resolve()), "rate": frame_rate(frames)}, folder)
+        plates = numbered_plates(frames)
+        plates = plates if (file.parent / plates["file"]).is_file() else {}
+        run_blender(job | {"blend": str(file.resolve()), "rate": frame_rate(frames), "plates": plates}, folder)
+
+
+def numbered_plates(frames: Sequence[Frame]) -> dict[str, Any]:
+    """Return the exported images as a sequence for Blender: `file` of the first, its `number`, and their `count`.
+
+    If their numbers are not consecutive, the sequence is the first image alone.
+    """
+    paths = list(picture_names(frames).values())
+    parts = [re.fullmatch(r"(.*?)(\d+)", path.with_suffix("").as_posix()) for path in paths]
+    first = parts[0]
+    numbered = [
+        first is not None and part is not None and part[1] == first[1] and int(part[2]) == int(first[2]) + row
+        for row, part in enumerate(parts)
+    ]
+    number = int(first[2]) if first is not None else 0
+    return {"file": f"pictures/{paths[0].as_posix()}", "number": number, "count": len(paths) if all(numbered) else 1}

@@ -5,6 +5,7 @@ The job (see `job.py`) has models with matrices, cameras, lights and outputs, in
 
 import json
 import sys
+from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
@@ -30,6 +31,9 @@ def main(job: dict[str, Any]) -> None:
     camera = add_camera(scene, job)
     if job.get("blend"):
         bpy.ops.file.pack_all()  # the file of the environment is temporary
+        use_cycles(scene)
+        if job.get("plates"):
+            add_plates(scene, camera.data, Path(job["blend"]).parent, job["plates"])
         bpy.ops.wm.save_as_mainfile(filepath=job["blend"], compress=True)
     if job.get("out"):
         render(scene, camera, job)
@@ -114,7 +118,7 @@ def add_camera(scene: Any, job: dict[str, Any]) -> Any:
         if turn is not None:  # of the two signs of a quaternion, the one with the shorter rotation
             camera.rotation_quaternion.make_compatible(turn)
         turn = camera.rotation_quaternion.copy()
-        frame = 1 + (key["time_s"] - start) * rate
+        frame = (key["time_s"] - start) * rate
         camera.keyframe_insert("location", frame=frame)
         camera.keyframe_insert("rotation_quaternion", frame=frame)
         if several:  # Blender cannot animate the size of the image
@@ -122,8 +126,53 @@ def add_camera(scene: Any, job: dict[str, Any]) -> Any:
             for path in ("lens", "shift_x", "shift_y"):
                 data.keyframe_insert(path, frame=frame)
     set_lens(scene, data, job["window"])
-    scene.frame_start, scene.frame_end = 1, max(1, round(1 + (job["keys"][-1]["time_s"] - start) * rate))
+    scene.frame_start = scene.frame_current = 0
+    scene.frame_end = max(0, round((job["keys"][-1]["time_s"] - start) * rate))
     return camera
+
+
+def use_cycles(scene: Any) -> None:
+    """Render by Cycles with a transparent background, because EEVEE has no shadow catchers, and keep colours."""
+    scene.render.engine, scene.render.film_transparent = "CYCLES", True
+    scene.view_settings.view_transform, scene.view_settings.look = "Standard", "None"
+
+
+def add_plates(scene: Any, data: Any, folder: Path, plates: dict[str, Any]) -> None:
+    """Show the images of a folder behind the camera: `file`, relative, is the first of `count` numbered ones."""
+    image = bpy.data.images.load(str(folder / plates["file"]))
+    image.filepath = f"//{plates['file']}"  # the folder will be renamed
+    image.source = "SEQUENCE" if plates["count"] > 1 else "FILE"
+
+    def play(user: Any) -> None:
+        user.frame_start, user.frame_offset, user.frame_duration = 0, plates["number"] - 1, plates["count"]
+        user.use_auto_refresh = True
+
+    show_plate(scene, data, image, play)
+
+
+def show_plate(scene: Any, data: Any, image: Any, play: Callable[[Any], None]) -> None:
+    """Show an image behind a camera, and composite the rendered image over it; `play` sets the frames of the image."""
+    data.show_background_images = True
+    background = data.background_images.new()
+    background.image = image
+    play(background.image_user)
+    if not hasattr(scene, "compositing_node_group"):  # Blender 4
+        return
+    tree, output = compositor(scene)
+    plate, rendered, over = (tree.nodes.new(f"CompositorNode{kind}") for kind in ("Image", "RLayers", "AlphaOver"))
+    plate.image, rendered.scene = image, scene
+    play(plate)
+    tree.links.new(plate.outputs["Image"], over.inputs["Background"])
+    tree.links.new(rendered.outputs["Image"], over.inputs["Foreground"])
+    tree.links.new(over.outputs[0], output.inputs[0])
+
+
+def compositor(scene: Any) -> tuple[Any, Any]:
+    """Return an empty compositor of a scene, and its output node."""
+    tree = bpy.data.node_groups.new(scene.name, "CompositorNodeTree")
+    tree.interface.new_socket(name="Image", in_out="OUTPUT", socket_type="NodeSocketColor")
+    scene.compositing_node_group = tree
+    return tree, tree.nodes.new("NodeGroupOutput")
 
 
 def set_lens(scene: Any, data: Any, window: dict[str, float]) -> None:

@@ -55,8 +55,7 @@ class CompositingLayers:
         self, folder: Path, objects: Sequence[PlacedObject], frames: Sequence[Frame], metres_per_unit: float
     ) -> None:
         self._folder, self._metres = folder, metres_per_unit
-        # consecutive numbers from 1, as image sequences require
-        self._names = {frame.name: Path(f"{frame.index + 1:06d}.exr") for frame in frames}
+        self._names = {frame.name: Path(f"{frame.index:06d}.exr") for frame in frames}
         self._layered: dict[int, ObjectComposite] = {}
         self._several = len(objects) > 1
         self._cameras: dict[bytes, tuple[str, NDArray[np.float32]]] = {}

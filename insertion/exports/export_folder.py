@@ -41,7 +41,7 @@ def write_exports(
     `insertion.json` with the output of `--json`.
     """
     transform = metric_transform(objects, metres_per_unit)
-    names = _picture_names(frames)
+    names = picture_names(frames)
     keys = [replace(key, name=names[key.name].as_posix()) for key in camera_keyframes(frames, transform)]
     write_gltf_scene(folder / "scene.glb", objects, keys, transform)
     write_transforms(folder / "transforms.json", keys, "pictures", transform(scene.points))
@@ -57,7 +57,7 @@ def write_exports(
     return []
 
 
-def _picture_names(frames: Sequence[Frame]) -> dict[str, Path]:
+def picture_names(frames: Sequence[Frame]) -> dict[str, Path]:
     """Return the path of each image in the folder of images; names from a model file cannot lead out of this folder."""
     paths = output_names(
         frame.name if Path(frame.name).suffix.lower() in PICTURE_SUFFIXES else f"{frame.name}.png" for frame in frames
@@ -70,7 +70,7 @@ class LayerWriter:
 
     def __init__(self, folder: Path, frames: Sequence[Frame], metres_per_unit: float) -> None:
         self._folder, self._millimetres = folder, 1000 * metres_per_unit
-        self._names, free = _picture_names(frames), OutputNames(Path())
+        self._names, free = picture_names(frames), OutputNames(Path())
         self._layers = {frame.name: free.path(f"{Path(frame.name).with_suffix('')}.png") for frame in frames}
         self._shape: tuple[int, ...] = (0, 0)
         for name in ("pictures", "depth", "mask"):

@@ -10,12 +10,14 @@ from capture.sources.video import VIDEO_SUFFIXES
 from insertion.colour import Image
 from insertion.footage.footage import Frame
 from metric_base.errors import InputError
-from metric_base.files import OutputNames, output_file, whole_file, whole_folder
+from metric_base.files import OutputNames, check_folder, output_file, whole_file, whole_folder
 from metric_base.images import write_picture
 
 Writer = Callable[[Frame, Image], None]
 #: File suffixes of a preview.
 PREVIEWS = (".png", ".jpg", ".jpeg", ".webp")
+#: Suffix of the frames in a folder.
+FRAME_SUFFIX = ".png"
 
 
 def output_kind(out: Path) -> str:
@@ -27,8 +29,7 @@ def output_kind(out: Path) -> str:
     if out.suffix:
         kinds = ", ".join(sorted(VIDEO_SUFFIXES))
         raise InputError(f"--out: expected a folder or a video ({kinds}); found {out.name!r}")
-    if out.exists():
-        raise InputError(f"--out: expected a new folder; {out} exists")
+    check_folder(out, "--out", FRAME_SUFFIX)
     return "folder"
 
 
@@ -57,12 +58,12 @@ def frame_writer(
         Key of `insertion.footage.video_writer.CODECS`, for a video.
     """
     if output_kind(out) == "folder":
-        with whole_folder(out, "--out") as folder:
+        with whole_folder(out, "--out", FRAME_SUFFIX) as folder:
             names = OutputNames(folder)
 
             def write_png(frame: Frame, image: Image) -> None:
                 stem = frame.name.removesuffix(Path(frame.name).suffix)
-                write_picture(names.path(f"{stem}.png"), image[..., ::-1])
+                write_picture(names.path(f"{stem}{FRAME_SUFFIX}"), image[..., ::-1])
 
             yield write_png
         return

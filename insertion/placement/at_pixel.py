@@ -53,6 +53,8 @@ MIN_OCCLUDER_POINTS = 3
 MAX_GROUND_EXTRAPOLATION = 0.5
 #: Number of cells of a bare surface along its longer side.
 BARE_CELLS = 12
+#: Remedies for a pixel without a level surface.
+REMEDY = "--preview shows free positions; if the vertical is wrong, state it: --up X,Y,Z"
 
 
 def placement_at_pixel(space: PlacementSpace, view: View, x: float, y: float, radius: float) -> Placement:
@@ -212,8 +214,7 @@ def _patch_placement(
     median_depth = float(np.median(depths))
     rise = float(ray @ up)
     if robust_sigma(heights) > MAX_PATCH_ROUGHNESS * median_depth or rise > -MIN_PATCH_SINE:
-        how = "--preview shows free positions"
-        raise PlacementError(f"--at: the surface at x={x:g}, y={y:g} of {view.name} is not level; {how}")
+        raise PlacementError(f"--at: the surface at x={x:g}, y={y:g} of {view.name} is not level; {REMEDY}")
     depth = (float(np.median(heights)) - float(view.centre @ up)) / rise
     if not 1 / MAX_PATCH_DEPTH_RATIO < depth / median_depth < MAX_PATCH_DEPTH_RATIO:
         raise _no_level_surface(view, x, y)
@@ -297,5 +298,4 @@ def _on_bare_surface(
 
 def _no_level_surface(view: View, x: float, y: float) -> PlacementError:
     """Return the error of a pixel that shows no level surface."""
-    how = "--preview shows free positions"
-    return PlacementError(f"--at: no level surface was reconstructed at x={x:g}, y={y:g} of {view.name}; {how}")
+    return PlacementError(f"--at: no level surface was reconstructed at x={x:g}, y={y:g} of {view.name}; {REMEDY}")

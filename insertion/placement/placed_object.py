@@ -83,7 +83,8 @@ class PlacedObject:
         model, bounds = self.playback.posed(time_s), self.playback.bounds
         position, front = self.placement.position, self.front
         if self.path is not None:
-            model = self.playback.posed(min(time_s, self.path.arrival_s))  # the animation ends on arrival
+            # the animation begins with the path and ends on arrival
+            model = self.playback.posed(min(max(time_s, self.path.start_s), self.path.arrival_s) - self.path.start_s)
             position = self.path.position(time_s)
             front = turn_about(self.path.front(time_s), self.placement.basis[2], self.heading_deg)
         unit = self.body.unit / float((bounds[1] - bounds[0]).max())
@@ -249,7 +250,8 @@ def _path_of(
     else:
         raise InputError("--path: expected --at frame=...,x=...,y=... or --plane with it; found neither")
     duration_s = frames[-1].clock_s - frames[0].clock_s
-    return path_motion(np.array([placement.position, *corners]), space.metres_per_unit, request.speed_m_s, duration_s)
+    ends = np.array([placement.position, *corners])
+    return path_motion(ends, space.metres_per_unit, request.speed_m_s, duration_s, request.path_start_s)
 
 
 def _view_of(frames: Sequence[Frame], name: str) -> View:

@@ -89,7 +89,7 @@ def add_scene(root: argparse.ArgumentParser) -> None:
     add("--images", metavar="DIR", type=input_path,
         help="folder of the images (default: `images` next to or above the model)")
     add("--instances", metavar="FILE", type=input_path,
-        help="masks of possible occluders (default: SCENE/instances.json)")
+        help="masks of possible occluders (default: SCENE/instances.json, or those drawn in SCENE.metric-tree)")
     add("--moving", metavar="FILE", type=input_path, help="masks of moving people and objects in every frame")
     add("--dense", metavar="FILE|none", help="dense cloud (default: the file next to the model, if any)")
     add("--up", metavar="X,Y,Z", help="up direction in scene axes (default: from cameras and planes)")
@@ -117,6 +117,8 @@ def add_objects(root: argparse.ArgumentParser) -> None:
     add("--path", metavar='"X,Y X,Y ..."', action=_PerModel,
         help="path of the object: pixels in the frame of --at, or metres with --plane")
     add("--speed", metavar="M_PER_S", type=float, action=_PerModel,
-        help="speed on the path (default: the path takes the whole video)")
+        help="speed on the path (default: the path takes the rest of the video)")
+    add("--path-start", metavar="SECONDS", type=float, action=_PerModel,
+        help="time in the video at which the object starts on its path (default: 0)")
     # fmt: on
     root.set_defaults(objects=None)

@@ -19,7 +19,7 @@ if TYPE_CHECKING:
 
 #: Maximum distance of `--xy` in metres: no plane of a scene is larger.
 MAX_XY_M = 1e6
-#: Range of `--at-time` in seconds.
+#: Range of `--at-time` and `--path-start` in seconds.
 TIME_RANGE_S = (0.0, 1e6)
 #: Range of `--speed` in metres per second.
 SPEED_RANGE_M_S = (1e-3, 1e3)
@@ -133,7 +133,7 @@ def parse_objects(groups: Sequence[argparse.Namespace]) -> list[ObjectRequest]:
         positions = [name for name in ("at", "on", "plane") if getattr(group, name) is not None]
         if len(positions) > 1:
             raise InputError(f"--{positions[0]}: expected one of --at, --on and --plane; found also --{positions[1]}")
-        for name, (low, high) in (("at_time", TIME_RANGE_S), ("speed", SPEED_RANGE_M_S)):
+        for name, (low, high) in (("at_time", TIME_RANGE_S), ("path_start", TIME_RANGE_S), ("speed", SPEED_RANGE_M_S)):
             value = getattr(group, name)
             if value is not None and not low <= value <= high:
                 option = name.replace("_", "-")
@@ -157,6 +157,7 @@ def parse_objects(groups: Sequence[argparse.Namespace]) -> list[ObjectRequest]:
             at_time_s=group.at_time,
             path=() if group.path is None else parse_path(group.path),
             speed_m_s=group.speed,
+            path_start_s=group.path_start or 0.0,
         )
         objects.append(request)
     return objects

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -12,8 +13,11 @@ from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
 from capture.frame_poses import FILE_NAME, FramePose, FramePoses, read_frame_poses, scaled_camera, write_frame_poses
+from capture.localisation import localised_frames
+from capture.mapping.pose_refinement import rays_of
+from capture.sources.video import VideoFrame
 from estimator.projection.cameras import project
-from estimator.records.scene import Camera
+from estimator.records.scene import Camera, Scene, View
 from metric_base.errors import InputError
 
 CAMERA = Camera("SIMPLE_RADIAL", 640, 480, np.array([500.0, 320.0, 240.0, 0.01]))
@@ -99,3 +103,22 @@ def test_the_camera_of_the_source_shows_the_same_at_its_own_size(model: str, par
     source = scaled_camera(camera, 1280, 960)
     points = np.random.default_rng(0).uniform([-1, -0.7, 2], [1, 0.7, 5], (50, 3))
     assert np.allclose(project(source, points), 4 * project(camera, points))
+
+
+def test_a_reconstructed_frame_with_pixels_outside_the_lens_model_is_written(tmp_path: Path) -> None:
+    """Their rays are NaN; so was the error, which JSON does not have."""
+    generator = np.random.default_rng(1)
+    camera = Camera("SIMPLE_RADIAL", 640, 480, np.array([300.0, 320.0, 240.0, -0.9]))
+    points = np.column_stack([generator.uniform(-1, 1, (40, 2)), generator.uniform(4, 6, 40)])
+    keypoints = project(camera, points)
+    keypoints[::3] = [639.0, 479.0]  # beyond the largest radius that the model maps to
+    view = View("000000.jpg", camera, np.eye(3), np.zeros(3), keypoints, np.arange(40))
+    assert np.isnan(rays_of(camera, keypoints)).any()
+    colour = np.zeros((480, 640, 3), np.uint8)
+    frame = VideoFrame(0, 0.0, colour)
+    scene = Scene(tmp_path, "memory", (view,), points)
+    poses = tuple(localised_frames([frame], scene, {0: view.name}, 640))
+    assert poses[0].check_px == pytest.approx(0.0, abs=1e-3)
+    write_frame_poses(FramePoses(tmp_path / "a.mp4", camera, 0, poses), tmp_path / FILE_NAME)
+    behind = replace(scene, points=points * [1, 1, -1])
+    assert next(localised_frames([frame], behind, {0: view.name}, 640)).check_px is None

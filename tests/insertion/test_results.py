@@ -66,6 +66,19 @@ def test_a_result_of_something_else_is_refused(change, what: str, estimated: Pat
     open_scene(SceneSource(folder=folder, scale=read_scale(folder, 0.3)))  # a number is the user's own word
 
 
+def test_masks_drawn_for_the_scene_are_found_next_to_it(estimated: Path, tmp_path: Path) -> None:
+    """As `estimate-scale` does, which writes them to `SCENE.metric-tree`."""
+    folder = tmp_path / "room"
+    shutil.copytree(estimated, folder)
+    (tmp_path / "room.metric-tree").mkdir()
+    (folder / "instances.json").rename(tmp_path / "room.metric-tree" / "instances.json")
+    source = SceneSource(folder=folder, scale=read_scale(folder, 0.3))
+    masks = open_scene(source).space.instances
+    assert len(masks) == len(read_instances(DEMO / "instances.json", read_scene(folder)))
+    (tmp_path / "room.metric-tree" / "instances.json").unlink()
+    assert open_scene(source).space.instances == ()
+
+
 def test_a_folder_that_was_exchanged_is_not_written_at_scale(estimated: Path, tmp_path: Path) -> None:
     scene = read_scene(estimated)
     read_instances(None, scene)

@@ -14,7 +14,15 @@ from hypothesis import strategies as st
 
 from metric_base import files
 from metric_base.errors import InputError
-from metric_base.files import OutputNames, inside, sole_writer, whole_file, whole_folder
+from metric_base.files import (
+    OutputNames,
+    check_folder,
+    inside,
+    set_rules,
+    sole_writer,
+    whole_file,
+    whole_folder,
+)
 
 
 def half_written(path: Path) -> None:
@@ -88,6 +96,36 @@ def test_a_folder_appears_whole_or_not_at_all(tmp_path: Path) -> None:
     with pytest.raises(RuntimeError), whole_folder(tmp_path / "other"):
         raise RuntimeError
     assert [one.name for one in tmp_path.iterdir()] == ["out"]
+
+
+def test_a_folder_of_frames_is_replaced_with_overwrite_and_nothing_else_is(tmp_path: Path) -> None:
+    frames = tmp_path / "frames-out"
+    (frames / "left").mkdir(parents=True)
+    (frames / "left" / "old.png").write_text("old")
+    set_rules([], overwrite=False)
+    with pytest.raises(InputError, match=r"--out: .*already exists; .*--overwrite"):
+        check_folder(frames, "--out", ".png")
+    set_rules([], overwrite=True)
+    with pytest.raises(InputError, match="not there yet"):
+        check_folder(frames, "--layers")
+    with pytest.raises(RuntimeError), whole_folder(frames, "--out", ".png"):
+        raise RuntimeError
+    assert (frames / "left" / "old.png").read_text() == "old"
+    with whole_folder(frames, "--out", ".png") as work:
+        (work / "new.png").write_text("new")
+    assert [one.name for one in frames.iterdir()] == ["new.png"]
+    assert [one.name for one in tmp_path.iterdir()] == ["frames-out"]
+    (frames / "notes.txt").write_text("mine")
+    with pytest.raises(
+        InputError, match=r"--out: expected a folder with only .png files to replace; found .*notes.txt"
+    ):
+        check_folder(frames, "--out", ".png")
+    (tmp_path / "scene" / "frames").mkdir(parents=True)
+    for inputs in ([tmp_path / "scene"], [tmp_path / "scene" / "frames" / "a.png"]):
+        set_rules(inputs, overwrite=True)
+        with pytest.raises(InputError, match="is read in this run"):
+            check_folder(tmp_path / "scene" / "frames", "--out", ".png")
+    set_rules([], overwrite=False)
 
 
 @pytest.mark.parametrize(

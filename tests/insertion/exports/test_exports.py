@@ -15,9 +15,11 @@ import numpy as np
 import pytest
 
 from estimator.projection.cameras import pixels_in_view
+from estimator.records.scene import Camera
 from estimator.scene_formats.nerfstudio import read_nerfstudio
 from insertion.blender.run import export_blend, traced_layers
 from insertion.exports.compositing import surface_normals
+from insertion.exports.export_folder import LayerWriter
 from insertion.exports.gltf_scene import write_gltf_scene
 from insertion.exports.metric_frame import camera_keyframes, metric_transform, object_matrix
 from insertion.exports.nerfstudio import write_transforms
@@ -257,17 +259,40 @@ print("SAW" + json.dumps({
 """
 
 
-def test_the_real_blender_saves_the_object_in_metres(
-    scene: tuple[InsertionScene, PlacedObject], tmp_path: Path
-) -> None:
+#: The same: where the origin is in the image of the first frame, and what is behind the camera.
+CAMERA_IN_BLENDER = """
+import json, sys, bpy
+from bpy_extras.object_utils import world_to_camera_view
+from mathutils import Vector
+bpy.ops.wm.open_mainfile(filepath=sys.argv[1])
+scene = bpy.context.scene
+scene.frame_set(0)
+x, y, _ = world_to_camera_view(scene, scene.camera, Vector((0, 0, 0)))
+behind = scene.camera.data.background_images[0]
+print("SAW" + json.dumps({
+    "foot": [x * scene.render.resolution_x, (1 - y) * scene.render.resolution_y],
+    "engine": scene.render.engine, "first": scene.frame_start, "transparent": scene.render.film_transparent,
+    "plate": behind.image.filepath, "plates": behind.image_user.frame_duration,
+    "catchers": sum(item.is_shadow_catcher for item in bpy.data.objects if item.type == "MESH"),
+}))
+"""
+
+
+def run_with_bpy(*words: object) -> str:
+    """Return the output of a script in the Python that has bpy."""
     program = os.environ.get("METRIC_TREE_BLENDER", "")
     if "python" not in Path(program).name:
         pytest.skip("METRIC_TREE_BLENDER names no Python with bpy (pip install bpy)")
+    clean = {name: value for name, value in os.environ.items() if name != "PYTHONPATH"}
+    return subprocess.run([program, *map(str, words)], capture_output=True, text=True, env=clean, check=True).stdout
+
+
+def test_the_real_blender_saves_the_object_in_metres(
+    scene: tuple[InsertionScene, PlacedObject], tmp_path: Path
+) -> None:
     prepared, placed = scene
     assert _export_blend(tmp_path, prepared, placed) == []
-    clean = {name: value for name, value in os.environ.items() if name != "PYTHONPATH"}
-    words = [program, "-c", OPENED, str(tmp_path / "scene.blend")]
-    said = subprocess.run(words, capture_output=True, text=True, env=clean, check=True).stdout
+    said = run_with_bpy("-c", OPENED, tmp_path / "scene.blend")
     saw = json.loads(said.partition("SAW")[2].splitlines()[0])
     assert saw["height"] == pytest.approx(placed.size_m["height"], rel=1e-4)
     assert saw["lowest"] == pytest.approx(0.0, abs=1e-5)
@@ -283,19 +308,57 @@ def test_blender_joins_the_layers_to_our_frame(scene: tuple[InsertionScene, Plac
     request = InsertionRequest(scene=source, objects=(placed.request,), out=out, layers=layers, frames=(1, 2))
     insert(request, prepared)
     job = json.loads((layers / "blender" / "job.json").read_text())
-    assert (job["first"], job["last"], [key["frame"] for key in job["keys"]]) == (2, 3, [2, 3])
-    assert all((layers / name / "000002.exr").is_file() for name in ("plate", "object", "shadow", "matte"))
-    program = os.environ.get("METRIC_TREE_BLENDER", "")
-    if "python" not in Path(program).name:
-        pytest.skip("METRIC_TREE_BLENDER names no Python with bpy (pip install bpy)")
-    clean = {name: value for name, value in os.environ.items() if name != "PYTHONPATH"}
-    words = [program, str(layers / "blender" / "scene.py"), "--render", str(tmp_path / "again"), "--only", "joined"]
-    subprocess.run(words, capture_output=True, env=clean, check=True)
+    assert (job["first"], job["last"], [key["frame"] for key in job["keys"]]) == (1, 2, [1, 2])
+    assert all((layers / name / "000001.exr").is_file() for name in ("plate", "object", "shadow", "matte"))
+    run_with_bpy(layers / "blender" / "scene.py", "--render", tmp_path / "again", "--only", "joined")
     assert (layers / "scene.blend").is_file()
-    ours = min(out.iterdir())
-    frame, again = (cv2.imread(str(file)).astype(int) for file in (ours, tmp_path / "again" / "joined" / "000002.png"))
-    assert np.abs(frame - again).max() <= 1
-    assert (frame == again).mean() > 0.98
+    for number, ours in enumerate(sorted(out.iterdir()), start=1):  # every frame was the first one
+        theirs = tmp_path / "again" / "joined" / f"{number:06d}.png"
+        frame, again = (cv2.imread(str(file)).astype(int) for file in (ours, theirs))
+        assert np.abs(frame - again).max() <= 1
+        assert (frame == again).mean() > 0.98
+
+
+@pytest.mark.parametrize("centre", [(320.0, 240.0), (250.0, 290.0)])
+def test_the_exported_camera_has_the_principal_point(
+    scene: tuple[InsertionScene, PlacedObject], tmp_path: Path, centre: tuple[float, float]
+) -> None:
+    """The plate is behind the camera, and the foot of the object has its pixel."""
+    run_with_bpy("-c", "")
+    prepared, placed = scene
+    camera = Camera("PINHOLE", 640, 480, np.array([500.0, 500.0, *centre]))
+    frames = [replace(shot, view=replace(shot.view, camera=camera)) for shot in prepared.footage.frames if shot.view]
+    writer = LayerWriter(tmp_path, frames, prepared.scale.metres_per_unit)
+    for shot in frames:
+        writer.plate(shot, np.full((480, 640, 3), 90, np.uint8))
+    environment = _environment(prepared, placed)
+    assert export_blend(tmp_path, [placed], frames, prepared.scale.metres_per_unit, environment) == []
+    saw = json.loads(
+        run_with_bpy("-c", CAMERA_IN_BLENDER, tmp_path / "scene.blend").partition("SAW")[2].splitlines()[0]
+    )
+    assert (saw["engine"], saw["first"], saw["transparent"]) == ("CYCLES", 0, True)
+    assert saw["plate"] == f"//pictures/{frames[0].name}"
+    assert saw["plates"] == len(frames)
+    assert saw["catchers"] == 1
+    pixels, _ = pixels_in_view(frames[0].view, placed.placement.position[None])
+    assert saw["foot"] == pytest.approx(pixels[0], abs=0.01)
+
+
+def test_usd_has_the_principal_point(scene: tuple[InsertionScene, PlacedObject], tmp_path: Path) -> None:
+    pytest.importorskip("pxr", reason="usd-core is not installed")
+    from pxr import Gf, Usd, UsdGeom
+
+    prepared, placed = scene
+    shot = prepared.footage.frames[0]
+    assert shot.view is not None
+    view = replace(shot.view, camera=Camera("PINHOLE", 640, 480, np.array([500.0, 520.0, 250.0, 290.0])))
+    frame = metric_transform([placed], prepared.scale.metres_per_unit)
+    write_usd_scene(tmp_path / "scene.usda", [placed], camera_keyframes([replace(shot, view=view)], frame), frame, 25.0)
+    usd = Usd.Stage.Open(str(tmp_path / "scene.usda"))
+    frustum = UsdGeom.Camera(usd.GetPrimAtPath("/World/camera")).GetCamera(0).frustum
+    x, y, _ = (frustum.ComputeViewMatrix() * frustum.ComputeProjectionMatrix()).Transform(Gf.Vec3d(0, 0, 0))
+    pixels, _ = pixels_in_view(view, placed.placement.position[None])
+    assert [320 * (1 + x), 240 * (1 - y)] == pytest.approx(pixels[0], abs=0.01)
 
 
 def test_what_blender_draws_is_in_the_picture(scene: tuple[InsertionScene, PlacedObject], blender: Path) -> None:

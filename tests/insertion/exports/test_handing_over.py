@@ -202,7 +202,9 @@ def test_a_catcher_is_under_each_level_and_reflects_what_is_below() -> None:
 
     assert reaches(high, low) == pytest.approx([0.4, 3.2])  # only the higher one is limited
     assert reaches(item(0.0, 1.0, 0.3), item(0.1, 0.9, 0.4)) == pytest.approx([0.15, 3.2])  # half of its size
-    assert reaches(high, item(0.6, 0.59, 0.4)) == pytest.approx([1.6, 3.2])  # too low to be cut
+    assert reaches(high, item(0.6, 0.2, 0.4)) == pytest.approx([0.4, 3.2])  # seen from above, it was cut too
+    # the common catcher of two objects would be above the lower one between them
+    assert reaches(high, item(4.0, 1.0, 0.2), item(2.0, 0.9, 0.4)) == pytest.approx([1.6, 1.6, 3.2])
     radiance = np.full((HEIGHT, WIDTH, 3), 2.0, np.float32)
     radiance[HEIGHT // 2 :] = (1.0, 0.5, 0.01)
     lit = Environment(radiance, np.eye(3), np.ones((HEIGHT, WIDTH), np.float32))
@@ -283,8 +285,8 @@ def test_keys_are_at_their_frames(blender: Any) -> None:
     keys = [{"time_s": time, "matrix": np.eye(4).tolist(), "window": WINDOW} for time in (1.0, 1.5, 2.0)]
     blender.script.add_camera(scene, {"keys": keys, "window": WINDOW, "rate": 24.0, "start_s": 0.5})
     frames = [call.kwargs["frame"] for call in camera.keyframe_insert.call_args_list]
-    assert frames == [13, 13, 25, 25, 37, 37]
-    assert (scene.frame_start, scene.frame_end, scene.render.fps / scene.render.fps_base) == (1, 37, pytest.approx(24))
+    assert frames == [12, 12, 24, 24, 36, 36]
+    assert (scene.frame_start, scene.frame_end, scene.render.fps / scene.render.fps_base) == (0, 36, pytest.approx(24))
     assert not blender.bpy.data.cameras.new.return_value.keyframe_insert.called
     zoomed = [*keys[:2], keys[2] | {"window": WINDOW | {"fx": 140.0}}]
     blender.script.add_camera(scene, {"keys": zoomed, "window": WINDOW, "rate": 29.97})

@@ -181,6 +181,12 @@ def test_a_way_is_walked_at_one_speed_with_the_front_ahead() -> None:
     np.testing.assert_allclose(whole.front(8), [0, 1, 0], atol=1e-9)
     assert whole.arrival_s == pytest.approx(8.0)
     assert path_motion(corners, 2.0, 1.0, 0.0).arrival_s == pytest.approx(8.0)  # 4 units are 8 m
+    late = path_motion(corners, 2.0, None, 8.0, start_s=4.0)
+    expected = [corners[0], corners[0], [1, 0, 0], corners[2]]
+    np.testing.assert_allclose([late.position(time_s) for time_s in (0, 4, 5, 8)], expected)
+    np.testing.assert_allclose(late.front(2), [1, 0, 0], atol=1e-9)
+    with pytest.raises(InputError, match="--path-start: expected less than the 8 s"):
+        path_motion(corners, 2.0, None, 8.0, start_s=8.0)
     for words in ("", "1", "1,2,3", "1,a", "1,nan"):
         with pytest.raises(InputError, match="--path"):
             parse_path(words)

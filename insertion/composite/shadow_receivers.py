@@ -1,7 +1,8 @@
 """Compute the light that an object's shadow leaves on the surfaces of a frame.
 
-The surface at each pixel is the support plane, another surface of known depth, or unknown. Masks, points, and the
-surroundings of a bare place determine it. Unknown surfaces have no shadow, and neither has an occluder of the object.
+The shadow falls on a continuous proxy of the scene, as on a shadow catcher: the support plane plus a smooth offset that
+the points determine. Few points do not make a hole, because the plane is the proxy unless most of the nearest points
+contradict it. Only masks separate surfaces: an occluder of the object, or a thing next to it, has its own proxy.
 """
 
 from __future__ import annotations
@@ -20,32 +21,31 @@ from insertion.scene.point_cloud import VisiblePoints
 from insertion.scene.supports import Surface
 from metric_base.arrays import BoolArray, FloatArray
 
-#: Maximum relative difference in depth between a pixel of the support plane and the plane: the accuracy of the cloud.
+#: Maximum relative difference in depth between the proxy and the support plane at which the proxy is the plane: the
+#: accuracy of the cloud. The shadow of the plane fades out up to twice the difference.
 PLANE_DEPTH_TOLERANCE = 0.045
-#: Maximum height of the unevenness of the support plane, as a fraction of the size of the object. On a cobbled street
-#: the shadow is that of the plane, moved little.
-MAX_UNEVENNESS = 0.06
+#: The same as a height, relative to the size of the object. On a cobbled or slightly sloping street the shadow is that
+#: of the plane, moved little.
+MAX_UNEVENNESS = 0.12
 #: Maximum distance of a point on the plane: in standard deviations of the plane, as a fraction of the depth of the
 #: point, and as a fraction of the size of the object.
 PLANE_SIGMAS, PLANE_NOISE, PLANE_FRACTION = 3.0, 0.012, 0.02
 #: Minimum fraction of the points of an instance on the plane, if it lies on the plane (a rug, the desk itself).
 MIN_FLAT_FRACTION = 0.5
-#: The same for the instance below the foot of the object, whose sides may be visible too.
-MIN_SUPPORT_FRACTION = 0.15
-#: Minimum fraction of the pixels below the foot that belong to this instance.
+#: Minimum fraction of the pixels below the foot of the object that belong to the instance it stands on.
 MIN_FOOT_FRACTION = 0.3
-#: Minimum distance between pixels at which surfaces are computed: the cloud is coarser.
+#: Minimum distance between pixels at which the proxy is computed: the cloud is coarser.
 MIN_STEP_PX = 2
 #: Maximum number of these pixels along the width of an image.
 MAX_CELLS_PER_WIDTH = 320
-#: Side of the median filter that removes stray points, in cells.
-MEDIAN_CELLS = 7
+#: Number of nearest points whose median is the offset of the proxy; fewer are outliers.
+N_PROXY_POINTS = 9
+#: Maximum distance of these points, in pixels at an image width of 640; the proxy is the plane without closer points.
+MAX_POINT_PX = 28.0
+#: Standard deviation of the smoothing of the proxy, in cells.
+PROXY_SIGMA = 1.5
 #: Minimum number of points for the depth of an instance.
 MIN_POINTS = 4
-#: Maximum distance of a point that determines the depth of a pixel without a mask, in pixels at an image width of 640.
-MAX_POINT_PX = 9.0
-#: Number of nearest points that decide whether an occluder is in front of a bare pixel of the plane.
-N_BARE_POINTS = 5
 #: Maximum number of points with a normal, and number of neighbours for a normal.
 MAX_NORMALS, NEIGHBOURS = 2000, 16
 
@@ -90,68 +90,99 @@ def transmitted_light(
     (h, w, 3) ndarray of float32
         0 to 1; 1 without a shadow.
     """
-    from scipy.ndimage import median_filter
-
-    # 1. Labels of the instances, and points with their labels.
+    # 1. Labels of the instances, and points with their labels. A point of a sparse cloud in front of the object that is
+    #    in no mask does not occlude it, and does not cut its shadow either.
     box = layers.box
     step = max(MIN_STEP_PX, round(view.camera.width / MAX_CELLS_PER_WIDTH))
     cells = (slice(step // 2, None, step),) * 2
     labels = labels_in_box(instances, box)
     inside = points.inside(box.x0, box.y0, box.x1, box.y1).observed_points()
     columns, rows = (inside.pixels - [box.x0, box.y0]).astype(np.int64).T
+    if not points.dense:
+        front = float(view.to_camera(body.position + body.unit * body.corners)[:, 2].min())
+        kept = (labels[rows, columns] > 0) | (inside.depths > front)
+        inside, rows, columns = inside.subset(kept), rows[kept], columns[kept]
     point_labels = labels[rows, columns]
-    if not points.dense:  # points that do not occlude the object do not remove light from the plane either
-        with np.errstate(invalid="ignore"):
-            is_closer = inside.depths < (1 - PLANE_DEPTH_TOLERANCE) * layers.plane_depth[rows, columns]
-        is_stray = (point_labels == 0) & is_closer
-        inside, point_labels = inside.subset(~is_stray), point_labels[~is_stray]
+    flat_labels = _labels_on_plane(labels, point_labels, inside, layers, body, view, surface, occluders)
+
+    # 2. The proxy: the inverse depth of the plane, which is affine in the pixels, plus an offset for each label.
+    rays = camera_rays(view.camera)[box.slices]
+    plane = plane_inverse_depth(rays, view, body)
+    offsets = 1 / inside.depths - plane[rows, columns]
     pixels = (inside.pixels - [box.x0, box.y0]) / step
-    flat_labels = _labels_on_plane(labels, point_labels, inside, layers, body, view, surface)
-
-    # 2. Depth of each cell, that of the nearest points of the same instance.
-    coarse, plane_depth = labels[cells], layers.plane_depth[cells]
-    depth = _cell_depths(coarse, point_labels, pixels, inside.depths, MAX_POINT_PX * view.camera.width / 640 / step)
-
-    # 3. Cells of the support plane: their depth is that of the plane, or they are bare and nothing is in front.
-    rays = camera_rays(view.camera)[box.slices][cells]
-    with np.errstate(invalid="ignore"):
-        difference = np.abs(depth / plane_depth - 1)
+    rays, coarse, inverse = rays[cells], labels[cells], plane[cells]
+    reach = MAX_POINT_PX * view.camera.width / 640 / step
+    for label in np.unique(coarse):
+        is_flat, has_label = label in flat_labels, point_labels == label
+        offset = proxy_offset(coarse == label, pixels[has_label], offsets[has_label], reach if is_flat else None)
+        inverse = np.where(coarse == label, inverse + offset, inverse)
+    with np.errstate(divide="ignore", invalid="ignore"):
+        depth = np.where(inverse > 0, 1 / inverse, np.nan).astype(np.float32)
+        difference = np.abs(depth * plane[cells] - 1)
     camera_height = float((view.centre - body.position) @ body.basis[2])
-    is_level = (difference < PLANE_DEPTH_TOLERANCE) | (difference * camera_height < MAX_UNEVENNESS * body.unit)
-    is_bare = ~np.isfinite(depth) & np.isfinite(plane_depth)
-    if is_bare.any():
-        tolerance = max(PLANE_DEPTH_TOLERANCE, MAX_UNEVENNESS * body.unit / max(camera_height, 1e-9))
-        has_no_label = point_labels == 0
-        is_bare &= is_not_closer(
-            is_bare, plane_depth * (1 - tolerance), pixels[has_no_label], inside.depths[has_no_label]
-        )
-        if surface is not None:
-            flat = scene_positions(view, rays, plane_depth) @ surface.plane.basis[:2].T
-            is_bare &= surface.contains(flat.reshape(-1, 2)).reshape(is_bare.shape)
+    tolerance = max(PLANE_DEPTH_TOLERANCE, MAX_UNEVENNESS * body.unit / max(camera_height, 1e-9))
     has_flat_label = np.isin(coarse, flat_labels)
-    is_off = median_filter(np.isfinite(depth) & ~(is_level & has_flat_label), MEDIAN_CELLS)
-    on_plane = has_flat_label & (is_level | is_bare) & ~is_off
+    on_plane = np.where(has_flat_label, np.clip(2 - np.nan_to_num(difference, nan=9.0) / tolerance, 0, 1), 0.0)
 
-    # 4. Light on the other surfaces of known depth near the object.
+    # 3. Light on the parts of the proxy that are not the plane, near the object.
     local = (scene_positions(view, rays, np.nan_to_num(depth, nan=1e6)) - body.position) / body.unit
     is_near = np.linalg.norm(local - body.corners.mean(axis=0), axis=-1) < CAST_SIZES + 1
-    is_known = np.isfinite(depth) & ~on_plane & is_near & ~occluders[cells]
+    is_known = np.isfinite(depth) & (on_plane < 1) & is_near & ~occluders[cells]
     positions: NDArray[np.float32] = np.asarray(np.dstack([local, is_known]), dtype=np.float32)
     received = np.ones((*is_known.shape, 3), np.float32)
     if is_known.any():
         normals = surface_normals(positions[..., :3], is_known, view, inside, body)
         received = irradiance_fraction(positions, normals)
 
-    # 5. Enlarge within the support plane and within other instances, so that no shadow crosses an edge.
+    # 4. Enlarge within the support and within other instances, so that no shadow crosses an edge.
     is_apart = ~np.isin(labels, flat_labels)
     coarse_apart = is_apart[cells]
     plane_fraction = enlarge_within(on_plane[..., None].astype(np.float32), ~coarse_apart, 0.7, box.shape)
-    loss = np.where(is_known[..., None], 1 - received, 0.0).astype(np.float32)
+    loss = np.where(is_known[..., None], (1 - received) * (1 - on_plane[..., None]), 0.0).astype(np.float32)
     light = 1 - (1 - layers.catcher_light) * plane_fraction - enlarge_within(loss, ~coarse_apart, 1.0, box.shape)
     if coarse_apart.any():
         light = np.where(is_apart[..., None], 1 - enlarge_within(loss, coarse_apart, 1.0, box.shape), light)
     light[occluders] = 1.0
     return np.asarray(np.clip(light, 0.0, 1.0), dtype=np.float32)
+
+
+def plane_inverse_depth(rays: NDArray[np.float32], view: View, body: Body) -> FloatArray:
+    """Return the inverse depth (h, w) of the support plane on rays (h, w, 2); negative above the horizon.
+
+    With the normal n in the camera and the height h of the camera, 1 / z = -n . (x, y, 1) / h.
+    """
+    normal = view.rotation @ body.basis[2]
+    height = float((view.centre - body.position) @ body.basis[2])
+    return np.asarray(-(rays @ normal[:2] + normal[2]) / (height if abs(height) > 1e-12 else 1e-12), dtype=np.float64)
+
+
+def proxy_offset(cells: BoolArray, pixels: FloatArray, offsets: FloatArray, reach: float | None) -> FloatArray:
+    """Return the smooth offset (a, b) of the proxy from the plane in inverse depth.
+
+    Parameters
+    ----------
+    cells : (a, b) ndarray of bool
+        Cells of one instance, or those without an instance.
+    pixels, offsets : (m, 2) and (m,) ndarray of float
+        Points in units of cells, and their offsets.
+    reach : float or None
+        Maximum distance of a point in cells; a missing point has the offset 0, so that the proxy is the plane unless
+        most points contradict it. None for an instance off the plane: its points determine it at any distance, and
+        the offset is NaN if there are fewer than `MIN_POINTS`.
+    """
+    from scipy.spatial import cKDTree
+
+    smooth = np.zeros(cells.shape)
+    if len(pixels) < MIN_POINTS:
+        return smooth if reach is not None else np.full(cells.shape, np.nan)
+    rows, columns = np.nonzero(cells)
+    count = N_PROXY_POINTS if reach is not None else min(N_PROXY_POINTS, len(pixels))
+    _, nearest = cKDTree(pixels).query(
+        np.column_stack([columns, rows]) + 0.5, k=[*range(1, count + 1)], distance_upper_bound=reach or np.inf
+    )
+    values = np.append(offsets, 0.0)[nearest]  # the index of a missing point is the number of points
+    smooth[rows, columns] = np.median(values, axis=1)
+    return enlarge_within(smooth[..., None].astype(np.float32), cells, PROXY_SIGMA, cells.shape)[..., 0]
 
 
 def enlarge_within(
@@ -191,8 +222,9 @@ def _labels_on_plane(
     body: Body,
     view: View,
     surface: Surface | None,
+    occluders: BoolArray,
 ) -> list[int]:
-    """Return 0 and the labels of the instances that lie on the support plane.
+    """Return 0 and the labels of the instances that lie on the support plane, or that the object stands on.
 
     Parameters
     ----------
@@ -211,87 +243,15 @@ def _labels_on_plane(
     foot = np.zeros(labels.shape, dtype=bool)
     with np.errstate(invalid="ignore"):
         foot[:-1] = (alpha[:-1] > 0.5) & (alpha[1:] <= 0.5)
-    below = np.bincount(labels[np.roll(foot, 1, axis=0)], minlength=int(labels.max()) + 1)
+    below = np.bincount(labels[np.roll(foot, 1, axis=0) & ~occluders], minlength=int(labels.max()) + 1)
     flat = [0]
     for label in np.unique(labels[labels > 0]):
         has_label = point_labels == label
         fraction = float(on_plane[has_label].mean()) if np.count_nonzero(has_label) >= MIN_POINTS else 0.0
         is_below = below[label] > MIN_FOOT_FRACTION * max(int(below.sum()), 1)
-        if fraction >= MIN_FLAT_FRACTION or (is_below and fraction >= MIN_SUPPORT_FRACTION):
+        if fraction >= MIN_FLAT_FRACTION or is_below:
             flat.append(int(label))
     return flat
-
-
-def _cell_depths(
-    labels: NDArray[np.int32], point_labels: NDArray[np.int32], pixels: FloatArray, depths: FloatArray, reach: float
-) -> NDArray[np.float32]:
-    """Return the depth of each cell (a, b), that of the nearest points of the same instance; NaN without them.
-
-    Parameters
-    ----------
-    labels, point_labels : (a, b) and (m,) ndarray of int32
-        Labels of the cells and of the points.
-    pixels, depths : (m, 2) and (m,) ndarray of float
-        Points in units of cells, and their depths.
-    reach : float
-        Maximum distance of a point from a cell without an instance, in cells.
-    """
-    result = np.full(labels.shape, np.nan, dtype=np.float32)
-    for label in np.unique(labels):
-        has_label = point_labels == label
-        if np.count_nonzero(has_label) < MIN_POINTS:
-            continue
-        wanted = labels == label
-        max_distance = np.inf if label else reach
-        result[wanted] = depth_of_nearest(wanted, pixels[has_label], depths[has_label], max_distance)
-    return result
-
-
-def depth_of_nearest(cells: BoolArray, pixels: FloatArray, depths: FloatArray, reach: float) -> FloatArray:
-    """Return the median depth (k,) of the three nearest points of each selected cell, NaN beyond `reach` cells.
-
-    The nearest point replaces those beyond the reach.
-
-    Parameters
-    ----------
-    cells : (h, w) ndarray of bool
-        k selected cells.
-    pixels, depths : (m, 2) and (m,) ndarray of float
-        Points in units of cells, and their depths.
-    """
-    from scipy.spatial import cKDTree
-
-    rows, columns = np.nonzero(cells)
-    distance, nearest = cKDTree(pixels).query(np.column_stack([columns, rows]) + 0.5, k=3)
-    nearest = np.where(distance <= reach, nearest, nearest[:, :1])
-    return np.where(distance[:, 0] <= reach, np.median(depths[nearest], axis=1), np.nan)
-
-
-def is_not_closer(
-    cells: BoolArray, min_depth: NDArray[np.float32], pixels: FloatArray, depths: FloatArray
-) -> BoolArray:
-    """Return the cells (a, b) whose nearest points are mostly not closer than a depth; True for other cells.
-
-    Parameters
-    ----------
-    cells : (a, b) ndarray of bool
-        Selected cells.
-    min_depth : (a, b) ndarray of float32
-        Minimum depth of a point that is not closer.
-    pixels, depths : (m, 2) and (m,) ndarray of float
-        Points without a mask, in units of cells, and their depths.
-    """
-    from scipy.spatial import cKDTree
-
-    result = np.ones(cells.shape, dtype=bool)
-    if len(pixels) < N_BARE_POINTS:
-        return result
-    point_columns, point_rows = pixels.astype(np.int64).clip(0, np.array(cells.shape[::-1]) - 1).T
-    is_closer = depths < min_depth[point_rows, point_columns]
-    rows, columns = np.nonzero(cells)
-    nearest = cKDTree(pixels).query(np.column_stack([columns, rows]) + 0.5, k=N_BARE_POINTS)[1]
-    result[rows, columns] = is_closer[nearest].mean(axis=1) <= 0.5
-    return result
 
 
 def surface_normals(

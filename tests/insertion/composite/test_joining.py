@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from types import SimpleNamespace
+from typing import Any
 
 import numpy as np
 import pytest
@@ -380,21 +382,23 @@ def test_places_are_on_their_rays_and_depths_on_the_nearest_points() -> None:
     scene = (local - view.translation) @ view.rotation
     rays = (local[:, :2] / local[:, 2:]).astype(np.float32)
     assert scene_positions(view, rays, local[:, 2]) == pytest.approx(scene, rel=1e-5)
-    where = np.ones((4, 10), bool)
-    pixels = np.array([[0.5, 0.5], [0.5, 1.5], [1.5, 0.5], [9.5, 3.5]])
-    depths = shadow_receivers.depth_of_nearest(where, pixels, np.array([1.0, 2.0, 4.0, 9.0]), 3.0).reshape(4, 10)
-    assert depths[0, 0] == 2.0
-    assert np.isnan(depths[0, 6])
-    assert depths[0, 4] == 4.0  # the two others are beyond reach, and say nothing
-    assert depths[3, 9] == 9.0
+    body: Any = SimpleNamespace(basis=np.eye(3), position=scene[0])  # a level plane through the first point
+    inverse = shadow_receivers.plane_inverse_depth(rays, view, body)
+    assert inverse[0] == pytest.approx(0.5, rel=1e-5)
+    assert scene_positions(view, rays, 1 / inverse)[:, 2] == pytest.approx(scene[[0, 0], 2], abs=1e-5)
 
 
-def test_what_is_around_a_bare_place_may_be_nearer() -> None:
-    where, least = np.ones((5, 20), bool), np.full((5, 20), 2.0, np.float32)
-    x = np.linspace(0.5, 19.5, 20)
-    pixels = np.column_stack([np.tile(x, 2), np.repeat([1.5, 3.5], 20)])
-    depths = np.where(pixels[:, 0] < 10, 1.5, 2.5)
-    free = shadow_receivers.is_not_closer(where, least, pixels, depths)
-    assert not free[:, :7].any()
-    assert free[:, 13:].all()
-    assert shadow_receivers.is_not_closer(where, least, pixels[:4], depths[:4]).all()
+def test_the_proxy_is_the_plane_unless_most_points_contradict_it() -> None:
+    where = np.ones((20, 40), bool)
+    x, y = (part.ravel() + 0.5 for part in np.meshgrid(np.arange(0, 40, 2), np.arange(0, 20, 2)))
+    pixels = np.column_stack([x, y])
+    wall = np.where(x > 20, 0.3, 0.0)
+    proxy = shadow_receivers.proxy_offset(where, pixels, wall, 6.0)
+    assert proxy[:, :15] == pytest.approx(0.0, abs=1e-3)
+    assert proxy[:, 27:] == pytest.approx(0.3, abs=1e-3)
+    stray = np.where(np.arange(len(x)) % 25 == 7, 5.0, 0.0)  # four of a hundred
+    assert shadow_receivers.proxy_offset(where, pixels, stray, 6.0) == pytest.approx(0.0, abs=1e-6)
+    few = pixels[:4], np.full(4, 0.3)
+    assert shadow_receivers.proxy_offset(where, *few, 6.0) == pytest.approx(0.0)  # five of nine are missing
+    assert shadow_receivers.proxy_offset(where, *few, None) == pytest.approx(0.3, abs=1e-6)
+    assert np.isnan(shadow_receivers.proxy_offset(where, pixels[:3], np.full(3, 0.3), None)).all()

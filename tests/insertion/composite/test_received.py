@@ -7,7 +7,7 @@ from collections.abc import Callable, Iterator
 import numpy as np
 import pytest
 
-from estimator.records.scene import Camera, View
+from estimator.records.scene import Camera, Instance, View
 from insertion.composite.shadow_receivers import transmitted_light
 from insertion.light.environment_map import HEIGHT, WIDTH, Environment, SphereLights
 from insertion.render.body import body_of
@@ -100,3 +100,31 @@ def test_the_shadow_is_on_what_stands_beside_and_not_on_what_is_in_front(rendere
     np.testing.assert_allclose(received[lit], share[lit], atol=0.05)  # the floor next to the shadow is as it was
     assert received[_pixel(view, (SIDE_X, 0.0, 0.2))].max() < 0.6
     assert received[_pixel(view, (SIDE_X, 0.4, 0.2))].min() > 0.9
+
+
+@pytest.mark.parametrize("dense", [False, True])
+@pytest.mark.parametrize("spacing", [40, 6])
+@pytest.mark.parametrize("slope", [0.0, 0.15])
+@pytest.mark.parametrize("has_mask", [False, True])
+def test_the_whole_shadow_is_drawn_where_nothing_occludes(
+    renderer: ObjectRenderer, dense: bool, spacing: int, slope: float, has_mask: bool
+) -> None:
+    """A floor with noise, 10 % outliers and a part without points; of the shadow 37 to 100 % were drawn."""
+    view, body = _view(), renderer.body
+    layers = object_layers(renderer, view, full_size=True)
+    assert layers is not None
+    generator = np.random.default_rng(spacing)
+    pixels = generator.uniform(0, SIZE, (SIZE[0] * SIZE[1] // spacing**2, 2))
+    local = np.column_stack([(pixels - np.array(SIZE) / 2) / 280.0, np.ones(len(pixels))]) @ view.rotation
+    normal = np.array([0.0, slope, 1.0])  # a slope under the object
+    depths = -(view.centre @ normal) / (local @ normal) * generator.normal(1.0, 0.01, len(pixels))
+    depths[generator.random(len(pixels)) < 0.1] *= 0.6
+    kept = (depths > 0) & (np.abs(pixels - _pixel(view, (0.5, -0.12, 0.0))[::-1]).max(axis=1) > 12)
+    points = VisiblePoints(np.flatnonzero(kept), pixels[kept], depths[kept], dense)
+    nothing = np.zeros(layers.box.shape, bool)
+    masks = [Instance("road", 0, "road", np.ones(SIZE[::-1], bool), (0, 0), 1.0)] if has_mask else []
+    light = transmitted_light(layers, renderer.irradiance_fraction, body, view, points, masks, None, nothing)
+    shadow = (1 - layers.catcher_light).mean(axis=-1) * (layers.image.alpha < 0.01)
+    drawn = np.minimum((1 - light).mean(axis=-1), shadow)
+    assert shadow.sum() > 300
+    assert drawn.sum() >= 0.98 * shadow.sum()

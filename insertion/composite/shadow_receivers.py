@@ -182,8 +182,8 @@ def proxy_offset(cells: BoolArray, pixels: FloatArray, offsets: FloatArray, reac
     )
     values = np.append(offsets, 0.0)[nearest]  # the index of a missing point is the number of points
     smooth[rows, columns] = np.median(values, axis=1)
-    smooth = enlarge_within(smooth[..., None].astype(np.float32), cells, PROXY_SIGMA, cells.shape)[..., 0]
-    return np.asarray(smooth, dtype=np.float64)
+    enlarged = enlarge_within(smooth[..., None].astype(np.float32), cells, PROXY_SIGMA, cells.shape)
+    return np.asarray(enlarged[..., 0], dtype=np.float64)
 
 
 def enlarge_within(

@@ -8,7 +8,7 @@ from importlib import import_module
 
 
 def lazy_names(
-    package: str, modules: Mapping[str, Iterable[str]]
+    package: str, modules: Mapping[str, Iterable[str]], others: Mapping[str, Iterable[str]] | None = None
 ) -> tuple[Callable[[str], object], Callable[[], list[str]]]:
     """Return the functions `__getattr__` and `__dir__` of a package.
 
@@ -18,12 +18,15 @@ def lazy_names(
         `__name__` of the package.
     modules : mapping of str to iterable of str
         Public names by the module of the package that defines them.
+    others : mapping of str to iterable of str, optional
+        The same for modules of other packages.
     """
-    homes = {name: module for module, names in modules.items() for name in names}
+    homes = {name: f"{package}.{module}" for module, names in modules.items() for name in names}
+    homes |= {name: module for module, names in (others or {}).items() for name in names}
 
     def attribute(name: str) -> object:
         if name not in homes:
             raise AttributeError(f"module {package!r} has no attribute {name!r}")
-        return getattr(import_module(f"{package}.{homes[name]}"), name)
+        return getattr(import_module(homes[name]), name)
 
     return attribute, lambda: sorted({*vars(sys.modules[package]), *homes})

@@ -17,20 +17,28 @@ from metric_tree.tree import open_tree as open  # noqa: A004 - as in gzip.open
 
 if TYPE_CHECKING:
     from metric_tree.pipeline.build import Build, BuildOptions, build_release
+    from models3d.size_check.scale_for import FactorEvidence, ObjectScale, scale_for
 
 __all__ = [
     "AmbiguousName",
     "BadRelease",
     "Build",
     "BuildOptions",
+    "FactorEvidence",
     "NoPrior",
     "Node",
+    "ObjectScale",
     "Prior",
     "Tree",
     "UnknownName",
     "build_release",
     "open",
+    "scale_for",
 ]
 
 #: Imported on first use, so that a query stays light.
-__getattr__, __dir__ = lazy_names(__name__, {"pipeline.build": ("Build", "BuildOptions", "build_release")})
+__getattr__, __dir__ = lazy_names(
+    __name__,
+    {"pipeline.build": ("Build", "BuildOptions", "build_release")},
+    {"models3d.size_check.scale_for": ("FactorEvidence", "ObjectScale", "scale_for")},
+)

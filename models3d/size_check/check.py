@@ -181,14 +181,14 @@ def check_body(file: str, body: AssetBody, asset: Asset, tree: Tree, category: N
     elif TOY_CATEGORIES & {node.node_id, *node.hypernyms}:
         miniature = TOY_CHANCE
     explanations = hypotheses(body, asset.up, model, miniature)
-    verdict, factor, probability = _verdict(explanations)
+    verdict, factor, probability = verdict_of(explanations)
     size = true_size(body, asset.up, model)
     return AssetCheck(
         file, body.name, category, tier, extents, verdict, factor, probability, explanations, size, asset.up
     )
 
 
-def _verdict(explanations: Sequence[ScaleHypothesis]) -> tuple[Verdict, float | None, float]:
+def verdict_of(explanations: Sequence[ScaleHypothesis]) -> tuple[Verdict, float | None, float]:
     """Return verdict, factor and probability from the posterior of all hypotheses."""
     by_factor: dict[tuple[ScaleKind, float | None], float] = defaultdict(float)
     for hypothesis in explanations:

@@ -7,13 +7,14 @@ each component gives a Gaussian in u, weighted by the evidence of the proportion
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
+from metric_base.arrays import FloatArray
 from metric_base.errors import InputError
 from metric_tree.tree import Tree
 from models3d.asset import AXES, Asset, AssetBody, Up, merge_bodies
@@ -42,16 +43,20 @@ class TrueSize:
 
 def true_size(body: AssetBody, up: Up | None, model: SizeModel) -> TrueSize:
     """Return the posterior of the size of an object; without an up axis, y is vertical."""
-    low, median, high = common_factor([(body, up, model)])
+    low, median, high, _ = common_factor([(body, up, model)])
     vertical = float(body.extents_m[AXES.index(up or "y")])
     heights = [float(f"{vertical * factor:.4g}") for factor in (low, median, high)]
     return TrueSize((low, median, high), (heights[0], heights[1], heights[2]))
 
 
-def common_factor(bodies: Sequence[tuple[AssetBody, Up | None, SizeModel]]) -> tuple[float, float, float]:
+def common_factor(
+    bodies: Sequence[tuple[AssetBody, Up | None, SizeModel]],
+    likelihood: Callable[[FloatArray], FloatArray] | None = None,
+) -> tuple[float, float, float, float]:
     """Return (low, median, high) of the factor that several objects of a file have in common.
 
-    The posterior of u is the product of the mixtures of Gaussians of the objects, computed on a grid.
+    The posterior of u is the product of the mixtures of Gaussians of the objects, computed on a grid, times the
+    `likelihood` (n,) of u (n,) by other evidence, whose mean over the posterior of the objects is the fourth value.
     """
     posteriors = [
         model.shift_components(ordered_sizes(body.extents_m, up or "y", model.is_sorted)) for body, up, model in bodies
@@ -65,9 +70,14 @@ def common_factor(bodies: Sequence[tuple[AssetBody, Up | None, SizeModel]]) -> t
         density = (weights / (sds * math.sqrt(2 * math.pi)) * np.exp(-(z**2) / 2)).sum(axis=1)
         log_density += np.log(density + 1e-300)
     mass = np.exp(log_density - log_density.max())
+    mean_likelihood = 1.0
+    if likelihood is not None:
+        weights = likelihood(grid)
+        mean_likelihood = float(mass @ weights / mass.sum())
+        mass *= weights
     cumulative = np.cumsum(mass) / mass.sum()
     low, median, high = (float(np.exp(np.interp(q, cumulative, grid))) for q in ((1 - LEVEL) / 2, 0.5, (1 + LEVEL) / 2))
-    return low, median, high
+    return low, median, high, mean_likelihood
 
 
 @dataclass(frozen=True, slots=True)
@@ -157,7 +167,7 @@ def boxes_true_size(table: Path, tree: Tree) -> ModelSize:
         heights.append(float(body.extents_m[AXES.index(asset.up or "y")]))
     if not used:
         raise InputError(f"{table}: category: expected names of objects whose size is known; found none")
-    low, median, high = common_factor(used)
+    low, median, high, _ = common_factor(used)
     tallest, categories = max(heights), ", ".join(dict.fromkeys(names))
     reason = f"{len(used)} of {len(heights)} objects: {categories}"
     height = (low * tallest, median * tallest, high * tallest)

@@ -186,6 +186,11 @@ class ReleaseCatalogue:
         return {name: vocabulary(name) for name in vocabularies()}
 
     @cached_property
+    def names(self) -> frozenset[str]:
+        """All folded names of the nodes."""
+        return frozenset(name for name, _ in self.tree.names())
+
+    @cached_property
     def labels(self) -> Mapping[str, list[tuple[str, str]]]:
         """List and label of each node that a list names, by node id."""
         found: dict[str, list[tuple[str, str]]] = defaultdict(list)

@@ -11,6 +11,7 @@ import numpy as np
 from msgspec import UNSET, structs
 
 from explorer.catalogue import ReleaseCatalogue
+from explorer.everyday_sizes import all_axes_text
 from explorer.schemas import (
     ComparedNode,
     ComparisonAnswer,
@@ -25,9 +26,6 @@ from explorer.schemas import (
     Quantiles,
     ReleaseRef,
     ReleasesAnswer,
-    SearchAnswer,
-    SearchHit,
-    SearchQuery,
     TreeRef,
     VocabularyAnswer,
     VocabularyRow,
@@ -37,7 +35,7 @@ from metric_base.arrays import FloatArray
 from metric_base.errors import InputError
 from metric_tree.node import Node
 from metric_tree.prior import FAMILY, MEDIAN, QUANTILES, Prior
-from metric_tree.reports.description import node_sentence
+from metric_tree.reports.description import is_heterogeneous, node_sentence
 from metric_tree.tree import Tree
 
 #: Maximum number of images in a response: more than a page shows.
@@ -70,8 +68,7 @@ def shown_name(node: Node) -> str:
 
 def reference(catalogue: ReleaseCatalogue, node: Node) -> NodeRef:
     """Return the record of a node in a list."""
-    medians = catalogue.quantiles(node)[MEDIAN]
-    sizes = {dim: _rounded(value) for dim, value in zip(catalogue.dims(node), medians, strict=True)}
+    sizes = {dim: _rounded(mm) for dim, mm in medians(catalogue, node).items()}
     return NodeRef(node.node_id, node.name, node.level, catalogue.tier(node), node.n_items, sizes)
 
 
@@ -84,10 +81,19 @@ def quantile_table(dims: tuple[str, ...], table: FloatArray, quantiles: tuple[fl
 
 
 def sentence(catalogue: ReleaseCatalogue, node: Node) -> str:
-    """Return a sentence about the main size of a node."""
+    """Return a sentence about the main size of a node, and one about all its axes if there are several."""
     prior = catalogue.prior(node)
-    height = f" Height: {node.height_is}." if node.height_is else ""
-    return node_sentence(node, shown_name(node), prior) + height if prior else "Nothing is known of its size."
+    if prior is None:
+        return "Nothing is known of its size."
+    text = node_sentence(node, shown_name(node), prior)
+    if len(prior.dims) > 1 and not is_heterogeneous(node, prior):
+        text += f" All axes: {all_axes_text(node, medians(catalogue, node))}."
+    return text + (f" Height: {node.height_is}." if node.height_is else "")
+
+
+def medians(catalogue: ReleaseCatalogue, node: Node) -> dict[str, float]:
+    """Return the medians of the dimensions of a node in mm."""
+    return dict(zip(catalogue.dims(node), catalogue.quantiles(node)[MEDIAN].tolist(), strict=True))
 
 
 def labels_by_list(catalogue: ReleaseCatalogue, node: Node) -> dict[str, list[str]]:
@@ -224,24 +230,6 @@ def images_response(catalogue: ReleaseCatalogue, node: Node, _: NoQuery | None =
     return ImagesAnswer(
         tree=tree_reference(catalogue.tree), node=node.node_id, n_images=len(images), images=images[:MAX_IMAGES]
     )
-
-
-def search_response(catalogue: ReleaseCatalogue, query: SearchQuery) -> SearchAnswer:
-    """Return the nodes for a text, the most likely first. Raises InputError for a blank text."""
-    if not query.q.strip():
-        raise InputError("q: expected a text; found spaces only")
-    hits = [
-        SearchHit(
-            node.node_id,
-            node.name,
-            list(node.path),
-            catalogue.tier(node),
-            node.n_items,
-            labels_by_list(catalogue, node),
-        )
-        for node in catalogue.tree.search(query.q, query.limit)
-    ]
-    return SearchAnswer(tree=tree_reference(catalogue.tree), query=query.q, hits=hits)
 
 
 def releases_response(catalogue: ReleaseCatalogue) -> ReleasesAnswer:

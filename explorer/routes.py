@@ -20,12 +20,14 @@ from explorer.pages.release_pages import (
     compare_page,
     home_page,
     scale_page,
+    search_page,
     source_page,
     sources_page,
     tree_page,
     vocabularies_page,
     vocabulary_page,
 )
+from explorer.queries import search_response
 from explorer.responses import (
     found_node,
     images_response,
@@ -33,7 +35,6 @@ from explorer.responses import (
     node_response,
     prior_response,
     releases_response,
-    search_response,
     vocabulary_response,
 )
 from explorer.schemas import (
@@ -158,6 +159,7 @@ ROUTES = (
     Route("tree.html", tree_page),
     Route("about.html", about_page),
     Route("compare.html", compare_page),
+    Route("search.html", search_page),
     Route("scale.html", scale_page),
     Route("sources/index.html", sources_page),
     Route("sources/{source}.html", source_page),

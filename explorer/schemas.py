@@ -127,22 +127,24 @@ class ComparisonAnswer(msgspec.Struct, kw_only=True):
 
 
 class SearchHit(msgspec.Struct):
-    """A node that a text may mean, the name that matched left to the reader."""
+    """A node that a text may mean, with its median sizes in mm."""
 
     node: str
     name: str
     path: list[str]
     tier: str
     n_items: int
+    median_mm: dict[str, float]
     labels: dict[str, list[str]]
 
 
 class SearchAnswer(msgspec.Struct, kw_only=True):
-    """Nodes for a text, the likeliest first."""
+    """Nodes for a text, the likeliest first; `answer` is a sentence about the size of the node that the text names."""
 
     schema: str = "metric-tree/search/1"
     tree: TreeRef
     query: str
+    answer: str | None
     hits: list[SearchHit]
 
 

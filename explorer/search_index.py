@@ -16,15 +16,18 @@ from explorer.catalogue import MEANINGS, ReleaseCatalogue
 from explorer.charts.size_comparison import REFERENCES
 from explorer.everyday_sizes import has_front
 from explorer.fit import OPENINGS
+from explorer.queries import LEADING, TRAILING
+from explorer.responses import medians
 from explorer.urls import slug
 from metric_tree.prior import Prior
-from taxonomy.words.spelling import plain_fold
+from taxonomy.words.spelling import SPELLINGS, plain_fold
 
 
 def name_index(catalogue: ReleaseCatalogue) -> bytes:
     """Return the script with nodes, their names and labels, label lists and sources.
 
-    `nodes` has a line per node: slug, name unless the slug spells it, tier, number of items, index of the parent.
+    `nodes` has a line per node: slug, name unless the slug spells it, tier, number of items, index of the parent, and
+    median sizes in mm after the first letters of the dimensions (1 to 3 of extents), with `f` for a node with a front.
     `aliases` has the other names of each node that no other node has; `shared` the names of several nodes, the most
     likely node first; `labels` the labels of the node (empty if equal to its name), each with letters of its lists.
     """
@@ -44,7 +47,11 @@ def name_index(catalogue: ReleaseCatalogue) -> bytes:
         name = "" if node.name == spelt else node.name
         parent = indices[node.parent_id] if node.parent_id else ""
         tier = tiers.index(catalogue.tier(node))
-        lines.append(f"{slug(node.node_id)}\t{name}\t{tier}\t{node.n_items or ''}\t{parent}")
+        sizes = [f"{dim.removeprefix('extent')[0]}{mm:.3g}" for dim, mm in medians(catalogue, node).items()]
+        if has_front(node):
+            sizes.append("f")
+        fields = (slug(node.node_id), name, tier, node.n_items or "", parent, ",".join(sizes))
+        lines.append("\t".join(map(str, fields)))
         letters: dict[str, str] = {}  # of the lists, by label
         for list_name, label in catalogue.labels.get(node.node_id, ()):
             shown = "" if plain_fold(label) == plain_fold(node.name) else plain_fold(label)
@@ -59,6 +66,9 @@ def name_index(catalogue: ReleaseCatalogue) -> bytes:
         "shared": "\n".join(sorted(shared)),
         "lists": lists,
         "labels": "\n".join(labels),
+        "leading": LEADING,
+        "trailing": TRAILING,
+        "spellings": SPELLINGS,
         "sources": [[source["id"], source["title"]] for source in catalogue.sources.values()],
     }
     return f"var MT_NAMES={json.dumps(content, separators=(',', ':'), ensure_ascii=False)};\n".encode()

@@ -15,6 +15,7 @@ from explorer.catalogue import AXES, ReleaseCatalogue
 from explorer.charts.axis import LogAxis, length_text
 from explorer.charts.distributions import KINDS, distribution, scatter
 from explorer.charts.size_comparison import DrawnBox, size_comparison
+from explorer.everyday_sizes import axis_words
 from explorer.pages.templating import main_dimension, page_bytes, web_address
 from explorer.responses import node_response, outside_links, shown_name
 from explorer.urls import page_of, slug
@@ -22,7 +23,7 @@ from metric_base.arrays import FloatArray, IntArray
 from metric_base.regions import region_of
 from metric_tree.context import Where
 from metric_tree.node import Node
-from metric_tree.prior import INTERVAL_QUANTILES, QUANTILES, Prior
+from metric_tree.prior import INTERVAL_QUANTILES, MEDIAN, QUANTILES, Prior
 
 #: Maximum number of rows of a comparison of categories.
 MAX_ROWS = 9
@@ -85,6 +86,7 @@ def node_page(catalogue: ReleaseCatalogue, node: Node) -> bytes:
         answer=answer,
         line=[(name, page_of(node_id)) for name, node_id in zip(answer.path, answer.path_ids, strict=True)],
         quantiles=QUANTILES,
+        axis_words=axis_words(node),
         sizes=list(zip(answer.dims, table.T.tolist(), strict=True)),
         drawing=Markup(drawing),
         distributions=distributions,
@@ -202,26 +204,41 @@ def context_table(node: Node, prior: Prior) -> dict[str, Any] | None:
 
 
 def images_to_scale(catalogue: ReleaseCatalogue, node: Node) -> list[dict[str, Any]]:
-    """Return cut-out images with the sizes of their items, all drawn to the same scale."""
-    found: list[tuple[dict[str, Any], dict[str, Any], str, int, float]] = []
+    """Return a cut-out image of each item with the size of the item, all drawn to the same scale.
+
+    The first one is that of the item whose size is closest to the median of the category; the others follow in the
+    order of the release.
+    """
+    found: dict[str, tuple[dict[str, Any], dict[str, Any], float]] = {}
     for image in catalogue.images(node):
-        path, row = image["cutout_path"] or image["path"], catalogue.item_rows.get(image["item_id"])
-        if path is None or row is None or len(found) >= 4 * MAX_IMAGES:
+        item_id, row = image["item_id"], catalogue.item_rows.get(image["item_id"])
+        if (
+            not (image["cutout_path"] or image["path"])
+            or row is None
+            or item_id in found
+            or len(found) >= 4 * MAX_IMAGES
+        ):
             continue
         (item,) = catalogue.items.slice(row, 1).to_pylist()
         if item["extents_mm"]:
             side_px, scale = max(image["width_px"], image["height_px"]), image["pixels_per_metre"]
-            side_mm = float(1000 * side_px / scale if scale else max(item["extents_mm"]))
-            found.append((image, item, path, side_px, side_mm))
-    chosen = [found[k] for k in np.linspace(0, len(found) - 1, min(len(found), MAX_IMAGES)).astype(int)]
-    max_mm = max((side_mm for *_, side_mm in chosen), default=1.0)
+            found[item_id] = (image, item, float(1000 * side_px / scale if scale else max(item["extents_mm"])))
+    if not found:
+        return []
+    rows = list(found.values())
+    median_mm = max(catalogue.quantiles(node)[MEDIAN], default=1.0)
+    typical = min(rows, key=lambda row: abs(math.log(max(row[1]["extents_mm"]) / median_mm)))
+    others = [row for row in rows if row is not typical]
+    places = np.linspace(0, len(others) - 1, min(len(others), MAX_IMAGES - 1)).astype(int)
+    chosen = [typical, *(others[place] for place in places)]
+    max_mm = max(side_mm for *_, side_mm in chosen)
     images = []
-    for image, item, path, side_px, side_mm in chosen:
-        factor = max(side_mm / max_mm * MAX_IMAGE_PX, MIN_IMAGE_PX) / side_px
+    for image, item, side_mm in chosen:
+        factor = max(side_mm / max_mm * MAX_IMAGE_PX, MIN_IMAGE_PX) / max(image["width_px"], image["height_px"])
         credit = image.get("attribution") or f"{item['source']} ({image['licence'] or 'no licence stated'})"
         images.append(
             {
-                "path": path,
+                "path": image["cutout_path"] or image["path"],
                 "title": item["title"] or item["item_id"],
                 "width": max(1, round(image["width_px"] * factor)),
                 "height": max(1, round(image["height_px"] * factor)),

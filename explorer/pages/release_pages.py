@@ -11,8 +11,9 @@ from markupsafe import Markup, escape
 from explorer.catalogue import AXES, MEANINGS, ReleaseCatalogue
 from explorer.charts.axis import length_text
 from explorer.charts.icicle import icicle
+from explorer.everyday_sizes import all_axes_text
 from explorer.pages.templating import page_bytes, web_address
-from explorer.responses import sentence, shown_name, vocabulary_response
+from explorer.responses import medians, shown_name, vocabulary_response
 from explorer.urls import page_of, slug
 from metric_base.arrays import IntArray
 from metric_tree.node import Node
@@ -152,7 +153,11 @@ def vocabulary_page(catalogue: ReleaseCatalogue, name: str) -> bytes:
 
 def home_page(catalogue: ReleaseCatalogue) -> bytes:
     """Return the home page."""
-    nodes = [catalogue.nodes[node_id] for node_id in TYPICAL if node_id in catalogue.nodes]
+    nodes = [
+        catalogue.nodes[node_id]
+        for node_id in TYPICAL
+        if node_id in catalogue.nodes and catalogue.dims(catalogue.nodes[node_id])
+    ]
     counts = Counter(catalogue.tier(node) for node in catalogue.nodes.values())
     return page_bytes(
         catalogue,
@@ -166,7 +171,7 @@ def home_page(catalogue: ReleaseCatalogue) -> bytes:
                 "name": shown_name(node),
                 "href": page_of(node.node_id),
                 "tier": catalogue.tier(node),
-                "sentence": sentence(catalogue, node),
+                "sentence": all_axes_text(node, medians(catalogue, node)),
             }
             for node in nodes
         ],
@@ -204,6 +209,11 @@ def about_page(catalogue: ReleaseCatalogue) -> bytes:
 def compare_page(catalogue: ReleaseCatalogue) -> bytes:
     """Return the page that compares up to six nodes; the browser draws them from `assets/sizes.js`."""
     return page_bytes(catalogue, "compare.html", "", "Compare")
+
+
+def search_page(catalogue: ReleaseCatalogue) -> bytes:
+    """Return the page of the results of a search, which the browser writes."""
+    return page_bytes(catalogue, "search.html", "", "Search")
 
 
 def scale_page(catalogue: ReleaseCatalogue) -> bytes:

@@ -15,12 +15,12 @@ from pydantic import Field
 
 from explorer.catalogue import ReleaseCatalogue
 from explorer.fit import fit_response
+from explorer.queries import search_response
 from explorer.responses import (
     comparison,
     found_node,
     node_response,
     queried_prior,
-    search_response,
     vocabulary_response,
 )
 from explorer.schemas import FitQuery, ScaleRequest, SearchQuery

@@ -10,7 +10,7 @@ from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from functools import lru_cache
 
 #: American spelling, as in WordNet, by British spelling; complete words, singular and plural.
-_SPELLINGS = {
+SPELLINGS = {
     "aeroplane": "airplane", "aluminium": "aluminum", "armour": "armor", "catalogue": "catalog", "centre": "center",
     "colour": "color", "cosy": "cozy", "draught": "draft", "fibre": "fiber", "grey": "gray", "humour": "humor",
     "jewellery": "jewelry", "kerb": "curb", "licence": "license", "litre": "liter", "metre": "meter",
@@ -19,10 +19,10 @@ _SPELLINGS = {
     "sceptre": "scepter", "theatre": "theater", "tyre": "tire", "woollen": "woolen", "yoghurt": "yogurt",
 }  # fmt: skip
 
-_SPELLINGS |= {f"{british}s": f"{american}s" for british, american in _SPELLINGS.items()}
+SPELLINGS |= {f"{british}s": f"{american}s" for british, american in SPELLINGS.items()}
 
 #: First letters that differ in American spelling: `kerb`.
-_CHANGED = {american[0]: british[0] for british, american in _SPELLINGS.items() if british[0] != american[0]}
+_CHANGED = {american[0]: british[0] for british, american in SPELLINGS.items() if british[0] != american[0]}
 
 #: Plurals without a rule.
 _IRREGULAR_WORDS = {
@@ -73,7 +73,7 @@ def plain_fold(text: str) -> str:
     'iphone'
     """
     if text.isascii():
-        return " ".join([_SPELLINGS.get(word, word) for word in text.translate(_ASCII).split()])
+        return " ".join([SPELLINGS.get(word, word) for word in text.translate(_ASCII).split()])
     letters = "".join(c for c in without_accents(text) if not unicodedata.combining(c) and c not in "'’‘`´")
     words = _SEPARATORS.sub(" ", letters.replace("&", " and ")).split()
     return " ".join(spelling_of(word) for word in words)
@@ -86,7 +86,7 @@ def without_accents(text: str) -> str:
 
 def is_american(word: str) -> bool:
     """Return True if a folded word may be the replacement of a British spelling."""
-    return word in _SPELLINGS.values()
+    return word in SPELLINGS.values()
 
 
 def passed_initials(initial: str) -> str:
@@ -101,7 +101,7 @@ def passed_initials(initial: str) -> str:
 
 def spelling_of(word: str) -> str:
     """Return the American spelling of a folded word."""
-    return _SPELLINGS.get(word, word)
+    return SPELLINGS.get(word, word)
 
 
 def singulars(word: str) -> Iterator[str]:

@@ -27,7 +27,8 @@ from tests.support.views import hand_view
 ROOT = Path(__file__).resolve().parents[2]
 PAGES = [
     "index.html", "tree.html", "about.html", "compare.html?nodes=swivel_chair.n.01,mt-bar_stool", "scale.html",
-    "sources/index.html", "sources/made.html", "vocabularies/index.html", "vocabularies/coco_80.html",
+    "search.html?q=chair", "sources/index.html", "sources/made.html", "vocabularies/index.html",
+    "vocabularies/coco_80.html",
     "changes/0.0.1.html", "nodes/swivel_chair.n.01.html", "nodes/entity.n.01.html",
 ]  # fmt: skip
 #: Errors of the page are kept, and nothing is requested of any other machine.
@@ -109,9 +110,17 @@ def test_search_as_you_type(base: str, site: Path, browser: Browser, form: str) 
     browser.run("document.getElementById('search').value = ''")
     browser.type("bar st")
     browser.wait("document.querySelector('#hits [id=hit-0]')?.textContent.includes('bar stool')")
+    assert " high" in browser.run("document.getElementById('hit-0').textContent")
+    browser.press("Enter")
+    browser.wait("document.querySelector('#results li')?.textContent.includes('bar stool')")
+    assert browser.run("document.querySelector('#search-answer').textContent") == ""
+    see(browser, home.replace("index.html", "search.html?q=how+tall+is+a+bar+stool"))
+    browser.wait("document.querySelector('#search-answer')?.textContent.startsWith('bar stool: about ')")
+    assert browser.run("problems") == []
+    browser.run("document.getElementById('search').focus()")
+    browser.press("ArrowDown")
     browser.press("Enter")
     browser.wait("document.querySelector('h1')?.textContent == 'bar stool'")
-    assert browser.run("problems") == []
 
 
 def choose_unit(browser: Browser, unit: str) -> None:

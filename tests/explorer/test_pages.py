@@ -108,20 +108,38 @@ def _image(item_id: str, width: int, height: int, scale: float | None, credit: s
     }  # fmt: skip
 
 
-def test_images_are_drawn_to_the_same_scale(catalogue: ReleaseCatalogue, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_images_of_different_items_are_drawn_to_the_same_scale(
+    catalogue: ReleaseCatalogue, monkeypatch: pytest.MonkeyPatch
+) -> None:
     node = catalogue.nodes["swivel_chair.n.01"]
-    item_id = "made:swivel_chair.n.01-0"
-    images = [_image(item_id, 100, 200, 100.0), _image(item_id, 200, 100, 200.0), _image(item_id, 50, 50, 5000.0)]
+    items = [f"made:swivel_chair.n.01-{k}" for k in range(3)]
+    images = [_image(items[0], 100, 200, 100.0), _image(items[1], 200, 100, 200.0), _image(items[2], 50, 50, 5000.0)]
+    images.append(_image(items[0], 7, 7, 100.0))  # another view of the first item
     monkeypatch.setattr(ReleaseCatalogue, "images", lambda *_: images)
-    drawn = images_to_scale(catalogue, node)
-    assert [(image["width"], image["height"]) for image in drawn] == [(90, 180), (90, 45), (12, 12)]
-    assert [image["url"] for image in drawn] == ["", "", ""]
-    assert drawn[0]["credit"] == "made (no licence stated)"
+    drawn = {image["title"]: image for image in images_to_scale(catalogue, node)}
+    sizes = {title: (image["width"], image["height"]) for title, image in drawn.items()}
+    titles = catalogue.items["title"].take([catalogue.item_rows[item] for item in items]).to_pylist()
+    assert sizes == dict(zip(titles, [(90, 180), (90, 45), (12, 12)], strict=True))
+    assert {image["url"] for image in drawn.values()} == {""}
+    assert {image["credit"] for image in drawn.values()} == {"made (no licence stated)"}
     monkeypatch.setattr("explorer.pages.node_page.MAX_IMAGES", 2)
     assert len(images_to_scale(catalogue, node)) == 2
-    images[0]["pixels_per_metre"] = None  # the longest side of the item is 1.0842 m, the image 1.0 m
-    images[1:] = [_image(item_id, 200, 100, 200.0)]
-    assert [image["height"] for image in images_to_scale(catalogue, node)] == [180, round(180 / 1.0842 / 2)]
+
+
+def test_the_first_image_is_of_the_item_closest_to_the_median(
+    catalogue: ReleaseCatalogue, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    node = catalogue.nodes["swivel_chair.n.01"]
+    rows = catalogue.items.take(catalogue.rows(node)).to_pylist()
+    median = max(catalogue.quantiles(node)[2])
+    closest = min(rows, key=lambda row: abs(np.log(max(row["extents_mm"]) / median)))
+    images = [_image(row["item_id"], 200, 100, None) for row in rows]
+    monkeypatch.setattr(ReleaseCatalogue, "images", lambda *_: images)
+    drawn = images_to_scale(catalogue, node)
+    assert drawn[0]["size"] == " × ".join(length_text(mm) for mm in closest["extents_mm"])
+    page = node_page(catalogue, node).decode()
+    assert page.index('class="hero"') < page.index("<h1>")
+    assert f"One of them: {drawn[0]['size']}." in page
 
 
 @pytest.mark.parametrize(("length", "shown"), [(159, 159), (160, 158)])

@@ -160,11 +160,12 @@ def test_a_page_and_a_response_have_12_images(
     catalogue: ReleaseCatalogue, monkeypatch: pytest.MonkeyPatch, n: int, n_shown: int
 ) -> None:
     image = {
-        "item_id": "made:swivel_chair.n.01-0", "cutout_path": None, "path": "a.webp", "width_px": 9, "height_px": 9,
+        "cutout_path": None, "path": "a.webp", "width_px": 9, "height_px": 9,
         "pixels_per_metre": 9.0, "attribution": "a", "licence": None, "source_url": "",
     }  # fmt: skip
-    monkeypatch.setattr(ReleaseCatalogue, "images", lambda *_: [image] * n)
     node = catalogue.nodes[NODE]
+    items = catalogue.items["item_id"].take(catalogue.rows(node)).to_pylist()[:n]
+    monkeypatch.setattr(ReleaseCatalogue, "images", lambda *_: [{**image, "item_id": item} for item in items])
     assert len(images_to_scale(catalogue, node)) == n_shown
     response = images_response(catalogue, node)
     assert (len(response.images), response.n_images) == (n_shown, n)

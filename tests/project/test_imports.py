@@ -81,7 +81,7 @@ insertion
 insertion.placement_page insertion.insert
 explorer explorer.charts
 explorer.responses
-explorer.tables explorer.fit
+explorer.tables explorer.fit explorer.queries
 explorer.search_index
 explorer.pages
 explorer.routes

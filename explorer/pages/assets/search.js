@@ -4,14 +4,15 @@
   const root = document.documentElement.dataset.root;
   const LIMIT = 12;
   function fold(text) {
-    return text.toLowerCase().normalize("NFKD").replace(/[\u0300-\u036f]/g, "").replace(/[^a-z0-9]+/g, " ").trim();
+    const plain = text.toLowerCase().replace(/ß/g, "ss").replace(/ø/g, "o").normalize("NFKD").replace(/[\u0300-\u036f'’‘`´]/g, "").replace(/&/g, " and ");
+    return plain.replace(/[^a-z0-9]+/g, " ").trim().split(" ").map((word) => MT_NAMES.spellings[word] || word).join(" ");
   }
   function spelled(slug) { return slug.replace(/^mt-/, "").split(".")[0].replace(/_/g, " "); }
   const names = [], labels = [];
   function addName(name, owners) { names.push({ name, owners, words: name.split(" ") }); }
   const nodes = MT_NAMES.nodes.split("\n").map((line) => {
-    const [slug, name, tier, items, parent] = line.split("\t");
-    return { slug, name: name || spelled(slug), tier: MT_NAMES.tiers[tier], items: Number(items), parent: parent === "" ? -1 : Number(parent), labels: [] };
+    const [slug, name, tier, items, parent, sizes] = line.split("\t");
+    return { sizes: sizes ? sizes.split(",") : [], slug, name: name || spelled(slug), tier: MT_NAMES.tiers[tier], items: Number(items), parent: parent === "" ? -1 : Number(parent), labels: [] };
   });
   const shared = new Set();
   for (const line of MT_NAMES.shared.split("\n")) if (line) {
@@ -79,10 +80,34 @@
     return near;
   }
   const sources = MT_NAMES.sources.map(([id, title]) => ({ id, title, form: fold(id + " " + title) }));
+  const LEADING = new RegExp(MT_NAMES.leading), TRAILING = new RegExp(MT_NAMES.trailing), known = new Set(names.map((one) => one.name));
+  function singularOf(text) { return text.replace(/ies$/, "y").replace(/(ch|sh|s|x)es$/, "$1").replace(/s$/, ""); }
+  // The text without words about sizes, as `explorer.queries.searched_text`.
+  function searchedText(query) {
+    let text = fold(query);
+    while (!known.has(text)) {
+      const shorter = LEADING.test(text) ? text.replace(LEADING, "") : text.replace(TRAILING, "");
+      if (shorter === text) break;
+      text = shorter;
+    }
+    return text;
+  }
+  // The longest end or beginning of a phrase that is a name: `chairs` of `black wooden chairs`.
+  function partOf(words) {
+    for (let n = words.length - 1; n > 0; n--)
+      for (const part of [words.slice(-n), words.slice(0, n)].map((some) => some.join(" ")))
+        if (known.has(part) || known.has(singularOf(part))) return part;
+    return "";
+  }
   function search(query) {
-    const text = fold(query);
+    const text = searchedText(query);
     if (!text) return [];
-    const words = text.split(" "), singular = text.replace(/ies$/, "y").replace(/(ch|sh|s|x)es$/, "$1").replace(/s$/, "");
+    const found = hitsOf(text), words = text.split(" ");
+    return found.length || words.length < 2 ? found : hitsOf(partOf(words));
+  }
+  function hitsOf(text) {
+    if (!text) return [];
+    const words = text.split(" "), singular = singularOf(text);
     const lists = MT_NAMES.lists.filter((list) => words.includes(list.split("_")[0]));
     const found = new Map();
     const take = (place, score, why) => {
@@ -115,6 +140,13 @@
     for (const list of MT_NAMES.lists) if (fold(list).startsWith(text)) hits.push({ href: root + "vocabularies/" + list + ".html", name: list, note: "label list", tier: null });
     return hits;
   }
+  const WORDS = { l: "long", w: "wide", h: "high" }, FRONT_WORDS = { l: "wide", w: "deep", h: "high" };
+  function sizesText(node) {
+    const front = node.sizes.includes("f"), { lengthText, chosenUnit } = window.metricTree;
+    const parts = node.sizes.filter((size) => size !== "f").map((size) => [size[0], lengthText(Number(size.slice(1)), chosenUnit())]);
+    if (parts.length && parts[0][0] === "1") return parts.map(([, text]) => text).join(" × ");
+    return parts.map(([dim, text]) => text + " " + (front ? FRONT_WORDS : WORDS)[dim]).join(", ");
+  }
   function nodeHit(hit) {
     const node = nodes[hit.place];
     const path = [];
@@ -122,33 +154,46 @@
     const said = fold(hit.why || "") === fold(node.name) ? "" : ' · "' + hit.why + '"';
     const lists = node.labels.flatMap(([, lists]) => lists);
     const shown = lists.length ? " · label of " + [...new Set(lists)].slice(0, 3).join(", ") : "";
-    return { href: root + "nodes/" + node.slug + ".html", slug: node.slug, name: node.name, tier: node.tier, note: path.join(" › ") + said + shown };
+    return { href: root + "nodes/" + node.slug + ".html", slug: node.slug, name: node.name, tier: node.tier, exact: hit.score >= 90, sizes: sizesText(node), note: path.join(" › ") + said + shown };
   }
   window.metricTree.search = search;
 
   const box = document.getElementById("search"), list = document.getElementById("hits");
   let chosen = -1;
+  function hitLink(hit) {
+    const link = document.createElement("a");
+    link.href = hit.href;
+    link.append(hit.name + " ");
+    if (hit.tier) {
+      const tier = document.createElement("span");
+      tier.className = "tier tier-" + hit.tier;
+      tier.textContent = hit.tier;
+      link.append(tier);
+    }
+    for (const text of [hit.sizes, hit.note].filter(Boolean)) {
+      const note = document.createElement("small");
+      note.textContent = text;
+      link.append(note);
+    }
+    return link;
+  }
+  // The page of results: an answer for a name, and all hits.
+  const results = document.getElementById("results");
+  function showResults() {
+    if (!results) return;
+    const hits = search(box.value), first = hits[0];
+    document.getElementById("search-answer").textContent = !box.value ? "" : !first ? `Nothing is called "${box.value}".` : first.exact && first.sizes ? `${first.name}: about ${first.sizes}.` : "";
+    results.replaceChildren(...hits.map((hit) => { const item = document.createElement("li"); item.append(hitLink(hit)); return item; }));
+  }
   function show() {
     const hits = search(box.value);
     chosen = -1;
     list.replaceChildren(...hits.map((hit, k) => {
-      const item = document.createElement("li");
+      const item = document.createElement("li"), link = hitLink(hit);
       item.role = "option";
       item.id = "hit-" + k;
       item.setAttribute("aria-selected", "false");
-      const link = document.createElement("a");
-      link.href = hit.href;
       link.tabIndex = -1;
-      link.append(hit.name + " ");
-      if (hit.tier) {
-        const tier = document.createElement("span");
-        tier.className = "tier tier-" + hit.tier;
-        tier.textContent = hit.tier;
-        link.append(tier);
-      }
-      const note = document.createElement("small");
-      note.textContent = hit.note;
-      link.append(note);
       item.append(link);
       return item;
     }));
@@ -164,6 +209,7 @@
     box.removeAttribute("aria-activedescendant");
   }
   function move(step) {
+    if (list.hidden) show();
     const items = [...list.children].filter((item) => item.id);
     if (!items.length) return;
     chosen = (chosen + step + items.length + (chosen < 0 && step < 0 ? 1 : 0)) % items.length;
@@ -179,13 +225,17 @@
     else return;
     event.preventDefault();
   });
+  // Enter opens the chosen hit, otherwise the page of results.
   box.form.addEventListener("submit", (event) => {
+    const link = chosen < 0 ? null : list.children[chosen].querySelector("a");
+    if (!link) return;
     event.preventDefault();
-    const link = list.children[Math.max(chosen, 0)]?.querySelector("a");
-    if (link) location.href = link.href;
+    location.href = link.href;
   });
+  document.addEventListener("unitschange", showResults);
   document.addEventListener("click", (event) => {
     if (!box.form.contains(event.target)) { list.hidden = true; box.setAttribute("aria-expanded", "false"); }
   });
-  if (box.value) show();
+  if (results) showResults();
+  else if (box.value) show();
 })();

@@ -15,10 +15,14 @@ from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from pathlib import Path
 
+import numpy as np
 import pytest
+from scipy.spatial import cKDTree
 from starlette.testclient import TestClient
 
 import metric_tree
+from estimator.projection.cameras import pixels_in_view
+from estimator.reconstructions.scene_reader import read_scene
 from explorer.server.app import application
 from metric_cli.estimate_scale.estimate import main as estimate_scale
 from tests.metric_cli.test_paths import command_of
@@ -26,6 +30,7 @@ from tests.project.test_docs import PAGES, ROOT
 from tests.synthetic.insertions import write_glb
 from tests.synthetic.minitree import release
 from tests.synthetic.rooms.solids import box
+from tests.synthetic.splats import write_cameras, write_splat
 
 #: A block of shell commands, and the output that the page shows below a block with prompts.
 BLOCK = re.compile(r"^```(?:sh|console)\n(.*?)^```(?:\n```text\n(.*?)^```)?", re.MULTILINE | re.DOTALL)
@@ -88,6 +93,24 @@ def _nothing(folder: Path) -> None:
 def _scene(folder: Path) -> None:
     (folder / "SCENE").symlink_to(ROOT / "data" / "scenes" / "demo_room")
     (folder / "pictures").symlink_to(ROOT / "data" / "scenes" / "demo_room" / "images")
+
+
+def _metres(folder: Path) -> None:
+    """Write positions, depth maps and a splat with cameras for the demo room."""
+    _scene(folder)
+    scene = read_scene(ROOT / "data" / "scenes" / "demo_room")
+    metres = json.loads((folder / "SCENE" / "truth.json").read_text(encoding="utf-8"))["metres_per_unit"]
+    rows = [",".join([view.name, *map(str, (metres * view.centre).tolist())]) for view in scene.views]
+    (folder / "positions.csv").write_text("\n".join(["name,x,y,z", *rows]), encoding="utf-8")
+    (folder / "depth").mkdir()
+    for view in scene.views[:6]:
+        pixels, depths = pixels_in_view(view, scene.points[view.point_index])
+        inside = np.isfinite(pixels[:, 0]) & (depths > 0)
+        grid = np.stack(np.meshgrid(*(np.arange(side) + 0.5 for side in (view.camera.width, view.camera.height))), -1)
+        nearest = cKDTree(pixels[inside]).query(grid)[1]
+        np.save(folder / "depth" / f"{Path(view.name).stem}.npy", (metres * depths[inside][nearest]).astype("f4"))
+    write_cameras(scene, folder / "trained" / "cameras.json")
+    write_splat(folder / "trained" / "point_cloud" / "iteration_30000" / "point_cloud.ply", scene.points)
 
 
 def _insertions(folder: Path) -> None:
@@ -156,6 +179,7 @@ RUNS: dict[str, tuple[Callable[[Path], None], set[int]]] = {
     "docs/how-to/explorer.md": (_releases, {0}),
     "docs/how-to/fix-a-category.md": (_raw_items, {0}),
     "docs/how-to/insert-an-object.md": (_insertions, {0}),
+    "docs/how-to/metres.md": (_metres, {0}),
     "docs/how-to/releases.md": (_releases, {0}),
     "docs/how-to/scale-of-a-reconstruction.md": (_scene, {0, 3}),
     "docs/how-to/training-sets.md": (_annotations, {0}),

@@ -77,6 +77,7 @@ def write_cameras(scene: Scene, file: Path) -> Path:
         pose = {"position": view.centre.tolist(), "rotation": view.rotation.T.tolist()}
         size = {"width": camera.width, "height": camera.height, "fx": camera.params[0], "fy": camera.params[1]}
         entries.append({"id": number, "img_name": Path(view.name).stem} | pose | size)
+    file.parent.mkdir(parents=True, exist_ok=True)
     file.write_text(json.dumps(entries), encoding="utf-8")
     return file
 

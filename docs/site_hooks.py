@@ -8,6 +8,7 @@ from __future__ import annotations
 import html
 import json
 import re
+import shutil
 from pathlib import Path
 from typing import Any
 
@@ -46,7 +47,11 @@ def on_page_content(content: str, **_: Any) -> str:
 
 
 def on_post_build(config: Any) -> None:
-    """Write the notebooks of the tutorials."""
+    """Write the notebooks of the tutorials and the font of formulas."""
+    import ziamath
+
+    font = Path(ziamath.__file__).with_name("fonts") / "STIXTwoMath-Regular.ttf"
+    shutil.copyfile(font, Path(config["site_dir"]) / font.name)
     for page in sorted((ROOT / "docs" / "tutorial").glob("*.md")):
         record = notebook(page.read_text(encoding="utf-8"))
         target = Path(config["site_dir"]) / "tutorial" / f"{page.stem}.ipynb"

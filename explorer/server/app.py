@@ -46,6 +46,9 @@ PREFLIGHT_MAX_AGE_S = 86_400
 #: Seconds after which a client may repeat a request that was refused because of load.
 RETRY_AFTER_S = 5
 
+#: Addresses that `Explorer.prepare` renders.
+PREPARED = ("index.html", "assets/names.js", "assets/sizes.js", "tree.html")
+
 _JSON = MEDIA_TYPES["json"]
 _IMAGE = re.compile(rf"{FOLDER}/[0-9a-f]{{2}}/[0-9a-f]{{64}}\.(?:webp|jpg|png)")
 _RELEASE = re.compile(r"releases/(?P<version>[^/]+)/(?P<address>.*)")
@@ -70,6 +73,19 @@ class Explorer:
             return self.main, path
         catalogue = self.catalogues.get(match["version"])
         return None if catalogue is None or catalogue is self.main else (catalogue, match["address"])
+
+    def prepare(self) -> None:
+        """Render the home page, a page of a category and the index of the search, so that no request waits for tables.
+
+        The scripts of the search are cached; the pages load the tables of the main release.
+        """
+        for address in PREPARED:
+            found = find_route(self.main, address)
+            if found is not None:
+                route, text, value = found
+                rendered = route.content(self.main, value)
+                if rendered is not None:
+                    self.cache.put((self.main.tree.version, (route.path, text, None)), CachedResponse(rendered))
 
     async def get(self, request: Request) -> Response:
         """Return the content of a route, an image or the OpenAPI description."""
@@ -166,7 +182,8 @@ def application(trees: Sequence[Tree], preload: bool = False, allowed_hosts: Seq
     trees : sequence of Tree
         Releases of different versions.
     preload : bool, default False
-        Start the processes that estimate scales with the first release at once, not at the first request.
+        Prepare the tables of the first release, and start the processes that estimate scales with it, before the first
+        request.
     allowed_hosts : sequence of str, default ("*",)
         Names in the `Host` header that are served; `*.example.org` means all subdomains, `*` any name.
 
@@ -180,6 +197,7 @@ def application(trees: Sequence[Tree], preload: bool = False, allowed_hosts: Seq
     @asynccontextmanager
     async def lifespan(_: Starlette) -> AsyncIterator[None]:
         if preload:
+            await run_in_threadpool(explorer.prepare)
             explorer.jobs[explorer.main.tree.version].preload()
         yield
         for jobs in explorer.jobs.values():

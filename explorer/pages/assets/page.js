@@ -113,8 +113,21 @@
     const labels = [...table.tHead.rows[0].cells].map((cell) => cell.textContent);
     for (const row of table.tBodies[0].rows) for (const cell of row.cells) if (cell.tagName === "TD") cell.dataset.label = labels[cell.cellIndex];
   }
+  // A phone shows the parts of a page closed, and the first rows of long tables.
+  const SHOWN_ROWS = 20, narrow = matchMedia("(max-width: 560px)").matches;
+  if (narrow) for (const part of document.querySelectorAll("details.part")) part.open = "#" + part.querySelector("h2").id === location.hash;
+  function shorten(table) {
+    const rest = [...table.tBodies[0].rows].slice(SHOWN_ROWS);
+    if (!narrow || !rest.length) return;
+    const button = document.createElement("button");
+    button.textContent = `Show ${rest.length} more rows`;
+    for (const row of rest) row.hidden = true;
+    button.addEventListener("click", () => { for (const row of rest) row.hidden = false; button.remove(); });
+    table.after(button);
+  }
   for (const table of document.querySelectorAll("table.sortable")) {
     labelCells(table);
+    shorten(table);
     [...table.tHead.rows[0].cells].forEach((cell, column) => {
       const button = document.createElement("button");
       button.type = "button";

@@ -182,7 +182,7 @@
   function showResults() {
     if (!results) return;
     const hits = search(box.value), first = hits[0];
-    document.getElementById("search-answer").textContent = !box.value ? "" : !first ? `Nothing is called "${box.value}".` : first.exact && first.sizes ? `${first.name}: about ${first.sizes}.` : "";
+    document.getElementById("search-answer").textContent = !box.value ? "" : !first ? `Nothing is called "${box.value}".` : (first.exact || hits.length === 1) && first.sizes ? `${first.name}: about ${first.sizes}.` : "";
     results.replaceChildren(...hits.map((hit) => { const item = document.createElement("li"); item.append(hitLink(hit)); return item; }));
   }
   function show() {

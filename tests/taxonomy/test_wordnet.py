@@ -108,3 +108,15 @@ def test_parents_come_in_wordnets_order_in_every_run(wordnet: WordNet, seed: str
 def test_importing_the_module_loads_no_nltk() -> None:
     code = "import sys, taxonomy.wordnet, taxonomy.matching.matcher; print('nltk' in sys.modules)"
     assert subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True).stdout == "False\n"
+
+
+def test_a_folder_outranks_the_environment(
+    written_wordnet: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setenv(ENVIRONMENT_VARIABLE, str(tmp_path / "nowhere"))
+    assert WordNet(written_wordnet).senses("vase") == ("vase.n.01",)
+    with pytest.raises(NoWordNet, match="nowhere: expected"):
+        WordNet()
+    monkeypatch.setenv(ENVIRONMENT_VARIABLE, "")  # as if it were not set
+    monkeypatch.setattr(module, "_DEBIAN", written_wordnet)
+    assert WordNet().senses("vase") == ("vase.n.01",)

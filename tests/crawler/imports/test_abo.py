@@ -112,3 +112,8 @@ def test_a_number_that_is_no_length_is_a_refused_row(tmp_path: Path, value: str)
     result = import_source(source("abo"), tmp_path)
     assert [one.source_id for one in result.items] == ["A1"]
     assert [reason for reason, _ in reasons(result)] == ["unreadable"]
+
+
+def test_a_listing_without_id_has_that_of_its_line(tmp_path: Path) -> None:
+    result = imported(tmp_path, listing("G1"), listing("", "DESK"))
+    assert [one.source_id for one in result.items] == ["G1", "listings_0.json.gz:2"]

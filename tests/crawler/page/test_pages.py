@@ -240,3 +240,18 @@ def test_a_title_of_megabytes_or_with_controls_is_cut_and_cleaned() -> None:
     assert len(hostile.source_id) < 100
     assert hostile.brand is not None
     assert len(hostile.brand) == 200
+
+
+@pytest.mark.parametrize(
+    ("heading", "label", "is_used"),
+    [
+        ("Dimensions", "Oak", True),
+        ("Seat dimensions", "Oak", False),
+        ("Seat dimensions", "Overall dimensions", True),
+        ("Dimensions", "Seat size", False),
+        ("Package", "Dimensions", False),
+    ],
+)
+def test_a_size_under_the_heading_of_a_part_needs_a_label_of_its_own(heading: str, label: str, is_used: bool) -> None:
+    found = item(f"<h1>Bench</h1><h2>{heading}</h2><table><tr><th>{label}</th><td>50 x 40 x 10 cm</td></tr></table>")
+    assert found.extents_mm == ((500.0, 400.0, 100.0) if is_used else None)

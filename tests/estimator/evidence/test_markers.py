@@ -10,6 +10,7 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
+from estimator.evidence import markers
 from estimator.evidence.markers import Marker, triangulate
 from estimator.projection.cameras import pixels_in_view
 from estimator.records.objects import Measurements
@@ -93,3 +94,20 @@ def test_a_charuco_board(tmp_path: Path, nothing: Measurements) -> None:
     row = one(Marker.of("charuco:DICT_4X4_50:4x3:0.5:0.375").observe(walk.scene, nothing))
     assert row.id == "board"
     assert row.scale == pytest.approx(walk.scale, rel=0.01)
+
+
+@pytest.mark.parametrize(("sd_log", "is_used"), [(0.99, True), (1.01, False)])
+def test_a_marker_of_uncertain_size_is_not_used(
+    walk: Walk, nothing: Measurements, monkeypatch: pytest.MonkeyPatch, sd_log: float, is_used: bool
+) -> None:
+    draw_marker(walk, marker_picture("DICT_4X4_50"), 0.3 * 520 / 400)
+    align = markers.align
+
+    def uncertain(*points: np.ndarray) -> object:
+        alignment = align(*points)
+        assert alignment is not None
+        return replace(alignment, sd_log=sd_log)
+
+    monkeypatch.setattr(markers, "align", uncertain)
+    row = one(Marker("DICT_4X4_50", 0.3).observe(walk.scene, nothing))
+    assert (row.scale is not None) is is_used

@@ -168,3 +168,9 @@ def test_any_json_is_read_or_refused(entries: list[Any]) -> None:
         assert (sizes > 0).all()
         assert (sizes < math.inf).all()
         assert 0 <= item.score <= 1
+
+
+@pytest.mark.parametrize(("n", "message"), [(50_000, r"objects\[0\]"), (50_001, "at most 50,000, found 50001")])
+def test_a_file_has_at_most_50000_objects(n: int, message: str) -> None:
+    with pytest.raises(InputError, match=message):  # the first object of the permitted number has no category
+        parse_objects(Path("objects.json"), _document(*[{}] * n))

@@ -449,3 +449,15 @@ def test_what_a_picture_looks_through_is_empty_unless_it_is_dazzled(bright: bool
     assert is_visibly_free(places, cloud, images).tolist() == [not bright, False, False, False, True]  # type: ignore[arg-type]
     far = ColouredPoints(floor[np.abs(floor[:, 0]) > 0.5], cloud.colours, True)
     assert is_visibly_free(places[:1], far, images).tolist() == [False]  # type: ignore[arg-type]
+
+
+@pytest.mark.parametrize(("step", "is_carried"), [(0.34, True), (0.36, False)])
+def test_masks_are_carried_to_views_within_a_third_of_the_depth(step: float, is_carried: bool) -> None:
+    """The camera looks down from 3 m, and the other one is moved aside by a fraction of this depth."""
+    floor = _grid((-1, -1), (1, 1), 0.0)
+    cloud = ColouredPoints(floor, np.zeros((len(floor), 3), np.float32), True)
+    carrier = MaskPropagator(
+        Scene(Path("memory"), "memory", (VIEW,), floor), {0: [_item(0, (300, 200), (60, 40))]}, cloud
+    )
+    aside = replace(VIEW, translation=-ROTATION @ np.array([3.0 * step, 0.0, 3.0]))
+    assert len(carrier.masks(None, aside)) == is_carried

@@ -13,6 +13,7 @@ from pycocotools.coco import COCO
 from metric_base.errors import InputError
 from metric_tree.training.ade20k import CLASSES
 from metric_tree.training.classes import Classes, node_of_label
+from metric_tree.training.open_images import open_images_images
 from metric_tree.tree import Tree, open_tree
 from tests.metric_tree.training.conftest import export
 from tests.synthetic.other_sets import (
@@ -127,3 +128,13 @@ def test_damaged_coco_is_one_line(tree: Tree, tmp_path: Path, text: str, capsys:
     (tmp_path / "bad.json").write_text(text)
     assert export(tree, tmp_path / "set", "--coco", str(tmp_path / "bad.json"), str(tmp_path)) == 2
     assert "bad.json" in capsys.readouterr().err
+
+
+def test_masks_of_open_images_without_a_name_or_a_file_are_skipped(tmp_path: Path) -> None:
+    open_images(tmp_path)
+    names = tmp_path / "class-descriptions-boxable.csv"
+    names.write_text("".join(line for line in names.read_text().splitlines(keepends=True) if "/m/0k4j" not in line))
+    table = tmp_path / "train-annotations-object-segmentation.csv"
+    table.write_text(table.read_text() + "gone.png,00a1b2c3d4e5f607,/m/01mzpv,dd,0.05,0.3,0.1,0.5,0.9,\n")
+    (image,) = open_images_images(tmp_path)
+    assert [one.names for one in image.objects] == [("Chair",)]

@@ -82,7 +82,8 @@ def checks() -> str:
 
 def api() -> str:
     """`reference/api.md`: the public names of the packages with their docstrings."""
-    units = "Lengths in the tree are millimetres; lengths in a scene are in the scene's own unit."
+    units = "Lengths in the tree are millimetres; lengths in a scene are in the unit of the scene."
+    units += " Examples are in the docstrings (`help(name)`)."
     parts = [f"# Python API\n\n{NOTE}\n\n{units}"]
     for package in APIS:
         module = importlib.import_module(package)
@@ -127,8 +128,8 @@ def _signature(function: Callable[..., Any]) -> str:
 
 
 def _text(value: object) -> str:
-    """Return the docstring; sections and examples are kept as they are written, without the lines below titles."""
-    text = inspect.getdoc(value) or ""
+    """Return the docstring without examples; sections are kept as they are written, without the lines below titles."""
+    text = re.split(r"\n+(?:Examples\n-+\n)?>>> ", inspect.getdoc(value) or "", maxsplit=1)[0]
     head, line, rest = text.partition("\n\n")
     rest = re.sub(r"^(\w+)\n-+$", r"\1:", rest, flags=re.MULTILINE)
     return f"{head}\n\n{textwrap.indent(rest, '    ')}" if line else head

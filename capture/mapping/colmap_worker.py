@@ -19,6 +19,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
+from capture.mapping.features import FeatureStrategy
 from capture.mapping.incremental import compare_global, finish, mapping, verification_options, write_pairs
 from capture.mapping.pairs import all_pairs, chosen_pairs, coarse_scores
 from estimator.reconstructions.pycolmap_library import pycolmap
@@ -75,9 +76,12 @@ def print_row(row: dict[str, Any]) -> None:
 
 def features(request: Request) -> dict[str, Any]:
     """Extract SIFT features of the named images into a new database, and return their number by name."""
-    extraction = pycolmap.FeatureExtractionOptions(num_threads=request["threads"], max_image_size=request["max_side"])
-    for option, value in request["sift"].items():
-        setattr(extraction.sift, option, value)
+    strategy = FeatureStrategy(**request["strategy"])
+    extraction = pycolmap.FeatureExtractionOptions(num_threads=request["threads"], max_image_size=strategy.max_side)
+    extraction.sift.max_num_features = strategy.max_features
+    extraction.sift.first_octave = strategy.first_octave
+    extraction.sift.peak_threshold = strategy.peak
+    extraction.sift.domain_size_pooling = extraction.sift.estimate_affine_shape = strategy.pooled
     done, n = 0, sum(len(camera["names"]) for camera in request["cameras"])
     for camera in request["cameras"]:
         reader = pycolmap.ImageReaderOptions(camera_model=request["camera_model"], camera_params=camera["params"])
@@ -103,15 +107,16 @@ def features(request: Request) -> dict[str, Any]:
 def matches(request: Request) -> dict[str, Any]:
     """Match the pairs that may overlap and verify them; return each pair with figures of its geometry."""
     names: list[str] = request["names"]
+    strategy = FeatureStrategy(**request["strategy"])
     with pycolmap.Database.open(request["database"]) as database:
         ids = {image.name: image.image_id for image in database.read_all_images()}
-        if len(names) <= request["exhaustive"]:
+        if len(names) <= strategy.exhaustive:
             pairs = all_pairs(len(names))
         else:
             strongest = [_strongest_descriptors(database, ids[name]) for name in names]
             pairs = chosen_pairs(coarse_scores(strongest), request["in_order"])
-    matching = pycolmap.FeatureMatchingOptions(num_threads=request["threads"], guided_matching=request["guided"])
-    matching.sift.max_ratio = request["ratio"]
+    matching = pycolmap.FeatureMatchingOptions(num_threads=request["threads"], guided_matching=strategy.guided)
+    matching.sift.max_ratio = strategy.ratio
     print_row({"done": 0, "of": len(pairs)})
     for start in range(0, len(pairs), N_PAIRS_AT_ONCE):
         some = [(ids[names[a]], ids[names[b]]) for a, b in pairs[start : start + N_PAIRS_AT_ONCE]]

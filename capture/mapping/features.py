@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import json
 import shutil
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass
 from pathlib import Path
 
 from capture.mapping.camera_prior import Lens
@@ -74,14 +74,7 @@ def make_features(
             {"params": "" if lens.focal_px is None else ",".join(map(repr, lens.params)), "names": names}
             for lens, names in cameras
         ],
-        "sift": {
-            "max_num_features": strategy.max_features,
-            "first_octave": strategy.first_octave,
-            "peak_threshold": strategy.peak,
-            "domain_size_pooling": strategy.pooled,
-            "estimate_affine_shape": strategy.pooled,
-        },
-        "max_side": strategy.max_side,
+        "strategy": asdict(strategy),
         "threads": N_THREADS,
     }
     n_frames = sum(len(names) for _, names in cameras)
@@ -122,9 +115,7 @@ def make_matches(
         "names": names,
         "in_order": in_order,
         "threads": N_THREADS,
-        "guided": strategy.guided,
-        "ratio": strategy.ratio,
-        "exhaustive": strategy.exhaustive,
+        "strategy": asdict(strategy),
     }
     result = run_worker("matches", request, folder, progress=progress, limit=limit)
     (folder / f"matches{strategy.suffix}.json").write_text(json.dumps(result), encoding="utf-8")

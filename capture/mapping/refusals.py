@@ -6,7 +6,7 @@ docs/explanation/capture.md lists the tests, the errors that they guard against,
 
 from __future__ import annotations
 
-from dataclasses import asdict, dataclass
+from dataclasses import dataclass
 
 import numpy as np
 
@@ -101,10 +101,6 @@ class Failure:
 
     code: str
     message: str
-
-    def json(self) -> dict[str, str]:
-        """Return the `failure` object of the result."""
-        return asdict(self)
 
 
 class CaptureFailure(Exception):

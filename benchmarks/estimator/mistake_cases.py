@@ -10,11 +10,25 @@ from typing import Any
 
 import numpy as np
 
+from estimator.evidence.source import EvidenceSource
 from estimator.geometry.vertical import camera_up
+from estimator.records.result import ScaleEvidence
 from estimator.records.scene import Instance, Scene
 from metric_base.arrays import BoolArray, FloatArray
 
-__all__ = ["MISTAKES", "RIGHT", "Base", "Case", "Mask", "masks_of"]
+__all__ = [
+    "METRES_PER_DEGREE",
+    "MISTAKES",
+    "RIGHT",
+    "Base",
+    "Case",
+    "Mask",
+    "box_of",
+    "camera_positions",
+    "coco_dataset",
+    "masks_of",
+    "resized_masks",
+]
 
 #: Side in pixels of the square input of most detectors.
 SQUARE = 640
@@ -63,7 +77,10 @@ class Case:
     up: tuple[float, ...] | None = None
     positions: list[tuple[str, float, float, float]] = field(default_factory=list)
     columns: tuple[str, str, str] = ("lat", "lon", "alt")  #: Header of the positions.
-    models: float = 0.0  #: Fraction of the measured objects that are replaced by models at 1:24.
+    models: float = 0.0  #: Fraction of the measured objects that are replaced by models.
+    model_ratio: float = 24.0  #: Ratio of the size of an object to that of its model, of toy cars and dolls' houses.
+    sources: tuple[EvidenceSource, ...] = ()  #: Other evidence.
+    evidence: tuple[ScaleEvidence, ...] = ()  #: Other evidence that is computed already.
 
     def write_positions(self, file: Path) -> Path:
         """Write the positions as a table for `--gps`."""
@@ -103,13 +120,13 @@ def _outlines(pixels: BoolArray, matrix: FloatArray | None = None) -> dict[str, 
     return {"segmentation": [ring.ravel().tolist() for ring in moved if len(ring) >= 3]}
 
 
-def _box(pixels: BoolArray) -> FloatArray:
+def box_of(pixels: BoolArray) -> FloatArray:
     """Return the bounding box (x, y, width, height) of a mask."""
     rows, columns = np.flatnonzero(pixels.any(axis=1)), np.flatnonzero(pixels.any(axis=0))
     return np.array([columns[0], rows[0], columns[-1] + 1 - columns[0], rows[-1] + 1 - rows[0]], dtype=float)
 
 
-def _dataset(base: Base, segment: Segment = _run_lengths, masks: Sequence[Mask] | None = None) -> dict[str, Any]:
+def coco_dataset(base: Base, segment: Segment = _run_lengths, masks: Sequence[Mask] | None = None) -> dict[str, Any]:
     masks = base.masks if masks is None else masks
     width, height = base.size
     images = [view.name for view in base.scene.views]
@@ -131,15 +148,15 @@ def _dataset(base: Base, segment: Segment = _run_lengths, masks: Sequence[Mask] 
 
 
 def _with_pixels(change: Callable[[BoolArray], BoolArray]) -> Callable[[Base], Case]:
-    return lambda base: Case(base.scene, _dataset(base, lambda pixels: _run_lengths(change(pixels))))
+    return lambda base: Case(base.scene, coco_dataset(base, lambda pixels: _run_lengths(change(pixels))))
 
 
 def _with_outlines(matrix: Callable[[Base], list[list[float]]]) -> Callable[[Base], Case]:
-    return lambda base: Case(base.scene, _dataset(base, lambda pixels: _outlines(pixels, np.array(matrix(base)))))
+    return lambda base: Case(base.scene, coco_dataset(base, lambda pixels: _outlines(pixels, np.array(matrix(base)))))
 
 
 def _with_boxes(change: Callable[[FloatArray], FloatArray]) -> Callable[[Base], Case]:
-    return lambda base: Case(base.scene, _dataset(base, lambda pixels: {"bbox": change(_box(pixels)).tolist()}))
+    return lambda base: Case(base.scene, coco_dataset(base, lambda pixels: {"bbox": change(box_of(pixels)).tolist()}))
 
 
 def _with_images(order: Callable[[list[str]], list[str]]) -> Callable[[Base], Case]:
@@ -148,7 +165,9 @@ def _with_images(order: Callable[[list[str]], list[str]]) -> Callable[[Base], Ca
     def case(base: Base) -> Case:
         images = sorted({mask.image for mask in base.masks})
         other = dict(zip(images, order(images), strict=True))
-        return Case(base.scene, _dataset(base, masks=[replace(mask, image=other[mask.image]) for mask in base.masks]))
+        return Case(
+            base.scene, coco_dataset(base, masks=[replace(mask, image=other[mask.image]) for mask in base.masks])
+        )
 
     return case
 
@@ -157,7 +176,7 @@ def _with_names(change: Callable[[list[str]], list[str]]) -> Callable[[Base], Ca
     def case(base: Base) -> Case:
         names = sorted({mask.category for mask in base.masks})
         other = dict(zip(names, change(names), strict=True))
-        return Case(base.scene, _dataset(base, masks=[replace(m, category=other[m.category]) for m in base.masks]))
+        return Case(base.scene, coco_dataset(base, masks=[replace(m, category=other[m.category]) for m in base.masks]))
 
     return case
 
@@ -220,7 +239,7 @@ def _rotated_up(degrees: float) -> Callable[[Base], Case]:
         side = np.cross(up, base.scene.views[0].rotation[2])
         side /= np.linalg.norm(side)
         rotated = np.cos(np.radians(degrees)) * up + np.sin(np.radians(degrees)) * side
-        return Case(base.scene, _dataset(base), tuple(float(v) for v in rotated))
+        return Case(base.scene, coco_dataset(base), tuple(float(v) for v in rotated))
 
     return case
 
@@ -231,10 +250,10 @@ def _half_images(base: Base) -> Case:
         replace(view, camera=replace(view.camera, width=view.camera.width // 2, height=view.camera.height // 2))
         for view in base.scene.views
     )
-    return Case(replace(base.scene, views=views), _dataset(base, lambda pixels: _run_lengths(pixels[::2, ::2])))
+    return Case(replace(base.scene, views=views), coco_dataset(base, lambda pixels: _run_lengths(pixels[::2, ::2])))
 
 
-def _positions(base: Base) -> FloatArray:
+def camera_positions(base: Base) -> FloatArray:
     """Return latitude, longitude and altitude (n, 3) of the cameras, with errors."""
     views = base.scene.views
     up = camera_up(views).vector
@@ -254,7 +273,7 @@ def _with_positions(change: Callable[[FloatArray], FloatArray]) -> Callable[[Bas
     """Pass only positions, without masks."""
 
     def case(base: Base) -> Case:
-        rows = zip((view.name for view in base.scene.views), change(_positions(base)).tolist(), strict=True)
+        rows = zip((view.name for view in base.scene.views), change(camera_positions(base)).tolist(), strict=True)
         return Case(base.scene, None, positions=[(name, lat, lon, alt) for name, (lat, lon, alt) in rows])
 
     return case
@@ -264,7 +283,7 @@ def _in_units(factor: float, second_axis: float = 1.0) -> Callable[[Base], Case]
     """Pass positions x, y, z of a local frame in another unit; horizontal axes are scaled by `second_axis` as well."""
 
     def case(base: Base) -> Case:
-        lat, lon, alt = _positions(base).T
+        lat, lon, alt = camera_positions(base).T
         across = METRES_PER_DEGREE * np.cos(np.radians(base.place[0]))
         metres = np.column_stack([(lon - lon[0]) * across, (lat - lat[0]) * METRES_PER_DEGREE, alt])
         values = (factor * metres * [second_axis, second_axis, 1.0]).tolist()
@@ -294,7 +313,7 @@ def _two_models(base: Base) -> Case:
         for mask in base.masks
     ]
     scene = replace(base.scene, views=tuple(views), points=points, dense=None)
-    return Case(scene, _dataset(base, masks=tracked))
+    return Case(scene, coco_dataset(base, masks=tracked))
 
 
 def _late_in_second_half(names: list[str]) -> list[str]:
@@ -302,13 +321,13 @@ def _late_in_second_half(names: list[str]) -> list[str]:
     return names[:half] + names[half + 2 :] + names[half : half + 2]
 
 
-def _resized(factor: float) -> Callable[[BoolArray], BoolArray]:
+def resized_masks(factor: float) -> Callable[[BoolArray], BoolArray]:
     """Scale each mask about the centre of its box."""
 
     def resized(pixels: BoolArray) -> BoolArray:
         import cv2
 
-        x, y, w, h = _box(pixels)
+        x, y, w, h = box_of(pixels)
         cx, cy = x + w / 2, y + h / 2
         matrix = np.array([[factor, 0, (1 - factor) * cx], [0, factor, (1 - factor) * cy]])
         size = (pixels.shape[1], pixels.shape[0])
@@ -321,7 +340,7 @@ def _as_shape(is_circle: bool) -> Callable[[BoolArray], BoolArray]:
     """Replace each mask by its box, or by the ellipse in its box."""
 
     def shape(pixels: BoolArray) -> BoolArray:
-        x, y, w, h = _box(pixels)
+        x, y, w, h = box_of(pixels)
         rows, columns = np.indices(pixels.shape) + 0.5
         u, v = (columns - x - w / 2) / (w / 2), (rows - y - h / 2) / (h / 2)
         return np.asarray(u**2 + v**2 <= 1 if is_circle else np.maximum(abs(u), abs(v)) <= 1)
@@ -338,7 +357,7 @@ def _stretched(positions: FloatArray, column: int, factor: float) -> FloatArray:
 RIGHT: dict[str, Callable[[Base], Case]] = {
     "run lengths": _with_pixels(lambda pixels: pixels),
     "run lengths at half resolution": _with_pixels(lambda pixels: pixels[::2, ::2]),
-    "polygons": lambda base: Case(base.scene, _dataset(base, _outlines)),
+    "polygons": lambda base: Case(base.scene, coco_dataset(base, _outlines)),
     "boxes": _with_boxes(lambda box: box),
     "up": _rotated_up(1.0),
     "positions": _with_positions(lambda positions: positions),
@@ -364,8 +383,8 @@ MISTAKES: dict[str, Callable[[Base], Case]] = {
     "pictures in reverse order": _with_images(lambda names: names[::-1]),
     "pictures mixed up": _with_images(lambda names: list(np.random.default_rng(2).permutation(names))),
     "masks grown by a fifth": _with_pixels(_dilated),
-    "masks enlarged by 1.3": _with_pixels(_resized(1.3)),
-    "masks shrunk to 0.6": _with_pixels(_resized(0.6)),
+    "masks enlarged by 1.3": _with_pixels(resized_masks(1.3)),
+    "masks shrunk to 0.6": _with_pixels(resized_masks(0.6)),
     "boxes given as masks": _with_pixels(_as_shape(is_circle=False)),
     "ellipses instead of masks": _with_pixels(_as_shape(is_circle=True)),
     "masks two pictures off in the second half": _with_images(_late_in_second_half),
@@ -377,8 +396,8 @@ MISTAKES: dict[str, Callable[[Base], Case]] = {
     "categories in reverse order": _with_names(lambda names: names[::-1]),
     "categories mixed up": _with_names(lambda names: list(np.random.default_rng(5).permutation(names))),
     "two models of different scale": _two_models,
-    "a quarter of the objects are models": lambda base: Case(base.scene, _dataset(base), models=0.25),
-    "most objects are models": lambda base: Case(base.scene, _dataset(base), models=0.75),
+    "a quarter of the objects are models": lambda base: Case(base.scene, coco_dataset(base), models=0.25),
+    "most objects are models": lambda base: Case(base.scene, coco_dataset(base), models=0.75),
     "half of the categories exchanged": _with_names(_shuffled_half),
     "up turned by 60 degrees": _rotated_up(60.0),
     "pictures of another size": _half_images,

@@ -42,8 +42,6 @@ INTERNAL = "internal error"
 OUTCOMES = ("wrong and silent", "wrong with a warning", INTERNAL, "refused", "right")
 #: Factor of the uncertainty of a true scale if `truth.json` does not state one.
 TOLERANCE = 1.02
-#: Ratio of the size of an object to that of its model, of toy cars and dolls' houses.
-MODEL_RATIO = 24.0
 #: Number of dense points per frame. Without them the outcomes are equal and the benchmark is faster.
 DENSE_POINTS = 0
 
@@ -52,7 +50,7 @@ def bases(seed: int | None) -> Iterator[Base]:
     """Yield the ten scenes of the table, or ten synthetic scenes."""
     if seed is not None:
         for index, kind in enumerate([*KINDS, *KINDS]):
-            yield _synthetic(kind, seed + index)
+            yield synthetic_base(kind, seed + index)
         return
     folders = [ROOT / "data" / "scenes" / "demo_room", *(SHARED / "scenes" / name for name in REAL)]
     for index, folder in enumerate(folders):
@@ -64,10 +62,11 @@ def bases(seed: int | None) -> Iterator[Base]:
         masks = tuple(masks_of(scene, read_instances(None, scene)))
         yield Base(folder.name, scene, masks, scale, tolerance, (MUNICH, SEOUL)[index % 2])
     for index, kind in enumerate([*list(KINDS)[:4], "street"]):
-        yield _synthetic(kind, 7 + index)
+        yield synthetic_base(kind, 7 + index)
 
 
-def _synthetic(kind: str, seed: int) -> Base:
+def synthetic_base(kind: str, seed: int) -> Base:
+    """Return a furnished room, or a street."""
     world = street(seed) if kind == "street" else furnished_room(kind, seed)
     room = quick_scene(world, seed=seed, dense_a_frame=DENSE_POINTS)
     masks = tuple(masks_of(room.scene, room.instances))
@@ -79,19 +78,21 @@ def result_of(case: Case, tree: metric_tree.Tree) -> ScaleResult | str:
     """Return the result, or the message of a refusal."""
     with tempfile.TemporaryDirectory() as folder:
         file = Path(folder) / "instances.json"
-        sources = (Gps(case.write_positions(Path(folder) / "gps.csv")),) if case.positions else ()
+        table = (Gps(case.write_positions(Path(folder) / "gps.csv")),) if case.positions else ()
+        sources = (*table, *case.sources)
         if case.dataset is not None:
             file.write_text(json.dumps(case.dataset))
         try:
             masks = None if case.dataset is None else file
             scene = replace(case.scene, path=Path(folder), model_path=None)  # the real folders contain masks
-            estimate = estimate_scene(scene, tree, EstimateOptions(up=case.up), instances=masks, sources=sources)
+            options = EstimateOptions(up=case.up, evidence=case.evidence)
+            estimate = estimate_scene(scene, tree, options, instances=masks, sources=sources)
             if not case.models or estimate.measurements is None:
                 return estimate.result
             objects = list(estimate.measurements.objects)
             rows = np.random.default_rng(4).permutation(len(objects))[: round(case.models * len(objects))]
             for row in rows:
-                objects[row] = replace(objects[row], extents=objects[row].extents / MODEL_RATIO)
+                objects[row] = replace(objects[row], extents=objects[row].extents / case.model_ratio)
             return scale_of_objects(objects, tree)
         except InputError as error:
             return re.sub(r"\S*/(?=\w)", "", str(error))
@@ -102,23 +103,24 @@ def result_of(case: Case, tree: metric_tree.Tree) -> ScaleResult | str:
 def outcome(base: Base, result: ScaleResult | str, usual: set[str]) -> dict[str, Any]:
     """Classify the result of a case.
 
-    usual : warnings of the same scene without a mistake, with numbers replaced (`_plain`).
+    usual : warnings of the same scene without a mistake, with numbers replaced (`plain`).
     """
     if isinstance(result, str):
         return {"outcome": INTERNAL if result.startswith(INTERNAL) else "refused", "ratio": None, "words": result}
-    new = [line for line in result.warnings if _plain(line) not in usual]
+    new = [line for line in result.warnings if plain(line) not in usual]
     if result.scale is None or result.interval is None:
-        return {"outcome": "refused", "ratio": None, "words": _plain(next(iter(new[::-1]), ""))}
+        return {"outcome": "refused", "ratio": None, "words": plain(next(iter(new[::-1]), ""))}
     low, high = result.interval.low / base.tolerance, result.interval.high * base.tolerance
     right = low <= base.metres_per_unit <= high
     warned = bool(new) or result.status != "resolved"
-    words = _plain(next(iter(new), ""))
+    words = plain(next(iter(new), ""))
     name = "right" if right else "wrong with a warning" if warned else "wrong and silent"
     ratio = round(result.scale / base.metres_per_unit, 3)
     return {"outcome": name, "ratio": ratio, "words": words, "status": result.status}
 
 
-def _plain(line: str) -> str:
+def plain(line: str) -> str:
+    """Return a warning without folders, with its numbers replaced by #."""
     return re.sub(r"[\d.]+", "#", re.sub(r"\S*/(?=\w)", "", line))
 
 
@@ -133,7 +135,7 @@ def run(options: argparse.Namespace) -> dict[str, dict[str, dict[str, Any]]]:
         usual: set[str] = set()
         for name, make in RIGHT.items():
             result = result_of(make(base), tree)
-            usual |= set() if isinstance(result, str) else {_plain(line) for line in result.warnings}
+            usual |= set() if isinstance(result, str) else {plain(line) for line in result.warnings}
             row[f"right: {name}"] = outcome(base, result, usual)
         for name, make in MISTAKES.items():
             row[name] = outcome(base, result_of(make(base), tree), usual)

@@ -170,7 +170,12 @@ def estimate_scene(
     >>> estimate.result.status, len(estimate.measurements.objects) == len(estimate.result.objects)
     ('resolved', True)
     """
-    from estimator.reconstructions.model_checks import check_reconstruction, implied_distance_problem, view_groups
+    from estimator.reconstructions.model_checks import (
+        check_reconstruction,
+        focal_problem,
+        implied_distance_problem,
+        view_groups,
+    )
     from estimator.reconstructions.scene_reader import read_scene
 
     seconds: dict[str, float] = {}
@@ -182,7 +187,8 @@ def estimate_scene(
             has_evidence = bool(options.evidence or sources)
             masks = _scene_instances(scene, instances, categories, images, detector, has_evidence)
     warned = tuple(SceneProblem(message) for message in (*scene.warnings, *masks.warnings))
-    problems = (*warned, *check_reconstruction(scene))
+    focal = focal_problem(scene, images)
+    problems = (*warned, *check_reconstruction(scene), *([] if focal is None else [focal]))
     context = ResultContext(problems=problems, digests=scene_digests(scene, masks), seconds=seconds)
     if options.method == "sucar":
         from estimator.baselines.sucar import sucar_result

@@ -18,8 +18,12 @@ from metric_base.errors import InputError, Unquoted
 MAX_PIXELS = 1 << 28
 #: Maximum size of a file in bytes.
 MAX_BYTES = 1 << 30
-#: EXIF: the tags of the directories of the photograph and of GPS.
-_PHOTO_TAGS, _GPS_TAGS = 0x8769, 0x8825
+#: EXIF: the tags of the directories of the photograph and of GPS, and of the equivalent focal length.
+_PHOTO_TAGS, _GPS_TAGS, _FOCAL_35MM = 0x8769, 0x8825, 0xA405
+#: Diagonal in millimetres of the 35 mm frame that the equivalent focal length refers to (CIPA DCG-001).
+DIAGONAL_35MM = 43.2666
+#: Range in millimetres of equivalent focal lengths that are used.
+FOCAL_RANGE_35MM = (5.0, 1000.0)
 
 # OpenCV reads these variables when it is loaded: the maximum size, and no messages about damaged files
 os.environ.setdefault("OPENCV_IO_MAX_IMAGE_PIXELS", str(MAX_PIXELS))
@@ -56,6 +60,15 @@ class ImageHeader(NamedTuple):
     tags: dict[int, Any]
     photo_tags: dict[int, Any]
     gps_tags: dict[int, Any]
+
+    @property
+    def focal_px(self) -> float | None:
+        """Focal length in pixels by the equivalent focal length of EXIF; None if it is not stated."""
+        with suppress(TypeError, ValueError):
+            millimetres = float(self.photo_tags.get(_FOCAL_35MM, ""))
+            if FOCAL_RANGE_35MM[0] < millimetres < FOCAL_RANGE_35MM[1]:
+                return millimetres / DIAGONAL_35MM * float(np.hypot(self.width, self.height))
+        return None
 
 
 def image_header(file: Path) -> ImageHeader | None:

@@ -79,7 +79,7 @@ def shift(base: Base, draw: np.random.Generator) -> tuple[str, Case]:
         moved = np.roll(pixels, (round(y), round(x)), (0, 1))
         rows, columns = np.indices(pixels.shape)
         inside = (rows >= y) & (rows < height + y) & (columns >= x) & (columns < width + x)
-        return moved & inside
+        return np.asarray(moved & inside)
 
     return f"{x / width:.2f} {y / height:.2f}", _changed(base, change)
 
@@ -98,7 +98,7 @@ def cut(base: Base, draw: np.random.Generator) -> tuple[str, Case]:
         x, y, w, h = box_of(pixels)
         rows, columns = np.indices(pixels.shape)
         limits = (columns < x + part * w, columns > x + (1 - part) * w, rows < y + part * h, rows > y + (1 - part) * h)
-        return pixels & limits[side]
+        return np.asarray(pixels & limits[side])
 
     return f"{part:.2f} {('left', 'right', 'top', 'bottom')[side]}", _changed(base, change)
 
@@ -227,7 +227,7 @@ def positions(base: Base, draw: np.random.Generator) -> tuple[str, Case]:
 
 def track(base: Base, draw: np.random.Generator) -> tuple[str, Case]:
     """Pass only the positions of a video: reversed, doubled, halved or late times, or kilometres or millimetres."""
-    times = FRAME_S * np.arange(len(base.scene.views))
+    times: FloatArray = FRAME_S * np.arange(len(base.scene.views), dtype=np.float64)
     path = CameraPath(times, np.array([view.centre for view in base.scene.views]))
     fine = np.arange(0, times[-1], 0.1)
     table = _metres(base)

@@ -2,14 +2,12 @@
 
 from __future__ import annotations
 
-import contextlib
 import re
 from collections.abc import Iterator
 from pathlib import Path
 
 import numpy as np
 
-from capture.sources.lens_metadata import FOCAL_RANGE_35MM
 from capture.sources.video import VideoFrame
 from metric_base.errors import InputError, Unquoted
 from metric_base.images import image_header, read_picture
@@ -19,9 +17,7 @@ from metric_base.input_files import folder_entries
 PICTURE_SUFFIXES = frozenset({".jpg", ".jpeg", ".png", ".tif", ".tiff", ".bmp", ".webp"})
 #: Suffixes of images that neither reads.
 FOREIGN_SUFFIXES = frozenset({".heic", ".heif", ".dng", ".cr2", ".nef", ".arw", ".avif", ".jxl"})
-#: Diagonal in millimetres of the 35 mm frame that EXIF's equivalent focal length refers to (CIPA DCG-001).
-DIAGONAL_35MM = 43.2666
-_FOCAL_35MM, _ORIENTATION = 0xA405, 0x0112
+_ORIENTATION = 0x0112
 
 
 def image_files(folder: Path) -> list[Path]:
@@ -96,9 +92,4 @@ def _described(file: Path) -> tuple[int, int, float | None, bool]:
     orientation = header.tags.get(_ORIENTATION, 1)
     if orientation in (5, 6, 7, 8):
         width, height = height, width
-    focal_px = None
-    with contextlib.suppress(TypeError, ValueError):
-        millimetres = float(header.photo_tags.get(_FOCAL_35MM, ""))
-        if FOCAL_RANGE_35MM[0] < millimetres < FOCAL_RANGE_35MM[1]:
-            focal_px = millimetres / DIAGONAL_35MM * float(np.hypot(width, height))
-    return width, height, focal_px, header.format == "JPEG" and orientation == 1
+    return width, height, header.focal_px, header.format == "JPEG" and orientation == 1

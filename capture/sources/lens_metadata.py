@@ -13,12 +13,11 @@ from collections.abc import Iterator
 from pathlib import Path
 
 from estimator.telemetry.gpmf import keys
+from metric_base.images import FOCAL_RANGE_35MM
 
 KEY = b"com.apple.quicktime.camera.focal_length.35mm_equivalent"
 #: Maximum size in bytes of a table of contents.
 MAX_CONTENTS_BYTES = 1 << 26
-#: Range in millimetres of equivalent focal lengths that are used.
-FOCAL_RANGE_35MM = (5.0, 1000.0)
 #: GoPro: the field of view from corner to corner in degrees, after cropping and stabilisation; the projection, and the
 #: name of an uncorrected lens; the setting of the lens, and the name of a corrected one.
 FIELD, PROJECTION, UNCORRECTED, SETTING, CORRECTED = b"ZFOV", b"PRJT", b"GPRO", b"VFOV", b"L"

@@ -3,14 +3,17 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from pathlib import Path
 
 import numpy as np
 from scipy.sparse import csr_array
 from scipy.sparse.csgraph import connected_components
 
+from estimator.instances.view_matching import image_file, image_folders
 from estimator.projection.cameras import project
 from estimator.records.scene import Scene, SceneProblem, camera_centres
 from metric_base.arrays import IntArray
+from metric_base.images import image_header
 
 #: Maximum number of observations of a view that are evaluated; 1,000 determine a median to a few per cent.
 MAX_OBSERVATIONS = 1000
@@ -36,6 +39,11 @@ MIN_GROUP_VIEWS = 2
 #: Range of the median distance in metres of the points from the cameras: from close-ups of toys to aerial images. A
 #: distance of 3 m becomes 0.003 m or 3,000 m if kilometres or millimetres are read as metres.
 MIN_DISTANCE_M, MAX_DISTANCE_M = 0.1, 1000.0
+#: Maximum ratio, in either direction, of the focal length of the model and that of EXIF, which is rounded to
+#: millimetres and ignores the crop of corrected distortion. An error of 30 % changes the proportions of a scene.
+MAX_FOCAL_RATIO = 1.3
+#: Number of images whose EXIF is read.
+N_PROBED_IMAGES = 5
 #: Minimum distance of the cameras from their centre, relative to their distance from the points. With keypoints
 #: accurate to half a pixel and a focal length of 500 pixels, the error of depths is then 100 %.
 MIN_BASELINE_RATIO = 1e-3
@@ -129,6 +137,25 @@ def scene_of_views(scene: Scene, rows: IntArray) -> Scene:
     views = [scene.views[row] for row in rows]
     views = [replace(view, point_index=np.searchsorted(kept, view.point_index)) for view in views]
     return replace(scene, views=tuple(views), points=scene.points[kept], dense=None)
+
+
+def focal_problem(scene: Scene, images: Path | None = None) -> SceneProblem | None:
+    """Return a problem if the focal lengths of the model contradict EXIF (median of a few images).
+
+    images : folder of the images, if they are not in or above the folder of the model.
+    """
+    folders, ratios = image_folders(scene, images), []
+    for view in scene.views[:: max(1, len(scene.views) // N_PROBED_IMAGES)][:N_PROBED_IMAGES]:
+        file, camera = image_file(folders, view), view.camera
+        header = None if file is None else image_header(file)
+        if header is not None and header.focal_px is not None and "FISHEYE" not in camera.model:
+            resized = np.hypot(camera.width, camera.height) / np.hypot(header.width, header.height)
+            ratios.append(camera.focal_px / (header.focal_px * resized))
+    ratio = float(np.median(ratios)) if ratios else 1.0
+    if 1 / MAX_FOCAL_RATIO <= ratio <= MAX_FOCAL_RATIO:
+        return None
+    message = f"the focal length of the model is {ratio:.2f} times that of EXIF: depths are wrong, or images cropped"
+    return SceneProblem(message, is_doubtful=True)
 
 
 def implied_distance_problem(scene: Scene, metres_per_unit: float) -> SceneProblem | None:

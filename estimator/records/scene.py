@@ -124,6 +124,7 @@ class SceneProblem:
 
     message: str  #: A sentence without a final period.
     is_fatal: bool = False  #: No scale follows from the scene; otherwise the message is a warning.
+    is_doubtful: bool = False  #: The scale is `uncertain`, however well the objects agree.
 
 
 #: Source of a scene.

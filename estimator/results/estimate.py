@@ -76,6 +76,8 @@ UNIT_FACTORS = {
 }
 #: Maximum deviation of the log of a factor from that of units: about the half width of the interval of a few objects.
 MAX_UNIT_DEVIATION = 0.2
+#: Maximum number of objects with a curve for the figure, which shows 45; the curves of 50,000 take 2 GB.
+MAX_CURVES = 1000
 #: Dimensions of `--method height`.
 HEIGHT = ("height",)
 
@@ -163,8 +165,8 @@ def scale_of_objects(
     if estimate is not None and evidence.objects:
         without_support = _without_support(evidence, options)
         without_each = _without_each_class(estimate, evidence) if options.leave_one_class_out else None
-        rows = object_curves(evidence.objects, estimate.curve.log_scale)
-        curves = {objects[index].id: row for index, row in zip(evidence.indices, rows, strict=True)}
+        rows = object_curves(evidence.objects[:MAX_CURVES], estimate.curve.log_scale)
+        curves = {objects[index].id: row for index, row in zip(evidence.indices, rows, strict=False)}
     return build_result(
         evidence,
         estimate,

@@ -73,7 +73,7 @@ def build_result(
         Release of the priors.
     options : EstimateOptions
     context : ResultContext
-        A fatal problem makes the result unresolved, without scale, curve and advice.
+        A fatal problem makes the result unresolved, without scale, curve and advice, and a doubtful one uncertain.
     status : {"resolved", "uncertain", "unresolved"}
         Status of the scale without regard to the problems.
     reason : str, optional
@@ -88,6 +88,8 @@ def build_result(
         Duration of each stage.
     """
     is_invalid = any(problem.is_fatal for problem in context.problems)
+    is_doubtful = any(problem.is_doubtful for problem in context.problems)
+    status = "uncertain" if status == "resolved" and is_doubtful else status
     is_stated = estimate is not None and status != "unresolved" and not is_invalid
     rows = {index: row for row, index in enumerate(evidence.indices)}
     digests: dict[str, str | None] = {}
@@ -131,7 +133,11 @@ def build_result(
         ),
         up=context.up,
         warnings=(
-            *(problem.message for problem in context.problems if not problem.is_fatal),
+            *(
+                f"uncertain: {problem.message}" if problem.is_doubtful and status == "uncertain" else problem.message
+                for problem in context.problems
+                if not problem.is_fatal
+            ),
             *notes,
             *warnings,
             *(f"unresolved: {problem.message}" for problem in context.problems if problem.is_fatal),

@@ -15,6 +15,9 @@ from models3d.asset import Asset, AssetBody, NameText, Up, body_from_box
 MAX_BYTES = 1 << 29
 #: Maximum number of files that a stage is composed of.
 MAX_LAYERS = 500
+#: Maximum number of prims after composition: 2 GB and a minute. Files of a few lines that refer to each other twice
+#: double the number with each file.
+MAX_COMPOSED_PRIMS = 1_000_000
 #: Maximum number of prims of an object whose names are read.
 MAX_PRIMS = 200_000
 
@@ -67,6 +70,8 @@ def read_usd(path: Path) -> Asset:
                     waiting.append(target)
             expect(len(found) <= MAX_LAYERS, "references", f"at most {MAX_LAYERS} files", len(found))
         external_files = files - {path.resolve()}
+        count = _composed_prims(path)
+        expect(count <= MAX_COMPOSED_PRIMS, "references", f"at most {MAX_COMPOSED_PRIMS:,} prims", Unquoted("more"))
         try:
             stage = Usd.Stage.Open(str(path))
         except Exception as error:  # noqa: BLE001 - Tf.ErrorException is not a Python exception class
@@ -81,6 +86,39 @@ def read_usd(path: Path) -> Asset:
             texts = [NameText("model", model.GetName()), *_labels(model)]
             texts += [label for child in model.GetChildren() for label in _labels(child)]
     return Asset(path, "usd", unit, up, bodies, tuple(texts), has_external_files=bool(external_files))
+
+
+def _composed_prims(path: Path) -> int:
+    """Return the number of prims of a stage with those of its references, payloads and inherited classes.
+
+    Variants are ignored.
+    """
+    from pxr import Sdf
+
+    counts: dict[tuple[str, str], int] = {}
+
+    def prims_below(layer: Any, prim_path: Any) -> int:
+        """Return the number of prims at and below a path of a layer; 0 if it is being counted, which is a cycle."""
+        key, spec = (layer.identifier, str(prim_path)), layer.GetPrimAtPath(prim_path)
+        if key in counts or spec is None:
+            return counts.get(key, 0)
+        counts[key] = 0
+        targets = [(layer, child.path) for child in spec.nameChildren]
+        targets += [
+            (layer, base) for arcs in (spec.inheritPathList, spec.specializesList) for base in arcs.GetAppliedItems()
+        ]
+        for arc in (*spec.referenceList.GetAppliedItems(), *spec.payloadList.GetAppliedItems()):
+            other = layer if not arc.assetPath else Sdf.Layer.FindOrOpen(layer.ComputeAbsolutePath(arc.assetPath))
+            if other is not None:
+                targets.append((other, arc.primPath or Sdf.Path(f"/{other.defaultPrim}")))
+        counts[key] = 1 + sum(prims_below(*target) for target in targets)
+        return counts[key]
+
+    layers = [Sdf.Layer.FindOrOpen(str(path.resolve()))]
+    for layer in layers:  # and their sublayers
+        if layer is not None and len(layers) <= MAX_LAYERS:
+            layers += [Sdf.Layer.FindOrOpen(layer.ComputeAbsolutePath(name)) for name in layer.subLayerPaths]
+    return sum(prims_below(layer, prim.path) for layer in layers if layer is not None for prim in layer.rootPrims)
 
 
 def _bodies(stage: Any, unit_m: float) -> Iterator[AssetBody]:

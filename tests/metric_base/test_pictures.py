@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import io
 import os
 import struct
 import zlib
@@ -12,7 +13,9 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from PIL import Image
 
+from estimator.evidence.markers import refined_marker_corners
 from metric_base.images import decode_picture, read_picture
 
 
@@ -58,3 +61,22 @@ def test_a_damaged_picture_never_raises(data: st.DataObject) -> None:
         whole[place] = value
     decoded = decode_picture(bytes(whole), cv2.IMREAD_COLOR)
     assert decoded is None or decoded.ndim == 3
+
+
+@pytest.mark.parametrize("compression", [None, "tiff_lzw", "tiff_deflate", "packbits", "jpeg"])
+def test_a_damaged_tiff_has_markers_or_none(compression: str | None) -> None:
+    """Bytes of the header, of the directory or of the pixels are replaced."""
+    dictionary = cv2.aruco.getPredefinedDictionary(cv2.aruco.DICT_4X4_50)
+    pixels = np.pad(cv2.aruco.generateImageMarker(dictionary, 3, 60), 40, constant_values=255)
+    buffer, generator = io.BytesIO(), np.random.default_rng(0)
+    Image.fromarray(pixels).save(buffer, "TIFF", compression=compression)
+    whole = buffer.getvalue()
+    image = decode_picture(whole, cv2.IMREAD_GRAYSCALE)
+    assert [marker for marker, _ in refined_marker_corners(image, dictionary)] == [3]
+    for _ in range(100):
+        data = np.frombuffer(whole, dtype=np.uint8).copy()
+        places = np.concatenate([generator.integers(0, 200, 2), len(data) - generator.integers(1, 300, 2)])
+        data[places % len(data)] = generator.integers(0, 256, 4)
+        decoded = decode_picture(data, cv2.IMREAD_GRAYSCALE)
+        if decoded is not None:
+            assert len(refined_marker_corners(decoded, dictionary)) <= 1

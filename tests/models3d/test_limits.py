@@ -22,6 +22,7 @@ from models3d.gltf import document
 from models3d.gltf.document import GltfWriter
 from models3d.gltf.model_reader import read_model
 from models3d.rescaling import write_at_scale
+from models3d.usd import reader
 from tests.models3d.models import USDA, write_chair
 
 
@@ -218,3 +219,36 @@ def test_a_fix_has_the_limits_of_reading(tmp_path: Path, monkeypatch: pytest.Mon
     with pytest.raises(InputError, match=r"chair\.glb: file: expected a model that can be read, found more than 0 s"):
         write_at_scale(asset, tmp_path / "fixed.glb", 0.01)
     assert list(tmp_path.iterdir()) == [path]
+
+
+def _doubling(folder: Path, levels: int, arc: str) -> Path:
+    """Write a stage of 2 ** levels cubes, each prim with two references to the next, in files or in one layer."""
+    head = '#usda 1.0\n(\n    defaultPrim = "P0"\n    metersPerUnit = 1\n)\n'
+    prims = []
+    for level in range(levels + 1):
+        target = {"file": f"references = @./p{level + 1}.usda@</P{level + 1}>", "class": f"inherits = </P{level + 1}>"}
+        inner = "".join(f'    def "{name}" (\n        {target[arc]}\n    )\n    {{\n    }}\n' for name in "ab")
+        cube = '    def Cube "c"\n    {\n        double size = 1\n    }\n'
+        prims.append(f'def Xform "P{level}"\n{{\n{inner if level < levels else cube}}}\n')
+    texts = [head + prim for prim in prims] if arc == "file" else [head + "".join(prims)]
+    for level, text in enumerate(texts):
+        (folder / f"p{level}.usda").write_text(text, encoding="utf-8")
+    return folder / "p0.usda"
+
+
+@pytest.mark.parametrize("arc", ["file", "class"])
+def test_references_that_double_are_refused_before_they_are_composed(tmp_path: Path, arc: str) -> None:
+    """The limit is a million prims: 2 ** 20 and more are refused; 2 ** 8 are read."""
+    with pytest.raises(InputError, match="references: expected at most 1,000,000 prims, found more"):
+        read_asset(_doubling(tmp_path, 20, arc))
+    assert len(read_asset(_doubling(tmp_path, 8, arc)).bodies) > 0
+
+
+def test_the_limit_of_prims(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """A prim counts 1 + 2 * (1 + count of the next), and the last one 2: 37 with three levels."""
+    path = _doubling(tmp_path, 3, "file")
+    monkeypatch.setattr(reader, "MAX_COMPOSED_PRIMS", 37)
+    assert read_asset(path).bodies
+    monkeypatch.setattr(reader, "MAX_COMPOSED_PRIMS", 36)
+    with pytest.raises(InputError, match="at most 36 prims"):
+        read_asset(path)

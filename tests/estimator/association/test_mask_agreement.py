@@ -107,11 +107,14 @@ def test_masks_that_stand_twice_under_two_categories_are_said(synthetic):
 def test_both_sides_of_the_thresholds_of_mask_agreement(cover, names, pairs, fatal):
     problems = mask_contradictions(MaskAgreement(cover, names, pairs))
     assert [problem.is_fatal for problem in problems] == ([] if fatal is None else [fatal])
+    assert all(problem.is_doubtful for problem in problems)
 
 
 @pytest.mark.parametrize(("agreement", "fatal"), [(0.73, None), (0.71, False), (0.63, False), (0.61, True)])
 def test_both_sides_of_the_thresholds_of_track_agreement(agreement, fatal):
-    assert [p.is_fatal for p in track_contradictions(agreement)] == ([] if fatal is None else [fatal])
+    problems = track_contradictions(agreement)
+    assert [problem.is_fatal for problem in problems] == ([] if fatal is None else [fatal])
+    assert all(problem.is_doubtful for problem in problems)
 
 
 @pytest.mark.parametrize(

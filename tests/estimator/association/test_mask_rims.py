@@ -82,4 +82,5 @@ def test_masks_that_end_inside_of_their_objects_are_doubtful(sitting_room, share
 
 @pytest.mark.parametrize(("continuity", "doubtful"), [(0.69, False), (0.71, True), (np.nan, False)])
 def test_both_sides_of_the_threshold_of_the_continuity(continuity, doubtful):
-    assert len(continuity_warnings(continuity)) == doubtful
+    problems = continuity_warnings(continuity)
+    assert [problem.is_doubtful for problem in problems] == [True] * doubtful

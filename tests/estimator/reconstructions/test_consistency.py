@@ -4,14 +4,22 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from PIL import Image
 
+import metric_tree
 from estimator import estimate_scale
 from estimator.reconstructions.model_checks import (
     ReprojectionStatistics,
+    focal_problem,
     implied_distance_problem,
     reprojection_problems,
     reprojection_statistics,
 )
+from estimator.records.result import ResultContext
+from estimator.records.scene import SceneProblem
+from estimator.results import estimate
+from estimator.results.estimate import scale_of_objects
+from tests.synthetic.evidence import objects_of
 from tests.synthetic.rooms.furnish import furnished_room
 from tests.synthetic.rooms.kinds import KINDS
 from tests.synthetic.rooms.quick import quick_scene
@@ -148,6 +156,58 @@ def test_a_scale_implies_the_distance_of_the_cameras(good, metres: float, is_pla
     depths = [np.median(view.to_camera(good.points[view.point_index])[:, 2]) for view in good.views]
     problem = implied_distance_problem(good, metres / float(np.median(depths)))
     assert (problem is None) == is_plausible
+
+
+@pytest.mark.parametrize(
+    ("ratio", "model", "is_doubtful"),
+    [
+        (1 / 1.35, "SIMPLE_PINHOLE", True),
+        (1 / 1.25, "SIMPLE_PINHOLE", False),
+        (1.25, "SIMPLE_PINHOLE", False),
+        (1.35, "SIMPLE_PINHOLE", True),
+        (1.35, "SIMPLE_RADIAL_FISHEYE", False),
+    ],
+)
+def test_a_focal_length_that_contradicts_exif_makes_the_scale_uncertain(
+    good, tmp_path, ratio: float, model: str, is_doubtful: bool
+) -> None:
+    """EXIF states 34.6 mm, which is 160 pixels in images of 200 x 150 pixels; the images have half of this size."""
+    (tmp_path / "images").mkdir()
+    exif = Image.Exif()
+    exif.get_ifd(0x8769)[0xA405] = 160 / 250 * 43.2666
+    views = []
+    for view in good.views:
+        Image.new("L", (100, 75)).save(tmp_path / "images" / f"{view.name}.jpg", exif=exif)
+        params = np.array([160.0 * ratio, 100.0, 75.0])
+        camera = replace(view.camera, model=model, params=params)
+        views.append(replace(view, name=f"{view.name}.jpg", camera=camera))
+    assert focal_problem(replace(good, views=tuple(views))) is None  # no images in or above the folder
+    problem = focal_problem(replace(good, views=tuple(views), path=tmp_path))
+    assert (problem is not None) == is_doubtful
+    if problem is not None:
+        assert problem.is_doubtful
+        assert f"{ratio:.2f} times that of EXIF" in problem.message
+
+
+def test_a_doubtful_problem_makes_a_resolved_scale_uncertain() -> None:
+    tree = metric_tree.open()
+    objects = objects_of(tree, ["chair", "sofa", "coffee table", "refrigerator", "bottle", "television"], 0.5)
+    assert scale_of_objects(objects, tree).status == "resolved"
+    context = ResultContext(problems=(SceneProblem("depths are wrong", is_doubtful=True),))
+    result = scale_of_objects(objects, tree, context=context)
+    assert (result.status, result.warnings[0]) == ("uncertain", "uncertain: depths are wrong")
+    assert result.scale == scale_of_objects(objects, tree).scale
+
+
+def test_curves_for_the_figure_are_limited(monkeypatch: pytest.MonkeyPatch) -> None:
+    """The curves of 50,000 objects would take 2 GB."""
+    tree = metric_tree.open()
+    objects = objects_of(tree, ["chair", "sofa", "coffee table"], 0.5)
+    assert len(scale_of_objects(objects, tree).object_curves) == 3
+    monkeypatch.setattr(estimate, "MAX_CURVES", 2)
+    result = scale_of_objects(objects, tree)
+    assert len(result.object_curves) == 2
+    assert len(result.objects) == 3
 
 
 GOOD = ReprojectionStatistics(0.3, 3e-4, 0.0, 0.0, 5.0, 1)

@@ -15,7 +15,7 @@ unexport PYTHONDONTWRITEBYTECODE
 # The writer of the SBOM; it is run from an environment of its own.
 CYCLONEDX := 7.5.0
 
-.PHONY: system help demo demo-video test quick system-packages check coverage reference pictures lock docs dist release-check sbom clean fuzz hunt
+.PHONY: system help demo demo-video test quick system-packages check coverage reference pictures lock docs dist release-check sbom clean fuzz hunt train-check
 .DEFAULT_GOAL := demo
 
 help: ## list what make can do
@@ -107,6 +107,16 @@ sbom: | $(UV) ## list all components of the full install (CycloneDX): out/sbom.j
 
 clean: ## remove what make made
 	rm -rf .venv .tools out .pytest_cache .mypy_cache .ruff_cache
+
+# The training has an environment of its own, because torch needs 5.5 GB; TRAIN names another one.
+TRAIN ?= out/train/venv/bin/python
+train-check: .venv/.dev ## train a small detector on the CPU and estimate a scale with it (under 20 minutes on two cores)
+	@mkdir -p out/train
+	test -x $(TRAIN) || { $(UV) venv --quiet --python $(PYTHON) out/train/venv && $(UV) pip install --quiet --python $(TRAIN) '.[train]'; }
+	rm -rf out/train/check
+	$(BIN)/python -m benchmarks.train_check sets out/train/check
+	$(BIN)/python -m benchmarks.train_check train out/train/check --python $(TRAIN)
+	$(BIN)/python -m benchmarks.train_check scale out/train/check
 
 # MINUTES for all of them together. Atheris has wheels for Linux.
 MINUTES ?= 10

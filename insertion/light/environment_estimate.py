@@ -2,7 +2,8 @@
 
 Each image gives the direction of every pixel from the position. The depth of the nearest points of the cloud is used,
 so that the direction of a wall at two metres has the correct parallax. Directions that no image shows, mainly those of
-the ceiling and its lamps, are filled from the border of the visible ones.
+the ceiling and its lamps, are filled from the border of the visible ones. Indoors, their colour makes a white surface
+that faces up as white as white surfaces in the images, and neutral if there are none: cameras balance white.
 
 1. In a room with a fitted light, the filled part is scaled to the brightness that the shading of the planes requires,
    and the lamps are added as soft discs.
@@ -60,6 +61,14 @@ PIXEL_STEP = 6
 HIGHLIGHT_FRACTION = 0.03
 #: Albedo of a white surface, if nothing else determines the amount of light.
 WHITE_ALBEDO = 0.65
+#: Maximum absolute log ratio of red or blue to green of a white or grey surface in the images.
+MAX_WHITE_LOG_RATIO = 0.25
+#: Minimum luminance of such a surface, relative to the brightest ordinary surfaces; darker ones have coloured noise.
+MIN_WHITE_RATIO = 0.4
+#: Minimum fraction of the pixels that show such surfaces.
+MIN_WHITE_FRACTION = 0.01
+#: Minimum and maximum factor on a channel of the unseen light.
+WHITE_GAIN_RANGE = (0.4, 2.5)
 #: Fraction of the unseen irradiance that comes from the expected lamp.
 LAMP_FRACTION = 0.6
 #: Exponent of the cosine lobe of the expected lamp, about 25 degrees wide.
@@ -146,12 +155,17 @@ def environment_at(
         white = float(np.quantile(luminance(samples.colours), 1 - HIGHLIGHT_FRACTION))
         lamp_direction = expected_lamp_direction(centre, basis, cloud)
         filled = raise_ceiling(fill_unseen(radiance, coverage), coverage, white, lamp_direction)
+        filled, _ = balance_white(filled, coverage, white_colour(samples.colours))
     else:
         ambient = scale_unseen(fill_unseen(radiance, coverage), coverage, light.unseen)
         lamps = lamp_spheres(light.lamps, centre)
         if light.occupancy is not None:
             fraction = reaching_fraction(lamps, light.occupancy, position, basis[2], height)
             lamps = replace(lamps, power=lamps.power * fraction[:, None])
+        away = lamps.positions - centre
+        cosine = np.maximum(away @ basis[2], 0.0) / np.maximum(np.linalg.norm(away, axis=1), 1e-9) ** 3
+        ambient, gain = balance_white(ambient, coverage, white_colour(samples.colours), cosine @ lamps.power)
+        lamps = replace(lamps, power=lamps.power * gain)
         return add_lamps(ambient, coverage, basis, lamps)
     return Environment(filled.astype(np.float32), basis, coverage.astype(np.float32))
 
@@ -324,8 +338,6 @@ def average_by_direction(samples: DirectionSamples) -> tuple[FloatArray, FloatAr
 def fill_unseen(radiance: FloatArray, coverage: FloatArray) -> FloatArray:
     """Fill unseen directions from increasingly large neighbourhoods of the seen ones (push-pull).
 
-    A white ceiling has the colour of the light of the room.
-
     Parameters
     ----------
     radiance : (h, w, 3) ndarray of float
@@ -389,6 +401,58 @@ def raise_ceiling(filled: FloatArray, coverage: FloatArray, white: float, lamp: 
     colour = mean / max(float(luminance(mean)), 1e-9)
     gain = 1 + ((1 - LAMP_FRACTION) * target / unseen - 1) * hidden
     return np.asarray(filled * gain[..., None] + (LAMP_FRACTION * target / total) * lobe[..., None] * colour)
+
+
+def white_colour(colours: NDArray[np.float32]) -> FloatArray:
+    """Return the colour (3,) of white and grey surfaces in the images, of luminance 1; (1, 1, 1) without such surfaces.
+
+    Parameters
+    ----------
+    colours : (n, 3) ndarray of float32
+        Linear colours of the pixels.
+    """
+    brightness = luminance(colours)
+    white = float(np.quantile(brightness, 1 - HIGHLIGHT_FRACTION))
+    is_valid = (colours.max(axis=1) < MIN_CLIPPED) & (brightness > MIN_WHITE_RATIO * white) & (colours > 0).all(axis=1)
+    log_ratio = np.log(colours[is_valid] / colours[is_valid, 1:2])
+    log_ratio = log_ratio[np.abs(log_ratio).max(axis=1) < MAX_WHITE_LOG_RATIO]
+    if len(log_ratio) < MIN_WHITE_FRACTION * len(colours):
+        return np.ones(3)
+    colour = np.exp(np.median(log_ratio, axis=0))
+    return np.asarray(colour / float(luminance(colour)), dtype=np.float64)
+
+
+def balance_white(
+    filled: FloatArray, coverage: FloatArray, white: FloatArray, lamps: FloatArray | float = 0.0
+) -> tuple[FloatArray, FloatArray]:
+    """Give the unseen light the colour with which a white surface that faces up has the colour `white`.
+
+    Parameters
+    ----------
+    filled : (h, w, 3) ndarray of float
+        Filled radiance.
+    coverage : (h, w) ndarray of float
+        How well each direction is known, 0 to 1.
+    white : (3,) ndarray of float
+        Colour of luminance 1.
+    lamps : (3,) ndarray of float or 0
+        Irradiance of the lamps on this surface.
+
+    Returns
+    -------
+    radiance : (h, w, 3) ndarray of float
+        The radiance, of equal luminance in every direction if no channel is at its limit.
+    gain : (3,) ndarray of float
+        Factor on the lamps, as on the unseen light.
+    """
+    hidden = (1 - coverage)[..., None]
+    weight = (np.maximum(map_directions()[..., 2], 0.0) * solid_angles()[:, None])[..., None]
+    grey = hidden * luminance(filled)[..., None]
+    seen = (weight * (1 - hidden) * filled).sum(axis=(0, 1))
+    rest = (weight * grey).sum(axis=(0, 1)) + lamps
+    gain = (float(luminance(seen + rest)) * white - seen) / np.maximum(rest, 1e-9)
+    gain = np.clip(gain, *WHITE_GAIN_RANGE)
+    return (1 - hidden) * filled + grey * gain, gain
 
 
 def scale_unseen(filled: FloatArray, coverage: FloatArray, radiance: float) -> FloatArray:

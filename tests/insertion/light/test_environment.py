@@ -299,3 +299,36 @@ def test_the_lobe_of_the_unseen_lamp_has_its_share() -> None:
     cosine = np.maximum(map_directions() @ toward, 0.0)[: HEIGHT // 2]
     assert lobe / lobe.max() == pytest.approx((cosine / cosine.max()) ** LAMP_EXPONENT, abs=1e-9)
     assert raised[HEIGHT // 2 :] == pytest.approx(filled[HEIGHT // 2 :])
+
+
+@pytest.mark.parametrize("furniture", [(0.35, 0.05, 0.04), (0.4, 0.25, 0.1), (0.05, 0.1, 0.35)])
+@pytest.mark.parametrize("paper", [(0.6, 0.6, 0.6), (0.55, 0.6, 0.66)])
+@pytest.mark.parametrize("has_lamp", [False, True])
+def test_a_grey_card_has_the_colour_of_paper_among_coloured_furniture(
+    furniture: tuple[float, float, float], paper: tuple[float, float, float], has_lamp: bool
+) -> None:
+    """All around is furniture, above nothing is seen, and one pixel in twenty is paper: the card was as red as this."""
+    filled, seen = np.full((HEIGHT, WIDTH, 3), furniture), np.zeros((HEIGHT, WIDTH))
+    seen[HEIGHT // 3 :] = 1.0
+    pixels = np.where(np.arange(400)[:, None] % 20 == 0, paper, furniture).astype(np.float32)
+    white = estimate.white_colour(pixels)
+    raised = estimate.raise_ceiling(filled, seen, 0.6, np.array([0.0, 0.0, 1.0]))
+    lamps = np.full(3, 0.8) if has_lamp else np.zeros(3)
+    balanced, gain = estimate.balance_white(raised, seen, white, lamps)
+    card = Environment(balanced, np.eye(3), SEEN).irradiance(np.array([0.0, 0.0, 1.0])) + gain * lamps
+    np.testing.assert_allclose(card / card[1], np.array(paper) / paper[1], rtol=0.08)
+    np.testing.assert_array_equal(balanced[seen == 1], filled[seen == 1])
+
+
+@pytest.mark.parametrize(
+    ("colour", "fraction", "is_white"),
+    [((0.76, 0.6, 0.6), 0.02, True), ((0.78, 0.6, 0.6), 0.02, False), ((0.5, 0.6, 0.6), 0.009, False)],
+)
+def test_white_surfaces_are_one_percent_and_hardly_coloured(
+    colour: tuple[float, float, float], fraction: float, is_white: bool
+) -> None:
+    pixels = np.tile([0.4, 0.2, 0.05], (1000, 1)).astype(np.float32)
+    pixels[: round(1000 * fraction)] = colour
+    expected = np.array(colour) / 0.6 if is_white else np.ones(3)
+    white = estimate.white_colour(pixels)
+    np.testing.assert_allclose(white / white[1], expected, rtol=1e-5)

@@ -9,7 +9,6 @@ from __future__ import annotations
 
 import json
 import os
-import re
 import shutil
 import subprocess
 import tempfile
@@ -169,22 +168,9 @@ def write_blend(
     with tempfile.TemporaryDirectory(prefix="insert-object-") as name:
         folder = Path(name)
         job = insertion_job(objects, camera_keyframes(frames, transform), transform, environment, folder, ideal_window)
-        plates = numbered_plates(frames)
-        plates = plates if (file.parent / plates["file"]).is_file() else {}
+        first = f"pictures/{next(iter(picture_names(frames).values())).as_posix()}"
+        # names of frames of a video are their numbers; of other images the first one is shown
+        numbered = [frame.index for frame in frames if frame.name == f"{frame.index:06d}.png"]
+        plates = {"file": first, "number": frames[0].index, "count": len(numbered) or 1}
+        plates = plates if (file.parent / first).is_file() else {}
         run_blender(job | {"blend": str(file.resolve()), "rate": frame_rate(frames), "plates": plates}, folder)
-
-
-def numbered_plates(frames: Sequence[Frame]) -> dict[str, Any]:
-    """Return the exported images as a sequence for Blender: `file` of the first, its `number`, and their `count`.
-
-    If their numbers are not consecutive, the sequence is the first image alone.
-    """
-    paths = list(picture_names(frames).values())
-    parts = [re.fullmatch(r"(.*?)(\d+)", path.with_suffix("").as_posix()) for path in paths]
-    first = parts[0]
-    numbered = [
-        first is not None and part is not None and part[1] == first[1] and int(part[2]) == int(first[2]) + row
-        for row, part in enumerate(parts)
-    ]
-    number = int(first[2]) if first is not None else 0
-    return {"file": f"pictures/{paths[0].as_posix()}", "number": number, "count": len(paths) if all(numbered) else 1}

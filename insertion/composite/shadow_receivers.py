@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 from estimator.records.scene import Instance, View
 from insertion.render.body import Body
 from insertion.render.layers import CAST_SIZES, ObjectLayers
-from insertion.scene.camera_rays import camera_rays, scene_positions
+from insertion.scene.camera_rays import camera_rays, scene_positions, surface_normals
 from insertion.scene.pixel_box import labels_in_box
 from insertion.scene.point_cloud import VisiblePoints
 from insertion.scene.supports import Surface
@@ -46,8 +46,6 @@ MAX_POINT_PX = 28.0
 PROXY_SIGMA = 1.5
 #: Minimum number of points for the depth of an instance.
 MIN_POINTS = 4
-#: Maximum number of points with a normal, and number of neighbours for a normal.
-MAX_NORMALS, NEIGHBOURS = 2000, 16
 
 #: Returns the fraction (a, b, 3) of the light that reaches positions (a, b, 4), whose fourth value is 1 if the position
 #: is known, on surfaces with normals (a, b, 3), in the local frame of the object.
@@ -131,7 +129,7 @@ def transmitted_light(
     positions: NDArray[np.float32] = np.asarray(np.dstack([local, is_known]), dtype=np.float32)
     received = np.ones((*is_known.shape, 3), np.float32)
     if is_known.any():
-        normals = surface_normals(positions[..., :3], is_known, view, inside, body)
+        normals = surface_normals(depth, rays) @ view.rotation.astype(np.float32)
         received = irradiance_fraction(positions, normals)
 
     # 4. Enlarge within the support and within other instances, so that no shadow crosses an edge.
@@ -253,39 +251,3 @@ def _labels_on_plane(
         if fraction >= MIN_FLAT_FRACTION or is_below:
             flat.append(int(label))
     return flat
-
-
-def surface_normals(
-    positions: NDArray[np.float32], is_known: BoolArray, view: View, points: VisiblePoints, body: Body
-) -> NDArray[np.float32]:
-    """Return unit normals (h, w, 3) towards the camera, 0 at unknown positions.
-
-    The normal is that of the nearest visible point, across the scatter of its neighbours.
-
-    Parameters
-    ----------
-    positions : (h, w, 3) ndarray of float32
-        Positions in the local frame of the body.
-    is_known : (h, w) ndarray of bool
-        Known positions.
-    """
-    from scipy.spatial import cKDTree
-
-    normals = np.zeros_like(positions)
-    if not is_known.any() or len(points.rows) < NEIGHBOURS:
-        return normals
-    columns, rows = points.pixels.astype(np.int64).T
-    scene = scene_positions(view, camera_rays(view.camera)[rows, columns], points.depths)
-    local = (scene - body.position) / body.unit
-    low, high = positions[is_known].min(axis=0), positions[is_known].max(axis=0)
-    local = local[((local > low - 0.1) & (local < high + 0.1)).all(axis=1)]
-    if len(local) < NEIGHBOURS:
-        return normals
-    sample = local[:: max(1, len(local) // MAX_NORMALS)]
-    near = local[cKDTree(local).query(sample, k=NEIGHBOURS)[1]]
-    near = near - near.mean(axis=1, keepdims=True)
-    across = np.linalg.eigh(np.einsum("nki,nkj->nij", near, near))[1][:, :, 0]
-    eye = (view.centre - body.position) / body.unit
-    across *= np.where(((eye - sample) * across).sum(axis=1) < 0, -1.0, 1.0)[:, None]
-    normals[is_known] = across[cKDTree(sample).query(positions[is_known])[1]]
-    return normals

@@ -22,7 +22,7 @@ from insertion.composite.compose import Composite, ObjectComposite
 from insertion.footage.footage import Frame
 from insertion.placement.placed_object import PlacedObject
 from insertion.render.layers import window_behind
-from insertion.scene.camera_rays import camera_rays
+from insertion.scene.camera_rays import camera_rays, surface_normals
 from insertion.scene.pixel_box import PixelBox
 from metric_base.arrays import FloatArray
 from metric_base.images import write_picture
@@ -191,16 +191,3 @@ def exr_bytes(pixels: NDArray[np.floating], half: bool = True) -> bytes:
 def _save(file: Path, data: bytes) -> None:
     file.parent.mkdir(parents=True, exist_ok=True)
     file.write_bytes(data)
-
-
-def surface_normals(depth: NDArray[np.float32], rays: NDArray[np.float32]) -> NDArray[np.float32]:
-    """Compute camera-facing unit normals (h, w, 3) from a depth (h, w) and rays (h, w, 2); 0 if unknown."""
-    places = (
-        np.dstack([rays, np.ones(depth.shape, np.float32)]) * np.where(np.isfinite(depth), depth, np.nan)[..., None]
-    )
-    down, across = np.gradient(places, axis=0), np.gradient(places, axis=1)
-    normal = np.cross(down, across)
-    with np.errstate(invalid="ignore", divide="ignore"):
-        normal = normal / np.linalg.norm(normal, axis=-1, keepdims=True)
-        normal = np.where((normal * places).sum(axis=-1, keepdims=True) > 0, -normal, normal)
-    return np.asarray(np.nan_to_num(normal), dtype=np.float32)

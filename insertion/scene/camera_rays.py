@@ -90,3 +90,16 @@ def scene_positions(view: View, rays: NDArray[np.float32], depth: NDArray[np.flo
     """Return the positions (..., 3) in the scene of points at `depth` (...) on `rays` (..., 2) of a view."""
     local = np.concatenate([rays, np.ones((*rays.shape[:-1], 1), np.float32)], axis=-1) * depth[..., None]
     return np.asarray((local - view.translation) @ view.rotation)
+
+
+def surface_normals(depth: NDArray[np.float32], rays: NDArray[np.float32]) -> NDArray[np.float32]:
+    """Compute camera-facing unit normals (h, w, 3) from a depth (h, w) and rays (h, w, 2); 0 if unknown."""
+    places = (
+        np.dstack([rays, np.ones(depth.shape, np.float32)]) * np.where(np.isfinite(depth), depth, np.nan)[..., None]
+    )
+    down, across = np.gradient(places, axis=0), np.gradient(places, axis=1)
+    normal = np.cross(down, across)
+    with np.errstate(invalid="ignore", divide="ignore"):
+        normal = normal / np.linalg.norm(normal, axis=-1, keepdims=True)
+        normal = np.where((normal * places).sum(axis=-1, keepdims=True) > 0, -normal, normal)
+    return np.asarray(np.nan_to_num(normal), dtype=np.float32)

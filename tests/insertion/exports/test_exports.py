@@ -18,7 +18,6 @@ from estimator.projection.cameras import pixels_in_view
 from estimator.records.scene import Camera
 from estimator.scene_formats.nerfstudio import read_nerfstudio
 from insertion.blender.run import export_blend, traced_layers
-from insertion.exports.compositing import surface_normals
 from insertion.exports.export_folder import LayerWriter
 from insertion.exports.gltf_scene import write_gltf_scene
 from insertion.exports.metric_frame import camera_keyframes, metric_transform, object_matrix
@@ -31,6 +30,7 @@ from insertion.light.environment_map import Environment
 from insertion.placement.placed_object import PlacedObject
 from insertion.render.studio import camera_axes
 from insertion.request import InsertionRequest, ObjectRequest, SceneSource
+from insertion.scene.camera_rays import surface_normals
 from models3d.gltf.document import GltfWriter
 from tests.synthetic.insertions import place_in, prepared_scene_of, video_room, write_glb
 from tests.synthetic.rooms.shapes import solid
@@ -328,6 +328,7 @@ def test_the_exported_camera_has_the_principal_point(
     prepared, placed = scene
     camera = Camera("PINHOLE", 640, 480, np.array([500.0, 500.0, *centre]))
     frames = [replace(shot, view=replace(shot.view, camera=camera)) for shot in prepared.footage.frames if shot.view]
+    frames = [replace(shot, name=f"{shot.index:06d}.png") for shot in frames]  # as those of a video
     writer = LayerWriter(tmp_path, frames, prepared.scale.metres_per_unit)
     for shot in frames:
         writer.plate(shot, np.full((480, 640, 3), 90, np.uint8))

@@ -32,7 +32,7 @@ from insertion.footage.video_writer import matrix_of
 from insertion.light.environment_map import HEIGHT, WIDTH, Environment
 from insertion.render.layers import ObjectLayers
 from insertion.render.renderer import ObjectImage
-from insertion.scene.camera_rays import Window, camera_rays
+from insertion.scene.camera_rays import Window, camera_rays, surface_normals
 from insertion.scene.pixel_box import PixelBox
 from metric_base.images import read_picture
 from tests.insertion.composite.test_received import _view
@@ -131,10 +131,8 @@ def test_normals_of_a_depth_face_the_camera() -> None:
     rays = camera_rays(camera)
     normal = np.array([0.6, 0.0, -0.8])
     depth = (-1.6 / (rays @ normal[:2] + normal[2])).astype(np.float32)
-    assert compositing.surface_normals(depth, rays)[5:-5, 5:-5] == pytest.approx(
-        np.broadcast_to(normal, (38, 54, 3)), abs=2e-3
-    )
-    unknown = compositing.surface_normals(np.full((48, 64), np.inf, np.float32), rays)
+    assert surface_normals(depth, rays)[5:-5, 5:-5] == pytest.approx(np.broadcast_to(normal, (38, 54, 3)), abs=2e-3)
+    unknown = surface_normals(np.full((48, 64), np.inf, np.float32), rays)
     assert not unknown.any()
 
 

@@ -30,6 +30,7 @@ from explorer.routes import MEDIA_TYPES, Rendered, find_route
 from explorer.server.delivery import CachedResponse, ResponseCache, conditional_response, problem
 from explorer.server.openapi import description
 from explorer.server.scale_jobs import ScaleJobs, ServiceUnavailable
+from explorer.urls import page_of
 from metric_base.errors import InputError
 from metric_tree.node import NoPrior, UnknownName
 from metric_tree.release.images import FOLDER, stored_file
@@ -75,11 +76,8 @@ class Explorer:
         return None if catalogue is None or catalogue is self.main else (catalogue, match["address"])
 
     def prepare(self) -> None:
-        """Render the home page, a page of a category and the index of the search, so that no request waits for tables.
-
-        The scripts of the search are cached; the pages load the tables of the main release.
-        """
-        for address in PREPARED:
+        """Render the home page, the indices of the search and a category, so that no request waits for tables."""
+        for address in (*PREPARED, page_of(max(self.main.nodes.values(), key=lambda node: node.level).node_id)):
             found = find_route(self.main, address)
             if found is not None:
                 route, text, value = found

@@ -23,7 +23,7 @@ from starlette.testclient import TestClient
 
 from explorer.catalogue import ReleaseCatalogue
 from explorer.schemas import NodeAnswer, PriorAnswer, Problem, SearchAnswer
-from explorer.server.app import application
+from explorer.server.app import Explorer, application
 from metric_tree.tree import Tree
 from tests.explorer.conftest import WEB
 
@@ -298,6 +298,15 @@ def test_the_command_serves_logs_and_stops(catalogue: ReleaseCatalogue) -> None:
         os.kill(server.pid, signal.SIGTERM)
         server.wait(300)
     assert server.returncode == 128 + signal.SIGTERM
+
+
+def test_a_prepared_server_has_its_tables_before_the_first_request(trees: list[Tree]) -> None:
+    explorer = Explorer(trees)
+    assert "sizes" not in vars(explorer.main)
+    explorer.prepare()
+    assert {"items", "sizes", "kinds"} <= set(vars(explorer.main))
+    key = (explorer.main.tree.version, ("assets/names.js", "", None))
+    assert explorer.cache.get(key) is not None
 
 
 def test_tools_of_the_model_context_protocol(catalogue: ReleaseCatalogue) -> None:

@@ -1,0 +1,249 @@
+"""Evaluate absolute scale: estimates of any method on scenes of known scale.
+
+    python -m benchmarks.absolute_scale --list                              # the scenes
+    python -m benchmarks.absolute_scale --predictions NAME=predictions.csv [--tuned-on NAME=SCENE ...]
+    python -m benchmarks.absolute_scale --write                             # also writes the page's table
+
+Scenes are folders with a reconstruction and `truth.json` (`metres_per_unit`); `--scenes DIR` adds those below DIR. A
+rendered walk has files of GPS, markers and a camera height. `predictions.csv` has the columns scene, scale, low, high
+and seconds; a scene without a row, or with an empty scale, is a refusal.
+
+Errors of the scale s' against the true s are |s' - s| / s (`metric_scale_abs_rel` of MapAnything) and |ln(s' / s)|. The
+interval score is (h - l) + 2 / (1 - level) * (distance of the truth outside), with l and h the ends of ln s'.
+"""
+
+from __future__ import annotations
+
+import argparse
+import math
+import sys
+import tempfile
+import time
+from collections import defaultdict
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+
+import metric_tree
+from benchmarks.common import ROOT, SHARED, options_parser, row_text, table_head, write_between
+from capture.recorded_sources import recorded_sources
+from estimator.instances.instance_reader import read_instances
+from estimator.outputs.ground_truth import TRUTH, read_truth
+from estimator.pipeline import estimate_scene, measure_objects
+from estimator.reconstructions.scene_reader import read_scene
+from estimator.records.options import EstimateOptions
+from estimator.records.result import ScaleResult
+from estimator.records.scene import InstanceSet
+from estimator.results.estimate import scale_of_objects
+from metric_base.errors import InputError
+from metric_base.parsing import table_rows
+from metric_tree.tree import Tree
+from tests.synthetic.evidence import KINDS, RIG_M
+from tests.synthetic.walk import synthetic_walk, with_rig
+
+PAGE = ROOT / "docs" / "evidence" / "absolute-scale.md"
+LEVEL = 0.9
+OURS = {"default": "objects", "height": "heights only", "paper": "method of the paper", "sucar": "Sucar and Hayet"}
+#: Evidence of the rendered walk that is evaluated alone.
+WALK = "rendered_walk"
+WALK_KINDS = ("camera height", "GPS, EXIF", "positions, metres", "ArUco", "depth, npy", "baseline")
+#: Sensors from which the truth of a scene was computed, which are therefore not evaluated on it.
+TRUTH_SENSORS = {"lund_street": "recorded GPS and IMU", "walk_carpark": "recorded GPS and IMU"}
+#: Scenes that were seen while our methods were developed; results on them are marked.
+SEEN = {"demo_room", "lund_street", "red_kitchen", "tum_office", "walk_carpark"}
+#: Mean relative errors of networks on other scenes (ETH3D), for the figure.
+REPORTED = {"MapAnything, ETH3D": 0.16, "Pi3X, ETH3D": 0.25}
+
+
+@dataclass(frozen=True, slots=True)
+class Prediction:
+    """The estimate of a method on a scene, or a refusal (`scale` is None)."""
+
+    method: str
+    scene: str
+    scale: float | None
+    low: float | None
+    high: float | None
+    seconds: float | None
+    is_ranked: bool = True  #: The method was not tuned on the scene, and has not seen it.
+
+
+def scene_folders(extra: Sequence[Path]) -> dict[str, Path]:
+    """Return the scenes with a true scale by name; a later folder of the same name replaces an earlier one."""
+    roots = [ROOT / "data" / "scenes", SHARED / "scenes", *extra]
+    folders = {file.parent.name: file.parent for root in roots for file in sorted(root.glob(f"*/{TRUTH}"))}
+    return {name: path for name, path in folders.items() if (path / "sparse").is_dir() and read_truth(path).scale}
+
+
+def our_predictions(folders: dict[str, Path], tree: Tree) -> Iterator[Prediction]:
+    """Yield the predictions of our methods by objects, and by the sensors of the recording without objects."""
+    for name, folder in folders.items():
+        scene = read_scene(folder)
+        masks = InstanceSet(tuple(read_instances(None, scene)))
+        for method, label in OURS.items():
+            started = time.perf_counter()
+            result = estimate_scene(scene, tree, EstimateOptions(method=method, level=LEVEL), instances=masks).result
+            yield _prediction(label, name, result, started, is_ranked=name not in SEEN)
+        sources = recorded_sources(folder, scene)
+        if sources and name not in TRUTH_SENSORS:
+            started = time.perf_counter()
+            options = EstimateOptions(level=LEVEL)
+            result = estimate_scene(scene, tree, options, instances=InstanceSet(()), sources=sources).result
+            yield _prediction("recorded GPS and IMU", name, result, started, is_ranked=name not in SEEN)
+
+
+def walk_predictions(tree: Tree) -> Iterator[Prediction]:
+    """Yield the predictions of single kinds of evidence on the rendered walk, relative to its true scale."""
+    with tempfile.TemporaryDirectory() as folder:
+        walk = with_rig(synthetic_walk(Path(folder), views=12), RIG_M)
+        shown = measure_objects(walk.scene, ())
+        for kind in WALK_KINDS:
+            started = time.perf_counter()
+            evidence = KINDS[kind].rows(walk, shown)
+            result = scale_of_objects([], tree, EstimateOptions(level=LEVEL, evidence=evidence))
+            yield _prediction(kind, WALK, result, started, unit=walk.scale)
+
+
+def _prediction(
+    method: str, scene: str, result: ScaleResult, started: float, unit: float = 1.0, is_ranked: bool = True
+) -> Prediction:
+    seconds = time.perf_counter() - started
+    if result.scale is None or result.interval is None:
+        return Prediction(method, scene, None, None, None, seconds, is_ranked)
+    ends = result.interval.low / unit, result.interval.high / unit
+    return Prediction(method, scene, result.scale / unit, *ends, seconds, is_ranked)
+
+
+def read_predictions(entry: str, scenes: Sequence[str], tuned_on: Sequence[str]) -> Iterator[Prediction]:
+    """Yield a prediction for each scene from NAME=FILE; scenes in `tuned_on` (NAME=SCENE) are not ranked.
+
+    Raises
+    ------
+    InputError
+        A value is not a positive number, or an interval does not contain its scale.
+    """
+    name, _, file = entry.partition("=")
+    rows = {
+        cells["scene"]: (place, cells) for place, cells in table_rows(Path(file), ["scene", "scale", "low", "high"])
+    }
+    seconds = {cells["scene"]: cells["seconds"] for _, cells in _with_seconds(Path(file))}
+    for scene in scenes:
+        place, cells = rows.get(scene, (file, {"scale": "", "low": "", "high": ""}))
+        try:
+            scale, low, high = (float(cells[one]) if cells[one] else None for one in ("scale", "low", "high"))
+            time_s = float(seconds[scene]) if seconds.get(scene) else None
+        except ValueError:
+            raise InputError.at(place, "scale, low, high, seconds", "numbers", dict(cells)) from None
+        if (scale is not None and not (low or scale) <= scale <= (high or scale) < math.inf) or (
+            low or scale or 1
+        ) <= 0:
+            raise InputError.at(place, "scale", "a positive number within low and high", (scale, low, high))
+        yield Prediction(name, scene, scale, low, high, time_s, f"{name}={scene}" not in tuned_on)
+
+
+def _with_seconds(file: Path) -> list[tuple[str, dict[str, str]]]:
+    """Return the rows of a file with the optional column `seconds`; none without it."""
+    if "seconds" not in file.read_text(encoding="utf-8").partition("\n")[0].split(","):
+        return []
+    return list(table_rows(file, ["scene", "seconds"]))
+
+
+def table(predictions: Sequence[Prediction], truths: dict[str, float]) -> str:
+    """Return a Markdown table with a row for each method, ranked scenes first; seen ones are separate rows."""
+    columns = ["method", "scenes", "refused", "median, %", "mean abs(ln)", "coverage", "interval score", "seconds"]
+    groups: dict[tuple[str, bool], list[Prediction]] = defaultdict(list)
+    for one in predictions:
+        groups[one.method, one.is_ranked].append(one)
+    lines = [table_head(columns)]
+    for (method, is_ranked), rows in sorted(groups.items(), key=lambda item: not item[0][1]):
+        given = [(one, math.log(truths[one.scene])) for one in rows if one.scale is not None]
+        errors = np.array([math.log(one.scale or 1) - truth for one, truth in given])
+        ends = [(math.log(one.low) - truth, math.log(one.high) - truth) for one, truth in given if one.low and one.high]
+        scores = [high - low + 2 / (1 - LEVEL) * max(low, -high, 0.0) for low, high in ends]
+        times = [one.seconds for one in rows if one.seconds is not None]
+        label = method if is_ranked else f"{method} (scenes seen)"
+        cells = [
+            f"{100 * np.median(np.abs(np.expm1(errors))):.1f}" if given else "–",
+            f"{np.abs(errors).mean():.3f}" if given else "–",
+            f"{np.mean([low <= 0 <= high for low, high in ends]):.2f}" if ends else "–",
+            f"{np.mean(scores):.2f}" if ends else "–",
+            f"{np.median(times):.1f}" if times else "–",
+        ]
+        lines.append(row_text([label, len(rows), len(rows) - len(given), *cells]))
+    return "\n".join(lines)
+
+
+def write_figure(predictions: Sequence[Prediction], truths: dict[str, float], file: Path) -> None:
+    """Draw the ratio of each estimate to the truth by method, with intervals and the reported errors of networks."""
+    import matplotlib as mpl
+
+    mpl.use("Agg")
+    import matplotlib.pyplot as plt
+
+    methods = list(dict.fromkeys(one.method for one in predictions))
+    scenes = list(dict.fromkeys(one.scene for one in predictions))
+    figure, axes = plt.subplots(figsize=(9, 1.6 + 0.42 * len(methods)), layout="constrained")
+    for row, scene in enumerate(scenes):
+        shown = [one for one in predictions if one.scene == scene and one.scale]
+        ratios = np.array([one.scale or 1 for one in shown]) / truths[scene]
+        places = np.array([methods.index(one.method) for one in shown]) + 0.6 * ((row + 0.5) / len(scenes) - 0.5)
+        ends = np.array([[one.low or one.scale, one.high or one.scale] for one in shown], float).reshape(-1, 2)
+        spans = np.abs(ends.T / truths[scene] - ratios)
+        axes.errorbar(ratios, places, xerr=spans, fmt="o", markersize=4, linewidth=1, label=scene)
+    for (name, error), style in zip(REPORTED.items(), ("--", ":"), strict=True):
+        for side in (1 / (1 + error), 1 + error):
+            axes.axvline(
+                side, color="0.5", linestyle=style, label=f"{name}: mean error {error:g}" if side > 1 else None
+            )
+    axes.axvline(1, color="k", linewidth=0.8)
+    axes.set_xscale("log")
+    ticks = [0.4, 0.5, 0.7, 0.8, 1, 1.25, 1.5, 2, 2.5]
+    axes.set_xticks(ticks, [f"{tick:g}" for tick in ticks], minor=False)
+    axes.xaxis.minorticks_off()
+    axes.set_yticks(range(len(methods)), methods)
+    axes.invert_yaxis()
+    axes.set_xlabel("estimated / true scale, with the stated interval")
+    axes.legend(loc="center left", bbox_to_anchor=(1.01, 0.5), frameon=False, fontsize=8)
+    figure.savefig(file, dpi=120)
+    plt.close(figure)
+
+
+def main(argv: Sequence[str] | None = None) -> int:
+    """Print the table, and write the figure and the page."""
+    options = _options(argv)
+    folders = scene_folders(options.scenes)
+    truths = {name: read_truth(folder).scale or 1.0 for name, folder in folders.items()} | {WALK: 1.0}
+    if options.list:
+        print("\n".join(f"{name}\t{folder}" for name, folder in folders.items()))
+        return 0
+    tree = metric_tree.open()
+    predictions = [] if options.only_predictions else [*our_predictions(folders, tree), *walk_predictions(tree)]
+    for entry in options.predictions:
+        predictions += read_predictions(entry, list(folders), options.tuned_on)
+    text = table(predictions, truths)
+    print(text)
+    if options.figure:
+        write_figure(predictions, truths, options.figure)
+    if options.write:
+        write_between(PAGE, "table", text)
+    return 0
+
+
+def _options(argv: Sequence[str] | None) -> argparse.Namespace:
+    parser = options_parser(__doc__)
+    parser.add_argument("--scenes", type=Path, action="append", default=[], help="folder of scenes with a truth.json")
+    parser.add_argument("--predictions", metavar="NAME=FILE", action="append", default=[], help="estimates of a method")
+    parser.add_argument(
+        "--tuned-on", metavar="NAME=SCENE", action="append", default=[], help="scene that is not ranked"
+    )
+    parser.add_argument("--only-predictions", action="store_true", help="do not run our methods")
+    parser.add_argument("--list", action="store_true", help="print the scenes and their folders")
+    parser.add_argument("--figure", type=Path, help="draw all estimates as PNG")
+    parser.add_argument("--write", action="store_true", help=f"write the table to {PAGE.name}")
+    return parser.parse_args(argv)
+
+
+if __name__ == "__main__":
+    sys.exit(main())

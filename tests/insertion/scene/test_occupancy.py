@@ -209,3 +209,75 @@ def test_some_cells_with_their_planes_numbered_anew() -> None:
     assert kept.log_luminance.tolist() == [0, 1, 2, 3, 9, 10, 11]
     assert kept.hue is not None
     assert (kept.diagonal, len(kept.hue), kept.positions[0].tolist()) == (5.0, 7, [0, 1, 2])
+
+
+@pytest.mark.parametrize(("z", "is_open"), [(12.6, True), (12.4, False)])
+def test_a_segment_starts_1_5_cells_above_its_surface(z: float, is_open: bool) -> None:
+    """The slab ends at 14."""
+    assert _grid(_slab(2)).is_unobstructed(_at(5.5, 5.5, z), UP, _at(5.5, 5.5, 20.5)).all() == is_open
+
+
+@pytest.mark.parametrize(("lamp", "is_open"), [(21.9, True), (22.6, False)])
+def test_the_last_2_cells_of_a_segment_are_not_tested(lamp: float, is_open: bool) -> None:
+    """A ceiling starts at 20."""
+    ceiling = np.zeros((SIDE,) * 3, bool)
+    ceiling[..., 20] = True
+    assert _grid(ceiling).is_unobstructed(_at(5.5, 5.5, 5.5), UP, _at(5.5, 5.5, lamp)).all() == is_open
+
+
+@pytest.mark.parametrize(("n", "is_full"), [(6, True), (5, False)])
+def test_a_full_cell_has_15_percent_of_the_median_number_of_points(n: int, is_full: bool) -> None:
+    """Other cells have 40 points."""
+    points = np.concatenate([np.repeat(_wall_points(), 40, axis=0), np.tile([[2.0, 2.0, 1.5]], (n, 1))])
+    grid = occupancy_of(ColouredPoints(points, np.ones((len(points), 3), np.float32), True))
+    cell = tuple(((np.array([2.0, 2.0, 1.5]) - grid.origin) / grid.cell).astype(int))
+    assert (grid.distance[cell] == 0) == is_full
+
+
+def _clusters(n: int, n_points: int) -> ColouredPoints:
+    """Clusters of points on a floor of 1 by 1."""
+    side = int(np.ceil(np.sqrt(n)))
+    x, y = (grid.ravel()[:n] for grid in np.meshgrid(np.arange(side) / side, np.arange(side) / side))
+    jitter = np.random.default_rng(0).uniform(-0.003, 0.003, (n, n_points, 2))
+    flat = (np.column_stack([x, y])[:, None] + jitter).reshape(-1, 2)
+    return ColouredPoints(np.column_stack([flat, 0 * flat[:, 0]]), np.full((len(flat), 3), 0.3, np.float32), True)
+
+
+@pytest.mark.parametrize(("n", "n_points", "has_cells"), [(47, 3, True), (46, 3, False), (100, 2, False)])
+def test_cells_have_3_points_of_at_least_140(n: int, n_points: int, has_cells: bool) -> None:
+    assert bool(len(find_plane_cells(_clusters(n, n_points), UP).plane)) == has_cells
+
+
+@pytest.mark.parametrize(("level", "has_cells"), [(0.0039, False), (0.0041, True), (0.89, True), (0.91, False)])
+def test_points_of_planes_are_neither_dark_nor_clipped(level: float, has_cells: bool) -> None:
+    room = _wall_points()
+    cloud = ColouredPoints(room, np.full((len(room), 3), level, np.float32), True)
+    assert bool(len(find_plane_cells(cloud, np.ones((1, 3))).plane)) == has_cells
+
+
+def test_a_plane_is_divided_into_at_most_3_paints() -> None:
+    floor = np.column_stack([np.random.default_rng(0).uniform(0, 4, (4000, 2)), np.zeros(4000)])
+    colours = np.full((4000, 3), 0.3, np.float32)
+    colours[:, 0] *= np.exp(0.4 * np.floor(floor[:, 0])).astype(np.float32)
+    colours *= 0.5
+    assert len(np.unique(find_plane_cells(ColouredPoints(floor, colours, True), UP).plane)) == 3
+
+
+@pytest.mark.parametrize(("n_second", "n_planes"), [(16, 2), (14, 1)])
+def test_a_plane_has_1_5_percent_of_the_points(n_second: int, n_planes: int) -> None:
+    points = np.random.default_rng(0).uniform(0, 1, (1000, 3)) * [1, 1, 0]
+    points[:n_second, 2] = 1.0
+    assert len(fit_planes(points, np.repeat(UP, 1000, axis=0), 0.01)) == n_planes
+
+
+@pytest.mark.parametrize(("cosine", "n_planes"), [(0.86, 1), (0.84, 2)])
+def test_normals_of_a_plane_have_a_cosine_of_85_percent(cosine: float, n_planes: int) -> None:
+    points = np.random.default_rng(0).uniform(0, 1, (400, 3)) * [1, 1, 0]
+    normals = np.repeat(UP, 400, axis=0)
+    normals[:200] = [np.sqrt(1 - cosine**2), 0, cosine]
+    assert len(fit_planes(points, normals, 1.0)) == n_planes
+
+
+def test_at_most_14_planes_are_found() -> None:
+    points = np.random.default_rng(0).uniform(0, 1, (1600, 3)) * [1, 1, 0] + np.arange(1600)[:, None] % 16 * UP
+    assert len(fit_planes(points, np.repeat(UP, 1600, axis=0), 0.01)) == 14

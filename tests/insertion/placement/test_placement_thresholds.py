@@ -6,6 +6,7 @@ The camera looks down from a height of 3 with a focal length of 500 pixels, or a
 from __future__ import annotations
 
 from collections.abc import Sequence
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -16,10 +17,14 @@ from estimator.records.scene import Camera, Instance, View
 from insertion.placement.at_pixel import level_point, placement_at_pixel
 from insertion.placement.free_space import free_positions, positions_on_surface
 from insertion.placement.on_category import highest_level, placement_on_category, points_of_objects
+from insertion.placement.placed_object import place_objects
 from insertion.placement.placement import Placement, PlacementError, PlacementSpace, heading
+from insertion.request import ObjectRequest
 from insertion.scene.point_cloud import ColouredPoints
 from insertion.scene.supports import SupportSurfaces, Surface, free_cells, surface_of
 from metric_base.arrays import BoolArray, FloatArray
+from tests.synthetic.insertions import write_glb
+from tests.synthetic.rooms.shapes import solid
 
 FOCAL, WIDTH, HEIGHT, EYE_HEIGHT = 500.0, 640, 480, 3.0
 X, Y = WIDTH / 2, HEIGHT / 2
@@ -415,3 +420,39 @@ def test_obstacles_are_8_to_100_percent_of_the_height_of_the_object(height: floa
     free: BoolArray = free_cells(surface(obstacles=np.array([[0.05, 0.05, height]])), 0.01, 1.0)
     assert free[5, 5] == is_free
     assert free.sum() == (100 if is_free else 99)
+
+
+# ------------------------------------------------------------------------------------------------------ placed objects
+@pytest.mark.parametrize(
+    ("x", "z", "n", "intersects"),
+    [
+        (0.0, 0.5, 3, False),  # of 10,000 points
+        (0.0, 0.5, 4, True),
+        (0.44, 0.5, 9, True),
+        (0.46, 0.5, 9, False),
+        (-0.44, 0.5, 9, True),
+        (-0.46, 0.5, 9, False),
+        (0.0, 0.16, 9, True),
+        (0.0, 0.14, 9, False),
+        (0.0, 0.94, 9, True),
+        (0.0, 0.96, 9, False),
+    ],
+)
+def test_more_than_3_of_10000_points_well_inside_an_object_are_reported(
+    x: float, z: float, n: int, intersects: bool, tmp_path: Path
+) -> None:
+    """The object is a cube of 1 m; its foot and a margin of 5 % contain points of its support."""
+    file = write_glb(solid("book", np.array([1.0, 1.0, 1.0])), tmp_path / "box.glb")
+    points = np.vstack([np.tile([x, 0.0, z], (n, 1)), np.tile([0.0, 5.0, 0.0], (10_000 - n, 1))])
+    scene = space(points, surface(shape=(30, 30)), views=(view((0, -5, 2), ALONG_Y),))
+    (placed,) = place_objects([ObjectRequest(file, plane=0)], scene, [])
+    assert placed.warnings == (("box.glb: intersects points of the scene",) if intersects else ())
+
+
+@pytest.mark.parametrize(("n_views", "n_points"), [(24, 1), (25, 0)])
+def test_at_most_24_views_vote_on_the_points_of_an_object(n_views: int, n_points: int) -> None:
+    """Odd views and the first three others have the point in a mask; of 25 views, the odd ones are not used."""
+    scene = space(line(20), views=(view(),) * n_views)
+    masks = [columns(k, 195, 395 if k % 2 or k < 6 else 295) for k in range(n_views)]
+    (points,) = points_of_objects(scene, masks)
+    assert (len(points) - 10) // 10 == n_points

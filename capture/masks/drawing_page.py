@@ -19,7 +19,7 @@ import numpy as np
 
 from capture.masks.instances_file import coco_document
 from estimator.geometry.outline_measurement import MIN_BOX_VIEWS
-from estimator.instances.view_matching import image_file
+from estimator.reconstructions.image_files import image_file
 from estimator.records.scene import Scene
 from estimator.results.object_priors import resolve_categories
 from metric_base.errors import InputError, Unquoted

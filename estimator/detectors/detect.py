@@ -8,7 +8,8 @@ from pathlib import Path
 import cv2
 
 from estimator.detectors.detector import MIN_SCORE, Detections, Detector
-from estimator.instances.view_matching import image_file, image_folders, mask_crop
+from estimator.instances.view_matching import mask_crop
+from estimator.reconstructions.image_files import image_file, image_folders
 from estimator.records.scene import Instance, Scene, View
 from metric_base.errors import InputError, Unquoted, in_file
 from metric_base.images import read_picture

@@ -19,7 +19,8 @@ import numpy as np
 from estimator.evidence.alignment import Alignment, align, least_squares
 from estimator.evidence.source import CameraPath, skipped_evidence
 from estimator.geometry.vertical import MAX_TILT_SIGMAS, MAX_UP_ERROR_DEG, OBSERVED_METHODS
-from estimator.instances.view_matching import ViewLookup, image_file, image_folders
+from estimator.instances.view_matching import ViewLookup
+from estimator.reconstructions.image_files import image_file, image_folders
 from estimator.records.objects import Measurements, Up
 from estimator.records.result import ScaleEvidence
 from estimator.records.scene import Scene

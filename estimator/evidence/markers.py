@@ -19,8 +19,8 @@ import numpy as np
 
 from estimator.evidence.alignment import align
 from estimator.evidence.source import skipped_evidence
-from estimator.instances.view_matching import image_file, image_folders
 from estimator.projection.cameras import pixels_in_view, view_rays
+from estimator.reconstructions.image_files import image_file, image_folders
 from estimator.records.objects import Measurements
 from estimator.records.result import ScaleEvidence
 from estimator.records.scene import Scene, View, camera_centres

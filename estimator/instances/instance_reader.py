@@ -11,8 +11,9 @@ from estimator.instances.coco import ignored_categories, is_panoptic, read_coco,
 from estimator.instances.label_images import CATEGORIES, read_label_images
 from estimator.instances.labelme import is_labelme, read_labelme
 from estimator.instances.mask_arrays import LABELS, MASK_SUFFIXES, read_mask_files
-from estimator.instances.view_matching import ViewLookup, finish_instances, folders_above, mask_crop
+from estimator.instances.view_matching import ViewLookup, finish_instances, mask_crop
 from estimator.instances.yolo import NAME_FILES, read_yolo
+from estimator.reconstructions.image_files import folders_above
 from estimator.records.scene import Instance, Scene
 from metric_base.arrays import BoolArray
 from metric_base.errors import InputError, Unquoted, at_field, in_file

@@ -15,11 +15,11 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from estimator.instances.view_matching import image_file, image_folders
 from estimator.outputs.ground_truth import read_truth
 from estimator.outputs.label_placement import place_labels
 from estimator.outputs.size_labels import DimensionLabel, dimension_labels
 from estimator.projection.cameras import project
+from estimator.reconstructions.image_files import image_file, image_folders
 from estimator.records.objects import EDGES, Box, MeasuredObject, corners, edge_axis
 from estimator.records.result import ObjectReport, Status
 from estimator.records.scene import Scene, View

@@ -9,8 +9,8 @@ import numpy as np
 from scipy.sparse import csr_array
 from scipy.sparse.csgraph import connected_components
 
-from estimator.instances.view_matching import image_file, image_folders
 from estimator.projection.cameras import project
+from estimator.reconstructions.image_files import image_file, image_folders
 from estimator.records.scene import Scene, SceneProblem, camera_centres
 from metric_base.arrays import IntArray
 from metric_base.images import image_header

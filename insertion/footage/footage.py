@@ -11,7 +11,7 @@ import numpy as np
 
 from capture.frame_poses import FILE_NAME, FramePoses, read_frame_poses
 from capture.sources.video import VIDEO_SUFFIXES, Video
-from estimator.instances.view_matching import image_file, image_folders
+from estimator.reconstructions.image_files import image_file, image_folders
 from estimator.records.scene import Scene, View
 from insertion.colour import Image
 from metric_base.errors import InputError

@@ -41,6 +41,7 @@ MAX_SHOWN_DIFFERENCE = 0.03
 #: Patterns of commands that do not run here, and the reason.
 NOT_RUN = {
     r"^pip install ": "reads the package index; `make release-check` installs the wheel",
+    r"^(python -m venv trainer|trainer/bin/)": "needs PyTorch; `make train-check` trains a small network",
     r"^make ": "sets up the repository, or runs all tests",
     r"^docker ": "needs Docker",
     r"^metric-tree serve( |$)": "does not end; its addresses are requested below",

@@ -19,7 +19,8 @@ from pycocotools import mask as coco
 from estimator.instances import view_matching
 from estimator.instances.instance_reader import read_instances, read_instances_and_warnings
 from estimator.instances.mask_decoding import box_mask, decode_segmentation
-from estimator.instances.view_matching import image_folders, mask_crop
+from estimator.instances.view_matching import mask_crop
+from estimator.reconstructions.image_files import image_folders
 from estimator.records.scene import Camera, Instance, Scene, View
 from metric_base.errors import FieldError, InputError
 

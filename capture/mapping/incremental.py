@@ -16,7 +16,13 @@ from typing import Any
 import msgspec
 import numpy as np
 
-from capture.mapping.camera_models import CANDIDATE_MODELS, CameraModelChoice, chosen_model, model_scores
+from capture.mapping.camera_models import (
+    CANDIDATE_MODELS,
+    CameraModelChoice,
+    chosen_model,
+    focal_change,
+    model_scores,
+)
 from capture.mapping.covariance import standard_deviations
 from capture.mapping.model_metrics import lens_bend, model_metrics, residual_pattern, residuals_of
 from capture.mapping.refusals import (
@@ -24,6 +30,7 @@ from capture.mapping.refusals import (
     MAX_CONTRADICTED_RATIO,
     MAX_STEP_STD,
     MIN_COMPARED_PATTERN,
+    MIN_WARNED_FOCAL_VARIATION,
     MIN_WHOLE_RATIO,
 )
 from capture.mapping.triplets import agreement, model_triplets
@@ -123,8 +130,14 @@ def finish(request: Request) -> dict[str, Any]:
     model.write_binary(str(folder))
     focal_std, steps = standard_deviations(model)
     figures = model_metrics(folder, focal_std, agreed)
+    may_zoom = len(model.cameras) == 1 and (figures.focal_spread or 0.0) > MIN_WARNED_FOCAL_VARIATION
+    change, change_error = focal_change(folder) if may_zoom else (0.0, 0.0)
     figures = msgspec.structs.replace(
-        figures, step_deviation=max(steps.values(), default=None), undetermined=tuple(sorted(undetermined))
+        figures,
+        focal_change=change,
+        focal_change_error=change_error,
+        step_deviation=max(steps.values(), default=None),
+        undetermined=tuple(sorted(undetermined)),
     )
     return {
         "model": msgspec.to_builtins(figures),

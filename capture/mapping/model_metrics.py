@@ -33,7 +33,7 @@ class ModelMetrics(msgspec.Struct, frozen=True, kw_only=True):
     aspect: float = 1.0  #: Ratio of the larger to the smaller focal length across and down.
     focal_deviation: float | None = None  #: Standard deviation of the focal length, relative, for residuals of 1 px.
     focal_spread: float | None = None  #: Standard deviation of the frames' own focal lengths beyond their noise.
-    focal_change: float = 0.0  #: Relative change of the focal length from the first to the last frame.
+    focal_change: float = 0.0  #: `focal_change`, if `focal_spread` is large.
     focal_change_error: float = 0.0  #: Standard error of `focal_change`.
     pattern: float = 0.0  #: `residual_pattern`.
     triplets: int = 0  #: Number of triplets of frames within the largest part.
@@ -66,7 +66,6 @@ def model_metrics(folder: Path, focal_deviation: float | None, agreed: TripletAg
     residuals, pixels, size = residuals_of(scene)
     values = dict(zip(CAMERA_MODELS[camera.model][1], camera.params, strict=True))
     ratio = float(values.get("fy", 1.0) / values.get("fx", 1.0))
-    spread, change, change_error = focal_variation(scene) or (None, 0.0, 0.0)
     return ModelMetrics(
         names=tuple(view.name for view in scene.views),
         points=len(scene.points),
@@ -77,9 +76,7 @@ def model_metrics(folder: Path, focal_deviation: float | None, agreed: TripletAg
         camera=camera.model,
         aspect=max(ratio, 1 / ratio) if ratio > 0 else float("inf"),
         focal_deviation=focal_deviation,
-        focal_spread=spread,
-        focal_change=change,
-        focal_change_error=change_error,
+        focal_spread=focal_variation(scene),
         pattern=residual_pattern(residuals, pixels, size),
         triplets=agreed.triplets,
         contradicted=agreed.contradicted,

@@ -68,33 +68,18 @@ def refined_pose(
     return matrix[:, :3], matrix[:, 3]
 
 
-def focal_variation(scene: Scene) -> tuple[float, float, float] | None:
-    """Return how the frames' own focal lengths vary, or None if fewer than three frames have enough points.
+def focal_variation(scene: Scene) -> float | None:
+    """Return the standard deviation of the logarithm of the frames' own focal lengths, beyond that of their noise.
 
     The pose and the focal length of each frame are fitted to the points of the model, which are held. A zoom that one
     shared focal length had to explain, or moving objects, leave frames that disagree; the residuals hardly show it.
-
-    Returns
-    -------
-    spread : float
-        Standard deviation of the logarithm of the focal lengths, beyond that of their noise.
-    change : float
-        Change of the logarithm from the first to the last frame in the order of the names, by linear regression.
-    error : float
-        Standard error of the change, by the scatter about the regression line.
+    Returns None if fewer than three frames have enough points.
     """
-    views = sorted(scene.views, key=lambda view: view.name)
-    rows = [_focal_factor(scene, view) for view in views if len(view.point_index) >= MIN_FOCAL_POINTS]
+    rows = [_focal_factor(scene, view) for view in scene.views if len(view.point_index) >= MIN_FOCAL_POINTS]
     if len(rows) < 3 or not np.isfinite(rows).all():  # a diverged camera model has no rays
         return None
     factors, errors = np.array(rows).T
-    logs = np.log(np.clip(factors, 0.1, 10.0))
-    spread = float(np.sqrt(max(np.var(logs) - np.mean(errors**2), 0.0)))
-    position = np.linspace(-0.5, 0.5, len(logs))
-    change = float(position @ logs / (position @ position))
-    scatter = logs - logs.mean() - change * position
-    error = float(np.sqrt(scatter @ scatter / (len(logs) - 2) / (position @ position)))
-    return spread, change, error
+    return float(np.sqrt(max(np.var(np.log(np.clip(factors, 0.1, 10.0))) - np.mean(errors**2), 0.0)))
 
 
 def _focal_factor(scene: Scene, view: View) -> tuple[float, float]:

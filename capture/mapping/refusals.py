@@ -59,7 +59,8 @@ FOCAL_RANGE, STATED_MARGIN = (0.3, 8.0), 1.25
 #: degrees 0.02, by 0.3 degrees 0.07, by none 0.5 and more. The errors are as large: 0.003, 0.01, 0.07, 0.4 to 0.8.
 MAX_FOCAL_STD = 0.1
 #: Minimum `focal_change` of a zoom, and in standard errors. Aerial images from above have frames that differ by 1 to
-#: 2 % at random; a zoom of 15 % changes the focal length steadily, and the shared one is wrong by 16 %.
+#: 2 % at random; a zoom of 30 % during a walk is found as 31 % with an error of 0.2 %, and the shared focal length is
+#: wrong by 13 to 23 %.
 MIN_ZOOM, MIN_ZOOM_ERRORS = 0.1, 4.0
 #: `focal_spread` with a warning: with all furniture moving by 3 cm a frame it is 0.0039, and the error 12 %. Of 68
 #: right models of real sets and their parts 6 have more.
@@ -89,8 +90,8 @@ MAX_CONTRADICTED_RATIO, MIN_BROKEN_FRAMES = 0.05, 2
 #: frame of 13 other models has more than 0.06.
 MAX_STEP_STD = 0.1
 #: Failures that become warnings if the global mapper finds the same path and all frames are placed. It does not
-#: test an undetermined focal length: both mappers agree on the same wrong one.
-DISPUTABLE = frozenset({"drift", "focal_length_changes", "implausible_focal_length"})
+#: test an undetermined or a changing focal length: both mappers agree on the same wrong one.
+DISPUTABLE = frozenset({"drift", "implausible_focal_length"})
 #: Maximum distance of the paths of two mappers that agree, relative to the extent.
 MAX_DISAGREEMENT = 0.01
 

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from capture.mapping.camera_models import CameraModelChoice, ModelScore, chosen_model, start_params
+from capture.mapping.camera_models import CameraModelChoice, ModelScore, chosen_model, focal_change, start_params
 from capture.mapping.incremental import compare_camera_models
 from capture.mapping.mapper import camera_model_failure
 from capture.mapping.model_metrics import residual_pattern
@@ -17,8 +17,12 @@ from estimator.reconstructions.pycolmap_library import pycolmap
 WIDE = [375.0, 375.0, 424.0, 240.0, 0.043, 0.041, -0.037, 0.01]
 
 
-def _model(folder: Path, model: str, params: list[float]) -> Path:
-    """Twelve cameras that walk and turn before points that fill their images, with a third of a pixel of noise."""
+def _model(folder: Path, model: str, params: list[float], zoom: float = 1.0) -> Path:
+    """Twelve cameras that walk and turn before points that fill their images, with a third of a pixel of noise.
+
+    The focal length grows by the factor `zoom` from the first to the last frame, and the model states that of the
+    middle.
+    """
     generator = np.random.default_rng(0)
     reconstruction = pycolmap.Reconstruction()
     lens = pycolmap.Camera(model=model, width=848, height=480, params=params, camera_id=1)
@@ -30,10 +34,11 @@ def _model(folder: Path, model: str, params: list[float]) -> Path:
         pose = pycolmap.Rigid3d(pycolmap.Rotation3d(turn.as_quat()), -turn.apply([0.3 * number, 0.1 * (number % 4), 0]))
         local = turn.apply(points) + pose.translation
         pixels = np.asarray(lens.img_from_cam(local)) + generator.normal(0, 0.3, (len(points), 2))
+        pixels = (pixels - (424, 240)) * zoom ** ((number - 6.5) / 11) + (424, 240)
         angle = np.linalg.norm(local[:, :2], axis=1) / local[:, 2]
         inside = (local[:, 2] > 0.5) & (angle < 2) & (pixels > 0).all(axis=1) & (pixels < (848, 480)).all(axis=1)
         rows = np.flatnonzero(inside)
-        image = pycolmap.Image(name=f"{number}.jpg", keypoints=pixels[rows], camera_id=1, image_id=number)
+        image = pycolmap.Image(name=f"{number:02d}.jpg", keypoints=pixels[rows], camera_id=1, image_id=number)
         reconstruction.add_image_with_trivial_frame(image, pose)
         for place, row in enumerate(rows):
             observed[row].append((number, place))
@@ -117,6 +122,15 @@ def test_another_model_starts_where_the_first_one_ended(model: str) -> None:
     other = pycolmap.Camera(model=model, width=848, height=480, params=start_params(lens, model))
     pixels = np.array([[424.0, 240.0], [800.0, 240.0], [424.0, 30.0], [100.0, 400.0]])
     assert np.asarray(other.img_from_cam(lens.cam_ray_from_img(pixels))) == pytest.approx(pixels, abs=0.5)
+
+
+@pytest.mark.parametrize("zoom", [1.0, 1.15, 0.8])
+def test_the_change_of_the_focal_length_is_that_of_a_zoom(tmp_path: Path, zoom: float) -> None:
+    """Points and poses of the model are bent by the shared focal length, and are adjusted together with the frames'."""
+    folder = _fitted(_model(tmp_path / "zoomed", "SIMPLE_RADIAL", [700.0, 424.0, 240.0, 0.0], zoom), "SIMPLE_RADIAL")
+    change, error = focal_change(folder)
+    assert change == pytest.approx(np.log(zoom), abs=0.03)
+    assert error < 0.02
 
 
 def test_noise_is_no_pattern() -> None:

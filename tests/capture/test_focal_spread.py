@@ -9,7 +9,6 @@ import numpy as np
 import pytest
 
 from capture.mapping.pose_refinement import focal_variation
-from capture.mapping.refusals import MIN_ZOOM_ERRORS
 from estimator.projection.cameras import project
 from estimator.records.scene import Scene
 from tests.synthetic.walk import synthetic_walk
@@ -32,23 +31,16 @@ def _seen(scene: Scene, zoom: float, noise_px: float) -> Scene:
 
 
 def test_a_steady_lens_has_none(tmp_path: Path) -> None:
-    variation = focal_variation(_seen(synthetic_walk(tmp_path).scene, 0.0, 0.3))
-    assert variation is not None
-    spread, change, error = variation
+    spread = focal_variation(_seen(synthetic_walk(tmp_path).scene, 0.0, 0.3))
+    assert spread is not None
     assert spread < 0.0005
-    assert abs(change) < 4 * error
 
 
 @pytest.mark.parametrize("zoom", [0.05, 0.3])
 def test_a_zoom_is_its_spread(tmp_path: Path, zoom: float) -> None:
     scene = synthetic_walk(tmp_path).scene
     true = np.std(np.linspace(0, np.log1p(zoom), len(scene.views)))
-    variation = focal_variation(_seen(scene, zoom, 0.3))
-    assert variation is not None
-    spread, change, error = variation
-    assert spread == pytest.approx(true, rel=0.05)
-    assert change == pytest.approx(np.log1p(zoom), rel=0.05)
-    assert error < change / MIN_ZOOM_ERRORS
+    assert focal_variation(_seen(scene, zoom, 0.3)) == pytest.approx(true, rel=0.05)
 
 
 def test_two_frames_say_nothing(tmp_path: Path) -> None:

@@ -44,22 +44,19 @@ UPDATE_WEIGHT = 0.35
 BLUR_UPDATE_WEIGHT = 0.8
 #: Number of levels of brightness with separate grain.
 GRAIN_BINS = 8
-#: Minimum number of pixels for the grain of one level of brightness.
-MIN_BIN_PIXELS = 150
-#: Minimum number of flat pixels for the grain.
-MIN_FLAT_PIXELS = 200
-#: Fraction of the pixels that are flat: those with the smallest gradients.
-FLAT_FRACTION = 0.3
+#: Side in pixels of the squares in which grain is measured, and minimum number of squares of one level of brightness.
+SQUARE_PX, MIN_BIN_SQUARES = 8, 12
+#: Quantile of the standard deviations of the squares that is the grain, because the plainest squares have no texture,
+#: and its ratio to the standard deviation of grain without texture: squares have few independent pixels.
+PLAIN_QUANTILE, PLAIN_RATIO = 0.15, 0.91
 #: Range of grey levels with grain: the black border of a lens and clipped pixels have none.
 GRAIN_LEVELS = (4, 251)
-#: Maximum ratio of the grain to the finest differences in the frame; smoother variation is texture.
+#: Maximum ratio of the grain of a square to its finest differences; smoother variation is texture.
 MAX_GRAIN_RATIO = 2.6
-#: Quantile of the squares of the frame, and their side in pixels, that determines the finest differences.
-FINEST_QUANTILE, SQUARE_PX = 0.35, 8
-#: Maximum smoothness of the grain in pixels (standard deviation), in frames with texture and in others.
-MAX_TEXTURED_GRAIN_PX, MAX_GRAIN_PX = 0.6, 1.2
-#: Maximum correlation of the grain of two channels.
-MAX_COMMON = 0.98
+#: Maximum smoothness of the grain in pixels (standard deviation).
+MAX_GRAIN_PX = 1.2
+#: Standard deviation of the blur that removes the content of a frame, in pixels.
+CONTENT_PX = 2.0
 #: Number of frames of a video that share one measurement of the grain.
 GRAIN_FRAMES = 30
 _Grey = NDArray[np.float32]
@@ -229,7 +226,7 @@ def limit_widths(covariance: NDArray[np.float64], min_px: float, max_px: float) 
 
 
 def measure_grain(image: Image, grey: _Grey) -> tuple[NDArray[np.float64], float, float]:
-    """Measure the grain of a frame in its flattest parts.
+    """Measure the grain of a frame in its plainest squares.
 
     Parameters
     ----------
@@ -249,77 +246,40 @@ def measure_grain(image: Image, grey: _Grey) -> tuple[NDArray[np.float64], float
     """
     import cv2
 
-    # 1. Flat pixels, and their differences from the blurred frame.
-    none = np.zeros((GRAIN_BINS, 3)), 0.0, 0.0
+    # 1. Squares (n, SQUARE_PX, SQUARE_PX, 7) of grey level, colour, and colour without the content of the frame.
     colour = image.astype(np.float32)
-    base = cv2.GaussianBlur(grey, (0, 0), 2.0)
-    residual, residuals = grey - base, colour - cv2.GaussianBlur(colour, (0, 0), 2.0)
-    slope = cv2.GaussianBlur(np.hypot(*gradients(base)), (0, 0), 2.0)
-    is_flat = (grey > GRAIN_LEVELS[0]) & (grey < GRAIN_LEVELS[1])
-    if np.count_nonzero(is_flat) < MIN_FLAT_PIXELS:
-        return none
-    is_flat &= slope <= np.quantile(slope[is_flat], FLAT_FRACTION)
-    if np.count_nonzero(is_flat) < MIN_FLAT_PIXELS:
-        return none
+    stacked = np.dstack([grey, colour, colour - cv2.GaussianBlur(colour, (0, 0), CONTENT_PX)])
+    rows, columns = (side // SQUARE_PX for side in grey.shape)
+    stacked = stacked[: rows * SQUARE_PX, : columns * SQUARE_PX].reshape(rows, SQUARE_PX, columns, SQUARE_PX, 7)
+    squares = stacked.swapaxes(1, 2).reshape(-1, SQUARE_PX, SQUARE_PX, 7)
+    low, high = squares[..., 0].min(axis=(1, 2)), squares[..., 0].max(axis=(1, 2))
+    squares = squares[(low > GRAIN_LEVELS[0]) & (high < GRAIN_LEVELS[1])]
+    if len(squares) < MIN_BIN_SQUARES:
+        return np.zeros((GRAIN_BINS, 3)), 0.0, 0.0
 
-    # 2. Standard deviation by brightness without the grain: brightness with it would select tails of the grain.
-    max_sigma = MAX_GRAIN_RATIO * finest_difference(grey)
-    flat = residuals[is_flat]  # (n, 3)
-    overall = np.array([robust_width(flat[:, k]) for k in range(3)])
-    sigma = np.tile(overall, (GRAIN_BINS, 1))
-    bins = np.clip((colour[is_flat] - flat) / 256 * GRAIN_BINS, 0, GRAIN_BINS - 1).astype(np.int64)
+    # 2. Standard deviation by brightness and channel; white grain has that of its diagonal differences.
+    residuals = squares[..., 4:]
+    diagonal = (residuals[:, 1:, 1:] - residuals[:, 1:, :-1] - residuals[:, :-1, 1:] + residuals[:, :-1, :-1]) / 2
+    widths = np.minimum(residuals.std(axis=(1, 2)), MAX_GRAIN_RATIO * diagonal.std(axis=(1, 2)))  # (n, 3)
+    bins = np.clip(squares[..., 1:4].mean(axis=(1, 2)) / 256 * GRAIN_BINS, 0, GRAIN_BINS - 1).astype(np.int64)
+    sigma = np.tile(np.quantile(widths, PLAIN_QUANTILE, axis=0), (GRAIN_BINS, 1))
     for channel in range(3):
         for index in range(GRAIN_BINS):
-            in_bin = flat[:, channel][bins[:, channel] == index]
-            if len(in_bin) > MIN_BIN_PIXELS:
-                sigma[index, channel] = robust_width(in_bin)
+            in_bin = widths[bins[:, channel] == index, channel]
+            if len(in_bin) >= MIN_BIN_SQUARES:
+                sigma[index, channel] = np.quantile(in_bin, PLAIN_QUANTILE)
 
-    # 3. Smoothness, from the correlation of neighbours: that of white noise blurred by s is exp(-1 / (4 s^2)).
-    both = is_flat[:, 1:] & is_flat[:, :-1]
-    variance = max(float(np.mean(residual[is_flat] ** 2)), 1e-9)
-    correlation = float(np.mean(residual[:, 1:][both] * residual[:, :-1][both]) / variance)
+    # 3. Smoothness, from the correlation of neighbours in the plainer half of the squares: that of white noise blurred
+    #    by s is exp(-1 / (4 s^2)).
+    width = widths.mean(axis=1)
+    plain = residuals[width <= np.median(width)]
+    mixed = plain @ np.array([0.299, 0.587, 0.114], np.float32)
+    variance = max(float(np.mean(mixed**2)), 1e-9)
+    correlation = float(np.mean(mixed[:, :, 1:] * mixed[:, :, :-1]) / variance)
     smoothness = float(np.sqrt(-0.25 / np.log(correlation))) if 0.02 < correlation < 0.95 else 0.0
-    scaled = flat / np.maximum(flat.std(axis=0), 1e-6)
-    common = np.mean(scaled * np.roll(scaled, 1, axis=1))
-    is_textured = bool(overall.mean() > max_sigma)
-    smoothness = min(smoothness, MAX_TEXTURED_GRAIN_PX if is_textured else MAX_GRAIN_PX)
-    return np.minimum(sigma, max_sigma), smoothness, float(np.clip(common, 0.0, MAX_COMMON))
-
-
-def robust_width(residuals: NDArray[np.float32]) -> float:
-    """Return the standard deviation of levels (n,), from the wider of their central half and two thirds.
-
-    Most of the levels may be 0 after rounding.
-    """
-    half, two_thirds = np.percentile(np.abs(residuals - np.median(residuals)), [50, 68.27])
-    return float(max(half / 0.6745, two_thirds))
-
-
-def finest_difference(grey: _Grey) -> float:
-    """Return the standard deviation of diagonal differences of neighbours in the plainest squares of a grey image.
-
-    White grain has its own standard deviation. Texture, which is smooth between pixels, has a small one.
-
-    Parameters
-    ----------
-    grey : (h, w) ndarray of float32
-        Grey levels, 0 to 255.
-
-    Returns
-    -------
-    float
-        Infinity without a square that is neither black nor clipped.
-    """
-    diagonal = (grey[:-1, :-1] - grey[1:, :-1] - grey[:-1, 1:] + grey[1:, 1:]) / 2
-    rows, columns = (side // SQUARE_PX for side in diagonal.shape)
-    if not rows * columns:
-        return float("inf")
-    shape = (rows, SQUARE_PX, columns, SQUARE_PX)
-    differences, levels = (part[: rows * SQUARE_PX, : columns * SQUARE_PX].reshape(shape) for part in (diagonal, grey))
-    is_exposed = (levels.min(axis=(1, 3)) > GRAIN_LEVELS[0]) & (levels.max(axis=(1, 3)) < GRAIN_LEVELS[1])
-    if not is_exposed.any():
-        return float("inf")
-    return float(np.quantile(np.sqrt((differences**2).mean(axis=(1, 3)))[is_exposed], FINEST_QUANTILE))
+    scaled = plain / np.maximum(plain.std(axis=(0, 1, 2)), 1e-6)
+    common = float(np.mean(scaled * np.roll(scaled, 1, axis=-1)))
+    return sigma / PLAIN_RATIO, min(smoothness, MAX_GRAIN_PX), float(np.clip(common, 0.0, 1.0))
 
 
 def grain(look: CameraLook, box: PixelBox, levels: NDArray[np.float32], seed: int) -> NDArray[np.float32]:

@@ -141,8 +141,7 @@ def placement_on_plane(space: PlacementSpace, plane: int, offset: FloatArray, ca
     surface = surfaces[plane]
     position = plane_point(surface, offset)
     if not surface.contains((surface.plane.basis[:2] @ position)[None])[0]:
-        how = "--preview lists valid positions"
-        raise PlacementError(f"--xy: the point is outside the observed part of plane {plane}; {how}")
+        raise PlacementError(f"--xy: the point is outside the observed part of plane {plane}; {REMEDY}")
     return Placement(position, surface.plane.basis, camera, f"plane {plane}", plane)
 
 

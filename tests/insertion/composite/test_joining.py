@@ -6,6 +6,7 @@ from dataclasses import replace
 from types import SimpleNamespace
 from typing import Any
 
+import cv2
 import numpy as np
 import pytest
 
@@ -210,18 +211,21 @@ def test_the_grain_of_a_picture_is_read_off_by_brightness() -> None:
     )
 
 
-def test_the_spread_of_levels_and_of_what_is_finest() -> None:
-    generator = np.random.default_rng(0)
-    levels = generator.normal(5.0, 3.0, 40000).astype(np.float32)
-    assert match.robust_width(levels) == pytest.approx(3.0, rel=0.03)
-    assert match.robust_width(np.array([0] * 65 + [-1, 1] * 20, np.float32)) == 1.0
-    white = generator.normal(100, 3.0, (160, 160)).astype(np.float32)
-    assert match.finest_difference(white) == pytest.approx(3.0, rel=0.08)
-    assert match.finest_difference(
-        np.fromfunction(lambda y, x: 50 + x + 0.5 * y, (80, 80)).astype(np.float32)
-    ) == pytest.approx(0)
-    assert match.finest_difference(white[:8, :8]) == np.inf
-    assert match.finest_difference(0 * white) == np.inf
+@pytest.mark.parametrize("texture", [0.0, 12.0])
+@pytest.mark.parametrize("chroma", [1.0, 5.0])
+def test_grain_of_each_channel_is_that_of_the_plate_beside_texture(texture: float, chroma: float) -> None:
+    """Three quarters have a texture, which was taken for grain; the noise of blue was cut to that of grey."""
+    generator = np.random.default_rng(4)
+    levels = np.where(np.arange(320) < 160, 40, 150)[None, :, None] * np.ones((240, 320, 3))
+    fine = cv2.GaussianBlur(generator.standard_normal((240, 320, 1)), (0, 0), 0.7)[..., None] * 2.5
+    levels[:180] += texture * fine[:180]
+    wanted = np.array([2.0, 1.5, 1.5 * chroma])
+    noise = generator.standard_normal((240, 320, 3)) * wanted
+    plate = np.clip(np.rint(levels + noise), 0, 255).astype(np.uint8)
+    look = match.CameraLook(np.ones(3), np.eye(2), *match.measure_grain(plate, cv2.cvtColor(plate, cv2.COLOR_RGB2GRAY)))
+    for level in (40, 150):
+        added = grain(look, PixelBox(0, 0, 120, 90), np.full((90, 120, 3), level, np.float32), 1)
+        np.testing.assert_allclose(added.std(axis=(0, 1)), wanted, rtol=0.2)
 
 
 def _lit(points: int, gain: np.ndarray) -> tuple[np.ndarray, VisiblePoints, ColouredPoints]:

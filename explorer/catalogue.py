@@ -109,6 +109,8 @@ class ReleaseCatalogue:
 
     def quantiles(self, node: Node) -> FloatArray:
         """Return `QUANTILES` (5, d) of the default prior of a node in mm; d is 0 without a prior."""
+        if node.stated is not None:  # a variant, which is not the node of the cache
+            return node.prior().quantiles(QUANTILES)
         if node.node_id not in self._quantiles:
             prior = self.prior(node)
             self._quantiles[node.node_id] = (

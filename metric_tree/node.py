@@ -17,12 +17,14 @@ import pyarrow as pa
 
 from metric_base.arrays import FloatArray
 from metric_base.errors import InputError
+from metric_tree.axes import EXTENTS
 from metric_tree.prior import Prior
 from metric_tree.release.release import Release
 from metric_tree.tiers import Evidence, is_at_least
 
 if TYPE_CHECKING:
     from metric_tree.context import ContextModel, KnownContexts, Where
+    from metric_tree.variants import StatedSize, Variant
 
 #: Fraction of the variance of a state that objects of one scene have in common, as for a judged range.
 SHARED = 0.35
@@ -119,6 +121,7 @@ class Node:
     dims: tuple[str, ...]
     n_items: int  #: Items at or below the node.
     n_own: int  #: Items of the node itself.
+    stated: StatedSize | None = None  #: Variant, or size in the name, by which `Tree.find` returned the node.
 
     def __repr__(self) -> str:
         return f"<Node {self.node_id}: {' > '.join(self.path)}>"
@@ -210,6 +213,9 @@ class Node:
         InputError
             `where` has no known region, country or year.
 
+        If the name of the node stated a size (`stated`), the prior has this size, and `where` has no effect. For a
+        category of the tier `norm` with variants of the region, the prior is their mixture.
+
         >>> import metric_tree
         >>> car = metric_tree.open().find("car")
         >>> car.prior().note, car.prior(where={"region": "europe", "year": 2011}).note[:12]
@@ -218,9 +224,18 @@ class Node:
         if isinstance(dims, str):  # also a sequence of str
             dims = (dims,)
         prior = self.tree.prior(self.node_id, tuple(dims) if dims is not None else self.dims)
+        if self.stated is not None:
+            return self.stated.of(prior, self.dims[0] == EXTENTS[0])
         if where is None:
             return prior
         from metric_tree.context import where_of
+        from metric_tree.variants import regional_prior
+
+        region = where_of(where).region
+        if region and prior.tier == "norm":
+            regional = regional_prior(prior, self.variants, region, self.dims[0] == EXTENTS[0])
+            if regional is not None:
+                return regional
 
         # The contexts of the leaf `<id>/other` are copied to the node, with offsets from the centre of the leaf.
         corrections: dict[tuple[object, ...], FloatArray] = {}
@@ -232,6 +247,18 @@ class Node:
         contexts = (replace(one, offset=one.offset + corrections.get(one.key, 0.0)) for one in prior.contexts)
         centred = replace(prior, contexts=tuple(contexts))
         return centred.in_context(where_of(where), self.tree.context_model)
+
+    @property
+    def variants(self) -> tuple[Variant, ...]:
+        """Named variants of the node: real sizes with region and document; empty without any.
+
+        >>> import metric_tree
+        >>> [one.name for one in metric_tree.open().find("vinyl record").variants]
+        ['30 cm', '25 cm', '17 cm']
+        """
+        from metric_tree.variants import variants
+
+        return variants().get(self.node_id, ())
 
     @property
     def states(self) -> dict[str, Prior]:
@@ -292,8 +319,8 @@ class Meaning:
 
     node: Node
     #: Rule that matched: `id`, `code`, `own name`, `alias`, `label list`, `folded` (another spelling or number of a
-    #: name), `other name` (of a norm, or in German, French, Spanish or Italian), `modifier stripped`, `broader kind` or
-    #: `misspelt` (one wrong letter).
+    #: name), `other name` (of a norm, or in German, French, Spanish or Italian), `modifier stripped`, `broader kind`,
+    #: `misspelt` (one wrong letter), or `variant` (`metric_tree.variants`).
     how: str
     #: Difference of the evidence from the next unrelated node; infinite without one.
     margin: float

@@ -3,8 +3,10 @@
 from __future__ import annotations
 
 import math
+import re
 from collections import defaultdict
 from collections.abc import Iterable, Iterator
+from dataclasses import replace
 from functools import cached_property
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -23,6 +25,7 @@ from taxonomy.words.senses import label_votes
 
 if TYPE_CHECKING:
     from metric_tree.context import ContextModel
+    from metric_tree.variants import Variant
 
 #: Dimensions of the columns of a table of sizes.
 DIMS = ("length", "width", "height", "extent1", "extent2", "extent3")
@@ -34,6 +37,7 @@ MAX_LISTED_NAMES = 4
 MAX_NAME_CHARS = 300
 #: Characters of ids that are rare in names; texts without these characters are not looked up as former ids.
 _ID_MARKS = frozenset(".:/")
+_DIGIT = re.compile(r"\d")
 
 
 def quantile_columns() -> list[str]:
@@ -100,7 +104,7 @@ class Tree:
         if not isinstance(name, str):
             return False
         match = self._resolver.match(name)
-        return match is not None and not match.ambiguous
+        return self._with_stated_size(name) is not None or (match is not None and not match.ambiguous)
 
     @property
     def name(self) -> str:
@@ -221,12 +225,44 @@ class Tree:
             return Meaning(listed, "label list", math.inf, (), False)
         if text not in self._rows and _ID_MARKS.intersection(text) and text in self._successors:
             return Meaning(self.node(text), "id", math.inf, (), False)
+        if (stated := self._with_stated_size(text)) is not None:
+            return stated
         match = self._resolver.match(text)
         if match is None:
             nearest = self._resolver.nearest(text) if advice else ()
             raise UnknownName(f"no node is called {text!r}{spelling.advice(nearest)}")
         nodes = [self.node(candidate.node_id) for candidate in match.candidates]
         return Meaning(nodes[0], match.how, match.margin, tuple(nodes[1:]), match.ambiguous, match.note)
+
+    def _with_stated_size(self, text: str) -> Meaning | None:
+        """Return the meaning of the name of a variant, or of a name with a size; None for other texts."""
+        from metric_tree.variants import named_variant, quantity_in
+
+        variant = named_variant(text)
+        if variant is not None and variant.node_id in self._rows:
+            node = replace(self.node(variant.node_id), stated=variant.stated)
+            origin = variant.norm or f"{variant.clause}, a {variant.document}"
+            return Meaning(node, "variant", math.inf, (), False, f"variant {variant.name} of {node.name}: {origin}")
+        if not _DIGIT.search(text) or self._resolver.is_name(text) or not (quantity := quantity_in(text)):
+            return None
+        match = self._resolver.match(quantity.rest)
+        if match is None or match.ambiguous:
+            return None
+        node = self.node(match.node_id)
+        stated = quantity.stated([node.node_id, *(above.node_id for above in node.ancestors())])
+        if stated is None:
+            return None
+        note = "; ".join(filter(None, (match.note, f"{quantity.words}: {' and '.join(stated.sizes)} by its rule")))
+        return Meaning(replace(node, stated=stated), match.how, match.margin, (), False, note)
+
+    def variants(self, node: Node | str) -> tuple[Variant, ...]:
+        """Return the named variants of a node or a name (`metric_tree.variants`), empty without any.
+
+        >>> import metric_tree
+        >>> len(metric_tree.open().variants("soda can")) > 2
+        True
+        """
+        return (self.find(node) if isinstance(node, str) else node).variants
 
     def search(self, text: str, limit: int = 10) -> tuple[Node, ...]:
         """Return up to `limit` nodes for a partial or misspelt text, the most relevant first.

@@ -8,6 +8,7 @@ from metric_tree.context import Where
 from metric_tree.node import Node, NoPrior
 from metric_tree.prior import QUANTILES, Prior
 from metric_tree.reports.description import is_heterogeneous, node_sentence, shipped_evidence
+from metric_tree.variants import Variant
 
 
 def node_record(node: Node, dims: tuple[str, ...] | None = None, where: Where | None = None) -> dict[str, Any]:
@@ -44,6 +45,8 @@ def node_record(node: Node, dims: tuple[str, ...] | None = None, where: Where | 
         "sentence": node_sentence(node, node.name.partition(" (")[0], prior) if prior else None,
         "mixed": is_heterogeneous(node, prior) if prior else None,
         "shipped": shipped_evidence(node),
+        "stated": node.stated.name if node.stated else None,
+        "variants": [_variant_record(variant) for variant in node.variants],
         "plain_state": node.plain_state,
         "states_mm": {name: quantiles_mm(state) for name, state in node.states.items()},
         "quantiles_mm": None,
@@ -63,6 +66,13 @@ def node_record(node: Node, dims: tuple[str, ...] | None = None, where: Where | 
             "borrowed": prior.borrowed,
         }
     return record
+
+
+def _variant_record(variant: Variant) -> dict[str, Any]:
+    """Return a variant with the size and the tolerance in mm of each axis."""
+    sizes = {axis: {"mm": mm, "tolerance_mm": tolerance} for axis, (mm, tolerance) in variant.sizes.items()}
+    fields = ("name", "aliases", "region", "years", "share", "document", "clause")
+    return {name: getattr(variant, name) for name in fields} | {"sizes": sizes}
 
 
 def quantiles_mm(prior: Prior) -> dict[str, dict[str, float]]:

@@ -96,8 +96,12 @@ class Resolver:
         is_breed = self._is_living(node) and "mt:human" not in (node, *self._names.ancestors(node)) and node != PERSON
         is_toy = "plaything.n.01" in (node, *self._names.ancestors(node), *self._names.hypernyms(node))
         depicted = _DEPICTING.match(text)  # the match is the image itself
-        is_name = any(self._of_form(form) for form in folded_forms(text)) or bool(senses(plain_fold(text)))
+        is_name = self.is_name(text) or bool(senses(plain_fold(text)))
         return is_name or is_toy or depicted is not None or (is_breed and "miniature" in text.lower().split())
+
+    def is_name(self, text: str) -> bool:
+        """Return True if a text, with its numbers, is the name of a node."""
+        return any(self._of_form(form) is not None for form in folded_forms(text))
 
     def names(self) -> Iterator[tuple[str, tuple[str, ...]]]:
         """Yield every normalised name with its nodes, the most likely first; for an index outside of Python."""

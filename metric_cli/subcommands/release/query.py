@@ -8,6 +8,7 @@ from typing import Any
 from metric_base.errors import InputError
 from metric_cli.parser import OutputFile, add_tree
 from metric_cli.tables import print_json, print_table
+from metric_tree.axes import AXES
 from metric_tree.context import where_of
 from metric_tree.prior import QUANTILES
 from metric_tree.release.schema import IMAGES
@@ -96,6 +97,8 @@ def _print(record: dict[str, Any]) -> None:
     if "images" in record:
         columns = ("image_id", "item_id", "cutout_path", "licence", "source_url")
         print_table(columns, [[row[name] for name in columns] for row in record["images"]], title="pictures")
+    if record["variants"]:
+        _print_variants(record["variants"])
     if prior is None:
         print_table(["prior"], [("none: no item with a size at or below this node",)])
         return
@@ -104,6 +107,14 @@ def _print(record: dict[str, Any]) -> None:
     if "items_of_kind" in record:
         of_kind = record["items_of_kind"]
         _print_quantiles(of_kind["quantiles_mm"], f"mm; the {of_kind['n']} shipped items of kind {of_kind['kind']}")
+
+
+def _print_variants(variants: list[dict[str, Any]]) -> None:
+    rows = []
+    for variant in variants:
+        sizes = [_mm(variant["sizes"][axis]["mm"]) if axis in variant["sizes"] else "" for axis in AXES]
+        rows.append((variant["name"], *sizes, variant["region"], variant["years"], variant["document"]))
+    print_table(["variant", *AXES, "region", "years", "document"], rows, title="variants, mm")
 
 
 def _print_quantiles(quantiles: dict[str, dict[str, float]], title: str) -> None:

@@ -136,14 +136,16 @@ def judged(result: Mapping[str, Any], reference: Reference | None, case: Footage
 def table(rows: Sequence[Row]) -> str:
     """Return the rows of the cases, ours and plain, and a reference's focal length.
 
-    Parts of which both place all images right are only counted.
+    Cases other than sets are only counted if both place all images right, and constructed errors if they are refused.
     """
     lines = [table_head(["case", "of", "ours", *COLUMNS, *(f"plain: {name}" for name in COLUMNS), "reference focal"])]
     for group, title in GROUPS.items():
         members = [row for row in rows if row.case.group == group]
-        chosen = [row for row in members if group != "part" or not _is_all_right(row)]
+        is_clear = _is_refused if group == "error" else _is_all_right
+        chosen = [row for row in members if group == "set" or not is_clear(row)]
         if members:
-            more = f", and {len(members) - len(chosen)} of which both place all images right" if group == "part" else ""
+            reason = "that are refused" if group == "error" else "of which both place all images right"
+            more = "" if group == "set" else f", and {len(members) - len(chosen)} {reason}"
             lines.append(row_text([f"**{title}{more}**", *[None] * (2 * len(COLUMNS) + 3)]))
         for row in chosen:
             use = " (chosen on)" if row.case.chosen_on else " (must be refused)" if row.case.unusable else ""
@@ -152,6 +154,11 @@ def table(rows: Sequence[Row]) -> str:
             cells += [*_cells(row.ours, row.judgement), *_cells(row.plain, row.plain_judgement)]
             lines.append(row_text([*cells, f"{row.reference_focal:.3f}" if row.reference_focal else None]))
     return "\n".join(lines)
+
+
+def _is_refused(row: Row) -> bool:
+    """Return True if ours is refused."""
+    return not row.is_accepted
 
 
 def _is_all_right(row: Row) -> bool:

@@ -68,17 +68,6 @@ def grid(step: int = 4) -> FloatArray:
     return np.column_stack([x.ravel(), y.ravel()])
 
 
-@pytest.mark.parametrize(
-    ("ratio", "unit", "expected"),
-    [(1.044, 1.0, ON_FLOOR), (1.046, 1.0, ELSEWHERE), (1.099, 5.0, ON_FLOOR), (1.101, 5.0, ELSEWHERE)],
-)
-def test_a_floor_has_the_depth_of_its_plane_within_4_5_percent_or_6_percent_of_the_object(
-    ratio: float, unit: float, expected: object
-) -> None:
-    pixels = grid()
-    assert light(pixels, np.full(len(pixels), HEIGHT * ratio), unit=unit)[0][60, 80] == expected
-
-
 def masked(n_on: int, n: int, alpha: NDArray[np.float32] | None = None, first: int = 0) -> float:
     """Light on the floor in a mask that starts at a column, with `n_on` of n points on the floor, on its left."""
     mask = np.zeros(BOX.shape, bool)
@@ -103,23 +92,10 @@ def foot(first: int, last: int) -> NDArray[np.float32]:
     return alpha
 
 
-@pytest.mark.parametrize(("n_on", "expected"), [(6, ON_FLOOR), (5, ELSEWHERE)])
-def test_the_support_of_an_object_has_15_percent_of_its_points_on_the_plane(n_on: int, expected: object) -> None:
-    assert masked(n_on, 40, foot(40, 140)) == expected
-
-
 @pytest.mark.parametrize(("last", "expected"), [(31, ON_FLOOR), (29, ELSEWHERE)])
 def test_the_support_of_an_object_is_below_30_percent_of_its_foot(last: int, expected: object) -> None:
     """The foot is in the columns from 0 to `last`, and the mask starts at column 21."""
     assert masked(8, 40, foot(0, last), 21) == expected
-
-
-def test_a_point_determines_the_depth_of_pixels_within_9_pixels() -> None:
-    """Four points behind the floor; beyond them, the floor is bare."""
-    pixels = np.array([[80.0, 60.0], [80.2, 60.0], [80.0, 60.2], [80.2, 60.2]])
-    row = light(pixels, np.full(4, 3.5))[0][60]
-    assert row[80 + 7] > 0.7  # the edge is smoothed
-    assert row[80 + 12] < 0.3
 
 
 @pytest.mark.parametrize(("width", "shape"), [(320, (60, 80)), (640, (60, 80)), (1280, (30, 40))])

@@ -291,6 +291,7 @@ def test_the_real_blender_saves_the_object_in_metres(
     scene: tuple[InsertionScene, PlacedObject], tmp_path: Path
 ) -> None:
     prepared, placed = scene
+    run_with_bpy("-c", "")  # skips without Blender
     assert _export_blend(tmp_path, prepared, placed) == []
     said = run_with_bpy("-c", OPENED, tmp_path / "scene.blend")
     saw = json.loads(said.partition("SAW")[2].splitlines()[0])

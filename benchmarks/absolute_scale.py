@@ -199,8 +199,10 @@ def write_figure(predictions: Sequence[Prediction], truths: dict[str, float], fi
             )
     axes.axvline(1, color="k", linewidth=0.8)
     axes.set_xscale("log")
-    ticks = [0.4, 0.5, 0.7, 0.8, 1, 1.25, 1.5, 2, 2.5]
-    axes.set_xticks(ticks, [f"{tick:g}" for tick in ticks], minor=False)
+    ticks = [0.1, 0.2, 0.3, 0.5, 0.7, 1, 1.4, 2, 3]
+    low, high = axes.get_xlim()
+    shown_ticks = [tick for tick in ticks if low <= tick <= high]
+    axes.set_xticks(shown_ticks, [f"{tick:g}" for tick in shown_ticks])
     axes.xaxis.minorticks_off()
     axes.set_yticks(range(len(methods)), methods)
     axes.invert_yaxis()

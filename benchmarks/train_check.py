@@ -56,7 +56,7 @@ ROOT = Path(__file__).parents[1]
 TRAINER = ROOT / "integrations" / "train_detector" / "train_detector.py"
 #: Options of the training. The network is trained from random weights.
 TRAINING = (
-    "--backbone resnet18 --device cpu --workers 1 --short-side 128 --batch 4 --rate 1e-3 --steps 450 --save-every 25"
+    "--backbone resnet18 --device cpu --workers 1 --short-side 128 --batch 4 --rate 1e-3 --steps 1200 --save-every 25"
 )
 
 

@@ -19,6 +19,7 @@ from explorer.responses import found_node, shown_name, tree_reference
 from explorer.schemas import FitAnswer, FitQuery
 from metric_base.arrays import FloatArray
 from metric_base.errors import InputError
+from metric_base.length_units import MILLIMETRES
 from metric_tree.node import Node
 
 #: Nodes whose objects are openings: things pass through them.
@@ -28,7 +29,6 @@ N_PAIRS = 20_000
 #: Range of a side that a user states, in mm: smaller or larger ones are mistakes of units.
 MIN_SIDE_MM, MAX_SIDE_MM = 0.1, 1e6
 
-_UNITS_MM = {"mm": 1.0, "cm": 10.0, "m": 1000.0, "in": 25.4, "ft": 304.8}
 _SIDES = re.compile(r"\s*(\d+(?:\.\d+)?(?:\s*[x×*]\s*\d+(?:\.\d+)?){1,2})\s*(mm|cm|m|in|ft)?\s*", re.IGNORECASE)
 _RANKS = {2: ("shorter side", "longer side"), 3: ("shortest side", "middle side", "longest side")}
 
@@ -44,7 +44,7 @@ def stated_sides(text: str) -> list[float] | None:
     match = _SIDES.fullmatch(text)
     if match is None:
         return None
-    sides = [float(side) * _UNITS_MM[(match[2] or "cm").lower()] for side in re.split(r"[x×*]", match[1])]
+    sides = [float(side) * MILLIMETRES[(match[2] or "cm").lower()] for side in re.split(r"[x×*]", match[1])]
     if not all(MIN_SIDE_MM <= side <= MAX_SIDE_MM for side in sides):
         raise InputError(f"sides: expected {MIN_SIDE_MM:g} to {MAX_SIDE_MM:g} mm; found {text.strip()[:60]!r}")
     return sides

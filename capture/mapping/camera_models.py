@@ -9,6 +9,7 @@ from typing import Any
 import msgspec
 import numpy as np
 
+from capture.mapping.pose_refinement import MIN_FOCAL_POINTS
 from capture.mapping.refusals import MAX_ASPECT
 from estimator.projection.cameras import CAMERA_MODELS
 from estimator.reconstructions.pycolmap_library import pycolmap
@@ -42,8 +43,8 @@ class CameraModelChoice(msgspec.Struct, frozen=True):
     chosen: str  #: Model with the largest significant gain.
 
     @property
-    def focal_change(self) -> float:
-        """Relative change of the focal length from the model before to the chosen one."""
+    def focal_difference(self) -> float:
+        """Difference of the focal length of the chosen model from that of the model before, relative to the latter."""
         before, chosen = (self.scores[name].params[0] for name in (self.before, self.chosen))
         return chosen / before - 1
 
@@ -124,16 +125,17 @@ def chosen_model(scores: dict[str, ModelScore]) -> str:
 
 
 def focal_change(folder: Path) -> tuple[float, float]:
-    """Return the change of the focal length from the first to the last frame, and its standard error.
+    """Return the change of the logarithm of the focal length over the frames, and its standard error.
 
     Every frame gets a camera of its own, and focal lengths, poses and points are adjusted together: with points that a
-    shared focal length has bent, a zoom of 30 % changes the frames' own focal lengths by 3 % only. The change of the
-    logarithm is that of a linear regression in the order of the names, and the error follows from its scatter.
+    shared focal length has bent, a zoom of 30 % changes the frames' own focal lengths by 3 % only. The change is that
+    of a linear regression from the first to the last frame in the order of the names, over the frames with
+    `MIN_FOCAL_POINTS` points or more, and the error follows from its scatter.
 
     Parameters
     ----------
     folder : Path
-        Reconstruction whose images share a camera.
+        Reconstruction whose images share a camera, and of which at least three have enough points.
     """
     shared, model = pycolmap.Reconstruction(folder), pycolmap.Reconstruction()
     (camera,) = shared.cameras.values()
@@ -153,7 +155,11 @@ def focal_change(folder: Path) -> tuple[float, float]:
     options.ceres.loss_function_type = pycolmap.LossFunctionType.SOFT_L1
     options.ceres.solver_options.num_threads = 1
     pycolmap.bundle_adjustment(model, options)
-    logs = np.log([model.cameras[image.image_id].focal_length_x for image in images])
+    counts = {image.image_id: image.num_points3D for image in model.images.values()}
+    focals = [
+        model.cameras[image.image_id].focal_length_x for image in images if counts[image.image_id] >= MIN_FOCAL_POINTS
+    ]
+    logs = np.log(focals)
     position = np.linspace(-0.5, 0.5, len(logs))
     change = float(position @ logs / (position @ position))
     scatter = logs - logs.mean() - change * position

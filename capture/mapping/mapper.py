@@ -166,7 +166,7 @@ def _mapped(
 
 def camera_model_failure(lenses: CameraModelChoice) -> Failure | None:
     """Return the failure of a camera model that the user gave, if another fits better with another focal length."""
-    change = lenses.focal_change
+    change = lenses.focal_difference
     if abs(change) <= MAX_MODEL_FOCAL_CHANGE:
         return None
     better, given = lenses.scores[lenses.chosen], lenses.scores[lenses.before]

@@ -33,7 +33,7 @@ class ModelMetrics(msgspec.Struct, frozen=True, kw_only=True):
     aspect: float = 1.0  #: Ratio of the larger to the smaller focal length across and down.
     focal_deviation: float | None = None  #: Standard deviation of the focal length, relative, for residuals of 1 px.
     focal_spread: float | None = None  #: Standard deviation of the frames' own focal lengths beyond their noise.
-    focal_change: float = 0.0  #: `focal_change`, if `focal_spread` is large.
+    focal_change: float = 0.0  #: `camera_models.focal_change`, computed if `focal_spread` is large.
     focal_change_error: float = 0.0  #: Standard error of `focal_change`.
     pattern: float = 0.0  #: `residual_pattern`.
     triplets: int = 0  #: Number of triplets of frames within the largest part.

@@ -133,6 +133,22 @@ def test_the_change_of_the_focal_length_is_that_of_a_zoom(tmp_path: Path, zoom: 
     assert error < 0.02
 
 
+def test_a_frame_with_few_points_does_not_change_the_focal_length(tmp_path: Path) -> None:
+    """Twenty points of the last frame state a focal length of 1.5 times that of the others."""
+    folder = _fitted(_model(tmp_path / "steady", "SIMPLE_RADIAL", [700.0, 424.0, 240.0, 0.0]), "SIMPLE_RADIAL")
+    model = pycolmap.Reconstruction(folder)
+    seen = [index for index, point in enumerate(model.images[12].points2D) if point.has_point3D()]
+    for index in seen[20:]:
+        model.delete_observation(12, index)
+    for index in seen[:20]:
+        point = model.images[12].points2D[index]
+        point.xy = 1.5 * (point.xy - (424, 240)) + (424, 240)
+    model.write_binary(str(folder))
+    change, error = focal_change(folder)
+    assert change == pytest.approx(0.0, abs=0.01)
+    assert error < 0.01
+
+
 def test_noise_is_no_pattern() -> None:
     generator = np.random.default_rng(0)
     pixels = generator.uniform(0, 640, (5000, 2))

@@ -13,7 +13,6 @@ import shutil
 import struct
 import sys
 import tempfile
-import time
 import tracemalloc
 import zlib
 from collections.abc import Callable, Iterator
@@ -24,6 +23,7 @@ from typing import Any
 from estimator.instances.instance_reader import read_instances_and_warnings
 from estimator.reconstructions.scene_reader import read_scene
 from metric_base.errors import InputError
+from tests.support.processor_time import processor_seconds
 from tests.synthetic.small_scene import write_small_scene
 
 __all__ = ["CASES", "Case", "Outcome", "outcome", "outcomes"]
@@ -57,11 +57,10 @@ class Outcome:
 
 
 def outcome(case: Case, folder: Path) -> Outcome:
-    """Read a damaged copy of the small scene in `folder`, once to measure the time and once for the memory."""
+    """Read a damaged copy of the small scene in `folder`, to measure the time and the memory."""
     case.damage(folder / case.form)
-    start = time.process_time()  # independent of other load on the machine
     message, error = _read(case, folder / case.form)
-    seconds = time.process_time() - start
+    seconds = processor_seconds(lambda: _read(case, folder / case.form))
     tracemalloc.start()
     _read(case, folder / case.form)
     peak = tracemalloc.get_traced_memory()[1]

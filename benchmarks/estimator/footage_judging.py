@@ -233,7 +233,7 @@ def conditions(rows: Sequence[Row], cases: Sequence[FootageCase]) -> str:
     """Return sentences on the versions of the capture, the load of the machine and the cases that were not run."""
     commits = Counter(str(row.ours.get("commit", "unknown")) for row in rows)
     results = [result for row in rows for result in (row.ours, row.plain) if result is not None]
-    loads = [result["load"] for result in results if "load" in result]
+    loads = [result["load"] for result in results if result.get("load") is not None]
     versions = ", ".join(f"{commit} ({count} cases)" for commit, count in commits.most_common())
     lines = [f"Last commit of `capture/` at the time of the run: {versions}."]
     if loads:
@@ -308,23 +308,18 @@ def gates_of(metrics: Mapping[str, Any], n_frames: int, held: bool = False) -> s
 def gate_table(rows: Sequence[Row]) -> str:
     """Return the rates of the gates: how many right and wrong models of each kind they refuse.
 
-    Models are ours, accepted or refused, and those of plain pycolmap. A model of a constructed error that is right does
-    not hold the error.
+    Models are ours, accepted or refused, and those of plain pycolmap, whose gates are known. A model of a constructed
+    error that is right does not hold the error.
     """
-    counts: dict[str, list[int]] = {}
-    models: list[tuple[int, Mapping[str, Any], int, bool]] = []
+    counts = {gate: [0] * 6 for gate in ("models", *GATES)}
     for row in rows:
         pairs = [(0, row.ours, row.judgement), (1, row.plain, row.plain_judgement)]
         for source, result, judgement in pairs:
-            if result is None or judgement is None or judgement.is_right is None or not result.get("metrics"):
+            if result is None or judgement is None or judgement.is_right is None or result.get("gates") is None:
                 continue
-            group = 2 if row.case.error else source
-            models.append((group, result, row.ours.get("frames", 0), judgement.is_right))
-    columns = [(group, right) for right in (True, False) for group in range(3)]
-    totals = [sum(group == g and right == r for g, _, _, r in models) for group, right in columns]
-    for group, result, n_frames, right in models:
-        for gate in gates_of(result["metrics"], n_frames, bool(result.get("held"))):
-            counts.setdefault(gate, [0] * len(columns))[columns.index((group, right))] += 1
+            column = (2 if row.case.error else source) + (0 if judgement.is_right else 3)
+            for gate in ("models", *result["gates"]):
+                counts[gate][column] += 1
     head = [
         "right, ours",
         "right, plain",
@@ -333,8 +328,7 @@ def gate_table(rows: Sequence[Row]) -> str:
         "wrong, plain",
         "constructed error, wrong",
     ]
-    lines = [table_head(["gate", *head]), row_text(["models", *totals])]
-    lines += [row_text([gate, *counts.get(gate, [0] * len(columns))]) for gate in GATES]
+    lines = [table_head(["gate", *head]), *(row_text([gate, *row]) for gate, row in counts.items())]
     codes: dict[str, dict[str, int]] = {}
     kinds = sorted({row.case.error for row in rows if row.case.error})
     for row in rows:

@@ -5,7 +5,9 @@ with `--made` also the rendered captures and the constructed errors; see `footag
 of its own, and with `--against pycolmap` by plain pycolmap on the same frames right after it (`plain_colmap`). The
 results are `DIR/NAME.json` and `DIR/NAME.plain.json`; those that exist are kept, so that a run can be continued.
 
-`--write` writes the tables of docs/evidence/videos.md from the results, `--gates` prints the rates of the gates.
+The judged results of the last run of each case are in `footage_rows.csv`, whether DIR still exists or not. `--write`
+replaces there the cases that DIR holds, and writes the tables of docs/evidence/videos.md from it; `--gates` prints the
+rates of the gates.
 """
 
 from __future__ import annotations
@@ -34,7 +36,8 @@ from benchmarks.estimator.footage_cases import (
     read_reference,
     set_cases,
 )
-from benchmarks.estimator.footage_judging import Row, conditions, gate_table, judged, summary_rows, table
+from benchmarks.estimator.footage_judging import Row, conditions, gate_table, gates_of, judged, summary_rows, table
+from benchmarks.estimator.footage_rows import ROWS, read_rows, write_rows
 from benchmarks.estimator.plain_colmap import camera_path
 from capture.mapping.refusals import MAX_CONTRADICTED_RATIO, MIN_BROKEN_FRAMES
 from capture.mapping.triplets import TripletAgreement
@@ -74,10 +77,13 @@ def main() -> None:
         return
     cases = [*sets, *part_cases(sets), *made_cases()]
     if options.write or options.gates:
-        rows = [row for case in cases if (row := _row(case, options.out)) is not None]
+        fresh = {case.name: row for case in cases if (row := _row(case, options.out)) is not None}
+        stored = {row.case.name: row for row in read_rows(ROWS)}
+        rows = list((stored | fresh).values())
         if options.gates:
             print(gate_table(rows))
         if options.write:
+            write_rows(rows, ROWS)
             summary = f"{summary_rows(rows)}\n\n{conditions(rows, cases)}"
             write_between(AGAINST_PAGE, "summary against pycolmap", summary)
             write_between(AGAINST_PAGE, "against pycolmap", table(rows))
@@ -148,13 +154,14 @@ def _row(case: FootageCase, out: Path) -> Row | None:
     if not own.is_file():
         return None
     reference = read_reference(case, out / "inputs")
-    ours = json.loads(own.read_text(encoding="utf-8"))
     focal = None if reference is None else reference.focal
-    judgement = judged(ours, reference, case)
-    if not plain.is_file():
-        return Row(case, ours, judgement, reference_focal=focal)
-    other = json.loads(plain.read_text(encoding="utf-8"))
-    return Row(case, ours, judgement, other, judged(other, reference, case), focal)
+    results = [json.loads(file.read_text(encoding="utf-8")) for file in (own, plain) if file.is_file()]
+    judgements = [judged(result, reference, case) for result in results]
+    for result in results:
+        n_frames, is_held = result.get("frames", 0), bool(result.get("held"))
+        result["gates"] = gates_of(result["metrics"], n_frames, is_held) if result.get("metrics") else None
+    ours, other = (*results, None)[:2]
+    return Row(case, ours, judgements[0], other, judgements[1] if other is not None else None, focal)
 
 
 def _reconstruct(case: FootageCase, out: Path) -> dict[str, Any]:

@@ -30,7 +30,8 @@ from benchmarks.estimator.footage_judging import (
     summary_rows,
     table,
 )
-from benchmarks.estimator.real_footage import main
+from benchmarks.estimator.footage_rows import ROWS, read_rows, write_rows
+from benchmarks.estimator.real_footage import AGAINST_PAGE, main
 from capture.mapping.refusals import MAX_CONTRADICTED_RATIO, MAX_FOCAL_STD, MIN_ANGLE_DEG, MIN_BROKEN_FRAMES, MIN_ZOOM
 from metric_base.arrays import FloatArray
 
@@ -264,10 +265,12 @@ def test_the_rates_of_the_gates_are_counted_by_kind_of_model() -> None:
     far = SOUND | {"angle_deg": 0.1}
     bent = _path() * [1, 0.5, 1]
     case = FootageCase("drive", "error", Path("drive"), error="straight drive")
-    missed = _result(_path(), metrics=SOUND, focal=1.6)
+    fired, passed = gates_of(far, 20), gates_of(SOUND, 20)
+    missed = _result(_path(), gates=passed, focal=1.6)
     rows = [
-        _row("refused", _result(_path(), metrics=far, code="pure_rotation"), _result(_path(), metrics=SOUND)),
-        _row("wrong", _result(bent, metrics=SOUND), _result(bent, metrics=far)),
+        _row("refused", _result(_path(), gates=fired, code="pure_rotation"), _result(_path(), gates=passed)),
+        _row("wrong", _result(bent, gates=passed), _result(bent, gates=fired)),
+        _row("figures not kept", _result(bent, gates=None), _result(bent, gates=None)),
         Row(case, missed, judged(missed, REFERENCE, case)),
     ]
     lines = gate_table(rows).splitlines()
@@ -299,3 +302,26 @@ def test_parts_that_both_place_completely_are_only_counted() -> None:
     lines = table(parts).splitlines()
     assert "Parts of sets, and 1 of which both place all images right" in lines[2]
     assert [line.split("|")[1].strip() for line in lines[3:]] == ["`b`"]
+
+
+def test_stored_rows_give_the_same_tables(tmp_path: Path) -> None:
+    fired = gates_of(SOUND | {"focal_deviation": None}, 20)
+    case = FootageCase("drive", "error", Path("drive"), unusable=True, error="straight drive")
+    missed = _result(_path(), gates=set(), focal=1.6)
+    rows = [
+        _row("good, all", _result(_path(), gates=None, load=3.0, commit="abc"), _result(_path()[:15], gates=fired)),
+        _row("refused", _result(_path()[:3], gates=fired, code="too_few_frames"), _result(_path()[:0], focal=None)),
+        Row(case, missed, judged(missed, REFERENCE, case)),
+    ]
+    write_rows(rows, tmp_path / "rows.csv")
+    stored = read_rows(tmp_path / "rows.csv")
+    for text in (table, summary_rows, gate_table, lambda some: conditions(some, [CASE])):
+        assert text(stored) == text(rows)
+    assert read_rows(tmp_path / "missing.csv") == []
+
+
+def test_the_page_has_the_tables_of_the_stored_rows() -> None:
+    rows, page = read_rows(ROWS), AGAINST_PAGE.read_text(encoding="utf-8")
+    assert len(rows) == len({row.case.name for row in rows}) > 100
+    for text in (table(rows), summary_rows(rows), conditions(rows, []), gate_table(rows)):
+        assert text in page

@@ -42,7 +42,6 @@ class Outcome:
     low, high : ends of the interval as ln(end / true); NaN without an interval.
     heights : mean relative error of the objects' heights (the paper's measure); NaN if unknown.
     dimensions : number of dimensions used.
-    crps : continuous ranked probability score of the posterior; NaN if the method has no posterior.
     """
 
     part: str
@@ -55,7 +54,6 @@ class Outcome:
     high: float = float("nan")
     heights: float = float("nan")
     dimensions: int = 0
-    crps: float = float("nan")
 
 
 @dataclass(frozen=True, slots=True)
@@ -64,7 +62,6 @@ class Summary:
 
     bias : median of ln(scale / true).
     ratio : median of the upper over the lower end of the interval.
-    score, crps : mean interval score and CRPS in log scale (Gneiting and Raftery 2007).
     """
 
     n: int
@@ -77,8 +74,6 @@ class Summary:
     heights_sd: float
     coverage: float
     ratio: float
-    score: float
-    crps: float
 
 
 def crps_of(curve: Curve, truth: float) -> float:
@@ -102,8 +97,7 @@ def outcome_of(
     if result.interval is not None and not refused:
         ends = (float(np.log(result.interval.low / true)), float(np.log(result.interval.high / true)))
     used = sum(len(item.used) for item in result.objects)
-    crps = float("nan") if result.curve is None else crps_of(result.curve, float(np.log(true)))
-    return Outcome(part, group, scene, method, error, refused, *ends, heights=heights, dimensions=used, crps=crps)
+    return Outcome(part, group, scene, method, error, refused, *ends, heights=heights, dimensions=used)
 
 
 def select(outcomes: Iterable[Outcome], **wanted: str) -> list[Outcome]:
@@ -120,8 +114,6 @@ def summary(outcomes: Sequence[Outcome]) -> Summary:
     low, high = np.array([row.low for row in with_interval]), np.array([row.high for row in with_interval])
     heights = np.array([row.heights for row in answered])
     heights = heights[np.isfinite(heights)]
-    crps = np.array([row.crps for row in answered])
-    outside = np.maximum(np.maximum(low, -high), 0.0)
 
     def of(values: FloatArray, statistic: Callable[[FloatArray], object]) -> float:
         return float(statistic(values)) if len(values) else float("nan")  # type: ignore[arg-type]
@@ -137,8 +129,6 @@ def summary(outcomes: Sequence[Outcome]) -> Summary:
         heights_sd=of(heights, np.std),
         coverage=of(((low <= 0) & (high >= 0)).astype(float), np.mean),
         ratio=of(np.exp(high - low), np.median),
-        score=of(high - low + 2 / (1 - LEVEL) * outside, np.mean),
-        crps=of(crps[np.isfinite(crps)], np.mean),
     )
 
 

@@ -16,14 +16,13 @@ from benchmarks.common import row_text, table_head
 __all__ = ["Facts", "page"]
 
 _HEAD = table_head(
-    ("setting", "method", "scenes", "refused, %", "error, %: median", "90th pct", "bias, %", "coverage", "high/low",
-     "CRPS")
-)  # fmt: skip
+    ("setting", "method", "scenes", "refused, %", "error, %: median", "90th pct", "bias, %", "coverage", "high/low")
+)
 #: Errors of sizes, fractions of common spread, and numbers of objects that the tables of simulations show.
 _NOISES, _COMMON = ("0%", "6%", "12%"), ("as modelled", "0%", "60%", "90%")
 _COUNTS = ("1", "3", "5", "10", "50")
-#: Minimum number of scenes of a row of the summary.
-_MIN_SUMMARY_SCENES = 20
+#: Minimum number of scenes of a row of the summary, and of objects of a class in the table of single objects.
+_MIN_SUMMARY_SCENES, _MIN_CLASS_OBJECTS = 20, 100
 
 
 @dataclass(frozen=True, slots=True)
@@ -62,7 +61,6 @@ def page(outcomes: Sequence[Outcome], facts: Facts, template: str) -> str:
         pulls=_pulls_table(select(outcomes, part="pulls")),
         unseen=_groups_table(select(outcomes, part="unseen")),
         streets=_groups_table(select(outcomes, part="streets")),
-        refusals=_refusals_table(outcomes),
     )
 
 
@@ -74,7 +72,7 @@ def _line(group: str, method: str, outcomes: Sequence[Outcome]) -> str:
     s = summary(outcomes)
     cells = [
         group, method, str(s.n), f"{100 * s.refused:.0f}", _percent(s.median), _percent(s.p90),
-        _percent(s.bias, "+"), _number(s.coverage), _number(s.ratio), _number(s.crps, 3),
+        _percent(s.bias, "+"), _number(s.coverage), _number(s.ratio),
     ]  # fmt: skip
     return row_text(cells)
 
@@ -173,13 +171,12 @@ def _sameness_table(outcomes: Sequence[Outcome]) -> str:
     lines = [table_head(("objects", "classes", *shares))]
     for objects, classes in dict.fromkeys((cell[0], cell[1]) for cell in cells if cell[0] in ("1", "3", "50")):
         of_share = [summary(by_cell[f"{objects}/{classes}/{share}"]) for share in shares]
-        shown = [f"{_number(s.coverage)} ({_number(s.score, 3)})" for s in of_share]
-        lines.append(f"| {objects} | {classes} | {' | '.join(shown)} |")
+        lines.append(row_text([objects, classes, *(_number(s.coverage) for s in of_share)]))
     return "\n".join(lines)
 
 
 def _pulls_table(outcomes: Sequence[Outcome]) -> str:
-    """Return the table of the scales that single objects imply, the most frequent classes first."""
+    """Return the table of the scales that single objects of the most frequent classes imply."""
     if not outcomes:
         return "Not run."
     lines = [table_head(("label", "objects", "median of ln(scale by it alone / true)", "median distance from that"))]
@@ -187,6 +184,8 @@ def _pulls_table(outcomes: Sequence[Outcome]) -> str:
     for row in outcomes:
         by_class.setdefault(row.group, []).append(row.error)
     for name, errors in sorted(by_class.items(), key=lambda pair: -len(pair[1])):
+        if len(errors) < _MIN_CLASS_OBJECTS:
+            break
         median = float(np.median(errors))
         deviation = float(np.median(np.abs(np.array(errors) - median)))
         lines.append(f"| {name} | {len(errors)} | {median:+.2f} | {deviation:.2f} |")
@@ -206,25 +205,9 @@ def _errors_table(outcomes: Sequence[Outcome]) -> str:
     return "\n".join(lines) if len(lines) > 1 else "Not run."
 
 
-def _refusals_table(outcomes: Sequence[Outcome]) -> str:
-    """Return the table of the errors of accepted and of refused estimates."""
-    of_these = ("median error of these, %",)
-    lines = [table_head(("part", "answered", *of_these, "refused", *of_these))]
-    for part in dict.fromkeys(row.part for row in outcomes):
-        ours = [row for row in select(outcomes, part=part, method="default") if np.isfinite(row.error)]
-        if not ours:
-            continue
-        cells = []
-        for refused in (False, True):
-            errors = np.abs(np.expm1([row.error for row in ours if row.refused is refused]))
-            cells += [str(len(errors)), _percent(float(np.median(errors))) if len(errors) else ""]
-        lines.append(f"| {part} | {' | '.join(cells)} |")
-    return "\n".join(lines)
-
-
 def _percent(value: float, sign: str = "") -> str:
     return "" if not np.isfinite(value) else f"{100 * value:{sign}.1f}"
 
 
-def _number(value: float, digits: int = 2) -> str:
-    return "" if not np.isfinite(value) else f"{value:.{digits}f}"
+def _number(value: float) -> str:
+    return "" if not np.isfinite(value) else f"{value:.2f}"

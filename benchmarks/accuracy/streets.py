@@ -5,7 +5,6 @@ from __future__ import annotations
 import csv
 from collections import defaultdict
 from collections.abc import Iterator
-from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -39,9 +38,6 @@ N_DRAWN_SCENES = 60
 OBJECTS = (3, 11)
 #: Standard deviation of the log extents, both stated and simulated.
 NOISE = 0.05
-#: Standard deviations of the log extents that ignore the width of a car. The tables of nuScenes, Waymo and ApolloScape
-#: state that the width includes the mirrors or is loose; the width of the priors is the width of the body.
-UNKNOWN_WIDTH = np.array([NOISE, 1.0, NOISE])
 #: Region and year of the streets in the syntax of `--where`, by a part of the group's name.
 WHERE = {"Boston": "US, 2018", "Singapore": "SG, 2018", "waymo": "US, 2020", "apolloscape": "CN, 2018"}
 
@@ -51,7 +47,7 @@ StreetObject = tuple[str, FloatArray]
 def streets_outcomes(tables: Path, tree: Tree, seed: int) -> Iterator[Outcome]:
     """Yield the outcomes of `default` and `height` on every scene at a random scale.
 
-    `default` is also evaluated without the widths of cars, and with the region and year of the scene.
+    `default` is also evaluated with the region and year of the scene.
     """
     generator = np.random.default_rng([seed, 47])
     for index, (group, members) in enumerate(_scenes(tables, generator)):
@@ -63,9 +59,6 @@ def streets_outcomes(tables: Path, tree: Tree, seed: int) -> Iterator[Outcome]:
             for row, (label, sizes) in enumerate(members)
         ]
         yield from object_outcomes("streets", group, str(index), objects, scale, tree, ("default", "height"))
-        bodies = [replace(item, sigma=UNKNOWN_WIDTH) if item.category == "car" else item for item in objects]
-        bare = scale_of_objects(bodies, tree, EstimateOptions(level=LEVEL))
-        yield outcome_of("streets", group, str(index), "default, no widths of cars", bare, scale)
         for where in (where_of(text) for word, text in WHERE.items() if word in group):
             local = scale_of_objects(objects, tree, EstimateOptions(level=LEVEL, where=where))
             yield outcome_of("streets", group, str(index), "default, with --where", local, scale)

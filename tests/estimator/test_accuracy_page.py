@@ -25,8 +25,6 @@ def test_summary_counts_answered_scenes_alone() -> None:
     assert s.refused == pytest.approx(1 / 3)
     assert s.mean == pytest.approx(0.2)
     assert s.heights == pytest.approx(0.2)
-    widths = np.log(1.2 / 0.95), np.log(1.5 / 1.1) + 20 * np.log(1.1)
-    assert s.score == pytest.approx(np.mean(widths))
 
 
 def test_differences_are_of_the_scenes_of_both() -> None:

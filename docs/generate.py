@@ -21,9 +21,23 @@ from typing import Any
 FOLDER = Path(__file__).resolve().parent / "reference"
 #: Columns of a help text: what fits on a page.
 WIDTH = "100"
-#: Text of `--json` in the commands whose record has no schema in it.
-JSON_HELP = "print the result as JSON"
+#: Options that the first lines of the page of commands describe for all commands, with their texts in `--help`.
+COMMON_OPTIONS = {
+    "--json": "print the result as JSON",
+    "--overwrite": "replace existing files",
+    "--tree": "release: version or folder (default: shipped)",
+    "--completion": "print the completion script of a shell",
+    "--version": "print the versions of program and data, and exit",
+    "--jobs": "with --batch: processes (default: one per core)",
+    "--part": "with --batch: part I of N, for Slurm arrays",
+}
 NOTE = "<!-- Written by `make reference`. Do not edit. -->"
+COMMANDS_INTRO = """\
+Every command takes `--help` and `--json`. Results go to standard output, all else to standard error. Options that have
+the same meaning in several commands are not repeated below: `--tree REF` (version or folder of a release; default: the
+shipped one), `--overwrite` (replace existing files), with `--batch` also `--jobs N` (processes; default: one per core)
+and `--part I/N` (part I of N, for Slurm arrays), and of the programs `--version` (of program and data) and
+`--completion SHELL`."""
 #: Commands: the program, and where its parser comes from.
 PROGRAMS = {"estimate-scale": "metric_cli.estimate_scale.parser", "insert-object": "metric_cli.insert_object.parser"}
 APIS = ("metric_tree", "estimator", "capture", "models3d", "insertion")
@@ -38,8 +52,7 @@ OMITTED = {
 def commands() -> str:
     """`reference/commands.md`: the help of every command and subcommand."""
     os.environ["COLUMNS"] = WIDTH
-    rule = "Every command takes `--help` and `--json`. Results go to standard output, all else to standard error."
-    parts = [f"# Commands\n\n{NOTE}\n\n{rule}"]
+    parts = [f"# Commands\n\n{NOTE}\n\n{COMMANDS_INTRO}"]
     for program, module in PROGRAMS.items():
         if importlib.util.find_spec(module.partition(".")[0]) is not None:
             parts.append(_help(program, importlib.import_module(module).parser()))
@@ -55,7 +68,8 @@ def _help(program: str, parser: argparse.ArgumentParser) -> str:
     A usage line without a text of its own names only what is required: the list of options follows it anyway.
     """
     for action in parser._actions:
-        if isinstance(action, argparse._HelpAction) or action.help == JSON_HELP:
+        name = action.option_strings[-1] if action.option_strings else ""
+        if isinstance(action, argparse._HelpAction) or action.help == COMMON_OPTIONS.get(name, ...):
             action.help = argparse.SUPPRESS
     if parser.usage is None:
         required = [action for action in parser._actions if action.required and action.option_strings]
@@ -83,7 +97,8 @@ def checks() -> str:
 def api() -> str:
     """`reference/api.md`: the public names of the packages with their docstrings."""
     units = "Lengths in the tree are millimetres; lengths in a scene are in the unit of the scene."
-    units += " Examples are in the docstrings (`help(name)`)."
+    units += " Functions that read input raise `InputError` with one line: file, field, expected and found value."
+    units += " Other errors are listed; examples are in the docstrings (`help(name)`)."
     parts = [f"# Python API\n\n{NOTE}\n\n{units}"]
     for package in APIS:
         module = importlib.import_module(package)
@@ -128,8 +143,10 @@ def _signature(function: Callable[..., Any]) -> str:
 
 
 def _text(value: object) -> str:
-    """Return the docstring without examples; sections are kept as they are written, without the lines below titles."""
+    """Return the docstring without examples, without `InputError` and without the lines below titles of sections."""
     text = re.split(r"\n+(?:Examples\n-+\n)?>>> ", inspect.getdoc(value) or "", maxsplit=1)[0]
+    text = re.sub(r"^InputError\n(?: +.*\n?)+", "", text, flags=re.MULTILINE)
+    text = re.sub(r"\n*^Raises\n-+\n(?=\n|\Z)", "", text, flags=re.MULTILINE)
     head, line, rest = text.partition("\n\n")
     rest = re.sub(r"^(\w+)\n-+$", r"\1:", rest, flags=re.MULTILINE)
     return f"{head}\n\n{textwrap.indent(rest, '    ')}" if line else head

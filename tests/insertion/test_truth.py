@@ -72,14 +72,12 @@ def inserted(room: RecordedRoom) -> Inserted:
     return _insert(room)
 
 
-def test_a_model_that_walks_has_its_true_size_all_along(room: RecordedRoom) -> None:
+def test_a_model_that_walks_has_its_true_size_all_along(inserted: Inserted) -> None:
     """A chair drawn across the floor: in each image it is where the way states, as the same chair would stand there."""
-    prepared = prepared_scene_of(room)
-    model = write_glb(solid("chair", SIZE), room.folder / "walks.glb")
-    (stands,) = place_in(prepared, [ObjectRequest(model)])
+    prepared, stands = inserted.prepared, inserted.placed
     assert stands.placement.plane is not None
     x, y = plane_coordinates(prepared.space, stands.placement) * prepared.scale.metres_per_unit
-    request = ObjectRequest(model, plane=stands.placement.plane, xy_m=(x, y), path=((x + 0.4, y),))
+    request = replace(stands.request, plane=stands.placement.plane, xy_m=(x, y), path=((x + 0.4, y),))
     (walks,) = place_in(prepared, [request])
     some = prepared.footage.between(2, 4)
     (result,) = composite_into(prepared, [walks], lambda *_: None, some)
@@ -96,6 +94,12 @@ def test_a_model_that_walks_has_its_true_size_all_along(room: RecordedRoom) -> N
         if np.isfinite(pixels).all():
             box, low, high = frame.silhouette, pixels.min(axis=0), pixels.max(axis=0)
             np.testing.assert_allclose([box[0], box[1], box[2], box[3]], [*low, *(high - low)], atol=2.0)
+
+
+@pytest.fixture(scope="module")
+def masks_alone(inserted: Inserted) -> list[np.ndarray]:
+    """Masks of the object in the room without other objects."""
+    return _true_masks(inserted, alone=True)
 
 
 def _drawn(prepared: InsertionScene, objects: list[PlacedObject], frame: Frame) -> np.ndarray:
@@ -132,8 +136,8 @@ def _whole_boxes(masks: list[np.ndarray], inserted: Inserted) -> list[tuple[tupl
 
 
 @pytest.mark.slow
-def test_the_silhouette_is_as_high_as_the_true_one(inserted: Inserted) -> None:
-    pairs = _whole_boxes(_true_masks(inserted, alone=True), inserted)
+def test_the_silhouette_is_as_high_as_the_true_one(inserted: Inserted, masks_alone: list[np.ndarray]) -> None:
+    pairs = _whole_boxes(masks_alone, inserted)
     assert len(pairs) >= 3
     ratios = [ours[3] / true[3] for true, ours in pairs]
     assert np.mean(ratios) == pytest.approx(1.0, abs=0.01)
@@ -149,9 +153,9 @@ def test_a_wrong_scale_shows_in_full(room: RecordedRoom, inserted: Inserted, err
     assert placed.size_m == inserted.placed.size_m
 
 
-def test_what_stands_in_front_hides_the_object(inserted: Inserted) -> None:
-    whole, seen = _true_masks(inserted, alone=True), _true_masks(inserted, alone=False)
-    for frame, all_of_it, rest in zip(inserted.result.frames, whole, seen, strict=True):
+def test_what_stands_in_front_hides_the_object(inserted: Inserted, masks_alone: list[np.ndarray]) -> None:
+    seen = _true_masks(inserted, alone=False)
+    for frame, all_of_it, rest in zip(inserted.result.frames, masks_alone, seen, strict=True):
         if all_of_it.sum() > 500:
             assert frame.visible == pytest.approx(rest.sum() / all_of_it.sum(), abs=0.05)
 
@@ -216,11 +220,9 @@ def test_sizes_are_metres_over_scale(inserted: Inserted, tmp_path: Path) -> None
         assert record["size_units"][name] == pytest.approx(metres * inserted.room.to_scene.scale, rel=1e-4)
 
 
-def test_who_walks_before_an_object_hides_it(room: RecordedRoom) -> None:
+def test_who_walks_before_an_object_hides_it(inserted: Inserted) -> None:
     """A mask all over the image whose feet are below it: somebody right before the camera."""
-    prepared = prepared_scene_of(room)
-    model = write_glb(solid("chair", SIZE), room.folder / "chair.glb")
-    placed = place_in(prepared, [ObjectRequest(model)])
+    prepared = inserted.prepared
     assert prepared.space.supports.ground(prepared.space.cloud) is not None
     some = prepared.footage.between(2, 2)
     (shot,) = some.frames
@@ -229,7 +231,7 @@ def test_who_walks_before_an_object_hides_it(room: RecordedRoom) -> None:
     near = Instance("walker", 0, "person", np.ones((camera.height, camera.width), bool), (0, 0))
     for moving, visible in (((), True), ((near,), False)):
         scene = replace(prepared, content=replace(prepared.content, moving={2: moving}))
-        (result,) = composite_into(scene, placed, lambda *_: None, some)
+        (result,) = composite_into(scene, [inserted.placed], lambda *_: None, some)
         assert (result.frames[0].visible > 0.2) == visible
 
 

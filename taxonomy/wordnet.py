@@ -70,8 +70,15 @@ class WordNet:
 
     def senses(self, noun: str) -> tuple[str, ...]:
         """Return the synsets of a noun, written with spaces or underscores, the most frequent first."""
-        offsets = self._reader._lemma_pos_offset_map.get(noun.lower().replace(" ", "_"), {}).get("n", ())
-        return tuple(self._at(offset) for offset in offsets)
+        return tuple(map(self.at, self.offsets(noun)))
+
+    def offsets(self, noun: str) -> tuple[int, ...]:
+        """Return the offsets of the synsets of a noun (`senses`), without reading the synsets."""
+        return tuple(self._reader._lemma_pos_offset_map.get(noun.lower().replace(" ", "_"), {}).get("n", ()))
+
+    def at(self, offset: int) -> str:
+        """Return the noun synset at an offset of `offsets`."""
+        return str(self._reader.synset_from_pos_and_offset("n", offset).name())
 
     def knows(self, synset: str) -> bool:
         """Return True if a name is a noun synset."""
@@ -148,7 +155,7 @@ class WordNet:
         digits = offset[1:]
         if not (offset[:1] == "n" and digits.isdigit() and int(digits) in self._offsets):
             raise UnknownSynset(f"offset: expected n and the eight digits of a WordNet 3.0 noun; found {offset!r}")
-        return self._at(int(digits))
+        return self.at(int(digits))
 
     @cached_property
     def nouns(self) -> frozenset[str]:
@@ -175,9 +182,6 @@ class WordNet:
         return frozenset(
             offset for by_pos in self._reader._lemma_pos_offset_map.values() for offset in by_pos.get("n", ())
         )
-
-    def _at(self, offset: int) -> str:
-        return str(self._reader.synset_from_pos_and_offset("n", offset).name())
 
     def _synset(self, name: str) -> Any:
         if name not in self._memory:

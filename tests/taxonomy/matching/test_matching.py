@@ -184,6 +184,15 @@ def test_leaves_of_label_lists_are_names_unless_another_object_bears_them(mini_w
     assert matcher.finding("shop", ("bar stool",)).concept == "mt:bar_stool"
 
 
+def test_only_the_synsets_of_a_phrase_are_read(mini_wordnet: WordNet, monkeypatch: pytest.MonkeyPatch) -> None:
+    read: list[int] = []
+    at = WordNet.at
+    monkeypatch.setattr(WordNet, "at", lambda self, offset: [at(self, offset), read.append(offset)][0])
+    senses = Lexicon(mini_wordnet, INSERTED).senses("mouse")["mouse"]
+    assert [sense.concept for sense in senses] == ["mouse.n.01", "mouse.n.02"]
+    assert len(set(read)) == 2
+
+
 def test_a_decision_on_words_holds_against_wordnet_but_not_in_a_narrow_domain(mini_wordnet: WordNet) -> None:
     rulings = dict([decided("*: leaf", "leaf.n.01")])
     readings = {"default": Reading(), "ships": Reading(domain="ship")}

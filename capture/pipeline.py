@@ -229,5 +229,4 @@ def _lens(frames: Frames, options: CaptureOptions) -> Lens:
     wide_px = None
     if frames.fisheye_deg is not None:  # an ideal fisheye lens has so many pixels per radian
         wide_px = math.hypot(width, height) / math.radians(frames.fisheye_deg)
-    rough = frames.times_s is not None
-    return Lens(model, frames.chosen[0].focal_px, False, width, height, rough, free, wide_px)
+    return Lens(model, frames.chosen[0].focal_px, False, width, height, free, wide_px)

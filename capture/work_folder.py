@@ -17,7 +17,7 @@ from metric_base.errors import InputError, Unquoted
 from metric_base.files import sole_holder, whole_file
 
 #: Number that is increased when a stage makes other outputs from the same inputs, so that old outputs are replaced.
-VERSION = 10
+VERSION = 11
 STAMPS = "stamps"
 _LOCK = ".lock"
 #: Ending of the name of the work folder next to a scene.

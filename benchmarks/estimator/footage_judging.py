@@ -263,7 +263,6 @@ GATES: dict[str, tuple[str, ...]] = {
     "parts": ("pieces",),
     "triangulation angle": ("angle_deg",),
     "focal length undetermined": ("focal_deviation",),
-    "focal length, range": ("focal",),
     "focal lengths across and down": ("aspect",),
     "displacement of the corners": ("lens_bend", "camera"),
     "change of the focal length": ("focal_change", "focal_change_error"),

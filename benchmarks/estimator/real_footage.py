@@ -194,13 +194,15 @@ def _reconstruct(case: FootageCase, out: Path) -> dict[str, Any]:
         except CaptureFailure as refusal:
             failure = refusal.failure
     times = {"wall_s": round(time.perf_counter() - started, 1), "cpu_s": round(processor_s() - cpu, 1)}
-    report = json.loads((folder / "reconstruction.json").read_text(encoding="utf-8"))
+    report, summary = (
+        json.loads((folder / name).read_text(encoding="utf-8")) for name in ("reconstruction.json", "capture.json")
+    )
     suffixes = {row.name: row.suffix for row in STRATEGIES}
     path: dict[str, Any] = {"placed": 0, "centres": {}, "focal": None}
     if failure is None:
         path = camera_path(folder / "sparse" / "0")
-    elif report["strategy"] is not None:
-        path = paths.get(f"model{suffixes[report['strategy']]}", path)
+    else:
+        path = paths.get(f"model{suffixes[summary['strategy']]}", path)
     commit = subprocess.run(
         ["git", "log", "-1", "--format=%h", "--", "capture"], capture_output=True, text=True, check=False
     )
@@ -209,12 +211,10 @@ def _reconstruct(case: FootageCase, out: Path) -> dict[str, Any]:
         "message": None if failure is None else failure.message,
         **path,
         "frames": report["pairs"]["frames"],
-        "overruled": report["overruled"],
         "held": report["focal_held"],
-        "strategy": report["strategy"],
-        "tried": report["tried"],
+        "strategy": summary["strategy"],
+        "tried": summary["strategies"],
         "metrics": report["model"],
-        "disagreement": report["disagreement"],
         **times,
         "stages_s": work.seconds,
         "load": round(os.getloadavg()[0], 1),

@@ -19,7 +19,6 @@ class Lens:
     fixed: bool  #: Whether the user gave the focal length, which is not refined.
     width: int  #: Of the frames.
     height: int
-    rough: bool = False  #: Whether the focal length is that of photographs; videos may be cropped.
     free: bool = False  #: Whether the frames share a camera whose model is to be chosen.
     wide_px: float | None = None  #: Focal length of an ideal fisheye lens, if the file states a wide one.
 

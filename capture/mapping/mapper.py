@@ -15,8 +15,6 @@ from capture.mapping.camera_prior import FISHEYE, Lens
 from capture.mapping.match_graph import MatchGraph
 from capture.mapping.model_metrics import ModelMetrics
 from capture.mapping.refusals import (
-    DISPUTABLE,
-    MAX_DISAGREEMENT,
     MAX_MODEL_FOCAL_CHANGE,
     TYPICAL_FOCAL,
     Failure,
@@ -35,15 +33,6 @@ WIDE_STARTS = (("SIMPLE_RADIAL", 0.4), (FISHEYE, 0.48), (FISHEYE, 0.34))
 EXTRA_TIME_S = 60.0
 
 
-class Attempt(msgspec.Struct, frozen=True):
-    """Outcome of a strategy."""
-
-    strategy: str
-    code: str | None  #: Code of the failure, None if the model can be used.
-    placed: int  #: Number of frames in the model.
-    frames: int
-
-
 class ModelReport(msgspec.Struct, kw_only=True):
     """Outcome of a mapping; the content of `reconstruction.json`."""
 
@@ -51,13 +40,8 @@ class ModelReport(msgspec.Struct, kw_only=True):
     model: ModelMetrics | None = None  #: Figures of the model; None if there is none.
     left_out: list[str] = []  #: Frames without a place in the model.
     pairs: dict[str, Any] = {}  #: Figures of the matches.
-    disagreement: float | None = None  #: Distance of both mappers' paths relative to their extent, if compared.
-    overruled: Failure | None = None  #: Failure that is a warning, because both mappers agree.
     focal_held: bool = False  #: Whether the focal length was not refined.
     lenses: CameraModelChoice | None = None  #: Comparison of the camera models, if the residuals have a pattern.
-    strategy: str | None = None  #: Strategy of the model.
-    tried: list[Attempt] = []  #: Strategies that were tried.
-    left: list[str] = []  #: Strategies that were not tried for lack of time.
 
     @property
     def n_placed(self) -> int:
@@ -97,28 +81,16 @@ def make_model(
     """
     folder = output.with_name(f"{output.name}.made")
     folder.mkdir()
-    result: dict[str, Any] = {"model": None}
-    report = ModelReport(failure=early_failure(graph))
+    report = ModelReport(failure=early_failure(graph), pairs=graph.summary(), focal_held=lens.fixed)
     if report.failure is None:
-        result, report = _mapped(folder / "free", matches, images, graph, lens, limit, progress)
-        is_stated = lens.focal_px is not None and not lens.rough and not lens.fixed
-        if report.failure is not None and report.failure.code == "focal_length_undetermined" and is_stated:
-            held = replace(lens, fixed=True)
-            result, report = _mapped(folder / "held", matches, images, graph, held, limit, progress)
-    if report.failure is not None and report.failure.code in DISPUTABLE and report.n_placed == len(graph.names):
-        other = folder / "global"
-        other.mkdir()
-        request = {"database": result["matches"], "images": str(images), "folder": result["folder"]}
-        try:
-            compared = run_worker("compare_global", request | {"output": str(other)}, folder, limit=limit)
-            report.disagreement = compared["disagreement"]
-        except (OutOfTime, WorkerError):
-            pass
-        if report.disagreement is not None and report.disagreement < MAX_DISAGREEMENT:
-            report.failure, report.overruled = None, report.failure
-    report.pairs = graph.summary()
-    if report.failure is None:
-        Path(result["folder"]).rename(output)
+        result = _mapped(folder, matches, images, graph, lens, limit, progress)
+        report.model = msgspec.convert(result["model"], ModelMetrics | None)
+        report.lenses = msgspec.convert(result.get("lenses"), CameraModelChoice | None)
+        report.failure = model_failure(graph, report.model, lens.fixed)
+        if report.failure is None and report.lenses is not None and not lens.free:
+            report.failure = camera_model_failure(report.lenses)
+        if report.failure is None:
+            Path(result["folder"]).rename(output)
     placed = set() if report.model is None else set(report.model.names)
     report.left_out = [name for name in graph.names if name not in placed]
     document = msgspec.to_builtins(report)
@@ -133,10 +105,10 @@ def _mapped(
     lens: Lens,
     limit: TimeLimit,
     progress: ProgressCallback,
-) -> tuple[dict[str, Any], ModelReport]:
-    """Return the result of the mapping and its report; after an early stop, those of the best model so far."""
+) -> dict[str, Any]:
+    """Return the result of the mapping; after an early stop, that of the best model so far."""
     output = folder / "models"
-    output.mkdir(parents=True)
+    output.mkdir()
     database = folder / "matches.db"
     shutil.copyfile(matches, database)  # the mappers write to their database
     request = {
@@ -149,19 +121,12 @@ def _mapped(
         "linked": len(graph.groups()[0]),
     }
     try:
-        result: dict[str, Any] = run_worker("mapping", request, folder, progress=progress, limit=limit)
+        return dict(run_worker("mapping", request, folder, progress=progress, limit=limit))
     except (OutOfTime, WorkerError):
         if not any(part.is_dir() for part in output.iterdir()):
             raise
         rest = TimeLimit(limit.now_s() + EXTRA_TIME_S, limit.of_processor)
-        result = run_worker("finish", request, folder, limit=rest)
-    model = None if result["model"] is None else msgspec.convert(result["model"], ModelMetrics)
-    stated = None if lens.focal_px is None else lens.focal_px / max(lens.width, lens.height)
-    lenses = msgspec.convert(result.get("lenses"), CameraModelChoice | None)
-    failure = model_failure(graph, model, lens.fixed, stated)
-    if failure is None and lenses is not None and not lens.free:
-        failure = camera_model_failure(lenses)
-    return result, ModelReport(failure=failure, model=model, focal_held=lens.fixed, lenses=lenses)
+        return dict(run_worker("finish", request, folder, limit=rest))
 
 
 def camera_model_failure(lenses: CameraModelChoice) -> Failure | None:

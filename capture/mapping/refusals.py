@@ -52,9 +52,6 @@ MIN_PLACED_RATIO = 0.5
 MIN_WHOLE_RATIO = 0.8
 #: Minimum of the median triangulation angle in degrees; below it depths are guessed.
 MIN_ANGLE_DEG = 1.5
-#: Range of the focal length relative to the longer side: 0.3 is a field of view of 118 degrees, 8 a long telephoto
-#: lens. A stated focal length extends it to itself times the margin, since images may be cropped.
-FOCAL_RANGE, STATED_MARGIN = (0.3, 8.0), 1.25
 #: Maximum `focal_deviation`. Synthetic videos: walks round objects 0.008, straight ahead with a hand that sways by 2
 #: degrees 0.02, by 0.3 degrees 0.07, by none 0.5 and more. The errors are as large: 0.003, 0.01, 0.07, 0.4 to 0.8.
 MAX_FOCAL_STD = 0.1
@@ -89,11 +86,6 @@ MAX_CONTRADICTED_RATIO, MIN_BROKEN_FRAMES = 0.05, 2
 #: frames see only distant points in common: their steps have 0.11 to 0.18 and are wrong by a factor of two, whereas no
 #: frame of 13 other models has more than 0.06.
 MAX_STEP_STD = 0.1
-#: Failures that become warnings if the global mapper finds the same path and all frames are placed. It does not
-#: test an undetermined or a changing focal length: both mappers agree on the same wrong one.
-DISPUTABLE = frozenset({"drift", "implausible_focal_length"})
-#: Maximum distance of the paths of two mappers that agree, relative to the extent.
-MAX_DISAGREEMENT = 0.01
 
 
 @dataclass(frozen=True, slots=True)
@@ -115,19 +107,6 @@ class CaptureFailure(Exception):
 def refusal(code: str, observation: str) -> Failure:
     """Return a failure whose message has the observation and the advice of the code."""
     return Failure(code, f"{observation}; {ADVICE[code]}")
-
-
-def with_attempts(failure: Failure, tried: list[str], left: list[str]) -> Failure:
-    """Return the failure with the strategies that were tried, if several, and the ones left for lack of time.
-
-    >>> with_attempts(Failure("drift", "walk on"), ["SIFT"], ["pooled SIFT"]).message
-    'walk on (tried: SIFT; left for lack of time, see --max-time: pooled SIFT)'
-    """
-    if len(tried) < 2 and not left:
-        return failure
-    words = [f"tried: {'; '.join(tried)}"] if tried else []
-    words += [f"left for lack of time, see --max-time: {'; '.join(left)}"] if left else []
-    return Failure(failure.code, f"{failure.message} ({'; '.join(words)})")
 
 
 def early_failure(graph: MatchGraph) -> Failure | None:
@@ -165,9 +144,7 @@ def placement_failure(graph: MatchGraph, n_placed: int) -> Failure:
     return refusal("too_few_frames", f"{observation}: most frames overlap too little with others")
 
 
-def model_failure(
-    graph: MatchGraph, model: ModelMetrics | None, focal_held: bool, stated_focal: float | None = None
-) -> Failure | None:
+def model_failure(graph: MatchGraph, model: ModelMetrics | None, focal_held: bool) -> Failure | None:
     """Return the failure that a model shows.
 
     Parameters
@@ -178,8 +155,6 @@ def model_failure(
         None if the mapper found no model.
     focal_held : bool
         Whether the focal length was not refined.
-    stated_focal : float, optional
-        Focal length relative to the longer side, of EXIF or the user.
     """
     n_placed = 0 if model is None else model.registered
     if model is None or n_placed < MIN_FRAMES or n_placed <= MIN_PLACED_RATIO * len(graph.names):
@@ -189,7 +164,7 @@ def model_failure(
         return refusal("several_places", seen)
     if model.angle_deg < MIN_ANGLE_DEG:
         return refusal("pure_rotation", f"the views of a point differ by {model.angle_deg:.1f} degrees in the median")
-    failure = lens_failure(model, focal_held, stated_focal)
+    failure = lens_failure(model, focal_held)
     if failure is not None:
         return failure
     change = abs(model.focal_change)
@@ -199,18 +174,13 @@ def model_failure(
     return contradiction(model)
 
 
-def lens_failure(model: ModelMetrics, focal_held: bool, stated_focal: float | None = None) -> Failure | None:
+def lens_failure(model: ModelMetrics, focal_held: bool) -> Failure | None:
     """Return the failure that the camera of a model shows; parameters as for `model_failure`."""
     if not focal_held and (model.focal_deviation is None or model.focal_deviation > MAX_FOCAL_STD):
         seen = "the camera moves almost without turning, and then any focal length fits"
         return refusal("focal_length_undetermined", seen)
-    low, high = FOCAL_RANGE
-    if stated_focal is not None:
-        low, high = min(low, stated_focal / STATED_MARGIN), max(high, stated_focal * STATED_MARGIN)
     seen = ""
-    if not focal_held and not low <= model.focal <= high:
-        seen = f"the focal length is {model.focal:.2f} times the longer side of the image, not {low:.2g} to {high:.2g}"
-    elif not focal_held and model.aspect > MAX_ASPECT:
+    if not focal_held and model.aspect > MAX_ASPECT:
         seen = f"the focal lengths across and down differ by {100 * (model.aspect - 1):.0f} %"
     elif model.lens_bend > MAX_BEND and "FISHEYE" not in model.camera:
         seen = f"the distortion moves the corners by {100 * model.lens_bend:.0f} % of the image"

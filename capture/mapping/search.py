@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import json
 import shutil
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
@@ -12,7 +12,7 @@ import msgspec
 
 from capture.mapping.camera_prior import Lens
 from capture.mapping.features import MAIN, POOLED, QUICK, STRATEGIES, FeatureStrategy, make_features, make_matches
-from capture.mapping.mapper import Attempt, ModelReport, make_model
+from capture.mapping.mapper import ModelReport, make_model
 from capture.mapping.match_graph import MatchGraph
 from capture.mapping.refusals import (
     MIN_FRAMES,
@@ -22,7 +22,6 @@ from capture.mapping.refusals import (
     MIN_WHOLE_RATIO,
     CaptureFailure,
     refusal,
-    with_attempts,
 )
 from capture.mapping.worker import OutOfTime, TimeLimit
 from capture.sources.frames import Frames
@@ -113,21 +112,20 @@ class ModelSearch:
                 runs.append((strategy, *self._run(strategy)))
             except OutOfTime:
                 out_of_time.append(strategy.name)
+        left = f" (left for lack of time, see --max-time: {'; '.join(out_of_time)})" if out_of_time else ""
         if not runs:
-            failure = refusal("out_of_time", "the frames could not be placed in time")
-            raise CaptureFailure(with_attempts(failure, [], out_of_time))
+            raise CaptureFailure(refusal("out_of_time", f"the frames could not be placed in time{left}"))
         strategy, digest, best = best_run(runs)
-        best.strategy, best.left = strategy.name, out_of_time
-        n = len(self.frames.chosen)
-        best.tried = [
-            Attempt(tried.name, None if report.failure is None else report.failure.code, report.n_placed, n)
-            for tried, _, report in runs
-        ]
-        attempts = msgspec.to_builtins(best.tried)
         rows = [
-            row
-            | {"processor_s": round(sum(self._seconds(run[0]).values()), 1), "model": msgspec.to_builtins(run[2].model)}
-            for row, run in zip(attempts, runs, strict=True)
+            {
+                "strategy": tried.name,
+                "code": None if report.failure is None else report.failure.code,
+                "placed": report.n_placed,
+                "frames": len(self.frames.chosen),
+                "processor_s": round(sum(self._seconds(tried).values()), 1),
+                "model": msgspec.to_builtins(report.model),
+            }
+            for tried, _, report in runs
         ]
         summary = {"schema": SUMMARY_SCHEMA, "strategy": strategy.name, "strategies": rows}
 
@@ -137,9 +135,10 @@ class ModelSearch:
             for name, document in ((REPORT, msgspec.to_builtins(best)), (SUMMARY, summary)):
                 (part / name).write_text(json.dumps(document, indent=1) + "\n", encoding="utf-8")
 
-        digest = self.work.stage("model", {"strategy": digest, "tried": attempts}, MODEL_STAGES["model"], make)
+        inputs = {"strategy": digest, "tried": [tried.name for tried, _, _ in runs]}
+        digest = self.work.stage("model", inputs, MODEL_STAGES["model"], make)
         if best.failure is not None:
-            raise CaptureFailure(with_attempts(best.failure, [run[0].name for run in runs], out_of_time))
+            raise CaptureFailure(replace(best.failure, message=best.failure.message + left))
         return digest
 
     def _is_worthwhile(self, strategy: FeatureStrategy, reports: list[ModelReport]) -> bool:

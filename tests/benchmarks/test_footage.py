@@ -242,7 +242,6 @@ SOUND: dict[str, Any] = {
         ("parts", {"pieces": [10, 6]}, {"pieces": [10, 5]}),
         ("triangulation angle", {"angle_deg": MIN_ANGLE_DEG - 0.1}, {"angle_deg": MIN_ANGLE_DEG}),
         ("focal length undetermined", {"focal_deviation": 1.1 * MAX_FOCAL_STD}, {"focal_deviation": MAX_FOCAL_STD}),
-        ("focal length, range", {"focal": 9.0}, {"focal": 7.0}),
         ("focal lengths across and down", {"aspect": 1.06}, {"aspect": 1.04}),
         ("displacement of the corners", {"lens_bend": 0.3}, {"lens_bend": 0.3, "camera": "OPENCV_FISHEYE"}),
         ("change of the focal length", {"focal_change": MIN_ZOOM + 0.01}, {"focal_change": MIN_ZOOM}),

@@ -83,7 +83,7 @@ def test_a_video_whose_frames_are_too_far_apart_is_searched_with_more(
     monkeypatch.setattr(search, "MIN_PLACED_RATIO", 1.0)
     video = Path("data/scenes/demo_video/video.mp4")
     assert len(capture_video(video, tmp_path / "w").scene.views) == 5 * search.MORE_FRAMES
-    tried = json.loads((tmp_path / "w" / "reconstruction.json").read_text())["tried"]
+    tried = json.loads((tmp_path / "w" / "capture.json").read_text())["strategies"]
     assert [(row["strategy"], row["frames"], row["placed"]) for row in tried] == [("quick SIFT", 10, 10)]
     assert capture_video(video, tmp_path / "w").seconds == {}  # with the ten, at once
     with pytest.raises(CaptureFailure, match="there are 5 usable frames"):  # the user's number is kept

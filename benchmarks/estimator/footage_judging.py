@@ -261,7 +261,6 @@ def _named(rows: Sequence[Row], most: int = 6) -> str:
 GATES: dict[str, tuple[str, ...]] = {
     "too few placed": ("names",),
     "parts": ("pieces",),
-    "triangulation angle": ("angle_deg",),
     "focal length undetermined": ("focal_deviation",),
     "focal lengths across and down": ("aspect",),
     "displacement of the corners": ("lens_bend", "camera"),
@@ -293,7 +292,7 @@ def gates_of(metrics: Mapping[str, Any], n_frames: int, held: bool = False) -> s
     frames = [f"{index:06d}.jpg" for index in range(n_frames)]
     graph = MatchGraph(frames, np.full(n_frames, 1000), (), (1000, 750), np.full((n_frames, 2), 0.3))
     sound = ModelMetrics(
-        names=tuple(frames), points=1000, angle_deg=10.0, error_px=0.5, focal=0.8, lens_bend=0.0,
+        names=tuple(frames), points=1000, error_px=0.5, focal=0.8, lens_bend=0.0,
         camera="SIMPLE_RADIAL", focal_deviation=0.001, triplets=100, pieces=(n_frames,),
     )  # fmt: skip
     fired = set()

@@ -1,4 +1,4 @@
-"""Figures of a model by which it is judged: angles, residuals, camera, and agreement with the matches."""
+"""Figures of a model by which it is judged: residuals, camera, and agreement with the matches."""
 
 from __future__ import annotations
 
@@ -11,11 +11,9 @@ from capture.mapping.pose_refinement import focal_variation
 from capture.mapping.triplets import TripletAgreement
 from estimator.projection.cameras import CAMERA_MODELS, project
 from estimator.reconstructions.colmap import read_colmap
-from estimator.records.scene import Camera, Scene, camera_centres
+from estimator.records.scene import Camera, Scene
 from metric_base.arrays import FloatArray
 
-#: Maximum number of points of which the triangulation angle is computed.
-MAX_SAMPLED_POINTS = 2000
 #: Cells per side in which residuals are averaged, and minimum number of residuals of a cell.
 N_GRID_CELLS, MIN_CELL_RESIDUALS = 8, 20
 
@@ -25,7 +23,6 @@ class ModelMetrics(msgspec.Struct, frozen=True, kw_only=True):
 
     names: tuple[str, ...]  #: Placed frames.
     points: int  #: Number of points.
-    angle_deg: float  #: Median over points of the largest angle between two views.
     error_px: float  #: Median reprojection error.
     focal: float  #: Focal length relative to the longer side.
     lens_bend: float  #: Maximum displacement by the distortion in the image, relative to the longer side.
@@ -69,7 +66,6 @@ def model_metrics(folder: Path, focal_deviation: float | None, agreed: TripletAg
     return ModelMetrics(
         names=tuple(view.name for view in scene.views),
         points=len(scene.points),
-        angle_deg=median_angle_deg(scene),
         error_px=float(np.nanmedian(np.linalg.norm(residuals, axis=1))),
         focal=camera.focal_px / max(camera.width, camera.height),
         lens_bend=lens_bend(camera),
@@ -92,24 +88,6 @@ def lens_bend(camera: Camera) -> float:
     rays = np.column_stack([(corners - centre) / camera.params[0], np.ones(4)])
     bend = np.nan_to_num(np.linalg.norm(project(camera, rays) - corners, axis=1), nan=1e9).max()
     return float(bend) / max(camera.width, camera.height)
-
-
-def median_angle_deg(scene: Scene) -> float:
-    """Return the median over points of the largest angle between the rays of two views."""
-    rows = np.concatenate([view.point_index for view in scene.views])
-    views = np.concatenate([np.full(len(view.point_index), k) for k, view in enumerate(scene.views)])
-    order = np.argsort(rows, kind="stable")
-    rows, views = rows[order], views[order]
-    ids, starts = np.unique(rows, return_index=True)
-    chosen = np.unique(np.linspace(0, len(ids) - 1, min(len(ids), MAX_SAMPLED_POINTS)).astype(np.int64))
-    ends = np.append(starts[1:], len(rows))
-    centres = camera_centres(scene.views)
-    angles = []
-    for k in chosen:
-        rays = scene.points[ids[k]] - centres[views[starts[k] : ends[k]]]
-        rays /= np.maximum(np.linalg.norm(rays, axis=1, keepdims=True), 1e-12)
-        angles.append(np.degrees(np.arccos(np.clip((rays @ rays.T).min(), -1, 1))))
-    return float(np.median(angles))
 
 
 def residuals_of(scene: Scene) -> tuple[FloatArray, FloatArray, tuple[int, int]]:

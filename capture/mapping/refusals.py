@@ -50,8 +50,6 @@ MIN_ROTATION_RATIO = 0.6
 MIN_PLACED_RATIO = 0.5
 #: Minimum ratio of placed frames of a model that needs no other lens and no other strategy.
 MIN_WHOLE_RATIO = 0.8
-#: Minimum of the median triangulation angle in degrees; below it depths are guessed.
-MIN_ANGLE_DEG = 1.5
 #: Maximum `focal_deviation`. Synthetic videos: walks round objects 0.008, straight ahead with a hand that sways by 2
 #: degrees 0.02, by 0.3 degrees 0.07, by none 0.5 and more. The errors are as large: 0.003, 0.01, 0.07, 0.4 to 0.8.
 MAX_FOCAL_STD = 0.1
@@ -162,8 +160,6 @@ def model_failure(graph: MatchGraph, model: ModelMetrics | None, focal_held: boo
     if len(model.pieces) > 1 and model.pieces[1] > MAX_PART_RATIO * model.pieces[0]:
         seen = f"the matches of three frames hold together only parts of {model.pieces[0]} and {model.pieces[1]} frames"
         return refusal("several_places", seen)
-    if model.angle_deg < MIN_ANGLE_DEG:
-        return refusal("pure_rotation", f"the views of a point differ by {model.angle_deg:.1f} degrees in the median")
     failure = lens_failure(model, focal_held)
     if failure is not None:
         return failure

@@ -32,7 +32,7 @@ from benchmarks.estimator.footage_judging import (
 )
 from benchmarks.estimator.footage_rows import ROWS, read_rows, write_rows
 from benchmarks.estimator.real_footage import AGAINST_PAGE, main
-from capture.mapping.refusals import MAX_CONTRADICTED_RATIO, MAX_FOCAL_STD, MIN_ANGLE_DEG, MIN_BROKEN_FRAMES, MIN_ZOOM
+from capture.mapping.refusals import MAX_CONTRADICTED_RATIO, MAX_FOCAL_STD, MIN_BROKEN_FRAMES, MIN_ZOOM
 from metric_base.arrays import FloatArray
 
 
@@ -229,7 +229,7 @@ def test_the_conditions_name_version_load_and_missing_cases() -> None:
 
 
 SOUND: dict[str, Any] = {
-    "names": [f"{index:06d}.jpg" for index in range(20)], "points": 900, "angle_deg": 8.0, "error_px": 0.4,
+    "names": [f"{index:06d}.jpg" for index in range(20)], "points": 900, "error_px": 0.4,
     "focal": 0.8, "lens_bend": 0.01, "camera": "SIMPLE_RADIAL", "focal_deviation": 0.01, "triplets": 100,
     "pieces": [20],
 }  # fmt: skip
@@ -240,7 +240,6 @@ SOUND: dict[str, Any] = {
     [
         ("too few placed", {"names": SOUND["names"][:10]}, {"names": SOUND["names"][:11]}),
         ("parts", {"pieces": [10, 6]}, {"pieces": [10, 5]}),
-        ("triangulation angle", {"angle_deg": MIN_ANGLE_DEG - 0.1}, {"angle_deg": MIN_ANGLE_DEG}),
         ("focal length undetermined", {"focal_deviation": 1.1 * MAX_FOCAL_STD}, {"focal_deviation": MAX_FOCAL_STD}),
         ("focal lengths across and down", {"aspect": 1.06}, {"aspect": 1.04}),
         ("displacement of the corners", {"lens_bend": 0.3}, {"lens_bend": 0.3, "camera": "OPENCV_FISHEYE"}),
@@ -255,13 +254,13 @@ SOUND: dict[str, Any] = {
 )
 def test_each_gate_is_judged_on_its_own(gate: str, fired: dict[str, Any], passed: dict[str, Any]) -> None:
     assert gates_of(SOUND | fired, 20) == {gate}
-    assert gates_of(SOUND | fired | {"angle_deg": 0.1}, 20) == {gate, "triangulation angle"}
+    assert gates_of(SOUND | fired | {"pieces": [10, 6]}, 20) == {gate, "parts"}
     assert gates_of(SOUND | passed, 20) == set()
     assert set(GATES) >= {gate}
 
 
 def test_the_rates_of_the_gates_are_counted_by_kind_of_model() -> None:
-    far = SOUND | {"angle_deg": 0.1}
+    far = SOUND | {"pieces": [10, 6]}
     bent = _path() * [1, 0.5, 1]
     case = FootageCase("drive", "error", Path("drive"), error="straight drive")
     fired, passed = gates_of(far, 20), gates_of(SOUND, 20)
@@ -274,7 +273,7 @@ def test_the_rates_of_the_gates_are_counted_by_kind_of_model() -> None:
     ]
     lines = gate_table(rows).splitlines()
     assert "| models | 1 | 1 | 0 | 1 | 1 | 1 |" in lines
-    assert "| triangulation angle | 1 | 0 | 0 | 0 | 1 | 0 |" in lines
+    assert "| parts | 1 | 0 | 0 | 0 | 1 | 0 |" in lines
     assert "| straight drive | 1 accepted, wrong |" in lines
 
 

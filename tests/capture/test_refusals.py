@@ -21,7 +21,6 @@ from capture.mapping.refusals import (
     MAX_CONTRADICTED_RATIO,
     MAX_FOCAL_STD,
     MAX_STATIC_MOTION,
-    MIN_ANGLE_DEG,
     MIN_BROKEN_FRAMES,
     MIN_EDGE_STEEPNESS,
     MIN_FRAMES,
@@ -102,7 +101,6 @@ def test_a_good_capture_passes() -> None:
 N_CONTRADICTED = int(100 * MAX_CONTRADICTED_RATIO)
 #: Changes of a right model just beyond and just within the limit of each test, and the code of its refusal.
 LIMITS: list[tuple[str, dict[str, Any], dict[str, Any]]] = [
-    ("pure_rotation", {"angle_deg": MIN_ANGLE_DEG - 0.1}, {"angle_deg": MIN_ANGLE_DEG}),
     ("focal_length_undetermined", {"focal_deviation": 1.1 * MAX_FOCAL_STD}, {"focal_deviation": 0.9 * MAX_FOCAL_STD}),
     ("focal_length_undetermined", {"focal_deviation": None}, {"focal_deviation": 0.0}),
     ("implausible_focal_length", {"aspect": MAX_ASPECT + 0.01}, {"aspect": MAX_ASPECT}),

@@ -32,7 +32,6 @@ def right_model(n: int = 20, **changes: Any) -> ModelMetrics:
     model = ModelMetrics(
         names=tuple(walk_graph(n).names),
         points=4000,
-        angle_deg=9.0,
         error_px=0.4,
         focal=0.8,
         lens_bend=0.01,

@@ -14,8 +14,8 @@ from capture.frame_poses import FILE_NAME, FramePose, FramePoses, scaled_camera,
 from capture.localisation import localised_frames
 from capture.mapping.camera_prior import Lens
 from capture.mapping.mapper import ModelReport
-from capture.mapping.search import MODEL_STAGES, MORE_FRAMES, REPORT, ModelSearch
-from capture.mapping.worker import TimeLimit, limit_of
+from capture.mapping.search import MODEL_STAGES, REPORT, ModelSearch
+from capture.mapping.worker import limit_of
 from capture.quality_warnings import capture_cautions, read_cautions, write_cautions
 from capture.sources.frames import FRAMES_FILE, Frames, Source, make_frames, read_frames, source_of
 from capture.sources.video import Video
@@ -191,31 +191,21 @@ def reconstruct(
 
 
 def _model_search(source: Source, work: WorkFolder, options: CaptureOptions, progress: ProgressCallback) -> ModelSearch:
-    """Return the search over the frames of a source, or over more frames of a video that has too few links."""
+    """Choose the frames of a source, and return the search over them."""
     digest: Any
     if isinstance(source, Video):
         digest = content_digest(source.path)
     else:
         digest = [f"{file.name}:{content_digest(file)}" for file in source.files]
-    by_default: dict[str, Any] = {"source": digest, "frames": options.frames}
-    more = by_default | {"times": MORE_FRAMES}
-
-    def search_of(inputs: dict[str, Any], limit: TimeLimit | None) -> ModelSearch:
-        times = inputs.get("times", 1)
-        frames_digest = work.stage(
-            "frames", inputs, STAGES["frames"], lambda part: make_frames(part, source, options.frames, progress, times)
-        )
-        frames = read_frames(work.path)
-        limit = limit or limit_of(len(frames.names), options.max_time_s)
-        lens = _lens(frames, options)
-        return ModelSearch(work, frames_digest, frames, lens, limit, options.max_time_s, progress)
-
-    if work.is_made("frames", more):
-        return search_of(more, None)
-    first = search_of(by_default, None)
-    if options.frames is not None or not first.lacks_frames():
-        return first
-    return search_of(more, None if options.max_time_s is None else first.limit)
+    frames_digest = work.stage(
+        "frames",
+        {"source": digest, "frames": options.frames},
+        STAGES["frames"],
+        lambda part: make_frames(part, source, options.frames, progress),
+    )
+    frames = read_frames(work.path)
+    limit = limit_of(len(frames.names), options.max_time_s)
+    return ModelSearch(work, frames_digest, frames, _lens(frames, options), limit, options.max_time_s, progress)
 
 
 def _lens(frames: Frames, options: CaptureOptions) -> Lens:

@@ -16,7 +16,6 @@ from capture.mapping.mapper import ModelReport, make_model
 from capture.mapping.match_graph import MatchGraph
 from capture.mapping.refusals import (
     MIN_FRAMES,
-    MIN_PLACED_RATIO,
     MIN_WARNED_FOCAL_STD,
     MIN_WARNED_PATTERN,
     MIN_WHOLE_RATIO,
@@ -35,9 +34,6 @@ SUMMARY = "capture.json"
 SUMMARY_SCHEMA = "metric-tree/capture/1"
 #: Features and matches, kept so that a later stage can be repeated.
 DATABASES = "databases"
-#: Factor of the number of frames of a video whose frames have too few links: of `snow_walk` as a video of ten frames
-#: per second 49 frames fell into groups of 20, 9 and less; 90 are all placed.
-MORE_FRAMES = 2
 #: Minimum longer side in pixels of images on which the quick strategy costs a tenth of the main one; and of frames of
 #: videos, which overlap so much that it hardly fails: `demo_video` took 144 s of processor time without it.
 MIN_QUICK_SIDE, MIN_QUICK_VIDEO_SIDE = 1500, 600
@@ -77,19 +73,6 @@ class ModelSearch:
     def is_video(self) -> bool:
         """Whether the frames are from a video, in order."""
         return self.frames.times_s is not None
-
-    def lacks_frames(self) -> bool:
-        """Return whether a video has more frames, and the main strategy, which this runs, links too few of these."""
-        n = len(self.frames.chosen)
-        if len(self.frames.times_s or ()) < MORE_FRAMES * n:
-            return False
-        try:
-            if self._is_worthwhile(QUICK, []) and is_certain(self._run(QUICK)[1], n):
-                return False
-            _, report = self._run(MAIN)
-        except OutOfTime:
-            return False
-        return report.failure is not None and report.pairs["groups"][0] <= MIN_PLACED_RATIO * n
 
     def make_sparse(self) -> str:
         """Make `sparse/0` of the best model, and return the digest of the stage.

@@ -77,7 +77,7 @@ def _step(before: Grey, grey: Grey) -> float:
     return float(np.median(np.linalg.norm(moved - corners, axis=2)[keep, 0]) / max(grey.shape))
 
 
-def chosen_frames(motion: Motion, wanted: int | None = None, times: int = 1) -> IntArray:
+def chosen_frames(motion: Motion, wanted: int | None = None) -> IntArray:
     """Return the indices (k,) of the frames to reconstruct from, ascending.
 
     The path of the camera is cut into stretches of equal motion; of each the sharpest frame is taken.
@@ -86,12 +86,11 @@ def chosen_frames(motion: Motion, wanted: int | None = None, times: int = 1) -> 
     ----------
     motion : Motion
     wanted : int, optional
-        Number of frames, by default `times` the number that the motion requires.
-    times : int
+        Number of frames, by default the number that the motion requires.
     """
     n = len(motion.step)
     path = np.cumsum(motion.step)
-    count = wanted if wanted is not None else min(times * _default_count(float(path[-1])), MAX_FRAMES)
+    count = wanted if wanted is not None else _default_count(float(path[-1]))
     if count >= n:
         return np.arange(n)
     # time has a small weight, which orders the stretches of a camera that does not move

@@ -117,9 +117,7 @@ def source_of(path: Path) -> Source:
     return ImageFolder(path) if path.is_dir() else Video(path)
 
 
-def make_frames(
-    part: Path, source: Source, wanted: int | None, progress: ProgressCallback = silent, times: int = 1
-) -> None:
+def make_frames(part: Path, source: Source, wanted: int | None, progress: ProgressCallback = silent) -> None:
     """Write `frames/` and `frames.json` to a folder.
 
     Parameters
@@ -131,8 +129,6 @@ def make_frames(
         Number of frames, by default as many as the motion requires.
     progress : callable
         Called with the step, the number of frames read and their total.
-    times : int
-        Factor of the default number of frames.
 
     Raises
     ------
@@ -151,7 +147,7 @@ def make_frames(
         n, times_s = len(motion.step), motion.times_s.tolist()
         if not n:
             raise InputError.at(source.path, "video", "at least one frame that can be decoded", Unquoted("none"))
-        indices = chosen_frames(motion, wanted, times)
+        indices = chosen_frames(motion, wanted)
         if n < MIN_READ_FRACTION * source.n_frames:
             stated = f"the file states {source.n_frames} frames, and {n} could be read"
             remarks.append(f"{stated}: the others are damaged or missing")

@@ -2,18 +2,11 @@
 
 from __future__ import annotations
 
-import json
-from pathlib import Path
-
 import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from capture.mapping import search
-from capture.mapping.refusals import CaptureFailure
-from capture.pipeline import capture_video
-from capture.sources import frame_selection
 from capture.sources.frame_selection import DEFAULT_FRAMES, MAX_FRAMES, Motion, chosen_frames, motion_of
 
 
@@ -74,17 +67,3 @@ def test_a_plain_picture_has_no_motion_to_measure() -> None:
     plain = np.full((100, 100, 3), 90, dtype=np.uint8)
     motion = motion_of([(0.0, plain), (0.1, plain)])
     assert motion.step[1] == pytest.approx(0.25)
-
-
-def test_a_video_whose_frames_are_too_far_apart_is_searched_with_more(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    monkeypatch.setattr(frame_selection, "_default_count", lambda path: 5)
-    monkeypatch.setattr(search, "MIN_PLACED_RATIO", 1.0)
-    video = Path("data/scenes/demo_video/video.mp4")
-    assert len(capture_video(video, tmp_path / "w").scene.views) == 5 * search.MORE_FRAMES
-    tried = json.loads((tmp_path / "w" / "capture.json").read_text())["strategies"]
-    assert [(row["strategy"], row["frames"], row["placed"]) for row in tried] == [("quick SIFT", 10, 10)]
-    assert capture_video(video, tmp_path / "w").seconds == {}  # with the ten, at once
-    with pytest.raises(CaptureFailure, match="there are 5 usable frames"):  # the user's number is kept
-        capture_video(video, tmp_path / "w", frames=5)

@@ -67,21 +67,6 @@ class FramePoses:
     turned_deg: int  #: Clockwise rotation that the container requests and that the upright frames have.
     frames: tuple[FramePose, ...]  #: In presentation order.
 
-    def at(self, frame: int | str) -> FramePose:
-        """Return the frame with this index or file name; the suffix of the name may be missing.
-
-        Raises
-        ------
-        KeyError
-            No frame has it.
-        """
-        for pose in self.frames:
-            if frame in (pose.index, pose.name) or (pose.name is not None and frame == Path(pose.name).stem):
-                return pose
-        if isinstance(frame, str) and frame.isdecimal():
-            return self.at(int(frame))
-        raise KeyError(frame)
-
 
 def scaled_camera(camera: Camera, width: int, height: int) -> Camera:
     """Return the camera of images of another size: lengths in pixels grow with it, the distortion stays."""

@@ -22,7 +22,6 @@ DRIVER = "libcuda.so.1"
 #: Maximum time in seconds in which the program `colmap` prints its help.
 MAX_HELP_S = 30
 WORKER = "capture.dense.patch_match_worker"
-N_THREADS = 2
 
 
 def cuda_devices() -> int:
@@ -94,13 +93,7 @@ def make_patch_match_cloud(model: Path, images: Path, file: Path, engine: str, p
     """
     workspace = file.with_name("stereo.scratch")
     workspace.mkdir()
-    request = {
-        "workspace": str(workspace),
-        "model": str(model),
-        "images": str(images),
-        "engine": engine,
-        "threads": N_THREADS,
-    }
+    request = {"workspace": str(workspace), "model": str(model), "images": str(images), "engine": engine}
     result = run_worker("dense", request, file.parent, progress=progress, module=WORKER)
     points = int(result["points"])
     if points:

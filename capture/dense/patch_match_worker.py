@@ -11,6 +11,7 @@ from typing import Any
 
 from capture.dense.patch_match import PYCOLMAP
 from capture.mapping.colmap_worker import Request, print_row, run_step
+from capture.mapping.features import N_THREADS
 from estimator.reconstructions.pycolmap_library import pycolmap
 
 #: Longer side in pixels of a depth map.
@@ -34,9 +35,7 @@ def dense(request: Request) -> dict[str, Any]:
         command = [engine, "patch_match_stereo", "--workspace_path", workspace, *side]
         subprocess.run(command, check=True, stdout=sys.stderr)
     print_row({"done": 2, "of": 3})
-    options = pycolmap.StereoFusionOptions(
-        max_image_size=DEPTH_SIDE, min_num_pixels=MIN_PIXELS, num_threads=request["threads"]
-    )
+    options = pycolmap.StereoFusionOptions(max_image_size=DEPTH_SIDE, min_num_pixels=MIN_PIXELS, num_threads=N_THREADS)
     fused = pycolmap.stereo_fusion(f"{workspace}/fused.ply", workspace, options=options, output_type="ply")
     model = pycolmap.MVSModel()
     model.read(workspace, "COLMAP")

@@ -19,7 +19,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from capture.mapping.features import FeatureStrategy
+from capture.mapping.features import N_THREADS, FeatureStrategy
 from capture.mapping.incremental import finish, mapping, verification_options, write_pairs
 from capture.mapping.pairs import all_pairs, chosen_pairs, coarse_scores
 from estimator.reconstructions.pycolmap_library import pycolmap
@@ -77,7 +77,7 @@ def print_row(row: dict[str, Any]) -> None:
 def features(request: Request) -> dict[str, Any]:
     """Extract SIFT features of the named images into a new database, and return their number by name."""
     strategy = FeatureStrategy(**request["strategy"])
-    extraction = pycolmap.FeatureExtractionOptions(num_threads=request["threads"], max_image_size=strategy.max_side)
+    extraction = pycolmap.FeatureExtractionOptions(num_threads=N_THREADS, max_image_size=strategy.max_side)
     extraction.sift.max_num_features = strategy.max_features
     extraction.sift.first_octave = strategy.first_octave
     extraction.sift.peak_threshold = strategy.peak
@@ -115,7 +115,7 @@ def matches(request: Request) -> dict[str, Any]:
         else:
             strongest = [_strongest_descriptors(database, ids[name]) for name in names]
             pairs = chosen_pairs(coarse_scores(strongest), request["in_order"])
-    matching = pycolmap.FeatureMatchingOptions(num_threads=request["threads"], guided_matching=strategy.guided)
+    matching = pycolmap.FeatureMatchingOptions(num_threads=N_THREADS, guided_matching=strategy.guided)
     matching.sift.max_ratio = strategy.ratio
     print_row({"done": 0, "of": len(pairs)})
     for start in range(0, len(pairs), N_PAIRS_AT_ONCE):

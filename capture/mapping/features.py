@@ -75,10 +75,8 @@ def make_features(
             for lens, names in cameras
         ],
         "strategy": asdict(strategy),
-        "threads": N_THREADS,
     }
-    n_frames = sum(len(names) for _, names in cameras)
-    result = run_worker("features", request, folder, progress=progress, total=n_frames, limit=limit)
+    result = run_worker("features", request, folder, progress=progress, limit=limit)
     (folder / f"features{strategy.suffix}.json").write_text(json.dumps(result), encoding="utf-8")
 
 
@@ -114,7 +112,6 @@ def make_matches(
         "database": str(database),
         "names": names,
         "in_order": in_order,
-        "threads": N_THREADS,
         "strategy": asdict(strategy),
     }
     result = run_worker("matches", request, folder, progress=progress, limit=limit)

@@ -87,7 +87,6 @@ def run_worker(
     folder: Path,
     *,
     progress: ProgressCallback = silent,
-    total: int | None = None,
     limit: TimeLimit | None = None,
     module: str = COLMAP_WORKER,
 ) -> Any:
@@ -103,8 +102,6 @@ def run_worker(
         Existing folder for the request and the log.
     progress : callable
         Called with the step, the number of items done and their total.
-    total : int, optional
-        Total for `progress`, if the step does not report one.
     limit : TimeLimit, optional
     module : str
         Module that is run with `python -m`.
@@ -141,7 +138,7 @@ def run_worker(
             if isinstance(row, dict) and "result" in row:
                 result = row["result"]
             elif isinstance(row, dict) and "done" in row:
-                progress(step, row["done"], row.get("of", total))
+                progress(step, row["done"], row["of"])
         status = process.wait()
     finally:
         timer.cancel()

@@ -55,14 +55,6 @@ def test_what_is_written_is_read(tmp_path_factory: pytest.TempPathFactory, seed:
             np.testing.assert_array_equal(one.centre, two.centre)
 
 
-def test_a_frame_is_named_by_index_file_or_stem() -> None:
-    poses = _poses(1, 8)
-    assert poses.at(5).index == poses.at("5").index == 5
-    assert poses.at("000003.jpg").index == poses.at("000003").index == 3
-    with pytest.raises(KeyError):
-        poses.at("chair.jpg")
-
-
 @pytest.mark.parametrize(
     ("change", "word"),
     [

@@ -15,7 +15,6 @@ from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
-import cv2
 import numpy as np
 from numpy.typing import NDArray
 
@@ -30,10 +29,11 @@ Request = dict[str, Any]
 N_IMAGES_AT_ONCE, N_PAIRS_AT_ONCE = 8, 150
 #: Linux's prctl(PR_SET_PDEATHSIG): this process ends with the one that started it, even if that was killed.
 _PARENT_DEATH_SIGNAL = 1
-#: Number of features of largest scale by which loops are found, and minimum number of matches for a homography.
-N_COMPARED_FEATURES, MIN_HOMOGRAPHY_MATCHES = 128, 8
-#: Maximum error in pixels of a match that agrees with a homography.
-MAX_HOMOGRAPHY_ERROR_PX = 2.0
+#: Number of features of largest scale by which loops are found.
+N_COMPARED_FEATURES = 128
+#: Pairs of which a homography explains the matches.
+_KINDS = pycolmap.TwoViewGeometryConfiguration
+PLANAR = (_KINDS.PLANAR, _KINDS.PANORAMIC, _KINDS.PLANAR_OR_PANORAMIC)
 
 
 def run_step(words: Sequence[str], steps: Mapping[str, Callable[[Request], dict[str, Any]]]) -> None:
@@ -144,20 +144,21 @@ def _strongest_descriptors(database: Any, image_id: int) -> NDArray[np.float32]:
 
 
 def _pair_figures(database: Any, first: int, second: int) -> list[Any]:
-    """Return the number of inliers, the part that one homography explains, their motion in pixels, and it (3, 3)."""
-    n_inliers, planar, moved, homography = 0, 0.0, 0.0, None
-    if database.exists_two_view_geometry(first, second):
-        inliers = np.asarray(database.read_two_view_geometry(first, second).inlier_matches)
-        n_inliers = len(inliers)
-    if n_inliers >= MIN_HOMOGRAPHY_MATCHES:
-        points = np.asarray(database.read_keypoints(first))[inliers[:, 0], :2]
-        others = np.asarray(database.read_keypoints(second))[inliers[:, 1], :2]
-        moved = float(np.median(np.linalg.norm(others - points, axis=1)))
-        cv2.setRNGSeed(0)
-        matrix, inside = cv2.findHomography(points, others, cv2.RANSAC, MAX_HOMOGRAPHY_ERROR_PX, maxIters=500)
-        if matrix is not None:
-            planar, homography = float(inside.mean()), matrix.tolist()
-    return [n_inliers, planar, moved, homography]
+    """Return the number of inliers, their median motion in pixels, and the homography (3, 3) if it explains them.
+
+    COLMAP decides that: with a ratio of 0.8 of the inliers of a fundamental matrix, the pair is planar or a rotation.
+    """
+    exists = database.exists_two_view_geometry(first, second)
+    geometry = database.read_two_view_geometry(first, second) if exists else None
+    if geometry is None or not len(geometry.inlier_matches):
+        return [0, 0.0, None]
+    inliers = np.asarray(geometry.inlier_matches)
+    points, others = (
+        np.asarray(database.read_keypoints(image))[inliers[:, side], :2] for side, image in enumerate((first, second))
+    )
+    moved = float(np.median(np.linalg.norm(others - points, axis=1)))
+    is_planar = geometry.config in PLANAR and geometry.H is not None
+    return [len(inliers), moved, np.asarray(geometry.H).tolist() if is_planar else None]
 
 
 STEPS: dict[str, Callable[[Request], dict[str, Any]]] = {

@@ -19,8 +19,6 @@ MIN_LINK_INLIERS = 15
 MIN_TESTED_INLIERS = 30
 #: Minimum motion of a pair, relative to the longer side, that is tested for a rotation.
 MIN_TESTED_MOTION = 0.1
-#: Minimum part of the matches that one homography explains if the camera only rotates.
-MIN_ROTATION_INLIERS = 0.9
 #: Maximum logarithm of the ratio of the singular values of K^-1 H K of a rotation, which are equal without noise.
 MAX_ROTATION_MISFIT = 0.03
 
@@ -32,9 +30,8 @@ class FramePair:
     first: int  #: Index of a frame.
     second: int
     inliers: int  #: Number of verified matches.
-    planar: float  #: Part of them that one homography explains.
     moved_px: float  #: Their median motion.
-    homography: FloatArray | None  #: (3, 3) matrix from the first to the second image.
+    homography: FloatArray | None  #: (3, 3) matrix from first to second that explains them, if any.
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -54,8 +51,8 @@ class MatchGraph:
         """Return the graph of frames, edges (n, 2), from the stages of features and matches in a folder."""
         keypoints = read_json(databases / f"features{suffix}.json")["keypoints"]
         pairs = tuple(
-            FramePair(first, second, n, planar, moved, None if matrix is None else np.array(matrix, dtype=np.float64))
-            for first, second, n, planar, moved, matrix in read_json(databases / f"matches{suffix}.json")["pairs"]
+            FramePair(first, second, n, moved, None if matrix is None else np.array(matrix, dtype=np.float64))
+            for first, second, n, moved, matrix in read_json(databases / f"matches{suffix}.json")["pairs"]
         )
         return cls(names, np.array([keypoints.get(name, 0) for name in names], dtype=np.int64), pairs, size, edges)
 
@@ -77,8 +74,7 @@ class MatchGraph:
         """Return the ratio of the pairs with enough motion that a rotation of the camera explains."""
         side = max(self.size)
         moving = [pair for pair in self.tested_pairs if pair.moved_px > MIN_TESTED_MOTION * side]
-        planar = [pair.homography for pair in moving if pair.planar > MIN_ROTATION_INLIERS]
-        matrices = [matrix for matrix in planar if matrix is not None]
+        matrices = [pair.homography for pair in moving if pair.homography is not None]
         if not matrices:
             return 0.0
         # K^-1 H K at focal lengths of 0.4 to 3 times the longer side, of which one must explain all pairs
@@ -107,7 +103,6 @@ class MatchGraph:
             "matched": len(self.pairs),
             "linked": len(linked),
             "groups": [len(group) for group in self.groups()][:5],
-            "planar": float(np.median([pair.planar for pair in linked])) if linked else None,
             "rotation": self.rotation_ratio(),
             "moved": float(max((pair.moved_px for pair in linked), default=0.0)) / max(self.size),
             "edges": list(self.edge_sharpness()),

@@ -140,9 +140,9 @@ def test_a_held_focal_length_is_not_refused() -> None:
     [
         (
             "static_camera",
-            {"pairs": tuple(FramePair(k, k + 1, 200, 1.0, 640 * 0.9 * MAX_STATIC_MOTION, None) for k in range(19))},
+            {"pairs": tuple(FramePair(k, k + 1, 200, 640 * 0.9 * MAX_STATIC_MOTION, None) for k in range(19))},
         ),
-        ("pure_rotation", {"pairs": tuple(FramePair(k, k + 1, 200, 1.0, 90.0, np.eye(3)) for k in range(19))}),
+        ("pure_rotation", {"pairs": tuple(FramePair(k, k + 1, 200, 90.0, np.eye(3)) for k in range(19))}),
         ("too_few_frames", {"pairs": ()}),
         ("no_texture", {"pairs": (), "keypoints": np.full(20, MIN_KEYPOINTS - 1)}),
         ("motion_blur", {"pairs": (), "edges": np.tile(np.array(MIN_EDGE_STEEPNESS) - 0.01, (20, 1))}),
@@ -156,7 +156,7 @@ def test_matches_show_why_there_is_no_model(code: str, changes: dict[str, Any]) 
 
 
 def test_two_places_are_named() -> None:
-    pairs = tuple(FramePair(k, k + 1, 200, 0.4, 60.0, None) for k in range(19) if k != 9)
+    pairs = tuple(FramePair(k, k + 1, 200, 60.0, None) for k in range(19) if k != 9)
     failure = model_failure(walk_graph(pairs=pairs), right_model(10), focal_held=False)
     assert failure is not None
     assert failure.code == "several_places"

@@ -18,7 +18,7 @@ def walk_graph(n: int = 20, **changes: Any) -> MatchGraph:
     """Return frames of a walk: every frame matches the next three, with parallax."""
     generator = np.random.default_rng(0)
     pairs = tuple(
-        FramePair(a, b, 200, 0.4, 60.0 * (b - a), np.eye(3) + generator.normal(0, 0.02, (3, 3)))
+        FramePair(a, b, 200, 60.0 * (b - a), np.eye(3) + generator.normal(0, 0.02, (3, 3)))
         for a in range(n)
         for b in range(a + 1, min(a + 4, n))
     )

@@ -66,7 +66,9 @@ def capture_cautions(path: Path, frames: Frames, report: ModelReport, focal_give
     warnings += _focal_warnings(report, model, focal_given)
     low, high = report.pairs["edges"]
     spread = model.focal_spread
-    if low is not None and low < MIN_EDGE_STEEPNESS[0] and high < MIN_EDGE_STEEPNESS[1]:
+    if report.overruled is not None:
+        warnings.append(f"{report.overruled.message}; another mapper finds the same path")
+    elif low is not None and low < MIN_EDGE_STEEPNESS[0] and high < MIN_EDGE_STEEPNESS[1]:
         warnings.append("the frames are blurred, and lengths may be wrong by several percent; move more slowly")
     elif spread is not None and spread > MIN_WARNED_FOCAL_VARIATION:
         warnings.append(

@@ -211,6 +211,7 @@ def _reconstruct(case: FootageCase, out: Path) -> dict[str, Any]:
         "message": None if failure is None else failure.message,
         **path,
         "frames": report["pairs"]["frames"],
+        "overruled": report["overruled"],
         "held": report["focal_held"],
         "strategy": summary["strategy"],
         "tried": summary["strategies"],

@@ -19,7 +19,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from capture.mapping.features import N_THREADS, FeatureStrategy
-from capture.mapping.incremental import finish, mapping, verification_options, write_pairs
+from capture.mapping.incremental import compare_global, finish, mapping, verification_options, write_pairs
 from capture.mapping.pairs import all_pairs, chosen_pairs, coarse_scores
 from estimator.reconstructions.pycolmap_library import pycolmap
 
@@ -166,6 +166,7 @@ STEPS: dict[str, Callable[[Request], dict[str, Any]]] = {
     "matches": matches,
     "mapping": lambda request: mapping(request, print_row),
     "finish": finish,
+    "compare_global": compare_global,
 }
 
 if __name__ == "__main__":

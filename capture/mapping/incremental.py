@@ -6,6 +6,7 @@ database next to it as 0.db, 1.db, ..., so that `finish` has the best model so f
 
 from __future__ import annotations
 
+import math
 import shutil
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from contextlib import contextmanager
@@ -13,6 +14,7 @@ from pathlib import Path
 from typing import Any
 
 import msgspec
+import numpy as np
 
 from capture.mapping.camera_models import (
     CANDIDATE_MODELS,
@@ -32,6 +34,7 @@ from capture.mapping.refusals import (
     MIN_WHOLE_RATIO,
 )
 from capture.mapping.triplets import agreement, model_triplets
+from estimator.evidence.alignment import least_squares
 from estimator.projection.cameras import make_camera
 from estimator.reconstructions.colmap import read_colmap
 from estimator.reconstructions.pycolmap_library import pycolmap
@@ -45,6 +48,8 @@ N_MAPPING_THREADS = 1
 #: Minimum number of inliers of a frame that is placed; COLMAP's default is 30. With 15, 80 instead of 47 of 96 frames
 #: of `courthouse_walk` are placed, 118 instead of 78 of `snow_walk`, 15 instead of 14 of `banana_lowtex`.
 MIN_POSE_INLIERS = 15
+#: Minimum ratio of shared frames at which the paths of two mappers are compared.
+MIN_SHARED_RATIO = 0.5
 #: Maximum number of frames with which a remaining frame is matched again.
 MAX_PARTNERS = 6
 #: Maximum ratio of descriptor distances of guided matches; along an epipolar line there are few candidates.
@@ -104,7 +109,7 @@ def finish(request: Request) -> dict[str, Any]:
 
     Frames outside the largest consistent part share less than two frames with it by triplets of matches, and have no
     scale relative to it. Frames whose steps are undetermined hang on distant points alone. The result has the figures
-    in `model`, its `folder`, and the compared `lenses`.
+    in `model`, its `folder`, its database `matches`, and the compared `lenses`.
     """
     output = Path(request["output"])
     written = sorted((folder for folder in output.iterdir() if folder.name.isdecimal()), key=lambda one: int(one.name))
@@ -137,6 +142,7 @@ def finish(request: Request) -> dict[str, Any]:
     return {
         "model": msgspec.to_builtins(figures),
         "folder": str(folder),
+        "matches": str(matches),
         "lenses": msgspec.to_builtins(lenses),
     }
 
@@ -296,6 +302,32 @@ def n_consistent(model: Model, matches: Path) -> int:
     if not agreed.parts or agreed.contradicted > MAX_CONTRADICTED_RATIO * agreed.triplets:
         return 0
     return len(agreed.parts[0])
+
+
+def compare_global(request: Request) -> dict[str, Any]:
+    """Return the distance of a model's camera path from that of COLMAP's global mapper, relative to its extent.
+
+    It is the root mean square distance of the camera centres after the best similarity. The request names the
+    `database`, `images`, an empty `output` folder and the `folder` of the model.
+    """
+    options = pycolmap.GlobalPipelineOptions(num_threads=N_MAPPING_THREADS, random_seed=0)
+    models = pycolmap.global_mapping(request["database"], request["images"], request["output"], options=options)
+    other = max(models.values(), key=lambda one: one.num_reg_images(), default=None)
+    if other is None:
+        return {"disagreement": None}
+    own, their = (
+        {image.name: image.projection_center() for image in model.images.values() if image.has_pose}
+        for model in (pycolmap.Reconstruction(request["folder"]), other)
+    )
+    shared = sorted(own.keys() & their.keys())
+    if len(shared) < MIN_SHARED_RATIO * len(own):
+        return {"disagreement": None}
+    fit = least_squares(
+        np.array([their[name] for name in shared]),
+        np.array([own[name] for name in shared]),
+        np.ones(len(shared), dtype=bool),
+    )
+    return {"disagreement": None if fit is None else math.sqrt(3) * fit.residual / fit.extent}
 
 
 @contextmanager

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import shutil
+from contextlib import suppress
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -15,6 +16,8 @@ from capture.mapping.camera_prior import FISHEYE, Lens
 from capture.mapping.match_graph import MatchGraph
 from capture.mapping.model_metrics import ModelMetrics
 from capture.mapping.refusals import (
+    DISPUTABLE,
+    MAX_DISAGREEMENT,
     MAX_MODEL_FOCAL_CHANGE,
     TYPICAL_FOCAL,
     Failure,
@@ -40,6 +43,8 @@ class ModelReport(msgspec.Struct, kw_only=True):
     model: ModelMetrics | None = None  #: Figures of the model; None if there is none.
     left_out: list[str] = []  #: Frames without a place in the model.
     pairs: dict[str, Any] = {}  #: Figures of the matches.
+    disagreement: float | None = None  #: Distance of both mappers' paths relative to their extent, if compared.
+    overruled: Failure | None = None  #: Failure that is a warning, because both mappers agree.
     focal_held: bool = False  #: Whether the focal length was not refined.
     lenses: CameraModelChoice | None = None  #: Comparison of the camera models, if the residuals have a pattern.
 
@@ -89,6 +94,15 @@ def make_model(
         report.failure = model_failure(graph, report.model, lens.fixed)
         if report.failure is None and report.lenses is not None and not lens.free:
             report.failure = camera_model_failure(report.lenses)
+        if report.failure is not None and report.failure.code in DISPUTABLE and report.n_placed == len(graph.names):
+            other = folder / "global"
+            other.mkdir()
+            request = {"database": result["matches"], "images": str(images), "folder": result["folder"]}
+            with suppress(OutOfTime, WorkerError):
+                compared = run_worker("compare_global", request | {"output": str(other)}, folder, limit=limit)
+                report.disagreement = compared["disagreement"]
+            if report.disagreement is not None and report.disagreement < MAX_DISAGREEMENT:
+                report.failure, report.overruled = None, report.failure
         if report.failure is None:
             Path(result["folder"]).rename(output)
     placed = set() if report.model is None else set(report.model.names)

@@ -84,6 +84,11 @@ MAX_CONTRADICTED_RATIO, MIN_BROKEN_FRAMES = 0.05, 2
 #: frames see only distant points in common: their steps have 0.11 to 0.18 and are wrong by a factor of two, whereas no
 #: frame of 13 other models has more than 0.06.
 MAX_STEP_STD = 0.1
+#: Failures that become warnings if the global mapper finds the same path and all frames are placed. It does not
+#: test an undetermined or a changing focal length: both mappers agree on the same wrong one.
+DISPUTABLE = frozenset({"drift", "implausible_focal_length"})
+#: Maximum distance of the paths of two mappers that agree, relative to the extent.
+MAX_DISAGREEMENT = 0.01
 
 
 @dataclass(frozen=True, slots=True)

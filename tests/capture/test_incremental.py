@@ -5,11 +5,13 @@ from __future__ import annotations
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 import pytest
 
-from capture.mapping.incremental import mapping, n_consistent
-from capture.mapping.refusals import MIN_WHOLE_RATIO
+from capture.mapping.incremental import compare_global, mapping, n_consistent
+from capture.mapping.refusals import MAX_DISAGREEMENT, MIN_WHOLE_RATIO
 from estimator.reconstructions.pycolmap_library import pycolmap
+from tests.synthetic.wrong_pieces import move_frames
 
 N_FRAMES = 8
 
@@ -46,3 +48,18 @@ def test_next_start_is_tried_if_less_than_80_percent_of_the_linked_frames_agree(
     result = mapping(request | {"fixed": True, "free": False, "linked": linked}, lambda _: None)
     assert len(result["model"]["names"]) == N_FRAMES
     assert len(list(output.glob("[01].db"))) == starts
+
+
+@pytest.mark.parametrize(("shift", "agrees"), [(0.01, True), (0.05, False)])
+def test_global_mapper_contradicts_a_model_with_a_frame_at_a_wrong_place(
+    tmp_path: Path, shift: float, agrees: bool
+) -> None:
+    """One of eight frames is moved by a part of the path's extent; the root mean square distance is 0.35 of it."""
+    file, folder, output = tmp_path / "matches.db", tmp_path / "model", tmp_path / "global"
+    model = made(file)
+    move_frames(model, {min(image.name for image in model.images.values())}, np.eye(3), shift, 1.0)
+    for path in (folder, output):
+        path.mkdir()
+    model.write_binary(str(folder))
+    request = {"database": str(file), "images": str(tmp_path), "output": str(output), "folder": str(folder)}
+    assert (compare_global(request)["disagreement"] < MAX_DISAGREEMENT) == agrees

@@ -235,5 +235,11 @@ def test_a_pattern_is_stated_unless_the_camera_model_is_the_best_one() -> None:
     assert "the camera model (SIMPLE_RADIAL) leaves a pattern in the residuals" in rows[0][0]
 
 
+def test_a_failure_that_two_mappers_overrule_is_a_warning() -> None:
+    (warning,) = _warnings(report={"overruled": refusal("drift", "the steps change")})
+    assert warning.startswith("the steps change; record a loop")
+    assert warning.endswith("another mapper finds the same path")
+
+
 def test_every_code_of_the_contract_is_there() -> None:
     assert set(CODES) == {*REFUSED_VIDEOS, *RARE_VIDEOS, "wrong_camera_model", "out_of_time"}

@@ -327,6 +327,8 @@ def test_tools_of_the_model_context_protocol(catalogue: ReleaseCatalogue) -> Non
             assert all(tool.annotations and tool.annotations.read_only_hint for tool in listed)
             assert all("description" in field for tool in listed for field in tool.input_schema["properties"].values())
             tools = {tool.name for tool in listed}
+            limit = next(tool for tool in listed if tool.name == "vocabulary").input_schema["properties"]["limit"]
+            assert (limit["minimum"], limit["maximum"], limit["default"]) == (1, 100, 100)
             asked = {
                 "search": {"query": "mouse"},
                 "node": {"name": "mouse", "vocabulary": "coco_80"},

@@ -370,7 +370,7 @@ def test_what_blender_draws_is_in_the_picture(scene: tuple[InsertionScene, Place
     metres_per_unit = prepared.scale.metres_per_unit
     with traced_layers([placed], prepared.footage.frames, metres_per_unit, environment) as traced:
         layer = traced(shot)
-    assert json.loads(blender.read_text())["job"]["samples"] > 0
+    assert json.loads(blender.read_text())["job"]["samples"] == 32
     assert layer.shape == (480, 640, 4)
     np.testing.assert_allclose(layer[110:130, 215:245], np.broadcast_to([0.5, 0, 0, 1], (20, 30, 4)), atol=1e-3)
 

@@ -214,6 +214,16 @@ def test_a_wall_takes_the_light_of_a_lamp_behind_it() -> None:
     assert 0.2 < part < 0.9  # the top of the object sees it, the foot does not
 
 
+def test_the_visibility_of_a_lamp_is_sampled_by_4_points_and_6_heights() -> None:
+    """A wall that is one cell higher each time changes the fraction in steps of 1/24."""
+    position, up = np.array([1.5, 1.0, 0.05]), np.array([0.0, 0.0, 1.0])
+    lamps = SphereLights(np.array([[0.1, 1.0, 0.9]]), np.ones((1, 3)), np.full(1, 0.6), position)
+    found = [estimate.reaching_fraction(lamps, _wall(height), position, up, 1.4)[0] for height in range(1, 16)]
+    lines = np.rint(24 * np.array(found)).astype(int)
+    np.testing.assert_allclose(24 * np.array(found), lines, atol=1e-6)
+    assert np.gcd.reduce(lines) == 1
+
+
 class _Grey(SceneImages):
     """One grey image of a camera at the origin that looks along z."""
 

@@ -20,7 +20,14 @@ from estimator.baselines.paper import paper_result
 from estimator.records.digests import objects_digest, scene_digests
 from estimator.records.objects import MeasuredObject
 from estimator.records.options import PAPER, EstimateOptions, MeasurementOptions
-from estimator.records.result import ResultContext, ScaleEvidence, ScaleResult, SceneEstimate, UpReport
+from estimator.records.result import (
+    TAKEN_AS_METRES,
+    ResultContext,
+    ScaleEvidence,
+    ScaleResult,
+    SceneEstimate,
+    UpReport,
+)
 from estimator.records.scene import Instance, InstanceSet, Scene, SceneProblem
 from estimator.results.estimate import scale_of_objects
 from metric_base.arrays import IntArray
@@ -173,7 +180,7 @@ def estimate_scene(
     from estimator.reconstructions.model_checks import (
         check_reconstruction,
         focal_problem,
-        implied_distance_problem,
+        implied_size_problem,
         view_groups,
     )
     from estimator.reconstructions.scene_reader import read_scene
@@ -218,7 +225,10 @@ def estimate_scene(
             # Without curve and scale, no output is drawn or scaled by a mixture of two scales.
             problems = (*context.problems, contradiction)
             result = method.estimate(measurements.objects, tree, options, replace(context, problems=problems))
-    implied = None if result.scale is None else implied_distance_problem(scene, result.scale)
+    # Other evidence, such as GPS of an aircraft, confirms the height of the cameras.
+    has_other = any(row.scale is not None and row.assumption != TAKEN_AS_METRES for row in options.evidence)
+    floor = None if has_other else measurements.floor
+    implied = None if result.scale is None else implied_size_problem(scene, result.scale, floor)
     if implied is not None:
         result = replace(result, status="uncertain", warnings=(*result.warnings, f"uncertain: {implied.message}"))
     return SceneEstimate(result, scene, masks.instances, measurements)

@@ -22,7 +22,7 @@ from estimator.geometry.vertical import MAX_TILT_SIGMAS, MAX_UP_ERROR_DEG, OBSER
 from estimator.instances.view_matching import ViewLookup
 from estimator.reconstructions.image_files import image_file, image_folders
 from estimator.records.objects import Measurements, Up
-from estimator.records.result import ScaleEvidence
+from estimator.records.result import TAKEN_AS_METRES, ScaleEvidence
 from estimator.records.scene import Scene
 from estimator.telemetry.records import Positions
 from metric_base.arrays import FloatArray
@@ -33,6 +33,11 @@ from metric_base.parsing import csv_rows, finite_numbers
 KIND, VIDEO_KIND = "gps", "gps_video"
 #: Maximum time in seconds between the frames of a video without a gap in its path.
 MAX_GAP_S = 1.0
+#: Maximum median speed in m/s of a recording; an airliner flies at 280 m/s with the wind, and a walk of 1.4 m/s becomes
+#: 1,400 m/s if millimetres are read as metres. Speeds that are too low belong to paths that are too short.
+MAX_SPEED_M_S = 350.0
+#: Time in seconds between the positions from which a speed is computed: the errors of a receiver in it are small.
+SPEED_LAG_S = 1.0
 #: Maximum standard deviation of the log scale; objects determine it better.
 MAX_LOG_SD = 0.2
 #: Maximum absolute value of a coordinate in metres or degrees, for any origin on the earth.
@@ -120,9 +125,22 @@ class VideoGps:
             )
         metres = self.positions.positions[rows]
         metres = east_north_up(metres) if self.positions.geodetic else metres
+        speed = path_speed(self.positions.times_s[rows], metres)
+        if speed > MAX_SPEED_M_S:
+            reason = f"the positions move at {speed:.3g} m/s, faster than aeroplanes: wrong units or times?"
+            return skipped_evidence(VIDEO_KIND, self.name, reason)
         up = measurements.up if self.positions.geodetic else None
         accuracy = self.positions.accuracy_m or TYPICAL_ACCURACY_M
         return position_evidence(VIDEO_KIND, self.name, centres, metres, accuracy, up)
+
+
+def path_speed(times_s: FloatArray, metres: FloatArray) -> float:
+    """Return the median speed in m/s along a path (n, 3) at times (n,); 0 for a path shorter than the lag."""
+    later = times_s[times_s <= times_s[-1] - SPEED_LAG_S] + SPEED_LAG_S
+    if not len(later):
+        return 0.0
+    moved = np.column_stack([np.interp(later, times_s, column) for column in metres.T]) - metres[: len(later)]
+    return float(np.median(np.linalg.norm(moved, axis=1))) / SPEED_LAG_S
 
 
 def pictures_have_gps(scene: Scene, images: Path | None) -> bool:
@@ -139,9 +157,9 @@ def taken_as_metres(positions: Iterable[FloatArray]) -> str:
     x, y, z = np.median(list(positions), axis=0)
     is_projected = max(abs(x), abs(y)) > MAX_LOCAL_M and abs(y) <= math.pi * EARTH_RADIUS_M
     if not is_projected or abs(math.hypot(x, y, z) / EARTH_RADIUS_M - 1) < MAX_GEOCENTRIC_DEVIATION:
-        return "taken as metres"
+        return TAKEN_AS_METRES
     factor = math.cosh(y / EARTH_RADIUS_M)
-    return f"taken as metres; in Web Mercator the scale would be {factor:.3g} times too large"
+    return f"{TAKEN_AS_METRES}; in Web Mercator the scale would be {factor:.3g} times too large"
 
 
 def position_evidence(

@@ -11,6 +11,7 @@ from scipy.sparse.csgraph import connected_components
 
 from estimator.projection.cameras import project
 from estimator.reconstructions.image_files import image_file, image_folders
+from estimator.records.objects import SupportPlane
 from estimator.records.scene import Scene, SceneProblem, camera_centres
 from metric_base.arrays import IntArray
 from metric_base.images import image_header
@@ -39,6 +40,11 @@ MIN_GROUP_VIEWS = 2
 #: Range of the median distance in metres of the points from the cameras: from close-ups of toys to aerial images. A
 #: distance of 3 m becomes 0.003 m or 3,000 m if kilometres or millimetres are read as metres.
 MIN_DISTANCE_M, MAX_DISTANCE_M = 0.1, 1000.0
+#: Maximum height in metres of level cameras above the floor; cameras that look down may be aircraft. A height of 1.5 m
+#: becomes 59 m if inches are read as metres.
+MAX_LEVEL_HEIGHT_M = 50.0
+#: Maximum absolute sine of the elevation of level cameras: 30 degrees. Hand-held cameras in rooms look down by less.
+MAX_LEVEL_SINE = 0.5
 #: Maximum ratio, in either direction, of the focal length of the model and that of EXIF, which is rounded to
 #: millimetres and ignores the crop of corrected distortion. An error of 30 % changes the proportions of a scene.
 MAX_FOCAL_RATIO = 1.3
@@ -158,16 +164,27 @@ def focal_problem(scene: Scene, images: Path | None = None) -> SceneProblem | No
     return SceneProblem(message, is_doubtful=True)
 
 
-def implied_distance_problem(scene: Scene, metres_per_unit: float) -> SceneProblem | None:
-    """Return a problem if a scale implies an implausible median distance of the observed points from the cameras."""
+def implied_size_problem(scene: Scene, metres_per_unit: float, floor: SupportPlane | None) -> SceneProblem | None:
+    """Return a problem if a scale implies an implausible position of the cameras.
+
+    That is the median distance of the observed points, or the median height of level cameras above the floor, if it is
+    given.
+    """
     depths = [view.to_camera(scene.points[view.point_index])[:, 2] for view in scene.views if len(view.point_index)]
     metres = metres_per_unit * float(np.median([np.median(depth) for depth in depths])) if depths else 1.0
-    if MIN_DISTANCE_M <= metres <= MAX_DISTANCE_M:
-        return None
-    expected = f"{MIN_DISTANCE_M:g} to {MAX_DISTANCE_M:g} m are usual"
-    return SceneProblem(
-        f"the scale implies that the cameras are {metres:.3g} m from the points, {expected}: wrong units?"
-    )
+    if not MIN_DISTANCE_M <= metres <= MAX_DISTANCE_M:
+        expected = f"{MIN_DISTANCE_M:g} to {MAX_DISTANCE_M:g} m are usual"
+        implied = f"{metres:.3g} m from the points, {expected}"
+    else:
+        if floor is None:
+            return None
+        vertical = floor.basis[2]
+        height = metres_per_unit * float(np.median(camera_centres(scene.views) @ vertical - floor.height))
+        sine = float(np.median([view.rotation[2] @ vertical for view in scene.views]))
+        if height <= MAX_LEVEL_HEIGHT_M or abs(sine) > MAX_LEVEL_SINE:
+            return None
+        implied = f"{height:.3g} m above the floor and look horizontally"
+    return SceneProblem(f"the scale implies that the cameras are {implied}: wrong units, or models?")
 
 
 def reprojection_problems(statistics: ReprojectionStatistics) -> tuple[SceneProblem, ...]:

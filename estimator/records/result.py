@@ -23,6 +23,8 @@ from metric_base.files import whole_file
 #: Prior probability that evidence is wrong, the same as for an object
 #: (`posterior.likelihood.OUTLIER_PROBABILITY`).
 DOUBT = 0.1
+#: Assumption about positions of a table in a local frame.
+TAKEN_AS_METRES = "taken as metres"
 SCHEMA = "metric-tree/scale/1"
 Status = Literal["resolved", "uncertain", "unresolved"]
 Verdict = Literal["used", "outlier", "skipped"]

@@ -20,6 +20,7 @@ from estimator import read_instances, read_scene
 from metric_cli.estimate_scale.estimate import main
 from tests.synthetic.evidence import draw_marker, marker_picture, position_table, write_exif
 from tests.synthetic.exports import write_export
+from tests.synthetic.rooms.similarity import similarity_between
 from tests.synthetic.walk import Walk, synthetic_walk
 
 STREET = Path("data/scenes/lund_street").resolve()
@@ -158,3 +159,32 @@ def test_gps_of_the_images_is_used_without_an_option(here: Path, capsys: pytest.
     write_export(walk.scene, "nerfstudio", here / "hall")
     write_exif(walk, 1.0)
     assert scale("estimate-scale hall", capsys) == pytest.approx(HALL_SCALE, rel=0.05)
+
+
+def test_a_video_a_folder_of_images_and_a_polycam_folder(here: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    """All three are reconstructed next to the input; the truth is that of the rendered video."""
+    demo = STREET.parent / "demo_video"
+    shutil.copy(demo / "video.mp4", "walk.mp4")
+    shutil.copy(demo / "instances.json", "masks.json")
+    truth = {frame["index"]: frame for frame in json.loads((demo / "truth.json").read_text())["frames"]}
+
+    def check(command: str, work: Path, target: str) -> None:
+        assert main(shlex.split(command)[1:]) == 0
+        out, err = capsys.readouterr()
+        found = re.match(r"scale [\d.]+ m per unit(?: \(uncertain\))?   90% interval ([\d.]+) to ([\d.]+)", out)
+        assert found is not None, out
+        assert f"estimate-scale: next: {command} --write-scaled {target}  #" in err
+        views = read_scene(work).views
+        true = [truth[int(Path(view.name).stem)] for view in views]
+        true_centres = np.array([-np.array(frame["rotation"]).T @ frame["translation"] for frame in true])
+        metres = 1 / similarity_between(true_centres, np.array([view.centre for view in views])).scale
+        low, high = map(float, found.groups())
+        assert low < metres < high
+
+    check("estimate-scale walk.mp4 --instances masks.json --frames 8", here / "walk.mp4.metric-tree", "walk-metric")
+    for folder in (here / "photos", here / "polycam" / "keyframes" / "images"):
+        folder.mkdir(parents=True)
+        for file in (here / "walk.mp4.metric-tree" / "frames").iterdir():
+            cv2.imwrite(str(folder / file.name), cv2.resize(cv2.imread(str(file)), None, fx=0.5, fy=0.5))
+    check("estimate-scale photos --instances masks.json", here / "photos.metric-tree", "photos-metric")
+    check("estimate-scale polycam --instances masks.json", here / "polycam.metric-tree", "polycam-metric")

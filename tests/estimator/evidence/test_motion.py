@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from estimator.evidence.gps import VideoGps
+from estimator.evidence.gps import VideoGps, path_speed
 from estimator.evidence.imu import Imu, Inertial, inertial_scale
 from estimator.evidence.source import CameraPath
 from estimator.records.objects import Measurements
@@ -100,6 +100,19 @@ def test_positions_of_a_video(walk: Walk, nothing: Measurements) -> None:
     assert 0.015 < row.sd_log < 0.06  # the drift of a receiver, not the noise of many positions
     short = CameraPath(times[:60], _path(times, centres, 1).centres[:60])
     assert "too short" in str(one(VideoGps(positions, short, "clip.mp4").observe(walk.scene, nothing)).reason)
+
+
+@pytest.mark.parametrize(("speed", "is_skipped"), [(1.4, False), (345.0, False), (355.0, True), (1400.0, True)])
+def test_a_recording_is_not_faster_than_an_aeroplane(
+    walk: Walk, nothing: Measurements, speed: float, is_skipped: bool
+) -> None:
+    times = np.arange(0, 60, 0.1)
+    curve = np.column_stack([times, np.sin(times), np.cos(times)])
+    metres = speed / path_speed(times, curve) * curve
+    source = VideoGps(Positions(times, metres, geodetic=False), CameraPath(times, curve), "clip.csv")
+    row = one(source.observe(walk.scene, nothing))
+    assert (row.scale is None) == is_skipped
+    assert not is_skipped or "faster than aeroplanes: wrong units or times?" in str(row.reason)
 
 
 @pytest.mark.parametrize(

@@ -11,12 +11,13 @@ from estimator import estimate_scale
 from estimator.reconstructions.model_checks import (
     ReprojectionStatistics,
     focal_problem,
-    implied_distance_problem,
+    implied_size_problem,
     reprojection_problems,
     reprojection_statistics,
 )
+from estimator.records.objects import SupportPlane
 from estimator.records.result import ResultContext
-from estimator.records.scene import SceneProblem
+from estimator.records.scene import SceneProblem, camera_centres
 from estimator.results import estimate
 from estimator.results.estimate import scale_of_objects
 from tests.synthetic.evidence import objects_of
@@ -154,7 +155,28 @@ def test_two_models_in_one_scene_need_the_same_scale(room, factor: float, status
 )
 def test_a_scale_implies_the_distance_of_the_cameras(good, metres: float, is_plausible: bool) -> None:
     depths = [np.median(view.to_camera(good.points[view.point_index])[:, 2]) for view in good.views]
-    problem = implied_distance_problem(good, metres / float(np.median(depths)))
+    problem = implied_size_problem(good, metres / float(np.median(depths)), None)
+    assert (problem is None) == is_plausible
+
+
+@pytest.mark.parametrize(
+    ("metres", "elevation_deg", "is_plausible"),
+    [(49.0, 0.0, True), (51.0, 0.0, False), (51.0, -29.0, False), (51.0, -31.0, True)],
+)
+def test_level_cameras_are_not_high_above_the_floor(
+    good, metres: float, elevation_deg: float, is_plausible: bool
+) -> None:
+    """Two units above a floor, whose vertical is `elevation_deg` from a right angle with the optical axes."""
+    axis = good.views[0].rotation[2]
+    level = np.cross(axis, [0.3, 0.5, 0.8])
+    angle = np.radians(elevation_deg)
+    up = np.cos(angle) * level / np.linalg.norm(level) + np.sin(angle) * axis
+    views = tuple(replace(view, rotation=good.views[0].rotation) for view in good.views)
+    height = float(np.median(camera_centres(views) @ up)) - 2
+    floor = SupportPlane(np.stack([axis, axis, up]), height, 0.01, 100, np.zeros(2), 1.0, np.ones((1, 1), dtype=bool))
+    depths = [np.median(view.to_camera(good.points[view.point_index])[:, 2]) for view in views]
+    assert 0.2 < np.median(depths) / 2 < 20  # the distances are usual
+    problem = implied_size_problem(replace(good, views=views), metres / 2, floor)
     assert (problem is None) == is_plausible
 
 

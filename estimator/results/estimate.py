@@ -55,13 +55,13 @@ MAX_OWN_RATIO = 1.6
 #: Maximum fraction of objects beyond this ratio of a resolved scale: at most 0.25 in synthetic rooms (seeds 40 to 55)
 #: and 0.32 in real scenes; 0.43 or more in most rooms with exchanged categories and a wrong scale.
 MAX_DISTANT_FRACTION = 0.4
-#: Minimum ratio of the scales of toys or models and of objects at full size, 1:4 with errors. With 2.5, three objects of
-#: an undamaged street agree (synthetic seeds 40 to 55; none with 3).
+#: Minimum ratio of the scales of toys or models and of objects at full size, 1:4 with errors. In undamaged synthetic
+#: scenes (seeds 40 to 55), three objects of a street agree with a ratio of 2.5, and none with 3.
 MIN_MODEL_RATIO = 3.0
 #: Maximum ratio of the scales of models that agree with each other: twice their standard deviation in synthetic rooms.
 MAX_AGREEING_RATIO = 2.5
 #: Minimum number of objects that agree on another scale, and their minimum fraction of all objects. Undamaged scenes,
-#: synthetic (seeds 100 to 159) and real, have at most one object with such a ratio on each side.
+#: synthetic (seeds 40 to 55) and real, have fewer.
 MIN_AGREEING_OBJECTS = 2
 MIN_AGREEING_FRACTION = 0.15
 #: Factors between units that are mistaken for each other.

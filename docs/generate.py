@@ -41,7 +41,7 @@ and `--part I/N` (part I of N, for Slurm arrays), and of the programs `--version
 #: Commands: the program, and where its parser comes from.
 PROGRAMS = {"estimate-scale": "metric_cli.estimate_scale.parser", "insert-object": "metric_cli.insert_object.parser"}
 APIS = ("metric_tree", "estimator", "capture", "models3d", "insertion")
-#: Classes for programs that read or write glTF files themselves: their methods are documented in the code only.
+#: Classes for programs that read or write glTF files themselves: only the code documents more than their purpose.
 SUMMARIES = {"GltfDocument", "GltfWriter"}
 #: Methods that are not listed: those of a tree that its nodes have too, rows of tables, and deprecated names.
 OMITTED = {
@@ -110,15 +110,15 @@ def api() -> str:
 def _entry(package: str, name: str, value: Any) -> str:
     title = f"### `{package}.{name}`"
     if inspect.isclass(value):
+        if name in SUMMARIES:
+            return f"{title}\n\n{_text(value).splitlines()[0]}"
         members = "\n\n".join(_members(name, value))
         return f"{title}\n\n{_text(value)}" + (f"\n\n{members}" if members else "")
     return f"{title}\n\n    {name}{_signature(value)}\n\n{_text(value)}"
 
 
 def _members(owner: str, value: type) -> Iterator[str]:
-    """Yield the public methods and properties, but none of the classes in `SUMMARIES` and not `OMITTED`."""
-    if owner in SUMMARIES:
-        return
+    """Yield the public methods and properties that are not `OMITTED`."""
     for name, member in vars(value).items():
         target = member.fget if isinstance(member, property) else getattr(member, "__func__", member)
         if name.startswith("_") or not callable(target) or inspect.getdoc(target) is None:

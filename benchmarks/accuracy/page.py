@@ -60,7 +60,7 @@ def page(outcomes: Sequence[Outcome], facts: Facts, template: str) -> str:
         errors=_errors_table(select(outcomes, part="errors")),
         pulls=_pulls_table(select(outcomes, part="pulls")),
         unseen=_groups_table(select(outcomes, part="unseen")),
-        streets=_groups_table(select(outcomes, part="streets")),
+        streets=_groups_table(select(outcomes, part="streets"), _MIN_SUMMARY_SCENES),
     )
 
 
@@ -116,11 +116,12 @@ def _heights_table(outcomes: Sequence[Outcome]) -> str:
     return "\n".join(lines) if len(lines) > 1 else "Not run."
 
 
-def _groups_table(outcomes: Sequence[Outcome]) -> str:
+def _groups_table(outcomes: Sequence[Outcome], min_scenes: int = 1) -> str:
     rows = [
         _line(group, method, select(outcomes, group=group, method=method))
         for group in _groups(outcomes)
         for method in dict.fromkeys(row.method for row in select(outcomes, group=group))
+        if len(select(outcomes, group=group, method=method)) >= min_scenes
     ]
     return "\n".join([_HEAD, *rows]) if rows else "Not run."
 

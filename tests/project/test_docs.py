@@ -212,5 +212,5 @@ def test_a_question_of_a_newcomer_is_answered_within_two_pages(question: dict[st
     assert any(question["answer"] in text for text in texts)
 
 
-def test_each_kind_of_user_has_five_questions() -> None:
-    assert set(Counter(question["user"] for question in QUESTIONS).values()) == {5}
+def test_each_kind_of_user_has_ten_questions() -> None:
+    assert set(Counter(question["user"] for question in QUESTIONS).values()) == {10}

@@ -104,20 +104,15 @@ def test_kills_lose_nothing_and_repeat_nothing(tmp_path: Path) -> None:
     assert again <= kills * 32
 
 
-def test_a_folder_with_a_crawl_is_not_overwritten(tmp_path: Path) -> None:
-    with SyntheticSite(Shop(products=3, errors=False)) as site:
-        crawl(site, tmp_path / "out")
-        message = crawl(site, tmp_path / "out", status=2)
-        assert "expected a free folder, or --resume; found a crawl" in message
-        assert crawl(site, tmp_path / "out", "--resume")["items"] == 0
-
-
-def test_a_limit_stops_and_a_resume_goes_on(tmp_path: Path) -> None:
+def test_a_limit_stops_a_resume_goes_on_and_a_crawl_is_not_overwritten(tmp_path: Path) -> None:
     with SyntheticSite(Shop(products=60, errors=False)) as site:
         assert crawl(site, tmp_path / "out", "--limit", "20")["reason"] == "limit"
         assert len(items(tmp_path / "out")) == 20
+        message = crawl(site, tmp_path / "out", status=2)
+        assert "expected a free folder, or --resume; found a crawl" in message
         crawl(site, tmp_path / "out", "--resume")
         assert len(items(tmp_path / "out")) == 60
+        assert crawl(site, tmp_path / "out", "--resume")["items"] == 0
 
 
 @pytest.mark.slow

@@ -102,7 +102,8 @@ def api() -> str:
     parts = [f"# Python API\n\n{NOTE}\n\n{units}"]
     for package in APIS:
         module = importlib.import_module(package)
-        parts.append(f"## {package}\n\n{inspect.getdoc(module)}")
+        text = re.sub(r"^>>> .*?(?:\n\n|\Z)", "", inspect.getdoc(module) or "", flags=re.MULTILINE | re.DOTALL)
+        parts.append(f"## {package}\n\n{text.strip()}")
         parts += [_entry(package, name, getattr(module, name)) for name in getattr(module, "__all__", ())]
     return "\n\n".join(parts) + "\n"
 

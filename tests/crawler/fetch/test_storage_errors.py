@@ -87,8 +87,8 @@ def small_disk(tmp_path: Path) -> Iterator[Path]:
 @pytest.mark.parametrize("more", [[], ["--pictures"]], ids=["pages", "pictures"])
 def test_a_crawl_on_a_full_disk_ends_with_one_line(small_disk: Path, more: list[str]) -> None:
     filler = small_disk / "filler"
-    filler.write_bytes(b"0" * 720_000)
-    with SyntheticSite(Shop(products=150, errors=False)) as site:
+    filler.write_bytes(b"0" * 560_000)
+    with SyntheticSite(Shop(products=300, errors=False)) as site:
         start = ["--private", "--start-url", f"{site.base}/list/0", *more]
         done = subprocess.run(
             words("generic", small_disk / "out", *start),
@@ -111,7 +111,7 @@ def test_a_crawl_on_a_full_disk_ends_with_one_line(small_disk: Path, more: list[
             timeout=240,
             check=False,
         )
-    assert (again.returncode, items(moved)) == (0, 150), again.stderr
+    assert (again.returncode, items(moved)) == (0, 300), again.stderr
 
 
 def test_a_file_that_may_not_grow_ends_the_crawl_with_one_line(tmp_path: Path) -> None:

@@ -90,6 +90,8 @@ class ReleaseCatalogue:
 
     def tier(self, node: Node) -> str:
         """Return the tier of the default prior of a node."""
+        if node.stated is not None:  # a variant, which is not the node of the cache
+            return node.tier or UNKNOWN
         if node.node_id not in self._tiers:
             self._tiers[node.node_id] = node.tier or UNKNOWN
         return self._tiers[node.node_id]

@@ -1,38 +1,57 @@
 """Searches as people type them: a question (`how tall is a door`), a name with a size (`tv 55 inch`), or a name.
 
-The browser applies the same patterns (`explorer.search_index`), so that it finds what the server finds.
+The browser applies the same rules to the index of `explorer.search_index`, so that it finds what the server finds.
 """
 
 from __future__ import annotations
 
 import re
+from collections.abc import Iterator
+from contextlib import suppress
 
 from explorer.catalogue import ReleaseCatalogue
 from explorer.everyday_sizes import all_axes_text
 from explorer.responses import labels_by_list, medians, shown_name, tree_reference
 from explorer.schemas import SearchAnswer, SearchHit, SearchQuery
 from metric_base.errors import InputError
-from metric_tree.node import UnknownName
+from metric_tree.node import Meaning, UnknownName
 from taxonomy.words.spelling import plain_fold
 
 _SIZES = r"(?:sizes?|height|width|length|depth|dimensions?|diameter|thickness|measurements?)"
-#: Beginnings and ends of a folded text that are about a size; the syntax of Python and JavaScript is the same here.
+#: Beginnings and ends of a text that are about a size; the syntax of Python and JavaScript is the same here.
 LEADING = (
-    r"^(?:how (?:tall|high|wide|long|deep|big|large|thick|heavy) (?:is|are)|what (?:is|are)|"
+    r"^(?:how (?:tall|high|wide|long|deep|big|large|thick|heavy) (?:is|are)|what(?: is| are|'?s)|"
     rf"average|standard|typical|normal|{_SIZES} of|the|an?) "
 )
 TRAILING = rf" (?:{_SIZES}|\d+|in|inch|inches|cm|mm|m|ft|feet)$"
+#: Punctuation of a sentence, which is no part of a name or number.
+PUNCTUATION = r"[?!;:,.]+(?:\s|$)"
 
 
-def searched_text(catalogue: ReleaseCatalogue, query: str) -> str:
-    """Return the folded text of a query without words about sizes; a name of the release is kept as it is."""
-    text = plain_fold(query)
-    while text not in catalogue.names:
-        shorter = re.sub(LEADING, "", text) if re.search(LEADING, text) else re.sub(TRAILING, "", text)
+def shorter_texts(query: str) -> Iterator[str]:
+    """Yield a query without punctuation, then without one more word about sizes each time."""
+    text = " ".join(re.sub(PUNCTUATION, " ", query).split())
+    while True:
+        yield text
+        is_question = re.search(LEADING, text, re.IGNORECASE)
+        shorter = re.sub(LEADING if is_question else TRAILING, "", text, flags=re.IGNORECASE)
         if shorter == text:
-            break
+            return
         text = shorter
-    return text
+
+
+def searched_meaning(catalogue: ReleaseCatalogue, query: str) -> tuple[str, Meaning | None]:
+    """Return the text of a query without words about sizes, and its meaning if it states a size.
+
+    Words are removed until the text is a name of the release, or states a size as a variant or a number does.
+    """
+    text = ""
+    for text in shorter_texts(query):
+        if (meaning := catalogue.tree.stated_meaning(text)) is not None:
+            return text, meaning
+        if plain_fold(text) in catalogue.names:
+            break
+    return text, None
 
 
 def search_response(catalogue: ReleaseCatalogue, query: SearchQuery) -> SearchAnswer:
@@ -45,15 +64,18 @@ def search_response(catalogue: ReleaseCatalogue, query: SearchQuery) -> SearchAn
     """
     if not query.q.strip():
         raise InputError("q: expected a text; found spaces only")
-    text = searched_text(catalogue, query.q)
+    text, meaning = searched_meaning(catalogue, query.q)
     nodes = catalogue.tree.search(text or query.q, query.limit)
+    meant = meaning.node if meaning is not None else nodes[0] if len(nodes) == 1 else None
+    if meant is None and text:
+        with suppress(UnknownName):
+            meant = catalogue.tree.resolve(text, advice=False).node
     answer = None
-    try:
-        meant = catalogue.tree.resolve(text, advice=False).node
-    except UnknownName:
-        meant = None
-    if meant is not None and catalogue.dims(meant):
-        answer = f"{shown_name(meant)}: {all_axes_text(meant, medians(catalogue, meant))}."
+    if meant is not None:
+        nodes = (meant, *(node for node in nodes if node.node_id != meant.node_id))[: query.limit]
+        if catalogue.dims(meant):
+            stated = f", {meant.stated.name}" if meant.stated is not None else ""
+            answer = f"{shown_name(meant)}{stated}: {all_axes_text(meant, medians(catalogue, meant))}."
     hits = [
         SearchHit(
             node.node_id,
@@ -61,7 +83,7 @@ def search_response(catalogue: ReleaseCatalogue, query: SearchQuery) -> SearchAn
             list(node.path),
             catalogue.tier(node),
             node.n_items,
-            {dim: float(f"{mm:.5g}") for dim, mm in medians(catalogue, node).items()},
+            medians(catalogue, node),
             labels_by_list(catalogue, node),
         )
         for node in nodes

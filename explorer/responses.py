@@ -68,8 +68,9 @@ def shown_name(node: Node) -> str:
 
 def reference(catalogue: ReleaseCatalogue, node: Node) -> NodeRef:
     """Return the record of a node in a list."""
-    sizes = {dim: _rounded(mm) for dim, mm in medians(catalogue, node).items()}
-    return NodeRef(node.node_id, node.name, node.level, catalogue.tier(node), node.n_items, sizes)
+    return NodeRef(
+        node.node_id, node.name, node.level, catalogue.tier(node), node.n_items, medians(catalogue, node)
+    )
 
 
 def quantile_table(dims: tuple[str, ...], table: FloatArray, quantiles: tuple[float, ...] = QUANTILES) -> Quantiles:
@@ -92,8 +93,9 @@ def sentence(catalogue: ReleaseCatalogue, node: Node) -> str:
 
 
 def medians(catalogue: ReleaseCatalogue, node: Node) -> dict[str, float]:
-    """Return the medians of the dimensions of a node in mm."""
-    return dict(zip(catalogue.dims(node), catalogue.quantiles(node)[MEDIAN].tolist(), strict=True))
+    """Return the medians of the dimensions of a node in mm, with five digits."""
+    values = map(_rounded, catalogue.quantiles(node)[MEDIAN].tolist())
+    return dict(zip(catalogue.dims(node), values, strict=True))
 
 
 def labels_by_list(catalogue: ReleaseCatalogue, node: Node) -> dict[str, list[str]]:

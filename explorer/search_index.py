@@ -8,6 +8,9 @@ from __future__ import annotations
 
 import json
 import math
+from collections.abc import Mapping
+from contextlib import suppress
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -16,11 +19,17 @@ from explorer.catalogue import MEANINGS, ReleaseCatalogue
 from explorer.charts.size_comparison import REFERENCES
 from explorer.everyday_sizes import has_front
 from explorer.fit import OPENINGS
-from explorer.queries import LEADING, TRAILING
+from explorer.queries import LEADING, PUNCTUATION, TRAILING
 from explorer.responses import medians
 from explorer.urls import slug
+from metric_base.length_units import MILLIMETRES, UNIT_WORDS
+from metric_tree.node import Node, UnknownName
 from metric_tree.prior import Prior
-from taxonomy.words.spelling import SPELLINGS, plain_fold
+from metric_tree.variants import LITRES, QUANTITY, SEATS, SHOE_SIZE, stated_size_rules, unit_symbol, variant_form
+from taxonomy.naming.resolver import MIN_HEAD_COMPOUNDS, MIN_HEAD_FRACTION
+from taxonomy.words.phrases import MODIFYING, word_list
+from taxonomy.words.senses import head_trust, names_in_languages
+from taxonomy.words.spelling import IRREGULAR, SPELLINGS, plain_fold
 
 
 def name_index(catalogue: ReleaseCatalogue) -> bytes:
@@ -29,7 +38,8 @@ def name_index(catalogue: ReleaseCatalogue) -> bytes:
     `nodes` has a line per node: slug, name unless the slug spells it, tier, number of items, index of the parent, and
     median sizes in mm after the first letters of the dimensions (1 to 3 of extents), with `f` for a node with a front.
     `aliases` has the other names of each node that no other node has; `shared` the names of several nodes, the most
-    likely node first; `labels` the labels of the node (empty if equal to its name), each with letters of its lists.
+    likely node first; `labels` the labels of the node (empty if equal to its name), each with letters of its lists;
+    `others` the node of each name in another language. `stated` is of `stated_size_index`.
     """
     nodes = sorted(catalogue.nodes.values(), key=lambda node: node.node_id)
     indices = {node.node_id: index for index, node in enumerate(nodes)}
@@ -47,10 +57,8 @@ def name_index(catalogue: ReleaseCatalogue) -> bytes:
         name = "" if node.name == spelt else node.name
         parent = indices[node.parent_id] if node.parent_id else ""
         tier = tiers.index(catalogue.tier(node))
-        sizes = [f"{dim.removeprefix('extent')[0]}{mm:.3g}" for dim, mm in medians(catalogue, node).items()]
-        if has_front(node):
-            sizes.append("f")
-        fields = (slug(node.node_id), name, tier, node.n_items or "", parent, ",".join(sizes))
+        sizes = sizes_text(catalogue, node) + (",f" if has_front(node) else "")
+        fields = (slug(node.node_id), name, tier, node.n_items or "", parent, sizes)
         lines.append("\t".join(map(str, fields)))
         letters: dict[str, str] = {}  # of the lists, by label
         for list_name, label in catalogue.labels.get(node.node_id, ()):
@@ -59,6 +67,18 @@ def name_index(catalogue: ReleaseCatalogue) -> bytes:
             if letter not in letters.get(shown, ""):
                 letters[shown] = letters.get(shown, "") + letter
         labels.append(",".join(f"{label}@{of_label}" for label, of_label in letters.items()))
+    heads = []  # nouns whose compounds are mostly such objects
+    for name, owners in catalogue.tree.names():
+        kinds, compounds = head_trust(name).get(owners[0], (0, 0))
+        if compounds >= MIN_HEAD_COMPOUNDS and kinds / compounds >= MIN_HEAD_FRACTION:
+            heads.append(name)
+    others = {}
+    for name, node_ids in names_in_languages().items():
+        if not indices.keys().isdisjoint(node_ids):
+            with suppress(UnknownName):
+                meaning = catalogue.tree.resolve(name, advice=False)
+                if meaning.how == "other name":
+                    others[name] = indices[meaning.node.node_id]
     content = {
         "tiers": tiers,
         "nodes": "\n".join(lines),
@@ -66,12 +86,73 @@ def name_index(catalogue: ReleaseCatalogue) -> bytes:
         "shared": "\n".join(sorted(shared)),
         "lists": lists,
         "labels": "\n".join(labels),
+        "others": others,
+        "heads": heads,
+        "modifiers": sorted(frozenset().union(*map(word_list, MODIFYING))),
+        "copies": sorted(word_list("copies")),
+        "containers": sorted(word_list("containers")),
+        "stated": stated_size_index(catalogue, indices),
         "leading": LEADING,
         "trailing": TRAILING,
+        "punctuation": PUNCTUATION,
         "spellings": SPELLINGS,
+        "irregular": IRREGULAR,
         "sources": [[source["id"], source["title"]] for source in catalogue.sources.values()],
     }
     return f"var MT_NAMES={json.dumps(content, separators=(',', ':'), ensure_ascii=False)};\n".encode()
+
+
+def sizes_text(catalogue: ReleaseCatalogue, node: Node) -> str:
+    """Return the medians of a node in mm after the first letters of the dimensions, such as `l910,h2040.5`."""
+    return ",".join(f"{dim.removeprefix('extent')[0]}{mm:.5g}" for dim, mm in medians(catalogue, node).items())
+
+
+def stated_size_index(catalogue: ReleaseCatalogue, indices: Mapping[str, int]) -> dict[str, Any]:
+    """Return the tables for sizes that a name states (`metric_tree.variants`).
+
+    `variants` has a line per variant: index of the node, name, medians as in `sizes_text`, and normalised aliases.
+    `rules` has node, quantity, factors by axis, exponent, range and standard deviation. `priors` has, for each node
+    below a rule, its dimensions and a list of weight, means (d) and covariances (d * d) of ln mm for each component.
+    `units` has the symbol, quantity and factor of each word of a unit.
+    """
+    variants, priors = [], {}
+    rules = {rule.node_id: rule for rule in stated_size_rules() if rule.node_id in indices}
+    for node in catalogue.nodes.values():
+        for row in node.variants:
+            forms = sorted({variant_form(alias) for alias in row.aliases.split("; ") if alias})
+            if forms:
+                sizes = sizes_text(catalogue, replace(node, stated=row.stated))
+                variants.append(f"{indices[node.node_id]}\t{row.name}\t{sizes}\t{','.join(forms)}")
+        prior = catalogue.prior(node)
+        if prior is not None and any(one.node_id in rules for one in (node, *node.ancestors())):
+            covariances = prior.covariances + prior.shared_covariance
+            columns = zip(prior.weights, prior.means, covariances, strict=True)
+            components = [np.concatenate([[weight], mean, covariance.ravel()]) for weight, mean, covariance in columns]
+            dims = "".join(dim.removeprefix("extent")[0] for dim in prior.dims)
+            numbers = [[float(f"{value:.7g}") for value in component] for component in components]
+            priors[indices[node.node_id]] = [dims, *numbers]
+    units: dict[str, tuple[str, str, float]] = {
+        word: (unit_symbol(word), "length", MILLIMETRES[symbol]) for word, symbol in UNIT_WORDS.items()
+    }
+    units |= {word: (unit_symbol(word), "volume", litres) for word, litres in LITRES.items()}
+    return {
+        "variants": "\n".join(variants),
+        "rules": [
+            [
+                indices[rule.node_id],
+                rule.quantity,
+                {part.split()[0][0]: float(part.split()[1]) for part in rule.axes.split("; ")},
+                rule.exponent,
+                rule.low,
+                rule.high,
+                rule.sd_log,
+            ]
+            for rule in rules.values()
+        ],
+        "priors": priors,
+        "units": units,
+        "patterns": {"seats": SEATS.pattern, "shoe size": SHOE_SIZE.pattern, "length": QUANTITY.pattern},
+    }
 
 
 def size_index(catalogue: ReleaseCatalogue) -> bytes:

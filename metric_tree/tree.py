@@ -104,7 +104,7 @@ class Tree:
         if not isinstance(name, str):
             return False
         match = self._resolver.match(name)
-        return self._with_stated_size(name) is not None or (match is not None and not match.ambiguous)
+        return self.stated_meaning(name) is not None or (match is not None and not match.ambiguous)
 
     @property
     def name(self) -> str:
@@ -225,7 +225,7 @@ class Tree:
             return Meaning(listed, "label list", math.inf, (), False)
         if text not in self._rows and _ID_MARKS.intersection(text) and text in self._successors:
             return Meaning(self.node(text), "id", math.inf, (), False)
-        if (stated := self._with_stated_size(text)) is not None:
+        if (stated := self.stated_meaning(text)) is not None:
             return stated
         match = self._resolver.match(text)
         if match is None:
@@ -234,8 +234,13 @@ class Tree:
         nodes = [self.node(candidate.node_id) for candidate in match.candidates]
         return Meaning(nodes[0], match.how, match.margin, tuple(nodes[1:]), match.ambiguous, match.note)
 
-    def _with_stated_size(self, text: str) -> Meaning | None:
-        """Return the meaning of the name of a variant, or of a name with a size; None for other texts."""
+    def stated_meaning(self, text: str) -> Meaning | None:
+        """Return the meaning of the name of a variant, or of a name with a size; None for other texts.
+
+        >>> import metric_tree
+        >>> metric_tree.open().stated_meaning("55 inch tv").node.stated.name
+        '55 inch'
+        """
         from metric_tree.variants import named_variant, quantity_in
 
         variant = named_variant(text)

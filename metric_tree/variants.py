@@ -48,12 +48,15 @@ MIN_LOG_SD = 0.001
 Text: TypeAlias = Annotated[str, msgspec.Meta(min_length=1)]
 Millimetres: TypeAlias = Annotated[float, msgspec.Meta(gt=0, le=1e9)]
 
-_LITRES = {"l": 1000.0, "liter": 1000.0, "litre": 1000.0, "ml": 1.0, "cl": 10.0}
-_WORDS = sorted((re.escape(word) for word in (*UNIT_WORDS, *_LITRES, "liters", "litres")), key=len, reverse=True)
+#: Millilitres in one unit, by word.
+LITRES = {"l": 1000.0, "liter": 1000.0, "litre": 1000.0, "ml": 1.0, "cl": 10.0}
+LITRES |= {"liters": 1000.0, "litres": 1000.0}
+_WORDS = sorted((re.escape(word) for word in (*UNIT_WORDS, *LITRES)), key=len, reverse=True)
 #: A number with its unit; the number is not a part of a ratio, a product or a list.
-_QUANTITY = re.compile(rf"(?<![\w.,/×:])(\d+(?:[.,]\d+)?)[\s-]*({'|'.join(_WORDS)})(?![\w/]|\s*\d)", re.IGNORECASE)
-_SEATS = re.compile(r"(?<![\w.,/])(\d{1,2})[\s-]*seat(?:s|er|ers)?\b", re.IGNORECASE)
-_SHOE_SIZE = re.compile(r"\b(?:eu\s+)?(?:size|eu)\s+(\d\d(?:[.,]5)?)(?![\w.,/])", re.IGNORECASE)
+QUANTITY = re.compile(rf"(?<![\w.,/×:])(\d+(?:[.,]\d+)?)[\s-]*({'|'.join(_WORDS)})(?![\w/]|\s*\d)", re.IGNORECASE)
+#: A number of seats, and a size of shoes in Paris points.
+SEATS = re.compile(r"(?<![\w.,/])(\d{1,2})[\s-]*seat(?:s|er|ers)?\b", re.IGNORECASE)
+SHOE_SIZE = re.compile(r"\b(?:eu\s+)?(?:size|eu)\s+(\d\d(?:[.,]5)?)(?![\w.,/])", re.IGNORECASE)
 
 
 class BadVariant(InputError):
@@ -235,11 +238,14 @@ def variant_form(text: str) -> str:
     """Return a normalised name whose numbers are followed by the symbol of their unit."""
 
     def with_symbol(match: re.Match[str]) -> str:
-        word = match[2].lower().rstrip("s") if match[2].lower().startswith("lit") else match[2].lower()
-        symbol = unit(word) or word.replace("liter", "l").replace("litre", "l")
-        return f"{match[1].replace(',', '.')} {symbol} "
+        return f"{match[1].replace(',', '.')} {unit_symbol(match[2].lower())} "
 
-    return plain_fold(_QUANTITY.sub(with_symbol, text))
+    return plain_fold(QUANTITY.sub(with_symbol, text))
+
+
+def unit_symbol(word: str) -> str:
+    """Return the symbol of a unit word of `QUANTITY` in lower case: `in` for `inches`, `l` for `litres`."""
+    return unit(word) or ("l" if LITRES[word] == LITRES["l"] else word)
 
 
 @cache
@@ -273,13 +279,13 @@ def quantity_in(text: str) -> Quantity | None:
     """
     if len(re.findall(r"\d+(?:[.,]\d+)?", text)) != 1:
         return None
-    for kind, pattern in (("seats", _SEATS), ("shoe size", _SHOE_SIZE), ("length", _QUANTITY)):
+    for kind, pattern in (("seats", SEATS), ("shoe size", SHOE_SIZE), ("length", QUANTITY)):
         match = pattern.search(text)
         rest = " ".join((text[: match.start()] + " " + text[match.end() :]).split()) if match else ""
         if match and rest:
             number, word = float(match[1].replace(",", ".")), match[2].lower() if kind == "length" else ""
-            if word in _LITRES or word.startswith("lit"):
-                return Quantity("volume", number * _LITRES.get(word, 1000.0), match[0].strip(), rest)
+            if word in LITRES:
+                return Quantity("volume", number * LITRES[word], match[0].strip(), rest)
             factor = MILLIMETRES[unit(word) or "mm"] if kind == "length" else 1.0
             return Quantity(kind, round(number * factor, 6), match[0].strip(), rest)
     return None

@@ -14,6 +14,8 @@ from metric_base.arrays import FloatArray
 
 #: Name of each unit, its length in mm, and the minimum size in mm for which it is used.
 _UNITS = (("km", 1e6, 2e6), ("m", 1e3, 1e3), ("cm", 10.0, 20.0), ("mm", 1.0, 0.0))
+#: Factor that rounds halves such as 7.635 up, whose binary form is below; page.js has the same.
+HALF_UP = 1 + 1e-12
 #: Maximum number of decimals of a length in a table.
 MAX_DECIMALS = 4
 #: Maximum number of ticks of an axis; the labels of more would overlap on the screen of a phone.
@@ -27,7 +29,8 @@ def _unit(mm: float) -> tuple[str, float]:
 
 
 def number_text(value: float) -> str:
-    """Return a number with at most three significant digits, without an exponent."""
+    """Return a number with at most three significant digits, without an exponent; halves are rounded up as in page.js."""
+    value *= HALF_UP
     if value >= 100:
         return f"{value:,.0f}"
     return f"{value:.3g}"
@@ -46,7 +49,7 @@ def length_text(mm: float, typical_mm: float | None = None) -> str:
     if typical_mm is not None:
         unit, factor = _unit(typical_mm)
         decimals = min(max(2 - math.floor(math.log10(typical_mm / factor)), 0), MAX_DECIMALS)
-        return f"{mm / factor:,.{decimals}f} {unit}"
+        return f"{mm / factor * HALF_UP:,.{decimals}f} {unit}"
     unit, factor = _unit(mm)
     return f"{number_text(mm / factor)} {unit}"
 

@@ -36,6 +36,11 @@ MIN_SPELLING_RATIO = 0.75
 MIN_SUGGESTED_LEVEL = 3
 #: Number of similar names among the results of a search.
 N_SIMILAR_NAMES = 10
+#: Relevance of a name that begins with the text of a search, and of one with words that begin with all of its words. It
+#: is 1 less for each further letter, up to `MAX_EXTRA_LETTERS`; the search in the browser has the same values.
+BEGINNING_SCORE, CONTAINED_SCORE, MAX_EXTRA_LETTERS = 80, 55, 20
+#: Relevance of ten times as many items, and its maximum; relevance that each further node of a name loses.
+TENFOLD_RELEVANCE, MAX_USE_RELEVANCE, NEXT_NODE_PENALTY = 3.0, 10.0, 6
 #: Evidence of a candidate that the words in brackets name, more than all other evidence.
 HINT_SCORE = 10.0
 #: Minimum fraction of the known compounds of a head noun that are such objects, 0 to 1.
@@ -146,10 +151,22 @@ class Resolver:
         form = plain_fold(text)
         if not form:
             return
-        forms = list(self._names.forms)
-        beginning = sorted((one for one in forms if one.startswith(form)), key=len)
-        containing = sorted((one for one in forms if f" {form}" in one), key=len)
-        yield from (node for one in (*beginning, *containing) for node in self._names.nodes_named(one))
+        words = form.split()
+        scored: list[tuple[float, str]] = []
+        for name in self._names.forms:
+            if not all(word in name for word in words):
+                continue
+            own = name.split()
+            if name.startswith(form):
+                score = BEGINNING_SCORE - min(len(name) - len(form), MAX_EXTRA_LETTERS)
+            elif all(any(one.startswith(word) for one in own) for word in words):
+                score = CONTAINED_SCORE - min(len(name) - len(form), MAX_EXTRA_LETTERS)
+            else:
+                continue
+            for place, node in enumerate(self._names.nodes_named(name)):
+                used = min(TENFOLD_RELEVANCE * math.log10(1 + self._names.items(node)), MAX_USE_RELEVANCE)
+                scored.append((score + used - NEXT_NODE_PENALTY * place, node))
+        yield from (node for _, node in sorted(scored, key=lambda one: (-one[0], one[1])))
         yield from (node for one in self.nearest(text, N_SIMILAR_NAMES) for node in self._names.nodes_named(one))
 
     def _note(self, text: str, match: NameMatch) -> str | None:

@@ -51,7 +51,8 @@ _NUMBER = r"(?<![\w/])[#(]?\d+(?:[.,x×]\d+)*(?:-|\s)?(?:inch|inches|in|cm|mm|m|
 # possessive quantifiers, because the number of ways to divide the digits is exponential
 _SUFFIX = r"(?:\s*+[#(]\d++\)?+|[._ #-]*+\d++)++$"
 
-_MODIFYING = ("colours", "materials", "sizes", "shapes", "states", "patterns", "places")
+#: Lists of `word_list` with words before a noun that do not change the object.
+MODIFYING = ("colours", "materials", "sizes", "shapes", "states", "patterns", "places")
 
 
 @cache
@@ -142,7 +143,7 @@ def modifiers(words: Sequence[str]) -> int:
     """Return the number of leading modifiers: 1 for a colour, 2 for `wall-mounted`, otherwise 0."""
     if len(words) > 2 and words[1] in word_list("compounding"):
         return 2
-    return int(bool(words) and any(words[0] in word_list(name) for name in _MODIFYING))
+    return int(bool(words) and any(words[0] in word_list(name) for name in MODIFYING))
 
 
 def is_plain_adjective(word: str) -> bool:

@@ -107,7 +107,7 @@ def other_names(form: str) -> Mapping[str, str]:
     word = max(form.split(), key=len, default="")
     if _without_umlauts(word) not in _other_letters() and not is_american(word):
         return {}
-    return _other_names().get(form, {})
+    return names_in_languages().get(form, {})
 
 
 @cache
@@ -123,7 +123,8 @@ def _without_umlauts(text: str) -> str:
 
 
 @cache
-def _other_names() -> Mapping[str, Mapping[str, str]]:
+def names_in_languages() -> Mapping[str, Mapping[str, str]]:
+    """Return the table of `other_names`: languages by node, by folded word."""
     named: defaultdict[str, dict[str, str]] = defaultdict(dict)
     lines = _text("other_names.csv").split("\n")[1:-1] or ["node_id"]
     _, *languages = lines[0].split(",")

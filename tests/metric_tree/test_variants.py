@@ -103,7 +103,7 @@ def test_names_of_the_tree_and_of_label_lists_keep_their_node(tree):
     names = {form for form, _ in tree.names()}
     labels = {label.label for name in vocabularies() for label in vocabulary(name)}
     for text in sorted(names | labels):
-        meaning = tree._with_stated_size(text)
+        meaning = tree.stated_meaning(text)
         if meaning is not None:
             match = tree._resolver.match(text)
             assert match is None or match.node_id == meaning.node.node_id, text

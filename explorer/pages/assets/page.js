@@ -4,8 +4,11 @@
   const root = document.documentElement.dataset.root;
   const UNITS = { km: 1e6, m: 1000, cm: 10, mm: 1, in: 25.4, ft: 304.8 };
 
+  // Halves such as 7.635, whose binary form is below, are rounded up, as in `explorer.charts.axis`.
+  const HALF_UP = 1 + 1e-12;
   // Lengths in the unit that the reader chose.
-  function number(value) {
+  function number(exact) {
+    const value = exact * HALF_UP;
     if (value >= 100) return Math.round(value).toLocaleString("en");
     return String(Number(value.toPrecision(3)));
   }
@@ -19,7 +22,7 @@
   // With `typical`, a length of the table, all cells have one unit and three digits of that length.
   function lengthText(mm, unit, typical) {
     if (!unit || unit === "auto") unit = usualUnit(typical || mm);
-    const value = mm / UNITS[unit];
+    const value = (mm / UNITS[unit]) * HALF_UP;
     if (unit === "ft") return feetText(mm, (typical || mm) >= 1000 ? 0 : (typical || mm) >= 100 ? 1 : 2);
     if (!typical) return number(value) + " " + unit;
     const digits = Math.min(Math.max(2 - Math.floor(Math.log10(typical / UNITS[unit])), 0), 4);

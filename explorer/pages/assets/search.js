@@ -50,12 +50,10 @@
     }
     return last[b.length];
   }
-  function likeness(name, words, text, singular) {
-    if (name.name === text) return 100;
-    if (name.name === singular) return 95;
-    if (name.name.startsWith(text)) return 80 - Math.min(name.name.length - text.length, 20);
-    if (words.every((word) => name.words.some((own) => own.startsWith(word)))) return 55 - Math.min(name.name.length - text.length, 20);
-    return 0;
+  function likeness(name, words, text) {
+    const extra = Math.min(name.name.length - text.length, 20);
+    if (name.name.startsWith(text)) return 80 - extra;
+    return words.every((word) => name.words.some((own) => own.startsWith(word))) ? 55 - extra : 0;
   }
   // A bit for each letter: a slip changes two at most, so that most names are passed over without a count.
   function letters(text) {
@@ -79,61 +77,156 @@
     }
     return near;
   }
+  const places = new Map(nodes.map((node, place) => [node.slug, place]));
   const sources = MT_NAMES.sources.map(([id, title]) => ({ id, title, form: fold(id + " " + title) }));
-  const LEADING = new RegExp(MT_NAMES.leading), TRAILING = new RegExp(MT_NAMES.trailing), known = new Set(names.map((one) => one.name));
-  function singularOf(text) { return text.replace(/ies$/, "y").replace(/(ch|sh|s|x)es$/, "$1").replace(/s$/, ""); }
-  // The text without words about sizes, as `explorer.queries.searched_text`.
-  function searchedText(query) {
-    let text = fold(query);
-    while (!known.has(text)) {
-      const shorter = LEADING.test(text) ? text.replace(LEADING, "") : text.replace(TRAILING, "");
-      if (shorter === text) break;
+  const LEADING = new RegExp(MT_NAMES.leading, "i"), TRAILING = new RegExp(MT_NAMES.trailing, "i"), PUNCTUATION = new RegExp(MT_NAMES.punctuation, "g");
+  const heads = new Set(MT_NAMES.heads), modifiers = new Set(MT_NAMES.modifiers), copies = new Set(MT_NAMES.copies), containers = new Set(MT_NAMES.containers);
+  // Nodes by name, as `Resolver._of_form`: of the name, of its singulars, and of names that differ in spaces.
+  const known = new Map(names.map((one) => [one.name, one.owners])), others = new Map(Object.entries(MT_NAMES.others).map(([name, place]) => [name, [place]])), compact = new Map();
+  for (const { name, node } of labels) if (!known.has(name)) known.set(name, [node]);
+  for (const name of known.keys()) if (!compact.has(name.replace(/ /g, ""))) compact.set(name.replace(/ /g, ""), name);
+  const ENDINGS = [["men", "man"], ["ae", "a"], ["kes", "x"], ["ges", "x"], ["eaux", "eau"], ["aux", "al"], ["ia", "ium"], ["i", "us"], ["i", "o"], ["es", "is"], ["a", "um"]];
+  function singulars(word) {
+    if (word.length < 3 || word.endsWith("ss")) return [];
+    const found = [];
+    if (word.endsWith("ies") && word.length > 4) found.push(word.slice(0, -3) + "y");
+    if (word.endsWith("ves")) found.push(word.slice(0, -3) + "f", word.slice(0, -3) + "fe");
+    if (/(s|x|z|ch|sh|o)es$/.test(word)) found.push(word.slice(0, -2));
+    if (/s$/.test(word) && !/(us|is)$/.test(word)) found.push(word.slice(0, -1));
+    for (const [end, one] of ENDINGS) if (word.endsWith(end) && word.length > end.length + 1) found.push(word.slice(0, -end.length) + one);
+    return found;
+  }
+  function singularPhrases(phrase) {
+    const words = phrase.split(" "), last = words.pop(), [first, rest] = phrase.split(/ of (.*)/);
+    const found = [...(MT_NAMES.irregular[last] || []), ...singulars(last)].map((one) => [...words, one].join(" "));
+    return rest ? [...found, ...singularPhrases(first).map((one) => one + " of " + rest)] : found;
+  }
+  function ownersOf(form, table = known) {
+    const forms = [form, ...singularPhrases(form)], name = forms.find((one) => table.has(one));
+    if (name !== undefined || table !== known) return table.get(name);
+    const spaced = forms.map((one) => one.replace(/ /g, "")).find((one) => one.length > 4 && compact.has(one));
+    return known.get(compact.get(spaced));
+  }
+  // Nodes of a phrase that the index can explain: a name, content and container, a noun after a count, a name after
+  // modifiers, a trusted head noun (`Resolver._match`, without the words of WordNet).
+  function resolved(text) {
+    const form = fold(text), plain = fold(text.replace(/\d[\d.,]*/g, " ")).replace(/^(?:(?:an?|the|his|her|one|two|three|four|five|six|several|many|some|few|multiple) )+/, "") || form;
+    const owners = ownersOf(form) || ownersOf(plain) || ownersOf(form, others);
+    if (owners || !plain) return owners;
+    const held = plain.match(/^(\S+) of (.+)$/);
+    if (held && containers.has(held[1])) return ownersOf(held[2] + " " + held[1]) || ownersOf(held[1]);
+    const counted = plain.match(/^(?:photo|picture|image|view|pair|set|nest|group|stack|pile|bunch|row|herd|flock|pack|piece|collection|lot|roll|couple|heap|crowd|type|kind|part|cluster|number|slice)s? of (?:(?:an?|the) )?(.+)$/);
+    if (counted) return resolved(counted[1]);
+    let words = plain.split(" ");
+    if (words.slice(0, -1).some((word) => copies.has(word))) return undefined;
+    while (words.length > 1 && modifiers.has(words[0])) {
+      words = words.slice(1);
+      const bare = ownersOf(words.join(" "));
+      if (bare) return bare;
+    }
+    const head = [words[words.length - 1], ...singularPhrases(words[words.length - 1])].find((one) => heads.has(one) || (containers.has(one) && known.has(one)));
+    return words.length > 1 && words.length < 5 && head ? known.get(head) : undefined;
+  }
+
+  // Sizes that a name states (`metric_tree.variants`): named variants, and numbers with a unit.
+  const STATED = MT_NAMES.stated, PATTERNS = Object.entries(STATED.patterns).map(([kind, pattern]) => [kind, new RegExp(pattern, "i")]);
+  const QUANTITY = new RegExp(STATED.patterns.length, "gi"), variants = new Map();
+  for (const line of STATED.variants.split("\n")) if (line) {
+    const [place, name, sizes, forms] = line.split("\t");
+    for (const form of forms.split(",")) variants.set(form, { place: Number(place), stated: name, sizes: sizes.split(",") });
+  }
+  function variantForm(text) {
+    return fold(text.replace(QUANTITY, (_, number, word) => number.replace(",", ".") + " " + STATED.units[word.toLowerCase()][0] + " "));
+  }
+  function quantityIn(text) {
+    if ((text.match(/\d+(?:[.,]\d+)?/g) || []).length !== 1) return null;
+    for (const [kind, pattern] of PATTERNS) {
+      const match = text.match(pattern);
+      const rest = match ? (text.slice(0, match.index) + " " + text.slice(match.index + match[0].length)).trim() : "";
+      if (!rest) continue;
+      const number = Number(match[1].replace(",", ".")), [, quantity, factor] = kind === "length" ? STATED.units[match[2].toLowerCase()] : ["", kind, 1];
+      return { kind: quantity, number: number * factor, words: match[0].trim(), rest };
+    }
+    return null;
+  }
+  // Medians by dimension of a prior with the stated ln sizes y (`StatedSize.of`): dimensions are conditioned one by one,
+  // without noise for the means, and with it for the weights.
+  function conditioned([dims, ...components], y, sd) {
+    const d = dims.length, rows = [...dims].flatMap((dim, row) => (dim in y ? [row] : []));
+    const parts = components.map((numbers) => {
+      const means = [0, sd * sd].map((noise) => {
+        const mean = numbers.slice(1, d + 1), cov = mean.map((_, row) => numbers.slice(1 + d * (row + 1), 1 + d * (row + 2)));
+        let density = Math.log(numbers[0]);
+        for (const row of rows) {
+          const variance = cov[row][row] + noise, gap = y[dims[row]] - mean[row], gain = cov.map((line) => line[row] / variance), own = [...cov[row]];
+          if (variance < 1e-12) continue;
+          density -= (gap * gap) / variance / 2 + Math.log(variance) / 2;
+          for (let i = 0; i < d; i++) { mean[i] += gain[i] * gap; for (let j = 0; j < d; j++) cov[i][j] -= gain[i] * own[j]; }
+        }
+        return { mean, density };
+      });
+      return { mean: means[0].mean, density: means[1].density };
+    });
+    const most = Math.max(...parts.map((part) => part.density)), weights = parts.map((part) => Math.exp(part.density - most)), sum = weights.reduce((a, b) => a + b);
+    return [...dims].map((dim, row) => dim + Math.exp(parts.reduce((total, part, k) => total + (weights[k] / sum) * part.mean[row], 0)));
+  }
+  function statedMeaning(text) {
+    const form = variantForm(text), alias = [form, ...singularPhrases(form)].find((one) => variants.has(one));
+    if (alias) return variants.get(alias);
+    const quantity = !/\d/.test(text) || ownersOf(fold(text)) ? null : quantityIn(text), owners = quantity && resolved(quantity.rest);
+    for (let place = owners ? owners[0] : -1; place >= 0; place = nodes[place].parent) {
+      const rule = STATED.rules.find(([of, kind]) => of === place && kind === quantity.kind);
+      if (!rule) continue;
+      const [, , factors, exponent, low, high, sd] = rule, prior = STATED.priors[owners[0]];
+      if (quantity.number < low || quantity.number > high || !prior) return null;
+      const y = {};
+      for (const [axis, factor] of Object.entries(factors)) y[prior[0].startsWith("1") ? "lwh".indexOf(axis) + 1 : axis] = Math.log(factor * quantity.number ** exponent);
+      return { place: owners[0], stated: quantity.words, sizes: conditioned(prior, y, sd) };
+    }
+    return null;
+  }
+  // The text without words about sizes, and its meaning if it states a size, as `explorer.queries.searched_meaning`.
+  function searchedMeaning(query) {
+    let text = query.replace(PUNCTUATION, " ").replace(/\s+/g, " ").trim();
+    for (;;) {
+      const meaning = statedMeaning(text);
+      if (meaning || known.has(fold(text))) return [text, meaning];
+      const shorter = text.replace(LEADING.test(text) ? LEADING : TRAILING, "");
+      if (shorter === text) return [text, null];
       text = shorter;
     }
-    return text;
-  }
-  // The longest end or beginning of a phrase that is a name: `chairs` of `black wooden chairs`.
-  function partOf(words) {
-    for (let n = words.length - 1; n > 0; n--)
-      for (const part of [words.slice(-n), words.slice(0, n)].map((some) => some.join(" ")))
-        if (known.has(part) || known.has(singularOf(part))) return part;
-    return "";
   }
   function search(query) {
-    const text = searchedText(query);
-    if (!text) return [];
-    const found = hitsOf(text), words = text.split(" ");
-    return found.length || words.length < 2 ? found : hitsOf(partOf(words));
+    const [text, meaning] = searchedMeaning(query);
+    return fold(text) || meaning ? hitsOf(text, meaning) : [];
   }
-  function hitsOf(text) {
-    if (!text) return [];
-    const words = text.split(" "), singular = singularOf(text);
-    const lists = MT_NAMES.lists.filter((list) => words.includes(list.split("_")[0]));
+  function hitsOf(query, meaning) {
+    const text = fold(query), words = text.split(" "), lists = MT_NAMES.lists.filter((list) => words.includes(list.split("_")[0]));
     const found = new Map();
-    const take = (place, score, why) => {
-      const old = found.get(place);
-      const whole = score + Math.min(Math.log10(1 + nodes[place].items) * 3, 10);
-      if (!old || old.score < whole) found.set(place, { place, score: whole, why });
+    const take = (place, score, why, isMeant) => {
+      const old = found.get(place), whole = score + Math.min(Math.log10(1 + nodes[place].items) * 3, 10);
+      if (!old || old.score < whole) found.set(place, { place, score: whole, why, isMeant });
     };
+    if (meaning) take(meaning.place, 1000, "", true);
     if (lists.length) {
       const rest = words.filter((word) => !lists.some((list) => list.split("_")[0] === word)).join(" ");
       for (const label of labels) {
         const list = label.lists.find((one) => lists.includes(one));
-        if (list && rest && label.name.startsWith(rest)) take(label.node, label.name === rest ? 130 : 105, label.name + " in " + list);
+        if (list && rest && label.name.startsWith(rest)) take(label.node, label.name === rest ? 900 : 105, label.name + " in " + list, label.name === rest);
       }
     }
+    const meant = resolved(query);
+    if (meant) meant.forEach((place, k) => take(place, 500 - 20 * k, k ? text : "", k === 0));
     for (const name of names) {
-      const score = likeness(name, words, text, singular);
+      const score = likeness(name, words, text);
       if (score) name.owners.forEach((place, k) => take(place, score - 6 * k, name.name));
-    }
-    for (const label of labels) {
-      const own = label.name;
-      if (own === text) take(label.node, 60, label.name + " in " + label.lists.slice(0, 3).join(", "));
     }
     if (found.size < 4) for (const [name, score] of misspelled(text)) {
       name.owners.forEach((place, k) => take(place, score - 6 * k, name.name));
     }
+    if (!found.size && words.length > 1) (ownersOf(words[words.length - 1]) || []).forEach((place, k) => take(place, -6 * k, ""));
     const hits = [...found.values()].sort((a, b) => b.score - a.score || a.place - b.place).slice(0, LIMIT).map(nodeHit);
+    if (meaning && hits[0]) Object.assign(hits[0], { stated: meaning.stated, sizes: axesText({ sizes: [...meaning.sizes, ...nodes[meaning.place].sizes.filter((one) => one === "f")] }) });
     for (const { id, title, form } of sources)
       if (hits.length < LIMIT + 3 && (" " + form).includes(" " + words[0]) && words.every((word) => form.includes(word)))
         hits.push({ href: root + "sources/" + id + ".html", name: title, note: "source", tier: null });
@@ -141,11 +234,16 @@
     return hits;
   }
   const WORDS = { l: "long", w: "wide", h: "high" }, FRONT_WORDS = { l: "wide", w: "deep", h: "high" };
-  function sizesText(node) {
-    const front = node.sizes.includes("f"), { lengthText, chosenUnit } = window.metricTree;
-    const parts = node.sizes.filter((size) => size !== "f").map((size) => [size[0], lengthText(Number(size.slice(1)), chosenUnit())]);
-    if (parts.length && parts[0][0] === "1") return parts.map(([, text]) => text).join(" × ");
-    return parts.map(([dim, text]) => text + " " + (front ? FRONT_WORDS : WORDS)[dim]).join(", ");
+  // All axes of a node, as `explorer.everyday_sizes.all_axes_text`.
+  function axesText(node) {
+    const front = node.sizes.includes("f"), { lengthText, chosenUnit } = window.metricTree, unit = chosenUnit();
+    const sizes = node.sizes.filter((size) => size !== "f").map((size) => [size[0], Number(size.slice(1))]);
+    if (sizes.length && sizes[0][0] === "1") {
+      const parts = sizes.map(([, mm]) => lengthText(mm, unit, sizes[0][1]));
+      return parts.map((part, k) => (unit === "ft" || k === parts.length - 1 ? part : part.replace(/ \w+$/, ""))).join(" × ") + ", the longest side first";
+    }
+    const parts = sizes.map(([dim, mm]) => lengthText(mm, unit) + " " + (front ? FRONT_WORDS : WORDS)[dim]);
+    return parts.length > 1 ? parts.slice(0, -1).join(", ") + " and " + parts[parts.length - 1] : parts.join("");
   }
   function nodeHit(hit) {
     const node = nodes[hit.place];
@@ -154,9 +252,10 @@
     const said = fold(hit.why || "") === fold(node.name) ? "" : ' · "' + hit.why + '"';
     const lists = node.labels.flatMap(([, lists]) => lists);
     const shown = lists.length ? " · label of " + [...new Set(lists)].slice(0, 3).join(", ") : "";
-    return { href: root + "nodes/" + node.slug + ".html", slug: node.slug, name: node.name, tier: node.tier, exact: hit.score >= 90, sizes: sizesText(node), note: path.join(" › ") + said + shown };
+    return { href: root + "nodes/" + node.slug + ".html", slug: node.slug, name: node.name, tier: node.tier, exact: Boolean(hit.isMeant), sizes: axesText(node), note: path.join(" › ") + said + shown };
   }
   window.metricTree.search = search;
+  window.metricTree.searchAnswer = (query) => answerOf(search(query));
 
   const box = document.getElementById("search"), list = document.getElementById("hits");
   let chosen = -1;
@@ -177,12 +276,29 @@
     }
     return link;
   }
-  // The page of results: an answer for a name, and all hits.
+  // The page of results: an answer for a name, and all hits; of the server if there is one.
   const results = document.getElementById("results");
-  function showResults() {
-    if (!results) return;
-    const hits = search(box.value), first = hits[0];
-    document.getElementById("search-answer").textContent = !box.value ? "" : !first ? `Nothing is called "${box.value}".` : (first.exact || hits.length === 1) && first.sizes ? `${first.name}: about ${first.sizes}.` : "";
+  function answerOf(hits) {
+    const first = hits[0];
+    return first && (first.exact || hits.length === 1) && first.sizes ? `${first.name.split(" (")[0]}${first.stated ? ", " + first.stated : ""}: about ${first.sizes}.` : "";
+  }
+  async function servedAnswer(query) {
+    if (location.protocol === "file:") return null;
+    try {
+      const response = await fetch(root + "v1/search?limit=" + LIMIT + "&q=" + encodeURIComponent(query));
+      return response.ok ? await response.json() : null;
+    } catch (error) { return null; }
+  }
+  async function showResults() {
+    const query = box.value.trim();
+    if (!results || !query) return;
+    const local = search(query), served = await servedAnswer(query), byId = new Map(local.map((hit) => [hit.slug, hit]));
+    const hits = !served ? local : served.hits.map((hit) => {
+      const slug = hit.node.replace(/\//g, "~").replace(/:/g, "-"), place = places.get(slug), sizes = Object.entries(hit.median_mm).map(([dim, mm]) => dim.replace("extent", "")[0] + mm);
+      return { ...(byId.get(slug) || nodeHit({ place, why: "" })), sizes: axesText({ sizes: [...sizes, ...nodes[place].sizes.filter((one) => one === "f")] }) };
+    }).concat(local.filter((hit) => !hit.slug));
+    const answer = served ? window.metricTree.converted(served.answer || "", window.metricTree.chosenUnit()) : answerOf(hits);
+    document.getElementById("search-answer").textContent = hits.length ? answer : `Nothing is called "${query}".`;
     results.replaceChildren(...hits.map((hit) => { const item = document.createElement("li"); item.append(hitLink(hit)); return item; }));
   }
   function show() {

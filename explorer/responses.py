@@ -68,9 +68,7 @@ def shown_name(node: Node) -> str:
 
 def reference(catalogue: ReleaseCatalogue, node: Node) -> NodeRef:
     """Return the record of a node in a list."""
-    return NodeRef(
-        node.node_id, node.name, node.level, catalogue.tier(node), node.n_items, medians(catalogue, node)
-    )
+    return NodeRef(node.node_id, node.name, node.level, catalogue.tier(node), node.n_items, medians(catalogue, node))
 
 
 def quantile_table(dims: tuple[str, ...], table: FloatArray, quantiles: tuple[float, ...] = QUANTILES) -> Quantiles:

@@ -38,8 +38,8 @@ def name_index(catalogue: ReleaseCatalogue) -> bytes:
     `nodes` has a line per node: slug, name unless the slug spells it, tier, number of items, index of the parent, and
     median sizes in mm after the first letters of the dimensions (1 to 3 of extents), with `f` for a node with a front.
     `aliases` has the other names of each node that no other node has; `shared` the names of several nodes, the most
-    likely node first; `labels` the labels of the node (empty if equal to its name), each with letters of its lists;
-    `others` the node of each name in another language. `stated` is of `stated_size_index`.
+    likely node first; `labels` the labels of the node (empty if equal to its name), each with letters of its lists.
+    The rest is of `word_index` and `stated_size_index`.
     """
     nodes = sorted(catalogue.nodes.values(), key=lambda node: node.node_id)
     indices = {node.node_id: index for index, node in enumerate(nodes)}
@@ -67,7 +67,32 @@ def name_index(catalogue: ReleaseCatalogue) -> bytes:
             if letter not in letters.get(shown, ""):
                 letters[shown] = letters.get(shown, "") + letter
         labels.append(",".join(f"{label}@{of_label}" for label, of_label in letters.items()))
-    heads = []  # nouns whose compounds are mostly such objects
+    content = {
+        "tiers": tiers,
+        "nodes": "\n".join(lines),
+        "aliases": "\n".join(",".join(alone.get(node.node_id, ())) for node in nodes),
+        "shared": "\n".join(sorted(shared)),
+        "lists": lists,
+        "labels": "\n".join(labels),
+        **word_index(catalogue, indices),
+        "stated": stated_size_index(catalogue, indices),
+        "leading": LEADING,
+        "trailing": TRAILING,
+        "punctuation": PUNCTUATION,
+        "spellings": SPELLINGS,
+        "irregular": IRREGULAR,
+        "sources": [[source["id"], source["title"]] for source in catalogue.sources.values()],
+    }
+    return f"var MT_NAMES={json.dumps(content, separators=(',', ':'), ensure_ascii=False)};\n".encode()
+
+
+def word_index(catalogue: ReleaseCatalogue, indices: Mapping[str, int]) -> dict[str, Any]:
+    """Return the tables for phrases and other languages.
+
+    `heads` has nouns whose known compounds are mostly such objects; `others` the node of each name in another
+    language; `modifiers`, `copies` and `containers` are lists of words.
+    """
+    heads = []
     for name, owners in catalogue.tree.names():
         kinds, compounds = head_trust(name).get(owners[0], (0, 0))
         if compounds >= MIN_HEAD_COMPOUNDS and kinds / compounds >= MIN_HEAD_FRACTION:
@@ -79,27 +104,9 @@ def name_index(catalogue: ReleaseCatalogue) -> bytes:
                 meaning = catalogue.tree.resolve(name, advice=False)
                 if meaning.how == "other name":
                     others[name] = indices[meaning.node.node_id]
-    content = {
-        "tiers": tiers,
-        "nodes": "\n".join(lines),
-        "aliases": "\n".join(",".join(alone.get(node.node_id, ())) for node in nodes),
-        "shared": "\n".join(sorted(shared)),
-        "lists": lists,
-        "labels": "\n".join(labels),
-        "others": others,
-        "heads": heads,
-        "modifiers": sorted(frozenset().union(*map(word_list, MODIFYING))),
-        "copies": sorted(word_list("copies")),
-        "containers": sorted(word_list("containers")),
-        "stated": stated_size_index(catalogue, indices),
-        "leading": LEADING,
-        "trailing": TRAILING,
-        "punctuation": PUNCTUATION,
-        "spellings": SPELLINGS,
-        "irregular": IRREGULAR,
-        "sources": [[source["id"], source["title"]] for source in catalogue.sources.values()],
-    }
-    return f"var MT_NAMES={json.dumps(content, separators=(',', ':'), ensure_ascii=False)};\n".encode()
+    words = {name: sorted(word_list(name)) for name in ("copies", "containers")}
+    words["modifiers"] = sorted(frozenset().union(*map(word_list, MODIFYING)))
+    return {"heads": heads, "others": others, **words}
 
 
 def sizes_text(catalogue: ReleaseCatalogue, node: Node) -> str:

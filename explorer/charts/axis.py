@@ -29,7 +29,7 @@ def _unit(mm: float) -> tuple[str, float]:
 
 
 def number_text(value: float) -> str:
-    """Return a number with at most three significant digits, without an exponent; halves are rounded up as in page.js."""
+    """Return a number with at most three significant digits, without an exponent. Halves are rounded up."""
     value *= HALF_UP
     if value >= 100:
         return f"{value:,.0f}"

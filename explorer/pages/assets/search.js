@@ -107,10 +107,11 @@
     const spaced = forms.map((one) => one.replace(/ /g, "")).find((one) => one.length > 4 && compact.has(one));
     return known.get(compact.get(spaced));
   }
+  const NUMBER = /(?<![\w/])[#(]?\d+(?:[.,x×]\d+)*[-\s]?(?:inch|inches|in|cm|mm|m|ft|l|ml|oz)?\)?(?![\w/])/g;
   // Nodes of a phrase that the index can explain: a name, content and container, a noun after a count, a name after
   // modifiers, a trusted head noun (`Resolver._match`, without the words of WordNet).
   function resolved(text) {
-    const form = fold(text), plain = fold(text.replace(/\d[\d.,]*/g, " ")).replace(/^(?:(?:an?|the|his|her|one|two|three|four|five|six|several|many|some|few|multiple) )+/, "") || form;
+    const form = fold(text), plain = fold(text.replace(NUMBER, " ")).replace(/^(?:(?:an?|the|his|her|one|two|three|four|five|six|several|many|some|few|multiple) )+/, "") || form;
     const owners = ownersOf(form) || ownersOf(plain) || ownersOf(form, others);
     if (owners || !plain) return owners;
     const held = plain.match(/^(\S+) of (.+)$/);

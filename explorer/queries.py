@@ -69,7 +69,8 @@ def search_response(catalogue: ReleaseCatalogue, query: SearchQuery) -> SearchAn
     meant = meaning.node if meaning is not None else nodes[0] if len(nodes) == 1 else None
     if meant is None and text:
         with suppress(UnknownName):
-            meant = catalogue.tree.resolve(text, advice=False).node
+            catalogue.tree.resolve(text, advice=False)  # the text is a name, perhaps with a mistake
+            meant = nodes[0]
     answer = None
     if meant is not None:
         nodes = (meant, *(node for node in nodes if node.node_id != meant.node_id))[: query.limit]

@@ -27,6 +27,8 @@ MIN_HISTOGRAM_ITEMS = 8
 REACH_SD = 3.0
 #: Percentage of the items at each end that may be outside of the axis.
 TRIM = 0.5
+#: Minimum weight of a size of a norm for a line.
+MIN_STATED_WEIGHT = 0.005
 SCATTER_WIDTH, HEIGHT, LEFT, SCATTER_BOTTOM, SCATTER_TOP, RIGHT = 340, 230, 46, 206, 8, 330
 #: Maximum number of items in a scatter chart.
 MAX_SCATTER_POINTS = 300
@@ -46,8 +48,12 @@ def length_axis(prior: Prior, sizes: FloatArray) -> LogAxis:
     return LogAxis(float(low), float(high), MARGIN, WIDTH - MARGIN)
 
 
-def distribution(name: str, prior: Prior, interval: FloatArray, sizes: FloatArray, kinds: FloatArray) -> str:
+def distribution(
+    name: str, prior: Prior, interval: FloatArray, sizes: FloatArray, kinds: FloatArray, is_norm: bool = False
+) -> str:
     """Return the SVG of the distribution of one dimension.
+
+    The bars of a kind have the area of its share of the prior, so that kinds without shipped items leave a gap.
 
     Parameters
     ----------
@@ -60,8 +66,12 @@ def distribution(name: str, prior: Prior, interval: FloatArray, sizes: FloatArra
     sizes : (n,) ndarray of float
         Sizes of the published items in mm.
     kinds : (n,) ndarray of str
-        Their kinds of evidence.
+        Their kinds of evidence, which have a share in the prior.
+    is_norm : bool
+        Whether a norm fixes the sizes: a line for each of them in place of a curve, which would be that of a tolerance.
     """
+    if is_norm:
+        sizes, kinds = sizes[:0], kinds[:0]
     axis = length_axis(prior, sizes)
     grid = np.geomspace(axis.low, axis.high, POINTS)
     density = np.exp(prior.log_density(grid[:, None]))
@@ -69,8 +79,12 @@ def distribution(name: str, prior: Prior, interval: FloatArray, sizes: FloatArra
     # Density of the items over ln mm by kind (rows) and bin, and the height of the stacked bars
     counts: dict[str, FloatArray] = {}
     if sizes.size >= MIN_HISTOGRAM_ITEMS:
-        width = float(np.log(edges[1] / edges[0])) * sizes.size
-        counts = {kind: np.histogram(sizes[kinds == kind], edges)[0] / width for kind in KINDS if (kinds == kind).any()}
+        width = float(np.log(edges[1] / edges[0]))
+        for kind in KINDS:
+            of_kind = sizes[kinds == kind]
+            if of_kind.size:
+                share = prior.share_by_kind.get(kind, 0.0)
+                counts[kind] = share * np.histogram(of_kind, edges)[0] / (of_kind.size * width)
     top = max(float(density.max()), *(sum(column) for column in zip(*counts.values(), strict=True)), 0.0)
     low, median, high = interval.tolist()
     height = (BOTTOM - TOP) / top
@@ -89,6 +103,9 @@ def distribution(name: str, prior: Prior, interval: FloatArray, sizes: FloatArra
     band = f'<path class="band" d="M{axis.at(low):.1f} {TOP}H{axis.at(high):.1f}V{BOTTOM}H{axis.at(low):.1f}Z"/>'
     middle = f'<path class="median" d="M{axis.at(median):.1f} {TOP}V{BOTTOM}"/>'
     said = f"{name}: median {length_text(median)}, 90 % interval {range_text(low, high)}, {sizes.size} shipped items"
+    if is_norm:
+        stated = np.exp(prior.means[prior.weights >= MIN_STATED_WEIGHT, 0])
+        curve = "".join(f"M{x:.1f} {TOP}V{BOTTOM}" for x in sorted(set(axis.along(stated).tolist())))
     body = band + axis.svg(BOTTOM, TOP) + bars + middle + f'<path class="curve" d="{curve}"/>'
     return svg(WIDTH, BOTTOM + 18, said, body, "distribution")
 

@@ -43,6 +43,8 @@ MAX_CREDIT_CHARS = 160
 MAX_YEAR_STEPS = 9
 #: Minimum number of items for a scatter chart.
 MIN_SCATTER_ITEMS = 5
+#: Minimum share of a kind of evidence in the prior whose items are in the charts; those of others do not agree with it.
+MIN_DRAWN_SHARE = 0.01
 ISSUES = "https://github.com/metric-tree/metric-tree/issues/new"
 
 
@@ -53,17 +55,21 @@ def node_page(catalogue: ReleaseCatalogue, node: Node) -> bytes:
     sizes, kinds = catalogue.sizes[rows], catalogue.kinds[rows]
     table = catalogue.quantiles(node)
     drawing, plot, plot_dims, distributions = "", "", "", []
+    drawn_kinds: list[str] = []
     if prior is not None:
+        drawn_kinds = [kind for kind in KINDS if prior.share_by_kind.get(kind, 0) >= MIN_DRAWN_SHARE]
+        is_drawn = np.isin(kinds, drawn_kinds)
         drawing = size_comparison(shown_name(node), drawn_box(prior, table))
         for place, dim in enumerate(prior.dims):
             column = sizes[:, AXES.index(dim)]
-            known = ~np.isnan(column)
-            chart = distribution(dim, prior.marginal((dim,)), table[::2, place], column[known], kinds[known])
+            known = ~np.isnan(column) & is_drawn
+            is_norm = answer.tier == "norm"
+            chart = distribution(dim, prior.marginal((dim,)), table[::2, place], column[known], kinds[known], is_norm)
             distributions.append((dim, Markup(chart)))
         # length against height if both exist, otherwise the first two dimensions
         pair = ("length", "height") if {"length", "height"} <= set(prior.dims) else prior.dims[:2]
         columns = sizes[:, [AXES.index(dim) for dim in pair]]
-        complete = ~np.isnan(columns).any(axis=1)
+        complete = ~np.isnan(columns).any(axis=1) & is_drawn
         if len(pair) == 2 and complete.sum() >= MIN_SCATTER_ITEMS:
             plot = scatter(prior.marginal(pair), columns[complete], kinds[complete])
             plot_dims = f"{pair[0]} against {pair[1]}"
@@ -92,7 +98,8 @@ def node_page(catalogue: ReleaseCatalogue, node: Node) -> bytes:
         distributions=distributions,
         scatter=Markup(plot),
         scatter_dims=plot_dims,
-        kinds=[kind for kind in KINDS if (kinds == kind).any()],
+        kinds=[kind for kind in drawn_kinds if (kinds == kind).any()],
+        omitted_kinds=sorted(set(kinds) - set(drawn_kinds)),
         context=context_table(node, prior) if prior is not None else None,
         source_rows=source_rows,
         withheld=withheld,

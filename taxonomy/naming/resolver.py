@@ -145,10 +145,12 @@ class Resolver:
         return list(dict.fromkeys(name for name in names if name != form))[:count]
 
     def _relevant_nodes(self, text: str) -> Iterator[str]:
+        form = plain_fold(text)
         match = self.match(text)
+        if match is not None and match.form != form:  # "ofice chair" is rather an office chair than any chair
+            match = self._misspelt(text) or match
         if match is not None:
             yield from (one.node_id for one in match.candidates)
-        form = plain_fold(text)
         if not form:
             return
         words = form.split()

@@ -51,7 +51,7 @@ STATED = (
     "330 ml can", "CR2032", "LP", "US license plate", "100 x 200 cm mattress", "tv 55 inch", "how wide is a 65 inch TV",
     "27-inch monitor", "14 inch laptop", "20 inch bicycle", "1.5 l bottle height", "0,75 l wine bottle", "4-seat sofa",
     "size 42 shoes", "8 ft ladder", "54 l aquarium", "14 inch snare drum", "30 cm pizza", "60 cm wide fridge",
-    "55 inch monitor", "tv 3 inch",
+    "55 inch monitor", "tv 3 inch", "ofice chair", "wardrob", "pair of scissors", "cup of coffee",
 )  # fmt: skip
 
 

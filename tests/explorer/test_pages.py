@@ -193,7 +193,7 @@ def test_the_scale_bar_has_a_round_length_of_at_most_90_pixels(mm: float) -> Non
 def test_a_histogram_needs_8_items_and_a_median_is_drawn(catalogue: ReleaseCatalogue) -> None:
     prior = catalogue.prior(catalogue.nodes["swivel_chair.n.01"])
     assert prior is not None
-    height = prior.marginal(("height",))
+    height = replace(prior.marginal(("height",)), share_by_kind={"product": 0.7, "measured": 0.1, "judged": 0.2})
     interval = height.quantiles(INTERVAL_QUANTILES)[:, 0]
     for n, has_bars in ((7, False), (8, True)):
         sizes, kinds = np.full(n, 1050.0), np.array(["product"] * (n - 1) + ["measured"], dtype=object)
@@ -204,7 +204,39 @@ def test_a_histogram_needs_8_items_and_a_median_is_drawn(catalogue: ReleaseCatal
     assert [kind for kind, *_ in bars] == ["measured", "product"], "the strongest kind is at the bottom"
     assert float(bars[0][1]) == 118.0
     assert float(bars[1][1]) == pytest.approx(118.0 - float(bars[0][2]), abs=0.11)
-    assert float(bars[1][2]) == pytest.approx(7 * float(bars[0][2]), rel=0.05)
+    assert float(bars[1][2]) == pytest.approx(7 * float(bars[0][2]), rel=0.05), "as high as the shares of the kinds"
+
+
+def test_a_norm_has_lines_for_its_sizes_and_no_curve(catalogue: ReleaseCatalogue) -> None:
+    prior = catalogue.prior(catalogue.nodes["swivel_chair.n.01"])
+    assert prior is not None
+    height = prior.marginal(("height",))
+    sizes, kinds = np.full(9, 1050.0), np.array(["norm"] * 9, dtype=object)
+    for weight, lines in ((0.0051, 2), (0.0049, 1)):
+        weights, means = np.array([1 - weight, weight]), np.concatenate([height.means[:1], height.means[:1] + 0.05])
+        covariances = np.repeat(height.covariances[:1], 2, axis=0)
+        mixture = replace(height, weights=weights, means=means, covariances=covariances)
+        drawing = distribution("height", mixture, np.array([900.0, 1000.0, 1100.0]), sizes, kinds, is_norm=True)
+        match = re.search(r'class="curve" d="([^"]+)"', drawing)
+        assert match is not None
+        assert re.fullmatch(r"(M[\d.]+ 8V118)+", match[1])
+        assert match[1].count("M") == lines
+        assert "kind-" not in drawing
+
+
+def test_charts_draw_kinds_of_one_percent_of_the_weight(
+    catalogue: ReleaseCatalogue, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    node = catalogue.nodes["swivel_chair.n.01"]
+    prior = catalogue.prior(node)
+    assert prior is not None
+    drawn = {}
+    for share in (0.0101, 0.0099):
+        shares = dict.fromkeys(prior.share_by_kind, share) | {"judged": 1 - share}
+        monkeypatch.setattr(catalogue, "prior", lambda _, shares=shares: replace(prior, share_by_kind=shares))
+        text = node_page(catalogue, node).decode()
+        drawn[share] = ("Bars: shipped items" in text, "Not drawn, because their kind weighs under 1 %" in text)
+    assert drawn == {0.0101: (True, False), 0.0099: (False, True)}
 
 
 @pytest.mark.parametrize(("weight", "contours"), [(0.05, 2), (0.049, 1)])

@@ -107,6 +107,16 @@
     const spaced = forms.map((one) => one.replace(/ /g, "")).find((one) => one.length > 4 && compact.has(one));
     return known.get(compact.get(spaced));
   }
+  // Nodes of a name with one wrong letter in an unknown word, as `Resolver._misspelt`.
+  function misspelt(form) {
+    const words = form.split(" "), near = [];
+    words.forEach((word, k) => {
+      if (word.length >= 5 && !byWord.has(word)) for (const own of byWord.keys())
+        if (own.length >= 4 && slips(word, own, 1) === 1) near.push(known.get([...words.slice(0, k), own, ...words.slice(k + 1)].join(" ")));
+    });
+    const owners = near.filter(Boolean);
+    return owners.length && owners.every((one) => one[0] === owners[0][0]) ? owners[0] : undefined;
+  }
   const NUMBER = /(?<![\w/])[#(]?\d+(?:[.,x×]\d+)*[-\s]?(?:inch|inches|in|cm|mm|m|ft|l|ml|oz)?\)?(?![\w/])/g;
   // Nodes of a phrase that the index can explain: a name, content and container, a noun after a count, a name after
   // modifiers, a trusted head noun (`Resolver._match`, without the words of WordNet).
@@ -118,6 +128,8 @@
     if (held && containers.has(held[1])) return ownersOf(held[2] + " " + held[1]) || ownersOf(held[1]);
     const counted = plain.match(/^(?:photo|picture|image|view|pair|set|nest|group|stack|pile|bunch|row|herd|flock|pack|piece|collection|lot|roll|couple|heap|crowd|type|kind|part|cluster|number|slice)s? of (?:(?:an?|the) )?(.+)$/);
     if (counted) return resolved(counted[1]);
+    const near = misspelt(form);
+    if (near) return near;
     let words = plain.split(" ");
     if (words.slice(0, -1).some((word) => copies.has(word))) return undefined;
     while (words.length > 1 && modifiers.has(words[0])) {

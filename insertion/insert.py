@@ -140,6 +140,7 @@ def insert(request: InsertionRequest, scene: InsertionScene, progress: ProgressC
     """
     from insertion.blender.run import export_blend, traced_layers, write_layer_scene
     from insertion.composite.compositor import composite_footage
+    from insertion.composite.motion_blur import motion_blur
     from insertion.exports.compositing import CompositingLayers
     from insertion.exports.export_folder import LayerWriter, write_exports
     from insertion.footage.footage import VideoFootage
@@ -187,6 +188,7 @@ def insert(request: InsertionRequest, scene: InsertionScene, progress: ProgressC
             smooth_look=video is not None,
             sinks=sinks,
             tracing=tracing,
+            motion=None if video is None else motion_blur(video.frames, scene.images, scene.content.cloud),
             progress=progress,
         )
 

@@ -219,6 +219,11 @@ def gradients(grey: _Grey) -> tuple[_Grey, _Grey]:
     return np.asarray(across, dtype=np.float32), np.asarray(down, dtype=np.float32)
 
 
+def lens_blur(blur: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Return the covariance (2, 2) of the blur across the motion, which is that of the lens, for all directions."""
+    return np.eye(2) * float(np.linalg.eigvalsh(blur)[0])
+
+
 def limit_widths(covariance: NDArray[np.float64], min_px: float, max_px: float) -> NDArray[np.float64]:
     """Limit the standard deviations of a covariance (2, 2) along its axes, in pixels."""
     squares, axes = np.linalg.eigh(covariance)

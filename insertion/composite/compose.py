@@ -3,15 +3,17 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 from numpy.typing import NDArray
 
 from insertion.colour import Image, linear_to_srgb, srgb_to_linear
 from insertion.composite.camera_look import MAX_BLUR_REACH_PX, CameraLook, blur_layer, grain
+from insertion.composite.motion_blur import smear_layer
 from insertion.render.layers import ObjectLayers
 from insertion.scene.pixel_box import PixelBox
+from metric_base.arrays import FloatArray
 
 #: Minimum coverage by the objects of a pixel that changes.
 MIN_COVERAGE = 1e-3
@@ -26,6 +28,7 @@ class ObjectComposite:
     layers: ObjectLayers
     occluded: NDArray[np.float32]  #: (h, w) occluded fraction of each pixel
     transmitted: NDArray[np.float32]  #: (h, w, 3) fraction of the light that reaches the surface past the object
+    smear: FloatArray = field(default_factory=lambda: np.zeros(2))  #: (2,) motion in pixels during the exposure
 
     @property
     def alpha(self) -> NDArray[np.float32]:
@@ -92,6 +95,8 @@ def composite_objects(plate: Image, objects: Sequence[ObjectComposite], look: Ca
 
         image = plate * prod(t) * (1 - sum(a)) + gain * sum(colour * (1 - occluded))
 
+    The layers of each object are smeared by its motion.
+
     Parameters
     ----------
     plate : (h, w, 3) ndarray of uint8
@@ -110,12 +115,20 @@ def composite_objects(plate: Image, objects: Sequence[ObjectComposite], look: Ca
     box = objects[0].layers.box
     for item in objects[1:]:
         box = box.union(item.layers.box)
+    box = box.enlarged(max(int(np.ceil(np.abs(item.smear).max())) for item in objects), plate.shape)
     transmittance = np.ones((*box.shape, 3), np.float32)
     foreground = np.zeros((*box.shape, 4), np.float32)
     for item in objects:
         part, image = item.layers.box.within(box), item.layers.image
-        transmittance[part] *= item.transmitted
-        foreground[part] += np.dstack([image.colour, image.alpha]) * (1 - item.occluded)[..., None]
+        layer = np.dstack([image.colour, image.alpha]) * (1 - item.occluded)[..., None]
+        if not item.smear.any():
+            transmittance[part] *= item.transmitted
+            foreground[part] += layer
+            continue
+        light, moving = np.ones_like(transmittance), np.zeros_like(foreground)
+        light[part], moving[part] = item.transmitted, layer
+        transmittance *= smear_layer(light, item.smear)
+        foreground += smear_layer(moving, item.smear)
     return _over_plate(plate, foreground, transmittance, look, box, seed)
 
 
@@ -148,6 +161,8 @@ def composite_traced(
         is_closer = object_depth < depth
         occluded[is_closer], depth[is_closer] = item.occluded[is_closer], object_depth[is_closer]
     foreground = traced * (1 - occluded)[..., None]
+    if objects:  # one layer of all objects has one motion
+        foreground = smear_layer(foreground, np.mean([item.smear for item in objects], axis=0))
     return _over_plate(plate, foreground, np.ones((*box.shape, 3), np.float32), look, box, seed)
 
 
@@ -190,10 +205,5 @@ def covered_box(alpha: NDArray[np.float32]) -> PixelBox:
     rows, columns = np.flatnonzero(alpha.any(axis=1)), np.flatnonzero(alpha.any(axis=0))
     if not len(rows):
         return PixelBox(0, 0, 1, 1)
-    height, width = alpha.shape
-    return PixelBox(
-        max(int(columns[0]) - MAX_BLUR_REACH_PX, 0),
-        max(int(rows[0]) - MAX_BLUR_REACH_PX, 0),
-        min(int(columns[-1]) + 1 + MAX_BLUR_REACH_PX, width),
-        min(int(rows[-1]) + 1 + MAX_BLUR_REACH_PX, height),
-    )
+    box = PixelBox(int(columns[0]), int(rows[0]), int(columns[-1]) + 1, int(rows[-1]) + 1)
+    return box.enlarged(MAX_BLUR_REACH_PX, alpha.shape)

@@ -6,6 +6,7 @@ import itertools
 import time
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import AbstractContextManager, closing, nullcontext
+from dataclasses import replace
 from typing import Any, Protocol
 
 import numpy as np
@@ -13,7 +14,7 @@ from numpy.typing import NDArray
 
 from estimator.records.scene import View
 from insertion.colour import Image
-from insertion.composite.camera_look import CameraLookTracker
+from insertion.composite.camera_look import CameraLookTracker, lens_blur
 from insertion.composite.compose import (
     Composite,
     ObjectComposite,
@@ -21,6 +22,7 @@ from insertion.composite.compose import (
     composite_traced,
     occlude_mutually,
 )
+from insertion.composite.motion_blur import MotionBlur
 from insertion.composite.occlusion import occluded_fraction, on_support
 from insertion.composite.shadow_receivers import transmitted_light
 from insertion.footage.footage import Footage, Frame
@@ -33,6 +35,7 @@ from insertion.render.renderer import ObjectRenderer
 from insertion.result import FrameReport, InsertionResult
 from insertion.scene.frame_masks import FrameContent, VisibleFrame
 from insertion.scene.scale import MetricScale
+from metric_base.arrays import FloatArray
 from metric_base.progress import ProgressCallback, silent, with_progress
 
 Writer = Callable[[Frame, Image], None]
@@ -40,6 +43,8 @@ Writer = Callable[[Frame, Image], None]
 Tracer = Callable[[Frame], NDArray[np.float32]]
 #: Height at which the light on the support is estimated, as a fraction of the height of the object.
 SUPPORT_LIGHT_HEIGHT = 0.1
+#: Number of vertices of an object whose mean motion is that of the object.
+MOTION_VERTICES = 200
 #: Colours (red, green, blue) of the outlines at the low and the high end of the scale interval.
 LOW_COLOUR, HIGH_COLOUR = (255, 190, 60), (80, 220, 255)
 
@@ -69,6 +74,7 @@ def composite_footage(
     smooth_look: bool = False,
     sinks: Sequence[LayerSink] = (),
     tracing: AbstractContextManager[Tracer] | None = None,
+    motion: MotionBlur | None = None,
     progress: ProgressCallback = silent,
 ) -> list[InsertionResult]:
     """Composite objects into every frame of the footage. Frames without a pose are unchanged.
@@ -95,6 +101,8 @@ def composite_footage(
         Receive the layers of every frame.
     tracing : context manager, optional
         Yields a renderer of the objects in place of the embedded one.
+    motion : MotionBlur, optional
+        Motion blur of the video, if its exposure is known; otherwise it is part of the measured blur.
     progress : callable
         Receives the number of finished frames.
 
@@ -106,7 +114,7 @@ def composite_footage(
     seconds = {"light": 0.0, "render": 0.0, "encode": 0.0}
     started = time.perf_counter()
     interval = scale if show_interval else None
-    compositor = Compositor(objects, light, content, footage.start_s, smooth_look, interval, sinks)
+    compositor = Compositor(objects, light, content, footage.start_s, smooth_look, interval, sinks, motion)
     renderer: AbstractContextManager[Tracer | None] = nullcontext(None) if tracing is None else tracing
     with closing(compositor), renderer as tracer:
         seconds["light"] = time.perf_counter() - started
@@ -181,6 +189,8 @@ class Compositor:
         Scale whose interval is drawn as outlines.
     sinks : sequence of LayerSink
         Receive the layers of every frame.
+    motion : MotionBlur, optional
+        Motion blur of the video.
 
     Attributes
     ----------
@@ -199,7 +209,9 @@ class Compositor:
         smooth_look: bool = False,
         interval: MetricScale | None = None,
         sinks: Sequence[LayerSink] = (),
+        motion: MotionBlur | None = None,
     ) -> None:
+        self._motion = motion
         self._objects, self._content, self._start_s, self._sinks = objects, content, start_s, sinks
         self._looks = CameraLookTracker(smooth=smooth_look)
         self._outlines: list[tuple[float, tuple[int, int, int]]] = []  # size ratio and colour
@@ -248,10 +260,12 @@ class Compositor:
         # 1. Content of the frame: visible points, masks, and the look of the camera.
         cloud, visible = self._content.cloud, self._content.at(frame)
         look = self._looks.next(plate, visible.points, cloud)
+        if self._motion is not None:
+            look = replace(look, blur=lens_blur(look.blur))
         traced = None if tracer is None else tracer(frame)
 
         # 2. Each object with its occluders and its shadow; objects out of the frame have no layers.
-        by_index = self._layers(view, plate, visible, full_size=traced is not None)
+        by_index = self._layers(frame, view, plate, visible, full_size=traced is not None)
 
         # 3. The composite, with the look of the camera and with grain seeded by the frame index.
         layered, seed = list(by_index.values()), frame.index * 16
@@ -274,7 +288,9 @@ class Compositor:
             image = draw_outline(image, view, renderer, ratio, colour)
         return image
 
-    def _layers(self, view: View, plate: Image, visible: VisibleFrame, full_size: bool) -> dict[int, ObjectComposite]:
+    def _layers(
+        self, frame: Frame, view: View, plate: Image, visible: VisibleFrame, full_size: bool
+    ) -> dict[int, ObjectComposite]:
         """Return the layers of the objects with occlusion and shadow, by index; none for those out of the frame."""
         by_index: dict[int, ObjectComposite] = {}
         points, masks = visible.points, [*visible.masks, *visible.moving]
@@ -291,8 +307,19 @@ class Compositor:
             transmitted = transmitted_light(
                 layers, renderer.irradiance_fraction, body, view, points, masks, surface, occluders
             )
-            by_index[index] = ObjectComposite(layers, occluded, transmitted)
+            by_index[index] = ObjectComposite(layers, occluded, transmitted, self._smear(frame, item))
         return dict(zip(by_index, occlude_mutually(list(by_index.values())), strict=True))
+
+    def _smear(self, frame: Frame, item: PlacedObject) -> FloatArray:
+        """Return the motion (2,) of an object in pixels during the exposure of a frame; 0 if it is not known."""
+        if self._motion is None:
+            return np.zeros(2)
+
+        def positions(neighbour: Frame) -> FloatArray:
+            body = item.body_at(neighbour.clock_s - self._start_s) if item.moves else item.body
+            return np.asarray(body.position + body.unit * body.corners[:: max(1, len(body.corners) // MOTION_VERTICES)])
+
+        return self._motion.smear(frame, positions)
 
     def _move_objects(self, time_s: float) -> None:
         """Move animated objects to their poses `time_s` seconds after the first frame.

@@ -37,6 +37,12 @@ class PixelBox:
             return self
         return PixelBox(min(self.x0, other.x0), min(self.y0, other.y0), max(self.x1, other.x1), max(self.y1, other.y1))
 
+    def enlarged(self, margin: int, shape: tuple[int, ...]) -> PixelBox:
+        """Return the box with a margin in pixels, within an image of a shape (h, w, ...)."""
+        height, width = shape[:2]
+        low = max(self.x0 - margin, 0), max(self.y0 - margin, 0)
+        return PixelBox(*low, min(self.x1 + margin, width), min(self.y1 + margin, height))
+
     def overlap(self, other: PixelBox) -> PixelBox | None:
         """Return the intersection; None if it is empty."""
         part = PixelBox(max(self.x0, other.x0), max(self.y0, other.y0), min(self.x1, other.x1), min(self.y1, other.y1))

@@ -18,7 +18,7 @@ from typing import Any, cast
 import numpy as np
 
 from estimator.reconstructions.scene_reader import read_scene
-from estimator.records.scene import Scene
+from estimator.records.scene import Scene, View
 from insertion.colour import Image
 from insertion.composite.motion_blur import motion_blur
 from insertion.footage.footage import Frame, SceneImages, video_footage
@@ -45,7 +45,9 @@ class SmearedVideo:
 
 def smeared_video(scene: Scene, footage: list[tuple[Frame, Image]], group: int, count: int) -> SmearedVideo:
     """Return the means of the first `count` of every `group` frames, with the poses of their middle."""
-    frames, images, views = [], [], []
+    frames: list[Frame] = []
+    images: list[Image] = []
+    views: list[View] = []
     for start in range(0, len(footage) - group + 1, group):
         part = footage[start : start + count]
         view = part[len(part) // 2][0].view

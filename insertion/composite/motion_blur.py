@@ -8,6 +8,7 @@ them: a smear removes the spatial frequencies along the motion that have whole p
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
+from functools import partial
 
 import numpy as np
 from numpy.typing import NDArray
@@ -110,8 +111,7 @@ def motion_blur(frames: Sequence[Frame], images: SceneImages, cloud: ColouredPoi
             continue
         view = images.scene.views[frame.row]  # the images may be smaller than the frames of the video
         sight = project_unoccluded(view, cloud.points)
-        points = cloud.points[sight.rows]
-        motion = image_motion(by_index, frame.index, lambda _, points=points: points)
+        motion = image_motion(by_index, frame.index, partial(_unmoved, cloud.points[sight.rows]))
         motion = motion * view.camera.width / frame.view.camera.width
         is_valid = np.isfinite(motion).all(axis=1)
         if is_valid.any():
@@ -126,6 +126,10 @@ def motion_blur(frames: Sequence[Frame], images: SceneImages, cloud: ColouredPoi
     if len(tiles) < MIN_TILES:
         return None
     return MotionBlur(frames, exposure_fraction(np.sum(tiles, axis=0)))
+
+
+def _unmoved(points: FloatArray, _: Frame) -> FloatArray:
+    return points
 
 
 def tile_spectra(image: NDArray[np.uint8], pixels: FloatArray, motion: FloatArray) -> list[FloatArray]:
@@ -195,7 +199,7 @@ def smear_kernel(smear: FloatArray) -> _Layer:
         column, row = int(x), int(y)
         right, down = x - column, y - row
         kernel[row : row + 2, column : column + 2] += np.outer([1 - down, down], [1 - right, right])
-    return kernel / kernel.sum()
+    return np.asarray(kernel / kernel.sum(), dtype=np.float32)
 
 
 def smear_layer(layer: _Layer, smear: FloatArray) -> _Layer:

@@ -129,6 +129,7 @@ def motion_blur(frames: Sequence[Frame], images: SceneImages, cloud: ColouredPoi
 
 
 def _unmoved(points: FloatArray, _: Frame) -> FloatArray:
+    """Return the positions (n, 3) of points of the scene in any frame."""
     return points
 
 

@@ -140,3 +140,14 @@ def test_readings_that_give_a_scale(factor: float, every: int, seconds: float, w
     else:
         assert isinstance(found, str)
         assert words in found
+
+
+@pytest.mark.parametrize(("n_missing", "is_complete"), [(11, True), (12, False)])
+def test_a_path_has_no_gap_of_half_a_second(n_missing: int, is_complete: bool) -> None:
+    """25 frames a second; without 11 and 12 of them, two frames are 0.48 and 0.52 s apart."""
+    times, centres, force, rate = walk_readings(10.0, 100.0, 0.02)
+    path = _path(times, centres, 4)
+    keep = np.ones(len(path.times_s), dtype=bool)
+    keep[125 : 125 + n_missing] = False
+    found = inertial_scale(force, rate, CameraPath(path.times_s[keep], path.centres[keep]))
+    assert (not isinstance(found, str)) == is_complete

@@ -156,6 +156,18 @@ def test_a_chunk_without_components_has_its_own_transform(colmap: Scene, tmp_pat
     assert_same_scene(colmap, read_scene(file), "metashape")
 
 
+def test_cameras_that_metashape_did_not_align_are_counted(colmap: Scene, tmp_path: Path) -> None:
+    file = write_export(colmap, "metashape", tmp_path)
+    text, n = file.read_text(encoding="utf-8"), len(colmap.views)
+    assert any(f"1 of {n + 1} cameras are not aligned" in warning for warning in read_scene(file).warnings)
+    start = text.index("<transform>", text.index("<camera "))
+    end = text.index("</transform>", start) + len("</transform>")
+    file.write_text(text[:start] + text[end:], encoding="utf-8")
+    scene = read_scene(file)
+    assert len(scene.views) == n - 1
+    assert any(f"2 of {n + 1} cameras are not aligned" in warning for warning in scene.warnings)
+
+
 def test_a_count_of_cameras_before_the_columns(tmp_path: Path) -> None:
     folder = tmp_path / "colmap"
     folder.mkdir()

@@ -4,13 +4,14 @@ from __future__ import annotations
 
 import csv
 from collections.abc import Mapping, Sequence
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
 from benchmarks.estimator.footage_cases import FootageCase
 from benchmarks.estimator.footage_judging import GATES, Judgement, Row
 
-__all__ = ["ROWS", "read_rows", "write_rows"]
+__all__ = ["ROWS", "read_rows", "updated_rows", "write_rows"]
 
 ROWS = Path(__file__).with_name("footage_rows.csv")
 #: Columns of the case, and of each result (of plain pycolmap with the prefix `plain_`).
@@ -63,6 +64,21 @@ def read_rows(file: Path) -> list[Row]:
             assert judgement is not None
             rows.append(Row(case, ours, judgement, plain, other, _number(line["reference_focal"])))
     return rows
+
+
+def updated_rows(stored: Sequence[Row], fresh: Sequence[Row]) -> list[Row]:
+    """Return the stored rows, replaced or followed by fresh ones.
+
+    A fresh row without a result of plain pycolmap keeps the stored one.
+    """
+    rows = {row.case.name: row for row in stored}
+    for row in fresh:
+        before = rows.get(row.case.name)
+        if row.plain is None and before is not None:
+            rows[row.case.name] = replace(row, plain=before.plain, plain_judgement=before.plain_judgement)
+        else:
+            rows[row.case.name] = row
+    return list(rows.values())
 
 
 def _result(line: Mapping[str, str], prefix: str) -> tuple[dict[str, Any] | None, Judgement | None]:

@@ -37,7 +37,7 @@ from benchmarks.estimator.footage_cases import (
     set_cases,
 )
 from benchmarks.estimator.footage_judging import Row, conditions, gate_table, gates_of, judged, summary_rows, table
-from benchmarks.estimator.footage_rows import ROWS, read_rows, write_rows
+from benchmarks.estimator.footage_rows import ROWS, read_rows, updated_rows, write_rows
 from benchmarks.estimator.plain_colmap import camera_path
 from capture.mapping.refusals import MAX_CONTRADICTED_RATIO, MIN_BROKEN_FRAMES
 from capture.mapping.triplets import TripletAgreement
@@ -77,9 +77,8 @@ def main() -> None:
         return
     cases = [*sets, *part_cases(sets), *made_cases()]
     if options.write or options.gates:
-        fresh = {case.name: row for case in cases if (row := _row(case, options.out)) is not None}
-        stored = {row.case.name: row for row in read_rows(ROWS)}
-        rows = list((stored | fresh).values())
+        fresh = [row for case in cases if (row := _row(case, options.out)) is not None]
+        rows = updated_rows(read_rows(ROWS), fresh)
         if options.gates:
             print(gate_table(rows))
         if options.write:

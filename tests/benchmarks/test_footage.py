@@ -30,7 +30,7 @@ from benchmarks.estimator.footage_judging import (
     summary_rows,
     table,
 )
-from benchmarks.estimator.footage_rows import ROWS, read_rows, write_rows
+from benchmarks.estimator.footage_rows import ROWS, read_rows, updated_rows, write_rows
 from benchmarks.estimator.real_footage import AGAINST_PAGE, main
 from capture.mapping.refusals import MAX_CONTRADICTED_RATIO, MAX_FOCAL_STD, MIN_BROKEN_FRAMES, MIN_ZOOM
 from metric_base.arrays import FloatArray
@@ -318,6 +318,14 @@ def test_stored_rows_give_the_same_tables(tmp_path: Path) -> None:
     for text in (table, summary_rows, gate_table, lambda some: conditions(some, [CASE])):
         assert text(stored) == text(rows)
     assert read_rows(tmp_path / "missing.csv") == []
+
+
+def test_a_fresh_row_keeps_the_stored_result_of_plain_pycolmap() -> None:
+    stored = [_row("a", _result(_path()), _result(_path()[:15])), _row("b", _result(_path()), _result(_path()))]
+    alone = replace(stored[1], ours=_result(_path(), code="drift"), plain=None, plain_judgement=None)
+    after = updated_rows(stored, [alone, _row("c", _result(_path()), _result(_path()))])
+    assert [row.case.name for row in after] == ["a", "b", "c"]
+    assert (after[1].ours["code"], after[1].plain) == ("drift", stored[1].plain)
 
 
 def test_the_page_has_the_tables_of_the_stored_rows() -> None:

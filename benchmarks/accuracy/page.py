@@ -21,6 +21,7 @@ _HEAD = table_head(
 #: Errors of sizes, fractions of common spread, and numbers of objects that the tables of simulations show.
 _NOISES, _COMMON = ("0%", "6%", "12%"), ("as modelled", "0%", "60%", "90%")
 _COUNTS = ("1", "3", "5", "10", "50")
+_SAMENESS_OBJECTS, _SAMENESS_CLASSES = ("1", "3", "50"), ("1", "3", "10")
 #: Minimum number of scenes of a row of the summary, and of objects of a class in the table of single objects.
 _MIN_SUMMARY_SCENES, _MIN_CLASS_OBJECTS = 20, 100
 
@@ -170,7 +171,8 @@ def _sameness_table(outcomes: Sequence[Outcome]) -> str:
     for one in outcomes:
         by_cell.setdefault(one.group, []).append(replace(one, refused=False))
     lines = [table_head(("objects", "classes", *shares))]
-    for objects, classes in dict.fromkeys((cell[0], cell[1]) for cell in cells if cell[0] in ("1", "3", "50")):
+    shown_cells = (cell for cell in cells if cell[0] in _SAMENESS_OBJECTS and cell[1] in _SAMENESS_CLASSES)
+    for objects, classes in dict.fromkeys((cell[0], cell[1]) for cell in shown_cells):
         of_share = [summary(by_cell[f"{objects}/{classes}/{share}"]) for share in shares]
         lines.append(row_text([objects, classes, *(_number(s.coverage) for s in of_share)]))
     return "\n".join(lines)

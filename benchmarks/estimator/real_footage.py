@@ -273,7 +273,7 @@ def _planted(out: Path, sets: list[FootageCase]) -> str:
     from capture.mapping.features import STRATEGIES
 
     suffixes = {row.name: row.suffix for row in STRATEGIES}
-    head = ["set", "frames", "triplets", "contradicted", *PLANTS, *LONGER]
+    head = ["set", "frames", "contradicted", *PLANTS, *LONGER]
     lines = ["| " + " | ".join(head) + " |", "|---" * len(head) + "|"]
     for case in sets:
         file, folder = out / f"{case.name}.json", out / "work" / case.name
@@ -295,7 +295,7 @@ def _planted_cells(folder: Path, database: str) -> list[str]:
 
     model = pycolmap.Reconstruction(folder / "sparse" / "0")
     agreed = agreement(model_triplets(model, database), model.num_reg_images())
-    cells = [str(agreed.frames), str(agreed.triplets), str(agreed.contradicted)]
+    cells = [str(agreed.frames), str(agreed.contradicted)]
     names = sorted(image.name for image in model.images.values() if image.has_pose)
     wrong = set(names[len(names) - len(names) // 3 :])
     for turn_deg, shift, factor in PLANTS.values():

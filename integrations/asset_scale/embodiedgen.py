@@ -18,7 +18,7 @@ import metric_tree
 
 #: Minimum standard deviation of the logarithm of a height by a language model, whose ranges are often narrow.
 MIN_SD_LOG = 0.2
-#: Number of standard deviations from the middle of a range to its ends, which are taken as a 90 % interval.
+#: Number of standard deviations from the centre of a range to its ends, which are treated as a 90 % interval.
 Z = 1.645
 
 

@@ -1,10 +1,10 @@
-"""SceneSmith: choose the factor of an articulated asset among those that its prompt offers (x1, x0.1, x0.01).
+"""SceneSmith: choose the factor of an articulated asset among the factors in its prompt (x1, x0.1, x0.01).
 
-SceneSmith asks a vision-language model which factor is realistic (mesh_physics/articulated.yaml). This function answers
-from the category and the extents, and gives the probability, so that only doubtful assets need the model:
+SceneSmith queries a vision-language model for the realistic factor (mesh_physics/articulated.yaml). This function
+computes it from the category and the extents, with its probability, so that only doubtful assets need the model:
 
     choice = realistic_factor("cabinet", extents_m)
-    if choice.probability < 0.9: ...  # ask the model, and add its answer as evidence
+    if choice.probability < 0.9: ...  # query the model, and add its result as evidence
 """
 
 from __future__ import annotations

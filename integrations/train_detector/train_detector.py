@@ -2,7 +2,7 @@
 
     python integrations/train_detector/train_detector.py SET --out TRAINED
 
-Requires the extra `train` in an environment of its own. The folder TRAINED receives `checkpoint.pt`, from which the
+Requires the extra `train` in a separate environment. The folder TRAINED receives `checkpoint.pt`, from which the
 same command continues after an interruption, `learning_curve.png`, `mask_ap.json` (COCO's mask AP of each class on the
 validation split), `model.onnx` and `detector.toml`, which `--detector` of `estimate-scale` takes.
 """
@@ -31,7 +31,7 @@ MAX_GRADIENT_NORM = 5.0
 MAX_SIDE_RATIO = 1333 / 800
 #: Sides of the anchors of the five levels, as fractions of the short side; torchvision has 32 to 512 for 800 pixels.
 ANCHOR_FRACTIONS = (0.04, 0.08, 0.16, 0.32, 0.64)
-#: Number of channels of the pyramid and of the heads of the small network, a quarter of those of torchvision.
+#: Number of channels of the pyramid and of the heads of the small network, a quarter of torchvision's numbers.
 SMALL_CHANNELS = 64
 #: Number of regions per image from which the small network learns; torchvision has 512.
 SMALL_REGIONS = 64
@@ -119,7 +119,7 @@ def learning_rate(step: int, steps: int, rate: float) -> float:
 
 
 def build_network(backbone: str, classes: int, short_side: int, weights: Path | None) -> Any:
-    """Return a Mask R-CNN with random weights, or those of a file as far as their shapes agree.
+    """Return a Mask R-CNN with random weights, or with the weights of a file whose shapes agree.
 
     Parameters
     ----------
@@ -130,7 +130,7 @@ def build_network(backbone: str, classes: int, short_side: int, weights: Path | 
     short_side : int
         Length in pixels to which the network resizes the shorter side of an image.
     weights : Path, optional
-        State of a network as torchvision publishes it; the predictors of other classes are left out.
+        State of a network as torchvision publishes it; the predictors of other classes are omitted.
     """
     import torch
     from torchvision.models import resnet18
@@ -288,7 +288,7 @@ def draw_curve(losses: Sequence[float], ap: dict[str, dict[str, float | None]], 
 
 
 def export_onnx(network: Any, size: tuple[int, int], file: Path) -> None:
-    """Write the network as ONNX for images of any size; `size` (height, width) is that of the traced image."""
+    """Write the network as ONNX for images of any size; `size` is (height, width) of the traced image."""
     import torch
 
     network.to("cpu").eval()
@@ -328,7 +328,7 @@ def main(words: Sequence[str] | None = None) -> int:
     add("--save-every", type=int, default=500, help="steps between checkpoints (default: %(default)s)")
     add("--workers", type=int, default=4, help="processes that read images (default: %(default)s)")
     add("--device", default="cuda", help="cuda or cpu (default: %(default)s)")
-    add("--bf16", action="store_true", help="compute in bfloat16 where it is safe")
+    add("--bf16", action="store_true", help="compute in bfloat16 if it is safe")
     add("--seed", type=int, default=0, help="seed of the order of the images and of the weights")
     options = parser.parse_args(words)
     import torch

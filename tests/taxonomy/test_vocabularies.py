@@ -2,6 +2,7 @@
 
 import pytest
 
+import metric_tree
 from taxonomy.catalogue import default_catalogue
 from taxonomy.label_lists import STUFF, UnknownLabel, labelled_node, vocabularies, vocabulary
 
@@ -82,3 +83,17 @@ def test_unknown_names_are_named():
         labelled_node("unicorn", "coco_80")
     with pytest.raises(UnknownLabel, match="vocabulary: expected one of ade20k_150"):
         vocabulary("nonesuch")
+
+
+def test_a_label_without_a_category_in_the_release_is_an_unknown_label_with_suggestions():
+    tree, messages = metric_tree.open(), []
+    for name in ("things_1854", "matterport_1659", "lvis_v1", "imagenet_1k"):
+        labels = [label for label in vocabulary(name) if label.node_id and not tree.has_node(label.node_id)]
+        for label in labels[:20]:
+            try:
+                tree.find(label.label, name)
+            except UnknownLabel as error:
+                messages.append(str(error))
+    assert len(messages) > 20
+    assert all(" this release has no category for the label" in text for text in messages)
+    assert sum("did you mean" in text for text in messages) > len(messages) / 3

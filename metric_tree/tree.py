@@ -295,6 +295,7 @@ class Tree:
             known = (node_id for node_id in listed_nodes(text) if node_id in self._rows)
             return next(map(self.node, known), None)
         from taxonomy.label_lists import UnknownLabel, labelled_node
+        from taxonomy.label_lists import vocabulary as labels
 
         def likely_ids(name: str) -> tuple[str, ...]:
             match = self._resolver.match(name)
@@ -307,11 +308,13 @@ class Tree:
 
         lemma = node_id.removeprefix("mt:").partition(".n.")[0].replace("_", " ")
         chains = (sense.chain for sense in senses(lemma) if sense.chain[:1] == (node_id,))
-        known = next((above for chain in chains for above in chain if above in self._rows), None)
-        if known is None and node_id not in self._successors:
-            nearest = spelling.advice(self._resolver.nearest(text))
-            raise UnknownLabel(f"{text!r} of {vocabulary}: this release has no category for the label{nearest}")
-        return self.node(known or node_id)
+        hypernym = next((above for chain in chains for above in chain if above in self._rows), None)
+        if hypernym is None and node_id not in self._successors:
+            listed = (one.label for one in labels(vocabulary) if one.node_id in self._rows)
+            nearest = self._resolver.nearest(text) or spelling.near_spellings(text, listed, n=MAX_LISTED_NAMES - 1)
+            advice = spelling.advice(nearest)
+            raise UnknownLabel(f"{text!r} of {vocabulary}: this release has no category for the label{advice}")
+        return self.node(hypernym or node_id)
 
     def priors(self, vocabulary: str | None = None) -> pa.Table:
         """Return the quantiles in mm of every node, or of every label of a list, as a flat table.

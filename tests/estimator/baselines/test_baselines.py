@@ -12,6 +12,7 @@ import pytest
 from scipy.stats import multivariate_normal
 from sklearn.mixture import BayesianGaussianMixture
 
+import metric_tree
 from estimator.baselines import paper
 from estimator.baselines.candidate_search import CANDIDATES, candidate_scales, estimate_on
 from estimator.baselines.paper import PaperMixture, authors_lists, fit_mixture, paper_result
@@ -49,6 +50,25 @@ def test_items_of_one_size_have_a_mixture_with_a_spread(size_mm: float, shape: t
     deviations = np.sqrt(np.einsum("kii->ki", mixture.covariances)) / size_mm
     assert ((deviations > 0.005) & (deviations < 0.02)).all()
     assert mixture.means == pytest.approx(size_mm)
+
+
+#: Categories of the release with items of one size along an axis, the first ones by name.
+ONE_SIZE = (
+    "backboard.n.01", "balance_beam.n.01", "barbell.n.01", "baseball.n.02", "bowling_ball.n.01", "bowling_pin.n.01",
+    "car_battery.n.01", "card.n.02", "cassette_tape.n.01", "compact_disk.n.01", "countertop.n.01", "credit_card.n.01",
+)  # fmt: skip
+
+
+def test_categories_of_the_release_have_a_mixture(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Categories of one size, and every 400th of the others, of nine items each to save time."""
+    monkeypatch.setattr(paper, "MAX_ITEMS", 9)
+    tree = metric_tree.open()
+    names = sorted(set(tree.priors().column("node_id").to_pylist()))
+    assert set(ONE_SIZE) < set(names)
+    for name in (*ONE_SIZE, *names[::400]):
+        node = tree.node(name)
+        mixture, _ = paper._node_mixture.__wrapped__(node, node.prior().dims)  # without the cache
+        assert (np.linalg.eigvalsh(mixture.covariances) > 0).all(), name
 
 
 @pytest.mark.parametrize(("spread", "is_changed"), [(0.009, True), (0.011, False)])

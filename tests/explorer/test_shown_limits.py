@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import asyncio
+from pathlib import Path
 from types import SimpleNamespace
 from typing import Any, cast
 
@@ -74,6 +75,14 @@ def test_a_page_may_be_kept_for_5_minutes_and_a_preflight_for_a_day(trees: list[
     assert (preflight.status_code, preflight.headers["access-control-max-age"]) == (200, "86400")
     assert client.get("/v1/search?q=a&limit=50").status_code == 200
     assert client.get("/v1/search?q=" + "a" * 300).status_code == 200
+
+
+def test_an_image_may_be_kept_for_a_year(trees: list[Tree], tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    file = tmp_path / f"{'0' * 64}.webp"
+    file.write_bytes(b"RIFF")
+    monkeypatch.setattr("explorer.server.app.stored_file", lambda *_: file)
+    response = TestClient(application(trees)).get(f"/pictures/00/{file.name}")
+    assert response.headers["cache-control"].split(", ")[:2] == ["public", "max-age=31536000"]
 
 
 @pytest.mark.parametrize(("size", "status"), [(1_000_000, 200), (1_000_001, 413)])

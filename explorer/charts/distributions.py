@@ -27,6 +27,8 @@ MIN_HISTOGRAM_ITEMS = 8
 REACH_SD = 3.0
 #: Percentage of the items at each end that may be outside of the axis.
 TRIM = 0.5
+#: Factor by which the axis is longer than the sizes of a norm at each end, so that it contains several round lengths.
+NORM_MARGIN = 1.8
 #: Minimum weight of a size of a norm for a line.
 MIN_STATED_WEIGHT = 0.005
 SCATTER_WIDTH, HEIGHT, LEFT, SCATTER_BOTTOM, SCATTER_TOP, RIGHT = 340, 230, 46, 206, 8, 330
@@ -73,6 +75,8 @@ def distribution(
     if is_norm:
         sizes, kinds = sizes[:0], kinds[:0]
     axis = length_axis(prior, sizes)
+    if is_norm:  # the axis of a tolerance has no round tick
+        axis = LogAxis(axis.low / NORM_MARGIN, axis.high * NORM_MARGIN, MARGIN, WIDTH - MARGIN)
     grid = np.geomspace(axis.low, axis.high, POINTS)
     density = np.exp(prior.log_density(grid[:, None]))
     edges = np.geomspace(axis.low, axis.high, BINS + 1)

@@ -222,6 +222,7 @@ def test_a_norm_has_lines_for_its_sizes_and_no_curve(catalogue: ReleaseCatalogue
         assert re.fullmatch(r"(M[\d.]+ 8V118)+", match[1])
         assert match[1].count("M") == lines
         assert "kind-" not in drawing
+        assert drawing.count("data-mm") >= 2, "round ticks"
 
 
 def test_charts_draw_kinds_of_one_percent_of_the_weight(

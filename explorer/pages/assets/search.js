@@ -262,7 +262,7 @@
     const node = nodes[hit.place];
     const path = [];
     for (let one = node.parent; one >= 0 && path.length < 2; one = nodes[one].parent) path.unshift(nodes[one].name);
-    const said = fold(hit.why || "") === fold(node.name) ? "" : ' · "' + hit.why + '"';
+    const said = !hit.why || fold(hit.why) === fold(node.name) ? "" : ' · "' + hit.why + '"';
     const lists = node.labels.flatMap(([, lists]) => lists);
     const shown = lists.length ? " · label of " + [...new Set(lists)].slice(0, 3).join(", ") : "";
     return { href: root + "nodes/" + node.slug + ".html", slug: node.slug, name: node.name, tier: node.tier, exact: Boolean(hit.isMeant), sizes: axesText(node), note: path.join(" › ") + said + shown };

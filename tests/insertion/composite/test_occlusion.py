@@ -82,6 +82,20 @@ def test_the_near_leg_of_a_table_hides_and_the_far_one_does_not() -> None:
     assert not hidden[:, 60:100][45:].any()
 
 
+@pytest.mark.parametrize(("column", "hides"), [(71.5, True), (72.5, False)])
+def test_points_within_12_pixels_of_the_object_decide(column: float, hides: bool) -> None:
+    """The object ends at column 60; 200 points of the same mask further away are behind it."""
+    image = _image()
+    image.alpha[:, 60:] = 0
+    box = (40, 10, 160, 110)
+    close = np.column_stack([np.full(4, column), [58.5, 59.5, 60.5, 61.5]])
+    away = np.random.default_rng(0).uniform((120, 10), (160, 110), (200, 2))
+    depths = np.repeat([NEAR, FAR], [4, 200])
+    points = VisiblePoints(np.arange(204), np.concatenate([close, away]), depths, False)
+    fraction, _ = occluded_fraction(image, BOX, VIEW, [_object("wall", box)], points, np.zeros(204, bool))
+    assert bool(fraction[60, 50] > 0.5) == hides
+
+
 def test_a_cup_without_points_hides_what_its_table_hides() -> None:
     table, cup = (10, 60, 150, 110), (70, 40, 80, 60)
     points = _points((table, NEAR))

@@ -38,7 +38,7 @@ from metric_cli.tables import print_json, print_table, warn
 if TYPE_CHECKING:
     from metric_base.batch import BatchScene
 
-#: Options that wait for a person or end the program.
+#: Options that wait for a person or end the program; a list must not contain them.
 INTERACTIVE_OPTIONS = frozenset({"--draw", "--place", "--view", "--help", "-h", "--version", "--completion", "--batch"})
 
 
@@ -57,11 +57,11 @@ class BatchCommand:
     parser : callable
         Return the parser of the arguments after `prefix`.
     columns : callable
-        Return `status`, `scale`, `low` and `high` of the text that the command prints with `--json`.
+        Return `status`, `scale`, `low` and `high` from the output of the command with `--json`.
     name_columns : tuple of str
         Columns of a list that name the input; the first one is the positional argument.
     has_other_lists : bool
-        Whether `--batch` without a Parquet file for `--out` has another meaning.
+        Whether the command has a `--batch` of its own, which is used unless `--out` is a Parquet file.
     """
 
     program: str
@@ -96,7 +96,7 @@ def check_batch_options(options: argparse.Namespace, names: Sequence[str] = ("jo
 
 
 def batch_run(command: BatchCommand, argv: Sequence[str]) -> Callable[[], int] | None:
-    """Return the run of a batch; None if the arguments are those of another run."""
+    """Return the run of a batch; None if the arguments do not request a batch of scenes."""
     if not any(word.partition("=")[0] == "--batch" for word in argv):
         return None
     parser = OneLineParser(prog=command.program, add_help=False, allow_abbrev=False)
@@ -115,7 +115,7 @@ def batch_run(command: BatchCommand, argv: Sequence[str]) -> Callable[[], int] |
 
 
 def _run(command: BatchCommand, options: argparse.Namespace, words: Sequence[str]) -> int:
-    """Run the batch, print the counts, and return the most serious status of its scenes; words : common arguments."""
+    """Run the batch, print the counts, and return the most serious status of its scenes; `words` are for all scenes."""
     from metric_base.batch import COMPLETE, SCHEMA, run_batch
 
     part = re.fullmatch(r"(\d{1,9})/(\d{1,9})", options.part or "1/1")
@@ -184,7 +184,7 @@ def batch_scenes(command: BatchCommand, path: Path, words: Sequence[str]) -> lis
         groups = common | {f"--{column.replace('_', '-')}": [] for column in cells}
         for column, value in cells.items():
             groups[f"--{column.replace('_', '-')}"] = option_words(parser, place, column, value)
-        # a required option such as --model precedes those that belong to it
+        # a required option such as --model must precede the options that modify it
         required = [option for action in arguments_of(parser) if action.required for option in action.option_strings]
         ordered = sorted(groups, key=lambda option: option not in required)
         arguments = [] if positional is None else [f"./{positional}" if str(positional)[0] == "-" else str(positional)]
@@ -193,11 +193,11 @@ def batch_scenes(command: BatchCommand, path: Path, words: Sequence[str]) -> lis
         refused = [word for word in arguments if word.partition("=")[0] in INTERACTIVE_OPTIONS]
         try:
             parsed, unknown = argparse.ArgumentParser.parse_known_args(parser, [] if refused else arguments)
-        except InputError:  # its own run reports the error
+        except InputError:  # the error is reported when the scene is run
             parsed, unknown = argparse.Namespace(), []
         if refused or unknown:
             found = Unquoted(" ".join(refused or unknown))
-            raise InputError.at(place, "options", f"options of {command.program} that need no person", found)
+            raise InputError.at(place, "options", f"options of {command.program} that are not interactive", found)
         new, written = output_paths(parser, parsed, folder)
         for output in written:
             if (other := writers.setdefault(output, place)) != place:
@@ -233,7 +233,7 @@ def options_of(words: Sequence[str]) -> dict[str, list[str]]:
 def output_paths(
     parser: argparse.ArgumentParser, options: argparse.Namespace, folder: Path
 ) -> tuple[list[Path], list[Path]]:
-    """Return the outputs that a command makes anew, and these with its work folders; relative to `folder`."""
+    """Return the outputs in `folder` that a command creates, and these with the work folders that it reuses."""
     new, written = [], []
     for action in arguments_of(parser):
         value, is_new = getattr(options, action.dest, None), isinstance(action.type, OutputFile)
@@ -246,13 +246,14 @@ def output_paths(
 def option_words(parser: argparse.ArgumentParser, place: str, column: str, value: Any) -> list[str]:
     """Return the arguments for a value of a column: a text, number, truth value, or list.
 
-    The text of an option with several words is split as by a shell. Each element of a list is a value of an option that
-    may be repeated, or a word of an option with several words; each list in a list is one use of the option.
+    The text of an option with several words is split as by a shell. For an option that may be
+    repeated, each element of a list is a value. For an option with several words, it is a word, or a list of words for
+    each use of the option.
 
     Raises
     ------
     InputError
-        The column is no option, or the value of a switch is no truth value.
+        The column is not an option, or the value of a switch is neither true nor false.
     """
     option = f"--{column.replace('_', '-')}"
     action = parser._option_string_actions.get(option)
@@ -272,7 +273,7 @@ def option_words(parser: argparse.ArgumentParser, place: str, column: str, value
             for word in (option, *(map(str, use) if isinstance(use, list) else shlex.split(str(use))))
         ]
     values = value if isinstance(value, list) else [value]
-    # a table with empty cells has floats for integers
+    # a table with empty cells stores integers as floats
     return [f"{option}={int(one) if isinstance(one, float) and one.is_integer() else one}" for one in values]
 
 

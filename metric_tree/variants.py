@@ -1,8 +1,8 @@
 """Named variants of categories (`data/curated/variants.csv`), and sizes that a name states (`stated_sizes.csv`).
 
-A variant is one real size of a category: an LP of records, a container of 20 feet. The table belongs to the program, so
-that every release can be queried for it. A rule of `stated_sizes.csv` gives sizes for a number in a name: the length of
-a television from its diagonal.
+A variant is one real size of a category: an LP of records, a container of 20 feet. The table is shipped with the
+program and applies to every release. A rule of `stated_sizes.csv` gives sizes for a number in a name: the length of a
+television from its diagonal.
 
 Both replace the marginal of a prior in the dimensions that they state. With x = ln(size), H the rows of the identity
 for the stated dimensions, y their ln sizes with covariance R, and the gain K = C H' (H C H')^-1 of a component with
@@ -38,9 +38,10 @@ from metric_tree.axes import AXES, EXTENTS
 from metric_tree.prior import Prior
 from taxonomy.words.spelling import plain_fold, singular_phrases
 
-#: Document of a size that is customary in trade and that no standard fixes; such a variant is judged.
+#: Document of a size that is customary in trade and that no standard fixes; the tier of such a variant is `judged`.
 TRADE = "trade size"
-#: Fraction of the variance of a stated size that objects of one scene have in common, as for a judged range.
+#: Fraction of the variance of a stated size that objects of one scene have in common, as for a judged range
+#: (`STATED_SHARED` in `metric_tree/fit/rows.py`).
 SHARED = 0.35
 #: Minimum standard deviation of ln size of a variant: a tolerance below 0.1 % is below the error of any measurement.
 MIN_LOG_SD = 0.001
@@ -92,7 +93,7 @@ class Variant(msgspec.Struct, frozen=True, kw_only=True):
 
     @property
     def sizes(self) -> dict[str, tuple[float, float]]:
-        """Size and tolerance in mm of each stated axis; for a node with sorted extents, the axes are in this order."""
+        """Size and tolerance in mm of each stated axis; for a node with sorted extents, length is the longest."""
         values = ((axis, getattr(self, f"{axis}_mm"), getattr(self, f"{axis}_tolerance_mm")) for axis in AXES)
         return {axis: (size, tolerance) for axis, size, tolerance in values if size is not None}
 
@@ -103,7 +104,7 @@ class Variant(msgspec.Struct, frozen=True, kw_only=True):
 
     @property
     def stated(self) -> StatedSize:
-        """The sizes as a replacement of a prior; the tolerance contains 90 % of the objects (1.645 sd)."""
+        """The sizes, which replace those of a prior; size +- tolerance is the central 90 % interval (1.645 sd)."""
         sizes = {axis: (mm, max(tolerance / mm / 1.645, MIN_LOG_SD)) for axis, (mm, tolerance) in self.sizes.items()}
         return StatedSize(self.name, sizes, self)
 
@@ -117,7 +118,7 @@ class StatedSize:
     variant: Variant | None = None
 
     def of(self, prior: Prior, are_sorted: bool) -> Prior:
-        """Return a prior with the marginals of the stated sizes, by the equation of the module.
+        """Return a prior with the marginals of the stated sizes, by the equation in the docstring of this module.
 
         Parameters
         ----------
@@ -189,7 +190,7 @@ class StatedSizeRule(msgspec.Struct, frozen=True, kw_only=True):
         expect(set(axes) <= set(AXES), "axes", ", ".join(AXES), self.axes)
 
     def stated(self, number: float, words: str) -> StatedSize:
-        """Return the sizes for a number, which the name has as `words`."""
+        """Return the sizes for a number; `words` is the number as it stands in the name."""
         parts = (part.split() for part in self.axes.split("; "))
         sizes = {axis: (float(factor) * number**self.exponent, self.sd_log) for axis, factor in parts}
         return StatedSize(words, sizes)
@@ -209,9 +210,9 @@ def variants(path: Path | None = None) -> Mapping[str, tuple[Variant, ...]]:
     for place, row in read_csv(path or data_folder() / "curated" / "variants.csv", Variant, BadVariant):
         with in_file(place, BadVariant):
             is_new = all(row.name != one.name for one in by_node[row.node_id])
-            expect(is_new, "name", "a name, once for each node", row.name)
+            expect(is_new, "name", "a name that no other variant of the node has", row.name)
             for alias in filter(None, row.aliases.split("; ")):
-                expect(variant_form(alias) not in names, "aliases", "names of one variant each", alias)
+                expect(variant_form(alias) not in names, "aliases", "an alias that no other variant has", alias)
                 names.add(variant_form(alias))
         by_node[row.node_id].append(row)
     return {node_id: tuple(rows) for node_id, rows in by_node.items()}
@@ -272,7 +273,7 @@ class Quantity:
 
 
 def quantity_in(text: str) -> Quantity | None:
-    """Return the number with a unit in a name; None without one, without a name, or with several.
+    """Return the number with a unit in a name; None if there is none, if there are several, or without other words.
 
     >>> quantity_in("55-inch TV").number, quantity_in("1.5 l bottle").kind, quantity_in("2 x 4 m rug")
     (1397.0, 'volume', None)
@@ -292,9 +293,9 @@ def quantity_in(text: str) -> Quantity | None:
 
 
 def regional_prior(prior: Prior, rows: Sequence[Variant], region: str, are_sorted: bool) -> Prior | None:
-    """Return the mixture, weighted by shares, of the variants of a region or country.
+    """Return the mixture of the variants of a region or country, weighted by their shares (1 if not stated).
 
-    The variants of the continent are used for a country without variants. None without any.
+    A country without variants has those of its region. None if there are none.
     """
     places = (region, region_of(region))
     found = ([row for row in rows if row.region == place] for place in places)

@@ -61,6 +61,7 @@ def crawl_settings(
         "AUTOTHROTTLE_START_DELAY": delay,
         "AUTOTHROTTLE_MAX_DELAY": 60.0,
         "DOWNLOAD_DELAY": delay,
+        "RANDOMIZE_DOWNLOAD_DELAY": False,  # otherwise the delay would be 0.5 to 1.5 times the declared minimum
         "CONCURRENT_REQUESTS": 16,
         "CONCURRENT_REQUESTS_PER_DOMAIN": 4 if delay > 0 else 16,
         "COOKIES_ENABLED": False,

@@ -15,7 +15,7 @@ from crawler.text.cell_lengths import AXES, UnreadableLength, dimensions_mm, ext
 from metric_base.errors import in_file
 from metric_base.length_units import millimetres
 
-#: Number of decimals of sizes in mm: a micrometre, finer than the sources.
+#: Number of decimals of sizes in mm that are kept: one micrometre, finer than any source.
 STORED_DECIMALS_MM = 3
 #: Boundaries of words in CamelCase and in names with underscores.
 _WORD_BOUNDARY = re.compile(r"(?<=[a-z0-9])(?=[A-Z])|[_|\s]+")
@@ -85,7 +85,7 @@ def row_item(
     source : Source
     source_id : str
     words : mapping of str to float, optional
-        Sizes in mm by axis word.
+        Sizes in mm by axis name, such as `length`.
     extents : sequence of float, optional
         Sizes in mm; by default those of `words`.
     bounds_mm : tuple of float
@@ -100,7 +100,7 @@ def row_item(
     RowRejected
         There is no size, a size is outside of `bounds_mm`, or there is no category.
     BadRawItem
-        A text is invalid for its field, such as a region.
+        A field has an invalid value, such as an unknown region.
     """
     stated = {axis: round(value, STORED_DECIMALS_MM) for axis, value in (words or {}).items() if value}
     sides = (
@@ -147,7 +147,8 @@ def table_row_items(source: Source, folder: Path) -> Iterator[RawItem | RowRejec
             paths = [] if folder.is_file() else [path for path in paths if path not in others]
         files: list[tuple[str, Iterator[Row]]] = [(path.stem, rows(table, path)) for path in paths]
         if not paths and not table.rest and folder.is_dir():
-            files = [(Path(table.files[0]).stem, record_rows(table, folder))]  # the published form of the table
+            # the set publishes each record as a JSON file
+            files = [(Path(table.files[0]).stem, record_rows(table, folder))]
         for stem, lines in files:
             for number, row in enumerate(lines, start=1):
                 named = _rename_values(table, row | {"file": stem, "row": str(number)})
@@ -184,7 +185,7 @@ def _rename_values(table: Table, row: Row) -> Row:
 
 
 def _files(table: Table, folder: Path) -> list[Path]:
-    """Return the files of a table; `folder` may also be the one file."""
+    """Return the files of a table; `folder` may also be a single file."""
     if folder.is_file():
         return [folder] if any(folder.match(pattern) for pattern in table.files) else []
     return [path for pattern in table.files for path in sorted(folder.glob(pattern))]
@@ -254,9 +255,9 @@ def _first_group(pattern: str, text: str) -> str:
 
 
 def _length(table: Table, row: Row, axis: str) -> float | None:
-    """Return the length of an axis in mm; for a difference, the distance of two sides with signed coordinates."""
+    """Return the length of an axis in mm; if the axis is declared with `minus`, the distance of two coordinates."""
     declared = table.columns_of_axes[axis]
-    unit = declared.unit or table.unit or "mm"  # the declaration of a table without any unit is rejected
+    unit = declared.unit or table.unit or "mm"  # never mm by default: a declaration without any unit is rejected
     if declared.minus:
         try:
             sides = float(row[declared.column]) - float(row[declared.minus])

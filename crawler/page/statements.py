@@ -1,8 +1,8 @@
 """Find the size statements of a page, choose the best one, and build the raw item of the page.
 
 A statement is a label and value pair, or a group of pairs with one axis each, that states the size of the whole
-product. Statements are ranked by their trust and by their number of lengths (`best_statement`). Sizes of packages,
-parts and other products are not statements.
+product. `best_statement` defines their ranking. Sizes of packages, parts and other products
+are not statements.
 """
 
 from __future__ import annotations
@@ -39,7 +39,7 @@ from crawler.text.vocabulary import (
 MAX_TEXT = 1000
 #: Maximum number of characters of an id, a brand or a category in an item.
 MAX_WORD = 200
-#: Minimum number of numbers in prose without a size word; prose with fewer numbers is not examined for axes.
+#: Prose without a size word is searched for axes only if it contains at least this many numbers.
 MIN_NUMBERS_OF_PROSE = 3
 #: Length in characters of the blocks of a script; the pairs in a block share a container.
 _SCRIPT_BLOCK = 4000
@@ -59,7 +59,7 @@ class Trust(IntEnum):
 
     PROSE = 0
     SCRIPT = 1  #: JSON in a script.
-    LOOSE = 2  #: A size or single axes without a label or heading for sizes.
+    LOOSE = 2  #: A size, or axes stated one by one, that no label or heading announces.
     AXES = 3  #: Single axes in a table of sizes.
     SIZE = 4  #: A labelled size.
     WHOLE = 5  #: A size with a label for the whole product.
@@ -234,15 +234,16 @@ def _trust(pair: LabelValue, is_announced: bool, title: str) -> Trust:
         return Trust.LOOSE
     if is_announced:
         return Trust.WHOLE if is_whole(label) else Trust.SIZE
-    # headings for sizes may also cover named parts
+    # a size heading may also stand above parts, which a label with other words names
     return Trust.SIZE if is_dimension_label(plain(pair.section)) and not is_foreign(label, title) else Trust.LOOSE
 
 
 def _axis_statements(pairs: Iterable[LabelValue], language: Language | None, title: str) -> Iterator[Statement]:
     """Return the statements of groups of rows with one axis each: `Width | 4 cm`, `Height | 3 cm`.
 
-    The rows of a group share a heading, and each axis comes from one container; its first row counts. Rows with words
-    for other objects (`heel height`) form separate groups.
+    The rows of a group share a heading. If an axis occurs twice in one container, its first row is used; an axis that
+    another container repeats starts a new group. Rows with words for other objects (`heel height`) form groups of
+    their own.
     """
     groups: list[tuple[bool, dict[str, tuple[Length, LabelValue]]]] = []
     current: dict[bool, dict[str, tuple[Length, LabelValue]]] = {}
@@ -296,7 +297,7 @@ def _axis_length(pair: LabelValue, language: Language | None, title: str) -> Len
 
 
 def _is_of_part(label: str) -> bool:
-    """Return True if a plain label names a part, and not the whole (`overall ...`)."""
+    """Return True if a normalised label names a part, and not the whole (`overall ...`)."""
     return is_component(label) and not (is_whole(label) and not is_component(label.replace("overall", "")))
 
 

@@ -1,9 +1,9 @@
 """Extend objects whose foot is not reconstructed down to the surface below them.
 
 Legs are thin, castors dark and sills low, so that a cloud ends above the foot and the height is too small. The surface
-is found in the cloud around the footprint (`find_support_level`), because the object hides the part below it. The
-category decides whether the gap is filled (`foot_on_level`), if it determines whether the object stands on the floor or
-hangs. Otherwise the masks decide.
+is found in the cloud around the footprint (`find_support_level`), because the object hides the part below it. If the
+category determines whether the object stands on the floor or hangs, it decides whether the gap is filled
+(`foot_on_level`); otherwise the masks decide.
 """
 
 from __future__ import annotations
@@ -26,7 +26,8 @@ MIN_RING_POINTS = 10
 MIN_RING_SECTORS = 3
 # Minimum number of points of a level, relative to the level with most points; the highest such level is used.
 MIN_RING_LEVEL_FRACTION = 0.3
-# Multiple of the median number of points per height that is subtracted, so that a wall has no level.
+# Multiple of the median number of points of the height bins that is subtracted: a wall has points at all heights, and
+# therefore no level.
 WALL_FACTOR = 2.0
 # Contact tolerance between a foot and its level, as a fraction of the height of the object and at least one height bin
 # (the roughness of the cloud). It is the accuracy of the extent rule.
@@ -34,19 +35,19 @@ MAX_CONTACT_FRACTION = 0.06
 # Maximum gap that is filled if neither masks nor category determine it (legs of cabinets, bags), relative to the height
 # of the points. Wall-mounted objects hang at least their height above the surface.
 MAX_UNOBSERVED_GAP = 0.35
-# The same limit if the masks show the lower end. It is not zero, because occluders hide the foot in the masks, too.
+# `MAX_UNOBSERVED_GAP` if the masks show the lower end. It is not zero, because occluders also hide the foot in masks.
 MAX_OBSERVED_GAP = 0.12
 # Minimum fraction of the gap that a mask covers if it shows a foot there.
 MIN_REACH_FRACTION = 0.5
-# Maximum gap below an object that stands on the floor, relative to the height of its points. A desk top is a tenth to a
-# sixth of the height of the desk; a larger gap belongs to another object.
+# Maximum gap below an object that stands on the floor, relative to the height of its points. These may be a
+# desk top alone, a tenth to a sixth of the height of the desk; a larger gap belongs to another object.
 MAX_FLOOR_GAP = 12.0
 # Standard deviation of the height of a level, relative to its roughness.
 LEVEL_SIGMA_FRACTION = 0.3
 # Standard deviation that filling a gap adds to the log height, relative to the filled fraction of the height: feet end
 # slightly above or below the surface, and sometimes it is the wrong surface.
 FILLED_SIGMA = 0.05
-# Maximum ratio of height to smaller side of a floor-standing object that is a table top without legs.
+# Maximum ratio of height to smaller side of a floor-standing object whose points are a table top without legs.
 MAX_SLAB_ASPECT = 0.35
 # Minimum distance of the support below a table top, relative to its thickness; closer levels are its underside.
 MIN_SLAB_CLEARANCE = 0.5
@@ -88,7 +89,7 @@ class Foot:
 def find_support_level(
     cloud: SupportCloud, corners: FloatArray, low: FloatArray, high: FloatArray, stands: bool | None
 ) -> SupportLevel | None:
-    """Find the highest level surface around the foot of an object, at or below it; else the floor.
+    """Find the highest level surface around the foot of an object, at or below it, or the floor if there is none.
 
     Parameters
     ----------
@@ -154,8 +155,8 @@ def foot_on_level(
     stands : bool or None
         Whether the category stands on the floor; None if unknown.
     reach : float
-        Fraction of the gap that the masks, or a few points of the object, cover: 0 if they end with the extent, 1 if
-        they end at the level, NaN if unknown.
+        Fraction of the gap that the masks, or a few points of the object, cover: 0 if they end at the lower end of the
+        extent, 1 if they end at the level, NaN if unknown.
     """
     bottom, height = float(low[2]), float(high[2] - low[2])
     is_slab = _is_slab(low, high, stands)

@@ -8,7 +8,7 @@ something closer, or if the view faces the side.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import numpy as np
 
@@ -69,6 +69,8 @@ class SideVisibility:
 
     is_shown: BoolArray  #: (v, 3, 2) the view shows the side to its end.
     excess: FloatArray  #: (v, 3, 2) excess of the mask over the points, relative to the extent; NaN if unknown.
+    #: (3,) the extent is truncated unless enough views compare masks and points at one of its ends.
+    needs_excess: BoolArray = field(default_factory=lambda: np.zeros(3, dtype=bool))
 
     @property
     def median_excess(self) -> FloatArray:
@@ -79,10 +81,16 @@ class SideVisibility:
 
     @property
     def truncated(self) -> BoolArray:
-        """(3, 2) sides that too few views show, or where the masks exceed the points."""
-        is_unseen = self.is_shown.sum(axis=0) < min(MIN_COMPLETE_VIEWS, len(self.is_shown))
+        """(3, 2) sides that too few views show, or where the masks exceed the points.
+
+        An extent that `needs_excess` is truncated on both sides if too few views compare the masks with the points at
+        either of them: they look along it, or it is occluded there. Of a washing machine between cupboards, only the
+        front has points, and its depth is too small.
+        """
+        n_views = min(MIN_COMPLETE_VIEWS, len(self.is_shown))
         is_short: BoolArray = np.nan_to_num(self.median_excess) > MIN_EXCESS_FRACTION
-        return np.asarray(is_unseen | is_short)
+        is_compared = (np.isfinite(self.excess).sum(axis=0) >= n_views).any(axis=1) | ~self.needs_excess  # (3,)
+        return np.asarray((self.is_shown.sum(axis=0) < n_views) | is_short | ~is_compared[:, None])
 
 
 def mask_outline(instance: Instance, contour: FloatArray, width: int, height: int) -> MaskOutline:
@@ -141,7 +149,9 @@ def side_visibility(
         is_shown[row] = np.where(sine >= MIN_VISIBLE_SINE, is_outlined, facing > MIN_VISIBLE_SINE)
         if not mask.from_box:
             excess[row] = np.where((sine >= MIN_EXCESS_SINE) & ~is_cut, view_excess, np.nan)
-    return SideVisibility(is_shown, excess)
+    # The excess of filled boxes is unknown. An extent with an end on the top is outlined by the top.
+    needs_excess = ~ends_on_top.any(axis=1) & (not all(mask.from_box for mask in masks))
+    return SideVisibility(is_shown, excess, needs_excess)
 
 
 def _cut_and_excess(

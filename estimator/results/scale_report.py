@@ -30,7 +30,7 @@ from metric_tree.axes import AXES, EXTENTS
 from metric_tree.prior import Prior
 from metric_tree.tree import Tree
 
-#: Maximum probability of an outlier: an object with less than this probability of matching its label is an outlier.
+#: Minimum probability that an object matches its label; an object below it is an outlier.
 MIN_OBJECT_WEIGHT = 0.5
 #: Mass of the interval of typical sizes of a class.
 TYPICAL_LEVEL = 0.9
@@ -40,7 +40,7 @@ _EXTENT_NAMES = dict(zip(EXTENTS, ("longest side", "middle side", "shortest side
 MIN_WARNED_OUTLIERS = 2
 #: Minimum fraction of outliers among the objects for the warning.
 MIN_WARNED_OUTLIER_FRACTION = 0.5
-#: Maximum number of characters of a category in a warning; no name of a category is as long.
+#: Maximum number of characters of a category in a warning; longer names are truncated.
 MAX_NAME_CHARS = 200
 
 
@@ -148,7 +148,7 @@ def build_result(
         would_help=() if is_invalid else tuple(would_help),
         seconds=seconds,
         of=digests,
-        # A result without a curve is not drawn: the sizes in an invalid scene are wrong.
+        # An invalid scene has no curve and is not drawn, because its sizes are wrong.
         curve=estimate.curve if estimate is not None and not is_invalid else None,
         object_curves=object_curves or {},
     )
@@ -164,7 +164,7 @@ def verdict(weight: float | None) -> Verdict:
 def outlier_reason(
     item: MeasuredObject, prior: Prior, scale: float, own_scale: float, height_is: str | None = None
 ) -> str:
-    """Return the dimension that is furthest outside the typical sizes of the class, or else name the proportions.
+    """Return the dimension that is furthest outside the typical sizes of the class, or the proportions if none is.
 
     Parameters
     ----------
@@ -183,7 +183,7 @@ def outlier_reason(
     furthest, message = 1.0, f"its proportions are unlike its class; the scale by this object is {own_scale:.3g}"
     for name, (low, high) in zip(prior.dims, _typical_sizes(prior), strict=True):
         size = float(extents[names.index(name)])
-        # Distance from the centre of the typical sizes in half widths, in log size; over 1 is outside.
+        # Distance from the centre of the typical sizes in half widths, in log size; a distance over 1 is outside.
         centre, half = 0.5 * np.log(low * high), 0.5 * np.log(high / low)
         distance = float(abs(np.log(size) - centre) / max(half, 1e-9)) if np.isfinite(size) else 0.0
         if distance > furthest:

@@ -36,7 +36,7 @@ FOLDER = "cutouts"
 #: Images per call: a few seconds of a worker, so that an interruption loses little.
 IMAGES_PER_CALL = 8
 
-#: Minimum fraction of transparent pixels of a file whose transparency is its mask; with less it is a soft frame.
+#: Minimum fraction of transparent pixels for transparency that is used as a mask; with less it is a soft border.
 MIN_CLEAR_FRACTION = 0.01
 
 #: Maximum longer side in pixels of an image that is cut out; more resolution does not improve the edge.
@@ -47,20 +47,20 @@ def _column(name: str, kind: pa.DataType, meaning: str) -> pa.Field:
     return pa.field(name, kind, metadata={"meaning": meaning})
 
 
-#: One row is an image (not an item: two items may show it).
+#: A row is an image; several items may share it.
 CUTOUTS = pa.schema(
     [
-        _column("image_id", pa.string(), "sha256 of the picture"),
+        _column("image_id", pa.string(), "sha256 of the image"),
         _column("cutout_path", pa.string(), "RGBA file cropped to the box, null where set aside"),
-        _column("cutout_sha256", pa.string(), "of that file"),
+        _column("cutout_sha256", pa.string(), "sha256 of the RGBA file"),
         _column("method", pa.string(), "plain, guided, alpha (the file's own transparency) or rembg:<model>"),
-        _column("box_px", pa.list_(pa.int32()), "x, y, width, height of the foreground in the cut picture"),
-        _column("cut_width_px", pa.int32(), "width of the picture as it was cut, after its orientation and size limit"),
-        _column("cut_height_px", pa.int32(), "height of it"),
-        _column("foreground_share", pa.float64(), "foreground pixels over all"),
-        _column("quality", pa.float64(), "0 to 1: contrast along the edge, decided alpha"),
+        _column("box_px", pa.list_(pa.int32()), "x, y, width, height of the foreground in the image as it was cut"),
+        _column("cut_width_px", pa.int32(), "width of the image as it was cut, after its orientation and size limit"),
+        _column("cut_height_px", pa.int32(), "height of the image as it was cut"),
+        _column("foreground_share", pa.float64(), "foreground pixels divided by all pixels"),
+        _column("quality", pa.float64(), "0 to 1: contrast along the edge times the fraction of opacities near 0 or 1"),
         _column("set_aside", pa.string(), "why there is no cut-out (`metric_tree.cutouts.quality.REASONS`), or null"),
-        _column("detail", pa.string(), "more of the reason: why the file is no picture"),
+        _column("detail", pa.string(), "details of the reason, such as why the file cannot be read as an image"),
     ],
     metadata={"schema": "metric-tree/cutout/1"},
 )
@@ -137,7 +137,7 @@ def cut(image_id: str, body: bytes, settings: Settings) -> Cut:
 
 
 def upright_pixels(image: Any) -> tuple[RGB, Any | None]:
-    """Return the upright pixels (h, w, 3) of a Pillow image over white, and its transparency if that is a mask.
+    """Return the upright pixels (h, w, 3) of a Pillow image on white, and its alpha channel if that is a mask.
 
     Larger images are scaled to `MAX_SIDE_PX`. The mask is (h, w) uint8, or None.
     """
@@ -213,8 +213,8 @@ def cut_release(
     files = {row["image_id"]: file for row in rows if (file := image_path(release.directory, row)) is not None}
     if not files:
         raise InputError(
-            f"{release.directory / 'images.parquet'}: expected pictures with files; found none (`build` takes those of"
-            " a crawl, and with `--include-withheld SOURCE` those that may not be given on)"
+            f"{release.directory / 'images.parquet'}: expected images with files; found none (`build` takes those of"
+            " a crawl, and with `--include-withheld SOURCE` those that may not be redistributed)"
         )
     model = Path(settings.model)
     weights = sha256(model) if model.suffix == ".onnx" and model.is_file() else ""
@@ -226,7 +226,8 @@ def cut_release(
         link_images(release, extras)
         ids = sorted(files)
         starts = range(0, len(ids), IMAGES_PER_CALL)
-        batches = (ids[start : start + IMAGES_PER_CALL] for start in starts)  # bytes, as workers may have other disks
+        batches = (ids[start : start + IMAGES_PER_CALL] for start in starts)
+        # bytes, because workers may not share this disk
         calls = (([(image_id, files[image_id].read_bytes()) for image_id in batch], settings) for batch in batches)
         cuts: list[Cut] = []
         run = executor or SerialExecutor()
@@ -261,7 +262,7 @@ def _written(one: Cut, extras: Path) -> Cut:
     """Write the PNG of a cut-out; an incomplete file of an interrupted run is replaced."""
     if not one.png:
         return one
-    file = inside(extras, f"{FOLDER}/{one.image_id[:2]}/{one.image_id}.png")  # the id is text of a stranger
+    file = inside(extras, f"{FOLDER}/{one.image_id[:2]}/{one.image_id}.png")  # the id is untrusted input
     file.parent.mkdir(parents=True, exist_ok=True)
     file.write_bytes(one.png)
     path = file.relative_to(extras).as_posix()

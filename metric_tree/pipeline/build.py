@@ -1,7 +1,7 @@
 """Build of a release from raw items in five steps, which can be interrupted (`metric-tree build`).
 
-1. ingest: blocks of lines to Arrow rows, matched to a leaf, with sizes on axes, in shards by node;
-2. clean: repeats and unit errors of each shard removed, moments of each class;
+1. ingest: convert blocks of lines to Arrow rows, match each to a leaf, assign its sizes to axes, divide by node;
+2. clean: remove repeats and unit errors from each shard, compute the moments of each class;
 3. pool: model of the kinds of evidence and model of regions and years, over all classes;
 4. fit: the prior of each leaf, then the priors of the inner nodes from the leaves up;
 5. publish: four tables and a manifest, written to a temporary folder and renamed.
@@ -73,7 +73,7 @@ from taxonomy.categories import Taxonomy
 
 _R = TypeVar("_R")
 
-#: Licence of rows and images without an open licence: the terms of their site hold, and the release is not
+#: Licence of rows and images without an open licence: the terms of their site apply, and the release is not
 #: redistributed.
 PRIVATE_LICENCE = "none: own use only"
 
@@ -88,7 +88,7 @@ class BuildOptions:
     version: str
     created: str  #: ISO date of the release.
     name: str = "metric-tree"
-    fold_out: tuple[int, int] | None = None  #: Fold I of N of the items that is omitted.
+    fold_out: tuple[int, int] | None = None  #: (I, N): fold I of N of the items is omitted.
     noncommercial: bool = True  #: Whether sources that exclude commercial use are used.
     private: tuple[str, ...] = ()  #: Sources without an open licence whose rows and images are kept for private use.
     heldout: bool = True  #: Whether the held-out log density of each prior is computed.
@@ -172,14 +172,14 @@ def build_release(
     log : Path, optional
         Folder of `quarantine.jsonl` and `report.json`; default `<out>.build`.
     taxonomy : callable
-        Function at the top of a module, so that workers can call it.
+        Function that returns the taxonomy; it is defined at the top of a module, so that workers can import it.
     curated : iterable of RawItem
         Raw items of the kinds `norm` and `judged`.
     declared : mapping, optional
         Sources by id; default `data/sources`. Rows of other sources are used but not shipped.
     carried : Release, optional
-        Release that provides the choice of rows, the nodes and the priors, if `raw` lacks some of its sources. The
-        rows are built from the raw items, with the same bytes.
+        Earlier release whose item ids, nodes and priors are reused, if `raw` lacks some of its sources. The rows
+        are built again from the raw items and are equal byte for byte.
     executor : Executor, optional
         Executor of the steps; default this process.
     progress : callable
@@ -322,7 +322,7 @@ def publish(
     if run.options.pictures:
         add_pictures(raw, tables, report, extras)
     write_texts(extras, tables, manifest, former=run.taxonomy is shipped_taxonomy)
-    write_log(log, run.work.directory, report)  # before the release: a later run with a release writes no log
+    write_log(log, run.work.directory, report)  # first, because a run that finds a release stops before the log
     return publish_release(out, tables, manifest, extras)
 
 

@@ -19,11 +19,11 @@ from models3d.size_check.true_size import TrueSize, true_size
 
 SCHEMA = "metric-tree/asset/1"
 Verdict = Literal["right", "wrong unit", "arbitrary scale", "turned", "stretched", "miniature", "not known"]
-#: Minimum probability of all wrong scales for a verdict that the scale is wrong. On the half of the categories that it
-#: was chosen on, fewer than one correct model in thirty is called wrong (docs/evidence/model-sizes.md).
+#: Minimum total probability of the wrong scales for a verdict that the scale is wrong. It was chosen on half of the
+#: categories, where fewer than one correct model in thirty is called wrong (docs/evidence/model-sizes.md).
 MIN_WRONG = 0.6
-#: Minimum probability of another orientation for the verdict `turned`. Open laptops and books on edge have their true
-#: size.
+#: Minimum probability of another orientation for the verdict `turned`. It is high because the size of an open
+#: laptop or a book on edge is right.
 MIN_ROTATED = 0.8
 #: Minimum probability of a stretched side for the verdict `stretched`. Thin objects and open lids are not stretched.
 MIN_STRETCHED = 0.95
@@ -66,7 +66,7 @@ class AssetCheck:
 
     @property
     def is_wrong(self) -> bool:
-        """True if the scale of the file is wrong."""
+        """True if the verdict is an error of scale or orientation."""
         return self.verdict not in ("right", "not known")
 
     def to_json(self) -> dict[str, Any]:
@@ -148,7 +148,7 @@ def check_bodies(asset: Asset, tree: Tree, category: str | None = None) -> tuple
     if category is not None:
         categories = [named_category(tree, category)]
     else:
-        # The bodies are separate objects if each has a separate category and they do not overlap.
+        # The bodies are separate objects if each has a known category and they do not overlap.
         if len(asset.bodies) > 1 and None not in [category_of_texts(body.texts, tree).node for body in asset.bodies]:
             pairs = combinations(asset.bodies[:MAX_OBJECTS], 2)
             bodies = bodies if any(body.overlaps(other) for body, other in pairs) else asset.bodies

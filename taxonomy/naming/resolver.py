@@ -4,7 +4,7 @@ The forms of a text are tried in this order, and the first that is the name of a
 numbers and articles; singular; without spaces; two alternatives that agree (`couch/sofa`); the last part of a dotted
 path; the noun after a count (`pair of scissors`); the name before `with` or `riding`; a word of WordNet with a hypernym
 in the tree; the name without adjectives, colours, materials and rooms; the head noun, if most known compounds with it
-are such objects; a name with one wrong letter. The note of a match states the ignored words.
+belong to its node; a name with one wrong letter. The note of a match states the ignored words.
 
 The resolver also finds similar names, for search and for the message of an unknown name.
 """
@@ -41,15 +41,15 @@ N_SIMILAR_NAMES = 10
 BEGINNING_SCORE, CONTAINED_SCORE, MAX_EXTRA_LETTERS = 80, 55, 20
 #: Relevance of ten times as many items, and its maximum; relevance that each further node of a name loses.
 TENFOLD_RELEVANCE, MAX_USE_RELEVANCE, NEXT_NODE_PENALTY = 3.0, 10.0, 6
-#: Evidence of a candidate that the words in brackets name, more than all other evidence.
+#: Score added to a candidate that the words in brackets name; it exceeds all other evidence.
 HINT_SCORE = 10.0
-#: Minimum fraction of the known compounds of a head noun that are such objects, 0 to 1.
+#: Minimum fraction of the known compounds of a head noun that belong to its node, 0 to 1.
 MIN_HEAD_FRACTION = 0.65
 #: Minimum number of known compounds of a head noun.
 MIN_HEAD_COMPOUNDS = 4
 #: Maximum number of words of a compound whose head noun is used.
 MAX_COMPOUND_WORDS = 4
-#: Minimum level of a hypernym that is used for a text: a stocking is not footwear of 30 by 10 cm.
+#: Minimum level of a hypernym that is used for a text: footwear is too general for the size of a stocking.
 MIN_BROADER_LEVEL = 4
 #: Minimum level of a hypernym whose name the text contains: an electric car is a car. A higher node (a container, a
 #: vehicle) is never used.
@@ -73,7 +73,7 @@ _DEPICTING = re.compile(
     r"image|print|sketch|replica|model|miniature|photograph)s?\s+of\s",
     re.IGNORECASE,
 )
-#: Modifiers of copies, and the ones that are also in names of breeds.
+#: Modifiers of copies, and those that also occur in names of breeds.
 _COPIES, _BREEDS = frozenset({"miniature", "plush", "stuffed", "toy", "lego", "replica"}), frozenset({"miniature"})
 _ALTERNATIVES = re.compile(r"\s*(?:/|\||\bor\b)\s*")
 
@@ -100,7 +100,7 @@ class Resolver:
         node = match.node_id
         is_breed = self._is_living(node) and "mt:human" not in (node, *self._names.ancestors(node)) and node != PERSON
         is_toy = "plaything.n.01" in (node, *self._names.ancestors(node), *self._names.hypernyms(node))
-        depicted = _DEPICTING.match(text)  # the match is the image itself
+        depicted = _DEPICTING.match(text)  # the match of `statue of a dog` is the statue
         is_name = self.is_name(text) or bool(senses(plain_fold(text)))
         return is_name or is_toy or depicted is not None or (is_breed and "miniature" in text.lower().split())
 
@@ -222,7 +222,7 @@ class Resolver:
         return None
 
     def _other_name(self, text: str) -> NameMatch | None:
-        """Return the match of the name of a norm, or of a name in another language that is not an English word."""
+        """Return the match of a name that a standard defines, or of a foreign name that is not an English word."""
         form = plain_fold(text)
         named = next(filter(None, map(other_names, (form, *singular_phrases(form)))), {})
         known = {node: language for node, language in named.items() if node in self._names}
@@ -267,9 +267,9 @@ class Resolver:
         return None
 
     def _best(self, candidates: Sequence[Candidate], how: str | None, hint: str | None = None) -> NameMatch | None:
-        """Return candidates as a match, or None without any.
+        """Return candidates as a match, or None if there are none.
 
-        Candidates that the words in brackets (`hint`) name, by an ancestor or a hypernym, are first: `bow (weapon)`.
+        Candidates with an ancestor or a hypernym that the words in brackets (`hint`) name come first: `bow (weapon)`.
         """
         if not candidates:
             return None
@@ -318,7 +318,7 @@ class Resolver:
         has_adjective = len(words) > 1 and is_plain_adjective(words[0])
         match = self._without_modifiers(words) if has_adjective else self._hypernym(form)
         if match and has_adjective:
-            # A blue tit is a bird: ignore the match if only one of complete name and remainder is a living being.
+            # A blue tit is a bird: ignore the match if exactly one of complete name and remainder is a living being.
             kinds = [sense.concept for sense in senses(form) if sense.chain and sense.concept in self._names]
             if kinds and all(self._is_living(kind) != self._is_living(match.node_id) for kind in kinds):
                 return self._hypernym(form)
@@ -348,14 +348,14 @@ class Resolver:
         return None if copy else self._head(words)
 
     def _head(self, words: Sequence[str]) -> NameMatch | None:
-        """Return the match of the head noun, if the known compounds with it are such objects."""
+        """Return the match of the head noun, if the known compounds with it belong to its node."""
         if not 1 < len(words) <= MAX_COMPOUND_WORDS or word_list("alienating") & set(words[:-1]):
             return None
         head = next((one for one in (words[-1], *singular_phrases(words[-1])) if self._names.candidates(one)), None)
         match = self._best(self._names.candidates(head), "broader kind") if head else None
         if head is None or match is None or match.ambiguous or senses(" ".join(words)):
-            return None  # a compound that WordNet has is another object, or would have been found
-        # The bulb of garlic is not a light bulb, and the bed of a dog is not for people.
+            return None  # WordNet lists this compound as another object; otherwise an earlier form would have matched
+        # A modifier that is an animal, a plant or food changes the object: a garlic bulb is not a light bulb.
         modifier = self._names.candidates(words[-2])
         if modifier and self._is_growing(modifier[0].node_id) and not self._is_growing(match.node_id):
             return None
@@ -368,7 +368,8 @@ class Resolver:
         forms = (form, *singular_phrases(form), form.replace(" ", ""))
         known = next(filter(None, map(senses, forms)), ())
         objects = [sense for sense in known if sense.chain and not sense.is_a((PERSON,))]
-        people = list(known) if all(sense.chain for sense in known) else []  # a piranha is rather a fish than a person
+        # a piranha is more likely a fish than a person
+        people = list(known) if all(sense.chain for sense in known) else []
         meant = [known[0]] if any(sense.count for sense in known) else objects or people
         nodes = [next((node for node in sense.chain if node in self._names), None) for sense in meant]
         node = nodes[0] if nodes else None
@@ -396,7 +397,7 @@ class Resolver:
 
 
 def is_slip(word: str, other: str) -> bool:
-    """Return True if two words have the same first letter and differ in at most one letter of four."""
+    """Return True if two words have the same first letter and differ in one letter, or a quarter of their letters."""
     import difflib  # only for suggestions
 
     same = sum(block.size for block in difflib.SequenceMatcher(None, word, other).get_matching_blocks())
@@ -406,7 +407,7 @@ def is_slip(word: str, other: str) -> bool:
 
 
 def _ignored_words(text: str, form: str) -> list[str]:
-    """Return the words of a text that are not in a name, without a count before the name."""
+    """Return the words of a text that are not in a name; a count before the name is left out."""
     name_words = set(form.split())
     letters = form.replace(" ", "")
     ignored: list[str] = []

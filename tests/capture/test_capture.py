@@ -289,7 +289,7 @@ def test_what_does_not_fit_is_named(
 
 def test_capture_options_belong_to_captures(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     assert main(["data/scenes/demo_room", "--work", str(tmp_path)]) == 2
-    assert "--work: expected a video or a folder of pictures as SCENE" in capsys.readouterr().err
+    assert "--work: expected a video or a folder of images as SCENE" in capsys.readouterr().err
 
 
 def test_a_work_folder_is_measured_from_its_sparse_points(

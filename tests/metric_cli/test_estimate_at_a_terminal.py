@@ -166,7 +166,7 @@ def test_objects_from_standard_input(tmp_path: Path, tree: Path) -> None:
         (["--zzzz"], "estimate-scale: arguments: no option is called --zzzz; --help lists them\n"),
         (
             ["SCENE", "--detector", "x.onnx", "--images", "/dev/null"],
-            "estimate-scale: --images: expected a folder of pictures; found no folder /dev/null; "
+            "estimate-scale: --images: expected a folder of images; found /dev/null, which is no folder; "
             "try: estimate-scale SCENE --detector x.onnx\n",
         ),
         (["--level"], "estimate-scale: arguments: argument --level: expected one argument (--help lists them)\n"),

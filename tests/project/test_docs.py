@@ -11,6 +11,7 @@ import subprocess
 import sys
 import tomllib
 from collections import Counter
+from functools import cache
 from pathlib import Path
 from typing import Any
 
@@ -91,6 +92,17 @@ def test_benchmarks_in_a_page_can_be_imported(page: Path) -> None:
         if hasattr(module, "__path__"):
             module = importlib.import_module(f"{name}.__main__")
         assert callable(module.main), name
+
+
+@pytest.mark.parametrize("page", [page for page in PAGES if page.name != "CHANGELOG.md"], ids=_name)
+def test_constants_in_a_page_exist(page: Path) -> None:
+    named = re.findall(r"`([A-Z][A-Z0-9]*_[A-Z0-9_]+)`", page.read_text(encoding="utf-8"))
+    assert [name for name in named if name not in _words_of_the_code()] == []
+
+
+@cache
+def _words_of_the_code() -> frozenset[str]:
+    return frozenset(re.findall(r"\b[A-Z][A-Z0-9_]{2,}\b", "\n".join(path.read_text("utf-8") for path in CODE)))
 
 
 def test_code_refers_only_to_existing_documents() -> None:

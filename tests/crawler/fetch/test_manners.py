@@ -14,10 +14,21 @@ from twisted.web.http_headers import Headers
 from crawler.fetch.middlewares import BoundedRobotParser
 from crawler.fetch.network_limits import HeaderLimitFactory
 from crawler.fetch.settings import crawl_settings
+from crawler.sites.registry import GENERIC
 
 # Published values, written out so that a changed rule fails a test.
 HEADER_BYTES = 256 * 1024
 ROBOTS_BYTES = 500 * 1024
+
+
+@pytest.mark.parametrize(("chosen", "seconds"), [({}, 1.0), ({"delay": 0.4}, 0.4)])
+def test_the_declared_delay_is_the_minimum_between_two_requests(chosen: dict[str, float], seconds: float) -> None:
+    """One second by default; Scrapy would multiply it by a random number from 0.5 to 1.5."""
+    settings = crawl_settings(contact="tests@example.org", **chosen)
+    assert settings["DOWNLOAD_DELAY"] == seconds
+    assert settings["RANDOMIZE_DOWNLOAD_DELAY"] is False
+    assert settings["AUTOTHROTTLE_ENABLED"]
+    assert GENERIC.delay_s == 1.0
 
 
 def test_half_a_megabyte_of_rules_is_read() -> None:

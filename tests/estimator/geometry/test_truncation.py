@@ -167,6 +167,18 @@ def test_a_side_is_complete_if_two_views_show_it(views, truncated):
     assert (sides.truncated == truncated).all()
 
 
+@pytest.mark.parametrize(("n_views", "truncated"), [(1, True), (2, False)])
+@pytest.mark.parametrize("end", [LOW_END, HIGH_END])
+def test_an_extent_is_truncated_unless_two_views_compare_masks_and_points_at_one_end(n_views, truncated, end):
+    """On each side of `MIN_COMPLETE_VIEWS`; a single view is enough if there is no other."""
+    excess = np.full((4, 3, 2), np.nan)
+    excess[:n_views, :, end] = 0.0
+    needs_excess = np.array([True, True, False])
+    sides = SideVisibility(np.ones((4, 3, 2), dtype=bool), excess, needs_excess)
+    assert sides.truncated.tolist() == [[truncated] * 2, [truncated] * 2, [False] * 2]
+    assert not SideVisibility(sides.is_shown[:1], excess[:1], needs_excess).truncated.any()
+
+
 def sides_in_two_views(box_at, pixels, is_at_border, images=None, from_box=True):
     """Visibility of the sides of a box in two equal views from the origin along z, with y down."""
     camera = Camera("PINHOLE", 200, 150, np.array([160.0, 160.0, 100.0, 75.0]))

@@ -147,7 +147,7 @@ def test_an_error_of_the_input_is_one_line(words, message, tmp_path, no_weights,
 def test_a_release_without_pictures_and_a_taken_path_are_told(tmp_path, no_weights, capsys):
     old = release_with(tmp_path / "old", [])
     assert run(old.directory, "--out", tmp_path / "new", "--backend", "plain") == 2
-    assert "expected pictures with files; found none" in capsys.readouterr().err
+    assert "expected images with files; found none" in capsys.readouterr().err
     assert run(old.directory, "--out", old.directory) == 2
     assert "expected a folder that is not there yet" in capsys.readouterr().err
 

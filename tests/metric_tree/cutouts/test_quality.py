@@ -43,3 +43,19 @@ def test_opacities_from_32_to_224_are_undecided(alpha: int, reason: str | None) 
 )
 def test_both_sides_of_the_areas_of_a_mask(boxes: list[tuple[int, int, int, int]], reason: str | None) -> None:
     assert _reason(*boxes) == reason
+
+
+@pytest.mark.parametrize(("margin", "reason"), [(2, None), (1, "full")])
+def test_a_foreground_of_97_percent_is_full(margin: int, reason: str | None) -> None:
+    """(196 / 200)^2 = 0.960 and (198 / 200)^2 = 0.980 of the image; the object does not touch the border."""
+    assert _reason((margin, SIDE - margin, margin, SIDE - margin)) == reason
+
+
+@pytest.mark.parametrize(("undecided", "reason"), [(49, None), (51, "doubtful")])
+def test_a_quality_of_one_half_is_enough(undecided: int, reason: str | None) -> None:
+    """The edge has full contrast, so the quality is the fraction of decided opacities."""
+    alpha = np.zeros((SIDE, SIDE), dtype=np.uint8)
+    alpha[50:150, 50:150] = 255
+    alpha[50 : 50 + undecided, 50:150] = 200
+    picture = np.where(alpha[..., None] > 0, 0, 255).astype(np.uint8).repeat(3, axis=2)
+    assert assessment(picture, alpha).reason == reason

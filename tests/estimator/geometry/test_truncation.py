@@ -274,3 +274,14 @@ def test_a_top_outlines_a_side_if_it_is_next_to_it(fraction, inside, depth, trun
     points = low + np.concatenate(ends) * (high - low)
     sides = sides_of(synthetic, 1, np.eye(3), low, high, points=points)
     assert sides.is_shown[:, 1].all() != truncated
+
+
+@pytest.mark.parametrize(("height", "needs_excess"), [(1.38, False), (1.42, True)])
+def test_a_top_outlines_an_extent_of_at_least_half_the_height(height, needs_excess):
+    """On each side of `MIN_TOP_ASPECT`: all points are on the top of a box that is 0.7 wide."""
+    views = orbit(4, 2.6, 0.75 + 2.6, arc=2, target=(0, 0, 0.75), size=(200, 150), focal=160.0)
+    synthetic = synthetic_scene([floor(6), box("table", (1.2, 0.7, 0.05), (0, 0, 0.7))], views, dense=4000)
+    low, high = np.array([-0.6, -0.35, 0.75 - height]), np.array([0.6, 0.35, 0.75])
+    x, y = np.meshgrid(np.linspace(-0.6, 0.6, 20), np.linspace(-0.35, 0.35, 20))
+    points = np.column_stack([x.ravel(), y.ravel(), np.full(400, 0.75)])
+    assert sides_of(synthetic, 1, np.eye(3), low, high, points=points).needs_excess[1] == needs_excess

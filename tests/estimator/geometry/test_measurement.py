@@ -70,6 +70,13 @@ def test_sizes_of_a_room_under_any_similarity(room):
             assert item.sigma[2] < 0.2
 
 
+def test_deviations_of_length_and_width_by_points_are_increased_by_half(room, monkeypatch):
+    stated = by_category(measure_objects(room.scene, room.instances))["cabinet"].sigma
+    monkeypatch.setattr("estimator.geometry.measurement.FOOTPRINT_SIGMA_FACTOR", 1.0)
+    of_the_ends = by_category(measure_objects(room.scene, room.instances))["cabinet"].sigma
+    assert stated / of_the_ends == pytest.approx([1.5, 1.5, 1.0])
+
+
 def test_box_points_and_members_belong_together(room):
     found = measure_objects(room.scene, room.instances)
     for item, track in zip(found.objects, found.tracks, strict=True):

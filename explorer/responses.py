@@ -38,19 +38,19 @@ from metric_tree.prior import FAMILY, MEDIAN, QUANTILES, Prior
 from metric_tree.reports.description import is_heterogeneous, node_sentence
 from metric_tree.tree import Tree
 
-#: Maximum number of images in a response: more than a page shows.
+#: Maximum number of images in a response, more than on a page.
 MAX_IMAGES = 12
-#: Maximum number of quantiles of a request, some milliseconds of work.
+#: Maximum number of quantiles of a request; computing them takes a few milliseconds.
 MAX_QUANTILES = 50
 #: Maximum number of sizes at which a request evaluates the density.
 MAX_DENSITY_SIZES = 100
-#: Open range of these sizes in mm, so that logarithms and densities are finite.
+#: Exclusive minimum and maximum of these sizes in mm, so that logarithms and densities are finite.
 DENSITY_SIZE_RANGE_MM = (1e-6, 1e12)
 #: Maximum number of nodes in a comparison.
 MAX_COMPARED = 6
 #: Maximum length of a list of numbers in characters.
 MAX_LIST_CHARS = 4000
-#: Query without any field.
+#: Query with the default value of every field.
 DEFAULT_PRIOR = PriorQuery()
 #: Maximum number of values that an error message repeats.
 MAX_SHOWN_VALUES = 6
@@ -62,7 +62,7 @@ def tree_reference(tree: Tree) -> TreeRef:
 
 
 def shown_name(node: Node) -> str:
-    """Return the name of a node without the distinction in brackets."""
+    """Return the name of a node without the disambiguation in parentheses."""
     return node.name.partition(" (")[0]
 
 
@@ -343,7 +343,7 @@ def queried_prior(
             f"quantiles: expected at most {MAX_QUANTILES} numbers between 0 and 1; found {_shown(quantiles)}"
         )
     if len(set(dims)) != len(dims):
-        raise InputError(f"dims: expected each once; found {', '.join(dims)}")
+        raise InputError(f"dims: expected each dimension once; found {', '.join(dims)}")
     prior = node.prior(tuple(dims) or None, where)
     d = len(prior.dims)
     low, high = DENSITY_SIZE_RANGE_MM

@@ -74,7 +74,7 @@ MEDIA_TYPES = {
 ASSETS = ("style.css", "page.js", "search.js", "compare.js", "scale.js", "view3d.js", "icon.svg")
 
 #: Values of each path parameter in a static site, keyed by their text in the URL. The server also accepts the id of a
-#: node, which may contain "/" and ":", as `id`. Addresses without a parameter have the key `""`.
+#: node, which may contain "/" and ":", for `id`. Addresses without a parameter have the key `""`.
 PARAMETERS: dict[str, Callable[[ReleaseCatalogue], Mapping[str, Any]]] = {
     "": lambda _: {"": None},
     "source": lambda catalogue: {source: source for source in catalogue.sources},
@@ -98,7 +98,7 @@ class Route:
     """An address of a release, with at most one parameter in braces (a key of `PARAMETERS`).
 
     `render` is called with the catalogue, the value of the parameter if there is one, and the query if `query` is a
-    record. It returns bytes, a record to encode as JSON, or None if nothing has this address.
+    record. It returns bytes, a record to encode as JSON, or None if the address does not exist.
     """
 
     path: str
@@ -109,7 +109,7 @@ class Route:
     summary: str = ""  #: description in OpenAPI
     listed: Callable[[ReleaseCatalogue, Any], bool] | None = None  #: selects values for the static site; None: all
     is_static: bool = True  #: False if only a server has the address
-    is_quick: bool = False  #: rendering is cheaper than a thread switch
+    is_quick: bool = False  #: Rendering takes less time than a switch of threads.
 
     @cached_property
     def parameter(self) -> str:
@@ -118,7 +118,7 @@ class Route:
 
     @cached_property
     def pattern(self) -> re.Pattern[str]:
-        """Pattern of the addresses; JSON is also available without the suffix."""
+        """Pattern of the addresses; the suffix `.json` is optional."""
         text = re.escape(self.path).replace(r"\{id\}", "(.+?)")
         text = re.sub(r"\\\{\w+\\\}", "([^/]+?)", text)
         return re.compile(re.sub(r"\\\.json$", r"(?:\\.json)?", text))
@@ -134,7 +134,7 @@ class Route:
             raise InputError(f"query string: {error} (parameters of this address: {known})") from None
 
     def content(self, catalogue: ReleaseCatalogue, value: Any, query: msgspec.Struct | None = None) -> Rendered | None:
-        """Return the content for a value of the parameter, None if nothing has this address."""
+        """Return the content for a value of the parameter, None if the address does not exist."""
         values: tuple[Any, ...] = (value,) if self.parameter else ()
         if self.query is not None:
             values += (query if query is not None else msgspec.convert({}, self.query),)
@@ -233,12 +233,12 @@ ROUTES = (
 
 
 def find_route(catalogue: ReleaseCatalogue, address: str) -> tuple[Route, str, Any] | None:
-    """Return the route of an address, the text of its parameter and its value; None if nothing has this address.
+    """Return the route of an address, the text of its parameter and its value; None if the address does not exist.
 
     Raises
     ------
     UnknownName
-        The address is of a node that the release does not have. JSON of a node is also found by the name of the node.
+        The release has no node of the address. JSON of a node is also found by the name of the node.
     """
     for route in ROUTES:
         match = route.pattern.fullmatch(address)
@@ -253,12 +253,12 @@ def find_route(catalogue: ReleaseCatalogue, address: str) -> tuple[Route, str, A
 
 
 def render(catalogue: ReleaseCatalogue, address: str) -> Rendered | None:
-    """Return the content of an address of a release (`nodes/chair.n.01.html`), None if nothing has this address.
+    """Return the content of an address of a release (`nodes/chair.n.01.html`), None if the address does not exist.
 
     Raises
     ------
     UnknownName
-        The address is of a node that the release does not have.
+        The release has no node of the address.
     """
     found = find_route(catalogue, address)
     if found is None:

@@ -45,10 +45,10 @@ Request = dict[str, Any]
 #: Threads of a mapper. With more than one, the order of summation in the adjustment varies, which changes a focal
 #: length by up to 1 %.
 N_MAPPING_THREADS = 1
-#: Minimum number of inliers of a frame that is placed; COLMAP's default is 30. With 15, 80 instead of 47 of 96 frames
+#: Minimum number of inliers to place a frame; COLMAP's default is 30. With 15, 80 instead of 47 of 96 frames
 #: of `courthouse_walk` are placed, 118 instead of 78 of `snow_walk`, 15 instead of 14 of `banana_lowtex`.
 MIN_POSE_INLIERS = 15
-#: Minimum ratio of shared frames at which the paths of two mappers are compared.
+#: Minimum fraction of the frames that two models must share for a comparison of their paths.
 MIN_SHARED_RATIO = 0.5
 #: Maximum number of frames with which a remaining frame is matched again.
 MAX_PARTNERS = 6
@@ -60,10 +60,10 @@ def mapping(request: Request, say: Callable[[dict[str, Any]], None]) -> dict[str
     """Map the frames of a database of verified matches, and return the figures of the best model.
 
     The request names the `database`, the folder of the `images`, an empty `output` folder, whether the focal length is
-    `fixed` and the camera model `free`, the number of frames that pairs `linked` with each other, and the `cameras` to
-    try in turn until most of these are placed and agree with the matches. Each camera has `model`, `params` (None: from
-    the database), `held` (the camera is not refined until all frames are placed), and `if_stated` (whether it is tried
-    only if EXIF states the focal length, or only if not; None: in any case).
+    `fixed` and the camera model `free`, the number of frames that are `linked` by pairs, and the `cameras` to try in
+    turn until most of the linked frames are placed and agree with the matches. Each camera has `model`, `params` (None:
+    from the database), `held` (the camera is not refined until all frames are placed), and `if_stated` (whether it is
+    tried only if EXIF states the focal length, or only if not; None: in any case).
     """
     database, output = Path(request["database"]), Path(request["output"])
     with pycolmap.Database.open(database) as opened:
@@ -107,9 +107,9 @@ def write_model(model: Model, folder: Path) -> None:
 def finish(request: Request) -> dict[str, Any]:
     """Remove the frames of the last model that the matches do not support, choose its lens, and return its figures.
 
-    Frames outside the largest consistent part share less than two frames with it by triplets of matches, and have no
-    scale relative to it. Frames whose steps are undetermined hang on distant points alone. The result has the figures
-    in `model`, its `folder`, its database `matches`, and the compared `lenses`.
+    Frames outside the largest consistent part share fewer than two frames with it by triplets of matches, and have no
+    scale relative to it. Frames whose steps are undetermined are constrained by distant points only. The result has the
+    figures in `model`, its `folder`, its database `matches`, and the compared `lenses`.
     """
     output = Path(request["output"])
     written = sorted((folder for folder in output.iterdir() if folder.name.isdecimal()), key=lambda one: int(one.name))
@@ -155,7 +155,8 @@ def without_frames(model: Model, names: Iterable[str], folder: Path, fixed: bool
     if names:
         adjust(model, fixed)
     model.write_binary(str(folder))
-    return pycolmap.Reconstruction(folder)  # the covariance also looks at deregistered frames, which have no pose
+    # reload, because the covariance would include deregistered frames, which have no pose
+    return pycolmap.Reconstruction(folder)
 
 
 def adjust(model: Model, fixed: bool = False) -> None:
@@ -167,7 +168,7 @@ def adjust(model: Model, fixed: bool = False) -> None:
 
 
 def compare_camera_models(model: Model, folder: Path, is_free: bool) -> CameraModelChoice | None:
-    """Compare camera models by held-out observations of a model, which is in a folder.
+    """Compare camera models by held-out observations of a model, of which `folder` has a copy.
 
     If the camera model is free, the model is adjusted with the one that explains them best; otherwise the user's is
     kept. Returns None if the residuals have no pattern.
@@ -210,7 +211,7 @@ def map_frames(
 
 
 def mapping_options(request: Request, camera: dict[str, Any]) -> Any:
-    """Return COLMAP's default options, but for the minimum number of inliers, threads and seed."""
+    """Return COLMAP's default options, except for the minimum number of inliers, threads and seed."""
     refined = not request["fixed"] and not camera["held"]
     options = pycolmap.IncrementalPipelineOptions(
         num_threads=N_MAPPING_THREADS, random_seed=0, extract_colors=False, ba_refine_focal_length=refined
@@ -223,7 +224,7 @@ def mapping_options(request: Request, camera: dict[str, Any]) -> Any:
 
 
 def verify_with_camera(matches: Path, camera: dict[str, Any]) -> None:
-    """Give the one camera of a database other parameters, and verify all matches through it.
+    """Replace the parameters of the only camera of a database, and verify all matches through it.
 
     COLMAP verifies a pair by an essential matrix, on rays instead of pixels, if its camera has a prior focal length.
     Pairs of fisheye images fit no fundamental matrix.
@@ -249,9 +250,9 @@ def register_remaining(
 ) -> Model | None:
     """Match the remaining frames again, along the epipolar lines of their first matches, and continue the mapping.
 
-    Each remaining frame is matched with the frames before and after it and with those that it has most matches with.
-    The model, whose frames are consistent, is also in a folder; `guided` is the new database. Returns the model if its
-    largest consistent part has more frames than before.
+    Each remaining frame is matched with the frames before and after it and with those with which it has the most
+    matches. The model, whose frames are consistent, is also in a folder; `guided` is the new database. Returns the
+    model if its largest consistent part has more frames than before.
     """
     shutil.copyfile(matches, guided)
     placed = {image.image_id for image in model.images.values() if image.has_pose}
@@ -291,7 +292,7 @@ def register_remaining(
 def n_consistent(model: Model, matches: Path) -> int:
     """Return the number of frames in the largest part of a model that triplets of matches hold together.
 
-    It is 0 if the model contradicts too many triplets, or if its camera bends the image as no lens does: the focal
+    It is 0 if the model contradicts too many triplets, or if its camera has a distortion that no lens has: the focal
     length of a wide lens may end in a local minimum that the distortion compensates, and another start is needed.
     """
     for camera in model.cameras.values():
@@ -349,7 +350,7 @@ def write_pairs(database: Path, pairs: Sequence[tuple[int, int]]) -> Iterator[Pa
 
 
 def rename_images(database: Path, names: dict[int, str]) -> None:
-    """Give the images of a database, by their ids, other names."""
+    """Rename the images of a database; `names` are by id."""
     with pycolmap.Database.open(database) as opened:
         for image_id, name in names.items():
             image = opened.read_image(image_id)

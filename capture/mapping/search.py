@@ -29,18 +29,18 @@ from metric_base.input_files import read_json
 from metric_base.progress import ProgressCallback
 
 REPORT = "reconstruction.json"
-#: Strategies of the capture with their seconds and outcome.
+#: File that lists each strategy with its seconds and outcome.
 SUMMARY = "capture.json"
 SUMMARY_SCHEMA = "metric-tree/capture/1"
 #: Features and matches, kept so that a later stage can be repeated.
 DATABASES = "databases"
-#: Minimum longer side in pixels of images on which the quick strategy costs a tenth of the main one; and of frames of
-#: videos, which overlap so much that it hardly fails: `demo_video` took 144 s of processor time without it.
+#: Minimum longer side in pixels for the quick strategy: of images, where it costs a tenth of the main one, and of
+#: frames of videos, where it rarely fails because they overlap. `demo_video` took 144 s of processor time without it.
 MIN_QUICK_SIDE, MIN_QUICK_VIDEO_SIDE = 1500, 600
 #: Failures due to the motion of the camera, which other features do not change.
 MOTION_FAILURES = frozenset({"static_camera", "pure_rotation"})
-#: Processor time of pooled features of 1,000 pixels, as a multiple of the main strategy's for as many pixels, and of
-#: guided matching relative to the main strategy's.
+#: Processor time of pooled features of 1,000 pixels, relative to the main strategy at the same number of pixels,
+#: and of guided matching relative to its matching.
 POOLED_FEATURE_COST, POOLED_MATCH_COST = 5.0, 2.0
 #: Maximum predicted processor time of the pooled strategy in seconds, a minute on two cores.
 MAX_POOLED_S = 120.0
@@ -77,7 +77,7 @@ class ModelSearch:
     def make_sparse(self) -> str:
         """Make `sparse/0` of the best model, and return the digest of the stage.
 
-        The quick strategy is tried on large images, and used if its model has all frames and no doubt, or more frames
+        The quick strategy is tried on large images, and used if its model has all frames and no warning, or more frames
         than that of the main one; the pooled one is tried if the main one placed too few frames. The best model is
         kept, also if the time ends a later strategy.
 
@@ -191,7 +191,7 @@ class ModelSearch:
 
 
 def best_run(runs: list[Run]) -> Run:
-    """Return the run of the best model: one that can be used, then that with most frames, then of the largest images.
+    """Return the run of the best model: usable models first, then the most frames, then the largest images.
 
     A quick model that raised a doubt is used only if it has more frames than that of the main strategy. On a straight
     drive (`carnd_highway`) the quick model has a focal length of 0.58 with a standard deviation of 8 %, and the main
@@ -203,7 +203,7 @@ def best_run(runs: list[Run]) -> Run:
 
 
 def is_certain(report: ModelReport, n_frames: int) -> bool:
-    """Return whether a model has all frames, a determined focal length and hardly a pattern of residuals."""
+    """Return whether a model has all frames, a determined focal length and residuals with almost no pattern."""
     model = report.model
     if report.failure is not None or model is None or model.registered < n_frames:
         return False

@@ -21,16 +21,17 @@ from insertion.scene.point_cloud import VisiblePoints
 from insertion.scene.supports import Surface
 from metric_base.arrays import BoolArray, FloatArray
 
-#: Maximum relative difference in depth between the proxy and the support plane at which the proxy is the plane: the
-#: accuracy of the cloud. The shadow of the plane fades out up to twice the difference.
+#: Maximum relative difference in depth between the proxy and the support plane up to which the proxy counts as the
+#: plane: the accuracy of the cloud. The shadow of the plane fades to zero at twice this difference.
 PLANE_DEPTH_TOLERANCE = 0.045
-#: The same as a height, relative to the size of the object. On a cobbled or slightly sloping street the shadow is that
-#: of the plane, moved little.
+#: The same as a height, relative to the size of the object. On a cobbled or slightly sloping street the shadow of
+#: the plane is used, because it is displaced only slightly.
 MAX_UNEVENNESS = 0.12
 #: Maximum distance of a point on the plane: in standard deviations of the plane, as a fraction of the depth of the
 #: point, and as a fraction of the size of the object.
 PLANE_SIGMAS, PLANE_NOISE, PLANE_FRACTION = 3.0, 0.012, 0.02
-#: Minimum fraction of the points of an instance on the plane, if it lies on the plane (a rug, the desk itself).
+#: Minimum fraction of the points of an instance near the plane for an instance that lies on it (a rug, the desk
+#: itself).
 MIN_FLAT_FRACTION = 0.5
 #: Minimum fraction of the pixels below the foot of the object that belong to the instance it stands on.
 MIN_FOOT_FRACTION = 0.3
@@ -38,17 +39,17 @@ MIN_FOOT_FRACTION = 0.3
 MIN_STEP_PX = 2
 #: Maximum number of these pixels along the width of an image.
 MAX_CELLS_PER_WIDTH = 320
-#: Number of nearest points whose median is the offset of the proxy; fewer are outliers.
+#: Number of nearest points whose median is the offset of the proxy; a minority of them are ignored as outliers.
 N_PROXY_POINTS = 9
-#: Maximum distance of these points, in pixels at an image width of 640; the proxy is the plane without closer points.
+#: Maximum distance of these points, in pixels at an image width of 640; if no point is closer, the proxy is the plane.
 MAX_POINT_PX = 28.0
 #: Standard deviation of the smoothing of the proxy, in cells.
 PROXY_SIGMA = 1.5
 #: Minimum number of points for the depth of an instance.
 MIN_POINTS = 4
 
-#: Returns the fraction (a, b, 3) of the light that reaches positions (a, b, 4), whose fourth value is 1 if the position
-#: is known, on surfaces with normals (a, b, 3), in the local frame of the object.
+#: Returns the fraction (a, b, 3) of the light that reaches positions (a, b, 4) on surfaces with normals (a, b, 3), in
+#: the local frame of the object. The fourth value of a position is 1 if the position is known.
 IrradianceFraction = Callable[[NDArray[np.float32], NDArray[np.float32]], NDArray[np.float32]]
 
 
@@ -88,8 +89,8 @@ def transmitted_light(
     (h, w, 3) ndarray of float32
         0 to 1; 1 without a shadow.
     """
-    # 1. Labels of the instances, and points with their labels. A point of a sparse cloud in front of the object that is
-    #    in no mask does not occlude it, and does not cut its shadow either.
+    # 1. Labels of the instances, and points with their labels. A sparse point that is in front of the object and
+    #    in no mask is ignored: it neither occludes the object nor cuts its shadow.
     box = layers.box
     step = max(MIN_STEP_PX, round(view.camera.width / MAX_CELLS_PER_WIDTH))
     cells = (slice(step // 2, None, step),) * 2
@@ -164,9 +165,9 @@ def proxy_offset(cells: BoolArray, pixels: FloatArray, offsets: FloatArray, reac
     pixels, offsets : (m, 2) and (m,) ndarray of float
         Points in units of cells, and their offsets.
     reach : float or None
-        Maximum distance of a point in cells; a missing point has the offset 0, so that the proxy is the plane unless
-        most points contradict it. None for an instance off the plane: its points determine it at any distance, and
-        the offset is NaN if there are fewer than `MIN_POINTS`.
+        Maximum distance of a point in cells; if fewer points are within reach, the missing ones have the offset 0,
+        so that the proxy is the plane unless most points contradict it. None for an instance off the plane: its points
+        determine it at any distance, and the offset is NaN if there are fewer than `MIN_POINTS`.
     """
     from scipy.spatial import cKDTree
 

@@ -26,7 +26,10 @@ from metric_base.errors import InputError
 from tests.support.processor_time import processor_seconds
 from tests.synthetic.small_scene import write_small_scene
 
-__all__ = ["CASES", "Case", "Outcome", "outcome", "outcomes"]
+__all__ = ["CASES", "MAX_SECONDS", "Case", "Outcome", "outcome", "outcomes"]
+
+#: Maximum processor time in seconds to refuse a damaged file.
+MAX_SECONDS = 1.0
 
 Damage = Callable[[Path], None]
 
@@ -60,7 +63,7 @@ def outcome(case: Case, folder: Path) -> Outcome:
     """Read a damaged copy of the small scene in `folder`, to measure the time and the memory."""
     case.damage(folder / case.form)
     message, error = _read(case, folder / case.form)
-    seconds = processor_seconds(lambda: _read(case, folder / case.form))
+    seconds = processor_seconds(lambda: _read(case, folder / case.form), MAX_SECONDS)
     tracemalloc.start()
     _read(case, folder / case.form)
     peak = tracemalloc.get_traced_memory()[1]

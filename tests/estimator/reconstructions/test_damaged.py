@@ -15,7 +15,7 @@ from estimator.reconstructions.scene_reader import read_scene
 from estimator.records.scene import Instance, Scene
 from metric_base.errors import InputError
 from metric_cli.estimate_scale.estimate import main
-from tests.support.damaged import CASES, Case, outcome
+from tests.support.damaged import CASES, MAX_SECONDS, Case, outcome
 from tests.synthetic import minitree
 from tests.synthetic.small_scene import write_small_scene
 
@@ -48,7 +48,7 @@ def test_one_line_within_a_second_of_the_processor(case: Case, warm: Path, tmp_p
     assert "found" in result.message
     assert str(tmp_path) in result.message, "the file is named"
     assert len(result.message) < 400  # one line
-    assert result.seconds < 1
+    assert result.seconds < MAX_SECONDS
     assert result.peak_bytes < 30e6
 
 

@@ -334,7 +334,7 @@ def test_names_asked_one_by_one_are_those_folded_at_once() -> None:
 
 
 def test_no_other_name_is_lost_unread(monkeypatch: pytest.MonkeyPatch) -> None:
-    table = tables._other_names()
+    table = tables.names_in_languages()
     assert all(tables.other_names(form) == named for form, named in table.items())
-    monkeypatch.setattr(tables, "_other_names", lambda: pytest.fail("the table is folded"))
+    monkeypatch.setattr(tables, "names_in_languages", lambda: pytest.fail("the table is folded"))
     assert not tables.other_names("swivel chair")

@@ -104,14 +104,22 @@ def test_a_picture_that_did_not_change_is_the_frame_itself() -> None:
     assert changed_frame(frame, picture, picture) is frame
 
 
-@pytest.mark.parametrize(("codec", "suffix", "name"), [("hevc", ".mp4", "hevc"), ("prores", ".mov", "prores")])
-def test_other_codecs_keep_the_tags(codec: str, suffix: str, name: str, tmp_path: Path) -> None:
+@pytest.mark.parametrize(
+    ("codec", "suffix", "name"),
+    [(None, ".mp4", "hevc"), ("hevc", ".mp4", "hevc"), ("prores", ".mov", "prores")],
+    ids=["default", "hevc", "prores"],
+)
+def test_codecs_of_ten_bits_keep_the_tags(codec: str | None, suffix: str, name: str, tmp_path: Path) -> None:
+    import av
+
     source, out = tmp_path / "source.mkv", tmp_path / f"out{suffix}"
     _write_source(source, *KINDS["10 bits"])
     with VideoWriter(out, suffix, source, codec=codec) as writer:
         for frame in Video(source).frames():
             writer.write(frame.colour, frame.time_s, frame.index)
     (first, _) = _frames(out)
+    with av.open(str(out)) as container:
+        assert container.streams.video[0].codec_context.name == name
     assert tuple(int(getattr(first, tag)) for tag in TAGS) == KINDS["10 bits"][1]
     assert first.format.name == "yuv422p10le"
     before, after = _samples(_frames(source)[0])[0].astype(int), _samples(first)[0].astype(int)

@@ -76,7 +76,7 @@ def test_items_come_a_page_at_a_time(base: str, monkeypatch: pytest.MonkeyPatch)
         ("/v1/search?q=a&limit=51", 422, "`int` <= 50"),
         ("/v1/search?q=a&limti=3", 422, "limti"),
         ("/v1/nodes/rat.n.01/prior?dims=depth", 422, "expected a prior that holds depth"),
-        ("/v1/nodes/rat.n.01/prior?dims=height,height", 422, "each once"),
+        ("/v1/nodes/rat.n.01/prior?dims=height,height", 422, "each dimension once"),
         ("/v1/nodes/rat.n.01/prior?quantiles=2", 422, "between 0 and 1"),
         ("/v1/nodes/rat.n.01/prior?quantiles=a", 422, "expected numbers"),
         ("/v1/nodes/rat.n.01/prior?density_at=1,2", 422, "3 numbers each"),

@@ -61,7 +61,7 @@ RAW = Path(__file__).with_name("raw")
 GENERATED = Path(__file__).parent / "taxonomy" / "generated"
 
 #: Longer side of a photograph that ships, in pixels.
-LARGEST_PX = 512
+MAX_SIDE_PX = 512
 
 #: Nodes of the photographs' categories.
 KINDS = {
@@ -281,7 +281,7 @@ def write_photographs(folder: Path) -> None:
         told = assessment(data, alpha)
         x, y, width, height = told.box
         image = Image.fromarray(np.dstack([data, alpha])[y : y + height, x : x + width])
-        image.thumbnail((LARGEST_PX, LARGEST_PX))
+        image.thumbnail((MAX_SIDE_PX, MAX_SIDE_PX))
         image.save(sink := BytesIO(), "WEBP", quality=90, method=6)
         image_id = hashlib.sha256(sink.getvalue()).hexdigest()
         (file := RAW.parent / "images" / image_id[:2] / f"{image_id}.webp").parent.mkdir(exist_ok=True)

@@ -180,7 +180,7 @@ def estimate_scene(
     from estimator.reconstructions.model_checks import (
         check_reconstruction,
         focal_problem,
-        implied_size_problem,
+        implied_position_problem,
         view_groups,
     )
     from estimator.reconstructions.scene_reader import read_scene
@@ -228,7 +228,7 @@ def estimate_scene(
     # Other evidence, such as GPS of an aircraft, confirms the height of the cameras.
     has_other = any(row.scale is not None and row.assumption != TAKEN_AS_METRES for row in options.evidence)
     floor = None if has_other else measurements.floor
-    implied = None if result.scale is None else implied_size_problem(scene, result.scale, floor)
+    implied = None if result.scale is None else implied_position_problem(scene, result.scale, floor)
     if implied is not None:
         result = replace(result, status="uncertain", warnings=(*result.warnings, f"uncertain: {implied.message}"))
     return SceneEstimate(result, scene, masks.instances, measurements)

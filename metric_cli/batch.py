@@ -246,9 +246,8 @@ def output_paths(
 def option_words(parser: argparse.ArgumentParser, place: str, column: str, value: Any) -> list[str]:
     """Return the arguments for a value of a column: a text, number, truth value, or list.
 
-    The text of an option with several words is split as by a shell. For an option that may be
-    repeated, each element of a list is a value. For an option with several words, it is a word, or a list of words for
-    each use of the option.
+    The text of an option with several words is split as by a shell. For an option that may be repeated, each element of
+    a list is a value. For an option with several words, it is a word, or a list of words for each use of the option.
 
     Raises
     ------

@@ -164,7 +164,7 @@ def focal_problem(scene: Scene, images: Path | None = None) -> SceneProblem | No
     return SceneProblem(message, is_doubtful=True)
 
 
-def implied_size_problem(scene: Scene, metres_per_unit: float, floor: SupportPlane | None) -> SceneProblem | None:
+def implied_position_problem(scene: Scene, metres_per_unit: float, floor: SupportPlane | None) -> SceneProblem | None:
     """Return a problem if a scale implies an implausible position of the cameras.
 
     That is the median distance of the observed points, or the median height of level cameras above the floor, if it is
@@ -184,7 +184,7 @@ def implied_size_problem(scene: Scene, metres_per_unit: float, floor: SupportPla
         if height <= MAX_LEVEL_HEIGHT_M or abs(sine) > MAX_LEVEL_SINE:
             return None
         implied = f"{height:.3g} m above the floor and look horizontally"
-    return SceneProblem(f"the scale implies that the cameras are {implied}: wrong units, or models?")
+    return SceneProblem(f"the scale implies that the cameras are {implied}: wrong units, or scale models?")
 
 
 def reprojection_problems(statistics: ReprojectionStatistics) -> tuple[SceneProblem, ...]:

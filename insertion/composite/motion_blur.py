@@ -174,9 +174,8 @@ def exposure_fraction(spectrum: FloatArray) -> float:
     """
     frequency = np.abs(np.fft.fftfreq(SIDE, 1 / SAMPLES))
     across, along = np.meshgrid(frequency, frequency, indexing="ij")
-    ratio = []
+    ratio, near = [], (FREQUENCIES[1] - FREQUENCIES[0]) / 2
     for k in FREQUENCIES:
-        near = (FREQUENCIES[1] - FREQUENCIES[0]) / 2
         power = [
             spectrum[(np.abs(one - k) <= near) & (other <= k / 2)].mean()
             for one, other in ((along, across), (across, along))

@@ -25,6 +25,8 @@ MIN_SHADOW = 0.004
 CAST_SIZES = 3.0
 #: Maximum size of the undistorted image relative to the image, for lenses with strong distortion.
 MAX_WINDOW_RATIO = 3.0
+#: Coordinate outside of the window that a pixel without a ray has.
+NO_RAY_PX = -9.0
 
 
 def object_box(view: View, body: Body) -> PixelBox | None:
@@ -59,8 +61,9 @@ def cast_box(view: View, body: Body, directions: FloatArray) -> PixelBox | None:
 def window_behind(camera: Camera, box: PixelBox) -> Window:
     """Return the part of the undistorted image that covers a box of the image."""
     fx, fy, cx, cy = focal_lengths(camera)
-    rays = camera_rays(camera)[box.slices]
-    low, high = rays.reshape(-1, 2).min(axis=0), rays.reshape(-1, 2).max(axis=0)
+    rays = camera_rays(camera)[box.slices].reshape(-1, 2)
+    rays = rays[np.isfinite(rays).all(axis=1)]  # corners beyond the maximum of a distortion polynomial have no ray
+    low, high = (rays.min(axis=0), rays.max(axis=0)) if len(rays) else (np.zeros(2), np.zeros(2))
     limit = MAX_WINDOW_RATIO * np.array([camera.width / fx, camera.height / fy])
     low, high = np.clip(low, -limit, limit), np.clip(high, -limit, limit)
     x0, y0 = int(np.floor(fx * low[0] + cx - 1.5)), int(np.floor(fy * low[1] + cy - 1.5))
@@ -171,6 +174,7 @@ def through_lens(ideal: NDArray[np.float32], view: View, box: PixelBox, nearest:
     x = rays[..., 0] * np.float32(window.fx) + np.float32(window.cx - window.x0 - 0.5)
     y = rays[..., 1] * np.float32(window.fy) + np.float32(window.cy - window.y0 - 0.5)
     how, beyond = (cv2.INTER_NEAREST, np.nan) if nearest else (cv2.INTER_LINEAR, 0.0)
+    x, y = np.nan_to_num(x, nan=NO_RAY_PX), np.nan_to_num(y, nan=NO_RAY_PX)
     bent = cv2.remap(ideal, x, y, how, borderMode=cv2.BORDER_CONSTANT, borderValue=(beyond,) * 4)
     return np.asarray(bent, dtype=np.float32)
 

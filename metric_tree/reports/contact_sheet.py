@@ -26,7 +26,7 @@ from metric_tree.release.images import image_path
 WIDTH, MARGIN, GAP, LABEL_HEIGHT = 1600, 40, 30, 46
 
 #: Longer side of the largest object in pixels.
-LARGEST_PX = 340
+MAX_SIDE_PX = 340
 
 #: Minimum longer side of an object in pixels, so that it remains visible.
 MIN_SIDE_PX = 3
@@ -118,7 +118,7 @@ def sheet_image(shown: Sequence[Tile], title: str) -> Any:
     """Draw the sheet as a Pillow image: title, scale bar, shelves of objects with labels, credits."""
     from PIL import Image, ImageDraw
 
-    mm_per_px = max(tile.longest_mm for tile in shown) / LARGEST_PX
+    mm_per_px = max(tile.longest_mm for tile in shown) / MAX_SIDE_PX
     scaled = [scaled_image(tile, mm_per_px) for tile in shown]
 
     # 1. Shelves of (index, x), filled from the left in the given order.

@@ -11,7 +11,7 @@ from estimator import estimate_scale
 from estimator.reconstructions.model_checks import (
     ReprojectionStatistics,
     focal_problem,
-    implied_size_problem,
+    implied_position_problem,
     reprojection_problems,
     reprojection_statistics,
 )
@@ -155,7 +155,7 @@ def test_two_models_in_one_scene_need_the_same_scale(room, factor: float, status
 )
 def test_a_scale_implies_the_distance_of_the_cameras(good, metres: float, is_plausible: bool) -> None:
     depths = [np.median(view.to_camera(good.points[view.point_index])[:, 2]) for view in good.views]
-    problem = implied_size_problem(good, metres / float(np.median(depths)), None)
+    problem = implied_position_problem(good, metres / float(np.median(depths)), None)
     assert (problem is None) == is_plausible
 
 
@@ -176,7 +176,7 @@ def test_level_cameras_are_not_high_above_the_floor(
     floor = SupportPlane(np.stack([axis, axis, up]), height, 0.01, 100, np.zeros(2), 1.0, np.ones((1, 1), dtype=bool))
     depths = [np.median(view.to_camera(good.points[view.point_index])[:, 2]) for view in views]
     assert 0.2 < np.median(depths) / 2 < 20  # the distances are usual
-    problem = implied_size_problem(replace(good, views=views), metres / 2, floor)
+    problem = implied_position_problem(replace(good, views=views), metres / 2, floor)
     assert (problem is None) == is_plausible
 
 

@@ -338,6 +338,20 @@ def test_the_window_behind_a_strong_lens_is_at_most_three_times_the_image_to_eac
     assert 200 <= pinhole.width <= 205
 
 
+def test_pixels_without_a_ray_are_outside_of_the_window() -> None:
+    """A wide lens as `SIMPLE_RADIAL`: its distortion has a maximum within the corners of the image."""
+    camera = Camera("SIMPLE_RADIAL", 848, 480, np.array([477.4, 424.0, 240.0, -0.149443]))
+    view = View("v", camera, np.eye(3), np.zeros(3), np.empty((0, 2)), np.empty(0, dtype=np.int64))
+    box = PixelBox(0, 0, 848, 480)
+    window = boxes.window_behind(camera, box)
+    assert 848 < window.width < 3 * 848
+    bent = boxes.through_lens(np.ones((window.height, window.width), np.float32), view, box)
+    assert bent[240, 424] == 1
+    assert bent[0, 0] == 0
+    assert np.isnan(boxes.through_lens(np.ones_like(bent), view, box, nearest=True)[0, 0])
+    assert boxes.window_behind(camera, PixelBox(0, 0, 1, 1)).width > 0, "no pixel of the box has a ray"
+
+
 def test_tiles_cover_a_window_once() -> None:
     tiles = list(_tiles(2 * TILE + 7, TILE))
     assert tiles == [(0, 0, TILE, TILE), (TILE, 0, TILE, TILE), (2 * TILE, 0, 7, TILE)]

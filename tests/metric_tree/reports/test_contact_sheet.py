@@ -14,8 +14,8 @@ from metric_cli.subcommands import main
 from metric_tree.cutouts.backend import Settings
 from metric_tree.cutouts.release_cutouts import cut_release
 from metric_tree.reports.contact_sheet import (
-    LARGEST_PX,
     MARGIN,
+    MAX_SIDE_PX,
     bar_length,
     image_rows,
     scaled_image,
@@ -49,7 +49,7 @@ def test_query_draws_a_sheet_whose_bar_is_true(release, tmp_path, capsys):
     rows = json.loads(capsys.readouterr().out)["images"]
     assert len(rows) == 9
     assert all(row["licence"] == "CC0-1.0" and row["source_url"] for row in rows)
-    mm_per_px = max(max(row["extents_mm"]) for row in rows) / LARGEST_PX
+    mm_per_px = max(max(row["extents_mm"]) for row in rows) / MAX_SIDE_PX
     with Image.open(tmp_path / "sheet.png") as image:
         pixels = np.asarray(image.convert("L"))
     bar = np.flatnonzero(pixels[MARGIN + 50, : MARGIN + 240] < 50)

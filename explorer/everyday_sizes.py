@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 
 from explorer.charts.axis import length_text
 from metric_tree.node import Node
@@ -31,6 +31,16 @@ def axis_words(node: Node) -> Mapping[str, str]:
     return _FRONT_WORDS if has_front(node) else _WORDS
 
 
+def product_text(sizes_mm: Sequence[float]) -> str:
+    """Return the sides of a box in the unit of the longest one.
+
+    >>> product_text([2000, 876, 97])
+    '2.00 × 0.88 × 0.10 m'
+    """
+    numbers = [length_text(mm, max(sizes_mm)).split(" ") for mm in sizes_mm]
+    return f"{' × '.join(number for number, _ in numbers)} {numbers[0][1]}"
+
+
 def all_axes_text(node: Node, medians_mm: Mapping[str, float]) -> str:
     """Return the medians of all dimensions of a node in words.
 
@@ -38,9 +48,7 @@ def all_axes_text(node: Node, medians_mm: Mapping[str, float]) -> str:
     is not known which side is the height.
     """
     if "extent1" in medians_mm:
-        sizes = [length_text(mm, medians_mm["extent1"]) for mm in medians_mm.values()]
-        unit = sizes[0].rpartition(" ")[2]
-        return f"about {' × '.join(size.rpartition(' ')[0] for size in sizes)} {unit}, the longest side first"
+        return f"about {product_text(list(medians_mm.values()))}, the longest side first"
     words = axis_words(node)
     sizes = [f"{length_text(mm)} {words[dim]}" for dim, mm in medians_mm.items()]
     return f"about {', '.join(sizes[:-1])} and {sizes[-1]}" if len(sizes) > 1 else f"about {sizes[0]}"

@@ -6,7 +6,7 @@ from dataclasses import dataclass, replace
 
 from explorer.charts.axis import length_text, svg
 
-WIDTH, HEIGHT, FLOOR, MARGIN, GAP = 340, 236, 196, 10, 14
+WIDTH, MAX_TALL, FOOT, MARGIN, GAP = 340, 186, 40, 10, 14
 
 #: Name, width and height in mm, and an outline in a box of 100 by 100: a person of 1.70 m, a door of 0.9 by 2.0 m (as
 #: doors of homes are), a hand of 19 cm (the median of ANSUR II).
@@ -57,22 +57,24 @@ def size_comparison(name: str, box: DrawnBox) -> str:
         beside = [REFERENCES[2]]  # next to a person, a mug would be a dot
     widths = [box.across[2], *([box.deep[2]] if box.deep else []), *(one[1] for one in beside)]
     tallest = max(box.up[2], *(one[2] for one in beside), 0) if beside else box.up[2]
-    scale = min((WIDTH - 2 * MARGIN - GAP * (len(widths) - 1)) / sum(widths), (FLOOR - MARGIN) / tallest)
+    scale = min((WIDTH - 2 * MARGIN - GAP * (len(widths) - 1)) / sum(widths), MAX_TALL / tallest)
+    floor = tallest * scale + MARGIN
+    height = floor + FOOT
     x = (WIDTH - sum(widths) * scale - GAP * (len(widths) - 1)) / 2
-    body = f'<path class="floor" d="M0 {FLOOR}H{WIDTH}"/>'
+    body = f'<path class="floor" d="M0 {floor:.1f}H{WIDTH}"/>'
     labels: list[tuple[float, str]] = []
     for widths_mm, view in [(box.across, "front")] + ([(box.deep, "side")] if box.deep else []):
         centre = x + widths_mm[2] * scale / 2
         for kind, q in (("band", 2), ("object", 1), ("least", 0)):  # boxes of the 95 %, 50 % and 5 % quantiles
             body += (
-                f'<rect class="{kind}" x="{centre - widths_mm[q] * scale / 2:.1f}" y="{FLOOR - box.up[q] * scale:.1f}" '
+                f'<rect class="{kind}" x="{centre - widths_mm[q] * scale / 2:.1f}" y="{floor - box.up[q] * scale:.1f}" '
                 f'width="{widths_mm[q] * scale:.1f}" height="{box.up[q] * scale:.1f}"/>'
             )
         labels.append((centre, box.names[1] if is_bar else view))
         x += widths_mm[2] * scale + GAP
     for reference, wide, high, outline in beside:
         body += (
-            f'<path class="reference" fill-rule="evenodd" transform="translate({x:.1f} {FLOOR - high * scale:.1f}) '
+            f'<path class="reference" fill-rule="evenodd" transform="translate({x:.1f} {floor - high * scale:.1f}) '
             f'scale({wide * scale / 100:.4f} {high * scale / 100:.4f})" d="{outline}"/>'
         )
         labels.append((x + wide * scale / 2, reference))
@@ -83,18 +85,18 @@ def size_comparison(name: str, box: DrawnBox) -> str:
         row = 1 - row if centre - last < 6 * len(text) + 12 else 0
         last = centre
         text_x = min(max(centre, 16.0), WIDTH - 20.0)
-        body += f'<text x="{text_x:.1f}" y="{FLOOR + 13 + 11 * row}">{text}</text>'
+        body += f'<text x="{text_x:.1f}" y="{floor + 13 + 11 * row:.1f}">{text}</text>'
     # A scale bar of a round length
     max_mm = MAX_BAR_PX / scale
     power = 10.0 ** int(f"{max_mm:e}".partition("e")[2])
     length = next(step * power for step in (5, 2, 1) if step * power <= max_mm)
     body += (
-        f'<path class="bar" d="M{MARGIN} {HEIGHT - 6}v4h{length * scale:.1f}v-4"/>'
-        f'<text class="start" x="{MARGIN + length * scale + 5:.1f}" y="{HEIGHT - 2}">{length_text(length)}</text>'
+        f'<path class="bar" d="M{MARGIN} {height - 6:.1f}v4h{length * scale:.1f}v-4"/>'
+        f'<text class="start" x="{MARGIN + length * scale + 5:.1f}" y="{height - 2:.1f}">{length_text(length)}</text>'
     )
     known = f"{box.names[1]} {length_text(box.up[1])}"
     if not is_bar:
         known = f"{box.names[0]} {length_text(box.across[1])}, {known}"
     deep = f", {box.names[2]} {length_text(box.deep[1])}" if box.deep else ""
     others = f" beside {', '.join(one[0] for one in beside)}" if beside else ""
-    return svg(WIDTH, HEIGHT, f"{name} to scale{others}: {known}{deep}", body, "to-scale")
+    return svg(WIDTH, round(height, 1), f"{name} to scale{others}: {known}{deep}", body, "to-scale")

@@ -12,10 +12,10 @@ import numpy as np
 from markupsafe import Markup
 
 from explorer.catalogue import AXES, ReleaseCatalogue
-from explorer.charts.axis import LogAxis, length_text
+from explorer.charts.axis import LogAxis
 from explorer.charts.distributions import KINDS, distribution, scatter
 from explorer.charts.size_comparison import DrawnBox, size_comparison
-from explorer.everyday_sizes import axis_words
+from explorer.everyday_sizes import axis_words, product_text
 from explorer.pages.templating import main_dimension, page_bytes, web_address
 from explorer.responses import node_response, outside_links, shown_name
 from explorer.urls import page_of, slug
@@ -249,7 +249,7 @@ def images_to_scale(catalogue: ReleaseCatalogue, node: Node) -> list[dict[str, A
                 "title": item["title"] or item["item_id"],
                 "width": max(1, round(image["width_px"] * factor)),
                 "height": max(1, round(image["height_px"] * factor)),
-                "size": " × ".join(length_text(mm) for mm in item["extents_mm"]),
+                "size": product_text(item["extents_mm"]),
                 "credit": credit if len(credit) < MAX_CREDIT_CHARS else credit[: MAX_CREDIT_CHARS - 3] + "…",
                 "url": web_address(image["source_url"]),
             }

@@ -12,7 +12,7 @@ from explorer.catalogue import AXES, MEANINGS, ReleaseCatalogue
 from explorer.charts.axis import length_text
 from explorer.charts.icicle import icicle
 from explorer.everyday_sizes import all_axes_text
-from explorer.pages.templating import page_bytes, web_address
+from explorer.pages.templating import main_dimension, page_bytes, web_address
 from explorer.responses import medians, shown_name, vocabulary_response
 from explorer.urls import page_of, slug
 from metric_base.arrays import IntArray
@@ -148,7 +148,8 @@ def vocabularies_page(catalogue: ReleaseCatalogue) -> bytes:
 def vocabulary_page(catalogue: ReleaseCatalogue, name: str) -> bytes:
     """Return the page of a label list: node, tier and size of each label."""
     labels = vocabulary_response(catalogue, name).labels
-    return page_bytes(catalogue, "vocabulary.html", "../", name, name=name, labels=labels)
+    medians_mm = [sizes[main_dimension(sizes)]["0.5"] for row in labels if (sizes := row.quantiles_mm)]
+    return page_bytes(catalogue, "vocabulary.html", "../", name, name=name, labels=labels, medians=medians_mm)
 
 
 def home_page(catalogue: ReleaseCatalogue) -> bytes:

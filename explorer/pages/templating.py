@@ -22,6 +22,9 @@ from metric_base.escaping import visible
 #: A cell that is a number, with an optional percentage: `70 (59%)`, `-39 %`.
 _NUMBER = re.compile(r"^[-+]?[\d.,]+( ?%)?( \(\d+%\))?$")
 
+#: A number with a unit of length, which a line does not break.
+_LENGTH = re.compile(r"(\d) (km|m|cm|mm)\b")
+
 
 def page_bytes(catalogue: ReleaseCatalogue, template: str, root: str, title: str, **values: Any) -> bytes:
     """Return a page as UTF-8; `root` is the relative URL of the release folder (`../` or empty)."""
@@ -92,7 +95,9 @@ def environment() -> Environment:
         "page": page_of,
         "slug": slug,
         "plain": plain_html,
+        "unbroken": lambda text: _LENGTH.sub("\\1\u00a0\\2", text),
         "typical_mm": lambda sizes: median([mm for mm in sizes if mm] or [1.0]),
+        "licence": lambda text: "no licence stated" if text in (None, "", "none") else text,
         "cell": cell_html,
         "numeric_columns": numeric_columns,
         "main_dim": lambda sizes: (main_dimension(sizes), sizes[main_dimension(sizes)]),

@@ -211,6 +211,7 @@ def application(trees: Sequence[Tree], preload: bool = False, allowed_hosts: Seq
         Route("/healthz", explorer.health),
         Route("/v1/scale", explorer.scale, methods=["POST"]),
         Route("/releases/{version}/v1/scale", explorer.scale, methods=["POST"]),
+        *(Route(f"{release}/v1/scale", _post_only) for release in ("", "/releases/{version}")),
         Route("/{path:path}", explorer.get),
     ]
     middleware = [
@@ -271,6 +272,10 @@ async def _http_error(request: Request, error: Exception) -> Response:
     assert isinstance(error, HTTPException)
     path = request.url.path[:200]
     return problem(error.status_code, f"{request.method} {path}", path, dict(error.headers or {}))
+
+
+async def _post_only(_: Request) -> Response:
+    raise HTTPException(405, headers={"allow": "POST"})
 
 
 async def _disconnected(_: Request, __: Exception) -> Response:

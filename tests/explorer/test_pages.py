@@ -16,6 +16,7 @@ from explorer.charts.axis import LogAxis, length_text
 from explorer.charts.distributions import distribution, scatter
 from explorer.charts.icicle import icicle
 from explorer.charts.size_comparison import DrawnBox, size_comparison
+from explorer.everyday_sizes import product_text
 from explorer.pages.node_page import (
     category_bars,
     drawn_box,
@@ -24,8 +25,8 @@ from explorer.pages.node_page import (
     node_page,
     whole_percents,
 )
-from explorer.pages.release_pages import median_offset, source_page
-from explorer.pages.templating import Link, cell_html, numeric_columns, web_address
+from explorer.pages.release_pages import median_offset, source_page, vocabulary_page
+from explorer.pages.templating import Link, cell_html, environment, numeric_columns, web_address
 from explorer.tables import node_sizes_csv, sizes_csv, sizes_parquet
 from metric_tree.context import Context
 from metric_tree.prior import INTERVAL_QUANTILES
@@ -136,10 +137,10 @@ def test_the_first_image_is_of_the_item_closest_to_the_median(
     images = [_image(row["item_id"], 200, 100, None) for row in rows]
     monkeypatch.setattr(ReleaseCatalogue, "images", lambda *_: images)
     drawn = images_to_scale(catalogue, node)
-    assert drawn[0]["size"] == " × ".join(length_text(mm) for mm in closest["extents_mm"])
+    assert drawn[0]["size"] == product_text(closest["extents_mm"])
     page = node_page(catalogue, node).decode()
     assert page.index('class="hero"') < page.index("<h1>")
-    assert f"One of them: {drawn[0]['size']}." in page
+    assert f"One of them: {drawn[0]['size'].replace(' m', chr(160) + 'm')}." in page, "no break before the unit"
 
 
 @pytest.mark.parametrize(("length", "shown"), [(159, 159), (160, 158)])
@@ -184,7 +185,7 @@ def test_a_small_object_is_next_to_a_hand_and_a_large_one_next_to_a_person_and_a
 @pytest.mark.parametrize("mm", [3.0, 4.0, 7.0, 11.0, 90.0, 450.0, 2000.0, 7000.0])
 def test_the_scale_bar_has_a_round_length_of_at_most_90_pixels(mm: float) -> None:
     drawing = size_comparison("cup", DrawnBox((mm,) * 3, (mm,) * 3, (mm,) * 3, ("length", "height", "width")))
-    match = re.search(r'class="bar" d="M10 230v4h([\d.]+)v', drawing)
+    match = re.search(r'class="bar" d="M10 [\d.]+v4h([\d.]+)v', drawing)
     assert match is not None
     assert 36 <= float(match[1]) <= 90, "the longest of 1, 2 and 5 times a power of ten"
     assert re.search(r">(?:0\.)?[125]0*(?:\.0)? (?:mm|cm|m)</text></svg>", drawing) is not None
@@ -321,6 +322,25 @@ def test_releases_of_one_version_are_refused(tmp_path: Path) -> None:
     tree = open_tree(minitree.release(tmp_path / "r").directory)
     with pytest.raises(ValueError, match="--tree: expected releases of different versions; found"):
         ReleaseCatalogue([tree, tree])
+
+
+def test_a_label_list_has_one_unit_and_no_break_before_it(catalogue: ReleaseCatalogue) -> None:
+    page = vocabulary_page(catalogue, "coco_80").decode()
+    units = {text.rpartition(" ")[2] for text in re.findall(r"<data [^>]*>([^<]+)</data>", page)}
+    assert len(units) == 1
+    assert product_text([2000, 876, 97]) == "2.00 × 0.88 × 0.10 m"
+    unbroken, licence = (environment().filters[name] for name in ("unbroken", "licence"))
+    assert unbroken("8 to 12 cm wide") == "8 to 12\u00a0cm wide"
+    assert [licence(text) for text in ("none", None, "MIT")] == ["no licence stated"] * 2 + ["MIT"]
+
+
+def test_the_drawing_of_a_flat_object_is_low() -> None:
+    def height(mm: float) -> float:
+        box = DrawnBox((9000.0,) * 3, (mm,) * 3, None, ("length", "height", ""))
+        return float(size_comparison("thing", box).partition('viewBox="0 0 340 ')[2].partition('"')[0])
+
+    assert height(20_000) == 236  # 186 px and the margins
+    assert height(2000) < 130
 
 
 def test_a_single_dimension_is_a_bar_and_not_a_square() -> None:

@@ -94,9 +94,10 @@ def test_errors_have_one_shape(base: str, path: str, status: int, text: str) -> 
 
 
 def test_a_method_that_is_not_taken(base: str) -> None:
-    answer = WEB.delete(f"{base}/v1/releases")
-    assert answer.status_code == 405
-    assert answer.headers["content-type"] == "application/problem+json"
+    for answer in (WEB.delete(f"{base}/v1/releases"), WEB.get(f"{base}/v1/scale"), WEB.put(f"{base}/v1/scale")):
+        assert answer.status_code == 405
+        assert answer.headers["content-type"] == "application/problem+json"
+    assert answer.headers["allow"] == "POST"
 
 
 def test_caching_compression_and_other_origins(base: str) -> None:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections import Counter
+from collections.abc import Callable
 from typing import Any
 
 import numpy as np
@@ -18,7 +19,7 @@ from explorer.urls import page_of, slug
 from metric_base.arrays import IntArray
 from metric_tree.node import Node
 from metric_tree.prior import MEDIAN
-from metric_tree.reports.diff import MovedPrior, label, release_diff
+from metric_tree.reports.diff import MovedPrior, ReleaseDiff, label, release_diff
 from metric_tree.tiers import TIERS
 from metric_tree.tree import Tree
 
@@ -33,22 +34,24 @@ TYPICAL = (
 )  # fmt: skip
 
 
-def change_page(catalogue: ReleaseCatalogue, other: Tree) -> bytes:
-    """Return the page of the changes from another release to this one."""
-    diff = release_diff(other, catalogue.tree)
+def change_tables(
+    diff: ReleaseDiff, link: Callable[[str], object]
+) -> list[tuple[str, tuple[str, ...], list[tuple[Any, ...]], int]]:
+    """Return title, head, first `MAX_ROWS` rows and number of rows of each table of changes that is not empty.
 
-    def link(node_id: str) -> Any:
-        node = catalogue.nodes.get(node_id)
-        if node is None:
-            return node_id
-        return Markup('<a href="../{}">{}</a>').format(page_of(node_id), node.name)
+    `link` returns the cell of a node id. Sizes have one unit.
+    """
+    typical_mm = float(np.median([one.after_mm for one in diff.priors] or [1.0]))
 
     def moved(one: MovedPrior) -> tuple[object, ...]:
         blame = ", ".join(f"{n:+} {source}" for source, n in list(one.blame.items())[:4]) or "no shipped item"
-        sizes = length_text(one.before_mm), length_text(one.after_mm)
+        sizes = length_text(one.before_mm, typical_mm), length_text(one.after_mm, typical_mm)
         return (link(one.node), one.dim, *sizes, f"{one.median:+.0%}", f"{one.spread:+.0%}", blame)
 
+    counts = ("Categories", f"{diff.nodes_before:,}", f"{diff.nodes_after:,}")
+    share = ("Priors that moved", "", f"{len(diff.priors):,} ({diff.share_moved:.0%} of those in both)")
     tables: list[tuple[str, tuple[str, ...], list[tuple[Any, ...]]]] = [
+        ("Summary", ("", "before", "now"), [counts, share]),
         ("Priors that moved", _MOVED_HEAD, [moved(one) for one in diff.priors]),
         ("Tiers", ("category", "before", "now"), [(link(n), *pair) for n, pair in diff.tiers.items()]),
         ("New categories", ("category",), [(link(node_id),) for node_id in diff.added]),
@@ -66,6 +69,16 @@ def change_page(catalogue: ReleaseCatalogue, other: Tree) -> bytes:
         ("Shipped items by source", ("source", "before", "now"), [(n, *pair) for n, pair in diff.items.items()]),
         ("Shipped items by licence", ("licence", "before", "now"), [(n, *pair) for n, pair in diff.licences.items()]),
     ]
+    return [(title, head, rows[:MAX_ROWS], len(rows)) for title, head, rows in tables if rows]
+
+
+def change_page(catalogue: ReleaseCatalogue, other: Tree) -> bytes:
+    """Return the page of the changes from another release to this one."""
+
+    def link(node_id: str) -> object:
+        node = catalogue.nodes.get(node_id)
+        return Markup('<a href="../{}">{}</a>').format(page_of(node_id), node.name) if node is not None else node_id
+
     return page_bytes(
         catalogue,
         "changes.html",
@@ -73,11 +86,7 @@ def change_page(catalogue: ReleaseCatalogue, other: Tree) -> bytes:
         f"What changed from {escape(label(other))}",
         before=label(other),
         after=label(catalogue.tree),
-        summary=[
-            ("Categories", f"{diff.nodes_before:,} before, {diff.nodes_after:,} now"),
-            ("Priors that moved", f"{len(diff.priors):,} ({diff.share_moved:.0%} of those in both)"),
-        ],
-        tables=[(title, head, rows[:MAX_ROWS], len(rows)) for title, head, rows in tables if rows],
+        tables=change_tables(release_diff(other, catalogue.tree), link),
     )
 
 

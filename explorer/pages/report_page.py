@@ -6,27 +6,19 @@ The page is one HTML file with inline figures and a script for its search field,
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
 from markupsafe import Markup
 
-from explorer.charts.report_figures import coverage_figure, size_figure
+from explorer.charts.distributions import distribution
+from explorer.pages.release_pages import change_tables
 from explorer.pages.templating import Link, environment
 from metric_base.errors import InputError
 from metric_tree.checks.release_files import CODES, findings
 from metric_tree.node import Node, NoPrior
-from metric_tree.reports.diff import (
-    SIZE_QUANTILES,
-    SPREAD_QUANTILES,
-    changes,
-    label,
-    largest_changes,
-    removed_nodes,
-    size_and_spread,
-    source_changes,
-)
+from metric_tree.prior import INTERVAL_QUANTILES
+from metric_tree.reports.diff import label, release_diff
 from metric_tree.reports.summary import (
     MIN_ITEMS,
     Coverage,
@@ -106,15 +98,14 @@ def page(tree: Tree, against: Tree | None = None) -> str:
             (row.name, row.labels, _share(row.enough, row), _share(row.real, row), _share(row.any, row))
             for row in lists
         ],
-        coverage_figure=Markup(coverage_figure([row for row in lists if row.labels])),
-        size_figure=Markup(size_figure(typical_nodes(tree))),
+        figures=[figure for node in typical_nodes(tree) for figure in size_figures(node)],
         finding_counts=[(code, CODES.get(code, ""), n) for code, n in sorted(counts.items())],
         finding_examples=[(finding.code, finding.subject, finding.message) for finding in examples],
         max_examples=MAX_EXAMPLES,
         max_rows=MAX_SHOWN_ROWS,
         differing=[(*row[:3], f"{row[3]:.0f} %") for row in disagreements(tree)[:MAX_SHOWN_ROWS]],
         mixed=mixed_leaves(tree),
-        changed=_changed(tree, against, lists) if against else None,
+        changes=change_tables(release_diff(against, tree), lambda node_id: _name(tree, node_id)) if against else [],
     )
 
 
@@ -130,51 +121,20 @@ def _share(count: int, total: Coverage) -> str:
     return f"{count} ({count / total.labels:.0%})" if total.labels else "–"
 
 
-def _changed(tree: Tree, before: Tree, lists: Sequence[Coverage]) -> dict[str, Any]:
-    """Return the tables of the changes from another release to this one."""
-    removed, added = removed_nodes(tree, before), removed_nodes(before, tree)
-    all_changes = changes(tree, before)
-    lists_before = {name: coverage(before, name) for name in vocabularies()}
-    fields = ("enough", "real", "any")
-    size_head = (f"size {q:.0%}" for q in SIZE_QUANTILES)
-    return {
-        "counts": [
-            ("nodes", len(before), len(tree)),
-            ("leaves with items", *(sum(not n.children and n.n_items > 0 for n in one) for one in (before, tree))),
-            ("items of the fit", before.root.n_items, tree.root.n_items),
-            ("sources", *(len(one.release.manifest["sources"]) for one in (before, tree))),
-        ],
-        "categories": f"{len(added):,} categories are new{_names(added)}; {len(removed):,} are gone{_names(removed)}.",
-        "sources": source_changes(tree, before),
-        "coverage": [
-            (
-                now.name,
-                *(_share(getattr(row, field), row) for field in fields for row in (lists_before[now.name], now)),
-            )
-            for now in lists
-            if any(getattr(now, field) != getattr(lists_before[now.name], field) for field in fields)
-        ],
-        "moves_head": ("level", "nodes", *size_head, *(f"width {q:.0%}" for q in SPREAD_QUANTILES)),
-        "moves": [
-            (level, n, *(f"{np.expm1(s):.1%}" for s in sizes), *(f"{np.expm1(w):+.1%}" for w in widths))
-            for level, n, sizes, widths in size_and_spread(all_changes)
-        ],
-        "largest": [
-            (
-                " > ".join(change.node.path[1:]) or change.node.name,
-                change.before.n_items,
-                change.node.n_items,
-                " x ".join(change.dims),
-                change.node.tier or "",
-                *(" x ".join(f"{size:.0f}" for size in sizes) for sizes in (change.then_mm, change.now_mm)),
-                *(f"{np.expm1(value):+.0%}" for value in (change.size, change.spread)),
-            )
-            for change in largest_changes(all_changes, MAX_SHOWN_ROWS, MIN_ITEMS)
-        ],
-    }
+def _name(tree: Tree, node_id: str) -> str:
+    return tree.node(node_id).name if tree.has_node(node_id) else node_id
 
 
-def _names(nodes: Sequence[Node]) -> str:
-    """Return the names of the first nodes in brackets, empty without nodes."""
-    names = [node.name for node in nodes[:MAX_SHOWN_ROWS]]
-    return f" ({', '.join(names)}{', ...' if len(nodes) > MAX_SHOWN_ROWS else ''})" if names else ""
+def size_figures(node: Node) -> list[tuple[str, Markup]]:
+    """Return caption and chart of each dimension of the widest prior of a node, with the sizes of published items."""
+    prior, items = node.prior(max(node.prior_dims, key=len)), node.items()
+    intervals, kinds = prior.quantiles(INTERVAL_QUANTILES), np.array(items["kind"].to_pylist(), dtype=object)
+    figures = []
+    for place, dim in enumerate(prior.dims):
+        stated = items[f"{dim}_mm"].to_pylist() if f"{dim}_mm" in items.column_names else [None] * len(kinds)
+        sizes = np.array([mm or np.nan for mm in stated], dtype=float)
+        known = ~np.isnan(sizes)
+        interval, is_norm = intervals[:, place], node.tier == "norm"
+        chart = distribution(dim, prior.marginal((dim,)), interval, sizes[known], kinds[known], is_norm)
+        figures.append((f"{node.name}: {dim}", Markup(chart)))
+    return figures

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections import Counter
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Iterator
 from contextlib import suppress
 from dataclasses import dataclass, replace
 from typing import Any
@@ -13,7 +13,6 @@ import numpy as np
 import pyarrow as pa
 import pyarrow.compute as pc
 
-from metric_base.arrays import FloatArray
 from metric_tree.node import Node, NoPrior, UnknownName
 from metric_tree.prior import INTERVAL_QUANTILES
 from metric_tree.tree import Tree
@@ -22,12 +21,6 @@ from metric_tree.tree import Tree
 MIN_MEDIAN_CHANGE = 0.05
 #: Minimum relative change of the length of the 90 % interval of ln size of a moved prior.
 MIN_SPREAD_CHANGE = 0.2
-#: Reported quantiles of the changes of sizes; most sizes are unchanged.
-SIZE_QUANTILES = (0.5, 0.75, 0.95, 0.99)
-#: Reported quantiles of the changes of standard deviations.
-SPREAD_QUANTILES = INTERVAL_QUANTILES
-#: Maximum change of ln size that is rounding, far below the accuracy of any source.
-ROUNDING = 1e-4
 
 
 @dataclass(frozen=True, slots=True)
@@ -160,75 +153,7 @@ def _changed_counts(before: Tree, after: Tree, column: str) -> dict[str, tuple[i
     return {value: (then[value], now[value]) for value in sorted({*then, *now}) if then[value] != now[value]}
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class Change:
-    """Change of a node of both releases, over the d dimensions of its largest common prior."""
-
-    node: Node
-    before: Node
-    dims: tuple[str, ...]
-    then_mm: FloatArray  #: (d,) medians before.
-    now_mm: FloatArray  #: (d,) medians after.
-    size: float  #: Mean over the dimensions of ln (after / before) of the medians.
-    spread: float  #: Mean over the dimensions of ln (after / before) of the standard deviations of ln size.
-
-
 def label(tree: Tree) -> str:
     """Return the name of a release on a page: its version, and a note if it omits sources."""
     note = "" if tree.release.manifest.get("noncommercial", True) else " without non-commercial sources"
     return f"{tree.version}{note}"
-
-
-def removed_nodes(tree: Tree, before: Tree) -> list[Node]:
-    """Return the nodes of the release `before` that are not in `tree`, in their order."""
-    return [node for node in before if not tree.has_node(node.node_id)]
-
-
-def source_changes(tree: Tree, before: Tree) -> list[tuple[str, int, int]]:
-    """Return source and items of the fit before and after, if they differ; the largest change first."""
-    then, now = (
-        {str(record["title"]): int(record.get("n_fit", 0)) for record in one.release.manifest["sources"]}
-        for one in (before, tree)
-    )
-    rows = [(title, then.get(title, 0), now.get(title, 0)) for title in dict.fromkeys([*then, *now])]
-    return sorted((row for row in rows if row[1] != row[2]), key=lambda row: (-abs(row[2] - row[1]), row[0]))
-
-
-def changes(tree: Tree, before: Tree) -> list[Change]:
-    """Return the change of every node of both releases that has a common prior, in the order of the tree."""
-    former_nodes = {node.node_id: node for node in before}
-    found = []
-    for node in tree:
-        former = former_nodes.get(node.node_id)
-        common = [dims for dims in node.prior_dims if former is not None and dims in former.prior_dims]
-        if former is None or not common:
-            continue
-        dims = max(common, key=len)
-        then, now = former.prior(dims), node.prior(dims)
-        sizes = then.quantile(0.5), now.quantile(0.5)
-        size = float(np.log(sizes[1] / sizes[0]).mean())
-        spread = float(np.log(now.log_sd() / then.log_sd()).mean())
-        found.append(Change(node, former, dims, *sizes, size, spread))
-    return found
-
-
-def largest_changes(candidates: Iterable[Change], shown: int, least_items: int = 0) -> list[Change]:
-    """Return up to `shown` nodes with the largest change of size, with `least_items` or more items in both releases."""
-    able = [c for c in candidates if min(c.node.n_items, c.before.n_items) >= least_items and abs(c.size) > ROUNDING]
-    return sorted(able, key=lambda c: (-abs(c.size), c.node.node_id))[:shown]
-
-
-def size_and_spread(all_changes: Sequence[Change]) -> list[tuple[str, int, FloatArray, FloatArray]]:
-    """Return level, number of nodes, and quantiles (q,) of |size| and of `spread` of the changes; last, of all."""
-    numbers = sorted({c.node.level for c in all_changes})
-    levels = [(str(level), [c for c in all_changes if c.node.level == level]) for level in numbers]
-    return [
-        (
-            name,
-            len(group),
-            np.quantile(np.abs([c.size for c in group]), SIZE_QUANTILES),
-            np.quantile([c.spread for c in group], SPREAD_QUANTILES),
-        )
-        for name, group in [*levels, ("all", list(all_changes))]
-        if group
-    ]

@@ -20,23 +20,8 @@ VERSION = "3.0"
 _DEBIAN = Path("/usr/share/wordnet")
 _HOW_TO_GET_IT = "apt-get install wordnet-base, or python -m nltk.downloader wordnet"
 
-#: lexnames(5WN) by file number, a file that the package of Debian lacks.
-_NOUN_FILES = (
-    "Tops act animal artifact attribute body cognition communication event feeling food group location motive "
-    "object person phenomenon plant possession process quantity relation shape state substance time"
-)
-_VERB_FILES = (
-    "body change cognition communication competition consumption contact creation emotion motion perception "
-    "possession social stative weather"
-)
-_LEXNAMES = (
-    "adj.all",
-    "adj.pert",
-    "adv.all",
-    *(f"noun.{name}" for name in _NOUN_FILES.split()),
-    *(f"verb.{name}" for name in _VERB_FILES.split()),
-    "adj.ppl",
-)
+#: Number of lexicographer files, whose names nltk reads from a file that the package of Debian lacks (lexnames(5WN)).
+_N_LEXNAMES = 45
 
 
 class NoWordNet(InputError):
@@ -237,7 +222,7 @@ def _reader_class() -> Any:
     from nltk.corpus.reader.wordnet import WordNetCorpusReader
 
     class _Reader(WordNetCorpusReader):  # type: ignore[misc]
-        """Reader of nltk with the file `lexnames` and without the maps of other languages."""
+        """Reader of nltk without the names of lexicographer files and without the maps of other languages."""
 
         def __init__(self, root: Any, omw_reader: None) -> None:
             with warnings.catch_warnings():
@@ -246,7 +231,7 @@ def _reader_class() -> Any:
 
         def open(self, file: str) -> Any:
             if file == "lexnames":
-                return io.StringIO("".join(f"{i:02d}\t{name}\t0\n" for i, name in enumerate(_LEXNAMES)))
+                return io.StringIO("".join(f"{i:02d}\tunused\t0\n" for i in range(_N_LEXNAMES)))
             return super().open(file)
 
         def _synset_from_pos_and_line(self, pos: str, line: str) -> Any:

@@ -1,7 +1,7 @@
 """Vocabulary of product pages: words for axes, sizes, the whole product, its parts and its package.
 
-The languages are English, German, French, Italian, Spanish, Portuguese and Dutch. Words are in lower case and without
-accents (`plain`), because some pages omit accents.
+The words are in `vocabulary.txt`, in seven languages, in lower case and without accents (`plain`), because some pages
+omit accents.
 """
 
 from __future__ import annotations
@@ -10,8 +10,9 @@ import re
 import unicodedata
 from collections.abc import Mapping
 from functools import lru_cache
+from pathlib import Path
 from types import MappingProxyType
-from typing import Literal
+from typing import Literal, get_args
 
 Axis = Literal["length", "width", "height", "depth", "diameter"]
 Language = Literal["en", "de", "fr", "it", "es", "pt", "nl"]
@@ -32,149 +33,45 @@ def plain(text: str) -> str:
     return " ".join("".join(c for c in letters if not unicodedata.combining(c)).split())
 
 
-#: Axes by word; `largo` is a length, `fondo` and `profondeur` are depths.
+def _lists() -> dict[str, str]:
+    """Return the lists of `vocabulary.txt` by name, each as alternatives of a regular expression."""
+    lines = Path(__file__).with_name("vocabulary.txt").read_text(encoding="utf-8").splitlines()
+    text = "\n".join(line for line in lines if line and not line.startswith("#"))
+    _, *parts = re.split(r"^\[([a-z ]+)\]\n", text, flags=re.MULTILINE)
+    return {name: words.strip().replace("\n", "|") for name, words in zip(parts[::2], parts[1::2], strict=True)}
+
+
+_LISTS = _lists()
+#: Axes by word.
 AXIS_WORDS: Mapping[str, str] = MappingProxyType(
-    {
-        word: axis
-        for axis, words in {
-            "length": "length long longueur lunghezza lungh largo longitud comprimento compr lange laenge lengte lang",
-            "width": "width wide breadth beam breite breit largeur large larg larghezza ancho anchura largura breedte "
-            "breed wingspan envergure spannweite spanwijdte envergadura",
-            "height": "height high tall hohe hoehe hoch hauteur haut altezza alto altura alt hoogte hoog",
-            "depth": "depth deep thickness thick tiefe tief dicke dick starke profondeur profond prof epaisseur "
-            "profondita profondo spessore profundidad profundo fondo grosor espesor profundidade espessura diepte diep "
-            "dikte dik",
-            "diameter": "diameter diam dia durchmesser diametre diametro ø ⌀ doorsnede",
-        }.items()
-        for word in words.split()
-    }
+    {word: axis for axis in get_args(Axis) for word in _LISTS[axis].split("|")}
 )
-
-_PACKAGE = re.compile(
-    r"\b("
-    r"pack(ag(e|ed|ing)|ed|ing)?|parcel|shipping|shipped|ship (dim\w*|size|width|height|length|depth|weight)"
-    r"|carton|boxed|box (dim\w*|sizes?|width|height|length|depth|weight)|delivery|gift box|master case|inner box"
-    r"|outer box|pallets?|verpack\w*|paket\w*|versand\w*|karton\w*|lieferung|emball\w*|colis|carton d"
-    r"|embalad[oa]s?|empaques?|empacad[oa]s?"
-    r"|livraison|imball\w*|confezione|spedizione|pacco|embalaje|envio|paquete|caja|embalagem|caixa"
-    r"|verpakking\w*|verzend\w*|pakket\w*|doos|in (the )?box|folded for (shipping|transport)"
-    # bags and cases
-    r"|carry(ing)? (bag|case)|stuff sack|packmass\w*|packsack|trage(tasche|beutel)|housse|sac de transport"
-    r"|custodia|sacca|bolsa de transporte|saco de transporte|draagtas"
-    r")\b"
+_SMALL_WORDS = frozenset(_LISTS["small words"].split("|"))
+_PACKAGE, _OTHERS, _WHOLE, _COMPONENT, _DIMENSION = (
+    re.compile(rf"\b({_LISTS[name]})\b") for name in ("package", "others", "whole", "component", "dimension")
 )
-
+_OF_THE_WHOLE = re.compile(rf"^({_LISTS['whole compound']})(?=.{{4}})")
 #: `Size without packaging` is the size of the item.
-_UNPACKED = re.compile(
-    r"\b(without|excl\w*|ohne|hors|sans|senza|sin|sem|zonder)( the| the product)? "
-    r"(pack(age|aging)?|verpackung|emballage|imball\w*|confezione|embalaje|embalagem|verpakking|box)\b"
-)
-
-#: Headings of other products.
-_OTHERS = re.compile(
-    r"\b("
-    r"you (may|might|could) also|also (like|bought|viewed|view|buy)|(frequently|often) bought|recommended for"
-    r"|(similar|related|recommended|more) (items|products|articles|pieces|from)|recently viewed"
-    r"|compare (with|to) similar|complete the (look|set)|(works|compatible) with|kompatibel mit|compatible avec"
-    r"|auch gefallen|auch interessieren|kauften auch|ahnliche|passend dazu|dazu passt|wird oft zusammen"
-    r"|zuletzt angesehen"
-    r"|aimerez aussi|produits? (complementaires|similaires|associes)|articles (similaires|complementaires)"
-    r"|(potrebbe|potrebbero) (anche )?(interessar|piacer)\w*|prodotti (simili|correlati)|acquistati insieme"
-    r"|(puede|pueden|podria|podrian) (interesar|gustar)\w*|productos (relacionados|similares)|comprados juntos"
-    r"|tambem (pode|podem|viu|viram|compraram)|produtos (relacionados|similares|semelhantes)"
-    r"|anderen (bekeken|kochten) ook|vergelijkbare|bekijk ook|vaak samen"
-    r")\b"
-)
-
+_UNPACKED = re.compile(rf"\b({_LISTS['without']})( the| the product)? ({_LISTS['unpacked']})\b")
+_STRIPPED = re.compile(rf"\b({_LISTS['without']}) (the )?({_LISTS['stand']})\b")
 #: Parts that a size includes or excludes: `depth (excluding handles)`.
 _ASIDE = re.compile(
-    r"\b(excluding|excl|without|including|incl|inkl|inklusive|exkl|ohne|sans|hors|senza|sin|sem|zonder|exclusief"
-    r"|inclusief)\b\.? \w+"
-    r"|\b(with|mit|avec|con|com|met) (the )?(stand|base|feet|foot|standfuss|fuss|pied|piede|supporto|peana|voet)\b"
+    rf"\b({_LISTS['without']}|{_LISTS['including']})\b\.? \w+|\b({_LISTS['with']}) (the )?({_LISTS['stand']})\b"
 )
-
-_WEIGHT = r"(?:weights?|gewicht|poids|peso|capacity)"
-_AND = r"(?:[&/,+]|\b(?:and|und|et|e|y|en)\b)"
+_AND = rf"\b(?:{_LISTS['and']})\b"
 #: Headings of sizes and weights: `dimensions & weight`, `Gewicht und Abmessungen`.
-_AND_WEIGHT = re.compile(rf"{_AND}\s*{_WEIGHT}\b|\b{_WEIGHT}\s*{_AND}")
-
+_AND_WEIGHT = re.compile(
+    r"(?:[&/,+]|{and_})\s*(?:{weight})\b|\b(?:{weight})\s*(?:[&/,+]|{and_})".format(and_=_AND, weight=_LISTS["weight"])
+)
 #: An order of axes, and a word before it in the data of lenses: `max. diameter x length`.
 _ORDER = re.compile(r"[^\W\d_]{2,} ?[x×] ?[^\W\d_]{2,}")
 _MOST = re.compile(r"\bmax(?:imum)?\b\.?(?= [^\W\d_]{2,} ?[x×])")
-
 #: Parts that a size includes: `(kettle + base)`.
-_TOGETHER = re.compile(r"\([^()]*(?:[&+]|\b(?:and|und|et|e|y|en)\b)[^()]*\)")
-
+_TOGETHER = re.compile(rf"\([^()]*(?:[&+]|{_AND})[^()]*\)")
 #: The whole item, although its name is that of a part: `the complete model`.
 _COMPLETE = re.compile(r"\b(?:complete|completed|finished|assembled|entire|whole) \w+")
-
-_WHOLE = re.compile(
-    r"\b("
-    r"overall|total|assembled|product|item|article|unit|external|exterior|outer|outside|gesamt\w*"
-    r"|produkt\w*|artikel\w*|aufgebaut|aussen\w*|montiert|produit|hors tout|totale?s?|globale?s?"
-    r"|exterieur\w*|prodotto|articolo|totali|complessiv\w*|estern\w*|producto|articulo|exterior\w*"
-    r"|produto|artigo|totaal|buiten\w*|architectural"
-    r")\b"
-)
-
-#: Parts of items, states of items (folded, extended) and other quantities: their sizes are not the size of the item.
-_COMPONENT = re.compile(
-    r"\b("
-    r"seat\w*|sh|arm\w*|foot ?(rest|board)s?|head ?(rest|board)s?|back ?(rest|plate|height|width|panel)?|backplate"
-    r"|base|leg|legs|foot|footprint"
-    r"|feet|shade|lampshade|cord|cable|canopy|drawer\w*|shelf|shelves|door|tabletop|table top"
-    r"|top (width|depth|thickness)|interior|inner|inside|internal|opening|cut ?-?out|clearance|screen"
-    r"|display|sensor|viewing|panel|frame (size|thickness|width)|mattress|cushion\w*|pillow|handle\w*"
-    r"|hook|chain|plug|tank|basket|bowl size|lens|strap\w*|wheel\w*|tyre|tire|caster\w*|mount\w*|image"
-    r"|photo|picture|print (size|area)|page|paper size|focal|range|min(imum)?|max(imum)?|adjust\w*"
-    r"|extended|extends|folded|recline\w*|distance|weight\w*|capacity|volume|load|box|user|model"
-    r"|person|sitz\w*|arm(lehne|lehnen|hohe)\w*|rucken\w*|lehne\w*|kabel\w*|bein\w*|fuss\w*|schirm\w*"
-    r"|schublade\w*|fach\w*|innen\w*|bildschirm\w*|assise|accoudoir\w*|dossier|pieds?|tiroir\w*"
-    r"|interieur\w*|ecran|abat|plateau|seduta|bracciol\w*|schienale|gamb[ae]|piede|cassett\w*"
-    r"|intern\w*|schermo|cavo|asiento|reposabrazos|respaldo|patas?|cajon\w*|interior\w*|pantalla"
-    r"|plie(e|s|es)?|zusammengeklappt|gefaltet|geklappt|piegat[oaie]|chius[oaie]|plegad[oa]s?|dobrad[oa]s?|fechad[oa]s?"
-    r"|ingeklapt|opgevouwen|collapsed|closed"
-    # openings for built-in items
-    r"|nischen?\w*|einbau\w*|niche|nicho|nicchia|encastrement|incasso|inbouw\w*|built ?-?in (size|dim\w*)"
-    r"|assento|encosto|bracos?|pes|gaveta\w*|ecra|tela|cabo|zit\w*|armleuning\w*|rugleuning\w*|poot"
-    r"|poten|lade\w*|binnen\w*|scherm\w*|snoer\w*"
-    r")\b"
-)
-
-_DIMENSION = re.compile(
-    r"\b("
-    r"dimension\w*|size|sizes|measurement\w*|measures|abmessung\w*|masse|mass|grosse|artikelmasse"
-    r"|produktmasse|taille|mesures|encombrement|dimensioni|misure|misura|ingombro|dimensiones|medidas"
-    r"|tamano|dimensoes|dimensao|tamanho|afmeting\w*|maten|formaat|format|formato|\w*abmessung\w*|\w*afmeting\w*"
-    r"|gesamtmass\w*|overall|trim size"
-    r")\b"
-)
-
-
-#: First parts of German and Dutch compounds such as `Gesamthöhe`, overall height.
-_OF_THE_WHOLE = re.compile(
-    r"^(gesamt|produkt|artikel|gerate|geraete|mobel|aussen|product|artikel|totaal|buiten)(?=.{4})"
-)
-
-_STRIPPED = re.compile(
-    r"\b(without|w/o|ohne|sans|senza|sin|sem|zonder) (the )?"
-    r"(stand|base|standfuss|fuss|pied|piede|supporto|peana|voet)\b"
-)
-
 _BRACKETS = re.compile(r"\([^)]*\)")
 _WORD = re.compile(r"[^\W\d_]+")
-
-#: Units and words without information about the measured object.
-_SMALL_WORDS = frozenset(
-    re.findall(
-        r"\w+",
-        "the of in and or to for with approx approximate approximately about max maximum total actual nominal net "
-        "no not listed piece each per incl including inch inches cm mm dm ft der die das des dem den im und oder von "
-        "mit ca circa etwa insgesamt maximale maximaler netto pro stuck produktes gerates artikels le la les du de et "
-        "ou en avec env environ par meuble il lo gli del della dei delle dello di da al con e ed mobile el los "
-        "las y un una por aprox mueble do dos em com os as het een van met meubel",
-    )
-)
 
 
 @_cached
@@ -228,7 +125,7 @@ def is_stripped(label: str) -> bool:
 @_cached
 def is_part_heading(heading: str) -> bool:
     """Return True if a plain heading announces the size of a part: `seat dimensions`, not `dimensions and weight`."""
-    single = not re.search(r"[&,/+]|\b(and|und|et|e|y|en)\b", heading)
+    single = not re.search(rf"[&,/+]|{_AND}", heading)
     return single and is_dimension_label(heading) and is_component(heading) and not is_whole(heading)
 
 

@@ -25,18 +25,12 @@ from metric_tree.curated.sizes import curated_heights, curated_ranges, curated_s
 from metric_tree.fit.class_prior import NEW_SOURCE
 from metric_tree.pipeline.ingest import widened_sd
 from metric_tree.release.images import collect_images, image_record_files
-from metric_tree.release.schema import TABLES
 from taxonomy.levels import BadLevels, replaced_ids
 
 #: Columns of `successors.parquet`.
 SUCCESSORS = pa.schema([("old_id", pa.string()), ("release", pa.string()), ("node_id", pa.string())])
-#: Content of a row of each table, for the README.
-_ROW_CONTENT = {
-    "nodes.parquet": "a category of the tree",
-    "items.parquet": "an item with its size, source and licence",
-    "priors.parquet": "a size distribution, with its tier and the counts behind it",
-    "images.parquet": "an image of an item",
-}
+#: README and LICENSE of a release, with placeholders of `str.format`.
+_TEMPLATES = Path(__file__).with_name("templates")
 
 
 class FormerNode(msgspec.Struct, frozen=True):
@@ -94,51 +88,6 @@ def successor_table(former: Collection[FormerNode], nodes: Collection[str], repl
     return pa.Table.from_pylist(rows, schema=SUCCESSORS)
 
 
-def readme_text(manifest: Mapping[str, Any], rows: Mapping[str, int]) -> str:
-    """Return the README of a release; rows : number of rows of each table."""
-    lines = [
-        f"# {manifest['name']} {manifest['version']}",
-        "",
-        f"Object sizes by category, of {manifest['created']}. A release is never changed once published.",
-        "",
-        "| file | one row is | rows |",
-        "|---|---|---|",
-        *(f"| `{name}` | {_ROW_CONTENT[name]} | {rows[name]} |" for name in TABLES),
-        "| `successors.parquet` | an id of an earlier release and the node that it leads to | |",
-        "| `manifest.json` | sources, counts, models of the evidence, checksums of every file | |",
-        "",
-        "Columns and units are in the schemas of the tables; lengths are in mm, priors over ln mm. `tier` is the",
-        "evidence of a size: norm, measured, few, models, borrowed, judged. A language model wrote judged ranges and",
-        "norms: `judged_by` in the manifest has names and dates. Each row has its licence; LICENSE has attributions.",
-        "",
-        "```python",
-        "import metric_tree",
-        "",
-        f'tree = metric_tree.open("{manifest["version"]}")  # or the path of this folder',
-        "```",
-    ]
-    return "\n".join(lines) + "\n"
-
-
-def licence_text(manifest: Mapping[str, Any]) -> str:
-    """Return the LICENSE of a release: licence and attribution of each source."""
-    shown = [record for record in manifest["sources"] if record["n_rows"]]
-    lines = [
-        "Each row of items.parquet and images.parquet has its licence in the column `licence`. Norms, judged ranges,",
-        "nodes and priors are part of this project, under the Apache License 2.0",
-        "(https://www.apache.org/licenses/LICENSE-2.0).",
-        "",
-        "Attribution:",
-        "",
-        *(
-            f"- {record['id']} ({record['licence']}): "
-            f"{record['attribution'] or 'author in the attribution field of each row'}"
-            for record in shown
-        ),
-    ]
-    return "\n".join(lines) + "\n"
-
-
 def state_records(nodes: Container[str]) -> dict[str, list[dict[str, Any]]]:
     """Return the states of the nodes of the release, as in the manifest (`metric_tree.node.State`)."""
     records: dict[str, list[dict[str, Any]]] = {}
@@ -177,8 +126,13 @@ def writers() -> list[dict[str, Any]]:
 def write_texts(folder: Path, tables: Mapping[str, pa.Table], manifest: Mapping[str, Any], *, former: bool) -> None:
     """Write README and LICENSE, and with `former` the successors of the ids of earlier releases."""
     rows = {name: table.num_rows for name, table in tables.items()}
-    (folder / "README.md").write_text(readme_text(manifest, rows), encoding="utf-8")
-    (folder / "LICENSE").write_text(licence_text(manifest), encoding="utf-8")
+    in_each_row = "author in the attribution field of each row"
+    shown = (record for record in manifest["sources"] if record["n_rows"])
+    attributions = (f"- {one['id']} ({one['licence']}): {one['attribution'] or in_each_row}" for one in shown)
+    values = {"manifest": manifest, "rows": rows, "attributions": "\n".join(attributions)}
+    for template in _TEMPLATES.iterdir():
+        text = template.read_text(encoding="utf-8").format(**values)
+        (folder / template.name).write_text(text, encoding="utf-8")
     if former:
         table = successor_table(
             former_nodes(), frozenset(tables["nodes.parquet"]["node_id"].to_pylist()), replaced_ids()

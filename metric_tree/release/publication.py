@@ -28,6 +28,9 @@ TABLES = {
 
 _ADDRESS = "https://github.com/metric-tree/metric-tree"
 
+#: Texts of a publication by file name, with placeholders of `str.format`.
+_TEMPLATES = Path(__file__).with_name("templates")
+
 #: Terms of Croissant 1.0, from its specification.
 _CONTEXT = Path(__file__).with_name("croissant_context.json")
 
@@ -63,14 +66,8 @@ def publish(tree: Tree, out: Path) -> list[Path]:
         (work / "licences.csv").write_bytes(csv_text(("licence", "sources", "rows", "attribution"), licences))
         sources = [[row.get(name) for name in _SOURCE] for row in tree.release.manifest["sources"]]
         (work / "sources.csv").write_bytes(csv_text(_SOURCE, sources))
-        croissant = croissant_record(tree, work)
-        texts = {
-            "README.md": data_card(tree, licences),
-            "DATASHEET.md": datasheet(tree),
-            "CITATION.cff": citation(tree),
-            "croissant.json": json.dumps(croissant, indent=1, ensure_ascii=False) + "\n",
-        }
-        for name, text in texts.items():
+        croissant = json.dumps(croissant_record(tree, work), indent=1, ensure_ascii=False)
+        for name, text in {**texts(tree, licences), "croissant.json": f"{croissant}\n"}.items():
             (work / name).write_text(text, encoding="utf-8")
         files = [path for path in sorted(work.rglob("*")) if path.is_file()]
         checksums = {str(path.relative_to(work)): sha256(path) for path in files}
@@ -105,86 +102,24 @@ def licence_rows(tree: Tree) -> list[tuple[str, str, int, str]]:
     ]
 
 
-def data_card(tree: Tree, licences: list[tuple[str, str, int, str]]) -> str:
-    """Return the data card, with the header of data hubs: a configuration for each table."""
-    configs = "".join(f"- config_name: {name}\n  data_files: {name}.parquet\n" for name in TABLES)
-    counts = tree.release.manifest["counts"]
-    rows = "\n".join(f"| {licence} | {n:,} | {sources} |" for licence, sources, n, _ in licences)
-    tables = "\n".join(f"| `{name}.parquet` | {what} |" for name, what in TABLES.items())
-    return f"""---
-pretty_name: {tree.name} {tree.version}
-license: other
-license_name: per-row
-license_link: licences.csv
-language: [en]
-tags: [object-sizes, metric-scale, wordnet, structure-from-motion]
-configs:
-{configs}---
+def texts(tree: Tree, licences: list[tuple[str, str, int, str]]) -> dict[str, str]:
+    """Return the filled templates: data card for data hubs, datasheet and citation.
 
-# {tree.name} {tree.version}
-
-Object sizes by category: {counts["nodes"]:,} categories of WordNet in five levels, {counts["n_rows"]:,} items with source and licence, and a size distribution on every category, fitted to {counts["n_fit"]:,} items.
-
-| file | one row is |
-|---|---|
-{tables}
-
-Sizes are in millimetres. `length` is the longer and `width` the shorter horizontal extent, `height` the vertical one, in the ordinary pose. `tier` says what a size rests on: norm, measured, few, models, borrowed, judged (the last is a language model's range).
-
-```python
-from datasets import load_dataset
-
-load_dataset("path/of/this/folder", "items")
-```
-
-## Licences
-Every row of `items` and `images` names its own. Attribution is in `licences.csv` and `sources.csv`.
-
-| licence | items | sources |
-|---|---|---|
-{rows}
-
-`SHA256SUMS` has the checksum of every file, pictures too. Code and documentation: <{_ADDRESS}>.
-"""
-
-
-def datasheet(tree: Tree) -> str:
-    """Return the answers to the questions of Gebru et al. 2021, "Datasheets for Datasets", about a release."""
+    The datasheet answers the questions of Gebru et al. 2021, "Datasheets for Datasets".
+    """
     manifest = tree.release.manifest
-    withheld = [row for row in manifest["sources"] if row.get("withheld")]
-    return f"""# Datasheet of {tree.name} {tree.version}
-
-**Why was it made?** To give the metric scale of a reconstruction from the objects in it, and sizes of everyday categories for any other use.
-
-**What is an instance?** A physical item with the size that its source states; a category with a fitted distribution.
-
-**How many?** {manifest["counts"]["n_rows"]:,} items and {manifest["counts"]["nodes"]:,} categories. {manifest["counts"]["n_fit"]:,} items took part in the fit.
-
-**Is anything missing?** The rows of {len(withheld)} sources whose terms do not allow that they are passed on. They took part in the fit.
-
-**Does it hold personal data?** No: sizes of persons are those of published surveys and of anonymous tracks.
-
-**How was it collected?** From {len(manifest["sources"])} open data sets, standards and product pages; `sources.csv` names each. Categories were matched to WordNet by rules and by reviewers, some of which are language models; rows named `judged` or `curated` are a language model's ranges.
-
-**What should it not be used for?** As a tolerance for safety, or for medical purposes: an interval holds nine of ten objects, not all.
-
-**How is it maintained?** A release is never changed. Mistakes are reported at <{_ADDRESS}/issues>; a later release mends them.
-"""
-
-
-def citation(tree: Tree) -> str:
-    """Return the text of `CITATION.cff`."""
-    manifest = tree.release.manifest
-    return f"""cff-version: 1.2.0
-message: If you use these data, please cite them, and the sources that sources.csv names.
-type: dataset
-title: {tree.name} {tree.version}, object sizes by category
-version: {tree.version}
-date-released: {manifest["created"]}
-authors:
-- name: The Metric-Tree contributors
-repository-code: {_ADDRESS}
-"""
+    values = {
+        "tree": tree,
+        "address": _ADDRESS,
+        "counts": manifest["counts"],
+        "created": manifest["created"],
+        "configs": "".join(f"- config_name: {name}\n  data_files: {name}.parquet\n" for name in TABLES),
+        "tables": "\n".join(f"| `{name}.parquet` | {content} |" for name, content in TABLES.items()),
+        "rows": "\n".join(f"| {licence} | {n:,} | {sources} |" for licence, sources, n, _ in licences),
+        "n_sources": len(manifest["sources"]),
+        "n_withheld": sum(bool(row.get("withheld")) for row in manifest["sources"]),
+    }
+    return {file.name: file.read_text(encoding="utf-8").format(**values) for file in sorted(_TEMPLATES.iterdir())}
 
 
 def croissant_record(tree: Tree, work: Path) -> dict[str, Any]:

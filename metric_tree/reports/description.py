@@ -11,6 +11,7 @@ from metric_base.errors import InputError
 from metric_tree.node import Node
 from metric_tree.prior import INTERVAL_QUANTILES, Prior
 from metric_tree.tiers import tier_words
+from taxonomy.words.phrases import word_list
 
 #: Kinds of evidence of items (`metric_tree.release.schema.ITEMS`).
 KINDS = ("measured", "product", "standard", "norm", "statistic", "judged", "curated", "asset", "museum", "default")
@@ -31,21 +32,6 @@ CM_FROM_MM, M_FROM_MM = 20, 1000
 MAX_CHILDREN = 8
 
 _AXES = {"height": "high", "length": "long", "width": "wide"}
-
-#: Last words of names without a singular: a pair of scissors is one object.
-_PLURALS = (
-    "bellows binoculars blocks clippers dishes drawers earbuds earphones fries glasses gloves goggles grits "
-    "handcuffs headphones heels jeans leggings lights loppers magnets pajamas pants pencils pliers scales "
-    "scissors scooters shears shorts skis spectacles sprouts stairs sunglasses suspenders sweets tights tongs "
-    "trousers trunks tweezers"
-)
-
-#: Last words of names of materials and groups, which have no article: furniture, not a furniture.
-_MASS_NOUNS = (
-    "bedding clothing cookware cutlery debris drinkware electronics equipment firewood flatware food footwear "
-    "furniture garbage headgear jewelry kitchenware lighting luggage machinery meat neckwear seafood tableware "
-    "underwear"
-)
 
 #: Words after the main noun of a name: a chest of drawers, a chair with armrests, a scooter for adults.
 _PREPOSITIONS = (" of ", " with ", " for ")
@@ -79,7 +65,7 @@ def everyday_sentence(name: str, prior: Prior) -> str:
     else:
         starts_with_vowel = name[:1].lower() in "aeiou" and not name.lower().startswith(_CONSONANT_SOUNDS)
         starts_with_vowel = starts_with_vowel or name.lower().startswith("hour")
-    is_plural, is_mass = main_noun in _PLURALS.split(), main_noun in _MASS_NOUNS.split()
+    is_plural, is_mass = main_noun in word_list("plurals"), main_noun in word_list("mass_nouns")
     if is_plural or is_mass:
         subject = f"{name[:1].upper()}{name[1:]} {'are' if is_plural else 'is'}"
     else:

@@ -31,19 +31,7 @@ LISTS = ("ade20k_150",)
 #: Columns of a line of `_atr.txt`.
 _COLUMNS = ("instance", "part level", "occluded", "class names", "name", "attributes")
 #: Classes 1 to 100 of the challenge, in the order of `instanceInfo100_train.txt` and `imgCatIds.json`.
-CLASSES = (
-    "bed", "windowpane", "cabinet", "person", "door", "table", "curtain", "chair", "car", "painting",
-    "sofa", "shelf", "mirror", "armchair", "seat", "fence", "desk", "wardrobe", "lamp", "bathtub",
-    "railing", "cushion", "box", "column", "signboard", "chest of drawers", "counter", "sink", "fireplace",
-    "refrigerator", "stairs", "case", "pool table", "pillow", "screen door", "bookcase", "coffee table", "toilet",
-    "flower", "book", "bench", "countertop", "stove", "palm", "kitchen island", "computer", "swivel chair", "boat",
-    "arcade machine", "bus", "towel", "light", "truck", "chandelier", "awning", "streetlight", "booth",
-    "television receiver", "airplane", "apparel", "pole", "bannister", "ottoman", "bottle", "van", "ship", "fountain",
-    "washer", "plaything", "stool", "barrel", "basket", "bag", "minibike", "oven", "ball", "food", "step",
-    "trade name", "microwave", "pot", "animal", "bicycle", "dishwasher", "screen", "sculpture", "hood", "sconce",
-    "vase", "traffic light", "tray", "ashcan", "fan", "plate", "monitor", "bulletin board", "radiator", "glass",
-    "clock", "flag",
-)  # fmt: skip
+CLASSES = tuple(Path(__file__).with_name("ade20k_classes.txt").read_text(encoding="utf-8").splitlines())
 
 
 def ade20k_images(folder: Path) -> Iterator[AnnotatedImage]:

@@ -6,7 +6,7 @@ import pytest
 
 from crawler.text.cell_lengths import measures
 from crawler.text.sizes import consensus, sizes
-from crawler.text.vocabulary import language_of
+from crawler.text.vocabulary import is_stripped, language_of
 
 
 @pytest.mark.parametrize(
@@ -53,3 +53,8 @@ def test_each_number_has_its_own_axis_and_what_is_no_length_is_left_out(
     size = consensus(sizes(text, "", "en"))
     assert size is not None
     assert [(pytest.approx(length.mm), length.axis) for length in size.lengths] == expected
+
+
+def test_a_size_without_feet_is_not_the_whole_size() -> None:
+    stripped = [is_stripped(label) for label in ("height without feet", "hohe ohne fuss", "height with feet", "height")]
+    assert stripped == [True, True, False, False]

@@ -140,6 +140,7 @@ def node_response(catalogue: ReleaseCatalogue, node: Node, _: NoQuery | None = N
         pose=node.pose,
         tier=catalogue.tier(node),
         sentence=sentence(catalogue, node),
+        note=node.note,
         n_items=node.n_items,
         n_shipped=len(rows),
         n_images=len(catalogue.images(node)),

@@ -75,6 +75,7 @@ class NodeAnswer(msgspec.Struct, kw_only=True):
     pose: str
     tier: str
     sentence: str
+    note: str | None
     n_items: int
     n_shipped: int
     n_images: int

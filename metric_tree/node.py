@@ -122,6 +122,8 @@ class Node:
     n_items: int  #: Items at or below the node.
     n_own: int  #: Items of the node itself.
     stated: StatedSize | None = None  #: Variant, or size in the name, by which `Tree.find` returned the node.
+    #: Part of the name that `Tree.find` ignored, if it is more specific: "taken as whale: 'blue' is not in the tree".
+    note: str | None = None
 
     def __repr__(self) -> str:
         return f"<Node {self.node_id}: {' > '.join(self.path)}>"
@@ -327,7 +329,7 @@ class Meaning:
     #: Other nodes of the text, the most likely first.
     alternatives: tuple[Node, ...]
     ambiguous: bool
-    #: Part of the text that was ignored: "taken as whale: 'blue' is not in the tree".
+    #: Part of the text that was ignored: "taken as chair: 'black' is not in the tree".
     note: str | None = None
 
 

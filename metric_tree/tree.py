@@ -232,7 +232,8 @@ class Tree:
             nearest = self._resolver.nearest(text) if advice else ()
             raise UnknownName(f"no node is called {text!r}{spelling.advice(nearest)}")
         nodes = [self.node(candidate.node_id) for candidate in match.candidates]
-        return Meaning(nodes[0], match.how, match.margin, tuple(nodes[1:]), match.ambiguous, match.note)
+        node = replace(nodes[0], note=match.note) if match.how == "broader kind" else nodes[0]
+        return Meaning(node, match.how, match.margin, tuple(nodes[1:]), match.ambiguous, match.note)
 
     def stated_meaning(self, text: str) -> Meaning | None:
         """Return the meaning of the name of a variant, or of a name with a size; None for other texts.
@@ -245,9 +246,10 @@ class Tree:
 
         variant = named_variant(text)
         if variant is not None and variant.node_id in self._rows:
-            node = replace(self.node(variant.node_id), stated=variant.stated)
+            node = self.node(variant.node_id)
             origin = variant.norm or f"{variant.clause}, a {variant.document}"
-            return Meaning(node, "variant", math.inf, (), False, f"variant {variant.name} of {node.name}: {origin}")
+            note = f"variant {variant.name} of {node.name}: {origin}"
+            return Meaning(replace(node, stated=variant.stated, note=note), "variant", math.inf, (), False, note)
         if not _DIGIT.search(text) or self._resolver.is_name(text) or not (quantity := quantity_in(text)):
             return None
         match = self._resolver.match(quantity.rest)
@@ -258,7 +260,7 @@ class Tree:
         if stated is None:
             return None
         note = "; ".join(filter(None, (match.note, f"{quantity.words}: {' and '.join(stated.sizes)} by its rule")))
-        return Meaning(replace(node, stated=stated), match.how, match.margin, (), False, note)
+        return Meaning(replace(node, stated=stated, note=note), match.how, match.margin, (), False, note)
 
     def variants(self, node: Node | str) -> tuple[Variant, ...]:
         """Return the named variants of a node or a name (`metric_tree.variants`), empty without any.
@@ -303,7 +305,8 @@ class Tree:
 
         node_id = labelled_node(text, vocabulary, likely_ids)
         if node_id in self._rows:
-            return self.node(node_id)
+            stated = self.stated_meaning(text)
+            return stated.node if stated is not None and stated.node.node_id == node_id else self.node(node_id)
         from taxonomy.words.senses import senses  # the closest hypernym in this release
 
         lemma = node_id.removeprefix("mt:").partition(".n.")[0].replace("_", " ")

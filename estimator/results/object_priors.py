@@ -120,12 +120,10 @@ def resolve_categories(
             unknown += 1
             continue
         words, node_words = _words(name), _words(node.name)
-        is_broader = (
-            words != node_words
-            and words[-len(node_words) :] == node_words
-            and not any(words == _words(alias) for alias in node.aliases)
-            and tree.resolve(name, DETECTORS).how in {"label list", "broader kind"}
-        )
+        is_broader = words != node_words and not any(words == _words(alias) for alias in node.aliases)
+        if is_broader:
+            rules = {"label list", "broader kind"} if words[-len(node_words) :] == node_words else {"broader kind"}
+            is_broader = tree.resolve(name, DETECTORS).how in rules
         try:
             matches[name] = CategoryMatch(node, node.prior(dims, where), is_broader=is_broader)
         except InputError as error:

@@ -99,6 +99,12 @@ def test_numbers_that_are_no_size_are_ignored(tree):
     assert quantity_in("60 x 120 cm tv") is None
 
 
+def test_a_label_that_names_a_variant_has_its_size(tree):
+    saddle = tree.find("saddle_(on_an_animal)", "lvis_v1")
+    assert (saddle.node_id, saddle.stated.name) == ("saddle.n.01", "saddle of a horse")
+    assert tree.find("saddlebag", "lvis_v1").stated is None
+
+
 def test_names_of_the_tree_and_of_label_lists_keep_their_node(tree):
     names = {form for form, _ in tree.names()}
     labels = {label.label for name in vocabularies() for label in vocabulary(name)}

@@ -9,7 +9,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 import metric_tree
-from metric_tree.tree import UnknownName
+from metric_tree.node import AmbiguousName, UnknownName
 from taxonomy.naming.names import NameMatch, Names
 from taxonomy.naming.resolver import Resolver, is_slip
 from taxonomy.words import senses as tables
@@ -185,6 +185,27 @@ def test_a_container_is_what_is_meant_and_not_what_is_in_it() -> None:
     assert container_and_content("cup of tea") == ("cup", "tea")
     assert container_and_content("loaf of bread") is None
     assert container_and_content("cup of ") is None
+
+
+@pytest.mark.parametrize("text", ["paint-brush pot", "gaming wheel", "exercise mat roll", "window glass"])
+def test_a_compound_of_an_ambiguous_head_noun_is_ambiguous(text: str) -> None:
+    """The head noun alone has a usual meaning; of the tagged uses of *wheel*, 29 % are steering wheels."""
+    assert TREE.resolve(text).ambiguous
+    assert not TREE.resolve(text.rsplit(maxsplit=1)[-1]).ambiguous
+    with pytest.raises(AmbiguousName, match="means several nodes"):
+        TREE.find(text)
+
+
+def test_a_rare_sense_of_the_head_noun_is_ignored() -> None:
+    """Of the tagged uses of *bag*, 16 % are bases of baseball (`MIN_RIVAL_FRACTION`)."""
+    node = TREE.find("clothes bag")
+    assert (node.node_id, node.note) == ("bag.n.01", "taken as bag and case: 'clothes' is not in the tree")
+    assert TREE.find("bag").note is None
+
+
+def test_names_newer_than_the_release_are_known() -> None:
+    """The column `en` of `other_names.csv`; WordNet knows `beer keg` as a barrel."""
+    assert [TREE.find(name).node_id for name in ("pen pot", "beer keg")] == ["mt:pencil_holder", "keg.n.02"]
 
 
 def test_a_baby_something_is_an_animal_or_unknown() -> None:

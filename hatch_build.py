@@ -1,4 +1,4 @@
-"""Hatch's build hook: the shipped release and its images in the wheel."""
+"""Hatch's build hook: the shipped releases and their images in the wheel."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from hatchling.builders.hooks.plugin.interface import BuildHookInterface
 
 
 class WheelData(BuildHookInterface):
-    """Adds the release that pyproject.toml names, and from the shared store the images that this release names.
+    """Adds the releases that pyproject.toml names, and from the shared store the images that these releases name.
 
     The store `data/images` also has the images of older releases, which the wheel does not contain.
     """
@@ -19,8 +19,9 @@ class WheelData(BuildHookInterface):
         """Map paths in the repository to paths in the wheel; an editable install reads the repository itself."""
         if version == "editable":
             return
-        release = self.config["release"]
-        manifest = json.loads(Path(self.root, release, "manifest.json").read_text(encoding="utf-8"))
-        images = [name.removeprefix("pictures/") for name in manifest["extras"] if name.startswith("pictures/")]
-        paths = [release, *(f"data/images/{image}" for image in images)]
+        releases = self.config["releases"]
+        manifests = (Path(self.root, release, "manifest.json").read_text(encoding="utf-8") for release in releases)
+        names = {name for manifest in manifests for name in json.loads(manifest)["extras"]}
+        images = sorted(name.removeprefix("pictures/") for name in names if name.startswith("pictures/"))
+        paths = [*releases, *(f"data/images/{image}" for image in images)]
         build_data["force_include"] |= {path: f"metric_tree/{path}" for path in paths}

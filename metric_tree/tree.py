@@ -431,8 +431,11 @@ class Tree:
         return Resolver(Names([*self._rows], names, aliases, items, self._parents, hypernyms, label_votes))
 
 
-def open_tree(ref: str | Path | None = None) -> Tree:
+def open_tree(ref: str | Path | None = None, licence: str | None = None) -> Tree:
     """Open the tree of the shipped release, of an available version, or of a folder.
+
+    With `licence="open"` it is the tree that is fitted to sources with open licences alone; `metric-tree cite` states
+    the sources of both.
 
     Raises
     ------
@@ -445,4 +448,4 @@ def open_tree(ref: str | Path | None = None) -> Tree:
     >>> metric_tree.open().find("office chair").level
     5
     """
-    return Tree(open_release(release_directory(ref)))
+    return Tree(open_release(release_directory(ref, licence)))

@@ -26,6 +26,7 @@ SUBCOMMANDS = {
     "report": ("release.report", "readable page about a release"),
     "serve": ("release.serve", "the explorer and its JSON over HTTP"),
     "site": ("release.site", "the explorer as files"),
+    "cite": ("release.cite", "citation, basis and attributions of a release"),
     "fetch": ("release.fetch", "download a release from a registry"),
     "publish": ("release.publish", "a release as a folder for a data hub"),
     "validate": ("release.validate", "check all rules of a release"),

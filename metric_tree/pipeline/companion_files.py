@@ -25,10 +25,10 @@ from metric_tree.curated.sizes import curated_heights, curated_ranges, curated_s
 from metric_tree.fit.class_prior import NEW_SOURCE
 from metric_tree.pipeline.ingest import widened_sd
 from metric_tree.release.images import collect_images, image_record_files
+from metric_tree.release.schema import SUCCESSORS
+from metric_tree.release.terms import basis
 from taxonomy.levels import BadLevels, replaced_ids
 
-#: Columns of `successors.parquet`.
-SUCCESSORS = pa.schema([("old_id", pa.string()), ("release", pa.string()), ("node_id", pa.string())])
 #: README and LICENSE of a release, with placeholders of `str.format`.
 _TEMPLATES = Path(__file__).with_name("templates")
 
@@ -129,7 +129,7 @@ def write_texts(folder: Path, tables: Mapping[str, pa.Table], manifest: Mapping[
     in_each_row = "author in the attribution field of each row"
     shown = (record for record in manifest["sources"] if record["n_rows"])
     attributions = (f"- {one['id']} ({one['licence']}): {one['attribution'] or in_each_row}" for one in shown)
-    values = {"manifest": manifest, "rows": rows, "attributions": "\n".join(attributions)}
+    values = {"manifest": manifest, "rows": rows, "attributions": "\n".join(attributions), "basis": basis(manifest)}
     for template in _TEMPLATES.iterdir():
         text = template.read_text(encoding="utf-8").format(**values)
         (folder / template.name).write_text(text, encoding="utf-8")

@@ -1,9 +1,14 @@
-"""A release as a folder for a data hub or an archive: tables, data card, licences, checksums, Croissant, datasheet."""
+"""A release as a folder for a data hub or an archive: tables, data card, licences, checksums, Croissant, datasheet.
+
+Each table is alone in a folder of its name, so that `pandas.read_parquet`, `pyarrow.dataset` and SQL read the folder.
+"""
 
 from __future__ import annotations
 
 import json
+import shutil
 from collections import Counter
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -13,18 +18,48 @@ import pyarrow.parquet as pq
 from metric_base.errors import InputError
 from metric_base.files import whole_folder
 from metric_base.records import csv_text
+from metric_tree.prior import QUANTILES, Prior
 from metric_tree.release.images import link_images
-from metric_tree.release.release import sha256
+from metric_tree.release.release import MANIFEST, sha256
+from metric_tree.release.schema import SUCCESSORS
+from metric_tree.release.terms import OWN_LICENCE, basis, item_attributions
 from metric_tree.tree import Tree
+from metric_tree.variants import Variant
 
-#: Tables of a publication with the content of a row; data hubs show the first table.
+#: Tables of a publication with the content of a row; the first is the default of data hubs.
 TABLES = {
-    "quantiles": "a category: its tier and the quantiles of its sizes in mm",
+    "sizes": "the size of a category, of a variant or of a state of it, along one axis: quantiles in mm",
     "nodes": "a category and its place in the tree",
-    "items": "a physical item with its size, source and licence",
+    "items": "a physical item with its size, source, licence and attribution",
     "priors": "a fitted size distribution over ln mm",
-    "images": "a picture of an item",
+    "images": "an image of an item",
+    "successors": "an id of an earlier release and the node that replaces it",
 }
+#: Columns of `sizes`.
+SIZES = pa.schema(
+    [
+        pa.field("node", pa.string(), metadata={"meaning": "id of the category"}),
+        pa.field("name", pa.string(), metadata={"meaning": "name of the category"}),
+        pa.field("path", pa.string(), metadata={"meaning": "names from the root to the category, separated by ` > `"}),
+        pa.field("aliases", pa.list_(pa.string()), metadata={"meaning": "other names of the category or variant"}),
+        pa.field("variant", pa.string(), metadata={"meaning": "named size of the category, or null"}),
+        pa.field("state", pa.string(), metadata={"meaning": "state with another size, such as folded, or null"}),
+        pa.field("region", pa.string(), metadata={"meaning": "region of the variant, or null"}),
+        pa.field("years", pa.string(), metadata={"meaning": "first and last year of the variant, or null"}),
+        pa.field("pose", pa.string(), metadata={"meaning": "ordinary pose: upright, flat or any"}),
+        pa.field("axis", pa.string(), metadata={"meaning": "length, width, height, or extent1 (longest) to extent3"}),
+        *(pa.field(f"q{100 * q:02.0f}", pa.float64(), metadata={"unit": "mm"}) for q in QUANTILES),
+        pa.field(
+            "height_is", pa.string(), metadata={"meaning": "definition of the height of a hollow object, or null"}
+        ),
+        pa.field("tier", pa.string(), metadata={"meaning": "evidence: norm, measured, few, models, borrowed, judged"}),
+        pa.field("n", pa.int64(), metadata={"meaning": "items of the fit"}),
+        pa.field("licence", pa.string(), metadata={"meaning": "licence of the quantiles; see `metric-tree cite`"}),
+    ]
+)
+
+#: Columns of the quantiles in `SIZES`.
+QUANTILE_COLUMNS = slice(SIZES.get_field_index("axis") + 1, SIZES.get_field_index("height_is"))
 
 _ADDRESS = "https://github.com/metric-tree/metric-tree"
 
@@ -59,8 +94,10 @@ def publish(tree: Tree, out: Path) -> list[Path]:
         raise InputError(f"{out}: already exists; a publication is written into a new folder")
     with whole_folder(out, "DIR") as work:
         for name in TABLES:
-            table = tree.priors() if name == "quantiles" else without_maps(tree.release.table(name))
-            pq.write_table(table, work / f"{name}.parquet", compression="zstd", store_schema=False)
+            table = _table(tree, name)
+            (work / name).mkdir()
+            pq.write_table(table, work / name / f"{name}.parquet", compression="zstd", store_schema=False)
+        shutil.copyfile(tree.release.directory / MANIFEST, work / MANIFEST)
         link_images(tree.release, work)
         licences = licence_rows(tree)
         (work / "licences.csv").write_bytes(csv_text(("licence", "sources", "rows", "attribution"), licences))
@@ -74,6 +111,51 @@ def publish(tree: Tree, out: Path) -> list[Path]:
         lines = "".join(f"{checksum}  {name}\n" for name, checksum in checksums.items())
         (work / "SHA256SUMS").write_text(lines, encoding="utf-8")
     return [out / name for name in (*checksums, "SHA256SUMS")]
+
+
+def _table(tree: Tree, name: str) -> pa.Table:
+    """Return a table of a publication."""
+    if name == "sizes":
+        return size_table(tree)
+    if name == "successors":
+        path = tree.release.directory / f"{name}.parquet"
+        return pq.ParquetFile(path).read() if path.is_file() else SUCCESSORS.empty_table()
+    table = without_maps(tree.release.table(name))
+    if name == "items":
+        table = table.append_column("attribution", pa.array(item_attributions(tree.release, table), pa.string()))
+    return table
+
+
+def size_table(tree: Tree) -> pa.Table:
+    """Return the flat table of sizes (`SIZES`): a row for each axis of a category, and of its variants and states."""
+    rows = []
+    for node in tree:
+        if not node.prior_dims:
+            continue
+        sizes: list[tuple[Variant | None, str | None, Prior]] = [(None, None, node.prior())]
+        sizes += [(one, None, replace(node, stated=one.stated).prior()) for one in node.variants]
+        sizes += [(None, state, prior) for state, prior in node.states.items()]
+        for variant, state, prior in sizes:
+            aliases = node.aliases if variant is None else [one for one in variant.aliases.split("; ") if one]
+            facts = {
+                "node": node.node_id,
+                "name": node.name,
+                "path": " > ".join(node.path),
+                "aliases": list(aliases),
+                "variant": variant and variant.name,
+                "state": state,
+                "region": variant and variant.region,
+                "years": variant and variant.years,
+                "pose": node.pose,
+                "height_is": node.height_is,
+                "tier": prior.tier,
+                "n": prior.n,
+                "licence": OWN_LICENCE,
+            }
+            for axis, quantiles in zip(prior.dims, prior.quantiles(QUANTILES).T, strict=True):
+                columns = zip(SIZES.names[QUANTILE_COLUMNS], quantiles, strict=True)
+                rows.append(facts | {"axis": axis} | {name: float(f"{mm:.5g}") for name, mm in columns})
+    return pa.Table.from_pylist(rows, schema=SIZES)
 
 
 def without_maps(table: pa.Table) -> pa.Table:
@@ -102,20 +184,22 @@ def licence_rows(tree: Tree) -> list[tuple[str, str, int, str]]:
     ]
 
 
-def texts(tree: Tree, licences: list[tuple[str, str, int, str]]) -> dict[str, str]:
+def texts(tree: Tree, licences: list[tuple[str, str, int, str]] | None = None) -> dict[str, str]:
     """Return the filled templates: data card for data hubs, datasheet and citation.
 
     The datasheet answers the questions of Gebru et al. 2021, "Datasheets for Datasets".
     """
     manifest = tree.release.manifest
+    configs = "".join(f"- config_name: {name}\n  data_files: {name}/*.parquet\n" for name in TABLES)
     values = {
         "tree": tree,
         "address": _ADDRESS,
         "counts": manifest["counts"],
         "created": manifest["created"],
-        "configs": "".join(f"- config_name: {name}\n  data_files: {name}.parquet\n" for name in TABLES),
-        "tables": "\n".join(f"| `{name}.parquet` | {content} |" for name, content in TABLES.items()),
-        "rows": "\n".join(f"| {licence} | {n:,} | {sources} |" for licence, sources, n, _ in licences),
+        "basis": basis(manifest),
+        "configs": configs.replace("\n", "\n  default: true\n", 1),
+        "tables": "\n".join(f"| `{name}/` | {content} |" for name, content in TABLES.items()),
+        "rows": "\n".join(f"| {licence} | {n:,} | {sources} |" for licence, sources, n, _ in licences or ()),
         "n_sources": len(manifest["sources"]),
         "n_withheld": sum(bool(row.get("withheld")) for row in manifest["sources"]),
     }
@@ -128,12 +212,12 @@ def croissant_record(tree: Tree, work: Path) -> dict[str, Any]:
     for name, content in TABLES.items():
         file = {
             "@type": "cr:FileObject",
-            "@id": f"{name}.parquet",
-            "name": f"{name}.parquet",
+            "@id": f"{name}/{name}.parquet",
+            "name": f"{name}/{name}.parquet",
             "description": f"One row is {content}.",
-            "contentUrl": f"{name}.parquet",
+            "contentUrl": f"{name}/{name}.parquet",
             "encodingFormat": "application/x-parquet",
-            "sha256": sha256(work / f"{name}.parquet"),
+            "sha256": sha256(work / name / f"{name}.parquet"),
         }
         fields = [
             {
@@ -142,9 +226,9 @@ def croissant_record(tree: Tree, work: Path) -> dict[str, Any]:
                 "name": field.name,
                 "description": (field.metadata or {}).get(b"meaning", field.name.encode()).decode(),
                 "dataType": _CROISSANT_TYPES[str(field.type)],
-                "source": {"fileObject": {"@id": f"{name}.parquet"}, "extract": {"column": field.name}},
+                "source": {"fileObject": {"@id": f"{name}/{name}.parquet"}, "extract": {"column": field.name}},
             }
-            for field in pq.read_schema(work / f"{name}.parquet")
+            for field in pq.read_schema(work / name / f"{name}.parquet")
             if str(field.type) in _CROISSANT_TYPES
         ]
         files.append(file)

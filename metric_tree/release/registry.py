@@ -153,15 +153,29 @@ def releases() -> list[Path]:
     return sorted(available, key=lambda path: version_key(path.name), reverse=True)
 
 
-def release_directory(ref: str | Path | None = None) -> Path:
+def release_directory(ref: str | Path | None = None, licence: str | None = None) -> Path:
     """Return the folder of a release: of the newest one, of a version, or a given folder.
+
+    Parameters
+    ----------
+    ref : str or Path, optional
+        Version or folder.
+    licence : str, optional
+        `open` for the release that is fitted to sources with open licences alone: `VERSION-open`.
 
     Raises
     ------
     BadRelease
         No release has this version or path; the message lists the available versions.
+    InputError
+        `licence` is neither None nor `open`, or `ref` is a folder.
     """
     available = releases()
+    if licence is not None:
+        if licence != "open" or (ref is not None and Path(ref).is_dir()):
+            raise InputError(f"licence: expected 'open', without a folder; found {licence!r}")
+        version = str(ref) if ref is not None else next((path.name for path in available), "")
+        ref = version if version.endswith("-open") else f"{version}-open"
     if ref is None:
         if not available:
             raise BadRelease(f"{data_folder() / 'release'}: expected a release; found none")

@@ -120,6 +120,9 @@ IMAGES = pa.schema(
     metadata={"schema": SCHEMA},
 )
 
+#: Columns of `successors.parquet`.
+SUCCESSORS = pa.schema([("old_id", pa.string()), ("release", pa.string()), ("node_id", pa.string())])
+
 #: Columns that were added within version 1: a release that is older lacks them, which is no error.
 ADDED_COLUMNS = frozenset(
     {"attribution", "pixels_per_metre", "sameness", "sameness_sd", "contexts", "tier", "evidence", "norm"}

@@ -170,16 +170,24 @@ def test_a_publication_is_read_by_the_tools_of_data_hubs(trees: list[Tree], tmp_
     assert main(["publish", str(out)]) == 2
 
     import mlcroissant
+    import pandas as pd
+    import pyarrow.dataset
 
     dataset = mlcroissant.Dataset(jsonld=str(out / "croissant.json"))
     assert dataset.metadata.issues.errors == set()
-    for name, rows in (("nodes", 15), ("items", 40), ("quantiles", 15), ("priors", 6)):
+    for name, rows in (("nodes", 15), ("items", 40), ("sizes", 18), ("priors", 6)):
         assert len(list(dataset.records(name))) == rows
+        assert pd.read_parquet(out / name).shape[0] == pyarrow.dataset.dataset(out / name).count_rows() == rows
+    sizes = pd.read_parquet(out / "sizes")
+    for row in sizes.to_dict("records"):
+        prior = trees[0].node(row["node"]).prior((row["axis"],))
+        assert [row["q05"], row["q50"], row["q95"]] == pytest.approx(prior.quantiles((0.05, 0.5, 0.95))[:, 0], rel=1e-4)
+    assert pd.read_parquet(out / "items")["attribution"].notna().all()
 
     os.environ.setdefault("HF_HUB_OFFLINE", "1")
     import datasets
 
-    for name, rows in (("items", 40), ("priors", 6)):
+    for name, rows in ((None, 18), ("items", 40), ("priors", 6)):
         assert datasets.load_dataset(str(out), name, split="train", cache_dir=str(tmp_path / "cache")).num_rows == rows
 
 

@@ -5,8 +5,11 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+import metric_tree
+from metric_base.errors import InputError
 from metric_tree import AmbiguousName, BadRelease, NoPrior, Tree, UnknownName
 from metric_tree.release.registry import PATH_VARIABLE, release_directory, releases, version_key
+from metric_tree.release.terms import basis
 from tests.synthetic import minitree
 
 
@@ -159,3 +162,21 @@ def test_releases_are_found_by_version_and_path(tmp_path: Path, monkeypatch: pyt
 
 def test_versions_are_ordered_as_numbers() -> None:
     assert version_key("1.10.0") > version_key("1.9.9") > version_key("1.9.draft")
+
+
+def test_the_open_release_is_that_without_withheld_sources() -> None:
+    opened = metric_tree.open(licence="open")
+    assert opened.version == f"{metric_tree.open().version}-open"
+    assert not any(source["withheld"] for source in opened.release.manifest["sources"])
+    assert release_directory("2.0.0", "open").name == "2.0.0-open"
+    with pytest.raises(InputError, match="licence: expected 'open'"):
+        metric_tree.open(licence="Apache-2.0")
+    with pytest.raises(BadRelease, match=r"1\.0\.0-open: expected an available version"):
+        metric_tree.open("1.0.0", licence="open")
+
+
+def test_the_basis_states_withheld_sources() -> None:
+    default, opened = (basis(tree.release.manifest) for tree in (metric_tree.open(), metric_tree.open(licence="open")))
+    assert "of 53 sources whose rows are not published" in default
+    assert "nuscenes_mini" in default
+    assert opened.startswith("The priors of 3.0.0-open are fitted to 49,578 items of sources with open licences. ")

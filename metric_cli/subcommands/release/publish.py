@@ -6,7 +6,6 @@ import argparse
 
 from metric_cli.parser import new_folder
 from metric_cli.tables import print_json
-from metric_tree.release.registry import release_directory, releases
 from metric_tree.tree import open_tree
 
 HELP = "A release as a folder for a data hub: tables, data card, licences, checksums, Croissant, datasheet, citation."
@@ -24,11 +23,8 @@ def run(arguments: argparse.Namespace) -> int:
     """Write the publication and print the number of files."""
     from metric_tree.release.publication import publish
 
-    reference = arguments.tree
-    if reference is None:  # the newest release without non-commercial sources if there is one, else the newest release
-        newest = release_directory()
-        reference = next((path for path in releases() if path.name == f"{newest.name}-open"), newest)
-    files = publish(open_tree(reference), arguments.out)
+    tree = open_tree(licence="open") if arguments.tree is None else open_tree(arguments.tree)
+    files = publish(tree, arguments.out)
     if arguments.json:
         print_json([str(path) for path in files])
     else:

@@ -16,6 +16,17 @@ _RESOLVER_SETTING = "TWISTED_DNS_RESOLVER" if hasattr(default_settings, "TWISTED
 DOWNLOAD_SECONDS = 30
 #: Maximum link depth (`DEPTH_LIMIT`): stops crawler traps, but allows a category of 100 consecutive listing pages.
 MAX_DEPTH = 120
+#: Components of Scrapy that a crawl uses. Scrapy imports every component of its own lists, even a disabled one; those
+#: of the others (aiohttp, requests) take a third of the start of a crawl. The guard also checks redirects and
+#: addresses, unlike OffsiteMiddleware. Without the handler of LogCount, Python prints warnings to standard error.
+_EXTENSIONS = (
+    "corestats.CoreStats",
+    "logcount.LogCount",
+    "closespider.CloseSpider",
+    "spiderstate.SpiderState",
+    "throttle.AutoThrottle",
+)
+_UNUSED_MIDDLEWARES = ("offsite.OffsiteMiddleware", "cookies.CookiesMiddleware", "httpauth.HttpAuthMiddleware")
 
 
 def user_agent(contact: str) -> str:
@@ -48,10 +59,16 @@ def crawl_settings(
         "METRIC_TREE_PRIVATE": private,
         "SCHEDULER": "crawler.fetch.scheduler.FrontierScheduler",
         "SPIDER_MIDDLEWARES": {"crawler.fetch.scheduler.CommitMiddleware": 10},
-        # the guard also checks redirects and addresses, unlike the off-site filter of Scrapy
-        "DOWNLOADER_MIDDLEWARES": {**guards, "scrapy.downloadermiddlewares.offsite.OffsiteMiddleware": None},
+        "DOWNLOADER_MIDDLEWARES": guards,
+        "DOWNLOADER_MIDDLEWARES_BASE": {
+            name: order
+            for name, order in default_settings.DOWNLOADER_MIDDLEWARES_BASE.items()
+            if not name.endswith(_UNUSED_MIDDLEWARES)
+        },
         **({} if private else {_RESOLVER_SETTING: "crawler.fetch.network_limits.PublicResolver"}),
-        "EXTENSIONS": {"scrapy.extensions.telnet.TelnetConsole": None, "scrapy.extensions.memusage.MemoryUsage": None},
+        "EXTENSIONS_BASE": {
+            name: order for name, order in default_settings.EXTENSIONS_BASE.items() if name.endswith(_EXTENSIONS)
+        },
     }
     manners = {
         "ROBOTSTXT_OBEY": True,
@@ -64,7 +81,6 @@ def crawl_settings(
         "RANDOMIZE_DOWNLOAD_DELAY": False,  # otherwise the delay would be 0.5 to 1.5 times the declared minimum
         "CONCURRENT_REQUESTS": 16,
         "CONCURRENT_REQUESTS_PER_DOMAIN": 4 if delay > 0 else 16,
-        "COOKIES_ENABLED": False,
         "RETRY_TIMES": 3,
         "RETRY_HTTP_CODES": [500, 502, 504, 522, 524, 408],
         "REDIRECT_MAX_TIMES": 6,
@@ -77,7 +93,6 @@ def crawl_settings(
         "DEPTH_LIMIT": MAX_DEPTH,
         "URLLENGTH_LIMIT": 2000,
         "LOG_ENABLED": False,
-        "LOGSTATS_INTERVAL": 0,
     }
     cached = {
         "HTTPCACHE_ENABLED": cache is not None,

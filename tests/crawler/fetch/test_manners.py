@@ -31,6 +31,16 @@ def test_the_declared_delay_is_the_minimum_between_two_requests(chosen: dict[str
     assert GENERIC.delay_s == 1.0
 
 
+def test_a_crawl_has_the_components_of_scrapy_that_it_needs_and_no_others() -> None:
+    """A component that Scrapy renames would be missing without a message."""
+    settings = crawl_settings(contact="tests@example.org")
+    extensions = {name.rpartition(".")[2] for name in settings["EXTENSIONS_BASE"]}
+    middlewares = {name.rpartition(".")[2] for name in settings["DOWNLOADER_MIDDLEWARES_BASE"]}
+    assert extensions == {"CoreStats", "LogCount", "CloseSpider", "SpiderState", "AutoThrottle"}
+    assert {"RobotsTxtMiddleware", "RetryMiddleware", "RedirectMiddleware", "HttpCacheMiddleware"} <= middlewares
+    assert not {"OffsiteMiddleware", "CookiesMiddleware", "HttpAuthMiddleware"} & middlewares
+
+
 def test_half_a_megabyte_of_rules_is_read() -> None:
     crawler: Any = SimpleNamespace(spider=None)
     rules = b"User-agent: *\nDisallow: /private\n" + b"".join(b"Disallow: /%d\n" % k for k in range(100_000))

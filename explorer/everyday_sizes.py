@@ -6,24 +6,11 @@ from collections.abc import Mapping, Sequence
 
 from explorer.charts.axis import length_text
 from metric_tree.node import Node
+from metric_tree.reports.stated_axes import has_front
 
-#: Nodes whose objects have a front: people call their length the width, and their width the depth (a sofa is 2 m wide
-#: and 0.9 m deep). Objects of all other nodes are long, wide and high.
-WITH_FRONT = frozenset(
-    (
-        "seat.n.03", "mt:storage_furniture", "mt:other_furniture", "desk.n.01", "stand.n.04", "counter.n.01",
-        "appliance.n.02", "mt:audio_video", "sink.n.01", "toilet.n.02", "shower.n.01", "door.n.01", "window.n.01",
-        "barrier.n.01",
-    )
-)  # fmt: skip
 _WORDS = {"length": "long", "width": "wide", "height": "high"}
 _WORDS |= {"extent1": "longest side", "extent2": "middle side", "extent3": "shortest side"}
 _FRONT_WORDS = _WORDS | {"length": "wide", "width": "deep"}
-
-
-def has_front(node: Node) -> bool:
-    """Return whether the objects of a node have a front, so that they are wide, deep and high."""
-    return any(one.node_id in WITH_FRONT for one in (node, *node.ancestors()))
 
 
 def axis_words(node: Node) -> Mapping[str, str]:

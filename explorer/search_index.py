@@ -17,7 +17,6 @@ import numpy as np
 
 from explorer.catalogue import MEANINGS, ReleaseCatalogue
 from explorer.charts.size_comparison import REFERENCES
-from explorer.everyday_sizes import has_front
 from explorer.fit import OPENINGS
 from explorer.queries import LEADING, PUNCTUATION, TRAILING
 from explorer.responses import medians
@@ -25,6 +24,7 @@ from explorer.urls import slug
 from metric_base.length_units import MILLIMETRES, UNIT_WORDS
 from metric_tree.node import Node, UnknownName
 from metric_tree.prior import Prior
+from metric_tree.reports.stated_axes import has_front
 from metric_tree.variants import LITRES, QUANTITY, SEATS, SHOE_SIZE, stated_size_rules, unit_symbol, variant_form
 from taxonomy.naming.resolver import MIN_HEAD_COMPOUNDS, MIN_HEAD_FRACTION
 from taxonomy.words.phrases import MODIFYING, word_list

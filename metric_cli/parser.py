@@ -266,6 +266,11 @@ def add_program_options(root: OneLineParser) -> None:
     add_overwrite(root)
 
 
+def add_units(parser: argparse.ArgumentParser) -> None:
+    """Add the option that names the unit of the printed tables of sizes."""
+    parser.add_argument("--units", choices=("mm", "cm", "in"), default="mm", help="unit of printed sizes (default: mm)")
+
+
 def add_tree(parser: argparse.ArgumentParser) -> None:
     """Add the option that names a release."""
     parser.add_argument("--tree", metavar="REF", help="release: version or folder (default: shipped)")

@@ -4,9 +4,10 @@ from __future__ import annotations
 
 import io
 import json
+import math
 import shutil
 import sys
-from collections.abc import Collection, Iterable, Sequence
+from collections.abc import Callable, Collection, Iterable, Sequence
 from typing import Any, NamedTuple, TypeVar
 
 from metric_base.escaping import visible, visible_json
@@ -16,6 +17,8 @@ Item = TypeVar("Item")
 PIPE_WIDTH = 100_000
 #: Number of spaces between two columns of a table.
 GAP = 3
+#: Units of tables of sizes: millimetres, significant digits of the smallest size, and the maximum number of decimals.
+SIZE_UNITS = {"mm": (1.0, 2, 1), "cm": (10.0, 3, 2), "in": (25.4, 3, 2)}
 #: Codes of the styles (Select Graphic Rendition of ECMA-48).
 _STYLES = {"bold": 1, "dim": 2, "red": 31, "green": 32}
 #: Replacements of characters that the encoding of a stream lacks; other characters are written as escapes.
@@ -39,6 +42,21 @@ def print_table(columns: Sequence[str], rows: Iterable[Sequence[object]], title:
     if title is not None:
         sys.stdout.write(f"{visible(title)}\n")
     sys.stdout.write(table_text(columns, rows, output_width(PIPE_WIDTH)))
+
+
+def size_format(sizes_mm: Iterable[float | None], unit: str) -> Callable[[float | None], str | None]:
+    """Return the function that writes the sizes of a table in one unit with the same number of decimals.
+
+    The smallest size has the number of significant digits of `SIZE_UNITS`, unless that needs more decimals.
+
+    >>> write = size_format([91.4, 1240], "in")
+    >>> write(91.4), write(1240), write(None)
+    ('3.60', '48.82', None)
+    """
+    factor, digits, max_decimals = SIZE_UNITS[unit]
+    smallest = min((mm for mm in sizes_mm if mm), default=factor) / factor
+    decimals = min(max(digits - 1 - math.floor(math.log10(smallest)), 0), max_decimals)
+    return lambda mm: None if mm is None else f"{mm / factor:.{decimals}f}"
 
 
 class Cell(NamedTuple):

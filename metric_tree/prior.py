@@ -69,7 +69,9 @@ class UnknownDimension(InputError, KeyError):
 class Prior:
     """A mixture of k Gaussians over the natural log of millimetres, in d dimensions.
 
-    The density of a new object of an unknown source is the mixture with `covariances + shared_covariance`.
+    The density of a new object of an unknown source is the mixture with `covariances + shared_covariance`. `length` is
+    the longer and `width` the shorter horizontal side, `height` the vertical one, in the ordinary pose; people use
+    other names (`metric_tree.reports.stated_axes`): the length of a sofa is its width.
     """
 
     node_id: str

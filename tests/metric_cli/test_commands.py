@@ -4,6 +4,7 @@ import argparse
 import errno
 import json
 import os
+import re
 import subprocess
 import sys
 from pathlib import Path
@@ -213,3 +214,29 @@ def test_a_path_at_error_is_one_line(
     assert "Errno" not in error
     assert error.count("\n") == 1
     assert [path.name for path in tmp_path.iterdir()] == ["there"]
+
+
+def test_sizes_are_printed_as_people_state_them(capsys: pytest.CaptureFixture[str]) -> None:
+    """A door is wide and a can has a diameter; a table has one unit and one number of decimals."""
+    assert main(["query", "office chair", "--units", "in"]) == 0
+    chair = capsys.readouterr().out
+    assert "24.8 x 23.6 x 38.5 in (width x depth x height)" in chair
+    cells = re.findall(r"^ (?:width|depth|height).*?((?:\s+[\d.]+)+)$", chair, re.MULTILINE)
+    assert len(cells) == 3
+    assert {len(number.partition(".")[2]) for row in cells for number in row.split()} == {1}
+    assert main(["query", "soda can"]) == 0
+    assert "mm (diameter x height)" in capsys.readouterr().out
+    assert main(["priors", "--vocabulary", "kitti_8", "--units", "cm"]) == 0
+    assert "height_q50_cm" in capsys.readouterr().out
+
+
+@pytest.mark.parametrize(
+    ("name", "sides"),
+    [
+        ("door", "width x height"), ("sofa", "width x depth x height"), ("car", "length x width x height"),
+        ("bucket", "diameter x height"), ("banana", "longest side first"),
+    ],
+)  # fmt: skip
+def test_sides_have_the_names_of_their_kind(name: str, sides: str, capsys: pytest.CaptureFixture[str]) -> None:
+    assert main(["query", name]) == 0
+    assert f" mm ({sides})\n" in capsys.readouterr().out

@@ -6,7 +6,8 @@ import argparse
 from collections import Counter
 
 from metric_base.errors import InputError
-from metric_cli.tables import print_json, print_table
+from metric_cli.parser import add_units
+from metric_cli.tables import print_json, print_table, size_format
 from metric_tree.reports.diff import ReleaseDiff, release_diff
 from metric_tree.tree import open_tree
 
@@ -26,6 +27,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--factor", type=float, help="print only the leaves whose median moved by more than this factor"
     )
+    add_units(parser)
 
 
 def run(arguments: argparse.Namespace) -> int:
@@ -44,17 +46,18 @@ def run(arguments: argparse.Namespace) -> int:
     elif arguments.factor is not None:
         tiers = [f"{before.tier(moved.node)} to {after.tier(moved.node)}" for moved in diff.priors]
         print_table(["tiers", "leaves"], Counter(tiers).most_common(), title=f"{len(tiers):,} leaves moved")
+        write = size_format((mm for moved in diff.priors for mm in (moved.before_mm, moved.after_mm)), arguments.units)
         rows = [
-            (moved.node, moved.dim, moved.before_mm, moved.after_mm, tier, _items_text(moved.blame))
+            (moved.node, moved.dim, write(moved.before_mm), write(moved.after_mm), tier, _items_text(moved.blame))
             for moved, tier in zip(diff.priors, tiers, strict=True)
         ]
-        print_table(["leaf", "dimension", "median mm", "now", "tiers", "items that moved it"], rows)
+        print_table(["leaf", "dimension", f"median {arguments.units}", "now", "tiers", "items that moved it"], rows)
     else:
-        print_diff(diff)
+        print_diff(diff, arguments.units)
     return 1 if limit is not None and diff.share_moved > limit else 0
 
 
-def print_diff(diff: ReleaseDiff) -> None:
+def print_diff(diff: ReleaseDiff, unit: str) -> None:
     """Print the counts of all changes, and the priors that moved most."""
     counts = [
         ("nodes", f"{diff.nodes_before:,} before, {diff.nodes_after:,} now"),
@@ -66,20 +69,22 @@ def print_diff(diff: ReleaseDiff) -> None:
         ("with a prior that moved", f"{len(diff.priors):,} ({diff.share_moved:.1%} of those in both)"),
     ]
     print_table(["", ""], counts, title=f"{diff.before} to {diff.after}")
+    shown = diff.priors[:MAX_ROWS]
+    write = size_format((mm for moved in shown for mm in (moved.before_mm, moved.after_mm)), unit)
     rows = [
         (
             moved.node,
             moved.dim,
-            moved.before_mm,
-            moved.after_mm,
+            write(moved.before_mm),
+            write(moved.after_mm),
             f"{moved.median:+.0%}",
             f"{moved.spread:+.0%}",
             _items_text(moved.blame),
         )
-        for moved in diff.priors[:MAX_ROWS]
+        for moved in shown
     ]
     if rows:
-        head = ["node", "dimension", "median mm", "now", "median", "interval", "items that moved it"]
+        head = ["node", "dimension", f"median {unit}", "now", "median", "interval", "items that moved it"]
         print_table(head, rows, title=f"priors that moved most, {len(rows)} of {len(diff.priors):,}")
     for title, table in (("shipped items by source", diff.items), ("shipped items by licence", diff.licences)):
         if table:

@@ -8,13 +8,13 @@ import sys
 from metric_base.errors import InputError
 from metric_base.files import output_file, whole_file
 from metric_base.records import csv_cell
-from metric_cli.parser import OutputFile, add_tree
-from metric_cli.tables import print_json, print_table
+from metric_cli.parser import OutputFile, add_tree, add_units
+from metric_cli.tables import print_json, print_table, size_format
 from metric_tree.tree import open_tree
 
-HELP = "Sizes as a flat table with a row per node or label: tier, items, quantiles in millimetres."
+HELP = "Sizes as a flat table with a row per node or label: tier, items, quantiles; JSON and files are in millimetres."
 
-_SHOWN = ("tier", "n_items", "length_q50_mm", "width_q50_mm", "height_q05_mm", "height_q50_mm", "height_q95_mm")
+_SIZES = ("length_q50", "width_q50", "height_q05", "height_q50", "height_q95")
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -23,6 +23,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     form = parser.add_mutually_exclusive_group()
     form.add_argument("--csv", action="store_true", help="print it as CSV")
     form.add_argument("--parquet", metavar="FILE", type=OutputFile(), help="write it as Parquet")
+    add_units(parser)
     add_tree(parser)
 
 
@@ -52,6 +53,11 @@ def run(arguments: argparse.Namespace) -> int:
         sys.stdout.flush()
         pc.write_csv(table, sys.stdout.buffer)
     else:
-        columns = ["label" if arguments.vocabulary else "node_id", *_SHOWN]
-        print_table(columns, [[row[name] for name in columns] for row in table.to_pylist()])
+        columns = ["label" if arguments.vocabulary else "node_id", "tier", "n_items"]
+        rows = table.to_pylist()
+        write = size_format((row[f"{name}_mm"] for row in rows for name in _SIZES), arguments.units)
+        print_table(
+            [*columns, *(f"{name}_{arguments.units}" for name in _SIZES)],
+            [[*(row[name] for name in columns), *(write(row[f"{name}_mm"]) for name in _SIZES)] for row in rows],
+        )
     return 0

@@ -1,0 +1,65 @@
+"""Axes as people name them: width, depth and height of furniture, length, width and height of vehicles, diameters.
+
+A release stores the longer horizontal side as `length` and the shorter one as `width`. Objects with a front are wide,
+deep and high: the width of a sofa is its `length`, its depth the `width`. Round objects have a diameter.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+
+from metric_tree.node import Node
+
+#: Nodes whose objects have a front.
+WITH_FRONT = frozenset(
+    (
+        "seat.n.03", "mt:storage_furniture", "mt:other_furniture", "desk.n.01", "stand.n.04", "counter.n.01",
+        "appliance.n.02", "mt:audio_video", "sink.n.01", "toilet.n.02", "shower.n.01", "door.n.01", "window.n.01",
+        "barrier.n.01",
+    )
+)  # fmt: skip
+#: Nodes whose objects are round from above; the medians of length and width differ by less than 10 %.
+ROUND = frozenset(
+    (
+        "jar.n.01", "vase.n.01", "bucket.n.01", "barrel.n.02", "glass.n.02", "goblet.n.01", "plate.n.04", "bowl.n.03",
+        "saucer.n.02", "bottle.n.01", "shaker.n.03", "drum.n.01", "coin.n.01", "mt:tin_can", "soda_can.n.01",
+        "compact_disk.n.01", "phonograph_record.n.01", "mt:traffic_cone", "manhole_cover.n.01", "mt:round_table",
+    )
+)  # fmt: skip
+_FRONT_NAMES = {"length": "width", "width": "depth"}
+_ROUND_NAMES = {"length": "diameter", "width": "smaller diameter"}
+
+
+def has_front(node: Node) -> bool:
+    """Return whether the objects of a node have a front, so that they are wide, deep and high."""
+    return any(one.node_id in WITH_FRONT for one in (node, *node.ancestors()))
+
+
+def axis_names(node: Node) -> Mapping[str, str]:
+    """Return the noun that people use for each dimension of a node with another name than in storage.
+
+    >>> import metric_tree
+    >>> tree = metric_tree.open()
+    >>> [axis_names(tree.find(name)).get("length") for name in ("sofa", "bottle", "car")]
+    ['width', 'diameter', None]
+    """
+    if any(one.node_id in ROUND for one in (node, *node.ancestors())):
+        return _ROUND_NAMES
+    return _FRONT_NAMES if has_front(node) else {}
+
+
+def stated_size(node: Node, sizes: Mapping[str, str], unit: str) -> str:
+    """Return the sizes of the dimensions of a node as people state them: `199 x 93 x 84 cm (width x depth x height)`.
+
+    Parameters
+    ----------
+    node : Node
+    sizes : mapping
+        Number by dimension. The smaller diameter of round objects is omitted.
+    unit : str
+    """
+    names = axis_names(node)
+    named = {names.get(dim, dim): text for dim, text in sizes.items()}
+    named.pop(_ROUND_NAMES["width"], None)
+    sides = " x ".join(named).replace("extent1 x extent2 x extent3", "longest side first")
+    return f"{' x '.join(named.values())} {unit} ({sides})"

@@ -139,6 +139,7 @@ Format = Literal[
     "realitycapture",
     "meshroom",
     "gaussian-splatting",
+    "network",
 ]
 
 

@@ -11,11 +11,17 @@ from estimator.scene_formats.gaussian_splatting import read_gaussian_splatting
 from estimator.scene_formats.meshroom import read_meshroom
 from estimator.scene_formats.metashape import read_metashape
 from estimator.scene_formats.nerfstudio import read_nerfstudio
+from estimator.scene_formats.networks import network_output, read_network
 from estimator.scene_formats.realitycapture import is_realitycapture, read_realitycapture
 from metric_base.input_files import folder_entries, read_bytes
 
 #: Names of the files of all programs, for a message.
-EXPORT_NAMES = "transforms.json, cameras.json, *.sfm, bundle.out, a Metashape *.xml, a RealityCapture *.csv"
+EXPORT_NAMES = (
+    "transforms.json, cameras.json, *.sfm, bundle.out, a Metashape *.xml, a RealityCapture *.csv, or the output of a "
+    "network (docs/reference/formats.md)"
+)
+#: Program of the outputs of networks.
+NETWORK = "network"
 
 #: Source of the points for files that contain only cameras.
 _POINTS_ADVICE = {
@@ -48,22 +54,20 @@ _ADVICE = {
 
 def export_file(path: Path) -> tuple[Path, str] | None:
     """Return the first file of another program at a path or in a folder, and its program; None without such a file."""
-    if path.is_file():
-        program = _program(path)
-        return None if program is None else (path, program)
-    if not path.is_dir():
-        return None
-    for file in folder_entries(path):
-        if file.suffix.lower() in {".json", ".sfm", ".out", ".xml", ".csv"} and file.is_file():
-            program = _program(file)
-            if program is not None:
-                return file, program
-    return None
+    candidates = [path] if path.is_file() else folder_entries(path) if path.is_dir() else []
+    for file in candidates:
+        is_text = file == path or file.suffix.lower() in {".json", ".sfm", ".out", ".xml", ".csv"}
+        program = _program(file) if is_text and file.is_file() else None
+        if program is not None:
+            return file, program
+    output = network_output(path)
+    return None if output is None else (output[0], NETWORK)
 
 
 def read_export(file: Path, program: str) -> Scene:
     """Read a file that `export_file` returned."""
-    return _READERS[program](file)
+    output = network_output(file) if program == NETWORK else None
+    return _READERS[program](file) if output is None else read_network(*output)
 
 
 def advice_on_file(path: Path) -> str:

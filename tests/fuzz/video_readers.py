@@ -17,10 +17,10 @@ from benchmarks.user_study.curve import curve_of
 from benchmarks.user_study.page import STEPS
 from capture.sources.video import Video
 from estimator.detectors.detector import load_detector
-from estimator.evidence.depth_maps import read_depth
 from estimator.evidence.gps import Gps
 from estimator.reconstructions.scene_reader import read_scene
 from estimator.records.scene import Scene
+from estimator.scene_formats.depth_files import read_depth
 from insertion.scene.scale import read_scale
 from metric_base.images import read_picture
 from models3d.gltf.model_reader import read_model

@@ -14,10 +14,11 @@ import pytest
 from hypothesis import example, given
 from hypothesis import strategies as st
 
-from estimator.evidence.depth_maps import MetricDepth, frame_sd, read_depth
+from estimator.evidence.depth_maps import MetricDepth, frame_sd
 from estimator.evidence.rig_baseline import RigBaseline, rig_baselines
 from estimator.projection.cameras import pixels_in_view
 from estimator.records.objects import Measurements
+from estimator.scene_formats.depth_files import read_depth
 from metric_base.errors import InputError
 from tests.synthetic.evidence import RIG_M, one
 from tests.synthetic.walk import Walk, with_rig

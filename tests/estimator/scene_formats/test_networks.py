@@ -1,0 +1,194 @@
+"""Outputs of networks, written after their code from one rendered room, are scenes with the scale of the room."""
+
+from __future__ import annotations
+
+from contextlib import nullcontext
+from pathlib import Path
+
+import cv2
+import numpy as np
+import pytest
+from scipy.spatial import cKDTree
+from scipy.spatial.transform import Rotation
+
+from estimator.instances.instance_reader import read_instances
+from estimator.pipeline import estimate_scale
+from estimator.reconstructions.scene_reader import read_scene
+from estimator.records.network_outputs import NETWORKS
+from estimator.records.scene import View
+from estimator.scene_formats import networks
+from estimator.scene_formats.common import pinhole_camera
+from estimator.scene_formats.networks import depth_cloud, focal_of_points
+from metric_base.errors import InputError
+from tests.support.skips import skip_without
+from tests.synthetic.networks import WRITERS, RenderedViews, rendered_views, write_output
+from tests.synthetic.rooms.furnish import furnished_room
+from tests.synthetic.rooms.render import NoOpenGL
+
+FLIP = np.diag([1.0, -1.0, -1.0, 1.0])
+
+
+@pytest.fixture(scope="module")
+def views() -> RenderedViews:
+    with skip_without(NoOpenGL):
+        return rendered_views(furnished_room("study", 1003), views=6, reduction=4)
+
+
+def test_every_declared_network_has_a_writer() -> None:
+    assert sorted(WRITERS) == sorted(one.network for one in NETWORKS)
+
+
+@pytest.mark.parametrize("network", WRITERS)
+def test_cameras_points_and_names(network: str, views: RenderedViews, tmp_path: Path) -> None:
+    scene = read_scene(write_output(network, views, tmp_path / "scene"))
+    assert scene.format == "network"
+    assert [view.name for view in scene.views] == list(views.names)
+    assert not scene.warnings
+    height, width = views.depth.shape[1:]
+    for row, view in enumerate(scene.views):
+        assert (view.camera.width, view.camera.height) == (width, height)
+        assert np.abs(view.camera.params - [125, 125, 80, 60]).max() < 0.1
+        assert np.abs(view.rotation - views.rotation[row]).max() < 1e-5
+        assert np.abs(view.centre - views.centre[row]).max() < 1e-4
+    assert scene.dense is not None
+    distances, _ = cKDTree(views.points.reshape(-1, 3)).query(scene.dense.points[::50])
+    assert distances.max() < 0.02  # half floats of ViPE and MegaSaM
+    assert scene.dense.visible_offsets is not None
+    assert np.diff(scene.dense.visible_offsets).mean() > 2  # of 6 views
+
+
+@pytest.mark.parametrize("network", ["VGGT", "Pi3"])
+def test_the_scale_of_the_room(network: str, tmp_path: Path) -> None:
+    with skip_without(NoOpenGL):
+        views = rendered_views(furnished_room("study", 1003), views=8)
+    scene = read_scene(write_output(network, views, tmp_path / "scene"))
+    result = estimate_scale(scene, read_instances(tmp_path / "scene" / "instances.json", scene))
+    assert result.status == "resolved"
+    assert result.interval is not None
+    assert result.interval.low < views.scale < result.interval.high
+
+
+@pytest.mark.parametrize("network", WRITERS)
+@pytest.mark.parametrize("is_inverse", [False, True])
+@pytest.mark.parametrize("is_opengl", [False, True])
+def test_another_convention_is_named(
+    network: str, is_inverse: bool, is_opengl: bool, views: RenderedViews, tmp_path: Path
+) -> None:
+    poses = views.matrices(to_camera=False) @ (FLIP if is_opengl else np.eye(4))
+    to_camera = WRITERS[network][1] != is_inverse
+    folder = write_output(network, views, tmp_path / "scene", np.linalg.inv(poses) if to_camera else poses)
+    if not (is_inverse or is_opengl):
+        read_scene(folder)
+        return
+    with pytest.raises(InputError) as error:
+        read_scene(folder)
+    direction = "from world to camera" if to_camera else "from camera to world"
+    axes = "right, up, back" if is_opengl else "right, down, forward"
+    assert f"found {direction}, axes {axes}" in str(error.value)
+    assert "\n" not in str(error.value)
+
+
+@pytest.mark.parametrize(("gain", "is_refused"), [(0.3, True), (0.9, False)])
+def test_the_minimum_gain_of_another_convention(
+    gain: float, is_refused: bool, views: RenderedViews, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(networks, "MIN_AGREEMENT_GAIN", gain)
+    folder = write_output("CUT3R", views, tmp_path / "scene", views.matrices(to_camera=False) @ FLIP)
+    with pytest.raises(InputError, match="axes") if is_refused else nullcontext():
+        read_scene(folder)
+
+
+def _cut(file: Path) -> None:
+    file.write_bytes(file.read_bytes()[: file.stat().st_size // 2])
+
+
+@pytest.mark.parametrize(
+    ("network", "damaged", "words"),
+    [
+        ("VGGT", "predictions.npz", "a reconstruction"),  # the names of the arrays are at the end of the file
+        ("CUT3R", "depth/000003.npy", "000003.npy"),
+        ("ViPE", "depth/walk.zip", "walk.zip"),
+        ("Depth Anything 3 streaming", "results_output/frame_2.npz", "frame_2.npz"),
+    ],
+)
+def test_a_cut_file_is_one_line(network: str, damaged: str, words: str, views: RenderedViews, tmp_path: Path) -> None:
+    folder = write_output(network, views, tmp_path / "scene")
+    _cut(folder / damaged)
+    with pytest.raises(InputError, match=words) as error:
+        read_scene(folder)
+    assert "\n" not in str(error.value)
+
+
+def test_missing_maps_are_counted(views: RenderedViews, tmp_path: Path) -> None:
+    folder = write_output("CUT3R", views, tmp_path / "scene")
+    (folder / "depth" / "000002.npy").unlink()
+    with pytest.raises(InputError, match="6 maps, as many as poses"):
+        read_scene(folder)
+
+
+def test_several_outputs_are_named(views: RenderedViews, tmp_path: Path) -> None:
+    folder = write_output("MegaSaM", views, tmp_path / "scene")
+    (folder / "run_sgd_cvd_hr.npz").write_bytes((folder / "walk_sgd_cvd_hr.npz").read_bytes())
+    with pytest.raises(InputError, match="one output of MegaSaM, or its file, found run_sgd_cvd_hr"):
+        read_scene(folder)
+    assert len(read_scene(folder / "run_sgd_cvd_hr.npz").views) == 6
+
+
+def test_views_without_images_are_numbered(views: RenderedViews, tmp_path: Path) -> None:
+    folder = write_output("MegaSaM", views, tmp_path / "scene")
+    (folder / "images" / views.names[0]).unlink()
+    scene = read_scene(folder)
+    assert scene.views[0].name == "000000.png"
+    assert "no folder images with 6 images" in scene.warnings[0]
+
+
+@pytest.mark.parametrize(("width", "is_cropped"), [(660, False), (680, True)])
+def test_cropped_images_are_a_warning(width: int, is_cropped: bool, views: RenderedViews, tmp_path: Path) -> None:
+    folder = write_output("VGGT", views, tmp_path / "scene")
+    for file in (folder / "images").iterdir():
+        cv2.imwrite(str(file), np.zeros((480, width), dtype=np.uint8))
+    assert any("cropped the images to 160 x 120" in line for line in read_scene(folder).warnings) == is_cropped
+
+
+def test_points_at_edges_and_of_low_confidence_are_dropped() -> None:
+    camera = pinhole_camera((20, 10), (20.0, 20.0), (10.0, 5.0), {})
+    view = View("a", camera, np.eye(3), np.zeros(3), np.empty((0, 2)), np.empty(0, np.int64))
+    depth = np.full((1, 10, 20), 2.0)
+    depth[0, :, 10:] *= 1.05
+    confidence = np.full((1, 10, 20), 5.0)
+    confidence[0, :, :4] = 1.0
+    assert len(depth_cloud([view], depth).points) == 10 * 18  # two columns next to the edge
+    assert len(depth_cloud([view], depth, confidence).points) == 10 * 14
+    depth[0, :, 10:] *= 1.03 / 1.05
+    assert len(depth_cloud([view], depth).points) == 10 * 20
+
+
+def test_the_focal_length_of_points(views: RenderedViews) -> None:
+    local = (views.points[0] - views.centre[0]) @ views.rotation[0].T
+    assert focal_of_points(local) == pytest.approx(125)
+    assert focal_of_points(-local) == pytest.approx(125)
+
+
+@pytest.mark.parametrize("kind", ["VGGT", "ViPE"])
+def test_colmap_exports(kind: str, views: RenderedViews, tmp_path: Path) -> None:
+    """VGGT's tracks have one element; those of ViPE refer to keypoints that do not exist."""
+    sparse = tmp_path / "sparse"
+    sparse.mkdir()
+    (sparse / "cameras.txt").write_text("1 PINHOLE 160 120 125 125 80 60\n")
+    images, points = [], []
+    for row, name in enumerate(views.names):
+        quaternion = Rotation.from_matrix(views.rotation[row]).as_quat(scalar_first=True)
+        pose = [*quaternion, *(-views.rotation[row] @ views.centre[row])]
+        keypoints = []
+        for line, column in ((line, column) for line in range(2, 120, 12) for column in range(2, 160, 12)):
+            number, point = len(points) + 1, views.points[row, line, column]
+            track = f"{row + 1} {len(keypoints)}" if kind == "VGGT" else f"{row + 1} {number} 0 0 0 0"
+            keypoints += [f"{column + 0.5} {line + 0.5} {number}"] * (kind == "VGGT")
+            points.append(f"{number} {' '.join(map(str, point))} 9 9 9 0.0 {track}")
+        images.append(f"{row + 1} {' '.join(map(str, pose))} 1 {name}\n{' '.join(keypoints)}")
+    (sparse / "images.txt").write_text("\n".join(images) + "\n")
+    (sparse / "points3D.txt").write_text("\n".join(points) + "\n")
+    scene = read_scene(tmp_path)
+    assert len(scene.points) == len(points)
+    assert scene.observed == (kind == "VGGT")
+    assert all(len(view.point_index) for view in scene.views)

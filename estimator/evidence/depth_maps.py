@@ -6,27 +6,33 @@ Formats of the files: `estimator.scene_formats.depth_files`.
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator
-from dataclasses import dataclass
+from collections.abc import Collection, Iterator
+from dataclasses import dataclass, replace
 from pathlib import Path, PurePosixPath
 
 import numpy as np
 
 from estimator.evidence.source import skipped_evidence
 from estimator.projection.cameras import pixels_in_view
-from estimator.records.network_outputs import DEPTH_ANYTHING_3
+from estimator.projection.visibility import points_by_view
+from estimator.records.network_outputs import (
+    DEPTH_ANYTHING_3,
+    MAX_TABLETOP_M,
+    NETWORK_SD,
+    OTHER_NETWORK_SD,
+    TABLETOP_SD,
+)
 from estimator.records.objects import Measurements
 from estimator.records.result import ScaleEvidence
 from estimator.records.scene import Scene, View
 from estimator.scene_formats.depth_files import SUFFIXES, DepthMaps, read_depths
-from metric_base.arrays import FloatArray, evenly_spaced
+from metric_base.arrays import FloatArray, IntArray, evenly_spaced
 from metric_base.errors import InputError
 from metric_base.statistics import robust_sigma
 
 KIND = "metric_depth"
-#: Standard deviation of the log scale of a network that all images share, in scenes unlike its training data: reports
-#: of users range from a few per cent to a factor of two; VGGT with MoGe-2 is typically within 10 to 20 %.
-NETWORK_SD = 0.15
+#: Identifier of the evidence that a scene itself is in metres, and value of `--metric-depth` for it.
+SCENE_NAME = "scene"
 #: Prior standard deviation of the log scale of one image: a random effect whose variance is estimated from the images.
 FRAME_SD = 0.1
 #: Weight of this prior, in images.
@@ -42,26 +48,36 @@ MAX_POINTS = 5000
 
 @dataclass(frozen=True, slots=True)
 class MetricDepth:
-    """A folder of depth maps with the names of the images."""
+    """A folder of depth maps with the names of the images, or the scene of a network itself, in metres."""
 
-    folder: Path
+    folder: Path | None  #: None if the units of the scene are metres by its network.
     png_metres: float = 0.001  #: Metres per unit of a PNG.
     unit: str = "metres"  #: Or one of `FOCAL_UNITS`.
-    network_sd: float = NETWORK_SD  #: Standard deviation of the log scale of the network, which all images share.
+    #: Standard deviation of the log scale that all images share; by default that of the network, see `network_sd`.
+    network_sd: float | None = None
 
     def observe(self, scene: Scene, measurements: Measurements) -> tuple[ScaleEvidence, ...]:  # noqa: ARG002
         """Return the median over the views of their median ratio; skipped without maps of the views."""
-        if not self.folder.is_dir():
+        observed = _with_observations(scene)
+        if self.folder is None:
+            name, ratios, networks = SCENE_NAME, np.zeros(1), {""}
+        elif not self.folder.is_dir():
             raise InputError.at(self.folder, "--metric-depth", "a folder of depth maps", "no such folder")
-        by_view = [view_log_ratio(view, scene, depth) for view, depth in self._maps(scene)]
-        ratios = np.array([ratio for ratio in by_view if ratio is not None])
+        else:
+            maps = list(self._maps(observed))
+            by_view = [view_log_ratio(view, observed, depth) for view, depth, _ in maps]
+            name, ratios = self.folder.name, np.array([ratio for ratio in by_view if ratio is not None])
+            networks = {network for _, _, network in maps}
         if not len(ratios):
-            return skipped_evidence(KIND, self.folder.name, "no depth map has the name of a view and points in it")
-        sd_log = math.hypot(frame_sd(ratios) / math.sqrt(len(ratios)), self.network_sd)
-        return (ScaleEvidence(KIND, self.folder.name, math.exp(float(np.median(ratios))), sd_log),)
+            return skipped_evidence(KIND, name, "no depth map has the name of a view and points in it")
+        scale = math.exp(float(np.median(ratios)))
+        sd_network = self.network_sd or network_sd(networks, scale * _median_depth(observed))
+        sd_log = math.hypot(frame_sd(ratios) / math.sqrt(len(ratios)), sd_network)
+        return (ScaleEvidence(KIND, name, scale, sd_log),)
 
-    def _maps(self, scene: Scene) -> Iterator[tuple[View, FloatArray]]:
-        """Yield the views that have a map, with their depths (h, w) in metres."""
+    def _maps(self, scene: Scene) -> Iterator[tuple[View, FloatArray, str]]:
+        """Yield the views that have a map, with their depths (h, w) in metres and the network, if it is known."""
+        assert self.folder is not None
         files = [_file(self.folder, view.name) for view in scene.views]
         stack = next((self.folder / name for name in DEPTH_ANYTHING_3.files if (self.folder / name).is_file()), None)
         if stack is not None and not any(files):
@@ -69,14 +85,14 @@ class MetricDepth:
             if len(maps.values) != len(views):
                 raise InputError.at(stack, "maps", f"one for each of the {len(views)} views", len(maps.values))
             for row, view in enumerate(views):
-                yield view, self._metres(view, maps, row)
+                yield view, self._metres(view, maps, row), maps.network
             return
         for view, file in zip(scene.views, files, strict=True):
             if file is not None:
                 maps = read_depths(file, self.png_metres)
                 if len(maps.values) != 1:
                     raise InputError.at(file, "shape", "(h, w), one channel", maps.values.shape)
-                yield view, self._metres(view, maps, 0)
+                yield view, self._metres(view, maps, 0), maps.network
 
     def _metres(self, view: View, maps: DepthMaps, row: int) -> FloatArray:
         """Return a map (h, w) in metres, by the focal length in the file or, by default, of the camera of the view."""
@@ -88,6 +104,39 @@ class MetricDepth:
         if maps.focal is not None and len(maps.focal) in {1, len(maps.values)}:
             focal = float(maps.focal[row % len(maps.focal)])
         return np.asarray(values * (focal / FOCAL_UNITS[self.unit]))
+
+
+def network_sd(networks: Collection[str], median_depth_m: float) -> float:
+    """Return the standard deviation of the log scale of networks whose scene has this median depth."""
+    widest = max(NETWORK_SD.get(network, OTHER_NETWORK_SD) for network in networks)
+    return TABLETOP_SD if median_depth_m < MAX_TABLETOP_M else widest
+
+
+def _median_depth(scene: Scene) -> float:
+    """Return the median over the views of the median depth of their points, in scene units; infinite without points."""
+    medians = []
+    for view in scene.views:
+        depths = view.to_camera(scene.points[_seen_rows(view, scene)])[:, 2]
+        medians += [float(np.median(depths[depths > 0]))] * bool((depths > 0).any())
+    return float(np.median(medians)) if medians else math.inf
+
+
+def _seen_rows(view: View, scene: Scene) -> IntArray:
+    """Return the rows (k,) of the points that a view observed, at most `MAX_POINTS`; of all without observations."""
+    return evenly_spaced(view.point_index if len(view.point_index) else np.arange(len(scene.points)), MAX_POINTS)
+
+
+def _with_observations(scene: Scene) -> Scene:
+    """Return the scene with the points of its cloud as observed points, if it has no others."""
+    if len(scene.points) or scene.dense is None:
+        return scene
+    points = scene.dense.points
+    rows = points_by_view(scene.dense, len(scene.views)) or [np.arange(len(points))] * len(scene.views)
+    views = (
+        replace(view, keypoints=np.zeros((len(seen), 2)), point_index=seen)
+        for view, seen in zip(scene.views, rows, strict=True)
+    )
+    return replace(scene, points=points, views=tuple(views))
 
 
 def frame_sd(ratios: FloatArray) -> float:
@@ -113,9 +162,7 @@ def view_log_ratio(view: View, scene: Scene, depth: FloatArray) -> float | None:
 
     None if fewer than `MIN_POINTS` have a depth.
     """
-    rows = view.point_index if len(view.point_index) else np.arange(len(scene.points))
-    rows = evenly_spaced(rows, MAX_POINTS)
-    pixels, depths = pixels_in_view(view, scene.points[rows])
+    pixels, depths = pixels_in_view(view, scene.points[_seen_rows(view, scene)])
     height, width = depth.shape
     with np.errstate(invalid="ignore"):
         column = np.floor(pixels[:, 0] * width / view.camera.width)

@@ -159,6 +159,7 @@ class DepthMaps:
 
     values: FloatArray  #: (n, h, w)
     focal: FloatArray | None = None  #: (n,) or (1,) focal length in pixels of the map; None if it is not stated.
+    network: str = ""  #: Network that names its arrays so, a key of `NETWORK_SD`; empty if it is unknown.
 
 
 def read_depth(file: Path, png_metres: float = 0.001) -> FloatArray:
@@ -191,9 +192,10 @@ def read_depths(file: Path, png_metres: float = 0.001) -> DepthMaps:
     """
     import cv2
 
-    kind, focal = file.suffix.lower(), None
+    kind, focal, network = file.suffix.lower(), None, ""
     if kind == ".npz":
         depth, focal = _npz(file)
+        network = "mapanything" if "depth_z" in archive_names(file) else ""
     elif reader := {".npy": read_npy, ".pfm": _pfm, ".exr": read_exr}.get(kind):
         depth = reader(file)
     else:
@@ -202,7 +204,7 @@ def read_depths(file: Path, png_metres: float = 0.001) -> DepthMaps:
             actual = Unquoted("no picture" if values is None else str(values.dtype))
             raise InputError.at(file, "picture", "a PNG of 16 bits", actual)
         depth = np.where(values > 0, values.astype(float), np.nan) * png_metres
-    return DepthMaps(map_stack(file, depth), focal)
+    return DepthMaps(map_stack(file, depth), focal, network)
 
 
 def map_stack(file: Path, values: FloatArray) -> FloatArray:

@@ -94,7 +94,9 @@ def test_the_outline_ends_at_the_depth(
     assert len(json.loads(capsys.readouterr().out)) == n_lines
 
 
-@pytest.mark.parametrize(("error", "is_valid"), [("0", False), ("0.01", True), ("1", True), ("1.01", False)])
+@pytest.mark.parametrize(
+    ("error", "is_valid"), [("0", False), ("0.01", True), ("1", True), ("1.01", False), ("dust3r", False)]
+)
 def test_the_error_of_depth_maps_is_a_fraction(tmp_path: Path, error: str, is_valid: bool) -> None:
     words = ["scene", "--metric-depth", str(tmp_path), "--depth-error", error]
     options = estimate_scale_parser().parse_args(words)
@@ -104,6 +106,12 @@ def test_the_error_of_depth_maps_is_a_fraction(tmp_path: Path, error: str, is_va
     else:
         with pytest.raises(InputError, match="--depth-error"):
             named_sources(options)
+
+
+@pytest.mark.parametrize(("words", "folder", "sd"), [([], None, None), (["--depth-error", "Pi3X"], None, 0.31)])
+def test_the_scene_itself_is_in_metres(words: list[str], folder: Path | None, sd: float | None) -> None:
+    (source,) = named_sources(estimate_scale_parser().parse_args(["SCENE", "--metric-depth", "scene", *words]))
+    assert (source.folder, source.network_sd) == (folder, sd)
 
 
 def test_a_search_has_at_least_one_row(mini: Tree, shown: Any, capsys: pytest.CaptureFixture[str]) -> None:

@@ -46,6 +46,8 @@ __all__ = [
 HEIGHT_M, RIG_M = 1.5, 0.12
 #: Sides of the drawn markers, and of a board's squares and markers, in metres.
 MARKER_M, SQUARE_M, BOARD_M = 0.8, 0.3, 0.22
+#: Standard deviation of the log scale of a network that its user measured.
+MEASURED_NETWORK_SD = 0.15
 #: Supersampling factor of the drawn images.
 SUPERSAMPLING = 3
 
@@ -195,7 +197,11 @@ def _board(walk: Walk, factor: float) -> EvidenceSource:
 
 
 def _depth(form: str) -> Callable[[Walk, float], EvidenceSource]:
-    return lambda walk, factor: MetricDepth(write_depth_maps(walk, walk.scene.path / f"depth_{form}", form, factor))
+    def source(walk: Walk, factor: float) -> EvidenceSource:
+        folder = write_depth_maps(walk, walk.scene.path / f"depth_{form}", form, factor)
+        return MetricDepth(folder, network_sd=MEASURED_NETWORK_SD)
+
+    return source
 
 
 #: Every kind of evidence with a scale, by name.
@@ -210,9 +216,9 @@ KINDS = {
     "ArUco": Case("--marker DICT_4X4_50:0.8", _marker("DICT_4X4_50")),
     "AprilTag": Case("--marker APRILTAG_36h11:0.8", _marker("APRILTAG_36h11")),
     "ChArUco": Case("--marker charuco:DICT_5X5_100:5x5:0.3:0.22", _board),
-    "depth, npy": Case("--metric-depth DIR (npy)", _depth("npy")),
-    "depth, PFM": Case("--metric-depth DIR (PFM)", _depth("pfm")),
-    "depth, PNG": Case("--metric-depth DIR (PNG, mm)", _depth("png")),
+    "depth, npy": Case("--metric-depth DIR (npy) --depth-error 0.15", _depth("npy")),
+    "depth, PFM": Case("--metric-depth DIR (PFM) --depth-error 0.15", _depth("pfm")),
+    "depth, PNG": Case("--metric-depth DIR (PNG, mm) --depth-error 0.15", _depth("png")),
     "baseline": Case("--baseline left:right:0.12", lambda _, factor: RigBaseline("left", "right", factor * RIG_M)),
 }
 

@@ -6,6 +6,7 @@ import base64
 import json
 import struct
 import zlib
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -14,10 +15,11 @@ import pytest
 from hypothesis import example, given
 from hypothesis import strategies as st
 
-from estimator.evidence.depth_maps import MetricDepth, frame_sd
+from estimator.evidence.depth_maps import MetricDepth, frame_sd, network_sd
 from estimator.evidence.rig_baseline import RigBaseline, rig_baselines
 from estimator.projection.cameras import pixels_in_view
 from estimator.records.objects import Measurements
+from estimator.records.scene import DenseCloud
 from estimator.scene_formats.depth_files import read_depth
 from metric_base.errors import InputError
 from tests.synthetic.evidence import RIG_M, one
@@ -227,10 +229,37 @@ def test_a_field_of_an_exr_may_be_empty_but_not_negative(size: int, is_read: boo
             read_depth(tmp_path / "a.exr")
 
 
-def test_a_network_is_off_by_15_per_cent_and_an_image_by_ten(walk: Walk, nothing: Measurements, tmp_path: Path) -> None:
+@pytest.mark.parametrize(
+    ("key", "factor", "wanted"),
+    [("depth", 1.0, 0.31), ("depth_z", 1.0, 0.20), ("depth", 0.2, 0.44), ("depth_z", 0.2, 0.44)],
+)
+def test_the_error_of_a_network_and_of_an_image(
+    key: str, factor: float, wanted: float, walk: Walk, nothing: Measurements, tmp_path: Path
+) -> None:
     """Images that agree have the prior deviation of 0.1 with a weight of three images."""
     for name, metres in maps_of(walk).items():
-        np.save(tmp_path / f"{Path(name).stem}.npy", metres)
+        np.savez(tmp_path / f"{Path(name).stem}.npz", **{key: metres * factor})  # type: ignore[arg-type]
     row = one(MetricDepth(tmp_path).observe(walk.scene, nothing))
     count = len(walk.scene.views)
-    assert row.sd_log == pytest.approx(np.hypot(0.15, 0.1 * np.sqrt(3 / (count - 1 + 3) / count)), rel=0.02)
+    assert row.sd_log == pytest.approx(np.hypot(wanted, 0.1 * np.sqrt(3 / (count - 1 + 3) / count)), rel=0.02)
+
+
+@pytest.mark.parametrize(("depth_m", "wanted"), [(1.01, 0.31), (0.99, 0.44)])
+def test_a_scene_closer_than_a_metre_is_on_a_table(depth_m: float, wanted: float) -> None:
+    assert network_sd({"", "mapanything"}, depth_m) == wanted
+
+
+def test_the_scene_of_a_metric_network(walk: Walk, nothing: Measurements) -> None:
+    """A cloud without sparse points has a depth, too."""
+    cloud = DenseCloud(walk.scene.points)
+    for scene in (walk.scene, replace(walk.scene, points=np.empty((0, 3)), dense=cloud)):
+        row = one(MetricDepth(None).observe(scene, nothing))
+        assert (row.id, row.scale) == ("scene", 1.0)
+        assert row.sd_log == pytest.approx(np.hypot(0.31, 0.1))
+
+
+def test_maps_of_a_scene_without_sparse_points(walk: Walk, nothing: Measurements, tmp_path: Path) -> None:
+    for name, metres in maps_of(walk).items():
+        np.save(tmp_path / f"{Path(name).stem}.npy", metres)
+    scene = replace(walk.scene, points=np.empty((0, 3)), dense=DenseCloud(walk.scene.points))
+    assert one(MetricDepth(tmp_path).observe(scene, nothing)).scale == pytest.approx(walk.scale, rel=0.02)

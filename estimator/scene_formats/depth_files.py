@@ -247,7 +247,7 @@ def archive_names(file: Path) -> frozenset[str]:
 
 
 def archive_arrays(file: Path, keys: Sequence[str]) -> dict[str, FloatArray]:
-    """Return the arrays of a NumPy archive with these names, or its only array under the name "".
+    """Return the arrays (..., h, w) of a NumPy archive with these names, or its only array under the name "".
 
     Raises
     ------
@@ -271,7 +271,7 @@ def archive_arrays(file: Path, keys: Sequence[str]) -> dict[str, FloatArray]:
 
 
 def read_npy(file: Path) -> FloatArray:
-    """Read the values of a NumPy file, of any shape."""
+    """Read the values (..., h, w) of a NumPy file, of any shape."""
     try:
         # np.load would open a .npz or a pickle under this name too.
         values = np.lib.format.open_memmap(file, mode="r")

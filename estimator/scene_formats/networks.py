@@ -270,7 +270,7 @@ def _exists(file: Path, network: NetworkOutput, text: str) -> bool:
 
 
 def _array(file: Path, network: NetworkOutput, text: str) -> FloatArray:
-    """Read a declared quantity, with the files of single views stacked.
+    """Read a declared quantity (n, ...), with the files of single views stacked.
 
     Raises
     ------

@@ -172,7 +172,7 @@ def _log_ratio(view: View, depth: FloatArray, points: FloatArray) -> FloatArray:
 
 
 def _agreement(views: Sequence[View], depth: FloatArray) -> float:
-    """Return the mean fraction of points of a view whose depths agree with the map of another view."""
+    """Return the mean fraction of points of a view whose depths agree with the map of another, from maps (n, h, w)."""
     n_views = len(views)
     offsets = [offset for offset in (1, 2, 4, 8, 16) if offset < n_views]
     pairs = [(row, row + offset) for offset in offsets for row in range(n_views - offset)]

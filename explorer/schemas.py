@@ -264,14 +264,28 @@ class ItemsQuery(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     page: str = ""
 
 
+#: Maximum number of objects of a request: 500 take about one second.
+MAX_OBJECTS = 500
+#: Maximum number of known lengths of a request.
+MAX_LENGTHS = 100
+
+
+class KnownLength(msgspec.Struct, forbid_unknown_fields=True):
+    """A length in scene units and in metres; `sigma` is the standard deviation of the natural log of their ratio."""
+
+    units: Annotated[float, Meta(gt=1e-12, lt=1e12)]
+    metres: Annotated[float, Meta(gt=1e-12, lt=1e12)]
+    sigma: Annotated[float, Meta(gt=1e-6, lt=10)] = 0.01
+
+
 class ScaleRequest(msgspec.Struct, kw_only=True):
     """Measured objects (`metric-tree/objects/1`) with known lengths and a context, both optional."""
 
     schema: str = "metric-tree/objects/1"
-    objects: list[dict[str, Any]]
-    known_lengths: list[dict[str, float]] = []
+    objects: Annotated[list[dict[str, Any]], Meta(min_length=1, max_length=MAX_OBJECTS)]
+    known_lengths: Annotated[list[KnownLength], Meta(max_length=MAX_LENGTHS)] = []
     where: dict[str, Any] | None = None
-    level: float = 0.9
+    level: Annotated[float, Meta(gt=0, lt=1)] = 0.9
 
 
 class Problem(msgspec.Struct, kw_only=True):

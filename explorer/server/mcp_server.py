@@ -50,13 +50,13 @@ def tool_server(trees: Sequence[Tree]) -> MCPServer:
     def search(
         query: Annotated[str, Field(description="text, for example tv 55 inch")],
         limit: Annotated[int, Field(description="maximum number of categories, 1 to 50")] = 10,
-    ) -> dict[str, Any]:
+    ) -> object:
         """Categories for a text, the most likely first."""
-        return _fields(search_response(catalogue, msgspec.convert({"q": query, "limit": limit}, SearchQuery)))
+        return search_response(catalogue, msgspec.convert({"q": query, "limit": limit}, SearchQuery))
 
-    def node(name: _Name, vocabulary: Annotated[str | None, _VOCABULARY] = None) -> dict[str, Any]:
+    def node(name: _Name, vocabulary: Annotated[str | None, _VOCABULARY] = None) -> object:
         """A category by id or name (of a detector's label list, if one is given): sizes, tier, evidence."""
-        return _fields(node_response(catalogue, found_node(catalogue, name, vocabulary)))
+        return node_response(catalogue, found_node(catalogue, name, vocabulary))
 
     def prior(
         name: _Name,
@@ -68,33 +68,32 @@ def tool_server(trees: Sequence[Tree]) -> MCPServer:
         density_at: Annotated[
             list[float] | None, Field(description="sizes in mm, one number per dimension and then the next size")
         ] = None,
-    ) -> dict[str, Any]:
+    ) -> object:
         """The size distribution of a category over ln mm, with quantiles in mm."""
         found = found_node(catalogue, name)
-        return _fields(queried_prior(catalogue, found, dims or (), where, quantiles or QUANTILES, density_at or ()))
+        return queried_prior(catalogue, found, dims or (), where, quantiles or QUANTILES, density_at or ())
 
     def compare(
         names: Annotated[list[str], Field(description="one to six ids or names of categories")],
-    ) -> dict[str, Any]:
+    ) -> object:
         """Up to six categories side by side."""
-        return _fields(comparison(catalogue, names))
+        return comparison(catalogue, names)
 
     def fit(
         object: Annotated[str, Field(description="name or id of a category, or sides: 210 x 95 x 85 cm")],  # noqa: A002
         into: Annotated[str, Field(description="the same of the larger object, for example door or car")],
         how: Annotated[str, Field(description="through or in; by default the category decides")] = "",
-    ) -> dict[str, Any]:
+    ) -> object:
         """The probability that an object fits through an opening or into a container, with its reason."""
-        query = msgspec.convert({"object": object, "into": into, "how": how}, FitQuery)
-        return _fields(fit_response(catalogue, query))
+        return fit_response(catalogue, msgspec.convert({"object": object, "into": into, "how": how}, FitQuery))
 
     def vocabulary(
         name: Annotated[str, _VOCABULARY],
         offset: Annotated[int, Field(ge=0, description="number of labels to skip: next_offset of a response")] = 0,
         limit: Annotated[int, Field(ge=1, le=MAX_LABELS, description="maximum number of labels")] = MAX_LABELS,
-    ) -> dict[str, Any]:
+    ) -> object:
         """Labels of a detector's list: each label, its category, tier and sizes. next_offset is null at the end."""
-        record = _fields(vocabulary_response(catalogue, name))
+        record = msgspec.to_builtins(vocabulary_response(catalogue, name))
         labels, end = record["labels"], offset + limit
         next_offset = end if end < len(labels) else None
         return {**record, "labels": labels[offset:end], "n_labels": len(labels), "next_offset": next_offset}
@@ -107,31 +106,29 @@ def tool_server(trees: Sequence[Tree]) -> MCPServer:
         known_lengths: Annotated[
             list[dict[str, float]] | None, Field(description='known lengths: [{"units": 1.0, "metres": 2.0}]')
         ] = None,
-    ) -> dict[str, Any]:
+    ) -> object:
         """The scale of a scene in metres per unit, with its interval, from measured objects."""
-        return scale_record(ScaleRequest(objects=objects, known_lengths=known_lengths or []), tree)
+        request = msgspec.convert({"objects": objects, "known_lengths": known_lengths or []}, ScaleRequest)
+        return scale_record(request, tree)
 
     for tool in (search, node, prior, compare, fit, vocabulary, scale):
         server.add_tool(
-            _with_tool_errors(tool),
+            _with_records(tool),
             annotations=ToolAnnotations(read_only_hint=True, idempotent_hint=True, open_world_hint=False),
         )
     return server
 
 
-def _with_tool_errors(tool: Callable[..., dict[str, Any]]) -> Callable[..., dict[str, Any]]:
-    """Return the tool with input errors as `ToolError`, whose message the agent receives."""
+def _with_records(tool: Callable[..., object]) -> Callable[..., dict[str, Any]]:
+    """Return the tool with records as dictionaries, and input errors as `ToolError`, whose message agents receive."""
 
     @wraps(tool)
     def call(*args: Any, **values: Any) -> dict[str, Any]:
         try:
-            return tool(*args, **values)
+            fields: dict[str, Any] = msgspec.to_builtins(tool(*args, **values))
         except (InputError, msgspec.ValidationError) as error:
             raise ToolError(str(error)) from None
+        return fields
 
+    call.__annotations__["return"] = dict[str, Any]
     return call
-
-
-def _fields(record: msgspec.Struct) -> dict[str, Any]:
-    fields: dict[str, Any] = msgspec.to_builtins(record)
-    return fields

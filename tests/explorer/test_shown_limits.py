@@ -17,7 +17,7 @@ from explorer.charts.axis import number_text, range_text
 from explorer.pages.node_page import category_bars, context_table, images_to_scale, items_by_size, node_page
 from explorer.responses import cursor, images_response, items_response, node_response, queried_prior
 from explorer.routes import Rendered
-from explorer.schemas import ItemsQuery, ScaleRequest, SearchQuery
+from explorer.schemas import ItemsQuery, KnownLength, ScaleRequest, SearchQuery
 from explorer.server.app import application
 from explorer.server.delivery import CachedResponse, ResponseCache
 from explorer.server.scale_jobs import ScaleJobs, ServiceUnavailable, scale_record
@@ -128,15 +128,15 @@ def test_a_job_takes_at_most_20_seconds(trees: list[Tree], monkeypatch: pytest.M
 
 def test_a_scale_request_may_have_500_objects_and_100_lengths(trees: list[Tree]) -> None:
     objects = [{**OBJECT, "id": str(index)} for index in range(500)]
-    lengths = [{"units": 1.0, "metres": 2.0}] * 100
+    lengths = [KnownLength(1.0, 2.0)] * 100
     assert len(scale_record(ScaleRequest(objects=objects), trees[0])["objects"]) == 500
     assert len(scale_record(ScaleRequest(objects=[OBJECT], known_lengths=lengths), trees[0])["evidence"]) == 100
 
 
 def test_a_known_length_has_an_error_of_1_percent_by_default(trees: list[Tree]) -> None:
     default, same, other = (
-        scale_record(ScaleRequest(objects=[OBJECT], known_lengths=[{"units": 1.0, "metres": 2.0, **sigma}]), trees[0])
-        for sigma in ({}, {"sigma": 0.01}, {"sigma": 0.012})
+        scale_record(ScaleRequest(objects=[OBJECT], known_lengths=[length]), trees[0])
+        for length in (KnownLength(1.0, 2.0), KnownLength(1.0, 2.0, 0.01), KnownLength(1.0, 2.0, 0.012))
     )
     assert default == same
     assert default["interval"] != other["interval"]

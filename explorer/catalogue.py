@@ -128,12 +128,17 @@ class ReleaseCatalogue:
             raise InputError(self._refusal("node_id", "ids of nodes", min(strays)))
         return table
 
+    def published(self, rows: IntArray) -> pa.Table:
+        """Return rows of `items`. Their indices are a buffer, because pyarrow imports pandas to read an array."""
+        indices = pa.py_buffer(np.ascontiguousarray(rows, dtype=np.int64))
+        return self.items.take(pa.Array.from_buffers(pa.int64(), len(rows), [None, indices]))
+
     @cached_property
     def sizes(self) -> FloatArray:
         """Sizes of all items, (n, 6) in mm by `AXES`, NaN where not stated."""
         table = np.full((self.items.num_rows, 6), np.nan)
         for column, name in enumerate(("length_mm", "width_mm", "height_mm")):
-            table[:, column] = self.items[name].to_numpy(zero_copy_only=False).astype(float)
+            table[:, column] = np.array(self.items[name].to_pylist(), dtype=float)
         for row, extents in enumerate(self.items["extents_mm"].to_pylist()):
             for column, value in enumerate((extents or ())[:3]):
                 table[row, 3 + column] = value

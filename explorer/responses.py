@@ -108,12 +108,10 @@ def node_response(catalogue: ReleaseCatalogue, node: Node, _: NoQuery | None = N
     """Return the record of a category: position in the tree, sizes and evidence."""
     prior = catalogue.prior(node)
     rows = catalogue.rows(node)
-    shipped = catalogue.items.select(["kind", "licence", "source", "region"]).take(rows)
+    shipped = catalogue.published(rows)
     counts = {
-        name: dict(
-            Counter("unstated" if value is None else str(value) for value in shipped[name].to_pylist()).most_common()
-        )
-        for name in shipped.column_names
+        name: dict(Counter(value or "unstated" for value in shipped[name].to_pylist()).most_common())
+        for name in ("kind", "licence", "source", "region")
     }
     ancestors = [node]
     while ancestors[0].parent is not None:
@@ -215,7 +213,7 @@ def items_response(catalogue: ReleaseCatalogue, node: Node, query: ItemsQuery | 
     n_pages = max(1, -(-len(rows) // PAGE_ROWS))
     if page > n_pages:
         return None
-    items = catalogue.items.take(rows[(page - 1) * PAGE_ROWS : page * PAGE_ROWS]).to_pylist()
+    items = catalogue.published(rows[(page - 1) * PAGE_ROWS : page * PAGE_ROWS]).to_pylist()
     return ItemsAnswer(
         tree=tree_reference(catalogue.tree),
         node=node.node_id,

@@ -11,49 +11,14 @@ from typing import Any
 
 import msgspec
 
+from explorer import responses, schemas, tables
 from explorer.catalogue import ReleaseCatalogue
 from explorer.fit import fit_response
+from explorer.pages import release_pages as pages
 from explorer.pages.node_page import node_page
-from explorer.pages.release_pages import (
-    about_page,
-    change_page,
-    compare_page,
-    home_page,
-    scale_page,
-    search_page,
-    source_page,
-    sources_page,
-    tree_page,
-    vocabularies_page,
-    vocabulary_page,
-)
+from explorer.pages.templating import page_bytes
 from explorer.queries import search_response
-from explorer.responses import (
-    found_node,
-    images_response,
-    items_response,
-    node_response,
-    prior_response,
-    releases_response,
-    vocabulary_response,
-)
-from explorer.schemas import (
-    FitAnswer,
-    FitQuery,
-    ImagesAnswer,
-    ItemsAnswer,
-    ItemsQuery,
-    NodeAnswer,
-    NoQuery,
-    PriorAnswer,
-    PriorQuery,
-    ReleasesAnswer,
-    SearchAnswer,
-    SearchQuery,
-    VocabularyAnswer,
-)
 from explorer.search_index import name_index, size_index
-from explorer.tables import items_csv, items_parquet, node_sizes_csv, sizes_csv, sizes_parquet, vocabulary_csv
 from explorer.urls import LISTED_LEVEL, MIN_PARQUET_ROWS
 from metric_base.errors import InputError
 from metric_tree.node import Node
@@ -105,11 +70,14 @@ class Route:
     render: Callable[..., bytes | msgspec.Struct | None]
     query: type[msgspec.Struct] | None = None  #: record of the query string; None: a query string is ignored
     response: type[msgspec.Struct] | None = None  #: record of the response; None: not described by OpenAPI
-    operation: str = ""  #: name of the operation in OpenAPI
-    summary: str = ""  #: description in OpenAPI
     listed: Callable[[ReleaseCatalogue, Any], bool] | None = None  #: selects values for the static site; None: all
     is_static: bool = True  #: False if only a server has the address
     is_quick: bool = False  #: Rendering takes less time than a switch of threads.
+
+    @property
+    def operation(self) -> str:
+        """Name of the operation in OpenAPI: that of the record of the response, such as `prior` of `PriorAnswer`."""
+        return self.response.__name__.removesuffix("Answer").lower() if self.response is not None else ""
 
     @cached_property
     def parameter(self) -> str:
@@ -153,82 +121,57 @@ def _has_items(catalogue: ReleaseCatalogue, node: Node, min_items: int = 1) -> b
     return node.level >= LISTED_LEVEL and len(catalogue.rows(node)) >= min_items
 
 
+def _plain_page(template: str, title: str, catalogue: ReleaseCatalogue) -> bytes:
+    """Return a page whose text is equal for all releases, or that scripts fill."""
+    return page_bytes(catalogue, template, "", title)
+
+
+def _has_prior(catalogue: ReleaseCatalogue, node: Node) -> bool:
+    return catalogue.prior(node) is not None
+
+
+def _has_parquet(catalogue: ReleaseCatalogue, node: Node) -> bool:
+    return _has_items(catalogue, node, MIN_PARQUET_ROWS)
+
+
 #: The first route whose pattern matches an address serves it.
 ROUTES = (
-    Route("index.html", home_page),
-    Route("tree.html", tree_page),
-    Route("about.html", about_page),
-    Route("compare.html", compare_page),
-    Route("search.html", search_page),
-    Route("scale.html", scale_page),
-    Route("sources/index.html", sources_page),
-    Route("sources/{source}.html", source_page),
-    Route("changes/{version}.html", change_page),
-    Route("vocabularies/index.html", vocabularies_page),
-    Route("vocabularies/{name}.html", vocabulary_page),
-    Route("vocabularies/{name}.csv", vocabulary_csv),
+    Route("index.html", pages.home_page),
+    Route("tree.html", pages.tree_page),
+    Route("about.html", partial(_plain_page, "about.html", "About these sizes")),
+    Route("compare.html", partial(_plain_page, "compare.html", "Compare")),
+    Route("search.html", partial(_plain_page, "search.html", "Search")),
+    Route("scale.html", partial(_plain_page, "scale.html", "The scale of a scene")),
+    Route("sources/index.html", pages.sources_page),
+    Route("sources/{source}.html", pages.source_page),
+    Route("changes/{version}.html", pages.change_page),
+    Route("vocabularies/index.html", pages.vocabularies_page),
+    Route("vocabularies/{name}.html", pages.vocabulary_page),
+    Route("vocabularies/{name}.csv", tables.vocabulary_csv),
     Route("assets/names.js", name_index),
     Route("assets/sizes.js", size_index),
     *(Route(f"assets/{name}", partial(_asset, name)) for name in ASSETS),
     Route("nodes/{slug}.html", node_page),
-    Route(
-        "v1/releases.json",
-        releases_response,
-        response=ReleasesAnswer,
-        operation="releases",
-        summary="The releases of this server.",
-    ),
-    Route(
-        "v1/search",
-        search_response,
-        SearchQuery,
-        SearchAnswer,
-        "search",
-        "Categories for a text, the most likely first.",
-        is_static=False,
-    ),
-    Route(
-        "v1/fit",
-        fit_response,
-        FitQuery,
-        FitAnswer,
-        "fit",
-        "The probability that an object fits through or into another one.",
-        is_static=False,
-    ),
-    Route("v1/sizes.csv", sizes_csv),
-    Route("v1/sizes.parquet", sizes_parquet),
-    Route(
-        "v1/nodes/{slug}/sizes.csv",
-        node_sizes_csv,
-        listed=lambda catalogue, node: catalogue.prior(node) is not None,
-    ),
-    Route("v1/nodes/{slug}/items.csv", items_csv, listed=_has_items),
-    Route(
-        "v1/nodes/{slug}/items.parquet",
-        items_parquet,
-        listed=lambda catalogue, node: _has_items(catalogue, node, MIN_PARQUET_ROWS),
-    ),
+    Route("v1/releases.json", responses.releases_response, None, schemas.ReleasesAnswer),
+    Route("v1/search", search_response, schemas.SearchQuery, schemas.SearchAnswer, is_static=False),
+    Route("v1/fit", fit_response, schemas.FitQuery, schemas.FitAnswer, is_static=False),
+    Route("v1/sizes.csv", tables.sizes_csv),
+    Route("v1/sizes.parquet", tables.sizes_parquet),
+    Route("v1/nodes/{slug}/sizes.csv", tables.node_sizes_csv, listed=_has_prior),
+    Route("v1/nodes/{slug}/items.csv", tables.items_csv, listed=_has_items),
+    Route("v1/nodes/{slug}/items.parquet", tables.items_parquet, listed=_has_parquet),
     Route(
         "v1/nodes/{id}/prior.json",
-        prior_response,
-        PriorQuery,
-        PriorAnswer,
-        "prior",
-        "Its size distribution.",
-        listed=lambda catalogue, node: catalogue.prior(node) is not None,
+        responses.prior_response,
+        schemas.PriorQuery,
+        schemas.PriorAnswer,
+        _has_prior,
         is_quick=True,
     ),
-    Route("v1/nodes/{id}/items.json", items_response, ItemsQuery, ItemsAnswer, "items", "Its published items by page."),
-    Route("v1/nodes/{id}/images.json", images_response, NoQuery, ImagesAnswer, "images", "Images of its items."),
-    Route("v1/nodes/{id}.json", node_response, NoQuery, NodeAnswer, "node", "A category."),
-    Route(
-        "v1/vocabularies/{name}.json",
-        vocabulary_response,
-        response=VocabularyAnswer,
-        operation="vocabulary",
-        summary="A label list with sizes.",
-    ),
+    Route("v1/nodes/{id}/items.json", responses.items_response, schemas.ItemsQuery, schemas.ItemsAnswer),
+    Route("v1/nodes/{id}/images.json", responses.images_response, schemas.NoQuery, schemas.ImagesAnswer),
+    Route("v1/nodes/{id}.json", responses.node_response, schemas.NoQuery, schemas.NodeAnswer),
+    Route("v1/vocabularies/{name}.json", responses.vocabulary_response, None, schemas.VocabularyAnswer),
 )
 
 
@@ -246,7 +189,7 @@ def find_route(catalogue: ReleaseCatalogue, address: str) -> tuple[Route, str, A
             continue
         text = match[1] if route.parameter else ""
         if route.parameter == "id":
-            return route, text, found_node(catalogue, text)
+            return route, text, responses.found_node(catalogue, text)
         values = PARAMETERS[route.parameter](catalogue)
         return (route, text, values[text]) if text in values else None
     return None

@@ -17,14 +17,14 @@ from metric_tree.prior import INTERVAL_QUANTILES, QUANTILES
 
 def items_csv(catalogue: ReleaseCatalogue, node: Node) -> bytes:
     """Return the published items at or below a node as CSV; lists are joined by spaces."""
-    table = catalogue.items.take(catalogue.rows(node))
+    table = catalogue.published(catalogue.rows(node))
     return csv_text(table.column_names, (row.values() for row in table.to_pylist()))
 
 
 def items_parquet(catalogue: ReleaseCatalogue, node: Node) -> bytes:
     """Return the published items at or below a node as Parquet, with the units in the metadata of the columns."""
     sink = io.BytesIO()
-    pq.write_table(catalogue.items.take(catalogue.rows(node)), sink, compression="zstd", store_schema=False)
+    pq.write_table(catalogue.published(catalogue.rows(node)), sink, compression="zstd", store_schema=False)
     return sink.getvalue()
 
 

@@ -105,7 +105,7 @@ def node_page(catalogue: ReleaseCatalogue, node: Node) -> bytes:
         withheld=withheld,
         n_unnamed=answer.n_sources - len(source_rows) - len(withheld),
         percents=whole_percents(answer.share_by_kind),
-        years=[year for year in catalogue.items["year"].take(rows).to_pylist() if year is not None],
+        years=[year for year in catalogue.published(rows)["year"].to_pylist() if year is not None],
         children=category_bars(catalogue, node.children, node),
         siblings=category_bars(catalogue, siblings, node) if len(siblings) > 1 else None,
         pictures=images_to_scale(catalogue, node),

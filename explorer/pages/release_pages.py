@@ -102,7 +102,7 @@ def source_page(catalogue: ReleaseCatalogue, source_id: str) -> bytes:
     empty = {"kind": "", "licence": "", "attribution": "", "noncommercial": False, "withheld": False}
     source = {**empty, "n_fit": 0, "n_rows": 0, "url": "", **catalogue.sources[source_id]}
     rows = catalogue.rows_by_source.get(source_id, np.zeros(0, dtype=int))
-    names = np.array(catalogue.items["node_id"].take(rows).to_pylist(), dtype=object)
+    names = np.array(catalogue.published(rows)["node_id"].to_pylist(), dtype=object)
     classes, offsets = [], []
     for node_id, n in Counter(names.tolist()).most_common():
         node = catalogue.nodes[node_id]
@@ -209,23 +209,3 @@ def tree_page(catalogue: ReleaseCatalogue) -> bytes:
     root = catalogue.tree.root
     areas = Markup(icicle(root, catalogue.tier))
     return page_bytes(catalogue, "tree.html", "", "The tree", top=root, tier=catalogue.tier, areas=areas)
-
-
-def about_page(catalogue: ReleaseCatalogue) -> bytes:
-    """Return the page that explains sizes and tiers."""
-    return page_bytes(catalogue, "about.html", "", "About these sizes")
-
-
-def compare_page(catalogue: ReleaseCatalogue) -> bytes:
-    """Return the page that compares up to six nodes; the browser draws them from `assets/sizes.js`."""
-    return page_bytes(catalogue, "compare.html", "", "Compare")
-
-
-def search_page(catalogue: ReleaseCatalogue) -> bytes:
-    """Return the page of the results of a search, which the browser writes."""
-    return page_bytes(catalogue, "search.html", "", "Search")
-
-
-def scale_page(catalogue: ReleaseCatalogue) -> bytes:
-    """Return the page that shows results and measured objects, which the browser reads."""
-    return page_bytes(catalogue, "scale.html", "", "The scale of a scene")

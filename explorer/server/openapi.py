@@ -50,18 +50,18 @@ def operation(route: Route, examples: dict[str, tuple[str, str]]) -> dict[str, A
                     del schema["default"]
                 fields.append((name, "query", text, name in query["required"], schema, example))
     keys = ("name", "in", "description", "required", "schema", "example")
+    assert route.response is not None
     responses = {"200": _content("application/json", route.response, "the record")}
     for status, text in (("404", "the release has no such name"), ("422", "a parameter is invalid")):
         responses[status] = _content("application/problem+json", Problem, text)
     return {
         "operationId": route.operation,
-        "summary": route.summary,
+        "summary": str(route.response.__doc__).partition("\n")[0],
         "parameters": [dict(zip(keys, field, strict=True)) for field in fields],
         "responses": responses,
     }
 
 
-def _content(media_type: str, record: type[msgspec.Struct] | None, text: str) -> dict[str, Any]:
-    assert record is not None
+def _content(media_type: str, record: type[msgspec.Struct], text: str) -> dict[str, Any]:
     schema = {"$ref": f"#/components/schemas/{record.__name__}"}
     return {"description": text, "content": {media_type: {"schema": schema}}}

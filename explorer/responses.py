@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import re
-from base64 import urlsafe_b64decode, urlsafe_b64encode
 from collections import Counter
 from collections.abc import Sequence
 
@@ -50,8 +48,8 @@ DENSITY_SIZE_RANGE_MM = (1e-6, 1e12)
 MAX_COMPARED = 6
 #: Maximum length of a list of numbers in characters.
 MAX_LIST_CHARS = 4000
-#: Query with the default value of every field.
-DEFAULT_PRIOR = PriorQuery()
+#: Queries with the default value of every field.
+DEFAULT_PRIOR, FIRST_ITEMS = PriorQuery(), ItemsQuery()
 #: Maximum number of values that an error message repeats.
 MAX_SHOWN_VALUES = 6
 
@@ -71,7 +69,7 @@ def reference(catalogue: ReleaseCatalogue, node: Node) -> NodeRef:
     return NodeRef(node.node_id, node.name, node.level, catalogue.tier(node), node.n_items, medians(catalogue, node))
 
 
-def quantile_table(dims: tuple[str, ...], table: FloatArray, quantiles: tuple[float, ...] = QUANTILES) -> Quantiles:
+def quantile_table(dims: tuple[str, ...], table: FloatArray, quantiles: Sequence[float] = QUANTILES) -> Quantiles:
     """Return quantiles (q, d) in mm by dimension and probability."""
     return {
         dim: {f"{q:g}": _rounded(value) for q, value in zip(quantiles, column, strict=True)}
@@ -154,61 +152,9 @@ def node_response(catalogue: ReleaseCatalogue, node: Node, _: NoQuery | None = N
     )
 
 
-def prior_record(
-    catalogue: ReleaseCatalogue,
-    node: Node,
-    prior: Prior,
-    quantiles: tuple[float, ...] = QUANTILES,
-    density_at: FloatArray | None = None,
-) -> PriorAnswer:
-    """Return the record of a prior with its quantiles, and its log density at sizes `density_at` (n, d) in mm."""
-    table = prior.quantiles(quantiles)
-    return PriorAnswer(
-        tree=tree_reference(catalogue.tree),
-        node=node.node_id,
-        dims=list(prior.dims),
-        tier=prior.tier,
-        n=prior.n,
-        n_sources=prior.n_sources,
-        borrowed=round(prior.borrowed, 4),
-        share_by_kind=_shares(prior),
-        where=prior.note,
-        quantiles_mm=quantile_table(prior.dims, table, quantiles),
-        family=FAMILY,
-        weights=prior.weights.tolist(),
-        means=prior.means.tolist(),
-        covariances=prior.covariances.tolist(),
-        shared_covariance=prior.shared_covariance.tolist(),
-        log_density=None if density_at is None else prior.log_density(density_at).tolist(),
-    )
-
-
-def cursor(page: int) -> str:
-    """Return the token of a page of items; its form may change."""
-    return urlsafe_b64encode(f"p{page}".encode()).decode().rstrip("=")
-
-
-def page_of_cursor(token: str) -> int:
-    """Return the page of a token. Raises InputError if the token is not one of `cursor`."""
-    try:
-        text = urlsafe_b64decode(token + "=" * (-len(token) % 4)).decode()
-    except ValueError:
-        text = ""
-    if not re.fullmatch(r"p[1-9]\d{0,5}", text):
-        raise InputError(f"cursor: expected the `next` of a response; found {token[:40]!r}")
-    return int(text[1:])
-
-
-def items_response(catalogue: ReleaseCatalogue, node: Node, query: ItemsQuery | None = None) -> ItemsAnswer | None:
-    """Return a page of the published items at or below a node; None if there is no such page.
-
-    Raises
-    ------
-    InputError
-        The cursor is not one of `cursor`.
-    """
-    token = (query.cursor or query.page) if query is not None else ""
-    page = page_of_cursor(token) if token else 1
+def items_response(catalogue: ReleaseCatalogue, node: Node, query: ItemsQuery = FIRST_ITEMS) -> ItemsAnswer | None:
+    """Return a page of the published items at or below a node; None if there is no such page."""
+    page = int((query.cursor or query.page or "p1")[1:])
     rows = catalogue.rows(node)
     n_pages = max(1, -(-len(rows) // PAGE_ROWS))
     if page > n_pages:
@@ -219,7 +165,7 @@ def items_response(catalogue: ReleaseCatalogue, node: Node, query: ItemsQuery | 
         node=node.node_id,
         n_shipped=len(rows),
         items=[{name: value for name, value in item.items() if value is not None and value != []} for item in items],
-        next=f"items?cursor={cursor(page + 1)}" if page < n_pages else None,
+        next=f"items?cursor=p{page + 1}" if page < n_pages else None,
     )
 
 
@@ -289,9 +235,7 @@ def _rounded(mm: float) -> float:
 
 
 def prior_response(catalogue: ReleaseCatalogue, node: Node, query: PriorQuery = DEFAULT_PRIOR) -> PriorAnswer | None:
-    """Return the prior that a query describes; None if the query is empty and the node has no prior.
-
-    An empty query means the default prior, or else the widest one; its record is also in the static site.
+    """Return the prior that a query describes; None if the node has no prior.
 
     Raises
     ------
@@ -300,13 +244,11 @@ def prior_response(catalogue: ReleaseCatalogue, node: Node, query: PriorQuery = 
     NoPrior
         No prior has these dimensions.
     """
-    if query == DEFAULT_PRIOR:
-        prior = catalogue.prior(node)
-        return None if prior is None else prior_record(catalogue, node, prior)
     dims = tuple(dim.strip() for dim in query.dims.split(",") if dim.strip())
     text = query.q if query.quantiles is UNSET else query.quantiles
     quantiles = QUANTILES if text is UNSET else numbers(text, "quantiles")
-    return queried_prior(catalogue, node, dims, query.where or None, quantiles, numbers(query.density_at, "density_at"))
+    density_at = numbers(query.density_at, "density_at")
+    return queried_prior(catalogue, node, dims, query.where or None, quantiles, density_at) if node.prior_dims else None
 
 
 def queried_prior(
@@ -322,7 +264,7 @@ def queried_prior(
     Parameters
     ----------
     dims : sequence of str
-        Dimensions; empty for those of the default prior.
+        Dimensions; empty for those of the default prior, or else of the widest one.
     where : str, optional
         Region and year, `region=europe,year=2011`.
     quantiles : sequence of float
@@ -343,14 +285,31 @@ def queried_prior(
         )
     if len(set(dims)) != len(dims):
         raise InputError(f"dims: expected each dimension once; found {', '.join(dims)}")
-    prior = node.prior(tuple(dims) or None, where)
+    prior = node.prior(tuple(dims) or catalogue.dims(node) or None, where)
     d = len(prior.dims)
     low, high = DENSITY_SIZE_RANGE_MM
     if len(density_at) % d or len(density_at) > MAX_DENSITY_SIZES * d or not all(low < mm < high for mm in density_at):
         expected = f"sizes in mm with {d} numbers each, at most {MAX_DENSITY_SIZES}"
         raise InputError(f"density_at: expected {expected}; found {_shown(density_at)}")
-    sizes = np.array(density_at, dtype=float).reshape(-1, d) if density_at else None
-    return prior_record(catalogue, node, prior, tuple(quantiles), sizes)
+    sizes = np.array(density_at, dtype=float).reshape(-1, d)
+    return PriorAnswer(
+        tree=tree_reference(catalogue.tree),
+        node=node.node_id,
+        dims=list(prior.dims),
+        tier=prior.tier,
+        n=prior.n,
+        n_sources=prior.n_sources,
+        borrowed=round(prior.borrowed, 4),
+        share_by_kind=_shares(prior),
+        where=prior.note,
+        quantiles_mm=quantile_table(prior.dims, prior.quantiles(quantiles), quantiles),
+        family=FAMILY,
+        weights=prior.weights.tolist(),
+        means=prior.means.tolist(),
+        covariances=prior.covariances.tolist(),
+        shared_covariance=prior.shared_covariance.tolist(),
+        log_density=prior.log_density(sizes).tolist() if density_at else None,
+    )
 
 
 def found_node(catalogue: ReleaseCatalogue, name: str, vocabulary: str | None = None) -> Node:

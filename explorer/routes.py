@@ -117,6 +117,12 @@ def _asset(name: str, _: ReleaseCatalogue) -> bytes:
     return files("explorer.pages").joinpath("assets", name).read_bytes()
 
 
+def _openapi(catalogue: ReleaseCatalogue) -> bytes:
+    from explorer.server.openapi import description  # describes the routes of this module
+
+    return description(catalogue)
+
+
 def _has_items(catalogue: ReleaseCatalogue, node: Node, min_items: int = 1) -> bool:
     return node.level >= LISTED_LEVEL and len(catalogue.rows(node)) >= min_items
 
@@ -137,6 +143,7 @@ def _has_parquet(catalogue: ReleaseCatalogue, node: Node) -> bool:
 #: The first route whose pattern matches an address serves it.
 ROUTES = (
     Route("index.html", pages.home_page),
+    Route("openapi.json", _openapi),
     Route("tree.html", pages.tree_page),
     Route("about.html", partial(_plain_page, "about.html", "About these sizes")),
     Route("compare.html", partial(_plain_page, "compare.html", "Compare")),

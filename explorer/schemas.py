@@ -207,29 +207,21 @@ class NoQuery(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     """Query string of an address without parameters."""
 
 
+_Text = Annotated[str, Meta(min_length=1, max_length=MAX_NAME_CHARS)]
+
+
 class SearchQuery(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     """Query string of a search."""
 
-    q: Annotated[str, Meta(min_length=1, max_length=MAX_NAME_CHARS, description="text to search", examples=["chair"])]
+    q: Annotated[_Text, Meta(description="text to search", examples=["chair"])]
     limit: Annotated[int, Meta(ge=1, le=MAX_HITS, description="maximum number of hits", examples=[5])] = 10
 
 
 class FitQuery(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     """Query string of a fit."""
 
-    object: Annotated[
-        str,
-        Meta(
-            min_length=1,
-            max_length=MAX_NAME_CHARS,
-            description="a name or an id, or sides: 210 x 95 x 85 cm",
-            examples=["sofa"],
-        ),
-    ]
-    into: Annotated[
-        str,
-        Meta(min_length=1, max_length=MAX_NAME_CHARS, description="the same of the larger object", examples=["door"]),
-    ]
+    object: Annotated[_Text, Meta(description="a name or an id, or sides: 210 x 95 x 85 cm", examples=["sofa"])]
+    into: Annotated[_Text, Meta(description="the same of the larger object", examples=["door"])]
     how: Annotated[
         Literal["", "through", "in"],
         Meta(description="through an opening or in a container; by default the category decides", examples=["through"]),
@@ -257,11 +249,14 @@ class PriorQuery(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     q: str | UnsetType = UNSET
 
 
+_Cursor = Annotated[str, Meta(pattern=r"^(p[1-9]\d{0,5})?$")]
+
+
 class ItemsQuery(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     """Query string of the items of a node."""
 
-    cursor: Annotated[str, Meta(description="the `next` token of the previous page", examples=["cDE"])] = ""
-    page: str = ""
+    cursor: Annotated[_Cursor, Meta(description="the token in `next` of the previous page", examples=["p2"])] = ""
+    page: _Cursor = ""
 
 
 #: Maximum number of objects of a request: 500 take about one second.

@@ -11,7 +11,6 @@ from pathlib import Path
 
 from explorer.catalogue import ReleaseCatalogue
 from explorer.routes import render, site_addresses
-from explorer.server.openapi import description
 from metric_base.errors import InputError
 from metric_base.files import whole_folder
 from metric_tree.release.images import link_images
@@ -48,7 +47,6 @@ def write_site(out: Path, trees: Sequence[Tree], workers: int | None = None) -> 
             for parent in {(folder / address).parent for address in addresses}:
                 parent.mkdir(parents=True, exist_ok=True)
             link_images(tree.release, folder)
-            (folder / "openapi.json").write_bytes(description(catalogue))
             chunks = [addresses[start : start + CHUNK] for start in range(0, len(addresses), CHUNK)]
             if workers == 1 or len(chunks) == 1:
                 _worker["catalogue"] = catalogue

@@ -8,12 +8,14 @@ import json
 import logging
 import re
 import time
-from collections.abc import AsyncIterator, Callable, Sequence
+from collections.abc import AsyncIterator, Sequence
 from contextlib import asynccontextmanager
 from functools import partial
 from importlib.resources import files
+from typing import Any
 from urllib.parse import urlsplit
 
+import msgspec
 from starlette.applications import Starlette
 from starlette.concurrency import run_in_threadpool
 from starlette.exceptions import HTTPException
@@ -22,13 +24,13 @@ from starlette.middleware.cors import CORSMiddleware
 from starlette.middleware.trustedhost import TrustedHostMiddleware
 from starlette.requests import ClientDisconnect, Request
 from starlette.responses import Response
-from starlette.routing import Route
+from starlette.routing import Mount, Route
 from starlette.types import ASGIApp, Message, Receive, Scope, Send
 
+from explorer import routes
 from explorer.catalogue import ReleaseCatalogue
 from explorer.routes import MEDIA_TYPES, Rendered, find_route
 from explorer.server.delivery import CachedResponse, ResponseCache, conditional_response, problem
-from explorer.server.openapi import description
 from explorer.server.scale_jobs import ScaleJobs, ServiceUnavailable
 from explorer.urls import page_of
 from metric_base.errors import InputError
@@ -47,93 +49,71 @@ PREFLIGHT_MAX_AGE_S = 86_400
 #: Seconds after which a client may repeat a request that was refused because of load.
 RETRY_AFTER_S = 5
 
-#: Addresses that `Explorer.prepare` renders.
+#: Addresses that `ReleaseServer.prepare` renders.
 PREPARED = ("index.html", "assets/names.js", "assets/sizes.js", "tree.html")
 
 _JSON = MEDIA_TYPES["json"]
 _IMAGE = re.compile(rf"{FOLDER}/[0-9a-f]{{2}}/[0-9a-f]{{64}}\.(?:webp|jpg|png)")
-_RELEASE = re.compile(r"releases/(?P<version>[^/]+)/(?P<address>.*)")
 
 log = logging.getLogger("metric-tree.serve")
 
 
-class Explorer:
-    """The releases of a server, its response cache and the processes that estimate scales."""
+class ReleaseServer:
+    """A release of a server, with a cache that all releases share and the processes that estimate scales."""
 
-    def __init__(self, trees: Sequence[Tree]) -> None:
-        self.catalogues = {tree.version: ReleaseCatalogue(trees, index) for index, tree in enumerate(trees)}
-        self.main = self.catalogues[trees[0].version]
-        self.jobs = {version: ScaleJobs(one.tree.release.directory) for version, one in self.catalogues.items()}
-        self.cache = ResponseCache()
-        self.assets = assets_digest()
-
-    def resolve_release(self, path: str) -> tuple[ReleaseCatalogue, str] | None:
-        """Return the release of a path and the address in it, None if the release is not served there."""
-        match = _RELEASE.fullmatch(path)
-        if match is None:
-            return self.main, path
-        catalogue = self.catalogues.get(match["version"])
-        return None if catalogue is None or catalogue is self.main else (catalogue, match["address"])
+    def __init__(self, catalogue: ReleaseCatalogue, cache: ResponseCache) -> None:
+        self.catalogue, self.cache = catalogue, cache
+        self.version = catalogue.tree.version
+        self.jobs = ScaleJobs(catalogue.tree.release.directory)
+        self.etag = f"{catalogue.etag}-{assets_digest()}"
+        self.routes = [
+            Route("/v1/scale", self.scale, methods=["POST"]),
+            Route("/v1/scale", _post_only),
+            Route("/{path:path}", self.get),
+        ]
 
     def prepare(self) -> None:
         """Render the home page, the indices of the search and a category, so that no request waits for tables."""
-        for address in (*PREPARED, page_of(max(self.main.nodes.values(), key=lambda node: node.level).node_id)):
-            found = find_route(self.main, address)
-            if found is not None:
-                route, text, value = found
-                rendered = route.content(self.main, value)
-                if rendered is not None:
-                    self.cache.put((self.main.tree.version, (route.path, text, None)), CachedResponse(rendered))
+        category = max(self.catalogue.nodes.values(), key=lambda node: node.level)
+        for address in (*PREPARED, page_of(category.node_id)):
+            if (found := find_route(self.catalogue, address)) is not None:
+                self.response(*found, None)
 
     async def get(self, request: Request) -> Response:
-        """Return the content of a route, an image or the OpenAPI description."""
-        path = request.path_params["path"]
-        if path == "openapi.json":
-            return await self._cached(request, self.main, path, lambda: Rendered(description(self.main), _JSON))
-        resolved = self.resolve_release(path)
-        if resolved is None:
-            return problem(404, f"no release is served at /{path[:200]}", request.url.path)
-        catalogue, address = resolved
+        """Return the content of a route, or an image."""
+        address = request.path_params["path"]
         if _IMAGE.fullmatch(address):
-            file = stored_file(catalogue.tree.release.directory, address)
+            file = stored_file(self.catalogue.tree.release.directory, address)
             if file is None:
-                return problem(404, f"nothing is at /{address}", request.url.path)
+                return _nothing(request)
             image = CachedResponse(Rendered(file.read_bytes(), MEDIA_TYPES[file.suffix[1:]]))
             return conditional_response(request, image, file.stem, IMAGE_MAX_AGE_S)
         if address == "" or address.endswith("/"):
             address += "index.html"
-        found = find_route(catalogue, address)
+        found = find_route(self.catalogue, address)
         if found is None:
-            return problem(404, f"nothing is at /{address[:200]}", request.url.path)
+            return _nothing(request)
         route, text, value = found
         query = route.parse_query(request.query_params)
-        content = partial(route.content, catalogue, value, query)
-        return await self._cached(request, catalogue, (route.path, text, query), content, route.is_quick)
+        response = self.cache.get((self.version, route.path, text, query))
+        if response is None:  # in another thread, unless rendering takes less time than that
+            render = partial(self.response, route, text, value, query)
+            response = render() if route.is_quick else await run_in_threadpool(render)
+        return _nothing(request) if response is None else conditional_response(request, response, self.etag)
 
-    async def _cached(
-        self,
-        request: Request,
-        catalogue: ReleaseCatalogue,
-        key: object,
-        render: Callable[[], Rendered | None],
-        is_quick: bool = False,
-    ) -> Response:
-        """Return the cached response of a key, or render it: in another thread unless it takes less time than that."""
-        release_key = (catalogue.tree.version, key)
-        cached = self.cache.get(release_key)
-        if cached is None:
-            rendered = render() if is_quick else await run_in_threadpool(render)
-            if rendered is None:
-                return problem(404, f"nothing is at {request.url.path[:200]}", request.url.path)
-            cached = CachedResponse(rendered)
-            self.cache.put(release_key, cached)
-        return conditional_response(request, cached, f"{catalogue.etag}-{self.assets}")
+    def response(
+        self, route: routes.Route, text: str, value: Any, query: msgspec.Struct | None
+    ) -> CachedResponse | None:
+        """Render and cache the content of a route for a value of its parameter, whose text is `text`."""
+        rendered = route.content(self.catalogue, value, query)
+        if rendered is None:
+            return None
+        response = CachedResponse(rendered)
+        self.cache.put((self.version, route.path, text, query), response)
+        return response
 
     async def scale(self, request: Request) -> Response:
         """Return the posterior of measured objects."""
-        resolved = self.resolve_release(request.url.path.lstrip("/"))
-        if resolved is None:
-            return problem(404, "no such release is served", request.url.path)
         origin, host = request.headers.get("origin"), request.headers.get("host", "")
         if origin is not None and urlsplit(origin).netloc.lower() != host.lower():
             return problem(403, f"origin: expected the host of this server; found {origin[:200]}", request.url.path)
@@ -152,15 +132,8 @@ class Explorer:
         except TimeoutError:
             detail = f"body: expected within {MAX_BODY_S:g} s; found {len(body):,} bytes by then"
             return problem(408, detail, request.url.path, {"connection": "close"})
-        result = await self.jobs[resolved[0].tree.version].result(bytes(body))
+        result = await self.jobs.result(bytes(body))
         return Response(result, media_type=_JSON, headers={"cache-control": "no-store"})
-
-    async def health(self, _: Request) -> Response:
-        """Return the state of the server and the digests of its releases."""
-        releases = {version: catalogue.etag for version, catalogue in self.catalogues.items()}
-        return Response(
-            json.dumps({"status": "ok", "releases": releases}), media_type=_JSON, headers={"cache-control": "no-store"}
-        )
 
 
 def assets_digest() -> str:
@@ -190,16 +163,22 @@ def application(trees: Sequence[Tree], preload: bool = False, allowed_hosts: Seq
     InputError
         Two releases have the same version.
     """
-    explorer = Explorer(trees)
+    cache = ResponseCache()
+    servers = [ReleaseServer(ReleaseCatalogue(trees, place), cache) for place in range(len(trees))]
+    main, *others = servers
 
     @asynccontextmanager
     async def lifespan(_: Starlette) -> AsyncIterator[None]:
         if preload:
-            await run_in_threadpool(explorer.prepare)
-            explorer.jobs[explorer.main.tree.version].preload()
+            await run_in_threadpool(main.prepare)
+            main.jobs.preload()
         yield
-        for jobs in explorer.jobs.values():
-            jobs.stop()
+        for server in servers:
+            server.jobs.stop()
+
+    async def health(_: Request) -> Response:
+        state = {"status": "ok", "releases": {server.version: server.catalogue.etag for server in servers}}
+        return Response(json.dumps(state), media_type=_JSON, headers={"cache-control": "no-store"})
 
     handlers = {
         **dict.fromkeys(_STATUSES, _request_error),
@@ -207,13 +186,7 @@ def application(trees: Sequence[Tree], preload: bool = False, allowed_hosts: Seq
         ClientDisconnect: _disconnected,
         Exception: _internal_error,
     }
-    routes = [
-        Route("/healthz", explorer.health),
-        Route("/v1/scale", explorer.scale, methods=["POST"]),
-        Route("/releases/{version}/v1/scale", explorer.scale, methods=["POST"]),
-        *(Route(f"{release}/v1/scale", _post_only) for release in ("", "/releases/{version}")),
-        Route("/{path:path}", explorer.get),
-    ]
+    mounted = [Mount(f"/releases/{server.version}", routes=server.routes) for server in others]
     middleware = [
         Middleware(AccessLogMiddleware),
         Middleware(TrustedHostMiddleware, allowed_hosts=list(allowed_hosts), www_redirect=False),
@@ -226,7 +199,8 @@ def application(trees: Sequence[Tree], preload: bool = False, allowed_hosts: Seq
             expose_headers=["accept-ranges", "content-range", "etag"],
         ),
     ]
-    return Starlette(routes=routes, middleware=middleware, exception_handlers=handlers, lifespan=lifespan)
+    all_routes = [Route("/healthz", health), *mounted, *main.routes]
+    return Starlette(routes=all_routes, middleware=middleware, exception_handlers=handlers, lifespan=lifespan)
 
 
 class AccessLogMiddleware:
@@ -272,6 +246,11 @@ async def _http_error(request: Request, error: Exception) -> Response:
     assert isinstance(error, HTTPException)
     path = request.url.path[:200]
     return problem(error.status_code, f"{request.method} {path}", path, dict(error.headers or {}))
+
+
+def _nothing(request: Request) -> Response:
+    path = request.url.path[:200]
+    return problem(404, f"nothing is at {path}", path)
 
 
 async def _post_only(_: Request) -> Response:

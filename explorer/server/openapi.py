@@ -13,7 +13,7 @@ from explorer.schemas import Problem, ScaleRequest
 
 
 def description(catalogue: ReleaseCatalogue) -> bytes:
-    """Return the description of a server whose main release is that of the catalogue, as JSON.
+    """Return the description of the addresses of a release as JSON.
 
     `openapi_base.json` describes the API in general and the two addresses that are not in the route table.
     """
@@ -22,7 +22,7 @@ def description(catalogue: ReleaseCatalogue) -> bytes:
     _, components = msgspec.json.schema_components(records, ref_template="#/components/schemas/{name}")
     example_node = "chair.n.01" if "chair.n.01" in catalogue.nodes else next(iter(catalogue.nodes))
     examples = {
-        "id": ("a node's id or its slug", example_node),
+        "id": ("an id, a slug or a name of a category", example_node),
         "name": ("a label list", next(iter(catalogue.vocabularies), "coco_80")),
     }
     document = msgspec.json.decode(files("explorer.server").joinpath("openapi_base.json").read_bytes())

@@ -23,7 +23,8 @@ from starlette.testclient import TestClient
 
 from explorer.catalogue import ReleaseCatalogue
 from explorer.schemas import NodeAnswer, PriorAnswer, Problem, SearchAnswer
-from explorer.server.app import Explorer, application
+from explorer.server.app import ReleaseServer, application
+from explorer.server.delivery import ResponseCache
 from metric_tree.tree import Tree
 from tests.explorer.conftest import WEB
 
@@ -53,7 +54,7 @@ def test_questions_answer_as_the_tree_does(base: str, catalogue: ReleaseCatalogu
 
 def test_items_come_a_page_at_a_time(base: str, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr("explorer.responses.PAGE_ROWS", 4)
-    address, following, titles = f"{base}/v1/nodes/pointer.n.01/", "items?page=cDE", []
+    address, following, titles = f"{base}/v1/nodes/pointer.n.01/", "items?page=p1", []
     while following:
         address = urljoin(address, following)
         page = WEB.get(address).json()
@@ -67,7 +68,7 @@ def test_items_come_a_page_at_a_time(base: str, monkeypatch: pytest.MonkeyPatch)
     [
         ("/nowhere", 404, "nothing is at"),
         ("/v1/nodes/none", 404, "none"),
-        ("/releases/9.9.9/index.html", 404, "no release"),
+        ("/releases/9.9.9/index.html", 404, "nothing is at /releases/9.9.9/"),
         ("/v1/search", 422, "required field `q`"),
         ("/v1/search?q=", 422, "length >= 1"),
         ("/v1/search?q=%20", 422, "spaces only"),
@@ -91,6 +92,14 @@ def test_errors_have_one_shape(base: str, path: str, status: int, text: str) -> 
     assert answer.headers["content-type"] == "application/problem+json"
     assert (answer.status_code, problem.status) == (status, status)
     assert text in problem.detail
+
+
+def test_each_release_has_its_description_and_scale(base: str, trees: list[Tree]) -> None:
+    for prefix, tree in zip(("", f"/releases/{trees[1].version}"), trees, strict=True):
+        assert WEB.get(f"{base}{prefix}/openapi.json").json()["info"]["version"] == tree.version
+        assert WEB.post(f"{base}{prefix}/v1/scale", json=OBJECTS).json()["schema"] == "metric-tree/scale/1"
+        assert WEB.get(f"{base}{prefix}/v1/nodes/rat.n.01").status_code == (404 if prefix else 200)
+    assert WEB.get(f"{base}/releases/{trees[0].version}/index.html").status_code == 404
 
 
 def test_a_method_that_is_not_taken(base: str) -> None:
@@ -302,12 +311,11 @@ def test_the_command_serves_logs_and_stops(catalogue: ReleaseCatalogue) -> None:
 
 
 def test_a_prepared_server_has_its_tables_before_the_first_request(trees: list[Tree]) -> None:
-    explorer = Explorer(trees)
-    assert "sizes" not in vars(explorer.main)
-    explorer.prepare()
-    assert {"items", "sizes", "kinds"} <= set(vars(explorer.main))
-    key = (explorer.main.tree.version, ("assets/names.js", "", None))
-    assert explorer.cache.get(key) is not None
+    server = ReleaseServer(ReleaseCatalogue(trees), ResponseCache())
+    assert "sizes" not in vars(server.catalogue)
+    server.prepare()
+    assert {"items", "sizes", "kinds"} <= set(vars(server.catalogue))
+    assert server.cache.get((server.version, "assets/names.js", "", None)) is not None
 
 
 def test_tools_of_the_model_context_protocol(catalogue: ReleaseCatalogue) -> None:

@@ -28,7 +28,7 @@ from explorer.schemas import (
     VocabularyAnswer,
     VocabularyRow,
 )
-from explorer.urls import LISTED_LEVEL, MIN_PARQUET_ROWS, PAGE_ROWS, page_of, slug
+from explorer.urls import MIN_PARQUET_ROWS, PAGE_ROWS, page_of, slug
 from metric_base.arrays import FloatArray
 from metric_base.errors import InputError
 from metric_tree.node import Node
@@ -119,7 +119,7 @@ def node_response(catalogue: ReleaseCatalogue, node: Node, _: NoQuery | None = N
     links |= {name: f"{url}/{name}.json" for name in ("prior", "items", "images")}
     if prior is not None:
         links["sizes"] = f"{url}/sizes.csv"
-    if len(rows) and node.level >= LISTED_LEVEL:
+    if len(rows):
         links["csv"] = f"{url}/items.csv"
         if len(rows) >= MIN_PARQUET_ROWS:
             links["parquet"] = f"{url}/items.parquet"

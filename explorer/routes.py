@@ -19,7 +19,7 @@ from explorer.pages.node_page import node_page
 from explorer.pages.templating import page_bytes
 from explorer.queries import search_response
 from explorer.search_index import name_index, size_index
-from explorer.urls import LISTED_LEVEL, MIN_PARQUET_ROWS
+from explorer.urls import MIN_PARQUET_ROWS
 from metric_base.errors import InputError
 from metric_tree.node import Node
 
@@ -124,7 +124,7 @@ def _openapi(catalogue: ReleaseCatalogue) -> bytes:
 
 
 def _has_items(catalogue: ReleaseCatalogue, node: Node, min_items: int = 1) -> bool:
-    return node.level >= LISTED_LEVEL and len(catalogue.rows(node)) >= min_items
+    return len(catalogue.rows(node)) >= min_items
 
 
 def _plain_page(template: str, title: str, catalogue: ReleaseCatalogue) -> bytes:

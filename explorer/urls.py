@@ -5,10 +5,6 @@ from __future__ import annotations
 #: Items on one page: about 12 kB of JSON. The static site has the first page only, and all items as CSV.
 PAGE_ROWS = 50
 
-#: Minimum level of nodes with a CSV file in the static site; the items of broader nodes are in the files of their
-#: children.
-LISTED_LEVEL = 3
-
 #: Minimum number of items for a Parquet file; with fewer, its footer is longer than the rows.
 MIN_PARQUET_ROWS = 50
 

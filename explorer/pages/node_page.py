@@ -31,6 +31,8 @@ MAX_ROWS = 9
 MIN_AXIS_FRACTION = 0.8
 #: Maximum number of items in the page; the browser loads the others on demand.
 MAX_ITEMS = 16
+#: Maximum number of items that the browser loads on demand: a table of more rows takes seconds.
+MAX_LOADED_ITEMS = 5000
 #: Maximum number of images in the page.
 MAX_IMAGES = 12
 #: Longest side of the largest image in pixels.
@@ -110,6 +112,7 @@ def node_page(catalogue: ReleaseCatalogue, node: Node) -> bytes:
         siblings=category_bars(catalogue, siblings, node) if len(siblings) > 1 else None,
         pictures=images_to_scale(catalogue, node),
         items=items_by_size(catalogue, rows, sizes),
+        max_loaded=MAX_LOADED_ITEMS,
         dims_code="(" + ", ".join(f'"{dim}"' for dim in answer.dims) + ("," if len(answer.dims) == 1 else "") + ")",
         outside=outside_links(catalogue, node),
         report_href=f"{ISSUES}?title={quote(f'{node.name}: ')}&body={quote(report)}",

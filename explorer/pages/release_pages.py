@@ -51,7 +51,7 @@ def change_tables(
     counts = ("Categories", f"{diff.nodes_before:,}", f"{diff.nodes_after:,}")
     share = ("Priors that moved", "", f"{len(diff.priors):,} ({diff.share_moved:.0%} of those in both)")
     tables: list[tuple[str, tuple[str, ...], list[tuple[Any, ...]]]] = [
-        ("Summary", ("", "before", "now"), [counts, share]),
+        ("Summary", ("count", "before", "now"), [counts, share]),
         ("Priors that moved", _MOVED_HEAD, [moved(one) for one in diff.priors]),
         ("Tiers", ("category", "before", "now"), [(link(n), *pair) for n, pair in diff.tiers.items()]),
         ("New categories", ("category",), [(link(node_id),) for node_id in diff.added]),

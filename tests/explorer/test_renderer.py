@@ -84,7 +84,7 @@ def test_a_page_says_the_tier_then_the_size(catalogue: ReleaseCatalogue) -> None
     text = page.body.decode()
     assert (
         text.index('class="tier')
-        < text.index('<p class="sentence">A swivel chair is about 1.1 m high')
+        < text.index('<p class="sentence">A swivel chair is about 1.1\u00a0m high')
         < text.index("<h2")
     )
     assert text.count('<svg viewBox="0 0 340') == 5  # to scale, three dimensions, one against another

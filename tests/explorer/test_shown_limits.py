@@ -193,11 +193,19 @@ def test_50_items_fill_a_page_and_make_a_parquet_file(
     assert (len(page.items), page.next is not None) == (min(n, 50), has_next)
 
 
-def test_nodes_from_level_3_have_a_csv_file(catalogue: ReleaseCatalogue) -> None:
-    nodes = [node for node in catalogue.nodes.values() if len(catalogue.rows(node))]
-    assert {2, 3} <= {node.level for node in nodes}
-    for node in nodes:
-        assert ("csv" in node_response(catalogue, node).links) == (node.level >= 3)
+def test_nodes_of_all_levels_with_items_have_a_csv_file(catalogue: ReleaseCatalogue) -> None:
+    nodes = list(catalogue.nodes.values())
+    has_items = [len(catalogue.rows(node)) > 0 for node in nodes]
+    assert {node.level for node, has in zip(nodes, has_items, strict=True) if has} == {1, 2, 3, 4, 5}
+    assert ["csv" in node_response(catalogue, node).links for node in nodes] == has_items
+
+
+@pytest.mark.parametrize(("n", "is_shown"), [(5000, True), (5001, False)])
+def test_the_browser_loads_at_most_5000_items(
+    catalogue: ReleaseCatalogue, monkeypatch: pytest.MonkeyPatch, n: int, is_shown: bool
+) -> None:
+    repeat_rows(monkeypatch, n)
+    assert ('id="all-items"' in node_page(catalogue, catalogue.nodes[NODE]).decode()) == is_shown
 
 
 @pytest.mark.parametrize(("page", "is_valid"), [(0, False), (1, True), (999_999, True), (1_000_000, False)])

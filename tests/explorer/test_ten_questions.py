@@ -104,7 +104,29 @@ def test_the_address_of_a_prior_is_a_link_of_its_page(shipped: str, browser: Bro
     assert "metric-tree/prior/1" in records
 
 
-@pytest.mark.parametrize("page", ["nodes/sofa.n.01.html", "nodes/mug.n.04.html", "sources/index.html"])
+#: The words of a page, with its parts open, whose letters are on several lines.
+BROKEN_WORDS = """(() => {
+  for (const part of document.querySelectorAll("details.part")) part.open = true;
+  const walk = document.createTreeWalker(document.getElementById("main"), NodeFilter.SHOW_TEXT);
+  const range = document.createRange();
+  const broken = [];
+  while (walk.nextNode()) {
+    const text = walk.currentNode;
+    if (!text.parentElement.offsetParent || text.parentElement.closest("code, script, svg")) continue;
+    for (const word of text.data.matchAll(/[A-Za-z]{3,}/g)) {
+      range.setStart(text, word.index);
+      range.setEnd(text, word.index + word[0].length);
+      if (new Set([...range.getClientRects()].map((box) => Math.round(box.top))).size > 1) broken.push(word[0]);
+    }
+  }
+  return broken;
+})()"""
+
+
+@pytest.mark.parametrize(
+    "page",
+    ["nodes/sofa.n.01.html", "nodes/cellular_telephone.n.01.html", "nodes/vehicle.n.01.html", "sources/index.html"],
+)
 def test_a_page_on_a_phone_is_short_and_hides_no_column(shipped: str, browser: Browser, page: str) -> None:
     browser.call("Emulation.setDeviceMetricsOverride", width=390, height=844, deviceScaleFactor=1, mobile=True)
     browser.open(f"{shipped}/{page}")
@@ -113,4 +135,5 @@ def test_a_page_on_a_phone_is_short_and_hides_no_column(shipped: str, browser: B
     hidden = "[...document.querySelectorAll('tbody tr:not([hidden]) > *')].filter(one => one.textContent && "
     hidden += "getComputedStyle(one).display === 'none').length"
     assert browser.run(hidden) == 0
+    assert browser.run(BROKEN_WORDS) == []
     browser.call("Emulation.clearDeviceMetricsOverride")

@@ -2,39 +2,23 @@
 
 from __future__ import annotations
 
-import re
 from collections.abc import Callable, Iterator, Mapping
-from dataclasses import dataclass
-from functools import cached_property, partial
+from functools import partial
 from importlib.resources import files
 from typing import Any
-
-import msgspec
 
 from explorer import responses, schemas, tables
 from explorer.catalogue import ReleaseCatalogue
 from explorer.fit import fit_response
+from explorer.openapi import description
 from explorer.pages import release_pages as pages
 from explorer.pages.node_page import node_page
 from explorer.pages.templating import page_bytes
 from explorer.queries import search_response
+from explorer.route import Rendered, Route
 from explorer.search_index import name_index, size_index
 from explorer.urls import MIN_PARQUET_ROWS
-from metric_base.errors import InputError
 from metric_tree.node import Node
-
-MEDIA_TYPES = {
-    "html": "text/html; charset=utf-8",
-    "json": "application/json",
-    "js": "text/javascript; charset=utf-8",
-    "css": "text/css; charset=utf-8",
-    "svg": "image/svg+xml",
-    "csv": "text/csv; charset=utf-8",
-    "parquet": "application/vnd.apache.parquet",
-    "webp": "image/webp",
-    "jpg": "image/jpeg",
-    "png": "image/png",
-}
 
 ASSETS = ("style.css", "page.js", "search.js", "compare.js", "scale.js", "view3d.js", "icon.svg")
 
@@ -50,77 +34,12 @@ PARAMETERS: dict[str, Callable[[ReleaseCatalogue], Mapping[str, Any]]] = {
 }
 
 
-@dataclass(frozen=True, slots=True)
-class Rendered:
-    """The bytes at an address, and their media type."""
-
-    body: bytes
-    media_type: str
-
-
-@dataclass(frozen=True)
-class Route:
-    """An address of a release, with at most one parameter in braces (a key of `PARAMETERS`).
-
-    `render` is called with the catalogue, the value of the parameter if there is one, and the query if `query` is a
-    record. It returns bytes, a record to encode as JSON, or None if the address does not exist.
-    """
-
-    path: str
-    render: Callable[..., bytes | msgspec.Struct | None]
-    query: type[msgspec.Struct] | None = None  #: record of the query string; None: a query string is ignored
-    response: type[msgspec.Struct] | None = None  #: record of the response; None: not described by OpenAPI
-    listed: Callable[[ReleaseCatalogue, Any], bool] | None = None  #: selects values for the static site; None: all
-    is_static: bool = True  #: False if only a server has the address
-    is_quick: bool = False  #: Rendering takes less time than a switch of threads.
-
-    @property
-    def operation(self) -> str:
-        """Name of the operation in OpenAPI: that of the record of the response, such as `prior` of `PriorAnswer`."""
-        return self.response.__name__.removesuffix("Answer").lower() if self.response is not None else ""
-
-    @cached_property
-    def parameter(self) -> str:
-        """Name of the parameter, empty if there is none."""
-        return self.path.partition("{")[2].partition("}")[0]
-
-    @cached_property
-    def pattern(self) -> re.Pattern[str]:
-        """Pattern of the addresses; the suffix `.json` is optional."""
-        text = re.escape(self.path).replace(r"\{id\}", "(.+?)")
-        text = re.sub(r"\\\{\w+\\\}", "([^/]+?)", text)
-        return re.compile(re.sub(r"\\\.json$", r"(?:\\.json)?", text))
-
-    def parse_query(self, fields: Mapping[str, str]) -> msgspec.Struct | None:
-        """Return the record of a query string, None if the route has none. Raises InputError for an invalid field."""
-        if self.query is None:
-            return None
-        try:
-            return msgspec.convert(dict(fields), self.query, strict=False)
-        except msgspec.ValidationError as error:
-            known = ", ".join(self.query.__struct_fields__) or "none"
-            raise InputError(f"query string: {error} (parameters of this address: {known})") from None
-
-    def content(self, catalogue: ReleaseCatalogue, value: Any, query: msgspec.Struct | None = None) -> Rendered | None:
-        """Return the content for a value of the parameter, None if the address does not exist."""
-        values: tuple[Any, ...] = (value,) if self.parameter else ()
-        if self.query is not None:
-            values += (query if query is not None else msgspec.convert({}, self.query),)
-        made = self.render(catalogue, *values)
-        if made is None:
-            return None
-        media_type = MEDIA_TYPES.get(self.path.rpartition(".")[2], MEDIA_TYPES["json"])
-        return Rendered(made if isinstance(made, bytes) else msgspec.json.encode(made), media_type)
-
-
 def _asset(name: str, _: ReleaseCatalogue) -> bytes:
     return files("explorer.pages").joinpath("assets", name).read_bytes()
 
 
 def _openapi(catalogue: ReleaseCatalogue) -> bytes:
-    from explorer.server.openapi import description  # describes the routes of this module
-
-    return description(catalogue)
+    return description(catalogue, ROUTES)
 
 
 def _has_items(catalogue: ReleaseCatalogue, node: Node, min_items: int = 1) -> bool:

@@ -27,9 +27,10 @@ from starlette.responses import Response
 from starlette.routing import Mount, Route
 from starlette.types import ASGIApp, Message, Receive, Scope, Send
 
-from explorer import routes
 from explorer.catalogue import ReleaseCatalogue
-from explorer.routes import MEDIA_TYPES, Rendered, find_route
+from explorer.route import MEDIA_TYPES, Rendered
+from explorer.route import Route as Address
+from explorer.routes import find_route
 from explorer.server.delivery import CachedResponse, ResponseCache, conditional_response, problem
 from explorer.server.scale_jobs import ScaleJobs, ServiceUnavailable
 from explorer.urls import page_of
@@ -101,9 +102,7 @@ class ReleaseServer:
             response = render() if route.is_quick else await run_in_threadpool(render)
         return _nothing(request) if response is None else conditional_response(request, response, self.etag)
 
-    def response(
-        self, route: routes.Route, text: str, value: Any, query: msgspec.Struct | None
-    ) -> CachedResponse | None:
+    def response(self, route: Address, text: str, value: Any, query: msgspec.Struct | None) -> CachedResponse | None:
         """Render and cache the content of a route for a value of its parameter, whose text is `text`."""
         rendered = route.content(self.catalogue, value, query)
         if rendered is None:

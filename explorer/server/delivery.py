@@ -12,7 +12,7 @@ import msgspec
 from starlette.requests import Request
 from starlette.responses import Response
 
-from explorer.routes import Rendered
+from explorer.route import Rendered
 from explorer.schemas import Problem
 
 #: Maximum size of the response cache in bytes: about 2,000 pages.

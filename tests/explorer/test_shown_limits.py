@@ -17,7 +17,7 @@ from explorer.catalogue import ReleaseCatalogue
 from explorer.charts.axis import number_text, range_text
 from explorer.pages.node_page import category_bars, context_table, images_to_scale, items_by_size, node_page
 from explorer.responses import images_response, items_response, node_response, queried_prior
-from explorer.routes import Rendered
+from explorer.route import Rendered
 from explorer.schemas import ItemsQuery, KnownLength, ScaleRequest, SearchQuery
 from explorer.server.app import application
 from explorer.server.delivery import CachedResponse, ResponseCache

@@ -2,22 +2,23 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from importlib.resources import files
 from typing import Any
 
 import msgspec
 
 from explorer.catalogue import ReleaseCatalogue
-from explorer.routes import ROUTES, Route
+from explorer.route import Route
 from explorer.schemas import Problem, ScaleRequest
 
 
-def description(catalogue: ReleaseCatalogue) -> bytes:
+def description(catalogue: ReleaseCatalogue, routes: Sequence[Route]) -> bytes:
     """Return the description of the addresses of a release as JSON.
 
     `openapi_base.json` describes the API in general and the two addresses that are not in the route table.
     """
-    described = [route for route in ROUTES if route.response is not None]
+    described = [route for route in routes if route.response is not None]
     records = [*(route.response for route in described), ScaleRequest, Problem]
     _, components = msgspec.json.schema_components(records, ref_template="#/components/schemas/{name}")
     example_node = "chair.n.01" if "chair.n.01" in catalogue.nodes else next(iter(catalogue.nodes))
@@ -25,11 +26,11 @@ def description(catalogue: ReleaseCatalogue) -> bytes:
         "id": ("an id, a slug or a name of a category", example_node),
         "name": ("a label list", next(iter(catalogue.vocabularies), "coco_80")),
     }
-    document = msgspec.json.decode(files("explorer.server").joinpath("openapi_base.json").read_bytes())
+    document = msgspec.json.decode(files("explorer").joinpath("openapi_base.json").read_bytes())
     document["info"]["title"] = f"{catalogue.tree.name} {catalogue.tree.version}"
     document["info"]["version"] = catalogue.tree.version
-    routes = {f"/{route.path.removesuffix('.json')}": {"get": operation(route, examples)} for route in described}
-    document["paths"] = routes | document["paths"]
+    paths = {f"/{route.path.removesuffix('.json')}": {"get": operation(route, examples)} for route in described}
+    document["paths"] = paths | document["paths"]
     document["components"]["schemas"] = components
     return msgspec.json.encode(document)
 

@@ -245,6 +245,9 @@ def images_to_scale(catalogue: ReleaseCatalogue, node: Node) -> list[dict[str, A
     images = []
     for image, item, side_mm in chosen:
         factor = max(side_mm / max_mm * MAX_IMAGE_PX, MIN_IMAGE_PX) / max(image["width_px"], image["height_px"])
+        size = product_text(item["extents_mm"])
+        if item["kind"] == "judged":  # a photograph of any such object
+            size += ", a typical size and not that of this object"
         credit = image.get("attribution") or f"{item['source']} ({image['licence'] or 'no licence stated'})"
         images.append(
             {
@@ -252,7 +255,7 @@ def images_to_scale(catalogue: ReleaseCatalogue, node: Node) -> list[dict[str, A
                 "title": item["title"] or item["item_id"],
                 "width": max(1, round(image["width_px"] * factor)),
                 "height": max(1, round(image["height_px"] * factor)),
-                "size": product_text(item["extents_mm"]),
+                "size": size,
                 "credit": credit if len(credit) < MAX_CREDIT_CHARS else credit[: MAX_CREDIT_CHARS - 3] + "…",
                 "url": web_address(image["source_url"]),
             }

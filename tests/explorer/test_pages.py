@@ -127,6 +127,13 @@ def test_images_of_different_items_are_drawn_to_the_same_scale(
     assert len(images_to_scale(catalogue, node)) == 2
 
 
+def test_a_photograph_of_a_judged_category_does_not_have_its_size() -> None:
+    shipped = ReleaseCatalogue([open_tree()])
+    (avocado, *_) = images_to_scale(shipped, shipped.nodes["avocado.n.01"])
+    assert avocado["size"].endswith(" cm, a typical size and not that of this object")
+    assert "typical" not in images_to_scale(shipped, shipped.nodes["armchair.n.01"])[0]["size"]
+
+
 def test_the_first_image_is_of_the_item_closest_to_the_median(
     catalogue: ReleaseCatalogue, monkeypatch: pytest.MonkeyPatch
 ) -> None:

@@ -65,8 +65,8 @@ def test_an_id_that_is_gone_gives_way_to_its_successor(tmp_path):
 
 
 def test_a_label_without_a_node_is_not_said_to_lack_a_size():
-    with pytest.raises(UnknownLabel, match="'alcohol' of lvis_v1 names nothing that the tree has a node for"):
-        labelled_node("alcohol", "lvis_v1")
+    with pytest.raises(UnknownLabel, match="'gargle' of lvis_v1 names nothing that the tree has a node for"):
+        labelled_node("gargle", "lvis_v1")
 
 
 def test_labels_near_an_unknown_one_are_named():

@@ -37,14 +37,23 @@ _COUNTS = (
     r"collection|lot|roll|couple|heap|crowd|type|kind|part|cluster|number|slice)s?\s+of\s+"
     rf"(?:(?:{_FEW})\s+)?(?P<rest>.+)$"
 )
-#: Ratios of scale models, beginnings of groups, of parts and of images, and ends of what an image or a mirror shows. "A
-#: photo of a" is the prompt of detectors by text, and stays.
+#: Ratios and names of scales; beginnings of groups and of images; ends about an image, a mirror or a copy. "A photo of
+#: a" is the prompt of detectors by text, and stays.
 _NOT_FULL_SIZE = (
-    r"(?i)\b1\s?:\s?\d|\b1\s?/\s?\d+\s+scale\b|^(?:photo|photograph|snapshot)s?\s+of\s"
-    r"|^(?:an?\s+|the\s+)?(?:stack|pile|heap|row|group|crowd|cluster|part|half|reflection|shadow|silhouette)s?\s+of\s"
-    r"|\s(?:in|on)\s+(?:an?\s+|the\s+)?(?:mirror|billboard|screen|poster|painting|picture|photo|photograph|magazine|"
-    r"mural|advertisement)s?\s*$"
+    r"(?i)\b1\s?:\s?\d|\b1\s?/\s?\d+\s+scale\b|\b(?:(?:half|quarter|small|reduced)[-\s]scale|half[-\s]size)d?\b"
+    r"|\b(?:ho|oo|n|z|tt)[-\s](?:scale|gauge)\b|\bhot\s?wheels\b|\bremote[-\s]control(?:led)?\s+[a-z]"
+    r"|^(?:photo|photograph|snapshot)s?\s+of\s|^(?:photo|photograph|picture|image)\s*:"
+    r"|^(?:an?\s+|the\s+)?(?:stack|pile|heap|row|group|crowd|cluster|bunch|collection|line|fleet|part|half|reflection|"
+    r"shadow|silhouette)s?\s+of\s"
+    r"|\s(?:in|on)\s+(?:(?:an?|the|his|her)\s+)?(?:(?!front\b|top\b)[a-z-]+\s+)?(?:mirror|billboard|screen|poster|"
+    r"painting|picture|photo|photograph|magazine(?:\s+cover)?|mural|advertisement|reflection|postcard|t-?shirt|tv|television)"
+    r"s?\s*(?:$|\s(?:in|on|at)\s)"
+    r"|\s(?:in\s+miniature|(?:is|as)\s+an?\s+(?:toy|replica|miniature)|for\s+(?:an?\s+)?(?:dolls?|doll\s?house|barbie)|"
+    r"(?:from|of)\s+lego)\b"
 )
+#: Part of one item, `back of a chair`, and words before `of` that name no part.
+_PART = r"(?:[a-z-]+\s+)?([a-z-]+)\s+of\s+(?:an?|the|his|her)\s"
+_WHOLE = frozenset({"view", "close-up", "closeup", "pair", "set", "type", "kind", "one", "two", "three", "each", "all"})
 _ONE_OF_A_PAIR = r"(?i)^one\s+of\s+(?:an?|the)\s+(?:pair|set)\s+of\s+"
 _LEADING_NUMBER = r"^\d[\d.,/xX]*\s*(?:(?:cm|mm|m|in|inch|inches|ft|oz|ml|l)\b)?\s+(?=[A-Za-z])"
 _NUMBER = r"(?<![\w/])[#(]?\d+(?:[.,x×]\d+)*(?:-|\s)?(?:inch|inches|in|cm|mm|m|ft|l|ml|oz)?\)?(?![\w/])"
@@ -131,12 +140,14 @@ def is_copy_or_part(text: str) -> bool:
     >>> is_copy_or_part("a photo of a chair"), is_copy_or_part("dog with toy"), is_copy_or_part("pair of scissors")
     (False, False, False)
     """
-    if re.search(_NOT_FULL_SIZE, text):
+    part = re.match(_PART, re.sub(_COUNTED, "", text.strip().lower()))
+    is_part = part is not None and part[1] not in word_list("containers") | word_list("depictions") | _WHOLE
+    if is_part or re.search(_NOT_FULL_SIZE, text):
         return True
     name, *asides = re.split(r"[(\[,;]", re.split(r"(?i)\swith\s", text)[0].lower())
     words = re.findall(r"[a-z]+", name)[:-1] + re.findall(r"[a-z]+", " ".join(asides))
-    copies = word_list("copies")
-    return any(word in copies for word in words) or "model" in re.findall(r"[a-z]+", " ".join(asides))
+    ends = {word for aside in asides for word in re.findall(r"[a-z]+", aside)[-1:]}
+    return not word_list("copies").isdisjoint(words) or not word_list("depictions").isdisjoint(ends)
 
 
 def modifiers(words: Sequence[str]) -> int:

@@ -178,6 +178,8 @@ def estimate_scene(
     ('resolved', True)
     """
     from estimator.reconstructions.model_checks import (
+        MAX_ASSUMED_HEIGHT_M,
+        MAX_USUAL_HEIGHT_M,
         check_reconstruction,
         focal_problem,
         implied_position_problem,
@@ -225,12 +227,15 @@ def estimate_scene(
             # Without curve and scale, no output is drawn or scaled by a mixture of two scales.
             problems = (*context.problems, contradiction)
             result = method.estimate(measurements.objects, tree, options, replace(context, problems=problems))
-    # Other evidence, such as GPS of an aircraft, confirms the height of the cameras.
-    has_other = any(row.scale is not None and row.assumption != TAKEN_AS_METRES for row in options.evidence)
-    floor = None if has_other else measurements.floor
-    implied = None if result.scale is None else implied_position_problem(scene, result.scale, floor)
-    if implied is not None:
+    # Other evidence, such as GPS of an aircraft, confirms the height of the cameras, unless its unit is assumed.
+    assumed = [(row.assumption or "").startswith(TAKEN_AS_METRES) for row in options.evidence if row.scale is not None]
+    max_height_m = MAX_ASSUMED_HEIGHT_M if assumed and not result.objects else MAX_USUAL_HEIGHT_M
+    floor = measurements.floor if all(assumed) else None
+    implied = None if result.scale is None else implied_position_problem(scene, result.scale, floor, max_height_m)
+    if implied is not None and implied.is_doubtful:
         result = replace(result, status="uncertain", warnings=(*result.warnings, f"uncertain: {implied.message}"))
+    elif implied is not None:
+        result = replace(result, warnings=(*result.warnings, implied.message))
     return SceneEstimate(result, scene, masks.instances, measurements)
 
 

@@ -434,10 +434,10 @@ def _new_part(path: Path, *, is_folder: bool) -> Path:
 
 
 def _remove_dead_parts(path: Path) -> None:
-    """Remove what `_new_part` created for a path in processes of this machine that are gone."""
-    name = re.compile(rf"\.{re.escape(path.name)}\.{_MACHINE}\.(\d+)\.[0-9a-f]{{16}}\.part")
+    """Remove what `_new_part` created for a path, and copies with a suffix, if the process of this machine is gone."""
+    name = re.compile(rf"\.{re.escape(path.name)}\.{_MACHINE}\.(\d+)\.[0-9a-f]{{16}}\.part(?:\.[a-z]+)?")
     with suppress(OSError):
-        for entry in sorted(path.parent.glob(f".{glob.escape(path.name)}.*.part")):
+        for entry in sorted(path.parent.glob(f".{glob.escape(path.name)}.*.part*")):
             match = name.fullmatch(entry.name)
             if match is None or is_alive(int(match[1])):
                 continue

@@ -6,6 +6,7 @@ import os
 import warnings
 from collections.abc import Sequence
 from contextlib import suppress
+from datetime import datetime
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -18,8 +19,8 @@ from metric_base.errors import InputError, Unquoted
 MAX_PIXELS = 1 << 28
 #: Maximum size of a file in bytes.
 MAX_BYTES = 1 << 30
-#: EXIF: the tags of the directories of the photograph and of GPS, and of the equivalent focal length.
-_PHOTO_TAGS, _GPS_TAGS, _FOCAL_35MM = 0x8769, 0x8825, 0xA405
+#: EXIF: the tags of the directories of the photograph and of GPS, of the equivalent focal length and of the time.
+_PHOTO_TAGS, _GPS_TAGS, _FOCAL_35MM, _TAKEN = 0x8769, 0x8825, 0xA405, 0x9003
 #: Diagonal in millimetres of the 35 mm frame that the equivalent focal length refers to (CIPA DCG-001).
 DIAGONAL_35MM = 43.2666
 #: Range in millimetres of equivalent focal lengths that are used.
@@ -68,6 +69,14 @@ class ImageHeader(NamedTuple):
             millimetres = float(self.photo_tags.get(_FOCAL_35MM, ""))
             if FOCAL_RANGE_35MM[0] < millimetres < FOCAL_RANGE_35MM[1]:
                 return millimetres / DIAGONAL_35MM * float(np.hypot(self.width, self.height))
+        return None
+
+    @property
+    def taken_s(self) -> float | None:
+        """Time of the photograph in seconds from a fixed one by EXIF, in the zone of the camera; None without it."""
+        with suppress(KeyError, ValueError):
+            stamp = datetime.strptime(str(self.photo_tags[_TAKEN]).strip(), "%Y:%m:%d %H:%M:%S")
+            return (stamp - datetime.min).total_seconds()
         return None
 
 

@@ -99,9 +99,11 @@ class Gps:
             name = Path(self.source).name
         if len(positions) < MIN_POSITIONS:
             return skipped_evidence(KIND, name, f"{len(positions)} views have a position, {MIN_POSITIONS} needed")
-        centres = np.array([scene.views[row].centre for row in positions])
+        centres, metres = np.array([scene.views[row].centre for row in positions]), np.array(list(positions.values()))
+        if (reason := speed_problem(*_timed(scene, self.images, positions))) is not None:
+            return skipped_evidence(KIND, name, reason)
         up = measurements.up if geodetic else None
-        rows = position_evidence(KIND, name, centres, np.array(list(positions.values())), accuracy, up)
+        rows = position_evidence(KIND, name, centres, metres, accuracy, up)
         if self.source == "exif":
             return rows
         assumption = "taken as decimal degrees and metres" if geodetic else taken_as_metres(positions.values())
@@ -125,17 +127,28 @@ class VideoGps:
             )
         metres = self.positions.positions[rows]
         metres = east_north_up(metres) if self.positions.geodetic else metres
-        speed = path_speed(self.positions.times_s[rows], metres)
-        if speed > MAX_SPEED_M_S:
-            reason = f"the positions move at {speed:.3g} m/s, faster than aeroplanes: wrong units or times?"
+        if (reason := speed_problem(self.positions.times_s[rows], metres)) is not None:
             return skipped_evidence(VIDEO_KIND, self.name, reason)
         up = measurements.up if self.positions.geodetic else None
         accuracy = self.positions.accuracy_m or TYPICAL_ACCURACY_M
-        return position_evidence(VIDEO_KIND, self.name, centres, metres, accuracy, up)
+        evidence = position_evidence(VIDEO_KIND, self.name, centres, metres, accuracy, up)
+        return (
+            evidence if self.positions.geodetic else tuple(replace(row, assumption=TAKEN_AS_METRES) for row in evidence)
+        )
+
+
+def speed_problem(times_s: FloatArray, metres: FloatArray) -> str | None:
+    """Return the reason why a path (n, 3) at times (n,) cannot be one in metres, or None."""
+    speed = path_speed(times_s, metres)
+    if speed <= MAX_SPEED_M_S:
+        return None
+    return f"the positions move at {speed:.3g} m/s, faster than aeroplanes: wrong units or times?"
 
 
 def path_speed(times_s: FloatArray, metres: FloatArray) -> float:
     """Return the median speed in m/s along a path (n, 3) at times (n,); 0 for a path shorter than the lag."""
+    if not len(times_s):
+        return 0.0
     later = times_s[times_s <= times_s[-1] - SPEED_LAG_S] + SPEED_LAG_S
     if not len(later):
         return 0.0
@@ -309,6 +322,16 @@ def exif_positions(scene: Scene, images: Path | None) -> tuple[dict[int, FloatAr
                 values[row] = position
                 accuracies.append(accuracy)
     return _in_metres(values, geodetic=True), float(np.median(accuracies)) if accuracies else TYPICAL_ACCURACY_M
+
+
+def _timed(scene: Scene, images: Path | None, positions: Mapping[int, FloatArray]) -> tuple[FloatArray, FloatArray]:
+    """Return the times (k,) by EXIF and the positions (k, 3) of the images with a time, in the order of time."""
+    folders = image_folders(scene, images)
+    files = {row: image_file(folders, scene.views[row]) for row in positions}
+    headers = {row: image_header(file) for row, file in files.items() if file is not None}
+    timed = [(header.taken_s, *positions[row]) for row, header in headers.items() if header is not None]
+    table = np.array(sorted(row for row in timed if row[0] is not None), dtype=np.float64).reshape(-1, 4)
+    return table[:, 0], table[:, 1:]
 
 
 def exif_accuracy(tags: Mapping[int, Any]) -> float:

@@ -40,9 +40,14 @@ MIN_GROUP_VIEWS = 2
 #: Range of the median distance in metres of the points from the cameras: from close-ups of toys to aerial images. A
 #: distance of 3 m becomes 0.003 m or 3,000 m if kilometres or millimetres are read as metres.
 MIN_DISTANCE_M, MAX_DISTANCE_M = 0.1, 1000.0
-#: Maximum height in metres of level cameras above the floor; cameras that look down may be aircraft. A height of 1.5 m
-#: becomes 59 m if inches are read as metres.
-MAX_LEVEL_HEIGHT_M = 50.0
+#: Range of the height in metres of level cameras above the floor; cameras that look down may be aircraft. A height of
+#: 1.5 m becomes 59 m if inches are read as metres, and 0.06 m beside houses at 1:24 that are read as houses.
+MIN_LEVEL_HEIGHT_M, MAX_LEVEL_HEIGHT_M = 0.1, 50.0
+#: The same for a warning: cameras of people, vehicles and poles are lower, and aircraft record their positions.
+MAX_USUAL_HEIGHT_M = 10.0
+#: The same if the only evidence is positions in an assumed unit: a height of 1.5 m becomes 4.9 m if feet are read as
+#: metres, and cameras in hands or on cars are at most 3 m above the ground.
+MAX_ASSUMED_HEIGHT_M = 4.0
 #: Maximum absolute sine of the elevation of level cameras: 30 degrees. Hand-held cameras in rooms look down by less.
 MAX_LEVEL_SINE = 0.5
 #: Maximum ratio, in either direction, of the focal length of the model and that of EXIF, which is rounded to
@@ -164,12 +169,15 @@ def focal_problem(scene: Scene, images: Path | None = None) -> SceneProblem | No
     return SceneProblem(message, is_doubtful=True)
 
 
-def implied_position_problem(scene: Scene, metres_per_unit: float, floor: SupportPlane | None) -> SceneProblem | None:
+def implied_position_problem(
+    scene: Scene, metres_per_unit: float, floor: SupportPlane | None, max_height_m: float = MAX_USUAL_HEIGHT_M
+) -> SceneProblem | None:
     """Return a problem if a scale implies an implausible position of the cameras.
 
     That is the median distance of the observed points, or the median height of level cameras above the floor, if it is
-    given.
+    given. A height from `max_height_m` to `MAX_LEVEL_HEIGHT_M` is a warning.
     """
+    is_doubtful = True
     depths = [view.to_camera(scene.points[view.point_index])[:, 2] for view in scene.views if len(view.point_index)]
     metres = metres_per_unit * float(np.median([np.median(depth) for depth in depths])) if depths else 1.0
     if not MIN_DISTANCE_M <= metres <= MAX_DISTANCE_M:
@@ -181,10 +189,13 @@ def implied_position_problem(scene: Scene, metres_per_unit: float, floor: Suppor
         vertical = floor.basis[2]
         height = metres_per_unit * float(np.median(camera_centres(scene.views) @ vertical - floor.height))
         sine = float(np.median([view.rotation[2] @ vertical for view in scene.views]))
-        if height <= MAX_LEVEL_HEIGHT_M or abs(sine) > MAX_LEVEL_SINE:
+        # Cameras under the floor have no height: it is the lowest plane that was found.
+        if height <= 0 or MIN_LEVEL_HEIGHT_M <= height <= max_height_m or abs(sine) > MAX_LEVEL_SINE:
             return None
+        is_doubtful = not MIN_LEVEL_HEIGHT_M <= height <= MAX_LEVEL_HEIGHT_M
         implied = f"{height:.3g} m above the floor and look horizontally"
-    return SceneProblem(f"the scale implies that the cameras are {implied}: wrong units, or scale models?")
+    message = f"the scale implies that the cameras are {implied}: wrong units, or scale models?"
+    return SceneProblem(message, is_doubtful=is_doubtful)
 
 
 def reprojection_problems(statistics: ReprojectionStatistics) -> tuple[SceneProblem, ...]:

@@ -25,6 +25,8 @@ from metric_base.files import whole_file
 DOUBT = 0.1
 #: Assumption about positions of a table in a local frame.
 TAKEN_AS_METRES = "taken as metres"
+#: Assumption of a scale by objects alone.
+FULL_SIZE = "objects are taken as full-size, not as models or toys"
 SCHEMA = "metric-tree/scale/1"
 Status = Literal["resolved", "uncertain", "unresolved"]
 Verdict = Literal["used", "outlier", "skipped"]
@@ -190,6 +192,13 @@ class ScaleResult:
             return self.scale
         return self.modes[0].scale
 
+    @property
+    def assumption(self) -> str | None:
+        """Assumption about the objects, or None if there is no scale or other evidence confirms it."""
+        is_by_objects = any(item.verdict == "used" for item in self.objects)
+        has_other = any(report.verdict == "used" for report in self.evidence)
+        return FULL_SIZE if self.scale is not None and is_by_objects and not has_other else None
+
     def to_json(self) -> dict[str, Any]:
         """Return the result as a JSON object (`metric-tree/scale/1`)."""
         objects = []
@@ -209,6 +218,7 @@ class ScaleResult:
             "tree": {"name": self.tree[0], "version": self.tree[1]},
             "objects": objects,
             "warnings": list(self.warnings),
+            "assumption": self.assumption,
             "seconds": {name: round(value, 4) for name, value in self.seconds.items()},
         }
         if self.of:

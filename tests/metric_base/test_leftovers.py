@@ -33,8 +33,11 @@ def test_a_live_writer_keeps_its_part_and_a_dead_one_loses_it(tmp_path: Path, ki
         assert writer.stdout is not None
         assert writer.stdout.readline() == b"half-way\n"
         (part,) = tmp_path.glob("*.part")
+        copy = part.with_name(f"{part.name}.glb")  # as models3d.rescaling writes it
+        copy.write_text("half")
         _write(path, kind)
         assert part.exists()
+        assert copy.exists()
         writer.send_signal(signal.SIGKILL)
     assert part.exists()
     if path.is_dir():

@@ -50,6 +50,7 @@ def test_json_is_the_contract(tmp_path: Path, tree: Path, capsys: pytest.Capture
     assert record["modes"][0]["scale"] == record["scale"]
     assert record["tree"] == {"name": "mini", "version": "0.0.1"}
     assert record["up"] is None
+    assert record["assumption"] == "objects are taken as full-size, not as models or toys"
     chair, stool, unicorn, giant = record["objects"]
     assert chair["verdict"] == "used"
     assert chair["node"] == "swivel_chair.n.01"
@@ -78,6 +79,7 @@ def test_table_for_a_person(tmp_path: Path, tree: Path, capsys: pytest.CaptureFi
     assert "[red]a[/red]" in out  # an id is text, not markup
     assert "swivel chair" in out
     assert "\x1b[" not in out  # no colours into a pipe
+    assert "objects are taken as full-size, not as models or toys" in " ".join(out.split())
 
 
 @pytest.mark.parametrize("objects", [[], [{"category": "unicorn", "extents": [1.0]}]])

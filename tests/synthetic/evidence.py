@@ -91,10 +91,17 @@ def position_table(file: Path, scene: Scene, rows: FloatArray, columns: str) -> 
     return file
 
 
-def write_exif(walk: Walk, factor: float = 1.0) -> None:
-    """Write a small image of each view with its position in EXIF, in the south-western hemisphere."""
-    for view, (lat, lon, alt) in zip(walk.scene.views, degrees_of(factor * walk.metres, -33.9, -70.6), strict=True):
+def write_exif(walk: Walk, factor: float = 1.0, seconds: int | None = None) -> None:
+    """Write a small image of each view with its position in EXIF, in the south-western hemisphere.
+
+    seconds : time between the images in EXIF; by default, they have no time.
+    """
+    rows = degrees_of(factor * walk.metres, -33.9, -70.6)
+    for index, (view, (lat, lon, alt)) in enumerate(zip(walk.scene.views, rows, strict=True)):
         exif = Image.Exif()
+        if seconds is not None:
+            minutes, rest = divmod(index * seconds, 60)
+            exif.get_ifd(0x8769)[0x9003] = f"2026:11:28 {minutes // 60:02}:{minutes % 60:02}:{rest:02}"
         exif[0x8825] = {1: "S", 2: _sexagesimal(-lat), 3: "W", 4: _sexagesimal(-lon), 5: b"\x00", 6: float(alt)}
         file = walk.scene.path / "images" / view.name
         file.parent.mkdir(parents=True, exist_ok=True)

@@ -175,6 +175,7 @@ def test_the_printed_rows_of_evidence(walk: Walk, mini: Tree) -> None:
     (gps,) = (line for line in text.splitlines() if "gps" in line)
     assert "used" in height
     assert "skipped: 0 views have a position" in gps
+    assert "full-size" not in text  # no object is used
 
 
 def test_every_exported_source_observes() -> None:

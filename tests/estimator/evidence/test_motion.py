@@ -113,6 +113,7 @@ def test_a_recording_is_not_faster_than_an_aeroplane(
     row = one(source.observe(walk.scene, nothing))
     assert (row.scale is None) == is_skipped
     assert not is_skipped or "faster than aeroplanes: wrong units or times?" in str(row.reason)
+    assert row.assumption == (None if is_skipped else "taken as metres")
 
 
 @pytest.mark.parametrize(

@@ -15,7 +15,7 @@ from PIL import Image
 from capture.recorded_sources import recorded_sources
 from estimator.evidence import gps
 from estimator.evidence.alignment import align
-from estimator.evidence.gps import Gps, east_north_up, position_evidence
+from estimator.evidence.gps import Gps, east_north_up, path_speed, position_evidence
 from estimator.evidence.markers import Marker
 from estimator.geometry.vertical import OBSERVED_METHODS
 from estimator.records.objects import MeasuredObject, Measurements, Up
@@ -121,6 +121,21 @@ def test_pictures_in_a_folder_of_another_name(walk: Walk, nothing: Measurements,
     assert one(Gps("exif", tmp_path / "pictures").observe(walk.scene, nothing)).scale is not None
     marker = Marker("DICT_4X4_50", 0.1, images=tmp_path / "pictures")
     assert one(marker.observe(walk.scene, nothing)).reason == "no marker is in two or more images"
+
+
+@pytest.mark.parametrize(("factor", "is_skipped"), [(1.0, False), (0.95, False), (1.05, True)])
+def test_positions_of_photographs_are_not_faster_than_aeroplanes(
+    walk: Walk, nothing: Measurements, tmp_path: Path, factor: float, is_skipped: bool
+) -> None:
+    """The times of EXIF are in whole seconds: positions in millimetres are thousands of metres apart."""
+    write_exif(walk, seconds=2)
+    times = 2.0 * np.arange(len(walk.metres))
+    metres = walk.metres if factor == 1.0 else walk.metres * factor * 350.0 / path_speed(times, walk.metres)
+    file = position_table(tmp_path / "path.csv", walk.scene, metres, "x y z")
+    row = one(Gps(file).observe(walk.scene, nothing))
+    assert (row.scale is None) == is_skipped
+    assert not is_skipped or "faster than aeroplanes" in str(row.reason)
+    assert row.assumption == (None if is_skipped else "taken as metres")
 
 
 def test_a_path_over_the_date_line_is_short() -> None:

@@ -9,6 +9,8 @@ from PIL import Image
 import metric_tree
 from estimator import estimate_scale
 from estimator.reconstructions.model_checks import (
+    MAX_ASSUMED_HEIGHT_M,
+    MAX_USUAL_HEIGHT_M,
     ReprojectionStatistics,
     focal_problem,
     implied_position_problem,
@@ -160,11 +162,22 @@ def test_a_scale_implies_the_distance_of_the_cameras(good, metres: float, is_pla
 
 
 @pytest.mark.parametrize(
-    ("metres", "elevation_deg", "is_plausible"),
-    [(49.0, 0.0, True), (51.0, 0.0, False), (51.0, -29.0, False), (51.0, -31.0, True)],
+    ("metres", "elevation_deg", "limit", "is_plausible", "is_doubtful"),
+    [
+        (9.9, 0.0, MAX_USUAL_HEIGHT_M, True, False),
+        (10.1, 0.0, MAX_USUAL_HEIGHT_M, False, False),
+        (3.9, 0.0, MAX_ASSUMED_HEIGHT_M, True, False),
+        (4.1, 0.0, MAX_ASSUMED_HEIGHT_M, False, False),
+        (49.0, 0.0, MAX_USUAL_HEIGHT_M, False, False),
+        (51.0, 0.0, MAX_USUAL_HEIGHT_M, False, True),
+        (51.0, -29.0, MAX_USUAL_HEIGHT_M, False, True),
+        (51.0, -31.0, MAX_USUAL_HEIGHT_M, True, False),
+        (0.11, 0.0, MAX_USUAL_HEIGHT_M, True, False),
+        (0.09, 0.0, MAX_USUAL_HEIGHT_M, False, True),
+    ],
 )
-def test_level_cameras_are_not_high_above_the_floor(
-    good, metres: float, elevation_deg: float, is_plausible: bool
+def test_level_cameras_are_at_a_usual_height_above_the_floor(
+    good, metres: float, elevation_deg: float, limit: float, is_plausible: bool, is_doubtful: bool
 ) -> None:
     """Two units above a floor, whose vertical is `elevation_deg` from a right angle with the optical axes."""
     axis = good.views[0].rotation[2]
@@ -175,9 +188,10 @@ def test_level_cameras_are_not_high_above_the_floor(
     height = float(np.median(camera_centres(views) @ up)) - 2
     floor = SupportPlane(np.stack([axis, axis, up]), height, 0.01, 100, np.zeros(2), 1.0, np.ones((1, 1), dtype=bool))
     depths = [np.median(view.to_camera(good.points[view.point_index])[:, 2]) for view in views]
-    assert 0.2 < np.median(depths) / 2 < 20  # the distances are usual
-    problem = implied_position_problem(replace(good, views=views), metres / 2, floor)
+    assert 1.2 < np.median(depths) / 2 < 20  # the distances are usual
+    problem = implied_position_problem(replace(good, views=views), metres / 2, floor, limit)
     assert (problem is None) == is_plausible
+    assert problem is None or problem.is_doubtful == is_doubtful
 
 
 @pytest.mark.parametrize(

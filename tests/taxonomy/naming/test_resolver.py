@@ -113,10 +113,10 @@ def test_what_shows_an_object_or_is_made_after_it_is_none(text: str) -> None:
     "text",
     ["{} (toy)", "{}, toy", "mini {}", "old mini {}", "miniature {}", "{} (miniature)", "{} 1:87", "1:24 {}",
      "photo of a {}", "{} in mirror", "{} in the mirror", "{} on billboard", "a {} on a poster", "stack of {}s",
-     "a row of {}s", "part of a {}", "reflection of a {}", "{} (scale model)", "diecast {}", "{} (lego)", "{} (photo)", "{}, drawing",
-     "cartoon {}", "{}, half-scale", "HO scale {}", "rc {}", "bunch of {}s", "back of a {}", "front wheel of the {}",
-     "photo: {}", "{} on a magazine cover", "{} on the tv screen", "{} on a poster on the wall", "{} that is a toy",
-     "{} for dolls", "{} made of lego", "{} in miniature", "{} (inflatable)"],
+     "a row of {}s", "part of a {}", "reflection of a {}", "{} (scale model)", "diecast {}", "{} (lego)", "{} (photo)",
+     "{}, drawing", "cartoon {}", "{}, half-scale", "HO scale {}", "rc {}", "bunch of {}s", "back of a {}", "photo: {}",
+     "front wheel of the {}", "{} on a magazine cover", "{} on the tv screen", "{} on a poster on the wall",
+     "{} that is a toy", "{} for dolls", "{} made of lego", "{} in miniature", "{} (inflatable)"],
 )  # fmt: skip
 def test_copies_images_groups_and_parts_have_no_category_of_full_size(category: str, text: str) -> None:
     try:

@@ -133,6 +133,8 @@ def check_output(path: Path, option: str, schema: str | None = None) -> None:
     ------
     InputError
     """
+    if Path(os.path.realpath(path)).is_symlink():
+        raise InputError(f"{option}: expected a place that can be written, found a loop of symbolic links: {path}")
     if path.is_dir() or is_special(path) or not path.exists():
         return
     rules, is_own = _RULES.get(_NO_RULES), schema is not None and has_schema(path, schema)
@@ -283,7 +285,7 @@ def whole_file(path: Path, option: str | None = None, schema: str | None = None)
                 with work.open("rb") as source, path.open("wb") as target:
                     shutil.copyfileobj(source, target)
             return
-        target_path = path.resolve() if path.is_symlink() else path
+        target_path = Path(os.path.realpath(path)) if path.is_symlink() else path
         _remove_dead_parts(target_path)
         work = _new_part(target_path, is_folder=False)
         try:

@@ -42,6 +42,8 @@ MIN_GROSS_PEAK_RATIO = 0.1
 #: Maximum difference of horizontal sides whose order is uncertain, in standard deviations of the difference.
 MAX_ORDER_SIGMAS = 3.0
 LOG_MM_PER_M = math.log(1000.0)
+#: Number of objects whose components are computed at once; those of an object with an unknown vertical take 70 kB.
+BLOCK_OBJECTS = 1024
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -117,7 +119,15 @@ def rows(objects: MeasuredArrays) -> ObjectComponents:
         _table(item.prior, item.pose, code, -1, True) for item, code in zip(objects.evidence, objects.code, strict=True)
     ]
     counts = [table.measured.shape[1] for table in tables]
-    return _components(tables, counts, np.arange(len(tables)), objects)
+    parts = []
+    for first in range(0, max(len(tables), 1), BLOCK_OBJECTS):
+        block = slice(first, min(first + BLOCK_OBJECTS, len(tables)))
+        parts.append(_components(tables[block], counts[block], np.arange(block.start, block.stop), objects))
+    return ObjectComponents.of_objects(
+        np.concatenate([part.columns for part in parts], axis=1),
+        np.concatenate([part.object + BLOCK_OBJECTS * index for index, part in enumerate(parts)]),
+        np.concatenate([part.log_floor for part in parts]),
+    )
 
 
 def hypothesis_rows(

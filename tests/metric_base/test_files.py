@@ -23,6 +23,8 @@ from metric_base.files import (
     whole_file,
     whole_folder,
 )
+from metric_cli import subcommands
+from metric_cli.estimate_scale import estimate
 
 
 def half_written(path: Path) -> None:
@@ -56,6 +58,19 @@ def test_a_link_stays_and_its_file_is_replaced(tmp_path: Path) -> None:
     assert (tmp_path / "link").is_symlink()
     assert (tmp_path / "file").read_text() == "after"
     assert sorted(one.name for one in tmp_path.iterdir()) == ["file", "link"]
+
+
+@pytest.mark.parametrize(
+    "command", ["estimate-scale --output", "estimate-scale --figure", "metric-tree priors --parquet"]
+)
+def test_an_output_at_a_loop_of_links_is_one_line(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str], command: str
+) -> None:
+    (tmp_path / "loop").symlink_to("loop")
+    program, *words = [*command.split(), str(tmp_path / "loop")]
+    scene = ["data/scenes/demo_room"] if program == "estimate-scale" else []
+    assert {"estimate-scale": estimate, "metric-tree": subcommands}[program].main([*scene, *words]) == 2
+    assert "found a loop of symbolic links" in capsys.readouterr().err
 
 
 def test_a_pipe_is_written_in_place(tmp_path: Path) -> None:

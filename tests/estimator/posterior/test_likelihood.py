@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import tracemalloc
 from collections.abc import Iterator
 from dataclasses import replace
 from itertools import permutations
@@ -230,3 +231,23 @@ def test_a_gross_error_has_a_standard_deviation_of_four_tenths() -> None:
     found = variants(layout)
     assert found.variance.max() == pytest.approx(0.4**2)
     assert found.gross.sum() == 3
+
+
+def test_components_of_many_objects_are_computed_in_blocks(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Most components of an object with an unknown vertical are negligible, and are dropped after each block."""
+    of = prior("a", [[1800, 900, 750], [1200, 600, 720]])
+    generator = np.random.default_rng(1)
+    sizes = np.sort(np.exp(generator.normal(0, 0.4, (400, 3))))[:, ::-1]
+    objects = measurement_arrays([evidence(of, row, vertical_known=False) for row in sizes])
+    results, peaks = [], []
+    for block in (64, 400):
+        monkeypatch.setattr(object_likelihood, "BLOCK_OBJECTS", block)
+        rows(objects)  # fills the caches
+        tracemalloc.start()
+        results.append(rows(objects))
+        peaks.append(tracemalloc.get_traced_memory()[1])
+        tracemalloc.stop()
+    assert np.array_equal(results[0].columns, results[1].columns)
+    assert np.array_equal(results[0].start, results[1].start)
+    assert np.array_equal(results[0].log_floor, results[1].log_floor)
+    assert peaks[0] < 0.6 * peaks[1]

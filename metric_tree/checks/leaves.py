@@ -25,7 +25,8 @@ from metric_tree.prior import Prior
 CODES = {
     "W411": "a leaf whose median differs by a factor of more than 2 from an independent range",
     "W412": "a leaf that differs from its siblings by a factor of more than 2 and by more than their scatter",
-    "W413": "a leaf with its axes out of order: wider than long, flat and higher than wide, or upright and flat",
+    "W413": "a leaf with its axes out of order: wider than long, flat and higher than wide, upright and flat, or round "
+    "and lying while a sibling stands",
     "W414": "a source of a leaf that differs by a factor of more than 2 from all other sources",
     "W415": "toys or miniatures in a class of real objects: by a title, or a source that is small on every axis",
 }
@@ -48,6 +49,10 @@ _TOY = re.compile(
 #: Ratio of depth to height from which the axes of an upright object may be exchanged. Below, the ratio must exceed
 #: `FACTOR` and the median of its siblings by this factor.
 LYING = 5.0
+#: Minimum ratio of the length of a round object to its diameter, so that its pose matters; below, it is a ball.
+MIN_ROUND_RATIO = 1.2
+#: Maximum difference of the two diameters of a round object, as a fraction.
+MAX_ROUND_DIFFERENCE = 0.03
 #: Tolerance for the order of two medians, which are rounded.
 ORDER_SLACK = 1.02
 #: Minimum number of other sources.
@@ -91,7 +96,7 @@ def leaf_findings(leaves: Sequence[LeafSize], accepted: Iterable[tuple[str, str]
         siblings[leaf.parent_id].append(leaf)
         found += [*_size_findings(leaf), *_source_findings(leaf)]
     for family in siblings.values():
-        found += [*_sibling_findings(family), *_lying_findings(family)]
+        found += [*_sibling_findings(family), *_lying_findings(family), *_round_findings(family)]
     return sorted(one for one in found if (one.code, one.subject) not in known)
 
 
@@ -218,3 +223,18 @@ def _lying_findings(family: Sequence[LeafSize]) -> Iterator[Finding]:
         if ratio > max(FACTOR, LYING * min(usual, 1.0)):
             message = f"stands, and is {ratio:.3g} times as deep as high; {usual:.3g} times is usual there"
             yield Finding("W413", node_id, message)
+
+
+def _round_findings(family: Sequence[LeafSize]) -> Iterator[Finding]:
+    """Find upright round objects (bulbs, bottles) that lie on their side while a sibling stands (W413)."""
+    upright = [(leaf, leaf.median) for leaf in family if leaf.pose == "upright" and leaf.dims == AXES]
+
+    def is_round(diameter: float, other: float, length: float) -> bool:
+        is_same = abs(diameter / other - 1) < MAX_ROUND_DIFFERENCE
+        return is_same and length >= MIN_ROUND_RATIO * max(diameter, other)
+
+    standing = [leaf.node_id for leaf, (length, width, height) in upright if is_round(length, width, height)]
+    for leaf, (length, width, height) in upright if standing else ():
+        if is_round(width, height, length):
+            message = f"stands, and is {length / height:.3g} times as long as high; {standing[0]} is round and stands"
+            yield Finding("W413", leaf.node_id, message)

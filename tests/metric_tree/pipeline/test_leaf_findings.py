@@ -87,6 +87,17 @@ def test_thresholds_of_the_findings() -> None:
     assert codes(leaf(sources=dict.fromkeys("xy", same) | {"large": 1.99 * same})) == []
 
 
+def test_a_round_object_lies_while_a_sibling_stands() -> None:
+    """Of light bulbs, `length` 110 and diameter 60 mm, some stand and some lie."""
+    standing = leaf("b", (61, 60, 110))
+    assert codes(leaf(size=(110, 60, 60)), standing) == [("W413", "a")]
+    assert codes(leaf(size=(110, 60, 60))) == codes(leaf(size=(110, 60, 60), pose="any"), standing) == []
+    for height, found in ((61.7, [("W413", "a")]), (62.1, [])):  # `MAX_ROUND_DIFFERENCE`
+        assert codes(leaf(size=(110, 60, height)), standing) == found
+    for length, found in ((71, []), (73, [("W413", "a")])):  # `MIN_ROUND_RATIO`
+        assert codes(leaf(size=(length, 60, 60)), standing) == found
+
+
 def test_a_sibling_deviates_by_three_and_a_half_times_the_scatter() -> None:
     """Logarithms of the sizes of the siblings; their median absolute deviation from 0.15 is 0.35."""
     for offset, found in ((0.15 + 3.4 * 0.35 / 0.6745, []), (0.15 + 3.6 * 0.35 / 0.6745, [("W412", "5")])):

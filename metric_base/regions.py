@@ -6,12 +6,13 @@ from collections.abc import Mapping
 from functools import cache
 from pathlib import Path
 
-_LINES = Path(__file__).with_name("regions.txt").read_text(encoding="utf-8").splitlines()
+from metric_base.text_tables import named_texts
+
 #: Country codes of each region.
-_CODES: Mapping[str, list[str]] = {line.split()[0]: line.split()[1:] for line in _LINES if not line.startswith("#")}
+_CODES = named_texts(Path(__file__).with_name("regions.txt"))
 
 #: Region of each country code; Antarctica and the uninhabited Bouvet Island have none.
-COUNTRIES: Mapping[str, str] = {code: region for region, codes in _CODES.items() for code in codes}
+COUNTRIES: Mapping[str, str] = {code: region for region, codes in _CODES.items() for code in codes.split()}
 
 #: Regions of the world, and `world` for sizes without a region.
 REGIONS = frozenset({"world", *_CODES})
@@ -37,6 +38,5 @@ def country_of(name: str) -> str | None:
 
 @cache
 def _country_names() -> Mapping[str, str]:
-    lines = Path(__file__).with_name("country_names.txt").read_text(encoding="utf-8").splitlines()
-    rows = (line.partition(" ") for line in lines)
-    return {name.replace("-", " "): code for code, _, names in rows for name in names.split("; ")}
+    rows = named_texts(Path(__file__).with_name("country_names.txt")).items()
+    return {name.replace("-", " "): code for code, names in rows for name in names.split("; ")}

@@ -17,6 +17,8 @@ from metric_base.length_units import millimetres
 
 #: Number of decimals of sizes in mm that are kept: one micrometre, finer than any source.
 STORED_DECIMALS_MM = 3
+#: Fields of an item that a table states as a template.
+_TEXTS = ("title", "brand", "url", "region", "scene", "attribution", "kind", "synset", "licence")
 #: Boundaries of words in CamelCase and in names with underscores.
 _WORD_BOUNDARY = re.compile(r"(?<=[a-z0-9])(?=[A-Z])|[_|\s]+")
 
@@ -230,19 +232,11 @@ def _table_row_item(source: Source, table: Table, row: Row) -> RawItem:
         extents=extents,
         bounds_mm=table.bounds_mm,
         category=category,
-        title=fill_template(table.title, row),
-        brand=fill_template(table.brand, row),
-        url=fill_template(table.url, row),
         dimensions_text=text,
         year=year(fill_template(table.year, row)),
-        region=fill_template(table.region, row),
-        scene=fill_template(table.scene, row),
         statistic="" if statistic == "instance" else statistic,
         relative_sd=float(fill_template(table.relative_sd, row) or 0) or None,
-        attribution=fill_template(table.attribution, row),
-        kind=fill_template(table.kind, row),
-        synset=fill_template(table.synset, row),
-        licence=fill_template(table.licence, row),
+        **{name: fill_template(getattr(table, name), row) for name in _TEXTS},
         flags=tuple(flags),
     )
 

@@ -3,29 +3,13 @@
 from __future__ import annotations
 
 import re
+import unicodedata
 from typing import Literal
 
 #: Decimal separator; None infers it from each number.
 Decimal = Literal[".", ","] | None
 
-_VULGAR = {
-    "½": 1 / 2,
-    "⅓": 1 / 3,
-    "⅔": 2 / 3,
-    "¼": 1 / 4,
-    "¾": 3 / 4,
-    "⅕": 1 / 5,
-    "⅖": 2 / 5,
-    "⅗": 3 / 5,
-    "⅘": 4 / 5,
-    "⅙": 1 / 6,
-    "⅚": 5 / 6,
-    "⅛": 1 / 8,
-    "⅜": 3 / 8,
-    "⅝": 5 / 8,
-    "⅞": 7 / 8,
-}
-_MARKS = "".join(_VULGAR)
+_MARKS = "½⅓⅔¼¾⅕⅖⅗⅘⅙⅚⅛⅜⅝⅞"
 _SLASH = "[/⁄]"
 #: Denominators of fractions of inches and feet. `120/75/60` contains three numbers and no fraction.
 _PARTS = r"(?:2|3|4|5|6|8|10|12|16|32|64)(?![\d/])"
@@ -63,7 +47,7 @@ def number(text: str, decimal: Decimal = None) -> float | None:
         integer, numerator, denominator = (int(part or 0) for part in mixed.groups())
         return integer + numerator / denominator if denominator else None
     if marked := _MARKED.fullmatch(text):
-        return int(marked[1] or 0) + _VULGAR[marked[2]]
+        return int(marked[1] or 0) + unicodedata.numeric(marked[2])
     if not _PLAIN.fullmatch(text):
         return None
     digits = _SPACES.sub("", text)

@@ -44,23 +44,6 @@ STEP_TOLERANCE = 1e-3
 
 AXES = ("length_mm", "width_mm", "height_mm")
 
-CODES = {
-    "E301": "an item whose node is not a leaf",
-    "E302": "two items with one id",
-    "E303": "an impossible size",
-    "E304": "axes out of order: width over length, or extents not longest first",
-    "E305": "a kind that the format does not define",
-    "E306": "an item without licence, or of a source that is not in the manifest",
-    "E307": "an item without any size",
-    "W308": "identical rows are a large fraction of a class",
-    "W309": "a size that differs from its class by the factor of a unit (10, 25.4, 304.8, 1000)",
-    "W310": "a size far outside its class",
-    "W311": "a class with a constant dimension",
-    "W312": "a class that is a grid of values, not a sample",
-    "W313": "sources that disagree about a class",
-    "W314": "a class that differs from its siblings by the factor of a unit",
-}
-
 
 def findings(items: pa.Table, nodes: pa.Table, manifest: Mapping[str, Any]) -> Iterator[Finding]:
     """Yield the findings on the items table, given the nodes and the sources of the manifest."""

@@ -22,14 +22,6 @@ from metric_tree.curated.sizes import settled_findings
 from metric_tree.fit.rows import JUDGED, NORM, extents_of
 from metric_tree.prior import Prior
 
-CODES = {
-    "W411": "a leaf whose median differs by a factor of more than 2 from an independent range",
-    "W412": "a leaf that differs from its siblings by a factor of more than 2 and by more than their scatter",
-    "W413": "a leaf with its axes out of order: wider than long, flat and higher than wide, upright and flat, or round "
-    "and lying while a sibling stands",
-    "W414": "a source of a leaf that differs by a factor of more than 2 from all other sources",
-    "W415": "toys or miniatures in a class of real objects: by a title, or a source that is small on every axis",
-}
 #: Minimum factor of a finding; smaller differences are within the variety of objects.
 FACTOR = 2.0
 #: Minimum number of siblings for their scatter.

@@ -15,22 +15,6 @@ LEVELS = 5
 POSES = ("upright", "flat", "any")
 DIMENSIONS = (*AXES, *EXTENTS)
 
-CODES = {
-    "E201": "not exactly one root",
-    "E202": "a node whose parent is not in the tree",
-    "E203": "a node that is an ancestor of itself",
-    "E204": "two nodes with one id",
-    "E205": "a level that is not the level of the parent plus one",
-    "E206": "a leaf that is not at level 5, or a node below it",
-    "E207": "a path that is not the path of the parent and the name of the node",
-    "E208": "a pose or a dimension that the format does not define",
-    "E209": "counts of items that disagree with the counts below",
-    "E210": "siblings with one name",
-    "W211": "an inner node with one child",
-    "W212": "one name on several nodes",
-    "W213": "a hypernym path that does not come from WordNet",
-}
-
 
 def findings(nodes: pa.Table) -> Iterator[Finding]:
     """Yield the findings on the nodes table."""

@@ -19,15 +19,6 @@ MIN_EIGENVALUE = 1e-12
 #: Minimum eigenvalue of the covariance between sources, which may be singular (one common factor), with rounding.
 MIN_SHARED_EIGENVALUE = -1e-12
 
-CODES = {
-    "E401": "a prior of a node that is not in the tree, or two of the same node and dimensions",
-    "E402": "weights that are not probabilities",
-    "E403": "means or covariances whose shape differs from weights and dimensions",
-    "E404": "a covariance that is not symmetric and positive",
-    "E405": "another family, unknown dimensions, or a borrowed fraction outside 0 to 1",
-    "W406": "a node with items but no prior",
-}
-
 
 def findings(priors: pa.Table, nodes: pa.Table) -> Iterator[Finding]:
     """Yield the findings on the priors table."""

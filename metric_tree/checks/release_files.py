@@ -11,6 +11,7 @@ from pathlib import Path
 
 import pyarrow as pa
 
+from metric_base.text_tables import named_texts
 from metric_tree.checks import items, leaves, nodes, priors
 from metric_tree.checks.finding import Finding
 from metric_tree.release.images import image_path, stored_file
@@ -18,22 +19,7 @@ from metric_tree.release.release import BadRelease, Release, open_release, sha25
 from metric_tree.release.schema import ADDED_COLUMNS, FORMER_TYPES, TABLES
 
 #: Meaning of each code; `metric-tree validate --codes` prints it.
-CODES = {
-    "E101": "no readable manifest, a manifest of another schema, or a file that is missing or of another size",
-    "E102": "the sha256 of a file differs from the manifest",
-    "E103": "the number of rows of a table differs from the manifest",
-    "E104": "columns or types of a table differ from the schema",
-    "E105": "counts in the manifest differ from the tables",
-    "E106": "an image or a text next to the tables is missing, or its sha256 differs from the manifest",
-    **nodes.CODES,
-    **items.CODES,
-    **priors.CODES,
-    **leaves.CODES,
-    "E501": "an image of an item that is not in the release",
-    "E502": "an image or cut-out whose file is missing, or outside the release and the shared store",
-    "E503": "an image without a licence",
-    "E504": "an image whose bytes differ from its id",
-}
+CODES = named_texts(Path(__file__).with_name("codes.txt"))
 
 
 def findings(directory: Path) -> list[Finding]:

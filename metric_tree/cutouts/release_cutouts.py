@@ -26,7 +26,7 @@ from metric_tree.cutouts.backend import RGB, Auto, Backend, Settings
 from metric_tree.pipeline.work_folder import BuildFolder, SerialExecutor, fingerprint
 from metric_tree.release.images import image_path, link_images
 from metric_tree.release.release import Release, publish_release, sha256
-from metric_tree.release.schema import IMAGES
+from metric_tree.release.schema import IMAGES, table_schema
 
 #: Table of the cut-outs of a release, including the rejected ones.
 TABLE = "cutouts.parquet"
@@ -43,27 +43,8 @@ MIN_CLEAR_FRACTION = 0.01
 MAX_SIDE_PX = 1600
 
 
-def _column(name: str, kind: pa.DataType, meaning: str) -> pa.Field:
-    return pa.field(name, kind, metadata={"meaning": meaning})
-
-
 #: A row is an image; several items may share it.
-CUTOUTS = pa.schema(
-    [
-        _column("image_id", pa.string(), "sha256 of the image"),
-        _column("cutout_path", pa.string(), "RGBA file cropped to the box, null where set aside"),
-        _column("cutout_sha256", pa.string(), "sha256 of the RGBA file"),
-        _column("method", pa.string(), "plain, guided, alpha (the file's own transparency) or rembg:<model>"),
-        _column("box_px", pa.list_(pa.int32()), "x, y, width, height of the foreground in the image as it was cut"),
-        _column("cut_width_px", pa.int32(), "width of the image as it was cut, after its orientation and size limit"),
-        _column("cut_height_px", pa.int32(), "height of the image as it was cut"),
-        _column("foreground_share", pa.float64(), "foreground pixels divided by all pixels"),
-        _column("quality", pa.float64(), "0 to 1: contrast along the edge times the fraction of opacities near 0 or 1"),
-        _column("set_aside", pa.string(), "why there is no cut-out (`metric_tree.cutouts.quality.REASONS`), or null"),
-        _column("detail", pa.string(), "details of the reason, such as why the file cannot be read as an image"),
-    ],
-    metadata={"schema": "metric-tree/cutout/1"},
-)
+CUTOUTS = table_schema("cutouts", "metric-tree/cutout/1")
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

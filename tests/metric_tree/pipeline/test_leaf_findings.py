@@ -10,7 +10,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from metric_tree.checks import leaves
-from metric_tree.checks.leaves import CODES, LeafSize, leaf_findings
+from metric_tree.checks.leaves import LeafSize, leaf_findings
+from metric_tree.checks.release_files import CODES
 from metric_tree.curated.sizes import BadRange, settled_findings
 from metric_tree.release.registry import release_directory
 from metric_tree.release.release import open_release

@@ -23,7 +23,6 @@ MAX_IMAGES = 12
 MAX_BREADCRUMB_BOXES = 3
 _BREADCRUMB_TAGS = ("nav", "ol", "ul", "div")
 _BREADCRUMB_MARKS = ("readcrumb", "readCrumb")
-_BREADCRUMB_ATTRIBUTES = ("class", "id", "aria-label")
 
 #: Separators of the steps of a category; shops also write `Home & Living < Vases`, in the same order.
 _CATEGORY_MARKS = re.compile("[/<>]")
@@ -207,10 +206,8 @@ def _breadcrumb(page: Page, nodes: Sequence[Mapping[str, Any]], title: str) -> t
         return declared
     boxes = (
         box
-        for names in (_BREADCRUMB_ATTRIBUTES, None)  # then any attribute
         for box in page.root.iter(*_BREADCRUMB_TAGS)
-        for values in (box.values() if names is None else [box.get(name) or "" for name in names],)
-        if any(mark in value for value in values for mark in _BREADCRUMB_MARKS)
+        if any(mark in value for value in box.values() for mark in _BREADCRUMB_MARKS)
     )
     paths = (_path([_text(link) for link in box.iter("a")]) for box in islice(boxes, MAX_BREADCRUMB_BOXES))
     return next(filter(None, paths), declared)

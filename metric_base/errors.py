@@ -46,6 +46,13 @@ class InputError(ValueError):
         return error
 
 
+class UnknownKey(InputError, KeyError):
+    """A name that is not known, such as that of a node; unlike a `KeyError`, it is shown without quotes."""
+
+    def __str__(self) -> str:
+        return str(self.args[0])
+
+
 class FieldError(ValueError):
     """A value is invalid in a file that only a caller knows: `in_file` converts this to an `InputError`.
 

@@ -16,7 +16,7 @@ import numpy as np
 import pyarrow as pa
 
 from metric_base.arrays import FloatArray
-from metric_base.errors import InputError
+from metric_base.errors import InputError, UnknownKey
 from metric_tree.axes import EXTENTS
 from metric_tree.prior import Prior
 from metric_tree.release.release import Release
@@ -67,11 +67,8 @@ def state_priors(node_id: str, record: Sequence[Mapping[str, Any]]) -> dict[str,
     return priors
 
 
-class UnknownName(InputError, KeyError):
+class UnknownName(UnknownKey):
     """A name or id without a node in the tree; `Tree.find` and `Tree.resolve` list similar names unless disabled."""
-
-    def __str__(self) -> str:
-        return str(self.args[0])
 
 
 class AmbiguousName(UnknownName):

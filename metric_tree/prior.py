@@ -18,7 +18,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from metric_base.arrays import FloatArray
-from metric_base.errors import InputError
+from metric_base.errors import InputError, UnknownKey
 from metric_base.statistics import mixture_log_density
 from metric_tree.tiers import TIERS, Evidence, tier_of_shares
 
@@ -26,6 +26,8 @@ if TYPE_CHECKING:
     from metric_tree.context import Context, ContextModel, Where
 
 FAMILY = "lognormal-mixture"
+#: Fields of a prior that are arrays.
+ARRAYS = ("weights", "means", "covariances", "shared_covariance")
 #: Maximum |ln mm| of a mean: 10,000 km, or a billionth of a millimetre.
 MAX_ABS_LOG_MM = 23.0
 #: Quantiles of tables, pages and commands: the 90 % interval, the quartiles and the median.
@@ -58,11 +60,8 @@ MIN_COMPONENT_SHARE = 0.1
 MIN_SIZE_RATIO = 1.5
 
 
-class UnknownDimension(InputError, KeyError):
+class UnknownDimension(UnknownKey):
     """A dimension that the prior does not have; the message lists the existing ones."""
-
-    def __str__(self) -> str:
-        return str(self.args[0])
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -227,26 +226,12 @@ class Prior:
 
     def row(self) -> dict[str, Any]:
         """Return the prior as a row of `metric_tree.release.schema.PRIORS`."""
-        return {
-            "node_id": self.node_id,
-            "dims": list(self.dims),
-            "family": FAMILY,
-            "weights": self.weights.tolist(),
-            "means": self.means.tolist(),
-            "covariances": self.covariances.tolist(),
-            "shared_covariance": self.shared_covariance.tolist(),
-            "n": self.n,
-            "n_sources": self.n_sources,
-            "share_by_kind": {kind: self.share_by_kind.get(kind) for kind in SHARED_KINDS},
-            "borrowed": self.borrowed,
-            "heldout_log_density": self.heldout_log_density,
-            "sameness": self.sameness,
-            "sameness_sd": self.sameness_sd,
-            "contexts": [one.row() for one in self.contexts],
-            "tier": self.tier,
-            "evidence": self.evidence.record() if self.evidence else None,
-            "norm": self.norm,
-        }
+        row = {name: getattr(self, name) for name in self.__slots__ if name != "note"}
+        row |= {name: row[name].tolist() for name in ARRAYS}
+        row |= {"family": FAMILY, "dims": list(self.dims), "contexts": [one.row() for one in self.contexts]}
+        row["share_by_kind"] = {kind: self.share_by_kind.get(kind) for kind in SHARED_KINDS}
+        row["evidence"] = self.evidence.record() if self.evidence else None
+        return row
 
     @classmethod
     def of_row(cls, row: Mapping[str, Any]) -> Prior:
@@ -265,33 +250,21 @@ class Prior:
 
             contexts = tuple(map(Context.of_row, row["contexts"]))
         try:
-            prior = cls(
-                node_id=node_id,
-                dims=tuple(row["dims"]),
-                weights=np.array(row["weights"], dtype=float),
-                means=np.array(row["means"], dtype=float),
-                covariances=np.array(row["covariances"], dtype=float),
-                shared_covariance=np.array(row["shared_covariance"], dtype=float),
-                n=row["n"],
-                n_sources=row["n_sources"],
-                # a list of pairs in a release before 3.0.0
-                share_by_kind={kind: share for kind, share in dict(row["share_by_kind"]).items() if share is not None},
-                borrowed=row["borrowed"],
-                heldout_log_density=row["heldout_log_density"],
-                sameness=row.get("sameness"),
-                sameness_sd=row.get("sameness_sd"),
-                contexts=contexts,
-                tier=row.get("tier") or "",
-                evidence=Evidence.of_record(row["evidence"]) if row.get("evidence") else None,
-                norm=row.get("norm"),
-            )
+            values = {name: row.get(name) for name in cls.__slots__ if name != "note"}
+            values |= {name: np.array(row[name], dtype=float) for name in ARRAYS}
+            values |= {"dims": tuple(row["dims"]), "contexts": contexts, "tier": row.get("tier") or ""}
+            # a list of pairs in a release before 3.0.0
+            shares = dict(row["share_by_kind"]).items()
+            values["share_by_kind"] = {kind: share for kind, share in shares if share is not None}
+            values["evidence"] = Evidence.of_record(row["evidence"]) if row.get("evidence") else None
+            prior = cls(**values)
         except InputError:
             raise
         except (TypeError, ValueError, KeyError) as error:
             raise InputError(f"{node_id}: prior: expected arrays of numbers; found {error}") from None
-        for name in ("weights", "means", "covariances", "shared_covariance"):
-            values = getattr(prior, name)
-            _expect(node_id, name, bool(np.isfinite(values).all()), "finite numbers", values)
+        for name in ARRAYS:
+            array = getattr(prior, name)
+            _expect(node_id, name, bool(np.isfinite(array).all()), "finite numbers", array)
         within = bool((np.abs(prior.means) <= MAX_ABS_LOG_MM).all())
         _expect(node_id, "means", within, f"ln mm from -{MAX_ABS_LOG_MM:g} to {MAX_ABS_LOG_MM:g}", prior.means)
         eigenvalues = np.linalg.eigvalsh(prior._covariances)

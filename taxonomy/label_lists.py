@@ -11,7 +11,7 @@ from dataclasses import dataclass
 from functools import cache
 from pathlib import Path
 
-from metric_base.errors import InputError
+from metric_base.errors import UnknownKey
 from metric_base.folders import taxonomy_directory
 from metric_base.parsing import table_rows
 from metric_base.spelling import near_spellings
@@ -31,11 +31,8 @@ _COLUMNS = ("list", "label", "node_id", "reason")
 COCO_91_GAPS = frozenset({12, 26, 29, 30, 45, 66, 68, 69, 71, 83})
 
 
-class UnknownLabel(InputError, KeyError):
+class UnknownLabel(UnknownKey):
     """An unknown list, an unknown label of a list, or a label without a size."""
-
-    def __str__(self) -> str:
-        return str(self.args[0])
 
 
 @dataclass(frozen=True, slots=True)

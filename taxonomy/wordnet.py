@@ -9,7 +9,7 @@ from functools import cache, cached_property
 from pathlib import Path
 from typing import Any
 
-from metric_base.errors import InputError
+from metric_base.errors import InputError, UnknownKey
 
 #: Environment variable with a folder of the files of WordNet (`data.noun`, `index.noun`, ...), used before all others.
 ENVIRONMENT_VARIABLE = "METRIC_TREE_WORDNET"
@@ -28,11 +28,8 @@ class NoWordNet(InputError):
     """WordNet is not installed; the message explains how to install it."""
 
 
-class UnknownSynset(InputError, KeyError):
+class UnknownSynset(UnknownKey):
     """A name is not a noun synset of WordNet 3.0."""
-
-    def __str__(self) -> str:
-        return str(self.args[0])
 
 
 class WordNet:

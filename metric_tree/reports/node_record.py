@@ -6,7 +6,7 @@ from typing import Any
 
 from metric_tree.context import Where
 from metric_tree.node import Node, NoPrior
-from metric_tree.prior import QUANTILES, Prior
+from metric_tree.prior import ARRAYS, QUANTILES, Prior
 from metric_tree.reports.description import is_heterogeneous, node_sentence, shipped_evidence
 from metric_tree.variants import Variant
 
@@ -54,17 +54,9 @@ def node_record(node: Node, dims: tuple[str, ...] | None = None, where: Where | 
     }
     if prior is not None:
         record["quantiles_mm"] = quantiles_mm(prior)
-        record["prior"] = {
-            "family": "lognormal-mixture",
-            "weights": prior.weights.tolist(),
-            "means": prior.means.tolist(),
-            "covariances": prior.covariances.tolist(),
-            "shared_covariance": prior.shared_covariance.tolist(),
-            "n": prior.n,
-            "n_sources": prior.n_sources,
-            "share_by_kind": prior.share_by_kind,
-            "borrowed": prior.borrowed,
-        }
+        fields = ("family", *ARRAYS, "n", "n_sources", "share_by_kind", "borrowed")
+        row = prior.row() | {"share_by_kind": prior.share_by_kind}
+        record["prior"] = {name: row[name] for name in fields}
     return record
 
 

@@ -128,7 +128,6 @@ class PageRegions:
         self._main = frozenset(box for title in islice(root.iter("h1"), 1) for box in title.iterancestors())
         self._texts: dict[Element, str] = {}
         self._elsewhere: dict[Element, bool] = {}
-        self._titles: dict[Element, str] = {}
         self._titles_before: dict[Element, str] = {}
 
     def text(self, element: Element) -> str:
@@ -191,15 +190,11 @@ class PageRegions:
 
     def _title(self, element: Element) -> str:
         """Return the text of a title, or of bold text above a box or a list."""
-        if element in self._titles:
-            return self._titles[element]
         below = element.getnext()
         is_above_box = below is not None and below.tag in _BOXES and not (element.tail or "").strip()
-        title = ""
-        if element.tag in _HEADINGS or (element.tag in _BOLD and is_above_box):
-            title = self.text(element)
-        self._titles[element] = title if len(title) <= MAX_LABEL else ""
-        return self._titles[element]
+        is_title = element.tag in _HEADINGS or (element.tag in _BOLD and is_above_box)
+        title = self.text(element) if is_title else ""
+        return title if len(title) <= MAX_LABEL else ""
 
 
 # the tests of names are cached, because a site uses the same few hundred class names on all pages

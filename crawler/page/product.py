@@ -31,9 +31,6 @@ _CATEGORY_MARKS = re.compile("[/<>]")
 _PRODUCT_TYPES = ("Product", "ProductGroup", "IndividualProduct", "ProductModel", "Book")
 _USEFUL_TYPE = re.compile(rf"schema\.org/(?:{'|'.join(_PRODUCT_TYPES)}|BreadcrumbList)\b")
 
-#: Long properties without information on the item.
-_UNREAD = frozenset({"review", "reviews", "offers", "aggregateRating", "isRelatedTo", "isSimilarTo"})
-
 _AXES = ("width", "height", "depth", "length", "diameter", "size")
 
 #: Maximum number of variants of a product that are compared.
@@ -125,7 +122,7 @@ def _microdata_reader() -> Any:
     wanted = [f"contains(@itemtype, 'schema.org/{kind}')" for kind in (*_PRODUCT_TYPES, "BreadcrumbList")]
 
     class Reader(MicrodataExtractor):  # type: ignore[misc]  # extruct has no types
-        """Extractor of products and breadcrumbs without reviews and offers.
+        """Extractor of products and breadcrumbs.
 
         The base class reads all items of a page, and copies and cleans each property, although the page is clean.
         """
@@ -134,9 +131,6 @@ def _microdata_reader() -> Any:
 
         def get_docid(self, node: Element, _: object) -> Element:
             return node
-
-        def _extract_property(self, node: Element, **named: Any) -> list[Any]:
-            return [] if node.get("itemprop") in _UNREAD else super()._extract_property(node, **named)
 
         def _extract_textContent(self, node: Element) -> str:  # noqa: N802 - extruct's name
             return _text(node)

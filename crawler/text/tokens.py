@@ -153,16 +153,13 @@ def _may_be_unit(text: str, run: Sequence[Token]) -> bool:
 
 def _header_axes(letters: Sequence[str], language: Language | None) -> tuple[str, ...]:
     """Return the axes of the letters of a header; their combination resolves letters that are ambiguous alone."""
-    upper = [letter.upper() for letter in letters]
-    axes = []
-    for index, letter in enumerate(letters):
-        axis = axis_of_letter(letter, language)
-        if upper[index] == "L" and "C" in upper and "L" in letters:
-            axis = "width"  # comprimento x largura
-        elif upper[index] == "L" and {"P", "PR"} & set(upper):
-            axis = "width"  # largura x altura x profundidade, largeur x hauteur x profondeur
-        axes.append(axis or "")
-    return tuple(axes)
+    upper = {letter.upper() for letter in letters}
+    # largura x altura x profundidade, largeur x hauteur x profondeur; comprimento x largura
+    is_l_width = bool({"P", "PR"} & upper) or ("C" in upper and "L" in letters)
+    axes = (axis_of_letter(letter, language) or "" for letter in letters)
+    return tuple(
+        "width" if letter.upper() == "L" and is_l_width else axis for letter, axis in zip(letters, axes, strict=True)
+    )
 
 
 def axis_of_letter(letter: str, language: Language | None) -> str | None:

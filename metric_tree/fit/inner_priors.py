@@ -19,6 +19,7 @@ from metric_tree.fit.moments import VAGUE, Moments
 from metric_tree.prior import Prior
 from metric_tree.tiers import Evidence, mixture_tier
 from taxonomy.categories import Category
+from taxonomy.words.phrases import word_list
 
 #: Weight of the covariance of the parent in a child, in rows. Standard deviations of siblings differ by a factor of
 #: about 1.5, which is also the accuracy of a standard deviation from eight rows.
@@ -39,11 +40,6 @@ WITNESS_HALF_ITEMS = 10.0
 #: Minimum weight of the leaf `<id>/other` in its node, 0 to 1. For the 97 kinds with 30 labels or more in ScanNet and
 #: Matterport3D, annotators use the plain name for 79 % of the objects on average (97 % or more for half of the kinds).
 PLAIN_NAME_WEIGHT = 0.8
-#: Last words of names of parts, and of accessories: a toilet seat, a knife set, a mirror cabinet.
-PART_WORDS = frozenset({
-    "cab", "cabinet", "cover", "frame", "front", "handle", "holder", "insert", "leg", "lid", "part", "piece", "seat",
-    "set", "stand", "tank", "tool", "topper", "trailer", "tray",
-})  # fmt: skip
 #: Weight of a source of each kind for the frequency of objects, 0 to 1. Measured rooms and streets show it directly,
 #: shops show purchases, models the taste of artists, and museums keep rare objects.
 WITNESS = {
@@ -266,7 +262,7 @@ def is_part(child_id: str, node_id: str) -> bool:
     (True, False)
     """
     child, node = (name.removeprefix("mt:").partition(".n.")[0] for name in (child_id, node_id))
-    return child.startswith(f"{node}_") and child.rpartition("_")[2] in PART_WORDS
+    return child.startswith(f"{node}_") and child.rpartition("_")[2] in word_list("accessories")
 
 
 def shares_plain_name(child: Category, node: Category) -> bool:

@@ -250,7 +250,7 @@ class Prior:
 
             contexts = tuple(map(Context.of_row, row["contexts"]))
         try:
-            values = {name: row.get(name) for name in cls.__slots__ if name != "note"}
+            values: dict[str, Any] = {name: row.get(name) for name in cls.__slots__ if name != "note"}
             values |= {name: np.array(row[name], dtype=float) for name in ARRAYS}
             values |= {"dims": tuple(row["dims"]), "contexts": contexts, "tier": row.get("tier") or ""}
             # a list of pairs in a release before 3.0.0

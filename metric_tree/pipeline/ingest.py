@@ -26,6 +26,7 @@ from crawler.items import STATED_KINDS, RawItem, bounded_lines, items_of_lines
 from metric_base.errors import InputError
 from metric_tree.axes import Sizes, sizes_from_words, stated_sizes
 from metric_tree.curated.rules import exclusions
+from metric_tree.release.schema import table_schema
 from taxonomy.categories import Match, Taxonomy
 
 #: Number of shards of a build. A million rows are 16,000 per shard, a few megabytes; ten million still fit in a worker.
@@ -58,30 +59,8 @@ QUARANTINED = ("no_category", "excluded", "no_size", *UNUSED_FLAGS)
 #: Raw files of a folder; next to them are the rejected rows of `metric-tree import` and the image records of a crawl.
 _RAW = re.compile(r"^(?!pictures-\d).*(?<!\.quarantine)\.jsonl(\.gz)?$")
 
-ROWS = pa.schema(
-    [
-        ("item_id", pa.string()),
-        ("hash", pa.uint64()),
-        ("node_id", pa.string()),
-        ("pose", pa.string()),
-        ("source", pa.string()),
-        ("source_id", pa.string()),
-        ("title", pa.string()),
-        ("length_mm", pa.float64()),
-        ("width_mm", pa.float64()),
-        ("height_mm", pa.float64()),
-        ("extents_mm", pa.list_(pa.float64())),
-        ("range_sd", pa.list_(pa.float64())),
-        ("kind", pa.string()),
-        ("year", pa.int32()),
-        ("region", pa.string()),
-        ("url", pa.string()),
-        ("licence", pa.string()),
-        ("flags", pa.list_(pa.string())),
-        ("scene", pa.string()),
-        ("relative_sd", pa.float64()),
-    ]
-)
+#: Rows between the steps of a build.
+ROWS = table_schema("ingested", "metric-tree/ingested/1")
 
 
 @dataclass(frozen=True, slots=True)

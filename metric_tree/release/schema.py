@@ -18,6 +18,7 @@ _TYPES = {
     "int8": pa.int8(),
     "int32": pa.int32(),
     "int64": pa.int64(),
+    "uint64": pa.uint64(),
     "float64": pa.float64(),
     "strings": pa.list_(pa.string()),
     "integers": pa.list_(pa.int32()),

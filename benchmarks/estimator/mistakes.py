@@ -18,19 +18,21 @@ from collections.abc import Iterator
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
+from unittest.mock import patch
 
 import numpy as np
 
 import metric_tree
 from benchmarks.common import ROOT, SHARED, options_parser, print_rows
 from benchmarks.estimator.mistake_cases import MISTAKES, MUNICH, RIGHT, SEOUL, Base, Case, masks_of
+from estimator import pipeline
 from estimator.evidence.gps import Gps
 from estimator.instances.instance_reader import read_instances
-from estimator.pipeline import estimate_scene
+from estimator.pipeline import estimate_scene, measure_objects
 from estimator.reconstructions.scene_reader import read_scene
+from estimator.records.objects import Measurements
 from estimator.records.options import EstimateOptions
 from estimator.records.result import ScaleResult
-from estimator.results.estimate import scale_of_objects
 from metric_base.errors import InputError
 from tests.synthetic.rooms.furnish import furnished_room
 from tests.synthetic.rooms.kinds import KINDS
@@ -86,18 +88,21 @@ def result_of(case: Case, tree: metric_tree.Tree) -> ScaleResult | str:
             masks = None if case.dataset is None else file
             scene = replace(case.scene, path=Path(folder), model_path=None)  # the real folders contain masks
             options = EstimateOptions(up=case.up, evidence=case.evidence)
-            estimate = estimate_scene(scene, tree, options, instances=masks, sources=sources)
-            if not case.models or estimate.measurements is None:
-                return estimate.result
-            objects = list(estimate.measurements.objects)
-            rows = np.random.default_rng(4).permutation(len(objects))[: round(case.models * len(objects))]
-            for row in rows:
-                objects[row] = replace(objects[row], extents=objects[row].extents / case.model_ratio)
-            return scale_of_objects(objects, tree)
+            with patch.object(pipeline, "measure_objects", lambda *given: _with_models(measure_objects(*given), case)):
+                return estimate_scene(scene, tree, options, instances=masks, sources=sources).result
         except InputError as error:
             return re.sub(r"\S*/(?=\w)", "", str(error))
         except Exception as error:  # noqa: BLE001 - the command reports it as an internal error
             return f"{INTERNAL}: {error!r}"
+
+
+def _with_models(measurements: Measurements, case: Case) -> Measurements:
+    """Replace a part of the measured objects by models."""
+    objects = list(measurements.objects)
+    rows = np.random.default_rng(4).permutation(len(objects))[: round(case.models * len(objects))]
+    for row in rows:
+        objects[row] = replace(objects[row], extents=objects[row].extents / case.model_ratio)
+    return replace(measurements, objects=tuple(objects))
 
 
 def outcome(base: Base, result: ScaleResult | str, usual: set[str]) -> dict[str, Any]:

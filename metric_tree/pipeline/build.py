@@ -49,8 +49,7 @@ from metric_tree.pipeline.companion_files import (
 from metric_tree.pipeline.hierarchy import Hierarchy, categories_with_items
 from metric_tree.pipeline.ingest import SHARDS, Block, IngestedRows, block_of, blocks, ingest_block, items_of, raw_files
 from metric_tree.pipeline.tables import (
-    JUDGED_SOURCE,
-    NORM_SOURCE,
+    PROJECT_SOURCES,
     evidence_counts,
     node_counts,
     node_table,
@@ -255,7 +254,7 @@ def clean(run: BuildRun) -> tuple[dict[str, NodeClass], Counter[str]]:
     repeated = repeated_rows(files)
     siblings = sibling_references(files, run.taxonomy().categories())
     licences = {
-        source.id: source.licence for source in (*run.declared.values(), JUDGED_SOURCE, NORM_SOURCE) if source.ship
+        source.id: source.licence for source in (*run.declared.values(), *PROJECT_SOURCES.values()) if source.ship
     }
     licences |= dict.fromkeys(run.options.private, PRIVATE_LICENCE)
     ids = frozenset(run.carried.table("items")["item_id"].to_pylist()) if run.carried else None

@@ -4,11 +4,12 @@ from __future__ import annotations
 
 from collections import Counter
 from collections.abc import Iterable, Mapping, Sequence
+from pathlib import Path
 from typing import Any
 
 import pyarrow as pa
 
-from crawler.imports.declaration import Source
+from crawler.imports.declaration import Source, sources
 from metric_tree.fit.rows import EVIDENCE
 from metric_tree.pipeline.clean import NodeClass
 from metric_tree.pipeline.hierarchy import Hierarchy
@@ -16,30 +17,8 @@ from metric_tree.prior import Prior
 from metric_tree.release.schema import NODES, PRIORS
 from metric_tree.tiers import TIERS
 
-#: Tables of the project as sources; a language model wrote them, under the licence of the project.
-JUDGED_SOURCE = Source(
-    id="judged",
-    title="Ranges that a language model judged (data/curated/ranges.csv)",
-    url="data/curated/ranges.csv",
-    licence="Apache-2.0",
-    licence_basis="written for this project",
-    kind="judged",
-    ship=True,
-    attribution="Metric-Tree",
-    reader="metric_tree.curated.sizes",
-)
-NORM_SOURCE = Source(
-    id="norms",
-    title="Sizes that standards fix, each with document and clause (data/curated/norms.csv)",
-    url="data/curated/norms.csv",
-    licence="Apache-2.0",
-    licence_basis="written for this project; sizes are facts",
-    kind="norm",
-    ship=True,
-    attribution="Metric-Tree",
-    reader="metric_tree.curated.sizes",
-)
-_PROJECT_SOURCES = {source.id: source for source in (JUDGED_SOURCE, NORM_SOURCE)}
+#: Tables of the project as sources by id; a language model wrote them, under the licence of the project.
+PROJECT_SOURCES = {source.id: source for source in sources(Path(__file__).with_name("sources"))}
 
 
 def node_table(
@@ -103,7 +82,7 @@ def source_records(
     """Return the sources of the manifest: the sources that the build used."""
     records = []
     for name in sorted(used):
-        source = declared.get(name, _PROJECT_SOURCES.get(name))
+        source = declared.get(name, PROJECT_SOURCES.get(name))
         record = {
             "id": name,
             "title": source.title if source else name,

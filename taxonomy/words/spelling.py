@@ -8,31 +8,21 @@ import unicodedata
 from collections import defaultdict
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from functools import lru_cache
+from pathlib import Path
+
+from metric_base.text_tables import named_texts
 
 #: American spelling, as in WordNet, by British spelling; complete words, singular and plural.
-SPELLINGS = {
-    "aeroplane": "airplane", "aluminium": "aluminum", "armour": "armor", "catalogue": "catalog", "centre": "center",
-    "colour": "color", "cosy": "cozy", "draught": "draft", "fibre": "fiber", "grey": "gray", "humour": "humor",
-    "jewellery": "jewelry", "kerb": "curb", "licence": "license", "litre": "liter", "metre": "meter",
-    "moulding": "molding",
-    "mould": "mold", "plough": "plow", "pouffe": "pouf", "pyjama": "pajama", "sabre": "saber",
-    "sceptre": "scepter", "theatre": "theater", "tyre": "tire", "woollen": "woolen", "yoghurt": "yogurt",
-}  # fmt: skip
-
+SPELLINGS = named_texts(Path(__file__).with_name("spellings.txt"))
 SPELLINGS |= {f"{british}s": f"{american}s" for british, american in SPELLINGS.items()}
 
 #: First letters that differ in American spelling: `kerb`.
 _CHANGED = {american[0]: british[0] for british, american in SPELLINGS.items() if british[0] != american[0]}
 
-#: Plurals without a rule.
-_IRREGULAR_WORDS = {
-    "children": "child", "feet": "foot", "geese": "goose", "halves": "half", "knives": "knife", "leaves": "leaf",
-    "lice": "louse", "loaves": "loaf", "men": "man", "mice": "mouse", "oxen": "ox", "people": "person",
-    "scarves": "scarf", "shelves": "shelf", "teeth": "tooth", "wolves": "wolf", "women": "woman", "axes": "axe",
-    "dice": "die", "cacti": "cactus", "calves": "calf", "wives": "wife", "thieves": "thief", "hooves": "hoof",
-}  # fmt: skip
-
-IRREGULAR = {plural: (single,) for plural, single in _IRREGULAR_WORDS.items()}
+#: Singulars by plural without a rule.
+IRREGULAR = {
+    plural: (single,) for plural, single in named_texts(Path(__file__).with_name("irregular_plurals.txt")).items()
+}
 
 #: Endings of Greek, Latin, French and English plurals without a plain `s` (amphorae, kraters, plateaux in museums).
 _FOREIGN_ENDINGS = (

@@ -39,13 +39,12 @@ def change_tables(
 ) -> list[tuple[str, tuple[str, ...], list[tuple[Any, ...]], int]]:
     """Return title, head, first `MAX_ROWS` rows and number of rows of each table of changes that is not empty.
 
-    `link` returns the cell of a node id. Sizes have one unit.
+    `link` returns the cell of a node id. Both sizes of a row have the unit and the decimals of the smaller one.
     """
-    typical_mm = float(np.median([one.after_mm for one in diff.priors] or [1.0]))
 
     def moved(one: MovedPrior) -> tuple[object, ...]:
         blame = ", ".join(f"{n:+} {source}" for source, n in list(one.blame.items())[:4]) or "no shipped item"
-        sizes = length_text(one.before_mm, typical_mm), length_text(one.after_mm, typical_mm)
+        sizes = (length_text(mm, min(one.before_mm, one.after_mm)) for mm in (one.before_mm, one.after_mm))
         return (link(one.node), one.dim, *sizes, f"{one.median:+.0%}", f"{one.spread:+.0%}", blame)
 
     counts = ("Categories", f"{diff.nodes_before:,}", f"{diff.nodes_after:,}")

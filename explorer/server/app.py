@@ -51,7 +51,7 @@ PREFLIGHT_MAX_AGE_S = 86_400
 RETRY_AFTER_S = 5
 
 #: Addresses that `ReleaseServer.prepare` renders.
-PREPARED = ("index.html", "assets/names.js", "assets/sizes.js", "tree.html")
+PREPARED = ("index.html", "assets/names.js", "assets/sizes.js", "tree.html", "v1/sizes.csv")
 
 _JSON = MEDIA_TYPES["json"]
 _IMAGE = re.compile(rf"{FOLDER}/[0-9a-f]{{2}}/[0-9a-f]{{64}}\.(?:webp|jpg|png)")
@@ -74,11 +74,12 @@ class ReleaseServer:
         ]
 
     def prepare(self) -> None:
-        """Render the home page, the indices of the search and a category, so that no request waits for tables."""
+        """Render a category and the tables of all nodes, and search once, so that no request waits for them."""
         category = max(self.catalogue.nodes.values(), key=lambda node: node.level)
         for address in (*PREPARED, page_of(category.node_id)):
             if (found := find_route(self.catalogue, address)) is not None:
                 self.response(*found, None)
+        self.catalogue.tree.search(category.name)
 
     async def get(self, request: Request) -> Response:
         """Return the content of a route, or an image."""

@@ -6,6 +6,7 @@ import io
 import re
 from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pyarrow.parquet as pq
@@ -25,11 +26,12 @@ from explorer.pages.node_page import (
     node_page,
     whole_percents,
 )
-from explorer.pages.release_pages import median_offset, source_page, vocabulary_page
+from explorer.pages.release_pages import change_tables, median_offset, source_page, vocabulary_page
 from explorer.pages.templating import Link, cell_html, environment, numeric_columns, web_address
 from explorer.tables import node_sizes_csv, sizes_csv, sizes_parquet
 from metric_tree.context import Context
 from metric_tree.prior import INTERVAL_QUANTILES
+from metric_tree.reports.diff import MovedPrior, ReleaseDiff
 from metric_tree.tree import Tree, open_tree
 from tests.synthetic import minitree
 
@@ -339,6 +341,14 @@ def test_a_label_list_has_one_unit_and_no_break_before_it(catalogue: ReleaseCata
     unbroken, licence = (environment().filters[name] for name in ("unbroken", "licence"))
     assert unbroken("8 to 12 cm wide") == "8 to 12\u00a0cm wide"
     assert [licence(text) for text in ("none", None, "MIT")] == ["no licence stated"] * 2 + ["MIT"]
+
+
+def test_both_sizes_of_a_change_have_the_unit_of_the_smaller_one() -> None:
+    moved = MovedPrior("a", "height", 0.3, 128.0, 425.7, 0.1, {})
+    empty: dict[str, Any] = {name: {} for name in ReleaseDiff.__dataclass_fields__}
+    diff = ReleaseDiff(**{**empty, "priors": [moved], "nodes_before": 1, "nodes_after": 1, "removed": []})
+    rows = next(rows for title, _, rows, _ in change_tables(diff, str) if title == "Priors that moved")
+    assert rows[0][2:4] == ("0.300 mm", "128.000 mm")
 
 
 def test_the_drawing_of_a_flat_object_is_low() -> None:

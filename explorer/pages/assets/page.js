@@ -117,7 +117,7 @@
     for (const row of table.tBodies[0].rows) for (const cell of row.cells) if (cell.tagName === "TD") cell.dataset.label = labels[cell.cellIndex];
   }
   // A phone shows the parts of a page closed, and the first rows of long tables.
-  const SHOWN_ROWS = 20, narrow = matchMedia("(max-width: 560px)").matches;
+  const sortable = document.querySelectorAll("table.sortable"), SHOWN_ROWS = Math.max(5, Math.floor(20 / sortable.length)), narrow = matchMedia("(max-width: 560px)").matches;
   if (narrow) for (const part of document.querySelectorAll("details.part")) part.open = "#" + part.querySelector("h2").id === location.hash;
   function shorten(table) {
     const rest = [...table.tBodies[0].rows].slice(SHOWN_ROWS);
@@ -128,7 +128,7 @@
     button.addEventListener("click", () => { for (const row of rest) row.hidden = false; button.remove(); });
     table.after(button);
   }
-  for (const table of document.querySelectorAll("table.sortable")) {
+  for (const table of sortable) {
     labelCells(table);
     shorten(table);
     [...table.tHead.rows[0].cells].forEach((cell, column) => {

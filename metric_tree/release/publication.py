@@ -18,13 +18,12 @@ import pyarrow.parquet as pq
 from metric_base.errors import InputError
 from metric_base.files import whole_folder
 from metric_base.records import csv_text
-from metric_tree.prior import QUANTILES, Prior
+from metric_tree.prior import QUANTILES
 from metric_tree.release.images import link_images
 from metric_tree.release.release import MANIFEST, sha256
-from metric_tree.release.schema import SUCCESSORS
+from metric_tree.release.schema import SUCCESSORS, table_schema
 from metric_tree.release.terms import OWN_LICENCE, basis, item_attributions
 from metric_tree.tree import Tree
-from metric_tree.variants import Variant
 
 #: Tables of a publication with the content of a row; the first is the default of data hubs.
 TABLES = {
@@ -35,31 +34,7 @@ TABLES = {
     "images": "an image of an item",
     "successors": "an id of an earlier release and the node that replaces it",
 }
-#: Columns of `sizes`.
-SIZES = pa.schema(
-    [
-        pa.field("node", pa.string(), metadata={"meaning": "id of the category"}),
-        pa.field("name", pa.string(), metadata={"meaning": "name of the category"}),
-        pa.field("path", pa.string(), metadata={"meaning": "names from the root to the category, separated by ` > `"}),
-        pa.field("aliases", pa.list_(pa.string()), metadata={"meaning": "other names of the category or variant"}),
-        pa.field("variant", pa.string(), metadata={"meaning": "named size of the category, or null"}),
-        pa.field("state", pa.string(), metadata={"meaning": "state with another size, such as folded, or null"}),
-        pa.field("region", pa.string(), metadata={"meaning": "region of the variant, or null"}),
-        pa.field("years", pa.string(), metadata={"meaning": "first and last year of the variant, or null"}),
-        pa.field("pose", pa.string(), metadata={"meaning": "ordinary pose: upright, flat or any"}),
-        pa.field("axis", pa.string(), metadata={"meaning": "length, width, height, or extent1 (longest) to extent3"}),
-        *(pa.field(f"q{100 * q:02.0f}", pa.float64(), metadata={"unit": "mm"}) for q in QUANTILES),
-        pa.field(
-            "height_is", pa.string(), metadata={"meaning": "definition of the height of a hollow object, or null"}
-        ),
-        pa.field("tier", pa.string(), metadata={"meaning": "evidence: norm, measured, few, models, borrowed, judged"}),
-        pa.field("n", pa.int64(), metadata={"meaning": "items of the fit"}),
-        pa.field("licence", pa.string(), metadata={"meaning": "licence of the quantiles; see `metric-tree cite`"}),
-    ]
-)
-
-#: Columns of the quantiles in `SIZES`.
-QUANTILE_COLUMNS = slice(SIZES.get_field_index("axis") + 1, SIZES.get_field_index("height_is"))
+SIZES = table_schema("sizes")
 
 _ADDRESS = "https://github.com/metric-tree/metric-tree"
 
@@ -127,35 +102,23 @@ def _table(tree: Tree, name: str) -> pa.Table:
 
 
 def size_table(tree: Tree) -> pa.Table:
-    """Return the flat table of sizes (`SIZES`): a row for each axis of a category, and of its variants and states."""
+    """Return the flat table of sizes: a row for each axis of a category, and of its variants and states."""
     rows = []
     for node in tree:
         if not node.prior_dims:
             continue
-        sizes: list[tuple[Variant | None, str | None, Prior]] = [(None, None, node.prior())]
-        sizes += [(one, None, replace(node, stated=one.stated).prior()) for one in node.variants]
-        sizes += [(None, state, prior) for state, prior in node.states.items()]
-        for variant, state, prior in sizes:
-            aliases = node.aliases if variant is None else [one for one in variant.aliases.split("; ") if one]
-            facts = {
-                "node": node.node_id,
-                "name": node.name,
-                "path": " > ".join(node.path),
-                "aliases": list(aliases),
-                "variant": variant and variant.name,
-                "state": state,
-                "region": variant and variant.region,
-                "years": variant and variant.years,
-                "pose": node.pose,
-                "height_is": node.height_is,
-                "tier": prior.tier,
-                "n": prior.n,
-                "licence": OWN_LICENCE,
-            }
+        path, plain = " > ".join(node.path), (None, None, None, None)
+        sizes: list[tuple[Any, ...]] = [(node.aliases, *plain, node.prior())]
+        for one in node.variants:
+            aliases = one.aliases.split("; ") if one.aliases else []
+            sizes.append((aliases, one.name, None, one.region, one.years, replace(node, stated=one.stated).prior()))
+        sizes += [(node.aliases, None, state, None, None, prior) for state, prior in node.states.items()]
+        for *facts, prior in sizes:
+            evidence = (node.pose, node.height_is, prior.tier, prior.n, OWN_LICENCE)
             for axis, quantiles in zip(prior.dims, prior.quantiles(QUANTILES).T, strict=True):
-                columns = zip(SIZES.names[QUANTILE_COLUMNS], quantiles, strict=True)
-                rows.append(facts | {"axis": axis} | {name: float(f"{mm:.5g}") for name, mm in columns})
-    return pa.Table.from_pylist(rows, schema=SIZES)
+                mm = (float(f"{size:.5g}") for size in quantiles)
+                rows.append((node.node_id, node.name, path, *facts, *evidence, axis, *mm))
+    return pa.Table.from_pylist([dict(zip(SIZES.names, row, strict=True)) for row in rows], schema=SIZES)
 
 
 def without_maps(table: pa.Table) -> pa.Table:

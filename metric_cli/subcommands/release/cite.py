@@ -29,10 +29,9 @@ def run(arguments: argparse.Namespace) -> int:
     rows = [{name: source[name] for name in COLUMNS} for source in manifest["sources"] if source["n_rows"]]
     if arguments.json:
         record = {"schema": "metric-tree/cite/1", "tree": {"name": tree.name, "version": tree.version}}
-        restricted = [source["id"] for source in manifest["sources"] if source.get("noncommercial")]
-        withheld = [source["id"] for source in manifest["sources"] if source.get("withheld")]
-        terms = {"basis": basis(manifest), "withheld": withheld, "noncommercial": restricted, "sources": rows}
-        print_json(record | {"citation": citation} | terms)
+        for name in ("withheld", "noncommercial"):
+            record[name] = [source["id"] for source in manifest["sources"] if source.get(name)]
+        print_json(record | {"citation": citation, "basis": basis(manifest), "sources": rows})
     else:
         print(f"{citation}\n{basis(manifest)}")  # noqa: T201 - the command's result
         print_table(COLUMNS, [[row[name] for name in COLUMNS] for row in rows], title="published rows")

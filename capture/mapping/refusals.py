@@ -7,21 +7,31 @@ docs/explanation/capture.md lists the tests, the errors that they guard against,
 from __future__ import annotations
 
 from dataclasses import dataclass
-from pathlib import Path
 
 import numpy as np
 
 from capture.mapping.match_graph import MatchGraph
 from capture.mapping.model_metrics import ModelMetrics
 from capture.mapping.triplets import MAX_PART_RATIO
-from metric_base.text_tables import named_texts
 
 #: Focal length over the longer side before anything is known: a telephone's main camera while recording. Its 24 to 28
 #: mm (of 35 mm film) are 0.69 to 0.81 of the longer side of a photograph, and a video is cropped by a tenth or so.
 TYPICAL_FOCAL = 0.85
 #: Advice by code; the message of a failure begins with the observation.
 ADVICE = {
-    code: text.format(focal=TYPICAL_FOCAL) for code, text in named_texts(Path(__file__).with_name("advice.txt")).items()
+    "pure_rotation": "walk sideways or around the objects while recording; turning on the spot shows no depth",
+    "static_camera": "move the camera: walk around the objects, at least a step to each side",
+    "no_texture": "record objects with visible detail, in good light; plain walls and floors cannot be matched",
+    "too_few_frames": "record ten seconds or more, or take twenty images, each overlapping the next by two thirds",
+    "motion_blur": "move more slowly, hold the camera steadily, and use more light",
+    "several_places": "record one place in one go, without cuts, and come back over what was seen before",
+    "drift": "record a loop that comes back to its start, sideways rather than straight ahead, and more slowly",
+    "implausible_focal_length": "give the focal length with --focal, do not zoom, and walk around the objects",
+    "wrong_camera_model": "omit --camera-model, so that it is chosen by the images",
+    "focal_length_changes": "do not zoom or let the telephone change lenses, and do not record moving objects",
+    "focal_length_undetermined": "walk around the objects or turn the camera as you walk, or give the focal length in "
+    f"pixels with --focal (a telephone's main camera: about {TYPICAL_FOCAL} times the longer side of the image)",
+    "out_of_time": "give more time with --max-time, or use fewer frames with --frames",
 }
 CODES = tuple(ADVICE)
 #: Minimum number of frames: five frames of a room gave two placed images, or a focal length with an error of 10 %.

@@ -7,7 +7,6 @@ The resolver checks the address that the connection uses, because a second looku
 from __future__ import annotations
 
 import ipaddress
-from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from scrapy.core.downloader.handlers.http11 import HTTP11DownloadHandler, _LenientHTTP11ClientFactory
@@ -17,8 +16,6 @@ from twisted.python.failure import Failure
 from twisted.web._newclient import HEADER, STATUS, HTTP11ClientProtocol
 from twisted.web.client import ResponseFailed
 
-from metric_base.text_tables import named_texts
-
 if TYPE_CHECKING:
     from scrapy.crawler import Crawler
     from twisted.internet.interfaces import IAddress
@@ -26,7 +23,19 @@ if TYPE_CHECKING:
 #: Names that the resolver refused in this process, which runs one crawl; Scrapy passes no crawler to a resolver.
 REFUSED: set[str] = set()
 #: Global networks whose addresses contain another address or are not used by web hosts.
-_NOT_PUBLIC = [ipaddress.ip_network(text) for text in named_texts(Path(__file__).with_name("networks.txt"))]
+_NOT_PUBLIC = [
+    ipaddress.ip_network(text)
+    for text in (
+        "::/96",  # IPv4-compatible, deprecated (RFC 4291, 2.5.5.1)
+        "::ffff:0:0/96",  # IPv4-mapped (RFC 4291, 2.5.5.2)
+        "64:ff9b::/96",  # NAT64 (RFC 6052)
+        "64:ff9b:1::/48",  # NAT64 for local use (RFC 8215)
+        "2001::/32",  # Teredo (RFC 4380)
+        "2002::/16",  # 6to4 (RFC 3056)
+        "fec0::/10",  # site-local, deprecated (RFC 3879)
+        "192.88.99.0/24",  # relays of 6to4 (RFC 7526)
+    )
+]
 #: Maximum size of the headers of a response in bytes; servers accept 8 to 64 KiB.
 HEADER_BYTES = 256 * 1024
 

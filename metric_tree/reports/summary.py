@@ -5,13 +5,11 @@ from __future__ import annotations
 from collections.abc import Iterable
 from dataclasses import dataclass
 from math import exp
-from pathlib import Path
 
 import numpy as np
 import pyarrow as pa
 
 from crawler.items import STATED_KINDS
-from metric_base.text_tables import named_texts
 from metric_tree.node import Node, UnknownName
 from metric_tree.prior import MIN_COMPONENT_SHARE, has_distinct_components
 from metric_tree.tree import Tree
@@ -20,8 +18,25 @@ from taxonomy.label_lists import Label, vocabulary
 #: Minimum number of items for statements about a distribution.
 MIN_ITEMS = 10
 
-#: Categories of the figure of size distributions.
-TYPICAL = tuple(named_texts(Path(__file__).with_name("typical.txt")))
+#: Categories of the figure of size distributions: the categories of the paper, and others of everyday rooms and
+#: streets.
+TYPICAL = (
+    "chair.n.01",
+    "sofa.n.01",
+    "bed.n.01",
+    "desk.n.01",
+    "television_receiver.n.01",
+    "laptop.n.01",
+    "cellular_telephone.n.01",
+    "computer_keyboard.n.01",
+    "bottle.n.01",
+    "book.n.02",
+    "refrigerator.n.01",
+    "person.n.01",
+    "car.n.01",
+    "bicycle.n.01",
+    "oak.n.02",
+)
 
 
 @dataclass(frozen=True, slots=True)

@@ -5,11 +5,9 @@ from __future__ import annotations
 import re
 from collections.abc import Iterable, Mapping
 from contextlib import suppress
-from pathlib import Path
 from types import MappingProxyType
 
 from metric_base.errors import InputError
-from metric_base.text_tables import named_texts
 
 
 class UnknownUnit(InputError):
@@ -36,7 +34,16 @@ MILLIMETRES: Mapping[str, float] = MappingProxyType(
 UNIT_WORDS: Mapping[str, str] = MappingProxyType(
     {
         word: key
-        for key, words in named_texts(Path(__file__).with_name("unit_words.txt")).items()
+        for key, words in {
+            "mm": "mm millimeter millimeters millimetre millimetres millimètres milímetros millimetri",
+            "cm": "cm cms centimeter centimeters centimetre centimetres zentimeter centimètre centimètres "
+            "centímetros centimetri",
+            "dm": "dm decimetre decimetres decimeter decimeters",
+            "m": "m mt mtr meter meters metre metres mètre mètres metro metros metri",
+            "in": "in ins inch inches inch(es) zoll tum pouce pouces pulgada pulgadas pollici \" ″ ” “ '' ′′ ’’",
+            "ft": "ft feet foot fuß pied pieds pie pies piedi ' ′ ’",
+            "yd": "yd yds yard yards",
+        }.items()
         for word in words.split()
     }
 )

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from functools import lru_cache
-from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -11,13 +10,29 @@ import numpy as np
 from estimator.records.scene import Camera, View
 from metric_base.arrays import FloatArray
 from metric_base.errors import FieldError, Unquoted
-from metric_base.text_tables import named_texts
 
-#: Camera models of COLMAP by name: number in binary files, parameters in file order.
+#: Camera models of COLMAP by name: number in binary files, parameters in file order (colmap/sensor/models.h).
 CAMERA_MODELS: dict[str, tuple[int, tuple[str, ...]]] = {
-    name: (int(number), tuple(parameters))
-    for name, text in named_texts(Path(__file__).with_name("camera_models.txt")).items()
-    for number, *parameters in [text.split()]
+    "SIMPLE_PINHOLE": (0, ("f", "cx", "cy")),
+    "PINHOLE": (1, ("fx", "fy", "cx", "cy")),
+    "SIMPLE_RADIAL": (2, ("f", "cx", "cy", "k")),
+    "RADIAL": (3, ("f", "cx", "cy", "k1", "k2")),
+    "OPENCV": (4, ("fx", "fy", "cx", "cy", "k1", "k2", "p1", "p2")),
+    "OPENCV_FISHEYE": (5, ("fx", "fy", "cx", "cy", "k1", "k2", "k3", "k4")),
+    "FULL_OPENCV": (6, ("fx", "fy", "cx", "cy", "k1", "k2", "p1", "p2", "k3", "k4", "k5", "k6")),
+    "FOV": (7, ("fx", "fy", "cx", "cy", "omega")),
+    "SIMPLE_RADIAL_FISHEYE": (8, ("f", "cx", "cy", "k")),
+    "RADIAL_FISHEYE": (9, ("f", "cx", "cy", "k1", "k2")),
+    "THIN_PRISM_FISHEYE": (10, ("fx", "fy", "cx", "cy", "k1", "k2", "p1", "p2", "k3", "k4", "sx1", "sy1")),
+    "RAD_TAN_THIN_PRISM_FISHEYE": (
+        11,
+        ("fx", "fy", "cx", "cy", "k0", "k1", "k2", "k3", "k4", "k5", "p0", "p1", "s0", "s1", "s2", "s3"),
+    ),
+    "SIMPLE_DIVISION": (12, ("f", "cx", "cy", "k")),
+    "DIVISION": (13, ("fx", "fy", "cx", "cy", "k")),
+    "SIMPLE_FISHEYE": (14, ("f", "cx", "cy")),
+    "FISHEYE": (15, ("fx", "fy", "cx", "cy")),
+    "EUCM": (16, ("fx", "fy", "cx", "cy", "alpha", "beta")),
 }
 
 #: Models without distortion.

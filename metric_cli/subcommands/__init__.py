@@ -9,9 +9,7 @@ import argparse
 import sys
 from collections.abc import Sequence
 from importlib import import_module
-from pathlib import Path
 
-from metric_base.text_tables import named_texts
 from metric_cli.errors import EXIT_OK, INPUT_ERROR, exit_status
 from metric_cli.parser import SHELLS, OneLineParser, PrintVersion, add_overwrite, completion_script, option_helps
 from metric_cli.programs import use_one_thread
@@ -20,9 +18,30 @@ __all__ = ["SUBCOMMANDS", "main", "parser_of"]
 
 #: Module and help line of each subcommand in the overview, by topic; `HELP` of the module describes it in full.
 SUBCOMMANDS = {
-    name: (module, help_line)
-    for name, text in named_texts(Path(__file__).with_name("subcommands.txt")).items()
-    for module, _, help_line in [text.partition(" ")]
+    "query": ("release.query", "size, path, counts and prior of a category"),
+    "search": ("release.search", "categories for a text"),
+    "list": ("release.list_", "the available releases"),
+    "priors": ("release.priors", "sizes as a flat table"),
+    "diff": ("release.diff", "differences between two releases"),
+    "report": ("release.report", "readable page about a release"),
+    "serve": ("release.serve", "the explorer and its JSON over HTTP"),
+    "site": ("release.site", "the explorer as files"),
+    "cite": ("release.cite", "citation, basis and attributions of a release"),
+    "fetch": ("release.fetch", "download a release from a registry"),
+    "publish": ("release.publish", "a release as a folder for a data hub"),
+    "validate": ("release.validate", "check all rules of a release"),
+    "check-asset": ("models.check_asset", "check whether 3-D models have true size"),
+    "true-size": ("models.true_size", "find the true size of a model and rescale it"),
+    "render": ("models.render", "render items that have a textured model"),
+    "crawl": ("data.crawl", "run a spider into a raw-item data set"),
+    "extract": ("data.extract", "one saved web page to a raw item"),
+    "import": ("data.import_", "open data sets to raw items"),
+    "build": ("data.build", "raw items to a release"),
+    "review": ("data.review", "list open questions for reviewers, or record a decision"),
+    "explain": ("data.explain", "why an item is in its category"),
+    "select": ("training.select", "categories for segmentation and scale estimation"),
+    "cutout": ("training.cutout", "foreground masks for the images of a release"),
+    "export": ("training.export", "training data for instance segmentation"),
 }
 #: Heading of each topic in the overview.
 TOPICS = {

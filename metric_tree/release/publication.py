@@ -18,7 +18,7 @@ import pyarrow.parquet as pq
 from metric_base.errors import InputError
 from metric_base.files import whole_folder
 from metric_base.records import csv_text
-from metric_tree.prior import QUANTILES
+from metric_tree.prior import QUANTILES, Prior
 from metric_tree.release.images import link_images
 from metric_tree.release.release import MANIFEST, sha256
 from metric_tree.release.schema import SUCCESSORS, table_schema
@@ -107,18 +107,25 @@ def size_table(tree: Tree) -> pa.Table:
     for node in tree:
         if not node.prior_dims:
             continue
-        path, plain = " > ".join(node.path), (None, None, None, None)
-        sizes: list[tuple[Any, ...]] = [(node.aliases, *plain, node.prior())]
+        shared = {
+            "node": node.node_id,
+            "name": node.name,
+            "path": " > ".join(node.path),
+            "aliases": list(node.aliases),
+            "pose": node.pose,
+            "height_is": node.height_is,
+            "licence": OWN_LICENCE,
+        }
+        sizes: list[tuple[dict[str, Any], Prior]] = [({}, node.prior())]
         for one in node.variants:
-            aliases = one.aliases.split("; ") if one.aliases else []
-            sizes.append((aliases, one.name, None, one.region, one.years, replace(node, stated=one.stated).prior()))
-        sizes += [(node.aliases, None, state, None, None, prior) for state, prior in node.states.items()]
-        for *facts, prior in sizes:
-            evidence = (node.pose, node.height_is, prior.tier, prior.n, OWN_LICENCE)
+            named = {"aliases": one.aliases.split("; ") if one.aliases else [], "variant": one.name}
+            sizes.append((named | {"region": one.region, "years": one.years}, replace(node, stated=one.stated).prior()))
+        sizes += [({"state": state}, prior) for state, prior in node.states.items()]
+        for own, prior in sizes:
             for axis, quantiles in zip(prior.dims, prior.quantiles(QUANTILES).T, strict=True):
-                mm = (float(f"{size:.5g}") for size in quantiles)
-                rows.append((node.node_id, node.name, path, *facts, *evidence, axis, *mm))
-    return pa.Table.from_pylist([dict(zip(SIZES.names, row, strict=True)) for row in rows], schema=SIZES)
+                mm = {f"q{100 * q:02.0f}": float(f"{size:.5g}") for q, size in zip(QUANTILES, quantiles, strict=True)}
+                rows.append(shared | own | {"tier": prior.tier, "n": prior.n, "axis": axis} | mm)
+    return pa.Table.from_pylist(rows, schema=SIZES)
 
 
 def without_maps(table: pa.Table) -> pa.Table:

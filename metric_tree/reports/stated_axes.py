@@ -7,19 +7,31 @@ deep and high: the width of a sofa is its `length`, its depth the `width`. Round
 from __future__ import annotations
 
 from collections.abc import Mapping
-from pathlib import Path
 
-from metric_base.text_tables import named_texts
 from metric_tree.node import Node
 
-_NODES = {name: frozenset(nodes.split()) for name, nodes in named_texts(Path(__file__).with_suffix(".txt")).items()}
+#: Nodes whose objects have a front: the length is the width, the width the depth.
+WITH_FRONT = frozenset(
+    """
+    seat.n.03 mt:storage_furniture mt:other_furniture desk.n.01 stand.n.04 counter.n.01 appliance.n.02 mt:audio_video
+    sink.n.01 toilet.n.02 shower.n.01 door.n.01 window.n.01 barrier.n.01
+    """.split()  # noqa: SIM905  ids are more legible than a list of strings
+)
+#: Nodes whose objects are round from above; the medians of length and width differ by less than 10 %.
+ROUND = frozenset(
+    """
+    jar.n.01 vase.n.01 bucket.n.01 barrel.n.02 glass.n.02 goblet.n.01 plate.n.04 bowl.n.03 saucer.n.02 bottle.n.01
+    shaker.n.03 drum.n.01 coin.n.01 mt:tin_can soda_can.n.01 compact_disk.n.01 phonograph_record.n.01 mt:traffic_cone
+    manhole_cover.n.01 mt:round_table
+    """.split()  # noqa: SIM905
+)
 _FRONT_NAMES = {"length": "width", "width": "depth"}
 _ROUND_NAMES = {"length": "diameter", "width": "smaller diameter"}
 
 
 def has_front(node: Node) -> bool:
     """Return whether the objects of a node have a front, so that they are wide, deep and high."""
-    return any(one.node_id in _NODES["front"] for one in (node, *node.ancestors()))
+    return any(one.node_id in WITH_FRONT for one in (node, *node.ancestors()))
 
 
 def axis_names(node: Node) -> Mapping[str, str]:
@@ -30,7 +42,7 @@ def axis_names(node: Node) -> Mapping[str, str]:
     >>> [axis_names(tree.find(name)).get("length") for name in ("sofa", "bottle", "car")]
     ['width', 'diameter', None]
     """
-    if any(one.node_id in _NODES["round"] for one in (node, *node.ancestors())):
+    if any(one.node_id in ROUND for one in (node, *node.ancestors())):
         return _ROUND_NAMES
     return _FRONT_NAMES if has_front(node) else {}
 

@@ -51,6 +51,9 @@ OBJECT_BORDER_CELLS = 4
 ELEVATION_SIGMA = 6.0
 #: Albedo of the ground outdoors. Grass, asphalt, concrete and earth reflect 0.1 to 0.35.
 GROUND_ALBEDO = 0.25
+#: Fraction of the light on the ground that comes from a sky that no image shows, under the sun: 0.15 to 0.3 if it is
+#: clear.
+SKY_FRACTION = 0.25
 #: Minimum and maximum factor of the sky's brightness over that in the images.
 SKY_GAIN_RANGE = (0.3, 8.0)
 #: Maximum number of images.
@@ -96,6 +99,7 @@ class OutdoorLight:
     """The light of a scene under the sky."""
 
     sun: FloatArray | None  #: (3,) unit vector towards the sun; None if no shadow determines it
+    occupancy: Occupancy | None = None  #: the objects that may be in front of the sun
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -148,6 +152,9 @@ def environment_at(
             sun_position = centre + distance * light.sun
             size = np.array([SUN_DIAMETER * distance])
             lamp = SphereLights(sun_position[None], sun_power[None] * distance**2, size, centre)
+            if light.occupancy is not None:
+                fraction = reaching_fraction(lamp, light.occupancy, position, basis[2], height)
+                lamp = replace(lamp, power=lamp.power * fraction[:, None])
             return add_lamps(filled, coverage, basis, lamp)
     elif light is None:
         is_clipped = radiance.max(axis=-1, keepdims=True) > MIN_CLIPPED
@@ -174,6 +181,18 @@ def is_outdoors(cloud: ColouredPoints, images: SceneImages, up: FloatArray) -> b
     """Return whether enough pixels of the images show the sky; `up` is a unit vector (3,)."""
     samples = _direction_samples(cloud.points.mean(axis=0), level_basis(up), cloud, images)
     return bool(samples.sky.mean() >= MIN_SKY_FRACTION)
+
+
+def looks_down(images: SceneImages, up: FloatArray) -> bool:
+    """Return whether too few pixels are above the horizon to show a sky; `up` is a unit vector (3,)."""
+    views = [images.scene.views[row] for row in evenly_spaced(images.rows, MAX_IMAGES)]
+    above = [
+        np.mean(
+            camera_rays(view.camera)[::PIXEL_STEP, ::PIXEL_STEP] @ (view.rotation @ up)[:2] > -view.rotation[2] @ up
+        )
+        for view in views
+    ]
+    return float(np.mean(above)) < MIN_SKY_FRACTION
 
 
 def sky_pixels(colours: NDArray[np.float32], rise: FloatArray, distance_px: FloatArray) -> BoolArray:
@@ -221,7 +240,8 @@ def sky_light(
     known : (h, w) ndarray of float
         Coverage with the completed directions.
     sun_power : (3,) ndarray of float
-        Irradiance across the light of the sun; 0 if its direction is unknown or occluded. The sky then is brighter.
+        Irradiance across the light of the sun, if nothing occludes it; 0 if its direction is unknown. The sky then is
+        brighter.
     """
     from scipy.ndimage import distance_transform_edt
 
@@ -230,7 +250,9 @@ def sky_light(
     near_object = distance_transform_edt(~is_object)[:, up.shape[1] : 2 * up.shape[1]] <= OBJECT_BORDER_CELLS
     is_filled = (up > 0) & (coverage == 0) & ~near_object
     sky_fraction = np.where(coverage > 0, sky, 1.0 * is_filled)[..., None]
-    by_elevation = _mean_by_elevation(radiance, coverage * (sky >= 0.5))[:, None]
+    is_sky = coverage * (sky >= 0.5)
+    unseen_sky = np.full((HEIGHT, 1, 3), SKY_FRACTION * ground / GROUND_ALBEDO)
+    by_elevation = _mean_by_elevation(radiance, is_sky)[:, None] if is_sky.any() else unseen_sky
     complete = np.where(is_filled[..., None], by_elevation, radiance)
     is_below = (up < 0) & (coverage == 0)
     if (coverage[up < 0] > 0).any():
@@ -240,7 +262,7 @@ def sky_light(
     from_sky, other = ((weight * complete * part).sum(axis=(0, 1)) for part in (sky_fraction, 1 - sky_fraction))
     target = max(np.pi * ground / GROUND_ALBEDO, float(luminance(from_sky + other)))  # grey: cameras balance white
     known = np.where(is_filled | is_below, 1.0, coverage)
-    if sun is not None and sky_fraction.ravel()[(map_directions() @ sun).argmax()] >= 0.5:
+    if sun is not None:
         return complete, known, np.maximum(target - from_sky - other, 0.0) / sun[2]
     gain = np.clip((target - other) / np.maximum(from_sky, 1e-9), *SKY_GAIN_RANGE)
     return complete * (1 + (gain - 1) * sky_fraction), known, np.zeros(3)

@@ -7,7 +7,7 @@ from functools import cached_property, partial
 from estimator.geometry.planes import level_basis
 from estimator.records.scene import Scene, camera_centres
 from insertion.footage.footage import SceneImages
-from insertion.light.environment_estimate import OutdoorLight, environment_at, is_outdoors
+from insertion.light.environment_estimate import OutdoorLight, environment_at, is_outdoors, looks_down
 from insertion.light.environment_map import Environment
 from insertion.light.lamp_candidates import is_visibly_free
 from insertion.light.lamp_fit import RoomLight, fit_room_light
@@ -54,9 +54,12 @@ class LightModel:
         The fit takes 1 to 2 s, so it runs on first use.
         """
         up = self._supports.up.vector
-        if is_outdoors(self._cloud, self._images, up):
+        shows_sky = is_outdoors(self._cloud, self._images, up)
+        if shows_sky or looks_down(self._images, up):
             ground = self._supports.ground(self._cloud)
-            return OutdoorLight(None if ground is None else sun_direction(self._cloud, self._images, ground.plane))
+            sun = None if ground is None else sun_direction(self._cloud, self._images, ground.plane)
+            if shows_sky or sun is not None:
+                return OutdoorLight(sun, occupancy_of(self._cloud))
         cells = find_plane_cells(self._cloud, camera_centres(self._scene.views))
         if not len(cells.positions):
             return None

@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 from pathlib import Path
+from types import SimpleNamespace
+from typing import Any
 
 import numpy as np
 import pytest
@@ -12,10 +14,12 @@ from estimator.records.objects import SupportPlane
 from estimator.records.scene import Camera, Scene, View
 from insertion.colour import linear_to_srgb
 from insertion.footage.footage import SceneImages
-from insertion.light.environment_estimate import sky_light, sky_pixels
+from insertion.light.environment_estimate import OutdoorLight, environment_at, looks_down, sky_light, sky_pixels
 from insertion.light.environment_map import HEIGHT, Environment, map_directions
+from insertion.light.light_model import LightModel
 from insertion.light.sun import sun_direction
 from insertion.scene.camera_rays import camera_rays
+from insertion.scene.occupancy import occupancy_of
 from insertion.scene.point_cloud import ColouredPoints
 from metric_base.arrays import FloatArray
 
@@ -35,9 +39,9 @@ class _Drawn(SceneImages):
     A shadow leaves the fraction `shade` of red light, 1.2 times it of green and 1.7 times it of blue.
     """
 
-    def __init__(self, sun: FloatArray | None, shade: float = 0.18) -> None:
+    def __init__(self, sun: FloatArray | None, shade: float = 0.18, pitch_deg: float = 20.0) -> None:
         camera = Camera("PINHOLE", 160, 120, np.array([100.0, 100.0, 80.0, 50.0]))
-        down = np.radians(20)
+        down = np.radians(pitch_deg)
         ahead = np.array([0, np.cos(down), -np.sin(down)])
         rotation = np.array([[1.0, 0, 0], np.cross(ahead, [1.0, 0, 0]), ahead])
         centres = np.array([[0, 3.0 * k - 2, 1.6] for k in range(8)])
@@ -127,10 +131,44 @@ def test_the_sun_sends_what_the_sky_does_not() -> None:
     assert sky + 0.8 * power == pytest.approx(np.full(3, np.pi * 0.3 / GROUND_ALBEDO), rel=0.01)
 
 
-def test_what_stands_before_the_sun_takes_it() -> None:
-    shown, seen, sky = _half_seen()
-    wall = (map_directions()[..., 0] > 0.5) & (sky > 0)
-    assert not sky_light(shown, seen, np.where(wall, 0.0, sky), 0.3, np.array([0.8, 0.0, 0.6]))[2].any()
+@pytest.mark.parametrize(("high", "fraction"), [(0.0, 1.0), (0.5, 0.5), (2.0, 0.0)])
+def test_a_wall_takes_the_sun_from_the_part_of_an_object_behind_it(high: float, fraction: float) -> None:
+    """A wall at x = 1 and a sun at an elevation of 45 degrees: its shadow at x = 0 ends at its height minus one."""
+    sun = np.array([np.sqrt(0.5), 0.0, np.sqrt(0.5)])
+    y, z = np.meshgrid(np.linspace(-4, 4, 81), np.linspace(0, 1 + high, 41))
+    wall = np.column_stack([np.ones(y.size), y.ravel(), z.ravel()])
+    flat = np.random.default_rng(6).uniform((-4, -4), (4, 4), (4000, 2))
+    ends = np.array([[4.0, 4.0, 5.0]])
+    points = np.concatenate([wall if high else wall[:0], np.column_stack([flat, np.zeros(len(flat))]), *[ends] * 30])
+    cloud = ColouredPoints(points, np.full(points.shape, 0.3, np.float32), dense=True)
+    occupancy = occupancy_of(cloud)
+    lit = environment_at(np.zeros(3), 1.0, np.eye(3), cloud, _Drawn(sun), OutdoorLight(sun, occupancy)).lamps
+    free = environment_at(np.zeros(3), 1.0, np.eye(3), cloud, _Drawn(sun), OutdoorLight(sun)).lamps
+    assert lit is not None
+    assert free is not None
+    assert lit.power.sum() / free.power.sum() == pytest.approx(fraction, abs=0.25)
+
+
+def test_the_sun_is_searched_where_no_sky_can_be_seen() -> None:
+    """The upper edge of the image is 26.6 degrees above its axis; 5 % of its rows are 3 degrees."""
+    sun = np.array([0.0, -0.6, 0.8])
+    images = _Drawn(sun, pitch_deg=27.0)
+    assert [looks_down(_Drawn(sun, pitch_deg=pitch), UP) for pitch in (20.0, 24.0, 27.0, 30.0)] == [False, False, True, True]
+    supports: Any = SimpleNamespace(up=SimpleNamespace(vector=UP), ground=lambda _: SimpleNamespace(plane=GROUND))
+    source = LightModel(images.scene, images, supports, _posts()).source
+    assert isinstance(source, OutdoorLight)
+    assert source.sun is not None
+    unknown = LightModel(images.scene, _Drawn(None, pitch_deg=27.0), supports, _posts()).source
+    assert not isinstance(unknown, OutdoorLight)  # no shadow, no sky: not outdoors
+
+
+def test_a_sky_that_no_image_shows_gives_a_quarter_of_the_light() -> None:
+    below = 1.0 * (map_directions()[..., 2] < 0)
+    sun = np.array([0.0, -0.6, 0.8])
+    whole, known, power = sky_light(0.3 * below[..., None] * np.ones(3), below, 0 * below, 0.3, sun)
+    sky = Environment(whole.astype(np.float32), np.eye(3), known.astype(np.float32)).irradiance(UP)
+    assert sky == pytest.approx(np.full(3, 0.25 * np.pi * 0.3 / GROUND_ALBEDO), rel=0.02)
+    assert sky + 0.8 * power == pytest.approx(np.full(3, np.pi * 0.3 / GROUND_ALBEDO), rel=0.01)
 
 
 def test_sky_is_above_free_and_bright() -> None:

@@ -153,7 +153,8 @@ def test_the_sun_is_searched_where_no_sky_can_be_seen() -> None:
     """The upper edge of the image is 26.6 degrees above its axis; 5 % of its rows are 3 degrees."""
     sun = np.array([0.0, -0.6, 0.8])
     images = _Drawn(sun, pitch_deg=27.0)
-    assert [looks_down(_Drawn(sun, pitch_deg=pitch), UP) for pitch in (20.0, 24.0, 27.0, 30.0)] == [False, False, True, True]
+    is_down = [looks_down(_Drawn(sun, pitch_deg=pitch), UP) for pitch in (20.0, 24.0, 27.0, 30.0)]
+    assert is_down == [False, False, True, True]
     supports: Any = SimpleNamespace(up=SimpleNamespace(vector=UP), ground=lambda _: SimpleNamespace(plane=GROUND))
     source = LightModel(images.scene, images, supports, _posts()).source
     assert isinstance(source, OutdoorLight)

@@ -35,10 +35,15 @@ class Material:
     alpha_cutoff: float | None = None
     #: True in the alpha mode BLEND.
     blend: bool = False
+    #: Fraction of the light that enters the material, as glass; 0 for other materials.
+    transmission: float = 0.0
+    #: (3,) linear RGB fraction of this light that leaves it again.
+    tint: FloatArray = (1.0, 1.0, 1.0)  # type: ignore[assignment]  # made an array below
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "base_color", np.asarray(self.base_color, dtype=np.float64))
         object.__setattr__(self, "emissive", np.asarray(self.emissive, dtype=np.float64))
+        object.__setattr__(self, "tint", np.asarray(self.tint, dtype=np.float64))
 
     @property
     def textures(self) -> tuple[Pixels, ...]:

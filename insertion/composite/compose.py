@@ -33,12 +33,12 @@ class ObjectComposite:
     @property
     def alpha(self) -> NDArray[np.float32]:
         """(h, w) visible coverage."""
-        return self.layers.image.alpha * (1 - self.occluded)
+        return self.layers.image.coverage * (1 - self.occluded)
 
     @property
     def visible(self) -> float:
         """Fraction of the coverage that is not occluded."""
-        total = float(self.layers.image.alpha.sum())
+        total = float(self.layers.image.coverage.sum())
         return float(self.alpha.sum()) / total if total > 0 else 0.0
 
     def full_size(self, shape: tuple[int, ...]) -> tuple[NDArray[np.float32], NDArray[np.float32]]:
@@ -95,7 +95,8 @@ def composite_objects(plate: Image, objects: Sequence[ObjectComposite], look: Ca
 
         image = plate * prod(t) * (1 - sum(a)) + gain * sum(colour * (1 - occluded))
 
-    The layers of each object are smeared by its motion.
+    The layers of each object are smeared by its motion. Glass replaces the background by a shifted one, which is then
+    part of the foreground.
 
     Parameters
     ----------
@@ -118,9 +119,15 @@ def composite_objects(plate: Image, objects: Sequence[ObjectComposite], look: Ca
     box = box.enlarged(max(int(np.ceil(np.abs(item.smear).max())) for item in objects), plate.shape)
     transmittance = np.ones((*box.shape, 3), np.float32)
     foreground = np.zeros((*box.shape, 4), np.float32)
+    glasses = []
     for item in objects:
         part, image = item.layers.box.within(box), item.layers.image
-        layer = np.dstack([image.colour, image.alpha]) * (1 - item.occluded)[..., None]
+        visible = (1 - item.occluded)[..., None]
+        layer = np.dstack([image.colour, image.alpha]) * visible
+        if image.glass is not None and image.shift is not None:
+            glass, shift = np.zeros_like(foreground), np.zeros((*box.shape, 2), np.float32)
+            glass[part], shift[part] = image.glass * visible, image.shift
+            glasses.append((smear_layer(glass, item.smear) if item.smear.any() else glass, shift))
         if not item.smear.any():
             transmittance[part] *= item.transmitted
             foreground[part] += layer
@@ -129,7 +136,7 @@ def composite_objects(plate: Image, objects: Sequence[ObjectComposite], look: Ca
         light[part], moving[part] = item.transmitted, layer
         transmittance *= smear_layer(light, item.smear)
         foreground += smear_layer(moving, item.smear)
-    return _over_plate(plate, foreground, transmittance, look, box, seed)
+    return _over_plate(plate, foreground, transmittance, look, box, seed, glasses)
 
 
 def composite_traced(
@@ -173,27 +180,40 @@ def _over_plate(
     look: CameraLook,
     box: PixelBox,
     seed: int,
+    glasses: Sequence[tuple[NDArray[np.float32], NDArray[np.float32]]] = (),
 ) -> Composite:
     """Composite a foreground (h, w, 4) and a transmittance (h, w, 3) over a box of a plate (h, w, 3).
 
-    The foreground receives the gain, the blur and the grain of the frame.
+    The foreground receives the gain, the blur and the grain of the frame. `glasses` are the layers (h, w, 4) and
+    shifts (h, w, 2) of objects with glass. The blur hides that a rim one pixel wide shows any part of the background.
     """
     import cv2
 
     before = plate[box.slices]
     gain = np.append(look.gain, 1.0).astype(np.float32)
-    part = covered_box(foreground[..., 3])  # blur and grain are computed in this part only
+    coverage = sum((glass[..., 3] for glass, _ in glasses), foreground[..., 3])
+    part = covered_box(coverage)  # blur and grain are computed in this part only
     covered = part.slices
     foreground = foreground.copy()
     foreground[covered] = blur_layer(foreground[covered] * gain, look.blur)
     np.clip(foreground[..., 3], 0.0, 1.0, out=foreground[..., 3])
+    opaque = foreground[covered][..., 3:].copy()
+    if glasses:
+        light = srgb_to_linear(plate)
+        light[box.slices] *= transmittance
+    for glass, shift in glasses:
+        x, y = np.meshgrid(np.arange(part.x0, part.x1), np.arange(part.y0, part.y1))
+        at = np.dstack([x + box.x0, y + box.y0]) + shift[covered]
+        behind = cv2.remap(light, at.astype(np.float32), None, cv2.INTER_LINEAR, borderMode=cv2.BORDER_REFLECT_101)
+        layer = blur_layer(glass[covered] * np.dstack([behind, np.ones_like(opaque)]), look.blur)
+        foreground[covered] += layer * (1 - foreground[covered][..., 3:])
     # two minima are much faster than one along the last axis
     darkest = np.minimum(np.minimum(transmittance[..., 0], transmittance[..., 1]), transmittance[..., 2])
     changed = (foreground[..., 3] > MIN_COVERAGE) | (darkest < 1 - MIN_LOSS)
     light, alpha = srgb_to_linear(before) * transmittance, foreground[covered][..., 3:]
     light[covered] = light[covered] * (1 - alpha) + foreground[covered][..., :3]
     levels = linear_to_srgb(light)
-    levels[covered] += grain(look, part, levels[covered], seed) * alpha
+    levels[covered] += grain(look, part, levels[covered], seed) * opaque
     image = plate.copy()
     rounded = cv2.add(levels, 0.0, dtype=cv2.CV_8U)  # rounded and clipped
     image[box.slices] = np.where(changed[..., None], rounded, before)

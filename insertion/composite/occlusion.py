@@ -107,7 +107,7 @@ def occluded_fraction(
     from scipy.ndimage import distance_transform_edt
 
     occluded = np.zeros(box.shape, dtype=bool)
-    if not (layer.alpha > 0).any():
+    if not (layer.coverage > 0).any():
         return np.zeros(box.shape, np.float32), occluded
     # 1. Points in the box, the surroundings of the object, and its depth, continued beyond its outline.
     in_box = points.in_box(box.x0, box.y0, box.x1, box.y1)
@@ -117,7 +117,7 @@ def occluded_fraction(
     observed = np.ones(len(depths), dtype=bool) if inside.observed is None else inside.observed
     width_factor = view.camera.width / 640
     reach = max(1, round(VOTING_RADIUS_PX * width_factor))
-    silhouette = (layer.alpha > 0.5).astype(np.uint8)
+    silhouette = (layer.coverage > 0.5).astype(np.uint8)
     around = cv2.dilate(silhouette, np.ones((2 * reach + 1, 2 * reach + 1), np.uint8)) > 0
     rows, columns = distance_transform_edt(~np.isfinite(layer.depth), return_distances=False, return_indices=True)
     object_depth: NDArray[np.float32] = np.asarray(layer.depth[rows, columns])

@@ -239,7 +239,7 @@ def _labels_on_plane(
     sigma = 0.0 if surface is None else surface.plane.sigma
     tolerance = max(PLANE_SIGMAS * sigma, PLANE_FRACTION * body.unit)
     on_plane = height < np.maximum(tolerance, PLANE_NOISE * np.asarray(inside.depths))
-    alpha = layers.image.alpha
+    alpha = layers.image.coverage
     foot = np.zeros(labels.shape, dtype=bool)
     with np.errstate(invalid="ignore"):
         foot[:-1] = (alpha[:-1] > 0.5) & (alpha[1:] <= 0.5)

@@ -14,6 +14,10 @@ from models3d.model import Material, Model
 
 #: Maximum distance of objects with mutual shadows, relative to the sum of their sizes.
 SHADING_SIZES = 3.0
+#: Maximum fraction of the edges of a closed surface that belong to one triangle: simplified models have small holes.
+MAX_OPEN_EDGES = 0.02
+#: Decimals of positions that count as one vertex, in sizes of the object.
+VERTEX_DECIMALS = 5
 #: Number of sample points on a part, for its reflection in other objects and for collisions.
 SPOTS = 8000
 #: Side of the cells of the collision test, relative to the size of the smaller body; and maximum number of cells that
@@ -31,6 +35,14 @@ class BodyPart:
     tint: FloatArray
     faces: IntArray
     material: Material
+
+    @property
+    def is_closed(self) -> bool:
+        """Whether nearly every edge joins two triangles, which then enclose a volume."""
+        rows = np.unique(self.vertices.round(VERTEX_DECIMALS), axis=0, return_inverse=True)[1].ravel()[self.faces]
+        edges = np.sort(np.concatenate([rows[:, [0, 1]], rows[:, [1, 2]], rows[:, [2, 0]]]), axis=1)
+        counts = np.unique(edges, axis=0, return_counts=True)[1]
+        return float((counts == 1).sum()) < MAX_OPEN_EDGES * len(counts)
 
 
 @dataclass(frozen=True, slots=True, eq=False)

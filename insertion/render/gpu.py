@@ -28,6 +28,7 @@ class GpuPart:
 
     `drawn`, `gathered` and `cast` are its vertex arrays for the image, the geometry buffers and the shadows, and
     `buffers` the buffers of its vertices and faces. `textures` are keyed by name, and `middle` (3,) is the mean vertex.
+    Glass that `is_solid` refracts; a sheet without a thickness does not.
     """
 
     drawn: Any
@@ -37,6 +38,7 @@ class GpuPart:
     material: Material
     middle: NDArray[np.float64]
     buffers: tuple[Any, Any]
+    is_solid: bool = False
 
     def at_vertices(self, part: BodyPart) -> GpuPart:
         """Write the vertices of a body part to the buffer, and return the updated part, which replaces this one."""
@@ -63,6 +65,9 @@ class GpuPart:
         _set(program, "emissive", tuple(float(v) for v in self.material.emissive))
         _set(program, "metallic", self.material.metallic)
         _set(program, "roughness", self.material.roughness)
+        _set(program, "transmission", self.material.transmission)
+        _set(program, "tint", tuple(float(v) for v in self.material.tint))
+        _set(program, "is_solid", self.is_solid)
 
 
 def load_part(
@@ -83,7 +88,8 @@ def load_part(
         "emissive_texture": material.emissive_texture,
     }
     textures = {name: _texture(context, pixels) for name, pixels in stored.items() if pixels is not None}
-    return GpuPart(drawn, gathered, cast, textures, material, part.vertices.mean(axis=0), (vertices, index))
+    is_solid = material.transmission > 0 and part.is_closed
+    return GpuPart(drawn, gathered, cast, textures, material, part.vertices.mean(axis=0), (vertices, index), is_solid)
 
 
 def _rows(part: BodyPart) -> bytes:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, fields, replace
 from functools import lru_cache
 
 import numpy as np
@@ -121,7 +121,7 @@ class ObjectLayers:
     @property
     def silhouette(self) -> tuple[int, int, int, int] | None:
         """Box of the pixels of the object (x, y, width, height), None without pixels."""
-        is_object = self.image.alpha > 0.5
+        is_object = self.image.coverage > 0.5
         rows, columns = np.flatnonzero(is_object.any(axis=1)), np.flatnonzero(is_object.any(axis=0))
         if not len(rows):
             return None
@@ -146,16 +146,24 @@ def object_layers(renderer: ObjectRenderer, view: View, full_size: bool = False)
     box = box.union(cast_box(view, renderer.body, renderer.shadow_directions))
     if full_size:
         box = PixelBox(0, 0, view.camera.width, view.camera.height)
+    light, plane_depth = shadow_layer(renderer, view, box)
     image = ObjectImage(
         np.zeros((*box.shape, 3), np.float32), np.zeros(box.shape, np.float32), np.full(box.shape, np.nan, np.float32)
     )
     if own is not None:
         part = object_layer(renderer, view, own)
-        for large, small in zip(
-            (image.colour, image.alpha, image.depth), (part.colour, part.alpha, part.depth), strict=True
-        ):
-            large[own.within(box)] = small
-    return ObjectLayers(box, image, *shadow_layer(renderer, view, box))
+        if part.glass is not None and part.shift is not None:
+            image = replace(image, glass=np.zeros((*box.shape, 4), np.float32))
+            image = replace(image, shift=np.zeros((*box.shape, 2), np.float32))
+            with np.errstate(invalid="ignore"):  # the support is behind the object; above the horizon it is far away
+                middle = np.float32(view.to_camera(renderer.body.position[None])[0, 2])
+                depth = np.where(np.isfinite(part.depth), part.depth, middle)  # an edge has no depth
+                distance = 1 - depth / plane_depth[own.within(box)]
+            part.shift[...] *= np.clip(np.nan_to_num(distance, nan=1.0), 0.0, 1.0)[..., None]
+        for field in fields(image):
+            if getattr(image, field.name) is not None:
+                getattr(image, field.name)[own.within(box)] = getattr(part, field.name)
+    return ObjectLayers(box, image, light, plane_depth)
 
 
 def through_lens(ideal: NDArray[np.float32], view: View, box: PixelBox, nearest: bool = False) -> NDArray[np.float32]:
@@ -183,7 +191,8 @@ def object_layer(renderer: ObjectRenderer, view: View, box: PixelBox) -> ObjectI
     """Render the object for a box of pixels without distortion, then apply the distortion of the lens."""
     ideal = renderer.image(window_behind(view.camera, box), view.rotation, view.translation)
     bent = through_lens(np.dstack([ideal.colour, ideal.alpha]), view, box)
-    return ObjectImage(bent[..., :3], bent[..., 3], through_lens(ideal.depth, view, box, nearest=True))
+    glass, shift = (None if layer is None else through_lens(layer, view, box) for layer in (ideal.glass, ideal.shift))
+    return ObjectImage(bent[..., :3], bent[..., 3], through_lens(ideal.depth, view, box, nearest=True), glass, shift)
 
 
 def shadow_layer(

@@ -26,6 +26,8 @@ from metric_base.arrays import FloatArray
 #: Divisions of the environment into 2 ** cuts lights, for objects and for the support plane (computed only once).
 OBJECT_CUTS, PLANE_CUTS = 6, 8
 SAMPLES = 4
+#: Minimum component of a refracted ray along the optical axis; rays that turn further show the edge of the image.
+MIN_AHEAD = 0.3
 #: Granularity of the size of framebuffers in pixels, so that a slowly growing window does not allocate one per frame.
 _STEP = 64
 #: Texture units; materials and geometry buffers use the ones between them.
@@ -44,11 +46,23 @@ class ObjectImage:
         Coverage.
     depth : (h, w) ndarray of float32
         Depth along the optical axis in scene units, NaN outside of the object.
+    glass : (h, w, 4) ndarray of float32, optional
+        Light of the background that glass transmits, times the coverage of the glass, and this coverage. The background
+        is replaced by it; None without glass.
+    shift : (h, w, 2) ndarray of float32, optional
+        Distance in pixels to the part of an infinitely far background that the glass shows.
     """
 
     colour: NDArray[np.float32]
     alpha: NDArray[np.float32]
     depth: NDArray[np.float32]
+    glass: NDArray[np.float32] | None = None
+    shift: NDArray[np.float32] | None = None
+
+    @property
+    def coverage(self) -> NDArray[np.float32]:
+        """(h, w) coverage with the glass."""
+        return self.alpha if self.glass is None else self.alpha + (1 - self.alpha) * self.glass[..., 3]
 
 
 class ObjectRenderer:
@@ -95,6 +109,7 @@ class ObjectRenderer:
         self._gather = self._context.program(
             vertex_shader=shader("surface.vert"), fragment_shader=shader("gbuffer.frag")
         )
+        self._glass = self._context.program(vertex_shader=shader("surface.vert"), fragment_shader=shader("glass.frag"))
         self._light = self._context.program(
             vertex_shader=shader("full.vert"),
             fragment_shader=self._lit_shader("lighting.frag", number, SAMPLES=SAMPLES, **others),
@@ -130,7 +145,8 @@ class ObjectRenderer:
         self.shadow_directions = _strongest(lights)
         first = not self._parts
         if first:
-            self._parts = [self._load(part, self._gather) for part in body.parts]
+            gather, glass = self._gather, self._glass
+            self._parts = [self._load(part, glass if part.material.transmission else gather) for part in body.parts]
         else:
             self._parts = [old.at_vertices(part) for old, part in zip(self._parts, body.parts, strict=True)]
         _release(self._atlas)
@@ -216,7 +232,41 @@ class ObjectRenderer:
             colour, seen = self._forward(window, -rotation.T @ offset)
         with np.errstate(divide="ignore", invalid="ignore"):
             depth = np.where(seen[..., 1] > 0.01, seen[..., 0] / seen[..., 1], np.nan) * self.body.unit
-        return ObjectImage(colour[..., :3].copy(), np.clip(colour[..., 3], 0, 1), depth.astype(np.float32))
+        image = ObjectImage(colour[..., :3].copy(), np.clip(colour[..., 3], 0, 1), depth.astype(np.float32))
+        if not any(part.material.transmission > 0 for part in self._parts):
+            return image
+        glass, shift = self._glass_layers(window, rotation)
+        return replace(image, glass=glass, shift=shift)
+
+    def _glass_layers(self, window: Window, rotation: FloatArray) -> tuple[NDArray[np.float32], NDArray[np.float32]]:
+        """Return `glass` (h, w, 4) and `shift` (h, w, 2) of `ObjectImage`, after `_forward` has drawn the same window.
+
+        A surface with the outward normal N adds -(sqrt(n^2 - 1 + c^2) - c) N to the direction of a ray times the index
+        of refraction, with the index n of the glass and the cosine c of the angle outside. The direction behind the
+        object is the sum over all surfaces, with the angles of the straight ray.
+        """
+        context, (smooth, plain) = self._context, self._target(window.width, window.height)
+        smooth.use()
+        smooth.depth_mask = False  # opaque parts hide the glass behind them
+        smooth.clear()
+        context.enable(context.DEPTH_TEST | context.BLEND)  # sums of the colours, and coverage
+        context.blend_func = context.ONE, context.ONE, context.ONE, context.ONE_MINUS_SRC_ALPHA
+        for part in self._parts:
+            if part.material.transmission > 0:
+                part.bind(self._glass)
+                part.gathered.render()
+        smooth.depth_mask = True
+        context.disable(context.BLEND)
+        context.copy_framebuffer(plain, smooth)
+        coverage = _read(plain, window, 1, 4)[..., 3:]
+        passed, bend = (_read(plain, window, row, 3) / np.maximum(coverage, 1e-6) for row in range(2))
+        x = (np.arange(window.width) + window.x0 + 0.5 - window.cx) / window.fx
+        y = (np.arange(window.height) + window.y0 + 0.5 - window.cy) / window.fy
+        ray = np.dstack([*np.meshgrid(x, y), np.ones((window.height, window.width))])
+        behind = ray / np.linalg.norm(ray, axis=-1, keepdims=True) + bend @ rotation.T
+        shift = (behind[..., :2] / np.maximum(behind[..., 2:], MIN_AHEAD) - ray[..., :2]) * [window.fx, window.fy]
+        glass = np.dstack([coverage * np.exp(passed), coverage])
+        return glass.astype(np.float32), shift.astype(np.float32)
 
     def _set_camera(self, body: Body, window: Window, rotation: FloatArray, translation: FloatArray) -> FloatArray:
         """Set the camera (world to camera) in the shaders and return its translation (3,) in the local frame."""
@@ -225,9 +275,10 @@ class ObjectRenderer:
         near = max(float(depths.min()) * 0.8, 1e-3)
         clip = window.projection(rotation, offset, near, max(float(depths.max()) * 1.2, near * 2))
         eye = tuple(float(v) for v in -rotation.T @ offset)
-        for program in (self._program, self._gather):
+        for program in (self._program, self._gather, self._glass):
             program["clip"].write(clip.T.astype("f4").tobytes())
-            program["depth_row"].value = (*(float(v) for v in rotation[2]), float(offset[2]))
+            if "depth_row" in program:
+                program["depth_row"].value = (*(float(v) for v in rotation[2]), float(offset[2]))
             program["eye"].value = eye
         self._light["eye"].value = eye
         return offset

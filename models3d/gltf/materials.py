@@ -16,8 +16,12 @@ import numpy as np
 from metric_base.arrays import FloatArray
 from models3d.model import Material, Pixels
 
-#: Minimum opacity of glass, so that a pane that transmits all light is visible.
+#: Minimum opacity of glass in renderers without refraction, so that a pane that transmits all light is visible.
 MIN_GLASS_OPACITY = 0.15
+#: Maximum alpha of a material without a texture that represents glass, in files without a transmission.
+MAX_GLASS_ALPHA = 0.5
+#: Maximum roughness of such glass: what is behind it is sharp.
+MAX_GLASS_ROUGHNESS = 0.1
 
 
 @dataclass(frozen=True, slots=True)
@@ -70,15 +74,18 @@ class Materials:
             mode = record.get("alphaMode", "OPAQUE")
             colour = np.asarray(surface.get("baseColorFactor", [1, 1, 1, 1]), dtype=np.float64)
             transmission = float(extensions.get("KHR_materials_transmission", {}).get("transmissionFactor", 0.0))
+            roughness, tint = float(surface.get("roughnessFactor", 1.0)), colour[:3]
             if transmission > 0 and colour.shape == (4,):
                 colour = colour * [1, 1, 1, max(1 - transmission, MIN_GLASS_OPACITY)]
                 mode = "BLEND" if mode == "OPAQUE" else mode
-                self._warn("glass is drawn as a thin pane, without refraction")
+            elif mode == "BLEND" and base is None and colour.shape == (4,) and colour[3] < MAX_GLASS_ALPHA:
+                transmission, roughness = 1.0, min(roughness, MAX_GLASS_ROUGHNESS)
+                tint = (1 - colour[3]) * (colour[:3] / colour[:3].max() if colour[:3].any() else np.ones(3))
             strength = float(extensions.get("KHR_materials_emissive_strength", {}).get("emissiveStrength", 1.0))
             material = Material(
                 colour,
                 float(surface.get("metallicFactor", 1.0)),
-                float(surface.get("roughnessFactor", 1.0)),
+                roughness,
                 strength * np.asarray(record.get("emissiveFactor", [0, 0, 0]), dtype=np.float64),
                 base,
                 rough,
@@ -86,6 +93,8 @@ class Materials:
                 glow,
                 float(record.get("alphaCutoff", 0.5)) if mode == "MASK" else None,
                 mode == "BLEND",
+                transmission if mode == "BLEND" else 0.0,
+                tint,
             )
             self._materials[index] = material, first
         return self._materials[index]

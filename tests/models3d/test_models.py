@@ -248,7 +248,9 @@ def test_glass_is_seen_through_and_lamps_shine(tmp_path: Path) -> None:
     material = model.meshes[0].material
     assert (material.blend, material.base_color[3]) == (True, pytest.approx(0.4))
     assert material.emissive.tolist() == [0, 2.0, 0]
-    assert "thin pane" in model.warnings[0]
+    assert material.transmission == 0.6
+    assert material.tint.tolist() == [1, 1, 1]
+    assert not model.warnings
 
 
 @pytest.mark.parametrize("kind", [np.uint8, np.uint16, np.int16])
@@ -298,6 +300,19 @@ def test_glass_has_an_opacity_of_15_percent_or_more(tmp_path: Path, transmission
     model = _square(tmp_path / "a.glb", lambda *_: None, glass)
     assert model.meshes[0].material.base_color[3] == pytest.approx(opacity)
     assert model.meshes[0].material.blend
+    assert model.meshes[0].material.transmission == transmission
+
+
+@pytest.mark.parametrize(("alpha", "transmission"), [(0.25, 1.0), (0.49, 1.0), (0.51, 0.0)])
+def test_a_transparent_material_without_texture_is_glass(tmp_path: Path, alpha: float, transmission: float) -> None:
+    surface = {"baseColorFactor": [0.2, 0.4, 0.1, alpha], "roughnessFactor": 0.7}
+    model = _square(tmp_path / "a.glb", lambda *_: None, {"alphaMode": "BLEND", "pbrMetallicRoughness": surface})
+    material = model.meshes[0].material
+    assert material.transmission == transmission
+    assert material.base_color[3] == pytest.approx(alpha)
+    if transmission:
+        assert material.tint == pytest.approx((1 - alpha) * np.array([0.5, 1.0, 0.25]))
+        assert material.roughness == 0.1
 
 
 @pytest.mark.parametrize("sign", [1.0, -1.0])

@@ -14,5 +14,5 @@ void main() {
     vec3 away = direction - vec3(at, 0.0) * near;
     float far = length(away);
     vec3 weight = power * direction.z / (far * far * far);
-    lost = vec4((weight - min(returned * direction.z, weight)) * texture(blocked, v_at).r, 1.0);
+    lost = vec4((weight - min(returned * direction.z, weight)) * texture(blocked, v_at).rgb, 1.0);
 }

@@ -3,6 +3,7 @@
 //!gbuffer
 //!material
 //!shading
+uniform float transmission;      // of glass, whose light from behind is added when the layers are joined
 uniform bool flat_only;         // coverage alone
 layout(location = 0) out vec4 colour;   // linear, premultiplied
 layout(location = 1) out vec4 seen;     // depth times alpha, alpha
@@ -13,6 +14,8 @@ void main() {
         colour = seen = vec4(base.a);
         return;
     }
+    float cover = base.a;  // a pane has a depth, too
+    base.a = transmission > 0.0 ? 1.0 - transmission : base.a;
     colour = shaded(facts_here(base, eye));
-    seen = vec4(v_depth * base.a, base.a, 0.0, base.a);
+    seen = vec4(v_depth * cover, cover, 0.0, cover);
 }

@@ -17,7 +17,7 @@ from metric_base.arrays import FloatArray, IntArray
 from metric_base.errors import InputError
 from metric_base.escaping import visible
 from metric_base.folders import taxonomy_directory
-from metric_tree.node import Node, NoPrior, UnknownName
+from metric_tree.node import Node, NoPrior
 from metric_tree.prior import QUANTILES, Prior
 from metric_tree.tree import Tree
 from taxonomy.label_lists import Label, vocabularies, vocabulary
@@ -68,7 +68,6 @@ class ReleaseCatalogue:
                 f"{tree.release.directory}: node_id: expected ids that differ as file names; found two that are equal"
             )
         self._quantiles: dict[str, FloatArray] = {}
-        self._tiers: dict[str, str] = {}
 
     @cached_property
     def etag(self) -> str:
@@ -81,20 +80,9 @@ class ReleaseCatalogue:
         up = "" if self.tree is self.main else "../../"
         return up if tree is self.main else f"{up}releases/{tree.version}/"
 
-    def node(self, name: str) -> Node:
-        """Return the node of an id or a slug. Raises UnknownName if the release has no such node."""
-        node = self.nodes.get(name) or self.by_slug.get(name)
-        if node is None:
-            raise UnknownName(f"{name}: no node has this id")
-        return node
-
     def tier(self, node: Node) -> str:
         """Return the tier of the default prior of a node."""
-        if node.stated is not None:  # a variant, which is not the node of the cache
-            return node.tier or UNKNOWN
-        if node.node_id not in self._tiers:
-            self._tiers[node.node_id] = node.tier or UNKNOWN
-        return self._tiers[node.node_id]
+        return node.tier or UNKNOWN
 
     def prior(self, node: Node) -> Prior | None:
         """Return the default prior of a node, otherwise the one with most dimensions; None if the node has no prior."""

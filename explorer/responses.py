@@ -314,9 +314,7 @@ def queried_prior(
 
 def found_node(catalogue: ReleaseCatalogue, name: str, vocabulary: str | None = None) -> Node:
     """Return the node of an id, a slug or a name. Raises UnknownName if there is none."""
-    if name in catalogue.nodes or name in catalogue.by_slug:
-        return catalogue.node(name)
-    return catalogue.tree.find(name, vocabulary)
+    return catalogue.nodes.get(name) or catalogue.by_slug.get(name) or catalogue.tree.find(name, vocabulary)
 
 
 def comparison(catalogue: ReleaseCatalogue, names: Sequence[str]) -> ComparisonAnswer:

@@ -224,7 +224,7 @@ def degeneracy(scene: Scene) -> SceneProblem | None:
 
     With the singular values s1 >= s2 >= s3 of the centred points, including those of a dense cloud, they are coplanar
     if s3 < 1e-4 s1, and collinear if s2 < 1e-4 s1. The cameras are coincident if the distance of their centres is below
-    1e-3 of the median distance to the points.
+    1e-3 of the median distance to the points; those of a network and a single photograph with its depths may be.
 
     Returns
     -------
@@ -234,7 +234,8 @@ def degeneracy(scene: Scene) -> SceneProblem | None:
     """
     if not scene.views:
         return SceneProblem("no_views: the reconstruction has no views", is_fatal=True)
-    if len(scene.views) == 1:
+    has_depths = scene.format in {"network", "photograph"}  # one view has depths, too
+    if len(scene.views) == 1 and not has_depths:
         return SceneProblem("one_view: the reconstruction has one view, two are needed", is_fatal=True)
     clouds = [scene.points] if scene.dense is None else [scene.points, scene.dense.points]
     count = sum(map(len, clouds))
@@ -258,7 +259,8 @@ def degeneracy(scene: Scene) -> SceneProblem | None:
         return SceneProblem(message, is_fatal=True)
     centres = camera_centres(scene.views)
     distance = float(np.median(np.linalg.norm(points - np.median(centres, axis=0), axis=1)))
-    if float(np.linalg.norm(centres - centres.mean(axis=0), axis=1).max()) < MIN_BASELINE_RATIO * distance:
+    spread = float(np.linalg.norm(centres - centres.mean(axis=0), axis=1).max())
+    if not has_depths and spread < MIN_BASELINE_RATIO * distance:
         message = "coincident_cameras: all cameras are at one place, so that depths are unknown"
         return SceneProblem(message, is_fatal=True)
     return None

@@ -64,6 +64,8 @@ DEPTH_KEYS = ("metric_depth", "depth_z", VGGT.depth, MEGASAM.depth, "depth_m", "
 INTRINSICS_KEYS = (DEPTH_ANYTHING_3.intrinsics, VGGT.intrinsics, "K")
 #: Names of a focal length in pixels of the map; the first is that of Depth Pro.
 FOCAL_KEYS = ("focallength_px", "focal_length_px", "focal")
+#: Names of the points (h, w, 3) in an archive of one image, in the frame of the camera: those of MoGe and MapAnything.
+POINT_KEYS = (PI3.points, "pts3d_cam")
 #: Standard deviation of the log scale that all images of a network share. On ETH3D, the mean relative errors of scale
 #: of MapAnything and Pi3X are .16 and .25 (map-anything-ggml); a normal error with this mean has 1.25 times its size.
 NETWORK_SD = {"mapanything": 0.20, "pi3x": 0.31}

@@ -140,6 +140,7 @@ Format = Literal[
     "meshroom",
     "gaussian-splatting",
     "network",
+    "photograph",
 ]
 
 

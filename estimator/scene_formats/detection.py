@@ -41,6 +41,7 @@ _READERS: dict[str, Callable[[Path], Scene]] = {
 #: Advice about files that are not reconstructions, by suffix.
 _ADVICE = {
     ".ply": "a point cloud: name the folder with the cameras, and the cloud with --dense",
+    **dict.fromkeys((".jpg", ".jpeg", ".png"), "one image: add --depth-map FILE or --points FILE of a network"),
     ".db": "COLMAP's database of matches: run `colmap mapper` and name the model's folder, such as sparse/0",
     ".zip": "an archive: unpack it and name its folder",
     ".gz": "an archive: unpack it and name its folder",

@@ -64,7 +64,8 @@ class RenderedViews:
 
 def rendered_views(world: World, scale: float = 0.4, views: int = 8, reduction: int = 2) -> RenderedViews:
     """Render evenly spaced views of a world, with maps of a fraction of the resolution of the images."""
-    chosen = np.linspace(0, len(world.poses) - 1, views).round().astype(int)
+    first = 0 if views > 1 else len(world.poses) // 2
+    chosen = np.linspace(first, len(world.poses) - 1, views).round().astype(int)
     with Renderer(world) as renderer:
         frames = [renderer.frame(int(index), colour=False) for index in chosen]
     depth = np.stack([frame.depth[reduction // 2 :: reduction, reduction // 2 :: reduction] for frame in frames])

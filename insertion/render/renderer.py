@@ -245,6 +245,8 @@ class ObjectRenderer:
         of refraction, with the index n of the glass and the cosine c of the angle outside. The direction behind the
         object is the sum over all surfaces, with the angles of the straight ray.
         """
+        import cv2
+
         context, (smooth, plain) = self._context, self._target(window.width, window.height)
         smooth.use()
         smooth.depth_mask = False  # opaque parts hide the glass behind them
@@ -259,7 +261,10 @@ class ObjectRenderer:
         context.disable(context.BLEND)
         context.copy_framebuffer(plain, smooth)
         coverage = _read(plain, window, 1, 4)[..., 3:]
-        passed, bend = (_read(plain, window, row, 3) / np.maximum(coverage, 1e-6) for row in range(2))
+        # a rim one pixel wide would show single pixels of remote parts of the frame
+        passed, bend = (
+            cv2.medianBlur(_read(plain, window, row, 3) / np.maximum(coverage, 1e-6), 3) for row in range(2)
+        )
         x = (np.arange(window.width) + window.x0 + 0.5 - window.cx) / window.fx
         y = (np.arange(window.height) + window.y0 + 0.5 - window.cy) / window.fy
         ray = np.dstack([*np.meshgrid(x, y), np.ones((window.height, window.width))])

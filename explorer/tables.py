@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import io
+from functools import lru_cache
 from typing import Any
 
 import pyarrow as pa
@@ -35,6 +36,7 @@ def node_sizes_csv(catalogue: ReleaseCatalogue, node: Node) -> bytes:
     return csv_text(head, ([dim, *row.values()] for dim, row in sizes.items()))
 
 
+@lru_cache(maxsize=1)  # for CSV and Parquet
 def sizes_table(catalogue: ReleaseCatalogue) -> pa.Table:
     """Return all categories with a prior: name, level, tier, items, and the quantiles of all dimensions in mm."""
     rows = []

@@ -28,9 +28,11 @@ from starlette.routing import Mount, Route
 from starlette.types import ASGIApp, Message, Receive, Scope, Send
 
 from explorer.catalogue import ReleaseCatalogue
+from explorer.queries import search_response
 from explorer.route import MEDIA_TYPES, Rendered
 from explorer.route import Route as Address
 from explorer.routes import find_route
+from explorer.schemas import SearchQuery
 from explorer.server.delivery import CachedResponse, ResponseCache, conditional_response, problem
 from explorer.server.scale_jobs import ScaleJobs, ServiceUnavailable
 from explorer.urls import page_of
@@ -79,7 +81,7 @@ class ReleaseServer:
         for address in (*PREPARED, page_of(category.node_id)):
             if (found := find_route(self.catalogue, address)) is not None:
                 self.response(*found, None)
-        self.catalogue.tree.search(category.name)
+        search_response(self.catalogue, SearchQuery(f"how tall is a {category.name}"))
 
     async def get(self, request: Request) -> Response:
         """Return the content of a route, or an image."""

@@ -24,7 +24,7 @@ from metric_tree.tree import Tree
 @pytest.mark.parametrize(("n", "title"), [(20, "20 of 20"), (21, "20 of 21")])
 def test_diff_prints_the_20_priors_that_moved_most(n: int, title: str, capsys: pytest.CaptureFixture[str]) -> None:
     priors = [MovedPrior(f"node{k}", "height", 100.0, 110.0, 0.1, 0.0, {}) for k in range(n)]
-    print_diff(ReleaseDiff("1", "2", 50, 50, [], [], {}, {}, {}, {}, priors, {}, {}))
+    print_diff(ReleaseDiff("1", "2", 50, 50, [], [], {}, {}, {}, {}, priors, {}, {}), "mm")
     printed = capsys.readouterr().out
     assert f"priors that moved most, {title}" in printed
     assert ("node19" in printed, "node20" in printed) == (True, False)

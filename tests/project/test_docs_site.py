@@ -50,3 +50,8 @@ def test_formulas_are_converted_to_mathml(hooks: ModuleType) -> None:
     page = hooks.on_page_content('<span class="arithmatex">\\(a &lt; b_1\\)</span>')
     assert page.startswith("<math")
     assert "msub" in page
+
+
+def test_formulas_of_a_line_of_their_own_have_dollar_signs() -> None:
+    """The site shows a block `math` as code; on a code host both forms are formulas."""
+    assert [page.name for page in (ROOT / "docs").rglob("*.md") if "```math" in page.read_text(encoding="utf-8")] == []

@@ -17,7 +17,7 @@ from typing import Literal
 from lxml.etree import XPath
 
 from crawler.page.page import Element, Page, squeeze
-from crawler.text.sizes import consensus, sizes
+from crawler.text.sizes import consensus, names_unit, sizes
 from crawler.text.vocabulary import is_dimension_label, is_package, is_whole, names_an_axis, plain
 
 #: Maximum number of characters of a label; longer texts are prose.
@@ -46,6 +46,7 @@ _BOXES = frozenset({"ul", "ol", "dl", "table", "p", "div"})
 _PAGE_TAGS = frozenset({"body", "html", "main"})
 #: Elements before a value that are not its label.
 _NO_LABEL_TAGS = SKIPPED | {"td", "tr", "img"}
+_HEADING_CLASS = re.compile(r"title|heading|header|group-?name|section-?name|caption", re.IGNORECASE)
 #: Place of a pair; an `entry` is a line of a list, or a line whose label is a separate element.
 Place = Literal["table", "list", "row", "entry", "line", "json", "prose"]
 #: Number of ancestors of a text that are searched for its label; deeper nesting is decoration.
@@ -60,6 +61,8 @@ MAX_CELLS = 40
 MAX_BOXES = 12
 #: Number of elements before a value that are searched for its label.
 MAX_BEFORE = 8
+#: Characters of a composed size, whose unit may be in its label or its heading.
+_COMPOSED = re.compile(r"[x×X*:]")
 #: Number of ancestors that are searched for the list of a line.
 MAX_ENTRY_LEVELS = 3
 _LABEL_TAGS = frozenset({"b", "strong", "span", "em"})
@@ -128,6 +131,7 @@ class PageRegions:
         self._main = frozenset(box for title in islice(root.iter("h1"), 1) for box in title.iterancestors())
         self._texts: dict[Element, str] = {}
         self._elsewhere: dict[Element, bool] = {}
+        self._titles: dict[Element, str] = {}
         self._titles_before: dict[Element, str] = {}
 
     def text(self, element: Element) -> str:
@@ -189,12 +193,24 @@ class PageRegions:
         return title
 
     def _title(self, element: Element) -> str:
-        """Return the text of a title, or of bold text above a box or a list."""
+        """Return the text of a title, of bold text above a box or a list, or of the title in a short element."""
+        if element in self._titles:
+            return self._titles[element]
         below = element.getnext()
         is_above_box = below is not None and below.tag in _BOXES and not (element.tail or "").strip()
-        is_title = element.tag in _HEADINGS or (element.tag in _BOLD and is_above_box)
-        title = self.text(element) if is_title else ""
-        return title if len(title) <= MAX_LABEL else ""
+        title = ""
+        if (
+            element.tag in _HEADINGS
+            or _contains(_HEADING_CLASS, element.get("class") or "")
+            or (element.tag in _BOLD and is_above_box)
+        ):
+            title = self.text(element)
+        elif element.tag != "table":
+            inner = next(element.iter("h2"), None)
+            inner = inner if inner is not None else next(element.iter("h3"), None)
+            title = self.text(inner) if inner is not None and len(self.text(element)) <= MAX_LABEL else ""
+        self._titles[element] = title if len(title) <= MAX_LABEL else ""
+        return self._titles[element]
 
 
 # the tests of names are cached, because a site uses the same few hundred class names on all pages
@@ -240,7 +256,7 @@ class _PairReader:
         return self._line_of_text(element, text)
 
     def _line_of_text(self, element: Element, text: str) -> LabelValue | None:
-        """Return the line of a text, with its label if it has one."""
+        """Return the line of a text, with its label if it has one; None for prices, counts and dates."""
         full_text = self._text(element) if len(text) < MAX_VALUE else text
         value = full_text if len(full_text) <= MAX_VALUE else text
         # 1. A line of a list is an entry of the list, a line that begins with `<b>Label</b>` one of its parent.
@@ -263,6 +279,8 @@ class _PairReader:
         if lines := self._lines(element):
             value, heading = next(((line, head) for line, head in lines if text in line), (value, ""))
             entries = container = element
+        if not names_unit(value) and not _COMPOSED.search(value):
+            return None
         section = heading or self.regions.heading(element)
         return _split(LabelValue("", value, section, "line" if entries is None else "entry", self._number(container)))
 
@@ -305,11 +323,16 @@ class _PairReader:
         label_box = next(filter(self._text, element.itersiblings(preceding=True)), None)
         if label_box is None or label_box.tag in _NO_LABEL_TAGS:
             return None
-        label, value = self._text(label_box), self._text(element)
-        if len(label) > MAX_LABEL or len(value) > MAX_VALUE or not names_a_size(plain(label).strip(" :")):
+        label, tail = self._text(label_box), squeeze(label_box.tail or "")
+        is_short = max(len(label), len(tail)) <= MAX_LABEL and not HAS_DIGIT.search(label)
+        if (
+            not is_short
+            or not names_a_size(plain(f"{label} {tail}").strip(" :"))
+            or len(self._text(element)) > MAX_VALUE
+        ):
             return None
         above = parent.getparent()
-        return self._pair(label, value, "row", parent if above is None else above)
+        return self._pair(f"{label} {tail}".strip(), self._text(element), "row", parent if above is None else above)
 
     def _pair(self, label: str, value: str, place: Place, container: Element) -> LabelValue:
         return LabelValue(label, value, self.regions.heading(container), place, self._number(container))
@@ -387,4 +410,5 @@ def _split(pair: LabelValue) -> LabelValue | None:
         inner = next((match for match in _INNER_LABEL.finditer(value) if is_dimension_label(plain(match[1]))), None)
         if inner:
             label, value, place = inner[1].strip(), inner[2], "prose"
-    return LabelValue(label, value, section, place if label else "prose", pair.container)
+    is_named = label or (place == "entry" and is_dimension_label(plain(section)))
+    return LabelValue(label, value, section, place if is_named else "prose", pair.container)

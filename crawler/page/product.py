@@ -23,6 +23,7 @@ MAX_IMAGES = 12
 MAX_BREADCRUMB_BOXES = 3
 _BREADCRUMB_TAGS = ("nav", "ol", "ul", "div")
 _BREADCRUMB_MARKS = ("readcrumb", "readCrumb")
+_BREADCRUMB_ATTRIBUTES = ("class", "id", "aria-label")
 
 #: Separators of the steps of a category; shops also write `Home & Living < Vases`, in the same order.
 _CATEGORY_MARKS = re.compile("[/<>]")
@@ -30,6 +31,9 @@ _CATEGORY_MARKS = re.compile("[/<>]")
 #: Types of schema.org that are items with a size.
 _PRODUCT_TYPES = ("Product", "ProductGroup", "IndividualProduct", "ProductModel", "Book")
 _USEFUL_TYPE = re.compile(rf"schema\.org/(?:{'|'.join(_PRODUCT_TYPES)}|BreadcrumbList)\b")
+
+#: Long properties without information on the item.
+_UNREAD = frozenset({"review", "reviews", "offers", "aggregateRating", "isRelatedTo", "isSimilarTo"})
 
 _AXES = ("width", "height", "depth", "length", "diameter", "size")
 
@@ -122,7 +126,7 @@ def _microdata_reader() -> Any:
     wanted = [f"contains(@itemtype, 'schema.org/{kind}')" for kind in (*_PRODUCT_TYPES, "BreadcrumbList")]
 
     class Reader(MicrodataExtractor):  # type: ignore[misc]  # extruct has no types
-        """Extractor of products and breadcrumbs.
+        """Extractor of products and breadcrumbs without reviews and offers.
 
         The base class reads all items of a page, and copies and cleans each property, although the page is clean.
         """
@@ -131,6 +135,9 @@ def _microdata_reader() -> Any:
 
         def get_docid(self, node: Element, _: object) -> Element:
             return node
+
+        def _extract_property(self, node: Element, **named: Any) -> list[Any]:
+            return [] if node.get("itemprop") in _UNREAD else super()._extract_property(node, **named)
 
         def _extract_textContent(self, node: Element) -> str:  # noqa: N802 - extruct's name
             return _text(node)
@@ -200,8 +207,10 @@ def _breadcrumb(page: Page, nodes: Sequence[Mapping[str, Any]], title: str) -> t
         return declared
     boxes = (
         box
+        for names in (_BREADCRUMB_ATTRIBUTES, None)  # then any attribute
         for box in page.root.iter(*_BREADCRUMB_TAGS)
-        if any(mark in value for value in box.values() for mark in _BREADCRUMB_MARKS)
+        for values in (box.values() if names is None else [box.get(name) or "" for name in names],)
+        if any(mark in value for value in values for mark in _BREADCRUMB_MARKS)
     )
     paths = (_path([_text(link) for link in box.iter("a")]) for box in islice(boxes, MAX_BREADCRUMB_BOXES))
     return next(filter(None, paths), declared)

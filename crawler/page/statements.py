@@ -18,7 +18,7 @@ from crawler.page.label_values import HAS_DIGIT, LabelValue, label_values, names
 from crawler.page.page import Page, squeeze
 from crawler.page.product import Product
 from crawler.page.urls import source_id as hashed_url
-from crawler.text.sizes import Length, Size, consensus, flags_of, orders_axes, sizes
+from crawler.text.sizes import Length, Size, consensus, flags_of, orders_axes, sizes, unit_in_brackets
 from crawler.text.vocabulary import (
     Language,
     is_component,
@@ -26,6 +26,7 @@ from crawler.text.vocabulary import (
     is_foreign,
     is_of_others,
     is_package,
+    is_part_heading,
     is_part_name,
     is_stripped,
     is_whole,
@@ -180,14 +181,14 @@ def best_statement(candidates: Iterable[Statement]) -> Statement | None:
 def _statements(pairs: Sequence[LabelValue], language: Language | None, title: str) -> Iterator[Statement]:
     """Return the statements of pairs that announce a size, then those of groups of rows with one axis each."""
     for pair in pairs:
-        label = plain(pair.label)
+        label, section = plain(pair.label), plain(pair.section)
         is_announced = is_dimension_label(label) or orders_axes(pair.label, language)
         is_package_size = is_package(plain(f"{pair.label} {pair.section}"))
-        if is_package_size or is_component(label if is_announced else f"{label} {plain(pair.section)}"):
+        if is_package_size or _is_of_part(label) or (not is_announced and is_part_heading(section)):
             continue
         if not (is_announced or _announces_size(pair, language, title)):
             continue
-        read = sizes(pair.value, pair.label, language)
+        read = sizes(pair.value, pair.label, language, unit_in_brackets(pair.section))
         whole = [size for size in read if size.meaning == "whole"]
         max_lengths = max((len(size.lengths) for size in whole), default=0)
         size = consensus([size for size in whole if len(size.lengths) == max_lengths])
@@ -199,7 +200,7 @@ def _statements(pairs: Sequence[LabelValue], language: Language | None, title: s
         else:
             is_stated = len(size.lengths) > 1 or bool(size.lengths[0].axis)
         if is_stated:
-            yield Statement(size, _trust(pair, is_announced), _text(pair))
+            yield Statement(size, _trust(pair, is_announced, title), _text(pair))
     yield from _axis_statements(pairs, language, title)
 
 
@@ -214,12 +215,14 @@ def _announces_size(pair: LabelValue, language: Language | None, title: str) -> 
     text = plain(pair.value)
     if pair.place == "prose":
         return is_dimension_label(text) or len(_NUMBERS.findall(text)) >= MIN_NUMBERS_OF_PROSE
+    if is_dimension_label(text) and is_whole(text):
+        return True
     if not pair.label or is_foreign(plain(pair.label), title):
         return False
     return any(len(size.dimensions_mm()) == 3 for size in sizes(pair.value, pair.label, language))
 
 
-def _trust(pair: LabelValue, is_announced: bool) -> Trust:
+def _trust(pair: LabelValue, is_announced: bool, title: str) -> Trust:
     """Return the trust in the size of a pair; `is_announced` if its label announces a size."""
     label = plain(pair.label)
     if pair.place == "prose" or (pair.place == "line" and not (is_announced and is_stripped(label))):
@@ -227,9 +230,12 @@ def _trust(pair: LabelValue, is_announced: bool) -> Trust:
         return Trust.PROSE
     if pair.place == "json":
         return Trust.SCRIPT
-    if is_stripped(label) or not is_announced:
+    if is_stripped(label):
         return Trust.LOOSE
-    return Trust.WHOLE if is_whole(label) else Trust.SIZE
+    if is_announced:
+        return Trust.WHOLE if is_whole(label) else Trust.SIZE
+    # a size heading may also stand above parts, which a label with other words names
+    return Trust.SIZE if is_dimension_label(plain(pair.section)) and not is_foreign(label, title) else Trust.LOOSE
 
 
 def _axis_statements(pairs: Iterable[LabelValue], language: Language | None, title: str) -> Iterator[Statement]:
@@ -276,11 +282,11 @@ def _axis_statements(pairs: Iterable[LabelValue], language: Language | None, tit
 def _axis_length(pair: LabelValue, language: Language | None, title: str) -> Length | None:
     """Return the single length of a row and its axis, or None. Rows of parts and packages are ignored."""
     label, section = plain(pair.label), plain(pair.section)
-    if not label or is_component(label) or is_package(label) or is_package(section):
+    if not label or _is_of_part(label) or is_package(label) or is_package(section):
         return None
-    if is_part_name(section, title):
+    if is_part_heading(section) or is_part_name(section, title):
         return None
-    read = sizes(pair.value, pair.label, language)
+    read = sizes(pair.value, pair.label, language, unit_in_brackets(pair.section))
     single = [size for size in read if size.meaning == "whole" and len(size.lengths) == 1]
     if not single or not single[0].lengths[0].axis:
         return None
@@ -288,6 +294,11 @@ def _axis_length(pair: LabelValue, language: Language | None, title: str) -> Len
     same = consensus([size for size in single if size.lengths[0].axis in {None, length.axis}])
     # if a length is stated in two systems of units, prefer the metric value; the other is rounded
     return length if same is None or "contradicts_itself" in same.flags else replace(same.lengths[0], axis=length.axis)
+
+
+def _is_of_part(label: str) -> bool:
+    """Return True if a normalised label names a part, and not the whole (`overall ...`)."""
+    return is_component(label) and not (is_whole(label) and not is_component(label.replace("overall", "")))
 
 
 def _text(pair: LabelValue) -> str:

@@ -12,6 +12,7 @@ import re
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import lru_cache
+from itertools import zip_longest
 from typing import Literal
 
 from crawler.text.tokens import Token, tokens
@@ -33,11 +34,20 @@ PLACEHOLDER_VALUES = (0.01, 0.1, 1.0)
 #: Maximum number of lengths of a size.
 MAX_LENGTHS = 3
 INCHES_PER_FOOT = 12
+_OTHER_UNITS = """
+    kg g gr gramm gram grams grammes grammi gramos gramas lb lbs pound pounds oz ounce ounces ml l
+    liter liters litre litres cl fl gal gallon gallons w watt watts kw v volt volts a mah hz khz ghz
+    mhz db % ° c f k mp megapixel px pixels gb tb mb h hours hour min minutes s sec seconds years year
+    days day pcs pack count stars star reviews sq m2 m² cm2 ft2 cu cm3 m3 ft3 btu lumens lm rpm bar psi
+    dpi nm usd eur gbp euro euros dollars people persons personen
+"""
+_NOT_LENGTH_UNITS = frozenset(_OTHER_UNITS.split())
 _UNIT_ALTERNATIVES = "|".join(re.escape(word) for word in UNIT_WORDS if word[-1].isalpha() or word[-1] == ")")
 #: Words and marks of units. Most texts with a number are prices, dates and counts; this test excludes them quickly.
 _UNIT = re.compile(rf"(?<![^\W\d_])(?:{_UNIT_ALTERNATIVES})(?![^\W\d_xX])|{UNIT_MARKS}|`", re.IGNORECASE)
 #: Metric lengths separated by slashes: a choice (`90/120/160 cm`), unless a header announces the same number of axes.
 _CHOICES = re.compile(r"(?<![\d/.,])\d{2,4}(?:[.,]\d)?(?:\s?/\s?\d{2,4}(?:[.,]\d)?)+\s?(?:cm|mm)\b")
+_BRACKETED = re.compile(r"[(\[]\s*(?:in\s+)?([^\W\d_]{2,12})\.?\s*[)\]]")
 
 #: Kinds of the tokens of `(39 cm)`.
 _LENGTH_IN_BRACKETS = ["open", "number", "unit", "close"]
@@ -81,7 +91,7 @@ class Size:
         return tuple(sorted(sides, reverse=True)[:3])
 
 
-def sizes(text: str, label: str = "", language: Language | None = None) -> tuple[Size, ...]:
+def sizes(text: str, label: str = "", language: Language | None = None, unit: str | None = None) -> tuple[Size, ...]:
     """Return the sizes in a text, in order.
 
     Parameters
@@ -91,8 +101,10 @@ def sizes(text: str, label: str = "", language: Language | None = None) -> tuple
         Text before it (table cell, heading); it may name axes and a unit: `Size (LxWxH, cm)`.
     language : Language, optional
         Language of the text.
+    unit : str, optional
+        Unit to use if neither the text nor the label names one.
     """
-    if not (names_unit(text) or names_unit(label)):
+    if unit is None and not (names_unit(text) or names_unit(label)):
         return ()
     label_axes, label_unit = _axes_and_unit_of(label, language)
     run = tokens(text, language)
@@ -109,7 +121,7 @@ def sizes(text: str, label: str = "", language: Language | None = None) -> tuple
         after = [header for header in headers if header.start >= group[-1].end][:1]
         nearest = before or after if headers and headers[0].start < first_number else after or before
         axes = (nearest or headers)[0].axes if headers else ()
-        lengths = _lengths(group, axes or label_axes, label_unit)
+        lengths = _lengths(group, axes or label_axes, label_unit or unit)
         if lengths:
             words = plain(f"{label} {' '.join(word for quantity in group for word in quantity.words)}")
             meaning: Meaning = "package" if is_package(words) else "component" if is_component(words) else "whole"
@@ -126,6 +138,12 @@ def names_unit(text: str) -> bool:
 def orders_axes(label: str, language: Language | None = None) -> bool:
     """Return True if a label contains an order of axes: `H x W x D`, `Altura x Largura x Profundidade`."""
     return len(label) > 2 and any(token.kind == "header" for token in tokens(label, language))
+
+
+@lru_cache(maxsize=1024)
+def unit_in_brackets(heading: str) -> str | None:
+    """Return the unit in brackets in a heading (`Dimensions (mm)`), or None."""
+    return next((key for match in _BRACKETED.finditer(heading) if (key := _unit_of_word(match[1]))), None)
 
 
 def is_same_length(mm: float, other_mm: float) -> bool:
@@ -161,8 +179,9 @@ def consensus(statements: Sequence[Size]) -> Size | None:
     Returns
     -------
     Size or None
-        The statement with the most lengths, then with the most axes, then in metric units. The flag
-        `contradicts_itself` is added if a statement differs. None without statements.
+        The statement with the most lengths, then with the most axes, then in metric units. Without axes, it takes those
+        of a statement with the same lengths. The flag `contradicts_itself` is added if a statement differs. None
+        without statements.
     """
     if not statements:
         return None
@@ -174,6 +193,13 @@ def consensus(statements: Sequence[Size]) -> Size | None:
             all(length.unit in METRIC for length in size.lengths),
         ),
     )
+    if not any(length.axis for length in best.lengths):
+        for other in statements:
+            if len(other.lengths) == len(best.lengths) and all(length.axis for length in other.lengths):
+                pairs = list(zip(best.lengths, other.lengths, strict=True))
+                if all(is_same_length(length.mm, named.mm) for length, named in pairs):
+                    best = replace(best, lengths=tuple(replace(length, axis=named.axis) for length, named in pairs))
+                    break
     if any(not _agrees(best, other) for other in statements):
         return replace(best, flags=(*best.flags, "contradicts_itself"))
     return best
@@ -182,6 +208,9 @@ def consensus(statements: Sequence[Size]) -> Size | None:
 def _agrees(size: Size, other: Size) -> bool:
     """Return True if a statement contains the lengths of the other: by axis, or in any order if an axis is missing."""
     longer, shorter = sorted((size.lengths, other.lengths), key=len, reverse=True)
+    by_axis = {length.axis: length.mm for length in longer if length.axis}
+    if all(length.axis in by_axis for length in shorter):
+        return all(is_same_length(by_axis[length.axis or ""], length.mm) for length in shorter)
     return all(any(is_same_length(candidate.mm, length.mm) for candidate in longer) for length in shorter)
 
 
@@ -194,8 +223,10 @@ def _axes_and_unit_of(label: str, language: Language | None) -> tuple[tuple[str,
             token.key or "" for token in run if token.kind == "axis" and (len(token.text) > 1 or len(run) == 1)
         )
     unit = None
-    for token in run:
-        unit = _unit_of_word(token.text) or unit
+    for token, after in zip_longest(run, run[1:]):
+        is_last = after is None or after.kind in {"close", "other"}
+        if token.kind in {"word", "unit", "axis"} and is_last and (key := _unit_of_word(token.text)):
+            unit = key
     return axes, unit
 
 
@@ -234,8 +265,10 @@ def _quantities(run: Sequence[Token]) -> list[_Quantity]:
         if token.kind == "times":
             is_joined = not is_skipped
         elif token.kind == "word" or (token.kind == "axis" and len(token.text) != 1):
-            is_aside = _kind(run, index - 1) == "open" and token.text == "max"  # `diameter: 17 cm (max), height: 24 cm`
-            words += [] if is_aside else [token.text]
+            if _kind(run, index - 1) != "open" or token.text != "max":  # `diameter: 17 cm (max), height: 24 cm`
+                words.append(token.text)
+        elif token.kind == "break" and token.text in ";|\n•":
+            words = []
         index += 1
     return lengths
 
@@ -255,7 +288,7 @@ def _quantity_at(
     # 2. Feet and inches: `5' 11"`.
     if unit == "ft" and _kind(run, after) == "number":
         inch, after_inches = _unit_at(run, after + 1)
-        if inch == "in":
+        if inch == "in" or (inch is None and run[index + 1].text in "'′’"):
             low = high = low * INCHES_PER_FOOT + float(run[after].number or 0.0)
             unit, after = "in", after_inches
     # 3. The same length in brackets in another unit, `15.5 in. (39 cm)`: the metric one is used.
@@ -264,7 +297,10 @@ def _quantity_at(
         if other_unit != unit and is_same_length(millimetres(low, unit), millimetres(other, other_unit)):
             low, high, unit = (low, high, unit) if unit in METRIC else (other, other, other_unit)
             after += len(_LENGTH_IN_BRACKETS)
-    # 4. The axis, before the number or after it: `W 30`, `30 W`, `30 cm (width)`, `30 cm in width`.
+    # 4. Weights, areas and counts are not lengths.
+    other_units = _NOT_LENGTH_UNITS if unit is None else {"²", "³", "2", "3"}
+    is_other = _kind(run, after) in {"word", "other"} and run[after].text in other_units
+    # 5. The axis, before the number or after it: `W 30`, `30 W`, `30 cm (width)`, `30 cm in width`.
     axis = None
     if axes_lead:
         before = reversed(run[max(index - 3, 0) : index])
@@ -278,7 +314,7 @@ def _quantity_at(
         if unit is None:
             unit, after = _unit_at(run, after)
     quantity = _Quantity(low, high, unit, axis, run[index].start, run[after - 1].end, is_joined, words)
-    return quantity, after, low > 0 and math.isfinite(high)
+    return quantity, after, low > 0 and math.isfinite(high) and not is_other
 
 
 def _unit_at(run: Sequence[Token], index: int) -> tuple[str | None, int]:
@@ -326,7 +362,10 @@ def _groups(numbers: Sequence[_Quantity], announced: Sequence[str]) -> list[list
             groups.append([quantity])
     # As many lengths as announced axes are one size, whatever separates them: `B/H/T`, `4 cm / 2 cm / 3 cm`. A missing
     # x leaves one of them separate; the same size in another system of units is not part of it.
-    if 2 <= len(numbers) == len(announced):
+    has_no_axes = all(quantity.axis is None for quantity in numbers)
+    is_separate = all(len(group) == 1 for group in groups)
+    has_one_unit = len({quantity.unit for quantity in numbers if quantity.unit}) == 1
+    if has_no_axes and (is_separate or has_one_unit) and 2 <= len(numbers) == len(announced):
         return [list(numbers)]
     return groups
 

@@ -48,6 +48,8 @@ _ABBREVIATED = re.compile(r"(?<=\b[lwhdbtp])\.(?=\d)", re.IGNORECASE)
 _HUNDREDS = re.compile(r"\d{3}")
 _THOUSANDS = re.compile(r"[1-9]\d{0,2}\.\d{3}")
 
+#: Words between the two ends of a range.
+_RANGE_WORDS = frozenset({"to", "bis", "a", "à", "tot", "hasta", "ate", "fino"})
 #: Axes of letters, unless the language gives them another meaning.
 _LETTERS = {
     "L": "length", "W": "width", "H": "height", "D": "depth", "B": "width", "T": "depth", "P": "depth",
@@ -138,7 +140,8 @@ def _token(match: re.Match[str], language: Language | None, run: Sequence[Token]
     word = plain(text)
     axis = None if word == "large" and language == "en" else axis_of_word(word)
     axis = axis or (axis_of_letter(text, language) if len(word) <= 2 else None)
-    return Token("axis" if axis else "word", word, start, end, key=axis)
+    is_range = word in _RANGE_WORDS and bool(run) and run[-1].kind in {"number", "unit"}
+    return Token("axis" if axis else "range" if is_range else "word", word, start, end, key=axis)
 
 
 def _may_be_unit(text: str, run: Sequence[Token]) -> bool:
@@ -153,13 +156,23 @@ def _may_be_unit(text: str, run: Sequence[Token]) -> bool:
 
 def _header_axes(letters: Sequence[str], language: Language | None) -> tuple[str, ...]:
     """Return the axes of the letters of a header; their combination resolves letters that are ambiguous alone."""
-    upper = {letter.upper() for letter in letters}
-    # largura x altura x profundidade, largeur x hauteur x profondeur; comprimento x largura
-    is_l_width = bool({"P", "PR"} & upper) or ("C" in upper and "L" in letters)
-    axes = (axis_of_letter(letter, language) or "" for letter in letters)
-    return tuple(
-        "width" if letter.upper() == "L" and is_l_width else axis for letter, axis in zip(letters, axes, strict=True)
-    )
+    upper = [letter.upper() for letter in letters]
+    axes = []
+    for index, letter in enumerate(letters):
+        axis = axis_of_letter(letter, language)
+        if upper[index] == "L" and "C" in upper and "L" in letters:
+            axis = "width"  # comprimento x largura
+        elif upper[index] == "L" and {"P", "PR"} & set(upper):
+            axis = "width"  # largura x altura x profundidade, largeur x hauteur x profondeur
+        elif letter == "l" and "L" in letters:
+            axis = "width"  # Longueur x largeur
+        elif upper[index] == "A" and "AN" not in upper:
+            # the first of two is a width: largo x ancho x alto
+            axis = "width" if upper.count("A") == 2 and upper.index("A") == index else "height"
+        elif upper[index] == "P":
+            axis = "depth"
+        axes.append(axis or "")
+    return tuple(axes)
 
 
 def axis_of_letter(letter: str, language: Language | None) -> str | None:

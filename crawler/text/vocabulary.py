@@ -51,6 +51,8 @@ _PACKAGE, _OTHERS, _WHOLE, _COMPONENT, _DIMENSION = (
     re.compile(rf"\b({_LISTS[name]})\b") for name in ("package", "others", "whole", "component", "dimension")
 )
 _OF_THE_WHOLE = re.compile(rf"^({_LISTS['whole compound']})(?=.{{4}})")
+#: `Size without packaging` is the size of the item.
+_UNPACKED = re.compile(rf"\b({_LISTS['without']})( the| the product)? ({_LISTS['unpacked']})\b")
 _STRIPPED = re.compile(rf"\b({_LISTS['without']}) (the )?({_LISTS['stand']})\b")
 #: Parts that a size includes or excludes: `depth (excluding handles)`.
 _ASIDE = re.compile(
@@ -68,13 +70,14 @@ _MOST = re.compile(r"\bmax(?:imum)?\b\.?(?= [^\W\d_]{2,} ?[x×])")
 _TOGETHER = re.compile(rf"\([^()]*(?:[&+]|{_AND})[^()]*\)")
 #: The whole item, although its name is that of a part: `the complete model`.
 _COMPLETE = re.compile(r"\b(?:complete|completed|finished|assembled|entire|whole) \w+")
+_BRACKETS = re.compile(r"\([^)]*\)")
 _WORD = re.compile(r"[^\W\d_]+")
 
 
 @_cached
 def is_package(label: str) -> bool:
     """Return True if a plain label names the package instead of the item."""
-    return bool(_PACKAGE.search(label))
+    return bool(_PACKAGE.search(_UNPACKED.sub(" ", label)))
 
 
 def axis_of_word(word: str) -> str | None:
@@ -94,7 +97,7 @@ def is_foreign(label: str, title: str = "") -> bool:
 
     Words of the plain title belong to the item: a `table height` is the height of a table.
     """
-    words = [word for word in _WORD.findall(_ASIDE.sub(" ", label)) if len(word) > 1]
+    words = [word for word in _WORD.findall(_ASIDE.sub(" ", _BRACKETS.sub(" ", label))) if len(word) > 1]
     return any(
         not (axis_of_word(word) or word in _SMALL_WORDS or _WHOLE.search(word) or _DIMENSION.search(word))
         and (len(word) <= 2 or word not in title)
@@ -120,9 +123,16 @@ def is_stripped(label: str) -> bool:
 
 
 @_cached
+def is_part_heading(heading: str) -> bool:
+    """Return True if a plain heading announces the size of a part: `seat dimensions`, not `dimensions and weight`."""
+    single = not re.search(rf"[&,/+]|{_AND}", heading)
+    return single and is_dimension_label(heading) and is_component(heading) and not is_whole(heading)
+
+
+@_cached
 def is_part_name(heading: str, title: str) -> bool:
     """Return True if a plain heading is just the name of a part (`seat`) that is not in the plain title."""
-    return len(heading.split()) <= 2 and heading not in title and is_component(heading)
+    return len(heading.split()) <= 2 and heading not in title and is_component(heading) and not is_whole(heading)
 
 
 @_cached

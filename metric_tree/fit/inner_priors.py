@@ -16,7 +16,6 @@ from metric_base.arrays import FloatArray
 from metric_tree.fit.contexts import inner_contexts
 from metric_tree.fit.mixture import Mixture, NormalInverseWishart, raise_to_floor, reduce_mixture
 from metric_tree.fit.moments import VAGUE, Moments
-from metric_tree.fit.rows import KINDS
 from metric_tree.prior import Prior
 from metric_tree.tiers import Evidence, mixture_tier
 from taxonomy.categories import Category
@@ -43,7 +42,17 @@ WITNESS_HALF_ITEMS = 10.0
 PLAIN_NAME_WEIGHT = 0.8
 #: Weight of a source of each kind for the frequency of objects, 0 to 1. Measured rooms and streets show it directly,
 #: shops show purchases, models the taste of artists, and museums keep rare objects.
-WITNESS = {row["kind"]: float(row["witness"]) for row in KINDS}
+WITNESS = {
+    "measured": 1.0,
+    "product": 0.5,
+    "standard": 0.1,
+    "asset": 0.2,
+    "museum": 0.01,
+    "default": 0.1,
+    "judged": 0.0,
+    "norm": 0.0,
+    "statistic": 0.0,
+}
 #: Minimum `WITNESS` of sources of products and measurements.
 REAL_WITNESS = 0.5
 #: Minimum fraction of the weight that is distributed by `present_fraction`, for children without items.

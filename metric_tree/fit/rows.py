@@ -5,7 +5,6 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from pathlib import Path
 
 import numpy as np
 import pyarrow as pa
@@ -13,17 +12,24 @@ import pyarrow.compute as pc
 from numpy.typing import NDArray
 
 from metric_base.arrays import FloatArray, IntArray
-from metric_base.parsing import table_rows
 from metric_tree.fit.mixture import SPREAD_FLOOR, NormalInverseWishart, Rows
 from metric_tree.tiers import Evidence
 
-#: Kinds of evidence, with their weights.
-KINDS = [row for _, row in table_rows(Path(__file__).with_name("kinds.csv"), ("kind", "weight", "witness"))]
 #: Weight of a row by kind for the shape of the distribution; `metric_tree.fit.evidence_model` determines the mean. A
 #: catalogue size, a measurement and a norm are sizes of real objects. The model of an artist is plausible but not
 #: measured, and museums keep rare or old objects: about a third of a row. A default of a category is an opinion about
 #: the typical size: a tenth. Ranges and means are not rows.
-KIND_WEIGHT = {row["kind"]: float(row["weight"]) for row in KINDS}
+KIND_WEIGHT = {
+    "product": 1.0,
+    "measured": 1.0,
+    "standard": 1.0,
+    "asset": 0.35,
+    "museum": 0.35,
+    "default": 0.1,
+    "judged": 0.0,
+    "statistic": 0.0,
+    "norm": 0.0,
+}
 #: Kind of a range that a reviewer or a program wrote, and of a size that a standard fixes.
 JUDGED, NORM = "judged", "norm"
 #: Kinds of statements about many objects at once.

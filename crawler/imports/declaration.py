@@ -21,11 +21,27 @@ from metric_base.folders import data_folder
 from metric_base.input_files import read_text
 from metric_base.length_units import MILLIMETRES
 from metric_base.records import BadDeclaration, toml_record
-from metric_base.text_tables import named_texts
 
 Format = Literal["csv", "json", "jsonl", "properties", "xls", "yaml"]
 #: Reasons of rejected rows, by code.
-REASONS: Mapping[str, str] = named_texts(Path(__file__).with_name("reasons.txt"))
+REASONS: Mapping[str, str] = {
+    "no_size": "no outer size",
+    "unreadable": "a length that cannot be parsed",
+    "out_of_bounds": "a size outside the declared bounds of the set: a wrong unit or a typing error",
+    "not_an_object": "parcel, ground, spare cover, service or another row that is not about an object",
+    "part_not_whole": "the size of a part of the object",
+    "flat_picture": "an image, print, page or mat, with the size of its sheet or frame",
+    "grid_not_sample": "a regular grid of values for a search instead of a sample of objects",
+    "several_states": "sizes of several states or of several pieces in one text",
+    "marked_unusable": "marked as unusable by its source",
+    "no_category": "no category",
+    "set_of_objects": "one size for a set of several objects",
+    "wrong_axis": "a size along another axis than stated by the column",
+    "superseded": "the same object is in another file of the set, in another scan of its room, or in another set",
+    "miniature": "a miniature of the object in its name",
+    "cut_by_scan": "part of the object was not observed: the size of the scanned part",
+    "juvenile": "a young plant from a nursery",
+}
 #: Relation of a file to the one at its address: the same file, the member of a zip archive with the SHA-256, or the
 #: JSON document on one line or with one value per line.
 Form = Literal["same", "zip", "json-line", "json-lines"]
@@ -34,7 +50,21 @@ _MOVING = "/HEAD/"
 #: Address of a file in a repository: owner and name, then commit and path.
 _RAW_FILE = re.compile(r"https://raw\.githubusercontent\.com/([^/]+/[^/]+)/(.+)")
 #: Licences that permit to redistribute rows in a wheel under Apache-2.0: no copyleft, attribution only.
-OPEN_LICENCES = frozenset(named_texts(Path(__file__).with_name("open_licences.txt")))
+OPEN_LICENCES = frozenset(
+    {
+        "Apache-2.0",
+        "BSD-2-Clause",
+        "BSD-3-Clause",
+        "CC-BY-3.0",
+        "CC-BY-3.0-US",
+        "CC-BY-4.0",
+        "CC0-1.0",
+        "MIT",
+        "MIT-0",
+        "ODC-By-1.0",
+        "public-domain-US-government",
+    }
+)
 
 
 class _Declared(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):

@@ -9,6 +9,7 @@ from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from concurrent.futures import ProcessPoolExecutor
 from dataclasses import dataclass, field
 from functools import partial
+from multiprocessing import get_context
 from pathlib import Path
 from typing import Any, TypeAlias
 
@@ -155,7 +156,8 @@ def synthetic_entries(work: Path, cutouts: Sequence[Cutout], plan: Plan) -> Iter
     if plan.jobs == 1:
         yield from map(function, tasks)
         return
-    with ProcessPoolExecutor(plan.jobs) as pool:
+    # spawn, not fork: the locks of OpenCV's and Arrow's threads may be held at the moment of a fork
+    with ProcessPoolExecutor(plan.jobs, get_context("spawn")) as pool:
         yield from pool.map(function, tasks, chunksize=8)
 
 

@@ -34,6 +34,7 @@ KIND = "metric_depth"
 #: Identifier of the evidence that a scene itself is in metres, and value of `--metric-depth` for it.
 SCENE_NAME = "scene"
 #: Prior standard deviation of the log scale of one image: a random effect whose variance is estimated from the images.
+#: It is replaced by the relative error that the network states, if any.
 FRAME_SD = 0.1
 #: Weight of this prior, in images.
 FRAME_PRIOR_COUNT = 3
@@ -60,23 +61,26 @@ class MetricDepth:
         """Return the median over the views of their median ratio; skipped without maps of the views."""
         observed = _with_observations(scene)
         if self.folder is None:
-            name, ratios, networks = SCENE_NAME, np.zeros(1), {""}
+            name, ratios, networks, stated = SCENE_NAME, np.zeros(1), {""}, list[float]()
         elif not self.folder.is_dir():
             raise InputError.at(self.folder, "--metric-depth", "a folder of depth maps", "no such folder")
         else:
             maps = list(self._maps(observed))
             by_view = [view_log_ratio(view, observed, depth) for view, depth, _ in maps]
+            stated = [one.relative_error for _, _, one in maps if one.relative_error is not None]
             name, ratios = self.folder.name, np.array([ratio for ratio in by_view if ratio is not None])
-            networks = {network for _, _, network in maps}
+            networks = {one.network for _, _, one in maps}
         if not len(ratios):
             return skipped_evidence(KIND, name, "no depth map has the name of a view and points in it")
         scale = math.exp(float(np.median(ratios)))
         sd_network = self.network_sd or network_sd(networks, scale * _median_depth(observed))
-        sd_log = math.hypot(frame_sd(ratios) / math.sqrt(len(ratios)), sd_network)
+        sd_log = math.hypot(
+            frame_sd(ratios, float(np.median(stated)) if stated else FRAME_SD) / math.sqrt(len(ratios)), sd_network
+        )
         return (ScaleEvidence(KIND, name, scale, sd_log),)
 
-    def _maps(self, scene: Scene) -> Iterator[tuple[View, FloatArray, str]]:
-        """Yield the views that have a map, with their depths (h, w) in metres and the network, if it is known."""
+    def _maps(self, scene: Scene) -> Iterator[tuple[View, FloatArray, DepthMaps]]:
+        """Yield the views that have a map, with their depths (h, w) in metres and the maps of the file."""
         assert self.folder is not None
         files = [_file(self.folder, view.name) for view in scene.views]
         stack = next((self.folder / name for name in DEPTH_ANYTHING_3.files if (self.folder / name).is_file()), None)
@@ -85,14 +89,14 @@ class MetricDepth:
             if len(maps.values) != len(views):
                 raise InputError.at(stack, "maps", f"one for each of the {len(views)} views", len(maps.values))
             for row, view in enumerate(views):
-                yield view, self._metres(view, maps, row), maps.network
+                yield view, self._metres(view, maps, row), maps
             return
         for view, file in zip(scene.views, files, strict=True):
             if file is not None:
                 maps = read_depths(file, self.png_metres)
                 if len(maps.values) != 1:
                     raise InputError.at(file, "shape", "(h, w), one channel", maps.values.shape)
-                yield view, self._metres(view, maps, 0), maps.network
+                yield view, self._metres(view, maps, 0), maps
 
     def _metres(self, view: View, maps: DepthMaps, row: int) -> FloatArray:
         """Return a map (h, w) in metres, by the focal length in the file or, by default, of the camera of the view."""
@@ -139,11 +143,11 @@ def _with_observations(scene: Scene) -> Scene:
     return replace(scene, points=points, views=tuple(views))
 
 
-def frame_sd(ratios: FloatArray) -> float:
-    """Return the standard deviation of the log ratios (n,) of the images, shrunk towards `FRAME_SD`."""
+def frame_sd(ratios: FloatArray, prior_sd: float = FRAME_SD) -> float:
+    """Return the standard deviation of the log ratios (n,) of the images, shrunk towards that of the prior."""
     sigma = robust_sigma(ratios) if len(ratios) > 1 else 0.0
     freedom = len(ratios) - 1
-    return math.sqrt((freedom * sigma**2 + FRAME_PRIOR_COUNT * FRAME_SD**2) / (freedom + FRAME_PRIOR_COUNT))
+    return math.sqrt((freedom * sigma**2 + FRAME_PRIOR_COUNT * prior_sd**2) / (freedom + FRAME_PRIOR_COUNT))
 
 
 def _file(folder: Path, name: str) -> Path | None:

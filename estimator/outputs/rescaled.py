@@ -19,11 +19,10 @@ from scipy.spatial.transform import Rotation
 
 from estimator.reconstructions.colmap import read_colmap
 from estimator.reconstructions.opensfm import RECONSTRUCTION, TRACKS, largest_reconstruction, read_opensfm
-from estimator.reconstructions.ply import read_visibility, visibility_bytes
+from estimator.reconstructions.ply import DENSE_CLOUDS, read_visibility, visibility_bytes
 from estimator.reconstructions.splats import scaled_splat
 from estimator.records.result import DIGITS, ScaleResult
-from estimator.records.scene import Camera, Scene
-from metric_base.arrays import IntArray
+from estimator.records.scene import Camera, DenseCloud, Scene
 from metric_base.errors import InputError, Unquoted, in_file
 from metric_base.files import check_output, whole_file, whole_folder
 from metric_base.input_files import read_bytes
@@ -84,17 +83,21 @@ def write_rescaled(scene: Scene, scale: float, folder: Path) -> None:
             _write_opensfm(model_path, scale, target)
         else:
             write_colmap_model(scene, scale, target)
-        if scene.dense is not None and scene.dense.path is not None:
-            cloud = temporary / _relative_path(scene.dense.path, scene.path)
-            _write_cloud(scene.dense.path, scale, cloud)
-            if scene.dense.visible_offsets is not None:
-                # The visibility lists refer to the order of the images in the written model.
-                with in_file(scene.dense.path):
-                    n_points = ply_layout(read_bytes(scene.dense.path)).count
-                lists = scene.dense.path.with_name(f"{scene.dense.path.name}.vis")
-                offsets, images = read_visibility(lists, n_points, len(scene.views))
-                rows: IntArray = images if scene.dense.file_views is None else scene.dense.file_views[images]
+        if scene.dense is not None:
+            path = scene.dense.path
+            # The name of the cloud of a network is not one of those that are read with a model.
+            is_named = path is not None and scene.format != "network"
+            cloud = temporary / (_relative_path(path, scene.path) if path and is_named else DENSE_CLOUDS[0])
+            _write_cloud(scene.dense, scale, cloud)
+            offsets, rows = scene.dense.visible_offsets, scene.dense.visible_views
+            if offsets is not None and rows is not None:
+                if path is not None:
+                    with in_file(path):
+                        n_points = ply_layout(read_bytes(path)).count
+                    offsets, rows = read_visibility(path.with_name(f"{path.name}.vis"), n_points, len(scene.views))
+                    rows = rows if scene.dense.file_views is None else scene.dense.file_views[rows]
                 if is_colmap:
+                    # The visibility lists refer to the order of the images in the written model.
                     written = {view.name: index for index, view in enumerate(read_colmap(target).views)}
                     rows = np.array([written[view.name] for view in scene.views], dtype=np.int64)[rows]
                 cloud.with_name(f"{cloud.name}.vis").write_bytes(visibility_bytes(offsets, rows))
@@ -108,7 +111,7 @@ def write_rescaled_cloud(scene: Scene, result: ScaleResult, file: Path, option: 
     Parameters
     ----------
     scene : Scene
-        Scene with a cloud that was read from a PLY file.
+        Scene with a cloud.
     result : ScaleResult
         Result with a scale.
     file : Path
@@ -121,13 +124,14 @@ def write_rescaled_cloud(scene: Scene, result: ScaleResult, file: Path, option: 
     InputError
         The scene has no cloud, or a file cannot be written.
     """
-    if scene.dense is None or scene.dense.path is None or result.scale is None:
+    if scene.dense is None or result.scale is None:
         raise InputError.at(scene.path, "cloud", "a splat or a dense cloud to write", Unquoted("none"))
     sidecar = file.with_name(SIDECAR)
     check_output(sidecar, option or "sidecar", SIDECAR_SCHEMA)
     with whole_file(file, option) as temporary:
-        _write_cloud(scene.dense.path, result.scale, temporary)
-    record = scale_sidecar(result) | {"model": scene.dense.path.name, "model_in_metres": file.name}
+        _write_cloud(scene.dense, result.scale, temporary)
+    source = scene.dense.path or scene.path
+    record = scale_sidecar(result) | {"model": source.name, "model_in_metres": file.name}
     with whole_file(sidecar, option, SIDECAR_SCHEMA) as temporary:
         temporary.write_text(json.dumps(record, indent=1) + "\n", encoding="utf-8")
 
@@ -193,9 +197,18 @@ def _scale_member(entries: Any, member: str, scale: float) -> None:
                 entry[member] = [float(value) * scale for value in entry[member]]
 
 
-def _write_cloud(source: Path, scale: float, target: Path) -> None:
-    """Write a PLY file with the positions of its vertices, and the sizes of its Gaussians, times the scale."""
+def _write_cloud(cloud: DenseCloud, scale: float, target: Path) -> None:
+    """Write the PLY file of a cloud with its positions, and the sizes of its Gaussians, times the scale.
+
+    A cloud that was not read from a PLY file has only positions.
+    """
     target.parent.mkdir(parents=True, exist_ok=True)
+    source = cloud.path
+    if source is None:
+        header = f"ply\nformat binary_little_endian 1.0\nelement vertex {len(cloud.points)}\n"
+        header += "".join(f"property double {axis}\n" for axis in "xyz") + "end_header\n"
+        target.write_bytes(header.encode("ascii") + (cloud.points * scale).astype("<f8").tobytes())
+        return
     data = read_bytes(source)
     if b"format ascii" in data[:MAX_HEADER_BYTES].partition(b"end_header")[0]:
         with in_file(source):

@@ -42,7 +42,10 @@ SPARSE_TAIL_FRACTION = 0.02
 
 
 def read_scene(
-    source: Path | str | Reconstruction, dense: Path | str | None = None, cameras: Path | None = None
+    source: Path | str | Reconstruction,
+    dense: Path | str | None = None,
+    cameras: Path | None = None,
+    focal_px: float | None = None,
 ) -> Scene:
     """Read a reconstruction.
 
@@ -57,6 +60,8 @@ def read_scene(
     cameras : Path, optional
         Reconstruction with the cameras of a splat. By default the nearest one in the folder of the splat or in the two
         folders above it.
+    focal_px : float, optional
+        Focal length in pixels of the images of a trajectory, whose file states none.
 
     Returns
     -------
@@ -80,7 +85,7 @@ def read_scene(
         if is_splat(path):
             scene, dense = _splat_cameras(path, cameras), dense or path
         else:
-            scene = _read_sparse(path)
+            scene = _read_sparse(path, focal_px)
         if len(scene.points) and not any(len(view.point_index) for view in scene.views):
             views = infer_observations(scene.views, scene.points)
             warning = f"{path}: it has no observations; points are visible unless a nearer point occludes them"
@@ -102,8 +107,8 @@ def read_scene(
     return scene
 
 
-def _read_sparse(path: Path) -> Scene:
-    """Read the cameras and sparse points of a reconstruction."""
+def _read_sparse(path: Path, focal_px: float | None = None) -> Scene:
+    """Read the cameras and sparse points of a reconstruction; `focal_px` as for `read_scene`."""
     if path.is_file() and (path.name == RECONSTRUCTION or model_suffix(path.parent)):
         path = path.parent
     folder = colmap_folder(path)
@@ -117,7 +122,7 @@ def _read_sparse(path: Path) -> Scene:
 
     export = export_file(path)
     if export is not None:
-        return read_export(*export)
+        return read_export(*export, focal_px)
     expected = f"a reconstruction: images.bin or images.txt (also under sparse/0), {RECONSTRUCTION}, {EXPORT_NAMES}"
     if not path.exists():
         raise InputError.at(path, "scene", expected, Unquoted("no such file or folder"))

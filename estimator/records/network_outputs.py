@@ -66,6 +66,10 @@ INTRINSICS_KEYS = (DEPTH_ANYTHING_3.intrinsics, VGGT.intrinsics, "K")
 FOCAL_KEYS = ("focallength_px", "focal_length_px", "focal")
 #: Names of the points (h, w, 3) in an archive of one image, in the frame of the camera: those of MoGe and MapAnything.
 POINT_KEYS = (PI3.points, "pts3d_cam")
+#: Arrays by which the archives of UniDepth v2 are recognised. The logarithm of the first is the expected absolute error
+#: of the depth in metres (ops/losses/confidence.py; its author calls the name wrong in issue 18 of UniK3D). The loss
+#: aligns the medians of depth and truth before, so that no error of the scale is stated.
+UNIDEPTH_KEYS = ("confidence", "rays")
 #: Standard deviation of the log scale that all images of a network share. On ETH3D, the mean relative errors of scale
 #: of MapAnything and Pi3X are .16 and .25 (map-anything-ggml); a normal error with this mean has 1.25 times its size.
 NETWORK_SD = {"mapanything": 0.20, "pi3x": 0.31}

@@ -18,7 +18,7 @@ from pathlib import Path
 
 import numpy as np
 
-from estimator.records.network_outputs import DEPTH_KEYS, FOCAL_KEYS, INTRINSICS_KEYS
+from estimator.records.network_outputs import DEPTH_KEYS, FOCAL_KEYS, INTRINSICS_KEYS, UNIDEPTH_KEYS
 from metric_base.arrays import FloatArray
 from metric_base.errors import InputError, Unquoted
 from metric_base.images import read_picture
@@ -160,6 +160,8 @@ class DepthMaps:
     values: FloatArray  #: (n, h, w)
     focal: FloatArray | None = None  #: (n,) or (1,) focal length in pixels of the map; None if it is not stated.
     network: str = ""  #: Network that names its arrays so, a key of `NETWORK_SD`; empty if it is unknown.
+    #: Median relative error of the depth that the network states (UniDepth v2), scale excepted; None if it states none.
+    relative_error: float | None = None
 
 
 def read_depth(file: Path, png_metres: float = 0.001) -> FloatArray:
@@ -192,10 +194,14 @@ def read_depths(file: Path, png_metres: float = 0.001) -> DepthMaps:
     """
     import cv2
 
-    kind, focal, network = file.suffix.lower(), None, ""
+    kind, focal, network, relative_error = file.suffix.lower(), None, "", None
     if kind == ".npz":
         depth, focal = _npz(file)
-        network = "mapanything" if "depth_z" in archive_names(file) else ""
+        names = archive_names(file)
+        network = "mapanything" if "depth_z" in names else ""
+        if names.issuperset(UNIDEPTH_KEYS):
+            log_errors = np.log(archive_arrays(file, UNIDEPTH_KEYS[:1])[UNIDEPTH_KEYS[0]])
+            relative_error = float(np.nanmedian(np.abs(log_errors.ravel() / depth.ravel())))
     elif reader := {".npy": read_npy, ".pfm": _pfm, ".exr": read_exr}.get(kind):
         depth = reader(file)
     else:
@@ -204,7 +210,7 @@ def read_depths(file: Path, png_metres: float = 0.001) -> DepthMaps:
             actual = Unquoted("no picture" if values is None else str(values.dtype))
             raise InputError.at(file, "picture", "a PNG of 16 bits", actual)
         depth = np.where(values > 0, values.astype(float), np.nan) * png_metres
-    return DepthMaps(map_stack(file, depth), focal, network)
+    return DepthMaps(map_stack(file, depth), focal, network, relative_error)
 
 
 def map_stack(file: Path, values: FloatArray) -> FloatArray:

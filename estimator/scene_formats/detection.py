@@ -7,12 +7,14 @@ from pathlib import Path
 
 from estimator.records.scene import Scene
 from estimator.scene_formats.bundler import read_bundler
+from estimator.scene_formats.dust3r import read_dust3r
 from estimator.scene_formats.gaussian_splatting import read_gaussian_splatting
 from estimator.scene_formats.meshroom import read_meshroom
 from estimator.scene_formats.metashape import read_metashape
 from estimator.scene_formats.nerfstudio import read_nerfstudio
 from estimator.scene_formats.networks import network_output, read_network
 from estimator.scene_formats.realitycapture import is_realitycapture, read_realitycapture
+from estimator.scene_formats.trajectory import is_trajectory, read_trajectory
 from metric_base.input_files import folder_entries, read_bytes
 
 #: Names of the files of all programs, for a message.
@@ -22,6 +24,8 @@ EXPORT_NAMES = (
 )
 #: Program of the outputs of networks.
 NETWORK = "network"
+#: Program of trajectories of SLAM.
+TRAJECTORY = "trajectory"
 
 #: Source of the points for files that contain only cameras.
 _POINTS_ADVICE = {
@@ -37,6 +41,7 @@ _READERS: dict[str, Callable[[Path], Scene]] = {
     "metashape": read_metashape,
     "realitycapture": read_realitycapture,
     "gaussian-splatting": read_gaussian_splatting,
+    "dust3r": read_dust3r,
 }
 #: Advice about files that are not reconstructions, by suffix.
 _ADVICE = {
@@ -46,6 +51,7 @@ _ADVICE = {
     ".zip": "an archive: unpack it and name its folder",
     ".gz": "an archive: unpack it and name its folder",
     ".abc": "an Alembic file: let Meshroom's node ConvertSfMFormat write .sfm",
+    ".txt": "no trajectory of TUM: time x y z qx qy qz qw in each line, and the cloud in a PLY file of the same name",
     ".psx": "Metashape's project: export its cameras (File, Export, Export Cameras)",
     ".rcproj": "RealityCapture's project: export its registration as CSV",
     ".mg": "Meshroom's project: name the cameras.sfm of its node StructureFromMotion",
@@ -65,8 +71,10 @@ def export_file(path: Path) -> tuple[Path, str] | None:
     return None if output is None else (output[0], NETWORK)
 
 
-def read_export(file: Path, program: str) -> Scene:
-    """Read a file that `export_file` returned."""
+def read_export(file: Path, program: str, focal_px: float | None = None) -> Scene:
+    """Read a file that `export_file` returned; a trajectory with the focal length of its images in pixels."""
+    if program == TRAJECTORY:
+        return read_trajectory(file, focal_px)
     output = network_output(file) if program == NETWORK else None
     return _READERS[program](file) if output is None else read_network(*output)
 
@@ -103,5 +111,7 @@ _SIGNATURES: tuple[tuple[str, str, Callable[[str], bool]], ...] = (
     (".xml", "metashape", lambda head: "<chunk" in head),
     (".csv", "realitycapture", is_realitycapture),
     (".json", "nerfstudio", lambda head: '"frames"' in head and '"transform_matrix"' in head),
+    (".txt", TRAJECTORY, is_trajectory),
+    (".glb", "dust3r", lambda head: head.startswith("glTF")),
     (".json", "gaussian-splatting", lambda head: '"img_name"' in head and '"rotation"' in head),
 )

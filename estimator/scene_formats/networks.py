@@ -91,7 +91,7 @@ def read_network(file: Path, network: NetworkOutput) -> Scene:
         expect(maps.shape == shape + (3,) * bool(network.points), network.points or network.depth, expected, maps.shape)
         if confidence is not None:
             expect(confidence.shape == shape, network.confidence, f"{shape}, as the maps", confidence.shape)
-        names, warnings = _image_names(file, network, shape)
+        names, warnings = image_names(file, network.images, shape)
         declared = (network.is_world_to_camera, False)
         views, depth = _views(names, poses, maps, intrinsics, *declared)
         agreement = {declared: _agreement(views, depth)}
@@ -233,10 +233,13 @@ def _convention(is_world_to_camera: bool, is_opengl: bool) -> str:
     return f"{direction}, axes {'right, up, back' if is_opengl else 'right, down, forward'}"
 
 
-def _image_names(file: Path, network: NetworkOutput, shape: tuple[int, ...]) -> tuple[list[str], tuple[str, ...]]:
-    """Return the names of the n images of maps (n, h, w), or numbers if no folder has n images, and warnings."""
+def image_names(file: Path, images_folder: str, shape: tuple[int, ...]) -> tuple[list[str], tuple[str, ...]]:
+    """Return the names of the n images of maps (n, h, w), or numbers if no folder has n images, and warnings.
+
+    The folders are `images_folder` and the usual ones next to `file` and above it.
+    """
     n_views, height, width = shape
-    folders = [folder / name for folder in file.parents[:4] for name in (network.images, *IMAGE_FOLDERS[:2])]
+    folders = [folder / name for folder in file.parents[:4] for name in (images_folder, *IMAGE_FOLDERS[:2])]
     for folder in folders:
         entries = folder_entries(folder) if folder.is_dir() else []
         images = [entry for entry in entries if entry.suffix.lower() in IMAGE_SUFFIXES]
@@ -245,7 +248,7 @@ def _image_names(file: Path, network: NetworkOutput, shape: tuple[int, ...]) -> 
             is_cropped = abs(np.log(image_width * height / image_height / width)) > MAX_ASPECT_DIFFERENCE
             cropped = f"{folder}: the network cropped the images to {width} x {height}: masks must be of cropped images"
             return [image.name for image in images], (cropped,) * bool(is_cropped)
-    numbered = f"{file}: no folder {network.images} with {n_views} images: the views are 000000.png, 000001.png, ..."
+    numbered = f"{file}: no folder {images_folder} with {n_views} images: the views are 000000.png, 000001.png, ..."
     return [f"{row:06d}.png" for row in range(n_views)], (numbered,)
 
 

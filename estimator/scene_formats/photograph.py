@@ -17,6 +17,7 @@ from estimator.records.network_outputs import POINT_KEYS
 from estimator.records.scene import DenseCloud, Scene
 from estimator.scene_formats.common import pinhole_camera, posed_view
 from estimator.scene_formats.depth_files import archive_arrays, read_depths, read_exr, read_npy
+from estimator.scene_formats.dust3r import glb_parts
 from estimator.scene_formats.networks import MAX_ASPECT_DIFFERENCE, depth_cloud, focal_of_points
 from metric_base.arrays import FloatArray
 from metric_base.errors import InputError, Unquoted, in_file
@@ -43,7 +44,8 @@ def read_photograph(
     ----------
     image : Path
     depth_map, points : Path, optional
-        Depths along the optical axis, or points (h, w, 3) in the frame of the camera (also a PLY file). One of them.
+        Depths along the optical axis, or points (h, w, 3) in the frame of the camera (also PLY or GLB). One of
+        them.
     focal_px : float, optional
         Focal length in pixels of the photograph; by default that of the file of the network, of the points, or of EXIF.
     png_unit : float, default 0.001
@@ -64,6 +66,9 @@ def read_photograph(
     cloud, depth, file_focal = None, np.empty((0, 0)), None
     if points is not None and points.suffix.lower() == ".ply":
         cloud = _in_camera_axes(read_points(points))
+    elif points is not None and points.suffix.lower() == ".glb":
+        with in_file(points):
+            cloud = _in_camera_axes(np.concatenate([vertices for vertices, _ in glb_parts(points)]))
     elif points is not None:
         values = _in_camera_axes(_point_map(points))
         depth, file_focal = values[..., 2], focal_of_points(values) * size[0] / values.shape[1]

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import base64
 import json
+import math
 import struct
 import zlib
 from dataclasses import replace
@@ -76,7 +77,7 @@ def maps_of(walk: Walk) -> dict[str, np.ndarray]:
     return maps
 
 
-@pytest.mark.parametrize("form", ["moge", "depth_pro", "unidepth", "da3", "mapanything", "metric3d"])
+@pytest.mark.parametrize("form", ["moge", "depth_pro", "unidepth", "da3", "mapanything", "metric3d", "unidepth_v2"])
 def test_what_networks_write(walk: Walk, nothing: Measurements, tmp_path: Path, form: str) -> None:
     """Each in its form, and all say the scale of the scene."""
     maps, unit = maps_of(walk), "metres"
@@ -97,6 +98,13 @@ def test_what_networks_write(walk: Walk, nothing: Measurements, tmp_path: Path, 
             np.savez(tmp_path / f"{stem}.npz", depth=metres, focallength_px=focal)
         elif form == "unidepth":
             np.save(tmp_path / f"{stem}_depth.npy", metres[None, None])
+        elif (
+            form == "unidepth_v2"
+        ):  # `infer` of unidepthv2.py; its confidence is the exponential of the error in metres
+            rays = np.zeros((1, 3, *metres.shape))
+            np.savez(
+                tmp_path / f"{stem}.npz", depth=metres[None, None], rays=rays, confidence=np.exp(0.3 * metres)[None]
+            )
         elif form == "metric3d":
             np.save(tmp_path / f"{stem}.npy", metres * 1000 / focal)
             unit = "metric3d"
@@ -104,6 +112,8 @@ def test_what_networks_write(walk: Walk, nothing: Measurements, tmp_path: Path, 
     assert row.scale == pytest.approx(walk.scale, rel=0.02)
     assert row.sd_log is not None
     assert 0.1 < row.sd_log < 0.15
+    expected = math.hypot(0.1, frame_sd(np.zeros(len(maps)), 0.3 if form == "unidepth_v2" else 0.1) / len(maps) ** 0.5)
+    assert row.sd_log == pytest.approx(expected, rel=0.02)
 
 
 def test_too_few_maps_in_a_stack_are_one_line(walk: Walk, nothing: Measurements, tmp_path: Path) -> None:

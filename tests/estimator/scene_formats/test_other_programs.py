@@ -91,7 +91,7 @@ def test_learned_reconstructions_state_no_observations(tmp_path: Path) -> None:
         ("cloud.ply", "name the folder with the cameras"),
         ("database.db", "colmap mapper"),
         ("a.zip", "unpack"),
-        ("a.txt", "another kind"),
+        ("a.log", "another kind"),
     ],
 )
 def test_a_file_in_place_of_a_folder_is_named_with_what_to_do(name: str, words: str, tmp_path: Path) -> None:

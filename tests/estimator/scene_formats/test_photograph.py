@@ -11,6 +11,7 @@ from typing import Any
 import cv2
 import numpy as np
 import pytest
+import trimesh
 from numpy.typing import NDArray
 from PIL import Image
 
@@ -63,7 +64,16 @@ def test_the_scale_of_a_photograph(views: RenderedViews, photo: Path, tmp_path: 
     assert not all(one.truncated[2] for one in measured)
 
 
-FORMS = ("depth.npz", "moge/depth.exr", "points.npz", "points.npy", "moge/points.exr", "points.ply", "opengl.ply")
+FORMS = (
+    "depth.npz",
+    "moge/depth.exr",
+    "points.npz",
+    "points.npy",
+    "moge/points.exr",
+    "points.ply",
+    "opengl.ply",
+    "moge/mesh.glb",
+)
 
 
 @pytest.mark.parametrize("form", FORMS)
@@ -81,6 +91,10 @@ def test_forms_of_the_file(form: str, views: RenderedViews, photo: Path, tmp_pat
         np.savez(file, points=points, mask=np.ones(depth.shape))
     elif form == "points.npy":
         np.save(file, points)
+    elif form == "moge/mesh.glb":  # moge/scripts/infer.py: a mesh with the axes right, up, back
+        corners = points[::4, ::4].reshape(-1, 3) * [1, -1, -1]
+        faces = np.arange(len(corners) // 3 * 3).reshape(-1, 3)
+        trimesh.Trimesh(corners, faces, process=False).export(str(file))
     else:
         write_points(file, points[::4, ::4].reshape(-1, 3) * ([1, -1, -1] if form == "opengl.ply" else 1))
     (tmp_path / "moge" / "fov.json").parent.mkdir(exist_ok=True)
@@ -94,6 +108,7 @@ def test_forms_of_the_file(form: str, views: RenderedViews, photo: Path, tmp_pat
     assert scene.dense is not None
     middle = scene.dense.points[len(scene.dense.points) // 2]
     assert np.linalg.norm(points.reshape(-1, 3) - middle, axis=1).min() < 0.02
+    assert (scene.dense.points[:, 2] > 0).all()
 
 
 def test_the_focal_length_of_exif(views: RenderedViews, tmp_path: Path) -> None:

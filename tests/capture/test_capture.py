@@ -81,7 +81,7 @@ def work(video: Video, tmp_path_factory: pytest.TempPathFactory) -> Path:
     folder = tmp_path_factory.mktemp("work") / "w"
     for stage in STAGES:
         command = [sys.executable, "-c", KILLED, stage, *_words(video, folder)]
-        done = subprocess.run(command, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL, check=False)
+        done = subprocess.run(command, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL, check=False, timeout=300)
         assert done.returncode == -signal.SIGKILL
         assert (folder / f".metric-tree.{stage}.part").is_dir()
         assert not (folder / "stamps" / f"{stage}.json").exists()
@@ -205,7 +205,11 @@ def test_colmap_reads_the_model(work: Path) -> None:
         "print(model.num_reg_images(), all(point.color.any() for point in list(model.points3D.values())[:50]))"
     )
     done = subprocess.run(
-        [sys.executable, "-c", code, str(work / "sparse" / "0")], capture_output=True, text=True, check=True
+        [sys.executable, "-c", code, str(work / "sparse" / "0")],
+        capture_output=True,
+        text=True,
+        check=True,
+        timeout=300,
     )
     assert done.stdout.split() == [str(CHOSEN), "True"]
 

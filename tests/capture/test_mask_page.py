@@ -51,7 +51,7 @@ class _Served:
     def _run(self) -> None:
         self.document = self.page.collect()
 
-    def result(self) -> dict[str, Any]:
+    def drawing(self) -> dict[str, Any]:
         self._thread.join(300)
         assert self.document is not None
         return self.document
@@ -77,7 +77,7 @@ def served(tmp_path: Path) -> Iterator[_Served]:
         objects = [{"name": "x", "kind": "box", "points": [[0, 0], [9, 9]]}]
         images = [{"name": frame["name"], "objects": objects} for frame in served.page.start()["frames"]]
         served.request(served.at("save"), json.dumps({"images": images, "done": True}))
-        served.result()
+        served.drawing()
 
 
 def test_a_person_draws_a_box_and_a_polygon(served: _Served, tmp_path: Path) -> None:
@@ -123,7 +123,7 @@ def test_a_person_draws_a_box_and_a_polygon(served: _Served, tmp_path: Path) -> 
         browser.wait("document.getElementById('message').textContent.includes('Press again')")
         browser.run("document.getElementById('done').click()")
         browser.wait("document.body.textContent.startsWith('Thank you')")
-    document = served.result()
+    document = served.drawing()
     first, second = document["annotations"]
     names = {row["id"]: row["name"] for row in document["categories"]}
     assert [names[row["category_id"]] for row in (first, second)] == ["chair", "<b>vase</b>"]
@@ -180,7 +180,7 @@ def test_the_page_ends_with_the_answer_and_lets_one_draw_on(tmp_path: Path) -> N
         assert served.document is None, "the page goes on until it is closed"
         browser.run("document.getElementById('close').click()")
         browser.wait("document.body.textContent.startsWith('Thank you')")
-    assert (estimated, len(served.result()["annotations"])) == ([1, 2], 2)
+    assert (estimated, len(served.drawing()["annotations"])) == ([1, 2], 2)
 
 
 def test_a_name_is_judged(served: _Served) -> None:

@@ -56,7 +56,11 @@ MOMENTS = ["within first", "before output 0", "after output 0", "after output 1"
 
 def _run(folder: Path, moment: str, text: str) -> tuple[int, list[str]]:
     done = subprocess.run(
-        [sys.executable, "-c", SCRIPT, str(folder), moment, text], capture_output=True, text=True, check=False
+        [sys.executable, "-c", SCRIPT, str(folder), moment, text],
+        capture_output=True,
+        text=True,
+        check=False,
+        timeout=300,
     )
     return done.returncode, done.stdout.splitlines()
 

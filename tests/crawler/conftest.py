@@ -37,9 +37,9 @@ class RedisServer:
         import redis
 
         if keep:
-            redis.Redis(port=self._port).save()
+            redis.Redis(port=self._port, socket_timeout=60).save()
         self._process.kill()
-        self._process.wait()
+        self._process.wait(timeout=60)
 
 
 @pytest.fixture
@@ -69,7 +69,7 @@ def _answers(process: subprocess.Popen[bytes], port: int) -> bool:
     end = time.monotonic() + 120
     while process.poll() is None:
         try:
-            if redis.Redis(port=port).info("server")["process_id"] == process.pid:
+            if redis.Redis(port=port, socket_timeout=60).info("server")["process_id"] == process.pid:
                 return True
         except redis.RedisError:
             assert time.monotonic() < end, "redis-server does not answer"

@@ -2,11 +2,14 @@
 
 from __future__ import annotations
 
+import io
 import json
 import re
 import shlex
 import shutil
+import sys
 import threading
+import time
 import urllib.request
 from collections.abc import Iterator
 from pathlib import Path
@@ -86,14 +89,21 @@ def test_a_model_without_masks_names_the_next_commands(here: Path, capsys: pytes
     assert "estimate-scale street --camera-height handheld" in line
 
 
-def test_objects_are_drawn_on_a_model_and_kept(here: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    thread = threading.Thread(target=main, args=(["street", "--draw"],), daemon=True)
-    thread.start()
-    said = ""
-    while (url := re.search(r"http://\S+/", said)) is None:
-        assert thread.is_alive(), said
-        said += capsys.readouterr().err
-    with urllib.request.urlopen(f"{url[0]}start") as answer:
+def test_objects_are_drawn_on_a_model_and_kept(
+    here: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    # `capsys` would lose what the thread prints between the reading and the clearing of the captured text.
+    said = io.StringIO()
+    with monkeypatch.context() as patched:
+        patched.setattr(sys, "stderr", said)
+        thread = threading.Thread(target=main, args=(["street", "--draw"],), daemon=True)
+        thread.start()
+        until = time.monotonic() + 120
+        while (url := re.search(r"http://\S+/", said.getvalue())) is None:
+            assert thread.is_alive(), said.getvalue()
+            assert time.monotonic() < until, f"no address after 120 s: {said.getvalue()}"
+            time.sleep(0.05)
+    with urllib.request.urlopen(f"{url[0]}start", timeout=120) as answer:
         names = [frame["name"] for frame in json.load(answer)["frames"]]
     scene = read_scene(STREET)
     images = {name: {"name": name, "objects": list[Any]()} for name in names}
@@ -104,8 +114,9 @@ def test_objects_are_drawn_on_a_model_and_kept(here: Path, capsys: pytest.Captur
             corners = max(outlines, key=len)[:, 0] + instance.origin
             images[name]["objects"].append({"name": "car", "kind": "polygon", "points": corners.tolist()})
     body = json.dumps({"images": list(images.values()), "close": True}).encode()
-    urllib.request.urlopen(urllib.request.Request(f"{url[0]}save", body)).close()
+    urllib.request.urlopen(urllib.request.Request(f"{url[0]}save", body), timeout=120).close()
     thread.join(120)
+    assert not thread.is_alive(), said.getvalue()
     assert (here / "street.metric-tree" / "instances.json").is_file()
     assert not (here / "street" / "instances.json").exists()
     capsys.readouterr()

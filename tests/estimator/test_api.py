@@ -104,5 +104,7 @@ def test_sizes_from_a_file_load_nothing_heavy(tmp_path: Path, mini: Tree) -> Non
         f"import sys; from metric_cli.estimate_scale.estimate import main; main({words!r});"
         f"print(sorted(set({HEAVY!r}) & set(sys.modules)), file=sys.stderr)"
     )
-    done = subprocess.run([sys.executable, "-c", code], cwd=ROOT, capture_output=True, text=True, check=True)
+    done = subprocess.run(
+        [sys.executable, "-c", code], cwd=ROOT, capture_output=True, text=True, check=True, timeout=300
+    )
     assert done.stderr.strip().splitlines()[-1] == "[]"

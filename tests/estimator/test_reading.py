@@ -127,7 +127,7 @@ def test_reading_a_pinhole_scene_loads_nothing_heavy(small: Path) -> None:
         "{'pycolmap', 'cv2', 'matplotlib', 'sklearn', 'open3d', 'pandas', 'scrapy', 'nltk', 'pycocotools', 'pyarrow'}"
     )
     code = f"import sys, estimator.reconstructions.scene_reader; print(sorted({heavy} & set(sys.modules)))"
-    found = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
+    found = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True, timeout=300)
     assert found.stdout.strip() == "[]"
 
 

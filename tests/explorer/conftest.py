@@ -67,15 +67,22 @@ class running:  # noqa: N801 - a context manager
     """A server in a thread, on a free port."""
 
     def __init__(self, trees: list[Tree]) -> None:
-        self._server = uvicorn.Server(uvicorn.Config(application(trees), port=0, http=TimedProtocol, log_level="error"))
-        self._thread = threading.Thread(target=self._server.run)
+        config = uvicorn.Config(
+            application(trees), port=0, http=TimedProtocol, log_level="error", timeout_graceful_shutdown=30
+        )
+        self._server = uvicorn.Server(config)
+        self._thread = threading.Thread(target=self._server.run, daemon=True)
 
     def __enter__(self) -> str:
         self._thread.start()
+        until = time.monotonic() + 120
         while not self._server.started:
+            assert self._thread.is_alive(), "the server ended before it was ready"
+            assert time.monotonic() < until, "the server is not ready after 120 s"
             time.sleep(0.01)
         return f"http://127.0.0.1:{self._server.servers[0].sockets[0].getsockname()[1]}"
 
     def __exit__(self, *_: object) -> None:
         self._server.should_exit = True
-        self._thread.join()
+        self._thread.join(120)
+        assert not self._thread.is_alive(), "the server has not ended after 120 s"

@@ -27,6 +27,7 @@ from explorer.server.app import ReleaseServer, application
 from explorer.server.delivery import ResponseCache
 from metric_tree.tree import Tree
 from tests.explorer.conftest import WEB
+from tests.support.processes import started
 
 OBJECTS = {
     "schema": "metric-tree/objects/1",
@@ -300,13 +301,12 @@ def test_the_description_fits_the_answers(base: str) -> None:
 def test_the_command_serves_logs_and_stops(catalogue: ReleaseCatalogue) -> None:
     code = "import sys; from metric_cli.subcommands import main; sys.exit(main(sys.argv[1:]))"
     words = ["serve", "--port", "0", "--tree", str(catalogue.tree.release.directory)]
-    with subprocess.Popen([sys.executable, "-c", code, *words], stderr=subprocess.PIPE, text=True) as server:
+    with started([sys.executable, "-c", code, *words], stderr=subprocess.PIPE, text=True) as server:
         assert server.stderr is not None
         address = next(line.split()[-5] for line in server.stderr if "running on" in line)
         assert WEB.get(f"{address}/healthz").json()["releases"] == {"0.0.2": catalogue.etag}
         assert json.loads(next(server.stderr))["path"] == "/healthz"
         os.kill(server.pid, signal.SIGTERM)
-        server.wait(300)
     assert server.returncode == 128 + signal.SIGTERM
 
 

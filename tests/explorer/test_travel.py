@@ -123,8 +123,7 @@ def test_a_release_is_fetched_verified_resumed_and_then_offline(
     monkeypatch.setenv("METRIC_TREE_CACHE", str(tmp_path / "cache"))
     _Server.broken_after, _Server.asked = 1000, []
     with ThreadingHTTPServer(("127.0.0.1", 0), partial(_Server, directory=str(folder))) as server:
-        thread = threading.Thread(target=server.serve_forever)
-        thread.start()
+        threading.Thread(target=server.serve_forever, daemon=True).start()
         monkeypatch.setenv(REGISTRY_VARIABLE, f"http://127.0.0.1:{server.server_port}/registry.json")
         try:
             with pytest.raises(InputError, match=r"items\.parquet"):
@@ -136,7 +135,6 @@ def test_a_release_is_fetched_verified_resumed_and_then_offline(
                 metric_tree.open("9.9.9")
         finally:
             server.shutdown()
-            thread.join()
     assert ("/0.0.2/items.parquet", "bytes=1000-") in _Server.asked
     assert tree.find("rat").items().num_rows == 2
     assert metric_tree.open("0.0.2").version == "0.0.2"  # the server is gone

@@ -59,7 +59,7 @@ def one_run(name: str, temporary: Path, seconds: float) -> dict[str, Any]:
         try:
             status = process.wait(seconds + GRACE_S)
         except subprocess.TimeoutExpired:
-            process.send_signal(signal.SIGKILL)
+            process.kill()
             status = -signal.SIGKILL
     counts: dict[str, Any] = json.loads(counts_file.read_text()) if counts_file.is_file() else {}
     if status:

@@ -27,7 +27,7 @@ def test_a_pipe_is_read_while_it_is_written(tmp_path: Path, monkeypatch: pytest.
                 file.flush()
                 time.sleep(0.03)
 
-    writer = threading.Thread(target=write)
+    writer = threading.Thread(target=write, daemon=True)
     writer.start()
     assert len(read_bytes(pipe)) == 300_000
     writer.join(timeout=10)
@@ -52,7 +52,7 @@ def test_a_pipe_without_a_writer_and_one_without_an_end_are_errors(
             except BlockingIOError:
                 time.sleep(0.001)
 
-    writer = threading.Thread(target=write)
+    writer = threading.Thread(target=write, daemon=True)
     writer.start()
     try:
         with pytest.raises(InputError, match="at most 100,000 bytes, found more"):

@@ -10,6 +10,7 @@ from pathlib import Path
 import pytest
 
 from metric_base.files import whole_file, whole_folder
+from tests.support.processes import started
 
 #: Open a file or a folder for writing, and wait before it is complete.
 WRITER = """
@@ -29,7 +30,7 @@ def test_a_live_writer_keeps_its_part_and_a_dead_one_loses_it(tmp_path: Path, ki
     path = tmp_path / "out[1].x"  # a name that a pattern would misread
     neighbour = tmp_path / ".out[1].x.kept"
     neighbour.write_text("the user's own")
-    with subprocess.Popen([sys.executable, "-c", WRITER, kind, str(path)], stdout=subprocess.PIPE) as writer:
+    with started([sys.executable, "-c", WRITER, kind, str(path)], stdout=subprocess.PIPE) as writer:
         assert writer.stdout is not None
         assert writer.stdout.readline() == b"half-way\n"
         (part,) = tmp_path.glob("*.part")

@@ -12,6 +12,7 @@ import pytest
 
 from metric_base import operating_system
 from metric_base.operating_system import growth_limit, is_alive, limit_memory, link_or_copy, lock
+from tests.support.processes import started
 from tests.synthetic.detectors import hue_graph
 
 ROOT = Path(__file__).resolve().parents[2]
@@ -47,7 +48,9 @@ def run(blocked: dict[str, str], program: str, *words: str | Path) -> subprocess
 
 def test_the_modules_are_blocked(blocked: dict[str, str]) -> None:
     code = "import resource"
-    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, env=blocked, check=False)
+    done = subprocess.run(
+        [sys.executable, "-c", code], capture_output=True, text=True, env=blocked, check=False, timeout=300
+    )
     assert "ModuleNotFoundError" in done.stderr
 
 
@@ -129,7 +132,7 @@ def test_links_are_copies_where_there_are_none(monkeypatch: pytest.MonkeyPatch, 
 
 
 def test_windows_sends_no_signal_to_see_a_process(monkeypatch: pytest.MonkeyPatch) -> None:
-    with subprocess.Popen([sys.executable, "-c", ""]) as process:
+    with started([sys.executable, "-c", ""]) as process:
         pass
     assert (is_alive(os.getpid()), is_alive(process.pid)) == (True, False)
     monkeypatch.setattr(sys, "platform", "win32")

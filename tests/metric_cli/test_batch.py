@@ -23,6 +23,7 @@ from metric_cli.estimate_scale.estimate import main
 from metric_cli.insert_object.insert import main as insert_object
 from metric_cli.subcommands import main as metric_tree
 from tests.models3d.models import write_chair
+from tests.support.processes import started
 
 CODE = "import sys; from metric_cli.estimate_scale.estimate import main; sys.exit(main(sys.argv[1:]))"
 #: Index of the scenes of `write_list` that are no objects files.
@@ -71,7 +72,7 @@ def test_a_killed_batch_continues_and_equals_an_uninterrupted_one(tmp_path: Path
         os.utime(folders[1] / file.name, ns=(file.stat().st_atime_ns, file.stat().st_mtime_ns))
     words = ["--jobs", "2", "--tree", str(tree)]
     arguments = ["--batch", "list.jsonl", "--out", "r.parquet", *words]
-    with subprocess.Popen([sys.executable, "-c", CODE, *arguments], cwd=folders[0], stderr=subprocess.PIPE) as child:
+    with started([sys.executable, "-c", CODE, *arguments], cwd=folders[0], stderr=subprocess.PIPE) as child:
         records = folders[0] / "r.parquet.records" / "1-of-1.jsonl"
         while not records.exists() or records.read_text(encoding="utf-8").count('"exit_status"') < 2:
             assert child.poll() is None

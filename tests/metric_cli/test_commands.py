@@ -187,7 +187,9 @@ def test_a_reader_that_leaves_a_pipe_is_no_error(mini: Tree) -> None:
     os.close(read)
     words = ["query", "chair", "--tree", str(mini.release.directory)]
     code = f"from metric_cli.subcommands import main; raise SystemExit(main({words!r}))"
-    done = subprocess.run([sys.executable, "-c", code], stdout=write, stderr=subprocess.PIPE, text=True, check=False)
+    done = subprocess.run(
+        [sys.executable, "-c", code], stdout=write, stderr=subprocess.PIPE, text=True, check=False, timeout=300
+    )
     os.close(write)
     assert (done.returncode, done.stderr) == (0, "")
 

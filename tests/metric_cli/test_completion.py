@@ -44,7 +44,9 @@ def test_bash_completes(scripts: dict[str, str], words: list[str], expected: set
     code = (
         f"COMP_WORDS=({' '.join(words)}); COMP_CWORD={len(words) - 1}; {function}; printf '%s\\n' \"${{COMPREPLY[@]}}\""
     )
-    done = subprocess.run(["bash", "-c", scripts[words[0]] + code], capture_output=True, text=True, check=True)
+    done = subprocess.run(
+        ["bash", "-c", scripts[words[0]] + code], capture_output=True, text=True, check=True, timeout=300
+    )
     assert set(done.stdout.split()) == expected
 
 

@@ -13,6 +13,7 @@ import pytest
 
 from metric_cli.estimate_scale.estimate import main
 from tests.metric_cli.test_estimate import CHAIR, STOOL, estimate, objects_file
+from tests.support.processes import started
 
 
 def test_help_names_every_option_of_the_contract(capsys: pytest.CaptureFixture[str]) -> None:
@@ -85,13 +86,12 @@ def test_a_reader_may_leave(tmp_path: Path, tree: Path) -> None:
     objects = objects_file(tmp_path, *({"category": "swivel chair", "dimensions": CHAIR} for _ in range(400)))
     code = "import sys; from metric_cli.estimate_scale.estimate import main; sys.exit(main())"
     words = [sys.executable, "-c", code, "--objects", str(objects), "--tree", str(tree), "--json"]
-    with subprocess.Popen(words, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True) as process:
+    with started(words, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True) as process:
         assert process.stdout is not None
         assert process.stderr is not None
         process.stdout.readline()
         process.stdout.close()
         err = process.stderr.read()
-        process.wait(timeout=300)
     assert "Traceback" not in err
     assert "BrokenPipe" not in err
 

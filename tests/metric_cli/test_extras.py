@@ -111,6 +111,8 @@ assert main(["query", "chair", "--images", "2"]) == 0
 assert estimate(["--objects", {str(tmp_path / "objects.json")!r}]) == 0
 raise SystemExit(estimate([{str(ROOT / "data/scenes/demo_room")!r}]))
 """
-    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, cwd=ROOT, check=False)
+    done = subprocess.run(
+        [sys.executable, "-c", code], capture_output=True, text=True, cwd=ROOT, check=False, timeout=300
+    )
     assert done.returncode == 2, done.stderr
     assert "needs metric-tree[scene]: pip install" in done.stderr

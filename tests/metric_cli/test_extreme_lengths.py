@@ -14,7 +14,12 @@ def test_an_extreme_known_length_ends_no_process(tmp_path: Path, length: str) ->
     words = [str(STREET), "--known-length", *length.split(), "--trust-known-length", "--write-scaled", "scaled"]
     code = "import sys; from metric_cli.estimate_scale.estimate import main; sys.exit(main())"
     run = subprocess.run(
-        [sys.executable, "-c", code, *words], cwd=tmp_path, capture_output=True, text=True, check=False
+        [sys.executable, "-c", code, *words],
+        cwd=tmp_path,
+        capture_output=True,
+        text=True,
+        check=False,
+        timeout=300,
     )
     assert run.returncode in {0, 2, 3}, run.stderr
     assert "internal error" not in run.stderr

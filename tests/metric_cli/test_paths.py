@@ -103,7 +103,9 @@ def command_of(name: str) -> Callable[[list[str]], int]:
     program, *subcommand = name.split()
     if subcommand == ["crawl"]:  # a reactor runs once in a process
         code = "import sys; from metric_cli.subcommands import main; sys.exit(main(sys.argv[1:]))"
-        return lambda words: subprocess.run([sys.executable, "-c", code, *subcommand, *words], check=False).returncode
+        return lambda words: (
+            subprocess.run([sys.executable, "-c", code, *subcommand, *words], check=False, timeout=300).returncode
+        )
     main = {"estimate-scale": estimate_main, "insert-object": insert.main, "metric-tree": tree_main}[program]
     return lambda words: main([*subcommand, *words])
 

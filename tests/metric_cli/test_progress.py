@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import os
 import pty
+import select
 import subprocess
 import sys
 from contextlib import suppress
@@ -11,6 +12,7 @@ from contextlib import suppress
 import pytest
 
 from metric_cli.progress import progress_bars, progress_lines, track
+from tests.support.processes import started
 
 CODE = """
 from metric_cli.progress import progress_bars, track
@@ -40,7 +42,7 @@ def test_long_work_says_a_line_every_ten_seconds() -> None:
 def test_a_terminal_shows_steps_counts_and_the_time_left() -> None:
     master, slave = pty.openpty()
     environment = os.environ | {"TERM": "xterm", "COLUMNS": "100"}
-    with subprocess.Popen([sys.executable, "-c", CODE], stdout=subprocess.PIPE, stderr=slave, env=environment) as child:
+    with started([sys.executable, "-c", CODE], stdout=subprocess.PIPE, stderr=slave, env=environment) as child:
         os.close(slave)
         shown = _all_of(master).decode()  # while it writes: a terminal holds 4 kB
         assert child.stdout is not None
@@ -53,7 +55,7 @@ def _all_of(terminal: int) -> bytes:
     """Text that is written to a terminal until its last writer has closed it."""
     parts = []
     with suppress(OSError):  # Linux reports the end as an error of input
-        while part := os.read(terminal, 1 << 16):
+        while select.select([terminal], [], [], 300.0)[0] and (part := os.read(terminal, 1 << 16)):
             parts.append(part)
     os.close(terminal)
     return b"".join(parts)

@@ -21,6 +21,7 @@ from metric_cli import programs, tables
 from metric_cli.errors import exit_status
 from metric_cli.subcommands import main
 from metric_cli.tables import print_table, warn
+from tests.support.processes import started
 
 HIDDEN = ["\x1b", "\x07", "\x7f", "\x9b", "\u202e", "\u2066", "\u200f", "\ud800", "\U000e0041", "\r", "\n"]
 
@@ -130,11 +131,11 @@ def run():
         time.sleep(600)
 sys.exit(exit_status("x", run))
 """
-    process = subprocess.Popen(_program(body), stdout=subprocess.PIPE, stderr=subprocess.PIPE)
-    assert process.stdout is not None
-    assert process.stdout.readline() == b"ready\n"
-    process.send_signal(number)
-    _, err = process.communicate(timeout=300)
+    with started(_program(body), stdout=subprocess.PIPE, stderr=subprocess.PIPE) as process:
+        assert process.stdout is not None
+        assert process.stdout.readline() == b"ready\n"
+        process.send_signal(number)
+        _, err = process.communicate()
     assert (process.returncode, err.decode()) == (status, f"x: {word}\n")
     assert not list(tmp_path.iterdir())
 

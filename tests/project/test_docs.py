@@ -122,7 +122,9 @@ def test_generated_pages_are_current() -> None:
         "for name, page in generate.PAGES.items():\n"
         "    if (generate.FOLDER / name).read_text(encoding='utf-8') != page(): print(name)"
     )
-    stale = subprocess.run([sys.executable, "-c", code], check=True, cwd=ROOT, capture_output=True, text=True).stdout
+    stale = subprocess.run(
+        [sys.executable, "-c", code], check=True, cwd=ROOT, capture_output=True, text=True, timeout=300
+    ).stdout
     assert stale == "", "run `make reference`"
 
 
@@ -130,7 +132,9 @@ def test_drawing_of_the_packages_is_current() -> None:
     code = (
         "import sys; sys.path.insert(0, 'docs'); import draw_architecture; print(draw_architecture.drawing(), end='')"
     )
-    drawn = subprocess.run([sys.executable, "-c", code], check=True, cwd=ROOT, capture_output=True, text=True).stdout
+    drawn = subprocess.run(
+        [sys.executable, "-c", code], check=True, cwd=ROOT, capture_output=True, text=True, timeout=300
+    ).stdout
     assert drawn == (ROOT / "docs/images/architecture.svg").read_text(encoding="utf-8"), "run `make reference`"
 
 
@@ -193,6 +197,7 @@ def test_python_snippets_of_a_page_run(page: Path, tmp_path: Path) -> None:
         capture_output=True,
         text=True,
         check=False,
+        timeout=300,
     )
     assert done.returncode == 0, f"{code}\n{done.stderr}"
 

@@ -233,14 +233,18 @@ def test_a_query_loads_no_heavy_library(tmp_path: Path) -> None:
         "node = tree.find('swivel chair'); node.prior().interval(0.9); node.items();"
         f"print(sorted(set({HEAVY!r}) & set(sys.modules)))"
     )
-    out = subprocess.run([sys.executable, "-c", code], cwd=ROOT, capture_output=True, text=True, check=True)
+    out = subprocess.run(
+        [sys.executable, "-c", code], cwd=ROOT, capture_output=True, text=True, check=True, timeout=300
+    )
     assert out.stdout.strip() == "[]"
     command = (
         "import sys; from metric_cli.subcommands import main;"
         f"main(['query', 'swivel chair', '--tree', {str(directory)!r}]);"
         "print(sorted({'rich', 'email', 'pyarrow.compute', 'tempfile', 'gzip'} & set(sys.modules)))"
     )
-    out = subprocess.run([sys.executable, "-c", command], cwd=ROOT, capture_output=True, text=True, check=True)
+    out = subprocess.run(
+        [sys.executable, "-c", command], cwd=ROOT, capture_output=True, text=True, check=True, timeout=300
+    )
     assert out.stdout.splitlines()[-1] == "[]"
 
 

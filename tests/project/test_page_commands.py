@@ -208,7 +208,13 @@ def _run(command: str, folder: Path, capsys: pytest.CaptureFixture[str]) -> tupl
     if not n_names:
         environment = os.environ | {"PATH": f"{Path(sys.executable).parent}{os.pathsep}{os.environ['PATH']}"}
         done = subprocess.run(
-            ["bash", "-c", command], cwd=folder, env=environment, capture_output=True, text=True, check=False
+            ["bash", "-c", command],
+            cwd=folder,
+            env=environment,
+            capture_output=True,
+            text=True,
+            check=False,
+            timeout=300,
         )
         return done.returncode, done.stdout
     capsys.readouterr()

@@ -38,16 +38,14 @@ class Browser:
     def __init__(self, profile: Path) -> None:
         to_browser, self._write = os.pipe()
         self._read, from_browser = os.pipe()
+        os.set_blocking(self._write, False)
         self._left = b""
         self._number = 0
-
-        def connect() -> None:  # Chromium reads from descriptor 3 and writes to 4
-            read_end, write_end = os.dup(to_browser), os.dup(from_browser)
-            os.dup2(read_end, 3)
-            os.dup2(write_end, 4)
-
         self._process = subprocess.Popen(
             [
+                # Chromium reads from descriptor 3 and writes to 4. A shell connects them: Python code between fork and
+                # exec could wait forever for a lock that another thread of this process holds.
+                *("bash", "-c", f'exec "$0" "$@" 3<&{to_browser} 4>&{from_browser}'),
                 chromium(),
                 "--headless=new",
                 "--no-sandbox",
@@ -59,15 +57,18 @@ class Browser:
                 "--remote-debugging-pipe",
                 "about:blank",
             ],
-            preexec_fn=connect,  # noqa: PLW1509 - this process has one thread
-            close_fds=False,
+            pass_fds=(to_browser, from_browser),
             stdout=subprocess.DEVNULL,
             stderr=subprocess.DEVNULL,
         )
         os.close(to_browser)
         os.close(from_browser)
         self._session: str | None = None
-        self._session = self.call("Target.attachToTarget", targetId=self._first_page(), flatten=True)["sessionId"]
+        try:
+            self._session = self.call("Target.attachToTarget", targetId=self._first_page(), flatten=True)["sessionId"]
+        except BaseException:
+            self._end()
+            raise
 
     def _first_page(self) -> str:
         """Return the id of the page, which may open after the browser's first response."""
@@ -86,8 +87,11 @@ class Browser:
     def __exit__(
         self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
     ) -> None:
+        self._end()
+
+    def _end(self) -> None:
         self._process.kill()
-        self._process.wait()
+        self._process.wait(timeout=TIMEOUT_S)
         os.close(self._write)
         os.close(self._read)
 
@@ -148,8 +152,12 @@ class Browser:
         message: dict[str, Any] = {"id": self._number, "method": method, "params": params}
         if self._session is not None:
             message["sessionId"] = self._session
-        os.write(self._write, json.dumps(message).encode() + b"\0")
         until = time.monotonic() + TIMEOUT_S
+        unsent = json.dumps(message).encode() + b"\0"
+        while unsent:
+            _, writable, _ = select.select([], [self._write], [], max(0.0, until - time.monotonic()))
+            assert writable, "the browser reads no message"
+            unsent = unsent[os.write(self._write, unsent) :]
         while True:
             response = self._message(until)
             if response.get("id") == self._number:
@@ -162,7 +170,9 @@ class Browser:
         while b"\0" not in self._left:
             readable, _, _ = select.select([self._read], [], [], max(0.0, until - time.monotonic()))
             assert readable, "no message from the browser"
-            self._left += os.read(self._read, 1 << 16)
+            part = os.read(self._read, 1 << 16)
+            assert part, f"the browser ended with status {self._process.poll()}"
+            self._left += part
         line, _, self._left = self._left.partition(b"\0")
         message: dict[str, Any] = json.loads(line)
         return message

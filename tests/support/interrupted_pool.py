@@ -14,7 +14,7 @@ def run() -> int:
     """Start work that takes 10 minutes, and interrupt the process group."""
     with executor_of(2, None) as pool:
         assert pool is not None
-        pool.submit(os.getpid).result()
+        pool.submit(os.getpid).result(60)
         pool.submit(time.sleep, 600)
         os.killpg(0, signal.SIGINT)
         time.sleep(600)

@@ -111,7 +111,9 @@ def main() -> None:
         for name, (make, _) in (HONEST | HOSTILE).items():
             file.write_bytes(make())  # in this process, so that creating the file is not measured
             call = [sys.executable, "-m", "tests.synthetic.hostile_pictures", str(file), name]
-            print(subprocess.run(call, check=True, capture_output=True, text=True).stdout, end="", flush=True)
+            print(
+                subprocess.run(call, check=True, capture_output=True, text=True, timeout=300).stdout, end="", flush=True
+            )
 
 
 def _measure(file: Path, name: str) -> None:

@@ -101,13 +101,18 @@ def test_parents_come_in_wordnets_order_in_every_run(wordnet: WordNet, seed: str
     """The library keeps them in a set, so that their order changed from run to run, and with it a tie of two kinds."""
     script = "from taxonomy.wordnet import WordNet; print(*WordNet().parents('beverage.n.01'))"
     environment = os.environ | {"PYTHONHASHSEED": seed}
-    run = subprocess.run([sys.executable, "-c", script], env=environment, capture_output=True, text=True, check=True)
+    run = subprocess.run(
+        [sys.executable, "-c", script], env=environment, capture_output=True, text=True, check=True, timeout=300
+    )
     assert run.stdout.split() == ["food.n.01", "liquid.n.01"] == list(wordnet.parents("beverage.n.01"))
 
 
 def test_importing_the_module_loads_no_nltk() -> None:
     code = "import sys, taxonomy.wordnet, taxonomy.matching.matcher; print('nltk' in sys.modules)"
-    assert subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True).stdout == "False\n"
+    assert (
+        subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True, timeout=300).stdout
+        == "False\n"
+    )
 
 
 def test_a_folder_outranks_the_environment(

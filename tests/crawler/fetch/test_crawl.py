@@ -16,6 +16,7 @@ from typing import Any
 
 import pytest
 
+from tests.support.processes import started
 from tests.synthetic.synthetic_site import PICTURES, Shop, SyntheticSite, error, expected
 
 ROOT = Path(__file__).resolve().parents[3]
@@ -88,13 +89,12 @@ def test_kills_lose_nothing_and_repeat_nothing(tmp_path: Path) -> None:
     with SyntheticSite(shop) as site:
         for number in range(kills):
             words = ["--resume"] if number else []
-            process = subprocess.Popen(command(site, tmp_path / "out", *words), cwd=ROOT, stdout=subprocess.DEVNULL)
-            before = _stored(tmp_path / "out")
-            _until(lambda before=before: _stored(tmp_path / "out") > before)
-            time.sleep(generator.random())
-            assert process.poll() is None  # a kill finds the crawl at work
-            process.send_signal(signal.SIGKILL)
-            process.wait()
+            with started(command(site, tmp_path / "out", *words), cwd=ROOT, stdout=subprocess.DEVNULL) as process:
+                before = _stored(tmp_path / "out")
+                _until(lambda before=before: _stored(tmp_path / "out") > before)
+                time.sleep(generator.random())
+                assert process.poll() is None  # a kill finds the crawl at work
+                process.send_signal(signal.SIGKILL)
         site.shop = replace(shop, delay=0.0)
         crawl(site, tmp_path / "out", "--resume")
         found = items(tmp_path / "out")
@@ -155,18 +155,14 @@ def test_two_workers_share_a_frontier_and_one_is_killed(tmp_path: Path, redis_ur
     shop = Shop(products=120, errors=False, delay=1.0)  # one worker alone needs 8 s: the other has started by then
     with SyntheticSite(shop) as site:
         words = ["--redis", redis_url]
-        one, two = (
-            subprocess.Popen(
-                command(site, tmp_path / "out", *words, "--worker", name),
-                cwd=ROOT, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL, env=environment,
-            )
-            for name in ("one", "two")
-        )  # fmt: skip
-        _until(lambda: all(_stored(tmp_path / "out" / name) > 5 for name in ("one", "two")))
-        one.send_signal(signal.SIGKILL)
-        one.wait()
-        site.shop = replace(shop, delay=0.0)
-        assert two.wait(timeout=180) == 0
+        options = {"cwd": ROOT, "stdout": subprocess.DEVNULL, "stderr": subprocess.DEVNULL, "env": environment}
+        begin = command(site, tmp_path / "out", *words, "--worker")
+        with started([*begin, "one"], **options) as one, started([*begin, "two"], **options) as two:
+            _until(lambda: all(_stored(tmp_path / "out" / name) > 5 for name in ("one", "two")))
+            one.send_signal(signal.SIGKILL)
+            one.wait(timeout=60)
+            site.shop = replace(shop, delay=0.0)
+        assert two.returncode == 0
         crawl_again = command(site, tmp_path / "out", *words, "--worker", "one", "--resume")
         subprocess.run(crawl_again, cwd=ROOT, capture_output=True, env=environment, timeout=180, check=True)
         found = {item["title"] for item in items(tmp_path / "out")}

@@ -19,6 +19,7 @@ import pytest
 from crawler.fetch.frontier import OFF_SITE, PRIVATE
 from crawler.fetch.sqlite_frontier import stored_counts
 from metric_cli.subcommands import main
+from tests.support.processes import started
 from tests.synthetic.synthetic_site import Shop, SyntheticSite
 
 ROOT = Path(__file__).resolve().parents[3]
@@ -45,14 +46,13 @@ def tables(database: Path) -> set[str]:
         return {row[0] for row in connection.execute("SELECT name FROM sqlite_master")}
 
 
-def killed(process: subprocess.Popen[bytes], database: Path) -> None:
+def kill(process: subprocess.Popen[bytes], database: Path) -> None:
     end = time.monotonic() + 120
     while not database.exists() or "origin" not in tables(database) or not stored_counts(database)["items"]:
         assert time.monotonic() < end
         time.sleep(0.05)
     assert process.poll() is None  # the kill finds the crawl at work
     process.send_signal(signal.SIGKILL)
-    process.wait()
 
 
 @pytest.mark.slow
@@ -65,8 +65,8 @@ def test_a_resume_knows_where_the_crawl_began(
     out, database = tmp_path / "out", tmp_path / "out" / ("one" if shared else "") / "frontier.sqlite"
     with SyntheticSite(Shop(products=24, errors=False, delay=1.0)) as site:
         start = ["--private", "--start-url", f"{site.base}/list/0"]
-        process = subprocess.Popen(words("generic", out, *more, *start), cwd=ROOT, stdout=subprocess.DEVNULL)
-        killed(process, database)
+        with started(words("generic", out, *more, *start), cwd=ROOT, stdout=subprocess.DEVNULL) as process:
+            kill(process, database)
         site.shop = replace(site.shop, delay=0.0)
         status, _, message = ran("generic", out, *more, "--resume")
         assert (status, message.count("\n")) == (2, 1)

@@ -27,6 +27,7 @@ from crawler.page.time_limit import SlowPage
 from metric_base.errors import StorageError
 from tests.crawler.conftest import RedisServer
 from tests.crawler.fetch.test_crawl_errors import ROOT, items, words
+from tests.support.processes import started
 from tests.synthetic.synthetic_site import Shop, SyntheticSite
 
 
@@ -75,12 +76,12 @@ def small_disk(tmp_path: Path) -> Iterator[Path]:
     folder = tmp_path / "disk"
     folder.mkdir()
     mount = ["mount", "-t", "tmpfs", "-o", "size=1m", "tmpfs", str(folder)]
-    if shutil.which("mount") is None or subprocess.run(mount, capture_output=True, check=False).returncode:
+    if shutil.which("mount") is None or subprocess.run(mount, capture_output=True, check=False, timeout=300).returncode:
         pytest.skip("mounting a small disk is not allowed here (needs root)")
     try:
         yield folder
     finally:
-        subprocess.run(["umount", str(folder)], check=False)
+        subprocess.run(["umount", str(folder)], check=False, timeout=300)
 
 
 @pytest.mark.slow
@@ -139,15 +140,15 @@ def test_a_crawl_whose_server_is_stopped_ends_with_one_line_and_goes_on_when_it_
     with SyntheticSite(Shop(products=150, errors=False, delay=0.5)) as site:
         more = ["--private", "--redis", redis_server.url, "--worker", "one"]
         begin = words("generic", out, *more, "--start-url", f"{site.base}/list/0")
-        process = subprocess.Popen(begin, cwd=ROOT, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True)
-        server = redis.Redis.from_url(redis_server.url)
-        end = time.monotonic() + 120
-        while int(server.hget("metric-tree:out:done", "pages") or 0) < 20:
-            assert time.monotonic() < end
-            time.sleep(0.05)
-        redis_server.stop(keep=True)
-        site.shop = replace(site.shop, delay=0.0)
-        output, message = process.communicate(timeout=180)
+        server = redis.Redis.from_url(redis_server.url, socket_timeout=60)
+        with started(begin, cwd=ROOT, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True) as process:
+            end = time.monotonic() + 120
+            while int(server.hget("metric-tree:out:done", "pages") or 0) < 20:
+                assert time.monotonic() < end
+                time.sleep(0.05)
+            redis_server.stop(keep=True)
+            site.shop = replace(site.shop, delay=0.0)
+            output, message = process.communicate()
         assert (process.returncode, message.count("\n"), output) == (2, 1, ""), message
         assert f"{redis_server.url}: expected a frontier that can be read and written" in message
         assert 0 < stored_counts(out / "one" / "frontier.sqlite")["items"] < 150

@@ -25,12 +25,15 @@ def small_disk(tmp_path: Path) -> Iterator[Path]:
     disk = tmp_path / "disk"
     disk.mkdir()
     mounted = subprocess.run(
-        ["mount", "-t", "tmpfs", "-o", "size=64k", "tmpfs", str(disk)], capture_output=True, check=False
+        ["mount", "-t", "tmpfs", "-o", "size=64k", "tmpfs", str(disk)],
+        capture_output=True,
+        check=False,
+        timeout=300,
     )
     if mounted.returncode:
         pytest.skip(f"mounting a tmpfs is not allowed here: {mounted.stderr.decode(errors='replace').strip()}")
     yield disk
-    subprocess.run(["umount", str(disk)], check=True)
+    subprocess.run(["umount", str(disk)], check=True, timeout=300)
 
 
 def test_a_scaled_model(small_disk: Path, tmp_path: Path) -> None:
@@ -72,7 +75,7 @@ def test_a_file_that_was_there_stays(small_disk: Path) -> None:
 def test_a_stage_of_a_video(small_disk: Path, capfd: pytest.CaptureFixture[str]) -> None:
     """Features need more than this disk has: one line names the folder, and half a stage is removed."""
     video = Path(__file__).resolve().parents[3] / "data" / "scenes" / "demo_video" / "video.mp4"
-    subprocess.run(["mount", "-o", "remount,size=1m", str(small_disk)], check=True)
+    subprocess.run(["mount", "-o", "remount,size=1m", str(small_disk)], check=True, timeout=300)
     assert main([str(video), "--work", str(small_disk / "work"), "--frames", "4", "--gps", "auto"]) == 2
     lines = capfd.readouterr().err.strip().split("\n")
     assert len(lines) == 1

@@ -16,6 +16,7 @@ from hypothesis import strategies as st
 from estimator.projection.cameras import CAMERA_MODELS, make_camera, pixels_in_view, project
 from estimator.records.scene import Camera, View
 from metric_base.errors import FieldError
+from tests.support.processes import started
 
 MILD = {
     "k": 0.01,
@@ -120,10 +121,10 @@ def run():
 
 sys.exit(exit_status("x", run))
 """
-    process = subprocess.Popen([sys.executable, "-c", code], stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True)
-    assert process.stdout is not None
-    assert process.stdout.readline()
-    process.send_signal(signal.SIGTERM)
-    _, message = process.communicate(timeout=300)
+    with started([sys.executable, "-c", code], stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True) as process:
+        assert process.stdout is not None
+        assert process.stdout.readline()
+        process.send_signal(signal.SIGTERM)
+        _, message = process.communicate()
     assert (process.returncode, message) == (143, "x: terminated\n")
     assert not list(tmp_path.iterdir())

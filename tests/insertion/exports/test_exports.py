@@ -284,7 +284,9 @@ def run_with_bpy(*words: object) -> str:
     if "python" not in Path(program).name:
         pytest.skip("METRIC_TREE_BLENDER names no Python with bpy (pip install bpy)")
     clean = {name: value for name, value in os.environ.items() if name != "PYTHONPATH"}
-    return subprocess.run([program, *map(str, words)], capture_output=True, text=True, env=clean, check=True).stdout
+    return subprocess.run(
+        [program, *map(str, words)], capture_output=True, text=True, env=clean, check=True, timeout=300
+    ).stdout
 
 
 def test_the_real_blender_saves_the_object_in_metres(

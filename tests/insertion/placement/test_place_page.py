@@ -14,6 +14,7 @@ import pytest
 from insertion.request import ObjectRequest, PixelPosition
 from metric_cli.insert_object.insert import command_line
 from tests.support.browser import Browser
+from tests.support.processes import started
 
 ROOM = Path("data/scenes/demo_room").resolve()
 MODEL = Path("data/models/rocking_horse.glb").resolve()
@@ -27,7 +28,7 @@ def test_an_object_is_dragged_drawn_and_put_there_by_the_command(tmp_path: Path)
     words = [str(ROOM), "--scale", "0.4", "--model", str(MODEL)]
     program = [sys.executable, "-c", CODE]
     with (
-        subprocess.Popen(
+        started(
             [*program, *words, "--at", "auto", "--place"], stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True
         ) as child,
         Browser(tmp_path / "profile") as browser,

@@ -102,7 +102,9 @@ def test_a_machine_without_opengl_is_named_the_package(tmp_path: Path) -> None:
     words = [str(tmp_path), "--model", "m.glb", "--out", str(tmp_path / "o.mp4")]
     code = "import sys; from metric_cli.insert_object.insert import main; sys.exit(main(sys.argv[1:]))"
     hidden = os.environ | {"__EGL_VENDOR_LIBRARY_FILENAMES": str(tmp_path / "no.json")}
-    done = subprocess.run([sys.executable, "-c", code, *words], env=hidden, capture_output=True, text=True, check=False)
+    done = subprocess.run(
+        [sys.executable, "-c", code, *words], env=hidden, capture_output=True, text=True, check=False, timeout=300
+    )
     assert done.returncode == 2
     (line,) = done.stderr.splitlines()
     assert "apt-get install libegl1" in line

@@ -22,8 +22,8 @@ _HEAD = table_head(
 _NOISES, _COMMON = ("0%", "6%", "12%"), ("as modelled", "0%", "60%", "90%")
 _COUNTS = ("1", "3", "5", "10", "50")
 _SAMENESS_OBJECTS, _SAMENESS_CLASSES = ("1", "3", "50"), ("1", "3", "10")
-#: Minimum number of scenes of a row of the summary, and of objects of a class in the table of single objects.
-_MIN_SUMMARY_SCENES, _MIN_CLASS_OBJECTS = 20, 100
+#: Minimum number of scenes of a row of streets, and of objects of a class in the table of single objects.
+_MIN_STREET_SCENES, _MIN_CLASS_OBJECTS = 20, 100
 
 
 @dataclass(frozen=True, slots=True)
@@ -52,7 +52,6 @@ def page(outcomes: Sequence[Outcome], facts: Facts, template: str) -> str:
         release=facts.release,
         rooms=facts.rooms,
         minutes=f"{facts.minutes:.0f}",
-        summary=_summary_table(outcomes),
         methods=_methods_table(scenes),
         heights=_heights_table(scenes),
         differences=_differences_table(scenes),
@@ -61,7 +60,7 @@ def page(outcomes: Sequence[Outcome], facts: Facts, template: str) -> str:
         errors=_errors_table(select(outcomes, part="errors")),
         pulls=_pulls_table(select(outcomes, part="pulls")),
         unseen=_groups_table(select(outcomes, part="unseen")),
-        streets=_groups_table(select(outcomes, part="streets"), _MIN_SUMMARY_SCENES),
+        streets=_groups_table(select(outcomes, part="streets"), _MIN_STREET_SCENES),
     )
 
 
@@ -76,20 +75,6 @@ def _line(group: str, method: str, outcomes: Sequence[Outcome]) -> str:
         _percent(s.bias, "+"), _number(s.coverage), _number(s.ratio),
     ]  # fmt: skip
     return row_text(cells)
-
-
-def _summary_table(outcomes: Sequence[Outcome]) -> str:
-    """Return median error and coverage of the default method, by setting with enough scenes."""
-    lines = [table_head(("setting", "scenes", "median error, %", "coverage"))]
-    for part in ("unseen", "streets", "methods"):
-        of_part = select(outcomes, part=part)
-        for group in _groups(of_part):
-            for method, note in (("default", ""), ("default, with --where", ", with `--where`")):
-                chosen = select(of_part, group=group, method=method)
-                if len(chosen) >= _MIN_SUMMARY_SCENES:
-                    s = summary(chosen)
-                    lines.append(row_text([f"{group}{note}", str(s.n), _percent(s.median), _number(s.coverage)]))
-    return "\n".join(lines) if len(lines) > 1 else "Not run."
 
 
 def _methods_table(outcomes: Sequence[Outcome]) -> str:

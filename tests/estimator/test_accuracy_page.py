@@ -59,5 +59,5 @@ def test_the_page_has_every_table(tmp_path: Path) -> None:
     )
     text = page(read_outcomes(tmp_path / "rows.jsonl"), facts, TEMPLATE.read_text(encoding="utf-8"))
     assert "$" not in text
-    assert text.count("Not run.") == 4  # no room or street of an unseen source
+    assert text.count("Not run.") == 3  # no room or street of an unseen source
     assert re.search(r"\| rooms \| default \| 3 \| 0 \| 10\.0 \|", text)

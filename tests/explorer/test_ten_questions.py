@@ -5,7 +5,6 @@ from __future__ import annotations
 import csv
 import io
 import re
-import time
 from collections.abc import Iterator
 
 import pytest
@@ -13,9 +12,6 @@ import pytest
 import metric_tree
 from tests.explorer.conftest import WEB, running
 from tests.support.browser import Browser
-
-#: Maximum time of an answer in seconds.
-MAX_ANSWER_S = 30.0
 
 
 @pytest.fixture(scope="module")
@@ -54,12 +50,10 @@ def searched(browser: Browser, base: str, query: str) -> str:
 def test_a_size_is_the_first_line(
     shipped: str, browser: Browser, query: str, low_cm: float, high_cm: float, word: str
 ) -> None:
-    started = time.monotonic()
     answer = searched(browser, shipped, query)
     match = re.search(rf"([\d.]+) (cm|m) {word}", answer)
     assert match is not None, answer
     assert low_cm <= float(match[1]) * (100 if match[2] == "m" else 1) <= high_cm
-    assert time.monotonic() - started < MAX_ANSWER_S
 
 
 @pytest.mark.parametrize(

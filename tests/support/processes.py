@@ -11,7 +11,7 @@ from typing import Any
 __all__ = ["LIMIT_S", "started"]
 
 #: Maximum duration of a child process in seconds. It is long, so that other load on the machine does not fail a test.
-LIMIT_S = 300.0
+LIMIT_S = 600.0
 
 
 @contextmanager

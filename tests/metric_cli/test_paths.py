@@ -63,6 +63,7 @@ RUNS = {
     "metric-tree query": "rat --tree mini",
     "metric-tree crawl": "generic --out absent --start-url http://127.0.0.1:9/ --contact me@example.org --delay 0",
     "metric-tree import": "table --sources declared --input table.csv",
+    "metric-tree extract": "products.nq",
     "metric-tree build": "raw.jsonl --workers 1 --no-heldout --without-curated --out absent",
     "metric-tree review --folder": "record *:~chair chair.n.01 --reviewer me",
     "metric-tree report": "mini",
@@ -143,6 +144,7 @@ def inputs(tmp_path_factory: pytest.TempPathFactory) -> Path:
     item = {"id": "1", "category": "chair", "dimensions": size}
     (place / "objects.json").write_text(json.dumps({"schema": "metric-tree/objects/1", "objects": [item]}))
     (place / "answers.json").write_text("{}")
+    (place / "products.nq").write_text("# no product\n")
     (place / "declared" / "table.toml").write_text(DECLARATION)
     (place / "table.csv").write_text("no,w\n1,10\n")
     return place

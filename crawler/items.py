@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+import gzip
 import json
 import math
+import zlib
 from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass, field, fields
 from io import BufferedIOBase
@@ -123,26 +125,40 @@ class RawItem:
 
 
 def raw_items(path: Path) -> Iterator[RawItem]:
-    """Return the items of a JSON Lines file, in order.
+    """Return the items of a JSON Lines file, which may be compressed (`.gz`), in order.
 
     Raises
     ------
-    BadRawItem
-        A line is not a raw item.
+    InputError
+        A line is not a raw item, or the compressed file is damaged.
     """
-    with path.open("rb") as file:
-        yield from items_of_lines(path, bounded_lines(path, file))
+    yield from items_of_lines(path, raw_lines(path))
 
 
-def bounded_lines(path: Path, file: BufferedIOBase) -> Iterator[bytes]:
-    """Return the lines of a file of raw items.
+def raw_lines(path: Path) -> Iterator[bytes]:
+    """Return the lines of a file of raw items, which may be compressed (`.gz`).
+
+    Raises
+    ------
+    InputError
+        A line is too long (`bounded_lines`), or the compressed file is damaged.
+    """
+    with gzip.open(path) if path.suffix == ".gz" else path.open("rb") as file:
+        try:
+            yield from bounded_lines(path, file)
+        except (OSError, EOFError, zlib.error) as error:
+            raise InputError(f"{path}: expected gzip data; found {error}") from None
+
+
+def bounded_lines(path: Path | str, file: BufferedIOBase, first: int = 1) -> Iterator[bytes]:
+    """Return the lines of a file of raw items; the next one has the number `first`.
 
     Raises
     ------
     BadRawItem
         A line has more than `MAX_LINE` bytes; a compressed file may contain gigabytes without a line end.
     """
-    number = 1
+    number = first
     while line := file.readline(MAX_LINE):
         if len(line) == MAX_LINE and not line.endswith(b"\n"):
             raise BadRawItem(f"{path}:{number}: line: expected less than {MAX_LINE:,} bytes; found more")

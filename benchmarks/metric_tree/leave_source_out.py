@@ -40,7 +40,7 @@ from metric_tree.fit.rows import KIND_WEIGHT, STRONG, ClassRows, take_rows
 from metric_tree.pipeline.build import BuildOptions, BuildRun, clean, ingest, shipped_curated, shipped_taxonomy
 from metric_tree.pipeline.clean import CleanShard, NodeClass
 from metric_tree.pipeline.hierarchy import Hierarchy, categories_with_items
-from metric_tree.pipeline.ingest import block_of, blocks, raw_files
+from metric_tree.pipeline.ingest import raw_files
 from metric_tree.pipeline.work_folder import BuildFolder
 from metric_tree.prior import Prior
 from metric_tree.tree import Tree, open_tree
@@ -69,8 +69,8 @@ def clean_rows(raw: Sequence[Path], work: Path) -> None:
     with ProcessPoolExecutor(WORKERS, mp_context=get_context("spawn")) as pool:
         options = BuildOptions(version="0.0.0", created="")
         run = BuildRun(options, shipped_taxonomy, declared, None, pool, silent, BuildFolder(work))
-        ingest(run, [*blocks(raw_files(raw)), block_of(shipped_curated(), "curated ranges")])
-        clean(run)
+        counts = ingest(run, raw_files(raw), "".join(f"{item.line()}\n" for item in shipped_curated()))
+        clean(run, counts["taken"])
 
 
 @dataclass(frozen=True, slots=True, eq=False)

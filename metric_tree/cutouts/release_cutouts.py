@@ -147,12 +147,12 @@ def cropped_png(rgba: Any, box: tuple[int, int, int, int]) -> bytes:
     return sink.getvalue()
 
 
-def cut_batch(batch: Sequence[tuple[str, bytes]], settings: Settings) -> list[Cut]:
-    """Cut out the objects of some images, given as id and bytes, in one thread of a worker."""
+def cut_batch(batch: Sequence[tuple[str, Path]], settings: Settings, extras: Path) -> list[Cut]:
+    """Cut out the objects of some images, given as id and file, in one thread of a worker; PNGs are in `extras`."""
     import cv2
 
     cv2.setNumThreads(1)
-    return [cut(image_id, body, settings) for image_id, body in batch]
+    return [_written(cut(image_id, path.read_bytes(), settings), extras) for image_id, path in batch]
 
 
 def cut_release(
@@ -208,11 +208,10 @@ def cut_release(
         ids = sorted(files)
         starts = range(0, len(ids), IMAGES_PER_CALL)
         batches = (ids[start : start + IMAGES_PER_CALL] for start in starts)
-        # bytes, because workers may not share this disk
-        calls = (([(image_id, files[image_id].read_bytes()) for image_id in batch], settings) for batch in batches)
+        calls = (([(image_id, files[image_id]) for image_id in batch], settings, extras) for batch in batches)
         cuts: list[Cut] = []
         run = executor or SerialExecutor()
-        for done in work.map("cut", cut_batch, calls, run, lambda batch, _: [_written(one, extras) for one in batch]):
+        for done in work.map("cut", cut_batch, calls, run):
             cuts += done
             if progress is not None:
                 progress(len(cuts), len(files))

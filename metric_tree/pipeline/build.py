@@ -18,7 +18,6 @@ from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from concurrent.futures import Executor
 from contextlib import contextmanager, suppress
 from dataclasses import dataclass, replace
-from itertools import chain
 from pathlib import Path
 from typing import Any, TypeVar
 
@@ -26,7 +25,7 @@ import numpy as np
 import pyarrow as pa
 
 from crawler.imports.declaration import Source, sources
-from crawler.items import RawItem
+from crawler.items import RawItem, raw_items
 from metric_base.errors import InputError
 from metric_base.files import sole_writer
 from metric_base.progress import ProgressCallback, silent
@@ -37,7 +36,7 @@ from metric_tree.fit.contexts import class_contexts, fit_context_model
 from metric_tree.fit.evidence_model import EvidenceModel, fit_evidence_model
 from metric_tree.fit.rows import KIND_WEIGHT
 from metric_tree.pipeline.build_report import build_report
-from metric_tree.pipeline.clean import CleanShard, NodeClass, class_priors, clean_shard
+from metric_tree.pipeline.clean import NodeClass, class_priors, clean_shard
 from metric_tree.pipeline.companion_files import (
     add_pictures,
     height_records,
@@ -47,7 +46,8 @@ from metric_tree.pipeline.companion_files import (
     writers,
 )
 from metric_tree.pipeline.hierarchy import Hierarchy, categories_with_items
-from metric_tree.pipeline.ingest import SHARDS, Block, IngestedRows, block_of, blocks, ingest_block, items_of, raw_files
+from metric_tree.pipeline.ingest import SHARDS, blocks, ingest_block, raw_files, unpack
+from metric_tree.pipeline.shards import MAX_PARTITION_ROWS, repeated_rows, shard_medians, sibling_references
 from metric_tree.pipeline.tables import (
     PROJECT_SOURCES,
     evidence_counts,
@@ -61,9 +61,6 @@ from metric_tree.pipeline.work_folder import (
     BuildFolder,
     SerialExecutor,
     fingerprint,
-    repeated_rows,
-    shard_rows,
-    sibling_references,
 )
 from metric_tree.prior import Prior
 from metric_tree.release.release import Release, publish_release
@@ -122,7 +119,7 @@ class BuildRun:
         function: Callable[..., _R],
         calls: Iterable[Any],
         total: int | None,
-        spilled: Callable[[_R, Path], _R] | None = None,
+        spilled: Mapping[str, str] | None = None,
     ) -> Iterator[_R]:
         """Yield the results of the calls (`BuildFolder.map`), and report the progress out of `total`."""
         for done, result in enumerate(self.work.map(step, function, calls, self.executor, spilled), start=1):
@@ -205,13 +202,13 @@ def build_release(
     files = raw_files(raw)
     declared = {source.id: source for source in sources()} if declared is None else declared
     _check_private(options.private, files)
-    curated_block = block_of(curated, "curated ranges")
+    curated_lines = "".join(f"{item.line()}\n" for item in curated)
     log = log or out.with_name(f"{out.name}.build")
-    key = fingerprint(files, repr((options, sorted(declared.items()), curated_block, carried)))
+    key = fingerprint(files, repr((options, sorted(declared.items()), curated_lines, carried)))
     with sole_writer(out), _removed_after_an_error(log), BuildFolder.open(log / "work", key) as work:
         run = BuildRun(options, taxonomy, declared, carried, executor or SerialExecutor(), progress, work)
-        counts = ingest(run, chain(blocks(files), [curated_block]))
-        classes, dropped = clean(run)
+        counts = ingest(run, files, curated_lines)
+        classes, dropped = clean(run, counts["taken"])
         counts += dropped
         if carried is None:
             hierarchy = Hierarchy.of(categories_with_items(taxonomy().categories(), classes))
@@ -224,43 +221,43 @@ def build_release(
     return Build(release, report, log)
 
 
-def ingest(run: BuildRun, lines: Iterable[Block]) -> Counter[str]:
+def ingest(run: BuildRun, files: Sequence[Path], curated_lines: str) -> Counter[str]:
     """Step 1: write the rows of the raw items to the work folder, and return the number of items by outcome."""
-
-    def spilled(result: IngestedRows, stem: Path) -> IngestedRows:
-        stem.with_suffix(".arrow").write_bytes(result.rows)
-        stem.with_suffix(".refused").write_bytes(result.refused)
-        return replace(result, rows=b"", refused=b"")
-
+    folder = run.work.directory
+    unpacked = {file: folder / f"{number}.jsonl" for number, file in enumerate(files) if file.suffix == ".gz"}
+    for _ in run.map("unpack", unpack, unpacked.items(), len(unpacked)):
+        pass
+    curated = folder / "curated.jsonl"
+    curated.write_text(curated_lines, encoding="utf-8")
+    all_files = [*((unpacked.get(file, file), str(file)) for file in files), (curated, "curated ranges")]
+    all_blocks = [block for path, name in all_files for block in blocks(path, name)]
     omitted = (name for name, source in run.declared.items() if source.noncommercial)
     left_out = frozenset() if run.options.noncommercial else frozenset(omitted)
-    calls = ((block, run.taxonomy, run.options.fold_out, left_out) for block in lines)
+    calls = ((block, run.taxonomy, run.options.fold_out, left_out) for block in all_blocks)
     counts: Counter[str] = Counter()
-    for result in run.map("ingest", ingest_block, calls, None, spilled):  # the number of blocks is unknown
+    for result in run.map("ingest", ingest_block, calls, len(all_blocks), {"rows": ".arrow", "refused": ".refused"}):
         counts += result.counts
     return counts
 
 
-def clean(run: BuildRun) -> tuple[dict[str, NodeClass], Counter[str]]:
-    """Step 2: return the classes by node id, and the number of dropped rows by reason."""
-
-    def spilled(result: CleanShard, stem: Path) -> CleanShard:
-        stem.with_suffix(".items").write_bytes(result.items)
-        stem.with_suffix(".refused").write_bytes(result.refused)
-        stem.with_suffix(".classes").write_bytes(result.rows)
-        return replace(result, items=b"", refused=b"", rows=b"")
-
-    files = sorted(run.work.directory.glob("ingest-*.arrow"))
-    repeated = repeated_rows(files)
-    siblings = sibling_references(files, run.taxonomy().categories())
+def clean(run: BuildRun, n_rows: int) -> tuple[dict[str, NodeClass], Counter[str]]:
+    """Step 2: return the classes by node id, and the number of dropped rows by reason, from `n_rows` ingested rows."""
+    folder = run.work.directory
+    n_partitions = max(1, -(-n_rows // MAX_PARTITION_ROWS))
+    calls: Iterable[Any] = ((folder, partition, n_partitions) for partition in range(n_partitions))
+    repeats = run.map("repeats", repeated_rows, calls, n_partitions, {"places": ".arrow"})
+    counts = Counter({"repeated_id": sum(result.count for result in repeats)})
+    parts = run.map("medians", shard_medians, ((folder, shard) for shard in range(SHARDS)), SHARDS)
+    medians = {node_id: median for part in parts for node_id, median in part.items()}
+    siblings = sibling_references(medians, run.taxonomy().categories())
     licences = {
         source.id: source.licence for source in (*run.declared.values(), *PROJECT_SOURCES.values()) if source.ship
     }
     licences |= dict.fromkeys(run.options.private, PRIVATE_LICENCE)
     ids = frozenset(run.carried.table("items")["item_id"].to_pylist()) if run.carried else None
-    calls = ((shard_rows(files, shard, repeated), licences, siblings, ids) for shard in range(SHARDS))
+    calls = ((folder, shard, licences, siblings, ids) for shard in range(SHARDS))
+    spilled = {"items": ".items", "refused": ".refused", "rows": ".classes"}
     classes: dict[str, NodeClass] = {}
-    counts = Counter({"repeated_id": sum(int(mask.sum()) for masks in repeated for mask in masks)})
     for result in run.map("clean", clean_shard, calls, SHARDS, spilled):
         classes |= {one.node_id: one for one in result.classes}
         counts += result.counts
@@ -295,7 +292,7 @@ def fit(
     beliefs = {node_id: by_parent[parents[node_id], one.moments.axes] for node_id, one in classes.items()}
     files = sorted(run.work.directory.glob("clean-*.classes"))
     options = run.options
-    calls = ((path.read_bytes(), beliefs, families, model, options.seed, options.heldout) for path in files)
+    calls = ((path, beliefs, families, model, options.seed, options.heldout) for path in files)
     fitted = {prior.node_id: prior for priors in run.map("fit", class_priors, calls, SHARDS) for prior in priors}
     leaves = {
         node_id: replace(fitted[node_id], norm=one.norm)
@@ -395,10 +392,10 @@ def _shipped_items(work: BuildFolder) -> pa.Table:
 def _check_private(private: Sequence[str], files: Iterable[Path]) -> None:
     """Check that every private source has raw items; a misspelt one would be withheld without notice."""
     present: set[str] = set()
-    for block in blocks(files) if private else ():
-        if set(private) <= present:  # a large folder need not be read completely
+    for item in (item for file in files for item in raw_items(file)) if private else ():
+        present.add(item.source)
+        if present.issuperset(private):  # a large folder need not be read completely
             return
-        present |= {item.source for item in items_of(block)}
     if missing := sorted(set(private) - present):
         known = ", ".join(sorted(present)) or "none"
         raise InputError(f"--include-withheld: expected sources of the raw items ({known}); found {', '.join(missing)}")

@@ -6,6 +6,7 @@ import pickle
 from collections import Counter
 from collections.abc import Mapping
 from dataclasses import dataclass
+from pathlib import Path
 
 import numpy as np
 import pyarrow as pa
@@ -33,6 +34,7 @@ from metric_tree.fit.rows import (
     without_open_numbers,
 )
 from metric_tree.pipeline.ingest import refusal
+from metric_tree.pipeline.shards import shard_rows
 from metric_tree.prior import Prior
 from metric_tree.release.schema import ITEMS
 
@@ -76,14 +78,20 @@ class CleanShard:
 
 
 def clean_shard(
-    shard: bytes, licences: Mapping[str, str], siblings: Mapping[str, Reference], carried: frozenset[str] | None = None
+    folder: Path,
+    shard: int,
+    licences: Mapping[str, str],
+    siblings: Mapping[str, Reference],
+    carried: frozenset[str] | None = None,
 ) -> CleanShard:
     """Remove repeats and unit errors from a shard, and compute the moments of its classes.
 
     Parameters
     ----------
-    shard : bytes
-        Arrow file of `metric_tree.pipeline.ingest.ROWS`.
+    folder : Path
+        Work folder with the ingested rows.
+    shard : int
+        Number of the shard.
     licences : mapping
         Licence of each source whose rows may be redistributed.
     siblings : mapping
@@ -91,7 +99,7 @@ def clean_shard(
     carried : frozenset of str, optional
         Ids of the items of an earlier release. If given, exactly these items are kept, and the checks are skipped.
     """
-    table = pa.ipc.open_file(shard).read_all()
+    table = shard_rows(folder, shard)
     table = table.take(pc.sort_indices(table, [("node_id", "ascending"), ("item_id", "ascending")]))
     axes = [table[f"{axis}_mm"].to_numpy(zero_copy_only=False) for axis in AXES]
     sizes = np.column_stack([np.column_stack(axes).astype(float), extents_of(table)])  # (n, 6) mm
@@ -126,15 +134,15 @@ def clean_shard(
 
 
 def class_priors(
-    rows: bytes,
+    path: Path,
     beliefs: Mapping[str, NormalInverseWishart],
     families: Mapping[str, str],
     model: EvidenceModel,
     seed: int,
     heldout: bool,
 ) -> list[Prior]:
-    """Fit the priors of the classes of a shard, in order (`CleanShard.rows`)."""
-    classes: list[ClassRows] = pickle.loads(rows)  # noqa: S301 - written by `clean_shard` in this build
+    """Fit the priors of the classes of a shard, in order, from the file of `CleanShard.rows`."""
+    classes: list[ClassRows] = pickle.loads(path.read_bytes())  # noqa: S301 - written by `clean_shard` in this build
     return [class_prior(one, beliefs[one.node_id], model, families[one.node_id], seed, heldout) for one in classes]
 
 

@@ -7,9 +7,10 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
+from crawler.items import raw_items
 from metric_base.errors import InputError
 from metric_base.input_files import read_text
-from metric_tree.pipeline.ingest import blocks, items_of, raw_files
+from metric_tree.pipeline.ingest import raw_files
 from metric_tree.tree import Tree
 from taxonomy.matching.decisions import EVERY_SOURCE, NONE, decisions
 from taxonomy.matching.matcher import default_matcher
@@ -37,7 +38,7 @@ def explanation(tree: Tree, item_id: str, raw: Sequence[Path] = (), log: Path | 
     table = tree.release.table("items")
     ids = table["item_id"].to_pylist()
     row = table.slice(ids.index(item_id), 1).to_pylist()[0] if item_id in ids else None
-    all_items = (item for block in blocks(raw_files(raw)) for item in items_of(block)) if raw else ()
+    all_items = (item for file in raw_files(raw) for item in raw_items(file))
     item = next((item for item in all_items if f"{item.source}:{item.source_id}" == item_id), None)
     if item is not None:
         words = {

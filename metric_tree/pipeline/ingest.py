@@ -1,29 +1,27 @@
 """Step 1 of a build: raw items to rows, matched to a leaf, with their sizes on axes, in shards by node.
 
-`ingest_block` takes lines and returns bytes. It reads no state but the taxonomy, so that it gives the same result in
-this process, in another one and on another machine.
+`ingest_block` reads a range of bytes of a file and returns bytes. It reads no other state but the taxonomy, so that it
+gives the same result in this process, in another one and on another machine.
 """
 
 from __future__ import annotations
 
-import gzip
 import hashlib
 import json
 import math
 import re
-import zlib
-from collections import Counter
+from collections import Counter, deque
 from collections.abc import Callable, Iterable, Iterator, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from functools import cache
-from itertools import islice
 from pathlib import Path
 from typing import Any
 
 import pyarrow as pa
 
-from crawler.items import STATED_KINDS, RawItem, bounded_lines, items_of_lines
+from crawler.items import MAX_LINE, STATED_KINDS, BadRawItem, RawItem, bounded_lines, items_of_lines, raw_lines
 from metric_base.errors import InputError
+from metric_base.files import whole_file
 from metric_tree.axes import Sizes, sizes_from_words, stated_sizes
 from metric_tree.curated.rules import exclusions
 from metric_tree.release.schema import table_schema
@@ -32,8 +30,8 @@ from taxonomy.categories import Match, Taxonomy
 #: Number of shards of a build. A million rows are 16,000 per shard, a few megabytes; ten million still fit in a worker.
 SHARDS = 64
 
-#: Number of lines of a block: about one second of one worker, so that an interruption loses little.
-BLOCK_LINES = 20_000
+#: Size of a block in bytes, 20,000 lines: about one second of one worker, so that an interruption loses little.
+BLOCK_BYTES = 12_000_000
 
 #: Maximum number of matches in the cache of a worker; categories repeat, titles mostly do not.
 MAX_CACHED_MATCHES = 200_000
@@ -65,11 +63,12 @@ ROWS = table_schema("ingested", "metric-tree/ingested/1")
 
 @dataclass(frozen=True, slots=True)
 class Block:
-    """Consecutive lines of one raw file."""
+    """The lines of a raw file that begin in a range of bytes; a worker reads them."""
 
-    path: str
-    first: int  #: Number of the first line, from 1.
-    lines: tuple[bytes, ...]
+    path: Path  #: Uncompressed file.
+    start: int  #: First byte.
+    stop: int  #: Byte after the last one.
+    name: str  #: File of the caller, for messages.
 
 
 @dataclass(frozen=True, slots=True)
@@ -125,33 +124,54 @@ def raw_files(paths: Iterable[Path]) -> list[Path]:
     return files
 
 
-def blocks(files: Iterable[Path]) -> Iterator[Block]:
-    """Yield the lines of the files in blocks, in order."""
-    for path in files:
-        with gzip.open(path) if path.suffix == ".gz" else path.open("rb") as file:
-            first, lines = 1, bounded_lines(path, file)
-            try:
-                while block := tuple(islice(lines, BLOCK_LINES)):
-                    yield Block(str(path), first, block)
-                    first += len(block)
-            except (OSError, EOFError, zlib.error) as error:
-                raise InputError(f"{path}: expected gzip data; found {error}") from None
+def unpack(path: Path, target: Path) -> None:
+    """Decompress a raw file (gzip), of which any block can be read then.
+
+    Raises
+    ------
+    InputError
+        The file is damaged or has a line that is too long.
+    """
+    with whole_file(target) as part, part.open("wb") as file:
+        file.writelines(raw_lines(path))
 
 
-def block_of(items: Iterable[RawItem], name: str) -> Block:
-    """Return a block of items that are in no raw file."""
-    return Block(name, 1, tuple(item.line().encode() for item in items))
+def blocks(path: Path, name: str) -> Iterator[Block]:
+    """Yield the blocks of an uncompressed raw file, in order; `name` is the file of the caller."""
+    size = path.stat().st_size
+    for start in range(0, size, BLOCK_BYTES):
+        yield Block(path, start, min(start + BLOCK_BYTES, size), name)
 
 
 def items_of(block: Block) -> Iterator[RawItem]:
-    """Yield the items of the lines of a block.
+    """Yield the items of a block.
 
     Raises
     ------
     BadRawItem
         A line is not a raw item; the message names the file and the line.
     """
-    return items_of_lines(block.path, block.lines, block.first)
+    try:
+        yield from items_of_lines(block.name, _lines(block), 1)
+    except BadRawItem:
+        if block.start:  # only a message needs the number of the first line, which costs a pass over the file
+            first = 1 + sum(1 for _ in _lines(replace(block, start=0, stop=block.start)))
+            deque(items_of_lines(block.name, _lines(block, first), first), maxlen=0)
+        raise
+
+
+def _lines(block: Block, first: int = 1) -> Iterator[bytes]:
+    """Yield the lines that begin in the range of a block, the first of which has the number `first`."""
+    with block.path.open("rb") as file:
+        position = block.start
+        if position:  # a line that begins before belongs to the previous block
+            file.seek(position - 1)
+            position += len(file.readline(MAX_LINE)) - 1
+        for line in bounded_lines(block.name, file, first):
+            if position >= block.stop:
+                return
+            position += len(line)
+            yield line
 
 
 def item_hash(item_id: str) -> int:
@@ -175,7 +195,7 @@ def ingest_block(
     Parameters
     ----------
     block : Block
-        Lines of raw items.
+        Range of a file of raw items.
     taxonomy : callable
         Function that returns the taxonomy; called once in a process.
     fold_out : tuple of int, optional

@@ -6,7 +6,8 @@ from collections import Counter
 from collections.abc import Collection, Container, Sequence
 from pathlib import Path
 
-from metric_tree.pipeline.ingest import blocks, items_of, raw_files
+from crawler.items import raw_items
+from metric_tree.pipeline.ingest import raw_files
 from taxonomy.matching.decisions import EVERY_SOURCE
 from taxonomy.matching.matcher import default_matcher
 
@@ -27,8 +28,8 @@ def unsettled_words(raw: Sequence[Path], reviewed: Container[str]) -> Counter[tu
         Number of items by source, words, best concept below the threshold (or None) and rule.
     """
     words: Counter[tuple[str, str, str | None, str]] = Counter()
-    for block in blocks(raw_files(raw)):
-        for item in items_of(block):
+    for file in raw_files(raw):
+        for item in raw_items(file):
             finding = default_matcher().finding(item.source, item.category_path, item.title, item.synset)
             subjects = (f"{item.source}: {finding.subject}", f"{EVERY_SOURCE}: {finding.subject}")
             if not finding.settled and not any(subject in reviewed for subject in subjects):
@@ -40,7 +41,7 @@ def subject_examples(raw: Sequence[Path], subjects: Collection[str]) -> dict[str
     """Return title, size in mm, image and page of the first raw item of each subject, by subject."""
     examples: dict[str, dict[str, str]] = {}
     remaining = set(subjects)
-    for item in (item for block in blocks(raw_files(raw)) for item in items_of(block)):
+    for item in (item for file in raw_files(raw) for item in raw_items(file)):
         words = default_matcher().finding(item.source, item.category_path, item.title, item.synset).subject
         for subject in {f"{item.source}: {words}", f"{EVERY_SOURCE}: {words}"} & remaining:
             size = " x ".join(f"{value:.4g}" for value in item.extents_mm or ())

@@ -13,7 +13,7 @@ import crawler.sites.registry
 from crawler.fetch.item_images import picture
 from crawler.imports import import_source
 from crawler.imports.declaration import source
-from crawler.items import RawItem
+from crawler.items import RawItem, raw_items
 from crawler.page.page import page, saved_page
 from crawler.page.urls import absolute_url
 from crawler.sites.listing import listed_items
@@ -21,7 +21,6 @@ from crawler.sites.registry import SITES, item_of, use_site
 from metric_base.folders import data_folder
 from metric_tree.checks.release_files import findings
 from metric_tree.node import UnknownName
-from metric_tree.pipeline.ingest import blocks, items_of
 from metric_tree.release.release import MANIFEST, sha256
 from metric_tree.tree import Tree, open_tree
 from tests.fuzz.reader import Reader
@@ -55,9 +54,8 @@ def _check_item(line: str) -> None:
 
 
 def _raw_items(file: Path, _seeds: Path) -> None:
-    for block in blocks([file]):
-        for item in items_of(block):
-            _check_item(item.line())
+    for item in raw_items(file):
+        _check_item(item.line())
 
 
 def _site(folder: Path, _seeds: Path) -> None:

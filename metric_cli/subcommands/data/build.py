@@ -55,7 +55,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     add("--fold-out", metavar="I/N", type=parse_fold, help="omit fold I (from 0) of N, by item id")
     add = parser.add_argument_group("computation").add_argument
     add("--workers", type=int, default=os.cpu_count() or 1, help="number of processes (default: %(default)s)")
-    add("--scheduler", metavar="ADDRESS", help="a Dask scheduler instead of processes")
+    add("--scheduler", metavar="ADDRESS", help="a Dask scheduler instead of processes; its workers share the folders")
     add("--no-heldout", action="store_true", help="omit the held-out scores of the priors (faster)")
     # fmt: on
 

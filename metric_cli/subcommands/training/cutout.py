@@ -33,7 +33,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     add("--guide", type=input_path, metavar="FILE", help="boxes, polygons and scribbles of annotators (JSON Lines)")
     add("--version", help="version of the new release (default: that of the old one, with +cutouts)")
     add("--workers", type=int, default=os.cpu_count() or 1, help="number of processes (default: %(default)s)")
-    add("--scheduler", metavar="ADDRESS", help="a Dask scheduler instead of processes")
+    add("--scheduler", metavar="ADDRESS", help="a Dask scheduler instead of processes; its workers share the folders")
 
 
 def run(arguments: argparse.Namespace) -> int:

@@ -73,17 +73,16 @@ def test_a_word_of_three_letters_identifies_a_product_and_one_of_two_does_not():
     assert repeats(("a", "product", "Sofa Ek", SIZES), ("b", "product", "EK", SIZES)) == [-1, -1]
 
 
-def test_a_source_has_at_most_two_hundred_rows_in_a_fit_and_a_suspected_package_none():
+def test_a_source_has_at_most_two_hundred_rows_in_a_fit_and_a_suspected_package_none(tmp_path):
     rows = []
     for number in range(203):
         sizes = [900.0 + 3 * number, 600.0 + 2 * number, 500.0 + number]
         row = dict.fromkeys(ROWS.names) | {"node_id": "n", "pose": "any", "kind": "product", "title": "", "flags": []}
         row |= {"item_id": f"a:{number:03d}", "source": "a" if number < 201 else "b", "extents_mm": sizes}
         rows.append(row | {"hash": number, "source_id": str(number), "flags": [PACKAGE] if number == 202 else []})
-    sink = pa.BufferOutputStream()
-    with pa.ipc.new_file(sink, ROWS) as writer:
-        writer.write_table(pa.Table.from_pylist(rows, schema=ROWS))
-    shard = clean_shard(bytes(sink.getvalue()), {}, {})
+    with pa.ipc.new_file(tmp_path / "ingest-0000000.arrow", ROWS) as writer:
+        writer.write_batch(pa.RecordBatch.from_pylist(rows, schema=ROWS))
+    shard = clean_shard(tmp_path, 0, {}, {})
     assert shard.counts == {}
     [fit] = pickle.loads(shard.rows)
     assert Counter(fit.sources) == {"a": MAX_FIT_ROWS, "b": 1}

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import tempfile
 from collections.abc import Callable, Iterable, Sequence
 from pathlib import Path
 
@@ -12,7 +13,7 @@ import pyarrow as pa
 from estimator.results.object_priors import resolve_categories
 from metric_base.arrays import FloatArray
 from metric_tree.node import Node
-from metric_tree.pipeline.ingest import blocks, ingest_block, is_held_out, raw_files
+from metric_tree.pipeline.ingest import blocks, ingest_block, is_held_out, raw_files, unpack
 from metric_tree.tree import Tree
 from taxonomy.categories import Taxonomy
 from tests.synthetic.rooms.shapes import CATEGORIES
@@ -68,9 +69,13 @@ def pool_at(path: Path, make: Callable[[], dict[str, FloatArray]]) -> dict[str, 
 def _complete_rows(raw: Iterable[Path], taxonomy: Callable[[], Taxonomy]) -> pa.Table:
     """Return the rows of the first step of a build that have all three axes."""
     batches = []
-    for block in blocks(raw_files(raw)):
-        reader = pa.ipc.open_file(pa.py_buffer(ingest_block(block, taxonomy).rows))
-        batches += [reader.get_batch(k) for k in range(reader.num_record_batches)]
+    with tempfile.TemporaryDirectory() as folder:
+        plain = Path(folder) / "raw.jsonl"
+        for file in raw_files(raw):
+            unpack(file, plain)
+            for block in blocks(plain, str(file)):
+                reader = pa.ipc.open_file(pa.py_buffer(ingest_block(block, taxonomy).rows))
+                batches += [reader.get_batch(k) for k in range(reader.num_record_batches)]
     table = pa.Table.from_batches(batches)
     return table.filter(
         pa.compute.is_valid(pa.compute.add(table["length_mm"], pa.compute.add(table["width_mm"], table["height_mm"])))

@@ -15,7 +15,6 @@ from typing import Any
 
 import bpy
 import numpy as np
-from mathutils import Matrix
 
 HERE = Path(__file__).resolve().parent
 sys.path.insert(0, str(HERE))
@@ -40,7 +39,8 @@ def main(argv: list[str]) -> None:
     for catcher in job["catchers"]:
         script.add_catcher(catcher)
     script.set_world(objects, str(HERE / job["environment"]))
-    camera = add_camera(objects, job)
+    camera = script.add_camera(objects, job)
+    script.show_plate(objects, camera.data, sequence("undistorted", job), partial(play, job=job))
     add_card(objects, camera, job)
     joined = bpy.data.scenes.new("joined")
     join_layers(joined, job)
@@ -50,28 +50,6 @@ def main(argv: list[str]) -> None:
     if options.render is not None:
         for scene in (scene for scene in (joined, objects) if options.only in (None, scene.name)):
             render(scene, options.render.resolve() / scene.name, job)
-
-
-def add_camera(scene: Any, job: dict[str, Any]) -> Any:
-    """Add the undistorted camera with a keyframe per frame, and the plate behind it."""
-    data = bpy.data.cameras.new("recovered camera")
-    data.sensor_fit, data.sensor_width = "HORIZONTAL", 36.0
-    data.clip_start, data.clip_end = 0.01, 1000.0
-    camera = bpy.data.objects.new("recovered camera", data)
-    camera.rotation_mode = "QUATERNION"
-    scene.collection.objects.link(camera)
-    scene.camera = camera
-    script.set_lens(scene, data, job["window"])
-    turn = None
-    for key in job["keys"]:
-        camera.matrix_world = Matrix((script.TURN @ np.array(key["matrix"])).tolist())
-        if turn is not None:
-            camera.rotation_quaternion.make_compatible(turn)
-        turn = camera.rotation_quaternion.copy()
-        camera.keyframe_insert("location", frame=key["frame"])
-        camera.keyframe_insert("rotation_quaternion", frame=key["frame"])
-    script.show_plate(scene, data, sequence("undistorted", job), partial(play, job=job))
-    return camera
 
 
 def add_card(scene: Any, camera: Any, job: dict[str, Any]) -> None:

@@ -147,30 +147,30 @@ def export_blend(
     metres_per_unit: float,
     environment: Environment,
 ) -> list[str]:
-    """Write `scene.blend` to the folder if Blender is installed; return a line for each file that was not written."""
+    """Write `scene.blend` to the folder, with the animated camera and all resources, if Blender is installed.
+
+    Returns
+    -------
+    list of str
+        A line for each file that was not written.
+    """
     try:
         blender_program()
     except InputError:
         return [f"scene.blend is not written: there is no Blender (on PATH, or named by {VARIABLE})"]
-    write_blend(folder / "scene.blend", objects, frames, metres_per_unit, environment)
-    return []
-
-
-def write_blend(
-    file: Path,
-    objects: Sequence[PlacedObject],
-    frames: Sequence[Frame],
-    metres_per_unit: float,
-    environment: Environment,
-) -> None:
-    """Write the scene with its animated camera as a `.blend` file that contains all its resources."""
     transform = metric_transform(objects, metres_per_unit)
     with tempfile.TemporaryDirectory(prefix="insert-object-") as name:
-        folder = Path(name)
-        job = insertion_job(objects, camera_keyframes(frames, transform), transform, environment, folder, ideal_window)
+        temporary = Path(name)
+        job = insertion_job(
+            objects, camera_keyframes(frames, transform), transform, environment, temporary, ideal_window
+        )
         first = f"pictures/{next(iter(picture_names(frames).values())).as_posix()}"
         # names of frames of a video are their numbers; of other images the first one is shown
         numbered = [frame.index for frame in frames if frame.name == f"{frame.index:06d}.png"]
         plates = {"file": first, "number": frames[0].index, "count": len(numbered) or 1}
-        plates = plates if (file.parent / first).is_file() else {}
-        run_blender(job | {"blend": str(file.resolve()), "rate": frame_rate(frames), "plates": plates}, folder)
+        plates = plates if (folder / first).is_file() else {}
+        run_blender(
+            job | {"blend": str(folder.resolve() / "scene.blend"), "rate": frame_rate(frames), "plates": plates},
+            temporary,
+        )
+    return []

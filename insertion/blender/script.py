@@ -97,7 +97,7 @@ def set_world(scene: Any, file: str | None) -> None:
 
 
 def add_camera(scene: Any, job: dict[str, Any]) -> Any:
-    """Add the undistorted camera of the window of the job, with a keyframe per frame."""
+    """Add the undistorted camera of the window of the job, with a keyframe at the time or `frame` of each key."""
     data = bpy.data.cameras.new("recovered camera")
     data.sensor_fit = "HORIZONTAL"
     data.sensor_width = 36.0
@@ -118,7 +118,7 @@ def add_camera(scene: Any, job: dict[str, Any]) -> Any:
         if turn is not None:  # of the two signs of a quaternion, the one with the shorter rotation
             camera.rotation_quaternion.make_compatible(turn)
         turn = camera.rotation_quaternion.copy()
-        frame = (key["time_s"] - start) * rate
+        frame = key.get("frame", (key["time_s"] - start) * rate)
         camera.keyframe_insert("location", frame=frame)
         camera.keyframe_insert("rotation_quaternion", frame=frame)
         if several:  # Blender cannot animate the size of the image

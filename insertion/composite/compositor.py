@@ -23,7 +23,7 @@ from insertion.composite.compose import (
     occlude_mutually,
 )
 from insertion.composite.motion_blur import MotionBlur
-from insertion.composite.occlusion import occluded_fraction, on_support
+from insertion.composite.occlusion import has_unconfirmed_occluder, occluded_fraction, on_support
 from insertion.composite.shadow_receivers import transmitted_light
 from insertion.footage.footage import Footage, Frame
 from insertion.light.light_model import LightModel
@@ -45,6 +45,8 @@ Tracer = Callable[[Frame], NDArray[np.float32]]
 SUPPORT_LIGHT_HEIGHT = 0.1
 #: Number of vertices of an object whose mean motion is that of the object.
 MOTION_VERTICES = 200
+#: Remedies for a possible occluder that does not hide the object.
+REMEDY = "add masks (--instances), or a dense cloud (estimate-scale --dense auto)"
 #: Colours (red, green, blue) of the outlines at the low and the high end of the scale interval.
 LOW_COLOUR, HIGH_COLOUR = (255, 190, 60), (80, 220, 255)
 
@@ -129,6 +131,12 @@ def composite_footage(
             seconds["encode"] += time.perf_counter() - rendered
     unposed = sum(frame.view is None for frame in footage.frames)
     warnings = [f"{unposed} frame(s) have no known pose and are unchanged"] if unposed else []
+    unconfirmed = [
+        [f"{item.model.name}: may be hidden in {count} frame(s): points in front of it are in no mask; {REMEDY}"][
+            :count
+        ]
+        for item, count in zip(objects, compositor.unconfirmed, strict=True)
+    ]
     return [
         InsertionResult(
             placed.model.name,
@@ -140,9 +148,9 @@ def composite_footage(
             placed.placement.support,
             tuple(reports),
             dict(seconds),
-            (*placed.model.warnings, *placed.size.warnings, *placed.warnings, *warnings),
+            (*placed.model.warnings, *placed.size.warnings, *placed.warnings, *warnings, *lines),
         )
-        for placed, reports in zip(objects, compositor.reports, strict=True)
+        for placed, reports, lines in zip(objects, compositor.reports, unconfirmed, strict=True)
     ]
 
 
@@ -198,6 +206,8 @@ class Compositor:
         One per object; they share an OpenGL context, which `close` releases.
     reports : list of list of FrameReport
         Reports of the frames drawn so far, per object.
+    unconfirmed : list of int
+        Number of frames with a possible occluder that does not hide the object, per object.
     """
 
     def __init__(
@@ -222,6 +232,7 @@ class Compositor:
                 (interval.metres_per_unit / interval.high, HIGH_COLOUR),
             ]
         self.reports: list[list[FrameReport]] = [[] for _ in objects]
+        self.unconfirmed = [0 for _ in objects]
         self._context = gl_context()
         try:
             bodies = [item.body for item in objects]
@@ -304,6 +315,7 @@ class Compositor:
             occluded, occluders = occluded_fraction(
                 layers.image, box, view, visible.masks, points, support, plate[box.slices], visible.billboards
             )
+            self.unconfirmed[index] += has_unconfirmed_occluder(layers, points, support, masks)
             transmitted = transmitted_light(
                 layers, renderer.irradiance_fraction, body, view, points, masks, surface, occluders
             )

@@ -15,9 +15,10 @@ from numpy.typing import NDArray
 from estimator.records.scene import Instance, View
 from insertion.colour import Image
 from insertion.render.body import Body
+from insertion.render.layers import ObjectLayers
 from insertion.render.renderer import ObjectImage
 from insertion.scene.frame_masks import Billboard
-from insertion.scene.pixel_box import PixelBox, mask_in_box
+from insertion.scene.pixel_box import PixelBox, labels_in_box, mask_in_box
 from insertion.scene.point_cloud import ColouredPoints, VisiblePoints
 from metric_base.arrays import BoolArray, FloatArray
 
@@ -42,6 +43,10 @@ N_DENSE_POINTS = 7
 MAX_DENSE_DISTANCE_PX = 24.0
 #: Minimum fraction of closer points in a pixel without a mask.
 MIN_DENSE_FRACTION = 0.7
+#: Maximum length of the mean unit vector to these points: 0.64 at the edge of an occluder, 1 far beside it.
+MAX_ONE_SIDEDNESS = 0.85
+#: Minimum number of points in front of an object, in no mask, that are reported as a possible occluder.
+MIN_UNCONFIRMED_POINTS = 6
 #: Width of the border of a mask whose points belong to it, in pixels at an image width of 640: masks are drawn small.
 MASK_BORDER_PX = 8
 #: Half the maximum width of a gap between occluders that is closed, in pixels at an image width of 640: masks do not
@@ -366,8 +371,38 @@ def occluded_by_points(
     rows, columns = np.nonzero(candidates)
     if not len(rows) or len(pixels) < N_DENSE_POINTS:
         return result
-    distance, nearest = cKDTree(pixels).query(np.column_stack([columns, rows]) + 0.5, k=N_DENSE_POINTS)
+    centres = np.column_stack([columns, rows]) + 0.5
+    distance, nearest = cKDTree(pixels).query(centres, k=N_DENSE_POINTS)
     is_closer = depths[nearest] < object_depth[rows, columns, None] * (1 - 3 * DEPTH_TOLERANCE)
     is_near = distance[:, N_DENSE_POINTS // 2] < max_distance
-    result[rows, columns] = (is_closer.mean(axis=1) > MIN_DENSE_FRACTION) & is_near
+    toward = (pixels[nearest] - centres[:, None]) / np.maximum(distance, 1e-9)[..., None]
+    is_beside = np.linalg.norm(toward.mean(axis=1), axis=1) > MAX_ONE_SIDEDNESS
+    result[rows, columns] = (is_closer.mean(axis=1) > MIN_DENSE_FRACTION) & is_near & ~is_beside
     return np.asarray(median_filter(result, 5))
+
+
+def has_unconfirmed_occluder(
+    layers: ObjectLayers, points: VisiblePoints, is_support: BoolArray, masks: Sequence[Instance]
+) -> bool:
+    """Return whether sparse points in no mask are in front of an object: they may be an occluder, but do not hide it.
+
+    Parameters
+    ----------
+    layers : ObjectLayers
+        The object over a box of the image.
+    points : VisiblePoints
+        Visible points of the scene.
+    is_support : (m,) ndarray of bool
+        Points on the support of the object.
+    masks : sequence of Instance
+        Masks of the frame, which decide about their own points.
+    """
+    box = layers.box
+    observed = np.ones(len(points.rows), dtype=bool) if points.observed is None else points.observed
+    rows = np.flatnonzero(points.in_box(box.x0, box.y0, box.x1, box.y1) & observed & ~is_support)
+    pixels = (points.pixels[rows] - [box.x0, box.y0]).astype(np.int64)
+    at = pixels[:, 1], pixels[:, 0]
+    with np.errstate(invalid="ignore"):  # NaN outside of the object
+        is_in_front = points.depths[rows] < layers.image.depth[at] * (1 - 3 * DEPTH_TOLERANCE)
+    is_free = labels_in_box(masks, box)[at] == 0
+    return not points.dense and int(np.count_nonzero(is_in_front & is_free)) >= MIN_UNCONFIRMED_POINTS

@@ -152,10 +152,11 @@ def environment_at(
             sun_position = centre + distance * light.sun
             size = np.array([SUN_DIAMETER * distance])
             lamp = SphereLights(sun_position[None], sun_power[None] * distance**2, size, centre)
-            if light.occupancy is not None:
-                fraction = reaching_fraction(lamp, light.occupancy, position, basis[2], height)
-                lamp = replace(lamp, power=lamp.power * fraction[:, None])
-            return add_lamps(filled, coverage, basis, lamp)
+            if light.occupancy is None:
+                return add_lamps(filled, coverage, basis, lamp)
+            fraction = reaching_fraction(lamp, light.occupancy, position, basis[2], height)
+            shaded = add_lamps(filled, coverage, basis, replace(lamp, power=lamp.power * fraction[:, None]))
+            return replace(shaded, lamps=replace(lamp, occupancy=light.occupancy))
     elif light is None:
         is_clipped = radiance.max(axis=-1, keepdims=True) > MIN_CLIPPED
         radiance = radiance * (1 + (CLIPPED_GAIN - 1) * is_clipped)

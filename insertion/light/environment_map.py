@@ -7,6 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from insertion.scene.occupancy import Occupancy
 from metric_base.arrays import FloatArray
 
 #: Columns and rows of an environment map.
@@ -28,6 +29,7 @@ class SphereLights:
     power: FloatArray  #: (k, 3) linear, irradiance across the light times the squared distance
     size: FloatArray  #: (k,) diameter, scene units
     centre: FloatArray  #: (3,) position of the environment map
+    occupancy: Occupancy | None = None  #: objects of the scene that shade each point; None if `power` includes them
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -235,16 +235,9 @@ def _categories_below(wanted: str, categories: Sequence[str], tree: Tree | None)
     target = nodes.get(wanted)
     if target is None:
         return set()
-    matching = set()
-    for category in categories:
-        node = nodes.get(category)
-        if node is None:
-            continue
-        if target.node_id in node.hypernyms:
-            matching.add(category)
-        ancestor: Node | None = node
-        while ancestor is not None and ancestor != target:
-            ancestor = ancestor.parent
-        if ancestor is not None:
-            matching.add(category)
-    return matching
+    return {
+        category
+        for category in categories
+        if (node := nodes.get(category)) is not None
+        and (target in (node, *node.ancestors()) or target.node_id in node.hypernyms)
+    }

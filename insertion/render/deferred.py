@@ -6,13 +6,14 @@ for small triangles. With deferred shading, the cost does not depend on the numb
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+import itertools
+from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from insertion.render.gpu import GpuPart
+from insertion.render.gpu import GpuPart, read_layer
 from insertion.scene.camera_rays import Window
 
 #: Names of the geometry buffers in the lighting shader, in the order of the outputs of the geometry shader.
@@ -22,7 +23,7 @@ _FIRST_UNIT = 7
 #: Side of a tile in pixels; a pixel needs 320 bytes, so large windows are rendered in tiles.
 TILE = 512
 #: Granularity of the size of buffers in pixels, so that a slowly growing window does not allocate one per frame.
-_STEP = 64
+STEP_PX = 64
 
 
 class DeferredTargets:
@@ -49,41 +50,38 @@ class DeferredTargets:
         cover : moderngl.VertexArray
             Quad over the target with the lighting program.
         """
+        context = self._context
         colour = np.empty((window.height, window.width, 4), np.float32)
         seen = np.empty((window.height, window.width, 2), np.float32)
-        for x, y, width, height in _tiles(window.width, window.height):
-            self._resize(min(window.width, TILE), min(window.height, TILE))
-            self._gather(parts, gather, (-x, -y, window.width, window.height))
-            self._light(cover, width, height)
+        self._resize(min(window.width, TILE), min(window.height, TILE))
+        for y, x in itertools.product(range(0, window.height, TILE), range(0, window.width, TILE)):
+            # 1. The geometry buffers of a tile.
+            width, height = min(TILE, window.width - x), min(TILE, window.height - y)
+            self._gathered.use()
+            self._gathered.viewport = (-x, -y, window.width, window.height)
+            context.enable(context.DEPTH_TEST)
+            context.disable(context.BLEND)
+            self._gathered.clear()
+            for part in parts:
+                part.bind(gather)
+                part.gathered.render()
+
+            # 2. Its light.
+            self._lit.use()
+            self._lit.viewport = (0, 0, width, height)
+            context.disable(context.DEPTH_TEST | context.BLEND)
+            for unit, (name, texture) in enumerate(zip(GBUFFER, self._buffers, strict=True), start=_FIRST_UNIT):
+                texture.use(unit)
+                cover.program[name].value = unit
+            cover.render(mode=context.TRIANGLE_STRIP)
             rows, columns = slice(y, y + height), slice(x, x + width)
-            colour[rows, columns] = _read(self._lit, width, height, 0, 4)
-            seen[rows, columns] = _read(self._lit, width, height, 1, 2)
+            colour[rows, columns] = read_layer(self._lit, (width, height), 0, 4)
+            seen[rows, columns] = read_layer(self._lit, (width, height), 1, 2)
         return colour, seen
-
-    def _gather(self, parts: Sequence[GpuPart], program: Any, viewport: tuple[int, int, int, int]) -> None:
-        context, target = self._context, self._gathered
-        target.use()
-        target.viewport = viewport
-        context.enable(context.DEPTH_TEST)
-        context.disable(context.BLEND)
-        target.clear()
-        for part in parts:
-            part.bind(program)
-            part.gathered.render()
-
-    def _light(self, cover: Any, width: int, height: int) -> None:
-        context = self._context
-        self._lit.use()
-        self._lit.viewport = (0, 0, width, height)
-        context.disable(context.DEPTH_TEST | context.BLEND)
-        for unit, (name, texture) in enumerate(zip(GBUFFER, self._buffers, strict=True), start=_FIRST_UNIT):
-            texture.use(unit)
-            cover.program[name].value = unit
-        cover.render(mode=context.TRIANGLE_STRIP)
 
     def _resize(self, width: int, height: int) -> None:
         """Allocate buffers of at least this size, and release the previous ones."""
-        size = (-(-width // _STEP) * _STEP, -(-height // _STEP) * _STEP)
+        size = (-(-width // STEP_PX) * STEP_PX, -(-height // STEP_PX) * STEP_PX)
         if size == self._size:
             return
         for old in (*self._buffers, self._gathered, self._lit):
@@ -94,17 +92,3 @@ class DeferredTargets:
         self._gathered = make.framebuffer(self._buffers, make.depth_renderbuffer(size, samples=self._samples))
         self._lit = make.framebuffer([make.renderbuffer(size, 4, dtype="f4") for _ in range(2)])
         self._size = size
-
-
-def _tiles(width: int, height: int) -> Iterator[tuple[int, int, int, int]]:
-    """Yield x, y, width and height of the tiles of a window."""
-    for y in range(0, height, TILE):
-        for x in range(0, width, TILE):
-            yield x, y, min(TILE, width - x), min(TILE, height - y)
-
-
-def _read(target: Any, width: int, height: int, attachment: int, components: int) -> NDArray[np.float32]:
-    """Return an attachment (h, w, c) of a framebuffer."""
-    box = (0, 0, width, height)
-    flat = np.frombuffer(target.read(viewport=box, components=components, attachment=attachment, dtype="f4"), "f4")
-    return flat.reshape(height, width, components)

@@ -81,12 +81,7 @@ def load_part(
     gathered = geometry_program and context.vertex_array(geometry_program, [(vertices, _LAYOUT, *names)], index)
     cast = context.vertex_array(shadow_program, [(vertices, "3f 12x 2f 16x", "place", "uv")], index)
     material = part.material
-    stored = {
-        "base_texture": material.base_texture,
-        "surface_texture": material.surface_texture,
-        "normal_texture": material.normal_texture,
-        "emissive_texture": material.emissive_texture,
-    }
+    stored = {name: getattr(material, name) for name in _UNITS}
     textures = {name: _texture(context, pixels) for name, pixels in stored.items() if pixels is not None}
     is_solid = material.transmission > 0 and part.is_closed
     return GpuPart(drawn, gathered, cast, textures, material, part.vertices.mean(axis=0), (vertices, index), is_solid)
@@ -137,6 +132,18 @@ def gl_context() -> Any:
 def check_renderer() -> None:
     """Raise NoRenderer if there is no OpenGL context, before any work starts."""
     gl_context().release()
+
+
+def program(context: Any, vertex: str, fragment: str, **constants: int) -> Any:
+    """Return the program of two shaders with `constants` in the fragment shader."""
+    return context.program(vertex_shader=shader(vertex), fragment_shader=shader(fragment, **constants))
+
+
+def read_layer(target: Any, size: tuple[int, int], attachment: int, components: int) -> NDArray[np.float32]:
+    """Return an attachment (h, w, c) of a framebuffer; `size` is w and h."""
+    box = (0, 0, *size)
+    flat = np.frombuffer(target.read(viewport=box, components=components, attachment=attachment, dtype="f4"), "f4")
+    return flat.reshape(*size[::-1], components)
 
 
 def shader(name: str, **constants: int) -> str:

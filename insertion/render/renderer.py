@@ -17,8 +17,8 @@ from insertion.colour import luminance
 from insertion.light.environment_map import LEVELS, Environment, prefiltered_environment
 from insertion.light.light_samples import LightSamples, sample_lights
 from insertion.render.body import Body, BodyPart, environment_with_objects
-from insertion.render.deferred import DeferredTargets
-from insertion.render.gpu import GpuPart, load_part, shader
+from insertion.render.deferred import STEP_PX, DeferredTargets
+from insertion.render.gpu import GpuPart, load_part, program, read_layer
 from insertion.render.shadow_maps import Caster, ShadowCatcher, light_axes, shadow_atlas, shadow_catcher
 from insertion.scene.camera_rays import Window
 from metric_base.arrays import FloatArray
@@ -28,10 +28,12 @@ OBJECT_CUTS, PLANE_CUTS = 6, 8
 SAMPLES = 4
 #: Minimum component of a refracted ray along the optical axis; rays that turn further show the edge of the image.
 MIN_AHEAD = 0.3
-#: Granularity of the size of framebuffers in pixels, so that a slowly growing window does not allocate one per frame.
-_STEP = 64
 #: Texture units; materials and geometry buffers use the ones between them.
-_ATLAS, _PLANE, _ENVIRONMENT, _OTHERS = 0, 1, 2, 12
+_ATLAS, _PLANE, _ENVIRONMENT, _OTHERS, _SUNLIT = 0, 1, 2, 12, 13
+#: Side of the grid about the object on which the visibility of the sun is tested, in cells.
+SUNLIT_CELLS = 16
+#: Standard deviation of its smoothing, in cells: the edges of occupied cells are steps.
+SUNLIT_SIGMA = 0.5
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -96,30 +98,22 @@ class ObjectRenderer:
         """
         self.environment, self._ground = environment, environment if ground is None else ground
         self._context, self._moves = context, moves
-        corners = body.corners
-        middle = (corners.min(axis=0) + corners.max(axis=0)) / 2
-        number = len(_local_lights(environment, body, OBJECT_CUTS, middle, 0.0).power)
+        number = len(_local_lights(environment, body, OBJECT_CUTS, Caster.around(body.corners).centre, 0.0).power)
+        lit = {"N_LIGHTS": number, "TILES": int(np.ceil(np.sqrt(number)))}
+        self._has_sun = environment.lamps is not None and environment.lamps.occupancy is not None
+        if self._has_sun:
+            lit["SUNLIT"] = 1
         others = {"OTHERS": 1} if any(moves or body.is_near(other) for other in casters) else {}
-        self._program = self._context.program(
-            vertex_shader=shader("surface.vert"), fragment_shader=self._lit_shader("surface.frag", number, **others)
-        )
-        self._receive = self._context.program(
-            vertex_shader=shader("full.vert"), fragment_shader=self._lit_shader("receive.frag", number)
-        )
-        self._gather = self._context.program(
-            vertex_shader=shader("surface.vert"), fragment_shader=shader("gbuffer.frag")
-        )
-        self._glass = self._context.program(vertex_shader=shader("surface.vert"), fragment_shader=shader("glass.frag"))
-        self._light = self._context.program(
-            vertex_shader=shader("full.vert"),
-            fragment_shader=self._lit_shader("lighting.frag", number, SAMPLES=SAMPLES, **others),
-        )
-        self._cast = self._context.program(
-            vertex_shader=shader("depth_only.vert"), fragment_shader=shader("depth_only.frag")
-        )
+        self._program = program(context, "surface.vert", "surface.frag", **lit, **others)
+        self._receive = program(context, "full.vert", "receive.frag", **lit)
+        self._gather = program(context, "surface.vert", "gbuffer.frag")
+        self._glass = program(context, "surface.vert", "glass.frag")
+        self._light = program(context, "full.vert", "lighting.frag", SAMPLES=SAMPLES, **lit, **others)
+        self._cast = program(context, "depth_only.vert", "depth_only.frag")
         self._parts: list[GpuPart] = []
         self._atlas: Any = None
         self._others: Any = None
+        self._sunlit: Any = None
         self._mirrors = False
         self._environment: Any = None
         self._plane_texture: Any = None
@@ -137,10 +131,8 @@ class ObjectRenderer:
         Shadow maps, light on the support plane and reflections are computed again.
         """
         self.body = body
-        corners = body.corners
-        middle = (corners.min(axis=0) + corners.max(axis=0)) / 2
-        caster = Caster(middle, float(np.linalg.norm(corners - middle, axis=1).max()) * 1.02)
-        lights = _local_lights(self.environment, body, OBJECT_CUTS, middle, caster.radius)
+        caster = Caster.around(body.corners)
+        lights = _local_lights(self.environment, body, OBJECT_CUTS, caster.centre, caster.radius)
         #: (n, 3) towards the lights that cast the shadow
         self.shadow_directions = _strongest(lights)
         first = not self._parts
@@ -164,21 +156,26 @@ class ObjectRenderer:
             above,
             returned,
             body.basis,
-            corners,
+            body.corners,
             loaded,
-            np.concatenate([corners, *(part.vertices for part in earlier_parts)]),
+            np.concatenate([body.corners, *(part.vertices for part in earlier_parts)]),
+            self._sunlit_fraction if self._has_sun else None,
         )
         _release(*loaded)
-        for program in (self._program, self._light, self._receive):
-            _set_lights(program, lights, _bounce_light(self.environment, body, lights), caster)
+        for shaded in (self._program, self._light, self._receive):
+            _set_lights(shaded, lights, _bounce_light(self.environment, body, lights), caster)
+            shaded["shadow_atlas"].value = _ATLAS
+        if self._has_sun:
+            self._set_sunlit()
         near = [other for other in casters if body.is_near(other)]
         if "other_atlas" in self._program:
             self._set_others(near)
         _release(self._plane_texture)
         share = self.plane.share
         self._plane_texture = self._context.texture(share.shape[1::-1], 3, share.tobytes(), dtype="f4")
-        for program in (self._program, self._light):
-            program["map_radius"].value = self.plane.radius
+        for surface in (self._program, self._light):
+            surface["map_radius"].value = self.plane.radius
+            surface["map_centre"].value = tuple(0.5 * float((body.corners @ body.basis[2]).max()) * body.basis[2])
         if first or near or self._mirrors:
             self._set_surroundings(environment_with_objects(self.environment, body, near))
         self._mirrors = bool(near)
@@ -189,27 +186,39 @@ class ObjectRenderer:
     def _set_others(self, others: Sequence[Body]) -> None:
         """Compute the shadow maps of the other bodies; they are empty without bodies."""
         parts = [part for other in others for part in self.body.parts_of(other)]
-        corners = np.concatenate([part.vertices for part in parts]) if parts else self.body.corners
-        middle = (corners.min(axis=0) + corners.max(axis=0)) / 2
-        caster = Caster(middle, float(np.linalg.norm(corners - middle, axis=1).max()) * 1.02)
-        lights = _local_lights(self.environment, self.body, OBJECT_CUTS, middle, caster.radius)
+        caster = Caster.around(np.concatenate([part.vertices for part in parts]) if parts else self.body.corners)
+        lights = _local_lights(self.environment, self.body, OBJECT_CUTS, caster.centre, caster.radius)
         loaded = [self._load(part) for part in parts]
         _release(self._others)
         self._others = shadow_atlas(self._context, self._cast, loaded, lights, caster)
         _release(*loaded)
-        right, above = light_axes(lights, caster.radius)
-        rows = {
-            "other_direction": lights.directions,
-            "other_near": lights.near[:, None],
-            "other_right": right,
-            "other_up": above,
-        }
-        for program in (self._program, self._light):
-            for name, values in rows.items():
-                program[name].write(np.ascontiguousarray(values, "f4").tobytes())
-            program["other_centre"].value = tuple(float(v) for v in caster.centre)
-            program["other_radius"].value = caster.radius
-            program["other_atlas"].value = _OTHERS
+        for surface in (self._program, self._light):
+            _set_lights(surface, lights, None, caster, "other")
+            surface["other_atlas"].value = _OTHERS
+
+    def _sunlit_fraction(self, local: FloatArray) -> FloatArray:
+        """Return the fraction (a, b, ...) of the sun that the scene lets through at local positions (a, b, ..., 3)."""
+        from scipy.ndimage import gaussian_filter
+
+        lamps, up = self.environment.lamps, self.body.basis[2]
+        assert lamps is not None
+        assert lamps.occupancy is not None
+        places = (self.body.position + self.body.unit * local).reshape(-1, 3)
+        is_open = lamps.occupancy.is_unobstructed(places, np.broadcast_to(up, places.shape), lamps.positions)
+        return np.asarray(gaussian_filter(is_open.mean(axis=0).reshape(local.shape[:-1]), SUNLIT_SIGMA, mode="nearest"))
+
+    def _set_sunlit(self) -> None:
+        """Compute the visibility of the sun on a grid about the body."""
+        low, high = self.body.corners.min(axis=0), self.body.corners.max(axis=0)
+        size = np.maximum(high - low, 1e-3)
+        steps = (np.arange(SUNLIT_CELLS) + 0.5) / SUNLIT_CELLS
+        z, y, x = np.meshgrid(steps, steps, steps, indexing="ij")
+        fraction = self._sunlit_fraction(low + size * np.stack([x, y, z], axis=-1)).astype("f4")
+        _release(self._sunlit)
+        self._sunlit = self._context.texture3d((SUNLIT_CELLS,) * 3, 1, fraction.tobytes(), dtype="f4")
+        self._sunlit.repeat_x = self._sunlit.repeat_y = self._sunlit.repeat_z = False
+        for lit in (self._program, self._light, self._receive):
+            lit["sunlit"].value, lit["sunlit_low"].value, lit["sunlit_size"].value = _SUNLIT, tuple(low), tuple(size)
 
     def outline(
         self, window: Window, rotation: FloatArray, translation: FloatArray, times: float
@@ -260,10 +269,11 @@ class ObjectRenderer:
         smooth.depth_mask = True
         context.disable(context.BLEND)
         context.copy_framebuffer(plain, smooth)
-        coverage = _read(plain, window, 1, 4)[..., 3:]
+        size = window.width, window.height
+        coverage = read_layer(plain, size, 1, 4)[..., 3:]
         # a rim one pixel wide would show single pixels of remote parts of the frame
         passed, bend = (
-            cv2.medianBlur(_read(plain, window, row, 3) / np.maximum(coverage, 1e-6), 3) for row in range(2)
+            cv2.medianBlur(read_layer(plain, size, row, 3) / np.maximum(coverage, 1e-6), 3) for row in range(2)
         )
         x = (np.arange(window.width) + window.x0 + 0.5 - window.cx) / window.fx
         y = (np.arange(window.height) + window.y0 + 0.5 - window.cy) / window.fy
@@ -280,11 +290,11 @@ class ObjectRenderer:
         near = max(float(depths.min()) * 0.8, 1e-3)
         clip = window.projection(rotation, offset, near, max(float(depths.max()) * 1.2, near * 2))
         eye = tuple(float(v) for v in -rotation.T @ offset)
-        for program in (self._program, self._gather, self._glass):
-            program["clip"].write(clip.T.astype("f4").tobytes())
-            if "depth_row" in program:
-                program["depth_row"].value = (*(float(v) for v in rotation[2]), float(offset[2]))
-            program["eye"].value = eye
+        for surface in (self._program, self._gather, self._glass):
+            surface["clip"].write(clip.T.astype("f4").tobytes())
+            if "depth_row" in surface:
+                surface["depth_row"].value = (*(float(v) for v in rotation[2]), float(offset[2]))
+            surface["eye"].value = eye
         self._light["eye"].value = eye
         return offset
 
@@ -296,7 +306,8 @@ class ObjectRenderer:
         smooth, plain = self._target(window.width, window.height)
         self._draw(smooth, window, eye)
         self._context.copy_framebuffer(plain, smooth)
-        return _read(plain, window, 0, 4), _read(plain, window, 1, 2)
+        size = window.width, window.height
+        return read_layer(plain, size, 0, 4), read_layer(plain, size, 1, 2)
 
     def irradiance_fraction(self, places: NDArray[np.float32], normals: NDArray[np.float32]) -> NDArray[np.float32]:
         """Return the fraction (h, w, 3) of the light that reaches the surfaces of other objects.
@@ -322,15 +333,13 @@ class ObjectRenderer:
             texture.use(unit)
         self._receive["places"].value, self._receive["normals"].value = 3, 4
         self._atlas.use(_ATLAS)
+        if self._sunlit is not None:
+            self._sunlit.use(_SUNLIT)
         self._cover.render(mode=self._context.TRIANGLE_STRIP)
         share = np.frombuffer(target.read(components=3, dtype="f4"), "f4").reshape(height, width, 3).copy()
         for resource in (*textures, target, result):
             resource.release()
         return share
-
-    @staticmethod
-    def _lit_shader(name: str, n_lights: int, **constants: int) -> str:
-        return shader(name, N_LIGHTS=n_lights, TILES=int(np.ceil(np.sqrt(n_lights))), **constants)
 
     def _set_surroundings(self, environment: Environment) -> None:
         import moderngl
@@ -344,23 +353,25 @@ class ObjectRenderer:
             self._environment.write(np.ascontiguousarray(picture).tobytes(), level=level)
         self._environment.filter = (moderngl.LINEAR_MIPMAP_LINEAR, moderngl.LINEAR)
         self._environment.repeat_y = False
-        for program in (self._program, self._light):
+        for surface in (self._program, self._light):
             for name, row in (("plane_one", 0), ("plane_two", 1), ("plane_up", 2)):
-                program[name].value = tuple(float(v) for v in basis[row])
-            program["catcher_map"].value, program["environment"].value = _PLANE, _ENVIRONMENT
-            program["sharpest_level"].value, program["blurriest_level"].value = 0.0, float(LEVELS)
+                surface[name].value = tuple(float(v) for v in basis[row])
+            surface["catcher_map"].value, surface["environment"].value = _PLANE, _ENVIRONMENT
+            surface["sharpest_level"].value, surface["blurriest_level"].value = 0.0, float(LEVELS)
 
     def _use_light(self) -> None:
         """Bind the textures of the light; all renderers of a context share the texture units."""
         self._atlas.use(_ATLAS)
         if self._others is not None:
             self._others.use(_OTHERS)
+        if self._sunlit is not None:
+            self._sunlit.use(_SUNLIT)
         self._plane_texture.use(_PLANE)
         self._environment.use(_ENVIRONMENT)
 
     def _target(self, width: int, height: int) -> tuple[Any, Any]:
         """Return framebuffers of at least this size, with and without multisampling; the previous pair is released."""
-        size = (-(-width // _STEP) * _STEP, -(-height // _STEP) * _STEP)
+        size = (-(-width // STEP_PX) * STEP_PX, -(-height // STEP_PX) * STEP_PX)
         if size not in self._targets:
             for old in self._targets.values():
                 for buffer in old:
@@ -406,13 +417,6 @@ def _release(*objects: Any) -> None:
             item.release()
 
 
-def _read(target: Any, window: Window, attachment: int, components: int) -> NDArray[np.float32]:
-    """Return an attachment (h, w, c) of a framebuffer."""
-    box = (0, 0, window.width, window.height)
-    flat = np.frombuffer(target.read(viewport=box, components=components, attachment=attachment, dtype="f4"), "f4")
-    return flat.reshape(window.height, window.width, components)
-
-
 def _local_lights(environment: Environment, body: Body, cuts: int, place: FloatArray, radius: float) -> LightSamples:
     """Return the lights for a sphere at `place` (3,) in the frame of the body, with a radius of `radius`."""
     lights = sample_lights(environment, cuts).scaled(body.unit)
@@ -441,21 +445,23 @@ def _bounce_light(environment: Environment, body: Body, lights: LightSamples) ->
     return np.asarray(lights.angle[:, None] * body.albedo / np.pi * back)
 
 
-def _set_lights(program: Any, lights: LightSamples, returned: FloatArray, caster: Caster) -> None:
+def _set_lights(
+    program: Any, lights: LightSamples, returned: FloatArray | None, caster: Caster, prefix: str = "light"
+) -> None:
     """Set the lights of a program; `returned` (n, 3) is the bounce light of each (`_bounce_light`)."""
     right, above = light_axes(lights, caster.radius)
     rows = {
-        "light_direction": lights.directions,
-        "light_power": lights.power,
-        "light_near": lights.near[:, None],
-        "light_returned": returned,
-        "light_angle": lights.angle[:, None],
-        "light_right": right,
-        "light_up": above,
+        "direction": lights.directions,
+        "power": lights.power,
+        "near": lights.near,
+        "returned": returned,
+        "angle": lights.angle,
+        "right": right,
+        "up": above,
     }
     for name, values in rows.items():
-        if name in program:
-            program[name].write(np.ascontiguousarray(values, "f4").tobytes())
-    program["caster_centre"].value = tuple(float(v) for v in caster.centre)
-    program["caster_radius"].value = caster.radius
-    program["shadow_atlas"].value = _ATLAS
+        if f"{prefix}_{name}" in program:
+            program[f"{prefix}_{name}"].write(np.ascontiguousarray(values, "f4").tobytes())
+    owner = "caster" if prefix == "light" else prefix
+    program[f"{owner}_centre"].value = tuple(float(v) for v in caster.centre)
+    program[f"{owner}_radius"].value = caster.radius

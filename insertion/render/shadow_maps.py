@@ -5,7 +5,7 @@ The edges in each map are hard; shadows are soft because a lamp consists of many
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -13,7 +13,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from insertion.light.light_samples import LightSamples
-from insertion.render.gpu import GpuPart, shader
+from insertion.render.gpu import GpuPart
+from insertion.render.gpu import program as program_of
 from metric_base.arrays import FloatArray
 
 #: Pixels along one light's shadow map.
@@ -36,6 +37,12 @@ class Caster:
 
     centre: FloatArray
     radius: float
+
+    @classmethod
+    def around(cls, corners: FloatArray) -> Caster:
+        """Return the sphere about vertices (n, 3), slightly enlarged."""
+        middle = (corners.min(axis=0) + corners.max(axis=0)) / 2
+        return cls(middle, float(np.linalg.norm(corners - middle, axis=1).max()) * 1.02)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -97,6 +104,7 @@ def shadow_catcher(
     corners: FloatArray,
     others: Sequence[GpuPart] = (),
     all_corners: FloatArray | None = None,
+    sunlit: Callable[[FloatArray], FloatArray] | None = None,
 ) -> ShadowCatcher:
     """Compute the ratio of the light on the support plane with and without the object.
 
@@ -124,14 +132,19 @@ def shadow_catcher(
         so that the product over several objects is the light with all of them.
     all_corners : (n, 3) ndarray of float, optional
         Vertices of all objects.
+    sunlit : callable, optional
+        Returns the fraction (...) of the sun that the scene lets through at positions (..., 3) in the local frame.
     """
     reach = float(np.abs(corners @ basis[:2].T).max() + MAP_HEIGHTS * max((corners @ basis[2]).max(), 0.05))
     local = lights.directions @ basis.T  # (n, 3) along the plane's axes
-    arguments = (context, program, lights, local, returned, basis, reach)
+    at = ((np.arange(OPEN_PIXELS) + 0.5) / OPEN_PIXELS * 2 - 1) * reach
+    plane = np.stack([*np.meshgrid(at, at), np.zeros((OPEN_PIXELS, OPEN_PIXELS))], axis=-1)  # (p, p, 3)
+    reaching = np.ones(plane.shape[:2]) if sunlit is None else sunlit(plane @ basis)
+    arguments = (context, program, lights, local, returned, basis, reach, reaching)
     ends = corners if all_corners is None else all_corners
     missing = _missing_light(*arguments, [*parts, *others], ends)
     before = np.zeros_like(missing) if not others else _missing_light(*arguments, others, ends)
-    left = _open_light(local, lights, reach) - before
+    left = _open_light(local, lights, plane, reaching) - before
     share = 1 - np.maximum(missing - before, 0.0) / np.maximum(left, 1e-12)
     return ShadowCatcher(np.clip(share, 0.0, 1.0).astype(np.float32), reach)
 
@@ -144,18 +157,24 @@ def _missing_light(
     returned: FloatArray,
     basis: FloatArray,
     reach: float,
+    reaching: FloatArray,
     parts: Sequence[GpuPart],
     corners: FloatArray,
 ) -> NDArray[np.float32]:
     """Return the irradiance (MAP_PIXELS, MAP_PIXELS, 3) that parts with vertices `corners` (n, 3) occlude on the plane.
 
-    `local` (n, 3) are the directions of the lights along the axes of the plane.
+    `local` (n, 3) are the directions of the lights along the axes of the plane, `reaching` (p, p) is the fraction of
+    the lamps that the scene lets through.
     """
     blocked = context.texture((MAP_PIXELS, MAP_PIXELS), 4, dtype="f1")
     lost = context.texture((MAP_PIXELS, MAP_PIXELS), 4, dtype="f4")
+    masks = [
+        context.texture(values.shape[::-1], 1, values.astype("f4").tobytes(), dtype="f4")
+        for values in (np.ones((1, 1)), reaching)
+    ]
     flat, sums = context.framebuffer([blocked]), context.framebuffer([lost])
-    weigh = context.program(vertex_shader=shader("full.vert"), fragment_shader=shader("accumulate.frag"))
-    weigh["reach"].value = reach
+    weigh = program_of(context, "full.vert", "accumulate.frag")
+    weigh["reach"].value, weigh["reaching"].value = reach, 1
     quad = context.buffer(np.array([-1, -1, 1, -1, -1, 1, 1, 1], "f4").tobytes())
     cover = context.vertex_array(weigh, [(quad, "2f", "corner")])
     sums.clear()
@@ -176,25 +195,33 @@ def _missing_light(
         sums.use()
         context.blend_func = context.ONE, context.ONE
         blocked.use(0)
+        masks[int(near > 0)].use(1)
         weigh["direction"].value, weigh["near"].value = tuple(float(v) for v in direction), float(near)
         weigh["power"].value, weigh["returned"].value = tuple(map(float, power)), tuple(map(float, back))
         cover.render(mode=context.TRIANGLE_STRIP)
     context.disable(context.BLEND)
     missing = np.frombuffer(sums.read(components=3, dtype="f4"), "f4").reshape(MAP_PIXELS, MAP_PIXELS, 3).copy()
-    for resource in (cover, quad, weigh, flat, sums, blocked, lost):
+    for resource in (cover, quad, weigh, flat, sums, blocked, lost, *masks):
         resource.release()
     return missing
 
 
-def _open_light(directions: FloatArray, lights: LightSamples, reach: float) -> NDArray[np.float32]:
-    """Return the irradiance (MAP_PIXELS, MAP_PIXELS, 3) of the plane without objects; `directions` (n, 3)."""
+def _open_light(
+    directions: FloatArray, lights: LightSamples, plane: FloatArray, reaching: FloatArray
+) -> NDArray[np.float32]:
+    """Return the irradiance (MAP_PIXELS, MAP_PIXELS, 3) of positions (p, p, 3) on the plane without objects.
+
+    Parameters
+    ----------
+    directions : (n, 3) ndarray of float
+        Directions of the lights along the axes of the plane.
+    reaching : (p, p) ndarray of float
+        Fraction of the lamps that the scene lets through.
+    """
     import cv2
 
-    at = ((np.arange(OPEN_PIXELS) + 0.5) / OPEN_PIXELS * 2 - 1) * reach
-    y, x = np.meshgrid(at, at, indexing="ij")
-    plane = np.stack([x, y, np.zeros_like(x)], axis=-1)[..., None, :]  # (p, p, 1, 3)
-    far = np.linalg.norm(directions - plane * lights.near[:, None], axis=-1)  # (p, p, n)
-    light = (directions[:, 2] / far**3) @ lights.power
+    far = np.linalg.norm(directions - plane[..., None, :] * lights.near[:, None], axis=-1)  # (p, p, n)
+    light = (np.where(lights.near > 0, reaching[..., None], 1.0) * directions[:, 2] / far**3) @ lights.power
     return np.asarray(cv2.resize(light.astype(np.float32), (MAP_PIXELS, MAP_PIXELS), interpolation=cv2.INTER_LINEAR))
 
 

@@ -10,7 +10,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from insertion.render.body import body_of
-from insertion.render.gpu import load_part, shader
+from insertion.render.gpu import load_part
+from insertion.render.gpu import program as program_of
 from metric_base.arrays import FloatArray
 from models3d.model import Model
 
@@ -54,7 +55,7 @@ def studio_views(context: Any, model: Model, pixels: int) -> Iterator[StudioView
     context : moderngl.Context
         Context of `insertion.render.gpu.gl_context`.
     """
-    program = context.program(vertex_shader=shader("studio.vert"), fragment_shader=shader("studio.frag"))
+    program = program_of(context, "studio.vert", "studio.frag")
     body = body_of(model, np.zeros(3), _BASIS, np.array([0.0, 0.0, 1.0]), 1.0)
     parts = [load_part(context, program, program, part) for part in body.parts]
     corners = body.corners

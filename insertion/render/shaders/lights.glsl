@@ -55,3 +55,17 @@ float past_others(int i, vec3 place, vec3 normal) {
     return 1.0;
 #endif
 }
+
+#ifdef SUNLIT
+uniform sampler3D sunlit;  // share of the sun that the scene lets through, on a grid about the object
+uniform vec3 sunlit_low;   // lower corner of the grid, and its size
+uniform vec3 sunlit_size;
+#endif
+
+// Share of light i that the scene itself lets through.
+float past_scene(int i, vec3 place) {
+#ifdef SUNLIT
+    if (light_near[i] > 0.0) return texture(sunlit, (place - sunlit_low) / sunlit_size).r;
+#endif
+    return 1.0;
+}

@@ -18,7 +18,7 @@ void main() {
     for (int i = 0; i < N_LIGHTS; i++) {
         // normals from depth are rough: a floor under the cosine keeps them from deciding alone
         vec4 light = towards(i, place.xyz);
-        vec3 power = light_power[i] * light.w * (0.05 + max(dot(normal, light.xyz), 0.0));
+        vec3 power = light_power[i] * past_scene(i, place.xyz) * light.w * (0.05 + max(dot(normal, light.xyz), 0.0));
         all += power;
         // far off, the object hides only a part of a light that stands for much of the sky
         got += power * (1.0 - hides / max(hides, light_angle[i]) * (1.0 - lit(i, place.xyz, normal)));

@@ -3,6 +3,7 @@ uniform vec3 eye;              // camera centre
 uniform vec3 plane_up;         // the support plane passes through the origin
 uniform vec3 plane_one;        // horizontal axes
 uniform vec3 plane_two;
+uniform vec3 map_centre;       // where the environment was estimated
 uniform float map_radius;      // half the side of the map of light on the plane
 uniform sampler2D catcher_map;   // fraction of the light that reaches the plane
 uniform sampler2D environment; // equirectangular radiance, blurred more in higher levels
@@ -26,6 +27,13 @@ vec3 from_plane(vec3 place, vec3 direction) {
     vec2 at = vec2(dot(hit, plane_one), dot(hit, plane_two)) / map_radius;
     if (max(abs(at.x), abs(at.y)) > 0.99) return vec3(1.0);
     return texture(catcher_map, at * 0.5 + 0.5).rgb;
+}
+
+// Direction from the centre of the environment to what a mirrored ray meets on the plane; other surfaces are far away.
+vec3 from_centre(vec3 place, vec3 direction) {
+    float down = dot(direction, plane_up);
+    if (down > -0.02) return direction;
+    return normalize(place - direction * max(dot(place, plane_up), 0.0) / down - map_centre);
 }
 
 // Karis's fit of the environment term of a rough reflection (Lazarov; "Physically Based Shading on Mobile", 2014).
@@ -55,24 +63,25 @@ vec4 shaded(Facts f) {
     vec3 diffuse = vec3(0.0), open_light = vec3(1e-6), reached = vec3(0.0), dull = vec3(0.0);
     float dullness = smoothstep(0.6, 0.8, f.rough);  // a dull lobe is wide enough for single lights, a sharp one is not
     vec3 mirror = reflect(-to_eye, f.normal);
+    float sharpness = mix(24.0, 2.0, sqrt(f.rough));  // 24: as wide as the space between the lights
     for (int i = 0; i < N_LIGHTS; i++) {
         vec4 light = towards(i, f.place);
         vec3 direction = light.xyz, power = light_power[i] * light.w;
         float facing = dot(f.normal, direction);
-        float lobe = max(dot(mirror, direction), 0.0);
+        float lobe = pow(max(dot(mirror, direction), 0.0), sharpness);
         if (facing <= 0.0 && lobe <= 0.0) continue;
         float open = dot(f.geometric, direction) > 0.0 ? lit(i, f.place, f.geometric) : 0.0;
-        vec3 share = open * from_plane(f.place, direction);
+        vec3 share = open > 0.0 ? open * past_scene(i, f.place) * from_plane(f.place, direction) : vec3(0.0);
         float past = open > 0.0 ? past_others(i, f.place, f.geometric) : 0.0;
         vec3 arriving = power * share * past + light_returned[i] * (1.0 - open * past);
         diffuse += max(facing, 0.0) * arriving;
         if (dullness > 0.0) dull += rough_highlight(f.normal, to_eye, direction, f0, f.rough) * arriving;
-        open_light += lobe * lobe * power;
-        reached += lobe * lobe * power * share;
+        open_light += lobe * power;
+        reached += lobe * power * share;
     }
     vec3 share = reflected_share(f0, f.rough, cosine);
     float level = mix(sharpest_level, blurriest_level, sqrt(f.rough));
-    vec3 glossy = mix(radiance(mirror, level) * share * (reached / open_light), dull, dullness);
+    vec3 glossy = mix(radiance(from_centre(f.place, mirror), level) * share * (reached / open_light), dull, dullness);
     vec3 matte = f.base.rgb * (1.0 - f.metal) * (1.0 - share) * diffuse / PI;
     vec3 light = matte * f.base.a + glossy + f.glow * f.base.a;
     // a triangle seen edge on may have no normal

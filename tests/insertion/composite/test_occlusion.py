@@ -19,6 +19,7 @@ from insertion.composite.compose import ObjectComposite, occlude_mutually
 from insertion.composite.occlusion import (
     close_gaps,
     guided_matte,
+    has_unconfirmed_occluder,
     occluded_by_points,
     occluded_fraction,
     on_support,
@@ -348,10 +349,42 @@ def test_without_a_mask_most_of_seven_points_nearby_must_be_clearly_nearer() -> 
     hides = np.zeros(where.shape, bool)
     for row, column in np.argwhere(where):
         rows, distance = _nearest((column, row), points, 7)
-        hides[row, column] = (depths[rows] < 0.95 * OBJECT).mean() > 0.7 and distance[3] < 4.0
+        toward = (points[rows] - [column + 0.5, row + 0.5]) / distance[:, None]
+        hides[row, column] = (
+            (depths[rows] < 0.95 * OBJECT).mean() > 0.7
+            and distance[3] < 4.0
+            and np.linalg.norm(toward.mean(axis=0)) < 0.85  # not beside all of them
+        )
     assert 50 < hides.sum() < 400
     np.testing.assert_array_equal(occluded_by_points(where, behind, points, depths, 4.0), median_filter(hides, 5))
     assert not occluded_by_points(where, behind, points[:6], depths[:6], 4.0).any()
+
+
+def test_an_occluder_of_dense_points_ends_at_its_edge() -> None:
+    """Nothing is known of 30 columns beside a post with a point every 2 pixels; they are no part of it."""
+    y, x = np.mgrid[1:120:2, 1:40:2]
+    post = np.column_stack([x.ravel(), y.ravel()]).astype(float)
+    wall = post + np.array([70.0, 0.0])
+    pixels, depths = np.concatenate([post, wall]), np.repeat([NEAR, FAR], [len(post), len(wall)])
+    hidden = occluded_by_points(np.ones(BOX.shape, bool), _image().depth, pixels, depths, 24.0)
+    assert hidden[:, :39].all()
+    assert not hidden[:, 44:].any()
+    outline = post[(x.ravel() < 3) | (x.ravel() > 37) | (y.ravel() < 3) | (y.ravel() > 117)]  # a plain surface
+    outline = np.concatenate([outline, post[::29]])
+    hidden = occluded_by_points(np.ones(BOX.shape, bool), _image().depth, outline, np.full(len(outline), NEAR), 24.0)
+    assert hidden[5:115, 3:37].mean() > 0.97
+
+
+@pytest.mark.parametrize(("count", "is_possible"), [(6, True), (5, False)])
+def test_six_points_in_front_and_in_no_mask_are_a_possible_occluder(count: int, is_possible: bool) -> None:
+    layers = ObjectLayers(BOX, _image(), np.ones((*BOX.shape, 3), np.float32), np.ones(BOX.shape, np.float32))
+    box = (10, 10, 60, 60)
+    points, support = _points((box, NEAR), count=count), np.zeros(count, bool)
+    assert has_unconfirmed_occluder(layers, points, support, []) == is_possible
+    assert not has_unconfirmed_occluder(layers, points, ~support, [])
+    assert not has_unconfirmed_occluder(layers, points, support, [_object("box", box)])
+    assert not has_unconfirmed_occluder(layers, replace(points, dense=True), support, [])
+    assert not has_unconfirmed_occluder(layers, _points((box, OBJECT * 0.98), count=count), support, [])
 
 
 def test_a_thing_stands_on_what_is_hidden_below_it() -> None:

@@ -24,7 +24,6 @@ from insertion.render.body import (
     body_of,
     environment_with_objects,
 )
-from insertion.render.deferred import TILE, _tiles
 from insertion.render.layers import ObjectLayers, shadow_layer, through_lens
 from insertion.render.renderer import ObjectImage
 from insertion.render.shadow_maps import MAP_PIXELS, ShadowCatcher
@@ -350,12 +349,6 @@ def test_pixels_without_a_ray_are_outside_of_the_window() -> None:
     assert bent[0, 0] == 0
     assert np.isnan(boxes.through_lens(np.ones_like(bent), view, box, nearest=True)[0, 0])
     assert boxes.window_behind(camera, PixelBox(0, 0, 1, 1)).width > 0, "no pixel of the box has a ray"
-
-
-def test_tiles_cover_a_window_once() -> None:
-    tiles = list(_tiles(2 * TILE + 7, TILE))
-    assert tiles == [(0, 0, TILE, TILE), (TILE, 0, TILE, TILE), (2 * TILE, 0, 7, TILE)]
-    assert list(_tiles(5, TILE + 1)) == [(0, 0, 5, TILE), (0, TILE, 5, 1)]
 
 
 def test_a_studio_looks_at_the_object_from_above() -> None:

@@ -6,6 +6,7 @@ import json
 import re
 import threading
 from collections.abc import Callable
+from contextlib import closing
 from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -14,7 +15,7 @@ import numpy as np
 
 from estimator.projection.cameras import project
 from insertion.colour import Image
-from insertion.composite.compositor import composite_variants
+from insertion.composite.compositor import Compositor
 from insertion.footage.footage import Frame
 from insertion.insertion_scene import InsertionScene
 from insertion.placement.placed_object import PlacedObject, place_objects
@@ -138,8 +139,8 @@ class PlacementPage(LocalPage):
             return _json({"corners": _box_corners(placed, frame)})
         with self._lock:
             scene, start_s = self._scene, self._frames[0].clock_s
-            (image,) = composite_variants([[placed]], scene.light, scene.content, start_s, frame, plate)
-            self._drawn = {key: _jpeg(image)}
+            with closing(Compositor([placed], scene.light, scene.content, start_s)) as compositor:
+                self._drawn = {key: _jpeg(compositor.draw(frame, plate))}
         size = " x ".join(f"{value:.3g}" for value in placed.size_m.values())
         lines = [f"{size} m on {placed.placement.support}", *placed.size.warnings, *placed.warnings]
         return _json({"command": self._command(request), "says": lines})

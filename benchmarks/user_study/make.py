@@ -5,6 +5,7 @@ from __future__ import annotations
 import argparse
 import sys
 from collections.abc import Sequence
+from contextlib import closing
 from pathlib import Path
 from typing import Any
 
@@ -91,17 +92,19 @@ def _make(options: argparse.Namespace) -> int:
 def _images(prepared: Any, placed: Sequence[Any], frame: str | None) -> dict[int, NDArray[np.uint8]]:
     """Return the image (h, w, 3) of a frame by step, with the first object scaled about the centre of its base."""
     from benchmarks.user_study.page import STEPS
-    from insertion.composite.compositor import composite_variants
+    from insertion.composite.compositor import Compositor
     from insertion.placement.placed_object import resize
     from metric_cli.progress import track
 
     chosen = _shot(prepared, placed, frame)
-    variants = [[resize(placed[0], 1 + step / 100), *placed[1:]] for step in STEPS]
     image = next(image for shown, image in prepared.footage if shown.index == chosen.index)
     light, content, start_s = prepared.light, prepared.content, prepared.footage.start_s
-    images = composite_variants(variants, light, content, start_s, chosen, image)
-    drawn = track(images, "drawing the sizes", len(STEPS))
-    return dict(zip(STEPS, drawn, strict=True))
+    drawn = {}
+    for step in track(STEPS, "drawing the sizes", len(STEPS)):
+        objects = [resize(placed[0], 1 + step / 100), *placed[1:]]
+        with closing(Compositor(objects, light, content, start_s)) as compositor:
+            drawn[step] = compositor.draw(chosen, image)
+    return drawn
 
 
 def _shot(prepared: Any, placed: Sequence[Any], frame: str | None) -> Any:

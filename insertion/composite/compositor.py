@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import itertools
 import time
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Sequence
 from contextlib import AbstractContextManager, closing, nullcontext
 from dataclasses import replace
 from typing import Any, Protocol
@@ -152,30 +152,6 @@ def composite_footage(
         )
         for placed, reports, lines in zip(objects, compositor.reports, unconfirmed, strict=True)
     ]
-
-
-def composite_variants(
-    variants: Sequence[Sequence[PlacedObject]],
-    light: LightModel,
-    content: FrameContent,
-    start_s: float,
-    frame: Frame,
-    image: Image,
-) -> Iterator[Image]:
-    """Yield one frame (h, w, 3) with each of several sets of objects.
-
-    Parameters
-    ----------
-    start_s : float
-        Presentation time of the first frame of the footage.
-    frame : Frame
-        The frame.
-    image : (h, w, 3) ndarray of uint8
-        Its image.
-    """
-    for objects in variants:
-        with closing(Compositor(objects, light, content, start_s)) as compositor:
-            yield compositor.draw(frame, image)
 
 
 class Compositor:

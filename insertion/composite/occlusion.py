@@ -124,18 +124,20 @@ def occluded_fraction(
     reach = max(1, round(VOTING_RADIUS_PX * width_factor))
     silhouette = (layer.coverage > 0.5).astype(np.uint8)
     around = cv2.dilate(silhouette, np.ones((2 * reach + 1, 2 * reach + 1), np.uint8)) > 0
-    rows, columns = distance_transform_edt(~np.isfinite(layer.depth), return_distances=False, return_indices=True)
-    object_depth: NDArray[np.float32] = np.asarray(layer.depth[rows, columns])
+    nearest = distance_transform_edt(~np.isfinite(layer.depth), return_distances=False, return_indices=True)
+    object_depth: NDArray[np.float32] = np.asarray(layer.depth[tuple(nearest)])
 
-    # 2. Occluders with masks. One without enough points is closer if what it stands on is.
-    masked = np.zeros(box.shape, dtype=bool)
+    # 2. Occluders with masks. One without enough points is closer if what it stands on is. Dense points in the border
+    #    of another mask may belong to that one.
+    size = 2 * round(MASK_BORDER_PX * width_factor) + 1
+    columns, rows = pixels.astype(np.int64).T
+    masks = [mask for item in instances if (mask := mask_in_box(item, box)) is not None and (mask & around).any()]
+    bordered = [cv2.dilate(mask.astype(np.uint8), np.ones((size, size), np.uint8)) for mask in masks]
+    n_bordered = sum(bordered, np.zeros(box.shape, np.uint8))
     undecided = []
-    for item in instances:
-        mask = mask_in_box(item, box)
-        if mask is None or not (mask & around).any():
-            continue
-        masked |= mask
-        part = occluded_by_mask(mask, around, object_depth, pixels, depths, observed)
+    for mask, own in zip(masks, bordered, strict=True):
+        certain = observed & (n_bordered <= own)[rows, columns] if points.dense else observed
+        part = occluded_by_mask(mask, around, object_depth, pixels, depths, certain)
         if part is None:
             undecided.append(mask)
         else:
@@ -146,11 +148,9 @@ def occluded_fraction(
 
     # 3. Occluders without masks, and moving ones.
     if points.dense:
-        size = 2 * round(MASK_BORDER_PX * width_factor) + 1
-        bordered = cv2.dilate(masked.astype(np.uint8), np.ones((size, size), np.uint8)) > 0
-        columns, rows = pixels.astype(np.int64).T
-        free, max_distance = ~bordered[rows, columns], MAX_DENSE_DISTANCE_PX * width_factor
-        occluded |= occluded_by_points(~masked & around, object_depth, pixels[free], depths[free], max_distance)
+        free, max_distance = n_bordered[rows, columns] == 0, MAX_DENSE_DISTANCE_PX * width_factor
+        unmasked = around & ~np.any([np.zeros(box.shape, dtype=bool), *masks], axis=0)
+        occluded |= occluded_by_points(unmasked, object_depth, pixels[free], depths[free], max_distance)
     for billboard in billboards:
         occluded |= billboard.occludes(box, view, object_depth)
     gap = round(GAP_PX * width_factor)

@@ -111,16 +111,13 @@ class ObjectRenderer:
         self._light = program(context, "full.vert", "lighting.frag", SAMPLES=SAMPLES, **lit, **others)
         self._cast = program(context, "depth_only.vert", "depth_only.frag")
         self._parts: list[GpuPart] = []
-        self._atlas: Any = None
-        self._others: Any = None
-        self._sunlit: Any = None
+        self._textures: dict[int, Any] = {}  # of the light, by texture unit
         self._mirrors = False
-        self._environment: Any = None
-        self._plane_texture: Any = None
         self.set_pose(body, casters, earlier)
         self._solid = not any(part.material.blend for part in self._parts)
         self._deferred = DeferredTargets(self._context, SAMPLES)
-        self._targets: dict[tuple[int, int], tuple[Any, Any]] = {}
+        self._target_size: tuple[int, int] | None = None
+        self._targets: tuple[Any, Any] = None, None
         quad = self._context.buffer(np.array([-1, -1, 1, -1, -1, 1, 1, 1], "f4").tobytes())
         self._cover = self._context.vertex_array(self._receive, [(quad, "2f", "corner")])
         self._light_cover = self._context.vertex_array(self._light, [(quad, "2f", "corner")])
@@ -141,8 +138,7 @@ class ObjectRenderer:
             self._parts = [self._load(part, glass if part.material.transmission else gather) for part in body.parts]
         else:
             self._parts = [old.at_vertices(part) for old, part in zip(self._parts, body.parts, strict=True)]
-        _release(self._atlas)
-        self._atlas = shadow_atlas(self._context, self._cast, self._parts, lights, caster)
+        self._set_texture(_ATLAS, shadow_atlas(self._context, self._cast, self._parts, lights, caster))
         # a moving body is computed again for each frame
         cuts = OBJECT_CUTS if self._moves else PLANE_CUTS
         above = _local_lights(self._ground, body, cuts, np.zeros(3), 0.0).above_horizon(body.basis[2])
@@ -170,9 +166,8 @@ class ObjectRenderer:
         near = [other for other in casters if body.is_near(other)]
         if "other_atlas" in self._program:
             self._set_others(near)
-        _release(self._plane_texture)
         share = self.plane.share
-        self._plane_texture = self._context.texture(share.shape[1::-1], 3, share.tobytes(), dtype="f4")
+        self._set_texture(_PLANE, self._context.texture(share.shape[1::-1], 3, share.tobytes(), dtype="f4"))
         for surface in (self._program, self._light):
             surface["map_radius"].value = self.plane.radius
             surface["map_centre"].value = tuple(0.5 * float((body.corners @ body.basis[2]).max()) * body.basis[2])
@@ -189,8 +184,7 @@ class ObjectRenderer:
         caster = Caster.around(np.concatenate([part.vertices for part in parts]) if parts else self.body.corners)
         lights = _local_lights(self.environment, self.body, OBJECT_CUTS, caster.centre, caster.radius)
         loaded = [self._load(part) for part in parts]
-        _release(self._others)
-        self._others = shadow_atlas(self._context, self._cast, loaded, lights, caster)
+        self._set_texture(_OTHERS, shadow_atlas(self._context, self._cast, loaded, lights, caster))
         _release(*loaded)
         for surface in (self._program, self._light):
             _set_lights(surface, lights, None, caster, "other")
@@ -214,9 +208,9 @@ class ObjectRenderer:
         steps = (np.arange(SUNLIT_CELLS) + 0.5) / SUNLIT_CELLS
         z, y, x = np.meshgrid(steps, steps, steps, indexing="ij")
         fraction = self._sunlit_fraction(low + size * np.stack([x, y, z], axis=-1)).astype("f4")
-        _release(self._sunlit)
-        self._sunlit = self._context.texture3d((SUNLIT_CELLS,) * 3, 1, fraction.tobytes(), dtype="f4")
-        self._sunlit.repeat_x = self._sunlit.repeat_y = self._sunlit.repeat_z = False
+        grid = self._context.texture3d((SUNLIT_CELLS,) * 3, 1, fraction.tobytes(), dtype="f4")
+        grid.repeat_x = grid.repeat_y = grid.repeat_z = False
+        self._set_texture(_SUNLIT, grid)
         for lit in (self._program, self._light, self._receive):
             lit["sunlit"].value, lit["sunlit_low"].value, lit["sunlit_size"].value = _SUNLIT, tuple(low), tuple(size)
 
@@ -303,10 +297,28 @@ class ObjectRenderer:
 
         `eye` (3,) is the camera centre in the local frame.
         """
-        smooth, plain = self._target(window.width, window.height)
-        self._draw(smooth, window, eye)
-        self._context.copy_framebuffer(plain, smooth)
+        context, (smooth, plain) = self._context, self._target(window.width, window.height)
         size = window.width, window.height
+        smooth.use()
+        smooth.viewport = (0, 0, *size)
+        context.enable(context.DEPTH_TEST)
+        context.disable(context.BLEND)
+        smooth.clear()
+        self._use_light()
+        solid = [part for part in self._parts if not part.material.blend]
+        clear = sorted((p for p in self._parts if p.material.blend), key=lambda p: -np.linalg.norm(p.middle - eye))
+        for part in solid:
+            part.bind(self._program)
+            part.drawn.render()
+        context.enable(context.BLEND)
+        context.blend_func = context.ONE, context.ONE_MINUS_SRC_ALPHA
+        smooth.depth_mask = False
+        for part in clear:
+            part.bind(self._program)
+            part.drawn.render()
+        smooth.depth_mask = True
+        context.disable(context.BLEND)
+        context.copy_framebuffer(plain, smooth)
         return read_layer(plain, size, 0, 4), read_layer(plain, size, 1, 2)
 
     def irradiance_fraction(self, places: NDArray[np.float32], normals: NDArray[np.float32]) -> NDArray[np.float32]:
@@ -332,9 +344,7 @@ class ObjectRenderer:
             texture.filter = (self._context.NEAREST, self._context.NEAREST)
             texture.use(unit)
         self._receive["places"].value, self._receive["normals"].value = 3, 4
-        self._atlas.use(_ATLAS)
-        if self._sunlit is not None:
-            self._sunlit.use(_SUNLIT)
+        self._use_light()
         self._cover.render(mode=self._context.TRIANGLE_STRIP)
         share = np.frombuffer(target.read(components=3, dtype="f4"), "f4").reshape(height, width, 3).copy()
         for resource in (*textures, target, result):
@@ -345,69 +355,43 @@ class ObjectRenderer:
         import moderngl
 
         basis = self.body.basis
-        _release(self._environment)
         levels = prefiltered_environment(environment)
-        self._environment = self._context.texture(levels[0].shape[1::-1], 3, levels[0].tobytes(), dtype="f4")
-        self._environment.build_mipmaps(0, LEVELS)
+        texture = self._context.texture(levels[0].shape[1::-1], 3, levels[0].tobytes(), dtype="f4")
+        texture.build_mipmaps(0, LEVELS)
         for level, picture in enumerate(levels):
-            self._environment.write(np.ascontiguousarray(picture).tobytes(), level=level)
-        self._environment.filter = (moderngl.LINEAR_MIPMAP_LINEAR, moderngl.LINEAR)
-        self._environment.repeat_y = False
+            texture.write(np.ascontiguousarray(picture).tobytes(), level=level)
+        texture.filter = (moderngl.LINEAR_MIPMAP_LINEAR, moderngl.LINEAR)
+        texture.repeat_y = False
+        self._set_texture(_ENVIRONMENT, texture)
         for surface in (self._program, self._light):
             for name, row in (("plane_one", 0), ("plane_two", 1), ("plane_up", 2)):
                 surface[name].value = tuple(float(v) for v in basis[row])
             surface["catcher_map"].value, surface["environment"].value = _PLANE, _ENVIRONMENT
-            surface["sharpest_level"].value, surface["blurriest_level"].value = 0.0, float(LEVELS)
+            surface["blurriest_level"].value = float(LEVELS)
+
+    def _set_texture(self, unit: int, texture: Any) -> None:
+        """Store a texture of the light and release the previous one."""
+        _release(self._textures.get(unit))
+        self._textures[unit] = texture
 
     def _use_light(self) -> None:
         """Bind the textures of the light; all renderers of a context share the texture units."""
-        self._atlas.use(_ATLAS)
-        if self._others is not None:
-            self._others.use(_OTHERS)
-        if self._sunlit is not None:
-            self._sunlit.use(_SUNLIT)
-        self._plane_texture.use(_PLANE)
-        self._environment.use(_ENVIRONMENT)
+        for unit, texture in self._textures.items():
+            texture.use(unit)
 
     def _target(self, width: int, height: int) -> tuple[Any, Any]:
         """Return framebuffers of at least this size, with and without multisampling; the previous pair is released."""
         size = (-(-width // STEP_PX) * STEP_PX, -(-height // STEP_PX) * STEP_PX)
-        if size not in self._targets:
-            for old in self._targets.values():
-                for buffer in old:
-                    buffer.release()
-            self._targets.clear()
+        if size != self._target_size:
+            _release(*self._targets)
             make = self._context.renderbuffer
             smooth = self._context.framebuffer(
                 [make(size, 4, samples=SAMPLES, dtype="f2"), make(size, 4, samples=SAMPLES, dtype="f4")],
                 self._context.depth_renderbuffer(size, samples=SAMPLES),
             )
             plain = self._context.framebuffer([make(size, 4, dtype="f2"), make(size, 4, dtype="f4")])
-            self._targets[size] = (smooth, plain)
-        return self._targets[size]
-
-    def _draw(self, target: Any, window: Window, eye: FloatArray) -> None:
-        """Draw all parts into a framebuffer; `eye` (3,) is the camera centre in the local frame."""
-        context = self._context
-        target.use()
-        target.viewport = (0, 0, window.width, window.height)
-        context.enable(context.DEPTH_TEST)
-        context.disable(context.BLEND)
-        target.clear()
-        self._use_light()
-        solid = [part for part in self._parts if not part.material.blend]
-        clear = sorted((p for p in self._parts if p.material.blend), key=lambda p: -np.linalg.norm(p.middle - eye))
-        for part in solid:
-            part.bind(self._program)
-            part.drawn.render()
-        context.enable(context.BLEND)
-        context.blend_func = context.ONE, context.ONE_MINUS_SRC_ALPHA
-        target.depth_mask = False
-        for part in clear:
-            part.bind(self._program)
-            part.drawn.render()
-        target.depth_mask = True
-        context.disable(context.BLEND)
+            self._target_size, self._targets = size, (smooth, plain)
+        return self._targets
 
 
 def _release(*objects: Any) -> None:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import tempfile
+from contextlib import closing
 from dataclasses import dataclass, replace
 from itertools import pairwise
 from pathlib import Path
@@ -13,7 +14,7 @@ import pytest
 
 from estimator.projection.cameras import pixels_in_view
 from estimator.records.scene import Instance
-from insertion.composite.compositor import composite_variants
+from insertion.composite.compositor import Compositor
 from insertion.footage.footage import Frame
 from insertion.insertion_scene import InsertionScene
 from insertion.placement.at_pixel import plane_coordinates
@@ -105,8 +106,8 @@ def masks_alone(inserted: Inserted) -> list[np.ndarray]:
 def _drawn(prepared: InsertionScene, objects: list[PlacedObject], frame: Frame) -> np.ndarray:
     plate = next(image for other, image in prepared.footage if other.index == frame.index)
     start_s = prepared.footage.start_s
-    (image,) = composite_variants([objects], prepared.light, prepared.content, start_s, frame, plate)
-    return image
+    with closing(Compositor(objects, prepared.light, prepared.content, start_s)) as compositor:
+        return compositor.draw(frame, plate)
 
 
 def _true_masks(inserted: Inserted, alone: bool) -> list[np.ndarray]:

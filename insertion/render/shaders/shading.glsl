@@ -7,7 +7,6 @@ uniform vec3 map_centre;       // where the environment was estimated
 uniform float map_radius;      // half the side of the map of light on the plane
 uniform sampler2D catcher_map;   // fraction of the light that reaches the plane
 uniform sampler2D environment; // equirectangular radiance, blurred more in higher levels
-uniform float sharpest_level;
 uniform float blurriest_level;
 uniform vec3 light_returned[N_LIGHTS];  // what the object itself sends back from where it hides the light
 const float PI = 3.14159265;
@@ -80,7 +79,7 @@ vec4 shaded(Facts f) {
         reached += lobe * power * share;
     }
     vec3 share = reflected_share(f0, f.rough, cosine);
-    float level = mix(sharpest_level, blurriest_level, sqrt(f.rough));
+    float level = blurriest_level * sqrt(f.rough);
     vec3 glossy = mix(radiance(from_centre(f.place, mirror), level) * share * (reached / open_light), dull, dullness);
     vec3 matte = f.base.rgb * (1.0 - f.metal) * (1.0 - share) * diffuse / PI;
     vec3 light = matte * f.base.a + glossy + f.glow * f.base.a;

@@ -97,6 +97,16 @@ def test_points_within_12_pixels_of_the_object_decide(column: float, hides: bool
     assert bool(fraction[60, 50] > 0.5) == hides
 
 
+def test_dense_points_in_the_border_of_another_mask_do_not_decide() -> None:
+    """Points of a dice in front leak into the mask of the desk behind it, where the desk itself has few points."""
+    dice, leak, desk = (90, 40, 130, 80), (84, 40, 90, 80), (10, 30, 60, 110)
+    points = replace(_points((dice, NEAR), (leak, NEAR), (desk, FAR)), dense=True)
+    masks = [_object("dice", dice), _object("desk", (0, 30, 90, 120))]
+    hidden = _hidden(masks, points)
+    assert hidden[42:78, 92:128].all()
+    assert not hidden[32:118, :80].any()
+
+
 def test_a_cup_without_points_hides_what_its_table_hides() -> None:
     table, cup = (10, 60, 150, 110), (70, 40, 80, 60)
     points = _points((table, NEAR))

@@ -19,6 +19,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from functools import lru_cache
 
 import numpy as np
 from numpy.typing import NDArray
@@ -58,8 +59,8 @@ SKY_FRACTION = 0.25
 SKY_GAIN_RANGE = (0.3, 8.0)
 #: Maximum number of images.
 MAX_IMAGES = 24
-#: Distance between sampled pixels.
-PIXEL_STEP = 6
+#: Minimum distance between sampled pixels, and maximum number of samples along a row of an image.
+PIXEL_STEP, MAX_SAMPLES_PER_ROW = 6, 160
 #: Fraction of pixels above the brightest ordinary surfaces: lamps, windows, highlights.
 HIGHLIGHT_FRACTION = 0.03
 #: Albedo of a white surface, if nothing else determines the amount of light.
@@ -296,41 +297,56 @@ def _direction_samples(
         Height of the ground outdoors along basis[2]. Pixels without a nearby point of the cloud show the ground or are
         unknown, and so do pixels close to the position, because the points of a bare path may float above it.
     """
+    parts = []
+    for eye, rays, colours, cloud_depth, distance in _pixel_samples(cloud, images):
+        depth = cloud_depth
+        sky = sky_pixels(colours, rays @ basis[2], distance)
+        if ground is not None:
+            camera_height = float(eye @ basis[2]) - ground
+            is_near = np.linalg.norm(rays * depth[:, None] + eye - centre, axis=1) < NEAR_CAMERA_HEIGHTS * camera_height
+            ground_depth = -camera_height / (rays @ basis[2])
+            on_ground = is_near | (distance > MIN_SKY_DISTANCE_PX)
+            depth = np.where(on_ground, np.where(ground_depth > 0, ground_depth, np.nan), depth)
+        away = np.where(sky[:, None], rays, rays * depth[:, None] + eye - centre)  # the sky is infinitely far
+        away /= np.maximum(np.linalg.norm(away, axis=1, keepdims=True), 1e-9)
+        is_valid = colours.any(axis=1) & np.isfinite(away[:, 0])  # undistorted images have a black border
+        parts.append((away[is_valid] @ basis.T, colours[is_valid], sky[is_valid]))
+    return DirectionSamples(*(np.concatenate(part) for part in zip(*parts, strict=True)))
+
+
+@lru_cache(maxsize=2)
+def _pixel_samples(
+    cloud: ColouredPoints, images: SceneImages
+) -> list[tuple[FloatArray, FloatArray, NDArray[np.float32], FloatArray, FloatArray]]:
+    """Return sampled pixels of each image, which all positions in a scene share.
+
+    Returns
+    -------
+    list of tuple
+        Centre (3,) of the camera; rays (n, 3) in the scene, of length 1 along the optical axis; linear colours (n, 3);
+        depth (n,) of the nearest point of the cloud in the image; its distance (n,) in pixels at an image width of 640.
+    """
     from scipy.spatial import cKDTree
 
-    parts = []
-    sampled = (slice(PIXEL_STEP // 2, None, PIXEL_STEP),) * 2
+    samples = []
     thinned = cloud.points[:: max(1, len(cloud.points) // 20_000)]
     for row in evenly_spaced(images.rows, MAX_IMAGES):
-        # 1. Depth of each pixel, that of the nearest point in the image, and its distance in pixels.
         view = images.scene.views[row]
+        step = max(PIXEL_STEP, round(view.camera.width / MAX_SAMPLES_PER_ROW))
+        sampled = (slice(step // 2, None, step),) * 2
         rays = camera_rays(view.camera)[sampled]
         sight = project_unoccluded(view, thinned)
         if len(sight.pixels):
-            y, x = np.indices(rays.shape[:2]) * PIXEL_STEP + PIXEL_STEP // 2
+            y, x = np.indices(rays.shape[:2]) * step + step // 2
             distance, nearest = cKDTree(sight.pixels).query(np.column_stack([x.ravel(), y.ravel()]))
             depth = sight.depths[nearest]
         else:  # no point: the extent of the cloud
             depth = np.full(rays[..., 0].size, float(np.linalg.norm(np.ptp(cloud.points, axis=0))))
             distance = np.full(rays[..., 0].size, np.inf)
-        distance *= 640 / view.camera.width
-
-        # 2. Directions from the position; the sky is infinitely far.
-        rays_in_scene = np.concatenate([rays, np.ones((*rays.shape[:2], 1))], axis=-1).reshape(-1, 3) @ view.rotation
+        in_scene = np.concatenate([rays, np.ones((*rays.shape[:2], 1))], axis=-1).reshape(-1, 3) @ view.rotation
         colours = srgb_to_linear(images.image(row)[sampled]).reshape(-1, 3)
-        sky = sky_pixels(colours, rays_in_scene @ basis[2], distance)
-        if ground is not None:
-            camera_height = float(view.centre @ basis[2]) - ground
-            offset = np.linalg.norm(rays_in_scene * depth[:, None] + view.centre - centre, axis=1)
-            is_near = offset < NEAR_CAMERA_HEIGHTS * camera_height
-            ground_depth = -camera_height / (rays_in_scene @ basis[2])
-            on_ground = is_near | (distance > MIN_SKY_DISTANCE_PX)
-            depth = np.where(on_ground, np.where(ground_depth > 0, ground_depth, np.nan), depth)
-        away = np.where(sky[:, None], rays_in_scene, rays_in_scene * depth[:, None] + view.centre - centre)
-        away /= np.maximum(np.linalg.norm(away, axis=1, keepdims=True), 1e-9)
-        is_valid = colours.any(axis=1) & np.isfinite(away[:, 0])  # undistorted images have a black border
-        parts.append((away[is_valid] @ basis.T, colours[is_valid], sky[is_valid]))
-    return DirectionSamples(*(np.concatenate(part) for part in zip(*parts, strict=True)))
+        samples.append((view.centre, in_scene, colours, depth, distance * 640 / view.camera.width))
+    return samples
 
 
 def average_by_direction(samples: DirectionSamples) -> tuple[FloatArray, FloatArray, FloatArray]:

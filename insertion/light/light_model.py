@@ -4,6 +4,8 @@ from __future__ import annotations
 
 from functools import cached_property, partial
 
+import numpy as np
+
 from estimator.geometry.planes import level_basis
 from estimator.records.scene import Scene, camera_centres
 from insertion.footage.footage import SceneImages
@@ -17,6 +19,11 @@ from insertion.scene.plane_cells import find_plane_cells
 from insertion.scene.point_cloud import ColouredPoints
 from insertion.scene.supports import SupportSurfaces
 from metric_base.arrays import FloatArray
+
+#: Maximum side of a cell that may shade the sun, in heights of the cameras: a long street would have cells of metres.
+SHADE_CELL = 0.6
+#: Minimum number of points of such a cell: a stray point in the air shades nothing.
+MIN_SHADE_POINTS = 2
 
 
 class LightModel:
@@ -59,7 +66,11 @@ class LightModel:
             ground = self._supports.ground(self._cloud)
             sun = None if ground is None else sun_direction(self._cloud, self._images, ground.plane)
             if shows_sky or sun is not None:
-                return OutdoorLight(sun, occupancy_of(self._cloud))
+                if ground is None or sun is None:
+                    return OutdoorLight(None)
+                heights = camera_centres(self._scene.views) @ ground.plane.basis[2] - ground.plane.height
+                max_cell = SHADE_CELL * max(float(np.median(heights)), 0.0)
+                return OutdoorLight(sun, occupancy_of(self._cloud, max_cell, MIN_SHADE_POINTS))
         cells = find_plane_cells(self._cloud, camera_centres(self._scene.views))
         if not len(cells.positions):
             return None

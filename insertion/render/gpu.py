@@ -27,7 +27,8 @@ class GpuPart:
     """A part on the graphics card.
 
     `drawn`, `gathered` and `cast` are its vertex arrays for the image, the geometry buffers and the shadows, and
-    `buffers` the buffers of its vertices and faces. `textures` are keyed by name, and `middle` (3,) is the mean vertex.
+    `buffers` the buffers of its vertices and faces. `textures` are keyed by name, `middle` (3,) is the mean vertex, and
+    `ends` (8, 3) are the corners of the bounding box.
     Glass that `is_solid` refracts; a sheet without a thickness does not.
     """
 
@@ -37,13 +38,14 @@ class GpuPart:
     textures: dict[str, Any]
     material: Material
     middle: NDArray[np.float64]
+    ends: NDArray[np.float64]
     buffers: tuple[Any, Any]
     is_solid: bool = False
 
     def at_vertices(self, part: BodyPart) -> GpuPart:
         """Write the vertices of a body part to the buffer, and return the updated part, which replaces this one."""
         self.buffers[0].write(_rows(part))
-        return replace(self, middle=part.vertices.mean(axis=0))
+        return replace(self, middle=part.vertices.mean(axis=0), ends=part.ends)
 
     def release(self) -> None:
         """Release the memory of the graphics card."""
@@ -84,7 +86,8 @@ def load_part(
     stored = {name: getattr(material, name) for name in _UNITS}
     textures = {name: _texture(context, pixels) for name, pixels in stored.items() if pixels is not None}
     is_solid = material.transmission > 0 and part.is_closed
-    return GpuPart(drawn, gathered, cast, textures, material, part.vertices.mean(axis=0), (vertices, index), is_solid)
+    middle, buffers = part.vertices.mean(axis=0), (vertices, index)
+    return GpuPart(drawn, gathered, cast, textures, material, middle, part.ends, buffers, is_solid)
 
 
 def _rows(part: BodyPart) -> bytes:

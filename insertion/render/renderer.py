@@ -143,19 +143,10 @@ class ObjectRenderer:
         cuts = OBJECT_CUTS if self._moves else PLANE_CUTS
         above = _local_lights(self._ground, body, cuts, np.zeros(3), 0.0).above_horizon(body.basis[2])
         returned = _bounce_light(self._ground, body, above)
-        earlier_parts = [part for other in earlier if body.is_near(other) for part in body.parts_of(other)]
-        loaded = [self._load(part) for part in earlier_parts]
+        loaded = [self._load(part) for other in earlier if body.is_near(other) for part in body.parts_of(other)]
+        sunlit = self._sunlit_fraction if self._has_sun else None
         self.plane: ShadowCatcher = shadow_catcher(
-            self._context,
-            self._cast,
-            self._parts,
-            above,
-            returned,
-            body.basis,
-            body.corners,
-            loaded,
-            np.concatenate([body.corners, *(part.vertices for part in earlier_parts)]),
-            self._sunlit_fraction if self._has_sun else None,
+            self._context, self._cast, self._parts, above, returned, body.basis, body.corners, loaded, sunlit
         )
         _release(*loaded)
         for shaded in (self._program, self._light, self._receive):

@@ -103,7 +103,6 @@ def shadow_catcher(
     basis: FloatArray,
     corners: FloatArray,
     others: Sequence[GpuPart] = (),
-    all_corners: FloatArray | None = None,
     sunlit: Callable[[FloatArray], FloatArray] | None = None,
 ) -> ShadowCatcher:
     """Compute the ratio of the light on the support plane with and without the object.
@@ -130,8 +129,6 @@ def shadow_catcher(
     others : sequence of GpuPart
         Objects that are already inserted. The result is then the ratio of the light with all objects and with these,
         so that the product over several objects is the light with all of them.
-    all_corners : (n, 3) ndarray of float, optional
-        Vertices of all objects.
     sunlit : callable, optional
         Returns the fraction (...) of the sun that the scene lets through at positions (..., 3) in the local frame.
     """
@@ -141,9 +138,8 @@ def shadow_catcher(
     plane = np.stack([*np.meshgrid(at, at), np.zeros((OPEN_PIXELS, OPEN_PIXELS))], axis=-1)  # (p, p, 3)
     reaching = np.ones(plane.shape[:2]) if sunlit is None else sunlit(plane @ basis)
     arguments = (context, program, lights, local, returned, basis, reach, reaching)
-    ends = corners if all_corners is None else all_corners
-    missing = _missing_light(*arguments, [*parts, *others], ends)
-    before = np.zeros_like(missing) if not others else _missing_light(*arguments, others, ends)
+    missing = _missing_light(*arguments, [*parts, *others])
+    before = np.zeros_like(missing) if not others else _missing_light(*arguments, others)
     left = _open_light(local, lights, plane, reaching) - before
     share = 1 - np.maximum(missing - before, 0.0) / np.maximum(left, 1e-12)
     return ShadowCatcher(np.clip(share, 0.0, 1.0).astype(np.float32), reach)
@@ -159,9 +155,8 @@ def _missing_light(
     reach: float,
     reaching: FloatArray,
     parts: Sequence[GpuPart],
-    corners: FloatArray,
 ) -> NDArray[np.float32]:
-    """Return the irradiance (MAP_PIXELS, MAP_PIXELS, 3) that parts with vertices `corners` (n, 3) occlude on the plane.
+    """Return the irradiance (MAP_PIXELS, MAP_PIXELS, 3) that parts occlude on the plane.
 
     `local` (n, 3) are the directions of the lights along the axes of the plane, `reaching` (p, p) is the fraction of
     the lamps that the scene lets through.
@@ -178,7 +173,7 @@ def _missing_light(
     quad = context.buffer(np.array([-1, -1, 1, -1, -1, 1, 1, 1], "f4").tobytes())
     cover = context.vertex_array(weigh, [(quad, "2f", "corner")])
     sums.clear()
-    ends = np.stack(np.meshgrid(*zip(corners.min(axis=0), corners.max(axis=0), strict=True)), axis=-1).reshape(-1, 3)
+    ends = np.concatenate([part.ends for part in parts])
     for number, (direction, near, power, back) in enumerate(
         zip(local, lights.near, lights.power, returned, strict=True)
     ):
@@ -231,7 +226,7 @@ def _shift(number: int) -> FloatArray:
 
 
 def _part_of_map(matrix: FloatArray, ends: FloatArray) -> tuple[int, int, int, int]:
-    """Return the pixels (x, y, width, height) that a caster in the box with corners `ends` (8, 3) may darken."""
+    """Return the pixels (x, y, width, height) that a caster with corners `ends` (n, 3) may darken."""
     clip = np.column_stack([ends, np.ones(len(ends))]) @ matrix.T
     if (clip[:, 3] < 1e-3 * matrix[3, 3]).any():
         return 0, 0, MAP_PIXELS, MAP_PIXELS

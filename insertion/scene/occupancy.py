@@ -10,8 +10,8 @@ from numpy.typing import NDArray
 from insertion.scene.point_cloud import ColouredPoints
 from metric_base.arrays import BoolArray, FloatArray, IntArray
 
-#: Side of a cell as a fraction of the diagonal of the cloud.
-CELL = 0.009
+#: Side of a cell as a fraction of the diagonal of the cloud, and its minimum, which limits the memory.
+CELL, MIN_CELL = 0.009, 0.0025
 #: Minimum number of points of an occupied cell, as a fraction of the median; cells with fewer contain stray points.
 MIN_POINT_FRACTION = 0.15
 #: Distance of the start of a segment from its surface, in cells.
@@ -123,12 +123,21 @@ class Occupancy:
         return first
 
 
-def occupancy_of(cloud: ColouredPoints) -> Occupancy:
-    """Return the occupancy grid of a cloud."""
+def occupancy_of(cloud: ColouredPoints, max_cell: float = np.inf, min_points: int = 1) -> Occupancy:
+    """Return the occupancy grid of a cloud.
+
+    Parameters
+    ----------
+    max_cell : float
+        Maximum side of a cell in scene units; `MIN_CELL` has precedence.
+    min_points : int
+        Minimum number of points of an occupied cell.
+    """
     from scipy.ndimage import distance_transform_edt
 
     low, high = np.percentile(cloud.points, EXTENT_PERCENTILES, axis=0)
-    cell = max(CELL * float(np.linalg.norm(high - low)), 1e-12)
+    diagonal = float(np.linalg.norm(high - low))
+    cell = max(min(CELL * diagonal, max_cell), MIN_CELL * diagonal, 1e-12)
     shape = tuple(int(n) + 1 for n in np.floor((high - low) / cell))
     index = np.floor((cloud.points - low) / cell).astype(np.int64)
     inside = ((index >= 0) & (index < shape)).all(axis=1)
@@ -141,6 +150,6 @@ def occupancy_of(cloud: ColouredPoints) -> Occupancy:
     median = np.median(colours[known], axis=0) if known.any() else np.zeros(3)
     light = np.where(known_count[:, None] > 0, total / np.maximum(known_count, 1)[:, None], median)
     min_count = MIN_POINT_FRACTION * float(np.median(count[count > 0])) if count.any() else 1.0
-    full = (count >= max(min_count, 1.0)).reshape(shape)
+    full = (count >= max(min_count, min_points)).reshape(shape)
     distance = distance_transform_edt(~full) if full.any() else np.full(shape, float(max(shape)))
     return Occupancy(distance.astype(np.float32), light.reshape(*shape, 3).astype(np.float32), low, cell)

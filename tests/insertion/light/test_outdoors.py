@@ -142,11 +142,16 @@ def test_a_wall_takes_the_sun_from_the_part_of_an_object_behind_it(high: float, 
     points = np.concatenate([wall if high else wall[:0], np.column_stack([flat, np.zeros(len(flat))]), *[ends] * 30])
     cloud = ColouredPoints(points, np.full(points.shape, 0.3, np.float32), dense=True)
     occupancy = occupancy_of(cloud)
-    lit = environment_at(np.zeros(3), 1.0, np.eye(3), cloud, _Drawn(sun), OutdoorLight(sun, occupancy)).lamps
-    free = environment_at(np.zeros(3), 1.0, np.eye(3), cloud, _Drawn(sun), OutdoorLight(sun)).lamps
-    assert lit is not None
-    assert free is not None
-    assert lit.power.sum() / free.power.sum() == pytest.approx(fraction, abs=0.25)
+    lit = environment_at(np.zeros(3), 1.0, np.eye(3), cloud, _Drawn(sun), OutdoorLight(sun, occupancy))
+    free = environment_at(np.zeros(3), 1.0, np.eye(3), cloud, _Drawn(sun), OutdoorLight(sun))
+    assert lit.ambient is not None
+    assert lit.lamps is not None
+    assert free.lamps is not None
+    in_map, complete = ((found.radiance - lit.ambient).sum() for found in (lit, free))
+    assert in_map / complete == pytest.approx(fraction, abs=0.25)
+    # the light itself is complete, because it is tested at each point
+    assert lit.lamps.power == pytest.approx(free.lamps.power)
+    assert lit.lamps.occupancy is occupancy
 
 
 def test_the_sun_is_searched_where_no_sky_can_be_seen() -> None:

@@ -281,3 +281,22 @@ def test_normals_of_a_plane_have_a_cosine_of_85_percent(cosine: float, n_planes:
 def test_at_most_14_planes_are_found() -> None:
     points = np.random.default_rng(0).uniform(0, 1, (1600, 3)) * [1, 1, 0] + np.arange(1600)[:, None] % 16 * UP
     assert len(fit_planes(points, np.repeat(UP, 1600, axis=0), 0.01)) == 14
+
+
+def test_a_grid_for_the_sun_has_small_cells_and_no_stray_points() -> None:
+    """A wall of five points per cell and a stray point, in a scene that is long because of two distant places."""
+    y, z = np.meshgrid(np.arange(-2.0, 2.0, 0.2), np.arange(0.0, 3.0, 0.25))
+    wall = np.column_stack([np.zeros(y.size), y.ravel(), z.ravel()])
+    far = np.repeat([[-60.0, -60.0, 0.0], [60.0, 60.0, 0.0]], 30, axis=0)
+    points = np.concatenate([wall, [[1.5, 0.0, 2.0]], far])
+    cloud = ColouredPoints(points, np.full(points.shape, 0.3, np.float32), dense=False)
+    diagonal = float(np.linalg.norm([120.0, 120.0, 2.8]))
+    assert occupancy_of(cloud).cell == pytest.approx(0.009 * diagonal, rel=0.01)
+    fine = occupancy_of(cloud, max_cell=0.5, min_points=2)
+    assert fine.cell == pytest.approx(0.5)
+    assert occupancy_of(cloud, max_cell=0.1).cell == pytest.approx(0.0025 * diagonal, rel=0.01)
+    sun = np.array([[-1e4, 0.0, 1e4]])
+    assert not fine.is_unobstructed(np.array([[1.5, 0.0, 0.0]]), UP, sun).any()
+    at = tuple(((np.array([1.5, 0.0, 2.0]) - fine.origin) / fine.cell).astype(int))
+    assert fine.distance[at] > 0
+    assert occupancy_of(cloud, max_cell=0.5).distance[at] == 0

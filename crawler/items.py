@@ -77,13 +77,14 @@ class RawItem:
     attribution: str | None = None
 
     def __post_init__(self) -> None:
-        expect(self.kind in KINDS, "kind", f"one of {', '.join(sorted(KINDS))}", self.kind)
-        expect(
-            self.statistic in {None, *STATISTICS},
-            "statistic",
-            f"one of {', '.join(sorted(STATISTICS))}",
-            self.statistic,
-        )
+        for name, known in (("kind", KINDS), ("statistic", STATISTICS)):
+            value = getattr(self, name)
+            expect(
+                value in known or (name == "statistic" and value is None),
+                name,
+                f"one of {', '.join(sorted(known))}",
+                value,
+            )
         region = self.region
         is_country = region is not None and len(region) == 2 and region.isascii() and region.isupper()
         expected = f"two letters of ISO 3166, or {', '.join(sorted(REGIONS))}"

@@ -50,7 +50,7 @@ from metric_tree.cutouts.guided import METHOD, guided_foreground, guides
 from metric_tree.cutouts.quality import assessment
 from taxonomy.catalogue import OTHER, Catalogue, default_catalogue
 from taxonomy.label_lists import vocabulary
-from taxonomy.matching.decisions import default_rulings
+from taxonomy.matching.decisions import decisions, rulings
 from taxonomy.matching.reliability import reliabilities
 from taxonomy.wordnet import WordNet, default_wordnet
 from taxonomy.words.spelling import fold_text, one_edit
@@ -261,7 +261,7 @@ def write_reliability() -> None:
     file = GENERATED / "reliability.json"
     record = json.loads(file.read_text(encoding="utf-8"))
     titles = {rule: tuple(counts) for rule, counts in record["counts"].items() if rule.startswith("title ")}
-    own = counts_by_rule(development, matcher_without(development, default_rulings(), {}))
+    own = counts_by_rule(development, matcher_without(development, rulings(decisions()), {}))
     record["counts"] = dict(sorted((own | titles).items()))
     record["reliability"] = reliabilities(record["counts"])
     _write(file, [json.dumps(record, indent=1)])

@@ -8,26 +8,9 @@ from collections.abc import Sequence
 import numpy as np
 from msgspec import UNSET, structs
 
+from explorer import schemas
 from explorer.catalogue import ReleaseCatalogue
 from explorer.everyday_sizes import all_axes_text
-from explorer.schemas import (
-    ComparedNode,
-    ComparisonAnswer,
-    ImagesAnswer,
-    ItemsAnswer,
-    ItemsQuery,
-    NodeAnswer,
-    NodeRef,
-    NoQuery,
-    PriorAnswer,
-    PriorQuery,
-    Quantiles,
-    ReleaseRef,
-    ReleasesAnswer,
-    TreeRef,
-    VocabularyAnswer,
-    VocabularyRow,
-)
 from explorer.urls import MIN_PARQUET_ROWS, PAGE_ROWS, page_of, slug
 from metric_base.arrays import FloatArray
 from metric_base.errors import InputError
@@ -49,14 +32,14 @@ MAX_COMPARED = 6
 #: Maximum length of a list of numbers in characters.
 MAX_LIST_CHARS = 4000
 #: Queries with the default value of every field.
-DEFAULT_PRIOR, FIRST_ITEMS = PriorQuery(), ItemsQuery()
+DEFAULT_PRIOR, FIRST_ITEMS = schemas.PriorQuery(), schemas.ItemsQuery()
 #: Maximum number of values that an error message repeats.
 MAX_SHOWN_VALUES = 6
 
 
-def tree_reference(tree: Tree) -> TreeRef:
+def tree_reference(tree: Tree) -> schemas.TreeRef:
     """Return name and version of a release."""
-    return TreeRef(tree.name, tree.version)
+    return schemas.TreeRef(tree.name, tree.version)
 
 
 def shown_name(node: Node) -> str:
@@ -64,12 +47,16 @@ def shown_name(node: Node) -> str:
     return node.name.partition(" (")[0]
 
 
-def reference(catalogue: ReleaseCatalogue, node: Node) -> NodeRef:
+def reference(catalogue: ReleaseCatalogue, node: Node) -> schemas.NodeRef:
     """Return the record of a node in a list."""
-    return NodeRef(node.node_id, node.name, node.level, catalogue.tier(node), node.n_items, medians(catalogue, node))
+    return schemas.NodeRef(
+        node.node_id, node.name, node.level, catalogue.tier(node), node.n_items, medians(catalogue, node)
+    )
 
 
-def quantile_table(dims: tuple[str, ...], table: FloatArray, quantiles: Sequence[float] = QUANTILES) -> Quantiles:
+def quantile_table(
+    dims: tuple[str, ...], table: FloatArray, quantiles: Sequence[float] = QUANTILES
+) -> schemas.Quantiles:
     """Return quantiles (q, d) in mm by dimension and probability."""
     return {
         dim: {f"{q:g}": _rounded(value) for q, value in zip(quantiles, column, strict=True)}
@@ -102,7 +89,7 @@ def labels_by_list(catalogue: ReleaseCatalogue, node: Node) -> dict[str, list[st
     return labels
 
 
-def node_response(catalogue: ReleaseCatalogue, node: Node, _: NoQuery | None = None) -> NodeAnswer:
+def node_response(catalogue: ReleaseCatalogue, node: Node, _: schemas.NoQuery | None = None) -> schemas.NodeAnswer:
     """Return the record of a category: position in the tree, sizes and evidence."""
     prior = catalogue.prior(node)
     rows = catalogue.rows(node)
@@ -111,9 +98,6 @@ def node_response(catalogue: ReleaseCatalogue, node: Node, _: NoQuery | None = N
         name: dict(Counter(value or "unstated" for value in shipped[name].to_pylist()).most_common())
         for name in ("kind", "licence", "source", "region")
     }
-    ancestors = [node]
-    while ancestors[0].parent is not None:
-        ancestors.insert(0, ancestors[0].parent)
     url = f"v1/nodes/{slug(node.node_id)}"
     links = {"self": f"{url}.json", "page": page_of(node.node_id)}
     links |= {name: f"{url}/{name}.json" for name in ("prior", "items", "images")}
@@ -123,14 +107,14 @@ def node_response(catalogue: ReleaseCatalogue, node: Node, _: NoQuery | None = N
         links["csv"] = f"{url}/items.csv"
         if len(rows) >= MIN_PARQUET_ROWS:
             links["parquet"] = f"{url}/items.parquet"
-    return NodeAnswer(
+    return schemas.NodeAnswer(
         tree=tree_reference(catalogue.tree),
         node=node.node_id,
         name=node.name,
         synset=node.synset,
         level=node.level,
         path=list(node.path),
-        path_ids=[ancestor.node_id for ancestor in ancestors],
+        path_ids=[one.node_id for one in (node, *node.ancestors())][::-1],
         aliases=list(node.aliases),
         labels=labels_by_list(catalogue, node),
         pose=node.pose,
@@ -152,7 +136,9 @@ def node_response(catalogue: ReleaseCatalogue, node: Node, _: NoQuery | None = N
     )
 
 
-def items_response(catalogue: ReleaseCatalogue, node: Node, query: ItemsQuery = FIRST_ITEMS) -> ItemsAnswer | None:
+def items_response(
+    catalogue: ReleaseCatalogue, node: Node, query: schemas.ItemsQuery = FIRST_ITEMS
+) -> schemas.ItemsAnswer | None:
     """Return a page of the published items at or below a node; None if there is no such page."""
     page = int((query.cursor or query.page or "p1")[1:])
     rows = catalogue.rows(node)
@@ -160,7 +146,7 @@ def items_response(catalogue: ReleaseCatalogue, node: Node, query: ItemsQuery = 
     if page > n_pages:
         return None
     items = catalogue.published(rows[(page - 1) * PAGE_ROWS : page * PAGE_ROWS]).to_pylist()
-    return ItemsAnswer(
+    return schemas.ItemsAnswer(
         tree=tree_reference(catalogue.tree),
         node=node.node_id,
         n_shipped=len(rows),
@@ -169,19 +155,19 @@ def items_response(catalogue: ReleaseCatalogue, node: Node, query: ItemsQuery = 
     )
 
 
-def images_response(catalogue: ReleaseCatalogue, node: Node, _: NoQuery | None = None) -> ImagesAnswer:
+def images_response(catalogue: ReleaseCatalogue, node: Node, _: schemas.NoQuery | None = None) -> schemas.ImagesAnswer:
     """Return the first `MAX_IMAGES` images of items at or below a node."""
     images = catalogue.images(node)
-    return ImagesAnswer(
+    return schemas.ImagesAnswer(
         tree=tree_reference(catalogue.tree), node=node.node_id, n_images=len(images), images=images[:MAX_IMAGES]
     )
 
 
-def releases_response(catalogue: ReleaseCatalogue) -> ReleasesAnswer:
+def releases_response(catalogue: ReleaseCatalogue) -> schemas.ReleasesAnswer:
     """Return the releases of the site: the main one at the root, the others under `releases/VERSION/`."""
-    return ReleasesAnswer(
+    return schemas.ReleasesAnswer(
         releases=[
-            ReleaseRef(
+            schemas.ReleaseRef(
                 tree.name,
                 tree.version,
                 str(tree.release.manifest["created"]),
@@ -193,7 +179,7 @@ def releases_response(catalogue: ReleaseCatalogue) -> ReleasesAnswer:
     )
 
 
-def vocabulary_response(catalogue: ReleaseCatalogue, name: str) -> VocabularyAnswer:
+def vocabulary_response(catalogue: ReleaseCatalogue, name: str) -> schemas.VocabularyAnswer:
     """Return each label of a list with its node and the size of the node. Raises InputError for an unknown list."""
     if name not in catalogue.vocabularies:
         raise InputError(f"vocabulary: expected one of {', '.join(catalogue.vocabularies)}; found {name[:60]!r}")
@@ -201,12 +187,14 @@ def vocabulary_response(catalogue: ReleaseCatalogue, name: str) -> VocabularyAns
     for label in catalogue.vocabularies[name]:
         node = catalogue.nodes.get(label.node_id or "")
         if node is None:
-            rows.append(VocabularyRow(label.label, None, label.reason, None, None, None, None))
+            rows.append(schemas.VocabularyRow(label.label, None, label.reason, None, None, None, None))
             continue
         sizes = quantile_table(catalogue.dims(node), catalogue.quantiles(node)) or None
         tier = catalogue.tier(node)
-        rows.append(VocabularyRow(label.label, node.node_id, label.reason, node.name, tier, node.n_items, sizes))
-    return VocabularyAnswer(tree=tree_reference(catalogue.tree), vocabulary=name, labels=rows)
+        rows.append(
+            schemas.VocabularyRow(label.label, node.node_id, label.reason, node.name, tier, node.n_items, sizes)
+        )
+    return schemas.VocabularyAnswer(tree=tree_reference(catalogue.tree), vocabulary=name, labels=rows)
 
 
 def outside_links(catalogue: ReleaseCatalogue, node: Node) -> dict[str, str]:
@@ -234,7 +222,9 @@ def _rounded(mm: float) -> float:
     return float(f"{mm:.5g}")
 
 
-def prior_response(catalogue: ReleaseCatalogue, node: Node, query: PriorQuery = DEFAULT_PRIOR) -> PriorAnswer | None:
+def prior_response(
+    catalogue: ReleaseCatalogue, node: Node, query: schemas.PriorQuery = DEFAULT_PRIOR
+) -> schemas.PriorAnswer | None:
     """Return the prior that a query describes; None if the node has no prior.
 
     Raises
@@ -258,7 +248,7 @@ def queried_prior(
     where: str | None = None,
     quantiles: Sequence[float] = QUANTILES,
     density_at: Sequence[float] = (),
-) -> PriorAnswer:
+) -> schemas.PriorAnswer:
     """Return a prior over any dimensions of a node in a context, with quantiles and densities.
 
     Parameters
@@ -292,7 +282,7 @@ def queried_prior(
         expected = f"sizes in mm with {d} numbers each, at most {MAX_DENSITY_SIZES}"
         raise InputError(f"density_at: expected {expected}; found {_shown(density_at)}")
     sizes = np.array(density_at, dtype=float).reshape(-1, d)
-    return PriorAnswer(
+    return schemas.PriorAnswer(
         tree=tree_reference(catalogue.tree),
         node=node.node_id,
         dims=list(prior.dims),
@@ -317,13 +307,13 @@ def found_node(catalogue: ReleaseCatalogue, name: str, vocabulary: str | None = 
     return catalogue.nodes.get(name) or catalogue.by_slug.get(name) or catalogue.tree.find(name, vocabulary)
 
 
-def comparison(catalogue: ReleaseCatalogue, names: Sequence[str]) -> ComparisonAnswer:
+def comparison(catalogue: ReleaseCatalogue, names: Sequence[str]) -> schemas.ComparisonAnswer:
     """Return nodes side by side, each with its tier and its quantiles in mm. Raises InputError for too many names."""
     if not 1 <= len(names) <= MAX_COMPARED:
         raise InputError(f"nodes: expected 1 to {MAX_COMPARED} names; found {len(names)}")
-    return ComparisonAnswer(
+    return schemas.ComparisonAnswer(
         nodes=[
-            ComparedNode(
+            schemas.ComparedNode(
                 **structs.asdict(reference(catalogue, node)),
                 quantiles_mm=quantile_table(catalogue.dims(node), catalogue.quantiles(node)),
             )

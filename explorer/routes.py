@@ -38,10 +38,6 @@ def _asset(name: str, _: ReleaseCatalogue) -> bytes:
     return files("explorer.pages").joinpath("assets", name).read_bytes()
 
 
-def _openapi(catalogue: ReleaseCatalogue) -> bytes:
-    return description(catalogue, ROUTES)
-
-
 def _has_items(catalogue: ReleaseCatalogue, node: Node, min_items: int = 1) -> bool:
     return len(catalogue.rows(node)) >= min_items
 
@@ -60,9 +56,9 @@ def _has_parquet(catalogue: ReleaseCatalogue, node: Node) -> bool:
 
 
 #: The first route whose pattern matches an address serves it.
-ROUTES = (
+ROUTES: tuple[Route, ...] = (
     Route("index.html", pages.home_page),
-    Route("openapi.json", _openapi),
+    Route("openapi.json", lambda catalogue: description(catalogue, ROUTES)),
     Route("tree.html", pages.tree_page),
     Route("about.html", partial(_plain_page, "about.html", "About these sizes")),
     Route("compare.html", partial(_plain_page, "compare.html", "Compare")),

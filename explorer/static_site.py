@@ -11,7 +11,6 @@ from pathlib import Path
 
 from explorer.catalogue import ReleaseCatalogue
 from explorer.routes import render, site_addresses
-from metric_base.errors import InputError
 from metric_base.files import whole_folder
 from metric_tree.release.images import link_images
 from metric_tree.tree import Tree, open_tree
@@ -36,8 +35,6 @@ def write_site(out: Path, trees: Sequence[Tree], workers: int | None = None) -> 
     InputError
         `out` exists, or two releases have the same version.
     """
-    if out.exists():
-        raise InputError(f"{out}: already exists; a site is written into a new folder")
     workers = workers or os.cpu_count() or 1
     with whole_folder(out, "OUT") as work:
         for place, tree in enumerate(trees):

@@ -19,7 +19,7 @@ def visible(text: str) -> str:
     >>> visible("chair\x1b[2J")
     'chair\\x1b[2J'
     """
-    return _CONTROL.sub(_written_out, text)
+    return _CONTROL.sub(lambda match: match[0].encode("unicode_escape", "surrogatepass").decode("ascii"), text)
 
 
 def visible_json(text: str) -> str:
@@ -29,10 +29,6 @@ def visible_json(text: str) -> str:
     '"a\\u202eb"'
     """
     return _CONTROL.sub(_json_escape, text)
-
-
-def _written_out(match: re.Match[str]) -> str:
-    return match[0].encode("unicode_escape", "surrogatepass").decode("ascii")
 
 
 def _json_escape(match: re.Match[str]) -> str:

@@ -19,7 +19,6 @@ import zlib
 from collections.abc import Iterable, Iterator
 from contextlib import contextmanager, suppress
 from contextvars import ContextVar
-from dataclasses import dataclass
 from pathlib import Path
 
 from metric_base.errors import InputError
@@ -97,23 +96,13 @@ def sole_writer(out: Path) -> Iterator[None]:
         ) from None
 
 
-@dataclass(frozen=True, slots=True)
-class OutputRules:
-    """Inputs of a run, and whether its outputs may replace existing files."""
-
-    inputs: tuple[Path, ...] = ()
-    overwrite: bool = False
-
-
-_RULES: ContextVar[OutputRules] = ContextVar("output_rules")
-
-
-_NO_RULES = OutputRules()
+#: Inputs of a run, and whether its outputs may replace existing files.
+_RULES: ContextVar[tuple[tuple[Path, ...], bool]] = ContextVar("output_rules", default=((), False))
 
 
 def set_rules(inputs: Iterable[Path], overwrite: bool) -> None:
     """Register the inputs and the `--overwrite` setting of a run in the current context (`contextvars`)."""
-    _RULES.set(OutputRules(tuple(_with_companions(inputs)), overwrite))
+    _RULES.set((tuple(_with_companions(inputs)), overwrite))
 
 
 def check_output(path: Path, option: str, schema: str | None = None) -> None:
@@ -137,11 +126,11 @@ def check_output(path: Path, option: str, schema: str | None = None) -> None:
         raise InputError(f"{option}: expected a place that can be written, found a loop of symbolic links: {path}")
     if path.is_dir() or is_special(path) or not path.exists():
         return
-    rules, is_own = _RULES.get(_NO_RULES), schema is not None and has_schema(path, schema)
-    for source in rules.inputs:
+    (inputs, overwrite), is_own = _RULES.get(), schema is not None and has_schema(path, schema)
+    for source in inputs:
         if _is_read(path, source, is_own):
             raise InputError(f"{option}: {path} is read in this run ({source}); choose another name")
-    if not is_own and not rules.overwrite:
+    if not is_own and not overwrite:
         raise InputError(f"{option}: {path} already exists; choose another name, or add --overwrite")
 
 
@@ -165,13 +154,13 @@ def check_folder(path: Path, option: str, suffix: str | None = None) -> None:
     """
     if not os.path.lexists(path):
         return
-    rules = _RULES.get(_NO_RULES)
+    inputs, overwrite = _RULES.get()
     if suffix is None or not path.is_dir() or path.is_symlink():
         raise InputError(f"{option}: expected a folder that is not there yet; found an existing one: {path}")
-    if not rules.overwrite:
+    if not overwrite:
         raise InputError(f"{option}: {path} already exists; choose another name, or add --overwrite")
     real = path.resolve()
-    for source in rules.inputs:
+    for source in inputs:
         is_image_folder = real.is_relative_to(source.resolve()) and real.name in _IMAGE_FOLDERS
         if is_image_folder or source.resolve().is_relative_to(real):
             raise InputError(f"{option}: {path} is read in this run ({source}); choose another name")

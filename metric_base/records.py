@@ -151,18 +151,13 @@ def _fields(kind: type) -> dict[str, bool]:
 def _field_error(error: msgspec.ValidationError, kind: type) -> FieldError:
     """Convert an error of msgspec to place, expected and found value."""
     match = _PLACE.search(str(error))
-    place = match[2] if match else ""
+    place, message = match[2] if match else "", _PLACE.sub("", str(error))
     if isinstance(error.__cause__, FieldError):
         inner = error.__cause__
         return FieldError(".".join(filter(None, (place, inner.field))), inner.expected, inner.found)
-    return _type_error(_PLACE.sub("", str(error)), place, kind)
-
-
-def _type_error(message: str, place: str, kind: type) -> FieldError:
-    if named := _MISSING.search(message):
-        return FieldError(".".join(filter(None, (place, named[1]))), "a value", Unquoted("none"))
-    if named := _UNKNOWN.search(message):
-        return FieldError(".".join(filter(None, (place, named[1]))), "a known field", Unquoted("an unknown one"))
+    for pattern, expected, found in ((_MISSING, "a value", "none"), (_UNKNOWN, "a known field", "an unknown one")):
+        if named := pattern.search(message):
+            return FieldError(".".join(filter(None, (place, named[1]))), expected, Unquoted(found))
     if value := re.fullmatch(r"Invalid enum value (.*)", message):
         words = ", ".join(sorted(_words(kind, re.split(r"[.\]]", place)[-1])))
         return FieldError(place, f"one of {words}", Unquoted(value[1]))

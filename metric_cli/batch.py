@@ -106,18 +106,16 @@ def batch_run(command: BatchCommand, argv: Sequence[str]) -> Callable[[], int] |
     options, words = argparse.ArgumentParser.parse_known_args(parser, list(argv))
     if command.has_other_lists and (options.out is None or options.out.suffix != ".parquet"):
         return None
-
-    def run() -> int:
-        check_paths(parser, options)
-        return _run(command, options, words)
-
-    return run
+    return partial(_run, command, parser, options, words)
 
 
-def _run(command: BatchCommand, options: argparse.Namespace, words: Sequence[str]) -> int:
+def _run(
+    command: BatchCommand, parser: argparse.ArgumentParser, options: argparse.Namespace, words: Sequence[str]
+) -> int:
     """Run the batch, print the counts, and return the most serious status of its scenes; `words` are for all scenes."""
     from metric_base.batch import COMPLETE, SCHEMA, run_batch
 
+    check_paths(parser, options)
     part = re.fullmatch(r"(\d{1,9})/(\d{1,9})", options.part or "1/1")
     if part is None or not 1 <= int(part[1]) <= int(part[2]):
         raise InputError.at("--part", "part", "I/N with I from 1 to N, such as 3/8", options.part)
@@ -311,12 +309,8 @@ def scene_row(command: BatchCommand, folder: Path, scene: BatchScene) -> dict[st
     out, log, start = io.StringIO(), io.StringIO(), time.monotonic()
     with redirect_stdout(out), redirect_stderr(log):
         status: int = import_module(command.module).main([*command.prefix, *scene.words, "--json"])
-    row = {
-        "scene": visible(scene.name),
-        "seconds": round(time.monotonic() - start, 3),
-        "exit_status": status,
-        "error": None,
-    }
+    seconds = round(time.monotonic() - start, 3)
+    row = {"scene": visible(scene.name), "seconds": seconds, "exit_status": status, "error": None}
     lines = [line for line in log.getvalue().splitlines() if line.startswith(f"{command.program}: ")]
     if status not in COMPLETE or not out.getvalue():
         line = lines[-1] if lines else log.getvalue().strip().rpartition("\n")[2]

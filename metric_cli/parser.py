@@ -8,6 +8,7 @@ import re
 import sys
 from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
 from contextlib import suppress
+from dataclasses import fields
 from pathlib import Path
 from typing import Any, NoReturn
 
@@ -131,6 +132,12 @@ def check_paths(parser: argparse.ArgumentParser, options: argparse.Namespace) ->
             check_output(path, name, kind.schema)
         if path is not None and kind is new_folder and os.path.lexists(path):
             raise InputError(f"{name}: expected a folder that is not there yet; found an existing one: {path}")
+
+
+def same_named(options: argparse.Namespace, record: Any) -> dict[str, Any]:
+    """Return the values of the options whose names are those of fields of a dataclass."""
+    names = {field.name for field in fields(record)}
+    return {name: value for name, value in vars(options).items() if name in names}
 
 
 def arguments_of(parser: argparse.ArgumentParser) -> Iterator[argparse.Action]:

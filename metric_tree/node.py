@@ -267,7 +267,7 @@ class Node:
         >>> sorted(metric_tree.open().find("umbrella").states)
         ['folded', 'open']
         """
-        return state_priors(self.node_id, self._state_records())
+        return state_priors(self.node_id, self._manifest_entry("states", ()))
 
     @property
     def plain_state(self) -> str | None:
@@ -278,11 +278,7 @@ class Node:
         >>> tree.find("umbrella").plain_state, tree.find("television").plain_state
         ('folded', 'mixed: shops do not say whether with the stand')
         """
-        return next((str(one["plain"]) for one in self._state_records() if one.get("plain")), None)
-
-    def _state_records(self) -> Sequence[Mapping[str, Any]]:
-        known = self.tree.release.manifest.get("states", {})
-        return known.get(self.node_id.removesuffix("/other"), ())  # type: ignore[no-any-return]
+        return next((str(one["plain"]) for one in self._manifest_entry("states", ()) if one.get("plain")), None)
 
     @property
     def height_is(self) -> str | None:
@@ -292,16 +288,17 @@ class Node:
         >>> metric_tree.open().find("bathtub").height_is
         'rim to floor, outside'
         """
-        return self._height_record().get("height")
+        height: str | None = self._manifest_entry("heights", {}).get("height")
+        return height
 
     @property
     def underside_seen(self) -> bool:
         """False for built-in objects (a sink, a counter), whose complete height is not visible."""
-        return bool(self._height_record().get("underside_seen", True))
+        return bool(self._manifest_entry("heights", {}).get("underside_seen", True))
 
-    def _height_record(self) -> Mapping[str, Any]:
-        known = self.tree.release.manifest.get("heights", {})
-        return known.get(self.node_id.removesuffix("/other"), {})  # type: ignore[no-any-return]
+    def _manifest_entry(self, field: str, default: object) -> Any:
+        """Return the entry of the node, or of the node whose leaf it is, in a field of the manifest."""
+        return self.tree.release.manifest.get(field, {}).get(self.node_id.removesuffix("/other"), default)
 
     @property
     def tier(self) -> str | None:

@@ -23,6 +23,7 @@ from metric_tree.release.release import Release, check_nodes, open_release
 from taxonomy.naming.names import Names
 from taxonomy.naming.resolver import Resolver
 from taxonomy.words.senses import label_votes
+from taxonomy.words.spelling import plain_fold
 
 if TYPE_CHECKING:
     from metric_tree.context import ContextModel
@@ -293,9 +294,7 @@ class Tree:
     def _label_node(self, text: str, vocabulary: str) -> Node | None:
         """Return the node of a label; None if no list of the detectors contains it."""
         if vocabulary == DETECTORS:
-            from taxonomy.words.senses import listed_nodes
-
-            known = (node_id for node_id in listed_nodes(text) if node_id in self._rows)
+            known = (node_id for node_id in label_votes(plain_fold(text)) if node_id in self._rows)
             return next(map(self.node, known), None)
         from taxonomy.label_lists import UnknownLabel, labelled_node
         from taxonomy.label_lists import vocabulary as labels

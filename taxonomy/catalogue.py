@@ -18,15 +18,8 @@ from metric_base.parsing import table_rows
 from metric_base.records import record_of
 from taxonomy.categories import PREFIX, Category, InsertedCategory, Pose, insertions
 from taxonomy.label_lists import vocabularies, vocabulary
-from taxonomy.levels import (
-    KIND,
-    LEAF,
-    BadLevels,
-    Levels,
-    frozen_levels,
-    parse_dims,
-    replaced_ids,
-)
+from taxonomy.levels import KIND, LEAF, BadLevels, Levels, frozen_levels, parse_dims, replaced_ids
+from taxonomy.wordnet import nearest_first
 
 #: Suffix of the id of a leaf for items that sources name no more precisely than an inner node.
 OTHER = "/other"
@@ -70,13 +63,7 @@ class SynsetTable:
 
     def hypernyms(self, synset: str) -> tuple[str, ...]:
         """Return the result of `WordNet.hypernyms`, empty for synsets that are not in the table."""
-        seen: dict[str, None] = {}
-        level = self._parents.get(synset, ())
-        while level:
-            fresh = [name for name in dict.fromkeys(level) if name not in seen]
-            seen.update(dict.fromkeys(fresh))
-            level = tuple(above for name in fresh for above in self._parents.get(name, ()))
-        return tuple(seen)
+        return nearest_first(synset, lambda name: self._parents.get(name, ()))
 
     def path(self, synset: str) -> tuple[str, ...]:
         """Return the path to a synset by the first parents of WordNet, root first."""

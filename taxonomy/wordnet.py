@@ -5,6 +5,7 @@ from __future__ import annotations
 import io
 import os
 import warnings
+from collections.abc import Callable
 from functools import cache, cached_property
 from pathlib import Path
 from typing import Any
@@ -97,13 +98,7 @@ class WordNet:
     @cache  # noqa: B019 - one WordNet lives as long as the process
     def hypernyms(self, synset: str) -> tuple[str, ...]:
         """Return all synsets above a synset over all paths, nearest first."""
-        seen: dict[str, None] = {}
-        level = self.parents(synset)
-        while level:
-            fresh = [name for name in dict.fromkeys(level) if name not in seen]
-            seen.update(dict.fromkeys(fresh))
-            level = tuple(above for name in fresh for above in self.parents(name))
-        return tuple(seen)
+        return nearest_first(synset, self.parents)
 
     def is_a(self, synset: str, kind: str) -> bool:
         """Return True if `kind` is the synset or above it."""
@@ -176,6 +171,17 @@ class WordNet:
             except (WordNetError, ValueError):
                 raise UnknownSynset(f"synset: expected a noun synset of WordNet {VERSION}; found {name!r}") from None
         return self._memory[name]
+
+
+def nearest_first(synset: str, parents: Callable[[str], tuple[str, ...]]) -> tuple[str, ...]:
+    """Return all synsets above a synset over all paths, nearest first; `parents` returns those one step above."""
+    seen: dict[str, None] = {}
+    level = parents(synset)
+    while level:
+        fresh = [name for name in dict.fromkeys(level) if name not in seen]
+        seen.update(dict.fromkeys(fresh))
+        level = tuple(above for name in fresh for above in parents(name))
+    return tuple(seen)
 
 
 @cache

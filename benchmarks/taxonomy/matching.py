@@ -21,10 +21,10 @@ from pathlib import Path
 from benchmarks.common import options_parser, print_rows
 from metric_base.records import json_lines
 from taxonomy.levels import replaced_ids
-from taxonomy.matching.decisions import NONE, BadDecision, Decision, agreement, decisions, default_rulings
+from taxonomy.matching.decisions import NONE, BadDecision, Decision, agreement, decisions, rulings
 from taxonomy.matching.lexicon import default_lexicon
 from taxonomy.matching.matcher import ConceptMatch, Matcher, default_matcher
-from taxonomy.matching.readings import default_readings
+from taxonomy.matching.readings import readings
 from taxonomy.matching.reliability import measured_reliability
 
 LABELS = Path(__file__).with_name("labelled_strings.csv")
@@ -71,11 +71,11 @@ def matcher_without(
     strings: Iterable[Labelled], rulings: Mapping[tuple[str, str], Decision], rules: Mapping[str, float]
 ) -> Matcher:
     """Return the matcher without the decisions about the given strings of their sources."""
-    complete = Matcher(default_lexicon(), default_readings(), rulings, rules)
+    complete = Matcher(default_lexicon(), readings(), rulings, rules)
     matches = [(string.source, string.finding(complete)) for string in strings]
     used = {(source, match.subject) for source, match in matches if match.rule == "decision"}
     remaining = {key: ruling for key, ruling in rulings.items() if key not in used}
-    return Matcher(default_lexicon(), default_readings(), remaining, rules)
+    return Matcher(default_lexicon(), readings(), remaining, rules)
 
 
 def scores(strings: Sequence[Labelled], matcher: Matcher) -> Row:
@@ -116,8 +116,8 @@ def _score_rows(strings: Sequence[Labelled]) -> Iterator[Row]:
         chosen = [string for string in strings if string.half == half]
         arms = {
             "all": default_matcher(),
-            "none on these strings": matcher_without(chosen, default_rulings(), measured_reliability()),
-            "none at all": Matcher(default_lexicon(), default_readings(), {}, measured_reliability()),
+            "none on these strings": matcher_without(chosen, rulings(decisions()), measured_reliability()),
+            "none at all": Matcher(default_lexicon(), readings(), {}, measured_reliability()),
         }
         for name, matcher in arms.items():
             yield half, name, *scores(chosen, matcher)

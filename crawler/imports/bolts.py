@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
+from functools import partial
 from pathlib import Path
 from typing import Any
 
 from crawler.imports.declaration import Source
 from crawler.imports.table_files import BadTable, yaml_document
-from crawler.imports.table_items import RowRejected, row_item
+from crawler.imports.table_items import RowRejected, outcome, row_item
 from crawler.items import RawItem
 from metric_base.length_units import millimetres
 
@@ -46,12 +47,9 @@ def row_items(source: Source, folder: Path) -> Iterator[RawItem | RowRejected]:
             for table in tables if isinstance(tables, list) else [tables]:
                 for key, values in table["data"].items():
                     row = dict(zip(table["columns"], values, strict=False))
-                    if not set(row) & set(units):  # a table of names (postfixes, finishes) instead of sizes
-                        continue
-                    try:
-                        yield _item(source, entry, str(key), row, units)
-                    except RowRejected as rejected:
-                        yield rejected.at(source, f"{entry['id']}:{key}")
+                    if set(row) & set(units):  # otherwise it is a table of names (postfixes, finishes)
+                        item = partial(_item, source, entry, str(key), row, units)
+                        yield outcome(source, f"{entry['id']}:{key}", item)
 
 
 def _item(

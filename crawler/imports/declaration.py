@@ -298,8 +298,17 @@ def read_source(path: Path) -> Source:
 
 
 def sources(folder: Path | None = None) -> tuple[Source, ...]:
-    """Return all declared sources of a folder by id, by default of `data/sources`."""
-    return tuple(read_source(path) for path in sorted((folder or _own_folder()).glob("*.toml")))
+    """Return all declared sources of a folder by id, by default of `data/sources`.
+
+    Raises
+    ------
+    BadDeclaration
+        The folder contains no declaration, or an invalid one.
+    """
+    declared = tuple(read_source(path) for path in sorted((folder or _own_folder()).glob("*.toml")))
+    if not declared:
+        raise BadDeclaration(f"--sources: expected a folder of declarations, SOURCE.toml; found none in {folder}")
+    return declared
 
 
 def declared_sources(folder: Path | None = None) -> dict[str, Source]:
@@ -311,8 +320,6 @@ def declared_sources(folder: Path | None = None) -> dict[str, Source]:
         The folder contains no declaration, or an invalid one.
     """
     others = sources(folder) if folder is not None else ()
-    if folder is not None and not others:
-        raise BadDeclaration(f"--sources: expected a folder of declarations, SOURCE.toml; found none in {folder}")
     return {source.id: source for source in (*sources(), *others)}
 
 

@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 import re
 from collections.abc import Callable, Iterator, Mapping, Sequence
+from functools import partial
 from pathlib import Path
 from typing import Any, Self
 
@@ -68,6 +69,14 @@ class RowRejected(Exception):
         names = ("source", "row", "reason", "field", "found")
         values = {"schema": "metric-tree/quarantine/1", **{name: getattr(self, name) for name in names}}
         return json.dumps(values, ensure_ascii=False)
+
+
+def outcome(source: Source, row: str, item: Callable[[], RawItem]) -> RawItem | RowRejected:
+    """Return the item of a row, or its rejection with the source and the row."""
+    try:
+        return item()
+    except RowRejected as rejected:
+        return rejected.at(source, row)
 
 
 def row_item(
@@ -155,10 +164,7 @@ def table_row_items(source: Source, folder: Path) -> Iterator[RawItem | RowRejec
             for number, row in enumerate(lines, start=1):
                 named = _rename_values(table, row | {"file": stem, "row": str(number)})
                 if all(_holds(rule, named) for rule in table.only):
-                    try:
-                        yield _table_row_item(source, table, named)
-                    except RowRejected as rejected:
-                        yield rejected.at(source, f"{stem}:{number}")
+                    yield outcome(source, f"{stem}:{number}", partial(_table_row_item, source, table, named))
 
 
 def fill_template(template: str, row: Row) -> str:

@@ -4,11 +4,12 @@ from __future__ import annotations
 
 import re
 from collections.abc import Iterator
+from functools import partial
 from pathlib import Path
 
 from crawler.imports.declaration import Source, Table
 from crawler.imports.table_files import Row, record_rows, rows
-from crawler.imports.table_items import RowRejected, row_item, year
+from crawler.imports.table_items import RowRejected, outcome, row_item, year
 from crawler.items import RawItem
 from crawler.text.cell_lengths import Measure, dimensions_mm, measures
 
@@ -45,10 +46,7 @@ def row_items(source: Source, folder: Path) -> Iterator[RawItem | RowRejected]:
     """Return an item or a rejection for each object of `walters_dims.jsonl`, or of the repository of the museum."""
     path = folder if folder.is_file() else folder / _TABLE.files[0]
     for row in rows(_TABLE, path) if path.is_file() else record_rows(_TABLE, folder):
-        try:
-            yield _item(source, row)
-        except RowRejected as rejected:
-            yield rejected.at(source, row["ObjectID"])
+        yield outcome(source, row["ObjectID"], partial(_item, source, row))
 
 
 def _item(source: Source, row: Row) -> RawItem:

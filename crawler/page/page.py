@@ -14,7 +14,7 @@ from urllib.parse import urlsplit
 from lxml import etree
 from w3lib.encoding import html_to_unicode
 
-from crawler.text.vocabulary import Language, language_of
+from crawler.text.vocabulary import INVISIBLE, Language, language_of
 from metric_base.errors import InputError
 
 #: Element of lxml; the classes of `lxml.html` would cost a Python call each.
@@ -26,7 +26,6 @@ MAX_BYTES = 32_000_000
 MAX_ATTRIBUTES = 250
 #: All tags of the root element, whose attributes libxml2 merges; the name stands for them in the count of attributes.
 _ROOT_TAG, _ROOT_NAME = re.compile(rb"<html(?=[\s/])", re.IGNORECASE), "mt-root"
-_INVISIBLE = re.compile("[\u00ad\u034f\u061c\u200b-\u200f\u202a-\u202e\u2060-\u2064\u2066-\u2069\ufeff\ufe0e\ufe0f]")
 #: Control characters (C0 and C1) that are not white space.
 _CONTROLS = re.compile("[\x00-\x1f\x7f-\x9f]")
 #: Tags of invisible elements, which are removed from the tree.
@@ -168,7 +167,7 @@ def saved_page(path: Path, url: str) -> Page:
 
 def squeeze(text: str) -> str:
     """Return a text with single spaces, and without invisible characters and control characters."""
-    text = " ".join(text.split() if text.isascii() else _INVISIBLE.sub("", text).split())
+    text = " ".join(text.split() if text.isascii() else INVISIBLE.sub("", text).split())
     return text if text.isprintable() else _CONTROLS.sub("", text)
 
 

@@ -18,7 +18,7 @@ Axis = Literal["length", "width", "height", "depth", "diameter"]
 Language = Literal["en", "de", "fr", "it", "es", "pt", "nl"]
 
 #: Invisible characters: direction marks, zero-width spaces, soft hyphens, byte-order marks.
-_INVISIBLE = re.compile("[\u00ad\u034f\u061c\u200b-\u200f\u202a-\u202e\u2060-\u2064\u2066-\u2069\ufeff\ufe0e\ufe0f]")
+INVISIBLE = re.compile("[\u00ad\u034f\u061c\u200b-\u200f\u202a-\u202e\u2060-\u2064\u2066-\u2069\ufeff\ufe0e\ufe0f]")
 
 #: Cache of the tests below: the labels of a site are the same on every page, and each is tested several times.
 _cached = lru_cache(maxsize=4096)
@@ -29,7 +29,7 @@ def plain(text: str) -> str:
     """Return a text in lower case, with single spaces and without accents and invisible characters."""
     if text.isascii():
         return " ".join(text.lower().split())
-    letters = unicodedata.normalize("NFKD", _INVISIBLE.sub("", text).casefold())
+    letters = unicodedata.normalize("NFKD", INVISIBLE.sub("", text).casefold())
     return " ".join("".join(c for c in letters if not unicodedata.combining(c)).split())
 
 

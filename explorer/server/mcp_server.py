@@ -16,13 +16,7 @@ from pydantic import Field
 from explorer.catalogue import ReleaseCatalogue
 from explorer.fit import fit_response
 from explorer.queries import search_response
-from explorer.responses import (
-    comparison,
-    found_node,
-    node_response,
-    queried_prior,
-    vocabulary_response,
-)
+from explorer.responses import comparison, found_node, node_response, queried_prior, vocabulary_response
 from explorer.schemas import FitQuery, ScaleRequest, SearchQuery
 from explorer.server.scale_jobs import scale_record
 from metric_base.errors import InputError

@@ -5,6 +5,7 @@ from __future__ import annotations
 import asyncio
 from concurrent.futures import ProcessPoolExecutor
 from concurrent.futures.process import BrokenProcessPool
+from functools import cache
 from multiprocessing import get_context
 from pathlib import Path
 from typing import Any
@@ -23,6 +24,8 @@ MAX_JOB_S = 20.0
 N_PROCESSES = 2
 #: Maximum number of jobs that wait or run; more are refused at once, because they would end after `MAX_JOB_S`.
 MAX_JOBS = 10
+#: Request whose estimate loads the release and the modules of the estimator.
+_SMALL_REQUEST = b'{"objects": [{"category": "chair", "dimensions": {"height": 0.45}}]}'
 
 
 class ServiceUnavailable(Exception):
@@ -76,7 +79,7 @@ class ScaleJobs:
             raise ServiceUnavailable("too many scale requests at once; try again in a few seconds")
         self._jobs += 1
         try:
-            job = asyncio.get_running_loop().run_in_executor(self._processes(), _scale, body)
+            job = asyncio.get_running_loop().run_in_executor(self._processes(), _scale, self._directory, body)
             return await asyncio.wait_for(asyncio.shield(job), MAX_JOB_S)
         except TimeoutError:
             raise ServiceUnavailable(f"the estimate took longer than {MAX_JOB_S:g} s; send fewer objects") from None
@@ -89,11 +92,11 @@ class ScaleJobs:
     def preload(self) -> None:
         """Start the processes, so that the first request finds the estimator and the release in memory."""
         for _ in range(N_PROCESSES):
-            self._processes().submit(_warm_up)
+            self._processes().submit(_scale, self._directory, _SMALL_REQUEST)
 
     def _processes(self) -> ProcessPoolExecutor:
         if self._pool is None:
-            self._pool = ProcessPoolExecutor(N_PROCESSES, get_context("spawn"), _start, (self._directory,))
+            self._pool = ProcessPoolExecutor(N_PROCESSES, get_context("spawn"))
         return self._pool
 
     def stop(self) -> None:
@@ -103,21 +106,13 @@ class ScaleJobs:
             self._pool = None
 
 
-_trees: dict[str, Tree] = {}
+#: Opens each release once per process.
+_open = cache(open_tree)
 
 
-def _start(directory: Path) -> None:
-    _trees["tree"] = open_tree(directory)
-
-
-def _warm_up() -> None:
-    """Estimate a small scale, which loads the modules of the estimator."""
-    _scale(b'{"objects": [{"category": "chair", "dimensions": {"height": 0.45}}]}')
-
-
-def _scale(body: bytes) -> bytes:
+def _scale(directory: Path, body: bytes) -> bytes:
     try:
         request = msgspec.json.decode(body, type=ScaleRequest)
     except (msgspec.DecodeError, RecursionError, UnicodeDecodeError) as error:
         raise InputError(f"body: expected metric-tree/objects/1 as JSON; {error}") from None
-    return msgspec.json.encode(scale_record(request, _trees["tree"]))  # NaN becomes null
+    return msgspec.json.encode(scale_record(request, _open(directory)))  # NaN becomes null

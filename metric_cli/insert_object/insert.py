@@ -54,7 +54,6 @@ def run(command: InsertCommand) -> int:
         # Object with the position that the user chooses on the page; print the equivalent command.
         from insertion.placement_page import PlacementPage
 
-        assert command.place_port is not None
         has_out = command.request.out is not None
         page = PlacementPage(
             scene,

@@ -7,14 +7,7 @@ from typing import Any
 
 from metric_cli.batch import add_batch
 from metric_cli.errors import exit_status_help
-from metric_cli.parser import (
-    OneLineParser,
-    OutputFile,
-    add_program_options,
-    input_path,
-    new_folder,
-    program_parser,
-)
+from metric_cli.parser import OneLineParser, OutputFile, add_program_options, input_path, new_folder, program_parser
 
 PROGRAM = "insert-object"
 #: Options that give the position of an object, which the placement page replaces.

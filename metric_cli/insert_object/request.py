@@ -12,6 +12,7 @@ from typing import TYPE_CHECKING
 from metric_base.errors import InputError
 from metric_cli.batch import check_batch_options
 from metric_cli.insert_object.parser import parser
+from metric_cli.parser import same_named
 
 if TYPE_CHECKING:
     from insertion.request import InsertionRequest, ObjectRequest, SceneSource
@@ -72,21 +73,14 @@ def parse_request(argv: Sequence[str]) -> InsertCommand:
     if options.renderer == "blender":
         blender_program()
     objects = parse_objects(options.objects)
-    source = parse_scene(options)
-    request = InsertionRequest(
-        scene=source,
-        objects=tuple(objects),
-        tree=tree_for(objects, options.tree),
-        out=options.out,
-        codec=options.codec,
-        frames=None if options.frames is None else parse_frame_range(options.frames),
-        renderer=options.renderer,
-        show_interval=options.show_interval,
-        layers=options.layers,
-        export=options.export,
-    )
+    computed = {
+        "scene": parse_scene(options),
+        "objects": tuple(objects),
+        "tree": tree_for(objects, options.tree),
+        "frames": None if options.frames is None else parse_frame_range(options.frames),
+    }
     return InsertCommand(
-        request=request,
+        request=InsertionRequest(**same_named(options, InsertionRequest) | computed),
         preview=options.preview,
         place_port=options.place,
         as_json=options.json,
@@ -113,15 +107,8 @@ def parse_scene(options: argparse.Namespace) -> SceneSource:
         up = None if options.up is None else up_from_vector(tuple(float(part) for part in options.up.split(",")))
     except (ValueError, TypeError):
         raise InputError.at("--up", "direction", "X,Y,Z, three finite numbers, not all 0", options.up) from None
-    return SceneSource(
-        folder=options.scene,
-        scale=read_scale(options.scene, scale),
-        images=options.images,
-        instances=options.instances,
-        moving=options.moving,
-        dense=options.dense,
-        up=up,
-    )
+    computed = {"folder": options.scene, "scale": read_scale(options.scene, scale), "up": up}
+    return SceneSource(**same_named(options, SceneSource) | computed)
 
 
 def parse_objects(groups: Sequence[argparse.Namespace]) -> list[ObjectRequest]:
@@ -144,22 +131,17 @@ def parse_objects(groups: Sequence[argparse.Namespace]) -> list[ObjectRequest]:
             x_m = y_m = math.nan
         if not max(abs(x_m), abs(y_m)) < MAX_XY_M:
             raise InputError(f"--xy: expected X,Y in metres; found {group.xy!r}")
-        request = ObjectRequest(
-            model=group.model,
-            size=group.size or "file",
-            at=parse_pixel_position(group.at or "auto"),
-            on=group.on,
-            plane=group.plane,
-            xy_m=(x_m, y_m),
-            facing=parse_facing(group.facing or "camera"),
-            category=group.category,
-            clip=group.clip,
-            at_time_s=group.at_time,
-            path=() if group.path is None else parse_path(group.path),
-            speed_m_s=group.speed,
-            path_start_s=group.path_start or 0.0,
-        )
-        objects.append(request)
+        computed = {
+            "size": group.size or "file",
+            "at": parse_pixel_position(group.at or "auto"),
+            "xy_m": (x_m, y_m),
+            "facing": parse_facing(group.facing or "camera"),
+            "at_time_s": group.at_time,
+            "path": () if group.path is None else parse_path(group.path),
+            "speed_m_s": group.speed,
+            "path_start_s": group.path_start or 0.0,
+        }
+        objects.append(ObjectRequest(**same_named(group, ObjectRequest) | computed))
     return objects
 
 

@@ -9,10 +9,10 @@ the kinds `norm` and `judged`. Three tables of ranges have the same form: `range
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from functools import cache
 from pathlib import Path
-from typing import Annotated, Any, Literal, TypeAlias
+from typing import Annotated, Any, Literal, TypeAlias, TypeVar
 
 import msgspec
 
@@ -22,6 +22,7 @@ from metric_base.folders import taxonomy_directory
 from metric_base.records import read_csv
 from taxonomy.levels import DIMENSIONS, BadLevels
 
+Row = TypeVar("Row")
 #: Source ids of the rows in a release.
 SOURCE, NORMS = "judged", "norms"
 #: Licence of the rows, which are part of the project.
@@ -116,7 +117,7 @@ class CuratedRange(CuratedSize, frozen=True, kw_only=True):
 class CuratedState(CuratedRange, frozen=True, kw_only=True):
     """A row of `states.csv`: sizes of a node in a state (folded, open, lying, mounted)."""
 
-    state: str = ""
+    state: Text
     plain: Text  #: State of the objects of the default prior, or `mixed: ` and their states.
 
 
@@ -200,6 +201,16 @@ def blind_ranges(table: str = "blind") -> tuple[CuratedRange, ...]:
     return curated_ranges(_DIRECTORY / f"{table}.csv")
 
 
+def unique_rows(path: Path, kind: type[Row], field: str, key: Callable[[Row], object]) -> tuple[Row, ...]:
+    """Read the rows of a table, which differ in `key`; none if the file does not exist."""
+    rows: dict[object, Row] = {}
+    for place, row in read_csv(path, kind, BadRange) if path.is_file() else ():
+        with in_file(place, BadRange):
+            expect(key(row) not in rows, field, "another value than in the rows above", getattr(row, field))
+        rows[key(row)] = row
+    return tuple(rows.values())
+
+
 @cache
 def curated_states(path: Path = _DIRECTORY / "states.csv") -> tuple[CuratedState, ...]:
     """Read the sizes of objects in their states; none if the file does not exist.
@@ -209,13 +220,7 @@ def curated_states(path: Path = _DIRECTORY / "states.csv") -> tuple[CuratedState
     BadRange
         As for a range, or a state has no name, or the same name twice.
     """
-    states: dict[tuple[str, str], CuratedState] = {}
-    for place, row in read_csv(path, CuratedState, BadRange) if path.is_file() else ():
-        key = row.node_id, row.state
-        with in_file(place, BadRange):
-            expect(bool(row.state) and key not in states, "state", "a name, once for each node", row.state)
-        states[key] = row
-    return tuple(states.values())
+    return unique_rows(path, CuratedState, "state", lambda row: (row.node_id, row.state))
 
 
 @cache
@@ -227,12 +232,7 @@ def curated_heights(path: Path = _DIRECTORY / "heights.csv") -> tuple[CuratedHei
     BadRange
         A node occurs twice, a cell is empty, or `underside` is neither `seen` nor `unseen`.
     """
-    heights: dict[str, CuratedHeight] = {}
-    for place, row in read_csv(path, CuratedHeight, BadRange) if path.is_file() else ():
-        with in_file(place, BadRange):
-            expect(row.node_id not in heights, "node_id", "a node, once", row.node_id)
-        heights[row.node_id] = row
-    return tuple(heights.values())
+    return unique_rows(path, CuratedHeight, "node_id", lambda row: row.node_id)
 
 
 @cache

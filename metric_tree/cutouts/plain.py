@@ -86,8 +86,6 @@ class Background:
 class Plain:
     """Backend for plain backgrounds."""
 
-    refined: bool = True  #: Whether GrabCut refines the mask.
-
     def foreground(self, picture: RGB) -> Foreground:
         """Return the foreground of an image (h, w, 3); it is refused as `not_plain` if the background is not plain."""
         lab = cv2.cvtColor(picture.astype(np.float32) / 255.0, cv2.COLOR_RGB2LAB)
@@ -103,7 +101,7 @@ class Plain:
         small_lab, small_ground = (cv2.resize(a, size, interpolation=cv2.INTER_AREA) for a in (lab, ground.lab))
         small = cv2.resize(mask.astype(np.float32), size, interpolation=cv2.INTER_AREA) >= 0.5
         settled = small & ~shadow_mask(small_lab, small_ground, ~small)
-        if self.refined and settled.any():
+        if settled.any():
             settled = grabcut_mask(cv2.resize(picture, size, interpolation=cv2.INTER_AREA), small, settled)
         # The edge within a pixel of the small copy is that of the full image.
         if mask.shape != settled.shape:

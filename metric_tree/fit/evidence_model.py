@@ -93,11 +93,6 @@ class EvidenceModel:
     #: g by family.
     family: Mapping[str, float] = field(default_factory=dict)
 
-    @classmethod
-    def of_record(cls, record: Mapping[str, Any]) -> EvidenceModel:
-        """Return the model of a `record`."""
-        return cls(**record)
-
     def towards(self, other: EvidenceModel, part: float) -> EvidenceModel:
         """Interpolate between another model (part 0) and this one (part 1): scales geometrically, biases linearly."""
 
@@ -222,7 +217,7 @@ def fit_evidence_model(classes: Iterable[tuple[str, SourceMeans]], kinds: Sequen
 def shipped_model() -> EvidenceModel:
     """Return the model of the shipped release (`data/fitted/evidence_model.json`)."""
     path = data_folder() / "fitted" / "evidence_model.json"
-    return EvidenceModel.of_record(json.loads(path.read_text(encoding="utf-8")))
+    return EvidenceModel(**json.loads(path.read_text(encoding="utf-8")))
 
 
 def restricted_likelihood(means: FloatArray, variances: FloatArray, present: FloatArray) -> FloatArray:

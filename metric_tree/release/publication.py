@@ -15,7 +15,6 @@ from typing import Any
 import pyarrow as pa
 import pyarrow.parquet as pq
 
-from metric_base.errors import InputError
 from metric_base.files import whole_folder
 from metric_base.records import csv_text
 from metric_tree.prior import QUANTILES, Prior
@@ -65,8 +64,6 @@ def publish(tree: Tree, out: Path) -> list[Path]:
     InputError
         `out` exists.
     """
-    if out.exists():
-        raise InputError(f"{out}: already exists; a publication is written into a new folder")
     with whole_folder(out, "DIR") as work:
         for name in TABLES:
             table = _table(tree, name)

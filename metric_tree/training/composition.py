@@ -19,7 +19,6 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from metric_base.arrays import BoolArray
 from metric_base.images import read_picture
 from metric_tree.axes import AXES
 from metric_tree.node import Node, NoPrior
@@ -105,10 +104,6 @@ class Composition:
     layers: list[Layer]  #: Objects, the farthest first.
     labels: NDArray[np.int16]  #: (H, W) index of the visible layer, or -1.
     px_per_mm: float
-
-    def mask(self, index: int) -> BoolArray:
-        """Return the visible part (H, W) of a layer."""
-        return np.asarray(self.labels == index)
 
 
 def cutouts_of(classes: Classes, seed: int) -> list[Cutout]:

@@ -192,7 +192,7 @@ def synthetic_entry(
     (work / "images" / name).write_bytes(data.tobytes())
     annotations = []
     for index, layer in enumerate(composition.layers):
-        mask = composition.mask(index)
+        mask = composition.labels == index
         runs, area, bbox = run_lengths(mask)
         annotations.append(
             {

@@ -73,11 +73,6 @@ class CategoryCandidate:
     narrowing: float  #: Nats.
     sd: float  #: Standard deviation of the Gaussian over ln scale with the expected entropy after one object.
 
-    @property
-    def samples(self) -> int:
-        """Items of the fit."""
-        return self.prior.n
-
 
 def candidates(tree: Tree) -> list[CategoryCandidate]:
     """Return the nodes with a prior that a training list or the paper names, by descending narrowing.
@@ -143,8 +138,8 @@ def broken_rule(one: CategoryCandidate, rules: Rules) -> str | None:
     """Return the first rule that a candidate breaks with its figure, or None."""
     if one.divergence > rules.most_divergence:
         return f"divergence {one.divergence:.2f}, over {rules.most_divergence:g}"
-    if one.samples < rules.least_samples:
-        return f"{one.samples} samples, under {rules.least_samples}"
+    if one.prior.n < rules.least_samples:
+        return f"{one.prior.n} samples, under {rules.least_samples}"
     if one.prior.n_sources < rules.least_sources:
         return f"{one.prior.n_sources} sources, under {rules.least_sources}"
     if len(one.lists) < rules.least_lists:
@@ -238,7 +233,7 @@ def _candidate_record(candidate: CategoryCandidate, paper_label: str | None) -> 
         "name": candidate.node.name,
         "dims": list(candidate.prior.dims),
         "divergence": round(candidate.divergence, 3),
-        "samples": candidate.samples,
+        "samples": candidate.prior.n,
         "sources": candidate.prior.n_sources,
         "lists": list(candidate.lists),
         "sd": round(candidate.sd, 3),

@@ -64,7 +64,7 @@ def write_figure(
     shifts = dict(zip((one.node.node_id for one in ranked), jitter, strict=True))
     _draw_rule(divergence, groups, lambda one: one.divergence, rules.most_divergence, "divergence: sd of log size")
     label = "samples: items of the fit, plus one"
-    _draw_rule(samples, groups, lambda one: one.samples + 1, rules.least_samples + 1, label)
+    _draw_rule(samples, groups, lambda one: one.prior.n + 1, rules.least_samples + 1, label)
     samples.set_xscale("log")
     label = f"training data: of {len(TRAINING_LISTS)} data sets, those with the category"
     _draw_rule(lists, groups, lambda one: len(one.lists) + shifts[one.node.node_id], rules.least_lists - 0.5, label)

@@ -7,9 +7,8 @@ from __future__ import annotations
 
 import json
 from collections import Counter, defaultdict
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
-from functools import cache
 from pathlib import Path
 from typing import Literal
 
@@ -175,12 +174,6 @@ def record_decision(decision: Decision, file: Path, *, amend: bool = False) -> N
     file.parent.mkdir(parents=True, exist_ok=True)
     with whole_file(file) as part:
         part.write_text("\n".join([*before, decision.line(), ""]), encoding="utf-8")
-
-
-@cache
-def default_rulings() -> Mapping[tuple[str, str], Decision]:
-    """Return the settled matches of this checkout."""
-    return rulings(decisions())
 
 
 def decision_folders() -> list[Path]:

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import warnings
 from collections.abc import Mapping
-from functools import cache
 from pathlib import Path
 from typing import Literal
 
@@ -21,7 +20,8 @@ from taxonomy.matching.sense_choice import DOMAINS
 Words = Literal["last", "path", "alternatives", "title, last"]
 
 _FILE = "readings.toml"
-_DEFAULT = "default"
+#: Key of the reading of all other sources.
+DEFAULT = "default"
 
 
 class BadReading(InputError):
@@ -45,7 +45,7 @@ class Reading(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=T
 
 
 def readings(path: Path | None = None) -> Mapping[str, Reading]:
-    """Return readings by source, and that of all other sources as `default`.
+    """Return readings by source, and that of all other sources as `DEFAULT`, of the project or of another file.
 
     Raises
     ------
@@ -53,20 +53,9 @@ def readings(path: Path | None = None) -> Mapping[str, Reading]:
         A field, domain or value is unknown.
     """
     file = path or taxonomy_directory() / _FILE
-    by_source = {_DEFAULT: Reading()}
+    by_source = {DEFAULT: Reading()}
     with in_file(file, BadReading):
         for source, record in toml_table(file, BadReading).items():
             with at_field(f"{source}:"):
                 by_source[source] = record_of(record, Reading)
     return by_source
-
-
-def reading_of(source: str, table: Mapping[str, Reading]) -> Reading:
-    """Return the reading of a source, or the default one."""
-    return table.get(source) or table[_DEFAULT]
-
-
-@cache
-def default_readings() -> Mapping[str, Reading]:
-    """Return the readings of this checkout."""
-    return readings()

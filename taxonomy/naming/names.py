@@ -183,12 +183,9 @@ class Names:
         parent = self._parents.get(node_id)
         return () if parent is None else (parent, *self.ancestors(parent))
 
-    def has_children(self, node_id: str) -> bool:
-        """Return True if a node has children."""
-        return node_id in self._inner_nodes
-
     @cached_property
-    def _inner_nodes(self) -> frozenset[str | None]:
+    def inner_nodes(self) -> frozenset[str | None]:
+        """Ids of the nodes with children."""
         return frozenset(self._parents.values())
 
     def are_related(self, one: str, other: str) -> bool:

@@ -394,7 +394,7 @@ class Resolver:
         has_name = any(node in self._names.nodes_named(one) for one in {head, *singular_phrases(head)})
         level = self._level(node)
         is_broad = level < MIN_NAMED_LEVEL or (level < MIN_BROADER_LEVEL and not has_name)
-        return is_broad and node != PERSON and self._names.has_children(node)
+        return is_broad and node != PERSON and node in self._names.inner_nodes
 
     def _level(self, node: str) -> int:
         return len(self._names.ancestors(node)) + 1

@@ -17,7 +17,7 @@ from pathlib import Path
 from typing import NamedTuple
 
 from metric_base.folders import taxonomy_directory
-from taxonomy.words.spelling import is_american, plain_fold, without_accents
+from taxonomy.words.spelling import SPELLINGS, plain_fold, without_accents
 
 #: Number of searches of a table before it is indexed: a search takes 1 ms, an index of the longest table 40 ms.
 MAX_SCANS = 50
@@ -108,7 +108,7 @@ def other_names(form: str) -> Mapping[str, str]:
     """
     # a search for the longest word comes first, because folding the table takes as long as the rest of a query
     word = max(form.split(), key=len, default="")
-    if _without_umlauts(word) not in _other_letters() and not is_american(word):
+    if _without_umlauts(word) not in _other_letters() and word not in SPELLINGS.values():
         return {}
     return names_in_languages().get(form, {})
 
@@ -141,7 +141,7 @@ def names_in_languages() -> Mapping[str, Mapping[str, str]]:
 
 
 def label_votes(form: str) -> Mapping[str, float]:
-    """Return the weights by node of a folded word in the reviewed label lists (`LABEL_WEIGHT`)."""
+    """Return the weights by node of a folded word in the reviewed label lists, the most used list first."""
     return _votes().get(form, {})
 
 
@@ -152,11 +152,6 @@ def node_uses() -> dict[str, float]:
         for node_id, weight in meant.items():
             uses[node_id] = max(uses.get(node_id, 0.0), weight)
     return uses
-
-
-def listed_nodes(text: str) -> tuple[str, ...]:
-    """Return the nodes of a label, the one of the most used list first."""
-    return tuple(label_votes(plain_fold(text)))
 
 
 @cache

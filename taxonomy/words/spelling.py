@@ -66,17 +66,12 @@ def plain_fold(text: str) -> str:
         return " ".join([SPELLINGS.get(word, word) for word in text.translate(_ASCII).split()])
     letters = "".join(c for c in without_accents(text) if not unicodedata.combining(c) and c not in "'’‘`´")
     words = _SEPARATORS.sub(" ", letters.replace("&", " and ")).split()
-    return " ".join(spelling_of(word) for word in words)
+    return " ".join(SPELLINGS.get(word, word) for word in words)
 
 
 def without_accents(text: str) -> str:
     """Return a text in lower case, with accents as separate characters after their letters."""
     return unicodedata.normalize("NFKD", text.replace("ß", "ss").replace("ø", "o").replace("Ø", "O")).casefold()
-
-
-def is_american(word: str) -> bool:
-    """Return True if a folded word may be the replacement of a British spelling."""
-    return word in SPELLINGS.values()
 
 
 def passed_initials(initial: str) -> str:
@@ -87,11 +82,6 @@ def passed_initials(initial: str) -> str:
     """
     kept = {initial, _CHANGED.get(initial, initial)}
     return "".join(c for c in string.ascii_letters + string.digits if c.lower() not in kept)
-
-
-def spelling_of(word: str) -> str:
-    """Return the American spelling of a folded word."""
-    return SPELLINGS.get(word, word)
 
 
 def singulars(word: str) -> Iterator[str]:

@@ -133,7 +133,7 @@ def test_a_state_is_named_once_for_each_node(tmp_path: Path) -> None:
         (wrong := tmp_path / f"wrong{name}.csv").write_text(
             header + "\n".join([row.format("folded"), row.format(name)])
         )
-        with pytest.raises(BadRange, match=r":3: state: expected a name, once"):
+        with pytest.raises(BadRange, match=r":3: state: expected "):
             curated_states(wrong)
 
 

@@ -11,7 +11,7 @@ import time
 from collections.abc import Callable, Mapping
 from typing import Any
 
-from metric_cli.parser import input_path, output_folder
+from metric_cli.parser import input_path, output_folder, same_named
 from metric_cli.tables import print_json, print_table
 
 HELP = "Crawl a site into a data set of raw items; a crawl is polite, can be resumed and can run unattended."
@@ -55,23 +55,7 @@ def run(arguments: argparse.Namespace) -> int:
     from metric_base.errors import InputError
 
     check_options(arguments)
-    crawl = Crawl(
-        spider=arguments.spider,
-        out=arguments.out,
-        start=arguments.start_url,
-        query=arguments.query,
-        category=arguments.category,
-        limit=arguments.limit or 0,
-        resume=arguments.resume,
-        pictures=arguments.pictures,
-        contact=arguments.contact,
-        cache=arguments.cache,
-        private=arguments.private,
-        delay=arguments.delay,
-        redis=arguments.redis,
-        worker=arguments.worker,
-        site=arguments.site,
-    )
+    crawl = Crawl(**same_named(arguments, Crawl) | {"start": arguments.start_url, "limit": arguments.limit or 0})
     with CrawlProgress() as show:
         summary = run_crawl(crawl, show)
     record = summary.record()

@@ -44,12 +44,12 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 def run(arguments: argparse.Namespace) -> int:
     """Import and write the sources; print their counts."""
     if arguments.list:
-        print_sources(declared_sources(arguments), arguments.json, arguments.verbose)
+        print_sources(sources(arguments.sources), arguments.json, arguments.verbose)
         return 0
     if arguments.all == bool(arguments.source):
         given = f"both, {arguments.source} and --all" if arguments.all else "neither"
         raise InputError(f"SOURCE: expected one source, or --all; found {given}")
-    declared = declared_sources(arguments) if arguments.all else [source(arguments.source, arguments.sources)]
+    declared = sources(arguments.sources) if arguments.all else [source(arguments.source, arguments.sources)]
     selected = [one for one in declared if not arguments.all or has_files(one, arguments.input)]
     for option, folder in (("--out", arguments.out if arguments.all else None), ("--ship", arguments.ship)):
         if folder and folder.exists() and not folder.is_dir():
@@ -94,16 +94,6 @@ def import_and_write(declared: Source, arguments: argparse.Namespace) -> dict[st
     if arguments.ship and declared.ship:
         write_lines(arguments.ship / f"{name}.gz", (item.line() for item in result.items), "--ship")
     return {"schema": SCHEMA, **summary(result)}
-
-
-def declared_sources(arguments: argparse.Namespace) -> Sequence[Source]:
-    """Return all declared sources of the package or of `--sources`. Raises InputError if there are none."""
-    declared = sources(arguments.sources)
-    if not declared:
-        raise InputError(
-            f"--sources: expected a folder of declarations, SOURCE.toml; found none in {arguments.sources}"
-        )
-    return declared
 
 
 def print_sources(declared: Sequence[Source], as_json: bool, verbose: bool) -> None:

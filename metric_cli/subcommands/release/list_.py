@@ -45,14 +45,9 @@ def run(arguments: argparse.Namespace) -> int:
         else:
             sys.stdout.writelines(f"{line}\n" for line in outline(top, max_level))
         return 0
+    fields = ("name", "version", "created", "counts")
     described = [
-        {
-            "name": release.manifest["name"],
-            "version": release.manifest["version"],
-            "created": release.manifest["created"],
-            "counts": release.manifest["counts"],
-            "path": str(release.directory),
-        }
+        {name: release.manifest[name] for name in fields} | {"path": str(release.directory)}
         for release in map(open_release, releases())
     ]
     if arguments.json:

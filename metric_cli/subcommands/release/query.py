@@ -35,12 +35,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     add("--at-least", metavar="TIER", help="minimum tier: norm, measured, few, ...; a lower tier is an error")
     add("--kind", help="also print the sizes of the published items of this kind: product, measured, ...")
     add("--images", metavar="N", type=int, help="list N images, evenly distributed over the sizes")
-    add(
-        "--sheet",
-        metavar="FILE.png",
-        type=OutputFile(),
-        help="draw these images to a common scale (default: 12)",
-    )
+    add("--sheet", metavar="FILE.png", type=OutputFile(), help="draw these images to a common scale (default: 12)")
     add_units(parser)
     add_tree(parser)
 

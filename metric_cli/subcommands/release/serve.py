@@ -24,12 +24,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     add = parser.add_argument
     add("--host", default="127.0.0.1", help="network address of the server (default: 127.0.0.1, only this machine)")
     add("--port", type=int, default=8000, help="port, 0 for a free port (default: 8000)")
-    add(
-        "--tree",
-        metavar="REF",
-        action="append",
-        help="release: version or folder; may be repeated (default: shipped)",
-    )
+    add("--tree", metavar="REF", action="append", help="release: version or folder; may be repeated (default: shipped)")
     add(
         "--allow-host",
         metavar="NAME",

@@ -16,10 +16,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Declare the arguments of the subcommand."""
     parser.add_argument("out", metavar="OUT", type=new_folder, help="folder to write; it must not exist")
     parser.add_argument(
-        "--tree",
-        metavar="REF",
-        action="append",
-        help="release: version or folder; may be repeated (default: shipped)",
+        "--tree", metavar="REF", action="append", help="release: version or folder; may be repeated (default: shipped)"
     )
     parser.add_argument("--workers", metavar="N", type=int, help="number of processes (default: one per processor)")
 

@@ -8,16 +8,9 @@ from typing import Any
 from metric_base.errors import InputError
 from metric_base.files import output_file, whole_file
 from metric_base.records import csv_text
-from metric_cli.parser import OutputFile, add_tree
+from metric_cli.parser import OutputFile, add_tree, same_named
 from metric_cli.tables import print_json, print_table
-from metric_tree.training.selection import (
-    TRAINING_LISTS,
-    Rules,
-    candidates,
-    choose,
-    paper_selection,
-    selection_record,
-)
+from metric_tree.training.selection import TRAINING_LISTS, Rules, candidates, choose, paper_selection, selection_record
 from metric_tree.tree import open_tree
 
 HELP = "Select categories for instance segmentation and scale estimation, with the figures of each rule."
@@ -48,13 +41,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def run(arguments: argparse.Namespace) -> int:
     """Print the selection and, for comparison, that of the paper with the reasons of the differences."""
-    rules = Rules(
-        arguments.count,
-        arguments.most_divergence,
-        arguments.least_samples,
-        arguments.least_sources,
-        arguments.least_lists,
-    )
+    rules = Rules(**same_named(arguments, Rules))
     if not rules.most_divergence > 0:
         raise InputError(f"--most-divergence: expected a number above 0; found {rules.most_divergence}")
     if rules.count < 1:

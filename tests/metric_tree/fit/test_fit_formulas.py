@@ -128,7 +128,7 @@ def test_a_model_of_kinds_says_biases_errors_and_covariances() -> None:
     assert mixed.family_bias == pytest.approx({"asset f": 0.02})
     assert model.towards(other, 1.0).share == pytest.approx(0.4)
     assert replace(model, share=0.123456).record()["share"] == 0.1235
-    assert EvidenceModel.of_record(model.record()) == model
+    assert EvidenceModel(**model.record()) == model
 
 
 def test_a_restricted_likelihood_is_that_of_differences() -> None:

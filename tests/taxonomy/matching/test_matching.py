@@ -14,7 +14,7 @@ from taxonomy.levels import replaced_ids
 from taxonomy.matching.decisions import Decision, decisions
 from taxonomy.matching.lexicon import Lexicon
 from taxonomy.matching.matcher import Matcher, default_matcher, naming_texts
-from taxonomy.matching.readings import BadReading, Reading, default_readings, readings
+from taxonomy.matching.readings import BadReading, Reading, readings
 from taxonomy.matching.reliability import reliabilities
 from taxonomy.wordnet import WordNet
 from taxonomy.words.spelling import fold_text
@@ -297,7 +297,7 @@ def test_shipped_decisions_name_known_concepts(wordnet: WordNet) -> None:
     }
     assert unfolded == set()
     sources = {d.subject.partition(": ")[0] for d in decisions() if d.what == "match"}
-    assert sources <= {"*", *default_readings()}
+    assert sources <= {"*", *readings()}
 
 
 @pytest.mark.parametrize(

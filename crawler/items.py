@@ -78,13 +78,8 @@ class RawItem:
 
     def __post_init__(self) -> None:
         for name, known in (("kind", KINDS), ("statistic", STATISTICS)):
-            value = getattr(self, name)
-            expect(
-                value in known or (name == "statistic" and value is None),
-                name,
-                f"one of {', '.join(sorted(known))}",
-                value,
-            )
+            value, expected = getattr(self, name), f"one of {', '.join(sorted(known))}"
+            expect(value in known or (name == "statistic" and value is None), name, expected, value)
         region = self.region
         is_country = region is not None and len(region) == 2 and region.isascii() and region.isupper()
         expected = f"two letters of ISO 3166, or {', '.join(sorted(REGIONS))}"

@@ -77,11 +77,13 @@ ROUTES: tuple[Route, ...] = (
     Route("v1/releases.json", responses.releases_response, None, schemas.ReleasesAnswer),
     Route("v1/search", search_response, schemas.SearchQuery, schemas.SearchAnswer, is_static=False),
     Route("v1/fit", fit_response, schemas.FitQuery, schemas.FitAnswer, is_static=False),
-    Route("v1/sizes.csv", tables.sizes_csv),
-    Route("v1/sizes.parquet", tables.sizes_parquet),
+    Route("v1/sizes.csv", lambda of: tables.csv_bytes(tables.sizes_table(of))),
+    Route("v1/sizes.parquet", lambda of: tables.parquet_bytes(tables.sizes_table(of))),
     Route("v1/nodes/{slug}/sizes.csv", tables.node_sizes_csv, listed=_has_prior),
-    Route("v1/nodes/{slug}/items.csv", tables.items_csv, listed=_has_items),
-    Route("v1/nodes/{slug}/items.parquet", tables.items_parquet, listed=_has_parquet),
+    Route("v1/nodes/{slug}/items.csv", lambda *of: tables.csv_bytes(tables.items_table(*of)), listed=_has_items),
+    Route(
+        "v1/nodes/{slug}/items.parquet", lambda *of: tables.parquet_bytes(tables.items_table(*of)), listed=_has_parquet
+    ),
     Route(
         "v1/nodes/{id}/prior.json",
         responses.prior_response,

@@ -16,17 +16,21 @@ from metric_tree.node import Node
 from metric_tree.prior import INTERVAL_QUANTILES, QUANTILES
 
 
-def items_csv(catalogue: ReleaseCatalogue, node: Node) -> bytes:
-    """Return the published items at or below a node as CSV; lists are joined by spaces."""
-    table = catalogue.published(catalogue.rows(node))
+def csv_bytes(table: pa.Table) -> bytes:
+    """Return a table as CSV; lists are joined by spaces."""
     return csv_text(table.column_names, (row.values() for row in table.to_pylist()))
 
 
-def items_parquet(catalogue: ReleaseCatalogue, node: Node) -> bytes:
-    """Return the published items at or below a node as Parquet, with the units in the metadata of the columns."""
+def parquet_bytes(table: pa.Table) -> bytes:
+    """Return a table as Parquet, with the units of published items in the metadata of the columns."""
     sink = io.BytesIO()
-    pq.write_table(catalogue.published(catalogue.rows(node)), sink, compression="zstd", store_schema=False)
+    pq.write_table(table, sink, compression="zstd", store_schema=False)
     return sink.getvalue()
+
+
+def items_table(catalogue: ReleaseCatalogue, node: Node) -> pa.Table:
+    """Return the published items at or below a node."""
+    return catalogue.published(catalogue.rows(node))
 
 
 def node_sizes_csv(catalogue: ReleaseCatalogue, node: Node) -> bytes:
@@ -49,19 +53,6 @@ def sizes_table(catalogue: ReleaseCatalogue) -> pa.Table:
                 row |= {f"{dim}_q{round(100 * q):02d}_mm": sizes.get(dim, {}).get(f"{q:g}") for q in QUANTILES}
             rows.append(row)
     return pa.Table.from_pylist(rows)
-
-
-def sizes_csv(catalogue: ReleaseCatalogue) -> bytes:
-    """Return `sizes_table` as CSV."""
-    table = sizes_table(catalogue)
-    return csv_text(table.column_names, (row.values() for row in table.to_pylist()))
-
-
-def sizes_parquet(catalogue: ReleaseCatalogue) -> bytes:
-    """Return `sizes_table` as Parquet."""
-    sink = io.BytesIO()
-    pq.write_table(sizes_table(catalogue), sink, compression="zstd", store_schema=False)
-    return sink.getvalue()
 
 
 def vocabulary_csv(catalogue: ReleaseCatalogue, name: str) -> bytes:

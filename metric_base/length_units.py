@@ -5,41 +5,28 @@ from __future__ import annotations
 import re
 from collections.abc import Iterable, Mapping
 from contextlib import suppress
-from types import MappingProxyType
 
 #: Millimetres in one unit. The inch is 25.4 mm exactly (international yard and pound agreement, 1959).
-MILLIMETRES: Mapping[str, float] = MappingProxyType(
-    {
-        "um": 1e-3,
-        "mm": 1.0,
-        "cm": 10.0,
-        "dm": 100.0,
-        "m": 1000.0,
-        "km": 1e6,
-        "in": 25.4,
-        "ft": 304.8,
-        "yd": 914.4,
-        "mi": 1609344.0,
-    }
-)
+MILLIMETRES: Mapping[str, float] = {
+    "um": 1e-3, "mm": 1.0, "cm": 10.0, "dm": 100.0, "m": 1000.0, "km": 1e6,
+    "in": 25.4, "ft": 304.8, "yd": 914.4, "mi": 1609344.0,
+}  # fmt: skip
 
 #: Keys of `MILLIMETRES` by unit word, in lower case and without a final full stop.
-UNIT_WORDS: Mapping[str, str] = MappingProxyType(
-    {
-        word: key
-        for key, words in {
-            "mm": "mm millimeter millimeters millimetre millimetres millimètres milímetros millimetri",
-            "cm": "cm cms centimeter centimeters centimetre centimetres zentimeter centimètre centimètres "
-            "centímetros centimetri",
-            "dm": "dm decimetre decimetres decimeter decimeters",
-            "m": "m mt mtr meter meters metre metres mètre mètres metro metros metri",
-            "in": "in ins inch inches inch(es) zoll tum pouce pouces pulgada pulgadas pollici \" ″ ” “ '' ′′ ’’",
-            "ft": "ft feet foot fuß pied pieds pie pies piedi ' ′ ’",
-            "yd": "yd yds yard yards",
-        }.items()
-        for word in words.split()
-    }
-)
+UNIT_WORDS: Mapping[str, str] = {
+    word: key
+    for key, words in {
+        "mm": "mm millimeter millimeters millimetre millimetres millimètres milímetros millimetri",
+        "cm": "cm cms centimeter centimeters centimetre centimetres zentimeter centimètre centimètres "
+        "centímetros centimetri",
+        "dm": "dm decimetre decimetres decimeter decimeters",
+        "m": "m mt mtr meter meters metre metres mètre mètres metro metros metri",
+        "in": "in ins inch inches inch(es) zoll tum pouce pouces pulgada pulgadas pollici \" ″ ” “ '' ′′ ’’",
+        "ft": "ft feet foot fuß pied pieds pie pies piedi ' ′ ’",
+        "yd": "yd yds yard yards",
+    }.items()
+    for word in words.split()
+}
 
 #: Unit words without letters (`″`, `''`), longest first, as alternatives of a regular expression.
 UNIT_MARKS = "|".join(sorted((word for word in UNIT_WORDS if not re.search(r"\w", word)), key=len, reverse=True))

@@ -42,21 +42,14 @@ def progress_bars() -> Iterator[ProgressCallback]:
     if not sys.stderr.isatty():
         yield progress_lines(sys.stderr.write)
         return
+    from rich import progress as rich_bars
     from rich.console import Console
-    from rich.progress import (
-        BarColumn,
-        MofNCompleteColumn,
-        Progress,
-        TaskID,
-        TextColumn,
-        TimeElapsedColumn,
-        TimeRemainingColumn,
-    )
 
-    left = (TextColumn("left:"), TimeRemainingColumn())
-    columns = (TextColumn("{task.description}"), BarColumn(), MofNCompleteColumn(), TimeElapsedColumn(), *left)
-    with Progress(*columns, console=Console(stderr=True), transient=True) as bars:
-        tasks: dict[str, TaskID] = {}
+    done = (rich_bars.BarColumn(), rich_bars.MofNCompleteColumn(), rich_bars.TimeElapsedColumn())
+    columns = (*done, rich_bars.TextColumn("left:"), rich_bars.TimeRemainingColumn())
+    description = rich_bars.TextColumn("{task.description}")
+    with rich_bars.Progress(description, *columns, console=Console(stderr=True), transient=True) as bars:
+        tasks: dict[str, rich_bars.TaskID] = {}
 
         def progress(step: str, done: int, total: int | None) -> None:
             if step not in tasks:

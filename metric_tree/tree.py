@@ -42,11 +42,6 @@ _ID_MARKS = frozenset(".:/")
 _DIGIT = re.compile(r"\d")
 
 
-def quantile_columns() -> list[str]:
-    """Return the names of the columns of sizes, such as `height_q50_mm`."""
-    return [f"{dim}_q{round(100 * q):02d}_mm" for dim in DIMS for q in QUANTILES]
-
-
 def quantile_table(entries: Iterable[tuple[dict[str, Any], Prior | None]], labelled: bool = False) -> pa.Table:
     """Return a table of nodes with their sizes in mm; unknown dimensions are null.
 
@@ -61,7 +56,8 @@ def quantile_table(entries: Iterable[tuple[dict[str, Any], Prior | None]], label
     types |= {"n_items": pa.int64(), "n_sources": pa.int64()}
     fields = [pa.field("label", pa.string())] if labelled else []
     fields += [pa.field(name, kind) for name, kind in types.items()]
-    fields += [pa.field(name, pa.float64(), metadata={"unit": "mm"}) for name in quantile_columns()]
+    columns = (f"{dim}_q{round(100 * q):02d}_mm" for dim in DIMS for q in QUANTILES)
+    fields += [pa.field(name, pa.float64(), metadata={"unit": "mm"}) for name in columns]
     rows = []
     for facts, prior in entries:
         row = dict(facts)
@@ -434,12 +430,8 @@ class Tree:
 
     @cached_property
     def _resolver(self) -> Resolver:
-        names, aliases, items = (self._table[column].to_pylist() for column in ("name", "aliases", "n_items"))
-
-        def hypernyms(node_id: str) -> tuple[str, ...]:
-            return self.node(node_id).hypernyms
-
-        return Resolver(Names([*self._rows], names, aliases, items, self._parents, hypernyms, label_votes))
+        columns = (self._table[column].to_pylist() for column in ("name", "aliases", "n_items"))
+        return Resolver(Names([*self._rows], *columns, self._parents, lambda node_id: self.node(node_id).hypernyms))
 
 
 def open_tree(ref: str | Path | None = None, licence: str | None = None) -> Tree:

@@ -50,21 +50,10 @@ _MOVING = "/HEAD/"
 #: Address of a file in a repository: owner and name, then commit and path.
 _RAW_FILE = re.compile(r"https://raw\.githubusercontent\.com/([^/]+/[^/]+)/(.+)")
 #: Licences that permit to redistribute rows in a wheel under Apache-2.0: no copyleft, attribution only.
-OPEN_LICENCES = frozenset(
-    {
-        "Apache-2.0",
-        "BSD-2-Clause",
-        "BSD-3-Clause",
-        "CC-BY-3.0",
-        "CC-BY-3.0-US",
-        "CC-BY-4.0",
-        "CC0-1.0",
-        "MIT",
-        "MIT-0",
-        "ODC-By-1.0",
-        "public-domain-US-government",
-    }
-)
+OPEN_LICENCES = frozenset({
+    "Apache-2.0", "BSD-2-Clause", "BSD-3-Clause", "CC-BY-3.0", "CC-BY-3.0-US", "CC-BY-4.0", "CC0-1.0", "MIT", "MIT-0",
+    "ODC-By-1.0", "public-domain-US-government",
+})  # fmt: skip
 
 
 class _Declared(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):

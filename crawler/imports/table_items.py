@@ -124,14 +124,8 @@ def row_item(
         raise RowRejected("out_of_bounds", "extents_mm", list(sides))
     if not path:
         raise RowRejected("no_category", "category", texts.get("title", ""))
-    defaults = {
-        "licence": source.licence,
-        "kind": source.kind,
-        "year": source.year,
-        "region": source.region,
-        "url": source.page,
-    }
-    given = {key: value for key, value in texts.items() if value}
+    defaults = {name: getattr(source, name) for name in ("licence", "kind", "year", "region")}
+    given = {"url": source.page} | {key: value for key, value in texts.items() if value}
     with in_file(f"{source.id}: row {source_id}", BadRawItem):
         return RawItem(
             source=source.id,

@@ -131,7 +131,6 @@ class PageRegions:
         self._main = frozenset(box for title in islice(root.iter("h1"), 1) for box in title.iterancestors())
         self._texts: dict[Element, str] = {}
         self._elsewhere: dict[Element, bool] = {}
-        self._titles: dict[Element, str] = {}
         self._titles_before: dict[Element, str] = {}
 
     def text(self, element: Element) -> str:
@@ -194,8 +193,6 @@ class PageRegions:
 
     def _title(self, element: Element) -> str:
         """Return the text of a title, of bold text above a box or a list, or of the title in a short element."""
-        if element in self._titles:
-            return self._titles[element]
         below = element.getnext()
         is_above_box = below is not None and below.tag in _BOXES and not (element.tail or "").strip()
         title = ""
@@ -209,8 +206,7 @@ class PageRegions:
             inner = next(element.iter("h2"), None)
             inner = inner if inner is not None else next(element.iter("h3"), None)
             title = self.text(inner) if inner is not None and len(self.text(element)) <= MAX_LABEL else ""
-        self._titles[element] = title if len(title) <= MAX_LABEL else ""
-        return self._titles[element]
+        return title if len(title) <= MAX_LABEL else ""
 
 
 # the tests of names are cached, because a site uses the same few hundred class names on all pages

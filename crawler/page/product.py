@@ -187,11 +187,8 @@ def _quantity(value: Any) -> str | None:
     if isinstance(value, dict):
         code = str(value.get("unitCode") or value.get("unitText") or "")
         amount = value.get("value")
-        return (
-            None
-            if not isinstance(amount, str | int | float)
-            else f"{amount} {_UNIT_CODES.get(code.upper(), code)}".strip()
-        )
+        known = isinstance(amount, str | int | float)
+        return f"{amount} {_UNIT_CODES.get(code.upper(), code)}".strip() if known else None
     return str(value) if isinstance(value, str | int | float) and str(value).strip() else None
 
 

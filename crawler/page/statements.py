@@ -18,21 +18,9 @@ from crawler.page.label_values import HAS_DIGIT, LabelValue, label_values, names
 from crawler.page.page import Page, squeeze
 from crawler.page.product import Product
 from crawler.page.urls import source_id as hashed_url
+from crawler.text import vocabulary
 from crawler.text.sizes import Length, Size, consensus, flags_of, orders_axes, sizes, unit_in_brackets
-from crawler.text.vocabulary import (
-    Language,
-    is_component,
-    is_dimension_label,
-    is_foreign,
-    is_of_others,
-    is_package,
-    is_part_heading,
-    is_part_name,
-    is_stripped,
-    is_whole,
-    names_an_axis,
-    plain,
-)
+from crawler.text.vocabulary import Language, plain
 
 #: Maximum number of characters of a title or a statement in an item. Shops use about 100 characters; broken pages may
 #: contain megabytes.
@@ -129,7 +117,7 @@ def size_statements(page: Page, structured: Sequence[tuple[str, str]] = (), titl
         Title of the product; labels may repeat its words (`table height`).
     """
     words, language = plain(title), page.language
-    pairs = [pair for pair in label_values(page) if not is_of_others(plain(pair.section))]
+    pairs = [pair for pair in label_values(page) if not vocabulary.is_of_others(plain(pair.section))]
     statements = list(_statements(pairs, language, words))
     declared = [LabelValue(label, text, "", "list", 0) for label, text in structured]
     statements += [
@@ -182,9 +170,9 @@ def _statements(pairs: Sequence[LabelValue], language: Language | None, title: s
     """Return the statements of pairs that announce a size, then those of groups of rows with one axis each."""
     for pair in pairs:
         label, section = plain(pair.label), plain(pair.section)
-        is_announced = is_dimension_label(label) or orders_axes(pair.label, language)
-        is_package_size = is_package(plain(f"{pair.label} {pair.section}"))
-        if is_package_size or _is_of_part(label) or (not is_announced and is_part_heading(section)):
+        is_announced = vocabulary.is_dimension_label(label) or orders_axes(pair.label, language)
+        is_package_size = vocabulary.is_package(plain(f"{pair.label} {pair.section}"))
+        if is_package_size or _is_of_part(label) or (not is_announced and vocabulary.is_part_heading(section)):
             continue
         if not (is_announced or _announces_size(pair, language, title)):
             continue
@@ -194,9 +182,9 @@ def _statements(pairs: Sequence[LabelValue], language: Language | None, title: s
         size = consensus([size for size in whole if len(size.lengths) == max_lengths])
         if size is None:
             continue
-        if pair.place == "prose" and not is_dimension_label(plain(f"{pair.value} {pair.section}")):
+        if pair.place == "prose" and not vocabulary.is_dimension_label(plain(f"{pair.value} {pair.section}")):
             # prose without a word for a size must state three axes, or two axes and no other words
-            is_stated = len(size.dimensions_mm()) >= (3 if is_foreign(plain(pair.value)) else 2)
+            is_stated = len(size.dimensions_mm()) >= (3 if vocabulary.is_foreign(plain(pair.value)) else 2)
         else:
             is_stated = len(size.lengths) > 1 or bool(size.lengths[0].axis)
         if is_stated:
@@ -210,14 +198,14 @@ def _announces_size(pair: LabelValue, language: Language | None, title: str) -> 
     The label, the heading or the text announces it, or the label names the product and the text states three axes.
     Examples: `Table: overall size 3 x 4 cm`, `Desk: 71" L x 32" W x 30" H`.
     """
-    if is_dimension_label(plain(f"{pair.label} {pair.section}")):
+    if vocabulary.is_dimension_label(plain(f"{pair.label} {pair.section}")):
         return True
     text = plain(pair.value)
     if pair.place == "prose":
-        return is_dimension_label(text) or len(_NUMBERS.findall(text)) >= MIN_NUMBERS_OF_PROSE
-    if is_dimension_label(text) and is_whole(text):
+        return vocabulary.is_dimension_label(text) or len(_NUMBERS.findall(text)) >= MIN_NUMBERS_OF_PROSE
+    if vocabulary.is_dimension_label(text) and vocabulary.is_whole(text):
         return True
-    if not pair.label or is_foreign(plain(pair.label), title):
+    if not pair.label or vocabulary.is_foreign(plain(pair.label), title):
         return False
     return any(len(size.dimensions_mm()) == 3 for size in sizes(pair.value, pair.label, language))
 
@@ -225,17 +213,18 @@ def _announces_size(pair: LabelValue, language: Language | None, title: str) -> 
 def _trust(pair: LabelValue, is_announced: bool, title: str) -> Trust:
     """Return the trust in the size of a pair; `is_announced` if its label announces a size."""
     label = plain(pair.label)
-    if pair.place == "prose" or (pair.place == "line" and not (is_announced and is_stripped(label))):
+    if pair.place == "prose" or (pair.place == "line" and not (is_announced and vocabulary.is_stripped(label))):
         # a line of running text with a size is the seller's description, not the site's table
         return Trust.PROSE
     if pair.place == "json":
         return Trust.SCRIPT
-    if is_stripped(label):
+    if vocabulary.is_stripped(label):
         return Trust.LOOSE
     if is_announced:
-        return Trust.WHOLE if is_whole(label) else Trust.SIZE
+        return Trust.WHOLE if vocabulary.is_whole(label) else Trust.SIZE
     # a size heading may also stand above parts, which a label with other words names
-    return Trust.SIZE if is_dimension_label(plain(pair.section)) and not is_foreign(label, title) else Trust.LOOSE
+    is_named = vocabulary.is_dimension_label(plain(pair.section)) and not vocabulary.is_foreign(label, title)
+    return Trust.SIZE if is_named else Trust.LOOSE
 
 
 def _axis_statements(pairs: Iterable[LabelValue], language: Language | None, title: str) -> Iterator[Statement]:
@@ -252,8 +241,8 @@ def _axis_statements(pairs: Iterable[LabelValue], language: Language | None, tit
         if length is None or not length.axis:
             continue
         label = plain(pair.label)
-        is_other = is_foreign(label, title)
-        if is_other and not names_an_axis(label):
+        is_other = vocabulary.is_foreign(label, title)
+        if is_other and not vocabulary.names_an_axis(label):
             continue  # `Saddle: 145 mm width` belongs to another item
         rows = current.get(is_other, {})
         first = next((row for _, row in rows.values()), None)
@@ -282,9 +271,9 @@ def _axis_statements(pairs: Iterable[LabelValue], language: Language | None, tit
 def _axis_length(pair: LabelValue, language: Language | None, title: str) -> Length | None:
     """Return the single length of a row and its axis, or None. Rows of parts and packages are ignored."""
     label, section = plain(pair.label), plain(pair.section)
-    if not label or _is_of_part(label) or is_package(label) or is_package(section):
+    if not label or _is_of_part(label) or vocabulary.is_package(label) or vocabulary.is_package(section):
         return None
-    if is_part_heading(section) or is_part_name(section, title):
+    if vocabulary.is_part_heading(section) or vocabulary.is_part_name(section, title):
         return None
     read = sizes(pair.value, pair.label, language, unit_in_brackets(pair.section))
     single = [size for size in read if size.meaning == "whole" and len(size.lengths) == 1]
@@ -298,7 +287,8 @@ def _axis_length(pair: LabelValue, language: Language | None, title: str) -> Len
 
 def _is_of_part(label: str) -> bool:
     """Return True if a normalised label names a part, and not the whole (`overall ...`)."""
-    return is_component(label) and not (is_whole(label) and not is_component(label.replace("overall", "")))
+    is_still_part = vocabulary.is_component(label.replace("overall", ""))
+    return vocabulary.is_component(label) and (is_still_part or not vocabulary.is_whole(label))
 
 
 def _text(pair: LabelValue) -> str:
@@ -315,7 +305,7 @@ def script_label_values(page: Page) -> Iterator[LabelValue]:
     for match in _JSON_PAIR.finditer(page.text):
         label = unescaped(match["label"])
         letters = plain(label)
-        if names_a_size(letters) or is_component(letters):
+        if names_a_size(letters) or vocabulary.is_component(letters):
             value = match["number"] or unescaped(match["value"])
             if HAS_DIGIT.search(value):
                 yield LabelValue(label, value, "", "json", match.start() // _SCRIPT_BLOCK)

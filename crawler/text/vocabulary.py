@@ -11,7 +11,6 @@ import unicodedata
 from collections.abc import Mapping
 from functools import lru_cache
 from pathlib import Path
-from types import MappingProxyType
 from typing import Literal, get_args
 
 Axis = Literal["length", "width", "height", "depth", "diameter"]
@@ -43,9 +42,7 @@ def _lists() -> dict[str, str]:
 
 _LISTS = _lists()
 #: Axes by word.
-AXIS_WORDS: Mapping[str, str] = MappingProxyType(
-    {word: axis for axis in get_args(Axis) for word in _LISTS[axis].split("|")}
-)
+AXIS_WORDS: Mapping[str, str] = {word: axis for axis in get_args(Axis) for word in _LISTS[axis].split("|")}
 _SMALL_WORDS = frozenset(_LISTS["small words"].split("|"))
 _PACKAGE, _OTHERS, _WHOLE, _COMPONENT, _DIMENSION = (
     re.compile(rf"\b({_LISTS[name]})\b") for name in ("package", "others", "whole", "component", "dimension")
@@ -161,12 +158,7 @@ _SITE_LANGUAGE = {
 
 def language_of(declared: str | None, host: str = "") -> Language | None:
     """Return the declared language of a page (`de-DE`), else that of the top-level domain of its host, else None."""
-    known: tuple[Language, ...] = ("en", "de", "fr", "it", "es", "pt", "nl")
-    for candidate in (
-        (declared or "").split("-")[0].split("_")[0].lower(),
-        _SITE_LANGUAGE.get(host.rpartition(".")[2]),
-    ):
-        for language in known:
-            if candidate == language:
-                return language
-    return None
+    known: tuple[Language, ...] = get_args(Language)
+    first = re.split("[-_]", declared or "")[0].lower()
+    candidates = (first, _SITE_LANGUAGE.get(host.rpartition(".")[2]))
+    return next((language for candidate in candidates for language in known if candidate == language), None)

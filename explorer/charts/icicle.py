@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from html import escape
 
 from explorer.charts.axis import svg
@@ -20,14 +20,12 @@ MIN_NAMED_HEIGHT_PX, LETTER_WIDTH_PX = 11, 6.3
 
 def icicle(root: Node, tier: Callable[[Node], str]) -> str:
     """Return the SVG of a tree; each area is a link to its node."""
-    parts: list[str] = []
-    _draw(root, 0.0, float(HEIGHT), tier, parts)
     title = "The tree: five columns for five levels; a node's height is its share of the items, its colour the tier"
-    drawing = svg(WIDTH, HEIGHT, title, "".join(parts), "icicle")
+    drawing = svg(WIDTH, HEIGHT, title, "".join(_areas(root, 0.0, HEIGHT, tier)), "icicle")
     return drawing.replace('role="img"', 'role="group"', 1)  # its links are read one by one
 
 
-def _draw(node: Node, top: float, bottom: float, tier: Callable[[Node], str], parts: list[str]) -> None:
+def _areas(node: Node, top: float, bottom: float, tier: Callable[[Node], str]) -> Iterator[str]:
     height = bottom - top
     if height < MIN_NODE_HEIGHT_PX:
         return
@@ -38,7 +36,7 @@ def _draw(node: Node, top: float, bottom: float, tier: Callable[[Node], str], pa
     if len(node.name) * LETTER_WIDTH_PX >= column - 10:
         shown = f"{node.name[: int(column / LETTER_WIDTH_PX) - 3]}…"
     text = f'<text x="{x + 5:.0f}" y="{top + min(height / 2 + 4, 14):.1f}">{escape(shown)}</text>'
-    parts.append(
+    yield (
         f'<a href="{escape(page_of(node.node_id))}"><rect class="tier-{kind}" x="{x:.0f}" y="{top:.1f}" '
         f'width="{column - 1:.0f}" height="{max(height - 0.7, 0.5):.1f}"/><title>{escape(said)}</title>'
         f"{text if height >= MIN_NAMED_HEIGHT_PX else ''}</a>"
@@ -47,5 +45,5 @@ def _draw(node: Node, top: float, bottom: float, tier: Callable[[Node], str], pa
     total = sum(child.n_items for child in children)
     for child in children:
         share = height * child.n_items / total if total else 0
-        _draw(child, top, top + share, tier, parts)
+        yield from _areas(child, top, top + share, tier)
         top += share

@@ -37,17 +37,10 @@ def proofreading_page(tree: Tree, limit: int) -> str:
     """Return the page (HTML) for the `limit` most used nodes with little evidence."""
     rows = []
     for node in thin_nodes(tree, limit):
-        evidence = node.prior(node.prior_dims[0]).evidence
-        rows.append(
-            {
-                "node": node,
-                "tier": tier_words(node.tier or TIERS[-1]),
-                "evidence": f"{evidence.rows:.0f} items of {evidence.sources} sources, {evidence.models} models"
-                if evidence
-                else "",
-                "ranges": range_texts(node),
-            }
-        )
+        used = node.prior(node.prior_dims[0]).evidence
+        evidence = f"{used.rows:.0f} items of {used.sources} sources, {used.models} models" if used else ""
+        tier = tier_words(node.tier or TIERS[-1])
+        rows.append({"node": node, "tier": tier, "evidence": evidence, "ranges": range_texts(node)})
     note = (
         f"{len(rows)} of the most used categories whose size rests on few items or less, the thinnest evidence first."
         " Sizes are in mm in the ordinary pose: nine of ten objects lie between low and high. Say of each whether it is"

@@ -18,18 +18,8 @@ from metric_base.errors import InputError
 from metric_tree.checks.release_files import CODES, findings
 from metric_tree.node import Node, NoPrior
 from metric_tree.prior import INTERVAL_QUANTILES
+from metric_tree.reports import summary
 from metric_tree.reports.diff import label, release_diff
-from metric_tree.reports.summary import (
-    MIN_ITEMS,
-    Coverage,
-    coverage,
-    disagreements,
-    known_shares,
-    level_counts,
-    mixed_leaves,
-    source_counts,
-    typical_nodes,
-)
 from metric_tree.tree import Tree
 from taxonomy.label_lists import vocabularies
 
@@ -70,11 +60,12 @@ def page(tree: Tree, against: Tree | None = None) -> str:
     categories = [
         (node.name, node.node_id, " > ".join(node.path[1:-1]), node.n_items, *_tier_and_median(node)) for node in nodes
     ]
+    name_of = {node.node_id: node.name for node in nodes}
     leaves = Counter(node.path[1] for node in tree if not node.children and node.n_items)
     realms = sorted((node for node in tree if node.level == 2), key=lambda node: -node.n_items)
     evidence = tree.release.manifest.get("evidence") or {}
     urls = {record["title"]: str(record.get("url") or "") for record in tree.release.manifest["sources"]}
-    lists = [coverage(tree, name) for name in vocabularies()]
+    lists = [summary.coverage(tree, name) for name in vocabularies()]
     # 2. Number of findings, and examples, by code.
     counts = Counter(finding.code for finding in all_findings)
     examples = [f for code in sorted(counts) for f in [f for f in all_findings if f.code == code][:MAX_EXAMPLES]]
@@ -85,27 +76,27 @@ def page(tree: Tree, against: Tree | None = None) -> str:
         against=label(against) if against else None,
         categories=categories,
         searched=[" ".join((node.name, node.node_id, *node.aliases)) for node in nodes],
-        levels=level_counts(tree),
+        levels=summary.level_counts(tree),
         kinds=[
             (_EVIDENCE.get(name, name), group["items"], *(group[f"leaves_{least}"] for least in (1, 10, 30)))
             for name, group in evidence.items()
         ],
         realms=[(node.name, leaves[node.name], node.n_items) for node in realms],
-        sources=[(Link(title, urls[title]), *rest) for title, *rest in source_counts(tree)],
-        known=known_shares(tree),
-        min_items=MIN_ITEMS,
+        sources=[(Link(title, urls[title]), *rest) for title, *rest in summary.source_counts(tree)],
+        known=summary.known_shares(tree),
+        min_items=summary.MIN_ITEMS,
         coverage=[
             (row.name, row.labels, _share(row.enough, row), _share(row.real, row), _share(row.any, row))
             for row in lists
         ],
-        figures=[figure for node in typical_nodes(tree) for figure in size_figures(node)],
+        figures=[figure for node in summary.typical_nodes(tree) for figure in size_figures(node)],
         finding_counts=[(code, CODES.get(code, ""), n) for code, n in sorted(counts.items())],
         finding_examples=[(finding.code, finding.subject, finding.message) for finding in examples],
         max_examples=MAX_EXAMPLES,
         max_rows=MAX_SHOWN_ROWS,
-        differing=[(*row[:3], f"{row[3]:.0f} %") for row in disagreements(tree)[:MAX_SHOWN_ROWS]],
-        mixed=mixed_leaves(tree),
-        changes=change_tables(release_diff(against, tree), lambda node_id: _name(tree, node_id)) if against else [],
+        differing=[(*row[:3], f"{row[3]:.0f} %") for row in summary.disagreements(tree)[:MAX_SHOWN_ROWS]],
+        mixed=summary.mixed_leaves(tree),
+        changes=change_tables(release_diff(against, tree), lambda one: name_of.get(one, one)) if against else [],
     )
 
 
@@ -117,12 +108,8 @@ def _tier_and_median(node: Node) -> tuple[str, str]:
     return prior.tier, " x ".join(f"{size:.3g}" if size < 100 else f"{size:.0f}" for size in prior.quantile(0.5))
 
 
-def _share(count: int, total: Coverage) -> str:
+def _share(count: int, total: summary.Coverage) -> str:
     return f"{count} ({count / total.labels:.0%})" if total.labels else "–"
-
-
-def _name(tree: Tree, node_id: str) -> str:
-    return tree.node(node_id).name if tree.has_node(node_id) else node_id
 
 
 def size_figures(node: Node) -> list[tuple[str, Markup]]:

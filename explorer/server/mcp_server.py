@@ -67,9 +67,7 @@ def tool_server(trees: Sequence[Tree]) -> MCPServer:
         found = found_node(catalogue, name)
         return queried_prior(catalogue, found, dims or (), where, quantiles or QUANTILES, density_at or ())
 
-    def compare(
-        names: Annotated[list[str], Field(description="one to six ids or names of categories")],
-    ) -> object:
+    def compare(names: Annotated[list[str], Field(description="one to six ids or names of categories")]) -> object:
         """Up to six categories side by side."""
         return comparison(catalogue, names)
 

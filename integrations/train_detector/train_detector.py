@@ -143,12 +143,8 @@ def build_network(backbone: str, classes: int, short_side: int, weights: Path | 
             weights=None, weights_backbone=None, num_classes=classes + 1, **sides
         )
     else:
-        pyramid = backbone_utils.BackboneWithFPN(
-            resnet18(weights=None),
-            {f"layer{k}": str(k - 1) for k in (1, 2, 3, 4)},
-            [64, 128, 256, 512],
-            SMALL_CHANNELS,
-        )
+        layers = {f"layer{k}": str(k - 1) for k in (1, 2, 3, 4)}
+        pyramid = backbone_utils.BackboneWithFPN(resnet18(weights=None), layers, [64, 128, 256, 512], SMALL_CHANNELS)
         anchors = tuple((max(round(fraction * short_side), 4),) for fraction in ANCHOR_FRACTIONS)
         network = MaskRCNN(
             pyramid,

@@ -12,15 +12,9 @@ from numpy.typing import NDArray
 
 from crawler.items import KINDS
 from metric_base.arrays import FloatArray
+from metric_tree.checks import unit_errors
 from metric_tree.checks.duplicates import duplicates
 from metric_tree.checks.finding import Finding
-from metric_tree.checks.unit_errors import (
-    MIN_REFERENCE_ROWS,
-    Reference,
-    class_reference,
-    sibling_reference,
-    unit_error_factors,
-)
 from metric_tree.fit.rows import extents_of
 
 #: Minimum and maximum size in mm: from a foil of 0.01 mm to 5 km (the longest ship has 458 m, the highest building
@@ -70,7 +64,7 @@ def findings(items: pa.Table, nodes: pa.Table, manifest: Mapping[str, Any]) -> I
     extents[without] = -np.sort(-sizes[without], axis=1)
     node_ids = items["node_id"].to_numpy(zero_copy_only=False).astype(str)
     for node_id, rows in _groups(node_ids):
-        if len(rows) >= MIN_REFERENCE_ROWS:
+        if len(rows) >= unit_errors.MIN_REFERENCE_ROWS:
             class_items = items.take(pa.array(rows))
             yield from _row_findings(class_items, node_id, sizes[rows], extents[rows])
             yield from _shape_findings(node_id, np.unique(np.nan_to_num(sizes[rows], nan=-1.0), axis=0))
@@ -106,10 +100,10 @@ def _row_findings(items: pa.Table, node_id: str, sizes: FloatArray, extents: Flo
     copies = float((repeats >= 0).mean())
     if copies > MAX_DUPLICATE_FRACTION:
         yield Finding("W308", node_id, f"expected distinct rows; found {copies:.0%} of {len(node)} to be copies")
-    reference = class_reference(extents)
+    reference = unit_errors.class_reference(extents)
     if reference is None:
         return
-    factors = unit_error_factors(extents, reference)
+    factors = unit_errors.unit_error_factors(extents, reference)
     for row in np.flatnonzero(factors != 1.0):
         text = f"extents_mm: expected about {_centre(reference)}; found {_size_text(extents[row])}"
         item_id = items["item_id"][int(row)].as_py()
@@ -124,12 +118,12 @@ def _shape_findings(node_id: str, distinct: FloatArray) -> Iterator[Finding]:
     counts = [len(np.unique(distinct[:, axis])) for axis in range(3)]
     for axis, column in enumerate(AXES):
         present = distinct[0, axis] > 0
-        if present and counts[axis] == 1 and len(distinct) >= MIN_REFERENCE_ROWS:
+        if present and counts[axis] == 1 and len(distinct) >= unit_errors.MIN_REFERENCE_ROWS:
             yield Finding("W311", node_id, f"{column}: expected a spread; found {distinct[0, axis]:g} on every row")
     varying = [count for count in counts if count > 1]
     if len(varying) > 1 and min(varying) >= MIN_GRID_VALUES and np.prod(varying) == len(distinct):
         yield Finding("W312", node_id, f"expected a sample; found every pair of {' x '.join(map(str, varying))} values")
-    if len(varying) == 1 and len(distinct) >= MIN_REFERENCE_ROWS:
+    if len(varying) == 1 and len(distinct) >= unit_errors.MIN_REFERENCE_ROWS:
         steps = np.diff(np.sort(distinct[:, int(np.argmax(counts))]))
         if np.allclose(steps, steps[0], rtol=STEP_TOLERANCE):
             yield Finding("W312", node_id, f"expected a sample; found {max(varying)} values in equal steps")
@@ -138,7 +132,9 @@ def _shape_findings(node_id: str, distinct: FloatArray) -> Iterator[Finding]:
 def _source_findings(items: pa.Table, node_id: str, sizes: FloatArray) -> Iterator[Finding]:
     """Check for sources whose medians of sizes (n, 3) differ by more than `SOURCE_FACTOR` (W313)."""
     sources = items["source"].to_numpy(zero_copy_only=False).astype(str)
-    medians = {source: _medians(sizes[own]) for source, own in _groups(sources) if len(own) >= MIN_REFERENCE_ROWS}
+    medians = {
+        source: _medians(sizes[own]) for source, own in _groups(sources) if len(own) >= unit_errors.MIN_REFERENCE_ROWS
+    }
     for one, other in pairwise(sorted(medians)):
         difference = np.abs(np.log(medians[one] / medians[other]))
         if np.any(difference > np.log(SOURCE_FACTOR)):  # False if NaN
@@ -154,7 +150,9 @@ def _sibling_findings(nodes: pa.Table, node_ids: NDArray[np.str_], extents: Floa
     """
     parents = dict(zip(nodes["node_id"].to_pylist(), nodes["parent_id"].to_pylist(), strict=True))
     medians = {
-        node_id: _medians(extents[rows]) for node_id, rows in _groups(node_ids) if len(rows) >= MIN_REFERENCE_ROWS
+        node_id: _medians(extents[rows])
+        for node_id, rows in _groups(node_ids)
+        if len(rows) >= unit_errors.MIN_REFERENCE_ROWS
     }
     families: dict[str | None, list[str]] = {}
     for node_id in medians:
@@ -162,10 +160,10 @@ def _sibling_findings(nodes: pa.Table, node_ids: NDArray[np.str_], extents: Floa
     for family in families.values():
         for node_id in family:
             others = np.array([np.log(medians[other]) for other in family if other != node_id])
-            reference = sibling_reference(others)
+            reference = unit_errors.sibling_reference(others)
             if reference is None:
                 continue
-            factor = float(unit_error_factors(medians[node_id][None], reference)[0])
+            factor = float(unit_errors.unit_error_factors(medians[node_id][None], reference)[0])
             if np.isfinite(factor) and factor != 1.0:
                 text = f"{_size_text(medians[node_id])}, {_factor_text(factor)}"
                 yield Finding("W314", node_id, f"extents_mm: expected about {_centre(reference)}; found {text}")
@@ -176,7 +174,7 @@ def _factor_text(factor: float) -> str:
     return f"{factor if is_large else 1 / factor:g} times too {'large' if is_large else 'small'}"
 
 
-def _centre(reference: Reference) -> str:
+def _centre(reference: unit_errors.Reference) -> str:
     return _size_text(np.exp(reference.centre))
 
 

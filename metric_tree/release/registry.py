@@ -101,11 +101,8 @@ def fetch_release(version: str, registry: str | None = None) -> Path:
 
     pooch.get_logger().setLevel("WARNING")
     for name in sorted(releases[version], key=lambda name: (name == MANIFEST, name)):
-        url, target, checksum = (
-            f"{address.rpartition('/')[0] or '.'}/{version}/{name}",
-            folder / name,
-            releases[version][name],
-        )
+        url = f"{address.rpartition('/')[0] or '.'}/{version}/{name}"
+        target, checksum = folder / name, releases[version][name]
         target.parent.mkdir(parents=True, exist_ok=True)
         try:
             pooch.retrieve(url, f"sha256:{checksum}", target.name, target.parent, downloader=_continue_download)

@@ -12,6 +12,8 @@ from metric_tree.prior import SHARED_KINDS
 SCHEMA = "metric-tree/1"
 
 _VECTOR = pa.list_(pa.float64())
+#: Source, country or region, mean year, offset (d,) of ln size and its sampling variance (d,).
+_CONTEXT = {"source": pa.string(), "region": pa.string(), "year": pa.float64(), "offset": _VECTOR, "variance": _VECTOR}
 #: Types by their name in `columns.csv`.
 _TYPES = {
     "string": pa.string(),
@@ -25,28 +27,13 @@ _TYPES = {
     "vector": _VECTOR,
     "matrix": pa.list_(_VECTOR),
     "matrices": pa.list_(pa.list_(_VECTOR)),
-    # of each context the source, a country or region, the mean year, the offset (d,) and its sampling variance (d,)
-    "contexts": pa.list_(
-        pa.struct(
-            {
-                "source": pa.string(),
-                "region": pa.string(),
-                "year": pa.float64(),
-                "offset": _VECTOR,
-                "variance": _VECTOR,
-            }
-        )
-    ),
+    "contexts": pa.list_(pa.struct(_CONTEXT)),
     # share of each kind of evidence; releases before 3.0.0 have pairs of kind and share
     "shares": pa.struct(dict.fromkeys(SHARED_KINDS, pa.float64())),
     "evidence": pa.struct({"rows": pa.float64(), "sources": pa.int64(), "models": pa.int64(), "ranges": pa.int64()}),
 }
-_COLUMNS = [
-    row
-    for _, row in table_rows(
-        Path(__file__).with_name("columns.csv"), ("table", "column", "type", "unit", "added", "meaning")
-    )
-]
+_HEAD = ("table", "column", "type", "unit", "added", "meaning")
+_COLUMNS = [row for _, row in table_rows(Path(__file__).with_name("columns.csv"), _HEAD)]
 
 
 def table_schema(table: str, name: str = SCHEMA) -> pa.Schema:

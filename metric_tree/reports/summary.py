@@ -21,22 +21,10 @@ MIN_ITEMS = 10
 #: Categories of the figure of size distributions: the categories of the paper, and others of everyday rooms and
 #: streets.
 TYPICAL = (
-    "chair.n.01",
-    "sofa.n.01",
-    "bed.n.01",
-    "desk.n.01",
-    "television_receiver.n.01",
-    "laptop.n.01",
-    "cellular_telephone.n.01",
-    "computer_keyboard.n.01",
-    "bottle.n.01",
-    "book.n.02",
-    "refrigerator.n.01",
-    "person.n.01",
-    "car.n.01",
-    "bicycle.n.01",
-    "oak.n.02",
-)
+    "chair.n.01", "sofa.n.01", "bed.n.01", "desk.n.01", "television_receiver.n.01", "laptop.n.01",
+    "cellular_telephone.n.01", "computer_keyboard.n.01", "bottle.n.01", "book.n.02", "refrigerator.n.01",
+    "person.n.01", "car.n.01", "bicycle.n.01", "oak.n.02",
+)  # fmt: skip
 
 
 @dataclass(frozen=True, slots=True)

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections import defaultdict
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from functools import cached_property
 from typing import NamedTuple  # defined in a quarter of the time of a dataclass, in each query
 
@@ -119,7 +119,7 @@ class Names:
         return node_id in self._items
 
     @cached_property
-    def _forms(self) -> Mapping[str, Mapping[str, bool]]:
+    def forms(self) -> Mapping[str, Mapping[str, bool]]:
         """By normalised name, its nodes with True for the name of the node and False for an alias."""
         return self._normalised_names("")
 
@@ -131,7 +131,7 @@ class Names:
         initial = form[:1]
         if initial not in self._by_initial:
             is_separate = len(self._by_initial) < MAX_INITIALS
-            forms = self._normalised_names(passed_initials(initial)) if is_separate else self._forms
+            forms = self._normalised_names(passed_initials(initial)) if is_separate else self.forms
             self._by_initial[initial] = forms
         return self._by_initial[initial].get(form, {})
 
@@ -147,20 +147,15 @@ class Names:
                     forms[plain_fold(node_name)][node_id] = True
         return forms
 
-    @property
-    def forms(self) -> Iterable[str]:
-        """Every normalised name."""
-        return self._forms
-
     @cached_property
     def words(self) -> frozenset[str]:
         """Every word of a normalised name."""
-        return frozenset(word for form in self._forms for word in form.split())
+        return frozenset(word for form in self.forms for word in form.split())
 
     @cached_property
     def letters(self) -> Mapping[str, tuple[str, ...]]:
         """Normalised names by their letters without spaces, such as `tvmonitor`."""
-        return by_letters(self._forms)
+        return by_letters(self.forms)
 
     def display_name(self, node_id: str) -> str:
         """Return the name of a node."""

@@ -17,16 +17,7 @@ from collections.abc import Iterator, Sequence
 
 from metric_base.spelling import near_spellings
 from taxonomy.naming.names import PERSON, Candidate, NameMatch, Names, folded_forms
-from taxonomy.words.phrases import (
-    after_counts,
-    container_and_content,
-    is_copy_or_part,
-    is_plain_adjective,
-    leading_phrase,
-    modifiers,
-    without_numbers,
-    word_list,
-)
+from taxonomy.words import phrases
 from taxonomy.words.senses import coded_node, head_trust, is_english, other_names, senses
 from taxonomy.words.spelling import fold_text, one_edit, plain_fold, singular_phrases, singulars, written_forms
 
@@ -92,7 +83,7 @@ class Resolver:
         match = self._match(text) or self._misspelt(text)
         if match is None or match.how in {"id", "code"}:
             return match
-        if is_copy_or_part(text) and not self._keeps_size(text, match):
+        if phrases.is_copy_or_part(text) and not self._keeps_size(text, match):
             return None
         if match.note:
             return match
@@ -185,9 +176,9 @@ class Resolver:
             if other is None or self._is_same(other, match.node_id) or languages[other] not in _LANGUAGES:
                 return None
             return f"in {_LANGUAGES[languages[other]]} also {self._names.display_name(other)}"
-        if _ALTERNATIVES.search(text) or container_and_content(text):
+        if _ALTERNATIVES.search(text) or phrases.container_and_content(text):
             return None
-        ignored = _ignored_words(after_counts(text) or text, match.form)
+        ignored = _ignored_words(phrases.after_counts(text) or text, match.form)
         verb = "is" if len(ignored) == 1 else "are"
         return f"taken as {name}: {', '.join(map(repr, ignored))} {verb} not in the tree" if ignored else None
 
@@ -218,7 +209,7 @@ class Resolver:
         for form in folded_forms(text):
             if match := self._best(self._names.candidates(form), None):
                 return match._replace(form=form)
-        for plain in dict.fromkeys((bare, without_numbers(bare))):
+        for plain in dict.fromkeys((bare, phrases.without_numbers(bare))):
             for form in folded_forms(plain):
                 if match := self._of_form(form, hint[1] if hint else None):
                     return match
@@ -310,15 +301,15 @@ class Resolver:
     def _phrase(self, text: str) -> NameMatch | None:
         """Return the match of a phrase: the noun after a count, the name before `with`, a hypernym, the bare name."""
         plain = text.replace("_", " ").replace("-", " ") if " " not in text.strip() else text
-        if holding := container_and_content(plain):
+        if holding := phrases.container_and_content(plain):
             container, content = holding
             return self._of_form(plain_fold(f"{content} {container}")) or self._of_form(container)
-        counted = after_counts(plain)
+        counted = phrases.after_counts(plain)
         if counted and (match := self.match(counted)):
             return match
-        form = plain_fold(without_numbers(plain))
+        form = plain_fold(phrases.without_numbers(plain))
         words = form.split()
-        has_adjective = len(words) > 1 and is_plain_adjective(words[0])
+        has_adjective = len(words) > 1 and phrases.is_plain_adjective(words[0])
         match = self._without_modifiers(words) if has_adjective else self._hypernym(form)
         if match and has_adjective:
             # A blue tit is a bird: ignore the match if exactly one of complete name and remainder is a living being.
@@ -327,7 +318,7 @@ class Resolver:
                 return self._hypernym(form)
         if match:
             return match
-        leading = leading_phrase(plain)
+        leading = phrases.leading_phrase(plain)
         if leading and (match := self.match(leading)):
             return match
         return self._without_modifiers(words) if not leading else None
@@ -335,8 +326,8 @@ class Resolver:
     def _without_modifiers(self, words: Sequence[str]) -> NameMatch | None:
         """Return the match of a name after removing its modifiers one by one from the left."""
         of_living, copy = False, _COPIES & set(words[:-1])
-        while len(words) > 1 and (leading := modifiers(words)):
-            of_living = of_living or words[0] in word_list("of_the_living")
+        while len(words) > 1 and (leading := phrases.modifiers(words)):
+            of_living = of_living or words[0] in phrases.word_list("of_the_living")
             words = words[leading:]
             form = " ".join(words)
             match = self._of_form(form) or self._hypernym(form)
@@ -352,7 +343,7 @@ class Resolver:
 
     def _head(self, words: Sequence[str]) -> NameMatch | None:
         """Return the match of the head noun, if the known compounds with it belong to its node."""
-        if not 1 < len(words) <= MAX_COMPOUND_WORDS or word_list("alienating") & set(words[:-1]):
+        if not 1 < len(words) <= MAX_COMPOUND_WORDS or phrases.word_list("alienating") & set(words[:-1]):
             return None
         head = next((one for one in (words[-1], *singular_phrases(words[-1])) if self._names.candidates(one)), None)
         match = self._best(self._names.candidates(head), "broader kind") if head else None
@@ -364,7 +355,7 @@ class Resolver:
             return None
         kinds, compounds = head_trust(head).get(match.node_id, (0, 0))
         is_trusted = compounds >= MIN_HEAD_COMPOUNDS and kinds / compounds >= MIN_HEAD_FRACTION
-        if not is_trusted and head not in word_list("containers"):
+        if not is_trusted and head not in phrases.word_list("containers"):
             return None
         # The commonest sense of the head noun is not the sense in the compound: a pen pot is not a cooking pot.
         uses = [(sense.concept, sense.count) for sense in senses(head) if sense.chain and sense.count]

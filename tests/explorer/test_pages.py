@@ -28,7 +28,7 @@ from explorer.pages.node_page import (
 )
 from explorer.pages.release_pages import change_tables, median_offset, source_page, vocabulary_page
 from explorer.pages.templating import Link, cell_html, environment, numeric_columns, web_address
-from explorer.tables import node_sizes_csv, sizes_csv, sizes_parquet
+from explorer.tables import csv_bytes, node_sizes_csv, parquet_bytes, sizes_table
 from metric_tree.context import Context
 from metric_tree.prior import INTERVAL_QUANTILES
 from metric_tree.reports.diff import MovedPrior, ReleaseDiff
@@ -403,12 +403,12 @@ def test_tables_of_sizes_have_the_quantiles_of_all_categories(catalogue: Release
     (head, *lines) = node_sizes_csv(catalogue, node).decode().splitlines()
     assert head == "dimension,q05_mm,q25_mm,q50_mm,q75_mm,q95_mm"
     assert [line.split(",")[0] for line in lines] == list(catalogue.dims(node))
-    table = pq.read_table(io.BytesIO(sizes_parquet(catalogue)))
+    table = pq.read_table(io.BytesIO(parquet_bytes(sizes_table(catalogue))))
     rows = {row["node_id"]: row for row in table.to_pylist()}
     assert set(rows) == {one.node_id for one in catalogue.nodes.values() if catalogue.dims(one)}
     assert rows[node.node_id]["height_q50_mm"] == 1050.0
     assert rows[node.node_id]["extent1_q50_mm"] is None
-    assert len(sizes_csv(catalogue).decode().splitlines()) == len(rows) + 1
+    assert len(csv_bytes(sizes_table(catalogue)).decode().splitlines()) == len(rows) + 1
 
 
 def test_a_page_names_the_withheld_sources_and_the_share_of_judged_weight(

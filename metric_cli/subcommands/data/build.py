@@ -13,7 +13,7 @@ from crawler.imports.declaration import declared_sources
 from crawler.items import STATED_KINDS
 from metric_base.errors import InputError
 from metric_base.executors import executor_of
-from metric_cli.parser import input_path, new_folder, output_folder
+from metric_cli.parser import input_path, new_folder, output_folder, same_named
 from metric_cli.progress import progress_bars
 from metric_cli.tables import print_json, print_table, warn
 from metric_tree.pipeline.build import Build, BuildOptions, build_release, shipped_curated
@@ -48,15 +48,15 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         help="include the rows and images of this source although no open licence allows redistribution: the release"
         " is for private use (may be repeated)")
     add("--own-use", dest="private", action="append", help=argparse.SUPPRESS)  # former name
-    add("--without-noncommercial", action="store_true", help="omit non-commercial sources")
+    add("--without-noncommercial", dest="noncommercial", action="store_false", help="omit non-commercial sources")
     add("--without-curated", action="store_true", help="omit the norms and judged ranges of the project")
-    add("--without-pictures", action="store_true", help="omit the images next to RAW")
+    add("--without-pictures", dest="pictures", action="store_false", help="omit the images next to RAW")
     add("--carry", metavar="DIR", type=input_path, help="take nodes, priors and selected rows from this release")
     add("--fold-out", metavar="I/N", type=parse_fold, help="omit fold I (from 0) of N, by item id")
     add = parser.add_argument_group("computation").add_argument
     add("--workers", type=int, default=os.cpu_count() or 1, help="number of processes (default: %(default)s)")
     add("--scheduler", metavar="ADDRESS", help="a Dask scheduler instead of processes; its workers share the folders")
-    add("--no-heldout", action="store_true", help="omit the held-out scores of the priors (faster)")
+    add("--no-heldout", dest="heldout", action="store_false", help="omit the held-out scores of the priors (faster)")
     # fmt: on
 
 
@@ -72,16 +72,8 @@ def run(arguments: argparse.Namespace) -> int:
     """Build the release and print its counts."""
     if not re.fullmatch(r"\d+\.\d+\.\d+([-+][0-9A-Za-z.-]+)?", arguments.version):
         raise InputError(f"--version: expected a semantic version such as 1.0.0; found {arguments.version!r}")
-    options = BuildOptions(
-        version=arguments.version,
-        created=creation_date(arguments.created),
-        name=arguments.name,
-        fold_out=arguments.fold_out,
-        noncommercial=not arguments.without_noncommercial,
-        private=tuple(arguments.private),
-        heldout=not arguments.no_heldout,
-        pictures=not arguments.without_pictures,
-    )
+    computed = {"created": creation_date(arguments.created), "private": tuple(arguments.private)}
+    options = BuildOptions(**same_named(arguments, BuildOptions) | computed)
     declared = declared_sources(arguments.sources)
     if sys.stderr.isatty():
         sizes = ((file.stat().st_size, GZIP_RATIO if file.suffix == ".gz" else 1) for file in raw_files(arguments.raw))

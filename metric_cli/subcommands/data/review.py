@@ -151,41 +151,34 @@ def record(arguments: argparse.Namespace) -> None:
     """Record a decision. Raises BadDecision if its source, subject or concept does not exist."""
     from crawler.imports.declaration import declared_sources
     from crawler.sites.registry import GENERIC, SITES
-    from taxonomy.matching.decisions import (
-        EVERY_SOURCE,
-        NONE,
-        WITHDRAWN,
-        BadDecision,
-        Decision,
-        decisions,
-        record_decision,
-        record_folder,
-    )
+    from taxonomy.matching import decisions
     from taxonomy.matching.lexicon import default_lexicon
     from taxonomy.words.spelling import fold_text
 
     source, separator, words = arguments.subject.partition(": ")
     if separator and arguments.what == "match" and not HOST.fullmatch(source):
         # Sources of raw items: declared, sites, and those of earlier decisions; a generic crawl has its host name
-        known = {EVERY_SOURCE, *UNDECLARED, *(site.name for site in (GENERIC, *SITES))}
-        known |= {d.subject.partition(": ")[0] for d in decisions(arguments.folder) if d.what == "match"}
+        known = {decisions.EVERY_SOURCE, *UNDECLARED, *(site.name for site in (GENERIC, *SITES))}
+        known |= {d.subject.partition(": ")[0] for d in decisions.decisions(arguments.folder) if d.what == "match"}
         known |= set(declared_sources(arguments.sources))
         if source not in known:
             nearest = near_spellings(source, sorted(known), n=N_SUGGESTIONS, cutoff=0) or sorted(known)
-            expected = f"a source ({', '.join(nearest)} are nearest), or {EVERY_SOURCE} for all"
-            raise BadDecision(f"subject: expected {expected}; found {source!r}")
+            expected = f"a source ({', '.join(nearest)} are nearest), or {decisions.EVERY_SOURCE} for all"
+            raise decisions.BadDecision(f"subject: expected {expected}; found {source!r}")
     elif arguments.what == "insertion" and arguments.subject not in default_lexicon().inserted:
         nearest = near_spellings(arguments.subject, sorted(default_lexicon().inserted), n=N_SUGGESTIONS, cutoff=0)
         expected = f"an insertion ({', '.join(nearest)} are nearest)"
-        raise BadDecision(f"subject: expected {expected}; found {arguments.subject!r}")
-    concept = None if arguments.decision == NONE else arguments.decision
-    is_withdrawn = concept == WITHDRAWN
+        raise decisions.BadDecision(f"subject: expected {expected}; found {arguments.subject!r}")
+    concept = None if arguments.decision == decisions.NONE else arguments.decision
+    is_withdrawn = concept == decisions.WITHDRAWN
     if concept is not None and not is_withdrawn:
         if not default_lexicon().knows(concept):
-            raise BadDecision(f"decision: expected a WordNet 3.0 synset, an mt: id or {NONE}; found {concept!r}")
+            raise decisions.BadDecision(
+                f"decision: expected a WordNet 3.0 synset, an mt: id or {decisions.NONE}; found {concept!r}"
+            )
         concept = default_lexicon().canonical(concept)
-    with in_file("review record", BadDecision):
-        decision = Decision(
+    with in_file("review record", decisions.BadDecision):
+        decision = decisions.Decision(
             what=arguments.what,
             subject=f"{source}: {fold_text(words)}" if separator else arguments.subject,
             decision=concept,
@@ -194,12 +187,12 @@ def record(arguments: argparse.Namespace) -> None:
             why=arguments.why,
             blind=not (arguments.amend or is_withdrawn),
         )
-    file = (arguments.folder or record_folder()) / "recorded.jsonl"
-    record_decision(decision, file, amend=arguments.amend or is_withdrawn)
+    file = (arguments.folder or decisions.record_folder()) / "recorded.jsonl"
+    decisions.record_decision(decision, file, amend=arguments.amend or is_withdrawn)
     if arguments.json:
         print_json({"schema": SCHEMA, "recorded": decision.subject, "file": str(file)})
     else:
-        row = (decision.subject, decision.decision or NONE, decision.reviewer)
+        row = (decision.subject, decision.decision or decisions.NONE, decision.reviewer)
         print_table(["subject", "decision", "reviewer"], [row], title=str(file))
 
 

@@ -4,11 +4,12 @@ from __future__ import annotations
 
 import argparse
 from collections import Counter
+from collections.abc import Mapping, Sequence
 
 from metric_base.errors import InputError
 from metric_cli.parser import add_units
 from metric_cli.tables import print_json, print_table, size_format
-from metric_tree.reports.diff import ReleaseDiff, release_diff
+from metric_tree.reports.diff import MovedPrior, ReleaseDiff, release_diff
 from metric_tree.tree import open_tree
 
 HELP = "Differences between two releases: nodes, tiers, priors with the items that changed them, licences."
@@ -46,12 +47,7 @@ def run(arguments: argparse.Namespace) -> int:
     elif arguments.factor is not None:
         tiers = [f"{before.tier(moved.node)} to {after.tier(moved.node)}" for moved in diff.priors]
         print_table(["tiers", "leaves"], Counter(tiers).most_common(), title=f"{len(tiers):,} leaves moved")
-        write = size_format((mm for moved in diff.priors for mm in (moved.before_mm, moved.after_mm)), arguments.units)
-        rows = [
-            (moved.node, moved.dim, write(moved.before_mm), write(moved.after_mm), tier, _items_text(moved.blame))
-            for moved, tier in zip(diff.priors, tiers, strict=True)
-        ]
-        print_table(["leaf", "dimension", f"median {arguments.units}", "now", "tiers", "items that moved it"], rows)
+        print_moved(diff.priors, arguments.units, "leaf", {"tiers": tiers})
     else:
         print_diff(diff, arguments.units)
     return 1 if limit is not None and diff.share_moved > limit else 0
@@ -70,27 +66,22 @@ def print_diff(diff: ReleaseDiff, unit: str) -> None:
     ]
     print_table(["", ""], counts, title=f"{diff.before} to {diff.after}")
     shown = diff.priors[:MAX_ROWS]
-    write = size_format((mm for moved in shown for mm in (moved.before_mm, moved.after_mm)), unit)
-    rows = [
-        (
-            moved.node,
-            moved.dim,
-            write(moved.before_mm),
-            write(moved.after_mm),
-            f"{moved.median:+.0%}",
-            f"{moved.spread:+.0%}",
-            _items_text(moved.blame),
-        )
-        for moved in shown
-    ]
-    if rows:
-        head = ["node", "dimension", f"median {unit}", "now", "median", "interval", "items that moved it"]
-        print_table(head, rows, title=f"priors that moved most, {len(rows)} of {len(diff.priors):,}")
+    if shown:
+        figures = {"median": [f"{moved.median:+.0%}" for moved in shown]}
+        figures["interval"] = [f"{moved.spread:+.0%}" for moved in shown]
+        print_moved(shown, unit, "node", figures, f"priors that moved most, {len(shown)} of {len(diff.priors):,}")
     for title, table in (("shipped items by source", diff.items), ("shipped items by licence", diff.licences)):
         if table:
             print_table([title, "before", "now"], [(name, *pair) for name, pair in table.items()])
 
 
-def _items_text(blame: dict[str, int]) -> str:
-    """Return the numbers of items by source that moved a prior."""
-    return ", ".join(f"{n:+} {source}" for source, n in list(blame.items())[:3]) or "no shipped item"
+def print_moved(
+    priors: Sequence[MovedPrior], unit: str, what: str, figures: Mapping[str, Sequence[str]], title: str | None = None
+) -> None:
+    """Print the medians of priors before and now, further columns, and the items that moved each prior."""
+    write = size_format((mm for moved in priors for mm in (moved.before_mm, moved.after_mm)), unit)
+    rows = []
+    for moved, *others in zip(priors, *figures.values(), strict=True):
+        blame = ", ".join(f"{n:+} {source}" for source, n in list(moved.blame.items())[:3]) or "no shipped item"
+        rows.append((moved.node, moved.dim, write(moved.before_mm), write(moved.after_mm), *others, blame))
+    print_table([what, "dimension", f"median {unit}", "now", *figures, "items that moved it"], rows, title=title)

@@ -430,8 +430,8 @@ class Tree:
 
     @cached_property
     def _resolver(self) -> Resolver:
-        columns = (self._table[column].to_pylist() for column in ("name", "aliases", "n_items"))
-        return Resolver(Names([*self._rows], *columns, self._parents, lambda node_id: self.node(node_id).hypernyms))
+        names, aliases, items = (self._table[column].to_pylist() for column in ("name", "aliases", "n_items"))
+        return Resolver(Names([*self._rows], names, aliases, items, self._parents, lambda n: self.node(n).hypernyms))
 
 
 def open_tree(ref: str | Path | None = None, licence: str | None = None) -> Tree:

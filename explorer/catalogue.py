@@ -34,8 +34,6 @@ MEANINGS = {
     "judged": "a language model's range; nothing was measured",
     UNKNOWN: "nothing is known of its size",
 }
-#: Columns of `ReleaseCatalogue.sizes`.
-AXES = ("length", "width", "height", "extent1", "extent2", "extent3")
 
 
 class ReleaseCatalogue:
@@ -123,7 +121,7 @@ class ReleaseCatalogue:
 
     @cached_property
     def sizes(self) -> FloatArray:
-        """Sizes of all items, (n, 6) in mm by `AXES`, NaN where not stated."""
+        """Sizes of all items, (n, 6) in mm by `metric_tree.axes.DIMENSIONS`, NaN where not stated."""
         table = np.full((self.items.num_rows, 6), np.nan)
         for column, name in enumerate(("length_mm", "width_mm", "height_mm")):
             table[:, column] = np.array(self.items[name].to_pylist(), dtype=float)

@@ -9,9 +9,10 @@ from typing import Any
 import pyarrow as pa
 import pyarrow.parquet as pq
 
-from explorer.catalogue import AXES, ReleaseCatalogue
+from explorer.catalogue import ReleaseCatalogue
 from explorer.responses import quantile_table, vocabulary_response
 from metric_base.records import csv_text
+from metric_tree.axes import DIMENSIONS
 from metric_tree.node import Node
 from metric_tree.prior import INTERVAL_QUANTILES, QUANTILES
 
@@ -49,7 +50,7 @@ def sizes_table(catalogue: ReleaseCatalogue) -> pa.Table:
             row = {"node_id": node.node_id, "name": node.name, "level": node.level}
             row |= {"tier": catalogue.tier(node), "n_items": node.n_items}
             sizes = quantile_table(dims, catalogue.quantiles(node))
-            for dim in AXES:
+            for dim in DIMENSIONS:
                 row |= {f"{dim}_q{round(100 * q):02d}_mm": sizes.get(dim, {}).get(f"{q:g}") for q in QUANTILES}
             rows.append(row)
     return pa.Table.from_pylist(rows)
@@ -57,10 +58,10 @@ def sizes_table(catalogue: ReleaseCatalogue) -> pa.Table:
 
 def vocabulary_csv(catalogue: ReleaseCatalogue, name: str) -> bytes:
     """Return a label list as CSV: label, node, tier, items, and the 5, 50 and 95 % quantiles of all dimensions, mm."""
-    columns = [f"{dim}_q{round(100 * q):02d}_mm" for dim in AXES for q in INTERVAL_QUANTILES]
+    columns = [f"{dim}_q{round(100 * q):02d}_mm" for dim in DIMENSIONS for q in INTERVAL_QUANTILES]
     rows: list[list[Any]] = []
     for row in vocabulary_response(catalogue, name).labels:
         sizes = row.quantiles_mm or {}
-        figures = [sizes.get(dim, {}).get(f"{q:g}") for dim in AXES for q in INTERVAL_QUANTILES]
+        figures = [sizes.get(dim, {}).get(f"{q:g}") for dim in DIMENSIONS for q in INTERVAL_QUANTILES]
         rows.append([row.label, row.node, row.name, row.tier, row.n_items, *figures])
     return csv_text(["label", "node_id", "name", "tier", "n_items", *columns], rows)

@@ -19,6 +19,7 @@ from metric_base.arrays import FloatArray
 
 AXES = ("length", "width", "height")
 EXTENTS = ("extent1", "extent2", "extent3")
+DIMENSIONS = (*AXES, *EXTENTS)
 
 #: Relative difference up to which two horizontal sizes are the same size, stated twice.
 SIZE_RELATIVE_TOLERANCE = 0.005

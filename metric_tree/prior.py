@@ -256,7 +256,7 @@ class Prior:
             # a list of pairs in a release before 3.0.0
             shares = dict(row["share_by_kind"]).items()
             values["share_by_kind"] = {kind: share for kind, share in shares if share is not None}
-            values["evidence"] = Evidence.of_record(row["evidence"]) if row.get("evidence") else None
+            values["evidence"] = Evidence(**row["evidence"]) if row.get("evidence") else None
             prior = cls(**values)
         except InputError:
             raise

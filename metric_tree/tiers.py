@@ -54,11 +54,6 @@ class Evidence(NamedTuple):
         return self._asdict() | {"rows": round(self.rows, 2)}
 
     @classmethod
-    def of_record(cls, record: Mapping[str, Any]) -> Evidence:
-        """Return the counts of a row of a release."""
-        return cls(float(record["rows"]), int(record["sources"]), int(record["models"]), int(record["ranges"]))
-
-    @classmethod
     def total(cls, parts: Iterable[Evidence], sources: int) -> Evidence:
         """Return the total of several classes with `sources` different sources."""
         parts = list(parts)

@@ -15,7 +15,7 @@ import pyarrow as pa
 import pyarrow.parquet as pq
 
 from metric_base import spelling
-from metric_tree.axes import EXTENTS
+from metric_tree.axes import DIMENSIONS, EXTENTS
 from metric_tree.node import AmbiguousName, Meaning, Node, NoPrior, UnknownName, node_of, require_tier
 from metric_tree.prior import QUANTILES, Prior
 from metric_tree.release.registry import release_directory
@@ -29,8 +29,6 @@ if TYPE_CHECKING:
     from metric_tree.context import ContextModel
     from metric_tree.variants import Variant
 
-#: Dimensions of the columns of a table of sizes.
-DIMS = ("length", "width", "height", "extent1", "extent2", "extent3")
 #: Vocabulary of `find` and `resolve` that includes the label lists of all detectors.
 DETECTORS = "detectors"
 #: Maximum number of nodes in the message of an ambiguous name.
@@ -56,7 +54,7 @@ def quantile_table(entries: Iterable[tuple[dict[str, Any], Prior | None]], label
     types |= {"n_items": pa.int64(), "n_sources": pa.int64()}
     fields = [pa.field("label", pa.string())] if labelled else []
     fields += [pa.field(name, kind) for name, kind in types.items()]
-    columns = (f"{dim}_q{round(100 * q):02d}_mm" for dim in DIMS for q in QUANTILES)
+    columns = (f"{dim}_q{round(100 * q):02d}_mm" for dim in DIMENSIONS for q in QUANTILES)
     fields += [pa.field(name, pa.float64(), metadata={"unit": "mm"}) for name in columns]
     rows = []
     for facts, prior in entries:

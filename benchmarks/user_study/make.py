@@ -73,7 +73,7 @@ def _make(options: argparse.Namespace) -> int:
     from insertion.insertion_scene import open_scene
     from insertion.placement.placed_object import place_objects
     from metric_base.files import output_file, whole_file
-    from metric_cli.insert_object.request import parse_objects, parse_scene, tree_for
+    from metric_cli.insert_object.insert import parse_objects, parse_scene, tree_for
 
     output_file(options.out)
     if not 1 <= options.repeats <= MAX_REPEATS:

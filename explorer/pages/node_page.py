@@ -11,7 +11,7 @@ from urllib.parse import quote
 import numpy as np
 from markupsafe import Markup
 
-from explorer.catalogue import AXES, ReleaseCatalogue
+from explorer.catalogue import ReleaseCatalogue
 from explorer.charts.axis import LogAxis
 from explorer.charts.distributions import KINDS, distribution, scatter
 from explorer.charts.size_comparison import DrawnBox, size_comparison
@@ -21,6 +21,7 @@ from explorer.responses import node_response, outside_links, shown_name
 from explorer.urls import page_of, slug
 from metric_base.arrays import FloatArray, IntArray
 from metric_base.regions import region_of
+from metric_tree.axes import DIMENSIONS
 from metric_tree.context import Where
 from metric_tree.node import Node
 from metric_tree.prior import INTERVAL_QUANTILES, MEDIAN, QUANTILES, Prior
@@ -63,14 +64,14 @@ def node_page(catalogue: ReleaseCatalogue, node: Node) -> bytes:
         is_drawn = np.isin(kinds, drawn_kinds)
         drawing = size_comparison(shown_name(node), drawn_box(prior, table))
         for place, dim in enumerate(prior.dims):
-            column = sizes[:, AXES.index(dim)]
+            column = sizes[:, DIMENSIONS.index(dim)]
             known = ~np.isnan(column) & is_drawn
             is_norm = answer.tier == "norm"
             chart = distribution(dim, prior.marginal((dim,)), table[::2, place], column[known], kinds[known], is_norm)
             distributions.append((dim, Markup(chart)))
         # length against height if both exist, otherwise the first two dimensions
         pair = ("length", "height") if {"length", "height"} <= set(prior.dims) else prior.dims[:2]
-        columns = sizes[:, [AXES.index(dim) for dim in pair]]
+        columns = sizes[:, [DIMENSIONS.index(dim) for dim in pair]]
         complete = ~np.isnan(columns).any(axis=1) & is_drawn
         if len(pair) == 2 and complete.sum() >= MIN_SCATTER_ITEMS:
             plot = scatter(prior.marginal(pair), columns[complete], kinds[complete])

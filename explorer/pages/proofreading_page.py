@@ -9,7 +9,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 from explorer.pages.report_page import report_html
-from metric_tree.axes import AXES
+from metric_tree.axes import AXES, EXTENTS
 from metric_tree.curated.sizes import curated_ranges
 from metric_tree.node import Node
 from metric_tree.prior import INTERVAL_QUANTILES
@@ -59,11 +59,10 @@ def range_texts(node: Node) -> Sequence[tuple[str, ...]]:
     """
     written = next((row for row in curated_ranges() if row.node_id == node.node_id), None)
     if written is not None:
-        ends = zip(written.low, written.typical, written.high, strict=True)
-        return [tuple("" if end is None else f"{end:.4g}" for end in axis) for axis in ends]
+        return [tuple("" if end is None else f"{end:.4g}" for end in span) for span in written.spans]
     prior = node.prior(node.prior_dims[0])
     quantiles = [prior.quantile(q) for q in INTERVAL_QUANTILES]
-    names = AXES if prior.dims[0] in AXES else ("extent1", "extent2", "extent3")
+    names = AXES if prior.dims[0] in AXES else EXTENTS
     columns = {dim: column for column, dim in enumerate(prior.dims)}
     return [
         tuple(f"{quantile[columns[name]]:.4g}" for quantile in quantiles) if name in columns else ("", "", "")

@@ -3,20 +3,21 @@
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
+from html import escape
 from typing import Any
 
 import numpy as np
-from markupsafe import Markup, escape
+from markupsafe import Markup
 
-from explorer.catalogue import AXES, MEANINGS, ReleaseCatalogue
-from explorer.charts.axis import length_text
-from explorer.charts.icicle import icicle
+from explorer.catalogue import MEANINGS, ReleaseCatalogue
+from explorer.charts.axis import length_text, svg
 from explorer.everyday_sizes import all_axes_text
 from explorer.pages.templating import main_dimension, page_bytes, web_address
 from explorer.responses import medians, shown_name, vocabulary_response
 from explorer.urls import page_of, slug
 from metric_base.arrays import IntArray
+from metric_tree.axes import DIMENSIONS
 from metric_tree.node import Node
 from metric_tree.prior import MEDIAN
 from metric_tree.reports.diff import MovedPrior, ReleaseDiff, label, release_diff
@@ -32,6 +33,12 @@ MIN_OFFSET_ROWS = 3
 TYPICAL = (
     "chair.n.01", "door.n.01", "mug.n.04", "car.n.01", "person.n.01", "bicycle.n.01", "bottle.n.01", "desk.n.01",
 )  # fmt: skip
+#: Size of the icicle chart in pixels, and its columns.
+WIDTH, HEIGHT, LEVELS = 1000, 1400, 5
+#: Minimum height of a node in pixels; smaller nodes are listed in the outline only.
+MIN_NODE_HEIGHT_PX = 2.2
+#: Minimum height of a node with its name, and width of a letter, in pixels.
+MIN_NAMED_HEIGHT_PX, LETTER_WIDTH_PX = 11, 6.3
 
 
 def change_tables(
@@ -82,7 +89,7 @@ def change_page(catalogue: ReleaseCatalogue, other: Tree) -> bytes:
         catalogue,
         "changes.html",
         "../",
-        f"What changed from {escape(label(other))}",
+        f"What changed from {label(other)}",
         before=label(other),
         after=label(catalogue.tree),
         tables=change_tables(release_diff(other, catalogue.tree), link),
@@ -134,7 +141,7 @@ def median_offset(catalogue: ReleaseCatalogue, node: Node, rows: IntArray) -> fl
     Dimensions with fewer than `MIN_OFFSET_ROWS` sizes are ignored; None if none is left.
     """
     dims = catalogue.dims(node)
-    sizes = catalogue.sizes[rows][:, [AXES.index(dim) for dim in dims]]
+    sizes = catalogue.sizes[rows][:, [DIMENSIONS.index(dim) for dim in dims]]
     known = [k for k in range(len(dims)) if (~np.isnan(sizes[:, k])).sum() >= MIN_OFFSET_ROWS]
     if not known:
         return None
@@ -208,3 +215,37 @@ def tree_page(catalogue: ReleaseCatalogue) -> bytes:
     root = catalogue.tree.root
     areas = Markup(icicle(root, catalogue.tier))
     return page_bytes(catalogue, "tree.html", "", "The tree", top=root, tier=catalogue.tier, areas=areas)
+
+
+def icicle(root: Node, tier: Callable[[Node], str]) -> str:
+    """Return the icicle chart of a tree as SVG; each area is a link to its node.
+
+    A column is a level, the height of an area is the fraction of the items, its colour is the tier.
+    """
+    title = "The tree: five columns for five levels; a node's height is its share of the items, its colour the tier"
+    drawing = svg(WIDTH, HEIGHT, title, "".join(_areas(root, 0.0, HEIGHT, tier)), "icicle")
+    return drawing.replace('role="img"', 'role="group"', 1)  # its links are read one by one
+
+
+def _areas(node: Node, top: float, bottom: float, tier: Callable[[Node], str]) -> Iterator[str]:
+    height = bottom - top
+    if height < MIN_NODE_HEIGHT_PX:
+        return
+    column = WIDTH / LEVELS
+    x, kind = (node.level - 1) * column, tier(node)
+    said = f"{node.name}, {kind}, {node.n_items:,} items"
+    shown = node.name
+    if len(node.name) * LETTER_WIDTH_PX >= column - 10:
+        shown = f"{node.name[: int(column / LETTER_WIDTH_PX) - 3]}…"
+    text = f'<text x="{x + 5:.0f}" y="{top + min(height / 2 + 4, 14):.1f}">{escape(shown)}</text>'
+    yield (
+        f'<a href="{escape(page_of(node.node_id))}"><rect class="tier-{kind}" x="{x:.0f}" y="{top:.1f}" '
+        f'width="{column - 1:.0f}" height="{max(height - 0.7, 0.5):.1f}"/><title>{escape(said)}</title>'
+        f"{text if height >= MIN_NAMED_HEIGHT_PX else ''}</a>"
+    )
+    children = sorted(node.children, key=lambda one: -one.n_items)
+    total = sum(child.n_items for child in children)
+    for child in children:
+        share = height * child.n_items / total if total else 0
+        yield from _areas(child, top, top + share, tier)
+        top += share

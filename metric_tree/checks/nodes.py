@@ -8,12 +8,11 @@ from typing import Any
 
 import pyarrow as pa
 
-from metric_tree.axes import AXES, EXTENTS
+from metric_tree.axes import DIMENSIONS
 from metric_tree.checks.finding import Finding
 
 LEVELS = 5
 POSES = ("upright", "flat", "any")
-DIMENSIONS = (*AXES, *EXTENTS)
 
 
 def findings(nodes: pa.Table) -> Iterator[Finding]:

@@ -7,8 +7,8 @@ from collections.abc import Iterator
 import numpy as np
 import pyarrow as pa
 
+from metric_tree.axes import DIMENSIONS
 from metric_tree.checks.finding import Finding
-from metric_tree.checks.nodes import DIMENSIONS
 
 #: Maximum rounding error of the sum of weights that were converted to text or to another float format.
 WEIGHT_TOLERANCE = 1e-6

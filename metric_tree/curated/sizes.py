@@ -39,9 +39,6 @@ Date: TypeAlias = Annotated[str, msgspec.Meta(pattern=r"^\d{4}(-\d\d){0,2}$")]
 Text: TypeAlias = Annotated[str, msgspec.Meta(min_length=1)]
 Millimetres: TypeAlias = Annotated[float, msgspec.Meta(gt=0, le=1e9)]
 
-#: Length, width and height in mm; None if the row does not state an axis.
-Triple: TypeAlias = tuple[float | None, float | None, float | None]
-
 
 class BadRange(BadLevels):
     """A row of a table of curated sizes is invalid: the message has file, line, expected and found value."""
@@ -63,32 +60,27 @@ class CuratedSize(msgspec.Struct, frozen=True, kw_only=True):
     reviewer: str = ""
 
     def __post_init__(self) -> None:
-        for axis, ends in zip(_AXES, zip(self.low, self.typical, self.high, strict=True), strict=True):
+        for axis, ends in zip(_AXES, self.spans, strict=True):
             known = [end for end in ends if end is not None]
             is_ordered = len(known) in {0, 3} and known == sorted(known)
             expect(is_ordered, axis, "low, typical and high in order, or none", list(ends))
         expect(any(self.typical), self.node_id, "at least one axis and a reason", Unquoted("none"))
 
     @property
-    def low(self) -> Triple:
-        """Lower ends of length, width and height."""
-        return self.length_low, self.width_low, self.height_low
+    def spans(self) -> tuple[tuple[float | None, ...], ...]:
+        """Low, typical and high size in mm of each axis, None if not stated."""
+        return tuple(tuple(getattr(self, f"{axis}_{end}") for end in ("low", "typical", "high")) for axis in _AXES)
 
     @property
-    def typical(self) -> Triple:
-        """Typical length, width and height."""
-        return self.length_typical, self.width_typical, self.height_typical
-
-    @property
-    def high(self) -> Triple:
-        """Upper ends of length, width and height."""
-        return self.length_high, self.width_high, self.height_high
+    def typical(self) -> tuple[float | None, ...]:
+        """Typical sizes in mm along length, width and height, None if not stated."""
+        return tuple(typical for _, typical, _ in self.spans)
 
     @property
     def ends(self) -> dict[str, tuple[float, float, float]]:
-        """Low, typical and high of each axis that the row states."""
-        ends = zip(_AXES, self.low, self.typical, self.high, strict=True)
-        return {axis: (low, typical, high) for axis, low, typical, high in ends if low and typical and high}
+        """Low, typical and high size in mm of each stated axis."""
+        spans = zip(_AXES, self.spans, strict=True)
+        return {axis: (low, typical, high) for axis, (low, typical, high) in spans if low and typical and high}
 
     def item(self, **fields: Any) -> RawItem:
         """Return the row as a raw item with the typical size, the range of each axis, and the node as its category."""

@@ -143,11 +143,7 @@ def _priors_over(children: Sequence[Sequence[Prior]], dims: tuple[str, ...]) -> 
 
 
 def _mixture_prior(
-    node_id: str,
-    children: Sequence[Sequence[Prior]],
-    weights: FloatArray,
-    dims: tuple[str, ...],
-    plain: Prior | None,
+    node_id: str, children: Sequence[Sequence[Prior]], weights: FloatArray, dims: tuple[str, ...], plain: Prior | None
 ) -> Prior:
     """Return the mixture of the priors of the children over `dims`, reduced to `COMPONENTS`.
 

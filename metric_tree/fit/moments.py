@@ -50,9 +50,7 @@ def moments(rows: ClassRows) -> Moments:
     if rows.is_stated:
         mean = nanmean(statements.means)
         known = (~np.isnan(statements.means)).sum(axis=0).astype(float)
-        by_source = with_statements(
-            no_source_means(belief.covariance), statements.names, statements.kinds, statements.means
-        )
+        by_source = with_statements(no_source_means(belief.covariance), statements)
         mean = np.where(np.isnan(mean), VAGUE.mean, mean)
         return Moments(rows.node_id, rows.axes, mean, belief.covariance, known, by_source)
     weighted, sources, kinds = weighted_rows(rows)
@@ -60,7 +58,7 @@ def moments(rows: ClassRows) -> Moments:
     x, known = complete_rows(weighted, single)
     by_source = source_means(x, known, weighted.weights, sources, kinds, single.covariances[0])
     effective = known.sum(axis=0) * weighted.effective_size / len(weighted)
-    by_source = with_statements(by_source, statements.names, statements.kinds, statements.means)
+    by_source = with_statements(by_source, statements)
     within = raise_to_floor(by_source.within, belief.floor)
     return Moments(rows.node_id, rows.axes, single.means[0], within, effective, by_source)
 

@@ -15,7 +15,6 @@ import pytest
 from explorer.catalogue import ReleaseCatalogue
 from explorer.charts.axis import LogAxis, length_text
 from explorer.charts.distributions import distribution, scatter
-from explorer.charts.icicle import icicle
 from explorer.charts.size_comparison import DrawnBox, size_comparison
 from explorer.everyday_sizes import product_text
 from explorer.pages.node_page import (
@@ -26,7 +25,7 @@ from explorer.pages.node_page import (
     node_page,
     whole_percents,
 )
-from explorer.pages.release_pages import change_tables, median_offset, source_page, vocabulary_page
+from explorer.pages.release_pages import change_tables, icicle, median_offset, source_page, vocabulary_page
 from explorer.pages.templating import Link, cell_html, environment, numeric_columns, web_address
 from explorer.tables import csv_bytes, node_sizes_csv, parquet_bytes, sizes_table
 from metric_tree.context import Context
@@ -274,10 +273,10 @@ def test_the_icicle_names_high_nodes_and_leaves_out_thin_ones(
     root = catalogue.tree.root
     assert icicle(root, catalogue.tier).count("<rect") == len(catalogue.nodes)
     rat = 1400 * 4 / 40 * 2 / 4  # the height of a node with two of 40 items
-    monkeypatch.setattr("explorer.charts.icicle.MIN_NODE_HEIGHT_PX", rat + 0.1)
+    monkeypatch.setattr("explorer.pages.release_pages.MIN_NODE_HEIGHT_PX", rat + 0.1)
     assert icicle(root, catalogue.tier).count("<rect") == len(catalogue.nodes) - 2
-    monkeypatch.setattr("explorer.charts.icicle.MIN_NODE_HEIGHT_PX", 1.0)
-    monkeypatch.setattr("explorer.charts.icicle.MIN_NAMED_HEIGHT_PX", rat + 0.1)
+    monkeypatch.setattr("explorer.pages.release_pages.MIN_NODE_HEIGHT_PX", 1.0)
+    monkeypatch.setattr("explorer.pages.release_pages.MIN_NAMED_HEIGHT_PX", rat + 0.1)
     assert icicle(root, catalogue.tier).count("<text") == len(catalogue.nodes) - 2
 
 

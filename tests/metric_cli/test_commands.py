@@ -14,8 +14,8 @@ import pytest
 
 from metric_base.errors import InputError
 from metric_cli.errors import exit_status
-from metric_cli.estimate_scale.evidence import named_sources
 from metric_cli.estimate_scale.parser import parser as estimate_scale_parser
+from metric_cli.estimate_scale.request import named_sources
 from metric_cli.insert_object.parser import parser as insert_object_parser
 from metric_cli.subcommands import SUBCOMMANDS, main, parser_of
 from metric_cli.subcommands.training.export import parse_plan

@@ -6,8 +6,8 @@ import pytest
 
 from insertion.request import ObjectRequest
 from metric_base.errors import InputError
+from metric_cli.insert_object.insert import parse_objects, parse_request
 from metric_cli.insert_object.parser import parser
-from metric_cli.insert_object.request import parse_objects, parse_request
 
 
 def objects(*arguments: str) -> list[ObjectRequest]:

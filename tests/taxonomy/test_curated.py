@@ -92,7 +92,7 @@ def test_a_row_reads_as_it_is_written(tmp_path_factory, ends):
     table = tmp_path_factory.mktemp("ranges") / "ranges.csv"
     table.write_text(HEADER + f"mug.n.04,{ends[0]},{ends[1]},{ends[2]},,,,,,,a hand,program,2026\n")
     (row,) = curated_ranges(table)
-    assert (row.low[0], row.typical[0], row.high[0]) == tuple(ends)
+    assert row.spans[0] == tuple(ends)
     assert row.typical[1:] == (None, None)
 
 

@@ -13,11 +13,10 @@ HELP = "Explain the category of an item: words of the source, matching rule, dec
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Declare the arguments of the subcommand."""
-    parser.add_argument("item", metavar="ITEM_ID", help="<source>:<source_id>, as in the items of a release")
-    parser.add_argument("raw", metavar="RAW", nargs="*", type=input_path, help="raw items with the words of the item")
-    parser.add_argument(
-        "--log", metavar="DIR", type=input_path, help="log of the build (DIR.build), with the items that it rejected"
-    )
+    add = parser.add_argument
+    add("item", metavar="ITEM_ID", help="<source>:<source_id>, as in the items of a release")
+    add("raw", metavar="RAW", nargs="*", type=input_path, help="raw items with the words of the item")
+    add("--log", metavar="DIR", type=input_path, help="log of the build (DIR.build), with the items that it rejected")
     add_tree(parser)
 
 

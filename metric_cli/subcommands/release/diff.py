@@ -20,14 +20,13 @@ MAX_ROWS = 20
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Declare the arguments of the subcommand."""
-    parser.add_argument("before", metavar="A", help="version or folder of the earlier release")
-    parser.add_argument("after", metavar="B", help="version or folder of the later one")
-    parser.add_argument(
+    add = parser.add_argument
+    add("before", metavar="A", help="version or folder of the earlier release")
+    add("after", metavar="B", help="version or folder of the later one")
+    add(
         "--fail-over", metavar="RATIO", type=float, help="exit 1 if more than this fraction of the priors moved, 0 to 1"
     )
-    parser.add_argument(
-        "--factor", type=float, help="print only the leaves whose median moved by more than this factor"
-    )
+    add("--factor", type=float, help="print only the leaves whose median moved by more than this factor")
     add_units(parser)
 
 

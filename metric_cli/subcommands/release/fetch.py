@@ -13,10 +13,9 @@ HELP = f"Download a release from the registry that {REGISTRY_VARIABLE} names, ve
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Declare the arguments of the subcommand."""
-    parser.add_argument("version", metavar="VERSION", help="version of the release")
-    parser.add_argument(
-        "--registry", metavar="ADDRESS", help=f"path or address of a registry (default: {REGISTRY_VARIABLE})"
-    )
+    add = parser.add_argument
+    add("version", metavar="VERSION", help="version of the release")
+    add("--registry", metavar="ADDRESS", help=f"path or address of a registry (default: {REGISTRY_VARIABLE})")
 
 
 def run(arguments: argparse.Namespace) -> int:

@@ -88,11 +88,5 @@ def figures(row: dict[str, Any]) -> tuple[object, ...]:
     if "samples" not in row:
         return (None,) * 6
     lists = f"{len(row['lists'])} of {len(TRAINING_LISTS)}"
-    return (
-        f"{row['divergence']:.2f}",
-        row["samples"],
-        row["sources"],
-        lists,
-        f"{row['sd']:.3f}",
-        f"{row['narrowing']:.2f}",
-    )
+    divergence, sd, narrowing = f"{row['divergence']:.2f}", f"{row['sd']:.3f}", f"{row['narrowing']:.2f}"
+    return divergence, row["samples"], row["sources"], lists, sd, narrowing

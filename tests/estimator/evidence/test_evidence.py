@@ -141,8 +141,8 @@ def test_coverage_with_several_kinds() -> None:
 
 def test_the_options_of_the_command(walk: Walk, mini: Tree, capsys: pytest.CaptureFixture[str]) -> None:
     from metric_cli.estimate_scale.estimate import main
-    from metric_cli.estimate_scale.evidence import named_sources as evidence_sources
     from metric_cli.estimate_scale.parser import parser
+    from metric_cli.estimate_scale.request import named_sources as evidence_sources
 
     words = ["scene", "--camera-height", "1.5+-0.1", "--gps", "exif", "--marker", "DICT_4X4_50:0.1"]
     words += ["--metric-depth", str(walk.scene.path), "--baseline", "left:right:0.12", "--images", "pictures"]

@@ -24,8 +24,8 @@ from insertion.placement.preview import write_preview
 from insertion.placement_page import PlacementPage
 from insertion.request import ObjectRequest, PixelPosition
 from metric_base.errors import InputError
+from metric_cli.insert_object.insert import parse_objects, parse_scene
 from metric_cli.insert_object.parser import parser
-from metric_cli.insert_object.request import parse_objects, parse_scene
 from models3d.gltf.model_reader import read_model
 from tests.synthetic.insertions import RecordedRoom, in_unit, place_in, prepared_scene_of, video_room, write_glb
 from tests.synthetic.minitree import release

@@ -13,7 +13,7 @@ from metric_tree.fit.class_prior import class_mean, class_prior, shrunk_between
 from metric_tree.fit.evidence_model import EvidenceModel, fit_evidence_model
 from metric_tree.fit.moments import VAGUE
 from metric_tree.fit.random_effects import source_means, with_statements
-from metric_tree.fit.rows import KIND_WEIGHT, ClassRows
+from metric_tree.fit.rows import KIND_WEIGHT, ClassRows, Statements
 
 BETWEEN = np.array([[0.04, 0.02, 0.01], [0.02, 0.03, 0.0], [0.01, 0.0, 0.02]])
 WITHIN = 0.02 * np.eye(3)
@@ -105,7 +105,9 @@ def test_museums_do_not_set_the_centre_of_a_class_that_has_anything_better():
     model = EvidenceModel(0.3, 0.05, {"museum": 0.35, "judged": 0.1})
     x = np.tile([5.4, 5.2, 5.5], (40, 1)) + np.random.default_rng(0).normal(0, 0.2, (40, 3))
     museum = source_means(x, np.ones_like(x), np.ones(40), ["museum"] * 40, ["museum"] * 40, WITHIN)
-    stated = with_statements(museum, ["judged"], ["judged"], np.array([[4.7, 4.4, 4.6]]))
+    stated = with_statements(
+        museum, Statements(("judged",), ("judged",), np.array([[4.7, 4.4, 4.6]]), np.full((1, 3), np.nan))
+    )
     centre = class_mean(stated, shrunk_between(stated, model, ""), model, "").mean
     assert np.abs(centre - [4.7, 4.4, 4.6]).max() < 0.2
     assert class_mean(museum, shrunk_between(museum, model, ""), model, "").mean == pytest.approx(x.mean(axis=0))

@@ -21,6 +21,7 @@ from metric_tree.fit.random_effects import (
 )
 from metric_tree.fit.rows import (
     ClassRows,
+    Statements,
     class_belief,
     nanmean,
     statements_of,
@@ -90,11 +91,11 @@ def test_the_means_rows_and_spreads_of_sources() -> None:
     assert one.within == pytest.approx(with_min_eigenvalue(within, MIN_WITHIN_SD**2))
     few = source_means(x[:7], known[:7], weights[:7], ["a"] * 7, ["product"] * 7, np.eye(2))
     assert np.isnan(few.spreads).all()
-    stated = with_statements(one, ["n"], ["statistic"], np.array([[2.2, NAN]]))
+    stated = with_statements(one, Statements(("n",), ("statistic",), np.array([[2.2, NAN]]), np.full((1, 2), NAN)))
     assert stated.rows[-1].tolist() == [CERTAIN_ROWS, 0.0]
     assert (stated.sources, stated.kinds, stated.freedom) == (("a", "b", "n"), ("product", "museum", "statistic"), 1.0)
     assert stated.between[0, 0] > 0
-    assert with_statements(one, [], [], np.empty((0, 2))) is one
+    assert with_statements(one, Statements((), (), np.empty((0, 2)), np.empty((0, 2)))) is one
     none = no_source_means(np.eye(2))
     assert (none.within.tolist(), none.between.tolist(), none.means.shape) == (
         np.eye(2).tolist(),

@@ -101,9 +101,8 @@ class ReleaseCatalogue:
             return node.prior().quantiles(QUANTILES)
         if node.node_id not in self._quantiles:
             prior = self.prior(node)
-            self._quantiles[node.node_id] = (
-                np.zeros((len(QUANTILES), 0)) if prior is None else prior.quantiles(QUANTILES)
-            )
+            none = np.zeros((len(QUANTILES), 0))
+            self._quantiles[node.node_id] = none if prior is None else prior.quantiles(QUANTILES)
         return self._quantiles[node.node_id]
 
     @cached_property

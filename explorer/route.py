@@ -51,11 +51,6 @@ class Route:
     is_static: bool = True  #: False if only a server has the address
     is_quick: bool = False  #: Rendering takes less time than a switch of threads.
 
-    @property
-    def operation(self) -> str:
-        """Name of the operation in OpenAPI: that of the record of the response, such as `prior` of `PriorAnswer`."""
-        return self.response.__name__.removesuffix("Answer").lower() if self.response is not None else ""
-
     @cached_property
     def parameter(self) -> str:
         """Name of the parameter, empty if there is none."""

@@ -99,7 +99,7 @@ def operation(route: Route, examples: dict[str, tuple[str, str]]) -> dict[str, A
     for status, text in (("404", "the release has no such name"), ("422", "a parameter is invalid")):
         replies[status] = _content("application/problem+json", schemas.Problem, text)
     return {
-        "operationId": route.operation,
+        "operationId": route.response.__name__.removesuffix("Answer").lower(),
         "summary": str(route.response.__doc__).partition("\n")[0],
         "parameters": [dict(zip(keys, field, strict=True)) for field in fields],
         "responses": replies,

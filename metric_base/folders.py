@@ -17,11 +17,6 @@ def data_folder() -> Path:
     return installed if installed.is_dir() else code_folder() / "data"
 
 
-def is_checkout() -> bool:
-    """Return True if the program runs from a checkout, whose data a maintainer may change."""
-    return data_folder() == code_folder() / "data"
-
-
 def user_data_folder() -> Path:
     """Return the folder of user data: `$XDG_DATA_HOME/metric-tree`, or `~/.local/share/metric-tree`."""
     home = os.environ.get("XDG_DATA_HOME")

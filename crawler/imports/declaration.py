@@ -294,7 +294,7 @@ def sources(folder: Path | None = None) -> tuple[Source, ...]:
     BadDeclaration
         The folder contains no declaration, or an invalid one.
     """
-    declared = tuple(read_source(path) for path in sorted((folder or _own_folder()).glob("*.toml")))
+    declared = tuple(read_source(path) for path in sorted((folder or data_folder() / "sources").glob("*.toml")))
     if not declared:
         raise BadDeclaration(f"--sources: expected a folder of declarations, SOURCE.toml; found none in {folder}")
     return declared
@@ -320,11 +320,7 @@ def source(name: str, folder: Path | None = None) -> Source:
     UnknownSource
         No source has this id; the message names all ids.
     """
-    paths = {path.stem: path for path in sorted((folder or _own_folder()).glob("*.toml"))}
+    paths = {path.stem: path for path in sorted((folder or data_folder() / "sources").glob("*.toml"))}
     if name not in paths:
         raise UnknownSource(f"source: expected one of {', '.join(paths)}; found {name!r}")
     return read_source(paths[name])
-
-
-def _own_folder() -> Path:
-    return data_folder() / "sources"

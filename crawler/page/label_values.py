@@ -196,11 +196,8 @@ class PageRegions:
         below = element.getnext()
         is_above_box = below is not None and below.tag in _BOXES and not (element.tail or "").strip()
         title = ""
-        if (
-            element.tag in _HEADINGS
-            or _contains(_HEADING_CLASS, element.get("class") or "")
-            or (element.tag in _BOLD and is_above_box)
-        ):
+        is_heading = element.tag in _HEADINGS or _contains(_HEADING_CLASS, element.get("class") or "")
+        if is_heading or (element.tag in _BOLD and is_above_box):
             title = self.text(element)
         elif element.tag != "table":
             inner = next(element.iter("h2"), None)
@@ -321,11 +318,8 @@ class _PairReader:
             return None
         label, tail = self._text(label_box), squeeze(label_box.tail or "")
         is_short = max(len(label), len(tail)) <= MAX_LABEL and not HAS_DIGIT.search(label)
-        if (
-            not is_short
-            or not names_a_size(plain(f"{label} {tail}").strip(" :"))
-            or len(self._text(element)) > MAX_VALUE
-        ):
+        is_label = is_short and names_a_size(plain(f"{label} {tail}").strip(" :"))
+        if not is_label or len(self._text(element)) > MAX_VALUE:
             return None
         above = parent.getparent()
         return self._pair(f"{label} {tail}".strip(), self._text(element), "row", parent if above is None else above)
@@ -359,9 +353,8 @@ class _PairReader:
         if sum(names_a_size(plain(label)) for label in labels) > 1:
             is_only_row = len(others) == 1 and row is others[0][0].getparent()
             n_names = len(texts) - len(labels)
-            if (n_names == 0 and is_only_row) or (
-                n_names == 1 and column and (is_only_row or is_whole(plain(texts[0])))
-            ):
+            is_named = n_names == 1 and column and (is_only_row or is_whole(plain(texts[0])))
+            if (n_names == 0 and is_only_row) or is_named:
                 return self._pair(labels[column - n_names], texts[column], "table", table)
         return _UNLABELLED_CELL
 

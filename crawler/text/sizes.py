@@ -185,14 +185,12 @@ def consensus(statements: Sequence[Size]) -> Size | None:
     """
     if not statements:
         return None
-    best = max(
-        statements,
-        key=lambda size: (
-            len(size.lengths),
-            sum(bool(length.axis) for length in size.lengths),
-            all(length.unit in METRIC for length in size.lengths),
-        ),
-    )
+
+    def rank(size: Size) -> tuple[int, int, bool]:
+        lengths = size.lengths
+        return len(lengths), sum(bool(one.axis) for one in lengths), all(one.unit in METRIC for one in lengths)
+
+    best = max(statements, key=rank)
     if not any(length.axis for length in best.lengths):
         for other in statements:
             if len(other.lengths) == len(best.lengths) and all(length.axis for length in other.lengths):

@@ -81,18 +81,10 @@ def tokens(text: str, language: Language | None = None) -> list[Token]:
     numbers = [token.text for token in run if token.kind == "number"]
     pointed = [number for number in numbers if "." in number]
     units = {token.key for token in run if token.kind == "unit"}
-    if (
-        pointed
-        and units == {"mm"}
-        and any(map(_HUNDREDS.fullmatch, numbers))
-        and all(map(_THOUSANDS.fullmatch, pointed))
-    ):
-        run = [
-            replace(token, number=float(token.text.replace(".", "")))
-            if token.kind == "number" and "." in token.text
-            else token
-            for token in run
-        ]
+    are_thousands = bool(pointed) and any(map(_HUNDREDS.fullmatch, numbers)) and all(map(_THOUSANDS.fullmatch, pointed))
+    for index, token in enumerate(run) if are_thousands and units == {"mm"} else ():
+        if token.kind == "number" and "." in token.text:
+            run[index] = replace(token, number=float(token.text.replace(".", "")))
     # 2. Next to a P, L is a width (largeur, largura, larghezza): `H 75 x L 90 x P 40`.
     letters = {token.text.upper() for token in run if token.kind == "axis" and len(token.text) <= 2}
     if "L" in letters and {"P", "PR"} & letters and not {"W", "B"} & letters:

@@ -223,12 +223,8 @@ def images_to_scale(catalogue: ReleaseCatalogue, node: Node) -> list[dict[str, A
     found: dict[str, tuple[dict[str, Any], dict[str, Any], float]] = {}
     for image in catalogue.images(node):
         item_id, row = image["item_id"], catalogue.item_rows.get(image["item_id"])
-        if (
-            not (image["cutout_path"] or image["path"])
-            or row is None
-            or item_id in found
-            or len(found) >= 4 * MAX_IMAGES
-        ):
+        has_file = image["cutout_path"] or image["path"]
+        if not has_file or row is None or item_id in found or len(found) >= 4 * MAX_IMAGES:
             continue
         (item,) = catalogue.items.slice(row, 1).to_pylist()
         if item["extents_mm"]:

@@ -230,9 +230,8 @@ class AccessLogMiddleware:
         finally:
             if log.isEnabledFor(logging.INFO):
                 seconds = round(time.perf_counter() - started, 5)
-                log.info(
-                    json.dumps({"method": scope["method"], "path": scope["path"][:500], **state, "seconds": seconds})
-                )
+                entry = {"method": scope["method"], "path": scope["path"][:500], **state, "seconds": seconds}
+                log.info(json.dumps(entry))
 
 
 #: HTTP status of the errors of a request; `NoPrior` is an `UnknownName`, so it is first.

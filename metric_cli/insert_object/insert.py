@@ -8,7 +8,8 @@ import math
 import shlex
 import sys
 from collections.abc import Sequence
-from dataclasses import asdict, dataclass, replace
+from dataclasses import asdict, replace
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -49,22 +50,11 @@ def main(argv: Sequence[str] | None = None) -> int:
     if arguments[:1] == ["study"] and not Path("study").is_dir():
         sys.stderr.write("insert-object: the user study has moved to `python -m benchmarks.user_study` in a clone\n")
         return INPUT_ERROR
-    return exit_status(PROGRAM, batch_run(BATCH, arguments) or (lambda: run(parse_request(arguments))))
+    return exit_status(PROGRAM, batch_run(BATCH, arguments) or (lambda: run(*parse_request(arguments), arguments)))
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class InsertCommand:
-    """One run of `insert-object`."""
-
-    request: InsertionRequest
-    preview: Path | None  #: image of the free positions
-    place_port: int | None  #: port of the placement page, 0 for any free port; None for no page
-    as_json: bool
-    argv: tuple[str, ...]  #: arguments, which the placement page shows with the new position
-
-
-def parse_request(argv: Sequence[str]) -> InsertCommand:
-    """Parse and check the arguments.
+def parse_request(argv: Sequence[str]) -> tuple[argparse.Namespace, InsertionRequest]:
+    """Parse and check the arguments; return them with the request that they make.
 
     Raises
     ------
@@ -103,13 +93,7 @@ def parse_request(argv: Sequence[str]) -> InsertCommand:
         "tree": tree_for(objects, options.tree),
         "frames": None if options.frames is None else parse_frame_range(options.frames),
     }
-    return InsertCommand(
-        request=InsertionRequest(**same_named(options, InsertionRequest) | computed),
-        preview=options.preview,
-        place_port=options.place,
-        as_json=options.json,
-        argv=tuple(argv),
-    )
+    return options, InsertionRequest(**same_named(options, InsertionRequest) | computed)
 
 
 def parse_scene(options: argparse.Namespace) -> SceneSource:
@@ -178,34 +162,28 @@ def tree_for(objects: Sequence[ObjectRequest], reference: str | None) -> Tree | 
     return metric_tree.open(reference)
 
 
-def run(command: InsertCommand) -> int:
+def run(options: argparse.Namespace, request: InsertionRequest, argv: Sequence[str]) -> int:
     """Write the preview, serve the placement page and insert the objects, as far as the command requests it."""
     from insertion.insert import insert
     from insertion.insertion_scene import open_scene
     from metric_cli.progress import progress_bars
     from metric_cli.tables import warn
 
-    request = command.request
     scene = open_scene(request.scene)
-    if command.preview is not None:
-        _write_preview(command, scene)
-    if command.place_port is not None:
+    if options.preview is not None:
+        _write_preview(options, request, scene)
+    if options.place is not None:
         # Object with the position that the user chooses on the page; print the equivalent command.
         from insertion.placement_page import PlacementPage
 
-        has_out = command.request.out is not None
-        page = PlacementPage(
-            scene,
-            command.request.objects[0],
-            command.request.tree,
-            lambda request: command_line(request, command.argv, has_out),
-            command.place_port,
-        )
+        has_out = request.out is not None
+        equivalent = partial(command_line, argv=argv, has_out=has_out)
+        page = PlacementPage(scene, request.objects[0], request.tree, equivalent, options.place)
         sys.stderr.write(f"{PROGRAM}: place the object on this page: {page.url}\n")
         page.serve()
         assert page.chosen is not None  # `serve` returns when the user has chosen a position
-        if not command.as_json:
-            sys.stdout.write(command_line(page.chosen, command.argv, has_out) + "\n")
+        if not options.json:
+            sys.stdout.write(command_line(page.chosen, argv, has_out) + "\n")
         request = replace(request, objects=(page.chosen,))
     if request.out is None:
         return 0
@@ -213,11 +191,11 @@ def run(command: InsertCommand) -> int:
         insertion = insert(request, scene, progress)
     for line in (*insertion.warnings, *(line for result in insertion.objects for line in result.warnings)):
         warn(line, PROGRAM)
-    _print(insertion.objects, command.as_json)
+    _print(insertion.objects, options.json)
     return 0
 
 
-def _write_preview(command: InsertCommand, scene: InsertionScene) -> None:
+def _write_preview(options: argparse.Namespace, request: InsertionRequest, scene: InsertionScene) -> None:
     """Draw and list the free positions of the first object; the list is on standard output if nothing else is."""
     from insertion.placement.model_size import model_size
     from insertion.placement.placed_object import footprint
@@ -225,14 +203,13 @@ def _write_preview(command: InsertCommand, scene: InsertionScene) -> None:
     from metric_cli.tables import print_json
     from models3d.gltf.model_reader import read_model
 
-    assert command.preview is not None
-    request = command.request.objects[0]
-    model = read_model(request.model)
-    size = model_size(model, request.size, command.request.tree, request.category)
+    placed = request.objects[0]
+    model = read_model(placed.model)
+    size = model_size(model, placed.size, request.tree, placed.category)
     radius, height = footprint(model, size, scene.scale.metres_per_unit)
-    positions = write_preview(scene.space, scene.images, radius, height, command.preview)
-    is_only_output = command.request.out is None
-    if command.as_json and is_only_output:
+    positions = write_preview(scene.space, scene.images, radius, height, options.preview)
+    is_only_output = request.out is None
+    if options.json and is_only_output:
         print_json({"schema": "metric-tree/places/1", "places": [asdict(position) for position in positions]})
         return
     stream = sys.stdout if is_only_output else sys.stderr

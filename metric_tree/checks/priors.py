@@ -33,9 +33,8 @@ def findings(priors: pa.Table, nodes: pa.Table) -> Iterator[Finding]:
         # Check family, dimensions and weights of a row, and the shapes of its arrays (E402, E403, E405).
         dims, weights = row["dims"] or [], np.asarray(row["weights"], dtype=float)
         if row["family"] != "lognormal-mixture" or not dims or any(dim not in DIMENSIONS for dim in dims):
-            yield Finding(
-                "E405", subject, f"family, dims: expected a log-normal mixture; found {row['family']} over {dims}"
-            )
+            text = f"expected a log-normal mixture; found {row['family']} over {dims}"
+            yield Finding("E405", subject, f"family, dims: {text}")
         if not 0 <= row["borrowed"] <= 1:
             yield Finding("E405", subject, f"borrowed: expected a share of 0 to 1; found {row['borrowed']}")
         if not (weights.size and np.all(weights >= 0) and abs(weights.sum() - 1) < WEIGHT_TOLERANCE):

@@ -98,9 +98,8 @@ def _image_findings(release: Release, images: pa.Table, items: pa.Table) -> Iter
             yield Finding("E501", image_id, f"item_id: expected an item of the release; found {item_id!r}")
         for column in ("path", "cutout_path"):
             if row[column] is not None and image_path(release.directory, row, column) is None:
-                yield Finding(
-                    "E502", image_id, f"{column}: expected a file of the release; found none at {row[column]}"
-                )
+                text = f"expected a file of the release; found none at {row[column]}"
+                yield Finding("E502", image_id, f"{column}: {text}")
         if path is not None and (file := image_path(release.directory, row)) and sha256(file) != image_id:
             yield Finding("E504", image_id, f"path: expected bytes of this sha256; found others in {path}")
         if not licence:

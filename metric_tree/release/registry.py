@@ -31,8 +31,8 @@ TIMEOUT_S = 30.0
 CHUNK_BYTES = 1 << 20
 #: Maximum size of a registry: some thousand files for each of a hundred releases.
 MAX_REGISTRY_BYTES = 50_000_000
-#: A relative path inside the folder of a release.
-_NAME = re.compile(r"(?:[A-Za-z0-9_-][A-Za-z0-9_.-]*/)*[A-Za-z0-9_-][A-Za-z0-9_.-]*")
+#: A relative path inside the folder of a release, and the SHA-256 of its file.
+_ENTRY = re.compile(r"(?:[A-Za-z0-9_-][A-Za-z0-9_.-]*/)*[A-Za-z0-9_-][A-Za-z0-9_.-]* [0-9a-f]{64}")
 
 
 def cache_folder() -> Path:
@@ -54,15 +54,9 @@ def registry_of(address: str) -> dict[str, dict[str, str]]:
     except (OSError, ValueError, RecursionError) as error:
         raise InputError(f"{address}: expected a registry of releases; found {error}") from None
     releases = record.get("releases") if isinstance(record, dict) and record.get("schema") == SCHEMA else None
-    if not isinstance(releases, dict) or not all(
-        isinstance(files, dict)
-        and MANIFEST in files
-        and all(
-            _NAME.fullmatch(name) and isinstance(checksum, str) and re.fullmatch("[0-9a-f]{64}", checksum)
-            for name, checksum in files.items()
-        )
-        for files in releases.values()
-    ):
+    lists: list[Any] = list(releases.values()) if isinstance(releases, dict) else [None]
+    is_valid = all(isinstance(files, dict) and MANIFEST in files for files in lists)
+    if not is_valid or not all(_ENTRY.fullmatch(f"{name} {value}") for files in lists for name, value in files.items()):
         raise InputError(f"{address}: schema: expected {SCHEMA} with files and their sha256 by version; found another")
     return releases
 

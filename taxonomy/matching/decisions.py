@@ -16,7 +16,7 @@ import msgspec
 
 from metric_base.errors import InputError, expect, in_file
 from metric_base.files import whole_file
-from metric_base.folders import is_checkout, taxonomy_directory, user_data_folder
+from metric_base.folders import code_folder, data_folder, taxonomy_directory, user_data_folder
 from metric_base.records import json_lines
 
 #: Subject of a decision: the concept of words of a source, or the parent of an inserted category.
@@ -189,7 +189,7 @@ def record_folder() -> Path:
     """
     if Path("decisions").is_dir():
         return Path("decisions")
-    home = taxonomy_directory() if is_checkout() else user_data_folder()
+    home = taxonomy_directory() if data_folder() == code_folder() / "data" else user_data_folder()
     return home / "decisions"
 
 

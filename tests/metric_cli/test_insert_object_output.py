@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
+from argparse import Namespace
 from pathlib import Path
 from types import SimpleNamespace
-from typing import Any, cast
+from typing import cast
 
 import numpy as np
 import pytest
@@ -12,7 +13,7 @@ import pytest
 from insertion.request import InsertionRequest, ObjectRequest, PixelPosition
 from insertion.result import FrameReport, InsertionResult
 from insertion.scene.scale import MetricScale
-from metric_cli.insert_object.insert import InsertCommand, command_line, run
+from metric_cli.insert_object.insert import command_line, run
 
 
 @pytest.mark.parametrize(
@@ -33,8 +34,7 @@ def test_an_object_has_its_size_scale_and_number_of_frames(
     monkeypatch.setattr("insertion.insert.insert", lambda *_: inserted)
     monkeypatch.setattr("insertion.insertion_scene.open_scene", lambda _: None)
     request = cast(InsertionRequest, SimpleNamespace(scene=None, out=Path("out")))
-    fields: dict[str, Any] = {"request": request, "preview": None, "place_port": None, "argv": ()}
-    assert run(InsertCommand(as_json=False, **fields)) == 0
+    assert run(Namespace(json=False, preview=None, place=None), request, ()) == 0
     out, err = capsys.readouterr()
     assert out.startswith("a.glb: 1 x 0.5 x 0.25 m (length, width, height) on plane 0; 0.5 metres per unit")
     assert out.endswith(f"{ending}\n")

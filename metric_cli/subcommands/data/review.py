@@ -102,9 +102,8 @@ def list_subjects(arguments: argparse.Namespace) -> None:
 
     given = decisions(arguments.folder)
     open_subjects = waiting(given)
-    words = unsettled_words(
-        arguments.raw, {decision.subject for decision in standing(given) if decision.what == "match"}
-    )
+    settled = {decision.subject for decision in standing(given) if decision.what == "match"}
+    words = unsettled_words(arguments.raw, settled)
     columns = ["source", "words", "found", "rule", "items"]
     rows = [(*key, n) for key, n in words.most_common()]
     if arguments.json:

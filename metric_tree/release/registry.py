@@ -54,9 +54,10 @@ def registry_of(address: str) -> dict[str, dict[str, str]]:
     except (OSError, ValueError, RecursionError) as error:
         raise InputError(f"{address}: expected a registry of releases; found {error}") from None
     releases = record.get("releases") if isinstance(record, dict) and record.get("schema") == SCHEMA else None
-    lists: list[Any] = list(releases.values()) if isinstance(releases, dict) else [None]
-    is_valid = all(isinstance(files, dict) and MANIFEST in files for files in lists)
-    if not is_valid or not all(_ENTRY.fullmatch(f"{name} {value}") for files in lists for name, value in files.items()):
+    lists: list[Any] = list(releases.values()) if isinstance(releases, dict) else []
+    have_manifests = all(isinstance(files, dict) and MANIFEST in files for files in lists)
+    entries = [f"{name} {value}" for files in lists for name, value in files.items()] if have_manifests else [""]
+    if not isinstance(releases, dict) or not all(map(_ENTRY.fullmatch, entries)):
         raise InputError(f"{address}: schema: expected {SCHEMA} with files and their sha256 by version; found another")
     return releases
 

@@ -62,9 +62,8 @@ class ReleaseCatalogue:
         self.nodes = {node.node_id: node for node in tree}
         self.by_slug = {slug(node_id): node for node_id, node in self.nodes.items()}
         if len({name.casefold() for name in self.by_slug}) != len(self.nodes):
-            raise InputError(
-                f"{tree.release.directory}: node_id: expected ids that differ as file names; found two that are equal"
-            )
+            expected = "ids that differ as file names; found two that are equal"
+            raise InputError(f"{tree.release.directory}: node_id: expected {expected}")
         self._quantiles: dict[str, FloatArray] = {}
 
     @cached_property

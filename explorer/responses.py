@@ -270,9 +270,8 @@ def queried_prior(
         No prior has these dimensions.
     """
     if len(quantiles) > MAX_QUANTILES or not all(0 < q < 1 for q in quantiles):
-        raise InputError(
-            f"quantiles: expected at most {MAX_QUANTILES} numbers between 0 and 1; found {_shown(quantiles)}"
-        )
+        expected = f"at most {MAX_QUANTILES} numbers between 0 and 1"
+        raise InputError(f"quantiles: expected {expected}; found {_shown(quantiles)}")
     if len(set(dims)) != len(dims):
         raise InputError(f"dims: expected each dimension once; found {', '.join(dims)}")
     prior = node.prior(tuple(dims) or catalogue.dims(node) or None, where)

@@ -83,7 +83,7 @@ def name_index(catalogue: ReleaseCatalogue) -> bytes:
         "irregular": IRREGULAR,
         "sources": [[source["id"], source["title"]] for source in catalogue.sources.values()],
     }
-    return f"var MT_NAMES={json.dumps(content, separators=(',', ':'), ensure_ascii=False)};\n".encode()
+    return _script({"MT_NAMES": content})
 
 
 def word_index(catalogue: ReleaseCatalogue, indices: Mapping[str, int]) -> dict[str, Any]:
@@ -187,12 +187,13 @@ def size_index(catalogue: ReleaseCatalogue) -> bytes:
         rows[slug(node.node_id)] = row
         if any(one.node_id in OPENINGS for one in (node, *node.ancestors())):
             openings.append(slug(node.node_id))
-    values = {"MT_SIZES": rows, "MT_REFERENCES": REFERENCES, "MT_OPENINGS": openings}
-    texts = (
-        f"var {name}={json.dumps(value, separators=(',', ':'), ensure_ascii=False)};\n"
-        for name, value in values.items()
-    )
-    return "".join(texts).encode()
+    return _script({"MT_SIZES": rows, "MT_REFERENCES": REFERENCES, "MT_OPENINGS": openings})
+
+
+def _script(values: Mapping[str, Any]) -> bytes:
+    """Return a script that sets variables."""
+    texts = {name: json.dumps(value, separators=(",", ":"), ensure_ascii=False) for name, value in values.items()}
+    return "".join(f"var {name}={text};\n" for name, text in texts.items()).encode()
 
 
 def correlations_percent(prior: Prior) -> list[int]:

@@ -91,9 +91,8 @@ def sole_writer(out: Path) -> Iterator[None]:
                 with suppress(PermissionError):  # Windows removes no open file
                     note.unlink(missing_ok=True)
     except BlockingIOError:
-        raise InputError(
-            f"{out}: another run is writing this output; wait until it ends, or choose another --out"
-        ) from None
+        advice = "wait until it ends, or choose another --out"
+        raise InputError(f"{out}: another run is writing this output; {advice}") from None
 
 
 #: Inputs of a run, and whether its outputs may replace existing files.

@@ -77,9 +77,8 @@ class Rule(_Declared, frozen=True, kw_only=True):
     """A test of a column, and its consequence."""
 
     column: str  #: Column, or template of several: `{depth}|{description}`.
-    outcome: str = (
-        ""  #: Code of `REASONS` of a rule that rejects rows, flag of a rule that marks them; otherwise empty.
-    )
+    #: Code of `REASONS` of a rule that rejects rows, flag of a rule that marks them; otherwise empty.
+    outcome: str = ""
     matches: re.Pattern[str] | None = None
     listed: str = ""  #: File in the folder of the declaration with the texts to which the rule applies, one per line.
     texts: frozenset[str] = frozenset()  #: Texts of this file.

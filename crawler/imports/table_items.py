@@ -114,9 +114,8 @@ def row_item(
         A field has an invalid value, such as an unknown region.
     """
     stated = {axis: round(value, STORED_DECIMALS_MM) for axis, value in (words or {}).items() if value}
-    sides = (
-        tuple(sorted((round(e, STORED_DECIMALS_MM) for e in extents), reverse=True)) if extents else extents_mm(stated)
-    )
+    rounded = tuple(sorted((round(side, STORED_DECIMALS_MM) for side in extents or ()), reverse=True))
+    sides = rounded or extents_mm(stated)
     path = tuple(dict.fromkeys(text for part in category if (text := " ".join(part.split()))))
     if not sides:
         raise RowRejected("no_size", "dimensions", texts.get("dimensions_text") or "")

@@ -52,9 +52,8 @@ def page(tree: Tree, against: Tree | None = None) -> str:
     """
     all_findings = findings(tree.release.directory)
     if (broken := next((finding for finding in all_findings if finding.code[:2] in BREAKING), None)) is not None:
-        raise InputError(
-            f"{tree.release.directory}: {broken.code}: {broken.subject}: {broken.message} (metric-tree validate)"
-        )
+        found = f"{broken.code}: {broken.subject}: {broken.message}"
+        raise InputError(f"{tree.release.directory}: {found} (metric-tree validate)")
     # 1. Content of the release.
     nodes = sorted(tree, key=lambda node: node.name.casefold())
     categories = [

@@ -95,12 +95,8 @@ def row_weights(
     _, code = np.unique(np.asarray(sources), return_inverse=True)
     counts = np.bincount(code, share)
     is_single = (sizes == 1) & (sizes.max(initial=1) > 1)
-    weights: FloatArray = (
-        np.array([KIND_WEIGHT[kind] for kind in kinds])
-        * share
-        * np.where(is_single, SINGLE_SIZE_WEIGHT, 1.0)
-        / (1 + counts[code] / SOURCE_HALF_ROWS)
-    )
+    by_kind: FloatArray = np.array([KIND_WEIGHT[kind] for kind in kinds])
+    weights = by_kind * share * np.where(is_single, SINGLE_SIZE_WEIGHT, 1.0) / (1 + counts[code] / SOURCE_HALF_ROWS)
     strong = np.isin(names, sorted(STRONG))
     complete = float(share[strong & ~is_single].sum()) + RANGE_EQUIVALENT_ROWS * has_range
     weak = 0.0 if complete >= WEAK_ZERO_WEIGHT_ROWS else WEAK_HALF_WEIGHT_ROWS / (WEAK_HALF_WEIGHT_ROWS + complete)

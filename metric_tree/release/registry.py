@@ -86,9 +86,8 @@ def fetch_release(version: str, registry: str | None = None) -> Path:
         return folder
     address = registry or os.environ.get(REGISTRY_VARIABLE)
     if not address:
-        raise InputError(
-            f"{version}: expected an available release, or a registry in {REGISTRY_VARIABLE}; found neither"
-        )
+        expected = f"an available release, or a registry in {REGISTRY_VARIABLE}"
+        raise InputError(f"{version}: expected {expected}; found neither")
     releases = registry_of(address)
     if version not in releases:
         raise InputError(f"{address}: expected one of {', '.join(releases) or 'no release'}; found {version!r}")

@@ -38,9 +38,8 @@ class Classes:
         for node in self.nodes:
             for above in node.ancestors():
                 if above.node_id in self._ids:
-                    raise InputError(
-                        f"categories: expected none below another; found {node.node_id} below {above.node_id}"
-                    )
+                    found = f"{node.node_id} below {above.node_id}"
+                    raise InputError(f"categories: expected none below another; found {found}")
                 self._broader.add(above.node_id)
         self._nodes_of_labels: dict[tuple[tuple[str, ...], tuple[str, ...]], Node | None] = {}
         self.ambiguous: Counter[str] = Counter()

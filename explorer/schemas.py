@@ -228,6 +228,10 @@ class FitQuery(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     ] = ""
 
 
+_Where = Annotated[str, Meta(description="region and year, or one of them", examples=["region=europe,year=2011"])]
+_Quantiles = Annotated[str, Meta(description="numbers between 0 and 1", examples=["0.05,0.5,0.95"])]
+
+
 class PriorQuery(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     """Query string of a prior; lists are separated by commas.
 
@@ -237,12 +241,8 @@ class PriorQuery(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     dims: Annotated[
         str, Meta(description="dimensions: length, width, height or extent1, extent2, extent3", examples=["height"])
     ] = ""
-    where: Annotated[str, Meta(description="region and year, or one of them", examples=["region=europe,year=2011"])] = (
-        ""
-    )
-    quantiles: Annotated[str, Meta(description="numbers between 0 and 1", examples=["0.05,0.5,0.95"])] | UnsetType = (
-        UNSET
-    )
+    where: _Where = ""
+    quantiles: _Quantiles | UnsetType = UNSET
     density_at: Annotated[
         str, Meta(description="sizes in mm, one number per dimension and then the next size", examples=["900,950"])
     ] = ""

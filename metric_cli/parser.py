@@ -140,6 +140,18 @@ def same_named(options: argparse.Namespace, record: Any) -> dict[str, Any]:
     return {name: value for name, value in vars(options).items() if name in names}
 
 
+def parse_up(text: str) -> tuple[float, ...]:
+    """Parse the direction `--up`, X,Y,Z of any length except 0."""
+    from estimator.geometry.vertical import up_from_vector
+
+    try:
+        direction = tuple(float(part) for part in text.split(","))
+        up_from_vector(direction)
+    except ValueError:  # InputError is one
+        raise InputError.at("--up", "direction", "X,Y,Z, three finite numbers, not all 0", text) from None
+    return direction
+
+
 def arguments_of(parser: argparse.ArgumentParser) -> Iterator[argparse.Action]:
     """Yield the arguments of a parser and of its subcommands."""
     for action in parser._actions:

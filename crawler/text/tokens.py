@@ -88,10 +88,8 @@ def tokens(text: str, language: Language | None = None) -> list[Token]:
     # 2. Next to a P, L is a width (largeur, largura, larghezza): `H 75 x L 90 x P 40`.
     letters = {token.text.upper() for token in run if token.kind == "axis" and len(token.text) <= 2}
     if "L" in letters and {"P", "PR"} & letters and not {"W", "B"} & letters:
-        run = [
-            replace(token, key="width") if token.kind == "axis" and token.text.upper() == "L" else token
-            for token in run
-        ]
+        is_width = [token.kind == "axis" and token.text.upper() == "L" for token in run]
+        run = [replace(token, key="width") if width else token for token, width in zip(run, is_width, strict=True)]
     # 3. Axis words joined by x or slash are a header: `ancho x fondo x alto`.
     merged: list[Token] = []
     start = 0

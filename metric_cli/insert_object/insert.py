@@ -17,7 +17,7 @@ from metric_base.errors import InputError
 from metric_cli.batch import BatchCommand, batch_run, check_batch_options
 from metric_cli.errors import INPUT_ERROR, exit_status
 from metric_cli.insert_object.parser import POSITION_OPTIONS, PROGRAM, parser
-from metric_cli.parser import same_named
+from metric_cli.parser import parse_up, same_named
 
 if TYPE_CHECKING:
     from insertion.insertion_scene import InsertionScene
@@ -111,10 +111,7 @@ def parse_scene(options: argparse.Namespace) -> SceneSource:
             if not scale.is_file():
                 found = f"found {options.scale!r}"
                 raise InputError(f"--scale: expected metres per unit, or a result file; {found}") from None
-    try:
-        up = None if options.up is None else up_from_vector(tuple(float(part) for part in options.up.split(",")))
-    except (ValueError, TypeError):
-        raise InputError.at("--up", "direction", "X,Y,Z, three finite numbers, not all 0", options.up) from None
+    up = None if options.up is None else up_from_vector(parse_up(options.up))
     computed = {"folder": options.scene, "scale": read_scale(options.scene, scale), "up": up}
     return SceneSource(**same_named(options, SceneSource) | computed)
 

@@ -133,11 +133,6 @@ class CuratedHeight(msgspec.Struct, frozen=True, kw_only=True):
     reviewer: Text
     written: Text
 
-    @property
-    def underside_seen(self) -> bool:
-        """False for built-in objects, whose complete height is not visible."""
-        return self.underside == "seen"
-
 
 class SettledFinding(msgspec.Struct, frozen=True, kw_only=True):
     """A row of `settled.csv`: a finding about a leaf that a reviewer accepted."""

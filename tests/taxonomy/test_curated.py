@@ -141,7 +141,7 @@ def test_a_height_is_said_once_for_each_node(tmp_path: Path) -> None:
     header = "node_id,height,underside,reason,reviewer,written\nsink.n.01,the bowl,unseen,why,Ada,2026-11-23\n"
     (file := tmp_path / "heights.csv").write_text(header)
     [one] = curated_heights(file)
-    assert (one.height, one.underside_seen) == ("the bowl", False)
+    assert (one.height, one.underside) == ("the bowl", "unseen")
     assert curated_heights(tmp_path / "none.csv") == ()
     wrong = {
         "node_id": "sink.n.01,x,seen,why,Ada,2026",

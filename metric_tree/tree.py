@@ -317,7 +317,7 @@ class Tree:
         """Return the quantiles in mm of every node, or of every label of a list, as a flat table.
 
         The columns are `node_id`, `name`, `level`, `tier`, `n_items`, `n_sources`, and the quantiles of the default
-        prior, such as `length_q05_mm` (`metric_tree.tree.quantile_columns`). With a vocabulary, `label` comes first.
+        prior, such as `length_q05_mm`. With a vocabulary, `label` comes first.
 
         >>> import metric_tree
         >>> table = metric_tree.open().priors(vocabulary="kitti_8")

@@ -45,8 +45,8 @@ note = "{note}"
 @pytest.fixture
 def world(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     """Two declared sources, `open_set` (ships) and `shop_set` (does not), with their source_files."""
-    folder = tmp_path / "declared"
-    folder.mkdir()
+    folder = tmp_path / "declared" / "sources"
+    folder.mkdir(parents=True)
     for name, licence, ship, url in (
         ("open_set", "CC0-1.0", "true", "http://127.0.0.1:9/table.csv"),
         ("shop_set", "none", "false", ""),
@@ -56,7 +56,7 @@ def world(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
         data = tmp_path / "data" / name
         data.mkdir(parents=True)
         (data / "table.csv").write_text("no,w\n1,12.5\n2,?x\n3,\n4,12.5\n", encoding="utf-8")
-    monkeypatch.setattr(crawler.imports.declaration, "_own_folder", lambda: folder)
+    monkeypatch.setattr(crawler.imports.declaration, "data_folder", lambda: folder.parent)
     monkeypatch.setenv(downloads.CACHE_VARIABLE, str(tmp_path / "cache"))
     return tmp_path
 

@@ -305,7 +305,7 @@ def test_a_decision_is_recorded_where_its_reviewer_works(
     """In `./decisions`, or where the program is installed in the user's data folder; both are read by default."""
     monkeypatch.chdir(tmp_path)
     monkeypatch.setenv("XDG_DATA_HOME", str(tmp_path / "data"))
-    monkeypatch.setattr("taxonomy.matching.decisions.is_checkout", lambda: False)
+    monkeypatch.setattr("taxonomy.matching.decisions.data_folder", lambda: tmp_path)
     record = ["review", "record", "*: foo", "chair.n.01", "--why", "a\u2028b", "--json", "--reviewer"]
     assert main([*record, "Ada"]) == 0
     (tmp_path / "decisions").mkdir()

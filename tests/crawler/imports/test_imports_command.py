@@ -45,8 +45,8 @@ note = "{note}"
 @pytest.fixture
 def world(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     """Two declared sources, `open_set` (ships) and `shop_set` (does not), with their source_files."""
-    folder = tmp_path / "declared" / "sources"
-    folder.mkdir(parents=True)
+    folder = tmp_path / "sources"
+    folder.mkdir()
     for name, licence, ship, url in (
         ("open_set", "CC0-1.0", "true", "http://127.0.0.1:9/table.csv"),
         ("shop_set", "none", "false", ""),
@@ -56,7 +56,7 @@ def world(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
         data = tmp_path / "data" / name
         data.mkdir(parents=True)
         (data / "table.csv").write_text("no,w\n1,12.5\n2,?x\n3,\n4,12.5\n", encoding="utf-8")
-    monkeypatch.setattr(crawler.imports.declaration, "data_folder", lambda: folder.parent)
+    monkeypatch.setattr(crawler.imports.declaration, "data_folder", lambda: tmp_path)
     monkeypatch.setenv(downloads.CACHE_VARIABLE, str(tmp_path / "cache"))
     return tmp_path
 
@@ -178,7 +178,7 @@ def test_another_file_than_the_declared_one_is_warned_of_once(world: Path, capsy
     error = capsys.readouterr().err
     assert error.startswith(f"warning: {file}: sha256: expected that declared for open_set; found another")
     assert error.count("\n") == 1
-    declared = world / "declared" / "open_set.toml"
+    declared = world / "sources" / "open_set.toml"
     sha = hashlib.sha256(file.read_bytes()).hexdigest()
     declared.write_text(declared.read_text().replace("0" * 64, sha))
     assert main(words) == 0
@@ -187,7 +187,7 @@ def test_another_file_than_the_declared_one_is_warned_of_once(world: Path, capsy
 
 def test_the_list_in_a_pipe_keeps_addresses_whole(world: Path, capsys: pytest.CaptureFixture[str]) -> None:
     url = "https://example.org/" + "long/" * 60
-    declared = world / "declared" / "open_set.toml"
+    declared = world / "sources" / "open_set.toml"
     declared.write_text(declared.read_text().replace("https://example.org/open_set", url))
     assert main(["import", "--list"]) == 0
     out = capsys.readouterr().out

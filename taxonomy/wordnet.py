@@ -6,6 +6,7 @@ import io
 import os
 import warnings
 from collections.abc import Callable
+from contextlib import suppress
 from functools import cache, cached_property
 from pathlib import Path
 from typing import Any
@@ -213,10 +214,8 @@ def _root(path: Path | None) -> Any:
     if named:
         raise NoWordNet(f"{named}: expected WordNet's files (data.noun, index.noun); get them by {_HOW_TO_GET_IT}")
     for entry in ("corpora/wordnet", "corpora/wordnet.zip/wordnet/"):
-        try:
+        with suppress(LookupError):
             return nltk.data.find(entry)
-        except LookupError:
-            continue
     raise NoWordNet(f"WordNet is neither in {_DEBIAN} nor among nltk's data: {_HOW_TO_GET_IT}")
 
 

@@ -6,6 +6,7 @@ import html
 import json
 import re
 from collections.abc import Iterator, Mapping, Sequence
+from contextlib import suppress
 from dataclasses import dataclass
 from functools import cache
 from itertools import islice
@@ -109,13 +110,13 @@ def _structured_data(page: Page, has_category: bool) -> list[Mapping[str, Any]]:
     has_category = has_category or any(_is(node, "BreadcrumbList") for node in nodes)
     if (has_product and has_category) or "itemtype" not in page.text or not _USEFUL_TYPE.search(page.text):
         return nodes
-    try:
+    with suppress(
+        ValueError, TypeError, RecursionError
+    ):  # invalid markup makes the microdata useless, but not the page
         for item in _microdata_reader().extract_items(page.root, page.url):
             properties = item.get("properties")
             if isinstance(properties, dict):
                 nodes.append({"@type": str(item.get("type", "")).rpartition("/")[2], **properties})
-    except (ValueError, TypeError, RecursionError):  # invalid markup makes the microdata useless, but not the page
-        pass
     return nodes
 
 
@@ -148,10 +149,8 @@ def _microdata_reader() -> Any:
 def _parse_json(text: str) -> Any:
     text = text.strip().removeprefix("<!--").removesuffix("-->").strip().rstrip(";")
     for attempt in (text, html.unescape(text)):
-        try:
+        with suppress(ValueError, RecursionError):
             return json.loads(attempt, strict=False)
-        except (ValueError, RecursionError):
-            continue
     return None
 
 

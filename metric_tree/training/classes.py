@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections import Counter
 from collections.abc import Iterable, Sequence
+from contextlib import suppress
 
 from metric_base.errors import InputError
 from metric_tree.node import Node
@@ -86,8 +87,6 @@ class Classes:
 def node_of_label(tree: Tree, name: str, lists: Iterable[str]) -> Node | None:
     """Return the node of a label by the first list that contains it, else by the names of the tree, or None."""
     for vocabulary in (*lists, None):
-        try:
+        with suppress(InputError):
             return tree.find(name, vocabulary)
-        except InputError:
-            continue
     return None

@@ -16,6 +16,7 @@ from typing import Any
 
 import pytest
 
+from tests.crawler.conftest import RedisServer
 from tests.support.processes import started
 from tests.synthetic.synthetic_site import PICTURES, Shop, SyntheticSite, error, expected
 
@@ -170,6 +171,35 @@ def test_two_workers_share_a_frontier_and_one_is_killed(tmp_path: Path, redis_ur
     assert len(found) == shop.products
     assert {path.parent.name for path in (tmp_path / "out").rglob("items-*.jsonl")} == {"one", "two"}
     assert twice <= 32  # pages that the killed worker had in flight: in the downloader, and fetched but not yet read
+
+
+@pytest.mark.slow
+def test_a_killed_worker_and_a_killed_server_lose_no_item(tmp_path: Path, redis_server: RedisServer) -> None:
+    """One of two workers is killed, then the server; the other ends with a line, and both continue the crawl."""
+    environment = os.environ | {"METRIC_TREE_LEASE_SECONDS": "3"}
+    shop = Shop(products=160, errors=False, delay=1.0)
+    with SyntheticSite(shop) as site:
+        begin = command(site, tmp_path / "out", "--redis", redis_server.url, "--worker")
+        quiet = {"cwd": ROOT, "stdout": subprocess.DEVNULL, "env": environment}
+        with (
+            started([*begin, "one"], stderr=subprocess.DEVNULL, **quiet) as one,
+            started([*begin, "two"], stderr=subprocess.PIPE, text=True, **quiet) as two,
+        ):
+            _until(lambda: all(_stored(tmp_path / "out" / name) > 5 for name in ("one", "two")))
+            one.send_signal(signal.SIGKILL)
+            redis_server.stop(keep=True)
+            message = two.communicate(timeout=180)[1]
+        assert (two.returncode, message.count("\n")) == (2, 1), message
+        site.shop = replace(shop, delay=0.0)
+        redis_server.start()
+        again = [[*begin, name, "--resume"] for name in ("one", "two")]
+        with started(again[0], **quiet) as one, started(again[1], **quiet) as two:
+            pass
+        assert (one.returncode, two.returncode) == (0, 0)
+        titles = [item["title"] for item in items(tmp_path / "out")]
+        twice = sum(count - 1 for path, count in site.fetched.items() if path.startswith("/item/"))
+    assert len(set(titles)) == shop.products
+    assert len(titles) - len(set(titles)) <= twice <= 64  # pages that the two workers had in flight
 
 
 def _stored(folder: Path) -> int:

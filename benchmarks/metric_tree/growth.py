@@ -8,6 +8,7 @@ and its workers over TCP on this machine. Memory is the proportional set size (P
 
 from __future__ import annotations
 
+import argparse
 import json
 import os
 import resource
@@ -19,13 +20,14 @@ from collections.abc import Iterator
 from contextlib import ExitStack
 from functools import cache
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
 from benchmarks.common import options_parser
-from crawler.items import RawItem
+from crawler.items import RawItem, raw_lines
 from metric_base.executors import executor_of
-from metric_tree.pipeline.build import BuildOptions, build_release
+from metric_tree.pipeline.build import BuildOptions, build_release, shipped_taxonomy
 from taxonomy.categories import Category, Match
 
 #: Number of leaves of the synthetic tree.
@@ -65,18 +67,23 @@ def main() -> None:
     parser.add_argument("--rows", type=int, nargs="+", default=[10_000, 100_000])
     parser.add_argument("--workers", type=int, default=2)
     parser.add_argument("--dask", action="store_true", help="a Dask scheduler and its workers over TCP")
+    parser.add_argument(
+        "--raw", type=Path, help="a file of raw items instead of synthetic ones, and the shipped taxonomy"
+    )
     parser.add_argument("--folder", type=Path, help="folder of one build, which prints its own figures")
     options = parser.parse_args()
     if options.folder is not None:
-        print(json.dumps(_measured(options.folder, options.workers, options.dask)))
+        print(json.dumps(_measured(options)))
         return
     print(f"{os.cpu_count()} cores, load {os.getloadavg()[0]:.1f}, {options.workers} workers{', Dask' * options.dask}")
-    print("rows | raw MB | wall s | cpu s | PSS of all MB | largest worker MB | rows of the fit | work folder MB")
-    for rows in options.rows:
+    columns = ("rows", "raw MB", "wall s", "cpu s", "PSS of all MB", "rows of the fit", "work folder MB")
+    print(" | ".join([*columns, "cpu s of the parent by step"]))
+    for rows in options.rows if options.raw is None else [sum(1 for _ in raw_lines(options.raw))]:
         with tempfile.TemporaryDirectory(prefix="growth-") as name:
             folder = Path(name)
-            raw = _made_raw(folder / "raw.jsonl", rows)
+            raw = _made_raw(folder / "raw.jsonl", rows) if options.raw is None else options.raw.stat().st_size
             words = ["--folder", name, "--workers", str(options.workers), *["--dask"] * options.dask]
+            words += [] if options.raw is None else ["--raw", str(options.raw)]
             command = [sys.executable, "-m", "benchmarks.metric_tree.growth", *words]
             with subprocess.Popen(command, stdout=subprocess.PIPE, text=True) as process:
                 peak = work = 0
@@ -92,10 +99,8 @@ def main() -> None:
                 f"{found['cpu']:.0f}",
                 f"{peak / 1e6:.0f}",
             ]
-            print(
-                " | ".join([*figures, f"{found['worker_mb']:.0f}", f"{found['n_fit']:,}", f"{work / 1e6:.0f}"]),
-                flush=True,
-            )
+            figures += [f"{found['n_fit']:,}", f"{work / 1e6:.0f}", str(found["steps"])]
+            print(" | ".join(figures), flush=True)
 
 
 def _family(pid: int) -> list[int]:
@@ -122,13 +127,22 @@ def _size(file: Path) -> int:
         return 0
 
 
-def _measured(folder: Path, workers: int, is_on_dask: bool) -> dict[str, float]:
+def _measured(options: argparse.Namespace) -> dict[str, Any]:
     """Build the raw items of a folder in this process and its workers."""
-    started = time.perf_counter()
-    options = BuildOptions(version="0.0.0", created="2026-01-01", heldout=False)
+    workers, raw = options.workers, options.raw or options.folder / "raw.jsonl"
+    taxonomy = made_taxonomy if options.raw is None else shipped_taxonomy
+    started, cpu, steps = time.perf_counter(), time.process_time(), dict[str, float]()
+
+    def progress(step: str, _done: int, _total: int | None) -> None:
+        nonlocal cpu
+        now = time.process_time()
+        steps[step] = steps.get(step, 0.0) + now - cpu
+        cpu = now
+
+    content = BuildOptions(version="0.0.0", created="2026-01-01", heldout=False)
     with ExitStack() as stack:
         address = None
-        if is_on_dask:
+        if options.dask:
             from distributed import LocalCluster
 
             cluster = LocalCluster(
@@ -137,13 +151,20 @@ def _measured(folder: Path, workers: int, is_on_dask: bool) -> dict[str, float]:
             address = str(stack.enter_context(cluster).scheduler_address)
         executor = stack.enter_context(executor_of(workers, address))
         build = build_release(
-            [folder / "raw.jsonl"], folder / "release", options, taxonomy=made_taxonomy, declared={}, executor=executor
+            [raw],
+            options.folder / "release",
+            content,
+            taxonomy=taxonomy,
+            declared={},
+            executor=executor,
+            progress=progress,
         )
+    progress("publish", 1, 1)
     own, children = (resource.getrusage(who) for who in (resource.RUSAGE_SELF, resource.RUSAGE_CHILDREN))
     return {
         "wall": time.perf_counter() - started,
         "cpu": own.ru_utime + own.ru_stime + children.ru_utime + children.ru_stime,
-        "worker_mb": children.ru_maxrss / 1024,
+        "steps": {step: round(seconds, 2) for step, seconds in steps.items()},
         "n_fit": build.release.manifest["counts"]["n_fit"],
     }
 

@@ -6,7 +6,16 @@ import cv2
 import numpy as np
 import pytest
 
-from estimator.association.mask_checks import continuity_warnings, depth_continuity, rim_agreement, rim_warnings
+from estimator.association.mask_checks import (
+    continuity_warnings,
+    depth_continuity,
+    overlap_warnings,
+    overlapping_fraction,
+    rim_agreement,
+    rim_warnings,
+    straight_fractions,
+    straight_warnings,
+)
 from estimator.association.point_labels import sparse_labels
 from estimator.association.tracks import shared_tracks
 from tests.synthetic.rooms.furnish import furnished_room
@@ -84,3 +93,64 @@ def test_masks_that_end_inside_of_their_objects_are_doubtful(sitting_room, share
 def test_both_sides_of_the_threshold_of_the_continuity(continuity, doubtful):
     problems = continuity_warnings(continuity)
     assert [problem.is_doubtful for problem in problems] == [True] * doubtful
+
+
+def joined(mask, masks):
+    """The mask together with the nearest other one of its image."""
+    others = [other for other in masks if other.view == mask.view and other is not mask]
+    if not others:
+        return mask
+    other = min(others, key=lambda one: np.hypot(*np.subtract(one.origin, mask.origin)))
+    low = np.minimum(mask.origin, other.origin)
+    high = np.maximum(*(np.add(one.origin, one.mask.shape[::-1]) for one in (mask, other)))
+    both = np.zeros((high - low)[::-1], dtype=bool)
+    for one in (mask, other):
+        (left, top), (height, width) = one.origin - low, one.mask.shape
+        both[top : top + height, left : left + width] |= one.mask
+    return replace(mask, mask=both, origin=tuple(low.tolist()))
+
+
+@pytest.mark.parametrize("kind", ["right", "larger", "joined", "boxes"])
+def test_masks_that_share_their_pixels_are_doubtful(room, kind):
+    masks = list(room.instances)
+    if kind == "larger":
+        masks = [wider(mask, round(0.1 * np.sqrt(mask.mask.sum()))) for mask in masks]
+    elif kind != "right":
+        masks = [joined(mask, masks) for mask in masks]
+    masks = [replace(mask, from_box=kind == "boxes") for mask in masks]
+    problems = overlap_warnings(overlapping_fraction(masks))
+    assert [problem.is_doubtful for problem in problems] == [True] * (kind in {"larger", "joined"})
+
+
+@pytest.mark.parametrize(("fraction", "doubtful"), [(0.29, False), (0.31, True), (np.nan, False)])
+def test_both_sides_of_the_maximum_of_overlapping_masks(fraction, doubtful):
+    assert len(overlap_warnings(fraction)) == doubtful
+
+
+@pytest.mark.parametrize("side", ["left", "right", "top", "bottom", "all", "none"])
+def test_masks_that_end_in_a_straight_line_are_doubtful(room, side):
+    masks = []
+    for mask in room.instances:
+        height, width = mask.mask.shape
+        rows, columns = np.indices(mask.mask.shape)
+        inside = {
+            "left": columns >= width // 2,
+            "right": columns < width // 2,
+            "top": rows >= height // 2,
+            "bottom": rows < height // 2,
+        }.get(side, np.ones_like(mask.mask))
+        pixels = inside if side == "all" else mask.mask & inside
+        if pixels.any():
+            used = np.ix_(np.flatnonzero(pixels.any(axis=1)), np.flatnonzero(pixels.any(axis=0)))
+            origin = tuple(np.add(mask.origin, [used[1].min(), used[0].min()]).tolist())
+            masks.append(replace(mask, mask=pixels[used], origin=origin))
+    problems = straight_warnings(straight_fractions(room.scene.views, masks))
+    assert [problem.is_doubtful for problem in problems] == [True] * (side != "none")
+    if side not in {"all", "none"}:
+        assert f"straight line at the {side}" in problems[0].message
+    assert np.isnan(straight_fractions(room.scene.views, masks[:9])).all()
+
+
+@pytest.mark.parametrize(("fraction", "doubtful"), [(0.59, False), (0.61, True), (np.nan, False)])
+def test_both_sides_of_the_maximum_of_straight_masks(fraction, doubtful):
+    assert len(straight_warnings(np.array([0.1, fraction, 0.1, 0.1]))) == doubtful

@@ -118,6 +118,8 @@ class Node:
     dims: tuple[str, ...]
     n_items: int  #: Items at or below the node.
     n_own: int  #: Items of the node itself.
+    #: Sources of its fit and of those of the nodes below it; none in a release before 4.0.0.
+    sources: tuple[str, ...] = ()
     stated: StatedSize | None = None  #: Variant, or size in the name, by which `Tree.find` returned the node.
     #: Part of the name that `Tree.find` ignored, if it is more specific: "taken as whale: 'blue' is not in the tree".
     note: str | None = None
@@ -338,5 +340,5 @@ def require_tier(node: Node, least: str) -> None:
 
 def node_of(tree: _Tree, row: dict[str, Any]) -> Node:
     """Return the node of a row of `metric_tree.release.schema.NODES`."""
-    lists = {name: tuple(row[name] or ()) for name in ("path", "hypernyms", "aliases", "dims")}
+    lists = {name: tuple(row.get(name) or ()) for name in ("path", "hypernyms", "aliases", "dims", "sources")}
     return Node(tree=tree, **{**{name: row[name] for name in row if name in Node.__dataclass_fields__}, **lists})

@@ -15,7 +15,7 @@ import pyarrow as pa
 import pyarrow.parquet as pq
 
 from metric_base import spelling
-from metric_tree.axes import DIMENSIONS, EXTENTS
+from metric_tree.axes import DIMENSIONS
 from metric_tree.node import AmbiguousName, Meaning, Node, NoPrior, UnknownName, node_of, require_tier
 from metric_tree.prior import QUANTILES, Prior
 from metric_tree.release.registry import release_directory
@@ -368,27 +368,16 @@ class Tree:
                 wanted = ", ".join(dims) or "no dimension"
                 raise NoPrior(f"{node_id}: dims: expected a prior that holds {wanted}; found {exists}")
             prior = Prior.of_row(self._prior_table.slice(min(containing)[1], 1).to_pylist()[0])
-            if (correction := self._correction(node_id)) is not None:
-                prior = replace(correction.stated.of(prior, prior.dims[0] == EXTENTS[0]), tier="judged")
             prior = prior if prior.dims == dims else prior.marginal(dims)
             self._priors[node_id, dims] = prior
         return prior
 
     def tier(self, node_id: str) -> str | None:
         """Return the tier of a node; None for a node without a prior."""
-        if self._correction(node_id) is not None:
-            return "judged"
         if (tier := self._tiers.get(node_id)) is not None:
             return tier
         dims = self.prior_dims(node_id)  # a release before 3.0.0
         return self.prior(node_id, dims[0]).tier if dims else None
-
-    def _correction(self, node_id: str) -> Variant | None:
-        """Return the size that replaces that of a node, if the release is not newer than it."""
-        from metric_tree.variants import corrections
-
-        row = corrections().get(node_id)
-        return row if row is not None and str(self.release.manifest["created"]) <= row.written else None
 
     @cached_property
     def _prior_table(self) -> pa.Table:

@@ -219,13 +219,6 @@ def variants(path: Path | None = None) -> Mapping[str, tuple[Variant, ...]]:
 
 
 @cache
-def corrections() -> Mapping[str, Variant]:
-    """Return the size that replaces that of a node in releases of the same day or older (`corrections.csv`)."""
-    rows = variants(data_folder() / "curated" / "corrections.csv")
-    return {node_id: row for node_id, (row,) in rows.items()}
-
-
-@cache
 def _by_alias() -> Mapping[str, Variant]:
     rows = (row for node_rows in variants().values() for row in node_rows)
     return {variant_form(alias): row for row in rows for alias in row.aliases.split("; ") if alias}

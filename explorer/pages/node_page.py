@@ -80,8 +80,8 @@ def node_page(catalogue: ReleaseCatalogue, node: Node) -> bytes:
         {"title": name, "kind": "", "licence": "", **catalogue.sources.get(name, {}), "id": name, "n": n}
         for name, n in answer.shipped["source"].items()
     ]
-    named = {context.source for context in prior.contexts} - set(answer.shipped["source"]) if prior is not None else ()
-    withheld = [catalogue.sources[name] for name in sorted(named) if catalogue.sources.get(name, {}).get("withheld")]
+    named = (name for name in node.sources if name not in answer.shipped["source"])
+    withheld = [catalogue.sources[name] for name in named if catalogue.sources.get(name, {}).get("withheld")]
     siblings = node.parent.children if node.parent else ()
     report = f"Node: {node.node_id}\nRelease: {catalogue.tree.version}\n\nWhat is wrong:\n\nA source:\n"
     return page_bytes(

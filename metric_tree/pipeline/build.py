@@ -65,6 +65,7 @@ from metric_tree.pipeline.work_folder import (
 from metric_tree.prior import Prior
 from metric_tree.release.release import Release, publish_release
 from metric_tree.release.schema import IMAGES
+from metric_tree.release.terms import basis
 from taxonomy.categories import Taxonomy
 
 _R = TypeVar("_R")
@@ -250,12 +251,14 @@ def clean(run: BuildRun, n_rows: int) -> tuple[dict[str, NodeClass], Counter[str
     parts = run.map("medians", shard_medians, ((folder, shard) for shard in range(SHARDS)), SHARDS)
     medians = {node_id: median for part in parts for node_id, median in part.items()}
     siblings = sibling_references(medians, run.taxonomy().categories())
-    licences = {
-        source.id: source.licence for source in (*run.declared.values(), *PROJECT_SOURCES.values()) if source.ship
+    terms = {
+        source.id: (source.licence, source.attribution)
+        for source in (*run.declared.values(), *PROJECT_SOURCES.values())
+        if source.ship
     }
-    licences |= dict.fromkeys(run.options.private, PRIVATE_LICENCE)
+    terms |= {source: (PRIVATE_LICENCE, source) for source in run.options.private}
     ids = frozenset(run.carried.table("items")["item_id"].to_pylist()) if run.carried else None
-    calls = ((folder, shard, licences, siblings, ids) for shard in range(SHARDS))
+    calls = ((folder, shard, terms, siblings, ids) for shard in range(SHARDS))
     spilled = {"items": ".items", "refused": ".refused", "rows": ".classes"}
     classes: dict[str, NodeClass] = {}
     for result in run.map("clean", clean_shard, calls, SHARDS, spilled):
@@ -317,6 +320,7 @@ def publish(
     extras.mkdir(exist_ok=True)
     if run.options.pictures:
         add_pictures(raw, tables, report, extras)
+    manifest = {**manifest, "basis": basis(manifest)}
     write_texts(extras, tables, manifest, former=run.taxonomy is shipped_taxonomy)
     write_log(log, run.work.directory, report)  # first, because a run that finds a release stops before the log
     return publish_release(out, tables, manifest, extras)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import pickle
+import re
 from collections import Counter
 from collections.abc import Mapping
 from dataclasses import dataclass
@@ -42,6 +43,8 @@ from metric_tree.release.schema import ITEMS
 #: source is bounded anyway (`fit.rows.SOURCE_HALF_ROWS`), and 200 rows determine its mean to 1/14 of the standard
 #: deviation.
 MAX_FIT_ROWS = 200
+#: Maximum number of words of the title of a product; longer ones describe it for sale.
+MAX_TITLE_WORDS = 8
 #: Flag of rows whose size may be the size of the package.
 PACKAGE = "suspect_package"
 
@@ -80,7 +83,7 @@ class CleanShard:
 def clean_shard(
     folder: Path,
     shard: int,
-    licences: Mapping[str, str],
+    terms: Mapping[str, tuple[str, str]],
     siblings: Mapping[str, Reference],
     carried: frozenset[str] | None = None,
 ) -> CleanShard:
@@ -92,8 +95,8 @@ def clean_shard(
         Work folder with the ingested rows.
     shard : int
         Number of the shard.
-    licences : mapping
-        Licence of each source whose rows may be redistributed.
+    terms : mapping
+        Licence and attribution of each source whose rows may be redistributed.
     siblings : mapping
         Reference sizes of nodes with few rows, from their siblings.
     carried : frozenset of str, optional
@@ -104,7 +107,7 @@ def clean_shard(
     axes = [table[f"{axis}_mm"].to_numpy(zero_copy_only=False) for axis in AXES]
     sizes = np.column_stack([np.column_stack(axes).astype(float), extents_of(table)])  # (n, 6) mm
     if carried is None:
-        reasons = _refusal_reasons(table, sizes, frozenset(licences), siblings)
+        reasons = _refusal_reasons(table, sizes, frozenset(terms), siblings)
     else:
         reasons = ["" if item_id in carried else "not_carried" for item_id in table["item_id"].to_pylist()]
     good = np.array([not reason for reason in reasons], dtype=bool)
@@ -120,17 +123,34 @@ def clean_shard(
 
     table, sizes = table.filter(pa.array(good)), sizes[good]
     classes = [_node_class(table.take(pa.array(rows)), sizes[rows]) for rows in _rows_by_node(table)]
-    ship = np.isin(_strings(table, "source"), sorted(licences)) & (_strings(table, "kind") != "statistic")
+    ship = np.isin(_strings(table, "source"), sorted(terms)) & (_strings(table, "kind") != "statistic")
     items = table.filter(pa.array(ship))
-    of_source = pa.array([licences[source] for source in items["source"].to_pylist()], pa.string())
-    licence = pc.coalesce(items["licence"], of_source)
-    items = items.set_column(items.schema.get_field_index("licence"), "licence", licence)
+    for place, column in enumerate(("licence", "attribution")):
+        of_source = pa.array([terms[source][place] for source in items["source"].to_pylist()], pa.string())
+        values = pc.coalesce(items[column], of_source)
+        items = items.set_column(items.schema.get_field_index(column), column, values)
+    rows = zip(items["title"].to_pylist(), items["kind"].to_pylist(), strict=True)
+    titles = pa.array([short_title(title) if kind == "product" else title for title, kind in rows], pa.string())
+    items = items.set_column(items.schema.get_field_index("title"), "title", titles)
     sink = pa.BufferOutputStream()
     with pa.ipc.new_file(sink, ITEMS) as writer:
         writer.write_table(items.select(ITEMS.names).cast(ITEMS))
     fit_rows = pickle.dumps([rows for _, rows in classes])
     node_classes = tuple(node_class for node_class, _ in classes)
     return CleanShard(bytes(sink.getvalue()), node_classes, fit_rows, "".join(lines).encode(), counts)
+
+
+def short_title(title: str) -> str:
+    """Return a title without what follows its first comma or dash, and with at most `MAX_TITLE_WORDS` words.
+
+    >>> short_title("Meshify 2 Nano - Mini-ITX tower in black with a side panel of glass")
+    'Meshify 2 Nano'
+    """
+    words = title.split()
+    if len(words) <= MAX_TITLE_WORDS:
+        return title
+    name = re.split(r", | [-\N{EN DASH}] ", title, maxsplit=1)[0].split()
+    return " ".join((name if len(name) > 1 else words)[:MAX_TITLE_WORDS])
 
 
 def class_priors(

@@ -26,11 +26,14 @@ from metric_tree.fit.class_prior import NEW_SOURCE
 from metric_tree.pipeline.ingest import widened_sd
 from metric_tree.release.images import collect_images, image_record_files
 from metric_tree.release.schema import SUCCESSORS
-from metric_tree.release.terms import basis
 from taxonomy.levels import BadLevels, replaced_ids
 
 #: README and LICENSE of a release, with placeholders of `str.format`.
 _TEMPLATES = Path(__file__).with_name("templates")
+
+
+#: Ids of releases before 4.0.0 that are of another sense in WordNet, and the ids of the sense that was meant.
+OTHER_SENSES = {"mace.n.01": "mace.n.04", "viola.n.01": "viola.n.03", "writing_desk.n.01": "writing_desk.n.02"}
 
 
 class FormerNode(msgspec.Struct, frozen=True):
@@ -42,7 +45,7 @@ class FormerNode(msgspec.Struct, frozen=True):
 
 
 def former_nodes(path: Path | None = None) -> list[FormerNode]:
-    """Return the nodes of releases 1.0.0 and 2.0.0 (`data/taxonomy/generated/former_ids.csv`)."""
+    """Return the nodes of releases 1.0.0 and 2.0.0, and those of 3.0.0 that are gone (`former_ids.csv`)."""
     table = path or taxonomy_directory() / "generated" / "former_ids.csv"
     return [row for _, row in read_csv(table, FormerNode, BadLevels)]
 
@@ -70,6 +73,7 @@ def successor_table(former: Collection[FormerNode], nodes: Collection[str], repl
         A node and all its ancestors have no successor.
     """
     parents = {(one.release, one.node_id): one.parent_id for one in former}
+    of_any_release = {one.node_id: one.parent_id for one in former}
 
     def successor(release: str, node_id: str) -> str:
         current: str | None = node_id
@@ -78,7 +82,7 @@ def successor_table(former: Collection[FormerNode], nodes: Collection[str], repl
             for candidate in (current, following, f"{following}/other", current.removesuffix("/other")):
                 if candidate in nodes:
                     return candidate
-            current = parents.get((release, current))
+            current = parents.get((release, current), of_any_release.get(current))
         raise InputError(f"former_ids.csv: {node_id} of {release}: neither the node nor an ancestor has a successor")
 
     rows = [
@@ -126,16 +130,18 @@ def writers() -> list[dict[str, Any]]:
 def write_texts(folder: Path, tables: Mapping[str, pa.Table], manifest: Mapping[str, Any], *, former: bool) -> None:
     """Write README and LICENSE, and with `former` the successors of the ids of earlier releases."""
     rows = {name: table.num_rows for name, table in tables.items()}
-    in_each_row = "author in the attribution field of each row"
+    in_each_row = "author in the column `attribution`"
     shown = (record for record in manifest["sources"] if record["n_rows"])
     attributions = (f"- {one['id']} ({one['licence']}): {one['attribution'] or in_each_row}" for one in shown)
-    values = {"manifest": manifest, "rows": rows, "attributions": "\n".join(attributions), "basis": basis(manifest)}
+    values = {"manifest": manifest, "rows": rows, "attributions": "\n".join(attributions)}
     for template in _TEMPLATES.iterdir():
         text = template.read_text(encoding="utf-8").format(**values)
         (folder / template.name).write_text(text, encoding="utf-8")
     if former:
         table = successor_table(
-            former_nodes(), frozenset(tables["nodes.parquet"]["node_id"].to_pylist()), replaced_ids()
+            former_nodes(),
+            frozenset(tables["nodes.parquet"]["node_id"].to_pylist()),
+            {**replaced_ids(), **OTHER_SENSES},
         )
         pq.write_table(table, folder / "successors.parquet", compression="zstd")
 

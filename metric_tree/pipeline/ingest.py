@@ -312,6 +312,7 @@ def _row(item: RawItem, loaded: _LoadedTaxonomy) -> tuple[dict[str, Any] | None,
         "url": item.url or None,
         "licence": item.licence,
         "flags": item.flags,
+        "attribution": item.attribution,
         "scene": item.scene,
         "relative_sd": item.relative_sd,
     }, ""

@@ -27,8 +27,10 @@ def node_table(
     """Return the nodes of the release (`metric_tree.release.schema.NODES`)."""
     n_own = {node_id: sum(one.n_by_source.values()) for node_id, one in classes.items()}
     total = Counter(n_own)
+    sources = {node_id: set(one.kinds) for node_id, one in classes.items()}
     for category in reversed(hierarchy.categories):
         if category.parent_id is not None:
+            sources.setdefault(category.parent_id, set()).update(sources[category.node_id])
             total[category.parent_id] += total[category.node_id]
     rows = []
     for category in hierarchy.categories:
@@ -37,7 +39,8 @@ def node_table(
         has_dims = any(set(category.dims) <= set(prior.dims) for prior in node_priors)
         dims = list(category.dims if has_dims or not node_priors else node_priors[0].dims)
         row = {field.name: getattr(category, field.name, None) for field in NODES}
-        row |= {"dims": dims, "tier": node_priors[0].tier if node_priors else None}
+        row |= {"dims": dims, "sources": sorted(sources[node_id])}
+        row |= {"tier": node_priors[0].tier if node_priors else None}
         rows.append(row | {"n_items": total[node_id], "n_own": n_own.get(node_id, 0)})
     return pa.Table.from_pylist(rows, schema=NODES)
 

@@ -21,7 +21,7 @@ from metric_tree.prior import QUANTILES, Prior
 from metric_tree.release.images import link_images
 from metric_tree.release.release import MANIFEST, sha256
 from metric_tree.release.schema import SUCCESSORS, table_schema
-from metric_tree.release.terms import OWN_LICENCE, basis, item_attributions
+from metric_tree.release.terms import OWN_LICENCE, basis
 from metric_tree.tree import Tree
 
 #: Tables of a publication with the content of a row; the first is the default of data hubs.
@@ -92,10 +92,7 @@ def _table(tree: Tree, name: str) -> pa.Table:
     if name == "successors":
         path = tree.release.directory / f"{name}.parquet"
         return pq.ParquetFile(path).read() if path.is_file() else SUCCESSORS.empty_table()
-    table = without_maps(tree.release.table(name))
-    if name == "items":
-        table = table.append_column("attribution", pa.array(item_attributions(tree.release, table), pa.string()))
-    return table
+    return without_maps(tree.release.table(name))
 
 
 def size_table(tree: Tree) -> pa.Table:

@@ -1,13 +1,9 @@
-"""Terms of a release: licences of its published rows, their attributions, and the sources on which its priors rest."""
+"""Terms of a release: the licence of the work of the project, and the sources on which the priors rest."""
 
 from __future__ import annotations
 
 from collections.abc import Mapping
 from typing import Any
-
-import pyarrow as pa
-
-from metric_tree.release.release import Release
 
 #: Licence of the tree, its priors, norms and judged ranges, which are the project's own work.
 OWN_LICENCE = "Apache-2.0"
@@ -28,21 +24,3 @@ def basis(manifest: Mapping[str, Any]) -> str:
         "sources may restrict your use of values that were fitted to them. "
         'A release without them is opened by `metric_tree.open(licence="open")`.'
     )
-
-
-def item_attributions(release: Release, items: pa.Table) -> list[str]:
-    """Return the attribution of each published item: its own, that of its image or source, or its title and address."""
-    sources = {source["id"]: source for source in release.manifest["sources"]}
-    images = release.table("images")
-    of_images: dict[str, str] = {}
-    if "attribution" in images.column_names:
-        pairs = zip(images["item_id"].to_pylist(), images["attribution"].to_pylist(), strict=True)
-        of_images = {item_id: text for item_id, text in pairs if text}
-    attributions = []
-    for row in items.select(["item_id", "source", "title", "licence", "url"]).to_pylist():
-        source = sources.get(row["source"], {})
-        is_general = source.get("attribution") and " AND " not in str(source.get("licence"))
-        own = None if is_general else of_images.get(row["item_id"])
-        named = ", ".join(filter(None, (f'"{row["title"]}"', row["licence"], row["url"])))
-        attributions.append(own or (source["attribution"] if is_general else named))
-    return attributions

@@ -216,11 +216,11 @@ class Resolver:
         return None
 
     def _other_name(self, text: str) -> NameMatch | None:
-        """Return the match of a name of a standard, a name newer than the release, or a foreign, not English name."""
+        """Return the match of a name of a standard, or of a foreign, not English name."""
         form = plain_fold(text)
         named = next(filter(None, map(other_names, (form, *singular_phrases(form)))), {})
         known = {node: language for node, language in named.items() if node in self._names}
-        if not known or (senses(form) and not {"norm", "en"} & set(known.values())):
+        if not known or (senses(form) and "norm" not in known.values()):
             return None
         nodes = sorted(known, key=lambda node: -self._names.items(node))
         rival = next((node for node in nodes[1:] if not self._is_same(nodes[0], node)), None)

@@ -102,10 +102,7 @@ def is_english(word: str) -> bool:
 
 
 def other_names(form: str) -> Mapping[str, str]:
-    """Return, by node, the language of a folded word that names it, or `norm` for standards.
-
-    `en` are English names that apply to every release; those of `aliases.csv` apply to releases built after them.
-    """
+    """Return, by node, the language of a folded word that names it, or `norm` for standards."""
     # a search for the longest word comes first, because folding the table takes as long as the rest of a query
     word = max(form.split(), key=len, default="")
     if _without_umlauts(word) not in _other_letters() and word not in SPELLINGS.values():

@@ -28,7 +28,6 @@ from explorer.pages.node_page import (
 from explorer.pages.release_pages import change_tables, icicle, median_offset, source_page, vocabulary_page
 from explorer.pages.templating import Link, cell_html, environment, numeric_columns, web_address
 from explorer.tables import csv_bytes, node_sizes_csv, parquet_bytes, sizes_table
-from metric_tree.context import Context
 from metric_tree.prior import INTERVAL_QUANTILES
 from metric_tree.reports.diff import MovedPrior, ReleaseDiff
 from metric_tree.tree import Tree, open_tree
@@ -413,20 +412,25 @@ def test_tables_of_sizes_have_the_quantiles_of_all_categories(catalogue: Release
 def test_a_page_names_the_withheld_sources_and_the_share_of_judged_weight(
     catalogue: ReleaseCatalogue, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    node = catalogue.nodes["swivel_chair.n.01"]
+    node = replace(catalogue.nodes["swivel_chair.n.01"], sources=("made", "shut"))
     prior = catalogue.prior(node)
     assert prior is not None
-    changed = replace(
-        prior,
-        n_sources=3,
-        share_by_kind={"product": 0.4, "judged": 0.6},
-        contexts=(Context("shut", None, None, np.zeros(3), np.ones(3)),),
-    )
+    changed = replace(prior, n_sources=3, share_by_kind={"product": 0.4, "judged": 0.6})
     monkeypatch.setattr(ReleaseCatalogue, "prior", lambda *_: changed)
     withheld = {"id": "shut", "title": "Shut source", "licence": "own terms", "withheld": True, "n_fit": 9}
     monkeypatch.setitem(catalogue.sources, "shut", withheld)
     page = node_page(catalogue, node).decode()
-    assert "Shut source</a> (own terms; its terms do not allow" in page
+    assert "because their terms do not allow" in page
+    assert "Shut source</a> (own terms)" in page
     assert "60 % of the weight is a language model's range" in page
     assert "ships no rows of 1 of its 3 sources" in page
     assert "sizes.csv" in page
+
+
+def test_the_default_release_states_all_sources_of_its_priors() -> None:
+    tree = open_tree()
+    known = {source["id"] for source in tree.release.manifest["sources"]}
+    for node in tree:
+        assert set(node.sources) <= known
+        n_sources = max(tree.prior(node.node_id, dims).n_sources for dims in node.prior_dims[:1])
+        assert n_sources <= len(node.sources), node.node_id

@@ -30,7 +30,7 @@ def test_a_damaged_state_is_one_line(wrong: dict[str, object]) -> None:
 
 
 def test_the_release_says_what_its_heights_are() -> None:
-    tree = open_tree("3.0.0")
+    tree = open_tree()
     rows = {one.node_id: one for one in curated_heights()}
     assert all(tree.has_node(node_id) for node_id in rows)
     assert tree.release.manifest["heights"] == height_records(rows)

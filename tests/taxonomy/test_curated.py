@@ -7,7 +7,6 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from crawler.items import RawItem
-from metric_base.folders import data_folder
 from metric_tree.curated.sizes import (
     BadRange,
     blind_ranges,
@@ -20,8 +19,6 @@ from metric_tree.curated.sizes import (
 )
 from taxonomy.catalogue import default_catalogue
 
-#: Rows that no build reads yet.
-NEXT_RANGES = data_folder() / "curated" / "next_ranges.csv"
 HEADER = (
     "node_id,length_low,length_typical,length_high,width_low,width_typical,width_high,"
     "height_low,height_typical,height_high,reason,reviewer,written\n"
@@ -41,15 +38,8 @@ def test_every_shipped_range_has_a_leaf_a_reason_and_a_reader():
     assert all(row.node_id in nodes for row in blind_ranges())
 
 
-def test_ranges_of_the_next_release_are_of_leaves_without_a_range():
-    catalogue = default_catalogue()
-    rows = curated_ranges(NEXT_RANGES)
-    assert {row.node_id for row in rows}.isdisjoint(row.node_id for row in curated_ranges())
-    assert all(catalogue.leaf_of(row.node_id) is not None for row in rows)
-
-
 def test_length_is_the_longer_horizontal_extent():
-    for row in (*curated_ranges(), *curated_ranges(NEXT_RANGES)):
+    for row in curated_ranges():
         length, width, _ = row.typical
         assert length is None or width is None or length >= width, row.node_id
 

@@ -32,14 +32,14 @@ FIXED = [
 
 @pytest.mark.parametrize(("node_id", "axis", "mm"), FIXED)
 def test_what_a_norm_fixes_is_exact(node_id: str, axis: str, mm: float) -> None:
-    prior = open_tree("3.0.0").node(node_id).prior((axis,))
+    prior = open_tree().node(node_id).prior((axis,))
     assert prior.tier == "norm"
     assert prior.norm
     assert prior.quantile(0.5)[0] == pytest.approx(mm, rel=0.005)
 
 
 def test_every_norm_of_one_size_has_its_median_and_is_no_wider_than_its_tolerance() -> None:
-    tree, catalogue = open_tree("3.0.0"), default_catalogue()
+    tree, catalogue = open_tree(), default_catalogue()
     sizes: dict[str, int] = {}
     for row in norms():
         sizes[row.node_id] = sizes.get(row.node_id, 0) + 1

@@ -19,6 +19,7 @@ from metric_tree.fit.class_prior import NEW_SOURCE
 from metric_tree.fit.rows import EVIDENCE
 from metric_tree.pipeline import build as build_module
 from metric_tree.pipeline.build import BuildOptions, build_release
+from metric_tree.pipeline.clean import short_title
 from metric_tree.pipeline.ingest import is_held_out, widened_sd
 from metric_tree.tree import open_tree
 from tests.synthetic.raw_fixture import SOURCES, TYPICAL, synthetic_items, written
@@ -78,6 +79,30 @@ def test_rows_without_an_open_licence_are_used_and_not_shipped(release):
     items = release.table("items")
     assert set(items["source"].to_pylist()) == {"lab", "games"}
     assert set(items["licence"].to_pylist()) == {"CC0-1.0"}
+
+
+def test_items_name_whom_to_credit_and_nodes_their_sources(tmp_path, release):
+    assert set(release.table("items")["attribution"].to_pylist()) == {"the tests"}
+    first, *others = [item for item in synthetic_items() if item.source == "lab"]
+    items = [replace(first, attribution="Ada"), *others]
+    again = build(written(tmp_path / "raw.jsonl", items), tmp_path / "again").release.table("items").to_pylist()
+    assert {row["attribution"] for row in again if row["item_id"] == first.identity} == {"Ada"}
+    tree = open_tree(release.directory)
+    assert tree.find("chair").sources == tree.find("furniture").sources == ("club", "games", "lab", "shop")
+    assert release.manifest["basis"].startswith("The priors of 0.0.1 are fitted to")
+
+
+@pytest.mark.parametrize(
+    ("title", "short"),
+    [
+        ("one two three four five six seven eight", "one two three four five six seven eight"),
+        ("one two three four five six seven eight nine", "one two three four five six seven eight"),
+        ("A7 desk lamp - with a dimmer and a clamp", "A7 desk lamp"),
+        ("Lamp, with a dimmer and a clamp of steel", "Lamp, with a dimmer and a clamp of"),
+    ],
+)
+def test_titles_of_products_have_at_most_eight_words(title, short):
+    assert short_title(title) == short
 
 
 def test_the_same_input_gives_the_same_bytes_whatever_the_workers(tmp_path, release):

@@ -209,8 +209,8 @@ def test_a_rare_sense_of_the_head_noun_is_ignored() -> None:
     assert TREE.find("bag").note is None
 
 
-def test_names_newer_than_the_release_are_known() -> None:
-    """The column `en` of `other_names.csv`; WordNet knows `beer keg` as a barrel."""
+def test_everyday_names_of_pots_and_kegs() -> None:
+    """WordNet knows `beer keg` as a barrel, and a pot as a cooking pot."""
     assert [TREE.find(name).node_id for name in ("pen pot", "beer keg")] == ["mt:pencil_holder", "keg.n.02"]
 
 

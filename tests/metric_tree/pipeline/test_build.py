@@ -4,6 +4,9 @@ from __future__ import annotations
 
 import gzip
 import json
+import signal
+import sys
+import time
 from concurrent.futures import ProcessPoolExecutor
 from dataclasses import replace
 from multiprocessing import get_context
@@ -22,6 +25,7 @@ from metric_tree.pipeline.build import BuildOptions, build_release
 from metric_tree.pipeline.clean import short_title
 from metric_tree.pipeline.ingest import is_held_out, widened_sd
 from metric_tree.tree import open_tree
+from tests.support.processes import started
 from tests.synthetic.raw_fixture import SOURCES, TYPICAL, synthetic_items, written
 from tests.synthetic.small_taxonomy import small_taxonomy
 
@@ -236,6 +240,34 @@ def test_an_interrupted_build_leaves_no_release_and_takes_up_where_it_was(tmp_pa
     assert len(done) < build_module.SHARDS
     assert files_of(again.directory) == files_of(release.directory)
     assert sorted(path.name for path in (tmp_path / "release.build").iterdir()) == ["quarantine.jsonl", "report.json"]
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("pattern", ["ingest-*.pickle", "clean-*.pickle", "fit-*.pickle"])
+def test_a_killed_build_with_two_processes_continues_to_the_same_bytes(tmp_path, release, pattern):
+    """SIGKILL of the build as soon as a step has two completion marks; its workers end too."""
+    raw = written(tmp_path / "raw.jsonl", synthetic_items())
+    words = [sys.executable, "-m", "tests.support.small_build", str(raw), str(tmp_path / "release")]
+    work = tmp_path / "release.build" / "work"
+    with started(words) as process:
+        until(lambda: process.poll() is not None or len(list(work.glob(pattern))) >= 2)
+        children = Path(f"/proc/{process.pid}/task/{process.pid}/children").read_text().split()
+        process.kill()
+    assert process.returncode == -signal.SIGKILL
+    until(lambda: not any(Path(f"/proc/{child}/task").exists() for child in children))
+    marks = set(work.glob("*.pickle"))
+    assert marks
+    with started(words) as process:
+        pass
+    assert process.returncode == 0
+    assert files_of(tmp_path / "release") == files_of(release.directory)
+
+
+def until(holds, seconds: float = 120.0) -> None:
+    end = time.monotonic() + seconds
+    while not holds():
+        assert time.monotonic() < end, "waited in vain"
+        time.sleep(0.01)
 
 
 def test_another_input_does_not_take_up_old_work(tmp_path, monkeypatch):

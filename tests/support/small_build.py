@@ -1,0 +1,26 @@
+"""A build of synthetic items with two processes: `python -m tests.support.small_build RAW OUT`."""
+
+from __future__ import annotations
+
+import sys
+from pathlib import Path
+
+from metric_base.executors import executor_of
+from metric_tree.pipeline import ingest
+from metric_tree.pipeline.build import BuildOptions, build_release
+from tests.synthetic.raw_fixture import SOURCES
+from tests.synthetic.small_taxonomy import small_taxonomy
+
+#: Size of a block in bytes: the items of a test are several blocks.
+BLOCK_BYTES = 20_000
+
+
+def main(raw: str, out: str) -> None:
+    ingest.BLOCK_BYTES = BLOCK_BYTES
+    options = BuildOptions(version="0.0.1", created="2026-11-21", heldout=False)
+    with executor_of(2, None) as executor:
+        build_release([Path(raw)], Path(out), options, taxonomy=small_taxonomy, declared=SOURCES, executor=executor)
+
+
+if __name__ == "__main__":
+    main(*sys.argv[1:])

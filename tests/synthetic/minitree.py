@@ -124,6 +124,7 @@ def _items(node_id: str, size: tuple[float, ...], generator: np.random.Generator
                 "item_id": f"made:{node_id}-{number}",
                 "node_id": node_id,
                 "source": "made",
+                "attribution": "the tests",
                 "source_id": f"{node_id}-{number}",
                 "title": f"{_name(node_id)} {number}",
                 "length_mm": length,

@@ -9,7 +9,8 @@ from typing import Any
 import numpy as np
 
 from estimator.records.scene import Camera
-from insertion.exports.metric_frame import CameraKeyframe, MetricTransform, object_matrix
+from insertion.exports.metric_frame import MetricTransform, camera_keyframes, metric_transform, object_matrix
+from insertion.footage.footage import Frame
 from insertion.light.environment_map import Environment
 from insertion.placement.placed_object import PlacedObject
 from insertion.render.layers import window_behind
@@ -39,8 +40,8 @@ def ideal_window(camera: Camera) -> Window:
 
 def insertion_job(
     objects: Sequence[PlacedObject],
-    keys: Sequence[CameraKeyframe],
-    transform: MetricTransform,
+    frames: Sequence[Frame],
+    metres_per_unit: float,
     environment: Environment,
     folder: Path,
     window_of: Callable[[Camera], Window] = full_window,
@@ -51,10 +52,8 @@ def insertion_job(
     ----------
     objects : sequence of PlacedObject
         The objects. Those with animations are written to `folder` in their current pose.
-    keys : sequence of CameraKeyframe
-        Cameras of the frames.
-    transform : MetricTransform
-        From the scene to metres.
+    frames : sequence of Frame
+        Frames; those with a pose have a camera.
     environment : Environment
         The light.
     folder : Path
@@ -62,7 +61,8 @@ def insertion_job(
     window_of : callable, optional
         Returns the window of a camera: with the margin that distortion needs (default), or `ideal_window`.
     """
-    models = []
+    transform = metric_transform(objects, metres_per_unit)
+    keys, models = camera_keyframes(frames, transform), []
     for index, item in enumerate(objects):
         file = item.request.model
         if item.model.animations:  # the pose of the first frame

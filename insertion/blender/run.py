@@ -20,9 +20,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from insertion.blender.job import full_window, ideal_window, insertion_job
+from insertion.blender.job import ideal_window, insertion_job
 from insertion.exports.export_folder import picture_names
-from insertion.exports.metric_frame import camera_keyframes, frame_rate, metric_transform
+from insertion.exports.metric_frame import frame_rate
 from insertion.footage.footage import Frame
 from insertion.light.environment_map import Environment
 from insertion.placement.placed_object import PlacedObject
@@ -52,9 +52,8 @@ def write_layer_scene(
     target.mkdir()
     for name, source in _SCRIPTS.items():
         shutil.copyfile(Path(__file__).with_name(source), target / name)
-    transform = metric_transform(objects, metres_per_unit)
     posed = [frame for frame in frames if frame.view is not None]
-    job = insertion_job(objects, camera_keyframes(posed, transform), transform, environment, target, full_window)
+    job = insertion_job(objects, posed, metres_per_unit, environment, target)
     for number, (item, entry) in enumerate(zip(objects, job["objects"], strict=True), start=1):
         entry["file"] = f"model{number}.glb"
         if item.request.model.suffix.lower() == ".glb" and not item.model.animations:
@@ -123,11 +122,10 @@ def traced_layers(
     progress: ProgressCallback = silent,
 ) -> Iterator[Callable[[Frame], Layer]]:
     """Provide a function that returns the layer (h, w, 4) of a frame through the lens; one run renders all frames."""
-    transform = metric_transform(objects, metres_per_unit)
     posed = [frame for frame in frames if frame.view is not None]
     with tempfile.TemporaryDirectory(prefix="insert-object-") as name:
         folder = Path(name)
-        job = insertion_job(objects, camera_keyframes(posed, transform), transform, environment, folder)
+        job = insertion_job(objects, posed, metres_per_unit, environment, folder)
         run_blender(job | {"out": str(folder)}, folder, progress)
         stems = {frame.index: f"{number:06d}" for number, frame in enumerate(posed)}
 
@@ -158,12 +156,9 @@ def export_blend(
         blender_program()
     except InputError:
         return [f"scene.blend is not written: there is no Blender (on PATH, or named by {VARIABLE})"]
-    transform = metric_transform(objects, metres_per_unit)
     with tempfile.TemporaryDirectory(prefix="insert-object-") as name:
         temporary = Path(name)
-        job = insertion_job(
-            objects, camera_keyframes(frames, transform), transform, environment, temporary, ideal_window
-        )
+        job = insertion_job(objects, frames, metres_per_unit, environment, temporary, ideal_window)
         first = f"pictures/{next(iter(picture_names(frames).values())).as_posix()}"
         # names of frames of a video are their numbers; of other images the first one is shown
         numbered = [frame.index for frame in frames if frame.name == f"{frame.index:06d}.png"]

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
+from functools import reduce
 
 import numpy as np
 from numpy.typing import NDArray
@@ -113,9 +114,7 @@ def composite_objects(plate: Image, objects: Sequence[ObjectComposite], look: Ca
         box = PixelBox(0, 0, 1, 1)
         nothing, everything = np.zeros((1, 1, 4), np.float32), np.ones((1, 1, 3), np.float32)
         return Composite(plate, box, nothing, everything, np.zeros((1, 1), bool))
-    box = objects[0].layers.box
-    for item in objects[1:]:
-        box = box.union(item.layers.box)
+    box = reduce(PixelBox.union, (item.layers.box for item in objects))
     box = box.enlarged(max(int(np.ceil(np.abs(item.smear).max())) for item in objects), plate.shape)
     transmittance = np.ones((*box.shape, 3), np.float32)
     foreground = np.zeros((*box.shape, 4), np.float32)

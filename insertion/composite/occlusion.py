@@ -33,8 +33,8 @@ NO_OCCLUSION_FRACTION = 0.03
 SUPPORT_OFFSET_PX = 4
 #: Number of nearest points of a mask that vote in each pixel.
 N_VOTING_POINTS = 5
-#: Minimum relative difference in depth between a point and the object: the noise of the cloud.
-DEPTH_TOLERANCE = 0.012
+#: Minimum relative difference in depth between a point and the object: the noise of a sparse and of a dense cloud.
+DEPTH_TOLERANCE, DENSE_TOLERANCE = 0.012, 0.036
 #: Distance from the outline of the object within which points of a mask vote, in pixels at an image width of 640.
 VOTING_RADIUS_PX = 12
 #: Number of nearest points of a dense cloud that vote in a pixel without a mask.
@@ -135,9 +135,10 @@ def occluded_fraction(
     bordered = [cv2.dilate(mask.astype(np.uint8), np.ones((size, size), np.uint8)) for mask in masks]
     n_bordered = sum(bordered, np.zeros(box.shape, np.uint8))
     undecided = []
+    tolerance = DENSE_TOLERANCE if points.dense else DEPTH_TOLERANCE
     for mask, own in zip(masks, bordered, strict=True):
         certain = observed & (n_bordered <= own)[rows, columns] if points.dense else observed
-        part = occluded_by_mask(mask, around, object_depth, pixels, depths, certain)
+        part = occluded_by_mask(mask, around, object_depth, pixels, depths, certain, tolerance)
         if part is None:
             undecided.append(mask)
         else:
@@ -248,6 +249,7 @@ def occluded_by_mask(
     pixels: FloatArray,
     depths: FloatArray,
     observed: BoolArray,
+    tolerance: float = DEPTH_TOLERANCE,
 ) -> BoolArray | None:
     """Return the pixels in which the occluder with a mask is closer than the object.
 
@@ -261,6 +263,8 @@ def occluded_by_mask(
         Points in the box and their depths.
     observed : (m,) ndarray of bool
         Points that are certainly visible, not behind the occluder.
+    tolerance : float
+        Minimum relative difference in depth between the object and a point that votes.
 
     Returns
     -------
@@ -269,7 +273,7 @@ def occluded_by_mask(
     """
     columns, rows = pixels.astype(np.int64).T
     ratio = depths / object_depth[rows, columns]
-    in_mask = mask[rows, columns] & (np.abs(ratio - 1) > DEPTH_TOLERANCE)
+    in_mask = mask[rows, columns] & (np.abs(ratio - 1) > tolerance)
     near = in_mask & around[rows, columns]
     groups = (near & observed, in_mask & observed, near, in_mask)
     voters = next((group for group in groups if np.count_nonzero(group) >= MIN_POINTS), None)
@@ -373,7 +377,7 @@ def occluded_by_points(
         return result
     centres = np.column_stack([columns, rows]) + 0.5
     distance, nearest = cKDTree(pixels).query(centres, k=N_DENSE_POINTS)
-    is_closer = depths[nearest] < object_depth[rows, columns, None] * (1 - 3 * DEPTH_TOLERANCE)
+    is_closer = depths[nearest] < object_depth[rows, columns, None] * (1 - DENSE_TOLERANCE)
     is_near = distance[:, N_DENSE_POINTS // 2] < max_distance
     toward = (pixels[nearest] - centres[:, None]) / np.maximum(distance, 1e-9)[..., None]
     is_beside = np.linalg.norm(toward.mean(axis=1), axis=1) > MAX_ONE_SIDEDNESS
@@ -403,6 +407,6 @@ def has_unconfirmed_occluder(
     pixels = (points.pixels[rows] - [box.x0, box.y0]).astype(np.int64)
     at = pixels[:, 1], pixels[:, 0]
     with np.errstate(invalid="ignore"):  # NaN outside of the object
-        is_in_front = points.depths[rows] < layers.image.depth[at] * (1 - 3 * DEPTH_TOLERANCE)
+        is_in_front = points.depths[rows] < layers.image.depth[at] * (1 - DENSE_TOLERANCE)
     is_free = labels_in_box(masks, box)[at] == 0
     return not points.dense and int(np.count_nonzero(is_in_front & is_free)) >= MIN_UNCONFIRMED_POINTS

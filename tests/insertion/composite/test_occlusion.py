@@ -107,6 +107,19 @@ def test_dense_points_in_the_border_of_another_mask_do_not_decide() -> None:
     assert not hidden[32:118, :80].any()
 
 
+@pytest.mark.parametrize(("ratio", "is_hidden"), [(0.97, False), (0.96, True)])
+def test_dense_points_in_a_mask_must_be_clearly_closer(ratio: float, is_hidden: bool) -> None:
+    """A board behind the object has points of the object's depth, within the noise of a dense cloud."""
+    board, border = (10, 10, 150, 60), (10, 60, 150, 110)
+    pixels = np.random.default_rng(0).uniform((10, 10), (150, 60), (60, 2))
+    pixels = np.concatenate([pixels, pixels + np.array([0.0, 50.0])])
+    depths = np.repeat([OBJECT * ratio, FAR], 60)
+    points = VisiblePoints(np.arange(120), pixels, depths, True)
+    hidden = _hidden([_object("board", board, border)], points)
+    assert hidden[20:45, 20:140].all() == is_hidden
+    assert hidden[20:45, 20:140].any() == is_hidden
+
+
 def test_a_cup_without_points_hides_what_its_table_hides() -> None:
     table, cup = (10, 60, 150, 110), (70, 40, 80, 60)
     points = _points((table, NEAR))

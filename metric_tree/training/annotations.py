@@ -32,6 +32,11 @@ class AnnotatedObject:
     bbox: tuple[float, float, float, float]  #: x, y, width, height in pixels.
     crowd: bool = False
 
+    def record(self, category_id: int) -> dict[str, Any]:
+        """Return the annotation of COCO with the id of its class."""
+        shape = {"segmentation": self.segmentation, "area": self.area, "bbox": list(self.bbox)}
+        return {"category_id": category_id, **shape, "iscrowd": int(self.crowd)}
+
 
 @dataclass(frozen=True, slots=True, eq=False)
 class AnnotatedImage:

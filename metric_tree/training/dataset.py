@@ -18,8 +18,8 @@ import numpy as np
 
 from metric_base.errors import InputError
 from metric_base.files import whole_folder
-from metric_base.images import read_picture
-from metric_tree.training.annotations import AnnotatedImage, BadAnnotations, run_lengths
+from metric_base.images import read_picture, write_picture
+from metric_tree.training.annotations import AnnotatedImage, AnnotatedObject, BadAnnotations, run_lengths
 from metric_tree.training.classes import Classes
 from metric_tree.training.composition import Cutout, Image, compose, random_background
 
@@ -120,15 +120,7 @@ def matching_entry(image: AnnotatedImage, classes: Classes, lists: tuple[str, ..
     for one in image.objects:
         category = classes.of_label(one.names, lists)
         if category is not None:
-            annotations.append(
-                {
-                    "category_id": category,
-                    "segmentation": one.segmentation,
-                    "area": one.area,
-                    "bbox": list(one.bbox),
-                    "iscrowd": int(one.crowd),
-                }
-            )
+            annotations.append(one.record(category))
     if not annotations or not image.file.is_file():
         return None
     record = {"file_name": str(image.file.resolve()), "width": image.width, "height": image.height}
@@ -186,28 +178,18 @@ def synthetic_entry(
         background = random_background((height, width), generator)
     composition = compose(cutouts[split], background, generator)
     name = f"{split}/{number:08d}.jpg"
-    is_encoded, data = cv2.imencode(".jpg", composition.image, [cv2.IMWRITE_JPEG_QUALITY, JPEG_QUALITY])
-    if not is_encoded:
-        raise OSError(f"{name}: not encoded")
-    (work / "images" / name).write_bytes(data.tobytes())
+    write_picture(work / "images" / name, composition.image, [cv2.IMWRITE_JPEG_QUALITY, JPEG_QUALITY])
     annotations = []
     for index, layer in enumerate(composition.layers):
         mask = composition.labels == index
-        runs, area, bbox = run_lengths(mask)
-        annotations.append(
-            {
-                "category_id": layer.cutout.category,
-                "segmentation": runs,
-                "area": area,
-                "bbox": list(bbox),
-                "iscrowd": 0,
-                "item_id": layer.cutout.item_id,
-                "licence": layer.cutout.licence,
-                "size_mm": round(layer.size_mm, 1),
-                "size_of": layer.cutout.axis,
-                "visible_share": round(float(mask.sum() / layer.area), 4),
-            }
-        )
+        own = {
+            "item_id": layer.cutout.item_id,
+            "licence": layer.cutout.licence,
+            "size_mm": round(layer.size_mm, 1),
+            "size_of": layer.cutout.axis,
+            "visible_share": round(float(mask.sum() / layer.area), 4),
+        }
+        annotations.append(AnnotatedObject((), *run_lengths(mask)).record(layer.cutout.category) | own)
     image = {"file_name": name, "width": width, "height": height, "px_per_mm": round(composition.px_per_mm, 6)}
     return split, image, annotations
 

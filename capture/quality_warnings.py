@@ -17,7 +17,7 @@ from capture.mapping.refusals import (
 )
 from capture.sources.frames import Frames
 from metric_base.errors import InputError, in_file
-from metric_base.files import whole_file
+from metric_base.files import write_whole
 from metric_base.input_files import read_json
 from metric_base.parsing import json_array
 
@@ -97,8 +97,8 @@ def _focal_warnings(report: ModelReport, model: ModelMetrics, focal_given: bool)
 
 def write_cautions(cautions: tuple[str, ...], folder: Path) -> None:
     """Write the warnings to a work folder."""
-    with whole_file(folder / CAUTIONS_FILE, "--work", "metric-tree/cautions/") as file:
-        file.write_text(json.dumps({"schema": SCHEMA, "cautions": list(cautions)}) + "\n", encoding="utf-8")
+    text = json.dumps({"schema": SCHEMA, "cautions": list(cautions)}) + "\n"
+    write_whole(folder / CAUTIONS_FILE, text, "--work", "metric-tree/cautions/")
 
 
 def read_cautions(folder: Path) -> tuple[str, ...]:

@@ -14,7 +14,7 @@ from pathlib import Path
 from typing import Any
 
 from metric_base.errors import InputError, Unquoted
-from metric_base.files import sole_holder, whole_file
+from metric_base.files import sole_holder, write_whole
 
 #: Number that is increased when a stage makes other outputs from the same inputs, so that old outputs are replaced.
 VERSION = 11
@@ -179,8 +179,7 @@ class WorkFolder:
         return owned if isinstance(owned, dict) else {output: [] for output in stamp.get("outputs", [])}
 
     def _write_stamp(self, name: str, row: Mapping[str, Any]) -> None:
-        with whole_file(self._stamp_file(name)) as file:
-            file.write_text(json.dumps(row) + "\n", encoding="utf-8")
+        write_whole(self._stamp_file(name), json.dumps(row) + "\n")
 
     def _publish(self, made: Path, place: Path) -> None:
         """Move an output to its place after removing the previous one."""

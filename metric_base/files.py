@@ -284,6 +284,12 @@ def whole_file(path: Path, option: str | None = None, schema: str | None = None)
                 work.unlink(missing_ok=True)
 
 
+def write_whole(path: Path, content: str | bytes, option: str | None = None, schema: str | None = None) -> None:
+    """Write a file as `whole_file` does, completely or not at all; text is UTF-8."""
+    with whole_file(path, option, schema) as work:
+        work.write_bytes(content.encode() if isinstance(content, str) else content)
+
+
 @contextmanager
 def whole_folder(path: Path, option: str | None = None, suffix: str | None = None) -> Iterator[Path]:
     """Provide a temporary folder that is renamed to `path` at the end of the block, and removed after an error.

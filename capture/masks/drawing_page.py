@@ -23,7 +23,7 @@ from estimator.reconstructions.image_files import image_file
 from estimator.records.scene import Scene
 from estimator.results.object_priors import resolve_categories
 from metric_base.errors import InputError, Unquoted
-from metric_base.files import whole_file
+from metric_base.files import write_whole
 from metric_base.images import read_picture
 from metric_base.input_files import read_json
 from metric_base.local_page import LocalPage, is_count
@@ -170,8 +170,7 @@ class MaskPage(LocalPage):
         """
         saved = msgspec.convert(document, SavedDrawing)
         drawing = self._checked({image.name: image.objects for image in saved.images})
-        with whole_file(self._draft, "--work", SCHEMA) as file:
-            file.write_text(json.dumps(msgspec.to_builtins(Draft(frames=drawing))), encoding="utf-8")
+        write_whole(self._draft, json.dumps(msgspec.to_builtins(Draft(frames=drawing))), "--work", SCHEMA)
         self._drawing = drawing
         if (saved.done or saved.close) and not any(drawing.values()):
             raise ValueError("draw at least one object first")

@@ -11,7 +11,7 @@ from typing import Any
 
 from crawler.imports.declaration import Source, SourceFile
 from metric_base.errors import InputError
-from metric_base.files import whole_file
+from metric_base.files import write_whole
 
 #: Environment variable with the folder of the cache.
 CACHE_VARIABLE = "METRIC_TREE_CACHE"
@@ -94,8 +94,7 @@ def _fetch_file(file: SourceFile, store: Any) -> None:
         public.unlink()
         raise ValueError(f"nothing of which {file.path} with the sha256 {file.sha256[:12]}... can be made")
     path.parent.mkdir(parents=True, exist_ok=True)
-    with whole_file(path) as work:
-        work.write_bytes(content)
+    write_whole(path, content)
 
 
 def _contents(file: SourceFile, public: Path) -> Iterator[bytes]:

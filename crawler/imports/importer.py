@@ -15,7 +15,7 @@ from crawler.imports.declaration import Source
 from crawler.imports.downloads import NoInput, download
 from crawler.imports.table_items import RowRejected, table_row_items
 from crawler.items import RawItem
-from metric_base.files import whole_file
+from metric_base.files import whole_file, write_whole
 
 #: Flag of items that are a sample of a larger set.
 SAMPLED = "sampled"
@@ -178,8 +178,7 @@ def write_import(result: Import, path: Path, option: str | None = None) -> None:
 def write_lines(path: Path, lines: Iterable[str], option: str | None = None) -> None:
     """Write a text file, compressed if the name ends in `.gz`; the same lines give the same bytes."""
     path.parent.mkdir(parents=True, exist_ok=True)
-    with whole_file(path, option) as work:
-        work.write_bytes(_lines_data(path, lines))
+    write_whole(path, _lines_data(path, lines), option)
 
 
 def _lines_data(path: Path, lines: Iterable[str]) -> bytes:

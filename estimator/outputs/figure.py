@@ -22,7 +22,7 @@ from estimator.records.result import ScaleResult, Verdict
 from metric_base.arrays import FloatArray
 from metric_base.errors import InputError
 from metric_base.escaping import visible
-from metric_base.files import whole_file
+from metric_base.files import write_whole
 
 if TYPE_CHECKING:
     from matplotlib.artist import Artist
@@ -78,8 +78,7 @@ def write_figure(estimate: SceneEstimate | ScaleResult, file: Path) -> None:
     # Drawn in memory, because the PDF writer replaces the error of a full disk by one of its own stream.
     drawn = io.BytesIO()
     figure(estimate).savefig(drawn, format=file.suffix[1:].lower(), dpi=130)
-    with whole_file(file, "--figure") as temporary:
-        temporary.write_bytes(drawn.getvalue())
+    write_whole(file, drawn.getvalue(), "--figure")
 
 
 def figure_png(estimate: SceneEstimate | ScaleResult) -> bytes:

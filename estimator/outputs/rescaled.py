@@ -24,7 +24,7 @@ from estimator.reconstructions.splats import scaled_splat
 from estimator.records.result import DIGITS, ScaleResult
 from estimator.records.scene import Camera, DenseCloud, Scene
 from metric_base.errors import InputError, Unquoted, in_file
-from metric_base.files import check_output, whole_file, whole_folder
+from metric_base.files import check_output, whole_file, whole_folder, write_whole
 from metric_base.input_files import read_bytes
 from metric_base.ply import MAX_HEADER_BYTES, ply_layout
 
@@ -132,8 +132,7 @@ def write_rescaled_cloud(scene: Scene, result: ScaleResult, file: Path, option: 
         _write_cloud(scene.dense, result.scale, temporary)
     source = scene.dense.path or scene.path
     record = scale_sidecar(result) | {"model": source.name, "model_in_metres": file.name}
-    with whole_file(sidecar, option, SIDECAR_SCHEMA) as temporary:
-        temporary.write_text(json.dumps(record, indent=1) + "\n", encoding="utf-8")
+    write_whole(sidecar, json.dumps(record, indent=1) + "\n", option, SIDECAR_SCHEMA)
 
 
 def scale_sidecar(result: ScaleResult) -> dict[str, Any]:

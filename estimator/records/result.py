@@ -18,7 +18,7 @@ from estimator.records.objects import Measurements
 from estimator.records.scene import Instance, Scene, SceneProblem
 from metric_base.arrays import FloatArray
 from metric_base.errors import InputError
-from metric_base.files import whole_file
+from metric_base.files import write_whole
 
 #: Prior probability that evidence is wrong, the same as for an object
 #: (`posterior.likelihood.OUTLIER_PROBABILITY`).
@@ -251,8 +251,7 @@ class ScaleResult:
         `option` and `schema` are those of `metric_base.files.whole_file`, which raises an `InputError` if the system
         cannot write there or the file exists.
         """
-        with whole_file(path, option, schema) as work:
-            work.write_text(self.json() + "\n", encoding="utf-8")
+        write_whole(path, self.json() + "\n", option, schema)
 
 
 def _plain(value: Any) -> Any:

@@ -16,7 +16,7 @@ from insertion.placement.at_pixel import plane_coordinates
 from insertion.placement.free_space import free_positions
 from insertion.placement.placement import Placement, PlacementError, PlacementSpace
 from metric_base.arrays import FloatArray
-from metric_base.files import whole_file
+from metric_base.files import write_whole
 
 #: Colours of the positions in turn (red, green, blue).
 _COLOURS = ((80, 220, 255), (255, 190, 60), (140, 255, 140), (255, 130, 220))
@@ -71,8 +71,7 @@ def write_preview(
     for number, ring in enumerate(rings):
         if shown[number]:
             _draw_ring(image, pixels_in_view(view, ring)[0], number)
-    with whole_file(file, "--preview") as temporary:
-        temporary.write_bytes(cv2.imencode(file.suffix, image[..., ::-1])[1].tobytes())
+    write_whole(file, cv2.imencode(file.suffix, image[..., ::-1])[1].tobytes(), "--preview")
     return describe_positions(space, placements, shown)
 
 

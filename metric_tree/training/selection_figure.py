@@ -15,7 +15,7 @@ import numpy as np
 
 from metric_base.arrays import FloatArray
 from metric_base.errors import InputError
-from metric_base.files import whole_file
+from metric_base.files import write_whole
 from metric_tree.training.selection import TRAINING_LISTS, CategoryCandidate, Rules
 
 SUFFIXES = (".png", ".svg", ".pdf")
@@ -78,8 +78,7 @@ def write_figure(
     file.parent.mkdir(parents=True, exist_ok=True)
     drawn = io.BytesIO()
     figure.savefig(drawn, dpi=120, format=file.suffix[1:].lower())
-    with whole_file(file, "--figure") as work:
-        work.write_bytes(drawn.getvalue())
+    write_whole(file, drawn.getvalue(), "--figure")
 
 
 def _draw_rule(

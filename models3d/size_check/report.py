@@ -8,7 +8,7 @@ from html import escape
 from pathlib import Path
 
 from metric_base.escaping import visible
-from metric_base.files import whole_file
+from metric_base.files import write_whole
 from models3d.size_check.check import AssetCheck, verdict_line
 
 #: Height of the person in a drawing, in metres.
@@ -53,8 +53,7 @@ def write_report(path: Path, checks: Sequence[AssetCheck]) -> None:
         f'{HEAD}\n<html lang="en"><meta charset="utf-8"><title>Sizes of models</title><style>{_STYLE}</style>'
         f"<h1>{len(checks)} models, {wrong} of them wrong</h1><ol>{''.join(rows)}</ol></html>\n"
     )
-    with whole_file(path, "--report") as work:
-        work.write_text(text, encoding="utf-8")
+    write_whole(path, text, "--report")
 
 
 def drawing(check: AssetCheck) -> str:

@@ -15,7 +15,7 @@ from typing import Literal
 import msgspec
 
 from metric_base.errors import InputError, expect, in_file
-from metric_base.files import whole_file
+from metric_base.files import write_whole
 from metric_base.folders import code_folder, data_folder, taxonomy_directory, user_data_folder
 from metric_base.records import json_lines
 
@@ -172,8 +172,7 @@ def record_decision(decision: Decision, file: Path, *, amend: bool = False) -> N
         expect(stands or not amend, "subject", f"one that {decision.reviewer} has decided", decision.subject)
     before = file.read_text(encoding="utf-8").removesuffix("\n").split("\n") if file.is_file() else []
     file.parent.mkdir(parents=True, exist_ok=True)
-    with whole_file(file) as part:
-        part.write_text("\n".join([*before, decision.line(), ""]), encoding="utf-8")
+    write_whole(file, "\n".join([*before, decision.line(), ""]))
 
 
 def decision_folders() -> list[Path]:

@@ -8,7 +8,7 @@ import re
 from datetime import UTC, datetime
 
 from metric_base.errors import InputError, in_file
-from metric_base.files import whole_file
+from metric_base.files import write_whole
 from metric_base.spelling import near_spellings
 from metric_cli.parser import OutputFile, add_tree, input_path, output_folder
 from metric_cli.tables import print_json, print_table
@@ -221,8 +221,7 @@ def write_form(arguments: argparse.Namespace) -> None:
     if arguments.limit < 1:
         raise InputError(f"--limit: expected a number from 1; found {arguments.limit}")
     page = proofreading_page(open_tree(arguments.tree), arguments.limit)
-    with whole_file(arguments.out, "--out") as part:
-        part.write_text(page, encoding="utf-8")
+    write_whole(arguments.out, page, "--out")
     if arguments.json:
         print_json({"schema": SCHEMA, "page": str(arguments.out)})
     else:

@@ -8,7 +8,7 @@ from dataclasses import replace
 from io import BytesIO
 
 from metric_base.errors import InputError
-from metric_base.files import whole_file
+from metric_base.files import write_whole
 from metric_cli.parser import input_path, output_folder
 from metric_cli.progress import track
 from metric_cli.tables import print_json, print_table
@@ -65,8 +65,7 @@ def run(arguments: argparse.Namespace) -> int:
                     foreground_share=round(view.foreground_share, 6),
                 )
                 lines.append(f"{record.line()}\n")
-    with whole_file(arguments.out / "pictures-000001-000001.jsonl", "--out") as work:
-        work.write_text("".join(lines), encoding="utf-8")
+    write_whole(arguments.out / "pictures-000001-000001.jsonl", "".join(lines), "--out")
     counts = {"items": len(files), "pictures": len(lines)}
     if arguments.json:
         print_json({"schema": "metric-tree/render/1", **counts})

@@ -5,7 +5,7 @@ from __future__ import annotations
 import argparse
 from pathlib import Path
 
-from metric_base.files import output_file, whole_file
+from metric_base.files import output_file, write_whole
 from metric_cli.parser import OutputFile
 from metric_cli.tables import print_json
 from metric_tree.tree import open_tree
@@ -32,8 +32,7 @@ def run(arguments: argparse.Namespace) -> int:
     tree = open_tree(arguments.release)
     against = open_tree(arguments.against) if arguments.against else None
     text = page(tree, against)
-    with whole_file(arguments.out, "--out") as work:
-        work.write_text(text, encoding="utf-8")
+    write_whole(arguments.out, text, "--out")
     if arguments.json:
         print_json(
             {

@@ -6,7 +6,7 @@ import argparse
 from typing import Any
 
 from metric_base.errors import InputError
-from metric_base.files import output_file, whole_file
+from metric_base.files import output_file, write_whole
 from metric_base.records import csv_text
 from metric_cli.parser import OutputFile, add_tree, same_named
 from metric_cli.tables import print_json, print_table
@@ -58,8 +58,7 @@ def run(arguments: argparse.Namespace) -> int:
         write_figure(arguments.figure, ranked, taken, {node_id for _, node_id in paper_selection()}, rules)
     if arguments.out:
         rows = ([len(row[name]) if name == "lists" else row[name] for name in _COLUMNS] for row in record["chosen"])
-        with whole_file(arguments.out, "--out") as work:
-            work.write_bytes(csv_text(_COLUMNS, rows))
+        write_whole(arguments.out, csv_text(_COLUMNS, rows), "--out")
     if arguments.json:
         print_json(record)
     else:

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import hashlib
 import json
-from collections import defaultdict
 from collections.abc import Mapping, Sequence
 from functools import cached_property
 from typing import Any
@@ -13,7 +12,7 @@ import numpy as np
 import pyarrow as pa
 
 from explorer.urls import slug
-from metric_base.arrays import FloatArray, IntArray
+from metric_base.arrays import FloatArray, IntArray, grouped
 from metric_base.errors import InputError
 from metric_base.escaping import visible
 from metric_base.folders import taxonomy_directory
@@ -163,10 +162,7 @@ class ReleaseCatalogue:
 
     @cached_property
     def _images(self) -> dict[str, list[dict[str, Any]]]:
-        found: dict[str, list[dict[str, Any]]] = defaultdict(list)
-        for row in self.tree.release.table("images").to_pylist():
-            found[row["node_id"]].append(row)
-        return found
+        return grouped((row["node_id"], row) for row in self.tree.release.table("images").to_pylist())
 
     @cached_property
     def sources(self) -> dict[str, dict[str, Any]]:
@@ -186,25 +182,16 @@ class ReleaseCatalogue:
     @cached_property
     def labels(self) -> Mapping[str, list[tuple[str, str]]]:
         """List and label of each node that a list names, by node id."""
-        found: dict[str, list[tuple[str, str]]] = defaultdict(list)
-        for name, labels in self.vocabularies.items():
-            for label in labels:
-                if label.node_id in self.nodes:
-                    found[str(label.node_id)].append((name, label.label))
-        return found
+        entries = ((name, label) for name, labels in self.vocabularies.items() for label in labels)
+        return grouped((str(one.node_id), (name, one.label)) for name, one in entries if one.node_id in self.nodes)
 
     @cached_property
     def codes(self) -> Mapping[str, list[str]]:
         """WordNet offsets (`n03001627`) and Freebase ids (`/m/01mzpv`) by node id."""
-        found: dict[str, list[str]] = defaultdict(list)
-        for line in (taxonomy_directory() / "generated" / "codes.tsv").read_text(encoding="utf-8").splitlines():
-            code, _, node_id = line.partition("\t")
-            found[node_id].append(code)
-        return found
+        text = (taxonomy_directory() / "generated" / "codes.tsv").read_text(encoding="utf-8")
+        return grouped((node_id, code) for code, _, node_id in (line.partition("\t") for line in text.splitlines()))
 
 
 def _rows_by(names: Sequence[str]) -> dict[str, IntArray]:
-    rows: dict[str, list[int]] = defaultdict(list)
-    for row, name in enumerate(names):
-        rows[name].append(row)
+    rows = grouped((name, row) for row, name in enumerate(names))
     return {name: np.array(own) for name, own in rows.items()}

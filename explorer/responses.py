@@ -12,7 +12,7 @@ from explorer import schemas
 from explorer.catalogue import ReleaseCatalogue
 from explorer.everyday_sizes import all_axes_text
 from explorer.urls import MIN_PARQUET_ROWS, PAGE_ROWS, page_of, slug
-from metric_base.arrays import FloatArray
+from metric_base.arrays import FloatArray, grouped
 from metric_base.errors import InputError
 from metric_tree.node import Node
 from metric_tree.prior import FAMILY, MEDIAN, QUANTILES, Prior
@@ -83,10 +83,7 @@ def medians(catalogue: ReleaseCatalogue, node: Node) -> dict[str, float]:
 
 def labels_by_list(catalogue: ReleaseCatalogue, node: Node) -> dict[str, list[str]]:
     """Return the labels of a node by the name of their label list."""
-    labels: dict[str, list[str]] = {}
-    for name, label in catalogue.labels.get(node.node_id, ()):
-        labels.setdefault(name, []).append(label)
-    return labels
+    return grouped(catalogue.labels.get(node.node_id, ()))
 
 
 def node_response(catalogue: ReleaseCatalogue, node: Node, _: schemas.NoQuery | None = None) -> schemas.NodeAnswer:

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import math
 import re
-from collections import defaultdict
 from collections.abc import Iterable, Iterator
 from dataclasses import replace
 from functools import cached_property
@@ -15,6 +14,7 @@ import pyarrow as pa
 import pyarrow.parquet as pq
 
 from metric_base import spelling
+from metric_base.arrays import grouped
 from metric_tree.axes import DIMENSIONS
 from metric_tree.node import AmbiguousName, Meaning, Node, NoPrior, UnknownName, node_of, require_tier
 from metric_tree.prior import QUANTILES, Prior
@@ -386,10 +386,7 @@ class Tree:
     @cached_property
     def _rows_of_priors(self) -> dict[str, list[int]]:
         """Rows of the table of priors by node."""
-        rows: defaultdict[str, list[int]] = defaultdict(list)
-        for row, node_id in enumerate(self._prior_table["node_id"].to_pylist()):
-            rows[node_id].append(row)
-        return rows
+        return grouped((node_id, row) for row, node_id in enumerate(self._prior_table["node_id"].to_pylist()))
 
     @cached_property
     def _successors(self) -> dict[str, str]:
@@ -410,10 +407,7 @@ class Tree:
     @cached_property
     def _below(self) -> dict[str | None, list[str]]:
         """Ids of the children of each node; the root is the child of None."""
-        below: dict[str | None, list[str]] = {}
-        for node_id, row in self._rows.items():
-            below.setdefault(self._parents[row], []).append(node_id)
-        return below
+        return grouped((self._parents[row], node_id) for node_id, row in self._rows.items())
 
     @cached_property
     def _resolver(self) -> Resolver:

@@ -5,7 +5,7 @@ from __future__ import annotations
 import gzip
 import hashlib
 import math
-from collections import Counter, defaultdict
+from collections import Counter
 from collections.abc import Iterable, Iterator
 from dataclasses import dataclass, replace
 from importlib import import_module
@@ -15,6 +15,7 @@ from crawler.imports.declaration import Source
 from crawler.imports.downloads import NoInput, download
 from crawler.imports.table_items import RowRejected, table_row_items
 from crawler.items import RawItem
+from metric_base.arrays import grouped
 from metric_base.files import whole_file, write_whole
 
 #: Flag of items that are a sample of a larger set.
@@ -95,11 +96,8 @@ def _without_copies(items: Iterable[RawItem]) -> list[RawItem]:
 
 def _one_per_title(items: Iterable[RawItem]) -> list[RawItem]:
     """Keep the item of median volume for each title, with the number of rows as count."""
-    groups: dict[str, list[RawItem]] = defaultdict(list)
-    for item in items:
-        groups[item.title].append(item)
     kept = []
-    for group in groups.values():
+    for group in grouped((item.title, item) for item in items).values():
         median = sorted(group, key=lambda item: math.prod(item.extents_mm or ()))[(len(group) - 1) // 2]
         kept.append(replace(median, count=sum(item.count for item in group)) if len(group) > 1 else median)
     return kept
@@ -111,9 +109,7 @@ def _sample(items: list[RawItem], per_category: int) -> Iterator[RawItem]:
     def digest(item: RawItem) -> str:
         return hashlib.sha256(f"{item.source}:{item.source_id}".encode()).hexdigest()
 
-    by_category: dict[tuple[str, ...], list[RawItem]] = defaultdict(list)
-    for item in items:
-        by_category[item.category_path].append(item)
+    by_category = grouped((item.category_path, item) for item in items)
     large = {path: group for path, group in by_category.items() if len(group) > per_category}
     kept = {id(item) for group in large.values() for item in sorted(group, key=digest)[:per_category]}
     for item in items:

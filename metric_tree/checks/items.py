@@ -11,7 +11,7 @@ import pyarrow as pa
 from numpy.typing import NDArray
 
 from crawler.items import KINDS
-from metric_base.arrays import FloatArray
+from metric_base.arrays import FloatArray, grouped
 from metric_tree.checks import unit_errors
 from metric_tree.checks.duplicates import duplicates
 from metric_tree.checks.finding import Finding
@@ -154,10 +154,7 @@ def _sibling_findings(nodes: pa.Table, node_ids: NDArray[np.str_], extents: Floa
         for node_id, rows in _groups(node_ids)
         if len(rows) >= unit_errors.MIN_REFERENCE_ROWS
     }
-    families: dict[str | None, list[str]] = {}
-    for node_id in medians:
-        families.setdefault(parents.get(node_id), []).append(node_id)
-    for family in families.values():
+    for family in grouped((parents.get(node_id), node_id) for node_id in medians).values():
         for node_id in family:
             others = np.array([np.log(medians[other]) for other in family if other != node_id])
             reference = unit_errors.sibling_reference(others)

@@ -7,7 +7,6 @@ the rows (`data/curated/settled.csv`); `validate` and the report of a build list
 from __future__ import annotations
 
 import re
-from collections import defaultdict
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
@@ -15,7 +14,7 @@ from typing import Any
 import numpy as np
 import pyarrow as pa
 
-from metric_base.arrays import FloatArray
+from metric_base.arrays import FloatArray, grouped
 from metric_tree.axes import AXES, EXTENTS
 from metric_tree.checks.finding import Finding
 from metric_tree.curated.sizes import settled_findings
@@ -82,24 +81,18 @@ class LeafSize:
 def leaf_findings(leaves: Sequence[LeafSize], accepted: Iterable[tuple[str, str]] = ()) -> list[Finding]:
     """Return all findings on the leaves of a tree, without the `accepted` ones (code, node id)."""
     known = set(accepted)
-    siblings: defaultdict[str, list[LeafSize]] = defaultdict(list)
     found: list[Finding] = []
     for leaf in leaves:
-        siblings[leaf.parent_id].append(leaf)
         found += [*_size_findings(leaf), *_source_findings(leaf)]
-    for family in siblings.values():
+    for family in grouped((leaf.parent_id, leaf) for leaf in leaves).values():
         found += [*_sibling_findings(family), *_lying_findings(family), *_round_findings(family)]
     return sorted(one for one in found if (one.code, one.subject) not in known)
 
 
 def titles(items: pa.Table) -> dict[str, list[str]]:
     """Return the titles of the shipped items by leaf, without norms and ranges."""
-    by_leaf: defaultdict[str, list[str]] = defaultdict(list)
-    columns = (items[name].to_pylist() for name in ("node_id", "title", "kind"))
-    for node_id, title, kind in zip(*columns, strict=True):
-        if title and kind not in {JUDGED, NORM}:
-            by_leaf[node_id].append(title)
-    return by_leaf
+    rows = zip(*(items[name].to_pylist() for name in ("node_id", "title", "kind")), strict=True)
+    return grouped((node_id, title) for node_id, title, kind in rows if title and kind not in {JUDGED, NORM})
 
 
 def findings(nodes: pa.Table, items: pa.Table, priors: pa.Table, manifest: Mapping[str, Any]) -> list[Finding]:
@@ -145,10 +138,8 @@ def _source_means(items: pa.Table) -> dict[str, list[tuple[tuple[str, str], Floa
     table = pa.table({name: items[name] for name in keys} | columns)
     means = table.group_by(keys, use_threads=False).aggregate([(name, "mean") for name in columns])
     sizes = np.column_stack([means[f"{name}_mean"].to_numpy(zero_copy_only=False) for name in columns])
-    by_leaf: defaultdict[str, list[tuple[tuple[str, str], FloatArray, FloatArray]]] = defaultdict(list)
-    for node_id, source, kind, size in zip(*(means[name].to_pylist() for name in keys), np.exp(sizes), strict=True):
-        by_leaf[node_id].append(((source, kind), size[:3], size[3:]))
-    return by_leaf
+    rows = zip(*(means[name].to_pylist() for name in keys), np.exp(sizes), strict=True)
+    return grouped((node_id, ((source, kind), size[:3], size[3:])) for node_id, source, kind, size in rows)
 
 
 def _size_findings(leaf: LeafSize) -> Iterator[Finding]:

@@ -8,6 +8,7 @@ from typing import Any
 
 import pyarrow as pa
 
+from metric_base.arrays import grouped
 from metric_tree.axes import DIMENSIONS
 from metric_tree.checks.finding import Finding
 
@@ -19,9 +20,7 @@ def findings(nodes: pa.Table) -> Iterator[Finding]:
     """Yield the findings on the nodes table."""
     rows = nodes.to_pylist()
     by_id = {row["node_id"]: row for row in rows}
-    children: dict[str, list[dict[str, Any]]] = {}
-    for row in rows:
-        children.setdefault(row["parent_id"], []).append(row)
+    children = grouped((row["parent_id"], row) for row in rows)
     for node_id, times in Counter(row["node_id"] for row in rows).items():
         if times > 1:
             yield Finding("E204", node_id, f"expected one row; found {times}")

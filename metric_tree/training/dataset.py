@@ -16,6 +16,7 @@ from typing import Any, TypeAlias
 import cv2
 import numpy as np
 
+from metric_base.arrays import grouped
 from metric_base.errors import InputError
 from metric_base.files import whole_folder
 from metric_base.images import read_picture, write_picture
@@ -133,10 +134,8 @@ def synthetic_entries(work: Path, cutouts: Sequence[Cutout], plan: Plan) -> Iter
         return
     by_split: dict[str, list[list[Cutout]]] = {}
     for split in SPLITS:
-        by_class: dict[int, list[Cutout]] = {}
-        for cutout in cutouts:
-            if split_of(cutout.item_id, plan.val_share) == split:
-                by_class.setdefault(cutout.category, []).append(cutout)
+        chosen = (cutout for cutout in cutouts if split_of(cutout.item_id, plan.val_share) == split)
+        by_class = grouped((cutout.category, cutout) for cutout in chosen)
         by_split[split] = [by_class[category] for category in sorted(by_class)]
     n_val = round(plan.pictures * plan.val_share) if by_split["val"] and by_split["train"] else 0
     if not by_split["train"]:

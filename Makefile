@@ -33,7 +33,7 @@ demo-video: .venv/.insert ## a shipped video: its reconstruction, its scale by i
 	@echo "video: out/demo_video.mp4; what it is of: data/scenes/walk_carpark/README.md"
 
 test: system check ## lint, types and all tests
-	$(BIN)/python -m pytest -n 4 --dist loadfile --no-loadscope-reorder
+	$(BIN)/python -m pytest -n 3 --dist loadfile --no-loadscope-reorder
 
 # P is a package, or nothing for all of them.
 P ?=
@@ -55,7 +55,7 @@ hunt: .venv/.dev ## the property tests on new random examples
 	HYPOTHESIS_PROFILE=hunt $(BIN)/python -m pytest -n 2 -m hypothesis
 
 coverage: system .venv/.dev ## the tests with the share of lines and branches they run; 90 % is the floor
-	$(BIN)/python -m pytest -n 4 --dist loadfile --no-loadscope-reorder --cov --cov-fail-under=90 --cov-report=term:skip-covered --cov-report=xml:out/coverage.xml
+	$(BIN)/python -m pytest -n 3 --dist loadfile --no-loadscope-reorder --cov --cov-fail-under=90 --cov-report=term:skip-covered --cov-report=xml:out/coverage.xml
 
 reference: .venv/.dev ## write the generated pages of the reference
 	$(BIN)/python docs/generate.py

@@ -12,6 +12,7 @@ import sys
 import tempfile
 from collections.abc import Callable
 from contextlib import redirect_stderr, redirect_stdout
+from functools import cache
 from io import StringIO
 from pathlib import Path
 from typing import Any
@@ -47,23 +48,21 @@ def street(work: Path) -> tuple[Image.Image, Numbers]:
     return _panels([work / "frames" / "20.jpg", work / "out" / "20.png"], WIDTH_PX), numbers
 
 
-def overlay(work: Path) -> tuple[Image.Image, Numbers]:
-    """Draw the boxes and sizes of the objects of `demo_room` on one of its images."""
-    numbers = _estimate(SCENES / "demo_room", work, "--overlay", str(work / "frames"))
-    frames = sorted((work / "frames").iterdir())
-    return _panels([frames[len(frames) // 2]], WIDTH_PX), numbers
+@cache
+def demo_room() -> dict[str, tuple[Image.Image, Numbers]]:
+    """Draw the three images of `demo_room` in one run.
 
-
-def posterior(work: Path) -> tuple[Image.Image, Numbers]:
-    """Draw the likelihood of each object of `demo_room` and the posterior of the scale."""
-    numbers = _estimate(SCENES / "demo_room", work, "--figure", str(work / "figure.png"))
-    return _panels([work / "figure.png"], WIDTH_PX), numbers
-
-
-def view(work: Path) -> tuple[Image.Image, Numbers]:
-    """Draw the points, cameras, planes and boxes of `demo_room`."""
-    numbers = _estimate(SCENES / "demo_room", work, "--view-png", str(work / "view.png"))
-    return _panels([work / "view.png"], WIDTH_PX), numbers
+    They are: boxes and sizes of its objects; likelihood of each object and posterior of the scale; points, cameras,
+    planes and boxes.
+    """
+    with tempfile.TemporaryDirectory() as folder:
+        work = Path(folder)
+        files = {"posterior.png": work / "figure.png", "view.png": work / "view.png"}
+        outputs = ["--figure", str(files["posterior.png"]), "--view-png", str(files["view.png"])]
+        numbers = _estimate(SCENES / "demo_room", work, "--overlay", str(work / "frames"), *outputs)
+        frames = sorted((work / "frames").iterdir())
+        files["overlay.jpg"] = frames[len(frames) // 2]
+        return {name: (_panels([file], WIDTH_PX), numbers) for name, file in files.items()}
 
 
 def walk(work: Path) -> tuple[Image.Image, Numbers]:
@@ -81,9 +80,9 @@ def walk(work: Path) -> tuple[Image.Image, Numbers]:
 #: Names of the images, and the functions that draw them.
 IMAGES: dict[str, Callable[[Path], tuple[Image.Image, Numbers]]] = {
     "street.jpg": street,
-    "overlay.jpg": overlay,
-    "posterior.png": posterior,
-    "view.png": view,
+    "overlay.jpg": lambda _: demo_room()["overlay.jpg"],
+    "posterior.png": lambda _: demo_room()["posterior.png"],
+    "view.png": lambda _: demo_room()["view.png"],
     "walk.jpg": walk,
 }
 

@@ -193,9 +193,10 @@ def test_a_video_a_folder_of_images_and_a_polycam_folder(here: Path, capsys: pyt
         assert low < metres < high
 
     check("estimate-scale walk.mp4 --instances masks.json --frames 8", here / "walk.mp4.metric-tree", "walk-metric")
-    for folder in (here / "photos", here / "polycam" / "keyframes" / "images"):
-        folder.mkdir(parents=True)
-        for file in (here / "walk.mp4.metric-tree" / "frames").iterdir():
-            cv2.imwrite(str(folder / file.name), cv2.resize(cv2.imread(str(file)), None, fx=0.5, fy=0.5))
+    (here / "photos").mkdir()
+    for file in (here / "walk.mp4.metric-tree" / "frames").iterdir():
+        cv2.imwrite(str(here / "photos" / file.name), cv2.resize(cv2.imread(str(file)), None, fx=0.5, fy=0.5))
     check("estimate-scale photos --instances masks.json", here / "photos.metric-tree", "photos-metric")
+    shutil.copytree(here / "photos", here / "polycam" / "keyframes" / "images")
+    shutil.copytree(here / "photos.metric-tree", here / "polycam.metric-tree")  # the same images: stages are reused
     check("estimate-scale polycam --instances masks.json", here / "polycam.metric-tree", "polycam-metric")

@@ -91,7 +91,3 @@ def test_scale_without_observations_equals_the_scale_with_observations(
     _, observed = estimate(tmp_path, capsys)
     _, plain = estimate(tmp_path / "plain", capsys, "--instances", str(tmp_path / "instances.json"))
     assert plain["scale"] == pytest.approx(observed["scale"], rel=0.03)
-
-
-def test_scale_of_demo_scene_is_true(capsys: pytest.CaptureFixture[str]) -> None:
-    assert_scale_is_true(Path(__file__).parents[2] / "data" / "scenes" / "demo_room", capsys)

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import ast
 import doctest
 import importlib
 import inspect
@@ -37,26 +36,3 @@ def test_every_public_function_has_an_example(package: str) -> None:
     functions = [name for name in module.__all__ if inspect.isfunction(getattr(module, name))]
     assert functions
     assert [name for name in functions if ">>>" not in (inspect.getdoc(getattr(module, name)) or "")] == []
-
-
-def test_every_public_name_has_a_docstring() -> None:
-    """Public names are the names in `__all__` of packages and modules."""
-    undocumented = []
-    for package in PACKAGES:
-        for path in (ROOT / package).rglob("*.py"):
-            tree = ast.parse(path.read_text(encoding="utf-8"))
-            public = {
-                element.value
-                for node in tree.body
-                if isinstance(node, ast.Assign) and getattr(node.targets[0], "id", "") == "__all__"
-                for element in getattr(node.value, "elts", [])
-                if isinstance(element, ast.Constant)
-            }
-            undocumented += [
-                f"{path.relative_to(ROOT)}:{node.name}"
-                for node in tree.body
-                if isinstance(node, ast.FunctionDef | ast.ClassDef)
-                and node.name in public
-                and not ast.get_docstring(node)
-            ]
-    assert undocumented == []

@@ -1,6 +1,6 @@
 """Estimate the scale of ten scenes with each of 45 user mistakes, and count right, refused and wrong results.
 
-    python -m benchmarks.estimator.mistakes [--synthetic SEED] [--json FILE] [--scene WORDS]
+    python -m benchmarks.estimator.mistakes [--synthetic SEED] [--json FILE] [--scene WORDS] [--only WORDS]
 
 Real scenes are read from `../shared/data/scenes` if they exist. `--synthetic SEED` runs ten synthetic scenes instead:
 thresholds are tuned on seeds from 40 on, never on the scenes of the table.
@@ -143,6 +143,8 @@ def run(options: argparse.Namespace) -> dict[str, dict[str, dict[str, Any]]]:
             usual |= set() if isinstance(result, str) else {plain(line) for line in result.warnings}
             row[f"right: {name}"] = outcome(base, result, usual)
         for name, make in MISTAKES.items():
+            if not re.search(options.only, name):
+                continue
             row[name] = outcome(base, result_of(make(base), tree), usual)
         counts = Counter(cell["outcome"] for name, cell in row.items() if not name.startswith("right"))
         print(base.name, dict(counts), file=sys.stderr, flush=True)
@@ -172,6 +174,7 @@ def main() -> None:
     parser = options_parser(__doc__)
     parser.add_argument("--synthetic", type=int, metavar="SEED")
     parser.add_argument("--json", type=Path, metavar="FILE", help="write the outcomes to this file")
+    parser.add_argument("--only", default="", metavar="WORDS", help="run only mistakes with these words in the name")
     parser.add_argument("--scene", default="", metavar="WORDS", help="run only scenes with these words in the name")
     print_rows(("mistake", *OUTCOMES, "stated / true where wrong and silent"), table(run(parser.parse_args())))
 

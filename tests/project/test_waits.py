@@ -4,10 +4,14 @@ from __future__ import annotations
 
 import ast
 import re
+import sys
 from collections.abc import Iterator
 from pathlib import Path
 
 import pytest
+
+from tests.support import processes
+from tests.support.browser import Browser
 
 ROOT = Path(__file__).resolve().parents[2]
 
@@ -69,3 +73,25 @@ def test_every_wait_has_a_limit() -> None:
         for line in unlimited_waits(text)
     ]
     assert found == []
+
+
+SLEEP = [sys.executable, "-c", "import time; time.sleep(600)"]
+
+
+def test_a_process_ends_with_a_failed_block() -> None:
+    with pytest.raises(ZeroDivisionError), processes.started(SLEEP) as process:
+        raise ZeroDivisionError
+    assert process.returncode == -9
+
+
+def test_a_process_that_does_not_end_fails_its_test(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(processes, "LIMIT_S", 0.1)
+    with pytest.raises(AssertionError, match=r"not ended after 0\.1 s"), processes.started(SLEEP):
+        pass
+
+
+def test_a_browser_that_ended_fails_its_test(tmp_path: Path) -> None:
+    with Browser(tmp_path) as browser:
+        browser._process.kill()
+        with pytest.raises((AssertionError, BrokenPipeError)):
+            browser.run("1")

@@ -73,8 +73,8 @@ class FieldError(ValueError):
         return f"{self.field}: expected {self.expected}, found {self.found!r}"
 
 
-def expect(holds: bool, field: str, expected: str, found: object) -> None:
-    """Raise a `FieldError` unless `holds`; `in_file` adds the file."""
+def expect(holds: object, field: str, expected: str, found: object) -> None:
+    """Raise a `FieldError` unless `holds` is true; `in_file` adds the file."""
     if not holds:
         raise FieldError(field, expected, found)
 

@@ -291,8 +291,7 @@ def _rescale_dae(data: bytes, factor: float) -> bytes:
         value = f"{float(unit[2]) * factor:.9g}".encode()
         return data[: unit.start(2)] + value + data[unit.end(2) :]
     position = next((p for tag in (b"<up_axis", b"</asset>") if (p := data.find(tag)) >= 0), -1)
-    if position < 0:
-        raise FieldError("asset", "a COLLADA file with an asset element", Unquoted("none"))
+    expect(position >= 0, "asset", "a COLLADA file with an asset element", Unquoted("none"))
     return data[:position] + f'<unit name="true" meter="{factor:.9g}"/>'.encode() + data[position:]
 
 

@@ -14,7 +14,7 @@ from estimator.records.objects import MeasuredObject, Measurements
 from estimator.records.result import ScaleEvidence
 from estimator.records.scene import MAX_COORDINATE, Scene
 from metric_base.arrays import FloatArray
-from metric_base.errors import FieldError, InputError, Unquoted, at_field, in_file
+from metric_base.errors import FieldError, InputError, Unquoted, at_field, expect, in_file
 from metric_base.input_files import read_text
 from metric_base.length_units import metres
 from metric_tree.axes import AXES
@@ -132,8 +132,7 @@ def parse_known_lengths(words: Sequence[str]) -> tuple[KnownLength | ObjectLengt
             raise InputError.at(file, "lengths", "at least one line", 0)
         return tuple(lengths)
     with in_file("--known-length"):
-        if len(words) < 3:
-            raise FieldError("arguments", "A B metres, or a file", Unquoted(" ".join(words)))
+        expect(len(words) >= 3, "arguments", "A B metres, or a file", Unquoted(" ".join(words)))
         with at_field("metres"):
             (length,) = _numbers(" ".join(words[2:]).replace(" ", ""), 1)
         if not any("," in word for word in words[:2]):
@@ -146,17 +145,14 @@ def parse_known_lengths(words: Sequence[str]) -> tuple[KnownLength | ObjectLengt
 def _length(numbers: FloatArray) -> KnownLength:
     """Return the known length of numbers (7,) or (8,): two points, metres, and the standard deviation in metres."""
     a, b, length = numbers[:3], numbers[3:6], _checked_metres(float(numbers[6]))
-    if not np.linalg.norm(b - a) > 0:
-        raise FieldError("points", "two points apart", a.tolist())
+    expect(np.linalg.norm(b - a) > 0, "points", "two points apart", a.tolist())
     sigma = float(numbers[7]) / length if len(numbers) > 7 else DEFAULT_SIGMA
-    if not 0 < sigma < 1:
-        raise FieldError("sigma", "more than 0 and less than the length itself", sigma * length)
+    expect(0 < sigma < 1, "sigma", "more than 0 and less than the length itself", sigma * length)
     return KnownLength(a, b, length, sigma)
 
 
 def _checked_metres(length: float) -> float:
-    if not MIN_METRES <= length <= MAX_METRES:
-        raise FieldError("metres", f"{MIN_METRES:g} to {MAX_METRES:g}", length)
+    expect(MIN_METRES <= length <= MAX_METRES, "metres", f"{MIN_METRES:g} to {MAX_METRES:g}", length)
     return length
 
 

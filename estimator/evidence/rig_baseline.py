@@ -12,7 +12,7 @@ from estimator.evidence.source import skipped_evidence
 from estimator.records.objects import Measurements
 from estimator.records.result import ScaleEvidence
 from estimator.records.scene import Scene
-from metric_base.errors import FieldError, InputError, in_file
+from metric_base.errors import FieldError, InputError, expect, in_file
 from metric_base.input_files import read_json
 from metric_base.length_units import metres
 from metric_base.parsing import json_array, json_object
@@ -103,6 +103,5 @@ def rig_baselines(file: Path) -> tuple[RigBaseline, ...]:
                     if not 0 < length < math.inf:
                         raise FieldError("cam_from_rig_translation", "a translation that is not 0", translation)
                     baselines.append(RigBaseline(str(references[0]), str(prefix), length))
-        if not baselines:
-            raise FieldError("cam_from_rig_translation", "three numbers at a camera of one rig or more", None)
+        expect(baselines, "cam_from_rig_translation", "three numbers at a camera of one rig or more", None)
     return tuple(baselines)

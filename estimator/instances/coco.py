@@ -24,7 +24,7 @@ from estimator.instances.view_matching import (
     within_limits,
 )
 from estimator.records.scene import Instance, Scene
-from metric_base.errors import FieldError, InputError, Unquoted, at_field, in_file
+from metric_base.errors import FieldError, InputError, Unquoted, at_field, expect, in_file
 from metric_base.input_files import is_file, read_json
 from metric_base.parsing import json_array, json_object
 from taxonomy.label_lists import label_names
@@ -79,8 +79,7 @@ def read_coco(
     document = read_json(file) if document is None else document
     dataset, annotations, warnings = _read_document(scene, file, categories, document)
     with in_file(file):
-        if not annotations:
-            raise FieldError("annotations", "at least one", 0)
+        expect(annotations, "annotations", "at least one", 0)
         decoded = (_instance(index, annotation, dataset, scene) for index, annotation in enumerate(annotations))
         instances = list(within_limits(decoded))
         _check_boxes(annotations, dataset, scene)
@@ -145,8 +144,7 @@ def _dataset_of_results(file: Path, annotations: list[Any], scene: Scene) -> tup
                 n_numbered += 1
                 key = _key("category_id", entry.get("category_id"))
                 name = coco_names[key] if isinstance(key, int) and 0 < key < len(coco_names) else ""
-                if not name:
-                    raise FieldError("category", "a name, or a category_id of COCO's 91", entry.get("category_id"))
+                expect(name, "category", "a name, or a category_id of COCO's 91", entry.get("category_id"))
             category = _text("category", name)
         images.setdefault(image, (image, None, lookup.row(image)))
         categories[category] = category
@@ -172,8 +170,7 @@ def _entries_by_id(part: str, document: dict[str, Any]) -> list[tuple[str, Hasha
         entry = json_object(value, field)
         with at_field(field):
             key = _key("id", entry.get("id"))
-            if key in known:
-                raise FieldError("id", "each id once", Unquoted(f"{key!r} twice"))
+            expect(key not in known, "id", "each id once", Unquoted(f"{key!r} twice"))
         known.add(key)
         entries.append((field, key, entry))
     return entries
@@ -199,10 +196,8 @@ def _instance(index: int, entry: object, dataset: _Dataset, scene: Scene) -> Ins
         annotation = json_object(entry, "")
         image_id = _key("image_id", annotation.get("image_id"))
         category_id = _key("category_id", annotation.get("category_id"))
-        if image_id not in dataset.images:
-            raise FieldError("image_id", f"an image of {dataset.file.name}", image_id)
-        if category_id not in dataset.categories:
-            raise FieldError("category_id", f"a category of {dataset.file.name}", category_id)
+        expect(image_id in dataset.images, "image_id", f"an image of {dataset.file.name}", image_id)
+        expect(category_id in dataset.categories, "category_id", f"a category of {dataset.file.name}", category_id)
         score = 1.0 if annotation.get("score") is None else annotation["score"]
         if isinstance(score, bool) or not isinstance(score, int | float) or not 0 <= score <= 1:
             raise FieldError("score", "a number from 0 to 1", score)

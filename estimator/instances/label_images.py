@@ -57,8 +57,7 @@ def read_label_images(scene: Scene, folder: Path) -> tuple[tuple[Instance, ...],
             if not isinstance(name, str) or not name.strip():
                 raise FieldError(f"value {key}", "a name", name)
             names[int(key)] = name
-        if not names:
-            raise FieldError("document", "at least one value", 0)
+        expect(names, "document", "at least one value", 0)
     are_objects = len(set(names.values())) < len(names)
     files = [file for file in folder_entries(folder) if file.suffix == ".png"]
     if not files:

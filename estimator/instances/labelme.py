@@ -13,7 +13,7 @@ from estimator.instances.mask_decoding import box_mask, checked_image_size, deco
 from estimator.instances.view_matching import ViewLookup, finish_instances, mask_crop
 from estimator.records.scene import Instance, Scene
 from metric_base.arrays import BoolArray
-from metric_base.errors import FieldError, at_field, in_file
+from metric_base.errors import FieldError, at_field, expect, in_file
 from metric_base.images import decode_picture
 from metric_base.input_files import read_json
 from metric_base.parsing import json_array, json_object
@@ -107,8 +107,7 @@ def _mask(shape: dict[str, Any], size: tuple[int, int]) -> BoolArray | None:
         if isinstance(error, FieldError):
             raise
         raise FieldError("points", "pairs of numbers", shape.get("points")) from None
-    if not (np.abs(points) < _MAX_COORDINATE).all():
-        raise FieldError("points", "finite numbers", shape.get("points"))
+    expect((np.abs(points) < _MAX_COORDINATE).all(), "points", "finite numbers", shape.get("points"))
     if kind == "polygon" and len(points) > 2:
         return decode_segmentation([points.ravel().tolist()], size)
     if kind == "rectangle" and len(points) == 2:

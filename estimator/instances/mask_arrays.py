@@ -20,7 +20,7 @@ from estimator.instances.view_matching import MAX_MASKS, ViewLookup, finish_inst
 from estimator.projection.cameras import MAX_PIXELS
 from estimator.records.scene import Instance, Scene
 from metric_base.arrays import BoolArray
-from metric_base.errors import FieldError, Unquoted, at_field, in_file
+from metric_base.errors import FieldError, Unquoted, at_field, expect, in_file
 from metric_base.input_files import read_bytes, read_json
 from metric_base.parsing import json_array, json_object
 
@@ -129,8 +129,7 @@ def _read(file: Path) -> ImageMasks:
     numbers = (
         [float(min(max(score, 0.0), 1.0)) for score in scores.ravel().tolist()] if scores.dtype.kind in "fiu" else []
     )
-    if numbers and len(numbers) != len(masks):
-        raise FieldError("scores", f"{len(masks)}, as many as masks", len(numbers))
+    expect(not (numbers and len(numbers) != len(masks)), "scores", f"{len(masks)}, as many as masks", len(numbers))
     return list(masks), labels.ravel().tolist(), numbers
 
 
@@ -142,8 +141,7 @@ def _arrays(data: bytes, suffix: str) -> Iterator[tuple[str, np.ndarray[Any, Any
             return
         with zipfile.ZipFile(io.BytesIO(data)) as archive:
             size = sum(entry.file_size for entry in archive.infolist())
-        if size > MAX_MASK_BYTES:
-            raise FieldError("size", f"at most {MAX_MASK_BYTES:,} bytes unpacked", size)
+        expect(size <= MAX_MASK_BYTES, "size", f"at most {MAX_MASK_BYTES:,} bytes unpacked", size)
         with np.load(io.BytesIO(data), allow_pickle=False) as arrays:
             yield from ((name, arrays[name]) for name in arrays.files)
     except FieldError:

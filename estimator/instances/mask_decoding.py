@@ -9,7 +9,7 @@ import numpy as np
 
 from estimator.projection.cameras import MAX_PIXELS, MAX_SIDE_PX
 from metric_base.arrays import BoolArray, FloatArray, IntArray
-from metric_base.errors import FieldError, Unquoted, at_field
+from metric_base.errors import FieldError, Unquoted, at_field, expect
 from metric_base.parsing import json_object
 
 #: Maximum length of the outlines of a mask, in pixels. A mask of a large image has about 100,000 pixels, and drawing
@@ -58,8 +58,7 @@ def decode_segmentation(segmentation: object, size: tuple[int, int]) -> BoolArra
             outline = np.clip(corners.reshape(-1, 2), -1.0, [width + 1.0, height + 1.0])
             length += float(np.abs(np.diff(outline, axis=0, append=outline[:1])).sum())
             outlines.append(outline)
-        if length > MAX_OUTLINE_PX:
-            raise FieldError("polygons", f"outlines of at most {MAX_OUTLINE_PX} pixels", int(length))
+        expect(length <= MAX_OUTLINE_PX, "polygons", f"outlines of at most {MAX_OUTLINE_PX} pixels", int(length))
         runs = coco.frPyObjects([outline.ravel().tolist() for outline in outlines], height, width)
         return _mask_of_runs(_decoded_lengths(coco.merge(runs)["counts"].decode("ascii")), width, height)
     record = json_object(segmentation, "segmentation")

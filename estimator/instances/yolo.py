@@ -14,7 +14,7 @@ import numpy as np
 from estimator.instances.mask_decoding import box_mask, decode_segmentation
 from estimator.instances.view_matching import ViewLookup, finish_instances, mask_crop
 from estimator.records.scene import Instance, Scene
-from metric_base.errors import FieldError, InputError, Unquoted, at_field, in_file
+from metric_base.errors import FieldError, InputError, Unquoted, at_field, expect, in_file
 from metric_base.input_files import folder_entries, read_text
 
 NAME_FILES = ("data.yaml", "data.yml", "dataset.yaml", "classes.txt", "obj.names")
@@ -112,8 +112,7 @@ def _instance(scene: Scene, row: int, identity: str, line: str, categories: dict
     is_box = len(numbers) in (_BOX, _BOX_AND_SCORE)
     has_score = len(numbers) % 2 == 0
     score = float(numbers[-1]) if has_score else 1.0
-    if not 0 <= score <= 1:
-        raise FieldError("score", "a number from 0 to 1", score)
+    expect(0 <= score <= 1, "score", "a number from 0 to 1", score)
     if is_box:
         x, y, w, h = numbers[1:5] * (*size, *size)
         mask = box_mask([x - w / 2, y - h / 2, w, h], size)

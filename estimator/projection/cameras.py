@@ -9,7 +9,7 @@ import numpy as np
 
 from estimator.records.scene import Camera, View
 from metric_base.arrays import FloatArray
-from metric_base.errors import FieldError, Unquoted
+from metric_base.errors import FieldError, Unquoted, expect
 
 #: Camera models of COLMAP by name: number in binary files, parameters in file order (colmap/sensor/models.h).
 CAMERA_MODELS: dict[str, tuple[int, tuple[str, ...]]] = {
@@ -68,20 +68,16 @@ def make_camera(model: str, size: tuple[int, int], params: Any) -> Camera:
         The model is unknown, a side exceeds `MAX_SIDE_PX`, there are too many pixels, the number of parameters is
         wrong, a parameter is not finite, or a focal length is not positive.
     """
-    if model not in CAMERA_MODELS:
-        raise FieldError("model", "one of COLMAP's, such as PINHOLE or OPENCV, and no panorama", model)
+    expect(model in CAMERA_MODELS, "model", "one of COLMAP's, such as PINHOLE or OPENCV, and no panorama", model)
     width, height = size
     if not (1 <= width <= MAX_SIDE_PX and 1 <= height <= MAX_SIDE_PX and width * height <= MAX_PIXELS):
         raise FieldError("size", f"sides of 1 to {MAX_SIDE_PX} pixels", Unquoted(f"{width} x {height}"))
     names = CAMERA_MODELS[model][1]
     values = np.asarray(params, dtype=np.float64)
-    if values.shape != (len(names),):
-        raise FieldError("parameters", f"{len(names)} numbers of {model}", Unquoted(f"{values.size}"))
-    if not np.isfinite(values).all():
-        raise FieldError("parameters", "finite numbers", values.tolist())
+    expect(values.shape == (len(names),), "parameters", f"{len(names)} numbers of {model}", Unquoted(f"{values.size}"))
+    expect(np.isfinite(values).all(), "parameters", "finite numbers", values.tolist())
     focal = values[: 1 if names[0] == "f" else 2]
-    if (focal <= 0).any():
-        raise FieldError("focal length", "more than 0", focal.tolist())
+    expect(not (focal <= 0).any(), "focal length", "more than 0", focal.tolist())
     return Camera(model, width, height, values)
 
 

@@ -115,8 +115,7 @@ def _view(image: ColmapImage, model: ColmapModel, sorted_ids: IntArray, order: I
             camera = Unquoted(f"{image.camera_id}, which cameras{suffix} lacks")
             raise FieldError("camera id", "a camera of the model", camera)
         pose = np.concatenate([image.quaternion, image.translation])
-        if not (np.abs(pose) < MAX_COORDINATE).all():
-            raise FieldError("pose", f"finite numbers below {MAX_COORDINATE:g}", pose.tolist())
+        expect((np.abs(pose) < MAX_COORDINATE).all(), "pose", f"finite numbers below {MAX_COORDINATE:g}", pose.tolist())
         if abs(np.linalg.norm(image.quaternion) - 1) > MAX_QUATERNION_ERROR:
             raise FieldError("rotation", "a quaternion of length 1", image.quaternion.tolist())
         has_point = image.point_ids >= 0
@@ -127,8 +126,7 @@ def _view(image: ColmapImage, model: ColmapModel, sorted_ids: IntArray, order: I
         if not is_known.all():
             point = Unquoted(f"{ids[~is_known][0]}, which points3D{suffix} lacks")
             raise FieldError("point id", "a point of the model", point)
-        if not np.isfinite(keypoints).all():
-            raise FieldError("keypoints", "finite pixels", Unquoted("NaN or infinity"))
+        expect(np.isfinite(keypoints).all(), "keypoints", "finite pixels", Unquoted("NaN or infinity"))
     rotation = Rotation.from_quat(image.quaternion, scalar_first=True).as_matrix()
     return View(image.name, model.cameras[image.camera_id], rotation, image.translation, keypoints, order[index])
 

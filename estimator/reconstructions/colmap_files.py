@@ -17,7 +17,7 @@ import numpy as np
 from estimator.projection.cameras import CAMERA_MODELS, make_camera
 from estimator.records.scene import Camera
 from metric_base.arrays import FloatArray, IntArray
-from metric_base.errors import FieldError, InputError, Unquoted, at_field, in_file
+from metric_base.errors import FieldError, InputError, Unquoted, at_field, expect, in_file
 from metric_base.input_files import read_text
 from metric_base.parsing import BinaryReader
 
@@ -158,11 +158,9 @@ def _text_cameras(lines: Iterator[tuple[int, str]]) -> dict[int, Camera]:
             continue
         with at_field(f"line {number}"):
             words = line.split()
-            if len(words) < 4:
-                raise FieldError("", "camera id, model, width, height and parameters", line)
+            expect(len(words) >= 4, "", "camera id, model, width, height and parameters", line)
             camera_id, width, height = (_integer(word) for word in (words[0], words[2], words[3]))
-            if camera_id in cameras:
-                raise FieldError("", "each camera id once", Unquoted(f"{camera_id} twice"))
+            expect(camera_id not in cameras, "", "each camera id once", Unquoted(f"{camera_id} twice"))
             params = _numbers(words[4:])
             with at_field(f"camera {camera_id}"):
                 cameras[camera_id] = make_camera(words[1], (width, height), params)
@@ -177,15 +175,13 @@ def _text_images(lines: Iterator[tuple[int, str]]) -> tuple[ColmapImage, ...]:
             continue
         with at_field(f"line {number}"):
             words = line.split(maxsplit=_IMAGE_FIELDS - 1)
-            if len(words) != _IMAGE_FIELDS:
-                raise FieldError("", "id, quaternion, translation, camera id and name", line)
+            expect(len(words) == _IMAGE_FIELDS, "", "id, quaternion, translation, camera id and name", line)
             image_id, camera_id = _integer(words[0]), _integer(words[8])
             pose = _numbers(words[1:8])
         next_number, next_line = next(lines, (number + 1, ""))
         with at_field(f"line {next_number}"):
             values = _table([next_line])[0] if next_line else np.empty(0)
-            if len(values) % 3:
-                raise FieldError("", "keypoints as x, y, point id", Unquoted(f"{len(values)} numbers"))
+            expect(not len(values) % 3, "", "keypoints as x, y, point id", Unquoted(f"{len(values)} numbers"))
             triples = values.reshape(-1, 3)
             point_ids = _integers(triples[:, 2])
         images.append(ColmapImage(image_id, pose[:4], pose[4:], camera_id, words[9], triples[:, :2], point_ids))

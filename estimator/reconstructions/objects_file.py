@@ -12,7 +12,7 @@ import numpy as np
 
 from estimator.records.objects import ETA_THRESHOLD, MeasuredObject
 from metric_base.arrays import FloatArray
-from metric_base.errors import FieldError, Unquoted, at_field, in_file
+from metric_base.errors import FieldError, Unquoted, at_field, expect, in_file
 from metric_base.input_files import read_json
 from metric_base.parsing import json_array, json_object
 
@@ -103,18 +103,15 @@ def parse_objects(path: Path, document: object) -> tuple[MeasuredObject, ...]:
     """Return the objects of a parsed document; `path` is used in messages."""
     with in_file(path):
         record = json_object(document)
-        if record.get("schema") != SCHEMA:
-            raise FieldError("schema", SCHEMA, record.get("schema"))
+        expect(record.get("schema") == SCHEMA, "schema", SCHEMA, record.get("schema"))
         objects = []
         ids: set[str] = set()
         entries = json_array(record.get("objects"), "objects")
-        if len(entries) > MAX_OBJECTS:
-            raise FieldError("objects", f"at most {MAX_OBJECTS:,}", len(entries))
+        expect(len(entries) <= MAX_OBJECTS, "objects", f"at most {MAX_OBJECTS:,}", len(entries))
         for index, entry in enumerate(entries):
             with at_field(f"objects[{index}]"):
                 item = _object(index, json_object(entry, ""))
-                if item.id in ids:
-                    raise FieldError(".id", "a unique id", item.id)
+                expect(item.id not in ids, ".id", "a unique id", item.id)
             ids.add(item.id)
             objects.append(item)
     return tuple(objects)
@@ -128,10 +125,8 @@ def _object(index: int, record: dict[str, Any]) -> MeasuredObject:
     names = entry.sigma.__struct_fields__
     if isinstance(entry, _Free):
         lengths = entry.extents
-        if not all(map(math.isfinite, lengths)):
-            raise FieldError(".extents", "positive numbers", lengths)
-        if lengths != sorted(lengths, reverse=True):
-            raise FieldError(".extents", "the longest first", lengths)
+        expect(all(map(math.isfinite, lengths)), ".extents", "positive numbers", lengths)
+        expect(lengths == sorted(lengths, reverse=True), ".extents", "the longest first", lengths)
         extents = np.array(lengths + [math.nan] * (3 - len(lengths)))
     else:
         extents = _numbers(entry.dimensions)

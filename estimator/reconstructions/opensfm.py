@@ -21,7 +21,7 @@ from scipy.spatial.transform import Rotation
 from estimator.projection.cameras import make_camera
 from estimator.records.scene import MAX_COORDINATE, Camera, Scene, View, observed_views
 from metric_base.arrays import FloatArray, IntArray
-from metric_base.errors import FieldError, InputError, Unquoted, at_field, in_file
+from metric_base.errors import FieldError, InputError, Unquoted, at_field, expect, in_file
 from metric_base.input_files import read_bytes, read_json
 from metric_base.parsing import json_array, json_object
 
@@ -143,8 +143,7 @@ def read_opensfm(folder: Path) -> Scene:
                 cameras[name] = _camera(json_object(entry, ""))
         names, points = _points(json_object(document.get("points"), "points"))
         shots = json_object(document.get("shots"), "shots")
-        if not shots:
-            raise FieldError("shots", "at least one", 0)
+        expect(shots, "shots", "at least one", 0)
         views: list[View] = []
         for name, entry in shots.items():
             with at_field(f"shot {name!r}"):
@@ -153,8 +152,7 @@ def read_opensfm(folder: Path) -> Scene:
                 if not isinstance(camera, str) or camera not in cameras:
                     raise FieldError("camera", "a camera of the reconstruction", camera)
                 for part in ("rotation", "translation"):
-                    if not _is_triple(shot.get(part)):
-                        raise FieldError(part, "three finite numbers", Unquoted(str(shot.get(part))))
+                    expect(_is_triple(shot.get(part)), part, "three finite numbers", Unquoted(str(shot.get(part))))
                 rotation, translation = (np.array(shot[part], dtype=np.float64) for part in ("rotation", "translation"))
             matrix = Rotation.from_rotvec(rotation).as_matrix()
             views.append(View(name, cameras[camera], matrix, translation, np.empty((0, 2)), np.empty(0, np.int64)))
@@ -173,8 +171,7 @@ def largest_reconstruction(file: Path) -> tuple[dict[str, Any], tuple[str, ...]]
     """Return the reconstruction with the most shots, then points, and a warning if the file contains several."""
     with in_file(file):
         entries = json_array(read_json(file))
-        if not entries:
-            raise FieldError("document", "at least one reconstruction", 0)
+        expect(entries, "document", "at least one reconstruction", 0)
         documents = [json_object(entry, f"reconstruction {row}") for row, entry in enumerate(entries)]
     sizes = [(_length(document.get("shots")), _length(document.get("points"))) for document in documents]
     row = max(range(len(documents)), key=sizes.__getitem__)

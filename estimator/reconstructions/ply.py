@@ -9,7 +9,7 @@ import numpy as np
 from estimator.reconstructions.splats import splat_centres
 from estimator.records.scene import MAX_COORDINATE, DenseCloud
 from metric_base.arrays import FloatArray, IntArray
-from metric_base.errors import FieldError, InputError, Unquoted, in_file
+from metric_base.errors import FieldError, InputError, Unquoted, expect, in_file
 from metric_base.parsing import BinaryReader
 from metric_base.ply import ply_layout
 
@@ -92,8 +92,7 @@ def read_visibility(path: Path, n_points: int, n_views: int) -> tuple[IntArray, 
     with in_file(path):
         reader = BinaryReader(path)
         n = reader.count("number of points", 4)
-        if n != n_points:
-            raise FieldError("number of points", f"{n_points} as in the cloud", n)
+        expect(n == n_points, "number of points", f"{n_points} as in the cloud", n)
         if reader.remaining % 4:
             raise FieldError("size", "whole numbers of 4 bytes", Unquoted(f"{reader.remaining} bytes after the count"))
         words = reader.rows("<u4", reader.remaining // 4, "visibility")
@@ -104,8 +103,7 @@ def read_visibility(path: Path, n_points: int, n_views: int) -> tuple[IntArray, 
                 raise FieldError(f"point {row}", "a list of images", Unquoted("the end of the file"))
             starts[row] = start
             start += 1 + lengths[start]
-        if start != end:
-            raise FieldError("size", f"{4 * start} bytes of lists", Unquoted(f"{4 * end}"))
+        expect(start == end, "size", f"{4 * start} bytes of lists", Unquoted(f"{4 * end}"))
         is_view = np.ones(len(words), dtype=bool)
         is_view[starts] = False
         views = words[is_view]
@@ -135,8 +133,7 @@ def read_points(path: Path) -> FloatArray:
         if centres is not None:
             return centres
         layout = ply_layout(reader.data)
-        if not layout.count:
-            raise FieldError("number of vertices", "at least one", 0)
+        expect(layout.count, "number of vertices", "at least one", 0)
         if layout.format == "ascii":
             names = list(layout.vertex.names or ())
             lines = (
@@ -148,8 +145,7 @@ def read_points(path: Path) -> FloatArray:
                 points = np.loadtxt(lines, dtype=np.float64, usecols=[names.index(axis) for axis in "xyz"], ndmin=2)
             except ValueError as error:
                 raise FieldError("vertices", f"{len(names)} numbers per line", Unquoted(str(error))) from None
-            if len(points) != layout.count:
-                raise FieldError("vertices", f"{layout.count} lines", Unquoted(f"{len(points)}"))
+            expect(len(points) == layout.count, "vertices", f"{layout.count} lines", Unquoted(f"{len(points)}"))
             return points
         reader.place = layout.body + layout.skipped
         rows = reader.rows(layout.vertex, layout.count, "vertices")

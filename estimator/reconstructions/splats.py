@@ -18,7 +18,7 @@ from pathlib import Path
 import numpy as np
 
 from metric_base.arrays import FloatArray
-from metric_base.errors import FieldError, Unquoted
+from metric_base.errors import FieldError, Unquoted, expect
 from metric_base.input_files import read_bytes
 from metric_base.ply import MAX_HEADER_BYTES, ply_layout
 
@@ -67,8 +67,7 @@ def splat_centres(data: bytes) -> FloatArray | None:
             opacity = 1 / (1 + np.exp(-rows["opacity"].astype(np.float64)))
         centres = np.column_stack([rows[axis].astype(np.float64) for axis in "xyz"])
     is_opaque = opacity >= MIN_OPACITY
-    if not is_opaque.any():
-        raise FieldError("opacity", f"at least one Gaussian of {MIN_OPACITY:g} or more", Unquoted("none"))
+    expect(is_opaque.any(), "opacity", f"at least one Gaussian of {MIN_OPACITY:g} or more", Unquoted("none"))
     return centres[is_opaque]
 
 
@@ -93,8 +92,7 @@ def _spz_parts(data: bytes) -> tuple[bytearray, int, int]:
         with gzip.GzipFile(fileobj=BytesIO(data)) as stream:
             head = stream.read(_SPZ_HEADER.size)
             magic, version, count, _, bits, _, _ = _SPZ_HEADER.unpack(head)
-            if magic != b"NGSP" or version not in (2, 3):
-                raise FieldError("header", "SPZ of version 2 or 3", (magic, version))
+            expect(magic == b"NGSP" and version in (2, 3), "header", "SPZ of version 2 or 3", (magic, version))
             if not 0 < count <= MAX_SPZ_POINTS or bits > 24:
                 expected = f"1 to {MAX_SPZ_POINTS} Gaussians, and at most 24 fractional bits"
                 raise FieldError("header", expected, (count, bits))

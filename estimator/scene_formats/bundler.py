@@ -14,7 +14,7 @@ from estimator.projection.cameras import make_camera
 from estimator.records.scene import Scene, View, observed_views
 from estimator.scene_formats.common import FLIP, checked_image_size, posed_view
 from metric_base.arrays import FloatArray
-from metric_base.errors import FieldError, InputError, Unquoted, at_field, in_file
+from metric_base.errors import FieldError, InputError, Unquoted, at_field, expect, in_file
 from metric_base.input_files import read_text
 
 _HEADER = "# Bundle file v0.3"
@@ -48,8 +48,7 @@ def read_bundler(file: Path) -> Scene:
     with in_file(file):
         reader = _Numbers(numbers)
         n_views, n_points = (reader.count("counts") for _ in range(2))
-        if n_views != len(names):
-            raise FieldError("number of cameras", f"{len(names)}, as many as the list names", n_views)
+        expect(n_views == len(names), "number of cameras", f"{len(names)}, as many as the list names", n_views)
         cameras = reader.take(n_views * _N_CAMERA_NUMBERS, "cameras").reshape(n_views, _N_CAMERA_NUMBERS)
         views: list[View] = []
         row_of = np.full(n_views, -1, dtype=np.int64)
@@ -62,8 +61,7 @@ def read_bundler(file: Path) -> Scene:
                 camera = make_camera("RADIAL", (width, height), [numbers[0], width / 2, height / 2, *numbers[1:3]])
                 rotation, translation = FLIP @ numbers[3:12].reshape(3, 3), FLIP @ numbers[12:]
                 views.append(posed_view(names[row], camera, rotation, -rotation.T @ translation))
-        if not views:
-            raise FieldError("cameras", "at least one with a focal length", 0)
+        expect(views, "cameras", "at least one with a focal length", 0)
         points, lists = np.empty((n_points, 3)), [np.empty((0, 4))]
         for row in range(n_points):
             points[row] = reader.take(6, f"point {row}")[:3]

@@ -12,7 +12,7 @@ from estimator.projection.cameras import make_camera
 from estimator.reconstructions.ply import read_points
 from estimator.records.scene import MAX_COORDINATE, Camera, View
 from metric_base.arrays import FloatArray
-from metric_base.errors import FieldError, InputError, Unquoted
+from metric_base.errors import FieldError, InputError, Unquoted, expect
 from metric_base.images import image_size
 from metric_base.input_files import is_file
 
@@ -79,10 +79,8 @@ def brown_camera(
     others = {name: distortion.get(name, 0.0) for name in ("p1", "p2")}
     if not radial[3]:
         return pinhole_camera(size, focal, centre, {**others, **dict(zip(("k1", "k2", "k3"), radial, strict=False))})
-    if not max(map(abs, radial)) <= MAX_COEFFICIENT:
-        raise FieldError("distortion", f"numbers up to {MAX_COEFFICIENT:g}", radial)
-    if not min(focal) > 0:
-        raise FieldError("focal length", "above 0", list(focal))
+    expect(max(map(abs, radial)) <= MAX_COEFFICIENT, "distortion", f"numbers up to {MAX_COEFFICIENT:g}", radial)
+    expect(min(focal) > 0, "focal length", "above 0", list(focal))
     reach = [max(c, side - c) / f for c, side, f in zip(centre, size, focal, strict=True)]
     corner = np.hypot(reach[0], reach[1])
     tangents = np.linspace(0, MAX_TANGENT, 4000)
@@ -167,8 +165,7 @@ def number_of(entry: Mapping[str, object], name: str, default: float | None = No
         number = float(value) if isinstance(value, int | float | str) and not isinstance(value, bool) else np.nan
     except (ValueError, OverflowError):
         number = np.nan
-    if not np.isfinite(number):
-        raise FieldError(name, "a number", value)
+    expect(np.isfinite(number), name, "a number", value)
     return number
 
 

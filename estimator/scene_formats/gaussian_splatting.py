@@ -18,7 +18,7 @@ from estimator.scene_formats.common import (
     posed_view,
     read_point_file,
 )
-from metric_base.errors import FieldError, at_field, in_file
+from metric_base.errors import FieldError, at_field, expect, in_file
 from metric_base.input_files import folder_entries, read_json
 from metric_base.parsing import json_array, json_object
 
@@ -47,7 +47,6 @@ def read_gaussian_splatting(file: Path) -> Scene:
                 rotation = matrix_of(camera.get("rotation"), (3, 3), "rotation")
                 centre = matrix_of(camera.get("position"), (3,), "position")
                 views.append(posed_view(images.get(name, name), lens, rotation.T, centre))
-        if not views:
-            raise FieldError("cameras", "at least one", 0)
+        expect(views, "cameras", "at least one", 0)
     points = read_point_file(file, ["input.ply", "points.ply"])
     return Scene(file.parent, "gaussian-splatting", tuple(views), points, model_path=file.parent)

@@ -21,7 +21,7 @@ from estimator.scene_formats.common import (
     read_point_file,
 )
 from metric_base.arrays import FloatArray
-from metric_base.errors import FieldError, at_field, in_file
+from metric_base.errors import FieldError, at_field, expect, in_file
 from metric_base.input_files import read_json
 from metric_base.parsing import json_array, json_object
 
@@ -74,8 +74,7 @@ def read_meshroom(file: Path) -> Scene:
                         raise FieldError("path", "a name", name)
                     centre = matrix_of(transform.get("center"), (3,), "center")
                     views.append(posed_view(name.replace("\\", "/").rpartition("/")[2], camera, rotation, centre))
-        if not views:
-            raise FieldError("poses", "at least one view with a pose", 0)
+        expect(views, "poses", "at least one view with a pose", 0)
         landmarks = _entries(document, "structure") if "structure" in document else []
         points = matrix_of([entry.get("X") for entry in landmarks], (len(landmarks), 3), "structure X")
         points = points if len(points) else read_point_file(file, PLY_FILES)
@@ -100,8 +99,7 @@ def _camera(entry: dict[str, Any], is_centred: bool) -> Camera:
     else:
         focal_mm, ratio = number_of(entry, "focalLength"), number_of(entry, "pixelRatio", 1.0)
         sensor_mm = number_of(entry, "sensorWidth")
-        if not sensor_mm > 0:
-            raise FieldError("sensorWidth", "millimetres above 0", sensor_mm)
+        expect(sensor_mm > 0, "sensorWidth", "millimetres above 0", sensor_mm)
         focal_x = focal_mm * size[0] / sensor_mm
         focal = np.array([focal_x, focal_x * ratio])
     centre = matrix_of(

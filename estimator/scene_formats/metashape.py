@@ -16,7 +16,7 @@ from estimator.projection.cameras import make_camera
 from estimator.records.scene import Camera, Scene, View
 from estimator.scene_formats.common import brown_camera, matrix_of, posed_view, read_point_file
 from metric_base.arrays import FloatArray
-from metric_base.errors import FieldError, Unquoted, at_field, in_file
+from metric_base.errors import FieldError, Unquoted, at_field, expect, in_file
 from metric_base.input_files import read_text
 
 PLY_FILES = ("points.ply", "sparse_pc.ply", "sparse.ply", "tie_points.ply", "point_cloud.ply")
@@ -58,8 +58,7 @@ def read_metashape(file: Path) -> Scene:
             if (transform := entry.find("transform")) is not None:
                 with at_field(f"camera {entry.get('label')!r}"):
                     views.append(_view(entry, transform, cameras, components, common))
-        if not views:
-            raise FieldError("cameras", "at least one that is aligned", n_cameras)
+        expect(views, "cameras", "at least one that is aligned", n_cameras)
     points = read_point_file(file, (f"{file.stem}.ply", *PLY_FILES))
     warnings = []
     if missing := n_cameras - len(views):
@@ -96,8 +95,7 @@ def _view(
         (transform.text or "").split(), (4, 4), "transform"
     )
     scale = np.cbrt(np.linalg.det(pose[:3, :3]))  # of the component
-    if not scale > 0:
-        raise FieldError("transform", "a rotation, a scale above 0 and a position", Unquoted("another matrix"))
+    expect(scale > 0, "transform", "a rotation, a scale above 0 and a position", Unquoted("another matrix"))
     return posed_view(entry.get("label", ""), _camera(sensor), (pose[:3, :3] / scale).T, pose[:3, 3])
 
 

@@ -26,7 +26,7 @@ from estimator.scene_formats.common import (
     read_point_file,
 )
 from metric_base.arrays import FloatArray
-from metric_base.errors import FieldError, at_field, in_file
+from metric_base.errors import FieldError, at_field, expect, in_file
 from metric_base.input_files import read_json
 from metric_base.parsing import json_array, json_object
 
@@ -80,8 +80,7 @@ def read_nerfstudio(file: Path) -> Scene:
                 views.append(
                     posed_view(name.removeprefix("./"), _camera(file, {**document, **frame}, name), rotation.T, centre)
                 )
-        if not views:
-            raise FieldError("frames", "at least one", 0)
+        expect(views, "frames", "at least one", 0)
     ply_file = document.get("ply_file_path")
     points = read_point_file(file, ([ply_file] if isinstance(ply_file, str) else []) + list(PLY_FILES))
     points = (points - world[:, 3]) @ world[:, :3]  # R^-1 (x - t) with the rotation R

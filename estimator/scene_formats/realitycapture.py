@@ -21,7 +21,7 @@ from estimator.scene_formats.common import (
     posed_view,
     read_point_file,
 )
-from metric_base.errors import FieldError, at_field, in_file
+from metric_base.errors import at_field, expect, in_file
 from metric_base.input_files import read_text
 from metric_base.parsing import csv_rows
 
@@ -52,15 +52,13 @@ def read_realitycapture(file: Path) -> Scene:
     """
     with in_file(file):
         names, records = csv_rows(file, _without_count(read_text(file)))
-        if not set(names) >= set(COLUMNS):
-            raise FieldError("columns", ", ".join(COLUMNS), names)
+        expect(set(names) >= set(COLUMNS), "columns", ", ".join(COLUMNS), names)
         views: list[View] = []
         for line, record in records:
             with at_field(f"line {line}"):
                 row = {name: value for name, value in record.items() if isinstance(name, str)}
                 name = row["#name"].strip() if row["#name"] else ""
-                if not name:
-                    raise FieldError("#name", "a name", row["#name"])
+                expect(name, "#name", "a name", row["#name"])
                 size = checked_image_size(file, name)
                 px_per_mm = max(size) / IMAGE_WIDTH_MM
                 focal = number_of(row, "f") * px_per_mm
@@ -77,7 +75,6 @@ def read_realitycapture(file: Path) -> Scene:
                 views.append(
                     posed_view(name, camera, rotation.T, np.array([number_of(row, axis) for axis in ("x", "y", "alt")]))
                 )
-        if not views:
-            raise FieldError("lines", "at least one camera", 0)
+        expect(views, "lines", "at least one camera", 0)
     points = read_point_file(file, (f"{file.stem}.ply", *PLY_FILES))
     return Scene(file.parent, "realitycapture", tuple(views), points, model_path=file.parent)

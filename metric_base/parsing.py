@@ -48,6 +48,19 @@ def json_array(value: object, field: str = "document") -> list[Any]:
     return value
 
 
+def json_records(value: object, field: str) -> Iterator[tuple[str, dict[str, Any]]]:
+    """Yield the place `field[index]` and the object of each element of a JSON array of objects."""
+    for index, entry in enumerate(json_array(value, field)):
+        yield f"{field}[{index}]", json_object(entry, f"{field}[{index}]")
+
+
+def json_name(value: object, field: str) -> str:
+    """`value` if it is a JSON text with a letter or another visible character."""
+    if not isinstance(value, str) or not value.strip():
+        raise FieldError(field, "a name", value)
+    return value
+
+
 class BinaryReader:
     """A little-endian binary file and a place in it; every count is checked against the bytes that remain."""
 

@@ -26,7 +26,7 @@ from estimator.instances.view_matching import (
 from estimator.records.scene import Instance, Scene
 from metric_base.errors import FieldError, InputError, Unquoted, at_field, expect, in_file
 from metric_base.input_files import is_file, read_json
-from metric_base.parsing import json_array, json_object
+from metric_base.parsing import json_array, json_name, json_object, json_records
 from taxonomy.label_lists import label_names
 
 #: Maximum extent of a box relative to its image; detectors exceed the image slightly.
@@ -122,7 +122,7 @@ def _dataset(file: Path, document: dict[str, Any], scene: Scene) -> _Dataset:
     images: dict[Hashable, ImageRecord] = {}
     for field, key, image in _entries_by_id("images", document):
         with at_field(field):
-            name = _text("file_name", image.get("file_name"))
+            name = json_name(image.get("file_name"), "file_name")
             size = (image.get("width"), image.get("height"))
             with at_field("width and height"):
                 checked = None if size == (None, None) else checked_image_size(size)
@@ -138,14 +138,14 @@ def _dataset_of_results(file: Path, annotations: list[Any], scene: Scene) -> tup
     entries, n_numbered = [], 0
     for index, entry in enumerate(annotations):
         with in_file(file), at_field(f"annotations[{index}]"):
-            image = _text("file_name", entry["file_name"])
+            image = json_name(entry["file_name"], "file_name")
             name = next((entry[key] for key in ("category", "category_name", "label") if key in entry), None)
             if name is None:
                 n_numbered += 1
                 key = _key("category_id", entry.get("category_id"))
                 name = coco_names[key] if isinstance(key, int) and 0 < key < len(coco_names) else ""
                 expect(name, "category", "a name, or a category_id of COCO's 91", entry.get("category_id"))
-            category = _text("category", name)
+            category = json_name(name, "category")
         images.setdefault(image, (image, None, lookup.row(image)))
         categories[category] = category
         entries.append({**entry, "image_id": image, "category_id": category})
@@ -158,16 +158,14 @@ def _category_names(document: dict[str, Any]) -> dict[Hashable, str]:
     names = {}
     for field, key, category in _entries_by_id("categories", document):
         with at_field(field):
-            names[key] = _text("name", category.get("name"))
+            names[key] = json_name(category.get("name"), "name")
     return names
 
 
 def _entries_by_id(part: str, document: dict[str, Any]) -> list[tuple[str, Hashable, dict[str, Any]]]:
     """Return field, id and object of each entry of a part of a dataset; FieldError if an id occurs twice."""
     entries, known = [], set()
-    for index, value in enumerate(json_array(document.get(part), part)):
-        field = f"{part}[{index}]"
-        entry = json_object(value, field)
+    for field, entry in json_records(document.get(part), part):
         with at_field(field):
             key = _key("id", entry.get("id"))
             expect(key not in known, "id", "each id once", Unquoted(f"{key!r} twice"))
@@ -180,13 +178,6 @@ def _key(field: str, value: object) -> Hashable:
     """Return an id; FieldError unless it is an integer or a text."""
     if isinstance(value, bool) or not isinstance(value, int | str):
         raise FieldError(field, "a number", value)
-    return value
-
-
-def _text(field: str, value: object) -> str:
-    """Return a name; FieldError unless it is a text that is not empty."""
-    if not isinstance(value, str) or not value.strip():
-        raise FieldError(field, "a name", value)
     return value
 
 
@@ -302,9 +293,8 @@ def read_panoptic(scene: Scene, file: Path, document: Any) -> tuple[tuple[Instan
         categories = _category_names(document)
         things = {key for _, key, entry in _entries_by_id("categories", document) if entry.get("isthing", 1)}
         images = {key: image.get("file_name") for _, key, image in _entries_by_id("images", document)}
-        for index, value in enumerate(json_array(document.get("annotations"), "annotations")):
-            with at_field(f"annotations[{index}]"):
-                annotation = json_object(value, "")
+        for field, annotation in json_records(document.get("annotations"), "annotations"):
+            with at_field(field):
                 name = images.get(annotation.get("image_id"), annotation.get("file_name"))
                 if not isinstance(name, str) or not name:
                     raise FieldError("image_id", "an image of the file", annotation.get("image_id"))
@@ -337,9 +327,8 @@ def _segments(
     red, green, blue = (colours[..., channel].astype(np.int64) for channel in range(3))
     numbers = red + 256 * green + 65536 * blue
     instances = []
-    for index, value in enumerate(json_array(annotation.get("segments_info"), "segments_info")):
-        with at_field(f"segments_info[{index}]"):
-            segment = json_object(value, "")
+    for field, segment in json_records(annotation.get("segments_info"), "segments_info"):
+        with at_field(field):
             category = segment.get("category_id")
             if not isinstance(category, int | str) or category not in categories:
                 raise FieldError("category_id", "a category of the file", category)

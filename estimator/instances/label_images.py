@@ -25,7 +25,7 @@ from estimator.instances.view_matching import MAX_MASKS, ViewLookup, finish_inst
 from estimator.records.scene import Instance, Scene
 from metric_base.errors import FieldError, InputError, Unquoted, at_field, expect, in_file
 from metric_base.input_files import folder_entries, read_bytes, read_json
-from metric_base.parsing import json_object
+from metric_base.parsing import json_name, json_object
 
 CATEGORIES = "categories.json"
 #: Minimum area of a connected part relative to the largest one of its value; smaller parts are noise.
@@ -54,9 +54,7 @@ def read_label_images(scene: Scene, folder: Path) -> tuple[tuple[Instance, ...],
         for key, name in json_object(read_json(folder / CATEGORIES)).items():
             if not (key.isascii() and key.isdecimal() and len(key) <= MAX_DIGITS and int(key) < 1 << 16):
                 raise FieldError("value", "a pixel value from 0 to 65535", key)
-            if not isinstance(name, str) or not name.strip():
-                raise FieldError(f"value {key}", "a name", name)
-            names[int(key)] = name
+            names[int(key)] = json_name(name, f"value {key}")
         expect(names, "document", "at least one value", 0)
     are_objects = len(set(names.values())) < len(names)
     files = [file for file in folder_entries(folder) if file.suffix == ".png"]

@@ -16,7 +16,7 @@ from metric_base.arrays import BoolArray
 from metric_base.errors import FieldError, at_field, expect, in_file
 from metric_base.images import decode_picture
 from metric_base.input_files import read_json
-from metric_base.parsing import json_array, json_object
+from metric_base.parsing import json_array, json_name, json_object, json_records
 
 #: Number of corners of the polygon that approximates a circle.
 _N_CIRCLE_CORNERS = 64
@@ -75,12 +75,9 @@ def _instances(scene: Scene, row: int, document: dict[str, Any]) -> list[Instanc
         size = (document.get("imageWidth"), document.get("imageHeight"))
         size = (camera.width, camera.height) if size == (None, None) else checked_image_size(size)
     masks: dict[tuple[str, str], tuple[BoolArray, bool]] = {}
-    for index, value in enumerate(json_array(document["shapes"], "shapes")):
-        with at_field(f"shapes[{index}]"):
-            shape = json_object(value, "")
-            label = shape.get("label")
-            if not isinstance(label, str) or not label.strip():
-                raise FieldError("label", "a name", label)
+    for index, (field, shape) in enumerate(json_records(document["shapes"], "shapes")):
+        with at_field(field):
+            label = json_name(shape.get("label"), "label")
             mask = _mask(shape, size)
             if mask is not None:
                 group = shape.get("group_id")

@@ -22,7 +22,7 @@ from estimator.records.scene import Instance, Scene
 from metric_base.arrays import BoolArray
 from metric_base.errors import FieldError, Unquoted, at_field, expect, in_file
 from metric_base.input_files import read_bytes, read_json
-from metric_base.parsing import json_array, json_object
+from metric_base.parsing import json_object, json_records
 
 LABELS = "labels.json"
 MASK_SUFFIXES = (".npz", ".npy", ".json")
@@ -104,9 +104,8 @@ def _read(file: Path) -> ImageMasks:
     if file.suffix == ".json":
         # The result of SAM's automatic mask generator.
         sam_masks, sam_labels, sam_scores = [], [], []
-        for number, value in enumerate(json_array(read_json(file))):
-            with at_field(f"[{number}]"):
-                entry = json_object(value, "")
+        for field, entry in json_records(read_json(file), ""):
+            with at_field(field):
                 runs = entry.get("segmentation")
                 if not isinstance(runs, dict):
                     raise FieldError(

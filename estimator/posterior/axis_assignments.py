@@ -9,7 +9,7 @@ with one wide component.
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, fields, replace
 from functools import lru_cache
 from itertools import permutations, product
 
@@ -93,14 +93,7 @@ class Variants:
 
     def _of(self, chosen: BoolArray) -> Variants:
         """Return the variants of a mask (v,)."""
-        return Variants(
-            measured=self.measured[chosen],
-            active=self.active[chosen],
-            shift=self.shift[chosen],
-            variance=self.variance[chosen],
-            log_weight=self.log_weight[chosen],
-            gross=self.gross[chosen],
-        )
+        return Variants(*(getattr(self, field.name)[chosen] for field in fields(self)))
 
 
 @lru_cache(maxsize=1024)

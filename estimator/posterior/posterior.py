@@ -109,43 +109,24 @@ def status_reason(
     weight : (n,) ndarray of float, optional
         Probability of each object not to be an outlier, if only the objects determine the scale.
     """
-    best, (low, high) = modes[0].scale, bounds
+    best, ratio = modes[0].scale, bounds[1] / bounds[0]
     edge, peak = max(curve.below, curve.above), peak_mass(curve, best)
     is_competing = [max(mode.scale / best, best / mode.scale) > COMPETING_MODE_RATIO for mode in modes]
     competing = max((mode.mass for mode, competes in zip(modes, is_competing, strict=True) if competes), default=0.0)
     percent = f"{COMPETING_MODE_RATIO - 1:.0%}"
     n_outliers, n_objects = (0, 0) if weight is None else (int((weight < 0.5).sum()), len(weight))
+    without_evidence = f"{edge:.0%} of the posterior is at scales without evidence of any object"
+    concentration = f"{peak:.0%} of the posterior is within {PEAK_WIDTH_RATIO - 1:.0%} of its highest mode"
+    contradiction = f"modes over {percent} apart contradict each other, one with mass {competing:.2g}"
+    outliers = f"{n_outliers} of {n_objects} objects are outliers: their labels or masks may be wrong"
+    lesser = f"modes over {percent} apart, the lesser with mass over {MIN_COMPETING_MASS}"
     problems: list[tuple[bool, Status, str]] = [
-        (
-            edge > MAX_EDGE_MASS,
-            "unresolved",
-            f"{edge:.0%} of the posterior is at scales without evidence of any object",
-        ),
-        (
-            peak < MIN_PEAK_MASS,
-            "unresolved",
-            f"only {peak:.0%} of the posterior is within {PEAK_WIDTH_RATIO - 1:.0%} of its highest mode",
-        ),
-        (
-            competing >= MAX_COMPETING_MASS,
-            "unresolved",
-            f"modes over {percent} apart contradict each other, one with mass {competing:.2g}",
-        ),
-        (
-            weight is not None and mostly_outliers(weight),
-            "uncertain",
-            f"{n_outliers} of {n_objects} objects are outliers: their labels or masks may be wrong",
-        ),
-        (
-            high / low > MAX_INTERVAL_RATIO,
-            "uncertain",
-            f"the interval's high/low is {high / low:.3g}, over {MAX_INTERVAL_RATIO}",
-        ),
-        (
-            competing >= MIN_COMPETING_MASS,
-            "uncertain",
-            f"modes over {percent} apart, the lesser with mass over {MIN_COMPETING_MASS}",
-        ),
+        (edge > MAX_EDGE_MASS, "unresolved", without_evidence),
+        (peak < MIN_PEAK_MASS, "unresolved", f"only {concentration}"),
+        (competing >= MAX_COMPETING_MASS, "unresolved", contradiction),
+        (weight is not None and mostly_outliers(weight), "uncertain", outliers),
+        (ratio > MAX_INTERVAL_RATIO, "uncertain", f"the interval's high/low is {ratio:.3g}, over {MAX_INTERVAL_RATIO}"),
+        (competing >= MIN_COMPETING_MASS, "uncertain", lesser),
     ]
     return next(((status, message) for holds, status, message in problems if holds), ("resolved", None))
 

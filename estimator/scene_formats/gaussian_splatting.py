@@ -18,9 +18,9 @@ from estimator.scene_formats.common import (
     posed_view,
     read_point_file,
 )
-from metric_base.errors import FieldError, at_field, expect, in_file
+from metric_base.errors import at_field, expect, in_file
 from metric_base.input_files import folder_entries, read_json
-from metric_base.parsing import json_array, json_object
+from metric_base.parsing import json_name, json_records
 
 
 def read_gaussian_splatting(file: Path) -> Scene:
@@ -35,12 +35,9 @@ def read_gaussian_splatting(file: Path) -> Scene:
     images = {entry.stem: entry.name for folder in folders if folder.is_dir() for entry in folder_entries(folder)}
     views: list[View] = []
     with in_file(file):
-        for row, entry in enumerate(json_array(read_json(file))):
-            with at_field(f"camera {row}"):
-                camera = json_object(entry, "")
-                name = camera.get("img_name")
-                if not isinstance(name, str) or not name:
-                    raise FieldError("img_name", "a name", name)
+        for field, camera in json_records(read_json(file), "cameras"):
+            with at_field(field):
+                name = json_name(camera.get("img_name"), "img_name")
                 width, height = (round(number_of(camera, side)) for side in ("width", "height"))
                 focal = (number_of(camera, "fx"), number_of(camera, "fy"))
                 lens = pinhole_camera((width, height), focal, (width / 2, height / 2), {})

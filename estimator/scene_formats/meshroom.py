@@ -23,7 +23,7 @@ from estimator.scene_formats.common import (
 from metric_base.arrays import FloatArray
 from metric_base.errors import FieldError, at_field, expect, in_file
 from metric_base.input_files import read_json
-from metric_base.parsing import json_array, json_object
+from metric_base.parsing import json_name, json_object, json_records
 
 #: First version in which the principal point is relative to the centre (AliceVision, changelog of SfmDataIO).
 CENTRED_VERSION = (1, 2, 1)
@@ -69,9 +69,7 @@ def read_meshroom(file: Path) -> Scene:
                         raise FieldError("intrinsicId", "an intrinsic of the file", entry.get("intrinsicId"))
                     transform = json_object(json_object(pose.get("pose"), "pose").get("transform"), "pose transform")
                     rotation = matrix_of(transform.get("rotation"), (3, 3), "rotation").T  # column by column
-                    name = entry.get("path")
-                    if not isinstance(name, str) or not name:
-                        raise FieldError("path", "a name", name)
+                    name = json_name(entry.get("path"), "path")
                     centre = matrix_of(transform.get("center"), (3,), "center")
                     views.append(posed_view(name.replace("\\", "/").rpartition("/")[2], camera, rotation, centre))
         expect(views, "poses", "at least one view with a pose", 0)
@@ -87,7 +85,7 @@ def read_meshroom(file: Path) -> Scene:
 
 def _entries(document: dict[str, Any], part: str) -> list[dict[str, Any]]:
     """Return the objects of an array of the document."""
-    return [json_object(entry, f"{part}[{row}]") for row, entry in enumerate(json_array(document.get(part), part))]
+    return [entry for _, entry in json_records(document.get(part), part)]
 
 
 def _camera(entry: dict[str, Any], is_centred: bool) -> Camera:

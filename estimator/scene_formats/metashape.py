@@ -119,12 +119,8 @@ def _camera(sensor: ET.Element) -> Camera:
     radial = {name: _number(node, name, 0.0) for name in ("k1", "k2", "k3", "k4")}
     if sensor.get("type") in FISHEYES:
         return make_camera("OPENCV_FISHEYE", size, [*focals, *centre, *radial.values()])
-    if sensor.get("type", "frame") != "frame":
-        raise FieldError(
-            "sensor type",
-            "frame or an equidistant fisheye (cut others into perspective views first)",
-            sensor.get("type"),
-        )
+    expected = "frame or an equidistant fisheye (cut others into perspective views first)"
+    expect(sensor.get("type", "frame") == "frame", "sensor type", expected, sensor.get("type"))
     tangential = {"p1": _number(node, "p2", 0.0), "p2": _number(node, "p1", 0.0)}
     return brown_camera(size, focals, centre, radial | tangential)
 

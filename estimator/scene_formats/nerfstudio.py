@@ -28,7 +28,7 @@ from estimator.scene_formats.common import (
 from metric_base.arrays import FloatArray
 from metric_base.errors import FieldError, at_field, expect, in_file
 from metric_base.input_files import read_json
-from metric_base.parsing import json_array, json_object
+from metric_base.parsing import json_name, json_object, json_records
 
 #: Files of the sparse points, without `ply_file_path`.
 PLY_FILES = ("sparse_pc.ply", "points.ply", "sparse_point_cloud.ply", "points3D.ply", "point_cloud.ply")
@@ -56,25 +56,14 @@ def read_nerfstudio(file: Path) -> Scene:
     with in_file(file):
         document = json_object(read_json(file))
         applied = document.get("applied_transform")
-        world = (
-            np.eye(4)[:3]
-            if applied is None
-            else matrix_of(np.array(applied, dtype=object).ravel()[:12].tolist(), (3, 4), "applied_transform")
-        )
+        world = np.eye(4)[:3] if applied is None else _upper_rows(applied, "applied_transform")
         if np.abs(world[:, :3] @ world[:, :3].T - np.eye(3)).max() > 1e-6:
             raise FieldError("applied_transform", "a rotation and a shift", world[:, :3].tolist())
         views: list[View] = []
-        for row, entry in enumerate(json_array(document.get("frames"), "frames")):
-            with at_field(f"frames[{row}]"):
-                frame = json_object(entry, "")
-                name = frame.get("file_path")
-                if not isinstance(name, str) or not name:
-                    raise FieldError("file_path", "a name", name)
-                pose = matrix_of(
-                    np.array(frame.get("transform_matrix"), dtype=object).ravel()[:12].tolist(),
-                    (3, 4),
-                    "transform_matrix",
-                )
+        for field, frame in json_records(document.get("frames"), "frames"):
+            with at_field(field):
+                name = json_name(frame.get("file_path"), "file_path")
+                pose = _upper_rows(frame.get("transform_matrix"), "transform_matrix")
                 rotation = world[:, :3].T @ pose[:, :3] @ FLIP  # camera to world
                 centre = world[:, :3].T @ (pose[:, 3] - world[:, 3])
                 views.append(
@@ -85,6 +74,11 @@ def read_nerfstudio(file: Path) -> Scene:
     points = read_point_file(file, ([ply_file] if isinstance(ply_file, str) else []) + list(PLY_FILES))
     points = (points - world[:, 3]) @ world[:, :3]  # R^-1 (x - t) with the rotation R
     return Scene(file.parent, "nerfstudio", tuple(views), points, model_path=file.parent)
+
+
+def _upper_rows(values: object, field: str) -> FloatArray:
+    """Return the first three rows (3, 4) of a transform."""
+    return matrix_of(np.array(values, dtype=object).ravel()[:12].tolist(), (3, 4), field)
 
 
 def read_normalisation(file: Path) -> tuple[float, FloatArray]:
@@ -118,11 +112,10 @@ def _camera(file: Path, entry: dict[str, Any], name: str) -> Camera:
         focal_x = number_of(entry, "fl_x", entry.get("fl_y"))
         focal = (focal_x, number_of(entry, "fl_y", focal_x))
     elif "camera_angle_x" in entry:
-        focal_x = size[0] / 2 / tan(number_of(entry, "camera_angle_x") / 2)
-        focal = (
-            focal_x,
-            size[1] / 2 / tan(number_of(entry, "camera_angle_y") / 2) if "camera_angle_y" in entry else focal_x,
-        )
+        focal_x = focal_y = size[0] / 2 / tan(number_of(entry, "camera_angle_x") / 2)
+        if "camera_angle_y" in entry:
+            focal_y = size[1] / 2 / tan(number_of(entry, "camera_angle_y") / 2)
+        focal = (focal_x, focal_y)
     else:
         raise FieldError("fl_x", "a focal length, or camera_angle_x", None)
     centre = (number_of(entry, "cx", size[0] / 2), number_of(entry, "cy", size[1] / 2))
@@ -132,8 +125,6 @@ def _camera(file: Path, entry: dict[str, Any], name: str) -> Camera:
         return make_camera(
             "OPENCV_FISHEYE", size, [*focal, *centre, *(distortion[name] for name in ("k1", "k2", "k3", "k4"))]
         )
-    if model not in PINHOLES:
-        raise FieldError(
-            "camera_model", "OPENCV, OPENCV_FISHEYE or PINHOLE (cut a panorama into perspective views)", model
-        )
+    expected = "OPENCV, OPENCV_FISHEYE or PINHOLE (cut a panorama into perspective views)"
+    expect(model in PINHOLES, "camera_model", expected, model)
     return pinhole_camera(size, focal, centre, distortion)

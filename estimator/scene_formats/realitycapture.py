@@ -23,7 +23,7 @@ from estimator.scene_formats.common import (
 )
 from metric_base.errors import at_field, expect, in_file
 from metric_base.input_files import read_text
-from metric_base.parsing import csv_rows
+from metric_base.parsing import csv_rows, json_name
 
 PLY_FILES = ("points.ply", "sparse_pc.ply", "sparse.ply", "point_cloud.ply")
 COLUMNS = ("#name", "x", "y", "alt", "heading", "pitch", "roll", "f")
@@ -57,8 +57,7 @@ def read_realitycapture(file: Path) -> Scene:
         for line, record in records:
             with at_field(f"line {line}"):
                 row = {name: value for name, value in record.items() if isinstance(name, str)}
-                name = row["#name"].strip() if row["#name"] else ""
-                expect(name, "#name", "a name", row["#name"])
+                name = json_name(row["#name"], "#name").strip()
                 size = checked_image_size(file, name)
                 px_per_mm = max(size) / IMAGE_WIDTH_MM
                 focal = number_of(row, "f") * px_per_mm

@@ -164,14 +164,13 @@ def reconstruct(
             poses = list(with_progress(localised, "poses of all frames", progress, len(frames.times_s or ())))
         else:
             views = {view.name: view for view in scene.views}
-            poses = [FramePose(index, None, name, "none") for index, name in names.items()]
-            for k, pose in enumerate(poses):
-                view = views.get(pose.name or "")
-                if view is not None:
-                    at = view.rotation, view.translation
-                    poses[k] = FramePose(
-                        pose.index, None, pose.name, "reconstructed", *at, n_points=len(view.point_index)
-                    )
+            poses = []
+            for index, name in names.items():
+                pose = FramePose(index, None, name, "none")
+                if (view := views.get(name)) is not None:
+                    n = len(view.point_index)
+                    pose = FramePose(index, None, name, "reconstructed", view.rotation, view.translation, n_points=n)
+                poses.append(pose)
         camera = scaled_camera(scene.views[0].camera, *frames.size) if frames.one_camera else None
         write_frame_poses(FramePoses(source.path.resolve(), camera, frames.turned_deg, tuple(poses)), part / FILE_NAME)
 

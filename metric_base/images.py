@@ -38,6 +38,14 @@ def read_picture(file: Path, flags: int) -> NDArray[Any] | None:
     return decode_picture(np.fromfile(file, dtype=np.uint8), flags)
 
 
+def checked_picture(file: Path, flags: int) -> NDArray[Any]:
+    """Return the pixels of a file as `read_picture`; InputError if it is not an image or too large."""
+    pixels = read_picture(file, flags)
+    if pixels is None:
+        raise InputError.at(file, "image", "an image that OpenCV reads", Unquoted("something else"))
+    return pixels
+
+
 def decode_picture(data: bytes | NDArray[np.uint8], flags: int) -> NDArray[Any] | None:
     """Return the pixels (h, w) or (h, w, c) of an encoded image as `cv2.imdecode`; None if it is not an image."""
     import cv2

@@ -1,8 +1,8 @@
-"""Parse the headers of PLY files."""
+"""Parse the headers of PLY files, and rescale ASCII files."""
 
 from __future__ import annotations
 
-from collections.abc import Collection
+from collections.abc import Callable, Collection
 from dataclasses import dataclass
 
 import numpy as np
@@ -72,6 +72,19 @@ def ply_layout(
     if count * smallest > left:
         raise FieldError("number of vertices", f"at most {max(left, 0) // smallest} (the file's rest)", count)
     return PlyLayout(form, vertex, count, body, skipped)
+
+
+def scaled_ascii(data: bytes, scale: float, number: Callable[[float], str]) -> bytes:
+    """Multiply the vertices of an ASCII PLY file; `number` returns the text of a coordinate."""
+    layout = ply_layout(data)
+    lines = data[layout.body :].split(b"\n")
+    columns = [(layout.vertex.names or ()).index(axis) for axis in "xyz"]
+    for row in range(layout.skipped, layout.skipped + layout.count):
+        words = lines[row].split()
+        for column in columns:
+            words[column] = number(float(words[column]) * scale).encode("ascii")
+        lines[row] = b" ".join(words)
+    return data[: layout.body] + b"\n".join(lines)
 
 
 def _elements(lines: list[list[str]]) -> list[tuple[str, int, list[tuple[str | None, str]]]]:

@@ -38,7 +38,7 @@ def read_mesh(path: Path) -> Asset:
             boxes = {name: shape.bounds for name, shape in loaded.geometry.items() if shape.bounds is not None}
         except Exception as error:  # noqa: BLE001 - trimesh raises a dozen unrelated types for damaged files
             raise FieldError("content", f"a readable {kind.upper()} file", Unquoted(type(error).__name__)) from None
-        expect(bool(boxes), "content", "at least one vertex", Unquoted("none"))
+        expect(boxes, "content", "at least one vertex", Unquoted("none"))
         bodies = []
         for name, bounds in boxes.items():
             # trimesh numbers groups without a name: geometry_0, geometry_1, ...
@@ -76,6 +76,6 @@ def read_collada(path: Path) -> Asset:
             raise
         except Exception as error:  # noqa: BLE001 - the errors of pycollada and its XML reader have no common base
             raise FieldError("content", "a readable COLLADA file", Unquoted(type(error).__name__)) from None
-        expect(bool(bodies), "content", "at least one vertex", Unquoted("none"))
+        expect(bodies, "content", "at least one vertex", Unquoted("none"))
     title = document.assetInfo.title
     return Asset(path, "dae", unit, up, tuple(bodies), (NameText("title", title),) if title else ())

@@ -20,7 +20,7 @@ import numpy as np
 from metric_base.errors import FieldError, InputError, Unquoted, at_field, expect, in_file
 from metric_base.files import inside, whole_file
 from metric_base.input_files import read_bytes
-from metric_base.ply import ply_layout
+from metric_base.ply import ply_layout, scaled_ascii
 from models3d.asset import Asset, merge_bodies
 from models3d.formats import GLTF_SUFFIXES, ROBOT_SUFFIXES, USD_SUFFIXES, read_asset, read_assets
 from models3d.gltf.document import CHUNK_HEAD, MAX_BYTES, read_container, write_container
@@ -84,7 +84,7 @@ def write_at_scale(asset: Asset, out: Path, factor: float, *, baked: bool = Fals
                 tolerance = MAX_EXTENT_ERROR * float(before.max()) * factor
                 is_right = np.allclose(after, before * factor, rtol=MAX_EXTENT_ERROR, atol=tolerance)
                 expected = f"{(before * factor).round(6).tolist()} m when the file is read again"
-                expect(bool(is_right), "--fix", expected, Unquoted(str(after.tolist())))
+                expect(is_right, "--fix", expected, Unquoted(str(after.tolist())))
                 copy.replace(work)
             finally:
                 copy.unlink(missing_ok=True)
@@ -269,14 +269,7 @@ def _rescale_ply(data: bytes, factor: float) -> bytes:
     """Multiply the vertices of a PLY file."""
     layout = ply_layout(data)
     if layout.format == "ascii":
-        columns = [list(layout.vertex.names or ()).index(axis) for axis in "xyz"]
-        rows = data[layout.body :].split(b"\n")
-        for index in range(layout.skipped, layout.skipped + layout.count):
-            values = rows[index].split()
-            for column in columns:
-                values[column] = f"{float(values[column]) * factor:.9g}".encode()
-            rows[index] = b" ".join(values)
-        return data[: layout.body] + b"\n".join(rows)
+        return scaled_ascii(data, factor, "{:.9g}".format)
     start = layout.body + layout.skipped
     vertices = np.frombuffer(data, layout.vertex, layout.count, start).copy()
     for axis in "xyz":

@@ -59,7 +59,7 @@ def read_robot(path: Path, read_mesh: MeshReader) -> Asset:
             raise
         except (ValueError, TypeError, IndexError, RecursionError) as error:
             raise FieldError("content", "valid numbers and names", Unquoted(str(error))) from None
-        expect(bool(bodies), "content", "at least one visual shape", Unquoted("none"))
+        expect(bodies, "content", "at least one visual shape", Unquoted("none"))
         has_meshes = next(root.iter("mesh"), None) is not None
     name = root.get("name") or root.get("model")
     return Asset(path, str(root.tag), 1.0, "z", bodies, (NameText("robot", name),) if name else (), has_meshes)

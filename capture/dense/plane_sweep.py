@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 from estimator.projection.cameras import project
 from estimator.records.scene import View
 from metric_base.arrays import FloatArray
-from metric_base.errors import InputError, Unquoted
+from metric_base.images import checked_picture
 
 FloatPicture = NDArray[np.float32]
 
@@ -50,9 +50,7 @@ class PinholeView:
 def pinhole_view(view: View, images: Path) -> PinholeView:
     """Return a view with its image in a folder, undistorted; raises InputError if the image cannot be read."""
     camera = view.camera
-    image = cv2.imread(str(images / view.name), cv2.IMREAD_COLOR | cv2.IMREAD_IGNORE_ORIENTATION)
-    if image is None:
-        raise InputError.at(images / view.name, "image", "an image that OpenCV reads", Unquoted("none"))
+    image = checked_picture(images / view.name, cv2.IMREAD_COLOR | cv2.IMREAD_IGNORE_ORIENTATION)
     factor = min(1.0, DEPTH_SIDE / max(camera.width, camera.height))
     width, height = round(camera.width * factor), round(camera.height * factor)
     focal = camera.focal_px * factor

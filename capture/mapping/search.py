@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import shutil
+from collections.abc import Callable
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
@@ -158,34 +159,28 @@ class ModelSearch:
                 for (width, height, focal_px), names in frames.cameras().items()
             ]
 
-        def part_databases(part: Path) -> Path:
-            (part / DATABASES).mkdir(exist_ok=True)
-            return part / DATABASES
+        def stage(kind: str, inputs: dict[str, Any], make: Callable[[Path], None]) -> str:
+            """Make a stage in the folder `databases` of its part; return its digest."""
 
-        digest = work.stage(
-            f"features{end}",
-            {"frames": self.frames_digest, "lens": [lens.model, lens.focal_px]},
-            MODEL_STAGES[f"features{end}"],
-            lambda part: make_features(part_databases(part), images, cameras, strategy, **options),
-        )
-        digest = work.stage(
-            f"matches{end}",
+            def make_part(part: Path) -> None:
+                (part / DATABASES).mkdir()
+                make(part / DATABASES)
+
+            return work.stage(f"{kind}{end}", inputs, MODEL_STAGES[f"{kind}{end}"], make_part)
+
+        inputs: dict[str, Any] = {"frames": self.frames_digest, "lens": [lens.model, lens.focal_px]}
+        digest = stage("features", inputs, lambda part: make_features(part, images, cameras, strategy, **options))
+        digest = stage(
+            "matches",
             {"features": digest},
-            MODEL_STAGES[f"matches{end}"],
-            lambda part: make_matches(
-                part_databases(part), databases, frames.names, self.is_video, strategy, **options
-            ),
+            lambda part: make_matches(part, databases, frames.names, self.is_video, strategy, **options),
         )
         graph = MatchGraph.read(databases, end, frames.names, frames.file_size, frames.edges)
         inputs = {"matches": digest, "fixed": lens.fixed, "free": lens.free, "wide": lens.wide_px}
         inputs["time"] = self.max_time_s  # with more time the model may be better
-        digest = work.stage(
-            f"mapping{end}",
-            inputs,
-            MODEL_STAGES[f"mapping{end}"],
-            lambda part: make_model(
-                part_databases(part) / f"model{end}", databases / f"matches{end}.db", images, graph, lens, **options
-            ),
+        matches = databases / f"matches{end}.db"
+        digest = stage(
+            "mapping", inputs, lambda part: make_model(part / f"model{end}", matches, images, graph, lens, **options)
         )
         return digest, msgspec.convert(read_json(databases / f"model{end}.json"), ModelReport)
 

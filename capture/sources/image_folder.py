@@ -10,7 +10,7 @@ import numpy as np
 
 from capture.sources.video import VideoFrame
 from metric_base.errors import InputError, Unquoted
-from metric_base.images import image_header, read_picture
+from metric_base.images import checked_picture, image_header
 from metric_base.input_files import folder_entries
 
 #: Suffixes of images that OpenCV and COLMAP read.
@@ -77,9 +77,7 @@ class ImageFolder:
         import cv2
 
         for index, file in enumerate(self.files):
-            image = read_picture(file, cv2.IMREAD_COLOR)  # OpenCV rotates as EXIF requires
-            if image is None:
-                raise InputError.at(file, "image", "an image that OpenCV reads", Unquoted("another format"))
+            image = checked_picture(file, cv2.IMREAD_COLOR)  # OpenCV rotates as EXIF requires
             yield VideoFrame(index, float(index), np.ascontiguousarray(image[:, :, ::-1]))
 
 

@@ -27,7 +27,7 @@ from metric_base.arrays import FloatArray
 from metric_base.errors import InputError, Unquoted
 from metric_base.escaping import visible
 from metric_base.files import OutputNames, whole_folder
-from metric_base.images import read_picture, write_picture
+from metric_base.images import checked_picture, write_picture
 
 if TYPE_CHECKING:
     from PIL.ImageFont import FreeTypeFont
@@ -198,9 +198,7 @@ def write_overlays(estimate: SceneEstimate, folder: Path, images: Path | None = 
         names = OutputNames(temporary)
         for row, file in enumerate(files):
             if file is not None:
-                image = read_picture(file, cv2.IMREAD_COLOR)
-                if image is None:
-                    raise InputError.at(file, "image", "an image that OpenCV reads", Unquoted("something else"))
+                image = checked_picture(file, cv2.IMREAD_COLOR)
                 name = estimate.scene.views[row].name
                 target = names.path(name if Path(name).suffix.lower() in _RETAINED_SUFFIXES else f"{name}.png")
                 write_picture(target, overlay(estimate, row, image[..., ::-1])[..., ::-1])

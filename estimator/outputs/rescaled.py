@@ -26,7 +26,7 @@ from estimator.records.scene import Camera, DenseCloud, Scene
 from metric_base.errors import InputError, Unquoted, in_file
 from metric_base.files import check_output, whole_file, whole_folder, write_whole
 from metric_base.input_files import read_bytes
-from metric_base.ply import MAX_HEADER_BYTES, ply_layout
+from metric_base.ply import MAX_HEADER_BYTES, ply_layout, scaled_ascii
 
 #: File for `colmap model_transformer --transform_path`: scale qw qx qy qz tx ty tz.
 TRANSFORM = "metric_transform.txt"
@@ -209,20 +209,9 @@ def _write_cloud(cloud: DenseCloud, scale: float, target: Path) -> None:
         target.write_bytes(header.encode("ascii") + (cloud.points * scale).astype("<f8").tobytes())
         return
     data = read_bytes(source)
-    if b"format ascii" in data[:MAX_HEADER_BYTES].partition(b"end_header")[0]:
-        with in_file(source):
-            layout = ply_layout(data)
-        lines = data[layout.body :].split(b"\n")
-        columns = [(layout.vertex.names or ()).index(axis) for axis in "xyz"]
-        for row in range(layout.skipped, layout.skipped + layout.count):
-            words = lines[row].split()
-            for column in columns:
-                words[column] = repr(float(words[column]) * scale).encode("ascii")
-            lines[row] = b" ".join(words)
-        target.write_bytes(data[: layout.body] + b"\n".join(lines))
-    else:
-        with in_file(source):
-            target.write_bytes(scaled_splat(data, scale))
+    is_ascii = b"format ascii" in data[:MAX_HEADER_BYTES].partition(b"end_header")[0]
+    with in_file(source):
+        target.write_bytes(scaled_ascii(data, scale, repr) if is_ascii else scaled_splat(data, scale))
 
 
 def write_colmap_model(scene: Scene, scale: float, folder: Path) -> None:

@@ -66,7 +66,7 @@ def read_colmap(folder: Path, path: Path | None = None) -> Scene:
     model = read_binary_model(folder) if suffix == ".bin" else read_text_model(folder)
     images_file, points_file = folder / f"images{suffix}", folder / f"points3D{suffix}"
     with in_file(images_file):
-        expect(bool(model.images), "images", "at least one registered image", 0)
+        expect(model.images, "images", "at least one registered image", 0)
         for field, values in (
             ("image id", [image.id for image in model.images]),
             ("image name", [image.name for image in model.images]),

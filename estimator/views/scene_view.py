@@ -181,17 +181,8 @@ def _box_view(
     labels = dimension_labels(item, report, result, {})
     marks = [">" if is_truncated else "" for is_truncated in item.truncated]
     extents = [f"{mark}{size:.2f}" for mark, size in zip(marks, item.extents * (result.best_scale or 1), strict=True)]
-    record = {
-        "id": report.id,
-        "category": report.category,
-        "node": report.node,
-        "tier": report.tier,
-        "verdict": report.verdict,
-        "reason": report.reason,
-        "used": list(report.used),
-        "weight": round(report.weight, 3),
-        "sizes": [label.text for label in labels],
-    }
+    record = {name: getattr(report, name) for name in ("id", "category", "node", "tier", "verdict", "reason")}
+    record |= {"used": list(report.used), "weight": round(report.weight, 3), "sizes": [label.text for label in labels]}
     known = [text for text, size in zip(extents, item.extents, strict=True) if np.isfinite(size)]
     sizes = " x ".join(known) + (" m" if result.best_scale else " units")
     title = f"{report.category} {report.id}"

@@ -112,15 +112,15 @@ def _check_meshes(meshes: Sequence[Mesh]) -> None:
     for mesh in meshes:
         count, material = len(mesh.vertices), mesh.material
         inside = not len(mesh.faces) or (mesh.faces.min() >= 0 and mesh.faces.max() < count)
-        expect(bool(inside), "indices", f"numbers from 0 to {count - 1}", Unquoted("others"))
+        expect(inside, "indices", f"numbers from 0 to {count - 1}", Unquoted("others"))
         for field, values, columns in (("NORMAL", mesh.normals, 3), ("TEXCOORD_0", mesh.uv, 2)):
             expect(values.shape == (count, columns), field, "a value for each vertex", Unquoted("another number"))
-            expect(bool(np.isfinite(values).all()), field, "finite numbers", Unquoted("others"))
+            expect(np.isfinite(values).all(), field, "finite numbers", Unquoted("others"))
         factors = np.array([material.metallic, material.roughness, material.alpha_cutoff or 0.0])
         is_valid = material.base_color.shape == (4,) and material.emissive.shape == (3,)
         colours = (material.base_color, material.emissive, factors)
         is_valid = is_valid and all((np.isfinite(colour) & (colour >= 0)).all() for colour in colours)
-        expect(bool(is_valid), "materials", "colours of four and three numbers of at least 0", Unquoted("others"))
+        expect(is_valid, "materials", "colours of four and three numbers of at least 0", Unquoted("others"))
     corners = np.concatenate([mesh.vertices for mesh in meshes])
     extent = (corners.max(axis=0) - corners.min(axis=0)).max()
     expect(extent > 0, "POSITION", "an object with an extent", Unquoted("a single point"))

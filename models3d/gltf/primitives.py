@@ -117,7 +117,7 @@ def read_primitive(primitive: dict[str, Any], document: GltfDocument, materials:
             np.hstack([document.accessor(attributes[f"{name}_{k}"], (4,)) for k in sets])
             for name in ("JOINTS", "WEIGHTS")
         )
-        expect(bool(np.isfinite(weights).all()), "WEIGHTS_0", "finite numbers", Unquoted("others"))
+        expect(np.isfinite(weights).all(), "WEIGHTS_0", "finite numbers", Unquoted("others"))
     targets = []
     for target in primitive.get("targets", []):
         added = [document.accessor(target[name], (3,)) if name in target else None for name in ("POSITION", "NORMAL")]

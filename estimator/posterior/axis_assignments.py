@@ -80,18 +80,10 @@ class Variants:
         chosen = self.measured[:, 2] == vertical
         if not chosen.any():
             return self
-        these = self._of(chosen)
+        these = self.of(chosen)
         return replace(these, log_weight=these.log_weight + math.log(3))
 
-    def without_gross_errors(self) -> Variants:
-        """Return the variants without a gross error."""
-        return self._of(~self.gross)
-
-    def with_wide_truncation(self) -> Variants:
-        """Return the variants in which each truncated side has the wide error."""
-        return self._of(~(self.variance == TRUNCATION_MIXTURE[0][2] ** 2).any(axis=1))
-
-    def _of(self, chosen: BoolArray) -> Variants:
+    def of(self, chosen: BoolArray) -> Variants:
         """Return the variants of a mask (v,)."""
         return Variants(*(getattr(self, field.name)[chosen] for field in fields(self)))
 

@@ -19,7 +19,7 @@ from functools import lru_cache
 
 import numpy as np
 
-from estimator.posterior.axis_assignments import Layout, Variants, is_sorted, prior_axes, variants
+from estimator.posterior.axis_assignments import TRUNCATION_MIXTURE, Layout, Variants, is_sorted, prior_axes, variants
 from estimator.posterior.class_hypotheses import MAX_KINDS, Hypothesis, bias_probability, biased_error
 from estimator.posterior.shared_error import ObjectComponents, shared_error
 from estimator.posterior.symmetric_matrices import DIAGONAL, OFF_DIAGONAL, dot, inverse, pack, product, row_sums, total
@@ -202,7 +202,9 @@ def _table(
     if vertical_extent >= 0 and not layout.vertical_known:
         assignments = assignments.with_vertical(vertical_extent)
     if is_mislabelled:
-        assignments = assignments.with_wide_truncation()
+        # Each truncated side of a mislabelled object has the wide error.
+        is_narrow = assignments.variance == TRUNCATION_MIXTURE[0][2] ** 2
+        assignments = assignments.of(~is_narrow.any(axis=1))
     columns = _columns(prior, assignments, shared_error(prior).covariance if is_single else None)
     measured = [np.tile(assignments.measured, (len(prior.weights), 1)).T]
     if is_single and (probability := bias_probability(prior)):
@@ -216,7 +218,7 @@ def _table(
             covariances=merged.covariances,
             contexts=(),
         )
-        plain = assignments.without_gross_errors()
+        plain = assignments.of(~assignments.gross)
         error = np.zeros((3, 3))
         axes = prior_axes(prior)
         error[axes[:, None], axes] = biased_error(prior)

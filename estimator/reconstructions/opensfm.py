@@ -221,18 +221,10 @@ def _points(documents: dict[str, Any]) -> tuple[list[str], FloatArray]:
     except (TypeError, KeyError, ValueError, OverflowError):
         points = np.empty(0)
     if (documents and points.shape != (len(documents), 3)) or not (np.abs(points) < MAX_COORDINATE).all():
-        name, coordinates = next(
-            (
-                (name, coordinates)
-                for name, document in documents.items()
-                if not _is_triple(
-                    coordinates := document.get("coordinates") if isinstance(document, dict) else document
-                )
-            ),
-            ("", None),
-        )
         expected = f"coordinates of three finite numbers below {MAX_COORDINATE:g}"
-        raise FieldError(f"point {name!r}", expected, coordinates)
+        for name, document in documents.items():
+            coordinates = document.get("coordinates") if isinstance(document, dict) else str(document)
+            expect(_is_triple(coordinates), f"point {name!r}", expected, coordinates)
     return list(documents), points.reshape(-1, 3)
 
 

@@ -86,37 +86,26 @@ def _compressed_centres(data: bytes) -> tuple[FloatArray, FloatArray]:
     return corners[:, :3] * (1 - fractions) + corners[:, 3:] * fractions, (rows["packed_color"] & 255) / 255
 
 
-def _spz_parts(data: bytes) -> tuple[bytearray, int, int]:
-    """Return the content of an SPZ file, the number of Gaussians and the number of fractional bits of a position."""
+def _spz_centres(data: bytes) -> tuple[FloatArray, FloatArray]:
+    """Return centres (n, 3) and opacities (n,) of an SPZ file, whose positions are integers of 24 bits."""
     try:
         with gzip.GzipFile(fileobj=BytesIO(data)) as stream:
             head = stream.read(_SPZ_HEADER.size)
             magic, version, count, _, bits, _, _ = _SPZ_HEADER.unpack(head)
             expect(magic == b"NGSP" and version in (2, 3), "header", "SPZ of version 2 or 3", (magic, version))
-            if not 0 < count <= MAX_SPZ_POINTS or bits > 24:
-                expected = f"1 to {MAX_SPZ_POINTS} Gaussians, and at most 24 fractional bits"
-                raise FieldError("header", expected, (count, bits))
+            expected = f"1 to {MAX_SPZ_POINTS} Gaussians, and at most 24 fractional bits"
+            expect(0 < count <= MAX_SPZ_POINTS and bits <= 24, "header", expected, (count, bits))
             # The largest row: position 9, opacity 1, colour 3, scale 3, rotation 4, harmonics 72 bytes.
             content = bytearray(head + stream.read(92 * count))
     except (OSError, EOFError, struct.error, zlib.error) as error:
         raise FieldError("content", "a complete gzip stream", Unquoted(str(error))) from None
     if len(content) < _SPZ_HEADER.size + 16 * count:
         raise FieldError("content", f"{count} Gaussians", Unquoted(f"{len(content)} bytes"))
-    return content, count, bits
-
-
-def _spz_positions(content: bytearray, count: int) -> FloatArray:
-    """Return the positions (n, 3) of an SPZ file as integers of 24 bits."""
     packed = np.frombuffer(content, np.uint8, 9 * count, _SPZ_HEADER.size).reshape(count, 3, 3).astype(np.int32)
     words = packed[..., 0] | packed[..., 1] << 8 | packed[..., 2] << 16
-    return np.asarray(words - ((words & 1 << 23) << 1), dtype=np.float64)
-
-
-def _spz_centres(data: bytes) -> tuple[FloatArray, FloatArray]:
-    """Return centres (n, 3) and opacities (n,) of an SPZ file."""
-    content, count, bits = _spz_parts(data)
+    positions = (words - ((words & 1 << 23) << 1)).astype(np.float64)
     opacity = np.frombuffer(content, np.uint8, count, _SPZ_HEADER.size + 9 * count) / 255
-    return _spz_positions(content, count) / 2.0**bits * [1, -1, -1], opacity
+    return positions / 2.0**bits * [1, -1, -1], opacity
 
 
 def scaled_splat(data: bytes, scale: float) -> bytes:

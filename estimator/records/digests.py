@@ -16,7 +16,7 @@ def scene_digests(scene: Scene, masks: InstanceSet) -> dict[str, str | None]:
     """Return the digests of model, cloud and masks, and whether the masks are those in the folder of the scene."""
     return {
         "model": model_digest(scene),
-        "cloud": cloud_digest(scene),
+        "cloud": None if scene.dense is None else _digest([scene.dense.points]),
         "masks": masks_digest(scene, masks.instances),
         "masks_from": "scene" if masks.is_default else None,
     }
@@ -30,11 +30,6 @@ def model_digest(scene: Scene) -> str:
         parts.append(f"{view.name}\0{camera.model} {camera.width} {camera.height}")
         parts += (camera.params, view.rotation, view.translation, view.keypoints, view.point_index)
     return _digest([*parts, scene.points])
-
-
-def cloud_digest(scene: Scene) -> str | None:
-    """Return the SHA-256 of the dense points; None without a cloud."""
-    return None if scene.dense is None else _digest([scene.dense.points])
 
 
 def masks_digest(scene: Scene, instances: Sequence[Instance]) -> str | None:

@@ -6,7 +6,6 @@
 
 from __future__ import annotations
 
-import warnings
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -364,13 +363,3 @@ def _scene_instances(
         return InstanceSet((), ("no instances: the scale is based on the other evidence",))
     instances, warned = read_instances_and_warnings(scene, file, categories)
     return InstanceSet(instances, warned, is_default=bool(instances) and file is None)
-
-
-def __getattr__(name: str) -> object:
-    """Return a function under its name before version 5, which is removed in the next release."""
-    renamed = {"scene_estimate": estimate_scene, "objects_result": estimate_objects}
-    if name not in renamed:
-        raise AttributeError(f"module 'estimator.pipeline' has no attribute {name!r}")
-    message = f"estimator.pipeline.{name} is called {renamed[name].__name__}"
-    warnings.warn(message, DeprecationWarning, stacklevel=2)
-    return renamed[name]

@@ -17,7 +17,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from estimator.outputs.ground_truth import read_truth
-from estimator.outputs.plan import COLOURS, draw_scene, hide_spines
+from estimator.outputs.plan import COLOURS, draw_scene
 from estimator.records.result import ScaleResult, Verdict
 from metric_base.arrays import FloatArray
 from metric_base.errors import InputError
@@ -191,7 +191,7 @@ def _draw_posterior(axes: Axes, result: ScaleResult, truth: float | None) -> Non
         bounds = f"{interval.level:.0%} between {interval.low:.4g} and {interval.high:.4g}"
         title = f"{mark}{result.best_scale:.4g} m per scene unit   ({bounds})"
     axes.set_title(title, fontsize=12, loc="left", color="black" if interval is not None else WARNING_COLOUR)
-    hide_spines(axes)
+    axes.spines[["top", "right", "left"]].set_visible(False)
 
 
 def _scale_range(result: ScaleResult) -> tuple[float, float]:
@@ -252,4 +252,4 @@ def _draw_rows(axes: Axes, result: ScaleResult, rows: Sequence[_Row]) -> None:
     caption += f"orange {counts['outlier']} outliers; {counts['skipped']} skipped"
     n_rows = counts["used"] + counts["outlier"]
     axes.set_xlabel(caption + (f"; {len(rows)} of {n_rows} drawn)" if len(rows) < n_rows else ")"), fontsize=9)
-    hide_spines(axes)
+    axes.spines[["top", "right", "left"]].set_visible(False)

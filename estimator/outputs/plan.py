@@ -75,7 +75,7 @@ def draw_scene(above: Axes, side: Axes, estimate: SceneEstimate) -> None:
         axes.set_aspect("equal")
         axes.set_title(f"{name}, metres", fontsize=10, loc="left")
         axes.tick_params(labelsize=8)
-        hide_spines(axes, keep_left=True)
+        axes.spines[["top", "right"]].set_visible(False)
     side.set_xlabel("pink: cameras; boxes with ids: blue used, orange outlier, grey skipped; dots: points", fontsize=9)
     figure = above.get_figure(root=True)
     if figure is not None:
@@ -129,9 +129,3 @@ def _label_boxes(axes: Axes, outlines: Sequence[FloatArray], ids: Sequence[str],
             parse_math=False,
         )  # fmt: skip
         text.set_path_effects([Stroke(linewidth=2, foreground="white"), Normal()])
-
-
-def hide_spines(axes: Axes, keep_left: bool = False) -> None:
-    """Hide the frame lines of axes except the lower one, and optionally the left one."""
-    for name in ("top", "right") if keep_left else ("top", "right", "left"):
-        axes.spines[name].set_visible(False)

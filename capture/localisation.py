@@ -10,8 +10,9 @@ from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation, Slerp
 
 from capture.frame_poses import FramePose
-from capture.mapping.pose_refinement import rays_of, refined_pose, residuals_px
+from capture.mapping.pose_refinement import refined_pose, residuals_px
 from capture.sources.video import VideoFrame
+from estimator.projection.cameras import view_rays
 from estimator.records.scene import Scene, View
 from metric_base.arrays import FloatArray, IntArray
 
@@ -92,7 +93,7 @@ class _Tracker:
         count = min(len(view.point_index), MAX_POINTS)
         chosen = np.unique(np.linspace(0, len(view.point_index) - 1, count).astype(int))
         pixels = view.keypoints[chosen] * (grey.shape[1] / view.camera.width) - 0.5  # OpenCV's centres are integers
-        rays = rays_of(view.camera, view.keypoints)
+        rays = view_rays(view.camera, view.keypoints)[:, :2]
         pose = FramePose(frame.index, frame.time_s, view.name, "reconstructed", view.rotation, view.translation)
         checked = self._check(self._points[view.point_index], rays, view.rotation, view.translation)
         pose = replace(pose, check_px=checked, n_points=len(rays))
@@ -121,7 +122,7 @@ class _Tracker:
             if tracks[k] and last is not None:
                 rows = np.concatenate([index for index, _ in tracks[k]])
                 pixels = np.concatenate([places for _, places in tracks[k]]) + 0.5
-                rays = rays_of(self._camera, pixels * (self._camera.width / waiting[k][1].shape[1]))
+                rays = view_rays(self._camera, pixels * (self._camera.width / waiting[k][1].shape[1]))[:, :2]
                 valid = np.isfinite(rays).all(axis=1)  # a strong distortion cannot be inverted at every pixel
                 rows, rays = rows[valid], rays[valid]
                 seen[k] = rows, rays

@@ -84,9 +84,7 @@ def model_scores(folder: Path, names: Sequence[str] = CANDIDATE_MODELS) -> dict[
             pixel = np.array(model.images[element.image_id].points2D[element.point2D_idx].xy)
             held.append((element.image_id, point_id, pixel))
             model.delete_observation(element.image_id, element.point2D_idx)
-        options = pycolmap.BundleAdjustmentOptions(print_summary=False)
-        options.ceres.loss_function_type = pycolmap.LossFunctionType.SOFT_L1
-        options.ceres.solver_options.num_threads = 1
+        options = _robust_options(print_summary=False)
         options.ceres.solver_options.max_num_iterations = 60
         pycolmap.bundle_adjustment(model, options)
         squares = np.full(len(held), MAX_HELD_OUT_PX**2)
@@ -151,10 +149,7 @@ def focal_change(folder: Path) -> tuple[float, float]:
     for point in shared.points3D.values():
         elements = [element for element in point.track.elements if element.image_id in model.images]
         model.add_point3D(point.xyz, pycolmap.Track(elements), point.color)
-    options = pycolmap.BundleAdjustmentOptions(print_summary=False, refine_extra_params=False)
-    options.ceres.loss_function_type = pycolmap.LossFunctionType.SOFT_L1
-    options.ceres.solver_options.num_threads = 1
-    pycolmap.bundle_adjustment(model, options)
+    pycolmap.bundle_adjustment(model, _robust_options(print_summary=False, refine_extra_params=False))
     counts = {image.image_id: image.num_points3D for image in model.images.values()}
     focals = [
         model.cameras[image.image_id].focal_length_x for image in images if counts[image.image_id] >= MIN_FOCAL_POINTS
@@ -164,6 +159,14 @@ def focal_change(folder: Path) -> tuple[float, float]:
     change = float(position @ logs / (position @ position))
     scatter = logs - logs.mean() - change * position
     return change, float(np.sqrt(scatter @ scatter / (len(logs) - 2) / (position @ position)))
+
+
+def _robust_options(**settings: bool) -> Any:
+    """Return options of a bundle adjustment with a robust loss that gives the same result in every run."""
+    options = pycolmap.BundleAdjustmentOptions(**settings)
+    options.ceres.loss_function_type = pycolmap.LossFunctionType.SOFT_L1
+    options.ceres.solver_options.num_threads = 1
+    return options
 
 
 def start_params(camera: Any, model: str) -> list[float]:

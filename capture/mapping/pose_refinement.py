@@ -4,7 +4,8 @@ from __future__ import annotations
 
 import numpy as np
 
-from estimator.records.scene import Camera, Scene, View
+from estimator.projection.cameras import view_rays
+from estimator.records.scene import Scene, View
 from metric_base.arrays import FloatArray
 
 #: Maximum number of steps from the pose of the frame before; four usually suffice.
@@ -15,16 +16,6 @@ N_WIDE_STEPS, WIDE_FACTOR = 3, 8.0
 HALF_WEIGHT_PX = 1.0
 #: Minimum number of points for the focal length of a frame.
 MIN_FOCAL_POINTS = 30
-
-
-def rays_of(camera: Camera, pixels: FloatArray) -> FloatArray:
-    """Return the rays x / z and y / z (n, 2) of pixels (n, 2), without distortion."""
-    if camera.model in {"PINHOLE", "SIMPLE_PINHOLE"} or not len(pixels):
-        return np.asarray((pixels - camera.params[-2:]) / camera.params[:-2])
-    from estimator.reconstructions.pycolmap_library import pycolmap
-
-    lens = pycolmap.Camera(model=camera.model, width=camera.width, height=camera.height, params=camera.params)
-    return np.asarray(lens.cam_from_img(np.ascontiguousarray(pixels, dtype=np.float64)), dtype=np.float64)[:, :2]
 
 
 def residuals_px(
@@ -76,7 +67,7 @@ def focal_variation(scene: Scene) -> float | None:
     """
     rows = []
     for view in scene.views:
-        rays = rays_of(view.camera, view.keypoints)
+        rays = view_rays(view.camera, view.keypoints)[:, :2]
         known = np.isfinite(rays).all(axis=1)  # a diverged camera model has no rays at some pixels
         rays, points = rays[known], scene.points[view.point_index[known]]
         if len(rays) >= 2 * MIN_FOCAL_POINTS:

@@ -108,7 +108,7 @@ def project(camera: Camera, points_camera: FloatArray) -> FloatArray:
     points = np.ascontiguousarray(points_camera, dtype=np.float64)
     if not len(points):
         return np.empty((0, 2))
-    pixels = _project_unchecked(camera, points)
+    pixels = np.array(_colmap_camera(camera).img_from_cam(points), dtype=np.float64)
     limit = _max_tangent(camera.model, camera.width, camera.height, camera.params.tobytes())
     is_invalid = ~(points[:, 2] > 0) | ~np.isfinite(pixels).all(axis=1)
     if np.isfinite(limit):  # the tangent of the angle from the axis is hypot(x, y) / z
@@ -129,24 +129,18 @@ def pixels_in_view(view: View, points: FloatArray) -> tuple[FloatArray, FloatArr
 
 def view_rays(camera: Camera, pixels: FloatArray) -> FloatArray:
     """Return the rays (n, 3) through pixels (n, 2) in the frame of the camera, undistorted and of unit depth."""
-    if camera.model == "PINHOLE":
-        directions = (pixels - camera.params[2:]) / camera.params[:2]
-    elif camera.model == "SIMPLE_PINHOLE":
-        directions = (pixels - camera.params[1:]) / camera.params[0]
+    if camera.model in PINHOLES:
+        directions = (pixels - camera.params[-2:]) / camera.params[:-2]
     else:
-        from estimator.reconstructions.pycolmap_library import pycolmap
-
-        lens = pycolmap.Camera(model=camera.model, width=camera.width, height=camera.height, params=camera.params)
-        directions = np.asarray(lens.cam_from_img(pixels), dtype=float)[:, :2]
+        directions = np.asarray(_colmap_camera(camera).cam_from_img(np.ascontiguousarray(pixels)), dtype=float)[:, :2]
     return np.column_stack([directions, np.ones(len(pixels))])
 
 
-def _project_unchecked(camera: Camera, points: FloatArray) -> FloatArray:
-    """Return the pixels (n, 2) of points (n, 3) by pycolmap, which is imported only for lenses with distortion."""
+def _colmap_camera(camera: Camera) -> Any:
+    """Return the camera of pycolmap, which is imported only for lenses with distortion."""
     from estimator.reconstructions.pycolmap_library import pycolmap
 
-    lens = pycolmap.Camera(model=camera.model, width=camera.width, height=camera.height, params=camera.params)
-    return np.array(lens.img_from_cam(points), dtype=np.float64)
+    return pycolmap.Camera(model=camera.model, width=camera.width, height=camera.height, params=camera.params)
 
 
 @lru_cache(maxsize=256)
@@ -164,7 +158,8 @@ def _max_tangent(model: str, width: int, height: int, params: bytes) -> float:
         ],
         axis=-1,
     )
-    pixels = _project_unchecked(camera, np.ascontiguousarray(rays.reshape(-1, 3))).reshape(_N_AZIMUTHS, _N_ANGLES, 2)
+    projected = _colmap_camera(camera).img_from_cam(np.ascontiguousarray(rays.reshape(-1, 3)))
+    pixels = np.array(projected, dtype=np.float64).reshape(_N_AZIMUTHS, _N_ANGLES, 2)
     with np.errstate(invalid="ignore", over="ignore"):
         radius = np.linalg.norm(pixels - pixels[:1, :1], axis=-1)
         decreases = ~(np.diff(radius, axis=1) > 0)  # also where the radius is NaN

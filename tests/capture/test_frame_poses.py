@@ -14,9 +14,8 @@ from scipy.spatial.transform import Rotation
 
 from capture.frame_poses import FILE_NAME, FramePose, FramePoses, read_frame_poses, scaled_camera, write_frame_poses
 from capture.localisation import localised_frames
-from capture.mapping.pose_refinement import rays_of
 from capture.sources.video import VideoFrame
-from estimator.projection.cameras import project
+from estimator.projection.cameras import project, view_rays
 from estimator.records.scene import Camera, Scene, View
 from metric_base.errors import InputError
 
@@ -105,7 +104,7 @@ def test_a_reconstructed_frame_with_pixels_outside_the_lens_model_is_written(tmp
     keypoints = project(camera, points)
     keypoints[::3] = [639.0, 479.0]  # beyond the largest radius that the model maps to
     view = View("000000.jpg", camera, np.eye(3), np.zeros(3), keypoints, np.arange(40))
-    assert np.isnan(rays_of(camera, keypoints)).any()
+    assert np.isnan(view_rays(camera, keypoints)).any()
     colour = np.zeros((480, 640, 3), np.uint8)
     frame = VideoFrame(0, 0.0, colour)
     scene = Scene(tmp_path, "memory", (view,), points)

@@ -39,7 +39,7 @@ def read_picture(file: Path, flags: int) -> NDArray[Any] | None:
 
 
 def checked_picture(file: Path, flags: int) -> NDArray[Any]:
-    """Return the pixels of a file as `read_picture`; InputError if it is not an image or too large."""
+    """Return the pixels (h, w) or (h, w, c) of an image file; InputError if it is not an image or too large."""
     pixels = read_picture(file, flags)
     if pixels is None:
         raise InputError.at(file, "image", "an image that OpenCV reads", Unquoted("something else"))

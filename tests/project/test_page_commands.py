@@ -25,6 +25,7 @@ from estimator.projection.cameras import pixels_in_view
 from estimator.reconstructions.scene_reader import read_scene
 from explorer.server.app import application
 from metric_cli.estimate_scale.estimate import main as estimate_scale
+from tests.crawler.page.test_archives import PRODUCT, warc_records
 from tests.metric_cli.test_paths import command_of
 from tests.project.test_docs import PAGES, ROOT
 from tests.synthetic.insertions import write_glb
@@ -162,6 +163,8 @@ def _raw_items(folder: Path) -> None:
 
 def _saved_page(folder: Path) -> None:
     shutil.copy(ROOT / "data" / "examples" / "site" / "page.html", folder / "page.html")
+    (folder / "pages.warc.gz").write_bytes(gzip.compress(b"".join(warc_records())))
+    (folder / "products.nq.gz").write_bytes(gzip.compress(PRODUCT.format("shelf", 80, "120 cm", "").encode()))
 
 
 def _annotations(folder: Path) -> None:

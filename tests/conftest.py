@@ -22,9 +22,7 @@ if signal.getsignal(signal.SIGINT) == signal.SIG_IGN:
 # No deadline: the time of an example depends on other load on the machine; benchmarks measure times.
 # The suite draws the same examples each time, so that a failure is caused by the change under test. `make hunt` and
 # `make fuzz` draw new examples; failing ones are added to the suite as explicit examples.
-settings.register_profile(
-    "suite", deadline=None, derandomize=True, max_examples=50, suppress_health_check=[HealthCheck.too_slow]
-)
+settings.register_profile("suite", deadline=None, derandomize=True, suppress_health_check=[HealthCheck.too_slow])
 settings.register_profile("hunt", deadline=None, max_examples=1000, suppress_health_check=[HealthCheck.too_slow])
 settings.load_profile(os.environ.get("HYPOTHESIS_PROFILE", "suite"))
 

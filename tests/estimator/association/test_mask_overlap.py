@@ -6,6 +6,7 @@ import numpy as np
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from estimator.association.clustering import merge_by_table as _merge_by_points
 from estimator.association.point_labels import PointLabels
 from estimator.association.proximity import MIN_LARGER_POINTS as MIN_PLACE_POINTS
 from estimator.association.proximity import MIN_SMALLER_POINTS as MIN_LYING_POINTS
@@ -61,22 +62,9 @@ def full_tables(clouds, views):
     return tables
 
 
-def plainly_merged(groups, views, over, under, share):
-    """The rule as it reads: all pairs are inspected again after every join."""
-    groups = [list(group) for group in groups]
-    while True:
-        best, pair = 0.0, None
-        for one, first in enumerate(groups):
-            for two in range(one + 1, len(groups)):
-                pairs = np.ix_(first, groups[two])
-                free = not {views[row] for row in first} & {views[row] for row in groups[two]}
-                shared = over[pairs].sum()
-                affinity = shared / max(under[pairs].sum(), 1) if free and shared >= 3 else 0.0
-                if affinity > best:
-                    best, pair = affinity, (one, two)
-        if best < share:
-            return sorted(sorted(group) for group in groups)
-        groups[pair[0]] += groups.pop(pair[1])
+def sums(table, groups):
+    """(k, k) sums of a table over the pairs of groups."""
+    return np.array([[table[np.ix_(one, two)].sum() for two in groups] for one in groups])
 
 
 def plainly_placed(groups, instances, clouds, over, under):
@@ -115,10 +103,15 @@ def tracks_by_tables(instances, clouds):
         rows = np.array([row for row, instance in enumerate(instances) if instance.category == category])
         own = np.ix_(rows, rows)
         alone = [[k] for k in range(len(rows))]
-        joined = plainly_merged(alone, views[rows], shared[own], (smaller + doubt)[own], JOIN_SHARE)
+        joined = _merge_by_points(alone, views[rows], shared[own], (smaller + doubt)[own], JOIN_SHARE)
         joined = [[int(rows[k]) for k in group] for group in joined]
         groups += plainly_placed(joined, instances, clouds, shared + doubt, smaller + doubt)
-    return list(map(tuple, plainly_merged(groups, views, shared, union, JOIN_SHARE_ACROSS_CATEGORIES)))
+    return sorted(
+        tuple(sorted(group))
+        for group in _merge_by_points(
+            groups, views, sums(shared, groups), sums(union, groups), JOIN_SHARE_ACROSS_CATEGORIES
+        )
+    )
 
 
 @given(seed=st.integers(0, 100_000))

@@ -7,12 +7,13 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from estimator.association.clustering import cluster
+from estimator.association import clustering
+from estimator.association.clustering import merge_by_table as _merge_by_points
+from estimator.association.clustering import merge_in_rounds as merge_linked
 from estimator.association.point_labels import PointLabels, dense_labels, sparse_labels
 from estimator.association.tracks import incremental_tracks, shared_tracks, voted_category
 from estimator.projection.visibility import indicator_matrix
 from estimator.records.scene import Instance
-from tests.estimator.association.test_mask_overlap import plainly_merged
 from tests.synthetic.shapes import box, cylinder, floor, orbit, synthetic_scene
 
 PIXEL = np.ones((1, 1), dtype=bool)
@@ -131,6 +132,38 @@ def test_scale_of_the_scene_does_not_matter(table):
     assert groups(shared_tracks(table.instances, [labels])) == groups(shared_tracks(table.instances, [larger]))
 
 
+def plainly_merged(views, over, under, share):
+    """The rule as it reads: all pairs are inspected again after every join."""
+    groups = [[row] for row in range(len(views))]
+    while True:
+        best, pair = 0.0, None
+        for one, first in enumerate(groups):
+            for two in range(one + 1, len(groups)):
+                pairs = np.ix_(first, groups[two])
+                free = not {views[row] for row in first} & {views[row] for row in groups[two]}
+                shared = over[pairs].sum()
+                affinity = shared / max(under[pairs].sum(), 1) if free and shared >= 3 else 0.0
+                if affinity > best:
+                    best, pair = affinity, (one, two)
+        if best < share:
+            return sorted(sorted(group) for group in groups)
+        groups[pair[0]] += groups.pop(pair[1])
+
+
+@given(seed=st.integers(0, 10_000), count=st.integers(1, 14), share=st.floats(0.2, 0.9))
+@settings(max_examples=60, deadline=None)
+def test_the_kept_partners_give_what_looking_at_all_pairs_gives(seed, count, share):
+    random = np.random.default_rng(seed)
+    views = random.integers(0, max(2, count // 2), count)
+    over = random.integers(0, 20, (count, count)).astype(float)
+    over += over.T
+    under = over * random.uniform(1, 4, (count, count))
+    under += under.T
+    plain = plainly_merged(views, over, under, share)
+    quick = _merge_by_points([[row] for row in range(count)], views, over.copy(), under.copy(), share)
+    assert sorted(sorted(group) for group in quick) == plain
+
+
 @given(seed=st.integers(0, 10_000), count=st.integers(1, 14), share=st.floats(0.2, 0.9))
 @settings(max_examples=60, deadline=None)
 def test_best_partners_joined_in_rounds_give_what_the_best_pair_first_gives(seed, count, share):
@@ -146,10 +179,8 @@ def test_best_partners_joined_in_rounds_give_what_the_best_pair_first_gives(seed
         return np.array([[table.sum() for table in both] for both in tables]).reshape(-1, 2).T
 
     links = np.array(np.triu_indices(count, 1))
-    quick = cluster([[row] for row in range(count)], links, views, sums, share)
-    assert sorted(sorted(group) for group in quick) == plainly_merged(
-        [[row] for row in range(count)], views, over, under, share
-    )
+    quick = merge_linked([[row] for row in range(count)], links, views, sums, share, 3)
+    assert sorted(sorted(group) for group in quick) == plainly_merged(views, over, under, share)
 
 
 @pytest.mark.parametrize(("over", "expected"), [(8.0, [[0, 1, 2]]), (7.0, [[0, 1], [2]])])
@@ -164,7 +195,14 @@ def test_a_merged_group_is_merged_again_in_the_next_round(over, expected):
         return np.array(values, dtype=float).reshape(-1, 2).T
 
     links = np.array(np.triu_indices(3, 1))
-    assert cluster([[0], [1], [2]], links, np.arange(3), sums, 0.41) == expected
+    assert merge_linked([[0], [1], [2]], links, np.arange(3), sums, 0.41, 3) == expected
+
+
+def test_parts_too_large_for_a_table_give_the_same_objects(table, monkeypatch):
+    clouds = [sparse_labels(table.scene, table.instances), dense_labels(table.scene, table.instances)]
+    usual = groups(shared_tracks(table.instances, clouds))
+    monkeypatch.setattr(clustering, "MAX_TABLE_GROUPS", 0)
+    assert groups(shared_tracks(table.instances, clouds)) == usual
 
 
 def pair_of_masks(common, categories=("chair", "chair"), n=100, from_box=False):

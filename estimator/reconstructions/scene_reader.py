@@ -61,7 +61,7 @@ def read_scene(
         Reconstruction with the cameras of a splat. By default the nearest one in the folder of the splat or in the two
         folders above it.
     focal_px : float, optional
-        Focal length in pixels of the images of a trajectory, whose file states none.
+        Focal length in pixels of the images of a trajectory, whose file states none; no other source takes it.
 
     Returns
     -------
@@ -109,6 +109,10 @@ def read_scene(
 
 def _read_sparse(path: Path, focal_px: float | None = None) -> Scene:
     """Read the cameras and sparse points of a reconstruction; `focal_px` as for `read_scene`."""
+    if focal_px is not None:
+        from estimator.scene_formats.trajectory import read_trajectory
+
+        return read_trajectory(path, focal_px)
     if path.is_file() and (path.name == RECONSTRUCTION or model_suffix(path.parent)):
         path = path.parent
     folder = colmap_folder(path)
@@ -122,7 +126,7 @@ def _read_sparse(path: Path, focal_px: float | None = None) -> Scene:
 
     export = export_file(path)
     if export is not None:
-        return read_export(*export, focal_px)
+        return read_export(*export)
     expected = f"a reconstruction: images.bin or images.txt (also under sparse/0), {RECONSTRUCTION}, {EXPORT_NAMES}"
     if not path.exists():
         raise InputError.at(path, "scene", expected, Unquoted("no such file or folder"))

@@ -24,8 +24,6 @@ EXPORT_NAMES = (
 )
 #: Program of the outputs of networks.
 NETWORK = "network"
-#: Program of trajectories of SLAM.
-TRAJECTORY = "trajectory"
 
 #: Source of the points for files that contain only cameras.
 _POINTS_ADVICE = {
@@ -42,6 +40,7 @@ _READERS: dict[str, Callable[[Path], Scene]] = {
     "realitycapture": read_realitycapture,
     "gaussian-splatting": read_gaussian_splatting,
     "dust3r": read_dust3r,
+    "trajectory": read_trajectory,
 }
 #: Advice about files that are not reconstructions, by suffix.
 _ADVICE = {
@@ -71,10 +70,8 @@ def export_file(path: Path) -> tuple[Path, str] | None:
     return None if output is None else (output[0], NETWORK)
 
 
-def read_export(file: Path, program: str, focal_px: float | None = None) -> Scene:
-    """Read a file that `export_file` returned; a trajectory with the focal length of its images in pixels."""
-    if program == TRAJECTORY:
-        return read_trajectory(file, focal_px)
+def read_export(file: Path, program: str) -> Scene:
+    """Read a file that `export_file` returned."""
     output = network_output(file) if program == NETWORK else None
     return _READERS[program](file) if output is None else read_network(*output)
 
@@ -111,7 +108,7 @@ _SIGNATURES: tuple[tuple[str, str, Callable[[str], bool]], ...] = (
     (".xml", "metashape", lambda head: "<chunk" in head),
     (".csv", "realitycapture", is_realitycapture),
     (".json", "nerfstudio", lambda head: '"frames"' in head and '"transform_matrix"' in head),
-    (".txt", TRAJECTORY, is_trajectory),
+    (".txt", "trajectory", is_trajectory),
     (".glb", "dust3r", lambda head: head.startswith("glTF")),
     (".json", "gaussian-splatting", lambda head: '"img_name"' in head and '"rotation"' in head),
 )

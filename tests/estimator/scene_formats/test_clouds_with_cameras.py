@@ -179,6 +179,14 @@ def test_other_texts_are_no_trajectories(line: str, tmp_path: Path) -> None:
         read_scene(tmp_path / "a.txt")
 
 
+def test_a_focal_length_of_a_reconstruction_with_cameras_is_one_line(tmp_path: Path) -> None:
+    file = tmp_path / "cameras.txt"
+    file.write_text("# CAMERA_ID, MODEL, WIDTH, HEIGHT, PARAMS[]\n1 PINHOLE 640 480 500 500 320 240\n")
+    with pytest.raises(InputError, match=r"cameras\.txt: .*expected") as error:
+        read_scene(file, focal_px=500)
+    assert "\n" not in str(error.value)
+
+
 def test_the_scaled_model_of_a_network_has_its_cloud(views: RenderedViews, tmp_path: Path) -> None:
     scene = read_scene(write_output("VGGT", views, tmp_path / "scene"))
     write_rescaled(scene, 0.5, tmp_path / "metric")

@@ -60,8 +60,9 @@ def splat_centres(data: bytes) -> FloatArray | None:
         centres, opacity = _compressed_centres(data)
     else:
         layout = ply_layout(data)
-        if not {"opacity", "scale_0"} <= set(layout.vertex.names or ()) or layout.format == "ascii":
+        if not {"opacity", "scale_0"} <= set(layout.vertex.names or ()):
             return None
+        expect(layout.format != "ascii", "format", "binary PLY (convert the splat)", Unquoted("ASCII"))
         rows = np.frombuffer(data, layout.vertex, layout.count, layout.body + layout.skipped)
         with np.errstate(over="ignore"):
             opacity = 1 / (1 + np.exp(-rows["opacity"].astype(np.float64)))

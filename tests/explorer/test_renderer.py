@@ -151,7 +151,7 @@ def test_nodes_with_enough_items_have_a_parquet_file(
 
 
 def test_a_site_replaces_nothing(trees: list[Tree], tmp_path: Path) -> None:
-    with pytest.raises(InputError, match="already exists"):
+    with pytest.raises(InputError, match="expected a folder that is not there yet"):
         write_site(tmp_path, trees)
     with pytest.raises(InputError, match="different versions"):
         write_site(tmp_path / "site", [trees[0], trees[0]])

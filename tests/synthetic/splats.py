@@ -70,12 +70,13 @@ def write_spz(file: Path, centres: Array, opacity: float = 0.9, bits: int = 12) 
 
 
 def write_cameras(scene: Scene, file: Path) -> Path:
-    """Write PINHOLE views as `cameras.json` of 3D Gaussian Splatting."""
+    """Write views as `cameras.json` of 3D Gaussian Splatting, without lens distortion."""
     entries = []
     for number, view in enumerate(scene.views):
         camera = view.camera
         pose = {"position": view.centre.tolist(), "rotation": view.rotation.T.tolist()}
-        size = {"width": camera.width, "height": camera.height, "fx": camera.params[0], "fy": camera.params[1]}
+        fy = camera.params[1] if camera.model == "PINHOLE" else camera.params[0]
+        size = {"width": camera.width, "height": camera.height, "fx": camera.params[0], "fy": fy}
         entries.append({"id": number, "img_name": Path(view.name).stem} | pose | size)
     file.parent.mkdir(parents=True, exist_ok=True)
     file.write_text(json.dumps(entries), encoding="utf-8")

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import math
 from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
@@ -136,16 +137,61 @@ def unseen_place(scene: Scene) -> NDArray[Any]:
 
 
 @pytest.mark.parametrize("n_seen", [9, 10])
-def test_cameras_of_another_frame(n_seen: int, model: Path, scene: Scene, tmp_path: Path) -> None:
+def test_cameras_of_another_frame_without_points(n_seen: int, scene: Scene, tmp_path: Path) -> None:
     """On both sides of MIN_SEEN_FRACTION."""
+    write_cameras(scene, tmp_path / "cameras.json")
     points = np.tile(unseen_place(scene), (100, 1))
     points[:n_seen] = scene.points[:n_seen]
     splat = write_splat(tmp_path / "splat.ply", points)
     if n_seen / 100 >= scene_reader.MIN_SEEN_FRACTION:
-        assert read_scene(splat, cameras=model).dense is not None
+        assert any("not checked that the cameras have the frame" in line for line in read_scene(splat).warnings)
     else:
         with pytest.raises(InputError, match=r"cameras in the frame of the splat.*9% of its Gaussians"):
+            read_scene(splat)
+
+
+@pytest.mark.parametrize("missing", [0, 1])
+def test_cameras_of_another_frame(missing: int, model: Path, scene: Scene, tmp_path: Path) -> None:
+    """On both sides of MIN_NEAR_FRACTION."""
+    n_near = math.ceil(scene_reader.MIN_NEAR_FRACTION * len(scene.points)) - missing
+    points = np.vstack([scene.points[:n_near], unseen_place(scene)])
+    splat = write_splat(tmp_path / "splat.ply", points)
+    if missing:
+        with pytest.raises(InputError, match=r"cameras in the frame of the splat.*of their points near a Gaussian"):
             read_scene(splat, cameras=model)
+    else:
+        assert read_scene(splat, cameras=model).dense is not None
+
+
+@pytest.mark.parametrize(("factor", "is_near"), [(0.99, True), (1.01, False)])
+def test_gaussians_near_a_point(factor: float, is_near: bool, model: Path, scene: Scene, tmp_path: Path) -> None:
+    """On both sides of MAX_GAUSSIAN_DISTANCE: all Gaussians are this far from their points, along one axis."""
+    tails = np.quantile(scene.points, [0.02, 0.98], axis=0)
+    radius = scene_reader.MAX_GAUSSIAN_DISTANCE * np.linalg.norm(np.ptp(tails, axis=0))
+    splat = write_splat(tmp_path / "splat.ply", scene.points + np.array([factor * radius, 0, 0]))
+    if is_near:
+        assert read_scene(splat, cameras=model).dense is not None
+    else:
+        with pytest.raises(InputError, match="near a Gaussian"):
+            read_scene(splat, cameras=model)
+
+
+def test_a_normalised_splat_without_its_transform_is_refused(model: Path, scene: Scene, tmp_path: Path) -> None:
+    """As nerfstudio and gsplat train: centred, and scaled so that all cameras are within 1 of the origin."""
+    centres = np.array([view.centre for view in scene.views])
+    middle = centres.mean(axis=0)
+    splat = write_splat(tmp_path / "splat.ply", (scene.points - middle) / np.abs(centres - middle).max())
+    with pytest.raises(InputError, match="cameras in the frame of the splat"):
+        read_scene(splat, cameras=model)
+
+
+def test_an_ascii_splat_is_refused(centres: NDArray[Any], tmp_path: Path) -> None:
+    names = ("x", "y", "z", "opacity", "scale_0", "scale_1", "scale_2")
+    lines = ["ply", "format ascii 1.0", "element vertex 300", *(f"property float {name}" for name in names)]
+    rows = [" ".join(map(str, [*row, 3, -4, -4, -4])) for row in centres]
+    (tmp_path / "a.ply").write_text("\n".join([*lines, "end_header", *rows, ""]))
+    with pytest.raises(InputError, match=r"a\.ply: format: expected binary PLY \(convert the splat\), found ASCII"):
+        read_points(tmp_path / "a.ply")
 
 
 def test_without_cameras(centres: NDArray[Any], tmp_path: Path) -> None:

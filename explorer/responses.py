@@ -125,6 +125,7 @@ def node_response(catalogue: ReleaseCatalogue, node: Node, _: schemas.NoQuery | 
         prior_dims=[list(dims) for dims in node.prior_dims],
         quantiles_mm=quantile_table(catalogue.dims(node), catalogue.quantiles(node)),
         n_sources=prior.n_sources if prior else 0,
+        sources=list(node.sources),
         share_by_kind=_shares(prior) if prior else {},
         borrowed=round(prior.borrowed, 4) if prior else 0.0,
         shipped=counts,

@@ -60,7 +60,11 @@ class PriorAnswer(msgspec.Struct, kw_only=True):
 
 
 class NodeAnswer(msgspec.Struct, kw_only=True):
-    """A category: its position in the tree, its sizes and their evidence."""
+    """A category: its position in the tree, its sizes and their evidence.
+
+    `sources` are the ids of all sources at or below it, shipped and withheld (`manifest.json` describes them);
+    `n_sources` counts those that weigh in the prior.
+    """
 
     schema: str = "metric-tree/node/1"
     tree: TreeRef
@@ -83,6 +87,7 @@ class NodeAnswer(msgspec.Struct, kw_only=True):
     prior_dims: list[list[str]]
     quantiles_mm: Quantiles
     n_sources: int
+    sources: list[str]
     share_by_kind: dict[str, float]
     borrowed: float
     shipped: dict[str, dict[str, int]]

@@ -82,6 +82,7 @@ def node_page(catalogue: ReleaseCatalogue, node: Node) -> bytes:
     ]
     named = (name for name in node.sources if name not in answer.shipped["source"])
     withheld = [catalogue.sources[name] for name in named if catalogue.sources.get(name, {}).get("withheld")]
+    n_unnamed = max(0, answer.n_sources - len(source_rows) - len(withheld))
     siblings = node.parent.children if node.parent else ()
     report = f"Node: {node.node_id}\nRelease: {catalogue.tree.version}\n\nWhat is wrong:\n\nA source:\n"
     return page_bytes(
@@ -106,7 +107,8 @@ def node_page(catalogue: ReleaseCatalogue, node: Node) -> bytes:
         context=context_table(node, prior) if prior is not None else None,
         source_rows=source_rows,
         withheld=withheld,
-        n_unnamed=answer.n_sources - len(source_rows) - len(withheld),
+        n_unnamed=n_unnamed,
+        n_sources=len(source_rows) + len(withheld) + n_unnamed,
         percents=whole_percents(answer.share_by_kind),
         years=[year for year in catalogue.published(rows)["year"].to_pylist() if year is not None],
         children=category_bars(catalogue, node.children, node),

@@ -38,9 +38,12 @@ _PREPOSITIONS = (" of ", " with ", " for ")
 
 #: First letters of abbreviations with the article "an": an LP record.
 _VOWEL_NAMES = "AEFHILMNORSX"
+#: Names in capital letters that are spoken as words.
+_SPOKEN_NAMES = ("LEGO",)
 
-#: First letters with the article "a" although they are vowels: a Euro pallet, a unicycle, a utensil.
-_CONSONANT_SOUNDS = ("eu", "uni", "use", "ute")
+#: First letters with the article "a" although they are vowels: a Euro pallet, a one dollar coin, a unicycle, a utensil;
+#: but an uninterruptible power supply.
+_CONSONANT_SOUNDS = ("eu", "one ", "unic", "unif", "unio", "unit", "univ", "use", "ute")
 
 _COLUMNS = ("length_mm", "width_mm", "height_mm")
 
@@ -60,7 +63,7 @@ def everyday_sentence(name: str, prior: Prior) -> str:
     for word in _PREPOSITIONS:
         main_noun = main_noun.partition(word)[0]
     main_noun = main_noun.rpartition(" ")[2].lower()
-    if first.isupper() and first.isalpha():
+    if first.isupper() and first.isalpha() and first not in _SPOKEN_NAMES:
         starts_with_vowel = first[0] in _VOWEL_NAMES
     else:
         starts_with_vowel = name[:1].lower() in "aeiou" and not name.lower().startswith(_CONSONANT_SOUNDS)

@@ -420,10 +420,11 @@ def test_a_page_names_the_withheld_sources_and_the_share_of_judged_weight(
     withheld = {"id": "shut", "title": "Shut source", "licence": "own terms", "withheld": True, "n_fit": 9}
     monkeypatch.setitem(catalogue.sources, "shut", withheld)
     page = node_page(catalogue, node).decode()
-    assert "because their terms do not allow" in page
+    assert "is copyleft, missing or restricts redistribution, or because the source states only statistics" in page
     assert "Shut source</a> (own terms)" in page
     assert "60 % of the weight is a language model's range" in page
     assert "ships no rows of 1 of its 3 sources" in page
+    assert "and 3 sources." in page  # as many as the page names or counts
     assert "sizes.csv" in page
 
 

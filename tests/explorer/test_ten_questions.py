@@ -77,7 +77,7 @@ def test_a_category_without_shipped_items_names_its_sources(shipped: str, browse
     browser.open(f"{shipped}/nodes/mt-office_chair.html")
     text = browser.run("document.getElementById('main').textContent")
     assert "IKEA Saudi Arabia furniture, April 2020" in text
-    assert "their terms do not allow that rows are passed on" in text
+    assert "because the licence in brackets is copyleft, missing or restricts redistribution" in text
 
 
 def test_a_sofa_passes_a_door_or_not(shipped: str, browser: Browser) -> None:

@@ -44,6 +44,12 @@ def test_a_pair_of_one_object_is_plural(mini: Tree) -> None:
         ("LP record", "An LP record is"),
         ("USB stick", "A USB stick is"),
         ("hourglass", "An hourglass is"),
+        ("LEGO brick", "A LEGO brick is"),
+        ("one dollar coin", "A one dollar coin is"),
+        ("uninterruptible power supply", "An uninterruptible power supply is"),
+        ("unicycle", "A unicycle is"),
+        ("brown rice", "Brown rice is"),
+        ("brass knucks", "Brass knucks are"),
     ):
         assert everyday_sentence(name, prior).startswith(f"{subject} about")
 

@@ -11,6 +11,7 @@ from pathlib import Path
 
 from explorer.catalogue import ReleaseCatalogue
 from explorer.routes import render, site_addresses
+from metric_base.executors import end_with_parent
 from metric_base.files import whole_folder
 from metric_tree.release.images import link_images
 from metric_tree.tree import Tree, open_tree
@@ -63,6 +64,7 @@ _worker: dict[str, ReleaseCatalogue] = {}
 
 
 def _start_worker(directories: Sequence[Path], place: int) -> None:
+    end_with_parent()
     _worker["catalogue"] = ReleaseCatalogue([open_tree(directory) for directory in directories], place)
 
 

@@ -51,7 +51,7 @@ def executor_of(workers: int, scheduler: str | None) -> Iterator[Executor | None
             yield client.get_executor()
     elif workers > 1:
         # spawned, not forked: Arrow's threads do not survive a fork
-        pool = _Pool(workers, mp_context=get_context("spawn"), initializer=_end_with_parent)
+        pool = _Pool(workers, mp_context=get_context("spawn"), initializer=end_with_parent)
         try:
             yield pool
         except KeyboardInterrupt:
@@ -110,14 +110,14 @@ def isolated_results(
 
 def _isolate() -> None:
     """Detach this process from the terminal, and end it when its parent ends."""
-    _end_with_parent()
+    end_with_parent()
     nowhere = os.open(os.devnull, os.O_RDWR)
     for descriptor in range(3):  # also for libraries that write to the descriptors
         os.dup2(nowhere, descriptor)
     os.close(nowhere)
 
 
-def _end_with_parent() -> None:
+def end_with_parent() -> None:
     """End this process when its parent ends: a killed parent leaves the workers of a pool waiting for ever."""
 
     def wait_for_parent() -> None:

@@ -14,6 +14,7 @@ from typing import Any
 import numpy as np
 
 from metric_base.errors import InputError, Unquoted
+from metric_base.executors import end_with_parent
 from metric_base.input_files import read_text
 from metric_base.operating_system import limit_memory
 from models3d.asset import MAX_COORDINATE_M, Asset, AssetBody, NameText, Up
@@ -92,7 +93,7 @@ def read_assets(
     pool: ProcessPoolExecutor | None = None
     try:
         for path in paths:
-            pool = pool or ProcessPoolExecutor(1, multiprocessing.get_context("spawn"), limit_memory, (MAX_MEMORY,))
+            pool = pool or ProcessPoolExecutor(1, multiprocessing.get_context("spawn"), _start_reader, (MAX_MEMORY,))
             try:
                 yield path, pool.submit(read or read_asset, path).result(MAX_SECONDS)
             except InputError as error:
@@ -130,6 +131,11 @@ def _read(path: Path) -> Asset:
 
         return read_collada(path) if suffix == ".dae" else read_mesh(path)
     raise InputError(f"{path}: file: expected one of {', '.join(SUFFIXES)}, found {suffix or 'no suffix'}")
+
+
+def _start_reader(max_bytes: int) -> None:
+    end_with_parent()
+    limit_memory(max_bytes)
 
 
 def _stop(pool: ProcessPoolExecutor) -> None:

@@ -14,6 +14,7 @@ import msgspec
 
 from explorer.schemas import ScaleRequest
 from metric_base.errors import InputError
+from metric_base.executors import end_with_parent
 from metric_tree.context import where_of
 from metric_tree.tree import Tree, open_tree
 
@@ -96,7 +97,7 @@ class ScaleJobs:
 
     def _processes(self) -> ProcessPoolExecutor:
         if self._pool is None:
-            self._pool = ProcessPoolExecutor(N_PROCESSES, get_context("spawn"))
+            self._pool = ProcessPoolExecutor(N_PROCESSES, get_context("spawn"), end_with_parent)
         return self._pool
 
     def stop(self) -> None:

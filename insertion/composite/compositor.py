@@ -132,9 +132,9 @@ def composite_footage(
     unposed = sum(frame.view is None for frame in footage.frames)
     warnings = [f"{unposed} frame(s) have no known pose and are unchanged"] if unposed else []
     unconfirmed = [
-        [f"{item.model.name}: may be hidden in {count} frame(s): points in front of it are in no mask; {REMEDY}"][
-            :count
-        ]
+        (f"{item.model.name}: may be hidden in {count} frame(s): points in front of it are in no mask; {REMEDY}",)
+        if count
+        else ()
         for item, count in zip(objects, compositor.unconfirmed, strict=True)
     ]
     return [

@@ -6,10 +6,8 @@ import hashlib
 import json
 from collections import Counter
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
-from concurrent.futures import ProcessPoolExecutor
 from dataclasses import dataclass, field
 from functools import partial
-from multiprocessing import get_context
 from pathlib import Path
 from typing import Any, TypeAlias
 
@@ -18,6 +16,7 @@ import numpy as np
 
 from metric_base.arrays import grouped
 from metric_base.errors import InputError
+from metric_base.executors import executor_of
 from metric_base.files import whole_folder
 from metric_base.images import read_picture, write_picture
 from metric_tree.training.annotations import AnnotatedImage, AnnotatedObject, BadAnnotations, run_lengths
@@ -144,12 +143,8 @@ def synthetic_entries(work: Path, cutouts: Sequence[Cutout], plan: Plan) -> Iter
     for split in SPLITS:
         (work / "images" / split).mkdir(parents=True)
     function = partial(synthetic_entry, work, by_split, plan)
-    if plan.jobs == 1:
-        yield from map(function, tasks)
-        return
-    # spawn, not fork: the locks of OpenCV's and Arrow's threads may be held at the moment of a fork
-    with ProcessPoolExecutor(plan.jobs, get_context("spawn")) as pool:
-        yield from pool.map(function, tasks, chunksize=8)
+    with executor_of(plan.jobs, None) as pool:
+        yield from map(function, tasks) if pool is None else pool.map(function, tasks, chunksize=8)
 
 
 def synthetic_entry(

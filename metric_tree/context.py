@@ -29,7 +29,10 @@ from metric_base.regions import REGIONS, country_of, region_of
 
 #: Sources whose means are of complete populations, such as registered cars; they have no error of a sample. A mean over
 #: the boxes of a data set is as precise, but not of a population.
-POPULATIONS = frozenset({"car_fleet_context"})
+POPULATIONS = frozenset({"car_fleet_context", "populations"})
+
+#: Year of the population that a query without a year means.
+PRESENT = 2025.0
 
 #: Standard deviation of ln size of the definition of a population: which vehicles are cars, with mirrors or without.
 DEFINITION_SD = 0.01
@@ -150,11 +153,11 @@ class KnownContexts(NamedTuple):
         return has_region or (year is not None and any(abs(one - year) <= max_years for one in self.years))
 
 
-def known_contexts(contexts: Iterable[Context]) -> KnownContexts:
-    """Return the regions and years of contexts, without the world."""
+def known_contexts(contexts: Iterable[tuple[str | None, float | None]]) -> KnownContexts:
+    """Return the regions and years of contexts (region, year), without the world."""
     contexts = tuple(contexts)
-    regions = {one.region for one in contexts if one.region and one.region != "world"}
-    years = {round(one.year) for one in contexts if one.year is not None}
+    regions = {region for region, _ in contexts if region and region != "world"}
+    years = {round(year) for _, year in contexts if year is not None}
     return KnownContexts(tuple(sorted(regions)), tuple(sorted(years)))
 
 
@@ -216,15 +219,16 @@ def context_effect(contexts: Sequence[Context], shared: FloatArray, where: Where
 def query_covariance(contexts: Sequence[Context], where: Where, model: ContextModel) -> tuple[FloatArray, FloatArray]:
     """Return the covariance (n,) of r + t with the context `where`, as a fraction of B, and of populations, 0 to 1.
 
-    Without a year the context is of any year: r + t has no covariance over time, a population an average one.
+    Without a year r + t has no covariance over time, and the population is that of `PRESENT`.
     """
     places = [(one.region or f"unknown {index}") for index, one in enumerate(contexts)]
     country, region = _same_country_or_region([where.region or "nowhere"], places)
     years = [None if one.year is None or where.year is None else abs(one.year - where.year) for one in contexts]
     distance = np.array([np.inf if one is None else one for one in years])
     common = model.region * (country + model.kin * region)[0] + model.year * np.exp(-distance / model.years)
-    population = _population_correlation([where.region or "nowhere"], [one.region or "unknown" for one in contexts])[0]
-    distance = np.array([model.years / 2 if one is None else one for one in years])
+    population = _population_correlation([where.region or "world"], [one.region or "unknown" for one in contexts])[0]
+    present = where.year or PRESENT
+    distance = np.array([model.years / 2 if one.year is None else abs(one.year - present) for one in contexts])
     return np.asarray(common), np.asarray(population * np.exp(-distance / model.years))
 
 

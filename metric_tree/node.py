@@ -191,9 +191,13 @@ class Node:
         True
         """
         from metric_tree.context import known_contexts
+        from metric_tree.populations import populations
 
-        rows = self.prior_dims
-        return known_contexts(self.tree.prior(self.node_id, max(rows, key=len)).contexts if rows else ())
+        dims = max(self.prior_dims, key=len, default=None)
+        contexts = self.tree.prior(self.node_id, dims).contexts if dims else ()
+        places = [(one.region, one.year) for one in contexts]
+        rows = populations().get(self.node_id, ())
+        return known_contexts((*places, *((row.region, row.year) for row in rows)))
 
     def prior(self, dims: Sequence[str] | None = None, where: Where | Mapping[str, Any] | str | None = None) -> Prior:
         """Return the size prior over some dimensions, in their order.
@@ -215,7 +219,7 @@ class Node:
             `where` has no known region, country or year.
 
         If the name of the node stated a size (`stated`), the prior has this size, and `where` has no effect. For a
-        category of the tier `norm` with variants of the region, the prior is their mixture.
+        category with variants of the region, of the tier `norm` or with shares, the prior is their mixture.
 
         >>> import metric_tree
         >>> car = metric_tree.open().find("car")
@@ -230,13 +234,13 @@ class Node:
         if where is None:
             return prior
         from metric_tree.context import where_of
+        from metric_tree.populations import population_contexts
         from metric_tree.variants import regional_prior
 
-        region = where_of(where).region
-        if region and prior.tier == "norm":
-            regional = regional_prior(prior, self.variants, region, self.dims[0] == EXTENTS[0])
-            if regional is not None:
-                return regional
+        where = where_of(where)
+        regional = regional_prior(prior, self.variants, where, self.dims[0] == EXTENTS[0])
+        if regional is not None:
+            return regional
 
         # The contexts of the leaf `<id>/other` are copied to the node, with offsets from the centre of the leaf.
         corrections: dict[tuple[object, ...], FloatArray] = {}
@@ -245,9 +249,9 @@ class Node:
                 leaf = self.tree.prior(child.node_id, prior.dims)
                 difference = leaf.weights @ leaf.means - prior.weights @ prior.means
                 corrections |= {one.key: difference for one in leaf.contexts}
-        contexts = (replace(one, offset=one.offset + corrections.get(one.key, 0.0)) for one in prior.contexts)
-        centred = replace(prior, contexts=tuple(contexts))
-        return centred.in_context(where_of(where), self.tree.context_model)
+        contexts = [replace(one, offset=one.offset + corrections.get(one.key, 0.0)) for one in prior.contexts]
+        known = replace(prior, contexts=(*contexts, *population_contexts(self.node_id, prior, where)))
+        return known.in_context(where, self.tree.context_model)
 
     @property
     def variants(self) -> tuple[Variant, ...]:

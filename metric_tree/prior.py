@@ -154,7 +154,7 @@ class Prior:
             return replace(self, note=f"{where}: nothing known by region or year, so that the plain prior holds")
         from metric_tree.context import context_effect, known_contexts
 
-        known = known_contexts(self.contexts)
+        known = known_contexts((one.region, one.year) for one in self.contexts)
         if not known.covers(where, model.years):
             return replace(self, note=f"{where}: nothing known, so that the plain prior holds; known: {known}")
         effect = context_effect(self.contexts, np.diagonal(self.shared_covariance), where, model)

@@ -35,6 +35,7 @@ from metric_base.records import read_csv
 from metric_base.regions import region_of
 from metric_base.statistics import mixture_log_density
 from metric_tree.axes import AXES, EXTENTS
+from metric_tree.context import PRESENT, Where
 from metric_tree.prior import Prior
 from taxonomy.words.spelling import plain_fold, singular_phrases
 
@@ -96,6 +97,11 @@ class Variant(msgspec.Struct, frozen=True, kw_only=True):
         """Size and tolerance in mm of each stated axis; for a node with sorted extents, length is the longest."""
         values = ((axis, getattr(self, f"{axis}_mm"), getattr(self, f"{axis}_tolerance_mm")) for axis in AXES)
         return {axis: (size, tolerance) for axis, size, tolerance in values if size is not None}
+
+    def is_of(self, year: float | None) -> bool:
+        """Return whether the variant is in use in a year, or today for None; one without years always is."""
+        first, _, last = (self.years or "-").partition("-")
+        return float(first or 0) <= (year or PRESENT) <= float(last or math.inf)
 
     @property
     def norm(self) -> str | None:
@@ -292,15 +298,16 @@ def quantity_in(text: str) -> Quantity | None:
     return None
 
 
-def regional_prior(prior: Prior, rows: Sequence[Variant], region: str, are_sorted: bool) -> Prior | None:
-    """Return the mixture of the variants of a region or country, weighted by their shares (1 if not stated).
+def regional_prior(prior: Prior, rows: Sequence[Variant], where: Where, are_sorted: bool) -> Prior | None:
+    """Return the mixture of the variants of a region or country and a year, weighted by their shares (1 if not stated).
 
-    A country without variants has those of its region. None if there are none.
+    A country without variants has those of its region. None if there are none, or if a category whose tier is not
+    `norm` has variants without shares: other sizes than those of the table may be frequent.
     """
-    places = (region, region_of(region))
-    found = ([row for row in rows if row.region == place] for place in places)
+    places = (where.region, region_of(where.region)) if where.region else ()
+    found = ([row for row in rows if row.region == place and row.is_of(where.year)] for place in places)
     local = next(filter(None, found), [])
-    if not local:
+    if not local or (prior.tier != "norm" and any(row.share is None for row in local)):
         return None
     weights = np.array([row.share or 1.0 for row in local])
     parts = [row.stated.of(prior, are_sorted) for row in local]
@@ -311,5 +318,5 @@ def regional_prior(prior: Prior, rows: Sequence[Variant], region: str, are_sorte
         covariances=np.concatenate([one.covariances for one in parts]),
         shared_covariance=parts[0].shared_covariance,
         norm="; ".join(row.norm for row in local if row.norm) or None,
-        note=f"{region}: {', '.join(row.name for row in local)}",
+        note=f"{where}: {', '.join(row.name for row in local)}",
     )

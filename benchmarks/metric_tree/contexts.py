@@ -18,8 +18,8 @@ import numpy as np
 
 from benchmarks.common import options_parser
 from metric_base.errors import InputError
-from metric_tree.tree import Tree, open_tree
 from metric_tree.context import Context
+from metric_tree.tree import Tree, open_tree
 
 QUESTIONS = Path(__file__).with_name("context_questions.csv")
 #: Maximum relative error of an answer.
@@ -87,7 +87,10 @@ def print_nodes(tree: Tree) -> None:
         prior = node.prior()
         for axis, dim in enumerate(prior.dims):
             contexts = [one for one in prior.contexts if one.variance[axis] < MIN_RANGE**2 / 4]
-            for kind, spread in (("region", _range(contexts, axis, "region")), ("year", _range(contexts, axis, "year"))):
+            for kind, spread in (
+                ("region", _range(contexts, axis, "region")),
+                ("year", _range(contexts, axis, "year")),
+            ):
                 if spread > MIN_RANGE:
                     print(f"{node.node_id:32} {dim:8} {kind:7} {spread:5.2f} {node.contexts}")
 

@@ -7,6 +7,7 @@ import json
 import math
 import zlib
 from collections.abc import Iterable, Iterator, Mapping
+from contextlib import nullcontext
 from dataclasses import dataclass, field, fields
 from io import BufferedIOBase
 from pathlib import Path
@@ -15,6 +16,7 @@ from typing import Any, Literal, get_args
 from metric_base.errors import InputError, expect, in_file
 from metric_base.records import json_record, record_of
 from metric_base.regions import REGIONS
+from metric_base.remote import opened, url_of
 
 SCHEMA = "metric-tree/raw/1"
 #: Maximum length of a line in bytes; the longest that ships has 1,076.
@@ -139,11 +141,11 @@ def raw_lines(path: Path) -> Iterator[bytes]:
     InputError
         A line is too long (`bounded_lines`), or the compressed file is damaged.
     """
-    with gzip.open(path) if path.suffix == ".gz" else path.open("rb") as file:
+    with opened(path) as packed, gzip.open(packed) if path.suffix == ".gz" else nullcontext(packed) as file:
         try:
-            yield from bounded_lines(path, file)
+            yield from bounded_lines(url_of(path), file)
         except (OSError, EOFError, zlib.error) as error:
-            raise InputError(f"{path}: expected gzip data; found {error}") from None
+            raise InputError(f"{url_of(path)}: expected gzip data; found {error}") from None
 
 
 def bounded_lines(path: Path | str, file: BufferedIOBase, first: int = 1) -> Iterator[bytes]:

@@ -26,6 +26,7 @@ from metric_base.input_files import read_text
 from metric_base.parsing import csv_rows
 from metric_base.progress import NoticeCallback, ProgressCallback, no_notice, silent, with_progress
 from metric_base.records import json_lines
+from metric_base.remote import file_identity, is_remote
 
 SCHEMA = "metric-tree/batch/1"
 #: Columns of the table of results and their types in Arrow.
@@ -124,6 +125,8 @@ def scene_key(words: Sequence[str], release: str, folder: Path, outputs: Iterabl
     digest = hashlib.sha256(json.dumps([*words, release]).encode())
     for word in words:
         path = folder / word.rpartition("=")[2]
+        if is_remote(Path(word.rpartition("=")[2])):
+            digest.update(file_identity(Path(word.rpartition("=")[2])).encode())
         if path in outputs or not os.path.lexists(path):
             continue
         below = sorted(Path(place) / name for place, _, names in os.walk(path) for name in names)

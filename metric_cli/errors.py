@@ -16,6 +16,7 @@ from typing import TextIO
 from metric_base.errors import InputError
 from metric_base.escaping import visible
 from metric_base.files import WRITE_ERRORS
+from metric_base.remote import with_remote_files
 from metric_cli.parser import HELP_WIDTH
 from metric_cli.programs import INTERRUPTED, Terminated, orderly_termination
 from metric_cli.tables import _HANDLER, _plain
@@ -32,6 +33,9 @@ MODULES_BY_EXTRA: dict[str, tuple[str, ...]] = {
     "images": ("rembg",),
     "assets": ("trimesh", "collada", "lxml"),
     "cluster": ("distributed",),
+    "s3": ("s3fs",),
+    "gs": ("gcsfs",),
+    "az": ("adlfs",),
     "serve": ("jinja2", "markupsafe", "starlette", "uvicorn"),
     "mcp": ("mcp",),
     "pandas": ("pandas",),
@@ -70,7 +74,7 @@ def exit_status(program: str, run: Callable[[], int]) -> int:
     configure_streams()
     with orderly_termination():
         try:
-            status = copy_context().run(run)  # the rules of outputs end with the run
+            status = copy_context().run(with_remote_files, run)  # the rules of outputs end with the run
             sys.stdout.flush()
         except BrokenPipeError:  # the reader of the pipe needs no more output
             status = EXIT_OK

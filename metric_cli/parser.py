@@ -14,6 +14,7 @@ from typing import Any, NoReturn
 
 from metric_base.errors import InputError
 from metric_base.files import check_output, set_rules
+from metric_base.remote import fetched, is_remote, staged, url_of, without_file_scheme
 from metric_base.spelling import advice, near_spellings
 
 #: Width of the paragraphs below the options of a help text in columns.
@@ -77,6 +78,11 @@ def input_path(text: str) -> Path:
     return Path(text)
 
 
+def streamed_path(text: str) -> Path:
+    """Type of an argument that names an input that is read at its URL, without a local copy."""
+    return without_file_scheme(Path(text))
+
+
 def output_folder(text: str) -> Path:
     """Type of an argument that names an output folder, which may contain other files."""
     return Path(text)
@@ -110,16 +116,30 @@ def add_overwrite(parser: argparse.ArgumentParser) -> None:
 
 
 def check_paths(parser: argparse.ArgumentParser, options: argparse.Namespace) -> None:
-    """Check before any work that no output would replace an input or an existing file.
+    """Check before any work that no output would replace an input or an existing file; URLs become local paths.
 
     Every value that names an existing file or folder, except for the outputs, is an input.
 
     Raises
     ------
     InputError
-        An output may not be written.
+        An output may not be written, or a URL cannot be used.
     """
     actions = list(arguments_of(parser))
+    kinds = {one.dest: one.type for one in actions}
+    for dest, value in list(vars(options).items()):
+        kind, option = kinds.get(dest), f"--{dest.replace('_', '-')}"
+        if value is None or kind is streamed_path:
+            continue
+        if kind is output_folder and is_remote(value):
+            raise InputError(
+                f"{option}: expected a local folder, in which a later run continues; found {url_of(value)}"
+            )
+        if isinstance(kind, OutputFile) or kind is new_folder:
+            may_exist = isinstance(kind, OutputFile) and bool(getattr(options, "overwrite", False))
+            setattr(options, dest, staged(value, option, may_exist=may_exist))
+        else:
+            setattr(options, dest, _fetched(value))
     written = {
         one.dest for one in actions if isinstance(one.type, OutputFile) or one.type in (output_folder, new_folder)
     }
@@ -132,6 +152,15 @@ def check_paths(parser: argparse.ArgumentParser, options: argparse.Namespace) ->
             check_output(path, name, kind.schema)
         if path is not None and kind is new_folder and os.path.lexists(path):
             raise InputError(f"{name}: expected a folder that is not there yet; found an existing one: {path}")
+
+
+def _fetched(value: Any) -> Any:
+    """Return a value of an option in which the URLs are replaced by the paths of local copies."""
+    if isinstance(value, list):
+        return [_fetched(one) for one in value]
+    if isinstance(value, argparse.Namespace):  # of one of several objects
+        return argparse.Namespace(**{name: _fetched(one) for name, one in vars(value).items()})
+    return fetched(value) if isinstance(value, Path) else value
 
 
 def same_named(options: argparse.Namespace, record: Any) -> dict[str, Any]:

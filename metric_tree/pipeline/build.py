@@ -29,6 +29,7 @@ from crawler.items import RawItem, raw_items
 from metric_base.errors import InputError
 from metric_base.files import sole_writer
 from metric_base.progress import ProgressCallback, silent
+from metric_base.remote import url_of
 from metric_tree.context import ContextModel
 from metric_tree.curated.rules import stated_frequencies
 from metric_tree.fit.class_prior import shrunk_between
@@ -161,7 +162,7 @@ def build_release(
     Parameters
     ----------
     raw : sequence of Path
-        Files or folders of raw items, with the images of a crawl next to them.
+        Files or folders of raw items, with the images of a crawl next to them; also `Path("s3://bucket/key")`.
     out : Path
         Folder of the release, which must not exist.
     options : BuildOptions
@@ -230,7 +231,7 @@ def ingest(run: BuildRun, files: Sequence[Path], curated_lines: str) -> Counter[
         pass
     curated = folder / "curated.jsonl"
     curated.write_text(curated_lines, encoding="utf-8")
-    all_files = [*((unpacked.get(file, file), str(file)) for file in files), (curated, "curated ranges")]
+    all_files = [*((unpacked.get(file, file), url_of(file)) for file in files), (curated, "curated ranges")]
     all_blocks = [block for path, name in all_files for block in blocks(path, name)]
     omitted = (name for name, source in run.declared.items() if source.noncommercial)
     left_out = frozenset() if run.options.noncommercial else frozenset(omitted)

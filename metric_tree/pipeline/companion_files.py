@@ -21,6 +21,7 @@ from metric_base.errors import InputError
 from metric_base.files import whole_file
 from metric_base.folders import taxonomy_directory
 from metric_base.records import read_csv
+from metric_base.remote import fetched, is_remote
 from metric_tree.curated.sizes import curated_heights, curated_ranges, curated_states, norms
 from metric_tree.fit.class_prior import NEW_SOURCE
 from metric_tree.pipeline.ingest import widened_sd
@@ -148,7 +149,8 @@ def write_texts(folder: Path, tables: Mapping[str, pa.Table], manifest: Mapping[
 
 def add_pictures(raw: Sequence[Path], tables: dict[str, pa.Table], report: dict[str, Any], folder: Path) -> None:
     """Add the images next to the raw items to the tables, the report and a folder."""
-    files = image_record_files(raw)
+    folders = (path.parent if is_remote(path) and path.suffix in (".jsonl", ".gz") else path for path in raw)
+    files = image_record_files(fetched(path, "/pictures") for path in folders)
     if not files:
         return
     pictures = collect_images(files, tables["items.parquet"], folder)

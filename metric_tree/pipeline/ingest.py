@@ -22,6 +22,7 @@ import pyarrow as pa
 from crawler.items import MAX_LINE, STATED_KINDS, BadRawItem, RawItem, bounded_lines, items_of_lines, raw_lines
 from metric_base.errors import InputError
 from metric_base.files import whole_file
+from metric_base.remote import file_size, is_remote, opened, remote_files, url_of
 from metric_tree.axes import Sizes, sizes_from_words, stated_sizes
 from metric_tree.curated.rules import exclusions
 from metric_tree.release.schema import table_schema
@@ -65,7 +66,7 @@ ROWS = table_schema("ingested", "metric-tree/ingested/1")
 class Block:
     """The lines of a raw file that begin in a range of bytes; a worker reads them."""
 
-    path: Path  #: Uncompressed file.
+    path: Path  #: Uncompressed file, local or at a URL.
     start: int  #: First byte.
     stop: int  #: Byte after the last one.
     name: str  #: File of the caller, for messages.
@@ -108,7 +109,7 @@ def _loaded(factory: Callable[[], Taxonomy]) -> _LoadedTaxonomy:
 
 
 def raw_files(paths: Iterable[Path]) -> list[Path]:
-    """Return the raw files among the given files and in the given folders, sorted within a folder.
+    """Return the raw files among the given files and in the given folders, local or at URLs, sorted within a folder.
 
     Raises
     ------
@@ -117,9 +118,12 @@ def raw_files(paths: Iterable[Path]) -> list[Path]:
     """
     files: list[Path] = []
     for path in paths:
-        inside = sorted(file for file in path.rglob("*") if _RAW.search(file.name)) if path.is_dir() else [path]
-        if not inside or not all(file.is_file() for file in inside):
-            raise InputError(f"{path}: expected raw items (*.jsonl, *.jsonl.gz); found none")
+        if is_remote(path):
+            inside = [file for file in remote_files(path) if file == path or _RAW.search(file.name)]
+        else:
+            inside = sorted(file for file in path.rglob("*") if _RAW.search(file.name)) if path.is_dir() else [path]
+        if not inside or not all(is_remote(file) or file.is_file() for file in inside):
+            raise InputError(f"{url_of(path)}: expected raw items (*.jsonl, *.jsonl.gz); found none")
         files += inside
     return files
 
@@ -138,7 +142,7 @@ def unpack(path: Path, target: Path) -> None:
 
 def blocks(path: Path, name: str) -> Iterator[Block]:
     """Yield the blocks of an uncompressed raw file, in order; `name` is the file of the caller."""
-    size = path.stat().st_size
+    size = file_size(path)
     for start in range(0, size, BLOCK_BYTES):
         yield Block(path, start, min(start + BLOCK_BYTES, size), name)
 
@@ -162,7 +166,7 @@ def items_of(block: Block) -> Iterator[RawItem]:
 
 def _lines(block: Block, first: int = 1) -> Iterator[bytes]:
     """Yield the lines that begin in the range of a block, the first of which has the number `first`."""
-    with block.path.open("rb") as file:
+    with opened(block.path) as file:
         position = block.start
         if position:  # a line that begins before belongs to the previous block
             file.seek(position - 1)

@@ -20,6 +20,7 @@ from typing import Any, ParamSpec, TypeVar
 
 from metric_base.errors import InputError
 from metric_base.folders import code_folder, taxonomy_directory
+from metric_base.remote import file_identity, is_remote
 
 _KEY = "fingerprint"
 #: Maximum number of submitted calls: two for each process of a cluster of 128.
@@ -114,6 +115,9 @@ def fingerprint(files: Iterable[Path], options: str) -> str:
     tables = (path for path in taxonomy_directory().rglob("*") if path.is_file())
     digest = hashlib.sha256(options.encode())
     for path in [*sorted(code), *sorted(tables), *files]:
+        if is_remote(path):
+            digest.update(file_identity(path).encode())
+            continue
         with path.open("rb") as file:
             digest.update(hashlib.file_digest(file, "sha256").digest())
     return digest.hexdigest()

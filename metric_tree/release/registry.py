@@ -19,6 +19,7 @@ from typing import Any
 
 from metric_base.errors import InputError
 from metric_base.folders import data_folder
+from metric_base.remote import fetched
 from metric_tree.release.release import MANIFEST, BadRelease, open_release, sha256
 
 #: Environment variables: path or address of the registry, folder of downloaded releases, and folders with further
@@ -150,7 +151,7 @@ def release_directory(ref: str | Path | None = None, licence: str | None = None)
     Parameters
     ----------
     ref : str or Path, optional
-        Version or folder.
+        Version, folder, or URL of a folder (`s3://`, `gs://`, `az://`), which is copied.
     licence : str, optional
         `open` for the release that is fitted to sources with open licences alone: `VERSION-open`.
 
@@ -174,8 +175,8 @@ def release_directory(ref: str | Path | None = None, licence: str | None = None)
     for directory in available:
         if directory.name == str(ref):
             return directory
-    if Path(ref).is_dir():
-        return Path(ref)
+    if (folder := fetched(Path(ref))).is_dir():
+        return folder
     if re.fullmatch(r"\d+\.\d+\.\d+[\w.-]*", str(ref)) and os.environ.get(REGISTRY_VARIABLE):
         return fetch_release(str(ref))
     names = ", ".join(path.name for path in available) or "none"

@@ -13,7 +13,8 @@ from crawler.imports.declaration import declared_sources
 from crawler.items import STATED_KINDS
 from metric_base.errors import InputError
 from metric_base.executors import executor_of
-from metric_cli.parser import input_path, new_folder, output_folder, same_named
+from metric_base.remote import file_size
+from metric_cli.parser import input_path, new_folder, output_folder, same_named, streamed_path
 from metric_cli.progress import progress_bars
 from metric_cli.tables import print_json, print_table, warn
 from metric_tree.pipeline.build import Build, BuildOptions, build_release, shipped_curated
@@ -35,7 +36,8 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Declare the arguments of the subcommand."""
     # fmt: off
     add = parser.add_argument
-    add("raw", metavar="RAW", nargs="+", type=input_path, help="*.jsonl, *.jsonl.gz, or folders of them")
+    add("raw", metavar="RAW", nargs="+", type=streamed_path,
+        help="*.jsonl, *.jsonl.gz, or folders of them; also s3://, gs:// and az:// URLs")
     add("--out", metavar="DIR", type=new_folder, required=True, help="folder of the release; it must not exist")
     add("--version", default="0.1.0", help="semantic version of the release (default: %(default)s)")
     add("--name", default="metric-tree", help="name of the release (default: %(default)s)")
@@ -76,7 +78,7 @@ def run(arguments: argparse.Namespace) -> int:
     options = BuildOptions(**same_named(arguments, BuildOptions) | computed)
     declared = declared_sources(arguments.sources)
     if sys.stderr.isatty():
-        sizes = ((file.stat().st_size, GZIP_RATIO if file.suffix == ".gz" else 1) for file in raw_files(arguments.raw))
+        sizes = ((file_size(file), GZIP_RATIO if file.suffix == ".gz" else 1) for file in raw_files(arguments.raw))
         megabytes = sum(size * ratio for size, ratio in sizes) / 1e6
         processors = max(1, min(arguments.workers, os.cpu_count() or 1))
         minutes = (MIN_BUILD_S + SECONDS_PER_MB * megabytes / processors) / 60

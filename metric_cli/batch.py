@@ -5,7 +5,6 @@ from __future__ import annotations
 import argparse
 import io
 import os
-import re
 import shlex
 import time
 from collections import Counter
@@ -31,6 +30,7 @@ from metric_cli.parser import (
     input_path,
     new_folder,
     output_folder,
+    parse_part,
 )
 from metric_cli.progress import progress_bars
 from metric_cli.tables import print_json, print_table, warn
@@ -116,9 +116,7 @@ def _run(
     from metric_base.batch import COMPLETE, SCHEMA, run_batch
 
     check_paths(parser, options)
-    part = re.fullmatch(r"(\d{1,9})/(\d{1,9})", options.part or "1/1")
-    if part is None or not 1 <= int(part[1]) <= int(part[2]):
-        raise InputError.at("--part", "part", "I/N with I from 1 to N, such as 3/8", options.part)
+    part = parse_part(options.part)
     if options.out is None or options.out.suffix != ".parquet" or not options.out.absolute().parent.is_dir():
         raise InputError(f"--out: expected a Parquet file in a folder that exists; found {options.out}")
     n_processes = n_cores() if options.jobs is None else options.jobs
@@ -131,7 +129,7 @@ def _run(
             scenes,
             partial(scene_row, command, folder),
             options.out.absolute(),
-            (int(part[1]), int(part[2])),
+            part,
             n_processes,
             progress,
             lambda sentence: warn(sentence, command.program),

@@ -169,6 +169,20 @@ def same_named(options: argparse.Namespace, record: Any) -> dict[str, Any]:
     return {name: value for name, value in vars(options).items() if name in names}
 
 
+def parse_part(text: str | None) -> tuple[int, int]:
+    """Parse `--part I/N` with I from 1 to N; None is the only part.
+
+    Raises
+    ------
+    InputError
+        The text has another form.
+    """
+    part = re.fullmatch(r"(\d{1,9})/(\d{1,9})", text or "1/1")
+    if part is None or not 1 <= int(part[1]) <= int(part[2]):
+        raise InputError.at("--part", "part", "I/N with I from 1 to N, such as 3/8", text)
+    return int(part[1]), int(part[2])
+
+
 def parse_up(text: str) -> tuple[float, ...]:
     """Parse the direction `--up`, X,Y,Z of any length except 0."""
     from estimator.geometry.vertical import up_from_vector

@@ -47,7 +47,7 @@ from metric_tree.pipeline.companion_files import (
     writers,
 )
 from metric_tree.pipeline.hierarchy import Hierarchy, categories_with_items
-from metric_tree.pipeline.ingest import SHARDS, blocks, ingest_block, raw_files, unpack
+from metric_tree.pipeline.ingest import SHARDS, Block, blocks, ingest_block, raw_files, unpack
 from metric_tree.pipeline.shards import MAX_PARTITION_ROWS, repeated_rows, shard_medians, sibling_references
 from metric_tree.pipeline.tables import (
     PROJECT_SOURCES,
@@ -122,9 +122,10 @@ class BuildRun:
         calls: Iterable[Any],
         total: int | None,
         spilled: Mapping[str, str] | None = None,
+        names: Sequence[str] | None = None,
     ) -> Iterator[_R]:
         """Yield the results of the calls (`BuildFolder.map`), and report the progress out of `total`."""
-        for done, result in enumerate(self.work.map(step, function, calls, self.executor, spilled), start=1):
+        for done, result in enumerate(self.work.map(step, function, calls, self.executor, spilled, names), start=1):
             self.progress(step, done, total)
             yield result
 
@@ -206,7 +207,7 @@ def build_release(
     _check_private(options.private, files)
     curated_lines = "".join(f"{item.line()}\n" for item in curated)
     log = log or out.with_name(f"{out.name}.build")
-    key = fingerprint(files, repr((options, sorted(declared.items()), curated_lines, carried)))
+    key = _key(files, options, declared, curated_lines, carried)
     with sole_writer(out), _removed_after_an_error(log), BuildFolder.open(log / "work", key) as work:
         run = BuildRun(options, taxonomy, declared, carried, executor or SerialExecutor(), progress, work)
         counts = ingest(run, files, curated_lines)
@@ -223,21 +224,70 @@ def build_release(
     return Build(release, report, log)
 
 
-def ingest(run: BuildRun, files: Sequence[Path], curated_lines: str) -> Counter[str]:
-    """Step 1: write the rows of the raw items to the work folder, and return the number of items by outcome."""
-    folder = run.work.directory
-    unpacked = {file: folder / f"{number}.jsonl" for number, file in enumerate(files) if file.suffix == ".gz"}
-    for _ in run.map("unpack", unpack, unpacked.items(), len(unpacked)):
+def ingest_part(
+    raw: Sequence[Path],
+    out: Path,
+    options: BuildOptions,
+    part: tuple[int, int],
+    *,
+    log: Path | None = None,
+    taxonomy: Callable[[], Taxonomy] = shipped_taxonomy,
+    curated: Iterable[RawItem] = (),
+    declared: Mapping[str, Source] | None = None,
+    carried: Release | None = None,
+    executor: Executor | None = None,
+    progress: ProgressCallback = silent,
+) -> Counter[str]:
+    """Do step 1 of part I of N, for arrays of jobs with a shared disk, and return the number of items by outcome.
+
+    `build_release` with the same arguments continues the work of all parts. The parameters are those of
+    `build_release`.
+
+    Raises
+    ------
+    InputError
+        As of `build_release`, or the work folder contains work of another build.
+    """
+    if out.exists():
+        raise InputError(f"{out}: already exists; expected a new path for a release")
+    files = raw_files(raw)
+    declared = {source.id: source for source in sources()} if declared is None else declared
+    curated_lines = "".join(f"{item.line()}\n" for item in curated)
+    key = _key(files, options, declared, curated_lines, carried)
+    with BuildFolder.open((log or out.with_name(f"{out.name}.build")) / "work", key, is_shared=True) as work:
+        run = BuildRun(options, taxonomy, declared, carried, executor or SerialExecutor(), progress, work)
+        return ingest(run, files, "", part)
+
+
+def ingest(run: BuildRun, files: Sequence[Path], curated_lines: str, part: tuple[int, int] = (1, 1)) -> Counter[str]:
+    """Step 1: write the rows of the raw items to the work folder, and return the number of items by outcome.
+
+    Part I of N has every Nth compressed file, and every Nth block of the others.
+    """
+    folder, (index, n_parts) = run.work.directory, (part[0] - 1, part[1])
+    packed = {number: file for number, file in enumerate(files) if file.suffix == ".gz"}
+    unpacked = {number: folder / f"{number}.jsonl" for number in packed if number % n_parts == index}
+    names = [f"{number:07d}" for number in unpacked]
+    calls: Iterable[Any] = ((packed[number], path) for number, path in unpacked.items())
+    for _ in run.map("unpack", unpack, calls, len(unpacked), names=names):
         pass
     curated = folder / "curated.jsonl"
-    curated.write_text(curated_lines, encoding="utf-8")
-    all_files = [*((unpacked.get(file, file), url_of(file)) for file in files), (curated, "curated ranges")]
-    all_blocks = [block for path, name in all_files for block in blocks(path, name)]
+    if curated_lines:
+        curated.write_text(curated_lines, encoding="utf-8")
+    all_blocks: dict[str, Block] = {}
+    for number, file in enumerate(files):
+        if number in unpacked or number not in packed:
+            for place, block in enumerate(blocks(unpacked.get(number, file), url_of(file))):
+                if number in packed or (number + place) % n_parts == index:
+                    all_blocks[f"{number:05d}-{place:07d}"] = block
+    if curated_lines:
+        all_blocks |= {f"curated-{place:07d}": one for place, one in enumerate(blocks(curated, "curated ranges"))}
     omitted = (name for name, source in run.declared.items() if source.noncommercial)
     left_out = frozenset() if run.options.noncommercial else frozenset(omitted)
-    calls = ((block, run.taxonomy, run.options.fold_out, left_out) for block in all_blocks)
+    calls = ((block, run.taxonomy, run.options.fold_out, left_out) for block in all_blocks.values())
     counts: Counter[str] = Counter()
-    for result in run.map("ingest", ingest_block, calls, len(all_blocks), {"rows": ".arrow", "refused": ".refused"}):
+    spilled = {"rows": ".arrow", "refused": ".refused"}
+    for result in run.map("ingest", ingest_block, calls, len(all_blocks), spilled, list(all_blocks)):
         counts += result.counts
     return counts
 
@@ -404,6 +454,18 @@ def _check_private(private: Sequence[str], files: Iterable[Path]) -> None:
     if missing := sorted(set(private) - present):
         known = ", ".join(sorted(present)) or "none"
         raise InputError(f"--include-withheld: expected sources of the raw items ({known}); found {', '.join(missing)}")
+
+
+def _key(
+    files: Sequence[Path],
+    options: BuildOptions,
+    declared: Mapping[str, Source],
+    curated_lines: str,
+    carried: Release | None,
+) -> str:
+    """Return the key of the work of a build, which depends neither on its date nor on the name of the release."""
+    content = replace(options, version="", created="", name="")
+    return fingerprint(files, repr((content, sorted(declared.items()), curated_lines, carried)))
 
 
 @contextmanager

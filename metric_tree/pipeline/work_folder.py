@@ -19,6 +19,7 @@ from pathlib import Path
 from typing import Any, ParamSpec, TypeVar
 
 from metric_base.errors import InputError
+from metric_base.files import write_whole
 from metric_base.folders import code_folder, taxonomy_directory
 from metric_base.remote import file_identity, is_remote
 
@@ -47,27 +48,35 @@ class BuildFolder:
 
     @classmethod
     @contextmanager
-    def open(cls, directory: Path, key: str) -> Iterator[BuildFolder]:
+    def open(cls, directory: Path, key: str, *, is_shared: bool = False) -> Iterator[BuildFolder]:
         """Open the folder; work of another build is removed. The folder is removed if the block succeeds.
+
+        With `is_shared`, other processes of the same build use the folder, which is never removed.
 
         Raises
         ------
         InputError
-            The folder contains files that are not work of a build.
+            The folder contains files that are not work of a build, or a shared folder contains work of another build.
         """
-        note = directory / _KEY
-        if directory.exists() and (not note.is_file() or note.read_text(encoding="ascii") != key):
-            if not note.is_file() and any(directory.iterdir()):
-                raise InputError(f"{directory}: expected a build's work or nothing; found other files")
-            _remove(directory)
         directory.mkdir(parents=True, exist_ok=True)
-        note.write_text(key, encoding="ascii")
+        note = directory / _KEY
+        has_others = any(not entry.name.startswith(".") for entry in directory.iterdir())
+        if has_others and not note.is_file():  # in this order, because a process writes its note first
+            raise InputError(f"{directory}: expected a build's work or nothing; found other files")
+        if note.is_file() and note.read_text(encoding="ascii") != key:
+            if is_shared:
+                raise InputError(f"{directory}: expected work of this build; found that of another one: remove it")
+            _remove(directory)
+            directory.mkdir()
+        write_whole(note, key)
         try:
             yield cls(directory)
         except InputError:  # with another input it is another build
-            _remove(directory)
+            if not is_shared:
+                _remove(directory)
             raise
-        _remove(directory)
+        if not is_shared:
+            _remove(directory)
 
     def map(
         self,
@@ -76,6 +85,7 @@ class BuildFolder:
         calls: Iterable[Sequence[Any]],
         executor: Executor,
         spilled: Mapping[str, str] | None = None,
+        names: Sequence[str] | None = None,
     ) -> Iterator[_R]:
         """Yield `function(*call)` for each call, in order; results of an earlier run are read from disk.
 
@@ -92,10 +102,12 @@ class BuildFolder:
         spilled : mapping of str to str, optional
             Fields of a result with bytes, which the worker writes to files, and the suffixes of these files. The fields
             of the yielded results are empty.
+        names : sequence of str, optional
+            Names of the calls within the step; default their numbers.
         """
         waiting: deque[tuple[Path, Future[_R] | None]] = deque()
         for number, call in enumerate(calls):
-            mark = self.directory / f"{step}-{number:07d}.pickle"
+            mark = self.directory / f"{step}-{names[number] if names else f'{number:07d}'}.pickle"
             is_done = mark.exists()
             future = None if is_done else executor.submit(_stored_result, mark, function, call, dict(spilled or {}))
             waiting.append((mark, future))

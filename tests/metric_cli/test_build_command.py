@@ -14,7 +14,7 @@ import metric_cli.subcommands.data.build as command
 from crawler.imports.declaration import declared_sources as declared
 from metric_base import executors
 from metric_cli.subcommands import main
-from metric_tree.pipeline.build import build_release
+from metric_tree.pipeline.build import build_release, ingest_part
 from tests.synthetic.raw_fixture import SOURCES, synthetic_items, written
 from tests.synthetic.small_taxonomy import small_taxonomy
 
@@ -32,6 +32,7 @@ excluded = "its rows are made elsewhere"
 @pytest.fixture
 def raw(tmp_path, monkeypatch):
     monkeypatch.setattr(command, "build_release", partial(build_release, taxonomy=small_taxonomy))
+    monkeypatch.setattr(command, "ingest_part", partial(ingest_part, taxonomy=small_taxonomy))
     monkeypatch.setattr(command, "declared_sources", lambda folder: SOURCES if folder is None else declared(folder))
     monkeypatch.setattr(command, "shipped_curated", tuple)
     return written(tmp_path / "raw.jsonl", synthetic_items(per_class=12))
@@ -69,9 +70,22 @@ def test_the_date_may_come_from_the_environment(raw, tmp_path, capsys, monkeypat
     assert json.loads(capsys.readouterr().out)["created"] == "1970-01-01"
 
 
+def test_parts_and_a_last_build(raw, tmp_path, capsys):
+    words = ("--out", tmp_path / "release", "--workers", 1, "--no-heldout")
+    for part in ("2/2", "1/2"):
+        assert run(raw, *words, "--part", part) == 0
+        assert f"part {part}" in capsys.readouterr().out
+    assert not (tmp_path / "release").exists()
+    assert run(raw, *words, "--part", "1/2", "--json") == 0
+    assert json.loads(capsys.readouterr().out) == {"part": "1/2", "raw": {"taken": 63}}
+    assert run(raw, *words, "--json") == 0
+    assert json.loads(capsys.readouterr().out)["counts"]["raw"]["taken"] == 63
+
+
 @pytest.mark.parametrize(
     ("words", "message"),
     [
+        (("--part", "3/2"), "--part: part: expected I/N with I from 1 to N, such as 3/8, found '3/2'"),
         (("--version", "one"), "--version: expected a semantic version such as 1.0.0; found 'one'"),
         (("--created", "yesterday"), "--created: expected an ISO date; found 'yesterday'"),
         (("--scheduler", "tcp://127.0.0.1:1"), "--scheduler: expected a Dask scheduler"),

@@ -1,4 +1,7 @@
-"""A build of synthetic items with two processes: `python -m tests.support.small_build RAW OUT`."""
+"""A build of synthetic items with two processes: `python -m tests.support.small_build RAW OUT`.
+
+With `I/N`, only step 1 of a part, in this process. RAW may be a URL of S3.
+"""
 
 from __future__ import annotations
 
@@ -7,7 +10,7 @@ from pathlib import Path
 
 from metric_base.executors import executor_of
 from metric_tree.pipeline import ingest
-from metric_tree.pipeline.build import BuildOptions, build_release
+from metric_tree.pipeline.build import BuildOptions, build_release, ingest_part
 from tests.synthetic.raw_fixture import SOURCES
 from tests.synthetic.small_taxonomy import small_taxonomy
 
@@ -15,10 +18,14 @@ from tests.synthetic.small_taxonomy import small_taxonomy
 BLOCK_BYTES = 20_000
 
 
-def main(raw: str, out: str) -> None:
+def main(raw: str, out: str, part: str = "", scheduler: str = "") -> None:
     ingest.BLOCK_BYTES = BLOCK_BYTES
     options = BuildOptions(version="0.0.1", created="2026-11-21", heldout=False)
-    with executor_of(2, None) as executor:
+    if part:
+        index, n_parts = map(int, part.split("/"))
+        ingest_part([Path(raw)], Path(out), options, (index, n_parts), taxonomy=small_taxonomy, declared=SOURCES)
+        return
+    with executor_of(2, scheduler or None) as executor:
         build_release([Path(raw)], Path(out), options, taxonomy=small_taxonomy, declared=SOURCES, executor=executor)
 
 

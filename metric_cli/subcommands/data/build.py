@@ -8,16 +8,17 @@ import re
 import sys
 from collections import Counter
 from datetime import UTC, datetime
+from typing import Any
 
 from crawler.imports.declaration import declared_sources
 from crawler.items import STATED_KINDS
 from metric_base.errors import InputError
 from metric_base.executors import executor_of
 from metric_base.remote import file_size
-from metric_cli.parser import input_path, new_folder, output_folder, same_named, streamed_path
+from metric_cli.parser import input_path, new_folder, output_folder, parse_part, same_named, streamed_path
 from metric_cli.progress import progress_bars
 from metric_cli.tables import print_json, print_table, warn
-from metric_tree.pipeline.build import Build, BuildOptions, build_release, shipped_curated
+from metric_tree.pipeline.build import Build, BuildOptions, build_release, ingest_part, shipped_curated
 from metric_tree.pipeline.ingest import raw_files
 from metric_tree.release.release import open_release
 
@@ -58,6 +59,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     add = parser.add_argument_group("computation").add_argument
     add("--workers", type=int, default=os.cpu_count() or 1, help="number of processes (default: %(default)s)")
     add("--scheduler", metavar="ADDRESS", help="a Dask scheduler instead of processes; its workers share the folders")
+    add("--part", metavar="I/N", help="only ingest part I of N, for Slurm arrays; then build without --part")
     add("--no-heldout", dest="heldout", action="store_false", help="omit the held-out scores of the priors (faster)")
     # fmt: on
 
@@ -83,18 +85,24 @@ def run(arguments: argparse.Namespace) -> int:
         processors = max(1, min(arguments.workers, os.cpu_count() or 1))
         minutes = (MIN_BUILD_S + SECONDS_PER_MB * megabytes / processors) / 60
         sys.stderr.write(f"about {minutes:.1f} min: {megabytes:.0f} MB of raw items, {arguments.workers} processes\n")
+    settings: dict[str, Any] = {
+        "log": arguments.log,
+        "carried": open_release(arguments.carry) if arguments.carry else None,
+        "curated": () if arguments.without_curated else shipped_curated(),
+        "declared": declared,
+    }
     with executor_of(arguments.workers, arguments.scheduler) as executor, progress_bars() as progress:
-        build = build_release(
-            arguments.raw,
-            arguments.out,
-            options,
-            log=arguments.log,
-            carried=open_release(arguments.carry) if arguments.carry else None,
-            curated=() if arguments.without_curated else shipped_curated(),
-            declared=declared,
-            executor=executor,
-            progress=progress,
-        )
+        settings |= {"executor": executor, "progress": progress}
+        if arguments.part:
+            raw_counts = ingest_part(arguments.raw, arguments.out, options, parse_part(arguments.part), **settings)
+        else:
+            build = build_release(arguments.raw, arguments.out, options, **settings)
+    if arguments.part:
+        if arguments.json:
+            print_json({"part": arguments.part, "raw": raw_counts})
+        else:
+            print_table(["raw item", "rows"], raw_counts.most_common(), title=f"part {arguments.part}")
+        return 0
     warn_of_omissions(build)
     manifest = build.release.manifest
     if arguments.json:

@@ -8,6 +8,7 @@ import signal
 import sys
 import time
 from concurrent.futures import ProcessPoolExecutor
+from contextlib import ExitStack
 from dataclasses import replace
 from multiprocessing import get_context
 from pathlib import Path
@@ -21,10 +22,12 @@ from metric_tree.checks.release_files import findings
 from metric_tree.fit.class_prior import NEW_SOURCE
 from metric_tree.fit.rows import EVIDENCE
 from metric_tree.pipeline import build as build_module
-from metric_tree.pipeline.build import BuildOptions, build_release
+from metric_tree.pipeline import ingest
+from metric_tree.pipeline.build import BuildOptions, build_release, ingest_part
 from metric_tree.pipeline.clean import short_title
 from metric_tree.pipeline.ingest import is_held_out, widened_sd
 from metric_tree.tree import open_tree
+from tests.support import small_build
 from tests.support.processes import started
 from tests.synthetic.raw_fixture import SOURCES, TYPICAL, synthetic_items, written
 from tests.synthetic.small_taxonomy import small_taxonomy
@@ -261,6 +264,40 @@ def test_a_killed_build_with_two_processes_continues_to_the_same_bytes(tmp_path,
         pass
     assert process.returncode == 0
     assert files_of(tmp_path / "release") == files_of(release.directory)
+
+
+def test_parts_at_the_same_time_and_a_last_build_have_the_bytes_of_one_process(tmp_path, monkeypatch):
+    """Three parts of a folder with compressed and other files; the last build ingests nothing."""
+    items, raw = synthetic_items(), tmp_path / "raw"
+    written(raw / "a.jsonl", items[:40])
+    written(raw / "b.jsonl", items[40:])
+    for name, n in (("c", 7), ("d", 11)):
+        (raw / f"{name}.jsonl.gz").write_bytes(gzip.compress(written(tmp_path / name, items[n : n + 30]).read_bytes()))
+    expected = build(raw, tmp_path / "one").release.directory
+    words = [sys.executable, "-m", "tests.support.small_build", str(raw), str(tmp_path / "release")]
+    with ExitStack() as stack:
+        parts = [stack.enter_context(started([*words, f"{part}/3"])) for part in (1, 2, 3)]
+    assert [part.returncode for part in parts] == [0, 0, 0]
+    work = tmp_path / "release.build" / "work"
+    n_blocks = sum(
+        -(-file.stat().st_size // small_build.BLOCK_BYTES) for file in (*raw.glob("*.jsonl"), *work.glob("*.jsonl"))
+    )
+    assert len(list(work.glob("ingest-*.arrow"))) == n_blocks > 4
+    monkeypatch.setattr(build_module, "ingest_block", None)
+    monkeypatch.setattr(ingest, "BLOCK_BYTES", small_build.BLOCK_BYTES)
+    assert files_of(build(raw, tmp_path / "release").release.directory) == files_of(expected)
+    assert not work.exists()
+
+
+def test_a_part_of_another_build_is_refused(tmp_path):
+    raw = written(tmp_path / "raw.jsonl", synthetic_items())
+    more = {"taxonomy": small_taxonomy, "declared": SOURCES}
+    renamed = replace(OPTIONS, created="2026-11-22", version="0.0.2", name="other")  # the same work
+    ingest_part([raw], tmp_path / "release", OPTIONS, (1, 2), **more)
+    ingest_part([raw], tmp_path / "release", renamed, (2, 2), **more)
+    with pytest.raises(InputError, match="found that of another one: remove it"):
+        ingest_part([raw], tmp_path / "release", replace(OPTIONS, fold_out=(0, 2)), (2, 2), **more)
+    assert list((tmp_path / "release.build" / "work").glob("ingest-*"))
 
 
 def until(holds, seconds: float = 120.0) -> None:

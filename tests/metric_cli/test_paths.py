@@ -26,7 +26,15 @@ from metric_base.files import check_output, has_schema, set_rules, whole_file
 from metric_cli.estimate_scale import parser as estimate_scale
 from metric_cli.insert_object import insert
 from metric_cli.insert_object.parser import parser as insert_object_parser
-from metric_cli.parser import OutputFile, arguments_of, check_paths, input_path, new_folder, output_folder
+from metric_cli.parser import (
+    OutputFile,
+    arguments_of,
+    check_paths,
+    input_path,
+    new_folder,
+    output_folder,
+    streamed_path,
+)
 from metric_cli.subcommands import SUBCOMMANDS, parser_of
 from tests.synthetic import minitree
 from tests.synthetic.raw_fixture import synthetic_items, written
@@ -275,7 +283,12 @@ def test_the_walk_over_paths_is_counted(capsys: pytest.CaptureFixture[str]) -> N
 @pytest.mark.parametrize("name", PARSERS)
 def test_every_argument_that_names_a_path_says_whether_it_is_read_or_written(name: str) -> None:
     for action in arguments_of(PARSERS[name]):
-        says = isinstance(action.type, OutputFile) or action.type in {input_path, new_folder, output_folder}
+        says = isinstance(action.type, OutputFile) or action.type in {
+            input_path,
+            streamed_path,
+            new_folder,
+            output_folder,
+        }
         assert says or action.type in TEXTS or not NAMES_PATH.search(str(action.metavar)), action
         assert action.type is not Path, action
 

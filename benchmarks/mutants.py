@@ -53,7 +53,7 @@ def main() -> None:
     end = time.monotonic() + 60 * arguments.minutes
     copy, results = arguments.work / "copy", arguments.work / "results.jsonl"
     if not copy.is_dir():
-        _copy_repository(copy)
+        copy_repository(copy)
     mutants = _mutants(copy, arguments)
     tried = {tuple(row["mutant"]) for row in _rows(results)}
     covering = Covering(copy, arguments.folders)
@@ -65,7 +65,7 @@ def main() -> None:
     _print(arguments.folders, [row for row in _rows(results) if tuple(row["mutant"]) in mutants])
 
 
-def _copy_repository(copy: Path) -> None:
+def copy_repository(copy: Path) -> None:
     copy.mkdir(parents=True)
     archive = subprocess.run(["git", "archive", "HEAD"], cwd=ROOT, capture_output=True, check=True).stdout
     subprocess.run(["tar", "-x", "-C", str(copy)], input=archive, check=True)
@@ -97,7 +97,7 @@ class Covering:
             rooms = [f"--cov={folder}" for folder in folders]
             words = [*rooms, "--cov-context=test", "--cov-report=", "--cov-config=covering.toml", "-n", "2"]
             (copy / "covering.toml").write_text(f'[tool.coverage.run]\ndata_file = "{data.name}"\n')
-            _run_tests([*words, "--dist", "loadfile", f"--junitxml={times.name}"], copy, None)
+            run_tests([*words, "--dist", "loadfile", f"--junitxml={times.name}"], copy, None)
         self._copy, self._data = copy, CoverageData(str(data))
         self._data.read()
         self._seconds = {
@@ -106,8 +106,8 @@ class Covering:
             if not len(case)  # neither failed nor skipped
         }
 
-    def within(self, module: str, row: int, limit: float) -> list[tuple[str, float]]:
-        """The quickest tests of a line that take at most `limit` seconds together, and at least one.
+    def of_line(self, module: str, row: int) -> list[tuple[str, float]]:
+        """The tests of a line with their seconds, quickest first.
 
         No test runs a line that runs at the import, such as that of a constant: those of the module's lines do.
         """
@@ -117,8 +117,12 @@ class Covering:
         own = {*by_line.get(line, ())} - {""} or {context for every in by_line.values() for context in every} - {""}
         names = {context.partition("|")[0] for context in own}
         timed = sorted((seconds, name) for name in names if (seconds := self._seconds.get(_case(name))) is not None)
+        return [(name, seconds) for seconds, name in timed]
+
+    def within(self, module: str, row: int, limit: float) -> list[tuple[str, float]]:
+        """The quickest tests of a line that take at most `limit` seconds together, and at least one."""
         chosen: list[tuple[str, float]] = []
-        for seconds, name in timed:
+        for name, seconds in self.of_line(module, row):
             if chosen and sum(s for _, s in chosen) + seconds > limit:
                 break
             chosen.append((name, seconds))
@@ -143,7 +147,7 @@ def _outcome(
         changed = [line for line in source.read_text(encoding="utf-8").splitlines() if line not in whole.splitlines()]
         names = [name for name, _ in tests]
         limit = HANG_FACTOR * sum(seconds for _, seconds in tests) + 20
-        status = _run_tests(["-x", *names], copy, limit) if names else 0
+        status = run_tests(["-x", *names], copy, limit) if names else 0
     finally:
         source.write_text(whole, encoding="utf-8")
     return {
@@ -155,7 +159,7 @@ def _outcome(
     }
 
 
-def _run_tests(words: list[str], copy: Path, limit: float | None) -> int | None:
+def run_tests(words: list[str], copy: Path, limit: float | None) -> int | None:
     """The exit status; None after `limit` seconds."""
     environment = os.environ | {"PYTHONPATH": str(copy)}
     try:

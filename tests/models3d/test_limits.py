@@ -6,6 +6,7 @@ import csv
 import json
 import zipfile
 from collections.abc import Iterator
+from contextlib import nullcontext
 from pathlib import Path
 
 import numpy as np
@@ -17,7 +18,7 @@ from metric_base.errors import InputError
 from metric_cli.subcommands import main
 from models3d import formats
 from models3d.asset import Asset
-from models3d.formats import read_asset, read_assets
+from models3d.formats import read_asset, read_assets, read_boxes
 from models3d.gltf import document
 from models3d.gltf.document import GltfWriter
 from models3d.gltf.model_reader import read_model
@@ -252,3 +253,15 @@ def test_the_limit_of_prims(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> 
     monkeypatch.setattr(reader, "MAX_COMPOSED_PRIMS", 36)
     with pytest.raises(InputError, match="at most 36 prims"):
         read_asset(path)
+
+
+@pytest.mark.parametrize(("metres", "is_valid"), [(0.99e15, True), (1.01e15, False)])
+def test_coordinates_and_sizes_are_at_most_1e15_metres(metres: float, is_valid: bool, tmp_path: Path) -> None:
+    mesh = tmp_path / "a.obj"
+    mesh.write_text(f"v 0 0 0\nv {metres} 0 0\nv 0 1 0\nf 1 2 3\n")
+    with nullcontext() if is_valid else pytest.raises(InputError, match="coordinates of at most 1e"):
+        assert read_asset(mesh).bodies[0].high_m[0] == pytest.approx(metres)
+    table = tmp_path / "a.csv"
+    table.write_text(f"name,x,y,z\na,1,1,{metres}\n")
+    (row,) = read_boxes(table)
+    assert isinstance(row, Asset) == is_valid

@@ -209,3 +209,24 @@ def test_a_rotation_is_orthogonal_to_a_thousandth(error: float, is_valid: bool) 
 def test_a_distortion_coefficient_is_at_most_a_thousand(k1: float, is_valid: bool) -> None:
     with nullcontext() if is_valid else pytest.raises(FieldError, match="numbers up to 1000"):
         brown_camera((640, 480), (500.0, 500.0), (320.0, 240.0), {"k1": k1, "k4": 1e-9})
+
+
+FISHEYE = [0.01, -0.002, 0.0003, 0.0001]
+
+
+@pytest.mark.parametrize("kind", ["fisheye4", "equidistant"])
+def test_a_fisheye_of_meshroom_has_four_coefficients(kind: str, colmap: Scene, tmp_path: Path) -> None:
+    file = write_export(colmap, "meshroom", tmp_path)
+    document = json.loads(file.read_text(encoding="utf-8"))
+    for intrinsic in document["intrinsics"]:
+        intrinsic.pop("type", None)
+        intrinsic |= {"distortionType": kind, "distortionParams": FISHEYE}
+    file.write_text(json.dumps(document), encoding="utf-8")
+    camera = read_scene(file).views[0].camera
+    assert camera.model == "OPENCV_FISHEYE"
+    np.testing.assert_allclose(camera.params[4:], FISHEYE)
+    for intrinsic in document["intrinsics"]:
+        intrinsic["distortionParams"] = FISHEYE[:3]
+    file.write_text(json.dumps(document), encoding="utf-8")
+    with pytest.raises(InputError, match=f"type: expected one of .*{kind}"):
+        read_scene(file)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from contextlib import nullcontext
 from dataclasses import replace
 from pathlib import Path
 
@@ -179,3 +180,12 @@ def test_the_error_of_sources_that_agree_is_eight_per_cent_together_and_five_alo
     wide = replace(one, shared_covariance=np.diag([0.04, 0.01, 0.0001]))
     assert wide.disagreement() == pytest.approx(np.diag([0.04, 0.01, 0.03**2]))
     assert replace(one, tier="norm").disagreement() is one.shared_covariance
+
+
+@pytest.mark.parametrize(("log_mm", "is_valid"), [(22.9, True), (23.1, False), (-22.9, True), (-23.1, False)])
+def test_a_mean_is_at_most_23_in_logarithms_of_millimetres(log_mm: float, is_valid: bool) -> None:
+    prior = random_prior(1)
+    means = prior.means.copy()
+    means[0, 0] = log_mm
+    with nullcontext() if is_valid else pytest.raises(InputError, match="means"):
+        assert Prior.of_row(prior.row() | {"means": means.tolist()}).means[0, 0] == log_mm

@@ -117,3 +117,13 @@ def test_a_number_that_is_no_length_is_a_refused_row(tmp_path: Path, value: str)
 def test_a_listing_without_id_has_that_of_its_line(tmp_path: Path) -> None:
     result = imported(tmp_path, listing("G1"), listing("", "DESK"))
     assert [one.source_id for one in result.items] == ["G1", "listings_0.json.gz:2"]
+
+
+@pytest.mark.parametrize(
+    ("sides", "is_filled_in"), [((1.0, 1, 1.0), False), ((1.0, 1, 2.0), True), ((0.77, 1, 1), True)]
+)
+def test_a_box_of_one_by_one_by_one_is_a_form_that_was_not_filled_in(
+    sides: tuple[float, ...], is_filled_in: bool, tmp_path: Path
+) -> None:
+    stated = {name: axis(side) for name, side in zip(("length", "width", "height"), sides, strict=True)}
+    assert bool(imported(tmp_path, listing("B1", item_dimensions=stated)).items) == is_filled_in

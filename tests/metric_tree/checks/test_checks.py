@@ -294,3 +294,39 @@ def test_thresholds_of_the_checks_of_items(tmp_path: Path, code: str, below: Err
         change(content)
         found = findings(minitree.release(tmp_path / name, content).directory)
         assert (code in {finding.code for finding in found}) == is_found, name
+
+
+def _weights(excess: float) -> Error:
+    return lambda content: content[PRIOR][0].update(
+        weights=[weight * (1 + excess) for weight in content[PRIOR][0]["weights"]]
+    )
+
+
+def _eigenvalue(column: str, value: float) -> Error:
+    """Give a covariance of the first prior a smallest eigenvalue."""
+
+    def change(content: Rows) -> None:
+        prior = content[PRIOR][0]
+        matrix = np.diag([0.01] * (len(prior["dims"]) - 1) + [value]).tolist()
+        prior[column] = matrix if column == "shared_covariance" else [matrix] * len(prior["weights"])
+
+    return change
+
+
+@pytest.mark.parametrize(
+    ("code", "valid", "invalid"),
+    [
+        ("E402", _weights(0.9e-6), _weights(1.1e-6)),
+        ("E402", _weights(-0.9e-6), _weights(-1.1e-6)),
+        ("E404", _eigenvalue("covariances", 1.2e-12), _eigenvalue("covariances", 0.8e-12)),
+        ("E404", _eigenvalue("shared_covariance", -0.8e-12), _eigenvalue("shared_covariance", -1.2e-12)),
+        ("E405", _set(PRIOR, 0, borrowed=1.0), _set(PRIOR, 0, borrowed=1.01)),
+        ("E405", _set(PRIOR, 0, borrowed=0.0), _set(PRIOR, 0, borrowed=-0.01)),
+    ],
+)
+def test_thresholds_of_the_checks_of_priors(tmp_path: Path, code: str, valid: Error, invalid: Error) -> None:
+    for name, change, is_found in (("valid", valid, False), ("invalid", invalid, True)):
+        content = minitree.rows()
+        change(content)
+        found = findings(minitree.release(tmp_path / name, content).directory)
+        assert (code in {finding.code for finding in found}) == is_found, name

@@ -174,3 +174,10 @@ def test_two_dask_worker_processes_over_tcp_cut_the_same(tmp_path, no_weights, c
     assert sum(path.suffix == ".png" for path in files) == 20
     for path in files:
         assert (tmp_path / "here" / path).read_bytes() == (tmp_path / "there" / path).read_bytes()
+
+
+@pytest.mark.parametrize(("n_clear", "method"), [(99, "plain"), (100, "alpha")])
+def test_a_transparency_of_one_percent_of_the_pixels_is_a_mask(n_clear: int, method: str) -> None:
+    rgba = np.array(Image.open(BytesIO(shop_picture(0))).convert("RGBA").resize((100, 100)))
+    rgba[..., 3].flat[:n_clear] = 0
+    assert cut("x", encoded(Image.fromarray(rgba)), PLAIN).method == method

@@ -76,7 +76,8 @@ def served(tmp_path: Path) -> Iterator[_Served]:
     if served.document is None:
         objects = [{"name": "x", "kind": "box", "points": [[0, 0], [9, 9]]}]
         images = [{"name": frame["name"], "objects": objects} for frame in served.page.start()["frames"]]
-        served.request(served.at("save"), json.dumps({"images": images, "done": True}))
+        answer = served.request(served.at("save"), json.dumps({"images": images, "done": True}))
+        assert answer[0] == 200, answer  # otherwise the page waits for another drawing
         served.drawing()
 
 
@@ -252,6 +253,16 @@ def test_what_is_no_drawing_is_refused(served: _Served, body: str, word: str) ->
     assert status == 400
     assert word in json.loads(answer)["error"]
     assert served.document is None
+
+
+@pytest.mark.parametrize(
+    ("name", "side", "status"), [("a" * 200, 2.0, 200), ("a" * 201, 2.0, 400), ("a", 1.9, 400), ("", 2.0, 400)]
+)
+def test_a_name_has_at_most_200_characters_and_an_object_two_pixels(
+    served: _Served, name: str, side: float, status: int
+) -> None:
+    drawn = [{"kind": "box", "name": name, "points": [[1, 1], [9, 1 + side]]}]
+    assert served.request(served.at("save"), _body(drawn))[0] == status
 
 
 def test_nobody_else_gets_in(served: _Served) -> None:

@@ -5,6 +5,7 @@ from __future__ import annotations
 import base64
 import json
 from collections.abc import Callable
+from contextlib import nullcontext
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -248,3 +249,26 @@ def test_pieces_of_one_group_are_one_object(scene: Scene, tmp_path: Path) -> Non
     (tmp_path / "a.json").write_text(json.dumps(document))
     (instance,), _ = read_instance_files(scene, tmp_path)
     assert instance.mask.sum() == 2 * 20 * 30
+
+
+@pytest.mark.parametrize(("size", "is_read"), [(1 << 29, True), ((1 << 29) + 1, False)])
+def test_masks_have_at_most_512_mebibytes_unpacked(size: int, is_read: bool, scene: Scene, tmp_path: Path) -> None:
+    """The size is that of the directory of the archive, which is checked before it is unpacked."""
+    file = tmp_path / f"{Path(scene.views[0].name).stem}.npz"
+    np.savez_compressed(file, masks=np.ones((1, 4, 4)))
+    data = bytearray(file.read_bytes())
+    entry = data.index(b"PK\x01\x02")  # of the directory
+    data[entry + 24 : entry + 28] = size.to_bytes(4, "little")
+    file.write_bytes(data)
+    with nullcontext() if is_read else pytest.raises(InputError, match="at most 536,870,912 bytes unpacked"):
+        read_instance_files(scene, tmp_path)
+
+
+@pytest.mark.parametrize(("x", "is_valid"), [(0.99e9, True), (1.01e9, False)])
+def test_corners_are_at_most_a_billion_pixels_away(x: float, is_valid: bool, scene: Scene, tmp_path: Path) -> None:
+    view = scene.views[0]
+    shape = {"label": "a", "shape_type": "polygon", "points": [[0, 0], [x, 0], [x, 20], [0, 20]]}
+    document = {"shapes": [shape], "imagePath": view.name, "imageWidth": view.camera.width}
+    (tmp_path / "a.json").write_text(json.dumps(document | {"imageHeight": view.camera.height}))
+    with nullcontext() if is_valid else pytest.raises(InputError, match="points"):
+        assert len(read_instance_files(scene, tmp_path)[0]) == 1

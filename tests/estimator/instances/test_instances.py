@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import math
+from contextlib import nullcontext
 from pathlib import Path
 from typing import Any
 
@@ -341,3 +342,42 @@ def test_a_stated_folder_of_images_comes_first_and_exists(tmp_path: Path) -> Non
     assert image_folders(scene, stated) == (stated.resolve(), usual.resolve(), itself)
     with pytest.raises(InputError, match="--images: expected a folder, found nothing"):
         image_folders(scene, tmp_path / "nowhere")
+
+
+@pytest.mark.parametrize(("right", "is_inside"), [(41.1, True), (41.3, False)])
+def test_boxes_of_a_detector_may_exceed_their_image_by_three_percent(
+    right: float, is_inside: bool, tmp_path: Path
+) -> None:
+    """An image of 40 pixels; of several boxes two are beyond it."""
+    scene = scene_of(tmp_path, "a.png")
+    written(tmp_path, dataset([{"bbox": [30, 2, right - 30, 9]} for _ in range(2)], "a.png"))
+    with nullcontext() if is_inside else pytest.raises(InputError, match="2 of 2 beyond it"):
+        read_instances_and_warnings(scene)
+
+
+@pytest.mark.parametrize(("n_boxes", "is_refused"), [(20, False), (19, True)])
+def test_a_tenth_of_the_boxes_may_exceed_their_images(n_boxes: int, is_refused: bool, tmp_path: Path) -> None:
+    scene = scene_of(tmp_path, "a.png")
+    boxes = [{"bbox": [30, 2, 20 if k < 2 else 5, 9]} for k in range(n_boxes)]
+    written(tmp_path, dataset(boxes, "a.png"))
+    with pytest.raises(InputError, match="2 of 19 beyond it") if is_refused else nullcontext():
+        read_instances_and_warnings(scene)
+
+
+@pytest.mark.parametrize(("width", "is_reported"), [(407, False), (409, True)])
+def test_another_shape_than_the_cameras_is_reported_from_two_percent(
+    width: int, is_reported: bool, tmp_path: Path
+) -> None:
+    scene = scene_of(tmp_path, "a.png")  # 40 x 30 pixels
+    written(tmp_path, dataset([{"bbox": [1, 1, 9, 9]}], "a.png", size=(width, 300)))
+    warnings = read_instances_and_warnings(scene)[1]
+    assert any("another shape" in warning for warning in warnings) == is_reported
+
+
+@pytest.mark.parametrize(("half", "is_read"), [(999_000, True), (1_001_000, False)])
+def test_an_outline_has_at_most_two_million_pixels(half: int, is_read: bool) -> None:
+    """A polygon of no height, which is read as an empty mask."""
+    side = 40_000
+    there_and_back = [0, 0, side, 0] * (half // side) + [0, 0, half % side, 0]
+    with nullcontext() if is_read else pytest.raises(FieldError, match="at most 2000000 pixels"):
+        assert not decode_segmentation([there_and_back], (side, 2)).any()

@@ -3,8 +3,11 @@
 from __future__ import annotations
 
 import json
+from collections.abc import Iterator
 from pathlib import Path
+from types import SimpleNamespace
 
+import av
 import numpy as np
 import pytest
 from hypothesis import given, settings
@@ -157,3 +160,40 @@ def test_a_fix_of_camm_is_at_least_a_position(fix: int, n_fixes: int) -> None:
     packet = Packet(0.5, 0.0, camm_packet(6, "di2d7f", 0.0, fix, 48.1, 11.5, 520.0, 4.0, 8.0, 0, 0, 0, 0))
     positions = camm_telemetry([packet]).positions
     assert (0 if positions is None else len(positions.times_s)) == n_fixes
+
+
+class _Track:
+    """A container of PyAV with one metadata track of CAMM, whose packets state these sizes in bytes."""
+
+    def __init__(self, sizes: list[int]) -> None:
+        self.streams = [SimpleNamespace(type="data", index=0)]
+        self._sizes = sizes
+
+    def __enter__(self) -> _Track:
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        pass
+
+    def demux(self, _: object) -> Iterator[_SizedPacket]:
+        return (_SizedPacket(pts, size) for pts, size in enumerate(self._sizes))
+
+
+class _SizedPacket:
+    time_base, duration, stream_index = 0.001, 1, 0
+
+    def __init__(self, pts: int, size: int) -> None:
+        self.pts, self.size = pts, size
+
+    def __bytes__(self) -> bytes:
+        return camm_packet(3, "3f", 1.0, 2.0, 9.5)
+
+
+@pytest.mark.parametrize(("last", "n_read"), [(0, 3), (1, 2)])
+def test_metadata_tracks_are_read_up_to_256_mebibytes(
+    last: int, n_read: int, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    sizes = [1 << 27, (1 << 27) - 1, 1 + last]
+    monkeypatch.setattr(av, "open", lambda *_, **__: _Track(sizes))
+    (tmp_path / "a.mp4").touch()
+    assert len(read_telemetry(tmp_path / "a.mp4").specific_force) == n_read

@@ -222,3 +222,25 @@ def test_the_error_of_boxes_is_that_of_their_fit_and_of_objects_that_are_no_cubo
     assert problem.centre == pytest.approx([1.0, 2.0, 3.0])
     assert problem.foot == pytest.approx((1.6, 0.03 * 0.8))
     assert problem.centre_sd == pytest.approx(0.5 * np.sqrt(0.8))
+
+
+def test_an_outline_that_ends_near_a_plane_is_fitted_on_it(
+    world: FewPointsWorld, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Cuboids of height 1 above the floor, the k-th at x = k, by 0.15 of the height, 1.5 deviations, or half of it."""
+    gaps = {0.14: 0.0, 0.16: 0.0, 0.29: 0.2, 0.31: 0.2, 0.49: 0.5, 0.51: 0.5}
+    rounds: list[list[CuboidProblem]] = []
+
+    def fit(problems: list[CuboidProblem]) -> list[Cuboid]:
+        rounds.append(problems)
+        floor = next(problem.foot[0] for problem in rounds[0] if problem.foot is not None)
+        cuboids = []
+        for k, (gap, log_sd) in zip(range(len(problems)), [*gaps.items(), *[(90.0, 0.0)] * 99], strict=False):
+            variance = np.diag([1e-6, 1e-6, log_sd**2 + 1e-9])
+            cuboids.append(Cuboid(np.array([k, 0, floor + gap + 0.5]), 0.0, np.ones(3), variance, 1.0))
+        return cuboids
+
+    monkeypatch.setattr(outline_measurement, "fit_cuboids", fit)
+    measure_objects(world.scene, world.instances)
+    assert len(rounds[0]) >= len(gaps)
+    assert [int(problem.centre[0]) for problem in rounds[1]] == [0, 2, 4]

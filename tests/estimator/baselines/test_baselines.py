@@ -81,6 +81,15 @@ def test_categories_of_one_size_have_a_mixture(monkeypatch: pytest.MonkeyPatch) 
         assert _has_spread(mixture), name
 
 
+@pytest.mark.parametrize(("n_items", "n_components"), [(149, 49), (150, 50), (154, 50)])
+def test_a_mixture_of_the_paper_has_a_component_per_three_of_at_most_150_items(
+    n_items: int, n_components: int, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr("sklearn.mixture.BayesianGaussianMixture", partial(BayesianGaussianMixture, max_iter=1))
+    sizes = np.exp(np.random.default_rng(0).normal(6.0, 0.3, (n_items, 2)))
+    assert len(paper.fit_mixture(("length", "width"), sizes).weights) == n_components
+
+
 N_PARTS = 4
 
 

@@ -275,3 +275,16 @@ def test_the_error_of_a_foot_on_a_level():
     assert foot_on_level(SupportLevel(0.0, 0.1), low, high, 0.01, None, np.nan).sigma == pytest.approx(0.03)
     filled = foot_on_level(SupportLevel(-0.25, 0.1), low, high, 0.01, None, np.nan)
     assert filled.sigma == pytest.approx(np.hypot(0.3 * 0.1 / 1.25, 0.05 * 0.25 / 1.25))
+
+
+@pytest.mark.parametrize(("gap", "is_closed"), [(0.1, True), (0.113, False)])
+def test_a_plane_has_no_hole_at_a_gap_of_a_tenth_of_the_height_of_the_scene(gap, is_closed):
+    """Two parts of a floor and a post of height 1; the map has cells of six of 150 height bins, and one around them."""
+    steps = np.arange(100) / 75
+    part = np.stack([*np.meshgrid(steps, steps, indexing="ij"), np.zeros((100, 100))], axis=-1).reshape(-1, 3)
+    post = np.linspace([0.0, 0.0, 0.0], UP, 3000)
+    points = np.concatenate([part, part + [steps[-1] + gap, 0, 0], post])
+    (floor, *_) = support_planes(UP, points, points)
+    row = floor.cells[:, floor.cells.shape[1] // 2]
+    first, *_, last = np.flatnonzero(row)
+    assert row[first:last].all() == is_closed

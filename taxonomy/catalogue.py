@@ -65,11 +65,6 @@ class SynsetTable:
         """Return the result of `WordNet.hypernyms`, empty for synsets that are not in the table."""
         return nearest_first(synset, lambda name: self._parents.get(name, ()))
 
-    def path(self, synset: str) -> tuple[str, ...]:
-        """Return the path to a synset by the first parents of WordNet, root first."""
-        parents = self._parents.get(synset)
-        return (*self.path(parents[0]), synset) if parents else (synset,)
-
     def lemmas(self, synset: str) -> tuple[str, ...]:
         """Return the result of `WordNet.lemmas`, empty for synsets that are not in the table."""
         return self._lemmas.get(synset, ())
@@ -133,13 +128,6 @@ class Catalogue:
         if self.levels.home_of(concept) is None and self.levels.nodes[concept].level == KIND:
             concept = self.levels.unspecified_parent(concept) or concept
         return None if self.levels.home_of(concept) is None else concept + OTHER
-
-    def wordnet_path(self, leaf: str) -> tuple[str, ...]:
-        """Return the path to a leaf by the first parents of WordNet, root first, or by the hypernyms of insertions."""
-        if leaf.endswith(OTHER):
-            return (*self.wordnet_path(leaf.removesuffix(OTHER)), leaf)
-        above = self.leaves[leaf].hypernym if leaf in self.leaves else None
-        return self._words.path(leaf) if above is None else (*self.wordnet_path(above), leaf)
 
     @cached_property
     def categories(self) -> tuple[Category, ...]:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import shutil
+from contextlib import nullcontext
 from itertools import pairwise
 from pathlib import Path
 
@@ -176,3 +177,14 @@ def test_visibility_is_used_if_19_of_20_points_are_in_the_images_that_see_them(
     scene = read_scene(tmp_path / "copy", file)
     assert scene.dense is not None
     assert (scene.dense.visible_offsets is not None) == is_used
+
+
+@pytest.mark.parametrize(("excess", "is_read"), [(0, True), (1, False)])
+def test_a_header_has_at_most_64_kibibytes(excess: int, is_read: bool, tmp_path: Path) -> None:
+    rows = np.array([(1, 2, 3)], dtype=[(axis, "<f4") for axis in "xyz"])
+    data = ply("binary_little_endian", XYZ, rows)
+    missing = (1 << 16) + excess - data.index(b"end_header") - len(b"end_header")
+    comment = b"comment " + b"x" * (missing - len(b"comment \n")) + b"\n"
+    (tmp_path / "a.ply").write_bytes(data.replace(b"end_header", comment + b"end_header"))
+    with nullcontext() if is_read else pytest.raises(InputError, match="header"):
+        assert read_dense_cloud(tmp_path / "a.ply", 1)[0].points.tolist() == [[1, 2, 3]]

@@ -330,3 +330,18 @@ def test_thresholds_of_the_checks_of_priors(tmp_path: Path, code: str, valid: Er
         change(content)
         found = findings(minitree.release(tmp_path / name, content).directory)
         assert (code in {finding.code for finding in found}) == is_found, name
+
+
+def test_a_prior_is_missing_for_a_node_with_items_and_without_a_prior(tmp_path: Path) -> None:
+    content = minitree.rows()
+    with_priors = {row["node_id"] for row in content[PRIOR]}
+    node_id = content[PRIOR][0]["node_id"]
+    found = findings(minitree.release(tmp_path / "whole", content).directory)
+    before = {finding.subject for finding in found if finding.code == "W406"}
+    assert not before & with_priors
+    content[PRIOR].pop(0)
+    found = findings(minitree.release(tmp_path / "without", content).directory)
+    assert {finding.subject for finding in found if finding.code == "W406"} == before | {node_id}
+    _node(content, node_id)["n_items"] = 0
+    found = findings(minitree.release(tmp_path / "empty", content).directory)
+    assert node_id not in {finding.subject for finding in found if finding.code == "W406"}

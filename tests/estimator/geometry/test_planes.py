@@ -283,7 +283,7 @@ def test_a_plane_has_no_hole_at_a_gap_of_a_tenth_of_the_height_of_the_scene(gap,
     steps = np.arange(100) / 75
     part = np.stack([*np.meshgrid(steps, steps, indexing="ij"), np.zeros((100, 100))], axis=-1).reshape(-1, 3)
     post = np.linspace([0.0, 0.0, 0.0], UP, 3000)
-    points = np.concatenate([part, part + [steps[-1] + gap, 0, 0], post])
+    points = np.concatenate([part, part + np.array([steps[-1] + gap, 0, 0]), post])
     (floor, *_) = support_planes(UP, points, points)
     row = floor.cells[:, floor.cells.shape[1] // 2]
     first, *_, last = np.flatnonzero(row)

@@ -19,6 +19,7 @@ from estimator.records.network_outputs import (
     DEPTH_ANYTHING_3,
     MAX_TABLETOP_M,
     NETWORK_SD,
+    NETWORKS,
     OTHER_NETWORK_SD,
     TABLETOP_SD,
 )
@@ -27,7 +28,7 @@ from estimator.records.result import ScaleEvidence
 from estimator.records.scene import Scene, View
 from estimator.scene_formats.depth_files import SUFFIXES, DepthMaps, read_depths
 from metric_base.arrays import FloatArray, IntArray, evenly_spaced
-from metric_base.errors import InputError
+from metric_base.errors import InputError, Unquoted
 from metric_base.statistics import robust_sigma
 
 KIND = "metric_depth"
@@ -61,7 +62,8 @@ class MetricDepth:
         """Return the median over the views of their median ratio; skipped without maps of the views."""
         observed = _with_observations(scene)
         if self.folder is None:
-            name, ratios, networks, stated = SCENE_NAME, np.zeros(1), {""}, list[float]()
+            self._check_metric(scene)
+            name, ratios, networks, stated = SCENE_NAME, np.log([scene.file_units]), {""}, list[float]()
         elif not self.folder.is_dir():
             raise InputError.at(self.folder, "--metric-depth", "a folder of depth maps", "no such folder")
         else:
@@ -78,6 +80,20 @@ class MetricDepth:
             frame_sd(ratios, float(np.median(stated)) if stated else FRAME_SD) / math.sqrt(len(ratios)), sd_network
         )
         return (ScaleEvidence(KIND, name, scale, sd_log),)
+
+    def _check_metric(self, scene: Scene) -> None:
+        """Raise InputError unless the network of a scene, or the user, states that its units are metres.
+
+        The files of most networks do not show whether a metric model wrote them: its error must be named.
+        """
+        is_metric = next((one.is_metric for one in NETWORKS if one.network == scene.network), None)
+        is_stated = self.network_sd is not None or scene.format == "photograph"
+        if is_metric or (is_metric is None and is_stated):
+            return
+        names = ", ".join(one.network for one in NETWORKS if one.is_metric)
+        expected = f"the output of a metric network ({names}), or of another metric model and its --depth-error"
+        found = f"{scene.network}, whose units are normalised" if is_metric is False else scene.network or scene.format
+        raise InputError.at(scene.path, "--metric-depth scene", expected, Unquoted(found))
 
     def _maps(self, scene: Scene) -> Iterator[tuple[View, FloatArray, DepthMaps]]:
         """Yield the views that have a map, with their depths (h, w) in metres and the maps of the file."""

@@ -24,7 +24,10 @@ MAX_ACCEPTED_ASPECT_DIFFERENCE = 0.1
 
 
 class ViewLookup:
-    """Find the rows of the views of a scene by file name, or by base name if it is unique."""
+    """Find the rows of the views of a scene by file name, or by base name if it is unique.
+
+    A view whose name has no suffix (`cameras.json` of 3DGS) has the base name of its image without the suffix.
+    """
 
     def __init__(self, scene: Scene) -> None:
         names = [_normalised(view.name) for view in scene.views]
@@ -39,8 +42,9 @@ class ViewLookup:
     def row(self, file_name: str) -> int | None:
         """Return the view of an image file, or None."""
         name = _normalised(file_name)
-        exact = self._by_name.get(name)
-        return self._by_base.get(PurePosixPath(name).name) if exact is None else exact
+        path = PurePosixPath(name)
+        candidates = (self._by_name.get(name), self._by_base.get(path.name), self._by_base.get(path.stem))
+        return next((row for row in candidates if row is not None), None)
 
     def row_of_stem(self, stem: str) -> int | None:
         """Return the view of a file whose stem is the name of an image, with or without its suffix, or None."""

@@ -44,7 +44,7 @@ model.transform(pycolmap.Sim3d(float(scale), pycolmap.Rotation3d(), numpy.zeros(
 """
 
 
-def write_rescaled(scene: Scene, scale: float, folder: Path) -> None:
+def write_rescaled(scene: Scene, scale: float, folder: Path, result: ScaleResult | None = None) -> None:
     """Write the files of a scene to a new folder, with the layout of the original.
 
     Parameters
@@ -55,6 +55,8 @@ def write_rescaled(scene: Scene, scale: float, folder: Path) -> None:
         Metres per scene unit.
     folder : Path
         Must not exist.
+    result : ScaleResult, optional
+        Result with this scale, for `scale.json` in the folder.
 
     Raises
     ------
@@ -71,14 +73,7 @@ def write_rescaled(scene: Scene, scale: float, folder: Path) -> None:
         target = temporary / _relative_path(model_path, scene.path)
         target.mkdir(parents=True, exist_ok=True)
         if is_colmap:
-            # COLMAP writes rigs and frames as well.
-            is_binary = scene.format == "colmap-binary"
-            command = [sys.executable, "-c", _RESCALE, str(model_path), str(target), repr(scale), str(is_binary)]
-            result = subprocess.run(command, capture_output=True, text=True, check=False)
-            if result.returncode:
-                lines = [line for line in result.stderr.splitlines() if "Error" in line or "Check failed" in line]
-                found = Unquoted(lines[-1] if lines else f"exit status {result.returncode}")
-                raise InputError.at(model_path, "rigs and frames", "files that COLMAP reads", found)
+            _write_colmap(model_path, scale, target, is_binary=scene.format == "colmap-binary")
         elif scene.format == "opensfm":
             _write_opensfm(model_path, scale, target)
         else:
@@ -102,6 +97,8 @@ def write_rescaled(scene: Scene, scale: float, folder: Path) -> None:
                     rows = np.array([written[view.name] for view in scene.views], dtype=np.int64)[rows]
                 cloud.with_name(f"{cloud.name}.vis").write_bytes(visibility_bytes(offsets, rows))
         (temporary / TRANSFORM).write_text(f"{scale!r} 1 0 0 0 0 0 0\n", encoding="utf-8")
+        if result is not None:
+            (temporary / SIDECAR).write_text(scale_sidecar(result, scene.path, folder), encoding="utf-8")
         _check_unchanged(scene, model_path)
 
 
@@ -131,25 +128,32 @@ def write_rescaled_cloud(scene: Scene, result: ScaleResult, file: Path, option: 
     with whole_file(file, option) as temporary:
         _write_cloud(scene.dense, result.scale, temporary)
     source = scene.dense.path or scene.path
-    record = scale_sidecar(result) | {"model": source.name, "model_in_metres": file.name}
-    write_whole(sidecar, json.dumps(record, indent=1) + "\n", option, SIDECAR_SCHEMA)
+    write_whole(sidecar, scale_sidecar(result, source, file), option, SIDECAR_SCHEMA)
 
 
-def scale_sidecar(result: ScaleResult) -> dict[str, Any]:
-    """Return the scale of a model for viewers, as `metric-tree/scale-sidecar/1`."""
+def scale_sidecar(result: ScaleResult, source: Path, target: Path) -> str:
+    """Return the scale of the model `source` for viewers, as JSON (`metric-tree/scale-sidecar/1`).
+
+    `units_per_meter` is the number of Brush, `metersPerUnit` that of a USD stage with the model in its original units;
+    a node of glTF, which is in metres, has the factor `metres_per_unit` as its scale.
+    """
     record = result.to_json()
     interval, up = record["interval"] or {}, record["up"] or {}
-    return {
+    fields = {
         "schema": SIDECAR_SCHEMA,
         "metres_per_unit": record["scale"],
         "units_per_meter": None if result.scale is None else float(f"{1 / result.scale:.{DIGITS}g}"),
+        "metersPerUnit": record["scale"],
         "low": interval.get("low"),
         "high": interval.get("high"),
         "level": interval.get("level"),
         "up": up.get("vector"),
         "tool": record["tree"]["name"],
         "release": record["tree"]["version"],
+        "model": source.resolve().name,
+        "model_in_metres": target.name,
     }
+    return json.dumps(fields, indent=1) + "\n"
 
 
 def _check_unchanged(scene: Scene, model_path: Path) -> None:
@@ -172,6 +176,16 @@ def _relative_path(path: Path, root: Path) -> Path:
     """Return the path of a file below the folder of the scene; of a file elsewhere, its name."""
     path, root = path.resolve(), root.resolve()
     return path.relative_to(root) if path.is_relative_to(root) else Path(path.name)
+
+
+def _write_colmap(source: Path, scale: float, target: Path, *, is_binary: bool) -> None:
+    """Write a COLMAP model by COLMAP itself, with its rigs and frames."""
+    command = [sys.executable, "-c", _RESCALE, str(source), str(target), repr(scale), str(is_binary)]
+    result = subprocess.run(command, capture_output=True, text=True, check=False)
+    if result.returncode:
+        lines = [line for line in result.stderr.splitlines() if "Error" in line or "Check failed" in line]
+        found = Unquoted(lines[-1] if lines else f"exit status {result.returncode}")
+        raise InputError.at(source, "rigs and frames", "files that COLMAP reads", found)
 
 
 def _write_opensfm(source: Path, scale: float, target: Path) -> None:

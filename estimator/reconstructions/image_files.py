@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from glob import escape
 from pathlib import Path
 
 from estimator.records.scene import Scene, View
@@ -57,7 +58,9 @@ def image_folders(scene: Scene, named: Path | None = None) -> tuple[Path, ...]:
 def image_file(folders: tuple[Path, ...], view: View) -> Path | None:
     """Return the image of a view in the first folder that contains it, or None; links out of the folder are ignored."""
     for folder in folders:
-        file = folder / view.name
-        if is_file(file) and file.resolve().is_relative_to(folder):
-            return file
+        # `cameras.json` of 3DGS names images without their suffixes.
+        named = [] if Path(view.name).suffix else sorted(folder.glob(f"{escape(view.name)}.*"))
+        for file in (folder / view.name, *named):
+            if is_file(file) and file.resolve().is_relative_to(folder):
+                return file
     return None

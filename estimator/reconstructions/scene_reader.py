@@ -14,6 +14,7 @@ from estimator.projection.visibility import infer_observations
 from estimator.reconstructions.colmap import colmap_folder, model_suffix, read_colmap
 from estimator.reconstructions.ply import find_dense_cloud, read_dense_cloud, read_points
 from estimator.reconstructions.splats import is_splat
+from estimator.records.network_outputs import DEPTH_ANYTHING_3
 from estimator.records.scene import DenseCloud, Scene, camera_centres
 from metric_base.arrays import FloatArray, IntArray, evenly_spaced
 from metric_base.errors import InputError, Unquoted
@@ -36,6 +37,10 @@ MAX_COMPARED_GAUSSIANS = 200_000
 #: Minimum fraction of the Gaussians that project into an image, for cameras without sparse points. A normalised frame
 #: passes, because it has the cameras among the Gaussians, too: a warning states that the frame is not checked.
 MIN_SEEN_FRACTION = 0.1
+#: Maximum log error of the ratio of the extents of Gaussians and depth maps, of which different parts are dropped.
+MAX_LOG_EXTENT_ERROR = 0.7
+#: Maximum relative difference of two units that are equal but for errors of the Gaussians.
+MIN_UNIT_DIFFERENCE = 0.02
 #: Path of a scene in memory.
 MEMORY = Path("memory")
 RECONSTRUCTION = "reconstruction.json"
@@ -168,31 +173,47 @@ def _splat_cameras(splat: Path, cameras: Path | None) -> Scene:
     scene = _read_sparse(found)
     files = (one / NORMALISATION for one in (found, found.parent, *above))
     file = next((one for one in files if one.is_file()), None)
+    centres = read_points(splat)
     if file is not None:
         scale, transform = read_normalisation(file)
         scene = _transformed(scene, scale, transform)
         warning = f"{file}: 1 unit of the cameras is {scale:.4g} units of the splat; the scale is that of the splat"
         scene = replace(scene, warnings=(*scene.warnings, warning))
-    centres = read_points(splat)
-    if len(scene.points):
-        extent = np.ptp(np.quantile(scene.points, [SPARSE_TAIL_FRACTION, 1 - SPARSE_TAIL_FRACTION], axis=0), axis=0)
-        gaussians = cKDTree(evenly_spaced(centres, MAX_COMPARED_GAUSSIANS))
-        distances, _ = gaussians.query(evenly_spaced(scene.points, MAX_CHECKED_POINTS))
-        fraction = float((distances <= MAX_GAUSSIAN_DISTANCE * np.linalg.norm(extent)).mean())
-        is_same_frame = fraction >= MIN_NEAR_FRACTION
-        actual = f"{fraction:.0%} of their points near a Gaussian"
-    else:
+    elif scene.dense is not None and scene.network.startswith(DEPTH_ANYTHING_3.network):
+        unit = _unit_of_gaussians(scene.dense.points, centres)
+        if abs(unit - 1) > MIN_UNIT_DIFFERENCE:
+            warning = f"{splat}: 1 unit of it is {unit:.4g} units of {found} (nested models scale only their depth)"
+            scene = replace(_transformed(scene, 1 / unit, np.eye(3, 4)), warnings=(*scene.warnings, warning))
+    if splat.suffix.lower() == ".spz":
+        # Right, up, back, or the axes of the PLY file from which it was made.
+        turned = _transformed(scene, 1.0, np.eye(3, 4) * [[1], [-1], [-1]])
+        scene = max(turned, scene, key=lambda one: _same_frame_fraction(one, centres))
+    fraction = _same_frame_fraction(scene, centres)
+    has_points = len(scene.points) or scene.dense is not None
+    if fraction < (MIN_NEAR_FRACTION if has_points else MIN_SEEN_FRACTION):
+        expected = f"cameras in the frame of the splat, or {NORMALISATION} next to it (gsplat: normalize_world_space)"
+        what = "of their points near a Gaussian" if has_points else "of its Gaussians in the images"
+        raise InputError.at(found, "cameras", expected, Unquoted(f"{fraction:.0%} {what}"))
+    if has_points:
+        return scene
+    warning = f"{found}: without points, it is not checked that the cameras have the frame of the splat"
+    return replace(scene, warnings=(*scene.warnings, warning))
+
+
+def _same_frame_fraction(scene: Scene, centres: FloatArray) -> float:
+    """Return the fraction of the points of a scene with a Gaussian nearby, by the centres (n, 3) of Gaussians.
+
+    The points are the sparse points, or those of a network; without either, return the fraction of Gaussians in images.
+    """
+    points = scene.points if scene.dense is None or len(scene.points) else scene.dense.points
+    if not len(points):
         centres = evenly_spaced(centres, MAX_CHECKED_POINTS)
         is_seen = [np.isfinite(pixels_in_view(view, centres)[0][:, 0]) for view in scene.views]
-        fraction = float(np.any(is_seen, axis=0).mean())
-        is_same_frame = fraction >= MIN_SEEN_FRACTION
-        actual = f"{fraction:.0%} of its Gaussians in the images"
-        warning = f"{found}: without points, it is not checked that the cameras have the frame of the splat"
-        scene = replace(scene, warnings=(*scene.warnings, warning))
-    if not is_same_frame:
-        expected = f"cameras in the frame of the splat, or {NORMALISATION} next to it (gsplat: normalize_world_space)"
-        raise InputError.at(found, "cameras", expected, Unquoted(actual))
-    return scene
+        return float(np.any(is_seen, axis=0).mean())
+    extent = np.ptp(np.quantile(points, [SPARSE_TAIL_FRACTION, 1 - SPARSE_TAIL_FRACTION], axis=0), axis=0)
+    gaussians = cKDTree(evenly_spaced(centres, MAX_COMPARED_GAUSSIANS))
+    distances, _ = gaussians.query(evenly_spaced(points, MAX_CHECKED_POINTS))
+    return float((distances <= MAX_GAUSSIAN_DISTANCE * np.linalg.norm(extent)).mean())
 
 
 def _transformed(scene: Scene, scale: float, transform: FloatArray) -> Scene:
@@ -203,8 +224,28 @@ def _transformed(scene: Scene, scale: float, transform: FloatArray) -> Scene:
         turned, centre = view.rotation @ rotation.T, scale * (rotation @ view.centre + shift)
         views.append(replace(view, rotation=turned, translation=-turned @ centre))
     points = scale * (scene.points @ rotation.T + shift)
+    dense = None if scene.dense is None else DenseCloud(scale * (scene.dense.points @ rotation.T + shift))
+    units = scene.file_units / scale
     # The files of the scene have another frame: outputs are written from memory.
-    return replace(scene, views=tuple(views), points=points, format="nerfstudio")
+    return replace(scene, views=tuple(views), points=points, dense=dense, format="nerfstudio", file_units=units)
+
+
+def _unit_of_gaussians(points: FloatArray, centres: FloatArray) -> float:
+    """Return the factor from Gaussians (n, 3) to the points (m, 3) of the same surfaces, around the origin.
+
+    Depth Anything 3 multiplies depths and positions of cameras by its metric factor, but not its Gaussians, and writes
+    the factor to no file (da3.py, `_apply_depth_alignment`; utils/export/gs.py). The factor has the smallest mean
+    distance, of at most `MAX_GAUSSIAN_DISTANCE` of the extent, between Gaussians and points.
+    """
+    tails = [SPARSE_TAIL_FRACTION, 1 - SPARSE_TAIL_FRACTION]
+    extents = [float(np.linalg.norm(np.ptp(np.quantile(one, tails, axis=0), axis=0))) for one in (points, centres)]
+    sample, radius = evenly_spaced(centres, MAX_CHECKED_POINTS), MAX_GAUSSIAN_DISTANCE * extents[0]
+    tree, log_unit = cKDTree(points), float(np.log(extents[0] / max(extents[1], np.finfo(float).tiny)))
+    for span, step in ((MAX_LOG_EXTENT_ERROR, 0.01), (0.01, 0.001)):
+        grid = log_unit + np.arange(-span, span + step / 2, step)
+        distances = [tree.query(np.exp(u) * sample, distance_upper_bound=radius)[0] for u in grid]
+        log_unit = float(grid[np.argmin([np.minimum(one, radius).mean() for one in distances])])
+    return float(np.exp(log_unit))
 
 
 def _with_dense_cloud(scene: Scene, path: Path) -> Scene:

@@ -2,8 +2,9 @@
 
 The PLY of 3DGS (Inria, gsplat, nerfstudio, Brush) stores log scales (`scale_i`) and the logit of the opacity. The
 compressed PLY stores the positions of 256 Gaussians as fractions of the box of their chunk, with 11, 10 and 11 bits,
-and the opacity in the last byte of the colour. SPZ (versions 2 and 3) is a gzip stream with positions of 24 bits in the
-axes right, up, back, and log scales in steps of 1/16 from -10.
+and the opacity in the last byte of the colour. SPZ (github.com/nianticlabs/spz) stores positions of 24 bits in the axes
+right, up, back, and log scales in steps of 1/16 from -10: versions 2 and 3 as one gzip stream, version 4 as a stream of
+Zstandard for each attribute. Some programs write the axes of their PLY files instead (gsply 0.4).
 """
 
 from __future__ import annotations
@@ -29,7 +30,10 @@ CHUNK = 256
 #: Maximum number of Gaussians of an SPZ file, the limit of its own library.
 MAX_SPZ_POINTS = 10_000_000
 _SPZ_HEADER = struct.Struct("<4sIIBBBB")
-_GZIP = b"\x1f\x8b"
+#: Start of version 4: the same, with the number of streams and the position of their table of sizes.
+_SPZ_4_HEADER = struct.Struct("<4sIIBBBBI")
+_SPZ_4_SIZES = struct.Struct("<QQ")
+_SPZ_MAGIC, _GZIP = b"NGSP", b"\x1f\x8b"
 _CORNERS = ("min_x", "min_y", "min_z", "max_x", "max_y", "max_z")
 
 
@@ -47,14 +51,14 @@ def splat_centres(data: bytes) -> FloatArray | None:
     Returns
     -------
     (n, 3) ndarray of float or None
-        In the axes of the PLY file from which an SPZ file was made; None if the file contains no Gaussians.
+        In the axes of the file; None if it contains no Gaussians.
 
     Raises
     ------
     FieldError
         The file is damaged, or no Gaussian has an opacity of `MIN_OPACITY`.
     """
-    if data.startswith(_GZIP):
+    if data.startswith((_GZIP, _SPZ_MAGIC)):
         centres, opacity = _spz_centres(data)
     elif b" packed_position" in data[:MAX_HEADER_BYTES].partition(b"end_header")[0]:
         centres, opacity = _compressed_centres(data)
@@ -89,24 +93,38 @@ def _compressed_centres(data: bytes) -> tuple[FloatArray, FloatArray]:
 
 def _spz_centres(data: bytes) -> tuple[FloatArray, FloatArray]:
     """Return centres (n, 3) and opacities (n,) of an SPZ file, whose positions are integers of 24 bits."""
+    is_gzip = data.startswith(_GZIP)
     try:
-        with gzip.GzipFile(fileobj=BytesIO(data)) as stream:
-            head = stream.read(_SPZ_HEADER.size)
-            magic, version, count, _, bits, _, _ = _SPZ_HEADER.unpack(head)
-            expect(magic == b"NGSP" and version in (2, 3), "header", "SPZ of version 2 or 3", (magic, version))
+        with gzip.GzipFile(fileobj=BytesIO(data)) if is_gzip else BytesIO(data) as stream:
+            magic, version, count, _, bits, _, _ = _SPZ_HEADER.unpack(stream.read(_SPZ_HEADER.size))
+            is_known = magic == _SPZ_MAGIC and version in ((2, 3) if is_gzip else (4,))
+            expect(is_known, "header", "SPZ of version 2, 3 or 4", (magic, version))
             expected = f"1 to {MAX_SPZ_POINTS} Gaussians, and at most 24 fractional bits"
             expect(0 < count <= MAX_SPZ_POINTS and bits <= 24, "header", expected, (count, bits))
-            # The largest row: position 9, opacity 1, colour 3, scale 3, rotation 4, harmonics 72 bytes.
-            content = bytearray(head + stream.read(92 * count))
+            # The first attributes: position 9 bytes, opacity 1 byte.
+            content = stream.read(10 * count) if is_gzip else _spz_4_streams(data, (9 * count, count))
     except (OSError, EOFError, struct.error, zlib.error) as error:
-        raise FieldError("content", "a complete gzip stream", Unquoted(str(error))) from None
-    if len(content) < _SPZ_HEADER.size + 16 * count:
+        raise FieldError("content", "a complete SPZ file", Unquoted(str(error))) from None
+    if len(content) < 10 * count:
         raise FieldError("content", f"{count} Gaussians", Unquoted(f"{len(content)} bytes"))
-    packed = np.frombuffer(content, np.uint8, 9 * count, _SPZ_HEADER.size).reshape(count, 3, 3).astype(np.int32)
+    packed = np.frombuffer(content, np.uint8, 9 * count).reshape(count, 3, 3).astype(np.int32)
     words = packed[..., 0] | packed[..., 1] << 8 | packed[..., 2] << 16
     positions = (words - ((words & 1 << 23) << 1)).astype(np.float64)
-    opacity = np.frombuffer(content, np.uint8, count, _SPZ_HEADER.size + 9 * count) / 255
-    return positions / 2.0**bits * [1, -1, -1], opacity
+    return positions / 2.0**bits, np.frombuffer(content, np.uint8, count, 9 * count) / 255
+
+
+def _spz_4_streams(data: bytes, n_bytes: tuple[int, ...]) -> bytes:
+    """Return the content of the first streams of an SPZ file of version 4, which have these sizes."""
+    import pyarrow as pa
+
+    *_, n_streams, place = _SPZ_4_HEADER.unpack_from(data)
+    start, parts = place + n_streams * _SPZ_4_SIZES.size, []
+    for row, size in enumerate(n_bytes):
+        n_packed, n_unpacked = _SPZ_4_SIZES.unpack_from(data, place + row * _SPZ_4_SIZES.size)
+        expect(n_unpacked == size, f"stream {row}", f"{size} bytes", n_unpacked)
+        parts.append(pa.decompress(data[start : start + n_packed], size, codec="zstd", asbytes=True))
+        start += n_packed
+    return b"".join(parts)
 
 
 def scaled_splat(data: bytes, scale: float) -> bytes:
@@ -120,7 +138,7 @@ def scaled_splat(data: bytes, scale: float) -> bytes:
     FieldError
         The file is damaged, or is SPZ, whose steps of position and scale a factor would coarsen.
     """
-    if data.startswith(_GZIP):
+    if data.startswith((_GZIP, _SPZ_MAGIC)):
         raise FieldError("format", "PLY (convert the splat to PLY, which stores metres exactly)", Unquoted("SPZ"))
     is_compressed = b" packed_position" in data[:MAX_HEADER_BYTES].partition(b"end_header")[0]
     layout = ply_layout(data, "chunk", _CORNERS) if is_compressed else ply_layout(data)

@@ -25,12 +25,14 @@ class NetworkOutput:
     confidence: str = ""  #: (n, h, w), larger is better; optional.
     is_world_to_camera: bool = False
     images: str = "images"  #: Folder of the images, which the network reads in the order of their names.
+    is_metric: bool | None = None  #: Whether its units are metres; None if only some models are metric.
 
 
 #: facebookresearch/vggt and vggt-omega, demo_gradio.py: `predictions.npz` next to `images/`; normalised units.
 VGGT = NetworkOutput(
-    "VGGT", ("predictions.npz",), "extrinsic", "depth", "", "intrinsic", "depth_conf", is_world_to_camera=True
-)
+    "VGGT", ("predictions.npz",), "extrinsic", "depth", "", "intrinsic", "depth_conf", is_world_to_camera=True,
+    is_metric=False,
+)  # fmt: skip
 #: yyfz/Pi3, demo_gradio.py; only Pi3X is metric.
 PI3 = NetworkOutput("Pi3", ("predictions.npz",), "camera_poses", points="points", confidence="conf")
 #: ByteDance-Seed/Depth-Anything-3, src/depth_anything_3/utils/export/npz.py; `is_metric` is not written.
@@ -50,9 +52,12 @@ CUT3R = NetworkOutput(
     "CUT3R",
     ("camera/*.npz",),
     "camera/*.npz:pose", "depth/*.npy:", "", "camera/*.npz:intrinsics", "conf/*.npy:", images="color",
+    is_metric=True,
 )  # fmt: skip
 #: nv-tlabs/vipe, vipe/utils/io.py; the images are in a video.
-VIPE = NetworkOutput("ViPE", ("pose/*.npz",), "data", "depth/{stem}.zip:", "", "intrinsics/{stem}.npz:data")
+VIPE = NetworkOutput(
+    "ViPE", ("pose/*.npz",), "data", "depth/{stem}.zip:", "", "intrinsics/{stem}.npz:data", is_metric=True
+)
 #: mega-sam/mega-sam, cvd_opt/cvd_opt.py.
 MEGASAM = NetworkOutput("MegaSaM", ("*_sgd_cvd_hr.npz",), "cam_c2w", "depths", "", "intrinsic")
 NETWORKS = (VGGT, PI3, DEPTH_ANYTHING_3, DEPTH_ANYTHING_3_STREAMING, CUT3R, VIPE, MEGASAM)

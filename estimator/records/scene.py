@@ -156,6 +156,8 @@ class Scene:
     warnings: tuple[str, ...] = ()
     model_path: Path | None = None  #: Folder of the files of the model, such as `sparse/0` below `path`.
     observed: bool = True  #: The model contains the observations; otherwise they are inferred from depth.
+    network: str = ""  #: Network that wrote the files, if they show it.
+    file_units: float = 1.0  #: Units of the files of the cameras per scene unit; not 1 in the frame of a splat.
 
     def __post_init__(self) -> None:
         if self.points.ndim != 2 or self.points.shape[1] != 3:

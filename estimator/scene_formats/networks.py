@@ -104,7 +104,8 @@ def read_network(file: Path, network: NetworkOutput) -> Scene:
             expected = f"poses {_convention(*declared)} ({network.network}; {agreement[declared]:.0%} agree)"
             raise FieldError(network.poses.strip(":"), expected, Unquoted(found))
     cloud = depth_cloud(views, depth, confidence)
-    return Scene(file.parent, "network", tuple(views), np.empty((0, 3)), cloud, warnings, file.parent)
+    points, name = np.empty((0, 3)), network.network
+    return Scene(file.parent, "network", tuple(views), points, cloud, warnings, file.parent, network=name)
 
 
 def focal_of_points(points: FloatArray) -> float:

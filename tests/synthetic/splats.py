@@ -9,17 +9,30 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+import pyarrow as pa
 from numpy.typing import NDArray
 
 from estimator.records.scene import Scene, View
 
-__all__ = ["render", "write_cameras", "write_compressed", "write_splat", "write_spz"]
+__all__ = ["GSPLY", "render", "write_cameras", "write_compressed", "write_splat", "write_spz"]
 
 Array = NDArray[Any]
 PROPERTIES = (
     *("x", "y", "z", "nx", "ny", "nz", "f_dc_0", "f_dc_1", "f_dc_2", "f_rest_0"),
     *("opacity", "scale_0", "scale_1", "scale_2", "rot_0", "rot_1", "rot_2", "rot_3"),
 )
+
+
+#: Files of versions 3 and 4 that `gsply.write_spz` of gsply 0.4.6 wrote, in base 64: 12 Gaussians with the centres
+#: (i / 8, -i / 16, 1 + i / 32) and the logit 2.5 of the opacity, in these axes.
+GSPLY = {
+    3: "H4sIAFEjC2sA/5XMyQlCURSD4Q8VERHxTbbkTgQbsYRTmgW5dR6OXEFw+fwhIYsk69V2M8TM10qwYEBmLBjxShVjnhkVEx6pZso9o/7Mb6lh"
+    "zjWjUR4uqVVq54xWyafUseSY0Tn8ED3Y9QD7f/QGWFgVvgABAAA=",
+    4: "TkdTUAQAAAAMAAAAAAwABSAAAAAAAAAAAAAAAAAAAABVAAAAAAAAAGwAAAAAAAAAEQAAAAAAAAAMAAAAAAAAABAAAAAAAAAAJAAAAAAAAAAQ"
+    "AAAAAAAAACQAAAAAAAAAEwAAAAAAAAAwAAAAAAAAACi1L/0gbGUCAGIGERuwJ60B3d3d3cAwDMNwkmEYhsqN7L2vWTMztqSTGuLDySVOp5ri"
+    "c7rFZVRjbBhd48Kn5pjwuceDTQ2yYHORA5faBlwGAQADEAIotS/9IAxFAAAQ7OwBABvAAii1L/0gJD0AAAiAAQBIIAQotS/9ICQ9AAAIcAEA"
+    "SCAEKLUv/SAwVQAAIAAAAMABADEvEQ==",
+}
 
 
 def header(*elements: tuple[str, int, str, tuple[str, ...]]) -> bytes:
@@ -60,12 +73,21 @@ def write_compressed(file: Path, centres: Array, opacity: float = 0.9, size: flo
     return file
 
 
-def write_spz(file: Path, centres: Array, opacity: float = 0.9, bits: int = 12) -> Path:
-    """Write the centres as SPZ version 2, whose axes are right, up, back."""
-    words = np.round(centres * [1, -1, -1] * 2**bits).astype("<i4")
+def write_spz(
+    file: Path, centres: Array, opacity: float = 0.9, bits: int = 12, version: int = 2, axes: Any = (1, -1, -1)
+) -> Path:
+    """Write the centres as SPZ, by default from the axes right, down, forward to those of SPZ: right, up, back."""
+    words = np.round(centres * axes * 2**bits).astype("<i4")
     n = len(centres)
-    body = words.view(np.uint8).reshape(n, 3, 4)[..., :3].tobytes() + bytes([round(255 * opacity)]) * n + bytes(9 * n)
-    file.write_bytes(gzip.compress(struct.pack("<4sIIBBBB", b"NGSP", 2, n, 0, bits, 0, 0) + body))
+    head = struct.pack("<4sIIBBBB", b"NGSP", version, n, 0, bits, 0, 5 * (version == 4))
+    streams = [words.view(np.uint8).reshape(n, 3, 4)[..., :3].tobytes(), bytes([round(255 * opacity)]) * n]
+    streams += [bytes(k * n) for k in (3, 3, 3 if version == 2 else 4)]
+    if version < 4:
+        file.write_bytes(gzip.compress(head + b"".join(streams)))
+        return file
+    packed = [pa.compress(stream, codec="zstd", asbytes=True) for stream in streams]
+    sizes = b"".join(struct.pack("<QQ", len(a), len(b)) for a, b in zip(packed, streams, strict=True))
+    file.write_bytes(head + struct.pack("<I", 32) + bytes(12) + sizes + b"".join(packed))
     return file
 
 

@@ -261,11 +261,28 @@ def test_a_scene_closer_than_a_metre_is_on_a_table(depth_m: float, wanted: float
 
 def test_the_scene_of_a_metric_network(walk: Walk, nothing: Measurements) -> None:
     """A cloud without sparse points has a depth, too."""
-    cloud = DenseCloud(walk.scene.points)
-    for scene in (walk.scene, replace(walk.scene, points=np.empty((0, 3)), dense=cloud)):
+    cloud, made = DenseCloud(walk.scene.points), replace(walk.scene, network="CUT3R")
+    for scene in (made, replace(made, points=np.empty((0, 3)), dense=cloud)):
         row = one(MetricDepth(None).observe(scene, nothing))
         assert (row.id, row.scale) == ("scene", 1.0)
         assert row.sd_log == pytest.approx(np.hypot(0.31, 0.1))
+
+
+@pytest.mark.parametrize(
+    ("network", "sd", "is_accepted"),
+    [("CUT3R", None, True), ("ViPE", 0.2, True), ("Pi3", None, False), ("Pi3", 0.31, True), ("", None, False),
+     ("", 0.2, True), ("VGGT", None, False), ("VGGT", 0.2, False)],
+)  # fmt: skip
+def test_only_metric_networks(
+    network: str, sd: float | None, is_accepted: bool, walk: Walk, nothing: Measurements
+) -> None:
+    scene = replace(walk.scene, network=network, file_units=2.0)
+    if is_accepted:
+        assert one(MetricDepth(None, network_sd=sd).observe(scene, nothing)).scale == pytest.approx(2.0)
+    else:
+        found = "VGGT, whose units are normalised" if network == "VGGT" else network or "memory"
+        with pytest.raises(InputError, match=rf"--metric-depth scene: expected .*\(CUT3R, ViPE\).*found {found}"):
+            MetricDepth(None, network_sd=sd).observe(scene, nothing)
 
 
 def test_maps_of_a_scene_without_sparse_points(walk: Walk, nothing: Measurements, tmp_path: Path) -> None:

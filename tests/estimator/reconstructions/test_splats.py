@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import base64
 import json
 import math
 from collections.abc import Callable
@@ -15,9 +16,11 @@ import trimesh
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
+from estimator.instances.view_matching import ViewLookup
 from estimator.outputs.rescaled import write_rescaled
 from estimator.projection.cameras import pixels_in_view
 from estimator.reconstructions import scene_reader
+from estimator.reconstructions.image_files import image_file
 from estimator.reconstructions.ply import read_points
 from estimator.reconstructions.scene_reader import read_scene
 from estimator.reconstructions.splats import MIN_OPACITY, is_splat, scaled_splat
@@ -26,7 +29,7 @@ from metric_base.errors import InputError
 from metric_cli.estimate_scale.estimate import main
 from tests.synthetic.exports import APPLIED, write_export
 from tests.synthetic.small_scene import small_model
-from tests.synthetic.splats import PROPERTIES, render, write_cameras, write_compressed, write_splat, write_spz
+from tests.synthetic.splats import GSPLY, PROPERTIES, render, write_cameras, write_compressed, write_splat, write_spz
 
 SCALE = 0.37897
 LENS = [300.0, 300.0, 160.0, 120.0]
@@ -56,7 +59,30 @@ def test_centres_of_every_form(
 ) -> None:
     file = write(tmp_path / ("a.spz" if write is write_spz else "a.ply"), centres)
     assert is_splat(file)
-    np.testing.assert_allclose(read_points(file), centres, atol=tolerance)
+    axes = (1, -1, -1) if write is write_spz else (1, 1, 1)
+    np.testing.assert_allclose(read_points(file) * axes, centres, atol=tolerance)
+    if write is write_spz:
+        np.testing.assert_array_equal(read_points(write(file, centres, version=4)) * axes, read_points(file) * axes)
+
+
+@pytest.mark.parametrize("version", GSPLY)
+def test_spz_files_of_gsply(version: int, tmp_path: Path) -> None:
+    (tmp_path / "a.spz").write_bytes(base64.b64decode(GSPLY[version]))
+    i = np.arange(12)
+    np.testing.assert_array_equal(read_points(tmp_path / "a.spz"), np.column_stack([i / 8, -i / 16, 1 + i / 32]))
+
+
+@pytest.mark.parametrize("version", [2, 4])
+@pytest.mark.parametrize("axes", [(1, -1, -1), (1, 1, 1)])
+def test_axes_of_spz(version: int, axes: tuple[int, int, int], model: Path, scene: Scene, tmp_path: Path) -> None:
+    """The cameras get the axes of the file, whether it has those of SPZ or those of the PLY file (gsply)."""
+    file = write_spz(tmp_path / "a.spz", scene.points, version=version, axes=axes)
+    found = read_scene(file, cameras=model)
+    np.testing.assert_allclose(found.points, scene.points * axes, atol=1e-12)
+    assert found.dense is not None
+    np.testing.assert_allclose(found.dense.points, found.points, atol=2e-4)
+    for view, other in zip(scene.views, found.views, strict=True):
+        np.testing.assert_allclose(other.to_camera(found.points), view.to_camera(scene.points), atol=1e-9)
 
 
 def test_faint_gaussians_are_no_points(centres: NDArray[Any], tmp_path: Path) -> None:
@@ -64,6 +90,15 @@ def test_faint_gaussians_are_no_points(centres: NDArray[Any], tmp_path: Path) ->
     np.testing.assert_allclose(read_points(write_splat(tmp_path / "a.ply", centres, opacity)), centres[100:], rtol=1e-6)
     with pytest.raises(InputError, match="opacity: expected at least one Gaussian"):
         read_points(write_splat(tmp_path / "b.ply", centres, 0.1))
+
+
+@pytest.mark.parametrize("end", [10, 40, 100, 1500])
+def test_damaged_spz_4_is_one_line(end: int, centres: NDArray[Any], tmp_path: Path) -> None:
+    file = write_spz(tmp_path / "a.spz", centres, version=4)
+    file.write_bytes(file.read_bytes()[:end])
+    with pytest.raises(InputError, match=r"a\.spz: content: expected a complete SPZ file") as error:
+        read_points(file)
+    assert "\n" not in str(error.value)
 
 
 @pytest.mark.parametrize("fault", ["cut", "version", "count", "stream"])
@@ -194,6 +229,20 @@ def test_an_ascii_splat_is_refused(centres: NDArray[Any], tmp_path: Path) -> Non
         read_points(tmp_path / "a.ply")
 
 
+def test_masks_of_cameras_without_images(scene: Scene, tmp_path: Path) -> None:
+    """Inria's `cameras.json` names images without suffixes; masks and --images have them."""
+    write_cameras(scene, tmp_path / "cameras.json")
+    splat = read_scene(write_splat(tmp_path / "splat.ply", scene.points))
+    assert all("." not in view.name for view in splat.views)
+    names = [f"{view.name}.jpg" for view in splat.views]
+    assert [ViewLookup(splat).row(f"photos/{name}") for name in names] == list(range(len(names)))
+    assert ViewLookup(splat).row("other.jpg") is None
+    (tmp_path / "photos").mkdir()
+    (tmp_path / "photos" / names[1]).write_bytes(b"")
+    assert image_file((tmp_path / "photos",), splat.views[1]) == tmp_path / "photos" / names[1]
+    assert image_file((tmp_path / "photos",), splat.views[0]) is None
+
+
 def test_without_cameras(centres: NDArray[Any], tmp_path: Path) -> None:
     splat = write_splat(tmp_path / "a" / "b" / "c" / "splat.ply", centres)
     with pytest.raises(InputError, match="cameras: expected its cameras in its folder or above"):
@@ -251,14 +300,21 @@ def test_command_writes_the_splat_in_metres(
     assert record["schema"] == "metric-tree/scale-sidecar/1"
     assert record["metres_per_unit"] == result["scale"] == pytest.approx(SCALE, rel=1e-3)
     assert record["units_per_meter"] == pytest.approx(1 / SCALE, rel=1e-3)
+    assert record["metersPerUnit"] == record["metres_per_unit"]
     assert (record["low"], record["high"]) == (result["interval"]["low"], result["interval"]["high"])
     assert (record["model"], record["model_in_metres"]) == ("splat.ply", "metric.ply")
     assert record["release"] == result["tree"]["version"]
     np.testing.assert_allclose(read_points(out), scene.points * result["scale"], rtol=1e-3, atol=1e-4)
+    assert main([str(splat), "--cameras", str(model), "--write-scaled", str(tmp_path / "folder"), *length]) == 0
+    again = json.loads((tmp_path / "folder" / "scale.json").read_text(encoding="utf-8"))
+    assert again == record | {"model": "model", "model_in_metres": "folder"}
 
 
-def test_spz_is_not_written(model: Path, scene: Scene, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    splat = write_spz(tmp_path / "splat.spz", scene.points)
+@pytest.mark.parametrize("version", [2, 4])
+def test_spz_is_not_written(
+    version: int, model: Path, scene: Scene, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    splat = write_spz(tmp_path / "splat.spz", scene.points, version=version)
     length = ["--known-length", "0,0,0", "1,0,0", "1m"]
     out = tmp_path / "metric.ply"
     assert main([str(splat), "--cameras", str(model), "--write-scaled", str(out), *length]) == 2

@@ -11,8 +11,9 @@ import pytest
 from scipy.spatial import cKDTree
 from scipy.spatial.transform import Rotation
 
+from estimator.evidence.depth_maps import MetricDepth
 from estimator.instances.instance_reader import read_instances
-from estimator.pipeline import estimate_scale
+from estimator.pipeline import estimate_scale, measure_objects
 from estimator.reconstructions.scene_reader import read_scene
 from estimator.records.network_outputs import NETWORKS
 from estimator.records.scene import View
@@ -24,6 +25,7 @@ from tests.support.skips import skip_without
 from tests.synthetic.networks import WRITERS, RenderedViews, rendered_views, write_output
 from tests.synthetic.rooms.furnish import furnished_room
 from tests.synthetic.rooms.render import NoOpenGL
+from tests.synthetic.splats import write_splat
 
 FLIP = np.diag([1.0, -1.0, -1.0, 1.0])
 
@@ -66,6 +68,28 @@ def test_the_scale_of_the_room(network: str, tmp_path: Path) -> None:
     assert result.status == "resolved"
     assert result.interval is not None
     assert result.interval.low < views.scale < result.interval.high
+
+
+@pytest.mark.parametrize("factor", [0.37, 1.0, 5.2])
+def test_gaussians_of_depth_anything_3_have_the_units_of_its_network(
+    factor: float, views: RenderedViews, tmp_path: Path
+) -> None:
+    """Depths and cameras are multiplied by the metric factor, the Gaussians are not; 10 % are pruned (gs.py)."""
+    folder = write_output("Depth Anything 3", views, tmp_path / "scene")
+    points = views.points.reshape(-1, 3)
+    order = np.argsort(np.linalg.norm(points - views.centre[0], axis=1))
+    near = points[np.sort(order[: len(points) * 9 // 10])]
+    noisy = near + 0.01 * np.random.default_rng(0).normal(size=near.shape)
+    splat = write_splat(folder / "exports" / "gs_ply" / "0000.ply", noisy / factor)
+    scene = read_scene(splat)
+    assert scene.file_units == pytest.approx(factor, rel=0.01)
+    assert scene.dense is not None
+    for row, view in enumerate(scene.views):
+        assert np.abs(factor * view.centre - views.centre[row]).max() < 0.02
+    assert any(f"is {factor:.2g}" in line for line in scene.warnings) == (factor != 1)
+    measurements = measure_objects(scene, ())
+    (evidence,) = MetricDepth(None, network_sd=0.3).observe(scene, measurements)
+    assert evidence.scale == pytest.approx(factor, rel=0.01)  # of the splat, whatever the unit of the network
 
 
 @pytest.mark.parametrize("network", WRITERS)

@@ -80,26 +80,3 @@ def test_distant_points_of_a_damaged_cloud_are_removed(number: str, shared: Path
     assert any("far from the cameras" in line for line in scene.warnings)
     extent = np.ptp(np.vstack([scene.points, [view.centre for view in scene.views]]), axis=0).max()
     assert np.ptp(scene.dense.points, axis=0).max() < 500 * extent
-
-
-@pytest.mark.parametrize("name", ["coincident", "collinear_tum", "planar_tum", "translations_zero_tum"])
-def test_damaged_geometry_has_no_scale(name: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    shutil.copytree(DAMAGED / name, tmp_path / "scene", copy_function=shutil.copyfile)
-    assert main([str(tmp_path / "scene"), "--json"]) == 3
-    assert json.loads(capsys.readouterr().out)["scale"] is None
-
-
-def test_scale_of_objects_in_other_units_is_proportional_to_the_unit(capsys: pytest.CaptureFixture[str]) -> None:
-    scales = []
-    for name in ("objects_x1.json", "objects_x100000.json", "objects_x1e-05.json"):
-        assert main(["--objects", str(DAMAGED / name), "--json"]) == 0
-        scales.append(json.loads(capsys.readouterr().out)["scale"])
-    assert scales[0] == pytest.approx(scales[1] * 1e5, rel=5e-3)
-    assert scales[0] == pytest.approx(scales[2] * 1e-5, rel=5e-3)
-
-
-@pytest.mark.parametrize("name", ["persons100_same.json", "persons100_extents.json"])
-def test_scale_of_a_hundred_equal_objects_is_unresolved_or_right(name: str, capsys: pytest.CaptureFixture[str]) -> None:
-    status = main(["--objects", str(DAMAGED / name), "--json"])
-    scale = json.loads(capsys.readouterr().out)["scale"]
-    assert status == 3 or 0.8 < scale < 1.25

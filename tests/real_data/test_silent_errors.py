@@ -68,6 +68,7 @@ def test_persons_without_a_vertical_are_unresolved(
 @pytest.mark.parametrize(
     ("name", "code"),
     [
+        ("coincident", "coincident_points"),
         ("planar_tum", "coplanar_points"),
         ("translations_zero_tum", "coincident_cameras"),
         ("collinear_tum", "collinear_points"),
@@ -78,5 +79,6 @@ def test_damaged_geometry_is_unresolved(
 ) -> None:
     status = main([str(damaged / name), "--json"])
     captured = capsys.readouterr()
-    assert (status, json.loads(captured.out)["status"]) == (3, "unresolved")
+    result = json.loads(captured.out)
+    assert (status, result["status"], result["scale"]) == (3, "unresolved", None)
     assert f"unresolved: {code}" in captured.err

@@ -120,7 +120,7 @@ def test_every_category_with_a_prior_has_a_mixture(
     monkeypatch.setattr(Node, "items", items)
     monkeypatch.setattr("sklearn.mixture.BayesianGaussianMixture", partial(BayesianGaussianMixture, max_iter=1))
     tree = metric_tree.open()
-    names = sorted(set(tree.priors().column("node_id").to_pylist()))
+    names = sorted(set(tree.release.table("priors", columns=["node_id"]).column("node_id").to_pylist()))
     assert set(ONE_SIZE) < set(names)
     with threadpool_limits(1):  # threads of BLAS cost more than the matrices of 3 x 3
         for name in names[part::N_PARTS]:

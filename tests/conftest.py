@@ -6,14 +6,21 @@ import os
 import signal
 from collections import Counter
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import pytest
 from hypothesis import HealthCheck, settings
 
+from metric_cli.programs import THREAD_VARIABLES
 from metric_cli.subcommands import main
-from metric_tree.tree import Tree, open_tree
-from tests.synthetic import minitree
+
+if TYPE_CHECKING:
+    from metric_tree.tree import Tree
+
+# One thread, as in the programs: several test processes with the threads of NumPy's BLAS would wait for each other.
+# NumPy reads these when it is imported, which the imports above do not do.
+for variable in THREAD_VARIABLES:
+    os.environ.setdefault(variable, "1")
 
 # A shell that starts the tests in the background makes them ignore SIGINT, and the tested commands would inherit this.
 if signal.getsignal(signal.SIGINT) == signal.SIG_IGN:
@@ -83,6 +90,9 @@ def _no_progress_lines(request: pytest.FixtureRequest, monkeypatch: pytest.Monke
 @pytest.fixture
 def mini(tmp_path: Path) -> Tree:
     """Return a small valid tree."""
+    from metric_tree.tree import open_tree
+    from tests.synthetic import minitree
+
     return open_tree(minitree.release(tmp_path / "mini").directory)
 
 

@@ -5,6 +5,7 @@
     python -m data.generate reliability
     python -m data.generate repeated ../shared/data/sizes
     python -m data.generate photographs ../shared/data/pictures
+    python -m data.generate illustrations ../shared/data/models
 
 The commands `words`, `codes` and `reliability` write to `data/taxonomy/generated`.
 
@@ -17,6 +18,10 @@ the forms of verbs, that are one letter off a word of a name without being one: 
 
 `photographs`: `data/raw/pictures-1-0.jsonl` and its files in `data/images` are the photographs of objects whose cut by
 `data/curated/guides.jsonl` its reviewer calls good, cropped, with transparency; they hang on the range of their kind.
+
+`illustrations`: `data/raw/pictures-2-0.jsonl` and its files in `data/images` are two views, front and oblique, of the
+models in `data/curated/illustrations.csv`. Their sizes are not those of their kind (a sitting cat, an open laptop), so
+that they hang on its range, too.
 
 `codes`: `codes.tsv` has the ids of label lists: ImageNet's `n02119789`, Open Images' `/m/01mzpv`.
 
@@ -35,6 +40,7 @@ import argparse
 import csv
 import hashlib
 import json
+import os
 import re
 from collections import Counter, defaultdict
 from collections.abc import Iterable, Iterator
@@ -45,9 +51,12 @@ import numpy as np
 from PIL import Image
 
 from benchmarks.taxonomy.matching import counts_by_rule, labelled, matcher_without
+from insertion.render.gpu import gl_context
+from insertion.render.studio import studio_views
 from metric_base.files import whole_file
 from metric_tree.cutouts.guided import METHOD, guided_foreground, guides
 from metric_tree.cutouts.quality import assessment
+from models3d.gltf.model_reader import read_model
 from taxonomy.catalogue import OTHER, Catalogue, default_catalogue
 from taxonomy.label_lists import vocabulary
 from taxonomy.matching.decisions import decisions, rulings
@@ -62,6 +71,11 @@ GENERATED = Path(__file__).parent / "taxonomy" / "generated"
 
 #: Longer side of a photograph that ships, in pixels.
 MAX_SIDE_PX = 512
+
+#: Azimuths of the views of an illustration in degrees: front and oblique.
+VIEWS_DEG = (0.0, 30.0)
+#: Source of the models of Sweet Home 3D.
+DEBIAN = "https://snapshot.debian.org/package/sweethome3d-furniture/1.8-1/"
 
 #: Nodes of the photographs' categories.
 KINDS = {
@@ -283,9 +297,7 @@ def write_photographs(folder: Path) -> None:
         image = Image.fromarray(np.dstack([data, alpha])[y : y + height, x : x + width])
         image.thumbnail((MAX_SIDE_PX, MAX_SIDE_PX))
         image.save(sink := BytesIO(), "WEBP", quality=90, method=6)
-        image_id = hashlib.sha256(sink.getvalue()).hexdigest()
-        (file := RAW.parent / "images" / image_id[:2] / f"{image_id}.webp").parent.mkdir(exist_ok=True)
-        file.write_bytes(sink.getvalue())
+        image_id = _stored(sink.getvalue())
         records.append(
             {
                 "schema": "metric-tree/picture/1", "image_id": image_id, "item_id": f"judged:{KINDS[row['category']]}",
@@ -297,6 +309,43 @@ def write_photographs(folder: Path) -> None:
         )  # fmt: skip
     records.sort(key=lambda record: (record["item_id"], record["image_id"]))
     _write(RAW / "pictures-1-0.jsonl", map(json.dumps, records))
+
+
+def _stored(body: bytes) -> str:
+    """Write an image to the store, and return its id."""
+    image_id = hashlib.sha256(body).hexdigest()
+    (file := RAW.parent / "images" / image_id[:2] / f"{image_id}.webp").parent.mkdir(exist_ok=True)
+    file.write_bytes(body)
+    return image_id
+
+
+def write_illustrations(folder: Path) -> None:
+    """Views of the models that `illustrations.csv` names, from a folder with `models.csv`."""
+    with (folder / "models.csv").open(encoding="utf-8", newline="") as lines:
+        models = {row["file"]: row for row in csv.DictReader(lines)}
+    os.environ.setdefault("LP_NUM_THREADS", "1")
+    context = gl_context()
+    records = []
+    with (RAW.parent / "curated" / "illustrations.csv").open(encoding="utf-8", newline="") as lines:
+        for node_id, file in csv.reader(lines):
+            if file == "model":
+                continue
+            place, commit = models[file]["source"].split(" @ ") if " @ " in models[file]["source"] else (None, None)
+            url = DEBIAN if place is None else f"https://github.com/{place.replace(' : ', f'/tree/{commit}/')}"
+            for view in studio_views(context, read_model(folder / file), MAX_SIDE_PX, VIEWS_DEG):
+                Image.fromarray(view.rgba, "RGBA").save(sink := BytesIO(), "WEBP", quality=80, method=6)
+                image_id = _stored(sink.getvalue())
+                records.append(
+                    {
+                        "schema": "metric-tree/picture/1", "image_id": image_id, "item_id": f"judged:{node_id}",
+                        "path": f"{image_id[:2]}/{image_id}.webp", "width_px": view.rgba.shape[1],
+                        "height_px": view.rgba.shape[0], "foreground_share": round(view.foreground_share, 6),
+                        "method": "rendered", "source_url": url,
+                        "licence": models[file]["licence"], "attribution": models[file]["attribution"],
+                    }
+                )  # fmt: skip
+    records.sort(key=lambda record: (record["item_id"], record["image_id"]))
+    _write(RAW / "pictures-2-0.jsonl", map(json.dumps, records))
 
 
 def _write(file: Path, lines: Iterable[str]) -> None:
@@ -315,6 +364,7 @@ def main() -> None:
     codes.add_argument("--openimages", type=Path, required=True, help="Open Images' classes as id,name,mid")
     codes.add_argument("--imagenet", type=Path, required=True, help="ImageNet's classes as id,name,synset offset")
     kinds.add_parser("photographs").add_argument("pictures", type=Path, help="folder with pictures.csv")
+    kinds.add_parser("illustrations").add_argument("models", type=Path, help="folder with models.csv")
     kinds.add_parser("repeated").add_argument("sizes", type=Path, help="folder of the tables of boxes")
     arguments = parser.parse_args()
     if arguments.kind == "words":
@@ -323,6 +373,8 @@ def main() -> None:
         write_reliability()
     elif arguments.kind == "photographs":
         write_photographs(arguments.pictures)
+    elif arguments.kind == "illustrations":
+        write_illustrations(arguments.models)
     elif arguments.kind == "codes":
         lists = {"imagenet_1k": arguments.imagenet, "openimages_601": arguments.openimages}
         _write(GENERATED / "codes.tsv", ("\t".join(row) for row in sorted(set(code_lines(lists)))))

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -47,7 +47,9 @@ class StudioView:
         return float((self.rgba[..., 3] >= 128).mean())
 
 
-def studio_views(context: Any, model: Model, pixels: int) -> Iterator[StudioView]:
+def studio_views(
+    context: Any, model: Model, pixels: int, azimuths_deg: Sequence[float] = AZIMUTHS_DEG
+) -> Iterator[StudioView]:
     """Yield orthographic views of a model whose largest diagonal has a length of `pixels` pixels.
 
     Parameters
@@ -66,7 +68,7 @@ def studio_views(context: Any, model: Model, pixels: int) -> Iterator[StudioView
     deep = context.depth_renderbuffer((side, side), samples=SAMPLES)
     smooth = context.framebuffer([make((side, side), 4, samples=SAMPLES)], deep)
     plain = context.framebuffer([make((side, side), 4)])
-    for azimuth in AZIMUTHS_DEG:
+    for azimuth in azimuths_deg:
         turn = camera_axes(azimuth, ELEVATION_DEG)
         reach = radius * side / pixels  # half the side of the visible cube
         clip = np.eye(4)

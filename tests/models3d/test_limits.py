@@ -2,9 +2,12 @@
 
 from __future__ import annotations
 
+import base64
 import csv
 import json
+import struct
 import zipfile
+import zlib
 from collections.abc import Iterator
 from contextlib import nullcontext
 from pathlib import Path
@@ -14,7 +17,7 @@ import pyarrow as pa
 import pyarrow.parquet as pq
 import pytest
 
-from metric_base.errors import InputError
+from metric_base.errors import FieldError, InputError
 from metric_cli.subcommands import main
 from models3d import formats
 from models3d.asset import Asset
@@ -265,3 +268,77 @@ def test_coordinates_and_sizes_are_at_most_1e15_metres(metres: float, is_valid: 
     table.write_text(f"name,x,y,z\na,1,1,{metres}\n")
     (row,) = read_boxes(table)
     assert isinstance(row, Asset) == is_valid
+
+
+def _png(width: int, height: int) -> str:
+    """Return a data URI of the header of a PNG, in which readers find the size before they decode pixels."""
+    header = b"IHDR" + struct.pack(">IIBBBBB", width, height, 8, 2, 0, 0, 0)
+    data = b"\x89PNG\r\n\x1a\n" + struct.pack(">I", 13) + header + struct.pack(">I", zlib.crc32(header))
+    data += struct.pack(">I", 9) + b"IDAT"
+    return "data:image/png;base64," + base64.b64encode(data).decode()
+
+
+@pytest.mark.parametrize(
+    ("sizes", "message"),
+    [
+        ([(8192, 8192)], None),
+        ([(8192, 8193)], "at most 67,108,864 pixels, found 67,117,056"),
+        ([(8192, 8192)] * 2, None),
+        ([(8192, 8192), (8192, 8191), (8192, 2)], "at most 134,217,728 pixels in all, found 134,225,920"),
+    ],
+)
+def test_textures_have_at_most_8192_x_8192_pixels_and_twice_as_many_in_all(
+    sizes: list[tuple[int, int]], message: str | None, tmp_path: Path
+) -> None:
+    images = [{"uri": _png(*size)} for size in sizes]
+    opened = document.GltfDocument.open(_gltf(tmp_path / "a.gltf", images=images))
+    with nullcontext() if message is None else pytest.raises(FieldError, match=message):
+        opened.check_images()
+
+
+@pytest.mark.parametrize(
+    ("nodes", "count", "mode", "message"),
+    [
+        (3, 1_000_000, 4, None),
+        (3, 1_000_001, 4, "at most 3000000 corners, found 3000003"),
+        (1, 6_000_000, 4, "at most 3000000 corners"),
+        (2, 1_000_002, 5, "at most 2000000 triangles, found 2000004"),
+        (2, 1_000_000, 5, None),
+        (1, 6_000_001, 0, "count: expected a whole number from 1 to 6000000"),
+    ],
+)
+def test_corners_and_triangles_are_counted_for_each_node_that_draws_them(
+    nodes: int, count: int, mode: int, message: str | None, tmp_path: Path
+) -> None:
+    accessors = [{"count": count, "componentType": 5126, "type": "VEC3"}]
+    meshes = [{"primitives": [{"attributes": {"POSITION": 0}, "mode": mode}]}]
+    path = _gltf(tmp_path / "a.gltf", accessors=accessors, meshes=meshes, nodes=[{"mesh": 0}] * nodes)
+    with nullcontext() if message is None else pytest.raises(FieldError, match=message):
+        document.GltfDocument.open(path)
+
+
+@pytest.mark.parametrize(("n_nodes", "is_valid"), [(100_000, True), (100_001, False)])
+def test_a_file_has_at_most_100000_nodes(n_nodes: int, is_valid: bool, tmp_path: Path) -> None:
+    path = _gltf(tmp_path / "a.gltf", nodes=[{}] * n_nodes)
+    with nullcontext() if is_valid else pytest.raises(FieldError, match="nodes: expected at most 100000"):
+        document.GltfDocument.open(path)
+
+
+@pytest.mark.parametrize(("n_nodes", "is_valid"), [(501, True), (502, False)])
+def test_nodes_are_at_most_500_levels_below_a_root(n_nodes: int, is_valid: bool, tmp_path: Path) -> None:
+    nodes = [{"children": [index + 1]} for index in range(n_nodes - 1)]
+    path = _gltf(tmp_path / "a.gltf", nodes=[*nodes, {}])
+    with nullcontext() if is_valid else pytest.raises(FieldError, match="at most 500 levels"):
+        document.GltfDocument.open(path)
+
+
+@pytest.mark.parametrize(("metres", "is_valid"), [(0.99e9, True), (1.01e9, False)])
+def test_a_corner_of_a_model_is_at_most_a_million_kilometres_away(
+    metres: float, is_valid: bool, tmp_path: Path
+) -> None:
+    writer = GltfWriter("test")
+    corners = writer.add_accessor(np.array([[0, 0, 0], [metres, 0, 0], [0, metres, 0]], dtype=np.float32))
+    mesh = writer.add("meshes", {"primitives": [{"attributes": {"POSITION": corners}}]})
+    (tmp_path / "a.glb").write_bytes(writer.to_bytes([writer.add("nodes", {"mesh": mesh})]))
+    with nullcontext() if is_valid else pytest.raises(InputError, match="POSITION: expected finite numbers below"):
+        assert read_model(tmp_path / "a.glb").meshes

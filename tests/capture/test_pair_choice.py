@@ -5,6 +5,8 @@ from __future__ import annotations
 from pathlib import Path
 
 import numpy as np
+import pytest
+from numpy.typing import NDArray
 
 from capture.mapping.features import MAIN
 from capture.mapping.incremental import verify_with_camera
@@ -76,3 +78,14 @@ def test_pictures_whose_names_hold_spaces_are_verified(tmp_path: Path) -> None:
         assert database.num_inlier_matches() > 0.9 * inliers > 0
         assert sorted(image.name for image in database.read_all_images()) == names
     assert not list(tmp_path.glob("*.txt"))
+
+
+@pytest.mark.parametrize(("ratio", "is_match"), [(0.79, True), (0.81, False)])
+def test_a_feature_matches_the_nearest_if_the_second_is_farther_by_a_quarter(ratio: float, is_match: bool) -> None:
+    """Unit vectors in a plane at these angles: the nearest at 0.1 radian, the second at 0.1 / ratio."""
+
+    def at(*angles: float) -> NDArray[np.float32]:
+        return np.array([[np.cos(angle), np.sin(angle)] for angle in angles], dtype=np.float32)
+
+    scores = coarse_scores([at(0.0, 2.0), at(0.1, -0.1 / ratio)])
+    assert bool(scores[0, 1]) == is_match

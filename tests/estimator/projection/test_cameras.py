@@ -5,6 +5,7 @@ from __future__ import annotations
 import signal
 import subprocess
 import sys
+from contextlib import nullcontext
 from pathlib import Path
 
 import numpy as np
@@ -128,3 +129,18 @@ sys.exit(exit_status("x", run))
         _, message = process.communicate()
     assert (process.returncode, message) == (143, "x: terminated\n")
     assert not list(tmp_path.iterdir())
+
+
+@pytest.mark.parametrize(
+    ("size", "is_valid"),
+    [
+        ((100_000, 2), True),
+        ((100_001, 2), False),
+        ((2, 100_001), False),
+        ((1 << 14, 1 << 14), True),
+        ((1 << 14, (1 << 14) + 1), False),
+    ],
+)
+def test_an_image_has_sides_of_at_most_100000_and_2_to_the_28_pixels(size: tuple[int, int], is_valid: bool) -> None:
+    with nullcontext() if is_valid else pytest.raises(FieldError, match="size"):
+        assert make_camera("PINHOLE", size, [1.0, 1.0, 1.0, 1.0]).width == size[0]

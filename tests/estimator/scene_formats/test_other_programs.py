@@ -230,3 +230,14 @@ def test_a_fisheye_of_meshroom_has_four_coefficients(kind: str, colmap: Scene, t
     file.write_text(json.dumps(document), encoding="utf-8")
     with pytest.raises(InputError, match=f"type: expected one of .*{kind}"):
         read_scene(file)
+
+
+@pytest.mark.parametrize(("value", "is_valid"), [(0.99e12, True), (1.01e12, False), (-1.01e12, False)])
+@pytest.mark.parametrize("of", ["point", "pose"])
+def test_coordinates_of_colmap_are_below_1e12(of: str, value: float, is_valid: bool, tmp_path: Path) -> None:
+    far, near = f"{value} 0 2", "0 0 2"
+    (tmp_path / "cameras.txt").write_text("1 PINHOLE 320 240 300 300 160 120\n")
+    (tmp_path / "images.txt").write_text(f"1 1 0 0 0 {far if of == 'pose' else near} 1 a.png\n\n")
+    (tmp_path / "points3D.txt").write_text(f"1 {near} 9 9 9 0\n2 {far if of == 'point' else near} 9 9 9 0\n")
+    with nullcontext() if is_valid else pytest.raises(InputError, match=rf"{of}.*finite (numbers|coordinates) below"):
+        read_scene(tmp_path)

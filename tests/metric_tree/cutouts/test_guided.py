@@ -11,7 +11,7 @@ import pytest
 
 from metric_base.errors import InputError
 from metric_tree.cutouts.backend import Guide, Settings
-from metric_tree.cutouts.guided import guided_foreground, guides
+from metric_tree.cutouts.guided import grabcut_state, guided_foreground, guides
 from metric_tree.cutouts.release_cutouts import cut
 
 ID = "a" * 64
@@ -74,3 +74,16 @@ def test_a_wrong_line_is_named(change: dict[str, object], named: str, tmp_path: 
     with pytest.raises(InputError, match=named) as raised:
         guides(file)
     assert ":2" in str(raised.value)
+
+
+@pytest.mark.parametrize(("distance", "label"), [(9, cv2.GC_PR_BGD), (10, cv2.GC_BGD)])
+def test_the_edge_of_an_object_is_within_9_percent_of_its_shorter_side(distance: int, label: int) -> None:
+    guide = Guide(picture=ID, box=(100, 100, 200, 100), reviewer="a")
+    assert grabcut_state(guide, (400, 400))[150, 100 - distance] == label
+
+
+def test_pixels_farther_than_the_tolerance_inside_a_polygon_are_certain() -> None:
+    corners = ((100, 100), (300, 100), (300, 200), (100, 200))
+    state = grabcut_state(Guide(picture=ID, polygon=corners, reviewer="a"), (400, 400))
+    assert state[150, 108] == cv2.GC_PR_FGD
+    assert state[150, 110] == cv2.GC_FGD

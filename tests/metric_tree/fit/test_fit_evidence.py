@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
+from metric_tree.fit.evidence_model import EvidenceModel
 from metric_tree.fit.rows import row_weights
 
 
@@ -33,3 +34,9 @@ def test_a_single_size_is_a_third_of_a_row_if_others_have_more():
     several = row_weights(["shop"] * 2, ["product"] * 2, n_stated=np.array([3, 1]))
     assert several[1] == pytest.approx(several[0] / 3)
     assert row_weights(["shop"] * 2, ["product"] * 2, n_stated=np.array([1, 1])).std() == 0.0
+
+
+def test_a_scale_of_zero_counts_as_half_a_percent_when_models_are_mixed() -> None:
+    none, some = EvidenceModel(share=0.0, spread=0.0), EvidenceModel(share=0.2, spread=0.05)
+    halfway = none.towards(some, 0.5)
+    assert (halfway.share, halfway.spread) == pytest.approx((np.sqrt(0.005 * 0.2), np.sqrt(0.005 * 0.05)))

@@ -8,6 +8,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from metric_tree.axes import Sizes, axis_assignments, sizes_from_words
+from metric_tree.pipeline.ingest import range_sd, widened_sd
 
 NAN = np.nan
 words = st.dictionaries(
@@ -124,3 +125,9 @@ def test_a_flat_object_stood_on_its_edge_if_its_height_is_half_as_large_again() 
     lying, standing = ({"length": 300.0, "width": 100.0, "height": height} for height in (149.0, 151.0))
     assert sizes_from_words(lying, None, "flat") == Sizes(300, 100, 149, (300, 149, 100))
     assert sizes_from_words(standing, None, "flat") == Sizes(300, 151, 100, (300, 151, 100))
+
+
+def test_a_stated_range_is_wider_by_at_most_70_percent() -> None:
+    """Of a narrow range; the standard deviation of a wide one does not grow."""
+    assert widened_sd(990, 1010) / range_sd(990, 1010) == pytest.approx(1.7)
+    assert widened_sd(100, 400) < range_sd(100, 400)

@@ -110,3 +110,48 @@ def test_a_wide_lens_that_is_not_corrected_is_read(
     assert stated_fisheye_deg(file) == (None if stated is None else pytest.approx(stated))
     file.write_bytes(file.read_bytes()[:-30])  # cut off
     assert stated_fisheye_deg(file) is None
+
+
+def _lens(degrees: float) -> bytes:
+    """The settings of an uncorrected lens in the table of contents."""
+    lens = gpmf_key("VFOV", "c", b"W") + gpmf_key("ZFOV", "f", [[degrees]])
+    return _atom(b"udta", _atom(b"GPMF", gpmf_key("DEVC", "\0", lens + gpmf_key("PRJT", "F", b"GPRO"))))
+
+
+@pytest.mark.parametrize(("degrees", "is_used"), [(60.5, True), (59.5, False), (199.5, True), (200.5, False)])
+def test_a_field_of_view_from_60_to_200_degrees_is_used(tmp_path: Path, degrees: float, is_used: bool) -> None:
+    (tmp_path / "a.mp4").write_bytes(_atom(b"moov", _lens(degrees)))
+    assert (stated_fisheye_deg(tmp_path / "a.mp4") is not None) == is_used
+
+
+@pytest.mark.parametrize(("excess", "stated"), [(0, 120.0), (1, None)])
+def test_an_atom_that_does_not_fit_into_its_parent_is_ignored(
+    tmp_path: Path, excess: int, stated: float | None
+) -> None:
+    lens = bytearray(_lens(120.0))
+    lens[8:12] = struct.pack(">I", len(lens) - 8 + excess)  # the size of `GPMF` in `udta`
+    (tmp_path / "a.mp4").write_bytes(_atom(b"moov", bytes(lens)))
+    assert stated_fisheye_deg(tmp_path / "a.mp4") == stated
+
+
+@pytest.mark.parametrize(("excess", "stated"), [(0, 120.0), (1, None)])
+def test_a_table_of_contents_has_at_most_64_mebibytes(tmp_path: Path, excess: int, stated: float | None) -> None:
+    lens, length = _lens(120.0), (1 << 26) + excess
+    (file := tmp_path / "a.mp4").write_bytes(
+        struct.pack(">I4s", 8 + length, b"moov") + lens + struct.pack(">I4s", length - len(lens), b"free")
+    )
+    with file.open("ab") as end:
+        end.truncate(8 + length)
+    assert stated_fisheye_deg(file) == stated
+
+
+@pytest.mark.parametrize(
+    ("value", "number", "millimetres"),
+    [(struct.pack(">d", 26.0), 23, None), (struct.pack(">f", 26.0), 24, None), (bytes(8) + b"\x1a", 22, None)],
+)
+def test_a_number_of_another_length_than_its_type_is_ignored(
+    tmp_path: Path, value: bytes, number: int, millimetres: float | None
+) -> None:
+    file = tmp_path / "a.mov"
+    file.write_bytes(_with_track_metadata(_film(file), _metadata(value, number)))
+    assert stated_focal_35mm(file) == millimetres

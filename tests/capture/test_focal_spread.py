@@ -46,3 +46,11 @@ def test_a_zoom_is_its_spread(tmp_path: Path, zoom: float) -> None:
 def test_two_frames_say_nothing(tmp_path: Path) -> None:
     scene = _seen(synthetic_walk(tmp_path).scene, 0.3, 0.3)
     assert focal_variation(replace(scene, views=scene.views[:2])) is None
+
+
+@pytest.mark.parametrize(("n_points", "is_measured"), [(60, True), (59, False)])
+def test_a_frame_needs_sixty_points_in_two_halves(n_points: int, is_measured: bool, tmp_path: Path) -> None:
+    scene = _seen(synthetic_walk(tmp_path).scene, 0.0, 0.3)
+    views = sorted(scene.views, key=lambda view: -len(view.point_index))[:3]
+    few = replace(views[2], keypoints=views[2].keypoints[:n_points], point_index=views[2].point_index[:n_points])
+    assert (focal_variation(replace(scene, views=(*views[:2], few))) is not None) == is_measured

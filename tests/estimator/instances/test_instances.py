@@ -381,3 +381,21 @@ def test_an_outline_has_at_most_two_million_pixels(half: int, is_read: bool) -> 
     there_and_back = [0, 0, side, 0] * (half // side) + [0, 0, half % side, 0]
     with nullcontext() if is_read else pytest.raises(FieldError, match="at most 2000000 pixels"):
         assert not decode_segmentation([there_and_back], (side, 2)).any()
+
+
+@pytest.mark.parametrize(
+    ("n_masks", "shape", "message"),
+    [
+        (10_000, (1, 1), None),
+        (10_001, (1, 1), "at most 10,000 of an image"),
+        (2, (1 << 16, 1 << 15), None),
+        (3, (1 << 16, 1 << 15), "at most 4,294,967,296 pixels in all"),
+    ],
+)
+def test_an_image_has_10000_masks_and_a_scene_four_gibibytes(
+    n_masks: int, shape: tuple[int, int], message: str | None
+) -> None:
+    """A view of one byte has the size of a mask."""
+    mask = Instance("1", 0, "chair", np.broadcast_to(np.array(True), shape), (0, 0))
+    with nullcontext() if message is None else pytest.raises(FieldError, match=message):
+        assert sum(1 for _ in view_matching.within_limits([mask] * n_masks)) == n_masks

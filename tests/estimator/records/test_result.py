@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import math
+from contextlib import nullcontext
 from dataclasses import replace
 from pathlib import Path
 
@@ -12,9 +13,10 @@ import pytest
 
 from estimator.records.objects import MeasuredObject
 from estimator.records.options import EstimateOptions
-from estimator.records.result import Alternative, Interval, ObjectReport, ScaleResult, UpReport
+from estimator.records.result import Alternative, Interval, ObjectReport, ScaleEvidence, ScaleResult, UpReport
 from estimator.results.estimate import scale_of_objects
 from estimator.results.scale_report import outlier_reason
+from metric_base.errors import InputError
 from metric_cli.estimate_scale.result_table import result_text
 from metric_tree.tree import Tree
 from tests.synthetic.priors import evidence, prior
@@ -148,3 +150,24 @@ def test_names_that_may_be_meant_are_in_the_warning_and_not_in_every_row(mini: T
     result = scale_of_objects([MeasuredObject("9", "swivel chair", sizes, sigma), *unknown], mini)
     assert {item.reason for item in result.objects[1:]} == {"no node is called 'swivl chiar'"}
     assert sum("did you mean 'swivel chair'" in line for line in result.warnings) == 1
+
+
+@pytest.mark.parametrize(
+    ("changes", "is_valid"),
+    [
+        ({"doubt": 0.0}, True),
+        ({"doubt": 0.99}, True),
+        ({"doubt": 1.0}, False),
+        ({"doubt": -0.01}, False),
+        ({"scale": 0.0}, False),
+        ({"scale": math.inf}, False),
+        ({"sd_log": 0.0}, False),
+        ({"sd_log": math.inf}, False),
+        ({"scale": None}, False),
+        ({"reason": "none"}, False),
+        ({"scale": None, "sd_log": None, "reason": "none"}, True),
+    ],
+)
+def test_evidence_has_a_positive_scale_and_error_or_a_reason(changes: dict[str, object], is_valid: bool) -> None:
+    with nullcontext() if is_valid else pytest.raises(InputError, match="evidence gps"):
+        ScaleEvidence(**({"kind": "gps", "id": "a", "scale": 0.5, "sd_log": 0.1} | changes))  # type: ignore[arg-type]

@@ -250,3 +250,25 @@ def test_a_camera_swings_by_four_millimetres_or_more(
     monkeypatch.setattr(imu, "fit_swings", lambda *_: (1.0, 0.01, 0.98, swing_m))
     found = imu.inertial_scale(force, rate, CameraPath(times[::4], centres[::4]))
     assert isinstance(found, str) != is_used
+
+
+def test_inliers_of_an_alignment_are_within_three_median_residuals() -> None:
+    """Pairs with a residual of 1, and two that are farther by less and by more than the limit."""
+    generator = np.random.default_rng(0)
+    source = generator.normal(0, 100, (400, 3))
+    direction = generator.normal(0, 1, (400, 3))
+    residual = np.ones((400, 1))
+    residual[:2, 0] = 2.7, 3.3
+    fit = align(source, source + residual * direction / np.linalg.norm(direction, axis=1, keepdims=True))
+    assert fit is not None
+    assert fit.inliers[:2].tolist() == [True, False]
+
+
+def test_inliers_of_exact_pairs_are_within_a_millionth_of_the_extent() -> None:
+    source = np.random.default_rng(0).uniform(0, 1, (40, 3))
+    source[:2] = [0, 0, 0], [1, 1, 1]
+    target = source.copy()
+    target[2:4, 0] += [0.9e-6, 1.1e-6]
+    fit = align(source, target)
+    assert fit is not None
+    assert fit.inliers[2:4].tolist() == [True, False]

@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
+from estimator.evidence.alignment import align
 from estimator.evidence.gps import VideoGps, path_speed
 from estimator.evidence.imu import Imu, Inertial, inertial_scale
 from estimator.evidence.source import CameraPath
@@ -152,3 +153,19 @@ def test_a_path_has_no_gap_of_half_a_second(n_missing: int, is_complete: bool) -
     keep[125 : 125 + n_missing] = False
     found = inertial_scale(force, rate, CameraPath(path.times_s[keep], path.centres[keep]))
     assert (not isinstance(found, str)) == is_complete
+
+
+def test_a_logged_path_agrees_if_it_extends_over_three_residuals(walk: Walk, nothing: Measurements) -> None:
+    times, centres, _, _ = walk_readings(10.0, 10.0, 0.02)
+    path = _path(times, centres, 1)
+    noise = np.random.default_rng(0).normal(0, 1, centres.shape)
+    nearest = {True: np.inf, False: np.inf}
+    for error in np.geomspace(0.6, 3.0, 16):
+        logged = centres + error * noise
+        alignment = align(path.centres, logged)
+        row = one(Imu(Telemetry(path=Positions(times, logged, geodetic=False)), path, "a").observe(walk.scene, nothing))
+        ratio = 0.0 if alignment is None else alignment.extent / alignment.residual
+        agrees = row.scale is not None
+        assert agrees == (ratio >= 3)
+        nearest[agrees] = min(nearest[agrees], abs(ratio - 3))
+    assert max(nearest.values()) < 0.5  # the series comes close to the threshold on both sides

@@ -143,3 +143,28 @@ def test_no_device_or_no_build_with_cuda_means_no_patch_match(program: Path, mon
     assert patch_match.patch_match_engine() is None
     monkeypatch.setattr(patch_match, "cuda_devices", lambda: 0)
     assert patch_match.patch_match_engine() is None
+
+
+@pytest.mark.parametrize(
+    ("started", "counted", "n_devices"), [(0, 0, 2), (100, 0, 0), (0, 100, 0)], ids=["devices", "start", "count"]
+)
+def test_devices_are_counted_by_the_driver(
+    started: int, counted: int, n_devices: int, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    class Driver:
+        """CUDA's driver API, which returns 0 for success."""
+
+        def cuInit(self, _: int) -> int:  # noqa: N802 - the driver's name
+            return started
+
+        def cuDeviceGetCount(self, count: Any) -> int:  # noqa: N802 - the driver's name
+            count._obj.value = 2
+            return counted
+
+    monkeypatch.setattr(patch_match.ctypes, "CDLL", lambda _: Driver())
+    assert patch_match.cuda_devices() == n_devices
+
+
+def test_without_a_driver_there_is_no_device(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(patch_match, "DRIVER", "libno-such-driver.so")
+    assert patch_match.cuda_devices() == 0

@@ -12,8 +12,10 @@ import pytest
 from capture.mapping.mapper import ModelReport
 from capture.mapping.match_graph import FramePair, MatchGraph
 from capture.mapping.refusals import early_failure, model_failure
+from capture.pipeline import CaptureOptions
 from capture.quality_warnings import capture_cautions
 from capture.sources.frames import ChosenFrame, Frames
+from metric_base.errors import InputError
 from tests.support.captures import right_model, walk_graph
 
 NAMES = [f"{k:06d}.jpg" for k in range(20)]
@@ -159,3 +161,20 @@ def test_a_model_is_used_with_a_warning(changes: dict[str, Any], edges: tuple[fl
     warnings = capture_cautions(Path("p"), frames, report, focal_given=False)
     assert len(warnings) == (words is not None)
     assert all(str(words) in warning for warning in warnings)
+
+
+@pytest.mark.parametrize(
+    ("option", "values", "others"),
+    [
+        ("frames", (2, 10_000), (1, 0)),
+        ("focal_px", (1.01, 0.99e6), (1.0, 1e6)),
+        ("max_time_s", (1.0, 0.99e6), (0.99, 1e6)),
+        ("camera_model", ("PINHOLE", None), ("FISH", "")),
+    ],
+)
+def test_options_of_a_capture_have_ranges(option: str, values: tuple[object, ...], others: tuple[object, ...]) -> None:
+    for value in values:
+        assert getattr(CaptureOptions(**{option: value}), option) == value  # type: ignore[arg-type]
+    for value in others:
+        with pytest.raises(InputError, match="--"):
+            CaptureOptions(**{option: value})  # type: ignore[arg-type]

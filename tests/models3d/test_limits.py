@@ -342,3 +342,10 @@ def test_a_corner_of_a_model_is_at_most_a_million_kilometres_away(
     (tmp_path / "a.glb").write_bytes(writer.to_bytes([writer.add("nodes", {"mesh": mesh})]))
     with nullcontext() if is_valid else pytest.raises(InputError, match="POSITION: expected finite numbers below"):
         assert read_model(tmp_path / "a.glb").meshes
+
+
+@pytest.mark.parametrize(("name", "found"), [("folder.glb", "a folder"), ("none.glb", "none")])
+def test_a_model_is_a_file(name: str, found: str, tmp_path: Path) -> None:
+    (tmp_path / "folder.glb").mkdir()
+    with pytest.raises(InputError, match=rf"expected a glTF file \(\.glb or \.gltf\); found {found}"):
+        read_model(tmp_path / name)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import sys
 from pathlib import Path
+from typing import Any
 
 import cv2
 import numpy as np
@@ -27,6 +28,7 @@ NAMES = ["d.png", "b.png", "e.png", "a.png", "c.png"]
 PROGRAM = """#!{python}
 import sys
 from pathlib import Path
+from typing import Any
 import numpy as np
 
 if sys.argv[1] == "help":

@@ -15,6 +15,7 @@ from hypothesis import strategies as st
 
 from estimator.telemetry.gpmf import Packet, gpmf_telemetry, keys
 from estimator.telemetry.readers import camm_telemetry, is_camm, read_telemetry, subtitle_positions
+from estimator.telemetry.records import Telemetry
 from metric_base.errors import InputError
 from tests.synthetic.telemetry import camm_packet, gpmf_key, gpmf_stream
 
@@ -197,3 +198,70 @@ def test_metadata_tracks_are_read_up_to_256_mebibytes(
     monkeypatch.setattr(av, "open", lambda *_, **__: _Track(sizes))
     (tmp_path / "a.mp4").touch()
     assert len(read_telemetry(tmp_path / "a.mp4").specific_force) == n_read
+
+
+def _read(*keys_: bytes) -> Telemetry:
+    return gpmf_telemetry([Packet(0.0, 1.0, gpmf_stream(list(keys_)))])
+
+
+ACCL = [[100, 200, 981], [101, 201, 980]]
+
+
+@pytest.mark.parametrize(
+    ("other", "first"),
+    [
+        (gpmf_key("SCAL", "s", [[100]]), [1.0, 2.0, 9.81]),
+        (gpmf_key("SCAL", "s", [[100], [50], [1]]), [1.0, 4.0, 981.0]),
+        (gpmf_key("SCAL", "s", [[100], [50]]), [100.0, 200.0, 981.0]),  # of two numbers for three
+        (gpmf_key("SCAL", "s", [[0]]), [100.0, 200.0, 981.0]),
+        (gpmf_key("SCAL", "c", b"ab"), [100.0, 200.0, 981.0]),  # no numbers
+        (gpmf_key("ORIN", "c", b"zYX"), [981.0, 200.0, -100.0]),
+        (gpmf_key("ORIN", "c", b"XYY"), [100.0, 200.0, 981.0]),  # no three axes
+        (gpmf_key("ORIN", "c", b"XY"), [100.0, 200.0, 981.0]),
+    ],
+)
+def test_scale_and_axes_of_a_sensor_are_used_if_they_fit(other: bytes, first: list[float]) -> None:
+    assert _read(other, gpmf_key("ACCL", "s", ACCL)).specific_force.values[0] == pytest.approx(first)
+
+
+@pytest.mark.parametrize("key", [gpmf_key("ACCL", "s", [[1, 2]]), gpmf_key("ACCL", "c", b"abcdef")])
+def test_a_sensor_without_three_numbers_is_omitted(key: bytes) -> None:
+    assert not len(_read(key).specific_force)
+
+
+@pytest.mark.parametrize(
+    ("name", "rows", "position"),
+    [
+        ("GPS5", [[48, 11, 500, 1, 2]], [48, 11, 500]),
+        ("GPS5", [[48, 11, 500, 1]], None),
+        ("GPS9", [[48, 11, 500, 1, 2, 3, 4, 5, 3]], [48, 11, 500]),
+        ("GPS9", [[48, 11, 500, 1, 2, 3, 4, 5, 2]], [48, 11, 500]),
+        ("GPS9", [[48, 11, 500, 1, 2, 3, 4, 5, 1]], None),
+        ("GPS9", [[48, 11, 500, 1, 2, 3, 4, 5]], None),
+        ("GPRI", [[9, 48, 11, 500, 1, 1, 1, 1, 3, 8]], [48, 11, 500]),
+        ("GPRI", [[9, 48, 11, 500, 1, 1, 1, 1, 1, 8]], None),
+        ("GPRI", [[9, 48, 11, 500, 1, 1, 1, 1, 3]], None),
+    ],
+)
+def test_a_position_needs_its_columns_and_a_fix(name: str, rows: list[list[int]], position: list[float] | None) -> None:
+    positions = _read(gpmf_key(name, "l", rows)).positions
+    found = None if positions is None or not len(positions.positions) else positions.positions[0].tolist()
+    assert found == position
+
+
+@pytest.mark.parametrize(("precision", "accuracy_m"), [([[154]], 2.5 * 1.54), (None, None)])
+def test_the_accuracy_of_positions_is_that_of_their_dilution(
+    precision: list[list[int]] | None, accuracy_m: float | None
+) -> None:
+    stated = [] if precision is None else [gpmf_key("GPSP", "S", precision)]
+    positions = _read(*stated, gpmf_key("GPS5", "l", [[48, 11, 500, 1, 2]])).positions
+    assert positions is not None
+    assert positions.accuracy_m == (None if accuracy_m is None else pytest.approx(accuracy_m))
+
+
+@pytest.mark.parametrize(("depth", "is_read"), [(7, True), (8, False)])
+def test_streams_are_read_in_up_to_eight_other_keys(depth: int, is_read: bool) -> None:
+    data = gpmf_stream([gpmf_key("ACCL", "s", ACCL)])
+    for _ in range(depth):
+        data = gpmf_key("DEVC", "", data)
+    assert bool(len(gpmf_telemetry([Packet(0.0, 1.0, data)]).specific_force)) == is_read

@@ -9,6 +9,7 @@ from itertools import combinations
 from pathlib import Path
 from typing import Any, Literal
 
+from metric_tree.node import Node
 from metric_tree.tree import Tree, open_tree
 from models3d.asset import Asset, AssetBody, Up, merge_bodies
 from models3d.formats import read_asset
@@ -175,17 +176,18 @@ def check_body(file: str, body: AssetBody, asset: Asset, tree: Tree, category: N
         reason = f"no size of {node.name} is known"
     if node is None or model is None or reason is not None:
         return AssetCheck(file, body.name, category, tier, extents, "not known", None, 0.0, (), None, asset.up, reason)
-    miniature = CHANCE["miniature"]
-    if is_miniature((*body.texts, *asset.texts)):
-        miniature = NAMED_MINIATURE
-    elif TOY_CATEGORIES & {node.node_id, *node.hypernyms}:
-        miniature = TOY_CHANCE
-    explanations = hypotheses(body, asset.up, model, miniature)
+    is_named = is_miniature((*body.texts, *asset.texts))
+    explanations = hypotheses(body, asset.up, model, NAMED_MINIATURE if is_named else miniature_chance(node))
     verdict, factor, probability = verdict_of(explanations)
     size = true_size(body, asset.up, model)
     return AssetCheck(
         file, body.name, category, tier, extents, verdict, factor, probability, explanations, size, asset.up
     )
+
+
+def miniature_chance(node: Node) -> float:
+    """Return the prior probability that a model of a category is a miniature."""
+    return TOY_CHANCE if TOY_CATEGORIES & {node.node_id, *node.hypernyms} else CHANCE["miniature"]
 
 
 def verdict_of(explanations: Sequence[ScaleHypothesis]) -> tuple[Verdict, float | None, float]:

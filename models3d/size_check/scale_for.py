@@ -21,8 +21,8 @@ from metric_base.parsing import finite_numbers
 from metric_tree.tree import Tree, open_tree
 from models3d.asset import MAX_COORDINATE_M, AssetBody, Up
 from models3d.size_check.category import named_category
-from models3d.size_check.check import TOY_CATEGORIES, Verdict, verdict_of
-from models3d.size_check.hypotheses import ARBITRARY_RANGE, CHANCE, TOY_CHANCE, hypotheses
+from models3d.size_check.check import Verdict, miniature_chance, verdict_of
+from models3d.size_check.hypotheses import ARBITRARY_RANGE, hypotheses
 from models3d.size_check.size_model import NAMED, node_model
 from models3d.size_check.true_size import LEVEL, common_factor
 
@@ -126,7 +126,6 @@ def scale_for(
         return product
 
     body = AssetBody(category, np.zeros(3), sides)
-    miniature = TOY_CHANCE if TOY_CATEGORIES & {node.node_id, *node.hypernyms} else CHANCE["miniature"]
     low, median, high, mean_likelihood = common_factor([(body, up, model)], likelihood)
     explained = [
         replace(
@@ -134,7 +133,7 @@ def scale_for(
             probability=one.probability
             * (mean_likelihood if one.factor is None else float(likelihood(np.log([one.factor]))[0])),
         )
-        for one in hypotheses(body, up, model, miniature)
+        for one in hypotheses(body, up, model, miniature_chance(node))
     ]
     total = sum(one.probability for one in explained)
     verdict, factor, probability = verdict_of([replace(one, probability=one.probability / total) for one in explained])

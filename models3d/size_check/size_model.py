@@ -11,11 +11,12 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from functools import cached_property, lru_cache
+from functools import lru_cache
 
 import numpy as np
 
 from metric_base.arrays import FloatArray
+from metric_base.statistics import gaussian_log_densities, mixture_log_density
 from metric_tree.prior import Prior
 from metric_tree.tree import Tree
 
@@ -37,7 +38,7 @@ NAMED = ("length", "width", "height")
 SORTED = ("extent1", "extent2", "extent3")
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True, slots=True, eq=False)
 class SizeModel:
     """A mixture of k Gaussians over d of the logarithms of the extents in mm."""
 
@@ -53,7 +54,7 @@ class SizeModel:
 
     def log_density(self, x: FloatArray) -> FloatArray:
         """Return the log density (n,) of ln mm, x (n, 3)."""
-        return self._log_mixture(self._log_components(x)[0])
+        return mixture_log_density(x[:, list(self.axes)], self.weights, self.means, self.covariances)
 
     def log_evidence(self, x: FloatArray) -> FloatArray:
         """Return the log (n,) of the integral of the density of x + u over all u: the evidence of the proportions.
@@ -63,8 +64,7 @@ class SizeModel:
 
         x : (n, 3) ln mm
         """
-        log_terms, _, _ = self._shifts(x)
-        return self._log_mixture(log_terms)
+        return np.asarray(np.logaddexp.reduce(self._shifts(x)[0] + np.log(self.weights), axis=1))
 
     def shift_components(self, x: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
         """Return weights, means and standard deviations (k,) of the posterior of u, with x + u from this density.
@@ -87,35 +87,15 @@ class SizeModel:
             self.covariances[:, keep[:, None], keep],
         )
 
-    @cached_property
-    def _precisions(self) -> FloatArray:
-        """(k, d, d) inverse covariances."""
-        return np.asarray(np.linalg.inv(self.covariances))
-
-    @cached_property
-    def _log_norms(self) -> FloatArray:
-        """(k,) logarithms of the normalisation."""
-        return np.asarray(-0.5 * (np.linalg.slogdet(self.covariances)[1] + len(self.axes) * np.log(2 * np.pi)))
-
-    def _log_components(self, x: FloatArray) -> tuple[FloatArray, FloatArray]:
-        """Return the log density of each component (n, k) and the residuals m - x (n, k, d)."""
-        residual = self.means - x[:, None, list(self.axes)]
-        squares = np.einsum("nki,kij,nkj->nk", residual, self._precisions, residual)
-        return self._log_norms - squares / 2, residual
-
     def _shifts(self, x: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
         """Return log evidence (n, k), best shift (n, k) and its precision (k,) for each component."""
-        logs, residual = self._log_components(x)
-        row_sums = self._precisions.sum(axis=1)  # (k, d)
+        sides = x[:, list(self.axes)]
+        logs = gaussian_log_densities(sides, self.means, self.covariances).T  # (n, k)
+        residual = self.means - sides[:, None]
+        row_sums = np.linalg.inv(self.covariances).sum(axis=1)  # (k, d)
         precision = row_sums.sum(axis=1)  # (k,)
         u = np.einsum("nki,ki->nk", residual, row_sums) / precision
         return logs + precision * u**2 / 2 + np.log(2 * np.pi / precision) / 2, u, precision
-
-    def _log_mixture(self, logs: FloatArray) -> FloatArray:
-        """Return the log (n,) of the weighted sum of exp(logs), (n, k), over the components."""
-        logs = logs + np.log(self.weights)
-        top = logs.max(axis=1, keepdims=True)
-        return np.asarray(top[:, 0] + np.log(np.exp(logs - top).sum(axis=1)))
 
 
 def size_model(prior: Prior, tier: str | None, *, is_broader: bool = False) -> SizeModel:

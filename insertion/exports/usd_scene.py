@@ -6,6 +6,8 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
+from pxr import Gf, Usd, UsdGeom
+
 from estimator.records.scene import Camera
 from insertion.exports.metric_frame import CameraKeyframe, MetricTransform, keyframes_by_camera, object_matrix
 from insertion.placement.placed_object import PlacedObject
@@ -26,8 +28,6 @@ def write_usd_scene(
     Time code k is frame k at `rate` frames per second; if the intervals vary, samples are between time codes. USD has
     no lens distortion; each camera has the focal lengths and the principal point of the original.
     """
-    from pxr import Gf, Usd, UsdGeom
-
     stage = Usd.Stage.CreateNew(str(file))
     UsdGeom.SetStageMetersPerUnit(stage, 1.0)
     UsdGeom.SetStageUpAxis(stage, UsdGeom.Tokens.y)
@@ -50,8 +50,6 @@ def write_usd_scene(
 
 def _add_camera(stage: Any, path: str, camera: Camera, keys: Sequence[CameraKeyframe], rate: float) -> None:
     """Add a camera animated by its keyframes, with `rate` time codes per second."""
-    from pxr import Gf, UsdGeom
-
     fx, fy, cx, cy = focal_lengths(camera)
     lens = UsdGeom.Camera.Define(stage, path)
     lens.CreateHorizontalApertureAttr(APERTURE)

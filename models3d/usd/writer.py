@@ -7,6 +7,7 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
+from pxr import Gf, Sdf, UsdGeom, UsdShade, Vt
 
 from metric_base.images import write_picture
 from models3d.model import Material, Mesh
@@ -31,8 +32,6 @@ def bind_material(stage: Any, mesh: Any, material: Material, folder: Path, name:
     name : str
         Prefix of the file names of the textures.
     """
-    from pxr import Gf, Sdf, UsdShade
-
     path = f"{mesh.GetPath()}/material"
     bound = UsdShade.Material.Define(stage, path)
     surface = UsdShade.Shader.Define(stage, f"{path}/surface")
@@ -77,15 +76,11 @@ def bind_material(stage: Any, mesh: Any, material: Material, folder: Path, name:
 
 def _connect(surface: Any, name: str, kind: str, source: Any, output: str) -> None:
     """Connect an input of a shader to an output of another shader; `kind` is the type of the input."""
-    from pxr import Sdf
-
     surface.CreateInput(name, getattr(Sdf.ValueTypeNames, kind)).ConnectToSource(source, output)
 
 
 def _set(surface: Any, name: str, value: float) -> None:
     """Set an input of a shader to a number."""
-    from pxr import Sdf
-
     surface.CreateInput(name, Sdf.ValueTypeNames.Float).Set(value)
 
 
@@ -97,8 +92,6 @@ class _Images:
 
     def primvar_reader(self, kind: str, primvar: str) -> Any:
         """Return a shader that reads a primvar of the mesh; `kind` is `float2` or `float3`."""
-        from pxr import Sdf, UsdShade
-
         shader = UsdShade.Shader.Define(self._stage, f"{self._path}/{primvar}")
         shader.CreateIdAttr(f"UsdPrimvarReader_{kind}")
         shader.CreateInput("varname", Sdf.ValueTypeNames.String).Set(primvar)
@@ -115,8 +108,6 @@ class _Images:
         bias: tuple[float, ...] | None = None,
     ) -> Any:
         """Write a texture (h, w, 4) and return a shader that samples it and computes `scale * pixel + bias`."""
-        from pxr import Gf, Sdf, UsdShade
-
         file = f"{TEXTURES}/{self._name}_{use}.png"
         write_picture(self._folder / file, pixels[..., [2, 1, 0, 3]])
         image = UsdShade.Shader.Define(self._stage, f"{self._path}/{use}")
@@ -138,8 +129,6 @@ class _Images:
 
 def write_mesh(stage: Any, path: str, mesh: Mesh) -> Any:
     """Define a `UsdGeom.Mesh` at `path` with the vertices, normals, colours and texture coordinates of a mesh."""
-    from pxr import Sdf, UsdGeom, Vt
-
     prim = UsdGeom.Mesh.Define(stage, path)
     points = mesh.vertices.astype("f4")
     prim.CreatePointsAttr(Vt.Vec3fArray.FromNumpy(points))

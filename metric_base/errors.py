@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
 from typing import Self, TypeVar
@@ -110,6 +110,38 @@ def in_file(file: Name, kind: type[InputError] = InputError) -> Iterator[Name]:
         yield file
     except FieldError as error:
         raise kind.at(file, error.field or "content", error.expected, error.found) from None
+
+
+def type_and_message(error: Exception) -> str:
+    """Return the type of an error with its message, such as `KeyError: 'nodes'`."""
+    return f"{type(error).__name__}: {error}"
+
+
+@contextmanager
+def damage_as_field_error(
+    expected: str,
+    kinds: type[Exception] | tuple[type[Exception], ...] = Exception,
+    found: Callable[[Exception], str] = type_and_message,
+    *,
+    field: str = "content",
+) -> Iterator[None]:
+    """Convert an error that damaged content causes in the block to a `FieldError`; other errors pass.
+
+    Parameters
+    ----------
+    expected, field : str
+        See `InputError.at`.
+    kinds : type or tuple of types, default Exception
+        Types that the damage may have. `FieldError` and `InputError` pass in any case, because they state the damage.
+    found : callable, default type_and_message
+        Return the words about an error.
+    """
+    try:
+        yield
+    except (FieldError, InputError):
+        raise
+    except kinds as error:
+        raise FieldError(field, expected, Unquoted(found(error))) from None
 
 
 class StorageError(InputError):

@@ -3,11 +3,12 @@
 from __future__ import annotations
 
 import io
+from functools import partial
 from pathlib import Path
 
 import numpy as np
 
-from metric_base.errors import FieldError, Unquoted, expect, in_file
+from metric_base.errors import Unquoted, damage_as_field_error, expect, in_file
 from metric_base.input_files import read_bytes
 from models3d.asset import Asset, NameText, Up, body_from_box
 
@@ -15,6 +16,8 @@ from models3d.asset import Asset, NameText, Up, body_from_box
 MAX_BYTES = 1 << 29
 #: Values of `up_axis` in the `asset` element of COLLADA.
 _UP: dict[str, Up] = {"X_UP": "x", "Y_UP": "y", "Z_UP": "z"}
+#: Convert an error of a library, whose errors have no common base.
+_library_errors = partial(damage_as_field_error, found=lambda error: type(error).__name__)
 
 
 def read_mesh(path: Path) -> Asset:
@@ -30,14 +33,12 @@ def read_mesh(path: Path) -> Asset:
     kind = path.suffix.lower().removeprefix(".")
     with in_file(path):
         data = read_bytes(path, limit=MAX_BYTES)
-        try:
+        with _library_errors(f"a readable {kind.upper()} file"):
             options = {"skip_materials": True, "split_objects": True} if kind == "obj" else {}
             loaded = trimesh.load(
                 io.BytesIO(data), file_type=kind, process=False, resolver=None, force="scene", **options
             )
             boxes = {name: shape.bounds for name, shape in loaded.geometry.items() if shape.bounds is not None}
-        except Exception as error:  # noqa: BLE001 - trimesh raises a dozen unrelated types for damaged files
-            raise FieldError("content", f"a readable {kind.upper()} file", Unquoted(type(error).__name__)) from None
         expect(boxes, "content", "at least one vertex", Unquoted("none"))
         bodies = []
         for name, bounds in boxes.items():
@@ -59,7 +60,7 @@ def read_collada(path: Path) -> Asset:
 
     with in_file(path):
         data = read_bytes(path, limit=MAX_BYTES)
-        try:
+        with _library_errors("a readable COLLADA file"):
             document = collada.Collada(io.BytesIO(data), ignore=[collada.DaeError])
             unit = document.assetInfo.unitmeter
             up = _UP.get(str(document.assetInfo.upaxis))
@@ -72,10 +73,6 @@ def read_collada(path: Path) -> Asset:
                     box = points.min(axis=0), points.max(axis=0)
                     unit_m = 1.0 if unit is None else float(unit)
                     bodies.append(body_from_box(name, box, unit_m, (NameText("mesh", name),)))
-        except FieldError:
-            raise
-        except Exception as error:  # noqa: BLE001 - the errors of pycollada and its XML reader have no common base
-            raise FieldError("content", "a readable COLLADA file", Unquoted(type(error).__name__)) from None
         expect(bodies, "content", "at least one vertex", Unquoted("none"))
     title = document.assetInfo.title
     return Asset(path, "dae", unit, up, tuple(bodies), (NameText("title", title),) if title else ())

@@ -17,7 +17,7 @@ from typing import Any
 
 import numpy as np
 
-from metric_base.errors import FieldError, InputError, Unquoted, at_field, expect, in_file
+from metric_base.errors import InputError, Unquoted, at_field, damage_as_field_error, expect, in_file
 from metric_base.files import inside, whole_file
 from metric_base.input_files import read_bytes
 from metric_base.ply import ply_layout, scaled_ascii
@@ -122,7 +122,8 @@ def _bake_gltf(data: bytes, factor: float) -> bytes:
     is_internal = len(buffers) <= 1 and all("uri" not in buffer for buffer in buffers)
     expected = "one buffer in the file itself (without --bake any file is accepted)"
     expect(is_internal, "buffers", expected, Unquoted(f"{len(buffers)}"))
-    try:
+    damage = (LookupError, TypeError, ValueError)
+    with damage_as_field_error("vertices and keyframes within the buffer", damage, field="accessors"):
         for index, columns in sorted(_length_accessors(header).items()):
             with at_field(f"accessors[{index}]"):
                 record = header["accessors"][index]
@@ -138,11 +139,6 @@ def _bake_gltf(data: bytes, factor: float) -> bytes:
                 for bound in ("min", "max"):
                     if bound in record and width == 3:
                         record[bound] = [float(np.float32(value) * np.float32(factor)) for value in record[bound]]
-    except FieldError:
-        raise
-    except (LookupError, TypeError, ValueError) as error:
-        damage = Unquoted(f"{type(error).__name__}: {error}")
-        raise FieldError("accessors", "vertices and keyframes within the buffer", damage) from None
     for node in header.get("nodes", []):
         if "translation" in node:
             node["translation"] = [value * factor for value in node["translation"]]
@@ -241,11 +237,6 @@ def _rescale_robot(data: bytes, factor: float) -> bytes:
     return bytes(etree.tostring(tree, xml_declaration=True, encoding="utf-8"))
 
 
-def _rescale_obj(data: bytes, factor: float) -> bytes:
-    """Multiply the vertices of an OBJ file."""
-    return _OBJ_VERTEX.sub(lambda match: _scaled_vertex(match, factor), data)
-
-
 def _rescale_stl(data: bytes, factor: float) -> bytes:
     """Multiply the vertices of a binary or ASCII STL file."""
     count = struct.unpack_from("<I", data, 80)[0] if len(data) >= 84 else -1
@@ -254,15 +245,18 @@ def _rescale_stl(data: bytes, factor: float) -> bytes:
         rows = np.frombuffer(data, facet, -1, 84).copy()
         rows["vertices"] *= np.float32(factor)
         return data[:84] + rows.tobytes()
-    return _STL_VERTEX.sub(lambda match: _scaled_vertex(match, factor), data)
+    return _rescale_text(data, factor, _STL_VERTEX)
 
 
-def _scaled_vertex(match: re.Match[bytes], factor: float) -> bytes:
-    """Return a matched vertex with its three numbers (groups 2, 4, 6) times the factor."""
-    parts = list(match.groups())
-    for index in (1, 3, 5):
-        parts[index] = f"{float(parts[index]) * factor:.9g}".encode()
-    return b"".join(parts)
+def _rescale_text(data: bytes, factor: float, vertex: re.Pattern[bytes] = _OBJ_VERTEX) -> bytes:
+    """Multiply the vertices of a text file; their three numbers are the groups 2, 4 and 6 of the pattern."""
+
+    def scaled(match: re.Match[bytes]) -> bytes:
+        parts = list(match.groups())
+        parts[1::2] = [f"{float(number) * factor:.9g}".encode() for number in parts[1::2]]
+        return b"".join(parts)
+
+    return vertex.sub(scaled, data)
 
 
 def _rescale_ply(data: bytes, factor: float) -> bytes:
@@ -292,7 +286,7 @@ def _rescale_dae(data: bytes, factor: float) -> bytes:
 _RESCALERS = {
     **dict.fromkeys(GLTF_SUFFIXES, _rescale_gltf),
     **dict.fromkeys(ROBOT_SUFFIXES, _rescale_robot),
-    ".obj": _rescale_obj,
+    ".obj": _rescale_text,
     ".stl": _rescale_stl,
     ".ply": _rescale_ply,
     ".dae": _rescale_dae,

@@ -14,7 +14,7 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from metric_base.arrays import FloatArray
-from metric_base.errors import FieldError, Unquoted, expect, in_file
+from metric_base.errors import FieldError, Unquoted, damage_as_field_error, expect, in_file
 from metric_base.input_files import read_bytes
 from models3d.asset import Asset, AssetBody, Box, NameText, body_from_box, merge_bodies
 
@@ -46,19 +46,13 @@ def read_robot(path: Path, read_mesh: MeshReader) -> Asset:
 
     with in_file(path):
         parser = etree.XMLParser(resolve_entities=False, no_network=True, load_dtd=False, huge_tree=False)
-        try:
+        with damage_as_field_error("XML", etree.XMLSyntaxError, str):
             root = etree.fromstring(read_bytes(path, limit=MAX_BYTES), parser)
-        except etree.XMLSyntaxError as error:
-            raise FieldError("content", "XML", Unquoted(str(error))) from None
         meshes = _Meshes(path, read_mesh)
         readers = {"robot": _urdf_bodies, "sdf": _sdf_bodies, "mujoco": _mjcf_bodies}
         expect(root.tag in readers, "content", "a robot (URDF), sdf or mujoco element", str(root.tag))
-        try:
+        with damage_as_field_error("valid numbers and names", (ValueError, TypeError, IndexError, RecursionError), str):
             bodies = tuple(readers[root.tag](root, meshes))
-        except FieldError:
-            raise
-        except (ValueError, TypeError, IndexError, RecursionError) as error:
-            raise FieldError("content", "valid numbers and names", Unquoted(str(error))) from None
         expect(bodies, "content", "at least one visual shape", Unquoted("none"))
         has_meshes = next(root.iter("mesh"), None) is not None
     name = root.get("name") or root.get("model")
@@ -120,10 +114,8 @@ def _urdf_bodies(root: Any, meshes: _Meshes) -> Iterator[AssetBody]:
 
     clouds, texts = [], []
     for link in root.findall("link"):
-        for visual in link.findall("visual"):
-            corners = _visual_corners(visual, meshes, lambda shape, name: shape.get(name))
-            if corners is not None:
-                clouds.append(_transform(corners, link_frame(link.get("name", "")) @ origin(visual.find("origin"))))
+        for visual, corners in _visuals(link, meshes, lambda shape, name: shape.get(name)):
+            clouds.append(_transform(corners, link_frame(link.get("name", "")) @ origin(visual.find("origin"))))
         texts.append(NameText("body", link.get("name", "")))
     if clouds:
         yield body_from_box(root.get("name") or "robot", _bounds(clouds), 1.0, tuple(texts))
@@ -140,10 +132,8 @@ def _sdf_bodies(root: Any, meshes: _Meshes) -> Iterator[AssetBody]:
     for model in [*root.findall("model"), *root.findall("world/model")]:
         clouds = []
         for link in model.findall("link"):
-            for visual in link.findall("visual"):
-                corners = _visual_corners(visual, meshes, lambda shape, name: shape.findtext(name))
-                if corners is not None:
-                    clouds.append(_transform(corners, pose(model) @ pose(link) @ pose(visual)))
+            for visual, corners in _visuals(link, meshes, lambda shape, name: shape.findtext(name)):
+                clouds.append(_transform(corners, pose(model) @ pose(link) @ pose(visual)))
         if clouds:
             name = model.get("name", "model")
             yield body_from_box(name, _bounds(clouds), 1.0, (NameText("model", name),))
@@ -205,20 +195,21 @@ def _mjcf_frame(element: Any, is_in_degrees: bool) -> FloatArray:
     return frame
 
 
-def _visual_corners(visual: Any, meshes: _Meshes, value: Callable[[Any, str], str | None]) -> FloatArray | None:
-    """Return the corners (8, 3) of the box of a visual of URDF or SDF in its frame, in metres; None without a box.
+def _visuals(link: Any, meshes: _Meshes, value: Callable[[Any, str], str | None]) -> Iterator[tuple[Any, FloatArray]]:
+    """Yield the visuals of a link of URDF or SDF that have a box, with its corners (8, 3) in their frame, in metres.
 
     value : returns a value of a shape by its name, from its attributes (URDF) or elements (SDF).
     """
-    geometry = visual.find("geometry")
-    shape = None if geometry is None else next(iter(geometry), None)
-    if shape is None:
-        return None
-    if shape.tag == "mesh":
-        name = value(shape, "filename") or value(shape, "uri") or ""
-        return meshes.corners(name.strip(), _numbers(value(shape, "scale"), (1, 1, 1)))
-    present = {name: text for name in ("size", "radius", "length") if (text := value(shape, name))}
-    return _shape_corners(shape.tag, {name: _numbers(text, None) for name, text in present.items()})
+    for visual in link.findall("visual"):
+        shape = next(visual.iterfind("geometry/*"), None)
+        if shape is not None and shape.tag == "mesh":
+            name = value(shape, "filename") or value(shape, "uri") or ""
+            yield visual, meshes.corners(name.strip(), _numbers(value(shape, "scale"), (1, 1, 1)))
+        elif shape is not None:
+            present = {name: text for name in ("size", "radius", "length") if (text := value(shape, name))}
+            corners = _shape_corners(shape.tag, {name: _numbers(text, None) for name, text in present.items()})
+            if corners is not None:
+                yield visual, corners
 
 
 def _shape_corners(kind: str, values: dict[str, FloatArray]) -> FloatArray | None:

@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from metric_base.errors import FieldError, InputError, Unquoted, at_field, expect, in_file
+from metric_base.errors import InputError, Unquoted, at_field, damage_as_field_error, expect, in_file
 from models3d.gltf.animation import GltfAnimation, posed_nodes, read_animation
 from models3d.gltf.document import MAX_TRIANGLES, TRIANGLES, GltfDocument, world_transforms
 from models3d.gltf.materials import Materials
@@ -17,6 +17,11 @@ from models3d.model import Animation, Mesh, Model
 
 #: Maximum absolute coordinate of a vertex, in metres.
 MAX_METRES = 1e9
+#: Errors that damaged files cause in the readers.
+_DAMAGE = (
+    ValueError, LookupError, TypeError, AttributeError, ArithmeticError, OSError, SyntaxError, RecursionError,
+    MemoryError,
+)  # fmt: skip
 
 
 def read_model(path: Path) -> Model:
@@ -41,53 +46,45 @@ def read_model(path: Path) -> Model:
     if not path.is_file():
         kind = "a folder" if path.is_dir() else "none"
         raise InputError(f"{path}: expected a glTF file (.glb or .gltf); found {kind}")
-    with in_file(path):
-        try:
-            with np.errstate(all="ignore"):  # infinite and undefined values are rejected in `_check_meshes`
-                document = GltfDocument.open(path)
-                document.check_images()
-                materials = Materials(document.header, document.image)
-                drawn = [index for index in document.walk(document.roots()) if "mesh" in document.nodes[index]]
-                primitives: dict[int, list[Primitive]] = {}
-                for mesh in dict.fromkeys(int(document.nodes[index]["mesh"]) for index in drawn):
-                    with at_field(f"meshes[{mesh}]"):
-                        primitives[mesh] = [
-                            read_primitive(record, document, materials)
-                            for record in document.header["meshes"][mesh].get("primitives", [])
-                            if record.get("mode", TRIANGLES) in FACE_MODES
-                            and "POSITION" in record.get("attributes", {})
-                        ]
-
-                def posed_meshes(nodes: Sequence[Mapping[str, Any]]) -> tuple[Mesh, ...]:
-                    """Return the meshes of all drawn nodes in the pose of these nodes."""
-                    world = world_transforms(nodes)
-                    meshes: list[Mesh] = []
-                    for index in drawn:
-                        node = nodes[index]
-                        joints = document.joint_transforms(node["skin"], world) if "skin" in node else None
-                        weights = node.get("weights", document.header["meshes"][int(node["mesh"])].get("weights", []))
-                        morph_weights = np.asarray(weights, dtype=np.float64)
-                        with_faces = [primitive for primitive in primitives[int(node["mesh"])] if len(primitive.faces)]
-                        meshes += [primitive.pose(world[index], joints, morph_weights) for primitive in with_faces]
-                    return tuple(meshes)
-
-                meshes = posed_meshes(document.nodes)
-                animations = [
-                    read_animation(document, index) for index in range(len(document.header.get("animations", [])))
+    # infinite and undefined values are rejected in `_check_meshes`
+    with (
+        in_file(path),
+        damage_as_field_error("a readable glTF 2.0 file", _DAMAGE),
+        np.errstate(all="ignore"),
+    ):
+        document = GltfDocument.open(path)
+        document.check_images()
+        materials = Materials(document.header, document.image)
+        drawn = [index for index in document.walk(document.roots()) if "mesh" in document.nodes[index]]
+        primitives: dict[int, list[Primitive]] = {}
+        for mesh in dict.fromkeys(int(document.nodes[index]["mesh"]) for index in drawn):
+            with at_field(f"meshes[{mesh}]"):
+                primitives[mesh] = [
+                    read_primitive(record, document, materials)
+                    for record in document.header["meshes"][mesh].get("primitives", [])
+                    if record.get("mode", TRIANGLES) in FACE_MODES and "POSITION" in record.get("attributes", {})
                 ]
-                modes = {
-                    primitive.get("mode", TRIANGLES)
-                    for mesh in document.header.get("meshes", [])
-                    for primitive in mesh.get("primitives", [])
-                }
-        except (FieldError, InputError):
-            raise
-        except (
-            ValueError, KeyError, IndexError, TypeError, AttributeError, ArithmeticError, OSError, SyntaxError,
-            RecursionError, MemoryError,
-        ) as error:  # fmt: skip
-            damage = Unquoted(f"{type(error).__name__}: {error}")
-            raise FieldError("content", "a readable glTF 2.0 file", damage) from None
+
+        def posed_meshes(nodes: Sequence[Mapping[str, Any]]) -> tuple[Mesh, ...]:
+            """Return the meshes of all drawn nodes in the pose of these nodes."""
+            world = world_transforms(nodes)
+            meshes: list[Mesh] = []
+            for index in drawn:
+                node = nodes[index]
+                joints = document.joint_transforms(node["skin"], world) if "skin" in node else None
+                weights = node.get("weights", document.header["meshes"][int(node["mesh"])].get("weights", []))
+                morph_weights = np.asarray(weights, dtype=np.float64)
+                with_faces = [primitive for primitive in primitives[int(node["mesh"])] if len(primitive.faces)]
+                meshes += [primitive.pose(world[index], joints, morph_weights) for primitive in with_faces]
+            return tuple(meshes)
+
+        meshes = posed_meshes(document.nodes)
+        animations = [read_animation(document, index) for index in range(len(document.header.get("animations", [])))]
+        modes = {
+            primitive.get("mode", TRIANGLES)
+            for mesh in document.header.get("meshes", [])
+            for primitive in mesh.get("primitives", [])
+        }
         _check_meshes(meshes)
 
     def meshes_at(animation: GltfAnimation) -> Callable[[float], tuple[Mesh, ...]]:

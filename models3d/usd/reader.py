@@ -3,12 +3,14 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
+from functools import partial
 from pathlib import Path
 from typing import Any
 
 import numpy as np
+from pxr import Ar, Sdf, Usd, UsdGeom
 
-from metric_base.errors import FieldError, Unquoted, expect, in_file
+from metric_base.errors import Unquoted, damage_as_field_error, expect, in_file
 from models3d.asset import Asset, AssetBody, NameText, Up, body_from_box
 
 #: Maximum size of the file, in bytes.
@@ -20,6 +22,8 @@ MAX_LAYERS = 500
 MAX_COMPOSED_PRIMS = 1_000_000
 #: Maximum number of prims of an object whose names are read.
 MAX_PRIMS = 200_000
+#: Convert an error of the library; Tf.ErrorException is not a Python exception class.
+_usd_errors = partial(damage_as_field_error, "a readable USD file", found=lambda error: " ".join(str(error).split()))
 
 
 def read_usd(path: Path) -> Asset:
@@ -40,22 +44,16 @@ def read_usd(path: Path) -> Asset:
     InputError
         The file is damaged, too large, refers to files outside its folder, or has no shape.
     """
-    from pxr import Usd, UsdGeom
-
     with in_file(path):
         expect(path.stat().st_size <= MAX_BYTES, "file", f"at most {MAX_BYTES} bytes", path.stat().st_size)
         # Other files of a stage before it is composed; FieldError if one is outside the folder.
-        from pxr import Ar, Sdf
-
         folder = path.parent.resolve()
         waiting = [str(path.resolve())]
         found, files = set(waiting), {path.resolve()}
         while waiting:
             name = waiting.pop()
-            try:
+            with _usd_errors():
                 layer = Sdf.Layer.FindOrOpen(name)
-            except Exception as error:  # noqa: BLE001 - Tf.ErrorException is not a Python exception class
-                raise FieldError("content", "a readable USD file", Unquoted(" ".join(str(error).split()))) from None
             if layer is None:
                 expect(name != str(path.resolve()), "content", "a readable USD file", Unquoted("another"))
                 continue
@@ -69,13 +67,10 @@ def read_usd(path: Path) -> Asset:
                     found.add(target)
                     waiting.append(target)
             expect(len(found) <= MAX_LAYERS, "references", f"at most {MAX_LAYERS} files", len(found))
-        external_files = files - {path.resolve()}
         count = _composed_prims(path)
         expect(count <= MAX_COMPOSED_PRIMS, "references", f"at most {MAX_COMPOSED_PRIMS:,} prims", Unquoted("more"))
-        try:
+        with _usd_errors():
             stage = Usd.Stage.Open(str(path))
-        except Exception as error:  # noqa: BLE001 - Tf.ErrorException is not a Python exception class
-            raise FieldError("content", "a readable USD file", Unquoted(" ".join(str(error).split()))) from None
         unit = float(UsdGeom.GetStageMetersPerUnit(stage))
         up: Up = "z" if str(UsdGeom.GetStageUpAxis(stage)).lower() == "z" else "y"
         expect(0 < unit < np.inf, "metersPerUnit", "a positive number", unit)
@@ -85,7 +80,7 @@ def read_usd(path: Path) -> Asset:
         if model := stage.GetDefaultPrim():
             texts = [NameText("model", model.GetName()), *_labels(model)]
             texts += [label for child in model.GetChildren() for label in _labels(child)]
-    return Asset(path, "usd", unit, up, bodies, tuple(texts), has_external_files=bool(external_files))
+    return Asset(path, "usd", unit, up, bodies, tuple(texts), has_external_files=len(files) > 1)
 
 
 def _composed_prims(path: Path) -> int:
@@ -93,8 +88,6 @@ def _composed_prims(path: Path) -> int:
 
     Variants are ignored.
     """
-    from pxr import Sdf
-
     counts: dict[tuple[str, str], int] = {}
 
     def prims_below(layer: Any, prim_path: Any) -> int:
@@ -123,8 +116,6 @@ def _composed_prims(path: Path) -> int:
 
 def _bodies(stage: Any, unit_m: float) -> Iterator[AssetBody]:
     """Yield an object for each root prim; of a chain of single children, the last prim is the object."""
-    from pxr import Usd, UsdGeom
-
     purposes = [UsdGeom.Tokens.default_, UsdGeom.Tokens.render]
     boxes = UsdGeom.BBoxCache(Usd.TimeCode.EarliestTime(), purposes, useExtentsHint=False)
     roots = [prim for prim in stage.GetPseudoRoot().GetChildren() if prim.IsActive()]

@@ -99,6 +99,13 @@ def test_a_shape_without_its_size_is_named(tmp_path: Path, shape: str) -> None:
         read_asset(path)
 
 
+def test_a_comment_before_a_shape_is_ignored(tmp_path: Path) -> None:
+    path = tmp_path / "r.urdf"
+    shape = '<!-- half --><box size="1 2 3"/>'
+    path.write_text(f'<robot name="r"><link name="l"><visual><geometry>{shape}</geometry></visual></link></robot>')
+    assert read_asset(path).bodies[0].extents_m.tolist() == [1, 2, 3]
+
+
 @pytest.mark.parametrize(
     ("ending", "refers"), [("glb", False), ("gltf", True), ("stl", False), ("urdf", True), ("sdf", False)]
 )

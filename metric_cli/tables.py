@@ -44,6 +44,24 @@ def print_table(columns: Sequence[str], rows: Iterable[Sequence[object]], title:
     sys.stdout.write(table_text(columns, rows, output_width(PIPE_WIDTH)))
 
 
+def print_result(
+    as_json: bool, record: Any, columns: Sequence[str], rows: Iterable[Sequence[object]], title: str | None = None
+) -> None:
+    """Print a result as JSON, or as a table with a title."""
+    if as_json:
+        print_json(record)
+    else:
+        print_table(columns, rows, title)
+
+
+def print_line(as_json: bool, record: Any, line: object) -> None:
+    """Print a result as JSON, or as a line of text."""
+    if as_json:
+        print_json(record)
+    else:
+        sys.stdout.write(f"{line}\n")
+
+
 def size_format(sizes_mm: Iterable[float | None], unit: str) -> Callable[[float | None], str | None]:
     """Return the function that writes the sizes of a table in one unit with the same number of decimals.
 

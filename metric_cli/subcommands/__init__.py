@@ -1,6 +1,7 @@
 """The `metric-tree` command: one module per subcommand in a folder per topic, imported when it is called.
 
-A subcommand's module has `HELP` (one line), `add_arguments(parser)` and `run(arguments) -> exit status`.
+A subcommand's module has `HELP` (one line), `add_arguments(parser)` and `run(arguments)`, which returns an exit status
+if it may be another than 0.
 """
 
 from __future__ import annotations
@@ -72,8 +73,8 @@ def main(argv: Sequence[str] | None = None) -> int:
                 if (batch := batch_run(BATCH, rest)) is not None:
                     return batch()
             options = parser_of(name).parse_args(rest)
-            status: int = options.run(options)
-            return status
+            status: int | None = options.run(options)
+            return EXIT_OK if status is None else status
 
         return exit_status(f"metric-tree {name}", run)
     parser = overview_parser()

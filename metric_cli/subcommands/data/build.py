@@ -17,7 +17,7 @@ from metric_base.executors import executor_of
 from metric_base.remote import file_size
 from metric_cli.parser import input_path, new_folder, output_folder, parse_part, same_named, streamed_path
 from metric_cli.progress import progress_bars
-from metric_cli.tables import print_json, print_table, warn
+from metric_cli.tables import print_json, print_result, print_table, warn
 from metric_tree.pipeline.build import Build, BuildOptions, build_release, ingest_part, shipped_curated
 from metric_tree.pipeline.ingest import raw_files
 from metric_tree.release.release import open_release
@@ -72,7 +72,7 @@ def parse_fold(text: str) -> tuple[int, int]:
     return int(match[1]), int(match[2])
 
 
-def run(arguments: argparse.Namespace) -> int:
+def run(arguments: argparse.Namespace) -> None:
     """Build the release and print its counts."""
     if not re.fullmatch(r"\d+\.\d+\.\d+([-+][0-9A-Za-z.-]+)?", arguments.version):
         raise InputError(f"--version: expected a semantic version such as 1.0.0; found {arguments.version!r}")
@@ -98,21 +98,18 @@ def run(arguments: argparse.Namespace) -> int:
         else:
             build = build_release(arguments.raw, arguments.out, options, **settings)
     if arguments.part:
-        if arguments.json:
-            print_json({"part": arguments.part, "raw": raw_counts})
-        else:
-            print_table(["raw item", "rows"], raw_counts.most_common(), title=f"part {arguments.part}")
-        return 0
+        record, title = {"part": arguments.part, "raw": raw_counts}, f"part {arguments.part}"
+        print_result(arguments.json, record, ["raw item", "rows"], raw_counts.most_common(), title)
+        return
     warn_of_omissions(build)
     manifest = build.release.manifest
     if arguments.json:
         print_json({"directory": str(build.release.directory), **manifest})
-        return 0
+        return
     counts = [(name, value) for name, value in manifest["counts"].items() if not isinstance(value, dict)]
     title = f"{build.release.directory}: {manifest['name']} {manifest['version']}"
     print_table(["count", "value"], counts, title=title)
     print_table(["raw item", "rows"], Counter(manifest["counts"]["raw"]).most_common())
-    return 0
 
 
 def warn_of_omissions(build: Build) -> None:

@@ -11,6 +11,7 @@ import time
 from collections.abc import Callable, Mapping
 from typing import Any
 
+from metric_base.errors import InputError
 from metric_cli.parser import input_path, output_folder, same_named
 from metric_cli.tables import print_json, print_table
 
@@ -49,10 +50,9 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     # fmt: on
 
 
-def run(arguments: argparse.Namespace) -> int:
+def run(arguments: argparse.Namespace) -> None:
     """Crawl and print the summary."""
     from crawler.fetch.crawl import Crawl, run_crawl
-    from metric_base.errors import InputError
 
     check_options(arguments)
     crawl = Crawl(**same_named(arguments, Crawl) | {"start": arguments.start_url, "limit": arguments.limit or 0})
@@ -67,13 +67,10 @@ def run(arguments: argparse.Namespace) -> int:
         print_table(["site", ""], [(host, _shown(counts)) for host, counts in sites.items()])
     if summary.error:
         raise InputError(f"{crawl.folder}: {summary.error}")
-    return 0
 
 
 def check_options(arguments: argparse.Namespace) -> None:
     """Raise InputError for an invalid option before the crawl starts."""
-    from metric_base.errors import InputError
-
     if arguments.out.exists() and not arguments.out.is_dir():
         raise InputError(f"--out: expected a folder; found the file {arguments.out}")
     contact, limit, delay = arguments.contact, arguments.limit, arguments.delay

@@ -20,18 +20,17 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     add_tree(parser)
 
 
-def run(arguments: argparse.Namespace) -> int:
+def run(arguments: argparse.Namespace) -> None:
     """Print the words, the match and the position of the item."""
     from metric_tree.pipeline.explanation import explanation
 
     record = explanation(open_tree(arguments.tree), arguments.item, arguments.raw, arguments.log)
     if arguments.json:
         print_json(record)
-        return 0
+        return
     for part in ("words", "match", "release"):
         rows = []
         for name, value in record[part].items():
             text = ", ".join(map(str, value)) if isinstance(value, list) else value
             rows.append((name, "" if text is None else str(text)))
         print_table([part, ""], rows)
-    return 0

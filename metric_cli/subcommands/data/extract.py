@@ -8,10 +8,11 @@ import sys
 import time
 from collections import Counter
 
+from metric_base.errors import InputError
 from metric_base.escaping import visible_json
 from metric_cli.parser import OutputFile, input_path
 from metric_cli.progress import progress_bars
-from metric_cli.tables import print_json, print_table
+from metric_cli.tables import print_result, print_table
 
 HELP = "Extract raw items from a saved web page or a web archive, with the spider of its site or the generic one."
 
@@ -28,11 +29,10 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     # fmt: on
 
 
-def run(arguments: argparse.Namespace) -> int:
+def run(arguments: argparse.Namespace) -> None:
     """Print the raw item of a page as a table, or with --json as one line; of an archive, the numbers of pages."""
     from crawler.page.archives import ARCHIVE_SUFFIXES
     from crawler.sites.registry import use_site
-    from metric_base.errors import InputError
 
     is_archive = arguments.file.name.removesuffix(".gz").endswith(ARCHIVE_SUFFIXES)
     if is_archive != (arguments.url is None) or is_archive != (arguments.out is not None):
@@ -40,16 +40,15 @@ def run(arguments: argparse.Namespace) -> int:
         raise InputError(f"{arguments.file}: expected {expected}")
     if arguments.site:
         use_site(arguments.site)
-    return _extract_archive(arguments) if is_archive else _extract_page(arguments)
+    (_extract_archive if is_archive else _extract_page)(arguments)
 
 
-def _extract_page(arguments: argparse.Namespace) -> int:
+def _extract_page(arguments: argparse.Namespace) -> None:
     """Print the raw item of a page."""
     from crawler.page.page import saved_page
     from crawler.page.time_limit import SlowPage, processor_budget
     from crawler.page.urls import web_address
     from crawler.sites.registry import item_of
-    from metric_base.errors import InputError
 
     url = web_address(arguments.url, "--url")
     try:
@@ -72,10 +71,9 @@ def _extract_page(arguments: argparse.Namespace) -> int:
             if value:
                 rows.append((name, text))
         print_table(["field", "value"], rows)
-    return 0
 
 
-def _extract_archive(arguments: argparse.Namespace) -> int:
+def _extract_archive(arguments: argparse.Namespace) -> None:
     """Write the raw items of the pages of an archive that state a size, and print the numbers of pages."""
     from crawler.page.archives import archived_pages
     from crawler.page.time_limit import SlowPage, processor_budget
@@ -106,8 +104,4 @@ def _extract_archive(arguments: argparse.Namespace) -> int:
         "kept": round(counts["items"] / n_pages, 4),
         "ms_per_page": round((time.process_time() - start) * 1000 / n_pages, 3),
     }
-    if arguments.json:
-        print_json(record)
-    else:
-        print_table(["pages", "value"], list(record.items()))
-    return 0
+    print_result(arguments.json, record, ["pages", "value"], record.items())

@@ -15,7 +15,7 @@ from metric_base.errors import InputError
 from metric_base.files import output_file
 from metric_cli.parser import OutputFile, input_path, output_folder
 from metric_cli.progress import track
-from metric_cli.tables import print_json, print_table, warn
+from metric_cli.tables import print_result, warn
 
 HELP = "Convert an open data set to raw items; rejected rows are written with reasons to a quarantine file."
 
@@ -41,11 +41,11 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     # fmt: on
 
 
-def run(arguments: argparse.Namespace) -> int:
+def run(arguments: argparse.Namespace) -> None:
     """Import and write the sources; print their counts."""
     if arguments.list:
         print_sources(sources(arguments.sources), arguments.json, arguments.verbose)
-        return 0
+        return
     if arguments.all == bool(arguments.source):
         given = f"both, {arguments.source} and --all" if arguments.all else "neither"
         raise InputError(f"SOURCE: expected one source, or --all; found {given}")
@@ -60,16 +60,13 @@ def run(arguments: argparse.Namespace) -> int:
     if arguments.summary:
         absent = [one for one in declared if one not in selected]
         write_lines(arguments.summary, overview(summaries, absent).splitlines(), "--summary")
-    if arguments.json:
-        print_json(summaries if arguments.all else summaries[0])
-    else:
-        columns = ("source", "rows", "items", "sampled_out", "refused")
-        rows = []
-        for entry in summaries:
-            reasons = ", ".join(f"{code} {n}" for code, n in entry["reasons"].items())
-            rows.append((*(entry[column] for column in columns), reasons))
-        print_table([*columns, "reasons"], rows)
-    return 0
+    columns = ("source", "rows", "items", "sampled_out", "refused")
+    rows = []
+    for entry in summaries:
+        reasons = ", ".join(f"{code} {n}" for code, n in entry["reasons"].items())
+        rows.append((*(entry[column] for column in columns), reasons))
+    record = summaries if arguments.all else summaries[0]
+    print_result(arguments.json, record, [*columns, "reasons"], rows)
 
 
 def has_files(declared: Source, folder: Path | None) -> bool:
@@ -99,12 +96,9 @@ def import_and_write(declared: Source, arguments: argparse.Namespace) -> dict[st
 def print_sources(declared: Sequence[Source], as_json: bool, verbose: bool) -> None:
     """Print the terms of the sources; without `verbose`, reasons only for those that cannot be downloaded."""
     entries = [terms(one) for one in declared]
-    if as_json:
-        print_json(entries)
-        return
     rows = []
     for entry in entries:
         reason = entry["reason"] if verbose or entry["downloads"] != "yes" else ""
         first = (entry["source"], entry["kind"], entry["licence"], "yes" if entry["ship"] else "no")
         rows.append((*first, entry["downloads"], entry["url"], reason))
-    print_table(("source", "kind", "licence", "ship", "downloads", "url", "reason"), rows)
+    print_result(as_json, entries, ("source", "kind", "licence", "ship", "downloads", "url", "reason"), rows)

@@ -11,7 +11,7 @@ from metric_base.errors import InputError, in_file
 from metric_base.files import write_whole
 from metric_base.spelling import near_spellings
 from metric_cli.parser import OutputFile, add_tree, input_path, output_folder
-from metric_cli.tables import print_json, print_table
+from metric_cli.tables import print_json, print_result, print_table
 
 HELP = "List open subjects, print a blind list, record a decision, compute the agreement, or write a proofreading form."
 
@@ -82,7 +82,7 @@ def _add_reviewer(parser: argparse.ArgumentParser, text: str) -> None:
     names.add_argument("--reader", dest="reviewer", help=argparse.SUPPRESS)
 
 
-def run(arguments: argparse.Namespace) -> int:
+def run(arguments: argparse.Namespace) -> None:
     """Run the action; 2 if a decision or a file is invalid."""
     actions = {
         "list": list_subjects,
@@ -92,7 +92,6 @@ def run(arguments: argparse.Namespace) -> int:
         "proof": write_form,
     }
     actions[arguments.action](arguments)
-    return 0
 
 
 def list_subjects(arguments: argparse.Namespace) -> None:
@@ -138,12 +137,9 @@ def print_blind_list(arguments: argparse.Namespace) -> None:
         {"subject": subject, "words": names.get(subject, subject.partition(": ")[2])} | examples.get(subject, {})
         for subject in todo
     ]
-    if arguments.json:
-        print_json(rows)
-    else:
-        columns = ("subject", "words", *(("title", "size", "picture", "page") if arguments.raw else ()))
-        cells = [[row.get(column, "") for column in columns] for row in rows]
-        print_table(columns, cells, title=f"{len(rows)} subjects for {arguments.reviewer}")
+    columns = ("subject", "words", *(("title", "size", "picture", "page") if arguments.raw else ()))
+    cells = [[row.get(column, "") for column in columns] for row in rows]
+    print_result(arguments.json, rows, columns, cells, f"{len(rows)} subjects for {arguments.reviewer}")
 
 
 def record(arguments: argparse.Namespace) -> None:
@@ -188,11 +184,9 @@ def record(arguments: argparse.Namespace) -> None:
         )
     file = (arguments.folder or decisions.record_folder()) / "recorded.jsonl"
     decisions.record_decision(decision, file, amend=arguments.amend or is_withdrawn)
-    if arguments.json:
-        print_json({"schema": SCHEMA, "recorded": decision.subject, "file": str(file)})
-    else:
-        row = (decision.subject, decision.decision or decisions.NONE, decision.reviewer)
-        print_table(["subject", "decision", "reviewer"], [row], title=str(file))
+    row = (decision.subject, decision.decision or decisions.NONE, decision.reviewer)
+    recorded = {"schema": SCHEMA, "recorded": decision.subject, "file": str(file)}
+    print_result(arguments.json, recorded, ["subject", "decision", "reviewer"], [row], str(file))
 
 
 def print_agreement(arguments: argparse.Namespace) -> None:
@@ -222,7 +216,5 @@ def write_form(arguments: argparse.Namespace) -> None:
         raise InputError(f"--limit: expected a number from 1; found {arguments.limit}")
     page = proofreading_page(open_tree(arguments.tree), arguments.limit)
     write_whole(arguments.out, page, "--out")
-    if arguments.json:
-        print_json({"schema": SCHEMA, "page": str(arguments.out)})
-    else:
-        print_table(["page"], [(str(arguments.out),)])
+    page_file = str(arguments.out)
+    print_result(arguments.json, {"schema": SCHEMA, "page": page_file}, ["page"], [(page_file,)])

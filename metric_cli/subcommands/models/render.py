@@ -11,7 +11,7 @@ from metric_base.errors import InputError
 from metric_base.files import write_whole
 from metric_cli.parser import input_path, output_folder
 from metric_cli.progress import track
-from metric_cli.tables import print_json, print_table
+from metric_cli.tables import print_result
 
 HELP = "Render four views of the textured model of each item, with exact masks, in the layout that `build` reads."
 
@@ -33,7 +33,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     add("--out", metavar="DIR", type=output_folder, required=True, help="folder of images and records, that of RAW")
 
 
-def run(arguments: argparse.Namespace) -> int:
+def run(arguments: argparse.Namespace) -> None:
     """Render the models of all items and print the number of images."""
     from PIL import Image
 
@@ -67,8 +67,4 @@ def run(arguments: argparse.Namespace) -> int:
                 lines.append(f"{record.line()}\n")
     write_whole(arguments.out / "pictures-000001-000001.jsonl", "".join(lines), "--out")
     counts = {"items": len(files), "pictures": len(lines)}
-    if arguments.json:
-        print_json({"schema": "metric-tree/render/1", **counts})
-    else:
-        print_table(["", "number"], list(counts.items()))
-    return 0
+    print_result(arguments.json, {"schema": "metric-tree/render/1", **counts}, ["", "number"], counts.items())

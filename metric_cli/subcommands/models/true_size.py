@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 
 from metric_base.errors import InputError
 from metric_cli.parser import OutputFile, add_tree, input_path
-from metric_cli.tables import print_json, print_table
+from metric_cli.tables import print_result
 
 if TYPE_CHECKING:
     from models3d.asset import Asset
@@ -26,7 +26,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     add_tree(parser)
 
 
-def run(arguments: argparse.Namespace) -> int:
+def run(arguments: argparse.Namespace) -> None:
     """Print the factor with its interval, and write the model to `--out`."""
     from metric_tree.tree import open_tree
     from models3d.formats import read_assets
@@ -48,13 +48,9 @@ def run(arguments: argparse.Namespace) -> int:
         result = model_true_size(asset, arguments.category, tree)
     if arguments.out is not None and asset is not None:
         write_at_scale(asset, arguments.out, result.factor[1], baked=arguments.bake)
-    if arguments.json:
-        print_json(result.to_json())
-        return 0
     columns = ["", "low", "median", "high"]
     rows = [
         ("factor", *(f"{value:.4g}" for value in result.factor)),
         ("height, m", *(f"{value:.4g}" for value in result.height_m)),
     ]
-    print_table(columns, rows, title=f"{result.file}: {result.reason}")
-    return 0
+    print_result(arguments.json, result.to_json(), columns, rows, f"{result.file}: {result.reason}")

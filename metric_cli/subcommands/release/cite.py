@@ -20,7 +20,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     add_tree(parser)
 
 
-def run(arguments: argparse.Namespace) -> int:
+def run(arguments: argparse.Namespace) -> None:
     """Print the citation, the basis and the sources with published rows."""
     from metric_tree.release.publication import texts
 
@@ -35,4 +35,3 @@ def run(arguments: argparse.Namespace) -> int:
     else:
         print(f"{citation}\n{basis(manifest)}")  # noqa: T201 - the command's result
         print_table(COLUMNS, [[row[name] for name in COLUMNS] for row in rows], title="published rows")
-    return 0

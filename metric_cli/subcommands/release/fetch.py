@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import argparse
 
-from metric_cli.tables import print_json
+from metric_cli.tables import print_line
 from metric_tree.release.registry import REGISTRY_VARIABLE, fetch_release
 from metric_tree.release.release import open_release
 
@@ -18,12 +18,8 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     add("--registry", metavar="ADDRESS", help=f"path or address of a registry (default: {REGISTRY_VARIABLE})")
 
 
-def run(arguments: argparse.Namespace) -> int:
+def run(arguments: argparse.Namespace) -> None:
     """Download the release and print its folder."""
     folder = fetch_release(arguments.version, arguments.registry)
     open_release(folder)
-    if arguments.json:
-        print_json({"version": arguments.version, "path": str(folder)})
-    else:
-        print(folder)  # noqa: T201 - the command's result
-    return 0
+    print_line(arguments.json, {"version": arguments.version, "path": str(folder)}, folder)

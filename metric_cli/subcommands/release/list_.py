@@ -7,7 +7,7 @@ import sys
 from collections.abc import Iterator
 
 from metric_base.errors import InputError
-from metric_cli.tables import print_json, print_table
+from metric_cli.tables import print_json, print_result
 from metric_tree.node import Node
 from metric_tree.release.registry import PATH_VARIABLE, releases
 from metric_tree.release.release import open_release
@@ -32,7 +32,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--below", metavar="NAME", help="only the outline of this category, down to its leaves")
 
 
-def run(arguments: argparse.Namespace) -> int:
+def run(arguments: argparse.Namespace) -> None:
     """Print the releases, or the outline of a release."""
     if arguments.tree is not None or arguments.below is not None:
         if not 1 <= arguments.depth <= LEVELS:
@@ -44,21 +44,14 @@ def run(arguments: argparse.Namespace) -> int:
             print_json([node_entry(node) for node in top.descendants() if node.level <= max_level])
         else:
             sys.stdout.writelines(f"{line}\n" for line in outline(top, max_level))
-        return 0
-    fields = ("name", "version", "created", "counts")
-    described = [
-        {name: release.manifest[name] for name in fields} | {"path": str(release.directory)}
-        for release in map(open_release, releases())
-    ]
-    if arguments.json:
-        print_json(described)
-    else:
-        counts = ("nodes", "leaves", "n_fit", "n_rows")
-        rows = [
-            (r["name"], r["version"], r["created"], *(r["counts"].get(c) for c in counts), r["path"]) for r in described
-        ]
-        print_table(["name", "version", "created", *counts, "path"], rows)
-    return 0
+        return
+    fields, counts = ("name", "version", "created"), ("nodes", "leaves", "n_fit", "n_rows")
+    described, rows = [], []
+    for release in map(open_release, releases()):
+        record = {name: release.manifest[name] for name in (*fields, "counts")} | {"path": str(release.directory)}
+        described.append(record)
+        rows.append((*(record[name] for name in fields), *map(record["counts"].get, counts), record["path"]))
+    print_result(arguments.json, described, [*fields, *counts, "path"], rows)
 
 
 def node_entry(node: Node) -> dict[str, object]:

@@ -27,7 +27,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     add_tree(parser)
 
 
-def run(arguments: argparse.Namespace) -> int:
+def run(arguments: argparse.Namespace) -> None:
     """Print or write the table."""
     tree = open_tree(arguments.tree)
     if arguments.parquet is not None:
@@ -60,4 +60,3 @@ def run(arguments: argparse.Namespace) -> int:
             [*columns, *(f"{name}_{arguments.units}" for name in _SIZES)],
             [[*(row[name] for name in columns), *(write(row[f"{name}_mm"]) for name in _SIZES)] for row in rows],
         )
-    return 0

@@ -5,7 +5,7 @@ from __future__ import annotations
 import argparse
 
 from metric_cli.parser import new_folder
-from metric_cli.tables import print_json
+from metric_cli.tables import print_line
 from metric_tree.tree import open_tree
 
 HELP = "A release as a folder for a data hub: tables, data card, licences, checksums, Croissant, datasheet, citation."
@@ -19,14 +19,10 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     )
 
 
-def run(arguments: argparse.Namespace) -> int:
+def run(arguments: argparse.Namespace) -> None:
     """Write the publication and print the number of files."""
     from metric_tree.release.publication import publish
 
     tree = open_tree(licence="open") if arguments.tree is None else open_tree(arguments.tree)
     files = publish(tree, arguments.out)
-    if arguments.json:
-        print_json([str(path) for path in files])
-    else:
-        print(f"{arguments.out}: {len(files):,} files")  # noqa: T201 - the command's result
-    return 0
+    print_line(arguments.json, [str(path) for path in files], f"{arguments.out}: {len(files):,} files")

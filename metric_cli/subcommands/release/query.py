@@ -40,7 +40,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     add_tree(parser)
 
 
-def run(arguments: argparse.Namespace) -> int:
+def run(arguments: argparse.Namespace) -> None:
     """Print the node and its prior."""
     tree = open_tree(arguments.tree)
     node = tree.find(arguments.name, arguments.vocabulary, at_least=arguments.at_least)
@@ -62,7 +62,6 @@ def run(arguments: argparse.Namespace) -> int:
         print_json(record)
     else:
         _print(record, node, arguments.units)
-    return 0
 
 
 def _print(record: dict[str, Any], node: Node, unit: str) -> None:

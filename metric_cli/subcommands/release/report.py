@@ -22,7 +22,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     )
 
 
-def run(arguments: argparse.Namespace) -> int:
+def run(arguments: argparse.Namespace) -> None:
     """Write the page; print its path, or with `--json` the counts of the page."""
     from explorer.pages.report_page import page
     from metric_tree.reports.summary import coverage, level_counts
@@ -34,20 +34,13 @@ def run(arguments: argparse.Namespace) -> int:
     text = page(tree, against)
     write_whole(arguments.out, text, "--out")
     if arguments.json:
-        print_json(
-            {
-                "schema": "metric-tree/report/1",
-                "page": str(arguments.out),
-                "levels": [
-                    dict(zip(("level", "nodes", "with_1", "with_10", "with_30"), row, strict=True))
-                    for row in level_counts(tree)
-                ],
-                "vocabularies": [
-                    {"list": c.name, "labels": c.labels, "enough": c.enough, "real": c.real, "any": c.any}
-                    for c in (coverage(tree, name) for name in vocabularies())
-                ],
-            }
-        )
+        columns = ("level", "nodes", "with_1", "with_10", "with_30")
+        levels = [dict(zip(columns, row, strict=True)) for row in level_counts(tree)]
+        lists = [
+            {"list": c.name, "labels": c.labels, "enough": c.enough, "real": c.real, "any": c.any}
+            for c in (coverage(tree, name) for name in vocabularies())
+        ]
+        record = {"schema": "metric-tree/report/1", "page": str(arguments.out)}
+        print_json(record | {"levels": levels, "vocabularies": lists})
     else:
         print(arguments.out)  # noqa: T201 - the command's result
-    return 0

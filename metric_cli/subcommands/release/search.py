@@ -6,7 +6,7 @@ import argparse
 
 from metric_base.errors import InputError
 from metric_cli.parser import add_tree
-from metric_cli.tables import print_json, print_table
+from metric_cli.tables import print_result
 from metric_tree.tree import open_tree
 
 HELP = "Categories for a text, the most likely first; typing errors are tolerated."
@@ -19,7 +19,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     add_tree(parser)
 
 
-def run(arguments: argparse.Namespace) -> int:
+def run(arguments: argparse.Namespace) -> None:
     """Print a row per category; the exit status is 2 if no category matches."""
     if arguments.limit < 1:
         raise InputError(f"--limit: expected a number from 1; found {arguments.limit}")
@@ -27,8 +27,5 @@ def run(arguments: argparse.Namespace) -> int:
     if not nodes:
         raise InputError(f"no node is called {arguments.text[:60]!r} or anything like it")
     rows = [(node.node_id, " > ".join(node.path[1:]), node.tier, node.n_items) for node in nodes]
-    if arguments.json:
-        print_json([dict(zip(("node", "path", "tier", "n_items"), row, strict=True)) for row in rows])
-    else:
-        print_table(["node", "path", "tier", "items"], rows)
-    return 0
+    records = [dict(zip(("node", "path", "tier", "n_items"), row, strict=True)) for row in rows]
+    print_result(arguments.json, records, ["node", "path", "tier", "items"], rows)

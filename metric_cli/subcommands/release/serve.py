@@ -36,7 +36,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     add("--quiet", action="store_true", help="do not log requests")
 
 
-def run(arguments: argparse.Namespace) -> int:
+def run(arguments: argparse.Namespace) -> None:
     """Serve until the process is stopped."""
     if not 0 <= arguments.port <= 65535:
         raise InputError(f"--port: expected 0 to 65535; found {arguments.port}")
@@ -45,7 +45,7 @@ def run(arguments: argparse.Namespace) -> int:
         from explorer.server.mcp_server import tool_server
 
         tool_server(trees).run("stdio")
-        return 0
+        return
     import uvicorn
 
     from explorer.server.app import application
@@ -70,4 +70,3 @@ def run(arguments: argparse.Namespace) -> int:
         http=TimedProtocol,
         h11_max_incomplete_event_size=16_384,
     )
-    return 0

@@ -6,7 +6,7 @@ import argparse
 import time
 
 from metric_cli.parser import new_folder
-from metric_cli.tables import print_json
+from metric_cli.tables import print_line
 from metric_tree.tree import open_tree
 
 HELP = "Write all pages and JSON records of the explorer as files, for a static host or a local browser."
@@ -21,7 +21,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--workers", metavar="N", type=int, help="number of processes (default: one per processor)")
 
 
-def run(arguments: argparse.Namespace) -> int:
+def run(arguments: argparse.Namespace) -> None:
     """Write the site and print its path and size."""
     from explorer.static_site import write_site
 
@@ -29,10 +29,7 @@ def run(arguments: argparse.Namespace) -> int:
     trees = [open_tree(ref) for ref in arguments.tree or [None]]
     written = write_site(arguments.out, trees, arguments.workers)
     seconds = time.perf_counter() - started
-    if arguments.json:
-        record = {"schema": "metric-tree/site/1", "path": str(arguments.out), "files": written.files}
-        print_json({**record, "bytes": written.bytes, "seconds": round(seconds, 1)})
-    else:
-        size = f"{written.files:,} files, {written.bytes / 1e6:.0f} MB, {seconds:.0f} s"
-        print(f"{arguments.out / 'index.html'}: {size}")  # noqa: T201 - the command's result
-    return 0
+    record = {"schema": "metric-tree/site/1", "path": str(arguments.out), "files": written.files}
+    record |= {"bytes": written.bytes, "seconds": round(seconds, 1)}
+    size = f"{written.files:,} files, {written.bytes / 1e6:.0f} MB, {seconds:.0f} s"
+    print_line(arguments.json, record, f"{arguments.out / 'index.html'}: {size}")

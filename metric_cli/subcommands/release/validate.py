@@ -7,7 +7,7 @@ from collections import Counter
 from pathlib import Path
 
 from metric_cli.errors import INPUT_ERROR
-from metric_cli.tables import print_json, print_table
+from metric_cli.tables import print_result
 from metric_tree.checks.release_files import CODES, findings
 from metric_tree.release.registry import release_directory
 
@@ -27,24 +27,19 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 def run(arguments: argparse.Namespace) -> int:
     """Print the findings; 2 if any is an error."""
     if arguments.codes:
-        if arguments.json:
-            print_json(CODES)
-        else:
-            print_table(["code", "meaning"], sorted(CODES.items()))
+        print_result(arguments.json, CODES, ["code", "meaning"], sorted(CODES.items()))
         return 0
     directory = Path(arguments.release) if arguments.release else release_directory()
     if not directory.is_dir():
         directory = release_directory(arguments.release)
     all_findings = findings(directory)
-    if arguments.json:
-        print_json([{"code": f.code, "subject": f.subject, "message": f.message} for f in all_findings])
-    else:
-        shown: Counter[str] = Counter()
-        rows = []
-        for finding in all_findings:
-            shown[finding.code] += 1
-            if arguments.all or shown[finding.code] <= MAX_FINDINGS:
-                rows.append((finding.code, finding.subject, finding.message))
-        counts = ", ".join(f"{code} {count}" for code, count in sorted(shown.items())) or "nothing found"
-        print_table(["code", "subject", "finding"], rows, title=f"{directory}: {counts}")
+    shown: Counter[str] = Counter()
+    rows = []
+    for finding in all_findings:
+        shown[finding.code] += 1
+        if arguments.all or shown[finding.code] <= MAX_FINDINGS:
+            rows.append((finding.code, finding.subject, finding.message))
+    counts = ", ".join(f"{code} {count}" for code, count in sorted(shown.items())) or "nothing found"
+    records = [{"code": f.code, "subject": f.subject, "message": f.message} for f in all_findings]
+    print_result(arguments.json, records, ["code", "subject", "finding"], rows, f"{directory}: {counts}")
     return INPUT_ERROR if any(finding.is_error for finding in all_findings) else 0

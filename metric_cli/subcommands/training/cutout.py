@@ -11,7 +11,7 @@ from metric_base.errors import InputError
 from metric_base.executors import executor_of
 from metric_cli.parser import input_path, new_folder
 from metric_cli.progress import progress_bars
-from metric_cli.tables import print_json, print_table
+from metric_cli.tables import print_result
 from metric_tree.cutouts.backend import BACKENDS, Settings
 from metric_tree.cutouts.guided import guides
 from metric_tree.cutouts.quality import REASONS
@@ -36,7 +36,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     add("--scheduler", metavar="ADDRESS", help="a Dask scheduler instead of processes; its workers share the folders")
 
 
-def run(arguments: argparse.Namespace) -> int:
+def run(arguments: argparse.Namespace) -> None:
     """Write the release with cut-outs and print their counts."""
     release = open_release(release_directory(arguments.release))
     settings = backend_settings(arguments.backend, arguments.model, arguments.download)
@@ -54,13 +54,11 @@ def run(arguments: argparse.Namespace) -> int:
             progress=lambda done, total: progress("cut", done, total),
         )
     summary = cut.manifest["cutouts"]
-    if arguments.json:
-        print_json({"schema": "metric-tree/cutouts/1", "directory": str(cut.directory), **summary})
-        return 0
     rows = [(f"cut: {method}", count, "") for method, count in summary["cut"].items()]
     rows += [(f"set aside: {reason}", count, REASONS[reason]) for reason, count in summary["set_aside"].items()]
-    print_table(["pictures", "count", "why"], rows, title=f"{cut.directory}: {summary['pictures']} pictures")
-    return 0
+    record = {"schema": "metric-tree/cutouts/1", "directory": str(cut.directory), **summary}
+    title = f"{cut.directory}: {summary['pictures']} pictures"
+    print_result(arguments.json, record, ["pictures", "count", "why"], rows, title)
 
 
 def backend_settings(name: str, model: str, download: bool) -> Settings:

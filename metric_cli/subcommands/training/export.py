@@ -47,7 +47,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     add_tree(parser)
 
 
-def run(arguments: argparse.Namespace) -> int:
+def run(arguments: argparse.Namespace) -> None:
     """Write the data set and print its counts."""
     from metric_tree.training.classes import Classes
     from metric_tree.training.composition import cutouts_of
@@ -65,25 +65,16 @@ def run(arguments: argparse.Namespace) -> int:
     summary = export_dataset(arguments.out, classes, cutouts, plan, other_datasets(arguments), progress)
     counts = {node.name: summary.by_category[k] for k, node in enumerate(classes.nodes, start=1)}
     if arguments.json:
-        print_json(
-            {
-                "schema": "metric-tree/export/1",
-                "out": str(arguments.out),
-                "cutouts": len(cutouts),
-                "pictures": dict(summary.pictures),
-                "objects": dict(summary.objects),
-                "categories": counts,
-                "too_wide_to_tell": summary.ambiguous,
-            }
-        )
-        return 0
+        record = {"schema": "metric-tree/export/1", "out": str(arguments.out), "cutouts": len(cutouts)}
+        record |= {"pictures": dict(summary.pictures), "objects": dict(summary.objects)}
+        print_json(record | {"categories": counts, "too_wide_to_tell": summary.ambiguous})
+        return
     rows = [(split, count, summary.objects[split]) for split, count in summary.pictures.items()]
     title = f"{arguments.out}: from {len(cutouts)} cut-outs"
     print_table(["split", "pictures", "objects"], rows, title=title)
     print_table(["category", "objects"], Counter(counts).most_common())
     if summary.ambiguous:
         print_table(["label above a category, left out", "objects"], summary.ambiguous.items())
-    return 0
 
 
 def parse_plan(arguments: argparse.Namespace) -> Plan:

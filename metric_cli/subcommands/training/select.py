@@ -39,7 +39,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     add_tree(parser)
 
 
-def run(arguments: argparse.Namespace) -> int:
+def run(arguments: argparse.Namespace) -> None:
     """Print the selection and, for comparison, that of the paper with the reasons of the differences."""
     rules = Rules(**same_named(arguments, Rules))
     if not rules.most_divergence > 0:
@@ -63,7 +63,6 @@ def run(arguments: argparse.Namespace) -> int:
         print_json(record)
     else:
         print_selection(record)
-    return 0
 
 
 def print_selection(summary: dict[str, Any]) -> None:

@@ -1,15 +1,8 @@
-"""Strategies of feature extraction and matching, and their stages."""
+"""Strategies of feature extraction and matching."""
 
 from __future__ import annotations
 
-import json
-import shutil
-from dataclasses import asdict, dataclass
-from pathlib import Path
-
-from capture.mapping.camera_prior import Lens
-from capture.mapping.worker import TimeLimit, run_worker
-from metric_base.progress import ProgressCallback, silent
+from dataclasses import dataclass
 
 #: Threads of feature extraction and matching; the reference machine has two cores.
 N_THREADS = 2
@@ -41,78 +34,3 @@ POOLED = FeatureStrategy(
     "pooled SIFT, guided", "_pooled", 4000, 1000, peak=0.003, pooled=True, guided=True, ratio=0.85, exhaustive=55
 )
 STRATEGIES = (QUICK, MAIN, POOLED)
-
-
-def make_features(
-    folder: Path,
-    images: Path,
-    cameras: list[tuple[Lens, list[str]]],
-    strategy: FeatureStrategy = MAIN,
-    *,
-    limit: TimeLimit,
-    progress: ProgressCallback = silent,
-) -> None:
-    """Write `features.db` and `features.json`, with the suffix of the strategy, to a folder.
-
-    Parameters
-    ----------
-    folder, images : Path
-        Existing folder for the outputs, and folder of the frames.
-    cameras : list of (Lens, list of str)
-        Each camera with the names of its frames.
-
-    Raises
-    ------
-    OutOfTime
-        The extraction was ended at the limit.
-    """
-    request = {
-        "database": str(folder / f"features{strategy.suffix}.db"),
-        "images": str(images),
-        "camera_model": cameras[0][0].model,
-        "cameras": [
-            {"params": "" if lens.focal_px is None else ",".join(map(repr, lens.params)), "names": names}
-            for lens, names in cameras
-        ],
-        "strategy": asdict(strategy),
-    }
-    result = run_worker("features", request, folder, progress=progress, limit=limit)
-    (folder / f"features{strategy.suffix}.json").write_text(json.dumps(result), encoding="utf-8")
-
-
-def make_matches(
-    folder: Path,
-    features: Path,
-    names: list[str],
-    in_order: bool,
-    strategy: FeatureStrategy = MAIN,
-    *,
-    limit: TimeLimit,
-    progress: ProgressCallback = silent,
-) -> None:
-    """Write `matches.db` and `matches.json`, with the suffix of the strategy, to a folder.
-
-    Parameters
-    ----------
-    folder, features : Path
-        Existing folder for the outputs, and folder of `features.db`.
-    names : list of str
-        Frames to match.
-    in_order : bool
-        Whether the frames are from a video.
-
-    Raises
-    ------
-    OutOfTime
-        The matching was ended at the limit.
-    """
-    database = folder / f"matches{strategy.suffix}.db"
-    shutil.copyfile(features / f"features{strategy.suffix}.db", database)
-    request = {
-        "database": str(database),
-        "names": names,
-        "in_order": in_order,
-        "strategy": asdict(strategy),
-    }
-    result = run_worker("matches", request, folder, progress=progress, limit=limit)
-    (folder / f"matches{strategy.suffix}.json").write_text(json.dumps(result), encoding="utf-8")

@@ -5,14 +5,14 @@ from __future__ import annotations
 import json
 import shutil
 from collections.abc import Callable
-from dataclasses import dataclass, replace
+from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 from typing import Any
 
 import msgspec
 
 from capture.mapping.camera_prior import Lens
-from capture.mapping.features import MAIN, POOLED, QUICK, STRATEGIES, FeatureStrategy, make_features, make_matches
+from capture.mapping.features import MAIN, POOLED, QUICK, STRATEGIES, FeatureStrategy
 from capture.mapping.mapper import ModelReport, make_model
 from capture.mapping.match_graph import MatchGraph
 from capture.mapping.refusals import (
@@ -23,7 +23,7 @@ from capture.mapping.refusals import (
     CaptureFailure,
     refusal,
 )
-from capture.mapping.worker import OutOfTime, TimeLimit
+from capture.mapping.worker import OutOfTime, TimeLimit, run_worker
 from capture.sources.frames import Frames
 from capture.work_folder import WorkFolder
 from metric_base.input_files import read_json
@@ -54,6 +54,8 @@ for _strategy in STRATEGIES:
     MODEL_STAGES[f"mapping{_end}"] = (f"{DATABASES}/model{_end}", f"{DATABASES}/model{_end}.json")
 
 
+#: Inputs of a stage, or a request of the worker, as JSON.
+Inputs = dict[str, Any]
 #: A strategy, the digest of its last stage and its report.
 Run = tuple[FeatureStrategy, str, ModelReport]
 
@@ -149,40 +151,60 @@ class ModelSearch:
 
     def _run(self, strategy: FeatureStrategy) -> tuple[str, ModelReport]:
         """Make the features, matches and model of a strategy; return the digest of the last stage and its report."""
-        work, frames, lens, end = self.work, self.frames, self.lens, strategy.suffix
-        images, databases = work.path / "frames", work.path / DATABASES
-        options: Any = {"limit": self.limit, "progress": self.progress}
+        frames, lens, end = self.frames, self.lens, strategy.suffix
+        images, databases = self.work.path / "frames", self.work.path / DATABASES
         cameras = [(lens, frames.names)]
         if not frames.one_camera:
             cameras = [
                 (Lens(lens.model, focal_px, False, width, height), names)
                 for (width, height, focal_px), names in frames.cameras().items()
             ]
-
-        def stage(kind: str, inputs: dict[str, Any], make: Callable[[Path], None]) -> str:
-            """Make a stage in the folder `databases` of its part; return its digest."""
-
-            def make_part(part: Path) -> None:
-                (part / DATABASES).mkdir()
-                make(part / DATABASES)
-
-            return work.stage(f"{kind}{end}", inputs, MODEL_STAGES[f"{kind}{end}"], make_part)
-
-        inputs: dict[str, Any] = {"frames": self.frames_digest, "lens": [lens.model, lens.focal_px]}
-        digest = stage("features", inputs, lambda part: make_features(part, images, cameras, strategy, **options))
-        digest = stage(
-            "matches",
-            {"features": digest},
-            lambda part: make_matches(part, databases, frames.names, self.is_video, strategy, **options),
-        )
+        inputs: Inputs = {"frames": self.frames_digest, "lens": [lens.model, lens.focal_px]}
+        options: Inputs = {"strategy": asdict(strategy)}
+        request = options | {
+            "images": str(images),
+            "camera_model": lens.model,
+            "cameras": [
+                {"params": "" if one.focal_px is None else ",".join(map(repr, one.params)), "names": names}
+                for one, names in cameras
+            ],
+        }
+        digest = self._worker_stage(f"features{end}", inputs, "features", request)
+        request = options | {"names": frames.names, "in_order": self.is_video}
+        features = databases / f"features{end}.db"
+        digest = self._worker_stage(f"matches{end}", {"features": digest}, "matches", request, features)
         graph = MatchGraph.read(databases, end, frames.names, frames.file_size, frames.edges)
         inputs = {"matches": digest, "fixed": lens.fixed, "free": lens.free, "wide": lens.wide_px}
         inputs["time"] = self.max_time_s  # with more time the model may be better
         matches = databases / f"matches{end}.db"
-        digest = stage(
-            "mapping", inputs, lambda part: make_model(part / f"model{end}", matches, images, graph, lens, **options)
-        )
+
+        def make(part: Path) -> None:
+            make_model(part / f"model{end}", matches, images, graph, lens, limit=self.limit, progress=self.progress)
+
+        digest = self._stage(f"mapping{end}", inputs, make)
         return digest, msgspec.convert(read_json(databases / f"model{end}.json"), ModelReport)
+
+    def _worker_stage(self, name: str, inputs: Inputs, step: str, request: Inputs, source: Path | None = None) -> str:
+        """Make the database of a step of the worker, which begins as a copy of `source`, and its result as JSON."""
+
+        def make(part: Path) -> None:
+            database = part / f"{name}.db"
+            if source is not None:
+                shutil.copyfile(source, database)
+            complete = request | {"database": str(database)}
+            result = run_worker(step, complete, part, progress=self.progress, limit=self.limit)
+            (part / f"{name}.json").write_text(json.dumps(result), encoding="utf-8")
+
+        return self._stage(name, inputs, make)
+
+    def _stage(self, name: str, inputs: Inputs, make: Callable[[Path], None]) -> str:
+        """Make a stage in the folder `databases` of its part, and return its digest."""
+
+        def make_in_databases(part: Path) -> None:
+            (part / DATABASES).mkdir()
+            make(part / DATABASES)
+
+        return self.work.stage(name, inputs, MODEL_STAGES[name], make_in_databases)
 
 
 def best_run(runs: list[Run]) -> Run:

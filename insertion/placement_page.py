@@ -9,7 +9,7 @@ from collections.abc import Callable
 from contextlib import closing
 from dataclasses import replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -21,7 +21,7 @@ from insertion.insertion_scene import InsertionScene
 from insertion.placement.placed_object import PlacedObject, place_objects
 from insertion.request import ObjectRequest, PixelPosition
 from metric_base.errors import InputError, expect
-from metric_base.local_page import LocalPage
+from metric_base.local_page import LocalPage, json_answer
 
 if TYPE_CHECKING:
     from metric_tree.tree import Tree
@@ -95,7 +95,7 @@ class PlacementPage(LocalPage):
                 frames.append(
                     {"number": frame.index, "name": frame.name, "width": camera.width, "height": camera.height}
                 )
-            return _json({"model": self._request.model.name, "frames": frames})
+            return json_answer({"model": self._request.model.name, "frames": frames})
         action = _ACTION.fullmatch(path)
         if action is not None:
             key = path.split("/", 1)[1]
@@ -133,17 +133,17 @@ class PlacementPage(LocalPage):
         except LookupError:
             return None
         except InputError as error:
-            return _json({"refused": str(error)})
+            return json_answer({"refused": str(error)})
         frame, plate = self._images[index]
         if kind == "box":
-            return _json({"corners": _box_corners(placed, frame)})
+            return json_answer({"corners": _box_corners(placed, frame)})
         with self._lock:
             scene, start_s = self._scene, self._frames[0].clock_s
             with closing(Compositor([placed], scene.light, scene.content, start_s)) as compositor:
                 self._drawn = {key: _jpeg(compositor.draw(frame, plate))}
         size = " x ".join(f"{value:.3g}" for value in placed.size_m.values())
         lines = [f"{size} m on {placed.placement.support}", *placed.size.warnings, *placed.warnings]
-        return _json({"command": self._command(request), "says": lines})
+        return json_answer({"command": self._command(request), "says": lines})
 
     def _request_at(self, index: int, pixel: tuple[float, float], facing: int) -> ObjectRequest:
         """Return the request at a pixel. Raises LookupError for a frame that is not on the page."""
@@ -167,10 +167,6 @@ def _box_corners(placed: PlacedObject, frame: Frame) -> list[list[float] | None]
         pixel.tolist() if np.isfinite(pixel).all() and z > 0 else None
         for pixel, z in zip(pixels, local[:, 2], strict=True)
     ]
-
-
-def _json(record: dict[str, Any]) -> tuple[str, bytes]:
-    return "application/json", json.dumps(record).encode()
 
 
 def _jpeg(image: Image) -> bytes:

@@ -7,7 +7,7 @@ import re
 import secrets
 import threading
 from abc import ABC, abstractmethod
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from http.server import BaseHTTPRequestHandler, ThreadingHTTPServer
 from typing import Any
 
@@ -102,6 +102,11 @@ def is_count(text: str) -> bool:
     return re.fullmatch(r"[0-9]{1,12}", text) is not None
 
 
+def json_answer(record: Mapping[str, Any]) -> tuple[str, bytes]:
+    """Return content type and body of a record."""
+    return "application/json", json.dumps(record).encode()
+
+
 def _handler(page: LocalPage) -> Callable[..., BaseHTTPRequestHandler]:
     class Handler(BaseHTTPRequestHandler):
         timeout = REQUEST_SECONDS
@@ -121,7 +126,7 @@ def _handler(page: LocalPage) -> Callable[..., BaseHTTPRequestHandler]:
             answer = page.receive(path or "", self.rfile.read(int(length))) if known else None
             status, words = (404, {"error": "no such page"}) if answer is None else answer
             try:
-                self._send(status, "application/json", json.dumps(words).encode())
+                self._send(status, *json_answer(words))
             finally:
                 page.end_if_last()
 

@@ -26,7 +26,7 @@ from metric_base.errors import InputError, Unquoted
 from metric_base.files import write_whole
 from metric_base.images import read_picture
 from metric_base.input_files import read_json
-from metric_base.local_page import LocalPage, is_count
+from metric_base.local_page import LocalPage, is_count, json_answer
 from metric_tree.tree import Tree
 
 #: Schema of the file that keeps an unfinished drawing.
@@ -187,13 +187,13 @@ class MaskPage(LocalPage):
         if path == "":
             return "text/html; charset=utf-8", Path(__file__).with_suffix(".html").read_bytes()
         if path == "start":
-            return "application/json", json.dumps(self.start()).encode()
+            return json_answer(self.start())
         if path.startswith("name/") and self._look_up is not None:
             name = unquote(path.removeprefix("name/"), errors="replace").strip()
             meaning = {"known": False, "says": f"a name has 1 to {MAX_NAME_CHARS} characters", "offers": []}
             if 0 < len(name) <= MAX_NAME_CHARS:
                 meaning = self._look_up(name)
-            return "application/json", json.dumps(meaning).encode()
+            return json_answer(meaning)
         if path.partition("?")[0] == "figure" and self._figure:
             return "image/png", self._figure
         number = path.removeprefix("frame/")

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterable, Iterator
 from dataclasses import replace
 
+import cv2
 import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation, Slerp
@@ -54,8 +55,6 @@ def localised_frames(
     source_width : int
         Width in pixels of the frames, in which errors are given.
     """
-    import cv2
-
     views = {view.name: view for view in scene.views}
     tracker = _Tracker(scene, source_width)
     waiting: list[tuple[FramePose, Grey]] = []
@@ -134,8 +133,6 @@ class _Tracker:
 
     def _track(self, start: Grey, tracks: Tracks, images: list[Grey]) -> Iterator[Tracks]:
         """Yield the tracks in each image (h, w), always found from the start image, so that they do not drift."""
-        import cv2
-
         rows, first = tracks[0], tracks[1].astype(np.float32)
         pixels = first.copy()
         for grey in images:

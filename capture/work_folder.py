@@ -105,9 +105,9 @@ class WorkFolder:
             made = [output for output in outputs if (part / output).exists()]
             digests = {output: content_digest(part / output) for output in made}
             # a kill from here on leaves a stamp without a key: the outputs belong to the stage and are made again
-            before = {output: {*owned} for output, owned in self._own_digests(name).items()}
-            both = {output: sorted(before.get(output, set()) | {digest}) for output, digest in digests.items()}
-            self._write_stamp(name, {"key": None, "outputs": [], "owned": {**self._own_digests(name), **both}})
+            owned = self._own_digests(name)
+            owned |= {output: sorted({*owned.get(output, ()), digest}) for output, digest in digests.items()}
+            self._write_stamp(name, {"key": None, "outputs": [], "owned": owned})
             for output in outputs:
                 self._publish(part / output, self.path / output)
         except BaseException as error:

@@ -72,7 +72,7 @@ def _metrics(folder: Path, database: Path) -> dict[str, Any] | None:
 
     model = pycolmap.Reconstruction(folder)
     try:
-        agreed = agreement(model_triplets(model, str(database)), model.num_reg_images())
+        agreed = agreement(model_triplets(model, str(database)))
         return dict(msgspec.to_builtins(model_metrics(folder, standard_deviations(model)[0], agreed)))
     except (ArithmeticError, IndexError, ValueError):
         return None

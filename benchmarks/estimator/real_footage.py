@@ -294,14 +294,14 @@ def _planted_cells(folder: Path, database: str) -> list[str]:
     from tests.synthetic.wrong_pieces import lengthen_steps, move_frames
 
     model = pycolmap.Reconstruction(folder / "sparse" / "0")
-    agreed = agreement(model_triplets(model, database), model.num_reg_images())
-    cells = [str(agreed.frames), str(agreed.contradicted)]
+    agreed = agreement(model_triplets(model, database))
+    cells = [str(model.num_reg_images()), str(agreed.contradicted)]
     names = sorted(image.name for image in model.images.values() if image.has_pose)
     wrong = set(names[len(names) - len(names) // 3 :])
     for turn_deg, shift, factor in PLANTS.values():
         planted = pycolmap.Reconstruction(folder / "sparse" / "0")
         move_frames(planted, wrong, Rotation.from_euler("y", turn_deg, degrees=True).as_matrix(), shift, factor)
-        found = agreement(model_triplets(planted, database), len(names))
+        found = agreement(model_triplets(planted, database))
         kept = set(found.parts[0]) if found.parts else set()
         mixed = min(len(kept & wrong), len(kept - wrong))
         cells.append(f"{_refused(found)}{len(kept)}/{mixed}")
@@ -309,7 +309,7 @@ def _planted_cells(folder: Path, database: str) -> list[str]:
     for factor in LONGER.values():
         planted = pycolmap.Reconstruction(folder / "sparse" / "0")
         lengthen_steps(planted, middle, factor)
-        found = agreement(model_triplets(planted, database), len(names))
+        found = agreement(model_triplets(planted, database))
         cells.append(f"{_refused(found)}{len(found.parts[0]) if found.parts else 0}")
     return cells
 

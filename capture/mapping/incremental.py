@@ -85,7 +85,7 @@ def mapping(request: Request, say: Callable[[dict[str, Any]], None]) -> dict[str
             write_model(model, output / str(number))
     if best is not None and 2 < n_best < n_frames:
         model, camera, matches = best
-        agreed = agreement(model_triplets(model, str(matches)), model.num_reg_images())
+        agreed = agreement(model_triplets(model, str(matches)))
         if not agreed.is_split:
             guided = output / f"{len(request['cameras'])}.db"
             (output / "consistent").mkdir()
@@ -117,7 +117,7 @@ def finish(request: Request) -> dict[str, Any]:
         return {"model": None}
     matches, folder = written[-1].with_suffix(".db"), output / "final"
     model = pycolmap.Reconstruction(written[-1])
-    agreed = agreement(model_triplets(model, str(matches)), model.num_reg_images())
+    agreed = agreement(model_triplets(model, str(matches)))
     folder.mkdir(exist_ok=True)
     model = without_frames(model, agreed.loose, folder, request["fixed"])
     undetermined: list[str] = []
@@ -299,7 +299,7 @@ def n_consistent(model: Model, matches: Path) -> int:
         bend = lens_bend(make_camera(camera.model.name, (camera.width, camera.height), camera.params))
         if bend > MAX_BEND and "FISHEYE" not in camera.model.name:
             return 0
-    agreed = agreement(model_triplets(model, str(matches)), model.num_reg_images())
+    agreed = agreement(model_triplets(model, str(matches)))
     if not agreed.parts or agreed.contradicted > MAX_CONTRADICTED_RATIO * agreed.triplets:
         return 0
     return len(agreed.parts[0])

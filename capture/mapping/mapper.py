@@ -88,7 +88,11 @@ def make_model(
     folder.mkdir()
     report = ModelReport(failure=early_failure(graph), pairs=graph.summary(), focal_held=lens.fixed)
     if report.failure is None:
-        result = _mapped(folder, matches, images, graph, lens, limit, progress)
+        database = folder / "matches.db"
+        shutil.copyfile(matches, database)  # the mappers write to their database
+        request = {"database": str(database), "images": str(images), "cameras": _cameras(lens), "fixed": lens.fixed}
+        request |= {"free": lens.free, "linked": len(graph.groups()[0])}
+        result = _mapped(folder, request, limit, progress)
         report.model = msgspec.convert(result["model"], ModelMetrics | None)
         report.lenses = msgspec.convert(result.get("lenses"), CameraModelChoice | None)
         report.failure = model_failure(graph, report.model, lens.fixed)
@@ -111,29 +115,11 @@ def make_model(
     output.with_name(f"{output.name}.json").write_text(json.dumps(document, indent=1) + "\n", encoding="utf-8")
 
 
-def _mapped(
-    folder: Path,
-    matches: Path,
-    images: Path,
-    graph: MatchGraph,
-    lens: Lens,
-    limit: TimeLimit,
-    progress: ProgressCallback,
-) -> dict[str, Any]:
+def _mapped(folder: Path, request: dict[str, Any], limit: TimeLimit, progress: ProgressCallback) -> dict[str, Any]:
     """Return the result of the mapping; after an early stop, that of the best model so far."""
     output = folder / "models"
     output.mkdir()
-    database = folder / "matches.db"
-    shutil.copyfile(matches, database)  # the mappers write to their database
-    request = {
-        "database": str(database),
-        "images": str(images),
-        "output": str(output),
-        "cameras": _cameras(lens),
-        "fixed": lens.fixed,
-        "free": lens.free,
-        "linked": len(graph.groups()[0]),
-    }
+    request = request | {"output": str(output)}
     try:
         return dict(run_worker("mapping", request, folder, progress=progress, limit=limit))
     except (OutOfTime, WorkerError):

@@ -62,7 +62,6 @@ class Triplet:
 class TripletAgreement:
     """Agreement of a model with the verified matches of three frames at a time."""
 
-    frames: int = 0  #: Number of frames of the model.
     triplets: int = 0  #: Number of triplets within the largest part.
     contradicted: int = 0  #: Number of these that the model contradicts.
     parts: tuple[tuple[str, ...], ...] = ()  #: Frames that triplets hold together, largest part first.
@@ -75,17 +74,11 @@ class TripletAgreement:
         return len(self.parts) > 1 and len(self.parts[1]) > MAX_PART_RATIO * len(self.parts[0])
 
 
-def agreement(triplets: list[Triplet], frames: int) -> TripletAgreement:
+def agreement(triplets: list[Triplet]) -> TripletAgreement:
     """Return the agreement of triplets with their model, and the parts that they hold together.
 
     Triplets that agree with the model belong to one part if they share two frames. One common frame transfers no
     scale, so that two parts with no more have any size relative to each other.
-
-    Parameters
-    ----------
-    triplets : list of Triplet
-    frames : int
-        Number of frames of the model.
     """
     parts: list[tuple[set[frozenset[str]], set[str]]] = []  # pairs of frames, and frames
     for row in (row for row in triplets if row.fits):
@@ -99,9 +92,7 @@ def agreement(triplets: list[Triplet], frames: int) -> TripletAgreement:
     within = [row for row in triplets if largest.issuperset(row.names)]
     contradicted = sum(not row.fits for row in within)
     loose = {name for row in triplets for name in row.names} - largest
-    return TripletAgreement(
-        frames, len(within), contradicted, tuple(ordered), broken_frames(within), tuple(sorted(loose))
-    )
+    return TripletAgreement(len(within), contradicted, tuple(ordered), broken_frames(within), tuple(sorted(loose)))
 
 
 def broken_frames(triplets: list[Triplet]) -> tuple[str, ...]:

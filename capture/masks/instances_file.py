@@ -13,7 +13,7 @@ from capture.sources.frames import read_frames
 from capture.work_folder import WorkFolder, content_digest
 from estimator.records.scene import Instance, Scene
 from metric_base.input_files import read_json, read_text
-from metric_base.progress import NoticeCallback, ProgressCallback, no_notice, silent
+from metric_base.progress import NoticeCallback, ProgressCallback
 
 INSTANCES = "instances.json"
 
@@ -76,11 +76,7 @@ def _write_stage(work: WorkFolder, inputs: dict[str, Any], document: dict[str, A
 
 
 def detect_stage(
-    model: str,
-    labels: Path | None,
-    work: WorkFolder,
-    progress: ProgressCallback = silent,
-    notice: NoticeCallback = no_notice,
+    model: str, labels: Path | None, work: WorkFolder, progress: ProgressCallback, notice: NoticeCallback
 ) -> None:
     """Write the instances that a detector finds in the chosen frames to the work folder.
 

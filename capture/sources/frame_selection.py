@@ -90,7 +90,9 @@ def chosen_frames(motion: Motion, wanted: int | None = None) -> IntArray:
     """
     n = len(motion.step)
     path = np.cumsum(motion.step)
-    count = wanted if wanted is not None else _default_count(float(path[-1]))
+    count = wanted or min(max(int(path[-1] / MIN_STEP), MIN_FRAMES), DEFAULT_FRAMES)
+    if wanted is None and path[-1] > DEFAULT_FRAMES * MAX_STEP:
+        count = min(int(np.ceil(path[-1] / MAX_STEP)), MAX_FRAMES)
     if count >= n:
         return np.arange(n)
     # time has a small weight, which orders the stretches of a camera that does not move
@@ -100,13 +102,6 @@ def chosen_frames(motion: Motion, wanted: int | None = None) -> IntArray:
     order = np.lexsort((-motion.sharpness, stretch))
     _, first = np.unique(stretch[order], return_index=True)
     return np.sort(order[first])
-
-
-def _default_count(path: float) -> int:
-    """Return the default number of frames for the total motion, relative to the longer side of the image."""
-    if path > DEFAULT_FRAMES * MAX_STEP:
-        return min(int(np.ceil(path / MAX_STEP)), MAX_FRAMES)
-    return min(max(int(path / MIN_STEP), MIN_FRAMES), DEFAULT_FRAMES)
 
 
 def edge_sharpness(colour: NDArray[np.uint8]) -> tuple[float, float]:

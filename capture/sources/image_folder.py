@@ -67,10 +67,16 @@ class ImageFolder:
             found = f"{foreign[0]}; convert it to JPEG" if foreign else "none"
             raise InputError.at(path, "images", ", ".join(sorted(PICTURE_SUFFIXES)), Unquoted(found))
         self.n_frames = len(self.files)
-        described = [_described(file) for file in self.files]
-        self.width, self.height, _, _ = described[0]
-        self.focals_px = [focal for _, _, focal, _ in described]
-        self.is_plain_jpeg = [is_plain for _, _, _, is_plain in described]
+        headers = [image_header(file) for file in self.files]
+        if None in headers:
+            file = self.files[headers.index(None)]
+            raise InputError.at(file, "image", "an image that can be read", Unquoted("something else"))
+        known = [(header, header.tags.get(_ORIENTATION, 1)) for header in headers if header is not None]
+        self.focals_px = [header.focal_px for header, _ in known]
+        self.is_plain_jpeg = [header.format == "JPEG" and orientation == 1 for header, orientation in known]
+        first, orientation = known[0]
+        size = (first.width, first.height)
+        self.width, self.height = size[::-1] if orientation in (5, 6, 7, 8) else size
 
     def frames(self) -> Iterator[VideoFrame]:
         """Yield the upright images; their times are their positions."""
@@ -79,15 +85,3 @@ class ImageFolder:
         for index, file in enumerate(self.files):
             image = checked_picture(file, cv2.IMREAD_COLOR)  # OpenCV rotates as EXIF requires
             yield VideoFrame(index, float(index), np.ascontiguousarray(image[:, :, ::-1]))
-
-
-def _described(file: Path) -> tuple[int, int, float | None, bool]:
-    """Return width, height and focal length in pixels of an upright image, and whether it is a JPEG that is upright."""
-    header = image_header(file)
-    if header is None:
-        raise InputError.at(file, "image", "an image that can be read", Unquoted("something else"))
-    width, height = header.width, header.height
-    orientation = header.tags.get(_ORIENTATION, 1)
-    if orientation in (5, 6, 7, 8):
-        width, height = height, width
-    return width, height, header.focal_px, header.format == "JPEG" and orientation == 1

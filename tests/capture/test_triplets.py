@@ -41,7 +41,7 @@ def made(tmp_path: Path) -> tuple[Any, str]:
 
 def test_a_right_model_is_one_piece(made: tuple[Any, str]) -> None:
     model, file = made
-    agreed = agreement(model_triplets(model, file), 10)
+    agreed = agreement(model_triplets(model, file))
     assert agreed.triplets >= 10
     assert (agreed.contradicted, len(agreed.parts), len(agreed.parts[0])) == (0, 1, 10)
 
@@ -57,7 +57,7 @@ def test_a_wrong_piece_is_taken_out(
     model, file = made
     names = sorted(image.name for image in model.images.values())
     move_frames(model, set(names[7:]), Rotation.from_euler("y", turn_deg, degrees=True).as_matrix(), shift, factor)
-    agreed = agreement(model_triplets(model, file), 10)
+    agreed = agreement(model_triplets(model, file))
     assert agreed.parts[0] == tuple(names[:right])
     assert agreed.loose == tuple(names[right:])
     output = Path(file).parent / "models"
@@ -77,13 +77,13 @@ def test_pieces_are_joined_by_two_frames_and_not_by_one() -> None:
         return Triplet((names[0], names[1], names[2]), 20, 0.5)
 
     chain = [fitting(*"abc"), fitting(*"bcd"), fitting(*"def"), fitting(*"efg")]
-    assert agreement(chain, 7).parts == (("a", "b", "c", "d"), ("d", "e", "f", "g"))
-    assert len(agreement([*chain, fitting(*"cde")], 7).parts) == 1
-    against = agreement([*chain, Triplet(("c", "d", "e"), 20, MAX_RESIDUAL_PX + 1)], 7)
+    assert agreement(chain).parts == (("a", "b", "c", "d"), ("d", "e", "f", "g"))
+    assert len(agreement([*chain, fitting(*"cde")]).parts) == 1
+    against = agreement([*chain, Triplet(("c", "d", "e"), 20, MAX_RESIDUAL_PX + 1)])
     assert (against.contradicted, against.loose, len(against.parts)) == (0, ("e", "f", "g"), 2)
-    inside = agreement([*chain, Triplet(("b", "c", "d"), 20, MAX_RESIDUAL_PX + 1)], 7)
+    inside = agreement([*chain, Triplet(("b", "c", "d"), 20, MAX_RESIDUAL_PX + 1)])
     assert (inside.contradicted, inside.triplets) == (1, 3)
-    assert agreement([], 0).parts == ()
+    assert agreement([]).parts == ()
 
 
 @pytest.mark.parametrize(("factor", "shown"), [(1.0, 0.0), (1.3, np.log(1.3)), (0.8, np.log(0.8))])
@@ -111,8 +111,8 @@ def test_a_frame_is_broken_where_most_of_what_would_show_it_does() -> None:
     assert broken_frames([*sure, about("m", 0.0, 0.02)]) == ()  # two against two
     # removing a separate piece does not break the others
     held = [Triplet(("a", "b", "c"), 20, 0.5), Triplet(("b", "c", "d"), 20, 0.5)]
-    assert agreement([*held, Triplet(("b", "c", "d"), 20, 0.5, 0.9, 0.1)], 5).broken == ("c",)
-    assert agreement([*held, Triplet(("b", "c", "e"), 20, 0.5, 0.9, 0.1)], 5).broken == ()
+    assert agreement([*held, Triplet(("b", "c", "d"), 20, 0.5, 0.9, 0.1)]).broken == ("c",)
+    assert agreement([*held, Triplet(("b", "c", "e"), 20, 0.5, 0.9, 0.1)]).broken == ()
 
 
 @settings(max_examples=50, deadline=None)

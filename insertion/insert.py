@@ -176,7 +176,7 @@ def insert(request: InsertionRequest, scene: InsertionScene, progress: ProgressC
         if request.renderer == "blender" or export is not None or layers is not None:
             environment = scene.light.environment(objects[0].placement.position, objects[0].height)
             if request.renderer == "blender":
-                tracing = traced_layers(objects, frames, metres_per_unit, environment, progress)
+                tracing = traced_layers(objects, frames, environment, progress)
         results = composite_footage(
             objects,
             scene.light,
@@ -194,10 +194,10 @@ def insert(request: InsertionRequest, scene: InsertionScene, progress: ProgressC
 
         # 3. Files for other programs.
         if layers is not None and environment is not None and any(frame.view is not None for frame in frames):
-            write_layer_scene(layers, objects, frames, metres_per_unit, environment)
+            write_layer_scene(layers, objects, frames, environment)
         if export is not None and environment is not None:
-            warnings += write_exports(export, scene.scene, objects, frames, metres_per_unit, results)
-            warnings += export_blend(export, objects, frames, metres_per_unit, environment)
+            warnings += write_exports(export, scene.scene, objects, frames, results)
+            warnings += export_blend(export, objects, frames, environment)
             moving_names = [item.model.name for item in objects if item.moves]
             warnings += [f"{name}: is exported in the pose of the first frame" for name in moving_names]
     return Insertion(tuple(results), request.out, tuple(warnings))

@@ -85,7 +85,7 @@ def compare(room: TracedRoom, out: Path) -> dict[str, Any]:
         0.0 if box is None else box[3] * frame.visible for box, frame in zip(boxes, results[0].frames, strict=True)
     ]
     rows = sorted(np.argsort(heights)[::-1][:N_COMPARED_VIEWS].tolist())
-    truth = traced_images(world, room, rows, out, _object_in_world(placed, prepared, to_scene))
+    truth = traced_images(world, room, rows, out, _object_in_world(placed, to_scene))
     return _compared(prepared, placed, rows, [ours[row] for row in rows], truth, out)
 
 
@@ -98,9 +98,9 @@ def _placed(prepared: InsertionScene, model: Path) -> PlacedObject:
     return place_in(prepared, [ObjectRequest(model, plane=0, xy_m=(float(x), float(y)), facing=30.0)])[0]
 
 
-def _object_in_world(placed: PlacedObject, prepared: InsertionScene, to_scene: Similarity) -> dict[str, Any]:
+def _object_in_world(placed: PlacedObject, to_scene: Similarity) -> dict[str, Any]:
     """Return the entry of the object in the tracer's job, with its pose in the synthetic world."""
-    frame = metric_transform([placed], prepared.scale.metres_per_unit)
+    frame = metric_transform([placed])
     to_world = np.eye(4)  # from the metric frame of the insertion
     to_world[:3, :3] = to_scene.rotation.T @ frame.rotation.T
     to_world[:3, 3] = to_scene.inverse(frame.origin[None])[0]

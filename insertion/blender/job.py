@@ -41,7 +41,6 @@ def ideal_window(camera: Camera) -> Window:
 def insertion_job(
     objects: Sequence[PlacedObject],
     frames: Sequence[Frame],
-    metres_per_unit: float,
     environment: Environment,
     folder: Path,
     window_of: Callable[[Camera], Window] = full_window,
@@ -61,7 +60,7 @@ def insertion_job(
     window_of : callable, optional
         Returns the window of a camera: with the margin that distortion needs (default), or `ideal_window`.
     """
-    transform = metric_transform(objects, metres_per_unit)
+    transform = metric_transform(objects)
     keys, models = camera_keyframes(frames, transform), []
     for index, item in enumerate(objects):
         file = item.request.model

@@ -41,11 +41,7 @@ Layer = NDArray[np.float32]
 
 
 def write_layer_scene(
-    folder: Path,
-    objects: Sequence[PlacedObject],
-    frames: Sequence[Frame],
-    metres_per_unit: float,
-    environment: Environment,
+    folder: Path, objects: Sequence[PlacedObject], frames: Sequence[Frame], environment: Environment
 ) -> None:
     """Write the script and its inputs to `folder / "blender"`; frames without a pose have no camera keyframe."""
     target = folder / "blender"
@@ -53,7 +49,7 @@ def write_layer_scene(
     for name, source in _SCRIPTS.items():
         shutil.copyfile(Path(__file__).with_name(source), target / name)
     posed = [frame for frame in frames if frame.view is not None]
-    job = insertion_job(objects, posed, metres_per_unit, environment, target)
+    job = insertion_job(objects, posed, environment, target)
     for number, (item, entry) in enumerate(zip(objects, job["objects"], strict=True), start=1):
         entry["file"] = f"model{number}.glb"
         if item.request.model.suffix.lower() == ".glb" and not item.model.animations:
@@ -117,7 +113,6 @@ def run_blender(job: Mapping[str, Any], folder: Path, progress: ProgressCallback
 def traced_layers(
     objects: Sequence[PlacedObject],
     frames: Sequence[Frame],
-    metres_per_unit: float,
     environment: Environment,
     progress: ProgressCallback = silent,
 ) -> Iterator[Callable[[Frame], Layer]]:
@@ -125,7 +120,7 @@ def traced_layers(
     posed = [frame for frame in frames if frame.view is not None]
     with tempfile.TemporaryDirectory(prefix="insert-object-") as name:
         folder = Path(name)
-        job = insertion_job(objects, posed, metres_per_unit, environment, folder)
+        job = insertion_job(objects, posed, environment, folder)
         run_blender(job | {"out": str(folder)}, folder, progress)
         stems = {frame.index: f"{number:06d}" for number, frame in enumerate(posed)}
 
@@ -139,11 +134,7 @@ def traced_layers(
 
 
 def export_blend(
-    folder: Path,
-    objects: Sequence[PlacedObject],
-    frames: Sequence[Frame],
-    metres_per_unit: float,
-    environment: Environment,
+    folder: Path, objects: Sequence[PlacedObject], frames: Sequence[Frame], environment: Environment
 ) -> list[str]:
     """Write `scene.blend` to the folder, with the animated camera and all resources, if Blender is installed.
 
@@ -158,7 +149,7 @@ def export_blend(
         return [f"scene.blend is not written: there is no Blender (on PATH, or named by {VARIABLE})"]
     with tempfile.TemporaryDirectory(prefix="insert-object-") as name:
         temporary = Path(name)
-        job = insertion_job(objects, frames, metres_per_unit, environment, temporary, ideal_window)
+        job = insertion_job(objects, frames, environment, temporary, ideal_window)
         first = f"pictures/{next(iter(picture_names(frames).values())).as_posix()}"
         # names of frames of a video are their numbers; of other images the first one is shown
         numbered = [frame.index for frame in frames if frame.name == f"{frame.index:06d}.png"]

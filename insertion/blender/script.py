@@ -193,7 +193,7 @@ def render(scene: Any, camera: Any, job: dict[str, Any]) -> None:
     cycles = scene.cycles
     cycles.device, cycles.samples, cycles.use_denoising = "CPU", job["samples"], True
     cycles.use_adaptive_sampling, cycles.max_bounces, cycles.seed = True, 6, 0
-    scene.render.threads_mode, scene.render.threads = "FIXED", job.get("threads", 2)
+    scene.render.threads_mode, scene.render.threads = "FIXED", 2
     scene.render.film_transparent = job.get("transparent", True)
     scene.render.use_persistent_data = True
     settings = scene.render.image_settings
@@ -201,8 +201,6 @@ def render(scene: Any, camera: Any, job: dict[str, Any]) -> None:
     camera.animation_data_clear()
     camera.data.animation_data_clear()
     for key in job["keys"]:
-        if key.get("skip"):
-            continue
         camera.matrix_world = Matrix((TURN @ np.array(key["matrix"])).tolist())
         set_lens(scene, camera.data, key.get("window", job["window"]))
         file = f"{job['out']}/{key['stem']}.exr"

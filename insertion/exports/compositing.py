@@ -11,6 +11,7 @@ from fractions import Fraction
 from pathlib import Path
 from typing import Any
 
+import cv2
 import numpy as np
 from numpy.typing import NDArray
 
@@ -108,8 +109,6 @@ class CompositingLayers:
 
     def _shares(self, shape: tuple[int, ...]) -> dict[int, NDArray[np.float32]]:
         """Return the fraction (h, w) of each object in the visible foreground, by its number from 1."""
-        import cv2
-
         covers = {number + 1: item.full_size(shape)[0] for number, item in self._layered.items()}
         covers = {
             number: own + BLUR_WEIGHT * cv2.GaussianBlur(own, (0, 0), MAX_BLUR_REACH_PX / 3)
@@ -132,8 +131,6 @@ class CompositingLayers:
 
     def _straight(self, camera: Camera, layer: NDArray[np.float32]) -> NDArray[np.float32]:
         """Return a layer (h, w) or (h, w, 3) without lens distortion; the map of each camera is written once."""
-        import cv2
-
         key = camera.model.encode() + camera.params.tobytes()
         if key not in self._cameras:
             there, back = lens_maps(camera)

@@ -32,7 +32,6 @@ def write_exports(
     scene: Scene,
     objects: Sequence[PlacedObject],
     frames: Sequence[Frame],
-    metres_per_unit: float,
     results: Sequence[InsertionResult],
 ) -> list[str]:
     """Write the exports to an existing folder and return a line for each file that was not written.
@@ -40,12 +39,12 @@ def write_exports(
     The files are `scene.glb`, `scene.usda` with `textures/`, `transforms.json` with `sparse_pc.ply`, `colmap/`, and
     `insertion.json` with the output of `--json`.
     """
-    transform = metric_transform(objects, metres_per_unit)
+    transform = metric_transform(objects)
     names = picture_names(frames)
     keys = [replace(key, name=names[key.name].as_posix()) for key in camera_keyframes(frames, transform)]
     write_gltf_scene(folder / "scene.glb", objects, keys, transform)
     write_transforms(folder / "transforms.json", keys, "pictures", transform(scene.points))
-    write_rescaled(scene, metres_per_unit, folder / "colmap")
+    write_rescaled(scene, transform.scale, folder / "colmap")
     records = [result.to_json() for result in results]
     (folder / "insertion.json").write_text(json.dumps(records, indent=1) + "\n", encoding="utf-8")
     try:

@@ -49,11 +49,11 @@ class CameraKeyframe:
     matrix: FloatArray
 
 
-def metric_transform(objects: Sequence[PlacedObject], metres_per_unit: float) -> MetricTransform:
+def metric_transform(objects: Sequence[PlacedObject]) -> MetricTransform:
     """Return the transform to the frame of the first object."""
     place = objects[0].placement
     one, two, up = place.basis
-    return MetricTransform(metres_per_unit, np.stack([one, up, -two]), place.position)
+    return MetricTransform(objects[0].metres_per_unit, np.stack([one, up, -two]), place.position)
 
 
 def camera_keyframes(frames: Sequence[Frame], transform: MetricTransform) -> list[CameraKeyframe]:

@@ -13,6 +13,7 @@ from pathlib import Path
 from types import TracebackType
 from typing import Any
 
+import av
 import numpy as np
 from numpy.typing import NDArray
 
@@ -94,14 +95,12 @@ def changed_frame(frame: Any, before: Picture, after: Picture) -> Any:
 
 def _copy(frame: Any) -> Any:
     """Return a copy of a frame with the same samples and tags."""
-    import av
-
     out = av.VideoFrame(frame.width, frame.height, frame.format.name)
     for target, source in zip(out.planes, frame.planes, strict=True):
         wide = min(target.line_size, source.line_size)
         rows = np.frombuffer(memoryview(target), np.uint8).reshape(-1, target.line_size)
         rows[:, :wide] = np.frombuffer(memoryview(source), np.uint8).reshape(-1, source.line_size)[:, :wide]
-    for tag in ("colorspace", "color_range", "color_primaries", "color_trc"):
+    for tag in _TAGS:
         setattr(out, tag, getattr(frame, tag))
     return out
 
@@ -178,8 +177,6 @@ class VideoWriter:
         self._last_s = 0.0
 
     def __enter__(self) -> VideoWriter:
-        import av
-
         self._container = av.open(f"file:{self._file}", "w", format=_FORMATS.get(self._suffix, "mp4"))
         if self._video is not None:
             self._frames = self._video.stored_frames()
@@ -214,8 +211,6 @@ class VideoWriter:
 
     def _frame(self, picture: NDArray[np.uint8], index: int) -> Any:
         """Return an image (h, w, 3) as a frame of PyAV: a changed frame of the source, or a new one of BT.709."""
-        import av
-
         stored = np.ascontiguousarray(np.rot90(picture, self._turned // 90))
         for number, frame, upright in self._frames or ():
             if number == index:
@@ -228,8 +223,6 @@ class VideoWriter:
         return frame
 
     def _open(self, frame: Any) -> None:
-        import av
-
         deep = frame.format.name.endswith(("10le", "12le"))
         encoder, options, only = CODECS[self._codec or ("hevc" if deep else "h264")]
         rate = Fraction(0.0 if self._video is None else self._video.rate).limit_denominator(MAX_RATE_DENOMINATOR)
@@ -258,8 +251,6 @@ class VideoWriter:
 
     def _copy_sound(self) -> None:
         """Copy the packets of sound during the written frames."""
-        import av
-
         if not self._sound or self._source is None:
             return
         start = self._first_s or 0.0

@@ -100,11 +100,9 @@ def _texture(context: Any, pixels: NDArray[np.uint8]) -> Any:
 
     There is no anisotropic filter, because llvmpipe needs minutes for a pixel with degenerate texture coordinates.
     """
-    import moderngl
-
     texture = context.texture((pixels.shape[1], pixels.shape[0]), 4, np.ascontiguousarray(pixels).tobytes())
     texture.build_mipmaps()
-    texture.filter = (moderngl.LINEAR_MIPMAP_LINEAR, moderngl.LINEAR)
+    texture.filter = (context.LINEAR_MIPMAP_LINEAR, context.LINEAR)
     return texture
 
 

@@ -343,15 +343,13 @@ class ObjectRenderer:
         return share
 
     def _set_surroundings(self, environment: Environment) -> None:
-        import moderngl
-
         basis = self.body.basis
         levels = prefiltered_environment(environment)
         texture = self._context.texture(levels[0].shape[1::-1], 3, levels[0].tobytes(), dtype="f4")
         texture.build_mipmaps(0, LEVELS)
         for level, picture in enumerate(levels):
             texture.write(np.ascontiguousarray(picture).tobytes(), level=level)
-        texture.filter = (moderngl.LINEAR_MIPMAP_LINEAR, moderngl.LINEAR)
+        texture.filter = (self._context.LINEAR_MIPMAP_LINEAR, self._context.LINEAR)
         texture.repeat_y = False
         self._set_texture(_ENVIRONMENT, texture)
         for surface in (self._program, self._light):

@@ -52,8 +52,7 @@ def _environment(prepared: InsertionScene, placed: PlacedObject) -> Environment:
 
 
 def _export_blend(folder: Path, prepared: InsertionScene, placed: PlacedObject) -> list[str]:
-    environment, metres_per_unit = _environment(prepared, placed), prepared.scale.metres_per_unit
-    return export_blend(folder, [placed], prepared.footage.frames, metres_per_unit, environment)
+    return export_blend(folder, [placed], prepared.footage.frames, _environment(prepared, placed))
 
 
 def _pixel(matrix: np.ndarray, focal: float, centre: tuple[float, float], point: np.ndarray) -> np.ndarray:
@@ -64,7 +63,7 @@ def _pixel(matrix: np.ndarray, focal: float, centre: tuple[float, float], point:
 
 def test_a_metric_camera_sees_the_foot_where_the_scene_does(scene: tuple[InsertionScene, PlacedObject]) -> None:
     prepared, placed = scene
-    frame = metric_transform([placed], prepared.scale.metres_per_unit)
+    frame = metric_transform([placed])
     for shot, key in zip(prepared.footage.frames, camera_keyframes(prepared.footage.frames, frame), strict=True):
         view = shot.view
         assert view is not None
@@ -76,8 +75,8 @@ def test_a_metric_camera_sees_the_foot_where_the_scene_does(scene: tuple[Inserti
 
 
 def test_the_model_has_its_metres(scene: tuple[InsertionScene, PlacedObject]) -> None:
-    prepared, placed = scene
-    matrix = object_matrix(placed, metric_transform([placed], prepared.scale.metres_per_unit))
+    _, placed = scene
+    matrix = object_matrix(placed, metric_transform([placed]))
     corners = np.concatenate([part.vertices for part in placed.model.meshes]) @ matrix[:3, :3].T + matrix[:3, 3]
     assert np.linalg.det(matrix[:3, :3]) == pytest.approx(1.0)
     assert corners[:, 1].min() == pytest.approx(0, abs=1e-6)
@@ -95,7 +94,7 @@ def test_glb_has_an_animated_camera(scene: tuple[InsertionScene, PlacedObject], 
     import trimesh
 
     prepared, placed = scene
-    frame = metric_transform([placed], prepared.scale.metres_per_unit)
+    frame = metric_transform([placed])
     keys = camera_keyframes(prepared.footage.frames, frame)
     write_gltf_scene(tmp_path / "scene.glb", [placed], keys, frame)
     header = _header(tmp_path / "scene.glb")
@@ -117,7 +116,7 @@ def test_files_have_the_glow_and_the_tints_of_the_model(
     material = replace(part.material, base_color=[0.5, 0.25, 1.0, 1.0], emissive=[strength, 0, strength / 2])
     tint = np.tile([0.4, 0.8, 0.6, 1.0], (len(part.vertices), 1))
     model = replace(placed.model, meshes=(replace(part, color=tint, material=material),))
-    frame = metric_transform([placed], prepared.scale.metres_per_unit)
+    frame = metric_transform([placed])
     keys = camera_keyframes(prepared.footage.frames, frame)
     write_gltf_scene(tmp_path / "scene.glb", [replace(placed, model=model)], keys, frame)
     (record,) = _header(tmp_path / "scene.glb")["materials"]
@@ -139,7 +138,7 @@ def test_usd_has_the_same_camera(scene: tuple[InsertionScene, PlacedObject], tmp
 
     assert pxr is not None
     prepared, placed = scene
-    frame = metric_transform([placed], prepared.scale.metres_per_unit)
+    frame = metric_transform([placed])
     keys = camera_keyframes(prepared.footage.frames, frame)
     write_usd_scene(tmp_path / "scene.usda", [placed], keys, frame, 25.0)
     usd = Usd.Stage.Open(str(tmp_path / "scene.usda"))
@@ -164,7 +163,7 @@ def test_nerfstudio_has_the_pixels_and_the_points_of_the_scene(
 ) -> None:
     """Read again as nerfstudio's files are read: pixels count from the corner, as in COLMAP."""
     prepared, placed = scene
-    frame = metric_transform([placed], prepared.scale.metres_per_unit)
+    frame = metric_transform([placed])
     keys = camera_keyframes(prepared.footage.frames, frame)
     write_transforms(tmp_path / "transforms.json", keys, "pictures", frame(prepared.scene.points))
     again = read_nerfstudio(tmp_path / "transforms.json")
@@ -180,7 +179,7 @@ def test_nerfstudio_has_the_pixels_and_the_points_of_the_scene(
 
 def test_pictures_of_two_cameras_keep_both(scene: tuple[InsertionScene, PlacedObject], tmp_path: Path) -> None:
     prepared, placed = scene
-    frame = metric_transform([placed], prepared.scale.metres_per_unit)
+    frame = metric_transform([placed])
     keys = camera_keyframes(prepared.footage.frames, frame)
     other = replace(keys[1].camera, model="PINHOLE", height=640, width=480, params=np.array([400.0, 410, 240, 320]))
     keys[1] = replace(keys[1], camera=other)
@@ -236,7 +235,7 @@ def test_blender_is_asked_for_the_scene_in_metres(
     asked = json.loads(blender.read_text())
     assert asked["words"][:3] == ["--background", "--factory-startup", "--python"]
     assert asked["words"][-2] == "--"
-    frame = metric_transform([placed], prepared.scale.metres_per_unit)
+    frame = metric_transform([placed])
     keys = camera_keyframes(prepared.footage.frames, frame)
     for stated, key in zip(asked["job"]["keys"], keys, strict=True):
         np.testing.assert_allclose(stated["matrix"], key.matrix)
@@ -336,7 +335,7 @@ def test_the_exported_camera_has_the_principal_point(
     for shot in frames:
         writer.plate(shot, np.full((480, 640, 3), 90, np.uint8))
     environment = _environment(prepared, placed)
-    assert export_blend(tmp_path, [placed], frames, prepared.scale.metres_per_unit, environment) == []
+    assert export_blend(tmp_path, [placed], frames, environment) == []
     saw = json.loads(
         run_with_bpy("-c", CAMERA_IN_BLENDER, tmp_path / "scene.blend").partition("SAW")[2].splitlines()[0]
     )
@@ -356,7 +355,7 @@ def test_usd_has_the_principal_point(scene: tuple[InsertionScene, PlacedObject],
     shot = prepared.footage.frames[0]
     assert shot.view is not None
     view = replace(shot.view, camera=Camera("PINHOLE", 640, 480, np.array([500.0, 520.0, 250.0, 290.0])))
-    frame = metric_transform([placed], prepared.scale.metres_per_unit)
+    frame = metric_transform([placed])
     write_usd_scene(tmp_path / "scene.usda", [placed], camera_keyframes([replace(shot, view=view)], frame), frame, 25.0)
     usd = Usd.Stage.Open(str(tmp_path / "scene.usda"))
     frustum = UsdGeom.Camera(usd.GetPrimAtPath("/World/camera")).GetCamera(0).frustum
@@ -369,8 +368,7 @@ def test_what_blender_draws_is_in_the_picture(scene: tuple[InsertionScene, Place
     prepared, placed = scene
     environment = _environment(prepared, placed)
     shot = next(shot for shot in prepared.footage.frames if shot.view is not None)
-    metres_per_unit = prepared.scale.metres_per_unit
-    with traced_layers([placed], prepared.footage.frames, metres_per_unit, environment) as traced:
+    with traced_layers([placed], prepared.footage.frames, environment) as traced:
         layer = traced(shot)
     assert json.loads(blender.read_text())["job"]["samples"] == 32
     assert layer.shape == (480, 640, 4)

@@ -49,7 +49,7 @@ def _shots(times: list[float]) -> list[Any]:
 
 def test_the_metric_frame_has_metres_and_up() -> None:
     place: Any = SimpleNamespace(basis=np.array([[0.0, 0, 1], [1, 0, 0], [0, 1, 0]]), position=np.array([1.0, 2, 3]))
-    transform = metric_transform([SimpleNamespace(placement=place)], 0.5)  # type: ignore[list-item]
+    transform = metric_transform([SimpleNamespace(placement=place, metres_per_unit=0.5)])  # type: ignore[list-item]
     assert transform(np.array([[1.0, 2, 3], [1, 4, 3], [1, 2, 5], [3, 2, 3]])) == pytest.approx(
         np.array([[0.0, 0, 0], [0, 1, 0], [1, 0, 0], [0, 0, -1]])
     )

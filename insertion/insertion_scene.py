@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections import defaultdict
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
@@ -19,6 +18,7 @@ from insertion.scene.frame_masks import FrameContent, MaskPropagator, moving_mas
 from insertion.scene.point_cloud import coloured_cloud
 from insertion.scene.scale import MetricScale
 from insertion.scene.supports import support_surfaces
+from metric_base.arrays import grouped
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -84,10 +84,7 @@ def build_scene(
     moving : mapping of int to tuple of Instance, optional
         Masks of moving objects, by the index of the frame.
     """
-    by_view: dict[int, list[Instance]] = defaultdict(list)
-    for item in instances:
-        if not item.from_box:  # a box has no outline that occludes
-            by_view[item.view].append(item)
+    by_view = grouped((item.view, item) for item in instances if not item.from_box)  # a box has no outline
     cloud = coloured_cloud(scene, images)
     supports = support_surfaces(scene, cloud, up)
     static = static_cloud(cloud, moving, footage.frames) if moving else cloud

@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 
 from estimator.reconstructions.pycolmap_library import pycolmap
-from metric_base.arrays import FloatArray, IntArray
+from metric_base.arrays import FloatArray, IntArray, grouped
 
 #: Maximum median residual in pixels of a triplet that agrees with the model: right models of twelve real sets stay
 #: below 1.2 px but for one triplet of 3.7; models with a wrong part reach 4 to 50.
@@ -100,10 +100,7 @@ def broken_frames(triplets: list[Triplet]) -> tuple[str, ...]:
 
     If a part in the middle of a long walk is too large, only the few triplets at its two ends show it.
     """
-    breaks: dict[str, list[bool]] = {}
-    for row in triplets:
-        if row.compares_size:
-            breaks.setdefault(row.names[1], []).append(row.breaks)
+    breaks = grouped((row.names[1], row.breaks) for row in triplets if row.compares_size)
     return tuple(sorted(name for name, rows in breaks.items() if 2 * sum(rows) > len(rows)))
 
 

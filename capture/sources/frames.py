@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 from capture.sources.frame_selection import chosen_frames, edge_sharpness, motion_of
 from capture.sources.image_folder import PICTURE_SUFFIXES, ImageFolder, foreign_files, image_files
 from capture.sources.video import VIDEO_SUFFIXES, Video, VideoFrame
-from metric_base.arrays import FloatArray
+from metric_base.arrays import FloatArray, grouped
 from metric_base.errors import InputError, Unquoted
 from metric_base.images import write_picture
 from metric_base.input_files import read_json
@@ -78,10 +78,7 @@ class Frames(msgspec.Struct, kw_only=True):
 
     def cameras(self) -> dict[tuple[int, int, float | None], list[str]]:
         """Return the names of the chosen frames by width, height and focal length, which identify a camera."""
-        groups: dict[tuple[int, int, float | None], list[str]] = {}
-        for frame in self.chosen:
-            groups.setdefault((frame.width, frame.height, frame.focal_px), []).append(frame.name)
-        return groups
+        return grouped(((frame.width, frame.height, frame.focal_px), frame.name) for frame in self.chosen)
 
     @property
     def one_camera(self) -> bool:

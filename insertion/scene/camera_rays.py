@@ -8,11 +8,9 @@ from functools import lru_cache
 import numpy as np
 from numpy.typing import NDArray
 
-from estimator.projection.cameras import CAMERA_MODELS
+from estimator.projection.cameras import CAMERA_MODELS, view_rays
 from estimator.records.scene import Camera, View
 from metric_base.arrays import FloatArray
-
-_PINHOLES = ("PINHOLE", "SIMPLE_PINHOLE")
 
 
 @dataclass(frozen=True, slots=True)
@@ -51,20 +49,9 @@ def focal_lengths(camera: Camera) -> tuple[float, float, float, float]:
     return values.get("fx", focal), values.get("fy", focal), values["cx"], values["cy"]
 
 
-def normalized_pixels(camera: Camera, pixels: FloatArray) -> FloatArray:
-    """Return x / z and y / z (n, 2) in camera axes of distorted pixels (n, 2)."""
-    if camera.model in _PINHOLES:
-        return np.asarray((pixels - camera.params[-2:]) / camera.params[:-2])
-    from estimator.reconstructions.pycolmap_library import pycolmap
-
-    lens = pycolmap.Camera(model=camera.model, width=camera.width, height=camera.height, params=camera.params)
-    return np.asarray(lens.cam_from_img(np.ascontiguousarray(pixels, dtype=np.float64)), dtype=np.float64)[:, :2]
-
-
 def ray_through(view: View, x: float, y: float) -> FloatArray:
     """Return the direction (3,) in the scene of the ray through a pixel, of length 1 along the optical axis."""
-    flat = normalized_pixels(view.camera, np.array([[x, y]]))[0]
-    return np.asarray(np.append(flat, 1.0) @ view.rotation)
+    return np.asarray(view_rays(view.camera, np.array([[x, y]]))[0] @ view.rotation)
 
 
 def pixel_grid(x0: int, y0: int, width: int, height: int) -> FloatArray:
@@ -82,7 +69,7 @@ def camera_rays(camera: Camera) -> NDArray[np.float32]:
 def _rays(model: str, width: int, height: int, params: bytes) -> NDArray[np.float32]:
     """Return the rays (h, w, 2) of a camera; the arguments are hashable."""
     camera = Camera(model, width, height, np.frombuffer(params, dtype=np.float64))
-    flat = normalized_pixels(camera, pixel_grid(0, 0, width, height))
+    flat = view_rays(camera, pixel_grid(0, 0, width, height))[:, :2]
     return flat.reshape(height, width, 2).astype(np.float32)
 
 

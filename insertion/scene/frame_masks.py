@@ -10,7 +10,6 @@ which stand on the ground: the object is a vertical plane (billboard) at this po
 
 from __future__ import annotations
 
-from collections import defaultdict
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
@@ -18,15 +17,15 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from estimator.projection.cameras import pixels_in_view, project
+from estimator.projection.cameras import pixels_in_view, project, view_rays
 from estimator.records.objects import SupportPlane
 from estimator.records.scene import Instance, Scene, View
 from insertion.footage.footage import Frame
-from insertion.scene.camera_rays import camera_rays, normalized_pixels, ray_through
+from insertion.scene.camera_rays import camera_rays, ray_through
 from insertion.scene.pixel_box import PixelBox, mask_in_box, pixels_in_mask
 from insertion.scene.point_cloud import ColouredPoints, VisiblePoints, visible_points
 from insertion.scene.supports import SupportSurfaces
-from metric_base.arrays import BoolArray, FloatArray
+from metric_base.arrays import BoolArray, FloatArray, grouped
 
 #: Minimum number of points for the depth of an object.
 MIN_POINTS = 6
@@ -87,7 +86,7 @@ class MaskPropagator:
         if source not in self._depth_planes:
             annotated_view = self._scene.views[source]
             points = visible_points(annotated_view, self._cloud)
-            flat = normalized_pixels(annotated_view.camera, points.pixels)
+            flat = view_rays(annotated_view.camera, points.pixels)[:, :2]
             self._depth_planes[source] = [inverse_depth_plane(item, points, flat) for item in self._by_view[source]]
         propagated = [
             propagate_mask(item, self._scene.views[source], view, plane)
@@ -151,12 +150,11 @@ def propagate_mask(item: Instance, source: View, view: View, plane: FloatArray) 
     moved = []
     for outline in outlines:
         corners = np.asarray(outline[:, 0] + np.array(item.origin) + 0.5, dtype=np.float64)
-        flat = normalized_pixels(source.camera, corners)
-        inverse = plane[0] + flat @ plane[1:]
+        rays = view_rays(source.camera, corners)
+        inverse = plane[0] + rays[:, :2] @ plane[1:]
         if (inverse <= 0).any():
             return None
-        local = np.column_stack([flat, np.ones(len(flat))]) / inverse[:, None]
-        scene = (local - source.translation) @ source.rotation
+        scene = (rays / inverse[:, None] - source.translation) @ source.rotation
         pixels = project(view.camera, view.to_camera(scene))
         if not np.isfinite(pixels).all():
             return None
@@ -231,9 +229,8 @@ def moving_masks(file: Path, scene: Scene, frames: Sequence[Frame]) -> Mapping[i
 
     posed = [frame for frame in frames if frame.view is not None]
     views = tuple(replace(frame.view, name=frame.name) for frame in posed if frame.view is not None)
-    masks: dict[int, list[Instance]] = defaultdict(list)
-    for item in read_instances(file, replace(scene, views=views)):
-        masks[posed[item.view].index].append(item)
+    items = read_instances(file, replace(scene, views=views))
+    masks = grouped((posed[item.view].index, item) for item in items)
     return {index: tuple(items) for index, items in masks.items()}
 
 

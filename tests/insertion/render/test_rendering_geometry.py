@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 import pytest
 
+from estimator.projection.cameras import view_rays
 from estimator.records.scene import Camera, View
 from insertion.light.environment_map import HEIGHT, WIDTH, Environment, map_directions
 from insertion.light.light_samples import LightSamples
@@ -27,7 +28,7 @@ from insertion.render.body import (
 from insertion.render.layers import ObjectLayers, shadow_layer, through_lens
 from insertion.render.renderer import ObjectImage
 from insertion.render.shadow_maps import MAP_PIXELS, ShadowCatcher
-from insertion.scene.camera_rays import Window, camera_rays, focal_lengths, normalized_pixels, pixel_grid, ray_through
+from insertion.scene.camera_rays import Window, camera_rays, focal_lengths, pixel_grid, ray_through
 from insertion.scene.pixel_box import PixelBox
 from models3d.model import Material, Mesh, Model
 from tests.insertion.composite.test_received import _view
@@ -221,7 +222,7 @@ def test_rays_go_through_the_centres_of_pixels() -> None:
     assert rays.shape == (240, 320, 2)
     assert rays[20, 30] == pytest.approx([(30.5 - 150) / 280, (20.5 - 130) / 300], rel=1e-5)
     pixel = np.array([[40.0, 60.0]])
-    flat = normalized_pixels(LENS, pixel)[0]
+    flat = view_rays(LENS, pixel)[0, :2]
     bent = flat * (1 - 0.15 * flat @ flat)
     assert 280 * bent + [160, 120] == pytest.approx(pixel[0], abs=1e-6)
     view = _view()

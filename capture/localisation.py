@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Iterator
-from dataclasses import replace
 
 import cv2
 import numpy as np
@@ -93,9 +92,9 @@ class _Tracker:
         chosen = np.unique(np.linspace(0, len(view.point_index) - 1, count).astype(int))
         pixels = view.keypoints[chosen] * (grey.shape[1] / view.camera.width) - 0.5  # OpenCV's centres are integers
         rays = view_rays(view.camera, view.keypoints)[:, :2]
-        pose = FramePose(frame.index, frame.time_s, view.name, "reconstructed", view.rotation, view.translation)
-        checked = self._check(self._points[view.point_index], rays, view.rotation, view.translation)
-        pose = replace(pose, check_px=checked, n_points=len(rays))
+        place = view.rotation, view.translation
+        check = self._check(self._points[view.point_index], rays, *place)
+        pose = FramePose(frame.index, frame.time_s, view.name, "reconstructed", *place, check, len(rays))
         return pose, grey, (view.point_index[chosen], pixels)
 
     def between(
@@ -164,8 +163,7 @@ class _Tracker:
         limit = MAX_CHECK * max(self._camera.width, self._camera.height) * self._source_px
         if n_points < MIN_POINTS or check is None or not check <= limit:
             return pose
-        found = FramePose(pose.index, pose.time_s, pose.name, "localised", rotation, translation)
-        return replace(found, check_px=check, n_points=n_points)
+        return FramePose(pose.index, pose.time_s, pose.name, "localised", rotation, translation, check, n_points)
 
     def _check(
         self, points: FloatArray, rays: FloatArray, rotation: FloatArray, translation: FloatArray
@@ -196,5 +194,4 @@ class _Tracker:
         rotation = Slerp([0.0, 1.0], turns)(ratio).as_matrix()
         translation = -rotation @ ((1 - ratio) * np.asarray(ends[0].centre) + ratio * np.asarray(ends[1].centre))
         check = None if seen is None else self._check(self._points[seen[0]], seen[1], rotation, translation)
-        found = FramePose(pose.index, pose.time_s, pose.name, "interpolated", rotation, translation)
-        return replace(found, check_px=check)
+        return FramePose(pose.index, pose.time_s, pose.name, "interpolated", rotation, translation, check)

@@ -24,7 +24,6 @@ _LOCK = ".lock"
 WORK_SUFFIX = ".metric-tree"
 #: Prefix of temporary files and folders.
 _PART = ".metric-tree."
-_CHUNK = 1 << 22
 #: Maximum free bytes of a full disk: less than a few blocks.
 MAX_FREE_OF_FULL_DISK = 1 << 16
 
@@ -205,15 +204,11 @@ class WorkFolder:
 
 def content_digest(path: Path) -> str:
     """Return a digest of the bytes of a file, or of the files of a folder with their names."""
-    state = hashlib.sha256()
     if path.is_file():
         with path.open("rb") as file:
-            while chunk := file.read(_CHUNK):
-                state.update(chunk)
-        return state.hexdigest()
+            return hashlib.file_digest(file, "sha256").hexdigest()
     parts = [f"{file.relative_to(path)}:{content_digest(file)}" for file in sorted(path.rglob("*")) if file.is_file()]
-    state.update("\n".join(parts).encode())
-    return state.hexdigest()
+    return hashlib.sha256("\n".join(parts).encode()).hexdigest()
 
 
 def _key(name: str, inputs: Mapping[str, Any]) -> str:

@@ -6,13 +6,13 @@ The command and `insertion.insert_objects` construct it; the stages of an insert
 
 from __future__ import annotations
 
-import math
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Literal
 
 from insertion.scene.scale import MetricScale
 from metric_base.errors import InputError
+from metric_base.parsing import stated_numbers
 
 if TYPE_CHECKING:
     from estimator.records.objects import Up
@@ -99,37 +99,28 @@ def parse_pixel_position(text: str) -> PixelPosition | None:
     if text == "auto":
         return None
     fields = dict(part.split("=", 1) for part in text.split(",") if "=" in part)
-    try:
-        x, y = float(fields.get("x", "nan")), float(fields.get("y", "nan"))
-    except ValueError:
-        x = y = math.nan
-    if set(fields) != {"frame", "x", "y"} or not (math.isfinite(x) and math.isfinite(y)):
+    pixel = [number for name in ("x", "y") for number in stated_numbers(fields.get(name, ""))]
+    if set(fields) != {"frame", "x", "y"} or len(pixel) != 2:
         raise InputError(f"--at: expected frame=NAME_OR_INDEX,x=PIXELS,y=PIXELS or auto; found {text!r}")
-    return PixelPosition(fields["frame"], x, y)
+    return PixelPosition(fields["frame"], *pixel)
 
 
 def parse_facing(text: str) -> float | str:
     """Parse `camera`, `wall`, or degrees from the direction to the camera. Raises InputError for anything else."""
     if text in ("camera", "wall"):
         return text
-    try:
-        degrees = float(text)
-    except ValueError:
-        degrees = math.nan
-    if not math.isfinite(degrees):
+    degrees = stated_numbers(text)
+    if len(degrees) != 1:
         raise InputError(f"--facing: expected camera, wall or degrees; found {text!r}")
-    return degrees
+    return degrees[0]
 
 
 def parse_path(text: str) -> tuple[tuple[float, float], ...]:
     """Parse the corners of a path, `X,Y X,Y ...`. Raises InputError for anything else."""
     corners = []
     for token in text.split():
-        try:
-            corner = tuple(float(part) for part in token.split(","))
-        except ValueError:
-            corner = ()
-        if len(corner) != 2 or not all(map(math.isfinite, corner)):
+        corner = stated_numbers(token)
+        if len(corner) != 2:
             raise InputError(f"--path: expected X,Y X,Y ... (pixels with --at, metres with --plane); found {token!r}")
         corners.append((corner[0], corner[1]))
     if not corners:

@@ -34,6 +34,15 @@ def finite_numbers(cells: Iterable[Any], expected: str = "numbers", limit: float
     return numbers
 
 
+def stated_numbers(text: str) -> tuple[float, ...]:
+    """Return the finite numbers of a text that a user states, such as `1,2.5`; an empty tuple for other texts."""
+    try:
+        numbers = tuple(float(part) for part in text.split(","))
+    except ValueError:
+        return ()
+    return numbers if all(map(math.isfinite, numbers)) else ()
+
+
 def json_object(value: object, field: str = "document") -> dict[str, Any]:
     """`value` if it is a JSON object."""
     if not isinstance(value, dict):

@@ -12,6 +12,7 @@ import numpy as np
 from estimator.projection.cameras import CAMERA_MODELS
 from estimator.records.scene import Camera
 from insertion.exports.metric_frame import CameraKeyframe, keyframes_by_camera
+from insertion.scene.camera_rays import focal_lengths
 from metric_base.arrays import FloatArray
 from metric_base.errors import InputError
 
@@ -70,14 +71,13 @@ def write_transforms(file: Path, keys: Sequence[CameraKeyframe], pictures: str, 
 
 def _intrinsics(camera: Camera) -> dict[str, Any]:
     values = dict(zip(CAMERA_MODELS[camera.model][1], camera.params.tolist(), strict=True))
-    focal = values.get("f", 0.0)
+    fx, fy, cx, cy = focal_lengths(camera)
     lens: dict[str, Any] = {name: values[name] for name in ("k1", "k2", "k3", "k4", "p1", "p2") if name in values}
     if "k" in values:
         lens["k1"] = values["k"]
     return {
         "camera_model": _MODELS[camera.model],
         "w": camera.width, "h": camera.height,
-        "fl_x": values.get("fx", focal), "fl_y": values.get("fy", focal),
-        "cx": values["cx"], "cy": values["cy"],
+        "fl_x": fx, "fl_y": fy, "cx": cx, "cy": cy,
         **lens,
     }  # fmt: skip

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import argparse
 import json
-import math
 import shlex
 import sys
 from collections.abc import Sequence
@@ -14,6 +13,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from metric_base.errors import InputError
+from metric_base.parsing import stated_numbers
 from metric_cli.batch import BatchCommand, batch_run, check_batch_options
 from metric_cli.errors import INPUT_ERROR, exit_status
 from metric_cli.insert_object.parser import POSITION_OPTIONS, PROGRAM, parser
@@ -130,16 +130,13 @@ def parse_objects(groups: Sequence[argparse.Namespace]) -> list[ObjectRequest]:
             if value is not None and not low <= value <= high:
                 option = name.replace("_", "-")
                 raise InputError(f"--{option}: expected a number from {low:g} to {high:g}; found {value:g}")
-        try:
-            x_m, y_m = (float(part) for part in (group.xy or "0,0").split(","))
-        except ValueError:
-            x_m = y_m = math.nan
-        if not max(abs(x_m), abs(y_m)) < MAX_XY_M:
+        xy_m = stated_numbers(group.xy or "0,0")
+        if len(xy_m) != 2 or max(map(abs, xy_m)) >= MAX_XY_M:
             raise InputError(f"--xy: expected X,Y in metres; found {group.xy!r}")
         computed = {
             "size": group.size or "file",
             "at": parse_pixel_position(group.at or "auto"),
-            "xy_m": (x_m, y_m),
+            "xy_m": xy_m,
             "facing": parse_facing(group.facing or "camera"),
             "at_time_s": group.at_time,
             "path": () if group.path is None else parse_path(group.path),

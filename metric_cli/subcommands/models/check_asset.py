@@ -6,6 +6,7 @@ import argparse
 import json
 from collections import Counter
 from collections.abc import Iterable, Sequence
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -17,6 +18,7 @@ from metric_cli.batch import BatchCommand, add_batch, check_batch_options
 from metric_cli.errors import EXIT_NEGATIVE_RESULT, EXIT_OK, INPUT_ERROR
 from metric_cli.parser import OutputFile, add_tree, input_path
 from metric_cli.progress import track
+from metric_cli.subcommands import parser_of
 from metric_cli.tables import print_table, warn
 
 if TYPE_CHECKING:
@@ -34,13 +36,8 @@ def batch_columns(text: str) -> dict[str, Any]:
     return {"status": row["verdict"], "scale": row["factor"]}
 
 
-def model_parser() -> argparse.ArgumentParser:
-    """Return the parser of the subcommand."""
-    from metric_cli.subcommands import parser_of
-
-    return parser_of("check-asset")
-
-
+#: Return the parser of the subcommand.
+model_parser = partial(parser_of, "check-asset")
 BATCH = BatchCommand(
     "metric-tree check-asset", "metric_cli.subcommands", ("check-asset",), model_parser, batch_columns, ("file",), True
 )

@@ -4,12 +4,14 @@
     python -m benchmarks.absolute_scale --predictions NAME=predictions.csv [--tuned-on NAME=SCENE ...]
     python -m benchmarks.absolute_scale --write                             # also writes the page's table
 
-Scenes are folders with a reconstruction and `truth.json` (`metres_per_unit`); `--scenes DIR` adds those below DIR. A
-rendered walk has files of GPS, markers and a camera height. `predictions.csv` has the columns scene, scale, low, high
-and seconds; a scene without a row, or with an empty scale, is a refusal.
+Scenes are folders with a COLMAP model in `sparse` and a known scale: `truth.json` (`metres_per_unit`), or the camera
+positions of ETH3D, TUM RGB-D or 7-Scenes (`benchmarks.public_sets`); `--scenes DIR` adds those below DIR. A rendered
+walk has files of GPS, markers and a camera height. `predictions.csv` has the columns scene, scale, low, high and
+perhaps seconds; a scene without a row, or with an empty scale, is a refusal.
 
-Errors of the scale s' against the true s are |s' - s| / s (`metric_scale_abs_rel` of MapAnything) and |ln(s' / s)|. The
-interval score is (h - l) + 2 / (1 - level) * (distance of the truth outside), with l and h the ends of ln s'.
+Errors of the scale s' against the true s are |s' - s| / s (its mean is `metric_scale_abs_rel` of MapAnything) and
+|ln(s' / s)|. The interval score is (h - l) + 2 / (1 - level) * (distance of the truth outside), with l and h the ends
+of ln s'.
 """
 
 from __future__ import annotations
@@ -28,19 +30,25 @@ import numpy as np
 
 import metric_tree
 from benchmarks.common import ROOT, SHARED, options_parser, row_text, table_head, write_between
+from benchmarks.public_sets import is_public_scene, public_scale
 from capture.recorded_sources import recorded_sources
+from estimator.evidence.imu import Imu
+from estimator.evidence.source import CameraPath
 from estimator.instances.instance_reader import read_instances
-from estimator.outputs.ground_truth import TRUTH, read_truth
+from estimator.outputs.ground_truth import read_truth
 from estimator.pipeline import estimate_scene, measure_objects
 from estimator.reconstructions.scene_reader import read_scene
 from estimator.records.options import EstimateOptions
 from estimator.records.result import ScaleResult
 from estimator.records.scene import InstanceSet
 from estimator.results.estimate import scale_of_objects
+from estimator.telemetry.records import Telemetry
 from metric_base.errors import InputError
 from metric_base.parsing import table_rows
+from metric_cli.errors import exit_status
 from metric_tree.tree import Tree
 from tests.synthetic.evidence import KINDS, RIG_M
+from tests.synthetic.telemetry import walk_readings
 from tests.synthetic.walk import synthetic_walk, with_rig
 
 PAGE = ROOT / "docs" / "evidence" / "absolute-scale.md"
@@ -48,12 +56,19 @@ LEVEL = 0.9
 OURS = {"default": "objects", "height": "heights only", "paper": "method of the paper", "sucar": "Sucar and Hayet"}
 #: Evidence of the rendered walk that is evaluated alone.
 WALK = "rendered_walk"
+#: A simulated walk with a carried inertial unit, whose truth is the same.
+IMU_WALK = "inertial_walk"
 WALK_KINDS = ("camera height", "GPS, EXIF", "positions, metres", "ArUco", "depth, npy", "baseline")
+#: Duration, rate and swing of the carried inertial unit of a simulated walk, and noise of the camera path.
+IMU_SECONDS, IMU_RATE_HZ, IMU_SWING_M, PATH_NOISE_M = 26.0, 200.0, 0.02, 0.003
+#: Number of readings per frame of this walk.
+READINGS_PER_FRAME = 8
 #: Sensors from which the truth of a scene was computed, which are therefore not evaluated on it.
 TRUTH_SENSORS = {"lund_street": "recorded GPS and IMU", "walk_carpark": "recorded GPS and IMU"}
 #: Scenes that were seen while our methods were developed; results on them are marked.
 SEEN = {"demo_room", "lund_street", "red_kitchen", "tum_office", "walk_carpark"}
-#: Mean relative errors of networks on other scenes (ETH3D), for the figure.
+#: Mean relative errors of networks on pairs of images of 13 scenes of ETH3D, for the figure: metric_scale_abs_rel in
+#: github.com/Asher-1/map-anything-ggml, cpp_ggml/benchmarks/results/{mapanything,pi3x}/bench_official_eth3d_*.md.
 REPORTED = {"MapAnything, ETH3D": 0.16, "Pi3X, ETH3D": 0.25}
 
 
@@ -71,10 +86,19 @@ class Prediction:
 
 
 def scene_folders(extra: Sequence[Path]) -> dict[str, Path]:
-    """Return the scenes with a true scale by name; a later folder of the same name replaces an earlier one."""
+    """Return the scenes with a true scale by name; a later folder of the same name replaces an earlier one.
+
+    Sequences of public sets are one folder lower: their names are `SCENE/SEQUENCE`.
+    """
     roots = [ROOT / "data" / "scenes", SHARED / "scenes", *extra]
-    folders = {file.parent.name: file.parent for root in roots for file in sorted(root.glob(f"*/{TRUTH}"))}
-    return {name: path for name, path in folders.items() if (path / "sparse").is_dir() and read_truth(path).scale}
+    models = [(root, path.parent) for root in roots for form in ("*/sparse", "*/*/sparse") for path in root.glob(form)]
+    folders = {path.relative_to(root).as_posix(): path for root, path in models}
+    return {name: path for name, path in folders.items() if read_truth(path).scale or is_public_scene(path)}
+
+
+def true_scale(folder: Path) -> float:
+    """Return the metres per unit of a scene; InputError if the files of a public set do not determine them."""
+    return read_truth(folder).scale or public_scale(folder)
 
 
 def our_predictions(folders: dict[str, Path], tree: Tree) -> Iterator[Prediction]:
@@ -104,6 +128,13 @@ def walk_predictions(tree: Tree) -> Iterator[Prediction]:
             evidence = KINDS[kind].rows(walk, shown)
             result = scale_of_objects([], tree, EstimateOptions(level=LEVEL, evidence=evidence))
             yield _prediction(kind, WALK, result, started, unit=walk.scale)
+        started = time.perf_counter()
+        times, centres, force, rate = walk_readings(IMU_SECONDS, IMU_RATE_HZ, IMU_SWING_M)
+        noisy = centres + np.random.default_rng(1).normal(0, PATH_NOISE_M, centres.shape)
+        path = CameraPath(times[::READINGS_PER_FRAME], noisy[::READINGS_PER_FRAME] / walk.scale)
+        evidence = Imu(Telemetry(specific_force=force, angular_rate=rate), path, "unit").observe(walk.scene, shown)
+        result = scale_of_objects([], tree, EstimateOptions(level=LEVEL, evidence=evidence))
+        yield _prediction("inertial unit", IMU_WALK, result, started, unit=walk.scale)
 
 
 def _prediction(
@@ -122,12 +153,17 @@ def read_predictions(entry: str, scenes: Sequence[str], tuned_on: Sequence[str])
     Raises
     ------
     InputError
-        A value is not a positive number, or an interval does not contain its scale.
+        The entry, a scene or a value is invalid, or an interval does not contain its scale.
     """
-    name, _, file = entry.partition("=")
+    name, separator, file = entry.partition("=")
+    if not (name and separator):
+        raise InputError.at("--predictions", "value", "NAME=FILE", entry)
     rows = {
         cells["scene"]: (place, cells) for place, cells in table_rows(Path(file), ["scene", "scale", "low", "high"])
     }
+    for scene, (place, _) in rows.items():
+        if scene not in scenes:
+            raise InputError.at(place, "scene", f"one of {', '.join(scenes)} (--list)", scene)
     seconds = {cells["scene"]: cells["seconds"] for _, cells in _with_seconds(Path(file))}
     for scene in scenes:
         place, cells = rows.get(scene, (file, {"scale": "", "low": "", "high": ""}))
@@ -152,7 +188,8 @@ def _with_seconds(file: Path) -> list[tuple[str, dict[str, str]]]:
 
 def table(predictions: Sequence[Prediction], truths: dict[str, float]) -> str:
     """Return a Markdown table with a row for each method, ranked scenes first; seen ones are separate rows."""
-    columns = ["method", "scenes", "refused", "median, %", "mean abs(ln)", "coverage", "interval score", "seconds"]
+    errors_of = ["mean, %", "median, %", "mean abs(ln)"]
+    columns = ["method", "scenes", "refused", *errors_of, "coverage", "interval score", "seconds"]
     groups: dict[tuple[str, bool], list[Prediction]] = defaultdict(list)
     for one in predictions:
         groups[one.method, one.is_ranked].append(one)
@@ -165,6 +202,7 @@ def table(predictions: Sequence[Prediction], truths: dict[str, float]) -> str:
         times = [one.seconds for one in rows if one.seconds is not None]
         label = method if is_ranked else f"{method} (scenes seen)"
         cells = [
+            f"{100 * np.abs(np.expm1(errors)).mean():.1f}" if given else "–",
             f"{100 * np.median(np.abs(np.expm1(errors))):.1f}" if given else "–",
             f"{np.abs(errors).mean():.3f}" if given else "–",
             f"{np.mean([low <= 0 <= high for low, high in ends]):.2f}" if ends else "–",
@@ -213,13 +251,23 @@ def write_figure(predictions: Sequence[Prediction], truths: dict[str, float], fi
 
 
 def main(argv: Sequence[str] | None = None) -> int:
-    """Print the table, and write the figure and the page."""
+    """Print the table, and write the figure and the page; return the exit status."""
     options = _options(argv)
+    return exit_status("absolute_scale", lambda: _run(options))
+
+
+def _run(options: argparse.Namespace) -> int:
     folders = scene_folders(options.scenes)
-    truths = {name: read_truth(folder).scale or 1.0 for name, folder in folders.items()} | {WALK: 1.0}
+    methods = [entry.partition("=")[0] for entry in options.predictions]
+    for entry in options.tuned_on:
+        method, _, scene = entry.partition("=")
+        if method not in methods or scene not in folders:
+            expected = f"NAME=SCENE with a NAME of --predictions ({', '.join(methods) or 'none'}) and a SCENE of --list"
+            raise InputError.at("--tuned-on", "value", expected, entry)
     if options.list:
         print("\n".join(f"{name}\t{folder}" for name, folder in folders.items()))
         return 0
+    truths = {name: true_scale(folder) for name, folder in folders.items()} | {WALK: 1.0, IMU_WALK: 1.0}
     tree = metric_tree.open()
     predictions = [] if options.only_predictions else [*our_predictions(folders, tree), *walk_predictions(tree)]
     for entry in options.predictions:

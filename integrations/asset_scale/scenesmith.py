@@ -1,4 +1,4 @@
-"""SceneSmith: choose the factor of an articulated asset among the factors in its prompt (x1, x0.1, x0.01).
+"""SceneSmith: choose the factor of an articulated asset among factors of units (x1, x0.1, x0.01, x0.001).
 
 SceneSmith queries a vision-language model for the realistic factor (mesh_physics/articulated.yaml). This function
 computes it from the category and the extents, with its probability, so that only doubtful assets need the model:
@@ -16,7 +16,8 @@ import numpy as np
 
 import metric_tree
 
-FACTORS = (1.0, 0.1, 0.01)
+#: Metres, decimetres, centimetres and millimetres. The prompt contains the first three.
+FACTORS = (1.0, 0.1, 0.01, 0.001)
 
 
 @dataclass(frozen=True, slots=True)

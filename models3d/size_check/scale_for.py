@@ -51,7 +51,7 @@ class ObjectScale:
     node_id: str
     factor: float  #: Factor of the verdict, 1 if it is `right`; the median if the verdict has none.
     median: float  #: Median of the posterior by the proportions and the evidence, whatever the unit.
-    low: float  #: Ends of its interval with the probability `level`.
+    low: float  #: Ends of its interval with the probability `level`, extended to the factor if it is outside.
     high: float
     level: float
     verdict: Verdict  #: Verdict on the extents as metres.
@@ -137,9 +137,11 @@ def scale_for(
     ]
     total = sum(one.probability for one in explained)
     verdict, factor, probability = verdict_of([replace(one, probability=one.probability / total) for one in explained])
+    factor = median if factor is None else factor
+    low, high = min(low, factor), max(high, factor)
     return ObjectScale(
         node.node_id,
-        median if factor is None else factor,
+        factor,
         median,
         low,
         high,

@@ -74,3 +74,12 @@ def test_invalid_evidence(factor: float, sd_log: float, doubt: float) -> None:
 def test_unknown_category() -> None:
     with pytest.raises(UnknownName):
         metric_tree.scale_for("zxqvt", CHAIR)
+
+
+@pytest.mark.parametrize(("category", "sides"), [("bottle", (0.037, 0.037, 0.129)), ("sofa", (370.0, 159.0, 150.0))])
+def test_the_factor_is_in_its_interval(category: str, sides: tuple[float, float, float]) -> None:
+    """Files in metres and in centimetres of unusual sizes, which the proportions alone would contradict."""
+    found = metric_tree.scale_for(category, dict(zip(("length", "width", "height"), sides, strict=True)))
+    assert found.verdict in {"right", "wrong unit"}
+    assert found.factor in {found.low, found.high}
+    assert found.low < found.median < found.high

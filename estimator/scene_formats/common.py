@@ -1,4 +1,4 @@
-"""Functions of all readers: cameras with distortion, views with poses, sizes of images, points, and numbers."""
+"""Functions of several readers: lenses, views with poses, sizes of images, points, parts of GLB files, and numbers."""
 
 from __future__ import annotations
 
@@ -178,3 +178,34 @@ def matrix_of(values: object, shape: tuple[int, ...], field: str) -> FloatArray:
     if matrix.shape != shape or not np.isfinite(matrix).all():
         raise FieldError(field, f"{' x '.join(map(str, shape))} finite numbers", Unquoted("others"))
     return matrix
+
+
+def glb_parts(file: Path) -> list[tuple[FloatArray, FloatArray]]:
+    """Return vertices (n, 3) in the frame of the file and texture coordinates (n, 2), if any, of each primitive.
+
+    Raises
+    ------
+    FieldError
+        The file is damaged or too large, or has no vertices.
+    """
+    from models3d.gltf.document import GltfDocument, world_transforms
+
+    try:
+        document = GltfDocument.open(file)
+        world, parts = world_transforms(document.nodes), []
+        for node, matrix in zip(document.nodes, world, strict=True):
+            for primitive in document.header["meshes"][node["mesh"]]["primitives"] if "mesh" in node else ():
+                attributes = primitive["attributes"]
+                points = document.accessor(attributes["POSITION"], (3,)) @ matrix[:3, :3].T + matrix[:3, 3]
+                has_uv = "TEXCOORD_0" in attributes
+                parts.append(
+                    (points, document.accessor(attributes["TEXCOORD_0"], (2,)) if has_uv else np.empty((0, 2)))
+                )
+    except FieldError:
+        raise
+    except (ValueError, LookupError, TypeError, AttributeError, ArithmeticError) as error:
+        damage = Unquoted(f"{type(error).__name__}: {error}")
+        raise FieldError("content", "nodes, meshes and primitives of glTF 2.0", damage) from None
+    if not parts:
+        raise FieldError("meshes", "at least one with vertices", 0)
+    return parts

@@ -13,9 +13,8 @@ from pathlib import Path
 import numpy as np
 
 from estimator.records.scene import DenseCloud, Scene
-from estimator.scene_formats.common import pinhole_camera, posed_view
+from estimator.scene_formats.common import glb_parts, pinhole_camera, posed_view
 from estimator.scene_formats.networks import image_names
-from metric_base.arrays import FloatArray
 from metric_base.errors import FieldError, Unquoted, at_field, in_file
 
 #: Longer side in pixels of the images of the network (512) in its standard form.
@@ -62,34 +61,3 @@ def read_dust3r(file: Path) -> Scene:
         views = [posed_view(name, *camera) for name, camera in zip(names, cameras, strict=True)]
     cloud = max((points for points, _ in parts), key=len)
     return Scene(file.parent, "network", tuple(views), np.empty((0, 3)), DenseCloud(cloud), warnings, file.parent)
-
-
-def glb_parts(file: Path) -> list[tuple[FloatArray, FloatArray]]:
-    """Return vertices (n, 3) in the frame of the file and texture coordinates (n, 2), if any, of each primitive.
-
-    Raises
-    ------
-    FieldError
-        The file is damaged or too large, or has no vertices.
-    """
-    from models3d.gltf.document import GltfDocument, world_transforms
-
-    try:
-        document = GltfDocument.open(file)
-        world, parts = world_transforms(document.nodes), []
-        for node, matrix in zip(document.nodes, world, strict=True):
-            for primitive in document.header["meshes"][node["mesh"]]["primitives"] if "mesh" in node else ():
-                attributes = primitive["attributes"]
-                points = document.accessor(attributes["POSITION"], (3,)) @ matrix[:3, :3].T + matrix[:3, 3]
-                has_uv = "TEXCOORD_0" in attributes
-                parts.append(
-                    (points, document.accessor(attributes["TEXCOORD_0"], (2,)) if has_uv else np.empty((0, 2)))
-                )
-    except FieldError:
-        raise
-    except (ValueError, LookupError, TypeError, AttributeError, ArithmeticError) as error:
-        damage = Unquoted(f"{type(error).__name__}: {error}")
-        raise FieldError("content", "nodes, meshes and primitives of glTF 2.0", damage) from None
-    if not parts:
-        raise FieldError("meshes", "at least one with vertices", 0)
-    return parts

@@ -15,9 +15,8 @@ import numpy as np
 from estimator.reconstructions.ply import read_points
 from estimator.records.network_outputs import POINT_KEYS
 from estimator.records.scene import DenseCloud, Scene
-from estimator.scene_formats.common import pinhole_camera, posed_view
+from estimator.scene_formats.common import glb_parts, pinhole_camera, posed_view
 from estimator.scene_formats.depth_files import archive_arrays, read_depths, read_exr, read_npy
-from estimator.scene_formats.dust3r import glb_parts
 from estimator.scene_formats.networks import MAX_ASPECT_DIFFERENCE, depth_cloud, focal_of_points
 from metric_base.arrays import FloatArray
 from metric_base.errors import InputError, Unquoted, in_file

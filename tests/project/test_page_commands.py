@@ -30,6 +30,7 @@ from tests.metric_cli.test_paths import command_of
 from tests.project.test_docs import PAGES, ROOT
 from tests.synthetic.insertions import write_glb
 from tests.synthetic.minitree import release
+from tests.synthetic.networks import RenderedViews, write_output
 from tests.synthetic.rooms.solids import box
 from tests.synthetic.splats import write_cameras, write_splat
 
@@ -39,6 +40,8 @@ ADDRESS = re.compile(r"^curl .*?http://127\.0\.0\.1:8000([^'\s]*)", re.MULTILINE
 #: Maximum relative difference between a number in the shown output and the same number today: the last digits depend
 #: on the version of the linear algebra, and a reconstruction on the order of its threads.
 MAX_SHOWN_DIFFERENCE = 0.03
+#: Masks of a scene.
+MASKS = "instances.json"
 #: Patterns of commands that do not run here, and the reason.
 NOT_RUN = {
     r"^pip install ": "reads the package index; `make release-check` installs the wheel",
@@ -98,19 +101,40 @@ def _scene(folder: Path) -> None:
 
 
 def _metres(folder: Path) -> None:
-    """Write positions, depth maps and a splat with cameras for the demo room."""
+    """Write positions, depth maps, outputs of networks, a photograph and a splat for the demo room."""
     _scene(folder)
     scene = read_scene(ROOT / "data" / "scenes" / "demo_room")
     metres = json.loads((folder / "SCENE" / "truth.json").read_text(encoding="utf-8"))["metres_per_unit"]
     rows = [",".join([view.name, *map(str, (metres * view.centre).tolist())]) for view in scene.views]
     (folder / "positions.csv").write_text("\n".join(["name,x,y,z", *rows]), encoding="utf-8")
     (folder / "depth").mkdir()
+    depths_m, images, dataset = [], folder / "SCENE" / "images", json.loads((folder / "SCENE" / MASKS).read_text())
     for view in scene.views[:6]:
         pixels, depths = pixels_in_view(view, scene.points[view.point_index])
         inside = np.isfinite(pixels[:, 0]) & (depths > 0)
         grid = np.stack(np.meshgrid(*(np.arange(side) + 0.5 for side in (view.camera.width, view.camera.height))), -1)
         nearest = cKDTree(pixels[inside]).query(grid)[1]
-        np.save(folder / "depth" / f"{Path(view.name).stem}.npy", (metres * depths[inside][nearest]).astype("f4"))
+        depths_m.append((metres * depths[inside][nearest]).astype("f4"))
+        np.save(folder / "depth" / f"{Path(view.name).stem}.npy", depths_m[-1])
+    views, (focal, centre) = scene.views[:6], (scene.views[0].camera.focal_px / 4, scene.views[0].camera.width / 8)
+    maps = RenderedViews(
+        tuple(view.name for view in views),
+        np.stack(depths_m)[:, ::4, ::4],
+        np.stack([view.rotation for view in views]),
+        metres * np.stack([view.centre for view in views]),
+        np.tile([[focal, 0, centre], [0, focal, centre * 3 / 4], [0, 0, 1]], (len(views), 1, 1)),
+        1.0,
+        (),
+        dataset,
+    )
+    write_output("CUT3R", maps, folder / "cut3r")
+    write_output("Depth Anything 3", maps, folder / "da3")
+    write_splat(folder / "da3" / "exports" / "gs_ply" / "0000.ply", maps.points.reshape(-1, 3)[::7] / 1.7)
+    shutil.copy(images / views[0].name, folder / "photo.jpg")
+    np.savez(folder / "depth.npz", depth=maps.depth[0], intrinsics=maps.intrinsics[0])
+    rows = [row for row in dataset["annotations"] if row["image_id"] == dataset["images"][0]["id"]]
+    first = [dataset["images"][0] | {"file_name": "photo.jpg"}]
+    (folder / "masks.json").write_text(json.dumps(dataset | {"images": first, "annotations": rows}))
     write_cameras(scene, folder / "trained" / "cameras.json")
     write_splat(folder / "trained" / "point_cloud" / "iteration_30000" / "point_cloud.ply", scene.points)
 
@@ -135,7 +159,7 @@ def _insertions(folder: Path) -> None:
 def _detections(folder: Path) -> None:
     """Write the masks of the demo room as results of COCO, whose names are in the data set."""
     _scene(folder)
-    dataset = json.loads((folder / "SCENE" / "instances.json").read_text(encoding="utf-8"))
+    dataset = json.loads((folder / "SCENE" / MASKS).read_text(encoding="utf-8"))
     results = [row | {"score": 0.9} for row in dataset.pop("annotations")]
     (folder / "results.json").write_text(json.dumps(results))
     (folder / "dataset.json").write_text(json.dumps(dataset | {"annotations": []}))
@@ -267,3 +291,10 @@ def test_addresses_of_the_explorer_page_have_status_200() -> None:
     assert len(addresses) == 3
     for address in addresses:
         assert client.get(address).status_code == 200, address
+
+
+def test_every_command_of_the_page_of_metres_is_in_a_block() -> None:
+    page = ROOT / "docs" / "how-to" / "metres.md"
+    inline = re.findall(r"`(estimate-scale [^`\n]*)`", BLOCK.sub("", page.read_text(encoding="utf-8")))
+    commands = [command for block in _blocks(page) for command in block.commands]
+    assert [line for line in inline if not any(command.startswith(line) for command in commands)] == []
